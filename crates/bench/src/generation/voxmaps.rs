@@ -25,7 +25,7 @@ pub(super) fn rows(bench: &mut Bench<'_>) -> Result<Vec<Row>, BenchError> {
     }
     for case in &VOXMAPS {
         let mesh = bench.stand_in(case.stand_in)?;
-        for navigation in ["plane-span", "two-sided"] {
+        for navigation in ["plane-span", "two-sided", "auto"] {
             let group = format!("voxmap {}: {} at {} mm, {navigation}", case.name, case.stand_in.name(), case.size_mm);
             let bakes = bench.bake(&group, &mesh, Resolution::SizeMm(case.size_mm), Some(navigation))?;
             rows.extend(figures(&group, &bakes, Some(case)));

@@ -135,7 +135,7 @@ impl Kernel for Above<'_> {
             off = off | far.lt(away);
         }
         let below = L::select(off, grid.outside, around).le(L::splat(floor_m));
-        !(below & (off | extent.lt(L::splat(AROUND_CELLS)))).bits() as u8
+        !(below & (off | extent.lt(L::splat(AROUND_CELLS)))).byte()
     }
 }
 

@@ -161,6 +161,11 @@ pub(crate) trait I32s<const N: usize>:
     fn select(mask: Self, yes: Self, no: Self) -> Self;
     /// One bit per lane of a mask.
     fn bits(self) -> u32;
+    /// Those of the first eight lanes.
+    #[inline(always)]
+    fn byte(self) -> u8 {
+        self.bits() as u8
+    }
     fn is_zero(self) -> bool;
     /// One word of the table per lane.
     ///

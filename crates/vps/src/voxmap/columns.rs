@@ -17,7 +17,8 @@
 //! navigation asks about.
 //!
 //! Cost, measured in CPU time of marking as a whole on a busy two-core x86-64: 70 ns per surface voxel where a triangle touches
-//! fifty (scanned figure of 1,024 voxels), 350 ns per triangle that is smaller than a voxel.
+//! fifty (scanned figure of 1,024 voxels), 350 ns per triangle that is smaller than a voxel; those are not given columns unless a navigation
+//! is asked for.
 
 use glam::DVec3;
 
@@ -147,7 +148,7 @@ impl<'a> Columns<'a> {
                         specification.get_or_insert_with(|| TriangleSat::new(self.corners)).hits(cell)
                     };
                     let found = match navigation {
-                        Navigation::TwoSided => (span[0]..=span[1]).find(|w| hits(*w)).map(|first| {
+                        Navigation::TwoSided | Navigation::Auto => (span[0]..=span[1]).find(|w| hits(*w)).map(|first| {
                             let last = (first + 1..=span[1]).rev().find(|w| hits(*w));
                             (first, last.unwrap_or(first))
                         }),
@@ -176,19 +177,37 @@ fn candidates(low: f64, high: f64, n_cells: u32) -> [i32; 2] {
     [(low.ceil() as i32).saturating_sub(1).max(0), (high.floor() as i32).min(n_cells as i32 - 1)]
 }
 
+/// Voxels of a box up to which [`Navigation::Auto`] puts each to the specification.
+const SMALL_BOX: i32 = 8;
+
 /// Every voxel of one triangle's box, each put to the specification: [`Navigation::WholeBox`].
 pub(super) struct WholeBox {
-    specification: TriangleSat,
+    /// `None` where every voxel of the box is a hit: the triangle's own extent along a row, and no more than one voxel across it, leave it no
+    /// way around any of them.
+    specification: Option<TriangleSat>,
     /// Of each axis, inclusive.
     cells: [[i32; 2]; 3],
 }
 
 impl WholeBox {
-    /// Prepares a triangle given by its corners in cell coordinates.
-    pub(super) fn new(corners: &[DVec3; 3], dims: [u32; 3]) -> Self {
-        let specification = TriangleSat::new(corners);
-        let (low, high) = specification.bounds;
-        Self { specification, cells: [0, 1, 2].map(|axis| candidates(low[axis], high[axis], dims[axis])) }
+    /// Prepares a triangle given by its corners in cell coordinates; `None` where the navigation takes columns.
+    #[inline]
+    pub(super) fn of_navigation(corners: &[DVec3; 3], dims: [u32; 3], navigation: Navigation) -> Option<Self> {
+        if !matches!(navigation, Navigation::Auto | Navigation::WholeBox) {
+            return None;
+        }
+        let [a, b, c] = *corners;
+        let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+        let cells = [0, 1, 2].map(|axis| candidates(low[axis], high[axis], dims[axis]));
+        if navigation == Navigation::WholeBox {
+            return Some(Self { specification: Some(TriangleSat::new(corners)), cells });
+        }
+        let edges = cells.map(|[first, last]| last.saturating_sub(first).saturating_add(1).max(0));
+        if edges.iter().fold(1_i32, |n, edge| n.saturating_mul(*edge)) > SMALL_BOX {
+            return None;
+        }
+        let is_row = edges.iter().filter(|edge| **edge > 1).count() < 2;
+        Some(Self { specification: (!is_row).then(|| TriangleSat::new(corners)), cells })
     }
 
     /// Slabs along x, inclusive.
@@ -209,7 +228,7 @@ impl WholeBox {
             for y in first_y..=last_y {
                 for z in first_z..=last_z {
                     tests += 1;
-                    if self.specification.hits([x, y, z]) {
+                    if self.specification.as_ref().is_none_or(|specification| specification.hits([x, y, z])) {
                         visit(Run { first: [x, y, z], axis: 2, last: z });
                     }
                 }

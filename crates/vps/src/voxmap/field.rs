@@ -273,34 +273,25 @@ const APRON_CHUNK: usize = 4096;
 /// Samples of a brick that are its neighbours'.
 const BORROWED: usize = APRON_CELLS - BRICK_CELLS;
 
-/// Where each borrowed sample stands, which of the seven next bricks owns it (bits x, y, z), and its place there.
-#[expect(clippy::indexing_slicing, reason = "worked out by the compiler")]
-const APRON: [(usize, usize, usize); BORROWED] = {
-    let mut apron = [(0, 0, 0); BORROWED];
-    let (mut sample, mut n) = (0, 0);
-    while sample < APRON_CELLS {
-        let place = [sample / (APRON_EDGE * APRON_EDGE), sample / APRON_EDGE % APRON_EDGE, sample % APRON_EDGE];
-        let [x, y, z] = place;
-        let owner = 4 * (x / BRICK_EDGE) + 2 * (y / BRICK_EDGE) + z / BRICK_EDGE;
-        if owner != 0 {
-            let there = ((x % BRICK_EDGE) * APRON_EDGE + y % BRICK_EDGE) * APRON_EDGE + z % BRICK_EDGE;
-            apron[n] = (sample, owner, there);
-            n += 1;
+/// Calls `visit` for every row along z that holds borrowed samples of a brick: with the row's first sample, which of the seven next bricks
+/// owns what lies beside the brick in x or y (bits x, y; 0: only the row's end is borrowed), and the place of the row there.
+fn each_apron_row(mut visit: impl FnMut(usize, usize, usize)) {
+    for x in 0..APRON_EDGE {
+        for y in 0..APRON_EDGE {
+            let owner = 4 * (x / BRICK_EDGE) + 2 * (y / BRICK_EDGE);
+            visit((x * APRON_EDGE + y) * APRON_EDGE, owner, ((x % BRICK_EDGE) * APRON_EDGE + y % BRICK_EDGE) * APRON_EDGE);
         }
-        sample += 1;
     }
-    apron
-};
+}
 
 /// Copies the first samples of the next bricks into each brick. Cold.
 #[expect(clippy::indexing_slicing, reason = "start-up: slots of one map index the arrays of the other")]
 fn fill_aprons(layers: &Layers, band_m: f32, distances_m: &mut [[f32; APRON_CELLS]]) {
+    let (outside, inside) = ([-band_m; APRON_CELLS], [band_m; APRON_CELLS]);
     for first in (0..distances_m.len()).step_by(APRON_CHUNK) {
         let bricks = &layers.bricks[first..layers.bricks.len().min(first + APRON_CHUNK)];
         let borrowed = parallel::map(bricks.len(), 16, |place| {
             let coord = layers.grid.brick_coord(bricks[place] as usize);
-            let outside = [-band_m; APRON_CELLS];
-            let inside = [band_m; APRON_CELLS];
             let owners: [&[f32; APRON_CELLS]; 8] = core::array::from_fn(|owner| {
                 let offset = [owner >> 2 & 1, owner >> 1 & 1, owner & 1].map(|i| i as i32);
                 match layers.grid.brick_neighbour(coord, offset).map_or(FAR_OUTSIDE, |neighbour| layers.top[neighbour]) {
@@ -310,15 +301,27 @@ fn fill_aprons(layers: &Layers, band_m: f32, distances_m: &mut [[f32; APRON_CELL
                 }
             });
             let mut borrowed = [0.0; BORROWED];
-            for (value, (_, owner, there)) in borrowed.iter_mut().zip(APRON) {
-                *value = owners[owner][there];
-            }
+            let mut n = 0;
+            each_apron_row(|_, owner, there| {
+                if owner != 0 {
+                    borrowed[n..n + BRICK_EDGE].copy_from_slice(&owners[owner][there..there + BRICK_EDGE]);
+                    n += BRICK_EDGE;
+                }
+                borrowed[n] = owners[owner + 1][there];
+                n += 1;
+            });
             borrowed
         });
         parallel::map_mut(&mut distances_m[first..][..bricks.len()], 16, |place, samples| {
-            for (value, (sample, _, _)) in borrowed[place].iter().zip(APRON) {
-                samples[sample] = *value;
-            }
+            let (borrowed, mut n) = (&borrowed[place], 0);
+            each_apron_row(|first, owner, _| {
+                if owner != 0 {
+                    samples[first..first + BRICK_EDGE].copy_from_slice(&borrowed[n..n + BRICK_EDGE]);
+                    n += BRICK_EDGE;
+                }
+                samples[first + BRICK_EDGE] = borrowed[n];
+                n += 1;
+            });
         });
     }
 }

@@ -54,8 +54,7 @@ impl Surface {
                 range
                     .map(|triangle_idx| {
                         let corners = mesh.corners(triangle_idx).map(|corner| grid.to_cells(corner));
-                        if navigation == Navigation::WholeBox {
-                            let candidates = WholeBox::new(&corners, grid.dims);
+                        if let Some(candidates) = WholeBox::of_navigation(&corners, grid.dims, navigation) {
                             let walk = |slabs, pen: &mut Pen<'_>| candidates.walk(slabs, |run| pen.draw(run));
                             return mark_slabs(grid, &marks, candidates.slabs(), candidates.n_columns(), &count, walk);
                         }
@@ -162,8 +161,7 @@ pub fn visit_hits(corners: &[DVec3; 3], dims: [u32; 3], navigation: Navigation, 
             visit(cell);
         }
     };
-    if navigation == Navigation::WholeBox {
-        let candidates = WholeBox::new(corners, dims);
+    if let Some(candidates) = WholeBox::of_navigation(corners, dims, navigation) {
         return candidates.walk(candidates.slabs(), each);
     }
     let columns = Columns::new(corners, dims);
@@ -308,7 +306,7 @@ mod tests {
         let grid = Grid::around(corners[0], corners[0].max(corners[1]).max(corners[2]), 1.0, 1).expect("a grid that fits");
         let in_cells = corners.map(|corner| grid.to_cells(corner));
         assert!(Columns::new(&in_cells, grid.dims).n_columns() > LARGE_TRIANGLE_COLUMNS);
-        for navigation in [Navigation::PlaneSpan, Navigation::TwoSided, Navigation::WholeBox] {
+        for navigation in [Navigation::PlaneSpan, Navigation::TwoSided, Navigation::Auto, Navigation::WholeBox] {
             let surface = Surface::mark(&mesh, &grid, navigation);
             let mut walked = Vec::new();
             let tests = visit_hits(&in_cells, grid.dims, navigation, |cell| walked.push(cell));

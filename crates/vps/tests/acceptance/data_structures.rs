@@ -84,9 +84,9 @@ fn navigations_mark_the_same(meshes: Vec<(String, TriangleMesh, Grid)>) {
             });
         }
         assert!(hit.len() > 1000, "{name}");
-        let [plane, two, whole] = [Navigation::PlaneSpan, Navigation::TwoSided, Navigation::WholeBox]
+        let [plane, two, auto, whole] = [Navigation::PlaneSpan, Navigation::TwoSided, Navigation::Auto, Navigation::WholeBox]
             .map(|navigation| Surface::mark(&mesh, &grid, navigation));
-        for marked in [&plane, &two, &whole] {
+        for marked in [&plane, &two, &auto, &whole] {
             assert!(
                 marked.n_voxels == hit.len() && marked.cells().all(|cell| hit.contains(&cell)),
                 "{name}: {:?}",

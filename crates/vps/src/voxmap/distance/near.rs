@@ -3,11 +3,11 @@
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
-use super::group::Group;
-use super::kernel::OfCells;
+use super::block::Block;
+use super::kernel::WidePatch;
 use super::patches::{NONE, Patch, Patches};
 use crate::parallel;
-use crate::simd::{LANES, SimdLevel};
+use crate::simd::{F32x8, Kernel, LANES, SimdLevel};
 use crate::voxmap::grid::{BRICK_CELLS, BRICK_EDGE, brick_origin};
 use crate::voxmap::surface::{FIRST_Z, Mask, Surface, bits};
 
@@ -115,14 +115,7 @@ impl Near {
     pub(super) fn new(simd_level: SimdLevel, patches: &Patches, surface: &Surface, outward: impl Fn(u32) -> f32 + Sync) -> Self {
         let bins = Bins::new(patches, surface);
         let slots: Vec<usize> = (0..surface.bricks.len()).collect();
-        let list = |slots: &[usize]| {
-            let mut voxels = Vec::with_capacity(slots.iter().map(|slot| n_cells(&surface.masks[*slot])).sum());
-            for slot in slots {
-                let found = Nearby::measure(simd_level, patches, &bins, surface, *slot, &outward);
-                voxels.extend(cells(&surface.masks[*slot]).map(|inside| found.voxel(inside)));
-            }
-            voxels
-        };
+        let list = |slots: &[usize]| simd_level.run(NearBricks { patches, bins: &bins, surface, slots, outward: &outward });
         Self { bricks: parallel::map_chunks(&slots, MEASURED_TOGETHER, list) }
     }
 
@@ -135,10 +128,8 @@ impl Near {
 
 /// The choices of the surface voxels in a brick and one cell around it.
 pub(super) struct Around {
-    /// `[10²]`, y fastest, one bit per z: where surface voxels are.
-    rows: [u16; AROUND_EDGE * AROUND_EDGE],
-    /// `[10³]`, z fastest: the patches of those.
-    patches: [u32; AROUND_EDGE * AROUND_EDGE * AROUND_EDGE],
+    /// `[10³]`, z fastest: their patches; [`NONE`] where there is no surface voxel, and behind the last.
+    patches: [u32; AROUND_EDGE * AROUND_EDGE * AROUND_EDGE + LANES],
 }
 
 /// Cells on the edge of a brick and its surroundings.
@@ -146,12 +137,12 @@ const AROUND_EDGE: usize = BRICK_EDGE + 2;
 
 impl Around {
     pub(super) fn new() -> Self {
-        Self { rows: [0; AROUND_EDGE * AROUND_EDGE], patches: [NONE; AROUND_EDGE * AROUND_EDGE * AROUND_EDGE] }
+        Self { patches: [NONE; AROUND_EDGE * AROUND_EDGE * AROUND_EDGE + LANES] }
     }
 
     /// Turns to another brick.
     pub(super) fn gather(&mut self, near: &Near, surface: &Surface, brick: usize) {
-        self.rows.fill(0);
+        self.patches.fill(NONE);
         let coord = surface.grid.brick_coord(brick);
         for offset in (0..27).map(|idx| [idx / 9 - 1, idx / 3 % 3 - 1, idx % 3 - 1]) {
             let neighbour = surface.grid.brick_neighbour(coord, offset);
@@ -169,32 +160,48 @@ impl Around {
                 for bit in bits(mask[x] & rows & columns) {
                     let before = (mask[x] & ((1 << bit) - 1)).count_ones();
                     let voxel = voxels[(ranks[x] - ranks[0] + before) as usize];
-                    if voxel.patch_idx != NONE {
-                        let row = place(0, x) * AROUND_EDGE + place(1, (bit >> 3) as usize);
-                        let z = place(2, (bit & 7) as usize);
-                        self.rows[row] |= 1 << z;
-                        self.patches[row * AROUND_EDGE + z] = voxel.patch_idx;
-                    }
+                    let row = place(0, x) * AROUND_EDGE + place(1, (bit >> 3) as usize);
+                    self.patches[row * AROUND_EDGE + place(2, (bit & 7) as usize)] = voxel.patch_idx;
                 }
             }
         }
     }
 
-    /// Offers a group of 2³ cells, which begins at cell 2·`cube` of the brick, what surface voxels inside and next to it chose.
-    pub(super) fn offer(&self, cube: [usize; 3], group: &mut Group) {
-        let mut last = NONE;
-        for x in 2 * cube[0]..2 * cube[0] + 4 {
-            for y in 2 * cube[1]..2 * cube[1] + 4 {
-                let row = x * AROUND_EDGE + y;
-                for z in bits(u64::from(self.rows[row] >> (2 * cube[2]) & 0xf)) {
-                    let patch_idx = self.patches[row * AROUND_EDGE + 2 * cube[2] + z as usize];
-                    if patch_idx != last {
-                        group.consider(patch_idx);
-                        last = patch_idx;
-                    }
+    /// Offers a block of 4³ cells, which begins at cell `first` of the brick, what surface voxels inside and next to it chose.
+    #[inline(always)]
+    pub(super) fn offer<L: F32x8>(&self, [x, y, z]: [usize; 3], block: &mut Block<L>) {
+        for x in x..x + 6 {
+            for y in y..y + 6 {
+                // Six count; a copy of them would have to wait for its own bytes.
+                if let Some(row) = self.patches[(x * AROUND_EDGE + y) * AROUND_EDGE + z..].first_chunk() {
+                    block.consider(row, 0b11_1111);
                 }
             }
         }
+    }
+}
+
+/// Measures the surface voxels of some bricks; gives them in order of rank.
+struct NearBricks<'a, O> {
+    patches: &'a Patches,
+    bins: &'a Bins,
+    surface: &'a Surface,
+    slots: &'a [usize],
+    outward: &'a O,
+}
+
+impl<O: Fn(u32) -> f32> Kernel for NearBricks<'_, O> {
+    type Output = Vec<NearVoxel>;
+
+    #[inline(always)]
+    fn run<L: F32x8>(self) -> Self::Output {
+        let Self { patches, bins, surface, slots, outward } = self;
+        let mut voxels = Vec::with_capacity(slots.iter().map(|slot| n_cells(&surface.masks[*slot])).sum());
+        for slot in slots {
+            let found = Nearby::measure::<L>(patches, bins, surface, *slot, outward);
+            voxels.extend(cells(&surface.masks[*slot]).map(|inside| found.voxel(inside)));
+        }
+        voxels
     }
 }
 
@@ -210,8 +217,8 @@ struct Nearby {
 
 impl Nearby {
     /// Measures the surface voxels of one brick.
-    fn measure(
-        simd_level: SimdLevel,
+    #[inline(always)]
+    fn measure<L: F32x8>(
         patches: &Patches,
         bins: &Bins,
         surface: &Surface,
@@ -226,9 +233,10 @@ impl Nearby {
             let patch = &patches.all[patch_idx as usize];
             let outward = outward(patch_idx);
             let n_cells = gather(patch, mask, origin, &mut cells);
+            let patch = WidePatch::<L>::new(patch);
             for batch in cells[..n_cells.next_multiple_of(LANES)].as_chunks::<LANES>().0.iter().enumerate() {
                 let (batch_idx, batch) = batch;
-                let (all_squared, heights) = simd_level.run(OfCells { patch, origin, cells: batch });
+                let (all_squared, heights) = patch.measure_cells(origin, batch);
                 for (lane, cell) in batch.iter().enumerate().take(n_cells - batch_idx * LANES) {
                     let cell = *cell as usize;
                     let (squared, height) = (all_squared[lane], heights[lane] * outward);
@@ -268,6 +276,7 @@ pub(super) fn cells(mask: &Mask) -> impl Iterator<Item = usize> + '_ {
 }
 
 /// Lists the surface voxels in reach of a patch; returns how many there are.
+#[inline(always)]
 fn gather(patch: &Patch, mask: &Mask, origin: [i32; 3], cells: &mut [u32; BRICK_CELLS]) -> usize {
     let near = patch.cells_near(REACH_CELLS);
     let last = BRICK_EDGE as i32 - 1;

@@ -34,7 +34,7 @@ const FLAT_CELLS: f64 = 1e-9;
 /// | 8–10 | `up`: unit vector to the apex, square to `right`; `right × up` is the winding normal |
 /// | 11 | length of the longest edge |
 /// | 12, 13 | apex along `right` and `up`, from the first corner |
-/// | 14, 15 | inverse squared lengths of the edges that end and start at the apex; 0 for an edge that is a point |
+/// | 14, 15 | inverse lengths of the edges that end and start at the apex; 0 for an edge that is a point |
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(super) struct Patch {
@@ -58,9 +58,11 @@ impl Patch {
         };
         let anchor = first.floor();
         let offset = first - anchor - 0.5;
-        let inverse_square = |x: f64| {
-            let squared = x * x + height * height;
-            if squared > FLAT_CELLS * FLAT_CELLS { squared.recip() } else { 0.0 }
+        // Of the rounded numbers, from which the kernel makes unit vectors.
+        let inverse_length = |from: f64| {
+            let (along, height) = (along as f32 - from as f32, height as f32);
+            let squared = along * along + height * height;
+            if squared > (FLAT_CELLS * FLAT_CELLS) as f32 { squared.sqrt().recip() } else { 0.0 }
         };
         let mut words = [0; 16];
         // A negative coordinate does not occur: the grid is padded.
@@ -70,8 +72,8 @@ impl Patch {
         for (word, number) in words[2..14].iter_mut().zip(numbers.as_flattened()) {
             *word = (*number as f32).to_bits();
         }
-        words[14] = (inverse_square(along - length) as f32).to_bits();
-        words[15] = (inverse_square(along) as f32).to_bits();
+        words[14] = inverse_length(length).to_bits();
+        words[15] = inverse_length(0.0).to_bits();
         Self { words }
     }
 
@@ -80,15 +82,18 @@ impl Patch {
         (self.words[1] >> 16) as usize
     }
 
+    #[inline(always)]
     fn vector(&self, first: usize) -> Vec3 {
         Vec3::from_array(core::array::from_fn(|k| self.number(first + k)))
     }
 
     /// Word 2 or later as the number that it is.
+    #[inline(always)]
     pub(super) fn number(&self, word: usize) -> f32 {
         f32::from_bits(self.words[word])
     }
 
+    #[inline(always)]
     pub(super) fn anchor(&self) -> [i32; 3] {
         [self.words[0] & 0xffff, self.words[0] >> 16, self.words[1] & 0xffff].map(|i| i as i32)
     }
@@ -99,6 +104,7 @@ impl Patch {
     }
 
     /// Cells, per axis, whose centres lie in the patch's box padded by `pad_cells`; may leave the grid.
+    #[inline(always)]
     pub(super) fn cells_near(&self, pad_cells: f32) -> [RangeInclusive<i32>; 3] {
         let (low, high) = self.box_at_anchor(pad_cells);
         let anchor = self.anchor();
@@ -113,6 +119,7 @@ impl Patch {
     }
 
     /// The same relative to the centre of the anchor.
+    #[inline(always)]
     fn box_at_anchor(&self, pad_cells: f32) -> (Vec3, Vec3) {
         let (first, right) = (self.vector(2), self.vector(5));
         let second = first + right * self.number(11);

@@ -1,10 +1,10 @@
-//! The patches nearest to the cells of a group, searched exactly.
+//! The patches nearest to the cells of a cube, searched exactly.
 
-use super::group::Group;
-use super::kernel::{Measured, OfCube};
+use super::kernel::{Cube, NearestOfEight, offsets};
 use super::patches::Patch;
 use crate::parallel;
-use crate::simd::{F32x8, Kernel, LANES, SimdLevel};
+use crate::simd::{F32x8, I32s, LANES};
+use crate::voxmap::surface::bits;
 
 /// Added to every box, cells: more than `f32` coordinates are rounded by on the largest grid.
 const SLACK_CELLS: f32 = 0.02;
@@ -31,28 +31,10 @@ impl Boxes {
         )
     }
 
-    fn set(&mut self, lane: usize, (low, high): ([f32; 3], [f32; 3])) {
-        for axis in 0..3 {
-            (self.low[axis][lane], self.high[axis][lane]) = (low[axis], high[axis]);
-        }
-    }
-}
-
-/// For each box the least squared distance of a point that comes closer to it than to its own nearest patch, cells²; infinite
-/// where none does.
-struct Bounds<'a> {
-    boxes: &'a Boxes,
-    points: &'a [[f32; LANES]; 3],
-    /// Of each point, cells².
-    nearest: &'a [f32; LANES],
-}
-
-impl Kernel for Bounds<'_> {
-    type Output = [f32; LANES];
-
+    /// For each box the least squared distance of a point that comes closer to it than to its own nearest patch, cells²; infinite
+    /// where none does, and no bit is set. `nearest`: of each point, cells².
     #[inline(always)]
-    fn run<L: F32x8>(self) -> [f32; LANES] {
-        let Self { boxes, points, nearest } = self;
+    fn bounds<L: F32x8>(&self, points: &[[f32; LANES]; 3], nearest: &[f32; LANES], bounds: &mut [f32; LANES]) -> u8 {
         let (zero, infinite) = (L::splat(0.0), L::splat(f32::INFINITY));
         let mut least = infinite;
         for lane in 0..LANES {
@@ -60,28 +42,32 @@ impl Kernel for Bounds<'_> {
             #[expect(clippy::needless_range_loop, reason = "three arrays are read at the same place")]
             for axis in 0..3 {
                 let point = L::splat(points[axis][lane]);
-                let away = (L::load(&boxes.low[axis]) - point).max(point - L::load(&boxes.high[axis])).max(zero);
+                let away = (L::load(&self.low[axis]) - point).max(point - L::load(&self.high[axis])).max(zero);
                 squared = squared + away * away;
             }
             least = L::select(squared.lt(L::splat(nearest[lane])), squared, infinite).min(least);
         }
-        let mut bounds = [0.0; LANES];
-        least.store(&mut bounds);
-        bounds
+        least.store(bounds);
+        least.lt(infinite).byte()
+    }
+
+    fn set(&mut self, lane: usize, (low, high): ([f32; 3], [f32; 3])) {
+        for axis in 0..3 {
+            (self.low[axis][lane], self.high[axis][lane]) = (low[axis], high[axis]);
+        }
     }
 }
 
 /// A complete tree of eight children a node over patches that are in the order of a space-filling curve.
 pub(super) struct PatchTree<'a> {
     patches: &'a [Patch],
-    simd_level: SimdLevel,
     /// Boxes of the patches, eight in a row a node; then of those nodes, and so on up to one node.
     levels: Vec<Vec<Boxes>>,
 }
 
 impl<'a> PatchTree<'a> {
     /// `patches` in the order of [`Patches`](super::patches::Patches), and not empty. Cost: O(patches); memory 28 bytes per patch.
-    pub(super) fn new(patches: &'a [Patch], simd_level: SimdLevel) -> Self {
+    pub(super) fn new(patches: &'a [Patch]) -> Self {
         let mut below = parallel::map(patches.len(), 1, |patch_idx| patches[patch_idx].bounds(SLACK_CELLS));
         let mut levels = Vec::new();
         loop {
@@ -93,46 +79,49 @@ impl<'a> PatchTree<'a> {
             below = parallel::map(level.len(), 1, |node| level[node].hull());
             levels.push(level);
             if below.len() == 1 {
-                return Self { patches, simd_level, levels };
+                return Self { patches, levels };
             }
         }
     }
 
-    /// Finds the nearest patches of all eight cells of a group, whatever it has found before.
-    pub(super) fn search(&self, group: &mut Group) {
-        let points = core::array::from_fn(|axis| {
-            core::array::from_fn(|lane| (group.cube.base[axis] + group.cube.step * (lane as i32 >> (2 - axis) & 1)) as f32)
-        });
+    /// Finds the nearest patches of all eight cells of a cube, whatever they have found before.
+    #[inline(always)]
+    pub(super) fn search<L: F32x8>(&self, cube: Cube, nearest: &mut NearestOfEight<L>) {
+        let offsets = offsets::<L::Int>(cube.step);
+        let mut points = [[0.0; LANES]; 3];
+        for axis in 0..3 {
+            L::of_int(offsets[axis] + L::Int::splat(cube.base[axis])).store(&mut points[axis]);
+        }
         let mut waiting = [(0.0_f32, 0_u32, 0_u8); WAITING_MAX];
         waiting[0] = (0.0, 0, self.levels.len() as u8);
         let mut n_waiting = 1;
-        let mut measured = Measured::default();
+        let mut farthest = nearest.squared.max_lane();
         while n_waiting > 0 {
             n_waiting -= 1;
             let (bound, node, height) = waiting[n_waiting];
-            let farthest = group.nearest.squared.iter().fold(0.0_f32, |farthest, squared| farthest.max(*squared));
             if bound >= farthest {
                 continue;
             }
             let Some(level) = usize::from(height).checked_sub(1) else {
-                let (patch, nearest, measured) = (&self.patches[node as usize], &mut group.nearest, &mut measured);
-                self.simd_level.run(OfCube { patch, patch_idx: node, cube: group.cube, nearest, measured });
+                nearest.measure_cube(&self.patches[node as usize], node, cube);
+                farthest = nearest.squared.max_lane();
                 continue;
             };
-            let boxes = &self.levels[level][node as usize];
-            let bounds = self.simd_level.run(Bounds { boxes, points: &points, nearest: &group.nearest.squared });
+            let mut squared = [0.0; LANES];
+            nearest.squared.store(&mut squared);
+            let mut bounds = [0.0; LANES];
+            let hits = self.levels[level][node as usize].bounds::<L>(&points, &squared, &mut bounds);
             let first = n_waiting;
-            for (lane, bound) in bounds.iter().enumerate() {
-                if *bound < f32::INFINITY {
-                    // The nearest last, so that it is the next; equal ones in the order of the tree.
-                    let mut place = n_waiting;
-                    while place > first && waiting[place - 1].0 <= *bound {
-                        waiting[place] = waiting[place - 1];
-                        place -= 1;
-                    }
-                    waiting[place] = (*bound, node * LANES as u32 + lane as u32, level as u8);
-                    n_waiting += 1;
+            for lane in bits(hits.into()) {
+                let bound = bounds[lane as usize];
+                // The nearest last, so that it is the next; equal ones in the order of the tree.
+                let mut place = n_waiting;
+                while place > first && waiting[place - 1].0 <= bound {
+                    waiting[place] = waiting[place - 1];
+                    place -= 1;
                 }
+                waiting[place] = (bound, node * LANES as u32 + lane, level as u8);
+                n_waiting += 1;
             }
         }
     }
