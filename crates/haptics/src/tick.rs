@@ -17,7 +17,7 @@ use super::passivity_control::PassivityController;
 use super::power_window::PowerWindow;
 use super::sample::{SampleCheck, SampleMonitor};
 use super::stability::filter_delay_s;
-use super::virtual_tool::{Touch, VirtualTool};
+use super::virtual_tool::{Pull, Touch, VirtualTool, squared_share};
 use super::{Drive, DriveRequest, Faults, OffCause, Parameters, RenderScene};
 use vps::contact::{Budget, ContactSum, SimdLevel, Traversal, TraversalMode};
 use vps::density::Frame;
@@ -367,7 +367,7 @@ fn render(
     let arm = &state.delay.damped(&p.arm);
 
     let rubbing = state.tool.rub(touch, p);
-    let felt_world = state
+    let Pull { wrench: felt_world, stored_j } = state
         .tool
         .follow((scene, p), state.traversal.obstacle_poses(), touch, &rubbing, &coupling, target)
         .ok_or(Faults::SOLVER)?;
@@ -386,8 +386,13 @@ fn render(
     let engages = state.interlock.engages(actuated, is_in_clay, &p.limits, &p.safety);
     let up = state.drive != Drive::Stopping && ramp_down == OffCause::None && engages;
     let gain = state.enable_gain.advance(up, p.limits.ramp_s, p.period_s);
-    let trusted = actuated * state.passivity.trusted_share(arm);
-    let damped = state.passivity.damped(trusted, sample.twist, arm, &p.limits, p.period_s);
+    let share = state.passivity.trusted_share(arm);
+    let trusted = actuated * share;
+    // Of the spring's energy what the motors will give back.
+    let [along, about] = stored_j;
+    let held = along * squared_share(actuated.force, wanted.force) + about * squared_share(actuated.torque, wanted.torque);
+    let held_j = held * share * gain / p.mapping.scale;
+    let damped = state.passivity.damped((trusted, held_j), sample.twist, arm, &p.limits, p.period_s);
     let mut ramped = p.mapping.actuated_part(damped) * gain;
     if state.drive == Drive::Enabling && engages && actuated != Wrench::ZERO {
         // While the force rises the hand is steadied. Free space stays free.

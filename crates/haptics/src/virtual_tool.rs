@@ -19,11 +19,19 @@ use vps::contact::planes::DeepestContacts;
 use vps::contact::{Contact, ContactSum, ObstacleMotion, Traversal};
 use vps::spatial::{Mat6, Pose, Twist, Wrench};
 
-/// Time in which the coupling wrench comes in at first contact, s (decision: free space).
+/// Time in which that part of the coupling wrench comes in that was there before contact, s (decision: free space).
 const CONTACT_RISE_S: f64 = 5e-3;
 
 /// How far the shell may follow the arm in one tick without a virtual tool, voxels.
 const SEEN_VOXELS: f64 = 2.9;
+
+/// What the arm feels of the tool: world axes, about the grip point.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Pull {
+    pub(super) wrench: Wrench,
+    /// Energy in the spring that makes its force and its torque, J: what the hand gets back when the tool is let go. Zero without a virtual tool.
+    pub(super) stored_j: [f64; 2],
+}
 
 /// What the contact query of a tick found.
 pub(super) struct Touch {
@@ -40,8 +48,16 @@ pub(super) struct VirtualTool {
     filter: ShapingFilter,
     friction: Friction,
     balance: StaticBalance,
-    /// 0 in free space, 1 in contact, so that the coupling comes in over [`CONTACT_RISE_S`].
+    /// What the coupling pulled with in the last tick of free space, which the arm did not feel. Of that alone a share is kept from the arm while
+    /// `contact_gain` rises: what contact adds is felt at once. A gain on the whole wrench would take force away on the way in and give all of
+    /// it back on the way out, which drives the hand.
+    unfelt: Wrench,
+    /// 0 in free space, 1 after [`CONTACT_RISE_S`] in contact.
     contact_gain: Ramp,
+    /// Where the arm wanted it in the last tick.
+    target: Option<Pose>,
+    /// In free space: it stood where the arm wanted it in the last tick.
+    tracks: bool,
     /// How far a point of the tool may go in the next tick without a virtual tool, m.
     step_limit_m: f64,
 }
@@ -54,7 +70,10 @@ impl VirtualTool {
             filter: ShapingFilter::default(),
             friction: Friction::default(),
             balance: StaticBalance::default(),
+            unfelt: Wrench::ZERO,
             contact_gain: Ramp::default(),
+            target: None,
+            tracks: false,
             step_limit_m: 0.0,
         }
     }
@@ -121,10 +140,10 @@ impl VirtualTool {
         rubbing: &FrictionWrench,
         coupling: &CouplingParameters,
         target: (Pose, Twist),
-    ) -> Option<Wrench> {
+    ) -> Option<Pull> {
         let Touch { contact, deepest, brake } = touch;
         if coupling.mode == CouplingMode::Direct {
-            return Some(self.direct(contact, rubbing, coupling, p));
+            return Some(Pull { wrench: self.direct(contact, rubbing, coupling, p), ..Pull::default() });
         }
         let radius_m = scene.tool.shell.radius_m();
         let (target_pose, target_twist) = target;
@@ -134,6 +153,23 @@ impl VirtualTool {
         let stretched = spring(self.body.pose);
         let weight = p.gravity_m_per_s2 * scene.tool.inertia.mass_kg;
         let over_a_tick = |(way, turn): (DVec3, DVec3)| Twist { linear: way / p.period_s, angular: turn / p.period_s };
+        let before = self.target.replace(target_pose).unwrap_or(target_pose);
+        let is_unfelt = coupling.mode.has_mass() && coupling.free_space == FreeSpace::Zero && !touching && brake.is_none();
+        let sag_m = weight / coupling.stiffness_n_per_m;
+        self.tracks = is_unfelt && self.can_track(target_pose, sag_m, contact, radius_m);
+        if self.tracks {
+            let pose = Pose::new(target_pose.rotation, target_pose.translation + sag_m);
+            self.body = Body { pose, twist: target_twist };
+            self.contact_gain.reset();
+            self.unfelt = spring(pose).wrench * -1.0;
+            return Some(Pull::default());
+        }
+        // What is not felt may be as rough as the encoder, but not late.
+        let target_twist = if is_unfelt {
+            over_a_tick((target_pose.translation - before.translation, before.rotation_to(target_pose)))
+        } else {
+            target_twist
+        };
         let twist = match (coupling.mode, deepest) {
             (CouplingMode::Static, _) => {
                 let stiffness = contact.stiffness.plus_scaled(1.0, &rubbing.stiffness);
@@ -141,7 +177,6 @@ impl VirtualTool {
                 over_a_tick(self.balance.step(&stretched, weight, met, &stiffness)?)
             }
             (CouplingMode::Constraint, Some(deepest)) => {
-                let sag_m = weight / coupling.stiffness_n_per_m;
                 let body = self.body.pose;
                 // As seen from what it touches, which may move.
                 let ObstacleMotion { linear, angular } = contact.obstacle_motion;
@@ -164,14 +199,36 @@ impl VirtualTool {
             (self.body.twist.linear - target_twist.linear) * coupling.felt_damping_n_s_per_m,
             (self.body.twist.angular - target_twist.angular) * coupling.felt_damping_nm_s_per_rad,
         );
-        let felt = damper - spring(self.body.pose).wrench;
-        Some(match coupling.free_space {
+        let pulling = spring(self.body.pose);
+        let felt = damper - pulling.wrench;
+        let felt = match coupling.free_space {
             FreeSpace::Drag => felt,
-            FreeSpace::Zero => {
-                let gain = self.contact_gain.advance(touching, CONTACT_RISE_S, p.period_s);
-                if touching { felt * gain } else { Wrench::ZERO }
+            FreeSpace::Zero if touching => {
+                let gain = self.contact_gain.advance(true, CONTACT_RISE_S, p.period_s);
+                felt - self.unfelt * (1.0 - gain)
             }
-        })
+            FreeSpace::Zero => {
+                self.contact_gain.reset();
+                self.unfelt = felt;
+                Wrench::ZERO
+            }
+        };
+        let [along, about] = pulling.stored_j;
+        let stored_j =
+            [along * squared_share(felt.force, pulling.wrench.force), about * squared_share(felt.torque, pulling.wrench.torque)];
+        Some(Pull { wrench: felt, stored_j })
+    }
+
+    /// Whether a tool that touches nothing may stand where the arm wants it, by its weight lower: where nothing can be in the way, and from then
+    /// on until it touches, in steps that see every wall. A tool that has sprung off a wall while the hand is inside of it is further away
+    /// than that.
+    ///
+    /// A mass that is not felt must not lag either: the damper pulls it along at a velocity that is half a window old, which makes 0.3 mm in a hand
+    /// that falls onto a wall with 6 m/s². The hand would find the wall that much deeper, and be pushed out from where it is.
+    fn can_track(&self, target: Pose, sag_m: DVec3, contact: &ContactSum, radius_m: f64) -> bool {
+        let way_m = (target.translation + sag_m - self.body.pose.translation).length()
+            + self.body.pose.rotation_to(target).length() * radius_m;
+        way_m <= if self.tracks { contact.step_limit_m } else { -contact.max_value_m }
     }
 
     /// Velocity of a virtual tool with mass after one step. `None` on non-finite input.
@@ -235,6 +292,11 @@ impl VirtualTool {
         let slide = Slide { speed_m_per_s: slide_speed(contact, against), voxel_size_m: contact.voxel_size_m, step_stiffness };
         self.filter.update(contact.wrench * share, slide, contact.acts(), &p.filter, p.period_s)
     }
+}
+
+/// The share of a spring's energy that a part of its force stands for, up to 1.
+pub(super) fn squared_share(part: DVec3, whole: DVec3) -> f64 {
+    if whole == DVec3::ZERO { 0.0 } else { (part.length_squared() / whole.length_squared()).min(1.0) }
 }
 
 /// What a contact stiffness adds to its wrench when what touches moves by so much.
