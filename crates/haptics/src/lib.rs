@@ -41,7 +41,7 @@
 //! | `tick` | the one step, and the order of all that follows |
 //! | `sample`, `stuck`, `packets` | whether a sample of the arm may be rendered |
 //! | `interlock`, `drive`, `off_cause`, [`Faults`] | whether force may flow, and why it does not |
-//! | `indexing` | device coordinates ↔ world coordinates |
+//! | `encoder_hold`, `indexing` | a pose that trembles by one encoder step; device coordinates ↔ world coordinates |
 //! | `virtual_tool` | what touches the tool, and how it follows the arm in each coupling |
 //! | `coupling`, `quasi_static`, `constraint` | the couplings: with mass, without mass, on the surface |
 //! | `friction` | Coulomb friction, by face of the tool |
@@ -65,6 +65,7 @@ mod contact_damping;
 mod coupling;
 mod damper;
 mod drive;
+mod encoder_hold;
 mod energy_observer;
 mod faults;
 pub mod filter;

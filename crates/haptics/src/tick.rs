@@ -7,6 +7,7 @@ use super::auto_limit::LoopDelay;
 use super::braking::Braking;
 use super::clay::{ClayForces, Held};
 use super::damper;
+use super::encoder_hold::EncoderHold;
 use super::indexing::Indexing;
 use super::interlock::{Interlock, is_outside};
 use super::limits::{Limiter, Ramp};
@@ -101,6 +102,7 @@ pub struct State {
     monitor: SampleMonitor,
     interlock: Interlock,
     overruns: u32,
+    encoder_hold: EncoderHold,
     indexing: Indexing,
     /// Where the tool's body axes stood at enable.
     start: Pose,
@@ -149,6 +151,7 @@ impl State {
             monitor: SampleMonitor::default(),
             interlock: Interlock::default(),
             overruns: 0,
+            encoder_hold: EncoderHold::default(),
             indexing: Indexing::default(),
             start: scene.start(),
             resume: None,
@@ -274,7 +277,13 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
     advance::advance(scene, p, state, input, faults);
     state.moving_obstacles.advance(state.traversal.obstacle_poses_mut(), input.place, state.drive.has_force(), p);
 
-    let target = state.indexing.target(&input.sample, &p.mapping, state.start);
+    let target = {
+        if !state.drive.renders() {
+            state.encoder_hold.reset();
+        }
+        let (pose, twist) = state.encoder_hold.steady(&input.sample, &p.arm, p.period_s);
+        state.indexing.target(&DeviceSample { pose, twist, ..input.sample }, &p.mapping, state.start)
+    };
     if state.drive.renders() && p.coupling.mode == CouplingMode::Direct {
         state.tool.stand_at(target, scene);
     }
