@@ -54,6 +54,8 @@ pub(super) struct PassivityController {
     newest_way: usize,
     quiet_s: f64,
     active: bool,
+    /// What the spring held at the last [`damped`](PassivityController::damped), J.
+    held_j: f64,
     /// Energy that moving obstacles have put in, J.
     carried_j: f64,
     /// What the last [`damped`](PassivityController::damped) added.
@@ -74,6 +76,7 @@ impl Default for PassivityController {
             newest_way: 0,
             quiet_s: 0.0,
             active: false,
+            held_j: 0.0,
             carried_j: 0.0,
             injected: Wrench::ZERO,
             coupled: [Wrench::ZERO; N_HELD],
@@ -148,6 +151,7 @@ impl PassivityController {
     ) -> Wrench {
         self.active = false;
         self.injected = Wrench::ZERO;
+        self.held_j = held_j;
         let missing_j = (period_s * wanted.power(twist)).max(held_j - LENT_FREELY_J) - self.budget_j;
         let certain = damper::certain(twist, arm);
         let way = self.trail.iter().fold(Twist::ZERO, |sum, way| sum + *way);
@@ -172,10 +176,9 @@ impl PassivityController {
     /// a loop which cannot be damped (motion within a step of the encoder has no velocity) is weakened until it rests. An arm that takes
     /// no damping gets all of it: it is not watched. RT: safe, O(1).
     pub(super) fn trusted_share(&self, arm: &ArmParameters) -> f64 {
-        let is_watched = arm.injected_n_s_per_m > 0.0 || arm.injected_nm_s_per_rad > 0.0;
         let over = (-self.budget_j - OWED_FREELY_J) / OWED_FREELY_J;
         // Written so that a NaN weakens nothing: the finite check sees it elsewhere.
-        if is_watched && over > 0.0 { (1.0 - over).max(LEAST_SHARE) } else { 1.0 }
+        if is_watched(arm) && over > 0.0 { (1.0 - over).max(LEAST_SHARE) } else { 1.0 }
     }
 
     /// Notes the command that was written. RT: safe.
@@ -199,6 +202,12 @@ impl PassivityController {
         self.carried_j
     }
 
+    /// At the last [`damped`](Self::damped) the hand had put in what the spring held, or that was little. True for an arm that is not watched.
+    /// RT: safe.
+    pub(super) fn is_paid(&self, arm: &ArmParameters) -> bool {
+        !(is_watched(arm) && self.held_j - LENT_FREELY_J > self.budget_j.max(0.0))
+    }
+
     /// The last [`damped`](Self::damped) injected damping.
     pub(super) fn is_active(&self) -> bool {
         self.active
@@ -217,6 +226,11 @@ impl PassivityController {
         let back = delay_ticks.min(MAX_DELAY_TICKS) as usize;
         ring.get((self.newest + N_HELD - back) % N_HELD).copied().unwrap_or(Wrench::ZERO)
     }
+}
+
+/// An arm that takes no damping is not watched.
+fn is_watched(arm: &ArmParameters) -> bool {
+    arm.injected_n_s_per_m > 0.0 || arm.injected_nm_s_per_rad > 0.0
 }
 
 /// The components of a velocity that the way does not contradict. A NaN stays one.

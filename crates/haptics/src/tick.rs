@@ -376,9 +376,10 @@ fn render(
     let arm = &state.delay.damped(&p.arm);
 
     let rubbing = state.tool.rub(touch, p);
+    let is_paid = state.passivity.is_paid(arm);
     let Pull { wrench: felt_world, stored_j } = state
         .tool
-        .follow((scene, p), state.traversal.obstacle_poses(), touch, &rubbing, &coupling, target)
+        .follow((scene, p), state.traversal.obstacle_poses(), touch, &rubbing, (&coupling, is_paid), target)
         .ok_or(Faults::SOLVER)?;
     if !state.tool.is_finite() {
         return Err(Faults::NON_FINITE);

@@ -131,14 +131,15 @@ impl VirtualTool {
         self.friction.update(touch.contact.patches(), self.body.pose, &p.contact.friction)
     }
 
-    /// Steps the tool in its coupling and gives the wrench that the arm feels (world axes, about the grip point). `None` on non-finite input.
+    /// Steps the tool in its coupling and gives the wrench that the arm feels (world axes, about the grip point). `is_paid`: the hand has put
+    /// in what the spring holds; before, nothing more of what was unfelt comes in. `None` on non-finite input.
     pub(super) fn follow(
         &mut self,
         (scene, p): (&RenderScene, &Parameters),
         obstacle_poses: &ObstaclePoses,
         touch: &Touch,
         rubbing: &FrictionWrench,
-        coupling: &CouplingParameters,
+        (coupling, is_paid): (&CouplingParameters, bool),
         target: (Pose, Twist),
     ) -> Option<Pull> {
         let Touch { contact, deepest, brake } = touch;
@@ -204,7 +205,8 @@ impl VirtualTool {
         let felt = match coupling.free_space {
             FreeSpace::Drag => felt,
             FreeSpace::Zero if touching => {
-                let gain = self.contact_gain.advance(true, CONTACT_RISE_S, p.period_s);
+                let rise_s = if is_paid { CONTACT_RISE_S } else { f64::INFINITY };
+                let gain = self.contact_gain.advance(true, rise_s, p.period_s);
                 felt - self.unfelt * (1.0 - gain)
             }
             FreeSpace::Zero => {
@@ -214,8 +216,12 @@ impl VirtualTool {
             }
         };
         let [along, about] = pulling.stored_j;
-        let stored_j =
-            [along * squared_share(felt.force, pulling.wrench.force), about * squared_share(felt.torque, pulling.wrench.torque)];
+        // What the contact itself gives back; a constraint stands at its surface whatever pulls.
+        let pressed_j = if coupling.mode == CouplingMode::Constraint { 0.0 } else { pressed(contact) };
+        let stored_j = [
+            pressed_j + along * squared_share(felt.force, pulling.wrench.force),
+            about * squared_share(felt.torque, pulling.wrench.torque),
+        ];
         Some(Pull { wrench: felt, stored_j })
     }
 
@@ -228,7 +234,7 @@ impl VirtualTool {
     fn can_track(&self, target: Pose, sag_m: DVec3, contact: &ContactSum, radius_m: f64) -> bool {
         let way_m = (target.translation + sag_m - self.body.pose.translation).length()
             + self.body.pose.rotation_to(target).length() * radius_m;
-        way_m <= if self.tracks { contact.step_limit_m } else { -contact.max_value_m }
+        way_m <= if self.tracks { self.step_limit_m } else { -contact.max_value_m }
     }
 
     /// Velocity of a virtual tool with mass after one step. `None` on non-finite input.
@@ -297,6 +303,11 @@ impl VirtualTool {
 /// The share of a spring's energy that a part of its force stands for, up to 1.
 pub(super) fn squared_share(part: DVec3, whole: DVec3) -> f64 {
     if whole == DVec3::ZERO { 0.0 } else { (part.length_squared() / whole.length_squared()).min(1.0) }
+}
+
+/// Energy of a contact, J: that of a spring with its force and its depth. A curved one holds two thirds of it.
+fn pressed(contact: &ContactSum) -> f64 {
+    0.5 * contact.wrench.force.length() * contact.max_value_m.max(0.0)
 }
 
 /// What a contact stiffness adds to its wrench when what touches moves by so much.
