@@ -226,8 +226,8 @@ fn acceptance_12_first_contact_is_felt_at_once_and_what_was_unfelt_comes_in_over
             let unfelt = DVec3::Z * -weight_n * (1.0 - f64::from(touching.min(5)) / 5.0);
             let expected = stretch * K - unfelt;
             assert!((felt.force - expected).length() < 1e-9, "{weight_n} N, tick {n}: {felt:?}, not {expected}");
-            // No step at first contact: what the hand goes in by, and no more.
-            assert!(touching > 1 || felt.force.length() < 2.0 * K * 5e-5, "{weight_n} N, tick {n}: {felt:?}");
+            // No step at first contact: what the hand goes in by in a tick or two, a fifth of what was not felt, and no more.
+            assert!(touching > 1 || felt.force.length() < 2.0 * K * 5e-5 + weight_n / 5.0, "{weight_n} N, tick {n}: {felt:?}");
         }
         assert!(touching > 50, "{touching} ticks in contact");
     }

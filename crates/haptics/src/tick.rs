@@ -286,6 +286,8 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
     };
     if state.drive.renders() && p.coupling.mode == CouplingMode::Direct {
         state.tool.stand_at(target, scene);
+    } else if state.drive.renders() {
+        state.tool.keep_tracking(target.0, scene, p);
     }
     let moving = state.moving_obstacles.n_under_way() > 0;
     if let (Some(clay), Some(FrameInUse { is_last: true, .. })) = (&mut state.clay, input.clay) {

@@ -93,6 +93,15 @@ impl VirtualTool {
         self.body = self.body.followed(target, scene.tool.shell.radius_m(), self.step_limit_m);
     }
 
+    /// A tool that stood where the arm wanted it in free space does so again before contact is looked for, in steps that see every wall: so
+    /// first contact has no delay of its own. With what the tick of before knew of the way.
+    pub(super) fn keep_tracking(&mut self, target: Pose, scene: &RenderScene, p: &Parameters) {
+        if self.tracks {
+            let sag_m = sag_m(scene, p, &p.coupling);
+            self.tracks = self.track(target, sag_m, (scene.tool.shell.radius_m(), self.step_limit_m), p.period_s);
+        }
+    }
+
     /// Looks for contact where the tool stands, and with `braking` for what it approaches; `moving`: obstacles are under way.
     pub(super) fn touch(
         &mut self,
@@ -156,13 +165,15 @@ impl VirtualTool {
         let over_a_tick = |(way, turn): (DVec3, DVec3)| Twist { linear: way / p.period_s, angular: turn / p.period_s };
         let before = self.target.replace(target_pose).unwrap_or(target_pose);
         let is_unfelt = coupling.mode.has_mass() && coupling.free_space == FreeSpace::Zero && !touching && brake.is_none();
-        let sag_m = weight / coupling.stiffness_n_per_m;
-        self.tracks = is_unfelt && self.can_track(target_pose, sag_m, contact, radius_m);
+        let sag_m = sag_m(scene, p, coupling);
+        if is_unfelt && !self.tracks {
+            // Nothing is in the way: a tool that has sprung off a wall while the hand is inside of it is further away than that.
+            self.tracks = self.track(target_pose, sag_m, (radius_m, -contact.max_value_m), p.period_s);
+        }
+        self.tracks &= is_unfelt;
         if self.tracks {
-            let pose = Pose::new(target_pose.rotation, target_pose.translation + sag_m);
-            self.body = Body { pose, twist: target_twist };
             self.contact_gain.reset();
-            self.unfelt = spring(pose).wrench * -1.0;
+            self.unfelt = spring(self.body.pose).wrench * -1.0;
             return Some(Pull::default());
         }
         // What is not felt may be as rough as the encoder, but not late.
@@ -225,16 +236,21 @@ impl VirtualTool {
         Some(Pull { wrench: felt, stored_j })
     }
 
-    /// Whether a tool that touches nothing may stand where the arm wants it, by its weight lower: where nothing can be in the way, and from then
-    /// on until it touches, in steps that see every wall. A tool that has sprung off a wall while the hand is inside of it is further away
-    /// than that.
+    /// Stands a tool that touches nothing where the arm wants it, by its weight lower, if that is no further than `most_m`.
     ///
     /// A mass that is not felt must not lag either: the damper pulls it along at a velocity that is half a window old, which makes 0.3 mm in a hand
     /// that falls onto a wall with 6 m/s². The hand would find the wall that much deeper, and be pushed out from where it is.
-    fn can_track(&self, target: Pose, sag_m: DVec3, contact: &ContactSum, radius_m: f64) -> bool {
-        let way_m = (target.translation + sag_m - self.body.pose.translation).length()
-            + self.body.pose.rotation_to(target).length() * radius_m;
-        way_m <= if self.tracks { self.step_limit_m } else { -contact.max_value_m }
+    ///
+    /// Its velocity is that of its way in this tick, as rough as the encoder and not late: one that is half a window old throws it off the wall
+    /// when the hand has just turned round.
+    fn track(&mut self, target: Pose, sag_m: DVec3, (radius_m, most_m): (f64, f64), period_s: f64) -> bool {
+        let target = Pose::new(target.rotation, target.translation + sag_m);
+        let (way, turn) = (target.translation - self.body.pose.translation, self.body.pose.rotation_to(target));
+        let stands = way.length() + turn.length() * radius_m <= most_m;
+        if stands {
+            self.body = Body { pose: target, twist: Twist { linear: way / period_s, angular: turn / period_s } };
+        }
+        stands
     }
 
     /// Velocity of a virtual tool with mass after one step. `None` on non-finite input.
@@ -298,6 +314,11 @@ impl VirtualTool {
         let slide = Slide { speed_m_per_s: slide_speed(contact, against), voxel_size_m: contact.voxel_size_m, step_stiffness };
         self.filter.update(contact.wrench * share, slide, contact.acts(), &p.filter, p.period_s)
     }
+}
+
+/// How far the coupling lets the tool's weight sag, m.
+fn sag_m(scene: &RenderScene, p: &Parameters, coupling: &CouplingParameters) -> DVec3 {
+    p.gravity_m_per_s2 * (scene.tool.inertia.mass_kg / coupling.stiffness_n_per_m)
 }
 
 /// The share of a spring's energy that a part of its force stands for, up to 1.
