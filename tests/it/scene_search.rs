@@ -13,7 +13,7 @@ use arms::simulated::hand::{HandMapping, HandPath};
 use arms::simulated::{HandParameters, SimArm, SimParameters};
 use document::poses::TimedPose;
 use glam::{DQuat, DVec3};
-use hapticd::config::SceneConfig;
+use hapticd::config::{self, SceneConfig};
 use hapticd::daemon::prepare;
 use haptics::{Drive, DriveRequest, Faults, State, TickInput, tick};
 use vps::spatial::testing::Random;
@@ -56,6 +56,23 @@ struct Verdict {
     share: f64,
     faults: Faults,
     force_n: f64,
+    /// The largest debt that is known to be left, J.
+    most_owed_j: f64,
+}
+
+impl Verdict {
+    fn is_still(&self) -> bool {
+        self.ripple_n <= 1e-4 && self.ripple_nm <= 1e-5
+    }
+
+    /// What no scene may do.
+    fn assert_good(&self) {
+        let Self { seed, what, lowest_j, burst_n, ripple_n, ripple_nm, faults, most_owed_j, .. } = self;
+        assert_eq!(*faults, Faults::NONE, "{seed}: {what}");
+        assert!(*lowest_j >= -most_owed_j, "{seed} gives {} mJ: {what}", -lowest_j * 1e3);
+        assert!(*burst_n <= 0.5, "{seed} moves by {burst_n} N in a still hand: {what}");
+        assert!(*ripple_n <= 0.1 && *ripple_nm <= 5e-3, "{seed} trembles by {ripple_n} N, {ripple_nm} N·m: {what}");
+    }
 }
 
 struct Dice(Random);
@@ -256,6 +273,18 @@ fn scenario(seed: u64) -> Scenario {
     Scenario { seed, what, config, path, end_s }
 }
 
+/// Half a millijoule is free, and the damper that pays the rest acts on a velocity that is late: 1 mJ. At four ticks of delay it is that much later.
+/// Where `check` says that the arm takes too little damping, the force is weakened after the fact.
+fn most_owed_j(config: &SceneConfig) -> f64 {
+    if config::doubts(config).iter().any(|doubt| doubt.to_string().contains("to give no energy")) {
+        2.5e-3
+    } else if config.device.sim.delay_ticks >= Some(4) {
+        1.5e-3
+    } else {
+        1e-3
+    }
+}
+
 fn judge(scenario: &Scenario) -> Verdict {
     let Scenario { config, path, end_s, .. } = scenario;
     let (prepared, _) = prepare(config, |_| ()).unwrap_or_else(|error| panic!("{}: {error}", scenario.seed));
@@ -336,6 +365,7 @@ fn judge(scenario: &Scenario) -> Verdict {
         share,
         faults,
         force_n,
+        most_owed_j: most_owed_j(config),
     }
 }
 
@@ -377,16 +407,66 @@ fn no_random_scene_gives_energy_trembles_or_bursts() {
             "{mode}: {} scenes; energy < -1 mJ {}; still to 0.1 mN and 0.01 mN m {}; above 20 mN or 2 mN m {}; bursts > 0.5 N {}; share < 0.7 {}; faults {}",
             of.len(),
             count(&|v| v.lowest_j < -1e-3),
-            count(&|v| v.ripple_n <= 1e-4 && v.ripple_nm <= 1e-5),
+            count(&|v| v.is_still()),
             count(&|v| v.ripple_n > 0.02 || v.ripple_nm > 2e-3),
             count(&|v| v.burst_n > 0.5),
             count(&|v| v.share < 0.7),
             count(&|v| !v.faults.is_empty()),
         );
     }
+    // `direct` divides its force by its stiffness, on purpose.
+    let coupled: Vec<Verdict> = verdicts.iter().filter(|verdict| verdict.mode != "Direct").cloned().collect();
     tell(&verdicts, "energy given beyond what was taken, mJ", |v| -v.lowest_j * 1e3, 1.0);
     tell(&verdicts, "force at rest, peak to peak, mN", |v| v.ripple_n * 1e3, 0.1);
     tell(&verdicts, "torque at rest, peak to peak, mN m", |v| v.ripple_nm * 1e3, 0.01);
     tell(&verdicts, "change of |F| in a still hand, N", |v| v.burst_n, 0.5);
-    tell(&verdicts, "force kept back at the end", |v| 1.0 - v.share, 0.3);
+    tell(&coupled, "force kept back at the end", |v| 1.0 - v.share, 0.3);
+    verdicts.iter().for_each(Verdict::assert_good);
+    let n_still = verdicts.iter().filter(|verdict| verdict.is_still()).count();
+    assert!(n_still * 20 >= verdicts.len() * 19, "{n_still} of {} are still", verdicts.len());
+}
+
+/// The worst scenes that the search has found, each for what it did: energy in taps (36, 60, 193), tremble of the wrist (83), bursts (30, 79), static
+/// friction from side to side (99, 123, 157).
+#[test]
+fn the_worst_scenes_that_were_found_stay_good() {
+    for seed in [30, 36, 60, 79, 83, 99, 123, 157, 193] {
+        let verdict = judge(&scenario(seed));
+        println!("{verdict:?}");
+        verdict.assert_good();
+        assert!(verdict.share > 0.7, "{seed} keeps force back: {verdict:?}");
+    }
+}
+
+/// A hand that goes along a path of lines (s, mm) without turning.
+fn hand(turn: DQuat, knots: &[(f64, DVec3)]) -> HandPath {
+    let pose = |(time_s, at_mm): &(f64, DVec3)| TimedPose { line: 0, time_s: *time_s, pose: Pose::new(turn, *at_mm * 1e-3) };
+    let poses: Vec<TimedPose> = knots.iter().map(pose).collect();
+    HandPath::from_poses(&poses, Path::new("hand.csv")).expect("a path")
+}
+
+/// Found by an independent program in version 0.1.0: the wrist trembles by one encoder step, and after seven seconds of a hand that stands still the force went
+/// from 0.07 to 11.7 N and back, 18 times a second.
+#[test]
+fn a_box_in_a_groove_rests_for_good_in_a_hand_that_stands_still() {
+    let plane = |name: &str, y: f64| {
+        format!(
+            "[[static]]\nname = \"{name}\"\nshape = {{ plane_mm = [80.0, 80.0] }}\nvoxel_size_mm = 0.3\n\
+             orientation_xyzw = [0.0, {y:?}, 0.0, 0.9483668389316362]\n"
+        )
+    };
+    let turn = [-0.2959424907447386, 0.12013494055737553, -0.839634404196564, -0.43931731757379705];
+    let text = format!(
+        "version = 1\n{}{}[tool]\nshape = {{ box_mm = [10.0, 12.0, 8.0] }}\nvoxel_size_mm = 0.5\nstart_position_mm = [0.0, 0.0, 26.0]\n\
+         start_orientation_xyzw = {turn:?}\n[contact]\nfriction = {{ static = 0.3, dynamic = 0.24 }}\n[device]\nprofile = \"sim-sigma7\"\n",
+        plane("a", 0.31717556465594254),
+        plane("b", -0.31717556465594254)
+    );
+    let start_mm = DVec3::Z * 26.0;
+    let deep_mm = DVec3::new(0.578228396889, -0.275561968736, -2.89134555197);
+    let path = hand(DQuat::from_array(turn).normalize(), &[(0.0, start_mm), (0.15, start_mm), (0.55, deep_mm), (7.0, deep_mm)]);
+    let scenario = Scenario { seed: 0, what: "a box in a groove".to_owned(), config: rig::written(&text), path, end_s: 7.0 };
+    let verdict = judge(&scenario);
+    verdict.assert_good();
+    assert!(verdict.is_still() && verdict.burst_n < 1e-3 && verdict.share > 0.95 && verdict.lowest_j > -1e-4, "{verdict:?}");
 }
