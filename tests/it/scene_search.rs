@@ -374,10 +374,10 @@ fn tell(verdicts: &[Verdict], name: &str, of: impl Fn(&Verdict) -> f64, bound: f
     let mut sorted: Vec<&Verdict> = verdicts.iter().collect();
     sorted.sort_by(|a, b| of(b).total_cmp(&of(a)));
     let n_beyond = verdicts.iter().filter(|verdict| of(verdict) > bound).count();
-    println!("{name}: {n_beyond} of {} above {bound}", verdicts.len());
+    eprintln!("{name}: {n_beyond} of {} above {bound}", verdicts.len());
     for verdict in sorted.iter().take(10) {
         let Verdict { seed, what, share, faults, force_n, counted_j, .. } = verdict;
-        println!(
+        eprintln!(
             "  {:.5}  seed {seed}: {what}; share {share:.2}, largest {force_n:.2} N, counted {:.3} mJ, {faults:?}",
             of(verdict),
             counted_j * 1e3
@@ -399,11 +399,11 @@ fn no_random_scene_gives_energy_trembles_or_bursts() {
     };
     let begun = Instant::now();
     let verdicts: Vec<Verdict> = seeds.map(|seed| judge(&scenario(seed))).collect();
-    println!("{} scenes in {:.1} s", verdicts.len(), begun.elapsed().as_secs_f64());
+    eprintln!("{} scenes in {:.1} s", verdicts.len(), begun.elapsed().as_secs_f64());
     for mode in ["Implicit", "Static", "Constraint", "Direct"] {
         let of: Vec<&Verdict> = verdicts.iter().filter(|verdict| verdict.mode == mode).collect();
         let count = |is: &dyn Fn(&Verdict) -> bool| of.iter().filter(|verdict| is(verdict)).count();
-        println!(
+        eprintln!(
             "{mode}: {} scenes; energy < -1 mJ {}; still to 0.1 mN and 0.01 mN m {}; above 20 mN or 2 mN m {}; bursts > 0.5 N {}; share < 0.7 {}; faults {}",
             of.len(),
             count(&|v| v.lowest_j < -1e-3),
@@ -432,7 +432,7 @@ fn no_random_scene_gives_energy_trembles_or_bursts() {
 fn the_worst_scenes_that_were_found_stay_good() {
     for seed in [30, 36, 60, 79, 83, 99, 123, 157, 193] {
         let verdict = judge(&scenario(seed));
-        println!("{verdict:?}");
+        eprintln!("{verdict:?}");
         verdict.assert_good();
         assert!(verdict.share > 0.7, "{seed} keeps force back: {verdict:?}");
     }

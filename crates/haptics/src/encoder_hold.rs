@@ -140,6 +140,7 @@ fn moves(component: &Component) -> f64 {
 }
 
 #[cfg(test)]
+#[expect(clippy::disallowed_types, clippy::indexing_slicing, reason = "test code")]
 mod tests {
     use super::*;
     use glam::DQuat;

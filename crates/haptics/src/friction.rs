@@ -144,6 +144,7 @@ fn across(stretch: DVec3, turned_m: f64, normal: DVec3) -> [(DVec3, f64); 2] {
 }
 
 #[cfg(test)]
+#[expect(clippy::indexing_slicing, reason = "test code")]
 mod tests {
     use glam::DQuat;
 

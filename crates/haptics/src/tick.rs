@@ -1,4 +1,4 @@
-//! The one step, in one place: sample check → indexing → contact sum → friction, damping → shaping filter → coupling → passivity → enable ramp →
+//! The one step, in one place: sample check → encoder hold → indexing → contact sum → friction, damping → shaping filter → coupling → passivity → enable ramp →
 //! power → slew → magnitude → finite check.
 
 mod advance;

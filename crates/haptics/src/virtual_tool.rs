@@ -169,6 +169,10 @@ impl VirtualTool {
         if is_unfelt && !self.tracks {
             // Nothing is in the way: a tool that has sprung off a wall while the hand is inside of it is further away than that.
             self.tracks = self.track(target_pose, sag_m, (radius_m, -contact.max_value_m), p.period_s);
+            if self.tracks {
+                // The way that it lagged by is no velocity.
+                self.body.twist = over_a_tick((target_pose.translation - before.translation, before.rotation_to(target_pose)));
+            }
         }
         self.tracks &= is_unfelt;
         if self.tracks {
