@@ -102,6 +102,9 @@ fn refuse(problem: &ReplayError, output: OutputOptions) -> Exit {
         ReplayError::BeganLate(_) => {
             Some("only one from the start of a run can be run again (`run --record`); `hapticd report` shows this one")
         }
+        ReplayError::OtherForceLaw { .. } => {
+            Some("replay it with the version that recorded it; `hapticd report` and the viewers show it in this one as well")
+        }
         ReplayError::Clay { .. } => Some("its forces are in it: `hapticd report` shows them"),
         ReplayError::Read(problem) => read_hint(problem),
         ReplayError::Unpack(_) | ReplayError::Empty { .. } => None,

@@ -13,7 +13,34 @@ const N_PER_M: f64 = 1e3;
 
 /// What is likely wrong with a scene that was read.
 pub fn doubts(config: &SceneConfig) -> Vec<Problem> {
-    contact_stiffness(config).into_iter().collect()
+    contact_stiffness(config).into_iter().chain(late_force(config)).collect()
+}
+
+/// A spring that is felt late gives energy at K · lag · v²; a damper of K · lag takes it. An arm that takes less is weakened after a hard landing.
+fn late_force(config: &SceneConfig) -> Option<Problem> {
+    let Parameters { arm, coupling, period_s, mapping, .. } = config.parameters;
+    // An arm that takes no damping, or has no bound, is not watched.
+    let takes = arm.injected_n_s_per_m;
+    if coupling.mode == CouplingMode::Direct || takes <= 0.0 {
+        return None;
+    }
+    let lag_s = (0.5 + f64::from(arm.delay_ticks)) * period_s;
+    let felt_n_per_m = coupling.stiffness_n_per_m * mapping.scale;
+    let gives = felt_n_per_m * lag_s;
+    if gives <= takes * (1.0 + 1e-9) {
+        return None;
+    }
+    let most = takes / lag_s / mapping.scale / N_PER_M;
+    let why = format!(
+        "{} N/m felt {} ms late needs {} N·s/m of damping to give no energy, and this arm takes {}: after a hard landing it gets less force than the contact \
+         has, until the hand presses on",
+        show(felt_n_per_m),
+        show(lag_s * 1e3),
+        show(gives),
+        show(takes),
+    );
+    let hint = Some(format!("write {} N/mm at most, or know of it", show((most * 100.0).floor() / 100.0)));
+    Some(problem_at(&config.path, "coupling.translation_n_per_mm", ProblemKind::Refused { why, hint }))
 }
 
 /// A problem at a key of a scene that was read before. The file is read again, for the line and what is written there; one that is gone or no scene any

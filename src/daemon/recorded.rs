@@ -221,6 +221,8 @@ fn parameters(p: &Parameters) -> Value {
         velocity_age_ticks,
         velocity_step_m_per_s,
         velocity_step_rad_per_s,
+        encoder_step_m,
+        encoder_step_rad,
     } = arm;
     let arm = json!({
         "delay_ticks": delay_ticks, "stiffness_lag_n_s_per_m": stiffness_lag_n_s_per_m,
@@ -228,7 +230,7 @@ fn parameters(p: &Parameters) -> Value {
         "injected_nm_s_per_rad": injected_nm_s_per_rad,
         "stable_damping_n_s_per_m": stable_damping_n_s_per_m, "stable_damping_nm_s_per_rad": stable_damping_nm_s_per_rad,
         "velocity_age_ticks": velocity_age_ticks, "velocity_step_m_per_s": velocity_step_m_per_s,
-        "velocity_step_rad_per_s": velocity_step_rad_per_s,
+        "velocity_step_rad_per_s": velocity_step_rad_per_s, "encoder_step_m": encoder_step_m, "encoder_step_rad": encoder_step_rad,
     });
     json!({
         "period_s": period_s, "gravity_m_per_s2": gravity_m_per_s2.to_array(), "contact": contact, "coupling": coupling,

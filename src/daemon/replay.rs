@@ -10,7 +10,7 @@ use crate::config::SceneConfig;
 use crate::scene::SceneError;
 use haptics::{self, Drive, Faults, OffCause, Placement, RenderScene, State, TickOutput};
 use recording::TickRecord;
-use recording::file::{Entry, ReadError, Recording};
+use recording::file::{Entry, FORCE_LAW_KEY, ReadError, Recording};
 use vps::contact::Budget;
 use vps::spatial::{Pose, Wrench};
 
@@ -34,6 +34,19 @@ pub enum ReplayError {
     Clay {
         /// The first such tick.
         tick: u64,
+    },
+    /// Other forces come out for the same input by now.
+    #[error(
+        "it was recorded by {program} with {}; this is hapticd {} with force law {}: the same input gives other forces, and no bit could be compared",
+        law.as_ref().map_or_else(|| "the first force law, which has no number".to_owned(), |law| format!("force law {law}")),
+        env!("CARGO_PKG_VERSION"),
+        haptics::FORCE_LAW
+    )]
+    OtherForceLaw {
+        /// Which program wrote it.
+        program: String,
+        /// Its number, where it wrote one.
+        law: Option<String>,
     },
     /// There is nothing in it.
     #[error("{} ends before its first tick", file.display())]
@@ -116,6 +129,9 @@ pub fn replay(path: &Path, mut bake: impl FnMut(&SceneConfig) -> Result<RenderSc
         if rendered.is_none() && (record.tick, record.scene_idx) != (0, 0) {
             return Err(ReplayError::BeganLate(record.tick));
         }
+        if rendered.is_none() {
+            same_force_law(&unpacked)?;
+        }
         if record.input.clay.is_some() {
             return Err(ReplayError::Clay { tick: record.tick });
         }
@@ -147,6 +163,16 @@ pub fn replay(path: &Path, mut bake: impl FnMut(&SceneConfig) -> Result<RenderSc
     }
     replayed.whole = recording.is_whole();
     Ok(replayed)
+}
+
+/// Refuses a recording whose forces were made by another law.
+fn same_force_law(unpacked: &Unpacked) -> Result<(), ReplayError> {
+    let law = unpacked.fact(FORCE_LAW_KEY);
+    if law.is_some_and(|law| law == haptics::FORCE_LAW.to_string()) {
+        return Ok(());
+    }
+    let program = unpacked.fact("program").unwrap_or("a program that does not name itself").to_owned();
+    Err(ReplayError::OtherForceLaw { program, law: law.map(str::to_owned) })
 }
 
 /// A scene with the state of its ticks.

@@ -97,6 +97,11 @@ impl Unpacked {
         self.manifests.insert(name, values);
     }
 
+    /// A fact about the run that was recorded.
+    pub fn fact(&self, name: &str) -> Option<&str> {
+        self.manifests.get("run")?.get(name).map(String::as_str)
+    }
+
     /// Reads a scene whose files are all there.
     ///
     /// # Errors

@@ -168,6 +168,26 @@ fn a_stiffness_that_no_client_could_set_is_warned_of_and_accepted() {
 }
 
 #[test]
+fn a_spring_whose_late_force_the_arm_cannot_damp_is_warned_of_and_accepted() {
+    let dir = tempfile::tempdir().unwrap();
+    let write = |profile: &str, stiffness: &str| {
+        let text = scene(PLANE, &format!("[coupling]\ntranslation_n_per_mm = {stiffness}\n")).replace("sim-sigma7", profile);
+        assert!(text.contains(profile));
+        fs::write(dir.path().join("scene.toml"), text).unwrap();
+    };
+    // 1 N·s/m of damping over 1.5 ms.
+    let warning = "warning: scene.toml:14: coupling.translation_n_per_mm = 0.7: 700 N/m felt 1.5 ms late needs 1.05 N·s/m of damping to give no \
+                   energy, and this arm takes 1: after a hard landing it gets less force than the contact has, until the hand presses on; write 0.66 \
+                   N/mm at most, or know of it";
+    for (profile, stiffness, expected) in
+        [("sim-polhem", "0.7", vec![warning]), ("sim-polhem", "0.66", Vec::new()), ("sim-sigma7", "4", Vec::new())]
+    {
+        write(profile, stiffness);
+        assert_eq!(said(dir.path(), "warning: ", 0), expected, "{profile} {stiffness}");
+    }
+}
+
+#[test]
 fn check_prints_its_problems_as_json() {
     let dir = with_hand(METRES, "0,0.02,0,0.015,0,0,0,1\n");
     fs::write(dir.path().join("wrong.toml"), scene(PLANE, "profil = \"sim-sigma7\"")).unwrap();

@@ -14,7 +14,7 @@ use hapticd::daemon::prepare;
 use haptics::filter::low_pass_alpha;
 use haptics::stability::SampledWall;
 use haptics::{ArmParameters, CouplingMode, DriveRequest, Faults, FilterParameters, RenderScene, State, TickInput, tick};
-use vps::spatial::{Axes, Pose};
+use vps::spatial::{Axes, Pose, Wrench};
 
 use super::rest::{self, ARMS, HANDS, MORE_DELAY, Outcome, Still, T};
 use super::rig;
@@ -294,5 +294,47 @@ fn acceptance_22_the_automatic_limit_keeps_a_delayed_loop_stable() {
                 assert!(limited_m < 1e-5, "{what}: moves by {limited_m} m with it");
             }
         }
+    }
+}
+
+/// Stretch of a free simulated arm on a sampled spring, 50 µm at first: the largest of the last quarter over that of the second.
+fn growth(delay_ticks: u32, stiffness_n_per_m: f64) -> f64 {
+    let plant = Plant { mass_kg: 0.3, damping_n_s_per_m: 7.5, delay_ticks, ..SimParameters::ideal(T).plant };
+    let parameters = SimParameters { plant, hand: None, force_limit_n: 1e9, watchdog_ms: None, ..SimParameters::ideal(T) };
+    let mut arm = SimArm::new(parameters).expect("an arm");
+    let n_ticks = 4000;
+    let mut largest = [0.0_f64; 4];
+    for n in 0..n_ticks {
+        let stretch_m = arm.read().expect("a sample").pose.translation.x - 5e-5;
+        largest[n * 4 / n_ticks] = largest[n * 4 / n_ticks].max(stretch_m.abs());
+        arm.write(&Wrench::new(DVec3::X * (-stiffness_n_per_m * stretch_m), DVec3::ZERO)).expect("finite");
+    }
+    largest[3] / largest[1]
+}
+
+#[test]
+fn a_simulated_arm_is_stable_up_to_the_exact_boundary_of_the_rule() {
+    for delay_ticks in 0..4 {
+        let wall = SampledWall {
+            mass_kg: 0.3,
+            damping_n_s_per_m: 7.5,
+            wall_damping_n_s_per_m: 0.0,
+            period_s: T,
+            delay_ticks,
+            filter_alpha: 0.0,
+        };
+        let exact = wall.max_stiffness();
+        let (mut stable, mut unstable) = (0.5 * exact, 2.0 * exact);
+        for _ in 0..20 {
+            let middle = 0.5 * (stable + unstable);
+            if growth(delay_ticks, middle) < 1.0 {
+                stable = middle;
+            } else {
+                unstable = middle;
+            }
+        }
+        let share = stable / exact;
+        eprintln!("delay {delay_ticks}: {stable:.0} N/m measured, {exact:.0} N/m exactly: {share:.4}");
+        assert!((share - 1.0).abs() < 0.02, "delay {delay_ticks}: {stable} N/m measured, {exact} N/m exactly");
     }
 }

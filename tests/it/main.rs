@@ -40,6 +40,7 @@ mod rest;
 mod rig;
 mod safety;
 mod scene_in_code;
+mod scene_search;
 mod scenes;
 mod sculpt;
 mod sculpt_command;

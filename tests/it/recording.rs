@@ -15,7 +15,7 @@ use hapticd::daemon::session::objects;
 use hapticd::daemon::{LiveChannels, RenderJob, ReplayError, Replayed, Supervisor, prepare, replay, scene_files};
 use hapticd::servo::{Control, SceneControls};
 use haptics::{Faults, LiveParameter};
-use recording::file::{Entry, Recorder, Recording, SceneFiles};
+use recording::file::{Entry, FORCE_LAW_KEY, Facts, Recorder, Recording, SceneFiles};
 use recording::{RecordSubscribers, TickRecord, drain};
 use rt::clock::ClockKind;
 use serde_json::Value;
@@ -156,6 +156,17 @@ fn a_run_with_a_moving_part_and_other_scenes_replays_bit_for_bit_without_its_fil
 
 /// Runs a scene in this process and records it; `turn` has its parameters and parts in hand before the first tick.
 fn record(scene: &Path, duration: Duration, path: &Path, turn: impl FnOnce(&mut SceneControls)) -> u64 {
+    record_with(scene, duration, path, turn, |_| ())
+}
+
+/// The same, with other facts noted about the run.
+fn record_with(
+    scene: &Path,
+    duration: Duration,
+    path: &Path,
+    turn: impl FnOnce(&mut SceneControls),
+    note: impl FnOnce(&Facts),
+) -> u64 {
     let config = rig::load(scene);
     let (prepared, _) = prepare(&config, |_| ()).expect("a scene");
     let (mut controls, commands) = SceneControls::new(&prepared.scene.parameters, objects(&config));
@@ -163,6 +174,7 @@ fn record(scene: &Path, duration: Duration, path: &Path, turn: impl FnOnce(&mut 
     let subscribers = RecordSubscribers::default();
     let recorder = Recorder::new(subscribers.clone(), true);
     recorder.facts.note("rate_hz", config.rate_hz);
+    note(&recorder.facts);
     let mut files = scene_files(&config, &LoadOptions::default());
     // A recording that is shared does not say where the file was on this machine.
     files.path = files.path.file_name().map(PathBuf::from).expect("a name");
@@ -442,13 +454,56 @@ fn fixture(name: &str) -> PathBuf {
 }
 
 #[test]
-fn recordings_of_earlier_versions_replay_bit_for_bit() {
+fn recordings_of_this_force_law_replay_bit_for_bit() {
     for (name, _, duration) in FIXTURES {
         let replayed = again(&fixture(name)).unwrap_or_else(|error| panic!("{name}: {error}"));
         assert!(
             replayed.is_identical() && replayed.whole && replayed.ticks > duration.as_millis() as u64,
-            "{name}: {replayed:#?}\nif the change of forces is meant: HAPTICD_REWRITE=1 cargo test --test it rewrite_the_recordings -- --ignored"
+            "{name}: {replayed:#?}\nif the change of forces is meant: count haptics::FORCE_LAW up where a release has it, and \
+             HAPTICD_REWRITE=1 cargo test --test it rewrite_the_recordings -- --ignored"
         );
+    }
+}
+
+#[test]
+fn a_recording_of_another_force_law_is_refused_by_name_and_still_reported() {
+    for (name, ..) in FIXTURES {
+        let dir = tempfile::tempdir().expect("a folder");
+        let old = fixture(&format!("v0.1.0/recordings/{name}"));
+        match again(&old) {
+            Err(ReplayError::OtherForceLaw { program, law: None }) => assert_eq!(program, "hapticd 0.1.0"),
+            other => panic!("{name}: {other:?}"),
+        }
+        std::fs::copy(&old, dir.path().join("old.mcap")).expect("copied");
+        let ended = hapticd(dir.path(), "replay old.mcap --cache off");
+        assert_eq!((ended.code, ended.stdout.as_str()), (Some(4), ""), "{}", ended.stderr);
+        let law = format!("force law {}", haptics::FORCE_LAW);
+        for said in ["recorded by hapticd 0.1.0", "the first force law", &law, "replay it with the version", "hapticd report"] {
+            assert!(ended.stderr.contains(said), "no `{said}` in {}", ended.stderr);
+        }
+        let ended = hapticd(dir.path(), "report old.mcap -o old.html");
+        assert_eq!(ended.code, Some(0), "{}", ended.stderr);
+        let page = std::fs::read_to_string(dir.path().join("old.html")).expect("a page");
+        assert!(page.contains("<svg") && page.contains("hapticd 0.1.0"), "{name}");
+    }
+}
+
+#[test]
+fn a_recording_of_a_later_force_law_is_refused() {
+    let dir = folder();
+    let path = dir.path().join("later.mcap");
+    for later in ["999", "-", ""] {
+        record_with(
+            &rig::shipped("block-on-plane"),
+            Duration::from_millis(20),
+            &path,
+            |_| (),
+            |facts| facts.note(FORCE_LAW_KEY, later),
+        );
+        match again(&path) {
+            Err(ReplayError::OtherForceLaw { law, .. }) => assert_eq!(law.as_deref(), Some(later)),
+            other => panic!("{later}: {other:?}"),
+        }
     }
 }
 

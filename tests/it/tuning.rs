@@ -51,6 +51,8 @@ fn rubbing() -> SceneConfig {
     let mut config = rig::rewritten("block-on-plane", &[("damping_ratio = 0.7", friction)]);
     let plant = &mut config.device.profile.plant;
     (plant.encoder_step_m, plant.encoder_step_rad) = (0.0, 0.0);
+    let arm = &mut config.parameters.arm;
+    (arm.encoder_step_m, arm.encoder_step_rad) = (0.0, 0.0);
     config
 }
 

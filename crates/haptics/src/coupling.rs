@@ -37,6 +37,8 @@ pub(super) struct Spring {
     pub(super) wrench: Wrench,
     pub(super) stiffness_n_per_m: f64,
     pub(super) stiffness_nm_per_rad: f64,
+    /// Energy in its translation and its rotation, J: what it gives back when it is let go.
+    pub(super) stored_j: [f64; 2],
 }
 
 impl Spring {
@@ -54,9 +56,14 @@ impl Spring {
             force_max_n = force_max_n.min(coupling.stiffness_n_per_m * 0.5 * voxel_size_m);
             torque_max_nm = torque_max_nm.min(coupling.stiffness_nm_per_rad * 0.5 * voxel_size_m / radius_m);
         }
-        let (force, stiffness_n_per_m) = saturated(coupling.stiffness_n_per_m, target.translation - body.translation, force_max_n);
-        let (torque, stiffness_nm_per_rad) = saturated(coupling.stiffness_nm_per_rad, body.rotation_to(target), torque_max_nm);
-        Self { wrench: Wrench::new(force, torque), stiffness_n_per_m, stiffness_nm_per_rad }
+        let (way, turn) = (target.translation - body.translation, body.rotation_to(target));
+        let (force, stiffness_n_per_m) = saturated(coupling.stiffness_n_per_m, way, force_max_n);
+        let (torque, stiffness_nm_per_rad) = saturated(coupling.stiffness_nm_per_rad, turn, torque_max_nm);
+        let stored_j = [
+            stored(coupling.stiffness_n_per_m, way.length(), force_max_n),
+            stored(coupling.stiffness_nm_per_rad, turn.length(), torque_max_nm),
+        ];
+        Self { wrench: Wrench::new(force, torque), stiffness_n_per_m, stiffness_nm_per_rad, stored_j }
     }
 }
 
@@ -71,6 +78,16 @@ pub(super) fn saturated(stiffness: f64, stretch: DVec3, limit: f64) -> (DVec3, f
     }
     let secant = limit * (linear / limit).tanh() / length;
     (stretch * secant, secant)
+}
+
+/// The energy of [`saturated`] at that length: F_max²/k · ln cosh(k x / F_max), J.
+fn stored(stiffness: f64, length: f64, limit: f64) -> f64 {
+    let share = stiffness * length / limit;
+    if !(limit > 0.0 && limit.is_finite()) || share < 1e-4 {
+        return 0.5 * stiffness * length * length;
+    }
+    // ln cosh x without the overflow of cosh.
+    limit * limit / stiffness * (share + (-2.0 * share).exp().ln_1p() - core::f64::consts::LN_2)
 }
 
 /// Contact as the coupling sees it: wrench on the tool about its centre of mass, world axes, and how it answers to motion.

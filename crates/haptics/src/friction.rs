@@ -113,6 +113,11 @@ impl Element {
             let share = patch.force_n * params.dynamic / load;
             self.stretch *= share;
             self.twist *= share;
+            // A force that slides turns with the motion: across it resists like one that holds, along it not at all. Without that a step that is
+            // made of forces and stiffnesses throws the tool from one side of its way to the other.
+            for (way, turn) in across(self.stretch, self.twist * patch.radius_m, normal) {
+                sum.stiffness.add_outer(stiffness * share, way, arm.cross(way) + normal * (turn * patch.radius_m));
+            }
         } else {
             self.slips = false;
             let tangent = DMat3::IDENTITY - DMat3::from_cols(normal * normal.x, normal * normal.y, normal * normal.z);
@@ -128,7 +133,18 @@ impl Element {
     }
 }
 
+/// Two directions, of unit length and across each other, that are across a stretch along the wall and one about its normal (as a length): a way along the
+/// wall, and a turn.
+fn across(stretch: DVec3, turned_m: f64, normal: DVec3) -> [(DVec3, f64); 2] {
+    let length = stretch.length();
+    let along = if length > 0.0 { stretch / length } else { normal.any_orthonormal_vector() };
+    let load = length.hypot(turned_m);
+    let (slides, turns) = if load > 0.0 { (length / load, turned_m / load) } else { (1.0, 0.0) };
+    [(normal.cross(along), 0.0), (along * -turns, slides)]
+}
+
 #[cfg(test)]
+#[expect(clippy::indexing_slicing, reason = "test code")]
 mod tests {
     use glam::DQuat;
 
@@ -162,7 +178,12 @@ mod tests {
         assert!((held.wrench.torque - DVec3::new(0.0, 0.049, 0.0)).length() < 1e-9, "{held:?}");
         assert!((held.stiffness.0[0][0] - 1e4).abs() < 1e-6 && held.stiffness.0[2][2].abs() < 1e-9);
         let slipping = pull(5.1e-4);
-        assert!((slipping.wrench.force.x + 4.0).abs() < 1e-9 && slipping.stiffness == Mat6::ZERO);
+        assert!((slipping.wrench.force.x + 4.0).abs() < 1e-9);
+        // It slides on along x as it is; across, and in turning, it resists by what its turn of direction takes.
+        let [along, across, out] = [0, 1, 2].map(|axis| slipping.stiffness.0[axis][axis]);
+        assert!(along.abs() < 1e-9 && out.abs() < 1e-9 && (across - 1e4 * 4.0 / 5.1).abs() < 1e-6, "{:?}", slipping.stiffness);
+        let (_, turning) = slipping.stiffness.mul(DVec3::ZERO, DVec3::Z);
+        assert!((turning.z - 1e4 * 4.0 / 5.1 * 4e-4).abs() < 1e-6, "{turning}");
         assert!((pull(2e-3).wrench.force.x + 4.0).abs() < 1e-9);
         // Back by a little: it lets go elastically, then drags the other way.
         assert!((pull(2e-3 - 1e-4).wrench.force.x + 3.0).abs() < 1e-9);
@@ -182,6 +203,31 @@ mod tests {
         friction.update(core::iter::empty(), at(0.0, 0.5), &PARAMS);
         let again = friction.update([&patch].into_iter(), at(0.0, 0.5), &PARAMS);
         assert_eq!(again.wrench, Wrench::ZERO);
+    }
+
+    #[test]
+    fn the_stiffness_of_a_face_that_slides_is_how_its_force_turns() {
+        let pose = |dx: f64, dy: f64, turn: f64| Pose::new(DQuat::from_rotation_z(turn), DVec3::new(1e-3 + dx, 2e-4 + dy, 0.0));
+        let slid = |to: Pose| {
+            let mut friction = Friction::default();
+            // Over the middle of the tool, so that a turn does not also shift it.
+            let patch = Patch { arm_world: DVec3::ZERO, ..floor(10.0) };
+            friction.update([&patch].into_iter(), Pose::IDENTITY, &PARAMS);
+            friction.update([&patch].into_iter(), to, &PARAMS)
+        };
+        let rotation = 0.03;
+        let here = slid(pose(0.0, 0.0, rotation));
+        let step = 1e-7;
+        for (way, turn) in [(DVec3::X, DVec3::ZERO), (DVec3::Y, DVec3::ZERO), (DVec3::ZERO, DVec3::Z)] {
+            let there = slid(pose(step * way.x, step * way.y, rotation + step * turn.z));
+            let (force, torque) = here.stiffness.mul(way * step, turn * step);
+            let (by_force, by_torque) = (here.wrench.force - there.wrench.force, here.wrench.torque - there.wrench.torque);
+            assert!(
+                (force - by_force).length() < 2e-6 && (torque - by_torque).length() < 5e-8,
+                "{way} {turn}: {force} {by_force} {torque} {by_torque}"
+            );
+        }
+        assert!(here.stiffness.traces().0 > 1e3);
     }
 
     #[test]

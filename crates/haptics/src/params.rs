@@ -280,6 +280,10 @@ pub struct ArmParameters {
     pub velocity_step_m_per_s: f64,
     /// The same in rotation, rad/s.
     pub velocity_step_rad_per_s: f64,
+    /// One step of the encoder, device units, m; 0: continuous. A pose that goes back and forth by so much is at rest.
+    pub encoder_step_m: f64,
+    /// The same in rotation, rad.
+    pub encoder_step_rad: f64,
 }
 
 impl Default for ArmParameters {
@@ -295,6 +299,8 @@ impl Default for ArmParameters {
             velocity_age_ticks: [0; 2],
             velocity_step_m_per_s: 0.0,
             velocity_step_rad_per_s: 0.0,
+            encoder_step_m: 0.0,
+            encoder_step_rad: 0.0,
         }
     }
 }

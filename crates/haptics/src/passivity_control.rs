@@ -28,6 +28,12 @@ const N_HELD: usize = MAX_DELAY_TICKS as usize + 1;
 /// would pay for a minute of trembling.
 const FORGET_AFTER_S: f64 = 0.01;
 
+/// Ticks over which the pose itself says whether the hand has turned round: a velocity of a window of 15 ms says so 7.5 ms late.
+const TRAIL_TICKS: usize = 6;
+
+/// What the spring may hold beyond the energy that the hand has put in before it is damped, J.
+const LENT_FREELY_J: f64 = 2.5e-4;
+
 /// Energy that may be owed without consequences, J: contact that ends leaves so much behind.
 const OWED_FREELY_J: f64 = 5e-4;
 /// What is left of the wrench however much is owed: a wall stays a wall.
@@ -43,8 +49,13 @@ pub(super) struct PassivityController {
     held: [Wrench; N_HELD],
     newest: usize,
     last_pose: Option<Pose>,
+    /// `[TRAIL_TICKS]`, ring of displacements, m and rad; `newest_way` is that of the last tick.
+    trail: [Twist; TRAIL_TICKS],
+    newest_way: usize,
     quiet_s: f64,
     active: bool,
+    /// What the spring held at the last [`damped`](PassivityController::damped), J.
+    held_j: f64,
     /// Energy that moving obstacles have put in, J.
     carried_j: f64,
     /// What the last [`damped`](PassivityController::damped) added.
@@ -61,8 +72,11 @@ impl Default for PassivityController {
             held: [Wrench::ZERO; N_HELD],
             newest: 0,
             last_pose: None,
+            trail: [Twist::ZERO; TRAIL_TICKS],
+            newest_way: 0,
             quiet_s: 0.0,
             active: false,
+            held_j: 0.0,
             carried_j: 0.0,
             injected: Wrench::ZERO,
             coupled: [Wrench::ZERO; N_HELD],
@@ -78,7 +92,12 @@ impl PassivityController {
         let Some(last) = self.last_pose.replace(pose) else { return 0.0 };
         let acted = self.acted(delay_ticks);
         let before_j = self.observer.energy_j();
-        let energy_j = self.observer.observe_held(acted, pose.translation - last.translation, last.rotation_to(pose));
+        let way = Twist { linear: pose.translation - last.translation, angular: last.rotation_to(pose) };
+        self.newest_way = (self.newest_way + 1) % TRAIL_TICKS;
+        if let Some(slot) = self.trail.get_mut(self.newest_way) {
+            *slot = way;
+        }
+        let energy_j = self.observer.observe_held(acted, way.linear, way.angular);
         self.budget_j += energy_j - before_j;
         self.quiet_s = if acted == Wrench::ZERO { self.quiet_s + period_s } else { 0.0 };
         if self.quiet_s > FORGET_AFTER_S {
@@ -106,8 +125,15 @@ impl PassivityController {
             if work_j > 0.0 { carried_j.min(spring_j).max(self.budget_j) } else { carried_j.max(0.0).min(self.budget_j) };
     }
 
-    /// The wrench on the hand, `wanted` plus a damper against `twist` where `wanted` would drive the energy below zero: so much that
-    /// it stays at zero, at most the arm's `injected_*` and the force limits.
+    /// The wrench on the hand: `wanted`, whose spring holds `held_j`, plus a damper against `twist` where `wanted` would drive the energy below
+    /// zero, or where the spring holds more than the hand has put in. So much that neither is so after this tick, at most the arm's `injected_*`
+    /// and the force limits.
+    ///
+    /// A held, late force takes too little from a hand that goes in and gives too much to one that comes out. Waiting until more was given than taken is
+    /// waiting until the spring is nearly let go, when no damper is strong enough. What it holds says at once what will be missing, so most of it
+    /// is paid on the way in.
+    ///
+    /// A component along which the pose itself goes the other way by now does not count: the velocity is late.
     ///
     /// Each component of the velocity counts only as far as it exceeds what one step of the encoder makes of it: below, it says nothing of the
     /// direction, and a damper that follows it drives the arm. (On an encoder of 0.04 mm and a window of 15 ms, a loose hand trembled with
@@ -117,7 +143,7 @@ impl PassivityController {
     /// finite passes through, for the finite check to see.
     pub(super) fn damped(
         &mut self,
-        wanted: Wrench,
+        (wanted, held_j): (Wrench, f64),
         twist: Twist,
         arm: &ArmParameters,
         limits: &LimitParameters,
@@ -125,8 +151,11 @@ impl PassivityController {
     ) -> Wrench {
         self.active = false;
         self.injected = Wrench::ZERO;
-        let missing_j = period_s * wanted.power(twist) - self.budget_j;
-        let sure = damper::certain(twist, arm);
+        self.held_j = held_j;
+        let missing_j = (period_s * wanted.power(twist)).max(held_j - LENT_FREELY_J) - self.budget_j;
+        let certain = damper::certain(twist, arm);
+        let way = self.trail.iter().fold(Twist::ZERO, |sum, way| sum + *way);
+        let sure = Twist { linear: agreeing(certain.linear, way.linear), angular: agreeing(certain.angular, way.angular) };
         let damper = Wrench::new(sure.linear * -arm.injected_n_s_per_m, sure.angular * -arm.injected_nm_s_per_rad);
         let largest_j = -period_s * damper.power(sure);
         // Written so that a NaN injects nothing.
@@ -147,10 +176,9 @@ impl PassivityController {
     /// a loop which cannot be damped (motion within a step of the encoder has no velocity) is weakened until it rests. An arm that takes
     /// no damping gets all of it: it is not watched. RT: safe, O(1).
     pub(super) fn trusted_share(&self, arm: &ArmParameters) -> f64 {
-        let is_watched = arm.injected_n_s_per_m > 0.0 || arm.injected_nm_s_per_rad > 0.0;
         let over = (-self.budget_j - OWED_FREELY_J) / OWED_FREELY_J;
         // Written so that a NaN weakens nothing: the finite check sees it elsewhere.
-        if is_watched && over > 0.0 { (1.0 - over).max(LEAST_SHARE) } else { 1.0 }
+        if is_watched(arm) && over > 0.0 { (1.0 - over).max(LEAST_SHARE) } else { 1.0 }
     }
 
     /// Notes the command that was written. RT: safe.
@@ -174,6 +202,12 @@ impl PassivityController {
         self.carried_j
     }
 
+    /// At the last [`damped`](Self::damped) the hand had put in what the spring held, or that was little. True for an arm that is not watched.
+    /// RT: safe.
+    pub(super) fn is_paid(&self, arm: &ArmParameters) -> bool {
+        !(is_watched(arm) && self.held_j - LENT_FREELY_J > self.budget_j.max(0.0))
+    }
+
     /// The last [`damped`](Self::damped) injected damping.
     pub(super) fn is_active(&self) -> bool {
         self.active
@@ -192,6 +226,16 @@ impl PassivityController {
         let back = delay_ticks.min(MAX_DELAY_TICKS) as usize;
         ring.get((self.newest + N_HELD - back) % N_HELD).copied().unwrap_or(Wrench::ZERO)
     }
+}
+
+/// An arm that takes no damping is not watched.
+fn is_watched(arm: &ArmParameters) -> bool {
+    arm.injected_n_s_per_m > 0.0 || arm.injected_nm_s_per_rad > 0.0
+}
+
+/// The components of a velocity that the way does not contradict. A NaN stays one.
+fn agreeing(velocity: DVec3, way: DVec3) -> DVec3 {
+    DVec3::select((velocity * way).cmplt(DVec3::ZERO), DVec3::ZERO, velocity)
 }
 
 #[cfg(test)]
@@ -241,7 +285,7 @@ mod tests {
             let felt_n = -core::mem::replace(&mut back[n % DELAY], spring_n);
 
             controller.observe(at(leader.0), 0, PERIOD_S);
-            let command = controller.damped(push(felt_n), along(leader.1), arm, &free(), PERIOD_S);
+            let command = controller.damped((push(felt_n), 0.0), along(leader.1), arm, &free(), PERIOD_S);
             controller.hold(command);
             leader.1 += PERIOD_S * (5.0 + command.force.x - 2.0 * leader.1);
             leader.0 += PERIOD_S * leader.1;
@@ -274,7 +318,7 @@ mod tests {
             let x_m = 1e-3 * (1.0 - (0.02 * f64::from(n)).cos());
             let speed = 0.02e-3 * (0.02 * f64::from(n)).sin() / PERIOD_S;
             controller.observe(at(x_m), 0, PERIOD_S);
-            let damped = controller.damped(wanted, along(speed), &injecting(100.0), &free(), PERIOD_S);
+            let damped = controller.damped((wanted, 0.0), along(speed), &injecting(100.0), &free(), PERIOD_S);
             assert!(damped == wanted && !controller.is_active(), "tick {n}");
             controller.hold(damped);
             wanted = push(-1000.0 * x_m - 5.0 * speed);
@@ -291,7 +335,7 @@ mod tests {
         controller.observe(at(1e-3), 0, PERIOD_S);
         assert!((controller.energy_j() + 2e-3).abs() < 1e-15);
         let (wanted, speed) = (push(1.0), 1.0);
-        let damped = controller.damped(wanted, along(speed), &injecting(1e6), &free(), PERIOD_S);
+        let damped = controller.damped((wanted, 0.0), along(speed), &injecting(1e6), &free(), PERIOD_S);
         assert!(controller.is_active());
         controller.hold(damped);
         controller.observe(at(1e-3 + speed * PERIOD_S), 0, PERIOD_S);
@@ -317,15 +361,15 @@ mod tests {
         controller.observe(at(0.0), 0, PERIOD_S);
         controller.hold(push(10.0));
         controller.observe(at(0.1), 0, PERIOD_S);
-        let damped = controller.damped(push(1.0), along(0.2), &injecting(5.0), &free(), PERIOD_S);
+        let damped = controller.damped((push(1.0), 0.0), along(0.2), &injecting(5.0), &free(), PERIOD_S);
         assert!((damped.force.x - (1.0 - 5.0 * 0.2)).abs() < 1e-12);
         let limits = LimitParameters { force_n: 0.3, torque_nm: 0.0, ..free() };
         let twist = Twist { linear: DVec3::X * 0.2, angular: DVec3::Y };
-        let damped = controller.damped(push(1.0), twist, &injecting(5.0), &limits, PERIOD_S);
+        let damped = controller.damped((push(1.0), 0.0), twist, &injecting(5.0), &limits, PERIOD_S);
         assert!((damped.force.x - 0.7).abs() < 1e-12 && damped.torque == DVec3::ZERO, "{damped:?}");
         // At rest there is nothing to damp, and free space stays free.
-        assert_eq!(controller.damped(push(1.0), Twist::ZERO, &injecting(5.0), &limits, PERIOD_S), push(1.0));
-        assert_eq!(controller.damped(Wrench::ZERO, twist, &injecting(5.0), &limits, PERIOD_S), Wrench::ZERO);
+        assert_eq!(controller.damped((push(1.0), 0.0), Twist::ZERO, &injecting(5.0), &limits, PERIOD_S), push(1.0));
+        assert_eq!(controller.damped((Wrench::ZERO, 0.0), twist, &injecting(5.0), &limits, PERIOD_S), Wrench::ZERO);
         assert!(!controller.is_active());
     }
 
@@ -337,13 +381,54 @@ mod tests {
         controller.hold(push(10.0));
         controller.observe(at(0.1), 0, PERIOD_S);
         for twist in [along(0.1), along(-0.1), Twist { linear: DVec3::ZERO, angular: DVec3::Y * 2.0 }] {
-            assert_eq!(controller.damped(push(1.0), twist, &stepping, &free(), PERIOD_S), push(1.0));
+            assert_eq!(controller.damped((push(1.0), 0.0), twist, &stepping, &free(), PERIOD_S), push(1.0));
             assert!(!controller.is_active());
         }
-        for speed in [0.3, -0.3] {
-            let damped = controller.damped(push(1.0), along(speed), &stepping, &free(), PERIOD_S);
+        for speed in [0.3_f64, -0.3] {
+            let mut controller = PassivityController::default();
+            controller.observe(at(0.0), 0, PERIOD_S);
+            controller.hold(push(10.0 * speed.signum()));
+            controller.observe(at(0.1 * speed.signum()), 0, PERIOD_S);
+            let damped = controller.damped((push(1.0), 0.0), along(speed), &stepping, &free(), PERIOD_S);
             assert!(controller.is_active() && (damped.force.x - (1.0 - 5.0 * (speed - speed.signum() * 0.1))).abs() < 1e-12);
         }
+    }
+
+    #[test]
+    fn what_a_spring_holds_beyond_what_the_hand_put_in_is_paid_on_the_way_in() {
+        // Held for a tick and three more on its way, 1 kN/m takes 1 kN/m · 3.5 ms · 0.2 m/s · 50 mm = 35 mJ too little in 50 mm.
+        let press = |arm: &ArmParameters| {
+            let mut controller = PassivityController::default();
+            let (mut held_j, mut was_active) = (0.0, false);
+            for n in 0..=250 {
+                let x_m = -2e-4 * f64::from(n);
+                controller.observe(at(x_m), 3, PERIOD_S);
+                held_j = 0.5 * 1000.0 * x_m * x_m;
+                let damped = controller.damped((push(-1000.0 * x_m), held_j), along(-0.2), arm, &free(), PERIOD_S);
+                controller.hold(damped);
+                was_active |= controller.is_active();
+            }
+            (held_j - controller.energy_j(), was_active)
+        };
+        let (lent_j, was_active) = press(&injecting(0.0));
+        assert!((lent_j - 35e-3).abs() < 1e-3 && !was_active, "{lent_j} J");
+        let (lent_j, was_active) = press(&injecting(50.0));
+        // What the last ticks have lent is on its way.
+        assert!(lent_j < LENT_FREELY_J + 1e-3 && was_active, "{lent_j} J");
+    }
+
+    #[test]
+    fn a_damper_does_not_push_a_hand_that_has_turned_round() {
+        let mut controller = PassivityController::default();
+        controller.observe(at(0.0), 0, PERIOD_S);
+        controller.hold(push(1.0));
+        // Out since two ticks, while the velocity of the window still goes in.
+        controller.observe(at(1e-3), 0, PERIOD_S);
+        controller.observe(at(2e-3), 0, PERIOD_S);
+        let wanted = (push(1.0), 10e-3);
+        assert_eq!(controller.damped(wanted, along(-0.2), &injecting(5.0), &free(), PERIOD_S), push(1.0));
+        assert!(!controller.is_active());
+        assert!(controller.damped(wanted, along(0.2), &injecting(5.0), &free(), PERIOD_S).force.x < 1.0);
     }
 
     #[test]
@@ -374,9 +459,9 @@ mod tests {
                 controller.observe(at(1e-3), 0, PERIOD_S);
             }
             assert_eq!(controller.energy_j(), energy_j, "what is reported is not forgotten");
-            controller.damped(push(1.0), along(0.5), &injecting(5.0), &free(), PERIOD_S);
+            controller.damped((push(1.0), 0.0), along(0.5), &injecting(5.0), &free(), PERIOD_S);
             assert!(controller.is_active(), "{owed}: nothing is left to pay with");
-            let damped = controller.damped(push(1.0), along(0.5), &injecting(1e6), &free(), PERIOD_S);
+            let damped = controller.damped((push(1.0), 0.0), along(0.5), &injecting(1e6), &free(), PERIOD_S);
             let taken_j = PERIOD_S * 0.5 * (1.0 - damped.force.x);
             let expected_j = PERIOD_S * 0.5 + if owed { 1e-3 } else { 0.0 };
             assert!((taken_j - expected_j).abs() < 1e-12, "{taken_j} J");
@@ -409,7 +494,7 @@ mod tests {
         // What is left is in the spring.
         let left_j = controller.energy_j() + controller.carried_j();
         assert!((left_j - 0.5 * 4.0 * 4e-3).abs() < 1e-3, "{left_j} J");
-        controller.damped(push(1.0), along(0.01), &injecting(5.0), &free(), PERIOD_S);
+        controller.damped((push(1.0), 0.0), along(0.01), &injecting(5.0), &free(), PERIOD_S);
         assert!(!controller.is_active(), "nothing is owed");
         // The same without the wall's account is a debt.
         let mut blind = PassivityController::default();
@@ -417,7 +502,7 @@ mod tests {
             blind.observe(at(way_m(n.saturating_sub(40))), 0, PERIOD_S);
             blind.hold(push(1000.0 * (way_m(n) - way_m(n.saturating_sub(40)))));
         }
-        blind.damped(push(1.0), along(0.01), &injecting(5.0), &free(), PERIOD_S);
+        blind.damped((push(1.0), 0.0), along(0.01), &injecting(5.0), &free(), PERIOD_S);
         assert!(blind.is_active());
     }
 
@@ -425,12 +510,12 @@ mod tests {
     fn a_wall_makes_no_credit_beyond_what_the_spring_holds_and_no_debt() {
         // 100 mm against a hand that does not give way, and back again.
         let mut controller = pushed((0..1000).map(|n| (1e-4 * f64::from(n), 0.0)));
-        let damped = controller.damped(push(1.0), along(1000.0), &injecting(1e9), &free(), PERIOD_S);
+        let damped = controller.damped((push(1.0), 0.0), along(1000.0), &injecting(1e9), &free(), PERIOD_S);
         let taken_j = PERIOD_S * 1000.0 * (1.0 - damped.force.x);
         assert!((taken_j - (1.0 - SPRING_J)).abs() < 1e-9, "a credit of {} J", 1.0 - taken_j);
         let mut controller = pushed((0..2000_u32).map(|n| (1e-4 * f64::from(n.min(2000 - n)), 0.0)));
-        controller.damped(push(1e-6), along(1e-9), &injecting(5.0), &free(), PERIOD_S);
-        let damped = controller.damped(push(1.0), along(1.0), &injecting(1e9), &free(), PERIOD_S);
+        controller.damped((push(1e-6), 0.0), along(1e-9), &injecting(5.0), &free(), PERIOD_S);
+        let damped = controller.damped((push(1.0), 0.0), along(1.0), &injecting(1e9), &free(), PERIOD_S);
         assert!(PERIOD_S * (1.0 - damped.force.x) < 2e-3, "a debt without any flow");
         for nan in [f64::NAN, f64::INFINITY] {
             controller.carry(DVec3::X * nan, DVec3::ZERO, 0, SPRING_J);
@@ -442,9 +527,9 @@ mod tests {
     fn what_is_not_finite_passes_through_and_leaves_no_trace() {
         let mut controller = PassivityController::default();
         controller.observe(at(0.0), 0, PERIOD_S);
-        let poisoned = controller.damped(push(f64::NAN), along(0.1), &injecting(5.0), &free(), PERIOD_S);
+        let poisoned = controller.damped((push(f64::NAN), 0.0), along(0.1), &injecting(5.0), &free(), PERIOD_S);
         assert!(!poisoned.is_finite() && !controller.is_active());
-        assert_eq!(controller.damped(push(1.0), along(f64::NAN), &injecting(5.0), &free(), PERIOD_S), push(1.0));
+        assert_eq!(controller.damped((push(1.0), 0.0), along(f64::NAN), &injecting(5.0), &free(), PERIOD_S), push(1.0));
         controller.observe(at(f64::NAN), 0, PERIOD_S);
         assert_eq!(controller.energy_j(), 0.0);
     }

@@ -1,4 +1,4 @@
-//! The one step, in one place: sample check → indexing → contact sum → friction, damping → shaping filter → coupling → passivity → enable ramp →
+//! The one step, in one place: sample check → encoder hold → indexing → contact sum → friction, damping → shaping filter → coupling → passivity → enable ramp →
 //! power → slew → magnitude → finite check.
 
 mod advance;
@@ -7,6 +7,7 @@ use super::auto_limit::LoopDelay;
 use super::braking::Braking;
 use super::clay::{ClayForces, Held};
 use super::damper;
+use super::encoder_hold::EncoderHold;
 use super::indexing::Indexing;
 use super::interlock::{Interlock, is_outside};
 use super::limits::{Limiter, Ramp};
@@ -17,7 +18,7 @@ use super::passivity_control::PassivityController;
 use super::power_window::PowerWindow;
 use super::sample::{SampleCheck, SampleMonitor};
 use super::stability::filter_delay_s;
-use super::virtual_tool::{Touch, VirtualTool};
+use super::virtual_tool::{Pull, Touch, VirtualTool, squared_share};
 use super::{Drive, DriveRequest, Faults, OffCause, Parameters, RenderScene};
 use vps::contact::{Budget, ContactSum, SimdLevel, Traversal, TraversalMode};
 use vps::density::Frame;
@@ -101,6 +102,7 @@ pub struct State {
     monitor: SampleMonitor,
     interlock: Interlock,
     overruns: u32,
+    encoder_hold: EncoderHold,
     indexing: Indexing,
     /// Where the tool's body axes stood at enable.
     start: Pose,
@@ -149,6 +151,7 @@ impl State {
             monitor: SampleMonitor::default(),
             interlock: Interlock::default(),
             overruns: 0,
+            encoder_hold: EncoderHold::default(),
             indexing: Indexing::default(),
             start: scene.start(),
             resume: None,
@@ -274,9 +277,17 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
     advance::advance(scene, p, state, input, faults);
     state.moving_obstacles.advance(state.traversal.obstacle_poses_mut(), input.place, state.drive.has_force(), p);
 
-    let target = state.indexing.target(&input.sample, &p.mapping, state.start);
+    let target = {
+        if !state.drive.renders() {
+            state.encoder_hold.reset();
+        }
+        let (pose, twist) = state.encoder_hold.steady(&input.sample, &p.arm, p.period_s);
+        state.indexing.target(&DeviceSample { pose, twist, ..input.sample }, &p.mapping, state.start)
+    };
     if state.drive.renders() && p.coupling.mode == CouplingMode::Direct {
         state.tool.stand_at(target, scene);
+    } else if state.drive.renders() {
+        state.tool.keep_tracking(target.0, scene, p);
     }
     let moving = state.moving_obstacles.n_under_way() > 0;
     if let (Some(clay), Some(FrameInUse { is_last: true, .. })) = (&mut state.clay, input.clay) {
@@ -367,9 +378,10 @@ fn render(
     let arm = &state.delay.damped(&p.arm);
 
     let rubbing = state.tool.rub(touch, p);
-    let felt_world = state
+    let is_paid = state.passivity.is_paid(arm);
+    let Pull { wrench: felt_world, stored_j } = state
         .tool
-        .follow((scene, p), state.traversal.obstacle_poses(), touch, &rubbing, &coupling, target)
+        .follow((scene, p), state.traversal.obstacle_poses(), touch, &rubbing, (&coupling, is_paid), target)
         .ok_or(Faults::SOLVER)?;
     if !state.tool.is_finite() {
         return Err(Faults::NON_FINITE);
@@ -386,8 +398,13 @@ fn render(
     let engages = state.interlock.engages(actuated, is_in_clay, &p.limits, &p.safety);
     let up = state.drive != Drive::Stopping && ramp_down == OffCause::None && engages;
     let gain = state.enable_gain.advance(up, p.limits.ramp_s, p.period_s);
-    let trusted = actuated * state.passivity.trusted_share(arm);
-    let damped = state.passivity.damped(trusted, sample.twist, arm, &p.limits, p.period_s);
+    let share = state.passivity.trusted_share(arm);
+    let trusted = actuated * share;
+    // Of the spring's energy what the motors will give back.
+    let [along, about] = stored_j;
+    let held = along * squared_share(actuated.force, wanted.force) + about * squared_share(actuated.torque, wanted.torque);
+    let held_j = held * share * gain / p.mapping.scale;
+    let damped = state.passivity.damped((trusted, held_j), sample.twist, arm, &p.limits, p.period_s);
     let mut ramped = p.mapping.actuated_part(damped) * gain;
     if state.drive == Drive::Enabling && engages && actuated != Wrench::ZERO {
         // While the force rises the hand is steadied. Free space stays free.

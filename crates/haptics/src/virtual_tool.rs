@@ -19,11 +19,19 @@ use vps::contact::planes::DeepestContacts;
 use vps::contact::{Contact, ContactSum, ObstacleMotion, Traversal};
 use vps::spatial::{Mat6, Pose, Twist, Wrench};
 
-/// Time in which the coupling wrench comes in at first contact, s (decision: free space).
+/// Time in which that part of the coupling wrench comes in that was there before contact, s (decision: free space).
 const CONTACT_RISE_S: f64 = 5e-3;
 
 /// How far the shell may follow the arm in one tick without a virtual tool, voxels.
 const SEEN_VOXELS: f64 = 2.9;
+
+/// What the arm feels of the tool: world axes, about the grip point.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Pull {
+    pub(super) wrench: Wrench,
+    /// Energy in the spring that makes its force and its torque, J: what the hand gets back when the tool is let go. Zero without a virtual tool.
+    pub(super) stored_j: [f64; 2],
+}
 
 /// What the contact query of a tick found.
 pub(super) struct Touch {
@@ -40,8 +48,16 @@ pub(super) struct VirtualTool {
     filter: ShapingFilter,
     friction: Friction,
     balance: StaticBalance,
-    /// 0 in free space, 1 in contact, so that the coupling comes in over [`CONTACT_RISE_S`].
+    /// What the coupling pulled with in the last tick of free space, which the arm did not feel. Of that alone a share is kept from the arm while
+    /// `contact_gain` rises: what contact adds is felt at once. A gain on the whole wrench would take force away on the way in and give all of
+    /// it back on the way out, which drives the hand.
+    unfelt: Wrench,
+    /// 0 in free space, 1 after [`CONTACT_RISE_S`] in contact.
     contact_gain: Ramp,
+    /// Where the arm wanted it in the last tick.
+    target: Option<Pose>,
+    /// In free space: it stood where the arm wanted it in the last tick.
+    tracks: bool,
     /// How far a point of the tool may go in the next tick without a virtual tool, m.
     step_limit_m: f64,
 }
@@ -54,7 +70,10 @@ impl VirtualTool {
             filter: ShapingFilter::default(),
             friction: Friction::default(),
             balance: StaticBalance::default(),
+            unfelt: Wrench::ZERO,
             contact_gain: Ramp::default(),
+            target: None,
+            tracks: false,
             step_limit_m: 0.0,
         }
     }
@@ -72,6 +91,15 @@ impl VirtualTool {
     /// in passing is followed more slowly.
     pub(super) fn stand_at(&mut self, target: (Pose, Twist), scene: &RenderScene) {
         self.body = self.body.followed(target, scene.tool.shell.radius_m(), self.step_limit_m);
+    }
+
+    /// A tool that stood where the arm wanted it in free space does so again before contact is looked for, in steps that see every wall: so
+    /// first contact has no delay of its own. With what the tick of before knew of the way.
+    pub(super) fn keep_tracking(&mut self, target: Pose, scene: &RenderScene, p: &Parameters) {
+        if self.tracks {
+            let sag_m = sag_m(scene, p, &p.coupling);
+            self.tracks = self.track(target, sag_m, (scene.tool.shell.radius_m(), self.step_limit_m), p.period_s);
+        }
     }
 
     /// Looks for contact where the tool stands, and with `braking` for what it approaches; `moving`: obstacles are under way.
@@ -112,19 +140,20 @@ impl VirtualTool {
         self.friction.update(touch.contact.patches(), self.body.pose, &p.contact.friction)
     }
 
-    /// Steps the tool in its coupling and gives the wrench that the arm feels (world axes, about the grip point). `None` on non-finite input.
+    /// Steps the tool in its coupling and gives the wrench that the arm feels (world axes, about the grip point). `is_paid`: the hand has put
+    /// in what the spring holds; before, nothing more of what was unfelt comes in. `None` on non-finite input.
     pub(super) fn follow(
         &mut self,
         (scene, p): (&RenderScene, &Parameters),
         obstacle_poses: &ObstaclePoses,
         touch: &Touch,
         rubbing: &FrictionWrench,
-        coupling: &CouplingParameters,
+        (coupling, is_paid): (&CouplingParameters, bool),
         target: (Pose, Twist),
-    ) -> Option<Wrench> {
+    ) -> Option<Pull> {
         let Touch { contact, deepest, brake } = touch;
         if coupling.mode == CouplingMode::Direct {
-            return Some(self.direct(contact, rubbing, coupling, p));
+            return Some(Pull { wrench: self.direct(contact, rubbing, coupling, p), ..Pull::default() });
         }
         let radius_m = scene.tool.shell.radius_m();
         let (target_pose, target_twist) = target;
@@ -134,6 +163,29 @@ impl VirtualTool {
         let stretched = spring(self.body.pose);
         let weight = p.gravity_m_per_s2 * scene.tool.inertia.mass_kg;
         let over_a_tick = |(way, turn): (DVec3, DVec3)| Twist { linear: way / p.period_s, angular: turn / p.period_s };
+        let before = self.target.replace(target_pose).unwrap_or(target_pose);
+        let is_unfelt = coupling.mode.has_mass() && coupling.free_space == FreeSpace::Zero && !touching && brake.is_none();
+        let sag_m = sag_m(scene, p, coupling);
+        if is_unfelt && !self.tracks {
+            // Nothing is in the way: a tool that has sprung off a wall while the hand is inside of it is further away than that.
+            self.tracks = self.track(target_pose, sag_m, (radius_m, -contact.max_value_m), p.period_s);
+            if self.tracks {
+                // The way that it lagged by is no velocity.
+                self.body.twist = over_a_tick((target_pose.translation - before.translation, before.rotation_to(target_pose)));
+            }
+        }
+        self.tracks &= is_unfelt;
+        if self.tracks {
+            self.contact_gain.reset();
+            self.unfelt = spring(self.body.pose).wrench * -1.0;
+            return Some(Pull::default());
+        }
+        // What is not felt may be as rough as the encoder, but not late.
+        let target_twist = if is_unfelt {
+            over_a_tick((target_pose.translation - before.translation, before.rotation_to(target_pose)))
+        } else {
+            target_twist
+        };
         let twist = match (coupling.mode, deepest) {
             (CouplingMode::Static, _) => {
                 let stiffness = contact.stiffness.plus_scaled(1.0, &rubbing.stiffness);
@@ -141,7 +193,6 @@ impl VirtualTool {
                 over_a_tick(self.balance.step(&stretched, weight, met, &stiffness)?)
             }
             (CouplingMode::Constraint, Some(deepest)) => {
-                let sag_m = weight / coupling.stiffness_n_per_m;
                 let body = self.body.pose;
                 // As seen from what it touches, which may move.
                 let ObstacleMotion { linear, angular } = contact.obstacle_motion;
@@ -164,14 +215,46 @@ impl VirtualTool {
             (self.body.twist.linear - target_twist.linear) * coupling.felt_damping_n_s_per_m,
             (self.body.twist.angular - target_twist.angular) * coupling.felt_damping_nm_s_per_rad,
         );
-        let felt = damper - spring(self.body.pose).wrench;
-        Some(match coupling.free_space {
+        let pulling = spring(self.body.pose);
+        let felt = damper - pulling.wrench;
+        let felt = match coupling.free_space {
             FreeSpace::Drag => felt,
-            FreeSpace::Zero => {
-                let gain = self.contact_gain.advance(touching, CONTACT_RISE_S, p.period_s);
-                if touching { felt * gain } else { Wrench::ZERO }
+            FreeSpace::Zero if touching => {
+                let rise_s = if is_paid { CONTACT_RISE_S } else { f64::INFINITY };
+                let gain = self.contact_gain.advance(true, rise_s, p.period_s);
+                felt - self.unfelt * (1.0 - gain)
             }
-        })
+            FreeSpace::Zero => {
+                self.contact_gain.reset();
+                self.unfelt = felt;
+                Wrench::ZERO
+            }
+        };
+        let [along, about] = pulling.stored_j;
+        // What the contact itself gives back; a constraint stands at its surface whatever pulls.
+        let pressed_j = if coupling.mode == CouplingMode::Constraint { 0.0 } else { pressed(contact) };
+        let stored_j = [
+            pressed_j + along * squared_share(felt.force, pulling.wrench.force),
+            about * squared_share(felt.torque, pulling.wrench.torque),
+        ];
+        Some(Pull { wrench: felt, stored_j })
+    }
+
+    /// Stands a tool that touches nothing where the arm wants it, by its weight lower, if that is no further than `most_m`.
+    ///
+    /// A mass that is not felt must not lag either: the damper pulls it along at a velocity that is half a window old, which makes 0.3 mm in a hand
+    /// that falls onto a wall with 6 m/s². The hand would find the wall that much deeper, and be pushed out from where it is.
+    ///
+    /// Its velocity is that of its way in this tick, as rough as the encoder and not late: one that is half a window old throws it off the wall
+    /// when the hand has just turned round.
+    fn track(&mut self, target: Pose, sag_m: DVec3, (radius_m, most_m): (f64, f64), period_s: f64) -> bool {
+        let target = Pose::new(target.rotation, target.translation + sag_m);
+        let (way, turn) = (target.translation - self.body.pose.translation, self.body.pose.rotation_to(target));
+        let stands = way.length() + turn.length() * radius_m <= most_m;
+        if stands {
+            self.body = Body { pose: target, twist: Twist { linear: way / period_s, angular: turn / period_s } };
+        }
+        stands
     }
 
     /// Velocity of a virtual tool with mass after one step. `None` on non-finite input.
@@ -235,6 +318,21 @@ impl VirtualTool {
         let slide = Slide { speed_m_per_s: slide_speed(contact, against), voxel_size_m: contact.voxel_size_m, step_stiffness };
         self.filter.update(contact.wrench * share, slide, contact.acts(), &p.filter, p.period_s)
     }
+}
+
+/// How far the coupling lets the tool's weight sag, m.
+fn sag_m(scene: &RenderScene, p: &Parameters, coupling: &CouplingParameters) -> DVec3 {
+    p.gravity_m_per_s2 * (scene.tool.inertia.mass_kg / coupling.stiffness_n_per_m)
+}
+
+/// The share of a spring's energy that a part of its force stands for, up to 1.
+pub(super) fn squared_share(part: DVec3, whole: DVec3) -> f64 {
+    if whole == DVec3::ZERO { 0.0 } else { (part.length_squared() / whole.length_squared()).min(1.0) }
+}
+
+/// Energy of a contact, J: that of a spring with its force and its depth. A curved one holds two thirds of it.
+fn pressed(contact: &ContactSum) -> f64 {
+    0.5 * contact.wrench.force.length() * contact.max_value_m.max(0.0)
 }
 
 /// What a contact stiffness adds to its wrench when what touches moves by so much.

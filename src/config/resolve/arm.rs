@@ -315,6 +315,8 @@ pub(super) fn arm_parameters(profile: &Profile, stability: &StabilityConfig, sca
         velocity_age_ticks: [translation.wall.velocity_age_ticks(window_s), rotation.wall.velocity_age_ticks(window_angular_s)],
         velocity_step_m_per_s: profile.plant.encoder_step_m / window_s.max(period_s),
         velocity_step_rad_per_s: profile.plant.encoder_step_rad / window_angular_s.max(period_s),
+        encoder_step_m: profile.plant.encoder_step_m,
+        encoder_step_rad: profile.plant.encoder_step_rad,
     }
 }
 

@@ -346,7 +346,11 @@ fn power_over_a_window_faults_where_the_limiter_does_not_see_the_speed() {
 
 #[test]
 fn stuck_samples_ramp_down_from_the_fifth_repeat_and_fault_after_twenty() {
-    let mut rig = Rig::new(|p| (p.safety.stuck_move_m, p.safety.stuck_turn_rad) = (1.8e-4, 0.018));
+    let mut rig = Rig::new(|p| {
+        (p.safety.stuck_move_m, p.safety.stuck_turn_rad) = (1.8e-4, 0.018);
+        // The ramp is measured against the spring alone, without the damper of a hand that moves.
+        p.arm = ArmParameters::default();
+    });
     rig.ticks(RAMP_TICKS + 3);
     for _ in 0..25 {
         rig.move_by(2e-4, 0.2);

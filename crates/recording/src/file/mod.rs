@@ -30,6 +30,6 @@ mod write;
 
 pub use fault_files::{FaultFile, FaultFileHandler, FaultFiles, now};
 pub use read::{Entry, LONGEST_TEXT, ReadError, Recording};
-pub use recorder::{Facts, FailureHandler, Recorder, RecorderHandle, RecordingSummary};
+pub use recorder::{FORCE_LAW_KEY, Facts, FailureHandler, Recorder, RecorderHandle, RecordingSummary};
 pub use scene_files::{DisplayObject, DisplayShape, NamedFile, SceneFiles, Scenes};
 pub use write::RecordingError;

@@ -31,6 +31,9 @@ const FINISH_PATIENCE: Duration = Duration::from_secs(10);
 /// The files of a scene are added within this time after its first tick.
 const SCENE_PATIENCE: Duration = Duration::from_secs(1);
 
+/// Name of the fact that says which force law ([`haptics::FORCE_LAW`]) gave the forces; version 0.1.0 did not write it.
+pub const FORCE_LAW_KEY: &str = "force_law";
+
 /// Facts about a run and its machine, by name, for readers of the recording. Clones share them.
 #[derive(Clone, Debug, Default)]
 pub struct Facts(Arc<Mutex<BTreeMap<String, String>>>);
@@ -99,6 +102,7 @@ impl Recorder {
     pub fn new(subscribers: RecordSubscribers, is_virtual: bool) -> Self {
         let facts = Facts::default();
         facts.note("program", concat!("hapticd ", env!("CARGO_PKG_VERSION")));
+        facts.note(FORCE_LAW_KEY, haptics::FORCE_LAW);
         facts.note("begun", timestamp(SystemTime::now()));
         facts.note("clock", if is_virtual { "virtual" } else { "real" });
         Self { facts, scenes: Scenes::default(), subscribers, is_virtual }
