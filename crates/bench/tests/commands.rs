@@ -118,6 +118,10 @@ fn a_quick_bench_of_quality_writes_its_raw_results() {
     }
     assert!(find(&rows, "Q1 up a slope", "implicit, trilinear: delay")["value"].is_number());
     assert!(find(&rows, "smoothness", "block-on-plane: ripple on the hand")["peer_value"].is_number());
+    let cube = "a cube of 10 mm at random";
+    assert_eq!(find(&rows, cube, "facets: a face in 25 attitudes: force / law, least")["met"], true);
+    assert_eq!(find(&rows, cube, "facets: a corner is first felt at, worst")["met"], true);
+    assert!(find(&rows, cube, "voxels: a corner is first felt at, worst")["value"].as_f64() > Some(0.1));
     assert!(rows.len() > 100, "{} rows", rows.len());
     for (file, columns, least_lines) in [("q1-q3.csv", 18, 48), ("q1-q3-series.csv", 11, 48 * 240), ("q1-couplings.csv", 7, 9000)] {
         let written = std::fs::read_to_string(folder.path().join("raw").join(file)).unwrap();

@@ -1,6 +1,7 @@
 //! Parts for the contact bench, made and baked in memory.
 
 use core::f64::consts::TAU;
+use std::collections::HashMap;
 
 use glam::{DQuat, DVec2, DVec3};
 
@@ -8,7 +9,7 @@ use super::super::BenchError;
 use vps::contact::Obstacle;
 use vps::mesh::primitives::Shape;
 use vps::mesh::{TriangleMesh, validate};
-use vps::pointshell::{self, shell::Shell};
+use vps::pointshell::{self, Points, shell::Shell};
 use vps::spatial::Pose;
 use vps::voxmap::inside_test::InsideTest;
 use vps::voxmap::{Options, Voxmap};
@@ -25,9 +26,14 @@ pub(super) fn obstacle(what: &str, mesh: &TriangleMesh, voxel_size_m: f64, with_
     Ok(Obstacle { field: map.field(mesh, with_gradients), world_from_map: Pose::IDENTITY })
 }
 
-/// The points of a tool about the origin of its mesh.
+/// The points of a tool about the origin of its mesh, one for each voxel.
 pub(super) fn shell(what: &str, mesh: &TriangleMesh, voxel_size_m: f64) -> Result<Shell, BenchError> {
-    Ok(pointshell::build(mesh, &voxmap(what, mesh, voxel_size_m, TOOL_LAYERS)?, DVec3::ZERO).0)
+    shell_of(what, mesh, voxel_size_m, Points::Voxels)
+}
+
+/// The same with points of either kind.
+pub(super) fn shell_of(what: &str, mesh: &TriangleMesh, voxel_size_m: f64, points: Points) -> Result<Shell, BenchError> {
+    Ok(pointshell::build_with(points, mesh, &voxmap(what, mesh, voxel_size_m, TOOL_LAYERS)?, DVec3::ZERO).0)
 }
 
 fn voxmap(what: &str, mesh: &TriangleMesh, voxel_size_m: f64, layers: u32) -> Result<Voxmap, BenchError> {
@@ -44,6 +50,45 @@ pub(super) fn tessellated(shape: Shape, voxel_size_m: f64) -> TriangleMesh {
 /// The same mesh, turned about its origin.
 pub(super) fn turned(mut mesh: TriangleMesh, by: DQuat) -> TriangleMesh {
     mesh.vertices.iter_mut().for_each(|vertex| *vertex = by * *vertex);
+    mesh
+}
+
+/// A box about the origin whose edges and corners are rounded, within a tolerance of the shape.
+pub(super) fn filleted_box(size_m: DVec3, fillet_m: f64, tolerance_m: f64) -> TriangleMesh {
+    // Chord height r (1 − cos(θ/2)), and half a right angle on each side of an edge of the box.
+    let pieces = (TAU / 8.0 / (2.0 * (1.0 - tolerance_m / fillet_m).acos())).ceil() as i32;
+    let inner = 0.5 * size_m - fillet_m;
+    // Lines of a lattice on the box: close together in the fillets, one piece over each flat.
+    let last = 2 * pieces + 1;
+    let line = |axis: usize, k: i32| {
+        let (side, from_flat) = if k <= pieces { (-1.0, pieces - k) } else { (1.0, k - pieces - 1) };
+        side * (inner[axis] + fillet_m * (TAU / 8.0 * f64::from(from_flat) / f64::from(pieces)).tan())
+    };
+    let mut mesh = TriangleMesh::default();
+    let mut numbers: HashMap<[i32; 3], u32> = HashMap::new();
+    let mut vertex = |lattice: [i32; 3]| {
+        *numbers.entry(lattice).or_insert_with(|| {
+            let on_box = DVec3::from_array([0, 1, 2].map(|axis| line(axis, lattice[axis])));
+            let flat = on_box.clamp(-inner, inner);
+            mesh.vertices.push(flat + (on_box - flat).normalize() * fillet_m);
+            mesh.vertices.len() as u32 - 1
+        })
+    };
+    let mut triangles = Vec::new();
+    for axis in 0..3 {
+        for (side, (u, v)) in
+            [0, last].into_iter().flat_map(|side| (0..last).flat_map(move |u| (0..last).map(move |v| (side, (u, v)))))
+        {
+            let at = |u: i32, v: i32| {
+                let mut lattice = [side; 3];
+                (lattice[(axis + 1) % 3], lattice[(axis + 2) % 3]) = (u, v);
+                lattice
+            };
+            let [a, b, c, d] = [at(u, v), at(u + 1, v), at(u + 1, v + 1), at(u, v + 1)].map(&mut vertex);
+            triangles.extend(if side == 0 { [[a, c, b], [a, d, c]] } else { [[a, b, c], [a, c, d]] });
+        }
+    }
+    mesh.triangles = triangles;
     mesh
 }
 
@@ -99,6 +144,16 @@ impl Tube {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_filleted_box_is_closed_and_outward() {
+        let mesh = filleted_box(DVec3::new(0.024, 0.02, 0.016), 0.002, 4e-6);
+        let report = validate::inspect(&mesh);
+        let [x, y, z, r] = [0.02, 0.016, 0.012, 0.002_f64];
+        let volume_m3 =
+            x * y * z + 2.0 * r * (x * y + y * z + z * x) + TAU / 2.0 * r * r * (x + y + z) + 2.0 / 3.0 * TAU * r.powi(3);
+        assert!(report.closed && (report.signed_volume_m3 / volume_m3 - 1.0).abs() < 1e-3, "{report:?}");
+    }
 
     #[test]
     fn a_tube_is_closed_and_outward_however_finely_it_is_cut() {

@@ -6,6 +6,8 @@
 //! | [`fields`] | their errors, per field |
 //! | `couplings` | Q1 through the couplings, insertion of a peg, smoothness of the shipped scenes |
 //! | [`sliding`] | smoothness of the force law over the shipped scenes |
+//! | `curved`, `law` | smoothness, size and direction of the force over curved parts, beside the exact law |
+//! | `attitudes` | faces, corners and convergence of tools at random in their grids |
 //! | `speed`, `nut` | time against points, contact share, triangles; the nut on its bolt beside other programs |
 //! | `many` | time against the number of objects |
 //! | `torture` | a million points in a violent hand, every tick judged |
@@ -15,11 +17,14 @@
 //! | `fixture`, [`ripple`], `csv` | parts; what is rough; files |
 
 mod accuracy;
+mod attitudes;
 pub mod clay;
 mod couplings;
 mod csv;
+mod curved;
 pub mod fields;
 mod fixture;
+mod law;
 mod many;
 mod nut;
 pub mod ripple;
@@ -72,7 +77,7 @@ pub struct Quality {
 
 /// Measures the quality of forces. `tell` is called with each step.
 ///
-/// Cost: a minute or two; quick, some seconds.
+/// Cost: two or three minutes; quick, some seconds.
 ///
 /// # Errors
 /// A part that cannot be baked, or a file that cannot be written. A scene that is not there or that this version lacks is a row
@@ -88,6 +93,8 @@ pub fn quality(options: &Options, mut tell: impl FnMut(&str)) -> Result<Quality,
     let slides =
         if options.quick { Vec::new() } else { sliding::slides_with(&options.scenes, &DEPTHS_VOXELS, &mut cache, &mut tell)? };
     rows.extend(sliding::rows(&slides, &mut csv)?);
+    rows.extend(curved::rows(options, &mut csv, &mut tell)?);
+    rows.extend(attitudes::rows(options, &mut tell)?);
     let felt = couplings::measure(options, &measured, folder.path(), &mut csv, &mut cache, &mut tell)?;
     rows.extend(felt.rows);
     Ok(Quality { rows, choice: felt.choice, slides, felt: felt.series })
