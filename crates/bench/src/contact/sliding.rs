@@ -8,7 +8,7 @@
 //! | nut-on-bolt | pulled up against the flanks, screwed along the thread |
 //!
 //! *As shipped* is the contact sum of the scene behind its low-pass, as an arm without a virtual tool would get it: the whole delay of the
-//! filter. *Raw* is the voxel plane of 2008: `layers`, no entry weight, no low-pass, otherwise the same. Both are related to their own mean:
+//! filter. *Raw* is the voxel plane of 2008: a point for each voxel, `layers`, no entry weight, no low-pass, otherwise the same. Both are related to their own mean:
 //! a force that is only smaller is no smoother.
 
 use core::f64::consts::{PI, TAU};
@@ -20,6 +20,7 @@ use super::super::{BenchError, Row};
 use super::ripple::{lag_s, ripple_rms};
 use super::scenarios::{RATE_HZ, SPEED_M_PER_S};
 use super::{Csv, scenes};
+use hapticd::config::SceneConfig;
 use hapticd::daemon::prepare_with;
 use hapticd::scene::BakeOptions;
 use hapticd::scene::cache::Cache;
@@ -28,6 +29,7 @@ use haptics::filter::{ShapingFilter, Slide};
 use haptics::stability::filter_delay_s;
 use vps::contact::ContactSum;
 use vps::contact::ForceLaw;
+use vps::pointshell::Points;
 use vps::spatial::{Pose, Wrench};
 use vps::voxmap::field::FieldKind;
 
@@ -149,22 +151,27 @@ pub(super) fn slides_with(
         tell(&format!("{}: sliding at constant depth", track.scene));
         let failed = |why: String| BenchError::Prepare { what: track.scene.to_owned(), why };
         let config = hapticd::config::load(path).map_err(|errors| failed(errors.to_string()))?;
-        let (prepared, _) =
-            prepare_with(&config, &mut BakeOptions::from(&mut *cache), |_| ()).map_err(|error| failed(error.to_string()))?;
-        slid.extend(depths_voxels.iter().map(|depth_voxels| track.slide(&prepared.scene, *depth_voxels)));
+        let mut of_2008 = config.clone();
+        of_2008.tool.points = Points::Voxels;
+        let mut bake = |config: &SceneConfig| {
+            let baked = prepare_with(config, &mut BakeOptions::from(&mut *cache), |_| ());
+            baked.map(|(prepared, _)| prepared.scene).map_err(|error| failed(error.to_string()))
+        };
+        let (scene, of_2008) = (bake(&config)?, bake(&of_2008)?);
+        slid.extend(depths_voxels.iter().map(|depth_voxels| track.slide(&scene, &of_2008, *depth_voxels)));
     }
     Ok(slid)
 }
 
 impl Track {
-    fn slide(&self, scene: &RenderScene, depth_voxels: f64) -> SlideForces {
+    fn slide(&self, scene: &RenderScene, of_2008: &RenderScene, depth_voxels: f64) -> SlideForces {
         let p = &scene.parameters;
-        let force_law = |law: ForceLaw, pose: Pose| {
+        let force_law = |scene: &RenderScene, law: ForceLaw, pose: Pose| {
             let body = pose * Pose::from_translation(scene.tool.center_of_mass_tool);
             ContactSum::flat(&scene.obstacles, &scene.tool.shell, body, law)
         };
-        let shipped_law = |pose: Pose| force_law(p.force_law(), pose);
-        let of_2008 = ForceLaw { field: FieldKind::Layers, ..p.contact.force_law(false) };
+        let shipped_law = |pose: Pose| force_law(scene, p.force_law(), pose);
+        let raw_law = ForceLaw { field: FieldKind::Layers, ..p.contact.force_law(false) };
         let pressed = |pose: Pose, far_m: f64| Pose::new(pose.rotation, pose.translation + self.press * far_m);
         let middle = (self.at)(0.5 * self.long_s);
         let far_m = |wanted_voxels: f64| {
@@ -192,7 +199,7 @@ impl Track {
         let poses = || (0..n_ticks).map(|tick| pressed((self.at)(tick as f64 / RATE_HZ), depth_m));
         let n_ends = (SETTLED_S * RATE_HZ) as usize;
         let settled = |forces: Vec<DVec3>| forces[n_ends..n_ticks - n_ends].to_vec();
-        let raw = settled(poses().map(|pose| force_law(of_2008, pose).wrench.force).collect());
+        let raw = settled(poses().map(|pose| force_law(of_2008, raw_law, pose).wrench.force).collect());
         let unfiltered = settled(poses().map(|pose| shipped_law(pose).wrench.force).collect());
         let shipped = settled(filtered(&mut poses(), SPEED_M_PER_S));
         // At rest the filter is slowest.
