@@ -264,7 +264,9 @@ impl Level {
             let third = farthest(normals(), |normal| pair.dot(normal).abs());
             let mean = normals().sum::<DVec3>();
             // A corner on the boundary of a cell belongs to the one that holds its faces.
-            let Some(inside) = block.inside(place - mean.normalize_or_zero() * (1e-3 * block.edge)) else { continue };
+            let own = block.inside(place).filter(|inside| cells[*inside].n_groups > 0);
+            let beside = || block.inside(place - mean.normalize_or_zero() * (1e-3 * block.edge));
+            let Some(inside) = own.or_else(beside) else { continue };
             let is_convex = || around.iter().flat_map(|item| of(item).corners).all(|corner| (corner - place).dot(mean) <= 0.0);
             if pair.dot(third).abs() >= CORNER_VOLUME && is_convex() {
                 let cell = &mut cells[inside];
