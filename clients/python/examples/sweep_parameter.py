@@ -22,7 +22,7 @@ from hapticd.recordings import load
 
 SETTLE_S = 0.6
 """Loop time after which a parameter is where it was set: half a second through its whole range."""
-HEADER = ("value", "max_force_n", "mean_force_n", "ripple_n", "max_depth_mm", "contact_share")
+HEADER = ("value", "max_force_n", "mean_force_n", "ripple_n", "mean_depth_mm", "contact_share")
 
 
 def stretch(arm: Client, duration_s: float) -> Path:
@@ -38,7 +38,10 @@ def stretch(arm: Client, duration_s: float) -> Path:
 
 
 def judged(file: Path, duration_s: float) -> tuple[float, ...]:
-    """Largest and mean force in contact (N), what of it changes within 10 ms (rms, N), largest depth (mm), share of ticks in contact."""
+    """Largest and mean force in contact (N), what of it changes within 10 ms (rms, N), mean of the largest depth (mm), share of ticks in contact.
+
+    The largest depth of all would be that of the landing: how far the hand comes in a tick, or an encoder tells, whatever the parameter is.
+    """
     recording = load(file, ["/wrench/command", "/wrench/contact"])
     n_ticks = round(duration_s * recording.rate_hz)
     if len(recording) < n_ticks or recording.dropped:
@@ -50,7 +53,7 @@ def judged(file: Path, duration_s: float) -> tuple[float, ...]:
     size_n, ripple_n = np.linalg.norm(force_n, axis=1)[touches], np.linalg.norm(force_n - smooth_n, axis=1)[touches]
     if not touches.any():
         return 0.0, 0.0, 0.0, 0.0, 0.0
-    depth_mm = recording.contact.max_depth_m[:n_ticks].max() * 1e3
+    depth_mm = recording.contact.max_depth_m[:n_ticks][touches].mean() * 1e3
     return size_n.max(), size_n.mean(), np.sqrt((ripple_n**2).mean()), depth_mm, touches.mean()
 
 
