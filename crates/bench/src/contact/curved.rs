@@ -335,6 +335,15 @@ fn ripple_percent(forces: &[DVec3], rate_hz: f64) -> Option<f64> {
     ripple_rms(forces, rate_hz).filter(|_| mean_n > 0.0).map(|rms_n| 100.0 * rms_n / mean_n)
 }
 
+/// What of the ripple is not the law's: of the difference when both are related to their mean, at the rate of the law.
+fn own_ripple_percent(forces: &[DVec3], law: &[DVec3]) -> Option<f64> {
+    let mean_n = |forces: &[DVec3]| forces.iter().map(|force| force.length()).sum::<f64>() / forces.len() as f64;
+    let at_law: Vec<DVec3> = forces.iter().step_by(TICKS_PER_NODE).copied().collect();
+    let (of_forces, of_law) = (mean_n(&at_law), mean_n(law));
+    let difference: Vec<DVec3> = at_law.iter().zip(law).map(|(force, law)| *force / of_forces - *law / of_law).collect();
+    ripple_rms(&difference, RATE_HZ / TICKS_PER_NODE as f64).filter(|_| of_forces > 0.0).map(|rms| 100.0 * rms)
+}
+
 const GROUP: &str = "slides over curved parts at constant depth";
 
 pub(super) fn rows(options: &Options, csv: &mut Csv, tell: &mut dyn FnMut(&str)) -> Result<Vec<Row>, BenchError> {
@@ -401,6 +410,9 @@ fn rows_of(group: &str, slid: &[&Slid]) -> Vec<Row> {
     };
     let raw = rms(&of(RAW).ripple_percent).ok_or_else(|| "no contact".to_owned());
     let law: Vec<f64> = slid.iter().filter_map(|slid| ripple_percent(&slid.law, RATE_HZ / TICKS_PER_NODE as f64)).collect();
+    let own =
+        |idx: usize| rms(&slid.iter().filter_map(|slid| own_ripple_percent(&slid.forces[idx], &slid.law)).collect::<Vec<f64>>());
+    let raw_own = own(RAW).ok_or_else(|| "no contact".to_owned());
     let mut rows = vec![
         Row::new(group, "paths", slid.len() as f64, ""),
         Row::new(group, "the exact law: ripple above 10 Hz, RMS", rms(&law), "%"),
@@ -415,6 +427,8 @@ fn rows_of(group: &str, slid: &[&Slid]) -> Vec<Row> {
         let is_judged = SETTINGS[idx].points == Points::Facets;
         let is_plain = !SETTINGS[idx].law.smooth_entry;
         rows.push(if is_judged { ripple.at_least_times(10.0) } else { ripple });
+        let own = Row::new(group, format!("{name}: ripple that the law does not have"), own(idx), "%");
+        rows.push(if idx == RAW { own } else { own.beside_peer("raw", &raw_own) });
         rows.push(if is_judged && is_plain { error.at_most(2.0) } else { error });
         rows.push(Row::new(group, format!("{name}: error of the worst path"), worst, "%"));
         rows.push(Row::new(group, format!("{name}: angle to the law, median"), median(&figures.angle_deg), "°"));
