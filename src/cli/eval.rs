@@ -24,6 +24,8 @@ use vps::voxmap::field::FieldKind;
 
 /// Poses that one task looks at: enough that its memory is soon paid for.
 const POSES_PER_TASK: usize = 16;
+/// Poses that are looked at before their lines are written.
+const POSES_AT_A_TIME: usize = 4096;
 
 /// Arguments of `hapticd eval`.
 #[derive(Debug, clap::Args)]
@@ -159,27 +161,33 @@ fn body(scene: &RenderScene, world_from_tool: Pose) -> Pose {
 fn write_wrenches(file: &mut dyn Write, scene: &RenderScene, law: ForceLaw, poses: &[TimedPose]) -> io::Result<()> {
     writeln!(file, "t_s,fx_n,fy_n,fz_n,tx_nm,ty_nm,tz_nm,contacts,max_depth_m,clearance_m,query_ns")?;
     // The kernels of the tick: the bits of the specification, wherever a pose is looked at. Nothing is remembered from pose to pose.
-    let (obstacles, shell) = (&scene.obstacles, &scene.tool.shell);
-    let ready = Traversal::new(SimdLevel::best(), TraversalMode::Flat, obstacles, shell).with_broad_phase(false);
-    let sums = parallel::map_with(
-        poses.len(),
-        POSES_PER_TASK,
-        || ready.clone(),
-        |traversal, idx| {
-            let world_from_body = poses.get(idx).map_or(Pose::IDENTITY, |timed| body(scene, timed.pose));
-            let since = Instant::now();
-            let sum = ContactSum::of(traversal, obstacles, shell, world_from_body, law, None);
-            (world_from_body, sum, since.elapsed().as_nanos())
-        },
-    );
-    for (timed, (world_from_body, sum, query_ns)) in poses.iter().zip(sums) {
-        let wrench = sum.wrench.moved(world_from_body.translation, timed.pose.translation);
-        let [fx, fy, fz] = wrench.force.to_array();
-        let [tx, ty, tz] = wrench.torque.to_array();
-        let (depth_m, clearance_m) = (sum.max_value_m.max(0.0), -sum.max_value_m);
-        writeln!(file, "{},{fx},{fy},{fz},{tx},{ty},{tz},{},{depth_m},{clearance_m},{query_ns}", timed.time_s, sum.contacts)?;
+    let ready = Traversal::new(SimdLevel::best(), TraversalMode::Flat, &scene.obstacles, &scene.tool.shell).with_broad_phase(false);
+    // A part of the poses at a time: a reader of a pipe gets lines early, and what is held does not grow with the poses.
+    for poses in poses.chunks(POSES_AT_A_TIME) {
+        let lines = parallel::map_with(
+            poses.len(),
+            POSES_PER_TASK,
+            || ready.clone(),
+            |traversal, idx| poses.get(idx).map(|timed| line(traversal, scene, law, timed)),
+        );
+        for line in lines.into_iter().flatten() {
+            writeln!(file, "{line}")?;
+        }
     }
     Ok(())
+}
+
+/// What the contact does at one pose, as a line of CSV.
+fn line(traversal: &mut Traversal, scene: &RenderScene, law: ForceLaw, timed: &TimedPose) -> String {
+    let world_from_body = body(scene, timed.pose);
+    let since = Instant::now();
+    let sum = ContactSum::of(traversal, &scene.obstacles, &scene.tool.shell, world_from_body, law, None);
+    let query_ns = since.elapsed().as_nanos();
+    let wrench = sum.wrench.moved(world_from_body.translation, timed.pose.translation);
+    let [fx, fy, fz] = wrench.force.to_array();
+    let [tx, ty, tz] = wrench.torque.to_array();
+    let (depth_m, clearance_m) = (sum.max_value_m.max(0.0), -sum.max_value_m);
+    format!("{},{fx},{fy},{fz},{tx},{ty},{tz},{},{depth_m},{clearance_m},{query_ns}", timed.time_s, sum.contacts)
 }
 
 fn write_contacts(

@@ -423,7 +423,8 @@ fn no_random_scene_gives_energy_trembles_or_bursts() {
     tell(&coupled, "force kept back at the end", |v| 1.0 - v.share, 0.3);
     verdicts.iter().for_each(Verdict::assert_good);
     let n_still = verdicts.iter().filter(|verdict| verdict.is_still()).count();
-    // 189 of 200 with facets, 191 with points of voxels, of which four go on by more than 20 mN where two do with facets.
+    // 188 of 200 with facets, 184 where their edges push along their own normals; 191 with points of voxels, of which four go on by more than 20 mN
+    // where two do with facets.
     assert!(n_still * 50 >= verdicts.len() * 47, "{n_still} of {} are still", verdicts.len());
 }
 

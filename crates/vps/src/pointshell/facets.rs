@@ -238,8 +238,7 @@ impl Level {
             if one.outward.dot(other.outward) >= GROUP_COSINE || !is_below(other, one) {
                 continue;
             }
-            let end = |vertex: u32| (0..3).find(|at| one.vertices[*at] == vertex).map(|at| one.corners[at]);
-            if let (Some(from), Some(to)) = (end((ends >> 32) as u32), end(ends as u32)) {
+            if let (Some(from), Some(to)) = (one.place_of((ends >> 32) as u32), one.place_of(ends as u32)) {
                 add_edge(cells, from, to, block);
             }
         }
