@@ -44,7 +44,7 @@ pub(crate) struct Args {
     /// Apply the scene's contact normalisation.
     #[arg(long)]
     normalize: bool,
-    /// List single contacts in a file, or - for stdout: CSV of points, normals and depths, world axes.
+    /// List single contacts in a file, or - for stdout: CSV of points, normals, depths and weights, world axes.
     #[arg(long, value_name = "F.csv")]
     contacts_out: Option<PathBuf>,
     /// Contacts to list for each pose at most.
