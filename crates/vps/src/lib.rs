@@ -5,7 +5,7 @@
 //! number of triangles, so that it fits into a millisecond.
 //!
 //! ```text
-//!  file, Shape, triangles ─► Part ─► Voxmap ─┬─► Field ──► Obstacle ─┐
+//!  file, Shape, triangles ─► Part ─► Volume ─┬─► Field ──► Obstacle ─┐
 //!             mesh           part    voxmap  └─► Shell ──────────────┴─► ContactSum (wrench, stiffness, depth) of a pose
 //!                                                pointshell              contact
 //! ```

@@ -22,7 +22,7 @@ use crate::pointshell::shell::Shell;
 use crate::pointshell::{self, Points, ShellReport};
 use crate::voxmap::field::Field;
 use crate::voxmap::grid::GridError;
-use crate::voxmap::{BakeStage, Options, Voxmap};
+use crate::voxmap::{BakeStage, Options, Volume};
 
 /// A tessellation's chord error as a share of the voxel edge, so that the voxel size limits accuracy.
 const CHORD_SHARE: f64 = 0.02;
@@ -148,8 +148,8 @@ impl Part {
     ///
     /// # Errors
     /// A grid that is too large.
-    pub fn voxmap(&self, options: &Options, watch: impl FnMut(BakeStage)) -> Result<Voxmap, PartError> {
-        Voxmap::build(&self.mesh, &self.inspected, options, watch)
+    pub fn voxmap(&self, options: &Options, watch: impl FnMut(BakeStage)) -> Result<Volume, PartError> {
+        Volume::build(&self.mesh, &self.inspected, options, watch)
             .map_err(|source| PartError::Grid { name: self.name.clone(), source })
     }
 
@@ -159,7 +159,7 @@ impl Part {
     }
 
     /// The figures of what was built.
-    pub fn report(&self, role: PartRole, map: &Voxmap, shell: &ShellReport) -> ObjectReport {
+    pub fn report(&self, role: PartRole, map: &Volume, shell: &ShellReport) -> ObjectReport {
         ObjectReport::new(&self.name, role, &self.inspected, map, shell, self.load_s)
     }
 }

@@ -72,7 +72,7 @@ pub struct StageTimes {
 
 /// A classified volume: which cells are surface, outside, inside, and how far from the surface.
 #[derive(Debug)]
-pub struct Voxmap {
+pub struct Volume {
     /// Surface voxels; those of lids too.
     pub surface: Surface,
     /// Which of the cells without surface are outside.
@@ -99,7 +99,7 @@ pub struct Voxmap {
     pub timings: StageTimes,
 }
 
-impl Voxmap {
+impl Volume {
     /// Classifies the volume of a mesh: surface, fill, leak check, orientation, layers.
     ///
     /// # Errors
