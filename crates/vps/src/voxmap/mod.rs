@@ -68,7 +68,8 @@ pub mod sat;
 pub mod surface;
 mod winding;
 
-pub use build::{BakeStage, Options, StageTimes, Volume};
+pub(crate) use build::announce;
+pub use build::{Answer, BakeStage, Options, StageTimes, Volume};
 pub use distance::Distances;
 pub use hole_cap::CappedMesh;
 pub use leak::Leak;
