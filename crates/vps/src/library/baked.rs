@@ -118,7 +118,11 @@ impl Voxmap {
             if !Field::is_in(file) {
                 return Err("holds no voxmap: give the file that `Voxmap::save` wrote".to_owned());
             }
-            Ok(Self { field: Field::load(file).map_err(|refusal| remedy(&refusal))?, warnings: warnings(file) })
+            let field = Field::load(file).map_err(|refusal| remedy(&refusal))?;
+            if field.known_outside_m() <= 0.0 {
+                return Err("holds a thin skin with one layer of voxels: bake the part again with two or more".to_owned());
+            }
+            Ok(Self { field, warnings: warnings(file) })
         })
     }
 }

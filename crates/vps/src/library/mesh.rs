@@ -86,6 +86,12 @@ impl Mesh {
         &self.part.mesh.triangles
     }
 
+    /// Lowest and highest corner of the box around the triangles, m, mesh frame.
+    pub fn bounds(&self) -> (DVec3, DVec3) {
+        // Some triangle has an area.
+        self.part.mesh.bounds().unwrap_or_default()
+    }
+
     /// Volume, m³, centre of mass, m, and inertia per kilogram, m², of a part of even density; mesh frame.
     pub fn mass_properties(&self) -> MassProperties {
         self.part.mass_properties()
@@ -99,7 +105,8 @@ impl Mesh {
     /// The part, where these options can be baked within the memory that the system has left.
     pub(super) fn part_to_bake(&self, options: &Options, products: Products) -> Result<&Part, Error> {
         check("voxel_size_m", options.voxel_size_m, 1e-9..=1e6, "the edge of a voxel in metres, between 1 nm and 1000 km")?;
-        check("layers", options.layers.into(), 1.0..=126.0, "a number of layers of voxels from 1 to 126")?;
+        // Normals of points look two layers deep, and one layer of a thin skin, whose surface is a voxel away from its middle, would reach nowhere outside.
+        check("layers", options.layers.into(), 2.0..=126.0, "a number of layers of voxels from 2 to 126")?;
         self.part.fits(options, products)?;
         Ok(&self.part)
     }

@@ -15,7 +15,8 @@ const FACES: [[u32; 3]; 4] = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]];
 
 #[test]
 fn arrays_that_are_no_mesh() {
-    assert!(Mesh::from_arrays(&CORNERS, &FACES).unwrap().warnings().is_empty());
+    let mesh = Mesh::from_arrays(&CORNERS, &FACES).unwrap();
+    assert!(mesh.warnings().is_empty() && mesh.bounds() == (DVec3::ZERO, DVec3::splat(0.03)));
     assert_eq!(
         said(Mesh::from_arrays(&[], &[])),
         "mesh from arrays: none of the 0 triangles has an area: give the surface of the part"
@@ -53,7 +54,7 @@ fn voxels_that_cannot_be() {
         assert!(said(Voxmap::bake(&mesh, &Options::new(wrong))).starts_with("voxel_size_m is "), "{wrong}");
         assert!(said(PointShell::bake(&mesh, &Options::new(wrong))).starts_with("voxel_size_m is "), "{wrong}");
     }
-    for layers in [0, 127, u32::MAX] {
+    for layers in [0, 1, 127, u32::MAX] {
         assert!(said(Voxmap::bake(&mesh, &Options { layers, ..Options::new(1e-3) })).starts_with("layers is "), "{layers}");
     }
     let fine = said(Voxmap::bake(&mesh, &Options::new(1e-8)));
@@ -93,12 +94,18 @@ fn poses_and_points_that_are_none() {
     query.wrench(Pose::new(rounded, DVec3::ZERO)).unwrap();
 }
 
+fn obj(folder: &tempfile::TempDir) -> std::path::PathBuf {
+    let path = folder.path().join("part.obj");
+    std::fs::write(&path, "v 0 0 0\nv 0.03 0 0\nv 0 0.03 0\nv 0 0 0.03\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n").unwrap();
+    path
+}
+
 #[test]
 fn files_that_hold_no_part() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     let mesh = Mesh::from_arrays(&CORNERS, &FACES).unwrap();
-    let options = Options { layers: 1, ..Options::new(10e-3) };
+    let options = Options { layers: 2, ..Options::new(10e-3) };
     Voxmap::bake(&mesh, &options).unwrap().save(path("voxmap")).unwrap();
     PointShell::bake(&mesh, &options).unwrap().save(path("shell")).unwrap();
     assert!(said(Voxmap::load(path("shell"))).ends_with("holds no voxmap: give the file that `Voxmap::save` wrote"));
@@ -107,6 +114,14 @@ fn files_that_hold_no_part() {
     assert!(said(Voxmap::load(folder.path())).contains("cannot be read"));
     let unwritable = Voxmap::load(path("voxmap")).unwrap().save(path("no/such/folder"));
     assert!(said(unwritable).contains("cannot be written"));
+    // What the bake cache may hold, and no query can answer.
+    let thin = Options { layers: 1, sides: vps::InsideTest::Thin, ..Options::new(10e-3) };
+    let (field, _) = vps::part::Part::load("skin", &obj(&folder), 1.0).unwrap().bake_field(&thin, false, |_| ()).unwrap();
+    let mut file = vps::storage::sections::Writer::default();
+    let head = field.head();
+    field.store(&head, &mut file);
+    file.write_to([0; 16], vps::part::GENERATION, &mut std::fs::File::create(path("thin")).unwrap()).unwrap();
+    assert!(said(Voxmap::load(path("thin"))).contains("two or more"));
     // Every bit of a file that is read is covered by a checksum: a changed or shorter file is refused, but for the zeros between sections.
     let bytes = std::fs::read(path("voxmap")).unwrap();
     let mut refused = 0;
