@@ -1,0 +1,137 @@
+"""Wrenches, contacts and distances against closed forms."""
+
+import multiprocessing
+from concurrent.futures import ThreadPoolExecutor
+
+import hapticd_vps as vps
+import numpy as np
+import pytest
+from conftest import VOXEL_M, box
+from numpy.typing import NDArray
+
+IDENTITY = [0.0, 0.0, 0.0, 1.0]
+
+
+def poses_near_contact(n: int) -> NDArray[np.float64]:
+    """Poses of the cube over the block: turned in every direction, half of them in contact."""
+    random = np.random.default_rng(24)
+    rotations = random.normal(size=(n, 4))
+    rotations /= np.linalg.norm(rotations, axis=1, keepdims=True)
+    return np.hstack([random.uniform([-0.02, -0.02, 0.008], [0.02, 0.02, 0.02], (n, 3)), rotations])
+
+
+def matrices(poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 4, 4) of (n, 7)."""
+    x, y, z, w = poses[:, 3:].T
+    rotation = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    matrix = np.zeros((len(poses), 4, 4))
+    matrix[:, :3, :3] = rotation.transpose(2, 0, 1)
+    matrix[:, :3, 3] = poses[:, :3]
+    matrix[:, 3, 3] = 1
+    return matrix
+
+
+def test_a_face_pushes_as_an_elastic_foundation(query: vps.ContactQuery) -> None:
+    depth_m = 2e-4
+    found = query.wrench([0.001, 0.002, 0.01 - depth_m, *IDENTITY])
+    force_n = 2000.0 * depth_m * 0.01**2 / VOXEL_M**2
+    assert found["force_n"] == pytest.approx([0, 0, force_n], rel=0.01, abs=0.01 * force_n)
+    # About the corner of the cube: the force acts in the middle of its lower face.
+    assert found["torque_nm"] == pytest.approx([0.005 * force_n, -0.005 * force_n, 0], rel=0.01, abs=1e-4 * force_n)
+    assert found["penetration_m"] == pytest.approx(depth_m, abs=1e-6)
+    assert found["clearance_m"] == 0 and found["contacts"] >= 400
+
+
+def test_without_contact_there_is_a_clearance(query: vps.ContactQuery, block: vps.Voxmap) -> None:
+    near = query.wrench([0, 0, 0.01 + 1e-3, *IDENTITY])
+    assert near["clearance_m"] == pytest.approx(1e-3, abs=2e-5)
+    assert near["contacts"] == 0 and not near["force_n"].any() and near["penetration_m"] == 0
+    assert query.wrench([0, 0, 1, *IDENTITY])["clearance_m"] == block.band_m
+
+
+def test_many_poses_give_the_bits_of_each(query: vps.ContactQuery) -> None:
+    poses = poses_near_contact(5000)
+    together = query.wrench(poses)
+    assert together.shape == (5000,) and together.dtype == vps.WRENCH_DTYPE
+    assert 1000 < np.count_nonzero(together["contacts"]) < 4500
+    with ThreadPoolExecutor(4) as threads:
+        each = list(threads.map(query.wrench, poses))
+    assert together.tobytes() == np.array(each, dtype=vps.WRENCH_DTYPE).tobytes()
+
+
+def test_a_matrix_is_the_pose_of_its_quaternion(query: vps.ContactQuery) -> None:
+    poses = poses_near_contact(200)
+    by_quaternion, by_matrix = query.wrench(poses), query.wrench(matrices(poses))
+    for column in ("force_n", "torque_nm", "penetration_m", "clearance_m"):
+        assert by_matrix[column] == pytest.approx(by_quaternion[column], rel=1e-3, abs=1e-4), column
+    assert query.wrench(matrices(poses)[7]) == by_matrix[7]
+    # Also where the matrix counts single precision, and as nested lists.
+    single = query.wrench(matrices(poses).astype(np.float32).tolist())
+    assert single["force_n"] == pytest.approx(by_matrix["force_n"], rel=1e-2, abs=0.1)
+
+
+def test_contacts_add_up_to_the_wrench(query: vps.ContactQuery) -> None:
+    touching = 0
+    for pose in poses_near_contact(50):
+        found, contacts = query.wrench(pose), query.contacts(pose)
+        assert contacts.dtype == vps.CONTACT_DTYPE and len(contacts) == found["contacts"]
+        arms = contacts["position_m"] - pose[:3]
+        size = float(np.linalg.norm(found["force_n"])) + 1e-9
+        assert contacts["force_n"].sum(axis=0) == pytest.approx(found["force_n"], abs=1e-4 * size)
+        assert np.cross(arms, contacts["force_n"]).sum(axis=0) == pytest.approx(found["torque_nm"], abs=1e-6 * size)
+        assert (np.diff(contacts["point"]) > 0).all() and (contacts["depth_m"] > 0).all()
+        if len(contacts):
+            touching += 1
+            assert contacts["depth_m"].max() == pytest.approx(found["penetration_m"], rel=1e-6)
+            assert np.linalg.norm(contacts["normal"], axis=1) == pytest.approx(1)
+    assert touching > 10
+
+
+def test_distances_to_a_box(block: vps.Voxmap) -> None:
+    random = np.random.default_rng(1)
+    # Over the upper face, away from its edges.
+    points = random.uniform([-0.01, -0.01, 0.0075], [0.01, 0.01, 0.0125], (10_000, 3))
+    distances, gradients = block.distance(points)
+    assert distances.shape == (10_000,) and gradients.shape == (10_000, 3)
+    assert distances == pytest.approx(points[:, 2] - 0.01, abs=1e-6)
+    assert gradients == pytest.approx(np.tile([0, 0, 1.0], (10_000, 1)), abs=1e-3)
+    one, gradient = block.distance(points[3])
+    assert isinstance(one, float) and one == distances[3] and (gradient == gradients[3]).all()
+    far, gradient = block.distance([1, 1, 1])
+    assert far == block.band_m and not gradient.any()
+
+
+def test_nothing_to_ask_is_no_error(query: vps.ContactQuery, block: vps.Voxmap) -> None:
+    assert query.wrench(np.empty((0, 7))).shape == (0,)
+    distances, gradients = block.distance(np.empty((0, 3)))
+    assert distances.shape == (0,) and gradients.shape == (0, 3)
+
+
+def test_float32_and_lists_are_taken() -> None:
+    mesh = box([0, 0, 0], [0.01, 0.01, 0.01])
+    same = vps.Mesh(mesh.vertices.astype(np.float32), mesh.faces.astype(np.int16).tolist())
+    assert (same.faces == mesh.faces).all() and same.vertices == pytest.approx(mesh.vertices, abs=1e-9)
+    assert mesh.volume_m3 == pytest.approx(1e-6) and mesh.center_of_mass_m == pytest.approx([0.005] * 3)
+    assert mesh.warnings == []
+
+
+def child(query: vps.ContactQuery, poses: NDArray[np.float64], bits: bytes) -> None:
+    assert query.wrench(poses).tobytes() == bits
+
+
+def test_a_forked_process_has_threads_of_its_own(query: vps.ContactQuery) -> None:
+    poses = poses_near_contact(1000)
+    bits = query.wrench(poses).tobytes()
+    process = multiprocessing.get_context("fork").Process(target=child, args=(query, poses, bits))
+    process.start()
+    process.join(300)
+    hangs = process.is_alive()
+    process.kill()
+    process.join()
+    assert not hangs and process.exitcode == 0

@@ -1,0 +1,123 @@
+"""Baking, files and views."""
+
+import gc
+import signal
+from pathlib import Path
+from typing import Any
+
+import hapticd_vps as vps
+import numpy as np
+import pytest
+from conftest import VOXEL_M, box
+from numpy.typing import NDArray
+
+POSE = [0.001, 0.002, 0.0098, 0, 0, 0, 1]
+
+
+def test_saved_parts_give_the_same_bits(tmp_path: Path, block: vps.Voxmap, cube: vps.PointShell, query: vps.ContactQuery) -> None:
+    block.save(tmp_path / "block")
+    cube.save(str(tmp_path / "cube"))
+    again = vps.ContactQuery(vps.Voxmap.load(tmp_path / "block"), vps.PointShell.load(tmp_path / "cube"), 2000.0)
+    assert again.wrench(POSE).tobytes() == query.wrench(POSE).tobytes()
+
+
+def test_files_that_are_none(tmp_path: Path, block: vps.Voxmap) -> None:
+    with pytest.raises(vps.FileError, match="none: ") as raised:
+        vps.Voxmap.load(tmp_path / "none")
+    assert isinstance(raised.value, OSError)
+    with pytest.raises(vps.FileError, match="no such file"):
+        vps.Mesh.load(tmp_path / "none.obj")
+    with pytest.raises(vps.FileError, match="cannot be written"):
+        block.save(tmp_path / "no-folder" / "block")
+    block.save(tmp_path / "block")
+    with pytest.raises(vps.FileError, match="holds no pointshell"):
+        vps.PointShell.load(tmp_path / "block")
+    whole = (tmp_path / "block").read_bytes()
+    for name, damaged in {"cut": whole[: len(whole) // 2], "other": b"solid x" * 100, "empty": b""}.items():
+        (tmp_path / name).write_bytes(damaged)
+        with pytest.raises(vps.FileError, match=name):
+            vps.Voxmap.load(tmp_path / name)
+
+
+def test_mesh_files_in_their_unit(tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 10 0 0\nv 0 10 0\nv 0 0 10\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+    mesh = vps.Mesh.load(tmp_path / "a.obj", 1e-3)
+    assert mesh.vertices.shape == (4, 3) and mesh.vertices.max() == 0.01 and mesh.volume_m3 == pytest.approx(1e-6 / 6)
+    (tmp_path / "b.obj").write_text("v 0 0 0\nv x 0 0\n")
+    with pytest.raises(vps.InvalidInput, match="b.obj.*2"):
+        vps.Mesh.load(tmp_path / "b.obj")
+
+
+def test_progress_names_the_stages() -> None:
+    mesh, told = box([0, 0, 0], [0.01, 0.01, 0.01]), list[str]()
+    vps.Voxmap.bake(mesh, VOXEL_M, progress=told.append)
+    assert told == ["surface", "fill", "layers", "distance"]
+    told.clear()
+    vps.PointShell.bake(mesh, VOXEL_M, progress=told.append)
+    assert told == ["surface", "fill", "layers", "pointshell"]
+
+
+def test_progress_and_signals_end_a_bake() -> None:
+    mesh, told = box([0, 0, 0], [0.01, 0.01, 0.01]), list[str]()
+
+    def enough(stage: str) -> None:
+        told.append(stage)
+        if stage == "fill":
+            raise LookupError("enough")
+
+    def interrupted(stage: str) -> None:
+        told.append(stage)
+        signal.raise_signal(signal.SIGINT)
+
+    with pytest.raises(LookupError, match="enough"):
+        vps.Voxmap.bake(mesh, VOXEL_M, progress=enough)
+    assert told == ["surface", "fill"]
+    told.clear()
+    with pytest.raises(KeyboardInterrupt):
+        vps.PointShell.bake(mesh, VOXEL_M, progress=interrupted)
+    assert told == ["surface"]
+
+
+def test_views_are_the_memory_and_outlive_the_part() -> None:
+    mesh = box([0, 0, 0], [0.01, 0.01, 0.01])
+    voxmap, shell = vps.Voxmap.bake(mesh, VOXEL_M), vps.PointShell.bake(mesh, VOXEL_M)
+    views: dict[str, tuple[NDArray[Any], NDArray[Any]]] = {
+        "vertices": (mesh.vertices, mesh.vertices),
+        "faces": (mesh.faces, mesh.faces),
+        "bricks": (voxmap.bricks, voxmap.bricks),
+        "brick_index": (voxmap.brick_index, voxmap.brick_index),
+        "positions_m": (shell.positions_m, shell.positions_m),
+        "normals": (shell.normals, shell.normals),
+        "weights": (shell.weights, shell.weights),
+    }
+    for name, (view, again) in views.items():
+        assert np.shares_memory(view, again), name
+        assert not view.flags.writeable and not view.flags.owndata, name
+        with pytest.raises(ValueError):
+            view.flags.writeable = True
+    copies = {name: view.copy() for name, (view, _) in views.items()}
+    del mesh, voxmap, shell
+    gc.collect()
+    _ = [np.full(10_000, 7.0) for _ in range(1000)]
+    for name, (view, _) in views.items():
+        assert view.tobytes() == copies[name].tobytes(), name
+
+
+def test_what_the_views_hold(block: vps.Voxmap, cube: vps.PointShell) -> None:
+    # Each sample of a brick is the depth that the look-up gives at the centre of its voxel, which ends at the band.
+    index, bricks = block.brick_index, block.bricks
+    assert bricks.shape[1:] == (9, 9, 9)
+    places = np.argwhere(index < len(bricks))
+    assert len(places) == len(bricks)
+    for place in places[:: len(places) // 20]:
+        center_m = block.origin_m + (8 * place + [3, 4, 5] + np.array(0.5)) * block.voxel_size_m
+        sample_m = np.clip(bricks[index[tuple(place)], 3, 4, 5], -block.band_m, block.band_m)
+        assert -block.distance(center_m)[0] == pytest.approx(float(sample_m), abs=1e-7)
+    assert set(index[index >= len(bricks)]) <= {vps.Voxmap.FAR_OUTSIDE, vps.Voxmap.DEEP_INSIDE}
+    # The points of the cube lie on its surface, their normals point into it, their areas add up.
+    points, normals = (array.reshape(-1, 3)[: len(cube)] for array in (cube.positions_m, cube.normals))
+    assert np.isnan(cube.positions_m.reshape(-1, 3)[len(cube) :]).all()
+    assert np.abs(points).max(axis=1) == pytest.approx(0.005, abs=1e-6)
+    assert ((points * normals).sum(axis=1) < 0).all() and np.linalg.norm(normals, axis=1) == pytest.approx(1, abs=1e-5)
+    area_m2 = cube.weights.reshape(-1)[: len(cube)].sum() * cube.voxel_size_m**2
+    assert area_m2 == pytest.approx(6 * 0.01**2, rel=0.02) and cube.center_of_mass_m == pytest.approx([0.005] * 3)
