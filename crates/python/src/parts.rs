@@ -17,6 +17,9 @@ use crate::pool;
 /// Points that one task looks up.
 const POINTS_PER_TASK: usize = 1024;
 
+// Signatures and stubs show the number itself.
+const _: () = assert!(Options::DEFAULT_LAYERS == 8);
+
 fn options(voxel_size_m: f64, layers: i64) -> PyResult<Options> {
     let layers = u32::try_from(layers)
         .map_err(|_| InvalidInput::new_err(format!("layers is {layers}: give a number of layers of voxels from 2 to 126")))?;
@@ -107,7 +110,7 @@ impl Voxmap {
     /// Raises InvalidInput: an option out of range, more voxels than memory holds.
     /// Cost: time and memory follow layers x area / voxel size²; all processors; the same bits for any number of threads.
     #[staticmethod]
-    #[pyo3(signature = (mesh, voxel_size_m, *, layers = i64::from(Options::DEFAULT_LAYERS), progress = None), text_signature = "(mesh, voxel_size_m, *, layers=8, progress=None)")]
+    #[pyo3(signature = (mesh, voxel_size_m, *, layers = 8, progress = None))]
     fn bake(py: Python<'_>, mesh: &Mesh, voxel_size_m: f64, layers: i64, progress: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
         let options = options(voxel_size_m, layers)?;
         let voxmap = pool::bake(py, progress, |watch| vps::Voxmap::bake_with(&mesh.mesh, &options, watch))?;
@@ -234,7 +237,7 @@ impl PointShell {
     ///
     /// Arguments, errors and cost as of `Voxmap.bake`; the stages are "surface", "fill", "layers" and "pointshell".
     #[staticmethod]
-    #[pyo3(signature = (mesh, voxel_size_m, *, layers = i64::from(Options::DEFAULT_LAYERS), progress = None), text_signature = "(mesh, voxel_size_m, *, layers=8, progress=None)")]
+    #[pyo3(signature = (mesh, voxel_size_m, *, layers = 8, progress = None))]
     fn bake(py: Python<'_>, mesh: &Mesh, voxel_size_m: f64, layers: i64, progress: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
         let options = options(voxel_size_m, layers)?;
         let shell = pool::bake(py, progress, |watch| vps::PointShell::bake_with(&mesh.mesh, &options, watch))?;
