@@ -112,19 +112,19 @@ static size_t mutate(unsigned char *bytes, size_t n, size_t room) {
 }
 
 static vps_mesh *mesh_of_file(char **seeds, int n_seeds) {
-  static const char *const endings[] = {"obj", "stl", "ply"};
+  static const char *const folders[] = {"/obj/", "/stl/", "/ply/", "/threemf/", "/gltf/"};
+  static const char *const endings[] = {"obj", "stl", "ply", "3mf", "gltf", "glb"};
   const char *from = n_seeds > 0 ? seeds[below((size_t)n_seeds)] : "";
   Bytes bytes = read_file(from);
   bytes.bytes = realloc(bytes.bytes, bytes.n + 4096);
   bytes.n = mutate(bytes.bytes, bytes.n, bytes.n + 4096);
-  const char *ending = endings[below(3)];
-  for (int n = 0; n < 3 && !one_in(20); ++n) {
-    char part[8];
-    snprintf(part, sizeof part, "/%s/", endings[n]);
-    if (strstr(from, part) != NULL) ending = endings[n];
+  size_t ending = below(6);
+  if (!one_in(20)) {
+    for (size_t n = 0; n < 5; ++n) ending = strstr(from, folders[n]) != NULL ? n : ending;
+    if (ending == 4 && bytes.n > 0 && bytes.bytes[0] == 'g') ending = 5;
   }
   char name[512];
-  snprintf(name, sizeof name, "%s/part.%s", folder, ending);
+  snprintf(name, sizeof name, "%s/part.%s", folder, endings[ending]);
   write_file(name, bytes.bytes, bytes.n);
   free(bytes.bytes);
   vps_mesh *mesh = NULL;

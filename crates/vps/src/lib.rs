@@ -81,3 +81,8 @@ pub use mesh::primitives::Shape;
 pub use spatial::{Pose, Wrench};
 pub use voxmap::inside_test::InsideTest;
 pub use voxmap::{BakeStage, Options};
+
+/// Runs the example of the README.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

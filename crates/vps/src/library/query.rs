@@ -131,8 +131,9 @@ impl ContactQuery {
         let band_m: f64 = self.obstacle[0].field.known_outside_m().into();
         traversal.set_mode(TraversalMode::Tree);
         let mut sum = ask(traversal, also);
-        // What touches is found to the bit. Of what does not, the tree knows only that it is at least so far.
-        if sum.contacts == 0 && sum.max_value_m > -band_m {
+        // What touches is found to the bit. Of what does not, the tree knows only how far it may go before it touches, which is more than its distance
+        // from a surface that nothing can touch.
+        if sum.contacts == 0 && traversal.n_near() > 0 {
             traversal.set_mode(TraversalMode::Flat);
             sum = ask(traversal, None);
         }

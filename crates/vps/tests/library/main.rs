@@ -124,6 +124,22 @@ fn a_query_is_the_specification_bit_for_bit_and_its_contacts_add_up() {
     assert!((20..180).contains(&touching), "{touching} of 200 poses touch");
 }
 
+/// Found with random input: a part that is smaller than a voxel has no inside, nothing can touch it, and the walk down the tree calls that far.
+#[test]
+fn a_clearance_is_a_distance_also_where_nothing_can_touch() {
+    let options = Options { sides: vps::InsideTest::Winding, ..Options::new(15.26e-3) };
+    let needle = Mesh::from_shape(&Shape::Cone { radius_m: 1e-3, height_m: 18.58e-3 }, 1e-4).unwrap();
+    let (voxmap, shell) = (Voxmap::bake(&needle, &options).unwrap(), PointShell::bake(&needle, &options).unwrap());
+    assert!(voxmap.warnings()[0].contains("nothing is inside"), "{:?}", voxmap.warnings());
+    let query = ContactQuery::new(&voxmap, &shell, 1e3).unwrap();
+    let obstacles = [Obstacle { field: voxmap.field().clone(), world_from_map: Pose::IDENTITY }];
+    for pose in [Pose::IDENTITY, Pose::from_translation(DVec3::X)].into_iter().chain(poses(20)) {
+        let body = pose * Pose::from_translation(shell.mass_properties().center_m);
+        let truth = ContactSum::flat(&obstacles, shell.shell(), body, ForceLaw::PLAIN);
+        assert_eq!(query.wrench(pose).unwrap().clearance_m, -truth.max_value_m, "{pose:?}");
+    }
+}
+
 #[test]
 fn a_batch_gives_the_same_bits_on_any_number_of_threads_and_in_any_order() {
     let query = ball_on_block();
