@@ -18,6 +18,15 @@ WEIGHT_N = 0.08 * 9.81
 mujoco.mj_loadPluginLibrary(os.environ["HAPTICD_MUJOCO_PLUGIN"])
 
 
+def test_the_example_of_the_readme_weighs_the_peg(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = re.search(r"```python\n(.*?)```", (FOLDER / "README.md").read_text(), re.S)
+    assert found and "./libhapticd_mujoco.so" in found[1]
+    monkeypatch.chdir(FOLDER.parents[1])
+    names: dict[str, Any] = {}
+    exec(found[1].replace("./libhapticd_mujoco.so", os.environ["HAPTICD_MUJOCO_PLUGIN"]), names)
+    assert names["data"].sensor("wrench").data[:3] == pytest.approx([0, 0, WEIGHT_N], abs=2e-3 * WEIGHT_N)
+
+
 def load(**changes: str) -> tuple[Any, Any]:
     text = MODEL
     for key, value in changes.items():
