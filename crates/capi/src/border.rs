@@ -187,3 +187,23 @@ pub(crate) fn lines(sentences: &[String]) -> CString {
 pub(crate) fn text(text: Option<&CString>) -> *const c_char {
     text.map_or(c"".as_ptr(), |text| text.as_ptr())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_panic_ends_at_the_border_with_its_text() {
+        std::panic::set_hook(Box::new(|_| ()));
+        let mut out = MaybeUninit::new(std::ptr::dangling_mut::<u32>());
+        let status = make(Some(&mut out), || panic!("the {}th point", 7));
+        let _ = std::panic::take_hook();
+        assert_eq!(status, VPS_ERROR_INTERNAL);
+        // SAFETY: `make` writes it first; the text is a string of this thread.
+        let (handle, text) = unsafe { (out.assume_init(), CStr::from_ptr(vps_last_error())) };
+        assert!(handle.is_null());
+        assert_eq!(text.to_str(), Ok("a mistake in libvps, please report it: the 7th point"));
+        // Another thread has its own.
+        assert!(std::thread::spawn(|| LAST_ERROR.with_borrow(|text| text.is_empty())).join().unwrap());
+    }
+}
