@@ -70,6 +70,8 @@ enum Group {
     Loop,
     /// A million points in a violent hand: ten minutes of simulated time, two of real time. Only when asked for.
     Torture,
+    /// Parts inserted at several voxel sizes, clearances and errors of the hand. Only when asked for.
+    Insertions,
     /// Sculpting.
     Sculpt,
     /// Table 1, figures 6 and 7 and the remarks of the paper of 2008. Only when asked for.
@@ -79,7 +81,7 @@ enum Group {
 
 impl Args {
     fn wants(&self, group: Group) -> bool {
-        let is_on_request = matches!(group, Group::Torture | Group::Sagardia2008);
+        let is_on_request = matches!(group, Group::Torture | Group::Insertions | Group::Sagardia2008);
         if self.group.is_empty() { !is_on_request } else { self.group.contains(&group) }
     }
 }
@@ -176,6 +178,11 @@ fn measure(args: &Args, program: PathBuf, n_threads: usize, machine: &str) -> Re
     }
     if wanted(Group::Torture) {
         rows.extend(contact::torture(&options, told)?);
+    }
+    if wanted(Group::Insertions) {
+        let (found, markdown) = contact::insertions(&options, told)?;
+        rows.extend(found);
+        table.push_str(&markdown);
     }
     if wanted(Group::Loop) {
         rows.extend(loops::run(&loops::Options { program, quick: args.quick, scenes: args.scenes.clone() }, told)?);

@@ -136,6 +136,19 @@ fn a_quick_bench_of_quality_writes_its_raw_results() {
 }
 
 #[test]
+fn a_quick_bench_of_insertions_lets_in_what_fits_and_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let rows = rows_of(folder.path(), &["insertions", "--quick"]);
+    for hand in ["straight", "0.2 mm beside, 1° tilted"] {
+        let found = |what: &str| {
+            find(&rows, "insertions", &format!("{what} mm of clearance, voxels of 0.2 mm, {hand}: is in"))["value"].clone()
+        };
+        assert_eq!((found("peg, 0.1"), found("peg, -0.1")), (1.0.into(), 0.0.into()), "{hand}");
+    }
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "nothing stays in the temporary folder");
+}
+
+#[test]
 fn a_quick_torture_judges_every_tick() {
     let folder = tempfile::tempdir().unwrap();
     let rows = rows_of(folder.path(), &["torture", "--quick"]);

@@ -10,6 +10,7 @@
 //! | `attitudes` | faces, corners and convergence of tools at random in their grids |
 //! | `speed`, `nut` | time against points, contact share, triangles; the nut on its bolt beside other programs |
 //! | `many` | time against the number of objects |
+//! | `insertions` | which voxel size an insertion needs |
 //! | `torture` | a million points in a violent hand, every tick judged |
 //! | [`clay`] | steps of the force between updates of clay; what a tick on clay costs |
 //! | `accuracy` | fields of real meshes beside exact distances |
@@ -24,6 +25,7 @@ mod csv;
 mod curved;
 pub mod fields;
 mod fixture;
+mod insertions;
 mod law;
 mod many;
 mod nut;
@@ -109,6 +111,15 @@ pub fn speed(options: &Options, mut tell: impl FnMut(&str)) -> Result<Vec<Row>, 
     rows.extend(nut::rows(options, &mut tell)?);
     rows.extend(many::rows(options, &mut tell)?);
     Ok(rows)
+}
+
+/// Inserts parts at several voxel sizes and clearances: rows, and a table as markdown. `tell` is called with each step. Cost: some minutes; quick, some
+/// seconds.
+///
+/// # Errors
+/// A scene that cannot be baked or played.
+pub fn insertions(options: &Options, mut tell: impl FnMut(&str)) -> Result<(Vec<Row>, String), BenchError> {
+    insertions::measure(options, &mut tell)
 }
 
 /// Plays a violent hand with a million points, and judges every tick. `tell` is called with each step. Cost: a quarter of an hour; quick,
