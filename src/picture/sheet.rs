@@ -190,12 +190,12 @@ mod tests {
     use vps::mesh::validate::inspect;
     use vps::pointshell;
     use vps::voxmap::inside_test::InsideTest;
-    use vps::voxmap::{Options, Voxmap};
+    use vps::voxmap::{Options, Volume};
 
     fn sheet(size_m: DVec3, voxel_size_m: f64) -> ([Panel; 3], tiny_skia::Pixmap) {
         let mesh = Shape::Box { size_m }.tessellate(1e-4);
         let options = Options { voxel_size_m, layers: 3, navigation: None, sides: InsideTest::Auto };
-        let map = Voxmap::build(&mesh, &inspect(&mesh), &options, |_| {}).unwrap();
+        let map = Volume::build(&mesh, &inspect(&mesh), &options, |_| {}).unwrap();
         let (shell, _) = pointshell::build(&mesh, &map, DVec3::ZERO);
         let subject = BakedObject {
             name: "box",

@@ -325,12 +325,12 @@ fn clay_adds_to_a_rigid_obstacle_and_takes_nothing_from_it() {
     use vps::mesh::primitives::Shape;
     use vps::mesh::validate::inspect;
     use vps::voxmap::inside_test::InsideTest;
-    use vps::voxmap::{Options, Voxmap};
+    use vps::voxmap::{Options, Volume};
 
     let slab = Shape::Plane { x_m: 0.04, y_m: 0.04, thickness_m: 0.02 }.tessellate(1e-5);
     let options = Options { voxel_size_m: H, layers: 8, navigation: None, sides: InsideTest::Auto };
     let obstacle = || {
-        let mut map = Voxmap::build(&slab, &inspect(&slab), &options, |_| ()).expect("a grid that fits");
+        let mut map = Volume::build(&slab, &inspect(&slab), &options, |_| ()).expect("a grid that fits");
         Obstacle { field: map.field(&slab, false), world_from_map: Pose::IDENTITY }
     };
     let place = DVec3::Z * 3.5e-3;

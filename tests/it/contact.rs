@@ -11,7 +11,7 @@ use vps::pointshell::{self, shell::Shell};
 use vps::spatial::{Pose, Wrench};
 use vps::voxmap::field::FieldKind;
 use vps::voxmap::inside_test::InsideTest;
-use vps::voxmap::{Options, Voxmap};
+use vps::voxmap::{Options, Volume};
 
 const STIFFNESS_N_PER_M: f64 = 1000.0;
 
@@ -19,9 +19,9 @@ fn contact(field: FieldKind) -> ForceLaw {
     ForceLaw { field, stiffness_n_per_m: STIFFNESS_N_PER_M, ..ForceLaw::PLAIN }
 }
 
-fn build(mesh: &TriangleMesh, voxel_size_m: f64, layers: u32) -> Voxmap {
+fn build(mesh: &TriangleMesh, voxel_size_m: f64, layers: u32) -> Volume {
     let options = Options { voxel_size_m, layers, navigation: None, sides: InsideTest::Auto };
-    Voxmap::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
+    Volume::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
 }
 
 /// An obstacle with its origin at the world's, and the height of the plane through the centres of its top surface voxels.

@@ -15,7 +15,7 @@ use vps::mesh::validate;
 use vps::pointshell::{self, shell::Shell};
 use vps::spatial::{Axes, DeviceSample, Pose, SampleStatus, Twist, Wrench};
 use vps::voxmap::inside_test::InsideTest;
-use vps::voxmap::{Options, Voxmap};
+use vps::voxmap::{Options, Volume};
 
 use super::rig;
 
@@ -47,9 +47,9 @@ fn coupling_with(change: impl FnOnce(&mut Parameters)) -> Parameters {
     parameters
 }
 
-fn build(mesh: &TriangleMesh, voxel_size_m: f64) -> Voxmap {
+fn build(mesh: &TriangleMesh, voxel_size_m: f64) -> Volume {
     let options = Options { voxel_size_m, layers: 8, navigation: None, sides: InsideTest::Auto };
-    Voxmap::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
+    Volume::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
 }
 
 fn cube() -> Shell {

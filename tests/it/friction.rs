@@ -14,7 +14,7 @@ use vps::pointshell::{self, shell::Shell};
 use vps::spatial::{DeviceSample, Pose, SampleStatus, Twist};
 use vps::voxmap::field::FieldKind;
 use vps::voxmap::inside_test::InsideTest;
-use vps::voxmap::{Options, Voxmap};
+use vps::voxmap::{Options, Volume};
 
 use super::rig;
 
@@ -28,9 +28,9 @@ const STIFFNESS_N_PER_M: f64 = 2000.0;
 /// Half the edge of the block, m.
 pub(super) const HALF_M: f64 = 5e-3;
 
-fn build(mesh: &TriangleMesh, voxel_size_m: f64) -> Voxmap {
+fn build(mesh: &TriangleMesh, voxel_size_m: f64) -> Volume {
     let options = Options { voxel_size_m, layers: 8, navigation: None, sides: InsideTest::Auto };
-    Voxmap::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
+    Volume::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
 }
 
 fn block(size_m: DVec3) -> Shell {

@@ -20,7 +20,7 @@ use vps::spatial::testing::Random;
 use vps::spatial::{DeviceSample, Pose, SampleStatus, Wrench};
 use vps::voxmap::field::FieldKind;
 use vps::voxmap::inside_test::InsideTest;
-use vps::voxmap::{Options, Voxmap};
+use vps::voxmap::{Options, Volume};
 
 use super::rig;
 
@@ -30,9 +30,9 @@ const S: f64 = 1e-3;
 const BALL_M: f64 = 6e-3;
 const MODES: [CouplingMode; 4] = [CouplingMode::Implicit, CouplingMode::Static, CouplingMode::Constraint, CouplingMode::Direct];
 
-fn build(mesh: &TriangleMesh, voxel_size_m: f64) -> Voxmap {
+fn build(mesh: &TriangleMesh, voxel_size_m: f64) -> Volume {
     let options = Options { voxel_size_m, layers: 8, navigation: None, sides: InsideTest::Auto };
-    Voxmap::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
+    Volume::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
 }
 
 fn obstacle(shape: Shape, world_from_map: Pose) -> Obstacle {

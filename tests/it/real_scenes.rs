@@ -12,7 +12,7 @@ use vps::contact::ContactSum;
 use vps::mesh::{self, validate};
 use vps::spatial::Pose;
 use vps::voxmap::inside_test::InsideTest;
-use vps::voxmap::{Options, Voxmap};
+use vps::voxmap::{Options, Volume};
 
 use super::rig::{self, Run};
 
@@ -188,7 +188,7 @@ fn the_inside_of_a_real_gear_does_not_depend_on_the_layers() {
     // With 3, 4 and 5 layers a face lies on a cell boundary, but for rounding.
     for layers in 2..=8 {
         let options = Options { voxel_size_m: 8e-4, layers, navigation: None, sides: InsideTest::Auto };
-        let map = Voxmap::build(&mesh, &report, &options, |_| ()).expect("a grid that fits");
+        let map = Volume::build(&mesh, &report, &options, |_| ()).expect("a grid that fits");
         let inside = map.sides.count_inside(&map.surface);
         assert!(inside > 28_000 && map.watertight, "{layers} layers: {inside} voxels inside, watertight: {}", map.watertight);
     }

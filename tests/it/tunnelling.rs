@@ -10,7 +10,7 @@ use vps::pointshell;
 use vps::spatial::testing::Random;
 use vps::spatial::{DeviceSample, Pose, SampleStatus, Twist};
 use vps::voxmap::inside_test::InsideTest;
-use vps::voxmap::{Options, Voxmap};
+use vps::voxmap::{Options, Volume};
 
 use super::rig;
 
@@ -20,9 +20,9 @@ const S: f64 = 1e-3;
 const PLATE_M: f64 = 3.0 * S;
 const RADIUS_M: f64 = 6e-3;
 
-fn build(mesh: &TriangleMesh) -> Voxmap {
+fn build(mesh: &TriangleMesh) -> Volume {
     let options = Options { voxel_size_m: S, layers: 8, navigation: None, sides: InsideTest::Auto };
-    Voxmap::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
+    Volume::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
 }
 
 /// A ball above a plate of three voxels, which is so wide that no way leads around it.

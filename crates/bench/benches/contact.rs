@@ -15,7 +15,7 @@ use vps::mesh::validate::inspect;
 use vps::pointshell::{self, shell::Shell};
 use vps::spatial::Pose;
 use vps::voxmap::inside_test::InsideTest;
-use vps::voxmap::{Options, Voxmap};
+use vps::voxmap::{Options, Volume};
 
 const LAW: ForceLaw = ForceLaw { stiffness_n_per_m: 1000.0, smooth_entry: true, ..ForceLaw::PLAIN };
 /// Radius of the tool, a ball, m.
@@ -27,9 +27,9 @@ const PATH_TICKS: usize = 1000;
 /// Rounds on it that percentiles are taken of.
 const ROUNDS: usize = 3;
 
-fn build(mesh: &TriangleMesh, voxel_size_m: f64, layers: u32) -> Voxmap {
+fn build(mesh: &TriangleMesh, voxel_size_m: f64, layers: u32) -> Volume {
     let options = Options { voxel_size_m, layers, navigation: None, sides: InsideTest::Auto };
-    match Voxmap::build(mesh, &inspect(mesh), &options, |_| {}) {
+    match Volume::build(mesh, &inspect(mesh), &options, |_| {}) {
         Ok(map) => map,
         Err(error) => panic!("{error}"),
     }

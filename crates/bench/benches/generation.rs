@@ -14,7 +14,7 @@ use vps::voxmap::grid::Grid;
 use vps::voxmap::inside_test::InsideTest;
 use vps::voxmap::layers::Layers;
 use vps::voxmap::surface::{Navigation, Surface, visit_hits, visit_hits_by_brute_force};
-use vps::voxmap::{Options, Voxmap};
+use vps::voxmap::{Options, Volume};
 
 /// A tilted triangle with edges of about this many voxels, in the middle of a grid of 512³.
 fn triangle(edge_cells: f64) -> [DVec3; 3] {
@@ -98,7 +98,7 @@ fn map_and_shell(criterion: &mut Criterion) {
         group
             .bench_function(BenchmarkId::new("layers", radius_cells), |bencher| bencher.iter(|| Layers::grow(&surface, &sides, 8)));
         let options = Options { voxel_size_m: 1e-3, layers: 8, navigation: None, sides: InsideTest::Auto };
-        let Ok(map) = Voxmap::build(&mesh, &inspect(&mesh), &options, |_| {}) else { continue };
+        let Ok(map) = Volume::build(&mesh, &inspect(&mesh), &options, |_| {}) else { continue };
         group.bench_function(BenchmarkId::new("shell", radius_cells), |bencher| {
             bencher.iter(|| pointshell::build(&mesh, &map, DVec3::ZERO));
         });

@@ -4,42 +4,48 @@
 //! normals. A contact query looks the points up in the field and sums depth × normal. Its cost follows the number of points near contact, not the
 //! number of triangles, so that it fits into a millisecond.
 //!
+//! # Example
+//! ```no_run
+//! use vps::{ContactQuery, DVec3, Mesh, Options, PointShell, Pose, Voxmap};
+//!
+//! let options = Options::new(0.5e-3); // voxels of half a millimetre
+//! let hole = Voxmap::bake(&Mesh::load("hole.stl", 1e-3)?, &options)?; // files in millimetres
+//! let peg = PointShell::bake(&Mesh::load("peg.stl", 1e-3)?, &options)?;
+//! let query = ContactQuery::new(&hole, &peg, 1000.0)?; // N/m
+//! let felt = query.wrench(Pose::from_translation(DVec3::new(0.0, 0.0, 0.02)))?;
+//! println!("{} N, {} N·m, {} m deep", felt.wrench.force, felt.wrench.torque, felt.penetration_m);
+//! # Ok::<(), vps::Error>(())
+//! ```
+//! The same runs as `cargo run -p vps --example query`; `two_parts` and `slide` show more. [`Mesh::load`] reads OBJ, STL and PLY files, with the
+//! features `gltf` and `threemf` those formats too; [`Mesh::from_arrays`] takes triangles.
+//!
+//! # What is stable
+//! What the root of the crate exports follows semantic versioning and checks all of its input: no argument and no file makes a panic. The modules
+//! below are what it is made of and what hapticd's loop uses. They are documented, may change with any version, and trust their callers.
+//!
+//! # Units and frames
+//! SI: metres, newtons, radians; `f64` outside of arrays. A mesh, its voxmap and its pointshell keep the axes and the origin of the mesh file (the
+//! *mesh frame*, below also *map frame*). A pose `a_from_b` takes coordinates in `b` to coordinates in `a`. A depth is greater than 0 inside, a
+//! [`Distance`] greater than 0 outside. Inside the crate, points of a shell are relative to the centre of mass (the *body frame*), where sums act.
+//!
+//! # Cost
+//! Baking: time and memory follow the voxels near the surface (layers × area / voxel size²), in parallel on the current rayon pool; the same bits for any
+//! number of threads. A query: [`ContactSum::flat`](contact::ContactSum::flat) is O(points × obstacles), the specification;
+//! [`ContactSum::of`](contact::ContactSum::of), which a [`ContactQuery`] runs, leaves out what cannot touch, and allocates nothing.
+//!
+//! # How it works
 //! ```text
-//!  file, Shape, triangles ─► Part ─► Voxmap ─┬─► Field ──► Obstacle ─┐
+//!  file, arrays, Shape ─► Mesh ─┬─► Voxmap ─────┐                              what is stable
+//!                               └─► PointShell ─┴─► ContactQuery ─► wrench
+//!
+//!  file, Shape, triangles ─► Part ─► Volume ─┬─► Field ──► Obstacle ─┐         what it is made of
 //!             mesh           part    voxmap  └─► Shell ──────────────┴─► ContactSum (wrench, stiffness, depth) of a pose
 //!                                                pointshell              contact
 //! ```
 //!
-//! # Units and frames
-//! SI: metres, newtons, radians; `f64` outside of arrays. A mesh, its field and its points keep the axes of the mesh file (the *map frame*);
-//! `world_from_map` says where a part is. Points of a shell are relative to the centre of mass (the *body frame*). A wrench acts at the centre of mass,
-//! in world axes. A depth is greater than 0 inside. A pose `a_from_b` takes coordinates in `b` to coordinates in `a`.
-//!
-//! # Cost
-//! Baking: time and memory follow the voxels near the surface (layers × area / voxel size²), in parallel on the current rayon pool; the same bits for any
-//! number of threads. A query: [`ContactSum::flat`](contact::ContactSum::flat) is O(points × obstacles); [`ContactSum::of`](contact::ContactSum::of) leaves out
-//! what cannot touch, and allocates nothing.
-//!
-//! # Example
-//! ```
-//! use glam::DVec3;
-//! use vps::{contact::*, mesh::primitives::Shape, part::Part, pointshell::Points, spatial::Pose, voxmap::Options};
-//!
-//! let block = Part::new("block", Shape::Box { size_m: DVec3::splat(40e-3) }.tessellate(0.0));
-//! let ball = Part::new("ball", Shape::Sphere { radius_m: 10e-3 }.tessellate(2e-5));
-//! let (field, _report) = block.bake_field(&Options::new(1e-3), false, |_stage| ())?;
-//! let (shell, _mass, _report) = ball.bake_shell(&Options::new(1e-3), Points::Facets, None, |_stage| ())?;
-//! let obstacle = Obstacle { field, world_from_map: Pose::IDENTITY };
-//! let sum = ContactSum::flat(&[obstacle], &shell, Pose::from_translation(DVec3::Z * 29.5e-3), ForceLaw::PLAIN);
-//! assert!(sum.contacts > 0 && sum.wrench.force.z > 0.0, "half a millimetre deep: the block pushes up");
-//! # Ok::<(), vps::part::PartError>(())
-//! ```
-//! [`Part::load`](part::Part::load) reads OBJ, STL and PLY files, with the features `gltf` and `threemf` those formats too.
-//!
-//! # Where to find what
-//!
 //! | module | owns |
 //! |---|---|
+//! | `library` | the types at the root |
 //! | [`spatial`] | poses, twists, wrenches, axes, samples of an arm; frames and signs |
 //! | [`mesh`] | readers of mesh files, primitive shapes, inspection, mass, closest points |
 //! | [`part`] | one part through all stages of baking, and the report on it |
@@ -55,6 +61,7 @@
 //! McNeely1999 (voxmap and pointshell), Sagardia2008 (distance fields and their generation); each module names its sections.
 pub mod contact;
 pub mod density;
+mod library;
 pub mod mesh;
 pub mod parallel;
 pub mod part;
@@ -66,3 +73,16 @@ pub mod spatial;
 #[doc(hidden)]
 pub mod storage;
 pub mod voxmap;
+
+pub use glam::{DQuat, DVec3};
+pub use library::{ContactPoint, ContactQuery, ContactWrench, Distance, Error, Mesh, PointShell, Voxmap};
+pub use mesh::mass::MassProperties;
+pub use mesh::primitives::Shape;
+pub use spatial::{Pose, Wrench};
+pub use voxmap::inside_test::InsideTest;
+pub use voxmap::{BakeStage, Options};
+
+/// Runs the example of the README.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -20,9 +20,15 @@ use crate::mesh::validate::{MeshReport, inspect};
 use crate::mesh::{self, MeshError, TriangleMesh};
 use crate::pointshell::shell::Shell;
 use crate::pointshell::{self, Points, ShellReport};
+use crate::storage::memory::available_bytes;
+use crate::voxmap::estimate::{Estimate, MeshMeasures, Products, voxel_size_within};
 use crate::voxmap::field::Field;
-use crate::voxmap::grid::GridError;
-use crate::voxmap::{BakeStage, Options, Voxmap};
+use crate::voxmap::grid::{Grid, GridError};
+use crate::voxmap::memory_limit::MemoryLimit;
+use crate::voxmap::{Answer, BakeStage, Options, Volume, announce};
+
+/// Counts up whenever baking gives other bits than before for the same part. A test of the bake cache holds reference bakes against it.
+pub const GENERATION: u32 = 4;
 
 /// A tessellation's chord error as a share of the voxel edge, so that the voxel size limits accuracy.
 const CHORD_SHARE: f64 = 0.02;
@@ -88,7 +94,7 @@ impl Part {
         let failed = |source| PartError::Mesh { name: name.to_owned(), source };
         let since = Instant::now();
         let part = Self::since(since, name, mesh::load(path, metres_per_unit).map_err(failed)?);
-        if part.inspected.degenerate_triangles == part.inspected.triangles {
+        if !part.has_area() {
             return Err(failed(MeshError::NoArea { path: path.to_owned(), triangles: part.inspected.triangles }));
         }
         Ok(part)
@@ -97,6 +103,11 @@ impl Part {
     fn since(since: Instant, name: &str, mesh: TriangleMesh) -> Self {
         let inspected = inspect(&mesh);
         Self { name: name.to_owned(), mesh, inspected, load_s: since.elapsed().as_secs_f64() }
+    }
+
+    /// Some triangle has an area.
+    pub(crate) fn has_area(&self) -> bool {
+        self.inspected.degenerate_triangles < self.inspected.triangles
     }
 
     /// Name, for messages and reports.
@@ -113,15 +124,15 @@ impl Part {
     /// Cost: that of the voxels near the surface.
     ///
     /// # Errors
-    /// A grid that is too large.
-    pub fn bake_field(
+    /// A grid that is too large, or `watch` ended it.
+    pub fn bake_field<A: Answer>(
         &self,
         options: &Options,
         with_gradients: bool,
-        mut watch: impl FnMut(BakeStage),
+        mut watch: impl FnMut(BakeStage) -> A,
     ) -> Result<(Field, ObjectReport), PartError> {
         let mut map = self.voxmap(options, &mut watch)?;
-        watch(BakeStage::Distance);
+        announce(&mut watch, BakeStage::Distance).map_err(|source| self.refused(source))?;
         let field = map.field(&self.mesh, with_gradients);
         Ok((field, self.report(PartRole::Static, &map, &ShellReport::default())))
     }
@@ -129,28 +140,44 @@ impl Part {
     /// Bakes what touches other parts: points of this kind about a centre of mass (mesh frame, m; `None`: that of the mesh), and the mass of the mesh.
     ///
     /// # Errors
-    /// A grid that is too large.
-    pub fn bake_shell(
+    /// A grid that is too large, or `watch` ended it.
+    pub fn bake_shell<A: Answer>(
         &self,
         options: &Options,
         points: Points,
         center_of_mass: Option<DVec3>,
-        mut watch: impl FnMut(BakeStage),
+        mut watch: impl FnMut(BakeStage) -> A,
     ) -> Result<(Shell, MassProperties, ObjectReport), PartError> {
         let map = self.voxmap(options, &mut watch)?;
         let mass = self.mass_properties();
-        watch(BakeStage::Pointshell);
+        announce(&mut watch, BakeStage::Pointshell).map_err(|source| self.refused(source))?;
         let (shell, report) = pointshell::build_with(points, &self.mesh, &map, center_of_mass.unwrap_or(mass.center_m));
         Ok((shell, mass, self.report(PartRole::Tool, &map, &report)))
+    }
+
+    /// Refuses what does not fit into one map, or into the memory that the system has left: running out of it ends the process.
+    pub(crate) fn fits(&self, options: &Options, products: Products) -> Result<(), PartError> {
+        let measures = MeshMeasures::of(&self.mesh);
+        let (low, high) = measures.bounds_m;
+        let grid = Grid::around(low, high, options.voxel_size_m, options.layers).map_err(|source| self.refused(source))?;
+        let needed_bytes = Estimate::new(&measures, &grid, options.layers, products).peak_bytes;
+        let limit = available_bytes().map(MemoryLimit::Left).filter(|limit| needed_bytes > limit.max_bytes());
+        let Some(limit) = limit else { return Ok(()) };
+        let asked_m = options.voxel_size_m;
+        let voxel_size_m = voxel_size_within(&measures, asked_m, options.layers, products, limit.max_bytes());
+        Err(self.refused(GridError::Memory { needed_bytes, kept_bytes: 0, limit, asked_m, voxel_size_m }))
     }
 
     /// Classifies the part's volume.
     ///
     /// # Errors
-    /// A grid that is too large.
-    pub fn voxmap(&self, options: &Options, watch: impl FnMut(BakeStage)) -> Result<Voxmap, PartError> {
-        Voxmap::build(&self.mesh, &self.inspected, options, watch)
-            .map_err(|source| PartError::Grid { name: self.name.clone(), source })
+    /// A grid that is too large, or `watch` ended it.
+    pub fn voxmap<A: Answer>(&self, options: &Options, watch: impl FnMut(BakeStage) -> A) -> Result<Volume, PartError> {
+        Volume::build(&self.mesh, &self.inspected, options, watch).map_err(|source| self.refused(source))
+    }
+
+    fn refused(&self, source: GridError) -> PartError {
+        PartError::Grid { name: self.name.clone(), source }
     }
 
     /// Volume, centre and inertia; of the surface where the mesh is open. Frame and units of [`MassProperties`].
@@ -159,7 +186,7 @@ impl Part {
     }
 
     /// The figures of what was built.
-    pub fn report(&self, role: PartRole, map: &Voxmap, shell: &ShellReport) -> ObjectReport {
+    pub fn report(&self, role: PartRole, map: &Volume, shell: &ShellReport) -> ObjectReport {
         ObjectReport::new(&self.name, role, &self.inspected, map, shell, self.load_s)
     }
 }

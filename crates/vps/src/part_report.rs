@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use crate::mesh::validate::{FACES_INWARD, MeshReport};
 use crate::pointshell::{LevelReport, ShellReport};
 use crate::voxmap::MOSTLY_THIN;
-use crate::voxmap::Voxmap;
+use crate::voxmap::Volume;
 use crate::voxmap::inside_test::InsideBasis;
 
 /// What the cache did for an object.
@@ -142,7 +142,7 @@ pub struct ObjectReport {
 }
 
 impl ObjectReport {
-    pub(crate) fn new(name: &str, role: PartRole, mesh: &MeshReport, map: &Voxmap, shell: &ShellReport, load_s: f64) -> Self {
+    pub(crate) fn new(name: &str, role: PartRole, mesh: &MeshReport, map: &Volume, shell: &ShellReport, load_s: f64) -> Self {
         let grid = &map.surface.grid;
         let inside_voxels = map.sides.count_inside(&map.surface);
         let surface_voxels = map.surface.n_voxels as u64;
@@ -223,7 +223,7 @@ impl ObjectReport {
 }
 
 /// What became of an object whose fill leaks.
-fn what_was_done(map: &Voxmap) -> String {
+fn what_was_done(map: &Volume) -> String {
     let clear = map.clear_share.map(|share| format!("{:.0} % of samples", 100.0 * share)).unwrap_or_default();
     match (map.basis, &map.capped) {
         (InsideBasis::Flood, _) => "only what the fill left inside is solid".to_owned(),

@@ -42,7 +42,7 @@ pub(super) fn mesh_error(args: &Args, error: &PartError, output: OutputOptions) 
                     let n_fits = (f64::from(n) * asked_m / fits_m).floor();
                     format!("use at most --longest-axis-voxels {n_fits}, fewer --layers, or {}", limit.remedy())
                 }
-                (GridError::Memory { .. } | GridError::VoxelSize(_), _) => source.hint(),
+                (GridError::Memory { .. } | GridError::VoxelSize(_) | GridError::Cancelled, _) => source.hint(),
             };
             report::error(&format!("{}: {source}", args.input.display()), Some(&hint), output);
             Exit::Configuration

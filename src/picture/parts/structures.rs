@@ -145,13 +145,13 @@ mod tests {
     use vps::mesh::validate::inspect;
     use vps::pointshell;
     use vps::voxmap::inside_test::InsideTest;
-    use vps::voxmap::{Options, Voxmap};
+    use vps::voxmap::{Options, Volume};
 
     #[test]
     fn each_view_shows_its_own_structure_where_the_part_is() {
         let mesh = Shape::Box { size_m: DVec3::splat(0.02) }.tessellate(1e-4);
         let options = Options { voxel_size_m: 2e-3, layers: 3, navigation: None, sides: InsideTest::Auto };
-        let map = Voxmap::build(&mesh, &inspect(&mesh), &options, |_| {}).unwrap();
+        let map = Volume::build(&mesh, &inspect(&mesh), &options, |_| {}).unwrap();
         let (shell, _) = pointshell::build(&mesh, &map, DVec3::ZERO);
         let subject = BakedObject {
             name: "box",

@@ -3,9 +3,6 @@
 use std::io::{self, Write};
 use std::sync::Arc;
 
-use bytemuck::{Pod, Zeroable};
-use glam::{DMat3, DVec3};
-
 use super::GENERATION;
 use vps::mesh::mass::MassProperties;
 use vps::part::{ObjectReport, PartRole};
@@ -25,15 +22,6 @@ pub struct Baked {
     pub mass: Option<MassProperties>,
     /// Figures. What depends on the scene (such as where the tool starts) is not in it.
     pub report: ObjectReport,
-}
-
-#[derive(Clone, Copy, Pod, Zeroable)]
-#[repr(C)]
-struct MassRecord {
-    volume_m3: f64,
-    center_m: [f64; 3],
-    inertia_per_mass: [f64; 9],
-    from_surface: u64,
 }
 
 impl Baked {
@@ -61,12 +49,7 @@ impl Baked {
         let report = serde_json::to_vec(report)?;
         let field_head = field.as_ref().map(Field::head);
         let shell_head = shell.as_ref().map(Shell::head);
-        let mass = mass.map(|MassProperties { volume_m3, center_m, inertia_per_mass, from_surface }| MassRecord {
-            volume_m3,
-            center_m: center_m.to_array(),
-            inertia_per_mass: inertia_per_mass.to_cols_array(),
-            from_surface: from_surface.into(),
-        });
+        let mass = mass.as_ref().map(MassProperties::record);
         let mut file = Writer::default();
         file.array("report", &report);
         if let Some((field, head)) = field.as_ref().zip(field_head.as_ref()) {
@@ -76,7 +59,7 @@ impl Baked {
             shell.store(head, &mut file);
         }
         if let Some(mass) = &mass {
-            file.record("mass", mass);
+            MassProperties::store(mass, &mut file);
         }
         file.write_to(key, GENERATION, out)
     }
@@ -95,21 +78,6 @@ pub(super) fn take(mapped: Arc<MappedFile>, key: Option<Key>) -> Result<Baked, R
     let report = serde_json::from_slice(&file.array::<u8>("report")?).map_err(|_| Refusal::Damaged("report"))?;
     let field = Field::is_in(&file).then(|| Field::load(&file)).transpose()?;
     let shell = Shell::is_in(&file).then(|| Shell::load(&file)).transpose()?;
-    let mass = file.has("mass").then(|| file.record("mass").and_then(mass_properties)).transpose()?;
+    let mass = MassProperties::is_in(&file).then(|| MassProperties::load(&file)).transpose()?;
     Ok(Baked { field, shell, mass, report })
-}
-
-fn mass_properties(record: MassRecord) -> Result<MassProperties, Refusal> {
-    let mass = MassProperties {
-        volume_m3: record.volume_m3,
-        center_m: DVec3::from_array(record.center_m),
-        inertia_per_mass: DMat3::from_cols_array(&record.inertia_per_mass),
-        from_surface: record.from_surface == 1,
-    };
-    let sound = mass.volume_m3 >= 0.0
-        && mass.volume_m3.is_finite()
-        && mass.center_m.is_finite()
-        && mass.inertia_per_mass.is_finite()
-        && record.from_surface <= 1;
-    if sound { Ok(mass) } else { Err(Refusal::Damaged("mass")) }
 }

@@ -25,12 +25,10 @@ use std::time::Instant;
 pub use contents::{Baked, read};
 pub use request::{Request, Spacing};
 
+pub use vps::part::GENERATION;
 use vps::part::{CacheUse, PartRole, Timings};
 use vps::storage::sections::{Key, Refusal};
 use vps::storage::{MappedFile, regular};
-
-/// Counts up whenever baking gives other bits than before for the same request. A test holds reference bakes against it.
-pub const GENERATION: u32 = 4;
 
 /// Bytes that a cache folder may hold; beyond, the files that were not used for longest go.
 const LIMIT_BYTES: u64 = 4 << 30;

@@ -12,7 +12,7 @@ use vps::mesh::{TriangleMesh, validate};
 use vps::pointshell::{self, Points, shell::Shell};
 use vps::spatial::Pose;
 use vps::voxmap::inside_test::InsideTest;
-use vps::voxmap::{Options, Voxmap};
+use vps::voxmap::{Options, Volume};
 
 /// A tessellation's distance from its shape as a share of the voxel edge: as scenes have it.
 const CHORD_SHARE: f64 = 0.02;
@@ -36,10 +36,10 @@ pub(super) fn shell_of(what: &str, mesh: &TriangleMesh, voxel_size_m: f64, point
     Ok(pointshell::build_with(points, mesh, &voxmap(what, mesh, voxel_size_m, TOOL_LAYERS)?, DVec3::ZERO).0)
 }
 
-fn voxmap(what: &str, mesh: &TriangleMesh, voxel_size_m: f64, layers: u32) -> Result<Voxmap, BenchError> {
+fn voxmap(what: &str, mesh: &TriangleMesh, voxel_size_m: f64, layers: u32) -> Result<Volume, BenchError> {
     let options = Options { voxel_size_m, layers, navigation: None, sides: InsideTest::Auto };
     let refused = |why: String| BenchError::Prepare { what: what.to_owned(), why };
-    Voxmap::build(mesh, &validate::inspect(mesh), &options, |_| ()).map_err(|error| refused(error.to_string()))
+    Volume::build(mesh, &validate::inspect(mesh), &options, |_| ()).map_err(|error| refused(error.to_string()))
 }
 
 /// A shape as a mesh that is fine enough for voxels of this size.

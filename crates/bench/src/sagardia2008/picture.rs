@@ -14,7 +14,7 @@ use super::super::stand_ins::StandIn;
 use super::{Figures, SEED};
 use vps::mesh::validate::inspect;
 use vps::pointshell;
-use vps::voxmap::{Options, Voxmap};
+use vps::voxmap::{Options, Volume};
 
 /// Writes `sagardia-2008-MODEL.png` for each model that was measured.
 ///
@@ -24,7 +24,7 @@ pub fn draw_models(folder: &Path, figures: &Figures) -> Result<(), BenchError> {
     for (stand_in, _) in figures.models() {
         let name = stand_in.name();
         let mesh = stand_in.mesh(SEED);
-        let map = Voxmap::build(&mesh, &inspect(&mesh), &Options::new(shown_size_mm(stand_in) * 1e-3), |_| ())
+        let map = Volume::build(&mesh, &inspect(&mesh), &Options::new(shown_size_mm(stand_in) * 1e-3), |_| ())
             .map_err(|error| BenchError::Prepare { what: name.to_owned(), why: error.to_string() })?;
         let (shell, _) = pointshell::build(&mesh, &map, DVec3::ZERO);
         let subject = BakedObject {

@@ -19,7 +19,7 @@ use vps::pointshell;
 use vps::pointshell::project::project;
 use vps::voxmap::inside_test::InsideTest;
 use vps::voxmap::surface::{Navigation, Surface, visit_hits};
-use vps::voxmap::{self, Voxmap};
+use vps::voxmap::{self, Volume};
 
 /// Layers of the map: those that scenes give to a tool.
 const LAYERS: u32 = 4;
@@ -106,7 +106,7 @@ pub(super) fn measure(what: &str, mesh: &TriangleMesh, surface: Surface, options
     let voxel_size_m = surface.grid.voxel_size_m;
     let [mut clamped_s, mut optimised_s, mut shipped_s, mut shell_s] = [const { Vec::new() }; 4];
     let map_options = voxmap::Options { voxel_size_m, layers: LAYERS, navigation: None, sides: InsideTest::Auto };
-    let map = Voxmap::build(mesh, &inspect(mesh), &map_options, |_| ()).map_err(|error| refused(error.to_string()))?;
+    let map = Volume::build(mesh, &inspect(mesh), &map_options, |_| ()).map_err(|error| refused(error.to_string()))?;
     let mut phases = Phases::default();
     let mut placed = Vec::new();
     for _ in 0..options.n_runs {

@@ -11,7 +11,7 @@ use vps::contact::{ContactSum, ForceLaw, Obstacle, SimdLevel, Traversal, Travers
 use vps::mesh::TriangleMesh;
 use vps::pointshell;
 use vps::spatial::Pose;
-use vps::voxmap::Voxmap;
+use vps::voxmap::Volume;
 
 /// Queries of one run.
 const N_QUERIES: usize = 400;
@@ -28,7 +28,7 @@ pub struct Query {
 }
 
 /// The model against itself, moved by half a voxel along the diagonal: about half of its points touch, far more than in any assembly.
-pub(super) fn measure(mesh: &TriangleMesh, mut map: Voxmap, options: Options) -> Query {
+pub(super) fn measure(mesh: &TriangleMesh, mut map: Volume, options: Options) -> Query {
     let (shell, _) = pointshell::build(mesh, &map, DVec3::ZERO);
     let aside = DVec3::ONE.normalize() * 0.5 * map.surface.grid.voxel_size_m;
     let obstacles = [Obstacle { field: map.field(mesh, false), world_from_map: Pose::IDENTITY }];

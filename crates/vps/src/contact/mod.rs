@@ -180,7 +180,7 @@ impl ObstacleMotion {
 }
 
 /// Gets every contact with the number of its obstacle.
-type Also<'a> = dyn FnMut(usize, &Contact) + 'a;
+pub(crate) type Also<'a> = dyn FnMut(usize, &Contact) + 'a;
 
 impl ContactSum {
     /// What touches, face by face.

@@ -10,7 +10,7 @@ use crate::mesh::validate::inspect;
 use crate::pointshell::{self, shell::Shell};
 use crate::spatial::Pose;
 use crate::voxmap::inside_test::InsideTest;
-use crate::voxmap::{Options, Voxmap};
+use crate::voxmap::{Options, Volume};
 
 const TOOL_EDGE_M: f64 = 0.02;
 const PLATE_M: f64 = 4e-3;
@@ -18,10 +18,10 @@ const PLATE_M: f64 = 4e-3;
 const MOVED: PoseStep =
     PoseStep { center: DVec3::ZERO, linear: DVec3::new(1e-5, -2e-5, 3e-5), angular: DVec3::new(2e-4, 1e-4, -3e-4) };
 
-fn block(size_m: DVec3, voxel_size_m: f64) -> (crate::mesh::TriangleMesh, Voxmap) {
+fn block(size_m: DVec3, voxel_size_m: f64) -> (crate::mesh::TriangleMesh, Volume) {
     let mesh = Shape::Box { size_m }.tessellate(1e-5);
     let options = Options { voxel_size_m, layers: 8, navigation: None, sides: InsideTest::Auto };
-    let map = Voxmap::build(&mesh, &inspect(&mesh), &options, |_| ()).expect("a grid that fits");
+    let map = Volume::build(&mesh, &inspect(&mesh), &options, |_| ()).expect("a grid that fits");
     (mesh, map)
 }
 

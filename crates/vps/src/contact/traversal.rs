@@ -74,6 +74,11 @@ impl Traversal {
         self.budget = budget;
     }
 
+    /// Changes how the next query looks. RT: safe.
+    pub fn set_mode(&mut self, mode: TraversalMode) {
+        self.mode = mode;
+    }
+
     /// What a tick may look at.
     pub fn budget(&self) -> Budget {
         self.budget

@@ -12,7 +12,7 @@ use super::{Format, MeshError, TriangleMesh, obj, ply, source, stl};
 use crate::parallel;
 
 /// No part is this far from its origin; squares and fifth powers of what is nearer stay far inside the range of `f64`.
-const FARTHEST_M: f64 = 1e9;
+pub(crate) const FARTHEST_M: f64 = 1e9;
 /// Vertices that are scaled in one go.
 const CHUNK_VERTICES: usize = 4096;
 

@@ -7,6 +7,8 @@
 //! Ours: sums over the tetrahedra between each triangle and the middle of the bounding box, with the closed form of the second
 //! moment of a tetrahedron, `∫ x xᵀ dV = V/20 (Σ vᵢ vᵢᵀ + (Σ vᵢ)(Σ vᵢ)ᵀ)`.
 
+mod file;
+
 use glam::{DMat3, DVec3};
 
 use super::validate::{MeshReport, inspect};

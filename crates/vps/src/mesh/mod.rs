@@ -71,6 +71,7 @@ mod xyz;
 
 pub use error::{MeshError, curved_surfaces};
 pub use format::{CAD_HINT, EXTENSIONS, Format, cad_format};
+pub(crate) use load::FARTHEST_M;
 pub use load::{companions, copy_only, load, parse};
 use triangle_mesh::SUM_TRIANGLES;
 pub use triangle_mesh::TriangleMesh;

@@ -68,6 +68,19 @@ const MAX_SEGMENTS: usize = 1024;
 const MIN_SEGMENTS: usize = 16;
 
 impl Shape {
+    /// All lengths that it is made of, m.
+    pub(crate) fn sizes_m(&self) -> Vec<f64> {
+        match *self {
+            Self::Box { size_m } => size_m.to_array().to_vec(),
+            Self::Sphere { radius_m } => vec![radius_m],
+            Self::Cylinder { radius_m, height_m } | Self::Cone { radius_m, height_m } | Self::Capsule { radius_m, height_m } => {
+                vec![radius_m, height_m]
+            }
+            Self::Torus { major_m, minor_m } => vec![major_m, minor_m],
+            Self::Plane { x_m, y_m, thickness_m } => vec![x_m, y_m, thickness_m],
+        }
+    }
+
     /// Triangles no farther than `tolerance_m` from the shape, unless that takes more than about two million of them
     /// (1024 segments in a circle). A tolerance that is not positive asks for that limit.
     ///

@@ -14,7 +14,7 @@ use super::project::Scratch;
 use super::shell::Shell;
 use crate::mesh::TriangleMesh;
 use crate::parallel;
-use crate::voxmap::Voxmap;
+use crate::voxmap::Volume;
 
 /// Which points a shell has.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -62,13 +62,13 @@ const POINTS_WORTH_SUMS: u32 = 6;
 ///
 /// Points come in the order of the tree's leaves, so that neighbours in memory are neighbours in space. Runs on the current rayon
 /// pool. Cost: linear in the number of points, but for the ordering, which is n log n.
-pub fn build(mesh: &TriangleMesh, map: &Voxmap, center_of_mass_tool: DVec3) -> (Shell, ShellReport) {
+pub fn build(mesh: &TriangleMesh, map: &Volume, center_of_mass_tool: DVec3) -> (Shell, ShellReport) {
     build_with(Points::Voxels, mesh, map, center_of_mass_tool)
 }
 
 /// The same with points of either kind. A thin skin has no inside that facets could face: its points are those of voxels, which count with the
 /// area that a voxel of their face stands for.
-pub fn build_with(kind: Points, mesh: &TriangleMesh, map: &Voxmap, center_of_mass_tool: DVec3) -> (Shell, ShellReport) {
+pub fn build_with(kind: Points, mesh: &TriangleMesh, map: &Volume, center_of_mass_tool: DVec3) -> (Shell, ShellReport) {
     let mesh = map.mesh(mesh);
     let voxel_size_m = map.surface.grid.voxel_size_m;
     let mut since = Instant::now();
@@ -162,7 +162,7 @@ struct Task<'a> {
 }
 
 /// Projects and turns to a normal every surface voxel, brick by brick while the brick is in cache.
-fn place(mesh: &TriangleMesh, map: &Voxmap, bins: &Bins, center_of_mass_tool: DVec3) -> Placed {
+fn place(mesh: &TriangleMesh, map: &Volume, bins: &Bins, center_of_mass_tool: DVec3) -> Placed {
     let (surface, grid) = (&map.surface, &map.surface.grid);
     let mut sites = parallel::map(surface.n_voxels, 1, |_| Site::default());
     let mut normals = parallel::map(surface.n_voxels, 1, |_| Vec3::ZERO);
@@ -212,7 +212,7 @@ fn place(mesh: &TriangleMesh, map: &Voxmap, bins: &Bins, center_of_mass_tool: DV
 }
 
 /// Finds the facets of each brick.
-fn place_facets(mesh: &TriangleMesh, map: &Voxmap, bins: &Bins, center_of_mass_tool: DVec3) -> Placed {
+fn place_facets(mesh: &TriangleMesh, map: &Volume, bins: &Bins, center_of_mass_tool: DVec3) -> Placed {
     let grid = &map.surface.grid;
     let n_bricks = map.surface.bricks.len();
     let since = Instant::now();

@@ -25,7 +25,7 @@ use glam::DVec3;
 
 use super::bins::{Bins, cell_range};
 use crate::mesh::TriangleMesh;
-use crate::voxmap::Voxmap;
+use crate::voxmap::Volume;
 use crate::voxmap::grid::{BRICK_CELLS, BRICK_EDGE, brick_origin};
 use crate::voxmap::surface::{Mask, bits};
 
@@ -124,7 +124,7 @@ impl Default for Level {
 
 impl Scratch {
     /// Adds the points of the brick in one slot, in the order of its cells.
-    pub(super) fn find(&mut self, mesh: &TriangleMesh, map: &Voxmap, bins: &Bins, slot: usize, points: &mut Vec<FacetPoint>) {
+    pub(super) fn find(&mut self, mesh: &TriangleMesh, map: &Volume, bins: &Bins, slot: usize, points: &mut Vec<FacetPoint>) {
         let grid = &map.surface.grid;
         let [x, y, z] = brick_origin(grid.brick_coord(map.surface.bricks[slot] as usize)).map(f64::from);
         let brick = Block { origin: DVec3::new(x, y, z), edge: 1.0, mask: map.surface.masks[slot] };

@@ -1,6 +1,6 @@
 //! Pointshells: the surface of the moving object as points with inward normals.
 //!
-//! Data in: triangles and their [`Voxmap`](crate::voxmap::Voxmap). Data out: a [`Shell`](shell::Shell), one point for each surface voxel, with a
+//! Data in: triangles and their [`Volume`](crate::voxmap::Volume). Data out: a [`Shell`](shell::Shell), one point for each surface voxel, with a
 //! tree of spheres over it. Units and frames: metres and axes of the tool mesh file, positions relative to the centre of mass.
 //!
 //! The way through: [`project`] (surface voxel → one point on the surface, two phases; triangles sorted into bricks by `bins`) →
@@ -14,11 +14,11 @@
 //! use glam::DVec3;
 //! use vps::mesh::{primitives::Shape, validate::inspect};
 //! use vps::voxmap::inside_test::InsideTest;
-//! use vps::voxmap::{Options, Voxmap};
+//! use vps::voxmap::{Options, Volume};
 //!
 //! let mesh = Shape::Sphere { radius_m: 10e-3 }.tessellate(5e-5);
 //! let options = Options { voxel_size_m: 1e-3, layers: 3, navigation: None, sides: InsideTest::Auto };
-//! let map = Voxmap::build(&mesh, &inspect(&mesh), &options, |_stage| {})?;
+//! let map = Volume::build(&mesh, &inspect(&mesh), &options, |_stage| {})?;
 //! let (shell, report) = vps::pointshell::build(&mesh, &map, DVec3::ZERO);
 //!
 //! assert_eq!(report.points, map.surface.n_voxels);

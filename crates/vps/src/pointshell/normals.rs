@@ -11,7 +11,7 @@ use glam::DVec3;
 
 use super::project::SurfacePoint;
 use crate::mesh::TriangleMesh;
-use crate::voxmap::Voxmap;
+use crate::voxmap::Volume;
 use crate::voxmap::grid::{BRICK_CELLS, BRICK_EDGE, brick_origin};
 use crate::voxmap::layers::{DEEP_INSIDE, FAR_OUTSIDE, Layers};
 
@@ -206,7 +206,7 @@ fn sum_by_look_up(layers: &Layers, home: [i32; 3]) -> DVec3 {
 /// the fill or, where there is none, by the winding; a degenerate triangle then gives +z, never NaN.
 ///
 /// `sums` are those of the brick of the point's voxel, or of no brick.
-pub(super) fn normal(mesh: &TriangleMesh, map: &Voxmap, sums: &BrickSums, point: &SurfacePoint) -> DVec3 {
+pub(super) fn normal(mesh: &TriangleMesh, map: &Volume, sums: &BrickSums, point: &SurfacePoint) -> DVec3 {
     // In a thin skin both sides are outside: what the sum shows is the grid, not the surface.
     if !map.thin {
         let floor = point.cells.floor();
@@ -238,7 +238,7 @@ mod tests {
         ];
         for (mesh, layers) in meshes.iter().flat_map(|mesh| [1, 2, 5].map(|layers| (mesh, layers))) {
             let options = Options { voxel_size_m: 1e-3, layers, navigation: None, sides: InsideTest::Auto };
-            let map = Voxmap::build(mesh, &inspect(mesh), &options, |_| ()).expect("a grid that fits");
+            let map = Volume::build(mesh, &inspect(mesh), &options, |_| ()).expect("a grid that fits");
             let mut sums = BrickSums::default();
             for brick in 0..map.surface.grid.n_bricks() {
                 sums.form(&map.layers, brick);

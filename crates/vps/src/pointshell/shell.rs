@@ -13,8 +13,8 @@ use crate::storage::SharedSlice;
 
 /// Points and normals of the tool, and the tree over them.
 ///
-/// Frame: tool axes, origin at the **centre of mass**, so that an arm r_i is the point itself. Units: m.
-#[derive(Debug)]
+/// Frame: tool axes, origin at the **centre of mass**, so that an arm r_i is the point itself. Units: m. A clone is another handle on the same arrays.
+#[derive(Clone, Debug)]
 pub struct Shell {
     /// `[n_points / 16, rounded up]`, 64-byte aligned: positions, m. Unused lanes of the last block hold NaN, which is no contact.
     positions: SharedSlice<Lanes3>,

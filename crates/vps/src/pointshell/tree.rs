@@ -93,7 +93,7 @@ fn levels_over(n_points: usize) -> Vec<Level> {
 }
 
 /// Spheres around runs of points of a shell. See the module page.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Tree {
     /// `[n_levels]`, from coarse to fine; empty without points.
     levels: Vec<Level>,

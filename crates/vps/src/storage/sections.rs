@@ -189,11 +189,11 @@ pub fn key_of(path: &Path) -> Option<Key> {
 }
 
 impl Reader {
-    /// Checks head and table. `key: None` takes any.
+    /// Checks head and table. `key: None` takes any, and so does `generation: None`.
     ///
     /// # Errors
     /// See [`Refusal`]: a file of another version, a damaged one, or one of another key.
-    pub fn new(mapped: Arc<MappedFile>, key: Option<Key>, generation: u32) -> Result<Self, Refusal> {
+    pub fn new(mapped: Arc<MappedFile>, key: Option<Key>, generation: impl Into<Option<u32>>) -> Result<Self, Refusal> {
         let Some([head]) = window::<Head>(&mapped, 0, 1).as_deref().map(<[Head; 1]>::try_from).and_then(Result::ok) else {
             return Err(Refusal::Damaged("shorter than its head"));
         };
@@ -207,7 +207,7 @@ impl Reader {
         if head.checksum != head_checksum(&head) {
             return Err(Refusal::Damaged("the head"));
         }
-        let (found, own) = ((head.format, head.generation), (FORMAT, generation));
+        let (found, own) = ((head.format, head.generation), (FORMAT, generation.into().unwrap_or(head.generation)));
         if found != own {
             let (format, generation) = found;
             return Err(if found < own { Refusal::Older { format, generation } } else { Refusal::Newer { format, generation } });

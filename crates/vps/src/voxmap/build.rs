@@ -1,5 +1,6 @@
 //! Triangles in, voxmap out: the stages in order.
 
+use core::ops::ControlFlow;
 use std::time::Instant;
 
 use super::distance::{Distances, Samples, Signs, sample_of};
@@ -55,6 +56,29 @@ pub enum BakeStage {
     Pointshell,
 }
 
+/// What the callback for progress may answer when a stage is about to begin: `()` goes on, [`ControlFlow::Break`] ends the bake.
+pub trait Answer {
+    /// The bake is to end here.
+    fn ends(self) -> bool;
+}
+
+impl Answer for () {
+    fn ends(self) -> bool {
+        false
+    }
+}
+
+impl Answer for ControlFlow<()> {
+    fn ends(self) -> bool {
+        self.is_break()
+    }
+}
+
+/// Tells that a stage is about to begin.
+pub(crate) fn announce<A: Answer>(watch: &mut impl FnMut(BakeStage) -> A, stage: BakeStage) -> Result<(), GridError> {
+    if watch(stage).ends() { Err(GridError::Cancelled) } else { Ok(()) }
+}
+
 /// Seconds per stage.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct StageTimes {
@@ -72,7 +96,7 @@ pub struct StageTimes {
 
 /// A classified volume: which cells are surface, outside, inside, and how far from the surface.
 #[derive(Debug)]
-pub struct Voxmap {
+pub struct Volume {
     /// Surface voxels; those of lids too.
     pub surface: Surface,
     /// Which of the cells without surface are outside.
@@ -99,16 +123,16 @@ pub struct Voxmap {
     pub timings: StageTimes,
 }
 
-impl Voxmap {
+impl Volume {
     /// Classifies the volume of a mesh: surface, fill, leak check, orientation, layers.
     ///
     /// # Errors
-    /// A grid that cannot be built, or more surface voxels than can be numbered. The mesh must not be empty (its bounds would be a point at the origin).
-    pub fn build(
+    /// A grid that cannot be built, more surface voxels than can be numbered, or `watch` ended it. The mesh must not be empty (its bounds would be a point at the origin).
+    pub fn build<A: Answer>(
         mesh: &TriangleMesh,
         report: &MeshReport,
         options: &Options,
-        mut watch: impl FnMut(BakeStage),
+        mut watch: impl FnMut(BakeStage) -> A,
     ) -> Result<Self, GridError> {
         let mut timings = StageTimes::default();
         let mut since = Instant::now();
@@ -121,7 +145,7 @@ impl Voxmap {
         let grid = Grid::around(low, high, options.voxel_size_m, options.layers)?;
         let navigation = options.navigation.unwrap_or(Navigation::AUTO);
         timings.init_s = lap();
-        watch(BakeStage::Surface);
+        announce(&mut watch, BakeStage::Surface)?;
         let surface = Surface::mark(mesh, &grid, navigation);
         if surface.n_voxels as u64 > SURFACE_VOXELS_MAX {
             let n_voxels = surface.n_voxels as u64;
@@ -130,7 +154,7 @@ impl Voxmap {
             return Err(GridError::Surface { n_voxels, voxel_size_m: coarser * options.voxel_size_m });
         }
         timings.surface_s = lap();
-        watch(BakeStage::Fill);
+        announce(&mut watch, BakeStage::Fill)?;
         let verdict = Verdict::reach(mesh, report, surface, options.sides);
         let Verdict { surface, sides, basis, leak, thin_share, clear_share, capped } = verdict;
         let thin = basis == InsideBasis::Thin;
@@ -138,7 +162,7 @@ impl Voxmap {
         let orientation =
             if thin { Orientation::as_filed(mesh.triangles.len()) } else { Orientation::judge(mesh, report, &surface, &sides) };
         timings.fill_s = lap();
-        watch(BakeStage::Layers);
+        announce(&mut watch, BakeStage::Layers)?;
         let layers = Layers::grow(&surface, &sides, options.layers);
         timings.layers_s = lap();
         Ok(Self {

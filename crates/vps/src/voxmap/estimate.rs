@@ -172,7 +172,7 @@ mod tests {
     use crate::pointshell;
     use crate::voxmap::inside_test::InsideTest;
     use crate::voxmap::surface::visit_hits;
-    use crate::voxmap::{Options, Voxmap};
+    use crate::voxmap::{Options, Volume};
 
     /// Both within a factor.
     fn close(estimated: u64, truth: usize, factor: f64) -> bool {
@@ -195,7 +195,7 @@ mod tests {
             mesh.vertices.iter_mut().for_each(|vertex| *vertex = turn * *vertex);
             for (cells, n_layers) in [(100.0, 3), (120.0, 8)] {
                 let options = Options { voxel_size_m: 1.0 / cells, layers: n_layers, navigation: None, sides: InsideTest::Auto };
-                let mut map = Voxmap::build(&mesh, &inspect(&mesh), &options, |_| ()).expect("a grid that fits");
+                let mut map = Volume::build(&mesh, &inspect(&mesh), &options, |_| ()).expect("a grid that fits");
                 let grid = map.surface.grid;
                 let products = Products { field: true, gradients: false, shell: true };
                 let estimate = Estimate::new(&MeshMeasures::of(&mesh), &grid, n_layers, products);

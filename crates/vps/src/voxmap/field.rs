@@ -43,8 +43,8 @@ impl FieldKind {
         [("layers", Self::Layers), ("surface-point", Self::SurfacePoint), ("octant", Self::Octant), ("trilinear", Self::Trilinear)];
 }
 
-/// The sampled field of one object, map frame.
-#[derive(Debug)]
+/// The sampled field of one object, map frame. A clone is another handle on the same arrays.
+#[derive(Clone, Debug)]
 pub struct Field {
     /// Lowest corner of cell `[0, 0, 0]`, map frame, m.
     origin: Vec3,
@@ -111,6 +111,21 @@ impl Field {
     /// How far outside the object distances are known, m.
     pub fn known_outside_m(&self) -> f32 {
         self.band_m - self.skin_m
+    }
+
+    /// Bricks per axis.
+    pub fn brick_dims(&self) -> [usize; 3] {
+        self.brick_dims.map(|n| n as usize)
+    }
+
+    /// `[brick_dims]`, z fastest: number of the brick in [`Self::bricks`], [`FAR_OUTSIDE`] or [`DEEP_INSIDE`].
+    pub fn top(&self) -> &[u32] {
+        &self.top
+    }
+
+    /// `[n_bricks][9³]`, z fastest, m: V at cell centres before the skin is added, positive inside; the ninth samples are those of the next bricks.
+    pub fn bricks(&self) -> &[[f32; APRON_CELLS]] {
+        &self.distances_m
     }
 
     /// Size of the arrays, bytes.

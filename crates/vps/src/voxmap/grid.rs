@@ -56,6 +56,9 @@ pub enum GridError {
     /// Voxel size not a positive number.
     #[error("voxel size must be greater than 0, found {0} m")]
     VoxelSize(f64),
+    /// The caller ended the bake.
+    #[error("the bake was cancelled")]
+    Cancelled,
 }
 
 impl GridError {
@@ -76,6 +79,7 @@ impl GridError {
                 "coarser voxels alone do not help: end programs that hold memory".to_owned()
             }
             Self::VoxelSize(_) => "give the edge of a voxel in millimetres, for example 0.5".to_owned(),
+            Self::Cancelled => "bake it again".to_owned(),
         }
     }
 }

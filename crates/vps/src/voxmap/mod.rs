@@ -1,9 +1,9 @@
 //! Voxmaps: the sampled volume of one object.
 //!
 //! Data in: triangles and what [`inspect`](crate::mesh::validate::inspect) says of them, a voxel size, a number of layers. Data out: a
-//! [`Voxmap`], and from it the [`Field`](field::Field) that the tick reads.
+//! [`Volume`], and from it the [`Field`](field::Field) that the tick reads.
 //!
-//! The way through, which [`Voxmap::build`] runs in order:
+//! The way through, which [`Volume::build`] runs in order:
 //!
 //! | stage | files | question |
 //! |---|---|---|
@@ -33,11 +33,11 @@
 //! use vps::mesh::{primitives::Shape, validate::inspect};
 //! use vps::voxmap::field::FieldKind;
 //! use vps::voxmap::inside_test::InsideTest;
-//! use vps::voxmap::{Options, Voxmap};
+//! use vps::voxmap::{Options, Volume};
 //!
 //! let mesh = Shape::Sphere { radius_m: 10e-3 }.tessellate(5e-5);
 //! let options = Options { voxel_size_m: 1e-3, layers: 3, navigation: None, sides: InsideTest::Auto };
-//! let mut map = Voxmap::build(&mesh, &inspect(&mesh), &options, |_stage| {})?;
+//! let mut map = Volume::build(&mesh, &inspect(&mesh), &options, |_stage| {})?;
 //! let field = map.field(&mesh, false);
 //!
 //! // 9.5 mm from the middle is half a millimetre inside.
@@ -68,7 +68,8 @@ pub mod sat;
 pub mod surface;
 mod winding;
 
-pub use build::{BakeStage, Options, StageTimes, Voxmap};
+pub(crate) use build::announce;
+pub use build::{Answer, BakeStage, Options, StageTimes, Volume};
 pub use distance::Distances;
 pub use hole_cap::CappedMesh;
 pub use leak::Leak;

@@ -7,7 +7,7 @@ use vps::mesh::TriangleMesh;
 use vps::mesh::primitives::Shape;
 use vps::pointshell;
 use vps::pointshell::project::{SurfacePoint, project};
-use vps::voxmap::Voxmap;
+use vps::voxmap::Volume;
 use vps::voxmap::fill::Side;
 use vps::voxmap::grid::Grid;
 use vps::voxmap::surface::{Navigation, Surface, visit_hits, visit_hits_by_brute_force};
@@ -524,11 +524,11 @@ fn acceptance_8_half_the_voxel_size_gives_four_times_the_points_and_eight_times_
         let (low, high) = mesh.bounds().expect("not empty");
         let coarse_m = (high - low).max_element() / 150.0;
         let [coarse, fine] = [coarse_m, 0.5 * coarse_m].map(|voxel_size_m| build(mesh, voxel_size_m, 2));
-        let points = |map: &Voxmap| pointshell::build(mesh, map, DVec3::ZERO).1.points as f64;
+        let points = |map: &Volume| pointshell::build(mesh, map, DVec3::ZERO).1.points as f64;
         let ratio = points(&fine) / points(&coarse);
         assert!((ratio / 4.0 - 1.0).abs() <= 0.1, "{name}: {ratio} times the points");
         // The padding is a matter of layers, not of the object: its volume is what the voxels measure.
-        let voxels = |map: &Voxmap| map.sides.count_inside(&map.surface) as f64 + 0.5 * map.surface.n_voxels as f64;
+        let voxels = |map: &Volume| map.sides.count_inside(&map.surface) as f64 + 0.5 * map.surface.n_voxels as f64;
         let ratio = voxels(&fine) / voxels(&coarse);
         assert!((ratio / 8.0 - 1.0).abs() <= 0.05, "{name}: {ratio} times the voxels");
     }

@@ -7,18 +7,18 @@ use vps::pointshell;
 use vps::voxmap::fill::Side;
 use vps::voxmap::grid::cell_of;
 use vps::voxmap::inside_test::{InsideBasis, InsideTest};
-use vps::voxmap::{Options, Voxmap};
+use vps::voxmap::{Options, Volume};
 
 use super::models;
 
 const S: f64 = 1e-3;
 const LAYERS: u32 = 4;
 
-fn build(mesh: &TriangleMesh) -> Voxmap {
+fn build(mesh: &TriangleMesh) -> Volume {
     build_as(mesh, InsideTest::Auto)
 }
 
-fn build_as(mesh: &TriangleMesh, sides: InsideTest) -> Voxmap {
+fn build_as(mesh: &TriangleMesh, sides: InsideTest) -> Volume {
     super::build_as(mesh, S, LAYERS, sides)
 }
 
@@ -64,7 +64,7 @@ fn holed_sphere(radius: f64, hole: f64) -> TriangleMesh {
     mesh
 }
 
-fn each_band_cell(map: &Voxmap) -> impl Iterator<Item = ([i32; 3], usize, usize)> + '_ {
+fn each_band_cell(map: &Volume) -> impl Iterator<Item = ([i32; 3], usize, usize)> + '_ {
     map.layers.bricks.iter().enumerate().flat_map(move |(slot, brick)| {
         let coord = map.layers.grid.brick_coord(*brick as usize);
         (0..512)
@@ -75,7 +75,7 @@ fn each_band_cell(map: &Voxmap) -> impl Iterator<Item = ([i32; 3], usize, usize)
 
 /// Neighbours differ by one layer, signs are those of the sides, and next to the surface, where forces begin, the field changes
 /// by no more than the way between two cells. Where a lid meets the rim a gap of less than a voxel may remain.
-fn assert_continuous(name: &str, map: &Voxmap, mesh: &TriangleMesh) {
+fn assert_continuous(name: &str, map: &Volume, mesh: &TriangleMesh) {
     let distances = map.distances(mesh, false);
     let mut worst = 0.0_f64;
     for (cell, slot, inside) in each_band_cell(map) {
@@ -103,12 +103,12 @@ fn assert_continuous(name: &str, map: &Voxmap, mesh: &TriangleMesh) {
 }
 
 /// Cells inside and half of the surface, in cells.
-fn volume(map: &Voxmap) -> f64 {
+fn volume(map: &Volume) -> f64 {
     map.sides.count_inside(&map.surface) as f64 + 0.5 * map.surface.n_voxels as f64
 }
 
 /// The points of the shell that lie on the outer hull of a box, and whether their normals point into it.
-fn assert_box_normals(name: &str, map: &Voxmap, mesh: &TriangleMesh, half: DVec3, center: DVec3) {
+fn assert_box_normals(name: &str, map: &Volume, mesh: &TriangleMesh, half: DVec3, center: DVec3) {
     let mut on_hull = 0;
     for (position, normal) in pointshell::build(mesh, map, DVec3::ZERO).0.points() {
         let arm = (position.as_dvec3() / S - center) / half;
@@ -234,7 +234,7 @@ fn a_box_of_loose_faces_with_gaps_is_closed() {
     assert_eq!(map.sides.side(&map.surface, cell_at(&map, DVec3::ZERO)), Side::Inside);
 }
 
-fn cell_at(map: &Voxmap, point: DVec3) -> [i32; 3] {
+fn cell_at(map: &Volume, point: DVec3) -> [i32; 3] {
     map.surface.grid.to_cells(point).floor().as_ivec3().to_array()
 }
 
@@ -310,7 +310,7 @@ fn a_scan_that_is_open_at_the_bottom_is_a_solid() {
         let voxel_size_m = extent / 100.0;
         let options = Options { voxel_size_m, layers: LAYERS, navigation: None, sides: InsideTest::Auto };
         let report = validate::inspect(&mesh);
-        let map = Voxmap::build(&mesh, &report, &options, |_| ()).expect("a grid that fits");
+        let map = Volume::build(&mesh, &report, &options, |_| ()).expect("a grid that fits");
         let area_mm2 = map.capped.as_ref().map(|capped| capped.area_m2 * 1e6);
         eprintln!("{name}: {:?}, clear {:?}, lids {area_mm2:?} mm², leak {:?}", map.basis, map.clear_share, map.leak);
         assert!(!name.contains("bunny") || map.basis != InsideBasis::Thin, "{name}");
@@ -331,7 +331,7 @@ fn a_lid_is_as_large_as_its_hole() {
         for (pose, mesh) in [("along the grid", tray()), ("turned", turned(tray()))] {
             let options =
                 Options { voxel_size_m: voxel_size_mm * 1e-3, layers: LAYERS, navigation: None, sides: InsideTest::Winding };
-            let map = Voxmap::build(&mesh, &validate::inspect(&mesh), &options, |_| ()).expect("a grid that fits");
+            let map = Volume::build(&mesh, &validate::inspect(&mesh), &options, |_| ()).expect("a grid that fits");
             let capped = map.capped.as_ref().expect("a lid");
             let area_mm2 = capped.area_m2 * 1e6;
             eprintln!("{pose}, voxels of {voxel_size_mm} mm: {} lids, {area_mm2:.1} mm²", capped.n_lids);

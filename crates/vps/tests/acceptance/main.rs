@@ -11,14 +11,14 @@ mod tree;
 
 use vps::mesh::{TriangleMesh, validate};
 use vps::voxmap::inside_test::InsideTest;
-use vps::voxmap::{Options, Voxmap};
+use vps::voxmap::{Options, Volume};
 
 /// The voxmap of a mesh as it is in the file.
-fn build_as(mesh: &TriangleMesh, voxel_size_m: f64, layers: u32, sides: InsideTest) -> Voxmap {
+fn build_as(mesh: &TriangleMesh, voxel_size_m: f64, layers: u32, sides: InsideTest) -> Volume {
     let options = Options { voxel_size_m, layers, navigation: None, sides };
-    Voxmap::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
+    Volume::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
 }
 
-fn build(mesh: &TriangleMesh, voxel_size_m: f64, layers: u32) -> Voxmap {
+fn build(mesh: &TriangleMesh, voxel_size_m: f64, layers: u32) -> Volume {
     build_as(mesh, voxel_size_m, layers, InsideTest::Auto)
 }

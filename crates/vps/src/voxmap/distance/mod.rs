@@ -298,7 +298,7 @@ mod tests {
     use crate::mesh::primitives::Shape;
     use crate::mesh::validate::inspect;
     use crate::voxmap::inside_test::InsideTest;
-    use crate::voxmap::{Options, Voxmap};
+    use crate::voxmap::{Options, Volume};
 
     #[test]
     fn every_simd_level_measures_the_same_bits() {
@@ -306,7 +306,7 @@ mod tests {
         let plate = Shape::Box { size_m: DVec3::new(0.04, 0.03, 0.002) }.tessellate(1e-4);
         for (mesh, sides) in [(&torus, InsideTest::Auto), (&plate, InsideTest::Auto), (&plate, InsideTest::Thin)] {
             let options = Options { voxel_size_m: 4e-4, layers: 5, navigation: None, sides };
-            let map = Voxmap::build(mesh, &inspect(mesh), &options, |_| ()).expect("a small grid");
+            let map = Volume::build(mesh, &inspect(mesh), &options, |_| ()).expect("a small grid");
             let signs = if map.thin { Signs::Thin } else { Signs::Solid(&map.orientation) };
             let measure = |level| Samples::measure_on(level, mesh, &map.surface, &map.layers, signs, true);
             let (portable, best) = (measure(SimdLevel::Portable), measure(SimdLevel::best()));

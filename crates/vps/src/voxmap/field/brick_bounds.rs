@@ -320,14 +320,14 @@ mod tests {
     use crate::mesh::primitives::Shape;
     use crate::mesh::validate::inspect;
     use crate::voxmap::inside_test::InsideTest;
-    use crate::voxmap::{Options, Voxmap};
+    use crate::voxmap::{Options, Volume};
 
     fn fields() -> Vec<Field> {
         let ring = Shape::Torus { major_m: 0.02, minor_m: 0.006 }.tessellate(1e-5);
         let ball = Shape::Sphere { radius_m: 0.015 }.tessellate(1e-5);
         let built = [(ring, InsideTest::Auto), (ball.clone(), InsideTest::Auto), (ball, InsideTest::Thin)].map(|(mesh, sides)| {
             let options = Options { voxel_size_m: 5e-4, layers: 6, navigation: None, sides };
-            Voxmap::build(&mesh, &inspect(&mesh), &options, |_| ()).expect("a grid that fits").field(&mesh, false)
+            Volume::build(&mesh, &inspect(&mesh), &options, |_| ()).expect("a grid that fits").field(&mesh, false)
         });
         built.into()
     }

@@ -62,13 +62,13 @@ mod tests {
     use crate::mesh::primitives::Shape;
     use crate::mesh::validate::inspect;
     use crate::voxmap::inside_test::InsideTest;
-    use crate::voxmap::{Options, Voxmap};
+    use crate::voxmap::{Options, Volume};
 
     #[test]
     fn it_is_the_central_difference_everywhere_and_steady() {
         let ball = Shape::Sphere { radius_m: 0.015 }.tessellate(1e-5);
         let options = Options { voxel_size_m: 5e-4, layers: 6, navigation: None, sides: InsideTest::Auto };
-        let field = Voxmap::build(&ball, &inspect(&ball), &options, |_| ()).expect("a grid that fits").field(&ball, false);
+        let field = Volume::build(&ball, &inspect(&ball), &options, |_| ()).expect("a grid that fits").field(&ball, false);
         let mut seed = 9_u64;
         let mut random = || {
             seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);

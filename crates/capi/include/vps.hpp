@@ -1,0 +1,258 @@
+// vps.h for C++20: handles that free themselves, arrays as std::span, errors as exceptions with their text.
+#ifndef VPS_HPP
+#define VPS_HPP
+
+#include <array>
+#include <exception>
+#include <functional>
+#include <memory>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "vps.h"
+
+namespace vps {
+
+using Vector = std::array<double, 3>;
+using Pose = vps_pose;
+using Wrench = vps_wrench;
+using Contact = vps_contact;
+using Mass = vps_mass;
+using Options = vps_options;
+
+/// A call that failed; what() says what is wrong, where, and what to do.
+class Error : public std::runtime_error {
+ public:
+  Error(vps_status status, const char* text) : std::runtime_error(text), status_(status) {}
+  vps_status status() const noexcept { return status_; }
+
+ private:
+  vps_status status_;
+};
+
+/// Hears of each stage of a bake before it begins, and answers whether to go on. An exception ends the bake as well, and reaches its caller.
+using Progress = std::function<bool(vps_stage)>;
+
+namespace detail {
+
+inline void check(vps_status status) {
+  if (status != VPS_OK) throw Error(status, vps_last_error());
+}
+
+/// Throws where the library is not the one that this header is of.
+inline void check_abi() {
+  if (vps_abi_version() != VPS_ABI_VERSION) {
+    throw std::runtime_error("libvps has ABI " + std::to_string(vps_abi_version()) + ", and the program was compiled for " +
+                             std::to_string(VPS_ABI_VERSION) + ": compile it with the header of the library");
+  }
+}
+
+template <typename T, void (*Free)(T*)>
+struct Deleter {
+  void operator()(T* handle) const noexcept { Free(handle); }
+};
+
+template <typename T, void (*Free)(T*)>
+using Handle = std::unique_ptr<T, Deleter<T, Free>>;
+
+template <typename T, typename Make>
+T* make(Make call) {
+  check_abi();
+  T* made = nullptr;
+  check(call(&made));
+  return made;
+}
+
+/// A callback and what it threw, which must not cross the library.
+struct Watch {
+  const Progress& progress;
+  std::exception_ptr thrown;
+
+  static int hear(vps_stage stage, void* user) noexcept {
+    auto& watch = *static_cast<Watch*>(user);
+    try {
+      return watch.progress(stage) ? 0 : 1;
+    } catch (...) {
+      watch.thrown = std::current_exception();
+      return 1;
+    }
+  }
+};
+
+template <typename T, typename Bake>
+T* bake(const Progress& progress, Bake call) {
+  check_abi();
+  Watch watch{progress, nullptr};
+  T* made = nullptr;
+  const vps_status status = call(progress ? &Watch::hear : nullptr, &watch, &made);
+  if (watch.thrown) std::rethrow_exception(watch.thrown);
+  check(status);
+  return made;
+}
+
+/// Number of triples in an array of x, y, z.
+template <typename T>
+std::size_t triples(std::span<T> values, const char* name) {
+  if (values.size() % 3 != 0) {
+    throw Error(VPS_ERROR_ARGUMENT, (std::string(name) + " has " + std::to_string(values.size()) + " elements: give three of each").c_str());
+  }
+  return values.size() / 3;
+}
+
+}  // namespace detail
+
+/// Voxels of this edge, m, and for the rest what suits most parts.
+inline Options options(double voxel_size_m) { return vps_options_default(voxel_size_m); }
+
+/// Triangles of a part. Units and frames are those of vps.h.
+class Mesh {
+ public:
+  /// An OBJ, STL, PLY, glTF or 3MF file whose numbers count metres_per_unit: 0.001 for millimetres.
+  static Mesh load(const std::string& path, double metres_per_unit) {
+    return Mesh(detail::make<vps_mesh>([&](vps_mesh** out) { return vps_mesh_load(path.c_str(), metres_per_unit, out); }));
+  }
+  /// Vertices [n][3], m, and triangles [m][3], numbers of vertices from 0.
+  static Mesh from_arrays(std::span<const double> vertices_m, std::span<const std::uint32_t> triangles) {
+    return from(vertices_m, triangles, vps_mesh_from_f64);
+  }
+  static Mesh from_arrays(std::span<const float> vertices_m, std::span<const std::uint32_t> triangles) {
+    return from(vertices_m, triangles, vps_mesh_from_f32);
+  }
+  /// A shape around the origin; sizes as vps_shape says.
+  static Mesh shape(vps_shape shape, Vector sizes_m, double tolerance_m) {
+    return Mesh(detail::make<vps_mesh>([&](vps_mesh** out) { return vps_mesh_shape(shape, sizes_m.data(), tolerance_m, out); }));
+  }
+
+  Mass mass() const {
+    Mass mass;
+    detail::check(vps_mesh_mass(handle_.get(), &mass));
+    return mass;
+  }
+  /// Lowest and highest corner of the box around the triangles, m.
+  std::pair<Vector, Vector> bounds() const {
+    std::pair<Vector, Vector> corners;
+    detail::check(vps_mesh_bounds(handle_.get(), corners.first.data(), corners.second.data()));
+    return corners;
+  }
+  /// A line for each thing that a user should look at.
+  std::string warnings() const { return vps_mesh_warnings(handle_.get()); }
+  const vps_mesh* get() const noexcept { return handle_.get(); }
+
+ private:
+  explicit Mesh(vps_mesh* handle) : handle_(handle) {}
+
+  template <typename T, typename From>
+  static Mesh from(std::span<const T> vertices_m, std::span<const std::uint32_t> triangles, From call) {
+    const std::size_t n_vertices = detail::triples(vertices_m, "vertices_m"), n_triangles = detail::triples(triangles, "triangles");
+    return Mesh(detail::make<vps_mesh>(
+        [&](vps_mesh** out) { return call(vertices_m.data(), n_vertices, triangles.data(), n_triangles, out); }));
+  }
+
+  detail::Handle<vps_mesh, vps_mesh_free> handle_;
+};
+
+/// A distance, m, and its gradient.
+struct Distance {
+  double distance_m;
+  Vector gradient;
+};
+
+/// The part that is touched.
+class Voxmap {
+ public:
+  static Voxmap bake(const Mesh& mesh, const Options& options, const Progress& progress = {}) {
+    return Voxmap(detail::bake<vps_voxmap>(progress, [&](vps_progress hear, void* user, vps_voxmap** out) {
+      return vps_voxmap_bake(mesh.get(), &options, hear, user, out);
+    }));
+  }
+  static Voxmap load(const std::string& path) {
+    return Voxmap(detail::make<vps_voxmap>([&](vps_voxmap** out) { return vps_voxmap_load(path.c_str(), out); }));
+  }
+  void save(const std::string& path) const { detail::check(vps_voxmap_save(handle_.get(), path.c_str())); }
+
+  /// Greater than 0 outside; never beyond the band on either side.
+  Distance distance(Vector point_m) const {
+    Distance found;
+    detail::check(vps_voxmap_distance(handle_.get(), point_m.data(), &found.distance_m, found.gradient.data()));
+    return found;
+  }
+  vps_voxmap_info describe() const {
+    vps_voxmap_info info;
+    detail::check(vps_voxmap_describe(handle_.get(), &info));
+    return info;
+  }
+  std::string warnings() const { return vps_voxmap_warnings(handle_.get()); }
+  const vps_voxmap* get() const noexcept { return handle_.get(); }
+
+ private:
+  explicit Voxmap(vps_voxmap* handle) : handle_(handle) {}
+  detail::Handle<vps_voxmap, vps_voxmap_free> handle_;
+};
+
+/// The part that touches.
+class PointShell {
+ public:
+  static PointShell bake(const Mesh& mesh, const Options& options, const Progress& progress = {}) {
+    return PointShell(detail::bake<vps_shell>(progress, [&](vps_progress hear, void* user, vps_shell** out) {
+      return vps_shell_bake(mesh.get(), &options, hear, user, out);
+    }));
+  }
+  static PointShell load(const std::string& path) {
+    return PointShell(detail::make<vps_shell>([&](vps_shell** out) { return vps_shell_load(path.c_str(), out); }));
+  }
+  void save(const std::string& path) const { detail::check(vps_shell_save(handle_.get(), path.c_str())); }
+
+  vps_shell_info describe() const {
+    vps_shell_info info;
+    detail::check(vps_shell_describe(handle_.get(), &info));
+    return info;
+  }
+  std::string warnings() const { return vps_shell_warnings(handle_.get()); }
+  const vps_shell* get() const noexcept { return handle_.get(); }
+
+ private:
+  explicit PointShell(vps_shell* handle) : handle_(handle) {}
+  detail::Handle<vps_shell, vps_shell_free> handle_;
+};
+
+/// Asks what wrench a voxmap exerts on a shell. Any number of threads may ask one query at a time.
+class ContactQuery {
+ public:
+  ContactQuery(const Voxmap& voxmap, const PointShell& shell, double stiffness_n_per_m)
+      : handle_(detail::make<vps_query>(
+            [&](vps_query** out) { return vps_query_new(voxmap.get(), shell.get(), stiffness_n_per_m, out); })) {}
+
+  Wrench wrench(const Pose& pose) const {
+    Wrench felt;
+    detail::check(vps_query_wrench(handle_.get(), &pose, &felt));
+    return felt;
+  }
+  /// Fills as many contacts as there is room for; n_contacts of the answer says how many there are.
+  Wrench contacts(const Pose& pose, std::span<Contact> contacts) const {
+    Wrench felt;
+    detail::check(vps_query_contacts(handle_.get(), &pose, contacts.data(), contacts.size(), &felt));
+    return felt;
+  }
+  /// All contacts. Allocates.
+  std::vector<Contact> contacts(const Pose& pose) const {
+    std::vector<Contact> all(wrench(pose).n_contacts);
+    contacts(pose, std::span(all));
+    return all;
+  }
+  /// As many wrenches as poses, on all processors.
+  void wrenches(std::span<const Pose> poses, std::span<Wrench> out) const {
+    if (out.size() < poses.size()) throw Error(VPS_ERROR_ARGUMENT, "out has fewer elements than poses: give as many");
+    detail::check(vps_query_wrenches(handle_.get(), poses.data(), poses.size(), out.data()));
+  }
+  const vps_query* get() const noexcept { return handle_.get(); }
+
+ private:
+  detail::Handle<vps_query, vps_query_free> handle_;
+};
+
+}  // namespace vps
+
+#endif  // VPS_HPP

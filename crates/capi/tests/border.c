@@ -1,0 +1,198 @@
+// The whole interface from C: what it gives, what it refuses, and with which words. Ends with 1 at the first thing that is wrong.
+#include <math.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <vps.h>
+
+#define EXPECT(condition)                                                                   \
+  do {                                                                                      \
+    if (!(condition)) {                                                                     \
+      fprintf(stderr, "%s:%d: %s; %s\n", __FILE__, __LINE__, #condition, vps_last_error()); \
+      exit(1);                                                                              \
+    }                                                                                       \
+  } while (0)
+
+// A call that has to fail with this status and a text that has this in it.
+#define REFUSED(call, status, words) EXPECT((call) == (status) && strstr(vps_last_error(), (words)) != NULL)
+
+enum { POSES = 500 };
+
+static const double TETRAHEDRON[4][3] = {{0, 0, 0}, {0.03, 0, 0}, {0, 0.03, 0}, {0, 0, 0.03}};
+static const uint32_t FACES[4][3] = {{0, 2, 1}, {0, 1, 3}, {0, 3, 2}, {1, 2, 3}};
+
+static vps_pose poses[POSES];
+static vps_wrench alone[POSES];
+
+static int heard;
+
+static int until_layers(vps_stage stage, void *user) {
+  ++heard;
+  return stage == *(const vps_stage *)user;
+}
+
+static void *ask_all(void *query) {
+  vps_wrench felt;
+  for (int n = 0; n < POSES; ++n) {
+    EXPECT(vps_query_wrench(query, &poses[n], &felt) == VPS_OK);
+    EXPECT(memcmp(&felt, &alone[n], sizeof felt) == 0);
+  }
+  return NULL;
+}
+
+static void meshes(void) {
+  vps_mesh *mesh = (vps_mesh *)1;
+  EXPECT(vps_last_error()[0] == 0);
+  REFUSED(vps_mesh_load("no such file.stl", 1e-3, &mesh), VPS_ERROR_MESH, "no such file.stl: no such file");
+  EXPECT(mesh == NULL);
+  REFUSED(vps_mesh_load(NULL, 1e-3, &mesh), VPS_ERROR_ARGUMENT, "path is null");
+  REFUSED(vps_mesh_load("part.stl", NAN, &mesh), VPS_ERROR_ARGUMENT, "metres_per_unit is NaN");
+  REFUSED(vps_mesh_load("part.stl", 1e-3, NULL), VPS_ERROR_ARGUMENT, "out is null");
+  REFUSED(vps_mesh_from_f64(&TETRAHEDRON[0][0], 3, &FACES[0][0], 4, &mesh), VPS_ERROR_MESH, "triangle 1 names vertex 3");
+  REFUSED(vps_mesh_from_f64(&TETRAHEDRON[0][0], 4, NULL, 4, &mesh), VPS_ERROR_ARGUMENT, "triangles is null: give 4");
+  REFUSED(vps_mesh_from_f64(&TETRAHEDRON[0][0], SIZE_MAX, &FACES[0][0], 4, &mesh), VPS_ERROR_ARGUMENT, "vertices_m has");
+  REFUSED(vps_mesh_from_f64(NULL, 0, NULL, 0, &mesh), VPS_ERROR_MESH, "none of the 0 triangles");
+  REFUSED(vps_mesh_from_f64((const double *)(((const char *)TETRAHEDRON) + 1), 3, &FACES[0][0], 4, &mesh), VPS_ERROR_ARGUMENT, "aligned");
+  REFUSED(vps_mesh_shape(17, (double[]){1, 1, 1}, 1e-3, &mesh), VPS_ERROR_ARGUMENT, "shape is 17");
+  REFUSED(vps_mesh_shape(VPS_SPHERE, NULL, 1e-3, &mesh), VPS_ERROR_ARGUMENT, "sizes_m is null");
+
+  float vertices[4][3];
+  for (int n = 0; n < 12; ++n) (&vertices[0][0])[n] = (float)(&TETRAHEDRON[0][0])[n];
+  size_t n_vertices = 0, n_triangles = 0;
+  vps_mass mass;
+  EXPECT(vps_mesh_from_f32(&vertices[0][0], 4, &FACES[0][0], 4, &mesh) == VPS_OK);
+  EXPECT(vps_mesh_counts(mesh, &n_vertices, &n_triangles) == VPS_OK && n_vertices == 4 && n_triangles == 4);
+  EXPECT(vps_mesh_counts(mesh, NULL, NULL) == VPS_OK);
+  double low_m[3], high_m[3];
+  EXPECT(vps_mesh_bounds(mesh, low_m, high_m) == VPS_OK && low_m[2] == 0 && fabs(high_m[2] - 0.03) < 1e-8);
+  REFUSED(vps_mesh_bounds(mesh, low_m, NULL), VPS_ERROR_ARGUMENT, "high_m is null");
+  EXPECT(vps_mesh_mass(mesh, &mass) == VPS_OK && fabs(mass.volume_m3 - 0.03 * 0.03 * 0.03 / 6) < 1e-10);
+  EXPECT(vps_mesh_warnings(mesh)[0] == 0 && vps_mesh_warnings(NULL)[0] == 0);
+  vps_mesh_free(mesh);
+  // Without its last face it is open.
+  EXPECT(vps_mesh_from_f64(&TETRAHEDRON[0][0], 4, &FACES[0][0], 3, &mesh) == VPS_OK);
+  EXPECT(vps_mesh_warnings(mesh)[0] != 0);
+  vps_mesh_free(mesh);
+  vps_mesh_free(NULL);
+}
+
+static void baked(const vps_mesh *block, vps_voxmap **voxmap, vps_shell **shell, const vps_mesh *ball, const char *folder) {
+  vps_options options = vps_options_default(0.0);
+  EXPECT(options.layers == 8 && options.inside_test == VPS_INSIDE_AUTO);
+  REFUSED(vps_voxmap_bake(block, &options, NULL, NULL, voxmap), VPS_ERROR_ARGUMENT, "voxel_size_m is 0");
+  options.voxel_size_m = 1e-8;
+  REFUSED(vps_voxmap_bake(block, &options, NULL, NULL, voxmap), VPS_ERROR_GRID, "use a voxel size of at least");
+  options.voxel_size_m = 0.5e-3;
+  options.inside_test = 9;
+  REFUSED(vps_shell_bake(ball, &options, NULL, NULL, shell), VPS_ERROR_ARGUMENT, "inside_test is 9");
+  options.inside_test = VPS_INSIDE_AUTO;
+  REFUSED(vps_voxmap_bake(NULL, &options, NULL, NULL, voxmap), VPS_ERROR_ARGUMENT, "mesh is null");
+  REFUSED(vps_voxmap_bake(block, NULL, NULL, NULL, voxmap), VPS_ERROR_ARGUMENT, "options is null");
+  vps_stage last = VPS_STAGE_LAYERS;
+  REFUSED(vps_voxmap_bake(block, &options, until_layers, &last, voxmap), VPS_ERROR_CANCELLED, "cancelled");
+  EXPECT(heard == 3 && *voxmap == NULL);
+  last = VPS_STAGE_LOAD;
+  EXPECT(vps_voxmap_bake(block, &options, until_layers, &last, voxmap) == VPS_OK && heard == 7);
+  EXPECT(vps_shell_bake(ball, &options, NULL, NULL, shell) == VPS_OK);
+  EXPECT(vps_voxmap_warnings(*voxmap)[0] == 0 && vps_shell_warnings(*shell)[0] == 0);
+
+  vps_voxmap_info about;
+  vps_shell_info points;
+  EXPECT(vps_voxmap_describe(*voxmap, &about) == VPS_OK && fabs(about.voxel_size_m - 0.5e-3) < 1e-9 && about.heap_bytes > 0);
+  EXPECT(vps_shell_describe(*shell, &points) == VPS_OK && points.n_points > 1000 && points.mass.volume_m3 > 4e-6);
+
+  // 1 mm over the middle of the upper face, and as far below it.
+  double distance_m, gradient[3];
+  EXPECT(vps_voxmap_distance(*voxmap, (double[]){0, 0, 21e-3}, &distance_m, gradient) == VPS_OK);
+  EXPECT(fabs(distance_m - 1e-3) < 1e-5 && fabs(gradient[2] - 1) < 1e-3);
+  EXPECT(vps_voxmap_distance(*voxmap, (double[]){0, 0, 19e-3}, &distance_m, NULL) == VPS_OK && fabs(distance_m + 1e-3) < 1e-5);
+  EXPECT(vps_voxmap_distance(*voxmap, (double[]){0, 0, 1}, NULL, gradient) == VPS_OK && gradient[2] == 0);
+  REFUSED(vps_voxmap_distance(*voxmap, (double[]){0, INFINITY, 0}, &distance_m, NULL), VPS_ERROR_ARGUMENT, "a coordinate of the point is inf");
+
+  // What was saved is the same after it was loaded.
+  char voxmap_file[512], shell_file[512];
+  snprintf(voxmap_file, sizeof voxmap_file, "%s/voxmap", folder);
+  snprintf(shell_file, sizeof shell_file, "%s/shell", folder);
+  EXPECT(vps_voxmap_save(*voxmap, voxmap_file) == VPS_OK && vps_shell_save(*shell, shell_file) == VPS_OK);
+  vps_voxmap_free(*voxmap);
+  vps_shell_free(*shell);
+  REFUSED(vps_voxmap_load(shell_file, voxmap), VPS_ERROR_FILE, "holds no voxmap");
+  REFUSED(vps_shell_load("no/such/file", shell), VPS_ERROR_FILE, "no/such/file: cannot be read");
+  EXPECT(*voxmap == NULL && *shell == NULL);
+  EXPECT(vps_voxmap_load(voxmap_file, voxmap) == VPS_OK && vps_shell_load(shell_file, shell) == VPS_OK);
+  REFUSED(vps_voxmap_save(*voxmap, "no/such/folder/file"), VPS_ERROR_FILE, "cannot be written");
+}
+
+static void queries(vps_query *query) {
+  for (int n = 0; n < POSES; ++n) {
+    const double half_turn = 0.01 * n, way = 28e-3 + 4e-3 * sin(0.3 * n);
+    poses[n] = (vps_pose){{2e-3 * cos(n), 2e-3 * sin(n), way}, {0, sin(half_turn), 0, cos(half_turn)}};
+  }
+  int touching = 0;
+  vps_contact *contacts = malloc(10000 * sizeof *contacts);
+  for (int n = 0; n < POSES; ++n) {
+    EXPECT(vps_query_contacts(query, &poses[n], contacts, 10000, &alone[n]) == VPS_OK && alone[n].n_contacts < 10000);
+    double force_n = 0;
+    for (size_t k = 0; k < alone[n].n_contacts; ++k) {
+      EXPECT(contacts[k].depth_m > 0);
+      force_n += contacts[k].force_n[2];
+    }
+    EXPECT(fabs(force_n - alone[n].force_n[2]) <= 1e-5 * fabs(force_n));
+    EXPECT((alone[n].n_contacts == 0) == (alone[n].penetration_m == 0));
+    touching += alone[n].n_contacts > 0;
+  }
+  EXPECT(touching > 100 && touching < 450);
+  // No more than there is room for.
+  int deep = 0;
+  while (alone[deep].n_contacts < 3) ++deep;
+  contacts[1].point = 12345678;
+  vps_wrench felt;
+  EXPECT(vps_query_contacts(query, &poses[deep], contacts, 1, &felt) == VPS_OK);
+  EXPECT(felt.n_contacts == alone[deep].n_contacts && contacts[1].point == 12345678);
+  EXPECT(vps_query_contacts(query, &poses[deep], NULL, 0, &felt) == VPS_OK);
+  free(contacts);
+
+  static vps_wrench batch[POSES];
+  EXPECT(vps_query_wrenches(query, poses, POSES, batch) == VPS_OK && memcmp(batch, alone, sizeof batch) == 0);
+  EXPECT(vps_query_wrenches(query, NULL, 0, NULL) == VPS_OK);
+  pthread_t threads[4];
+  for (int n = 0; n < 4; ++n) EXPECT(pthread_create(&threads[n], NULL, ask_all, query) == 0);
+  for (int n = 0; n < 4; ++n) EXPECT(pthread_join(threads[n], NULL) == 0);
+
+  vps_pose wrong[2] = {poses[0], {{0, 0, 0}, {0, 0, 0, 0}}};
+  REFUSED(vps_query_wrenches(query, wrong, 2, batch), VPS_ERROR_ARGUMENT, "pose 1: rotation");
+  REFUSED(vps_query_wrenches(query, wrong, 2, NULL), VPS_ERROR_ARGUMENT, "out is null: give 2");
+  wrong[0].position_m[1] = NAN;
+  REFUSED(vps_query_wrench(query, &wrong[0], &felt), VPS_ERROR_ARGUMENT, "pose 0: translation");
+  REFUSED(vps_query_wrench(query, NULL, &felt), VPS_ERROR_ARGUMENT, "pose is null");
+  REFUSED(vps_query_wrench(NULL, &poses[0], &felt), VPS_ERROR_ARGUMENT, "query is null");
+  REFUSED(vps_query_wrench(query, &poses[0], NULL), VPS_ERROR_ARGUMENT, "out is null");
+}
+
+int main(int argc, char **argv) {
+  if (argc != 2) return 2;
+  EXPECT(vps_abi_version() == VPS_ABI_VERSION);
+  meshes();
+  vps_mesh *block = NULL, *ball = NULL;
+  vps_voxmap *voxmap = NULL;
+  vps_shell *shell = NULL;
+  vps_query *query = NULL;
+  EXPECT(vps_mesh_shape(VPS_BOX, (double[]){40e-3, 40e-3, 40e-3}, 1e-5, &block) == VPS_OK);
+  EXPECT(vps_mesh_shape(VPS_SPHERE, (double[]){10e-3, NAN, NAN}, 1e-5, &ball) == VPS_OK);
+  baked(block, &voxmap, &shell, ball, argv[1]);
+  REFUSED(vps_query_new(voxmap, shell, -1.0, &query), VPS_ERROR_ARGUMENT, "stiffness_n_per_m is -1");
+  REFUSED(vps_query_new(voxmap, NULL, 1.0, &query), VPS_ERROR_ARGUMENT, "shell is null");
+  EXPECT(vps_query_new(voxmap, shell, 1000.0, &query) == VPS_OK);
+  // The query keeps what it needs.
+  vps_voxmap_free(voxmap);
+  vps_shell_free(shell);
+  vps_mesh_free(block);
+  vps_mesh_free(ball);
+  queries(query);
+  vps_query_free(query);
+  vps_query_free(NULL);
+  puts("border: ok");
+  return 0;
+}

@@ -1,0 +1,246 @@
+//! The two parts of a contact query, ready to be asked, and their files.
+
+use core::ops::ControlFlow;
+use std::path::Path;
+use std::sync::Arc;
+
+use glam::{DVec3, Vec3};
+
+use super::error::check;
+use super::{Error, Mesh};
+use crate::mesh::FARTHEST_M;
+use crate::mesh::mass::MassProperties;
+use crate::part::GENERATION;
+use crate::pointshell::Points;
+use crate::pointshell::shell::Shell;
+use crate::storage::sections::{Reader, Refusal, Writer};
+use crate::storage::whole_file::write_whole;
+use crate::storage::{MappedFile, regular};
+use crate::voxmap::estimate::Products;
+use crate::voxmap::field::{Field, FieldKind};
+use crate::voxmap::{BakeStage, Options};
+
+/// Section of a file: sentences for the user, a line each.
+const WARNINGS: &str = "warnings";
+
+/// The part that is touched: signed distances on a sparse grid around its surface, mesh frame. A clone is another handle on the same memory.
+#[derive(Clone, Debug)]
+pub struct Voxmap {
+    field: Field,
+    warnings: Arc<[String]>,
+}
+
+/// Distance of a point to a surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Distance {
+    /// m; greater than 0 outside, less than 0 inside. Never beyond [`Voxmap::band_m`] on either side.
+    pub distance_m: f64,
+    /// Its gradient, mesh frame: points away from the surface outside and to it inside, about 1 long; 0 beyond the band.
+    pub gradient: DVec3,
+}
+
+impl Voxmap {
+    /// Bakes a mesh. Cost: time and memory follow the voxels near the surface (layers × area / voxel size²), on the current rayon pool; the same
+    /// bits for any number of threads.
+    ///
+    /// # Errors
+    /// [`Error::Value`] of an option, [`Error::Grid`] of too many voxels.
+    pub fn bake(mesh: &Mesh, options: &Options) -> Result<Self, Error> {
+        Self::bake_with(mesh, options, |_| ControlFlow::Continue(()))
+    }
+
+    /// The same; `watch` hears of each stage before it begins, and may end the bake there.
+    ///
+    /// # Errors
+    /// Those of [`Self::bake`], and [`Error::Cancelled`].
+    pub fn bake_with(mesh: &Mesh, options: &Options, watch: impl FnMut(BakeStage) -> ControlFlow<()>) -> Result<Self, Error> {
+        let part = mesh.part_to_bake(options, Products { field: true, gradients: false, shell: false })?;
+        let (field, report) = part.bake_field(options, false, watch)?;
+        Ok(Self { field, warnings: report.warnings.into() })
+    }
+
+    /// Distance and gradient at a point of the mesh frame, m, interpolated between eight samples. Allocates nothing; some tens of nanoseconds.
+    ///
+    /// # Errors
+    /// [`Error::Value`]: a coordinate that is not finite or farther than 10⁹ m from the origin.
+    pub fn distance(&self, point_m: DVec3) -> Result<Distance, Error> {
+        for coordinate in point_m.to_array() {
+            let wanted = "finite metres, at most 1e9 from the origin";
+            check("a coordinate of the point", coordinate, -FARTHEST_M..=FARTHEST_M, wanted)?;
+        }
+        let cells = ((point_m - self.field.origin_map().as_dvec3()) / f64::from(self.field.voxel_size_m())).as_vec3();
+        Ok(Distance {
+            distance_m: -f64::from(self.field.value(FieldKind::Trilinear, cells, Vec3::ZERO)),
+            gradient: -self.field.gradient(cells).as_dvec3(),
+        })
+    }
+
+    /// Edge of a voxel, m.
+    pub fn voxel_size_m(&self) -> f64 {
+        self.field.voxel_size_m().into()
+    }
+
+    /// How far outside the surface distances are known, m; farther away all is at this distance.
+    pub fn band_m(&self) -> f64 {
+        self.field.known_outside_m().into()
+    }
+
+    /// What a user should know of the bake, a sentence each: holes, leaks, skins thinner than a voxel.
+    pub fn warnings(&self) -> &[String] {
+        &self.warnings
+    }
+
+    /// Size of the arrays, bytes.
+    pub fn heap_bytes(&self) -> usize {
+        self.field.heap_bytes()
+    }
+
+    /// The arrays themselves, for readers of their layout.
+    pub fn field(&self) -> &Field {
+        &self.field
+    }
+
+    /// Writes a file that appears whole or not at all; [`Self::load`] gives the same bits. One of a [`PointShell`] is another file.
+    ///
+    /// # Errors
+    /// [`Error::File`].
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<(), Error> {
+        let (head, warnings) = (self.field.head(), self.warnings.join("\n"));
+        write(path.as_ref(), &warnings, |file| self.field.store(&head, file))
+    }
+
+    /// Reads a file of [`Self::save`], or of hapticd's bake cache. It is checked as a whole: no file gives an index out of range.
+    ///
+    /// # Errors
+    /// [`Error::File`]: no such file, one that is damaged or holds something else, or one of another format.
+    pub fn load(path: impl AsRef<Path>) -> Result<Self, Error> {
+        read(path.as_ref(), |file| {
+            if !Field::is_in(file) {
+                return Err("holds no voxmap: give the file that `Voxmap::save` wrote".to_owned());
+            }
+            let field = Field::load(file).map_err(|refusal| remedy(&refusal))?;
+            if field.known_outside_m() <= 0.0 {
+                return Err("holds a thin skin with one layer of voxels: bake the part again with two or more".to_owned());
+            }
+            Ok(Self { field, warnings: warnings(file) })
+        })
+    }
+}
+
+/// The part that touches: points on its surface with inward normals, mesh frame. A clone is another handle on the same memory.
+#[derive(Clone, Debug)]
+pub struct PointShell {
+    shell: Shell,
+    mass: MassProperties,
+    warnings: Arc<[String]>,
+}
+
+impl PointShell {
+    /// Bakes a mesh: a point for each facet of the surface in each voxel. Cost: as [`Voxmap::bake`].
+    ///
+    /// # Errors
+    /// As [`Voxmap::bake`].
+    pub fn bake(mesh: &Mesh, options: &Options) -> Result<Self, Error> {
+        Self::bake_with(mesh, options, |_| ControlFlow::Continue(()))
+    }
+
+    /// The same; `watch` hears of each stage before it begins, and may end the bake there.
+    ///
+    /// # Errors
+    /// Those of [`Self::bake`], and [`Error::Cancelled`].
+    pub fn bake_with(mesh: &Mesh, options: &Options, watch: impl FnMut(BakeStage) -> ControlFlow<()>) -> Result<Self, Error> {
+        let part = mesh.part_to_bake(options, Products { field: false, gradients: false, shell: true })?;
+        let (shell, mass, report) = part.bake_shell(options, Points::default(), None, watch)?;
+        Ok(Self { shell, mass, warnings: report.warnings.into() })
+    }
+
+    /// Number of points.
+    pub fn len(&self) -> usize {
+        self.shell.len()
+    }
+
+    /// True when there is no point: such a shell touches nothing.
+    pub fn is_empty(&self) -> bool {
+        self.shell.is_empty()
+    }
+
+    /// Volume, m³, centre of mass, m, and inertia per kilogram, m², of a part of even density; mesh frame.
+    pub fn mass_properties(&self) -> &MassProperties {
+        &self.mass
+    }
+
+    /// Spacing of the points: the edge of the voxels that they come from, m.
+    pub fn voxel_size_m(&self) -> f64 {
+        self.shell.voxel_size_m()
+    }
+
+    /// As [`Voxmap::warnings`].
+    pub fn warnings(&self) -> &[String] {
+        &self.warnings
+    }
+
+    /// Size of the arrays, bytes.
+    pub fn heap_bytes(&self) -> usize {
+        self.shell.heap_bytes()
+    }
+
+    /// The arrays themselves, for readers of their layout: points about the centre of mass.
+    pub fn shell(&self) -> &Shell {
+        &self.shell
+    }
+
+    /// As [`Voxmap::save`].
+    ///
+    /// # Errors
+    /// [`Error::File`].
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<(), Error> {
+        let (head, mass, warnings) = (self.shell.head(), self.mass.record(), self.warnings.join("\n"));
+        write(path.as_ref(), &warnings, |file| {
+            self.shell.store(&head, file);
+            MassProperties::store(&mass, file);
+        })
+    }
+
+    /// As [`Voxmap::load`].
+    ///
+    /// # Errors
+    /// As [`Voxmap::load`].
+    pub fn load(path: impl AsRef<Path>) -> Result<Self, Error> {
+        read(path.as_ref(), |file| {
+            if !(Shell::is_in(file) && MassProperties::is_in(file)) {
+                return Err("holds no pointshell: give the file that `PointShell::save` wrote".to_owned());
+            }
+            let (shell, mass) =
+                Shell::load(file).and_then(|shell| Ok((shell, MassProperties::load(file)?))).map_err(|refusal| remedy(&refusal))?;
+            Ok(Self { shell, mass, warnings: warnings(file) })
+        })
+    }
+}
+
+fn write<'a>(path: &Path, warnings: &'a str, store: impl FnOnce(&mut Writer<'a>)) -> Result<(), Error> {
+    let mut file = Writer::default();
+    file.array(WARNINGS, warnings.as_bytes());
+    store(&mut file);
+    let failed = |error| Error::File { path: path.to_owned(), what: format!("cannot be written: {error}") };
+    write_whole(path, |out| file.write_to([0; 16], GENERATION, out)).map_err(failed)
+}
+
+fn read<T>(path: &Path, take: impl FnOnce(&Reader) -> Result<T, String>) -> Result<T, Error> {
+    let open = || Reader::new(MappedFile::read(&regular::open(path)?)?, None, None);
+    open()
+        .map_err(|refusal| remedy(&refusal))
+        .and_then(|file| take(&file))
+        .map_err(|what| Error::File { path: path.to_owned(), what })
+}
+
+fn remedy(refusal: &Refusal) -> String {
+    match refusal {
+        Refusal::Io(_) => format!("cannot be read: {refusal}"),
+        _ => format!("{refusal}: bake the part again and save it"),
+    }
+}
+
+fn warnings(file: &Reader) -> Arc<[String]> {
+    let text = file.array::<u8>(WARNINGS).ok();
+    text.map(|text| String::from_utf8_lossy(&text).lines().map(str::to_owned).collect()).unwrap_or_default()
+}

@@ -1,0 +1,90 @@
+//! The one error of the library.
+
+use std::path::PathBuf;
+
+use thiserror::Error;
+
+use crate::mesh::MeshError;
+use crate::part::PartError;
+use crate::voxmap::grid::GridError;
+
+/// Why a call failed. The text says what is wrong, where, and what to do.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A mesh file that cannot be used.
+    #[error("{source}{}", mesh_hint(source))]
+    Mesh {
+        /// Cause, with the file.
+        source: MeshError,
+    },
+    /// Arrays that are no mesh.
+    #[error("mesh from arrays: {what}")]
+    Arrays {
+        /// What is wrong, where, and what to do.
+        what: String,
+    },
+    /// Voxels that cannot be baked: too many for one map, or for the memory that the system has left.
+    #[error("{mesh}: {source}; {}", source.hint())]
+    Grid {
+        /// Name of the mesh: its file, or what it was made from.
+        mesh: String,
+        /// Cause.
+        source: GridError,
+    },
+    /// A number outside of what its name allows.
+    #[error("{name} is {found}: give {wanted}")]
+    Value {
+        /// Name of the argument or field, with its unit.
+        name: &'static str,
+        /// What was given.
+        found: f64,
+        /// What is allowed.
+        wanted: &'static str,
+    },
+    /// A pose that is none.
+    #[error("pose {index}: {what}")]
+    Pose {
+        /// Number of the pose in a batch, from 0; 0 of a single one.
+        index: usize,
+        /// What is wrong, and what to do.
+        what: String,
+    },
+    /// A file of a baked part that cannot be written or used.
+    #[error("{}: {what}", path.display())]
+    File {
+        /// As given.
+        path: PathBuf,
+        /// What is wrong, and what to do.
+        what: String,
+    },
+    /// The callback for progress ended the bake.
+    #[error("the bake was cancelled by its callback for progress")]
+    Cancelled,
+}
+
+impl From<PartError> for Error {
+    fn from(error: PartError) -> Self {
+        match error {
+            PartError::Mesh { source, .. } => Self::Mesh { source },
+            PartError::Grid { source: GridError::Cancelled, .. } => Self::Cancelled,
+            PartError::Grid { name, source } => Self::Grid { mesh: name, source },
+        }
+    }
+}
+
+/// What to do, after a semicolon. The hint for a missing file speaks of scenes.
+fn mesh_hint(error: &MeshError) -> String {
+    let hint = error.hint().filter(|_| !matches!(error, MeshError::Missing { .. }));
+    hint.map(|hint| format!("; {hint}")).unwrap_or_default()
+}
+
+/// Refuses a number that is not within a range, or is not a number.
+pub(super) fn check(
+    name: &'static str,
+    found: f64,
+    range: core::ops::RangeInclusive<f64>,
+    wanted: &'static str,
+) -> Result<(), Error> {
+    if range.contains(&found) { Ok(()) } else { Err(Error::Value { name, found, wanted }) }
+}
