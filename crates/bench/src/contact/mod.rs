@@ -11,6 +11,7 @@
 //! | `speed`, `nut` | time against points, contact share, triangles; the nut on its bolt beside other programs |
 //! | `many` | time against the number of objects |
 //! | `torture` | a million points in a violent hand, every tick judged |
+//! | [`wrench`] | contact wrenches of several programs, beside closed forms |
 //! | [`clay`] | steps of the force between updates of clay; what a tick on clay costs |
 //! | `accuracy` | fields of real meshes beside exact distances |
 //! | `scenes` | scene files with some keys changed, on the virtual clock |
@@ -33,6 +34,7 @@ mod scenes;
 pub mod sliding;
 mod speed;
 mod torture;
+pub mod wrench;
 
 use std::path::PathBuf;
 
