@@ -238,17 +238,18 @@ pub(super) fn draw_wrenches(folder: &Path, figures: &wrench::Figures) -> Result<
     // Beyond this a curve would flatten all others: there it has a gap.
     const SHOWN_PERCENT: [f64; 2] = [50.0, 150.0];
     const LEAST_DEG: f64 = 1e-3;
-    let Some(first) = figures.programs.first() else { return Ok(()) };
+    let held: Vec<_> = figures.programs.iter().map(|program| (&program.name, figures.held(program))).collect();
+    let Some((_, first)) = held.first() else { return Ok(()) };
     let charts = |is_log: bool, value: &dyn Fn([f64; 2]) -> f64| -> Vec<Chart> {
         let chart = |title: &String| {
-            let lines = figures.programs.iter().enumerate().filter_map(|(idx, program)| {
-                let (_, values) = program.drawn.iter().find(|(name, _)| name == title)?;
+            let lines = held.iter().enumerate().filter_map(|(idx, (program, scenes))| {
+                let (_, values) = scenes.iter().find(|(name, _)| name == title)?;
                 let color = PROGRAMS[idx.min(PROGRAMS.len() - 1)];
-                Some(Line::over_time(program.name.as_str(), color, values.iter().map(|at| value(*at)).collect()))
+                Some(Line::over_time(program.as_str(), color, values.iter().map(|at| value(*at)).collect()))
             });
             Chart { is_log: [false, is_log], ..Chart::over_time(title.clone(), lines.collect()) }
         };
-        first.drawn.iter().map(|(title, _)| chart(title)).collect()
+        first.iter().map(|(title, _)| chart(title)).collect()
     };
     let shown = |[percent, _]: [f64; 2]| if (SHOWN_PERCENT[0]..=SHOWN_PERCENT[1]).contains(&percent) { percent } else { f64::NAN };
     write(

@@ -68,28 +68,28 @@ pub(super) fn beside(law: Option<Law>, wrench: &Wrench, scale: f64) -> Option<[f
 }
 
 impl Samples {
-    pub(super) fn of(trajectory: &Trajectory, wrenches: &[Wrench], query_ns: &[f64], scale: f64) -> Self {
-        let mut found = Self { query_ms: query_ns.iter().map(|ns| ns * 1e-6).collect(), ..Self::default() };
+    /// Adds one trajectory. `query_ns`: empty where it is not known.
+    pub(super) fn add(&mut self, trajectory: &Trajectory, wrenches: &[Wrench], query_ns: &[f64], scale: f64) {
+        self.query_ms.extend(query_ns.iter().map(|ns| ns * 1e-6));
         let law_n = |law: Option<Law>| law.map_or(0.0, |law| law.force.length());
         let most_n = trajectory.ticks.iter().map(|tick| law_n(tick.law)).fold(0.0, f64::max);
         for (tick, wrench) in trajectory.ticks.iter().zip(wrenches) {
             let Some(law) = tick.law.filter(|law| law.force.length() > LEAST_SHARE * most_n) else { continue };
-            found.n_judged += 1;
+            self.n_judged += 1;
             let Some([percent, angle_deg]) = beside(tick.law, wrench, scale) else {
-                found.n_lost += 1;
+                self.n_lost += 1;
                 continue;
             };
-            found.angle_deg.push(angle_deg);
-            found.size_percent.push((percent - 100.0).abs());
+            self.angle_deg.push(angle_deg);
+            self.size_percent.push((percent - 100.0).abs());
             let missing = wrench.torque - Law { force: wrench.force, ..law }.torque(tick.pose.translation);
-            found.off_mm.push(1e3 * missing.length() / wrench.force.length());
+            self.off_mm.push(1e3 * missing.length() / wrench.force.length());
         }
         match trajectory.kind {
-            Kind::Steady => found.smoothness(trajectory, wrenches, scale),
-            Kind::Press => found.load_percent.extend(load_percent(trajectory, wrenches, scale, 0.5 * most_n)),
-            Kind::Loop => found.work_percent.extend(work_percent(trajectory, wrenches)),
+            Kind::Steady => self.smoothness(trajectory, wrenches, scale),
+            Kind::Press => self.load_percent.extend(load_percent(trajectory, wrenches, scale, 0.5 * most_n)),
+            Kind::Loop => self.work_percent.extend(work_percent(trajectory, wrenches)),
         }
-        found
     }
 
     /// Of what the closed form does not have where there is one, else of the force itself; in % of the mean.
@@ -107,23 +107,6 @@ impl Samples {
         }
         let step_n = own.windows(2).map(|pair| (pair[1] - pair[0]).length()).fold(0.0, f64::max);
         self.step_percent.push(100.0 * step_n / mean_n);
-    }
-
-    pub(super) fn add(&mut self, other: &Self) {
-        self.n_lost += other.n_lost;
-        self.n_judged += other.n_judged;
-        let Self { angle_deg, off_mm, size_percent, ripple_percent: [low, high], step_percent, work_percent, .. } = self;
-        angle_deg.extend(&other.angle_deg);
-        off_mm.extend(&other.off_mm);
-        size_percent.extend(&other.size_percent);
-        low.extend(&other.ripple_percent[0]);
-        high.extend(&other.ripple_percent[1]);
-        step_percent.extend(&other.step_percent);
-        work_percent.extend(&other.work_percent);
-        self.load_percent.extend(&other.load_percent);
-        self.query_ms.extend(&other.query_ms);
-        self.peak_mb.extend(&other.peak_mb);
-        self.bake_s.extend(&other.bake_s);
     }
 
     /// In the order of [`FIGURES`].
@@ -210,7 +193,7 @@ mod tests {
             .collect();
         let scale = scale(answers.iter().map(|(trajectory, wrenches)| (*trajectory, &wrenches[..]))).unwrap();
         for (trajectory, wrenches) in &answers {
-            all.add(&Samples::of(trajectory, wrenches, &[], scale));
+            all.add(trajectory, wrenches, &[], scale);
         }
         all.figures()
     }

@@ -18,12 +18,12 @@ mod page;
 mod programs;
 mod scenes;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use twox_hash::XxHash3_64;
 
-use self::files::Answer;
+use self::files::{About, Answer};
 use self::metrics::{FIGURES, Samples};
 use self::programs::{PEERS, SETTINGS};
 use self::scenes::{Kind, Scene, TICKS, Trajectory};
@@ -53,22 +53,10 @@ pub struct Options {
 pub struct Program {
     /// Of its folder.
     pub name: String,
-    /// In its words.
-    settings: String,
     /// What its forces are multiplied by.
     scale: Option<f64>,
-    /// Of every trajectory that it answered.
-    judged: Vec<(Case, Samples)>,
-    /// Along the trajectory of each scene that is drawn: force after scaling in % of the closed form, and angle to it, °.
-    pub drawn: Vec<(String, Vec<[f64; 2]>)>,
-}
-
-/// What a trajectory belongs to.
-#[derive(Clone, Debug, PartialEq, Eq)]
-struct Case {
-    scene: String,
-    trajectory: &'static str,
-    has_law: bool,
+    /// Of each scene; without wrenches where it has none.
+    answers: Vec<Answer>,
 }
 
 /// What [`run`] found.
@@ -76,15 +64,25 @@ struct Case {
 pub struct Figures {
     /// hapticd, its peers, and other programs whose wrenches are there.
     pub programs: Vec<Program>,
+    scenes: Vec<Scene>,
     /// Of meshes, poses and closed forms of the scenes with one.
     hash: u64,
     /// What was not measured, and why.
     skipped: Vec<String>,
 }
 
+/// A trajectory with what a program made of it.
+struct Piece<'a> {
+    scene: &'a Scene,
+    trajectory: &'a Trajectory,
+    wrenches: &'a [Wrench],
+    query_ns: &'a [f64],
+    about: &'a About,
+}
+
 /// Writes the scenes, asks every program, and judges its wrenches. `tell` is called with each step.
 ///
-/// Cost: some ten minutes with all peers; quick, some seconds.
+/// Cost: half an hour with all peers; quick, some seconds.
 ///
 /// # Errors
 /// A file that cannot be written or read, a CSV that does not fit its poses, a scene that `hapticd` cannot bake. A peer that is not there is skipped.
@@ -121,8 +119,8 @@ pub fn run(options: &Options, mut tell: impl FnMut(&str)) -> Result<Figures, Ben
     files::make_folder(&wrenches)?;
     let answer_of = |name: &str, scene: &Scene| wrenches.join(name).join(format!("{}.csv", scene.name));
     let answers = |name: &str| {
-        let all = scenes.iter().map(|scene| Ok((scene, files::read_answer(&answer_of(name, scene), scene.ticks().count())?)));
-        all.collect::<Result<Vec<(&Scene, Answer)>, BenchError>>()
+        let all = scenes.iter().map(|scene| files::read_answer(&answer_of(name, scene), scene.ticks().count()));
+        all.collect::<Result<Vec<Answer>, BenchError>>()
     };
     let (known, others) = names(&wrenches)?;
     // A file that does not fit is better known before minutes of measuring.
@@ -149,18 +147,18 @@ pub fn run(options: &Options, mut tell: impl FnMut(&str)) -> Result<Figures, Ben
         answered.push((name.to_owned(), answers(name)?));
     }
     let mut programs = Vec::new();
-    for (name, mut answers) in answered.into_iter().chain(joined) {
-        for (scene, answer) in &answers {
+    for (name, answers) in answered.into_iter().chain(joined) {
+        for (scene, answer) in scenes.iter().zip(&answers) {
             skipped.extend(answer.about.not_measured.iter().map(|why| format!("{name}, {}: {why}", scene.name)));
         }
-        answers.retain(|(_, answer)| !answer.wrenches.is_empty());
-        if answers.is_empty() {
+        if answers.iter().all(|answer| answer.wrenches.is_empty()) {
             skipped.push(format!("{name}: no answers; its adapter needs HAPTICD_PEERS, and no --quick"));
-        } else {
-            programs.push(judge(name, &answers));
+            continue;
         }
+        let scale = metrics::scale(pieces(&scenes, &answers).map(|piece| (piece.trajectory, piece.wrenches)));
+        programs.push(Program { name, scale, answers });
     }
-    Ok(Figures { programs, hash, skipped })
+    Ok(Figures { programs, scenes, hash, skipped })
 }
 
 /// Programs that are asked here, and folders of the wrenches of others.
@@ -177,64 +175,45 @@ fn names(wrenches: &Path) -> Result<(Vec<&'static str>, BTreeSet<String>), Bench
     Ok((known, others))
 }
 
-fn judge(name: String, answers: &[(&Scene, Answer)]) -> Program {
-    // Trajectories of a scene lie one behind the other.
-    let parts = |scene: &'_ Scene, answer: &'_ Answer| -> Vec<(usize, usize)> {
-        (0..scene.trajectories.len()).map(|n| (n * TICKS, ((n + 1) * TICKS).min(answer.wrenches.len()))).collect()
-    };
-    let mut steady: Vec<(&Trajectory, &[Wrench])> = Vec::new();
-    for (scene, answer) in answers {
-        let ranges = parts(scene, answer).into_iter().map(|(from, to)| &answer.wrenches[from..to]);
-        steady.extend(scene.trajectories.iter().zip(ranges));
-    }
-    let scale = metrics::scale(steady.iter().copied());
-    let (mut judged, mut drawn) = (Vec::new(), Vec::new());
-    for (scene, answer) in answers {
-        for (trajectory, (from, to)) in scene.trajectories.iter().zip(parts(scene, answer)) {
-            let wrenches = &answer.wrenches[from..to];
-            let mut samples =
-                Samples::of(trajectory, wrenches, answer.query_ns.get(from..to).unwrap_or_default(), scale.unwrap_or(1.0));
-            // The loops of a scene with a closed form belong to it.
-            let has_law =
-                trajectory.ticks[0].law.is_some() || trajectory.kind == Kind::Loop && scene.ticks().any(|tick| tick.law.is_some());
-            samples.peak_mb.extend(answer.about.peak_mb);
-            samples.bake_s.extend(answer.about.bake_s);
-            judged.push((Case { scene: scene.name.to_owned(), trajectory: trajectory.name, has_law }, samples));
-        }
-        // The first contact that is held.
-        if let Some(idx) = scene.trajectories.iter().position(|of| of.kind == Kind::Steady && of.ticks[0].law.is_some()) {
-            let (from, to) = parts(scene, answer)[idx];
-            let ticks = scene.trajectories[idx].ticks.iter().zip(&answer.wrenches[from..to]);
-            let values =
-                ticks.map(|(tick, wrench)| metrics::beside(tick.law, wrench, scale.unwrap_or(1.0)).unwrap_or([f64::NAN; 2]));
-            drawn.push((format!("{}, {}", scene.name, scene.trajectories[idx].name), values.collect()));
-        }
-    }
-    let settings = answers.first().map(|(_, answer)| answer.about.settings.clone()).unwrap_or_default();
-    Program { name, settings, scale, judged, drawn }
-}
-
-impl Program {
-    /// Figures of all trajectories that are wanted, in the order of [`FIGURES`].
-    fn figures(&self, wanted: impl Fn(&Case) -> bool) -> [Option<f64>; FIGURES.len()] {
-        let mut all = Samples::default();
-        self.judged.iter().filter(|(case, _)| wanted(case)).for_each(|(_, samples)| all.add(samples));
-        all.figures()
-    }
+/// Trajectories of a scene lie one behind the other.
+fn pieces<'a>(scenes: &'a [Scene], answers: &'a [Answer]) -> impl Iterator<Item = Piece<'a>> {
+    let answered = scenes.iter().zip(answers).filter(|(_, answer)| !answer.wrenches.is_empty());
+    answered.flat_map(|(scene, Answer { wrenches, query_ns, about })| {
+        scene.trajectories.iter().enumerate().map(move |(n, trajectory)| {
+            let ticks = n * TICKS..(n + 1) * TICKS;
+            let query_ns = query_ns.get(ticks.clone()).unwrap_or_default();
+            Piece { scene, trajectory, wrenches: &wrenches[ticks], query_ns, about }
+        })
+    })
 }
 
 impl Figures {
-    /// Scenes in the order of the first program that answered, with closed forms or without.
-    fn scenes(&self, with_law: bool) -> Vec<&str> {
-        let mut order: BTreeMap<&str, usize> = BTreeMap::new();
-        let cases = self.programs.iter().flat_map(|program| &program.judged).map(|(case, _)| case);
-        for case in cases.filter(|case| case.has_law == with_law) {
-            let next = order.len();
-            order.entry(&case.scene).or_insert(next);
+    /// Figures of a program, over the trajectories that are wanted, in the order of [`FIGURES`]; `None` where it answered none of them.
+    fn of(&self, program: &Program, wanted: impl Fn(&Scene, &Trajectory) -> bool) -> Option<[Option<f64>; FIGURES.len()]> {
+        let mut samples = Samples::default();
+        let mut is_answered = false;
+        for piece in pieces(&self.scenes, &program.answers).filter(|piece| wanted(piece.scene, piece.trajectory)) {
+            is_answered = true;
+            samples.add(piece.trajectory, piece.wrenches, piece.query_ns, program.scale.unwrap_or(1.0));
+            samples.peak_mb.extend(piece.about.peak_mb);
+            samples.bake_s.extend(piece.about.bake_s);
         }
-        let mut names: Vec<&str> = order.keys().copied().collect();
-        names.sort_by_key(|name| order[name]);
-        names
+        is_answered.then(|| samples.figures())
+    }
+
+    /// Of the first contact of each scene that is held, for plots: its name, force after scaling in % of the closed form, and angle to it, °.
+    pub fn held(&self, program: &Program) -> Vec<(String, Vec<[f64; 2]>)> {
+        let is_held = |of: &Trajectory| of.kind == Kind::Steady && of.ticks[0].law.is_some();
+        let mut found: Vec<(String, Vec<[f64; 2]>)> = Vec::new();
+        for Piece { scene, trajectory, wrenches, .. } in pieces(&self.scenes, &program.answers) {
+            if scene.trajectories.iter().find(|of| is_held(of)).is_some_and(|first| first.name == trajectory.name) {
+                let scale = program.scale.unwrap_or(1.0);
+                let ticks = trajectory.ticks.iter().zip(wrenches);
+                let values = ticks.map(|(tick, wrench)| metrics::beside(tick.law, wrench, scale).unwrap_or([f64::NAN; 2]));
+                found.push((format!("{}, {}", scene.name, trajectory.name), values.collect()));
+            }
+        }
+        found
     }
 
     /// Every figure over the scenes with closed forms, with what is asked of hapticd.
@@ -242,7 +221,7 @@ impl Figures {
         let mut rows = Vec::new();
         for program in &self.programs {
             let group = format!("wrench: {}, scenes with closed forms", program.name);
-            for (value, (name, unit)) in program.figures(|case| case.has_law).into_iter().zip(FIGURES) {
+            for (value, (name, unit)) in self.of(program, Scene::has_law).into_iter().flatten().zip(FIGURES) {
                 let row = Row::new(&group, name, value, unit);
                 rows.push(if program.name == SETTINGS[0].name { asked(name, row) } else { row });
             }

@@ -2,8 +2,9 @@
 
 use core::fmt::Write as _;
 
+use super::Figures;
 use super::metrics::FIGURES;
-use super::{Case, Figures};
+use super::scenes::{Scene, Trajectory};
 use crate::report::figure;
 
 /// Figures of the tables of single scenes.
@@ -14,6 +15,11 @@ const WITHOUT_LAW: [&str; 6] = ["ripple above 10 Hz", "ripple above 50 Hz", "lar
 pub fn page(figures: &Figures, machine: &str) -> String {
     let mut text = String::from("# Measured: contact wrenches of several programs\n\n");
     text.push_str("`cargo run --release -p bench -- wrench --docs docs` wrote this page and its plots, on one machine:\n\n");
+    let with = |has_law: bool| {
+        let scenes = figures.scenes.iter();
+        let there = scenes.filter(move |scene| scene.trajectories.iter().any(|of| scene.has_law(of) == has_law));
+        there.map(|scene| scene.name)
+    };
     // Writing to a string cannot fail, here and below.
     let _ = write!(text, "{machine}\n\n");
     text.push_str(
@@ -22,13 +28,15 @@ pub fn page(figures: &Figures, machine: &str) -> String {
     );
     let _ = writeln!(text, "Hash of the scenes with closed forms (XXH3 of their files): `{:016x}`.", figures.hash);
     text.push_str("\n## All scenes with closed forms\n\n");
-    table(&mut text, figures, &FIGURES.map(|(name, _)| name), |case| case.has_law);
+    table(&mut text, figures, &FIGURES.map(|(name, _)| name), Scene::has_law);
     text.push_str(
         "\n## Settings\n\nForces are multiplied by the scale, one number for each program, before sizes are compared.\n\n",
     );
     text.push_str("| program | scale | settings |\n|---|---:|---|\n");
     for program in &figures.programs {
-        let _ = writeln!(text, "| {} | {} | {} |", program.name, number(program.scale), program.settings.replace('|', "/"));
+        let settings = program.answers.iter().map(|answer| &answer.about.settings).find(|settings| !settings.is_empty());
+        let settings = settings.map_or_else(String::new, |settings| settings.replace('|', "/"));
+        let _ = writeln!(text, "| {} | {} | {settings} |", program.name, number(program.scale));
     }
     text.push_str(
         "\n## Plots\n\nThe first contact of each scene that is held: force after scaling, and angle to the closed form.\n",
@@ -37,14 +45,14 @@ pub fn page(figures: &Figures, machine: &str) -> String {
         let _ = write!(text, "\n![{what}](../pictures/wrench-{file}.svg)\n");
     }
     text.push_str("\n## Scene by scene\n");
-    for scene in figures.scenes(true) {
-        let _ = write!(text, "\n### {scene}\n\n");
-        table(&mut text, figures, &OF_A_SCENE, |case| case.has_law && case.scene == scene);
+    for name in with(true) {
+        let _ = write!(text, "\n### {name}\n\n");
+        table(&mut text, figures, &OF_A_SCENE, |scene, trajectory| scene.name == name && scene.has_law(trajectory));
     }
     text.push_str("\n## Without a closed form\n\nRipple and steps are those of the force itself, in % of its mean.\n");
-    for scene in figures.scenes(false) {
-        let _ = write!(text, "\n### {scene}{}\n\n", if figures.scenes(true).contains(&scene) { ": insertion and jam" } else { "" });
-        table(&mut text, figures, &WITHOUT_LAW, |case| !case.has_law && case.scene == scene);
+    for name in with(false) {
+        let _ = write!(text, "\n### {name}{}\n\n", if with(true).any(|other| other == name) { ": insertion and jam" } else { "" });
+        table(&mut text, figures, &WITHOUT_LAW, |scene, trajectory| scene.name == name && !scene.has_law(trajectory));
     }
     if !figures.skipped.is_empty() {
         text.push_str("\n## Not measured\n\n");
@@ -62,17 +70,22 @@ fn number(value: Option<f64>) -> String {
 }
 
 /// A line for each program that answered, a column for each figure.
-fn table(text: &mut String, figures: &Figures, wanted: &[&str], cases: impl Fn(&Case) -> bool) {
+fn table(text: &mut String, figures: &Figures, wanted: &[&str], trajectories: impl Fn(&Scene, &Trajectory) -> bool) {
     let columns: Vec<usize> = (0..FIGURES.len()).filter(|idx| wanted.contains(&FIGURES[*idx].0)).collect();
     text.push_str("| program |");
     columns.iter().for_each(|idx| text.push_str(&format!(" {}, {} |", FIGURES[*idx].0, FIGURES[*idx].1)));
     let _ = write!(text, "\n|---|{}\n", "---:|".repeat(columns.len()));
-    for program in figures.programs.iter() {
-        if !program.judged.iter().any(|(case, _)| cases(case)) {
-            continue;
-        }
-        let values = program.figures(&cases);
-        let _ = write!(text, "| {} |", program.name);
+    for program in &figures.programs {
+        let Some(values) = figures.of(program, &trajectories) else { continue };
+        let wanted = figures
+            .scenes
+            .iter()
+            .zip(&program.answers)
+            .filter(|(scene, _)| scene.trajectories.iter().any(|of| trajectories(scene, of)));
+        let there: Vec<bool> = wanted.map(|(_, answer)| !answer.wrenches.is_empty()).collect();
+        let n_there = there.iter().filter(|is_there| **is_there).count();
+        let note = if n_there < there.len() { format!(" ({n_there} of {} scenes)", there.len()) } else { String::new() };
+        let _ = write!(text, "| {}{note} |", program.name);
         columns.iter().for_each(|idx| text.push_str(&format!(" {} |", number(values[*idx]))));
         text.push('\n');
     }

@@ -97,6 +97,12 @@ impl Scene {
         self.trajectories.iter().flat_map(|trajectory| &trajectory.ticks)
     }
 
+    /// Whether a trajectory is judged with the closed form of its scene: the loop is, for its work.
+    pub(super) fn has_law(&self, trajectory: &Trajectory) -> bool {
+        let is_known = |of: &Trajectory| of.ticks[0].law.is_some();
+        is_known(trajectory) || trajectory.kind == Kind::Loop && self.trajectories.iter().any(is_known)
+    }
+
     /// Both meshes turned at random about their origins and the poses with them: no grid lies along a face.
     fn turned(mut self, seed: u64) -> Self {
         let mut random = Random::new(seed);
