@@ -230,6 +230,47 @@ fn a_quick_bench_of_the_paper_of_2008_writes_its_page_and_plots() {
 }
 
 #[test]
+fn a_quick_bench_of_wrenches_judges_hapticd_and_what_joins_with_a_csv() {
+    let folder = tempfile::tempdir().unwrap();
+    // A program that answers one scene, and feels nothing there.
+    let joined = folder.path().join("files/wrenches/zero");
+    std::fs::create_dir_all(&joined).unwrap();
+    let nothing = "fx_n,fy_n,fz_n,tx_nm,ty_nm,tz_nm\n".to_owned() + &"0,0,0,0,0,0\n".repeat(5 * 300);
+    std::fs::write(joined.join("box-on-edge.csv"), &nothing).unwrap();
+    let rows = rows_of(folder.path(), &["wrench", "--quick", "--folder", "files", "--docs", "docs"]);
+    // Direction, line of action, size, ripple, steps and work beside the closed forms.
+    let judged: Vec<&Value> = rows.iter().filter(|row| !row["met"].is_null()).collect();
+    assert_eq!(judged.len(), 7);
+    for row in judged {
+        assert_eq!(row["met"], true, "{row}");
+    }
+    assert!((find(&rows, "wrench: hapticd", "scale")["value"].as_f64().unwrap() - 1.0).abs() < 0.05);
+    assert_eq!(find(&rows, "wrench: zero", "no force")["value"], 100.0);
+    // The scenes are those of the page of docs, and its tables those that the command writes.
+    let page = std::fs::read_to_string(folder.path().join("docs/reference/wrench-results.md")).unwrap();
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/reference/wrench-results.md");
+    let shipped = std::fs::read_to_string(shipped).unwrap();
+    let hash = |page: &str| page.lines().find(|line| line.starts_with("Hash of the scenes")).unwrap().to_owned();
+    assert_eq!(hash(&page), hash(&shipped), "the scenes have changed: write the page again");
+    assert!(headings(&page).iter().all(|heading| *heading == "## Not measured" || headings(&shipped).contains(heading)));
+    assert!(!page.contains("NaN") && !page.contains("inf"), "{page}");
+    for plot in ["size", "angle"] {
+        let drawn = std::fs::read_to_string(folder.path().join(format!("docs/pictures/wrench-{plot}.svg"))).unwrap();
+        assert!(drawn.starts_with("<svg") && drawn.contains("sphere-on-sphere, slide") && !drawn.contains("NaN"), "{drawn}");
+    }
+    // What does not fit its poses is refused, with the file and the remedy.
+    std::fs::write(joined.join("box-on-edge.csv"), &nothing[..nothing.len() - 12]).unwrap();
+    let refused = bench(folder.path(), &["wrench", "--quick", "--folder", "files"]);
+    let said = text(&refused.stderr);
+    assert!(
+        refused.status.code() == Some(4) && said.contains("zero/box-on-edge.csv") && said.contains("one line for each pose"),
+        "{said}"
+    );
+    let misplaced = bench(folder.path(), &["loop", "--quick", "--folder", "files"]);
+    assert!(misplaced.status.code() == Some(2) && text(&misplaced.stderr).contains("bench wrench --folder"));
+}
+
+#[test]
 fn groups_that_are_not_there_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let ended = bench(folder.path(), &["speed", "--quick"]);

@@ -12,6 +12,7 @@
 //! | `many` | time against the number of objects |
 //! | `insertions` | which voxel size an insertion needs |
 //! | `torture` | a million points in a violent hand, every tick judged |
+//! | [`wrench`] | contact wrenches of several programs, beside closed forms |
 //! | [`clay`] | steps of the force between updates of clay; what a tick on clay costs |
 //! | `accuracy` | fields of real meshes beside exact distances |
 //! | `scenes` | scene files with some keys changed, on the virtual clock |
@@ -35,6 +36,7 @@ mod scenes;
 pub mod sliding;
 mod speed;
 mod torture;
+pub mod wrench;
 
 use std::path::PathBuf;
 
