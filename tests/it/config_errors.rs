@@ -161,7 +161,8 @@ error: scene.toml:25: device.profile = "sim-sigma": no device profile of this na
     duplicate_names: with("\"floor\"", "\"base\"") => r#"error: scene.toml:15: static[1].name = "base": this name was given before, in line 7; names of static objects must differ"#;
     unknown_sides: with("layers = 8", "sides = \"windng\"") => r#"error: scene.toml:11: static[0].sides = "windng": must be "auto", "flood", "winding" or "thin"; did you mean `winding`?"#;
     sides_of_another_type: with("[tool]", "[tool]\nsides = 1") => r#"error: scene.toml:20: tool.sides = 1: must be "auto", "flood", "winding" or "thin""#;
-    layers_out_of_range: with("layers = 8", "layers = 100") => "error: scene.toml:11: static[0].layers = 100: must be a whole number from 1 to 60";
+    layers_out_of_range: with("layers = 8", "layers = 100") => "error: scene.toml:11: static[0].layers = 100: must be a whole number from 2 to 60";
+    part_with_one_layer: with("layers = 8", "layers = 1") => "error: scene.toml:11: static[0].layers = 1: must be a whole number from 2 to 60";
     tool_with_one_layer: with("[tool]", "[tool]\nlayers = 1") => "error: scene.toml:20: tool.layers = 1: must be a whole number from 2 to 60";
     quaternion_of_zeros: with("[0, 0, 0, 1]", "[0, 0, 0, 0]") => "error: scene.toml:12: static[0].orientation_xyzw = [0, 0, 0, 0]: must be a unit quaternion [x, y, z, w]; its length is 0, which may be off 1 by at most 0.001";
     quaternion_in_degrees: with("[0, 0, 0, 1]", "[0, 0, 90, 1]") => "error: scene.toml:12: static[0].orientation_xyzw = [0, 0, 90, 1]: must be a unit quaternion [x, y, z, w]; its length is 90.0056, which may be off 1 by at most 0.001";
@@ -189,7 +190,7 @@ error: scene.toml:28: coupling.rotation_nm_per_rad = 1.2: the arm would feel 1.2
     cutoff_the_wrong_way_round: SCENE.to_owned() + "[filter]\ncutoff_hz = [300, 50]\n" => "error: scene.toml:27: filter.cutoff_hz = [300, 50]: must be [lowest, highest] in Hz, the lowest first";
     overrun_of_none: SCENE.to_owned() + "[safety]\noverrun = 0\n" => r#"error: scene.toml:27: safety.overrun = 0: must be a whole number of consecutive missed ticks from 1 to 1000, which is a second of them, or "off""#;
     overrun_of_another_word: SCENE.to_owned() + "[safety]\noverrun = \"never\"\n" => r#"error: scene.toml:27: safety.overrun = "never": must be a whole number of consecutive missed ticks or "off""#;
-    several_problems_together: with("layers = 8", "layers = 0").replace("sphere_mm = 5", "sphere_mm = -5").replace("sim-sigma7", "sigma7") => r#"error: scene.toml:11: static[0].layers = 0: must be a whole number from 1 to 60
+    several_problems_together: with("layers = 8", "layers = 0").replace("sphere_mm = 5", "sphere_mm = -5").replace("sim-sigma7", "sigma7") => r#"error: scene.toml:11: static[0].layers = 0: must be a whole number from 2 to 60
 error: scene.toml:20: tool.shape.sphere_mm = -5: must be greater than 0 and at most 1000000 mm
 error: scene.toml:25: device.profile = "sigma7": no device profile of this name; did you mean `sim-sigma7`?
   hint: known profiles: hapkit, haply-2diy, haply-2diy-first, haply-2diy-v2, haptikfabriken-aluhaptics2, haptikfabriken-woodenhaptics, leader-arm-6, novint-falcon, open6-hid, open6-serial, polhem-2019, polhem-2020, polhem-2022, polhem-v1, sim-2diy, sim-delta3, sim-desktop, sim-falcon, sim-ideal, sim-inverse3, sim-lambda7, sim-omega3, sim-omega6, sim-omega7, sim-omni, sim-polhem, sim-premium15-6dof, sim-premium30-6dof, sim-sigma7, sim-touch, sim-woodenhaptics, spacemouse, spacenav, vintage-2022, woodenhaptics-2022, woodenhaptics-v15; a path has a `/` or ends in .toml"#;
@@ -528,7 +529,7 @@ fn check_prints_results_on_stdout_and_problems_on_stderr() {
     assert_eq!(output.status.code(), Some(3));
     assert_eq!(String::from_utf8_lossy(&output.stdout), ok);
     let errors = [
-        "error: wrong.toml:11: static[0].layers = 0: must be a whole number from 1 to 60\n",
+        "error: wrong.toml:11: static[0].layers = 0: must be a whole number from 2 to 60\n",
         open,
         "error: none.toml: no such file\n  hint: on the command line, paths are relative to the working directory\n",
     ];

@@ -9,6 +9,7 @@ use std::io::{ErrorKind, Write as _};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use bench::contact::wrench;
 use bench::{BenchError, BenchReport, HAPTICD, Machine, Row, commit_of, contact, generation, loops, sagardia2008, sculpt};
 use clap::{Parser, ValueEnum};
 use hapticd::error::Exit;
@@ -20,7 +21,8 @@ use hapticd::error::Exit;
     max_term_width = 100,
     after_help = "HAPTICD_MODELS names a folder with real meshes: stanford-bunny.obj, factory_bolt_m16_tight.obj and others. \
                         HAPTICD_PEERS names a folder with openvdb_level_set and voxel_grids.py (generation), coal_contacts.py, \
-                        parry_contacts and embree_distance.py (contact), and venv/bin/python for the scripts. `loop` runs \
+                        parry_contacts and embree_distance.py (contact), and venv/bin/python for the scripts, with drake, mujoco \
+                        and coal (wrench). `loop` runs \
                         cyclictest where it is installed. What is missing is skipped and said."
 )]
 struct Args {
@@ -45,7 +47,10 @@ struct Args {
     /// With --quality or sculpt: draw how smooth forces are there, as SVG files.
     #[arg(long, value_name = "DIR")]
     plots: Option<PathBuf>,
-    /// With sagardia-2008: write its page and plots into this folder, as reference/sagardia-2008.md and pictures/sagardia-2008-*.svg.
+    /// With wrench: where scenes are written, and wrenches are written and found; a temporary folder if not given.
+    #[arg(long, value_name = "DIR")]
+    folder: Option<PathBuf>,
+    /// With sagardia-2008 or wrench: write its page and plots into this folder, below reference/ and pictures/.
     #[arg(long, value_name = "DIR")]
     docs: Option<PathBuf>,
     /// Folder of the scenes that contact and loop play.
@@ -70,16 +75,20 @@ enum Group {
     Loop,
     /// A million points in a violent hand: ten minutes of simulated time, two of real time. Only when asked for.
     Torture,
+    /// Parts inserted at several voxel sizes, clearances and errors of the hand. Only when asked for.
+    Insertions,
     /// Sculpting.
     Sculpt,
     /// Table 1, figures 6 and 7 and the remarks of the paper of 2008. Only when asked for.
     #[value(name = "sagardia-2008")]
     Sagardia2008,
+    /// Contact wrenches of several programs beside closed forms. Only when asked for.
+    Wrench,
 }
 
 impl Args {
     fn wants(&self, group: Group) -> bool {
-        let is_on_request = matches!(group, Group::Torture | Group::Sagardia2008);
+        let is_on_request = matches!(group, Group::Torture | Group::Insertions | Group::Sagardia2008 | Group::Wrench);
         if self.group.is_empty() { !is_on_request } else { self.group.contains(&group) }
     }
 }
@@ -106,8 +115,12 @@ fn run(args: &Args) -> Result<Exit, (Exit, String)> {
     if args.quality && args.group != [Group::Contact] {
         return Err((Exit::Usage, "--quality goes with contact: bench contact --quality".to_owned()));
     }
-    if args.docs.is_some() && !args.wants(Group::Sagardia2008) {
-        return Err((Exit::Usage, "--docs writes the page of sagardia-2008: bench sagardia-2008 --docs docs".to_owned()));
+    if args.docs.is_some() && !args.wants(Group::Sagardia2008) && !args.wants(Group::Wrench) {
+        let message = "--docs writes the page of sagardia-2008 or wrench: bench sagardia-2008 --docs docs";
+        return Err((Exit::Usage, message.to_owned()));
+    }
+    if args.folder.is_some() && !args.wants(Group::Wrench) {
+        return Err((Exit::Usage, "--folder holds the files of wrench: bench wrench --folder DIR".to_owned()));
     }
     let program = std::env::current_exe()
         .map_err(|error| (Exit::Internal, format!("the path of this program is not known, so it cannot start itself: {error}")))?;
@@ -134,7 +147,7 @@ fn run(args: &Args) -> Result<Exit, (Exit, String)> {
     }
 }
 
-/// Folders of `docs` that the page of the paper of 2008 and its plots go into.
+/// Folders of `docs` that pages and their plots go into.
 const PAGES: &str = "reference";
 const PICTURES: &str = "pictures";
 
@@ -177,8 +190,16 @@ fn measure(args: &Args, program: PathBuf, n_threads: usize, machine: &str) -> Re
     if wanted(Group::Torture) {
         rows.extend(contact::torture(&options, told)?);
     }
+    if wanted(Group::Insertions) {
+        let (found, markdown) = contact::insertions(&options, told)?;
+        rows.extend(found);
+        table.push_str(&markdown);
+    }
     if wanted(Group::Loop) {
-        rows.extend(loops::run(&loops::Options { program, quick: args.quick, scenes: args.scenes.clone() }, told)?);
+        rows.extend(loops::run(
+            &loops::Options { program: program.clone(), quick: args.quick, scenes: args.scenes.clone() },
+            told,
+        )?);
     }
     if wanted(Group::Sculpt) {
         let figures = sculpt::run(&sculpt::Options { n_runs, quick: args.quick }, told)?;
@@ -195,6 +216,16 @@ fn measure(args: &Args, program: PathBuf, n_threads: usize, machine: &str) -> Re
             let path = docs.join(PAGES).join("sagardia-2008.md");
             let text = sagardia2008::page(&figures, machine);
             std::fs::write(&path, text).map_err(|source| BenchError::Write { path, source })?;
+        }
+        rows.extend(figures.rows());
+    }
+    if wanted(Group::Wrench) {
+        let (folder, models, peers) = (args.folder.clone(), options.models.clone(), options.peers.clone());
+        let figures = wrench::run(&wrench::Options { quick: args.quick, folder, models, peers, program: program.clone() }, told)?;
+        if let Some(docs) = &args.docs {
+            plots::draw_wrenches(&docs.join(PICTURES), &figures)?;
+            let path = docs.join(PAGES).join("wrench-results.md");
+            std::fs::write(&path, wrench::page(&figures, machine)).map_err(|source| BenchError::Write { path, source })?;
         }
         rows.extend(figures.rows());
     }

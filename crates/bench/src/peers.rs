@@ -101,6 +101,11 @@ impl Peers {
         ended.json["median_ms"].as_f64().ok_or_else(|| format!("no `median_ms` in {}", ended.json))
     }
 
+    /// Runs a script of this repository with the Python of the folder of peers.
+    pub(super) fn script(&self, script: &Path, arguments: &[&Path]) -> Result<ProcessResult, String> {
+        self.ended(&self.python(), |command| command.arg(script).args(arguments))
+    }
+
     fn python(&self) -> PathBuf {
         self.file("venv/bin/python").unwrap_or_else(|_| "python3".into())
     }

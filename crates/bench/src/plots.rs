@@ -1,4 +1,5 @@
-//! Plots of `bench contact --quality` and `bench sculpt`, sheets of charts over time, and of `bench sagardia-2008`, charts over voxels; as SVG files.
+//! Plots of `bench contact --quality`, `bench sculpt` and `bench wrench`, sheets of charts over time, and of `bench sagardia-2008`, charts over voxels;
+//! as SVG files.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -7,6 +8,7 @@ use bench::BenchError;
 use bench::contact::Quality;
 use bench::contact::clay::RecedingForce;
 use bench::contact::sliding::{DEPTHS_VOXELS, SlideForces};
+use bench::contact::wrench;
 use bench::sagardia2008::{Figures, Step};
 use bench::sculpt::RecedingAt;
 use bench::stand_ins::StandIn;
@@ -28,6 +30,8 @@ const GREEN: &str = "#78aa6e";
 const BLUE: &str = "#1c5ca0";
 /// What the paper says.
 const GREY: &str = "#6e7480";
+/// Of programs, in their order; the last of all that joined.
+const PROGRAMS: [&str; 7] = [BLUE, "#56a0d3", GREY, GREEN, ORANGE, "#a03070", "#1e222a"];
 
 /// Between two ticks, s.
 const STEP_S: f64 = 1e-3;
@@ -39,7 +43,7 @@ const RECEDING_TICKS: usize = 150;
 
 /// One curve.
 struct Line {
-    name: &'static str,
+    name: String,
     color: &'static str,
     /// From left to right; a `NaN` leaves a gap.
     points: Vec<[f64; 2]>,
@@ -48,12 +52,12 @@ struct Line {
 }
 
 impl Line {
-    fn new(name: &'static str, color: &'static str, points: Vec<[f64; 2]>) -> Self {
-        Self { name, color, points, dots: Vec::new() }
+    fn new(name: impl Into<String>, color: &'static str, points: Vec<[f64; 2]>) -> Self {
+        Self { name: name.into(), color, points, dots: Vec::new() }
     }
 
     /// One value for each time step.
-    fn over_time(name: &'static str, color: &'static str, values: Vec<f64>) -> Self {
+    fn over_time(name: impl Into<String>, color: &'static str, values: Vec<f64>) -> Self {
         let points = values.into_iter().enumerate().map(|(step, value)| [step as f64 * STEP_S, value]);
         Self::new(name, color, points.collect())
     }
@@ -227,6 +231,39 @@ pub(super) fn draw_receding(folder: &Path, receding: &[RecedingAt]) -> Result<()
         "direct coupling, a tick every millisecond; an update in every tick would give 2 N throughout",
     );
     write(folder.join("receding-clay.svg"), title, note, &charts)
+}
+
+/// Writes `wrench-size.svg` and `wrench-angle.svg`: a chart for each scene with a closed form, a curve for each program.
+pub(super) fn draw_wrenches(folder: &Path, figures: &wrench::Figures) -> Result<(), BenchError> {
+    // Beyond this a curve would flatten all others: there it has a gap.
+    const SHOWN_PERCENT: [f64; 2] = [50.0, 150.0];
+    const LEAST_DEG: f64 = 1e-3;
+    let held: Vec<_> = figures.programs.iter().map(|program| (&program.name, figures.held(program))).collect();
+    let Some((_, first)) = held.first() else { return Ok(()) };
+    let charts = |is_log: bool, value: &dyn Fn([f64; 2]) -> f64| -> Vec<Chart> {
+        let chart = |title: &String| {
+            let lines = held.iter().enumerate().filter_map(|(idx, (program, scenes))| {
+                let (_, values) = scenes.iter().find(|(name, _)| name == title)?;
+                let color = PROGRAMS[idx.min(PROGRAMS.len() - 1)];
+                Some(Line::over_time(program.as_str(), color, values.iter().map(|at| value(*at)).collect()))
+            });
+            Chart { is_log: [false, is_log], ..Chart::over_time(title.clone(), lines.collect()) }
+        };
+        first.iter().map(|(title, _)| chart(title)).collect()
+    };
+    let shown = |[percent, _]: [f64; 2]| if (SHOWN_PERCENT[0]..=SHOWN_PERCENT[1]).contains(&percent) { percent } else { f64::NAN };
+    write(
+        folder.join("wrench-size.svg"),
+        "Size of the force in a contact that is held, % of the closed form",
+        "after scaling by one number for each program; what is below 50 % or above 150 % is left out",
+        &charts(false, &shown),
+    )?;
+    write(
+        folder.join("wrench-angle.svg"),
+        "Angle between the force and the closed form in a contact that is held, °",
+        "what is below a thousandth of a degree is drawn there",
+        &charts(true, &|[_, angle_deg]| angle_deg.max(LEAST_DEG)),
+    )
 }
 
 fn law_chart(slid: &SlideForces) -> Chart {

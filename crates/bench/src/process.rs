@@ -35,6 +35,17 @@ pub(super) struct ProcessResult {
 
 /// Runs a command that prints a line of JSON.
 pub(super) fn run(command: &mut Command) -> Result<ProcessResult, BenchError> {
+    let (out, mut ended) = run_to_end(command)?;
+    let line = out.lines().last().unwrap_or_default();
+    ended.json = serde_json::from_str(line).map_err(|error| BenchError::Process {
+        command: format!("{command:?}"),
+        why: format!("its output is not JSON ({error}): {line}"),
+    })?;
+    Ok(ended)
+}
+
+/// Runs a command that prints anything: its output, and a result without JSON.
+pub(super) fn run_to_end(command: &mut Command) -> Result<(String, ProcessResult), BenchError> {
     let shown = format!("{command:?}");
     let failed = |why: String| BenchError::Process { command: shown.clone(), why };
     let since = Instant::now();
@@ -60,9 +71,7 @@ pub(super) fn run(command: &mut Command) -> Result<ProcessResult, BenchError> {
     if !status.success() {
         return Err(failed(format!("{status}: {}", err.lines().last().unwrap_or_default())));
     }
-    let line = out.lines().last().unwrap_or_default();
-    let json = serde_json::from_str(line).map_err(|error| failed(format!("its output is not JSON ({error}): {line}")))?;
-    Ok(ProcessResult { json, wall_s, peak_rss_bytes })
+    Ok((out, ProcessResult { json: Value::Null, wall_s, peak_rss_bytes }))
 }
 
 fn drain(mut pipe: Box<dyn Read + Send>) -> std::thread::JoinHandle<String> {

@@ -136,6 +136,19 @@ fn a_quick_bench_of_quality_writes_its_raw_results() {
 }
 
 #[test]
+fn a_quick_bench_of_insertions_lets_in_what_fits_and_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let rows = rows_of(folder.path(), &["insertions", "--quick"]);
+    for hand in ["straight", "0.2 mm beside, 1° tilted"] {
+        let found = |what: &str| {
+            find(&rows, "insertions", &format!("{what} mm of clearance, voxels of 0.2 mm, {hand}: is in"))["value"].clone()
+        };
+        assert_eq!((found("peg, 0.1"), found("peg, -0.1")), (1.0.into(), 0.0.into()), "{hand}");
+    }
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "nothing stays in the temporary folder");
+}
+
+#[test]
 fn a_quick_torture_judges_every_tick() {
     let folder = tempfile::tempdir().unwrap();
     let rows = rows_of(folder.path(), &["torture", "--quick"]);
@@ -214,6 +227,47 @@ fn a_quick_bench_of_the_paper_of_2008_writes_its_page_and_plots() {
     assert_eq!(temporary.collect::<Vec<_>>(), ["docs"], "nothing stays in the temporary folder");
     let misplaced = bench(folder.path(), &["loop", "--quick", "--docs", "docs"]);
     assert!(misplaced.status.code() == Some(2) && text(&misplaced.stderr).contains("bench sagardia-2008 --docs"));
+}
+
+#[test]
+fn a_quick_bench_of_wrenches_judges_hapticd_and_what_joins_with_a_csv() {
+    let folder = tempfile::tempdir().unwrap();
+    // A program that answers one scene, and feels nothing there.
+    let joined = folder.path().join("files/wrenches/zero");
+    std::fs::create_dir_all(&joined).unwrap();
+    let nothing = "fx_n,fy_n,fz_n,tx_nm,ty_nm,tz_nm\n".to_owned() + &"0,0,0,0,0,0\n".repeat(5 * 300);
+    std::fs::write(joined.join("box-on-edge.csv"), &nothing).unwrap();
+    let rows = rows_of(folder.path(), &["wrench", "--quick", "--folder", "files", "--docs", "docs"]);
+    // Direction, line of action, size, ripple, steps and work beside the closed forms.
+    let judged: Vec<&Value> = rows.iter().filter(|row| !row["met"].is_null()).collect();
+    assert_eq!(judged.len(), 7);
+    for row in judged {
+        assert_eq!(row["met"], true, "{row}");
+    }
+    assert!((find(&rows, "wrench: hapticd", "scale")["value"].as_f64().unwrap() - 1.0).abs() < 0.05);
+    assert_eq!(find(&rows, "wrench: zero", "no force")["value"], 100.0);
+    // The scenes are those of the page of docs, and its tables those that the command writes.
+    let page = std::fs::read_to_string(folder.path().join("docs/reference/wrench-results.md")).unwrap();
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/reference/wrench-results.md");
+    let shipped = std::fs::read_to_string(shipped).unwrap();
+    let hash = |page: &str| page.lines().find(|line| line.starts_with("Hash of the scenes")).unwrap().to_owned();
+    assert_eq!(hash(&page), hash(&shipped), "the scenes have changed: write the page again");
+    assert!(headings(&page).iter().all(|heading| *heading == "## Not measured" || headings(&shipped).contains(heading)));
+    assert!(!page.contains("NaN") && !page.contains("inf"), "{page}");
+    for plot in ["size", "angle"] {
+        let drawn = std::fs::read_to_string(folder.path().join(format!("docs/pictures/wrench-{plot}.svg"))).unwrap();
+        assert!(drawn.starts_with("<svg") && drawn.contains("sphere-on-sphere, slide") && !drawn.contains("NaN"), "{drawn}");
+    }
+    // What does not fit its poses is refused, with the file and the remedy.
+    std::fs::write(joined.join("box-on-edge.csv"), &nothing[..nothing.len() - 12]).unwrap();
+    let refused = bench(folder.path(), &["wrench", "--quick", "--folder", "files"]);
+    let said = text(&refused.stderr);
+    assert!(
+        refused.status.code() == Some(4) && said.contains("zero/box-on-edge.csv") && said.contains("one line for each pose"),
+        "{said}"
+    );
+    let misplaced = bench(folder.path(), &["loop", "--quick", "--folder", "files"]);
+    assert!(misplaced.status.code() == Some(2) && text(&misplaced.stderr).contains("bench wrench --folder"));
 }
 
 #[test]

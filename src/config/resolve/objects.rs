@@ -18,8 +18,9 @@ const DEFAULT_STATIC_LAYERS: u32 = 8;
 const DEFAULT_TOOL_LAYERS: u32 = 4;
 /// The quantised layer value of a voxel is an `i8`; 60 layers on each side stay well inside and keep the band affordable.
 const LAYERS_MAX: u32 = 60;
-/// Normals come from the layers around a point, two deep.
-const TOOL_LAYERS_MIN: u32 = 2;
+/// Normals of a tool come from the layers around a point, two deep. Of a fixed part that is taken as a thin skin, whose surface is a voxel away from its
+/// middle, one layer would reach nowhere outside: all around it would count as contact.
+const LAYERS_MIN: u32 = 2;
 const DEFAULT_TOOL_MASS_G: f64 = 100.0;
 
 impl Resolve<'_> {
@@ -38,7 +39,7 @@ impl Resolve<'_> {
         let table = format!("static[{index}]");
         let key = |name: &str| format!("{table}.{name}");
         let voxel_size_m = self.voxel_size_m(&table, object.voxel_size_mm);
-        let layers = self.checks.whole(&key("layers"), object.layers, DEFAULT_STATIC_LAYERS, 1, LAYERS_MAX);
+        let layers = self.checks.whole(&key("layers"), object.layers, DEFAULT_STATIC_LAYERS, LAYERS_MIN, LAYERS_MAX);
         let written = WrittenSource { mesh: object.mesh.as_deref(), shape: object.shape.as_ref(), units: object.units };
         StaticConfig {
             name: object.name.clone().unwrap_or_else(|| table.clone()),
@@ -56,7 +57,7 @@ impl Resolve<'_> {
 
     pub(super) fn tool(&mut self, tool: &schema::Tool) -> ToolConfig {
         let voxel_size_m = self.voxel_size_m("tool", tool.voxel_size_mm);
-        let layers = self.checks.whole("tool.layers", tool.layers, DEFAULT_TOOL_LAYERS, TOOL_LAYERS_MIN, LAYERS_MAX);
+        let layers = self.checks.whole("tool.layers", tool.layers, DEFAULT_TOOL_LAYERS, LAYERS_MIN, LAYERS_MAX);
         let written = WrittenSource { mesh: tool.mesh.as_deref(), shape: tool.shape.as_ref(), units: tool.units };
         let center_of_mass_m = self
             .checks

@@ -30,8 +30,8 @@ const SHARE: f64 = 0.2;
 /// Each client gets at most so much of a piece that changes all the time.
 const MOST_BYTES_PER_S: f64 = 10e6;
 
-/// The newest samples that a client asked for. They are as new as making and sending them is cheap: those of a large piece in the middle of a
-/// stroke are older than its newest view.
+/// The newest samples that a client asked for. During a stroke they are as new as making and sending them is cheap: those of a large piece are older
+/// than its newest view.
 #[derive(Clone, Debug)]
 pub(in crate::monitor) struct Splats {
     made: Arc<Mutex<Made>>,
@@ -57,9 +57,10 @@ impl Default for Made {
 }
 
 impl Made {
-    /// What will do for a view of this version at this time; `None`: it is to be made.
-    fn ready(&self, version: u64, now: Duration) -> Option<(u64, Bytes)> {
-        self.newest.clone().filter(|(known, _)| *known == version || !self.duty.is_due(now))
+    /// What will do for this view at this time; `None`: it is to be made. Without a stroke only the view's own samples do: a client that has read that a
+    /// stroke has ended, or was undone, reads what came of it.
+    fn ready(&self, view: &ClayView, now: Duration) -> Option<(u64, Bytes)> {
+        self.newest.clone().filter(|(known, _)| *known == view.version || view.is_stroke && !self.duty.is_due(now))
     }
 
     /// It took from one time to another to make this.
@@ -71,10 +72,10 @@ impl Made {
 }
 
 impl Splats {
-    /// The version of samples, and them as bytes: those of a view, or older ones where new ones would be too soon. Made on the worker's thread.
+    /// The version of samples, and them as bytes: those of a view, or older ones where it is in a stroke and new ones would be too soon. Made on the worker's thread.
     /// `None`: that came to grief.
     pub(in crate::monitor) async fn get(&self, worker: &Worker, view: Arc<ClayView>) -> Option<(u64, Bytes)> {
-        if let Some(ready) = self.made().ready(view.version, self.began.elapsed()) {
+        if let Some(ready) = self.made().ready(&view, self.began.elapsed()) {
             return Some(ready);
         }
         let splats = self.clone();
@@ -82,7 +83,7 @@ impl Splats {
             .run(move || {
                 let begin = splats.began.elapsed();
                 // Another client may have asked meanwhile.
-                if let Some(ready) = splats.made().ready(view.version, begin) {
+                if let Some(ready) = splats.made().ready(&view, begin) {
                     return ready;
                 }
                 let bytes = Bytes::from(encoded(&view, MOST_SAMPLES));
@@ -236,7 +237,12 @@ mod tests {
     #[test]
     fn samples_that_change_all_the_time_are_made_as_often_as_that_is_cheap() {
         let ms = Duration::from_millis;
-        let version = |made: &Made, newest: u64, now_ms: u64| made.ready(newest, ms(now_ms)).map(|(version, _)| version);
+        let mut view = view_of(ball(6), 0);
+        view.is_stroke = true;
+        let mut version = |made: &Made, newest: u64, now_ms: u64| {
+            view.version = newest;
+            made.ready(&view, ms(now_ms)).map(|(version, _)| version)
+        };
         let mut made = Made::default();
         assert_eq!(version(&made, 1, 0), None, "there is nothing yet");
         // Ten milliseconds of work, a fifth of the time: nothing new before 50.
@@ -246,6 +252,10 @@ mod tests {
         // Two megabytes, and no work to speak of: five times a second.
         made.keep(7, Bytes::from(vec![0; 2_000_000]), ms(50), ms(51));
         assert_eq!([249, 250].map(|now_ms| version(&made, 8, now_ms)), [Some(7), None]);
+        // A stroke that has ended is seen at once.
+        view.is_stroke = false;
+        view.version = 9;
+        assert!(made.ready(&view, ms(60)).is_none());
     }
 
     #[test]

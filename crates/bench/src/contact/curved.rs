@@ -130,7 +130,7 @@ fn direction(random: &mut Random) -> DVec3 {
 
 /// Poses solved for along a path: the tool keeps its attitude, moves along the obstacle in a plane, and is pressed or lifted in that plane until its
 /// deepest point is as deep as it should be. `None` where it hangs.
-fn path(solid: &Solid, tool: &Surface, depth_m: f64, reach_m: f64, random: &mut Random) -> Option<Vec<Pose>> {
+pub(super) fn path(solid: &Solid, tool: &Surface, depth_m: f64, reach_m: f64, random: &mut Random) -> Option<Vec<Pose>> {
     let rotation = turn(random);
     let from = direction(random);
     let mut pose = Pose::new(rotation, from * reach_m);
@@ -175,7 +175,7 @@ fn path(solid: &Solid, tool: &Surface, depth_m: f64, reach_m: f64, random: &mut 
 }
 
 /// The poses of all ticks: a smooth curve through the nodes (Catmull and Rom 1974).
-fn ticks(nodes: &[Pose]) -> Vec<Pose> {
+pub(super) fn ticks(nodes: &[Pose]) -> Vec<Pose> {
     (0..TICKS)
         .map(|tick| {
             let (at, t) = (tick / TICKS_PER_NODE, (tick % TICKS_PER_NODE) as f64 / TICKS_PER_NODE as f64);

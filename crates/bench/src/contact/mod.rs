@@ -10,7 +10,9 @@
 //! | `attitudes` | faces, corners and convergence of tools at random in their grids |
 //! | `speed`, `nut` | time against points, contact share, triangles; the nut on its bolt beside other programs |
 //! | `many` | time against the number of objects |
+//! | `insertions` | which voxel size an insertion needs |
 //! | `torture` | a million points in a violent hand, every tick judged |
+//! | [`wrench`] | contact wrenches of several programs, beside closed forms |
 //! | [`clay`] | steps of the force between updates of clay; what a tick on clay costs |
 //! | `accuracy` | fields of real meshes beside exact distances |
 //! | `scenes` | scene files with some keys changed, on the virtual clock |
@@ -24,6 +26,7 @@ mod csv;
 mod curved;
 pub mod fields;
 mod fixture;
+mod insertions;
 mod law;
 mod many;
 mod nut;
@@ -33,6 +36,7 @@ mod scenes;
 pub mod sliding;
 mod speed;
 mod torture;
+pub mod wrench;
 
 use std::path::PathBuf;
 
@@ -109,6 +113,15 @@ pub fn speed(options: &Options, mut tell: impl FnMut(&str)) -> Result<Vec<Row>, 
     rows.extend(nut::rows(options, &mut tell)?);
     rows.extend(many::rows(options, &mut tell)?);
     Ok(rows)
+}
+
+/// Inserts parts at several voxel sizes and clearances: rows, and a table as markdown. `tell` is called with each step. Cost: some minutes; quick, some
+/// seconds.
+///
+/// # Errors
+/// A scene that cannot be baked or played.
+pub fn insertions(options: &Options, mut tell: impl FnMut(&str)) -> Result<(Vec<Row>, String), BenchError> {
+    insertions::measure(options, &mut tell)
 }
 
 /// Plays a violent hand with a million points, and judges every tick. `tell` is called with each step. Cost: a quarter of an hour; quick,

@@ -16,15 +16,20 @@ pub(super) const SHORTEST_S: f64 = 2.0 / HIGH_PASS_HZ;
 /// Second-order Butterworth high-pass by the bilinear transform, run forwards and backwards so that nothing is delayed: half the
 /// amplitude at 10 Hz, a ten-thousandth at 1 Hz.
 pub fn ripple_rms(signal: &[DVec3], rate_hz: f64) -> Option<f64> {
-    ((signal.len() as f64) >= SHORTEST_S * rate_hz && signal.len() > 2).then(|| rms(&above(signal, rate_hz)))
+    ripple_rms_above(signal, rate_hz, HIGH_PASS_HZ)
+}
+
+/// The same above another frequency, no lower than [`HIGH_PASS_HZ`].
+pub(super) fn ripple_rms_above(signal: &[DVec3], rate_hz: f64, above_hz: f64) -> Option<f64> {
+    ((signal.len() as f64) >= SHORTEST_S * rate_hz && signal.len() > 2).then(|| rms(&above(signal, rate_hz, above_hz)))
 }
 
 fn rms(signal: &[DVec3]) -> f64 {
     (signal.iter().map(|value| value.length_squared()).sum::<f64>() / signal.len() as f64).sqrt()
 }
 
-/// The signal without what is below [`HIGH_PASS_HZ`].
-fn above(signal: &[DVec3], rate_hz: f64) -> Vec<DVec3> {
+/// The signal without what is below a frequency.
+fn above(signal: &[DVec3], rate_hz: f64, above_hz: f64) -> Vec<DVec3> {
     let (Some(&first), Some(&last)) = (signal.first(), signal.last()) else { return Vec::new() };
     // Turned about its ends, the signal goes on without a step or a kink: the filter starts at rest.
     let n_ends = ((4.0 * SHORTEST_S * rate_hz) as usize).min(signal.len() - 1);
@@ -32,7 +37,7 @@ fn above(signal: &[DVec3], rate_hz: f64) -> Vec<DVec3> {
     let behind = signal[signal.len() - 1 - n_ends..signal.len() - 1].iter().rev().map(|value| 2.0 * last - *value);
     let mut extended: Vec<DVec3> = before.chain(signal.iter().copied()).chain(behind).collect();
     for _ in 0..2 {
-        high_pass(&mut extended, rate_hz);
+        high_pass(&mut extended, rate_hz, above_hz);
         extended.reverse();
     }
     extended.drain(..n_ends);
@@ -40,8 +45,8 @@ fn above(signal: &[DVec3], rate_hz: f64) -> Vec<DVec3> {
     extended
 }
 
-fn high_pass(signal: &mut [DVec3], rate_hz: f64) {
-    let k = (PI * HIGH_PASS_HZ / rate_hz).tan();
+fn high_pass(signal: &mut [DVec3], rate_hz: f64, above_hz: f64) {
+    let k = (PI * above_hz / rate_hz).tan();
     let gain = 1.0 / (1.0 + SQRT_2 * k + k * k);
     let (a1, a2) = (2.0 * (k * k - 1.0) * gain, (1.0 - SQRT_2 * k + k * k) * gain);
     let Some(&first) = signal.first() else { return };

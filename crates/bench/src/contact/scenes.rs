@@ -16,7 +16,7 @@ use haptics::{Faults, RenderScene};
 use recording::TickRecord;
 use rt::clock::VirtualClock;
 
-/// A key, dotted, and what it is set to.
+/// A key, dotted, and what it is set to; in each of them where there are several tables of that name.
 pub(super) type Edit = (&'static str, Value);
 
 /// The scene files of a folder, by name; none where there is no such folder.
@@ -59,12 +59,13 @@ pub(super) fn load(scene: &Path, edits: &[Edit], folder: &Path) -> Result<SceneC
 fn set(table: &mut Table, key: &str, value: Value) {
     match key.split_once('.') {
         None => drop(table.insert(key.to_owned(), value)),
-        Some((first, rest)) => {
-            let inner = table.entry(first).or_insert_with(|| Table::new().into());
-            if let Some(inner) = inner.as_table_mut() {
-                set(inner, rest, value);
+        Some((first, rest)) => match table.entry(first).or_insert_with(|| Table::new().into()) {
+            Value::Table(inner) => set(inner, rest, value),
+            Value::Array(tables) => {
+                tables.iter_mut().filter_map(Value::as_table_mut).for_each(|inner| set(inner, rest, value.clone()))
             }
-        }
+            _ => {}
+        },
     }
 }
 

@@ -215,12 +215,18 @@ impl TreeTraversal {
             // What could not be refined is represented on the level that it is of.
             query.represent(&self.bounds, level.checked_sub(1), lists, touched);
             core::mem::swap(&mut lists.open, &mut lists.next);
+            // An obstacle far away is done with its root.
+            if lists.open.is_empty() {
+                break;
+            }
         }
-        let n_refined = budget.without(query.looked_at).refinable(lists.open.len() as u32);
-        let choice = self.choose(self.first_blocks.len().checked_sub(1), &mut lists.open, n_refined);
-        query.look_at_leaves(self, choice, &lists.open, touched);
-        retain(&mut lists.open, choice);
-        query.represent(&self.bounds, self.first_blocks.len().checked_sub(1), lists, touched);
+        if !lists.open.is_empty() {
+            let n_refined = budget.without(query.looked_at).refinable(lists.open.len() as u32);
+            let choice = self.choose(self.first_blocks.len().checked_sub(1), &mut lists.open, n_refined);
+            query.look_at_leaves(self, choice, &lists.open, touched);
+            retain(&mut lists.open, choice);
+            query.represent(&self.bounds, self.first_blocks.len().checked_sub(1), lists, touched);
+        }
         if budget != Budget::Unlimited {
             self.now = self.now.wrapping_add(1);
             touched.iter().for_each(|touched| self.mark(touched.block));

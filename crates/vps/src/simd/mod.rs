@@ -41,18 +41,28 @@ pub enum SimdLevel {
     Avx512(Has),
 }
 
+#[cfg(target_arch = "x86_64")]
+fn is_of_intel() -> bool {
+    let vendor = core::arch::x86_64::__cpuid(0);
+    [vendor.ebx, vendor.edx, vendor.ecx].map(u32::to_le_bytes).as_flattened() == b"GenuineIntel"
+}
+
 /// Proof that the processor has these instructions.
 #[cfg(target_arch = "x86_64")]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Has(());
 
 impl SimdLevel {
-    /// The fastest that this processor has.
+    /// The one to use on this processor: its widest, but for AVX-512 of Intel, whose clock goes down with it (docs/reference/measured.md).
     pub fn best() -> Self {
-        Self::available().last().unwrap_or(Self::Portable)
+        #[cfg(target_arch = "x86_64")]
+        let is_slower = |level: &Self| matches!(level, Self::Avx512(_)) && is_of_intel();
+        #[cfg(not(target_arch = "x86_64"))]
+        let is_slower = |_: &Self| false;
+        Self::available().filter(|level| !is_slower(level)).last().unwrap_or(Self::Portable)
     }
 
-    /// All that this processor has, from the slowest to the fastest.
+    /// All that this processor has, from the narrowest to the widest.
     pub fn available() -> impl Iterator<Item = Self> {
         #[cfg(target_arch = "x86_64")]
         let more = {
