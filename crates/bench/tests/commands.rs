@@ -258,6 +258,15 @@ fn a_quick_bench_of_wrenches_judges_hapticd_and_what_joins_with_a_csv() {
         let drawn = std::fs::read_to_string(folder.path().join(format!("docs/pictures/wrench-{plot}.svg"))).unwrap();
         assert!(drawn.starts_with("<svg") && drawn.contains("sphere-on-sphere, slide") && !drawn.contains("NaN"), "{drawn}");
     }
+    // So is what is of no scene.
+    std::fs::write(joined.join("box_on_edge.csv"), &nothing).unwrap();
+    let misnamed = bench(folder.path(), &["wrench", "--quick", "--quiet", "--folder", "files"]);
+    let said = text(&misnamed.stderr);
+    assert!(
+        misnamed.status.code() == Some(4) && said.contains("box_on_edge.csv") && said.contains("name it after a folder"),
+        "{said}"
+    );
+    std::fs::remove_file(joined.join("box_on_edge.csv")).unwrap();
     // What does not fit its poses is refused, with the file and the remedy.
     std::fs::write(joined.join("box-on-edge.csv"), &nothing[..nothing.len() - 12]).unwrap();
     let refused = bench(folder.path(), &["wrench", "--quick", "--folder", "files"]);

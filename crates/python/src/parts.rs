@@ -54,7 +54,7 @@ impl Mesh {
     ///
     /// Raises FileError where the file cannot be read, InvalidInput where its content is no mesh. Cost: linear in the file.
     #[staticmethod]
-    #[pyo3(signature = (path, metres_per_unit = 1.0))]
+    #[pyo3(signature = (path, metres_per_unit))]
     fn load(py: Python<'_>, path: PathBuf, metres_per_unit: f64) -> PyResult<Self> {
         let mesh = py.detach(|| vps::Mesh::load(path, metres_per_unit)).map_err(raise)?;
         Ok(Self { mesh: Arc::new(mesh) })

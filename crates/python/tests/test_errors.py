@@ -170,10 +170,14 @@ def test_random_files_raise_what_is_announced(seed: int, tmp_path: Path, block: 
     stl = b"\0" * 80 + np.uint32(2).tobytes() + b"".join(facets)
     ply = b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n"
     ply += b"property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+
+    def in_metres(path: Path) -> Any:
+        return vps.Mesh.load(path, 1.0)
+
     seeds: dict[str, tuple[bytes, Callable[[Path], Any]]] = {
-        "a.obj": (text, vps.Mesh.load),
-        "a.stl": (stl, vps.Mesh.load),
-        "a.ply": (ply, vps.Mesh.load),
+        "a.obj": (text, in_metres),
+        "a.stl": (stl, in_metres),
+        "a.ply": (ply, in_metres),
         "small": ((tmp_path / "small").read_bytes(), vps.Voxmap.load),
         "cube": ((tmp_path / "cube").read_bytes(), vps.PointShell.load),
     }

@@ -26,7 +26,7 @@ def test_files_that_are_none(tmp_path: Path, block: vps.Voxmap) -> None:
         vps.Voxmap.load(tmp_path / "none")
     assert isinstance(raised.value, OSError)
     with pytest.raises(vps.FileError, match="no such file"):
-        vps.Mesh.load(tmp_path / "none.obj")
+        vps.Mesh.load(tmp_path / "none.obj", 1e-3)
     with pytest.raises(vps.FileError, match="cannot be written"):
         block.save(tmp_path / "no-folder" / "block")
     block.save(tmp_path / "block")
@@ -45,7 +45,7 @@ def test_mesh_files_in_their_unit(tmp_path: Path) -> None:
     assert mesh.vertices.shape == (4, 3) and mesh.vertices.max() == 0.01 and mesh.volume_m3 == pytest.approx(1e-6 / 6)
     (tmp_path / "b.obj").write_text("v 0 0 0\nv x 0 0\n")
     with pytest.raises(vps.InvalidInput, match="b.obj.*2"):
-        vps.Mesh.load(tmp_path / "b.obj")
+        vps.Mesh.load(tmp_path / "b.obj", 1e-3)
 
 
 def test_progress_names_the_stages() -> None:

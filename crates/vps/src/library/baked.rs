@@ -116,7 +116,7 @@ impl Voxmap {
     pub fn load(path: impl AsRef<Path>) -> Result<Self, Error> {
         read(path.as_ref(), |file| {
             if !Field::is_in(file) {
-                return Err("holds no voxmap: give the file that `Voxmap::save` wrote".to_owned());
+                return Err("holds no voxmap: give the file that one was saved to".to_owned());
             }
             let field = Field::load(file).map_err(|refusal| remedy(&refusal))?;
             if field.known_outside_m() <= 0.0 {
@@ -208,7 +208,7 @@ impl PointShell {
     pub fn load(path: impl AsRef<Path>) -> Result<Self, Error> {
         read(path.as_ref(), |file| {
             if !(Shell::is_in(file) && MassProperties::is_in(file)) {
-                return Err("holds no pointshell: give the file that `PointShell::save` wrote".to_owned());
+                return Err("holds no pointshell: give the file that one was saved to".to_owned());
             }
             let (shell, mass) =
                 Shell::load(file).and_then(|shell| Ok((shell, MassProperties::load(file)?))).map_err(|refusal| remedy(&refusal))?;
@@ -236,7 +236,7 @@ fn read<T>(path: &Path, take: impl FnOnce(&Reader) -> Result<T, String>) -> Resu
 fn remedy(refusal: &Refusal) -> String {
     match refusal {
         Refusal::Io(_) => format!("cannot be read: {refusal}"),
-        _ => format!("{refusal}: bake the part again and save it"),
+        _ => format!("{refusal}: give a file that a baked part was saved to, or bake the part again and save it"),
     }
 }
 

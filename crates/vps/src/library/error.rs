@@ -25,7 +25,7 @@ pub enum Error {
         what: String,
     },
     /// Voxels that cannot be baked: too many for one map, or for the memory that the system has left.
-    #[error("{mesh}: {source}; {}", source.hint())]
+    #[error("{mesh}: {source}; {}", grid_hint(source))]
     Grid {
         /// Name of the mesh: its file, or what it was made from.
         mesh: String,
@@ -76,7 +76,18 @@ impl From<PartError> for Error {
 /// What to do, after a semicolon. The hint for a missing file speaks of scenes.
 fn mesh_hint(error: &MeshError) -> String {
     let hint = error.hint().filter(|_| !matches!(error, MeshError::Missing { .. }));
-    hint.map(|hint| format!("; {hint}")).unwrap_or_default()
+    hint.map(|hint| format!("; {}", in_own_words(hint))).unwrap_or_default()
+}
+
+/// What to do, with the voxel size that fits in the unit of `voxel_size_m` too.
+fn grid_hint(error: &GridError) -> String {
+    let fits = error.fitting_voxel_size_m().map(|voxel_size_m| format!(" (voxel_size_m = {voxel_size_m:.3e})"));
+    in_own_words(&error.hint()) + &fits.unwrap_or_default()
+}
+
+/// `units` is a key of scenes; here an argument says it.
+pub(super) fn in_own_words(text: &str) -> String {
+    text.replace("`units`", "`metres_per_unit`")
 }
 
 /// Refuses a number that is not within a range, or is not a number.

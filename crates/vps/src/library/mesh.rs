@@ -5,7 +5,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::Error;
-use super::error::check;
+use super::error::{check, in_own_words};
 use crate::mesh::mass::MassProperties;
 use crate::mesh::primitives::Shape;
 use crate::mesh::{FARTHEST_M, TriangleMesh};
@@ -62,8 +62,10 @@ impl Mesh {
     /// # Errors
     /// [`Error::Value`]: a size or the tolerance is not between 1 nm and 10⁶ m.
     pub fn from_shape(shape: &Shape, tolerance_m: f64) -> Result<Self, Error> {
-        for size_m in shape.sizes_m().into_iter().chain([tolerance_m]) {
-            check("a size of the shape or its tolerance_m", size_m, 1e-9..=1e6, "metres, greater than 0")?;
+        for (name, size_m) in
+            shape.sizes_m().into_iter().map(|size_m| ("a size of the shape", size_m)).chain([("tolerance_m", tolerance_m)])
+        {
+            check(name, size_m, 1e-9..=1e6, "metres, from 1 nm to 1000 km")?;
         }
         Self::of(Part::new("shape", shape.tessellate(tolerance_m)))
     }
@@ -99,7 +101,7 @@ impl Mesh {
 
     /// What a user should look at, a sentence each; empty of a sound mesh.
     pub fn warnings(&self) -> Vec<String> {
-        self.part.mesh_warnings()
+        self.part.mesh_warnings().iter().map(|warning| in_own_words(warning)).collect()
     }
 
     /// The part, where these options can be baked within the memory that the system has left.

@@ -62,6 +62,15 @@ pub enum GridError {
 }
 
 impl GridError {
+    /// A voxel size that fits, m, where there is one.
+    pub fn fitting_voxel_size_m(&self) -> Option<f64> {
+        match self {
+            Self::TooLarge { voxel_size_m, .. } | Self::Surface { voxel_size_m, .. } => Some(*voxel_size_m),
+            Self::Memory { voxel_size_m, .. } => *voxel_size_m,
+            Self::VoxelSize(_) | Self::Cancelled => None,
+        }
+    }
+
     /// What to do about it.
     pub fn hint(&self) -> String {
         match self {

@@ -59,6 +59,7 @@ fn voxels_that_cannot_be() {
     }
     let fine = said(Voxmap::bake(&mesh, &Options::new(1e-8)));
     assert!(fine.starts_with("mesh from arrays: a grid of ") && fine.contains("use a voxel size of at least"), "{fine}");
+    assert!(fine.contains("voxel_size_m = ") && !fine.contains("`units`"), "{fine}");
     // Larger than the part is coarse, not wrong.
     Voxmap::bake(&mesh, &Options::new(1.0)).unwrap();
     PointShell::bake(&mesh, &Options::new(1e6)).unwrap();
@@ -108,8 +109,8 @@ fn files_that_hold_no_part() {
     let options = Options { layers: 2, ..Options::new(10e-3) };
     Voxmap::bake(&mesh, &options).unwrap().save(path("voxmap")).unwrap();
     PointShell::bake(&mesh, &options).unwrap().save(path("shell")).unwrap();
-    assert!(said(Voxmap::load(path("shell"))).ends_with("holds no voxmap: give the file that `Voxmap::save` wrote"));
-    assert!(said(PointShell::load(path("voxmap"))).ends_with("holds no pointshell: give the file that `PointShell::save` wrote"));
+    assert!(said(Voxmap::load(path("shell"))).ends_with("holds no voxmap: give the file that one was saved to"));
+    assert!(said(PointShell::load(path("voxmap"))).ends_with("holds no pointshell: give the file that one was saved to"));
     assert!(said(Voxmap::load(path("none"))).contains("none: cannot be read"));
     assert!(said(Voxmap::load(folder.path())).contains("cannot be read"));
     let unwritable = Voxmap::load(path("voxmap")).unwrap().save(path("no/such/folder"));

@@ -23,7 +23,7 @@ const COLUMNS: [&str; 6] = ["fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm"];
 
 /// What a program says of itself, in the JSON file beside its wrenches.
 #[derive(Clone, Debug, Default, Deserialize, Serialize)]
-#[serde(default)]
+#[serde(default, deny_unknown_fields)]
 pub(super) struct About {
     /// What was chosen, in words.
     pub(super) settings: String,

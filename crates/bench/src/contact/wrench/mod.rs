@@ -161,16 +161,26 @@ pub fn run(options: &Options, mut tell: impl FnMut(&str)) -> Result<Figures, Ben
     Ok(Figures { programs, scenes, hash, skipped })
 }
 
-/// Programs that are asked here, and folders of the wrenches of others.
+/// Programs that are asked here, and folders of the wrenches of others, in which a file of no scene is refused.
 fn names(wrenches: &Path) -> Result<(Vec<&'static str>, BTreeSet<String>), BenchError> {
     let refused = |error: std::io::Error| BenchError::Prepare { what: wrenches.display().to_string(), why: error.to_string() };
+    let scenes = wrenches.with_file_name("scenes");
     let known: Vec<&str> = SETTINGS.iter().map(|setting| setting.name).chain(PEERS.map(|(name, _)| name)).collect();
     let mut others = BTreeSet::new();
     for entry in wrenches.read_dir().map_err(refused)? {
         let name = entry.map_err(refused)?.file_name().to_string_lossy().into_owned();
-        if !known.contains(&name.as_str()) && wrenches.join(&name).is_dir() {
-            others.insert(name);
+        if known.contains(&name.as_str()) || !wrenches.join(&name).is_dir() {
+            continue;
         }
+        for entry in wrenches.join(&name).read_dir().map_err(refused)? {
+            let file = entry.map_err(refused)?.path();
+            let is_answer = file.extension().is_some_and(|extension| extension == "csv" || extension == "json");
+            if is_answer && !scenes.join(file.file_stem().unwrap_or_default()).is_dir() {
+                let why = format!("there is no scene of this name: name it after a folder of {}", scenes.display());
+                return Err(BenchError::Prepare { what: file.display().to_string(), why });
+            }
+        }
+        others.insert(name);
     }
     Ok((known, others))
 }
