@@ -160,8 +160,8 @@ fn body(scene: &RenderScene, world_from_tool: Pose) -> Pose {
 
 fn write_wrenches(file: &mut dyn Write, scene: &RenderScene, law: ForceLaw, poses: &[TimedPose]) -> io::Result<()> {
     writeln!(file, "t_s,fx_n,fy_n,fz_n,tx_nm,ty_nm,tz_nm,contacts,max_depth_m,clearance_m,query_ns")?;
-    // The kernels of the tick: the bits of the specification, wherever a pose is looked at. Nothing is remembered from pose to pose.
-    let ready = Traversal::new(SimdLevel::best(), TraversalMode::Flat, &scene.obstacles, &scene.tool.shell).with_broad_phase(false);
+    // The kernels of the tick: the bits of the specification, wherever a pose is looked at.
+    let ready = Traversal::new(SimdLevel::best(), TraversalMode::Tree, &scene.obstacles, &scene.tool.shell).with_broad_phase(false);
     // A part of the poses at a time: a reader of a pipe gets lines early, and what is held does not grow with the poses.
     for poses in poses.chunks(POSES_AT_A_TIME) {
         let lines = parallel::map_with(
@@ -181,7 +181,15 @@ fn write_wrenches(file: &mut dyn Write, scene: &RenderScene, law: ForceLaw, pose
 fn line(traversal: &mut Traversal, scene: &RenderScene, law: ForceLaw, timed: &TimedPose) -> String {
     let world_from_body = body(scene, timed.pose);
     let since = Instant::now();
-    let sum = ContactSum::of(traversal, &scene.obstacles, &scene.tool.shell, world_from_body, law, None);
+    let mut ask = |mode| {
+        traversal.set_mode(mode);
+        ContactSum::of(traversal, &scene.obstacles, &scene.tool.shell, world_from_body, law, None)
+    };
+    // What touches, the tree finds to the bit. Where nothing does, it has proven less than the clearance.
+    let mut sum = ask(TraversalMode::Tree);
+    if sum.contacts == 0 {
+        sum = ask(TraversalMode::Flat);
+    }
     let query_ns = since.elapsed().as_nanos();
     let wrench = sum.wrench.moved(world_from_body.translation, timed.pose.translation);
     let [fx, fy, fz] = wrench.force.to_array();
