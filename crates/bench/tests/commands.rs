@@ -146,6 +146,8 @@ fn a_quick_bench_of_insertions_lets_in_what_fits_and_nothing_else() {
         assert_eq!((found("peg, 0.1"), found("peg, -0.1")), (1.0.into(), 0.0.into()), "{hand}");
     }
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "nothing stays in the temporary folder");
+    let skipped = bench(folder.path(), &["insertions", "--quick", "--json", "--quiet", "--scenes", "nowhere"]);
+    assert!(text(&skipped.stdout).contains("skipped: no scenes in nowhere"), "{}", text(&skipped.stderr));
 }
 
 #[test]

@@ -221,7 +221,7 @@ const char *vps_voxmap_warnings(const struct vps_voxmap *voxmap);
 // Frees a voxmap; queries that were made of it stay.
 //
 // # Safety
-// Null, or a voxmap that nobody uses any more.
+// Null, or a voxmap that nothing uses any more.
 void vps_voxmap_free(struct vps_voxmap *voxmap);
 
 // Bakes the part that touches; as vps_voxmap_bake.
@@ -255,7 +255,7 @@ const char *vps_shell_warnings(const struct vps_shell *shell);
 // Frees a shell; queries that were made of it stay.
 //
 // # Safety
-// Null, or a shell that nobody uses any more.
+// Null, or a shell that nothing uses any more.
 void vps_shell_free(struct vps_shell *shell);
 
 // Text of the last call of this thread that failed: what is wrong, where, and what to do, in UTF-8; empty before. It stays until the next call of
@@ -316,7 +316,7 @@ const char *vps_mesh_warnings(const struct vps_mesh *mesh);
 // Frees a mesh; what was baked of it stays.
 //
 // # Safety
-// Null, or a mesh that nobody uses any more.
+// Null, or a mesh that nothing uses any more.
 void vps_mesh_free(struct vps_mesh *mesh);
 
 // Prepares queries, which share the memory of both parts: these may be freed. stiffness_n_per_m is that of one point, which stands for a square of
@@ -351,7 +351,7 @@ enum vps_status vps_query_wrenches(const struct vps_query *query, const struct v
 // Frees a query.
 //
 // # Safety
-// Null, or a query that nobody uses any more.
+// Null, or a query that nothing uses any more.
 void vps_query_free(struct vps_query *query);
 
 #ifdef __cplusplus

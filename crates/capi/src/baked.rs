@@ -218,7 +218,7 @@ pub extern "C" fn vps_voxmap_warnings(voxmap: Option<&vps_voxmap>) -> *const c_c
 /// Frees a voxmap; queries that were made of it stay.
 ///
 /// # Safety
-/// Null, or a voxmap that nobody uses any more.
+/// Null, or a voxmap that nothing uses any more.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn vps_voxmap_free(voxmap: *mut vps_voxmap) {
     // SAFETY: as the caller promises.
@@ -302,7 +302,7 @@ pub extern "C" fn vps_shell_warnings(shell: Option<&vps_shell>) -> *const c_char
 /// Frees a shell; queries that were made of it stay.
 ///
 /// # Safety
-/// Null, or a shell that nobody uses any more.
+/// Null, or a shell that nothing uses any more.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn vps_shell_free(shell: *mut vps_shell) {
     // SAFETY: as the caller promises.

@@ -108,7 +108,7 @@ pub(crate) fn make<T>(out: Option<&mut MaybeUninit<*mut T>>, run: impl FnOnce() 
 /// Ends a handle.
 ///
 /// # Safety
-/// Null, or a handle that [`make`] gave and that nobody uses any more.
+/// Null, or a handle that [`make`] gave and that nothing uses any more.
 pub(crate) unsafe fn free<T>(handle: *mut T) {
     if !handle.is_null() {
         // SAFETY: as the caller promises.
@@ -133,7 +133,7 @@ pub(crate) unsafe fn triple(name: &str, first: *const f64) -> Result<[f64; 3], F
 /// An array of the caller; null is one of no elements.
 ///
 /// # Safety
-/// `first` is null, or the first of `n` values that nobody writes meanwhile.
+/// `first` is null, or the first of `n` values that nothing writes meanwhile.
 pub(crate) unsafe fn slice<'a, T>(name: &str, first: *const T, n: usize) -> Result<&'a [T], Failure> {
     check_array(name, first, n)?;
     // SAFETY: not null, aligned and not too long for an object; the caller promises the rest.
@@ -143,7 +143,7 @@ pub(crate) unsafe fn slice<'a, T>(name: &str, first: *const T, n: usize) -> Resu
 /// An array that the caller wants filled; null is one of no places.
 ///
 /// # Safety
-/// `first` is null, or the first of `n` places that nobody uses meanwhile.
+/// `first` is null, or the first of `n` places that nothing else uses meanwhile.
 pub(crate) unsafe fn places<'a, T>(name: &str, first: *mut T, n: usize) -> Result<&'a mut [MaybeUninit<T>], Failure> {
     check_array(name, first, n)?;
     // SAFETY: as above.

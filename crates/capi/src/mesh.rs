@@ -208,7 +208,7 @@ pub extern "C" fn vps_mesh_warnings(mesh: Option<&vps_mesh>) -> *const c_char {
 /// Frees a mesh; what was baked of it stays.
 ///
 /// # Safety
-/// Null, or a mesh that nobody uses any more.
+/// Null, or a mesh that nothing uses any more.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn vps_mesh_free(mesh: *mut vps_mesh) {
     // SAFETY: as the caller promises.

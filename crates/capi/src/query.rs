@@ -161,7 +161,7 @@ pub unsafe extern "C" fn vps_query_wrenches(
 /// Frees a query.
 ///
 /// # Safety
-/// Null, or a query that nobody uses any more.
+/// Null, or a query that nothing uses any more.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn vps_query_free(query: *mut vps_query) {
     // SAFETY: as the caller promises.

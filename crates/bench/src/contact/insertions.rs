@@ -32,6 +32,8 @@ const HOLE_MM: f64 = 4.05;
 /// Radius of the shipped peg, mm.
 const PEG_MM: f64 = 4.0;
 
+const GROUP: &str = "insertions, simulated sigma.7-class arm";
+
 /// One insertion at one voxel size.
 #[derive(Clone, Debug)]
 struct Insertion {
@@ -58,6 +60,10 @@ struct Case<'a> {
 
 /// The rows, and the table as markdown. Cost: five minutes; quick, some seconds.
 pub(super) fn measure(options: &Options, tell: &mut dyn FnMut(&str)) -> Result<(Vec<Row>, String), BenchError> {
+    if scenes::shipped(&options.scenes).is_empty() {
+        let skipped = format!("skipped: no scenes in {} (--scenes)", options.scenes.display());
+        return Ok((vec![Row::new(GROUP, skipped, None, "")], String::new()));
+    }
     let folder = TemporaryFolder::create().map_err(|source| BenchError::Write { path: std::env::temp_dir(), source })?;
     let mut cache = Cache::at(folder.path().join("cache"), CachePolicy::Copy);
     let (voxels, clearances): (&[f64], &[f64]) = if options.quick { (&[0.2], &[-0.1, 0.1]) } else { (&VOXELS_MM, &CLEARANCES_MM) };
@@ -209,7 +215,6 @@ fn judge(case: &Case<'_>, voxel_mm: f64, is_misaligned: bool, played: &Played) -
 
 impl Insertion {
     fn rows(&self) -> [Row; 3] {
-        const GROUP: &str = "insertions, simulated sigma.7-class arm";
         let Self { case, voxel_mm, is_misaligned, is_in, peak_n, depth_m, faults } = self;
         let hand = if *is_misaligned { "0.2 mm beside, 1° tilted" } else { "straight" };
         let name = format!("{case}, voxels of {voxel_mm} mm, {hand}");

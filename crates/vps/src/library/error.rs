@@ -6,7 +6,7 @@ use thiserror::Error;
 
 use crate::mesh::MeshError;
 use crate::part::PartError;
-use crate::voxmap::grid::GridError;
+use crate::voxmap::grid::{GridError, round_up};
 
 /// Why a call failed. The text says what is wrong, where, and what to do.
 #[derive(Debug, Error)]
@@ -81,7 +81,7 @@ fn mesh_hint(error: &MeshError) -> String {
 
 /// What to do, with the voxel size that fits in the unit of `voxel_size_m` too.
 fn grid_hint(error: &GridError) -> String {
-    let fits = error.fitting_voxel_size_m().map(|voxel_size_m| format!(" (voxel_size_m = {voxel_size_m:.3e})"));
+    let fits = error.fitting_voxel_size_m().map(|voxel_size_m| format!(" (voxel_size_m = {})", round_up(voxel_size_m)));
     in_own_words(&error.hint()) + &fits.unwrap_or_default()
 }
 

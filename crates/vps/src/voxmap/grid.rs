@@ -112,7 +112,7 @@ fn smallest_size(extent: DVec3, pad: f64) -> f64 {
 }
 
 /// Three digits, never below the value, so that the advice works when it is copied.
-fn round_up(value: f64) -> String {
+pub(crate) fn round_up(value: f64) -> String {
     if !(value > 0.0 && value.is_finite()) {
         return value.to_string();
     }
