@@ -17,6 +17,7 @@ use rayon::prelude::*;
 use super::super::random::Random;
 use super::super::statistics::{median, quantile};
 use super::super::{BenchError, Row};
+use super::lattice::{Lattice, Way, spread};
 use super::law::{Solid, Surface};
 use super::ripple::ripple_rms;
 use super::scenarios::{RATE_HZ, SPEED_M_PER_S, STIFFNESS_N_PER_M};
@@ -87,6 +88,8 @@ struct Part {
     solid: Solid,
     /// With voxels of s, and, for the ablation, of half.
     fields: Vec<Vec<Obstacle>>,
+    /// Samples of the first, for the ablation.
+    lattice: Lattice,
 }
 
 fn tools() -> [(&'static str, Shape); 4] {
@@ -212,7 +215,8 @@ fn slide(obstacles: &[(&'static str, TriangleMesh)], tell: &mut dyn FnMut(&str))
             if is_ablated {
                 fields.push(field(0.5 * VOXEL_M)?);
             }
-            parts.push(Part { fields, solid: Solid::new(&mesh) });
+            let lattice = Lattice::new(&fields[0][0].field);
+            parts.push(Part { fields, lattice, solid: Solid::new(&mesh) });
         }
         let mut wanted = Vec::new();
         for (obstacle, tool) in (0..parts.len()).flat_map(|obstacle| (0..tools_here.len()).map(move |tool| (obstacle, tool))) {
@@ -254,28 +258,32 @@ fn slide_one(tool: &Tool, part: &Part, (obstacle, depth_idx): (usize, usize), se
             let law = ForceLaw { stiffness_n_per_m: STIFFNESS_N_PER_M * share, ..ForceLaw::PLAIN };
             on_law.iter().map(|pose| force(field, shell, law, *pose)).collect::<Vec<DVec3>>()
         }));
-        let field = &field_s[0].field;
-        let interpolated = |at: DVec3| {
-            let cells = (at - field.origin_map().as_dvec3()) / VOXEL_M;
-            f64::from(field.value(FieldKind::Trilinear, cells.as_vec3(), glam::Vec3::ZERO))
-        };
+        let interpolated = |way: Way| move |at: DVec3| part.lattice.at(way, at).0;
         // Far from the surface both are no contact.
-        let near = |at: DVec3| if interpolated(at) > -VOXEL_M { exact(at) } else { 0.0 };
+        let near = |at: DVec3| if interpolated(Way::Linear)(at) > -VOXEL_M { exact(at) } else { 0.0 };
         ablation.push(on_law.iter().map(|pose| with_exact_depths(tool_s, *pose, &near)).collect());
-        let integral = |pose: &Pose| tool.surface.integral(*pose, step_m(depth_m), &interpolated) * per_area;
-        ablation.push(on_law.iter().map(integral).collect());
+        for way in [Way::Linear, Way::Fitted, Way::Cubic] {
+            let integral = |pose: &Pose| tool.surface.integral(*pose, step_m(depth_m), &interpolated(way)) * per_area;
+            ablation.push(on_law.iter().map(integral).collect());
+            ablation.push(on_law.iter().map(|pose| with_spread_points(tool_s, *pose, &|at| part.lattice.at(way, at))).collect());
+        }
     }
     Some(Slid { tool: tool.name, obstacle, depth_idx, law, forces, ablation })
 }
 
 /// What an ablation changes, in the order of [`Slid::ablation`].
-const ABLATION: [&str; 6] = [
+const ABLATION: [&str; 11] = [
     "both of 0.5 mm",
     "field of 0.25, tool of 0.5 mm",
     "field of 0.5, tool of 0.25 mm",
     "both of 0.25 mm",
     "exact depths at the tool's points of 0.5 mm",
     "field of 0.5 mm on the tool's whole surface",
+    "points that count what is immersed of their facets",
+    "moved samples of 0.5 mm on the tool's whole surface",
+    "points that count what is immersed of their facets, moved samples",
+    "cubic field of 0.5 mm on the tool's whole surface",
+    "points that count what is immersed of their facets, cubic field",
 ];
 
 /// The sum over points with exact depths, each along its own normal, N.
@@ -284,6 +292,19 @@ fn with_exact_depths(shell: &Shell, pose: Pose, depth: &impl Fn(DVec3) -> f64) -
     let pushes = shell.points().zip(weights).map(|((point, normal), weight)| {
         let depth_m = depth(pose.transform_point(point.as_dvec3())).max(0.0);
         pose.transform_vector(normal.as_dvec3()) * (depth_m * f64::from(weight) * STIFFNESS_N_PER_M)
+    });
+    pushes.sum()
+}
+
+/// The sum over points each of which counts what is immersed of its facet, all along their own normals, N. A facet reaches as far below and above its middle
+/// as a square of its area does on the slope that the field has along it; `field`: depth and gradient.
+fn with_spread_points(shell: &Shell, pose: Pose, field: &impl Fn(DVec3) -> (f64, DVec3)) -> DVec3 {
+    let weights = shell.weights().iter().flat_map(|weights| weights.0);
+    let pushes = shell.points().zip(weights).map(|((point, normal), weight)| {
+        let (depth_m, gradient) = field(pose.transform_point(point.as_dvec3()));
+        let (normal, weight) = (pose.transform_vector(normal.as_dvec3()), f64::from(weight));
+        let reach_m = 0.5 * weight.sqrt() * shell.voxel_size_m() * gradient.reject_from_normalized(normal).length();
+        normal * (spread(depth_m, reach_m) * weight * STIFFNESS_N_PER_M)
     });
     pushes.sum()
 }
@@ -338,10 +359,13 @@ fn ripple_percent(forces: &[DVec3], rate_hz: f64) -> Option<f64> {
 /// What of the ripple is not the law's: of the difference when both are related to their mean, at the rate of the law.
 fn own_ripple_percent(forces: &[DVec3], law: &[DVec3]) -> Option<f64> {
     let mean_n = |forces: &[DVec3]| forces.iter().map(|force| force.length()).sum::<f64>() / forces.len() as f64;
-    let at_law: Vec<DVec3> = forces.iter().step_by(TICKS_PER_NODE).copied().collect();
-    let (of_forces, of_law) = (mean_n(&at_law), mean_n(law));
-    let difference: Vec<DVec3> = at_law.iter().zip(law).map(|(force, law)| *force / of_forces - *law / of_law).collect();
+    let (of_forces, of_law) = (mean_n(forces), mean_n(law));
+    let difference: Vec<DVec3> = forces.iter().zip(law).map(|(force, law)| *force / of_forces - *law / of_law).collect();
     ripple_rms(&difference, RATE_HZ / TICKS_PER_NODE as f64).filter(|_| of_forces > 0.0).map(|rms| 100.0 * rms)
+}
+
+fn at_law(forces: &[DVec3]) -> Vec<DVec3> {
+    forces.iter().step_by(TICKS_PER_NODE).copied().collect()
 }
 
 const GROUP: &str = "slides over curved parts at constant depth";
@@ -385,14 +409,16 @@ pub(super) fn rows(options: &Options, csv: &mut Csv, tell: &mut dyn FnMut(&str))
         for (idx, (name, _)) in obstacles.iter().enumerate() {
             let group = format!("what the error of facets is made of: {name}, {depth} voxels deep");
             for (which, what) in ABLATION.iter().enumerate() {
-                let mut figures = Figures::default();
+                let (mut figures, mut own) = (Figures::default(), Vec::new());
                 for slid in
                     slid.iter().filter(|slid| (slid.obstacle, slid.depth_idx) == (idx, depth_idx) && !slid.ablation.is_empty())
                 {
                     figures.add(&slid.law, slid.ablation[which].iter().copied(), None);
+                    own.extend(own_ripple_percent(&slid.ablation[which], &slid.law));
                 }
                 rows.push(Row::new(&group, format!("{what}: error, RMS"), rms(&figures.error_percent), "%"));
                 rows.push(Row::new(&group, format!("{what}: angle, p95"), figures.p95_deg(), "°"));
+                rows.push(Row::new(&group, format!("{what}: ripple that the law does not have"), rms(&own), "%"));
             }
         }
     }
@@ -410,8 +436,9 @@ fn rows_of(group: &str, slid: &[&Slid]) -> Vec<Row> {
     };
     let raw = rms(&of(RAW).ripple_percent).ok_or_else(|| "no contact".to_owned());
     let law: Vec<f64> = slid.iter().filter_map(|slid| ripple_percent(&slid.law, RATE_HZ / TICKS_PER_NODE as f64)).collect();
-    let own =
-        |idx: usize| rms(&slid.iter().filter_map(|slid| own_ripple_percent(&slid.forces[idx], &slid.law)).collect::<Vec<f64>>());
+    let own = |idx: usize| {
+        rms(&slid.iter().filter_map(|slid| own_ripple_percent(&at_law(&slid.forces[idx]), &slid.law)).collect::<Vec<f64>>())
+    };
     let raw_own = own(RAW).ok_or_else(|| "no contact".to_owned());
     let mut rows = vec![
         Row::new(group, "paths", slid.len() as f64, ""),

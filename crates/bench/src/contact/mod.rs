@@ -7,6 +7,7 @@
 //! | `couplings` | Q1 through the couplings, insertion of a peg, smoothness of the shipped scenes |
 //! | [`sliding`] | smoothness of the force law over the shipped scenes |
 //! | `curved`, `law` | smoothness, size and direction of the force over curved parts, beside the exact law |
+//! | `lattice` | what other interpolations would make of it |
 //! | `attitudes` | faces, corners and convergence of tools at random in their grids |
 //! | `speed`, `nut` | time against points, contact share, triangles; the nut on its bolt beside other programs |
 //! | `many` | time against the number of objects |
@@ -27,6 +28,7 @@ mod curved;
 pub mod fields;
 mod fixture;
 mod insertions;
+mod lattice;
 mod law;
 mod many;
 mod nut;

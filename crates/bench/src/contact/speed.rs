@@ -14,7 +14,7 @@ use super::Options;
 use super::fields::contact;
 use super::fixture::{self, Tube};
 use rt::clock::thread_cpu_ns;
-use vps::contact::{ContactSum, Obstacle, SimdLevel, Traversal, TraversalMode};
+use vps::contact::{Budget, ContactSum, Obstacle, SimdLevel, Traversal, TraversalMode};
 use vps::mesh::primitives::Shape;
 use vps::pointshell::shell::Shell;
 use vps::spatial::Pose;
@@ -199,6 +199,19 @@ fn n_different(obstacles: &[Obstacle], shell: &Shell, path: &[Pose]) -> usize {
     path.iter().filter(|pose| bits(&flat.ask(**pose)) != bits(&tree.ask(**pose))).count()
 }
 
+/// Mean error of the force when each query of a path may look at half of what it takes, as a share of the mean force.
+fn error_with_half(obstacles: &[Obstacle], shell: &Shell, path: &[Pose]) -> f64 {
+    let [mut whole, mut half] = [TraversalMode::Tree; 2].map(|mode| Asking::new(mode, obstacles, shell));
+    let (mut error, mut force) = (0.0, 0.0);
+    for pose in path {
+        let sum = whole.ask(*pose);
+        half.traversal.set_budget(Budget::Points(sum.looked_at / 2));
+        error += (half.ask(*pose).wrench.force - sum.wrench.force).length();
+        force += sum.wrench.force.length();
+    }
+    error / force.max(f64::MIN_POSITIVE)
+}
+
 fn points_and_share(fit: Fit, options: &Options, tell: &mut dyn FnMut(&str)) -> Result<Vec<Row>, BenchError> {
     let obstacles = [fit.obstacle()?];
     let sizes: &[f64] = if options.quick { &[8e3] } else { &[8e3, 1e5, 1e6] };
@@ -227,6 +240,11 @@ fn points_and_share(fit: Fit, options: &Options, tell: &mut dyn FnMut(&str)) -> 
                     _ => [whole, slow, per_point],
                 });
                 rows.push(row("points in contact", touching, ""));
+            }
+            if share > 0.0 {
+                let error = error_with_half(&obstacles, &shell, &path);
+                let row = Row::new(&group, format!("tree, {percent}: error of the force at half the budget"), 100.0 * error, "%");
+                rows.push(row.at_most(10.0));
             }
             let n_poses = if is_million { 50 } else { path.len() };
             let n_different = n_different(&obstacles, &shell, &path[..n_poses.min(path.len())]);
@@ -277,6 +295,18 @@ fn triangles(options: &Options, tell: &mut dyn FnMut(&str)) -> Result<Vec<Row>, 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn half_of_a_budget_errs_by_less_than_a_tenth() {
+        for fit in [Fit::PinInBore, Fit::BallOnSlab] {
+            let obstacles = [fit.obstacle().unwrap()];
+            let shell = fit.tool(8e3).unwrap();
+            for share in SHARES.into_iter().filter(|share| *share > 0.0) {
+                let error = error_with_half(&obstacles, &shell, &fit.path_at(&obstacles, &shell, share));
+                assert!(error > 0.0 && error < 0.1, "{}, {share}: {error}", fit.name());
+            }
+        }
+    }
 
     #[test]
     fn shares_are_met_on_the_path_and_both_ways_agree() {

@@ -4,10 +4,12 @@
 //! count before the first tick. A point counts 1, a block of eight spheres
 //! 8, or 1 when all of them are still clear since an earlier tick.
 //!
-//! Where the budget ends, a node is not refined: its representative stands for all points below it, with their number as weight, so the
+//! Where the budget ends, a node is not refined: its representative stands for all points below it, with their surface as weight, so the
 //! sum stays comparable. The walk refines level by level, so what is left out is left out at the finest levels; of a level that
-//! fits in part, nodes below which something touched in the last tick are refined first; a quarter is kept for the others, so that new
-//! contacts are found. Among either kind, evenly spread nodes are refined, and other ones in the next tick.
+//! fits in part, nodes below which something touched in the last tick are refined first, the deepest of them before the others; a quarter is kept for
+//! the others, evenly spread and other ones in the next tick, so that new contacts are found. Of the leaves every one gives some of its points, evenly
+//! spread over it, and those in which something touched as many as the budget allows: a leaf left out as a whole would take a side of a contact
+//! away that another side balances.
 
 use crate::pointshell::shell::LANES;
 use crate::pointshell::tree::CHILDREN;
@@ -50,6 +52,18 @@ impl Budget {
             Self::Points(points) => (points.saturating_sub(n_open) / WORST_CASE).min(n_open),
         }
     }
+
+    /// How many points of each of `n_open` leaves may be looked at, a power of two of at most half of them, and of how many leaves twice as many.
+    #[inline]
+    pub(super) fn points_per_leaf(self, n_open: u32) -> (u32, u32) {
+        let half = LANES as u32 / 2;
+        let Self::Points(points) = self else { return (half, n_open) };
+        let mut per_leaf = half;
+        while per_leaf > 1 && per_leaf * n_open > points {
+            per_leaf /= 2;
+        }
+        (per_leaf, (points.saturating_sub(per_leaf * n_open) / per_leaf).min(n_open))
+    }
 }
 
 /// What refining a node may cost beyond its representative: eight spheres and the representatives of eight children, or sixteen
@@ -82,31 +96,30 @@ impl Selection {
     }
 }
 
-/// Which nodes of a level are refined, those that are preferred being listed first.
+/// Which nodes of a level are refined, those that matter most being listed first: most of them from the front, a quarter from the others.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Choice {
-    n_preferred: u32,
-    preferred: Selection,
+    n_first: u32,
     others: Selection,
 }
 
 impl Choice {
+    /// Every node.
     #[inline]
-    pub(super) fn new(n_open: u32, n_preferred: u32, n_refined: u32, turn: u64) -> Self {
-        let n_others = n_open - n_preferred;
-        let kept = (n_refined / 4).min(n_others);
-        let from_preferred = (n_refined - kept).min(n_preferred);
-        Self {
-            n_preferred,
-            preferred: Selection::new(n_preferred, from_preferred, turn),
-            others: Selection::new(n_others, n_refined - from_preferred, turn),
-        }
+    pub(super) fn all(n_open: u32) -> Self {
+        Self { n_first: n_open, others: Selection::new(0, 0, 0) }
+    }
+
+    #[inline]
+    pub(super) fn new(n_open: u32, n_refined: u32, turn: u64) -> Self {
+        let n_first = n_refined - n_refined / 4;
+        Self { n_first, others: Selection::new(n_open - n_first, n_refined - n_first, turn) }
     }
 
     /// True for exactly `n_refined` of the `n_open` nodes.
     #[inline]
     pub(super) fn takes(self, idx: u32) -> bool {
-        if idx < self.n_preferred { self.preferred.takes(idx) } else { self.others.takes(idx - self.n_preferred) }
+        idx < self.n_first || self.others.takes(idx - self.n_first)
     }
 }
 
@@ -132,16 +145,32 @@ mod tests {
     }
 
     #[test]
-    fn a_choice_takes_as_many_as_asked_the_preferred_first() {
-        for (n_open, n_preferred, n_refined) in
-            [(1, 0, 1), (1, 1, 0), (10, 0, 4), (10, 10, 4), (10, 2, 8), (100, 50, 40), (100, 97, 99)]
-        {
-            let choice = Choice::new(n_open, n_preferred, n_refined, 3);
+    fn a_choice_takes_as_many_as_asked_most_of_them_from_the_front() {
+        for (n_open, n_refined) in [(1, 0), (1, 1), (10, 4), (10, 9), (100, 40), (100, 99)] {
+            let choice = Choice::new(n_open, n_refined, 3);
             let chosen: Vec<u32> = (0..n_open).filter(|idx| choice.takes(*idx)).collect();
             assert_eq!(chosen.len() as u32, n_refined);
-            let n_chosen_preferred = chosen.iter().filter(|idx| **idx < n_preferred).count() as u32;
-            assert!(n_chosen_preferred >= n_preferred.min(n_refined - n_refined / 4));
-            assert!(chosen.len() as u32 - n_chosen_preferred >= (n_open - n_preferred).min(n_refined / 4));
+            let n_front = n_refined - n_refined / 4;
+            assert!(chosen.iter().take(n_front as usize).copied().eq(0..n_front));
+        }
+        assert!((0..7).all(|idx| Choice::all(7).takes(idx)));
+    }
+
+    #[test]
+    fn leaves_share_what_is_left_evenly() {
+        assert_eq!(Budget::Unlimited.points_per_leaf(9), (8, 9));
+        for (points, n_open, expected) in [
+            (160, 10, (8, 10)),
+            (80, 10, (8, 0)),
+            (79, 10, (4, 9)),
+            (40, 10, (4, 0)),
+            (25, 10, (2, 2)),
+            (10, 10, (1, 0)),
+            (10_000, 10, (8, 10)),
+        ] {
+            let (per_leaf, n_twice) = Budget::Points(points).points_per_leaf(n_open);
+            assert_eq!((per_leaf, n_twice), expected, "{points}");
+            assert!(per_leaf * (n_open + n_twice) <= points);
         }
     }
 

@@ -12,7 +12,7 @@ use crate::voxmap::field::brick_bounds::BrickBounds;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Samples {
     positions: Lanes3,
-    /// Points and the surface that they stand for, as a multiple of their own.
+    /// Points and the surface that they stand for, as a multiple of their own; the same for all of a block.
     points: [(u32, f32); LANES],
     n: usize,
 }
@@ -25,11 +25,9 @@ impl Default for Samples {
 }
 
 impl Samples {
-    /// A point that stands for so much surface, s².
+    /// A point that stands for this multiple of its own surface.
     pub(super) fn push(&mut self, shell: &Shell, point: u32, weight: f32) {
         let (block, lane) = (point as usize / LANES, point as usize % LANES);
-        let own = shell.weights().get(block).and_then(|weights| weights.0.get(lane)).copied().unwrap_or(1.0);
-        let weight = weight / own.max(f32::MIN_POSITIVE);
         let (Some(positions), Some(place)) = (shell.positions().get(block), self.points.get_mut(self.n)) else { return };
         self.positions.set(self.n, positions.get(lane));
         *place = (point, weight);
@@ -40,7 +38,7 @@ impl Samples {
         self.n == LANES
     }
 
-    /// Reports those that touch, each as a block with one lane, and starts anew.
+    /// Reports those that touch, points of one block that follow each other as one, and starts anew.
     pub(super) fn look(
         &mut self,
         simd_level: SimdLevel,
@@ -53,14 +51,22 @@ impl Samples {
             return f32::NEG_INFINITY;
         }
         let found = |_, depths: &Depths| {
+            let mut last: Option<ContactBlock> = None;
             for (lane, (point, weight)) in points.into_iter().enumerate().take(n) {
-                if depths.touching >> lane & 1 == 1 {
-                    let (block, lane_of_block) = (point / LANES as u32, point % LANES as u32);
-                    let depth_m = depths.depths_m.0.get(lane).copied().unwrap_or(0.0);
-                    let depths_m = [depth_m; LANES];
-                    touched.push(ContactBlock { block, lanes: 1 << lane_of_block, weight, depths_m });
+                if depths.touching >> lane & 1 == 0 {
+                    continue;
+                }
+                let (block, lane_of_block) = (point / LANES as u32, point as usize % LANES);
+                if last.is_some_and(|last| last.block != block) {
+                    touched.extend(last.take());
+                }
+                let one = last.get_or_insert(ContactBlock { block, lanes: 0, weight, depths_m: [0.0; LANES] });
+                one.lanes |= 1 << lane_of_block;
+                if let (Some(depth_m), Some(of_lane)) = (depths.depths_m.0.get(lane), one.depths_m.get_mut(lane_of_block)) {
+                    *of_lane = *depth_m;
                 }
             }
+            touched.extend(last);
         };
         let (positions, floor) = (core::slice::from_ref(&positions), |_| f32::NEG_INFINITY);
         simd_level.run(Blocks { bounds, place, positions, which: core::iter::once(0), floor, found })

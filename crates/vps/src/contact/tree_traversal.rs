@@ -5,7 +5,7 @@
 //!     still clear since an earlier tick?  ──yes──► skip
 //!     sphere clear of the obstacle?       ──yes──► skip, remember for how long
 //!     budget left?                        ──no───► its representative stands for it
-//!     else                                ───────► its children; of a leaf, its sixteen points
+//!     else                                ───────► its children; of a leaf, its sixteen points, or some of them
 //! ```
 //! - **Clear** is proven, not guessed: a sphere is left out when its centre is farther from all that can touch than its radius (see
 //!   `BrickBounds` and `kernel`), and so are its points, wherever in it they lie.
@@ -30,7 +30,7 @@ use super::budget::{Budget, Choice};
 use super::contact_block::ContactBlock;
 use super::kernel::{Blocks, Clearance, Depths, Place, free_cells};
 use super::samples::Samples;
-use crate::pointshell::shell::{LANES, Shell};
+use crate::pointshell::shell::{LANES, Lanes, Shell};
 use crate::pointshell::tree::{CHILDREN, Spheres};
 use crate::simd::SimdLevel;
 use crate::spatial::Pose;
@@ -90,7 +90,10 @@ pub(super) struct TreeTraversal {
     clear_until_cells: Vec<[f32; CHILDREN]>,
     /// First block of each level.
     first_blocks: Arc<Vec<u32>>,
-    /// `[n_blocks of the tree]`: when something below a node touched last; kept while a budget limits the walk.
+    /// `[n_blocks of the tree]`, cells: how far each node's centre was outside of what can touch when it was looked at last; kept while a budget
+    /// limits the walk.
+    outside_cells: Vec<[f32; CHILDREN]>,
+    /// `[n_blocks of the tree]`: when something below a node touched last; kept likewise.
     touched_at: Vec<[u32; CHILDREN]>,
     now: u32,
     reach_cells: f32,
@@ -153,6 +156,7 @@ impl TreeTraversal {
         (!first_blocks.is_empty()).then(|| Self {
             bounds,
             clear_until_cells: vec_of(UNKNOWN, reaches_cells.len()),
+            outside_cells: vec_of(UNKNOWN, reaches_cells.len()),
             touched_at: vec_of(0, reaches_cells.len()),
             now: 1,
             reaches_cells: Arc::new(reaches_cells),
@@ -207,6 +211,8 @@ impl TreeTraversal {
             max_m: f32::NEG_INFINITY,
             looked_at: 0,
             left_out: 0,
+            is_limited: budget != Budget::Unlimited,
+            per_voxel: 1.0 / self.bounds.voxel_size_m(),
         };
         lists.open.clear();
         lists.open.push(0);
@@ -220,14 +226,10 @@ impl TreeTraversal {
                 break;
             }
         }
-        if !lists.open.is_empty() {
-            let n_refined = budget.without(query.looked_at).refinable(lists.open.len() as u32);
-            let choice = self.choose(self.first_blocks.len().checked_sub(1), &mut lists.open, n_refined);
-            query.look_at_leaves(self, choice, &lists.open, touched);
-            retain(&mut lists.open, choice);
-            query.represent(&self.bounds, self.first_blocks.len().checked_sub(1), lists, touched);
-        }
-        if budget != Budget::Unlimited {
+        if budget == Budget::Unlimited {
+            query.look_at_leaves(self, &lists.open, touched);
+        } else {
+            self.look_at_leaves_within(budget, &mut query, lists, touched);
             self.now = self.now.wrapping_add(1);
             touched.iter().for_each(|touched| self.mark(touched.block));
         }
@@ -260,21 +262,64 @@ impl TreeTraversal {
         }
     }
 
-    /// Chooses what is refined of the open nodes of a level (without one, of the root); where that is not all, those below which something
-    /// touched are put first.
+    /// Looks at the points of the open leaves as far as the budget allows: at all of those in which something touched in the last tick, and at some of
+    /// each of the others.
+    fn look_at_leaves_within(&mut self, budget: Budget, query: &mut Query<'_>, lists: &mut Lists, touched: &mut Vec<ContactBlock>) {
+        self.sort_by_depth(self.first_blocks.len().checked_sub(1), &mut lists.open);
+        let left = budget.without(query.looked_at);
+        let n_touched = lists.open.partition_point(|leaf| self.is_touched(self.first_blocks.len().checked_sub(1), *leaf)) as u32;
+        let n_others = lists.open.len() as u32 - n_touched;
+        // One point of each of the others is always looked at.
+        let (per_touched, n_twice) = left.without(n_others).points_per_leaf(n_touched);
+        let spent = per_touched * (n_touched + n_twice);
+        let (per_other, n_others_twice) = left.without(spent).points_per_leaf(n_others);
+        let mut leaves = lists.open.as_slice();
+        // Of the others different ones in each tick: what touches at one point is found.
+        let turn = self.now as usize % LANES;
+        for (n, per_leaf, turn) in [
+            (n_twice, 2 * per_touched, 0),
+            (n_touched - n_twice, per_touched, 0),
+            (n_others_twice, 2 * per_other, turn),
+            (n_others - n_others_twice, per_other, turn),
+        ] {
+            let (these, rest) = leaves.split_at(leaves.len().min(n as usize));
+            leaves = rest;
+            if per_leaf as usize == LANES {
+                query.look_at_leaves(self, these, touched);
+            } else {
+                query.look_at_some(&self.bounds, (per_leaf, turn), these, &mut lists.samples, touched);
+            }
+        }
+    }
+
+    /// Chooses what is refined of the open nodes of a level (without one, of the root): where that is not all, those that matter most, which are put
+    /// first, and some of the others.
     fn choose(&mut self, level: Option<usize>, open: &mut [u32], n_refined: u32) -> Choice {
         let n_open = open.len() as u32;
         if n_refined == n_open {
-            return Choice::new(n_open, n_open, n_open, 0);
+            return Choice::all(n_open);
         }
         self.turn = self.turn.wrapping_add(u64::from(n_refined.max(1)));
-        let touched = |node: u32| {
-            let stamps = level.and_then(|level| self.touched_at.get(self.at(level, node as usize / CHILDREN)));
-            stamps.and_then(|stamps| stamps.get(node as usize % CHILDREN)) == Some(&self.now)
+        self.sort_by_depth(level, open);
+        Choice::new(n_open, n_refined, self.turn)
+    }
+
+    /// Those below which something touched in the last tick first, and of either kind those whose centre lies deepest.
+    fn sort_by_depth(&self, level: Option<usize>, open: &mut [u32]) {
+        let outside = |node: u32| {
+            let siblings = level.and_then(|level| self.outside_cells.get(self.at(level, node as usize / CHILDREN)));
+            siblings.and_then(|siblings| siblings.get(node as usize % CHILDREN)).copied().unwrap_or(UNKNOWN)
         };
-        open.sort_unstable_by_key(|node| (!touched(*node), *node));
-        let n_preferred = open.partition_point(|node| touched(*node)) as u32;
-        Choice::new(n_open, n_preferred, n_refined, self.turn)
+        open.sort_unstable_by(|a, b| {
+            let [first, second] = [a, b].map(|node| !self.is_touched(level, *node));
+            first.cmp(&second).then_with(|| outside(*a).total_cmp(&outside(*b))).then(a.cmp(b))
+        });
+    }
+
+    /// Whether something below a node touched in the last tick.
+    fn is_touched(&self, level: Option<usize>, node: u32) -> bool {
+        let stamps = level.and_then(|level| self.touched_at.get(self.at(level, node as usize / CHILDREN)));
+        stamps.and_then(|stamps| stamps.get(node as usize % CHILDREN)) == Some(&self.now)
     }
 
     /// Remembers that something touched in a leaf, and so below all nodes above it.
@@ -306,6 +351,21 @@ fn retain(open: &mut Vec<u32>, choice: Choice) {
     });
 }
 
+const ALL_LANES: [usize; LANES] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
+
+/// Lanes that stand for all sixteen. The points of a leaf come in rows, so those lanes are chosen that lie evenly in four rows of four: their mean
+/// place is that of all, or the same side of every leaf would be left out. Eight lanes are Thue's and Morse's, of which the squares and cubes have
+/// the right mean as well.
+/// The exclusive or of all lanes with a number gives other lanes with the same properties.
+fn spread_lanes(n: u32) -> &'static [usize] {
+    match n {
+        8.. => &[0, 3, 5, 6, 9, 10, 12, 15],
+        4 => &[1, 7, 8, 14],
+        2 => &[5, 10],
+        _ => &[6],
+    }
+}
+
 fn vec_of<T: Copy>(value: T, n: usize) -> Vec<[T; CHILDREN]> {
     core::iter::repeat_n([value; CHILDREN], n).collect()
 }
@@ -325,6 +385,9 @@ struct Query<'a> {
     max_m: f32,
     looked_at: u32,
     left_out: u32,
+    /// What lies how deep is kept for the choice of what a budget suffices for.
+    is_limited: bool,
+    per_voxel: f32,
 }
 
 impl Query<'_> {
@@ -344,6 +407,13 @@ impl Query<'_> {
             let Some(spheres) = self.spheres.get(node as usize) else { return };
             let (bounds, place, margin_cells) = (&walk.bounds, self.place, self.margin_cells);
             let rooms = self.simd_level.run(Clearance { bounds, place, spheres, margin_cells });
+            if self.is_limited
+                && let Some(outside) = walk.outside_cells.get_mut(at)
+            {
+                for ((outside, room), radius) in outside.iter_mut().zip(rooms).zip(spheres.radius) {
+                    *outside = room + radius * self.per_voxel;
+                }
+            }
             for (((clear_until, room), now), soon) in clear_until.iter_mut().zip(rooms).zip(now).zip(soon) {
                 if *clear_until <= soon {
                     *clear_until = if room > 0.0 { now + room.min(PROOF_CELLS) } else { -(now + (-room).min(OPEN_CELLS)) };
@@ -359,8 +429,8 @@ impl Query<'_> {
         }
     }
 
-    /// Looks at the points of the leaves that are open.
-    fn look_at_leaves(&mut self, walk: &mut TreeTraversal, choice: Choice, open: &[u32], touched: &mut Vec<ContactBlock>) {
+    /// Looks at all points of some leaves.
+    fn look_at_leaves(&mut self, walk: &mut TreeTraversal, leaves: &[u32], touched: &mut Vec<ContactBlock>) {
         let TreeTraversal { bounds, clear_until_cells, reaches_cells, first_blocks, .. } = walk;
         let first = first_blocks.last().map_or(0, |first| *first as usize);
         let per_voxel = 1.0 / bounds.voxel_size_m();
@@ -368,7 +438,7 @@ impl Query<'_> {
         let (along, about) = self.ways[0];
         let margin_cells = self.margin_cells + bounds.jump_cells();
         let mut n_looked_at = 0;
-        let leaves = (0_u32..).zip(open).filter(|(idx, _)| choice.takes(*idx)).map(|(_, leaf)| *leaf);
+        let leaves = leaves.iter().copied();
         let found = |leaf: u32, depths: &Depths| {
             n_looked_at += LANES as u32;
             if depths.touching != 0 {
@@ -391,6 +461,42 @@ impl Query<'_> {
         self.looked_at += n_looked_at;
     }
 
+    /// Looks at so many points of each of these leaves; they stand for all points of the leaf.
+    fn look_at_some(
+        &mut self,
+        bounds: &BrickBounds,
+        (per_leaf, turn): (u32, usize),
+        leaves: &[u32],
+        samples: &mut Samples,
+        touched: &mut Vec<ContactBlock>,
+    ) {
+        for leaf in leaves.iter().map(|leaf| *leaf as usize) {
+            let n_points = self.shell.len().saturating_sub(leaf * LANES).min(LANES);
+            let Some(Lanes(weights)) = self.shell.weights().get(leaf) else { continue };
+            let sum = |lanes: &[usize]| -> f32 { lanes.iter().filter_map(|lane| weights.get(*lane)).sum() };
+            let used = ALL_LANES.get(..n_points).unwrap_or(&[]);
+            let mut chosen = [0; LANES];
+            let mut n_chosen = 0;
+            // A last block may be filled in part.
+            for lane in spread_lanes(per_leaf).iter().map(|lane| lane ^ turn).filter(|lane| *lane < n_points) {
+                if let Some(place) = chosen.get_mut(n_chosen) {
+                    (*place, n_chosen) = (lane, n_chosen + 1);
+                }
+            }
+            let lanes = if n_chosen > 0 { chosen.get(..n_chosen).unwrap_or(used) } else { used.get(..1).unwrap_or(used) };
+            let share = sum(used) / sum(lanes).max(f32::MIN_POSITIVE);
+            for lane in lanes {
+                samples.push(self.shell, (leaf * LANES + lane) as u32, share);
+                if samples.is_full() {
+                    self.max_m = self.max_m.max(samples.look(self.simd_level, bounds, self.place, touched));
+                }
+            }
+            self.looked_at += lanes.len() as u32;
+            self.left_out += (n_points - lanes.len()) as u32;
+        }
+        self.max_m = self.max_m.max(samples.look(self.simd_level, bounds, self.place, touched));
+    }
+
     /// Lets the representatives of the open nodes of a level stand for the points below them; without a level, of nothing for all.
     fn represent(&mut self, bounds: &BrickBounds, level: Option<usize>, lists: &mut Lists, touched: &mut Vec<ContactBlock>) {
         let tree = self.shell.tree();
@@ -408,7 +514,10 @@ impl Query<'_> {
             self.looked_at += 1;
             self.left_out += (end - start).saturating_sub(1) as u32;
             if let Some(point) = point {
-                lists.samples.push(self.shell, *point, weight);
+                // As a multiple of its own surface.
+                let (block, lane) = (*point as usize / LANES, *point as usize % LANES);
+                let own = self.shell.weights().get(block).and_then(|weights| weights.0.get(lane)).copied().unwrap_or(1.0);
+                lists.samples.push(self.shell, *point, weight / own.max(f32::MIN_POSITIVE));
             }
             if lists.samples.is_full() {
                 self.max_m = self.max_m.max(lists.samples.look(self.simd_level, bounds, self.place, touched));

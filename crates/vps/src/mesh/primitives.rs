@@ -23,6 +23,11 @@ pub enum Shape {
         /// Radius, m.
         radius_m: f64,
     },
+    /// Ellipsoid along the axes.
+    Ellipsoid {
+        /// Half of its extents along x, y and z, m.
+        radii_m: DVec3,
+    },
     /// Cylinder.
     Cylinder {
         /// Radius, m.
@@ -73,6 +78,7 @@ impl Shape {
         match *self {
             Self::Box { size_m } => size_m.to_array().to_vec(),
             Self::Sphere { radius_m } => vec![radius_m],
+            Self::Ellipsoid { radii_m } => radii_m.to_array().to_vec(),
             Self::Cylinder { radius_m, height_m } | Self::Cone { radius_m, height_m } | Self::Capsule { radius_m, height_m } => {
                 vec![radius_m, height_m]
             }
@@ -97,6 +103,13 @@ impl Shape {
                 let n = segments(radius_m, 0.5 * tolerance_m);
                 let profile: Vec<DVec2> = (0..=n / 2).map(|k| radius_m * direction(k, n)).collect();
                 revolve(&profile, n)
+            }
+            Self::Ellipsoid { radii_m } => {
+                // A sphere around it, pressed: no point of a face goes farther from it than it was from the sphere.
+                let radius_m = radii_m.max_element();
+                let mut mesh = Self::Sphere { radius_m }.tessellate(tolerance_m);
+                mesh.vertices.iter_mut().for_each(|at| *at *= radii_m / radius_m);
+                mesh
             }
             Self::Capsule { radius_m, height_m } => {
                 let n = segments(radius_m, 0.5 * tolerance_m);
@@ -220,7 +233,7 @@ mod tests {
     const R: f64 = 0.02;
     const H: f64 = 0.05;
 
-    fn shapes() -> [(Shape, f64, f64, DVec3, DVec3); 7] {
+    fn shapes() -> [(Shape, f64, f64, DVec3, DVec3); 8] {
         let tall = |z: f64| DVec3::new(R, R, z);
         [
             (
@@ -231,6 +244,14 @@ mod tests {
                 DVec3::new(0.05, 0.1, 0.15),
             ),
             (Shape::Sphere { radius_m: R }, 4.0 / 3.0 * PI * R * R * R, 4.0 * PI * R * R, -tall(R), tall(R)),
+            // Twice as long as wide: an area of 2π (R² + R H / e asin e), with e² = 1 − R²/H² and H half of its length.
+            (
+                Shape::Ellipsoid { radii_m: DVec3::new(R, R, 2.0 * R) },
+                8.0 / 3.0 * PI * R * R * R,
+                TAU * R * R * (1.0 + 2.0 / 0.75_f64.sqrt() * 0.75_f64.sqrt().asin()),
+                -tall(2.0 * R),
+                tall(2.0 * R),
+            ),
             (Shape::Cylinder { radius_m: R, height_m: H }, PI * R * R * H, TAU * R * (R + H), -tall(H / 2.0), tall(H / 2.0)),
             (
                 Shape::Cone { radius_m: R, height_m: H },
@@ -287,6 +308,8 @@ mod tests {
                 // Distance to the surface of the round shapes, signs dropped.
                 let distance = |p: DVec3| match shape {
                     Shape::Sphere { radius_m } => (p.length() - radius_m).abs(),
+                    // Of the sphere around it, which is no less.
+                    Shape::Ellipsoid { radii_m } => radii_m.max_element() * ((p / radii_m).length() - 1.0).abs(),
                     Shape::Capsule { radius_m, height_m } => {
                         { (p - DVec3::Z * p.z.clamp(-0.5 * height_m, 0.5 * height_m)).length() - radius_m }.abs()
                     }
