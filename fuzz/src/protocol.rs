@@ -113,7 +113,13 @@ pub(crate) fn exercise(bytes: &[u8]) -> usize {
         0x7F => usize::MAX,
         size => usize::from(size) + 1,
     };
-    let arm = ArmReadings { readings: [0.1, -0.2, 0.3, 0.0, 0.0, 0.6, 0.8, 0.0], rates: [1.0; MAX_AXES], buttons: 5, homed: true };
+    let arm = ArmReadings {
+        readings: [0.1, -0.2, 0.3, 0.0, 0.0, 0.6, 0.8, 0.0],
+        rates: [1.0; MAX_AXES],
+        buttons: 5,
+        homed: true,
+        asleep: false,
+    };
     if pieces & 0x80 != 0 {
         let mut firmware = protocol.firmware(carriage);
         let mut out = Outbox::new();

@@ -141,6 +141,8 @@ pub struct SculptConfig {
     pub settings: clay_model::Settings,
     /// Ticks from one update of the material to the next.
     pub update_ticks: u64,
+    /// α of the force between updates, from one tick to the next; `None`: nine tenths of a change are felt when the next update comes.
+    pub smoothing: Option<f64>,
     /// What is in the hand at the start.
     pub tool: ToolSettings,
     /// Scripted strokes; see [`super::strokes`].

@@ -19,7 +19,7 @@ use vps::voxmap::inside_test::InsideTest;
 #[cfg(test)]
 pub(super) use self::sculpt::CraftWord;
 pub(super) use self::sculpt::{
-    Creep, Deed, FalloffWritten, PaintedWritten, Sculpt, Stroke, Strokes, WrittenSolid, WrittenTool, holds_strokes,
+    Creep, Deed, FalloffRate, FalloffWritten, PaintedWritten, Sculpt, Stroke, Strokes, WrittenSolid, WrittenTool, holds_strokes,
 };
 
 /// The whole file.
@@ -92,6 +92,7 @@ pub(super) struct Tool {
 pub(super) struct Shape {
     pub(super) box_mm: Option<Numbers<3>>,
     pub(super) sphere_mm: Option<f64>,
+    pub(super) ellipsoid_mm: Option<Numbers<3>>,
     pub(super) cylinder_mm: Option<Numbers<2>>,
     pub(super) cone_mm: Option<Numbers<2>>,
     pub(super) capsule_mm: Option<Numbers<2>>,

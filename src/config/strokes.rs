@@ -3,7 +3,9 @@
 //! TOML, `version = 1`, then a `[[stroke]]` table for each, with `at_s` (loop time, s) and `do`; `docs/reference/clay.md` lists the keys. Files
 //! that are read are relative to the file of strokes, files that are written to the working directory.
 
+mod curves;
 mod image_placement;
+mod laid_material;
 mod naming;
 mod size;
 
@@ -125,6 +127,9 @@ impl Reader<'_> {
             }
             Deed::Union | Deed::Intersection | Deed::Difference => self.combine(&table, stroke, deed),
             Deed::Emboss | Deed::Engrave => self.emboss(&table, stroke, deed),
+            Deed::Draw => self.curves(&table, stroke).map(SculptOrder::Draw),
+            Deed::Lay => self.lay(&table, stroke),
+            Deed::Pull => self.pull(&table, stroke, at_s),
             Deed::Undo => Some(SculptOrder::Undo),
             Deed::Redo => Some(SculptOrder::Redo),
             Deed::Region => {

@@ -7,7 +7,7 @@ use serde::Deserialize;
 use serde_json::Value;
 
 use super::answer::{Completion, Reply};
-use super::clay::{self, SaveKind, TakeAsked};
+use super::clay::{self, CombineAsked, DrawAsked, LayAsked, PullAsked, RegionAsked, SaveKind, TakeAsked};
 use super::client::{Client, Subscription};
 use super::encode::WirePose;
 use super::forms::{read, such_as};
@@ -79,6 +79,16 @@ pub(super) enum ClientCommand {
     },
     /// Another craft of the tool on clay, or other settings.
     ClayTake(TakeAsked),
+    /// Curves wait for the next hold of the curve rope.
+    ClayDraw(DrawAsked),
+    /// Curves are pulled.
+    ClayPull(PullAsked),
+    /// Another part of the piece deforms.
+    ClayRegion(RegionAsked),
+    /// Material is laid at once.
+    ClayLay(LayAsked),
+    /// A Boolean with a solid at a place.
+    ClayCombine(CombineAsked),
     /// As if the arm's first button were held or let go.
     ClayHold {
         held: bool,
@@ -196,6 +206,11 @@ pub(super) fn perform(hub: &Arc<Hub>, files: &Worker, client: Option<&Client>, a
             None => Err(needs_connection()),
         }),
         ClientCommand::ClayTake(asked) => clay::take(hub, asked, reply),
+        ClientCommand::ClayDraw(asked) => clay::order(hub, |_| asked.checked(), reply),
+        ClientCommand::ClayPull(asked) => clay::order(hub, |_| asked.checked(), reply),
+        ClientCommand::ClayRegion(asked) => clay::order(hub, |_| asked.checked(), reply),
+        ClientCommand::ClayLay(asked) => clay::order(hub, |_| asked.checked(), reply),
+        ClientCommand::ClayCombine(asked) => clay::order(hub, |view| asked.checked(view), reply),
         ClientCommand::ClayHold { held } => match client {
             Some(client) => clay::hold(hub, client.id, held, reply),
             None => reply(Err(needs_connection())),
@@ -326,6 +341,11 @@ mod tests {
             (r#"{"do":"clay_take","brush":0.003}"#, "brush"),
             (r#"{"do":"clay_hold"}"#, "held"),
             (r#"{"do":"clay_undo","strokes":3}"#, "strokes"),
+            (r#"{"do":"clay_draw","curves":[]}"#, "curves"),
+            (r#"{"do":"clay_pull","curves_m":[[[0,0]]],"force_n":[0,0,1],"time_s":1}"#, "length"),
+            (r#"{"do":"clay_region","min":[0,0,0]}"#, "max"),
+            (r#"{"do":"clay_lay","ball":{"center":[0,0,0]}}"#, "radius_m"),
+            (r#"{"do":"clay_combine","boolean":"xor"}"#, "xor"),
             (r#"{"do":"clay_save","kind":"photo"}"#, "photo"),
         ] {
             let error = parsed(wrong).1.expect_err(wrong);

@@ -4,7 +4,7 @@ use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
 
 /// One request of each kind: its `do`, and what goes with it.
-const FORMS: [(&str, &str); 19] = [
+const FORMS: [(&str, &str); 24] = [
     ("subscribe", r#""rate_hz": 60, "format": "json", "contacts": true, "history": true"#),
     ("enable", ""),
     ("disable", ""),
@@ -19,6 +19,11 @@ const FORMS: [(&str, &str); 19] = [
     ("end_recording", ""),
     ("heartbeat", r#""timeout_ms": 500"#),
     ("clay_take", r##""craft": "paint", "brush_m": 0.004, "color": "#c83c28""##),
+    ("clay_draw", r#""curves_m": [[[-0.005, 0, 0.004], [0.005, 0, 0.004]]]"#),
+    ("clay_pull", r#""curves_m": [[[-0.005, 0, 0.004], [0.005, 0, 0.004]]], "force_n": [0, 0, 3], "time_s": 0.5"#),
+    ("clay_region", r#""min": [-0.01, -0.01, 0], "max": [0.01, 0.01, 0.02]"#),
+    ("clay_lay", r#""painted": {"stiffness_n_per_m": 500}, "ball": {"center": [0, 0, 0.01], "radius_m": 0.005}"#),
+    ("clay_combine", r#""boolean": "union", "shape": {"sphere_m": 0.005}, "pose": {"p": [0, 0, 0.02], "q": [0, 0, 0, 1]}"#),
     ("clay_hold", r#""held": true"#),
     ("clay_undo", ""),
     ("clay_redo", ""),

@@ -125,6 +125,7 @@ impl Hub {
                         ("up", format!("the arm is back at {}; it waits to be enabled. {homing}", node.display()))
                     }
                     LinkNews::Fails(why) => ("fails", why.clone()),
+                    LinkNews::Told(text) => ("up", text.clone()),
                     LinkNews::Unguarded(why) => ("up", format!("the arm has no guard: {why}")),
                 };
                 self.facts().link = word;

@@ -17,14 +17,19 @@ use serde::Deserialize;
 use serde_json::{Map, Value, json};
 use tokio::sync::oneshot;
 
+use super::answer::Reply;
 use super::app_state::AppState;
 use super::asks::{ClientCommand, perform};
+use super::clay::{
+    IMAGE_BYTES_MAX, SOLID_BYTES_MAX, SolidAsked, VALUES_BYTES_MAX, ValuesAsked, image_of, solid_of, take_upload, values_of,
+};
 use super::connection::Peer;
 use super::encode::{WirePose, with_counts};
 use super::forms::{read, such_as};
 use super::problem::RequestError;
 use super::{assets, clearance, download, recordings, ws};
 use crate::daemon::scenes_beside;
+use ::clay::engine::{SculptOrder, ToolChange};
 use arms::simulated::hand::HandPath;
 use recording::metrics;
 
@@ -71,6 +76,14 @@ pub(super) fn router(app: Arc<AppState>) -> Router {
         .route("/api/v1/clay/files", get(clay_files))
         .route("/api/v1/clay/files/{number}", get(clay_file))
         .route("/api/v1/clay/tool", command("clay_take"))
+        .route("/api/v1/clay/draw", command("clay_draw"))
+        .route("/api/v1/clay/pull", command("clay_pull"))
+        .route("/api/v1/clay/region", command("clay_region"))
+        .route("/api/v1/clay/lay", command("clay_lay"))
+        .route("/api/v1/clay/combine", command("clay_combine"))
+        .route("/api/v1/clay/image", put(clay_image).delete(no_clay_image).layer(DefaultBodyLimit::max(IMAGE_BYTES_MAX)))
+        .route("/api/v1/clay/solid", put(clay_solid).delete(no_clay_solid).layer(DefaultBodyLimit::max(SOLID_BYTES_MAX)))
+        .route("/api/v1/clay/values", put(clay_values).layer(DefaultBodyLimit::max(VALUES_BYTES_MAX)))
         .route("/api/v1/clay/undo", command("clay_undo"))
         .route("/api/v1/clay/redo", command("clay_redo"))
         .route("/api/v1/clay/save", command("clay_save"))
@@ -140,7 +153,12 @@ async fn in_our_words(response: Response) -> Response {
     }
     let (head, body) = response.into_parts();
     if head.status == StatusCode::PAYLOAD_TOO_LARGE {
-        return RequestError::new(head.status, format!("a body has at most {MOST_BYTES} bytes"), "").into_response();
+        return RequestError::new(
+            head.status,
+            format!("a body has at most {MOST_BYTES} bytes"),
+            "an image of clay 4 MiB, a solid and values of material 16 MiB",
+        )
+        .into_response();
     }
     let text = axum::body::to_bytes(body, LONGEST_REFUSAL).await.unwrap_or_default();
     RequestError::new(head.status, String::from_utf8_lossy(&text), "docs/reference/api.md lists what there is").into_response()
@@ -371,6 +389,53 @@ async fn clay_file(State(state): State<Arc<AppState>>, Path(number): Path<usize>
     download::send(&state.files, path.ok_or_else(unknown)?).await
 }
 
+/// What is embossed from now on.
+async fn clay_image(State(state): State<Arc<AppState>>, bytes: Bytes) -> Result<Response, RequestError> {
+    uploaded(&state, move || image_of(&bytes)).await
+}
+
+async fn no_clay_image(State(state): State<Arc<AppState>>) -> Result<Response, RequestError> {
+    uploaded(&state, || Ok(SculptOrder::Adjust(ToolChange { image: Some(None), ..ToolChange::default() }))).await
+}
+
+/// What Booleans work with from now on.
+async fn clay_solid(
+    State(state): State<Arc<AppState>>,
+    asked: Result<Query<SolidAsked>, QueryRejection>,
+    bytes: Bytes,
+) -> Result<Response, RequestError> {
+    let Query(asked) =
+        asked.map_err(|refused| RequestError::bad(refused.body_text(), "such as PUT /api/v1/clay/solid?format=stl&units=mm"))?;
+    uploaded(&state, move || solid_of(&bytes, asked)).await
+}
+
+async fn no_clay_solid(State(state): State<Arc<AppState>>) -> Result<Response, RequestError> {
+    uploaded(&state, || Ok(SculptOrder::Adjust(ToolChange { solid: Some(None), ..ToolChange::default() }))).await
+}
+
+/// Lays material by a text of values.
+async fn clay_values(
+    State(state): State<Arc<AppState>>,
+    asked: Result<Query<ValuesAsked>, QueryRejection>,
+    bytes: Bytes,
+) -> Result<Response, RequestError> {
+    let Query(asked) =
+        asked.map_err(|refused| RequestError::bad(refused.body_text(), "such as PUT /api/v1/clay/values?within_m=0.001"))?;
+    uploaded(&state, move || values_of(&bytes, asked)).await
+}
+
+/// Read on a thread that may take its time, then given to the clay.
+async fn uploaded(
+    state: &Arc<AppState>,
+    read: impl FnOnce() -> Result<SculptOrder, RequestError> + Send + 'static,
+) -> Result<Response, RequestError> {
+    // Before the work: a scene without clay says so.
+    state.hub.clay()?;
+    let order = state.shapes.run(read).await;
+    let order = order.unwrap_or_else(|| Err(RequestError::bad("the file came to grief", "send another one")))?;
+    answered(|reply| take_upload(&state.hub, order, reply)).await
+}
+
 /// Beside it there may be a token.
 #[derive(Deserialize)]
 struct SinceAsked {
@@ -402,8 +467,12 @@ async fn clay_points(
 
 /// Does it, and says that it is done, or that it goes on.
 async fn done(state: &Arc<AppState>, asked: ClientCommand) -> Result<Response, RequestError> {
+    answered(|reply| perform(&state.hub, &state.files, None, asked, reply)).await
+}
+
+async fn answered(ask: impl FnOnce(Reply)) -> Result<Response, RequestError> {
     let (sender, told) = oneshot::channel();
-    perform(&state.hub, &state.files, None, asked, Box::new(move |result| drop(sender.send(result))));
+    ask(Box::new(move |result| drop(sender.send(result))));
     match tokio::time::timeout(PATIENCE, told).await {
         Ok(Ok(Ok(done))) => {
             let mut answer = json!({ "ok": true });

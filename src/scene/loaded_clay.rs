@@ -174,15 +174,16 @@ impl LoadedClay {
     pub(super) fn clay(&self, config: &SceneConfig, sculpt: &SculptConfig) -> Result<Clay, ClayError> {
         let frame = self.workpiece.frame()?;
         let update_period_s = sculpt.update_ticks as f64 * config.parameters.period_s;
-        Ok(Clay::new(sculpt.world_from_map, frame, update_period_s, &config.parameters))
+        let clay = Clay::new(sculpt.world_from_map, frame, update_period_s, &config.parameters);
+        Ok(Clay { smoothing: sculpt.smoothing.unwrap_or(clay.smoothing), ..clay })
     }
 }
 
 /// The samples of the tool, as dense as those of the clay where that is enough of them.
 fn tool_shape(source: &MeshSource, spacing_m: f64) -> Result<Arc<PointSet>, ClayError> {
     let solid = match source.clone() {
-        MeshSource::File { path, metres_per_unit } => Solid::File { path, metres_per_unit, spacing_m: None },
-        MeshSource::Shape(shape) => Solid::Shape { shape, spacing_m: None },
+        MeshSource::File { path, metres_per_unit } => Solid::File { path, metres_per_unit, scale: DVec3::ONE, spacing_m: None },
+        MeshSource::Shape(shape) => Solid::Shape { shape, scale: DVec3::ONE, spacing_m: None },
     };
     Ok(Arc::new(solid.load_beside(spacing_m)?))
 }

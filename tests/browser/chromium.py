@@ -114,6 +114,7 @@ class Page:
 
     def __init__(self, browser, target, session, url, width=1440, height=900, scale=1, dark=False, touch=False):
         self.browser, self.target, self.session = browser, target, session
+        self.is_closed = False
         for domain in ("Page", "Runtime", "Log"):
             self.call(f"{domain}.enable")
         self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=scale, mobile=touch)
@@ -127,7 +128,10 @@ class Page:
         return self.browser.call(method, self.session, **params)
 
     def close(self):
-        self.browser.call("Target.closeTarget", targetId=self.target)
+        """Once is enough. A page that is left open draws on, whether it is looked at or not."""
+        if not self.is_closed:
+            self.is_closed = True
+            self.browser.call("Target.closeTarget", targetId=self.target)
 
     def run(self, script):
         """The value of a script's expression, or of its promise."""

@@ -269,8 +269,8 @@ class HandTest(PageCase):
             self.mouse(page, "mouseMoved", (x, y), "none")
             page.wait("document.querySelector('#view').classList.contains('is-on-clay')")
             page.call("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=wheel)
-            page.wait("new Promise((done) => setTimeout(() => done(true), 400))")
-            self.assertGreater(run.get("clay")["brush_m"], before, "the wheel makes the brush larger")
+            # The wheel makes the brush larger.
+            page.wait(f"fetch('/api/v1/clay').then((r) => r.json()).then(({{ brush_m }}) => brush_m > {before})")
         page.press("]")
         page.wait("Number(document.querySelector('#clay-strength').value) > 1")
         self.settled(run)

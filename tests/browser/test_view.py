@@ -10,7 +10,7 @@ import urllib.error
 import urllib.request
 
 from chromium import COUNT_PIXELS
-from page_case import IN_CONTACT, SCREENS, SHOTS, PageCase, number
+from page_case import DRAWN, IN_CONTACT, SCREENS, SHOTS, PageCase, number
 
 # Closed parts of known size: the block reaches to z = 10 mm, the tool hangs above it.
 BLOCK = """
@@ -33,8 +33,6 @@ profile = "sim-sigma7"
 hand = "above.csv"
 """
 
-DRAWN = "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done(true))))"
-
 # Where points of world are in the window, with a camera of the test's own that looks as the page's does after `Top` and `Fit`.
 PROJECT = """(async () => {
   const { OrbitCamera } = await import('/web/camera.js');
@@ -52,11 +50,11 @@ PROJECT = """(async () => {
 
 
 class ViewTest(PageCase):
-    @classmethod
-    def setUpClass(cls):
-        super().setUpClass()
-        (cls.folder / "block.toml").write_text(BLOCK)
-        (cls.folder / "above.csv").write_text("t_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0,0,0.025,0,0,0,1\n")
+    @staticmethod
+    def write_scenes(folder):
+        PageCase.write_scenes(folder)
+        (folder / "block.toml").write_text(BLOCK)
+        (folder / "above.csv").write_text("t_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0,0,0.025,0,0,0,1\n")
 
     def open_url(self, url, complains=False, **screen):
         page = super().open_url(url, complains, **screen)
@@ -184,6 +182,7 @@ class ViewTest(PageCase):
                 page.click("[data-view=top]")
                 page.click("#section-box [data-axis='2']")
                 page.wait("getComputedStyle(document.querySelector('#section-handle')).display === 'none'")
+                page.close()
 
     def test_contacts_that_are_cut_away(self):
         """Dots are points of the tool, and go with it."""
@@ -471,7 +470,8 @@ class ViewTest(PageCase):
         page.wait("document.querySelectorAll('#recordings a').length === 2")
         page.click("#recordings a")
         self.assertEqual(self.downloaded(folder, "with-token.mcap").read_bytes()[:5], b"\x89MCAP")
-        page.run("document.querySelectorAll('#recordings a')[1].click()")
+        # As a user does: a browser asks before it takes several files that no click asked for.
+        page.click("#recordings a:nth-of-type(2)")
         self.assertIn("<!doctype html>", self.downloaded(folder, "with-token.html").read_text()[:20].lower())
 
     def test_files_of_clay(self):
@@ -662,6 +662,7 @@ class ViewTest(PageCase):
                 page.run("document.querySelector('#export-csv').scrollIntoView({ block: 'end' })")
                 page.wait(DRAWN)
                 page.screenshot(SHOTS / f"view-{name}-save.png")
+                page.close()
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from conftest import BALL, HUNG_S
 
-from hapticd import Client, ClayPoints, Conflict, Invalid, Run, Unknown
+from hapticd import Client, ClayPoints, Conflict, Invalid, Pose, Run, Unknown
 
 KINDS: dict[Literal["points", "session", "export"], bytes] = {"points": b"ply", "export": b"ply", "session": b""}
 
@@ -60,6 +60,32 @@ def test_what_is_pulled_comes_back(state_home: Path) -> None:
 
         arm.clay.take("paint", color="#2060e0", falloff=[1.0, 0.5, 0.0])
         arm.clay.wait_until(lambda facts: facts.falloff == "table" and facts.color == "#2060e0")
+
+
+def test_curves_material_region_image_and_solid_are_chosen(state_home: Path) -> None:
+    with Run(BALL, "--cache", "off", "--realtime", "best-effort", command="sculpt") as run, run.connect(timeout_s=HUNG_S) as arm:
+        before = points(arm)
+        top = [0.0, 0.0, 0.015]
+        arm.clay.take("pull-curve", brush_m=0.004)
+        arm.clay.draw([np.array([[-0.003, 0.0, 0.015], [0.003, 0.0, 0.015]])])
+        assert len(arm.clay.wait_until(lambda facts: len(facts.curves_map) == 1).curves_map[0]) > 2
+        arm.clay.pull([[top]], [0.0, 0.0, 3.0], 0.2)
+        arm.clay.wait_until(lambda facts: facts.undo == 1 and not facts.is_stroke)
+        assert points(arm).positions_m[:, 2].max() > before.positions_m[:, 2].max()
+        arm.clay.lay({"stiffness_n_per_m": 321.0})
+        assert arm.clay.wait_until(lambda facts: facts.undo == 2).material["stiffness_n_per_m"] == 321.0
+        arm.clay.lay(ball=(top, 0.004))
+        arm.clay.combine("difference", {"sphere_m": 0.004}, Pose(np.array([0.0, 0.0, 0.015]), np.array([0.0, 0.0, 0.0, 1.0])))
+        arm.clay.region([-0.006, -0.006, 0.008], [0.006, 0.006, 0.02])
+        arm.clay.wait_until(lambda facts: facts.undo == 4 and float(facts.region_map[0][0]) > -0.007)
+        arm.clay.solid(b"v 0 0 0\nv 6 0 0\nv 0 6 0\nv 0 0 6\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n", "obj")
+        assert "4 triangles" in str(arm.clay.wait_until(lambda facts: facts.solid is not None).solid)
+        arm.clay.solid(None)
+        arm.clay.wait_until(lambda facts: facts.solid is None)
+        with pytest.raises(Invalid, match="PNG"):
+            arm.clay.image(b"GIF89a")
+        with pytest.raises(Conflict, match="surface"):
+            arm.clay.draw([[[0.0, 0.0, 1.0]]])
 
 
 def test_a_hold_lasts_as_long_as_its_block_and_files_are_written_once(state_home: Path) -> None:

@@ -57,6 +57,16 @@ impl AdvectedSamples {
         &self.levels_m
     }
 
+    /// Samples that no surface is left for, ascending: the density where they are is off their level by more than a distance, as where a hole has opened,
+    /// two fronts have met or a neck has broken.
+    pub(super) fn lost(&self, points: &PointSet, now: &Raster, farther_m: f64) -> Vec<u32> {
+        let is_lost = |(sample, level_m): &(&u32, &f64)| {
+            let density = now.at(points.positions_map[**sample as usize]);
+            density.is_some_and(|density| (f64::from(density.value_m) - **level_m).abs() > farther_m)
+        };
+        self.samples.iter().zip(&self.levels_m).filter(is_lost).map(|(sample, _)| *sample).collect()
+    }
+
     /// A sample more, with a number above all others.
     pub(super) fn push(&mut self, sample: u32, level_m: f64) {
         self.samples.push(sample);

@@ -10,14 +10,15 @@
 //!
 //! That the normals of the second turn round in a difference is ours to add: they have to point out of what is left.
 //!
-//! The edge where both meet is kept sharp where it is asked for: the solid is then of two patches, its field the smaller or larger of both
-//! (what the paper calls two patches of an implicit surface), and samples are added on both sides up to the edge, as the paper does for
-//! rendering (figure 4). Otherwise one field is fitted over all samples, which rounds the edge by about their spacing; away from
-//! the edge densities stay what they were.
+//! The edge where both meet is kept sharp where it is asked for: what came from the second is then a `Patch` of its own, with fits of its own; the field is
+//! the smaller or larger of both (what the paper calls two patches of an implicit surface), and samples are added on both sides up to the edge, as the paper does
+//! for rendering (figure 4). Otherwise one field is fitted over all samples, which rounds the edge by about their spacing; away from the edge
+//! densities stay what they were.
 
+use glam::DVec3;
 use rayon::prelude::*;
 
-use super::{PointSet, PointSurface};
+use super::{Patch, PointSet, PointSurface};
 use vps::density::Raster;
 
 /// Rings of added samples around a sample at the edge, and how far out, in its spacings.
@@ -26,6 +27,8 @@ const EDGE_RINGS: [(u32, f64); 2] = [(6, 0.33), (12, 0.66)];
 const EDGE_SPACINGS: f64 = 1.0;
 /// Samples of both solids that are this near to each other (spacings) are at one place.
 const MEET_SPACINGS: f64 = 1e-3;
+/// One smooth surface goes over an edge so far to both sides, spacings: fits reach no farther.
+const BLENDED_SPACINGS: f64 = 4.0;
 /// Samples that are nearer to another (spacings) are not added.
 const APART_SPACINGS: f64 = 0.25;
 
@@ -75,6 +78,12 @@ impl Boolean {
         if self == Self::Difference {
             of_second.normals_map.iter_mut().for_each(|normal| *normal = -*normal);
         }
+        let patch = if is_sharp {
+            of_first.last_patch().next(self != Self::Union)
+        } else {
+            one_patch(&mut of_first, &of_second, BLENDED_SPACINGS * first.spacing_m().max(second.spacing_m()))
+        };
+        of_second.patches = vec![patch; of_second.len()];
         // Where both surfaces are the same, samples of both may be at one place: no surface goes through two of them.
         let mut taken = super::resample::OccupiedPlaces::new(MEET_SPACINGS * first.spacing_m().min(second.spacing_m()));
         of_first.positions_map.iter().for_each(|at| taken.take(*at));
@@ -110,6 +119,20 @@ pub(super) fn blend(left: &mut Raster, [first, second]: [&Raster; 2], smooth: &R
     });
 }
 
+/// The patch that samples of another solid join where one smooth surface is to go over the edge. Patches that come near them become one: their edges are
+/// rounded from now on.
+fn one_patch(of_first: &mut PointSet, of_second: &PointSet, within_m: f64) -> Patch {
+    let second = super::Neighbours::new(&of_second.positions_map);
+    let is_near = |at: &DVec3| second.nearest(*at).is_some_and(|near| near.distance_squared_m2 <= within_m * within_m);
+    let near = (0..of_first.len() as u32).filter(|sample| is_near(&of_first.positions_map[*sample as usize]));
+    let mut met: Vec<Patch> = near.map(|sample| of_first.patch(sample)).collect();
+    met.sort_unstable();
+    met.dedup();
+    let [lowest, others @ ..] = &met[..] else { return Patch::default() };
+    of_first.patches.iter_mut().filter(|patch| others.contains(patch)).for_each(|patch| *patch = *lowest);
+    *lowest
+}
+
 /// Samples of a surface where the field of another keeps them.
 fn kept(surface: &PointSurface, other: &PointSurface, keeps: impl Fn(f64) -> bool + Sync, is_sharp: bool) -> PointSet {
     let points = surface.points();
@@ -127,7 +150,7 @@ fn kept(surface: &PointSurface, other: &PointSurface, keeps: impl Fn(f64) -> boo
             for n in 0..added.len() {
                 if taken.is_free(added.positions_map[n]) {
                     taken.take(added.positions_map[n]);
-                    left.push(added.positions_map[n], added.normals_map[n], added.colors[n]);
+                    left.append(&added.select(core::iter::once(n as u32)));
                 }
             }
         }
@@ -151,6 +174,7 @@ fn around(surface: &PointSurface, other: &PointSurface, sample: u32, keeps: &imp
             let normal = surface.at(on_surface).normal();
             if keeps(other.at(on_surface).value_m) && normal.is_normalized() {
                 added.push(on_surface, normal, color);
+                added.set_patch(added.len() as u32 - 1, points.patch(sample));
             }
         }
     }
@@ -160,8 +184,6 @@ fn around(surface: &PointSurface, other: &PointSurface, sample: u32, keeps: &imp
 #[cfg(test)]
 mod tests {
     use core::f64::consts::PI;
-
-    use glam::DVec3;
 
     use super::*;
     use vps::density::Lattice;

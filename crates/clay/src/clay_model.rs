@@ -21,7 +21,7 @@ use std::sync::Arc;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use self::adopt::{adopt, faint_m, forget_faint, moved_by};
+use self::adopt::{adopt, faint_m, forget_faint, make_even, moved_by, near_to};
 pub use self::estimate_memory::MemoryEstimate;
 use self::lattices::{copy_into, cut, lattices, lattices_after};
 use self::painting::Press;
@@ -30,18 +30,23 @@ pub(super) use self::undo_history::{Session, Snapshot};
 use super::advect::AdvectedSamples;
 use super::boolean::{self, Boolean};
 use super::dynamics::{Dynamics, Progress};
-use super::emboss::{GreyImage, ImagePlacement, embossed};
+use super::emboss::{GreyImage, ImagePlacement, between_steep, cliffs, embossed};
 use super::material_map::{MaterialCoat, MaterialMap};
-use super::pull::{PullForce, add_pull};
+use super::pull::{CurvesPull, PullForce, add_pull};
 use super::redistance::redistance;
+use super::topology::{euler_number, forget_unsampled};
 use super::{PointSet, PointSurface, SurfaceError, advect, resample};
 use vps::density::{Density, Frame, FrameError, Lattice, Raster};
 
 /// Largest empty circle and closest pair of samples in a region, in spacings of the samples at the start.
 const GAP_SPACINGS: f64 = 1.0;
 const CLOSE_SPACINGS: f64 = 0.35;
+/// A sample has lost its surface where its level is farther than this, spacings of the raster: no step of an update ends so far from it.
+const LOST_SPACINGS: f64 = 0.75;
 /// One smooth surface goes over the edge of a Boolean so far to both sides, in the largest of all spacings: fits reach no farther.
 const BLEND_SPACINGS: f64 = 4.0;
+/// Samples so near to both solids of a Boolean may have a gap beside them, in largest empty circles.
+const SEAM_GAPS: f64 = 3.0;
 
 /// The part that deforms.
 #[derive(Debug)]
@@ -76,6 +81,8 @@ pub struct ClayModel {
     undone: Vec<Snapshot>,
     strokes: u64,
     updates: u64,
+    /// Euler numbers of the region before and after the last stroke that deformed, where they differ; until they are taken.
+    reconnected: Option<(i64, i64)>,
 }
 
 impl ClayModel {
@@ -84,7 +91,7 @@ impl ClayModel {
     /// # Errors
     /// [`ClayModelError`].
     pub fn new(points: PointSet, settings: Settings) -> Result<Self, ClayModelError> {
-        let surface = PointSurface::build(points, settings.n_neighbours)?;
+        let surface = settings.surface(points)?;
         let (whole, first, region) = lattices(surface.bounds(), &settings)?;
         let base = measured(surface.rasterize(whole));
         let material_map = MaterialMap::default();
@@ -106,6 +113,7 @@ impl ClayModel {
             undone: Vec::new(),
             strokes: 0,
             updates: 0,
+            reconnected: None,
         })
     }
 
@@ -164,6 +172,19 @@ impl ClayModel {
         advect::onto_level_along(|at| self.density_at(at), self.base.lattice().spacing_m, (point_map, direction), within_m)
     }
 
+    /// As [`Self::onto`], for the places that have a density: the surface is the level 0.
+    pub(super) fn onto_level(&self, (point_map, level_m): (DVec3, f64), within_m: f64) -> Option<DVec3> {
+        let onto = advect::onto_level(|at| self.density_at(at), self.base.lattice().spacing_m, (point_map, level_m), within_m);
+        onto.map(|(there, _)| there)
+    }
+
+    /// As [`Self::onto_along`], for the places that have a density.
+    pub(super) fn onto_level_along(&self, (point_map, level_m): (DVec3, f64), direction: DVec3, within_m: f64) -> Option<DVec3> {
+        let from_level = |density: Density| Density { value_m: density.value_m - level_m as f32, ..density };
+        let now = |at| self.density_at(at).map(from_level);
+        advect::onto_level_along(now, self.base.lattice().spacing_m, (point_map, direction), within_m)
+    }
+
     /// The density at a point now, m, greater than 0 inside; `None` far from the piece.
     pub fn density_m(&self, point_map: DVec3) -> Option<f64> {
         self.density_at(point_map).map(|density| f64::from(density.value_m))
@@ -183,8 +204,15 @@ impl ClayModel {
         let (whole, first, region) = lattices(self.surface.bounds(), &settings)?;
         let base = measured(self.surface.rasterize(whole));
         let material_map = self.material_map.onto(self.base.lattice(), &whole, &settings.material);
-        let region = Region::new(self.surface.points(), (&base, &material_map), first, region, &settings);
+        let mut surface = self.surface.clone();
+        let inside = AdvectedSamples::new(surface.points(), &cut(&base, first, region), 0.0);
+        if !inside.samples().is_empty() {
+            let points = surface.points().clone();
+            make_even(Arc::make_mut(&mut surface), &points, inside.samples(), &base, self.gap_m)?;
+        }
+        let region = Region::new(surface.points(), (&base, &material_map), first, region, &settings);
         region.check_holds_some()?;
+        self.surface = surface;
         (self.base, self.material_map, self.region, self.settings) = (base, material_map, region, settings);
         Ok(())
     }
@@ -208,6 +236,11 @@ impl ClayModel {
     /// # Errors
     /// As [`Self::begin_stroke`].
     pub fn pull(&mut self, pull: &PullForce) -> Result<(), SurfaceError> {
+        self.pull_curves(pull.into())
+    }
+
+    /// A force along several curves for the next update; begins a stroke.
+    pub(super) fn pull_curves(&mut self, pull: CurvesPull<'_>) -> Result<(), SurfaceError> {
         self.begin_stroke()?;
         let (now, forces_n) = self.region.dynamics.forces_n_mut();
         add_pull(now, pull, forces_n);
@@ -242,15 +275,28 @@ impl ClayModel {
         let Region { first, dynamics, afloat } = &mut self.region;
         let mut now = dynamics.now().clone();
         redistance(&mut now);
+        let lost = afloat.lost(&points, &now, LOST_SPACINGS * now.lattice().spacing_m);
+        let is_lost = |sample: &u32| lost.binary_search(sample).is_ok();
         let rest = cut(&self.base, *first, *dynamics.lattice());
         forget_faint(&mut points, self.surface.points(), &mut now, dynamics.now(), &rest);
-        if points == *self.surface.points() {
+        let all = 0..points.len() as u32;
+        let left_map: Vec<DVec3> = all.filter(|n| !is_lost(n)).map(|n| points.positions_map[n as usize]).collect();
+        forget_unsampled(&mut now, &left_map);
+        if points == *self.surface.points() && lost.is_empty() {
             self.forget_stroke();
             return Ok(());
         }
-        let moved = moved_by(&points, self.surface.points(), afloat, 0.0);
-        resample::fill(&mut points, afloat, &moved, dynamics.now(), self.gap_m);
-        let kept = resample::thinned(&points, self.surface.points(), afloat, CLOSE_SPACINGS * self.surface.spacing_m());
+        let mut moved = moved_by(&points, self.surface.points(), afloat, 0.0);
+        moved.retain(|sample| !is_lost(sample));
+        let (low, high) = self.base.lattice().bounds();
+        // Samples that are lost must not stand for those that are missing.
+        let aside: Vec<DVec3> =
+            lost.iter().map(|n| core::mem::replace(&mut points.positions_map[*n as usize], 3.0 * high - 2.0 * low)).collect();
+        resample::fill(&mut points, afloat, &moved, &now, self.gap_m);
+        lost.iter().zip(aside).for_each(|(n, at)| points.positions_map[*n as usize] = at);
+        let close_m = CLOSE_SPACINGS * self.surface.spacing_m();
+        let mut kept = resample::thinned(&points, self.surface.points(), afloat.samples(), close_m);
+        kept.retain(|sample| !is_lost(sample));
         let mut base = (*self.base).clone();
         copy_into(&mut base, &now, *first);
 
@@ -261,10 +307,17 @@ impl ClayModel {
             return Err(error);
         }
         self.base = measured(base);
+        let numbers = (euler_number(&rest), euler_number(&now));
+        self.reconnected = (numbers.0 != numbers.1).then_some(numbers);
         dynamics.replace(now);
         *afloat = AdvectedSamples::new(self.surface.points(), dynamics.now(), 0.0);
         self.settle();
         Ok(())
+    }
+
+    /// The last stroke that deformed has let fronts meet or part: Euler numbers of the material in the region before and after it. Given once.
+    pub(super) fn take_reconnected(&mut self) -> Option<(i64, i64)> {
+        self.reconnected.take()
     }
 
     /// Raises the surface by an image, or sinks it in: one stroke, or none where the image reaches no sample. Gives how many samples it moved.
@@ -273,19 +326,26 @@ impl ClayModel {
     /// [`SurfaceError`]; then it is as before.
     pub(super) fn emboss(&mut self, image: &GreyImage, placement: &ImagePlacement, depth_m: f64) -> Result<usize, SurfaceError> {
         self.end_stroke()?;
-        let moved = embossed(&self.surface, image, placement, depth_m);
+        let mut surface = (*self.surface).clone();
+        surface.replace(&[], &between_steep(&surface, image, placement, depth_m))?;
+        let moved = embossed(&surface, image, placement, depth_m)?;
         if moved.is_empty() {
             return Ok(0);
         }
-        self.remember();
         let lattice = *self.base.lattice();
-        let before = self.surface.rasterize(lattice);
-        let result = Arc::make_mut(&mut self.surface).move_and_refit(&moved);
-        if let Err(error) = result {
-            self.take_back();
-            return Err(error);
-        }
-        self.base = measured(changed(&self.base, &before, &self.surface.rasterize(lattice)));
+        let before = surface.rasterize(lattice);
+        let cliffs = cliffs(surface.points(), &moved, surface.spacing_m(), self.gap_m);
+        let flat = surface.points().clone();
+        surface.move_and_refit(&moved)?;
+        surface.replace(&[], &cliffs)?;
+        let mut base = changed(&self.base, &before, &surface.rasterize(lattice));
+        forget_unsampled(&mut base, &surface.points().positions_map);
+        let base = measured(base);
+        let n_cliffs = (surface.points().len() - cliffs.len()) as u32..surface.points().len() as u32;
+        let looked_at: Vec<u32> = moved.iter().map(|moved| moved.sample).chain(n_cliffs).collect();
+        make_even(&mut surface, &flat, &looked_at, &base, self.gap_m)?;
+        self.remember();
+        (self.surface, self.base) = (Arc::new(surface), base);
         self.cut_region(*self.region.dynamics.lattice());
         self.settle();
         Ok(moved.len())
@@ -303,7 +363,7 @@ impl ClayModel {
         if points.len() < PointSet::LEAST {
             return Err(ClayModelError::NothingLeft);
         }
-        let surface = PointSurface::build(points, self.settings.n_neighbours)?;
+        let mut surface = self.settings.surface(points)?;
         let now = (self.base.lattice(), self.region.dynamics.lattice());
         let (whole, first, region) = lattices_after(now, surface.bounds(), &self.settings)?;
         let (of_first, of_second) = (self.densities_on(whole), other.rasterize(whole));
@@ -312,7 +372,14 @@ impl ClayModel {
             let width_m = BLEND_SPACINGS * self.surface.spacing_m().max(other.spacing_m()).max(whole.spacing_m);
             boolean::blend(&mut left, [&of_first, &of_second], &surface.rasterize(whole), width_m);
         }
+        forget_unsampled(&mut left, &surface.points().positions_map);
         let base = measured(left);
+        // Near both, where the seam is; what each was elsewhere it stays.
+        let [near_first, near_second] =
+            [self.surface.neighbours(), other.neighbours()].map(|tree| near_to(surface.points(), tree, SEAM_GAPS * self.gap_m));
+        let beside: Vec<u32> = near_first.into_iter().filter(|sample| near_second.binary_search(sample).is_ok()).collect();
+        let cut = surface.points().clone();
+        make_even(&mut surface, &cut, &beside, &base, self.gap_m)?;
         self.remember();
         self.surface = Arc::new(surface);
         self.material_map = self.material_map.onto(self.base.lattice(), &whole, &self.settings.material);

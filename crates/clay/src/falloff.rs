@@ -12,6 +12,8 @@ pub enum Falloff {
     Constant,
     /// √(1 − ρ²): the height of a half sphere.
     Spherical,
+    /// 1 − ρ^f, with the fall-off rate f of Guo2004's painting tool: 1 a cone, above it a broader brush with a steeper rim, below it a finer one.
+    Rate(f64),
     /// Weights at even steps of ρ from the middle to the rim, at least two; straight lines between them.
     Table(Vec<f64>),
 }
@@ -30,12 +32,26 @@ pub enum FalloffError {
         /// What it is.
         weight: f64,
     },
+    /// No rate.
+    #[error("the rate of a fall-off is {0}; a rate is a number from {least} to {most}", least = RATES.start(), most = RATES.end())]
+    Rate(f64),
     /// Nothing would move.
     #[error("all weights of the fall-off are 0; nothing would move")]
     AllZero,
 }
 
+/// Rates f of 1 − ρ^f: from a point with a wide foot to a rim as sharp as that of a constant brush.
+const RATES: std::ops::RangeInclusive<f64> = 0.1..=100.0;
+
 impl Falloff {
+    /// A fall-off with a rate f: 1 − ρ^f.
+    ///
+    /// # Errors
+    /// [`FalloffError::Rate`] where it is not a number from 0.1 to 100.
+    pub fn rate(rate: f64) -> Result<Self, FalloffError> {
+        if RATES.contains(&rate) { Ok(Self::Rate(rate)) } else { Err(FalloffError::Rate(rate)) }
+    }
+
     /// A fall-off of the user's own: weights at even steps from the middle to the rim.
     ///
     /// # Errors
@@ -62,6 +78,7 @@ impl Falloff {
             Self::Gaussian => (-4.5 * rho * rho).exp(),
             Self::Constant => 1.0,
             Self::Spherical => (1.0 - rho * rho).sqrt(),
+            Self::Rate(rate) => 1.0 - rho.powf(*rate),
             Self::Table(weights) => {
                 let place = rho * (weights.len() - 1) as f64;
                 let low = (place as usize).min(weights.len() - 2);
@@ -77,6 +94,7 @@ impl fmt::Display for Falloff {
             Self::Gaussian => "gaussian",
             Self::Constant => "constant",
             Self::Spherical => "spherical",
+            Self::Rate(_) => "rate",
             Self::Table(_) => "table",
         })
     }
@@ -88,7 +106,8 @@ mod tests {
 
     #[test]
     fn every_fall_off_is_heaviest_in_the_middle_and_nothing_beyond_the_rim() {
-        for falloff in [Falloff::Gaussian, Falloff::Constant, Falloff::Spherical, Falloff::table(vec![1.0, 0.5, 0.0]).unwrap()] {
+        let own = [Falloff::table(vec![1.0, 0.5, 0.0]).unwrap(), Falloff::rate(0.5).unwrap(), Falloff::rate(7.0).unwrap()];
+        for falloff in [Falloff::Gaussian, Falloff::Constant, Falloff::Spherical].into_iter().chain(own) {
             assert_eq!(falloff.weight(0.0), 1.0, "{falloff}");
             assert!(
                 (0..100).all(|n| falloff.weight(f64::from(n) / 100.0) >= falloff.weight(f64::from(n + 1) / 100.0)),
@@ -104,6 +123,16 @@ mod tests {
         let ring = Falloff::table(vec![0.0, 1.0, 0.5]).unwrap();
         for (rho, weight) in [(0.0, 0.0), (0.25, 0.5), (0.5, 1.0), (0.75, 0.75), (1.0, 0.5)] {
             assert!((ring.weight(rho) - weight).abs() < 1e-12, "{rho}");
+        }
+    }
+
+    #[test]
+    fn a_rate_is_the_power_of_the_distance() {
+        for (rate, rho, weight) in [(1.0, 0.3, 0.7), (2.0, 0.5, 0.75), (0.5, 0.25, 0.5), (3.0, 1.0, 0.0)] {
+            assert!((Falloff::rate(rate).unwrap().weight(rho) - weight).abs() < 1e-12, "{rate}");
+        }
+        for refused in [0.0, -1.0, 1e3, f64::NAN] {
+            assert!(Falloff::rate(refused).unwrap_err().to_string().contains("from 0.1 to 100"));
         }
     }
 

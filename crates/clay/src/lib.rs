@@ -41,7 +41,7 @@
 //! | `surface` | all fits together: distance, side, border, raster |
 //! | [`clay_model`] | the clay that is worked on, stroke by stroke, with undo |
 //! | [`dynamics`], [`pull`], [`falloff`] | densities as masses on springs, and the forces of a tool on them |
-//! | `advect`, `resample`, `redistance` | samples and densities after a change of shape |
+//! | `advect`, `resample`, `redistance`, `topology` | samples and densities after a change of shape |
 //! | [`boolean`], [`emboss`], `paint`, [`material_map`] | the other tools: solids that join and cut, images, colour, painted material |
 //! | [`engine`] | what the tool does in a tick → strokes; orders of clients; views |
 //! | [`session`], [`export`] | clay as a file, as a closed mesh |
@@ -77,11 +77,13 @@ pub mod session;
 mod solid;
 mod spline;
 mod surface;
+mod topology;
 
 pub use clay_model::ClayModel;
 pub use error::SurfaceError;
 pub use load::{LoadError, LoadedPoints, NormalSource, load};
 pub use neighbours::{Neighbour, Neighbours};
+use point_set::Patch;
 pub use point_set::PointSet;
 pub use sample::sample;
 pub use save::{save, write};

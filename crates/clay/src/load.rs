@@ -92,7 +92,17 @@ impl LoadError {
 /// # Errors
 /// [`LoadError`], naming the file and what is wrong in it.
 pub fn load(path: &Path, metres_per_unit: f64, mesh_spacing_m: Option<f64>) -> Result<LoadedPoints, LoadError> {
-    match open(path, metres_per_unit)? {
+    load_scaled(path, metres_per_unit, DVec3::ONE, mesh_spacing_m)
+}
+
+/// The same, stretched along x, y and z.
+pub(super) fn load_scaled(
+    path: &Path,
+    metres_per_unit: f64,
+    scale: DVec3,
+    mesh_spacing_m: Option<f64>,
+) -> Result<LoadedPoints, LoadError> {
+    match open(path, metres_per_unit, scale)? {
         FileContents::Mesh(mesh) => {
             let spacing_m = mesh_spacing_m.unwrap_or_else(|| spacing_of(&mesh, DEFAULT_SAMPLES));
             let points = sample_of(&mesh, spacing_m).map_err(|source| LoadError::Surface { path: path.to_owned(), source })?;
@@ -111,22 +121,29 @@ pub(super) enum FileContents {
 }
 
 /// Reads a file of points, or a mesh as it is.
-pub(super) fn open(path: &Path, metres_per_unit: f64) -> Result<FileContents, LoadError> {
+pub(super) fn open(path: &Path, metres_per_unit: f64, scale: DVec3) -> Result<FileContents, LoadError> {
     let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase()).unwrap_or_default();
     if !mesh::EXTENSIONS.iter().chain(cloud::EXTENSIONS).any(|known| *known == extension) {
         return Err(LoadError::UnknownExtension { path: path.to_owned(), extension });
     }
     match cloud::load(path, metres_per_unit)? {
-        Contents::Mesh(mesh) => Ok(FileContents::Mesh(mesh)),
+        Contents::Mesh(mesh) => Ok(FileContents::Mesh(scaled(mesh, scale))),
         Contents::Cloud(cloud) => {
             let found = cloud.positions.len();
             if found > 1 && cloud.positions.iter().all(|at| *at == cloud.positions[0]) {
                 return Err(LoadError::OnePlace { path: path.to_owned(), found });
             }
             let refuse = |source: SurfaceError| LoadError::Surface { path: path.to_owned(), source };
-            complete(cloud).map(FileContents::Samples).map_err(refuse)
+            let loaded = complete(cloud).map_err(refuse)?;
+            Ok(FileContents::Samples(LoadedPoints { points: loaded.points.scaled(scale), ..loaded }))
         }
     }
+}
+
+/// A mesh, stretched along x, y and z.
+pub(super) fn scaled(mut mesh: TriangleMesh, factors: DVec3) -> TriangleMesh {
+    mesh.vertices.iter_mut().for_each(|at| *at *= factors);
+    mesh
 }
 
 /// Samples of a mesh that can make a surface; errors name the size of the mesh, which a wrong unit makes wrong.
@@ -174,7 +191,7 @@ pub(super) fn complete(cloud: Cloud) -> Result<LoadedPoints, SurfaceError> {
         Some(normals) => (normals, NormalSource::File),
         None => (normals::estimate(&positions_map)?, NormalSource::Estimated),
     };
-    let points = PointSet { positions_map, normals_map, colors };
+    let points = PointSet { positions_map, normals_map, colors, patches: Vec::new() };
     points.check()?;
     Ok(LoadedPoints { points, merged, normals: source })
 }

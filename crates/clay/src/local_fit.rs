@@ -31,6 +31,9 @@ const RIDGE: Cube = {
 const ROUGH: f64 = 0.02;
 /// Roughness from which on points off the surface may come close to other neighbours.
 const SHARP: f64 = 0.05;
+/// Added to squared distances (over those of the spline's knots) where weights grow without bound, so that none is infinite: ten digits and more
+/// are then those of the sample's own fit.
+const NEAR: f64 = 1e-12;
 /// Points off the surface are this much nearer to their own sample than to any other, as a share of distances.
 const CLEAR: f64 = 0.9;
 
@@ -58,18 +61,29 @@ impl LocalFit {
         spacing_m: f64,
         neighbours: impl Iterator<Item = OrientedPoint> + Clone,
     ) -> Self {
+        Self::to_distances((center_map, normal_map), half_m, spacing_m, neighbours.map(|neighbour| (neighbour, 0.0)))
+    }
+
+    /// The same where the field is to have a value of its own at every neighbour, m: what an image gives (Guo2004, embossing and engraving).
+    pub(super) fn to_distances(
+        (center_map, normal_map): OrientedPoint,
+        half_m: f64,
+        spacing_m: f64,
+        neighbours: impl Iterator<Item = (OrientedPoint, f64)> + Clone,
+    ) -> Self {
         // Lengths in spacings, so that coefficients of every degree are of one size.
-        let scaled = neighbours.map(|(position_map, normal)| ((position_map - center_map) / spacing_m, normal));
+        let to_scaled = |(position_map, normal): OrientedPoint| ((position_map - center_map) / spacing_m, normal);
+        let scaled = neighbours.clone().map(|(neighbour, _)| to_scaled(neighbour));
         let roughness = roughness(normal_map, scaled.clone());
         let mut constraints = Constraints::new();
-        for (at, normal) in scaled.clone() {
+        for ((at, normal), value) in neighbours.map(|(neighbour, value_m)| (to_scaled(neighbour), value_m / spacing_m)) {
             let weight = (-at.length_squared()).exp();
             for side in [0.0, 1.0, -1.0] {
                 let clear = if roughness < SHARP { Some(side) } else { clear_offset(at, normal, side, scaled.clone()) };
                 if let Some(offset) = clear {
                     let point = at + normal * offset;
                     // Outside is negative; what the tangent plane says already is taken off.
-                    constraints.add(point, -offset + normal_map.dot(point), weight);
+                    constraints.add(point, value - offset + normal_map.dot(point), weight);
                 }
             }
         }
@@ -84,6 +98,18 @@ impl LocalFit {
         let from_products = [[1.0, -one, 3.0 * two], [1.0, 0.0, -two], [1.0, one, 3.0 * two]];
         let coefficients = spline::along_axes(&correction, &from_products).map(|value| value * spacing_m);
         Self { center_map, half_m, coefficients }
+    }
+
+    /// The same field with a value added everywhere, m: the functions of the spline sum to one.
+    pub(super) fn raised(mut self, by_m: f64) -> Self {
+        self.coefficients.iter_mut().for_each(|coefficient| *coefficient += by_m);
+        self
+    }
+
+    /// The same field raised so that it is 0 at its own sample.
+    pub(super) fn meeting_its_sample(self) -> Self {
+        let (off_m, _) = self.at(self.center_map);
+        self.raised(-off_m)
     }
 
     /// No field yet.
@@ -146,6 +172,17 @@ impl LocalFit {
         } else {
             (0.0, 0.0)
         }
+    }
+
+    /// The same, growing without bound towards the sample: times (1.5 / t)², with t the distance over that of the spline's knots. As it grows with
+    /// the square of the distance, the blend of fits is as smooth at a sample as beside it.
+    #[inline]
+    pub(super) fn unbounded_weight(&self, distance_squared_m2: f64) -> (f64, f64) {
+        let (weight, slope) = self.weight(distance_squared_m2);
+        let scale_squared = (1.5 / self.half_m).powi(2);
+        let t_squared = distance_squared_m2 * scale_squared + NEAR;
+        let share = 2.25 / t_squared;
+        (weight * share, (slope - 2.0 * scale_squared * weight / t_squared) * share)
     }
 }
 
@@ -245,5 +282,39 @@ mod tests {
             assert!(((above - below) / 2e-6 - fit.weight(distance * distance).1 * distance).abs() < 1e-8);
         }
         assert!((fit.weight(1.0 + 1e-12).0 - fit.weight(1.0 - 1e-12).0).abs() < 1e-9);
+        for distance in [0.1_f64, 0.3, 0.99, 1.01, 2.0, 2.9] {
+            let weight = |distance: f64| fit.unbounded_weight(distance * distance);
+            let (above, below) = (weight(distance + 1e-6).0, weight(distance - 1e-6).0);
+            assert!(((above - below) / 2e-6 / distance / weight(distance).1 - 1.0).abs() < 1e-6, "{distance}");
+            assert!((weight(distance).0 / fit.weight(distance * distance).0 - (3.0 / distance).powi(2)).abs() < 1e-6);
+        }
+        assert!(fit.unbounded_weight(0.0).0 > 1e12 && fit.unbounded_weight(9.0) == (0.0, 0.0));
+    }
+
+    /// Why the eight corners are interpolated: the paper blends them by Gaussian weights, which keep no plane, whatever their width.
+    #[test]
+    fn gaussian_blending_of_eight_corners_is_off_a_plane_and_interpolation_is_not() {
+        let normal = DVec3::new(0.36, 0.48, 0.8);
+        let plane = |at: DVec3| 0.2 - at.dot(normal);
+        let corners =
+            |at: DVec3| (0..8).map(move |n| at.floor() + DVec3::new(f64::from(n >> 2), f64::from(n >> 1 & 1), f64::from(n & 1)));
+        let blended = |weight: &dyn Fn(DVec3) -> f64, at: DVec3| {
+            let weights: f64 = corners(at).map(|corner| weight(at - corner)).sum();
+            corners(at).map(|corner| weight(at - corner) * plane(corner)).sum::<f64>() / weights
+        };
+        // Worst error of fits at the middle of their domains, spacings of the raster.
+        let worst = |weight: &(dyn Fn(DVec3) -> f64 + Sync)| {
+            let off = |k: i32| {
+                let center = DVec3::new(f64::from(k) * 0.7548, f64::from(k) * 0.5698, f64::from(k) * 0.4301);
+                let fit = LocalFit::to_field(center, 2.3, |at| Some(blended(weight, at))).unwrap();
+                (fit.at(center).0 - plane(center)).abs()
+            };
+            (0..300).map(off).fold(0.0, f64::max)
+        };
+        let linear = worst(&|away: DVec3| (1.0 - away.abs()).max(DVec3::ZERO).element_product());
+        let gaussian = [0.2, 0.3, 0.35, 0.4, 0.45, 0.5, 0.7, 1.0]
+            .map(|sigma: f64| worst(&|away: DVec3| (-0.5 * away.length_squared() / (sigma * sigma)).exp()));
+        let least = gaussian.into_iter().fold(f64::INFINITY, f64::min);
+        assert!(linear < 1e-9 && least > 0.05, "{linear}, {gaussian:?}");
     }
 }

@@ -13,6 +13,7 @@
 
 use std::sync::Arc;
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use super::dynamics::{Material, Quantity};
@@ -73,6 +74,124 @@ impl Painted {
 
     fn properties(&self) -> [Option<f32>; N_PROPERTIES] {
         [self.mass_kg, self.damping_n_s_per_m, self.stiffness_n_per_m]
+    }
+}
+
+/// Where material is laid at once, rather than painted. Ours: the paper says that users modify the distributions "directly", and not how.
+#[derive(Clone, Debug, PartialEq)]
+pub enum MaterialPlace {
+    /// What all of the piece is made of where nothing was painted or laid.
+    Everywhere,
+    /// Mass points in a box, map frame, m.
+    Box {
+        /// Lowest corner.
+        low_map: DVec3,
+        /// Highest corner.
+        high_map: DVec3,
+    },
+    /// Mass points in a ball, in full in its middle and less towards its rim.
+    Ball {
+        /// Its middle, map frame, m.
+        center_map: DVec3,
+        /// m.
+        radius_m: f64,
+        /// How.
+        falloff: Falloff,
+    },
+    /// All mass points: as they are before `from_map`, in full beyond `to_map`, and evenly in between along that way.
+    Gradient {
+        /// Map frame, m.
+        from_map: DVec3,
+        /// Map frame, m.
+        to_map: DVec3,
+    },
+    /// Each mass point becomes what the nearest of these places says, if one is near enough.
+    Values {
+        /// Places, map frame, m.
+        places_map: Arc<[DVec3]>,
+        /// What each of them says.
+        painted: Arc<[Painted]>,
+        /// Farther places say nothing, m.
+        within_m: f64,
+    },
+}
+
+impl MaterialPlace {
+    /// Places with values at most.
+    pub const VALUES_MAX: usize = 1_000_000;
+
+    /// The first line of a text of values.
+    pub const VALUES_HEADER: &str = "x_mm,y_mm,z_mm,mass,damping,stiffness";
+
+    /// How a text of values is written.
+    pub fn values_hint() -> String {
+        let (header, good) = (Self::VALUES_HEADER, Painted::KNOWN_GOOD);
+        format!("write `{header}`, then a line for each place; what is left empty stays. {good}")
+    }
+
+    /// Reads values: [`Self::VALUES_HEADER`], then a line for each place, mm, kg, N·s/m and N/m; what is left empty stays.
+    ///
+    /// # Errors
+    /// What is wrong, with the number of its line.
+    pub fn values(text: &[u8], within_m: f64) -> Result<Self, String> {
+        let text = core::str::from_utf8(text).map_err(|_| "it is no text".to_owned())?;
+        let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
+        if lines.next().is_none_or(|(_, line)| line.trim() != Self::VALUES_HEADER) {
+            return Err(format!("the first line is not `{}`", Self::VALUES_HEADER));
+        }
+        let (mut places_map, mut painted) = (Vec::new(), Vec::new());
+        for (index, line) in lines {
+            let wrong = |what: String| Err(format!("line {}: {what}", index + 1));
+            let cells: Vec<&str> = line.split(',').map(str::trim).collect();
+            let numbers: Option<Vec<Option<f64>>> =
+                cells.iter().map(|cell| if cell.is_empty() { Some(None) } else { cell.parse().ok().map(Some) }).collect();
+            let Some(&[Some(x), Some(y), Some(z), mass, damping, stiffness]) = numbers.as_deref() else {
+                return wrong(format!("`{line}` is not three coordinates and up to three properties"));
+            };
+            let at_map = DVec3::new(x, y, z) * 1e-3;
+            let [mass_kg, damping_n_s_per_m, stiffness_n_per_m] =
+                [mass, damping, stiffness].map(|value| value.map(|value| value as f32));
+            let said = Painted { mass_kg, damping_n_s_per_m, stiffness_n_per_m };
+            if let Some((what, value, unit)) = said.unsound() {
+                return wrong(format!("{what} of {value} {unit}"));
+            }
+            if !at_map.is_finite() || places_map.len() == Self::VALUES_MAX {
+                return wrong(format!("no place, or one more than {}", Self::VALUES_MAX));
+            }
+            places_map.push(at_map);
+            painted.push(said);
+        }
+        if places_map.is_empty() {
+            return Err("it has no place".to_owned());
+        }
+        Ok(Self::Values { places_map: places_map.into(), painted: painted.into(), within_m })
+    }
+
+    /// What is wrong with it, in words; `None`: nothing.
+    pub fn unsound(&self) -> Option<String> {
+        match self {
+            Self::Everywhere => None,
+            Self::Box { low_map, high_map } => {
+                let is_box = low_map.is_finite() && high_map.is_finite() && low_map.cmplt(*high_map).all();
+                (!is_box).then(|| "a box whose first corner is not the lowest".to_owned())
+            }
+            Self::Ball { center_map, radius_m, .. } => {
+                let is_ball = center_map.is_finite() && *radius_m > 0.0 && radius_m.is_finite();
+                (!is_ball).then(|| format!("a ball with a radius of {radius_m} m"))
+            }
+            Self::Gradient { from_map, to_map } => {
+                let is_way = from_map.is_finite() && to_map.is_finite() && from_map != to_map;
+                (!is_way).then(|| "a gradient between two places that are one".to_owned())
+            }
+            Self::Values { places_map, painted, within_m } => {
+                let is_sound = places_map.len() == painted.len()
+                    && (1..=Self::VALUES_MAX).contains(&painted.len())
+                    && places_map.iter().all(|at| at.is_finite())
+                    && *within_m > 0.0
+                    && within_m.is_finite();
+                (!is_sound).then(|| format!("{} values of material, or one at no place", painted.len()))
+            }
+        }
     }
 }
 
@@ -172,6 +291,36 @@ impl MaterialMap {
             creep_s: clay.creep_s,
             acceleration_max_m_per_s2: clay.acceleration_max_m_per_s2,
         }
+    }
+
+    /// Lays a material on the nodes of its lattice: q = q_b I + q_p (1 − I), as the brush does. Gives how many nodes it reached. Parallel; cost: O(nodes).
+    pub(super) fn lay(
+        &mut self,
+        (lattice, clay): (&Lattice, &Material),
+        of_place: impl Fn(DVec3) -> Option<(Painted, f32)> + Sync,
+    ) -> usize {
+        let [_, ny, nz] = lattice.dims;
+        let place = |node: usize| lattice.position([node / (ny * nz), node / nz % ny, node % nz]);
+        let reached: Vec<(usize, Painted, f32)> = (0..lattice.n_nodes())
+            .into_par_iter()
+            .filter_map(|node| {
+                let (painted, weight) = of_place(place(node))?;
+                (weight > 0.0).then_some((node, painted, weight))
+            })
+            .collect();
+        let under = self.clone();
+        for (property, layer) in self.layers.iter_mut().enumerate() {
+            let given =
+                || reached.iter().filter_map(|(node, painted, weight)| Some((*node, painted.properties()[property]?, *weight)));
+            if given().next().is_none() {
+                continue;
+            }
+            let values = Arc::make_mut(layer.get_or_insert_with(|| vec![BARE; lattice.n_nodes()].into()));
+            for (node, value, weight) in given() {
+                values[node] = value * weight + under.values(node, clay)[property] * (1.0 - weight);
+            }
+        }
+        reached.len()
     }
 
     /// The same on another lattice, interpolated between eight nodes, bare ones among them with the constants; bare where none of the eight was

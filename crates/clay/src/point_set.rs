@@ -5,8 +5,30 @@ use glam::DVec3;
 use super::SurfaceError;
 use vps::spatial::Pose;
 
+/// A part of a surface that ends at sharp edges, as a sharp Boolean leaves it: the field of the surface is put together from those of its patches, in the
+/// order of their numbers, as the smaller or the larger of what is there and the patch.
+///
+/// # Source
+/// Guo2004, Boolean operations: "two different patches of an implicit surface".
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(transparent)]
+pub(super) struct Patch(u16);
+
+impl Patch {
+    /// The patch after this one; the surface is the smaller field of both (an edge that stands out) or the larger (a valley). Beyond 2¹⁵ patches the last
+    /// one grows.
+    pub(super) fn next(self, is_smaller: bool) -> Self {
+        Self(((self.0 >> 1) + 1).min(u16::MAX >> 1) << 1 | u16::from(is_smaller))
+    }
+
+    /// Where this patch meets those before it, the smaller field is the surface's.
+    pub(super) fn is_smaller(self) -> bool {
+        self.0 & 1 == 1
+    }
+}
+
 /// Samples of a closed surface, each with its normal and colour. All arrays are of one length.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default)]
 pub struct PointSet {
     /// `[n]`, map frame, m.
     pub positions_map: Vec<DVec3>,
@@ -14,6 +36,17 @@ pub struct PointSet {
     pub normals_map: Vec<DVec3>,
     /// `[n]`: red, green, blue in sRGB, 0 to 255.
     pub colors: Vec<[u8; 3]>,
+    /// Which patch each is of; those beyond its end are of the first one.
+    pub(super) patches: Vec<Patch>,
+}
+
+impl PartialEq for PointSet {
+    fn eq(&self, other: &Self) -> bool {
+        let are_same =
+            self.positions_map == other.positions_map && self.normals_map == other.normals_map && self.colors == other.colors;
+        // Patches that are left out are the first one.
+        are_same && (0..self.len().max(other.len()) as u32).all(|sample| self.patch(sample) == other.patch(sample))
+    }
 }
 
 impl PointSet {
@@ -34,7 +67,7 @@ impl PointSet {
 
     /// What the samples take in memory, bytes.
     pub(super) fn n_bytes(&self) -> usize {
-        self.len() * (2 * size_of::<DVec3>() + size_of::<[u8; 3]>())
+        self.len() * (2 * size_of::<DVec3>() + size_of::<[u8; 3]>()) + size_of_val(self.patches.as_slice())
     }
 
     /// Appends a sample: place (m) and outward unit normal in the map frame, sRGB colour.
@@ -44,8 +77,30 @@ impl PointSet {
         self.colors.push(color);
     }
 
+    /// The patch of a sample.
+    pub(super) fn patch(&self, sample: u32) -> Patch {
+        self.patches.get(sample as usize).copied().unwrap_or_default()
+    }
+
+    /// The last patch there is.
+    pub(super) fn last_patch(&self) -> Patch {
+        self.patches.iter().copied().max().unwrap_or_default()
+    }
+
+    /// Says of which patch a sample is.
+    pub(super) fn set_patch(&mut self, sample: u32, patch: Patch) {
+        if patch != self.patch(sample) {
+            self.patches.resize(self.len(), Patch::default());
+            self.patches[sample as usize] = patch;
+        }
+    }
+
     /// The samples of another set behind these.
     pub(super) fn append(&mut self, other: &Self) {
+        if !other.patches.is_empty() {
+            self.patches.resize(self.len(), Patch::default());
+            self.patches.extend_from_slice(&other.patches);
+        }
         self.positions_map.extend_from_slice(&other.positions_map);
         self.normals_map.extend_from_slice(&other.normals_map);
         self.colors.extend_from_slice(&other.colors);
@@ -56,7 +111,8 @@ impl PointSet {
         Self {
             positions_map: samples.clone().map(|sample| self.positions_map[sample as usize]).collect(),
             normals_map: samples.clone().map(|sample| self.normals_map[sample as usize]).collect(),
-            colors: samples.map(|sample| self.colors[sample as usize]).collect(),
+            colors: samples.clone().map(|sample| self.colors[sample as usize]).collect(),
+            patches: if self.patches.is_empty() { Vec::new() } else { samples.map(|sample| self.patch(sample)).collect() },
         }
     }
 
@@ -70,7 +126,15 @@ impl PointSet {
                 .map(|normal| map_from_body.transform_vector(*normal).normalize_or_zero())
                 .collect(),
             colors: self.colors.clone(),
+            patches: self.patches.clone(),
         }
+    }
+
+    /// The same, stretched along x, y and z. Factors are above 0.
+    pub(super) fn scaled(mut self, factors: DVec3) -> Self {
+        self.positions_map.iter_mut().for_each(|at| *at *= factors);
+        self.normals_map.iter_mut().for_each(|normal| *normal = (*normal / factors).normalize_or_zero());
+        self
     }
 
     /// Lowest and highest corner of the box around the samples, map frame, m; `None` when there are none.

@@ -29,6 +29,8 @@ const SAME_SIDE: f64 = 0.3;
 const ROUNDS: u32 = 12;
 /// Two samples were squeezed together if a stroke left this share of their distance, or less.
 const SQUEEZED: f64 = 0.8;
+/// The same for two that were nearer than the threshold already, as at the rim of paint.
+const SQUEEZED_FINE: f64 = 0.6;
 /// What is closer than this share of the threshold goes in any case: many strokes may each squeeze by a little.
 const CRAMMED: f64 = 0.25;
 /// A new sample keeps this share of the threshold from the others that are new.
@@ -140,6 +142,10 @@ pub(super) fn fill(points: &mut PointSet, afloat: &mut AdvectedSamples, moved: &
             let level_m = known.clone().sum::<f64>() / known.clone().count().max(1) as f64;
             let found = onto_level(|at| now.at(at), now.lattice().spacing_m, (middle, level_m), FILLED_GAPS * gap_m);
             let Some((at, normal)) = found else { continue };
+            // Beyond a sharp edge lies another face, which has samples of its own.
+            if normal.dot(points.normals_map[seer as usize]) <= SAME_SIDE {
+                continue;
+            }
             // It may have slid along a bent surface to where another sample is.
             let is_free = neighbours.nearest(at).is_none_or(|nearest| nearest.distance_squared_m2 > (0.5 * gap_m).powi(2));
             if !(is_free && taken.is_free(at)) {
@@ -173,29 +179,30 @@ pub(super) fn fill(points: &mut PointSet, afloat: &mut AdvectedSamples, moved: &
     points.len() - before
 }
 
-/// The samples to keep, ascending: without those that are afloat and were squeezed closer than `close_m` to a kept one of the same side.
-/// What was as fine `before` the stroke, as the rim of paint is, stays so. Samples that are not afloat are all kept. Numbers up to the last
-/// of `before` mean the same samples in both. Cost: O(samples that are afloat).
-pub(super) fn thinned(points: &PointSet, before: &PointSet, afloat: &AdvectedSamples, close_m: f64) -> Vec<u32> {
+/// The samples to keep, ascending: without those of `looked_at` (ascending) that were squeezed closer than `close_m` to a kept one of the same
+/// side. What was as fine `before`, as the rim of paint is, stays so. Numbers up to the last of `before` mean the same samples in both. Cost:
+/// O(samples that are looked at).
+pub(super) fn thinned(points: &PointSet, before: &PointSet, looked_at: &[u32], close_m: f64) -> Vec<u32> {
     let neighbours = Neighbours::new(&points.positions_map);
     let was_apart = |one: u32, other: u32, apart_m: f64| {
         let (Some(one), Some(other)) = (before.positions_map.get(one as usize), before.positions_map.get(other as usize)) else {
             return true;
         };
-        apart_m < SQUEEZED * one.distance(*other)
+        let was_m = one.distance(*other);
+        apart_m < was_m * if was_m > close_m { SQUEEZED } else { SQUEEZED_FINE }
     };
     let mut is_kept = vec![true; points.len()];
     let mut found = Vec::new();
-    let mut is_afloat = vec![false; points.len()];
-    for sample in afloat.samples() {
-        is_afloat[*sample as usize] = true;
+    let mut may_go = vec![false; points.len()];
+    for sample in looked_at {
+        may_go[*sample as usize] = true;
     }
-    for sample in afloat.samples() {
+    for sample in looked_at {
         let (at, normal) = (points.positions_map[*sample as usize], points.normals_map[*sample as usize]);
         neighbours.within(at, close_m, &mut found);
         let crowds = |other: u32| {
-            // Of two that float the later one goes.
-            let stays = is_kept[other as usize] && (other < *sample || !is_afloat[other as usize]);
+            // Of two that may go the later one does.
+            let stays = is_kept[other as usize] && (other < *sample || !may_go[other as usize]);
             stays && other != *sample && points.normals_map[other as usize].dot(normal) > SAME_SIDE
         };
         let is_squeezed = |neighbour: &Neighbour| {
@@ -316,26 +323,22 @@ mod tests {
     fn crowded_samples_go_and_the_rest_covers_the_surface() {
         let (before, points) = (spiral(4000, 0.02), spiral(4000, 0.01));
         let afloat = AdvectedSamples::new(&points, &ball(0.01), 0.0);
-        let kept = thinned(&points, &before, &afloat, 0.6 * GAP_M);
+        let kept = thinned(&points, &before, afloat.samples(), 0.6 * GAP_M);
         assert!(kept.len() < 3000, "{}", kept.len());
-        let left = PointSet {
-            positions_map: kept.iter().map(|n| points.positions_map[*n as usize]).collect(),
-            normals_map: kept.iter().map(|n| points.normals_map[*n as usize]).collect(),
-            colors: kept.iter().map(|n| points.colors[*n as usize]).collect(),
-        };
+        let left = points.select(kept.iter().copied());
         let all: Vec<u32> = (0..left.len() as u32).collect();
         assert!(largest_gap_m(&left, &all, GAP_M) <= GAP_M);
-        assert_eq!(thinned(&points, &before, &AdvectedSamples::default(), 0.6 * GAP_M).len(), 4000);
+        assert_eq!(thinned(&points, &before, &[], 0.6 * GAP_M).len(), 4000);
         // Samples that came with the stroke crowd as well.
-        assert!(thinned(&points, &PointSet::default(), &afloat, 0.6 * GAP_M).len() < 3000);
+        assert!(thinned(&points, &PointSet::default(), afloat.samples(), 0.6 * GAP_M).len() < 3000);
     }
 
     #[test]
     fn what_was_as_fine_before_stays_unless_samples_all_but_meet() {
         let points = spiral(4000, 0.01);
         let afloat = AdvectedSamples::new(&points, &ball(0.01), 0.0);
-        assert_eq!(thinned(&points, &points, &afloat, 0.6 * GAP_M).len(), 4000);
-        assert!(thinned(&points, &points, &afloat, 10.0 * GAP_M).len() < 500);
+        assert_eq!(thinned(&points, &points, afloat.samples(), 0.6 * GAP_M).len(), 4000);
+        assert!(thinned(&points, &points, afloat.samples(), 10.0 * GAP_M).len() < 500);
     }
 
     #[test]
@@ -351,7 +354,7 @@ mod tests {
             }
         }
         let afloat = AdvectedSamples::new(&points, &ball(0.01), 0.0);
-        assert_eq!(thinned(&points, &PointSet::default(), &afloat, 0.6 * GAP_M).len(), points.len());
+        assert_eq!(thinned(&points, &PointSet::default(), afloat.samples(), 0.6 * GAP_M).len(), points.len());
     }
 
     #[test]

@@ -12,10 +12,10 @@ use std::sync::Arc;
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
-use super::PointSet;
 use super::clay_model::{ClayModel, ClayModelError, Session, Settings, Snapshot};
 use super::dynamics::{Integrator, Material};
 use super::material_map::{Layer, MaterialMap};
+use super::{Patch, PointSet};
 use vps::density::{Lattice, Raster};
 use vps::storage::sections::{Key, Reader, Refusal, Writer, key_of};
 use vps::storage::whole_file::write_whole;
@@ -96,6 +96,13 @@ struct MomentRecord {
 
 const BARE: u64 = u64::MAX;
 
+/// Mass, damping and stiffness of what was not painted, one row for each moment. Sessions of earlier versions have none: there it never changed.
+type ClayRecord = [f64; 3];
+
+fn clay_record(material: &Material) -> ClayRecord {
+    [material.mass_kg.into(), material.damping_n_s_per_m.into(), material.stiffness_n_per_m.into()]
+}
+
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct LatticeRecord {
@@ -144,7 +151,7 @@ impl ClayModel {
         let now = self.moment();
         let (past, undone) = self.moments();
         let (moments, n_past) = kept(&now, past, undone);
-        let Settings { n_neighbours, raster, air_m, material, integrator, region_map: _ } = self.settings();
+        let Settings { n_neighbours, interpolates, raster, air_m, material, integrator, region_map: _ } = self.settings();
         let settings = SettingsRecord {
             n_neighbours: *n_neighbours as u64,
             raster: raster.map(|n| n as u64),
@@ -177,6 +184,8 @@ impl ClayModel {
         let positions: Vec<[f64; 3]> = points().flat_map(|points| points.positions_map.iter().map(DVec3::to_array)).collect();
         let normals: Vec<[f64; 3]> = points().flat_map(|points| points.normals_map.iter().map(DVec3::to_array)).collect();
         let colors: Vec<[u8; 3]> = points().flat_map(|points| points.colors.iter().copied()).collect();
+        let patches: Vec<Patch> = points().flat_map(|points| (0..points.len() as u32).map(|sample| points.patch(sample))).collect();
+        let clays: Vec<ClayRecord> = moments.iter().map(|moment| clay_record(&moment.material)).collect();
         let densities: Vec<f32> = moments.iter().flat_map(|moment| moment.base.values_m().iter().copied()).collect();
 
         let mut file = Writer::default();
@@ -185,8 +194,17 @@ impl ClayModel {
         file.array("positions_m", &positions);
         file.array("normals", &normals);
         file.array("colors", &colors);
+        // A piece without sharp edges needs none.
+        if patches.iter().any(|patch| *patch != Patch::default()) {
+            file.array("patches", &patches);
+        }
+        // Nor does a field that goes by least squares, as in earlier versions.
+        if *interpolates {
+            file.array("interpolates", &[1_u8]);
+        }
         file.array("densities_m", &densities);
         file.array("painted", &layers.values);
+        file.array("clays", &clays);
         write_whole(path, |out| file.write_to(KEY, GENERATION, out)).map_err(|source| SessionFileError::Io {
             what: "write",
             path: path.to_owned(),
@@ -213,23 +231,42 @@ fn decode(region: Arc<MappedFile>) -> Result<Session, Refusal> {
     let positions = file.array::<[f64; 3]>("positions_m")?;
     let normals = file.array::<[f64; 3]>("normals")?;
     let colors = file.array::<[u8; 3]>("colors")?;
+    let patches =
+        if file.has("patches") { file.array::<Patch>("patches")?.to_vec() } else { vec![Patch::default(); positions.len()] };
     let densities = file.array::<f32>("densities_m")?;
     let painted = file.array::<f32>("painted")?;
+    let clays = if file.has("clays") { Some(file.array::<ClayRecord>("clays")?) } else { None };
+    if clays.as_ref().is_some_and(|clays| clays.len() != records.len()) {
+        return Err(Refusal::Damaged("clays"));
+    }
+    let of_settings = [settings.mass_kg, settings.damping_n_s_per_m, settings.stiffness_n_per_m];
+    let clay = |[mass_kg, damping_n_s_per_m, stiffness_n_per_m]: ClayRecord| Material {
+        mass_kg: mass_kg as f32,
+        damping_n_s_per_m: damping_n_s_per_m as f32,
+        stiffness_n_per_m: stiffness_n_per_m as f32,
+        creep_s: settings.creep_s,
+        acceleration_max_m_per_s2: settings.acceleration_max_m_per_s2,
+    };
+    let is_clay = |record: &ClayRecord| record.iter().enumerate().all(|(property, value)| is_property(property, *value as f32));
     let mut layers = HashMap::new();
     let mut from = (0, 0);
     let mut moments = Vec::new();
-    for record in records.iter() {
-        let samples = positions.get(from.0..).zip(normals.get(from.0..)).zip(colors.get(from.0..));
+    for (row, record) in records.iter().enumerate() {
+        let of_moment = clays.as_ref().map_or(of_settings, |clays| clays[row]);
+        if !is_clay(&of_moment) {
+            return Err(Refusal::Damaged("clays"));
+        }
+        let samples = samples_of(record, from.0, (&positions, &normals, &colors, &patches));
         let values_m = densities.get(from.1..).unwrap_or_default();
-        let moment = samples.and_then(|((positions, normals), colors)| moment(record, positions, normals, colors, values_m));
+        let moment = samples.and_then(|points| moment(record, points, values_m));
         let map = map_of(record, &painted, &mut layers).ok_or(Refusal::Damaged("painted"))?;
-        let moment = moment.map(|moment| Snapshot { material_map: map, ..moment });
+        let moment = moment.map(|moment| Snapshot { material_map: map, material: clay(of_moment), ..moment });
         let moment = moment.ok_or(Refusal::Damaged("moments"))?;
         from = (from.0 + moment.samples.points().len(), from.1 + moment.base.values_m().len());
         moments.push(moment);
     }
     let is_whole =
-        from == (positions.len(), densities.len()) && normals.len() == positions.len() && colors.len() == positions.len();
+        from == (positions.len(), densities.len()) && [normals.len(), colors.len(), patches.len()] == [positions.len(); 3];
     let n_past = usize::try_from(settings.n_past).unwrap_or(usize::MAX);
     if !is_whole || moments.len() <= n_past {
         return Err(Refusal::Damaged("moments"));
@@ -244,42 +281,40 @@ fn decode(region: Arc<MappedFile>) -> Result<Session, Refusal> {
         && settings.gap_m > 0.0
         && settings.creep_s > 0.0
         && settings.acceleration_max_m_per_s2 > 0.0
-        && [settings.mass_kg, settings.damping_n_s_per_m, settings.stiffness_n_per_m]
-            .into_iter()
-            .enumerate()
-            .all(|(property, value)| is_property(property, value as f32));
+        && is_clay(&of_settings);
     let fits = |moment: &Snapshot| moment.region.dims == raster;
     if !is_sound || settings.is_explicit > 1 || ![&now].into_iter().chain(&past).chain(&undone).all(fits) {
         return Err(Refusal::Damaged("settings"));
     }
     let settings = Settings {
         n_neighbours: usize::try_from(settings.n_neighbours).unwrap_or(0),
+        interpolates: file.has("interpolates"),
         region_map: now.region_map,
         raster,
         air_m: settings.air_m,
-        material: Material {
-            mass_kg: settings.mass_kg as f32,
-            damping_n_s_per_m: settings.damping_n_s_per_m as f32,
-            stiffness_n_per_m: settings.stiffness_n_per_m as f32,
-            creep_s: settings.creep_s,
-            acceleration_max_m_per_s2: settings.acceleration_max_m_per_s2,
-        },
+        material: now.material.clone(),
         integrator: if settings.is_explicit == 1 { Integrator::Explicit } else { Integrator::Implicit },
     };
     Ok(Session { now, past, undone, settings, gap_m })
 }
 
-/// One row, with the samples and densities from where it begins; `None` where they are not all there, or fit nothing.
-fn moment(
-    record: &MomentRecord,
-    positions: &[[f64; 3]],
-    normals: &[[f64; 3]],
-    colors: &[[u8; 3]],
-    values_m: &[f32],
-) -> Option<Snapshot> {
-    let n = usize::try_from(record.n_samples).ok()?;
-    let vectors = |numbers: &[[f64; 3]]| Some(numbers.get(..n)?.iter().copied().map(DVec3::from_array).collect());
-    let points = PointSet { positions_map: vectors(positions)?, normals_map: vectors(normals)?, colors: colors.get(..n)?.to_vec() };
+/// Places, m, normals, colours and patches of all moments.
+type SampleArrays<'m> = (&'m [[f64; 3]], &'m [[f64; 3]], &'m [[u8; 3]], &'m [Patch]);
+
+/// The samples of one row, from where they begin; `None` where they are not all there.
+fn samples_of(record: &MomentRecord, from: usize, (positions, normals, colors, patches): SampleArrays) -> Option<PointSet> {
+    let all = from..from.checked_add(usize::try_from(record.n_samples).ok()?)?;
+    let vectors = |numbers: &[[f64; 3]]| Some(numbers.get(all.clone())?.iter().copied().map(DVec3::from_array).collect());
+    Some(PointSet {
+        positions_map: vectors(positions)?,
+        normals_map: vectors(normals)?,
+        colors: colors.get(all.clone())?.to_vec(),
+        patches: patches.get(all)?.to_vec(),
+    })
+}
+
+/// One row, with its samples, and densities from where they begin; `None` where they are not all there, or fit nothing.
+fn moment(record: &MomentRecord, points: PointSet, values_m: &[f32]) -> Option<Snapshot> {
     let (base, n_nodes) = record.base.lattice()?;
     let (region, _) = record.region.lattice()?;
     let values_m = values_m.get(..n_nodes).filter(|values_m| values_m.iter().all(|value_m| value_m.is_finite()))?;

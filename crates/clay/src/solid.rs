@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use glam::DVec3;
 
-use super::load::{DEFAULT_SAMPLES, FileContents, area_m2, open, sample_of, spacing_of};
+use super::load::{DEFAULT_SAMPLES, FileContents, area_m2, load_scaled, open, sample_of, scaled, spacing_of};
 use super::{LoadError, LoadedPoints, NormalSource, PointSet, SurfaceError};
 use vps::mesh::TriangleMesh;
 use vps::mesh::primitives::Shape;
@@ -24,6 +24,8 @@ pub enum Solid {
         path: PathBuf,
         /// 1 for m, 1e-3 for mm.
         metres_per_unit: f64,
+        /// Stretched so much along x, y and z; above 0.
+        scale: DVec3,
         /// Between samples of a mesh, m; `None`: about 20,000 samples, or as a piece has them.
         spacing_m: Option<f64>,
     },
@@ -31,6 +33,8 @@ pub enum Solid {
     Shape {
         /// Centred on the origin.
         shape: Shape,
+        /// Stretched so much along x, y and z; above 0.
+        scale: DVec3,
         /// Between samples, m; `None`: about 20,000 samples, or as a piece has them.
         spacing_m: Option<f64>,
     },
@@ -43,8 +47,8 @@ pub enum SolidSource {
     Samples(PointSet),
     /// A mesh, m.
     Mesh(TriangleMesh),
-    /// A primitive shape, centred on the origin.
-    Shape(Shape),
+    /// A primitive shape, centred on the origin, and how much it is stretched along x, y and z.
+    Shape(Shape, DVec3),
 }
 
 impl Solid {
@@ -54,10 +58,10 @@ impl Solid {
     /// [`LoadError`].
     pub fn load(&self) -> Result<LoadedPoints, LoadError> {
         match self {
-            Self::File { path, metres_per_unit, spacing_m } => super::load(path, *metres_per_unit, *spacing_m),
-            Self::Shape { shape, spacing_m } => {
-                let spacing_m = spacing_m.unwrap_or_else(|| spacing_of(&rough(shape), DEFAULT_SAMPLES));
-                let points = sampled(shape, spacing_m).map_err(LoadError::Shape)?;
+            Self::File { path, metres_per_unit, scale, spacing_m } => load_scaled(path, *metres_per_unit, *scale, *spacing_m),
+            Self::Shape { shape, scale, spacing_m } => {
+                let spacing_m = spacing_m.unwrap_or_else(|| spacing_of(&rough(shape, *scale), DEFAULT_SAMPLES));
+                let points = sampled(shape, *scale, spacing_m).map_err(LoadError::Shape)?;
                 Ok(LoadedPoints { points, merged: 0, normals: NormalSource::Faces })
             }
         }
@@ -68,17 +72,12 @@ impl Solid {
     /// # Errors
     /// [`LoadError`].
     pub fn look(&self) -> Result<(u64, (DVec3, DVec3)), LoadError> {
-        let (body, spacing_m) = match self {
-            Self::File { path, metres_per_unit, spacing_m } => {
-                (Self::File { path: path.clone(), metres_per_unit: *metres_per_unit, spacing_m: None }.open()?, *spacing_m)
-            }
-            Self::Shape { shape, spacing_m } => (SolidSource::Shape(*shape), *spacing_m),
-        };
+        let (body, spacing_m) = (self.source()?, self.spacing_m());
         let n_of = |mesh: &TriangleMesh| spacing_m.map_or(DEFAULT_SAMPLES, |spacing_m| area_m2(mesh) / (spacing_m * spacing_m));
         let n_samples = match &body {
             SolidSource::Samples(points) => points.len() as u64,
             SolidSource::Mesh(mesh) => n_of(mesh) as u64,
-            SolidSource::Shape(shape) => n_of(&rough(shape)) as u64,
+            SolidSource::Shape(shape, scale) => n_of(&rough(shape, *scale)) as u64,
         };
         Ok((n_samples, body.bounds_map(&Pose::IDENTITY).unwrap_or_default()))
     }
@@ -88,14 +87,23 @@ impl Solid {
     /// # Errors
     /// [`LoadError`].
     pub fn open(&self) -> Result<SolidSource, LoadError> {
-        match self {
-            Self::File { path, metres_per_unit, spacing_m: None } => Ok(match open(path, *metres_per_unit)? {
+        if self.spacing_m().is_none() { self.source() } else { Ok(SolidSource::Samples(self.load()?.points)) }
+    }
+
+    /// What its samples are taken from.
+    fn source(&self) -> Result<SolidSource, LoadError> {
+        Ok(match self {
+            Self::File { path, metres_per_unit, scale, .. } => match open(path, *metres_per_unit, *scale)? {
                 FileContents::Samples(loaded) => SolidSource::Samples(loaded.points),
                 FileContents::Mesh(mesh) => SolidSource::Mesh(mesh),
-            }),
-            Self::Shape { shape, spacing_m: None } => Ok(SolidSource::Shape(*shape)),
-            Self::File { .. } | Self::Shape { .. } => Ok(SolidSource::Samples(self.load()?.points)),
-        }
+            },
+            Self::Shape { shape, scale, .. } => SolidSource::Shape(*shape, *scale),
+        })
+    }
+
+    fn spacing_m(&self) -> Option<f64> {
+        let (Self::File { spacing_m, .. } | Self::Shape { spacing_m, .. }) = self;
+        *spacing_m
     }
 
     /// Its samples, as far apart as those of a piece ([`SolidSource::beside`]), whatever its own spacing.
@@ -103,13 +111,10 @@ impl Solid {
     /// # Errors
     /// [`LoadError`].
     pub fn load_beside(&self, spacing_m: f64) -> Result<PointSet, LoadError> {
-        match self {
-            Self::File { path, metres_per_unit, .. } => {
-                let body = Self::File { path: path.clone(), metres_per_unit: *metres_per_unit, spacing_m: None }.open()?;
-                body.beside(spacing_m).map_err(|source| LoadError::Surface { path: path.clone(), source })
-            }
-            Self::Shape { shape, .. } => SolidSource::Shape(*shape).beside(spacing_m).map_err(LoadError::Shape),
-        }
+        self.source()?.beside(spacing_m).map_err(|source| match self {
+            Self::File { path, .. } => LoadError::Surface { path: path.clone(), source },
+            Self::Shape { .. } => LoadError::Shape(source),
+        })
     }
 }
 
@@ -125,7 +130,7 @@ impl SolidSource {
         match self {
             Self::Samples(points) => Ok(points.clone()),
             Self::Mesh(mesh) => sample_of(mesh, clamped(mesh)),
-            Self::Shape(shape) => sampled(shape, clamped(&rough(shape))),
+            Self::Shape(shape, scale) => sampled(shape, *scale, clamped(&rough(shape, *scale))),
         }
     }
 
@@ -139,18 +144,18 @@ impl SolidSource {
         match self {
             Self::Samples(points) => around(&points.positions_map),
             Self::Mesh(mesh) => around(&mesh.vertices),
-            Self::Shape(shape) => around(&rough(shape).vertices),
+            Self::Shape(shape, scale) => around(&rough(shape, *scale).vertices),
         }
     }
 }
 
 /// Area and size of a shape hardly depend on how finely it is cut.
-fn rough(shape: &Shape) -> TriangleMesh {
-    shape.tessellate(f64::INFINITY)
+fn rough(shape: &Shape, scale: DVec3) -> TriangleMesh {
+    scaled(shape.tessellate(f64::INFINITY), scale)
 }
 
-fn sampled(shape: &Shape, spacing_m: f64) -> Result<PointSet, SurfaceError> {
-    sample_of(&shape.tessellate(CHORD_SHARE * spacing_m), spacing_m)
+fn sampled(shape: &Shape, scale: DVec3, spacing_m: f64) -> Result<PointSet, SurfaceError> {
+    sample_of(&scaled(shape.tessellate(CHORD_SHARE * spacing_m / scale.max_element()), scale), spacing_m)
 }
 
 #[cfg(test)]
@@ -161,7 +166,7 @@ mod tests {
     #[test]
     #[ignore = "takes long: `cargo test -- --include-ignored`"]
     fn a_solid_beside_a_piece_has_its_spacing_unless_that_makes_too_few_samples_or_too_many() {
-        let ball = |radius_m: f64| Solid::Shape { shape: Shape::Sphere { radius_m }, spacing_m: None };
+        let ball = |radius_m: f64| Solid::Shape { shape: Shape::Sphere { radius_m }, scale: DVec3::ONE, spacing_m: None };
         let (spacing_m, area_m2) = (1e-3, |radius_m: f64| 4.0 * core::f64::consts::PI * radius_m * radius_m);
         for (radius_m, expected) in [(0.5e-3, 500.0), (0.02, area_m2(0.02) / 1e-6)] {
             let points = ball(radius_m).load_beside(spacing_m).unwrap();
@@ -171,5 +176,32 @@ mod tests {
         }
         let most = ball(0.1).load_beside(1e-5).unwrap().len() as f64;
         assert!((most / BESIDE_SAMPLES.1 - 1.0).abs() < 0.15, "{most}");
+    }
+
+    #[test]
+    fn a_ball_that_is_stretched_is_an_ellipsoid_whichever_way_it_comes() {
+        let (scale, spacing_m) = (DVec3::new(1.0, 0.5, 2.0), Some(1e-3));
+        let radius_m = 0.01;
+        let shape = Shape::Sphere { radius_m };
+        let folder = tempfile::tempdir().unwrap();
+        let (mesh, points) = (folder.path().join("ball.obj"), folder.path().join("ball.ply"));
+        let ball = shape.tessellate(1e-5);
+        let lines = ball.vertices.iter().map(|at| format!("v {} {} {}\n", at.x, at.y, at.z));
+        let faces = ball.triangles.iter().map(|[a, b, c]| format!("f {} {} {}\n", a + 1, b + 1, c + 1));
+        std::fs::write(&mesh, lines.chain(faces).collect::<String>()).unwrap();
+        let of_shape = Solid::Shape { shape, scale: DVec3::ONE, spacing_m }.load().unwrap().points;
+        crate::save(&points, &of_shape).unwrap();
+        let of_file = |path: PathBuf, spacing_m| Solid::File { path, metres_per_unit: 1.0, scale, spacing_m };
+        for solid in [Solid::Shape { shape, scale, spacing_m }, of_file(mesh, spacing_m), of_file(points, None)] {
+            let points = solid.load().unwrap().points;
+            for (at, normal) in points.positions_map.iter().zip(&points.normals_map) {
+                let on_ball = *at / scale;
+                assert!((on_ball.length() - radius_m).abs() < 3e-5, "{solid:?}: {at}");
+                assert!(normal.dot((on_ball / scale).normalize()) > 0.99, "{solid:?}: {normal} at {at}");
+            }
+            let (n, (low, high)) = solid.look().unwrap();
+            assert!((high - low).distance(2.0 * radius_m * scale) < 1e-4, "{solid:?}: {low} {high}");
+            assert!((n as f64 / points.len() as f64 - 1.0).abs() < 0.2, "{solid:?}: {n} of {}", points.len());
+        }
     }
 }

@@ -154,10 +154,11 @@ impl Resolve<'_> {
     }
 
     fn shape(&mut self, key: &str, written: &schema::Shape, voxel_size_m: f64, layers: u32) -> Option<Shape> {
-        let schema::Shape { box_mm, sphere_mm, cylinder_mm, cone_mm, capsule_mm, torus_mm, plane_mm } = *written;
+        let schema::Shape { box_mm, sphere_mm, ellipsoid_mm, cylinder_mm, cone_mm, capsule_mm, torus_mm, plane_mm } = *written;
         let n_given = [
             box_mm.is_some(),
             sphere_mm.is_some(),
+            ellipsoid_mm.is_some(),
             cylinder_mm.is_some(),
             cone_mm.is_some(),
             capsule_mm.is_some(),
@@ -165,8 +166,9 @@ impl Resolve<'_> {
             plane_mm.is_some(),
         ];
         if n_given.into_iter().filter(|is_given| *is_given).count() != 1 {
-            self.checks
-                .not_accepted(key, "exactly one of box_mm, sphere_mm, cylinder_mm, cone_mm, capsule_mm, torus_mm and plane_mm");
+            let accepted =
+                "exactly one of box_mm, sphere_mm, ellipsoid_mm, cylinder_mm, cone_mm, capsule_mm, torus_mm and plane_mm";
+            self.checks.not_accepted(key, accepted);
             return None;
         }
         let name = |shape: &str| format!("{key}.{shape}");
@@ -175,6 +177,9 @@ impl Resolve<'_> {
         }
         if let Some(radius_mm) = self.checks.optional(&name("sphere_mm"), sphere_mm, SIZE_MM) {
             return Some(Shape::Sphere { radius_m: radius_mm * MM });
+        }
+        if let Some(radii_mm) = self.checks.array(&name("ellipsoid_mm"), ellipsoid_mm, SIZE_MM) {
+            return Some(Shape::Ellipsoid { radii_m: DVec3::from_array(radii_mm) * MM });
         }
         if let Some([radius_mm, height_mm]) = self.checks.array(&name("cylinder_mm"), cylinder_mm, SIZE_MM) {
             return Some(Shape::Cylinder { radius_m: radius_mm * MM, height_m: height_mm * MM });

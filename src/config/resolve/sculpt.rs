@@ -7,7 +7,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::super::scene::{ClaySource, SculptConfig};
-use super::super::schema::{self, Creep, FalloffWritten, PaintedWritten, WrittenSolid, WrittenTool};
+use super::super::schema::{self, Creep, FalloffRate, FalloffWritten, PaintedWritten, WrittenSolid, WrittenTool};
 use super::objects::WrittenSource;
 use super::{MM, Resolve};
 use clay::clay_model::Settings;
@@ -38,11 +38,12 @@ const DAMPING_N_S_PER_M: Interval =
 const STIFFNESS_N_PER_M: Interval = POSITIVE.to(Material::STIFFNESS_MAX_N_PER_M).unit("N/m");
 
 /// What a session does not bring: how the piece stands, its tool, and how it is worked.
-const BESIDE_SESSION: [&str; 13] = [
+const BESIDE_SESSION: [&str; 14] = [
     "session",
     "position_mm",
     "orientation_xyzw",
     "update_hz",
+    "smoothing",
     "strokes",
     "tool",
     "brush_mm",
@@ -69,6 +70,7 @@ impl Resolve<'_> {
             settings,
             update_ticks: self.update_ticks(written.update_hz, rate_hz),
             tool: self.tool_settings("sculpt", &written.written_tool(), &ToolSettings::default()),
+            smoothing: self.checks.optional("sculpt.smoothing", written.smoothing, Interval::from(0.0).to(0.999).unit("")),
             strokes: written.strokes.as_deref().and_then(|file| self.checks.file("sculpt.strokes", file, self.dir)),
         }
     }
@@ -102,17 +104,28 @@ impl Resolve<'_> {
                     self.checks.number("sculpt.creep_ms", Some(ms), creep_s / MM, interval) * MM
                 }
             },
-            acceleration_max_m_per_s2,
+            acceleration_max_m_per_s2: self.acceleration_max(written, acceleration_max_m_per_s2),
         };
         let (least, most) = (*PointSurface::NEIGHBOURS.start() as u32, *PointSurface::NEIGHBOURS.end() as u32);
         Settings {
             n_neighbours: self.checks.whole("sculpt.neighbours", written.neighbours, own.n_neighbours as u32, least, most) as usize,
+            interpolates: written.interpolate.unwrap_or(own.interpolates),
             region_map,
             raster: self.raster(written.raster).unwrap_or(own.raster),
             air_m: self.checks.number("sculpt.air_mm", written.air_mm, own.air_m / MM, Interval::from(0.0).to(1e3).unit("mm")) * MM,
             material,
-            integrator: Integrator::Implicit,
+            integrator: written.integrator.map_or(Integrator::Implicit, Into::into),
         }
+    }
+
+    /// Only explicit steps are halved.
+    fn acceleration_max(&mut self, written: &schema::Sculpt, default: f64) -> f64 {
+        let key = "sculpt.acceleration_max";
+        let is_explicit = written.integrator.is_some_and(|word| Integrator::from(word) == Integrator::Explicit);
+        if written.acceleration_max.is_some() && !is_explicit {
+            self.checks.not_accepted(key, "left out, or integrator = \"explicit\" beside it: only explicit steps are halved");
+        }
+        self.checks.number(key, written.acceleration_max, default, POSITIVE.to(1e9).unit("m/s²"))
     }
 
     fn raster(&mut self, written: Option<Numbers<3>>) -> Option<[usize; 3]> {
@@ -172,8 +185,8 @@ impl Resolve<'_> {
     /// Exactly one of points, a mesh and a shape; `or` names what else there may be. After a problem some solid, so that the pass goes on.
     pub(in crate::config) fn solid(&mut self, table: &str, written: &WrittenSolid<'_>, or: &str) -> Solid {
         let key = |name: &str| format!("{table}.{name}");
-        let WrittenSolid { points, mesh, shape, units, spacing_mm } = *written;
-        let fallback = Solid::Shape { shape: Shape::Sphere { radius_m: 1.0 }, spacing_m: None };
+        let WrittenSolid { points, mesh, shape, units, spacing_mm, scale } = *written;
+        let fallback = Solid::Shape { shape: Shape::Sphere { radius_m: 1.0 }, scale: DVec3::ONE, spacing_m: None };
         let given: Vec<&str> = [("points", points.is_some()), ("mesh", mesh.is_some()), ("shape", shape.is_some())]
             .into_iter()
             .filter_map(|(name, is_given)| is_given.then_some(name))
@@ -182,6 +195,8 @@ impl Resolve<'_> {
             self.checks.refuse(&key(second), ProblemKind::Exclusive { other: key(first) });
             return fallback;
         }
+        let scale =
+            self.checks.array(&key("scale"), scale, Interval::from(0.01).to(100.0).unit("")).map_or(DVec3::ONE, DVec3::from_array);
         let interval = POSITIVE.to(100.0).unit("mm");
         let spacing_m = self.checks.optional(&key("spacing_mm"), spacing_mm, interval).map(|mm| mm * MM);
         if let Some(points) = points {
@@ -190,7 +205,7 @@ impl Resolve<'_> {
             }
             let metres_per_unit = self.metres_per_unit(table, units, "of the points");
             return match self.points_path(&key("points"), points) {
-                Some(path) => Solid::File { path, metres_per_unit, spacing_m: None },
+                Some(path) => Solid::File { path, metres_per_unit, scale, spacing_m: None },
                 None => fallback,
             };
         }
@@ -201,8 +216,10 @@ impl Resolve<'_> {
         }
         // Shapes have no voxels here.
         match self.source(table, WrittenSource { mesh, shape, units }, 0.0, 0) {
-            super::super::scene::MeshSource::File { path, metres_per_unit } => Solid::File { path, metres_per_unit, spacing_m },
-            super::super::scene::MeshSource::Shape(shape) => Solid::Shape { shape, spacing_m },
+            super::super::scene::MeshSource::File { path, metres_per_unit } => {
+                Solid::File { path, metres_per_unit, scale, spacing_m }
+            }
+            super::super::scene::MeshSource::Shape(shape) => Solid::Shape { shape, scale, spacing_m },
         }
     }
 
@@ -231,11 +248,17 @@ impl Resolve<'_> {
             brush_m: self.checks.number(&key("brush_mm"), written.brush_mm, before.brush_m / MM, length(1e3)) * MM,
             falloff: match written.falloff {
                 None => before.falloff.clone(),
-                Some(FalloffWritten::Word(word)) => (*word).into(),
-                Some(FalloffWritten::Weights(weights)) => Falloff::table(weights.clone()).unwrap_or_else(|problem| {
-                    self.checks.refuse(&key("falloff"), ProblemKind::refused(problem));
-                    before.falloff.clone()
-                }),
+                Some(own) => {
+                    let falloff = match own {
+                        FalloffWritten::Rate(FalloffRate { rate }) => Falloff::rate(*rate),
+                        FalloffWritten::Weights(weights) => Falloff::table(weights.clone()),
+                        FalloffWritten::Word(word) => Ok((*word).into()),
+                    };
+                    falloff.unwrap_or_else(|problem| {
+                        self.checks.refuse(&key("falloff"), ProblemKind::refused(problem));
+                        before.falloff.clone()
+                    })
+                }
             },
             color: written.color.map_or(before.color, |text| {
                 color(text).unwrap_or_else(|| {
@@ -246,12 +269,13 @@ impl Resolve<'_> {
             painted: written.painted.map_or(before.painted, |painted| self.painted(&key("painted"), painted)),
             depth_m: self.checks.number(&key("depth_mm"), written.depth_mm, before.depth_m / MM, length(100.0)) * MM,
             image: self.image(&key("image"), written.image).or_else(|| before.image.clone()),
+            solid: before.solid.clone(),
             is_sharp: written.sharp.unwrap_or(before.is_sharp),
         }
     }
 
     /// A material to paint, all of it as written.
-    fn painted(&mut self, table: &str, written: PaintedWritten) -> Painted {
+    pub(in crate::config) fn painted(&mut self, table: &str, written: PaintedWritten) -> Painted {
         let mut property = |name: &str, written: Option<f64>, interval: Interval| {
             self.checks.optional(&format!("{table}.{name}"), written, interval).map(|value| value as f32)
         };
@@ -299,10 +323,10 @@ mod tests {
     #[test]
     fn a_craft_has_the_word_of_the_scene() {
         use schema::CraftWord::*;
-        for word in [Touch, Push, Pull, PullCurve, Paint, Material, Emboss, Engrave, Union, Intersection, Difference] {
+        for word in [Touch, Push, Pull, PullCurve, Paint, Material, Emboss, Engrave, Union, Intersection, Difference, Region] {
             assert_eq!(SculptTool::from(word).name(), word.to_string());
         }
-        assert_eq!(SculptTool::NAMES.len(), 11);
+        assert_eq!(SculptTool::NAMES.len(), 12);
     }
 
     #[test]

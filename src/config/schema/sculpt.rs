@@ -4,6 +4,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
+use clay::dynamics::Integrator;
 use clay::engine::SculptTool;
 use clay::falloff::Falloff;
 use document::{Document, Numbers, words};
@@ -33,6 +34,7 @@ macro_rules! clay_table {
                     shape: self.shape.as_ref(),
                     units: self.units,
                     spacing_mm: self.spacing_mm,
+                    scale: self.scale,
                 }
             }
 
@@ -61,6 +63,7 @@ macro_rules! clay_table {
                 shape: Shape,
                 units: UnitWord,
                 spacing_mm: f64,
+                scale: Numbers<3>,
                 position_mm: Numbers<3>,
                 orientation_xyzw: Numbers<4>,
                 // A tool.
@@ -87,10 +90,14 @@ clay_table! {
         raster: Numbers<3>,
         air_mm: f64,
         neighbours: u32,
+        interpolate: bool,
         mass: f64,
         damping: f64,
         stiffness: f64,
         creep_ms: Creep,
+        integrator: IntegratorWord,
+        acceleration_max: f64,
+        smoothing: f64,
         update_hz: f64,
         strokes: String,
     }
@@ -126,6 +133,16 @@ clay_table! {
         axis: Numbers<3>,
         front: Numbers<3>,
         file: String,
+        curves_mm: Vec<Vec<Numbers<3>>>,
+        free: bool,
+        force_n: Numbers<3>,
+        low_mm: Numbers<3>,
+        high_mm: Numbers<3>,
+        radius_mm: f64,
+        from_mm: Numbers<3>,
+        to_mm: Numbers<3>,
+        values: String,
+        within_mm: f64,
     }
 }
 
@@ -148,17 +165,20 @@ pub(in crate::config) struct WrittenSolid<'w> {
     pub(in crate::config) shape: Option<&'w Shape>,
     pub(in crate::config) units: Option<UnitWord>,
     pub(in crate::config) spacing_mm: Option<f64>,
+    pub(in crate::config) scale: Option<Numbers<3>>,
 }
 
 words! {
     CraftWord for SculptTool {
         Touch = "touch", Push = "push", Pull = "pull", PullCurve = "pull-curve", Paint = "paint", Material = "material",
         Emboss = "emboss", Engrave = "engrave", Union = "union", Intersection = "intersection", Difference = "difference",
+        Region = "region",
     }
+    IntegratorWord for Integrator { Implicit = "implicit", Explicit = "explicit" }
     FalloffWord for Falloff { Gaussian = "gaussian", Constant = "constant", Spherical = "spherical" }
     Deed {
         Take = "take", Hold = "hold", Union = "union", Intersection = "intersection", Difference = "difference",
-        Emboss = "emboss", Engrave = "engrave", Undo = "undo", Redo = "redo", Region = "region",
+        Emboss = "emboss", Engrave = "engrave", Draw = "draw", Pull = "pull", Lay = "lay", Undo = "undo", Redo = "redo", Region = "region",
         SavePoints = "save-points", SaveSession = "save-session", Export = "export",
     }
 }
@@ -175,10 +195,15 @@ impl Deed {
             Self::Take => &["tool", "brush_mm", "falloff", "color", "painted", "depth_mm", "image", "sharp"],
             Self::Hold => &["until_s"],
             Self::Union | Self::Intersection | Self::Difference => {
-                &["points", "mesh", "shape", "units", "spacing_mm", "position_mm", "orientation_xyzw", "sharp"]
+                &["points", "mesh", "shape", "units", "scale", "spacing_mm", "position_mm", "orientation_xyzw", "sharp"]
             }
             Self::Emboss | Self::Engrave => {
                 &["image", "depth_mm", "corner_mm", "across_mm", "down_mm", "center_mm", "axis", "front"]
+            }
+            Self::Draw => &["curves_mm", "free"],
+            Self::Pull => &["curves_mm", "free", "force_n", "until_s", "brush_mm"],
+            Self::Lay => {
+                &["painted", "low_mm", "high_mm", "center_mm", "radius_mm", "falloff", "from_mm", "to_mm", "values", "within_mm"]
             }
             Self::Undo | Self::Redo => &[],
             Self::Region => &["region_mm"],
@@ -187,7 +212,7 @@ impl Deed {
     }
 
     /// All of them, in the order of the documentation.
-    pub(in crate::config) const ALL: [Self; 13] = [
+    pub(in crate::config) const ALL: [Self; 16] = [
         Self::Take,
         Self::Hold,
         Self::Union,
@@ -195,6 +220,9 @@ impl Deed {
         Self::Difference,
         Self::Emboss,
         Self::Engrave,
+        Self::Draw,
+        Self::Pull,
+        Self::Lay,
         Self::Undo,
         Self::Redo,
         Self::Region,
@@ -218,12 +246,22 @@ pub(in crate::config) struct PaintedWritten {
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(
     untagged,
-    expecting = "invalid value, expected \"gaussian\", \"constant\", \"spherical\" or an array of weights from 0 to 1"
+    expecting = "invalid value, expected \"gaussian\", \"constant\", \"spherical\", { rate = 2.0 } or an array of weights from 0 to 1"
 )]
 #[schemars(rename = "Falloff")]
 pub(in crate::config) enum FalloffWritten {
     Word(FalloffWord),
     Weights(#[schemars(length(min = 2))] Vec<f64>),
+    Rate(FalloffRate),
+}
+
+/// `falloff = { rate = 2.0 }`: 1 − ρ^rate at a share ρ of the radius.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "FalloffRate")]
+pub(in crate::config) struct FalloffRate {
+    #[schemars(range(min = 0.1, max = 100.0))]
+    pub(in crate::config) rate: f64,
 }
 
 /// `creep_ms`.

@@ -6,7 +6,7 @@ use super::*;
 use clay::emboss::ImagePlacement;
 use clay::engine::SculptTool;
 use clay::falloff::Falloff;
-use clay::material_map::Painted;
+use clay::material_map::{MaterialPlace, Painted};
 
 fn read(text: &str) -> Result<Vec<TimedOrder>, String> {
     let folder = tempfile::tempdir().unwrap();
@@ -101,6 +101,56 @@ fn images_lie_as_their_edges_say() {
 }
 
 #[test]
+fn material_is_laid_by_a_place_or_by_a_file_of_values() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("s.toml");
+    let values = |text: &str| fs::write(folder.path().join("v.csv"), text).unwrap();
+    let laid = |keys: &str| {
+        fs::write(&path, format!("version = 1\n[[stroke]]\nat_s = 1\ndo = \"lay\"\n{keys}\n")).unwrap();
+        match load(&path, &ToolSettings::default()) {
+            Ok(script) => match script.orders[0].order.clone() {
+                SculptOrder::Lay { painted, place } => Ok((painted, place)),
+                other => panic!("{other:?}"),
+            },
+            Err(errors) => Err(errors.problems().iter().map(Problem::to_string).collect::<String>()),
+        }
+    };
+    let hard = "painted = { stiffness = 500 }\n";
+    let (painted, place) = laid(hard).unwrap();
+    assert_eq!((painted.stiffness_n_per_m, place), (Some(500.0), MaterialPlace::Everywhere));
+    let (_, place) = laid(&format!("{hard}low_mm = [0, 0, 0]\nhigh_mm = [1, 2, 3]")).unwrap();
+    assert!(matches!(place, MaterialPlace::Box { low_map: DVec3::ZERO, high_map } if (high_map.z - 3e-3).abs() < 1e-12));
+    let (_, place) = laid(&format!("{hard}center_mm = [0, 0, 0]\nradius_mm = 2")).unwrap();
+    assert!(matches!(place, MaterialPlace::Ball { radius_m, falloff: Falloff::Constant, .. } if (radius_m - 2e-3).abs() < 1e-12));
+    values("x_mm,y_mm,z_mm,mass,damping,stiffness\n1,2,3,,,700\n\n4,5,6,1e-3,2,\n");
+    let (_, place) = laid("values = \"v.csv\"\nwithin_mm = 4").unwrap();
+    let MaterialPlace::Values { places_map, painted, within_m } = place else { panic!("{place:?}") };
+    assert!(places_map.len() == 2 && (places_map[1].z - 6e-3).abs() < 1e-12 && (within_m - 4e-3).abs() < 1e-12);
+    assert_eq!((painted[0].stiffness_n_per_m, painted[0].mass_kg, painted[1].mass_kg), (Some(700.0), None, Some(1e-3)));
+    for (keys, expected) in [
+        ("low_mm = [0, 0, 0]", "high_mm: missing"),
+        ("low_mm = [0, 0, 0]\nhigh_mm = [1, 0, 1]", "higher than low_mm"),
+        ("low_mm = [0, 0, 0]\nhigh_mm = [1, 1, 1]\nradius_mm = 2", "radius_mm"),
+        ("from_mm = [0, 0, 0]\nto_mm = [0, 0, 0]", "another place than from_mm"),
+        ("values = \"none.csv\"", "no such file"),
+        ("values = \"v.csv\"\npainted = { mass = 1e-3 }", "beside values"),
+    ] {
+        let said = laid(keys).unwrap_err();
+        assert!(said.contains(expected), "{keys}: {said}");
+    }
+    for (text, expected) in [
+        ("x,y,z\n1,2,3\n", "the first line is not"),
+        ("x_mm,y_mm,z_mm,mass,damping,stiffness\n1,2\n", "line 2: `1,2` is not"),
+        ("x_mm,y_mm,z_mm,mass,damping,stiffness\n1,2,3,5,,\n", "line 2: a mass of 5 kg"),
+        ("x_mm,y_mm,z_mm,mass,damping,stiffness\n", "has no place"),
+    ] {
+        values(text);
+        let said = laid("values = \"v.csv\"").unwrap_err();
+        assert!(said.contains(expected), "{text}: {said}");
+    }
+}
+
+#[test]
 fn every_mistake_is_named_with_its_line_and_what_would_do() {
     let cases = [
         ("[[strok]]\nat_s = 1", "s.toml:2: strok: unknown key; did you mean `stroke`?"),
@@ -113,6 +163,10 @@ fn every_mistake_is_named_with_its_line_and_what_would_do() {
         (
             "[[stroke]]\nat_s = 1\ndo = \"take\"\nbrush_mm = 0",
             "s.toml:5: stroke at 1 s (line 2): brush_mm = 0: must be greater than 0 and at most 1000 mm",
+        ),
+        (
+            "[[stroke]]\nat_s = 1\ndo = \"take\"\nfalloff = { rate = 0 }",
+            "the rate of a fall-off is 0; a rate is a number from 0.1 to 100",
         ),
         ("[[stroke]]\nat_s = 1\ndo = \"take\"\nfalloff = [1]", "falloff = [1]: a table of a fall-off needs at least 2 weights"),
         ("[[stroke]]\nat_s = 1\ndo = \"take\"\ncolor = \"red\"", "color = \"red\": must be a colour as \"#rrggbb\""),
@@ -156,6 +210,18 @@ fn every_mistake_is_named_with_its_line_and_what_would_do() {
         ),
         ("[[stroke]]\nat_s = 1\ndo = \"region\"", "stroke at 1 s (line 2): region_mm: missing"),
         ("[[stroke]]\nat_s = 1\ndo = \"region\"\nregion_mm = [[0, 0, 0], [1, 0, 1]]", "the lowest corner first"),
+        ("[[stroke]]\nat_s = 1\ndo = \"draw\"", "curves_mm: missing; give curves, each a list of places"),
+        ("[[stroke]]\nat_s = 1\ndo = \"draw\"\ncurves_mm = [[]]", "must be 1 to 64 curves of at least one place each"),
+        ("[[stroke]]\nat_s = 1\ndo = \"draw\"\ncurves_mm = [[[0, 0]]]", "curves_mm"),
+        (
+            "[[stroke]]\nat_s = 1\ndo = \"pull\"\ncurves_mm = [[[0, 0, 1]]]\nforce_n = [0, 0, 0]\nuntil_s = 2",
+            "force_n = [0, 0, 0]: must be a force above 0 and of 1000 N at most",
+        ),
+        (
+            "[[stroke]]\nat_s = 1\ndo = \"pull\"\ncurves_mm = [[[0, 0, 1]]]\nforce_n = [0, 0, 1]\nuntil_s = 1",
+            "until_s = 1: must be later than at_s = 1 s, by 60 s at most",
+        ),
+        ("[[stroke]]\nat_s = 1\ndo = \"pull\"\ncurves_mm = [[[0, 0, 1]]]\nuntil_s = 2", "force_n: missing"),
         ("[[stroke]]\nat_s = 1\ndo = \"export\"", "stroke at 1 s (line 2): file: missing"),
         ("[[stroke]]\nat_s = 1\ndo = \"export\"\nfile = \"a.obj\"", "must be a file whose name ends in .ply"),
         (

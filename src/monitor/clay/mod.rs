@@ -8,8 +8,10 @@
 
 mod files;
 mod requests;
+mod shaping;
 mod splats;
 mod take;
+mod uploads;
 
 use core::time::Duration;
 use std::collections::HashSet;
@@ -17,13 +19,18 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
 use axum::http::StatusCode;
+use glam::DVec3;
 use serde_json::{Value, json};
 
 pub use files::plain_name;
 pub(super) use files::{SaveKind, save};
-pub(super) use requests::{hold, step, take};
+pub(super) use requests::{hold, order, step, take};
+pub(super) use shaping::{CombineAsked, DrawAsked, LayAsked, PullAsked, RegionAsked};
 pub(super) use splats::Splats;
 pub(super) use take::TakeAsked;
+pub(super) use uploads::{
+    IMAGE_BYTES_MAX, SOLID_BYTES_MAX, SolidAsked, VALUES_BYTES_MAX, ValuesAsked, image_of, solid_of, take_upload, values_of,
+};
 
 use super::encode::WirePose;
 use super::problem::RequestError;
@@ -138,6 +145,8 @@ impl ClayService {
             "spacing_m": view.spacing_m,
             "world_from_map": WirePose::from(self.world_from_map),
             "region_map": { "min": low.to_array(), "max": high.to_array() },
+            "raster": view.raster,
+            "curves_map": view.curves_map.iter().map(|curve| curve.iter().map(DVec3::to_array).collect()).collect::<Vec<Vec<_>>>(),
             "craft": tool.craft.name(),
             "crafts": SculptTool::NAMES.map(|(name, _)| name),
             "brush_m": tool.brush_m,
@@ -146,6 +155,13 @@ impl ClayService {
             "color": take::color_text(tool.color),
             "painted": properties(tool.painted),
             "paints": properties(tool.painted.or_harder(&view.material)),
+            "material": properties(Painted {
+                mass_kg: Some(view.material.mass_kg),
+                damping_n_s_per_m: Some(view.material.damping_n_s_per_m),
+                stiffness_n_per_m: Some(view.material.stiffness_n_per_m),
+            }),
+            "has_image": tool.image.is_some(),
+            "solid": tool.solid.as_ref().map(|solid| &*solid.name),
             "depth_m": tool.depth_m,
             "is_sharp": tool.is_sharp,
             "is_held": is_held,

@@ -7,7 +7,7 @@ use super::super::hub::Hub;
 use super::super::problem::RequestError;
 use super::{ClayService, TakeAsked};
 use crate::daemon::sculpting::OrderError;
-use clay::engine::SculptOrder;
+use clay::engine::{ClayView, SculptOrder};
 
 /// Another craft or other settings. What the hand feels of that goes through the same limits as all else.
 pub(in crate::monitor) fn take(hub: &Arc<Hub>, asked: TakeAsked, reply: Reply) {
@@ -17,7 +17,19 @@ pub(in crate::monitor) fn take(hub: &Arc<Hub>, asked: TakeAsked, reply: Reply) {
     }
 }
 
-fn answer_of(result: Result<(), OrderError>) -> Result<Completion, RequestError> {
+/// An order that is made out of what a client asks for.
+pub(in crate::monitor) fn order(
+    hub: &Arc<Hub>,
+    checked: impl FnOnce(&ClayView) -> Result<SculptOrder, RequestError>,
+    reply: Reply,
+) {
+    match hub.clay().and_then(|clay| Ok((checked(&*clay.view()?)?, clay))) {
+        Ok((order, clay)) => clay.access.ask(order, Box::new(|result| reply(answer_of(result)))),
+        Err(problem) => reply(Err(problem)),
+    }
+}
+
+pub(super) fn answer_of(result: Result<(), OrderError>) -> Result<Completion, RequestError> {
     result.map(|()| Completion::Nothing).map_err(|refused| RequestError::from(&refused))
 }
 

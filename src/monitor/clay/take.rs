@@ -27,7 +27,7 @@ pub(in crate::monitor) struct TakeAsked {
 /// A material to paint.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-struct PaintedAsked {
+pub(super) struct PaintedAsked {
     mass_kg: Option<f32>,
     damping_n_s_per_m: Option<f32>,
     stiffness_n_per_m: Option<f32>,
@@ -62,12 +62,14 @@ impl TakeAsked {
             color: self.color.map(color).transpose()?,
             painted: self.painted.map(painted_of).transpose()?,
             depth_m: self.depth_m,
+            image: None,
+            solid: None,
             is_sharp: self.is_sharp,
         })
     }
 }
 
-fn painted_of(asked: PaintedAsked) -> Result<Painted, RequestError> {
+pub(super) fn painted_of(asked: PaintedAsked) -> Result<Painted, RequestError> {
     let PaintedAsked { mass_kg, damping_n_s_per_m, stiffness_n_per_m } = asked;
     let painted = Painted { mass_kg, damping_n_s_per_m, stiffness_n_per_m };
     match painted.unsound() {
@@ -96,8 +98,8 @@ fn color_of(text: &str) -> Option<[u8; 3]> {
     Some([red, green, blue])
 }
 
-fn falloff_of(asked: &Value) -> Result<Falloff, RequestError> {
-    let hint = "\"gaussian\", \"constant\", \"spherical\" or a list of at least two weights from 0 to 1";
+pub(super) fn falloff_of(asked: &Value) -> Result<Falloff, RequestError> {
+    let hint = "\"gaussian\", \"constant\", \"spherical\", { \"rate\": 2 } or a list of at least two weights from 0 to 1";
     let refused = |what: &str| RequestError::bad(what, hint);
     match asked {
         Value::String(word) => [Falloff::Gaussian, Falloff::Constant, Falloff::Spherical]
@@ -109,7 +111,11 @@ fn falloff_of(asked: &Value) -> Result<Falloff, RequestError> {
             let weights = weights.ok_or_else(|| refused("weights of a fall-off are numbers"))?;
             Falloff::table(weights).map_err(|error| refused(&error.to_string()))
         }
-        _ => Err(refused("`falloff` is a word or a list of weights")),
+        Value::Object(table) if table.len() == 1 && table.contains_key("rate") => {
+            let rate = asked["rate"].as_f64().ok_or_else(|| refused("the rate of a fall-off is a number"))?;
+            Falloff::rate(rate).map_err(|error| refused(&error.to_string()))
+        }
+        _ => Err(refused("`falloff` is a word, a rate or a list of weights")),
     }
 }
 
@@ -183,6 +189,9 @@ mod tests {
             (json!({ "falloff": [1] }), "at least 2"),
             (json!({ "falloff": [1, "half"] }), "numbers"),
             (json!({ "falloff": 3 }), "a word"),
+            (json!({ "falloff": { "rate": 0 } }), "from 0.1 to 100"),
+            (json!({ "falloff": { "rate": "steep" } }), "a number"),
+            (json!({ "falloff": { "power": 2 } }), "a word"),
         ] {
             let error = taken(asked.clone()).expect_err(&asked.to_string());
             assert!(error.contains(expected), "{asked}: {error}");

@@ -22,6 +22,8 @@ pub(super) fn view_of(points: PointSet, version: u64) -> ClayView {
         points: Arc::new(points),
         spacing_m: 1e-3,
         region_map: (DVec3::splat(-0.02), DVec3::splat(0.02)),
+        raster: [40; 3],
+        curves_map: Arc::default(),
         tool: ToolSettings::default(),
         material: Material::default(),
         is_stroke: false,

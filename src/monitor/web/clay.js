@@ -9,6 +9,7 @@
 
 import { byId, element, say, words } from "./element.js";
 import { Look } from "./look.js";
+import { Numbers } from "./clay-numbers.js";
 import { Material } from "./material.js";
 import { Row } from "./parameters.js";
 import { parseSamples } from "./splats.js";
@@ -29,13 +30,14 @@ const CRAFTS = {
   touch: { label: "Touch", hint: "Feel the clay; it stays as it is." },
   push: { label: "Push", hint: "Press the tool into the clay: it dents.", sets: ["brush", "falloff"] },
   pull: { label: "Pull", hint: "Near the clay, hold; move the hand; let go.", sets: ["brush", "falloff"], isHeld: true },
-  "pull-curve": { label: "Pull curve", hint: "Hold to draw a curve; hold again to pull all of it.", sets: ["brush", "falloff"], isHeld: true },
+  "pull-curve": { label: "Pull curve", hint: "Hold to draw a curve, and another; hold near one to pull all of them.", sets: ["brush", "falloff"], isHeld: true },
   paint: { label: "Paint", hint: "Press lightly for a fine line, harder for a wide one.", sets: ["brush", "color"] },
   material: { label: "Material", hint: "Press to make the clay harder or softer there, and colour it.", sets: ["brush", "falloff", "color", "material"] },
   emboss: { label: "Emboss", hint: "Hold where the image is to stand out.", sets: ["brush", "depth"], isHeld: true },
   engrave: { label: "Engrave", hint: "Hold where the image is to be sunk in.", sets: ["brush", "depth"], isHeld: true },
   union: { label: "Union", hint: "Hold to add the tool's own shape.", sets: ["sharp"], isHeld: true },
   intersection: { label: "Intersect", hint: "Hold to leave only what the tool's shape covers.", sets: ["sharp"], isHeld: true },
+  region: { label: "Region", hint: "Hold at one corner of the box that is to deform; let go at the opposite one.", isHeld: true },
   difference: { label: "Cut out", hint: "Hold to cut the tool's own shape out.", sets: ["sharp"], isHeld: true },
 };
 
@@ -68,11 +70,12 @@ export class Clay {
     this.rows = { brush: this.#row("brush"), depth: this.#row("depth") };
     byId("clay-settings").replaceChildren(this.rows.brush.root, this.rows.depth.root);
     this.material = new Material((painted) => this.#take({ painted }));
+    this.numbers = new Numbers(link, (what, fields) => this.#do(what, fields), () => this.refresh());
     byId("clay-falloff").onchange = ({ target }) => this.#take({ falloff: target.value });
     byId("clay-color").onchange = ({ target }) => this.#take({ color: target.value });
     byId("clay-sharp").onchange = ({ target }) => this.#take({ is_sharp: target.checked });
     if (view) new Look(view);
-    else byId("clay-look").disabled = true;
+    else for (const name of ["look", "form", "grid"]) byId(`clay-${name}`).disabled = true;
     byId("clay-undo").onclick = () => this.#do("clay_undo");
     byId("clay-redo").onclick = () => this.#do("clay_redo");
     byId("clay-save").onsubmit = (event) => this.#save(event);
@@ -198,6 +201,7 @@ export class Clay {
     if (document.activeElement !== byId("clay-color")) byId("clay-color").value = facts.color;
     byId("clay-sharp").checked = facts.is_sharp;
     this.material.show(facts);
+    this.numbers.show(facts);
     for (const name of ["undo", "redo"]) {
       const button = byId(`clay-${name}`);
       button.disabled = facts[name] === 0;
@@ -256,7 +260,8 @@ export class Clay {
     const { world_from_map: pose, region_map: region, brush_m: radius, color } = this.facts;
     const hex = Number.parseInt(color.slice(1), 16);
     const paint = sets.includes("color") ? [16, 8, 0].map((shift) => ((hex >> shift) & 255) / 255) : null;
-    Object.assign(this.view.clay, { pose, region, brush: sets.includes("brush") ? { radius, color: paint } : null });
+    this.view.clay.takeCurves(this.facts.curves_map);
+    Object.assign(this.view.clay, { pose, region, raster: this.facts.raster, brush: sets.includes("brush") ? { radius, color: paint } : null });
     this.view.redraw();
   }
 
@@ -318,7 +323,7 @@ export class Clay {
     addEventListener("keydown", (event) => {
       const isStep = (event.ctrlKey || event.metaKey) && !event.altKey && event.key.toLowerCase() === "z";
       // What is being written has an undo of its own.
-      if (!isStep || !this.facts || this.#off || event.target.matches?.("input:not([type=range]):not([type=checkbox]):not([type=color]), select")) return;
+      if (!isStep || !this.facts || this.#off || event.target.matches?.("input:not([type=range]):not([type=checkbox]):not([type=color]), select, textarea")) return;
       event.preventDefault();
       this.#do(event.shiftKey ? "clay_redo" : "clay_undo");
     });

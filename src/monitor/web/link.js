@@ -109,17 +109,23 @@ export class Link extends EventTarget {
     await this.#fetch("POST", path, body);
   }
 
-  /** @param {string} method @param {string} path @param {object=} body @param {number=} timeoutMs */
+  /** A file goes to the server, or what it knows of one is forgotten. @param {"PUT"|"DELETE"} method @param {string} path @param {Blob=} file */
+  async sendFile(method, path, file) {
+    await this.#fetch(method, path, file, FILE_TIMEOUT_MS);
+  }
+
+  /** @param {string} method @param {string} path @param {(object|Blob)=} body @param {number=} timeoutMs */
   async #fetch(method, path, body, timeoutMs = TIMEOUT_MS) {
     const headers = {};
+    const isFile = body instanceof Blob;
     if (this.token) headers.Authorization = `Bearer ${this.token}`;
-    if (body) headers["Content-Type"] = "application/json";
+    if (body && !isFile) headers["Content-Type"] = "application/json";
     let response;
     try {
       response = await fetch(path.startsWith("/") ? path : `${API}/${path}`, {
         method,
         headers,
-        body: body && JSON.stringify(body),
+        body: isFile ? body : body && JSON.stringify(body),
         signal: AbortSignal.timeout(timeoutMs),
       });
     } catch {

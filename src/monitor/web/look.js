@@ -1,42 +1,57 @@
-/** The light on the clay in the picture, which the browser remembers. */
+/** How the clay is drawn: its light, what is drawn of its samples, and the mass points; the browser remembers it. */
 
 import { byId } from "./element.js";
-import { LOOKS } from "./splat-surface.js";
+import { FORMS, LOOKS } from "./splat-surface.js";
 
-const KEY = "clay-look";
+/** Of each choice: its field, whose name is also the one that the browser keeps it by, and its words. */
+const CHOICES = { look: ["clay-look", LOOKS], form: ["clay-form", FORMS] };
+const GRID = "clay-grid";
 
 export class Look {
   /** @param {import("./scene.js").SceneView} view */
   constructor(view) {
-    const choice = byId("clay-look");
-    const take = (look) => {
-      view.clay.surface.look = look;
+    for (const [what, [name, known]] of Object.entries(CHOICES)) {
+      const choice = byId(name);
+      const take = (word) => {
+        view.clay.surface[what] = word;
+        view.redraw();
+      };
+      const kept = remembered(name);
+      if (known.includes(kept)) {
+        choice.value = kept;
+        take(kept);
+      }
+      choice.onchange = () => {
+        take(choice.value);
+        remember(name, choice.value);
+      };
+    }
+    const grid = byId(GRID);
+    const takeGrid = () => {
+      view.clay.isGridShown = grid.checked;
       view.redraw();
     };
-    const kept = remembered();
-    if (LOOKS.includes(kept)) {
-      choice.value = kept;
-      take(kept);
-    }
-    choice.onchange = () => {
-      take(choice.value);
-      remember(choice.value);
+    grid.checked = remembered(GRID) === "shown";
+    takeGrid();
+    grid.onchange = () => {
+      takeGrid();
+      remember(GRID, grid.checked ? "shown" : "hidden");
     };
   }
 }
 
 /** A browser may keep nothing, and says so with an error. */
-function remembered() {
+function remembered(name) {
   try {
-    return localStorage.getItem(KEY);
+    return localStorage.getItem(name);
   } catch {
     return null;
   }
 }
 
-function remember(look) {
+function remember(name, value) {
   try {
-    localStorage.setItem(KEY, look);
+    localStorage.setItem(name, value);
   } catch {
     // It holds until the page is closed.
   }

@@ -27,6 +27,7 @@ const LEAST_TORQUE_SCALE = 0.005;
  * @property {(draw: Draw, ratio: number) => void=} over draws over everything but the axes
  * @property {{text: string, at: number[], color: string}[]=} labels what is written over the picture; CSS pixels, custom property
  * @property {() => void=} drawn after every picture
+ * @property {?object=} film there is one: what looks alike is drawn again
  * @property {() => void=} measured after the box around all parts has changed
  */
 
@@ -35,7 +36,7 @@ const LEAST_TORQUE_SCALE = 0.005;
 export class SceneView {
   redraw = oncePerFrame(() => {
     if (this.draw.gl.isContextLost() || this.canvas.clientWidth === 0) return;
-    this.#drawAll();
+    this.#drawAll(false);
     this.onDrawn();
     for (const addition of this.additions) addition.drawn?.();
   });
@@ -60,6 +61,8 @@ export class SceneView {
     /** Where the camera stood when all was last fitted into the picture. */
     this.fitted = null;
     this.state = null;
+    /** What the last state looks like that was drawn, as text. */
+    this.looks = "";
     this.points = new Float32Array(0);
     /** Distance between points of the tool, m. */
     this.pointSpacing = 1e-3;
@@ -97,6 +100,7 @@ export class SceneView {
   clear() {
     for (const drawn of this.parts.flatMap(({ faces, lines }) => [faces, lines])) this.draw.free(drawn);
     this.parts = [];
+    this.looks = "";
     this.alsoSeen = null;
     this.fitted = null;
     this.isUsed = false;
@@ -111,6 +115,7 @@ export class SceneView {
   add(part) {
     this.#upload(part);
     this.parts.push(part);
+    this.looks = "";
     this.#measure();
     this.redraw();
   }
@@ -126,9 +131,13 @@ export class SceneView {
     this.redraw();
   }
 
-  /** Shows the newest state. @param {object} state */
+  /** Shows the newest state: another picture, if it looks different. @param {object} state */
   show(state) {
     this.state = state;
+    const { objects, tool_cp, device_cp_world, contact_cf, contacts, points } = state;
+    const looks = JSON.stringify([state.state, objects, tool_cp, device_cp_world, contact_cf, contacts > 0, points]);
+    if (looks === this.looks && !this.additions.some(({ film }) => film)) return;
+    this.looks = looks;
     for (const { idx, p, q } of state.objects ?? []) {
       const part = this.parts.find((part) => part.idx === idx);
       if (part && isFinite3(p)) part.pose = { p, q };
@@ -176,9 +185,9 @@ export class SceneView {
     this.redraw();
   }
 
-  /** Draws at once; what is drawn can be read from the canvas until the caller returns to the browser. */
+  /** Draws at once and in full; what is drawn can be read from the canvas until the caller returns to the browser. */
   drawNow() {
-    this.#drawAll();
+    this.#drawAll(true);
   }
 
   /** Where a part stands in the picture. @param {Part} part @returns {Pose} */
@@ -245,16 +254,16 @@ export class SceneView {
     part.lines = this.draw.lines(part.mesh.edges);
   }
 
-  #drawAll() {
+  #drawAll(isInFull) {
     const { draw, canvas, camera, colors, parts } = this;
-    const ratio = Math.min(devicePixelRatio, MOST_PIXEL_RATIO);
+    const { view } = camera;
+    const ratio = Math.min(devicePixelRatio, MOST_PIXEL_RATIO) * this.clay.shareOfPixels(view, this.cutOf("clay"), isInFull);
     const width = Math.round(canvas.clientWidth * ratio);
     const height = Math.round(canvas.clientHeight * ratio);
     if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
     const backward = camera.backward;
     const right = normalize(cross([0, 0, 1], backward));
     const projection = camera.projection(width / Math.max(1, height));
-    const { view } = camera;
     draw.begin(width, height, {
       view,
       projection,
@@ -304,12 +313,14 @@ export class SceneView {
     this.draw.cut = this.cutOf("clay");
     this.clay.drawSurface(this.draw, opacity);
     this.draw.cut = null;
+    this.clay.drawGrid((...how) => this.draw.use(this.draw.programs.line, ...how), this.colors["part-edge"]);
     this.clay.drawRegion((...how) => this.draw.use(this.draw.programs.line, ...how), this.colors.grid);
   }
 
   #drawBrush() {
     const { middle } = this.tool;
     const pixels = (this.canvas.clientHeight / 2) * (this.draw.frame.stretch / length(subtract(this.draw.frame.eye, middle)));
+    this.clay.drawCurves((...how) => this.draw.use(this.draw.programs.line, ...how), this.colors.brush);
     this.clay.drawBrush((...how) => this.draw.use(this.draw.programs.line, ...how), middle, this.camera.backward, this.colors.brush, pixels);
   }
 

@@ -109,9 +109,7 @@ uniform float reach;
 uniform float step_m;
 uniform vec4 color;
 out vec4 pixel;
-float lines(float step_m) {
-  vec2 at = ground / step_m;
-  vec2 width = fwidth(at);
+float lines(vec2 at, vec2 width) {
   vec2 off = abs(fract(at - 0.5) - 0.5) / width;
   // Where lines come closer than two pixels they fade instead of shimmering.
   vec2 line = (1.0 - min(off, 1.0)) * clamp(1.0 - 2.0 * width, 0.0, 1.0);
@@ -119,7 +117,9 @@ float lines(float step_m) {
 }
 void main() {
   float fade = 1.0 - smoothstep(0.2, 1.0, length(ground - model[3].xy) / reach);
-  pixel = vec4(color.rgb, color.a * fade * max(0.45 * lines(step_m), lines(10.0 * step_m)));
+  vec2 at = ground / step_m;
+  vec2 width = fwidth(at);
+  pixel = vec4(color.rgb, color.a * fade * max(0.45 * lines(at, width), lines(0.1 * at, 0.1 * width)));
 }`,
 };
 

@@ -10,7 +10,9 @@
  * @property {Uint8Array} bytes 20 for each: position 3 × f32 (map frame, m), normal 3 × i8, spacing around it u8 (0: as `spacing`), colour 3 × u8 and filling
  */
 
+import { levelsOf } from "./lod.js";
 import { add, cornersOf, length, matrixAlong, matrixOfPose, multiply, scale, subtract, transform } from "./math.js";
+import { Pace } from "./pace.js";
 import { ring } from "./shapes.js";
 import { SplatSurface } from "./splat-surface.js";
 
@@ -53,7 +55,8 @@ export function parseSamples(buffer) {
 export class Splats {
   /** @param {() => void} redraw called when there is a finer picture of what stands still */
   constructor(redraw) {
-    this.surface = new SplatSurface(redraw);
+    this.surface = new SplatSurface();
+    this.pace = new Pace(redraw);
     /** Counts shapes, also of other scenes. */
     this.shapes = 0;
     this.clear();
@@ -63,7 +66,11 @@ export class Splats {
   prepare(gl) {
     this.gl = gl;
     this.surface.prepare(gl);
+    this.pace.forget();
     this.texture = null;
+    this.elements = gl.createVertexArray();
+    gl.bindVertexArray(this.elements);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
     [this.box, ...this.rings] = [new Float32Array(CUBE), ...RINGS.map(ring)].map((positions) => {
       const vao = gl.createVertexArray();
       gl.bindVertexArray(vao);
@@ -72,7 +79,79 @@ export class Splats {
       gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
       return { vao, n: positions.length / 3 };
     });
-    if (this.samples) this.#upload(null);
+    this.curves = { vao: null, n: 0, key: "" };
+    this.grid = { vao: null, n: 0, key: "" };
+    if (this.samples) this.#upload();
+    this.takeCurves(this.corners_m ?? []);
+  }
+
+  /** Curves that were drawn: lines from corner to corner. @param {number[][][]} curves map frame, m */
+  takeCurves(curves) {
+    this.corners_m = curves;
+    const { gl } = this;
+    const key = JSON.stringify(curves);
+    if (!gl || this.curves?.key === key) return;
+    const ends = curves.flatMap((curve) => (curve.length === 1 ? cross(curve[0]) : curve.slice(1).flatMap((at, n) => [...curve[n], ...at])));
+    gl.deleteBuffer(this.curves.buffer);
+    gl.deleteVertexArray(this.curves.vao);
+    const vao = gl.createVertexArray();
+    gl.bindVertexArray(vao);
+    const buffer = this.#fill(new Float32Array(ends));
+    gl.enableVertexAttribArray(0);
+    gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
+    this.curves = { vao, buffer, n: ends.length / 3, key };
+  }
+
+  /** The springs between mass points, as lines through all of the region: the picture of figure 1 of the paper. */
+  drawGrid(use, color) {
+    if (!this.isGridShown || !this.region || !this.raster || !this.samples) return;
+    const key = this.raster.join();
+    if (this.grid.key !== key) this.#layGrid(key);
+    use(this.#stretched(), color, GRID_OPACITY);
+    this.gl.bindVertexArray(this.grid.vao);
+    this.gl.drawArrays(this.gl.LINES, 0, this.grid.n);
+  }
+
+  #layGrid(key) {
+    const { gl } = this;
+    const { raster } = this;
+    const ends = [];
+    for (let axis = 0; axis < 3; axis += 1) {
+      const [one, other] = [(axis + 1) % 3, (axis + 2) % 3];
+      for (let n = 0; n < raster[one]; n += 1) {
+        for (let m = 0; m < raster[other]; m += 1) {
+          for (const along of [0, 1]) {
+            const end = [0, 0, 0];
+            [end[axis], end[one], end[other]] = [along, n / (raster[one] - 1), m / (raster[other] - 1)];
+            ends.push(...end);
+          }
+        }
+      }
+    }
+    gl.deleteBuffer(this.grid.buffer);
+    gl.deleteVertexArray(this.grid.vao);
+    const vao = gl.createVertexArray();
+    gl.bindVertexArray(vao);
+    const buffer = this.#fill(new Float32Array(ends));
+    gl.enableVertexAttribArray(0);
+    gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
+    this.grid = { vao, buffer, n: ends.length / 3, key };
+  }
+
+  /** The cube from 0 to 1, over the region in the world. */
+  #stretched() {
+    const { min, max } = this.region;
+    const size = subtract(max, min);
+    const stretch = new Float32Array([size[0], 0, 0, 0, 0, size[1], 0, 0, 0, 0, size[2], 0, ...min, 1]);
+    return multiply(matrixOfPose(this.pose), stretch);
+  }
+
+  /** Over the surface. @param {(model: Float32Array, color: number[], opacity: number) => void} use takes the program of lines */
+  drawCurves(use, color) {
+    if (!this.samples || !this.curves?.n) return;
+    use(matrixOfPose(this.pose), color, 1);
+    this.gl.bindVertexArray(this.curves.vao);
+    this.gl.drawArrays(this.gl.LINES, 0, this.curves.n);
   }
 
   #fill(data) {
@@ -83,19 +162,53 @@ export class Splats {
     return buffer;
   }
 
-  /** Sends samples to the graphics card, in rows of ROW; those of a stroke are few of many, so only rows that differ from what it has. @param {?Samples} before */
-  #upload(before) {
-    const { gl } = this;
-    const [old, now] = [before, this.samples].map((samples) => samples && words(samples));
-    const nRows = Math.max(1, Math.ceil(now.length / ROW));
-    const isAnother = !this.texture || this.nRows < nRows;
-    if (isAnother) this.#allocate(Math.ceil(ROOM * nRows));
-    gl.bindTexture(gl.TEXTURE_2D, this.texture);
-    for (let begin = 0; begin < now.length; begin += ROW) {
-      const end = Math.min(begin + ROW, now.length);
-      if (!isAnother && old && end <= old.length && !differs(old, now, begin, end)) continue;
-      gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, begin / ROW, end - begin, 1, gl.RED_INTEGER, gl.UNSIGNED_INT, now, begin);
+  /**
+   * Sends samples and the nodes above them to the graphics card, in rows of ROW, and in which order they are drawn. Samples of a stroke are few of many, so only rows
+   * that differ from what it has.
+   */
+  #upload() {
+    const { gl, levels } = this;
+    const all = [words(this.samples), ...levels.nodes];
+    const rowsOf = (words) => Math.ceil(words.length / ROW);
+    const isAnother = !this.texture || this.firstRows.length < all.length || all.some((words, level) => this.firstRows[level] + rowsOf(words) > (this.firstRows[level + 1] ?? this.nRows));
+    if (isAnother) {
+      const rooms = all.map((words) => Math.ceil(ROOM * rowsOf(words)));
+      this.firstRows = rooms.map((_, level) => rooms.slice(0, level).reduce((sum, rows) => sum + rows, 0));
+      this.#allocate(Math.max(1, rooms.reduce((sum, rows) => sum + rows, 0)));
+      this.sent = [];
     }
+    gl.bindTexture(gl.TEXTURE_2D, this.texture);
+    all.forEach((now, level) => {
+      const old = this.sent[level];
+      for (let begin = 0; begin < now.length; begin += ROW) {
+        const end = Math.min(begin + ROW, now.length);
+        if (old && end <= old.length && !differs(old, now, begin, end)) continue;
+        gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, this.firstRows[level] + begin / ROW, end - begin, 1, gl.RED_INTEGER, gl.UNSIGNED_INT, now, begin);
+      }
+    });
+    this.sent = all;
+    this.#list(all);
+  }
+
+  /** The corners of all triangles, level by level, each in the order of its blocks: three for each sample or node. */
+  #list(all) {
+    const { gl, levels: { order } } = this;
+    const counts = all.map((words) => (words.length * 4) / SAMPLE_BYTES);
+    this.starts = counts.map((_, level) => counts.slice(0, level).reduce((sum, n) => sum + n, 0));
+    const corners = new Uint32Array(3 * counts.reduce((sum, n) => sum + n, 0));
+    let at = 0;
+    counts.forEach((n, level) => {
+      const first = (this.firstRows[level] * ROW * 4) / SAMPLE_BYTES;
+      for (let row = 0; row < n; row += 1) {
+        const corner = 3 * (first + (level === 0 ? order[row] : row));
+        corners[at] = corner;
+        corners[at + 1] = corner + 1;
+        corners[at + 2] = corner + 2;
+        at += 3;
+      }
+    });
+    gl.bindVertexArray(this.elements);
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, corners, gl.DYNAMIC_DRAW);
   }
 
   #allocate(nRows) {
@@ -124,10 +237,8 @@ export class Splats {
 
   /** @param {Samples} samples */
   take(samples) {
-    const before = this.samples;
     this.samples = samples;
     this.shapes += 1;
-    this.#upload(before);
     const min = [Infinity, Infinity, Infinity];
     const max = [-Infinity, -Infinity, -Infinity];
     const numbers = new Float32Array(samples.bytes.buffer, samples.bytes.byteOffset, samples.bytes.byteLength / 4);
@@ -139,22 +250,31 @@ export class Splats {
     }
     this.corners = samples.n > 0 ? cornersOf({ min, max }).map((corner) => transform(this.pose, corner)) : [];
     this.radius = length(subtract(max, min)) / 2;
+    this.levels = levelsOf(words(samples), samples.n, { min, max, spacing: samples.spacing, unit: samples.unit });
+    this.#upload();
+  }
+
+  /** At which share of the full resolution the next picture is due. @param {Float32Array} view of the camera @param {?number[]} cut @param {boolean} isInFull whatever moves */
+  shareOfPixels(view, cut, isInFull) {
+    const { p, q } = this.pose;
+    const key = [this.surface.form, this.shapes, ...view, ...p, ...q, ...(cut ?? [])].join();
+    this.share = isInFull || !this.samples?.n ? 1 : this.pace.share(key);
+    return this.share;
   }
 
   /** @param {import("./draw.js").Draw} draw @param {number} opacity below 1: only the nearest surface, blended */
   drawSurface(draw, opacity) {
     if (!this.samples?.n) return;
-    const { texture, radius, corners, shapes: version, samples: { n, spacing, unit } } = this;
-    this.surface.show(draw, { texture, n, spacing, unit, radius, corners, version }, matrixOfPose(this.pose), opacity);
+    const { texture, elements, levels, starts, radius, corners, shapes: version, samples: { spacing, unit } } = this;
+    const begun = performance.now();
+    const isMade = this.surface.show(draw, { texture, elements, levels, starts, spacing, unit, radius, corners, version }, matrixOfPose(this.pose), opacity, this.share < 1);
+    if (isMade && this.share === 1) this.pace.time(this.gl, begun);
   }
 
   /** @param {(model: Float32Array, color: number[], opacity: number) => void} use takes the program of lines */
   drawRegion(use, color) {
     if (!this.region || !this.samples) return;
-    const { min, max } = this.region;
-    const size = subtract(max, min);
-    const stretch = new Float32Array([size[0], 0, 0, 0, 0, size[1], 0, 0, 0, 0, size[2], 0, ...min, 1]);
-    use(multiply(matrixOfPose(this.pose), stretch), color, 0.5);
+    use(this.#stretched(), color, 0.5);
     this.gl.bindVertexArray(this.box.vao);
     this.gl.drawArrays(this.gl.LINES, 0, this.box.n);
   }
@@ -176,6 +296,14 @@ export class Splats {
     this.gl.drawArrays(this.gl.TRIANGLE_STRIP, 0, ring.n);
   }
 }
+
+/** Lines through so many mass points lie over each other. */
+const GRID_OPACITY = 0.12;
+/** Half the arms of the mark of a single place, m. */
+const MARK_M = 0.5e-3;
+
+/** A place, as three short lines through it. */
+const cross = (at) => [0, 1, 2].flatMap((axis) => [-MARK_M, MARK_M].flatMap((off) => at.map((x, n) => (n === axis ? x + off : x))));
 
 const words = ({ bytes }) => new Uint32Array(bytes.buffer, bytes.byteOffset, bytes.byteLength / 4);
 

@@ -1,7 +1,8 @@
-//! Pictures of clay: its samples as shaded discs, from three sides on one sheet.
+//! Pictures of clay: its samples as one surface, or each for itself, from three sides on one sheet.
 //!
 //! [`sheet`](self) lays the views out, `discs` says what each pixel sees, `shade` lights it. Samples cover one another as surfaces do: a
-//! pixel shows the mean of the discs that are nearest to the viewer there, weighted by how near their middles are.
+//! pixel of the surface shows the mean of the discs that are nearest to the viewer there, weighted by how near their middles are; of samples that are drawn each for
+//! itself, the nearest.
 //!
 //! Invariants: no randomness, one thread: the same picture on every machine. Cost: O(pixels · discs that cover one).
 
@@ -12,7 +13,8 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use self::discs::{Discs, seen};
+pub use self::discs::SampleForm;
+use self::discs::{Discs, add_balls, seen};
 use super::canvas::{Align, Canvas};
 use super::palette::{BACKDROP, FAINT, INK};
 use super::shade::{self, FINER, halved};
@@ -20,6 +22,7 @@ use super::sheet::{grouped, shortened};
 use super::view::Camera;
 use clay::PointSet;
 use recording::report::chart::short;
+use vps::density::Raster;
 use vps::storage::whole_file::write_bytes;
 
 /// A piece of clay at one moment.
@@ -31,6 +34,31 @@ pub struct ClaySnapshot<'a> {
     pub points: &'a PointSet,
     /// The same piece at another moment, in another picture: both are drawn at one scale.
     pub beside: Option<&'a PointSet>,
+    /// What is drawn of the samples.
+    pub form: SampleForm,
+    /// Those that [`SampleForm::MassPoints`] shows.
+    pub mass_points: &'a MassPoints,
+}
+
+/// Mass points on both sides of a surface.
+#[derive(Clone, Debug, Default)]
+pub struct MassPoints {
+    /// `[n]`, map frame, m.
+    places_map: Vec<DVec3>,
+    /// Distance of neighbours, m.
+    spacing_m: f64,
+}
+
+impl MassPoints {
+    /// Those of a region that are within their own distance of its surface. O(mass points).
+    pub fn beside_surface(region: &Raster) -> Self {
+        let lattice = region.lattice();
+        let [nx, ny, nz] = lattice.dims;
+        let nodes = (0..nx).flat_map(|x| (0..ny).flat_map(move |y| (0..nz).map(move |z| [x, y, z])));
+        let is_near = |value_m: &f32| f64::from(value_m.abs()) < lattice.spacing_m;
+        let near = nodes.zip(region.values_m()).filter(|(_, value_m)| is_near(value_m));
+        Self { places_map: near.map(|(node, _)| lattice.position(node)).collect(), spacing_m: lattice.spacing_m }
+    }
 }
 
 /// Of the sheet, pixels.
@@ -41,6 +69,8 @@ const HEADER: i32 = 52;
 const LARGE: [i32; 2] = [608, 420];
 const SMALL: [i32; 2] = [356, 204];
 const GAP: i32 = 12;
+/// Radius of the ball of a mass point, as a share of the distance of neighbours.
+const BALL: f64 = 0.12;
 /// Share of a view that the piece takes up at most.
 const FILLED: f64 = 0.86;
 
@@ -69,12 +99,17 @@ fn png(subjects: &[ClaySnapshot<'_>]) -> io::Result<Vec<u8>> {
     for (n, subject) in subjects.iter().enumerate() {
         let top = n as i32 * row;
         draw_words(&mut canvas, subject, f64::from(top));
-        let discs = Discs::of(subject.points);
+        let discs = Discs::of(subject.points, subject.form);
         for (word, [left, below], size, toward) in VIEWS {
             let corner = [left, top + HEADER + below];
             let fine = size.map(|edge| (edge * FINER) as usize);
             let camera = Camera::over(toward, shown().flat_map(|points| points.positions_map.iter().copied()), fine, FILLED);
-            let pixels = shade::lit(&seen(&camera, &discs, fine), BACKDROP);
+            let mut view = seen(&camera, &discs, fine);
+            if subject.form == SampleForm::MassPoints {
+                let MassPoints { places_map, spacing_m } = subject.mass_points;
+                add_balls(&camera, &mut view, places_map, BALL * spacing_m, INK);
+            }
+            let pixels = shade::lit(&view, BACKDROP);
             canvas.image(corner, size, &halved(&pixels, fine[0]));
             canvas.scale_bar(corner, size, camera.pixels_per_m() / f64::from(FINER));
             let [x, y] = corner.map(f64::from);

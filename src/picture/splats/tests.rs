@@ -14,7 +14,12 @@ fn ball(n: usize, radius_m: f64, middle_map: DVec3) -> PointSet {
 }
 
 fn subject<'a>(points: &'a PointSet, beside: Option<&'a PointSet>) -> ClaySnapshot<'a> {
-    ClaySnapshot { name: "ball", points, beside }
+    as_form(points, beside, SampleForm::Surface)
+}
+
+fn as_form<'a>(points: &'a PointSet, beside: Option<&'a PointSet>, form: SampleForm) -> ClaySnapshot<'a> {
+    static NONE: MassPoints = MassPoints { places_map: Vec::new(), spacing_m: 0.0 };
+    ClaySnapshot { name: "ball", points, beside, form, mass_points: &NONE }
 }
 
 fn decoded(subjects: &[ClaySnapshot<'_>]) -> tiny_skia::Pixmap {
@@ -91,4 +96,45 @@ fn nothing_is_an_empty_sheet_and_a_few_samples_are_no_trouble() {
     decoded(&[subject(&PointSet::default(), None)]);
     let points = ball(1, 0.01, DVec3::ZERO);
     decoded(&[subject(&points, None)]);
+}
+
+#[test]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
+fn samples_are_discs_sprites_or_spheres_too() {
+    let points = ball(400, 0.02, DVec3::ZERO);
+    let covered = |form| {
+        let sheet = decoded(&[as_form(&points, None, form)]);
+        let (_, [left, top], [width, height], _) = VIEWS[1];
+        // Without the word and the bar at the rim.
+        let at = |n: i32| {
+            sheet.pixel((left + width / 4 + n % (width / 2)) as u32, (top + HEADER + height / 8 + n / (width / 2)) as u32).unwrap()
+        };
+        let tones: Vec<_> = (0..width / 2 * (3 * height / 4))
+            .map(|n| [at(n).red(), at(n).green(), at(n).blue()])
+            .filter(|color| *color != BACKDROP)
+            .collect();
+        (tones.len() as f64, tones.iter().collect::<std::collections::HashSet<_>>().len())
+    };
+    let [surface, discs, sprites, spheres] =
+        [SampleForm::Surface, SampleForm::Discs, SampleForm::Sprites, SampleForm::Spheres].map(covered);
+    assert!(
+        discs.0 < 0.9 * surface.0,
+        "there are gaps between discs: {discs:?} {surface:?}, sprites {sprites:?}, spheres {spheres:?}"
+    );
+    assert!(sprites.0 > 1.1 * discs.0, "sprites face the viewer: {sprites:?} {discs:?}");
+    assert!(
+        (spheres.0 / sprites.0 - 1.0).abs() < 0.01 && spheres.1 > 2 * sprites.1,
+        "a sphere is round in the light: {spheres:?} {sprites:?}"
+    );
+}
+
+#[test]
+fn mass_points_beside_the_surface_are_those_within_their_distance() {
+    let lattice = vps::density::Lattice { origin_map: DVec3::ZERO, spacing_m: 1e-3, dims: [3, 2, 6] };
+    let mut region = Raster::uniform(lattice, 0.0);
+    // A plane at z = 2.4 mm.
+    region.values_m_mut().iter_mut().enumerate().for_each(|(n, value_m)| *value_m = 2.4e-3 - (n % 6) as f32 * 1e-3);
+    let MassPoints { places_map, spacing_m } = MassPoints::beside_surface(&region);
+    assert_eq!((places_map.len(), spacing_m), (2 * 3 * 2, 1e-3));
+    assert!(places_map.iter().all(|at| (at.z - 2.4e-3).abs() < 1e-3));
 }

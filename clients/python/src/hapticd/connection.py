@@ -55,22 +55,26 @@ class Address:
 
     def get(self, path: str, timeout_s: float) -> bytes | None:
         """The body of `GET path`; None for 204. Raises what the server refuses."""
+        return self.send("GET", path, None, timeout_s)
+
+    def send(self, method: str, path: str, body: bytes | None, timeout_s: float) -> bytes | None:
+        """The body of the answer; None for 204. Raises what the server refuses."""
         connection = http.client.HTTPConnection(self.host, self.port, timeout=timeout_s)
         try:
-            connection.request("GET", path, headers=self.headers)
+            connection.request(method, path, body=body, headers=self.headers)
             answer = connection.getresponse()
-            body = answer.read()
+            said = answer.read()
         except TimeoutError as late:
-            raise NoAnswer(f"no answer to GET {path} within {timeout_s:g} s") from late
+            raise NoAnswer(f"no answer to {method} {path} within {timeout_s:g} s") from late
         except (OSError, http.client.HTTPException) as error:
             raise Disconnected(f"no answer from {self.place}: {error}") from error
         finally:
             connection.close()
         if answer.status == 204:
             return None
-        if answer.status != 200:
-            raise refusal(answer.status, _json(body))
-        return body
+        if answer.status not in (200, 202):
+            raise refusal(answer.status, _json(said))
+        return said
 
 
 class Stream:

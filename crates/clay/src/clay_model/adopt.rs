@@ -1,7 +1,11 @@
 //! What a stroke leaves to the surface.
 
+use glam::DVec3;
+use rayon::prelude::*;
+
 use super::super::advect::AdvectedSamples;
-use super::super::{PointSet, PointSurface, SampleMove, SurfaceError};
+use super::super::{Neighbours, PointSet, PointSurface, SampleMove, SurfaceError, resample};
+use super::CLOSE_SPACINGS;
 use vps::density::{Lattice, Raster};
 
 /// What moved by less, in spacings of the raster, has not moved.
@@ -38,6 +42,40 @@ pub(super) fn forget_faint(points: &mut PointSet, before: &PointSet, now: &mut R
             *now_m = *rest_m;
         }
     }
+}
+
+/// Fills empty circles beside samples that an image, a Boolean or another region has changed, and takes those away that were squeezed together since
+/// `before`, whose numbers are those of the surface. New samples lie on the densities of `base`.
+///
+/// # Errors
+/// [`SurfaceError`]; nothing has changed then.
+pub(super) fn make_even(
+    surface: &mut PointSurface,
+    before: &PointSet,
+    looked_at: &[u32],
+    base: &Raster,
+    gap_m: f64,
+) -> Result<(), SurfaceError> {
+    let mut points = surface.points().clone();
+    let n_before = points.len() as u32;
+    let mut afloat = AdvectedSamples::new(&points, base, 0.0);
+    resample::fill(&mut points, &mut afloat, looked_at, base, gap_m);
+    let may_go: Vec<u32> = looked_at.iter().copied().chain(n_before..points.len() as u32).collect();
+    let kept = resample::thinned(&points, before, &may_go, CLOSE_SPACINGS * surface.spacing_m());
+    if kept.len() == n_before as usize && points.len() == kept.len() {
+        return Ok(());
+    }
+    let mut stays = vec![false; points.len()];
+    kept.iter().for_each(|sample| stays[*sample as usize] = true);
+    let removed: Vec<u32> = (0..n_before).filter(|sample| !stays[*sample as usize]).collect();
+    surface.replace(&removed, &points.select(kept.iter().copied().filter(|sample| *sample >= n_before)))
+}
+
+/// Samples with one of a tree within a distance, ascending.
+pub(super) fn near_to(points: &PointSet, tree: &Neighbours, within_m: f64) -> Vec<u32> {
+    let is_near = |at: &DVec3| tree.nearest(*at).is_some_and(|nearest| nearest.distance_squared_m2 <= within_m * within_m);
+    let are_near: Vec<bool> = points.positions_map.par_iter().map(is_near).collect();
+    (0..points.len() as u32).filter(|sample| are_near[*sample as usize]).collect()
 }
 
 /// Lets a surface have the samples of a stroke: those that moved, without those that go, and with those that came.

@@ -2,12 +2,12 @@
 
 use glam::DVec3;
 
-use super::super::SurfaceError;
 use super::super::dynamics::Material;
 #[cfg(test)]
 use super::super::material_map::MaterialMap;
-use super::super::material_map::{MaterialCoat, Painted};
+use super::super::material_map::{MaterialCoat, MaterialPlace, Painted};
 use super::super::paint::{Brush, Dab};
+use super::super::{Neighbours, SurfaceError};
 use super::ClayModel;
 
 impl ClayModel {
@@ -37,6 +37,54 @@ impl ClayModel {
         Ok(coat.dab(&mut self.material_map, (&lattice, &self.settings.material), &brush.falloff, dab))
     }
 
+    /// Lays a material, [`MaterialPlace::Everywhere`] or on the mass points of a place: one stroke. Without a property given, clay that is
+    /// [so many times](Painted::HARDER) as hard. Gives how many mass points it reached; 0: nothing has changed. Cost: O(mass points).
+    ///
+    /// # Errors
+    /// [`SurfaceError`] where another stroke had to end first, and made no surface; that is taken back then.
+    pub(crate) fn lay_material(&mut self, painted: Painted, place: &MaterialPlace) -> Result<usize, SurfaceError> {
+        self.end_stroke()?;
+        let clay = self.settings.material.clone();
+        let painted = painted.or_harder(&clay);
+        let lattice = *self.base.lattice();
+        let mut map = self.material_map.clone();
+        let mut after = clay.clone();
+        let n_reached = match place {
+            MaterialPlace::Everywhere => {
+                after.mass_kg = painted.mass_kg.unwrap_or(clay.mass_kg);
+                after.damping_n_s_per_m = painted.damping_n_s_per_m.unwrap_or(clay.damping_n_s_per_m);
+                after.stiffness_n_per_m = painted.stiffness_n_per_m.unwrap_or(clay.stiffness_n_per_m);
+                if after == clay { 0 } else { lattice.n_nodes() }
+            }
+            MaterialPlace::Box { low_map, high_map } => {
+                map.lay((&lattice, &clay), |at| (at.cmpge(*low_map).all() && at.cmple(*high_map).all()).then_some((painted, 1.0)))
+            }
+            MaterialPlace::Ball { center_map, radius_m, falloff } => {
+                map.lay((&lattice, &clay), |at| Some((painted, falloff.weight(at.distance(*center_map) / radius_m) as f32)))
+            }
+            MaterialPlace::Gradient { from_map, to_map } => {
+                let way = *to_map - *from_map;
+                let share = |at: DVec3| ((at - *from_map).dot(way) / way.length_squared()).clamp(0.0, 1.0);
+                map.lay((&lattice, &clay), |at| Some((painted, share(at) as f32)))
+            }
+            MaterialPlace::Values { places_map, painted, within_m } => {
+                let near = Neighbours::new(places_map);
+                map.lay((&lattice, &clay), |at| {
+                    let nearest = near.nearest(at)?;
+                    let sample = nearest.sample as usize;
+                    (places_map[sample].distance(at) <= *within_m).then(|| (painted[sample], 1.0))
+                })
+            }
+        };
+        if n_reached > 0 {
+            self.remember();
+            (self.settings.material, self.material_map) = (after, map);
+            self.renew_material();
+            self.settle();
+        }
+        Ok(n_reached)
+    }
+
     /// What was painted, on the nodes of the base.
     #[cfg(test)]
     pub(crate) fn material_map(&self) -> &MaterialMap {
@@ -55,10 +103,14 @@ impl ClayModel {
     /// The press is over: the region moves as what was painted.
     pub(super) fn set_material(&mut self) {
         if self.material_coat.take().is_some() {
-            let lattice = *self.region.dynamics.lattice();
-            let of_part = self.material_map.of_part(self.base.lattice(), self.region.first, &lattice, &self.settings.material);
-            *self.region.dynamics.material_mut() = of_part;
+            self.renew_material();
         }
+    }
+
+    fn renew_material(&mut self) {
+        let lattice = *self.region.dynamics.lattice();
+        let of_part = self.material_map.of_part(self.base.lattice(), self.region.first, &lattice, &self.settings.material);
+        *self.region.dynamics.material_mut() = of_part;
     }
 }
 

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::super::dynamics::{Integrator, Material};
-use super::super::{PointSurface, SurfaceError};
+use super::super::{PointSet, PointSurface, SurfaceError};
 use vps::spatial::{Metres, Place};
 
 /// Nodes of the base raster at most: 128 MiB.
@@ -14,6 +14,8 @@ pub(super) const NODES_MAX: usize = 1 << 25;
 pub struct Settings {
     /// Samples that a local fit takes into account.
     pub n_neighbours: usize,
+    /// The field meets every sample exactly ([`PointSurface::interpolating`]).
+    pub interpolates: bool,
     /// Lowest and highest corner of the region that deforms, map frame, m; `None`: all of the piece, and air around it.
     pub region_map: Option<(DVec3, DVec3)>,
     /// Mass points along x, y, z.
@@ -31,12 +33,21 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             n_neighbours: PointSurface::DEFAULT_NEIGHBOURS,
+            interpolates: false,
             region_map: None,
             raster: [40; 3],
             air_m: 0.01,
             material: Material::default(),
             integrator: Integrator::default(),
         }
+    }
+}
+
+impl Settings {
+    /// The surface through samples.
+    pub(crate) fn surface(&self, points: PointSet) -> Result<PointSurface, SurfaceError> {
+        let surface = PointSurface::build(points, self.n_neighbours)?;
+        Ok(if self.interpolates { surface.interpolating() } else { surface })
     }
 }
 

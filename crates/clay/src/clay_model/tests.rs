@@ -311,6 +311,39 @@ fn a_brush_that_covers_no_sample_makes_no_stroke() {
 }
 
 #[test]
+fn a_rim_is_split_where_the_brush_has_passed_while_it_is_down() {
+    let mut piece = ball();
+    let brush = Brush {
+        color: [255, 0, 0],
+        radius_m_per_n: 1e-3,
+        radius_max_m: 2e-3,
+        falloff: Falloff::Constant,
+        smallest_m: piece.smallest_disc_m(),
+    };
+    let on_way = |k: u32| {
+        let (sin, cos) = (f64::from(k) * 0.01 - 0.5).sin_cos();
+        DVec3::new(sin, 0.0, cos) * R
+    };
+    for k in 0..100 {
+        piece.paint(&brush, on_way(k), 10.0).unwrap();
+    }
+    assert!(piece.is_stroke());
+    let n_near =
+        |piece: &ClayModel, at: DVec3| piece.points().positions_map.iter().filter(|place| place.distance(at) < 3e-3).count();
+    let (n_behind, n_at_work) = (n_near(&piece, on_way(5)), n_near(&piece, on_way(99)));
+    assert!(n_behind > 2 * n_at_work, "{n_behind} samples behind, {n_at_work} at work");
+    let way_m = |at: &DVec3| (0..100).map(|k| at.distance(on_way(k))).fold(f64::INFINITY, f64::min);
+    piece.end_stroke().unwrap();
+    assert!(n_near(&piece, on_way(99)) > 2 * n_at_work, "the rest is split when the brush is lifted");
+    // Red is what the brush passed, and nothing else, with finer samples at its rim than anywhere.
+    for (at, color) in piece.points().positions_map.iter().zip(&piece.points().colors) {
+        assert!((way_m(at) < 2e-3) == (*color == [255, 0, 0]) || (way_m(at) - 2e-3).abs() < 1e-5, "{at}: {color:?}");
+    }
+    assert_eq!(piece.history(), (1, 0));
+    assert!(piece.undo().unwrap() && piece.points().len() == ball().points().len());
+}
+
+#[test]
 fn a_painted_rim_stays_fine_when_the_surface_beside_it_is_worked() {
     let mut piece = ball();
     let brush = Brush {
@@ -328,4 +361,351 @@ fn a_painted_rim_stays_fine_when_the_surface_beside_it_is_worked() {
     assert!(painted > 2 * n_rim(&ball()), "{painted} of {}", n_rim(&ball()));
     stroke(&mut piece, -6.0);
     assert!(n_rim(&piece) as f64 > 0.9 * painted as f64, "{} of {painted}", n_rim(&piece));
+}
+
+/// The largest distance of a place of the surface from the nearest sample, m: the radius of the largest empty circle, by the corners of the closed mesh,
+/// which lie densely on the densities. Places near the edge of the region, where the raster of the base ends, count as well.
+fn largest_empty_circle_m(piece: &ClayModel) -> f64 {
+    let near = crate::Neighbours::new(&piece.points().positions_map);
+    let corners = piece.mesh().unwrap().vertices;
+    corners.iter().map(|at| near.nearest(*at).unwrap().distance_squared_m2.sqrt()).fold(0.0, f64::max)
+}
+
+#[test]
+fn no_tool_leaves_an_empty_circle_larger_than_the_threshold() {
+    let brush = |piece: &ClayModel| Brush {
+        color: [255, 0, 0],
+        radius_m_per_n: 1e-3,
+        radius_max_m: 4e-3,
+        falloff: Falloff::Constant,
+        smallest_m: piece.smallest_disc_m(),
+    };
+    let white = |piece: &mut ClayModel, depth_m: f64| {
+        let image = GreyImage::new(2, 2, vec![1.0; 4]).unwrap();
+        let placement = ImagePlacement::Flat { middle_map: DVec3::Z * R, right_map: DVec3::X * 4e-3, up_map: DVec3::Y * 4e-3 };
+        assert!(piece.emboss(&image, &placement, depth_m).unwrap() > 30);
+    };
+    let ball_at = |middle_map: DVec3| PointSurface::build(shapes_at(middle_map), PointSurface::DEFAULT_NEIGHBOURS).unwrap();
+    let join = |piece: &mut ClayModel, boolean: Boolean, is_sharp: bool| {
+        piece.combine(boolean, &ball_at(DVec3::new(2e-3, 3e-3, 1.05 * R)), is_sharp).unwrap();
+    };
+    type Tool<'t> = (&'t str, &'t dyn Fn(&mut ClayModel));
+    let tools: [Tool; 11] = [
+        ("pull", &|piece| stroke(piece, 14.0)),
+        ("push", &|piece| stroke(piece, -14.0)),
+        ("paint", &|piece| {
+            piece.paint(&brush(piece), DVec3::Z * R, 10.0).unwrap();
+            piece.end_stroke().unwrap();
+        }),
+        ("emboss", &|piece| white(piece, 4e-3)),
+        ("engrave", &|piece| white(piece, -4e-3)),
+        ("union", &|piece| join(piece, Boolean::Union, false)),
+        ("sharp union", &|piece| join(piece, Boolean::Union, true)),
+        ("difference", &|piece| join(piece, Boolean::Difference, false)),
+        ("sharp difference", &|piece| join(piece, Boolean::Difference, true)),
+        ("sharp intersection", &|piece| join(piece, Boolean::Intersection, true)),
+        ("region", &|piece| piece.choose_region(DVec3::new(-8e-3, -8e-3, 0.012), DVec3::new(8e-3, 8e-3, 0.028)).unwrap()),
+    ];
+    for (name, work) in tools {
+        let mut piece = ball();
+        let before_m = largest_empty_circle_m(&piece);
+        work(&mut piece);
+        let (after_m, gap_m) = (largest_empty_circle_m(&piece), piece.gap_m());
+        assert!(after_m <= gap_m, "{name}: a circle of {after_m} m is empty, before {before_m} m, threshold {gap_m} m");
+    }
+}
+
+/// V − E + F of the closed mesh: 2 for a ball, 0 for a ring, 4 for two balls.
+fn euler_number(piece: &ClayModel) -> i64 {
+    let mesh = piece.mesh().unwrap();
+    let mut edges = std::collections::HashSet::new();
+    for [a, b, c] in &mesh.triangles {
+        for (from, to) in [(a, b), (b, c), (c, a)] {
+            edges.insert((from.min(to), from.max(to)));
+        }
+    }
+    let used: std::collections::HashSet<&u32> = mesh.triangles.iter().flatten().collect();
+    used.len() as i64 - edges.len() as i64 + mesh.triangles.len() as i64
+}
+
+/// Every sample lies on the surface, none in the air or in the material, and the surface has samples everywhere.
+fn assert_samples_are_on_the_surface(piece: &ClayModel) {
+    let spacing_m = piece.base().lattice().spacing_m;
+    for at in &piece.points().positions_map {
+        let off_m = piece.density_m(*at).unwrap();
+        assert!(off_m.abs() < 0.75 * spacing_m, "{at}: {off_m} m off");
+    }
+    let (empty_m, gap_m) = (largest_empty_circle_m(piece), piece.gap_m());
+    // Corners of the mesh lie beside the samples' levels where the raster rounds an edge.
+    assert!(empty_m <= gap_m + 0.1 * spacing_m, "a circle of {empty_m} m is empty, threshold {gap_m} m");
+}
+
+/// Presses or pulls at one place along one direction until the surface is gone there, or for so many updates.
+fn work_at(piece: &mut ClayModel, at_map: DVec3, force_n: DVec3, updates: u32) {
+    for _ in 0..updates {
+        let along_map = vec![piece.onto(at_map, 4e-3).map_or(at_map, |(at, _)| at)];
+        piece.pull(&PullForce { along_map, force_n, reach_m: 3e-3, radius_m: 4e-3, falloff: Falloff::Gaussian }).unwrap();
+        piece.advance(4e-3);
+    }
+    piece.end_stroke().unwrap();
+}
+
+fn sampled(shape: &vps::mesh::primitives::Shape, spacing_m: f64) -> PointSet {
+    crate::sample(&shape.tessellate(0.02 * spacing_m), spacing_m).unwrap()
+}
+
+#[test]
+fn a_tool_that_is_pushed_through_a_plate_leaves_a_hole() {
+    let plate = vps::mesh::primitives::Shape::Box { size_m: DVec3::new(0.024, 0.024, 4e-3) };
+    let mut piece =
+        ClayModel::new(sampled(&plate, 8e-4), Settings { region_map: None, raster: [44, 44, 22], air_m: 4e-3, ..settings() })
+            .unwrap();
+    assert_eq!(euler_number(&piece), 2);
+    // A tip goes down with 8 N until nothing is left below it.
+    let mut at_map = DVec3::Z * 2e-3;
+    for _ in 0..60 {
+        let Some(there) = piece.onto_along(at_map, DVec3::Z, 1.5e-3) else { break };
+        at_map = there;
+        let along_map = vec![at_map];
+        piece
+            .pull(&PullForce { along_map, force_n: -DVec3::Z * 8.0, reach_m: 2.4e-3, radius_m: 4e-3, falloff: Falloff::Gaussian })
+            .unwrap();
+        piece.advance(4e-3);
+    }
+    piece.end_stroke().unwrap();
+    assert!(piece.density_m(DVec3::ZERO).unwrap() < -1e-4);
+    assert_eq!(euler_number(&piece), 0, "a plate with a hole is a ring");
+    assert_eq!((piece.take_reconnected(), piece.take_reconnected()), (Some((1, 0)), None));
+    assert_samples_are_on_the_surface(&piece);
+    assert!(piece.undo().unwrap() && euler_number(&piece) == 2);
+}
+
+#[test]
+fn two_fronts_that_meet_become_one() {
+    // Two balls 3 mm apart, one pulled over to the other.
+    let mut points = sphere(1500, 8e-3);
+    points.positions_map.iter_mut().for_each(|at| at.x -= 9.5e-3);
+    let mut other = sphere(1500, 8e-3);
+    other.positions_map.iter_mut().for_each(|at| at.x += 9.5e-3);
+    points.append(&other);
+    let mut piece = ClayModel::new(points, Settings { region_map: None, raster: [60, 34, 34], air_m: 4e-3, ..settings() }).unwrap();
+    assert_eq!(euler_number(&piece), 4);
+    work_at(&mut piece, DVec3::X * -1.5e-3, DVec3::X * 12.0, 90);
+    assert_eq!(euler_number(&piece), 2, "two balls that have grown together are one");
+    assert_eq!(piece.take_reconnected(), Some((2, 1)));
+    assert_samples_are_on_the_surface(&piece);
+}
+
+#[test]
+fn a_neck_that_is_pulled_thin_breaks() {
+    // A dumb-bell: two balls and a bar of 2.4 mm between them, pulled from all sides until nothing is left of its middle.
+    let ball = |x: f64| {
+        let mut points = sphere(1500, 8e-3);
+        points.positions_map.iter_mut().for_each(|at| at.x += x);
+        points
+    };
+    let mut piece =
+        ClayModel::new(ball(-0.011), Settings { region_map: None, raster: [66, 34, 34], air_m: 4e-3, ..settings() }).unwrap();
+    let bar = vps::mesh::primitives::Shape::Cylinder { radius_m: 1.6e-3, height_m: 0.012 };
+    let mut bar = sampled(&bar, 5e-4);
+    for (at, normal) in bar.positions_map.iter_mut().zip(&mut bar.normals_map) {
+        (*at, *normal) = (DVec3::new(at.z, at.x, at.y), DVec3::new(normal.z, normal.x, normal.y));
+    }
+    for solid in [bar, ball(0.011)] {
+        piece.combine(Boolean::Union, &PointSurface::build(solid, PointSurface::DEFAULT_NEIGHBOURS).unwrap(), true).unwrap();
+    }
+    assert_eq!(euler_number(&piece), 2);
+    for n in 0..8 {
+        let (sin, cos) = (f64::from(n) * core::f64::consts::FRAC_PI_4).sin_cos();
+        let out = DVec3::new(0.0, cos, sin);
+        assert_eq!(piece.take_reconnected(), None, "{n}");
+        work_at(&mut piece, out * 1.6e-3, out * -8.0, 16);
+        if euler_number(&piece) == 4 {
+            break;
+        }
+    }
+    assert_eq!(euler_number(&piece), 4, "a broken dumb-bell is two pieces");
+    assert_eq!(piece.take_reconnected(), Some((1, 2)));
+    assert_samples_are_on_the_surface(&piece);
+}
+
+/// A ball with a bite: the exact field, whose edge is a circle.
+fn bitten_m(at: DVec3) -> f64 {
+    (R - at.length()).min(at.distance(BITE_MAP) - 0.4 * R)
+}
+
+const BITE_MAP: DVec3 = DVec3::new(0.0, 0.0, R);
+
+/// Places of the bitten ball's surface at a distance from its edge along either face, m; 0: on the edge.
+fn beside_edge(away_m: f64) -> Vec<DVec3> {
+    // The edge is where both spheres meet.
+    let (big, small) = (R, 0.4 * R);
+    let z = (2.0 * R * R - small * small) / (2.0 * R);
+    let (on_big, on_small) = ((z / big).acos() + away_m / big, ((R - z) / small).acos() - away_m / small);
+    let ring = |turn: u32| (f64::from(turn) * core::f64::consts::TAU / 40.0).sin_cos();
+    let around = |radius: f64, z: f64| (0..40).map(move |turn| DVec3::new(radius * ring(turn).1, radius * ring(turn).0, z));
+    let outer = around(big * on_big.sin(), big * on_big.cos());
+    outer.chain(around(small * on_small.sin(), R - small * on_small.cos())).collect()
+}
+
+fn bitten(is_sharp: bool) -> ClayModel {
+    let mut piece = ClayModel::new(sphere(6000, R), Settings { region_map: None, raster: [56; 3], ..settings() }).unwrap();
+    let bite = PointSurface::build(shapes_at(BITE_MAP), PointSurface::DEFAULT_NEIGHBOURS).unwrap();
+    piece.combine(Boolean::Difference, &bite, is_sharp).unwrap();
+    piece
+}
+
+/// The farthest that fits, and densities, are off on the exact surface from the edge to 1.5 mm away from it, m.
+fn edge_deviations_m(piece: &ClayModel) -> [f64; 2] {
+    let places = [0.0, 1e-4, 3e-4, 6e-4, 1e-3, 1.5e-3].map(beside_edge).concat();
+    let most = |off_m: &dyn Fn(DVec3) -> f64| places.iter().map(|at| off_m(*at).abs()).fold(0.0, f64::max);
+    [most(&|at| piece.surface().at(at).value_m), most(&|at| piece.density_m(at).unwrap())]
+}
+
+/// All of the edge, 0.4 mm between mass points; samples are 0.9 mm apart.
+const EDGE_REGION: (DVec3, DVec3) = (DVec3::new(-0.011, -0.011, 4e-3), DVec3::new(0.011, 0.011, 0.026));
+
+#[test]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
+fn a_sharp_edge_survives_five_strokes_beside_it_and_other_regions() {
+    for at in beside_edge(0.0).iter().chain(&beside_edge(1e-3)) {
+        assert!(bitten_m(*at).abs() < 1e-9, "{at}");
+    }
+    let after = |is_sharp: bool| {
+        let mut piece = bitten(is_sharp);
+        let mut deviations_m = Vec::new();
+        let measure = |piece: &mut ClayModel| {
+            piece.choose_region(EDGE_REGION.0, EDGE_REGION.1).unwrap();
+            edge_deviations_m(piece)
+        };
+        deviations_m.push(measure(&mut piece));
+        piece.choose_region(DVec3::new(-0.021, -0.021, -2e-3), DVec3::new(0.021, 0.021, 0.026)).unwrap();
+        for turn in 0..5 {
+            // 6 mm below the edge and farther along it each time.
+            let (sin, cos) = (f64::from(turn) * 1.2).sin_cos();
+            let beside = DVec3::new(0.647 * cos, 0.647 * sin, 0.763) * R;
+            work_at(&mut piece, beside, beside.normalize() * 4.0, 12);
+        }
+        assert_eq!(piece.history().0, 6, "five strokes were made after the Boolean");
+        deviations_m.push(measure(&mut piece));
+        deviations_m.concat()
+    };
+    let (sharp_m, blended_m) = (after(true), after(false));
+    // Fits, then densities, which round an edge by a third of the distance between mass points; before the strokes and after them.
+    for (off_m, most_m) in sharp_m.iter().zip([0.01e-3, 0.14e-3, 0.1e-3, 0.16e-3]) {
+        assert!(*off_m < most_m, "{sharp_m:?} m off");
+    }
+    assert!(blended_m.iter().all(|off_m| *off_m > 0.2e-3), "the fits of one patch round the edge by {blended_m:?} m");
+}
+
+#[test]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
+fn sharp_edges_stay_through_other_booleans_an_image_and_a_session() {
+    let mut piece = bitten(true);
+    let other = |at: DVec3| PointSurface::build(shapes_at(at), PointSurface::DEFAULT_NEIGHBOURS).unwrap();
+    // A ball joined sharply below, one smoothly aside, an image at the foot.
+    piece.combine(Boolean::Union, &other(DVec3::new(0.0, 0.0, -R)), true).unwrap();
+    piece.combine(Boolean::Union, &other(DVec3::new(R, 0.0, -5e-3)), false).unwrap();
+    let image = GreyImage::new(4, 4, vec![1.0; 16]).unwrap();
+    let placement = ImagePlacement::Flat { middle_map: -DVec3::X * R, right_map: DVec3::Y * 3e-3, up_map: DVec3::Z * 3e-3 };
+    assert!(piece.emboss(&image, &placement, 1e-3).unwrap() > 10);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("piece.session");
+    piece.save_session(&path).unwrap();
+    let mut again = ClayModel::load_session(&path).unwrap();
+    assert!(again.points() == piece.points());
+    for piece in [&mut piece, &mut again] {
+        piece.choose_region(EDGE_REGION.0, EDGE_REGION.1).unwrap();
+        let [fits_m, densities_m] = edge_deviations_m(piece);
+        assert!(fits_m < 0.01e-3 && densities_m < 0.14e-3, "{fits_m} m, {densities_m} m");
+    }
+    // The valley of the sharp union, where both balls have their own field: 0.4 R around (0, 0, -R) outside of the ball.
+    let off_m = beside_edge(0.0).into_iter().map(|at| piece.surface().at(-at).value_m.abs()).fold(0.0, f64::max);
+    assert!(off_m < 0.1e-3, "{off_m} m");
+}
+
+#[test]
+fn fits_of_two_patches_meet_in_a_sharp_edge_and_those_of_one_round_it() {
+    let [sharp_m, blended_m] = [true, false].map(|is_sharp| edge_deviations_m(&bitten(is_sharp))[0]);
+    assert!(sharp_m < 0.01e-3 && blended_m > 0.2e-3, "{sharp_m} m, {blended_m} m");
+}
+
+/// Where lines along x through a grid of (y, z) are inside of a closed mesh: crossings in ascending order, line by line.
+fn crossings_m(mesh: &vps::mesh::TriangleMesh, grid: &[(f64, f64)]) -> Vec<Vec<f64>> {
+    let mut lines = vec![Vec::new(); grid.len()];
+    for triangle in 0..mesh.triangles.len() {
+        let [a, b, c] = mesh.corners(triangle);
+        let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+        let (u, v) = (b - a, c - a);
+        let twice = u.y * v.z - u.z * v.y;
+        for (line, (y, z)) in lines.iter_mut().zip(grid) {
+            if *y < low.y || *y > high.y || *z < low.z || *z > high.z || twice == 0.0 {
+                continue;
+            }
+            let (s, t) = (((y - a.y) * v.z - (z - a.z) * v.y) / twice, (u.y * (z - a.z) - u.z * (y - a.y)) / twice);
+            if s >= 0.0 && t >= 0.0 && s + t <= 1.0 {
+                line.push(a.x + u.x * s + v.x * t);
+            }
+        }
+    }
+    lines.iter_mut().for_each(|line| line.sort_by(f64::total_cmp));
+    lines
+}
+
+/// Length of a line where both of two meshes are (or one is) inside, m.
+fn length_m(boolean: Boolean, first: &[f64], second: &[f64]) -> f64 {
+    let mut ends: Vec<f64> = first.iter().chain(second).copied().collect();
+    ends.sort_by(f64::total_cmp);
+    let is_in = |crossings: &[f64], x: f64| crossings.iter().filter(|at| **at < x).count() % 2 == 1;
+    let pieces = ends.windows(2).filter(|ends| {
+        let middle = 0.5 * (ends[0] + ends[1]);
+        match (boolean, is_in(first, middle), is_in(second, middle)) {
+            (Boolean::Union, first, second) => first || second,
+            (Boolean::Intersection, first, second) => first && second,
+            (Boolean::Difference, first, second) => first && !second,
+        }
+    });
+    pieces.map(|ends| ends[1] - ends[0]).sum()
+}
+
+#[test]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
+fn booleans_of_scans_have_the_volume_of_a_count_along_lines_through_both_meshes() {
+    // Real meshes are not part of the repository.
+    let Some(folder) = std::env::var_os("HAPTICD_MODELS").map(std::path::PathBuf::from) else { return };
+    // About 100 mm both; the second turned by a quarter about z and moved, so that it crosses the first.
+    let turned = |at: DVec3| DVec3::new(-at.y, at.x, at.z) + DVec3::new(4e-3, -3e-3, 6e-3);
+    let placed = |file: &str, turns: bool| {
+        let mut mesh = vps::mesh::load(&folder.join(file), 1.0).unwrap();
+        let (low, high) = mesh.vertices.iter().fold((mesh.vertices[0], mesh.vertices[0]), |(l, h), at| (l.min(*at), h.max(*at)));
+        let scale = 0.1 / (high - low).max_element();
+        for at in &mut mesh.vertices {
+            *at = (*at - 0.5 * (low + high)) * scale;
+            *at = if turns { turned(*at) } else { *at };
+        }
+        let points = crate::sample(&mesh, 1.2e-3).unwrap();
+        (mesh, points)
+    };
+    let step_m = 5e-4;
+    let along = |n: usize| (n as f64 - 119.37) * step_m;
+    let grid: Vec<(f64, f64)> = (0..240 * 240).map(|n| (along(n / 240), along(n % 240))).collect();
+    for (one, other) in [("rocker-arm.obj", "rocker-arm.obj"), ("stanford-bunny.obj", "rocker-arm.obj")] {
+        let ((first, first_points), (second, second_points)) = (placed(one, false), placed(other, true));
+        let (first_m, second_m) = (crossings_m(&first, &grid), crossings_m(&second, &grid));
+        let settings = Settings { region_map: None, raster: [72; 3], air_m: 5e-3, ..settings() };
+        let other_surface = PointSurface::build(second_points, PointSurface::DEFAULT_NEIGHBOURS).unwrap();
+        let piece = |points: PointSet| ClayModel::new(points, settings.clone()).unwrap();
+        let whole_m3 = piece(first_points.clone()).volume_m3().unwrap();
+        for boolean in [Boolean::Union, Boolean::Intersection, Boolean::Difference] {
+            let lines = first_m.iter().zip(&second_m).map(|(first, second)| length_m(boolean, first, second));
+            let expected_m3 = lines.sum::<f64>() * step_m * step_m;
+            let mut piece = piece(first_points.clone());
+            piece.combine(boolean, &other_surface, true).unwrap();
+            let found_m3 = piece.volume_m3().unwrap();
+            assert!(
+                (found_m3 - expected_m3).abs() < 0.02 * whole_m3,
+                "{one}, {boolean:?}: {found_m3} m³, expected {expected_m3} m³"
+            );
+        }
+    }
 }

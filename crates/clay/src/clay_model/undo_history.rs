@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+use super::super::dynamics::Material;
 use super::super::material_map::MaterialMap;
 use super::super::{PointSet, PointSurface, SurfaceError};
 use super::lattices::{first_node, is_part};
@@ -23,6 +24,8 @@ pub(in super::super) struct Snapshot {
     pub(in super::super) material_map: MaterialMap,
     pub(in super::super) region: Lattice,
     pub(in super::super) region_map: Option<(DVec3, DVec3)>,
+    /// Of what was not painted.
+    pub(in super::super) material: Material,
 }
 
 /// Samples of a moment.
@@ -42,10 +45,10 @@ impl SnapshotSamples {
         }
     }
 
-    fn fitted(self, n_neighbours: usize) -> Result<Arc<PointSurface>, SurfaceError> {
+    fn fitted(self, settings: &Settings) -> Result<Arc<PointSurface>, SurfaceError> {
         match self {
             Self::Fitted(surface) => Ok(surface),
-            Self::Bare(points) => PointSurface::build(points, n_neighbours).map(Arc::new),
+            Self::Bare(points) => settings.surface(points).map(Arc::new),
         }
     }
 
@@ -59,7 +62,7 @@ impl SnapshotSamples {
 }
 
 impl Snapshot {
-    /// `None` where the region is no part of the base.
+    /// Of the default material. `None` where the region is no part of the base.
     pub(in super::super) fn new(
         points: PointSet,
         base: Raster,
@@ -67,8 +70,9 @@ impl Snapshot {
         region: Lattice,
         region_map: Option<(DVec3, DVec3)>,
     ) -> Option<Self> {
+        let material = Material::default();
         let samples = SnapshotSamples::Bare(points);
-        is_part(base.lattice(), &region).then(|| Self { samples, base: measured(base), material_map, region, region_map })
+        is_part(base.lattice(), &region).then(|| Self { samples, base: measured(base), material_map, region, region_map, material })
     }
 
     /// What it takes in a session, bytes.
@@ -99,7 +103,7 @@ impl ClayModel {
     /// The piece of a session.
     pub(in super::super) fn resume(session: Session) -> Result<Self, ClayModelError> {
         let Session { now, past, undone, settings, gap_m } = session;
-        let surface = now.samples.fitted(settings.n_neighbours)?;
+        let surface = now.samples.fitted(&settings)?;
         for moment in past.iter().chain(&undone) {
             moment.samples.points().check()?;
         }
@@ -120,6 +124,7 @@ impl ClayModel {
             undone,
             strokes: 0,
             updates: 0,
+            reconnected: None,
         })
     }
 
@@ -172,6 +177,7 @@ impl ClayModel {
             material_map: self.material_map.clone(),
             region: *self.region.dynamics.lattice(),
             region_map: self.settings.region_map,
+            material: self.settings.material.clone(),
         }
     }
 
@@ -204,10 +210,11 @@ impl ClayModel {
         self.cut_region(*self.region.dynamics.lattice());
     }
 
-    fn go_to(&mut self, Snapshot { samples, base, material_map, region, region_map }: Snapshot) -> Result<(), SurfaceError> {
-        self.surface = samples.fitted(self.settings.n_neighbours)?;
+    fn go_to(&mut self, moment: Snapshot) -> Result<(), SurfaceError> {
+        let Snapshot { samples, base, material_map, region, region_map, material } = moment;
+        self.surface = samples.fitted(&self.settings)?;
         (self.base, self.material_map) = (base, material_map);
-        self.settings.region_map = region_map;
+        (self.settings.region_map, self.settings.material) = (region_map, material);
         self.cut_region(region);
         Ok(())
     }

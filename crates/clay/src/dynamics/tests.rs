@@ -139,6 +139,31 @@ fn explicit_steps_are_halved_where_the_acceleration_is_beyond_the_threshold() {
 }
 
 #[test]
+fn steps_below_and_above_the_threshold_are_those_of_the_closed_form() {
+    // A free mass point: an acceleration a of 10⁴ m/s² throughout. Steps h_i move it by a Σ h_i (h_1 + … + h_i) = a (T² + Σ h_i²)/2: one step by a T², steps
+    // that halve down to T/1024, and that one again, by a T² (2/3 + 4^-10/3).
+    let (time_s, a) = (1e-4, 1e4);
+    for (acceleration_max_m_per_s2, steps, expected_m) in
+        [(a * 1.001, 1, a * time_s * time_s), (a * 0.999, 11, a * time_s * time_s * (2.0 + 4.0_f64.powi(-10)) / 3.0)]
+    {
+        let free = Material {
+            damping_n_s_per_m: Quantity::Constant(0.0),
+            stiffness_n_per_m: Quantity::Constant(1e-6),
+            acceleration_max_m_per_s2,
+            ..material()
+        };
+        let mut clay = clay(free, Integrator::Explicit);
+        let before_m = f64::from(clay.now().values_m()[MIDDLE]);
+        clay.forces_n_mut().1[MIDDLE] += 1.0;
+        let progress = clay.update(time_s);
+        assert_eq!(progress.steps, steps, "{progress:?}");
+        assert!((progress.speed_m_per_s / (a * time_s) - 1.0).abs() < 1e-5, "{progress:?}");
+        let moved_m = f64::from(clay.now().values_m()[MIDDLE]) - before_m;
+        assert!((moved_m / expected_m - 1.0).abs() < 1e-4, "{moved_m} m instead of {expected_m}");
+    }
+}
+
+#[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn painted_material_is_stiffer_where_it_was_painted() {
     let mut stiffness = Quantity::Constant(100.0);

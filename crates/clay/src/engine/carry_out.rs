@@ -4,7 +4,8 @@ use glam::DVec3;
 
 use super::super::boolean::Boolean;
 use super::super::emboss::{GreyImage, ImagePlacement};
-use super::super::{PointSet, PointSurface, export, save};
+use super::super::material_map::{MaterialPlace, Painted};
+use super::super::{PointSet, export, save};
 use super::{EngineError, SculptEngine, SculptOrder, ToolSettings};
 
 impl SculptEngine {
@@ -41,6 +42,9 @@ impl SculptEngine {
                 self.let_go()?;
                 self.emboss(&image, &placement, depth_m)
             }
+            SculptOrder::Lay { painted, place } => self.lay(painted, &place),
+            SculptOrder::Draw(curves) => self.lay_curves(curves),
+            SculptOrder::Pull { curves, force_map, time_s, brush_m } => self.begin_pull(curves, force_map, time_s, brush_m),
             SculptOrder::SavePoints(path) => {
                 save::save(&path, self.model.points()).map_err(|source| EngineError::write(&path, source))
             }
@@ -66,20 +70,33 @@ impl SculptEngine {
                 return Err(EngineError::Length { name, value });
             }
         }
-        if let Some((name, value, unit)) = tool.painted.unsound() {
-            return Err(EngineError::Property { name, value, unit });
-        }
+        check_painted(&tool.painted)?;
         // The stroke of the tool before; if it made no surface it is taken back, and the new tool is taken all the same.
         let ended = self.let_go();
         self.tool = tool;
         ended
     }
 
+    fn lay(&mut self, painted: Painted, place: &MaterialPlace) -> Result<(), EngineError> {
+        check_painted(&painted)?;
+        if let MaterialPlace::Values { painted, .. } = place {
+            painted.iter().try_for_each(check_painted)?;
+        }
+        if let Some(what) = place.unsound() {
+            return Err(EngineError::Place { what });
+        }
+        self.let_go()?;
+        if self.model.lay_material(painted, place)? == 0 {
+            return Err(EngineError::NothingLaid);
+        }
+        Ok(())
+    }
+
     pub(super) fn combine(&mut self, boolean: Boolean, with: PointSet, is_sharp: bool) -> Result<(), EngineError> {
         if boolean == Boolean::Difference && !with.bounds().is_some_and(|other| overlap(self.model.surface().bounds(), other)) {
             return Err(EngineError::Beside);
         }
-        let other = PointSurface::build(with, self.model.settings().n_neighbours)?;
+        let other = self.model.settings().surface(with)?;
         self.has_leapt = true;
         self.model.combine(boolean, &other, is_sharp)?;
         Ok(())
@@ -93,6 +110,10 @@ impl SculptEngine {
         let n_moved = self.model.emboss(image, placement, depth_m)?;
         if n_moved > 0 { Ok(()) } else { Err(EngineError::Nothing("image")) }
     }
+}
+
+fn check_painted(painted: &Painted) -> Result<(), EngineError> {
+    painted.unsound().map_or(Ok(()), |(name, value, unit)| Err(EngineError::Property { name, value, unit }))
 }
 
 /// Two boxes have a place in common.

@@ -22,6 +22,10 @@ pub struct ClayView {
     pub spacing_m: f64,
     /// Lowest and highest corner of the region that deforms, map frame, m.
     pub region_map: (DVec3, DVec3),
+    /// Mass points along x, y, z of the region.
+    pub raster: [usize; 3],
+    /// Curves that were drawn or are being pulled, map frame, m.
+    pub curves_map: Arc<[Vec<DVec3>]>,
     /// What the tool does, and how.
     pub tool: ToolSettings,
     /// What the piece is made of where nothing was painted.

@@ -8,7 +8,8 @@ use super::super::clay_model::ClayModelError;
 use super::super::export::ExportError;
 use super::super::material_map::Painted;
 use super::super::session::SessionFileError;
-use vps::spatial::Metres;
+use glam::DVec3;
+use vps::spatial::{Metres, Place};
 
 /// Why the engine did not do what it was asked for. The piece is as it was; [`EngineError::hint`] says what would help.
 #[derive(Debug, thiserror::Error)]
@@ -51,6 +52,30 @@ pub enum EngineError {
     /// The hand does not feel what it does.
     #[error("no force flows, and nothing is worked that the hand does not feel")]
     NoForce,
+    /// A place of a curve that is not near the surface.
+    #[error("the curve has a place at {}, and no surface is within the brush there", Place(*.0))]
+    CurveOutOfReach(DVec3),
+    /// A place of a curve that cannot deform.
+    #[error("the curve has a place at {}, outside of the region that deforms", Place(*.0))]
+    CurveOutsideRegion(DVec3),
+    /// Curves that are none, or too many of them.
+    #[error("{what}")]
+    Curves {
+        /// What is wrong with them.
+        what: String,
+    },
+    /// A place for material that is none.
+    #[error("{what}")]
+    Place {
+        /// What is wrong with it.
+        what: String,
+    },
+    /// Material that was laid beside the piece, or that it has already.
+    #[error("no mass point has become another one")]
+    NothingLaid,
+    /// Curves are pulled by an order, and the hand has to wait.
+    #[error("curves are being pulled by an order")]
+    PullUnderWay,
     /// The tool touches none of the samples that it could work on.
     #[error("nothing of the piece lies under the {0}")]
     Nothing(&'static str),
@@ -97,6 +122,16 @@ impl EngineError {
             Self::OutsideRegion => {
                 "work inside the region (the thin box on the page), or put it elsewhere: `region_mm` in the scene, or the stroke `region`"
             }
+            Self::CurveOutOfReach(_) => {
+                "lay the curve nearer to the surface, take a larger brush, or let the curve be free: then it pulls the clay around it, wherever it lies"
+            }
+            Self::CurveOutsideRegion(_) => "draw inside the region, or choose another region first",
+            Self::Curves { .. } => {
+                "give 1 to 64 curves of finite places with at most 4096 of them in all, a force above 0 up to 1000 N, a time above 0 up to 60 s"
+            }
+            Self::Place { .. } => "give finite places and lengths above 0, in the frame of the clay",
+            Self::NothingLaid => "lay another material, or lay it where the piece is: in the frame of the clay, and check the unit",
+            Self::PullUnderWay => "wait until it is over, or undo it",
             Self::NoForce => "enable the arm",
             Self::Nothing(_) => "lay it on the surface, facing out of it",
             Self::Beside => "move it, and check its unit",

@@ -11,6 +11,7 @@
 
 mod carry_out;
 mod clay_view;
+mod curves;
 mod error;
 mod order;
 mod sculpt_tool;
@@ -21,8 +22,8 @@ use std::sync::Arc;
 
 pub use clay_view::ClayView;
 pub use error::EngineError;
-pub use order::SculptOrder;
-pub use sculpt_tool::{SculptTool, ToolChange, ToolSettings};
+pub use order::{RopeCurves, SculptOrder};
+pub use sculpt_tool::{ChosenSolid, SculptTool, ToolChange, ToolSettings};
 pub use tool_motion::{HoldOutcome, ToolBody, ToolMotion};
 
 use self::work::{Activity, MotionSummary};
@@ -127,7 +128,7 @@ impl SculptEngine {
             self.show_again();
         }
         result?;
-        self.trouble = self.coarser_than(spacing_m);
+        self.trouble = self.news(spacing_m);
         Ok(())
     }
 
@@ -143,8 +144,11 @@ impl SculptEngine {
         self.grip = motion.grip(worked.is_ok() || !self.tool.craft.is_held());
         if let Err(error) = worked {
             self.complain(&error);
-        } else if self.model.strokes() > strokes_before {
-            self.trouble = self.coarser_than(spacing_m);
+        } else {
+            let news = self.news(spacing_m);
+            if self.model.strokes() > strokes_before || !news.is_empty() {
+                self.trouble = news;
+            }
         }
         let is_stroke = self.model.is_stroke();
         if is_stroke {
@@ -160,8 +164,11 @@ impl SculptEngine {
     /// The stroke under way ends, and the rope is let go.
     pub fn finish(&mut self) {
         self.grip = HoldOutcome::None;
-        if let Err(error) = self.let_go() {
-            self.complain(&error);
+        let spacing_m = self.model.region().lattice().spacing_m;
+        match self.let_go().map(|()| self.news(spacing_m)) {
+            Err(error) => self.complain(&error),
+            Ok(news) if !news.is_empty() => self.trouble = news,
+            Ok(_) => {}
         }
     }
 
@@ -220,6 +227,8 @@ impl SculptEngine {
             spacings_m,
             spacing_m: self.model.surface().spacing_m(),
             region_map: self.model.region_map(),
+            raster: self.model.region().lattice().dims,
+            curves_map: self.drawn_map(),
             tool: self.tool.clone(),
             material: self.model.settings().material.clone(),
             is_stroke: self.model.is_stroke(),
@@ -242,6 +251,23 @@ impl SculptEngine {
     /// What there is has not been shown: the next [`Self::advance`] says so.
     pub fn show_again(&mut self) {
         self.has_changed = true;
+    }
+
+    /// What to say after something was done; empty: nothing.
+    fn news(&mut self, before_m: f64) -> Arc<str> {
+        let reconnected = self.model.take_reconnected();
+        match (self.coarser_than(before_m), reconnected) {
+            (coarser, Some((before, after))) if coarser.is_empty() => format!(
+                "{} (the Euler number of the clay in the region went from {before} to {after}); undo if that was not meant",
+                if after < before {
+                    "fronts of the clay have met and are one body now, or a hole has gone through it"
+                } else {
+                    "a part of the clay has come off, or a hole has closed"
+                }
+            )
+            .into(),
+            (coarser, _) => coarser,
+        }
     }
 
     /// What to say of mass points that have come to stand farther apart, such as after a union with something far away; empty: nothing.

@@ -8,6 +8,7 @@ use glam::DVec3;
 use super::super::SolidSource;
 use super::super::boolean::Boolean;
 use super::super::emboss::{GreyImage, ImagePlacement};
+use super::super::material_map::{MaterialPlace, Painted};
 use super::{ToolChange, ToolSettings};
 use vps::spatial::Pose;
 
@@ -51,12 +52,54 @@ pub enum SculptOrder {
         /// m.
         depth_m: f64,
     },
+    /// Lays a material at a place, or everywhere: one stroke. Ends a stroke.
+    Lay {
+        /// Which; nothing given: [so many times](Painted::HARDER) as hard as the clay.
+        painted: Painted,
+        /// Where.
+        place: MaterialPlace,
+    },
+    /// Lays curves for the curve rope, as if they had been drawn: the next hold near one of them pulls all of them. They take the place of those
+    /// that were drawn before; none at all: they are gone. Ends a stroke.
+    Draw(RopeCurves),
+    /// Pulls curves, or single places, with a force for a time, whatever the hand does; that is one stroke. Ends the stroke before.
+    Pull {
+        /// Along which.
+        curves: RopeCurves,
+        /// On the material, map axes, N: all curves together.
+        force_map: DVec3,
+        /// How long, s.
+        time_s: f64,
+        /// Radius around the curves; `None`: that of the tool, m.
+        brush_m: Option<f64>,
+    },
     /// Writes the samples with normals and colours, a PLY file; those of a stroke under way as they are.
     SavePoints(PathBuf),
     /// Writes all that is needed to go on another day. Ends a stroke.
     SaveSession(PathBuf),
     /// Writes the piece as a closed triangle mesh that a rigid scene can use, a PLY file. Ends a stroke.
     Export(PathBuf),
+}
+
+/// Curves for the rope.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RopeCurves {
+    /// Corners of each, map frame, m; a curve of one corner is a place.
+    pub curves_map: Vec<Vec<DVec3>>,
+    /// They stay where they are given, inside the clay or beside it, and each place pulls the level of density that it lies on; otherwise they are
+    /// laid onto the surface, which is to be within the brush.
+    pub is_free: bool,
+}
+
+impl RopeCurves {
+    /// Curves at once, and corners of all of them, at most.
+    pub const CURVES_MAX: usize = 64;
+    /// Corners of all curves at most, those among them that are put in between.
+    pub const CORNERS_MAX: usize = 4096;
+    /// The largest force, N, and the longest time, s.
+    pub const FORCE_MAX_N: f64 = 1000.0;
+    /// s.
+    pub const TIME_MAX_S: f64 = 60.0;
 }
 
 impl SculptOrder {

@@ -7,6 +7,8 @@ use super::super::boolean::Boolean;
 use super::super::emboss::GreyImage;
 use super::super::falloff::Falloff;
 use super::super::material_map::Painted;
+use super::super::{SolidSource, SurfaceError};
+use vps::mesh::TriangleMesh;
 
 /// What the tool does to the clay. Whatever it does, the hand feels the surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -34,11 +36,13 @@ pub enum SculptTool {
     Intersection,
     /// Cuts the tool's own shape out.
     Difference,
+    /// Chooses what deforms: the box from where it is held to where it is let go.
+    Region,
 }
 
 impl SculptTool {
     /// The words in files, commands and menus, in the order of a menu.
-    pub const NAMES: [(&'static str, Self); 11] = [
+    pub const NAMES: [(&'static str, Self); 12] = [
         ("touch", Self::Touch),
         ("push", Self::Push),
         ("pull", Self::Pull),
@@ -50,6 +54,7 @@ impl SculptTool {
         ("union", Self::Union),
         ("intersection", Self::Intersection),
         ("difference", Self::Difference),
+        ("region", Self::Region),
     ];
 
     /// The craft of a word.
@@ -101,8 +106,43 @@ pub struct ToolSettings {
     pub depth_m: f64,
     /// What is embossed and engraved; without one, a round dome.
     pub image: Option<Arc<GreyImage>>,
+    /// What is joined with the piece, or cuts it; without one, the tool's own shape.
+    pub solid: Option<ChosenSolid>,
     /// Edges of Booleans stay sharp, as far as the raster holds them.
     pub is_sharp: bool,
+}
+
+/// A solid in the place of the tool's own shape, in the tool's frame.
+#[derive(Clone, Debug)]
+pub struct ChosenSolid {
+    /// The solid; sampled as densely as the piece is then.
+    pub source: Arc<SolidSource>,
+    /// What to call it.
+    pub name: Arc<str>,
+}
+
+impl ChosenSolid {
+    /// A mesh, with the middle of its box where the tool is, named by what it is.
+    ///
+    /// # Errors
+    /// [`SurfaceError`] for a mesh without area.
+    pub fn centered(mut mesh: TriangleMesh) -> Result<Self, SurfaceError> {
+        let (low, high) = mesh.bounds().unwrap_or_default();
+        mesh.vertices.iter_mut().for_each(|at| *at -= 0.5 * (low + high));
+        let size_mm = (high - low) * 1e3;
+        let name = format!("{} triangles, {:.1} x {:.1} x {:.1} mm", mesh.triangles.len(), size_mm.x, size_mm.y, size_mm.z);
+        let source = Arc::new(SolidSource::Mesh(mesh));
+        // As it will be sampled: what makes no surface is refused now, not by the hand.
+        source.beside(0.05 * (high - low).max_element())?;
+        Ok(Self { source, name: name.into() })
+    }
+}
+
+impl PartialEq for ChosenSolid {
+    /// The very same one.
+    fn eq(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.source, &other.source)
+    }
 }
 
 impl ToolSettings {
@@ -125,6 +165,10 @@ pub struct ToolChange {
     pub painted: Option<Painted>,
     /// [`ToolSettings::depth_m`], m.
     pub depth_m: Option<f64>,
+    /// [`ToolSettings::image`]; `Some(None)`: none.
+    pub image: Option<Option<Arc<GreyImage>>>,
+    /// [`ToolSettings::solid`]; `Some(None)`: none.
+    pub solid: Option<Option<ChosenSolid>>,
     /// [`ToolSettings::is_sharp`].
     pub is_sharp: Option<bool>,
 }
@@ -139,7 +183,8 @@ impl ToolChange {
             color: self.color.unwrap_or(tool.color),
             painted: self.painted.unwrap_or(tool.painted),
             depth_m: self.depth_m.unwrap_or(tool.depth_m),
-            image: tool.image.clone(),
+            image: self.image.unwrap_or_else(|| tool.image.clone()),
+            solid: self.solid.unwrap_or_else(|| tool.solid.clone()),
             is_sharp: self.is_sharp.unwrap_or(tool.is_sharp),
         }
     }
@@ -156,6 +201,7 @@ impl Default for ToolSettings {
             painted: Painted::default(),
             depth_m: 1e-3,
             image: None,
+            solid: None,
             is_sharp: false,
         }
     }

@@ -10,6 +10,7 @@ use crate::clay_model::Settings;
 use crate::dynamics::Material;
 use crate::emboss::{GreyImage, ImagePlacement};
 use crate::falloff::Falloff;
+use crate::material_map::{MaterialPlace, Painted};
 use crate::shapes::sphere;
 use vps::mesh::mass::mass_properties;
 use vps::spatial::Pose;
@@ -154,12 +155,228 @@ fn pull_curve_draws_first_and_then_lifts_all_of_it() {
     assert!(raised_m(DVec3::new(0.0, 8e-3, (R * R - 64e-6).sqrt())) < 0.2e-3);
 }
 
+/// Two short curves over the top of the ball, as chords that lie below the surface in their middle.
+fn two_curves() -> RopeCurves {
+    let on_ball = |x: f64, y: f64| DVec3::new(x, y, (R * R - x * x - y * y).sqrt());
+    let along = |y: f64| vec![on_ball(-4e-3, y), on_ball(4e-3, y)];
+    RopeCurves { curves_map: vec![along(-4e-3), along(4e-3)], is_free: false }
+}
+
+#[test]
+fn curves_that_are_given_wait_for_a_hold_near_one_of_them_and_rise_together() {
+    let mut hand = Hand::with(SculptTool::PullCurve);
+    hand.engine.order(SculptOrder::Draw(two_curves())).unwrap();
+    let shown = hand.engine.view().curves_map;
+    assert_eq!(shown.len(), 2);
+    assert!(shown.iter().flatten().all(|at| (at.length() - R).abs() < 1e-4), "they are laid onto the surface");
+    let pitch_m = hand.engine.model().region().lattice().spacing_m;
+    assert!(shown.iter().all(|curve| curve.windows(2).all(|ends| ends[0].distance(ends[1]) < 1.2 * pitch_m)));
+    let over = |x: f64, y: f64| DVec3::new(x, y, (R * R - x * x - y * y).sqrt() + 0.5e-3);
+    hand.has_force = false;
+    hand.go(over(0.0, 4e-3), 5);
+    hand.has_force = true;
+    hand.go(over(0.0, 4e-3), 2);
+    hand.is_held = true;
+    hand.go(over(0.0, 4e-3), 1);
+    let anchor = hand.engine.rope_map().expect("the curves were kept while no force flowed");
+    assert!(anchor.y > 3e-3, "{anchor}");
+    hand.go(over(0.0, 4e-3) + DVec3::Z * 3e-3, 60);
+    hand.is_held = false;
+    hand.go(over(0.0, 4e-3) + DVec3::Z * 8e-3, 2);
+    assert_eq!((hand.history(), hand.engine.view().curves_map.len()), ((1, 0), 0));
+    let raised_m = |y: f64| hand.engine.model().onto(over(0.0, y), 0.01).unwrap().0.length() - R;
+    assert!(raised_m(4e-3) > 0.3e-3 && (raised_m(4e-3) - raised_m(-4e-3)).abs() < 0.1e-3, "{} {}", raised_m(4e-3), raised_m(-4e-3));
+    hand.engine.order(SculptOrder::Undo).unwrap();
+    assert!((hand.top_m() - R).abs() < 5e-5);
+}
+
+#[test]
+fn an_order_pulls_curves_for_its_time_as_one_stroke_that_can_be_undone() {
+    let mut hand = Hand::with(SculptTool::Pull);
+    let pull = |curves, force_map| SculptOrder::Pull { curves, force_map, time_s: 0.1, brush_m: None };
+    hand.engine.order(pull(two_curves(), DVec3::Z * 4.0)).unwrap();
+    hand.has_force = false;
+    hand.go(DVec3::Z * (R + 8e-3), 10);
+    assert!(hand.engine.model().is_stroke(), "no hand is needed");
+    hand.go(DVec3::Z * (R + 8e-3), 30);
+    assert_eq!((hand.engine.model().is_stroke(), hand.history()), (false, (1, 0)));
+    let over = |y: f64| DVec3::new(0.0, y, (R * R - y * y).sqrt());
+    let raised_m = |hand: &Hand, y: f64| hand.engine.model().onto(over(y), 0.01).unwrap().0.length() - R;
+    let heights = [raised_m(&hand, -4e-3), raised_m(&hand, 4e-3)];
+    assert!(heights[0] > 0.2e-3 && (heights[0] - heights[1]).abs() < 0.02e-3, "{heights:?}");
+    hand.engine.order(SculptOrder::Undo).unwrap();
+    assert!(raised_m(&hand, 4e-3).abs() < 2e-5);
+    // While an order pulls, a hold is refused, and says why.
+    hand.engine.order(pull(two_curves(), DVec3::Z)).unwrap();
+    (hand.has_force, hand.is_held) = (true, true);
+    hand.go(DVec3::Z * (R + 8e-3), 1);
+    assert_eq!(hand.engine.grip(), HoldOutcome::Missed);
+    assert!(hand.engine.trouble().contains("pulled by an order"), "{}", hand.engine.trouble());
+}
+
+#[test]
+fn a_free_curve_inside_the_clay_lifts_the_surface_above_it() {
+    let mut hand = Hand::with(SculptTool::Pull);
+    let z_m = R - 2e-3;
+    let inside = vec![DVec3::new(-3e-3, 0.0, z_m), DVec3::new(3e-3, 0.0, z_m)];
+    let curves = RopeCurves { curves_map: vec![inside], is_free: true };
+    hand.engine.order(SculptOrder::Pull { curves, force_map: DVec3::Z * 6.0, time_s: 0.15, brush_m: Some(5e-3) }).unwrap();
+    hand.go(DVec3::Z * (R + 8e-3), 20);
+    let first = hand.engine.view().curves_map[0][0];
+    assert!(first.z > z_m + 1e-4, "the curve goes along with the clay around it: {first}");
+    hand.go(DVec3::Z * (R + 8e-3), 60);
+    assert!(hand.top_m() > R + 0.2e-3, "{}", hand.top_m());
+}
+
+#[test]
+fn curves_that_make_no_sense_are_refused_in_words() {
+    let mut engine = SculptEngine::new(model(), tool(SculptTool::PullCurve), ToolBody::default());
+    let top = DVec3::Z * R;
+    let laid = |curves_map| RopeCurves { curves_map, is_free: false };
+    let pull = |curves, force_map, time_s, brush_m| SculptOrder::Pull { curves, force_map, time_s, brush_m };
+    let good = || laid(vec![vec![top]]);
+    for (order, expected) in [
+        (SculptOrder::Draw(laid(vec![vec![]])), "curve 1 has no place"),
+        (SculptOrder::Draw(laid(vec![vec![DVec3::NAN]])), "curve 1 has no place"),
+        (SculptOrder::Draw(laid(vec![vec![top]; 65])), "65 curves"),
+        (SculptOrder::Draw(laid(vec![vec![DVec3::X * -1e6, DVec3::X * 1e6]])), "more than 4096 corners"),
+        (SculptOrder::Draw(laid(vec![vec![top + DVec3::Z * 9e-3]])), "no surface is within the brush"),
+        (SculptOrder::Draw(laid(vec![vec![DVec3::X * R]])), "outside of the region"),
+        (SculptOrder::Draw(RopeCurves { curves_map: vec![vec![DVec3::ZERO]], is_free: true }), "outside of the region"),
+        (pull(laid(vec![]), DVec3::Z, 1.0, None), "0 curves"),
+        (pull(good(), DVec3::ZERO, 1.0, None), "a pull of 0 N"),
+        (pull(good(), DVec3::Z * 1001.0, 1.0, None), "a pull of 1001 N"),
+        (pull(good(), DVec3::NAN, 1.0, None), "a pull of NaN N"),
+        (pull(good(), DVec3::Z, 0.0, None), "a pull of 0 s"),
+        (pull(good(), DVec3::Z, 61.0, None), "a pull of 61 s"),
+        (pull(good(), DVec3::Z, 1.0, Some(-1.0)), "a brush of"),
+    ] {
+        let error = engine.order(order).unwrap_err();
+        assert!(error.to_string().contains(expected) && !error.hint().is_empty(), "{error}, not {expected}");
+        assert_eq!(engine.model().history(), (0, 0));
+    }
+    engine.order(SculptOrder::Draw(good())).unwrap();
+    engine.order(SculptOrder::Draw(RopeCurves::default())).unwrap();
+    assert!(engine.view().curves_map.is_empty());
+}
+
+/// How far an order's pull at the top lifts the surface, m; undone afterwards.
+fn lifted_m(hand: &mut Hand) -> f64 {
+    let curves = RopeCurves { curves_map: vec![vec![DVec3::Z * R]], is_free: false };
+    hand.engine.order(SculptOrder::Pull { curves, force_map: DVec3::Z * 2.0, time_s: 0.1, brush_m: None }).unwrap();
+    hand.go(DVec3::Z * (R + 8e-3), 40);
+    let lifted_m = hand.top_m() - R;
+    hand.engine.order(SculptOrder::Undo).unwrap();
+    lifted_m
+}
+
+#[test]
+fn material_is_laid_everywhere_in_a_box_a_ball_along_a_gradient_and_by_values_and_each_is_undone() {
+    let mut hand = Hand::with(SculptTool::Touch);
+    let soft_m = lifted_m(&mut hand);
+    let clay = hand.engine.model().settings().material.clone();
+    let hard = Painted {
+        stiffness_n_per_m: Some(10.0 * clay.stiffness_n_per_m),
+        damping_n_s_per_m: Some(10.0 * clay.damping_n_s_per_m),
+        mass_kg: None,
+    };
+    let top = DVec3::Z * R;
+    let below = DVec3::Z * (R - 4e-3);
+    // The place, and the stiffness at the top and 4 mm below it, over that of the clay.
+    let at_top: Vec<DVec3> = vec![top];
+    for (place, expected) in [
+        (MaterialPlace::Everywhere, [10.0, 10.0]),
+        (MaterialPlace::Box { low_map: top - 2e-3, high_map: top + 8e-3 }, [10.0, 1.0]),
+        (MaterialPlace::Ball { center_map: top, radius_m: 3e-3, falloff: Falloff::Constant }, [10.0, 1.0]),
+        (MaterialPlace::Gradient { from_map: DVec3::Z * (R - 8e-3), to_map: top }, [10.0, 5.5]),
+        (MaterialPlace::Values { places_map: at_top.into(), painted: vec![hard].into(), within_m: 3e-3 }, [10.0, 1.0]),
+    ] {
+        let order = SculptOrder::Lay { painted: hard, place: place.clone() };
+        hand.engine.order(order).unwrap();
+        assert_eq!(hand.history(), (1, 0), "{place:?} is one stroke");
+        for (at, times) in [top, below].into_iter().zip(expected) {
+            // The mass point nearest to a place is up to half a spacing away.
+            let stiffness = hand.engine.model().material_at(at).stiffness_n_per_m / clay.stiffness_n_per_m;
+            assert!((f64::from(stiffness) - times).abs() < 0.6, "{place:?} at {at}: {stiffness} times");
+        }
+        let lifted_m = lifted_m(&mut hand);
+        assert!(lifted_m < 0.35 * soft_m, "{place:?}: {lifted_m} of {soft_m}");
+        hand.engine.order(SculptOrder::Undo).unwrap();
+        assert_eq!(hand.engine.model().material_at(top), clay, "{place:?} is undone");
+        assert_eq!(hand.engine.view().material, clay);
+    }
+    hand.engine.order(SculptOrder::Redo).unwrap();
+    assert!(hand.engine.model().material_at(top).stiffness_n_per_m > 9.0 * clay.stiffness_n_per_m);
+}
+
+#[test]
+fn material_that_makes_no_sense_or_reaches_nothing_is_refused() {
+    let mut engine = SculptEngine::new(model(), tool(SculptTool::Touch), ToolBody::default());
+    let lay = |place| SculptOrder::Lay { painted: Painted { mass_kg: Some(1e-3), ..Painted::default() }, place };
+    for (order, expected) in [
+        (
+            SculptOrder::Lay { painted: Painted { mass_kg: Some(9.0), ..Painted::default() }, place: MaterialPlace::Everywhere },
+            "a mass of 9",
+        ),
+        (lay(MaterialPlace::Box { low_map: DVec3::Z, high_map: DVec3::ZERO }), "a box"),
+        (lay(MaterialPlace::Ball { center_map: DVec3::ZERO, radius_m: f64::NAN, falloff: Falloff::Gaussian }), "a ball"),
+        (lay(MaterialPlace::Gradient { from_map: DVec3::Z, to_map: DVec3::Z }), "a gradient"),
+        (lay(MaterialPlace::Values { places_map: vec![DVec3::Z].into(), painted: vec![].into(), within_m: 1e-3 }), "0 values"),
+        (lay(MaterialPlace::Box { low_map: DVec3::splat(1.0), high_map: DVec3::splat(2.0) }), "no mass point"),
+    ] {
+        let error = engine.order(order).unwrap_err();
+        assert!(error.to_string().contains(expected) && !error.hint().is_empty(), "{error}, not {expected}");
+        assert_eq!(engine.model().history(), (0, 0));
+    }
+}
+
+#[test]
+fn the_hand_chooses_the_region_by_two_corners_that_it_holds_between() {
+    let mut hand = Hand::with(SculptTool::Region);
+    let (from, to) = (DVec3::new(-6e-3, -5e-3, R - 6e-3), DVec3::new(6e-3, 7e-3, R + 4e-3));
+    hand.go(from, 5);
+    hand.is_held = true;
+    hand.go(from, 1);
+    hand.go(to, 10);
+    hand.is_held = false;
+    hand.go(to, 1);
+    let (low, high) = hand.engine.model().region_map();
+    // A raster of as many mass points along z as along x reaches beyond the box there.
+    assert!(
+        (low - from).truncate().abs().max_element() < 1e-9 && (high - to).truncate().abs().max_element() < 1e-9,
+        "{low} {high}"
+    );
+    assert!(low.z <= from.z && high.z >= to.z, "{low} {high}");
+    // Corners that are one place make no box: it stays, and the page says why.
+    hand.is_held = true;
+    hand.go(to, 1);
+    hand.is_held = false;
+    hand.go(to, 1);
+    assert_eq!(hand.engine.model().region_map(), (low, high));
+    assert!(hand.engine.trouble().contains("is empty"), "{}", hand.engine.trouble());
+}
+
+#[test]
+fn a_chosen_solid_takes_the_place_of_the_tools_own_shape() {
+    let mut hand = Hand::with(SculptTool::Union);
+    let source = Arc::new(SolidSource::Shape(vps::mesh::primitives::Shape::Sphere { radius_m: 5e-3 }, DVec3::ONE));
+    let solid = Some(Some(ChosenSolid { source, name: "a ball".into() }));
+    hand.engine.order(SculptOrder::Adjust(ToolChange { solid, ..ToolChange::default() })).unwrap();
+    hand.go(DVec3::Z * (R + 3e-3), 5);
+    hand.is_held = true;
+    hand.go(DVec3::Z * (R + 3e-3), 1);
+    assert_eq!(hand.history(), (1, 0), "{}", hand.engine.trouble());
+    assert!((hand.top_m() - (R + 8e-3)).abs() < 0.3e-3, "{}", hand.top_m());
+}
+
 #[test]
 fn paint_is_as_wide_as_the_force_and_one_press_is_one_stroke() {
     let red = [250, 10, 20];
     let settings = ToolSettings { color: red, falloff: Falloff::Constant, ..tool(SculptTool::Paint) };
     let mut engine = SculptEngine::new(model(), settings, ToolBody::default());
     let before = engine.model().points().clone();
+    // The densities are off the ball by some micrometres.
+    let (middle_map, _) = engine.model().onto(DVec3::Z * (R - 1e-4), 4e-3).unwrap();
     let touch = |engine: &mut SculptEngine, force_n: f64| {
         engine.take_motion(&ToolMotion {
             map_from_tool: Pose::from_translation(DVec3::Z * (R - 1e-4)),
@@ -177,7 +394,7 @@ fn paint_is_as_wide_as_the_force_and_one_press_is_one_stroke() {
     let mut n_red = 0;
     let points = engine.model().points();
     for (at, color) in points.positions_map.iter().zip(&points.colors) {
-        let is_red = at.distance(DVec3::Z * R) < 2e-3;
+        let is_red = at.distance(middle_map) < 2e-3;
         assert_eq!(*color == red, is_red, "{at}: {color:?}");
         n_red += u32::from(is_red);
     }

@@ -5,8 +5,9 @@ use glam::DVec3;
 use super::super::SurfaceError;
 use super::super::emboss::{GreyImage, ImagePlacement};
 use super::super::paint::Brush;
-use super::super::pull::PullForce;
-use super::{EngineError, HoldOutcome, SculptEngine, SculptTool, ToolMotion, ToolSettings};
+use super::super::pull::{CurvesPull, PullForce};
+use super::curves::Curves;
+use super::{EngineError, HoldOutcome, RopeCurves, SculptEngine, SculptTool, ToolMotion, ToolSettings};
 
 /// A stroke of push, paint or material is over when the tool has left for so long, s: a hand that trembles makes one stroke.
 const LEFT_S: f64 = 0.2;
@@ -16,7 +17,7 @@ const LEAST_N: f64 = 1e-3;
 const REACH_BRUSHES: f64 = 0.6;
 const REACH_SPACINGS: f64 = 2.0;
 /// Corners of a drawn curve are so far apart, in spacings of the raster; and there are no more of them than this.
-const CORNER_SPACINGS: f64 = 1.0;
+pub(super) const CORNER_SPACINGS: f64 = 1.0;
 const CORNERS_MAX: usize = 512;
 /// Samples of the tool that are asked where it touches.
 const ASKED_MAX: usize = 4096;
@@ -89,12 +90,16 @@ pub(super) enum Activity {
     Pressing { left_s: f64 },
     /// A rope to a place of the surface.
     Pulling { anchor_map: DVec3 },
-    /// A curve is being drawn.
-    Drawing { curve_map: Vec<DVec3> },
-    /// A curve waits for a hold that pulls it.
-    Drawn { curve_map: Vec<DVec3> },
-    /// A rope to one corner of a curve; all of it is pulled.
-    PullingCurve { curve_map: Vec<DVec3>, corner: usize },
+    /// A curve is being drawn, beside those that wait.
+    Drawing { drawn: Curves, curve_map: Vec<DVec3> },
+    /// Curves wait for a hold that pulls them.
+    Drawn { curves: Curves },
+    /// A rope to one corner of one of the curves; all of them are pulled.
+    PullingCurves { curves: Curves, curve: usize, corner: usize },
+    /// Curves that an order pulls, for so long still, s.
+    Driven { curves: Curves, force_map: DVec3, brush_m: f64, left_s: f64 },
+    /// A box for the region is being spanned from here, map frame, m.
+    Spanning { from_map: DVec3 },
     /// The rope is let go; the stroke, whose end takes long, is over with the next update: the hand is not to feel a rope until then.
     LettingGo,
 }
@@ -102,6 +107,10 @@ pub(super) enum Activity {
 impl SculptEngine {
     /// One update's worth of work.
     pub(super) fn work(&mut self, motion: &MotionSummary, time_s: f64) -> Result<(), EngineError> {
+        if let Activity::Driven { .. } = self.activity {
+            self.drive(time_s)?;
+            return if motion.has_risen && self.tool.craft.is_held() { Err(EngineError::PullUnderWay) } else { Ok(()) };
+        }
         if motion.n == 0 {
             return Ok(());
         }
@@ -113,6 +122,7 @@ impl SculptEngine {
             SculptTool::Touch => Ok(()),
             SculptTool::Push | SculptTool::Paint | SculptTool::Material => self.press(motion, time_s),
             SculptTool::Pull | SculptTool::PullCurve => self.rope(motion),
+            SculptTool::Region => self.span_region(motion),
             SculptTool::Emboss | SculptTool::Engrave if motion.has_risen => self.stamp(motion),
             SculptTool::Union | SculptTool::Intersection | SculptTool::Difference if motion.has_risen => self.join(motion),
             SculptTool::Emboss | SculptTool::Engrave | SculptTool::Union | SculptTool::Intersection | SculptTool::Difference => {
@@ -125,14 +135,18 @@ impl SculptEngine {
     pub(super) fn rope_map(&self) -> Option<DVec3> {
         match &self.activity {
             Activity::Pulling { anchor_map } => Some(*anchor_map),
-            Activity::PullingCurve { curve_map, corner } => curve_map.get(*corner).copied(),
+            Activity::PullingCurves { curves, curve, corner } => {
+                curves.map.get(*curve).and_then(|curve| curve.get(*corner)).copied()
+            }
             _ => None,
         }
     }
 
-    /// The stroke under way ends, whatever it is.
+    /// The stroke under way ends, whatever it is. Curves that wait for a hold go on waiting.
     pub(super) fn let_go(&mut self) -> Result<(), EngineError> {
-        self.activity = Activity::Nothing;
+        if !matches!(self.activity, Activity::Drawn { .. }) {
+            self.activity = Activity::Nothing;
+        }
         if self.model.is_stroke() {
             self.note_change();
             if let Err(error) = self.model.end_stroke() {
@@ -158,10 +172,12 @@ impl SculptEngine {
         };
         match &mut self.activity {
             Activity::Pulling { anchor_map } => follow(anchor_map, along(*anchor_map)),
-            Activity::PullingCurve { curve_map, corner } => {
-                let along = curve_map.get(*corner).map_or(DVec3::ZERO, |anchor_map| along(*anchor_map));
-                curve_map.iter_mut().for_each(|at| follow(at, along));
+            Activity::PullingCurves { curves, curve, corner } => {
+                let anchor_map = curves.map.get(*curve).and_then(|curve| curve.get(*corner));
+                let along = anchor_map.map_or(DVec3::ZERO, |anchor_map| along(*anchor_map));
+                curves.follow(model, along, within_m);
             }
+            Activity::Driven { curves, force_map, brush_m, .. } => curves.follow(model, force_map.normalize_or_zero(), *brush_m),
             _ => {}
         }
     }
@@ -205,19 +221,24 @@ impl SculptEngine {
         }
         if !motion.is_held {
             return match core::mem::take(&mut self.activity) {
-                Activity::Drawing { curve_map } => {
-                    self.activity = Activity::Drawn { curve_map };
+                Activity::Drawing { mut drawn, curve_map } => {
+                    // A hold that was let go at once has drawn nothing.
+                    if curve_map.len() > 1 {
+                        drawn.push(curve_map);
+                    }
+                    self.activity = if drawn.map.is_empty() { Activity::Nothing } else { Activity::Drawn { curves: drawn } };
+                    self.show_again();
                     Ok(())
                 }
-                Activity::Drawn { curve_map } => {
-                    self.activity = Activity::Drawn { curve_map };
+                drawn @ (Activity::Drawn { .. } | Activity::Driven { .. }) => {
+                    self.activity = drawn;
                     Ok(())
                 }
-                Activity::Pulling { .. } | Activity::PullingCurve { .. } => {
+                Activity::Pulling { .. } | Activity::PullingCurves { .. } => {
                     self.activity = Activity::LettingGo;
                     Ok(())
                 }
-                Activity::Nothing | Activity::Pressing { .. } | Activity::LettingGo => self.let_go(),
+                Activity::Nothing | Activity::Pressing { .. } | Activity::Spanning { .. } | Activity::LettingGo => self.let_go(),
             };
         }
         let force_map = -motion.rope_map;
@@ -226,11 +247,11 @@ impl SculptEngine {
                 let along_map = vec![*anchor_map];
                 self.pull(along_map, force_map)?;
             }
-            Activity::PullingCurve { curve_map, .. } => {
-                let along_map = curve_map.clone();
-                self.pull(along_map, force_map)?;
+            Activity::PullingCurves { curves, .. } => {
+                let curves = curves.clone();
+                self.pull_curves(&curves, force_map, self.tool.brush_m)?;
             }
-            Activity::Drawing { curve_map } => {
+            Activity::Drawing { curve_map, .. } => {
                 let least_m = CORNER_SPACINGS * self.model.region().lattice().spacing_m;
                 let corner = self.model.onto(self.body.tip_map(&motion.last), self.tool.brush_m);
                 if let Some((at, _)) = corner
@@ -265,21 +286,42 @@ impl SculptEngine {
             return Ok(());
         }
         self.activity = match before {
-            Activity::Drawn { mut curve_map } if curve_map.len() > 1 => {
+            Activity::Drawn { mut curves } => {
                 // Other strokes may have moved the surface meanwhile.
-                for corner in &mut curve_map {
-                    if let Some((there, _)) = self.model.onto(*corner, self.tool.brush_m) {
-                        *corner = there;
+                curves.follow(&self.model, DVec3::ZERO, self.tool.brush_m);
+                match curves.nearest(anchor_map).filter(|(_, _, distance_m)| curves.is_free || *distance_m <= self.tool.brush_m) {
+                    Some((curve, corner, _)) => {
+                        self.model.begin_stroke()?;
+                        Activity::PullingCurves { curves, curve, corner }
                     }
+                    None if curves.map.len() >= RopeCurves::CURVES_MAX => {
+                        self.activity = Activity::Drawn { curves };
+                        return Err(EngineError::Curves { what: format!("{} curves are drawn already", RopeCurves::CURVES_MAX) });
+                    }
+                    None => Activity::Drawing { drawn: curves, curve_map: vec![anchor_map] },
                 }
-                self.model.begin_stroke()?;
-                let from_tip = |corner: &DVec3| corner.distance_squared(tip_map);
-                let nearest = curve_map.iter().enumerate().min_by(|(_, one), (_, other)| from_tip(one).total_cmp(&from_tip(other)));
-                Activity::PullingCurve { corner: nearest.map_or(0, |(corner, _)| corner), curve_map }
             }
-            _ => Activity::Drawing { curve_map: vec![anchor_map] },
+            _ => Activity::Drawing { drawn: Curves::default(), curve_map: vec![anchor_map] },
         };
         Ok(())
+    }
+
+    /// Region: the box between where the hold began and where it ends.
+    fn span_region(&mut self, motion: &MotionSummary) -> Result<(), EngineError> {
+        let tip_map = self.body.tip_map(&motion.last);
+        if motion.has_risen {
+            self.let_go()?;
+            self.activity = Activity::Spanning { from_map: tip_map };
+        }
+        let Activity::Spanning { from_map } = self.activity else { return Ok(()) };
+        if motion.is_held {
+            return Ok(());
+        }
+        self.activity = Activity::Nothing;
+        let (low_map, high_map) = (from_map.min(tip_map), from_map.max(tip_map));
+        self.has_leapt = true;
+        self.show_again();
+        Ok(self.model.choose_region(low_map, high_map)?)
     }
 
     /// Emboss and engrave: the image in the tangent plane, as wide as the brush, its upper edge towards +z of the map (+y where the surface
@@ -306,9 +348,12 @@ impl SculptEngine {
     /// Union, intersection, difference with the tool's own shape.
     fn join(&mut self, motion: &MotionSummary) -> Result<(), EngineError> {
         let Some(boolean) = self.tool.craft.boolean() else { return Ok(()) };
-        let shape = self.body.shape.as_ref().ok_or(EngineError::NoShape)?;
         let pose = motion.last.map_from_tool;
-        let with = shape.placed(&pose);
+        let with = match (&self.tool.solid, &self.body.shape) {
+            (Some(solid), _) => solid.source.beside(self.model.surface().spacing_m())?.placed(&pose),
+            (None, Some(shape)) => shape.placed(&pose),
+            (None, None) => return Err(EngineError::NoShape),
+        };
         self.let_go()?;
         self.note_change();
         self.combine(boolean, with, self.tool.is_sharp)
@@ -326,6 +371,16 @@ impl SculptEngine {
         let ToolSettings { brush_m, falloff, .. } = &self.tool;
         let reach_m = (REACH_BRUSHES * brush_m).max(REACH_SPACINGS * self.model.region().lattice().spacing_m);
         self.model.pull(&PullForce { along_map, force_n, reach_m, radius_m: *brush_m, falloff: falloff.clone() })
+    }
+
+    pub(super) fn pull_curves(&mut self, curves: &Curves, force_n: DVec3, brush_m: f64) -> Result<(), SurfaceError> {
+        if force_n.length() <= LEAST_N {
+            return Ok(());
+        }
+        let reach_m = (REACH_BRUSHES * brush_m).max(REACH_SPACINGS * self.model.region().lattice().spacing_m);
+        let falloff = &self.tool.falloff;
+        let (curves_map, is_free) = (&*curves.map, curves.is_free);
+        self.model.pull_curves(CurvesPull { curves_map, force_n, reach_m, radius_m: brush_m, falloff, is_free })
     }
 
     fn brush(&self) -> Brush {

@@ -1,6 +1,6 @@
 use super::*;
 use crate::falloff::Falloff;
-use crate::material_map::Painted;
+use crate::material_map::{MaterialPlace, Painted};
 use crate::paint::Brush;
 use crate::pull::PullForce;
 use crate::shapes::sphere;
@@ -48,6 +48,31 @@ fn loaded(bytes: &[u8]) -> Result<ClayModel, SessionFileError> {
     let path = folder.path().join("clay.session");
     std::fs::write(&path, bytes).unwrap();
     ClayModel::load_session(&path)
+}
+
+#[test]
+fn a_field_that_interpolates_is_one_again() {
+    let settings = Settings { interpolates: true, raster: [9; 3], ..Settings::default() };
+    let piece = ClayModel::new(sphere(300, R), settings).unwrap();
+    let after = loaded(&saved(&piece)).unwrap();
+    assert_eq!(after.settings(), piece.settings());
+    for at in after.points().positions_map.iter().step_by(10) {
+        assert!(after.surface().at(*at).value_m.abs() < 1e-12, "{at}");
+    }
+    assert!(!loaded(&saved(&piece_of(Material::default()))).unwrap().settings().interpolates);
+}
+
+#[test]
+fn a_material_that_was_laid_everywhere_is_kept_with_what_it_was_before() {
+    let mut piece = piece_of(Material::default());
+    let hard = Painted { stiffness_n_per_m: Some(777.0), ..Painted::default() };
+    piece.lay_material(hard, &MaterialPlace::Everywhere).unwrap();
+    let mut after = loaded(&saved(&piece)).unwrap();
+    assert_eq!((after.settings().material.stiffness_n_per_m, after.history()), (777.0, (1, 0)));
+    assert!(after.undo().unwrap());
+    assert_eq!(after.settings().material, Material::default());
+    assert!(after.redo().unwrap());
+    assert_eq!(after.settings().material.stiffness_n_per_m, 777.0);
 }
 
 #[test]

@@ -6,10 +6,14 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::super::local_fit::LocalFit;
-use super::super::neighbours::Neighbours;
-use super::super::{PointSet, SurfaceError};
+use super::super::local_fit::{LocalFit, OrientedPoint};
+use super::super::neighbours::{Neighbour, Neighbours};
+use super::super::{Patch, PointSet, SurfaceError};
 use super::{MOST_OF_MEDIAN, PointSurface, median};
+
+/// Samples nearby that are asked which patch a new one is of; those whose normals are within this cosine first.
+const ASKED_FOR_PATCH: usize = 12;
+const SAME_FACE: f64 = 0.8;
 
 /// A sample and where it goes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,14 +57,20 @@ impl PointSurface {
     pub(crate) fn refresh(&mut self, samples: &[u32], field: impl Fn(DVec3) -> Option<f64> + Sync) -> Result<(), SurfaceError> {
         let refreshed: Vec<Option<LocalFit>> = samples
             .par_iter()
-            .map(|sample| {
+            .map_init(Vec::new, |found, sample| {
                 let LocalFit { center_map, half_m, .. } = self.fits[*sample as usize];
-                LocalFit::to_field(center_map, half_m, &field)
+                // The field is as fine as its lattice, and an edge between patches finer.
+                let is_at_edge = self.has_patches && {
+                    self.near.within(center_map, half_m, found);
+                    found.iter().any(|other| self.points.patch(other.sample) != self.points.patch(*sample))
+                };
+                if is_at_edge { None } else { LocalFit::to_field(center_map, half_m, &field) }
             })
             .collect();
         let mut left = Vec::new();
         for (sample, fit) in samples.iter().zip(refreshed) {
             match fit {
+                Some(fit) if self.interpolates => self.fits[*sample as usize] = fit.meeting_its_sample(),
                 Some(fit) => self.fits[*sample as usize] = fit,
                 None => left.push(*sample),
             }
@@ -122,7 +132,15 @@ impl PointSurface {
         self.refit(&touched)
     }
 
-    /// Takes samples away and adds others. Those that stay keep their order and come first, then the new ones. Fits are made for
+    /// The patch of the nearest sample that faces the same way.
+    fn patch_of(&self, (at_map, normal_map): OrientedPoint, found: &mut Vec<Neighbour>) -> Patch {
+        self.near.nearest_n(at_map, ASKED_FOR_PATCH, found);
+        let faces = |other: &&Neighbour| self.oriented(other.sample).1.dot(normal_map) > SAME_FACE;
+        let nearest = found.iter().find(faces).or(found.first());
+        nearest.map_or(Patch::default(), |nearest| self.points.patch(nearest.sample))
+    }
+
+    /// Takes samples away and adds others. The new ones are of the patches beside them. Those that stay keep their order and come first, then the new ones. Fits are made for
     /// the new ones, and for those that have one of either in their domain.
     ///
     /// # Errors
@@ -137,6 +155,13 @@ impl PointSurface {
         let kept: Vec<u32> = (0..self.points.len() as u32).filter(|sample| stays[*sample as usize]).collect();
         let mut points = self.points.select(kept.iter().copied());
         points.append(added);
+        if self.has_patches {
+            let mut found = Vec::new();
+            for sample in kept.len() as u32..points.len() as u32 {
+                let of = (points.positions_map[sample as usize], points.normals_map[sample as usize]);
+                points.set_patch(sample, self.patch_of(of, &mut found));
+            }
+        }
         points.check()?;
         let near = Neighbours::new(&points.positions_map);
 
@@ -155,6 +180,7 @@ impl PointSurface {
             spacings_m: kept.iter().map(|sample| self.spacings_m[*sample as usize]).chain(vec![0.0; added.len()]).collect(),
             points,
             near,
+            interpolates: self.interpolates,
             ..Self::nothing(self.n_neighbours)
         };
         next.refit(&touched)?;

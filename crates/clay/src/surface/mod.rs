@@ -25,7 +25,7 @@ pub(super) use self::edit::SampleMove;
 use self::side::DipoleTree;
 use super::local_fit::{LocalFit, OrientedPoint};
 use super::neighbours::{Neighbour, Neighbours};
-use super::{PointSet, SurfaceError};
+use super::{Patch, PointSet, SurfaceError};
 
 /// Nearest others whose mean distance is the spacing: a sample amid even ones has six around it.
 const RING: usize = 6;
@@ -75,6 +75,10 @@ pub struct PointSurface {
     spacing_m: f64,
     /// The largest domain.
     reach_m: f64,
+    /// Not all samples are of one patch.
+    has_patches: bool,
+    /// The field is 0 at every sample.
+    interpolates: bool,
 }
 
 /// What a sample and its neighbours say of its domain.
@@ -112,6 +116,17 @@ impl PointSurface {
         Ok(surface)
     }
 
+    /// The same samples, met exactly: each fit is 0 at its own sample, where its weight grows without bound (φ → ∞). The field then follows the noise
+    /// of a scan as well.
+    ///
+    /// # Source
+    /// Guo2004, equation 3.
+    pub fn interpolating(mut self) -> Self {
+        self.interpolates = true;
+        self.fits = self.fits.into_par_iter().map(LocalFit::meeting_its_sample).collect();
+        self
+    }
+
     /// No sample yet.
     fn nothing(n_neighbours: usize) -> Self {
         Self {
@@ -123,7 +138,14 @@ impl PointSurface {
             fits: Vec::new(),
             spacing_m: 0.0,
             reach_m: 0.0,
+            has_patches: false,
+            interpolates: false,
         }
+    }
+
+    /// How much a fit counts at a squared distance from its sample, and the slope of that over the distance.
+    fn weight(&self, fit: &LocalFit, distance_squared_m2: f64) -> (f64, f64) {
+        if self.interpolates { fit.unbounded_weight(distance_squared_m2) } else { fit.weight(distance_squared_m2) }
     }
 
     /// What it takes in memory, bytes; trees over the samples count as two samples each.
@@ -139,7 +161,7 @@ impl PointSurface {
 
     /// Places and normals of the samples, and their colours, which may change at any time.
     pub(super) fn colors_mut(&mut self) -> (&[DVec3], &[DVec3], &mut [[u8; 3]]) {
-        let PointSet { positions_map, normals_map, colors } = &mut self.points;
+        let PointSet { positions_map, normals_map, colors, .. } = &mut self.points;
         (positions_map, normals_map, colors)
     }
 
@@ -178,8 +200,23 @@ impl PointSurface {
         let mut found = Vec::with_capacity(4 * self.n_neighbours);
         self.near.within(point_map, self.reach_m, &mut found);
         let mut blend = Blend::default();
-        for Neighbour { sample, distance_squared_m2 } in &found {
-            blend.add(&self.fits[*sample as usize], point_map, *distance_squared_m2);
+        if self.has_patches {
+            let mut blends: Vec<(Patch, Blend)> = Vec::new();
+            for Neighbour { sample, distance_squared_m2 } in &found {
+                let patch = self.points.patch(*sample);
+                let place = blends.partition_point(|(other, _)| *other < patch);
+                if blends.get(place).is_none_or(|(other, _)| *other != patch) {
+                    blends.insert(place, (patch, Blend::default()));
+                }
+                let fit = &self.fits[*sample as usize];
+                blends[place].1.add(fit, point_map, self.weight(fit, *distance_squared_m2));
+            }
+            blend = Blend::joined(&blends);
+        } else {
+            for Neighbour { sample, distance_squared_m2 } in &found {
+                let fit = &self.fits[*sample as usize];
+                blend.add(fit, point_map, self.weight(fit, *distance_squared_m2));
+            }
         }
         if blend.is_full() {
             return blend.distance();
@@ -243,9 +280,13 @@ impl PointSurface {
         let ring = &found[1..(1 + RING).min(found.len())];
         let spacing_m = ring.iter().map(|other| other.distance_squared_m2.sqrt()).sum::<f64>() / ring.len() as f64;
         let farthest_m = found.last().map_or(0.0, |last| last.distance_squared_m2.sqrt());
-        let wall = found.iter().find(|other| self.is_opposite(sample, other.sample));
+        // Other patches have fields of their own.
+        let patch = self.points.patch(sample);
+        let is_beside = |other: &&Neighbour| self.points.patch(other.sample) == patch;
+        let wall = found.iter().filter(is_beside).find(|other| self.is_opposite(sample, other.sample));
         let wall_m = wall.map_or(f64::INFINITY, |other| WALL_SHARE * other.distance_squared_m2.sqrt());
-        let neighbours = found.iter().map(|other| other.sample).filter(|other| !self.is_opposite(sample, *other)).collect();
+        let beside = found.iter().filter(is_beside).map(|other| other.sample);
+        let neighbours = beside.filter(|other| !self.is_opposite(sample, *other)).collect();
         Ok(Domain { spacing_m, half_m: farthest_m.min(wall_m.max(LEAST_SPACINGS * spacing_m)), neighbours })
     }
 
@@ -257,7 +298,24 @@ impl PointSurface {
     /// The fit of a sample, in a domain of `most_m` at most.
     fn fit(&self, sample: u32, domain: &Domain, most_m: f64) -> LocalFit {
         let neighbours = domain.neighbours.iter().map(|other| self.oriented(*other));
-        LocalFit::to_neighbours(self.oriented(sample), domain.half_m.min(most_m), domain.spacing_m, neighbours)
+        let fit = LocalFit::to_neighbours(self.oriented(sample), domain.half_m.min(most_m), domain.spacing_m, neighbours);
+        if self.interpolates { fit.meeting_its_sample() } else { fit }
+    }
+
+    /// The fit of a sample to a distance that its neighbours are to have from the surface, m, its own met exactly; `None` where all of them are 0.
+    ///
+    /// # Errors
+    /// [`SurfaceError::Coincident`].
+    pub(crate) fn fit_to_distances(&self, sample: u32, distance_m: impl Fn(u32) -> f64) -> Result<Option<LocalFit>, SurfaceError> {
+        let domain = self.domain(sample, &mut Vec::new())?;
+        if domain.neighbours.iter().all(|other| distance_m(*other) == 0.0) {
+            return Ok(None);
+        }
+        let half_m = self.fits[sample as usize].half_m;
+        let neighbours = domain.neighbours.iter().map(|other| (self.oriented(*other), distance_m(*other)));
+        let fit = LocalFit::to_distances(self.oriented(sample), half_m, domain.spacing_m, neighbours);
+        let off_m = distance_m(sample) - fit.at(self.oriented(sample).0).0;
+        Ok(Some(fit.raised(off_m)))
     }
 
     /// What follows from samples, spacings and fits.
@@ -267,6 +325,7 @@ impl PointSurface {
         self.side = DipoleTree::new(&self.near, &self.points.normals_map, &areas_m2);
         self.spacing_m = median(self.spacings_m.iter().copied());
         self.reach_m = self.domains_m().fold(0.0, f64::max);
+        self.has_patches = self.points.patches.iter().any(|patch| *patch != self.points.patch(0));
     }
 }
 

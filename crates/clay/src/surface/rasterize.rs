@@ -5,8 +5,9 @@
 
 use rayon::prelude::*;
 
+use super::super::Patch;
 use super::PointSurface;
-use super::blend::Blend;
+use super::blend::{Blend, is_next, patch_shares};
 use super::voronoi::nearest_samples;
 use vps::density::{Lattice, Raster};
 
@@ -18,6 +19,47 @@ const BLOCK: usize = 4;
 struct Plane {
     weights: Vec<f64>,
     sums_m: Vec<f64>,
+    /// What the patches before this one have made, where there are several.
+    joined: Vec<Joined>,
+}
+
+/// Of one node: the field of the patches so far.
+#[derive(Clone, Copy, Default)]
+struct Joined {
+    weight: f64,
+    value_m: f64,
+    presence: f64,
+}
+
+impl Plane {
+    fn clear(&mut self, n: usize) {
+        for sums in [&mut self.weights, &mut self.sums_m] {
+            sums.clear();
+            sums.resize(n, 0.0);
+        }
+    }
+
+    /// The sums so far are those of a patch: they are joined with the patches before it.
+    fn end_patch(&mut self, patch: Patch) {
+        for ((joined, weight), sum_m) in self.joined.iter_mut().zip(&mut self.weights).zip(&mut self.sums_m) {
+            if *weight > 0.0 {
+                let (now_m, next_m) = (joined.value_m, *sum_m / *weight);
+                let ([before, alone, both], presence) = patch_shares(joined.presence, *weight);
+                let decides_m = if is_next(patch, now_m, next_m) { next_m } else { now_m };
+                joined.value_m = before * now_m + alone * next_m + both * decides_m;
+                joined.presence = presence;
+                joined.weight += *weight;
+                (*weight, *sum_m) = (0.0, 0.0);
+            }
+        }
+    }
+
+    /// The sums are those of all patches.
+    fn end_patches(&mut self) {
+        for ((joined, weight), sum_m) in self.joined.iter().zip(&mut self.weights).zip(&mut self.sums_m) {
+            (*weight, *sum_m) = (joined.weight, joined.weight * joined.value_m);
+        }
+    }
 }
 
 impl PointSurface {
@@ -30,12 +72,13 @@ impl PointSurface {
         let nearest = nearest_samples(&lattice, &self.points.positions_map, &self.near);
         let planes = raster.values_m_mut().par_chunks_mut((ny * nz).max(1)).enumerate();
         planes.for_each_init(Plane::default, |sums, (x, values_m)| {
-            sums.weights.clear();
-            sums.weights.resize(ny * nz, 0.0);
-            sums.sums_m.clear();
-            sums.sums_m.resize(ny * nz, 0.0);
-            for sample in &by_plane[x] {
-                self.add(*sample, &lattice, x, sums);
+            sums.clear(ny * nz);
+            if self.has_patches {
+                self.add_patches(&by_plane[x], &lattice, x, sums);
+            } else {
+                for sample in &by_plane[x] {
+                    self.add(*sample, &lattice, x, sums);
+                }
             }
             self.near_shell(&lattice, x, sums, values_m);
         });
@@ -58,7 +101,22 @@ impl PointSurface {
         planes
     }
 
-    fn add(&self, sample: u32, lattice: &Lattice, x: usize, Plane { weights, sums_m }: &mut Plane) {
+    /// The samples of a plane, patch after patch.
+    fn add_patches(&self, samples: &[u32], lattice: &Lattice, x: usize, sums: &mut Plane) {
+        let mut samples: Vec<(Patch, u32)> = samples.iter().map(|sample| (self.points.patch(*sample), *sample)).collect();
+        samples.sort_unstable();
+        sums.joined.clear();
+        sums.joined.resize(sums.weights.len(), Joined::default());
+        for of_patch in samples.chunk_by(|(one, _), (other, _)| one == other) {
+            for (_, sample) in of_patch {
+                self.add(*sample, lattice, x, sums);
+            }
+            sums.end_patch(of_patch[0].0);
+        }
+        sums.end_patches();
+    }
+
+    fn add(&self, sample: u32, lattice: &Lattice, x: usize, Plane { weights, sums_m, .. }: &mut Plane) {
         let fit = &self.fits[sample as usize];
         let (center, nz) = (fit.center_map, lattice.dims[2]);
         let x_map = lattice.origin_map.x + x as f64 * lattice.spacing_m;
@@ -80,7 +138,7 @@ impl PointSurface {
             let line = fit.along_z(x_map, y_map);
             for z in from_z..to_z {
                 let off = lattice.origin_map.z + z as f64 * lattice.spacing_m - center.z;
-                let (weight, _) = fit.weight(off_squared + off * off);
+                let (weight, _) = self.weight(fit, off_squared + off * off);
                 weights[y * nz + z] += weight;
                 sums_m[y * nz + z] += weight * (line[0] + off * (line[1] + off * line[2]));
             }
@@ -88,7 +146,7 @@ impl PointSurface {
     }
 
     /// Nodes that a ball reaches; all others are left.
-    fn near_shell(&self, lattice: &Lattice, x: usize, Plane { weights, sums_m }: &Plane, values_m: &mut [f32]) {
+    fn near_shell(&self, lattice: &Lattice, x: usize, Plane { weights, sums_m, .. }: &Plane, values_m: &mut [f32]) {
         let nz = lattice.dims[2];
         for (place, ((value_m, weight), sum_m)) in values_m.iter_mut().zip(weights).zip(sums_m).enumerate() {
             let blend = Blend::of(*weight, *sum_m);

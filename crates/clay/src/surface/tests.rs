@@ -100,6 +100,43 @@ fn the_gradient_is_the_slope_of_the_value_wherever_the_field_comes_from() {
 }
 
 #[test]
+fn a_field_that_interpolates_goes_through_noisy_samples_and_is_as_steep_there_as_beside_them() {
+    let mut points = sphere(1500, 0.05);
+    let spacing_m = build(points.clone()).spacing_m();
+    for (k, (at, normal)) in points.positions_map.iter_mut().zip(&points.normals_map).enumerate() {
+        *at += *normal * (0.1 * spacing_m * (k as f64 * 12.9898).sin());
+    }
+    let (smooth, exact) = (build(points.clone()), build(points).interpolating());
+    let off = |surface: &PointSurface| {
+        let all = surface.points().positions_map.iter().map(|at| surface.at(*at).value_m.abs() / spacing_m);
+        all.fold(0.0, f64::max)
+    };
+    assert!(off(&exact) < 1e-9 && off(&smooth) > 0.02, "{} and {} spacings", off(&exact), off(&smooth));
+    for at in exact.points().positions_map.iter().step_by(10) {
+        let there = exact.at(*at).gradient;
+        for side in [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Z] {
+            let beside = exact.at(*at + side * (1e-4 * spacing_m)).gradient;
+            assert!(beside.distance(there) < 1e-2, "{at}: {beside} beside {there}");
+        }
+    }
+    // The raster has the same field.
+    let raster = exact.rasterize(lattice_around(&exact, 0.01, 0.005));
+    for (at, value_m) in nodes(&raster).filter(|(at, _)| (at.length() - 0.05).abs() < spacing_m) {
+        assert!((exact.at(at).value_m - value_m).abs() < 1e-7, "{at}");
+    }
+    // Samples that move and come are met as well.
+    let mut worked = exact;
+    let moved =
+        SampleMove { sample: 7, position_map: worked.points().positions_map[7] * 1.02, normal_map: worked.points().normals_map[7] };
+    worked.move_and_refit(&[moved]).unwrap();
+    let mut added = PointSet::default();
+    let between = 0.5 * (worked.points().positions_map[20] + worked.points().positions_map[33]);
+    added.push(between, between.normalize(), [0; 3]);
+    worked.replace(&[3], &added).unwrap();
+    assert!(off(&worked) < 1e-9, "{} spacings", off(&worked));
+}
+
+#[test]
 fn a_rasterized_sphere_has_its_volume_and_the_values_of_the_field() {
     let surface = build(sphere(4500, 0.05));
     let raster = surface.rasterize(lattice_around(&surface, 0.01, 0.0025));

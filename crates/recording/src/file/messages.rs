@@ -149,9 +149,9 @@ fn entity(shown: &DisplayObject, scene: &SceneFiles, scene_idx: u32, left_bytes:
         DisplayShape::Box([x, y, z], middle) => {
             entity.cubes.push(CubePrimitive { pose: at(*middle), size: Some(size(*x, *y, *z)), color });
         }
-        DisplayShape::Sphere(radius_m) => {
-            let edge_m = 2.0 * radius_m;
-            entity.spheres.push(SpherePrimitive { pose: at([0.0; 3]), size: Some(size(edge_m, edge_m, edge_m)), color });
+        DisplayShape::Ellipsoid([x, y, z]) => {
+            let size = Some(size(2.0 * x, 2.0 * y, 2.0 * z));
+            entity.spheres.push(SpherePrimitive { pose: at([0.0; 3]), size, color });
         }
         DisplayShape::Cylinder(radius_m, top_scale, height_m) => {
             let size = Some(size(2.0 * radius_m, 2.0 * radius_m, *height_m));

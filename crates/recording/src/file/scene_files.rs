@@ -125,8 +125,8 @@ pub struct DisplayObject {
 pub enum DisplayShape {
     /// Full edges along x, y and z, and its middle.
     Box([f64; 3], [f64; 3]),
-    /// Radius.
-    Sphere(f64),
+    /// Half of its extents along x, y and z: of a sphere its radius.
+    Ellipsoid([f64; 3]),
     /// Radius, share of it that is left at the top, and height.
     Cylinder(f64, f64, f64),
     /// A mesh file; metres per unit of it.
