@@ -188,6 +188,7 @@ mod over_network {
                 output::event(output::Level::Info, "arm", &format!("device: back at {}", node.display()), &[]);
             }
             NodeNotice::Link(LinkNews::Fails(why)) => output::event(output::Level::Warning, "arm", &format!("device: {why}"), &[]),
+            NodeNotice::Link(LinkNews::Told(text)) => output::event(output::Level::Warning, "arm", &format!("device: {text}"), &[]),
             NodeNotice::Link(LinkNews::Unguarded(why)) => {
                 output::event(output::Level::Warning, "arm", &guard::missing_text(why), &[])
             }

@@ -9,8 +9,10 @@ use super::findings::finding_json;
 use super::{OutputOptions, output, probe, report};
 use crate::error::Exit;
 use arms::attached::discover::{self, AttachedNode};
+use arms::attached::libraries::{self, Machine, MakersLibrary};
 use arms::attached::nodes;
 use arms::profile::{self, Profile, ProfileError};
+use arms::transport::RunningService;
 use rt::finding::{Finding, Root, Standing};
 use vps::storage::printable::one_line;
 
@@ -26,7 +28,7 @@ pub(crate) struct Args {
 
 #[derive(Debug, Subcommand)]
 enum DevicesCommand {
-    /// List hidraw nodes and serial ports, with the profiles that they fit.
+    /// List hidraw nodes, serial ports and services of arms, with the profiles that they fit.
     List {
         /// Print one JSON object.
         #[arg(long)]
@@ -50,12 +52,19 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
     let as_json = args.json || matches!(args.command, Some(DevicesCommand::List { json: true }));
     let root = Root::default();
     let attached = discover::attached(nodes::list(), &discover::known_arms(), &root, discover::may_use);
+    let machine = Machine { root: &root, variable: &|name| std::env::var_os(name), may_use: &discover::may_use };
+    let (libraries, services) = (libraries::makers_libraries(&machine), libraries::services());
     if as_json {
         let nodes: Vec<Value> = attached.iter().map(|found| node_json(found, &root)).collect();
-        output::result(format_args!("{}\n", json!({ "nodes": nodes })));
+        let libraries: Vec<Value> = libraries.iter().map(library_json).collect();
+        let services: Vec<Value> = services.iter().map(service_json).collect();
+        output::result(format_args!("{}\n", json!({ "nodes": nodes, "libraries": libraries, "services": services })));
         return Exit::Ok;
     }
-    if attached.is_empty() {
+    for found in &libraries {
+        output::result(format_args!("{}\n", one_line(&library_line(found))));
+    }
+    if attached.is_empty() && libraries.is_empty() && services.is_empty() {
         report::note(
             "no hidraw node and no serial port: is the arm plugged in and switched on? `hapticd doctor` looks further",
             output,
@@ -71,6 +80,9 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
                 output::result(format_args!("        {line}\n"));
             }
         }
+    }
+    for service in &services {
+        output::result(format_args!("{}\n", one_line(&service_line(service))));
     }
     Exit::Ok
 }
@@ -106,6 +118,23 @@ fn profiles(name: Option<&str>, as_json: bool, output: OutputOptions) -> Exit {
     Exit::Ok
 }
 
+fn library_json(found: &MakersLibrary) -> Value {
+    json!({
+        "codec": found.family.name(),
+        "path": found.path.as_ref().map(|path| path.display().to_string()),
+        "plugged": found.plugged,
+        "profiles": found.profiles,
+    })
+}
+
+/// A library that opens arms by itself: which of them are there shows when it does.
+fn library_line(found: &MakersLibrary) -> String {
+    let path = found.path.as_ref().map_or_else(|| "no library".to_owned(), |path| path.display().to_string());
+    let plugged = if found.plugged.is_empty() { String::new() } else { format!("  plugged in: {}", found.plugged.join(", ")) };
+    let advice = if found.path.is_some() { "" } else { "  `hapticd doctor` says where it was looked for" };
+    format!("{path}  {}{plugged}  profiles {}{advice}", found.family.name(), found.profiles.join(", "))
+}
+
 fn profile_json(profile: &Profile) -> Value {
     json!({ "name": profile.name, "title": profile.title, "simulated": profile.real.is_none() })
 }
@@ -138,6 +167,25 @@ fn node_line(found: &AttachedNode) -> String {
     }
     words.extend(found.holders.iter().map(|holder| format!("held by {} ({})", holder.name, holder.pid)));
     words.join("  ")
+}
+
+fn service_line(service: &RunningService) -> String {
+    let RunningService { address, version, arms, grips } = service;
+    let mut words = vec![format!("{address:<16} service  Inverse service {version}")];
+    words.extend(arms.iter().map(|(kind, id)| format!("{kind} {id}")));
+    words.extend(grips.iter().map(|id| format!("grip {id}")));
+    words.push(match (arms.is_empty(), grips.is_empty()) {
+        (true, _) => "no arm: plug it in and switch it on".to_owned(),
+        (false, true) => "profile inverse3-no-grip".to_owned(),
+        (false, false) => "profile inverse3".to_owned(),
+    });
+    words.join("  ")
+}
+
+fn service_json(service: &RunningService) -> Value {
+    let RunningService { address, version, arms, grips } = service;
+    let arms: Vec<Value> = arms.iter().map(|(kind, id)| json!({ "type": kind, "id": id })).collect();
+    json!({ "address": address, "version": version.to_string(), "arms": arms, "grips": grips })
 }
 
 pub(super) fn node_json(found: &AttachedNode, root: &Root) -> Value {

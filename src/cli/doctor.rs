@@ -6,14 +6,19 @@ use std::path::PathBuf;
 
 use serde_json::{Value, json};
 
-use super::findings::finding_json;
+use super::findings::{self, finding_json};
 use super::{OutputOptions, guard, output, report};
-use crate::config::{self, SceneConfig};
+use crate::config::scene::DeviceConfig;
+use crate::config::{self, LoadOptions, SceneConfig};
 use crate::error::Exit;
 use arms::attached::discover;
-use arms::attached::nodes;
-use arms::attached::open::{self, OpenOptions};
+use arms::attached::libraries::{self, Machine};
+use arms::attached::nodes::{self, Selector};
+use arms::attached::open::{self, OpenError, OpenOptions};
 use arms::attached::probe::{self, ProbeEnd, Trial};
+use arms::profile::{self, Profile, ProfileError};
+use arms::transport::ServiceError;
+use arms::vendor::VendorError;
 use rt::clock::RealClock;
 use rt::finding::{Finding, Root, Standing};
 use rt::schedule::{self, ThreadRequest};
@@ -25,6 +30,9 @@ use rt::{duration, machine, signals};
 pub(crate) struct Args {
     /// Look at what this scene needs: its processor, its priority, its rate, its arm.
     scene: Option<PathBuf>,
+    /// Look at what the arm of this profile needs, instead of the scene's: a name or a file.
+    #[arg(long, value_name = "PROFILE")]
+    device: Option<String>,
     /// How long to measure wake-ups.
     #[arg(long, value_name = "TIME", default_value = "10s", value_parser = duration::parse)]
     duration: Duration,
@@ -32,7 +40,7 @@ pub(crate) struct Args {
     #[arg(long)]
     json: bool,
     /// Print the udev rules that give access to arms, and do nothing else.
-    #[arg(long, conflicts_with_all = ["scene", "json"])]
+    #[arg(long, conflicts_with_all = ["scene", "device", "json"])]
     udev_rules: bool,
 }
 
@@ -51,14 +59,30 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
         output::result(format_args!("{}", discover::UDEV_RULES));
         return Exit::Ok;
     }
-    let config = match args.scene.as_deref().map(config::load).transpose() {
+    let load = LoadOptions { device: args.device.clone(), ..LoadOptions::default() };
+    let config = match args.scene.as_deref().map(|scene| config::load_with(scene, &load)).transpose() {
         Ok(config) => config,
         Err(errors) => return report::config_errors(&errors, output),
     };
     let (request, rate_hz) = wanted(config.as_ref());
+    let arm = match (&config, &args.device) {
+        (Some(config), _) => {
+            let DeviceConfig { profile, selector, .. } = &config.device;
+            Some(NamedArm { profile: profile.clone(), selector: selector.clone(), rate_hz })
+        }
+        (None, None) => None,
+        (None, Some(name)) => match profile::find(name, &std::env::current_dir().unwrap_or_default()) {
+            Ok(profile) => Some(NamedArm { rate_hz: profile.link.rate_hz, profile, selector: None }),
+            Err(ProfileError::Invalid(errors)) => return report::config_errors(&errors, output),
+            Err(error) => {
+                report::error(&error.to_string(), None, output);
+                return Exit::Configuration;
+            }
+        },
+    };
     let root = Root::default();
 
-    let devices = device_findings(config.as_ref(), &root);
+    let devices = device_findings(arm.as_ref(), &root);
     let machine = machine::findings(&root, request.cpu);
     report::note(
         &format!("measuring wake-ups for {:.0} s on processor {} (Ctrl-C ends it)", args.duration.as_secs_f64(), request.cpu),
@@ -80,9 +104,9 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
 
     let mut devices = devices;
     let mut trips_us = Vec::new();
-    if let Some(config) = config.as_ref().filter(|config| config.device.profile.real.is_some()) {
-        devices.extend(arm_findings(config));
-        match exchange(config, args.duration, quit, output) {
+    if let Some(arm) = arm.as_ref().filter(|arm| arm.profile.real.is_some()) {
+        devices.extend(arm_findings(arm));
+        match exchange(arm, args.duration, quit, output) {
             Ok(trips) => {
                 devices.extend(answers(&trips, rate_hz));
                 trips_us = trips;
@@ -101,40 +125,44 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
     exit
 }
 
-/// What is not known of the arm that a scene names.
-fn arm_findings(config: &SceneConfig) -> Vec<Finding> {
-    let profile = &config.device.profile;
+/// The arm that a scene or `--device` names.
+struct NamedArm {
+    profile: Profile,
+    selector: Option<Selector>,
+    rate_hz: u32,
+}
+
+/// What is not known of it.
+fn arm_findings(arm: &NamedArm) -> Vec<Finding> {
+    let NamedArm { profile, selector, .. } = arm;
     let mut findings = Vec::new();
     if profile.has_unverified_signs() {
-        let found = format!("not verified: force stays below {} N", config.parameters.limits.force_n);
-        findings.push(Finding::advice(
-            "signs",
-            found,
-            super::probe::command(profile, config.device.selector.as_ref(), "--sign-check"),
-        ));
+        let found = format!("not verified: force stays below {} N", profile.unverified_limits().force_n);
+        findings.push(Finding::advice("signs", found, super::probe::command(profile, selector.as_ref(), "--sign-check")));
     }
     if profile.is_unidentified() {
         let found = "not identified: stiffness is bounded by half of the assumed damping";
-        findings.push(Finding::advice(
-            "identified",
-            found,
-            super::probe::command(profile, config.device.selector.as_ref(), "--identify"),
-        ));
+        findings.push(Finding::advice("identified", found, super::probe::command(profile, selector.as_ref(), "--identify")));
     }
     findings
 }
 
-/// Exchanges zero commands for samples with the arm of a scene.
-fn exchange(config: &SceneConfig, duration: Duration, quit: &AtomicBool, output: OutputOptions) -> Result<Vec<u64>, Finding> {
-    let profile = &config.device.profile;
-    let period_s = 1.0 / f64::from(config.rate_hz);
-    let options = OpenOptions { selector: config.device.selector.clone(), io_request: None, period_s, guard: guard::program() };
+/// Exchanges zero commands for samples with it.
+fn exchange(arm: &NamedArm, duration: Duration, quit: &AtomicBool, output: OutputOptions) -> Result<Vec<u64>, Finding> {
+    let NamedArm { profile, selector, rate_hz } = arm;
+    let period_s = 1.0 / f64::from(*rate_hz);
+    let options = OpenOptions { selector: selector.clone(), io_request: None, period_s, guard: guard::program() };
     let again = "hapticd devices";
-    let is_named = config.device.selector.is_some();
-    let mut opened = open::open(profile, &options).map_err(|error| match is_named {
-        true => Finding::bad("arm", error.to_string(), again),
+    let mut opened = open::open(profile, &options).map_err(|error| match error {
         // Said already, with what stands in its way.
-        false => Finding::unknown("round trip", "not measured: the arm does not open"),
+        OpenError::Missing { .. }
+        | OpenError::Vendor { cause: VendorError::Missing { .. }, .. }
+        | OpenError::Service(ServiceError::Absent { .. })
+            if selector.is_none() =>
+        {
+            Finding::unknown("round trip", "not measured: the arm does not open")
+        }
+        error => Finding::bad("arm", error.to_string(), error.hint().unwrap_or(again)),
     })?;
     report::note(&format!("exchanging zero commands with the {} for {:.0} s", profile.title, duration.as_secs_f64()), output);
     let trial = &mut Trial::new(RealClock, period_s, quit);
@@ -176,10 +204,15 @@ fn wanted(config: Option<&SceneConfig>) -> (ThreadRequest, u32) {
     (ThreadRequest { cpu, priority }, config.map_or(DEFAULT_RATE_HZ, |config| config.rate_hz))
 }
 
-/// Findings about arms: those attached, and the one that a scene names.
-fn device_findings(config: Option<&SceneConfig>, root: &Root) -> Vec<Finding> {
+/// Findings about arms: those attached, and the one that is named.
+fn device_findings(arm: Option<&NamedArm>, root: &Root) -> Vec<Finding> {
     let mut findings = vec![discover::udev(root), discover::modem_manager(root)];
-    let profile = config.map(|config| &config.device.profile);
+    let machine = Machine { root, variable: &|name| std::env::var_os(name), may_use: &discover::may_use };
+    let profile = arm.map(|arm| &arm.profile);
+    if let Some(of_maker) = profile.and_then(|profile| libraries::arm_findings(&machine, profile)) {
+        findings.extend(of_maker);
+        return findings;
+    }
     let attached = discover::attached(nodes::list(), &discover::known_arms(), root, discover::may_use);
     let mut found_wanted = false;
     for node in &attached {
@@ -190,10 +223,13 @@ fn device_findings(config: Option<&SceneConfig>, root: &Root) -> Vec<Finding> {
             findings.extend(discover::findings(node, root));
         }
     }
+    let makers = if profile.is_none() { libraries::makers_libraries(&machine) } else { Vec::new() };
+    findings.extend(makers.iter().flat_map(|found| libraries::findings(&machine, found.family, None, None)));
     // A node that the scene names itself need not be one that its profile knows: whether it is there shows when it is opened.
-    let is_named = config.is_some_and(|config| config.device.selector.is_some());
+    let is_named = arm.is_some_and(|arm| arm.selector.is_some());
     findings.extend(profile.and_then(|profile| discover::scene_arm(profile, found_wanted || is_named)));
-    if profile.is_none() && !attached.iter().any(|node| !node.profiles.is_empty()) {
+    let is_none_known = makers.is_empty() && !attached.iter().any(|node| !node.profiles.is_empty());
+    if profile.is_none() && is_none_known {
         let seen = attached.len();
         findings
             .push(Finding::unknown("arm", format!("none attached that a profile knows; {seen} other nodes (`hapticd devices`)")));
@@ -261,10 +297,7 @@ fn print_text(groups: &[(&str, &[Finding])], test: &WakeupTest, trips_us: &[u64]
     for (title, findings) in groups {
         output::result(format_args!("{title}\n"));
         for finding in *findings {
-            output::result(format_args!("  {:<8} {:<20} {}\n", finding.standing.name(), finding.name, finding.found));
-            for line in finding.advice_lines() {
-                output::result(format_args!("  {:<8} {:<20} {line}\n", "", ""));
-            }
+            findings::print(finding, "  ", 20);
         }
     }
     print_bins("late wake-ups", &test.bins(&BOUNDS_US));

@@ -2,6 +2,7 @@
 
 use core::sync::atomic::Ordering;
 use core::time::Duration;
+use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use clap::ArgGroup;
@@ -14,10 +15,12 @@ use arms::mock::builder::{self, MockSettings};
 use arms::mock::gadget::Gadget;
 use arms::mock::pty::Pty;
 use arms::mock::serve::{ServeEnd, Serving, serve};
+use arms::mock::service::{self, ServiceServer};
 use arms::mock::trace::TraceFile;
 use arms::mock::uhid::Uhid;
 use arms::mock::{ArmLink, LinkError, MockArm, MockReport};
 use arms::profile::{self, Profile, ProfileError};
+use arms::protocol::Protocol;
 use arms::simulated::fault::{self, FaultPlan};
 use arms::transport::Carriage;
 use rt::schedule::{self, ThreadRequest};
@@ -38,10 +41,16 @@ pub(crate) struct Args {
     /// The arm's end of a USB gadget: /dev/ttyGS0 or /dev/hidg0.
     #[arg(long, value_name = "NODE", group = "link")]
     gadget: Option<PathBuf>,
+    /// A WebSocket server in the place of the Inverse service, for arms behind it; port 0 is any that is free.
+    #[arg(long, value_name = "ADDRESS", group = "link")]
+    service: Option<SocketAddr>,
+    /// Version that the service says it is: below 3.5 it takes forces as `values` only.
+    #[arg(long, value_name = "VERSION", requires = "service", default_value = "3.5.0")]
+    service_version: String,
     #[command(flatten)]
     hand: HandArgs,
     /// What goes wrong: drop=P%, stall, deaf, nan, garbage, unplug, slow=TIME, stuck, jump, truncate, lost-byte, repeat, reorder, sign-flip, saturate,
-    /// unhome, skip=COUNT or no-velocity, then @START[+LENGTH] since the host's first frame, such as unplug@2s+500ms; press=BUTTON holds a
+    /// unhome, sleep, skip=COUNT or no-velocity, then @START[+LENGTH] since the host's first frame, such as unplug@2s+500ms; press=BUTTON holds a
     /// button; may be repeated.
     #[arg(long = "fault", value_name = "SPEC", value_parser = parse_fault)]
     faults: Vec<(String, FaultPlan)>,
@@ -92,6 +101,14 @@ fn mock(args: &Args, output: OutputOptions) -> Result<(), Exit> {
     let settings =
         MockSettings { hand: args.hand.hand(output)?, hand_delay: args.hand.delay(), faults: args.faults.clone(), seed: 0 };
     let (parameters, protocol) = builder::parameters(&profile, settings);
+    let is_served = matches!(protocol, Protocol::HaplyService(_));
+    if is_served != args.service.is_some() {
+        let (message, hint) = match is_served {
+            true => (format!("{} is behind the Inverse service", profile.name), "use --service 127.0.0.1:10001"),
+            false => (format!("{} is not behind the Inverse service", profile.name), "use --pty LINK, --uhid or --gadget NODE"),
+        };
+        return Err(fail(Exit::Usage, &message, Some(hint)));
+    }
     if !protocol.carriages().contains(&carriage) {
         let (message, hint) = match carriage {
             Carriage::Stream => (format!("{} speaks HID reports", profile.name), "use --uhid, or --gadget /dev/hidg0"),
@@ -100,8 +117,11 @@ fn mock(args: &Args, output: OutputOptions) -> Result<(), Exit> {
         return Err(fail(Exit::Usage, &message, Some(hint)));
     }
     let period_s = parameters.period_s;
-    let mut arm = MockArm::new(parameters, protocol.firmware(carriage))
-        .map_err(|error| fail(Exit::Configuration, &error.to_string(), None))?;
+    let firmware = match args.service {
+        Some(_) => service::firmware(&protocol, &args.service_version).map_err(|message| fail(Exit::Usage, message, None))?,
+        None => protocol.firmware(carriage),
+    };
+    let mut arm = MockArm::new(parameters, firmware).map_err(|error| fail(Exit::Configuration, &error.to_string(), None))?;
     let mut trace = match args.trace.as_deref().map(|path| (path, TraceFile::create(path))) {
         Some((path, Err(error))) => return Err(fail(Exit::Usage, &format!("cannot write {}: {error}", path.display()), None)),
         Some((_, Ok(trace))) => Some(trace),
@@ -147,9 +167,14 @@ fn link_hint(args: &Args) -> Option<&'static str> {
     args.gadget.is_some().then_some("make the gadget first: scripts/hil-vm shows how")
 }
 
-fn open(args: &Args, profile: &Profile, protocol: &arms::protocol::Protocol) -> Result<(Box<dyn ArmLink>, String), LinkError> {
+fn open(args: &Args, profile: &Profile, protocol: &Protocol) -> Result<(Box<dyn ArmLink>, String), LinkError> {
     if let Some(link) = &args.pty {
         return Ok((Box::new(Pty::new(link)?), link.display().to_string()));
+    }
+    if let Some(address) = args.service {
+        let server = ServiceServer::new(address, &args.service_version)?;
+        let name = server.address().to_string();
+        return Ok((Box::new(server), name));
     }
     if let Some(node) = &args.gadget {
         return Ok((Box::new(Gadget::open(node)?), node.display().to_string()));

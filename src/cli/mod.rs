@@ -38,6 +38,7 @@ mod sculpt;
 mod sculpt_run;
 mod services;
 mod status_line;
+mod vendor_arm;
 
 use std::process::ExitCode;
 
@@ -124,7 +125,7 @@ enum Command {
 /// Parses the command line, runs the command and gives the process's exit code.
 pub fn main() -> ExitCode {
     // Before anything else is started: it is to stay small.
-    if let Some(exit) = guard::main() {
+    if let Some(exit) = guard::main().or_else(vendor_arm::main) {
         return exit;
     }
     let started_ns = monotonic_ns();

@@ -5,15 +5,16 @@ use core::time::Duration;
 use std::io::IsTerminal as _;
 use std::sync::Arc;
 
+use crossbeam::channel::Receiver;
 use serde_json::{Value, json};
 
-use super::findings::finding_json;
+use super::findings::{self, finding_json};
 use super::status_line::error_text;
 use super::{OutputOptions, guard, output, report};
 use crate::error::Exit;
 use arms::attached::identify::AxisDynamics;
 use arms::attached::nodes::Selector;
-use arms::attached::open::{self, LinkNews, OpenOptions};
+use arms::attached::open::{self, LinkNews, OpenError, OpenOptions};
 use arms::attached::probe::{self, Answers, ProbeEnd, ProbePlan, ProbeResult, ProbeStep, Push, Sign, Trial};
 use arms::profile::{self, Homing, HomingMode, Profile, ProfileError, RealArm};
 use arms::protocol::DeclaredLimits;
@@ -37,6 +38,9 @@ pub(super) struct Args {
     /// Push along each axis with a motor with 0.3 N for 0.2 s, turn about each with as little, and look which way it goes. Hold the grip loosely.
     #[arg(long)]
     sign_check: bool,
+    /// Let the arm move by itself to find its zero, where its maker's library does that. Clear the space around it.
+    #[arg(long)]
+    home: bool,
     /// Push without asking first: for scripts, whose standard input is no terminal. Someone has to watch the arm.
     #[arg(long)]
     yes: bool,
@@ -64,6 +68,9 @@ impl Args {
 /// Times a parked arm may be further from the origin than its workspace reaches.
 const PARKED: f64 = 3.0;
 
+/// Number of the gripper among the axes.
+const GRIPPER: usize = 6;
+
 /// What there is to say at the end.
 struct ProbeReport<'a> {
     profile: &'a Profile,
@@ -72,6 +79,7 @@ struct ProbeReport<'a> {
     found: &'a ProbeResult,
     ended: Option<ProbeEnd>,
     identity: Option<String>,
+    notice: Option<String>,
     declared: Option<DeclaredLimits>,
     /// Reports that were whole and made no sense.
     refused: u64,
@@ -87,31 +95,42 @@ fn probe(args: &Args, output: OutputOptions) -> Result<Exit, Exit> {
         exit
     };
     let here = std::env::current_dir().unwrap_or_default();
-    let profile = profile::find(&args.profile, &here).map_err(|error| match error {
+    let mut profile = profile::find(&args.profile, &here).map_err(|error| match error {
         ProfileError::Invalid(errors) => report::config_errors(&errors, output),
         error => fail(Exit::Configuration, error.to_string()),
     })?;
+    let way_to_zero = if args.home { profile.let_find_zero() } else { None };
+    if args.home && way_to_zero.is_none() {
+        let message = format!("--home: {} finds its zero without it", profile.name);
+        report::error(&message, Some("leave it out; [homing] of the profile says how it is homed"), output);
+        return Err(Exit::Usage);
+    }
     let has_terminal = std::io::stdin().is_terminal();
     if let Some(flag) = args.pushes().filter(|_| !args.yes && !has_terminal) {
         let message = format!("{flag} pushes the grip and asks before that, and standard input is no terminal");
         report::error(&message, Some("run it on a terminal, or give --yes and watch the arm"), output);
         return Err(Exit::Usage);
     }
+    let cannot_open = |error: &OpenError| {
+        report::error(&error.to_string(), error.hint(), output);
+        Exit::Device
+    };
     let period_s = 1.0 / f64::from(profile.link.rate_hz);
     let options = OpenOptions { selector: args.selector.clone(), io_request: None, period_s, guard: guard::program() };
     if let Some(real) = &profile.real {
         // An arm that is not there is not waited for.
-        open::look_for(&profile, &options).map_err(|error| fail(Exit::Device, error.to_string()))?;
+        open::look_for(&profile, &options).map_err(|error| cannot_open(&error))?;
         home(&real.homing, output);
-    }
-    let mut opened = open::open(&profile, &options).map_err(|error| fail(Exit::Device, error.to_string()))?;
-    // True invariant: what was opened has a profile of metal.
-    let Some(real) = &profile.real else { unreachable!("a simulated arm is not opened") };
-    for news in opened.news.try_iter() {
-        if let LinkNews::Unguarded(why) = news {
-            report::warning(&guard::missing_text(&why), output);
+        if let Some(way) = way_to_zero {
+            signals::interrupt_ends();
+            report::note(way, output);
         }
     }
+    let mut opened = open::open(&profile, &options).map_err(|error| cannot_open(&error))?;
+    // True invariant: what was opened has a profile of metal.
+    let Some(real) = &profile.real else { unreachable!("a simulated arm is not opened") };
+    let notice = opened.arm.notice();
+    tell_news(opened.news, notice.clone(), output);
     let path = opened.path.display().to_string();
     report::note(&format!("{} at {path}: listening for {:.0} s", profile.title, args.duration.as_secs_f64()), output);
     // From here on Ctrl-C takes the force off first.
@@ -142,6 +161,7 @@ fn probe(args: &Args, output: OutputOptions) -> Result<Exit, Exit> {
         found: &found,
         ended,
         identity: arm.identity(),
+        notice,
         declared: arm.declared(),
         refused: arm.refused(),
     };
@@ -150,10 +170,7 @@ fn probe(args: &Args, output: OutputOptions) -> Result<Exit, Exit> {
         output::result(format_args!("{}\n", report.json(&path, &findings)));
     } else {
         for finding in &findings {
-            output::result(format_args!("{:<8} {:<16} {}\n", finding.standing.name(), finding.name, finding.found));
-            for line in finding.advice_lines() {
-                output::result(format_args!("{:<8} {:<16} {line}\n", "", ""));
-            }
+            findings::print(finding, "", 16);
         }
         if ended.is_none() && found.made.iter().any(Option::is_some) {
             output::result(format_args!("{}", identified_text(&found)));
@@ -168,8 +185,26 @@ fn probe(args: &Args, output: OutputOptions) -> Result<Exit, Exit> {
         _ => {}
     }
     let is_bad = findings.iter().any(|finding| finding.standing == Standing::Bad);
-    Ok(if is_bad || ended.is_some() { Exit::Device } else { Exit::Ok })
+    Ok(if is_bad || ended.is_some() || report.is_unproven() { Exit::Device } else { Exit::Ok })
 }
+
+/// Tells what becomes of the link while the arm is tried out, until the arm is closed. What is a finding at the end (`notice`) is not told twice.
+fn tell_news(news: Receiver<LinkNews>, notice: Option<String>, output: OutputOptions) {
+    std::thread::spawn(move || {
+        for news in news {
+            match news {
+                LinkNews::Unguarded(why) => report::warning(&guard::missing_text(&why), output),
+                LinkNews::Told(text) if notice.as_ref() != Some(&text) => report::note(&format!("device: {text}"), output),
+                // A lost arm ends the trial.
+                LinkNews::Told(_) | LinkNews::Lost | LinkNews::Back { .. } | LinkNews::Fails(_) => {}
+            }
+        }
+    });
+}
+
+/// What to do where an axis did not move; an arm whose dead-man's switch is open makes no force.
+const LOOSELY: &str = "hold the grip more loosely, with its dead-man's switch closed if it has one, and check again";
+const LET_GO: &str = "let go of the grip, or let it move with its dead-man's switch closed if it has one, and try again";
 
 /// What a person has to do before the arm is opened. On a terminal it is waited for where the arm counts from that pose.
 fn home(homing: &Homing, output: OutputOptions) {
@@ -206,7 +241,13 @@ fn step_text(step: ProbeStep, profile: &Profile) -> &'static str {
 impl ProbeReport<'_> {
     fn findings(&self) -> Vec<Finding> {
         let mut findings = vec![self.answers(), self.packets(), self.arm(), self.position()];
+        findings.extend(self.gripper());
         findings.extend(self.identity.as_ref().map(|identity| Finding::good("says of itself", identity.clone())));
+        findings.extend(self.notice.as_ref().map(|notice| {
+            let advice =
+                "set it to what changes nothing on the service's own page, or know that what you feel is not what was commanded";
+            Finding::advice("its own filters", notice.clone(), advice).by_hand()
+        }));
         findings.extend(self.declared.and_then(|declared| self.asks_too_much(declared)));
         if self.args.sign_check {
             findings.extend(self.signs());
@@ -282,6 +323,12 @@ impl ProbeReport<'_> {
         Finding::bad("position", found + ": units, scale, home_counts or park pose?", self.homing_or_profile()).by_hand()
     }
 
+    fn gripper(&self) -> Option<Finding> {
+        let Answers { fresh: 1.., grip_rad, .. } = self.found.answers else { return None };
+        let is_sensed = self.profile.sensed.has(GRIPPER);
+        is_sensed.then(|| Finding::good("gripper", format!("{grip_rad:.3} rad; measured, and its motor is not driven")))
+    }
+
     fn homing_or_profile(&self) -> String {
         match &self.real.homing.instruction {
             Some(instruction) => format!("home it again, or correct the profile. {instruction}"),
@@ -320,16 +367,17 @@ impl ProbeReport<'_> {
                     "change motor_sign or encoder_sign of the joints behind this axis in a copy of the profile, and check again",
                 )
                 .by_hand(),
-                Sign::Still => Finding::advice(name, "hardly moved", "hold the grip more loosely and check again").by_hand(),
+                Sign::Still => Finding::advice(name, "hardly moved", LOOSELY).by_hand(),
             }
             }));
         }
-        let mut actuated = (0..signs.len()).filter(|axis_idx| self.profile.actuated.has(*axis_idx)).peekable();
-        if actuated.peek().is_none() {
+        if self.pushed().next().is_none() {
             findings.push(Finding::unknown("signs", "the arm has no motors that could push the grip"));
-        } else if actuated.all(|axis_idx| signs[axis_idx] == Some(Sign::Right)) {
+        } else if !self.is_unsigned() {
             let found = "all right: set signs_verified = true in a copy of the profile";
             findings.push(Finding::good("signs", found));
+        } else if self.args.sign_check && self.ended.is_none() {
+            findings.push(Finding::unknown("signs", "not all are right: signs_verified stays false"));
         }
         findings
     }
@@ -346,9 +394,26 @@ impl ProbeReport<'_> {
             }));
         }
         if self.ended.is_none() && findings.is_empty() {
-            findings.push(Finding::advice("made of", "no axis moved", "let go of the grip and try again").by_hand());
+            findings.push(Finding::advice("made of", "no axis moved", LET_GO).by_hand());
         }
         findings
+    }
+
+    /// Signs of the axes that have a motor to be pushed with.
+    fn pushed(&self) -> impl Iterator<Item = Option<Sign>> {
+        let ProbeReport { profile, found, .. } = self;
+        found.signs.iter().enumerate().filter(|(axis, _)| profile.actuated.has(*axis)).map(|(_, sign)| *sign)
+    }
+
+    fn is_unsigned(&self) -> bool {
+        self.pushed().any(|sign| sign != Some(Sign::Right))
+    }
+
+    /// It was to show something, and has not: an axis did not move.
+    fn is_unproven(&self) -> bool {
+        let mut made = self.found.made.iter().enumerate();
+        self.args.sign_check && self.is_unsigned()
+            || self.args.identify && made.any(|(axis, made)| self.profile.actuated.has(axis) && made.is_none())
     }
 
     /// Why it ended before its time.
@@ -406,6 +471,7 @@ impl ProbeReport<'_> {
             "path": path,
             "ended_early": ended,
             "identity": self.identity,
+            "notice": self.notice,
             "ticks": answers.ticks,
             "fresh": answers.fresh,
             "corrupt_packets": answers.corrupt,
@@ -417,6 +483,7 @@ impl ProbeReport<'_> {
             "device_error": answers.error,
             "position_m": answers.position_m.to_array(),
             "spread_m": answers.spread_m,
+            "grip_rad": answers.grip_rad,
             "signs": signs.map(|sign| sign.map(sign_name)),
             "identified": made.map(|made| made.map(made_json)),
             "findings": findings.iter().map(finding_json).collect::<Vec<_>>(),

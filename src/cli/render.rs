@@ -128,6 +128,10 @@ pub(crate) fn main(args: &LoopArgs, own: &CommandOptions<'_>, output: OutputOpti
             report::error(&RunError::NoOperator.to_string(), Some(HOW_TO_ENABLE), output);
             return Exit::Device;
         }
+        if !args.enables_at_start(&config) {
+            let by = if args.console { "you type `enable`" } else { "it is enabled on the monitor page or by a client" };
+            report::note(&format!("no force until {by}; with --enable it flows from the start"), output);
+        }
         tell_of_arm(&config, real, output);
     }
     if output.verbose > 0 {
@@ -317,7 +321,7 @@ fn run(
     if let (Some(sculpt_run), Some(piece)) = (sculpt_run, prepared.piece) {
         sculpt_run.fit(&piece, output).map_err(Refusal::Strokes)?;
         sculpt_run.open(piece, &scene, &mut live).map_err(|error| Refusal::Run(error.into()))?;
-        services.sculpts(sculpt_run.for_clients(&scene));
+        services.sculpts(sculpt_run.handle(), sculpt_run.for_clients(&scene));
     }
     live.commands = session.begin(&scene, prepared.attached.is_none()).with_paths(paths);
     let view = session.view();

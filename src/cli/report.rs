@@ -63,6 +63,7 @@ pub(super) fn prepare_hint(problem: &PrepareError) -> Option<String> {
     match problem {
         PrepareError::Scene(problem) => problem.hint(),
         PrepareError::HandPath(problem) => Some(problem.remedy.clone()),
+        PrepareError::Open(problem) => problem.hint().map(str::to_owned),
         _ => None,
     }
 }
@@ -109,8 +110,9 @@ pub(crate) fn error(message: &str, hint: Option<&str>, output: OutputOptions) {
     }
     let [red, cyan, plain] = if is_coloured(output) { ["\x1b[1;31m", "\x1b[1;36m", "\x1b[0m"] } else { [""; 3] };
     output::message(format_args!("{red}error:{plain} {}\n", printable(message)));
-    if let Some(hint) = hint {
-        output::message(format_args!("  {cyan}hint:{plain} {}\n", one_line(hint)));
+    for (n, line) in hint.iter().flat_map(|hint| hint.lines()).enumerate() {
+        let lead = if n == 0 { "hint:" } else { "     " };
+        output::message(format_args!("  {cyan}{lead}{plain} {}\n", one_line(line)));
     }
 }
 

@@ -19,6 +19,7 @@ use crate::daemon::LiveChannels;
 use crate::daemon::sculpting::{self, ClayHandle, ScriptedOrder, SculptOutcome, SculptPlan, SculptReport, SculptThread};
 use crate::error::Exit;
 use crate::monitor::ClayParts;
+use crate::picture::splats::{MassPoints, SampleForm};
 use crate::scene::LoadedClay;
 use clay::PointSet;
 use clay::engine::{SculptEngine, SculptOrder, ToolBody};
@@ -47,6 +48,9 @@ pub(crate) struct ClayArgs {
     /// At the end, draw the piece as it was and as it is: SCENE-before.png and SCENE-after.png in this folder.
     #[arg(long, help_heading = HEADING, value_name = "DIR")]
     pictures: Option<PathBuf>,
+    /// What --pictures draws of the samples.
+    #[arg(long, help_heading = HEADING, value_enum, default_value_t, requires = "pictures")]
+    drawn_as: SampleForm,
 }
 
 /// A file that samples can be taken from.
@@ -114,7 +118,9 @@ impl SculptRun {
             title: config.name.clone(),
             name: config.path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
             folder: folder.clone(),
+            form: args.drawn_as,
             before: PointSet::default(),
+            mass_before: MassPoints::default(),
         });
         let written = OutputFiles { own: &outputs, script: script.as_ref(), pictures: pictures.as_ref(), recording };
         written.check(config, overwrite, output)?;
@@ -143,6 +149,7 @@ impl SculptRun {
         let LoadedClay { workpiece, tool_shape, report } = piece;
         if let Some(pictures) = &mut self.pictures {
             pictures.before = workpiece.points().clone();
+            pictures.mass_before = MassPoints::beside_surface(workpiece.region());
         }
         let body = ToolBody { shape: Some(tool_shape), center_of_mass_tool: scene.tool.center_of_mass_tool };
         let engine = SculptEngine::new(workpiece, self.sculpt.tool.clone(), body);
@@ -157,6 +164,11 @@ impl SculptRun {
         live.clay = Some(slot);
         self.open = Some(Open { thread, handle, volume_before_m3: report.volume_m3 });
         Ok(())
+    }
+
+    /// The way to the clay; `None` before it is open.
+    pub(crate) fn handle(&self) -> Option<&ClayHandle> {
+        Some(&self.open.as_ref()?.handle)
     }
 
     /// The clay for clients; `None` before it is open.
@@ -216,7 +228,7 @@ impl SculptRun {
         }
         // A picture keeps no stroke, and one that cannot be drawn loses none.
         if let Some(pictures) = &self.pictures {
-            for (file, drawn) in pictures.draw(engine.model().points()) {
+            for (file, drawn) in pictures.draw(engine.model()) {
                 match drawn {
                     Ok(()) => summary.saved.push(SavedFile { kind: "picture", file }),
                     Err(error) => {

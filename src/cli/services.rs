@@ -2,13 +2,14 @@
 
 use std::io;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use crossbeam::channel::unbounded;
 
 use super::{OutputOptions, console, publish, reload};
 use crate::config::SceneConfig;
 use crate::daemon::reload::{KnownFiles, ReloadNotice, Reloader};
+use crate::daemon::sculpting::ClayHandle;
 use crate::daemon::session::SessionHandle;
 use crate::daemon::{Enable, LiveChannels, Notice, Operator};
 use crate::monitor::{BoundMonitor, ClayParts, Hub, HubParts, Monitor, RecordingControl};
@@ -43,6 +44,8 @@ pub(crate) struct Services {
     monitor: Option<Monitor>,
     sender: Option<publish::Sender>,
     known: Option<KnownFiles>,
+    /// What the console works on.
+    clay: Arc<OnceLock<ClayHandle>>,
 }
 
 impl Services {
@@ -51,8 +54,9 @@ impl Services {
         let ServiceOptions { config, session, clock, bound, opened, control, has_console, enables_at_start, recorder, output } =
             options;
         let (enables, taken) = unbounded::<Enable>();
+        let clay = Arc::new(OnceLock::new());
         if has_console {
-            console::begin(control.clone(), enables.clone(), session.clone())?;
+            console::begin(control.clone(), enables.clone(), session.clone(), clay.clone())?;
         }
         let is_asked = has_console || bound.is_some();
         live.operator = Operator {
@@ -61,7 +65,7 @@ impl Services {
             holds_back: config.heartbeat.is_some(),
             enables: is_asked.then_some(taken),
         };
-        let mut services = Self { known: Some(KnownFiles::of(config)), ..Self::default() };
+        let mut services = Self { known: Some(KnownFiles::of(config)), clay, ..Self::default() };
         if bound.is_none() && opened.is_none() {
             return Ok(services);
         }
@@ -97,8 +101,12 @@ impl Services {
         }
     }
 
-    /// Clients see this clay from now on, and work on it.
-    pub(crate) fn sculpts(&self, clay: Option<ClayParts>) {
+    /// Clients and the console see this clay from now on, and work on it.
+    pub(crate) fn sculpts(&self, handle: Option<&ClayHandle>, clay: Option<ClayParts>) {
+        if let Some(handle) = handle {
+            // It is set once.
+            _ = self.clay.set(handle.clone());
+        }
         if let (Some(hub), Some(clay)) = (&self.hub, clay) {
             hub.sculpts(clay);
         }

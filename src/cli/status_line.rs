@@ -88,6 +88,7 @@ impl<'a> StatusLine<'a> {
                         (Level::Info, "back", format!("device: back at {}; it waits for `enable`.{homing}", node.display()))
                     }
                     LinkNews::Fails(why) => (Level::Warning, "fails", format!("device: {why}")),
+                    LinkNews::Told(text) => (Level::Warning, "told", format!("device: {text}")),
                     LinkNews::Unguarded(why) => (Level::Warning, "unguarded", guard::missing_text(why)),
                 };
                 self.line(level, "link", &text, &[("link", state.into())]);

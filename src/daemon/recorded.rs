@@ -82,7 +82,8 @@ fn shown(name: &str, source: &MeshSource, pose: Pose, is_tool: bool) -> DisplayO
         MeshSource::File { path, metres_per_unit } => DisplayShape::Mesh(path.clone(), *metres_per_unit),
         MeshSource::Shape(shape) => match *shape {
             Shape::Box { size_m } => DisplayShape::Box(size_m.to_array(), [0.0; 3]),
-            Shape::Sphere { radius_m } => DisplayShape::Sphere(radius_m),
+            Shape::Sphere { radius_m } => DisplayShape::Ellipsoid([radius_m; 3]),
+            Shape::Ellipsoid { radii_m } => DisplayShape::Ellipsoid(radii_m.to_array()),
             Shape::Cylinder { radius_m, height_m } => DisplayShape::Cylinder(radius_m, 1.0, height_m),
             Shape::Cone { radius_m, height_m } => DisplayShape::Cylinder(radius_m, 0.0, height_m),
             Shape::Plane { x_m, y_m, thickness_m } => DisplayShape::Box([x_m, y_m, thickness_m], [0.0, 0.0, -0.5 * thickness_m]),

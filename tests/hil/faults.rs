@@ -13,9 +13,8 @@ const STALE_TICKS: f64 = 20.0;
 
 /// Injects a fault into an open6 arm while it pushes, and expects one of these sets of faults and zero force within `ticks`.
 fn ends_in(fault: &str, expected: &[&[&str]], ticks: f64) {
-    let bench = Bench::viscous();
     let fault = format!("{fault}@{WRONG_AT}");
-    let (host, mock) = exchange(&bench, &["--fault", &fault], &["--enable", "--duration", "6s"], expected);
+    let (host, mock) = exchange(&Bench::viscous(), &["--fault", &fault], &["--enable", "--duration", "6s"], expected);
     let said = format!("{}\n{}\n{}", host.json, host.stderr, mock.json);
     assert!(host.code() == Some(7) && expected.iter().any(|faults| host.faults() == *faults), "{said}");
     let felt = &mock.json["faults"][0];

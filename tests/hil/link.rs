@@ -228,7 +228,7 @@ impl Bench {
     /// The host, on the scene.
     pub(crate) fn host(&self, args: &[&str]) -> Running {
         let link = self.link();
-        let mut all = vec!["run", self.scene.to_str().expect("text"), "--device", &self.profile, "--selector", &link, "--json"];
+        let mut all = vec!["run", self.scene.to_str().expect("text"), "--device", &self.profile, "--json", "--selector", &link];
         all.extend(["--cache", "off", "--monitor", "off"]);
         all.extend(args);
         Running::start(&all)

@@ -5,8 +5,14 @@
 
 mod arms;
 mod deaf;
+mod ends;
 mod faults;
 mod guard;
 mod link;
+mod maker;
+mod open_haptics;
 mod plug;
 mod same_end;
+mod service;
+mod terminal;
+mod vendor;

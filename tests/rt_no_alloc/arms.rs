@@ -1,19 +1,10 @@
 //! Arms on a wire, and what the tick does with what they say.
 
-use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use arms::attached::nodes::Selector;
-use arms::attached::open::{self, OpenOptions};
-use arms::mock::MockArm;
-use arms::mock::builder::{self, MockSettings};
-use arms::mock::pty::Pty;
-use arms::mock::serve::{Serving, serve};
-use arms::simulated::HandParameters;
-use arms::simulated::fault;
-use arms::{Device, DeviceError, profile};
+use arms::attached::open::OpenedArm;
+use arms::{Device, DeviceError};
 use glam::DVec3;
 use hapticd::config::SceneConfig;
 use hapticd::daemon::prepare_with;
@@ -24,6 +15,7 @@ use haptics::{Faults, OffCause, Parameters};
 use rt::clock::VirtualClock;
 use vps::spatial::{DeviceSample, SampleStatus, Wrench};
 
+use super::maker::{self, Library, Serial, Service};
 use super::meddled::Meddled;
 use super::{STRIDE, counted, scene};
 
@@ -35,41 +27,25 @@ const PERIOD: Duration = Duration::from_micros(400);
 /// Longer than any machine takes.
 const GIVEN_UP: Duration = Duration::from_secs(60);
 
-/// The real driver over a real terminal, with a thread that looks for the lost arm: sound exchanges, garbled ones, a plug that is pulled and put in
-/// again, enable and disable, numbers that are none, and stops.
+/// The real driver over a real terminal, a maker's library in a worker, and a maker's service, with a thread that looks for the lost arm: sound exchanges,
+/// garbled ones, a plug that is pulled and put in again, enable and disable, numbers that are none, and stops.
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
-fn an_arm_on_a_terminal_allocates_nothing() {
-    for name in ["polhem-2022", "haply-2diy", "open6-serial"] {
-        exchanges_of(name);
-    }
+fn an_arm_on_a_wire_allocates_nothing() {
+    const FAULTS: [&str; 2] = ["truncate@300ms+5ms", "unplug@2s+300ms"];
+    std::thread::scope(|scope| {
+        for name in ["polhem-2022", "haply-2diy", "open6-serial"] {
+            scope.spawn(move || exchanges_of(name, Serial::new(name, &FAULTS), Serial::open, |serial| serial.arm));
+        }
+        for name in ["omega6", "touch", "virtuose-6d"] {
+            scope.spawn(move || exchanges_of(name, Library::new(name, &FAULTS), Library::open, |library| library.arm));
+        }
+        scope.spawn(|| exchanges_of("inverse3", Service::new("3.5.0", &FAULTS), Service::open, |service| service.arm));
+    });
 }
 
-fn exchanges_of(name: &str) {
-    let folder = tempfile::tempdir().expect("a temporary folder");
-    let node: PathBuf = folder.path().join("arm");
-    let profile = profile::find(name, Path::new("")).expect("shipped");
-    let faults =
-        ["truncate@300ms+5ms", "unplug@2s+300ms"].map(|text| (text.to_owned(), fault::parse(text).expect("grammar"))).to_vec();
-    let settings = MockSettings { hand: Some(HandParameters::default()), hand_delay: Duration::ZERO, faults, seed: 1 };
-    let (parameters, protocol) = builder::parameters(&profile, settings);
-    let serving = Serving { period_s: parameters.period_s, duration: Some(Duration::from_secs(60)), until_host_gone: false };
-    let quit = Arc::new(AtomicBool::new(false));
-    let mut pty = Pty::new(&node).expect("a terminal");
-    let told = quit.clone();
-    let carriage = arms::transport::Carriage::Stream;
-    let mut mock = MockArm::new(parameters, protocol.firmware(carriage)).expect("valid");
-    let arm_side = std::thread::spawn(move || {
-        serve(&mut mock, &mut pty, serving, None, || told.load(Ordering::Relaxed)).expect("served");
-        mock.report()
-    });
-    let options = OpenOptions {
-        selector: Some(Selector::Path(node)),
-        io_request: None,
-        period_s: PERIOD.as_secs_f64(),
-        guard: Some(env!("CARGO_BIN_EXE_hapticd").into()),
-    };
-    let mut arm = open::open(&profile, &options).unwrap_or_else(|error| panic!("{name}: {error}")).arm;
+fn exchanges_of<B>(name: &str, bench: B, open: impl Fn(&B) -> OpenedArm, arm_of: impl Fn(B) -> maker::Arm) {
+    let mut arm = open(&bench).arm;
     let (mut n_fresh, mut n_lost, mut n_fresh_again) = (0, 0, 0);
     let begin = Instant::now();
     for n in 0_u32.. {
@@ -107,8 +83,7 @@ fn exchanges_of(name: &str) {
         std::thread::sleep(PERIOD);
     }
     drop(arm);
-    quit.store(true, Ordering::Relaxed);
-    let report = arm_side.join().expect("no panic");
+    let report = arm_of(bench).ended();
     let sound = n_fresh > 2000 && n_lost > 10 && n_fresh_again > 500 && report.largest_force_n > 0.01;
     assert!(sound, "{name}: {n_fresh} fresh, {n_lost} lost, {n_fresh_again} after that; {report:?}");
 }

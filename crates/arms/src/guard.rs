@@ -88,7 +88,7 @@ pub fn watch(zero: &ZeroFrame, priority: Option<u8>) -> io::Result<()> {
     let _ = schedule::lock_memory();
     let _ = priority.map(schedule::enter_fifo);
     let host = File::open(format!("/proc/{}/statm", parent_id())).ok();
-    let [beats, acted, ready] = page.words();
+    let [beats, acted, ready, ..] = page.words();
     // Relaxed: each word says all that it says by itself.
     ready.store(1, Ordering::Relaxed);
 
@@ -190,7 +190,7 @@ impl Guard {
         // Its ends of all three are closed here, so that ours of the pipe is the only one.
         drop(command);
         let mut guard = Self { process, pipe, page, beats: 0, seen: 0 };
-        let [_, _, ready] = guard.page.words();
+        let [_, _, ready, ..] = guard.page.words();
         let begin_ns = monotonic_ns();
         while ready.load(Ordering::Relaxed) == 0 {
             if let Some(status) = guard.process.try_wait()? {

@@ -48,6 +48,7 @@
 //! | [`guard`] | the process that takes the force away when this one dies or stands still |
 //! | [`attached`] | arms on this machine: found, opened, probed, identified |
 //! | [`simulated`], [`mock`] | the simulated arm (plant, hand, encoder, faults); the same behind a real link |
+//! | [`vendor`] | arms behind a library of their maker: a worker process, its two ends, one file for each maker |
 //! | [`remote`] | an arm on another machine: both ends, force between commands, clocks |
 //! | `conformance` | tests that every arm passes |
 
@@ -69,6 +70,7 @@ pub mod testing;
 mod transmission;
 pub mod transport;
 mod velocity;
+pub mod vendor;
 mod wired;
 
 pub use driver::{Capabilities, Device, DeviceError, IoPlacement, Pacing};

@@ -166,6 +166,11 @@ impl WiredArm {
         self.connection.as_ref()?.codec.identity()
     }
 
+    /// What it said that a person should know before force flows. Cold.
+    pub fn notice(&self) -> Option<String> {
+        self.connection.as_ref()?.codec.notice()
+    }
+
     /// What it declared that it can do. Cold.
     pub fn declared(&self) -> Option<DeclaredLimits> {
         self.connection.as_ref()?.codec.declared()

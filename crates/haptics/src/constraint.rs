@@ -23,8 +23,8 @@
 use glam::{DMat3, DVec3};
 
 use super::params::CouplingParameters;
-use vps::contact::Contact;
 use vps::contact::planes::{DeepestContacts, N_BINS};
+use vps::contact::{Contact, Obstacle};
 use vps::spatial::{Mat6, Pose, Wrench};
 
 /// Depth at which the tool rests, in voxels of the object that it touches.
@@ -127,6 +127,20 @@ impl Programme<'_> {
             step = at(high);
         }
         Some(step)
+    }
+}
+
+/// Unit direction in world axes out of an obstacle at a contact; the contact's own where there is none. The poses are those at which the contact was
+/// found.
+///
+/// It is that of the mean over a voxel, which turns steadily: the gradient itself turns in steps at the faces of cells, and a tool whose balance lies
+/// between two of these directions would go to and fro across the face for ever. RT: safe, O(1).
+pub(super) fn way_out(obstacle: &Obstacle, world_from_map: Pose, world_from_body: Pose, contact: &Contact) -> DVec3 {
+    let point_map = world_from_map.inverse().transform_point(world_from_body.transform_point(contact.arm_body.as_dvec3()));
+    let cells = (point_map - obstacle.field.origin_map().as_dvec3()) / f64::from(obstacle.field.voxel_size_m());
+    match (-obstacle.field.mean_gradient(cells.as_vec3())).as_dvec3().try_normalize() {
+        Some(normal_map) => world_from_map.transform_vector(normal_map),
+        None => world_from_body.transform_vector(contact.normal_body.as_dvec3()),
     }
 }
 

@@ -7,7 +7,7 @@
 //! makes a force that is held, which gives nothing over a cycle, and within a step no better is known of where the hand is.
 //!
 //! Each component is on its own. It is at rest once it has stayed within one step for [`REST_S`]; what is followed then goes towards what is
-//! measured, by less with each change, until it stands. One that leaves that step is followed at once but for the distance to what was held, which
+//! measured, by less with each change and for a second at most, until it stands. One that leaves that step is followed at once but for the distance to what was held, which
 //! goes within [`RELEASE_S`], so nothing lags in motion and nothing jumps.
 //!
 //! # Source
@@ -23,6 +23,10 @@ const REST_S: f64 = 0.1;
 
 /// Time in which a step that was taken at rest is followed; the n-th change counts n² times less, s.
 const CREEP_S: f64 = 0.1;
+
+/// Time after a change, s, for which what is followed still goes: a force that creeps on for tens of seconds within one step of the encoder is no
+/// nearer to where the hand is, and never at rest.
+const CREEPS_FOR_S: f64 = 1.0;
 
 /// Changes at rest after which it stands: what they still moved it by would be felt for ever, and give energy.
 const STANDS_AFTER: u32 = 8;
@@ -48,11 +52,13 @@ struct Component {
     /// Time within that span, s, and changes since the rest began.
     within_s: f64,
     changes: u32,
+    /// Time since the last change, s.
+    unchanged_s: f64,
 }
 
 impl Component {
     fn at(measured: f64) -> Self {
-        Self { held: measured, last: measured, low: measured, high: measured, within_s: 0.0, changes: 0 }
+        Self { held: measured, last: measured, low: measured, high: measured, within_s: 0.0, changes: 0, unchanged_s: 0.0 }
     }
 
     fn rests(&self) -> bool {
@@ -66,12 +72,13 @@ impl Component {
         if measured.is_finite() && high - low <= ONE_STEP * step {
             (self.low, self.high) = (low, high);
             self.within_s += period_s;
+            self.unchanged_s = if changed { 0.0 } else { self.unchanged_s + period_s };
         } else {
             *self = Self { held: self.held, ..Self::at(measured) };
         }
         if self.rests() {
             self.changes = self.changes.saturating_add(u32::from(changed));
-            if self.changes < STANDS_AFTER {
+            if self.changes < STANDS_AFTER && self.unchanged_s < CREEPS_FOR_S {
                 let share = period_s / (CREEP_S * f64::from(self.changes.max(1)).powi(2));
                 let way = measured - self.held;
                 self.held = if way.abs() <= NOTHING * step { measured } else { self.held + way * share };
@@ -179,6 +186,17 @@ mod tests {
                 assert_eq!(*twist, Twist::ZERO, "{half_period}");
             }
             assert!((-1e-9..=1.0 + 1e-9).contains(&x) && (x - turn).abs() < 1e-9, "{half_period}: {x} {turn}");
+        }
+    }
+
+    #[test]
+    fn a_second_after_the_last_step_what_is_followed_stands() {
+        for changes in 1..9 {
+            let path = (0..9000).map(|n: i32| (n / 300).min(changes) % 2);
+            let outputs: Vec<_> = steadied(path).map(|(x, turn, _)| (x, turn)).collect();
+            let last = changes as usize * 300;
+            assert!(outputs[last + 1010..].iter().all(|output| *output == outputs[8999]), "{changes} changes");
+            assert!(changes > 7 || outputs[last + 10] != outputs[last + 900], "{changes} changes: it goes on for a while");
         }
     }
 

@@ -94,6 +94,7 @@ impl Element {
     fn pull(&mut self, patch: &Patch, moved_center: DVec3, turned: DVec3, params: &FrictionParameters, sum: &mut FrictionWrench) {
         let (normal, arm) = (patch.normal_world, patch.arm_world);
         let carried = core::mem::take(&mut self.obstacle_motion);
+        let before = *self;
         if self.touches {
             // Small steps: the tool moves less than a voxel and a degree in a tick.
             let turned = turned - carried.angular;
@@ -108,18 +109,20 @@ impl Element {
         let holds_n = patch.force_n * if self.slips { params.dynamic } else { params.r#static };
         // One cone for both: a face that slides along turns easily, as a rotating floor polisher shows.
         let load = (stiffness * self.stretch).length().hypot(stiffness * patch.radius_m * self.twist);
-        if load > holds_n {
-            self.slips = true;
-            let share = patch.force_n * params.dynamic / load;
-            self.stretch *= share;
-            self.twist *= share;
+        self.slips = load > holds_n;
+        let share = if self.slips { patch.force_n * params.dynamic / load } else { 1.0 };
+        self.stretch *= share;
+        self.twist *= share;
+        // Pulled in one tick from one end of its elastic way through to the other: what balances lies between both, where it is elastic. A tool without mass
+        // that knows of it only how it slides goes to and fro between the ends for ever.
+        let has_turned_round = stiffness * before.stretch.dot(self.stretch) + about * before.twist * self.twist < 0.0;
+        if self.slips && !has_turned_round {
             // A force that slides turns with the motion: across it resists like one that holds, along it not at all. Without that a step that is
             // made of forces and stiffnesses throws the tool from one side of its way to the other.
             for (way, turn) in across(self.stretch, self.twist * patch.radius_m, normal) {
                 sum.stiffness.add_outer(stiffness * share, way, arm.cross(way) + normal * (turn * patch.radius_m));
             }
         } else {
-            self.slips = false;
             let tangent = DMat3::IDENTITY - DMat3::from_cols(normal * normal.x, normal * normal.y, normal * normal.z);
             for column in [tangent.x_axis, tangent.y_axis, tangent.z_axis] {
                 // t tᵀ over the three columns of a projection is the projection.
@@ -228,6 +231,18 @@ mod tests {
             );
         }
         assert!(here.stiffness.traces().0 > 1e3);
+    }
+
+    #[test]
+    fn a_face_that_is_thrown_from_end_to_end_is_as_stiff_as_one_that_holds() {
+        let mut friction = Friction::default();
+        let patch = floor(10.0);
+        let mut pull = |x_m| friction.update([&patch].into_iter(), at(x_m, 0.0), &PARAMS);
+        pull(0.0);
+        assert!(pull(1e-3).stiffness.0[0][0].abs() < 1e-9, "it slides on");
+        let back = pull(-1e-3);
+        assert!((back.wrench.force.x - 4.0).abs() < 1e-9 && (back.stiffness.0[0][0] - 1e4).abs() < 1e-6, "{back:?}");
+        assert!(pull(-2e-3).stiffness.0[0][0].abs() < 1e-9, "it slides back");
     }
 
     #[test]

@@ -198,7 +198,7 @@ impl VirtualTool {
                 let ObstacleMotion { linear, angular } = contact.obstacle_motion;
                 let free = (target_pose.translation - body.translation + sag_m - linear, body.rotation_to(target_pose) - angular);
                 let way_out = |idx: usize, contact: &Contact| match (scene.obstacles.get(idx), obstacle_poses.pose(idx)) {
-                    (Some(obstacle), Some(stand)) => obstacle.way_out_world(stand.world_from_map, body, contact),
+                    (Some(obstacle), Some(stand)) => constraint::way_out(obstacle, stand.world_from_map, body, contact),
                     _ => body.transform_vector(contact.normal_body.as_dvec3()),
                 };
                 let step = constraint::step(free, body, coupling, deepest, way_out, SLOP_VOXELS * contact.voxel_size_m)?;

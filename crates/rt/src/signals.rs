@@ -74,6 +74,13 @@ pub fn end_by_signals(control: &Arc<Control>) -> Result<(), SignalError> {
     catch_ends()
 }
 
+/// Until signals are caught, an interrupt ends the program at once, also where a shell without job control has told it to ignore interrupts: for what
+/// waits long while an arm moves by itself.
+pub fn interrupt_ends() {
+    // SAFETY: SIG_DFL is a valid disposition and runs no code of ours.
+    unsafe { libc::signal(libc::SIGINT, libc::SIG_DFL) };
+}
+
 /// A flag that the first signal that asks for an end sets; for what has no [`Control`]. Ctrl-Z asks for an end too: what is stopped in the middle
 /// would leave its last command on the arm. Once per process.
 ///

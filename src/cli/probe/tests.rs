@@ -18,7 +18,8 @@ fn told(line: &str, found: &ProbeResult, ended: Option<ProbeEnd>, declared: Opti
     let args = Command::try_parse_from(["probe"].into_iter().chain(line.split_whitespace())).expect("valid").args;
     let profile = profile::find(&args.profile, Path::new("")).expect("shipped");
     let real = profile.real.as_ref().expect("a real arm");
-    ProbeReport { profile: &profile, real, args: &args, found, ended, identity: None, declared, refused: 0 }.findings()
+    ProbeReport { profile: &profile, real, args: &args, found, ended, identity: None, notice: None, declared, refused: 0 }
+        .findings()
 }
 
 fn row<'f>(findings: &'f [Finding], name: &str) -> &'f Finding {

@@ -40,8 +40,8 @@ pub(crate) struct LoopArgs {
     /// Let force flow on a real arm from the start on; with a deadman, while it is held. Simulated arms need no leave.
     #[arg(long)]
     pub(super) enable: bool,
-    /// Take `enable`, `disable` and `stop` as lines on standard input, and wait for `enable` after a fault instead of ending. The end of the
-    /// input is a stop.
+    /// Take `enable`, `disable` and `stop` as lines on standard input (with clay also tools, images and solids), and wait for `enable` after a
+    /// fault instead of ending. The end of the input is a stop.
     #[arg(long)]
     pub(super) console: bool,
     #[command(flatten)]

@@ -7,9 +7,9 @@ use super::super::{OutputOptions, destination, report};
 use crate::config::SceneConfig;
 use crate::config::strokes::Script;
 use crate::error::Exit;
-use crate::picture::splats::{self, ClaySnapshot};
-use clay::PointSet;
+use crate::picture::splats::{self, ClaySnapshot, MassPoints, SampleForm};
 use clay::engine::SculptOrder;
+use clay::{ClayModel, PointSet};
 use vps::mesh;
 
 /// Drawings of the piece at the start and at the end.
@@ -19,7 +19,9 @@ pub(super) struct Pictures {
     /// What the files' names begin with.
     pub(super) name: String,
     pub(super) folder: PathBuf,
+    pub(super) form: SampleForm,
     pub(super) before: PointSet,
+    pub(super) mass_before: MassPoints,
 }
 
 impl Pictures {
@@ -32,11 +34,14 @@ impl Pictures {
     }
 
     /// Draws both at one scale.
-    pub(super) fn draw(&self, after: &PointSet) -> [(PathBuf, std::io::Result<()>); 2] {
-        let moments = [("before", &self.before, after), ("after", after, &self.before)];
-        moments.map(|(moment, points, beside)| {
+    pub(super) fn draw(&self, after: &ClayModel) -> [(PathBuf, std::io::Result<()>); 2] {
+        let mass_after = MassPoints::beside_surface(after.region());
+        let after = after.points();
+        let moments = [("before", &self.before, after, &self.mass_before), ("after", after, &self.before, &mass_after)];
+        moments.map(|(moment, points, beside, mass_points)| {
             let (name, file) = (format!("{}, {moment}", self.title), self.file(moment));
-            let written = splats::write(&file, &[ClaySnapshot { name: &name, points, beside: Some(beside) }]);
+            let written =
+                splats::write(&file, &[ClaySnapshot { name: &name, points, beside: Some(beside), form: self.form, mass_points }]);
             (file, written)
         })
     }

@@ -52,7 +52,7 @@ pub fn known_arms() -> Vec<KnownArm> {
     profiles.filter_map(|profile| KnownArm::of(&profile)).collect()
 }
 
-/// What is to be said of the arm that a scene names.
+/// What is to be said of the arm that a scene names, where neither a library nor a service of its maker drives it.
 pub fn scene_arm(profile: &Profile, is_attached: bool) -> Option<Finding> {
     if is_attached {
         return None;
@@ -240,7 +240,7 @@ fn autosuspend(node: &DeviceFile, root: &Root) -> Option<Finding> {
 }
 
 /// The USB device that a class device belongs to: the nearest folder above with a vendor.
-fn usb_device(device: &Path) -> Option<PathBuf> {
+pub(super) fn usb_device(device: &Path) -> Option<PathBuf> {
     let mut folder = fs::canonicalize(device).ok()?;
     loop {
         if folder.join("idVendor").is_file() {
@@ -348,7 +348,7 @@ mod tests {
 
     #[test]
     fn the_rules_name_every_usb_arm_of_the_device_reference() {
-        for ids in ["1234", "0006", "16c0", "0486", "0483", "0403", "cb48", "256f", "046d", "1209", "ffb0"] {
+        for ids in ["1234", "0006", "16c0", "0486", "0483", "0403", "cb48", "256f", "046d", "2988", "1209", "ffb0"] {
             assert!(UDEV_RULES.contains(&format!("\"{ids}\"")), "{ids}");
         }
         // uaccess is applied by rule 73, so the file has to come before it.
@@ -391,7 +391,7 @@ mod tests {
                 TransportKind::Hid => "KERNEL==\"hidraw*\"",
                 TransportKind::Serial => "SUBSYSTEM==\"tty\"",
                 TransportKind::Usb => "SUBSYSTEM==\"usb\"",
-                TransportKind::Socket => continue,
+                TransportKind::Socket | TransportKind::Service | TransportKind::Library => continue,
             };
             for id in &arm.matching.ids {
                 assert!(admits(kind, id), "{}: {:04x}:{:04x}", arm.profile, id.vendor, id.product);

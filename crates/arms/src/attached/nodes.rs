@@ -236,7 +236,7 @@ impl Match {
         let kind = match self.transport {
             TransportKind::Hid => NodeKind::Hid,
             TransportKind::Serial => NodeKind::Serial,
-            TransportKind::Usb | TransportKind::Socket => return false,
+            TransportKind::Usb | TransportKind::Socket | TransportKind::Service | TransportKind::Library => return false,
         };
         let usage = |(page, usage): &(u16, u16)| {
             self.usage_page.is_none_or(|wanted| wanted == *page) && self.usage.is_none_or(|wanted| wanted == *usage)

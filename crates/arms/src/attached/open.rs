@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
+use std::sync::{Mutex, OnceLock};
 
 use crossbeam::channel::{Receiver, Sender, bounded};
 use rtrb::{Consumer, Producer, RingBuffer};
@@ -11,8 +11,9 @@ use super::discover::{Holder, holders};
 use super::nodes::{self, DeviceFile, NodeKind, Selector};
 use crate::guard::{Guard, ZeroFrame};
 use crate::profile::{HomingMode, Match, Profile, RealArm, TransportKind};
-use crate::protocol::StartError;
-use crate::transport::{Carriage, HidLink, HidOpenError, SerialError, SerialLink, Transport};
+use crate::protocol::{Protocol, StartError};
+use crate::transport::{Carriage, HidLink, HidOpenError, SerialError, SerialLink, ServiceError, ServiceLink, Transport};
+use crate::vendor::{self, VendorError, VendorProtocol, Words};
 use crate::{Capabilities, Connection, IoPlacement, Replacements, Timebase, WiredArm, WiredParameters};
 use rt::finding::Root;
 use rt::schedule::ThreadRequest;
@@ -31,7 +32,8 @@ pub struct OpenOptions {
     pub io_request: Option<ThreadRequest>,
     /// One tick, s.
     pub period_s: f64,
-    /// A `hapticd` to start as the [guard](crate::guard) of the arm.
+    /// A `hapticd` to start as the [guard](crate::guard) of the arm, or as the [worker](crate::vendor) that the library of its maker runs in. Without
+    /// one an arm has no guard, and an arm behind such a library does not open.
     pub guard: Option<PathBuf>,
 }
 
@@ -76,10 +78,31 @@ pub enum OpenError {
     /// A hidraw node.
     #[error(transparent)]
     Hid(#[from] HidOpenError),
+    /// A program that serves the arm.
+    #[error(transparent)]
+    Service(#[from] ServiceError),
     /// USB bulk endpoints.
     #[cfg(feature = "usb")]
     #[error(transparent)]
     Usb(#[from] crate::transport::UsbError),
+    /// A library of the maker, and what it says.
+    #[error("the {title}: {cause}")]
+    Vendor {
+        /// Name for people.
+        title: String,
+        /// Why.
+        cause: VendorError,
+    },
+    /// The selector means nothing that this arm could be.
+    #[error("{selector} does not choose the {title}: {why}")]
+    Selector {
+        /// Name for people.
+        title: String,
+        /// What the user wrote.
+        selector: Selector,
+        /// What chooses such an arm.
+        why: String,
+    },
     /// This program was built without USB bulk transfers.
     #[error("the {title} answers on USB bulk endpoints only: build with `cargo build --release --features usb`")]
     NoUsb {
@@ -100,6 +123,16 @@ pub enum OpenError {
     /// The thread that looks for a lost arm.
     #[error("cannot start a thread: {0}")]
     Thread(std::io::Error),
+}
+
+impl OpenError {
+    /// What to do, line by line, where there is more to say than the error itself does.
+    pub fn hint(&self) -> Option<&str> {
+        match self {
+            Self::Vendor { cause, .. } => cause.hint(),
+            _ => None,
+        }
+    }
 }
 
 fn advice(path: &Path) -> &'static str {
@@ -150,6 +183,8 @@ pub enum LinkNews {
     },
     /// It is there, and does not start.
     Fails(String),
+    /// What there is to know of it, or to do.
+    Told(String),
     /// It has no guard: the force stays when this process is killed or stands still.
     Unguarded(String),
 }
@@ -170,10 +205,16 @@ pub struct OpenedArm {
 /// As [`open`], as far as that can be known.
 pub fn look_for(profile: &Profile, options: &OpenOptions) -> Result<(), OpenError> {
     let real = profile.real.as_ref().ok_or_else(|| OpenError::Simulated { profile: profile.name.clone() })?;
-    if real.matching.transport == TransportKind::Usb {
-        return Ok(());
+    let connector = Connector::new(profile, real, options);
+    match (&real.protocol, real.matching.transport) {
+        (Protocol::Vendor(protocol), _) => {
+            let (protocol, _) = connector.chosen(protocol)?;
+            vendor::look_for(&protocol).map_err(|cause| OpenError::Vendor { title: profile.title.clone(), cause })
+        }
+        (Protocol::HaplyService(_), _) => connector.has_no_selector(),
+        (_, TransportKind::Usb) => Ok(()),
+        _ => connector.node().map(|_| ()),
     }
-    Connector::new(profile, real, options).node().map(|_| ())
 }
 
 /// Opens the arm of a profile. Cold; the dialogue of some arms takes seconds.
@@ -205,6 +246,11 @@ pub(crate) trait ConnectMethod: Send + 'static {
     /// What an arm that may have lost its power cannot know by itself.
     fn homing(&self) -> Option<String>;
 
+    /// What there is to know of it since the last call.
+    fn told(&self) -> Option<String> {
+        None
+    }
+
     /// True for an error that only says that the arm is not there yet.
     fn is_absent(&self, error: &OpenError) -> bool;
 }
@@ -220,6 +266,9 @@ pub(crate) fn open_with(
     let (teller, news) = bounded(NEWS);
     if let Err(cause) = &connection.guard {
         let _ = teller.try_send(LinkNews::Unguarded(cause.to_string()));
+    }
+    if let Some(notice) = connection.codec.notice() {
+        let _ = teller.try_send(LinkNews::Told(notice));
     }
     let replacements = Replacements { fresh, spent };
     std::thread::Builder::new()
@@ -268,6 +317,8 @@ struct Connector {
     options: OpenOptions,
     /// The node that was opened first: later ones have to be of the same device.
     first: OnceLock<DeviceFile>,
+    /// What the worker of a maker's library says.
+    words: Mutex<Option<Words>>,
 }
 
 /// The node of the device that was opened first: at the path that the user named, or wherever the device has come back. `None`: it is not there.
@@ -297,7 +348,13 @@ fn held(path: &Path, error: OpenError) -> OpenError {
 
 impl Connector {
     fn new(profile: &Profile, real: &RealArm, options: &OpenOptions) -> Self {
-        Self { title: profile.title.clone(), real: real.clone(), options: options.clone(), first: OnceLock::new() }
+        Self {
+            title: profile.title.clone(),
+            real: real.clone(),
+            options: options.clone(),
+            first: OnceLock::new(),
+            words: Mutex::new(None),
+        }
     }
 
     fn node(&self) -> Result<DeviceFile, OpenError> {
@@ -345,6 +402,14 @@ impl Connector {
         if self.real.matching.transport == TransportKind::Usb {
             return Err(OpenError::NoUsb { title: self.title.clone() });
         }
+        if let Protocol::HaplyService(service) = &self.real.protocol {
+            self.has_no_selector()?;
+            let link = ServiceLink::open(service, self.options.io_request)?;
+            return Ok((PathBuf::from(&service.address), Box::new(link), Carriage::Reports));
+        }
+        if let Protocol::Vendor(protocol) = &self.real.protocol {
+            return self.worker(protocol);
+        }
         let node = self.node()?;
         let (link, carriage) = self.link_at(&node).map_err(|error| held(&node.path, error))?;
         let path = node.path.clone();
@@ -359,13 +424,64 @@ impl Connector {
         })
     }
 
+    /// The library and the serial number that a selector chooses beside those of the profile.
+    fn chosen(&self, protocol: &VendorProtocol) -> Result<(VendorProtocol, Option<String>), OpenError> {
+        let mut protocol = protocol.clone();
+        let mut serial = self.real.matching.serial.clone();
+        let refused = |selector: &Selector, why: String| {
+            Err(OpenError::Selector { title: self.title.clone(), selector: selector.clone(), why })
+        };
+        match &self.options.selector {
+            None => {}
+            // A path names the library, as it names the node of another arm.
+            Some(selector @ Selector::Path(path)) if path.starts_with("/dev") => {
+                return refused(selector, "a path names the library of its maker, and the library finds the node".to_owned());
+            }
+            Some(Selector::Path(path)) => protocol.library = Some(path.clone()),
+            Some(selector @ Selector::Usb { vendor_id, product_id, serial: wanted }) => {
+                if !protocol.family.has_usb(*vendor_id, *product_id) {
+                    return refused(selector, protocol.family.selector_advice().to_owned());
+                }
+                // Without one it is any that the library finds, or the one of the profile.
+                serial = wanted.clone().or(serial);
+            }
+        }
+        Ok((protocol, serial))
+    }
+
+    /// An arm behind a service is chosen by keys of its profile: a selector that was passed over could choose another arm than the one that moves.
+    fn has_no_selector(&self) -> Result<(), OpenError> {
+        match &self.options.selector {
+            None => Ok(()),
+            Some(selector) => Err(OpenError::Selector {
+                title: self.title.clone(),
+                selector: selector.clone(),
+                why: "write `address`, `arm` and `grip` under [protocol] of a copy of the profile".to_owned(),
+            }),
+        }
+    }
+
+    /// A worker with the library of the arm's maker. It takes the force away by itself when this process no longer can, and so needs no guard.
+    fn worker(&self, protocol: &VendorProtocol) -> Result<(PathBuf, Box<dyn Transport>, Carriage), OpenError> {
+        let (protocol, serial) = self.chosen(protocol)?;
+        let started = vendor::start(self.options.guard.as_deref(), &protocol, serial, self.options.io_request)
+            .map_err(|cause| OpenError::Vendor { title: self.title.clone(), cause })?;
+        if let Ok(mut words) = self.words.lock() {
+            *words = Some(started.words);
+        }
+        Ok((PathBuf::from(started.identity), Box::new(started.link), Carriage::Reports))
+    }
+
     /// Starts the guard of the arm at this link, if one is asked for and there are motors.
     fn guard(&self, link: &dyn Transport, carriage: Carriage) -> std::io::Result<Option<Guard>> {
+        if matches!(self.real.protocol, Protocol::Vendor(_)) {
+            return Ok(None);
+        }
         let zero = self.real.protocol.zero_frame(carriage);
         let Some(program) = self.options.guard.as_ref().filter(|_| !zero.is_empty()) else { return Ok(None) };
         // Above the loop, which is one above the threads of its link.
         let priority = self.options.io_request.map(|request| request.priority.saturating_add(2).min(99));
-        Guard::start(program, link.descriptor()?, &ZeroFrame(zero.as_slice().to_vec()), priority).map(Some)
+        Guard::start(program, link.descriptor()?, &ZeroFrame(link.on_wire(zero.as_slice())), priority).map(Some)
     }
 
     #[cfg(feature = "usb")]
@@ -407,8 +523,17 @@ impl ConnectMethod for Connector {
         homing.instruction.clone().filter(|_| homing.mode == HomingMode::PowerOnPose)
     }
 
+    fn told(&self) -> Option<String> {
+        self.words.lock().ok()?.as_mut()?.told()
+    }
+
     fn is_absent(&self, error: &OpenError) -> bool {
-        matches!(error, OpenError::Missing { .. } | OpenError::Serial(SerialError::Open { .. }))
+        matches!(
+            error,
+            OpenError::Missing { .. }
+                | OpenError::Serial(SerialError::Open { .. })
+                | OpenError::Service(ServiceError::Absent { .. })
+        )
     }
 }
 
@@ -454,6 +579,9 @@ fn reconnect_loop(
                 Err(error) if connector.is_absent(&error) => looks_for = Some(PreviousLink::Unplugged),
                 Err(error) => tell(LinkNews::Fails(error.to_string())),
             }
+        }
+        while let Some(text) = connector.told() {
+            tell(LinkNews::Told(text));
         }
         std::thread::sleep(LOOK_AGAIN);
     }

@@ -247,6 +247,8 @@ pub struct Answers {
     pub position_m: DVec3,
     /// Largest distance from it on any axis: the noise of the encoders, where no hand touches the grip, m.
     pub spread_m: f64,
+    /// Angle of the gripper in the last sample, rad; 0 where there is none.
+    pub grip_rad: f64,
 }
 
 /// How an axis answers to a push.
@@ -380,7 +382,7 @@ pub(crate) fn listen(
         silence = 0;
         answers.fresh += 1;
         answers.round_trip_ticks = sample.delay_ticks;
-        (answers.homed, answers.error) = (sample.homed, sample.device_error);
+        (answers.homed, answers.error, answers.grip_rad) = (sample.homed, sample.device_error, sample.grip_rad);
         let place = sample.pose.translation;
         answers.position_m += (place - answers.position_m) / answers.fresh as f64;
         bounds = (bounds.0.min(place), bounds.1.max(place));

@@ -210,6 +210,7 @@ impl MockArm {
             self.readings.rates = [0.0; MAX_AXES];
         }
         self.readings.homed = self.has(now_s, |kind| *kind == FaultKind::Unhome).is_none();
+        self.readings.asleep = self.has(now_s, |kind| *kind == FaultKind::Sleep).is_some();
         self.readings.buttons = match self.has(now_s, |kind| matches!(kind, FaultKind::Press { .. })) {
             Some(FaultKind::Press { button }) => 1 << button,
             _ => 0,

@@ -70,6 +70,7 @@ impl Linkage {
             rates: self.transmission.reading_rates(&self.joint_rates),
             buttons: 0,
             homed: true,
+            asleep: false,
         }
     }
 

@@ -20,6 +20,7 @@
 //! | [`pty`] | a pseudo-terminal |
 //! | [`uhid`] | a HID device of the kernel's making |
 //! | [`gadget`] | a node that exists: the arm's end of a USB gadget |
+//! | [`service`] | a WebSocket server in the place of a service of the arm's maker |
 //! | [`serve`] | the real clock |
 
 mod arm;
@@ -29,6 +30,7 @@ mod link;
 pub(crate) mod linkage;
 pub mod pty;
 pub mod serve;
+pub mod service;
 mod tally;
 #[cfg(test)]
 mod tests;

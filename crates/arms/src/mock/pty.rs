@@ -48,7 +48,7 @@ impl Pty {
 
     fn plug(&mut self) -> Result<(), LinkError> {
         let of = |what: String| move |cause: io::Error| LinkError::Node { what, cause };
-        let (pair, name) = open_pair().map_err(|errno| of("make a pseudo-terminal".to_owned())(errno.into()))?;
+        // Before there is a new pair, which may have the number of the one that the link led to.
         if fs::symlink_metadata(&self.link).is_ok_and(|found| found.is_symlink()) {
             // What it leads to goes with the process that made it. What is still there is in use.
             if let (Ok(_), Ok(taken_by)) = (fs::metadata(&self.link), fs::read_link(&self.link)) {
@@ -56,6 +56,7 @@ impl Pty {
             }
             fs::remove_file(&self.link).map_err(of(format!("replace {}", self.link.display())))?;
         }
+        let (pair, name) = open_pair().map_err(|errno| of("make a pseudo-terminal".to_owned())(errno.into()))?;
         symlink(&name, &self.link).map_err(of(format!("link {} to {}", self.link.display(), name.display())))?;
         self.pair = Some(pair);
         self.name = name;

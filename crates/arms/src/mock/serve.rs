@@ -7,8 +7,8 @@ use super::link::{ArmLink, LinkError};
 use super::trace::TraceFile;
 use rt::clock::monotonic_ns;
 
-/// Longest frame of a host.
-const BUFFER: usize = 1024;
+/// Longest frame of a host: a message to a service may hold settings.
+const BUFFER: usize = 4096;
 /// What an arm that wakes takes of a backlog per period: some frames, obeyed one after the other.
 const SHARE: usize = 128;
 

@@ -68,7 +68,7 @@ pub(super) fn joints(
         Drive { checks, geometry, written, is_driven, transmission: Transmission::default(), continuous: [0.0; MAX_AXES] };
     let kinematics = match word {
         KinematicsWord::Cartesian => {
-            drive.pose();
+            drive.pose(profile.actuated);
             Some(Kinematics::Cartesian)
         }
         KinematicsWord::SerialCapstan => drive.capstan().map(Kinematics::Capstan),
@@ -135,7 +135,7 @@ fn refuse_others(checks: &mut Checks<'_>, geometry: &Geometry, word: KinematicsW
         ("angular_deg_per_s", g.angular_deg_per_s.is_some()),
     ];
     let own: &[&str] = match word {
-        KinematicsWord::Cartesian => &[],
+        KinematicsWord::Cartesian => &["origin_m"],
         KinematicsWord::SerialCapstan => &["length_mm", "origin_m", "gravity_compensation", "link_mass_g", "link_along_mm"],
         KinematicsWord::PolhemFiveLink => {
             &["length_mm", "origin_m", "gravity_compensation", "link_mass_g", "link_along_mm", "link_across_mm"]
@@ -269,11 +269,15 @@ impl Drive<'_, '_> {
     }
 
     /// Seven readings of a pose, six commands of a wrench; its limits are those of [limits].
-    fn pose(&mut self) {
+    fn pose(&mut self, actuated: Axes) {
+        let origin = self.geometry.origin_m.map_or(DVec3::ZERO, |_| self.origin());
+        // A frame may exchange axes of one kind: which of three there is no telling here.
+        let has_motor = |idx: usize| idx < 6 && (0..3).any(|axis_idx| actuated.has(idx / 3 * 3 + axis_idx));
         for idx in 0..7 {
+            let home = origin.to_array().get(idx).map_or(0.0, |origin_m| -origin_m);
             self.transmission.joints[idx] = Joint {
-                sensor: Some(Sensor { reading_idx: idx, rad_per_unit: 1.0, home: 0.0, offset_rad: 0.0 }),
-                motor: (idx < 6 && self.is_driven).then(|| Motor::torque(idx, 1.0, f64::INFINITY)),
+                sensor: Some(Sensor { reading_idx: idx, rad_per_unit: 1.0, home, offset_rad: 0.0 }),
+                motor: has_motor(idx).then(|| Motor::torque(idx, 1.0, f64::INFINITY)),
             };
         }
     }

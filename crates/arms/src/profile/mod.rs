@@ -35,6 +35,7 @@ pub use real::{Homing, HomingMode, Match, RealArm, TransportKind, UsbId};
 
 use crate::Pacing;
 use crate::motor_stage::MotorLimits;
+use crate::protocol::Protocol;
 use document::{ConfigErrors, Document, Problem, ProblemKind, nearest};
 use vps::spatial::Axes;
 use vps::storage::regular;
@@ -70,6 +71,15 @@ pub struct Profile {
 }
 
 impl Profile {
+    /// Lets the arm find its zero when it is opened, in the way that is told: it moves by itself, or takes the place where it is held. `None` for an arm that
+    /// needs neither.
+    pub fn let_find_zero(&mut self) -> Option<&'static str> {
+        let Some(Protocol::Vendor(vendor)) = self.real.as_mut().map(|real| &mut real.protocol) else { return None };
+        let way = vendor.family.way_to_zero()?;
+        vendor.home = true;
+        Some(way)
+    }
+
     /// What stability is judged by. Of a real arm that is what was measured on it; of one that was never measured, its twin with half the
     /// assumed viscosity.
     pub fn bound_plant(&self) -> Plant {
@@ -196,20 +206,33 @@ macro_rules! shipped {
 }
 
 const EMBEDDED: &[(&str, &str)] = &shipped![
+    "delta3",
+    "falcon-fd",
     "hapkit",
     "haply-2diy",
     "haply-2diy-first",
     "haply-2diy-v2",
     "haptikfabriken-aluhaptics2",
     "haptikfabriken-woodenhaptics",
+    "inverse3",
+    "inverse3-no-grip",
+    "lambda7",
     "leader-arm-6",
     "novint-falcon",
+    "omega3",
+    "omega6",
+    "omega7",
     "open6-hid",
     "open6-serial",
+    "phantom-desktop",
+    "phantom-omni",
     "polhem-2019",
     "polhem-2020",
     "polhem-2022",
     "polhem-v1",
+    "premium15-6dof",
+    "premium30-6dof",
+    "sigma7",
     "sim-2diy",
     "sim-delta3",
     "sim-desktop",
@@ -229,7 +252,10 @@ const EMBEDDED: &[(&str, &str)] = &shipped![
     "sim-woodenhaptics",
     "spacemouse",
     "spacenav",
+    "touch",
+    "touch-x",
     "vintage-2022",
+    "virtuose-6d",
     "woodenhaptics-2022",
     "woodenhaptics-v15",
 ];
@@ -323,7 +349,5 @@ fn parse(path: &Path, text: &str) -> Result<Profile, ConfigErrors> {
 }
 
 /// Protocols that exist and that this version does not speak.
-const OTHER_CODECS: [(&str, &str); 2] = [
-    ("haply-service", "of Haply's arms it drives the 2DIY, codec \"hapi-f32\""),
-    ("openffboard-hid", "an arm with firmware of one's own speaks \"open6\", see docs/reference/protocol.md"),
-];
+const OTHER_CODECS: [(&str, &str); 1] =
+    [("openffboard-hid", "an arm with firmware of one's own speaks \"open6\", see docs/reference/protocol.md")];

@@ -61,13 +61,17 @@ pub enum TransportKind {
     Usb,
     /// A socket of another program on this machine.
     Socket,
+    /// A WebSocket of another program that serves the arm.
+    Service,
+    /// A library of the arm's maker.
+    Library,
 }
 
 impl TransportKind {
     /// One report at a time, or a stream of bytes.
     pub(crate) const fn carriage(self) -> Carriage {
         match self {
-            Self::Hid => Carriage::Reports,
+            Self::Hid | Self::Service | Self::Library => Carriage::Reports,
             Self::Serial | Self::Usb | Self::Socket => Carriage::Stream,
         }
     }

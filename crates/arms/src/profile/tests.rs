@@ -278,7 +278,7 @@ fn a_new_arm_needs_no_rust() {
     let joints =
         arm.kinematics.inverse(&Pose::from_translation(DVec3::new(0.01, -0.02, 0.15)), &arm.kinematics.home()).expect("in reach");
     let readings = arm.transmission.readings(&joints).map(f64::round);
-    let state = ArmReadings { readings, rates: [0.0; MAX_AXES], buttons: 0, homed: true };
+    let state = ArmReadings { readings, rates: [0.0; MAX_AXES], buttons: 0, homed: true, asleep: false };
     let mut out = Outbox::new();
     firmware.receive(frame.as_slice(), 0.0, &state, &mut out);
     for (made, command) in firmware.motors().iter().zip(commands) {
@@ -361,9 +361,9 @@ fn more_is_sensed_than_the_joints_determine_is_refused() {
     let text = NEW_ARM.replace("sensed = [\"x\", \"y\", \"z\"]", "sensed = [\"x\", \"y\", \"z\", \"rx\"]");
     let errors = load_text(&text).expect_err("no wrist");
     assert!(errors.contains("device.sensed = [\"x\", \"y\", \"z\", \"rx\"]: must be a subset of x y z, which is what"), "{errors}");
-    let text = NEW_ARM.replace("codec = \"declarative\"", "codec = \"haply-service\"");
-    let errors = load_text(&text).expect_err("another program's");
-    assert!(errors.contains("not available in this version; of Haply's arms it drives the 2DIY"), "{errors}");
+    let text = NEW_ARM.replace("codec = \"declarative\"", "codec = \"openffboard-hid\"");
+    let errors = load_text(&text).expect_err("not driven");
+    assert!(errors.contains("not available in this version; an arm with firmware of one's own speaks"), "{errors}");
     let text = NEW_ARM.replace("codec = \"declarative\"", "codec = \"sim\"");
     let errors = load_text(&text).expect_err("a simulated arm has no match");
     assert!(errors.contains("match: must be left out: a simulated arm") && errors.contains("device.kinematics"), "{errors}");

@@ -10,8 +10,10 @@ use super::{
     packet,
 };
 use crate::kinematics::Kinematics;
-use crate::protocol::{HapiBoard, HapiEncoder, Open6Arm, Protocol, Servo, Turn};
+use crate::protocol::haply::ADDRESS;
+use crate::protocol::{HapiBoard, HapiEncoder, HaplyService, Open6Arm, Protocol, Servo, Turn};
 use crate::transport::Carriage;
+use crate::vendor::{Family, VendorProtocol};
 use document::{Checks, NOT_NEGATIVE, POSITIVE};
 use vps::spatial::Axes;
 
@@ -120,11 +122,17 @@ fn matching(checks: &mut Checks<'_>, written: &ProfileFile) -> Option<Match> {
             None => checks.not_accepted(&format!("match.ids[{idx}]"), "vendor and product in hexadecimal, such as \"256F:C635\""),
         }
     }
-    let transport = match checks.given("match.transport", matching.transport, "\"hid\", \"serial\", \"usb\" or \"none\"")? {
+    let transport = match checks.given(
+        "match.transport",
+        matching.transport,
+        "\"hid\", \"serial\", \"usb\", \"service\", \"library\" or \"none\"",
+    )? {
         TransportWord::Hid => TransportKind::Hid,
         TransportWord::Serial => TransportKind::Serial,
         TransportWord::Usb => TransportKind::Usb,
+        TransportWord::Service => TransportKind::Service,
         TransportWord::None => TransportKind::Socket,
+        TransportWord::Library => TransportKind::Library,
     };
     let selects_hid = matching.usage_page.is_some() || matching.usage.is_some();
     if selects_hid && transport != TransportKind::Hid {
@@ -177,7 +185,11 @@ fn protocol(checks: &mut Checks<'_>, dir: &Path, written: &ProfileFile, codec: C
         }
         CodecWord::Spacenav => Protocol::Spacenav,
         CodecWord::Dynamixel2 => Protocol::Dynamixel2 { servos: servos(checks, written)? },
+        CodecWord::HaplyService => Protocol::HaplyService(haply(checks, given, profile)),
         CodecWord::Open6 => Protocol::Open6(open6(checks, written, profile)?),
+        CodecWord::ForceDimension => Protocol::Vendor(vendor(checks, dir, written, profile, Family::ForceDimension)?),
+        CodecWord::Virtuose => Protocol::Vendor(vendor(checks, dir, written, profile, Family::Virtuose)?),
+        CodecWord::OpenHaptics => Protocol::Vendor(vendor(checks, dir, written, profile, Family::OpenHaptics)?),
         CodecWord::Declarative => Protocol::Declarative(packet::layout(checks, written, profile)?),
     })
 }
@@ -194,9 +206,34 @@ fn only_of(checks: &mut Checks<'_>, given: &super::written::Protocol, codec: Cod
         ("encoder_direction", given.encoder_direction.is_some(), CodecWord::HapiF32),
         ("encoder_start_deg", given.encoder_start_deg.is_some(), CodecWord::HapiF32),
         ("encoder_counts_per_rev", given.encoder_counts_per_rev.is_some(), CodecWord::HapiF32),
+        ("address", given.address.is_some(), CodecWord::HaplyService),
+        ("arm", given.arm.is_some(), CodecWord::HaplyService),
+        ("grip", given.grip.is_some(), CodecWord::HaplyService),
+        ("service_version", given.service_version.is_some(), CodecWord::HaplyService),
     ];
     for (key, _, owner) in keys.into_iter().filter(|(_, is_written, owner)| *is_written && *owner != codec) {
         checks.not_accepted(&format!("protocol.{key}"), format_args!("left out: it belongs to codec \"{}\"", owner));
+    }
+}
+
+fn haply(checks: &mut Checks<'_>, given: &super::written::Protocol, profile: &Profile) -> HaplyService {
+    let address = given.address.clone().unwrap_or_else(|| ADDRESS.to_owned());
+    if !address.rsplit_once(':').is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok()) {
+        checks.not_accepted("protocol.address", "host and port, such as \"127.0.0.1:10001\"");
+    }
+    let version = given.service_version.as_ref().and_then(|text| {
+        let version = text.parse().ok();
+        if version.is_none() {
+            checks.not_accepted("protocol.service_version", "major and minor, such as \"3.4\"");
+        }
+        version
+    });
+    HaplyService {
+        address,
+        arm: given.arm.clone(),
+        grip: given.grip.clone(),
+        has_grip: profile.sensed.contains(Axes::ROTATION),
+        version,
     }
 }
 
@@ -248,6 +285,12 @@ fn servos(checks: &mut Checks<'_>, written: &ProfileFile) -> Option<Vec<Servo>> 
     (servos.len() == written.joint.len() && !servos.is_empty()).then_some(servos)
 }
 
+/// An arm behind a library of its maker. The library may be on another machine than the profile, so that it is not looked for here.
+fn vendor(checks: &mut Checks<'_>, dir: &Path, written: &ProfileFile, profile: &Profile, family: Family) -> Option<VendorProtocol> {
+    let library = written.protocol.as_ref().and_then(|given| given.library.as_ref()).map(|name| dir.join(name));
+    Some(VendorProtocol { family, library, home: false, arm: open6(checks, written, profile)? })
+}
+
 fn open6(checks: &mut Checks<'_>, written: &ProfileFile, profile: &Profile) -> Option<Open6Arm> {
     let Some(watchdog_ms) = written.link.device_watchdog_ms else {
         checks.missing("link.device_watchdog_ms", "a whole number of ms: an arm of this protocol has a watchdog");
@@ -271,13 +314,19 @@ fn fit(checks: &mut Checks<'_>, matching: &Match, protocol: &Protocol, profile: 
     let carriage = matching.transport.carriage();
     let is_bulk = matches!(protocol, Protocol::FalconNibble16 { .. });
     let is_socket = matches!(protocol, Protocol::Spacenav);
+    let is_service = matches!(protocol, Protocol::HaplyService(_));
+    let is_library = matches!(protocol, Protocol::Vendor(_));
     let is_served = protocol.carriages().contains(&carriage)
         && is_bulk == (matching.transport == TransportKind::Usb)
-        && is_socket == (matching.transport == TransportKind::Socket);
+        && is_socket == (matching.transport == TransportKind::Socket)
+        && is_service == (matching.transport == TransportKind::Service)
+        && is_library == (matching.transport == TransportKind::Library);
     if !is_served {
         let accepted: Vec<&str> = match (is_bulk, is_socket) {
             (true, _) => vec!["\"usb\""],
             (_, true) => vec!["\"none\""],
+            _ if is_service => vec!["\"service\""],
+            _ if is_library => vec!["\"library\""],
             _ => protocol
                 .carriages()
                 .iter()

@@ -67,7 +67,7 @@ pub(super) struct Device {
 #[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, expecting = "a table, written [match]")]
 pub(super) struct Match {
-    /// How its bytes travel; "none": a socket of another program.
+    /// How its bytes travel; "service": through a program of its maker; "library": a library of its maker; "none": a socket of another program.
     pub(super) transport: Option<TransportWord>,
     pub(super) vendor_id: Option<u32>,
     pub(super) product_id: Option<u32>,
@@ -96,6 +96,8 @@ pub(super) struct Protocol {
     pub(super) carrier: Option<CarrierWord>,
     /// haptikfabriken-brackets: 1 Polhem 2022, 2 vintage, 3 WoodenHaptics.
     pub(super) model: Option<u32>,
+    /// force-dimension, open-haptics, virtuose: the library of the maker, where it is not in one of the usual places.
+    pub(super) library: Option<String>,
     /// falcon-nibble16: firmware image that the user owns.
     pub(super) firmware: Option<String>,
     /// 3dconnexion-hid: counts that mean rest.
@@ -110,6 +112,14 @@ pub(super) struct Protocol {
     pub(super) encoder_start_deg: Option<Vec<f64>>,
     /// hapi-f32: counts per turn of each encoder, in port order.
     pub(super) encoder_counts_per_rev: Option<Vec<f64>>,
+    /// haply-service: host and port of the service.
+    pub(super) address: Option<String>,
+    /// haply-service: id of the arm, where the service has several.
+    pub(super) arm: Option<String>,
+    /// haply-service: id of the grip, where the service has several.
+    pub(super) grip: Option<String>,
+    /// haply-service: version of the service, where it does not say it itself, such as "3.4".
+    pub(super) service_version: Option<String>,
 }
 
 /// How reports and commands travel.
@@ -439,7 +449,11 @@ words! {
         Spacenav = "spacenav",
         Dynamixel2 = "dynamixel2",
         Open6 = "open6",
+        HaplyService = "haply-service",
         Declarative = "declarative",
+        ForceDimension = "force-dimension",
+        OpenHaptics = "open-haptics",
+        Virtuose = "virtuose",
     }
     KinematicsWord {
         Cartesian = "cartesian",
@@ -451,7 +465,7 @@ words! {
         OneAxis = "one-axis",
         None = "none",
     }
-    TransportWord { Hid = "hid", Serial = "serial", Usb = "usb", None = "none" }
+    TransportWord { Hid = "hid", Serial = "serial", Usb = "usb", Service = "service", None = "none", Library = "library" }
     CarrierWord for Hid14Carrier { Mbed = "mbed", TeensyRawHid = "teensy-rawhid" }
     TurnWord for Turn { Clockwise = "cw", CounterClockwise = "ccw" }
     PacingWord for Pacing { PingPong = "ping-pong", Stream = "stream", Event = "event" }

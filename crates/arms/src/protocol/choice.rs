@@ -5,12 +5,13 @@ use core::time::Duration;
 use std::path::PathBuf;
 
 use super::{
-    Codec, Firmware, HapiBoard, HapiEncoder, Hid14Carrier, MAX_AXES, MotorCommand, Open6Arm, PacketLayout, ProtocolError, Servo,
-    brackets, declarative, dynamixel, dynamixel_bus, falcon, hapi, hapkit, hid14, open6, open6_arm, polhem, space_mouse,
-    woodenhaptics,
+    Codec, Firmware, HapiBoard, HapiEncoder, HaplyService, Hid14Carrier, MAX_AXES, MotorCommand, Open6Arm, PacketLayout,
+    ProtocolError, Servo, brackets, declarative, dynamixel, dynamixel_bus, falcon, hapi, hapkit, haply, hid14, open6, open6_arm,
+    polhem, space_mouse, woodenhaptics,
 };
 use crate::Pacing;
 use crate::transport::{Carriage, Frame};
+use crate::vendor::VendorProtocol;
 
 /// The protocol of an arm. The docs of each variant name its readings ([`Report::readings`]) and its motors ([`MotorCommand::motors`]) in
 /// order, in the units of the wire.
@@ -73,8 +74,13 @@ pub enum Protocol {
     /// Readings 0–2: x, y, z, m; 3–6: orientation x, y, z, w; 7: grip, rad. Rates: velocity, m/s; angular velocity, rad/s; 7: grip, rad/s
     /// (0 where not sent). Motors 0–2: force, N; 3–5: torque, N·m; 6: grip torque, N·m.
     Open6(Open6Arm),
+    /// The Inverse service of Haply, one state per command. Readings 0–2: x, y, z, m; 3–6: orientation of the grip x, y, z, w.
+    /// Motors 0–2: force, N. Button bits 0–9: a to f, up, down, left, right.
+    HaplyService(HaplyService),
     /// Frames described as data.
     Declarative(PacketLayout),
+    /// A library of the arm's maker, in a worker that speaks [`Self::Open6`]: the same readings and motors.
+    Vendor(VendorProtocol),
 }
 
 impl Protocol {
@@ -92,7 +98,9 @@ impl Protocol {
             Self::Spacenav => "spacenav",
             Self::Dynamixel2 { .. } => "dynamixel2",
             Self::Open6(_) => "open6",
+            Self::HaplyService(_) => "haply-service",
             Self::Declarative(_) => "declarative",
+            Self::Vendor(vendor) => vendor.family.name(),
         }
     }
 
@@ -100,6 +108,8 @@ impl Protocol {
     pub fn error_text(&self, error: u16) -> Option<String> {
         match self {
             Self::Open6(_) => Some(open6::error_text(error)),
+            Self::HaplyService(_) => Some(haply::error_text(error)),
+            Self::Vendor(vendor) => Some(vendor.family.fault_text(error).map_or_else(|| open6::error_text(error), str::to_owned)),
             Self::Dynamixel2 { .. } => Some(dynamixel::report_error_text(error)),
             _ => None,
         }
@@ -119,7 +129,12 @@ impl Protocol {
     /// Step of motor commands on the wire, in their units; 0 where it is too fine to matter.
     pub(crate) fn motor_step(&self) -> f64 {
         match self {
-            Self::HapiF32(_) | Self::HapkitAscii | Self::Open6(_) | Self::Declarative(_) => 0.0,
+            Self::HapiF32(_)
+            | Self::HapkitAscii
+            | Self::Open6(_)
+            | Self::HaplyService(_)
+            | Self::Declarative(_)
+            | Self::Vendor(_) => 0.0,
             Self::PolhemAscii64 { cartesian: true } | Self::SpaceMouse { .. } | Self::Spacenav => 0.0,
             Self::WoodenhapticsHid8
             | Self::HaptikfabrikenHid14 { .. }
@@ -140,7 +155,8 @@ impl Protocol {
             Self::HapiF32(board) => board.encoders.len(),
             Self::HapkitAscii => 1,
             Self::Dynamixel2 { servos } => servos.len(),
-            Self::Open6(_) => 8,
+            Self::Open6(_) | Self::Vendor(_) => 8,
+            Self::HaplyService(_) => 7,
             Self::Declarative(layout) => layout.n_readings(),
         }
     }
@@ -154,7 +170,8 @@ impl Protocol {
             Self::HapiF32(board) => board.motors.len(),
             Self::HapkitAscii => 1,
             Self::Dynamixel2 { servos } => servos.len(),
-            Self::Open6(_) => 7,
+            Self::Open6(_) | Self::Vendor(_) => 7,
+            Self::HaplyService(_) => 3,
             Self::Declarative(layout) => layout.n_motors(),
         }
     }
@@ -175,12 +192,14 @@ impl Protocol {
     /// How its bytes may travel.
     pub fn carriages(&self) -> &'static [Carriage] {
         match self {
-            Self::WoodenhapticsHid8 | Self::HaptikfabrikenHid14 { .. } | Self::SpaceMouse { .. } => &[Carriage::Reports],
+            Self::WoodenhapticsHid8 | Self::HaptikfabrikenHid14 { .. } | Self::SpaceMouse { .. } | Self::HaplyService(_) => {
+                &[Carriage::Reports]
+            }
             Self::PolhemAscii64 { .. } | Self::HaptikfabrikenBrackets { .. } | Self::HapiF32(_) | Self::FalconNibble16 { .. } => {
                 &[Carriage::Stream]
             }
             Self::HapkitAscii | Self::Spacenav | Self::Dynamixel2 { .. } => &[Carriage::Stream],
-            Self::Open6(_) => &[Carriage::Reports, Carriage::Stream],
+            Self::Open6(_) | Self::Vendor(_) => &[Carriage::Reports, Carriage::Stream],
             Self::Declarative(layout) => layout.carriages(),
         }
     }
@@ -202,7 +221,8 @@ impl Protocol {
             Self::WoodenhapticsHid8 | Self::HaptikfabrikenHid14 { .. } => Some(Duration::from_millis(500)),
             Self::PolhemAscii64 { .. } => Some(Duration::from_millis(100)),
             Self::Dynamixel2 { .. } => Some(Duration::from_millis(40)),
-            Self::Open6(arm) => Some(Duration::from_millis(arm.watchdog_ms.into())),
+            Self::Open6(arm) | Self::Vendor(VendorProtocol { arm, .. }) => Some(Duration::from_millis(arm.watchdog_ms.into())),
+            Self::HaplyService(_) => Some(haply::service::IDLE),
             Self::Declarative(layout) => layout.watchdog_ms.map(|ms| Duration::from_millis(ms.into())),
             _ => None,
         }
@@ -221,7 +241,8 @@ impl Protocol {
             Self::SpaceMouse { dead_band } => Box::new(space_mouse::Host::new(*dead_band)),
             Self::Spacenav => Box::new(space_mouse::SocketHost::default()),
             Self::Dynamixel2 { servos } => Box::new(dynamixel::Host::new(servos)),
-            Self::Open6(arm) => Box::new(open6::Host::new(arm.clone(), carriage)),
+            Self::Open6(arm) | Self::Vendor(VendorProtocol { arm, .. }) => Box::new(open6::Host::new(arm.clone(), carriage)),
+            Self::HaplyService(_) => Box::new(haply::Host::default()),
             Self::Declarative(layout) => Box::new(declarative::Host::new(layout.clone())),
         }
     }
@@ -239,7 +260,8 @@ impl Protocol {
             Self::SpaceMouse { .. } => Box::new(space_mouse::Puck::new(true)),
             Self::Spacenav => Box::new(space_mouse::SocketPuck::default()),
             Self::Dynamixel2 { servos } => Box::new(dynamixel_bus::Arm::new(servos)),
-            Self::Open6(arm) => Box::new(open6_arm::Arm::new(arm.clone(), carriage)),
+            Self::Open6(arm) | Self::Vendor(VendorProtocol { arm, .. }) => Box::new(open6_arm::Arm::new(arm.clone(), carriage)),
+            Self::HaplyService(service) => Box::new(haply::Adapted::new(service)),
             Self::Declarative(layout) => Box::new(declarative::Arm::new(layout.clone())),
         }
     }
@@ -284,7 +306,7 @@ impl Protocol {
                 }
                 Ok(())
             }
-            Self::Open6(arm) => {
+            Self::Open6(arm) | Self::Vendor(VendorProtocol { arm, .. }) => {
                 if arm.name.len() > Open6Arm::NAME_MAX {
                     return refuse(format!("name of {} bytes: at most {}", arm.name.len(), Open6Arm::NAME_MAX));
                 }

@@ -11,6 +11,7 @@
 //! |---|---|
 //! | `mod` | both traits and what they exchange |
 //! | [`Protocol`] in `choice` | which protocol, with what a profile supplies |
+//! | `haply` | the service of another program |
 //! | [`layout`], `declarative`, `framing` | frames described as data, what speaks them |
 //! | `woodenhaptics`, `hid14`, `polhem`, `brackets`, `hapi`, `falcon`, `hapkit`, `space_mouse`, `dynamixel` | one protocol each, both sides |
 //! | `open6`, `open6_arm` | our own protocol, both sides |
@@ -30,11 +31,12 @@ mod framing;
 mod gather;
 mod hapi;
 mod hapkit;
+pub(crate) mod haply;
 mod hid14;
 pub mod layout;
 pub(crate) mod number;
 pub(crate) mod open6;
-mod open6_arm;
+pub(crate) mod open6_arm;
 mod polhem;
 mod space_mouse;
 mod supplied;
@@ -43,6 +45,7 @@ mod tests;
 mod woodenhaptics;
 
 pub use choice::Protocol;
+pub use haply::{HaplyService, Version as ServiceVersion};
 pub use layout::PacketLayout;
 pub use supplied::{HapiBoard, HapiEncoder, Hid14Carrier, Open6Arm, ProtocolError, Servo, ServoModel, Turn};
 
@@ -222,6 +225,11 @@ pub trait Codec: Send {
         None
     }
 
+    /// What a person should know before force flows, where the arm said so at the start. Cold.
+    fn notice(&self) -> Option<String> {
+        None
+    }
+
     /// What the arm declared at the start, where its protocol lets it. Cold.
     fn declared(&self) -> Option<DeclaredLimits> {
         None
@@ -254,6 +262,8 @@ pub struct ArmReadings {
     pub buttons: u32,
     /// The arm has found its zero.
     pub homed: bool,
+    /// What measures the orientation apart from the arm is asleep.
+    pub asleep: bool,
 }
 
 /// Frames that an arm sends, in order. Cold: it allocates.

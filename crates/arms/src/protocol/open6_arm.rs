@@ -36,7 +36,7 @@ enum Mode {
 
 /// The arm's side.
 #[derive(Debug)]
-pub(super) struct Arm {
+pub(crate) struct Arm {
     arm: Open6Arm,
     carriage: Carriage,
     packets: Packets,
@@ -50,7 +50,7 @@ pub(super) struct Arm {
 }
 
 impl Arm {
-    pub(super) fn new(arm: Open6Arm, carriage: Carriage) -> Self {
+    pub(crate) fn new(arm: Open6Arm, carriage: Carriage) -> Self {
         let watchdog_ms = arm.watchdog_ms;
         let packets = Packets::new(carriage);
         Self {
@@ -73,7 +73,40 @@ impl Arm {
         out.push(frame.as_slice().to_vec());
     }
 
-    fn take(&mut self, packet: Packet<'_>, now_s: f64, arm: &ArmReadings, out: &mut Outbox) {
+    /// Takes bytes of the host; whether it is owed a [`Self::state`]. An arm whose sensors are slow sets its motors in between.
+    pub(crate) fn hear(&mut self, bytes: &[u8], now_s: f64, homed: bool, out: &mut Outbox) -> bool {
+        let mut owes = false;
+        for (kind, sequence, payload) in self.packets_of(bytes) {
+            owes |= self.take(Packet { kind, sequence, payload: &payload }, now_s, homed, out);
+        }
+        owes
+    }
+
+    fn packets_of(&mut self, bytes: &[u8]) -> Vec<(u8, u16, Vec<u8>)> {
+        let bytes = match (self.carriage, bytes) {
+            (Carriage::Reports, [0, report @ ..]) if report.len() == REPORT => report,
+            _ => bytes,
+        };
+        let mut found = Vec::new();
+        self.packets.feed(bytes, |packet| found.push((packet.kind, packet.sequence, packet.payload.to_vec())));
+        found
+    }
+
+    /// Its watchdog.
+    pub(crate) fn watch(&mut self, now_s: f64) {
+        if self.mode == Mode::Enabled && now_s - self.fed_s > f64::from(self.watchdog_ms) * 1e-3 {
+            self.mode = Mode::Tripped;
+            self.motors = [0.0; MAX_AXES];
+        }
+    }
+
+    /// The host has enabled the motors, and nothing has switched them off since.
+    pub(crate) fn is_enabled(&self) -> bool {
+        self.mode == Mode::Enabled
+    }
+
+    /// Takes one packet; whether a state is owed.
+    fn take(&mut self, packet: Packet<'_>, now_s: f64, homed: bool, out: &mut Outbox) -> bool {
         let Packet { kind, sequence, payload } = packet;
         match kind {
             HELLO if payload.len() >= HELLO_LEN && payload[..4] == MAGIC => {
@@ -84,24 +117,24 @@ impl Arm {
                 let asked = u16_at(payload, 6);
                 self.watchdog_ms = if asked == 0 { self.arm.watchdog_ms } else { asked.min(self.arm.watchdog_ms) };
                 self.describe(sequence, out);
-                return;
+                return false;
             }
             COMMAND if payload.len() >= COMMAND_LEN && self.mode != Mode::Silent => {
                 self.echo = sequence;
                 self.fed_s = now_s;
-                self.command(payload, arm);
+                self.command(payload, homed);
             }
             STOP if self.mode != Mode::Silent => {
                 self.echo = sequence;
                 self.motors = [0.0; MAX_AXES];
                 (self.mode, self.error) = (Mode::Disabled, 0);
             }
-            _ => return,
+            _ => return false,
         }
-        self.state(now_s, arm, out);
+        true
     }
 
-    fn command(&mut self, payload: &[u8], arm: &ArmReadings) {
+    fn command(&mut self, payload: &[u8], homed: bool) {
         let enable = payload[28] & 1 != 0;
         let wrench: [f64; 7] = core::array::from_fn(|idx| f64::from(f32_at(payload, 4 * idx)));
         self.motors = [0.0; MAX_AXES];
@@ -116,7 +149,7 @@ impl Arm {
             (self.mode, self.error) = (Mode::Refusing, NOT_FINITE);
             return;
         }
-        if !arm.homed {
+        if !homed {
             (self.mode, self.error) = (Mode::Disabled, NOT_HOMED);
             return;
         }
@@ -147,7 +180,8 @@ impl Arm {
         self.send(CAPABILITIES, sequence, &payload, out);
     }
 
-    fn state(&mut self, now_s: f64, arm: &ArmReadings, out: &mut Outbox) {
+    /// Appends a state. `fault`: an error code of the arm's own; 0: none.
+    pub(crate) fn state(&mut self, now_s: f64, arm: &ArmReadings, fault: u8, out: &mut Outbox) {
         let mut payload = Vec::with_capacity(STATE_WITH_TWIST_LEN);
         for reading in &arm.readings {
             payload.extend((*reading as f32).to_le_bytes());
@@ -158,7 +192,7 @@ impl Arm {
         let flag = |bit: u8, is_set: bool| if is_set { bit } else { 0 };
         payload
             .push(flag(HOMED, arm.homed) | flag(ENABLED, self.mode == Mode::Enabled) | flag(TRIPPED, self.mode == Mode::Tripped));
-        payload.push(self.error);
+        payload.push(if self.error == 0 { fault } else { self.error });
         for (idx, rate) in arm.rates[..6].iter().enumerate() {
             let steps = if idx < 3 { LINEAR_STEPS } else { ANGULAR_STEPS };
             payload.extend(((rate * steps).round() as i16).to_le_bytes());
@@ -170,22 +204,15 @@ impl Arm {
 
 impl Firmware for Arm {
     fn receive(&mut self, bytes: &[u8], now_s: f64, arm: &ArmReadings, out: &mut Outbox) {
-        let bytes = match (self.carriage, bytes) {
-            (Carriage::Reports, [0, report @ ..]) if report.len() == REPORT => report,
-            _ => bytes,
-        };
-        let mut found = Vec::new();
-        self.packets.feed(bytes, |packet| found.push((packet.kind, packet.sequence, packet.payload.to_vec())));
-        for (kind, sequence, payload) in found {
-            self.take(Packet { kind, sequence, payload: &payload }, now_s, arm, out);
+        for (kind, sequence, payload) in self.packets_of(bytes) {
+            if self.take(Packet { kind, sequence, payload: &payload }, now_s, arm.homed, out) {
+                self.state(now_s, arm, 0, out);
+            }
         }
     }
 
     fn advance(&mut self, now_s: f64, _: &ArmReadings, _: &mut Outbox) {
-        if self.mode == Mode::Enabled && now_s - self.fed_s > f64::from(self.watchdog_ms) * 1e-3 {
-            self.mode = Mode::Tripped;
-            self.motors = [0.0; MAX_AXES];
-        }
+        self.watch(now_s);
     }
 
     fn motors(&self) -> [f64; MAX_AXES] {

@@ -33,7 +33,7 @@ fn encode_enabled(codec: &mut dyn Codec, motors: &[f64], enabled: bool) -> Vec<u
 }
 
 fn arm_at(readings: &[f64]) -> ArmReadings {
-    let mut arm = ArmReadings { readings: [0.0; MAX_AXES], rates: [0.0; MAX_AXES], buttons: 0, homed: true };
+    let mut arm = ArmReadings { readings: [0.0; MAX_AXES], rates: [0.0; MAX_AXES], buttons: 0, homed: true, asleep: false };
     arm.readings[..readings.len()].copy_from_slice(readings);
     arm
 }
@@ -60,6 +60,7 @@ fn every_protocol() -> Vec<(Protocol, Carriage)> {
         (Protocol::SpaceMouse { dead_band: 0 }, Carriage::Reports),
         (Protocol::Spacenav, Carriage::Stream),
         (Protocol::Dynamixel2 { servos }, Carriage::Stream),
+        (Protocol::HaplyService(haply_service()), Carriage::Reports),
         (Protocol::Open6(open6_arm()), Carriage::Reports),
         (Protocol::Open6(open6_arm()), Carriage::Stream),
     ];
@@ -68,6 +69,10 @@ fn every_protocol() -> Vec<(Protocol, Carriage)> {
         (Protocol::Declarative(layout), carriage)
     }));
     all
+}
+
+fn haply_service() -> HaplyService {
+    HaplyService { address: "127.0.0.1:10001".to_owned(), arm: None, grip: None, has_grip: true, version: None }
 }
 
 fn open6_arm() -> Open6Arm {

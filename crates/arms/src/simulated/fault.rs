@@ -22,6 +22,7 @@
 //! | `unhome` | the arm has lost its zero | the same, where the protocol says so |
 //! | `skip=N` | the arm's counter runs ahead by N, once | the arm answers N more times, once, and all of that is lost |
 //! | `no-velocity` | the velocity reads 0 | the same, where the wire has velocities |
+//! | `sleep` | nothing: it has no grip of its own | the grip sleeps, and its orientation stands still, where the protocol has such a grip |
 //! | `press=N` | no fault: button N, 0 to 31, is held | the same, where the protocol has buttons |
 //! | `saturate` | each axis gives [`SATURATED_SHARE`] of the arm's limit at most, and the arm does not say so | the same |
 
@@ -75,6 +76,8 @@ pub enum FaultKind {
     },
     /// The velocity reads 0.
     NoVelocity,
+    /// What measures the orientation apart from the arm sleeps.
+    Sleep,
     /// No fault, but it happens on demand like one: a button is held.
     Press {
         /// 0..=31
@@ -229,6 +232,7 @@ pub fn parse(text: &str) -> Result<FaultPlan, FaultError> {
         "unhome" => FaultKind::Unhome,
         "skip" => FaultKind::Skip { samples: value.and_then(count).ok_or(FaultError::Count)? },
         "no-velocity" => FaultKind::NoVelocity,
+        "sleep" => FaultKind::Sleep,
         "press" => FaultKind::Press { button: value.and_then(button).ok_or(FaultError::Button)? },
         name => return Err(FaultError::Unknown { name: name.to_owned() }),
     };

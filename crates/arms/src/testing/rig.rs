@@ -315,10 +315,7 @@ impl WiredRig {
         let settings =
             MockSettings { hand: hand.map(hand_at), hand_delay: core::time::Duration::ZERO, faults: Vec::new(), seed: 1 };
         let (parameters, protocol) = builder::parameters(arm, settings);
-        let carriage = match real.matching.transport {
-            profile::TransportKind::Hid => Carriage::Reports,
-            _ => Carriage::Stream,
-        };
+        let carriage = real.matching.transport.carriage();
         let period_s = parameters.period_s;
         let linkage =
             Linkage::new(parameters.kinematics, parameters.transmission, parameters.device_from_native, parameters.actuated);

@@ -11,7 +11,8 @@
 //! | `serial` | ttys: CDC, FTDI, pty |
 //! | `hid` | hidraw nodes |
 //! | `usb` | bulk transfers to an FTDI chip (feature `usb`) |
-//! | `threaded` | the two threads of links whose writes can block: `hid`, `usb`, and a network |
+//! | `service` | another program over a WebSocket |
+//! | `threaded` | the two threads of links whose writes can block: `hid`, `usb`, `service`, and a network |
 //! | `memory` | a pair of ends in memory, for tests |
 //! | `simulated` | the same as a network: delay, jitter, loss, a cut |
 
@@ -19,6 +20,7 @@ mod hid;
 #[cfg(any(test, feature = "testing"))]
 mod memory;
 mod serial;
+mod service;
 mod simulated;
 pub mod threaded;
 #[cfg(feature = "usb")]
@@ -30,6 +32,8 @@ pub use hid::HidOpenError;
 pub(crate) use memory::{LoopbackEnd, loopback};
 pub use serial::SerialError;
 pub(crate) use serial::SerialLink;
+pub(crate) use service::ServiceLink;
+pub use service::{RunningService, ServiceError, running_service};
 pub use simulated::{LinkQuality, NetworkEnd, SimulatedNetwork};
 #[cfg(feature = "usb")]
 pub use usb::UsbError;
@@ -174,6 +178,11 @@ pub trait Transport: Send {
         Err(io::Error::other("no other process can write to its link"))
     }
 
+    /// What another process writes to [`Self::descriptor`] to send this frame. Cold.
+    fn on_wire(&self, frame: &[u8]) -> Vec<u8> {
+        frame.to_vec()
+    }
+
     /// Where its bytes are moved.
     fn io(&self) -> IoPlacement {
         IoPlacement::InLoop
@@ -204,6 +213,10 @@ impl<T: Transport + ?Sized> Transport for Box<T> {
 
     fn descriptor(&self) -> io::Result<OwnedFd> {
         (**self).descriptor()
+    }
+
+    fn on_wire(&self, frame: &[u8]) -> Vec<u8> {
+        (**self).on_wire(frame)
     }
 
     fn io(&self) -> IoPlacement {

@@ -25,7 +25,7 @@ impl Board {
     fn readings(&self) -> ArmReadings {
         let mut readings = [0.0; MAX_AXES];
         readings[0] = self.reading;
-        ArmReadings { readings, rates: [0.0; MAX_AXES], buttons: 0, homed: true }
+        ArmReadings { readings, rates: [0.0; MAX_AXES], buttons: 0, homed: true, asleep: false }
     }
 
     fn post(&mut self, out: Outbox) {

@@ -54,3 +54,58 @@ fn a_port_that_is_held_names_its_holder() {
     assert!(held(&path, busy.into()).to_string().contains("cannot open"));
     drop((lock, far));
 }
+
+/// Why an arm is not opened or looked for with this selector, and without a program for a worker.
+fn refused(profile: &str, selector: Option<&str>) -> OpenError {
+    let profile = crate::profile::find(profile, Path::new("")).expect("shipped");
+    let selector = selector.map(|text| text.parse().expect("a selector"));
+    let options = OpenOptions { selector, io_request: None, period_s: 1e-3, guard: None };
+    let looked = look_for(&profile, &options).err();
+    looked.unwrap_or_else(|| open(&profile, &options).err().expect("refused"))
+}
+
+#[test]
+fn a_selector_that_means_another_arm_is_refused_and_never_passed_over() {
+    for (profile, selector, words) in [
+        ("omega7", "16c0:0483", "the USB vendor of its maker is 1451"),
+        ("touch", "1451:0402:7", "the name that the maker's setup gave the arm"),
+        ("virtuose-6d", "1451:0402", "`serial` under [match]"),
+        ("omega7", "/dev/ttyACM0", "a path names the library of its maker"),
+        ("inverse3", "1451:0402", "`address`, `arm` and `grip` under [protocol]"),
+        ("inverse3-no-grip", "/dev/ttyACM0", "`address`, `arm` and `grip` under [protocol]"),
+    ] {
+        let error = refused(profile, Some(selector));
+        assert!(matches!(error, OpenError::Selector { .. }) && error.to_string().contains(words), "{profile} {selector}: {error}");
+    }
+}
+
+#[test]
+fn the_numbers_and_the_serial_number_of_a_maker_reach_its_library() {
+    let profile = crate::profile::find("omega7", Path::new("")).expect("shipped");
+    let real = profile.real.as_ref().expect("of metal");
+    let Protocol::Vendor(protocol) = &real.protocol else { panic!("a library") };
+    let chosen = |selector: &str| {
+        let selector = Some(selector.parse().expect("a selector"));
+        let options = OpenOptions { selector, io_request: None, period_s: 1e-3, guard: None };
+        Connector::new(&profile, real, &options)
+            .chosen(protocol)
+            .map(|(protocol, serial)| (protocol.library, serial))
+            .expect("of it")
+    };
+    assert_eq!(chosen("1451:0402:7"), (None, Some("7".to_owned())));
+    assert_eq!(chosen("0403:cb48"), (None, None));
+    assert_eq!(chosen("/opt/libdrd.so.3"), (Some("/opt/libdrd.so.3".into()), None));
+}
+
+#[test]
+fn a_program_that_is_no_hapticd_has_to_name_one_for_the_library_of_a_maker() {
+    // Any file that could be loaded, such as this program: whether it is the library shows in the worker.
+    let here = std::env::current_exe().expect("a program");
+    let error = refused("omega7", here.to_str());
+    assert!(error.to_string().contains("OpenOptions::guard names none"), "{error}");
+    let text = refused("omega7", Some(concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml")));
+    assert!(text.to_string().contains("Cargo.toml is no library"), "{text}");
+    let missing = refused("omega7", Some("./no/libdrd.so.3"));
+    assert!(missing.to_string().contains("there is no ./no/libdrd.so.3"), "{missing}");
+    assert!(missing.hint().is_some_and(|hint| hint.contains("install the Force Dimension SDK")), "{missing}");
+}
