@@ -466,9 +466,13 @@ fn simulate(mut feed: ClayFeed) -> u64 {
 }
 
 fn sculpting(clock: impl Clock, n_ticks: u64) -> (ServoLoop<Circling, impl Clock>, ClayFeed, rtrb::Consumer<TickRecord>) {
+    smoothed(clock, n_ticks, Clay::smoothing_between(UPDATE_TICKS as f64 * 1e-3, 1e-3))
+}
+
+fn smoothed<C: Clock>(clock: C, n_ticks: u64, alpha: f64) -> (ServoLoop<Circling, C>, ClayFeed, rtrb::Consumer<TickRecord>) {
     let mut scene = scene(frame(|place| -place.z), point());
     let clay = scene.clay.as_mut().expect("clay");
-    clay.smoothing = Clay::smoothing_between(UPDATE_TICKS as f64 * 1e-3, 1e-3);
+    clay.smoothing = alpha;
     let (feed, slot) = ClaySlot::new(clay, UPDATE_TICKS);
     let (producer, consumer) = rtrb::RingBuffer::new(n_ticks as usize + 200);
     let control = Arc::new(Control::enabled());
@@ -566,6 +570,38 @@ fn a_leap_in_a_frame_that_came_with_the_next_one_is_still_felt_slowly() {
     };
     let [at_once, slow] = [[false, false], [true, false]].map(grown_n);
     assert!(at_once > 1.5 && slow < 0.7, "{at_once} N, {slow} N");
+}
+
+/// The key `smoothing`: what an update changes of the force, ΔF, is felt as ΔF (1 − αⁿ) after n ticks.
+#[test]
+fn an_update_is_felt_at_the_pace_that_the_scene_asks_for() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let file = dir.path().join("scene.toml");
+    for alpha in [0.0_f64, 0.5, 0.9] {
+        let text = format!(
+            "version = 1\n[sculpt]\nshape = {{ sphere_mm = 10 }}\nspacing_mm = 2\nraster = [12, 12, 12]\nsmoothing = {alpha}\n\
+             [tool]\nshape = {{ sphere_mm = 2 }}\nvoxel_size_mm = 0.5\n[device]\nprofile = \"sim-sigma7\"\n"
+        );
+        std::fs::write(&file, text).expect("a scene");
+        let config = hapticd::config::load_with(&file, &hapticd::config::LoadOptions::default()).expect("a sound scene");
+        let asked = config.sculpt.expect("clay").smoothing.expect("the key");
+        let (mut servo, mut feed, mut consumer) = smoothed(RealClock, 500, asked);
+        (0..400).for_each(|_| _ = servo.step());
+        // The surface rises by 0.2 mm: 0.2 N more at 1 N/mm.
+        let mut next = feed.spare().expect("a spare");
+        for value_m in next.region.values_m_mut() {
+            *value_m += 2e-4;
+        }
+        next.sequence = 1;
+        feed.publish(next).expect("room");
+        (0..40).for_each(|_| _ = servo.step());
+        let forces_n: Vec<f64> = records(&mut consumer).iter().map(|record| record.output.contact_world.force.z).collect();
+        for n in 1..=40 {
+            let expected_n = forces_n[399] + 0.2 * (1.0 - alpha.powi(n));
+            let felt_n = forces_n[399 + n as usize];
+            assert!((felt_n - expected_n).abs() < 1e-5, "α = {alpha}, tick {n}: {felt_n} N, expected {expected_n} N");
+        }
+    }
 }
 
 #[test]

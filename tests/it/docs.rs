@@ -140,6 +140,58 @@ fn every_file_that_a_document_names_is_there() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
+/// Names of the test functions of all crates.
+fn tests_of_sources() -> BTreeSet<String> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut folders: Vec<PathBuf> = ["crates", "src", "tests"].map(|folder| root.join(folder)).into();
+    let mut names = BTreeSet::new();
+    while let Some(folder) = folders.pop() {
+        for path in fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()) {
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.extension().is_some_and(|ending| ending == "rs") {
+                // The name follows the attribute, behind other attributes.
+                for rest in fs::read_to_string(&path).unwrap().split("#[test]").skip(1) {
+                    let name = rest.split_once("fn ").and_then(|(_, rest)| rest.split_once('('));
+                    names.extend(name.map(|(name, _)| name.to_owned()));
+                }
+            }
+        }
+    }
+    names
+}
+
+#[test]
+fn every_row_of_the_papers_names_what_shows_it_and_that_is_there() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let (page, known) = (fs::read_to_string(root.join("docs/explanation/papers.md")).unwrap(), tests_of_sources());
+    let programs = fs::read_to_string(root.join("crates/bench/src/main.rs")).unwrap().to_lowercase();
+    let (mut wrong, mut n_rows, mut is_shown) = (Vec::new(), 0, false);
+    for (n, line, _) in lines(&page) {
+        let cells = line.strip_suffix('|').and_then(|line| line.rsplit('|').next()).map(str::trim);
+        let Some(last) = cells.filter(|_| line.starts_with('|')) else {
+            is_shown = false;
+            continue;
+        };
+        if last == "shown by" {
+            is_shown = true;
+        } else if is_shown && !last.starts_with("---") {
+            n_rows += 1;
+            let names: Vec<&str> = last.split('`').skip(1).step_by(2).collect();
+            let is_there = |name: &&str| match name.strip_prefix("cargo run --release -p bench -- ") {
+                Some(program) => programs.contains(program),
+                None => known.contains(*name),
+            };
+            wrong.extend(names.iter().filter(|name| !is_there(name)).map(|name| format!("line {n}: no test is called {name}")));
+            if names.is_empty() && !["none: ", "the page, by eye"].iter().any(|word| last.starts_with(word)) {
+                wrong.push(format!("line {n}: `{last}` names nothing that shows it"));
+            }
+        }
+    }
+    assert!(n_rows > 60 && known.len() > 500, "{n_rows} rows, {} tests", known.len());
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
 /// Keys of papers in a text: a name and a year, such as `Guo2004`.
 fn keys(text: &str) -> impl Iterator<Item = &str> {
     text.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| {

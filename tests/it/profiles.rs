@@ -101,8 +101,8 @@ fn a_profile_is_found_by_path_from_the_scene() {
 #[test]
 fn a_profile_of_another_codec_is_refused_before_its_tables_are_read() {
     let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("inverse3.toml");
-    fs::write(&path, "version = 1\n[device]\ncodec = \"haply-service\"\n[service]\nport = 10001\n").unwrap();
+    let path = dir.path().join("wheel.toml");
+    fs::write(&path, "version = 1\n[device]\ncodec = \"openffboard-hid\"\n[wheel]\nport = 10001\n").unwrap();
     let errors = profile::load(&path).unwrap_err();
     assert_eq!(errors.problems().len(), 1);
     assert!(matches!(errors.problems()[0].kind, ProblemKind::NotAvailable { .. }), "{errors}");

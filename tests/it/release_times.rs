@@ -54,10 +54,14 @@ const FAULTS: [(&str, FaultKind); 6] = [
 
 /// Ticks from the fault to the first period without force, at most, by protocol; `None`: the wire cannot say it. On whole numbers a number that is none
 /// reads 0, which is a jump. A link adds what is on its way: a reply, and a frame. `docs/reference/safety.md` repeats this table.
-const WITHIN: [(&str, [Option<u64>; 6]); 9] = [
+const WITHIN: [(&str, [Option<u64>; 6]); 13] = [
     ("dynamixel2", [Some(2), Some(2), None, Some(21), Some(21), Some(21)]),
     ("falcon-nibble16", [None, Some(2), Some(2), Some(21), Some(21), Some(21)]),
     // Without frame marks: what is not answered in 5 ms is asked again with a zero.
+    ("force-dimension", [Some(2), Some(2), Some(2), Some(21), Some(21), Some(21)]),
+    ("haply-service", [Some(2), Some(2), Some(2), Some(21), Some(21), Some(21)]),
+    ("virtuose", [Some(2), Some(2), Some(2), Some(21), Some(21), Some(21)]),
+    ("open-haptics", [Some(2), Some(2), Some(2), Some(21), Some(21), Some(21)]),
     ("hapi-f32", [Some(2), Some(2), None, Some(6), Some(21), Some(6)]),
     ("hapkit-ascii", [Some(2), None, None, Some(21), Some(21), Some(21)]),
     ("haptikfabriken-brackets", [Some(2), Some(2), None, Some(21), Some(21), Some(21)]),

@@ -3,8 +3,10 @@
 //!
 //! Every scene is made of a number, so that a bad one can be run again: `HAPTICD_SEARCH_SEED=17` runs that one alone. `HAPTICD_SEARCH_RUNS=2000` searches
 //! for longer.
+//! With a seed, `HAPTICD_SEARCH_CSV=FILE` writes what every tick measured and commanded.
 
 use core::fmt::Write as _;
+use std::fs;
 use std::path::Path;
 use std::time::Instant;
 
@@ -15,7 +17,8 @@ use document::poses::TimedPose;
 use glam::{DQuat, DVec3};
 use hapticd::config::{self, SceneConfig};
 use hapticd::daemon::prepare;
-use haptics::{Drive, DriveRequest, Faults, State, TickInput, tick};
+use haptics::{Drive, DriveRequest, Faults, State, TickInput, TickOutput, tick};
+use rayon::prelude::*;
 use vps::spatial::testing::Random;
 use vps::spatial::{Pose, Wrench};
 
@@ -285,7 +288,30 @@ fn most_owed_j(config: &SceneConfig) -> f64 {
     }
 }
 
+/// A line for every tick: what was measured, where the tool stands, what it touches and what the arm is told.
+struct Trace(String);
+
+impl Trace {
+    const COLUMNS: &str = "tick,x_m,y_m,z_m,rx_rad,ry_rad,rz_rad,tool_x_m,tool_y_m,tool_z_m,tool_rx_rad,tool_ry_rad,tool_rz_rad,\
+                           contact_x_n,contact_y_n,contact_z_n,fx_n,fy_n,fz_n,tx_nm,ty_nm,tz_nm,contacts,depth_m";
+
+    fn add(&mut self, tick: usize, measured: Pose, output: &TickOutput) {
+        let turn = |pose: Pose| Pose::IDENTITY.rotation_to(pose);
+        let (tool, command) = (output.world_from_tool, output.command_device);
+        let vectors = [measured.translation, turn(measured), tool.translation, turn(tool), output.contact_world.force];
+        let _ = write!(self.0, "\n{tick}");
+        for value in vectors.into_iter().chain([command.force, command.torque]).flat_map(|vector| vector.to_array()) {
+            let _ = write!(self.0, ",{value:e}");
+        }
+        let _ = write!(self.0, ",{},{:e}", output.contacts, output.max_depth_m);
+    }
+}
+
 fn judge(scenario: &Scenario) -> Verdict {
+    judge_traced(scenario, None)
+}
+
+fn judge_traced(scenario: &Scenario, mut trace: Option<&mut Trace>) -> Verdict {
     let Scenario { config, path, end_s, .. } = scenario;
     let (prepared, _) = prepare(config, |_| ()).unwrap_or_else(|error| panic!("{}: {error}", scenario.seed));
     let scene = prepared.scene;
@@ -326,6 +352,9 @@ fn judge(scenario: &Scenario) -> Verdict {
         lowest_j = lowest_j.min(energy_j);
         before = now;
         let output = tick(&scene, &mut state, &TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() });
+        if let Some(trace) = &mut trace {
+            trace.add(n, sample.pose, &output);
+        }
         held[n % (delay + 1)] = arm.write(&output.command_device).expect("a finite command");
         counted_j = counted_j.min(output.energy_j);
         faults |= output.faults;
@@ -394,11 +423,18 @@ fn from_environment(name: &str) -> Option<u64> {
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn no_random_scene_gives_energy_trembles_or_bursts() {
     let seeds = match from_environment("HAPTICD_SEARCH_SEED") {
-        Some(seed) => seed..seed + 1,
+        Some(seed) => {
+            if let Some(path) = std::env::var_os("HAPTICD_SEARCH_CSV") {
+                let mut trace = Trace(Trace::COLUMNS.to_owned());
+                judge_traced(&scenario(seed), Some(&mut trace));
+                fs::write(&path, trace.0).expect("HAPTICD_SEARCH_CSV can be written");
+            }
+            seed..seed + 1
+        }
         None => 0..from_environment("HAPTICD_SEARCH_RUNS").unwrap_or(200),
     };
     let begun = Instant::now();
-    let verdicts: Vec<Verdict> = seeds.map(|seed| judge(&scenario(seed))).collect();
+    let verdicts: Vec<Verdict> = seeds.into_par_iter().map(|seed| judge(&scenario(seed))).collect();
     eprintln!("{} scenes in {:.1} s", verdicts.len(), begun.elapsed().as_secs_f64());
     for mode in ["Implicit", "Static", "Constraint", "Direct"] {
         let of: Vec<&Verdict> = verdicts.iter().filter(|verdict| verdict.mode == mode).collect();
@@ -422,10 +458,11 @@ fn no_random_scene_gives_energy_trembles_or_bursts() {
     tell(&verdicts, "change of |F| in a still hand, N", |v| v.burst_n, 0.5);
     tell(&coupled, "force kept back at the end", |v| 1.0 - v.share, 0.3);
     verdicts.iter().for_each(Verdict::assert_good);
-    let n_still = verdicts.iter().filter(|verdict| verdict.is_still()).count();
-    // 188 of 200 with facets, 184 where their edges push along their own normals; 191 with points of voxels, of which four go on by more than 20 mN
-    // where two do with facets.
-    assert!(n_still * 50 >= verdicts.len() * 47, "{n_still} of {} are still", verdicts.len());
+    let moving: Vec<u64> = verdicts.iter().filter(|verdict| !verdict.is_still()).map(|verdict| verdict.seed).collect();
+    eprintln!("not still: {moving:?}");
+    let n_still = verdicts.len() - moving.len();
+    // 198 of 200; two with `constraint` go on, as their deepest points change from tick to tick.
+    assert!(n_still * 50 >= verdicts.len() * 49, "{n_still} of {} are still", verdicts.len());
 }
 
 /// The worst scenes that the search has found, each for what it did: energy in taps (36, 60, 193), tremble of the wrist (83), bursts (30, 79), static

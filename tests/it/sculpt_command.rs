@@ -200,7 +200,7 @@ fn every_key_is_held_against_its_range_in_the_words_of_the_scene() {
         (with("tool = \"psh\"\n"), "sculpt.tool = \"psh\": must be \"touch\", \"push\", \"pull\""),
         (with("tool = \"psh\"\n"), "did you mean `push`?"),
         (with("brush_mm = 0\n"), "sculpt.brush_mm = 0: must be greater than 0 and at most 1000 mm"),
-        (with("falloff = \"soft\"\n"), "must be \"gaussian\", \"constant\", \"spherical\" or an array of weights"),
+        (with("falloff = \"soft\"\n"), "must be \"gaussian\", \"constant\", \"spherical\", { rate = 2.0 } or an array of weights"),
         (with("falloff = [0, 2]\n"), "weight 2 of the fall-off is 2; weights are numbers from 0 to 1"),
         (with("color = \"blue\"\n"), "must be a colour as \"#rrggbb\""),
         (with("image = \"notes.png\"\n"), "notes.png is no PNG image that can be read"),

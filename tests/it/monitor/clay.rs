@@ -113,6 +113,122 @@ fn clients_see_the_clay_and_choose_what_the_tool_does_to_it() {
 }
 
 #[test]
+fn a_client_chooses_curves_region_material_image_and_solid_and_what_makes_no_sense_is_refused() {
+    let daemon = Daemon::sculpting(SCENE, STILL);
+    let top_m = 0.015;
+    let post = |path: &str, body: Value| daemon.http("POST", &format!("/api/v1/clay/{path}"), &[], &body.to_string());
+    let does = |path: &str, body: Value| {
+        let (status, answer) = post(path, body);
+        assert_eq!((status, &answer["ok"]), (200, &json!(true)), "{path}: {answer}");
+    };
+    does("tool", json!({ "craft": "pull-curve", "brush_m": 0.003 }));
+    let curves = json!([[[-0.003, 0, top_m], [0.003, 0, top_m]], [[0, -0.003, top_m], [0, 0.003, top_m]]]);
+    does("draw", json!({ "curves_m": curves }));
+    let drawn = clay_where(&daemon, |facts| facts["curves_map"].as_array().is_some_and(|curves| curves.len() == 2));
+    assert!(drawn["curves_map"][0].as_array().unwrap().len() > 2, "corners are put in between: {drawn}");
+    does("pull", json!({ "curves_m": curves, "force_n": [0, 0, 3], "time_s": 0.2 }));
+    clay_where(&daemon, |facts| facts["undo"] == 1 && facts["is_stroke"] == false);
+    does("lay", json!({ "painted": { "stiffness_n_per_m": 321 } }));
+    let laid = clay_where(&daemon, |facts| facts["undo"] == 2);
+    assert_eq!(laid["material"]["stiffness_n_per_m"], 321.0, "{laid}");
+    does("lay", json!({ "ball": { "center": [0, 0, top_m], "radius_m": 0.004 } }));
+    does(
+        "combine",
+        json!({ "boolean": "union", "shape": { "sphere_m": 0.004 }, "pose": { "p": [0, 0, top_m], "q": [0, 0, 0, 1] } }),
+    );
+    let joined = clay_where(&daemon, |facts| facts["undo"] == 4);
+    let highest_m = |facts: &Value| facts["region_map"]["max"][2].as_f64().unwrap();
+    assert!(highest_m(&joined) > highest_m(&laid) + 0.002, "the region has grown with the piece: {joined} after {laid}");
+    does("undo", json!({}));
+    does("region", json!({ "min": [-0.006, -0.006, 0.008], "max": [0.006, 0.006, 0.02] }));
+    let chosen = clay_where(&daemon, |facts| facts["region_map"]["min"][0].as_f64().is_some_and(|low| low > -0.007));
+    assert!(chosen["region_map"]["min"][2].as_f64().unwrap() > 0.0, "{chosen}");
+
+    // Files: an image and a solid.
+    let put = |path: &str, bytes: &[u8]| {
+        let (status, answer) = http(daemon.address, "PUT", &format!("/api/v1/clay/{path}"), &[], bytes).unwrap();
+        (status, serde_json::from_slice::<Value>(&answer).unwrap_or_default())
+    };
+    let image = std::fs::read(super::Path::new(env!("CARGO_MANIFEST_DIR")).join("config/models/letter-h.png")).unwrap();
+    assert_eq!(put("image", &image).0, 200);
+    let corner = b"v 0 0 0\nv 6 0 0\nv 0 6 0\nv 0 0 6\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
+    assert_eq!(put("solid?format=obj&units=mm", corner).0, 200);
+    let facts = clay_where(&daemon, |facts| facts["has_image"] == true && facts["solid"].is_string());
+    assert_eq!(facts["solid"], "4 triangles, 6.0 x 6.0 x 6.0 mm");
+    does("combine", json!({ "boolean": "difference", "pose": { "p": [0, 0, top_m], "q": [0, 0, 0, 1] } }));
+    let before = daemon.get("/api/v1/clay")["undo"].as_u64().unwrap();
+    assert_eq!(put("values?within_m=0.003", b"x_mm,y_mm,z_mm,mass,damping,stiffness\n0,0,15,,,700\n").0, 200);
+    clay_where(&daemon, |facts| facts["undo"] == before + 1);
+    for path in ["image", "solid"] {
+        assert_eq!(http(daemon.address, "DELETE", &format!("/api/v1/clay/{path}"), &[], b"").unwrap().0, 200);
+    }
+    clay_where(&daemon, |facts| facts["has_image"] == false && facts["solid"].is_null());
+    for (path, bytes, expected) in [
+        ("image", &b"GIF89a"[..], 400),
+        ("image", &vec![0; 5 << 20], 413),
+        ("solid", corner, 400),
+        ("solid?format=step&units=mm", corner, 400),
+        ("solid?format=stl&units=mm", b"solid nothing", 400),
+        ("values", b"x,y,z\n1,2,3\n", 400),
+        ("values", b"x_mm,y_mm,z_mm,mass,damping,stiffness\n0,0,500,,,700\n", 409),
+    ] {
+        let (status, answer) = put(path, bytes);
+        assert!(status == expected && answer["error"].is_string(), "{path}: {status} {answer}");
+    }
+    for (path, body, expected) in [
+        ("draw", json!({ "curves_m": [[]] }), 409),
+        ("draw", json!({ "curves_m": [[[0, 0, 1]]] }), 409),
+        ("draw", json!({ "curves_m": 3 }), 400),
+        ("pull", json!({ "curves_m": curves, "force_n": [0, 0, 0], "time_s": 0.2 }), 400),
+        ("region", json!({ "min": [0, 0, 0], "max": [0, 1, 1] }), 400),
+        ("region", json!({ "min": [1, 1, 1], "max": [2, 2, 2] }), 409),
+        ("lay", json!({}), 400),
+        ("lay", json!({ "box": { "min": [1, 1, 1], "max": [2, 2, 2] } }), 409),
+        ("combine", json!({ "boolean": "union" }), 400),
+    ] {
+        let (status, answer) = post(path, body.clone());
+        assert!(status == expected && answer["hint"].is_string(), "{path} {body}: {status} {answer}");
+    }
+    assert_eq!(daemon.end().code, Some(0));
+}
+
+#[test]
+fn an_image_that_a_client_sends_stands_out_by_its_depth() {
+    let scene = SCENE.replace("spacing_mm = 1.5", "spacing_mm = 0.75").replace("\"touch\"", "\"emboss\"");
+    let daemon = Daemon::sculpting(&scene, STILL);
+    // White on the right: towards +x, as the surface faces up.
+    let mut image = tiny_skia::Pixmap::new(64, 64).unwrap();
+    for (n, pixel) in image.pixels_mut().iter_mut().enumerate() {
+        let grey = if n % 64 < 32 { 0 } else { 255 };
+        *pixel = tiny_skia::ColorU8::from_rgba(grey, grey, grey, 255).premultiply();
+    }
+    let (status, _) = http(daemon.address, "PUT", "/api/v1/clay/image", &[], &image.encode_png().unwrap()).unwrap();
+    assert_eq!(status, 200);
+    let depth_m = 0.0012;
+    let mut client = daemon.connect();
+    client.does(json!({ "do": "clay_take", "depth_m": depth_m }));
+    client.does(json!({ "do": "clay_hold", "held": true }));
+    clay_where(&daemon, |facts| facts["undo"] == 1);
+    client.does(json!({ "do": "clay_hold", "held": false }));
+    let (_, bytes) = http(daemon.address, "GET", "/api/v1/clay/points", &[], b"").unwrap();
+    let number = |at: usize| f64::from(f32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()));
+    let places = (32..bytes.len()).step_by(20).map(|at| [0, 4, 8].map(|axis| number(at + axis)));
+    let (mut n_raised, mut n_level) = (0, 0);
+    for [x, y, z] in places.filter(|[_, y, z]| *z > 0.0 && y.abs() < 0.004) {
+        let height_m = (x * x + y * y + z * z).sqrt() - 0.015;
+        if (0.002..0.004).contains(&x) {
+            n_raised += 1;
+            assert!((height_m - depth_m).abs() < 1e-4, "{height_m} m at {x}, {y}");
+        } else if (-0.008..-0.002).contains(&x) {
+            n_level += 1;
+            assert!(height_m.abs() < 1e-4, "{height_m} m at {x}, {y}");
+        }
+    }
+    assert!(n_raised > 10 && n_level > 40, "{n_raised}, {n_level}");
+    assert_eq!(daemon.end().code, Some(0));
+}
+
+#[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_hold_ends_with_the_client_with_its_silence_and_with_the_force() {
     let daemon = Daemon::sculpting(SCENE, STILL);
