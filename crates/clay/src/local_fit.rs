@@ -52,31 +52,24 @@ pub(super) struct LocalFit {
 }
 
 impl LocalFit {
-    /// Fits the signed distance to the neighbours of a sample, itself among them. `spacing_m` is the distance at which samples lie
-    /// here: neighbours count as exp(−distance²/spacing²), and have their points outside and inside that far away, or nearer where
-    /// those would come close to another neighbour.
+    /// Fits the signed distance to the neighbours of a sample, itself among them, each with the value that the field is to have there, m: 0 on the
+    /// surface, more where an image raises it (Guo2004, embossing and engraving). `spacing_m` is the distance at which samples lie here: neighbours
+    /// count as exp(−distance²/spacing²), and have their points outside and inside that far away, or nearer where those would come close to another
+    /// neighbour.
     pub(super) fn to_neighbours(
         (center_map, normal_map): OrientedPoint,
         half_m: f64,
         spacing_m: f64,
-        neighbours: impl Iterator<Item = OrientedPoint> + Clone,
-    ) -> Self {
-        Self::to_distances((center_map, normal_map), half_m, spacing_m, neighbours.map(|neighbour| (neighbour, 0.0)))
-    }
-
-    /// The same where the field is to have a value of its own at every neighbour, m: what an image gives (Guo2004, embossing and engraving).
-    pub(super) fn to_distances(
-        (center_map, normal_map): OrientedPoint,
-        half_m: f64,
-        spacing_m: f64,
-        neighbours: impl Iterator<Item = (OrientedPoint, f64)> + Clone,
+        mut neighbours: Vec<(OrientedPoint, f64)>,
     ) -> Self {
         // Lengths in spacings, so that coefficients of every degree are of one size.
-        let to_scaled = |(position_map, normal): OrientedPoint| ((position_map - center_map) / spacing_m, normal);
-        let scaled = neighbours.clone().map(|(neighbour, _)| to_scaled(neighbour));
+        for ((at, _), value) in &mut neighbours {
+            (*at, *value) = ((*at - center_map) / spacing_m, *value / spacing_m);
+        }
+        let scaled = neighbours.iter().map(|(neighbour, _)| *neighbour);
         let roughness = roughness(normal_map, scaled.clone());
         let mut constraints = Constraints::new();
-        for ((at, normal), value) in neighbours.map(|(neighbour, value_m)| (to_scaled(neighbour), value_m / spacing_m)) {
+        for ((at, normal), value) in neighbours.iter().copied() {
             let weight = (-at.length_squared()).exp();
             for side in [0.0, 1.0, -1.0] {
                 let clear = if roughness < SHARP { Some(side) } else { clear_offset(at, normal, side, scaled.clone()) };
@@ -222,7 +215,7 @@ mod tests {
     }
 
     fn fit(samples: &[OrientedPoint]) -> LocalFit {
-        LocalFit::to_neighbours(samples[0], 2.6, 1.0, samples.iter().copied())
+        LocalFit::to_neighbours(samples[0], 2.6, 1.0, samples.iter().map(|sample| (*sample, 0.0)).collect())
     }
 
     #[test]

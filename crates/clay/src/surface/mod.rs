@@ -297,7 +297,7 @@ impl PointSurface {
 
     /// The fit of a sample, in a domain of `most_m` at most.
     fn fit(&self, sample: u32, domain: &Domain, most_m: f64) -> LocalFit {
-        let neighbours = domain.neighbours.iter().map(|other| self.oriented(*other));
+        let neighbours = domain.neighbours.iter().map(|other| (self.oriented(*other), 0.0)).collect();
         let fit = LocalFit::to_neighbours(self.oriented(sample), domain.half_m.min(most_m), domain.spacing_m, neighbours);
         if self.interpolates { fit.meeting_its_sample() } else { fit }
     }
@@ -312,8 +312,8 @@ impl PointSurface {
             return Ok(None);
         }
         let half_m = self.fits[sample as usize].half_m;
-        let neighbours = domain.neighbours.iter().map(|other| (self.oriented(*other), distance_m(*other)));
-        let fit = LocalFit::to_distances(self.oriented(sample), half_m, domain.spacing_m, neighbours);
+        let neighbours = domain.neighbours.iter().map(|other| (self.oriented(*other), distance_m(*other))).collect();
+        let fit = LocalFit::to_neighbours(self.oriented(sample), half_m, domain.spacing_m, neighbours);
         let off_m = distance_m(sample) - fit.at(self.oriented(sample).0).0;
         Ok(Some(fit.raised(off_m)))
     }
