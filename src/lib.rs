@@ -48,6 +48,7 @@
 //! | [`recording`] | records, the threads that write recordings, reading, reports, metrics |
 //! | [`link`] | other machines: messages of ROS 2, sessions, what a run publishes |
 //! | [`rt`] | clocks, scheduling, signals, the control word |
+//! | [`picture`] | cuts through a map, clay, and rigid scenes as PNG; films |
 //! | [`document`] | the form of TOML and CSV files, and how errors in them are reported |
 //!
 //! | module | owns |
@@ -57,7 +58,6 @@
 //! | [`servo`] | the 1 kHz loop and its thread; commands into it; zero force on every way out |
 //! | [`daemon`] | a run from start to rest: preflight, enabling, stop; the session that changes what is rendered; replay |
 //! | [`monitor`] | HTTP, WebSocket and the page; `monitor::heartbeat` takes the force away when a client that drives falls silent |
-//! | `picture` | cuts through a map, clay, and rigid scenes as PNG; films |
 //! | `cli` | one file for each command; the only module that prints |
 //! | [`error`] | exit codes |
 
@@ -68,6 +68,5 @@ pub mod daemon;
 pub mod error;
 pub mod monitor;
 #[doc(hidden)]
-pub mod picture;
 pub mod scene;
 pub mod servo;

@@ -3,9 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use super::{OutputOptions, output, report};
+use crate::daemon::drawing::drawn_parts;
 use crate::daemon::{RecordedScene, UnpackError, Unpacked};
 use crate::error::Exit;
-use crate::picture::parts::{SceneParts, SceneSnapshot, sheet};
+use picture::parts::{SceneSnapshot, sheet};
 use recording::file::{Entry, ReadError, Recording};
 use recording::report::{LabReport, Moment};
 use vps::storage::printable::one_line;
@@ -110,7 +111,7 @@ fn unpack(mut files: Unpacked, entry: Entry) -> Result<Unpacked, UnpackError> {
 /// The scene in a moment of the page.
 fn picture(page: &LabReport, files: &Unpacked, moment: &Moment) -> Result<Vec<u8>, String> {
     let RecordedScene { config, .. } = files.scene(moment.scene_idx).map_err(|problem| problem.to_string())?;
-    let parts = SceneParts::of(&config).map_err(|problem| problem.to_string())?;
+    let parts = drawn_parts(&config).map_err(|problem| problem.to_string())?;
     let place = |(idx, pose)| moment.moved.get(&(idx as u32)).copied().unwrap_or(pose);
     let world_from_objects: Vec<_> = config.statics.iter().map(|object| object.pose).enumerate().map(place).collect();
     let path = page.path(moment.scene_idx);

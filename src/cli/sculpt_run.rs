@@ -19,11 +19,11 @@ use crate::daemon::LiveChannels;
 use crate::daemon::sculpting::{self, ClayHandle, ScriptedOrder, SculptOutcome, SculptPlan, SculptReport, SculptThread};
 use crate::error::Exit;
 use crate::monitor::ClayParts;
-use crate::picture::splats::{MassPoints, SampleForm};
 use crate::scene::LoadedClay;
 use clay::PointSet;
 use clay::engine::{SculptEngine, SculptOrder, ToolBody};
 use haptics::RenderScene;
+use picture::splats::{MassPoints, SampleForm};
 use rt::clock::ClockKind;
 use vps::mesh::{self, cloud};
 
@@ -50,7 +50,35 @@ pub(crate) struct ClayArgs {
     pictures: Option<PathBuf>,
     /// What --pictures draws of the samples.
     #[arg(long, help_heading = HEADING, value_enum, default_value_t, requires = "pictures")]
-    drawn_as: SampleForm,
+    drawn_as: DrawnAs,
+}
+
+/// [`SampleForm`] as a word of the command line.
+#[derive(Clone, Copy, Debug, Default, clap::ValueEnum)]
+enum DrawnAs {
+    /// One surface, blended from discs.
+    #[default]
+    Surface,
+    /// Each as a disc across its normal.
+    Discs,
+    /// Each as a disc that faces the viewer.
+    Sprites,
+    /// Each as a ball.
+    Spheres,
+    /// The surface, with a ball for each mass point beside it.
+    MassPoints,
+}
+
+impl From<DrawnAs> for SampleForm {
+    fn from(word: DrawnAs) -> Self {
+        match word {
+            DrawnAs::Surface => Self::Surface,
+            DrawnAs::Discs => Self::Discs,
+            DrawnAs::Sprites => Self::Sprites,
+            DrawnAs::Spheres => Self::Spheres,
+            DrawnAs::MassPoints => Self::MassPoints,
+        }
+    }
 }
 
 /// A file that samples can be taken from.
@@ -118,7 +146,7 @@ impl SculptRun {
             title: config.name.clone(),
             name: config.path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
             folder: folder.clone(),
-            form: args.drawn_as,
+            form: args.drawn_as.into(),
             before: PointSet::default(),
             mass_before: MassPoints::default(),
         });

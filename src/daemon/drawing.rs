@@ -21,14 +21,19 @@ use serde::Serialize;
 use tempfile::NamedTempFile;
 
 use super::session::SessionHandle;
-use crate::picture::film::Film;
-use crate::picture::parts::{FrameDrawer, SceneParts};
+use crate::config::SceneConfig;
+use crate::config::scene::MeshSource;
+use picture::film::Film;
+use picture::parts::{FrameDrawer, SceneParts};
 use recording::{RecordSubscribers, TickRecord};
 use rt::clock::ClockKind;
 use rt::schedule::enter_background;
+use vps::mesh::{self, MeshError, TriangleMesh};
 use vps::spatial::Pose;
 use vps::storage::whole_file::write_bytes;
 
+/// How finely round shapes are cut for a picture, voxels.
+const CHORD_VOXELS: f64 = 0.25;
 /// From one frame of a film to the next, ns: 25 in a second.
 const FRAME_NS: i64 = 40_000_000;
 /// Ticks that wait to be drawn: the newest is of more worth than many.
@@ -266,7 +271,7 @@ impl DrawingThread {
     fn load(&mut self, scene_idx: u32) {
         let config = self.session.config_of(scene_idx);
         let starts = config.iter().flat_map(|config| &config.statics).map(|object| object.pose).collect();
-        let drawer = match config.map(|config| SceneParts::of(&config)) {
+        let drawer = match config.map(|config| drawn_parts(&config)) {
             Some(Ok(parts)) => Some(FrameDrawer::new(parts)),
             Some(Err(error)) => {
                 self.drawn.error.get_or_insert(error.to_string());
@@ -324,6 +329,21 @@ fn temporary(file: &Path) -> io::Result<NamedTempFile> {
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let rights: Permissions = std::os::unix::fs::PermissionsExt::from_mode(0o666);
     tempfile::Builder::new().permissions(rights).tempfile_in(folder)
+}
+
+/// The meshes of a scene, as they are drawn: reads the files that it names.
+///
+/// # Errors
+/// A file cannot be read.
+pub(crate) fn drawn_parts(config: &SceneConfig) -> Result<SceneParts, MeshError> {
+    let loaded = |source: &MeshSource, voxel_size_m: f64| -> Result<TriangleMesh, MeshError> {
+        match source {
+            MeshSource::File { path, metres_per_unit } => mesh::load(path, *metres_per_unit),
+            MeshSource::Shape(shape) => Ok(shape.tessellate(CHORD_VOXELS * voxel_size_m)),
+        }
+    };
+    let statics = config.statics.iter().map(|object| loaded(&object.source, object.voxel_size_m));
+    Ok(SceneParts::new(statics.collect::<Result<_, _>>()?, loaded(&config.tool.source, config.tool.voxel_size_m)?))
 }
 
 #[cfg(test)]

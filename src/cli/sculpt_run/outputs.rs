@@ -7,9 +7,9 @@ use super::super::{OutputOptions, destination, report};
 use crate::config::SceneConfig;
 use crate::config::strokes::Script;
 use crate::error::Exit;
-use crate::picture::splats::{self, ClaySnapshot, MassPoints, SampleForm};
 use clay::engine::SculptOrder;
 use clay::{ClayModel, PointSet};
+use picture::splats::{self, ClaySnapshot, MassPoints, SampleForm};
 use vps::mesh;
 
 /// Drawings of the piece at the start and at the end.

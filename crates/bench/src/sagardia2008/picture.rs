@@ -6,8 +6,8 @@
 use std::path::Path;
 
 use glam::DVec3;
-use hapticd::picture::BakedObject;
-use hapticd::picture::parts::write_structures;
+use picture::BakedObject;
+use picture::parts::write_structures;
 
 use super::super::BenchError;
 use super::super::stand_ins::StandIn;

@@ -109,8 +109,8 @@ fn draw_words(canvas: &mut Canvas, record: &TickRecord) {
 
 #[cfg(test)]
 mod tests {
+    use super::super::TOOL_COLOR;
     use super::*;
-    use crate::picture::parts::TOOL_COLOR;
     use vps::mesh::primitives::Shape;
 
     fn drawer() -> FrameDrawer {

@@ -32,7 +32,7 @@ const MOST_SIDES: usize = 5;
 const SINGLE_REACH: f64 = 0.4;
 
 /// What is drawn of the samples.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SampleForm {
     /// One surface, blended from discs.
     #[default]

@@ -19,15 +19,11 @@ pub use self::structures::write_structures;
 use super::palette::{BACKDROP, INK, Rgb, to_linear};
 use super::shade::{self, FINER, halved};
 use super::view::{Camera, RenderedView};
-use crate::config::SceneConfig;
-use crate::config::scene::MeshSource;
-use vps::mesh::{self, MeshError, TriangleMesh};
+use vps::mesh::TriangleMesh;
 use vps::spatial::Pose;
 
 /// From where scenes are looked at, as clay is.
 const TOWARD: DVec3 = DVec3::new(0.45, -0.75, 0.5);
-/// How finely round shapes are cut, voxels.
-const CHORD_VOXELS: f64 = 0.25;
 /// Static parts, in turn.
 const PART_COLORS: [Rgb; 5] = [[176, 186, 197], [205, 192, 164], [166, 190, 172], [190, 174, 198], [203, 176, 166]];
 const TOOL_COLOR: Rgb = [52, 128, 160];
@@ -50,13 +46,9 @@ pub struct SceneParts {
 }
 
 impl SceneParts {
-    /// Reads the files that a scene names.
-    ///
-    /// # Errors
-    /// A file cannot be read.
-    pub fn of(config: &SceneConfig) -> Result<Self, MeshError> {
-        let statics = config.statics.iter().map(|object| loaded(&object.source, object.voxel_size_m));
-        Ok(Self { statics: statics.collect::<Result<_, _>>()?, tool: loaded(&config.tool.source, config.tool.voxel_size_m)? })
+    /// Static parts in the order in which their poses are given, and the tool.
+    pub fn new(statics: Vec<TriangleMesh>, tool: TriangleMesh) -> Self {
+        Self { statics, tool }
     }
 
     /// The middle of the tool's box, tool frame.
@@ -71,13 +63,6 @@ impl SceneParts {
     /// Corners of the boxes of all static parts, world.
     fn static_corners(&self, world_from_objects: &[Pose]) -> Vec<DVec3> {
         self.statics.iter().zip(world_from_objects).flat_map(|(mesh, pose)| corners(mesh, *pose)).collect()
-    }
-}
-
-fn loaded(source: &MeshSource, voxel_size_m: f64) -> Result<TriangleMesh, MeshError> {
-    match source {
-        MeshSource::File { path, metres_per_unit } => mesh::load(path, *metres_per_unit),
-        MeshSource::Shape(shape) => Ok(shape.tessellate(CHORD_VOXELS * voxel_size_m)),
     }
 }
 
