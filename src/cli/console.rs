@@ -4,7 +4,7 @@ use std::io::BufRead;
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
-use crossbeam::channel::Sender;
+use crossbeam::channel::{Sender, unbounded};
 
 use super::output;
 use crate::daemon::Enable;
@@ -19,17 +19,26 @@ const WORDS: &str = "enable, disable, stop, restart (the hand), reset (the scene
                      solid FILE m|cm|mm|in or none, undo, redo";
 
 /// Begins to take orders from standard input, one a line, in a thread of its own. The end of the input is a stop: the operator
-/// has gone. `clay` is set when there is clay.
+/// has gone. `clay` is set when there is clay. What reads files does so in another thread: a `stop` does not wait for a disk.
 ///
 /// # Errors
-/// The thread could not be started.
+/// A thread could not be started.
 pub(super) fn begin(
     control: Arc<Control>,
     enables: Sender<Enable>,
     session: SessionHandle,
     clay: Arc<OnceLock<ClayHandle>>,
 ) -> Result<(), std::io::Error> {
-    let orders = move || read(std::io::stdin().lock(), &control, &enables, &session, &clay);
+    let (others, waiting) = unbounded::<String>();
+    std::thread::Builder::new().name("console-files".to_owned()).spawn(move || {
+        for line in waiting {
+            match clay_order(&line) {
+                Some(order) => ask_clay(order, clay.get(), &line),
+                None => output::message(format_args!("console: `{line}` is not an order; orders are {WORDS}\n")),
+            }
+        }
+    })?;
+    let orders = move || read(std::io::stdin().lock(), &control, &enables, &session, &others);
     std::thread::Builder::new().name("console".to_owned()).spawn(orders)?;
     Ok(())
 }
@@ -67,7 +76,7 @@ fn chosen_solid(rest: &str) -> Result<ChosenSolid, String> {
     ChosenSolid::centered(mesh).map_err(|error| format!("{file}: {error}"))
 }
 
-/// Reads the files that an order names, on this thread, and asks the clay.
+/// Asks the clay.
 fn ask_clay(order: Result<SculptOrder, String>, clay: Option<&ClayHandle>, line: &str) {
     let line = line.to_owned();
     let tell = move |what: &dyn std::fmt::Display| output::message(format_args!("console: {line}: {what}\n"));
@@ -85,7 +94,8 @@ fn ask_clay(order: Result<SculptOrder, String>, clay: Option<&ClayHandle>, line:
     }
 }
 
-fn read(input: impl BufRead, control: &Control, enables: &Sender<Enable>, session: &SessionHandle, clay: &OnceLock<ClayHandle>) {
+/// Carries out what is about force and the scene; other lines go to `others`.
+fn read(input: impl BufRead, control: &Control, enables: &Sender<Enable>, session: &SessionHandle, others: &Sender<String>) {
     let tell = |word: &'static str| {
         move |result: Result<(), SessionError>| {
             if let Err(error) = result {
@@ -103,10 +113,7 @@ fn read(input: impl BufRead, control: &Control, enables: &Sender<Enable>, sessio
             "enable" | "e" => _ = enables.send(Enable(control.permit())),
             "restart" => tell("restart")(session.hand(HandOrder::Restart).map(drop)),
             "reset" => session.reset(Box::new(tell("reset"))),
-            line => match clay_order(line) {
-                Some(order) => ask_clay(order, clay.get(), line),
-                None => output::message(format_args!("console: `{line}` is not an order; orders are {WORDS}\n")),
-            },
+            line => _ = others.send(line.to_owned()),
         }
     }
     // First the order, then the words.
@@ -130,7 +137,9 @@ mod tests {
         let permit = control.permit();
         let config = scene(SCENE);
         let session = SessionHandle::new(config, LoadOptions::default(), ClockKind::Virtual, None);
-        read("enable\n\n d \nrestart\nreset\nfaster\ntool pull\ne\n".as_bytes(), &control, &sender, &session, &OnceLock::new());
+        let (others, waiting) = unbounded();
+        read("enable\n\n d \nrestart\nreset\nfaster\ntool pull\ne\n".as_bytes(), &control, &sender, &session, &others);
+        assert_eq!(waiting.try_iter().collect::<Vec<_>>(), ["faster", "tool pull"]);
         let asked: Vec<Enable> = enables.try_iter().collect();
         assert_eq!(asked, [Enable(permit), Enable(control.permit())]);
         assert_ne!(control.permit(), permit, "d took force away");

@@ -17,6 +17,10 @@ pub(super) struct AppState {
     pub(super) visuals: Visuals,
     /// Makes what is to be drawn.
     pub(super) shapes: Worker,
+    /// Reads files for the clay, which may take long.
+    pub(super) uploads: Worker,
+    /// One at a time.
+    pub(super) upload_turn: Arc<Semaphore>,
     pub(super) files: Worker,
     pub(super) seats: Arc<Semaphore>,
     pub(super) rate_limiter: RateLimiter,

@@ -20,9 +20,7 @@ use tokio::sync::oneshot;
 use super::answer::Reply;
 use super::app_state::AppState;
 use super::asks::{ClientCommand, perform};
-use super::clay::{
-    IMAGE_BYTES_MAX, SOLID_BYTES_MAX, SolidAsked, VALUES_BYTES_MAX, ValuesAsked, image_of, solid_of, take_upload, values_of,
-};
+use super::clay::{IMAGE_BYTES_MAX, SOLID_BYTES_MAX, SolidAsked, VALUES_BYTES_MAX, ValuesAsked, image_of, solid_of, values_of};
 use super::connection::Peer;
 use super::encode::{WirePose, with_counts};
 use super::forms::{read, such_as};
@@ -395,7 +393,8 @@ async fn clay_image(State(state): State<Arc<AppState>>, bytes: Bytes) -> Result<
 }
 
 async fn no_clay_image(State(state): State<Arc<AppState>>) -> Result<Response, RequestError> {
-    uploaded(&state, || Ok(SculptOrder::Adjust(ToolChange { image: Some(None), ..ToolChange::default() }))).await
+    let without = SculptOrder::Adjust(ToolChange { image: Some(None), ..ToolChange::default() });
+    answered(|reply| super::clay::order(&state.hub, |_| Ok(without), reply)).await
 }
 
 /// What Booleans work with from now on.
@@ -410,7 +409,8 @@ async fn clay_solid(
 }
 
 async fn no_clay_solid(State(state): State<Arc<AppState>>) -> Result<Response, RequestError> {
-    uploaded(&state, || Ok(SculptOrder::Adjust(ToolChange { solid: Some(None), ..ToolChange::default() }))).await
+    let without = SculptOrder::Adjust(ToolChange { solid: Some(None), ..ToolChange::default() });
+    answered(|reply| super::clay::order(&state.hub, |_| Ok(without), reply)).await
 }
 
 /// Lays material by a text of values.
@@ -431,9 +431,17 @@ async fn uploaded(
 ) -> Result<Response, RequestError> {
     // Before the work: a scene without clay says so.
     state.hub.clay()?;
-    let order = state.shapes.run(read).await;
+    // One file after the other, also where a client has gone away meanwhile: each may take seconds, and as much memory as many of its size.
+    let turn = state.upload_turn.clone().try_acquire_owned();
+    let turn = turn.map_err(|_| RequestError::too_many("another file for the clay is being read"))?;
+    let read = move || {
+        let order = read();
+        drop(turn);
+        order
+    };
+    let order = state.uploads.run(read).await;
     let order = order.unwrap_or_else(|| Err(RequestError::bad("the file came to grief", "send another one")))?;
-    answered(|reply| take_upload(&state.hub, order, reply)).await
+    answered(|reply| super::clay::order(&state.hub, |_| Ok(order), reply)).await
 }
 
 /// Beside it there may be a token.

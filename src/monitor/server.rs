@@ -76,6 +76,8 @@ impl BoundMonitor {
             access,
             visuals: Visuals::new(shapes.clone()),
             shapes,
+            uploads: Worker::new("monitor-upload")?,
+            upload_turn: Arc::new(Semaphore::new(1)),
             files: Worker::new("monitor-file")?,
             seats: Arc::new(Semaphore::new(MOST_WEB_SOCKETS)),
             rate_limiter: RateLimiter::default(),

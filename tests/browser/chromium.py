@@ -112,17 +112,20 @@ class Chromium:
 class Page:
     """One page of the browser."""
 
-    def __init__(self, browser, target, session, url, width=1440, height=900, scale=1, dark=False, touch=False):
+    def __init__(self, browser, target, session, url, **screen):
         self.browser, self.target, self.session = browser, target, session
         self.is_closed = False
         for domain in ("Page", "Runtime", "Log"):
             self.call(f"{domain}.enable")
-        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=scale, mobile=touch)
-        self.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}])
-        if touch:
-            self.call("Emulation.setTouchEmulationEnabled", enabled=True, maxTouchPoints=5)
+        self.on_screen(**screen)
         self.call("Page.navigate", url=url)
         self.wait("document.readyState === 'complete'")
+
+    def on_screen(self, width=1440, height=900, scale=1, dark=False, touch=False):
+        """From now on the page is on this screen: a window that gets another size, a tablet that is turned."""
+        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=scale, mobile=touch)
+        self.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}])
+        self.call("Emulation.setTouchEmulationEnabled", enabled=touch, maxTouchPoints=5 if touch else 1)
 
     def call(self, method, **params):
         return self.browser.call(method, self.session, **params)

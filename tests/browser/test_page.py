@@ -270,10 +270,10 @@ class PageTest(PageCase):
         self.assertEqual(page.run(WORD), "Stopped")
 
     def test_every_screen(self):
-        run = self.run_scene("press")
+        page = self.open(self.run_scene("press"))
         for name, screen in SCREENS.items():
             with self.subTest(name):
-                page = self.open(run, **screen)
+                page.on_screen(**screen)
                 page.wait(IN_CONTACT)
                 page.wait(f"{number('read-speed')} > 8")
                 page.screenshot(SHOTS / f"{name}.png")
@@ -282,7 +282,6 @@ class PageTest(PageCase):
                 self.assertEqual(page.poor_contrasts(), [], "text can be read")
                 if screen.get("touch"):
                     self.assertEqual(page.small_targets(44), [], "a finger meets every control")
-                page.close()
 
     def sculpt(self, options=(), complains=False, **screen):
         """A run on clay and its page, once samples are drawn."""
@@ -412,11 +411,10 @@ class PageTest(PageCase):
         page.wait("document.querySelector('#toasts').textContent.includes('exists already')")
 
     def test_clay_on_every_screen(self):
-        run = self.run_scene("clay", command="sculpt")
+        _, page = self.sculpt()
         for name, screen in CLAY_SCREENS.items():
             with self.subTest(name):
-                page = self.open(run, **screen)
-                page.wait("document.querySelector('#clay-facts').textContent.includes('samples')")
+                page.on_screen(**screen)
                 for craft in ("emboss", "paint"):
                     page.click(f"#clay-crafts button[value={craft}]")
                     page.wait(f"document.querySelector('#clay-crafts button[value={craft}]').getAttribute('aria-pressed') === 'true'")
@@ -436,7 +434,6 @@ class PageTest(PageCase):
                 self.assertTrue(page.is_seen("#slider-clay_brush_m"), "the brush can be set")
                 if screen["width"] < 800:
                     self.assertTrue(page.is_seen("#view"), "the picture stays")
-                page.close()
 
     def test_clay_by_finger_and_pen(self):
         run, page = self.sculpt(**SCREENS["phone"])

@@ -642,13 +642,14 @@ class ViewTest(PageCase):
         self.assertEqual(page.count_pixels("#view", "#e6972a"), 0)
 
     def test_every_screen(self):
-        run = self.run_scene("press")
+        page = self.open(self.run_scene("press"))
+        page.click("#section")
+        page.click("#measure")
         for name, screen in SCREENS.items():
             with self.subTest(name):
-                page = self.open(run, **screen)
+                page.on_screen(**screen)
+                page.run("document.querySelector('main').scrollTo(0, 0), scrollTo(0, 0)")
                 page.wait(IN_CONTACT)
-                page.click("#section")
-                page.click("#measure")
                 page.wait(DRAWN)
                 page.screenshot(SHOTS / f"view-{name}.png")
                 self.assertLessEqual(page.run("document.documentElement.scrollWidth"), screen["width"], "nothing is cut off at the side")
@@ -662,7 +663,6 @@ class ViewTest(PageCase):
                 page.run("document.querySelector('#export-csv').scrollIntoView({ block: 'end' })")
                 page.wait(DRAWN)
                 page.screenshot(SHOTS / f"view-{name}-save.png")
-                page.close()
 
 
 if __name__ == "__main__":

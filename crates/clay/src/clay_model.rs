@@ -23,7 +23,7 @@ use rayon::prelude::*;
 
 use self::adopt::{adopt, faint_m, forget_faint, make_even, moved_by, near_to};
 pub use self::estimate_memory::MemoryEstimate;
-use self::lattices::{copy_into, cut, lattices, lattices_after};
+use self::lattices::{copy_into, cut, has_room, lattices, lattices_after};
 use self::painting::Press;
 pub use self::settings::{ClayModelError, Settings};
 pub(super) use self::undo_history::{Session, Snapshot};
@@ -322,9 +322,11 @@ impl ClayModel {
 
     /// Raises the surface by an image, or sinks it in: one stroke, or none where the image reaches no sample. Gives how many samples it moved.
     ///
+    /// A relief that does not fit into the raster gets a larger one.
+    ///
     /// # Errors
-    /// [`SurfaceError`]; then it is as before.
-    pub(super) fn emboss(&mut self, image: &GreyImage, placement: &ImagePlacement, depth_m: f64) -> Result<usize, SurfaceError> {
+    /// [`SurfaceError`], and a raster that would be too large; then it is as before.
+    pub(super) fn emboss(&mut self, image: &GreyImage, placement: &ImagePlacement, depth_m: f64) -> Result<usize, ClayModelError> {
         self.end_stroke()?;
         let mut surface = (*self.surface).clone();
         surface.replace(&[], &between_steep(&surface, image, placement, depth_m))?;
@@ -332,21 +334,28 @@ impl ClayModel {
         if moved.is_empty() {
             return Ok(0);
         }
-        let lattice = *self.base.lattice();
-        let before = surface.rasterize(lattice);
+        let earlier = surface.clone();
         let cliffs = cliffs(surface.points(), &moved, surface.spacing_m(), self.gap_m);
         let flat = surface.points().clone();
         surface.move_and_refit(&moved)?;
         surface.replace(&[], &cliffs)?;
-        let mut base = changed(&self.base, &before, &surface.rasterize(lattice));
+        let now = *self.base.lattice();
+        let larger = if has_room(&now, surface.bounds()) { None } else { Some(lattices(surface.bounds(), &self.settings)?) };
+        let lattice = larger.map_or(now, |(whole, ..)| whole);
+        let mut base = changed(&self.densities_on(lattice), &earlier.rasterize(lattice), &surface.rasterize(lattice));
         forget_unsampled(&mut base, &surface.points().positions_map);
         let base = measured(base);
         let n_cliffs = (surface.points().len() - cliffs.len()) as u32..surface.points().len() as u32;
         let looked_at: Vec<u32> = moved.iter().map(|moved| moved.sample).chain(n_cliffs).collect();
         make_even(&mut surface, &flat, &looked_at, &base, self.gap_m)?;
         self.remember();
-        (self.surface, self.base) = (Arc::new(surface), base);
-        self.cut_region(*self.region.dynamics.lattice());
+        self.surface = Arc::new(surface);
+        self.material_map = self.material_map.onto(&now, &lattice, &self.settings.material);
+        self.base = base;
+        match larger {
+            None => self.cut_region(*self.region.dynamics.lattice()),
+            Some((_, _, region)) => self.cut_region(region),
+        }
         self.settle();
         Ok(moved.len())
     }

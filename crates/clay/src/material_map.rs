@@ -135,18 +135,21 @@ impl MaterialPlace {
     /// What is wrong, with the number of its line.
     pub fn values(text: &[u8], within_m: f64) -> Result<Self, String> {
         let text = core::str::from_utf8(text).map_err(|_| "it is no text".to_owned())?;
-        let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
+        // Spreadsheets begin a text with a mark.
+        let mut lines = text.trim_start_matches('\u{feff}').lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
         if lines.next().is_none_or(|(_, line)| line.trim() != Self::VALUES_HEADER) {
             return Err(format!("the first line is not `{}`", Self::VALUES_HEADER));
         }
         let (mut places_map, mut painted) = (Vec::new(), Vec::new());
         for (index, line) in lines {
             let wrong = |what: String| Err(format!("line {}: {what}", index + 1));
-            let cells: Vec<&str> = line.split(',').map(str::trim).collect();
+            // One cell too many is enough to see that there are too many.
+            let cells = line.split(',').map(str::trim).take(7);
             let numbers: Option<Vec<Option<f64>>> =
-                cells.iter().map(|cell| if cell.is_empty() { Some(None) } else { cell.parse().ok().map(Some) }).collect();
+                cells.map(|cell| if cell.is_empty() { Some(None) } else { cell.parse().ok().map(Some) }).collect();
             let Some(&[Some(x), Some(y), Some(z), mass, damping, stiffness]) = numbers.as_deref() else {
-                return wrong(format!("`{line}` is not three coordinates and up to three properties"));
+                let begin: String = line.chars().take(80).collect();
+                return wrong(format!("`{begin}` is not three coordinates and up to three properties"));
             };
             let at_map = DVec3::new(x, y, z) * 1e-3;
             let [mass_kg, damping_n_s_per_m, stiffness_n_per_m] =

@@ -29,7 +29,7 @@ pub(super) use shaping::{CombineAsked, DrawAsked, LayAsked, PullAsked, RegionAsk
 pub(super) use splats::Splats;
 pub(super) use take::TakeAsked;
 pub(super) use uploads::{
-    IMAGE_BYTES_MAX, SOLID_BYTES_MAX, SolidAsked, VALUES_BYTES_MAX, ValuesAsked, image_of, solid_of, take_upload, values_of,
+    IMAGE_BYTES_MAX, SOLID_BYTES_MAX, SolidAsked, VALUES_BYTES_MAX, ValuesAsked, image_of, solid_of, values_of,
 };
 
 use super::encode::WirePose;

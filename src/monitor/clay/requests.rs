@@ -11,10 +11,7 @@ use clay::engine::{ClayView, SculptOrder};
 
 /// Another craft or other settings. What the hand feels of that goes through the same limits as all else.
 pub(in crate::monitor) fn take(hub: &Arc<Hub>, asked: TakeAsked, reply: Reply) {
-    match hub.clay().and_then(|clay| Ok((asked.checked(&*clay.view()?)?, clay))) {
-        Ok((change, clay)) => clay.access.ask(SculptOrder::Adjust(change), Box::new(|result| reply(answer_of(result)))),
-        Err(problem) => reply(Err(problem)),
-    }
+    order(hub, |view| asked.checked(view).map(SculptOrder::Adjust), reply);
 }
 
 /// An order that is made out of what a client asks for.

@@ -236,6 +236,19 @@ impl CombineAsked {
             BooleanAsked::Difference => Boolean::Difference,
         };
         let map_from_body = self.pose.map_or(Pose::IDENTITY, Pose::from);
+        let (low, high) = view.region_map;
+        let farthest_m = OUT_OF_SCALE * (high - low).max_element();
+        // Written so that a NaN is refused as well.
+        let is_rotation = (map_from_body.rotation.length_squared() - 1.0).abs() <= 1e-3;
+        if !(is_rotation && map_from_body.translation.abs().max_element() <= farthest_m) {
+            let error = format!("not a pose for the solid: a unit quaternion, within {farthest_m:.3} m of the origin of the clay");
+            return Err(RequestError::bad(error, "`pose` is {\"p\": [x, y, z] in m, \"q\": [x, y, z, w]}"));
+        }
+        let solid_m = with.bounds_map(&map_from_body).map_or(0.0, |(low, high)| (high - low).max_element());
+        if solid_m > farthest_m {
+            let error = format!("a solid of {solid_m:.3} m does not go with a region of {:.3} m", farthest_m / OUT_OF_SCALE);
+            return Err(RequestError::bad(error, "see the unit that it was uploaded with"));
+        }
         let is_sharp = self.is_sharp.unwrap_or(view.tool.is_sharp);
         Ok(SculptOrder::Combine { boolean, with, map_from_body, is_sharp })
     }
@@ -298,6 +311,13 @@ mod tests {
         assert!(refusal(ask(json!({ "boolean": "union" }))).contains("no solid"));
         assert!(refusal(ask(json!({ "boolean": "union", "shape": { "sphere_m": 5.0 } }))).contains("5 m does not go with"));
         assert!(refusal(ask(json!({ "boolean": "union", "shape": { "box_m": [0.01, 0.01, 0.0] } }))).contains("0 m does not"));
+        let at = |p: [f64; 3], q: [f64; 4]| {
+            ask(json!({ "boolean": "union", "shape": { "sphere_m": 0.01 }, "pose": { "p": p, "q": q } }))
+        };
+        assert!(at([0.01, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]).is_ok());
+        for (p, q) in [([0.0; 3], [0.0, 0.0, 0.0, 2.0]), ([0.0; 3], [0.0; 4]), ([1e9, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0])] {
+            assert!(refusal(at(p, q)).contains("not a pose"), "{p:?} {q:?}");
+        }
     }
 
     #[test]

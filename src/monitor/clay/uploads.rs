@@ -5,10 +5,7 @@ use std::sync::Arc;
 
 use serde::Deserialize;
 
-use super::super::answer::Reply;
-use super::super::hub::Hub;
 use super::super::problem::RequestError;
-use super::requests::answer_of;
 use clay::emboss::GreyImage;
 use clay::engine::{ChosenSolid, SculptOrder, ToolChange};
 use clay::material_map::{MaterialPlace, Painted};
@@ -107,14 +104,6 @@ pub(in crate::monitor) fn values_of(bytes: &[u8], asked: ValuesAsked) -> Result<
     let refused = |why: &str| RequestError::bad(why, MaterialPlace::values_hint());
     let place = MaterialPlace::values(bytes, asked.within_m.unwrap_or(1e-3)).map_err(|why| refused(&why))?;
     place.unsound().map_or(Ok(SculptOrder::Lay { painted: Painted::default(), place }), |why| Err(refused(&why)))
-}
-
-/// What was sent is in the tool, or laid, from now on.
-pub(in crate::monitor) fn take_upload(hub: &Arc<Hub>, order: SculptOrder, reply: Reply) {
-    match hub.clay() {
-        Ok(clay) => clay.access.ask(order, Box::new(|result| reply(answer_of(result)))),
-        Err(problem) => reply(Err(problem)),
-    }
 }
 
 #[cfg(test)]

@@ -14,7 +14,7 @@ const PROPERTIES = ["stiffness_n_per_m", "damping_n_s_per_m", "mass_kg"];
 export class Numbers {
   /**
    * @param {import("./link.js").Link} link
-   * @param {(what: string, fields?: object) => Promise<void>} order sends an order about the clay, and says why it is refused
+   * @param {(what: string, fields?: object) => Promise<boolean>} order sends an order about the clay, and says why it is refused; whether it was taken
    * @param {() => Promise<void>} refresh asks for the facts
    */
   constructor(link, order, refresh) {
@@ -75,8 +75,9 @@ export class Numbers {
   async #choose() {
     const corners = this.#corners.map((field) => readPlace(field.value)?.map((x) => x * MM));
     if (corners.includes(undefined)) return say("A corner is three numbers in mm, such as -10 -10 0.");
-    for (const field of this.#corners) field.removeAttribute("data-written");
-    await this.order("clay_region", { min: corners[0], max: corners[1] });
+    const isTaken = await this.order("clay_region", { min: corners[0], max: corners[1] });
+    // What was refused stays to be mended.
+    if (isTaken) for (const field of this.#corners) field.removeAttribute("data-written");
   }
 
   #lay() {

@@ -284,12 +284,15 @@ export class Clay {
   }
 
   async #do(what, fields = {}, timeoutMs = undefined) {
+    let isTaken = true;
     try {
       await this.link.send(what, fields, timeoutMs);
     } catch (error) {
+      isTaken = false;
       say(words(error));
     }
     await this.refresh().catch(() => {});
+    return isTaken;
   }
 
   async #save(event) {

@@ -268,7 +268,7 @@ class Clay:
             for place, said in zip(places_mm, values, strict=True)
         ]
         text = "\n".join(["x_mm,y_mm,z_mm,mass,damping,stiffness", *rows, ""])
-        self._connection.address.send("PUT", f"/api/v1/clay/values?within_m={within_m!r}", text.encode(), self._connection.timeout_s)
+        self._connection.address.send("PUT", f"/api/v1/clay/values?within_m={float(within_m)!r}", text.encode(), self._connection.timeout_s)
 
     def combine(
         self,

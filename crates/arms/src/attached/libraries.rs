@@ -70,9 +70,7 @@ impl Machine<'_> {
 
     /// The library of a family that would be loaded.
     fn library(&self, family: Family, written: Option<&Path>) -> Result<PathBuf, Vec<PathBuf>> {
-        // A path may be relative to the folder that this program was started in.
-        let absolute = |path: PathBuf| std::path::absolute(&path).unwrap_or(path);
-        let places: Vec<PathBuf> = family.places(written, self.variable).into_iter().map(absolute).collect();
+        let places = family.absolute_places(written, self.variable);
         places.iter().find(|path| self.root.join(path).exists()).cloned().ok_or(places)
     }
 

@@ -393,7 +393,7 @@ impl Connector {
         }
     }
 
-    fn link(&self) -> Result<(PathBuf, Box<dyn Transport>, Carriage), OpenError> {
+    fn link(&self, before: PreviousLink) -> Result<(PathBuf, Box<dyn Transport>, Carriage), OpenError> {
         #[cfg(feature = "usb")]
         if self.real.matching.transport == TransportKind::Usb {
             return self.usb();
@@ -408,7 +408,7 @@ impl Connector {
             return Ok((PathBuf::from(&service.address), Box::new(link), Carriage::Reports));
         }
         if let Protocol::Vendor(protocol) = &self.real.protocol {
-            return self.worker(protocol);
+            return self.worker(protocol, before);
         }
         let node = self.node()?;
         let (link, carriage) = self.link_at(&node).map_err(|error| held(&node.path, error))?;
@@ -462,8 +462,14 @@ impl Connector {
     }
 
     /// A worker with the library of the arm's maker. It takes the force away by itself when this process no longer can, and so needs no guard.
-    fn worker(&self, protocol: &VendorProtocol) -> Result<(PathBuf, Box<dyn Transport>, Carriage), OpenError> {
-        let (protocol, serial) = self.chosen(protocol)?;
+    fn worker(
+        &self,
+        protocol: &VendorProtocol,
+        before: PreviousLink,
+    ) -> Result<(PathBuf, Box<dyn Transport>, Carriage), OpenError> {
+        let (mut protocol, serial) = self.chosen(protocol)?;
+        // A person cleared the space around the arm for the first opening. An arm that comes back does not move by itself.
+        protocol.home &= before == PreviousLink::Nothing;
         let started = vendor::start(self.options.guard.as_deref(), &protocol, serial, self.options.io_request)
             .map_err(|cause| OpenError::Vendor { title: self.title.clone(), cause })?;
         if let Ok(mut words) = self.words.lock() {
@@ -500,7 +506,7 @@ impl Connector {
 
 impl ConnectMethod for Connector {
     fn connect(&self, before: PreviousLink) -> Result<(PathBuf, Connection), OpenError> {
-        let (path, mut link, carriage) = self.link()?;
+        let (path, mut link, carriage) = self.link(before)?;
         let mut codec = self.real.protocol.codec(carriage);
         if before != PreviousLink::Nothing {
             codec.started_before(before == PreviousLink::Silent);
@@ -565,6 +571,10 @@ fn reconnect_loop(
             tell(LinkNews::Lost);
             looks_for = Some(if lost.let_go() { PreviousLink::Silent } else { PreviousLink::Unplugged });
         }
+        // Before the next connection, whose words take the place of those of the lost one: why it was lost is among them.
+        while let Some(text) = connector.told() {
+            tell(LinkNews::Told(text));
+        }
         if let Some(before) = looks_for {
             match connector.connect(before) {
                 // The driver has gone meanwhile.
@@ -579,9 +589,6 @@ fn reconnect_loop(
                 Err(error) if connector.is_absent(&error) => looks_for = Some(PreviousLink::Unplugged),
                 Err(error) => tell(LinkNews::Fails(error.to_string())),
             }
-        }
-        while let Some(text) = connector.told() {
-            tell(LinkNews::Told(text));
         }
         std::thread::sleep(LOOK_AGAIN);
     }

@@ -7,6 +7,7 @@ use std::io::{self, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
 use std::os::fd::OwnedFd;
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
 
 use tungstenite::protocol::WebSocketConfig;
 use tungstenite::{Message, WebSocket};
@@ -26,6 +27,9 @@ const ANSWER_PATIENCE: Duration = Duration::from_secs(3);
 const WRITE_PATIENCE: Duration = Duration::from_millis(500);
 /// Longest answer over HTTP, and longest message.
 const MESSAGE_MAX: usize = 1 << 20;
+/// How long a version and a list of devices may take in pieces, each of which comes in time; and the length of the first.
+const ENTRY_PATIENCE: Duration = Duration::from_secs(5);
+const VERSION_MAX: usize = 1 << 16;
 
 /// Why a service cannot be used. Cold.
 #[derive(Debug, thiserror::Error)]
@@ -128,7 +132,8 @@ fn version_of(address: &str) -> Result<Version, ServiceError> {
     let mut failed = write!(socket, "GET /version HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n").err();
     let mut version = None;
     // Until the answer is whole: a server may keep the connection.
-    while failed.is_none() && version.is_none() && answer.len() < MESSAGE_MAX {
+    let end = Instant::now() + ENTRY_PATIENCE;
+    while failed.is_none() && version.is_none() && answer.len() < VERSION_MAX && Instant::now() < end {
         let mut some = [0; 4096];
         match socket.read(&mut some) {
             Ok(0) => break,
@@ -153,7 +158,11 @@ fn enter(address: &str) -> Result<(WebSocket<Half>, Inventory), ServiceError> {
     let config = WebSocketConfig::default().max_message_size(Some(MESSAGE_MAX)).max_frame_size(Some(MESSAGE_MAX));
     let (mut web_socket, _) = tungstenite::client::client_with_config(format!("ws://{address}/"), half, Some(config))
         .map_err(|error| foreign(error.to_string()))?;
+    let end = Instant::now() + ENTRY_PATIENCE;
     loop {
+        if Instant::now() > end {
+            return Err(foreign(format!("no list of devices within {} s", ENTRY_PATIENCE.as_secs())));
+        }
         match web_socket.read() {
             Ok(Message::Text(text)) => {
                 let inventory =
@@ -179,7 +188,7 @@ pub struct RunningService {
     pub grips: Vec<String>,
 }
 
-/// Asks a service what it has; `None` where none answers. Cold; takes a second at most where a host is silent.
+/// Asks a service what it has; `None` where none answers. Cold; a server that is none, or silent, takes some seconds.
 pub fn running_service(address: &str) -> Option<RunningService> {
     let version = version_of(address).ok()?;
     let (_, inventory) = enter(address).ok()?;

@@ -179,8 +179,13 @@ impl Family {
     }
 
     /// The same in the environment of this process.
-    pub(super) fn places_here(self, written: Option<&Path>) -> Vec<PathBuf> {
-        self.places(written, |name| std::env::var_os(name))
+    pub(crate) fn places_here(self, written: Option<&Path>) -> Vec<PathBuf> {
+        self.absolute_places(written, |name| std::env::var_os(name))
+    }
+
+    /// [`places`](Self::places) from the folder that this program was started in: a name without a folder would be looked for elsewhere when it is loaded.
+    pub(crate) fn absolute_places(self, written: Option<&Path>, variable: impl Fn(&str) -> Option<OsString>) -> Vec<PathBuf> {
+        self.places(written, variable).into_iter().map(|path| std::path::absolute(&path).unwrap_or(path)).collect()
     }
 
     /// What is wrong where none of these places has it, in one line.

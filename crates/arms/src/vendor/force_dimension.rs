@@ -141,6 +141,8 @@ fn start(dhd: &Dhd, id: c_char, assignment: &Assignment, host: &mut HostLine) ->
     }
     dhd.done("the brakes cannot be released", dhd.dhdSetBrakes(0, id))?;
     dhd.done("gravity compensation cannot be switched on", dhd.dhdSetGravityCompensation(1, id))?;
+    // The search for the zero leaves forces on, and nothing has enabled any.
+    dhd.done("its forces cannot be switched off", dhd.dhdEnableForce(0, id))?;
     std::thread::sleep(SETTLE);
     // `libdhd` alone cannot say; arms that need no start are at home.
     Ok(homed.unwrap_or(true))
@@ -221,10 +223,10 @@ impl VendorArm for Arm {
             let answer = self.dhd.dhdEnableForce(command.enabled.into(), self.id);
             self.dhd.done("its forces cannot be switched", answer)?;
         }
-        let VendorCommand { force, torque, grip_nm, .. } = command;
-        let grip = self.hand_sign() * grip_nm;
+        let VendorCommand { force, torque, .. } = command;
+        // The gripper's motor gets zero: nothing computes a grip force, and no limit holds one.
         let answer =
-            self.dhd.dhdSetForceAndTorqueAndGripperForce(force.x, force.y, force.z, torque.x, torque.y, torque.z, grip, self.id);
+            self.dhd.dhdSetForceAndTorqueAndGripperForce(force.x, force.y, force.z, torque.x, torque.y, torque.z, 0.0, self.id);
         if self.dhd.done("it takes no force", answer)? == SATURATED {
             self.saturated += 1;
             if !self.told_saturated {

@@ -20,7 +20,9 @@ use rt::schedule::ThreadRequest;
 const OPEN_PATIENCE: Duration = Duration::from_secs(20);
 const HOME_PATIENCE: Duration = Duration::from_secs(120);
 /// How long a worker may take to end by itself: zero, the library's stop and its close.
-const END_PATIENCE: Duration = Duration::from_millis(700);
+const END_PATIENCE: Duration = Duration::from_millis(1500);
+/// How long the system may take to end a process that is killed. One that hangs in a driver stays, and is not waited for.
+const KILL_PATIENCE: Duration = Duration::from_millis(200);
 
 /// Why there is no worker, or no arm behind it.
 #[derive(Debug, thiserror::Error)]
@@ -187,18 +189,26 @@ impl Transport for PageLink {
     }
 }
 
+impl PageLink {
+    fn ends_within(&mut self, patience: Duration) -> bool {
+        let begin = Instant::now();
+        while matches!(self.process.try_wait(), Ok(None)) {
+            if begin.elapsed() > patience {
+                return false;
+            }
+            sleep(Duration::from_millis(1));
+        }
+        true
+    }
+}
+
 impl Drop for PageLink {
     fn drop(&mut self) {
         // A second descriptor of it is with what reads its words.
         let _ = self.socket.shutdown(std::net::Shutdown::Write);
-        let begin = Instant::now();
-        while begin.elapsed() < END_PATIENCE {
-            if !matches!(self.process.try_wait(), Ok(None)) {
-                return;
-            }
-            sleep(Duration::from_millis(1));
+        if !self.ends_within(END_PATIENCE) {
+            let _ = self.process.kill();
+            self.ends_within(KILL_PATIENCE);
         }
-        let _ = self.process.kill();
-        let _ = self.process.wait();
     }
 }

@@ -89,12 +89,11 @@ impl Default for VendorSample {
     }
 }
 
-/// What the motors are to make, in the device frame: N, N·m at the grip point, N·m of the gripper.
+/// What the motors are to make, in the device frame: N, N·m at the grip point. A gripper has no force.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct VendorCommand {
     pub(crate) force: DVec3,
     pub(crate) torque: DVec3,
-    pub(crate) grip_nm: f64,
     /// The host has enabled the motors. Where this is false everything above is 0.
     pub(crate) enabled: bool,
 }

@@ -70,6 +70,8 @@ const SILENCE: Duration = Duration::from_millis(200);
 const TURN_MAX: Duration = Duration::from_millis(20);
 /// After the start, and after the end: the driver closes its port in a thread of its own.
 const SETTLE: Duration = Duration::from_millis(300);
+/// How long the zero of the end may wait for a turn of the scheduler.
+const ZERO_PATIENCE: Duration = Duration::from_millis(50);
 /// Share of its limit at which a motor is told of.
 const WARM: f64 = 0.8;
 /// Errors that one tick takes off the library's stack.
@@ -154,7 +156,8 @@ extern "C" fn tick(_: *mut c_void) -> c_uint {
 
     hd.hdMakeCurrentDevice(shared.device);
     hd.hdBeginFrame(shared.device);
-    let (mut transform, mut linear, mut angular, mut buttons) = ([0.0; 16], [0.0; 16], [0.0; 16], [0; 16]);
+    // A pose that the library does not write is no number, and no arm that rests at its origin.
+    let (mut transform, mut linear, mut angular, mut buttons) = ([f64::NAN; 16], [0.0; 16], [0.0; 16], [0; 16]);
     hd.hdGetDoublev(TRANSFORM, &mut transform);
     hd.hdGetDoublev(VELOCITY, &mut linear);
     hd.hdGetDoublev(ANGULAR_VELOCITY, &mut angular);
@@ -273,6 +276,10 @@ pub(super) fn open(assignment: &Assignment, host: &mut HostLine) -> Result<Arm, 
     let device = hd.hdInitDevice(name.as_ref().map_or(null(), |name| name.as_ptr()));
     let error = hd.error();
     if device == NO_DEVICE || error.is_some() {
+        // Left open, it would be locked until it is unplugged.
+        if device != NO_DEVICE {
+            hd.hdDisableDevice(device);
+        }
         let called =
             assignment.serial.as_deref().map_or("the default arm of its setup".to_owned(), |name| format!("the arm {name}"));
         return Err(VendorFault(format!("the library does not open {called}: {}", error.unwrap_or_default())));
@@ -402,7 +409,13 @@ impl VendorArm for Arm {
         if let Some(shared) = shared().as_mut() {
             (shared.command, shared.is_over) = (VendorCommand::default(), true);
         }
-        hd.hdScheduleSynchronous(zero, core::ptr::null_mut(), PRIORITY);
+        // It waits for the scheduler, which may be what is broken: the tick has been told to make zero, and the stop must come.
+        let (done, has_done) = std::sync::mpsc::channel();
+        std::thread::spawn(move || {
+            hd.hdScheduleSynchronous(zero, core::ptr::null_mut(), PRIORITY);
+            let _ = done.send(());
+        });
+        let _ = has_done.recv_timeout(ZERO_PATIENCE);
         hd.hdStopScheduler();
         hd.hdUnschedule(self.handle);
         let closed = shared().take();

@@ -172,6 +172,8 @@ impl VendorArm for Arm {
 
     fn command(&mut self, command: &VendorCommand) -> Result<(), VendorFault> {
         if command.enabled != self.is_powered {
+            // Zero before the switch on both ways: a controller may keep the force that it was given last. Without power it may refuse one.
+            self.library.virtSetForce(self.context, &mut [0.0; 6]);
             let answer = self.library.virtSetPowerOn(self.context, command.enabled.into());
             self.done("its motors cannot be switched", answer)?;
             self.is_powered = command.enabled;

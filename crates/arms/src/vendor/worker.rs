@@ -216,11 +216,10 @@ impl Exchange {
         let n = self.page.take(&mut buffer);
         self.owes |= n > 0 && self.firmware.hear(&buffer[..n], now_s, self.readings.homed, &mut self.outbox);
         self.firmware.watch(now_s);
-        let [fx, fy, fz, tx, ty, tz, grip_nm, _] = self.firmware.motors();
+        let [fx, fy, fz, tx, ty, tz, ..] = self.firmware.motors();
         arm.command(&VendorCommand {
             force: DVec3::new(fx, fy, fz),
             torque: DVec3::new(tx, ty, tz),
-            grip_nm,
             enabled: self.firmware.is_enabled(),
         })?;
         let sample = arm.sample()?;
@@ -286,7 +285,9 @@ pub fn work(assignment: &Assignment) -> io::Result<ExitCode> {
     };
     host.say("ready", &arm.identity());
     let mut exchange = Exchange::new(page, assignment.arm());
-    let ended = arm.run(&mut exchange, &mut host);
+    // Whatever happens, the arm is closed.
+    let ended = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| arm.run(&mut exchange, &mut host)))
+        .unwrap_or_else(|_| Err(VendorFault("the worker has a fault of its own".to_owned())));
     if let Err(fault) = &ended {
         host.say("lost", &fault.0);
     }

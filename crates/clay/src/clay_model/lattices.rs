@@ -55,6 +55,13 @@ pub(super) fn lattices_after(
     Ok(if stays { (*whole, first_node(whole, region), *region) } else { fresh })
 }
 
+/// Whether a raster has two nodes around these bounds on every side.
+pub(super) fn has_room(lattice: &Lattice, (low, high): (DVec3, DVec3)) -> bool {
+    let (first, last) = lattice.bounds();
+    let room_m = 2.0 * lattice.spacing_m;
+    (low - room_m).cmpge(first).all() && (high + room_m).cmple(last).all()
+}
+
 pub(super) fn first_node(whole: &Lattice, part: &Lattice) -> [usize; 3] {
     ((part.origin_map - whole.origin_map) / whole.spacing_m).round().to_array().map(|n| n.max(0.0) as usize)
 }

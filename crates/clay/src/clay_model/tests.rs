@@ -196,6 +196,31 @@ fn a_bite_is_taken_out_and_an_image_stands_out() {
 }
 
 #[test]
+fn a_relief_that_is_higher_than_the_air_around_the_piece_gets_a_larger_raster_until_it_is_undone() {
+    let mut piece = ball();
+    let white = GreyImage::new(2, 2, vec![1.0; 4]).unwrap();
+    let placement = ImagePlacement::Around { center_map: DVec3::ZERO, north_map: DVec3::Z, front_map: DVec3::X };
+    let lattice = *piece.base().lattice();
+    let most_m = lattice.bounds().1.max_element();
+    let mut raised_m = 0.0;
+    while R + raised_m < most_m + 3e-3 {
+        piece.emboss(&white, &placement, 3e-3).unwrap();
+        raised_m += 3e-3;
+    }
+    for way in [DVec3::X, -DVec3::Y, DVec3::Z] {
+        let density_m = |away_m: f64| piece.base().at(way * (R + raised_m + away_m)).map(|density| density.value_m);
+        assert!(
+            density_m(-2e-3).unwrap() > 0.5e-3 && density_m(2e-3).unwrap() < -0.5e-3,
+            "{way}: {:?} {:?}",
+            density_m(-2e-3),
+            density_m(2e-3)
+        );
+    }
+    while piece.undo().unwrap() {}
+    assert_eq!(*piece.base().lattice(), lattice);
+}
+
+#[test]
 fn a_frame_shows_the_region_as_it_is() {
     let mut piece = ball();
     let lattice = Lattice { origin_map: DVec3::ZERO, spacing_m: 1.0, dims: [2; 3] };

@@ -216,6 +216,8 @@ impl ClayModel {
         (self.base, self.material_map) = (base, material_map);
         (self.settings.region_map, self.settings.material) = (region_map, material);
         self.cut_region(region);
+        // What met or parted is as it was.
+        self.reconnected = None;
         Ok(())
     }
 

@@ -47,23 +47,16 @@ impl SculptEngine {
     /// Curves that wait or are pulled, for those who look.
     pub(super) fn drawn_map(&self) -> Arc<[Vec<DVec3>]> {
         match &self.activity {
-            Activity::Drawn { curves } | Activity::PullingCurves { curves, .. } | Activity::Driven { curves, .. } => {
-                curves.map.as_slice().into()
-            }
-            Activity::Drawing { drawn, curve_map } => drawn.map.iter().chain([curve_map]).cloned().collect(),
-            _ => Arc::default(),
+            Activity::PullingCurves { curves, .. } | Activity::Driven { curves, .. } => curves.map.as_slice().into(),
+            Activity::Drawing { curve_map } => self.waiting.map.iter().chain([curve_map]).cloned().collect(),
+            _ => self.waiting.map.as_slice().into(),
         }
     }
 
     /// [`SculptOrder::Draw`](super::SculptOrder::Draw).
     pub(super) fn lay_curves(&mut self, curves: RopeCurves) -> Result<(), EngineError> {
         self.let_go()?;
-        if curves.curves_map.is_empty() {
-            self.activity = Activity::Nothing;
-            return Ok(());
-        }
-        let curves = self.laid(curves, self.tool.brush_m)?;
-        self.activity = Activity::Drawn { curves };
+        self.waiting = if curves.curves_map.is_empty() { Curves::default() } else { self.laid(curves, self.tool.brush_m)? };
         Ok(())
     }
 

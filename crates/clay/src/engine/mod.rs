@@ -26,6 +26,7 @@ pub use order::{RopeCurves, SculptOrder};
 pub use sculpt_tool::{ChosenSolid, SculptTool, ToolChange, ToolSettings};
 pub use tool_motion::{HoldOutcome, ToolBody, ToolMotion};
 
+use self::curves::Curves;
 use self::work::{Activity, MotionSummary};
 use super::{ClayModel, PointSet};
 use vps::density::Frame;
@@ -47,6 +48,8 @@ pub struct SculptEngine {
     /// An order holds, as the arm's button does.
     is_held_by_order: bool,
     activity: Activity,
+    /// Curves that were drawn, and wait for a hold of pull-curve whatever is done meanwhile.
+    waiting: Curves,
     updates: u64,
     /// Of the points that were shown last.
     version: u64,
@@ -76,6 +79,7 @@ impl SculptEngine {
             motion: MotionSummary::default(),
             is_held_by_order: false,
             activity: Activity::Nothing,
+            waiting: Curves::default(),
             updates: 0,
             version: 0,
             shown: None,
@@ -118,8 +122,14 @@ impl SculptEngine {
     /// [`EngineError`]; the piece is as it was, but that a stroke may have ended.
     pub fn order(&mut self, order: SculptOrder) -> Result<(), EngineError> {
         let spacing_m = self.model.region().lattice().spacing_m;
-        let changes_samples =
-            matches!(order, SculptOrder::Undo | SculptOrder::Redo | SculptOrder::Combine { .. } | SculptOrder::Emboss { .. });
+        let changes_samples = matches!(
+            order,
+            SculptOrder::Undo
+                | SculptOrder::Redo
+                | SculptOrder::Combine { .. }
+                | SculptOrder::Emboss { .. }
+                | SculptOrder::Region { .. }
+        );
         let result = self.carry_out(order);
         // An order that fails leaves the samples, but may have changed what else is shown. A stroke that it ends is noted by itself.
         if changes_samples && result.is_ok() {

@@ -172,6 +172,16 @@ fn curves_that_are_given_wait_for_a_hold_near_one_of_them_and_rise_together() {
     let pitch_m = hand.engine.model().region().lattice().spacing_m;
     assert!(shown.iter().all(|curve| curve.windows(2).all(|ends| ends[0].distance(ends[1]) < 1.2 * pitch_m)));
     let over = |x: f64, y: f64| DVec3::new(x, y, (R * R - x * x - y * y).sqrt() + 0.5e-3);
+    // Another tool in between does not lose them.
+    let takes = |hand: &mut Hand, craft| {
+        hand.engine.order(SculptOrder::Adjust(ToolChange { craft: Some(craft), ..ToolChange::default() })).unwrap()
+    };
+    takes(&mut hand, SculptTool::Paint);
+    hand.go(over(0.0, 8e-3) - DVec3::Z * 1.5e-3, 5);
+    hand.go(over(0.0, 8e-3) + DVec3::Z * 5e-3, 60);
+    let history = hand.history();
+    takes(&mut hand, SculptTool::PullCurve);
+    assert_eq!(hand.engine.view().curves_map.len(), 2);
     hand.has_force = false;
     hand.go(over(0.0, 4e-3), 5);
     hand.has_force = true;
@@ -183,7 +193,7 @@ fn curves_that_are_given_wait_for_a_hold_near_one_of_them_and_rise_together() {
     hand.go(over(0.0, 4e-3) + DVec3::Z * 3e-3, 60);
     hand.is_held = false;
     hand.go(over(0.0, 4e-3) + DVec3::Z * 8e-3, 2);
-    assert_eq!((hand.history(), hand.engine.view().curves_map.len()), ((1, 0), 0));
+    assert_eq!((hand.history(), hand.engine.view().curves_map.len()), ((history.0 + 1, 0), 0));
     let raised_m = |y: f64| hand.engine.model().onto(over(0.0, y), 0.01).unwrap().0.length() - R;
     assert!(raised_m(4e-3) > 0.3e-3 && (raised_m(4e-3) - raised_m(-4e-3)).abs() < 0.1e-3, "{} {}", raised_m(4e-3), raised_m(-4e-3));
     hand.engine.order(SculptOrder::Undo).unwrap();

@@ -91,9 +91,7 @@ pub(super) enum Activity {
     /// A rope to a place of the surface.
     Pulling { anchor_map: DVec3 },
     /// A curve is being drawn, beside those that wait.
-    Drawing { drawn: Curves, curve_map: Vec<DVec3> },
-    /// Curves wait for a hold that pulls them.
-    Drawn { curves: Curves },
+    Drawing { curve_map: Vec<DVec3> },
     /// A rope to one corner of one of the curves; all of them are pulled.
     PullingCurves { curves: Curves, curve: usize, corner: usize },
     /// Curves that an order pulls, for so long still, s.
@@ -142,11 +140,9 @@ impl SculptEngine {
         }
     }
 
-    /// The stroke under way ends, whatever it is. Curves that wait for a hold go on waiting.
+    /// The stroke under way ends, whatever it is.
     pub(super) fn let_go(&mut self) -> Result<(), EngineError> {
-        if !matches!(self.activity, Activity::Drawn { .. }) {
-            self.activity = Activity::Nothing;
-        }
+        self.activity = Activity::Nothing;
         if self.model.is_stroke() {
             self.note_change();
             if let Err(error) = self.model.end_stroke() {
@@ -221,17 +217,16 @@ impl SculptEngine {
         }
         if !motion.is_held {
             return match core::mem::take(&mut self.activity) {
-                Activity::Drawing { mut drawn, curve_map } => {
+                Activity::Drawing { curve_map } => {
                     // A hold that was let go at once has drawn nothing.
                     if curve_map.len() > 1 {
-                        drawn.push(curve_map);
+                        self.waiting.push(curve_map);
                     }
-                    self.activity = if drawn.map.is_empty() { Activity::Nothing } else { Activity::Drawn { curves: drawn } };
                     self.show_again();
                     Ok(())
                 }
-                drawn @ (Activity::Drawn { .. } | Activity::Driven { .. }) => {
-                    self.activity = drawn;
+                driven @ Activity::Driven { .. } => {
+                    self.activity = driven;
                     Ok(())
                 }
                 Activity::Pulling { .. } | Activity::PullingCurves { .. } => {
@@ -268,40 +263,30 @@ impl SculptEngine {
 
     /// A hold begins.
     fn grab(&mut self, motion: &MotionSummary) -> Result<(), EngineError> {
-        let before = core::mem::take(&mut self.activity);
         self.let_go()?;
         let tip_map = self.body.tip_map(&motion.last);
         let anchor_map = match self.model.onto(tip_map, self.tool.brush_m) {
             Some((anchor_map, _)) => self.check_region(anchor_map).map(|()| anchor_map),
             None => Err(EngineError::OutOfReach),
         };
-        let anchor_map = anchor_map.inspect_err(|_| {
-            if let Activity::Drawn { .. } = &before {
-                self.activity = before.clone();
-            }
-        })?;
+        let anchor_map = anchor_map?;
         if self.tool.craft == SculptTool::Pull {
             self.model.begin_stroke()?;
             self.activity = Activity::Pulling { anchor_map };
             return Ok(());
         }
-        self.activity = match before {
-            Activity::Drawn { mut curves } => {
-                // Other strokes may have moved the surface meanwhile.
-                curves.follow(&self.model, DVec3::ZERO, self.tool.brush_m);
-                match curves.nearest(anchor_map).filter(|(_, _, distance_m)| curves.is_free || *distance_m <= self.tool.brush_m) {
-                    Some((curve, corner, _)) => {
-                        self.model.begin_stroke()?;
-                        Activity::PullingCurves { curves, curve, corner }
-                    }
-                    None if curves.map.len() >= RopeCurves::CURVES_MAX => {
-                        self.activity = Activity::Drawn { curves };
-                        return Err(EngineError::Curves { what: format!("{} curves are drawn already", RopeCurves::CURVES_MAX) });
-                    }
-                    None => Activity::Drawing { drawn: curves, curve_map: vec![anchor_map] },
-                }
+        let (curves, within_m) = (&mut self.waiting, self.tool.brush_m);
+        // Other strokes may have moved the surface meanwhile.
+        curves.follow(&self.model, DVec3::ZERO, within_m);
+        self.activity = match curves.nearest(anchor_map).filter(|(_, _, distance_m)| curves.is_free || *distance_m <= within_m) {
+            Some((curve, corner, _)) => {
+                self.model.begin_stroke()?;
+                Activity::PullingCurves { curves: core::mem::take(&mut self.waiting), curve, corner }
             }
-            _ => Activity::Drawing { drawn: Curves::default(), curve_map: vec![anchor_map] },
+            None if curves.map.len() >= RopeCurves::CURVES_MAX => {
+                return Err(EngineError::Curves { what: format!("{} curves are drawn already", RopeCurves::CURVES_MAX) });
+            }
+            None => Activity::Drawing { curve_map: vec![anchor_map] },
         };
         Ok(())
     }
@@ -320,7 +305,8 @@ impl SculptEngine {
         self.activity = Activity::Nothing;
         let (low_map, high_map) = (from_map.min(tip_map), from_map.max(tip_map));
         self.has_leapt = true;
-        self.show_again();
+        // Samples are filled and thinned for the raster of the region.
+        self.note_change();
         Ok(self.model.choose_region(low_map, high_map)?)
     }
 

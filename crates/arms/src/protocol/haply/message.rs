@@ -316,8 +316,8 @@ pub(crate) struct Reader {
     /// What the last frame that spoke of it said.
     arm_status: Option<ArmStatus>,
     grip_status: Option<GripStatus>,
-    /// x y z w; of a grip that sleeps the last one.
-    orientation: [f64; 4],
+    /// x y z w; of a grip that sleeps the last one. `None`: not heard yet.
+    orientation: Option<[f64; 4]>,
     buttons: u32,
 }
 
@@ -329,7 +329,7 @@ impl Reader {
             grip: grip.map(str::to_owned),
             arm_status: None,
             grip_status: None,
-            orientation: [0.0, 0.0, 0.0, 1.0],
+            orientation: None,
             buttons: 0,
         }
     }
@@ -343,9 +343,11 @@ impl Reader {
         let grip_trouble = self.hear_grip(&frame);
         let or_nan = |number: Option<f64>| number.unwrap_or(f64::NAN);
         let mut pose = [or_nan(position.x), or_nan(position.y), or_nan(position.z), 0.0, 0.0, 0.0, 0.0];
-        pose[3..].copy_from_slice(&self.orientation);
-        let is = |flag: fn(&ArmStatus) -> Option<bool>| self.arm_status.as_ref().and_then(flag) != Some(false);
+        pose[3..].copy_from_slice(&self.orientation.unwrap_or([0.0, 0.0, 0.0, 1.0]));
+        // Of an arm whose status was never heard nothing is good; a flag that a service does not have is.
+        let is = |flag: fn(&ArmStatus) -> Option<bool>| self.arm_status.as_ref().is_some_and(|status| flag(status) != Some(false));
         let trouble = match () {
+            () if self.arm_status.is_none() => Some(Trouble::NotReady),
             () if !is(|status| status.power_supply) => Some(Trouble::NoPower),
             () if !is(|status| status.ready) || !is(|status| status.started) => Some(Trouble::NotReady),
             () => grip_trouble,
@@ -361,12 +363,14 @@ impl Reader {
         if self.grip_status.is_some_and(GripStatus::sleeps) {
             return Some(Trouble::GripAsleep);
         }
-        let state = grip.state.as_ref()?;
-        if let Some(Quaternion { x, y, z, w }) = state.orientation {
-            self.orientation = [x, y, z, w].map(|part| part.unwrap_or(f64::NAN));
+        if let Some(state) = &grip.state {
+            if let Some(Quaternion { x, y, z, w }) = state.orientation {
+                self.orientation = Some([x, y, z, w].map(|part| part.unwrap_or(f64::NAN)));
+            }
+            let is_held = |name: &&str| state.buttons.get(*name).and_then(Value::as_bool) == Some(true);
+            self.buttons = BUTTONS.iter().enumerate().filter(|(_, name)| is_held(name)).fold(0, |bits, (bit, _)| bits | 1 << bit);
         }
-        let is_held = |name: &&str| state.buttons.get(*name).and_then(Value::as_bool) == Some(true);
-        self.buttons = BUTTONS.iter().enumerate().filter(|(_, name)| is_held(name)).fold(0, |bits, (bit, _)| bits | 1 << bit);
-        None
+        // A grip without a direction has not begun to send.
+        self.orientation.is_none().then_some(Trouble::GripAsleep)
     }
 }

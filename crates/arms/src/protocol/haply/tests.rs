@@ -114,8 +114,14 @@ fn what_is_wrong_with_arm_and_grip_has_a_number_and_words() {
     let mut reader = Reader::new("049D", Some("1402"));
     reader.record(with("\"ready\": true, \"started\"", "\"ready\": false, \"started\"").as_bytes());
     let bare = r#"{"inverse3": [{"device_id": "049D", "state": {"cursor_position": {"x":null,"y":1e-3,"z":2}}}], "wireless_verse_grip": [{"device_id": "1402"}]}"#;
-    let state = state(&reader.record(bare.as_bytes()));
-    assert!(state.pose[0].is_nan() && state.pose[1..3] == [1e-3, 2.0] && state.error == 1, "{state:?}");
+    let kept = state(&reader.record(bare.as_bytes()));
+    assert!(kept.pose[0].is_nan() && kept.pose[1..3] == [1e-3, 2.0] && kept.error == 1, "{kept:?}");
+    // What was never heard is not good: neither the status of the arm nor the direction of the grip.
+    let never = state(&Reader::new("049D", Some("1402")).record(bare.as_bytes()));
+    assert_eq!((never.homed, never.error), (false, 1));
+    let without_direction = bare.replace("\"state\"", "\"status\": {\"calibrated\": true}, \"state\"");
+    let never = state(&Reader::new("049D", Some("1402")).record(without_direction.as_bytes()));
+    assert_eq!((never.homed, never.error), (true, 3));
     assert!(is_gone(&reader.record(with("\"049D\"", "\"0001\"").as_bytes())), "the arm has left");
     for garbled in ["", "{", "[]", "{\"inverse3\": 3}", "{\"inverse3\": [{\"device_id\": \"049D\"}]}"] {
         assert!(matches!(heard(&reader.record(garbled.as_bytes())), Heard::Garbled), "{garbled}");
