@@ -129,7 +129,7 @@ impl Reader<'_> {
             Deed::Emboss | Deed::Engrave => self.emboss(&table, stroke, deed),
             Deed::Draw => self.curves(&table, stroke).map(SculptOrder::Draw),
             Deed::Lay => self.lay(&table, stroke),
-            Deed::Pull => self.pull(&table, stroke, at_s),
+            Deed::Pull => self.pull(index, &table, stroke, at_s),
             Deed::Undo => Some(SculptOrder::Undo),
             Deed::Redo => Some(SculptOrder::Redo),
             Deed::Region => {
@@ -165,7 +165,7 @@ impl Reader<'_> {
         }
     }
 
-    /// What is held twice would be let go by the first end.
+    /// What is held twice would be let go by the first end, and a pull would end with the next one.
     fn holds_are_apart(&mut self) {
         let mut holds = self.holds.clone();
         holds.sort_by(|(_, one_s, _), (_, other_s, _)| one_s.total_cmp(other_s));

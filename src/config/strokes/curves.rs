@@ -26,7 +26,7 @@ impl Reader<'_> {
         Some(RopeCurves { curves_map, is_free: stroke.free.unwrap_or(false) })
     }
 
-    pub(super) fn pull(&mut self, table: &str, stroke: &Stroke, at_s: f64) -> Option<SculptOrder> {
+    pub(super) fn pull(&mut self, index: usize, table: &str, stroke: &Stroke, at_s: f64) -> Option<SculptOrder> {
         let curves = self.curves(table, stroke);
         let key = format!("{table}.force_n");
         let written = self.resolve.checks.given(&key, stroke.force_n, "the force on the clay as [x, y, z], N");
@@ -42,6 +42,7 @@ impl Reader<'_> {
             let most_s = RopeCurves::TIME_MAX_S;
             self.resolve.checks.not_accepted(&key, format_args!("later than at_s = {at_s} s, by {most_s} s at most"));
         }
+        self.holds.push((index, at_s, until_s));
         let interval: Interval = POSITIVE.to(1e3).unit("mm");
         let brush_m = self.resolve.checks.optional(&format!("{table}.brush_mm"), stroke.brush_mm, interval).map(|mm| mm * MM);
         Some(SculptOrder::Pull { curves: curves?, force_map: force_map?, time_s, brush_m })

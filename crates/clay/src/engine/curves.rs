@@ -87,6 +87,11 @@ impl SculptEngine {
         Ok(())
     }
 
+    /// How long a pull by order goes on still, s.
+    pub(super) fn pull_left_s(&self) -> Option<f64> {
+        if let Activity::Driven { left_s, .. } = self.activity { Some(left_s).filter(|left_s| *left_s > 0.0) } else { None }
+    }
+
     /// One update of a pull by order.
     pub(super) fn drive(&mut self, time_s: f64) -> Result<(), EngineError> {
         let Activity::Driven { curves, force_map, brush_m, left_s } = &mut self.activity else { return Ok(()) };

@@ -130,6 +130,7 @@ impl SculptEngine {
                 | SculptOrder::Emboss { .. }
                 | SculptOrder::Region { .. }
         );
+        let pulled_s = self.pull_left_s();
         let result = self.carry_out(order);
         // An order that fails leaves the samples, but may have changed what else is shown. A stroke that it ends is noted by itself.
         if changes_samples && result.is_ok() {
@@ -139,6 +140,9 @@ impl SculptEngine {
         }
         result?;
         self.trouble = self.news(spacing_m);
+        if let Some(left_s) = pulled_s.filter(|_| self.pull_left_s() != pulled_s && self.trouble.is_empty()) {
+            self.trouble = format!("this ended the pull that was under way, {left_s:.2} s early").into();
+        }
         Ok(())
     }
 
