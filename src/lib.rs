@@ -67,6 +67,5 @@ pub mod config;
 pub mod daemon;
 pub mod error;
 pub mod monitor;
-#[doc(hidden)]
 pub mod scene;
 pub mod servo;

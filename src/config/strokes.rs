@@ -173,10 +173,10 @@ impl Reader<'_> {
             let &[(before, _, until_s), (index, at_s, _)] = pair else { continue };
             let line = self.line(before);
             let accepted = if at_s < until_s {
-                format!("{until_s} s or later: until then the tool is held by the stroke in line {line}")
+                format!("{until_s} s or later: until then the stroke in line {line} holds or pulls")
             } else if at_s == until_s && index < before {
                 // What happens at one time happens in the order of the file: this one would be let go as soon as it holds.
-                format!("later than {until_s} s, or stand below the stroke in line {line}, which holds the tool until then")
+                format!("later than {until_s} s, or stand below the stroke in line {line}, which holds or pulls until then")
             } else {
                 continue;
             };

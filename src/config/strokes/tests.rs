@@ -181,7 +181,7 @@ fn every_mistake_is_named_with_its_line_and_what_would_do() {
         ("[[stroke]]\nat_s = 1\ndo = \"hold\"\nuntil_s = 1", "until_s = 1: must be later than at_s = 1 s"),
         (
             "[[stroke]]\nat_s = 1\ndo = \"hold\"\nuntil_s = 3\n[[stroke]]\nat_s = 2\ndo = \"hold\"\nuntil_s = 4",
-            "s.toml:7: stroke (line 6): at_s = 2: must be 3 s or later: until then the tool is held by the stroke in line 2",
+            "s.toml:7: stroke (line 6): at_s = 2: must be 3 s or later: until then the stroke in line 2 holds or pulls",
         ),
         (
             "[[stroke]]\nat_s = 2\ndo = \"hold\"\nuntil_s = 3\n[[stroke]]\nat_s = 1\ndo = \"hold\"\nuntil_s = 2",
@@ -222,6 +222,11 @@ fn every_mistake_is_named_with_its_line_and_what_would_do() {
             "until_s = 1: must be later than at_s = 1 s, by 60 s at most",
         ),
         ("[[stroke]]\nat_s = 1\ndo = \"pull\"\ncurves_mm = [[[0, 0, 1]]]\nuntil_s = 2", "force_n: missing"),
+        (
+            "[[stroke]]\nat_s = 1\ndo = \"pull\"\ncurves_mm = [[[0, 0, 1]]]\nforce_n = [0, 0, 1]\nuntil_s = 2\n\
+             [[stroke]]\nat_s = 1.5\ndo = \"pull\"\ncurves_mm = [[[0, 0, 1]]]\nforce_n = [0, 0, 1]\nuntil_s = 3",
+            "at_s = 1.5: must be 2 s or later: until then the stroke in line 2 holds or pulls",
+        ),
         ("[[stroke]]\nat_s = 1\ndo = \"export\"", "stroke at 1 s (line 2): file: missing"),
         ("[[stroke]]\nat_s = 1\ndo = \"export\"\nfile = \"a.obj\"", "must be a file whose name ends in .ply"),
         (

@@ -150,8 +150,8 @@ fn version_of(address: &str) -> Result<Version, ServiceError> {
     })
 }
 
-/// Connects and reads the inventory.
-fn enter(address: &str) -> Result<(WebSocket<Half>, Inventory), ServiceError> {
+/// Connects and reads the inventory; and the message that it came in, which says how arm and grip are as well.
+fn enter(address: &str) -> Result<(WebSocket<Half>, Inventory, String), ServiceError> {
     let socket = connect(address).map_err(|cause| ServiceError::Absent { address: address.to_owned(), cause })?;
     let foreign = |cause: String| ServiceError::Foreign { address: address.to_owned(), cause };
     let half = Half { socket, turn: Arc::default() };
@@ -167,7 +167,7 @@ fn enter(address: &str) -> Result<(WebSocket<Half>, Inventory), ServiceError> {
             Ok(Message::Text(text)) => {
                 let inventory =
                     Inventory::read(&text).ok_or_else(|| foreign("its first message is no list of devices".to_owned()))?;
-                return Ok((web_socket, inventory));
+                return Ok((web_socket, inventory, text.to_string()));
             }
             Ok(_) => {}
             Err(error) => return Err(foreign(format!("no list of devices: {error}"))),
@@ -191,7 +191,7 @@ pub struct RunningService {
 /// Asks a service what it has; `None` where none answers. Cold; a server that is none, or silent, takes some seconds.
 pub fn running_service(address: &str) -> Option<RunningService> {
     let version = version_of(address).ok()?;
-    let (_, inventory) = enter(address).ok()?;
+    let (_, inventory, _) = enter(address).ok()?;
     let arms = inventory.arms.into_iter().map(|ArmOfService { kind, id, .. }| (kind, id)).collect();
     Some(RunningService { address: address.to_owned(), version, arms, grips: inventory.grips })
 }
@@ -206,12 +206,14 @@ impl ServiceLink {
         let refused = |cause| ServiceError::Refused { address: address.clone(), cause };
         let version = wanted.version.map_or_else(|| version_of(address), Ok)?;
         let dialect = Dialect::of(version).map_err(refused)?;
-        let (web_socket, inventory) = enter(address)?;
+        let (web_socket, inventory, first) = enter(address)?;
         let (arm, grip) = inventory.choose(wanted).map_err(refused)?;
         let half = web_socket.get_ref();
         let share = || half.socket.try_clone().map_err(ServiceError::Thread);
         let writer = Half { socket: share()?, turn: half.turn.clone() };
-        let (socket, reader) = (share()?, Reader::new(&arm.id, grip.map(String::as_str)));
+        let (socket, mut reader) = (share()?, Reader::new(&arm.id, grip.map(String::as_str)));
+        // What later messages leave out was said in it.
+        let _ = reader.record(first.as_bytes());
         let greeting = greeting(&arm.greeting(version, grip));
         let source = States { web_socket, reader, patience: None };
         let sink = Commands { writer, arm: arm.id.clone(), dialect, n_sent: 0 };

@@ -411,10 +411,12 @@ impl VendorArm for Arm {
         }
         // It waits for the scheduler, which may be what is broken: the tick has been told to make zero, and the stop must come.
         let (done, has_done) = std::sync::mpsc::channel();
-        std::thread::spawn(move || {
+        let zeroes = move || {
             hd.hdScheduleSynchronous(zero, core::ptr::null_mut(), PRIORITY);
             let _ = done.send(());
-        });
+        };
+        // Without a thread the channel has no sender left, and nothing is waited for.
+        let _ = std::thread::Builder::new().spawn(zeroes);
         let _ = has_done.recv_timeout(ZERO_PATIENCE);
         hd.hdStopScheduler();
         hd.hdUnschedule(self.handle);

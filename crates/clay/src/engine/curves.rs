@@ -8,6 +8,9 @@ use super::super::ClayModel;
 use super::work::{Activity, CORNER_SPACINGS};
 use super::{EngineError, RopeCurves, SculptEngine};
 
+/// A pull that ends by so much less than its time, s, is not cut short: two updates at 50 Hz.
+const CUT_S: f64 = 0.04;
+
 /// Curves on the surface, or free ones in the region.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Curves {
@@ -47,7 +50,9 @@ impl SculptEngine {
     /// Curves that wait or are pulled, for those who look.
     pub(super) fn drawn_map(&self) -> Arc<[Vec<DVec3>]> {
         match &self.activity {
-            Activity::PullingCurves { curves, .. } | Activity::Driven { curves, .. } => curves.map.as_slice().into(),
+            Activity::PullingCurves { curves, .. } | Activity::Driven { curves, .. } => {
+                self.waiting.map.iter().chain(&curves.map).cloned().collect()
+            }
             Activity::Drawing { curve_map } => self.waiting.map.iter().chain([curve_map]).cloned().collect(),
             _ => self.waiting.map.as_slice().into(),
         }
@@ -87,9 +92,9 @@ impl SculptEngine {
         Ok(())
     }
 
-    /// How long a pull by order goes on still, s.
+    /// How long a pull by order goes on still, s; nothing in its last updates, as orders come between two of them.
     pub(super) fn pull_left_s(&self) -> Option<f64> {
-        if let Activity::Driven { left_s, .. } = self.activity { Some(left_s).filter(|left_s| *left_s > 0.0) } else { None }
+        if let Activity::Driven { left_s, .. } = self.activity { Some(left_s).filter(|left_s| *left_s > CUT_S) } else { None }
     }
 
     /// One update of a pull by order.
