@@ -186,26 +186,12 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use vps::mesh::primitives::Shape;
-    use vps::mesh::validate::inspect;
-    use vps::pointshell;
-    use vps::voxmap::inside_test::InsideTest;
-    use vps::voxmap::{Options, Volume};
+    use crate::subject::tests::with_baked_box;
 
     fn sheet(size_m: DVec3, voxel_size_m: f64) -> ([Panel; 3], tiny_skia::Pixmap) {
-        let mesh = Shape::Box { size_m }.tessellate(1e-4);
-        let options = Options { voxel_size_m, layers: 3, navigation: None, sides: InsideTest::Auto };
-        let map = Volume::build(&mesh, &inspect(&mesh), &options, |_| {}).unwrap();
-        let (shell, _) = pointshell::build(&mesh, &map, DVec3::ZERO);
-        let subject = BakedObject {
-            name: "box",
-            surface: &map.surface,
-            layers: &map.layers,
-            shell: &shell,
-            center_of_mass_tool: DVec3::ZERO,
-            thin: map.thin,
-        };
-        (panels(&subject), tiny_skia::Pixmap::decode_png(&png(&subject).unwrap()).unwrap())
+        with_baked_box(size_m, voxel_size_m, |_, subject| {
+            (panels(subject), tiny_skia::Pixmap::decode_png(&png(subject).unwrap()).unwrap())
+        })
     }
 
     #[test]

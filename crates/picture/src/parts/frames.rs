@@ -138,7 +138,6 @@ mod tests {
     }
 
     #[test]
-    #[ignore = "takes long: `cargo test -- --include-ignored`"]
     fn the_tool_moves_through_a_view_that_stands_and_shines_through_what_is_in_front() {
         assert!(i32::from(TOOL_COLOR[2]) - i32::from(TOOL_COLOR[0]) > 50);
         let mut drawer = drawer();
@@ -157,7 +156,6 @@ mod tests {
     }
 
     #[test]
-    #[ignore = "takes long: `cargo test -- --include-ignored`"]
     fn the_camera_steps_back_from_what_leaves_its_view() {
         let mut drawer = drawer();
         drawer.frame(&at(DVec3::ZERO), &[Pose::IDENTITY]).expect("a frame");

@@ -141,26 +141,14 @@ mod tests {
     use super::super::super::palette::to_linear;
     use super::super::super::view::PixelSample;
     use super::*;
-    use vps::mesh::primitives::Shape;
-    use vps::mesh::validate::inspect;
-    use vps::pointshell;
-    use vps::voxmap::inside_test::InsideTest;
-    use vps::voxmap::{Options, Volume};
+    use crate::subject::tests::with_baked_box;
 
     #[test]
     fn each_view_shows_its_own_structure_where_the_part_is() {
-        let mesh = Shape::Box { size_m: DVec3::splat(0.02) }.tessellate(1e-4);
-        let options = Options { voxel_size_m: 2e-3, layers: 3, navigation: None, sides: InsideTest::Auto };
-        let map = Volume::build(&mesh, &inspect(&mesh), &options, |_| {}).unwrap();
-        let (shell, _) = pointshell::build(&mesh, &map, DVec3::ZERO);
-        let subject = BakedObject {
-            name: "box",
-            surface: &map.surface,
-            layers: &map.layers,
-            shell: &shell,
-            center_of_mass_tool: DVec3::ZERO,
-            thin: map.thin,
-        };
+        with_baked_box(DVec3::splat(0.02), 2e-3, each_view_shows_its_own_structure);
+    }
+
+    fn each_view_shows_its_own_structure(mesh: &TriangleMesh, subject: &BakedObject<'_>) {
         let size = [120, 120];
         let camera = Camera::over(TOWARD, mesh.vertices.iter().copied(), size, 0.8);
         let n_of = |view: &RenderedView, color: Rgb| {
@@ -168,18 +156,18 @@ mod tests {
             view.pixels.iter().filter(is_of).count()
         };
         let mut polygons = RenderedView::empty(size);
-        raster::put(&mut polygons, &camera, &mesh, Pose::IDENTITY, PART_COLORS[0]);
+        raster::put(&mut polygons, &camera, mesh, Pose::IDENTITY, PART_COLORS[0]);
         let n_part = n_of(&polygons, PART_COLORS[0]);
         let mut voxels = RenderedView::empty(size);
-        put_voxels(&mut voxels, &camera, &subject);
+        put_voxels(&mut voxels, &camera, subject);
         // Voxels of the surface stand out of it by a half of them, and none is missing.
         let n_voxels = VOXEL_COLORS.map(|color| n_of(&voxels, color));
         assert!(n_voxels.iter().all(|n| *n > n_part / 3) && n_voxels[0] + n_voxels[1] > n_part, "{n_voxels:?} over {n_part}");
         let mut points = polygons.clone();
-        put_points(&mut points, &camera, &subject);
+        put_points(&mut points, &camera, subject);
         let n_points = n_of(&points, TOOL_COLOR);
         assert!((n_part / 20..n_part / 2).contains(&n_points), "{n_points} over {n_part}");
-        let drawn = png(&mesh, &subject).unwrap();
+        let drawn = png(mesh, subject).unwrap();
         let pixels = tiny_skia::Pixmap::decode_png(&drawn).unwrap();
         assert_eq!([pixels.width(), pixels.height()], [1584, 600]);
     }

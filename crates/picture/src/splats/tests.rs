@@ -38,7 +38,6 @@ fn extent(sheet: &tiny_skia::Pixmap, [left, top]: [i32; 2], [width, height]: [i3
 }
 
 #[test]
-#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_ball_is_round_from_every_side_and_without_holes() {
     let points = ball(3000, 0.02, DVec3::new(0.1, -0.2, 0.05));
     let sheet = decoded(&[subject(&points, None)]);
@@ -52,7 +51,6 @@ fn a_ball_is_round_from_every_side_and_without_holes() {
 }
 
 #[test]
-#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn colours_lie_where_they_are_and_light_comes_from_above() {
     let points = ball(3000, 0.02, DVec3::ZERO);
     let sheet = decoded(&[subject(&points, None)]);
