@@ -38,7 +38,7 @@ class Stage:
     here = threading.local()
 
     def __init__(self):
-        self.browser = Chromium()
+        self.browser = Chromium(is_sparing=True)
         self.folders = {}
 
     def take(self):
