@@ -238,12 +238,15 @@ class Page:
                 raise AssertionError(f"{selector} looked the same for {timeout_s} s")
         return now
 
-    def picture_at_rest(self, selector):
+    def picture_at_rest(self, selector, timeout_s=30):
         """What an element looks like once it does not change any more: controls over it fade for a while."""
+        end = time.monotonic() + timeout_s
         before = None
         while (now := self.picture_of(selector)) != before:
+            if time.monotonic() > end:
+                raise AssertionError(f"{selector} looked otherwise each time for {timeout_s} s")
             before = now
-            self.wait("new Promise((done) => setTimeout(() => done(true), 300))")
+            time.sleep(0.3)
         return now
 
     def count_pixels(self, selector, color):

@@ -48,7 +48,9 @@ class PageTest(PageCase):
         for plot, color in (("plot-force", "--force"), ("plot-depth", "--point"), ("plot-compute", "--series-a"), ("plot-wakeup", "--series-b")):
             self.assertGreater(page.count_pixels(f"#{plot} canvas", color), 20, f"a line in {plot}")
             self.assertRegex(page.run(f"document.querySelector('#{plot} output').value"), r"^−?\d")
-        page.picture_that_is_not(page.picture_of("#plot-force canvas"), "#plot-force canvas")
+        before = page.picture_of("#plot-force canvas")
+        page.wait(f"{number('read-speed')} > 1")
+        self.assertNotEqual(page.picture_that_is_not(before, "#plot-force canvas"), before, "plots run")
 
         page.click("#pause")
         still = page.picture_of("#plot-force canvas")
