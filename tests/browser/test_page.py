@@ -52,8 +52,9 @@ class PageTest(PageCase):
         page.wait(f"{number('read-speed')} > 1")
         self.assertNotEqual(page.picture_that_is_not(before, "#plot-force canvas"), before, "plots run")
 
+        # What was asked for before the click is drawn still.
         page.click("#pause")
-        still = page.picture_of("#plot-force canvas")
+        still = page.picture_at_rest("#plot-force canvas")
         page.wait("new Promise((done) => setTimeout(() => done(true), 300))")
         self.assertEqual(page.picture_of("#plot-force canvas"), still, "paused plots stand still")
 
