@@ -9,7 +9,7 @@ use super::findings::finding_json;
 use super::{OutputOptions, output, probe, report};
 use crate::error::Exit;
 use arms::attached::discover::{self, AttachedNode};
-use arms::attached::libraries::{self, Machine, MakersLibrary};
+use arms::attached::libraries::{self, MakersLibrary, SystemView};
 use arms::attached::nodes;
 use arms::profile::{self, Profile, ProfileError};
 use arms::transport::RunningService;
@@ -52,7 +52,7 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
     let as_json = args.json || matches!(args.command, Some(DevicesCommand::List { json: true }));
     let root = Root::default();
     let attached = discover::attached(nodes::list(), &discover::known_arms(), &root, discover::may_use);
-    let machine = Machine { root: &root, variable: &|name| std::env::var_os(name), may_use: &discover::may_use };
+    let machine = SystemView { root: &root, variable: &|name| std::env::var_os(name), may_use: &discover::may_use };
     let (libraries, services) = (libraries::makers_libraries(&machine), libraries::services());
     if as_json {
         let nodes: Vec<Value> = attached.iter().map(|found| node_json(found, &root)).collect();

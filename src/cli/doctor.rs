@@ -12,7 +12,7 @@ use crate::config::scene::DeviceConfig;
 use crate::config::{self, LoadOptions, SceneConfig};
 use crate::error::Exit;
 use arms::attached::discover;
-use arms::attached::libraries::{self, Machine};
+use arms::attached::libraries::{self, SystemView};
 use arms::attached::nodes::{self, Selector};
 use arms::attached::open::{self, OpenError, OpenOptions};
 use arms::attached::probe::{self, ProbeEnd, Trial};
@@ -207,7 +207,7 @@ fn wanted(config: Option<&SceneConfig>) -> (ThreadRequest, u32) {
 /// Findings about arms: those attached, and the one that is named.
 fn device_findings(arm: Option<&NamedArm>, root: &Root) -> Vec<Finding> {
     let mut findings = vec![discover::udev(root), discover::modem_manager(root)];
-    let machine = Machine { root, variable: &|name| std::env::var_os(name), may_use: &discover::may_use };
+    let machine = SystemView { root, variable: &|name| std::env::var_os(name), may_use: &discover::may_use };
     let profile = arm.map(|arm| &arm.profile);
     if let Some(of_maker) = profile.and_then(|profile| libraries::arm_findings(&machine, profile)) {
         findings.extend(of_maker);

@@ -171,14 +171,14 @@ struct Played {
 }
 
 /// A scene that was baked once.
-struct Stage {
+struct TwoMachines {
     config: SceneConfig,
     scene: Arc<RenderScene>,
     /// The node's `--hold-ms` and `--fade-ms`.
     timing: HoldTiming,
 }
 
-impl Stage {
+impl TwoMachines {
     fn of(config: SceneConfig) -> Self {
         Self::with(config, |_| ())
     }
@@ -337,7 +337,7 @@ fn unrest_n(told: &[(f64, Wrench)]) -> f64 {
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_peg_goes_into_its_hole_over_every_delay_as_stiff_as_that_delay_allows() {
-    let stage = Stage::of(rig::load(&rig::shipped("peg-in-hole")));
+    let stage = TwoMachines::of(rig::load(&rig::shipped("peg-in-hole")));
     let arm = stage.scene.parameters.arm;
     let n_ticks = ((rig::hand_end_s(&stage.config) + HAND_DELAY_S + 1.0) / T).round() as u64;
     let mut stiffness_before = f64::INFINITY;
@@ -381,7 +381,7 @@ fn a_peg_goes_into_its_hole_over_every_delay_as_stiff_as_that_delay_allows() {
 
 /// The force at the arm while the hand presses the block onto the plane, 10 ms each way: how much it goes up and down, N.
 fn pressed_unrest_n(change: impl FnOnce(&mut Parameters)) -> f64 {
-    let stage = Stage::with(rig::load(&rig::shipped("block-on-plane")), change);
+    let stage = TwoMachines::with(rig::load(&rig::shipped("block-on-plane")), change);
     let told = stage.play(quality(10.0), 2900, 0.37, None).told;
     let pressing = told.iter().rev().skip_while(|(_, wrench)| *wrench == Wrench::ZERO).skip(100).take(300);
     unrest_n(&pressing.copied().collect::<Vec<_>>())
@@ -402,7 +402,7 @@ fn without_softening_the_same_link_would_tremble() {
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_cut_cable_is_zero_at_the_arm_within_hold_and_fade_and_a_fault_of_the_link_at_the_host() {
-    let stage = Stage::of(rig::load(&rig::shipped("block-on-plane")));
+    let stage = TwoMachines::of(rig::load(&rig::shipped("block-on-plane")));
     let arm_s = f64::from(stage.config.device.profile.plant.delay_ticks) * T;
     // The hand presses from 1.2 s of its path on.
     let (mut least_ms, mut most_ms) = (f64::INFINITY, 0.0_f64);
@@ -437,7 +437,7 @@ fn a_cut_cable_is_zero_at_the_arm_within_hold_and_fade_and_a_fault_of_the_link_a
 
 #[test]
 fn the_host_knows_how_long_the_node_holds_its_force_whatever_that_is() {
-    let mut stage = Stage::of(rig::load(&rig::shipped("block-on-plane")));
+    let mut stage = TwoMachines::of(rig::load(&rig::shipped("block-on-plane")));
     stage.timing = HoldTiming { hold_s: 4e-3, fade_s: 9e-3 };
     let played = stage.play(LinkQuality::default(), 2500, 0.37, Some(2.4));
     let link = played.link.report();
@@ -448,7 +448,7 @@ fn the_host_knows_how_long_the_node_holds_its_force_whatever_that_is() {
 }
 
 /// The block pressed onto the plane, then 150 ms of a cut cable.
-fn lost_in_contact(stage: &Stage) -> Playing {
+fn lost_in_contact(stage: &TwoMachines) -> Playing {
     let plan = RunPlan { outlives_faults: true, ..RunPlan::default() };
     let mut playing = stage.begin(LinkQuality { loss: 0.0, ..quality(2.0) }, plan, 0.37, 64);
     let (drive, force_n) = playing.drive(2400, Order::Enable);
@@ -463,7 +463,7 @@ fn lost_in_contact(stage: &Stage) -> Playing {
 
 #[test]
 fn a_node_whose_cable_is_back_gives_no_force_before_the_next_enable() {
-    let stage = Stage::of(rig::load(&rig::shipped("block-on-plane")));
+    let stage = TwoMachines::of(rig::load(&rig::shipped("block-on-plane")));
     let mut playing = lost_in_contact(&stage);
     // No node answers: an enable leads to the same fault.
     assert_eq!(playing.drive(50, Order::Disable).1, 0.0);
@@ -483,7 +483,7 @@ fn a_node_whose_cable_is_back_gives_no_force_before_the_next_enable() {
 
 #[test]
 fn a_node_that_was_started_again_is_greeted_and_gives_force_after_an_enable() {
-    let mut stage = Stage::of(rig::load(&rig::shipped("block-on-plane")));
+    let mut stage = TwoMachines::of(rig::load(&rig::shipped("block-on-plane")));
     let mut playing = lost_in_contact(&stage);
     // Another process, with other times, and a hand that begins anew.
     stage.timing = HoldTiming { hold_s: 5e-3, fade_s: 10e-3 };
@@ -506,7 +506,7 @@ fn a_node_that_was_started_again_is_greeted_and_gives_force_after_an_enable() {
 
 #[test]
 fn another_arm_under_the_name_of_a_lost_one_is_refused() {
-    let stage = Stage::of(rig::load(&rig::shipped("block-on-plane")));
+    let stage = TwoMachines::of(rig::load(&rig::shipped("block-on-plane")));
     let mut playing = lost_in_contact(&stage);
     let mut config = rig::load(&rig::shipped("block-on-plane"));
     config.device.profile.limits.force_n *= 0.5;

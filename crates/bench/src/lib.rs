@@ -25,7 +25,7 @@ use std::path::PathBuf;
 use thiserror::Error;
 
 pub use process::HAPTICD;
-pub use report::{BenchReport, Machine, Row, commit_of};
+pub use report::{BenchReport, MachineInfo, Row, commit_of};
 pub use statistics::Spread;
 
 /// Why a bench ended early.

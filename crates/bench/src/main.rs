@@ -10,7 +10,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use bench::contact::wrench;
-use bench::{BenchError, BenchReport, HAPTICD, Machine, Row, commit_of, contact, generation, loops, sagardia2008, sculpt};
+use bench::{BenchError, BenchReport, HAPTICD, MachineInfo, Row, commit_of, contact, generation, loops, sagardia2008, sculpt};
 use clap::{Parser, ValueEnum};
 use hapticd::error::Exit;
 
@@ -129,7 +129,7 @@ fn run(args: &Args) -> Result<Exit, (Exit, String)> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build_global();
     debug_assert!(pool.is_ok(), "the global pool is built once");
     let commit = commit_of(&program);
-    let machine = Machine::read();
+    let machine = MachineInfo::read();
     let facts = machine.facts(commit.as_deref());
     let (rows, table) = measure(args, program, n_threads, &facts).map_err(|error| (Exit::Asset, error.to_string()))?;
     let report = BenchReport { machine, commit, rows };

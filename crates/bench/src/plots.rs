@@ -12,7 +12,7 @@ use bench::contact::wrench;
 use bench::sagardia2008::{Figures, Step};
 use bench::sculpt::RecedingAt;
 use bench::stand_ins::StandIn;
-use recording::report::chart::{LEFT, PlotArea, short, steps};
+use recording::report::plots::{LEFT, PlotArea, short, steps};
 
 /// Of a sheet, pixels; charts stand two to a row.
 const WIDTH: f64 = 1400.0;
@@ -64,7 +64,7 @@ impl Line {
 }
 
 /// Curves over the same axis.
-struct Chart {
+struct LinePlot {
     /// Above the chart, with the unit of the values.
     title: String,
     /// Of the lower axis.
@@ -75,7 +75,7 @@ struct Chart {
     lines: Vec<Line>,
 }
 
-impl Chart {
+impl LinePlot {
     fn over_time(title: String, lines: Vec<Line>) -> Self {
         Self { title, unit_x: "s", is_log: [false; 2], lines }
     }
@@ -187,7 +187,7 @@ pub(super) fn make_folder(folder: &Path) -> Result<(), BenchError> {
 
 /// Writes `smoothness-force-law.svg` and `smoothness-on-the-hand.svg`.
 pub(super) fn draw(folder: &Path, quality: &Quality) -> Result<(), BenchError> {
-    let law: Vec<Chart> =
+    let law: Vec<LinePlot> =
         quality.slides.iter().filter(|slid| slid.depth_voxels.total_cmp(&DEPTHS_VOXELS[0]).is_eq()).map(law_chart).collect();
     // A quick run slides nothing.
     write(
@@ -196,7 +196,7 @@ pub(super) fn draw(folder: &Path, quality: &Quality) -> Result<(), BenchError> {
         "force along its mean, % of the mean: what a hand would feel that is moved exactly",
         &law,
     )?;
-    let hand: Vec<Chart> = quality
+    let hand: Vec<LinePlot> = quality
         .felt
         .iter()
         .map(|felt| {
@@ -204,7 +204,7 @@ pub(super) fn draw(folder: &Path, quality: &Quality) -> Result<(), BenchError> {
                 Line::over_time("raw field of 2008 through the same coupling", ORANGE, felt.raw.clone()),
                 Line::over_time("as shipped", BLUE, felt.shipped.clone()),
             ];
-            Chart::over_time(format!("{}, N", felt.scene), lines)
+            LinePlot::over_time(format!("{}, N", felt.scene), lines)
         })
         .collect();
     write(
@@ -223,9 +223,9 @@ pub(super) fn draw_receding(folder: &Path, receding: &[RecedingAt]) -> Result<()
             Line::over_time("as they come", ORANGE, drawn(&at.raw)),
             Line::over_time("extrapolated", BLUE, drawn(&at.extrapolated)),
         ];
-        Chart::over_time(format!("updates at {} Hz, N", at.update_hz), lines)
+        LinePlot::over_time(format!("updates at {} Hz, N", at.update_hz), lines)
     };
-    let charts: Vec<Chart> = receding.iter().map(chart).collect();
+    let charts: Vec<LinePlot> = receding.iter().map(chart).collect();
     let (title, note) = (
         "Force on the hand while clay recedes at 50 mm/s, 2 mm deep at 1 N/mm",
         "direct coupling, a tick every millisecond; an update in every tick would give 2 N throughout",
@@ -240,14 +240,14 @@ pub(super) fn draw_wrenches(folder: &Path, figures: &wrench::Figures) -> Result<
     const LEAST_DEG: f64 = 1e-3;
     let held: Vec<_> = figures.programs.iter().map(|program| (&program.name, figures.held(program))).collect();
     let Some((_, first)) = held.first() else { return Ok(()) };
-    let charts = |is_log: bool, value: &dyn Fn([f64; 2]) -> f64| -> Vec<Chart> {
+    let charts = |is_log: bool, value: &dyn Fn([f64; 2]) -> f64| -> Vec<LinePlot> {
         let chart = |title: &String| {
             let lines = held.iter().enumerate().filter_map(|(idx, (program, scenes))| {
                 let (_, values) = scenes.iter().find(|(name, _)| name == title)?;
                 let color = PROGRAMS[idx.min(PROGRAMS.len() - 1)];
                 Some(Line::over_time(program.as_str(), color, values.iter().map(|at| value(*at)).collect()))
             });
-            Chart { is_log: [false, is_log], ..Chart::over_time(title.clone(), lines.collect()) }
+            LinePlot { is_log: [false, is_log], ..LinePlot::over_time(title.clone(), lines.collect()) }
         };
         first.iter().map(|(title, _)| chart(title)).collect()
     };
@@ -266,7 +266,7 @@ pub(super) fn draw_wrenches(folder: &Path, figures: &wrench::Figures) -> Result<
     )
 }
 
-fn law_chart(slid: &SlideForces) -> Chart {
+fn law_chart(slid: &SlideForces) -> LinePlot {
     let percent = |forces: &[glam::DVec3]| -> Vec<f64> {
         let mean = forces.iter().sum::<glam::DVec3>() / forces.len() as f64;
         forces.iter().take(DRAWN_TICKS).map(|force| 100.0 * force.dot(mean) / mean.length_squared()).collect()
@@ -280,12 +280,12 @@ fn law_chart(slid: &SlideForces) -> Chart {
         Line::over_time("without the low-pass", GREEN, percent(&slid.unfiltered)),
         Line::over_time("as shipped", BLUE, percent(&slid.shipped)),
     ];
-    Chart::over_time(title, lines)
+    LinePlot::over_time(title, lines)
 }
 
 /// Writes `sagardia-2008-points.svg`, after figure 6 of the paper, and `sagardia-2008-ratios.svg`, after its figure 7.
 pub(super) fn draw_paper_of_2008(folder: &Path, figures: &Figures) -> Result<(), BenchError> {
-    let charts: Vec<Chart> = figures.models().map(|(stand_in, steps)| points_chart(figures, stand_in, &steps)).collect();
+    let charts: Vec<LinePlot> = figures.models().map(|(stand_in, steps)| points_chart(figures, stand_in, &steps)).collect();
     write(
         folder.join("sagardia-2008-points.svg"),
         "Points of a pointshell, after figure 6 of Sagardia2008",
@@ -310,8 +310,12 @@ pub(super) fn draw_paper_of_2008(folder: &Path, figures: &Figures) -> Result<(),
         let deltas = figures.paper_pointshell_deltas(stand_in).into_iter();
         deltas.map(|(name, voxels, delta, _)| (name, voxels, delta)).collect()
     };
-    let chart =
-        |title: &str, is_log_y: bool, lines| Chart { title: title.to_owned(), unit_x: "voxels", is_log: [true, is_log_y], lines };
+    let chart = |title: &str, is_log_y: bool, lines| LinePlot {
+        title: title.to_owned(),
+        unit_x: "voxels",
+        is_log: [true, is_log_y],
+        lines,
+    };
     write(
         folder.join("sagardia-2008-ratios.svg"),
         "Ratios of times, after figure 7 of Sagardia2008",
@@ -336,7 +340,7 @@ fn color_of(stand_in: StandIn) -> &'static str {
     }
 }
 
-fn points_chart(figures: &Figures, stand_in: StandIn, steps: &[&Step]) -> Chart {
+fn points_chart(figures: &Figures, stand_in: StandIn, steps: &[&Step]) -> LinePlot {
     let curve = |name, color, count: &dyn Fn(&Step) -> u64| {
         Line::new(name, color, steps.iter().map(|step| [step.voxels as f64, count(step) as f64]).collect())
     };
@@ -352,11 +356,11 @@ fn points_chart(figures: &Figures, stand_in: StandIn, steps: &[&Step]) -> Chart 
         dots,
     ];
     lines.retain(|line| !line.points.is_empty());
-    Chart { title: format!("{}: points", stand_in.name()), unit_x: "voxels", is_log: [true; 2], lines }
+    LinePlot { title: format!("{}: points", stand_in.name()), unit_x: "voxels", is_log: [true; 2], lines }
 }
 
 /// Draws the charts two to a row; the legend is that of the first. No charts, no file.
-fn write(path: PathBuf, title: &str, note: &str, charts: &[Chart]) -> Result<(), BenchError> {
+fn write(path: PathBuf, title: &str, note: &str, charts: &[LinePlot]) -> Result<(), BenchError> {
     if charts.is_empty() {
         return Ok(());
     }

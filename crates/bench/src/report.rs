@@ -10,7 +10,7 @@ use serde::{Serialize, Serializer};
 #[derive(Debug, Serialize)]
 pub struct BenchReport {
     /// Where it ran.
-    pub machine: Machine,
+    pub machine: MachineInfo,
     /// Commit of the checkout that the program stands in, with `-dirty` when files differ from it.
     /// `None`, outside of one, is written as a word.
     #[serde(serialize_with = "commit_or_word")]
@@ -21,7 +21,7 @@ pub struct BenchReport {
 
 /// The machine, as /proc reports it.
 #[derive(Debug, Serialize)]
-pub struct Machine {
+pub struct MachineInfo {
     /// Model of the processor.
     pub cpu: Option<String>,
     /// Processors that this process may use.
@@ -117,7 +117,7 @@ impl Row {
     }
 }
 
-impl Machine {
+impl MachineInfo {
     /// Reads /proc; what it does not say is `None`.
     pub fn read() -> Self {
         let field = |file: &str, name: &str| {
@@ -251,7 +251,7 @@ mod tests {
             Row::new("b", "not asked", 6.0, "s"),
             Row::new("b", "not measured", None, "s").at_most(5.0),
         ];
-        let text = BenchReport { machine: Machine::read(), commit: None, rows }.markdown();
+        let text = BenchReport { machine: MachineInfo::read(), commit: None, rows }.markdown();
         let (_, table) = text.split_once("## targets: 1 of 2 met").unwrap();
         assert_eq!(table.lines().filter(|line| line.contains("<= 5")).count(), 2);
         assert!(table.contains("| b | slow | value <= 5 | 6 s |  |  |  | **no** |") && !table.contains("not asked"), "{table}");
@@ -268,10 +268,10 @@ mod tests {
     #[test]
     fn the_tables_have_a_line_for_each_row() {
         let rows = vec![Row::new("a", "x", 1.0, "s"), Row::new("a", "y", None, "s"), Row::new("b", "z", 1.5, "s")];
-        let text = BenchReport { machine: Machine::read(), commit: None, rows }.markdown();
+        let text = BenchReport { machine: MachineInfo::read(), commit: None, rows }.markdown();
         assert_eq!(text.lines().filter(|line| line.starts_with("## ")).count(), 2);
         assert_eq!(text.lines().filter(|line| line.starts_with("| x |") || line.starts_with("| y |")).count(), 2);
-        let json = serde_json::to_value(BenchReport { machine: Machine::read(), commit: None, rows: Vec::new() }).unwrap();
+        let json = serde_json::to_value(BenchReport { machine: MachineInfo::read(), commit: None, rows: Vec::new() }).unwrap();
         assert_eq!(json["commit"], "unknown: not in a git checkout");
         assert!(text.contains("| z | 1.500 | s |") && text.starts_with("cpu "), "{text}");
     }

@@ -50,7 +50,7 @@ const SEAM_GAPS: f64 = 3.0;
 
 /// The part that deforms.
 #[derive(Debug)]
-struct Region {
+struct DynamicRegion {
     /// Its node `[0, 0, 0]` in the base.
     first: [usize; 3],
     dynamics: Dynamics,
@@ -72,7 +72,7 @@ pub struct ClayModel {
     base: Arc<Raster>,
     /// What was painted, on the nodes of the base.
     material_map: MaterialMap,
-    region: Region,
+    region: DynamicRegion,
     settings: Settings,
     gap_m: f64,
     /// How far samples went since gaps were filled, m.
@@ -95,7 +95,7 @@ impl ClayModel {
         let (whole, first, region) = lattices(surface.bounds(), &settings)?;
         let base = measured(surface.rasterize(whole));
         let material_map = MaterialMap::default();
-        let region = Region::new(surface.points(), (&base, &material_map), first, region, &settings);
+        let region = DynamicRegion::new(surface.points(), (&base, &material_map), first, region, &settings);
         region.check_holds_some()?;
         let gap_m = GAP_SPACINGS * surface.spacing_m();
         Ok(Self {
@@ -210,7 +210,7 @@ impl ClayModel {
             let points = surface.points().clone();
             make_even(Arc::make_mut(&mut surface), &points, inside.samples(), &base, self.gap_m)?;
         }
-        let region = Region::new(surface.points(), (&base, &material_map), first, region, &settings);
+        let region = DynamicRegion::new(surface.points(), (&base, &material_map), first, region, &settings);
         region.check_holds_some()?;
         self.surface = surface;
         (self.base, self.material_map, self.region, self.settings) = (base, material_map, region, settings);
@@ -249,7 +249,7 @@ impl ClayModel {
 
     /// Lets the material move for a time. Cost: O(nodes and samples of the region); more when gaps are filled.
     pub fn advance(&mut self, time_s: f64) -> Progress {
-        let Region { dynamics, afloat, .. } = &mut self.region;
+        let DynamicRegion { dynamics, afloat, .. } = &mut self.region;
         let progress = dynamics.update(time_s);
         self.updates += 1;
         if let Some(points) = &mut self.under_way {
@@ -272,7 +272,7 @@ impl ClayModel {
         self.set_material();
         self.lift_brush()?;
         let Some(mut points) = self.under_way.take() else { return Ok(()) };
-        let Region { first, dynamics, afloat } = &mut self.region;
+        let DynamicRegion { first, dynamics, afloat } = &mut self.region;
         let mut now = dynamics.now().clone();
         redistance(&mut now);
         let lost = afloat.lost(&points, &now, LOST_SPACINGS * now.lattice().spacing_m);
@@ -393,7 +393,7 @@ impl ClayModel {
         self.surface = Arc::new(surface);
         self.material_map = self.material_map.onto(self.base.lattice(), &whole, &self.settings.material);
         self.base = base;
-        self.region = Region::new(self.surface.points(), (&self.base, &self.material_map), first, region, &self.settings);
+        self.region = DynamicRegion::new(self.surface.points(), (&self.base, &self.material_map), first, region, &self.settings);
         self.settle();
         Ok(())
     }
@@ -459,7 +459,7 @@ fn measured(mut raster: Raster) -> Arc<Raster> {
     Arc::new(raster)
 }
 
-impl Region {
+impl DynamicRegion {
     fn new(
         points: &PointSet,
         (base, map): (&Raster, &MaterialMap),

@@ -72,7 +72,7 @@ mod tests {
     const N_TICKS: usize = 400;
 
     /// A sampled wall on a damped mass. The port lies between mass and hand, the mass's own energy is known exactly.
-    struct Port {
+    struct PassivePort {
         stiffness: f64,
         wall_damping: f64,
         device_damping: f64,
@@ -85,7 +85,7 @@ mod tests {
         lowest_without_mass_j: f64,
     }
 
-    impl Port {
+    impl PassivePort {
         fn new(stiffness: f64, wall_damping: f64, device_damping: f64) -> Self {
             let observer = EnergyObserver::default();
             Self {
@@ -133,7 +133,7 @@ mod tests {
     }
 
     /// One random hand: noise, sinusoids up to past the sampling rate, strikes at and between samples, in random proportions.
-    fn random_run(port: &mut Port, random: &mut Random) {
+    fn random_run(port: &mut PassivePort, random: &mut Random) {
         const PARTS: usize = 5;
         let (noise, wave, strikes) = (random.signed().max(0.0), random.signed().max(0.0) * 5.0, random.signed());
         let (angle, phase) = (random.signed() * 1.2 * core::f64::consts::PI, random.signed() * 3.0);
@@ -153,7 +153,7 @@ mod tests {
 
     /// The hand forces a sinusoidal sequence of velocities, each one nearly constant over its period (the motion that a damper
     /// punishes least). At the Nyquist frequency the signs alternate.
-    fn forced_run(port: &mut Port, angle: f64, n_ticks: usize) {
+    fn forced_run(port: &mut PassivePort, angle: f64, n_ticks: usize) {
         for tick_idx in 0..n_ticks {
             port.sample();
             let velocity = 0.1 * (angle * (tick_idx as f64 + 0.5)).sin();
@@ -164,7 +164,7 @@ mod tests {
     }
 
     /// Walls with the given wall damping, at a multiple of the damping that the condition b > KT/2 + |B| asks for.
-    fn port_at(wall_damping: f64, damping_factor: f64) -> Port {
+    fn port_at(wall_damping: f64, damping_factor: f64) -> PassivePort {
         let wall = SampledWall {
             mass_kg: MASS_KG,
             damping_n_s_per_m: DEVICE_DAMPING,
@@ -173,7 +173,7 @@ mod tests {
             delay_ticks: 0,
             filter_alpha: 0.0,
         };
-        Port::new(wall.passive_stiffness(), wall_damping, damping_factor * DEVICE_DAMPING)
+        PassivePort::new(wall.passive_stiffness(), wall_damping, damping_factor * DEVICE_DAMPING)
     }
 
     #[test]

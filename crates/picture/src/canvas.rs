@@ -4,7 +4,7 @@ use tiny_skia::{Color, FillRule, LineCap, Paint, Path, PathBuilder, Pixmap, Rect
 use ttf_parser::{Face, OutlineBuilder};
 
 use super::palette::{INK, Rgb};
-use recording::report::chart::short;
+use recording::report::plots::short;
 
 /// Share of a view's width that the bar of its scale takes up at most.
 const BAR: f64 = 0.2;

@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::canvas::{Align, Canvas};
 use super::palette::{self, FAINT, INK, PAPER};
 use super::subject::BakedObject;
-use recording::report::chart::{short, steps};
+use recording::report::plots::{short, steps};
 
 /// Height of the words at the axes, pixels.
 const TEXT: f64 = 13.0;

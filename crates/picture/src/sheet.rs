@@ -7,7 +7,7 @@ use super::canvas::{Align, Canvas};
 use super::palette::{self, FAINT, INK};
 use super::panel::{Panel, draw_point};
 use super::subject::BakedObject;
-use recording::report::chart::short;
+use recording::report::plots::short;
 use vps::storage::whole_file::write_bytes;
 
 /// Largest sheet, pixels.

@@ -42,7 +42,7 @@ pub fn map_with<S, T: Send>(
     value: impl Fn(&mut S, usize) -> T + Sync,
 ) -> Vec<T> {
     let mut values: Vec<T> = Vec::with_capacity(n);
-    let first = Places(values.as_mut_ptr());
+    let first = DisjointItems(values.as_mut_ptr());
     for_each_range(n, grain, &|range| {
         let mut scratch = scratch();
         for idx in range {
@@ -67,7 +67,7 @@ pub fn map_mut_with<I: Send, S, T: Send>(
     scratch: impl Fn() -> S + Sync,
     value: impl Fn(&mut S, usize, &mut I) -> T + Sync,
 ) -> Vec<T> {
-    let first = Places(items.as_mut_ptr());
+    let first = DisjointItems(items.as_mut_ptr());
     // SAFETY: `idx` is below the length, `map_with` asks for each once, and the slice is borrowed until it returns.
     map_with(items.len(), grain, scratch, |scratch, idx| value(scratch, idx, unsafe { &mut *first.at(idx) }))
 }
@@ -83,12 +83,12 @@ pub fn join(one: &mut (dyn FnMut() + Send), other: &mut (dyn FnMut() + Send)) {
 }
 
 /// Where the first of some items lies, of which each thread reaches others.
-struct Places<T>(*mut T);
+struct DisjointItems<T>(*mut T);
 
 // SAFETY: who calls `at` sees to it that no two threads reach the same item.
-unsafe impl<T: Send> Sync for Places<T> {}
+unsafe impl<T: Send> Sync for DisjointItems<T> {}
 
-impl<T> Places<T> {
+impl<T> DisjointItems<T> {
     /// # Safety
     /// `idx` lies within the allocation.
     unsafe fn at(&self, idx: usize) -> *mut T {

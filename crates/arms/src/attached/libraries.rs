@@ -18,7 +18,7 @@ use vps::storage::regular;
 
 /// What is looked at.
 #[derive(Clone, Copy)]
-pub struct Machine<'m> {
+pub struct SystemView<'m> {
     /// Its files.
     pub root: &'m Root,
     /// A variable of the environment.
@@ -62,7 +62,7 @@ const TOUCH_NAME: &str = "Default Device";
 const TOUCH_SETUP: &str =
     "run the maker's setup (Touch_Setup, or Touch_AdvancedConfig) as this user, without sudo, with the arm plugged in";
 
-impl Machine<'_> {
+impl SystemView<'_> {
     /// A variable that says something.
     fn variable(&self, name: &str) -> Option<PathBuf> {
         (self.variable)(name).filter(|value| !value.is_empty()).map(PathBuf::from)
@@ -128,7 +128,7 @@ impl Machine<'_> {
 }
 
 /// Looks for the libraries of makers and for what such a library would open.
-pub fn makers_libraries(machine: &Machine<'_>) -> Vec<MakersLibrary> {
+pub fn makers_libraries(machine: &SystemView<'_>) -> Vec<MakersLibrary> {
     let profiles: Vec<Profile> = profile::names().filter_map(|name| profile::find(name, Path::new("")).ok()).collect();
     let look = |family: Family| {
         let is_of_family = |profile: &&Profile| vendor_of(profile).is_some_and(|vendor| vendor.family == family);
@@ -151,7 +151,7 @@ fn vendor_of(profile: &Profile) -> Option<&VendorProtocol> {
 }
 
 /// What stands in the way of an arm that a library or a service of its maker drives; `None` for other arms.
-pub fn arm_findings(machine: &Machine<'_>, profile: &Profile) -> Option<Vec<Finding>> {
+pub fn arm_findings(machine: &SystemView<'_>, profile: &Profile) -> Option<Vec<Finding>> {
     let real = profile.real.as_ref()?;
     match &real.protocol {
         Protocol::Vendor(vendor) => {
@@ -163,7 +163,7 @@ pub fn arm_findings(machine: &Machine<'_>, profile: &Profile) -> Option<Vec<Find
 }
 
 /// What stands in the way of the library of a maker. `written`: where a profile says that it is. `serial`: which arm is meant, as the maker counts.
-pub fn findings(machine: &Machine<'_>, family: Family, written: Option<&Path>, serial: Option<&str>) -> Vec<Finding> {
+pub fn findings(machine: &SystemView<'_>, family: Family, written: Option<&Path>, serial: Option<&str>) -> Vec<Finding> {
     let name = "maker's library";
     let mut findings = Vec::new();
     match machine.library(family, written) {
@@ -212,7 +212,7 @@ pub fn findings(machine: &Machine<'_>, family: Family, written: Option<&Path>, s
 }
 
 /// What a library rests on and is not here. Its own file names it, and so do those that it rests on.
-fn missing_needs(machine: &Machine<'_>, family: Family, library: &Path) -> Vec<Finding> {
+fn missing_needs(machine: &SystemView<'_>, family: Family, library: &Path) -> Vec<Finding> {
     let folders = machine.library_folders();
     let mut missing: Vec<&Need> = Vec::new();
     let mut files = vec![library.to_owned()];
@@ -264,7 +264,7 @@ fn dhd(file: &Path) -> Vec<Finding> {
 }
 
 /// The folder of the setup of 3D Systems: that of `GTDD_HOME`, or one that has a configuration.
-fn touch_folder(machine: &Machine<'_>) -> Option<PathBuf> {
+fn touch_folder(machine: &SystemView<'_>) -> Option<PathBuf> {
     machine.variable("GTDD_HOME").or_else(|| {
         let home = machine.variable("HOME").unwrap_or_default();
         let folders =
@@ -274,13 +274,13 @@ fn touch_folder(machine: &Machine<'_>) -> Option<PathBuf> {
 }
 
 /// Arms that the setup has written a configuration of.
-fn touch_names(machine: &Machine<'_>, folder: &Path) -> Vec<String> {
+fn touch_names(machine: &SystemView<'_>, folder: &Path) -> Vec<String> {
     let names = machine.root.names(folder.join("config")).into_iter();
     names.filter_map(|name| name.strip_suffix(".config").map(str::to_owned)).collect()
 }
 
 /// Whether the library finds what the setup has written.
-fn touch_configuration(machine: &Machine<'_>, folder: Option<&Path>, serial: Option<&str>) -> Finding {
+fn touch_configuration(machine: &SystemView<'_>, folder: Option<&Path>, serial: Option<&str>) -> Finding {
     let name = "configuration folder";
     let is_named = machine.variable("GTDD_HOME").is_some();
     let Some(folder) = folder else {
@@ -310,7 +310,7 @@ fn touch_configuration(machine: &Machine<'_>, folder: Option<&Path>, serial: Opt
 }
 
 /// Whether the arm is at the port that its configuration names: the number changes with the socket. Newer arms have a HID node, and no port.
-fn touch_port(machine: &Machine<'_>, folder: Option<&Path>, serial: Option<&str>, nodes: &[DeviceFile]) -> Option<Finding> {
+fn touch_port(machine: &SystemView<'_>, folder: Option<&Path>, serial: Option<&str>, nodes: &[DeviceFile]) -> Option<Finding> {
     let file = folder?.join("config").join(format!("{}.config", serial.unwrap_or(TOUCH_NAME)));
     let text = machine.root.read(&file)?;
     let channel = text.lines().find_map(|line| line.trim().strip_prefix("Channel=")?.trim().parse::<u32>().ok())?;
@@ -330,7 +330,7 @@ fn touch_port(machine: &Machine<'_>, folder: Option<&Path>, serial: Option<&str>
 }
 
 /// Whether another program has the arm. One that was killed leaves it locked, which only its opening shows.
-fn touch_lock(machine: &Machine<'_>, nodes: &[DeviceFile]) -> Finding {
+fn touch_lock(machine: &SystemView<'_>, nodes: &[DeviceFile]) -> Finding {
     let mut found: Vec<Holder> = nodes.iter().flat_map(|node| holders(machine.root, &node.path)).collect();
     found.extend(with_library(machine.root, &["/libHD.so", "/libPhantomIOLib42.so", "/libPHANToMIO.so"]));
     found.sort_by_key(|holder| holder.pid);
@@ -356,7 +356,7 @@ fn with_library(root: &Root, files: &[&str]) -> Vec<Holder> {
 }
 
 /// Whether something listens where the service of Haption does, for an arm whose address is that of this machine.
-fn virtuose_service(machine: &Machine<'_>, address: Option<&str>) -> Option<Finding> {
+fn virtuose_service(machine: &SystemView<'_>, address: Option<&str>) -> Option<Finding> {
     let (host, port) = address.map_or(Some(("127.0.0.1", VIRTUOSE_PORT)), |address| {
         let (host, port) = address.split_once('#')?;
         Some((host, port.parse().ok()?))

@@ -49,14 +49,14 @@ pub(super) struct Ways {
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Window {
+struct ClockWindow {
     begin_s: f64,
     least_trip_s: f64,
     offset_s: f64,
     longest: Ways,
 }
 
-impl Window {
+impl ClockWindow {
     const fn at(begin_s: f64) -> Self {
         Self { begin_s, least_trip_s: f64::INFINITY, offset_s: 0.0, longest: Ways { there_s: 0.0, back_s: 0.0 } }
     }
@@ -65,13 +65,13 @@ impl Window {
 /// Estimates the offset of the node's clock and the two ways, over the last two to four seconds. RT: safe.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LinkClock {
-    now: Window,
-    before: Window,
+    now: ClockWindow,
+    before: ClockWindow,
 }
 
 impl Default for LinkClock {
     fn default() -> Self {
-        Self { now: Window::at(f64::NEG_INFINITY), before: Window::at(f64::NEG_INFINITY) }
+        Self { now: ClockWindow::at(f64::NEG_INFINITY), before: ClockWindow::at(f64::NEG_INFINITY) }
     }
 }
 
@@ -84,7 +84,7 @@ impl LinkClock {
         }
         if exchange.t4 - self.now.begin_s > WINDOW_S {
             self.before = self.now;
-            self.now = Window::at(exchange.t4);
+            self.now = ClockWindow::at(exchange.t4);
         }
         if trip_s < self.now.least_trip_s {
             (self.now.least_trip_s, self.now.offset_s) = (trip_s, exchange.offset_s());

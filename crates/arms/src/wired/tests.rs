@@ -11,7 +11,7 @@ use crate::transport::{Carriage, LoopbackEnd, Transport, loopback};
 const PERIOD_S: f64 = 1e-3;
 
 /// The board of a shipped arm, and its end of the link.
-struct Board {
+struct ControllerBoard {
     firmware: Box<dyn Firmware>,
     end: LoopbackEnd,
     now_s: f64,
@@ -21,7 +21,7 @@ struct Board {
     crop: usize,
 }
 
-impl Board {
+impl ControllerBoard {
     fn readings(&self) -> ArmReadings {
         let mut readings = [0.0; MAX_AXES];
         readings[0] = self.reading;
@@ -66,13 +66,13 @@ struct Lost {
 }
 
 /// `timebase`: counted time passes with the reads of the arm alone.
-fn attached(name: &str, timebase: Timebase) -> (WiredArm, Board, Lost) {
+fn attached(name: &str, timebase: Timebase) -> (WiredArm, ControllerBoard, Lost) {
     let profile = profile::find(name, std::path::Path::new("")).expect(name);
     let real = profile.real.as_ref().expect("a real arm");
     let carriage = if real.matching.transport == TransportKind::Hid { Carriage::Reports } else { Carriage::Stream };
     let (host, end) = loopback(carriage);
     let firmware = real.protocol.firmware(carriage);
-    let mut board = Board { firmware, end, now_s: 0.0, reading: 0.0, crop: usize::MAX };
+    let mut board = ControllerBoard { firmware, end, now_s: 0.0, reading: 0.0, crop: usize::MAX };
     let connection = Connection { link: Box::new(host), codec: real.protocol.codec(carriage), guard: Ok(None) };
     let parameters = WiredParameters { timebase, ..wired_parameters(&profile, real, PERIOD_S, IoPlacement::InLoop) };
     let ((fresh, to_arm), (spent, from_arm)) = (RingBuffer::new(1), RingBuffer::new(1));
@@ -89,7 +89,7 @@ fn attached(name: &str, timebase: Timebase) -> (WiredArm, Board, Lost) {
 const PUSH: Wrench = Wrench { force: DVec3::new(0.3, 0.3, 0.0), torque: DVec3::ZERO };
 
 /// One tick against a board that sends and receives.
-fn exchange(arm: &mut WiredArm, board: &mut Board, wrench: &Wrench) -> Result<DeviceSample, DeviceError> {
+fn exchange(arm: &mut WiredArm, board: &mut ControllerBoard, wrench: &Wrench) -> Result<DeviceSample, DeviceError> {
     let sample = arm.read()?;
     arm.write(wrench)?;
     board.listen();

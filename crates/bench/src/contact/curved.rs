@@ -17,7 +17,7 @@ use rayon::prelude::*;
 use super::super::random::Random;
 use super::super::statistics::{median, quantile};
 use super::super::{BenchError, Row};
-use super::lattice::{Lattice, Way, spread};
+use super::lattice::{Interpolation, Lattice, spread};
 use super::law::{Solid, Surface};
 use super::ripple::ripple_rms;
 use super::scenarios::{RATE_HZ, SPEED_M_PER_S, STIFFNESS_N_PER_M};
@@ -258,11 +258,11 @@ fn slide_one(tool: &Tool, part: &Part, (obstacle, depth_idx): (usize, usize), se
             let law = ForceLaw { stiffness_n_per_m: STIFFNESS_N_PER_M * share, ..ForceLaw::PLAIN };
             on_law.iter().map(|pose| force(field, shell, law, *pose)).collect::<Vec<DVec3>>()
         }));
-        let interpolated = |way: Way| move |at: DVec3| part.lattice.at(way, at).0;
+        let interpolated = |way: Interpolation| move |at: DVec3| part.lattice.at(way, at).0;
         // Far from the surface both are no contact.
-        let near = |at: DVec3| if interpolated(Way::Linear)(at) > -VOXEL_M { exact(at) } else { 0.0 };
+        let near = |at: DVec3| if interpolated(Interpolation::Linear)(at) > -VOXEL_M { exact(at) } else { 0.0 };
         ablation.push(on_law.iter().map(|pose| with_exact_depths(tool_s, *pose, &near)).collect());
-        for way in [Way::Linear, Way::Fitted, Way::Cubic] {
+        for way in [Interpolation::Linear, Interpolation::Fitted, Interpolation::Cubic] {
             let integral = |pose: &Pose| tool.surface.integral(*pose, step_m(depth_m), &interpolated(way)) * per_area;
             ablation.push(on_law.iter().map(integral).collect());
             ablation.push(on_law.iter().map(|pose| with_spread_points(tool_s, *pose, &|at| part.lattice.at(way, at))).collect());

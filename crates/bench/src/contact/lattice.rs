@@ -2,9 +2,9 @@
 //!
 //! | way | of what degree | samples it reads |
 //! |---|---|---:|
-//! | [`Way::Linear`] | trilinear through the samples, as in the tick | 8 |
-//! | [`Way::Fitted`] | trilinear through samples that are moved by a twelfth of their second differences | 8 |
-//! | [`Way::Cubic`] | cubic through the samples, without kinks | 64 |
+//! | [`Interpolation::Linear`] | trilinear through the samples, as in the tick | 8 |
+//! | [`Interpolation::Fitted`] | trilinear through samples that are moved by a twelfth of their second differences | 8 |
+//! | [`Interpolation::Cubic`] | cubic through the samples, without kinks | 64 |
 //!
 //! Linear interpolation through samples of a function f errs by h²/2 · Σ t (1 − t) f'', always to one side where the surface bends to one side: the mean
 //! over a cell is h²/12 · Δf. Moved by that, the samples make a field whose mean is right, and which is exact over a plane as before.
@@ -20,7 +20,7 @@ use vps::voxmap::grid::BRICK_EDGE;
 
 /// How a value comes from the samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Way {
+pub(super) enum Interpolation {
     Linear,
     Fitted,
     Cubic,
@@ -82,13 +82,13 @@ impl Lattice {
     }
 
     /// Depth at a point of the map frame, m, and its gradient, m/m.
-    pub(super) fn at(&self, way: Way, point: DVec3) -> (f64, DVec3) {
+    pub(super) fn at(&self, way: Interpolation, point: DVec3) -> (f64, DVec3) {
         let cells = (point - self.origin) / self.voxel_size_m - 0.5;
         let base = cells.floor();
         let base_cell = base.to_array().map(|n| n as i32 - 1);
         let weights = (cells - base).to_array().map(|t| match way {
-            Way::Linear | Way::Fitted => [[0.0, 1.0 - t, t, 0.0], [0.0, -1.0, 1.0, 0.0]],
-            Way::Cubic => {
+            Interpolation::Linear | Interpolation::Fitted => [[0.0, 1.0 - t, t, 0.0], [0.0, -1.0, 1.0, 0.0]],
+            Interpolation::Cubic => {
                 let (squared, cubed) = (t * t, t * t * t);
                 [
                     [
@@ -101,10 +101,10 @@ impl Lattice {
                 ]
             }
         });
-        let samples = if way == Way::Fitted { &self.fitted } else { &self.samples };
+        let samples = if way == Interpolation::Fitted { &self.fitted } else { &self.samples };
         let [[wx, dx], [wy, dy], [wz, dz]] = weights;
         let (mut value, mut gradient) = (0.0, DVec3::ZERO);
-        let reads = if way == Way::Cubic { 0..4 } else { 1..3 };
+        let reads = if way == Interpolation::Cubic { 0..4 } else { 1..3 };
         for (i, j, k) in reads.clone().flat_map(|i| reads.clone().flat_map(move |j| (0..4).map(move |k| (i, j, k)))) {
             if !reads.contains(&k) {
                 continue;
@@ -135,7 +135,7 @@ mod tests {
         let field = |shape: Shape| fixture::obstacle("part", &shape.tessellate(1e-6), 5e-4, false).expect("a grid that fits").field;
         let slab = Lattice::new(&field(Shape::Plane { x_m: 0.02, y_m: 0.02, thickness_m: 6e-3 }));
         let ball = Lattice::new(&field(Shape::Sphere { radius_m: R }));
-        let error_m = |way: Way| {
+        let error_m = |way: Interpolation| {
             let (mut sum_m, mut n) = (0.0, 0.0);
             for step in 0..200 {
                 let angle = 0.31 * f64::from(step);
@@ -149,7 +149,7 @@ mod tests {
             }
             sum_m / n
         };
-        let [linear, fitted, cubic] = [Way::Linear, Way::Fitted, Way::Cubic].map(error_m);
+        let [linear, fitted, cubic] = [Interpolation::Linear, Interpolation::Fitted, Interpolation::Cubic].map(error_m);
         // h²/12 · 2/R.
         assert!((linear + 5.2e-6).abs() < 1e-6, "{linear}");
         assert!(fitted.abs() < 0.1 * linear.abs() && cubic.abs() < 0.1 * linear.abs(), "{fitted} {cubic}");

@@ -8,7 +8,7 @@ use super::super::dynamics::Material;
 use super::super::material_map::MaterialMap;
 use super::super::{PointSet, PointSurface, SurfaceError};
 use super::lattices::{first_node, is_part};
-use super::{ClayModel, ClayModelError, Region, Settings, measured};
+use super::{ClayModel, ClayModelError, DynamicRegion, Settings, measured};
 use vps::density::{Lattice, Raster};
 
 /// Strokes that can be taken back, and the memory that they take, bytes: of a large piece there are fewer of them.
@@ -108,7 +108,7 @@ impl ClayModel {
             moment.samples.points().check()?;
         }
         let first = first_node(now.base.lattice(), &now.region);
-        let region = Region::new(surface.points(), (&now.base, &now.material_map), first, now.region, &settings);
+        let region = DynamicRegion::new(surface.points(), (&now.base, &now.material_map), first, now.region, &settings);
         Ok(Self {
             surface,
             under_way: None,
@@ -224,7 +224,7 @@ impl ClayModel {
     /// The region out of the base, on nodes of it.
     pub(super) fn cut_region(&mut self, lattice: Lattice) {
         let first = first_node(self.base.lattice(), &lattice);
-        self.region = Region::new(self.surface.points(), (&self.base, &self.material_map), first, lattice, &self.settings);
+        self.region = DynamicRegion::new(self.surface.points(), (&self.base, &self.material_map), first, lattice, &self.settings);
     }
 }
 

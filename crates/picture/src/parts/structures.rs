@@ -15,7 +15,7 @@ use super::super::sheet::{grouped, shortened};
 use super::super::subject::BakedObject;
 use super::super::view::{Camera, RenderedView};
 use super::{PART_COLORS, TOOL_COLOR, TOWARD, outlined, raster};
-use recording::report::chart::short;
+use recording::report::plots::short;
 use vps::mesh::TriangleMesh;
 use vps::spatial::Pose;
 use vps::storage::whole_file::write_bytes;

@@ -21,7 +21,7 @@ use super::shade::{self, FINER, halved};
 use super::sheet::{grouped, shortened};
 use super::view::Camera;
 use clay::PointSet;
-use recording::report::chart::short;
+use recording::report::plots::short;
 use vps::density::Raster;
 use vps::storage::whole_file::write_bytes;
 

@@ -8,13 +8,13 @@
 //! | `trace` | values over time, as envelopes of bounded size |
 //! | `bins` | forces over depth and over the path of the tool, the same |
 //! | `moments` | when what was largest and where; the path of the tool, for a picture |
-//! | [`chart`] | SVG |
+//! | [`plots`] | SVG |
 //! | `page` | HTML |
 
 mod bins;
-pub mod chart;
 mod moments;
 mod page;
+pub mod plots;
 mod trace;
 
 use std::collections::BTreeMap;

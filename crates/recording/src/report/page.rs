@@ -7,8 +7,8 @@ use base64::engine::general_purpose::STANDARD;
 use serde_json::Value;
 
 use super::bins::Bins;
-use super::chart::{self, Plot};
 use super::moments::{Moment, Peak};
+use super::plots::{self, Plot};
 use super::trace::{CLEARANCE, COMMAND_FORCE, COMMAND_TORQUE, COMPUTE, CONTACT_FORCE, CONTACT_TORQUE, DEPTH, WAKEUP};
 use super::{FaultSpan, LabReport, SceneFacts};
 use crate::LatencySummary;
@@ -170,7 +170,7 @@ fn verdict(report: &LabReport, body: &mut String) {
         ("commanded torque", moments.command_torque, 1e3, "mN·m"),
     ] {
         let Peak { value, time_s, place_world } = peak;
-        let [x, y, z] = (place_world * 1e3).to_array().map(|mm| chart::short((mm * 1e3).round() * 1e-3));
+        let [x, y, z] = (place_world * 1e3).to_array().map(|mm| plots::short((mm * 1e3).round() * 1e-3));
         let (when, place) = if value > 0.0 {
             (format!("{time_s:.3} s"), format!("{x}, {y}, {z} mm"))
         } else {
@@ -234,7 +234,7 @@ fn counts(report: &LabReport, body: &mut String) {
 fn figure(plot: Plot<'_>, keys: &[(&str, &str)], body: &mut String) {
     let words: String = keys.iter().map(|(class, name)| format!(" <span class=\"key {class}\">{name}</span>")).collect();
     let title = plot.title.to_owned();
-    let svg = chart::plot(plot);
+    let svg = plots::plot(plot);
     let _ = write!(body, "<figure><figcaption>{title}{words}</figcaption>{svg}</figure>");
 }
 
@@ -305,7 +305,7 @@ fn latencies(report: &LabReport, body: &mut String) {
         figure(Plot { title, unit_x: "s", bands, limit: deadline, marks: &[] }, &[], body);
     }
     for (title, bins) in histograms.into_iter().take(n_histograms) {
-        let svg = chart::histogram(title, bins, period_us);
+        let svg = plots::histogram(title, bins, period_us);
         let _ = write!(body, "<figure><figcaption>{title}</figcaption>{svg}</figure>");
     }
 }

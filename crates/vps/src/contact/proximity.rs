@@ -2,7 +2,7 @@
 //!
 //! Turned to it, because the foot of a face that stands upright on a floor is near to it as well, and slides along without ever touching.
 //!
-//! The walk that finds contacts, over a chart of the obstacle that is a voxel thicker, with proofs of its own. It costs what a contact
+//! The walk that finds contacts, over the bounds of an obstacle that is a voxel thicker, with proofs of its own. It costs what a contact
 //! query costs, and only while something is near.
 
 #![expect(clippy::disallowed_types, reason = "sized when the scene is made ready, never resized")]

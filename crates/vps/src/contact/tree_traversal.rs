@@ -136,7 +136,7 @@ impl TreeTraversal {
         Self::over(BrickBounds::of(field)?, shell)
     }
 
-    /// The same over a chart that is not just the field's. Cold.
+    /// The same over bounds that are not just the field's. Cold.
     pub(super) fn over(bounds: BrickBounds, shell: &Shell) -> Option<Self> {
         let (tree, voxel_size_m) = (shell.tree(), f64::from(bounds.voxel_size_m()));
         let bounds = Arc::new(bounds);
@@ -167,7 +167,7 @@ impl TreeTraversal {
         })
     }
 
-    /// The chart that the kernels read.
+    /// The bounds that the kernels read.
     pub(super) fn bounds(&self) -> &BrickBounds {
         &self.bounds
     }

@@ -40,7 +40,7 @@ fn told(family: Family, files: &[(&str, &str)], variables: &[(&str, &str)], may_
         }
     }
     let variable = |name: &str| variables.iter().find(|(known, _)| *known == name).map(|(_, value)| OsString::from(*value));
-    findings(&Machine { root: &root, variable: &variable, may_use: &|_| may_use }, family, None, None)
+    findings(&SystemView { root: &root, variable: &variable, may_use: &|_| may_use }, family, None, None)
 }
 
 fn row<'f>(findings: &'f [Finding], name: &str) -> &'f Finding {
@@ -172,7 +172,7 @@ fn force_dimensions_library_is_judged_by_its_name_and_by_what_it_needs() {
     let (_folder, root) = machine(&files);
     symlink("/dev/bus/usb/001/007", root.join("/proc/9/fd/4")).expect("link");
     let library_of = |name: &str| (name == "HAPTICD_LIBDRD").then(|| OsString::from("/opt/sdk/lib/libdhd.so.3.14.0"));
-    let here = Machine { root: &root, variable: &library_of, may_use: &|_| false };
+    let here = SystemView { root: &root, variable: &library_of, may_use: &|_| false };
     let findings = findings(&here, Family::ForceDimension, None, None);
     assert!(row(&findings, "libusb").advice.contains("libusb-1.0-0"));
     assert!(row(&findings, "homing").found.contains("--home") && row(&findings, "version").found.contains("3.14"));
@@ -201,7 +201,7 @@ fn the_service_of_haption_is_looked_for_where_it_listens() {
     let none = with("  sl  local_address\n   1: 0100007F:1234 0100007F:CFDA 07\n");
     assert!(none.standing == Standing::Advice && none.found.contains("127.0.0.1#53210"), "{none:?}");
     assert_eq!(
-        virtuose_service(&Machine { root: &Root::default(), variable: &|_| None, may_use: &|_| true }, Some("10.0.0.2#5000")),
+        virtuose_service(&SystemView { root: &Root::default(), variable: &|_| None, may_use: &|_| true }, Some("10.0.0.2#5000")),
         None
     );
 }

@@ -72,7 +72,7 @@ pub struct Figures {
 }
 
 /// A trajectory with what a program made of it.
-struct Piece<'a> {
+struct AnsweredTrajectory<'a> {
     scene: &'a Scene,
     trajectory: &'a Trajectory,
     wrenches: &'a [Wrench],
@@ -186,13 +186,13 @@ fn names(wrenches: &Path) -> Result<(Vec<&'static str>, BTreeSet<String>), Bench
 }
 
 /// Trajectories of a scene lie one behind the other.
-fn pieces<'a>(scenes: &'a [Scene], answers: &'a [Answer]) -> impl Iterator<Item = Piece<'a>> {
+fn pieces<'a>(scenes: &'a [Scene], answers: &'a [Answer]) -> impl Iterator<Item = AnsweredTrajectory<'a>> {
     let answered = scenes.iter().zip(answers).filter(|(_, answer)| !answer.wrenches.is_empty());
     answered.flat_map(|(scene, Answer { wrenches, query_ns, about })| {
         scene.trajectories.iter().enumerate().map(move |(n, trajectory)| {
             let ticks = n * TICKS..(n + 1) * TICKS;
             let query_ns = query_ns.get(ticks.clone()).unwrap_or_default();
-            Piece { scene, trajectory, wrenches: &wrenches[ticks], query_ns, about }
+            AnsweredTrajectory { scene, trajectory, wrenches: &wrenches[ticks], query_ns, about }
         })
     })
 }
@@ -215,7 +215,7 @@ impl Figures {
     pub fn held(&self, program: &Program) -> Vec<(String, Vec<[f64; 2]>)> {
         let is_held = |of: &Trajectory| of.kind == Kind::Steady && of.ticks[0].law.is_some();
         let mut found: Vec<(String, Vec<[f64; 2]>)> = Vec::new();
-        for Piece { scene, trajectory, wrenches, .. } in pieces(&self.scenes, &program.answers) {
+        for AnsweredTrajectory { scene, trajectory, wrenches, .. } in pieces(&self.scenes, &program.answers) {
             if scene.trajectories.iter().find(|of| is_held(of)).is_some_and(|first| first.name == trajectory.name) {
                 let scale = program.scale.unwrap_or(1.0);
                 let ticks = trajectory.ticks.iter().zip(wrenches);

@@ -369,7 +369,7 @@ mod tests {
     #[test]
     fn no_value_is_above_its_ceiling_or_the_ceiling_around() {
         for field in fields() {
-            let bounds = BrickBounds::of(&field).expect("a chart");
+            let bounds = BrickBounds::of(&field).expect("bounds");
             let places = places(&field, 20_000);
             let mut n_inside = 0;
             for (place, step) in places.iter().zip(places.iter().rev()) {
@@ -389,7 +389,7 @@ mod tests {
     #[test]
     fn no_room_exceeds_the_distance_to_anything_that_touches() {
         for field in fields() {
-            let bounds = BrickBounds::of(&field).expect("a chart");
+            let bounds = BrickBounds::of(&field).expect("bounds");
             let places = places(&field, 6000);
             let touching: Vec<Vec3> = places.iter().copied().filter(|place| field.trilinear(*place) > 0.0).collect();
             let mut largest = 0.0_f32;
@@ -407,7 +407,7 @@ mod tests {
     #[test]
     fn what_kernels_index_by_stays_in_bounds() {
         for field in fields() {
-            let bounds = BrickBounds::of(&field).expect("a chart");
+            let bounds = BrickBounds::of(&field).expect("bounds");
             let n_bricks = bounds.dims().iter().product::<i32>() as usize;
             assert_eq!(
                 [bounds.top().len(), bounds.max_depth_m().len(), bounds.max_depth_nearby_m().len(), bounds.clearance_cells().len()],
@@ -435,7 +435,7 @@ mod tests {
                 .find_map(|(brick, samples)| Some((brick, samples.iter().position(far)?)))
                 .expect("a sample there");
             samples[brick][cell] = change(samples[brick][cell] / field.voxel_size_m) * field.voxel_size_m;
-            BrickBounds::of(&Field { distances_m: samples.into(), ..field.clone() }).expect("a chart").jump_cells()
+            BrickBounds::of(&Field { distances_m: samples.into(), ..field.clone() }).expect("bounds").jump_cells()
         };
         assert!(jump_with(|cells| cells) < JUMP_CELLS);
         // No less than what is wrong.
