@@ -21,7 +21,7 @@ use arms::{Device, WiredArm, profile};
 use glam::DVec3;
 use vps::spatial::{Pose, SampleStatus, Wrench};
 
-use super::link::alone;
+use super::link::turn;
 
 /// A shipped arm behind a pseudo-terminal, on a thread of its own, with a fault of the grammar.
 struct Behind {
@@ -76,7 +76,7 @@ fn play(arm: &mut WiredArm, n: u32, mut pushes: bool) -> u32 {
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn an_arm_that_was_deaf_reads_a_zero_and_comes_back() {
-    let _alone = alone();
+    let _turn = turn();
     let all = ["hapkit", "haply-2diy", "polhem-2022", "open6-serial", "leader-arm-6"];
     let plays = all.map(|name| {
         std::thread::spawn(move || {
@@ -139,7 +139,7 @@ fn an_arm_that_was_deaf_reads_a_zero_and_comes_back() {
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn an_arm_that_is_deaf_when_the_host_ends_wakes_to_a_zero() {
-    let _alone = alone();
+    let _turn = turn();
     let profile = profile::find("hapkit", Path::new("")).expect("shipped");
     // A host that a busy machine holds up pushes too late: again.
     let pushed = (0..10).any(|_| {

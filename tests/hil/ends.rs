@@ -11,7 +11,7 @@ use arms::{Device as _, DeviceError};
 use rt::clock::monotonic_ns;
 use vps::spatial::Wrench;
 
-use super::link::alone;
+use super::link::turn;
 use super::maker::{Arm, Felt, LATENESS_MS, Library, PUSH, Service, Ticked, built_example, free_address, play, push};
 
 /// How often each end is tried on each arm, where `HAPTICD_TRIALS` says nothing.
@@ -309,7 +309,7 @@ fn hold_link(name: &str, mut opened: OpenedArm, length: Duration) {
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn the_link_to_every_makers_arm_lasts() {
-    let _alone = alone();
+    let _turn = turn();
     let length_s = std::env::var("HAPTICD_LINK_S").map_or(1, |n| n.parse().expect("HAPTICD_LINK_S is a number"));
     let length = Duration::from_secs(length_s);
     std::thread::scope(|scope| {
@@ -330,7 +330,7 @@ fn the_link_to_every_makers_arm_lasts() {
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_worker_or_service_may_die_crash_or_be_stopped_at_any_moment() {
-    let _alone = alone();
+    let _turn = turn();
     let n_trials = std::env::var("HAPTICD_TRIALS").map_or(TRIALS, |n| n.parse().expect("HAPTICD_TRIALS is a number"));
     let libraries = ["omega6", "touch", "virtuose-6d"].map(|name| Library::new(name, &[]));
     std::thread::scope(|scope| {

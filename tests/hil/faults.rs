@@ -13,8 +13,11 @@ const STALE_TICKS: f64 = 20.0;
 
 /// Injects a fault into an open6 arm while it pushes, and expects one of these sets of faults and zero force within `ticks`.
 fn ends_in(fault: &str, expected: &[&[&str]], ticks: f64) {
-    let fault = format!("{fault}@{WRONG_AT}");
-    let (host, mock) = exchange(&Bench::viscous(), &["--fault", &fault], &["--enable", "--duration", "6s"], expected);
+    ends_in_with(&["--fault", &format!("{fault}@{WRONG_AT}")], expected, ticks);
+}
+
+fn ends_in_with(mock_args: &[&str], expected: &[&[&str]], ticks: f64) {
+    let (host, mock) = exchange(&Bench::viscous(), mock_args, &["--enable", "--duration", "6s"], expected);
     let said = format!("{}\n{}\n{}", host.json, host.stderr, mock.json);
     assert!(host.code() == Some(7) && expected.iter().any(|faults| host.faults() == *faults), "{said}");
     let felt = &mock.json["faults"][0];
@@ -62,8 +65,9 @@ fn frames_cut_short() {
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn the_plug_is_pulled() {
-    // The arm receives nothing more: its own watchdog of 50 ms lets go.
-    ends_in("unplug", &[&["disconnected"]], 50.0 + AT_ONCE_TICKS);
+    // The arm receives nothing more: its own watchdog of 50 ms lets go. Nor does it see the host go.
+    let pulled = format!("unplug@{WRONG_AT}");
+    ends_in_with(&["--fault", &pulled, "--duration", "8s"], &[&["disconnected"]], 50.0 + AT_ONCE_TICKS);
 }
 
 #[test]

@@ -7,12 +7,12 @@ use arms::attached::open::LinkNews;
 use glam::DVec3;
 use vps::spatial::Wrench;
 
-use super::link::alone;
+use super::link::turn;
 use super::maker::{HUNG, Library, n_ticks, play};
 
 #[test]
 fn a_push_moves_the_arm_its_way() {
-    let _alone = alone();
+    let _turn = turn();
     for (profile, axes) in [("touch", 3), ("premium15-6dof", 6)] {
         let library = Library::new(profile, &[]);
         let mut opened = library.open();
@@ -39,7 +39,7 @@ fn a_push_moves_the_arm_its_way() {
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn an_arm_that_does_not_open_is_told_why() {
-    let _alone = alone();
+    let _turn = turn();
     let locked = Library::new("touch", &[]);
     locked.goes_wrong("no-device");
     let refused = locked.try_open().err().expect("locked").to_string();
@@ -51,7 +51,7 @@ fn an_arm_that_does_not_open_is_told_why() {
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn an_arm_that_is_not_calibrated_says_what_to_do_and_is_homed_afterwards() {
-    let _alone = alone();
+    let _turn = turn();
     let library = Library::new("touch", &[]);
     library.goes_wrong("uncalibrated");
     let mut opened = library.open();
@@ -70,7 +70,7 @@ fn an_arm_that_is_not_calibrated_says_what_to_do_and_is_homed_afterwards() {
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn an_encoder_is_reset_only_where_a_person_said_that_the_arm_is_held_there() {
-    let _alone = alone();
+    let _turn = turn();
     for home in [false, true] {
         let mut library = Library::new("touch", &[]);
         library.goes_wrong("encoder-reset");

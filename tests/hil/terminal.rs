@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use serde_json::Value;
 use tempfile::TempDir;
 
-use super::link::{alone, root};
+use super::link::{root, turn};
 use super::maker::{built_example, folder_in_memory, free_address, worker_of};
 
 const HAPTICD: &str = env!("CARGO_BIN_EXE_hapticd");
@@ -164,7 +164,7 @@ fn a_library_that_is_missing_is_told_as_a_list_and_other_wrong_ones_by_what_they
 
 #[test]
 fn an_arm_is_chosen_by_its_serial_number_and_finds_its_zero_only_when_that_is_typed() {
-    let _alone = alone();
+    let _turn = turn();
     let mut arm = Arm::new("omega7", "uninitialised");
     let (code, _, said) = arm.probe(&[]);
     assert!(code == Some(5) && said.contains("hapticd devices probe PROFILE --home"), "{said}");
@@ -190,7 +190,7 @@ fn an_arm_is_chosen_by_its_serial_number_and_finds_its_zero_only_when_that_is_ty
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_probe_that_is_ended_while_the_arm_finds_its_zero_stops_the_arm() {
-    let _alone = alone();
+    let _turn = turn();
     // A script in the background has its programs ignore interrupts.
     for (signal, shell) in [("INT", ""), ("INT", "trap '' INT; "), ("KILL", "")] {
         let arm = Arm::new("omega7", "slow-init");
@@ -213,7 +213,7 @@ fn a_probe_that_is_ended_while_the_arm_finds_its_zero_stops_the_arm() {
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_library_that_hangs_ends_soon_after_the_program_that_was_killed() {
-    let _alone = alone();
+    let _turn = turn();
     let arm = Arm::new("omega7", "hang");
     let link = arm.folder.path().join("arm");
     let mut probe =
@@ -237,7 +237,7 @@ fn a_library_that_hangs_ends_soon_after_the_program_that_was_killed() {
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn every_makers_arm_is_listed_and_passes_the_sign_check_and_the_identification() {
-    let _alone = alone();
+    let _turn = turn();
     let rows = [
         ("force-dimension", "omega.7 (mock)", Arm::new("omega7", "")),
         ("open-haptics", "Mock Touch", Arm::new("touch", "")),
@@ -285,7 +285,7 @@ fn listed_and_probed(codec: &str, identity: &str, arm: &Arm) {
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn why_the_motors_make_less_or_nothing_is_told_by_name() {
-    let _alone = alone();
+    let _turn = turn();
     let mut arm = Arm::new("omega6", "saturated");
     let (_, _, said) = arm.probe(&["--sign-check", "--yes"]);
     assert!(said.contains("device: its motors are at their limits"), "{said}");

@@ -10,7 +10,7 @@ use rt::clock::monotonic_ns;
 use std::time::{Duration, Instant};
 use vps::spatial::{SampleStatus, Wrench};
 
-use super::link::{alone, repeat, root};
+use super::link::{repeat, root, turn};
 use super::maker::{Felt, LATENESS_MS, Library, PUSH, Serial, Service, Ticked, n_ticks, play, push};
 
 const HAPTICD: &str = env!("CARGO_BIN_EXE_hapticd");
@@ -19,7 +19,7 @@ const WATCHDOG_MS: f64 = 50.0;
 
 #[test]
 fn an_arm_behind_a_makers_library_is_felt_and_let_go() {
-    let _alone = alone();
+    let _turn = turn();
     for (profile, title) in [("omega7", "omega.7 (mock)"), ("virtuose-6d", "Virtuose of type 0"), ("touch", "Mock Touch")] {
         let library = Library::new(profile, &[]);
         let mut opened = library.open();
@@ -39,7 +39,7 @@ fn an_arm_behind_a_makers_library_is_felt_and_let_go() {
 
 #[test]
 fn what_stands_in_the_way_of_a_makers_library_is_told() {
-    let _alone = alone();
+    let _turn = turn();
     let bench = Library::new("omega6", &[]);
     for (fault, words) in [
         ("no-device", "finds no arm that it can open"),
@@ -157,7 +157,7 @@ fn goes_wrong(library: &Library, arm: &mut open::OpenedArm, fault: &str, shows: 
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn whatever_goes_wrong_in_a_makers_library_has_a_name_and_ends_the_force() {
-    let _alone = alone();
+    let _turn = turn();
     std::thread::scope(|scope| {
         for (name, faults) in &IN_LIBRARY {
             scope.spawn(move || {
