@@ -6,6 +6,7 @@
  */
 
 import { byId, element, say, words } from "./element.js";
+import { NoAnswer } from "./link.js";
 
 /** What a phase of the run means for the hand. */
 const NOTES = {
@@ -37,6 +38,8 @@ export class Drive {
     this.phase = "";
     /** The run has ended, or was told to. */
     this.isOver = false;
+    /** This page has told it to end, and heard no refusal. */
+    this.isToldToStop = false;
     /** Name of a scene that is on its way. */
     this.prepared = "";
     /** @type {?object} the newest state */
@@ -77,7 +80,7 @@ export class Drive {
 
   /** A connection begins. @param {string} phase */
   greet(phase) {
-    this.isOver = false;
+    this.isOver = this.isToldToStop = false;
     byId("enable").disabled = false;
     this.phase = phase;
     this.#name(phase);
@@ -98,7 +101,7 @@ export class Drive {
 
   /** The connection is gone, and with it all knowledge of the loop. @param {boolean} isOver the server went away on purpose */
   lose(isOver) {
-    this.isOver ||= isOver;
+    this.isOver ||= isOver || this.isToldToStop;
     document.body.dataset.state = "waiting";
     byId("state-word").textContent = this.isOver ? "Stopped" : "Unknown";
     byId("state-note").textContent = this.isOver ? NOTES.stopped : this.phase && `${this.phase} when last heard of`;
@@ -144,12 +147,15 @@ export class Drive {
   }
 
   async #order(what) {
+    if (what === "stop") this.isToldToStop = true;
     try {
       await this.link.order(what);
       // What the server took it does, even if its last words do not arrive.
       if (what === "stop") this.isOver = true;
     } catch (error) {
-      say(`${what} was not done: ${words(error)}`);
+      // A page that is slow may not read the reply before the server is gone.
+      if (what === "stop" && !(error instanceof NoAnswer)) this.isToldToStop = false;
+      if (!this.isOver) say(`${what} was not done: ${words(error)}`);
     }
   }
 }

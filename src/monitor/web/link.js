@@ -29,6 +29,9 @@ export class Refusal extends Error {
   }
 }
 
+/** The server has not said whether it did it. */
+export class NoAnswer extends Refusal {}
+
 /** @typedef {{resolve: (reply: object) => void, reject: (why: Error) => void, timer: number}} Waiting */
 
 export class Link extends EventTarget {
@@ -77,7 +80,7 @@ export class Link extends EventTarget {
     return new Promise((resolve, reject) => {
       const timer = setTimeout(() => {
         this.waiting.delete(id);
-        reject(new Refusal(`no answer to ${what}`, "the server is busy or gone"));
+        reject(new NoAnswer(`no answer to ${what}`, "the server is busy or gone"));
       }, timeoutMs);
       this.waiting.set(id, { resolve, reject, timer });
       this.socket.send(JSON.stringify({ id, do: what, ...fields }));
@@ -164,7 +167,7 @@ export class Link extends EventTarget {
     this.socket = null;
     for (const { reject, timer } of this.waiting.values()) {
       clearTimeout(timer);
-      reject(new Refusal("the connection broke"));
+      reject(new NoAnswer("the connection broke"));
     }
     this.waiting.clear();
     this.#tell("closed", isOver);
