@@ -104,7 +104,7 @@ fn check_profile(file: &Path, name: Option<&str>) -> Checked {
 /// What `run` would say before it bakes.
 fn check_scene(file: &Path, warnings: &mut Vec<Finding>) -> Result<SceneConfig, PrepareError> {
     let config = config::load(file).map_err(PrepareError::Config)?;
-    warnings.extend(config::doubts(&config).iter().map(Finding::of_doubt));
+    warnings.extend(config::plausibility_warnings(&config).iter().map(Finding::of_warning));
     let Inputs { warnings: of_hand, .. } = inputs(&config)?;
     warnings.extend(of_hand.into_iter().map(|problem| Finding::of_hand(false, &problem)));
     if let Some(SculptConfig { strokes: Some(file), tool, .. }) = &config.sculpt {
@@ -185,8 +185,8 @@ impl Finding {
     }
 
     /// `run` says it with what to do about it.
-    fn of_doubt(problem: &Problem) -> Self {
-        Self { is_error: false, text: report::doubt_text(problem), ..Self::of_config(problem) }
+    fn of_warning(problem: &Problem) -> Self {
+        Self { is_error: false, text: report::warning_text(problem), ..Self::of_config(problem) }
     }
 
     /// `run` says it of the tool, which the hand moves.

@@ -84,7 +84,7 @@ pub(crate) fn main(args: &LoopArgs, own: &CommandOptions<'_>, output: OutputOpti
         Ok(config) => config,
         Err(errors) => return report::config_errors(&errors, output),
     };
-    report::scene_doubts(&config, output);
+    report::scene_warnings(&config, output);
     let clock = args.clock.kind();
     let mut sculpt_run = match SculptRun::plan(&config, own.clay, own.overwrite, clock, args.recording.file(), output) {
         Ok(sculpt_run) => sculpt_run,

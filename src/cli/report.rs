@@ -21,12 +21,12 @@ pub(crate) fn config_errors(errors: &ConfigErrors, output: OutputOptions) -> Exi
 }
 
 /// Prints what is likely wrong with a scene.
-pub(crate) fn scene_doubts(config: &SceneConfig, output: OutputOptions) {
-    config::doubts(config).iter().for_each(|problem| warning(&one_line(&doubt_text(problem)), output));
+pub(crate) fn scene_warnings(config: &SceneConfig, output: OutputOptions) {
+    config::plausibility_warnings(config).iter().for_each(|problem| warning(&one_line(&warning_text(problem)), output));
 }
 
 /// All of it in one line.
-pub(super) fn doubt_text(problem: &Problem) -> String {
+pub(super) fn warning_text(problem: &Problem) -> String {
     problem.hint().map_or_else(|| problem.to_string(), |hint| format!("{problem}; {hint}"))
 }
 

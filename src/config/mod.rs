@@ -22,15 +22,15 @@
 mod schema;
 
 mod bound;
-mod doubts;
 pub mod draft;
 pub mod json_schema;
+mod plausibility;
 mod resolve;
 pub mod scene;
 pub mod strokes;
 
 pub use bound::StiffnessBound;
-pub use doubts::{doubts, problem_at};
+pub use plausibility::{plausibility_warnings, problem_at};
 pub(crate) use resolve::{FOXGLOVE_ACCEPTED, LISTEN_ACCEPTED, parse_foxglove, parse_listen};
 pub use resolve::{LoadOptions, load, load_with};
 pub use scene::SceneConfig;

@@ -279,7 +279,7 @@ fn scenario(seed: u64) -> Scenario {
 /// Half a millijoule is free, and the damper that pays the rest acts on a velocity that is late: 1 mJ. At four ticks of delay it is that much later.
 /// Where `check` says that the arm takes too little damping, the force is weakened after the fact.
 fn most_owed_j(config: &SceneConfig) -> f64 {
-    if config::doubts(config).iter().any(|doubt| doubt.to_string().contains("to give no energy")) {
+    if config::plausibility_warnings(config).iter().any(|doubt| doubt.to_string().contains("to give no energy")) {
         2.5e-3
     } else if config.device.sim.delay_ticks >= Some(4) {
         1.5e-3

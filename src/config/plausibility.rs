@@ -12,7 +12,7 @@ use vps::storage::regular;
 const N_PER_M: f64 = 1e3;
 
 /// What is likely wrong with a scene that was read.
-pub fn doubts(config: &SceneConfig) -> Vec<Problem> {
+pub fn plausibility_warnings(config: &SceneConfig) -> Vec<Problem> {
     contact_stiffness(config).into_iter().chain(late_force(config)).collect()
 }
 
