@@ -440,7 +440,6 @@ class PageTest(PageCase):
         run, page = self.sculpt(**SCREENS["phone"])
         x, y = page.middle_of("#view")
         top = "document.querySelector('#view').getBoundingClientRect().top"
-        top_before = page.run(top)
 
         def looks(moves):
             before = page.picture_of("#view")
@@ -469,6 +468,8 @@ class PageTest(PageCase):
         # What moves in the scene is not what makes the difference: the hand rests in between, and the eye moves.
         page.click("#disable")
         page.wait(f"{WORD} === 'Disabled'")
+        # Notes above the picture have come and gone.
+        top_before = page.run(top)
         for moves in (orbit, pinch, draw_across):
             looks(moves)
         self.assertEqual(page.run(top), top_before, "a finger on the picture does not scroll")
