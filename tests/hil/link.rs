@@ -16,7 +16,7 @@ const HUNG: Duration = Duration::from_secs(60);
 /// How often something is tried that the machine may spoil.
 const ATTEMPTS: u64 = 6;
 
-/// Two exchanges at a time, however many tests run: they wait most of their time, and more of them would be late.
+/// Two tests have a host and an arm at a time, however many run: they wait most of their time, and more of them would be late.
 pub(crate) fn turn() -> MutexGuard<'static, ()> {
     static LINES: [Mutex<()>; 2] = [Mutex::new(()), Mutex::new(())];
     let [first, second] = &LINES;
