@@ -10,6 +10,7 @@ use super::{Options, fixture};
 use rt::clock::monotonic_ns;
 use vps::contact::TraversalMode;
 use vps::mesh;
+use vps::pointshell::Points;
 use vps::spatial::Pose;
 
 /// Where nut and bolt stand: the nut's mesh lies at 16 to 29 mm along the bolt's axis, as the thread has it, and is lifted until flanks touch.
@@ -31,8 +32,8 @@ pub(super) fn rows(options: &Options, tell: &mut dyn FnMut(&str)) -> Result<Vec<
     };
     tell("nut on bolt");
     let obstacles = [fixture::obstacle(BOLT, &bolt, 2e-4, false)?];
-    // At least 20,000 points.
-    let shell = fixture::shell(NUT, &nut, 4e-4)?;
+    // At least 20,000 points, of the kind that scenes have by default.
+    let shell = fixture::shell_of(NUT, &nut, 4e-4, Points::default())?;
     // The poses of the peers.
     let turned = |turn: u32| Pose::new(DQuat::from_rotation_z(0.01 * f64::from(turn)), DVec3::Z * LIFT_M);
     let path: Vec<Pose> = (0..11).map(turned).collect();

@@ -59,9 +59,15 @@ impl ContactBlock {
         Some(Lanes(shell.weights().get(self.block as usize)?.0.map(|weight| weight * self.weight)))
     }
 
-    /// Lanes in contact whose own normal does not say which way is out.
+    /// Lanes in contact whose own normal does not say which way is out, rising.
     #[inline]
-    fn bent_lanes(&self, field: &Field, shell: &Shell) -> u16 {
+    pub(super) fn bent_lanes(&self, field: &Field, shell: &Shell) -> impl Iterator<Item = usize> + use<> {
+        lanes_of(self.bent(field, shell))
+    }
+
+    /// The same, one bit per lane.
+    #[inline]
+    fn bent(&self, field: &Field, shell: &Shell) -> u16 {
         // A thin skin pushes away from its middle; an edge has no normal of its own, and the mean of those beside it would push along the
         // wall.
         if field.is_thin() {
@@ -80,26 +86,23 @@ impl ContactBlock {
     /// True when some direction is not the point's own normal.
     #[inline]
     pub(super) fn bends(&self, field: &Field, shell: &Shell) -> bool {
-        self.bent_lanes(field, shell) != 0
+        self.bent(field, shell) != 0
     }
 
-    /// How the lanes of the block push.
+    /// How the lanes of the block push. `gradient` gives [`Wall::gradient`] at the next of [`Self::bent_lanes`], where it is.
     #[inline]
-    pub(super) fn pushes(&self, field: &Field, shell: &Shell, map_from_body: Pose) -> Option<Pushes> {
+    pub(super) fn pushes(&self, wall: &Wall<'_>, shell: &Shell, mut gradient: impl FnMut(Vec3) -> Option<Vec3>) -> Option<Pushes> {
         let block = self.block as usize;
         let (positions, normals) = (*shell.positions().get(block)?, *shell.normals().get(block)?);
         let weights = self.weights(shell)?;
         let mut pushes = Pushes { positions, normals, areas: weights, weights };
-        let bent = self.bent_lanes(field, shell);
-        if bent != 0 {
-            let wall = Wall::new(field, map_from_body);
-            for lane in lanes_of(bent) {
-                let depth_m = self.depths_m.get(lane).copied().unwrap_or(0.0);
-                let (direction, share) = wall.push(positions.get(lane), normals.get(lane), depth_m / shell.edge_depth_m());
-                pushes.normals.set(lane, direction);
-                if let Some(weight) = pushes.weights.0.get_mut(lane) {
-                    *weight *= share;
-                }
+        for lane in self.bent_lanes(wall.field, shell) {
+            let depth_m = self.depths_m.get(lane).copied().unwrap_or(0.0);
+            let gradient = gradient(positions.get(lane))?;
+            let (direction, share) = wall.push(gradient, normals.get(lane), depth_m / shell.edge_depth_m());
+            pushes.normals.set(lane, direction);
+            if let Some(weight) = pushes.weights.0.get_mut(lane) {
+                *weight *= share;
             }
         }
         Some(pushes)
@@ -108,7 +111,9 @@ impl ContactBlock {
     /// Reports each lane in contact.
     #[inline]
     pub fn contacts(&self, field: &Field, shell: &Shell, map_from_body: Pose, mut touch: impl FnMut(&Contact)) {
-        let Some(Pushes { positions, normals, weights, .. }) = self.pushes(field, shell, map_from_body) else { return };
+        let wall = Wall::new(field, map_from_body);
+        let pushes = self.pushes(&wall, shell, |position| Some(wall.gradient(position)));
+        let Some(Pushes { positions, normals, weights, .. }) = pushes else { return };
         for lane in self.lanes() {
             touch(&Contact {
                 point_idx: self.block * LANES as u32 + lane as u32,
@@ -151,9 +156,9 @@ fn lanes_of(mut left: u16) -> impl Iterator<Item = usize> {
 
 /// Which way is out of an obstacle.
 pub(super) struct Wall<'a> {
-    field: &'a Field,
+    pub(super) field: &'a Field,
     map_axes: Mat3,
-    place: Place,
+    pub(super) place: Place,
 }
 
 impl<'a> Wall<'a> {
@@ -166,23 +171,25 @@ impl<'a> Wall<'a> {
         self.against(self.field.gradient(self.place.cells(position)))
     }
 
-    /// Direction and share with which a point pushes that has no normal of its own. A skin pushes along the way out. So does an edge, along
-    /// that of its surroundings, which does not turn in steps, and with the share that its mean normal has along it: no more than the
-    /// faces beside it. Where there is no way out, the point's own normal.
-    fn push(&self, position: Vec3, normal_body: Vec3, depth: f32) -> (Vec3, f32) {
+    /// What says which way a point without a normal of its own pushes, m/m, map axes: of a skin the gradient, of a solid its mean over a cell, which
+    /// does not turn in steps.
+    pub(super) fn gradient(&self, position: Vec3) -> Vec3 {
+        let cells = self.place.cells(position);
+        if self.field.is_thin() { self.field.gradient(cells) } else { self.field.mean_gradient(cells) }
+    }
+
+    /// Direction and share with which such a point pushes. A skin pushes along the way out. So does an edge, with the share that its mean
+    /// normal has along it: no more than the faces beside it. Where there is no way out, the point's own normal.
+    fn push(&self, gradient_map: Vec3, normal_body: Vec3, depth: f32) -> (Vec3, f32) {
+        let Some(out) = self.against(gradient_map) else { return (normal_body, 1.0) };
         if self.field.is_thin() {
-            return (self.way_out(position).unwrap_or(normal_body), 1.0);
+            return (out, 1.0);
         }
-        match self.against(self.field.mean_gradient(self.place.cells(position))) {
-            Some(out) => {
-                let across = out.dot(normal_body);
-                let fading = smooth(depth);
-                let push = out * (across * fading + across.max(0.0) * (1.0 - fading)) + (normal_body - out * across) * fading;
-                let share = push.length();
-                if share > 0.0 { (push / share, share) } else { (out, 0.0) }
-            }
-            None => (normal_body, 1.0),
-        }
+        let across = out.dot(normal_body);
+        let fading = smooth(depth);
+        let push = out * (across * fading + across.max(0.0) * (1.0 - fading)) + (normal_body - out * across) * fading;
+        let share = push.length();
+        if share > 0.0 { (push / share, share) } else { (out, 0.0) }
     }
 
     fn against(&self, gradient_map: Vec3) -> Option<Vec3> {

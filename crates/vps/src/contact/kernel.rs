@@ -207,8 +207,8 @@ pub(super) fn free_cells(depth_cells: f32) -> f32 {
 }
 
 /// The bounds and the place in lanes.
-struct Grid<'a, L: F32s<N>, const N: usize> {
-    bounds: &'a BrickBounds,
+pub(super) struct Grid<'a, L: F32s<N>, const N: usize> {
+    pub(super) bounds: &'a BrickBounds,
     axes: [[L; 3]; 3],
     origin: [L; 3],
     dims: [L::Int; 3],
@@ -220,7 +220,7 @@ struct Grid<'a, L: F32s<N>, const N: usize> {
 
 impl<'a, L: F32s<N>, const N: usize> Grid<'a, L, N> {
     #[inline(always)]
-    fn new(bounds: &'a BrickBounds, place: &Place) -> Self {
+    pub(super) fn new(bounds: &'a BrickBounds, place: &Place) -> Self {
         let [nx, ny, nz] = bounds.dims();
         let Mat3 { x_axis, y_axis, z_axis } = place.axes;
         Self {
@@ -235,19 +235,26 @@ impl<'a, L: F32s<N>, const N: usize> Grid<'a, L, N> {
         }
     }
 
+    /// Where points of the tool are, cells.
+    #[inline(always)]
+    pub(super) fn cells(&self, [x, y, z]: [L; 3]) -> [L; 3] {
+        let mut cells = self.origin;
+        for (k, along) in cells.iter_mut().enumerate() {
+            *along = self.axes[0][k] * x + self.axes[1][k] * y + self.axes[2][k] * z + *along;
+        }
+        cells
+    }
+
     /// Coordinates on the lattice of cell centres.
     #[inline(always)]
-    fn lattice(&self, [x, y, z]: [L; 3]) -> [L; 3] {
-        let mut lattice = self.origin;
-        for (k, along) in lattice.iter_mut().enumerate() {
-            *along = self.axes[0][k] * x + self.axes[1][k] * y + self.axes[2][k] * z + *along - L::splat(0.5);
-        }
-        lattice
+    fn lattice(&self, point: [L; 3]) -> [L; 3] {
+        let [x, y, z] = self.cells(point);
+        [x - L::splat(0.5), y - L::splat(0.5), z - L::splat(0.5)]
     }
 
     /// Number of a brick. The product of the sizes fits, by the invariant of the bounds.
     #[inline(always)]
-    fn brick(&self, [bx, by, bz]: [L::Int; 3]) -> L::Int {
+    pub(super) fn brick(&self, [bx, by, bz]: [L::Int; 3]) -> L::Int {
         (bx * self.dims[1] + by) * self.dims[2] + bz
     }
 
@@ -265,14 +272,22 @@ impl<'a, L: F32s<N>, const N: usize> Grid<'a, L, N> {
         (on_grid, base)
     }
 
-    /// V of points in any bricks.
+    /// A mask: bricks that are not on the grid.
     #[inline(always)]
-    fn scattered(&self, lattice: [L; 3], base: [L::Int; 3], floor_m: L) -> L {
-        let (bricks, zero) = (eighths(base), L::Int::splat(0));
+    pub(super) fn off(&self, bricks: [L::Int; 3]) -> L::Int {
+        let zero = L::Int::splat(0);
         let mut off = zero;
         for (brick, dim) in bricks.into_iter().zip(self.dims) {
             off = off | zero.gt(brick) | brick.gt(dim + L::Int::splat(-1));
         }
+        off
+    }
+
+    /// V of points in any bricks.
+    #[inline(always)]
+    pub(super) fn scattered(&self, lattice: [L; 3], base: [L::Int; 3], floor_m: L) -> L {
+        let (bricks, zero) = (eighths(base), L::Int::splat(0));
+        let off = self.off(bricks);
         let brick = L::Int::select(off, zero, self.brick(bricks));
         // SAFETY: lanes that are not on the grid read entry 0; by the invariant of the bounds there is one entry per brick.
         let max_depths = L::select(off, self.outside, unsafe { L::gather(self.bounds.max_depth_m(), brick) });
@@ -390,12 +405,12 @@ fn splat<L: F32s<N>, const N: usize>(v: Vec3) -> [L; 3] {
 
 /// Numbers of the bricks, per axis.
 #[inline(always)]
-fn eighths<I: I32s<N>, const N: usize>([x, y, z]: [I; 3]) -> [I; 3] {
+pub(super) fn eighths<I: I32s<N>, const N: usize>([x, y, z]: [I; 3]) -> [I; 3] {
     [x.shifted::<3>(), y.shifted::<3>(), z.shifted::<3>()]
 }
 
 #[inline(always)]
-fn fractions<L: F32s<N>, const N: usize>(at: [L; 3], base: [L::Int; 3]) -> [L; 3] {
+pub(super) fn fractions<L: F32s<N>, const N: usize>(at: [L; 3], base: [L::Int; 3]) -> [L; 3] {
     [at[0] - L::of_int(base[0]), at[1] - L::of_int(base[1]), at[2] - L::of_int(base[2])]
 }
 

@@ -17,6 +17,7 @@
 mod budget;
 mod clay;
 mod contact_block;
+mod edge_gradients;
 #[doc(hidden)]
 pub mod faces;
 mod flat;
@@ -45,6 +46,8 @@ pub use proximity::Proximity;
 pub use summing::{AVERAGED_CONTACTS, FaceSums};
 pub use traversal::{Traversal, TraversalMode};
 
+use self::contact_block::Wall;
+use self::edge_gradients::EdgeGradients;
 use self::faces::face_of;
 use self::sum::{Add, AddAll};
 use self::summing::Summing;
@@ -211,11 +214,13 @@ impl ContactSum {
         for obstacle in obstacles {
             let map_from_body = obstacle.world_from_map.inverse() * world_from_body;
             let by = summing.weighting(obstacle);
+            let wall = Wall::new(&obstacle.field, map_from_body);
             let mut n_contacts = 0;
             let max_value_m = flat::blocks(&obstacle.field, law.field, shell, map_from_body, |touched| {
                 n_contacts += touched.lanes.count_ones();
                 let face = shell.normals().get(touched.block as usize).map_or(0, face_of);
-                if let (Some(pushes), Some(sums)) = (touched.pushes(&obstacle.field, shell, map_from_body), summing.face(face)) {
+                let pushes = touched.pushes(&wall, shell, |position| Some(wall.gradient(position)));
+                if let (Some(pushes), Some(sums)) = (pushes, summing.face(face)) {
                     SimdLevel::Portable.run(Add { sums, touched, pushes: &pushes, by });
                 }
             });
@@ -243,6 +248,7 @@ impl ContactSum {
         let mut sums = traversal.take_sums();
         let mut summing = Summing::new(law, world_from_body, &mut sums);
         summing.note_far(traversal.begin(shell, world_from_body, summing.overstated_voxels()));
+        let mut edges = None;
         for n in 0..traversal.n_near() {
             let Some(obstacle_idx) = traversal.obstacle_poses().near(n) else { break };
             let (Some(obstacle), Some(pose)) = (obstacles.get(obstacle_idx), traversal.obstacle_poses().pose(obstacle_idx)) else {
@@ -255,6 +261,8 @@ impl ContactSum {
                 (!pose.moved.is_none()).then(|| ObstacleMotion { linear: pose.moved.at(center), angular: pose.moved.angular });
             let by = summing.weighting(obstacle);
             let found = traversal.find((n, obstacle_idx), obstacle, law.field, shell, map_from_body);
+            let wall = Wall::new(&obstacle.field, map_from_body);
+            let bounds = traversal.bounds(obstacle_idx).filter(|_| !obstacle.field.is_thin());
             let mut n_contacts = 0;
             // Blocks of one face come mostly one after the other.
             let kind = |touched: &ContactBlock| (traversal.face(touched.block), touched.bends(&obstacle.field, shell));
@@ -264,10 +272,17 @@ impl ContactSum {
                 n_contacts += run.iter().map(|touched| touched.lanes.count_ones()).sum::<u32>();
                 let mut depth_m = 0.0;
                 if bends {
-                    for touched in run {
-                        if let Some(pushes) = touched.pushes(&obstacle.field, shell, map_from_body) {
-                            simd_level.run(Add { sums, touched, pushes: &pushes, by });
-                            depth_m += if carried.is_some() { touched.depth_m(&pushes.weights) } else { 0.0 };
+                    let edges = edges.get_or_insert_with(EdgeGradients::new);
+                    let mut left = run;
+                    while !left.is_empty() {
+                        let (these, others) = left.split_at(edges.look_up(simd_level, bounds, &wall, shell, left));
+                        left = others;
+                        let mut gradients = edges.iter();
+                        for touched in these {
+                            if let Some(pushes) = touched.pushes(&wall, shell, |_| gradients.next()) {
+                                simd_level.run(Add { sums, touched, pushes: &pushes, by });
+                                depth_m += if carried.is_some() { touched.depth_m(&pushes.weights) } else { 0.0 };
+                            }
                         }
                     }
                 } else {

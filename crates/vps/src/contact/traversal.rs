@@ -17,6 +17,7 @@ use crate::pointshell::tree::CHILDREN;
 use crate::simd::SimdLevel;
 use crate::spatial::Pose;
 use crate::voxmap::field::FieldKind;
+use crate::voxmap::field::brick_bounds::BrickBounds;
 
 /// What a traversal looks at.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -145,6 +146,11 @@ impl Traversal {
     #[inline]
     pub(super) fn face(&self, block: u32) -> u8 {
         self.faces.get(block as usize).copied().unwrap_or(0)
+    }
+
+    /// What kernels read of an obstacle's field, where it is one that they can read.
+    pub(super) fn bounds(&self, obstacle_idx: usize) -> Option<&BrickBounds> {
+        Some(self.walks.get(obstacle_idx)?.as_ref()?.bounds())
     }
 
     /// A new tick begins, with the tool at this pose. Returns what obstacles far away add.

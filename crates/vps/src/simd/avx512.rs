@@ -26,7 +26,7 @@ pub(super) fn run<K: Kernel>(kernel: K) -> K::Output {
     kernel.run::<avx2::Floats<OneRegister>>()
 }
 
-operators!([] Floats, Self; Add add _mm512_add_ps, Sub sub _mm512_sub_ps, Mul mul _mm512_mul_ps);
+operators!([] Floats, Self; Add add _mm512_add_ps, Sub sub _mm512_sub_ps, Mul mul _mm512_mul_ps, Div div _mm512_div_ps);
 operators!(
     [] Ints, Self; Add add _mm512_add_epi32, Mul mul _mm512_mullo_epi32,
     BitAnd bitand _mm512_and_si512, BitOr bitor _mm512_or_si512, BitXor bitxor _mm512_xor_si512

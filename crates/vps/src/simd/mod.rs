@@ -103,7 +103,7 @@ pub(crate) trait Kernel {
 }
 
 /// Eight `f32`, and sixteen of the same level.
-pub(crate) trait F32x8: F32s<8> + Div<Output = Self> {
+pub(crate) trait F32x8: F32s<8> {
     type Wide: F32s<16>;
 
     fn sqrt(self) -> Self;
@@ -113,7 +113,9 @@ pub(crate) trait F32x8: F32s<8> + Div<Output = Self> {
 pub(crate) type Pair = [u32; 2];
 
 /// `N` lanes of `f32`.
-pub(crate) trait F32s<const N: usize>: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {
+pub(crate) trait F32s<const N: usize>:
+    Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self>
+{
     type Int: I32s<N>;
 
     fn splat(value: f32) -> Self;

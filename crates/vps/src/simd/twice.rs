@@ -16,7 +16,7 @@ macro_rules! operators {
         }
     )*};
 }
-operators!(Add add, Sub sub, Mul mul, BitAnd bitand, BitOr bitor, BitXor bitxor);
+operators!(Add add, Sub sub, Mul mul, Div div, BitAnd bitand, BitOr bitor, BitXor bitxor);
 
 #[inline(always)]
 fn split<T: bytemuck::Pod>(all: &[T; WIDE]) -> &[[T; LANES]; 2] {
