@@ -71,16 +71,16 @@ impl Map<'_> {
         });
     }
 
-    fn key(&self, node: [usize; 3], sample: u32) -> (f64, u32) {
+    fn key(&self, at_map: DVec3, sample: u32) -> (f64, u32) {
         if sample == NONE {
             return (f64::INFINITY, NONE);
         }
-        (self.positions_map[sample as usize].distance_squared(self.lattice.position(node)), sample)
+        (self.positions_map[sample as usize].distance_squared(at_map), sample)
     }
 
     fn offer(&mut self, node: [usize; 3], sample: u32) {
-        let place = self.lattice.index(node);
-        if self.key(node, sample) < self.key(node, self.nearest[place]) {
+        let (place, at_map) = (self.lattice.index(node), self.lattice.position(node));
+        if self.key(at_map, sample) < self.key(at_map, self.nearest[place]) {
             self.nearest[place] = sample;
         }
     }
@@ -94,7 +94,8 @@ impl Map<'_> {
         for step in 0..n_nodes {
             let place = if backwards { n_nodes - 1 - step } else { step };
             let node = [place / dims[2] / dims[1], place / dims[2] % dims[1], place % dims[2]];
-            let mut best = self.key(node, self.nearest[place]);
+            let at_map = self.lattice.position(node);
+            let mut best = self.key(at_map, self.nearest[place]);
             let mut seen = best.1;
             for offset in &before {
                 let mut other = [0; 3];
@@ -106,7 +107,7 @@ impl Map<'_> {
                 let sample = if is_there { self.nearest[self.lattice.index(other)] } else { NONE };
                 if sample != NONE && sample != seen && sample != best.1 {
                     seen = sample;
-                    let key = self.key(node, sample);
+                    let key = self.key(at_map, sample);
                     if key < best {
                         best = key;
                     }

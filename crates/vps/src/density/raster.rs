@@ -23,11 +23,13 @@ impl Lattice {
     }
 
     /// Place of a node in an array of all, z fastest.
+    #[inline]
     pub fn index(&self, [x, y, z]: [usize; 3]) -> usize {
         (x * self.dims[1] + y) * self.dims[2] + z
     }
 
     /// Place of a node, map frame, m.
+    #[inline]
     pub fn position(&self, node: [usize; 3]) -> DVec3 {
         self.origin_map + DVec3::from_array(node.map(|n| n as f64)) * self.spacing_m
     }
