@@ -6,6 +6,8 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 
+use vps::mesh::closest_point::TriangleProjector;
+
 use crate::hand::{self, Hand};
 use crate::mesh::Mesh;
 use crate::parts::*;
@@ -318,31 +320,36 @@ fn the_hand_meets_the_lead_in_of_the_gears() {
     assert!(clearance_mm > 0.2, "{clearance_mm}");
 }
 
-/// Distance from `point` to a triangle: to its plane where the foot is inside, else to its edges.
-fn triangle_distance([a, b, c]: [DVec3; 3], point: DVec3) -> f64 {
-    let segment = |from: DVec3, to: DVec3| {
-        let along = ((point - from).dot(to - from) / (to - from).length_squared()).clamp(0.0, 1.0);
-        point.distance(from.lerp(to, along))
-    };
-    let normal = (b - a).cross(c - a).normalize();
-    let inside = |from: DVec3, to: DVec3| normal.dot((to - from).cross(point - from)) >= 0.0;
-    if inside(a, b) && inside(b, c) && inside(c, a) {
-        normal.dot(point - a).abs()
-    } else {
-        segment(a, b).min(segment(b, c)).min(segment(c, a))
-    }
+/// Triangles by their lowest z.
+struct Surface {
+    triangles: Vec<[DVec3; 3]>,
+    tallest_mm: f64,
 }
 
-/// Distance to the nearest of those triangles that come within `band_mm`; `band_mm` when none does.
-fn surface_distance(triangles: &[[DVec3; 3]], point: DVec3, band_mm: f64) -> f64 {
-    triangles
-        .iter()
-        .filter(|[a, b, c]| {
-            let (low, high) = (a.min(*b).min(*c) - band_mm, a.max(*b).max(*c) + band_mm);
-            point.cmpge(low).all() && point.cmple(high).all()
-        })
-        .map(|corners| triangle_distance(*corners, point))
-        .fold(band_mm, f64::min)
+impl Surface {
+    /// The triangles of a mesh whose first corner lies above this height.
+    fn above(mesh: &Mesh, z_mm: f64) -> Self {
+        let all = (0..mesh.triangles.len()).map(|triangle| mesh.corners(triangle));
+        let mut triangles: Vec<_> = all.filter(|[first, ..]| first.z > z_mm).collect();
+        triangles.sort_by(|one, other| Self::extent(one).0.z.total_cmp(&Self::extent(other).0.z));
+        let heights = triangles.iter().map(Self::extent).map(|(low, high)| high.z - low.z);
+        Self { tallest_mm: heights.fold(0.0, f64::max), triangles }
+    }
+
+    fn extent([a, b, c]: &[DVec3; 3]) -> (DVec3, DVec3) {
+        (a.min(*b).min(*c), a.max(*b).max(*c))
+    }
+
+    /// Distance to the nearest of the triangles that come within `band_mm`; `band_mm` when none does.
+    fn distance_mm(&self, point: DVec3, band_mm: f64) -> f64 {
+        let first = self.triangles.partition_point(|corners| Self::extent(corners).0.z < point.z - band_mm - self.tallest_mm);
+        let level = self.triangles[first..].iter().take_while(|corners| Self::extent(corners).0.z <= point.z + band_mm);
+        let near = level.filter(|corners| {
+            let (low, high) = Self::extent(corners);
+            point.cmpge(low - band_mm).all() && point.cmple(high + band_mm).all()
+        });
+        near.map(|corners| TriangleProjector::new(corners).project(point).distance_squared.sqrt()).fold(band_mm, f64::min)
+    }
 }
 
 /// Corners, edge middles and centres of the triangles, as a cheap sampling of the surface.
@@ -367,22 +374,20 @@ fn bolt_true_radius_mm(point: DVec3) -> f64 {
 #[test]
 fn the_nut_clears_the_bolt_all_around() {
     let (bolt, nut) = (bolt(), nut());
-    let bolt_triangles: Vec<_> =
-        (0..bolt.triangles.len()).map(|triangle| bolt.corners(triangle)).filter(|[a, ..]| a.z > 28.0).collect();
-    let nut_triangles: Vec<_> = (0..nut.triangles.len()).map(|triangle| nut.corners(triangle)).collect();
+    let (bolt_surface, nut_surface) = (Surface::above(&bolt, 28.0), Surface::above(&nut, f64::NEG_INFINITY));
     for turns in [0.0, 0.4, 1.5] {
         let (rotation, shift) = nut_pose(turns);
         let (mut radial_mm, mut normal_mm) = (f64::INFINITY, f64::INFINITY);
         let in_world = samples(&nut).into_iter().map(|point| rotation * point + shift);
         for point in in_world.filter(|point| point.z < 40.0 && point.truncate().length() < 9.0) {
             radial_mm = radial_mm.min(point.truncate().length() - bolt_true_radius_mm(point));
-            normal_mm = normal_mm.min(surface_distance(&bolt_triangles, point, 0.2));
+            normal_mm = normal_mm.min(bolt_surface.distance_mm(point, 0.2));
         }
         for point in bolt.vertices.iter().filter(|point| point.z > shift.z && point.z > 28.0) {
             let local = rotation.transpose() * (*point - shift);
             let nut_mm = nut_radius_mm(thread::basic_radius_mm(local.y.atan2(local.x), local.z), local.z);
             radial_mm = radial_mm.min(nut_mm - point.truncate().length());
-            normal_mm = normal_mm.min(surface_distance(&nut_triangles, local, 0.2));
+            normal_mm = normal_mm.min(nut_surface.distance_mm(local, 0.2));
         }
         println!("after {turns} turns: radial clearance {radial_mm:.4} mm, along the normal {normal_mm:.4} mm");
         assert!(radial_mm > 0.12, "{radial_mm}");
@@ -394,10 +399,10 @@ fn the_nut_clears_the_bolt_all_around() {
 fn a_voxel_map_of_the_bolt_resolves_the_clearance() {
     // The exact distance at the corners of cells of the scene's voxel size, interpolated: as the renderer will see it.
     let (bolt, nut) = (bolt(), nut());
-    let triangles: Vec<_> = (0..bolt.triangles.len()).map(|triangle| bolt.corners(triangle)).filter(|[a, ..]| a.z > 32.0).collect();
+    let surface = Surface::above(&bolt, 32.0);
     let signed = |point: DVec3| {
         let outside = point.z > 40.0 || point.truncate().length() > bolt_true_radius_mm(point);
-        let distance_mm = surface_distance(&triangles, point, 1.0);
+        let distance_mm = surface.distance_mm(point, 1.0);
         if outside { distance_mm } else { -distance_mm }
     };
     let voxel_mm = 0.2;

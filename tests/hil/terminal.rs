@@ -238,20 +238,21 @@ fn a_library_that_hangs_ends_soon_after_the_program_that_was_killed() {
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn every_makers_arm_is_listed_and_passes_the_sign_check_and_the_identification() {
     let _turn = turn();
-    let rows = [
-        ("force-dimension", "omega.7 (mock)", Arm::new("omega7", "")),
-        ("open-haptics", "Mock Touch", Arm::new("touch", "")),
-        ("virtuose", "Virtuose of type 0", Arm::new("virtuose-6d", "")),
-        ("haply-service", "", Arm::served()),
+    let rows: [(&str, &str, fn() -> Arm); 4] = [
+        ("force-dimension", "omega.7 (mock)", || Arm::new("omega7", "")),
+        ("open-haptics", "Mock Touch", || Arm::new("touch", "")),
+        ("virtuose", "Virtuose of type 0", || Arm::new("virtuose-6d", "")),
+        ("haply-service", "", Arm::served),
     ];
     std::thread::scope(|scope| {
-        for (codec, identity, arm) in &rows {
+        for (codec, identity, arm) in rows {
             scope.spawn(move || listed_and_probed(codec, identity, arm));
         }
     });
 }
 
-fn listed_and_probed(codec: &str, identity: &str, arm: &Arm) {
+fn listed_and_probed(codec: &str, identity: &str, new_arm: fn() -> Arm) {
+    let arm = new_arm();
     if arm.library.is_some() {
         let listed = arm.command(&["devices", "--json", "list"]).output().expect("runs");
         let listed: Value = serde_json::from_slice(&listed.stdout).expect("JSON");
@@ -259,12 +260,12 @@ fn listed_and_probed(codec: &str, identity: &str, arm: &Arm) {
         let own = libraries.find(|library| library["codec"] == codec).unwrap_or_else(|| panic!("{codec}: {listed}"));
         assert!(own["profiles"].as_array().is_some_and(|profiles| profiles.contains(&arm.profile.clone().into())), "{own}");
     }
-    let probe = || arm.probe(&["--sign-check", "--identify", "--yes"]);
-    let mut probed = probe();
-    // A machine that is busy ends a probe like an arm that has gone.
+    let probe = |arm: &Arm| arm.probe(&["--sign-check", "--identify", "--yes"]);
+    let mut probed = probe(&arm);
+    // A machine that is busy ends a probe like an arm that has gone. The next arm begins where an arm begins, not where that one was pushed to.
     for _ in 0..2 {
         if probed.1["ended_early"] != Value::Null {
-            probed = probe();
+            probed = probe(&new_arm());
         }
     }
     let (code, json, said) = probed;
