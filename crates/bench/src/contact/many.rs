@@ -11,6 +11,7 @@ use super::fields::contact;
 use super::{Options, fixture};
 use vps::contact::{ContactSum, Obstacle, SimdLevel, Traversal, TraversalMode};
 use vps::mesh::primitives::Shape;
+use vps::pointshell::Points;
 use vps::pointshell::shell::Shell;
 use vps::spatial::Pose;
 use vps::voxmap::field::FieldKind;
@@ -27,7 +28,7 @@ const PATH_TICKS: usize = 1000;
 
 pub(super) fn rows(options: &Options, tell: &mut dyn FnMut(&str)) -> Result<Vec<Row>, BenchError> {
     let ball = fixture::tessellated(Shape::Sphere { radius_m: RADIUS_M }, TOOL_VOXEL_M);
-    let shell = fixture::shell("a ball", &ball, TOOL_VOXEL_M)?;
+    let shell = fixture::shell_of("a ball", &ball, TOOL_VOXEL_M, Points::default())?;
     let group = format!("a ball of {} points slides over a slab, other objects far away", shell.len());
     let mut rows = Vec::new();
     for n_obstacles in [1, 10, 200] {
@@ -95,9 +96,13 @@ mod tests {
     #[test]
     fn one_of_ten_is_near_and_it_is_touched() {
         let obstacles = scene(10).unwrap();
-        let shell =
-            fixture::shell("a ball", &fixture::tessellated(Shape::Sphere { radius_m: RADIUS_M }, TOOL_VOXEL_M), TOOL_VOXEL_M)
-                .unwrap();
+        let shell = fixture::shell_of(
+            "a ball",
+            &fixture::tessellated(Shape::Sphere { radius_m: RADIUS_M }, TOOL_VOXEL_M),
+            TOOL_VOXEL_M,
+            Points::default(),
+        )
+        .unwrap();
         let mut traversal = Traversal::new(SimdLevel::best(), TraversalMode::Tree, &obstacles, &shell);
         assert_eq!(slide(&mut traversal, &obstacles, &shell).len(), PATH_TICKS);
         assert!(traversal.n_near() == 1 && !traversal.touched().is_empty());

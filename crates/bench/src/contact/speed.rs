@@ -16,6 +16,7 @@ use super::fixture::{self, Tube};
 use rt::clock::thread_cpu_ns;
 use vps::contact::{Budget, ContactSum, Obstacle, SimdLevel, Traversal, TraversalMode};
 use vps::mesh::primitives::Shape;
+use vps::pointshell::Points;
 use vps::pointshell::shell::Shell;
 use vps::spatial::Pose;
 use vps::voxmap::field::FieldKind;
@@ -80,16 +81,20 @@ impl Fit {
 
     /// With about so many points.
     fn tool(self, n_points: f64) -> Result<Shell, BenchError> {
-        // Surface voxels in the area of one face: of an upright pin, counted; of a supercover of all directions, 3/2.
-        let (shape, voxel_size_m) = match self {
+        let (shape, area_m2) = match self {
             Self::PinInBore => {
                 let radius_m = BORE_M - GAP_M;
-                let area_m2 = TAU * radius_m * (PIN_HEIGHT_M + radius_m);
-                (Shape::Cylinder { radius_m, height_m: PIN_HEIGHT_M }, (1.245 * area_m2 / n_points).sqrt())
+                (Shape::Cylinder { radius_m, height_m: PIN_HEIGHT_M }, TAU * radius_m * (PIN_HEIGHT_M + radius_m))
             }
-            Self::BallOnSlab => (Shape::Sphere { radius_m: BALL_M }, (1.5 * 2.0 * TAU * BALL_M * BALL_M / n_points).sqrt()),
+            Self::BallOnSlab => (Shape::Sphere { radius_m: BALL_M }, 2.0 * TAU * BALL_M * BALL_M),
         };
-        fixture::shell(self.name(), &fixture::tessellated(shape, voxel_size_m), voxel_size_m)
+        // Of the kind that scenes have by default.
+        let shell = |voxel_size_m: f64| {
+            fixture::shell_of(self.name(), &fixture::tessellated(shape, voxel_size_m), voxel_size_m, Points::default())
+        };
+        // How many facets a voxel of area has depends on the part: the second size meets the number.
+        let guess_m = (area_m2 / n_points).sqrt();
+        shell(guess_m * (shell(guess_m)?.len() as f64 / n_points).sqrt())
     }
 
     /// The path of a tool that has been moved so far towards the wall.
