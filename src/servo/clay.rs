@@ -18,6 +18,7 @@ use std::sync::Arc;
 use glam::DVec3;
 use rtrb::{Consumer, Producer, PushError, RingBuffer};
 
+use super::waiting::Waiting;
 use haptics::clay::Clay;
 use haptics::{FrameInUse, State, TickOutput};
 use rt::clock::ClockKind;
@@ -153,8 +154,9 @@ impl ClaySlot {
                     let for_frame = slot.frames.is_empty() && !slot.frames.is_abandoned();
                     for_frame || slot.spares.slots() == 0 && !slot.spares.is_abandoned()
                 };
+                let waiting = Waiting::new();
                 while is_owed && waits(self) && !is_hurried() {
-                    std::thread::yield_now();
+                    waiting.pause();
                 }
                 if is_owed && self.spares.slots() > 0 {
                     newest = self.frames.pop().ok();
@@ -198,13 +200,14 @@ impl ClaySlot {
             sequence: state.frame_sequence().unwrap_or(0),
             dropped: self.dropped,
         };
+        let waiting = Waiting::new();
         while let Err(PushError::Full(back)) = self.states.push(told) {
             if clock == ClockKind::Real || self.states.is_abandoned() {
                 self.dropped += 1;
                 return;
             }
             told = back;
-            std::thread::yield_now();
+            waiting.pause();
         }
     }
 }

@@ -22,6 +22,7 @@ use rtrb::{Consumer, Producer, PushError, RingBuffer};
 
 use super::LoadedScene;
 use super::paths::ObjectPaths;
+use super::waiting::Waiting;
 use arms::simulated::HandControl;
 use haptics::{LiveParameter, ParameterChange, ParameterRange, Parameters, Placement};
 use rt::clock::{ClockKind, monotonic_ns};
@@ -568,6 +569,7 @@ impl CommandQueue {
         clock: ClockKind,
         is_hurried: impl Fn() -> bool,
     ) -> bool {
+        let waiting = Waiting::new();
         while clock == ClockKind::Virtual
             && self.next_scene.is_none()
             && self.promised_ticks.get(self.n_scenes).is_some_and(|promised| tick >= *promised)
@@ -575,7 +577,7 @@ impl CommandQueue {
             && !is_hurried()
         {
             self.receive(rendered, rendered_idx);
-            std::thread::yield_now();
+            waiting.pause();
         }
         // Without a free place for the old one the new one waits: nothing is ever freed here.
         self.next_scene.as_ref().is_some_and(|next| tick >= next.at_tick) && self.replaced.slots() > 0

@@ -32,6 +32,7 @@ mod stop_guard;
 #[cfg(test)]
 pub(crate) mod testing;
 mod thread;
+mod waiting;
 
 pub use clay::{ClayFeed, ClaySlot, FramePublishError, ToolState};
 pub use commands::{
@@ -44,3 +45,4 @@ pub use rt::control::{Control, Order, Permit};
 pub use step::{Ending, LoopReport, RunPlan, ServoLoop, Step, TickFunction};
 pub use stop_guard::StopGuard;
 pub use thread::run_to_end;
+pub(crate) use waiting::Waiting;

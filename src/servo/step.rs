@@ -5,6 +5,7 @@ use std::sync::Arc;
 use rtrb::{Producer, PushError};
 
 use super::clay::frame_in_use;
+use super::waiting::Waiting;
 use super::{ClaySlot, CommandQueue, Control, DeadlineGrid, LoadedScene, Order, StopGuard};
 use arms::{Device, DeviceError};
 use haptics::{self, Drive, DriveRequest, Faults, RenderScene, State, TickInput, TickOutput};
@@ -413,6 +414,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
     fn publish(&mut self, record: &TickRecord) {
         self.flight.note(record);
         let mut record = *record;
+        let waiting = Waiting::new();
         loop {
             match self.records.push(record) {
                 Ok(()) => return,
@@ -420,7 +422,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
                 // gone will not take anything out.
                 Err(PushError::Full(back)) if self.clock.kind() == ClockKind::Virtual && !self.records.is_abandoned() => {
                     record = back;
-                    std::thread::yield_now();
+                    waiting.pause();
                 }
                 Err(PushError::Full(_)) => {
                     self.dropped_records += 1;

@@ -13,7 +13,7 @@ use crossbeam::channel::Receiver;
 
 use super::handle::{ViewCell, WaitingOrder};
 use super::{DutyCycle, FailedOrder, ScriptedOrder, SculptOutcome, SculptPlan, SculptReport};
-use crate::servo::{ClayFeed, FramePublishError, ToolState};
+use crate::servo::{ClayFeed, FramePublishError, ToolState, Waiting};
 use clay::boolean::Boolean;
 use clay::engine::{EngineError, HoldOutcome, SculptEngine, SculptOrder, ToolMotion};
 use rt::clock::ClockKind;
@@ -23,9 +23,6 @@ use vps::density::Frame;
 const VIEW_PERIOD: Duration = Duration::from_micros(33_333);
 /// What copies of the samples for views may take of the time.
 const COPY_SHARE: f64 = 0.1;
-/// Simulated time: so long for the next state, after some turns without a pause.
-const PAUSE: Duration = Duration::from_micros(50);
-const TURNS: u32 = 200;
 /// Failed orders and troubles that are kept for the report.
 const KEPT_MAX: usize = 200;
 
@@ -147,12 +144,12 @@ impl Worker<'_> {
     /// Simulated time: one update for every `update_ticks` states, and one frame, which the loop waits for.
     fn follow_ticks(&mut self) -> Result<(), Unshowable> {
         let mut n_heard = 0;
-        let mut turns = 0;
+        let waiting = Waiting::new();
         loop {
             // Before the states: orders from before the end are still carried out.
             let is_over = self.is_over();
             while let Some(state) = self.feed.next_state() {
-                turns = 0;
+                waiting.reset();
                 self.take_state(&state);
                 n_heard += 1;
                 if n_heard == self.plan.update_ticks {
@@ -168,12 +165,12 @@ impl Worker<'_> {
                 return Ok(());
             }
             self.look();
-            turns += 1;
-            if turns < TURNS { std::thread::yield_now() } else { std::thread::sleep(PAUSE) }
+            waiting.pause();
         }
     }
 
     fn show_and_wait(&mut self) -> Result<(), Unshowable> {
+        let waiting = Waiting::new();
         loop {
             if let Some(frame) = self.feed.spare() {
                 return self.show(frame);
@@ -181,7 +178,7 @@ impl Worker<'_> {
             if self.is_over() {
                 return Ok(());
             }
-            std::thread::yield_now();
+            waiting.pause();
         }
     }
 

@@ -88,32 +88,32 @@ impl Map<'_> {
     /// Every node looks at the 13 neighbours before it; backwards, at those behind it.
     fn pass(&mut self, backwards: bool) {
         let dims = self.lattice.dims;
-        let n_nodes = self.nearest.len();
-        let before: Vec<[isize; 3]> = (0..13).map(|k| [k / 9 - 1, k / 3 % 3 - 1, k % 3 - 1]).collect();
         let sign = if backwards { -1 } else { 1 };
-        for step in 0..n_nodes {
-            let place = if backwards { n_nodes - 1 - step } else { step };
-            let node = [place / dims[2] / dims[1], place / dims[2] % dims[1], place % dims[2]];
-            let at_map = self.lattice.position(node);
-            let mut best = self.key(at_map, self.nearest[place]);
-            let mut seen = best.1;
-            for offset in &before {
-                let mut other = [0; 3];
-                let is_there = (0..3).all(|axis| {
-                    let at = node[axis].wrapping_add_signed(sign * offset[axis]);
-                    other[axis] = at;
-                    at < dims[axis]
-                });
-                let sample = if is_there { self.nearest[self.lattice.index(other)] } else { NONE };
-                if sample != NONE && sample != seen && sample != best.1 {
-                    seen = sample;
-                    let key = self.key(at_map, sample);
-                    if key < best {
-                        best = key;
+        let before: [[isize; 3]; 13] = core::array::from_fn(|k| [k / 9, k / 3 % 3, k % 3].map(|at| sign * (at as isize - 1)));
+        let strides = before.map(|[x, y, z]| (x * dims[1] as isize + y) * dims[2] as isize + z);
+        let in_turn = |axis: usize| (0..dims[axis]).map(move |n| if backwards { dims[axis] - 1 - n } else { n });
+        for (x, y) in in_turn(0).flat_map(|x| in_turn(1).map(move |y| (x, y))) {
+            for z in in_turn(2) {
+                let node = [x, y, z];
+                let (place, at_map) = (self.lattice.index(node), self.lattice.position(node));
+                let is_within = (0..3).all(|axis| node[axis] > 0 && node[axis] + 1 < dims[axis]);
+                let mut best = self.key(at_map, self.nearest[place]);
+                let mut seen = best.1;
+                for (offset, stride) in before.iter().zip(strides) {
+                    if !is_within && (0..3).any(|axis| node[axis].wrapping_add_signed(offset[axis]) >= dims[axis]) {
+                        continue;
+                    }
+                    let sample = self.nearest[place.wrapping_add_signed(stride)];
+                    if sample != NONE && sample != seen && sample != best.1 {
+                        seen = sample;
+                        let key = self.key(at_map, sample);
+                        if key < best {
+                            best = key;
+                        }
                     }
                 }
+                self.nearest[place] = best.1;
             }
-            self.nearest[place] = best.1;
         }
     }
 }

@@ -1,0 +1,27 @@
+//! How simulated time waits.
+
+use std::time::Duration;
+
+use crossbeam::utils::Backoff;
+
+const PAUSE: Duration = Duration::from_micros(50);
+
+/// A wait of simulated time for another thread of the run: by turns at first, then asleep, so that the other one has the processor.
+pub(crate) struct Waiting(Backoff);
+
+impl Waiting {
+    pub(crate) fn new() -> Self {
+        Self(Backoff::new())
+    }
+
+    /// What it waits for has not happened yet. Never called on the real clock: it sleeps.
+    #[expect(clippy::disallowed_methods, reason = "simulated time: nothing is due at a time of the clock")]
+    pub(crate) fn pause(&self) {
+        if self.0.is_completed() { std::thread::sleep(PAUSE) } else { self.0.snooze() }
+    }
+
+    /// It has.
+    pub(crate) fn reset(&self) {
+        self.0.reset();
+    }
+}
