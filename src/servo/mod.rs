@@ -6,7 +6,7 @@
 //! [`LoopReport`] at the end.
 //!
 //! Invariant: between the first and the last [`ServoLoop::step`] nothing here allocates, locks, prints or panics, and the only system
-//! calls are the clock's sleep and the arm's own. (Under the virtual clock there is one more: a yield while the ring is full.)
+//! calls are the clock's sleep and the arm's own. (Simulated time also waits for what is full or owed, by a yield or asleep: `waiting`.)
 //!
 //! Invariant: whichever way the loop ends, the last command that the arm gets is zero.
 //!
