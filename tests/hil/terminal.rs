@@ -238,20 +238,15 @@ fn a_library_that_hangs_ends_soon_after_the_program_that_was_killed() {
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn every_makers_arm_is_listed_and_passes_the_sign_check_and_the_identification() {
     let _turn = turn();
-    let rows: [(&str, &str, fn() -> Arm); 4] = [
-        ("force-dimension", "omega.7 (mock)", || Arm::new("omega7", "")),
-        ("open-haptics", "Mock Touch", || Arm::new("touch", "")),
-        ("virtuose", "Virtuose of type 0", || Arm::new("virtuose-6d", "")),
-        ("haply-service", "", Arm::served),
-    ];
     std::thread::scope(|scope| {
-        for (codec, identity, arm) in rows {
-            scope.spawn(move || listed_and_probed(codec, identity, arm));
-        }
+        scope.spawn(|| listed_and_probed("force-dimension", "omega.7 (mock)", || Arm::new("omega7", "")));
+        scope.spawn(|| listed_and_probed("open-haptics", "Mock Touch", || Arm::new("touch", "")));
+        scope.spawn(|| listed_and_probed("virtuose", "Virtuose of type 0", || Arm::new("virtuose-6d", "")));
+        scope.spawn(|| listed_and_probed("haply-service", "", Arm::served));
     });
 }
 
-fn listed_and_probed(codec: &str, identity: &str, new_arm: fn() -> Arm) {
+fn listed_and_probed(codec: &str, identity: &str, new_arm: impl Fn() -> Arm) {
     let arm = new_arm();
     if arm.library.is_some() {
         let listed = arm.command(&["devices", "--json", "list"]).output().expect("runs");
