@@ -211,7 +211,7 @@ mod tests {
             (seed >> 40) as f32 / (1_u64 << 23) as f32 - 1.0
         };
         let mut n_inside = 0;
-        for _ in 0..2000 {
+        for _ in 0..500 {
             let mut places = EdgeGradients::new().lanes;
             for lane in 0..LANES {
                 places[0].set(lane, Vec3::new(0.02 * random(), 0.02 * random(), 0.01 * random()));
@@ -230,6 +230,6 @@ mod tests {
                 }
             }
         }
-        assert!(n_inside > 5000, "{n_inside}");
+        assert!(n_inside > 1000, "{n_inside}");
     }
 }

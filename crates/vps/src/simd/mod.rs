@@ -1,6 +1,7 @@
 //! Eight or sixteen lanes: what the processor can do, and how a kernel is written once for all that it may be able to do.
 //!
-//! A [`Kernel`] is generic over its lanes. It has one instance that computes lane by lane, one with AVX2 instructions, and one with those of AVX-512.
+//! A [`Kernel`] is generic over its lanes. It has one instance that computes lane by lane, one with AVX2 instructions, and one with those of AVX-512; on
+//! aarch64 one with those of NEON.
 //! All do the same operations in the same order with the same rounding (no fused multiply-add), so results do not depend on which of them
 //! ran. Where a register holds eight lanes, sixteen are [two of them](twice).
 //!
@@ -8,12 +9,14 @@
 //! for these instructions. No operation on lanes stands in a closure: a closure is compiled for any processor, so its instructions would be called
 //! and not inlined.
 
-#![expect(unsafe_code, reason = "AVX intrinsics, and the call of code compiled for them after asking for it")]
+#![expect(unsafe_code, reason = "intrinsics, and the call of code compiled for them after asking for it")]
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
+#[cfg(target_arch = "aarch64")]
+mod neon;
 mod portable;
 #[cfg(test)]
 mod tests;
@@ -39,6 +42,9 @@ pub enum SimdLevel {
     /// AVX-512 as well (F, VL, BW and DQ). Made by [`SimdLevel::available`] only, which asks the processor.
     #[cfg(target_arch = "x86_64")]
     Avx512(Has),
+    /// Those of NEON.
+    #[cfg(target_arch = "aarch64")]
+    Neon,
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -74,7 +80,9 @@ impl SimdLevel {
                 && is_x86_feature_detected!("avx512dq");
             [has_avx2.then_some(Self::Avx2(Has(()))), has_avx512.then_some(Self::Avx512(Has(())))]
         };
-        #[cfg(not(target_arch = "x86_64"))]
+        #[cfg(target_arch = "aarch64")]
+        let more = [Some(Self::Neon)];
+        #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
         let more: [Option<Self>; 0] = [];
         core::iter::once(Self::Portable).chain(more.into_iter().flatten())
     }
@@ -90,6 +98,8 @@ impl SimdLevel {
             #[cfg(target_arch = "x86_64")]
             // SAFETY: the processor has AVX-512, of which `Has` is the proof.
             Self::Avx512(Has(())) => unsafe { avx512::run(kernel) },
+            #[cfg(target_arch = "aarch64")]
+            Self::Neon => kernel.run::<neon::Floats>(),
         }
     }
 }
