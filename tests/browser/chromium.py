@@ -230,6 +230,10 @@ class Page:
         clip = {"x": x, "y": y, "width": width, "height": height, "scale": 1}
         return base64.b64decode(self.call("Page.captureScreenshot", format="png", clip=clip)["data"])
 
+    def difference(self, one, other):
+        """The largest difference of two pictures in any pixel and colour, of 255; 256 where they are not of one size."""
+        return self.run(DIFFERENCE % tuple(json.dumps(base64.b64encode(png).decode()) for png in (one, other)))
+
     def picture_that_is_not(self, before, selector, timeout_s=30):
         """What an element looks like once it looks otherwise than before."""
         end = time.monotonic() + timeout_s
@@ -305,6 +309,17 @@ class Page:
 KEYS = {"Tab": 9, "Enter": 13, "Escape": 27, " ": 32, "ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40, "Home": 36, "End": 35}
 
 # The arrow is lit like all else: what stays is the order and the ratio of its channels.
+DIFFERENCE = """(async () => {
+  const [one, other] = await Promise.all([%s, %s].map(async (png) => {
+    const image = await createImageBitmap(new Blob([Uint8Array.from(atob(png), (c) => c.charCodeAt(0))], { type: "image/png" }));
+    const g = new OffscreenCanvas(image.width, image.height).getContext("2d");
+    g.drawImage(image, 0, 0);
+    return g.getImageData(0, 0, image.width, image.height);
+  }));
+  if (one.width !== other.width || one.height !== other.height) return 256;
+  return one.data.reduce((most, value, k) => Math.max(most, Math.abs(value - other.data[k])), 0);
+})()"""
+
 COUNT_PIXELS = """(async () => {
   const bytes = Uint8Array.from(atob(%s), (c) => c.charCodeAt(0));
   const image = await createImageBitmap(new Blob([bytes], { type: "image/png" }));

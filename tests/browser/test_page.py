@@ -26,6 +26,10 @@ LONGEST_STANDSTILL_MS = """new Promise((done) => {
 })"""
 
 
+# Rounded corners of the buttons over a picture are blended anew for each, and not always to the last bit of 255.
+ROUNDING = 2
+
+
 class PageTest(PageCase):
     def force_pixels(self, page):
         """How many pixels in the middle of the view have the hue of the force arrow."""
@@ -615,9 +619,9 @@ class PageTest(PageCase):
         # Meshes and shaders are made anew, which takes a busy machine a while.
         for _ in range(20):
             page.wait("new Promise((done) => setTimeout(() => done(true), 500))")
-            if page.picture_of("#view") == clear:
+            if page.difference(page.picture_of("#view"), clear) <= ROUNDING:
                 break
-        self.assertEqual(page.picture_of("#view"), clear)
+        self.assertLessEqual(page.difference(page.picture_of("#view"), clear), ROUNDING)
 
     def test_modules(self):
         """What the modules reckon, without a picture."""
