@@ -194,6 +194,7 @@ mod tests {
     use crate::mesh::primitives::Shape;
     use crate::mesh::validate::inspect;
     use crate::spatial::Pose;
+    use crate::spatial::testing::Random;
     use crate::voxmap::inside_test::InsideTest;
     use crate::voxmap::{Options, Volume};
 
@@ -205,16 +206,12 @@ mod tests {
         let bounds = BrickBounds::of(&field).expect("a field that kernels read");
         let pose = Pose::new(DQuat::from_scaled_axis(DVec3::new(0.3, 1.1, -0.4)), DVec3::new(1e-3, -2e-3, 5e-4));
         let wall = Wall::new(&field, pose);
-        let mut seed = 7_u64;
-        let mut random = || {
-            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (seed >> 40) as f32 / (1_u64 << 23) as f32 - 1.0
-        };
+        let mut random = Random(7);
         let mut n_inside = 0;
         for _ in 0..500 {
             let mut places = EdgeGradients::new().lanes;
             for lane in 0..LANES {
-                places[0].set(lane, Vec3::new(0.02 * random(), 0.02 * random(), 0.01 * random()));
+                places[0].set(lane, (random.in_box(-1.0, 1.0) * DVec3::new(0.02, 0.02, 0.01)).as_vec3());
             }
             let expected: Vec<Vec3> = (0..LANES).map(|lane| wall.gradient(places[0].get(lane))).collect();
             n_inside += expected.iter().filter(|gradient| **gradient != Vec3::ZERO).count();

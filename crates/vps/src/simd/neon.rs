@@ -30,7 +30,6 @@ operators!(Ints; Add add vaddq_s32, Mul mul vmulq_s32, BitAnd bitand vandq_s32, 
 macro_rules! instructions {
     ($(fn $name:ident $arguments:tt $(-> $result:ty)? { $($body:tt)* })*) => {$(
         #[inline(always)]
-        #[allow(unused_unsafe, reason = "some are safe functions")]
         fn $name $arguments $(-> $result)? {
             // SAFETY: part of every aarch64; arrays hold eight numbers.
             unsafe { $($body)* }
@@ -40,7 +39,6 @@ macro_rules! instructions {
 
 /// The greater of each, the second where either is NaN.
 #[inline(always)]
-#[allow(unused_unsafe, reason = "some are safe functions")]
 fn greater(a: float32x4_t, b: float32x4_t) -> float32x4_t {
     // SAFETY: part of every aarch64.
     unsafe { vbslq_f32(vcgtq_f32(a, b), a, b) }
@@ -69,7 +67,6 @@ impl F32s<LANES> for Floats {
             let lesser = [vcltq_f32(self.0, other.0), vcltq_f32(self.1, other.1)];
             Self(vbslq_f32(lesser[0], self.0, other.0), vbslq_f32(lesser[1], self.1, other.1))
         }
-        fn max(self, other: Self) -> Self { Self(greater(self.0, other.0), greater(self.1, other.1)) }
         fn max_lane(self) -> f32 {
             let four = greater(self.0, self.1);
             let two = greater(four, vextq_f32::<2>(four, four));
@@ -78,11 +75,20 @@ impl F32s<LANES> for Floats {
         fn truncated(self) -> Ints { Ints(vcvtq_s32_f32(self.0), vcvtq_s32_f32(self.1)) }
         fn lt(self, other: Self) -> Ints { Ints::of_masks(vcltq_f32(self.0, other.0), vcltq_f32(self.1, other.1)) }
         fn le(self, other: Self) -> Ints { Ints::of_masks(vcleq_f32(self.0, other.0), vcleq_f32(self.1, other.1)) }
-        fn only(self, mask: Ints) -> Self { Self::select(mask, self, Self::splat(0.0)) }
         fn select(mask: Ints, yes: Self, no: Self) -> Self {
             let [low, high] = mask.masks();
             Self(vbslq_f32(low, yes.0, no.0), vbslq_f32(high, yes.1, no.1))
         }
+    }
+
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        Self(greater(self.0, other.0), greater(self.1, other.1))
+    }
+
+    #[inline(always)]
+    fn only(self, mask: Ints) -> Self {
+        Self::select(mask, self, Self::splat(0.0))
     }
 
     #[inline(always)]
@@ -106,7 +112,6 @@ impl F32s<LANES> for Floats {
     }
 
     #[inline(always)]
-    #[allow(unused_unsafe, reason = "some are safe functions")]
     unsafe fn gather_pairs(table: &[f32], at: &[u32; LANES], offset: usize) -> (Self, Self) {
         let [a, b, c, d, e, f, g, h] = at.map(|at| at as usize + offset);
         let from = table.as_ptr();
@@ -131,10 +136,6 @@ impl Ints {
 impl I32s<LANES> for Ints {
     instructions! {
         fn splat(value: i32) -> Self { Self(vdupq_n_s32(value), vdupq_n_s32(value)) }
-        fn mask(bits: u32) -> Self {
-            let each = Self::load(&[1, 2, 4, 8, 16, 32, 64, 128]);
-            (Self::splat(bits as i32) & each).eq(each)
-        }
         fn load(words: &[u32; LANES]) -> Self {
             Self::of_masks(vld1q_u32(words.as_ptr()), vld1q_u32(words.as_ptr().add(4)))
         }
@@ -162,7 +163,12 @@ impl I32s<LANES> for Ints {
     }
 
     #[inline(always)]
-    #[allow(unused_unsafe, reason = "some are safe functions")]
+    fn mask(bits: u32) -> Self {
+        let each = Self::load(&[1, 2, 4, 8, 16, 32, 64, 128]);
+        (Self::splat(bits as i32) & each).eq(each)
+    }
+
+    #[inline(always)]
     fn shifted<const BY: i32>(self) -> Self {
         // SAFETY: part of every aarch64.
         unsafe { Self(vshrq_n_s32::<BY>(self.0), vshrq_n_s32::<BY>(self.1)) }

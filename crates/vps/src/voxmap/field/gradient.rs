@@ -61,6 +61,7 @@ mod tests {
     use super::*;
     use crate::mesh::primitives::Shape;
     use crate::mesh::validate::inspect;
+    use crate::spatial::testing::Random;
     use crate::voxmap::inside_test::InsideTest;
     use crate::voxmap::{Options, Volume};
 
@@ -69,22 +70,18 @@ mod tests {
         let ball = Shape::Sphere { radius_m: 0.015 }.tessellate(1e-5);
         let options = Options { voxel_size_m: 5e-4, layers: 6, navigation: None, sides: InsideTest::Auto };
         let field = Volume::build(&ball, &inspect(&ball), &options, |_| ()).expect("a grid that fits").field(&ball, false);
-        let mut seed = 9_u64;
-        let mut random = || {
-            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (seed >> 40) as f32 / (1_u64 << 23) as f32 - 1.0
-        };
+        let mut random = Random(9);
         let mut steepest = 0.0_f32;
         for _ in 0..20_000 {
-            let outward = Vec3::new(random(), random(), random()).normalize();
-            let cells = (outward * (0.015 + 0.001 * random()) - field.origin_map()) / field.voxel_size_m();
+            let outward = random.in_box(-1.0, 1.0).as_vec3().normalize();
+            let cells = (outward * (0.015 + 0.001 * random.signed() as f32) - field.origin_map()) / field.voxel_size_m();
             let mean = field.mean_gradient(cells);
             for (axis, along) in Vec3::AXES.into_iter().zip(mean.to_array()) {
                 let difference = field.trilinear(cells + 0.5 * axis) - field.trilinear(cells - 0.5 * axis);
                 assert!((along - difference / field.voxel_size_m()).abs() < 1e-4, "{cells}: {along}");
             }
             assert!((mean + outward).length() < 0.05, "{cells}: {mean}, outward {outward}");
-            let beside = cells + Vec3::new(random(), random(), random()) * 1e-2;
+            let beside = cells + random.in_box(-1.0, 1.0).as_vec3() * 1e-2;
             steepest = steepest.max((field.mean_gradient(beside) - mean).length());
         }
         // A hundredth of a cell on a ball of thirty turns the direction by less than a thousandth.
