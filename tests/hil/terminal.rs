@@ -240,8 +240,9 @@ fn every_makers_arm_is_listed_and_passes_the_sign_check_and_the_identification()
     let _turn = turn();
     std::thread::scope(|scope| {
         scope.spawn(|| listed_and_probed("force-dimension", "omega.7 (mock)", || Arm::new("omega7", "")));
-        scope.spawn(|| listed_and_probed("open-haptics", "Mock Touch", || Arm::new("touch", "")));
-        scope.spawn(|| listed_and_probed("virtuose", "Virtuose of type 0", || Arm::new("virtuose-6d", "")));
+        // What is tried here is no lost arm, and takes most of a minute.
+        scope.spawn(|| listed_and_probed("open-haptics", "Mock Touch", || Arm::new("touch", "patient")));
+        scope.spawn(|| listed_and_probed("virtuose", "Virtuose of type 0", || Arm::new("virtuose-6d", "patient")));
         scope.spawn(|| listed_and_probed("haply-service", "", Arm::served));
     });
 }

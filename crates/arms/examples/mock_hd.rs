@@ -14,6 +14,7 @@
 //! | `encoder-reset` | as `uncalibrated`, for good: it offers encoder reset and automatic, and takes one of them, not both |
 //! | `warm`, `velocity` | the errors WARM_MOTORS, EXCEEDED_MAX_VELOCITY |
 //! | `com` | COMM_ERROR, as of a cable that is out |
+//! | `patient` | COMM_ERROR comes after twenty commands without an answer, 100 ms: for trials that last, as a busy machine keeps the arm waiting |
 //! | `garbage` | positions and velocities are numbers without sense |
 //! | `still` | the scheduler stands still |
 //! | `crash`, `exit`, `hang` | what foreign code may do |
@@ -40,9 +41,6 @@ use std::time::{Duration, Instant};
 use glam::{DMat4, DQuat, DVec3};
 
 use self::mock_link::{Mock, has_fault};
-
-/// Commands in a row without an answer that are COMM_ERROR.
-const UNANSWERED: u32 = 3;
 
 type Callback = extern "C" fn(*mut c_void) -> c_uint;
 
@@ -115,7 +113,7 @@ impl Arm {
         // Without enable first: what its watchdog switched off comes back on no other way.
         let is_on = is_asked && !self.mock.has_tripped();
         let is_there = self.mock.exchange(&[force.x, force.y, force.z, torque.x, torque.y, torque.z, 0.0], is_on);
-        let is_gone = !is_there || self.mock.unanswered >= UNANSWERED;
+        let is_gone = !is_there || self.mock.is_silent;
         for (is_so, code) in [(self.mock.fault("warm"), 0x200), (self.mock.fault("velocity"), 0x203), (is_gone, 0x302)] {
             // Each is told once, as long as it lasts.
             if is_so && !self.told.contains(&code) {

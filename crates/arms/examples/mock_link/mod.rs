@@ -11,6 +11,8 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 /// What a mock answers within.
 const REPLY: Duration = Duration::from_millis(5);
+/// Commands in a row without an answer that are a lost arm, as it is and with the fault `patient`.
+const UNANSWERED: [u32; 2] = [3, 20];
 const HELLO_PATIENCE: Duration = Duration::from_secs(3);
 
 fn crc(bytes: &[u8]) -> u16 {
@@ -96,7 +98,9 @@ pub(crate) struct Mock {
     /// The last command was answered.
     pub(crate) is_fresh: bool,
     /// Commands in a row that it has not answered.
-    pub(crate) unanswered: u32,
+    unanswered: u32,
+    /// As many as make an arm lost.
+    pub(crate) is_silent: bool,
     faults: String,
     first_force: Option<Instant>,
 }
@@ -127,6 +131,7 @@ impl Mock {
             flags: 0,
             is_fresh: false,
             unanswered: 0,
+            is_silent: false,
             faults: faults(),
             first_force: None,
         };
@@ -188,6 +193,7 @@ impl Mock {
         }
         self.is_fresh = false;
         self.unanswered = if self.hear(REPLY, 0x82) { 0 } else { self.unanswered.saturating_add(1) };
+        self.is_silent = self.unanswered >= UNANSWERED[usize::from(self.fault("patient"))];
         if self.fault("garbage") {
             (self.pose, self.twist) = ([1e30; 8], [-1e30; 6]);
         }
