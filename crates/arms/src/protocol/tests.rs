@@ -3,6 +3,7 @@
 use super::*;
 use crate::transport::{Carriage, Line, LoopbackEnd, loopback};
 use core::time::Duration;
+use std::time::Instant;
 use vps::spatial::Axes;
 
 mod arms;
@@ -88,13 +89,15 @@ fn open6_arm() -> Open6Arm {
     }
 }
 
-/// A link with an arm at its other end, which answers as soon as it is spoken to. Its time is the test's.
+/// A link with an arm at its other end, which answers as soon as it is spoken to. Its time is the test's; while the host waits at its start, it is at least
+/// the clock by which that waits.
 struct Linked {
     here: LoopbackEnd,
     there: LoopbackEnd,
     firmware: Box<dyn Firmware>,
     arm: ArmReadings,
     now_s: f64,
+    looked: Instant,
     /// Everything that the host sent, and everything that the adapter was told.
     sent: Vec<Vec<u8>>,
     lines: Vec<Line>,
@@ -103,7 +106,7 @@ struct Linked {
 impl Linked {
     fn new(firmware: Box<dyn Firmware>, carriage: Carriage, arm: ArmReadings) -> Self {
         let (here, there) = loopback(carriage);
-        Self { here, there, firmware, arm, now_s: 0.0, sent: Vec::new(), lines: Vec::new() }
+        Self { here, there, firmware, arm, now_s: 0.0, looked: Instant::now(), sent: Vec::new(), lines: Vec::new() }
     }
 
     fn pump(&mut self) {
@@ -146,7 +149,8 @@ impl Linked {
 
 impl Transport for Linked {
     fn receive(&mut self, buffer: &mut [u8]) -> Result<usize, TransportError> {
-        self.now_s += 1e-3;
+        let waited = core::mem::replace(&mut self.looked, Instant::now()).elapsed();
+        self.now_s += waited.as_secs_f64().max(1e-3);
         self.pump();
         self.here.receive(buffer)
     }
