@@ -91,10 +91,6 @@ pub(super) use instructions;
 
 impl<W: Width> F32x8 for Floats<W> {
     type Wide = W::Wide;
-
-    instructions! {
-        fn sqrt(self) -> Self { Self::of(_mm256_sqrt_ps(self.0)) }
-    }
 }
 
 impl<W: Copy> F32s<LANES> for Floats<W> {
@@ -107,6 +103,7 @@ impl<W: Copy> F32s<LANES> for Floats<W> {
         fn store(self, numbers: &mut [f32; LANES]) { _mm256_storeu_ps(numbers.as_mut_ptr(), self.0) }
         fn min(self, other: Self) -> Self { Self::of(_mm256_min_ps(self.0, other.0)) }
         fn max(self, other: Self) -> Self { Self::of(_mm256_max_ps(self.0, other.0)) }
+        fn sqrt(self) -> Self { Self::of(_mm256_sqrt_ps(self.0)) }
         fn max_lane(self) -> f32 {
             let four = _mm_max_ps(_mm256_castps256_ps128(self.0), _mm256_extractf128_ps::<1>(self.0));
             let two = _mm_max_ps(four, _mm_movehl_ps(four, four));

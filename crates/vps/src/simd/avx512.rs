@@ -42,6 +42,7 @@ impl F32s<WIDE> for Floats {
         fn store(self, numbers: &mut [f32; WIDE]) { _mm512_storeu_ps(numbers.as_mut_ptr(), self.0) }
         fn min(self, other: Self) -> Self { Self(_mm512_min_ps(self.0, other.0)) }
         fn max(self, other: Self) -> Self { Self(_mm512_max_ps(self.0, other.0)) }
+        fn sqrt(self) -> Self { Self(_mm512_sqrt_ps(self.0)) }
         fn max_lane(self) -> f32 {
             let eight = _mm256_max_ps(_mm512_castps512_ps256(self.0), _mm512_extractf32x8_ps::<1>(self.0));
             let four = _mm_max_ps(_mm256_castps256_ps128(eight), _mm256_extractf128_ps::<1>(eight));

@@ -115,8 +115,6 @@ pub(crate) trait Kernel {
 /// Eight `f32`, and sixteen of the same level.
 pub(crate) trait F32x8: F32s<8> {
     type Wide: F32s<16>;
-
-    fn sqrt(self) -> Self;
 }
 
 /// A word, and the bits of a number.
@@ -136,6 +134,7 @@ pub(crate) trait F32s<const N: usize>:
     fn min(self, other: Self) -> Self;
     /// The greater; the second where either is NaN.
     fn max(self, other: Self) -> Self;
+    fn sqrt(self) -> Self;
     /// Greatest lane; no lane may be NaN.
     fn max_lane(self) -> f32;
     /// Rounded towards zero. NaN becomes 0, what no `i32` holds becomes the largest or the least `i32`, whatever its sign.

@@ -46,10 +46,6 @@ fn greater(a: float32x4_t, b: float32x4_t) -> float32x4_t {
 
 impl F32x8 for Floats {
     type Wide = Twice<Self>;
-
-    instructions! {
-        fn sqrt(self) -> Self { Self(vsqrtq_f32(self.0), vsqrtq_f32(self.1)) }
-    }
 }
 
 impl F32s<LANES> for Floats {
@@ -67,6 +63,7 @@ impl F32s<LANES> for Floats {
             let lesser = [vcltq_f32(self.0, other.0), vcltq_f32(self.1, other.1)];
             Self(vbslq_f32(lesser[0], self.0, other.0), vbslq_f32(lesser[1], self.1, other.1))
         }
+        fn sqrt(self) -> Self { Self(vsqrtq_f32(self.0), vsqrtq_f32(self.1)) }
         fn max_lane(self) -> f32 {
             let four = greater(self.0, self.1);
             let two = greater(four, vextq_f32::<2>(four, four));

@@ -59,11 +59,6 @@ fn greater(a: f32, b: f32) -> f32 {
 
 impl F32x8 for Floats {
     type Wide = Lanes<f32, WIDE>;
-
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        self.map(f32::sqrt)
-    }
 }
 
 impl<const N: usize> F32s<N> for Lanes<f32, N> {
@@ -76,6 +71,7 @@ impl<const N: usize> F32s<N> for Lanes<f32, N> {
         fn store(self, numbers: &mut [f32; N]) { *numbers = self.0; }
         fn min(self, other: Self) -> Self { self.zip(other, |a, b| if a < b { a } else { b }) }
         fn max(self, other: Self) -> Self { self.zip(other, greater) }
+        fn sqrt(self) -> Self { self.map(f32::sqrt) }
         fn max_lane(self) -> f32 {
             // In halves, as instructions do it: which of 0 and −0 is found depends on the order.
             let (mut lanes, mut half) = (self.0, N / 2);

@@ -27,7 +27,7 @@ fn ints<I: I32s<N>, const N: usize>(lanes: I, found: &mut Vec<u32>) {
 #[inline(always)]
 fn all<L: F32s<N>, const N: usize>(a: &[f32; N], b: &[f32; N], words_of_i: &[u32; N], j: &[u32; N], found: &mut Vec<u32>) {
     let (a, b, bits, i, j) = (L::load(a), L::load(b), words_of_i[0], L::Int::load(words_of_i), L::Int::load(j));
-    for lanes in [a + b, a - b, a * b, a / b, a.min(b), a.max(b), L::of_int(i), L::splat(0.1)] {
+    for lanes in [a + b, a - b, a * b, a / b, a.min(b), a.max(b), a.sqrt(), L::of_int(i), L::splat(0.1)] {
         floats(lanes, found);
     }
     let (lt, le) = (a.lt(b), a.le(b));
@@ -73,7 +73,6 @@ impl Kernel for Everything {
         let ([a_low, _], [b_low, _]): (&[[f32; LANES]; 2], &[[f32; LANES]; 2]) = (bytemuck::cast_ref(a), bytemuck::cast_ref(b));
         let ([i_low, _], [j_low, _]): (&[[u32; LANES]; 2], &[[u32; LANES]; 2]) = (bytemuck::cast_ref(i), bytemuck::cast_ref(j));
         all::<L, LANES>(a_low, b_low, i_low, j_low, &mut found);
-        floats(L::load(a_low).sqrt(), &mut found);
         all::<L::Wide, WIDE>(a, b, i, j, &mut found);
         found
     }

@@ -65,6 +65,11 @@ impl<T: F32x8> F32s<WIDE> for Twice<T> {
     }
 
     #[inline(always)]
+    fn sqrt(self) -> Self {
+        Self(self.0.sqrt(), self.1.sqrt())
+    }
+
+    #[inline(always)]
     fn max_lane(self) -> f32 {
         self.0.max(self.1).max_lane()
     }

@@ -90,7 +90,10 @@ pub(super) fn close(
         with_lids = with_lids.with(&patches);
         append(&mut lids, patches);
     }
-    let mut closed = mesh.clone();
+    let n_all = [mesh.vertices.len() + lids.vertices.len(), mesh.triangles.len() + lids.triangles.len()];
+    let mut closed = TriangleMesh { vertices: Vec::with_capacity(n_all[0]), triangles: Vec::with_capacity(n_all[1]) };
+    closed.vertices.extend(&mesh.vertices);
+    closed.triangles.extend(&mesh.triangles);
     append(&mut closed, lids);
     let near = boundary.known.cells().map(|(cell, winding)| (cell, f64::from(winding.abs()) >= INSIDE)).collect();
     Some((CappedMesh { mesh: closed, n_lids: pieces.len(), area_m2, near }, with_lids))
@@ -106,9 +109,9 @@ fn append(mesh: &mut TriangleMesh, other: TriangleMesh) {
 /// triangles of thousands of voxels, and nearer than any distance that is felt.
 const BESIDE_CELLS: DVec3 = DVec3::new(4.1e-3, 2.7e-3, 3.5e-3);
 
-/// The winding number at, or rather just beside, the centre of a cell or further along an axis, voxels.
-fn winding_at(winding: &WindingTree, grid: &Grid, cell: [i32; 3], further_cells: DVec3) -> f64 {
-    winding.at(grid.center_map(cell) + (further_cells + BESIDE_CELLS) * grid.voxel_size_m)
+/// The point just beside the centre of a cell, or further along an axis, voxels, at which the winding number is asked.
+fn asked_at(grid: &Grid, cell: [i32; 3], further_cells: DVec3) -> DVec3 {
+    grid.center_map(cell) + (further_cells + BESIDE_CELLS) * grid.voxel_size_m
 }
 
 /// Points along an edge, at most half a unit apart, both ends included.
@@ -145,15 +148,14 @@ impl Boundary {
         let mut boundary = Self { known: WindingCache::new(grid), crossings: Vec::new() };
         let mut wave = boundary.known.ask(rim_cells.iter().flat_map(|cell| around.clone().map(|step| moved(*cell, step))));
         while !wave.is_empty() {
-            let windings = parallel::map(wave.len(), 1, |place| winding_at(winding, grid, wave[place], DVec3::ZERO) as f32);
+            let points: Vec<DVec3> = wave.iter().map(|cell| asked_at(grid, *cell, DVec3::ZERO)).collect();
             let mut differing: Vec<Step> = Vec::new();
-            for (cell, winding) in wave.iter().zip(windings) {
-                boundary.known.set(*cell, winding);
+            for (cell, winding) in wave.iter().zip(winding.at(&points)) {
+                boundary.known.set(*cell, winding as f32);
                 // Each step once: when the second of its cells becomes known.
                 differing.extend(steps_of(*cell).filter(|step| boundary.differs(*step)));
             }
-            let cross = |place: usize| Some((differing[place], boundary.cross(surface, winding, differing[place])?));
-            let crossed: Vec<(Step, f64)> = parallel::map(differing.len(), 1, cross).into_iter().flatten().collect();
+            let crossed = boundary.cross(surface, winding, &differing);
             wave = boundary.known.ask(crossed.iter().flat_map(|(step, _)| around_step(*step)));
             boundary.crossings.extend(crossed);
         }
@@ -204,24 +206,25 @@ impl Boundary {
     /// Neighbours over an edge or a corner, inside and outside, with surface beside them: the boundary may end between them and
     /// leave the way free. Those that a lid has made surface are not free. Ascending.
     fn diagonals(&self, surface: &Surface, with_lids: &Surface) -> Vec<([i32; 3], [i32; 3])> {
-        let mut near: Vec<[i32; 3]> = self.crossings.iter().flat_map(|(step, _)| around_step(*step)).collect();
+        let around = self.crossings.iter().flat_map(|(step, _)| around_step(*step));
+        let mut near: Vec<[i32; 3]> =
+            around.filter(|cell| self.is_inside(*cell) == Some(true) && !with_lids.contains(*cell)).collect();
         near.sort_unstable();
         near.dedup();
-        near.retain(|cell| self.is_inside(*cell) == Some(true) && !with_lids.contains(*cell));
-        near.iter()
-            .flat_map(|cell| {
-                (0..27).filter_map(|idx| {
-                    let offset = [idx / 9 - 1, idx / 3 % 3 - 1, idx % 3 - 1];
-                    let other = moved(*cell, offset);
-                    let is_surface = |part: usize| {
-                        let kept = core::array::from_fn(|axis| if part >> axis & 1 == 1 { offset[axis] } else { 0 });
-                        surface.contains(moved(*cell, kept))
-                    };
-                    let is_free = self.is_inside(other) == Some(false) && !with_lids.contains(other);
-                    (is_free && (1..7).any(is_surface)).then_some((*cell, other))
-                })
-            })
-            .collect()
+        let beside = |cell: [i32; 3]| {
+            let free = (0..27).filter_map(|idx| {
+                let offset = [idx / 9 - 1, idx / 3 % 3 - 1, idx % 3 - 1];
+                let other = moved(cell, offset);
+                let is_surface = |part: usize| {
+                    let kept = core::array::from_fn(|axis| if part >> axis & 1 == 1 { offset[axis] } else { 0 });
+                    surface.contains(moved(cell, kept))
+                };
+                let is_free = self.is_inside(other) == Some(false) && !with_lids.contains(other);
+                (is_free && (1..7).any(is_surface)).then_some((cell, other))
+            });
+            free.collect::<Vec<_>>()
+        };
+        parallel::map(near.len(), 64, |place| beside(near[place])).into_iter().flatten().collect()
     }
 
     fn is_inside(&self, cell: [i32; 3]) -> Option<bool> {
@@ -234,27 +237,54 @@ impl Boundary {
         self.is_inside(low).zip(self.is_inside(high)).is_some_and(|(low, high)| low != high)
     }
 
-    /// Where on the way of a step between cells that differ the boundary is crossed; `None` where that is the surface itself.
-    fn cross(&self, surface: &Surface, winding: &WindingTree, (low, axis): Step) -> Option<f64> {
-        let high = next(low, axis);
-        let (mut from, mut to) = (self.known.get(low)?, self.known.get(high)?);
-        let (mut near, mut far) = (0.0, 1.0);
-        if surface.contains(low) || surface.contains(high) {
-            for _ in 0..BISECTIONS {
-                let middle = 0.5 * (near + far);
-                let at = winding_at(winding, &surface.grid, low, DVec3::AXES[axis] * middle);
-                if (at.abs() >= INSIDE) == (from.abs() >= INSIDE) {
-                    (near, from) = (middle, at);
-                } else {
-                    (far, to) = (middle, at);
-                }
-            }
-            if (to - from).abs() > JUMP {
-                return None;
-            }
+    /// Of steps between cells that differ those that cross the boundary, and where on the way; the others cross the surface itself.
+    fn cross(&self, surface: &Surface, winding: &WindingTree, differing: &[Step]) -> Vec<(Step, f64)> {
+        let way = |step: &Step| {
+            let (from, to) = (self.known.get(step.0)?, self.known.get(next(step.0, step.1))?);
+            let on_surface = surface.contains(step.0) || surface.contains(next(step.0, step.1));
+            Some(Way { step: *step, on_surface, windings: [from, to], ends: [0.0, 1.0] })
+        };
+        let mut ways: Vec<Way> = differing.iter().filter_map(way).collect();
+        for _ in 0..BISECTIONS {
+            let middle = |way: &Way| asked_at(&surface.grid, way.step.0, DVec3::AXES[way.step.1] * way.middle());
+            let points: Vec<DVec3> = ways.iter().filter(|way| way.on_surface).map(middle).collect();
+            let halved = ways.iter_mut().filter(|way| way.on_surface);
+            halved.zip(winding.at(&points)).for_each(|(way, winding)| way.halve(winding));
         }
-        let share = ((INSIDE - from.abs()) / (to.abs() - from.abs())).clamp(0.0, 1.0);
-        Some(near + (far - near) * share)
+        ways.iter().filter(|way| !way.jumps()).map(|way| (way.step, way.crossing())).collect()
+    }
+}
+
+/// The part of a step on which inside and outside meet.
+struct Way {
+    step: Step,
+    /// One of the cells holds surface.
+    on_surface: bool,
+    /// Winding numbers at its ends.
+    windings: [f64; 2],
+    /// Where it begins and ends, 0 to 1.
+    ends: [f64; 2],
+}
+
+impl Way {
+    fn middle(&self) -> f64 {
+        0.5 * (self.ends[0] + self.ends[1])
+    }
+
+    fn halve(&mut self, winding: f64) {
+        let end = usize::from((winding.abs() >= INSIDE) != (self.windings[0].abs() >= INSIDE));
+        (self.ends[end], self.windings[end]) = (self.middle(), winding);
+    }
+
+    /// Where that is at the surface.
+    fn jumps(&self) -> bool {
+        self.on_surface && (self.windings[1] - self.windings[0]).abs() > JUMP
+    }
+
+    fn crossing(&self) -> f64 {
+        let [from, to] = self.windings.map(f64::abs);
+        let share = ((INSIDE - from) / (to - from)).clamp(0.0, 1.0);
+        self.ends[0] + (self.ends[1] - self.ends[0]) * share
     }
 }
 

@@ -157,13 +157,9 @@ impl<'a> FaceSamples<'a> {
     /// Share of the points beside the surface whose winding number is near a whole number: 1 for closed parts, however they face,
     /// overlap or repeat; less the larger the holes are that are seen from there. 0 where no point was found.
     pub(super) fn clear_share(&self, surface: &Surface, sides: &Sides, winding: &WindingTree) -> f64 {
-        let beside = self.beside(surface, sides);
-        let is_clear = |(_, point): (Side, DVec3)| {
-            let winding = winding.at(point);
-            (winding - winding.round()).abs() < CLEAR
-        };
-        let clear = parallel::map(beside.len(), 1, |place| beside[place].map(is_clear));
-        clear.as_flattened().iter().filter(|is_clear| **is_clear).count() as f64 / (2 * beside.len()).max(1) as f64
+        let windings = windings(&self.beside(surface, sides), winding);
+        let n_clear = windings.iter().filter(|winding| (*winding - winding.round()).abs() < CLEAR).count();
+        n_clear as f64 / windings.len().max(1) as f64
     }
 }
 
@@ -179,11 +175,17 @@ fn place([a, b, c]: [DVec3; 3], k: usize) -> DVec3 {
     a + (b - a) * u + (c - a) * v
 }
 
+/// `[2 · n_places]`: the winding numbers of both sides of each place.
+fn windings(beside: &[Beside], winding: &WindingTree) -> Vec<f64> {
+    let points: Vec<DVec3> = beside.as_flattened().iter().map(|(_, point)| *point).collect();
+    winding.at(&points)
+}
+
 /// Points, one for each place that has one, that were flooded although they lie within.
 fn flooded(outside_twice: &[Beside], winding: &WindingTree) -> Vec<DVec3> {
-    let is_within = |(_, point): &(Side, DVec3)| winding.at(*point).abs() > WITHIN;
-    let flooded = |place: usize| outside_twice[place].into_iter().find(is_within).map(|(_, point)| point);
-    parallel::map(outside_twice.len(), 1, flooded).into_iter().flatten().collect()
+    let windings = windings(outside_twice, winding);
+    let within = outside_twice.iter().zip(windings.as_chunks::<2>().0);
+    within.filter_map(|(sides, windings)| Some(sides[windings.iter().position(|winding| winding.abs() > WITHIN)?].1)).collect()
 }
 
 /// True when the cells inside make up what the mesh's volume leaves beside its surface cells, to a quarter: parts that overlap or

@@ -3,7 +3,8 @@
 //! The generalised winding number is 1 inside a closed surface and 0 outside; where the surface has holes it goes smoothly from one
 //! to the other across them. It asks nothing of the mesh: triangles may be unconnected, repeat or cut each other.
 //!
-//! `moments` builds what a node knows of its triangles, `lanes` asks four nodes or four triangles at once.
+//! `moments` builds what a node knows of its triangles, `lanes` asks a node or a triangle for sixteen points at once: points that are asked for together lie
+//! beside each other, so they go down the same way.
 //!
 //! # Source
 //! Barill, Dickson, Schmidt, Levin and Jacobson 2018, "Fast winding numbers for soups and clouds": a tree over the triangles,
@@ -11,18 +12,26 @@
 //! node serves from two radii on. Near by: the solid angle of a triangle after van Oosterom and Strackee 1983.
 //! Ours: a tree of four children per node, halved twice at the median of the longest axis, whose layout follows from the number of
 //! triangles; expansions kept as polynomials of the direction.
+//!
+//! # Measured
+//! Over 0.7 M triangles, on one thread with the test profile: one point after the other, four nodes at once, took 6 µs beside the surface; sixteen points in a row
+//! take 0.6 µs each. With that, lids and their search take 30 ms in place of 46 of a bunny of 256 voxels, 185 in place of 320 of one of 1,024.
 
 mod lanes;
 mod moments;
 
 use core::f64::consts::PI;
 
-use glam::{DVec3, Vec3, Vec4};
+use glam::{DVec3, Vec3};
 
 use crate::mesh::TriangleMesh;
 use crate::parallel;
-use lanes::{Block, Expansions, WIDTH, Wide};
+use crate::simd::{F32s, F32x8, I32s as _, Kernel, SimdLevel, WIDE};
+use lanes::{Expansion, Triangle, dot, from_points};
 use moments::SubtreeSummary;
+
+/// Nodes of a fork, and sums that solid angles are added up in.
+const WIDTH: usize = 4;
 
 /// Radii of a node from which its expansion stands for it.
 const BETA: f64 = 2.0;
@@ -35,30 +44,30 @@ const STACK: usize = 64;
 
 /// Winding numbers of one mesh.
 ///
-/// Memory: 50 to 200 bytes per triangle for its block, and 432 bytes per fork, one fork per 12 to 48 triangles.
+/// Memory: 48 bytes per triangle, and 416 bytes per fork, one fork per 12 to 48 triangles.
 pub(super) struct WindingTree {
     /// `[(4^levels − 1) / 3]`, each fork before those below it; coordinates about `center_m`, in units of the half box.
-    forks: Vec<Fork>,
+    forks: Vec<[Node; WIDTH]>,
     /// Triangles of the leaves.
-    blocks: Vec<Block>,
+    triangles: Vec<Triangle>,
     center_m: DVec3,
     per_metre: f64,
 }
 
-/// Four subtrees, asked at once.
+/// A subtree.
 #[derive(Clone)]
-struct Fork {
-    center: Wide,
+struct Node {
+    center: Vec3,
     /// Square of the distance from which the expansion serves.
-    far_squared: Vec4,
-    expansions: Expansions,
-    below: [Below; WIDTH],
+    far_squared: f32,
+    expansion: Expansion,
+    below: Below,
 }
 
 #[derive(Clone, Copy)]
 enum Below {
     Fork(u32),
-    Leaf { first_block: u32, n_blocks: u32 },
+    Leaf { first: u32, n: u32 },
 }
 
 /// A triangle as it is sorted.
@@ -87,65 +96,110 @@ impl WindingTree {
         }
         sort(&mut items, 2 * levels);
         let n_forks = ((1 << (2 * levels)) - 1) / 3;
-        let mut forks = vec![Fork::EMPTY; n_forks];
-        let mut blocks = vec![Block::EMPTY; items.len().div_ceil(WIDTH)];
-        Subtree { forks: &mut forks, first_fork: 0, blocks: &mut blocks, first_block: 0, items: &items }.fill(&local);
-        Self { forks, blocks, center_m, per_metre }
+        let mut forks = vec![[const { Node::EMPTY }; WIDTH]; n_forks];
+        let mut triangles = vec![Triangle::EMPTY; items.len()];
+        Subtree { forks: &mut forks, first_fork: 0, triangles: &mut triangles, first: 0, items: &items }.fill(&local);
+        Self { forks, triangles, center_m, per_metre }
     }
 
-    /// The winding number at a point of the mesh frame, m. On a triangle: the mean of both sides.
+    /// `[n_points]`: the winding numbers at points of the mesh frame, m. On a triangle: the mean of both sides.
     ///
-    /// Error against the exact sum, by the tests below: at most 0.01, typically 10⁻³. Cost, measured on one thread over
-    /// 0.7 M triangles with the test profile: 0.7 µs anywhere in the box, 6 µs beside the surface; twice that over 2 M at worst.
-    pub(super) fn at(&self, point: DVec3) -> f64 {
-        let local = (point - self.center_m) * self.per_metre;
-        let place = Wide::splat(local.as_vec3());
-        let (mut far, mut near) = (Vec4::ZERO, Vec4::ZERO);
-        let mut waiting = [0_u32; STACK];
+    /// Runs on the current rayon pool, with the same bits whatever its size, the processor and the other points. Error against the exact sum, by the tests
+    /// below: at most 0.01, typically 10⁻³. Cost, on one thread over 0.7 M triangles with the test profile: 0.7 µs each anywhere in the box, 0.6 µs in rows beside
+    /// the surface; a third more over 2 M.
+    pub(super) fn at(&self, points: &[DVec3]) -> Vec<f64> {
+        let level = SimdLevel::best();
+        let groups = parallel::map_chunks(points, WIDE, |points| level.run(Group { tree: self, points }));
+        groups.as_flattened()[..points.len()].iter().map(|angle| f64::from(*angle) / (4.0 * PI)).collect()
+    }
+}
+
+/// At most sixteen points; gives the solid angles that they see.
+struct Group<'a> {
+    tree: &'a WindingTree,
+    points: &'a [DVec3],
+}
+
+impl Kernel for Group<'_> {
+    type Output = [f32; WIDE];
+
+    #[inline(always)]
+    fn run<L: F32x8>(self) -> [f32; WIDE] {
+        self.solid_angles::<L::Wide>()
+    }
+}
+
+impl Group<'_> {
+    #[inline(always)]
+    fn solid_angles<L: F32s<WIDE>>(self) -> [f32; WIDE] {
+        let Self { tree, points } = self;
+        let all = (1_u32 << points.len()) - 1;
+        // Coordinates in double: beside a small triangle the digits of single precision are not enough.
+        let mut local = [[0.0; WIDE]; 3];
+        let mut place = [L::splat(0.0); 3];
+        for axis in 0..3 {
+            let mut single = [0.0; WIDE];
+            for (lane, point) in points.iter().enumerate() {
+                local[axis][lane] = (point[axis] - tree.center_m[axis]) * tree.per_metre;
+                single[lane] = local[axis][lane] as f32;
+            }
+            place[axis] = L::load(&single);
+        }
+        let mut sums = [[L::splat(0.0); WIDTH]; 2];
+        // Forks, and for which points.
+        let mut waiting = [(0, 0); STACK];
+        waiting[0] = (0_u32, all);
         let mut n_waiting = 1;
         while n_waiting > 0 {
             n_waiting -= 1;
-            let fork = &self.forks[waiting[n_waiting] as usize];
-            let offset = fork.center - place;
-            let distance_squared = offset.dot(offset);
-            let is_far = distance_squared.cmpgt(fork.far_squared);
-            let far_lanes = is_far.bitmask();
-            if far_lanes != 0 {
-                far += Vec4::select(is_far, fork.expansions.solid_angles(offset, distance_squared), Vec4::ZERO);
-            }
-            let mut near_lanes = !far_lanes & 0xf;
-            while near_lanes != 0 {
-                let lane = near_lanes.trailing_zeros() as usize;
-                near_lanes &= near_lanes - 1;
-                match fork.below[lane] {
+            let (fork_idx, asked) = waiting[n_waiting];
+            for (k, node) in tree.forks[fork_idx as usize].iter().enumerate() {
+                let offset = from_points(node.center, place);
+                let distance_squared = dot(offset, offset);
+                let far = L::splat(node.far_squared).lt(distance_squared).bits() & asked;
+                if far != 0 {
+                    sums[0][k] = sums[0][k] + node.expansion.solid_angles(offset, distance_squared).only(L::Int::mask(far));
+                }
+                let near = asked & !far;
+                if near == 0 {
+                    continue;
+                }
+                match node.below {
                     Below::Fork(fork_idx) => {
-                        waiting[n_waiting] = fork_idx;
+                        waiting[n_waiting] = (fork_idx, near);
                         n_waiting += 1;
                     }
-                    Below::Leaf { first_block, n_blocks } => {
-                        // The difference in double: beside a small triangle the digits of its place are not enough.
-                        let offset = Wide::splat((fork.center.lane(lane).as_dvec3() - local).as_vec3());
-                        let blocks = &self.blocks[first_block as usize..(first_block + n_blocks) as usize];
-                        blocks.iter().for_each(|block| near += block.solid_angles(offset));
+                    Below::Leaf { first, n } => {
+                        let mut offset = [L::splat(0.0); 3];
+                        for axis in 0..3 {
+                            let mut single = [0.0; WIDE];
+                            for (single, local) in single.iter_mut().zip(&local[axis]) {
+                                *single = (f64::from(node.center[axis]) - local) as f32;
+                            }
+                            offset[axis] = L::load(&single);
+                        }
+                        let near = L::Int::mask(near);
+                        for (k, triangle) in tree.triangles[first as usize..(first + n) as usize].iter().enumerate() {
+                            sums[1][k % WIDTH] = sums[1][k % WIDTH] + triangle.solid_angles(offset).only(near);
+                        }
                     }
                 }
             }
         }
-        f64::from((far + near).element_sum()) / (4.0 * PI)
+        let [[a, b, c, d], [e, f, g, h]] = sums;
+        let mut angles = [0.0; WIDE];
+        (((a + e) + (b + f)) + ((c + g) + (d + h))).store(&mut angles);
+        angles
     }
 }
 
-impl Fork {
+impl Node {
     /// No triangles: near to everything, and nothing there.
-    const EMPTY: Self = Self {
-        center: Wide::ZERO,
-        far_squared: Vec4::INFINITY,
-        expansions: Expansions::ZERO,
-        below: [Below::Leaf { first_block: 0, n_blocks: 0 }; WIDTH],
-    };
+    const EMPTY: Self =
+        Self { center: Vec3::ZERO, far_squared: f32::INFINITY, expansion: Expansion::ZERO, below: Below::Leaf { first: 0, n: 0 } };
 }
 
-/// How many of `n` triangles go to the lower side: whole blocks.
+/// How many of `n` triangles go to the lower side: as many in each sum.
 fn n_lower(n: usize) -> usize {
     n.div_ceil(2).next_multiple_of(WIDTH).min(n)
 }
@@ -174,30 +228,30 @@ fn sort(items: &mut [Item], halvings: u32) {
 
 /// A part of the tree that is to be filled, and its triangles.
 struct Subtree<'a> {
-    forks: &'a mut [Fork],
+    forks: &'a mut [[Node; WIDTH]],
     first_fork: u32,
-    blocks: &'a mut [Block],
-    first_block: u32,
+    triangles: &'a mut [Triangle],
+    first: u32,
     items: &'a [Item],
 }
 
 impl<'a> Subtree<'a> {
     fn fill(self, local: &(impl Fn(u32) -> [DVec3; 3] + Sync)) -> SubtreeSummary {
-        let Self { forks, first_fork, blocks, first_block, items } = self;
+        let Self { forks, first_fork, triangles, first, items } = self;
         let Some((fork, forks)) = forks.split_first_mut() else {
-            // A leaf, whose blocks wait for its centre.
+            // A leaf, whose triangles wait for its centre.
             let summary = SubtreeSummary::of_triangles(items.iter().map(|item| local(item.triangle_idx)));
             let center = summary.center.as_vec3().as_dvec3();
-            for (block, items) in blocks.iter_mut().zip(items.chunks(WIDTH)) {
-                *block = Block::of_triangles(items.iter().map(|item| local(item.triangle_idx).map(|corner| corner - center)));
+            for (triangle, item) in triangles.iter_mut().zip(items) {
+                *triangle = Triangle::new(local(item.triangle_idx).map(|corner| corner - center));
             }
             return summary;
         };
         let is_serial = items.len() <= SERIAL_TRIANGLES;
-        let parts = Self { forks, first_fork: first_fork + 1, blocks, first_block, items }.quarters();
-        for (lane, part) in parts.iter().enumerate() {
-            fork.below[lane] = if part.forks.is_empty() {
-                Below::Leaf { first_block: part.first_block, n_blocks: part.blocks.len() as u32 }
+        let parts = Self { forks, first_fork: first_fork + 1, triangles, first, items }.quarters();
+        for (node, part) in fork.iter_mut().zip(&parts) {
+            node.below = if part.forks.is_empty() {
+                Below::Leaf { first: part.first, n: part.items.len() as u32 }
             } else {
                 Below::Fork(part.first_fork)
             };
@@ -206,10 +260,10 @@ impl<'a> Subtree<'a> {
         let grain = if is_serial { WIDTH } else { 1 };
         let fill = |_, part: &mut Option<Self>| part.take().map(|part| part.fill(local));
         let summaries: Vec<_> = parallel::map_mut(&mut parts.map(Some), grain, fill).into_iter().flatten().collect();
-        for (lane, summary) in summaries.iter().enumerate().filter(|(_, summary)| summary.n_triangles > 0) {
-            fork.center.set(lane, summary.center.as_vec3());
-            fork.far_squared[lane] = (BETA * summary.radius).powi(2) as f32;
-            fork.expansions.set(lane, &summary.moments);
+        for (node, summary) in fork.iter_mut().zip(&summaries).filter(|(_, summary)| summary.n_triangles > 0) {
+            node.center = summary.center.as_vec3();
+            node.far_squared = (BETA * summary.radius).powi(2) as f32;
+            node.expansion = Expansion::new(&summary.moments);
         }
         SubtreeSummary::of_parts(&summaries)
     }
@@ -223,14 +277,14 @@ impl<'a> Subtree<'a> {
     }
 
     fn split(self, n_forks: usize) -> (Self, Self) {
-        let (lower_items, items) = self.items.split_at(n_lower(self.items.len()));
-        let n_blocks = lower_items.len().div_ceil(WIDTH);
-        let (lower_blocks, blocks) = self.blocks.split_at_mut(n_blocks);
+        let n_lower = n_lower(self.items.len());
+        let (lower_items, items) = self.items.split_at(n_lower);
+        let (lower_triangles, triangles) = self.triangles.split_at_mut(n_lower);
         let (lower_forks, forks) = self.forks.split_at_mut(n_forks);
-        let Self { first_fork, first_block, .. } = self;
+        let Self { first_fork, first, .. } = self;
         (
-            Self { forks: lower_forks, first_fork, blocks: lower_blocks, first_block, items: lower_items },
-            Self { forks, first_fork: first_fork + n_forks as u32, blocks, first_block: first_block + n_blocks as u32, items },
+            Self { forks: lower_forks, first_fork, triangles: lower_triangles, first, items: lower_items },
+            Self { forks, first_fork: first_fork + n_forks as u32, triangles, first: first + n_lower as u32, items },
         )
     }
 }
@@ -282,9 +336,10 @@ mod tests {
         let (low, high) = mesh.bounds().expect("triangles");
         let mut random = scattered(7);
         let (mut worst, mut sum) = (0.0_f64, 0.0);
-        for _ in 0..n_points {
-            let point = 0.5 * (low + high) + 0.6 * (high - low) * DVec3::new(random(), random(), random());
-            let error = (tree.at(point) - exact(mesh, point)).abs();
+        let mut anywhere = || 0.5 * (low + high) + 0.6 * (high - low) * DVec3::new(random(), random(), random());
+        let points: Vec<DVec3> = (0..n_points).map(|_| anywhere()).collect();
+        for (point, winding) in points.iter().zip(tree.at(&points)) {
+            let error = (winding - exact(mesh, *point)).abs();
             worst = worst.max(error);
             sum += error;
         }
@@ -330,29 +385,33 @@ mod tests {
 
     #[test]
     fn trees_of_few_or_flat_triangles_do_no_harm() {
-        assert_eq!(WindingTree::new(&TriangleMesh::default()).at(DVec3::X), 0.0);
+        assert_eq!(WindingTree::new(&TriangleMesh::default()).at(&[DVec3::X]), [0.0]);
         let point = TriangleMesh { vertices: vec![DVec3::X; 3], triangles: vec![[0, 1, 2]; 40] };
-        for at in [DVec3::ZERO, DVec3::X, DVec3::NAN] {
-            let winding = WindingTree::new(&point).at(at);
-            assert!(winding == 0.0 || at.is_nan(), "{winding}");
-        }
+        assert_eq!(WindingTree::new(&point).at(&[DVec3::ZERO, DVec3::X, DVec3::NAN])[..2], [0.0; 2]);
+        assert!(WindingTree::new(&point).at(&[]).is_empty());
         let one = soup(1, 0.5, 3);
         let near = one.corners(0).iter().sum::<DVec3>() / 3.0 + 1e-9;
-        assert!((WindingTree::new(&one).at(near).abs() - 0.5).abs() < 1e-3);
+        assert!((WindingTree::new(&one).at(&[near])[0].abs() - 0.5).abs() < 1e-3);
     }
 
     #[test]
-    fn the_same_bits_on_one_and_two_threads() {
+    fn the_same_bits_on_one_and_two_threads_on_every_level_and_beside_any_other_points() {
         let mesh = soup(40_000, 0.1, 11);
+        let mut random = scattered(5);
+        let points: Vec<DVec3> = (0..100).map(|_| DVec3::new(random(), random(), random())).collect();
         let on = |n_threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().expect("a pool");
-            pool.install(|| {
-                let tree = WindingTree::new(&mesh);
-                let mut random = scattered(5);
-                (0..100).map(|_| tree.at(DVec3::new(random(), random(), random())).to_bits()).collect::<Vec<_>>()
-            })
+            pool.install(|| WindingTree::new(&mesh).at(&points))
         };
-        assert_eq!(on(1), on(2));
+        let windings = on(1);
+        assert_eq!(windings, on(2));
+        let tree = WindingTree::new(&mesh);
+        let alone: Vec<f64> = points.iter().flat_map(|point| tree.at(&[*point])).collect();
+        assert_eq!(windings, alone);
+        let angles = |level: SimdLevel| level.run(Group { tree: &tree, points: &points[..WIDE] }).map(f32::to_bits);
+        for level in SimdLevel::available() {
+            assert_eq!(angles(level), angles(SimdLevel::Portable), "{level:?}");
+        }
     }
 
     /// For a reader who wants to know the cost: `--ignored --nocapture`.
@@ -368,16 +427,17 @@ mod tests {
             let mut random = scattered(5);
             let points: Vec<DVec3> = (0..20_000).map(|_| 0.07 * DVec3::new(random(), random(), random())).collect();
             let since = std::time::Instant::now();
-            let sum: f64 = points.iter().map(|point| tree.at(*point)).sum();
+            let sum: f64 = tree.at(&points).iter().sum();
             println!("{} triangles: build {build:.1?}, {:.2?} each, {sum}", mesh.triangles.len(), since.elapsed() / 20_000);
+            // Rows of sixteen beside the surface, as a wave of cells asks for them.
+            let beside = |k: usize| {
+                let [a, b, c] = mesh.corners((k / WIDE * 7919) % mesh.triangles.len());
+                (a + b + c) / 3.0 + 1e-4 * DVec3::new(1.0, 1.0, (k % WIDE) as f64)
+            };
+            let points: Vec<DVec3> = (0..20_000).map(beside).collect();
             let since = std::time::Instant::now();
-            let beside: f64 = (0..20_000)
-                .map(|k| {
-                    let [a, b, c] = mesh.corners((k * 7919) % mesh.triangles.len());
-                    tree.at((a + b + c) / 3.0 + 1e-4)
-                })
-                .sum();
-            println!("  beside the surface {:.2?} each, {beside}", since.elapsed() / 20_000);
+            let sum: f64 = tree.at(&points).iter().sum();
+            println!("  beside the surface {:.2?} each, {sum}", since.elapsed() / 20_000);
         }
     }
 }
