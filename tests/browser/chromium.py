@@ -258,6 +258,14 @@ class Page:
         png = base64.b64encode(self.picture_of(selector)).decode()
         return self.run(COUNT_PIXELS % (json.dumps(png), json.dumps(color)))
 
+    def pixels_above(self, least, selector, color, timeout_s=30):
+        """The same, of the first picture that has more than `least`."""
+        end = time.monotonic() + timeout_s
+        while (found := self.count_pixels(selector, color)) <= least:
+            if time.monotonic() > end:
+                raise AssertionError(f"{found} pixels of {color} in {selector} after {timeout_s} s, not more than {least}")
+        return found
+
     def unnamed_controls(self):
         """Controls that a screen reader has no name for."""
         self.call("Accessibility.enable")

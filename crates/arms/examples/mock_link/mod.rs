@@ -99,7 +99,7 @@ pub(crate) struct Mock {
     pub(crate) is_fresh: bool,
     /// Commands in a row that it has not answered.
     unanswered: u32,
-    /// As many as make an arm lost.
+    /// So many that it counts as lost.
     pub(crate) is_silent: bool,
     faults: String,
     first_force: Option<Instant>,

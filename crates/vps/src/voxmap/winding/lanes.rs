@@ -8,21 +8,21 @@ use super::moments::Moments;
 use crate::simd::{F32s, WIDE};
 
 /// A vector in each lane.
-pub(super) type Lanes3<L> = [L; 3];
+pub(super) type Vec3s<L> = [L; 3];
 
 #[inline(always)]
-pub(super) fn dot<L: F32s<WIDE>>([ax, ay, az]: Lanes3<L>, [bx, by, bz]: Lanes3<L>) -> L {
+pub(super) fn dot<L: F32s<WIDE>>([ax, ay, az]: Vec3s<L>, [bx, by, bz]: Vec3s<L>) -> L {
     ax * bx + ay * by + az * bz
 }
 
 /// From the points to the same place.
 #[inline(always)]
-pub(super) fn from_points<L: F32s<WIDE>>(place: Vec3, [x, y, z]: Lanes3<L>) -> Lanes3<L> {
+pub(super) fn from_points<L: F32s<WIDE>>(place: Vec3, [x, y, z]: Vec3s<L>) -> Vec3s<L> {
     [L::splat(place.x) - x, L::splat(place.y) - y, L::splat(place.z) - z]
 }
 
 #[inline(always)]
-fn beyond<L: F32s<WIDE>>(place: Vec3, [x, y, z]: Lanes3<L>) -> Lanes3<L> {
+fn plus<L: F32s<WIDE>>(place: Vec3, [x, y, z]: Vec3s<L>) -> Vec3s<L> {
     [L::splat(place.x) + x, L::splat(place.y) + y, L::splat(place.z) + z]
 }
 
@@ -66,7 +66,7 @@ impl Expansion {
 
     /// `offset` from the points to the centre.
     #[inline(always)]
-    pub(super) fn solid_angles<L: F32s<WIDE>>(&self, offset: Lanes3<L>, distance_squared: L) -> L {
+    pub(super) fn solid_angles<L: F32s<WIDE>>(&self, offset: Vec3s<L>, distance_squared: L) -> L {
         let per_r = L::splat(1.0) / distance_squared.sqrt();
         let [x, y, z] = [offset[0] * per_r, offset[1] * per_r, offset[2] * per_r];
         let [nx, ny, nz] = splat::<L, 3>(&self.first);
@@ -108,9 +108,9 @@ impl Triangle {
 
     /// Signed solid angles, `offset` from the points to the centre of the leaf; 0 from a point in the plane of the triangle.
     #[inline(always)]
-    pub(super) fn solid_angles<L: F32s<WIDE>>(&self, offset: Lanes3<L>) -> L {
+    pub(super) fn solid_angles<L: F32s<WIDE>>(&self, offset: Vec3s<L>) -> L {
         let [a, b, c] = self.corners;
-        let (a, b, c) = (beyond(a, offset), beyond(b, offset), beyond(c, offset));
+        let (a, b, c) = (plus(a, offset), plus(b, offset), plus(c, offset));
         let (la, lb, lc) = (dot(a, a).sqrt(), dot(b, b).sqrt(), dot(c, c).sqrt());
         let denominator = la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb;
         let normal = splat::<L, 3>(&self.normal.to_array());
