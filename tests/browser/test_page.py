@@ -31,12 +31,8 @@ ROUNDING = 2
 
 
 class PageTest(PageCase):
-    def force_pixels(self, page):
-        """How many pixels in the middle of the view have the hue of the force arrow."""
-        return page.count_pixels("#view", "--force")
-
     def test_no_arrow_without_contact(self):
-        self.assertEqual(self.force_pixels(self.open(self.run_scene("rest"))), 0)
+        self.assertEqual(self.open(self.run_scene("rest")).count_pixels("#view", "--force"), 0)
 
     def test_moves_and_shows_the_force(self):
         run = self.run_scene("press")

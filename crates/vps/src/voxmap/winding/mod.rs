@@ -146,6 +146,7 @@ impl Group<'_> {
             }
             place[axis] = L::load(&single);
         }
+        // Of expansions and of triangles, each in four sums: what is baked rests on the order in which these are added up.
         let mut sums = [[L::splat(0.0); WIDTH]; 2];
         // Forks, and for which points.
         let mut waiting = [(0, 0); STACK];
