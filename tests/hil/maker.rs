@@ -27,7 +27,7 @@ use arms::mock::trace::TraceFile;
 use arms::mock::{ArmLink, LinkError, MockArm, MockReport};
 use arms::profile::{self, Profile};
 use arms::protocol::{Firmware, Protocol};
-use arms::simulated::fault;
+use arms::simulated::{HandParameters, fault};
 use arms::transport::Carriage;
 use arms::{Device as _, DeviceError};
 use glam::DVec3;
@@ -47,10 +47,10 @@ pub(crate) const PUSH: Wrench = Wrench { force: DVec3::new(0.0, 0.0, 0.4), torqu
 /// Above any host: firmware does not wait for the host.
 const ARM_PRIORITY: u8 = 90;
 const WORKER_PRIORITY: u8 = 85;
-const LOOP_PRIORITY: u8 = 80;
+pub(crate) const LOOP_PRIORITY: u8 = 80;
 
 /// Lets this thread run before what else computes, where that is allowed.
-fn keep_time(priority: u8) {
+pub(crate) fn keep_time(priority: u8) {
     let _ = schedule::enter_fifo(priority);
 }
 
@@ -138,12 +138,13 @@ pub(crate) struct Felt {
 impl Arm {
     fn new<L: ArmLink + Send + 'static>(
         profile: &Profile,
+        hand: Option<HandParameters>,
         faults: &[&str],
         make: impl FnOnce(&Path, &Protocol) -> (L, Box<dyn Firmware>),
     ) -> Self {
         let folder = folder_in_memory();
         let faults = faults.iter().map(|text| ((*text).to_owned(), fault::parse(text).expect("grammar"))).collect();
-        let settings = MockSettings { hand: Some(Default::default()), hand_delay: Duration::ZERO, faults, seed: 1 };
+        let settings = MockSettings { hand, hand_delay: Duration::ZERO, faults, seed: 1 };
         let (parameters, protocol) = builder::parameters(profile, settings);
         let (mut link, firmware) = make(folder.path(), &protocol);
         let serving = Serving { period_s: parameters.period_s, duration: None, until_host_gone: false };
@@ -161,17 +162,38 @@ impl Arm {
 
     /// The arm of a profile behind a pseudo-terminal.
     fn on_a_tty(profile: &Profile, faults: &[&str]) -> Self {
-        Self::new(profile, faults, |folder, protocol| {
+        Self::new(profile, Some(HandParameters::default()), faults, |folder, protocol| {
             (Pty::new(&folder.join("arm")).expect("a terminal"), protocol.firmware(Carriage::Stream))
         })
     }
 
     /// The same at the end of a stand-in's cable.
-    fn on_a_cable(profile: &Profile, faults: &[&str]) -> Self {
-        Self::new(profile, faults, |folder, protocol| (Cable::new(folder.join("arm")), protocol.firmware(Carriage::Stream)))
+    pub(crate) fn on_a_cable(profile: &Profile, hand: Option<HandParameters>, faults: &[&str]) -> Self {
+        Self::new(profile, hand, faults, |folder, protocol| (Cable::new(folder.join("arm")), protocol.firmware(Carriage::Stream)))
     }
 
-    fn link(&self) -> PathBuf {
+    /// The same behind a service, and the address of that.
+    pub(crate) fn behind_a_service(
+        profile: &Profile,
+        version: &str,
+        hand: Option<HandParameters>,
+        faults: &[&str],
+    ) -> (Self, String) {
+        let mut address = String::new();
+        let arm = Self::new(profile, hand, faults, |_, protocol| {
+            let server = ServiceServer::new("127.0.0.1:0".parse().expect("an address"), version).expect("a port");
+            address = server.address().to_string();
+            (server, service::firmware(protocol, version).expect("served"))
+        });
+        (arm, address)
+    }
+
+    /// Where its files are.
+    pub(crate) fn folder(&self) -> &Path {
+        self.folder.path()
+    }
+
+    pub(crate) fn link(&self) -> PathBuf {
         self.folder.path().join("arm")
     }
 
@@ -249,7 +271,8 @@ impl Library {
     /// The same with another arm than the profile says.
     pub(crate) fn over(name: &str, arm: &str, faults: &[&str]) -> Self {
         let profile = profile::find(name, Path::new("")).expect("shipped");
-        let arm = Arm::on_a_cable(&profile::find(arm, Path::new("")).expect("shipped"), faults);
+        let arm = profile::find(arm, Path::new("")).expect("shipped");
+        let arm = Arm::on_a_cable(&arm, Some(HandParameters::default()), faults);
         let library = Self { profile, arm };
         library.goes_wrong("");
         let (link, faults) = (library.arm.link(), library.faults());
@@ -345,12 +368,7 @@ pub(crate) struct Service {
 impl Service {
     pub(crate) fn new(version: &str, faults: &[&str]) -> Self {
         let mut profile = profile::find("inverse3", Path::new("")).expect("shipped");
-        let mut address = String::new();
-        let arm = Arm::new(&profile, faults, |_, protocol| {
-            let server = ServiceServer::new("127.0.0.1:0".parse().expect("an address"), version).expect("a port");
-            address = server.address().to_string();
-            (server, service::firmware(protocol, version).expect("served"))
-        });
+        let (arm, address) = Arm::behind_a_service(&profile, version, Some(HandParameters::default()), faults);
         let service = profile.real.as_mut().and_then(|real| match &mut real.protocol {
             Protocol::HaplyService(service) => Some(service),
             _ => None,

@@ -1,15 +1,14 @@
 //! Arms behind a library of their maker at a terminal: what a person types, over the stand-ins, and what is said.
 
-use std::net::TcpStream;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
+use arms::profile;
 use serde_json::Value;
-use tempfile::TempDir;
 
 use super::link::{root, turn};
-use super::maker::{built_example, folder_in_memory, free_address, worker_of};
+use super::maker::{self, LOOP_PRIORITY, built_example, keep_time, worker_of};
 
 const HAPTICD: &str = env!("CARGO_BIN_EXE_hapticd");
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -18,10 +17,9 @@ const MASS_ERROR_MAX: f64 = 0.3;
 
 /// A mock arm of a profile, and the environment in which its maker's stand-in finds it.
 struct Arm {
-    folder: TempDir,
     /// Its name, or the file of a copy.
     profile: String,
-    mock: Child,
+    mock: maker::Arm,
     library: Option<(&'static str, PathBuf)>,
     faults: String,
 }
@@ -44,40 +42,25 @@ fn hapticd(home: &Path, args: &[&str]) -> Command {
 }
 
 impl Arm {
-    fn new(profile: &str, faults: &str) -> Self {
-        let folder = folder_in_memory();
-        let link = folder.path().join("arm");
-        let mock = Self::mock(&folder, profile, &["--pty", &link.to_string_lossy()], || link.exists());
-        Self { folder, profile: profile.to_owned(), mock, library: Some(library(profile)), faults: faults.to_owned() }
+    fn new(name: &str, faults: &str) -> Self {
+        let profile = profile::find(name, Path::new("")).expect("shipped");
+        let mock = maker::Arm::on_a_cable(&profile, None, &[]);
+        Self { profile: name.to_owned(), mock, library: Some(library(name)), faults: faults.to_owned() }
     }
 
     /// An Inverse3 behind a mock of its maker's service.
     fn served() -> Self {
-        let folder = folder_in_memory();
-        let address = free_address();
+        let profile = profile::find("inverse3", Path::new("")).expect("shipped");
+        let (mock, address) = maker::Arm::behind_a_service(&profile, "3.5.0", None, &[]);
         let text = std::fs::read_to_string(root("devices/inverse3.toml")).expect("shipped");
-        let profile = folder.path().join("inverse3.toml");
-        std::fs::write(&profile, text.replace("127.0.0.1:10001", &address)).expect("written");
-        let profile = profile.to_string_lossy().into_owned();
-        let mock = Self::mock(&folder, &profile, &["--service", &address], || TcpStream::connect(&address).is_ok());
-        Self { folder, profile, mock, library: None, faults: String::new() }
-    }
-
-    fn mock(folder: &TempDir, profile: &str, behind: &[&str], is_there: impl Fn() -> bool) -> Child {
-        let mut command = hapticd(folder.path(), &["mock", profile, "--no-hand", "--duration", "120s"]);
-        command.args(behind).arg("--trace").arg(folder.path().join("trace")).stdout(Stdio::null()).stderr(Stdio::null());
-        let mock = command.spawn().expect("starts");
-        let begin = Instant::now();
-        while !is_there() {
-            assert!(begin.elapsed() < PATIENCE, "the mock arm does not start");
-            std::thread::sleep(Duration::from_millis(2));
-        }
-        mock
+        let copy = mock.folder().join("inverse3.toml");
+        std::fs::write(&copy, text.replace("127.0.0.1:10001", &address)).expect("written");
+        Self { profile: copy.to_string_lossy().into_owned(), mock, library: None, faults: String::new() }
     }
 
     fn command(&self, args: &[&str]) -> Command {
-        let mut command = hapticd(self.folder.path(), args);
-        command.env("HAPTICD_MOCK_ARM", self.folder.path().join("arm")).env("HAPTICD_MOCK_FAULT", &self.faults);
+        let mut command = hapticd(self.mock.folder(), args);
+        command.env("HAPTICD_MOCK_ARM", self.mock.link()).env("HAPTICD_MOCK_FAULT", &self.faults);
         command.envs(self.library.iter().map(|(variable, path)| (variable, path)));
         command
     }
@@ -92,7 +75,7 @@ impl Arm {
 
     /// Whether the motors of the mock arm make a force now.
     fn pushes(&self) -> bool {
-        let text = std::fs::read_to_string(self.folder.path().join("trace")).unwrap_or_default();
+        let text = std::fs::read_to_string(self.mock.folder().join("trace")).unwrap_or_default();
         let last = text.lines().skip(1).filter_map(|line| line.split(',').nth(1)?.parse::<f64>().ok()).last();
         last.is_some_and(|force_n| force_n > 0.0)
     }
@@ -103,13 +86,6 @@ impl Arm {
             assert!(begin.elapsed() < PATIENCE, "force is {}", !pushes);
             std::thread::sleep(Duration::from_millis(5));
         }
-    }
-}
-
-impl Drop for Arm {
-    fn drop(&mut self) {
-        let _ = self.mock.kill();
-        let _ = self.mock.wait();
     }
 }
 
@@ -215,7 +191,7 @@ fn a_probe_that_is_ended_while_the_arm_finds_its_zero_stops_the_arm() {
 fn a_library_that_hangs_ends_soon_after_the_program_that_was_killed() {
     let _turn = turn();
     let arm = Arm::new("omega7", "hang");
-    let link = arm.folder.path().join("arm");
+    let link = arm.mock.link();
     let mut probe =
         arm.command(&["devices", "probe", "omega7", "--duration", "60s"]).stderr(Stdio::null()).spawn().expect("starts");
     let comes_to = |is_there: bool| {
@@ -238,16 +214,18 @@ fn a_library_that_hangs_ends_soon_after_the_program_that_was_killed() {
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn every_makers_arm_is_listed_and_passes_the_sign_check_and_the_identification() {
     let _turn = turn();
+    // What moved is fitted at the priority of the trial, for seconds: arms whose trials end later go first.
     std::thread::scope(|scope| {
-        scope.spawn(|| listed_and_probed("force-dimension", "omega.7 (mock)", || Arm::new("omega7", "")));
-        // What is tried here is no lost arm, and takes most of a minute.
-        scope.spawn(|| listed_and_probed("open-haptics", "Mock Touch", || Arm::new("touch", "patient")));
-        scope.spawn(|| listed_and_probed("virtuose", "Virtuose of type 0", || Arm::new("virtuose-6d", "patient")));
-        scope.spawn(|| listed_and_probed("haply-service", "", Arm::served));
+        scope.spawn(|| listed_and_probed("force-dimension", "omega.7 (mock)", LOOP_PRIORITY, || Arm::new("omega7", "")));
+        scope.spawn(|| listed_and_probed("haply-service", "", LOOP_PRIORITY, Arm::served));
+        scope.spawn(|| listed_and_probed("open-haptics", "Mock Touch", LOOP_PRIORITY + 1, || Arm::new("touch", "")));
+        scope.spawn(|| listed_and_probed("virtuose", "Virtuose of type 0", LOOP_PRIORITY + 2, || Arm::new("virtuose-6d", "")));
     });
 }
 
-fn listed_and_probed(codec: &str, identity: &str, new_arm: impl Fn() -> Arm) {
+fn listed_and_probed(codec: &str, identity: &str, priority: u8, new_arm: impl Fn() -> Arm) {
+    // What this thread starts inherits it.
+    keep_time(priority);
     let arm = new_arm();
     if arm.library.is_some() {
         let listed = arm.command(&["devices", "--json", "list"]).output().expect("runs");
@@ -272,7 +250,7 @@ fn listed_and_probed(codec: &str, identity: &str, new_arm: impl Fn() -> Arm) {
     );
     // The mock arm has the mass that its profile says.
     let here = Path::new("");
-    let true_kg = arms::profile::find(&arm.profile, here).expect("there").plant.mass_kg;
+    let true_kg = profile::find(&arm.profile, here).expect("there").plant.mass_kg;
     for axis in json["identified"].as_array().expect("three axes") {
         let mass_kg = axis["mass_kg"].as_f64().unwrap_or_else(|| panic!("{codec} did not move: {json}"));
         assert!((mass_kg / true_kg - 1.0).abs() < MASS_ERROR_MAX, "{codec}: {mass_kg} of {true_kg} kg: {json}");

@@ -14,7 +14,6 @@
 //! | `encoder-reset` | as `uncalibrated`, for good: it offers encoder reset and automatic, and takes one of them, not both |
 //! | `warm`, `velocity` | the errors WARM_MOTORS, EXCEEDED_MAX_VELOCITY |
 //! | `com` | COMM_ERROR, as of a cable that is out |
-//! | `patient` | COMM_ERROR comes after twenty commands without an answer, 100 ms: for trials that last, as a busy machine keeps the arm waiting |
 //! | `garbage` | positions and velocities are numbers without sense |
 //! | `still` | the scheduler stands still |
 //! | `crash`, `exit`, `hang` | what foreign code may do |

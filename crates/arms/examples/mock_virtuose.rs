@@ -8,8 +8,7 @@
 //! `HAPTICD_MOCK_FAULT` names what goes wrong, in a list with commas, each with `@` and the seconds after the first power if not at once: `no-device` (the
 //! open fails), `emergency-stop`, `dead-man` (open), `overheat`, `overrun`, `position`, `failure`, `power` (off), `com` (every call fails), `garbage` (numbers
 //! without sense), `crash`, `exit`, `hang`. `HAPTICD_MOCK_FAULT_FILE` names a file with such a list, which counts from when it is written until it is emptied.
-//! An arm that answers three commands in a row with nothing is a communication error: assumed. With `patient` it takes twenty, 100 ms: for trials that last, as a
-//! busy machine keeps the arm waiting.
+//! An arm that answers three commands in a row with nothing is a communication error: assumed.
 //!
 //! As of the real library, a force is refused with error 17 before everything has been set that it rests on.
 //!

@@ -11,8 +11,8 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 /// What a mock answers within.
 const REPLY: Duration = Duration::from_millis(5);
-/// Commands in a row without an answer that are a lost arm, as it is and with the fault `patient`.
-const UNANSWERED: [u32; 2] = [3, 20];
+/// Commands in a row without an answer that are a lost arm.
+const UNANSWERED: u32 = 3;
 const HELLO_PATIENCE: Duration = Duration::from_secs(3);
 
 fn crc(bytes: &[u8]) -> u16 {
@@ -193,7 +193,7 @@ impl Mock {
         }
         self.is_fresh = false;
         self.unanswered = if self.hear(REPLY, 0x82) { 0 } else { self.unanswered.saturating_add(1) };
-        self.is_silent = self.unanswered >= UNANSWERED[usize::from(self.fault("patient"))];
+        self.is_silent = self.unanswered >= UNANSWERED;
         if self.fault("garbage") {
             (self.pose, self.twist) = ([1e30; 8], [-1e30; 6]);
         }
