@@ -56,6 +56,7 @@ pub(super) const FILES: &[(&str, &str, &[u8])] = &[
     ("splat-shaders.js", SCRIPT, include_bytes!("web/splat-shaders.js")),
     ("splat-surface.js", SCRIPT, include_bytes!("web/splat-surface.js")),
     ("splats.js", SCRIPT, include_bytes!("web/splats.js")),
+    ("structures.js", SCRIPT, include_bytes!("web/structures.js")),
     ("units.js", SCRIPT, include_bytes!("web/units.js")),
     ("unsaved.js", SCRIPT, include_bytes!("web/unsaved.js")),
     ("view.css", CSS, include_bytes!("web/view.css")),

@@ -48,6 +48,7 @@ mod rows;
 mod scene_tracker;
 mod server;
 mod state_publisher;
+mod structure;
 mod visual;
 mod worker;
 mod ws;

@@ -25,6 +25,7 @@ use super::connection::Peer;
 use super::encode::{WirePose, with_counts};
 use super::forms::{read, such_as};
 use super::problem::RequestError;
+use super::structure::Structure;
 use super::{assets, clearance, download, recordings, ws};
 use crate::daemon::scenes_beside;
 use ::clay::engine::{SculptOrder, ToolChange};
@@ -40,6 +41,8 @@ const LONGEST_REFUSAL: usize = 1024;
 /// A request that takes longer goes on; its outcome is sent as an event.
 const PATIENCE: Duration = Duration::from_secs(2);
 
+const NO_STRUCTURE: &str = "no such object, or its mesh file is gone, or there is too little memory to bake it once more";
+
 /// A page loads nothing from elsewhere, and no other page may frame it.
 const POLICY: &str = "default-src 'self'; connect-src 'self'; img-src 'self' data: blob:; frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
 
@@ -48,7 +51,9 @@ pub(super) fn router(app: Arc<AppState>) -> Router {
         .route("/api/v1/info", get(info))
         .route("/api/v1/state", get(state))
         .route("/api/v1/scene", get(scene).merge(command("switch")))
-        .route("/api/v1/scene/{scene_idx}/mesh/{object_idx}", get(mesh))
+        .route("/api/v1/scene/{scene_idx}/mesh/{object_idx}", visual(None))
+        .route("/api/v1/scene/{scene_idx}/voxels/{object_idx}", visual(Some(Structure::Voxels)))
+        .route("/api/v1/scene/{scene_idx}/points/{object_idx}", visual(Some(Structure::Points)))
         .route("/api/v1/scenes", get(scenes))
         .route("/api/v1/parameters", get(parameters))
         .route("/api/v1/parameters/{name}", put(set))
@@ -217,7 +222,7 @@ async fn scene(State(state): State<Arc<AppState>>) -> Result<Json<Value>, Reques
     let mut finest_m = f64::INFINITY;
     let mut tool_bounds = None;
     for (idx, (name, role, movable, pose, voxel_size_m)) in statics.chain([tool]).enumerate() {
-        let visual = state.visuals.get(view.scene_idx, config, idx).await;
+        let visual = state.visuals.get(view.scene_idx, config, idx, None).await;
         let visual = visual.as_deref();
         if role == "tool" {
             tool_bounds = visual.and_then(|visual| visual.bounds);
@@ -235,6 +240,8 @@ async fn scene(State(state): State<Arc<AppState>>) -> Result<Json<Value>, Reques
             "triangles": visual.map(|visual| visual.triangles),
             "shown_triangles": visual.map(|visual| visual.shown_triangles),
             "mesh": visual.map(|_| format!("/api/v1/scene/{}/mesh/{idx}", view.scene_idx)),
+            "voxels": visual.map(|_| format!("/api/v1/scene/{}/voxels/{idx}", view.scene_idx)),
+            "points": visual.map(|_| format!("/api/v1/scene/{}/points/{idx}", view.scene_idx)),
         }));
     }
     let hand = config.device.hand.clone().filter(|_| config.device.profile.real.is_none());
@@ -277,19 +284,19 @@ fn grown(bounds: Option<[DVec3; 2]>, point: DVec3) -> Option<[DVec3; 2]> {
     Some(bounds.map_or([point; 2], |[low, high]| [low.min(point), high.max(point)]))
 }
 
-async fn mesh(
-    State(state): State<Arc<AppState>>,
-    Path((scene_idx, object_idx)): Path<(u32, usize)>,
-    headers: HeaderMap,
-) -> Result<Response, RequestError> {
-    let view = state.hub.session.view();
-    if view.scene_idx != scene_idx {
-        let hint = format!("scene {} is rendered", view.scene_idx);
-        return Err(RequestError::new(StatusCode::NOT_FOUND, "this scene is not rendered", hint));
-    }
-    let visual = state.visuals.get(scene_idx, &view.config, object_idx).await;
-    let visual = visual.ok_or_else(|| RequestError::new(StatusCode::NOT_FOUND, "no such object, or its mesh file is gone", ""))?;
-    Ok(visual.file.response(&headers, "application/octet-stream"))
+/// What a page draws of an object.
+fn visual(structure: Option<Structure>) -> MethodRouter<Arc<AppState>> {
+    get(async move |State(state): State<Arc<AppState>>, Path((scene_idx, object_idx)): Path<(u32, usize)>, headers: HeaderMap| {
+        let view = state.hub.session.view();
+        if view.scene_idx != scene_idx {
+            let hint = format!("scene {} is rendered", view.scene_idx);
+            return Err(RequestError::new(StatusCode::NOT_FOUND, "this scene is not rendered", hint));
+        }
+        let visual = state.visuals.get(scene_idx, &view.config, object_idx, structure).await;
+        let missing = if structure.is_none() { "no such object, or its mesh file is gone" } else { NO_STRUCTURE };
+        let visual = visual.ok_or_else(|| RequestError::new(StatusCode::NOT_FOUND, missing, ""))?;
+        Ok(visual.file.response(&headers, "application/octet-stream"))
+    })
 }
 
 async fn scenes(State(state): State<Arc<AppState>>) -> Json<Value> {

@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use glam::DVec3;
 
 use super::compressed::Compressed;
+use super::structure::{self, Structure};
 use super::worker::Worker;
 use crate::config::SceneConfig;
 use crate::config::scene::MeshSource;
@@ -18,10 +19,10 @@ const GROWTH: f64 = 1.2;
 /// How finely round shapes are cut, voxels.
 const CHORD_VOXELS: f64 = 0.25;
 
-/// What a page draws of one object.
+/// What a page draws of one object: its mesh, or a structure of it, which has the file alone.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Visual {
-    /// `HMSH`, version, counts, positions (object's own frame, m), indices; little-endian.
+    /// `HMSH`, version, counts, positions (object's own frame, m), indices; little-endian. Or the file of a structure.
     pub(super) file: Compressed,
     /// Of the object.
     pub(super) triangles: usize,
@@ -31,8 +32,8 @@ pub(super) struct Visual {
     pub(super) bounds: Option<[DVec3; 2]>,
 }
 
-/// By number of scene and object.
-type Made = HashMap<(u32, usize), Arc<Visual>>;
+/// By number of scene and object; of its mesh, or of which structure.
+type Made = HashMap<(u32, usize, Option<Structure>), Arc<Visual>>;
 
 /// All that were asked for.
 #[derive(Debug)]
@@ -47,8 +48,15 @@ impl Visuals {
     }
 
     /// Object `object_idx` of a scene: the static ones in order, then the tool. `None`: there is no such object, or its mesh is gone.
-    pub(super) async fn get(&self, scene_idx: u32, config: &Arc<SceneConfig>, object_idx: usize) -> Option<Arc<Visual>> {
-        let key = (scene_idx, object_idx);
+    /// `structure`: that instead of its mesh; there may be no memory to bake it as well.
+    pub(super) async fn get(
+        &self,
+        scene_idx: u32,
+        config: &Arc<SceneConfig>,
+        object_idx: usize,
+        structure: Option<Structure>,
+    ) -> Option<Arc<Visual>> {
+        let key = (scene_idx, object_idx, structure);
         let find = move |made: &Mutex<HashMap<_, _>>| made.lock().unwrap_or_else(PoisonError::into_inner).get(&key).cloned();
         if let Some(visual) = find(&self.made) {
             return Some(visual);
@@ -59,9 +67,15 @@ impl Visuals {
             if let Some(visual) = find(&made) {
                 return Some(visual);
             }
-            let visual = Arc::new(make(&config, object_idx)?);
+            let visual = Arc::new(match structure {
+                Some(structure) => {
+                    let file = structure::file(&config, object_idx, structure)?;
+                    Visual { file: Compressed::new(file.into()), ..Visual::default() }
+                }
+                None => make(&config, object_idx)?,
+            });
             let mut made = made.lock().unwrap_or_else(PoisonError::into_inner);
-            made.retain(|(scene, _), _| *scene == scene_idx);
+            made.retain(|(scene, ..), _| *scene == scene_idx);
             made.insert(key, visual.clone());
             Some(visual)
         };

@@ -114,15 +114,20 @@ pub fn look_at_parts(
     memory: &mut MemoryPlan<'_>,
     mut see: impl FnMut(&Part, &MeshSource),
 ) -> Result<(), PartError> {
-    let needs_gradients = SceneBuilder::new(config.parameters).needs_gradients();
-    let statics = config.statics.iter().map(|object| static_request(object, needs_gradients));
-    for request in statics.chain([tool_request(&config.tool)]) {
+    for request in requests(config) {
         // The box of a shape hardly depends on how finely it is cut.
         let part = object::load(request.name, request.source, Spacing::LongestAxis(1))?;
         see(&part, request.source);
         memory.judge(&part, &request.options(&part), request.products())?;
     }
     Ok(())
+}
+
+/// What is baked of each object: the fixed ones in the order of the scene, then the tool.
+pub(crate) fn requests(config: &SceneConfig) -> impl Iterator<Item = Request<'_>> {
+    let needs_gradients = SceneBuilder::new(config.parameters).needs_gradients();
+    let statics = config.statics.iter().map(move |object| static_request(object, needs_gradients));
+    statics.chain([tool_request(&config.tool)])
 }
 
 fn static_request(object: &StaticConfig, with_gradients: bool) -> Request<'_> {

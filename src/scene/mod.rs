@@ -13,6 +13,7 @@ mod loaded_clay;
 mod object;
 mod unit;
 
+pub(crate) use build::requests;
 pub use build::{BakeEvent, Built, build, build_all, build_with, look_at_parts};
 pub use loaded_clay::{BorderReport, ClayError, ClayReport, LoadedClay};
 pub use object::{BakeOptions, MemoryPlan, SceneError, load};

@@ -641,6 +641,30 @@ class ViewTest(PageCase):
         page.wait(DRAWN)
         self.assertEqual(page.count_pixels("#view", "#e6972a"), 0)
 
+    def test_parts_as_voxels_and_points(self):
+        """What contact works with, in place of the parts: as many voxels as 61 × 41 × 21 of 1 mm have on their outside, and 11 × 11 × 21 of the tool."""
+        page = self.open(self.run_scene("block"))
+        choose = lambda word: page.run(f"((choice) => {{ choice.value = '{word}'; choice.dispatchEvent(new Event('change')); }})(document.querySelector('#structure'))")
+        told = "document.querySelector('#legend-structure').textContent.replaceAll('\u202f', '')"
+        self.assertEqual(page.count_pixels("#view", "#cda060"), 0)
+        choose("voxels")
+        n = 61 * 41 * 21 - 59 * 39 * 19 + 11 * 11 * 21 - 9 * 9 * 19
+        page.wait(f"{told} === '{n} surface voxels, voxels of 1 mm'")
+        page.wait(DRAWN)
+        page.screenshot(SHOTS / "voxels.png")
+        voxels = page.count_pixels("#view", "#cda060")
+        self.assertGreater(voxels, 2000)
+        choose("points")
+        page.wait(f"/^\\d+ points, voxels of 1 mm$/.test({told})")
+        page.wait(DRAWN)
+        page.screenshot(SHOTS / "points.png")
+        points = page.count_pixels("#view", "#cda060")
+        self.assertTrue(200 < points < voxels, f"{points} of {voxels}")
+        choose("surfaces")
+        page.wait(DRAWN)
+        self.assertEqual(page.count_pixels("#view", "#cda060"), 0)
+        self.assertTrue(page.run("document.querySelector('#legend-structure').hidden"))
+
     def test_every_screen(self):
         page = self.open(self.run_scene("press"))
         page.click("#section")

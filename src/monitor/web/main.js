@@ -30,6 +30,7 @@ import { Readouts } from "./readouts.js";
 import { SceneView } from "./scene.js";
 import { Section } from "./section.js";
 import { Session } from "./session.js";
+import { Structures } from "./structures.js";
 import { count, lengthText, short } from "./units.js";
 import { Unsaved } from "./unsaved.js";
 import { Wrench } from "./wrench.js";
@@ -205,12 +206,12 @@ async function loadMeshes(scene) {
   byId("view-note").textContent = "Loading the parts";
   const { started } = shown;
   const isOld = () => scene.scene_idx !== shown.idx || started !== shown.started;
-  for (const [idx, { mesh, pose, role, triangles, shown_triangles: nShown }] of scene.objects.entries()) {
+  for (const [idx, { mesh, voxels, points, pose, role, triangles, shown_triangles: nShown }] of scene.objects.entries()) {
     // The file of a mesh may be gone since it was baked.
     if (!mesh) continue;
     const part = await meshes.load(mesh, nShown < triangles).catch((error) => say(words(error)));
     if (isOld()) return;
-    if (part) view.add({ idx, role, pose, mesh: part });
+    if (part) view.add({ idx, role, pose, mesh: part, voxels, points });
     view.fitUntouched();
   }
   byId("view-note").textContent = "";
@@ -264,6 +265,7 @@ function openView() {
   };
   new Section(opened);
   new Clearance(link, opened);
+  new Structures(link, opened);
   new Measure(opened);
   const names = document.querySelectorAll(".axes span");
   opened.onDrawn = () => {

@@ -31,7 +31,7 @@ const LEAST_TORQUE_SCALE = 0.005;
  * @property {() => void=} measured after the box around all parts has changed
  */
 
-/** @typedef {{pose: Pose, role: "static"|"tool", idx: number, mesh: import("./mesh.js").Mesh, faces: object, lines: object}} Part */
+/** @typedef {{pose: Pose, role: "static"|"tool", idx: number, mesh: import("./mesh.js").Mesh, voxels: string, points: string, faces: object, lines: object}} Part `voxels`, `points`: where they are asked for */
 
 export class SceneView {
   redraw = oncePerFrame(() => {
@@ -111,7 +111,7 @@ export class SceneView {
     this.redraw();
   }
 
-  /** @param {{idx: number, role: "static"|"tool", pose: Pose, mesh: import("./mesh.js").Mesh}} part */
+  /** @param {{idx: number, role: "static"|"tool", pose: Pose, mesh: import("./mesh.js").Mesh, voxels: string, points: string}} part */
   add(part) {
     this.#upload(part);
     this.parts.push(part);
@@ -280,7 +280,7 @@ export class SceneView {
       const [face, edge] = part.role === "tool" ? ["tool", "tool-edge"] : ["part", "part-edge"];
       const model = matrixOfPose(this.#poseOf(part));
       draw.cut = this.cutOf(part.role);
-      const painted = this.additions.map((addition) => addition.painted?.(part)).find(Boolean);
+      const painted = this.#painted(part);
       if (painted) draw.solid(painted, model, [1, 1, 1]);
       else draw.solid(part, model, colors[face]);
       draw.outline(part, model, colors[edge], 0.75);
@@ -294,7 +294,7 @@ export class SceneView {
       for (const part of statics) {
         const model = matrixOfPose(part.pose);
         draw.cut = this.cutOf("static");
-        draw.veil(part, model, colors.part, 0.25);
+        draw.veil(this.#painted(part) ?? part, model, colors.part, 0.25);
         draw.outline(part, model, colors["part-edge"], 0.6);
       }
       draw.cut = null;
@@ -307,6 +307,11 @@ export class SceneView {
     this.#drawWrench();
     for (const addition of this.additions) addition.over?.(draw, ratio);
     draw.axes(view, backward, ["axis-x", "axis-y", "axis-z"].map((name) => colors[name]), ratio);
+  }
+
+  /** What is drawn in place of the faces of a part, if anything. */
+  #painted(part) {
+    return this.additions.map((addition) => addition.painted?.(part)).find(Boolean) ?? null;
   }
 
   #drawClay(opacity) {
