@@ -185,6 +185,7 @@ fn mix(low: f32, high: f32, t: f32) -> f32 {
 #[expect(clippy::indexing_slicing, clippy::unwrap_used, reason = "test code")]
 mod tests {
     use super::*;
+    use crate::spatial::testing::Random;
 
     /// s = 1 − 2x + 3y + 0.5z.
     fn sloped() -> Raster {
@@ -229,10 +230,9 @@ mod tests {
         assert_eq!(raster.steepest(), f32::INFINITY, "changed since it was made");
         raster.measure();
         assert!((raster.steepest() - Vec3::new(2.0, 3.0, 0.5).length()).abs() < 1e-4, "{}", raster.steepest());
-        let mut seed = 5_u64;
+        let mut random = Random(5);
         for value_m in raster.values_m_mut() {
-            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            *value_m = (seed >> 40) as f32 * 1e-8;
+            *value_m = random.unit() as f32 * 0.17;
         }
         raster.measure();
         let (low, high) = raster.lattice().bounds();

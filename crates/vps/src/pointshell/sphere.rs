@@ -38,6 +38,7 @@ pub(super) fn enclose(middle: DVec3, mut farthest: impl FnMut(DVec3) -> (f64, DV
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::spatial::testing::Random;
 
     fn farthest(points: &[DVec3], from: DVec3) -> (f64, DVec3) {
         let distances = points.iter().map(|point| ((*point - from).length_squared(), *point));
@@ -47,11 +48,7 @@ mod tests {
     #[test]
     #[expect(clippy::print_stdout, reason = "reports the margin")]
     fn a_ball_holds_its_points_and_is_nearly_the_smallest() {
-        let mut state = 5_u64;
-        let mut unit = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 40) as f64 / f64::from(1 << 24)
-        };
+        let mut random = Random(5);
         let (mut sum, mut worst) = (0.0, 0.0_f64);
         const SETS: u32 = 500;
         for set in 0..SETS {
@@ -59,7 +56,7 @@ mod tests {
             let bend = f64::from(set % 5) * 0.1;
             let points: Vec<DVec3> = (0..16)
                 .map(|idx| {
-                    let (u, v) = (f64::from(idx % 4) + 0.7 * unit(), f64::from(idx / 4) + 0.7 * unit());
+                    let (u, v) = (f64::from(idx % 4) + 0.7 * random.unit(), f64::from(idx / 4) + 0.7 * random.unit());
                     (DVec3::new(u, v, 0.4 * u + bend * v * v) * 1e-3).as_vec3().as_dvec3()
                 })
                 .collect();

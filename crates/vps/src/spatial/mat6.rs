@@ -133,15 +133,13 @@ impl Mat6 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::testing::Random;
     use super::*;
 
     #[test]
     fn solve_inverts_mul_on_random_positive_definite_matrices() {
-        let mut seed = 1_u64;
-        let mut random = || {
-            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (seed >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
-        };
+        let mut chance = Random(1);
+        let mut random = || chance.unit() - 0.5;
         for _ in 0..1000 {
             let mut matrix = Mat6::ZERO;
             for (idx, row) in matrix.0.iter_mut().enumerate() {

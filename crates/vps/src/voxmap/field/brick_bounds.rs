@@ -334,6 +334,7 @@ mod tests {
     use super::*;
     use crate::mesh::primitives::Shape;
     use crate::mesh::validate::inspect;
+    use crate::spatial::testing::Random;
     use crate::voxmap::inside_test::InsideTest;
     use crate::voxmap::{Options, Volume};
 
@@ -347,15 +348,11 @@ mod tests {
         built.into()
     }
 
-    /// Places on and around the grid, cells, by a linear congruential generator.
+    /// Places on and around the grid, cells.
     fn places(field: &Field, n: usize) -> Vec<Vec3> {
-        let mut state = 17_u64;
-        let mut number = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 40) as f32 / (1_u64 << 24) as f32
-        };
+        let mut random = Random(17);
         let [x, y, z] = field.brick_dims.map(|n| (8 * n) as f32);
-        (0..n).map(|_| Vec3::new(number(), number(), number()) * (Vec3::new(x, y, z) + 8.0) - 4.0).collect()
+        (0..n).map(|_| random.in_box(0.0, 1.0).as_vec3() * (Vec3::new(x, y, z) + 8.0) - 4.0).collect()
     }
 
     /// The brick that a place's samples are of, if it is on the grid.

@@ -297,6 +297,7 @@ mod tests {
 
     use super::*;
     use crate::mesh::primitives::Shape;
+    use crate::spatial::testing::Random;
 
     fn exact(mesh: &TriangleMesh, point: DVec3) -> f64 {
         let solid_angles: f64 = (0..mesh.triangles.len())
@@ -310,20 +311,11 @@ mod tests {
         solid_angles / (4.0 * PI)
     }
 
-    /// Numbers in −1 … 1, always the same.
-    fn scattered(seed: u64) -> impl FnMut() -> f64 {
-        let mut state = seed;
-        move || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
-        }
-    }
-
     fn soup(n_triangles: usize, edge: f64, seed: u64) -> TriangleMesh {
-        let mut random = scattered(seed);
+        let mut random = Random(seed);
         let mut mesh = TriangleMesh::default();
         for _ in 0..n_triangles {
-            let mut vector = || DVec3::new(random(), random(), random());
+            let mut vector = || random.in_box(-1.0, 1.0);
             let at = vector();
             let first = mesh.vertices.len() as u32;
             mesh.vertices.extend([at, at + edge * vector(), at + edge * vector()]);
@@ -336,9 +328,9 @@ mod tests {
     fn errors(mesh: &TriangleMesh, n_points: usize) -> (f64, f64) {
         let tree = WindingTree::new(mesh);
         let (low, high) = mesh.bounds().expect("triangles");
-        let mut random = scattered(7);
+        let mut random = Random(7);
         let (mut worst, mut sum) = (0.0_f64, 0.0);
-        let mut anywhere = || 0.5 * (low + high) + 0.6 * (high - low) * DVec3::new(random(), random(), random());
+        let mut anywhere = || 0.5 * (low + high) + 0.6 * (high - low) * random.in_box(-1.0, 1.0);
         let points: Vec<DVec3> = (0..n_points).map(|_| anywhere()).collect();
         for (point, winding) in points.iter().zip(tree.at(&points)) {
             let error = (winding - exact(mesh, *point)).abs();
@@ -399,8 +391,8 @@ mod tests {
     #[test]
     fn the_same_bits_on_one_and_two_threads_on_every_level_and_beside_any_other_points() {
         let mesh = soup(40_000, 0.1, 11);
-        let mut random = scattered(5);
-        let points: Vec<DVec3> = (0..100).map(|_| DVec3::new(random(), random(), random())).collect();
+        let mut random = Random(5);
+        let points: Vec<DVec3> = (0..100).map(|_| random.in_box(-1.0, 1.0)).collect();
         let on = |n_threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().expect("a pool");
             pool.install(|| WindingTree::new(&mesh).at(&points))
@@ -426,8 +418,8 @@ mod tests {
             let since = std::time::Instant::now();
             let tree = WindingTree::new(&mesh);
             let build = since.elapsed();
-            let mut random = scattered(5);
-            let points: Vec<DVec3> = (0..20_000).map(|_| 0.07 * DVec3::new(random(), random(), random())).collect();
+            let mut random = Random(5);
+            let points: Vec<DVec3> = (0..20_000).map(|_| 0.07 * random.in_box(-1.0, 1.0)).collect();
             let since = std::time::Instant::now();
             let sum: f64 = tree.at(&points).iter().sum();
             println!("{} triangles: build {build:.1?}, {:.2?} each, {sum}", mesh.triangles.len(), since.elapsed() / 20_000);
