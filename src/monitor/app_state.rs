@@ -5,16 +5,21 @@ use std::sync::Arc;
 use tokio::sync::Semaphore;
 
 use super::access::Access;
+use super::compressed::Compressed;
 use super::hub::Hub;
+use super::made::Made;
 use super::rate_limiter::RateLimiter;
-use super::visual::Visuals;
+use super::visual::Visual;
 use super::worker::Worker;
 
 /// One for all connections of a server.
 pub(super) struct AppState {
     pub(super) hub: Arc<Hub>,
     pub(super) access: Access,
-    pub(super) visuals: Visuals,
+    pub(super) visuals: Made<Visual>,
+    /// Files of structures.
+    pub(super) voxels: Made<Compressed>,
+    pub(super) points: Made<Compressed>,
     /// Makes what is to be drawn.
     pub(super) shapes: Worker,
     /// Reads files for the clay, which may take long.

@@ -33,6 +33,7 @@ pub(super) const FILES: &[(&str, &str, &[u8])] = &[
     ("look.js", SCRIPT, include_bytes!("web/look.js")),
     ("made-files.js", SCRIPT, include_bytes!("web/made-files.js")),
     ("main.js", SCRIPT, include_bytes!("web/main.js")),
+    ("marks.js", SCRIPT, include_bytes!("web/marks.js")),
     ("material.js", SCRIPT, include_bytes!("web/material.js")),
     ("math.js", SCRIPT, include_bytes!("web/math.js")),
     ("measure.js", SCRIPT, include_bytes!("web/measure.js")),

@@ -37,6 +37,7 @@ mod heartbeat;
 mod hub;
 mod index_origin;
 mod info;
+mod made;
 mod observer;
 mod outbox;
 mod problem;

@@ -21,13 +21,16 @@ use super::answer::Reply;
 use super::app_state::AppState;
 use super::asks::{ClientCommand, perform};
 use super::clay::{IMAGE_BYTES_MAX, SOLID_BYTES_MAX, SolidAsked, VALUES_BYTES_MAX, ValuesAsked, image_of, solid_of, values_of};
+use super::compressed::Compressed;
 use super::connection::Peer;
 use super::encode::{WirePose, with_counts};
 use super::forms::{read, such_as};
 use super::problem::RequestError;
-use super::structure::Structure;
+use super::structure::{self, Structure};
+use super::visual::{self, Visual};
 use super::{assets, clearance, download, recordings, ws};
 use crate::daemon::scenes_beside;
+use crate::daemon::session::SceneView;
 use ::clay::engine::{SculptOrder, ToolChange};
 use arms::simulated::hand::HandPath;
 use recording::metrics;
@@ -41,7 +44,8 @@ const LONGEST_REFUSAL: usize = 1024;
 /// A request that takes longer goes on; its outcome is sent as an event.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-const NO_STRUCTURE: &str = "no such object, or its mesh file is gone, or there is too little memory to bake it once more";
+/// Type of what is no text.
+const BYTES: &str = "application/octet-stream";
 
 /// A page loads nothing from elsewhere, and no other page may frame it.
 const POLICY: &str = "default-src 'self'; connect-src 'self'; img-src 'self' data: blob:; frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
@@ -51,9 +55,9 @@ pub(super) fn router(app: Arc<AppState>) -> Router {
         .route("/api/v1/info", get(info))
         .route("/api/v1/state", get(state))
         .route("/api/v1/scene", get(scene).merge(command("switch")))
-        .route("/api/v1/scene/{scene_idx}/mesh/{object_idx}", visual(None))
-        .route("/api/v1/scene/{scene_idx}/voxels/{object_idx}", visual(Some(Structure::Voxels)))
-        .route("/api/v1/scene/{scene_idx}/points/{object_idx}", visual(Some(Structure::Points)))
+        .route("/api/v1/scene/{scene_idx}/mesh/{object_idx}", get(mesh))
+        .route("/api/v1/scene/{scene_idx}/voxels/{object_idx}", structure(Structure::Voxels))
+        .route("/api/v1/scene/{scene_idx}/pointshell/{object_idx}", structure(Structure::Points))
         .route("/api/v1/scenes", get(scenes))
         .route("/api/v1/parameters", get(parameters))
         .route("/api/v1/parameters/{name}", put(set))
@@ -222,7 +226,7 @@ async fn scene(State(state): State<Arc<AppState>>) -> Result<Json<Value>, Reques
     let mut finest_m = f64::INFINITY;
     let mut tool_bounds = None;
     for (idx, (name, role, movable, pose, voxel_size_m)) in statics.chain([tool]).enumerate() {
-        let visual = state.visuals.get(view.scene_idx, config, idx, None).await;
+        let visual = self::visual(&state, &view, idx).await;
         let visual = visual.as_deref();
         if role == "tool" {
             tool_bounds = visual.and_then(|visual| visual.bounds);
@@ -241,7 +245,7 @@ async fn scene(State(state): State<Arc<AppState>>) -> Result<Json<Value>, Reques
             "shown_triangles": visual.map(|visual| visual.shown_triangles),
             "mesh": visual.map(|_| format!("/api/v1/scene/{}/mesh/{idx}", view.scene_idx)),
             "voxels": visual.map(|_| format!("/api/v1/scene/{}/voxels/{idx}", view.scene_idx)),
-            "points": visual.map(|_| format!("/api/v1/scene/{}/points/{idx}", view.scene_idx)),
+            "pointshell": visual.map(|_| format!("/api/v1/scene/{}/pointshell/{idx}", view.scene_idx)),
         }));
     }
     let hand = config.device.hand.clone().filter(|_| config.device.profile.real.is_none());
@@ -284,18 +288,40 @@ fn grown(bounds: Option<[DVec3; 2]>, point: DVec3) -> Option<[DVec3; 2]> {
     Some(bounds.map_or([point; 2], |[low, high]| [low.min(point), high.max(point)]))
 }
 
-/// What a page draws of an object.
-fn visual(structure: Option<Structure>) -> MethodRouter<Arc<AppState>> {
+/// What a client may ask of a scene: the one that is rendered.
+fn rendered(state: &AppState, scene_idx: u32) -> Result<SceneView, RequestError> {
+    let view = state.hub.session.view();
+    if view.scene_idx == scene_idx {
+        return Ok(view);
+    }
+    Err(RequestError::new(StatusCode::NOT_FOUND, "this scene is not rendered", format!("scene {} is rendered", view.scene_idx)))
+}
+
+async fn visual(state: &AppState, view: &SceneView, object_idx: usize) -> Option<Arc<Visual>> {
+    let config = view.config.clone();
+    let make = move || visual::make(&config, object_idx).ok_or(());
+    state.visuals.get((view.scene_idx, object_idx), make).await?.ok()
+}
+
+async fn mesh(
+    State(state): State<Arc<AppState>>,
+    Path((scene_idx, object_idx)): Path<(u32, usize)>,
+    headers: HeaderMap,
+) -> Result<Response, RequestError> {
+    let view = rendered(&state, scene_idx)?;
+    let visual = visual(&state, &view, object_idx).await;
+    let visual = visual.ok_or_else(|| RequestError::new(StatusCode::NOT_FOUND, "no such object, or its mesh file is gone", ""))?;
+    Ok(visual.file.response(&headers, BYTES))
+}
+
+fn structure(structure: Structure) -> MethodRouter<Arc<AppState>> {
     get(async move |State(state): State<Arc<AppState>>, Path((scene_idx, object_idx)): Path<(u32, usize)>, headers: HeaderMap| {
-        let view = state.hub.session.view();
-        if view.scene_idx != scene_idx {
-            let hint = format!("scene {} is rendered", view.scene_idx);
-            return Err(RequestError::new(StatusCode::NOT_FOUND, "this scene is not rendered", hint));
-        }
-        let visual = state.visuals.get(scene_idx, &view.config, object_idx, structure).await;
-        let missing = if structure.is_none() { "no such object, or its mesh file is gone" } else { NO_STRUCTURE };
-        let visual = visual.ok_or_else(|| RequestError::new(StatusCode::NOT_FOUND, missing, ""))?;
-        Ok(visual.file.response(&headers, "application/octet-stream"))
+        let view = rendered(&state, scene_idx)?;
+        let made = if structure == Structure::Voxels { &state.voxels } else { &state.points };
+        let make = move || structure::file(&view, object_idx, structure).map(|file| Compressed::new(file.into()));
+        let file = made.get((scene_idx, object_idx), make).await;
+        let file = file.unwrap_or_else(|| Err(RequestError::unavailable("the object could not be baked", "the log has more")))?;
+        Ok::<_, RequestError>(file.response(&headers, BYTES))
     })
 }
 
@@ -477,7 +503,7 @@ async fn clay_points(
     if version == since {
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
-    Ok(([(header::CONTENT_TYPE, "application/octet-stream")], bytes).into_response())
+    Ok(([(header::CONTENT_TYPE, BYTES)], bytes).into_response())
 }
 
 /// Does it, and says that it is done, or that it goes on.

@@ -15,10 +15,10 @@ use super::app_state::AppState;
 use super::connection::{ConnectionListener, Peer};
 use super::feed::feed;
 use super::hub::Hub;
+use super::made::Made;
 use super::rate_limiter::RateLimiter;
 use super::rest::router;
 use super::state_publisher::StatePublisher;
-use super::visual::Visuals;
 use super::worker::Worker;
 use recording::Subscriber;
 
@@ -74,7 +74,9 @@ impl BoundMonitor {
         let state = Arc::new(AppState {
             hub: hub.clone(),
             access,
-            visuals: Visuals::new(shapes.clone()),
+            visuals: Made::new(shapes.clone()),
+            voxels: Made::new(shapes.clone()),
+            points: Made::new(shapes.clone()),
             shapes,
             uploads: Worker::new("monitor-upload")?,
             upload_turn: Arc::new(Semaphore::new(1)),

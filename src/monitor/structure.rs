@@ -1,84 +1,116 @@
-//! What contact works with, for a picture: the surface voxels of an object, or its points. Both are baked anew, as a scene keeps neither voxels nor the points
-//! of its fixed parts.
+//! The structures of the method for a picture: the surface voxels of an object, or its pointshell. A scene keeps the pointshell of its tool and no voxels;
+//! all else is baked anew.
 //!
 //! # Source
 //! Sagardia2008, figure 4: polygons, voxmap and pointshell of one model.
 
 use glam::{DVec3, IVec3};
+use rayon::{ThreadPool, ThreadPoolBuilder};
 
-use crate::config::SceneConfig;
-use crate::scene::{self, MemoryPlan};
-use vps::mesh::TriangleMesh;
+use super::problem::RequestError;
+use crate::daemon::session::SceneView;
+use crate::scene;
+use axum::http::StatusCode;
+use rt::schedule::enter_background;
+use vps::part::{Part, PartError};
 use vps::pointshell;
-use vps::storage::memory;
+use vps::pointshell::shell::Shell;
+use vps::voxmap::estimate::Products;
 use vps::voxmap::{Options, Volume};
 
-/// Faces or points of one object on a page.
-const MOST_FACES: usize = 120_000;
-/// Faces of voxels that look outward to a face of a voxel of surface, where it lies at its worst in the grid: √3.
+/// Marks of one object on a page.
+const MOST_MARKS: usize = 120_000;
+/// A plane across (1, 1, 1) has √3 times its area in faces of voxels, and no other has more.
 const FACES_PER_AREA: f64 = 1.74;
 /// By how much voxels grow until few enough faces are left: a rough surface has more than a smooth one.
 const GROWTH: f64 = 1.2;
 /// Version of the layout.
 const VERSION: u32 = 1;
 const HEAD_BYTES: usize = 24;
-const FACE_BYTES: usize = 16;
+const MARK_BYTES: usize = 16;
 
 /// Which of them.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Structure {
     Voxels,
     Points,
 }
 
-/// A square of a voxel, or what stands for a point: where (object's own frame, m), which way it looks, and which of two colours it has.
-struct Face {
+/// A face of a voxel, or a point: where (object's own frame, m), which way it looks, and which of two colours it has.
+struct Mark {
     place_m: DVec3,
     outward: DVec3,
     color: u8,
 }
 
-/// All of them; the layout is in `docs/reference/api.md`, section 9. `None`: there is no such object, its mesh is gone, or there is no memory for it.
-pub(super) fn file(config: &SceneConfig, object_idx: usize, structure: Structure) -> Option<Vec<u8>> {
-    let request = scene::requests(config).nth(object_idx)?;
-    let part = scene::load(request.name, request.source, request.spacing).ok()?;
+/// What a file has besides its marks.
+struct Facts {
+    /// Voxels or points that there are.
+    n: usize,
+    /// Of the voxels that were baked, m.
+    baked_m: f64,
+    /// Of those of the scene, m.
+    scene_m: f64,
+}
+
+/// All of them; the layout is in `docs/reference/api.md`, section 9. Object `object_idx`: the fixed ones in order, then the tool.
+///
+/// # Errors
+/// There is no such object, or it cannot be baked here: its mesh is gone, or memory is short.
+pub(super) fn file(view: &SceneView, object_idx: usize, structure: Structure) -> Result<Vec<u8>, RequestError> {
+    let config = &view.config;
+    let request =
+        scene::requests(config).nth(object_idx).ok_or_else(|| RequestError::new(StatusCode::NOT_FOUND, "no such object", ""))?;
+    if let Some(scene) = view.scene.as_ref().filter(|_| structure == Structure::Points && object_idx == config.statics.len()) {
+        return Ok(of_points(&scene.tool.shell, scene.tool.center_of_mass_tool, [config.tool.voxel_size_m; 2]));
+    }
+    let refused = |error: PartError| RequestError::unavailable(error.to_string(), error.hint().unwrap_or_default());
+    let part = scene::load(request.name, request.source, request.spacing).map_err(refused)?;
     let own = request.options(&part);
-    let coarse_m = (FACES_PER_AREA * area_m2(&part.mesh) / MOST_FACES as f64).sqrt();
+    let coarse_m = (FACES_PER_AREA * part.area_m2() / MOST_MARKS as f64).sqrt();
     let mut options = Options { voxel_size_m: own.voxel_size_m.max(coarse_m), ..own };
-    loop {
-        MemoryPlan::new(None, |_, _| {}).within(memory::available_bytes).judge(&part, &options, request.products()).ok()?;
-        let map = part.voxmap(&options, |_| {}).ok()?;
-        let (n, faces) = match structure {
-            Structure::Voxels => (map.surface.n_voxels, voxel_faces(&map)),
-            Structure::Points => {
+    let pool = background().map_err(|error| RequestError::unavailable(format!("cannot start a thread: {error}"), "ask again"))?;
+    pool.install(|| {
+        loop {
+            let map = baked(&part, &options, structure).map_err(refused)?;
+            let sizes_m = [options.voxel_size_m, own.voxel_size_m];
+            if structure == Structure::Points {
                 let (shell, _) = pointshell::build_with(request.points, &part.mesh, &map, DVec3::ZERO);
-                (shell.len(), shell.points().map(|(place, inward)| Face::of_point(place.as_dvec3(), inward.as_dvec3())).collect())
+                return Ok(of_points(&shell, DVec3::ZERO, sizes_m));
             }
-        };
-        // A mesh of many facets has a point for each, however large its voxels are: of these one in so many is drawn.
-        if structure == Structure::Points || faces.len() <= MOST_FACES {
-            return Some(bytes(&faces, n, [options.voxel_size_m, own.voxel_size_m]));
+            let faces = faces(&map);
+            if faces.len() <= MOST_MARKS {
+                return Ok(bytes(&faces, &Facts { n: map.surface.n_voxels, baked_m: sizes_m[0], scene_m: sizes_m[1] }));
+            }
+            options.voxel_size_m *= GROWTH;
         }
-        options.voxel_size_m *= GROWTH;
-    }
+    })
 }
 
-impl Face {
-    fn of_point(place_m: DVec3, inward: DVec3) -> Self {
-        Self { place_m, outward: -inward, color: 0 }
-    }
+/// Threads that a loop beside them does not wait for.
+fn background() -> Result<ThreadPool, rayon::ThreadPoolBuildError> {
+    ThreadPoolBuilder::new().start_handler(|_| enter_background()).build()
 }
 
-fn area_m2(mesh: &TriangleMesh) -> f64 {
-    let area_m2 = |n| {
-        let [a, b, c] = mesh.corners(n);
-        0.5 * (b - a).cross(c - a).length()
+fn baked(part: &Part, options: &Options, structure: Structure) -> Result<Volume, PartError> {
+    part.fits(options, Products { field: false, gradients: false, shell: structure == Structure::Points })?;
+    part.voxmap(options, |_| {})
+}
+
+/// Of more points than are to be drawn one in so many.
+fn of_points(shell: &Shell, origin_m: DVec3, [baked_m, scene_m]: [f64; 2]) -> Vec<u8> {
+    let step = shell.len().div_ceil(MOST_MARKS).max(1);
+    let mark = |(place, inward): (glam::Vec3, glam::Vec3)| Mark {
+        place_m: origin_m + place.as_dvec3(),
+        outward: -inward.as_dvec3(),
+        color: 0,
     };
-    (0..mesh.triangles.len()).map(area_m2).sum()
+    let marks: Vec<Mark> = shell.points().step_by(step).map(mark).collect();
+    bytes(&marks, &Facts { n: shell.len(), baked_m, scene_m })
 }
 
 /// Faces of surface voxels with neither another one nor the inside beyond.
-fn voxel_faces(map: &Volume) -> Vec<Face> {
+fn faces(map: &Volume) -> Vec<Mark> {
     let surface = &map.surface;
     let half_m = 0.5 * surface.grid.voxel_size_m;
     let mut faces = Vec::new();
@@ -90,26 +122,23 @@ fn voxel_faces(map: &Volume) -> Vec<Face> {
             let beyond = (IVec3::from(cell) + way).to_array();
             if !surface.contains(beyond) && map.layers.value(beyond) < 0 {
                 let outward = way.as_dvec3();
-                faces.push(Face { place_m: place_m + outward * half_m, outward, color });
+                faces.push(Mark { place_m: place_m + outward * half_m, outward, color });
             }
         }
     }
     faces
 }
 
-/// `n`: voxels or points that there are; `sizes_m`: of the voxels here, and of those of the scene.
-fn bytes(faces: &[Face], n: usize, sizes_m: [f64; 2]) -> Vec<u8> {
-    let step = faces.len().div_ceil(MOST_FACES).max(1);
-    let n_faces = faces.len().div_ceil(step);
-    let mut bytes = Vec::with_capacity(HEAD_BYTES + FACE_BYTES * n_faces);
+fn bytes(marks: &[Mark], Facts { n, baked_m, scene_m }: &Facts) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(HEAD_BYTES + MARK_BYTES * marks.len());
     bytes.extend(b"HVPS");
-    for number in [VERSION, n_faces as u32, n as u32] {
+    for number in [VERSION, marks.len() as u32, *n as u32] {
         bytes.extend(number.to_le_bytes());
     }
-    for size_m in sizes_m {
-        bytes.extend((size_m as f32).to_le_bytes());
+    for size_m in [baked_m, scene_m] {
+        bytes.extend((*size_m as f32).to_le_bytes());
     }
-    for Face { place_m, outward, color } in faces.iter().step_by(step) {
+    for Mark { place_m, outward, color } in marks {
         for coordinate in place_m.as_vec3().to_array() {
             bytes.extend(coordinate.to_le_bytes());
         }
@@ -132,10 +161,10 @@ mod tests {
         let mesh = Shape::Box { size_m: DVec3::splat(0.01) }.tessellate(1e-4);
         let options = Options { voxel_size_m: 1e-3, layers: 2, navigation: None, sides: InsideTest::Auto };
         let map = Volume::build(&mesh, &inspect(&mesh), &options, |_| {}).expect("small");
-        let faces = voxel_faces(&map);
+        let faces = faces(&map);
         // A cube of 11 voxels, whose hollow nobody sees.
         assert_eq!((map.surface.n_voxels, faces.len()), (11_usize.pow(3) - 9_usize.pow(3), 6 * 11 * 11));
-        for Face { place_m, outward, .. } in &faces {
+        for Mark { place_m, outward, .. } in &faces {
             assert!((place_m.dot(*outward) - 5.5e-3).abs() < 1e-9, "{place_m} {outward}");
         }
         let n_dark = faces.iter().filter(|face| face.color == 0).count();
@@ -144,13 +173,17 @@ mod tests {
 
     #[test]
     fn many_points_are_thinned_and_counted() {
-        let points: Vec<_> = (0..2 * MOST_FACES + 1).map(|n| Face::of_point(DVec3::X * n as f64, DVec3::NEG_Z)).collect();
-        let bytes = bytes(&points, points.len(), [2e-3, 1e-3]);
+        let n = 2 * MOST_MARKS + 1;
+        let points: Vec<_> = (0..n).map(|k| (DVec3::X * k as f64, DVec3::Z)).collect();
+        let bytes = of_points(&Shell::new(&points, 2.0), DVec3::Y, [2.0, 1.0]);
         let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().expect("four"));
-        let n_faces = word(8) as usize;
-        assert!(n_faces <= MOST_FACES && bytes.len() == HEAD_BYTES + FACE_BYTES * n_faces, "{n_faces}");
-        assert_eq!((&bytes[..4], word(4), word(12)), (&b"HVPS"[..], VERSION, points.len() as u32));
-        assert_eq!([16, 20, HEAD_BYTES + FACE_BYTES].map(|at| f32::from_bits(word(at))), [2e-3, 1e-3, 3.0]);
-        assert_eq!(bytes[HEAD_BYTES + 12..HEAD_BYTES + 16], [0, 0, 127, 0]);
+        let number = |at: usize| f32::from_bits(word(at));
+        let n_marks = word(8) as usize;
+        assert!(n_marks > MOST_MARKS / 2 && n_marks <= MOST_MARKS, "{n_marks}");
+        assert_eq!((&bytes[..4], word(4), word(12) as usize), (&b"HVPS"[..], VERSION, n));
+        assert_eq!((bytes.len(), [16, 20].map(number)), (HEAD_BYTES + MARK_BYTES * n_marks, [2.0, 1.0]));
+        for mark in (HEAD_BYTES..bytes.len()).step_by(MARK_BYTES) {
+            assert_eq!((number(mark + 4), number(mark + 8), &bytes[mark + 12..mark + 16]), (1.0, 0.0, &[0, 0, 0x81, 0][..]));
+        }
     }
 }

@@ -1,13 +1,10 @@
-//! Meshes for display: decimated, made when a client asks, kept while their scene is rendered.
+//! Meshes for display, decimated.
 
 use std::collections::{HashMap, HashSet};
-use std::sync::{Arc, Mutex, PoisonError};
 
 use glam::DVec3;
 
 use super::compressed::Compressed;
-use super::structure::{self, Structure};
-use super::worker::Worker;
 use crate::config::SceneConfig;
 use crate::config::scene::MeshSource;
 use vps::mesh::{self, TriangleMesh};
@@ -19,10 +16,10 @@ const GROWTH: f64 = 1.2;
 /// How finely round shapes are cut, voxels.
 const CHORD_VOXELS: f64 = 0.25;
 
-/// What a page draws of one object: its mesh, or a structure of it, which has the file alone.
-#[derive(Clone, Debug, Default)]
+/// What a page draws of one object.
+#[derive(Debug)]
 pub(super) struct Visual {
-    /// `HMSH`, version, counts, positions (object's own frame, m), indices; little-endian. Or the file of a structure.
+    /// `HMSH`, version, counts, positions (object's own frame, m), indices; little-endian.
     pub(super) file: Compressed,
     /// Of the object.
     pub(super) triangles: usize,
@@ -32,58 +29,8 @@ pub(super) struct Visual {
     pub(super) bounds: Option<[DVec3; 2]>,
 }
 
-/// By number of scene and object; of its mesh, or of which structure.
-type Made = HashMap<(u32, usize, Option<Structure>), Arc<Visual>>;
-
-/// All that were asked for.
-#[derive(Debug)]
-pub(super) struct Visuals {
-    worker: Worker,
-    made: Arc<Mutex<Made>>,
-}
-
-impl Visuals {
-    pub(super) fn new(worker: Worker) -> Self {
-        Self { worker, made: Arc::default() }
-    }
-
-    /// Object `object_idx` of a scene: the static ones in order, then the tool. `None`: there is no such object, or its mesh is gone.
-    /// `structure`: that instead of its mesh; there may be no memory to bake it as well.
-    pub(super) async fn get(
-        &self,
-        scene_idx: u32,
-        config: &Arc<SceneConfig>,
-        object_idx: usize,
-        structure: Option<Structure>,
-    ) -> Option<Arc<Visual>> {
-        let key = (scene_idx, object_idx, structure);
-        let find = move |made: &Mutex<HashMap<_, _>>| made.lock().unwrap_or_else(PoisonError::into_inner).get(&key).cloned();
-        if let Some(visual) = find(&self.made) {
-            return Some(visual);
-        }
-        let (config, made) = (config.clone(), self.made.clone());
-        let make = move || {
-            // Another client may have asked meanwhile.
-            if let Some(visual) = find(&made) {
-                return Some(visual);
-            }
-            let visual = Arc::new(match structure {
-                Some(structure) => {
-                    let file = structure::file(&config, object_idx, structure)?;
-                    Visual { file: Compressed::new(file.into()), ..Visual::default() }
-                }
-                None => make(&config, object_idx)?,
-            });
-            let mut made = made.lock().unwrap_or_else(PoisonError::into_inner);
-            made.retain(|(scene, ..), _| *scene == scene_idx);
-            made.insert(key, visual.clone());
-            Some(visual)
-        };
-        self.worker.run(make).await.flatten()
-    }
-}
-
-fn make(config: &SceneConfig, object_idx: usize) -> Option<Visual> {
+/// Object `object_idx` of a scene: the static ones in order, then the tool. `None`: there is no such object, or its mesh is gone.
+pub(super) fn make(config: &SceneConfig, object_idx: usize) -> Option<Visual> {
     let (source, voxel_size_m) = match config.statics.get(object_idx) {
         Some(object) => (&object.source, object.voxel_size_m),
         None if object_idx == config.statics.len() => (&config.tool.source, config.tool.voxel_size_m),

@@ -642,14 +642,14 @@ class ViewTest(PageCase):
         self.assertEqual(page.count_pixels("#view", "#e6972a"), 0)
 
     def test_parts_as_voxels_and_points(self):
-        """What contact works with, in place of the parts: as many voxels as 61 × 41 × 21 of 1 mm have on their outside, and 11 × 11 × 21 of the tool."""
+        """The structures of the method, in place of the parts: as many voxels as 61 × 41 × 21 of 1 mm have on their outside, and 11 × 11 × 21 of the tool."""
         page = self.open(self.run_scene("block"))
         choose = lambda word: page.run(f"((choice) => {{ choice.value = '{word}'; choice.dispatchEvent(new Event('change')); }})(document.querySelector('#structure'))")
         told = "document.querySelector('#legend-structure').textContent.replaceAll('\u202f', '')"
         self.assertEqual(page.count_pixels("#view", "#cda060"), 0)
         choose("voxels")
         n = 61 * 41 * 21 - 59 * 39 * 19 + 11 * 11 * 21 - 9 * 9 * 19
-        page.wait(f"{told} === '{n} surface voxels, voxels of 1 mm'")
+        page.wait(f"{told} === '{n} surface voxels of 1 mm'")
         page.wait(DRAWN)
         page.screenshot(SHOTS / "voxels.png")
         voxels = page.count_pixels("#view", "#cda060")
@@ -660,6 +660,18 @@ class ViewTest(PageCase):
         page.screenshot(SHOTS / "points.png")
         points = page.count_pixels("#view", "#cda060")
         self.assertTrue(200 < points < voxels, f"{points} of {voxels}")
+        # A context that is lost and restored takes all that was on the graphics card along.
+        page.run("(window.card = document.querySelector('#view').getContext('webgl2').getExtension('WEBGL_lose_context')).loseContext()")
+        page.run("new Promise((done) => setTimeout(() => { window.card.restoreContext(); done(true); }, 200))")
+        page.wait(f"/^\\d+ points, voxels of 1 mm$/.test({told})")
+        page.wait(DRAWN)
+        page.pixels_above(200, "#view", "#cda060")
+        # The parts of another scene come as was chosen, also when that was before they came.
+        (self.folder / "other.toml").write_text(BLOCK.replace("60.0, 40.0, 20.0", "30.0, 30.0, 20.0"))
+        page.run("fetch('/api/v1/scene', { method: 'POST', body: JSON.stringify({ scene: 'other' }) }).then((r) => r.status)")
+        choose("voxels")
+        n = 31 * 31 * 21 - 29 * 29 * 19 + 11 * 11 * 21 - 9 * 9 * 19
+        page.wait(f"{told} === '{n} surface voxels of 1 mm'")
         choose("surfaces")
         page.wait(DRAWN)
         self.assertEqual(page.count_pixels("#view", "#cda060"), 0)

@@ -161,8 +161,8 @@ impl Arm {
     }
 
     /// The arm of a profile behind a pseudo-terminal.
-    fn on_a_tty(profile: &Profile, faults: &[&str]) -> Self {
-        Self::new(profile, Some(HandParameters::default()), faults, |folder, protocol| {
+    pub(crate) fn on_a_tty(profile: &Profile, hand: Option<HandParameters>, faults: &[&str]) -> Self {
+        Self::new(profile, hand, faults, |folder, protocol| {
             (Pty::new(&folder.join("arm")).expect("a terminal"), protocol.firmware(Carriage::Stream))
         })
     }
@@ -246,7 +246,7 @@ pub(crate) struct Serial {
 impl Serial {
     pub(crate) fn new(name: &str, faults: &[&str]) -> Self {
         let profile = profile::find(name, Path::new("")).expect("shipped");
-        let arm = Arm::on_a_tty(&profile, faults);
+        let arm = Arm::on_a_tty(&profile, Some(HandParameters::default()), faults);
         Self { profile, arm }
     }
 

@@ -141,7 +141,9 @@ fn a_library_that_is_missing_is_told_as_a_list_and_other_wrong_ones_by_what_they
 #[test]
 fn an_arm_is_chosen_by_its_serial_number_and_finds_its_zero_only_when_that_is_typed() {
     let _turn = turn();
-    let mut arm = Arm::new("omega7", "uninitialised");
+    // Over a tty, as a person would try it.
+    let profile = profile::find("omega7", Path::new("")).expect("shipped");
+    let mut arm = Arm { mock: maker::Arm::on_a_tty(&profile, None, &[]), ..Arm::new("omega7", "uninitialised") };
     let (code, _, said) = arm.probe(&[]);
     assert!(code == Some(5) && said.contains("hapticd devices probe PROFILE --home"), "{said}");
     let (code, json, said) = arm.probe(&["--home"]);
@@ -217,9 +219,9 @@ fn every_makers_arm_is_listed_and_passes_the_sign_check_and_the_identification()
     // What moved is fitted at the priority of the trial, for seconds: arms whose trials end later go first.
     std::thread::scope(|scope| {
         scope.spawn(|| listed_and_probed("force-dimension", "omega.7 (mock)", LOOP_PRIORITY, || Arm::new("omega7", "")));
-        scope.spawn(|| listed_and_probed("haply-service", "", LOOP_PRIORITY, Arm::served));
-        scope.spawn(|| listed_and_probed("open-haptics", "Mock Touch", LOOP_PRIORITY + 1, || Arm::new("touch", "")));
-        scope.spawn(|| listed_and_probed("virtuose", "Virtuose of type 0", LOOP_PRIORITY + 2, || Arm::new("virtuose-6d", "")));
+        scope.spawn(|| listed_and_probed("haply-service", "", LOOP_PRIORITY + 1, Arm::served));
+        scope.spawn(|| listed_and_probed("open-haptics", "Mock Touch", LOOP_PRIORITY + 2, || Arm::new("touch", "")));
+        scope.spawn(|| listed_and_probed("virtuose", "Virtuose of type 0", LOOP_PRIORITY + 3, || Arm::new("virtuose-6d", "")));
     });
 }
 

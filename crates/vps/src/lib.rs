@@ -16,7 +16,7 @@
 //! println!("{} N, {} N·m, {} m deep", felt.wrench.force, felt.wrench.torque, felt.penetration_m);
 //! # Ok::<(), vps::Error>(())
 //! ```
-//! The same runs as `cargo run -p vps --example query`; `two_parts` and `slide` show more. [`Mesh::load`] reads OBJ, STL and PLY files, with the
+//! The same runs as `cargo run -p vps --example query`; `two_parts`, `slide` and `voxmap` show more. [`Mesh::load`] reads OBJ, STL and PLY files, with the
 //! features `gltf` and `threemf` those formats too; [`Mesh::from_arrays`] takes triangles.
 //!
 //! # What is stable

@@ -155,8 +155,16 @@ impl Part {
         Ok((shell, mass, self.report(PartRole::Tool, &map, &report)))
     }
 
-    /// Refuses what does not fit into one map, or into the memory that the system has left: running out of it ends the process.
-    pub(crate) fn fits(&self, options: &Options, products: Products) -> Result<(), PartError> {
+    /// Area of its triangles, m².
+    pub fn area_m2(&self) -> f64 {
+        self.inspected.area_m2
+    }
+
+    /// Whether it can be baked here: what runs out of memory ends the process.
+    ///
+    /// # Errors
+    /// What does not fit into one map, or into the memory that the system has left.
+    pub fn fits(&self, options: &Options, products: Products) -> Result<(), PartError> {
         let measures = MeshMeasures::of(&self.mesh);
         let (low, high) = measures.bounds_m;
         let grid = Grid::around(low, high, options.voxel_size_m, options.layers).map_err(|source| self.refused(source))?;

@@ -206,12 +206,12 @@ async function loadMeshes(scene) {
   byId("view-note").textContent = "Loading the parts";
   const { started } = shown;
   const isOld = () => scene.scene_idx !== shown.idx || started !== shown.started;
-  for (const [idx, { mesh, voxels, points, pose, role, triangles, shown_triangles: nShown }] of scene.objects.entries()) {
+  for (const [idx, { mesh, voxels, pointshell, pose, role, triangles, shown_triangles: nShown }] of scene.objects.entries()) {
     // The file of a mesh may be gone since it was baked.
     if (!mesh) continue;
     const part = await meshes.load(mesh, nShown < triangles).catch((error) => say(words(error)));
     if (isOld()) return;
-    if (part) view.add({ idx, role, pose, mesh: part, voxels, points });
+    if (part) view.add({ idx, role, pose, mesh: part, voxels, pointshell });
     view.fitUntouched();
   }
   byId("view-note").textContent = "";
@@ -265,7 +265,7 @@ function openView() {
   };
   new Section(opened);
   new Clearance(link, opened);
-  new Structures(link, opened);
+  new Structures(meshes, opened);
   new Measure(opened);
   const names = document.querySelectorAll(".axes span");
   opened.onDrawn = () => {

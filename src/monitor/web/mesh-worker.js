@@ -1,11 +1,13 @@
-/** Makes meshes ready beside the page, so that its buttons answer while a large scene loads. */
+/** Makes meshes and marks ready beside the page, so that its buttons answer while a large scene loads. */
 
+import { unfold } from "./marks.js";
 import { parse, prepare } from "./mesh.js";
 
-self.onmessage = ({ data: { id, bytes, isThinned } }) => {
+self.onmessage = ({ data: { id, bytes, isThinned, marks } }) => {
   try {
-    const mesh = prepare(parse(bytes), isThinned);
-    self.postMessage({ id, mesh }, [mesh.positions.buffer, mesh.normals.buffer, mesh.edges.buffer]);
+    const made = marks ? unfold(bytes, marks) : prepare(parse(bytes), isThinned);
+    const { positions, normals } = made.mesh ?? made;
+    self.postMessage({ id, made }, [positions.buffer, normals.buffer, (made.tints ?? made.edges).buffer]);
   } catch (error) {
     self.postMessage({ id, error: error.message });
   }

@@ -26,12 +26,13 @@ const LEAST_TORQUE_SCALE = 0.005;
  * @property {(draw: Draw, ratio: number) => void=} among draws among the parts; `ratio`: pixels of a CSS pixel
  * @property {(draw: Draw, ratio: number) => void=} over draws over everything but the axes
  * @property {{text: string, at: number[], color: string}[]=} labels what is written over the picture; CSS pixels, custom property
+ * @property {(part: Part) => void=} added after another part came, and `cleared` before those of another scene do
  * @property {() => void=} drawn after every picture
  * @property {?object=} film there is one: what looks alike is drawn again
  * @property {() => void=} measured after the box around all parts has changed
  */
 
-/** @typedef {{pose: Pose, role: "static"|"tool", idx: number, mesh: import("./mesh.js").Mesh, voxels: string, points: string, faces: object, lines: object}} Part `voxels`, `points`: where they are asked for */
+/** @typedef {{pose: Pose, role: "static"|"tool", idx: number, mesh: import("./mesh.js").Mesh, voxels: string, pointshell: string, faces: object, lines: object}} Part `voxels`, `pointshell`: where they are asked for */
 
 export class SceneView {
   redraw = oncePerFrame(() => {
@@ -111,12 +112,13 @@ export class SceneView {
     this.redraw();
   }
 
-  /** @param {{idx: number, role: "static"|"tool", pose: Pose, mesh: import("./mesh.js").Mesh, voxels: string, points: string}} part */
+  /** @param {{idx: number, role: "static"|"tool", pose: Pose, mesh: import("./mesh.js").Mesh, voxels: string, pointshell: string}} part */
   add(part) {
     this.#upload(part);
     this.parts.push(part);
     this.looks = "";
     this.#measure();
+    for (const addition of this.additions) addition.added?.(part);
     this.redraw();
   }
 
@@ -294,7 +296,8 @@ export class SceneView {
       for (const part of statics) {
         const model = matrixOfPose(part.pose);
         draw.cut = this.cutOf("static");
-        draw.veil(this.#painted(part) ?? part, model, colors.part, 0.25);
+        const painted = this.#painted(part);
+        draw.veil(painted ?? part, model, painted ? [1, 1, 1] : colors.part, 0.25);
         draw.outline(part, model, colors["part-edge"], 0.6);
       }
       draw.cut = null;

@@ -129,7 +129,7 @@ fn facts_scene_and_meshes_are_there_to_draw() {
     let (status, mesh) = http(daemon.address, "GET", scene["objects"][1]["mesh"].as_str().unwrap(), &[], b"").unwrap();
     let word = |at: usize| u32::from_le_bytes(mesh[at..at + 4].try_into().unwrap()) as usize;
     assert_eq!((status, &mesh[..4], mesh.len()), (200, &b"HMSH"[..], 16 + 12 * word(8) + 4 * word(12)));
-    for structure in ["voxels", "points"] {
+    for structure in ["voxels", "pointshell"] {
         let (status, faces) = http(daemon.address, "GET", scene["objects"][1][structure].as_str().unwrap(), &[], b"").unwrap();
         let word = |at: usize| u32::from_le_bytes(faces[at..at + 4].try_into().unwrap()) as usize;
         assert_eq!((status, &faces[..4], faces.len()), (200, &b"HVPS"[..], 24 + 16 * word(8)), "{structure}");
@@ -138,7 +138,7 @@ fn facts_scene_and_meshes_are_there_to_draw() {
     for (path, expected) in [
         ("/", 200),
         ("/api/v1/scene/0/voxels/2", 404),
-        ("/api/v1/scene/1/points/0", 404),
+        ("/api/v1/scene/1/pointshell/0", 404),
         ("/api/v1/state", 200),
         ("/api/v1/scenes", 200),
         ("/api/v1/scene/0/mesh/2", 404),

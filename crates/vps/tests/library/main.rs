@@ -7,6 +7,8 @@ mod query;
 mod slide;
 #[path = "../../examples/two_parts.rs"]
 mod two_parts;
+#[path = "../../examples/voxmap.rs"]
+mod voxmap;
 
 mod refusals;
 
@@ -72,6 +74,7 @@ fn examples_run() {
     query::main().unwrap();
     two_parts::main().unwrap();
     slide::main().unwrap();
+    voxmap::main().unwrap();
 }
 
 #[test]
