@@ -82,7 +82,8 @@ class PageTest(PageCase):
         run = self.run_scene("rest")
         page = self.open(run)
         page.press("Escape")
-        page.wait(f"{WORD} === 'Disabled'")
+        # The state may come before the answer, until which no other button can be pressed.
+        page.wait(f"{WORD} === 'Disabled' && !document.querySelector('#enable').disabled")
         for _ in range(3):
             page.press("Tab")
             if page.run("document.activeElement.id") == "enable":

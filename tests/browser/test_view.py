@@ -667,8 +667,9 @@ class ViewTest(PageCase):
         page.wait(DRAWN)
         page.pixels_above(200, "#view", "#cda060")
         # The parts of another scene come as was chosen, also when that was before they came.
-        (self.folder / "other.toml").write_text(BLOCK.replace("60.0, 40.0, 20.0", "30.0, 30.0, 20.0"))
+        (self.folder / "other.toml").write_text(BLOCK.replace("60.0, 40.0, 20.0", "30.0, 30.0, 20.0").replace("block scene", "other scene"))
         page.run("fetch('/api/v1/scene', { method: 'POST', body: JSON.stringify({ scene: 'other' }) }).then((r) => r.status)")
+        page.wait("document.title.startsWith('other scene')")
         choose("voxels")
         n = 31 * 31 * 21 - 29 * 29 * 19 + 11 * 11 * 21 - 9 * 9 * 19
         page.wait(f"{told} === '{n} surface voxels of 1 mm'")
