@@ -82,7 +82,7 @@ class PageTest(PageCase):
         run = self.run_scene("rest")
         page = self.open(run)
         page.press("Escape")
-        # The state may come before the answer, until which no other button can be pressed.
+        # The phase is told before the drive has followed, and until then the button is out of the order of the tab key.
         page.wait(f"{WORD} === 'Disabled' && !document.querySelector('#enable').disabled")
         for _ in range(3):
             page.press("Tab")
