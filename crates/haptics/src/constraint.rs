@@ -14,7 +14,7 @@
 //! Each plane yields a little ([`SOFTNESS`]): a peg too thick for its hole, where nothing is feasible, gets the balance of penalties
 //! instead of forces without bound. That also makes the programme smooth: ½ |x − x_free|²_K + Σ ½ k_j max(0, violation_j)² is convex,
 //! its gradient piecewise linear, and Newton's method on it, each step cut to the minimum along its line, ends in a few 6×6 solves at the
-//! exact solution. No plane has to be chosen, and nothing is carried from tick to tick.
+//! exact solution. No plane has to be chosen, and of the tick before only its step is known ([`Pace`]).
 //!
 //! # Source
 //! ZillesSalisbury1995 and Ortega2007 (god-object, three and six axes), Sagardia2016 (constraint and penalty together); planes, slop and
@@ -127,6 +127,41 @@ impl Programme<'_> {
             step = at(high);
         }
         Some(step)
+    }
+}
+
+/// Smallest share of its step that a tool takes which goes to and fro.
+const LEAST_SHARE: f64 = 1e-5;
+
+/// By how much that share falls when the tool turns round, and grows when it goes on: two ticks onward do not make up for a turn.
+const FALL: f64 = 0.5;
+const GROWTH: f64 = 1.4;
+
+/// How much of its step the tool takes.
+///
+/// Planes come from the deepest point of each direction, and which that is may change with every step: then the tool goes to and fro for ever between two
+/// places that each ask for the other. One that turns round takes a smaller share of its step than before, until it stands where both are equal; one that goes on
+/// takes a larger one, so a hand that sets out has all of it within 35 ticks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Pace {
+    share: f64,
+    last: (DVec3, DVec3),
+}
+
+impl Default for Pace {
+    fn default() -> Self {
+        Self { share: 1.0, last: (DVec3::ZERO, DVec3::ZERO) }
+    }
+}
+
+impl Pace {
+    /// The part of a step that is taken. RT: safe, O(1).
+    pub(super) fn take(&mut self, step: (DVec3, DVec3), coupling: &CouplingParameters) -> (DVec3, DVec3) {
+        // In energies of the coupling, so that ways and turns compare.
+        let along = coupling.stiffness_n_per_m * step.0.dot(self.last.0) + coupling.stiffness_nm_per_rad * step.1.dot(self.last.1);
+        self.share = if along < 0.0 { (FALL * self.share).max(LEAST_SHARE) } else { (GROWTH * self.share).min(1.0) };
+        self.last = (step.0 * self.share, step.1 * self.share);
+        self.last
     }
 }
 
@@ -257,6 +292,24 @@ mod tests {
         let (body, deep_m, last_m) = settle(&walls, Pose::from_translation(DVec3::new(1e-3, 0.0, 3e-3)), 400);
         assert!(body.translation.x.abs() < 1e-4, "in the middle: {body:?}");
         assert!(deep_m < 2e-4 && last_m < 1e-6, "{deep_m} m deep, {last_m} m per tick");
+    }
+
+    #[test]
+    fn a_tool_that_goes_to_and_fro_comes_to_stand_and_one_that_sets_out_is_not_held() {
+        let coupling = parameters().coupling;
+        let mut pace = Pace::default();
+        let mut at_m = 0.0;
+        // Beyond 0.3 mm another plane holds it, which sends it back by as much.
+        for _ in 0..200 {
+            let wanted = if at_m < 0.3e-3 { DVec3::X } else { DVec3::NEG_X } * 1e-4;
+            at_m += pace.take((wanted, DVec3::ZERO), &coupling).0.x;
+        }
+        let before_m = at_m;
+        at_m += pace.take((DVec3::X * 1e-4, DVec3::ZERO), &coupling).0.x;
+        assert!((at_m - 0.3e-3).abs() < 1e-7 && (at_m - before_m).abs() < 1e-7, "{at_m} after {before_m}");
+        let way = DVec3::Y * 1e-5;
+        let n = (0..100).take_while(|_| pace.take((way, DVec3::ZERO), &coupling).0 != way).count();
+        assert!(n <= 35, "all of its step after {n} ticks");
     }
 
     #[test]

@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::RenderScene;
 use super::braking::{Brake, Braking};
 use super::clay::Held;
-use super::constraint::{self, SLOP_VOXELS};
+use super::constraint::{self, Pace, SLOP_VOXELS};
 use super::contact_damping;
 use super::coupling::{Body, LinearContact, Spring, StepInput};
 use super::filter::{ShapingFilter, Slide};
@@ -48,6 +48,7 @@ pub(super) struct VirtualTool {
     filter: ShapingFilter,
     friction: Friction,
     balance: StaticBalance,
+    pace: Pace,
     /// What the coupling pulled with in the last tick of free space, which the arm did not feel. Of that alone a share is kept from the arm while
     /// `contact_gain` rises: what contact adds is felt at once. A gain on the whole wrench would take force away on the way in and give all of
     /// it back on the way out, which drives the hand.
@@ -70,6 +71,7 @@ impl VirtualTool {
             filter: ShapingFilter::default(),
             friction: Friction::default(),
             balance: StaticBalance::default(),
+            pace: Pace::default(),
             unfelt: Wrench::ZERO,
             contact_gain: Ramp::default(),
             target: None,
@@ -202,6 +204,11 @@ impl VirtualTool {
                     _ => body.transform_vector(contact.normal_body.as_dvec3()),
                 };
                 let step = constraint::step(free, body, coupling, deepest, way_out, SLOP_VOXELS * contact.voxel_size_m)?;
+                // In free space there is nothing to go to and fro between.
+                if contact.contacts == 0 {
+                    self.pace = Pace::default();
+                }
+                let step = self.pace.take(step, coupling);
                 over_a_tick((step.0 + linear, step.1 + angular))
             }
             _ => {
