@@ -16,7 +16,7 @@
 //! |---|---|
 //! | `monitor` | everything on the wire; one tokio runtime of one thread, not pinned, of normal priority |
 //! | `heartbeat` | notes that a controlling client, or one that holds clay, fell silent, even when `monitor` stands still |
-//! | `monitor-mesh`, `monitor-points`, `monitor-file`, `monitor-upload` | meshes and samples for display; points in contact; recordings that begin and end, files of clay; files that clients send |
+//! | `monitor-mesh`, `monitor-points`, `monitor-file`, `monitor-upload` | meshes, structures and samples for display (structures are baked in a pool of threads that give way); points in contact; recordings that begin and end, files of clay; files that clients send |
 
 pub mod access;
 mod answer;
