@@ -7,7 +7,7 @@ use tokio::sync::Semaphore;
 use super::access::Access;
 use super::compressed::Compressed;
 use super::hub::Hub;
-use super::made::Made;
+use super::object_cache::ObjectCache;
 use super::rate_limiter::RateLimiter;
 use super::visual::Visual;
 use super::worker::Worker;
@@ -16,10 +16,10 @@ use super::worker::Worker;
 pub(super) struct AppState {
     pub(super) hub: Arc<Hub>,
     pub(super) access: Access,
-    pub(super) visuals: Made<Visual>,
+    pub(super) visuals: ObjectCache<Visual>,
     /// Files of structures.
-    pub(super) voxels: Made<Compressed>,
-    pub(super) points: Made<Compressed>,
+    pub(super) voxels: ObjectCache<Compressed>,
+    pub(super) points: ObjectCache<Compressed>,
     /// Makes what is to be drawn.
     pub(super) shapes: Worker,
     /// Reads files for the clay, which may take long.

@@ -37,7 +37,7 @@ mod heartbeat;
 mod hub;
 mod index_origin;
 mod info;
-mod made;
+mod object_cache;
 mod observer;
 mod outbox;
 mod problem;

@@ -15,7 +15,7 @@ use super::app_state::AppState;
 use super::connection::{ConnectionListener, Peer};
 use super::feed::feed;
 use super::hub::Hub;
-use super::made::Made;
+use super::object_cache::ObjectCache;
 use super::rate_limiter::RateLimiter;
 use super::rest::router;
 use super::state_publisher::StatePublisher;
@@ -74,9 +74,9 @@ impl BoundMonitor {
         let state = Arc::new(AppState {
             hub: hub.clone(),
             access,
-            visuals: Made::new(shapes.clone()),
-            voxels: Made::new(shapes.clone()),
-            points: Made::new(shapes.clone()),
+            visuals: ObjectCache::new(shapes.clone()),
+            voxels: ObjectCache::new(shapes.clone()),
+            points: ObjectCache::new(shapes.clone()),
             shapes,
             uploads: Worker::new("monitor-upload")?,
             upload_turn: Arc::new(Semaphore::new(1)),

@@ -4,13 +4,13 @@
 //! # Source
 //! Sagardia2008, figure 4: polygons, voxmap and pointshell of one model.
 
-use glam::{DVec3, IVec3};
+use axum::http::StatusCode;
+use glam::{DVec3, IVec3, Vec3};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use super::problem::RequestError;
 use crate::daemon::session::SceneView;
 use crate::scene;
-use axum::http::StatusCode;
 use rt::schedule::enter_background;
 use vps::part::{Part, PartError};
 use vps::pointshell;
@@ -43,16 +43,6 @@ struct Mark {
     color: u8,
 }
 
-/// What a file has besides its marks.
-struct Facts {
-    /// Voxels or points that there are.
-    n: usize,
-    /// Of the voxels that were baked, m.
-    baked_m: f64,
-    /// Of those of the scene, m.
-    scene_m: f64,
-}
-
 /// All of them; the layout is in `docs/reference/api.md`, section 9. Object `object_idx`: the fixed ones in order, then the tool.
 ///
 /// # Errors
@@ -80,7 +70,7 @@ pub(super) fn file(view: &SceneView, object_idx: usize, structure: Structure) ->
             }
             let faces = faces(&map);
             if faces.len() <= MOST_MARKS {
-                return Ok(bytes(&faces, &Facts { n: map.surface.n_voxels, baked_m: sizes_m[0], scene_m: sizes_m[1] }));
+                return Ok(bytes(&faces, map.surface.n_voxels, sizes_m));
             }
             options.voxel_size_m *= GROWTH;
         }
@@ -98,15 +88,11 @@ fn baked(part: &Part, options: &Options, structure: Structure) -> Result<Volume,
 }
 
 /// Of more points than are to be drawn one in so many.
-fn of_points(shell: &Shell, origin_m: DVec3, [baked_m, scene_m]: [f64; 2]) -> Vec<u8> {
+fn of_points(shell: &Shell, origin_m: DVec3, sizes_m: [f64; 2]) -> Vec<u8> {
     let step = shell.len().div_ceil(MOST_MARKS).max(1);
-    let mark = |(place, inward): (glam::Vec3, glam::Vec3)| Mark {
-        place_m: origin_m + place.as_dvec3(),
-        outward: -inward.as_dvec3(),
-        color: 0,
-    };
+    let mark = |(place, inward): (Vec3, Vec3)| Mark { place_m: origin_m + place.as_dvec3(), outward: -inward.as_dvec3(), color: 0 };
     let marks: Vec<Mark> = shell.points().step_by(step).map(mark).collect();
-    bytes(&marks, &Facts { n: shell.len(), baked_m, scene_m })
+    bytes(&marks, shell.len(), sizes_m)
 }
 
 /// Faces of surface voxels with neither another one nor the inside beyond.
@@ -129,14 +115,15 @@ fn faces(map: &Volume) -> Vec<Mark> {
     faces
 }
 
-fn bytes(marks: &[Mark], Facts { n, baked_m, scene_m }: &Facts) -> Vec<u8> {
+/// `n`: voxels or points that there are; `sizes_m`: edges of the voxels that were baked, and of those of the scene.
+fn bytes(marks: &[Mark], n: usize, sizes_m: [f64; 2]) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(HEAD_BYTES + MARK_BYTES * marks.len());
     bytes.extend(b"HVPS");
-    for number in [VERSION, marks.len() as u32, *n as u32] {
+    for number in [VERSION, marks.len() as u32, n as u32] {
         bytes.extend(number.to_le_bytes());
     }
-    for size_m in [baked_m, scene_m] {
-        bytes.extend((*size_m as f32).to_le_bytes());
+    for size_m in sizes_m {
+        bytes.extend((size_m as f32).to_le_bytes());
     }
     for Mark { place_m, outward, color } in marks {
         for coordinate in place_m.as_vec3().to_array() {
@@ -162,7 +149,7 @@ mod tests {
         let options = Options { voxel_size_m: 1e-3, layers: 2, navigation: None, sides: InsideTest::Auto };
         let map = Volume::build(&mesh, &inspect(&mesh), &options, |_| {}).expect("small");
         let faces = faces(&map);
-        // A cube of 11 voxels, whose hollow nobody sees.
+        // A cube of 11 voxels; its hollow has no faces.
         assert_eq!((map.surface.n_voxels, faces.len()), (11_usize.pow(3) - 9_usize.pow(3), 6 * 11 * 11));
         for Mark { place_m, outward, .. } in &faces {
             assert!((place_m.dot(*outward) - 5.5e-3).abs() < 1e-9, "{place_m} {outward}");

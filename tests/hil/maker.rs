@@ -49,6 +49,11 @@ const ARM_PRIORITY: u8 = 90;
 const WORKER_PRIORITY: u8 = 85;
 pub(crate) const LOOP_PRIORITY: u8 = 80;
 
+/// A profile of `devices/`.
+pub(crate) fn shipped(name: &str) -> Profile {
+    profile::find(name, Path::new("")).expect("shipped")
+}
+
 /// Lets this thread run before what else computes, where that is allowed.
 pub(crate) fn keep_time(priority: u8) {
     let _ = schedule::enter_fifo(priority);
@@ -245,7 +250,7 @@ pub(crate) struct Serial {
 
 impl Serial {
     pub(crate) fn new(name: &str, faults: &[&str]) -> Self {
-        let profile = profile::find(name, Path::new("")).expect("shipped");
+        let profile = shipped(name);
         let arm = Arm::on_a_tty(&profile, Some(HandParameters::default()), faults);
         Self { profile, arm }
     }
@@ -270,8 +275,8 @@ impl Library {
 
     /// The same with another arm than the profile says.
     pub(crate) fn over(name: &str, arm: &str, faults: &[&str]) -> Self {
-        let profile = profile::find(name, Path::new("")).expect("shipped");
-        let arm = profile::find(arm, Path::new("")).expect("shipped");
+        let profile = shipped(name);
+        let arm = shipped(arm);
         let arm = Arm::on_a_cable(&arm, Some(HandParameters::default()), faults);
         let library = Self { profile, arm };
         library.goes_wrong("");
@@ -367,7 +372,7 @@ pub(crate) struct Service {
 
 impl Service {
     pub(crate) fn new(version: &str, faults: &[&str]) -> Self {
-        let mut profile = profile::find("inverse3", Path::new("")).expect("shipped");
+        let mut profile = shipped("inverse3");
         let (arm, address) = Arm::behind_a_service(&profile, version, Some(HandParameters::default()), faults);
         let service = profile.real.as_mut().and_then(|real| match &mut real.protocol {
             Protocol::HaplyService(service) => Some(service),

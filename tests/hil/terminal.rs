@@ -8,7 +8,7 @@ use arms::profile;
 use serde_json::Value;
 
 use super::link::{root, turn};
-use super::maker::{self, LOOP_PRIORITY, built_example, keep_time, worker_of};
+use super::maker::{self, LOOP_PRIORITY, built_example, keep_time, shipped, worker_of};
 
 const HAPTICD: &str = env!("CARGO_BIN_EXE_hapticd");
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -43,14 +43,14 @@ fn hapticd(home: &Path, args: &[&str]) -> Command {
 
 impl Arm {
     fn new(name: &str, faults: &str) -> Self {
-        let profile = profile::find(name, Path::new("")).expect("shipped");
+        let profile = shipped(name);
         let mock = maker::Arm::on_a_cable(&profile, None, &[]);
         Self { profile: name.to_owned(), mock, library: Some(library(name)), faults: faults.to_owned() }
     }
 
     /// An Inverse3 behind a mock of its maker's service.
     fn served() -> Self {
-        let profile = profile::find("inverse3", Path::new("")).expect("shipped");
+        let profile = shipped("inverse3");
         let (mock, address) = maker::Arm::behind_a_service(&profile, "3.5.0", None, &[]);
         let text = std::fs::read_to_string(root("devices/inverse3.toml")).expect("shipped");
         let copy = mock.folder().join("inverse3.toml");
@@ -142,7 +142,7 @@ fn a_library_that_is_missing_is_told_as_a_list_and_other_wrong_ones_by_what_they
 fn an_arm_is_chosen_by_its_serial_number_and_finds_its_zero_only_when_that_is_typed() {
     let _turn = turn();
     // Over a tty, as a person would try it.
-    let profile = profile::find("omega7", Path::new("")).expect("shipped");
+    let profile = shipped("omega7");
     let mut arm = Arm { mock: maker::Arm::on_a_tty(&profile, None, &[]), ..Arm::new("omega7", "uninitialised") };
     let (code, _, said) = arm.probe(&[]);
     assert!(code == Some(5) && said.contains("hapticd devices probe PROFILE --home"), "{said}");

@@ -21,7 +21,6 @@ export class Structures {
     this.kind = null;
     /** By part. @type {Map<object, Shown>} */
     this.shown = new Map();
-    this.nWaiting = 0;
     this.nMissing = 0;
     byId("structure").onchange = ({ currentTarget: choice }) => this.#choose(choice.value in KINDS ? choice.value : null);
     view.canvas.addEventListener("webglcontextrestored", () => {
@@ -67,19 +66,16 @@ export class Structures {
   #drop() {
     for (const { faces } of this.shown.values()) this.view.draw.free(faces);
     this.shown = new Map();
-    this.nWaiting = 0;
     this.nMissing = 0;
     this.#tell();
   }
 
   async #load(part) {
     const { kind, shown } = this;
-    this.nWaiting += 1;
     let refusal = null;
     const marks = await this.loader.loadMarks(part[KINDS[kind].path], kind).catch((error) => (refusal = error) && null);
     // Another choice, another scene, or another context.
     if (this.shown !== shown) return;
-    this.nWaiting -= 1;
     if (marks) {
       const { mesh, tints, ...facts } = marks;
       const faces = this.view.draw.faces(mesh);
@@ -108,7 +104,7 @@ export class Structures {
     if (all.some(({ size, ownSize }) => size > ownSize)) said.push("coarser than the scene");
     if (this.kind === "points" && all.some(({ n, nDrawn }) => nDrawn < n)) said.push("some drawn");
     if (this.nMissing > 0) said.push(`missing for ${this.nMissing} of the parts`);
-    if (this.nWaiting > 0) said.push("loading");
+    if (all.length + this.nMissing < Math.max(1, this.view.parts.length)) said.push("loading");
     legend.textContent = said.join(", ");
   }
 }

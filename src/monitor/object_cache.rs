@@ -8,14 +8,14 @@ use super::worker::Worker;
 /// Number of the scene, and of the object.
 type Key = (u32, usize);
 
-/// What was made, each of one kind.
+/// Things of one kind, one for each object.
 #[derive(Debug)]
-pub(super) struct Made<V> {
+pub(super) struct ObjectCache<V> {
     worker: Worker,
     kept: Arc<Mutex<HashMap<Key, Arc<V>>>>,
 }
 
-impl<V: Send + Sync + 'static> Made<V> {
+impl<V: Send + Sync + 'static> ObjectCache<V> {
     pub(super) fn new(worker: Worker) -> Self {
         Self { worker, kept: Arc::default() }
     }
