@@ -28,7 +28,10 @@ impl Exit {
     /// Every ending, with its text for users.
     pub const TABLE: [(Self, &str); 8] = [
         (Self::Ok, "Everything asked for was done."),
-        (Self::Usage, "The command line makes no sense, or a file that is there already is to be kept."),
+        (
+            Self::Usage,
+            "The command line makes no sense, or a file that is there already is to be kept.",
+        ),
         (Self::Configuration, "A scene or profile is wrong."),
         (Self::Asset, "A mesh, cache or recording cannot be used, or a file cannot be written."),
         (Self::Device, "The arm cannot be opened, or was lost before rendering."),

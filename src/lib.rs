@@ -1,7 +1,9 @@
-//! The program `hapticd`: open, device-agnostic, 6-DoF haptic rendering with the voxmap-pointshell algorithm.
+//! The program `hapticd`: open, device-agnostic, 6-DoF haptic rendering with the voxmap-pointshell
+//! algorithm.
 //!
-//! This package joins the crates below `crates/` to a program: scenes as files, the loop's thread, a run from start to rest, clients. Code that embeds
-//! the geometry or the tick uses `vps` or `haptics` alone.
+//! This package joins the crates below `crates/` to a program: scenes as files, the loop's thread,
+//! a run from start to rest, clients. Code that embeds the geometry or the tick uses `vps` or
+//! `haptics` alone.
 //!
 //! ```text
 //!  scene.toml ─► config ─► scene ─► RenderScene ─► servo: wait ─► read ─► tick ─► write ─► ring of TickRecords
@@ -11,10 +13,12 @@
 //! ```
 //!
 //! # Units and frames
-//! SI behind [`config`]; the frames of [`vps::spatial`]. Quaternions and vectors are those of `glam`.
+//! SI behind [`config`]; the frames of [`vps::spatial`]. Quaternions and vectors are those of
+//! `glam`.
 //!
 //! # Cost
-//! Baking takes what [`vps::part`] says, a start from the bake cache one pass over its files. From the first tick on, the servo thread does not allocate, lock or print.
+//! Baking takes what [`vps::part`] says, a start from the bake cache one pass over its files. From
+//! the first tick on, the servo thread does not allocate, lock or print.
 //!
 //! # Example
 //! ```

@@ -1,8 +1,8 @@
-//! The bowl of clay, and the hands that work the pieces of the clay scenes. All lengths in millimetres, in the frame of the piece, which is
-//! the world.
+//! The bowl of clay, and the hands that work the pieces of the clay scenes. All lengths in
+//! millimetres, in the frame of the piece, which is the world.
 //!
-//! The clay of a letter, a character and a globe is made of shapes by their scenes. What those say of sizes is said here again, for the
-//! hands; `tests` holds them against each other.
+//! The clay of a letter, a character and a globe is made of shapes by their scenes. What those say
+//! of sizes is said here again, for the hands; `tests` holds them against each other.
 
 use glam::{DVec2, DVec3};
 
@@ -11,8 +11,8 @@ use crate::image::{ARCH_CENTER, ARCH_RADIUS, LETTER_PIXELS, STEM};
 use crate::loft::{Ring, circle, even_angles, solid, tip};
 use crate::mesh::Mesh;
 
-/// How far a hand wants to be inside of what it presses; it and the coupling are springs, so it presses
-/// with about three newtons, more than a brush takes to be full.
+/// How far a hand wants to be inside of what it presses; it and the coupling are springs, so it
+/// presses with about three newtons, more than a brush takes to be full.
 const PRESSED_MM: f64 = 6.5;
 /// Between the ball in the hand and the surface where clay is grabbed but not touched.
 const CLEAR_MM: f64 = 0.8;
@@ -36,7 +36,9 @@ pub(crate) fn bowl() -> Mesh {
         DVec2::new(radius_mm * cos, BOWL_CENTER_MM.z + radius_mm * sin)
     };
     let foot_deg = -(BOWL_CENTER_MM.z / BOWL_OUTER_MM).asin().to_degrees();
-    let steps = |from: f64, to: f64, n: usize| (0..=n).map(move |step| from + (to - from) * step as f64 / n as f64);
+    let steps = |from: f64, to: f64, n: usize| {
+        (0..=n).map(move |step| from + (to - from) * step as f64 / n as f64)
+    };
     let outside = steps(foot_deg, RIM_DEG, 16).map(|up_deg| on_ball(BOWL_OUTER_MM, up_deg));
     let inside = steps(RIM_DEG, -90.0, 16).map(|up_deg| on_ball(BOWL_INNER_MM, up_deg));
     let middle = on_ball(0.5 * (BOWL_OUTER_MM + BOWL_INNER_MM), RIM_DEG);
@@ -55,8 +57,10 @@ pub(crate) fn around_the_bowl() -> Hand {
         let (sin, cos) = up_deg.to_radians().sin_cos();
         BOWL_CENTER_MM + DVec3::new(0.0, -cos, sin) * radius_mm
     };
-    let outside = |pressed_mm: f64, up_deg: f64| at(BOWL_OUTER_MM + BOWL_TOOL_MM - pressed_mm, up_deg);
-    let inside = |pressed_mm: f64, up_deg: f64| at(BOWL_INNER_MM - BOWL_TOOL_MM + pressed_mm, up_deg);
+    let outside =
+        |pressed_mm: f64, up_deg: f64| at(BOWL_OUTER_MM + BOWL_TOOL_MM - pressed_mm, up_deg);
+    let inside =
+        |pressed_mm: f64, up_deg: f64| at(BOWL_INNER_MM - BOWL_TOOL_MM + pressed_mm, up_deg);
     Hand::new(outside(-4.0, -45.0), DVec3::Z)
         .to(400, outside(PRESSED_MM, -45.0))
         .circle(2900, BOWL_CENTER_MM, 360.0)
@@ -91,7 +95,9 @@ pub(crate) fn letter() -> Hand {
         let place = LETTER_CORNER_MM + DVec2::new(pixel.x, -pixel.y) * mm_per_pixel;
         place.extend(PLATE_TOP_MM + LETTER_DEPTH_MM + LETTER_TOOL_MM + above_mm)
     };
-    let line = |x_mm: f64, above_mm: f64| DVec3::new(x_mm, LINE_Y_MM, PLATE_TOP_MM + LETTER_TOOL_MM + above_mm);
+    let line = |x_mm: f64, above_mm: f64| {
+        DVec3::new(x_mm, LINE_Y_MM, PLATE_TOP_MM + LETTER_TOOL_MM + above_mm)
+    };
     let arch_left = ARCH_CENTER - DVec2::new(ARCH_RADIUS, 0.0);
     let leg_foot = DVec2::new(ARCH_CENTER.x + ARCH_RADIUS, STEM[1].y);
     Hand::new(at(STEM[0], 8.0), DVec3::Z)
@@ -124,7 +130,9 @@ pub(crate) const CHARACTER_TOOL_MM: f64 = 2.0;
 
 /// Pulls out a nose, presses two eyes, and pokes the belly.
 pub(crate) fn character() -> Hand {
-    let head = |way: DVec3, above_mm: f64| HEAD_CENTER_MM + way.normalize() * (HEAD_MM + CHARACTER_TOOL_MM + above_mm);
+    let head = |way: DVec3, above_mm: f64| {
+        HEAD_CENTER_MM + way.normalize() * (HEAD_MM + CHARACTER_TOOL_MM + above_mm)
+    };
     let nose = |above_mm: f64| head(DVec3::NEG_Y, above_mm);
     let eye = |side: f64, above_mm: f64| head(DVec3::new(side * 0.42, -0.8, 0.42), above_mm);
     let belly = |above_mm: f64| DVec3::new(0.0, -BODY_MM - CHARACTER_TOOL_MM - above_mm, -1.0);
@@ -157,11 +165,13 @@ pub(crate) const GLOBE_TOOL_MM: f64 = 3.0;
 /// Height of land.
 pub(crate) const LAND_MM: f64 = 1.0;
 
-/// Paints ice around the north pole and a desert across northern Africa, and pulls up the Himalayas.
+/// Paints ice around the north pole and a desert across northern Africa, and pulls up the
+/// Himalayas.
 pub(crate) fn globe() -> Hand {
     // Longitude 0° is in front, towards −y.
     let at = |longitude_deg: f64, latitude_deg: f64, above_mm: f64| {
-        let ((sin, cos), (up, out)) = (longitude_deg.to_radians().sin_cos(), latitude_deg.to_radians().sin_cos());
+        let ((sin, cos), (up, out)) =
+            (longitude_deg.to_radians().sin_cos(), latitude_deg.to_radians().sin_cos());
         DVec3::new(out * sin, -out * cos, up) * (GLOBE_MM + GLOBE_TOOL_MM + above_mm)
     };
     Hand::new(at(0.0, 80.0, 6.0), DVec3::Z)

@@ -1,7 +1,8 @@
 //! Paths of the simulated hand: where it wants the tool frame to be in the world, over time.
 //!
-//! A path is a chain of minimum-jerk moves, s(τ) = 10 τ³ − 15 τ⁴ + 6 τ⁵, straight or along an arc, each from rest to rest. All turning of one path is about
-//! one axis, so a turn of more than half a revolution is no trouble.
+//! A path is a chain of minimum-jerk moves, s(τ) = 10 τ³ − 15 τ⁴ + 6 τ⁵, straight or along an arc,
+//! each from rest to rest. All turning of one path is about one axis, so a turn of more than half a
+//! revolution is no trouble.
 
 use std::fmt::Write as _;
 
@@ -16,7 +17,8 @@ struct Move {
     duration_ms: u64,
     to_mm: DVec3,
     turn_deg: f64,
-    /// Along an arc about an upright axis through this point, by so many degrees; otherwise straight.
+    /// Along an arc about an upright axis through this point, by so many degrees; otherwise
+    /// straight.
     arc: Option<(DVec3, f64)>,
 }
 
@@ -24,7 +26,9 @@ impl Move {
     /// The place after a share of the way.
     fn place(&self, from_mm: DVec3, share: f64) -> DVec3 {
         let straight = from_mm.lerp(self.to_mm, share);
-        self.arc.map_or(straight, |(center_mm, arc_deg)| around(from_mm, center_mm, arc_deg * share).with_z(straight.z))
+        self.arc.map_or(straight, |(center_mm, arc_deg)| {
+            around(from_mm, center_mm, arc_deg * share).with_z(straight.z)
+        })
     }
 }
 
@@ -57,7 +61,8 @@ impl Hand {
         self.go(duration_ms, to_mm, turn_deg)
     }
 
-    /// Goes around an upright axis through `center_mm`, counter-clockwise seen from above, as it is turned now.
+    /// Goes around an upright axis through `center_mm`, counter-clockwise seen from above, as it is
+    /// turned now.
     pub(crate) fn circle(self, duration_ms: u64, center_mm: DVec3, angle_deg: f64) -> Self {
         let (from_mm, turn_deg) = self.end();
         let to_mm = around(from_mm, center_mm, angle_deg);
@@ -83,7 +88,8 @@ impl Hand {
 
     /// Position and turn `time_ms` after the start.
     pub(crate) fn at(&self, time_ms: u64) -> (DVec3, f64) {
-        let (mut from, mut begin_ms) = ((self.start_mm, 0.0), 0);
+        let mut from = (self.start_mm, 0.0);
+        let mut begin_ms = 0;
         for step in &self.moves {
             if time_ms < begin_ms + step.duration_ms {
                 let tau = (time_ms - begin_ms) as f64 / step.duration_ms as f64;
@@ -118,7 +124,8 @@ impl Hand {
     }
 }
 
-/// To the hole with 0.3 mm of lateral error and 0.8° of tilt, then down to 2 mm below the hole's floor.
+/// To the hole with 0.3 mm of lateral error and 0.8° of tilt, then down to 2 mm below the hole's
+/// floor.
 pub(crate) fn peg_in_hole() -> Hand {
     let aside = |z_mm: f64| DVec3::new(0.24, -0.18, z_mm);
     Hand::new(DVec3::new(12.0, -8.0, 15.0), DVec3::new(0.8, 0.6, 0.0))
@@ -128,8 +135,9 @@ pub(crate) fn peg_in_hole() -> Hand {
         .hold(700)
 }
 
-/// Over the shaft with 0.25 mm of lateral error, 0.6° of tilt and 0.4° of tooth error, down the shaft, into mesh, 2 mm below the
-/// seat; there the hand gives up its turn, as a hand that feels a face does.
+/// Over the shaft with 0.25 mm of lateral error, 0.6° of tilt and 0.4° of tooth error, down the
+/// shaft, into mesh, 2 mm below the seat; there the hand gives up its turn, as a hand that feels a
+/// face does.
 pub(crate) fn gear_on_shaft() -> Hand {
     let aside = |z_mm: f64| DVec3::new(0.2, -0.15, z_mm);
     let error_deg = DVec3::new(0.48, -0.36, 0.4);

@@ -1,7 +1,8 @@
-//! Grey images for embossing: distances to what is drawn, turned into greys with a soft rim, so that the slope up to white is gentle.
+//! Grey images for embossing: distances to what is drawn, turned into greys with a soft rim, so
+//! that the slope up to white is gentle.
 //!
-//! Square roots and the four operations only: the same greys on every machine. PNG files hold them as they are (stored blocks), so no
-//! version of a compressor shows in the bytes.
+//! Square roots and the four operations only: the same greys on every machine. PNG files hold them
+//! as they are (stored blocks), so no version of a compressor shows in the bytes.
 
 use crc::{CRC_32_ISO_HDLC, Crc};
 use glam::DVec2;
@@ -14,7 +15,8 @@ pub(crate) struct Image {
 }
 
 impl Image {
-    /// White where `inside` is above `rim`, black below −`rim`, smooth between; `inside` gets the middles of pixels.
+    /// White where `inside` is above `rim`, black below −`rim`, smooth between; `inside` gets the
+    /// middles of pixels.
     fn of(width: usize, height: usize, rim: f64, inside: impl Fn(DVec2) -> f64) -> Self {
         let grey = |pixel: usize| {
             let middle = DVec2::new((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
@@ -26,7 +28,8 @@ impl Image {
 
     /// The file.
     pub(crate) fn to_png(&self) -> Vec<u8> {
-        let number = |value: usize| u32::try_from(value).expect("an image of less than 4 GiB").to_be_bytes();
+        let number =
+            |value: usize| u32::try_from(value).expect("an image of less than 4 GiB").to_be_bytes();
         let mut bytes = b"\x89PNG\r\n\x1a\n".to_vec();
         let mut chunk = |name: &[u8; 4], content: &[u8]| {
             bytes.extend(number(content.len()));
@@ -35,8 +38,16 @@ impl Image {
             bytes.extend(Crc::<u32>::new(&CRC_32_ISO_HDLC).checksum(&named).to_be_bytes());
         };
         // Eight bits, grey, no interlacing.
-        chunk(b"IHDR", &[number(self.width).as_slice(), &number(self.height), &[8, 0, 0, 0, 0]].concat());
-        let rows: Vec<u8> = self.greys.chunks_exact(self.width).flat_map(|row| std::iter::once(&0).chain(row)).copied().collect();
+        chunk(
+            b"IHDR",
+            &[number(self.width).as_slice(), &number(self.height), &[8, 0, 0, 0, 0]].concat(),
+        );
+        let rows: Vec<u8> = self
+            .greys
+            .chunks_exact(self.width)
+            .flat_map(|row| std::iter::once(&0).chain(row))
+            .copied()
+            .collect();
         let mut stream = vec![0x78, 0x01];
         let blocks: Vec<&[u8]> = rows.chunks(usize::from(u16::MAX)).collect();
         for (n, block) in blocks.iter().enumerate() {
@@ -55,9 +66,9 @@ impl Image {
 
 /// Check sum of a zlib stream (RFC 1950).
 fn adler_32(bytes: &[u8]) -> u32 {
-    let (low, high) = bytes
-        .iter()
-        .fold((1, 0), |(low, high), byte| ((low + u32::from(*byte)) % 65_521, (high + low + u32::from(*byte)) % 65_521));
+    let (low, high) = bytes.iter().fold((1, 0), |(low, high), byte| {
+        ((low + u32::from(*byte)) % 65_521, (high + low + u32::from(*byte)) % 65_521)
+    });
     high << 16 | low
 }
 
@@ -69,7 +80,8 @@ fn distance_to_segment(point: DVec2, [from, to]: [DVec2; 2]) -> f64 {
 
 /// Pixels of the letter's image along an edge.
 pub(crate) const LETTER_PIXELS: usize = 128;
-/// Middle line of the letter, pixels from the upper left corner: its stem, and the arch with its leg.
+/// Middle line of the letter, pixels from the upper left corner: its stem, and the arch with its
+/// leg.
 pub(crate) const STEM: [DVec2; 2] = [DVec2::new(40.0, 16.0), DVec2::new(40.0, 112.0)];
 pub(crate) const ARCH_CENTER: DVec2 = DVec2::new(64.0, 74.0);
 pub(crate) const ARCH_RADIUS: f64 = 24.0;
@@ -82,7 +94,11 @@ pub(crate) fn letter() -> Image {
     let leg_top = ARCH_CENTER + DVec2::new(ARCH_RADIUS, 0.0);
     let leg = [leg_top, DVec2::new(leg_top.x, STEM[1].y)];
     Image::of(LETTER_PIXELS, LETTER_PIXELS, LETTER_RIM, |pixel| {
-        let arch = if pixel.y < ARCH_CENTER.y { (pixel.distance(ARCH_CENTER) - ARCH_RADIUS).abs() } else { f64::INFINITY };
+        let arch = if pixel.y < ARCH_CENTER.y {
+            (pixel.distance(ARCH_CENTER) - ARCH_RADIUS).abs()
+        } else {
+            f64::INFINITY
+        };
         STROKE - distance_to_segment(pixel, STEM).min(distance_to_segment(pixel, leg)).min(arch)
     })
 }
@@ -105,10 +121,12 @@ fn inside_deg(place: DVec2, outline: &[[i16; 2]]) -> f64 {
     let corner = |n: usize| DVec2::from(outline[n % outline.len()].map(f64::from));
     let edges = || (0..outline.len()).map(|n| [corner(n), corner(n + 1)]);
     let is_crossed = |[from, to]: &[DVec2; 2]| {
-        (from.y > place.y) != (to.y > place.y) && place.x < from.x + (to.x - from.x) * (place.y - from.y) / (to.y - from.y)
+        (from.y > place.y) != (to.y > place.y)
+            && place.x < from.x + (to.x - from.x) * (place.y - from.y) / (to.y - from.y)
     };
     let is_inside = edges().filter(is_crossed).count() % 2 == 1;
-    let distance = edges().map(|edge| distance_to_segment(place, edge)).fold(f64::INFINITY, f64::min);
+    let distance =
+        edges().map(|edge| distance_to_segment(place, edge)).fold(f64::INFINITY, f64::min);
     if is_inside { distance } else { -distance }
 }
 

@@ -1,8 +1,9 @@
 //! Solids from stacks of rings.
 //!
-//! A ring is a loop of points, counter-clockwise seen from +z. All rings of a loft have the same number of points, and
-//! point `i` of one ring is joined to point `i` of the next. Going up on the outside, over the top and down on the inside gives
-//! outward orientation. A ring of equal points is a tip: welding turns its strip into a fan.
+//! A ring is a loop of points, counter-clockwise seen from +z. All rings of a loft have the same
+//! number of points, and point `i` of one ring is joined to point `i` of the next. Going up on the
+//! outside, over the top and down on the inside gives outward orientation. A ring of equal points
+//! is a tip: welding turns its strip into a fan.
 
 use std::f64::consts::TAU;
 
@@ -20,7 +21,10 @@ pub(crate) fn even_angles(n_points: usize) -> Vec<f64> {
 
 /// Circle of `radius_mm` at height `z_mm` with a point at each angle.
 pub(crate) fn circle(angles: &[f64], radius_mm: f64, z_mm: f64) -> Ring {
-    angles.iter().map(|angle| DVec3::new(radius_mm * angle.cos(), radius_mm * angle.sin(), z_mm)).collect()
+    angles
+        .iter()
+        .map(|angle| DVec3::new(radius_mm * angle.cos(), radius_mm * angle.sin(), z_mm))
+        .collect()
 }
 
 /// The point of the axis at height `z_mm`, `n_points` times.
@@ -28,7 +32,8 @@ pub(crate) fn tip(n_points: usize, z_mm: f64) -> Ring {
     vec![DVec3::new(0.0, 0.0, z_mm); n_points]
 }
 
-/// Regular hexagon with flats `across_flats_mm` apart and a corner on +x. Exact where the angles contain all multiples of 60°.
+/// Regular hexagon with flats `across_flats_mm` apart and a corner on +x. Exact where the angles
+/// contain all multiples of 60°.
 pub(crate) fn hexagon(angles: &[f64], across_flats_mm: f64, z_mm: f64) -> Ring {
     let sixth = TAU / 6.0;
     angles
@@ -54,12 +59,19 @@ impl Rectangle {
     /// About `n_points` angles around the axis, as even as four corners allow; every corner is hit.
     pub(crate) fn angles(&self, n_points: usize) -> Vec<f64> {
         let ([x_low, x_high], [y_low, y_high]) = (self.x_mm, self.y_mm);
-        let corners = [y_low.atan2(x_high), y_high.atan2(x_high), y_high.atan2(x_low), y_low.atan2(x_low) + TAU];
+        let corners = [
+            y_low.atan2(x_high),
+            y_high.atan2(x_high),
+            y_high.atan2(x_low),
+            y_low.atan2(x_low) + TAU,
+        ];
         let mut angles = Vec::new();
         for (corner_idx, start) in corners.iter().enumerate() {
             let end = if corner_idx == 3 { corners[0] + TAU } else { corners[corner_idx + 1] };
             let n_steps = (((end - start) / TAU * n_points as f64).round() as usize).max(1);
-            angles.extend((0..n_steps).map(|step| start + (end - start) * step as f64 / n_steps as f64));
+            angles.extend(
+                (0..n_steps).map(|step| start + (end - start) * step as f64 / n_steps as f64),
+            );
         }
         angles
     }
@@ -72,7 +84,11 @@ impl Rectangle {
                 let (sin, cos) = angle.sin_cos();
                 let reach = |component: f64, [low, high]: [f64; 2]| {
                     // A ray along an axis never leaves through the sides parallel to it.
-                    if component.abs() < 1e-12 { f64::INFINITY } else { (if component > 0.0 { high } else { low }) / component }
+                    if component.abs() < 1e-12 {
+                        f64::INFINITY
+                    } else {
+                        (if component > 0.0 { high } else { low }) / component
+                    }
                 };
                 let length = reach(cos, self.x_mm).min(reach(sin, self.y_mm));
                 DVec3::new(length * cos, length * sin, z_mm)
@@ -89,10 +105,14 @@ pub(crate) fn square(edge_mm: f64) -> Rectangle {
 /// Joins each ring to the next; `closed` joins the last to the first as well.
 pub(crate) fn loft(mesh: &mut Mesh, rings: &[Ring], closed: bool) {
     let n_points = rings[0].len();
-    assert!(rings.iter().all(|ring| ring.len() == n_points), "rings of a loft have equal point counts");
+    assert!(
+        rings.iter().all(|ring| ring.len() == n_points),
+        "rings of a loft have equal point counts"
+    );
     let n_strips = if closed { rings.len() } else { rings.len() - 1 };
     for strip in 0..n_strips {
-        let (lower, upper) = (&rings[strip], &rings[(strip + 1) % rings.len()]);
+        let lower = &rings[strip];
+        let upper = &rings[(strip + 1) % rings.len()];
         for point in 0..n_points {
             let next = (point + 1) % n_points;
             mesh.quad([lower[point], lower[next], upper[next], upper[point]]);

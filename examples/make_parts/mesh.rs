@@ -5,8 +5,8 @@ use std::fmt::Write as _;
 
 use glam::DVec3;
 
-/// Vertices live on a grid of this many steps per mm. Coordinates below 64 mm stay apart as `f32`, so a reader of the STL files
-/// can weld them again.
+/// Vertices live on a grid of this many steps per mm. Coordinates below 64 mm stay apart as `f32`,
+/// so a reader of the STL files can weld them again.
 pub(crate) const GRID_PER_MM: f64 = 1e5;
 
 /// A mesh under construction, millimetres.
@@ -29,7 +29,8 @@ impl Mesh {
         })
     }
 
-    /// Adds a triangle, counter-clockwise seen from outside; one that welding collapsed is left out.
+    /// Adds a triangle, counter-clockwise seen from outside; one that welding collapsed is left
+    /// out.
     pub(crate) fn triangle(&mut self, corners: [u32; 3]) {
         let [a, b, c] = corners;
         if a != b && b != c && c != a {
@@ -37,7 +38,8 @@ impl Mesh {
         }
     }
 
-    /// Adds a quadrilateral, counter-clockwise seen from outside, split between its first and third corner.
+    /// Adds a quadrilateral, counter-clockwise seen from outside, split between its first and third
+    /// corner.
     pub(crate) fn quad(&mut self, corners: [DVec3; 4]) {
         let [a, b, c, d] = corners.map(|point| self.vertex(point));
         self.triangle([a, b, c]);
@@ -51,7 +53,8 @@ impl Mesh {
 
     /// Wavefront OBJ.
     pub(crate) fn to_obj(&self, title: &str) -> Vec<u8> {
-        let mut text = format!("# hapticd part: {title}\n# units: mm; written by examples/make_parts\n");
+        let mut text =
+            format!("# hapticd part: {title}\n# units: mm; written by examples/make_parts\n");
         for DVec3 { x, y, z } in &self.vertices {
             writeln!(text, "v {x} {y} {z}").expect("a string takes every write");
         }
@@ -67,12 +70,15 @@ impl Mesh {
         assert!(header.len() <= 80, "the STL header holds 80 bytes: {title}");
         header.resize(80, b' ');
         let mut bytes = header;
-        let n_triangles = u32::try_from(self.triangles.len()).expect("a part has fewer than 2^32 triangles");
+        let n_triangles =
+            u32::try_from(self.triangles.len()).expect("a part has fewer than 2^32 triangles");
         bytes.extend(n_triangles.to_le_bytes());
         for triangle_idx in 0..self.triangles.len() {
             let [a, b, c] = self.corners(triangle_idx);
-            // Adding zero turns -0.0 into 0.0. Six decimals, so that the last bit of a square root cannot show.
-            let normal = ((b - a).cross(c - a).normalize_or_zero() * 1e6).round() / 1e6 + DVec3::ZERO;
+            // Adding zero turns -0.0 into 0.0. Six decimals, so that the last bit of a square root
+            // cannot show.
+            let normal =
+                ((b - a).cross(c - a).normalize_or_zero() * 1e6).round() / 1e6 + DVec3::ZERO;
             for vector in [normal, a, b, c] {
                 for coordinate in vector.to_array() {
                     bytes.extend((coordinate as f32).to_le_bytes());

@@ -22,7 +22,8 @@ pub(crate) const HOLE_RADIUS_MM: f64 = 4.05;
 pub(crate) const HOLE_DEPTH_MM: f64 = 20.0;
 pub(crate) const HOLE_CHAMFER_MM: f64 = 0.75;
 
-/// Between shaft and fixed gear: (20 + 30) teeth of half a module. The scene puts the fixed gear there.
+/// Between shaft and fixed gear: (20 + 30) teeth of half a module. The scene puts the fixed gear
+/// there.
 #[cfg(test)]
 pub(crate) const CENTRE_DISTANCE_MM: f64 = 31.25;
 /// Bottom of both gears above the plate when seated: height of the hub and of the shoulder.
@@ -90,21 +91,35 @@ pub(crate) fn block_hole() -> Mesh {
 pub(crate) fn block_plugged() -> Mesh {
     let outline = square(BLOCK_EDGE_MM);
     let angles = outline.angles(4);
-    let rings = [tip(4, -BLOCK_HEIGHT_MM), outline.ring(&angles, -BLOCK_HEIGHT_MM), outline.ring(&angles, 0.0), tip(4, 0.0)];
+    let rings = [
+        tip(4, -BLOCK_HEIGHT_MM),
+        outline.ring(&angles, -BLOCK_HEIGHT_MM),
+        outline.ring(&angles, 0.0),
+        tip(4, 0.0),
+    ];
     solid(&rings, false)
 }
 
 /// The fixed gear's numbers: a tooth points along +x, at the shaft.
 pub(crate) fn fixed_gear() -> Gear {
-    Gear { module_mm: 1.25, n_teeth: 30, pressure_angle: 20.0_f64.to_radians(), thinning_mm: 0.1, topping_mm: 0.0, phase: 0.0 }
+    Gear {
+        module_mm: 1.25,
+        n_teeth: 30,
+        pressure_angle: 20.0_f64.to_radians(),
+        thinning_mm: 0.1,
+        topping_mm: 0.0,
+        phase: 0.0,
+    }
 }
 
-/// The tool gear's numbers: half a tooth of phase puts a space on −x, where the fixed gear's tooth comes from.
+/// The tool gear's numbers: half a tooth of phase puts a space on −x, where the fixed gear's tooth
+/// comes from.
 pub(crate) fn tool_gear() -> Gear {
     Gear { n_teeth: 20, phase: 9.0_f64.to_radians(), ..fixed_gear() }
 }
 
-/// Plate with shoulder and free shaft; the shaft is the z axis, the plate's top z = 0. The fixed gear stands on the −x side.
+/// Plate with shoulder and free shaft; the shaft is the z axis, the plate's top z = 0. The fixed
+/// gear stands on the −x side.
 pub(crate) fn gear_base() -> Mesh {
     let angles = PLATE.angles(N_AROUND);
     let n_points = angles.len();
@@ -124,11 +139,15 @@ pub(crate) fn gear_base() -> Mesh {
     )
 }
 
-/// The four rings of a toothed rim with chamfered tooth ends from `bottom_mm` up, and the angles of its two face rings.
+/// The four rings of a toothed rim with chamfered tooth ends from `bottom_mm` up, and the angles of
+/// its two face rings.
 fn rim(gear: &Gear, bottom_mm: f64) -> (Vec<Ring>, Vec<f64>) {
     let [inset_mm, chamfer_mm] = TOOTH_CHAMFER_MM;
-    let (outline, inset) = (gear.outline(), gear.inset(inset_mm).outline());
-    let lift = |points: &[DVec2], z_mm: f64| -> Ring { points.iter().map(|point| point.extend(z_mm)).collect() };
+    let outline = gear.outline();
+    let inset = gear.inset(inset_mm).outline();
+    let lift = |points: &[DVec2], z_mm: f64| -> Ring {
+        points.iter().map(|point| point.extend(z_mm)).collect()
+    };
     let top_mm = bottom_mm + FACE_WIDTH_MM;
     let rings = vec![
         lift(&inset, bottom_mm),
@@ -143,7 +162,11 @@ fn rim(gear: &Gear, bottom_mm: f64) -> (Vec<Ring>, Vec<f64>) {
 pub(crate) fn gear_fixed() -> Mesh {
     let (rim_rings, angles) = rim(&fixed_gear(), SEAT_MM);
     let n_points = angles.len();
-    let mut rings = vec![tip(n_points, 0.0), circle(&angles, HUB_RADIUS_MM, 0.0), circle(&angles, HUB_RADIUS_MM, SEAT_MM)];
+    let mut rings = vec![
+        tip(n_points, 0.0),
+        circle(&angles, HUB_RADIUS_MM, 0.0),
+        circle(&angles, HUB_RADIUS_MM, SEAT_MM),
+    ];
     rings.extend(rim_rings);
     rings.push(tip(n_points, SEAT_MM + FACE_WIDTH_MM));
     solid(&rings, false)
@@ -191,7 +214,8 @@ pub(crate) fn bolt() -> Mesh {
     mesh
 }
 
-/// Nut: lower face at z = 0. Its thread fits the bolt's wherever its z is a multiple of the pitch and it is not turned.
+/// Nut: lower face at z = 0. Its thread fits the bolt's wherever its z is a multiple of the pitch
+/// and it is not turned.
 pub(crate) fn nut() -> Mesh {
     let angles = even_angles(N_COLUMNS);
     let ends = [0, NUT_HEIGHT_MM * UNITS_PER_MM];

@@ -1,10 +1,13 @@
-//! What the target of the protocols does with its bytes. The tests of the program include this file and replay the corpus.
+//! What the target of the protocols does with its bytes. The tests of the program include this file
+//! and replay the corpus.
 
 use arms::Pacing;
-use arms::protocol::layout::{Checksum, ChecksumKind, Field, Framing, LineFraming, LinePad, Number, Packet, Role};
+use arms::protocol::layout::{
+    Checksum, ChecksumKind, Field, Framing, LineFraming, LinePad, Number, Packet, Role,
+};
 use arms::protocol::{
-    ArmReadings, HapiBoard, HapiEncoder, Hid14Carrier, MAX_AXES, MotorCommand, Open6Arm, Outbox, PacketLayout, Protocol, Servo,
-    ServoModel, Turn,
+    ArmReadings, HapiBoard, HapiEncoder, Hid14Carrier, MAX_AXES, MotorCommand, Open6Arm, Outbox,
+    PacketLayout, Protocol, Servo, ServoModel, Turn,
 };
 use arms::transport::{Carriage, FRAME_MAX, Frame};
 use vps::spatial::Axes;
@@ -14,8 +17,10 @@ pub(crate) const N: u8 = 20;
 
 /// The protocol of that number. The last five are layouts, one per framing.
 pub(crate) fn protocol(number: u8) -> (Protocol, Carriage) {
-    let encoder = HapiEncoder { direction: Turn::Clockwise, start_deg: 180.0, counts_per_rev: 13824.0 };
-    let (reports, stream) = (Carriage::Reports, Carriage::Stream);
+    let encoder =
+        HapiEncoder { direction: Turn::Clockwise, start_deg: 180.0, counts_per_rev: 13824.0 };
+    let reports = Carriage::Reports;
+    let stream = Carriage::Stream;
     match number % N {
         0 => (Protocol::WoodenhapticsHid8, reports),
         1 => (Protocol::HaptikfabrikenHid14 { carrier: Hid14Carrier::Mbed }, reports),
@@ -23,13 +28,28 @@ pub(crate) fn protocol(number: u8) -> (Protocol, Carriage) {
         3 => (Protocol::PolhemAscii64 { cartesian: false }, stream),
         4 => (Protocol::PolhemAscii64 { cartesian: true }, stream),
         5 => (Protocol::HaptikfabrikenBrackets { model: 3 }, stream),
-        6 => (Protocol::HapiF32(HapiBoard { device_id: 5, motors: vec![Turn::Clockwise; 2], encoders: vec![encoder; 2] }), stream),
+        6 => (
+            Protocol::HapiF32(HapiBoard {
+                device_id: 5,
+                motors: vec![Turn::Clockwise; 2],
+                encoders: vec![encoder; 2],
+            }),
+            stream,
+        ),
         7 => (Protocol::FalconNibble16 { image: None }, stream),
         8 => (Protocol::HapkitAscii, stream),
         9 => (Protocol::SpaceMouse { dead_band: 10 }, reports),
         10 => (Protocol::Spacenav, stream),
-        11 => (Protocol::Dynamixel2 { servos: (1..=7).map(|id| Servo { id, model: ServoModel::Xm430W210 }).collect() }, stream),
-        12 => (Protocol::Dynamixel2 { servos: vec![Servo { id: 1, model: ServoModel::Xc330T288 }] }, stream),
+        11 => (
+            Protocol::Dynamixel2 {
+                servos: (1..=7).map(|id| Servo { id, model: ServoModel::Xm430W210 }).collect(),
+            },
+            stream,
+        ),
+        12 => (
+            Protocol::Dynamixel2 { servos: vec![Servo { id: 1, model: ServoModel::Xc330T288 }] },
+            stream,
+        ),
         13 | 14 => {
             let arm = Open6Arm {
                 name: "test arm".to_owned(),
@@ -55,12 +75,23 @@ fn layout(number: u8) -> PacketLayout {
     let check = |kind, big_endian| Some(Checksum { kind, big_endian });
     let (framing, checksum) = match number {
         0 => (Framing::Report { id: Some(7), len: 14 }, check(ChecksumKind::Crc16Modbus, false)),
-        1 => (Framing::Sync { sync: vec![0xAA, 0x55], len: 14, covers_sync: true }, check(ChecksumKind::Crc16Ccitt, true)),
+        1 => (
+            Framing::Sync { sync: vec![0xAA, 0x55], len: 14, covers_sync: true },
+            check(ChecksumKind::Crc16Ccitt, true),
+        ),
         2 => (Framing::Cobs { len: 16 }, check(ChecksumKind::Crc32, false)),
         3 => (Framing::Slip { len: 13 }, check(ChecksumKind::Sum8, false)),
         _ => {
             let pad = Some(LinePad { byte: 0, len: 16, before_close: false });
-            (Framing::Line(LineFraming { open: "[".to_owned(), separator: b',', close: "]\n".to_owned(), pad }), None)
+            (
+                Framing::Line(LineFraming {
+                    open: "[".to_owned(),
+                    separator: b',',
+                    close: "]\n".to_owned(),
+                    pad,
+                }),
+                None,
+            )
         }
     };
     let is_line = matches!(framing, Framing::Line(_));
@@ -73,7 +104,12 @@ fn layout(number: u8) -> PacketLayout {
             ..field
         };
         if is_line {
-            binary.into_iter().filter(|field| field.role != Role::Counter).enumerate().map(text).collect()
+            binary
+                .into_iter()
+                .filter(|field| field.role != Role::Counter)
+                .enumerate()
+                .map(text)
+                .collect()
         } else {
             binary.to_vec()
         }
@@ -101,8 +137,9 @@ fn layout(number: u8) -> PacketLayout {
     }
 }
 
-/// First byte: the protocol; second byte: the size of the pieces less one, 127 is all at once; the top bit sends them to the arm instead of the host. The rest comes over
-/// the link. Gives how many reports the host saw, or how many frames the arm answered.
+/// First byte: the protocol; second byte: the size of the pieces less one, 127 is all at once; the
+/// top bit sends them to the arm instead of the host. The rest comes over the link. Gives how many
+/// reports the host saw, or how many frames the arm answered.
 ///
 /// # Panics
 /// Whenever bytes lead to one, to numbers that are none, or to a frame that is too long.
@@ -125,7 +162,10 @@ pub(crate) fn exercise(bytes: &[u8]) -> usize {
         let mut out = Outbox::new();
         for (idx, piece) in rest.chunks(size).enumerate() {
             firmware.receive(piece, idx as f64 * 1e-3, &arm, &mut out);
-            assert!(firmware.motors().iter().all(|motor| motor.is_finite()), "a motor is driven with a number that is none");
+            assert!(
+                firmware.motors().iter().all(|motor| motor.is_finite()),
+                "a motor is driven with a number that is none"
+            );
         }
         let n_answers = out.len();
         firmware.advance(1e3, &arm, &mut out);
@@ -143,9 +183,16 @@ pub(crate) fn exercise(bytes: &[u8]) -> usize {
         let fed = codec.feed(piece);
         n_reports += fed.reports as usize;
         let report = codec.newest();
-        assert!(report.readings.iter().all(|reading| reading.is_finite()), "a reading is a number that is none");
-        assert!(report.rates.iter().flatten().all(|rate| rate.is_finite()), "a rate is a number that is none");
-        // Any command only where a fuzzer builds: elsewhere the motor stage alone makes one that moves something.
+        assert!(
+            report.readings.iter().all(|reading| reading.is_finite()),
+            "a reading is a number that is none"
+        );
+        assert!(
+            report.rates.iter().flatten().all(|rate| rate.is_finite()),
+            "a rate is a number that is none"
+        );
+        // Any command only where a fuzzer builds: elsewhere the motor stage alone makes one that
+        // moves something.
         #[cfg(fuzzing)]
         let command = MotorCommand::of(report.readings, fed.corrupt == 0);
         #[cfg(not(fuzzing))]

@@ -30,12 +30,18 @@ pub(crate) struct Args {
     #[arg(value_name = "SCENE|MESH")]
     input: PathBuf,
     /// Voxel edge, mm (mesh only).
-    #[arg(long, value_name = "S", conflicts_with = "longest_axis_voxels", allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "S",
+        conflicts_with = "longest_axis_voxels",
+        allow_negative_numbers = true
+    )]
     voxel_size_mm: Option<f64>,
     /// Voxels on the longest edge of the mesh's box, instead of a size (mesh only).
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     longest_axis_voxels: Option<u32>,
-    /// Unit of the numbers in the mesh file; required with --voxel-size-mm, else metres (mesh only).
+    /// Unit of the numbers in the mesh file; required with --voxel-size-mm, else metres (mesh
+    /// only).
     #[arg(long, value_name = "UNIT")]
     units: Option<Unit>,
     /// Layers on each side of the surface (mesh only).
@@ -44,8 +50,9 @@ pub(crate) struct Args {
     /// How candidates are walked; plane-span and two-sided bake without the cache (mesh only).
     #[arg(long, value_name = "HOW")]
     navigation: Option<NavigationChoice>,
-    /// How inside and outside are distinguished: by the fill, where it leaks by winding numbers or else as a thin skin (auto); only what the
-    /// fill left is inside (flood); with lids on holes (winding); a two-sided skin (thin) (mesh only).
+    /// How inside and outside are distinguished: by the fill, where it leaks by winding numbers or
+    /// else as a thin skin (auto); only what the fill left is inside (flood); with lids on holes
+    /// (winding); a two-sided skin (thin) (mesh only).
     #[arg(long, value_name = "HOW")]
     sides: Option<InsideTestChoice>,
     /// Threads; all processors if not given.
@@ -53,13 +60,15 @@ pub(crate) struct Args {
     threads: Option<u32>,
     #[command(flatten)]
     memory: memory::MemoryArgs,
-    /// Write the layer values as int8, shape [nx, ny, nz]; bakes without the cache, as all output files do (mesh only).
+    /// Write the layer values as int8, shape [nx, ny, nz]; bakes without the cache, as all output
+    /// files do (mesh only).
     #[arg(long, value_name = "F.npy")]
     voxmap_out: Option<PathBuf>,
     /// Write the signed distances in metres as float32, NaN beyond the band (mesh only).
     #[arg(long, value_name = "F.npy")]
     field_out: Option<PathBuf>,
-    /// Write the points, one for each surface voxel, and inward normals as binary PLY, metres (mesh only).
+    /// Write the points, one for each surface voxel, and inward normals as binary PLY, metres (mesh
+    /// only).
     #[arg(long, value_name = "F.ply")]
     pointshell_out: Option<PathBuf>,
     /// Draw three cuts through the map with the shell on them (mesh only).
@@ -141,8 +150,13 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads as usize).build_global();
         debug_assert!(pool.is_ok(), "the global pool is built once");
     }
-    let is_scene = args.input.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml"));
-    let outcome = if is_scene { bake_scene(args, output) } else { bake_mesh(args, output).map(|()| Exit::Ok) };
+    let is_scene =
+        args.input.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml"));
+    let outcome = if is_scene {
+        bake_scene(args, output)
+    } else {
+        bake_mesh(args, output).map(|()| Exit::Ok)
+    };
     match outcome {
         Ok(exit) => exit,
         Err(Failure::Usage(message)) => {
@@ -152,7 +166,11 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
         Err(Failure::Scene(error)) => report::prepare_error(&error, output),
         Err(Failure::Part(error)) => mesh_error(args, &error, output),
         Err(Failure::Write(path, error)) => {
-            report::error(&format!("cannot write {}: {error}", path.display()), destination::hint(&error), output);
+            report::error(
+                &format!("cannot write {}: {error}", path.display()),
+                destination::hint(&error),
+                output,
+            );
             Exit::Asset
         }
     }
@@ -173,7 +191,9 @@ fn bake_scene(args: &Args, output: OutputOptions) -> Result<Exit, Failure> {
         ("--picture-3d", args.picture_3d.is_some()),
     ];
     if let Some((flag, _)) = mesh_only.iter().find(|(_, given)| *given) {
-        return Err(Failure::Usage(format!("{flag} goes with a mesh; a scene says it in its file")));
+        return Err(Failure::Usage(format!(
+            "{flag} goes with a mesh; a scene says it in its file"
+        )));
     }
     let config = match config::load(&args.input) {
         Ok(config) => config,
@@ -190,7 +210,8 @@ fn bake_scene(args: &Args, output: OutputOptions) -> Result<Exit, Failure> {
     drop(means);
     progress.finish();
     cache::tell(&mut cache, output);
-    let Built { objects: reports, piece, .. } = baked.map_err(|error| Failure::Scene(PrepareError::of_scene(&config, error)))?;
+    let Built { objects: reports, piece, .. } =
+        baked.map_err(|error| Failure::Scene(PrepareError::of_scene(&config, error)))?;
     let clay = piece.map(|piece| piece.report);
     let total_s = since.elapsed().as_secs_f64();
     report::bake_warnings(&reports, output);
@@ -211,13 +232,21 @@ fn bake_scene(args: &Args, output: OutputOptions) -> Result<Exit, Failure> {
             peak_rss_bytes: Option<u64>,
         }
         let timings_s = Total { total: total_s };
-        print_json(&SceneReport { objects: reports, clay, timings_s, peak_rss_bytes: peak_rss_bytes() });
+        print_json(&SceneReport {
+            objects: reports,
+            clay,
+            timings_s,
+            peak_rss_bytes: peak_rss_bytes(),
+        });
     } else {
         reports.iter().for_each(|object| output::result(format_args!("{}", report_text(object))));
         if let Some(clay) = &clay {
             output::result(format_args!("{}", clay_text(clay)));
         }
-        output::result(format_args!("{} objects in {total_s:.2} s\n", reports.len() + usize::from(clay.is_some())));
+        output::result(format_args!(
+            "{} objects in {total_s:.2} s\n",
+            reports.len() + usize::from(clay.is_some())
+        ));
     }
     Ok(Exit::Ok)
 }

@@ -31,7 +31,10 @@ impl CacheArgs {
                     && relative.is_relative()
                     && !relative.as_os_str().is_empty()
                 {
-                    let message = format!("XDG_CACHE_HOME is ignored, as {} is not an absolute path", relative.display());
+                    let message = format!(
+                        "XDG_CACHE_HOME is ignored, as {} is not an absolute path",
+                        relative.display()
+                    );
                     report::warning(&message, output);
                 }
                 user_folder()
@@ -41,7 +44,9 @@ impl CacheArgs {
             return Cache::at(folder, residence);
         }
         if output.verbose > 0 {
-            output::message(format_args!("bake cache: off, as neither XDG_CACHE_HOME nor HOME names a folder\n"));
+            output::message(format_args!(
+                "bake cache: off, as neither XDG_CACHE_HOME nor HOME names a folder\n"
+            ));
         }
         Cache::off()
     }
@@ -49,8 +54,11 @@ impl CacheArgs {
 
 /// As the XDG base directory specification has it: relative paths are ignored.
 fn user_folder() -> Option<PathBuf> {
-    let folder = |variable| std::env::var_os(variable).map(PathBuf::from).filter(|path| path.is_absolute());
-    folder("XDG_CACHE_HOME").or_else(|| Some(folder("HOME")?.join(".cache"))).map(|folder| folder.join("hapticd"))
+    let folder =
+        |variable| std::env::var_os(variable).map(PathBuf::from).filter(|path| path.is_absolute());
+    folder("XDG_CACHE_HOME")
+        .or_else(|| Some(folder("HOME")?.join(".cache")))
+        .map(|folder| folder.join("hapticd"))
 }
 
 /// Prints what the cache has to say.

@@ -1,4 +1,5 @@
-//! `hapticd check`: every configuration pass over each scene, device profile or file of strokes; bakes nothing.
+//! `hapticd check`: every configuration pass over each scene, device profile or file of strokes;
+//! bakes nothing.
 
 use std::path::{Path, PathBuf};
 
@@ -55,7 +56,8 @@ struct Finding {
 pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
     let checked: Vec<Checked> = args.scenes.iter().map(|file| check(file)).collect();
     if args.json {
-        let files: Vec<Value> = args.scenes.iter().zip(&checked).map(|(file, checked)| checked.json(file)).collect();
+        let files: Vec<Value> =
+            args.scenes.iter().zip(&checked).map(|(file, checked)| checked.json(file)).collect();
         let is_ok = checked.iter().all(|checked| checked.exit == Exit::Ok);
         output::result(format_args!("{}\n", json!({ "ok": is_ok, "files": files })));
     } else {
@@ -65,7 +67,8 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
 }
 
 fn check(file: &Path) -> Checked {
-    let name = file.to_str().filter(|name| !file.exists() && profile::names().any(|known| known == *name));
+    let name =
+        file.to_str().filter(|name| !file.exists() && profile::names().any(|known| known == *name));
     if name.is_some() || profile::is_profile(file) {
         return check_profile(file, name);
     }
@@ -94,7 +97,10 @@ fn check_profile(file: &Path, name: Option<&str>) -> Checked {
     match loaded {
         Ok(profile) => {
             let doubts = profile.plausibility_warnings();
-            let warnings = doubts.iter().map(|doubt| Finding::warning(format!("{}: {doubt}", file.display()), file)).collect();
+            let warnings = doubts
+                .iter()
+                .map(|doubt| Finding::warning(format!("{}: {doubt}", file.display()), file))
+                .collect();
             Checked::sound("profile", profile_summary(file, &profile), warnings)
         }
         Err(errors) => Checked::refused("profile", Vec::new(), &PrepareError::Config(errors)),
@@ -110,15 +116,22 @@ fn check_scene(file: &Path, warnings: &mut Vec<Finding>) -> Result<SceneConfig, 
     if let Some(SculptConfig { strokes: Some(file), tool, .. }) = &config.sculpt {
         strokes::load(file, tool).map_err(PrepareError::Config)?;
     }
-    let (mut of_parts, mut of_memory) = (Vec::new(), Vec::new());
+    let mut of_parts = Vec::new();
+    let mut of_memory = Vec::new();
     let mut memory = MemoryPlan::new(None, |name, estimate| {
-        of_memory
-            .extend(scarce_text(name, estimate).map(|text| Finding { key: Some(name.to_owned()), ..Finding::warning(text, file) }));
+        of_memory.extend(
+            scarce_text(name, estimate)
+                .map(|text| Finding { key: Some(name.to_owned()), ..Finding::warning(text, file) }),
+        );
     });
     let looked_at = scene::look_at_parts(&config, &mut memory, |part, source| {
         let mesh = if let MeshSource::File { path, .. } = source { path } else { file };
-        let of_mesh = part.mesh_warnings().into_iter().map(|text| format!("{}: {text}", part.name()));
-        of_parts.extend(of_mesh.map(|text| Finding { key: Some(part.name().to_owned()), ..Finding::warning(text, mesh) }));
+        let of_mesh =
+            part.mesh_warnings().into_iter().map(|text| format!("{}: {text}", part.name()));
+        of_parts.extend(of_mesh.map(|text| Finding {
+            key: Some(part.name().to_owned()),
+            ..Finding::warning(text, mesh)
+        }));
     });
     drop(memory);
     warnings.extend(of_parts.into_iter().chain(of_memory));
@@ -133,7 +146,9 @@ impl Checked {
 
     fn refused(kind: &'static str, mut findings: Vec<Finding>, error: &PrepareError) -> Self {
         match error {
-            PrepareError::Config(errors) => findings.extend(errors.problems().iter().map(Finding::of_config)),
+            PrepareError::Config(errors) => {
+                findings.extend(errors.problems().iter().map(Finding::of_config))
+            }
             PrepareError::HandPath(problem) => findings.push(Finding::of_hand(true, problem)),
             error => findings.push(Finding {
                 is_error: true,
@@ -175,13 +190,30 @@ impl Checked {
 
 impl Finding {
     fn warning(text: String, file: &Path) -> Self {
-        Self { is_error: false, text, hint: None, file: Some(file.to_owned()), line: None, key: None, value: None }
+        Self {
+            is_error: false,
+            text,
+            hint: None,
+            file: Some(file.to_owned()),
+            line: None,
+            key: None,
+            value: None,
+        }
     }
 
     fn of_config(problem: &Problem) -> Self {
         let Problem { file, line, key, value, .. } = problem;
-        let (text, hint) = (problem.to_string(), problem.hint());
-        Self { is_error: true, text, hint, file: Some(file.clone()), line: *line, key: key.clone(), value: value.clone() }
+        let text = problem.to_string();
+        let hint = problem.hint();
+        Self {
+            is_error: true,
+            text,
+            hint,
+            file: Some(file.clone()),
+            line: *line,
+            key: key.clone(),
+            value: value.clone(),
+        }
     }
 
     /// `run` says it with what to do about it.
@@ -194,7 +226,11 @@ impl Finding {
         let HandProblem { file, line, column, value, remedy, .. } = problem;
         Self {
             is_error,
-            text: if is_error { problem.to_string() } else { format!("tool: {}", problem.with_remedy()) },
+            text: if is_error {
+                problem.to_string()
+            } else {
+                format!("tool: {}", problem.with_remedy())
+            },
             hint: Some(remedy.clone()),
             file: Some(file.clone()),
             line: Some(*line),
@@ -223,13 +259,21 @@ fn profile_summary(path: &Path, profile: &Profile) -> String {
     let mut parts = vec![
         format!("{}: \"{}\"", shown(path), profile.title),
         format!("senses {}", axes(profile.sensed)),
-        format!("actuates {}", if profile.actuated == Axes::NONE { "nothing".into() } else { axes(profile.actuated) }),
+        format!(
+            "actuates {}",
+            if profile.actuated == Axes::NONE { "nothing".into() } else { axes(profile.actuated) }
+        ),
     ];
     match &profile.real {
         None => parts.push("simulated".into()),
         Some(real) => {
             parts.push(real.protocol.name().into());
-            parts.extend(real.matching.ids.iter().map(|id| format!("USB {:04x}:{:04x}", id.vendor, id.product)));
+            parts.extend(
+                real.matching
+                    .ids
+                    .iter()
+                    .map(|id| format!("USB {:04x}:{:04x}", id.vendor, id.product)),
+            );
             parts.extend(profile.has_unverified_signs().then(|| "signs not verified".into()));
             parts.extend(profile.is_unidentified().then(|| "not identified".into()));
         }
@@ -237,20 +281,30 @@ fn profile_summary(path: &Path, profile: &Profile) -> String {
     parts.join(", ")
 }
 
-/// One line: `strokes.toml: 5 orders from 0.5 s to 3 s`. How many of them are strokes of the clay shows when they are carried out.
+/// One line: `strokes.toml: 5 orders from 0.5 s to 3 s`. How many of them are strokes of the clay
+/// shows when they are carried out.
 fn script_summary(script: &Script) -> String {
     let file = shown(&script.file);
     // The end of a hold is part of the same order as its beginning.
-    let n_orders = script.orders.iter().filter(|timed| !matches!(timed.order, SculptOrder::Hold(false))).count();
+    let n_orders = script
+        .orders
+        .iter()
+        .filter(|timed| !matches!(timed.order, SculptOrder::Hold(false)))
+        .count();
     let at_s = |timed: Option<&TimedOrder>| show(timed.map_or(0.0, |timed| timed.at.as_secs_f64()));
     match n_orders {
         0 => format!("{file}: no orders"),
         1 => format!("{file}: 1 order at {} s", at_s(script.orders.first())),
-        n => format!("{file}: {n} orders from {} s to {} s", at_s(script.orders.first()), at_s(script.orders.last())),
+        n => format!(
+            "{file}: {n} orders from {} s to {} s",
+            at_s(script.orders.first()),
+            at_s(script.orders.last())
+        ),
     }
 }
 
-/// One line: `scene.toml: "gear", 1 static + tool, sim-sigma7 at 1000 Hz, implicit, 4000 N/m (declared bound 4000), 1 N·m/rad (declared bound 1)`.
+/// One line: `scene.toml: "gear", 1 static + tool, sim-sigma7 at 1000 Hz, implicit, 4000 N/m
+/// (declared bound 4000), 1 N·m/rad (declared bound 1)`.
 pub(super) fn summary(config: &SceneConfig) -> String {
     let coupling = &config.parameters.coupling;
     let mode = match coupling.mode {
@@ -271,7 +325,11 @@ pub(super) fn summary(config: &SceneConfig) -> String {
     };
     let mut parts = vec![
         format!("{}: \"{}\"", shown(&config.path), one_line(&config.name)),
-        format!("{} static + tool{}", config.statics.len(), if config.sculpt.is_some() { " + clay" } else { "" }),
+        format!(
+            "{} static + tool{}",
+            config.statics.len(),
+            if config.sculpt.is_some() { " + clay" } else { "" }
+        ),
         format!("{} at {} Hz", config.device.profile.name, config.rate_hz),
         mode.to_owned(),
         format!("{} N/m ({})", show(translation), bound(&config.stability.translation)),
@@ -292,7 +350,11 @@ pub(super) fn summary(config: &SceneConfig) -> String {
                 format!("raster {nx} x {ny} x {nz}")
             }
         };
-        parts.push(format!("{raster} updated at {} Hz, {} in the hand", show(update_hz), sculpt.tool.craft));
+        parts.push(format!(
+            "{raster} updated at {} Hz, {} in the hand",
+            show(update_hz),
+            sculpt.tool.craft
+        ));
         parts.extend(sculpt.strokes.as_ref().map(|file| format!("strokes of {}", shown(file))));
     }
     parts.join(", ")

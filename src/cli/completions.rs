@@ -24,7 +24,9 @@ pub(crate) fn main(args: &Args) -> Exit {
 fn script(shell: Shell) -> String {
     let profiles: Vec<&str> = profile::names().collect();
     let named = |command: clap::Command, arg: &str| {
-        command.mut_arg(arg, |arg| arg.value_parser(PossibleValuesParser::new(profiles.iter().copied())))
+        command.mut_arg(arg, |arg| {
+            arg.value_parser(PossibleValuesParser::new(profiles.iter().copied()))
+        })
     };
     let mut command = Cli::command();
     for renders in ["run", "sculpt"] {
@@ -34,7 +36,9 @@ fn script(shell: Shell) -> String {
         command = command.mut_subcommand(takes, |takes| named(takes, "profile"));
     }
     command = command.mut_subcommand("devices", |devices| {
-        devices.mut_subcommand("probe", |probe| named(probe, "profile")).mut_subcommand("profiles", |print| named(print, "name"))
+        devices
+            .mut_subcommand("probe", |probe| named(probe, "profile"))
+            .mut_subcommand("profiles", |print| named(print, "name"))
     });
     let mut script = Vec::new();
     clap_complete::generate(shell, &mut command, "hapticd", &mut script);
@@ -42,10 +46,18 @@ fn script(shell: Shell) -> String {
     let script = String::from_utf8_lossy(&script);
     // A profile may be a file as well, which the generated lines would not offer.
     match shell {
-        Shell::Bash => script.replace(&format!("compgen -W \"{names}\" --"), &format!("compgen -f -W \"{names}\" --")),
-        Shell::Zsh => script.replace(&format!(":({names})'"), &format!(":{{compadd {names}; _files}}'")),
+        Shell::Bash => script.replace(
+            &format!("compgen -W \"{names}\" --"),
+            &format!("compgen -f -W \"{names}\" --"),
+        ),
+        Shell::Zsh => {
+            script.replace(&format!(":({names})'"), &format!(":{{compadd {names}; _files}}'"))
+        }
         // `-f`: no files.
-        Shell::Fish => script.replace(&format!(" -r -f -a \"{}\\t", profiles[0]), &format!(" -r -F -a \"{}\\t", profiles[0])),
+        Shell::Fish => script.replace(
+            &format!(" -r -f -a \"{}\\t", profiles[0]),
+            &format!(" -r -F -a \"{}\\t", profiles[0]),
+        ),
         _ => script.into_owned(),
     }
 }

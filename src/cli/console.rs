@@ -15,11 +15,12 @@ use clay::emboss::GreyImage;
 use clay::engine::{ChosenSolid, SculptOrder, SculptTool, ToolChange};
 
 /// What may be typed.
-const WORDS: &str = "enable, disable, stop, restart (the hand), reset (the scene); for clay: tool NAME, image FILE.png or none, \
-                     solid FILE m|cm|mm|in or none, undo, redo";
+const WORDS: &str = "enable, disable, stop, restart (the hand), reset (the scene); for clay: tool \
+    NAME, image FILE.png or none, solid FILE m|cm|mm|in or none, undo, redo";
 
-/// Begins to take orders from standard input, one a line, in a thread of its own. The end of the input is a stop: the operator
-/// has gone. `clay` is set when there is clay. What reads files does so in another thread: a `stop` does not wait for a disk.
+/// Begins to take orders from standard input, one a line, in a thread of its own. The end of the
+/// input is a stop: the operator has gone. `clay` is set when there is clay. What reads files does
+/// so in another thread: a `stop` does not wait for a disk.
 ///
 /// # Errors
 /// A thread could not be started.
@@ -34,7 +35,9 @@ pub(super) fn begin(
         for line in waiting {
             match clay_order(&line) {
                 Some(order) => ask_clay(order, clay.get(), &line),
-                None => output::message(format_args!("console: `{line}` is not an order; orders are {WORDS}\n")),
+                None => output::message(format_args!(
+                    "console: `{line}` is not an order; orders are {WORDS}\n"
+                )),
             }
         }
     })?;
@@ -52,11 +55,16 @@ fn clay_order(line: &str) -> Option<Result<SculptOrder, String>> {
         ("redo", "") => Ok(SculptOrder::Redo),
         ("tool", name) => match SculptTool::of(name) {
             Some(craft) => change(ToolChange { craft: Some(craft), ..ToolChange::default() }),
-            None => Err(format!("no tool is called `{name}`; known: {}", SculptTool::NAMES.map(|(name, _)| name).join(", "))),
+            None => Err(format!(
+                "no tool is called `{name}`; known: {}",
+                SculptTool::NAMES.map(|(name, _)| name).join(", ")
+            )),
         },
         ("image", "none") => change(ToolChange { image: Some(None), ..ToolChange::default() }),
         ("image", file) => match GreyImage::read(Path::new(file)) {
-            Ok(image) => change(ToolChange { image: Some(Some(Arc::new(image))), ..ToolChange::default() }),
+            Ok(image) => {
+                change(ToolChange { image: Some(Some(Arc::new(image))), ..ToolChange::default() })
+            }
             Err(error) => Err(error.to_string()),
         },
         ("solid", "none") => change(ToolChange { solid: Some(None), ..ToolChange::default() }),
@@ -69,17 +77,25 @@ fn clay_order(line: &str) -> Option<Result<SculptOrder, String>> {
 }
 
 fn chosen_solid(rest: &str) -> Result<ChosenSolid, String> {
-    let unit = |word: &str| [("m", 1.0), ("cm", 1e-2), ("mm", 1e-3), ("in", 0.0254)].into_iter().find(|(known, _)| *known == word);
+    let unit = |word: &str| {
+        [("m", 1.0), ("cm", 1e-2), ("mm", 1e-3), ("in", 0.0254)]
+            .into_iter()
+            .find(|(known, _)| *known == word)
+    };
     let split = rest.rsplit_once(' ').and_then(|(file, word)| Some((file.trim(), unit(word)?.1)));
-    let (file, metres_per_unit) = split.ok_or_else(|| "give a mesh file and its unit, such as `solid wing.stl mm`".to_owned())?;
-    let mesh = vps::mesh::load(Path::new(file), metres_per_unit).map_err(|error| error.to_string())?;
+    let (file, metres_per_unit) = split
+        .ok_or_else(|| "give a mesh file and its unit, such as `solid wing.stl mm`".to_owned())?;
+    let mesh =
+        vps::mesh::load(Path::new(file), metres_per_unit).map_err(|error| error.to_string())?;
     ChosenSolid::centered(mesh).map_err(|error| format!("{file}: {error}"))
 }
 
 /// Asks the clay.
 fn ask_clay(order: Result<SculptOrder, String>, clay: Option<&ClayHandle>, line: &str) {
     let line = line.to_owned();
-    let tell = move |what: &dyn std::fmt::Display| output::message(format_args!("console: {line}: {what}\n"));
+    let tell = move |what: &dyn std::fmt::Display| {
+        output::message(format_args!("console: {line}: {what}\n"))
+    };
     match (clay, order) {
         (None, _) => tell(&"this scene has no clay, or it is not ready yet"),
         (_, Err(why)) => tell(&why),
@@ -95,7 +111,13 @@ fn ask_clay(order: Result<SculptOrder, String>, clay: Option<&ClayHandle>, line:
 }
 
 /// Carries out what is about force and the scene; other lines go to `others`.
-fn read(input: impl BufRead, control: &Control, enables: &Sender<Enable>, session: &SessionHandle, others: &Sender<String>) {
+fn read(
+    input: impl BufRead,
+    control: &Control,
+    enables: &Sender<Enable>,
+    session: &SessionHandle,
+    others: &Sender<String>,
+) {
     let tell = |word: &'static str| {
         move |result: Result<(), SessionError>| {
             if let Err(error) = result {
@@ -138,7 +160,13 @@ mod tests {
         let config = scene(SCENE);
         let session = SessionHandle::new(config, LoadOptions::default(), ClockKind::Virtual, None);
         let (others, waiting) = unbounded();
-        read("enable\n\n d \nrestart\nreset\nfaster\ntool pull\ne\n".as_bytes(), &control, &sender, &session, &others);
+        read(
+            "enable\n\n d \nrestart\nreset\nfaster\ntool pull\ne\n".as_bytes(),
+            &control,
+            &sender,
+            &session,
+            &others,
+        );
         assert_eq!(waiting.try_iter().collect::<Vec<_>>(), ["faster", "tool pull"]);
         let asked: Vec<Enable> = enables.try_iter().collect();
         assert_eq!(asked, [Enable(permit), Enable(control.permit())]);
@@ -153,23 +181,33 @@ mod tests {
         let at = |name: &str| folder.path().join(name).display().to_string();
         // A file name may have spaces.
         let mesh = at("a block.obj");
-        let block = vps::mesh::primitives::Shape::Box { size_m: glam::DVec3::new(10.0, 20.0, 30.0) }.tessellate(1.0);
-        let lines = block.vertices.iter().map(|at| format!("v {} {} {}\n", at.x + 50.0, at.y, at.z));
-        let faces = block.triangles.iter().map(|[a, b, c]| format!("f {} {} {}\n", a + 1, b + 1, c + 1));
+        let block =
+            vps::mesh::primitives::Shape::Box { size_m: glam::DVec3::new(10.0, 20.0, 30.0) }
+                .tessellate(1.0);
+        let lines =
+            block.vertices.iter().map(|at| format!("v {} {} {}\n", at.x + 50.0, at.y, at.z));
+        let faces =
+            block.triangles.iter().map(|[a, b, c]| format!("f {} {} {}\n", a + 1, b + 1, c + 1));
         std::fs::write(&mesh, lines.chain(faces).collect::<String>()).unwrap();
         let changed = |line: &str| match clay_order(line) {
             Some(Ok(SculptOrder::Adjust(change))) => change,
             other => panic!("{line}: {other:?}"),
         };
         assert_eq!(changed("tool emboss").craft, Some(SculptTool::Emboss));
-        assert_eq!((changed("image none").image, changed("solid none").solid), (Some(None), Some(None)));
+        assert_eq!(
+            (changed("image none").image, changed("solid none").solid),
+            (Some(None), Some(None))
+        );
         let image = concat!(env!("CARGO_MANIFEST_DIR"), "/config/models/letter-h.png");
         assert!(matches!(changed(&format!("image {image}")).image, Some(Some(_))));
         let solid = changed(&format!("solid {mesh} mm")).solid.flatten().unwrap();
         assert_eq!(&*solid.name, "12 triangles, 10.0 x 20.0 x 30.0 mm");
         let (low, high) = solid.source.bounds_map(&vps::spatial::Pose::IDENTITY).unwrap();
         assert!((low + high).length() < 1e-12, "{low} {high}");
-        assert!(matches!(clay_order("undo"), Some(Ok(SculptOrder::Undo))) && clay_order("faster").is_none());
+        assert!(
+            matches!(clay_order("undo"), Some(Ok(SculptOrder::Undo)))
+                && clay_order("faster").is_none()
+        );
         for (line, expected) in [
             ("tool knit", "known: touch"),
             ("image", "cannot read"),

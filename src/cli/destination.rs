@@ -1,19 +1,27 @@
-//! Files that are yet to be written: what can be known of them before the work, and what to do when it fails.
+//! Files that are yet to be written: what can be known of them before the work, and what to do when
+//! it fails.
 
 use std::fs::{self, File};
 use std::io::{Error, ErrorKind};
 use std::path::Path;
 
-/// What can be known of a file that is yet to be written: its folder is there and takes a file of this name, which is made and taken away
-/// again, and a file that is there may be written to.
+/// What can be known of a file that is yet to be written: its folder is there and takes a file of
+/// this name, which is made and taken away again, and a file that is there may be written to.
 pub(super) fn check(path: &Path) -> Result<(), Error> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder =
+        path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     if path.is_dir() {
         return Err(Error::new(ErrorKind::IsADirectory, "it is a folder"));
     } else if !folder.exists() {
-        return Err(Error::new(ErrorKind::NotFound, format!("there is no folder {}", folder.display())));
+        return Err(Error::new(
+            ErrorKind::NotFound,
+            format!("there is no folder {}", folder.display()),
+        ));
     } else if !folder.is_dir() {
-        return Err(Error::new(ErrorKind::NotADirectory, format!("{} is no folder", folder.display())));
+        return Err(Error::new(
+            ErrorKind::NotADirectory,
+            format!("{} is no folder", folder.display()),
+        ));
     }
     match fs::metadata(path) {
         Ok(there) if there.is_file() => File::options().write(true).open(path).map(drop),
@@ -35,7 +43,9 @@ pub(super) fn hint(error: &Error) -> Option<&'static str> {
         ErrorKind::IsADirectory => Some("give a file name, not a folder"),
         ErrorKind::NotADirectory => Some("what should be the folder is a file: name another one"),
         ErrorKind::InvalidFilename => Some("give a shorter name"),
-        ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => Some("choose a folder that this user may write to"),
+        ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => {
+            Some("choose a folder that this user may write to")
+        }
         _ => None,
     }
 }

@@ -12,7 +12,8 @@ use rt::duration;
 /// Arguments of `hapticd device-node`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// Profile of the arm beside this machine: a name of devices/, or a file. Simulated ones (sim-…) run in this process.
+    /// Profile of the arm beside this machine: a name of devices/, or a file. Simulated ones
+    /// (sim-…) run in this process.
     profile: String,
     /// Name by which hosts find it (`run --device zenoh:NAME`) [default: the profile's].
     #[arg(long, value_name = "NAME")]
@@ -20,7 +21,8 @@ pub(crate) struct Args {
     /// Which of several arms: VID:PID[:SERIAL] in hex, or the path of its node.
     #[arg(long, value_name = "SELECTOR")]
     selector: Option<Selector>,
-    /// Let hosts put force on a real arm. Without it only an arm with a deadman takes any. Simulated arms need no leave.
+    /// Let hosts put force on a real arm. Without it only an arm with a deadman takes any.
+    /// Simulated arms need no leave.
     #[arg(long)]
     enable: bool,
     /// How long the last force is held when the host falls silent.
@@ -68,7 +70,16 @@ mod over_network {
     use link::network::NetworkError;
 
     pub(super) fn node(args: &Args, _: OutputOptions) -> Result<Exit, Failure> {
-        let Args { profile: _, name: _, selector: _, enable: _, hold_ms: _, fade_ms: _, network: _, .. } = args;
+        let Args {
+            profile: _,
+            name: _,
+            selector: _,
+            enable: _,
+            hold_ms: _,
+            fade_ms: _,
+            network: _,
+            ..
+        } = args;
         Err((Exit::Usage, NetworkError::NotBuilt.to_string(), None))
     }
 }
@@ -82,7 +93,9 @@ mod over_network {
     use super::super::network::exit_of;
     use super::super::{guard, output, probe};
     use super::*;
-    use crate::daemon::device_node::{NodeJob, NodeNotice, NodeOutcome, node_parameters, open_arm, run_node};
+    use crate::daemon::device_node::{
+        NodeJob, NodeNotice, NodeOutcome, node_parameters, open_arm, run_node,
+    };
     use crate::servo::Control;
     use arms::attached::open::LinkNews;
     use arms::profile::{self, Profile, ProfileError};
@@ -103,7 +116,9 @@ mod over_network {
     pub(super) fn node(args: &Args, output: OutputOptions) -> Result<Exit, Failure> {
         let here = std::env::current_dir().unwrap_or_default();
         let profile = profile::find(&args.profile, &here).map_err(|error| match error {
-            ProfileError::Invalid(errors) => (report::config_errors(&errors, output), String::new(), None),
+            ProfileError::Invalid(errors) => {
+                (report::config_errors(&errors, output), String::new(), None)
+            }
             error => (Exit::Configuration, error.to_string(), None),
         })?;
         let name = args.name.clone().unwrap_or_else(|| profile.name.clone());
@@ -111,22 +126,33 @@ mod over_network {
             return Err(no_network(NetworkError::Name { name }));
         }
         may_push(args, &profile, output)?;
-        let hand = args.hand.hand(output).map_err(|exit| (exit, String::new(), None))?.map(|mut hand| {
-            hand.path = hand.path.map(|path: GripPath| path.delayed(args.hand.delay().as_secs_f64()));
-            hand
-        });
-        let request = ThreadRequest { cpu: args.cpu.unwrap_or_else(schedule::default_cpu), priority: args.priority };
+        let hand =
+            args.hand.hand(output).map_err(|exit| (exit, String::new(), None))?.map(|mut hand| {
+                hand.path =
+                    hand.path.map(|path: GripPath| path.delayed(args.hand.delay().as_secs_f64()));
+                hand
+            });
+        let request = ThreadRequest {
+            cpu: args.cpu.unwrap_or_else(schedule::default_cpu),
+            priority: args.priority,
+        };
         let period_s = 1.0 / f64::from(profile.link.rate_hz);
-        let timing = HoldTiming { hold_s: f64::from(args.hold_ms) * 1e-3, fade_s: f64::from(args.fade_ms) * 1e-3 };
+        let timing = HoldTiming {
+            hold_s: f64::from(args.hold_ms) * 1e-3,
+            fade_s: f64::from(args.fade_ms) * 1e-3,
+        };
 
         let endpoints = args.network.endpoints().or_listen_here();
         let session = session::open(&endpoints).map_err(no_network)?;
-        let (arm, attached) = open_arm(&profile, hand, args.selector.clone(), period_s, request, guard::program())
-            .map_err(|error| (report::prepare_error(&error, output), String::new(), None))?;
-        let io_request = ThreadRequest { priority: args.priority.saturating_sub(1).max(1), ..request };
+        let (arm, attached) =
+            open_arm(&profile, hand, args.selector.clone(), period_s, request, guard::program())
+                .map_err(|error| (report::prepare_error(&error, output), String::new(), None))?;
+        let io_request =
+            ThreadRequest { priority: args.priority.saturating_sub(1).max(1), ..request };
         let link = ZenohLink::to_host(&session, &name, Some(io_request)).map_err(no_network)?;
         let control = Arc::new(Control::new());
-        signals::end_by_signals(&control).map_err(|error| (Exit::Internal, error.to_string(), None))?;
+        signals::end_by_signals(&control)
+            .map_err(|error| (Exit::Internal, error.to_string(), None))?;
         let node = Node::new(node_parameters(&profile, &name, period_s, timing), Box::new(link));
         // From here on hosts find it.
         let toml = profile::text(&args.profile, &here).unwrap_or_default();
@@ -142,13 +168,19 @@ mod over_network {
         }
         let news = attached.map(|attached| attached.news);
         let job = NodeJob { node, arm, news, period_s, request, duration: args.duration };
-        let no_thread = |error: std::io::Error| (Exit::Internal, format!("cannot start a thread: {error}"), None);
+        let no_thread = |error: std::io::Error| {
+            (Exit::Internal, format!("cannot start a thread: {error}"), None)
+        };
         output::detach().map_err(no_thread)?;
         let outcome = run_node(job, &control, |notice| tell(&notice, output)).map_err(no_thread)?;
         output::attach();
         result(&outcome, &profile, &name, args.json);
         if outcome.panicked {
-            return Err((Exit::Internal, "the loop of the node stopped on an internal error; the arm got zero".to_owned(), None));
+            return Err((
+                Exit::Internal,
+                "the loop of the node stopped on an internal error; the arm got zero".to_owned(),
+                None,
+            ));
         }
         Ok(Exit::Ok)
     }
@@ -157,15 +189,23 @@ mod over_network {
     fn may_push(args: &Args, profile: &Profile, output: OutputOptions) -> Result<(), Failure> {
         let Some(real) = &profile.real else { return Ok(()) };
         if profile.actuated != Axes::NONE && !args.enable && real.deadman_button.is_none() {
-            let hint = "give --enable to let hosts put force on it; a profile with a deadman needs none";
-            return Err((Exit::Device, "this is a real arm, and no operator can let force flow".to_owned(), Some(hint)));
+            let hint =
+                "give --enable to let hosts put force on it; a profile with a deadman needs none";
+            return Err((
+                Exit::Device,
+                "this is a real arm, and no operator can let force flow".to_owned(),
+                Some(hint),
+            ));
         }
         if let Some(instruction) = &real.homing.instruction {
             report::note(&format!("homing: {instruction}"), output);
         }
         if profile.has_unverified_signs() {
             let command = probe::command(profile, args.selector.as_ref(), "--sign-check");
-            report::warning(&format!("signs not verified: force stays below 0.5 N ({command})"), output);
+            report::warning(
+                &format!("signs not verified: force stays below 0.5 N ({command})"),
+                output,
+            );
         }
         Ok(())
     }
@@ -177,18 +217,42 @@ mod over_network {
         match notice {
             NodeNotice::Phase(LinkPhase::Tripped, report) => {
                 let ms = report.zero_after_ms;
-                let text = format!("link: the host fell silent; no force {ms:.1} ms after its last command, until it has disabled");
-                output::event(output::Level::Warning, "link", &text, &[("link", "lost".into()), ("zero_after_ms", ms.into())]);
+                let text = format!(
+                    "link: the host fell silent; no force {ms:.1} ms after its last command, until \
+                        it has disabled"
+                );
+                output::event(
+                    output::Level::Warning,
+                    "link",
+                    &text,
+                    &[("link", "lost".into()), ("zero_after_ms", ms.into())],
+                );
             }
             NodeNotice::Phase(phase, _) => {
-                output::event(output::Level::Info, "node", &format!("node: {}", phase.name()), &[("phase", phase.name().into())]);
+                output::event(
+                    output::Level::Info,
+                    "node",
+                    &format!("node: {}", phase.name()),
+                    &[("phase", phase.name().into())],
+                );
             }
-            NodeNotice::Link(LinkNews::Lost) => output::event(output::Level::Warning, "arm", "device: gone; looking for it", &[]),
+            NodeNotice::Link(LinkNews::Lost) => {
+                output::event(output::Level::Warning, "arm", "device: gone; looking for it", &[])
+            }
             NodeNotice::Link(LinkNews::Back { node, .. }) => {
-                output::event(output::Level::Info, "arm", &format!("device: back at {}", node.display()), &[]);
+                output::event(
+                    output::Level::Info,
+                    "arm",
+                    &format!("device: back at {}", node.display()),
+                    &[],
+                );
             }
-            NodeNotice::Link(LinkNews::Fails(why)) => output::event(output::Level::Warning, "arm", &format!("device: {why}"), &[]),
-            NodeNotice::Link(LinkNews::Told(text)) => output::event(output::Level::Warning, "arm", &format!("device: {text}"), &[]),
+            NodeNotice::Link(LinkNews::Fails(why)) => {
+                output::event(output::Level::Warning, "arm", &format!("device: {why}"), &[])
+            }
+            NodeNotice::Link(LinkNews::Told(text)) => {
+                output::event(output::Level::Warning, "arm", &format!("device: {text}"), &[])
+            }
             NodeNotice::Link(LinkNews::Unguarded(why)) => {
                 output::event(output::Level::Warning, "arm", &guard::missing_text(why), &[])
             }
@@ -204,14 +268,26 @@ mod over_network {
             });
             return output::result(format_args!("{object}\n"));
         }
-        let NodeReport { commands, old_packets, lost_packets, strange_packets, link_losses, zero_after_ms, longest_gap_ms, .. } =
-            report;
+        let NodeReport {
+            commands,
+            old_packets,
+            lost_packets,
+            strange_packets,
+            link_losses,
+            zero_after_ms,
+            longest_gap_ms,
+            ..
+        } = report;
         output::result(format_args!(
-            "periods            {periods}, {missed_periods} missed\n\
-             commands           {commands}; {lost_packets} lost, {old_packets} too late, {strange_packets} of other hosts\n\
-             longest gap        {longest_gap_ms:.1} ms with force on\n\
-             link losses        {link_losses}{}\n",
-            if *link_losses > 0 { format!("; zero {zero_after_ms:.1} ms after the last command") } else { String::new() },
+            "periods            {periods}, {missed_periods} missed\ncommands           {commands}; \
+                {lost_packets} lost, {old_packets} too late, {strange_packets} of other \
+                hosts\nlongest gap        {longest_gap_ms:.1} ms with force on\nlink \
+                losses        {link_losses}{}\n",
+            if *link_losses > 0 {
+                format!("; zero {zero_after_ms:.1} ms after the last command")
+            } else {
+                String::new()
+            },
         ));
     }
 }

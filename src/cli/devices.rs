@@ -46,19 +46,29 @@ enum DevicesCommand {
 pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
     match &args.command {
         Some(DevicesCommand::Probe(args)) => return probe::main(args, output),
-        Some(DevicesCommand::Profiles { name }) => return profiles(name.as_deref(), args.json, output),
+        Some(DevicesCommand::Profiles { name }) => {
+            return profiles(name.as_deref(), args.json, output);
+        }
         Some(DevicesCommand::List { .. }) | None => {}
     }
     let as_json = args.json || matches!(args.command, Some(DevicesCommand::List { json: true }));
     let root = Root::default();
-    let attached = discover::attached(nodes::list(), &discover::known_arms(), &root, discover::may_use);
-    let machine = SystemView { root: &root, variable: &|name| std::env::var_os(name), may_use: &discover::may_use };
+    let attached =
+        discover::attached(nodes::list(), &discover::known_arms(), &root, discover::may_use);
+    let machine = SystemView {
+        root: &root,
+        variable: &|name| std::env::var_os(name),
+        may_use: &discover::may_use,
+    };
     let (libraries, services) = (libraries::makers_libraries(&machine), libraries::services());
     if as_json {
         let nodes: Vec<Value> = attached.iter().map(|found| node_json(found, &root)).collect();
         let libraries: Vec<Value> = libraries.iter().map(library_json).collect();
         let services: Vec<Value> = services.iter().map(service_json).collect();
-        output::result(format_args!("{}\n", json!({ "nodes": nodes, "libraries": libraries, "services": services })));
+        output::result(format_args!(
+            "{}\n",
+            json!({ "nodes": nodes, "libraries": libraries, "services": services })
+        ));
         return Exit::Ok;
     }
     for found in &libraries {
@@ -66,7 +76,8 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
     }
     if attached.is_empty() && libraries.is_empty() && services.is_empty() {
         report::note(
-            "no hidraw node and no serial port: is the arm plugged in and switched on? `hapticd doctor` looks further",
+            "no hidraw node and no serial port: is the arm plugged in and switched on? `hapticd \
+                doctor` looks further",
             output,
         );
         return Exit::Ok;
@@ -129,10 +140,22 @@ fn library_json(found: &MakersLibrary) -> Value {
 
 /// A library that opens arms by itself: which of them are there shows when it does.
 fn library_line(found: &MakersLibrary) -> String {
-    let path = found.path.as_ref().map_or_else(|| "no library".to_owned(), |path| path.display().to_string());
-    let plugged = if found.plugged.is_empty() { String::new() } else { format!("  plugged in: {}", found.plugged.join(", ")) };
-    let advice = if found.path.is_some() { "" } else { "  `hapticd doctor` says where it was looked for" };
-    format!("{path}  {}{plugged}  profiles {}{advice}", found.family.name(), found.profiles.join(", "))
+    let path = found
+        .path
+        .as_ref()
+        .map_or_else(|| "no library".to_owned(), |path| path.display().to_string());
+    let plugged = if found.plugged.is_empty() {
+        String::new()
+    } else {
+        format!("  plugged in: {}", found.plugged.join(", "))
+    };
+    let advice =
+        if found.path.is_some() { "" } else { "  `hapticd doctor` says where it was looked for" };
+    format!(
+        "{path}  {}{plugged}  profiles {}{advice}",
+        found.family.name(),
+        found.profiles.join(", ")
+    )
 }
 
 fn profile_json(profile: &Profile) -> Value {
@@ -144,7 +167,10 @@ fn troubles(found: &AttachedNode, root: &Root) -> Vec<Finding> {
     if found.profiles.is_empty() && found.beside.is_empty() {
         return Vec::new();
     }
-    discover::findings(found, root).into_iter().filter(|finding| finding.standing >= Standing::Advice).collect()
+    discover::findings(found, root)
+        .into_iter()
+        .filter(|finding| finding.standing >= Standing::Advice)
+        .collect()
 }
 
 fn node_line(found: &AttachedNode) -> String {
@@ -155,7 +181,12 @@ fn node_line(found: &AttachedNode) -> String {
     }
     words.extend(node.interface.map(|interface| format!("interface {interface}")));
     words.extend(node.usages.first().map(|(page, usage)| format!("usage {page:04x}:{usage:04x}")));
-    words.extend([&node.product, &node.serial].into_iter().filter(|text| !text.is_empty()).map(|text| format!("\"{text}\"")));
+    words.extend(
+        [&node.product, &node.serial]
+            .into_iter()
+            .filter(|text| !text.is_empty())
+            .map(|text| format!("\"{text}\"")),
+    );
     words.extend(node.by_id.as_ref().map(|name| name.display().to_string()));
     words.push(match (found.profiles.as_slice(), found.beside.as_slice()) {
         ([], []) => "no profile".to_owned(),
@@ -165,7 +196,9 @@ fn node_line(found: &AttachedNode) -> String {
     if !found.permitted {
         words.push("no permission".to_owned());
     }
-    words.extend(found.holders.iter().map(|holder| format!("held by {} ({})", holder.name, holder.pid)));
+    words.extend(
+        found.holders.iter().map(|holder| format!("held by {} ({})", holder.name, holder.pid)),
+    );
     words.join("  ")
 }
 
@@ -184,7 +217,8 @@ fn service_line(service: &RunningService) -> String {
 
 fn service_json(service: &RunningService) -> Value {
     let RunningService { address, version, arms, grips } = service;
-    let arms: Vec<Value> = arms.iter().map(|(kind, id)| json!({ "type": kind, "id": id })).collect();
+    let arms: Vec<Value> =
+        arms.iter().map(|(kind, id)| json!({ "type": kind, "id": id })).collect();
     json!({ "address": address, "version": version.to_string(), "arms": arms, "grips": grips })
 }
 

@@ -1,4 +1,5 @@
-//! `hapticd doctor`: is this machine, and is this arm, good enough? Every finding says what to type.
+//! `hapticd doctor`: is this machine, and is this arm, good enough? Every finding says what to
+//! type.
 
 use core::sync::atomic::AtomicBool;
 use core::time::Duration;
@@ -60,10 +61,11 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
         return Exit::Ok;
     }
     let load = LoadOptions { device: args.device.clone(), ..LoadOptions::default() };
-    let config = match args.scene.as_deref().map(|scene| config::load_with(scene, &load)).transpose() {
-        Ok(config) => config,
-        Err(errors) => return report::config_errors(&errors, output),
-    };
+    let config =
+        match args.scene.as_deref().map(|scene| config::load_with(scene, &load)).transpose() {
+            Ok(config) => config,
+            Err(errors) => return report::config_errors(&errors, output),
+        };
     let (request, rate_hz) = wanted(config.as_ref());
     let arm = match (&config, &args.device) {
         (Some(config), _) => {
@@ -71,34 +73,46 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
             Some(NamedArm { profile: profile.clone(), selector: selector.clone(), rate_hz })
         }
         (None, None) => None,
-        (None, Some(name)) => match profile::find(name, &std::env::current_dir().unwrap_or_default()) {
-            Ok(profile) => Some(NamedArm { rate_hz: profile.link.rate_hz, profile, selector: None }),
-            Err(ProfileError::Invalid(errors)) => return report::config_errors(&errors, output),
-            Err(error) => {
-                report::error(&error.to_string(), None, output);
-                return Exit::Configuration;
+        (None, Some(name)) => {
+            match profile::find(name, &std::env::current_dir().unwrap_or_default()) {
+                Ok(profile) => {
+                    Some(NamedArm { rate_hz: profile.link.rate_hz, profile, selector: None })
+                }
+                Err(ProfileError::Invalid(errors)) => {
+                    return report::config_errors(&errors, output);
+                }
+                Err(error) => {
+                    report::error(&error.to_string(), None, output);
+                    return Exit::Configuration;
+                }
             }
-        },
+        }
     };
     let root = Root::default();
 
     let devices = device_findings(arm.as_ref(), &root);
     let machine = machine::findings(&root, request.cpu);
     report::note(
-        &format!("measuring wake-ups for {:.0} s on processor {} (Ctrl-C ends it)", args.duration.as_secs_f64(), request.cpu),
+        &format!(
+            "measuring wake-ups for {:.0} s on processor {} (Ctrl-C ends it)",
+            args.duration.as_secs_f64(),
+            request.cpu
+        ),
         output,
     );
     static NEVER: AtomicBool = AtomicBool::new(false);
     // Without a handler Ctrl-C ends the program, which is what it does elsewhere.
     let quit = signals::interrupted().unwrap_or(&NEVER);
-    let test = match wakeup::measure(request, Duration::from_secs(1) / rate_hz, args.duration, quit) {
+    let test = match wakeup::measure(request, Duration::from_secs(1) / rate_hz, args.duration, quit)
+    {
         Ok(test) => test,
         Err(error) => {
             report::error(&format!("cannot measure wake-ups: {error}"), None, output);
             return Exit::Internal;
         }
     };
-    let program = std::env::current_exe().map_or_else(|_| "hapticd".to_owned(), |path| path.display().to_string());
+    let program = std::env::current_exe()
+        .map_or_else(|_| "hapticd".to_owned(), |path| path.display().to_string());
     let mut rights = machine::rights(request, test.standing, test.memory, &program);
     rights.push(lateness(&test, rate_hz));
 
@@ -120,7 +134,13 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
     if args.json {
         print_json(&[&devices, &machine, &rights], &test, &trips_us, exit, &sentence);
     } else {
-        print_text(&[("arms", &devices), ("machine", &machine), ("loop", &rights)], &test, &trips_us, exit, &sentence);
+        print_text(
+            &[("arms", &devices), ("machine", &machine), ("loop", &rights)],
+            &test,
+            &trips_us,
+            exit,
+            &sentence,
+        );
     }
     exit
 }
@@ -137,21 +157,40 @@ fn arm_findings(arm: &NamedArm) -> Vec<Finding> {
     let NamedArm { profile, selector, .. } = arm;
     let mut findings = Vec::new();
     if profile.has_unverified_signs() {
-        let found = format!("not verified: force stays below {} N", profile.unverified_limits().force_n);
-        findings.push(Finding::advice("signs", found, super::probe::command(profile, selector.as_ref(), "--sign-check")));
+        let found =
+            format!("not verified: force stays below {} N", profile.unverified_limits().force_n);
+        findings.push(Finding::advice(
+            "signs",
+            found,
+            super::probe::command(profile, selector.as_ref(), "--sign-check"),
+        ));
     }
     if profile.is_unidentified() {
         let found = "not identified: stiffness is bounded by half of the assumed damping";
-        findings.push(Finding::advice("identified", found, super::probe::command(profile, selector.as_ref(), "--identify")));
+        findings.push(Finding::advice(
+            "identified",
+            found,
+            super::probe::command(profile, selector.as_ref(), "--identify"),
+        ));
     }
     findings
 }
 
 /// Exchanges zero commands for samples with it.
-fn exchange(arm: &NamedArm, duration: Duration, quit: &AtomicBool, output: OutputOptions) -> Result<Vec<u64>, Finding> {
+fn exchange(
+    arm: &NamedArm,
+    duration: Duration,
+    quit: &AtomicBool,
+    output: OutputOptions,
+) -> Result<Vec<u64>, Finding> {
     let NamedArm { profile, selector, rate_hz } = arm;
     let period_s = 1.0 / f64::from(*rate_hz);
-    let options = OpenOptions { selector: selector.clone(), io_request: None, period_s, guard: guard::program() };
+    let options = OpenOptions {
+        selector: selector.clone(),
+        io_request: None,
+        period_s,
+        guard: guard::program(),
+    };
     let again = "hapticd devices";
     let mut opened = open::open(profile, &options).map_err(|error| match error {
         // Said already, with what stands in its way.
@@ -164,7 +203,14 @@ fn exchange(arm: &NamedArm, duration: Duration, quit: &AtomicBool, output: Outpu
         }
         error => Finding::bad("arm", error.to_string(), error.hint().unwrap_or(again)),
     })?;
-    report::note(&format!("exchanging zero commands with the {} for {:.0} s", profile.title, duration.as_secs_f64()), output);
+    report::note(
+        &format!(
+            "exchanging zero commands with the {} for {:.0} s",
+            profile.title,
+            duration.as_secs_f64()
+        ),
+        output,
+    );
     let trial = &mut Trial::new(RealClock, period_s, quit);
     probe::round_trips(&mut opened.arm, trial, duration).map_err(|ended| match ended {
         ProbeEnd::Interrupted => Finding::unknown("round trip", "not measured: it was interrupted"),
@@ -172,15 +218,21 @@ fn exchange(arm: &NamedArm, duration: Duration, quit: &AtomicBool, output: Outpu
     })
 }
 
-/// How soon the arm answers. An arm that sends on change only sends nothing while no hand touches it.
+/// How soon the arm answers. An arm that sends on change only sends nothing while no hand touches
+/// it.
 fn answers(trips_us: &[u64], rate_hz: u32) -> Option<Finding> {
     let mut sorted = trips_us.to_vec();
     sorted.sort_unstable();
-    let quantile = |share: f64| sorted.get((share * (sorted.len() as f64 - 1.0)).round() as usize).copied();
-    let (half, most, longest) = (quantile(0.5)?, quantile(0.99)?, quantile(1.0)?);
-    let found = format!("p50 {half} µs, p99 {most} µs, largest {longest} µs; {} exchanges", sorted.len());
+    let quantile =
+        |share: f64| sorted.get((share * (sorted.len() as f64 - 1.0)).round() as usize).copied();
+    let half = quantile(0.5)?;
+    let most = quantile(0.99)?;
+    let longest = quantile(1.0)?;
+    let found =
+        format!("p50 {half} µs, p99 {most} µs, largest {longest} µs; {} exchanges", sorted.len());
     let period_us = 1_000_000 / u64::from(rate_hz.max(1));
-    let advice = "latency timer, autosuspend and hubs are the usual causes: follow the advice above, then: hapticd doctor SCENE";
+    let advice = "latency timer, autosuspend and hubs are the usual causes: follow the advice \
+        above, then: hapticd doctor SCENE";
     Some(if most > 2 * period_us {
         Finding::advice("round trip", found, advice).by_hand()
     } else {
@@ -207,13 +259,15 @@ fn wanted(config: Option<&SceneConfig>) -> (ThreadRequest, u32) {
 /// Findings about arms: those attached, and the one that is named.
 fn device_findings(arm: Option<&NamedArm>, root: &Root) -> Vec<Finding> {
     let mut findings = vec![discover::udev(root), discover::modem_manager(root)];
-    let machine = SystemView { root, variable: &|name| std::env::var_os(name), may_use: &discover::may_use };
+    let machine =
+        SystemView { root, variable: &|name| std::env::var_os(name), may_use: &discover::may_use };
     let profile = arm.map(|arm| &arm.profile);
     if let Some(of_maker) = profile.and_then(|profile| libraries::arm_findings(&machine, profile)) {
         findings.extend(of_maker);
         return findings;
     }
-    let attached = discover::attached(nodes::list(), &discover::known_arms(), root, discover::may_use);
+    let attached =
+        discover::attached(nodes::list(), &discover::known_arms(), root, discover::may_use);
     let mut found_wanted = false;
     for node in &attached {
         let is_wanted = profile.is_some_and(|profile| node.profiles.contains(&profile.name));
@@ -224,15 +278,21 @@ fn device_findings(arm: Option<&NamedArm>, root: &Root) -> Vec<Finding> {
         }
     }
     let makers = if profile.is_none() { libraries::makers_libraries(&machine) } else { Vec::new() };
-    findings.extend(makers.iter().flat_map(|found| libraries::findings(&machine, found.family, None, None)));
-    // A node that the scene names itself need not be one that its profile knows: whether it is there shows when it is opened.
+    findings.extend(
+        makers.iter().flat_map(|found| libraries::findings(&machine, found.family, None, None)),
+    );
+    // A node that the scene names itself need not be one that its profile knows: whether it is
+    // there shows when it is opened.
     let is_named = arm.is_some_and(|arm| arm.selector.is_some());
-    findings.extend(profile.and_then(|profile| discover::scene_arm(profile, found_wanted || is_named)));
+    findings
+        .extend(profile.and_then(|profile| discover::scene_arm(profile, found_wanted || is_named)));
     let is_none_known = makers.is_empty() && !attached.iter().any(|node| !node.profiles.is_empty());
     if profile.is_none() && is_none_known {
         let seen = attached.len();
-        findings
-            .push(Finding::unknown("arm", format!("none attached that a profile knows; {seen} other nodes (`hapticd devices`)")));
+        findings.push(Finding::unknown(
+            "arm",
+            format!("none attached that a profile knows; {seen} other nodes (`hapticd devices`)"),
+        ));
     }
     findings
 }
@@ -240,7 +300,8 @@ fn device_findings(arm: Option<&NamedArm>, root: &Root) -> Vec<Finding> {
 fn lateness(test: &WakeupTest, rate_hz: u32) -> Finding {
     let period_us = 1e6 / f64::from(rate_hz);
     let found = format!(
-        "p50 {:.0} µs, p99 {:.0} µs, p99.9 {:.0} µs, largest {:.0} µs; {} of {} ticks missed at {rate_hz} Hz",
+        "p50 {:.0} µs, p99 {:.0} µs, p99.9 {:.0} µs, largest {:.0} µs; {} of {} ticks missed at \
+            {rate_hz} Hz",
         test.quantile_us(0.5),
         test.quantile_us(0.99),
         test.quantile_us(0.999),
@@ -249,7 +310,8 @@ fn lateness(test: &WakeupTest, rate_hz: u32) -> Finding {
         test.wakeups + test.missed
     );
     let share = test.missed as f64 / (test.wakeups + test.missed).max(1) as f64;
-    let advice = "close what keeps the processors busy (`top`), follow the advice above, then: hapticd doctor";
+    let advice = "close what keeps the processors busy (`top`), follow the advice above, then: \
+        hapticd doctor";
     if share > MISSED_SHARE || test.quantile_us(0.99) > 0.5 * period_us {
         Finding::bad("wake-up", found, advice).by_hand()
     } else if test.missed > 0 || test.max_us() > 0.5 * period_us {
@@ -260,7 +322,8 @@ fn lateness(test: &WakeupTest, rate_hz: u32) -> Finding {
 }
 
 fn verdict(devices: &[Finding], rights: &[Finding]) -> Exit {
-    let is_bad = |findings: &[Finding]| findings.iter().any(|finding| finding.standing == Standing::Bad);
+    let is_bad =
+        |findings: &[Finding]| findings.iter().any(|finding| finding.standing == Standing::Bad);
     match (is_bad(devices), is_bad(rights)) {
         (true, _) => Exit::Device,
         (false, true) => Exit::RealtimeRefused,
@@ -269,7 +332,12 @@ fn verdict(devices: &[Finding], rights: &[Finding]) -> Exit {
 }
 
 /// What it comes to, with its reason: the first finding that decides it.
-fn verdict_text(devices: &[Finding], machine: &[Finding], rights: &[Finding], rate_hz: u32) -> String {
+fn verdict_text(
+    devices: &[Finding],
+    machine: &[Finding],
+    rights: &[Finding],
+    rate_hz: u32,
+) -> String {
     let reason = |findings: &[Finding]| {
         let mut bad = findings.iter().filter(|finding| finding.standing == Standing::Bad);
         let first = bad.next().map(|finding| format!("{}: {}", finding.name, finding.found))?;
@@ -287,13 +355,21 @@ fn verdict_text(devices: &[Finding], machine: &[Finding], rights: &[Finding], ra
     }
     let groups = [devices, machine, rights];
     let all = groups.iter().flat_map(|findings| findings.iter());
-    let better: Vec<&str> =
-        all.filter(|finding| finding.standing >= Standing::Advice).map(|finding| finding.name.as_str()).collect();
+    let better: Vec<&str> = all
+        .filter(|finding| finding.standing >= Standing::Advice)
+        .map(|finding| finding.name.as_str())
+        .collect();
     let good = format!("this machine keeps {rate_hz} Hz, because nothing that counts is `bad`");
     if better.is_empty() { good } else { format!("{good}; better would be: {}", better.join(", ")) }
 }
 
-fn print_text(groups: &[(&str, &[Finding])], test: &WakeupTest, trips_us: &[u64], exit: Exit, sentence: &str) {
+fn print_text(
+    groups: &[(&str, &[Finding])],
+    test: &WakeupTest,
+    trips_us: &[u64],
+    exit: Exit,
+    sentence: &str,
+) {
     for (title, findings) in groups {
         output::result(format_args!("{title}\n"));
         for finding in *findings {
@@ -320,8 +396,15 @@ fn print_bins(title: &str, bins: &[u64]) {
     }
 }
 
-fn print_json(groups: &[&[Finding]], test: &WakeupTest, trips_us: &[u64], exit: Exit, sentence: &str) {
-    let findings: Vec<_> = groups.iter().flat_map(|findings| findings.iter()).map(finding_json).collect();
+fn print_json(
+    groups: &[&[Finding]],
+    test: &WakeupTest,
+    trips_us: &[u64],
+    exit: Exit,
+    sentence: &str,
+) {
+    let findings: Vec<_> =
+        groups.iter().flat_map(|findings| findings.iter()).map(finding_json).collect();
     let bins = bins_json(&test.bins(&BOUNDS_US), "wakeups");
     let trips = bins_json(&bins_of(trips_us), "exchanges");
     let object = json!({
@@ -341,7 +424,10 @@ fn print_json(groups: &[&[Finding]], test: &WakeupTest, trips_us: &[u64], exit: 
 }
 
 fn bins_json(bins: &[u64], counted: &str) -> Value {
-    bins.iter().enumerate().map(|(idx, count)| json!({ "up_to_us": BOUNDS_US.get(idx), counted: count })).collect()
+    bins.iter()
+        .enumerate()
+        .map(|(idx, count)| json!({ "up_to_us": BOUNDS_US.get(idx), counted: count }))
+        .collect()
 }
 
 #[cfg(test)]
@@ -354,7 +440,10 @@ mod tests {
         let mut trips_us = vec![300; 99];
         trips_us.push(9000);
         assert_eq!(answers(&trips_us, 1000).map(|finding| finding.standing), Some(Standing::Good));
-        assert_eq!(answers(&[2100; 100], 1000).map(|finding| finding.standing), Some(Standing::Advice));
+        assert_eq!(
+            answers(&[2100; 100], 1000).map(|finding| finding.standing),
+            Some(Standing::Advice)
+        );
         let bins = bins_of(&trips_us);
         assert_eq!((bins[5], bins[7], bins.iter().sum::<u64>()), (99, 1, 100));
         assert_eq!(bins_of(&[10, 11, 20_000]), [1, 1, 0, 0, 0, 0, 0, 0, 1]);
@@ -372,13 +461,26 @@ mod tests {
     #[test]
     fn the_verdict_is_a_sentence_with_its_reason() {
         let good = [Finding::good("wake-up", "p50 8 µs")];
-        let late = [Finding::bad("wake-up", "300 of 10000 ticks missed", "c"), Finding::bad("schedule", "normal", "c")];
+        let late = [
+            Finding::bad("wake-up", "300 of 10000 ticks missed", "c"),
+            Finding::bad("schedule", "normal", "c"),
+        ];
         let fast = [Finding::advice("processor", "powersave", "c")];
-        assert_eq!(verdict_text(&good, &good, &good, 1000), "this machine keeps 1000 Hz, because nothing that counts is `bad`");
-        let sentence = "this machine keeps 500 Hz, because nothing that counts is `bad`; better would be: processor";
+        assert_eq!(
+            verdict_text(&good, &good, &good, 1000),
+            "this machine keeps 1000 Hz, because nothing that counts is `bad`"
+        );
+        let sentence = "this machine keeps 500 Hz, because nothing that counts is `bad`; better \
+            would be: processor";
         assert_eq!(verdict_text(&good, &fast, &good, 500), sentence);
         let reason = "because of wake-up: 300 of 10000 ticks missed; and 1 more is `bad`";
-        assert_eq!(verdict_text(&good, &fast, &late, 1000), format!("this machine does not keep 1000 Hz as it is, {reason}"));
-        assert_eq!(verdict_text(&late, &fast, &late, 1000), format!("an arm cannot be used as it is, {reason}"));
+        assert_eq!(
+            verdict_text(&good, &fast, &late, 1000),
+            format!("this machine does not keep 1000 Hz as it is, {reason}")
+        );
+        assert_eq!(
+            verdict_text(&late, &fast, &late, 1000),
+            format!("an arm cannot be used as it is, {reason}")
+        );
     }
 }

@@ -18,26 +18,37 @@ const FILM_ENDINGS: [&str; 2] = ["png", "apng"];
 /// What is to be drawn.
 #[derive(Debug, Default, clap::Args)]
 pub(crate) struct DrawingArgs {
-    /// Draw the scene again and again, at the first tick and at the last: SCENE-TIMEs.png in this folder. Needs no display.
+    /// Draw the scene again and again, at the first tick and at the last: SCENE-TIMEs.png in this
+    /// folder. Needs no display.
     #[arg(long, help_heading = HEADING, value_name = "DIR")]
     pictures: Option<PathBuf>,
     /// Time of the run from one of --pictures to the next, such as 500ms.
     #[arg(long, help_heading = HEADING, value_name = "TIME", requires = "pictures", value_parser = parse_every, default_value = "1s")]
     picture_every: Duration,
-    /// Make a film of the run, 25 frames a second as an animated PNG, which browsers show and ffmpeg converts. Needs no display. Under --clock real
-    /// frames are left out where drawing is too slow for them.
+    /// Make a film of the run, 25 frames a second as an animated PNG, which browsers show and
+    /// ffmpeg converts. Needs no display. Under --clock real frames are left out where drawing is
+    /// too slow for them.
     #[arg(long, help_heading = HEADING, value_name = "FILE.apng")]
     video: Option<PathBuf>,
 }
 
 fn parse_every(text: &str) -> Result<Duration, String> {
     let every = duration::parse(text).map_err(|error| error.to_string())?;
-    if every >= Duration::from_millis(1) { Ok(every) } else { Err("write a time of at least 1ms".to_owned()) }
+    if every >= Duration::from_millis(1) {
+        Ok(every)
+    } else {
+        Err("write a time of at least 1ms".to_owned())
+    }
 }
 
 impl DrawingArgs {
     /// Looks whether it can be written, before anything takes long. `None`: nothing is to be drawn.
-    pub(crate) fn plan(&self, config: &SceneConfig, overwrite: bool, output: OutputOptions) -> Result<Option<DrawingPlan>, Exit> {
+    pub(crate) fn plan(
+        &self,
+        config: &SceneConfig,
+        overwrite: bool,
+        output: OutputOptions,
+    ) -> Result<Option<DrawingPlan>, Exit> {
         let refuse = |exit: Exit, message: String, hint: Option<&str>| {
             report::error(&message, hint, output);
             Err(exit)
@@ -47,7 +58,11 @@ impl DrawingArgs {
             let shown = folder.display();
             let is_new = !folder.exists();
             if let Err(error) = std::fs::create_dir_all(folder) {
-                return refuse(Exit::Asset, format!("cannot make the folder {shown}: {error}"), destination::hint(&error));
+                return refuse(
+                    Exit::Asset,
+                    format!("cannot make the folder {shown}: {error}"),
+                    destination::hint(&error),
+                );
             }
             if is_new {
                 report::note(&format!("made the folder {shown} for pictures"), output);
@@ -55,28 +70,57 @@ impl DrawingArgs {
             let name = config.path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
             let pictures = PicturesPlan { folder: folder.clone(), name, every: self.picture_every };
             if let Err(error) = destination::check(&pictures.file(0)) {
-                return refuse(Exit::Asset, format!("cannot write to {shown}: {error}"), destination::hint(&error));
+                return refuse(
+                    Exit::Asset,
+                    format!("cannot write to {shown}: {error}"),
+                    destination::hint(&error),
+                );
             }
-            let names = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.file_name());
-            let earlier = names.map(|name| name.to_string_lossy().into_owned()).find(|name| pictures.is_own(name));
+            let names = std::fs::read_dir(folder)
+                .into_iter()
+                .flatten()
+                .flatten()
+                .map(|entry| entry.file_name());
+            let earlier = names
+                .map(|name| name.to_string_lossy().into_owned())
+                .find(|name| pictures.is_own(name));
             if let Some(earlier) = earlier.filter(|_| !overwrite) {
-                let hint = "name another folder, or give --overwrite; pictures of times that this run does not reach stay";
-                return refuse(Exit::Usage, format!("{} is there already", folder.join(earlier).display()), Some(hint));
+                let hint = "name another folder, or give --overwrite; pictures of times that this \
+                    run does not reach stay";
+                return refuse(
+                    Exit::Usage,
+                    format!("{} is there already", folder.join(earlier).display()),
+                    Some(hint),
+                );
             }
             plan.pictures = Some(pictures);
         }
         if let Some(file) = &self.video {
             let shown = file.display();
-            let is_film = |ending: &std::ffi::OsStr| FILM_ENDINGS.iter().any(|known| ending.eq_ignore_ascii_case(known));
+            let is_film = |ending: &std::ffi::OsStr| {
+                FILM_ENDINGS.iter().any(|known| ending.eq_ignore_ascii_case(known))
+            };
             if !file.extension().is_some_and(is_film) {
                 let hint = "name it .apng; `ffmpeg -i FILE.apng FILE.mp4` makes other films of it";
-                return refuse(Exit::Usage, format!("{shown}: a film is an animated PNG"), Some(hint));
+                return refuse(
+                    Exit::Usage,
+                    format!("{shown}: a film is an animated PNG"),
+                    Some(hint),
+                );
             }
             if let Err(error) = destination::check(file) {
-                return refuse(Exit::Asset, format!("cannot write {shown}: {error}"), destination::hint(&error));
+                return refuse(
+                    Exit::Asset,
+                    format!("cannot write {shown}: {error}"),
+                    destination::hint(&error),
+                );
             }
             if file.exists() && !file.is_file() {
-                return refuse(Exit::Usage, format!("{shown}: a film is a file, and this is none"), None);
+                return refuse(
+                    Exit::Usage,
+                    format!("{shown}: a film is a file, and this is none"),
+                    None,
+                );
             }
             if file.exists() && !overwrite {
                 let hint = "name another file, or give --overwrite";
@@ -98,9 +142,12 @@ pub(crate) fn failure(drawn: &DrawnSummary, output: OutputOptions) -> Option<Exi
 /// What was drawn, in words.
 pub(crate) fn row(drawn: &DrawnSummary) -> String {
     let DrawnSummary { pictures, video, frames, left_out, .. } = drawn;
-    let counted = |n: u64, what: &str| if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") };
-    let film = video.as_ref().map(|file| format!("{} in {}", counted(*frames, "frame"), file.display()));
+    let counted =
+        |n: u64, what: &str| if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") };
+    let film =
+        video.as_ref().map(|file| format!("{} in {}", counted(*frames, "frame"), file.display()));
     let pictures = Some(counted(*pictures, "picture")).filter(|_| *pictures > 0 || video.is_none());
-    let left_out = Some(format!("{left_out} left out because drawing was too slow")).filter(|_| *left_out > 0);
+    let left_out =
+        Some(format!("{left_out} left out because drawing was too slow")).filter(|_| *left_out > 0);
     [pictures, film, left_out].into_iter().flatten().collect::<Vec<_>>().join(", ")
 }

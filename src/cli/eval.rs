@@ -1,4 +1,5 @@
-//! `hapticd eval`: the contact wrench at each given tool pose; no device, no time, no filter, no coupling, no limits.
+//! `hapticd eval`: the contact wrench at each given tool pose; no device, no time, no filter, no
+//! coupling, no limits.
 
 use std::borrow::Cow;
 use std::io::{self, BufWriter, Write};
@@ -16,7 +17,9 @@ use crate::scene::cache::CachePolicy;
 use crate::scene::{self, BakeOptions};
 use document::poses::{self, TimedPose};
 use haptics::RenderScene;
-use vps::contact::{self, ContactSum, ForceLaw, Normalization, SimdLevel, Traversal, TraversalMode};
+use vps::contact::{
+    self, ContactSum, ForceLaw, Normalization, SimdLevel, Traversal, TraversalMode,
+};
 use vps::parallel;
 use vps::spatial::Pose;
 use vps::storage::whole_file::write_whole;
@@ -35,7 +38,8 @@ pub(crate) struct Args {
     /// Tool poses in the world: CSV with the header t_s,x_m,y_m,z_m,qx,qy,qz,qw, or x_mm,y_mm,z_mm.
     #[arg(long, value_name = "F.csv")]
     poses: PathBuf,
-    /// Where to write the wrenches, or - for stdout: CSV, world axes, torque about the tool frame's origin.
+    /// Where to write the wrenches, or - for stdout: CSV, world axes, torque about the tool frame's
+    /// origin.
     #[arg(long, value_name = "F.csv")]
     out: PathBuf,
     /// Field look-up instead of the scene's.
@@ -44,7 +48,8 @@ pub(crate) struct Args {
     /// Apply the scene's contact normalisation.
     #[arg(long)]
     normalize: bool,
-    /// List single contacts in a file, or - for stdout: CSV of points, normals, depths and weights, world axes.
+    /// List single contacts in a file, or - for stdout: CSV of points, normals, depths and weights,
+    /// world axes.
     #[arg(long, value_name = "F.csv")]
     contacts_out: Option<PathBuf>,
     /// Contacts to list for each pose at most.
@@ -80,16 +85,30 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
     };
     if config.sculpt.is_some() {
         let path = args.scene.display();
-        let hint = format!("clay has a force while it is worked: `hapticd sculpt {}`", output::quoted(&args.scene));
-        report::error(&format!("{path}: [sculpt]: `eval` knows rigid parts only"), Some(&hint), output);
+        let hint = format!(
+            "clay has a force while it is worked: `hapticd sculpt {}`",
+            output::quoted(&args.scene)
+        );
+        report::error(
+            &format!("{path}: [sculpt]: `eval` knows rigid parts only"),
+            Some(&hint),
+            output,
+        );
         return Exit::Configuration;
     }
     if is_stdout(&args.out) && args.contacts_out.as_deref().is_some_and(is_stdout) {
-        report::error("--out - and --contacts-out -: stdout takes one of the two", Some("name a file for the other one"), output);
+        report::error(
+            "--out - and --contacts-out -: stdout takes one of the two",
+            Some("name a file for the other one"),
+            output,
+        );
         return Exit::Usage;
     }
     // Before the work, not after it.
-    let files = [Some(&args.out), args.contacts_out.as_ref()].into_iter().flatten().filter(|path| !is_stdout(path));
+    let files = [Some(&args.out), args.contacts_out.as_ref()]
+        .into_iter()
+        .flatten()
+        .filter(|path| !is_stdout(path));
     for path in files {
         if let Err(error) = destination::check(path) {
             return cannot_write(path, &error, output);
@@ -107,12 +126,16 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
     }
     let mut cache = args.cache.open(CachePolicy::Mapped, output);
     let progress = BakeProgress::new(output);
-    let baked = scene::build_with(&config, &mut BakeOptions::from(&mut cache), |event| progress.tell(&event));
+    let baked = scene::build_with(&config, &mut BakeOptions::from(&mut cache), |event| {
+        progress.tell(&event)
+    });
     progress.finish();
     cache::tell(&mut cache, output);
     let (scene, reports) = match baked {
         Ok(baked) => baked,
-        Err(error) => return report::prepare_error(&PrepareError::of_scene(&config, error), output),
+        Err(error) => {
+            return report::prepare_error(&PrepareError::of_scene(&config, error), output);
+        }
     };
     report::bake_warnings(&reports, output);
 
@@ -120,10 +143,12 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
     if !args.normalize {
         law.normalization = Normalization::None;
     }
-    let written = write_to(&args.out, |file| write_wrenches(file, &scene, law, &poses)).map_err(|error| (&args.out, error));
+    let written = write_to(&args.out, |file| write_wrenches(file, &scene, law, &poses))
+        .map_err(|error| (&args.out, error));
     let written = written.and_then(|()| {
         let Some(path) = &args.contacts_out else { return Ok(()) };
-        write_to(path, |file| write_contacts(file, &config, &scene, &poses, args.max_contacts)).map_err(|error| (path, error))
+        write_to(path, |file| write_contacts(file, &config, &scene, &poses, args.max_contacts))
+            .map_err(|error| (path, error))
     });
     match written {
         Ok(()) => Exit::Ok,
@@ -141,8 +166,12 @@ fn is_stdout(path: &Path) -> bool {
     path.as_os_str() == "-"
 }
 
-/// Writes a file that appears whole, or to stdout. A reader of stdout that has seen enough is no error.
-fn write_to(path: &Path, contents: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
+/// Writes a file that appears whole, or to stdout. A reader of stdout that has seen enough is no
+/// error.
+fn write_to(
+    path: &Path,
+    contents: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> io::Result<()> {
     if !is_stdout(path) {
         return write_whole(path, |file| contents(file));
     }
@@ -158,11 +187,22 @@ fn body(scene: &RenderScene, world_from_tool: Pose) -> Pose {
     world_from_tool * Pose::from_translation(scene.tool.center_of_mass_tool)
 }
 
-fn write_wrenches(file: &mut dyn Write, scene: &RenderScene, law: ForceLaw, poses: &[TimedPose]) -> io::Result<()> {
-    writeln!(file, "t_s,fx_n,fy_n,fz_n,tx_nm,ty_nm,tz_nm,contacts,max_depth_m,clearance_m,query_ns")?;
+fn write_wrenches(
+    file: &mut dyn Write,
+    scene: &RenderScene,
+    law: ForceLaw,
+    poses: &[TimedPose],
+) -> io::Result<()> {
+    writeln!(
+        file,
+        "t_s,fx_n,fy_n,fz_n,tx_nm,ty_nm,tz_nm,contacts,max_depth_m,clearance_m,query_ns"
+    )?;
     // The kernels of the tick: the bits of the specification, wherever a pose is looked at.
-    let ready = Traversal::new(SimdLevel::best(), TraversalMode::Tree, &scene.obstacles, &scene.tool.shell).with_broad_phase(false);
-    // A part of the poses at a time: a reader of a pipe gets lines early, and what is held does not grow with the poses.
+    let ready =
+        Traversal::new(SimdLevel::best(), TraversalMode::Tree, &scene.obstacles, &scene.tool.shell)
+            .with_broad_phase(false);
+    // A part of the poses at a time: a reader of a pipe gets lines early, and what is held does not
+    // grow with the poses.
     for poses in poses.chunks(POSES_AT_A_TIME) {
         let lines = parallel::map_with(
             poses.len(),
@@ -178,14 +218,20 @@ fn write_wrenches(file: &mut dyn Write, scene: &RenderScene, law: ForceLaw, pose
 }
 
 /// What the contact does at one pose, as a line of CSV.
-fn line(traversal: &mut Traversal, scene: &RenderScene, law: ForceLaw, timed: &TimedPose) -> String {
+fn line(
+    traversal: &mut Traversal,
+    scene: &RenderScene,
+    law: ForceLaw,
+    timed: &TimedPose,
+) -> String {
     let world_from_body = body(scene, timed.pose);
     let since = Instant::now();
     let mut ask = |mode| {
         traversal.set_mode(mode);
         ContactSum::of(traversal, &scene.obstacles, &scene.tool.shell, world_from_body, law, None)
     };
-    // What touches, the tree finds to the bit. Where nothing does, it has proven less than the clearance.
+    // What touches, the tree finds to the bit. Where nothing does, it has proven less than the
+    // clearance.
     let mut sum = ask(TraversalMode::Tree);
     if sum.contacts == 0 {
         sum = ask(TraversalMode::Flat);
@@ -194,8 +240,12 @@ fn line(traversal: &mut Traversal, scene: &RenderScene, law: ForceLaw, timed: &T
     let wrench = sum.wrench.moved(world_from_body.translation, timed.pose.translation);
     let [fx, fy, fz] = wrench.force.to_array();
     let [tx, ty, tz] = wrench.torque.to_array();
-    let (depth_m, clearance_m) = (sum.max_value_m.max(0.0), -sum.max_value_m);
-    format!("{},{fx},{fy},{fz},{tx},{ty},{tz},{},{depth_m},{clearance_m},{query_ns}", timed.time_s, sum.contacts)
+    let depth_m = sum.max_value_m.max(0.0);
+    let clearance_m = -sum.max_value_m;
+    format!(
+        "{},{fx},{fy},{fz},{tx},{ty},{tz},{},{depth_m},{clearance_m},{query_ns}",
+        timed.time_s, sum.contacts
+    )
 }
 
 fn write_contacts(
@@ -213,14 +263,28 @@ fn write_contacts(
         for (object, obstacle) in config.statics.iter().zip(&scene.obstacles) {
             let name = field(&object.name);
             let map_from_body = obstacle.world_from_map.inverse() * world_from_body;
-            contact::visit(&obstacle.field, scene.parameters.contact.field, &scene.tool.shell, map_from_body, |touching| {
-                if lines.len() < most {
-                    let [x, y, z] = world_from_body.transform_point(touching.arm_body.as_dvec3()).to_array();
-                    let [nx, ny, nz] = world_from_body.transform_vector(touching.normal_body.as_dvec3()).to_array();
-                    let (point, depth_m) = (touching.point_idx, touching.depth_m);
-                    lines.push(format!("{},{name},{point},{x},{y},{z},{nx},{ny},{nz},{depth_m},{}", timed.time_s, touching.weight));
-                }
-            });
+            contact::visit(
+                &obstacle.field,
+                scene.parameters.contact.field,
+                &scene.tool.shell,
+                map_from_body,
+                |touching| {
+                    if lines.len() < most {
+                        let [x, y, z] = world_from_body
+                            .transform_point(touching.arm_body.as_dvec3())
+                            .to_array();
+                        let [nx, ny, nz] = world_from_body
+                            .transform_vector(touching.normal_body.as_dvec3())
+                            .to_array();
+                        let point = touching.point_idx;
+                        let depth_m = touching.depth_m;
+                        lines.push(format!(
+                            "{},{name},{point},{x},{y},{z},{nx},{ny},{nz},{depth_m},{}",
+                            timed.time_s, touching.weight
+                        ));
+                    }
+                },
+            );
         }
         for line in &lines {
             writeln!(file, "{line}")?;
@@ -231,7 +295,11 @@ fn write_contacts(
 
 /// A name as one field of CSV (RFC 4180).
 fn field(name: &str) -> Cow<'_, str> {
-    if name.contains([',', '"', '\n', '\r']) { format!("\"{}\"", name.replace('"', "\"\"")).into() } else { name.into() }
+    if name.contains([',', '"', '\n', '\r']) {
+        format!("\"{}\"", name.replace('"', "\"\"")).into()
+    } else {
+        name.into()
+    }
 }
 
 #[cfg(test)]

@@ -15,7 +15,10 @@ pub(super) fn finding_json(finding: &Finding) -> Value {
 pub(super) fn print(finding: &Finding, indent: &str, name_width: usize) {
     // What devices call themselves may be in it.
     let row = |standing: &str, name: &str, text: &str| {
-        output::result(format_args!("{indent}{standing:<8} {name:<name_width$} {}\n", one_line(text)));
+        output::result(format_args!(
+            "{indent}{standing:<8} {name:<name_width$} {}\n",
+            one_line(text)
+        ));
     };
     row(finding.standing.name(), &finding.name, &finding.found);
     finding.advice_lines().for_each(|line| row("", "", &line));

@@ -12,8 +12,8 @@ use rt::clock::ClockKind;
 /// Arguments of the server for the Foxglove app.
 #[derive(Debug, clap::Args)]
 pub(crate) struct FoxgloveArgs {
-    /// Let the Foxglove app watch the run at this address of this machine, such as 127.0.0.1:8765, or "off" [default: as the scene says; off
-    /// under --clock virtual].
+    /// Let the Foxglove app watch the run at this address of this machine, such as 127.0.0.1:8765,
+    /// or "off" [default: as the scene says; off under --clock virtual].
     #[arg(long, value_name = "ADDR|off", value_parser = parse)]
     foxglove: Option<Listen>,
 }
@@ -42,10 +42,12 @@ impl FoxgloveArgs {
         };
         let Some(address) = listen else { return Ok(None) };
         let exit = if self.foxglove.is_some() { Exit::Usage } else { Exit::Configuration };
-        FoxgloveServer::open(address, config, recorder, output).map(Some).map_err(|(message, hint)| {
-            report::error(&message, Some(hint), output);
-            exit
-        })
+        FoxgloveServer::open(address, config, recorder, output).map(Some).map_err(
+            |(message, hint)| {
+                report::error(&message, Some(hint), output);
+                exit
+            },
+        )
     }
 }
 
@@ -71,7 +73,8 @@ impl FoxgloveServer {
             Ok((address, bound.serve(recorder, config.monitor.origins.clone())?))
         });
         let (address, server) = served.map_err(|error| {
-            let hint = "give another one with --foxglove, such as 127.0.0.1:0 for any port that is free";
+            let hint =
+                "give another one with --foxglove, such as 127.0.0.1:0 for any port that is free";
             (format!("the server for Foxglove cannot listen at {address}: {error}"), hint)
         })?;
         report::line(&format!("foxglove: ws://{address}"), output);
@@ -100,9 +103,21 @@ pub(crate) enum FoxgloveServer {}
 
 #[cfg(not(feature = "foxglove-live"))]
 impl FoxgloveServer {
-    fn open(address: SocketAddr, _: &SceneConfig, _: &Recorder, _: OutputOptions) -> Result<Self, (String, &'static str)> {
-        let hint = "build without `--no-default-features`, or record with --record and open the file in Foxglove";
-        Err((format!("nothing can listen for Foxglove at {address}: the program was built without its server"), hint))
+    fn open(
+        address: SocketAddr,
+        _: &SceneConfig,
+        _: &Recorder,
+        _: OutputOptions,
+    ) -> Result<Self, (String, &'static str)> {
+        let hint = "build without `--no-default-features`, or record with --record and open the \
+            file in Foxglove";
+        Err((
+            format!(
+                "nothing can listen for Foxglove at {address}: the program was built without its \
+                    server"
+            ),
+            hint,
+        ))
     }
 
     pub(crate) fn end(self) {

@@ -1,4 +1,5 @@
-//! `hapticd guard`: the process that takes the force away when hapticd dies or stands still. Runs start it; people do not, so no help names it.
+//! `hapticd guard`: the process that takes the force away when hapticd dies or stands still. Runs
+//! start it; people do not, so no help names it.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -24,7 +25,8 @@ pub(super) fn main() -> Option<ExitCode> {
     words.next().filter(|word| word == "guard")?;
     let args = Args::parse_from(std::iter::once("hapticd guard".into()).chain(words));
     if guard::watch(&args.frame, args.priority).is_err() {
-        let message = "this is a part of a run, which starts it beside a real arm: see docs/reference/safety.md";
+        let message = "this is a part of a run, which starts it beside a real arm: see \
+            docs/reference/safety.md";
         Args::command().error(ErrorKind::MissingRequiredArgument, message).exit();
     }
     Some(ExitCode::SUCCESS)
@@ -38,7 +40,7 @@ pub(super) fn program() -> Option<PathBuf> {
 /// What to say where there is none.
 pub(super) fn missing_text(why: &str) -> String {
     format!(
-        "device: no guard ({why}): if hapticd is killed or stands still, the arm keeps its last force until its own watchdog, if it has one, \
-         lets go"
+        "device: no guard ({why}): if hapticd is killed or stands still, the arm keeps its last \
+            force until its own watchdog, if it has one, lets go"
     )
 }

@@ -18,16 +18,19 @@ use vps::spatial::Pose;
 /// The hand on the grip.
 #[derive(Debug, clap::Args)]
 pub(crate) struct HandArgs {
-    /// Where the hand wants to be: CSV with the header t_s,x_m,y_m,z_m,qx,qy,qz,qw (or x_mm,y_mm,z_mm); it counts from the first pose, or as in SCENE.
+    /// Where the hand wants to be: CSV with the header t_s,x_m,y_m,z_m,qx,qy,qz,qw (or
+    /// x_mm,y_mm,z_mm); it counts from the first pose, or as in SCENE.
     #[arg(long, value_name = "FILE.csv", conflicts_with = "no_hand")]
     hand: Option<PathBuf>,
     /// No hand holds the grip.
     #[arg(long)]
     no_hand: bool,
-    /// Take the hand's file, strength and frame from this scene: the tool moves as it does with a simulated arm in the process.
+    /// Take the hand's file, strength and frame from this scene: the tool moves as it does with a
+    /// simulated arm in the process.
     #[arg(long, value_name = "SCENE")]
     scene: Option<PathBuf>,
-    /// How long the hand waits at its start after the host's first frame: until the host has enabled the arm.
+    /// How long the hand waits at its start after the host's first frame: until the host has
+    /// enabled the arm.
     #[arg(long, value_name = "TIME", default_value = "1s", value_parser = duration::parse)]
     hand_delay: Duration,
     #[command(flatten)]
@@ -50,7 +53,10 @@ impl HandArgs {
         if self.no_hand || !is_held {
             return Ok(None);
         }
-        let file = self.hand.clone().or_else(|| config.as_ref().and_then(|config| config.device.hand.clone()));
+        let file = self
+            .hand
+            .clone()
+            .or_else(|| config.as_ref().and_then(|config| config.device.hand.clone()));
         let path = match file.as_deref().map(HandPath::read).transpose() {
             Ok(path) => path,
             Err(error) => {
@@ -67,19 +73,29 @@ impl HandArgs {
         let Some(path) = path else { return Ok(Some(hand)) };
         let indexing = match &config {
             Some(config) => self.indexing_of(config, output)?,
-            None => {
-                HandMapping { world_from_device: Pose::IDENTITY, scale: 1.0, start: path.sample(0.0), grip_tool: glam::DVec3::ZERO }
-            }
+            None => HandMapping {
+                world_from_device: Pose::IDENTITY,
+                scale: 1.0,
+                start: path.sample(0.0),
+                grip_tool: glam::DVec3::ZERO,
+            },
         };
         hand.path = Some(path.to_device(indexing));
         Ok(Some(hand))
     }
 
-    /// How the grip follows the tool of a scene; the tool's centre of mass takes a bake, or the cache.
-    fn indexing_of(&self, config: &SceneConfig, output: OutputOptions) -> Result<HandMapping, Exit> {
+    /// How the grip follows the tool of a scene; the tool's centre of mass takes a bake, or the
+    /// cache.
+    fn indexing_of(
+        &self,
+        config: &SceneConfig,
+        output: OutputOptions,
+    ) -> Result<HandMapping, Exit> {
         let mut cache = self.cache.open(CachePolicy::Mapped, output);
         let progress = BakeProgress::new(output);
-        let baked = scene::build_with(config, &mut BakeOptions::from(&mut cache), |event| progress.tell(&event));
+        let baked = scene::build_with(config, &mut BakeOptions::from(&mut cache), |event| {
+            progress.tell(&event)
+        });
         progress.finish();
         cache::tell(&mut cache, output);
         let (scene, _) = baked.map_err(|error| report::scene_error(&error, output))?;

@@ -21,21 +21,22 @@ use vps::storage::whole_file::write_bytes;
 /// Arguments of `hapticd init`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// Folder with mesh files (.obj, .stl, .ply, .gltf, .glb, .3mf); folders in it are not searched. Or one file of points or a mesh, with
-    /// --clay.
+    /// Folder with mesh files (.obj, .stl, .ply, .gltf, .glb, .3mf); folders in it are not
+    /// searched. Or one file of points or a mesh, with --clay.
     #[arg(value_name = "FOLDER|FILE")]
     folder: PathBuf,
     /// Make the file a piece of clay, for `hapticd sculpt`.
     #[arg(long)]
     clay: bool,
-    /// Scene file to write, or - for stdout, to be kept in the working directory [default: scene.toml in the folder; with --clay the name of
-    /// the file].
+    /// Scene file to write, or - for stdout, to be kept in the working directory [default:
+    /// scene.toml in the folder; with --clay the name of the file].
     #[arg(short, long, alias = "output", value_name = "SCENE.toml")]
     out: Option<PathBuf>,
     /// The part that moves [default: the smallest].
     #[arg(long, value_name = "FILE")]
     tool: Option<PathBuf>,
-    /// Unit of the numbers in the mesh files, except 3MF, which names its own [default: guessed from their size].
+    /// Unit of the numbers in the mesh files, except 3MF, which names its own [default: guessed
+    /// from their size].
     #[arg(long, value_name = "UNIT")]
     units: Option<Unit>,
     /// Write over a scene that is there.
@@ -86,17 +87,29 @@ fn init(args: &Args, output: OutputOptions) -> Result<(), ReportedExit> {
     if args.clay || args.folder.is_file() {
         if !args.folder.is_file() {
             let hint = "name the file of points or the mesh that is to be clay";
-            return Err(refuse(Exit::Usage, &format!("{}: --clay takes one file", args.folder.display()), Some(hint)));
+            return Err(refuse(
+                Exit::Usage,
+                &format!("{}: --clay takes one file", args.folder.display()),
+                Some(hint),
+            ));
         }
         if !args.clay {
             let hint = "give its folder, or --clay to sculpt this file";
-            return Err(refuse(Exit::Usage, &format!("{}: not a folder", args.folder.display()), Some(hint)));
+            return Err(refuse(
+                Exit::Usage,
+                &format!("{}: not a folder", args.folder.display()),
+                Some(hint),
+            ));
         }
         return clay::init(args, output);
     }
     let place = SceneDestination::of(args, || args.folder.join("scene.toml"), output)?;
     let files = mesh_files(&args.folder).map_err(|error| {
-        refuse(Exit::Asset, &format!("{}: cannot be read: {error}", args.folder.display()), Some("name a folder with mesh files"))
+        refuse(
+            Exit::Asset,
+            &format!("{}: cannot be read: {error}", args.folder.display()),
+            Some("name a folder with mesh files"),
+        )
     })?;
     if files.is_empty() {
         let message = format!("{}: no mesh files here", args.folder.display());
@@ -117,27 +130,50 @@ fn init(args: &Args, output: OutputOptions) -> Result<(), ReportedExit> {
         }
     }
     if found.is_empty() {
-        return Err(refuse(Exit::Asset, &format!("{}: none of its meshes can be read", args.folder.display()), None));
+        return Err(refuse(
+            Exit::Asset,
+            &format!("{}: none of its meshes can be read", args.folder.display()),
+            None,
+        ));
     }
     let tool_idx = match &args.tool {
         Some(tool) => Some(index_of(tool, &args.folder, &found).ok_or_else(|| {
-            let known: Vec<_> = found.iter().map(|found| found.path.display().to_string()).collect();
+            let known: Vec<_> =
+                found.iter().map(|found| found.path.display().to_string()).collect();
             let hint = format!("meshes that can be read: {}", known.join(", "));
-            refuse(Exit::Usage, &format!("--tool {}: no mesh of the folder", tool.display()), Some(&hint))
+            refuse(
+                Exit::Usage,
+                &format!("--tool {}: no mesh of the folder", tool.display()),
+                Some(&hint),
+            )
         })?),
         None => None,
     };
     if tool_idx.is_some() && found.len() == 1 {
         let hint = "without --tool the part stands, and a ball touches it";
-        return Err(refuse(Exit::Usage, "the folder has one part only: nothing is left for it to touch", Some(hint)));
+        return Err(refuse(
+            Exit::Usage,
+            "the folder has one part only: nothing is left for it to touch",
+            Some(hint),
+        ));
     }
     let (unit, why) = unit(args, &found, output);
     let folder = place.folder();
     let mut parts = Vec::new();
     for InputMesh { path, own_unit, mut mesh } in found {
-        let (Some(file), Some(stem)) = (relative(&path, folder), path.file_stem().and_then(OsStr::to_str)) else {
-            let message = format!("{}: a scene in {} cannot name this file", path.display(), folder.display());
-            return Err(refuse(Exit::Asset, &message, Some("the folder of the scene must exist, and names must be UTF-8")));
+        let (Some(file), Some(stem)) =
+            (relative(&path, folder), path.file_stem().and_then(OsStr::to_str))
+        else {
+            let message = format!(
+                "{}: a scene in {} cannot name this file",
+                path.display(),
+                folder.display()
+            );
+            return Err(refuse(
+                Exit::Asset,
+                &message,
+                Some("the folder of the scene must exist, and names must be UTF-8"),
+            ));
         };
         if own_unit.is_none() {
             mesh.vertices.iter_mut().for_each(|vertex| *vertex *= unit.metres());
@@ -147,22 +183,33 @@ fn init(args: &Args, output: OutputOptions) -> Result<(), ReportedExit> {
         }
         parts.push(DraftPart::new(file, stem.to_owned(), own_unit.unwrap_or(unit), &mesh));
     }
-    let name = args.folder.canonicalize().ok().and_then(|folder| Some(folder.file_name()?.to_str()?.to_owned()));
+    let name = args
+        .folder
+        .canonicalize()
+        .ok()
+        .and_then(|folder| Some(folder.file_name()?.to_str()?.to_owned()));
     let Some(draft) = Draft::new(name.as_deref().unwrap_or("scene"), parts, tool_idx) else {
         // True invariant: there is at least one part.
         unreachable!("a draft of no parts");
     };
     let hand = place.hand();
     let named = hand.as_deref().and_then(Path::file_name).and_then(OsStr::to_str);
-    let (text, mut told) = (draft.text(&place.named(), &why, named), summary(&draft));
+    let text = draft.text(&place.named(), &why, named);
+    let mut told = summary(&draft);
     if let (Some(hand), Some(named)) = (&hand, named) {
-        write_bytes(hand, draft.hand_csv().as_bytes())
-            .map_err(|error| refuse(Exit::Asset, &format!("cannot write {}: {error}", hand.display()), None))?;
+        write_bytes(hand, draft.hand_csv().as_bytes()).map_err(|error| {
+            refuse(Exit::Asset, &format!("cannot write {}: {error}", hand.display()), None)
+        })?;
         told += &match draft.path() {
             DraftPath::Assembly => {
-                format!("hand    {named}: into the place where its file puts {}, and out again\n", tool_name(&draft))
+                format!(
+                    "hand    {named}: into the place where its file puts {}, and out again\n",
+                    tool_name(&draft)
+                )
             }
-            DraftPath::Tour => format!("hand    {named}: onto the parts from above and from four sides\n"),
+            DraftPath::Tour => {
+                format!("hand    {named}: onto the parts from above and from four sides\n")
+            }
         };
     }
     place.write(&text, &told, ("run", "renders"), output)
@@ -179,19 +226,30 @@ fn tool_name(draft: &Draft) -> &str {
 fn summary(draft: &Draft) -> String {
     let mm = |metres: f64| show(metres * 1e3);
     let mut text = match draft.tool() {
-        DraftTool::Part(part) => format!("tool    {} ({}), points every {} mm\n", part.name, part.file, mm(draft.tool_voxel_m())),
-        DraftTool::Ball(radius_m) => format!("tool    a ball with a radius of {} mm\n", mm(*radius_m)),
+        DraftTool::Part(part) => format!(
+            "tool    {} ({}), points every {} mm\n",
+            part.name,
+            part.file,
+            mm(draft.tool_voxel_m())
+        ),
+        DraftTool::Ball(radius_m) => {
+            format!("tool    a ball with a radius of {} mm\n", mm(*radius_m))
+        }
     };
     for (part, voxel_m) in draft.statics() {
         text += &format!("static  {} ({}), voxels of {} mm\n", part.name, part.file, mm(*voxel_m));
     }
     if draft.scale() != 1.0 {
-        text += &format!("scale   {}: the parts are larger than the space of the arm's grip\n", draft.scale());
+        text += &format!(
+            "scale   {}: the parts are larger than the space of the arm's grip\n",
+            draft.scale()
+        );
     }
     text + &format!("memory  {}\n", draft::memory_text(draft.memory_bytes()))
 }
 
-/// Mesh files of a folder, sorted. Of files that differ in their ending only, the first one in the order of [`EXTENSIONS`].
+/// Mesh files of a folder, sorted. Of files that differ in their ending only, the first one in the
+/// order of [`EXTENSIONS`].
 fn mesh_files(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
     let mut files: Vec<PathBuf> = Vec::new();
     for entry in fs::read_dir(folder)? {
@@ -201,7 +259,10 @@ fn mesh_files(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
         }
     }
     let rank = |path: &PathBuf| {
-        let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase()).unwrap_or_default();
+        let ending = path
+            .extension()
+            .map(|ending| ending.to_string_lossy().to_lowercase())
+            .unwrap_or_default();
         EXTENSIONS.iter().position(|known| *known == ending)
     };
     files.sort_by_key(|path| (path.file_stem().map(OsStr::to_owned), rank(path)));
@@ -211,16 +272,22 @@ fn mesh_files(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
 
 /// The folder has files of CAD programs.
 fn has_cad(folder: &Path) -> bool {
-    fs::read_dir(folder).is_ok_and(|entries| entries.flatten().any(|entry| mesh::cad_format(&entry.path()).is_some()))
+    fs::read_dir(folder).is_ok_and(|entries| {
+        entries.flatten().any(|entry| mesh::cad_format(&entry.path()).is_some())
+    })
 }
 
-/// 3MF is the one format whose files say what their numbers mean, and glTF the one that says it for all of its files.
+/// 3MF is the one format whose files say what their numbers mean, and glTF the one that says it for
+/// all of its files.
 fn read(path: &Path) -> Result<InputMesh, MeshError> {
     let path = path.to_owned();
     match Format::of(&path)? {
-        Format::Gltf => Ok(InputMesh { mesh: mesh::load(&path, 1.0)?, own_unit: Some(draft::Unit::M), path }),
+        Format::Gltf => {
+            Ok(InputMesh { mesh: mesh::load(&path, 1.0)?, own_unit: Some(draft::Unit::M), path })
+        }
         Format::ThreeMf => {
-            let tried = draft::Unit::ALL.into_iter().map(|unit| (unit, mesh::load(&path, unit.metres())));
+            let tried =
+                draft::Unit::ALL.into_iter().map(|unit| (unit, mesh::load(&path, unit.metres())));
             let mut first = None;
             for (unit, read) in tried {
                 match read {
@@ -231,7 +298,9 @@ fn read(path: &Path) -> Result<InputMesh, MeshError> {
             // True invariant: there are units.
             Err(first.unwrap_or(MeshError::NoBytes { path }))
         }
-        Format::Obj | Format::Stl | Format::Ply => Ok(InputMesh { mesh: mesh::load(&path, 1.0)?, own_unit: None, path }),
+        Format::Obj | Format::Stl | Format::Ply => {
+            Ok(InputMesh { mesh: mesh::load(&path, 1.0)?, own_unit: None, path })
+        }
     }
 }
 
@@ -244,7 +313,9 @@ fn unit(args: &Args, found: &[InputMesh], output: OutputOptions) -> (draft::Unit
         let (low, high) = found.mesh.bounds()?;
         Some((high - low).max_element())
     });
-    let Some(longest) = longest.reduce(f64::max) else { return (draft::Unit::Mm, "of the mesh file".to_owned()) };
+    let Some(longest) = longest.reduce(f64::max) else {
+        return (draft::Unit::Mm, "of the mesh file".to_owned());
+    };
     guessed(longest, "the largest part", output)
 }
 
@@ -252,19 +323,35 @@ fn unit(args: &Args, found: &[InputMesh], output: OutputOptions) -> (draft::Unit
 fn guessed(longest: f64, what: &str, output: OutputOptions) -> (draft::Unit, String) {
     let unit = draft::Unit::guess(longest);
     let length = format!("{} {}", show(longest), unit.name());
-    report::note(&format!("units are taken as {}: {what} is then {length} long; --units says otherwise", unit.name()), output);
+    report::note(
+        &format!(
+            "units are taken as {}: {what} is then {length} long; --units says otherwise",
+            unit.name()
+        ),
+        output,
+    );
     (unit, format!("of the file; guessed: {what} is then {length} long"))
 }
 
 fn index_of(tool: &Path, folder: &Path, found: &[InputMesh]) -> Option<usize> {
     // As the shell completes it, or as the folder has it.
     let wanted = [tool.canonicalize(), folder.join(tool).canonicalize()];
-    found.iter().position(|found| found.path.canonicalize().is_ok_and(|path| wanted.iter().flatten().any(|wanted| *wanted == path)))
+    found.iter().position(|found| {
+        found
+            .path
+            .canonicalize()
+            .is_ok_and(|path| wanted.iter().flatten().any(|wanted| *wanted == path))
+    })
 }
 
 /// A file as a scene in `folder` names it: relative to it. `None` when the name is not UTF-8.
 fn relative(file: &Path, folder: &Path) -> Option<String> {
-    let parent = file.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new(".")).canonicalize().ok()?;
+    let parent = file
+        .parent()
+        .filter(|parent| !parent.as_os_str().is_empty())
+        .unwrap_or(Path::new("."))
+        .canonicalize()
+        .ok()?;
     let folder = folder.canonicalize().ok()?;
     let shared = parent.components().zip(folder.components()).take_while(|(a, b)| a == b).count();
     let up = folder.components().skip(shared).map(|_| Component::ParentDir);

@@ -17,7 +17,8 @@ use vps::storage::whole_file::write_bytes;
 pub(crate) struct Args {
     /// Recording of `run --record`, or of the flight recorder.
     recording: PathBuf,
-    /// Where to write the page: HTML that needs no other file [default: beside the recording, by its name].
+    /// Where to write the page: HTML that needs no other file [default: beside the recording, by
+    /// its name].
     #[arg(short, long, alias = "output", value_name = "F.html")]
     out: Option<PathBuf>,
     /// Replace the page if there is one.
@@ -29,7 +30,11 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
     let out = args.out.clone().unwrap_or_else(|| args.recording.with_extension("html"));
     // Before the recording is read, which may take a while.
     if let Err(problem) = may_write(args, &out) {
-        report::error(&format!("{} {problem}", out.display()), Some("give another name, or --overwrite"), output);
+        report::error(
+            &format!("{} {problem}", out.display()),
+            Some("give another name, or --overwrite"),
+            output,
+        );
         return Exit::Usage;
     }
     let page = match read(args) {
@@ -41,7 +46,11 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
     };
     let n_ticks = page.ticks();
     if n_ticks == 0 {
-        report::error(&format!("{} ends before its first tick", args.recording.display()), None, output);
+        report::error(
+            &format!("{} ends before its first tick", args.recording.display()),
+            None,
+            output,
+        );
         return Exit::Asset;
     }
     if let Err(error) = write_bytes(&out, page.page().as_bytes()) {
@@ -59,9 +68,11 @@ pub(super) fn of_recording(recording: &Path) -> Result<LabReport, ReadError> {
     read(&Args { recording: recording.to_owned(), out: None, overwrite: false })
 }
 
-/// Whether the page may be written where it is asked for; never over the recording that it is made of.
+/// Whether the page may be written where it is asked for; never over the recording that it is made
+/// of.
 fn may_write(args: &Args, out: &Path) -> Result<(), &'static str> {
-    let is_the_recording = || Some(std::fs::canonicalize(out).ok()? == std::fs::canonicalize(&args.recording).ok()?);
+    let is_the_recording =
+        || Some(std::fs::canonicalize(out).ok()? == std::fs::canonicalize(&args.recording).ok()?);
     if is_the_recording() == Some(true) {
         return Err("is the recording itself");
     }
@@ -82,7 +93,8 @@ fn read(args: &Args) -> Result<LabReport, ReadError> {
         page.cut_off();
     }
     recording.first_tick_at().into_iter().for_each(|at| page.begun_at(at));
-    // A page without its picture is still a page: what is wrong with the scene's files stands on it.
+    // A page without its picture is still a page: what is wrong with the scene's files stands on
+    // it.
     let drawn = unpacked.map_err(|problem| problem.to_string()).and_then(|files| {
         let moment = page.moment().ok_or("no tick has a pose of the tool")?;
         let at_end = page.end().map(|end| picture(&page, &files, &end)).transpose()?;
@@ -110,12 +122,18 @@ fn unpack(mut files: Unpacked, entry: Entry) -> Result<Unpacked, UnpackError> {
 
 /// The scene in a moment of the page.
 fn picture(page: &LabReport, files: &Unpacked, moment: &Moment) -> Result<Vec<u8>, String> {
-    let RecordedScene { config, .. } = files.scene(moment.scene_idx).map_err(|problem| problem.to_string())?;
+    let RecordedScene { config, .. } =
+        files.scene(moment.scene_idx).map_err(|problem| problem.to_string())?;
     let parts = drawn_parts(&config).map_err(|problem| problem.to_string())?;
     let place = |(idx, pose)| moment.moved.get(&(idx as u32)).copied().unwrap_or(pose);
-    let world_from_objects: Vec<_> = config.statics.iter().map(|object| object.pose).enumerate().map(place).collect();
+    let world_from_objects: Vec<_> =
+        config.statics.iter().map(|object| object.pose).enumerate().map(place).collect();
     let path = page.path(moment.scene_idx);
-    let snapshot =
-        SceneSnapshot { parts: &parts, world_from_objects: &world_from_objects, world_from_tool: moment.world_from_tool, path };
+    let snapshot = SceneSnapshot {
+        parts: &parts,
+        world_from_objects: &world_from_objects,
+        world_from_tool: moment.world_from_tool,
+        path,
+    };
     sheet(&snapshot).map_err(|problem| problem.to_string())
 }

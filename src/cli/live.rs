@@ -28,23 +28,29 @@ use vps::storage::printable::shown;
 /// Arguments that change a run while it goes on.
 #[derive(Debug, Default, clap::Args)]
 pub(crate) struct LiveArgs {
-    /// Let a movable object of SCENE follow timed poses in the world, a CSV file like that of a hand; may be repeated.
+    /// Let a movable object of SCENE follow timed poses in the world, a CSV file like that of a
+    /// hand; may be repeated.
     #[arg(long = "move", value_name = "NAME=FILE", value_parser = parse_move)]
     moves: Vec<(String, PathBuf)>,
-    /// Go over to another scene for the same arm at that time, such as b.toml@3s; baked while the first one renders; may be repeated. Hand,
-    /// clock and real-time settings stay those of SCENE.
+    /// Go over to another scene for the same arm at that time, such as b.toml@3s; baked while the
+    /// first one renders; may be repeated. Hand, clock and real-time settings stay those of SCENE.
     #[arg(long = "swap", value_name = "SCENE@TIME", value_parser = parse_swap)]
     swaps: Vec<(PathBuf, Duration)>,
-    /// Read the scene again when its file or a mesh of it changes, as SIGHUP does: parameters go to their new values, anything else is baked and
-    /// switched, what is wrong is refused.
+    /// Read the scene again when its file or a mesh of it changes, as SIGHUP does: parameters go to
+    /// their new values, anything else is baked and switched, what is wrong is refused.
     #[arg(long)]
     pub(crate) watch: bool,
 }
 
 fn parse_move(text: &str) -> Result<(String, PathBuf), String> {
     match text.split_once('=') {
-        Some((name, file)) if !name.is_empty() && !file.is_empty() => Ok((name.to_owned(), PathBuf::from(file))),
-        _ => Err("write the name of a movable object and a file of poses, such as plate=hands/plate.csv".to_owned()),
+        Some((name, file)) if !name.is_empty() && !file.is_empty() => {
+            Ok((name.to_owned(), PathBuf::from(file)))
+        }
+        _ => Err(
+            "write the name of a movable object and a file of poses, such as plate=hands/plate.csv"
+                .to_owned(),
+        ),
     }
 }
 
@@ -73,7 +79,9 @@ pub(crate) struct SwapReport {
 impl Display for SwapReport {
     fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
         match (self.at_s, self.tick) {
-            (Some(at_s), Some(tick)) => write!(f, "{} from {at_s:.3} s on (tick {tick})", shown(&self.scene)),
+            (Some(at_s), Some(tick)) => {
+                write!(f, "{} from {at_s:.3} s on (tick {tick})", shown(&self.scene))
+            }
             _ => write!(f, "{} did not come, wanted at {:.3} s", shown(&self.scene), self.wanted_s),
         }
     }
@@ -103,7 +111,8 @@ impl LiveArgs {
         let mut paths = Vec::new();
         for (name, file) in &self.moves {
             let path = HandPath::read(file).map_err(|problem| {
-                let remedy = matches!(problem, PoseFileError::Read { .. }).then_some("--move NAME=FILE takes a CSV file of poses");
+                let remedy = matches!(problem, PoseFileError::Read { .. })
+                    .then_some("--move NAME=FILE takes a CSV file of poses");
                 report::error(&format!("--move {name}: {problem}"), remedy, output);
                 Exit::Configuration
             })?;
@@ -121,15 +130,27 @@ impl LiveArgs {
         })?;
         let mut swaps = Vec::new();
         for (file, at) in &self.swaps {
-            let config = config::load_with(file, options).map_err(|errors| report::config_errors(&errors, output))?;
+            let config = config::load_with(file, options)
+                .map_err(|errors| report::config_errors(&errors, output))?;
             let refusal = unlike(&config, scene);
             if let Some((key, its, ours)) = refusal {
-                let message = format!("{}: {key} = {its}, but {} has {ours}", file.display(), scene.path.display());
-                report::error(&message, Some("this counts from the start of a run on; write the same in both"), output);
+                let message = format!(
+                    "{}: {key} = {its}, but {} has {ours}",
+                    file.display(),
+                    scene.path.display()
+                );
+                report::error(
+                    &message,
+                    Some("this counts from the start of a run on; write the same in both"),
+                    output,
+                );
                 return Err(Exit::Configuration);
             }
             if let Some(ends) = ends.filter(|ends| at >= ends) {
-                let message = format!("--swap {}: at {at:?}, but the run ends after {ends:?}", file.display());
+                let message = format!(
+                    "--swap {}: at {at:?}, but the run ends after {ends:?}",
+                    file.display()
+                );
                 report::error(&message, Some("give a time before the end of --duration"), output);
                 return Err(Exit::Usage);
             }
@@ -144,7 +165,8 @@ impl LiveArgs {
 }
 
 impl Changes {
-    /// Begins to bake the other scenes, which goes on until the loop is over. `is_open`: more may be asked for than was planned.
+    /// Begins to bake the other scenes, which goes on until the loop is over. `is_open`: more may
+    /// be asked for than was planned.
     pub(crate) fn begin(
         self,
         session: &SessionHandle,
@@ -154,18 +176,30 @@ impl Changes {
         output: OutputOptions,
     ) -> std::io::Result<(ObjectPaths, PlannedSwaps)> {
         if is_open || !self.planned.is_empty() {
-            let (cache, memory) = (cache.clone(), memory.clone());
-            session.begin_baking(Box::new(move |config| bake(config, &cache, &memory, output)), self.planned)?;
+            let cache = cache.clone();
+            let memory = memory.clone();
+            session.begin_baking(
+                Box::new(move |config| bake(config, &cache, &memory, output)),
+                self.planned,
+            )?;
         }
         Ok((self.paths, self.swaps))
     }
 }
 
-fn bake(config: &SceneConfig, cache: &CacheArgs, memory: &MemoryArgs, output: OutputOptions) -> Result<RenderScene, SceneError> {
+fn bake(
+    config: &SceneConfig,
+    cache: &CacheArgs,
+    memory: &MemoryArgs,
+    output: OutputOptions,
+) -> Result<RenderScene, SceneError> {
     let mut cache = cache.open(CachePolicy::Copy, output);
     // Quiet: the screen belongs to the run.
     let progress = BakeProgress::new(OutputOptions { quiet: true, verbose: 0, ..output });
-    let mut means = BakeOptions { cache: &mut cache, memory: memory.plan_within(available_bytes, &progress, output) };
+    let mut means = BakeOptions {
+        cache: &mut cache,
+        memory: memory.plan_within(available_bytes, &progress, output),
+    };
     let built = scene::build_with(config, &mut means, |_| ());
     drop(means);
     cache::tell(&mut cache, output);
@@ -177,7 +211,11 @@ fn bake(config: &SceneConfig, cache: &CacheArgs, memory: &MemoryArgs, output: Ou
 /// Says which planned scenes could not be baked, if any; the exit code of the first.
 pub(crate) fn failure(session: &SessionHandle, output: OutputOptions) -> Option<Exit> {
     let say = |(path, problem): (PathBuf, SceneError)| {
-        report::error(&format!("{} was not rendered: it cannot be baked", path.display()), None, output);
+        report::error(
+            &format!("{} was not rendered: it cannot be baked", path.display()),
+            None,
+            output,
+        );
         report::scene_error(&problem, output)
     };
     session.take_failed().into_iter().map(say).reduce(|first, _| first)
@@ -185,7 +223,11 @@ pub(crate) fn failure(session: &SessionHandle, output: OutputOptions) -> Option<
 
 impl PlannedSwaps {
     /// What came of each.
-    pub(crate) fn reports(&self, session: &SessionHandle, swaps: &[SwapSummary]) -> Vec<SwapReport> {
+    pub(crate) fn reports(
+        &self,
+        session: &SessionHandle,
+        swaps: &[SwapSummary],
+    ) -> Vec<SwapReport> {
         let report = |(idx, (scene, at)): (usize, &(PathBuf, Duration))| {
             let number = session.planned_scene_idx(idx);
             let swap = number.and_then(|number| swaps.iter().find(|swap| swap.scene_idx == number));

@@ -52,7 +52,10 @@ fn write_pages(command: clap::Command, folder: &Path) -> io::Result<()> {
     clap_mangen::generate_to(command, folder)?;
     append("hapticd.1", main_sections())?;
     EXAMPLES.iter().try_for_each(|(command, lines)| {
-        append(&format!("hapticd-{command}.1"), format!("{}.SH \"SEE ALSO\"\nhapticd(1)\n", examples(lines)))
+        append(
+            &format!("hapticd-{command}.1"),
+            format!("{}.SH \"SEE ALSO\"\nhapticd(1)\n", examples(lines)),
+        )
     })
 }
 
@@ -65,8 +68,14 @@ const EXAMPLES: [(&str, &[(&str, &str)]); 12] = [
                 "hapticd run /usr/share/hapticd/scenes/peg-in-hole.toml",
                 "Render on a simulated arm, with the page at http://127.0.0.1:7878/.",
             ),
-            ("hapticd run my.toml --clock virtual --duration 10s --json", "Ten seconds in simulated time, and the result as JSON."),
-            ("hapticd run my.toml --device polhem-2022 --enable --record session.mcap", "On a real arm, every tick recorded."),
+            (
+                "hapticd run my.toml --clock virtual --duration 10s --json",
+                "Ten seconds in simulated time, and the result as JSON.",
+            ),
+            (
+                "hapticd run my.toml --device polhem-2022 --enable --record session.mcap",
+                "On a real arm, every tick recorded.",
+            ),
         ],
     ),
     (
@@ -80,16 +89,37 @@ const EXAMPLES: [(&str, &[(&str, &str)]); 12] = [
         "bake",
         &[
             ("hapticd bake my.toml", "What the scene's parts come to, into the cache."),
-            ("hapticd bake part.stl --units mm --voxel-size-mm 0.5 --picture part.png", "A mesh by itself, drawn."),
+            (
+                "hapticd bake part.stl --units mm --voxel-size-mm 0.5 --picture part.png",
+                "A mesh by itself, drawn.",
+            ),
         ],
     ),
-    ("check", &[("hapticd check my.toml my-arm.toml", "All problems of a scene and of a profile.")]),
-    ("eval", &[("hapticd eval my.toml --poses poses.csv --out -", "The contact wrench of each pose, to stdout.")]),
+    (
+        "check",
+        &[("hapticd check my.toml my-arm.toml", "All problems of a scene and of a profile.")],
+    ),
+    (
+        "eval",
+        &[(
+            "hapticd eval my.toml --poses poses.csv --out -",
+            "The contact wrench of each pose, to stdout.",
+        )],
+    ),
     ("replay", &[("hapticd replay session.mcap", "The same ticks again, compared bit by bit.")]),
     ("report", &[("hapticd report session.mcap --out session.html", "One page of a recording.")]),
-    ("init", &[("hapticd init parts --units mm", "A first scene of the meshes in the folder parts.")]),
+    (
+        "init",
+        &[("hapticd init parts --units mm", "A first scene of the meshes in the folder parts.")],
+    ),
     ("mock", &[("hapticd mock open6-serial --pty /tmp/arm", "A simulated arm behind a tty.")]),
-    ("device-node", &[("hapticd device-node polhem-2022 --enable", "The arm of this machine, for a run on another one.")]),
+    (
+        "device-node",
+        &[(
+            "hapticd device-node polhem-2022 --enable",
+            "The arm of this machine, for a run on another one.",
+        )],
+    ),
     (
         "devices",
         &[
@@ -98,18 +128,30 @@ const EXAMPLES: [(&str, &[(&str, &str)]); 12] = [
             ("hapticd devices probe polhem-2022 --sign-check", "Does the arm push the right way?"),
         ],
     ),
-    ("doctor", &[("hapticd doctor my.toml", "Whether this machine and the arm of the scene are good enough.")]),
+    (
+        "doctor",
+        &[(
+            "hapticd doctor my.toml",
+            "Whether this machine and the arm of the scene are good enough.",
+        )],
+    ),
 ];
 
 /// What the program reads from its environment.
 const ENVIRONMENT: [(&str, &str); 6] = [
-    ("HAPTICD_TOKEN", "Token that clients of the monitor have to know, where no --monitor-token names a file."),
+    (
+        "HAPTICD_TOKEN",
+        "Token that clients of the monitor have to know, where no --monitor-token names a file.",
+    ),
     (
         "XDG_CACHE_HOME, XDG_STATE_HOME, HOME",
         "Where the cache of bakes and the recordings of faults and of clients are: see FILES.",
     ),
     ("NO_COLOR", "Not empty: no colour, unless --color always."),
-    ("RAYON_NUM_THREADS", "Threads that bake, where no --threads says it [default: all processors]."),
+    (
+        "RAYON_NUM_THREADS",
+        "Threads that bake, where no --threads says it [default: all processors].",
+    ),
     ("ROS_DOMAIN_ID", "Domain of the topics of --publish, where no --ros-domain says it."),
     ("NOTIFY_SOCKET", "Set by systemd: states of the run are reported there."),
 ];
@@ -135,7 +177,10 @@ fn main_sections() -> String {
     let files = [
         (scenes.as_str(), "Scenes of the Debian package."),
         ("~/.cache/hapticd", "What was baked; $XDG_CACHE_HOME/hapticd where that is set."),
-        ("~/.local/state/hapticd/faults", "Recordings of faults; $XDG_STATE_HOME/hapticd/faults where that is set."),
+        (
+            "~/.local/state/hapticd/faults",
+            "Recordings of faults; $XDG_STATE_HOME/hapticd/faults where that is set.",
+        ),
         ("/etc/hapticd", "Scenes of the systemd unit hapticd@."),
         ("/usr/share/doc/hapticd/README.md", "Where the documents begin."),
     ];
@@ -147,7 +192,8 @@ fn main_sections() -> String {
     }
     let first: Vec<_> = EXAMPLES.iter().filter_map(|(_, lines)| lines.first().copied()).collect();
     page.push_str(&examples(&first));
-    let pages: Vec<_> = EXAMPLES.iter().map(|(command, _)| format!("hapticd\\-{command}(1)")).collect();
+    let pages: Vec<_> =
+        EXAMPLES.iter().map(|(command, _)| format!("hapticd\\-{command}(1)")).collect();
     let _ = writeln!(page, ".SH \"SEE ALSO\"\n{}", pages.join(", "));
     page
 }
@@ -161,13 +207,20 @@ mod tests {
     #[test]
     fn examples_are_command_lines_that_the_program_takes() {
         let commands = Cli::command();
-        let shown: Vec<_> =
-            commands.get_subcommands().filter(|command| !command.is_hide_set()).map(clap::Command::get_name).collect();
+        let shown: Vec<_> = commands
+            .get_subcommands()
+            .filter(|command| !command.is_hide_set())
+            .map(clap::Command::get_name)
+            .collect();
         for (command, lines) in EXAMPLES {
             assert!(shown.contains(&command) && !lines.is_empty(), "{command}");
             for (line, what) in lines {
                 let parsed = Cli::try_parse_from(line.split_whitespace());
-                assert!(parsed.is_ok() && line.starts_with(&format!("hapticd {command}")), "{line}: {}", parsed.unwrap_err());
+                assert!(
+                    parsed.is_ok() && line.starts_with(&format!("hapticd {command}")),
+                    "{line}: {}",
+                    parsed.unwrap_err()
+                );
                 assert!(what.ends_with(['.', '?']), "{what}");
             }
         }

@@ -10,14 +10,19 @@ use vps::voxmap::memory_limit::show_bytes;
 /// How much memory baking may take.
 #[derive(Clone, Debug, clap::Args)]
 pub(crate) struct MemoryArgs {
-    /// Refuse to bake what would hold more memory than this, such as 800M, 2GB or 1.5GiB. What the bake cache has is not baked.
+    /// Refuse to bake what would hold more memory than this, such as 800M, 2GB or 1.5GiB. What the
+    /// bake cache has is not baked.
     #[arg(long = "max-memory", value_name = "SIZE", value_parser = parse_size, allow_hyphen_values = true)]
     max_bytes: Option<u64>,
 }
 
 impl MemoryArgs {
     /// The limit, and what is said of each object before its work begins.
-    pub(crate) fn plan<'a>(&self, progress: &'a BakeProgress, output: OutputOptions) -> MemoryPlan<'a> {
+    pub(crate) fn plan<'a>(
+        &self,
+        progress: &'a BakeProgress,
+        output: OutputOptions,
+    ) -> MemoryPlan<'a> {
         let max_bytes = self.max_bytes;
         MemoryPlan::new(max_bytes, move |name, estimate| {
             tell(name, estimate, progress, output);
@@ -25,15 +30,19 @@ impl MemoryArgs {
         })
     }
 
-    /// The same, and what may not fit into the machine's memory is refused, not only warned of: beside force, as to be ended by the system leaves the last
-    /// command to an arm; and for scenes that come from elsewhere.
+    /// The same, and what may not fit into the machine's memory is refused, not only warned of:
+    /// beside force, as to be ended by the system leaves the last command to an arm; and for scenes
+    /// that come from elsewhere.
     pub(crate) fn plan_within<'a>(
         &self,
         left: fn() -> Option<u64>,
         progress: &'a BakeProgress,
         output: OutputOptions,
     ) -> MemoryPlan<'a> {
-        MemoryPlan::new(self.max_bytes, move |name, estimate| tell(name, estimate, progress, output)).within(left)
+        MemoryPlan::new(self.max_bytes, move |name, estimate| {
+            tell(name, estimate, progress, output)
+        })
+        .within(left)
     }
 }
 
@@ -57,8 +66,8 @@ const UNITS: [(&str, f64); 13] = [
     ("tib", 1_099_511_627_776.0),
 ];
 
-/// Reads a size such as `800M`, `2GB` (powers of ten) or `1.5GiB` (powers of two). A bare number is refused: a missing unit is the
-/// mistake that a unit would have caught.
+/// Reads a size such as `800M`, `2GB` (powers of ten) or `1.5GiB` (powers of two). A bare number is
+/// refused: a missing unit is the mistake that a unit would have caught.
 fn parse_size(text: &str) -> Result<u64, String> {
     let trimmed = text.trim();
     let size = trimmed.find(|c: char| !(c.is_ascii_digit() || c == '.')).and_then(|unit_at| {
@@ -69,7 +78,10 @@ fn parse_size(text: &str) -> Result<u64, String> {
         Some((number.parse::<f64>().ok()? * bytes_per_unit) as u64)
     });
     size.filter(|size| *size > 0).ok_or_else(|| {
-        format!("`{text}` is not a size: write a number and a unit (M, G or MB, GB; MiB, GiB), such as 800M, 2GB or 1.5GiB")
+        format!(
+            "`{text}` is not a size: write a number and a unit (M, G or MB, GB; MiB, GiB), \
+            such as 800M, 2GB or 1.5GiB"
+        )
     })
 }
 
@@ -88,7 +100,13 @@ fn tell(name: &str, estimate: &Estimate, progress: &BakeProgress, output: Output
 }
 
 /// Warns of more than the machine has left, unless a limit was given.
-fn warn(name: &str, estimate: &Estimate, max_bytes: Option<u64>, progress: &BakeProgress, output: OutputOptions) {
+fn warn(
+    name: &str,
+    estimate: &Estimate,
+    max_bytes: Option<u64>,
+    progress: &BakeProgress,
+    output: OutputOptions,
+) {
     if let Some(text) = scarce_text(name, estimate).filter(|_| max_bytes.is_none()) {
         progress.aside(|| report::warning(&text, output));
     }
@@ -97,10 +115,12 @@ fn warn(name: &str, estimate: &Estimate, max_bytes: Option<u64>, progress: &Bake
 /// What is said of a part that takes more than the machine has left.
 pub(super) fn scarce_text(name: &str, estimate: &Estimate) -> Option<String> {
     let available_bytes = available_bytes().filter(|available| estimate.peak_bytes > *available)?;
-    let (needed, available) = (show_bytes(estimate.peak_bytes), show_bytes(available_bytes));
+    let needed = show_bytes(estimate.peak_bytes);
+    let available = show_bytes(available_bytes);
     Some(format!(
-        "{name}: baking takes about {needed} and this machine has {available} left: it may be slow or be ended by the system; use larger voxels or \
-         fewer layers, or --max-memory to refuse"
+        "{name}: baking takes about {needed} and this machine has {available} left: it may be slow \
+            or be ended by the system; use larger voxels or fewer layers, or --max-memory to \
+            refuse"
     ))
 }
 
@@ -117,18 +137,31 @@ mod tests {
     use vps::voxmap::memory_limit::{FREE_BYTES, MemoryLimit};
 
     #[test]
-    fn a_scene_that_the_machine_has_no_room_for_is_refused_before_it_is_baked_and_not_taken_from_the_cache() {
+    fn a_scene_that_the_machine_has_no_room_for_is_refused_before_it_is_baked_and_not_taken_from_the_cache()
+     {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let path = folder.path().join("scene.toml");
         let shape = "shape = { box_mm = [20.0, 20.0, 20.0] }\nvoxel_size_mm = 0.5\n";
-        std::fs::write(&path, format!("version = 1\n[[static]]\nname = \"base\"\n{shape}[tool]\n{shape}")).expect("written");
+        std::fs::write(
+            &path,
+            format!("version = 1\n[[static]]\nname = \"base\"\n{shape}[tool]\n{shape}"),
+        )
+        .expect("written");
         let config = crate::config::load(&path).unwrap_or_else(|errors| panic!("{errors}"));
-        let output = OutputOptions { verbose: 0, quiet: true, color: When::Never, log_format: LogFormat::Text };
+        let output = OutputOptions {
+            verbose: 0,
+            quiet: true,
+            color: When::Never,
+            log_format: LogFormat::Text,
+        };
         let build = |left: fn() -> Option<u64>, max_bytes: Option<u64>| {
             let progress = BakeProgress::new(output);
             let mut cache = Cache::at(folder.path().join("cache"), CachePolicy::Copy);
             let args = MemoryArgs { max_bytes };
-            let mut means = BakeOptions { cache: &mut cache, memory: args.plan_within(left, &progress, output) };
+            let mut means = BakeOptions {
+                cache: &mut cache,
+                memory: args.plan_within(left, &progress, output),
+            };
             let mut n_baked = 0;
             let built = scene::build_with(&config, &mut means, |event| {
                 n_baked += usize::from(event.stage == vps::voxmap::BakeStage::Surface)
@@ -140,11 +173,15 @@ mod tests {
             let error = built.expect_err("a mebibyte is not enough");
             let is_memory = matches!(
                 &error,
-                SceneError::Part(PartError::Grid { source: GridError::Memory { limit: MemoryLimit::Left(_), .. }, .. })
+                SceneError::Part(PartError::Grid {
+                    source: GridError::Memory { limit: MemoryLimit::Left(_), .. },
+                    ..
+                })
             );
             assert!(is_memory && n_baked == 0, "{error}, {n_baked} baked");
             assert!(
-                error.to_string().contains("are left") && error.hint().is_some_and(|hint| hint.contains("end programs")),
+                error.to_string().contains("are left")
+                    && error.hint().is_some_and(|hint| hint.contains("end programs")),
                 "{error}"
             );
         };
@@ -152,7 +189,10 @@ mod tests {
         refused(build(scarce, Some(1 << 40)));
         assert!(matches!(
             build(|| Some(1 << 40), Some(1000)).0,
-            Err(SceneError::Part(PartError::Grid { source: GridError::Memory { limit: MemoryLimit::Given(1000), .. }, .. }))
+            Err(SceneError::Part(PartError::Grid {
+                source: GridError::Memory { limit: MemoryLimit::Given(1000), .. },
+                ..
+            }))
         ));
         assert!(build(memory::available_bytes, None).0.is_ok());
         // What the cache has by now takes room as well.

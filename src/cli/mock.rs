@@ -1,4 +1,5 @@
-//! `hapticd mock`: the simulated arm as a process of its own, behind a real link, in the arm's own protocol.
+//! `hapticd mock`: the simulated arm as a process of its own, behind a real link, in the arm's own
+//! protocol.
 
 use core::sync::atomic::Ordering;
 use core::time::Duration;
@@ -41,7 +42,8 @@ pub(crate) struct Args {
     /// The arm's end of a USB gadget: /dev/ttyGS0 or /dev/hidg0.
     #[arg(long, value_name = "NODE", group = "link")]
     gadget: Option<PathBuf>,
-    /// A WebSocket server in the place of the Inverse service, for arms behind it; port 0 is any that is free.
+    /// A WebSocket server in the place of the Inverse service, for arms behind it; port 0 is any
+    /// that is free.
     #[arg(long, value_name = "ADDRESS", group = "link")]
     service: Option<SocketAddr>,
     /// Version that the service says it is: below 3.5 it takes forces as `values` only.
@@ -49,9 +51,10 @@ pub(crate) struct Args {
     service_version: String,
     #[command(flatten)]
     hand: HandArgs,
-    /// What goes wrong: drop=P%, stall, deaf, nan, garbage, unplug, slow=TIME, stuck, jump, truncate, lost-byte, repeat, reorder, sign-flip, saturate,
-    /// unhome, sleep, skip=COUNT or no-velocity, then @START[+LENGTH] since the host's first frame, such as unplug@2s+500ms; press=BUTTON holds a
-    /// button; may be repeated.
+    /// What goes wrong: drop=P%, stall, deaf, nan, garbage, unplug, slow=TIME, stuck, jump,
+    /// truncate, lost-byte, repeat, reorder, sign-flip, saturate, unhome, sleep, skip=COUNT or
+    /// no-velocity, then @START[+LENGTH] since the host's first frame, such as unplug@2s+500ms;
+    /// press=BUTTON holds a button; may be repeated.
     #[arg(long = "fault", value_name = "SPEC", value_parser = parse_fault)]
     faults: Vec<(String, FaultPlan)>,
     /// End after this time.
@@ -60,8 +63,9 @@ pub(crate) struct Args {
     /// End when the host has gone.
     #[arg(long)]
     once: bool,
-    /// Write what the motors do into this file while they do it, a line per change, ten a second without: t_ns (CLOCK_MONOTONIC), force_n, torque_nm, frames received,
-    /// late periods, faults that are there.
+    /// Write what the motors do into this file while they do it, a line per change, ten a second
+    /// without: t_ns (CLOCK_MONOTONIC), force_n, torque_nm, frames received, late periods, faults
+    /// that are there.
     #[arg(long, value_name = "FILE.csv")]
     trace: Option<PathBuf>,
     /// Print one JSON object at the end.
@@ -93,43 +97,75 @@ fn mock(args: &Args, output: OutputOptions) -> Result<(), Exit> {
         ProfileError::Invalid(errors) => report::config_errors(&errors, output),
         error => fail(Exit::Configuration, &error.to_string(), None),
     })?;
-    let carriage = if args.pty.is_some() { Carriage::Stream } else { gadget_carriage(args.gadget.as_deref()) };
-    if args.gadget.is_some() && args.faults.iter().any(|(_, plan)| plan.kind == fault::FaultKind::Unplug) {
+    let carriage =
+        if args.pty.is_some() { Carriage::Stream } else { gadget_carriage(args.gadget.as_deref()) };
+    if args.gadget.is_some()
+        && args.faults.iter().any(|(_, plan)| plan.kind == fault::FaultKind::Unplug)
+    {
         let hint = "write an empty line to the UDC file of the gadget, or use --pty or --uhid";
-        return Err(fail(Exit::Usage, "the plug of a gadget cannot be pulled from its own side", Some(hint)));
+        return Err(fail(
+            Exit::Usage,
+            "the plug of a gadget cannot be pulled from its own side",
+            Some(hint),
+        ));
     }
-    let settings =
-        MockSettings { hand: args.hand.hand(output)?, hand_delay: args.hand.delay(), faults: args.faults.clone(), seed: 0 };
+    let settings = MockSettings {
+        hand: args.hand.hand(output)?,
+        hand_delay: args.hand.delay(),
+        faults: args.faults.clone(),
+        seed: 0,
+    };
     let (parameters, protocol) = builder::parameters(&profile, settings);
     let is_served = matches!(protocol, Protocol::HaplyService(_));
     if is_served != args.service.is_some() {
         let (message, hint) = match is_served {
-            true => (format!("{} is behind the Inverse service", profile.name), "use --service 127.0.0.1:10001"),
-            false => (format!("{} is not behind the Inverse service", profile.name), "use --pty LINK, --uhid or --gadget NODE"),
+            true => (
+                format!("{} is behind the Inverse service", profile.name),
+                "use --service 127.0.0.1:10001",
+            ),
+            false => (
+                format!("{} is not behind the Inverse service", profile.name),
+                "use --pty LINK, --uhid or --gadget NODE",
+            ),
         };
         return Err(fail(Exit::Usage, &message, Some(hint)));
     }
     if !protocol.carriages().contains(&carriage) {
         let (message, hint) = match carriage {
-            Carriage::Stream => (format!("{} speaks HID reports", profile.name), "use --uhid, or --gadget /dev/hidg0"),
-            Carriage::Reports => (format!("{} speaks over a serial port", profile.name), "use --pty LINK, or --gadget /dev/ttyGS0"),
+            Carriage::Stream => (
+                format!("{} speaks HID reports", profile.name),
+                "use --uhid, or --gadget /dev/hidg0",
+            ),
+            Carriage::Reports => (
+                format!("{} speaks over a serial port", profile.name),
+                "use --pty LINK, or --gadget /dev/ttyGS0",
+            ),
         };
         return Err(fail(Exit::Usage, &message, Some(hint)));
     }
     let period_s = parameters.period_s;
     let firmware = match args.service {
-        Some(_) => service::firmware(&protocol, &args.service_version).map_err(|message| fail(Exit::Usage, message, None))?,
+        Some(_) => service::firmware(&protocol, &args.service_version)
+            .map_err(|message| fail(Exit::Usage, message, None))?,
         None => protocol.firmware(carriage),
     };
-    let mut arm = MockArm::new(parameters, firmware).map_err(|error| fail(Exit::Configuration, &error.to_string(), None))?;
+    let mut arm = MockArm::new(parameters, firmware)
+        .map_err(|error| fail(Exit::Configuration, &error.to_string(), None))?;
     let mut trace = match args.trace.as_deref().map(|path| (path, TraceFile::create(path))) {
-        Some((path, Err(error))) => return Err(fail(Exit::Usage, &format!("cannot write {}: {error}", path.display()), None)),
+        Some((path, Err(error))) => {
+            return Err(fail(
+                Exit::Usage,
+                &format!("cannot write {}: {error}", path.display()),
+                None,
+            ));
+        }
         Some((_, Ok(trace))) => Some(trace),
         None => None,
     };
-    let interrupted = signals::interrupted().map_err(|error| fail(Exit::Internal, &error.to_string(), None))?;
-    let (mut link, name) =
-        open(args, &profile, &protocol).map_err(|error| fail(Exit::Device, &error.to_string(), link_hint(args)))?;
+    let interrupted =
+        signals::interrupted().map_err(|error| fail(Exit::Internal, &error.to_string(), None))?;
+    let (mut link, name) = open(args, &profile, &protocol)
+        .map_err(|error| fail(Exit::Device, &error.to_string(), link_hint(args)))?;
 
     let ready = format!("ready {name}\n");
     if args.json {
@@ -138,12 +174,15 @@ fn mock(args: &Args, output: OutputOptions) -> Result<(), Exit> {
         output::result(format_args!("{ready}"));
         let _ = std::io::Write::flush(&mut std::io::stdout());
     }
-    // An arm keeps its time whatever else the machine does. Where that is not allowed, its late periods are counted.
+    // An arm keeps its time whatever else the machine does. Where that is not allowed, its late
+    // periods are counted.
     let cpu = schedule::allowed_cpus().first().copied().unwrap_or(0);
     schedule::enter_realtime(ThreadRequest { cpu, priority: ARM_PRIORITY });
     let serving = Serving { period_s, duration: args.duration, until_host_gone: args.once };
-    let ended = serve(&mut arm, &mut *link, serving, trace.as_mut(), || interrupted.load(Ordering::Relaxed))
-        .map_err(|error| fail(Exit::Device, &error.to_string(), None))?;
+    let ended = serve(&mut arm, &mut *link, serving, trace.as_mut(), || {
+        interrupted.load(Ordering::Relaxed)
+    })
+    .map_err(|error| fail(Exit::Device, &error.to_string(), None))?;
     // The node goes away before the output comes: its reader may check that.
     drop(link);
     if let (Some(path), Some(cause)) = (&args.trace, trace.as_ref().and_then(TraceFile::ended)) {
@@ -162,12 +201,19 @@ fn gadget_carriage(node: Option<&std::path::Path>) -> Carriage {
 
 fn link_hint(args: &Args) -> Option<&'static str> {
     if args.uhid {
-        return Some("sudo modprobe uhid, and run as root; scripts/hil-vm has one for machines whose kernel lacks it");
+        return Some(
+            "sudo modprobe uhid, and run as root; scripts/hil-vm has one for machines whose kernel \
+                lacks it",
+        );
     }
     args.gadget.is_some().then_some("make the gadget first: scripts/hil-vm shows how")
 }
 
-fn open(args: &Args, profile: &Profile, protocol: &Protocol) -> Result<(Box<dyn ArmLink>, String), LinkError> {
+fn open(
+    args: &Args,
+    profile: &Profile,
+    protocol: &Protocol,
+) -> Result<(Box<dyn ArmLink>, String), LinkError> {
     if let Some(link) = &args.pty {
         return Ok((Box::new(Pty::new(link)?), link.display().to_string()));
     }
@@ -184,10 +230,20 @@ fn open(args: &Args, profile: &Profile, protocol: &Protocol) -> Result<(Box<dyn 
     Ok((Box::new(Uhid::new(identity)?), name))
 }
 
-fn tell(report: &MockReport, profile: &Profile, protocol: &str, link: &str, ended: ServeEnd, as_json: bool, output: OutputOptions) {
+fn tell(
+    report: &MockReport,
+    profile: &Profile,
+    protocol: &str,
+    link: &str,
+    ended: ServeEnd,
+    as_json: bool,
+    output: OutputOptions,
+) {
     if as_json {
         let mut object = json!({ "profile": profile.name, "protocol": protocol, "link": link, "ended": ended.name() });
-        if let (Some(object), Ok(serde_json::Value::Object(felt))) = (object.as_object_mut(), serde_json::to_value(report)) {
+        if let (Some(object), Ok(serde_json::Value::Object(felt))) =
+            (object.as_object_mut(), serde_json::to_value(report))
+        {
             object.extend(felt);
         }
         output::result(format_args!("{object}\n"));
@@ -223,5 +279,10 @@ fn tell(report: &MockReport, profile: &Profile, protocol: &str, link: &str, ende
         ));
     }
     let pose = report.final_pose;
-    output::result(format_args!("grip at the end    {:.3} {:.3} {:.3} mm\n", pose.x_m * 1e3, pose.y_m * 1e3, pose.z_m * 1e3));
+    output::result(format_args!(
+        "grip at the end    {:.3} {:.3} {:.3} mm\n",
+        pose.x_m * 1e3,
+        pose.y_m * 1e3,
+        pose.z_m * 1e3
+    ));
 }

@@ -1,4 +1,5 @@
-//! The command line: one file for each command, and what several of them share. The only module that prints.
+//! The command line: one file for each command, and what several of them share. The only module
+//! that prints.
 
 mod bake;
 mod cache;
@@ -100,7 +101,8 @@ enum Command {
     Check(check::Args),
     /// Contact wrench at each given tool pose: no device, no time.
     Eval(eval::Args),
-    /// Run a recording again, through the scene that it brings along, and compare every bit of what comes out.
+    /// Run a recording again, through the scene that it brings along, and compare every bit of what
+    /// comes out.
     Replay(replay::Args),
     /// Make one page of a recording: force, depth, latency, faults.
     Report(lab_report::Args),
@@ -112,7 +114,8 @@ enum Command {
     DeviceNode(device_node::Args),
     /// List attached arms, with what stands in their way.
     Devices(devices::Args),
-    /// Examine this machine and its arms: rights, scheduling, 10 s of wake-ups, udev rules. Says what to type.
+    /// Examine this machine and its arms: rights, scheduling, 10 s of wake-ups, udev rules. Says
+    /// what to type.
     Doctor(doctor::Args),
     /// Print what a shell needs to complete the command line.
     #[command(hide = true)]
@@ -148,15 +151,23 @@ pub fn main() -> ExitCode {
         Command::Man(args) => man::main(&args, output),
     });
     let exit = dispatched.unwrap_or_else(|_| {
-        report::error("this is a bug of hapticd: please report it with the lines above and the command line", None, output);
+        report::error(
+            "this is a bug of hapticd: please report it with the lines above and the command line",
+            None,
+            output,
+        );
         Exit::Internal
     });
     report::finish(exit, output).into()
 }
 
-/// Words of other programs for what a command does here: commands that look like them are found by clap itself.
+/// Words of other programs for what a command does here: commands that look like them are found by
+/// clap itself.
 const SYNONYMS: [(&[&str], &str); 12] = [
-    (&["start", "play", "render", "simulate", "serve", "launch", "exec", "demo", "go"], "run SCENE"),
+    (
+        &["start", "play", "render", "simulate", "serve", "launch", "exec", "demo", "go"],
+        "run SCENE",
+    ),
     (&["record", "capture", "log"], "run SCENE --record FILE.mcap"),
     (&["view", "gui", "ui", "web", "show", "monitor"], "run SCENE --monitor"),
     (&["validate", "verify", "lint", "test", "info"], "check SCENE"),
@@ -172,9 +183,14 @@ const SYNONYMS: [(&[&str], &str); 12] = [
 
 /// What is said of a command line that is not one. `bench` was a command of version 0.1.0.
 fn refused(mut error: clap::Error) -> clap::Error {
-    let Some(ContextValue::String(word)) = error.get(ContextKind::InvalidSubcommand) else { return error };
+    let Some(ContextValue::String(word)) = error.get(ContextKind::InvalidSubcommand) else {
+        return error;
+    };
     if word != "bench" {
-        let command = SYNONYMS.iter().find(|(words, _)| words.contains(&word.as_str())).map(|(_, command)| command);
+        let command = SYNONYMS
+            .iter()
+            .find(|(words, _)| words.contains(&word.as_str()))
+            .map(|(_, command)| command);
         if let Some(command) = command {
             error.remove(ContextKind::SuggestedSubcommand);
             let tip = StyledStr::from(format!("the command for that is `hapticd {command}`"));
@@ -185,7 +201,8 @@ fn refused(mut error: clap::Error) -> clap::Error {
     let rest = std::env::args_os().skip_while(|word| word != "bench").skip(1);
     let words: Vec<String> = rest.map(|word| word.to_string_lossy().into_owned()).collect();
     let message = format!(
-        "`bench` is a program of its own now; in a checkout of the sources: cargo run --release -p bench -- {}",
+        "`bench` is a program of its own now; in a checkout of the sources: cargo run --release -p \
+            bench -- {}",
         words.join(" ")
     );
     Cli::command().error(ErrorKind::InvalidSubcommand, message)

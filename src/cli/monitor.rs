@@ -16,11 +16,13 @@ const TOKEN_VARIABLE: &str = "HAPTICD_TOKEN";
 /// Arguments of the monitor.
 #[derive(Debug, clap::Args)]
 pub(crate) struct MonitorArgs {
-    /// Serve the page and its API at this address, such as 127.0.0.1:7878, or "off" [default: as the scene says; off under --clock
-    /// virtual]. An address that is not of this machine alone needs a token.
+    /// Serve the page and its API at this address, such as 127.0.0.1:7878, or "off" [default: as
+    /// the scene says; off under --clock virtual]. An address that is not of this machine alone
+    /// needs a token.
     #[arg(long, value_name = "ADDR|off", value_parser = parse)]
     monitor: Option<Listen>,
-    /// File with the token that clients of the monitor have to know [default: that of HAPTICD_TOKEN, else of the scene].
+    /// File with the token that clients of the monitor have to know [default: that of
+    /// HAPTICD_TOKEN, else of the scene].
     #[arg(long, value_name = "FILE")]
     monitor_token: Option<PathBuf>,
 }
@@ -34,9 +36,14 @@ fn parse(text: &str) -> Result<Listen, String> {
 }
 
 impl MonitorArgs {
-    /// Takes the address, before anything takes long. `None`: no monitor. A default that cannot be had is a warning, what was asked for an
-    /// error.
-    pub(crate) fn open(&self, config: &SceneConfig, clock: ClockKind, output: OutputOptions) -> Result<Option<BoundMonitor>, Exit> {
+    /// Takes the address, before anything takes long. `None`: no monitor. A default that cannot be
+    /// had is a warning, what was asked for an error.
+    pub(crate) fn open(
+        &self,
+        config: &SceneConfig,
+        clock: ClockKind,
+        output: OutputOptions,
+    ) -> Result<Option<BoundMonitor>, Exit> {
         let listen = match (self.monitor, clock) {
             (Some(Listen(listen)), _) => listen,
             (None, ClockKind::Virtual) => None,
@@ -46,7 +53,11 @@ impl MonitorArgs {
         let Some(address) = listen else {
             if needed {
                 let hint = "give --monitor 127.0.0.1:7878, or leave out `safety.heartbeat_ms`";
-                report::error("the scene wants a client with a heartbeat, and the monitor is off", Some(hint), output);
+                report::error(
+                    "the scene wants a client with a heartbeat, and the monitor is off",
+                    Some(hint),
+                    output,
+                );
                 return Err(Exit::Usage);
             }
             return Ok(None);
@@ -57,9 +68,12 @@ impl MonitorArgs {
             Exit::Usage
         })?;
         if !Access::is_safe(address, token.as_ref()) {
-            let hint = "give --monitor-token FILE, or set HAPTICD_TOKEN: any machine that reaches this address could drive the arm";
+            let hint = "give --monitor-token FILE, or set HAPTICD_TOKEN: any machine that reaches \
+                this address could drive the arm";
             report::error(
-                &format!("the monitor at {address} can be reached from other machines, and has no token"),
+                &format!(
+                    "the monitor at {address} can be reached from other machines, and has no token"
+                ),
                 Some(hint),
                 output,
             );
@@ -71,12 +85,23 @@ impl MonitorArgs {
                 Ok(Some(bound))
             }
             Err(error) if self.monitor.is_none() && !needed => {
-                report::warning(&format!("no monitor: cannot listen at {address}: {error} (--monitor ADDR takes another)"), output);
+                report::warning(
+                    &format!(
+                        "no monitor: cannot listen at {address}: {error} (--monitor ADDR takes \
+                            another)"
+                    ),
+                    output,
+                );
                 Ok(None)
             }
             Err(error) => {
-                let hint = "give another one with --monitor, such as 127.0.0.1:0 for any port that is free";
-                report::error(&format!("the monitor cannot listen at {address}: {error}"), Some(hint), output);
+                let hint = "give another one with --monitor, such as 127.0.0.1:0 for any port that \
+                    is free";
+                report::error(
+                    &format!("the monitor cannot listen at {address}: {error}"),
+                    Some(hint),
+                    output,
+                );
                 Err(Exit::Usage)
             }
         }

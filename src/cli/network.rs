@@ -32,8 +32,12 @@ impl NetworkArgs {
 /// The exit code of a network that fails.
 pub(crate) fn exit_of(error: &NetworkError) -> Exit {
     match error {
-        NetworkError::Endpoint { .. } | NetworkError::Name { .. } | NetworkError::NotBuilt => Exit::Usage,
+        NetworkError::Endpoint { .. } | NetworkError::Name { .. } | NetworkError::NotBuilt => {
+            Exit::Usage
+        }
         NetworkError::ConfigFile { .. } => Exit::Configuration,
-        NetworkError::Open { .. } | NetworkError::Link { .. } | NetworkError::NoNode { .. } => Exit::Device,
+        NetworkError::Open { .. } | NetworkError::Link { .. } | NetworkError::NoNode { .. } => {
+            Exit::Device
+        }
     }
 }

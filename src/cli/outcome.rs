@@ -32,11 +32,19 @@ pub(super) struct RunExtras<'a> {
 
 /// What a node does when no command arrives.
 pub(super) fn lets_go_text(LinkReport { hold_ms, fade_ms, .. }: &LinkReport) -> String {
-    format!("lets go {} ms after the last command ({hold_ms} held, {fade_ms} fading)", hold_ms + fade_ms)
+    format!(
+        "lets go {} ms after the last command ({hold_ms} held, {fade_ms} fading)",
+        hold_ms + fade_ms
+    )
 }
 
 /// What goes to stdout.
-pub(super) fn result_text(totals: &Totals, start_s: StartTimes, more: &RunExtras<'_>, json: bool) -> String {
+pub(super) fn result_text(
+    totals: &Totals,
+    start_s: StartTimes,
+    more: &RunExtras<'_>,
+    json: bool,
+) -> String {
     let RunExtras { swaps, recording, sculpt, drawn, link } = *more;
     if json {
         #[derive(Serialize)]
@@ -55,7 +63,15 @@ pub(super) fn result_text(totals: &Totals, start_s: StartTimes, more: &RunExtras
             #[serde(skip_serializing_if = "Option::is_none")]
             link: Option<LinkReport>,
         }
-        return match serde_json::to_string(&RunReport { totals, start_s, swaps, recording, sculpt, drawn, link }) {
+        return match serde_json::to_string(&RunReport {
+            totals,
+            start_s,
+            swaps,
+            recording,
+            sculpt,
+            drawn,
+            link,
+        }) {
             Ok(mut text) => {
                 text.push('\n');
                 text
@@ -69,14 +85,31 @@ pub(super) fn result_text(totals: &Totals, start_s: StartTimes, more: &RunExtras
         // Writing to a string cannot fail.
         let _ = writeln!(text, "{name:<18} {value}");
     };
-    row("ticks", format_args!("{} in {:.3} s at {} Hz ({} clock)", totals.ticks, totals.duration_s, totals.rate_hz, totals.clock));
-    row("start", format_args!("baked after {:.3} s, first tick after {:.3} s", start_s.baked, start_s.first_tick));
+    row(
+        "ticks",
+        format_args!(
+            "{} in {:.3} s at {} Hz ({} clock)",
+            totals.ticks, totals.duration_s, totals.rate_hz, totals.clock
+        ),
+    );
+    row(
+        "start",
+        format_args!(
+            "baked after {:.3} s, first tick after {:.3} s",
+            start_s.baked, start_s.first_tick
+        ),
+    );
     for swap in swaps {
         row("swap", format_args!("{swap}"));
     }
     if let Some(RecordingSummary { file, records, dropped, error }) = recording {
-        let lost = if *dropped > 0 { format!(", {dropped} that the disk was too slow for are missing") } else { String::new() };
-        let early = error.as_ref().map_or_else(String::new, |error| format!(", ended early: {error}"));
+        let lost = if *dropped > 0 {
+            format!(", {dropped} that the disk was too slow for are missing")
+        } else {
+            String::new()
+        };
+        let early =
+            error.as_ref().map_or_else(String::new, |error| format!(", ended early: {error}"));
         row("recording", format_args!("{}: {records} ticks{lost}{early}", file.display()));
     }
     for (name, text) in sculpt.map(SculptSummary::rows).into_iter().flatten() {
@@ -89,17 +122,25 @@ pub(super) fn result_text(totals: &Totals, start_s: StartTimes, more: &RunExtras
         row(
             "link",
             format_args!(
-                "{there_ms:.2} ms there, {back_ms:.2} ms back at most; {lost_packets} packets lost, {old_packets} too late; {}",
+                "{there_ms:.2} ms there, {back_ms:.2} ms back at most; {lost_packets} packets \
+                    lost, {old_packets} too late; {}",
                 lets_go_text(&report)
             ),
         );
     }
     row("missed deadlines", format_args!("{}", totals.missed_deadlines));
-    for (name, latency) in [("wake-up", totals.wakeup_us), ("compute", totals.compute_us), ("device", totals.device_us)] {
+    for (name, latency) in [
+        ("wake-up", totals.wakeup_us),
+        ("compute", totals.compute_us),
+        ("device", totals.device_us),
+    ] {
         let LatencySummary { p50, p99, p999, max } = latency;
         row(name, format_args!("p50 {p50:.1}  p99 {p99:.1}  p99.9 {p999:.1}  max {max:.1} µs"));
     }
-    row("largest command", format_args!("{:.3} N, {:.4} N·m", totals.max_force_n, totals.max_torque_nm));
+    row(
+        "largest command",
+        format_args!("{:.3} N, {:.4} N·m", totals.max_force_n, totals.max_torque_nm),
+    );
     let rendered = totals.rendered;
     if rendered.max_dropped_torque_nm > 0.0
         || rendered.max_dropped_force_n > 0.0
@@ -110,24 +151,47 @@ pub(super) fn result_text(totals: &Totals, start_s: StartTimes, more: &RunExtras
             "largest rendered",
             format_args!(
                 "{:.3} N, {:.4} N·m; of it {:.3} N, {:.4} N·m beside the command",
-                rendered.max_force_n, rendered.max_torque_nm, rendered.max_beside_force_n, rendered.max_beside_torque_nm
+                rendered.max_force_n,
+                rendered.max_torque_nm,
+                rendered.max_beside_force_n,
+                rendered.max_beside_torque_nm
             ),
         );
         row(
             "not rendered",
             format_args!(
-                "up to {:.3} N and {:.4} N·m without a motor; {} ticks weakened by the limits of the motors, {} not sent in time",
-                rendered.max_dropped_force_n, rendered.max_dropped_torque_nm, rendered.weakened_ticks, rendered.unsent_ticks
+                "up to {:.3} N and {:.4} N·m without a motor; {} ticks weakened by the limits of \
+                    the motors, {} not sent in time",
+                rendered.max_dropped_force_n,
+                rendered.max_dropped_torque_nm,
+                rendered.weakened_ticks,
+                rendered.unsent_ticks
             ),
         );
     }
     if let Some(points) = totals.contact_budget_points {
-        row("contact budget", format_args!("{points} points a tick, at most {} left out", totals.points_left_out));
+        row(
+            "contact budget",
+            format_args!("{points} points a tick, at most {} left out", totals.points_left_out),
+        );
     }
-    row("contact", format_args!("{} ticks, deepest {:.4} mm", totals.contact_ticks, totals.max_depth_m * 1e3));
-    row("passivity", format_args!("damped {} ticks, lowest energy {:.4} mJ", totals.passivity_ticks, totals.lowest_energy_j * 1e3));
+    row(
+        "contact",
+        format_args!("{} ticks, deepest {:.4} mm", totals.contact_ticks, totals.max_depth_m * 1e3),
+    );
+    row(
+        "passivity",
+        format_args!(
+            "damped {} ticks, lowest energy {:.4} mJ",
+            totals.passivity_ticks,
+            totals.lowest_energy_j * 1e3
+        ),
+    );
     if totals.object_work_j > 0.0 {
-        row("moving objects", format_args!("put up to {:.4} mJ into the hand", totals.object_work_j * 1e3));
+        row(
+            "moving objects",
+            format_args!("put up to {:.4} mJ into the hand", totals.object_work_j * 1e3),
+        );
     }
     let pose = totals.final_pose;
     row(
@@ -141,12 +205,22 @@ pub(super) fn result_text(totals: &Totals, start_s: StartTimes, more: &RunExtras
         row("stale samples", format_args!("{}", totals.stale_samples));
     }
     if totals.corrupt_packets > 0 || totals.lost_packets > 0 {
-        row("packets", format_args!("{} corrupt, {} lost on the way", totals.corrupt_packets, totals.lost_packets));
+        row(
+            "packets",
+            format_args!(
+                "{} corrupt, {} lost on the way",
+                totals.corrupt_packets, totals.lost_packets
+            ),
+        );
     }
     if totals.dropped_records > 0 {
-        row("dropped records", format_args!("{}: the extremes above do not know of them", totals.dropped_records));
+        row(
+            "dropped records",
+            format_args!("{}: the extremes above do not know of them", totals.dropped_records),
+        );
     }
-    let faults = if totals.faults.is_empty() { "none".to_owned() } else { totals.faults.join(", ") };
+    let faults =
+        if totals.faults.is_empty() { "none".to_owned() } else { totals.faults.join(", ") };
     row("faults", format_args!("{faults}"));
     text
 }

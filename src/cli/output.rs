@@ -1,13 +1,16 @@
 //! All output of the program: results on stdout, messages on stderr.
 //!
-//! `println!` panics when the reader is gone (`hapticd check … | head`) or the disk is full. While an arm is being rendered a panic of the
-//! talking thread would leave the loop alone, so nothing here panics: a lost message is lost, a lost result becomes the exit code.
+//! `println!` panics when the reader is gone (`hapticd check … | head`) or the disk is full. While
+//! an arm is being rendered a panic of the talking thread would leave the loop alone, so nothing
+//! here panics: a lost message is lost, a lost result becomes the exit code.
 //!
-//! Messages are text for people, or with `--log-format json` one JSON object per line for programs: `time` (UTC), `level`, `event`, `message` (the
-//! text without decoration), and the fields of that event.
+//! Messages are text for people, or with `--log-format json` one JSON object per line for programs:
+//! `time` (UTC), `level`, `event`, `message` (the text without decoration), and the fields of that
+//! event.
 //!
-//! While force may flow no thread waits for a reader: from [`detach`] to [`attach`] a thread of its own writes, behind a queue that drops the oldest
-//! lines and says how many. A terminal that is stopped, or a program that reads no more, costs words and nothing else.
+//! While force may flow no thread waits for a reader: from [`detach`] to [`attach`] a thread of its
+//! own writes, behind a queue that drops the oldest lines and says how many. A terminal that is
+//! stopped, or a program that reads no more, costs words and nothing else.
 
 use std::backtrace::{Backtrace, BacktraceStatus};
 use std::fmt;
@@ -70,17 +73,20 @@ impl Level {
 /// Names and values that go with an event.
 pub(crate) type Fields<'a> = &'a [(&'a str, Value)];
 
-/// Decides what messages look like from here on. A panic, too, uses the chosen format, and waits for no reader.
+/// Decides what messages look like from here on. A panic, too, uses the chosen format, and waits
+/// for no reader.
 pub(crate) fn use_format(format: LogFormat) {
     IS_JSON.store(format == LogFormat::Json, Ordering::Relaxed);
     std::panic::set_hook(Box::new(panicked));
 }
 
-/// Reports a panic, before the stack of its thread is unwound and an arm gets its zero: it must not block.
+/// Reports a panic, before the stack of its thread is unwound and an arm gets its zero: it must not
+/// block.
 fn panicked(info: &PanicHookInfo<'_>) {
     let thread = std::thread::current();
     let mut text = format!("thread '{}' {info}", thread.name().unwrap_or("unnamed"));
-    // A trace is looked up in the file of the program, which takes long: not while an arm waits for its zero.
+    // A trace is looked up in the file of the program, which takes long: not while an arm waits for
+    // its zero.
     let has_arm = matches!(thread.name(), Some("servo" | "device-node"));
     let trace = if has_arm { Backtrace::disabled() } else { Backtrace::capture() };
     if trace.status() == BacktraceStatus::Captured {
@@ -114,9 +120,16 @@ static IS_DETACHED: AtomicBool = AtomicBool::new(false);
 /// The thread that writes cannot be started.
 pub(crate) fn detach() -> io::Result<()> {
     if QUEUE.get().is_none() {
-        let thread = std::thread::Builder::new().name("output".to_owned()).spawn(|| write_queued(QUEUE.wait()))?;
+        let thread = std::thread::Builder::new()
+            .name("output".to_owned())
+            .spawn(|| write_queued(QUEUE.wait()))?;
         let lines = ArrayQueue::new(QUEUED_LINES);
-        let queue = Queue { lines, lost: AtomicU64::new(0), waiting: AtomicU64::new(0), writer: thread.thread().clone() };
+        let queue = Queue {
+            lines,
+            lost: AtomicU64::new(0),
+            waiting: AtomicU64::new(0),
+            writer: thread.thread().clone(),
+        };
         // Only this thread sets it.
         let _ = QUEUE.set(queue);
     }
@@ -124,7 +137,8 @@ pub(crate) fn detach() -> io::Result<()> {
     Ok(())
 }
 
-/// From now on each thread writes its own messages, behind what is still queued; a reader that takes nothing for a second gets none of it.
+/// From now on each thread writes its own messages, behind what is still queued; a reader that
+/// takes nothing for a second gets none of it.
 pub(crate) fn attach() {
     let Some(queue) = QUEUE.get().filter(|_| IS_DETACHED.load(Ordering::Relaxed)) else { return };
     let begin = Instant::now();
@@ -154,7 +168,12 @@ fn write_queued(queue: &Queue) {
         while let Some(text) = queue.lines.pop() {
             let lost = queue.lost.swap(0, Ordering::Relaxed);
             if lost > 0 {
-                write_now(&line_of(Level::Warning, "lost-output", &format!("{lost} lines were lost: stderr was not read"), &[]));
+                write_now(&line_of(
+                    Level::Warning,
+                    "lost-output",
+                    &format!("{lost} lines were lost: stderr was not read"),
+                    &[],
+                ));
             }
             write_now(&text);
             queue.waiting.fetch_sub(1, Ordering::Release);
@@ -168,11 +187,16 @@ pub(crate) fn is_json() -> bool {
     IS_JSON.load(Ordering::Relaxed)
 }
 
-/// The name of a file as a shell takes it for one word, for commands that a message tells the user to type.
+/// The name of a file as a shell takes it for one word, for commands that a message tells the user
+/// to type.
 pub(crate) fn quoted(file: &Path) -> String {
     let name = file.to_string_lossy();
     let is_plain = |c: char| c.is_alphanumeric() || "/._-+:@%,".contains(c);
-    if name.chars().all(is_plain) { name.into_owned() } else { format!("'{}'", name.replace('\'', "'\\''")) }
+    if name.chars().all(is_plain) {
+        name.into_owned()
+    } else {
+        format!("'{}'", name.replace('\'', "'\\''"))
+    }
 }
 
 /// Writes a result to stdout.
@@ -185,7 +209,10 @@ pub(crate) fn result(text: fmt::Arguments<'_>) {
 /// Writes messages to stderr at once: text as it is, or its lines as events without fields.
 pub(crate) fn message(text: fmt::Arguments<'_>) {
     if is_json() {
-        text.to_string().lines().filter(|line| !line.trim().is_empty()).for_each(|line| event(Level::Info, "message", line, &[]));
+        text.to_string()
+            .lines()
+            .filter(|line| !line.trim().is_empty())
+            .for_each(|line| event(Level::Info, "message", line, &[]));
     } else {
         write(text.to_string());
     }
@@ -213,7 +240,8 @@ fn write(text: String) {
 }
 
 fn write_now(text: &str) {
-    // One write, so that lines of other processes do not cut in. If it fails, there is no other output to report it on.
+    // One write, so that lines of other processes do not cut in. If it fails, there is no other
+    // output to report it on.
     let _ = io::stderr().write_all(text.as_bytes());
 }
 
@@ -240,7 +268,8 @@ impl Serialize for Line<'_> {
     }
 }
 
-/// Why a result could not be delivered, once all is said. A reader that has seen enough is no reason.
+/// Why a result could not be delivered, once all is said. A reader that has seen enough is no
+/// reason.
 pub(crate) fn lost_result() -> Option<&'static io::Error> {
     if let Err(error) = io::stdout().flush() {
         let _ = LOST_RESULT.set(error);
@@ -255,7 +284,13 @@ mod tests {
     #[test]
     fn a_line_is_one_object_with_its_keys_in_order() {
         let fields = [("tick", Value::from(12)), ("fault", Value::from("stale"))];
-        let line = Line { time: "t", level: Level::Error, name: "fault", text: "two\nlines \"quoted\"", fields: &fields };
+        let line = Line {
+            time: "t",
+            level: Level::Error,
+            name: "fault",
+            text: "two\nlines \"quoted\"",
+            fields: &fields,
+        };
         let text = serde_json::to_string(&line).expect("plain data");
         assert_eq!(
             text,

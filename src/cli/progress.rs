@@ -35,7 +35,12 @@ impl BakeProgress {
             BakeStage::Distance => "distances",
             BakeStage::Pointshell => "pointshell",
         };
-        bar.set_message(format!("{} ({} of {}): {stage}", event.name, event.object_idx + 1, event.n_objects));
+        bar.set_message(format!(
+            "{} ({} of {}): {stage}",
+            event.name,
+            event.object_idx + 1,
+            event.n_objects
+        ));
     }
 
     /// Lets someone else write to stderr.

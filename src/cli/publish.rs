@@ -32,15 +32,16 @@ const LEAST_HZ: f64 = 1.0;
 const MOST_HZ: f64 = 1000.0;
 
 /// What a run does instead of sharing a world.
-const NO_WORLD: &str =
-    "leave it out; a client of each run's monitor can send the same pose to all of them: PUT /api/v1/objects/OBJECT/pose";
+const NO_WORLD: &str = "leave it out; a client of each run's monitor can send the same pose to all \
+    of them: PUT /api/v1/objects/OBJECT/pose";
 
 /// Arguments of what is published.
 #[derive(Debug, clap::Args)]
 pub(crate) struct PublishArgs {
-    /// Publish the run: topics of ROS 2 (rmw_zenoh) under this namespace, and hapticd/NAMESPACE/state for other viewers; the hand of a simulated
-    /// arm takes poses from tool/servo_cp and hapticd/NAMESPACE/hand. Without --listen and
-    /// --connect those of this machine find it at udp/127.0.0.1:7447.
+    /// Publish the run: topics of ROS 2 (rmw_zenoh) under this namespace, and
+    /// hapticd/NAMESPACE/state for other viewers; the hand of a simulated arm takes poses from
+    /// tool/servo_cp and hapticd/NAMESPACE/hand. Without --listen and --connect those of this
+    /// machine find it at udp/127.0.0.1:7447.
     #[arg(long, help_heading = HEADING, value_name = "NAMESPACE", num_args = 0..=1, default_missing_value = "hapticd")]
     publish: Option<Namespace>,
     /// Domain of the topics [default: that of ROS_DOMAIN_ID, else 0].
@@ -74,7 +75,8 @@ impl PublishArgs {
         given.into_iter().find_map(|(flag, values)| values.is_some().then_some(flag))
     }
 
-    /// Opens a session and announces the topics, before anything takes long. `None`: nothing was asked for.
+    /// Opens a session and announces the topics, before anything takes long. `None`: nothing was
+    /// asked for.
     pub(crate) fn open(
         &self,
         endpoints: Endpoints,
@@ -86,7 +88,10 @@ impl PublishArgs {
             Err(Exit::Usage)
         };
         if let Some(flag) = self.removed() {
-            return refuse(&format!("{flag}: runs do not share a world of objects any more"), NO_WORLD);
+            return refuse(
+                &format!("{flag}: runs do not share a world of objects any more"),
+                NO_WORLD,
+            );
         }
         let Some(namespace) = &self.publish else {
             return match self.publish_hz {
@@ -118,9 +123,10 @@ impl PublishArgs {
                 report::line(&format!("publishing: /{namespace} in domain {domain}"), output);
                 Ok(Some(opened))
             }
-            Err(problem) => {
-                refuse(&problem.to_string(), "docs/how-to/ros2.md says how endpoints are written and which side has to listen")
-            }
+            Err(problem) => refuse(
+                &problem.to_string(),
+                "docs/how-to/ros2.md says how endpoints are written and which side has to listen",
+            ),
         }
     }
 
@@ -148,7 +154,8 @@ impl OpenedPublisher {
         link::publish::OpenedPublisher::open(plan).map(Self)
     }
 
-    /// Begins to send what the hub shows, and moves the hand of a simulated arm. What is refused is told once, until something else is.
+    /// Begins to send what the hub shows, and moves the hand of a simulated arm. What is refused is
+    /// told once, until something else is.
     pub(crate) fn serve(
         self,
         hub: &Arc<Hub>,
@@ -158,11 +165,18 @@ impl OpenedPublisher {
         let (mut observer, subscriber) = Observer::new(hub.clone());
         let look = move |seq| {
             let seen = observer.look()?;
-            Some(RunState { record: *seen.record(), text: seen.text(seq), binary: seen.binary(seq) })
+            Some(RunState {
+                record: *seen.record(),
+                text: seen.text(seq),
+                binary: seen.binary(seq),
+            })
         };
-        let (session, told) = (session.clone(), Mutex::new(String::new()));
+        let session = session.clone();
+        let told = Mutex::new(String::new());
         let take_pose = move |pose: Result<Pose, String>| {
-            let moved = pose.and_then(|pose| session.hand(HandOrder::MoveTo(pose)).map_err(|refusal| format!("hand: {refusal}")));
+            let moved = pose.and_then(|pose| {
+                session.hand(HandOrder::MoveTo(pose)).map_err(|refusal| format!("hand: {refusal}"))
+            });
             let mut told = told.lock().unwrap_or_else(PoisonError::into_inner);
             if let Err(refusal) = moved
                 && *told != refusal
@@ -189,7 +203,12 @@ impl OpenedPublisher {
         Err(link::network::NetworkError::NotBuilt.into())
     }
 
-    pub(crate) fn serve(self, _: &Arc<Hub>, _: &SessionHandle, _: OutputOptions) -> std::io::Result<(Sender, Subscriber)> {
+    pub(crate) fn serve(
+        self,
+        _: &Arc<Hub>,
+        _: &SessionHandle,
+        _: OutputOptions,
+    ) -> std::io::Result<(Sender, Subscriber)> {
         match self {}
     }
 }
@@ -207,12 +226,14 @@ mod tests {
     }
 
     fn args(line: &str) -> Result<PublishArgs, clap::Error> {
-        Command::try_parse_from(["run"].into_iter().chain(line.split_whitespace())).map(|command| command.args)
+        Command::try_parse_from(["run"].into_iter().chain(line.split_whitespace()))
+            .map(|command| command.args)
     }
 
     #[test]
     fn names_and_rates_are_checked_where_they_are_written() {
-        let publish = |line: &str| args(line).expect(line).publish.map(|namespace| namespace.to_string());
+        let publish =
+            |line: &str| args(line).expect(line).publish.map(|namespace| namespace.to_string());
         assert_eq!(
             (publish(""), publish("--publish"), publish("--publish /left/arm")),
             (None, Some("hapticd".to_owned()), Some("left/arm".to_owned()))

@@ -11,7 +11,10 @@ use crate::error::Exit;
 use crate::monitor::{self, MadeRecording, RecorderError, RecorderStatus};
 use crate::servo::LoopReport;
 use recording::RecordSubscribers;
-use recording::file::{FailureHandler, FaultFile, FaultFiles, Recorder, RecorderHandle, RecordingError, RecordingSummary, now};
+use recording::file::{
+    FailureHandler, FaultFile, FaultFiles, Recorder, RecorderHandle, RecordingError,
+    RecordingSummary, now,
+};
 use rt::clock::ClockKind;
 use rt::preflight::PreflightReport;
 use vps::storage::printable::shown;
@@ -19,12 +22,13 @@ use vps::storage::printable::shown;
 /// Arguments that leave recordings behind.
 #[derive(Debug, clap::Args)]
 pub(crate) struct RecordingArgs {
-    /// Record every tick into an MCAP file: `hapticd replay` runs it again, `hapticd report` makes a page of it, Foxglove opens it,
-    /// and `python -m hapticd.rerun` makes a file for Rerun of it.
+    /// Record every tick into an MCAP file: `hapticd replay` runs it again, `hapticd report` makes
+    /// a page of it, Foxglove opens it, and `python -m hapticd.rerun` makes a file for Rerun of it.
     #[arg(long, value_name = "FILE.mcap")]
     record: Option<PathBuf>,
-    /// Folder for a recording of the ticks around each fault, or `off` [default: $XDG_STATE_HOME/hapticd/faults, or
-    /// ~/.local/state/hapticd/faults; under --clock virtual: off].
+    /// Folder for a recording of the ticks around each fault, or `off` [default:
+    /// $XDG_STATE_HOME/hapticd/faults, or ~/.local/state/hapticd/faults; under --clock virtual:
+    /// off].
     #[arg(long, value_name = "DIR|off")]
     flight: Option<PathBuf>,
 }
@@ -35,7 +39,8 @@ impl RecordingArgs {
         self.record.as_deref()
     }
 
-    /// Creates the file of --record, so that a folder that cannot be written to is an error before anything is baked, and watches for faults.
+    /// Creates the file of --record, so that a folder that cannot be written to is an error before
+    /// anything is baked, and watches for faults.
     pub(crate) fn begin(
         &self,
         config: &SceneConfig,
@@ -53,7 +58,9 @@ impl RecordingArgs {
         let refused = |error: RecordingError| {
             let hint = match &error {
                 RecordingError::Exists(_) => Some("name another file, or give --overwrite"),
-                RecordingError::Create { .. } => Some("--record takes a file in a folder that can be written to"),
+                RecordingError::Create { .. } => {
+                    Some("--record takes a file in a folder that can be written to")
+                }
                 _ => None,
             };
             report::error(&format!("--record: {error}"), hint, output);
@@ -63,11 +70,14 @@ impl RecordingArgs {
                 _ => Exit::Asset,
             }
         };
-        let recording = self.record.as_ref().map(|file| recorder.start(file, overwrite, failed(output)));
+        let recording =
+            self.record.as_ref().map(|file| recorder.start(file, overwrite, failed(output)));
         let recording = recording.transpose().map_err(refused)?;
         let fault_files = self.fault_folder(clock).map(|folder| {
             let told = move |file: &FaultFile| match &file.file {
-                Ok(path) if !output.quiet => output::message(format_args!("flight recorder: {}\n", shown(path))),
+                Ok(path) if !output.quiet => {
+                    output::message(format_args!("flight recorder: {}\n", shown(path)))
+                }
                 Ok(_) => {}
                 Err(error) => report::warning(&format!("flight recorder: {error}"), output),
             };
@@ -78,7 +88,8 @@ impl RecordingArgs {
         Ok(Recordings { recorder, session, fault_files })
     }
 
-    /// Where recordings of faults go; simulated time can be had again, so there they are written only if asked for.
+    /// Where recordings of faults go; simulated time can be had again, so there they are written
+    /// only if asked for.
     fn fault_folder(&self, clock: ClockKind) -> Option<PathBuf> {
         match &self.flight {
             Some(folder) if folder.as_os_str() == "off" => None,
@@ -91,8 +102,11 @@ impl RecordingArgs {
 
 /// As the XDG base directory specification has it: relative paths are ignored.
 pub(super) fn state_folder() -> Option<PathBuf> {
-    let folder = |variable| std::env::var_os(variable).map(PathBuf::from).filter(|path| path.is_absolute());
-    folder("XDG_STATE_HOME").or_else(|| Some(folder("HOME")?.join(".local/state"))).map(|state| state.join("hapticd"))
+    let folder =
+        |variable| std::env::var_os(variable).map(PathBuf::from).filter(|path| path.is_absolute());
+    folder("XDG_STATE_HOME")
+        .or_else(|| Some(folder("HOME")?.join(".local/state")))
+        .map(|state| state.join("hapticd"))
 }
 
 /// What is being recorded.
@@ -170,7 +184,9 @@ impl Recordings {
         }
         let _turn = self.session.turn();
         let recording = self.session.take();
-        recording.map(RecorderHandle::stop).or_else(|| self.session.now().ended.pop().map(|(_, last)| last))
+        recording
+            .map(RecorderHandle::stop)
+            .or_else(|| self.session.now().ended.pop().map(|(_, last)| last))
     }
 
     /// Instead of a first tick.
@@ -190,31 +206,44 @@ pub(crate) struct ClientRecordings {
 }
 
 impl monitor::RecordingControl for ClientRecordings {
-    /// Into a folder of our own, never over a file that is there: a client that may watch a run must not write to any place.
+    /// Into a folder of our own, never over a file that is there: a client that may watch a run
+    /// must not write to any place.
     fn start(&self, file: Option<&str>) -> Result<RecorderStatus, RecorderError> {
         let _turn = self.session.turn();
         if let Some(RecorderStatus { file, .. }) = self.status() {
-            return Err(RecorderError::State(format!("a recording is under way into {}", file.display())));
+            return Err(RecorderError::State(format!(
+                "a recording is under way into {}",
+                file.display()
+            )));
         }
         let refused = |message: String| RecorderError::File(message);
         let chosen = file.map_or_else(|| format!("session-{}", now()), str::to_owned);
-        let name = monitor::plain_name(&chosen, ".mcap")
-            .map_err(|accepted| refused(format!("a recording takes {accepted}, such as session.mcap")))?;
-        let folder = state_folder().ok_or_else(|| refused("neither XDG_STATE_HOME nor HOME names a folder".to_owned()))?;
-        let folder = folder.join("recordings");
-        fs::create_dir_all(&folder).map_err(|error| refused(format!("cannot create {}: {error}", folder.display())))?;
-        let file = folder.join(name);
-        let started = self.recorder.start(&file, false, failed(self.output)).map_err(|error| match error {
-            RecordingError::Exists(_) => RecorderError::State(error.to_string()),
-            error => refused(error.to_string()),
+        let name = monitor::plain_name(&chosen, ".mcap").map_err(|accepted| {
+            refused(format!("a recording takes {accepted}, such as session.mcap"))
         })?;
+        let folder = state_folder()
+            .ok_or_else(|| refused("neither XDG_STATE_HOME nor HOME names a folder".to_owned()))?;
+        let folder = folder.join("recordings");
+        fs::create_dir_all(&folder)
+            .map_err(|error| refused(format!("cannot create {}: {error}", folder.display())))?;
+        let file = folder.join(name);
+        let started =
+            self.recorder.start(&file, false, failed(self.output)).map_err(
+                |error| match error {
+                    RecordingError::Exists(_) => RecorderError::State(error.to_string()),
+                    error => refused(error.to_string()),
+                },
+            )?;
         self.session.now().begin(started);
         Ok(RecorderStatus { file, records: 0, dropped: 0 })
     }
 
     fn stop(&self) -> Result<RecorderStatus, RecorderError> {
         let _turn = self.session.turn();
-        let recording = self.session.take().ok_or_else(|| RecorderError::State("nothing is being recorded".to_owned()))?;
+        let recording = self
+            .session
+            .take()
+            .ok_or_else(|| RecorderError::State("nothing is being recorded".to_owned()))?;
         let summary = recording.stop();
         let status = status_of(summary.clone());
         self.session.now().end(summary);
@@ -229,13 +258,19 @@ impl monitor::RecordingControl for ClientRecordings {
     fn made(&self) -> Vec<MadeRecording> {
         let now = self.session.now();
         let ended = now.ended.iter().map(|(number, summary)| (*number, false, summary.clone()));
-        let under_way = now.recording.as_ref().map(|recording| (now.begun, true, recording.status()));
-        let made = |(number, is_under_way, summary)| MadeRecording { number, is_under_way, status: status_of(summary) };
+        let under_way =
+            now.recording.as_ref().map(|recording| (now.begun, true, recording.status()));
+        let made = |(number, is_under_way, summary)| MadeRecording {
+            number,
+            is_under_way,
+            status: status_of(summary),
+        };
         ended.chain(under_way).map(made).collect()
     }
 
     fn report(&self, file: &Path) -> Result<String, RecorderError> {
-        let page = lab_report::of_recording(file).map_err(|error| RecorderError::File(error.to_string()))?;
+        let page = lab_report::of_recording(file)
+            .map_err(|error| RecorderError::File(error.to_string()))?;
         match page.ticks() {
             0 => Err(RecorderError::File(format!("{} ends before its first tick", file.display()))),
             _ => Ok(page.page()),
@@ -248,13 +283,18 @@ fn status_of(RecordingSummary { file, records, dropped, .. }: RecordingSummary) 
 }
 
 fn failed(output: OutputOptions) -> FailureHandler {
-    Box::new(move |error| report::warning(&format!("recording ended early: {error}; the run goes on"), output))
+    Box::new(move |error| {
+        report::warning(&format!("recording ended early: {error}; the run goes on"), output)
+    })
 }
 
 /// What a C library chooses its mathematics by: another choice may round the last bit otherwise.
 fn processor() -> String {
     #[cfg(target_arch = "x86_64")]
-    let features = [("fma", std::is_x86_feature_detected!("fma")), ("avx2", std::is_x86_feature_detected!("avx2"))];
+    let features = [
+        ("fma", std::is_x86_feature_detected!("fma")),
+        ("avx2", std::is_x86_feature_detected!("avx2")),
+    ];
     #[cfg(not(target_arch = "x86_64"))]
     let features: [(&str, bool); 0] = [];
     let has = features.into_iter().filter(|(_, has)| *has).map(|(name, _)| name);
@@ -264,7 +304,10 @@ fn processor() -> String {
 /// What the machine offers, for readers of the recording.
 pub(crate) fn note_machine(recorder: &Recorder, machine: &PreflightReport) {
     for check in &machine.rows {
-        recorder.facts.note(&format!("machine.{}", check.name), format!("{}: {}", check.outcome.name(), check.found));
+        recorder.facts.note(
+            &format!("machine.{}", check.name),
+            format!("{}: {}", check.outcome.name(), check.found),
+        );
     }
 }
 
@@ -277,7 +320,8 @@ mod tests {
     use recording::file::SceneFiles;
     use recording::{TickRecord, drain};
 
-    const QUIET: OutputOptions = OutputOptions { verbose: 0, quiet: true, color: When::Never, log_format: LogFormat::Text };
+    const QUIET: OutputOptions =
+        OutputOptions { verbose: 0, quiet: true, color: When::Never, log_format: LogFormat::Text };
 
     #[test]
     fn how_a_recording_goes_is_known_while_a_disk_keeps_its_end_waiting() {
@@ -287,14 +331,20 @@ mod tests {
         // Opened by a reader that does not read: the pipe takes 64 KiB and no more.
         let reader = fs::OpenOptions::new().read(true).write(true).open(&path).expect("opened");
         let recorder = Recorder::new(RecordSubscribers::default(), false);
-        recorder.scenes.add(SceneFiles { toml: "# long\n".repeat(1 << 16), ..SceneFiles::default() });
+        recorder
+            .scenes
+            .add(SceneFiles { toml: "# long\n".repeat(1 << 16), ..SceneFiles::default() });
         let recording = recorder.start(&path, true, Box::new(|_| ())).expect("started");
         let (mut producer, records) = rtrb::RingBuffer::new(1);
         producer.push(TickRecord::default()).expect("room");
         drop(producer);
         drain(records, recorder.subscribers(), |_| ());
         let session = Arc::new(Session::of(Some(recording)));
-        let clients = || ClientRecordings { recorder: recorder.clone(), session: session.clone(), output: QUIET };
+        let clients = || ClientRecordings {
+            recorder: recorder.clone(),
+            session: session.clone(),
+            output: QUIET,
+        };
         assert_eq!(clients().status().map(|status| status.file), Some(path));
         let stopping = clients();
         let stopped = std::thread::spawn(move || stopping.stop());
@@ -304,8 +354,15 @@ mod tests {
         assert!(!stopped.is_finished(), "the caller waited for the disk");
         drop(reader);
         assert!(stopped.join().expect("no panic").is_ok());
-        assert!(session.now().ended.last().is_some_and(|(number, last)| *number == 1 && last.error.is_some()));
-        let made: Vec<_> = clients().made().into_iter().map(|made| (made.number, made.is_under_way)).collect();
+        assert!(
+            session
+                .now()
+                .ended
+                .last()
+                .is_some_and(|(number, last)| *number == 1 && last.error.is_some())
+        );
+        let made: Vec<_> =
+            clients().made().into_iter().map(|made| (made.number, made.is_under_way)).collect();
         assert_eq!(made, [(1, false)]);
     }
 }

@@ -26,19 +26,30 @@ pub(super) fn tell(news: &ReloadNotice, output: OutputOptions) {
             let (word, text) = outcome(done);
             service::reloaded(&text);
             let changes = match done {
-                Reloaded::Changed(changes) => {
-                    changes.iter().map(|FileChange { name, to, .. }| ((*name).to_owned(), Value::from(*to))).collect()
-                }
+                Reloaded::Changed(changes) => changes
+                    .iter()
+                    .map(|FileChange { name, to, .. }| ((*name).to_owned(), Value::from(*to)))
+                    .collect(),
                 Reloaded::Unchanged | Reloaded::Baked(_) => serde_json::Map::new(),
             };
-            line(Level::Info, &text, &[("outcome", word.into()), ("changes", Value::Object(changes))], output);
+            line(
+                Level::Info,
+                &text,
+                &[("outcome", word.into()), ("changes", Value::Object(changes))],
+                output,
+            );
         }
         ReloadNotice::Refused(refusal) => {
             let text = format!("reload refused, the old scene stays: {refusal}");
             service::reloaded(&text);
             say_why(refusal, output);
         }
-        ReloadNotice::TerminalGone => line(Level::Warning, "stop: the terminal has gone", &[("outcome", "stop".into())], output),
+        ReloadNotice::TerminalGone => line(
+            Level::Warning,
+            "stop: the terminal has gone",
+            &[("outcome", "stop".into())],
+            output,
+        ),
     }
 }
 
@@ -46,10 +57,14 @@ fn outcome(done: &Reloaded) -> (&'static str, String) {
     match done {
         Reloaded::Unchanged => ("unchanged", "reload: nothing has changed".to_owned()),
         Reloaded::Changed(changes) => {
-            let one = |FileChange { name, from, to }: &FileChange| format!("{name} {} -> {}", show(*from), show(*to));
+            let one = |FileChange { name, from, to }: &FileChange| {
+                format!("{name} {} -> {}", show(*from), show(*to))
+            };
             ("tuned", format!("reload: {}", changes.iter().map(one).collect::<Vec<_>>().join(", ")))
         }
-        Reloaded::Baked(path) => ("baked", format!("reload: {} is baked and comes next", shown(path))),
+        Reloaded::Baked(path) => {
+            ("baked", format!("reload: {} is baked and comes next", shown(path)))
+        }
     }
 }
 
@@ -62,17 +77,24 @@ fn say_why(refusal: &SessionError, output: OutputOptions) {
         SessionError::Scene(problem) => {
             report::scene_error(problem, output);
         }
-        SessionError::Unlike { .. } => {
-            report::error(&refusal.to_string(), Some("this counts from the start of a run on: begin a new one"), output)
-        }
+        SessionError::Unlike { .. } => report::error(
+            &refusal.to_string(),
+            Some("this counts from the start of a run on: begin a new one"),
+            output,
+        ),
         SessionError::Clay { .. } => {
-            let hint =
-                "the page chooses tools; whatever else counts from the start of a run on: save a session and begin a new one";
+            let hint = "the page chooses tools; whatever else counts from the start of a run on: \
+                save a session and begin a new one";
             report::error(&refusal.to_string(), Some(hint), output);
         }
         _ => report::error(&refusal.to_string(), None, output),
     }
-    line(Level::Warning, "reload: refused, the old scene stays", &[("outcome", "refused".into())], output);
+    line(
+        Level::Warning,
+        "reload: refused, the old scene stays",
+        &[("outcome", "refused".into())],
+        output,
+    );
 }
 
 fn line(level: Level, text: &str, fields: output::Fields<'_>, output: OutputOptions) {

@@ -15,14 +15,17 @@ use super::progress::BakeProgress;
 use super::sculpt_run::{self, SculptRun};
 use super::services::{ServiceOptions, Services};
 use super::status_line::{FAILED, StatusLine, report_lines};
-use super::{OutputOptions, bake, cache, check, drawing, guard, live, network, output, recording, report};
+use super::{
+    OutputOptions, bake, cache, check, drawing, guard, live, network, output, recording, report,
+};
 use crate::config::{self, ConfigErrors};
 use crate::daemon::drawing::{self as drawing_thread, Drawing};
 use crate::daemon::remote::RemoteArm;
 use crate::daemon::service::Service;
 use crate::daemon::session::SessionHandle;
 use crate::daemon::{
-    LiveChannels, Notice, PrepareError, Prepared, RealArmNode, RenderJob, RunError, RunOutcome, Supervisor, prepare_on,
+    LiveChannels, Notice, PrepareError, Prepared, RealArmNode, RenderJob, RunError, RunOutcome,
+    Supervisor, prepare_on,
 };
 use crate::error::Exit;
 use crate::scene::BakeOptions;
@@ -46,7 +49,12 @@ enum Refusal {
 }
 
 /// Renders; `own` is what the command adds.
-pub(crate) fn main(args: &LoopArgs, own: &CommandOptions<'_>, output: OutputOptions, started_ns: i64) -> Exit {
+pub(crate) fn main(
+    args: &LoopArgs,
+    own: &CommandOptions<'_>,
+    output: OutputOptions,
+    started_ns: i64,
+) -> Exit {
     // Before any thread that loads parts begins: some of them do while force flows.
     mesh::copy_only();
     // From the first word on: no thread that takes orders or renders waits for a reader.
@@ -57,7 +65,8 @@ pub(crate) fn main(args: &LoopArgs, own: &CommandOptions<'_>, output: OutputOpti
     let since_start_s = |ns: i64| (ns - started_ns) as f64 * 1e-9;
     let baked_s = Cell::new(0.0);
     let figures = RefCell::new(None);
-    let names_node = args.device.as_deref().is_some_and(|device| RemoteArm::name_in(device).is_some());
+    let names_node =
+        args.device.as_deref().is_some_and(|device| RemoteArm::name_in(device).is_some());
     if names_node && args.clock == ClockArg::Virtual {
         let hint = "leave out --clock virtual, or name a simulated arm with --device";
         report::error("an arm on another machine needs `--clock real`", Some(hint), output);
@@ -74,7 +83,10 @@ pub(crate) fn main(args: &LoopArgs, own: &CommandOptions<'_>, output: OutputOpti
     if own.clay.is_some() && args.scene.is_file() && sculpt_run::is_source(&args.scene) {
         report::error(
             &format!("{}: this is a file of points or a mesh, not a scene", args.scene.display()),
-            Some(&format!("`hapticd init --clay {}` writes a scene that sculpts it", output::quoted(&args.scene))),
+            Some(&format!(
+                "`hapticd init --clay {}` writes a scene that sculpts it",
+                output::quoted(&args.scene)
+            )),
             output,
         );
         return Exit::Configuration;
@@ -86,22 +98,36 @@ pub(crate) fn main(args: &LoopArgs, own: &CommandOptions<'_>, output: OutputOpti
     };
     report::scene_warnings(&config, output);
     let clock = args.clock.kind();
-    let mut sculpt_run = match SculptRun::plan(&config, own.clay, own.overwrite, clock, args.recording.file(), output) {
+    let mut sculpt_run = match SculptRun::plan(
+        &config,
+        own.clay,
+        own.overwrite,
+        clock,
+        args.recording.file(),
+        output,
+    ) {
         Ok(sculpt_run) => sculpt_run,
         Err(exit) => return exit,
     };
     if let (Some(remote), Some(selector)) = (&remote, &args.selector) {
-        let message = format!("--selector {selector}: the arm is attached to the machine of zenoh:{}", remote.name());
+        let message = format!(
+            "--selector {selector}: the arm is attached to the machine of zenoh:{}",
+            remote.name()
+        );
         report::error(&message, Some("give it to `hapticd device-node`"), output);
         return Exit::Usage;
     }
     if let (Some(selector), None) = (&args.selector, &config.device.profile.real) {
-        let message = format!("--selector {selector}: {} is simulated in this process and has no node", config.device.profile.name);
+        let message = format!(
+            "--selector {selector}: {} is simulated in this process and has no node",
+            config.device.profile.name
+        );
         report::error(&message, Some("name the profile of a real arm with --device"), output);
         return Exit::Usage;
     }
     if args.has_unused_endpoints() {
-        let message = "--connect, --listen and --zenoh-config say where to meet others, and nothing is published";
+        let message = "--connect, --listen and --zenoh-config say where to meet others, and \
+            nothing is published";
         report::error(message, Some("give --publish beside them"), output);
         return Exit::Usage;
     }
@@ -129,8 +155,15 @@ pub(crate) fn main(args: &LoopArgs, own: &CommandOptions<'_>, output: OutputOpti
             return Exit::Device;
         }
         if !args.enables_at_start(&config) {
-            let by = if args.console { "you type `enable`" } else { "it is enabled on the monitor page or by a client" };
-            report::note(&format!("no force until {by}; with --enable it flows from the start"), output);
+            let by = if args.console {
+                "you type `enable`"
+            } else {
+                "it is enabled on the monitor page or by a client"
+            };
+            report::note(
+                &format!("no force until {by}; with --enable it flows from the start"),
+                output,
+            );
         }
         tell_of_arm(&config, real, output);
     }
@@ -138,7 +171,14 @@ pub(crate) fn main(args: &LoopArgs, own: &CommandOptions<'_>, output: OutputOpti
         output::message(format_args!("{}\n", check::summary(&config)));
     }
     let subscribers = RecordSubscribers::default();
-    let recordings = match args.recording.begin(&config, &overrides, own.overwrite, clock, subscribers.clone(), output) {
+    let recordings = match args.recording.begin(
+        &config,
+        &overrides,
+        own.overwrite,
+        clock,
+        subscribers.clone(),
+        output,
+    ) {
         Ok(recordings) => recordings,
         Err(exit) => return exit,
     };
@@ -160,8 +200,12 @@ pub(crate) fn main(args: &LoopArgs, own: &CommandOptions<'_>, output: OutputOpti
         // A copy: no other program may take memory away from the loop.
         let mut cache = args.cache.open(CachePolicy::Copy, output);
         let progress = BakeProgress::new(output);
-        let mut means = BakeOptions { cache: &mut cache, memory: args.memory.plan(&progress, output) };
-        let prepared = prepare_on(&config, &mut means, remote.as_ref(), guard::program(), |event| progress.tell(&event));
+        let mut means =
+            BakeOptions { cache: &mut cache, memory: args.memory.plan(&progress, output) };
+        let prepared =
+            prepare_on(&config, &mut means, remote.as_ref(), guard::program(), |event| {
+                progress.tell(&event)
+            });
         drop(means);
         progress.finish();
         cache::tell(&mut cache, output);
@@ -173,7 +217,9 @@ pub(crate) fn main(args: &LoopArgs, own: &CommandOptions<'_>, output: OutputOpti
         clay.inspect(|clay| report::clay_warnings(clay, output));
         if output.verbose > 0 {
             clay.inspect(|clay| output::message(format_args!("{}", bake::clay_text(clay))));
-            reports.iter().for_each(|object| output::message(format_args!("{}", bake::report_text(object))));
+            reports
+                .iter()
+                .for_each(|object| output::message(format_args!("{}", bake::report_text(object))));
         }
         baked_s.set(since_start_s(monotonic_ns()));
         Ok(prepared)
@@ -181,26 +227,34 @@ pub(crate) fn main(args: &LoopArgs, own: &CommandOptions<'_>, output: OutputOpti
     // Under the virtual clock a scene changes as it was planned, unless clients can ask for more.
     let is_open = clock == ClockKind::Real || bound.is_some() || opened.is_some() || own.live.watch;
     let control = Arc::new(Control::new());
-    let session = SessionHandle::new(config.clone(), overrides.clone(), clock, Some(recordings.recorder.clone()));
-    let begun = changes.begin(&session, &args.cache, &args.memory, is_open, output).and_then(|(paths, swaps)| {
-        let mut live = LiveChannels { subscribers, ..LiveChannels::default() };
-        let options = ServiceOptions {
-            config: &config,
-            session: &session,
-            clock,
-            bound,
-            opened,
-            control: &control,
-            has_console: args.console,
-            enables_at_start: args.enables_at_start(&config),
-            recorder: Some(Box::new(recordings.for_clients(output))),
-            output,
-        };
-        let services = Services::open(options, &mut live)?;
-        let draw = |plan| drawing_thread::begin(plan, session.clone(), &live.subscribers, clock);
-        let drawing = drawn.map(draw).transpose()?;
-        Ok((services, live, paths, swaps, drawing))
-    });
+    let session = SessionHandle::new(
+        config.clone(),
+        overrides.clone(),
+        clock,
+        Some(recordings.recorder.clone()),
+    );
+    let begun = changes.begin(&session, &args.cache, &args.memory, is_open, output).and_then(
+        |(paths, swaps)| {
+            let mut live = LiveChannels { subscribers, ..LiveChannels::default() };
+            let options = ServiceOptions {
+                config: &config,
+                session: &session,
+                clock,
+                bound,
+                opened,
+                control: &control,
+                has_console: args.console,
+                enables_at_start: args.enables_at_start(&config),
+                recorder: Some(Box::new(recordings.for_clients(output))),
+                output,
+            };
+            let services = Services::open(options, &mut live)?;
+            let draw =
+                |plan| drawing_thread::begin(plan, session.clone(), &live.subscribers, clock);
+            let drawing = drawn.map(draw).transpose()?;
+            Ok((services, live, paths, swaps, drawing))
+        },
+    );
     let (mut services, live, paths, swaps, drawing) = match begun {
         Ok(begun) => begun,
         Err(error) => {
@@ -210,7 +264,8 @@ pub(crate) fn main(args: &LoopArgs, own: &CommandOptions<'_>, output: OutputOpti
     };
     // The node sends the text for its arm.
     let spoken = remote.as_ref().map(|_| Protocol::Open6(builder::open6(&config.device.profile)));
-    let protocol = spoken.as_ref().or(config.device.profile.real.as_ref().map(|real| &real.protocol));
+    let protocol =
+        spoken.as_ref().or(config.device.profile.real.as_ref().map(|real| &real.protocol));
     let beside = Beside {
         live,
         paths,
@@ -236,16 +291,34 @@ pub(crate) fn main(args: &LoopArgs, own: &CommandOptions<'_>, output: OutputOpti
             if let Some(audience) = audience {
                 audience.end();
             }
-            let (swaps, recording) = (swaps.reports(&session, &outcome.swaps), recordings.end(&outcome.report));
+            let swaps = swaps.reports(&session, &outcome.swaps);
+            let recording = recordings.end(&outcome.report);
             let link = figures.borrow().as_ref().map(|figures| figures.report());
-            let more =
-                RunExtras { swaps: &swaps, recording: recording.as_ref(), sculpt: clay.as_ref(), drawn: drawn.as_ref(), link };
+            let more = RunExtras {
+                swaps: &swaps,
+                recording: recording.as_ref(),
+                sculpt: clay.as_ref(),
+                drawn: drawn.as_ref(),
+                link,
+            };
             if args.json || !output.quiet {
-                output::result(format_args!("{}", result_text(&outcome.totals, start_s, &more, args.json)));
+                output::result(format_args!(
+                    "{}",
+                    result_text(&outcome.totals, start_s, &more, args.json)
+                ));
             }
             let not_drawn = drawn.and_then(|drawn| drawing::failure(&drawn, output));
-            let failures = [Some(outcome.exit()), live::failure(&session, output), clay.map(|clay| clay.exit()), not_drawn];
-            return failures.into_iter().flatten().find(|exit| *exit != Exit::Ok).unwrap_or(Exit::Ok);
+            let failures = [
+                Some(outcome.exit()),
+                live::failure(&session, output),
+                clay.map(|clay| clay.exit()),
+                not_drawn,
+            ];
+            return failures
+                .into_iter()
+                .flatten()
+                .find(|exit| *exit != Exit::Ok)
+                .unwrap_or(Exit::Ok);
         }
         Err(refusal) => refusal,
     };
@@ -261,7 +334,9 @@ pub(crate) fn main(args: &LoopArgs, own: &CommandOptions<'_>, output: OutputOpti
                 }
             }
             let hint = match &error {
-                RunError::Refused(_) => Some("--realtime best-effort runs anyway, with the latency that this machine gives"),
+                RunError::Refused(_) => Some(
+                    "--realtime best-effort runs anyway, with the latency that this machine gives",
+                ),
                 RunError::NoOperator => Some(HOW_TO_ENABLE),
                 _ => None,
             };
@@ -275,8 +350,9 @@ pub(crate) fn main(args: &LoopArgs, own: &CommandOptions<'_>, output: OutputOpti
     }
 }
 
-const HOW_TO_ENABLE: &str = "give --enable to let force flow from the start, --console to type `enable`, or --monitor for its page; \
-                             with `safety.deadman` in the scene force flows while that button is held";
+const HOW_TO_ENABLE: &str = "give --enable to let force flow from the start, --console to type \
+    `enable`, or --monitor for its page; with `safety.deadman` in the scene force flows while that \
+    button is held";
 
 /// What there is beside the loop.
 struct Beside<'a> {
@@ -304,8 +380,20 @@ fn run(
     end_by_signals: impl FnOnce(&Arc<Control>) -> Result<(), SignalError>,
     bake: impl FnOnce() -> Result<Prepared, PrepareError>,
 ) -> Result<RunOutcome, Refusal> {
-    let Beside { mut live, paths, session, recorder, protocol, services, sculpt_run, may_be_late, reloads, watches } = beside;
-    let mut screen = StatusLine::new(output, session, protocol, may_be_late, live.operator.waits_after_fault);
+    let Beside {
+        mut live,
+        paths,
+        session,
+        recorder,
+        protocol,
+        services,
+        sculpt_run,
+        may_be_late,
+        reloads,
+        watches,
+    } = beside;
+    let mut screen =
+        StatusLine::new(output, session, protocol, may_be_late, live.operator.waits_after_fault);
     let handle = services.notice_handler();
     let mut service = Service::of_environment();
     let mut supervisor = Supervisor::new(|notice| {
@@ -328,14 +416,16 @@ fn run(
     // What works clay said so before.
     if view.has_hand && view.config.device.hand.is_none() && view.config.sculpt.is_none() {
         report::note(
-            "the scene has no path for its hand: it waits until the tool is moved on the monitor page; `device.hand` names a path",
+            "the scene has no path for its hand: it waits until the tool is moved on the monitor \
+                page; `device.hand` names a path",
             output,
         );
     }
     if let Some(RealArmNode { node, news, link }) = prepared.attached {
         services.attached(&node);
         if !output.quiet {
-            let lets_go = link.map_or(String::new(), |link| format!(", and {}", lets_go_text(&link.report())));
+            let lets_go = link
+                .map_or(String::new(), |link| format!(", and {}", lets_go_text(&link.report())));
             output::message(format_args!("device: {} is ready{lets_go}\n", node.display()));
         }
         live.news = Some(news);
@@ -349,7 +439,8 @@ fn run(
         clock: args.clock.kind(),
         duration: args.duration,
     };
-    // Only now: until here no force can flow, and Ctrl-C ends a long bake at once as it does everywhere.
+    // Only now: until here no force can flow, and Ctrl-C ends a long bake at once as it does
+    // everywhere.
     end_by_signals(control).map_err(Refusal::Signals)?;
     signals::suspend_without_force();
     if reloads {

@@ -46,13 +46,22 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
         Err(problem) => return refuse(&problem, output),
     };
     for changed in &replayed.changed {
-        report::warning(&format!("this version reads the scene in another way: {}", one_line(changed)), output);
+        report::warning(
+            &format!("this version reads the scene in another way: {}", one_line(changed)),
+            output,
+        );
     }
     if !replayed.whole && replayed.is_identical() {
-        report::note("the file has no end, its recorder was stopped short: this is what can be read of it", output);
+        report::note(
+            "the file has no end, its recorder was stopped short: this is what can be read of it",
+            output,
+        );
     }
     if args.json {
-        match serde_json::to_string(&ReplayReport { identical: replayed.is_identical(), replayed: &replayed }) {
+        match serde_json::to_string(&ReplayReport {
+            identical: replayed.is_identical(),
+            replayed: &replayed,
+        }) {
             Ok(text) => output::result(format_args!("{text}\n")),
             // True invariant: numbers and names, no map with odd keys.
             Err(error) => unreachable!("plain data: {error}"),
@@ -67,11 +76,17 @@ fn verdict(replayed: &Replayed) -> String {
     let Replayed { ticks, gap, difference, .. } = replayed;
     match (difference, gap) {
         (Some(difference), _) => format!(
-            "differs in tick {}, scene {}: {}\n  recorded {}\n  replayed {}\n{ticks} ticks before it are bit-identical",
-            difference.tick, difference.scene_idx, difference.field, difference.recorded, difference.replayed
+            "differs in tick {}, scene {}: {}\n  recorded {}\n  replayed {}\n{ticks} ticks before \
+                it are bit-identical",
+            difference.tick,
+            difference.scene_idx,
+            difference.field,
+            difference.recorded,
+            difference.replayed
         ),
         (None, Some(gap)) => format!(
-            "bit-identical up to a gap: {ticks} ticks; {} ticks from {} on are missing, and nothing behind them can be run",
+            "bit-identical up to a gap: {ticks} ticks; {} ticks from {} on are missing, and \
+                nothing behind them can be run",
             gap.next.saturating_sub(gap.first_missing),
             gap.first_missing
         ),
@@ -79,7 +94,11 @@ fn verdict(replayed: &Replayed) -> String {
     }
 }
 
-fn bake(config: &SceneConfig, args: &Args, output: OutputOptions) -> Result<RenderScene, SceneError> {
+fn bake(
+    config: &SceneConfig,
+    args: &Args,
+    output: OutputOptions,
+) -> Result<RenderScene, SceneError> {
     let mut cache = args.cache.open(CachePolicy::Copy, output);
     let progress = BakeProgress::new(output);
     // The scene comes with the recording: it must not end this program.
@@ -99,12 +118,14 @@ fn refuse(problem: &ReplayError, output: OutputOptions) -> Exit {
             report::config_errors(errors, output);
             return Exit::Asset;
         }
-        ReplayError::BeganLate(_) => {
-            Some("only one from the start of a run can be run again (`run --record`); `hapticd report` shows this one")
-        }
-        ReplayError::OtherForceLaw { .. } => {
-            Some("replay it with the version that recorded it; `hapticd report` and the viewers show it in this one as well")
-        }
+        ReplayError::BeganLate(_) => Some(
+            "only one from the start of a run can be run again (`run --record`); `hapticd report` \
+                shows this one",
+        ),
+        ReplayError::OtherForceLaw { .. } => Some(
+            "replay it with the version that recorded it; `hapticd report` and the viewers show it \
+                in this one as well",
+        ),
         ReplayError::Clay { .. } => Some("its forces are in it: `hapticd report` shows them"),
         ReplayError::Read(problem) => read_hint(problem),
         ReplayError::Unpack(_) | ReplayError::Empty { .. } => None,
@@ -118,8 +139,9 @@ fn refuse(problem: &ReplayError, output: OutputOptions) -> Exit {
 pub(super) fn read_hint(problem: &ReadError) -> Option<&'static str> {
     match problem {
         ReadError::File { .. } => None,
-        ReadError::Format { .. } => {
-            Some("give a file of `hapticd run --record`; of one that is damaged `mcap recover` saves what can be read")
-        }
+        ReadError::Format { .. } => Some(
+            "give a file of `hapticd run --record`; of one that is damaged `mcap recover` saves \
+                what can be read",
+        ),
     }
 }

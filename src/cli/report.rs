@@ -22,7 +22,9 @@ pub(crate) fn config_errors(errors: &ConfigErrors, output: OutputOptions) -> Exi
 
 /// Prints what is likely wrong with a scene.
 pub(crate) fn scene_warnings(config: &SceneConfig, output: OutputOptions) {
-    config::plausibility_warnings(config).iter().for_each(|problem| warning(&one_line(&warning_text(problem)), output));
+    config::plausibility_warnings(config)
+        .iter()
+        .for_each(|problem| warning(&one_line(&warning_text(problem)), output));
 }
 
 /// All of it in one line.
@@ -41,11 +43,15 @@ pub(crate) fn scene_error(problem: &SceneError, output: OutputOptions) -> Exit {
 fn scene_exit(problem: &SceneError) -> Exit {
     match problem {
         SceneError::Part(PartError::Mesh { .. })
-        | SceneError::Clay(ClayError::Load(_) | ClayError::Session(_) | ClayError::Piece(ClayModelError::Surface(_))) => {
-            Exit::Asset
-        }
+        | SceneError::Clay(
+            ClayError::Load(_)
+            | ClayError::Session(_)
+            | ClayError::Piece(ClayModelError::Surface(_)),
+        ) => Exit::Asset,
         SceneError::Part(PartError::Grid { .. })
-        | SceneError::Clay(ClayError::Piece(_) | ClayError::Memory { .. } | ClayError::Frame(_)) => Exit::Configuration,
+        | SceneError::Clay(ClayError::Piece(_) | ClayError::Memory { .. } | ClayError::Frame(_)) => {
+            Exit::Configuration
+        }
     }
 }
 
@@ -108,7 +114,8 @@ pub(crate) fn error(message: &str, hint: Option<&str>, output: OutputOptions) {
         let hint = hint.map(|hint| ("hint", hint.into()));
         return output::event(Level::Error, "error", message, hint.as_slice());
     }
-    let [red, cyan, plain] = if is_coloured(output) { ["\x1b[1;31m", "\x1b[1;36m", "\x1b[0m"] } else { [""; 3] };
+    let [red, cyan, plain] =
+        if is_coloured(output) { ["\x1b[1;31m", "\x1b[1;36m", "\x1b[0m"] } else { [""; 3] };
     output::message(format_args!("{red}error:{plain} {}\n", printable(message)));
     for (n, line) in hint.iter().flat_map(|hint| hint.lines()).enumerate() {
         let lead = if n == 0 { "hint:" } else { "     " };
@@ -157,6 +164,9 @@ fn is_coloured(output: OutputOptions) -> bool {
     match output.color {
         When::Always => true,
         When::Never => false,
-        When::Auto => std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty()),
+        When::Auto => {
+            std::io::stderr().is_terminal()
+                && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty())
+        }
     }
 }

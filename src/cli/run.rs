@@ -20,7 +20,12 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn main(args: &Args, output: OutputOptions, started_ns: i64) -> Exit {
-    let own = CommandOptions { live: &args.live, drawing: Some(&args.drawing), clay: None, overwrite: args.overwrite };
+    let own = CommandOptions {
+        live: &args.live,
+        drawing: Some(&args.drawing),
+        clay: None,
+        overwrite: args.overwrite,
+    };
     render::main(&args.render, &own, output, started_ns)
 }
 
@@ -38,7 +43,9 @@ mod tests {
 
     #[test]
     fn flags_of_later_versions_and_bare_numbers_are_usage_errors() {
-        let args = |line: &str| Command::try_parse_from(["run"].into_iter().chain(line.split_whitespace()));
+        let args = |line: &str| {
+            Command::try_parse_from(["run"].into_iter().chain(line.split_whitespace()))
+        };
         for line in [
             "s.toml --overwrite",
             "s.toml --picture-every 1s",

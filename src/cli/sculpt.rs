@@ -12,7 +12,8 @@ pub(crate) struct Args {
     render: LoopArgs,
     #[command(flatten)]
     clay: ClayArgs,
-    /// Let --record, --save, --session, --export, --pictures and strokes write over files that are there already.
+    /// Let --record, --save, --session, --export, --pictures and strokes write over files that are
+    /// there already.
     #[arg(long)]
     overwrite: bool,
     #[command(flatten)]
@@ -36,7 +37,10 @@ impl RigidArgs {
     /// The first that was given, and why it is not taken.
     fn given(&self) -> Option<(&'static str, &'static str)> {
         if self.swap.is_some() {
-            Some(("--swap", "the piece is worked until the run ends; save a session and begin the other scene"))
+            Some((
+                "--swap",
+                "the piece is worked until the run ends; save a session and begin the other scene",
+            ))
         } else if self.moves.is_some() {
             Some(("--move", "parts beside the clay can be moved from the monitor page"))
         } else if self.watch {
@@ -51,9 +55,18 @@ impl RigidArgs {
 
 pub(crate) fn main(args: &Args, output: OutputOptions, started_ns: i64) -> Exit {
     if let Some((flag, hint)) = args.rigid.given() {
-        report::error(&format!("{flag} is for rigid scenes, which `hapticd run` renders"), Some(hint), output);
+        report::error(
+            &format!("{flag} is for rigid scenes, which `hapticd run` renders"),
+            Some(hint),
+            output,
+        );
         return Exit::Usage;
     }
-    let own = CommandOptions { live: &live::LiveArgs::default(), drawing: None, clay: Some(&args.clay), overwrite: args.overwrite };
+    let own = CommandOptions {
+        live: &live::LiveArgs::default(),
+        drawing: None,
+        clay: Some(&args.clay),
+        overwrite: args.overwrite,
+    };
     render::main(&args.render, &own, output, started_ns)
 }

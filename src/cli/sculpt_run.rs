@@ -1,4 +1,5 @@
-//! Sculpting beside a run: what is planned, what runs while a scene renders, and what is written at its end.
+//! Sculpting beside a run: what is planned, what runs while a scene renders, and what is written at
+//! its end.
 
 mod ending;
 mod outputs;
@@ -16,7 +17,9 @@ use crate::config::scene::SculptConfig;
 use crate::config::strokes::{self, Script, TimedOrder};
 use crate::config::{ConfigErrors, SceneConfig};
 use crate::daemon::LiveChannels;
-use crate::daemon::sculpting::{self, ClayHandle, ScriptedOrder, SculptOutcome, SculptPlan, SculptReport, SculptThread};
+use crate::daemon::sculpting::{
+    self, ClayHandle, ScriptedOrder, SculptOutcome, SculptPlan, SculptReport, SculptThread,
+};
 use crate::error::Exit;
 use crate::monitor::ClayParts;
 use crate::scene::LoadedClay;
@@ -39,13 +42,15 @@ pub(crate) struct ClayArgs {
     /// At the end, write the samples with normals and colours.
     #[arg(long, help_heading = HEADING, value_name = "FILE.ply")]
     save: Option<PathBuf>,
-    /// At the end, write all that is needed to go on another day: `session` under [sculpt] takes it.
+    /// At the end, write all that is needed to go on another day: `session` under [sculpt] takes
+    /// it.
     #[arg(long, help_heading = HEADING, value_name = "FILE")]
     session: Option<PathBuf>,
     /// At the end, write the piece as a closed mesh that `bake` and rigid scenes take.
     #[arg(long, help_heading = HEADING, value_name = "FILE.ply")]
     export: Option<PathBuf>,
-    /// At the end, draw the piece as it was and as it is: SCENE-before.png and SCENE-after.png in this folder.
+    /// At the end, draw the piece as it was and as it is: SCENE-before.png and SCENE-after.png in
+    /// this folder.
     #[arg(long, help_heading = HEADING, value_name = "DIR")]
     pictures: Option<PathBuf>,
     /// What --pictures draws of the samples.
@@ -83,7 +88,8 @@ impl From<DrawnAs> for SampleForm {
 
 /// A file that samples can be taken from.
 pub(super) fn is_source(file: &Path) -> bool {
-    let ending = file.extension().map(|ending| ending.to_string_lossy().to_lowercase()).unwrap_or_default();
+    let ending =
+        file.extension().map(|ending| ending.to_string_lossy().to_lowercase()).unwrap_or_default();
     mesh::EXTENSIONS.iter().chain(cloud::EXTENSIONS).any(|known| *known == ending)
 }
 
@@ -108,8 +114,8 @@ struct Open {
 }
 
 impl SculptRun {
-    /// Reads the strokes and looks where files are to go, before anything takes long. `None`: the scene has no clay, and the command wants
-    /// none.
+    /// Reads the strokes and looks where files are to go, before anything takes long. `None`: the
+    /// scene has no clay, and the command wants none.
     pub(crate) fn plan(
         config: &SceneConfig,
         args: Option<&ClayArgs>,
@@ -124,22 +130,37 @@ impl SculptRun {
             (Some(sculpt), Some(args)) => (sculpt.clone(), args),
             (Some(_), None) => {
                 let hint = format!("`hapticd sculpt {}` works it", output::quoted(&config.path));
-                report::error(&format!("{path}: [sculpt]: this scene has clay, and `run` is for rigid ones"), Some(&hint), output);
+                report::error(
+                    &format!("{path}: [sculpt]: this scene has clay, and `run` is for rigid ones"),
+                    Some(&hint),
+                    output,
+                );
                 return Err(Exit::Configuration);
             }
             (None, Some(_)) => {
-                let hint =
-                    format!("`hapticd run {}` renders it; a [sculpt] table would give it clay", output::quoted(&config.path));
-                report::error(&format!("{path}: this scene has no clay to sculpt"), Some(&hint), output);
+                let hint = format!(
+                    "`hapticd run {}` renders it; a [sculpt] table would give it clay",
+                    output::quoted(&config.path)
+                );
+                report::error(
+                    &format!("{path}: this scene has no clay to sculpt"),
+                    Some(&hint),
+                    output,
+                );
                 return Err(Exit::Configuration);
             }
         };
         let file = args.strokes.as_ref().or(sculpt.strokes.as_ref());
         let script = file.map(|file| strokes::load(file, &sculpt.tool)).transpose();
         let script = script.map_err(|errors| report::config_errors(&errors, output))?;
-        if script.is_none() && config.device.profile.real.is_none() && config.device.hand.is_none() {
-            let hint = "`hand` under [device] leads it along a path, --strokes FILE works the piece without it";
-            report::note(&format!("no path moves the simulated arm, only a client such as the page: {hint}"), output);
+        if script.is_none() && config.device.profile.real.is_none() && config.device.hand.is_none()
+        {
+            let hint = "`hand` under [device] leads it along a path, --strokes FILE works the \
+                piece without it";
+            report::note(
+                &format!("no path moves the simulated arm, only a client such as the page: {hint}"),
+                output,
+            );
         }
         let outputs = args.outputs();
         let pictures = args.pictures.as_ref().map(|folder| Pictures {
@@ -150,11 +171,21 @@ impl SculptRun {
             before: PointSet::default(),
             mass_before: MassPoints::default(),
         });
-        let written = OutputFiles { own: &outputs, script: script.as_ref(), pictures: pictures.as_ref(), recording };
+        let written = OutputFiles {
+            own: &outputs,
+            script: script.as_ref(),
+            pictures: pictures.as_ref(),
+            recording,
+        };
         written.check(config, overwrite, output)?;
         let tick_s = config.parameters.period_s;
         Ok(Some(Self {
-            plan: SculptPlan { tick_s, update_ticks: sculpt.update_ticks, clock, script: Vec::new() },
+            plan: SculptPlan {
+                tick_s,
+                update_ticks: sculpt.update_ticks,
+                clock,
+                script: Vec::new(),
+            },
             script,
             name: config.path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
             outputs,
@@ -165,29 +196,50 @@ impl SculptRun {
     }
 
     /// Holds the solids of the strokes against the piece: whether their units can be right.
-    pub(crate) fn fit(&self, piece: &LoadedClay, output: OutputOptions) -> Result<(), ConfigErrors> {
-        let odd = self.script.as_ref().map(|script| script.fit(piece.workpiece.surface().bounds())).transpose()?;
+    pub(crate) fn fit(
+        &self,
+        piece: &LoadedClay,
+        output: OutputOptions,
+    ) -> Result<(), ConfigErrors> {
+        let odd = self
+            .script
+            .as_ref()
+            .map(|script| script.fit(piece.workpiece.surface().bounds()))
+            .transpose()?;
         odd.into_iter().flatten().for_each(|problem| report::warning(&problem.to_string(), output));
         Ok(())
     }
 
     /// Begins to work the piece: the loop gets its clay.
-    pub(crate) fn open(&mut self, piece: LoadedClay, scene: &RenderScene, live: &mut LiveChannels) -> std::io::Result<()> {
+    pub(crate) fn open(
+        &mut self,
+        piece: LoadedClay,
+        scene: &RenderScene,
+        live: &mut LiveChannels,
+    ) -> std::io::Result<()> {
         let Some(clay) = &scene.clay else { return Ok(()) };
         let LoadedClay { workpiece, tool_shape, report } = piece;
         if let Some(pictures) = &mut self.pictures {
             pictures.before = workpiece.points().clone();
             pictures.mass_before = MassPoints::beside_surface(workpiece.region());
         }
-        let body = ToolBody { shape: Some(tool_shape), center_of_mass_tool: scene.tool.center_of_mass_tool };
+        let body = ToolBody {
+            shape: Some(tool_shape),
+            center_of_mass_tool: scene.tool.center_of_mass_tool,
+        };
         let engine = SculptEngine::new(workpiece, self.sculpt.tool.clone(), body);
         let due = |TimedOrder { at, order, line, .. }: TimedOrder| ScriptedOrder {
             tick: (at.as_secs_f64() / self.plan.tick_s).round() as u64,
             order,
             line: Some(line),
         };
-        let orders = self.script.as_mut().map(|script| std::mem::take(&mut script.orders)).unwrap_or_default();
-        let plan = SculptPlan { script: orders.into_iter().map(due).collect(), ..self.plan.clone() };
+        let orders = self
+            .script
+            .as_mut()
+            .map(|script| std::mem::take(&mut script.orders))
+            .unwrap_or_default();
+        let plan =
+            SculptPlan { script: orders.into_iter().map(due).collect(), ..self.plan.clone() };
         let (slot, handle, thread) = sculpting::begin(engine, clay, plan)?;
         live.clay = Some(slot);
         self.open = Some(Open { thread, handle, volume_before_m3: report.volume_m3 });
@@ -210,7 +262,8 @@ impl SculptRun {
         })
     }
 
-    /// After the last tick: waits for the thread of the clay, writes what was asked for and says what went wrong. `None`: it was never open.
+    /// After the last tick: waits for the thread of the clay, writes what was asked for and says
+    /// what went wrong. `None`: it was never open.
     pub(crate) fn close(self, output: OutputOptions) -> Option<SculptSummary> {
         let Open { thread, handle, volume_before_m3 } = self.open?;
         drop(handle);
@@ -219,7 +272,10 @@ impl SculptRun {
             Err((why, hint)) => {
                 report::error(why, Some(hint), output);
                 return Some(SculptSummary {
-                    engine: SculptReport { broken: Some(why.to_owned()), ..SculptReport::default() },
+                    engine: SculptReport {
+                        broken: Some(why.to_owned()),
+                        ..SculptReport::default()
+                    },
                     ..SculptSummary::default()
                 });
             }
@@ -240,17 +296,28 @@ impl SculptRun {
                     summary.unsaved.push(SavedFile { kind, file });
                 }
                 None => {
-                    let message = format!("cannot write {}: the program failed while it wrote it", file.display());
-                    report::error(&message, Some("this is a bug of hapticd: please report it"), output);
+                    let message = format!(
+                        "cannot write {}: the program failed while it wrote it",
+                        file.display()
+                    );
+                    report::error(
+                        &message,
+                        Some("this is a bug of hapticd: please report it"),
+                        output,
+                    );
                     summary.unsaved.push(SavedFile { kind, file });
                 }
             }
         }
         if summary.is_at_risk() {
             summary.rescued = rescue(&mut engine, &self.name, output);
-        } else if summary.saved.is_empty() && summary.engine.files.is_empty() && summary.engine.strokes > 0 {
+        } else if summary.saved.is_empty()
+            && summary.engine.files.is_empty()
+            && summary.engine.strokes > 0
+        {
             report::note(
-                "the strokes were not kept: --session FILE keeps all, --save FILE the samples, --export FILE a mesh",
+                "the strokes were not kept: --session FILE keeps all, --save FILE the samples, \
+                    --export FILE a mesh",
                 output,
             );
         }
@@ -260,15 +327,22 @@ impl SculptRun {
                 match drawn {
                     Ok(()) => summary.saved.push(SavedFile { kind: "picture", file }),
                     Err(error) => {
-                        report::error(&format!("cannot write {}: {error}", file.display()), destination::hint(&error), output);
+                        report::error(
+                            &format!("cannot write {}: {error}", file.display()),
+                            destination::hint(&error),
+                            output,
+                        );
                         summary.unsaved.push(SavedFile { kind: "picture", file });
                     }
                 }
             }
         }
-        // Those of strokes and clients came first; what is at risk is judged without them, as they may be older than the last stroke.
+        // Those of strokes and clients came first; what is at risk is judged without them, as they
+        // may be older than the last stroke.
         let earlier = std::mem::take(&mut summary.engine.files);
-        summary.saved.splice(0..0, earlier.into_iter().map(|(kind, file)| SavedFile { kind, file }));
+        summary
+            .saved
+            .splice(0..0, earlier.into_iter().map(|(kind, file)| SavedFile { kind, file }));
         summary.tell(self.script.as_ref().map(|script| &*script.file), self.plan.tick_s, output);
         Some(summary)
     }
@@ -278,6 +352,9 @@ impl ClayArgs {
     fn outputs(&self) -> Vec<SculptOrder> {
         let save = self.save.clone().map(SculptOrder::SavePoints);
         let session = self.session.clone().map(SculptOrder::SaveSession);
-        [save, session, self.export.clone().map(SculptOrder::Export)].into_iter().flatten().collect()
+        [save, session, self.export.clone().map(SculptOrder::Export)]
+            .into_iter()
+            .flatten()
+            .collect()
     }
 }

@@ -1,4 +1,5 @@
-//! The services beside one run: the monitor, the console, what is published, and reading the scene again.
+//! The services beside one run: the monitor, the console, what is published, and reading the scene
+//! again.
 
 use std::io;
 use std::path::Path;
@@ -49,10 +50,21 @@ pub(crate) struct Services {
 }
 
 impl Services {
-    /// Begins them, and gives the supervisor its ends of their queues. Until the first scene is baked clients see that.
+    /// Begins them, and gives the supervisor its ends of their queues. Until the first scene is
+    /// baked clients see that.
     pub(crate) fn open(options: ServiceOptions<'_>, live: &mut LiveChannels) -> io::Result<Self> {
-        let ServiceOptions { config, session, clock, bound, opened, control, has_console, enables_at_start, recorder, output } =
-            options;
+        let ServiceOptions {
+            config,
+            session,
+            clock,
+            bound,
+            opened,
+            control,
+            has_console,
+            enables_at_start,
+            recorder,
+            output,
+        } = options;
         let (enables, taken) = unbounded::<Enable>();
         let clay = Arc::new(OnceLock::new());
         if has_console {
@@ -112,15 +124,20 @@ impl Services {
         }
     }
 
-    /// Begins to read the scene again when SIGHUP asks for it, and where wished when its files change. After signals are caught.
+    /// Begins to read the scene again when SIGHUP asks for it, and where wished when its files
+    /// change. After signals are caught.
     pub(crate) fn reload(&mut self, session: &SessionHandle, watches: bool, output: OutputOptions) {
         let Some(known) = self.known.take() else { return };
-        let (hub, rendered) = (self.hub.clone(), session.clone());
+        let hub = self.hub.clone();
+        let rendered = session.clone();
         let tell = Box::new(move |news: &ReloadNotice| {
             reload::tell(news, output);
             if let (ReloadNotice::Refused(refusal), Some(hub)) = (news, &hub) {
                 let path = &rendered.view().config.path;
-                hub.scene_refused(&path.file_stem().unwrap_or_default().to_string_lossy(), &refusal.to_string());
+                hub.scene_refused(
+                    &path.file_stem().unwrap_or_default().to_string_lossy(),
+                    &refusal.to_string(),
+                );
             }
         });
         session.reload_with(Reloader::new(hangups(), watches, known, tell));

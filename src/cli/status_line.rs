@@ -23,7 +23,8 @@ pub(super) const FAILED: &str = "FAILED";
 /// The same for a simulated arm that may be late: no hand feels it.
 const GOOD_ENOUGH: &str = "not real time; good enough to try:";
 
-/// stderr while a run goes on: lines that stay, and on a terminal one status line that is written over.
+/// stderr while a run goes on: lines that stay, and on a terminal one status line that is written
+/// over.
 pub(super) struct StatusLine<'a> {
     session: &'a SessionHandle,
     /// Protocol of a real arm: it has texts for its errors.
@@ -51,7 +52,16 @@ impl<'a> StatusLine<'a> {
         let failed_mark = if may_be_late { GOOD_ENOUGH } else { FAILED };
         let live = !output.quiet && !output::is_json() && std::io::stderr().is_terminal();
         let next_status = (output::is_json() && output.verbose > 0).then(Instant::now);
-        Self { session, protocol, quiet: output.quiet, live, failed_mark, waits_after_fault, status_on: false, next_status }
+        Self {
+            session,
+            protocol,
+            quiet: output.quiet,
+            live,
+            failed_mark,
+            waits_after_fault,
+            status_on: false,
+            next_status,
+        }
     }
 
     pub(super) fn show(&mut self, notice: &Notice<'_>) {
@@ -60,8 +70,17 @@ impl<'a> StatusLine<'a> {
                 if !self.quiet {
                     let name = phase.name();
                     let waits = self.waits_after_fault && *phase == Phase::Fault;
-                    let what_now = if waits { "; no force until the next enable, Ctrl-C ends the run" } else { "" };
-                    self.line(Level::Info, "phase", &format!("state: {name}{what_now}"), &[("phase", name.into())]);
+                    let what_now = if waits {
+                        "; no force until the next enable, Ctrl-C ends the run"
+                    } else {
+                        ""
+                    };
+                    self.line(
+                        Level::Info,
+                        "phase",
+                        &format!("state: {name}{what_now}"),
+                        &[("phase", name.into())],
+                    );
                 }
             }
             Notice::Preflight(report) => {
@@ -71,33 +90,62 @@ impl<'a> StatusLine<'a> {
             }
             Notice::Scene(record) => {
                 if !self.quiet {
-                    let path = self.session.sent_file(record.scene_idx).unwrap_or_else(|| "another scene".into());
+                    let path = self
+                        .session
+                        .sent_file(record.scene_idx)
+                        .unwrap_or_else(|| "another scene".into());
                     let at_s = record.time_ns as f64 * 1e-9;
                     let [tick, time] = at(record);
-                    let text = format!("scene: {} from {at_s:.3} s on (tick {})", shown(&path), record.tick);
-                    self.line(Level::Info, "scene", &text, &[("file", path.to_string_lossy().into()), tick, time]);
+                    let text = format!(
+                        "scene: {} from {at_s:.3} s on (tick {})",
+                        shown(&path),
+                        record.tick
+                    );
+                    self.line(
+                        Level::Info,
+                        "scene",
+                        &text,
+                        &[("file", path.to_string_lossy().into()), tick, time],
+                    );
                 }
             }
             Notice::Link(news) => {
                 let (level, state, text) = match news {
-                    LinkNews::Lost => (Level::Warning, "lost", "device: gone; looking for it".to_owned()),
+                    LinkNews::Lost => {
+                        (Level::Warning, "lost", "device: gone; looking for it".to_owned())
+                    }
                     LinkNews::Back { node, homing } => {
                         let homing = homing.as_ref().map_or(String::new(), |text| {
                             format!(" It counts from where it was switched on, and a wrong place turns the force. {text}")
                         });
-                        (Level::Info, "back", format!("device: back at {}; it waits for `enable`.{homing}", node.display()))
+                        (
+                            Level::Info,
+                            "back",
+                            format!(
+                                "device: back at {}; it waits for `enable`.{homing}",
+                                node.display()
+                            ),
+                        )
                     }
                     LinkNews::Fails(why) => (Level::Warning, "fails", format!("device: {why}")),
                     LinkNews::Told(text) => (Level::Warning, "told", format!("device: {text}")),
-                    LinkNews::Unguarded(why) => (Level::Warning, "unguarded", guard::missing_text(why)),
+                    LinkNews::Unguarded(why) => {
+                        (Level::Warning, "unguarded", guard::missing_text(why))
+                    }
                 };
                 self.line(level, "link", &text, &[("link", state.into())]);
             }
             Notice::Waiting(cause) => {
                 if !self.quiet {
-                    let (name, advice) = (cause.name(), cause.advice());
+                    let name = cause.name();
+                    let advice = cause.advice();
                     let fields = [("off_cause", name.into()), ("advice", advice.into())];
-                    self.line(Level::Warning, "waiting", &format!("no force: {name} ({advice})"), &fields);
+                    self.line(
+                        Level::Warning,
+                        "waiting",
+                        &format!("no force: {name} ({advice})"),
+                        &fields,
+                    );
                 }
             }
             Notice::Fault(record) => {
@@ -109,7 +157,10 @@ impl<'a> StatusLine<'a> {
             Notice::Status(record) => {
                 if self.live {
                     // Cut at the edge of the terminal: a line that wraps could not be written over.
-                    output::message(format_args!("\r\x1b[2K\x1b[?7l{}\x1b[?7h", status_text(record)));
+                    output::message(format_args!(
+                        "\r\x1b[2K\x1b[?7l{}\x1b[?7h",
+                        status_text(record)
+                    ));
                     self.status_on = true;
                 }
                 if self.next_status.is_some_and(|due| Instant::now() >= due) {
@@ -122,18 +173,29 @@ impl<'a> StatusLine<'a> {
 
     fn preflight(&mut self, report: &PreflightReport) {
         if !output::is_json() {
-            report_lines(report, false, self.failed_mark).iter().for_each(|row| self.line(Level::Info, "preflight", row, &[]));
+            report_lines(report, false, self.failed_mark)
+                .iter()
+                .for_each(|row| self.line(Level::Info, "preflight", row, &[]));
             return;
         }
         for row in &report.rows {
-            let level = if row.outcome == preflight::CheckOutcome::Failed { Level::Warning } else { Level::Info };
+            let level = if row.outcome == preflight::CheckOutcome::Failed {
+                Level::Warning
+            } else {
+                Level::Info
+            };
             let fields = [
                 ("check", Value::from(row.name)),
                 ("outcome", row.outcome.name().into()),
                 ("found", row.found.as_str().into()),
                 ("hint", row.hint.into()),
             ];
-            self.line(level, "preflight", &format!("preflight: {}: {}", row.name, row.found), &fields);
+            self.line(
+                level,
+                "preflight",
+                &format!("preflight: {}: {}", row.name, row.found),
+                &fields,
+            );
         }
     }
 
@@ -156,7 +218,11 @@ fn at(record: &TickRecord) -> [(&'static str, Value); 2] {
 }
 
 /// Checks of the machine, one line each, with what would help.
-pub(super) fn report_lines(report: &PreflightReport, failed_only: bool, failed_mark: &str) -> Vec<String> {
+pub(super) fn report_lines(
+    report: &PreflightReport,
+    failed_only: bool,
+    failed_mark: &str,
+) -> Vec<String> {
     let mut lines = Vec::new();
     for row in &report.rows {
         let mark = match row.outcome {
@@ -176,25 +242,40 @@ pub(super) fn report_lines(report: &PreflightReport, failed_only: bool, failed_m
 }
 
 /// Names of the faults of a record, and the lines that tell of them.
-fn fault_words(record: &TickRecord, protocol: Option<&Protocol>) -> impl Iterator<Item = (&'static str, String)> {
-    let (faults, tick, time_s) = (record.output.faults, record.tick, record.time_ns as f64 * 1e-9);
+fn fault_words(
+    record: &TickRecord,
+    protocol: Option<&Protocol>,
+) -> impl Iterator<Item = (&'static str, String)> {
+    let faults = record.output.faults;
+    let tick = record.tick;
+    let time_s = record.time_ns as f64 * 1e-9;
     let error = record.input.sample.device_error;
-    Faults::TABLE.into_iter().filter(move |(fault, ..)| faults.contains(*fault)).map(move |(fault, name, text)| {
-        let text = if fault == Faults::DEVICE_ERROR && error != 0 { error_text(error, protocol) } else { text.to_owned() };
-        (name, format!("fault: {name} at {time_s:.3} s (tick {tick}): {text}"))
-    })
+    Faults::TABLE.into_iter().filter(move |(fault, ..)| faults.contains(*fault)).map(
+        move |(fault, name, text)| {
+            let text = if fault == Faults::DEVICE_ERROR && error != 0 {
+                error_text(error, protocol)
+            } else {
+                text.to_owned()
+            };
+            (name, format!("fault: {name} at {time_s:.3} s (tick {tick}): {text}"))
+        },
+    )
 }
 
 /// What an arm says is wrong with it, with the words of its protocol.
 pub(super) fn error_text(error: u16, protocol: Option<&Protocol>) -> String {
     let words = protocol.and_then(|protocol| protocol.error_text(error));
-    format!("the arm reports error {error}{}", words.map_or(String::new(), |words| format!(" ({words})")))
+    format!(
+        "the arm reports error {error}{}",
+        words.map_or(String::new(), |words| format!(" ({words})"))
+    )
 }
 
 fn status_text(record: &TickRecord) -> String {
     let output = &record.output;
     format!(
-        "tick {:>8}  force {:6.2} N  torque {:6.3} N·m  depth {:6.3} mm  contacts {:>5}  late {:>6.1} µs",
+        "tick {:>8}  force {:6.2} N  torque {:6.3} N·m  depth {:6.3} mm  contacts {:>5}  late \
+            {:>6.1} µs",
         record.tick,
         output.command_device.force.length(),
         output.command_device.torque.length(),
@@ -230,18 +311,25 @@ mod tests {
         let line = |name: &str, device_error: u16| {
             let profile = profile::find(name, std::path::Path::new("")).expect(name);
             let record = TickRecord {
-                input: TickInput { sample: DeviceSample { device_error, ..DeviceSample::default() }, ..TickInput::default() },
+                input: TickInput {
+                    sample: DeviceSample { device_error, ..DeviceSample::default() },
+                    ..TickInput::default()
+                },
                 output: TickOutput { faults: Faults::DEVICE_ERROR, ..TickOutput::default() },
                 ..TickRecord::default()
             };
-            let lines = fault_words(&record, profile.real.as_ref().map(|real| &real.protocol)).map(|(_, line)| line);
+            let lines = fault_words(&record, profile.real.as_ref().map(|real| &real.protocol))
+                .map(|(_, line)| line);
             lines.collect::<Vec<_>>().join("\n")
         };
         let lead = "fault: device-error at 0.000 s (tick 0): the arm reports error";
         assert_eq!(line("open6-serial", 3), format!("{lead} 3 (too hot)"));
         assert_eq!(line("open6-serial", 0x100), format!("{lead} 256 (its watchdog has tripped)"));
         assert_eq!(line("open6-hid", 200), format!("{lead} 200 (the maker's own)"));
-        assert!(line("leader-arm-6", 0x0380).starts_with(&format!("{lead} 896 (servo 3: hardware alert")));
+        assert!(
+            line("leader-arm-6", 0x0380)
+                .starts_with(&format!("{lead} 896 (servo 3: hardware alert"))
+        );
         assert_eq!(line("sim-sigma7", 7), format!("{lead} 7"));
     }
 }

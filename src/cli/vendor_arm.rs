@@ -1,4 +1,5 @@
-//! `hapticd vendor-arm`: the process that the library of an arm's maker runs in. Runs start it; people do not, so no help names it.
+//! `hapticd vendor-arm`: the process that the library of an arm's maker runs in. Runs start it;
+//! people do not, so no help names it.
 
 use std::process::ExitCode;
 
@@ -8,7 +9,10 @@ use clap::{CommandFactory as _, Parser};
 use arms::vendor::{self, Assignment};
 
 #[derive(Debug, Parser)]
-#[command(name = "hapticd vendor-arm", about = "Part of a run, which starts it for the library of an arm's maker.")]
+#[command(
+    name = "hapticd vendor-arm",
+    about = "Part of a run, which starts it for the library of an arm's maker."
+)]
 struct Args {
     /// Which arm, as JSON.
     assignment: Assignment,
@@ -20,7 +24,8 @@ pub(super) fn main() -> Option<ExitCode> {
     words.next().filter(|word| word == "vendor-arm")?;
     let args = Args::parse_from(std::iter::once("hapticd vendor-arm".into()).chain(words));
     Some(vendor::work(&args.assignment).unwrap_or_else(|_| {
-        let message = "this is a part of a run, which starts it for the library of an arm's maker: see docs/how-to/arms.md";
+        let message = "this is a part of a run, which starts it for the library of an arm's maker: \
+            see docs/how-to/arms.md";
         Args::command().error(ErrorKind::MissingRequiredArgument, message).exit()
     }))
 }

@@ -1,15 +1,17 @@
-//! The largest stiffness that an arm may be made to feel: the stability rule of its sampled wall, and what its maker declares.
+//! The largest stiffness that an arm may be made to feel: the stability rule of its sampled wall,
+//! and what its maker declares.
 
 use core::fmt;
 
 use document::show;
 use haptics::stability::SampledWall;
 
-/// A bound on translational (N/m) or rotational (N·m/rad) stiffness felt by the arm, with the numbers that gave it.
+/// A bound on translational (N/m) or rotational (N·m/rad) stiffness felt by the arm, with the
+/// numbers that gave it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StiffnessBound {
-    /// One axis of the arm: its plant, period, delay, and the shaping filter where that lies in the loop. Virtual damping is not
-    /// credited (decision: virtual damping).
+    /// One axis of the arm: its plant, period, delay, and the shaping filter where that lies in the
+    /// loop. Virtual damping is not credited (decision: virtual damping).
     pub wall: SampledWall,
     /// The stiffness that the profile declares; `None`: the arm has no bound.
     pub declared: Option<f64>,
@@ -43,7 +45,8 @@ impl StiffnessBound {
     }
 }
 
-/// The rule with its numbers: `min(0.8 b / (T/2 + delay), declared 4000) with b = 7.5, T = 1 ms, delay = 1 tick`.
+/// The rule with its numbers: `min(0.8 b / (T/2 + delay), declared 4000) with b = 7.5, T = 1 ms,
+/// delay = 1 tick`.
 impl fmt::Display for StiffnessBound {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Some(declared) = self.declared else { return write!(f, "none") };
@@ -51,7 +54,8 @@ impl fmt::Display for StiffnessBound {
         let ticks = if delay_ticks == 1 { "tick" } else { "ticks" };
         write!(
             f,
-            "min(0.8 b / (T/2 + delay), declared {declared}) with b = {}, T = {} ms, delay = {delay_ticks} {ticks}",
+            "min(0.8 b / (T/2 + delay), declared {declared}) with b = {}, T = {} ms, delay = \
+                {delay_ticks} {ticks}",
             show(damping_n_s_per_m),
             show(period_s * 1e3),
         )?;

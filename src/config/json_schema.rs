@@ -1,6 +1,8 @@
-//! JSON schemas of scenes and profiles, for editors: from the types that read them, so that they cannot say anything else.
+//! JSON schemas of scenes and profiles, for editors: from the types that read them, so that they
+//! cannot say anything else.
 //!
-//! The texts are checked in as `config/scene.schema.json` and `devices/profile.schema.json`; a test holds them against these functions.
+//! The texts are checked in as `config/scene.schema.json` and `devices/profile.schema.json`; a test
+//! holds them against these functions.
 
 use schemars::Schema;
 use serde_json::Value;

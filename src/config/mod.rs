@@ -1,9 +1,10 @@
 //! Scene files: version → schema (as written) → resolved (checked, SI, typed).
 //!
-//! Data in: a TOML scene and device profiles. Data out: one [`SceneConfig`], or every problem of the first
-//! pass that found any. [`document`] reads syntax and version, `schema` holds the keys, `resolve` checks
-//! and converts, [`scene`] is the result. Beside that: [`strokes`] (scripted work on clay), [`draft`] (a first scene for
-//! meshes that have none), [`json_schema`] (what editors complete keys from).
+//! Data in: a TOML scene and device profiles. Data out: one [`SceneConfig`], or every problem of
+//! the first pass that found any. [`document`] reads syntax and version, `schema` holds the keys,
+//! `resolve` checks and converts, [`scene`] is the result. Beside that: [`strokes`] (scripted work
+//! on clay), [`draft`] (a first scene for meshes that have none), [`json_schema`] (what editors
+//! complete keys from).
 //!
 //! Invariant: cold, and silent: problems are returned, `cli` prints them.
 //!

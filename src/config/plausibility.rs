@@ -16,7 +16,8 @@ pub fn plausibility_warnings(config: &SceneConfig) -> Vec<Problem> {
     contact_stiffness(config).into_iter().chain(late_force(config)).collect()
 }
 
-/// A spring that is felt late gives energy at K · lag · v²; a damper of K · lag takes it. An arm that takes less is weakened after a hard landing.
+/// A spring that is felt late gives energy at K · lag · v²; a damper of K · lag takes it. An arm
+/// that takes less is weakened after a hard landing.
 fn late_force(config: &SceneConfig) -> Option<Problem> {
     let Parameters { arm, coupling, period_s, mapping, .. } = config.parameters;
     // An arm that takes no damping, or has no bound, is not watched.
@@ -32,19 +33,25 @@ fn late_force(config: &SceneConfig) -> Option<Problem> {
     }
     let most = takes / lag_s / mapping.scale / N_PER_M;
     let why = format!(
-        "{} N/m felt {} ms late needs {} N·s/m of damping to give no energy, and this arm takes {}: after a hard landing it gets less force than the contact \
-         has, until the hand presses on",
+        "{} N/m felt {} ms late needs {} N·s/m of damping to give no energy, and this arm takes \
+            {}: after a hard landing it gets less force than the contact has, until the hand \
+            presses on",
         show(felt_n_per_m),
         show(lag_s * 1e3),
         show(gives),
         show(takes),
     );
-    let hint = Some(format!("write {} N/mm at most, or know of it", show((most * 100.0).floor() / 100.0)));
-    Some(problem_at(&config.path, "coupling.translation_n_per_mm", ProblemKind::Refused { why, hint }))
+    let hint =
+        Some(format!("write {} N/mm at most, or know of it", show((most * 100.0).floor() / 100.0)));
+    Some(problem_at(
+        &config.path,
+        "coupling.translation_n_per_mm",
+        ProblemKind::Refused { why, hint },
+    ))
 }
 
-/// A problem at a key of a scene that was read before. The file is read again, for the line and what is written there; one that is gone or no scene any
-/// more has neither.
+/// A problem at a key of a scene that was read before. The file is read again, for the line and
+/// what is written there; one that is gone or no scene any more has neither.
 pub fn problem_at(path: &Path, key: &str, kind: ProblemKind) -> Problem {
     if let Ok(text) = regular::written(path)
         && let Ok(document) = Document::parse(path, &text)
@@ -54,21 +61,27 @@ pub fn problem_at(path: &Path, key: &str, kind: ProblemKind) -> Problem {
     Problem { key: Some(key.to_owned()), ..Problem::of_file(path, kind) }
 }
 
-/// Clients set the stiffness of a scene to multiples of its own. What no client could set a scene of the default to is likely in another unit.
+/// Clients set the stiffness of a scene to multiples of its own. What no client could set a scene
+/// of the default to is likely in another unit.
 fn contact_stiffness(config: &SceneConfig) -> Option<Problem> {
     let written = config.parameters;
     // `None`: it does nothing in this mode.
     LiveParameter::ContactStiffness.range(&written)?;
-    let contact = ContactParameters { stiffness_n_per_m: DEFAULT_CONTACT_N_PER_MM * N_PER_M, ..written.contact };
+    let contact = ContactParameters {
+        stiffness_n_per_m: DEFAULT_CONTACT_N_PER_MM * N_PER_M,
+        ..written.contact
+    };
     // `direct` has no range above its own stiffness.
     let coupling = CouplingParameters { mode: CouplingMode::Implicit, ..written.coupling };
-    let usual = LiveParameter::ContactStiffness.range(&Parameters { contact, coupling, ..written })?;
+    let usual =
+        LiveParameter::ContactStiffness.range(&Parameters { contact, coupling, ..written })?;
     if (usual.least..=usual.most).contains(&written.contact.stiffness_n_per_m) {
         return None;
     }
     let [least, most] = [usual.least, usual.most].map(|n_per_m| show(n_per_m / N_PER_M));
     let why = format!(
-        "outside {least} to {most} N/mm, the range that the page gives a scene with the default of {} N/mm",
+        "outside {least} to {most} N/mm, the range that the page gives a scene with the default of \
+            {} N/mm",
         show(DEFAULT_CONTACT_N_PER_MM)
     );
     let hint = Some(format!("write {least} to {most}; is the unit right? 1 N/mm is 1000 N/m"));

@@ -48,7 +48,8 @@ pub struct SceneConfig {
     pub stability: StabilityConfig,
     /// Access of clients.
     pub monitor: MonitorConfig,
-    /// Longest silence of the client that drives: without a client that beats no force flows. `None`: no client has to.
+    /// Longest silence of the client that drives: without a client that beats no force flows.
+    /// `None`: no client has to.
     pub heartbeat: Option<Duration>,
 }
 
@@ -141,7 +142,8 @@ pub struct SculptConfig {
     pub settings: clay_model::Settings,
     /// Ticks from one update of the material to the next.
     pub update_ticks: u64,
-    /// α of the force between updates, from one tick to the next; `None`: nine tenths of a change are felt when the next update comes.
+    /// α of the force between updates, from one tick to the next; `None`: nine tenths of a change
+    /// are felt when the next update comes.
     pub smoothing: Option<f64>,
     /// What is in the hand at the start.
     pub tool: ToolSettings,

@@ -1,7 +1,7 @@
 //! Second pass: the scene as it is written. Foreign units, nothing checked but names and types.
 //!
-//! Every key is optional here: what must be given is said by the third pass, in the words of the scene. `docs` of the keys are in
-//! `config/default.toml`, which a test holds against these tables.
+//! Every key is optional here: what must be given is said by the third pass, in the words of the
+//! scene. `docs` of the keys are in `config/default.toml`, which a test holds against these tables.
 
 mod sculpt;
 
@@ -19,7 +19,8 @@ use vps::voxmap::inside_test::InsideTest;
 #[cfg(test)]
 pub(super) use self::sculpt::CraftWord;
 pub(super) use self::sculpt::{
-    Creep, Deed, FalloffRate, FalloffWritten, PaintedWritten, Sculpt, Stroke, Strokes, WrittenSolid, WrittenTool, holds_strokes,
+    Creep, Deed, FalloffRate, FalloffWritten, PaintedWritten, Sculpt, Stroke, Strokes,
+    WrittenSolid, WrittenTool, holds_strokes,
 };
 
 /// The whole file.
@@ -88,7 +89,11 @@ pub(super) struct Tool {
 }
 
 #[derive(Debug, Default, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default, expecting = "a table with one shape, such as { box_mm = [60, 40, 10] } or { sphere_mm = 8 }")]
+#[serde(
+    deny_unknown_fields,
+    default,
+    expecting = "a table with one shape, such as { box_mm = [60, 40, 10] } or { sphere_mm = 8 }"
+)]
 pub(super) struct Shape {
     pub(super) box_mm: Option<Numbers<3>>,
     pub(super) sphere_mm: Option<f64>,
@@ -114,7 +119,11 @@ pub(super) struct Contact {
 }
 
 #[derive(Debug, Default, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default, expecting = "a table, written { static = 0.25, dynamic = 0.2 }")]
+#[serde(
+    deny_unknown_fields,
+    default,
+    expecting = "a table, written { static = 0.25, dynamic = 0.2 }"
+)]
 pub(super) struct Friction {
     #[serde(rename = "static")]
     pub(super) holding: Option<f64>,
@@ -175,7 +184,8 @@ pub(super) struct Device {
 #[serde(
     deny_unknown_fields,
     default,
-    expecting = "a table, such as { position_mm = [0, 0, 0], orientation_xyzw = [0, 0, 0, 1], scale = 1 }"
+    expecting = "a table, such as { position_mm = [0, 0, 0], orientation_xyzw = [0, 0, 0, 1], \
+        scale = 1 }"
 )]
 pub(super) struct WorldFromDevice {
     pub(super) position_mm: Option<Numbers<3>>,
@@ -244,7 +254,10 @@ pub(super) enum Deadman {
 
 /// `safety.overrun`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(untagged, expecting = "invalid value, expected a whole number of consecutive missed ticks or \"off\"")]
+#[serde(
+    untagged,
+    expecting = "invalid value, expected a whole number of consecutive missed ticks or \"off\""
+)]
 pub(super) enum Overrun {
     Off(OffWord),
     Consecutive(#[schemars(range(min = 1))] i64),

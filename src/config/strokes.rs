@@ -1,7 +1,8 @@
 //! Files of strokes: what is done to a piece of clay, and when.
 //!
-//! TOML, `version = 1`, then a `[[stroke]]` table for each, with `at_s` (loop time, s) and `do`; `docs/reference/clay.md` lists the keys. Files
-//! that are read are relative to the file of strokes, files that are written to the working directory.
+//! TOML, `version = 1`, then a `[[stroke]]` table for each, with `at_s` (loop time, s) and `do`;
+//! `docs/reference/clay.md` lists the keys. Files that are read are relative to the file of
+//! strokes, files that are written to the working directory.
 
 mod curves;
 mod image_placement;
@@ -49,8 +50,9 @@ pub struct TimedOrder {
 
 const TIME_S: Interval = Interval::from(0.0).to(1e5).unit("s");
 
-/// Reads a file of strokes, with every image and solid that it names, in the order of their times; those of one time stay in the order of the
-/// file. `tool`: what is in the hand before, of which a `take` changes what it names.
+/// Reads a file of strokes, with every image and solid that it names, in the order of their times;
+/// those of one time stay in the order of the file. `tool`: what is in the hand before, of which a
+/// `take` changes what it names.
 ///
 /// # Errors
 /// Every problem of the first pass that found any.
@@ -88,14 +90,18 @@ pub fn load(path: &Path, tool: &ToolSettings) -> Result<Script, ConfigErrors> {
 
 /// A file of strokes, as far as it can be read without checking it.
 pub fn is_script(path: &Path) -> bool {
-    regular::written(path).is_ok_and(|text| Document::parse(path, &text).is_ok_and(|document| holds_strokes(&document)))
+    regular::written(path).is_ok_and(|text| {
+        Document::parse(path, &text).is_ok_and(|document| holds_strokes(&document))
+    })
 }
 
 impl Script {
     /// The files that its orders write.
     pub fn writes(&self) -> impl Iterator<Item = &Path> {
         self.orders.iter().filter_map(|timed| match &timed.order {
-            SculptOrder::SavePoints(path) | SculptOrder::SaveSession(path) | SculptOrder::Export(path) => Some(path.as_path()),
+            SculptOrder::SavePoints(path)
+            | SculptOrder::SaveSession(path)
+            | SculptOrder::Export(path) => Some(path.as_path()),
             _ => None,
         })
     }
@@ -116,16 +122,25 @@ impl Reader<'_> {
         let table = format!("stroke[{index}]");
         let at_s = self.resolve.checks.required(&format!("{table}.at_s"), stroke.at_s, TIME_S);
         let accepted = any_of(&Deed::ALL.map(|deed| deed.to_string()));
-        let Some(deed) = self.resolve.checks.given(&format!("{table}.do"), stroke.deed, accepted) else { return };
+        let Some(deed) = self.resolve.checks.given(&format!("{table}.do"), stroke.deed, accepted)
+        else {
+            return;
+        };
         self.only_what_belongs(&table, stroke, deed);
         let at = Duration::try_from_secs_f64(at_s).unwrap_or_default();
         let order = match deed {
-            Deed::Take => Some(SculptOrder::Take(self.resolve.tool_settings(&table, &stroke.written_tool(), self.tool))),
+            Deed::Take => Some(SculptOrder::Take(self.resolve.tool_settings(
+                &table,
+                &stroke.written_tool(),
+                self.tool,
+            ))),
             Deed::Hold => {
                 self.hold(index, at_s, stroke.until_s);
                 return;
             }
-            Deed::Union | Deed::Intersection | Deed::Difference => self.combine(&table, stroke, deed),
+            Deed::Union | Deed::Intersection | Deed::Difference => {
+                self.combine(&table, stroke, deed)
+            }
             Deed::Emboss | Deed::Engrave => self.emboss(&table, stroke, deed),
             Deed::Draw => self.curves(&table, stroke).map(SculptOrder::Draw),
             Deed::Lay => self.lay(&table, stroke),
@@ -144,7 +159,8 @@ impl Reader<'_> {
             Deed::Export => self.file(index, stroke, Some("ply")).map(SculptOrder::Export),
         };
         let Some(order) = order else { return };
-        let size = matches!(order, SculptOrder::Combine { .. }).then(|| Size::of(self.resolve.document, &table, stroke));
+        let size = matches!(order, SculptOrder::Combine { .. })
+            .then(|| Size::of(self.resolve.document, &table, stroke));
         self.orders.push(TimedOrder { at, order, line: self.line(index), size });
     }
 
@@ -161,7 +177,12 @@ impl Reader<'_> {
         self.holds.push((index, at_s, until_s));
         for (time_s, held) in [(at_s, true), (until_s, false)] {
             let at = Duration::try_from_secs_f64(time_s).unwrap_or_default();
-            self.orders.push(TimedOrder { at, order: SculptOrder::Hold(held), line: self.line(index), size: None });
+            self.orders.push(TimedOrder {
+                at,
+                order: SculptOrder::Hold(held),
+                line: self.line(index),
+                size: None,
+            });
         }
     }
 
@@ -175,8 +196,12 @@ impl Reader<'_> {
             let accepted = if at_s < until_s {
                 format!("{until_s} s or later: until then the stroke in line {line} holds or pulls")
             } else if at_s == until_s && index < before {
-                // What happens at one time happens in the order of the file: this one would be let go as soon as it holds.
-                format!("later than {until_s} s, or stand below the stroke in line {line}, which holds or pulls until then")
+                // What happens at one time happens in the order of the file: this one would be let
+                // go as soon as it holds.
+                format!(
+                    "later than {until_s} s, or stand below the stroke in line {line}, which holds \
+                        or pulls until then"
+                )
             } else {
                 continue;
             };
@@ -206,7 +231,10 @@ impl Reader<'_> {
             Err(problem) => {
                 self.resolve.checks.refuse(
                     &format!("{table}.{}", solid_key(stroke)),
-                    ProblemKind::Refused { why: problem.to_string(), hint: problem.hint().map(str::to_owned) },
+                    ProblemKind::Refused {
+                        why: problem.to_string(),
+                        hint: problem.hint().map(str::to_owned),
+                    },
                 );
                 None
             }
@@ -216,16 +244,22 @@ impl Reader<'_> {
     fn file(&mut self, index: usize, stroke: &Stroke, ending: Option<&str>) -> Option<PathBuf> {
         let key = format!("stroke[{index}].file");
         let accepted = "the file to write, relative to the working directory";
-        let path = PathBuf::from(self.resolve.checks.given(&key, stroke.file.as_ref(), accepted)?);
+        let path =
+            PathBuf::from(self.resolve.checks.given(&key, stroke.file.as_ref(), accepted)?);
         if let Some(ending) = ending
             && !path.extension().is_some_and(|found| found.eq_ignore_ascii_case(ending))
         {
-            self.resolve.checks.not_accepted(&key, format_args!("a file whose name ends in .{ending}"));
+            self.resolve
+                .checks
+                .not_accepted(&key, format_args!("a file whose name ends in .{ending}"));
             return None;
         }
         if let Some((first, _)) = self.written.iter().find(|(_, earlier)| *earlier == path) {
             let line = self.line(*first);
-            self.resolve.checks.not_accepted(&key, format_args!("another file: the stroke in line {line} writes this one"));
+            self.resolve.checks.not_accepted(
+                &key,
+                format_args!("another file: the stroke in line {line} writes this one"),
+            );
             return None;
         }
         self.written.push((index, path.clone()));
@@ -234,14 +268,20 @@ impl Reader<'_> {
 
     fn only_what_belongs(&mut self, table: &str, stroke: &Stroke, deed: Deed) {
         let known = deed.keys();
-        let keys = if known.is_empty() { "no key beside at_s".to_owned() } else { known.join(", ") };
-        let strange = stroke.given().into_iter().filter(|key| !matches!(*key, "at_s" | "deed") && !known.contains(key));
+        let keys =
+            if known.is_empty() { "no key beside at_s".to_owned() } else { known.join(", ") };
+        let strange = stroke
+            .given()
+            .into_iter()
+            .filter(|key| !matches!(*key, "at_s" | "deed") && !known.contains(key));
         self.leave_out(table, strange, &format!("beside do = \"{deed}\", which takes {keys}"));
     }
 
     fn leave_out(&mut self, table: &str, keys: impl IntoIterator<Item = &'static str>, why: &str) {
         for key in keys {
-            self.resolve.checks.not_accepted(&format!("{table}.{key}"), format_args!("left out {why}"));
+            self.resolve
+                .checks
+                .not_accepted(&format!("{table}.{key}"), format_args!("left out {why}"));
         }
     }
 }

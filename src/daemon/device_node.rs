@@ -1,7 +1,8 @@
 //! The loop beside the arm: `hapticd device-node`.
 //!
-//! It does what the servo does for a tick, with [`Node::step`] in its place: absolute deadlines, a thread of its own under SCHED_FIFO where the system
-//! allows it, and a zero on every way out. It has no scene, and knows nothing of what the force is for.
+//! It does what the servo does for a tick, with [`Node::step`] in its place: absolute deadlines, a
+//! thread of its own under SCHED_FIFO where the system allows it, and a zero on every way out. It
+//! has no scene, and knows nothing of what the force is for.
 
 use core::time::Duration;
 use std::io;
@@ -68,8 +69,14 @@ pub struct NodeOutcome {
     pub standing: ThreadStanding,
 }
 
-/// What the node reports of its arm to a host, and holds the host to. A real arm with unverified signs gets no more here than there.
-pub fn node_parameters(profile: &Profile, name: &str, period_s: f64, timing: HoldTiming) -> NodeParameters {
+/// What the node reports of its arm to a host, and holds the host to. A real arm with unverified
+/// signs gets no more here than there.
+pub fn node_parameters(
+    profile: &Profile,
+    name: &str,
+    period_s: f64,
+    timing: HoldTiming,
+) -> NodeParameters {
     let limits = profile.limits_now();
     NodeParameters {
         name: name.to_owned(),
@@ -85,7 +92,8 @@ pub fn node_parameters(profile: &Profile, name: &str, period_s: f64, timing: Hol
     }
 }
 
-/// Opens the arm of a profile, with that program as its [guard](arms::guard), or makes the simulated one with that hand.
+/// Opens the arm of a profile, with that program as its [guard](arms::guard), or makes the
+/// simulated one with that hand.
 ///
 /// # Errors
 /// The arm cannot be opened, or not be simulated.
@@ -98,9 +106,16 @@ pub fn open_arm(
     guard: Option<PathBuf>,
 ) -> Result<(Box<dyn Device>, Option<RealArmNode>), PrepareError> {
     if profile.real.is_some() {
-        let io_request = ThreadRequest { priority: request.priority.saturating_sub(1).max(1), ..request };
-        let opened = open::open(profile, &OpenOptions { selector, io_request: Some(io_request), period_s, guard })?;
-        return Ok((Box::new(opened.arm), Some(RealArmNode { node: opened.path, news: opened.news, link: None })));
+        let io_request =
+            ThreadRequest { priority: request.priority.saturating_sub(1).max(1), ..request };
+        let opened = open::open(
+            profile,
+            &OpenOptions { selector, io_request: Some(io_request), period_s, guard },
+        )?;
+        return Ok((
+            Box::new(opened.arm),
+            Some(RealArmNode { node: opened.path, news: opened.news, link: None }),
+        ));
     }
     Ok((Box::new(SimArm::new(SimParameters::of(profile, hand, period_s))?), None))
 }
@@ -109,17 +124,24 @@ pub fn open_arm(
 ///
 /// # Errors
 /// The thread cannot be started.
-pub fn run_node(job: NodeJob, control: &Arc<Control>, mut notify: impl FnMut(NodeNotice<'_>)) -> io::Result<NodeOutcome> {
+pub fn run_node(
+    job: NodeJob,
+    control: &Arc<Control>,
+    mut notify: impl FnMut(NodeNotice<'_>),
+) -> io::Result<NodeOutcome> {
     let NodeJob { node, arm, news, period_s, request, duration } = job;
     let figures = node.figures();
     let locked = schedule::lock_memory();
     let thread = {
         let control = control.clone();
-        std::thread::Builder::new().name("device-node".to_owned()).spawn(move || turn(node, arm, period_s, request, &control))?
+        std::thread::Builder::new()
+            .name("device-node".to_owned())
+            .spawn(move || turn(node, arm, period_s, request, &control))?
     };
     watch(&figures, news.as_ref(), duration, &thread, &mut notify);
     control.stop();
-    let (periods, missed_periods, panicked, standing) = thread.join().unwrap_or((0, 0, true, ThreadStanding::default()));
+    let (periods, missed_periods, panicked, standing) =
+        thread.join().unwrap_or((0, 0, true, ThreadStanding::default()));
     if locked.is_ok() {
         schedule::unlock_memory();
     }
@@ -128,11 +150,18 @@ pub fn run_node(job: NodeJob, control: &Arc<Control>, mut notify: impl FnMut(Nod
 
 type Turned = (u64, u64, bool, ThreadStanding);
 
-fn turn(mut node: Node, arm: Box<dyn Device>, period_s: f64, request: ThreadRequest, control: &Control) -> Turned {
+fn turn(
+    mut node: Node,
+    arm: Box<dyn Device>,
+    period_s: f64,
+    request: ThreadRequest,
+    control: &Control,
+) -> Turned {
     let standing = schedule::enter_realtime(request);
     // Writes zero while a panic unwinds, too.
     let mut arm = StopGuard::new(arm);
-    let (mut periods, mut missed) = (0, 0);
+    let mut periods = 0;
+    let mut missed = 0;
     let outcome = catch_unwind(AssertUnwindSafe(|| {
         let mut clock = RealClock;
         let start_ns = clock.now_ns();
@@ -161,7 +190,8 @@ fn watch<T>(
     let mut told = LinkPhase::Silent;
     let mut losses = 0;
     while !thread.is_finished() && duration.is_none_or(|duration| begin.elapsed() < duration) {
-        let (phase, report) = (figures.phase(), figures.report());
+        let phase = figures.phase();
+        let report = figures.report();
         // A host that is quick to disable again must not hide that the link was lost.
         if report.link_losses > losses && phase != LinkPhase::Tripped {
             notify(NodeNotice::Phase(LinkPhase::Tripped, report));

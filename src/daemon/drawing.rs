@@ -1,11 +1,12 @@
-//! Pictures and a film of a run, drawn while it goes on: no display, graphics card or browser is asked for.
+//! Pictures and a film of a run, drawn while it goes on: no display, graphics card or browser is
+//! asked for.
 //!
 //! ```text
 //!  drain ──subscriber: which ticks are due──► queue of two ──► thread `pictures`: draws ──► PNG files, the film
 //!                                   └ full: left out and counted; under the virtual clock the drain waits
 //! ```
-//! Data in: every record. Data out: files. Invariants: nothing is drawn on the thread of the loop or of the drain, and under the real clock neither waits;
-//! a film has its name when it is whole.
+//! Data in: every record. Data out: files. Invariants: nothing is drawn on the thread of the loop
+//! or of the drain, and under the real clock neither waits; a film has its name when it is whole.
 
 use std::collections::BTreeMap;
 use std::fs::Permissions;
@@ -67,8 +68,12 @@ impl PicturesPlan {
 
     /// A name that an earlier run may have given.
     pub fn is_own(&self, file_name: &str) -> bool {
-        let seconds = file_name.strip_prefix(&self.name).and_then(|rest| rest.strip_prefix('-')?.strip_suffix("s.png"));
-        seconds.is_some_and(|seconds| seconds.len() >= 9 && seconds.bytes().all(|byte| byte.is_ascii_digit() || byte == b'.'))
+        let seconds = file_name
+            .strip_prefix(&self.name)
+            .and_then(|rest| rest.strip_prefix('-')?.strip_suffix("s.png"));
+        seconds.is_some_and(|seconds| {
+            seconds.len() >= 9 && seconds.bytes().all(|byte| byte.is_ascii_digit() || byte == b'.')
+        })
     }
 }
 
@@ -113,19 +118,27 @@ struct Counts {
 ///
 /// # Errors
 /// There is no thread for it.
-pub fn begin(plan: DrawingPlan, session: SessionHandle, subscribers: &RecordSubscribers, clock: ClockKind) -> io::Result<Drawing> {
+pub fn begin(
+    plan: DrawingPlan,
+    session: SessionHandle,
+    subscribers: &RecordSubscribers,
+    clock: ClockKind,
+) -> io::Result<Drawing> {
     let (sender, ticks) = bounded(QUEUE);
     let counts = Arc::new(Counts::default());
     let mut sampler = Sampler {
         sender,
         counts: counts.clone(),
         waits: clock == ClockKind::Virtual,
-        picture: plan.pictures.as_ref().map(|pictures| Due::every(i64::try_from(pictures.every.as_nanos()).unwrap_or(i64::MAX))),
+        picture: plan.pictures.as_ref().map(|pictures| {
+            Due::every(i64::try_from(pictures.every.as_nanos()).unwrap_or(i64::MAX))
+        }),
         frame: plan.video.as_ref().map(|_| Due::every(FRAME_NS)),
         moved: BTreeMap::new(),
         last: None,
     };
-    let drawing = DrawingThread { plan, session, scene: None, film: None, drawn: DrawnSummary::default() };
+    let drawing =
+        DrawingThread { plan, session, scene: None, film: None, drawn: DrawnSummary::default() };
     let thread = std::thread::Builder::new().name("pictures".to_owned()).spawn(move || {
         if clock == ClockKind::Real {
             enter_background();
@@ -140,14 +153,16 @@ impl Drawing {
     /// After the last tick: waits until all is written.
     pub fn end(self) -> DrawnSummary {
         // Without a tick the thread still waits for the first one, and nothing was written.
-        let mut drawn = match self.counts.has_begun.load(Ordering::Relaxed).then(|| self.thread.join()) {
-            Some(Ok(drawn)) => drawn,
-            Some(Err(_)) => {
-                let error = Some("the program failed while it drew: please report it".to_owned());
-                DrawnSummary { error, ..DrawnSummary::default() }
-            }
-            None => DrawnSummary::default(),
-        };
+        let mut drawn =
+            match self.counts.has_begun.load(Ordering::Relaxed).then(|| self.thread.join()) {
+                Some(Ok(drawn)) => drawn,
+                Some(Err(_)) => {
+                    let error =
+                        Some("the program failed while it drew: please report it".to_owned());
+                    DrawnSummary { error, ..DrawnSummary::default() }
+                }
+                None => DrawnSummary::default(),
+            };
         drawn.left_out = self.counts.left_out.load(Ordering::Relaxed);
         drawn
     }
@@ -193,7 +208,8 @@ impl Sampler {
         if let Some(object) = record.output.object {
             self.moved.insert(object.obstacle_idx, object.world_from_map);
         }
-        let is_due = |due: &mut Option<Due>| due.as_mut().is_some_and(|due| due.is_due(record.time_ns));
+        let is_due =
+            |due: &mut Option<Due>| due.as_mut().is_some_and(|due| due.is_due(record.time_ns));
         let [is_picture, is_frame] = [is_due(&mut self.picture), is_due(&mut self.frame)];
         self.last = Some((*record, [is_picture, is_frame]));
         if !is_picture && !is_frame {
@@ -220,10 +236,16 @@ impl Sampler {
 impl Drop for Sampler {
     fn drop(&mut self) {
         let Some((record, [had_picture, had_frame])) = self.last else { return };
-        let (is_picture, is_frame) = (self.picture.is_some() && !had_picture, self.frame.is_some() && !had_frame);
+        let is_picture = self.picture.is_some() && !had_picture;
+        let is_frame = self.frame.is_some() && !had_frame;
         if is_picture || is_frame {
             // A thread that has ended draws nothing.
-            let _ = self.sender.send(DueTick { record, moved: core::mem::take(&mut self.moved), is_picture, is_frame });
+            let _ = self.sender.send(DueTick {
+                record,
+                moved: core::mem::take(&mut self.moved),
+                is_picture,
+                is_frame,
+            });
         }
     }
 }
@@ -255,13 +277,16 @@ impl DrawingThread {
             self.draw(&due);
         }
         if let (Some(film), Some(file)) = (self.film.take(), &self.plan.video) {
-            let written = film.finish().and_then(|(file, n_frames)| Ok((file.into_inner()?, n_frames)));
+            let written =
+                film.finish().and_then(|(file, n_frames)| Ok((file.into_inner()?, n_frames)));
             let placed = written.and_then(|(temporary, n_frames)| {
                 temporary.persist(file)?;
                 Ok(n_frames)
             });
             match placed {
-                Ok(n_frames) => (self.drawn.video, self.drawn.frames) = (Some(file.clone()), n_frames.into()),
+                Ok(n_frames) => {
+                    (self.drawn.video, self.drawn.frames) = (Some(file.clone()), n_frames.into())
+                }
                 Err(error) => fail(&mut self.drawn, file, &error),
             }
         }
@@ -270,7 +295,8 @@ impl DrawingThread {
 
     fn load(&mut self, scene_idx: u32) {
         let config = self.session.config_of(scene_idx);
-        let starts = config.iter().flat_map(|config| &config.statics).map(|object| object.pose).collect();
+        let starts =
+            config.iter().flat_map(|config| &config.statics).map(|object| object.pose).collect();
         let drawer = match config.map(|config| drawn_parts(&config)) {
             Some(Ok(parts)) => Some(FrameDrawer::new(parts)),
             Some(Err(error)) => {
@@ -287,12 +313,17 @@ impl DrawingThread {
             self.load(record.scene_idx);
         }
         let Some(DrawnScene { starts, drawer: Some(drawer), .. }) = &mut self.scene else { return };
-        let place = |(idx, start): (usize, &Pose)| moved.get(&(idx as u32)).copied().unwrap_or(*start);
+        let place =
+            |(idx, start): (usize, &Pose)| moved.get(&(idx as u32)).copied().unwrap_or(*start);
         let world_from_objects: Vec<Pose> = starts.iter().enumerate().map(place).collect();
         let Some(frame) = drawer.frame(record, &world_from_objects) else { return };
         if let Some(pictures) = self.plan.pictures.as_ref().filter(|_| *is_picture) {
             let file = pictures.file(record.time_ns);
-            match frame.encode_png().map_err(io::Error::other).and_then(|png| write_bytes(&file, &png)) {
+            match frame
+                .encode_png()
+                .map_err(io::Error::other)
+                .and_then(|png| write_bytes(&file, &png))
+            {
                 Ok(()) => self.drawn.pictures += 1,
                 Err(error) => {
                     fail(&mut self.drawn, &file, &error);
@@ -326,7 +357,8 @@ fn fail(drawn: &mut DrawnSummary, file: &Path, error: &io::Error) {
 
 /// Beside the film, with the rights of any new file.
 fn temporary(file: &Path) -> io::Result<NamedTempFile> {
-    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder =
+        file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let rights: Permissions = std::os::unix::fs::PermissionsExt::from_mode(0o666);
     tempfile::Builder::new().permissions(rights).tempfile_in(folder)
 }
@@ -343,7 +375,10 @@ pub(crate) fn drawn_parts(config: &SceneConfig) -> Result<SceneParts, MeshError>
         }
     };
     let statics = config.statics.iter().map(|object| loaded(&object.source, object.voxel_size_m));
-    Ok(SceneParts::new(statics.collect::<Result<_, _>>()?, loaded(&config.tool.source, config.tool.voxel_size_m)?))
+    Ok(SceneParts::new(
+        statics.collect::<Result<_, _>>()?,
+        loaded(&config.tool.source, config.tool.voxel_size_m)?,
+    ))
 }
 
 #[cfg(test)]
@@ -352,8 +387,20 @@ mod tests {
 
     fn sampler(waits: bool, n_queue: usize) -> (Sampler, Receiver<DueTick>) {
         let (sender, ticks) = bounded(n_queue);
-        let (picture, frame) = (Some(Due::every(1_000_000_000)), Some(Due::every(FRAME_NS)));
-        (Sampler { sender, counts: Arc::default(), waits, picture, frame, moved: BTreeMap::new(), last: None }, ticks)
+        let picture = Some(Due::every(1_000_000_000));
+        let frame = Some(Due::every(FRAME_NS));
+        (
+            Sampler {
+                sender,
+                counts: Arc::default(),
+                waits,
+                picture,
+                frame,
+                moved: BTreeMap::new(),
+                last: None,
+            },
+            ticks,
+        )
     }
 
     fn at(tick: u64) -> TickRecord {
@@ -366,9 +413,14 @@ mod tests {
         assert!((0..2011).all(|tick| sampler.take(&at(tick))));
         drop(sampler);
         let ticks: Vec<DueTick> = ticks.iter().collect();
-        let times = |is: fn(&DueTick) -> bool| ticks.iter().filter(|due| is(due)).map(|due| due.record.tick).collect::<Vec<_>>();
+        let times = |is: fn(&DueTick) -> bool| {
+            ticks.iter().filter(|due| is(due)).map(|due| due.record.tick).collect::<Vec<_>>()
+        };
         assert_eq!(times(|due| due.is_picture), [0, 1000, 2000, 2010]);
-        assert_eq!(times(|due| due.is_frame), (0..=2000).step_by(40).chain([2010]).collect::<Vec<_>>());
+        assert_eq!(
+            times(|due| due.is_frame),
+            (0..=2000).step_by(40).chain([2010]).collect::<Vec<_>>()
+        );
     }
 
     #[test]
@@ -378,7 +430,9 @@ mod tests {
         assert!((0..=300).all(|tick| sampler.take(&at(tick))));
         drop(sampler);
         let ticks: Vec<DueTick> = ticks.iter().collect();
-        let times = |is: fn(&DueTick) -> bool| ticks.iter().filter(|due| is(due)).map(|due| due.record.tick).collect::<Vec<_>>();
+        let times = |is: fn(&DueTick) -> bool| {
+            ticks.iter().filter(|due| is(due)).map(|due| due.record.tick).collect::<Vec<_>>()
+        };
         assert_eq!(times(|due| due.is_picture), [0, 100, 200, 300]);
         assert_eq!(times(|due| due.is_frame), [0, 40, 80, 120, 160, 200, 240, 280, 300]);
     }
@@ -389,7 +443,8 @@ mod tests {
         // No thread draws: every call returns at once all the same.
         assert!((0..200).all(|tick| sampler.take(&at(tick))));
         assert_eq!(ticks.len(), 2);
-        // Frames at 0 and 40 ms wait, those at 80, 120 and 160 ms are left out; there was one picture, at 0.
+        // Frames at 0 and 40 ms wait, those at 80, 120 and 160 ms are left out; there was one
+        // picture, at 0.
         assert_eq!(sampler.counts.left_out.load(Ordering::Relaxed), 3);
         drop(ticks);
         assert!(!sampler.take(&at(200)), "without a drawer there is nothing to subscribe for");
@@ -399,7 +454,10 @@ mod tests {
     fn what_has_moved_is_known_until_another_scene_comes() {
         let (mut sampler, ticks) = sampler(false, 10);
         let mut moved = at(1);
-        let object = haptics::Placement { obstacle_idx: 2, world_from_map: Pose::from_translation(glam::DVec3::X) };
+        let object = haptics::Placement {
+            obstacle_idx: 2,
+            world_from_map: Pose::from_translation(glam::DVec3::X),
+        };
         moved.output.object = Some(object);
         for record in [at(0), moved, at(40), TickRecord { scene_idx: 1, ..at(80) }] {
             assert!(sampler.take(&record));
@@ -410,9 +468,17 @@ mod tests {
 
     #[test]
     fn pictures_have_names_that_sort_and_are_known_again() {
-        let plan = PicturesPlan { folder: PathBuf::from("p"), name: "peg".to_owned(), every: Duration::from_secs(1) };
+        let plan = PicturesPlan {
+            folder: PathBuf::from("p"),
+            name: "peg".to_owned(),
+            every: Duration::from_secs(1),
+        };
         assert_eq!(plan.file(12_345_600_000), Path::new("p/peg-00012.346s.png"));
         assert!(plan.file(9_999_000_000) < plan.file(10_000_000_000));
-        assert!(plan.is_own("peg-00012.346s.png") && !plan.is_own("peg-before.png") && !plan.is_own("gear-00012.346s.png"));
+        assert!(
+            plan.is_own("peg-00012.346s.png")
+                && !plan.is_own("peg-before.png")
+                && !plan.is_own("gear-00012.346s.png")
+        );
     }
 }

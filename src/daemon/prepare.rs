@@ -84,7 +84,8 @@ pub enum PrepareError {
 }
 
 impl PrepareError {
-    /// Why the scene cannot be built: the unit of a mesh, where it makes a part so large that little else can be wrong.
+    /// Why the scene cannot be built: the unit of a mesh, where it makes a part so large that
+    /// little else can be wrong.
     pub fn of_scene(config: &SceneConfig, error: SceneError) -> Self {
         match scene::doubted_unit(config, &error) {
             Some(problem) => Self::Config(ConfigErrors::new(vec![problem])),
@@ -103,27 +104,28 @@ pub struct Inputs {
     pub warnings: Vec<HandProblem>,
 }
 
-/// Reads and checks what the simulated arm plays, for `run` and `check` alike. Takes no time and bakes nothing.
+/// Reads and checks what the simulated arm plays, for `run` and `check` alike. Takes no time and
+/// bakes nothing.
 ///
 /// # Errors
 /// A hand file or a fault that cannot be used.
 pub fn inputs(config: &SceneConfig) -> Result<Inputs, PrepareError> {
-    let (mut hand, mut warnings) = (None, Vec::new());
+    let mut hand = None;
+    let mut warnings = Vec::new();
     if let Some(file) = config.device.hand.as_deref() {
         let poses = poses::read(file)?;
         let path = HandPath::from_poses(&poses, file)?;
         // A real arm is in a real hand.
         if config.device.profile.real.is_none() {
-            warnings = hand_checks::check(&poses, file, config).map_err(|problem| PrepareError::HandPath(Box::new(problem)))?;
+            warnings = hand_checks::check(&poses, file, config)
+                .map_err(|problem| PrepareError::HandPath(Box::new(problem)))?;
         }
         hand = Some(if config.device.sim.hand_repeats { path.there_and_back() } else { path });
     }
-    let fault = config
-        .device
-        .sim
-        .fault
-        .as_ref()
-        .map(|written| fault::parse(written).map_err(|source| PrepareError::Fault { written: written.clone(), source }));
+    let fault = config.device.sim.fault.as_ref().map(|written| {
+        fault::parse(written)
+            .map_err(|source| PrepareError::Fault { written: written.clone(), source })
+    });
     Ok(Inputs { hand, fault: fault.transpose()?, warnings })
 }
 
@@ -131,14 +133,19 @@ pub fn inputs(config: &SceneConfig) -> Result<Inputs, PrepareError> {
 ///
 /// # Errors
 /// As [`prepare_with`].
-pub fn prepare(config: &SceneConfig, watch: impl FnMut(BakeEvent<'_>)) -> Result<(Prepared, Vec<ObjectReport>), PrepareError> {
+pub fn prepare(
+    config: &SceneConfig,
+    watch: impl FnMut(BakeEvent<'_>),
+) -> Result<(Prepared, Vec<ObjectReport>), PrepareError> {
     prepare_with(config, &mut BakeOptions::from(&mut Cache::off()), watch)
 }
 
-/// Bakes the scene or takes it from the cache, and opens its arm. What costs nothing is checked before what takes long.
+/// Bakes the scene or takes it from the cache, and opens its arm. What costs nothing is checked
+/// before what takes long.
 ///
 /// # Errors
-/// A hand file, fault, mesh, grid or arm that cannot be used, or a bake that would take too much memory.
+/// A hand file, fault, mesh, grid or arm that cannot be used, or a bake that would take too much
+/// memory.
 pub fn prepare_with(
     config: &SceneConfig,
     means: &mut BakeOptions<'_>,
@@ -147,8 +154,9 @@ pub fn prepare_with(
     prepare_on(config, means, None, None, watch)
 }
 
-/// The same with an arm on another machine, if there is one: the scene's profile is that of its arm; and with a program that is started as the
-/// [guard](arms::guard) of a real arm on this machine.
+/// The same with an arm on another machine, if there is one: the scene's profile is that of its
+/// arm; and with a program that is started as the [guard](arms::guard) of a real arm on this
+/// machine.
 ///
 /// # Errors
 /// As [`prepare_with`].
@@ -165,8 +173,8 @@ pub fn prepare_on(
     if let (Some(options), None) = (&to_open, remote) {
         open::look_for(profile, options)?;
     }
-    let Built { scene, objects: mut reports, piece } =
-        scene::build_all(config, means, watch).map_err(|error| PrepareError::of_scene(config, error))?;
+    let Built { scene, objects: mut reports, piece } = scene::build_all(config, means, watch)
+        .map_err(|error| PrepareError::of_scene(config, error))?;
     if let Some(tool) = reports.last_mut() {
         tool.warnings.extend(warnings.iter().map(HandProblem::with_remedy));
     }
@@ -175,14 +183,24 @@ pub fn prepare_on(
     let (device, attached): (Box<dyn Device>, _) = match (&to_open, remote) {
         (Some(options), Some(remote)) => {
             let (opened, link) = remote.open(profile, period_s, options.io_request)?;
-            (Box::new(opened.arm), Some(RealArmNode { node: opened.path, news: opened.news, link: Some(link) }))
+            (
+                Box::new(opened.arm),
+                Some(RealArmNode { node: opened.path, news: opened.news, link: Some(link) }),
+            )
         }
         (Some(options), None) => {
             let opened = open::open(profile, options)?;
-            (Box::new(opened.arm), Some(RealArmNode { node: opened.path, news: opened.news, link: None }))
+            (
+                Box::new(opened.arm),
+                Some(RealArmNode { node: opened.path, news: opened.news, link: None }),
+            )
         }
         (None, _) => {
-            let mut arm = simulated_arm(&config.device, grip_path(config, path, scene.tool.center_of_mass_tool), period_s);
+            let mut arm = simulated_arm(
+                &config.device,
+                grip_path(config, path, scene.tool.center_of_mass_tool),
+                period_s,
+            );
             arm.fault = fault;
             (Box::new(SimArm::new(arm)?), None)
         }
@@ -195,7 +213,8 @@ fn open_options(config: &SceneConfig, guard: Option<PathBuf>) -> OpenOptions {
     let RealtimeConfig { cpu, priority, .. } = config.realtime;
     OpenOptions {
         selector: config.device.selector.clone(),
-        // Below the servo on its processor: bytes are moved while it sleeps, and never keep it from waking.
+        // Below the servo on its processor: bytes are moved while it sleeps, and never keep it from
+        // waking.
         io_request: Some(ThreadRequest {
             cpu: cpu.unwrap_or_else(schedule::default_cpu),
             priority: priority.saturating_sub(1).max(1),
@@ -205,29 +224,48 @@ fn open_options(config: &SceneConfig, guard: Option<PathBuf>) -> OpenOptions {
     }
 }
 
-/// Share of what the motors can push that a hand pulls with where a client moves it: what stops the tool stops the hand.
+/// Share of what the motors can push that a hand pulls with where a client moves it: what stops the
+/// tool stops the hand.
 const PULL_SHARE: f64 = 0.7;
 
-/// The path of the hand of a simulated arm in a scene, in the frame of the arm; without one the hand stays at the tool's start. `None`: there is no
-/// such hand.
+/// The path of the hand of a simulated arm in a scene, in the frame of the arm; without one the
+/// hand stays at the tool's start. `None`: there is no such hand.
 ///
 /// # Errors
 /// A hand file that cannot be used.
-pub(super) fn hand_of(config: &SceneConfig, center_of_mass_tool: DVec3) -> Result<Option<GripPath>, PrepareError> {
+pub(super) fn hand_of(
+    config: &SceneConfig,
+    center_of_mass_tool: DVec3,
+) -> Result<Option<GripPath>, PrepareError> {
     let is_held = config.device.profile.real.is_none() && config.device.sim.hand_present;
-    Ok(if is_held { Some(grip_path(config, inputs(config)?.hand, center_of_mass_tool)) } else { None })
+    Ok(if is_held {
+        Some(grip_path(config, inputs(config)?.hand, center_of_mass_tool))
+    } else {
+        None
+    })
 }
 
 fn grip_path(config: &SceneConfig, path: Option<HandPath>, center_of_mass_tool: DVec3) -> GripPath {
     let DeviceMapping { world_from_device, scale, start, .. } = config.parameters.mapping;
     let mapping = HandMapping { world_from_device, scale, start, grip_tool: center_of_mass_tool };
-    let (limits, coupling, most) = (&config.parameters.limits, &config.parameters.coupling, &config.device.profile.limits);
+    let limits = &config.parameters.limits;
+    let coupling = &config.parameters.coupling;
+    let most = &config.device.profile.limits;
     // Two springs in a row: of the hand and of the coupling.
-    let stretch = |force: f64, hand: f64, coupling: f64| PULL_SHARE * force * (1.0 / hand + 1.0 / coupling);
-    let (force_n, torque_nm) = (limits.force_n.min(most.force_n), limits.torque_nm.min(most.torque_nm));
-    let most_m = stretch(force_n, config.device.sim.hand_stiffness_n_per_m, coupling.stiffness_n_per_m);
-    let most_rad = stretch(torque_nm, HandParameters::default().stiffness_nm_per_rad, coupling.stiffness_nm_per_rad);
-    let or = |value: f64, otherwise: f64| if value.is_finite() && value > 0.0 { value } else { otherwise };
+    let stretch =
+        |force: f64, hand: f64, coupling: f64| PULL_SHARE * force * (1.0 / hand + 1.0 / coupling);
+    let force_n = limits.force_n.min(most.force_n);
+    let torque_nm = limits.torque_nm.min(most.torque_nm);
+    let most_m =
+        stretch(force_n, config.device.sim.hand_stiffness_n_per_m, coupling.stiffness_n_per_m);
+    let most_rad = stretch(
+        torque_nm,
+        HandParameters::default().stiffness_nm_per_rad,
+        coupling.stiffness_nm_per_rad,
+    );
+    let or = |value: f64, otherwise: f64| {
+        if value.is_finite() && value > 0.0 { value } else { otherwise }
+    };
     let plain = Reach::default();
     let reach = Reach { most_m: or(most_m, plain.most_m), most_rad: or(most_rad, plain.most_rad) };
     path.unwrap_or_else(|| HandPath::fixed(start)).to_device(mapping).reaching(reach)

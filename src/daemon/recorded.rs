@@ -9,8 +9,8 @@ use crate::config::scene::{MeshSource, StaticConfig, ToolConfig};
 use crate::config::{LoadOptions, SceneConfig};
 use arms::profile;
 use haptics::{
-    ArmParameters, ContactParameters, CouplingParameters, DeviceMapping, FilterParameters, FrictionParameters, LimitParameters,
-    Parameters, SafetyParameters,
+    ArmParameters, ContactParameters, CouplingParameters, DeviceMapping, FilterParameters,
+    FrictionParameters, LimitParameters, Parameters, SafetyParameters,
 };
 use recording::file::{DisplayObject, DisplayShape, NamedFile, SceneFiles};
 use vps::mesh::{self, primitives::Shape};
@@ -24,15 +24,23 @@ pub fn scene_files(config: &SceneConfig, options: &LoadOptions) -> SceneFiles {
     let table = toml.parse::<toml::Table>().unwrap_or_default();
     let named = files(&table).into_iter().map(|written| {
         let path = folder.join(&written);
-        let beside = |companion: PathBuf| companion.strip_prefix(path.parent().unwrap_or(Path::new(""))).map(Path::to_owned).ok();
-        let companions = mesh::companions(&path).unwrap_or_default().into_iter().filter_map(beside).collect();
+        let beside = |companion: PathBuf| {
+            companion.strip_prefix(path.parent().unwrap_or(Path::new(""))).map(Path::to_owned).ok()
+        };
+        let companions =
+            mesh::companions(&path).unwrap_or_default().into_iter().filter_map(beside).collect();
         NamedFile::new(written, path, companions)
     });
     let profile = match &options.device {
         Some(given) => profile::text(given, Path::new("")),
-        None => profile::text(written_profile(&table).unwrap_or(&config.device.profile.name), folder),
+        None => {
+            profile::text(written_profile(&table).unwrap_or(&config.device.profile.name), folder)
+        }
     };
-    let statics = config.statics.iter().map(|StaticConfig { name, source, pose, .. }| shown(name, source, *pose, false));
+    let statics = config
+        .statics
+        .iter()
+        .map(|StaticConfig { name, source, pose, .. }| shown(name, source, *pose, false));
     let tool = shown("tool", &config.tool.source, config.parameters.mapping.start, true);
     SceneFiles {
         name: config.name.clone(),
@@ -56,12 +64,19 @@ pub(super) fn file_keys(table: &mut toml::Table) -> Vec<&mut toml::Value> {
     let mut keys = Vec::new();
     for (name, value) in table {
         match (name.as_str(), value) {
-            ("static", toml::Value::Array(objects)) => keys.extend(objects.iter_mut().filter_map(|object| object.get_mut("mesh"))),
+            ("static", toml::Value::Array(objects)) => {
+                keys.extend(objects.iter_mut().filter_map(|object| object.get_mut("mesh")))
+            }
             ("tool", tool) => keys.extend(tool.get_mut("mesh")),
             ("device", device) => keys.extend(device.get_mut("hand")),
             ("sculpt", toml::Value::Table(sculpt)) => {
                 let named = ["points", "mesh", "session", "image", "strokes"];
-                keys.extend(sculpt.iter_mut().filter(|(key, _)| named.contains(&key.as_str())).map(|(_, value)| value));
+                keys.extend(
+                    sculpt
+                        .iter_mut()
+                        .filter(|(key, _)| named.contains(&key.as_str()))
+                        .map(|(_, value)| value),
+                );
             }
             _ => {}
         }
@@ -71,7 +86,10 @@ pub(super) fn file_keys(table: &mut toml::Table) -> Vec<&mut toml::Value> {
 
 fn files(table: &toml::Table) -> Vec<String> {
     let mut table = table.clone();
-    let mut files: Vec<String> = file_keys(&mut table).into_iter().filter_map(|key| key.as_str().map(str::to_owned)).collect();
+    let mut files: Vec<String> = file_keys(&mut table)
+        .into_iter()
+        .filter_map(|key| key.as_str().map(str::to_owned))
+        .collect();
     files.sort();
     files.dedup();
     files
@@ -79,14 +97,20 @@ fn files(table: &toml::Table) -> Vec<String> {
 
 fn shown(name: &str, source: &MeshSource, pose: Pose, is_tool: bool) -> DisplayObject {
     let form = match source {
-        MeshSource::File { path, metres_per_unit } => DisplayShape::Mesh(path.clone(), *metres_per_unit),
+        MeshSource::File { path, metres_per_unit } => {
+            DisplayShape::Mesh(path.clone(), *metres_per_unit)
+        }
         MeshSource::Shape(shape) => match *shape {
             Shape::Box { size_m } => DisplayShape::Box(size_m.to_array(), [0.0; 3]),
             Shape::Sphere { radius_m } => DisplayShape::Ellipsoid([radius_m; 3]),
             Shape::Ellipsoid { radii_m } => DisplayShape::Ellipsoid(radii_m.to_array()),
-            Shape::Cylinder { radius_m, height_m } => DisplayShape::Cylinder(radius_m, 1.0, height_m),
+            Shape::Cylinder { radius_m, height_m } => {
+                DisplayShape::Cylinder(radius_m, 1.0, height_m)
+            }
             Shape::Cone { radius_m, height_m } => DisplayShape::Cylinder(radius_m, 0.0, height_m),
-            Shape::Plane { x_m, y_m, thickness_m } => DisplayShape::Box([x_m, y_m, thickness_m], [0.0, 0.0, -0.5 * thickness_m]),
+            Shape::Plane { x_m, y_m, thickness_m } => {
+                DisplayShape::Box([x_m, y_m, thickness_m], [0.0, 0.0, -0.5 * thickness_m])
+            }
             Shape::Capsule { .. } | Shape::Torus { .. } => DisplayShape::Other,
         },
     };
@@ -107,7 +131,16 @@ fn scene_word(name: &impl fmt::Debug) -> String {
 
 /// What a scene comes to, SI. JSON has no infinity: null stands for it.
 pub fn resolved(config: &SceneConfig) -> Value {
-    let ToolConfig { source: _, voxel_size_m, layers, sides, points, mass_kg, center_of_mass_m, inertia_kg_m2 } = &config.tool;
+    let ToolConfig {
+        source: _,
+        voxel_size_m,
+        layers,
+        sides,
+        points,
+        mass_kg,
+        center_of_mass_m,
+        inertia_kg_m2,
+    } = &config.tool;
     json!({
         "name": config.name,
         "rate_hz": config.rate_hz,
@@ -130,7 +163,15 @@ pub fn resolved(config: &SceneConfig) -> Value {
 }
 
 fn static_object(object: &StaticConfig) -> Value {
-    let StaticConfig { name, source: _, voxel_size_m, layers, sides, pose: world_from_map, movable } = object;
+    let StaticConfig {
+        name,
+        source: _,
+        voxel_size_m,
+        layers,
+        sides,
+        pose: world_from_map,
+        movable,
+    } = object;
     json!({
         "name": name,
         "voxel_size_m": voxel_size_m,
@@ -147,10 +188,28 @@ fn pose(pose: Pose) -> Value {
 
 /// Every parameter of the tick, by name, so that none is forgotten.
 fn parameters(p: &Parameters) -> Value {
-    let Parameters { period_s, gravity_m_per_s2, contact, coupling, filter, limits, safety, mapping, arm } = p;
-    let ContactParameters { field, stiffness_n_per_m, damping_ratio, normalization, friction, damping_n_s_per_m, braking } =
-        contact;
-    let FrictionParameters { r#static, dynamic, stiffness_n_per_m: friction_stiffness_n_per_m } = friction;
+    let Parameters {
+        period_s,
+        gravity_m_per_s2,
+        contact,
+        coupling,
+        filter,
+        limits,
+        safety,
+        mapping,
+        arm,
+    } = p;
+    let ContactParameters {
+        field,
+        stiffness_n_per_m,
+        damping_ratio,
+        normalization,
+        friction,
+        damping_n_s_per_m,
+        braking,
+    } = contact;
+    let FrictionParameters { r#static, dynamic, stiffness_n_per_m: friction_stiffness_n_per_m } =
+        friction;
     let contact = json!({
         "field": scene_word(field), "stiffness_n_per_m": stiffness_n_per_m, "damping_ratio": damping_ratio,
         "normalization": scene_word(normalization), "damping_n_s_per_m": damping_n_s_per_m, "braking": braking,

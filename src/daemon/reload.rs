@@ -1,11 +1,13 @@
-//! The scene is read again while it is rendered: when SIGHUP asks for it, and where wished when one of its files changes.
+//! The scene is read again while it is rendered: when SIGHUP asks for it, and where wished when one
+//! of its files changes.
 //!
 //! ```text
 //!  SIGHUP ─┐                    ┌─ wrong, or for another arm ─► refused; the old scene stays
 //!  file  ──┴► read and check ───┼─ only parameters differ ────► set together, each along its ramp
 //!  changed                      └─ anything else ─────────────► baked meanwhile, then exchanged at zero force
 //! ```
-//! Runs on the thread of scenes, between two bakes. Data in: the session, for what is rendered now. Data out: changes of the session, and [`ReloadNotice`].
+//! Runs on the thread of scenes, between two bakes. Data in: the session, for what is rendered now.
+//! Data out: changes of the session, and [`ReloadNotice`].
 
 use core::time::Duration;
 use std::collections::BTreeMap;
@@ -72,14 +74,20 @@ pub enum Reloaded {
 }
 
 impl Reloader {
-    /// Reads the scene again when `hangups` says so, and where it `watches` when a file is not as it is `known` any more. `tell` gets what comes of
-    /// it, on the thread of scenes.
-    pub fn new(hangups: Hangups, watches: bool, known: KnownFiles, tell: Box<dyn Fn(&ReloadNotice) + Send>) -> Self {
+    /// Reads the scene again when `hangups` says so, and where it `watches` when a file is not as
+    /// it is `known` any more. `tell` gets what comes of it, on the thread of scenes.
+    pub fn new(
+        hangups: Hangups,
+        watches: bool,
+        known: KnownFiles,
+        tell: Box<dyn Fn(&ReloadNotice) + Send>,
+    ) -> Self {
         let now = Instant::now();
         Self { hangups, watches, known, tell, next_listen: now, next_look: now, pending: None }
     }
 
-    /// Looks whether there is something to do, and does it. `is_free`: no other scene is on its way; what is asked for meanwhile is done afterwards.
+    /// Looks whether there is something to do, and does it. `is_free`: no other scene is on its
+    /// way; what is asked for meanwhile is done afterwards.
     pub(super) fn turn(&mut self, session: &SessionHandle, is_free: bool, baker: &mut Baker) {
         let now = Instant::now();
         if now < self.next_listen {
@@ -107,24 +115,41 @@ impl Reloader {
         }
     }
 
-    fn reload(&mut self, session: &SessionHandle, baker: &mut Baker) -> Result<Reloaded, SessionError> {
+    fn reload(
+        &mut self,
+        session: &SessionHandle,
+        baker: &mut Baker,
+    ) -> Result<Reloaded, SessionError> {
         let view = session.view();
-        let config = config::load_with(&view.config.path, session.options()).map_err(SessionError::Config)?;
-        if let Some((key, its, ours)) = unlike_at_the_arm(&config, &view.config).or_else(|| fixed(&config, &view.config)) {
+        let config = config::load_with(&view.config.path, session.options())
+            .map_err(SessionError::Config)?;
+        if let Some((key, its, ours)) =
+            unlike_at_the_arm(&config, &view.config).or_else(|| fixed(&config, &view.config))
+        {
             return Err(SessionError::Unlike { key, its, ours });
         }
         let meshes = self.known.companions.meshes(&config);
         if meshes == self.known.meshes
             && let Some(changes) = session.follow_file(view.scene_idx, &config)?
         {
-            return Ok(if changes.is_empty() { Reloaded::Unchanged } else { Reloaded::Changed(changes) });
+            return Ok(if changes.is_empty() {
+                Reloaded::Unchanged
+            } else {
+                Reloaded::Changed(changes)
+            });
         }
         // The user's work on it would be lost.
         if view.config.sculpt.is_some() {
-            return Err(SessionError::Clay { taken: view.settings.iter().map(|setting| setting.parameter.name()).collect() });
+            return Err(SessionError::Clay {
+                taken: view.settings.iter().map(|setting| setting.parameter.name()).collect(),
+            });
         }
         if config.sculpt.is_some() {
-            return Err(SessionError::Unlike { key: "sculpt", its: "clay".to_owned(), ours: "none".to_owned() });
+            return Err(SessionError::Unlike {
+                key: "sculpt",
+                its: "clay".to_owned(),
+                ours: "none".to_owned(),
+            });
         }
         let path = config.path.clone();
         session.switch_to(config, baker)?;
@@ -147,11 +172,16 @@ impl KnownFiles {
     /// Of the first scene of a run.
     pub fn of(config: &SceneConfig) -> Self {
         let mut companions = Companions::default();
-        Self { scene_idx: 0, files: companions.files(config), meshes: companions.meshes(config), companions }
+        Self {
+            scene_idx: 0,
+            files: companions.files(config),
+            meshes: companions.meshes(config),
+            companions,
+        }
     }
 
-    /// Goes over to another scene as soon as it is rendered: from then on its files may change. What is known of files that both have stays: they may
-    /// have changed meanwhile.
+    /// Goes over to another scene as soon as it is rendered: from then on its files may change.
+    /// What is known of files that both have stays: they may have changed meanwhile.
     fn go_over(&mut self, view: &SceneView) {
         if view.scene_idx != self.scene_idx {
             self.scene_idx = view.scene_idx;
@@ -195,7 +225,8 @@ impl Files {
     }
 }
 
-/// The files that meshes take their contents from, kept until a mesh is written anew: to find them a whole file has to be read.
+/// The files that meshes take their contents from, kept until a mesh is written anew: to find them
+/// a whole file has to be read.
 #[derive(Clone, Debug, Default)]
 struct Companions(BTreeMap<PathBuf, (Stamp, Vec<PathBuf>)>);
 
@@ -209,7 +240,8 @@ impl Companions {
 
     /// Those of its meshes only.
     fn meshes(&mut self, config: &SceneConfig) -> Files {
-        let sources = config.statics.iter().map(|object| &object.source).chain([&config.tool.source]);
+        let sources =
+            config.statics.iter().map(|object| &object.source).chain([&config.tool.source]);
         let mut files = BTreeMap::new();
         for source in sources {
             let MeshSource::File { path, .. } = source else { continue };

@@ -1,7 +1,7 @@
 //! The workstation's way to an arm that a `device-node` drives: `--device zenoh:NAME`.
 //!
-//! The node says what its arm is: its profile comes over the network and is a file for the rest of the program, so that scenes, recordings and
-//! reloads need to know nothing of it.
+//! The node says what its arm is: its profile comes over the network and is a file for the rest of
+//! the program, so that scenes, recordings and reloads need to know nothing of it.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -58,7 +58,12 @@ impl RemoteArm {
     ///
     /// # Errors
     /// Always.
-    pub fn open(&self, _: &Profile, _: f64, _: Option<ThreadRequest>) -> Result<(OpenedArm, Arc<LinkFigures>), OpenError> {
+    pub fn open(
+        &self,
+        _: &Profile,
+        _: f64,
+        _: Option<ThreadRequest>,
+    ) -> Result<(OpenedArm, Arc<LinkFigures>), OpenError> {
         Err(OpenError::Link(Box::new(NetworkError::NotBuilt)))
     }
 }
@@ -83,7 +88,10 @@ mod over_zenoh {
         /// # Errors
         /// No session, or no node of that name.
         pub fn find(name: &str, endpoints: &Endpoints) -> Result<Self, NetworkError> {
-            let failed = |cause: std::io::Error| NetworkError::Link { name: name.to_owned(), cause: cause.to_string() };
+            let failed = |cause: std::io::Error| NetworkError::Link {
+                name: name.to_owned(),
+                cause: cause.to_string(),
+            };
             if !is_name(name) {
                 return Err(NetworkError::Name { name: name.to_owned() });
             }
@@ -105,12 +113,15 @@ mod over_zenoh {
             period_s: f64,
             request: Option<ThreadRequest>,
         ) -> Result<(OpenedArm, Arc<LinkFigures>), OpenError> {
-            let (session, name) = (self.session.clone(), self.name.clone());
+            let session = self.session.clone();
+            let name = self.name.clone();
             let dial: Dial = Box::new(move || {
-                let link = ZenohLink::to_node(&session, &name, request).map_err(|error| OpenError::Link(Box::new(error)))?;
+                let link = ZenohLink::to_node(&session, &name, request)
+                    .map_err(|error| OpenError::Link(Box::new(error)))?;
                 Ok(Box::new(link) as Box<dyn Transport>)
             });
-            let options = RemoteOptions { name: self.name.clone(), period_s, timebase: Timebase::Monotonic };
+            let options =
+                RemoteOptions { name: self.name.clone(), period_s, timebase: Timebase::Monotonic };
             open(profile, &options, dial)
         }
     }

@@ -1,4 +1,5 @@
-//! Runs what a recording says entered the ticks through the scene that it brings along, and compares what leaves them bit for bit.
+//! Runs what a recording says entered the ticks through the scene that it brings along, and
+//! compares what leaves them bit for bit.
 
 use std::fmt::{Display, Formatter};
 use std::path::{Path, PathBuf};
@@ -37,7 +38,8 @@ pub enum ReplayError {
     },
     /// Other forces come out for the same input by now.
     #[error(
-        "it was recorded by {program} with {}; this is hapticd {} with force law {}: the same input gives other forces, and no bit could be compared",
+        "it was recorded by {program} with {}; this is hapticd {} with force law {}: the same \
+            input gives other forces, and no bit could be compared",
         law.as_ref().map_or_else(|| "the first force law, which has no number".to_owned(), |law| format!("force law {law}")),
         env!("CARGO_PKG_VERSION"),
         haptics::FORCE_LAW
@@ -108,7 +110,10 @@ impl Replayed {
 ///
 /// # Errors
 /// See [`ReplayError`]; ticks that came out in another way are no error, they are in the result.
-pub fn replay(path: &Path, mut bake: impl FnMut(&SceneConfig) -> Result<RenderScene, SceneError>) -> Result<Replayed, ReplayError> {
+pub fn replay(
+    path: &Path,
+    mut bake: impl FnMut(&SceneConfig) -> Result<RenderScene, SceneError>,
+) -> Result<Replayed, ReplayError> {
     let mut recording = Recording::open(path)?;
     let mut unpacked = Unpacked::new()?;
     let mut replayed = Replayed::default();
@@ -142,7 +147,8 @@ pub fn replay(path: &Path, mut bake: impl FnMut(&SceneConfig) -> Result<RenderSc
         let current = match rendered.take() {
             Some(rendered) if rendered.scene_idx == record.scene_idx => rendered,
             before => {
-                let RecordedScene { config, changed, starts_anew } = unpacked.scene(record.scene_idx)?;
+                let RecordedScene { config, changed, starts_anew } =
+                    unpacked.scene(record.scene_idx)?;
                 replayed.changed.extend(changed);
                 replayed.scenes += 1;
                 ReplayedScene::new(bake(&config)?, &record, before.as_ref(), starts_anew)
@@ -152,8 +158,13 @@ pub fn replay(path: &Path, mut bake: impl FnMut(&SceneConfig) -> Result<RenderSc
         let output = haptics::tick(&current.scene, &mut current.state, &record.input);
         current.last = output;
         if let Some((field, recorded, now)) = first_difference(&record.output, &output) {
-            replayed.difference =
-                Some(Difference { tick: record.tick, scene_idx: record.scene_idx, field, recorded, replayed: now });
+            replayed.difference = Some(Difference {
+                tick: record.tick,
+                scene_idx: record.scene_idx,
+                field,
+                recorded,
+                replayed: now,
+            });
             break;
         }
         replayed.ticks += 1;
@@ -171,7 +182,8 @@ fn same_force_law(unpacked: &Unpacked) -> Result<(), ReplayError> {
     if law.is_some_and(|law| law == haptics::FORCE_LAW.to_string()) {
         return Ok(());
     }
-    let program = unpacked.fact("program").unwrap_or("a program that does not name itself").to_owned();
+    let program =
+        unpacked.fact("program").unwrap_or("a program that does not name itself").to_owned();
     Err(ReplayError::OtherForceLaw { program, law: law.map(str::to_owned) })
 }
 
@@ -185,7 +197,12 @@ struct ReplayedScene {
 
 impl ReplayedScene {
     /// As the loop makes one ready: the first one, or one that takes the place of another.
-    fn new(scene: RenderScene, first: &TickRecord, before: Option<&Self>, starts_anew: bool) -> Self {
+    fn new(
+        scene: RenderScene,
+        first: &TickRecord,
+        before: Option<&Self>,
+        starts_anew: bool,
+    ) -> Self {
         let mut state = State::new(&scene);
         state.set_budget(first.contact_budget_points.map_or(Budget::Unlimited, Budget::Points));
         if let Some(before) = before {
@@ -231,7 +248,9 @@ impl Display for Value {
             Self::Whole(number) => write!(f, "{number}"),
             Self::Flag(flag) => write!(f, "{flag}"),
             Self::Drive(drive) => write!(f, "{drive:?}"),
-            Self::Faults(faults) => write!(f, "[{}]", faults.names().collect::<Vec<_>>().join(", ")),
+            Self::Faults(faults) => {
+                write!(f, "[{}]", faults.names().collect::<Vec<_>>().join(", "))
+            }
             Self::Cause(cause) => write!(f, "{}", cause.name()),
             Self::Object(Some(obstacle_idx)) => write!(f, "object {obstacle_idx}"),
             Self::Object(None) => write!(f, "none"),
@@ -291,8 +310,18 @@ impl Values {
         self.0.push((name, "", value));
     }
 
-    fn components<const N: usize>(&mut self, name: &'static str, components: [&'static str; N], numbers: [f64; N]) {
-        self.0.extend(components.into_iter().zip(numbers).map(|(component, number)| (name, component, Value::Number(number))));
+    fn components<const N: usize>(
+        &mut self,
+        name: &'static str,
+        components: [&'static str; N],
+        numbers: [f64; N],
+    ) {
+        self.0.extend(
+            components
+                .into_iter()
+                .zip(numbers)
+                .map(|(component, number)| (name, component, Value::Number(number))),
+        );
     }
 
     fn wrench(&mut self, name: &'static str, wrench: Wrench) {
@@ -301,16 +330,26 @@ impl Values {
     }
 
     fn pose(&mut self, name: &'static str, pose: Pose) {
-        self.components(name, [".translation.x", ".translation.y", ".translation.z"], pose.translation.to_array());
-        self.components(name, [".rotation.x", ".rotation.y", ".rotation.z", ".rotation.w"], pose.rotation.to_array());
+        self.components(
+            name,
+            [".translation.x", ".translation.y", ".translation.z"],
+            pose.translation.to_array(),
+        );
+        self.components(
+            name,
+            [".rotation.x", ".rotation.y", ".rotation.z", ".rotation.w"],
+            pose.rotation.to_array(),
+        );
     }
 }
 
 /// Name and both values of the first one that differs.
 fn first_difference(recorded: &TickOutput, now: &TickOutput) -> Option<(String, String, String)> {
-    let (recorded, now) = (Values::of(recorded), Values::of(now));
+    let recorded = Values::of(recorded);
+    let now = Values::of(now);
     let mut pairs = recorded.0.into_iter().zip(now.0);
-    let ((name, component, before), (.., after)) = pairs.find(|((.., before), (.., after))| !before.same(*after))?;
+    let ((name, component, before), (.., after)) =
+        pairs.find(|((.., before), (.., after))| !before.same(*after))?;
     Some((format!("{name}{component}"), before.to_string(), after.to_string()))
 }
 
@@ -324,12 +363,18 @@ mod tests {
         assert_eq!(first_difference(&output, &output), None);
         let minus = TickOutput { max_depth_m: -0.0, ..output };
         let (field, before, after) = first_difference(&output, &minus).expect("a difference");
-        assert_eq!((field.as_str(), before.as_str()), ("max_depth_m", "0.0 (bits 0000000000000000)"));
+        assert_eq!(
+            (field.as_str(), before.as_str()),
+            ("max_depth_m", "0.0 (bits 0000000000000000)")
+        );
         assert!(after.starts_with("-0.0"), "{after}");
         let mut moved = minus;
         moved.world_from_tool.rotation.w = 0.5;
         moved.object = Some(Placement::default());
-        assert_eq!(first_difference(&output, &moved).expect("a difference").0, "world_from_tool.rotation.w");
+        assert_eq!(
+            first_difference(&output, &moved).expect("a difference").0,
+            "world_from_tool.rotation.w"
+        );
         let object = TickOutput { object: Some(Placement::default()), ..output };
         assert_eq!(first_difference(&output, &object).expect("a difference").0, "object");
     }

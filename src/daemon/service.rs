@@ -1,8 +1,9 @@
 //! What a service manager gets to know of a run: systemd, or another one that set `NOTIFY_SOCKET`.
 //!
-//! Data in: the supervisor's notices. Data out: datagrams of the `sd_notify` protocol; nothing where no manager asked for them. A message that does
-//! not arrive is lost: a service manager that has gone is no reason to let an arm go. A thread of its own sends them: the socket of a manager that does
-//! not read blocks, and no other thread waits for it.
+//! Data in: the supervisor's notices. Data out: datagrams of the `sd_notify` protocol; nothing
+//! where no manager asked for them. A message that does not arrive is lost: a service manager that
+//! has gone is no reason to let an arm go. A thread of its own sends them: the socket of a manager
+//! that does not read blocks, and no other thread waits for it.
 
 use core::sync::atomic::{AtomicUsize, Ordering};
 use core::time::Duration;
@@ -36,8 +37,8 @@ impl Service {
         Self { is_ready: false, feed_every, fed: None, tick: None }
     }
 
-    /// Passes on what a notice says. Ready is a loop that ticks: force flows, or could. The watchdog is fed by ticks and by nothing else, so
-    /// that a loop that stands still is found out.
+    /// Passes on what a notice says. Ready is a loop that ticks: force flows, or could. The
+    /// watchdog is fed by ticks and by nothing else, so that a loop that stands still is found out.
     pub fn report(&mut self, notice: &Notice<'_>) {
         match notice {
             Notice::Phase(phase) => {
@@ -57,11 +58,16 @@ impl Service {
             }
             Notice::Fault(record) => {
                 let faults = record.output.faults;
-                let words: Vec<&str> =
-                    Faults::TABLE.into_iter().filter(|(fault, ..)| faults.contains(*fault)).map(|(.., words)| words).collect();
+                let words: Vec<&str> = Faults::TABLE
+                    .into_iter()
+                    .filter(|(fault, ..)| faults.contains(*fault))
+                    .map(|(.., words)| words)
+                    .collect();
                 status(&format!("fault: {}", words.join("; ")));
             }
-            Notice::Waiting(cause) => status(&format!("no force: {} ({})", cause.name(), cause.advice())),
+            Notice::Waiting(cause) => {
+                status(&format!("no force: {} ({})", cause.name(), cause.advice()))
+            }
             Notice::Preflight(_) | Notice::Scene(_) | Notice::Link(_) => {}
         }
     }

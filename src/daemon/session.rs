@@ -5,8 +5,9 @@
 //!  SIGHUP, --watch ─┼─► SessionHandle ──┤                                        ├─ring─► loop
 //!  --swap          ─┘   (one mutex)     └─ scene ──► thread `scenes`: bakes it ──┘
 //! ```
-//! A parameter and a pose are answered at once; a scene is answered when it is baked and sent. What takes force away, or lets it flow, does not
-//! pass here. No caller waits for a file, for a bake or for the loop: the mutex is held for some copies only.
+//! A parameter and a pose are answered at once; a scene is answered when it is baked and sent. What
+//! takes force away, or lets it flow, does not pass here. No caller waits for a file, for a bake or
+//! for the loop: the mutex is held for some copies only.
 
 use core::time::Duration;
 use std::collections::VecDeque;
@@ -28,7 +29,8 @@ use vps::spatial::Pose;
 
 pub use crate::servo::{ControlError, HandOrder, HandUse, ParameterSetting};
 
-/// How often the thread of scenes looks for a scene that the loop gave back, while one is to be sent.
+/// How often the thread of scenes looks for a scene that the loop gave back, while one is to be
+/// sent.
 const POLL: Duration = Duration::from_millis(2);
 /// The same while none is.
 const IDLE: Duration = Duration::from_millis(10);
@@ -36,7 +38,8 @@ const IDLE: Duration = Duration::from_millis(10);
 /// Bakes a scene in a way that the caller chooses: with its cache, its limits, its progress.
 pub type Baker = Box<dyn FnMut(&SceneConfig) -> Result<RenderScene, SceneError> + Send>;
 
-/// Called once with what became of a scene: it is baked and sent to the loop, or why not. Called on the thread of scenes; must not block.
+/// Called once with what became of a scene: it is baked and sent to the loop, or why not. Called on
+/// the thread of scenes; must not block.
 pub type Reply = Box<dyn FnOnce(Result<(), SessionError>) + Send>;
 
 /// Why something was not done.
@@ -73,7 +76,8 @@ pub enum SessionError {
         ours: String,
     },
     /// Something else than parameters of a scene with clay has changed.
-    #[error("the clay is worked until the run ends: of its scene only parameters are taken meanwhile ({}), and more than those has changed", .taken.join(", "))]
+    #[error("the clay is worked until the run ends: of its scene only parameters are taken \
+        meanwhile ({}), and more than those has changed", .taken.join(", "))]
     Clay {
         /// The parameters.
         taken: Vec<&'static str>,
@@ -116,7 +120,8 @@ pub struct SceneView {
 pub struct PlannedScene {
     /// The checked scene.
     pub config: SceneConfig,
-    /// First tick in which it may be taken. A run under the virtual clock waits for it at that tick.
+    /// First tick in which it may be taken. A run under the virtual clock waits for it at that
+    /// tick.
     pub at_tick: u64,
 }
 
@@ -125,7 +130,8 @@ pub fn objects(config: &SceneConfig) -> Objects {
     config.statics.iter().map(|object| (object.name.clone(), object.movable)).collect()
 }
 
-/// Everything that clients, files and the command line change while a scene is rendered. Clones are cheap, and are the same session.
+/// Everything that clients, files and the command line change while a scene is rendered. Clones are
+/// cheap, and are the same session.
 #[derive(Clone)]
 pub struct SessionHandle(Arc<Shared>);
 
@@ -217,7 +223,9 @@ impl SessionState {
     fn why_no_hand(&self) -> Option<&'static str> {
         match &self.config.device {
             _ if !self.is_simulated => Some("a person holds this one"),
-            device if !device.sim.hand_present => Some("`device.sim.hand` is \"none\" in this scene"),
+            device if !device.sim.hand_present => {
+                Some("`device.sim.hand` is \"none\" in this scene")
+            }
             _ => None,
         }
     }
@@ -229,7 +237,12 @@ impl SessionState {
 
 impl SessionHandle {
     /// A session whose first scene is still to be baked. `options`: how scenes are read.
-    pub fn new(config: SceneConfig, options: LoadOptions, clock: ClockKind, recorder: Option<Recorder>) -> Self {
+    pub fn new(
+        config: SceneConfig,
+        options: LoadOptions,
+        clock: ClockKind,
+        recorder: Option<Recorder>,
+    ) -> Self {
         let first = Arc::new(config);
         let state = SessionState {
             config: first.clone(),
@@ -247,28 +260,47 @@ impl SessionHandle {
             reloader: None,
             has_ended: true,
         };
-        Self(Arc::new(Shared { state: Mutex::new(state), asked: Condvar::new(), first, options, clock, recorder }))
+        Self(Arc::new(Shared {
+            state: Mutex::new(state),
+            asked: Condvar::new(),
+            first,
+            options,
+            clock,
+            recorder,
+        }))
     }
 
-    /// Begins the thread `scenes`, which bakes scenes one after the other, first the planned ones, sends them to the loop, and frees those that
-    /// were rendered before. It ends with the loop, and is not joined: a bake that is no longer wanted ends with the process. Without it no other
-    /// scene is taken.
+    /// Begins the thread `scenes`, which bakes scenes one after the other, first the planned ones,
+    /// sends them to the loop, and frees those that were rendered before. It ends with the loop,
+    /// and is not joined: a bake that is no longer wanted ends with the process. Without it no
+    /// other scene is taken.
     ///
     /// # Errors
     /// The thread could not be started.
-    pub fn begin_baking(&self, mut baker: Baker, planned: Vec<PlannedScene>) -> std::io::Result<()> {
+    pub fn begin_baking(
+        &self,
+        mut baker: Baker,
+        planned: Vec<PlannedScene>,
+    ) -> std::io::Result<()> {
         {
             let mut state = self.state();
             state.has_ended = false;
             state.promised_ticks = planned.iter().map(|scene| scene.at_tick).collect();
-            state.jobs = planned.into_iter().enumerate().map(|(idx, scene)| Job::Planned(Box::new(scene), idx)).collect();
+            state.jobs = planned
+                .into_iter()
+                .enumerate()
+                .map(|(idx, scene)| Job::Planned(Box::new(scene), idx))
+                .collect();
         }
         let session = self.clone();
-        std::thread::Builder::new().name("scenes".to_owned()).spawn(move || session.work(&mut baker))?;
+        std::thread::Builder::new()
+            .name("scenes".to_owned())
+            .spawn(move || session.work(&mut baker))?;
         Ok(())
     }
 
-    /// The first scene is baked: from now on it can be changed, and the hand of a simulated arm can be moved. Gives the loop's end.
+    /// The first scene is baked: from now on it can be changed, and the hand of a simulated arm can
+    /// be moved. Gives the loop's end.
     pub fn begin(&self, scene: &Arc<RenderScene>, is_simulated: bool) -> CommandQueue {
         let mut state = self.state();
         state.is_simulated = is_simulated;
@@ -287,13 +319,15 @@ impl SessionHandle {
             config: state.config.clone(),
             scene: state.scene.clone(),
             settings: controls.map_or(Vec::new(), |controls| controls.settings().to_vec()),
-            movable: controls.map_or(Vec::new(), |controls| controls.movable().map(str::to_owned).collect()),
+            movable: controls
+                .map_or(Vec::new(), |controls| controls.movable().map(str::to_owned).collect()),
             has_hand: state.why_no_hand().is_none(),
             switching_to: state.switching_to.clone(),
         }
     }
 
-    /// Sets a parameter, by its name (`haptics::LiveParameter::name`), SI. A limit that is lowered stays lowered in every scene until it is raised here.
+    /// Sets a parameter, by its name (`haptics::LiveParameter::name`), SI. A limit that is lowered
+    /// stays lowered in every scene until it is raised here.
     ///
     /// # Errors
     /// [`SessionError`]; nothing changes then.
@@ -309,7 +343,8 @@ impl SessionHandle {
         Ok(self.state().controls()?.place(object, world_from_object)?)
     }
 
-    /// Asks the hand of a simulated arm to go to a pose of the tool, or along the scene's path again; gives the number of this order.
+    /// Asks the hand of a simulated arm to go to a pose of the tool, or along the scene's path
+    /// again; gives the number of this order.
     ///
     /// # Errors
     /// [`SessionError`]; nothing moves then, as where a person holds the arm.
@@ -317,7 +352,8 @@ impl SessionHandle {
         self.hand_in(None, order)
     }
 
-    /// The same of a client that means one scene: a drag that began before a switch does not move the tool of the next scene.
+    /// The same of a client that means one scene: a drag that began before a switch does not move
+    /// the tool of the next scene.
     ///
     /// # Errors
     /// [`SessionError`]; nothing moves then.
@@ -328,7 +364,9 @@ impl SessionHandle {
         let rendered = controls.scene_idx();
         match (missing, scene_idx) {
             (Some(why), _) => Err(ControlError::NoHand(why).into()),
-            (None, Some(asked)) if asked != rendered => Err(ControlError::AnotherScene { asked, rendered }.into()),
+            (None, Some(asked)) if asked != rendered => {
+                Err(ControlError::AnotherScene { asked, rendered }.into())
+            }
             (None, _) => Ok(controls.hand(order)?),
         }
     }
@@ -338,12 +376,14 @@ impl SessionHandle {
         self.state().controls.as_ref()?.hand_use()
     }
 
-    /// Asks for the scene as it was at its beginning: tool and objects where they began, parameters as in its file. Limits that a person lowered stay.
+    /// Asks for the scene as it was at its beginning: tool and objects where they began, parameters
+    /// as in its file. Limits that a person lowered stay.
     pub fn reset(&self, reply: Reply) {
         self.ask(Job::Reset { reply });
     }
 
-    /// Asks for another scene of the folder of the one that is rendered, by its file name without the ending.
+    /// Asks for another scene of the folder of the one that is rendered, by its file name without
+    /// the ending.
     pub fn switch(&self, name: String, reply: Reply) {
         self.ask(Job::Switch { name, reply });
     }
@@ -366,7 +406,8 @@ impl SessionHandle {
         job.refuse(refusal);
     }
 
-    /// Begins to read the scene again when it is asked for. Without [`Self::begin_baking`] it never is.
+    /// Begins to read the scene again when it is asked for. Without [`Self::begin_baking`] it never
+    /// is.
     pub fn reload_with(&self, reloader: Reloader) {
         self.state().reloader = Some(reloader);
     }
@@ -387,7 +428,8 @@ impl SessionHandle {
 
     /// The number of a scene that was planned; `None`: it was not sent.
     pub fn planned_scene_idx(&self, planned_idx: usize) -> Option<u32> {
-        let sent_idx = self.state().sent.iter().position(|(_, planned)| *planned == Some(planned_idx))?;
+        let sent_idx =
+            self.state().sent.iter().position(|(_, planned)| *planned == Some(planned_idx))?;
         Some(sent_idx as u32 + 1)
     }
 
@@ -401,11 +443,18 @@ impl SessionHandle {
         &self.0.options
     }
 
-    /// Sets what a file says differently, where the scene of this number is still rendered and nothing but parameters differs; `None`: more does.
-    pub(super) fn follow_file(&self, scene_idx: u32, file: &SceneConfig) -> Result<Option<Vec<FileChange>>, SessionError> {
+    /// Sets what a file says differently, where the scene of this number is still rendered and
+    /// nothing but parameters differs; `None`: more does.
+    pub(super) fn follow_file(
+        &self,
+        scene_idx: u32,
+        file: &SceneConfig,
+    ) -> Result<Option<Vec<FileChange>>, SessionError> {
         let mut state = self.state();
         state.follow();
-        let SessionState { config, controls: Some(controls), .. } = &mut *state else { return Err(SessionError::Over) };
+        let SessionState { config, controls: Some(controls), .. } = &mut *state else {
+            return Err(SessionError::Over);
+        };
         if controls.scene_idx() != scene_idx {
             return Err(ControlError::Over.into());
         }
@@ -413,17 +462,26 @@ impl SessionHandle {
         for setting in controls.settings() {
             setting.parameter.copy(&config.parameters, &mut same.parameters);
         }
-        let Some(changes) = controls.file_changes(&file.parameters).filter(|_| same == **config) else { return Ok(None) };
+        let Some(changes) = controls.file_changes(&file.parameters).filter(|_| same == **config)
+        else {
+            return Ok(None);
+        };
         controls.follow_file(&file.parameters, &changes)?;
         Ok(Some(changes))
     }
 
-    /// Bakes a scene that a client or a reload asked for, and sends it to the loop. On the thread of scenes.
-    pub(super) fn switch_to(&self, config: SceneConfig, baker: &mut Baker) -> Result<(), SessionError> {
+    /// Bakes a scene that a client or a reload asked for, and sends it to the loop. On the thread
+    /// of scenes.
+    pub(super) fn switch_to(
+        &self,
+        config: SceneConfig,
+        baker: &mut Baker,
+    ) -> Result<(), SessionError> {
         let mut state = self.state();
         (state.is_switching, state.switching_to) = (true, Some(config.path.clone()));
         drop(state);
-        self.bake(PlannedScene { config, at_tick: 0 }, None, baker).inspect_err(|_| self.stop_switching())
+        self.bake(PlannedScene { config, at_tick: 0 }, None, baker)
+            .inspect_err(|_| self.stop_switching())
     }
 
     fn stop_switching(&self) {
@@ -470,7 +528,10 @@ impl SessionHandle {
         match job {
             Job::Planned(planned, idx) => {
                 let path = planned.config.path.clone();
-                let Err(SessionError::Scene(problem)) = self.bake(*planned, Some(idx), baker) else { return };
+                let Err(SessionError::Scene(problem)) = self.bake(*planned, Some(idx), baker)
+                else {
+                    return;
+                };
                 self.state().failed.push((path, problem));
                 if let Some(mut state) = self.with_room()
                     && let Ok(controls) = state.controls()
@@ -482,7 +543,8 @@ impl SessionHandle {
             Job::Switch { name, reply } => {
                 let switched = catch_unwind(AssertUnwindSafe(|| {
                     let view = self.view();
-                    let config = config::load_with(&path_of(&name, &view.config)?, self.options()).map_err(SessionError::Config)?;
+                    let config = config::load_with(&path_of(&name, &view.config)?, self.options())
+                        .map_err(SessionError::Config)?;
                     match unlike(&config, &view.config) {
                         Some((key, its, ours)) => Err(SessionError::Unlike { key, its, ours }),
                         None => self.switch_to(config, baker),
@@ -497,9 +559,20 @@ impl SessionHandle {
                     (None, None) => Err(SessionError::Over),
                     (Some(scene), None) => {
                         // What is rendered again is what was baked, whatever its files say by now.
-                        let files = self.0.recorder.as_ref().and_then(|recorder| recorder.scenes.get(scene_idx));
+                        let files = self
+                            .0
+                            .recorder
+                            .as_ref()
+                            .and_then(|recorder| recorder.scenes.get(scene_idx));
                         let files = files.map(|files| (*files).clone());
-                        self.send(Coming { config, scene, files, at_tick: 0, planned_idx: None, starts_anew: true })
+                        self.send(Coming {
+                            config,
+                            scene,
+                            files,
+                            at_tick: 0,
+                            planned_idx: None,
+                            starts_anew: true,
+                        })
                     }
                 };
                 self.answer(result, reply);
@@ -507,26 +580,43 @@ impl SessionHandle {
         }
     }
 
-    fn bake(&self, planned: PlannedScene, planned_idx: Option<usize>, baker: &mut Baker) -> Result<(), SessionError> {
+    fn bake(
+        &self,
+        planned: PlannedScene,
+        planned_idx: Option<usize>,
+        baker: &mut Baker,
+    ) -> Result<(), SessionError> {
         let PlannedScene { config, at_tick } = planned;
         // Before it is baked: what is written meanwhile is not what is rendered.
         let files = self.0.recorder.as_ref().map(|_| scene_files(&config, &self.0.options));
         let scene = Arc::new(baker(&config)?);
-        self.send(Coming { config: Arc::new(config), scene, files, at_tick, planned_idx, starts_anew: false })
+        self.send(Coming {
+            config: Arc::new(config),
+            scene,
+            files,
+            at_tick,
+            planned_idx,
+            starts_anew: false,
+        })
     }
 
     /// Sends a scene to the loop, which takes it from its tick on.
     fn send(&self, coming: Coming) -> Result<(), SessionError> {
         let Coming { config, scene, files, at_tick, planned_idx, starts_anew } = coming;
-        let hand = hand_of(&config, scene.tool.center_of_mass_tool).map_err(|error| SessionError::Hand(error.to_string()))?;
-        let loaded = LoadedScene::new(scene.clone()).with_time_budget(config.time_budget_s, self.0.clock);
+        let hand = hand_of(&config, scene.tool.center_of_mass_tool)
+            .map_err(|error| SessionError::Hand(error.to_string()))?;
+        let loaded =
+            LoadedScene::new(scene.clone()).with_time_budget(config.time_budget_s, self.0.clock);
         let loaded = loaded.at_tick(at_tick).with_hand(hand).starting_anew(starts_anew);
         let mut state = self.with_room().ok_or(SessionError::Over)?;
         // Before the loop can render it.
         if let (Some(recorder), Some(files)) = (&self.0.recorder, files) {
             recorder.scenes.add(SceneFiles { starts_anew, ..files });
         }
-        state.controls()?.offer(Box::new(loaded), objects(&config)).map_err(|_| SessionError::Over)?;
+        state
+            .controls()?
+            .offer(Box::new(loaded), objects(&config))
+            .map_err(|_| SessionError::Over)?;
         state.sent.push((config.clone(), planned_idx));
         state.coming = Some((config, scene));
         Ok(())
@@ -539,7 +629,8 @@ impl SessionHandle {
         reply(result);
     }
 
-    /// Waits until a scene can be sent: the first one is rendered, and no other is on its way. `None`: the loop is over.
+    /// Waits until a scene can be sent: the first one is rendered, and no other is on its way.
+    /// `None`: the loop is over.
     fn with_room(&self) -> Option<MutexGuard<'_, SessionState>> {
         loop {
             self.free_replaced();

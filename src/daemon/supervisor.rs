@@ -28,7 +28,8 @@ use rt::signals;
 /// Records under way between servo and drain: four seconds at 1 kHz.
 const RING_RECORDS: usize = 4096;
 
-/// Beyond its ramp, how long the servo may take to end after a stop before the supervisor orders it to quit.
+/// Beyond its ramp, how long the servo may take to end after a stop before the supervisor orders it
+/// to quit.
 const STOP_PATIENCE: Duration = Duration::from_secs(2);
 /// The same under the virtual clock, where a tick takes as long as it takes.
 const STOP_PATIENCE_VIRTUAL: Duration = Duration::from_secs(60);
@@ -38,7 +39,8 @@ const ACKNOWLEDGE: Duration = Duration::from_millis(50);
 const QUIT_PATIENCE: Duration = Duration::from_secs(2);
 /// How often the control word is looked at for ends that others asked for.
 const LOOK: Duration = Duration::from_millis(20);
-/// How long the process goes on after Ctrl-Z: the zero command has left by then, as a disable takes a tick.
+/// How long the process goes on after Ctrl-Z: the zero command has left by then, as a disable takes
+/// a tick.
 const BEFORE_SUSPEND: Duration = Duration::from_millis(60);
 
 /// Owns the phase. Everything it learns goes to `notify`.
@@ -82,16 +84,26 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
     ///
     /// # Errors
     /// As there.
-    pub fn render(&mut self, job: RenderJob, control: &Arc<Control>) -> Result<RunOutcome, RunError> {
+    pub fn render(
+        &mut self,
+        job: RenderJob,
+        control: &Arc<Control>,
+    ) -> Result<RunOutcome, RunError> {
         self.render_live(job, LiveChannels::default(), control)
     }
 
-    /// Preflight, enable, render, stop. Blocks until the arm is at rest. Every holder of `control` can take force away or end the run through it, at any
-    /// time, before this call as well: force that was taken away then is not given at the start.
+    /// Preflight, enable, render, stop. Blocks until the arm is at rest. Every holder of `control`
+    /// can take force away or end the run through it, at any time, before this call as well: force
+    /// that was taken away then is not given at the start.
     ///
     /// # Errors
     /// See [`RunError`]; no tick was rendered then, except under [`RunError::Servo`].
-    pub fn render_live(&mut self, job: RenderJob, live: LiveChannels, control: &Arc<Control>) -> Result<RunOutcome, RunError> {
+    pub fn render_live(
+        &mut self,
+        job: RenderJob,
+        live: LiveChannels,
+        control: &Arc<Control>,
+    ) -> Result<RunOutcome, RunError> {
         let capabilities = job.device.capabilities();
         let Operator { enables_at_start, waits_after_fault, holds_back, enables } = live.operator;
         let enabled = !holds_back && (capabilities.simulated || enables_at_start);
@@ -107,7 +119,9 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
         let goes_on_after_suspend = enabled && capabilities.simulated && enables.is_none();
         let period_s = job.scene.parameters.period_s;
         let plan = RunPlan {
-            stop_at_tick: job.duration.map(|duration| (duration.as_secs_f64() / period_s).round() as u64),
+            stop_at_tick: job
+                .duration
+                .map(|duration| (duration.as_secs_f64() / period_s).round() as u64),
             outlives_faults: waits_after_fault,
         };
         let news = live.news.unwrap_or_else(never);
@@ -116,26 +130,47 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
         let stop_patience = match job.clock {
             ClockKind::Real => STOP_PATIENCE,
             ClockKind::Virtual => STOP_PATIENCE_VIRTUAL,
-        } + Duration::try_from_secs_f64(job.scene.parameters.limits.ramp_s).unwrap_or_default();
+        } + Duration::try_from_secs_f64(job.scene.parameters.limits.ramp_s)
+            .unwrap_or_default();
 
-        let request =
-            ThreadRequest { cpu: job.realtime.cpu.unwrap_or_else(schedule::default_cpu), priority: job.realtime.priority };
+        let request = ThreadRequest {
+            cpu: job.realtime.cpu.unwrap_or_else(schedule::default_cpu),
+            priority: job.realtime.priority,
+        };
         let memory_lock = MemoryLock::take(job.clock);
         let (producer, consumer) = RingBuffer::new(RING_RECORDS);
         let (events_sender, events) = unbounded();
         let servo = match job.clock {
             ClockKind::Real => {
-                let servo = ServoLoop::new(job.scene, job.device, RealClock, control.clone(), plan, producer);
-                spawn_servo(with_live(servo.with_time_budget(job.time_budget_s), live), Some(request))?
+                let servo = ServoLoop::new(
+                    job.scene,
+                    job.device,
+                    RealClock,
+                    control.clone(),
+                    plan,
+                    producer,
+                );
+                spawn_servo(
+                    with_live(servo.with_time_budget(job.time_budget_s), live),
+                    Some(request),
+                )?
             }
             ClockKind::Virtual => {
-                let servo = ServoLoop::new(job.scene, job.device, VirtualClock::default(), control.clone(), plan, producer);
+                let servo = ServoLoop::new(
+                    job.scene,
+                    job.device,
+                    VirtualClock::default(),
+                    control.clone(),
+                    plan,
+                    producer,
+                );
                 spawn_servo(with_live(servo.with_time_budget(job.time_budget_s), live), None)?
             }
         };
 
         let _quit_on_unwind = QuitOnUnwind { control, ended: servo.ended.clone() };
-        let standing = servo.standing.recv().map_err(|_| RunError::Servo("ended before it began"))?;
+        let standing =
+            servo.standing.recv().map_err(|_| RunError::Servo("ended before it began"))?;
         let kernel = KernelFacts::read(request.cpu);
         let preflight = match &memory_lock.outcome {
             Some(outcome) => PreflightReport::judge(&kernel, request, standing, *outcome),
@@ -152,20 +187,31 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
         servo.go.send(()).map_err(|_| RunError::Servo("ended before it began"))?;
 
         let enables = enables.unwrap_or_else(never);
-        self.watch_until_ended(&servo, control, &events, (&enables, &news), (stop_patience, goes_on_after_suspend))?;
-        let report = servo.thread.join().ok().flatten().ok_or(RunError::Servo("ended without a report"))?;
-        let drained = drain_thread.join().map_err(|_| RunError::Servo("ended, and the thread that drains its records panicked"))?;
+        self.watch_until_ended(
+            &servo,
+            control,
+            &events,
+            (&enables, &news),
+            (stop_patience, goes_on_after_suspend),
+        )?;
+        let report =
+            servo.thread.join().ok().flatten().ok_or(RunError::Servo("ended without a report"))?;
+        let drained = drain_thread.join().map_err(|_| {
+            RunError::Servo("ended, and the thread that drains its records panicked")
+        })?;
         for event in events.try_iter() {
             self.tell(&event);
         }
         // A fault that was acknowledged and stopped after is over.
-        let at_fault = matches!(report.ending, Ending::Faulted | Ending::Panicked) || report.last.drive == Drive::Fault;
+        let at_fault = matches!(report.ending, Ending::Faulted | Ending::Panicked)
+            || report.last.drive == Drive::Fault;
         self.enter(if at_fault { Phase::Fault } else { Phase::Stopped });
         let totals = drained.summary.totals(counted(&report, &preflight, job.rate_hz, job.clock));
         Ok(RunOutcome { swaps: drained.summary.swaps().to_vec(), totals, report, preflight })
     }
 
-    /// Passes on notices, lets force flow when asked to, and watches over the end, until the servo thread has ended.
+    /// Passes on notices, lets force flow when asked to, and watches over the end, until the servo
+    /// thread has ended.
     fn watch_until_ended(
         &mut self,
         servo: &ServoThread,
@@ -181,7 +227,8 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
         let mut permit = control.permit();
         let mut suspends_at: Option<Instant> = None;
         let mut events = events.clone();
-        let (mut enables, mut news) = (enables.clone(), news.clone());
+        let mut enables = enables.clone();
+        let mut news = news.clone();
         loop {
             let order = control.order();
             if control.is_ending() && ending != Some(order) {
@@ -192,7 +239,8 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
                 suspends_at = Some(Instant::now() + BEFORE_SUSPEND);
             }
             if suspends_at.take_if(|at| Instant::now() >= *at).is_some() {
-                // An order that was taken meanwhile would give force to an arm while the process is stopped.
+                // An order that was taken meanwhile would give force to an arm while the process is
+                // stopped.
                 control.disable();
                 acknowledged = never();
                 signals::stop_process();
@@ -203,7 +251,8 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
             select_biased! {
                 recv(patience) -> _ => {
                     if control.order() == Order::Quit {
-                        return Err(RunError::Servo("did not end; the arm may still hold its last command"));
+                        return Err(RunError::Servo("did not end; the arm may still hold its last \
+                            command"));
                     }
                     control.quit();
                 }
@@ -242,7 +291,9 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
             Watch::Scene(record) => (self.notify)(Notice::Scene(record)),
             Watch::Snapshot(record) => {
                 let cause = record.output.off_cause;
-                if core::mem::replace(&mut self.waits_for, cause) != cause && !cause.advice().is_empty() {
+                if core::mem::replace(&mut self.waits_for, cause) != cause
+                    && !cause.advice().is_empty()
+                {
                     (self.notify)(Notice::Waiting(cause));
                 }
                 (self.notify)(Notice::Status(record));
@@ -251,7 +302,8 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
     }
 }
 
-/// A panic in a handler of notices must not leave the loop alone: a process that ends takes its threads with it, stop guard or not.
+/// A panic in a handler of notices must not leave the loop alone: a process that ends takes its
+/// threads with it, stop guard or not.
 struct QuitOnUnwind<'c> {
     control: &'c Control,
     ended: Receiver<()>,
@@ -266,7 +318,12 @@ impl Drop for QuitOnUnwind<'_> {
     }
 }
 
-fn counted(report: &LoopReport, preflight: &PreflightReport, rate_hz: u32, clock: ClockKind) -> LoopCounts {
+fn counted(
+    report: &LoopReport,
+    preflight: &PreflightReport,
+    rate_hz: u32,
+    clock: ClockKind,
+) -> LoopCounts {
     LoopCounts {
         ticks: report.ticks,
         rate_hz,

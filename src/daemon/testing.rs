@@ -21,12 +21,16 @@ stiffness_n_per_mm = 5.0
 profile = "sim-sigma7"
 "#;
 
-/// A scene of this text, in a file that is gone: all have the same path, so that they can be compared whole.
+/// A scene of this text, in a file that is gone: all have the same path, so that they can be
+/// compared whole.
 pub(crate) fn scene(text: &str) -> SceneConfig {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let path = folder.path().join("scene.toml");
     std::fs::write(&path, text).expect("written");
-    SceneConfig { path: PathBuf::from("scene.toml"), ..config::load(&path).unwrap_or_else(|errors| panic!("{errors}")) }
+    SceneConfig {
+        path: PathBuf::from("scene.toml"),
+        ..config::load(&path).unwrap_or_else(|errors| panic!("{errors}"))
+    }
 }
 
 /// A session of that scene, which is still to be baked; no other scene is taken.

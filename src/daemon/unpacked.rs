@@ -53,7 +53,8 @@ pub struct Unpacked {
     manifests: BTreeMap<String, BTreeMap<String, String>>,
 }
 
-/// A scene as it was, and what this version makes of it in another way than the one that recorded it.
+/// A scene as it was, and what this version makes of it in another way than the one that recorded
+/// it.
 #[derive(Debug)]
 pub struct RecordedScene {
     /// Its files lie in the folder into which the recording was unpacked.
@@ -71,7 +72,8 @@ impl Unpacked {
     /// There is no place for temporary files.
     pub fn new() -> Result<Self, UnpackError> {
         let folder = tempfile::Builder::new().prefix("hapticd-replay-").tempdir();
-        let folder = folder.map_err(|source| UnpackError::Write { file: std::env::temp_dir(), source })?;
+        let folder =
+            folder.map_err(|source| UnpackError::Write { file: std::env::temp_dir(), source })?;
         Ok(Self { folder, manifests: BTreeMap::new() })
     }
 
@@ -88,7 +90,8 @@ impl Unpacked {
             return Ok(());
         }
         let path = self.folder.path().join(name);
-        let written = path.parent().map_or(Ok(()), fs::create_dir_all).and_then(|()| fs::write(&path, data));
+        let written =
+            path.parent().map_or(Ok(()), fs::create_dir_all).and_then(|()| fs::write(&path, data));
         written.map_err(|source| UnpackError::Write { file: path, source })
     }
 
@@ -108,20 +111,32 @@ impl Unpacked {
     /// [`UnpackError`]: a file is missing, or the scene is none.
     pub fn scene(&self, scene_idx: u32) -> Result<RecordedScene, UnpackError> {
         let folder = self.folder.path().join(format!("scenes/{scene_idx}"));
-        let missing = |file: &str, why: String| UnpackError::Missing { scene_idx, file: file.to_owned(), why };
+        let missing = |file: &str, why: String| UnpackError::Missing {
+            scene_idx,
+            file: file.to_owned(),
+            why,
+        };
         let garbled = |message: String| UnpackError::Toml { scene_idx, message };
         let read = |name: &str| {
             let path = folder.join(name);
             if fs::metadata(&path).is_ok_and(|text| text.len() > LONGEST_TEXT as u64) {
-                return Err(missing(name, format!("no text has more than {} MiB", LONGEST_TEXT >> 20)));
+                return Err(missing(
+                    name,
+                    format!("no text has more than {} MiB", LONGEST_TEXT >> 20),
+                ));
             }
             fs::read_to_string(path).map_err(|error| missing(name, error.to_string()))
         };
         let manifest = self.manifests.get(&format!("scenes/{scene_idx}"));
-        let manifest = manifest
-            .ok_or_else(|| missing("scene.toml", "the recording does not say which scene the run went over to".to_owned()))?;
-        let mut scene: toml::Table =
-            read("scene.toml")?.parse().map_err(|error: toml::de::Error| garbled(error.message().to_owned()))?;
+        let manifest = manifest.ok_or_else(|| {
+            missing(
+                "scene.toml",
+                "the recording does not say which scene the run went over to".to_owned(),
+            )
+        })?;
+        let mut scene: toml::Table = read("scene.toml")?
+            .parse()
+            .map_err(|error: toml::de::Error| garbled(error.message().to_owned()))?;
         // Of the arm only what it is made of matters: its samples are in the recording.
         if let Some(device) = scene.get_mut("device").and_then(toml::Value::as_table_mut) {
             device.retain(|key, _| key != "hand" && key != "profile" && key != "selector");
@@ -129,7 +144,8 @@ impl Unpacked {
         scene.remove("monitor");
         for key in file_keys(&mut scene) {
             let written = key.as_str().unwrap_or_default().to_owned();
-            let n = (0..).map_while(|n| manifest.get(&format!("file.{n}.written")).map(|other| (n, other)));
+            let n = (0..)
+                .map_while(|n| manifest.get(&format!("file.{n}.written")).map(|other| (n, other)));
             let Some((n, _)) = n.into_iter().find(|(_, other)| **other == written) else {
                 return Err(missing(&written, "the recording does not list it".to_owned()));
             };
@@ -138,7 +154,10 @@ impl Unpacked {
                 let Some(name) = about("name") else {
                     if part == 0 {
                         // That name may be one of a file of the user who replays it.
-                        return Err(missing(&written, "the recording names no file for it".to_owned()));
+                        return Err(missing(
+                            &written,
+                            "the recording names no file for it".to_owned(),
+                        ));
                     }
                     break;
                 };
@@ -155,21 +174,28 @@ impl Unpacked {
         }
         let text = toml::to_string(&scene).map_err(|error| garbled(error.to_string()))?;
         let path = folder.join("replay.toml");
-        fs::write(&path, text).map_err(|source| UnpackError::Write { file: path.clone(), source })?;
+        fs::write(&path, text)
+            .map_err(|source| UnpackError::Write { file: path.clone(), source })?;
         let profile = folder.join("profile.toml");
-        let mut arm: toml::Table =
-            read("profile.toml")?.parse().map_err(|error: toml::de::Error| garbled(error.message().to_owned()))?;
+        let mut arm: toml::Table = read("profile.toml")?
+            .parse()
+            .map_err(|error: toml::de::Error| garbled(error.message().to_owned()))?;
         // An arm that is not there takes no firmware.
-        let firmware = arm.get_mut("protocol").and_then(toml::Value::as_table_mut).and_then(|protocol| protocol.remove("firmware"));
+        let firmware = arm
+            .get_mut("protocol")
+            .and_then(toml::Value::as_table_mut)
+            .and_then(|protocol| protocol.remove("firmware"));
         if firmware.is_some() {
             let text = toml::to_string(&arm).map_err(|error| garbled(error.to_string()))?;
-            fs::write(&profile, text).map_err(|source| UnpackError::Write { file: profile.clone(), source })?;
+            fs::write(&profile, text)
+                .map_err(|source| UnpackError::Write { file: profile.clone(), source })?;
         }
         let profile = profile.to_string_lossy().into_owned();
         let enforce = manifest.get("enforce").map(|enforce| enforce == "true");
         let options = LoadOptions { device: Some(profile), enforce, ..LoadOptions::default() };
         let config = config::load_with(&path, &options).map_err(UnpackError::Config)?;
-        let recorded = serde_json::from_str(&read("resolved.json")?).map_err(|error| garbled(error.to_string()))?;
+        let recorded = serde_json::from_str(&read("resolved.json")?)
+            .map_err(|error| garbled(error.to_string()))?;
         let mut changed = Vec::new();
         let mut now = resolved(&config);
         // A scene without a name is called like its file.
@@ -177,7 +203,8 @@ impl Unpacked {
             now.insert("name".to_owned(), name.clone().into());
         }
         differences("", &recorded, &now, &mut changed);
-        let starts_anew = manifest.get("starts_anew").is_some_and(|starts_anew| starts_anew == "true");
+        let starts_anew =
+            manifest.get("starts_anew").is_some_and(|starts_anew| starts_anew == "true");
         Ok(RecordedScene { config, changed, starts_anew })
     }
 }
@@ -189,12 +216,19 @@ fn is_inside(name: &str) -> bool {
 }
 
 /// Keys that two objects have different values for.
-fn differences(key: &str, recorded: &serde_json::Value, now: &serde_json::Value, found: &mut Vec<String>) {
+fn differences(
+    key: &str,
+    recorded: &serde_json::Value,
+    now: &serde_json::Value,
+    found: &mut Vec<String>,
+) {
     match (recorded, now) {
         (serde_json::Value::Object(recorded), serde_json::Value::Object(now)) => {
-            let keys: std::collections::BTreeSet<&String> = recorded.keys().chain(now.keys()).collect();
-            let at =
-                |object: &serde_json::Map<String, serde_json::Value>, name: &str| object.get(name).cloned().unwrap_or_default();
+            let keys: std::collections::BTreeSet<&String> =
+                recorded.keys().chain(now.keys()).collect();
+            let at = |object: &serde_json::Map<String, serde_json::Value>, name: &str| {
+                object.get(name).cloned().unwrap_or_default()
+            };
             for name in keys {
                 let path = if key.is_empty() { name.clone() } else { format!("{key}.{name}") };
                 differences(&path, &at(recorded, name), &at(now, name), found);
@@ -212,8 +246,13 @@ mod tests {
     /// Why a scene that names `part.obj` cannot be put back from these values.
     fn refused(values: &[(&str, &str)]) -> UnpackError {
         let mut unpacked = Unpacked::new().expect("a folder");
-        unpacked.put("scenes/0/scene.toml", b"[tool]\nmesh = \"/etc/part.obj\"\n").expect("written");
-        unpacked.note("scenes/0".to_owned(), values.iter().map(|(key, value)| ((*key).to_owned(), (*value).to_owned())).collect());
+        unpacked
+            .put("scenes/0/scene.toml", b"[tool]\nmesh = \"/etc/part.obj\"\n")
+            .expect("written");
+        unpacked.note(
+            "scenes/0".to_owned(),
+            values.iter().map(|(key, value)| ((*key).to_owned(), (*value).to_owned())).collect(),
+        );
         unpacked.scene(0).expect_err("refused")
     }
 
@@ -221,7 +260,10 @@ mod tests {
     fn no_file_of_the_replaying_user_is_read() {
         let written = ("file.0.written", "/etc/part.obj");
         let error = refused(&[written]);
-        assert!(matches!(&error, UnpackError::Missing { why, .. } if why == "the recording names no file for it"), "{error}");
+        assert!(
+            matches!(&error, UnpackError::Missing { why, .. } if why == "the recording names no file for it"),
+            "{error}"
+        );
         for name in ["../../../etc/part.obj", "/etc/part.obj", "a/../../b", ""] {
             let error = refused(&[written, ("file.0.0.name", name)]);
             assert!(matches!(&error, UnpackError::Outside(outside) if outside == name), "{error}");

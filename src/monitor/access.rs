@@ -1,7 +1,8 @@
 //! Access of clients: loopback unless there is a token, and no page of another server.
 //!
-//! A web page that the operator has open can send requests to this machine too. It betrays itself by its `Origin`; and where its name was
-//! bent to point here (DNS rebinding), by the `Host` that it asked for.
+//! A web page that the operator has open can send requests to this machine too. It betrays itself
+//! by its `Origin`; and where its name was bent to point here (DNS rebinding), by the `Host` that
+//! it asked for.
 
 use std::net::{IpAddr, SocketAddr};
 use std::path::{Path, PathBuf};
@@ -11,7 +12,8 @@ use axum::http::{HeaderMap, StatusCode, header};
 use super::problem::RequestError;
 use vps::storage::regular;
 
-/// Fewest characters of a token: 96 bits even of hexadecimal digits would be 24, and no person types these.
+/// Fewest characters of a token: 96 bits even of hexadecimal digits would be 24, and no person
+/// types these.
 const LEAST_TOKEN: usize = 16;
 /// Most, so that a file that is something else is noticed.
 const MOST_TOKEN: usize = 512;
@@ -40,7 +42,10 @@ pub enum TokenError {
         cause: std::io::Error,
     },
     /// What is in it.
-    #[error("the token of {from} is no token: {LEAST_TOKEN} to {MOST_TOKEN} printable ASCII characters without spaces")]
+    #[error(
+        "the token of {from} is no token: {LEAST_TOKEN} to {MOST_TOKEN} printable ASCII characters \
+            without spaces"
+    )]
     Malformed {
         /// A file, or a variable of the environment.
         from: String,
@@ -54,8 +59,13 @@ impl Token {
     /// [`TokenError::Malformed`].
     pub fn new(text: &str, from: &str) -> Result<Self, TokenError> {
         let text = text.trim();
-        let is_sound = (LEAST_TOKEN..=MOST_TOKEN).contains(&text.len()) && text.bytes().all(|byte| byte.is_ascii_graphic());
-        if is_sound { Ok(Self(text.to_owned())) } else { Err(TokenError::Malformed { from: from.to_owned() }) }
+        let is_sound = (LEAST_TOKEN..=MOST_TOKEN).contains(&text.len())
+            && text.bytes().all(|byte| byte.is_ascii_graphic());
+        if is_sound {
+            Ok(Self(text.to_owned()))
+        } else {
+            Err(TokenError::Malformed { from: from.to_owned() })
+        }
     }
 
     /// The token that a file holds.
@@ -63,15 +73,19 @@ impl Token {
     /// # Errors
     /// See [`TokenError`].
     pub fn read(path: &Path) -> Result<Self, TokenError> {
-        let text =
-            regular::text(path, LONGEST_TOKEN_FILE).map_err(|cause| TokenError::Unreadable { path: path.to_owned(), cause })?;
+        let text = regular::text(path, LONGEST_TOKEN_FILE)
+            .map_err(|cause| TokenError::Unreadable { path: path.to_owned(), cause })?;
         Self::new(&text, &path.display().to_string())
     }
 
     /// In a time that says nothing of how much of it was right.
     fn is(&self, other: &str) -> bool {
-        let (ours, theirs) = (self.0.as_bytes(), other.as_bytes());
-        let differs = ours.iter().zip(theirs).fold(0, |differs, (a, b)| core::hint::black_box(differs | (a ^ b)));
+        let ours = self.0.as_bytes();
+        let theirs = other.as_bytes();
+        let differs = ours
+            .iter()
+            .zip(theirs)
+            .fold(0, |differs, (a, b)| core::hint::black_box(differs | (a ^ b)));
         ours.len() == theirs.len() && differs == 0
     }
 }
@@ -85,7 +99,8 @@ pub struct Access {
 }
 
 impl Access {
-    /// For a server that listens at `address`. `origins`: pages of other servers that are welcome, such as `http://localhost:8000`.
+    /// For a server that listens at `address`. `origins`: pages of other servers that are welcome,
+    /// such as `http://localhost:8000`.
     pub fn new(address: SocketAddr, token: Option<Token>, origins: Vec<String>) -> Self {
         Self { address, token, origins }
     }
@@ -101,7 +116,11 @@ impl Access {
     }
 
     /// May the client that sent this use the API?
-    pub(super) fn may_ask(&self, headers: &HeaderMap, query: Option<&str>) -> Result<(), RequestError> {
+    pub(super) fn may_ask(
+        &self,
+        headers: &HeaderMap,
+        query: Option<&str>,
+    ) -> Result<(), RequestError> {
         self.host(headers)?;
         self.origin(headers)?;
         let Some(token) = &self.token else { return Ok(()) };
@@ -109,7 +128,8 @@ impl Access {
             Some(given) if token.is(&given) => Ok(()),
             given => {
                 let error = if given.is_some() { "wrong token" } else { "a token is needed" };
-                let hint = "send it as `Authorization: Bearer TOKEN` or as `?token=TOKEN`; the page takes it as `/#token=TOKEN`";
+                let hint = "send it as `Authorization: Bearer TOKEN` or as `?token=TOKEN`; the \
+                    page takes it as `/#token=TOKEN`";
                 Err(RequestError::new(StatusCode::UNAUTHORIZED, error, hint))
             }
         }
@@ -124,14 +144,26 @@ impl Access {
         if self.is_own_host(host) {
             return Ok(());
         }
-        let hint = format!("this server answers as localhost:{port} and {}", self.address, port = self.address.port());
-        Err(RequestError::new(StatusCode::FORBIDDEN, format!("the host `{}` is not this server", shown(host)), hint))
+        let hint = format!(
+            "this server answers as localhost:{port} and {}",
+            self.address,
+            port = self.address.port()
+        );
+        Err(RequestError::new(
+            StatusCode::FORBIDDEN,
+            format!("the host `{}` is not this server", shown(host)),
+            hint,
+        ))
     }
 
     fn is_own_host(&self, host: &str) -> bool {
         let (name, port) = split_port(host);
         let is_loopback = name.eq_ignore_ascii_case("localhost")
-            || name.trim_start_matches('[').trim_end_matches(']').parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback());
+            || name
+                .trim_start_matches('[')
+                .trim_end_matches(']')
+                .parse::<IpAddr>()
+                .is_ok_and(|ip| ip.is_loopback());
         // Port 80 goes without saying; a forwarded port (ssh -L) has another number.
         is_loopback && port.is_none_or(|port| port.parse::<u16>().is_ok())
     }
@@ -141,13 +173,21 @@ impl Access {
         let Some(origin) = headers.get(header::ORIGIN) else { return Ok(()) };
         let origin = origin.to_str().unwrap_or_default();
         let own = text(headers, header::HOST).is_some_and(|host| {
-            origin.strip_prefix("http://").or(origin.strip_prefix("https://")).is_some_and(|asked| asked.eq_ignore_ascii_case(host))
+            origin
+                .strip_prefix("http://")
+                .or(origin.strip_prefix("https://"))
+                .is_some_and(|asked| asked.eq_ignore_ascii_case(host))
         });
         if own || self.origins.iter().any(|welcome| welcome == origin) {
             return Ok(());
         }
-        let hint = "open the page of this server, or name the other one in `monitor.origins` of the scene";
-        Err(RequestError::new(StatusCode::FORBIDDEN, format!("pages of `{}` may not use this server", shown(origin)), hint))
+        let hint =
+            "open the page of this server, or name the other one in `monitor.origins` of the scene";
+        Err(RequestError::new(
+            StatusCode::FORBIDDEN,
+            format!("pages of `{}` may not use this server", shown(origin)),
+            hint,
+        ))
     }
 }
 
@@ -188,16 +228,25 @@ mod tests {
     const SECRET: &str = "0123456789abcdef0123";
 
     fn headers(pairs: &[(header::HeaderName, &str)]) -> HeaderMap {
-        pairs.iter().map(|(name, value)| (name.clone(), HeaderValue::from_str(value).expect("a value"))).collect()
+        pairs
+            .iter()
+            .map(|(name, value)| (name.clone(), HeaderValue::from_str(value).expect("a value")))
+            .collect()
     }
 
     fn status(access: &Access, pairs: &[(header::HeaderName, &str)], query: Option<&str>) -> u16 {
-        access.may_ask(&headers(pairs), query).map_or_else(|problem| problem.status.as_u16(), |()| 200)
+        access
+            .may_ask(&headers(pairs), query)
+            .map_or_else(|problem| problem.status.as_u16(), |()| 200)
     }
 
     #[test]
     fn on_loopback_names_of_this_machine_and_its_own_pages_come_in() {
-        let access = Access::new("127.0.0.1:7878".parse().expect("an address"), None, vec!["http://lab:8000".to_owned()]);
+        let access = Access::new(
+            "127.0.0.1:7878".parse().expect("an address"),
+            None,
+            vec!["http://lab:8000".to_owned()],
+        );
         use header::{HOST, ORIGIN};
         for (host, origin, expected) in [
             ("127.0.0.1:7878", None, 200),
@@ -225,7 +274,8 @@ mod tests {
     #[test]
     fn a_token_is_asked_for_and_compared_whole() {
         let token = Token::new(SECRET, "here").expect("a token");
-        let access = Access::new("192.0.2.1:7878".parse().expect("an address"), Some(token), Vec::new());
+        let access =
+            Access::new("192.0.2.1:7878".parse().expect("an address"), Some(token), Vec::new());
         use header::{AUTHORIZATION, HOST, ORIGIN};
         let bearer = |token: &str| format!("Bearer {token}");
         assert_eq!(status(&access, &[(HOST, "arm:7878")], None), 401);
@@ -233,16 +283,36 @@ mod tests {
         assert_eq!(status(&access, &[(AUTHORIZATION, &bearer(&SECRET[1..]))], None), 401);
         assert_eq!(status(&access, &[(AUTHORIZATION, &bearer(&format!("{SECRET}0")))], None), 401);
         assert_eq!(status(&access, &[(AUTHORIZATION, &bearer(""))], None), 401);
-        assert_eq!(status(&access, &[(HOST, "arm:7878")], Some(&format!("a=b&token={SECRET}"))), 200);
-        assert_eq!(status(&access, &[(HOST, "arm:7878"), (ORIGIN, "http://arm:7878")], Some(&format!("token={SECRET}"))), 200);
-        assert_eq!(status(&access, &[(HOST, "arm:7878"), (ORIGIN, "http://evil")], Some(&format!("token={SECRET}"))), 403);
+        assert_eq!(
+            status(&access, &[(HOST, "arm:7878")], Some(&format!("a=b&token={SECRET}"))),
+            200
+        );
+        assert_eq!(
+            status(
+                &access,
+                &[(HOST, "arm:7878"), (ORIGIN, "http://arm:7878")],
+                Some(&format!("token={SECRET}"))
+            ),
+            200
+        );
+        assert_eq!(
+            status(
+                &access,
+                &[(HOST, "arm:7878"), (ORIGIN, "http://evil")],
+                Some(&format!("token={SECRET}"))
+            ),
+            403
+        );
     }
 
     #[test]
     fn tokens_are_long_and_plain() {
         assert!(Token::new(" 0123456789abcdef\n", "here").is_ok());
         for wrong in ["", "short", "0123456789 abcdef", "0123456789äbcdef"] {
-            assert!(matches!(Token::new(wrong, "here"), Err(TokenError::Malformed { .. })), "{wrong}");
+            assert!(
+                matches!(Token::new(wrong, "here"), Err(TokenError::Malformed { .. })),
+                "{wrong}"
+            );
         }
         assert!(!Access::is_safe("0.0.0.0:1".parse().expect("an address"), None));
         assert!(Access::is_safe("[::1]:1".parse().expect("an address"), None));

@@ -7,7 +7,9 @@ use serde::Deserialize;
 use serde_json::Value;
 
 use super::answer::{Completion, Reply};
-use super::clay::{self, CombineAsked, DrawAsked, LayAsked, PullAsked, RegionAsked, SaveKind, TakeAsked};
+use super::clay::{
+    self, CombineAsked, DrawAsked, LayAsked, PullAsked, RegionAsked, SaveKind, TakeAsked,
+};
 use super::client::{Client, Subscription};
 use super::encode::WirePose;
 use super::forms::{read, such_as};
@@ -140,34 +142,70 @@ const LONGEST_ID: usize = 256;
 impl ClientCommand {
     /// True for what takes force away or is a sign of life: carried out however much else waits.
     pub(super) fn is_always_heard(&self) -> bool {
-        matches!(self, Self::Disable {} | Self::Stop {} | Self::Heartbeat { .. } | Self::ClayHold { held: false } | Self::Ping {})
+        matches!(
+            self,
+            Self::Disable {}
+                | Self::Stop {}
+                | Self::Heartbeat { .. }
+                | Self::ClayHold { held: false }
+                | Self::Ping {}
+        )
     }
 
     /// Takes a message apart: its `id`, whatever that is, and the request.
     pub(super) fn parse(message: &[u8]) -> (Value, Result<Self, RequestError>) {
         let mut object = match serde_json::from_slice(message) {
             Ok(Value::Object(object)) => object,
-            Ok(_) => return (Value::Null, Err(RequestError::bad("a request is an object", "such as {\"id\":1,\"do\":\"ping\"}"))),
+            Ok(_) => {
+                return (
+                    Value::Null,
+                    Err(RequestError::bad(
+                        "a request is an object",
+                        "such as {\"id\":1,\"do\":\"ping\"}",
+                    )),
+                );
+            }
             Err(error) => {
-                return (Value::Null, Err(RequestError::bad(format!("no JSON: {error}"), "send one object in each message")));
+                return (
+                    Value::Null,
+                    Err(RequestError::bad(
+                        format!("no JSON: {error}"),
+                        "send one object in each message",
+                    )),
+                );
             }
         };
         let id = object.remove("id").unwrap_or(Value::Null);
         if !is_short(&id) {
-            return (Value::Null, Err(RequestError::bad(format!("an `id` has at most {LONGEST_ID} bytes"), "a number will do")));
+            return (
+                Value::Null,
+                Err(RequestError::bad(
+                    format!("an `id` has at most {LONGEST_ID} bytes"),
+                    "a number will do",
+                )),
+            );
         }
         let command = object.get("do").and_then(Value::as_str).unwrap_or_default().to_owned();
-        let asked = read(object, "").map_err(|error| RequestError::bad(error, such_as(&command, true)));
+        let asked =
+            read(object, "").map_err(|error| RequestError::bad(error, such_as(&command, true)));
         (id, asked)
     }
 }
 
 fn is_short(id: &Value) -> bool {
-    !matches!(id, Value::String(_) | Value::Array(_) | Value::Object(_)) || id.to_string().len() <= LONGEST_ID
+    !matches!(id, Value::String(_) | Value::Array(_) | Value::Object(_))
+        || id.to_string().len() <= LONGEST_ID
 }
 
-/// Does what a client asks for; `client` where it has a connection. The reply may come from another thread.
-pub(super) fn perform(hub: &Arc<Hub>, files: &Worker, client: Option<&Client>, asked: ClientCommand, reply: Reply) {
+/// Does what a client asks for; `client` where it has a connection. The reply may come from another
+/// thread.
+pub(super) fn perform(
+    hub: &Arc<Hub>,
+    files: &Worker,
+    client: Option<&Client>,
+    asked: ClientCommand,
+    reply: Reply,
+) {
     match asked {
         ClientCommand::Enable {} => reply(hub.enable(client.map(|client| client.id)).map(nothing)),
         ClientCommand::Disable {} => {
@@ -184,7 +222,9 @@ pub(super) fn perform(hub: &Arc<Hub>, files: &Worker, client: Option<&Client>, a
         ClientCommand::Place { object, pose } => {
             reply(done(hub.session.place(&object, pose.into())));
         }
-        ClientCommand::Hand { pose, scene_idx } => reply(hand(hub, scene_idx, HandOrder::MoveTo(pose.into()))),
+        ClientCommand::Hand { pose, scene_idx } => {
+            reply(hand(hub, scene_idx, HandOrder::MoveTo(pose.into())))
+        }
         ClientCommand::RestartHand {} => reply(hand(hub, None, HandOrder::Restart)),
         ClientCommand::Reset {} => hub.session.reset(Box::new(move |result| reply(done(result)))),
         ClientCommand::Switch { scene } => switch(hub, scene, reply),
@@ -238,7 +278,8 @@ fn hand(hub: &Hub, scene_idx: Option<u32>, order: HandOrder) -> Result<Completio
 }
 
 fn switch(hub: &Arc<Hub>, scene: String, reply: Reply) {
-    let (told, name) = (hub.clone(), scene.clone());
+    let told = hub.clone();
+    let name = scene.clone();
     let answer = move |result: Result<(), SessionError>| {
         // Every client got the event that it is being baked.
         if let Err(error @ (SessionError::Scene(_) | SessionError::Over)) = &result {
@@ -249,17 +290,30 @@ fn switch(hub: &Arc<Hub>, scene: String, reply: Reply) {
     hub.session.switch(scene, Box::new(answer));
 }
 
-fn wanted(rate_hz: f64, format: StateFormat, contacts: bool, history: bool) -> Result<Option<Subscription>, RequestError> {
+fn wanted(
+    rate_hz: f64,
+    format: StateFormat,
+    contacts: bool,
+    history: bool,
+) -> Result<Option<Subscription>, RequestError> {
     if rate_hz == 0.0 {
         return Ok(None);
     }
     // A NaN is in no range.
     if !(LEAST_RATE_HZ..=MOST_RATE_HZ).contains(&rate_hz) {
         let hint = "0 ends the stream";
-        return Err(RequestError::bad(format!("`rate_hz` goes from {LEAST_RATE_HZ} to {MOST_RATE_HZ}, not to {rate_hz}"), hint));
+        return Err(RequestError::bad(
+            format!("`rate_hz` goes from {LEAST_RATE_HZ} to {MOST_RATE_HZ}, not to {rate_hz}"),
+            hint,
+        ));
     }
     let is_binary = format == StateFormat::Binary;
-    Ok(Some(Subscription { rate_hz, is_binary, contacts: contacts && !is_binary, history: history && !is_binary }))
+    Ok(Some(Subscription {
+        rate_hz,
+        is_binary,
+        contacts: contacts && !is_binary,
+        history: history && !is_binary,
+    }))
 }
 
 fn longest(timeout_ms: Option<f64>) -> Result<Option<Duration>, RequestError> {
@@ -287,8 +341,18 @@ fn record(hub: &Arc<Hub>, files: &Worker, begins: Option<Option<String>>, reply:
         if let Ok(RecorderStatus { file, records, .. }) = &result {
             let file = file.to_string_lossy();
             match begins {
-                Some(_) => hub.tell("recording", None, &format!("recording into {file}"), &["begun", &file]),
-                None => hub.tell("recording", None, &format!("{records} ticks are recorded in {file}"), &["ended", &file]),
+                Some(_) => hub.tell(
+                    "recording",
+                    None,
+                    &format!("recording into {file}"),
+                    &["begun", &file],
+                ),
+                None => hub.tell(
+                    "recording",
+                    None,
+                    &format!("{records} ticks are recorded in {file}"),
+                    &["ended", &file],
+                ),
             }
         }
         reply(result.map(Completion::Recording).map_err(|error| match &error {
@@ -312,20 +376,38 @@ mod tests {
     #[test]
     fn requests_are_read_and_misspelt_ones_refused() {
         assert_eq!(parsed(r#"{"id":7,"do":"enable"}"#), (7.into(), Ok(ClientCommand::Enable {})));
-        assert_eq!(parsed(r#"{"do":"heartbeat"}"#), (Value::Null, Ok(ClientCommand::Heartbeat { timeout_ms: None })));
-        let subscribe = ClientCommand::Subscribe { rate_hz: 60.0, format: StateFormat::Json, contacts: true, history: true };
+        assert_eq!(
+            parsed(r#"{"do":"heartbeat"}"#),
+            (Value::Null, Ok(ClientCommand::Heartbeat { timeout_ms: None }))
+        );
+        let subscribe = ClientCommand::Subscribe {
+            rate_hz: 60.0,
+            format: StateFormat::Json,
+            contacts: true,
+            history: true,
+        };
         assert_eq!(parsed(r#"{"do":"subscribe","rate_hz":60,"contacts":true}"#).1, Ok(subscribe));
         let long = "x".repeat(300);
         for id in [json!(long), json!([long]), json!({ long: 1 })] {
             let (kept, asked) = parsed(&json!({ "id": id, "do": "ping" }).to_string());
             assert!(kept.is_null() && asked.is_err_and(|error| error.contains("256")), "{id}");
         }
-        assert_eq!(parsed(r#"{"id":[1,{"a":2}],"do":"ping"}"#), (json!([1, { "a": 2 }]), Ok(ClientCommand::Ping {})));
+        assert_eq!(
+            parsed(r#"{"id":[1,{"a":2}],"do":"ping"}"#),
+            (json!([1, { "a": 2 }]), Ok(ClientCommand::Ping {}))
+        );
         let place = r#"{"id":"a","do":"place","object":"lift","pose":{"p":[0,0,1],"q":[0,0,0,1]}}"#;
         assert!(matches!(parsed(place), (Value::String(_), Ok(ClientCommand::Place { .. }))));
-        assert!(matches!(parsed(r#"{"do":"clay_take","craft":"paint","brush_m":0.003}"#).1, Ok(ClientCommand::ClayTake(_))));
-        assert_eq!(parsed(r#"{"do":"clay_hold","held":true}"#).1, Ok(ClientCommand::ClayHold { held: true }));
-        let save = ClientCommand::ClaySave { kind: SaveKind::Export, file: Some("bowl".to_owned()) };
+        assert!(matches!(
+            parsed(r#"{"do":"clay_take","craft":"paint","brush_m":0.003}"#).1,
+            Ok(ClientCommand::ClayTake(_))
+        ));
+        assert_eq!(
+            parsed(r#"{"do":"clay_hold","held":true}"#).1,
+            Ok(ClientCommand::ClayHold { held: true })
+        );
+        let save =
+            ClientCommand::ClaySave { kind: SaveKind::Export, file: Some("bowl".to_owned()) };
         assert_eq!(parsed(r#"{"do":"clay_save","kind":"export","file":"bowl"}"#).1, Ok(save));
         for (wrong, expected) in [
             ("", "no JSON"),
@@ -368,9 +450,13 @@ mod tests {
         let read_pose = |text: &[u8]| serde_json::from_slice::<PoseAsked>(text).map(Pose::from);
         let pose = read_pose(br#"{"p":[1,2,3],"q":[0,0,0,1]}"#).unwrap();
         assert_eq!(pose, Pose::from_translation(glam::DVec3::new(1.0, 2.0, 3.0)));
-        for wrong in
-            ["", "{}", r#"{"p":[1,2],"q":[0,0,0,1]}"#, r#"{"p":[1,2,1e999],"q":[0,0,0,1]}"#, r#"{"p":[1,2,3],"q":[0,0,0,1],"v":1}"#]
-        {
+        for wrong in [
+            "",
+            "{}",
+            r#"{"p":[1,2],"q":[0,0,0,1]}"#,
+            r#"{"p":[1,2,1e999],"q":[0,0,0,1]}"#,
+            r#"{"p":[1,2,3],"q":[0,0,0,1],"v":1}"#,
+        ] {
             assert!(read_pose(wrong.as_bytes()).is_err(), "{wrong}");
         }
     }
@@ -381,9 +467,14 @@ mod tests {
             assert!(wanted(rate_hz, StateFormat::Json, false, true).is_err(), "{rate_hz}");
         }
         assert_eq!(wanted(0.0, StateFormat::Json, false, true), Ok(None));
-        let binary = Subscription { rate_hz: 1000.0, is_binary: true, contacts: false, history: false };
+        let binary =
+            Subscription { rate_hz: 1000.0, is_binary: true, contacts: false, history: false };
         assert_eq!(wanted(1000.0, StateFormat::Binary, true, true), Ok(Some(binary)));
         assert_eq!(longest(Some(0.0)), Ok(Some(Duration::ZERO)));
-        assert!(longest(Some(1.0)).is_err() && longest(Some(1e9)).is_err() && longest(Some(f64::NAN)).is_err());
+        assert!(
+            longest(Some(1.0)).is_err()
+                && longest(Some(1e9)).is_err()
+                && longest(Some(f64::NAN)).is_err()
+        );
     }
 }

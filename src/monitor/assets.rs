@@ -74,7 +74,8 @@ static SENT: [OnceLock<Compressed>; FILES.len()] = [const { OnceLock::new() }; F
 
 /// Content type and bytes of a file.
 pub(super) fn find(name: &str) -> Option<(&'static str, &'static Compressed)> {
-    let (idx, (_, kind, bytes)) = FILES.iter().enumerate().find(|(_, (known, ..))| *known == name)?;
+    let (idx, (_, kind, bytes)) =
+        FILES.iter().enumerate().find(|(_, (known, ..))| *known == name)?;
     Some((kind, SENT[idx].get_or_init(|| Compressed::new(Bytes::from_static(bytes)))))
 }
 
@@ -85,8 +86,10 @@ mod tests {
     #[test]
     fn every_file_of_the_page_is_served() {
         let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src/monitor/web");
-        let mut on_disk: Vec<_> =
-            std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+        let mut on_disk: Vec<_> = std::fs::read_dir(folder)
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .collect();
         let mut listed: Vec<_> = FILES.iter().map(|(name, ..)| (*name).to_owned()).collect();
         on_disk.sort();
         listed.sort();

@@ -1,4 +1,5 @@
-//! How far the points of the tool are from the parts, for a picture of the tool in colours. Worked out when a client asks.
+//! How far the points of the tool are from the parts, for a picture of the tool in colours. Worked
+//! out when a client asks.
 
 use std::sync::Arc;
 
@@ -22,18 +23,30 @@ const VERSION: u32 = 1;
 const HEAD_BYTES: usize = 32;
 const POINT_BYTES: usize = 20;
 
-pub(super) async fn clearance(State(state): State<Arc<AppState>>) -> Result<Response, RequestError> {
+pub(super) async fn clearance(
+    State(state): State<Arc<AppState>>,
+) -> Result<Response, RequestError> {
     let view = state.hub.session.view();
-    let newest = state.hub.newest().clone().filter(|newest| newest.fed.record.scene_idx == view.scene_idx);
+    let newest =
+        state.hub.newest().clone().filter(|newest| newest.fed.record.scene_idx == view.scene_idx);
     let (Some(scene), Some(newest)) = (view.scene.clone(), newest) else {
-        return Err(RequestError::unavailable("no tick of this scene was rendered yet", "wait for the event `scene`"));
+        return Err(RequestError::unavailable(
+            "no tick of this scene was rendered yet",
+            "wait for the event `scene`",
+        ));
     };
     if scene.obstacles.is_empty() {
         return Err(RequestError::new(StatusCode::NOT_FOUND, "this scene has no rigid parts", ""));
     }
-    let (poses, spacing_m) = (poses(&view, &newest), view.config.tool.voxel_size_m as f32);
-    let made = state.shapes.run(move || bytes(&scene, &poses, newest.fed.record.output.world_from_tool, spacing_m)).await;
-    let bytes = made.ok_or_else(|| RequestError::unavailable("the distances could not be worked out", "ask again"))?;
+    let poses = poses(&view, &newest);
+    let spacing_m = view.config.tool.voxel_size_m as f32;
+    let made = state
+        .shapes
+        .run(move || bytes(&scene, &poses, newest.fed.record.output.world_from_tool, spacing_m))
+        .await;
+    let bytes = made.ok_or_else(|| {
+        RequestError::unavailable("the distances could not be worked out", "ask again")
+    })?;
     Ok(([(header::CONTENT_TYPE, "application/octet-stream")], bytes).into_response())
 }
 
@@ -48,7 +61,8 @@ fn poses(view: &SceneView, newest: &NewestState) -> Vec<Pose> {
     poses
 }
 
-/// `HCLR`, version, how many points, their spacing, how far clearance is known; then of each position (tool frame, m), normal, clearance m.
+/// `HCLR`, version, how many points, their spacing, how far clearance is known; then of each
+/// position (tool frame, m), normal, clearance m.
 fn bytes(scene: &RenderScene, poses: &[Pose], world_from_tool: Pose, finest_m: f32) -> Vec<u8> {
     let center = scene.tool.center_of_mass_tool;
     let world_from_body = world_from_tool * Pose::from_translation(center);
@@ -59,7 +73,11 @@ fn bytes(scene: &RenderScene, poses: &[Pose], world_from_tool: Pose, finest_m: f
             (&obstacle.field, map_from_body, map_from_body.rotation_matrix().as_mat3())
         })
         .collect();
-    let known_m = scene.obstacles.iter().map(|obstacle| obstacle.field.known_outside_m()).fold(f32::INFINITY, f32::min);
+    let known_m = scene
+        .obstacles
+        .iter()
+        .map(|obstacle| obstacle.field.known_outside_m())
+        .fold(f32::INFINITY, f32::min);
     let shell = &scene.tool.shell;
     let step = shell.len().div_ceil(MOST_POINTS).max(1);
     let n_points = shell.len().div_ceil(step);
@@ -73,8 +91,10 @@ fn bytes(scene: &RenderScene, poses: &[Pose], world_from_tool: Pose, finest_m: f
     bytes.extend(known_m.to_le_bytes());
     bytes.resize(HEAD_BYTES, 0);
     for point in (0..shell.len()).step_by(step) {
-        let (block, lane) = (point / LANES, point % LANES);
-        let (body, inward) = (shell.positions()[block].get(lane), shell.normals()[block].get(lane));
+        let block = point / LANES;
+        let lane = point % LANES;
+        let body = shell.positions()[block].get(lane);
+        let inward = shell.normals()[block].get(lane);
         let deepest_m = places.iter().map(|(field, map_from_body, axes)| {
             let map = map_from_body.transform_point(body.as_dvec3()).as_vec3();
             field.value(kind, (map - field.origin_map()) / field.voxel_size_m(), *axes * inward)

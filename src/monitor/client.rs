@@ -31,7 +31,12 @@ pub(super) struct Subscription {
 impl Client {
     /// One that was sent nothing yet, and wants to see nothing.
     pub(super) fn new(id: u64) -> Self {
-        Self { id, outbox: ClientQueue::default(), unanswered: Arc::new(Semaphore::new(MOST_UNANSWERED)), wants: Mutex::default() }
+        Self {
+            id,
+            outbox: ClientQueue::default(),
+            unanswered: Arc::new(Semaphore::new(MOST_UNANSWERED)),
+            wants: Mutex::default(),
+        }
     }
 
     /// What it wants to see, if anything.

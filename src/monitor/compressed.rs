@@ -26,7 +26,9 @@ impl Compressed {
     pub(super) fn response(&self, asked: &HeaderMap, kind: &'static str) -> Response {
         let gzip = self.gzip.clone().filter(|_| accepts_gzip(asked));
         let is_gzip = gzip.is_some();
-        let mut response = ([(header::CONTENT_TYPE, kind)], gzip.unwrap_or_else(|| self.plain.clone())).into_response();
+        let mut response =
+            ([(header::CONTENT_TYPE, kind)], gzip.unwrap_or_else(|| self.plain.clone()))
+                .into_response();
         let headers = response.headers_mut();
         headers.insert(header::VARY, HeaderValue::from_static("accept-encoding"));
         if is_gzip {
@@ -44,9 +46,12 @@ fn gzip(plain: &[u8]) -> Option<Vec<u8>> {
 
 /// RFC 9110, 12.5.3: a coding with the weight 0 is not acceptable.
 fn accepts_gzip(headers: &HeaderMap) -> bool {
-    let lists = headers.get_all(header::ACCEPT_ENCODING).iter().filter_map(|value| value.to_str().ok());
+    let lists =
+        headers.get_all(header::ACCEPT_ENCODING).iter().filter_map(|value| value.to_str().ok());
     let weight = |parameters: &str| {
-        let weight = parameters.split(';').find_map(|parameter| parameter.trim().strip_prefix("q=")?.trim().parse::<f32>().ok());
+        let weight = parameters
+            .split(';')
+            .find_map(|parameter| parameter.trim().strip_prefix("q=")?.trim().parse::<f32>().ok());
         weight.unwrap_or(1.0)
     };
     lists.flat_map(|list| list.split(',')).any(|coding| {
@@ -64,7 +69,10 @@ mod tests {
     use super::*;
 
     fn asked(accepted: Option<&str>) -> HeaderMap {
-        accepted.map(|value| (header::ACCEPT_ENCODING, HeaderValue::from_str(value).expect("a value"))).into_iter().collect()
+        accepted
+            .map(|value| (header::ACCEPT_ENCODING, HeaderValue::from_str(value).expect("a value")))
+            .into_iter()
+            .collect()
     }
 
     #[test]
@@ -85,7 +93,11 @@ mod tests {
             (Some("x-gzip"), false),
         ] {
             let response = compressed.response(&asked(accepted), "text/plain");
-            assert_eq!(response.headers().contains_key(header::CONTENT_ENCODING), expected, "{accepted:?}");
+            assert_eq!(
+                response.headers().contains_key(header::CONTENT_ENCODING),
+                expected,
+                "{accepted:?}"
+            );
             assert_eq!(response.headers()[header::VARY], "accept-encoding");
         }
     }

@@ -1,4 +1,5 @@
-//! Accepts connections, as many as there are slots, and closes those on which nothing comes. [`connection_slots`](super::connection_slots) says which have one.
+//! Accepts connections, as many as there are slots, and closes those on which nothing comes.
+//! [`connection_slots`](super::connection_slots) says which have one.
 
 use core::pin::Pin;
 use core::task::{Context, Poll};
@@ -59,11 +60,13 @@ impl Listener for ConnectionListener {
             match self.listener.accept().await {
                 Ok((stream, peer)) => {
                     if !self.slots.has_room() {
-                        // A connection that came just before may have a whole request in its socket: that is read before a slot is taken away.
+                        // A connection that came just before may have a whole request in its
+                        // socket: that is read before a slot is taken away.
                         tokio::task::yield_now().await;
                     }
                     if let Some(slot) = self.slots.take() {
-                        // Small messages leave at once; if that cannot be had they come a little later.
+                        // Small messages leave at once; if that cannot be had they come a little
+                        // later.
                         let _ = stream.set_nodelay(true);
                         return (ClientConnection::new(stream, slot), peer);
                     }
@@ -126,7 +129,8 @@ pub(super) struct ClientConnection {
 
 impl ClientConnection {
     fn new(stream: TcpStream, slot: ConnectionSlot) -> Self {
-        let (state, slots) = (slot.state.clone(), slot.slots.clone());
+        let state = slot.state.clone();
+        let slots = slot.slots.clone();
         let now = Instant::now();
         let silent = Box::pin(tokio::time::sleep(FIRST_REQUEST));
         Self { stream: Some((stream, slot)), state, slots, opened: now, heard: now, silent }
@@ -138,14 +142,21 @@ impl ClientConnection {
         act: impl FnOnce(Pin<&mut TcpStream>, &mut Context<'_>) -> Poll<io::Result<T>>,
     ) -> Poll<io::Result<T>> {
         match &mut self.stream {
-            Some(_) if self.state.must_leave(cx) => Poll::Ready(Err(io::ErrorKind::ConnectionAborted.into())),
+            Some(_) if self.state.must_leave(cx) => {
+                Poll::Ready(Err(io::ErrorKind::ConnectionAborted.into()))
+            }
             Some((stream, _)) => act(Pin::new(stream), cx),
             None => Poll::Ready(Err(io::ErrorKind::NotConnected.into())),
         }
     }
 
-    /// What became of a write. Nothing is read while an answer waits to be taken, so that a client that asks and never reads counts as silent, too.
-    fn taken(&mut self, written: Poll<io::Result<usize>>, cx: &mut Context<'_>) -> Poll<io::Result<usize>> {
+    /// What became of a write. Nothing is read while an answer waits to be taken, so that a client
+    /// that asks and never reads counts as silent, too.
+    fn taken(
+        &mut self,
+        written: Poll<io::Result<usize>>,
+        cx: &mut Context<'_>,
+    ) -> Poll<io::Result<usize>> {
         if written.is_pending() {
             return self.poll_patience(cx);
         }
@@ -164,7 +175,8 @@ impl ClientConnection {
     /// Ready when nothing came for too long.
     fn poll_silent(&mut self, cx: &mut Context<'_>) -> Poll<()> {
         while self.silent.as_mut().poll(cx).is_ready() {
-            let (since_heard, since_opened) = (self.heard.elapsed(), self.opened.elapsed());
+            let since_heard = self.heard.elapsed();
+            let since_opened = self.opened.elapsed();
             let longest = if self.state.has_asked() { LONGEST } else { FIRST_REQUEST };
             if since_heard >= SILENT || !self.state.is_web_socket() && since_opened >= longest {
                 return Poll::Ready(());
@@ -177,7 +189,11 @@ impl ClientConnection {
 }
 
 impl AsyncRead for ClientConnection {
-    fn poll_read(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buffer: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
+    fn poll_read(
+        mut self: Pin<&mut Self>,
+        cx: &mut Context<'_>,
+        buffer: &mut ReadBuf<'_>,
+    ) -> Poll<io::Result<()>> {
         let read = self.with(cx, |stream, cx| stream.poll_read(cx, buffer));
         if read.is_ready() {
             self.heard = Instant::now();
@@ -188,7 +204,11 @@ impl AsyncRead for ClientConnection {
 }
 
 impl AsyncWrite for ClientConnection {
-    fn poll_write(mut self: Pin<&mut Self>, cx: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
+    fn poll_write(
+        mut self: Pin<&mut Self>,
+        cx: &mut Context<'_>,
+        bytes: &[u8],
+    ) -> Poll<io::Result<usize>> {
         let written = self.with(cx, |stream, cx| stream.poll_write(cx, bytes));
         self.taken(written, cx)
     }
@@ -204,7 +224,11 @@ impl AsyncWrite for ClientConnection {
         self.with(cx, |stream, cx| stream.poll_shutdown(cx))
     }
 
-    fn poll_write_vectored(mut self: Pin<&mut Self>, cx: &mut Context<'_>, slices: &[io::IoSlice<'_>]) -> Poll<io::Result<usize>> {
+    fn poll_write_vectored(
+        mut self: Pin<&mut Self>,
+        cx: &mut Context<'_>,
+        slices: &[io::IoSlice<'_>],
+    ) -> Poll<io::Result<usize>> {
         let written = self.with(cx, |stream, cx| stream.poll_write_vectored(cx, slices));
         self.taken(written, cx)
     }
@@ -215,10 +239,14 @@ impl AsyncWrite for ClientConnection {
 }
 
 impl Drop for ClientConnection {
-    /// A socket that is closed over unread bytes takes back what was sent last: the answer that says why. A connection that gave way is
-    /// told nothing, and one that was never let in keeps no slot for that.
+    /// A socket that is closed over unread bytes takes back what was sent last: the answer that
+    /// says why. A connection that gave way is told nothing, and one that was never let in keeps no
+    /// slot for that.
     fn drop(&mut self) {
-        let (Some((stream, slot)), Ok(runtime)) = (self.stream.take(), Handle::try_current()) else { return };
+        let (Some((stream, slot)), Ok(runtime)) = (self.stream.take(), Handle::try_current())
+        else {
+            return;
+        };
         if slot.is_kept() {
             runtime.spawn(linger(stream, slot));
         } else if !slot.is_gone()
@@ -240,7 +268,8 @@ async fn turn_away(mut stream: TcpStream, slot: OwnedSemaphorePermit) {
 async fn linger<T>(mut stream: TcpStream, _place: T) {
     let _ = core::future::poll_fn(|cx| Pin::new(&mut stream).poll_shutdown(cx)).await;
     let rest = async {
-        let (mut scratch, mut left) = ([0; 4096], LINGER_BYTES);
+        let mut scratch = [0; 4096];
+        let mut left = LINGER_BYTES;
         while left > 0 && stream.readable().await.is_ok() {
             match stream.try_read(&mut scratch) {
                 Ok(0) => return,
@@ -261,21 +290,30 @@ mod tests {
 
     #[test]
     fn who_asks_and_never_reads_is_let_go() {
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
+        let runtime =
+            tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
         let ended = runtime.block_on(async {
             let listener = TcpListener::bind(("127.0.0.1", 0)).await.expect("a port");
-            let deaf = TcpStream::connect(listener.local_addr().expect("it is bound")).await.expect("it listens");
+            let deaf = TcpStream::connect(listener.local_addr().expect("it is bound"))
+                .await
+                .expect("it listens");
             let (stream, _) = listener.accept().await.expect("a connection");
             let slot = ConnectionSlots::new(1, 1).take().expect("a slot");
             slot.state.asks();
             let mut connection = ClientConnection::new(stream, slot);
-            let write = |connection: &mut ClientConnection, cx: &mut Context<'_>| Pin::new(connection).poll_write(cx, &[0; 65_536]);
-            let is_full = |connection: &mut ClientConnection, cx: &mut Context<'_>| write(connection, cx).is_pending();
+            let write = |connection: &mut ClientConnection, cx: &mut Context<'_>| {
+                Pin::new(connection).poll_write(cx, &[0; 65_536])
+            };
+            let is_full = |connection: &mut ClientConnection, cx: &mut Context<'_>| {
+                write(connection, cx).is_pending()
+            };
             while !poll_fn(|cx| Poll::Ready(is_full(&mut connection, cx))).await {}
             // As if all of its patience had passed.
-            connection.heard = Instant::now().checked_sub(SILENT).expect("a machine that is up for longer");
+            connection.heard =
+                Instant::now().checked_sub(SILENT).expect("a machine that is up for longer");
             connection.silent.as_mut().reset(tokio::time::Instant::now());
-            let written = tokio::time::timeout(SILENT, poll_fn(|cx| write(&mut connection, cx))).await;
+            let written =
+                tokio::time::timeout(SILENT, poll_fn(|cx| write(&mut connection, cx))).await;
             drop(deaf);
             written.expect("it does not wait for ever")
         });

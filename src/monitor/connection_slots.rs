@@ -1,8 +1,9 @@
 //! Slots for connections: which have one, and which give way.
 //!
-//! A connection has a slot of its own from its first request on that was let in. Until then, half a request, a wrong token or a reader of
-//! the page among them, it keeps its slot for as long as no other connection needs it: when all are taken, the oldest of these is
-//! closed for the new one. So an order to take force away arrives however many other connections are open.
+//! A connection has a slot of its own from its first request on that was let in. Until then, half a
+//! request, a wrong token or a reader of the page among them, it keeps its slot for as long as no
+//! other connection needs it: when all are taken, the oldest of these is closed for the new one. So
+//! an order to take force away arrives however many other connections are open.
 
 use core::sync::atomic::{AtomicBool, Ordering};
 use core::task::Context;
@@ -28,7 +29,8 @@ struct Taken {
     pending: VecDeque<Arc<ConnectionState>>,
 }
 
-/// A connection as its slot knows it. The flags are `Relaxed`: each is the whole message, and all are on one thread but in tests.
+/// A connection as its slot knows it. The flags are `Relaxed`: each is the whole message, and all
+/// are on one thread but in tests.
 #[derive(Debug, Default)]
 pub(super) struct ConnectionState {
     has_asked: AtomicBool,
@@ -66,7 +68,11 @@ impl ConnectionState {
 
 impl ConnectionSlots {
     pub(super) fn new(most: usize, most_leaving: usize) -> Arc<Self> {
-        Arc::new(Self { most, taken: Mutex::default(), leaving: Arc::new(Semaphore::new(most_leaving)) })
+        Arc::new(Self {
+            most,
+            taken: Mutex::default(),
+            leaving: Arc::new(Semaphore::new(most_leaving)),
+        })
     }
 
     /// There is a free slot: no connection has to give way.
@@ -74,7 +80,8 @@ impl ConnectionSlots {
         self.taken().n < self.most
     }
 
-    /// A slot for a new connection: a free one, or that of the oldest connection without access. `None`: all others have.
+    /// A slot for a new connection: a free one, or that of the oldest connection without access.
+    /// `None`: all others have.
     pub(super) fn take(self: &Arc<Self>) -> Option<ConnectionSlot> {
         let mut taken = self.taken();
         if taken.n < self.most {
@@ -147,7 +154,9 @@ mod tests {
         // Looking at the page is not enough.
         held[1].state.asks();
         let gone = |held: &[ConnectionSlot]| {
-            held.iter().map(|slot| slot.state.must_leave(&Context::from_waker(Waker::noop()))).collect::<Vec<_>>()
+            held.iter()
+                .map(|slot| slot.state.must_leave(&Context::from_waker(Waker::noop())))
+                .collect::<Vec<_>>()
         };
         held.extend(slots.take());
         assert_eq!(gone(&held), [false, true, false, false]);

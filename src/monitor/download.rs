@@ -20,8 +20,11 @@ const PIECE_BYTES: u64 = 256 << 10;
 /// A file as an answer. Its path comes from this run, never from a client.
 pub(super) async fn send(files: &Worker, path: PathBuf) -> Result<Response, RequestError> {
     let name = name_of(&path);
-    let opened = files.run(move || regular::open(&path).and_then(|file| Ok((file.metadata()?.len(), file)))).await;
-    let unreadable = |why: String| RequestError::conflict(format!("{name} cannot be read: {why}"), "");
+    let opened = files
+        .run(move || regular::open(&path).and_then(|file| Ok((file.metadata()?.len(), file))))
+        .await;
+    let unreadable =
+        |why: String| RequestError::conflict(format!("{name} cannot be read: {why}"), "");
     let (n_bytes, file) = match opened {
         Some(opened) => opened.map_err(|error| unreadable(error.to_string()))?,
         None => return Err(unreadable("it could not be opened".to_owned())),
@@ -29,13 +32,23 @@ pub(super) async fn send(files: &Worker, path: PathBuf) -> Result<Response, Requ
     let headers = [
         (header::CONTENT_TYPE, "application/octet-stream".to_owned()),
         (header::CONTENT_LENGTH, n_bytes.to_string()),
-        (header::CONTENT_DISPOSITION, format!("attachment; filename*=UTF-8''{}", utf8_percent_encode(&name, NON_ALPHANUMERIC))),
+        (
+            header::CONTENT_DISPOSITION,
+            format!(
+                "attachment; filename*=UTF-8''{}",
+                utf8_percent_encode(&name, NON_ALPHANUMERIC)
+            ),
+        ),
     ];
     Ok((headers, Body::from_stream(pieces(files.clone(), file.take(n_bytes)))).into_response())
 }
 
-/// A file piece by piece, each read on the thread for files once the client has taken the one before.
-fn pieces(files: Worker, file: Take<File>) -> impl Stream<Item = io::Result<Bytes>> + Send + 'static {
+/// A file piece by piece, each read on the thread for files once the client has taken the one
+/// before.
+fn pieces(
+    files: Worker,
+    file: Take<File>,
+) -> impl Stream<Item = io::Result<Bytes>> + Send + 'static {
     stream::try_unfold((files, file), async |(files, mut file)| {
         let read = move || {
             let mut piece = Vec::new();

@@ -216,7 +216,8 @@ fn off_cause(moment: &StateInput<'_>) -> (&'static str, &'static str) {
 /// The state as text.
 pub(super) fn text(moment: &StateInput<'_>, extras: Extras<'_>) -> String {
     let record = moment.record;
-    let (sample, output) = (&record.input.sample, &record.output);
+    let sample = &record.input.sample;
+    let output = &record.output;
     let us = |ns: u64| ns as f64 * 1e-3;
     let (off_cause, advice) = off_cause(moment);
     let state = State {
@@ -231,7 +232,10 @@ pub(super) fn text(moment: &StateInput<'_>, extras: Extras<'_>) -> String {
         faults: output.faults.names().collect(),
         last_fault: moment.last_fault,
         measured_cp: sample.pose.into(),
-        measured_cv: WireTwist { v: sample.twist.linear.to_array(), w: sample.twist.angular.to_array() },
+        measured_cv: WireTwist {
+            v: sample.twist.linear.to_array(),
+            w: sample.twist.angular.to_array(),
+        },
         servo_cf: output.command_device.into(),
         measured_cf: record.rendered_device.into(),
         tool_cp: output.world_from_tool.into(),
@@ -247,7 +251,9 @@ pub(super) fn text(moment: &StateInput<'_>, extras: Extras<'_>) -> String {
         compute_us: us(record.compute_ns),
         device_us: us(record.device_ns),
         objects: moment.objects,
-        hand: moment.hand_use.map(|HandUse { number, waited_us }| WireHandUse { order: number, waited_us }),
+        hand: moment
+            .hand_use
+            .map(|HandUse { number, waited_us }| WireHandUse { order: number, waited_us }),
         points: extras.points.map(|(points, _)| points),
         points_of: extras.points.map(|(_, n_all)| n_all),
         history: extras.history,
@@ -267,15 +273,20 @@ pub(super) fn json(value: &impl Serialize) -> String {
 /// The state in the binary layout, counts left zero.
 pub(super) fn binary(moment: &StateInput<'_>) -> Vec<u8> {
     let record = moment.record;
-    let (sample, output) = (&record.input.sample, &record.output);
+    let sample = &record.input.sample;
+    let output = &record.output;
     let mut bytes = Vec::with_capacity(BINARY_BYTES);
     bytes.extend(b"HSTA");
     bytes.extend(BINARY_VERSION.to_le_bytes());
     bytes.extend(record.tick.to_le_bytes());
     bytes.extend(record.time_ns.to_le_bytes());
     bytes.extend([0; 16]);
-    let state = ["DISABLED", "ENABLED", "PAUSED", "FAULT"].iter().position(|name| *name == output.drive.crtk_name());
-    let flags = state.unwrap_or(0) as u32 | u32::from(output.drive.is_busy()) << 3 | (output.off_cause as u32) << 8;
+    let state = ["DISABLED", "ENABLED", "PAUSED", "FAULT"]
+        .iter()
+        .position(|name| *name == output.drive.crtk_name());
+    let flags = state.unwrap_or(0) as u32
+        | u32::from(output.drive.is_busy()) << 3
+        | (output.off_cause as u32) << 8;
     bytes.extend(flags.to_le_bytes());
     bytes.extend(output.faults.bits().to_le_bytes());
     let pose = |pose: Pose| {
@@ -316,14 +327,30 @@ pub(super) struct MonitorEvent<'a> {
 
 impl<'a> MonitorEvent<'a> {
     /// An event in the words of people, and the names that belong to it.
-    pub(super) fn new(event: &'static str, at: Option<At>, text: &'a str, names: &'a [&'a str]) -> Self {
-        Self { kind: "event", event, tick: at.map(|at| at.0), time_ns: at.map(|at| at.1), text, names }
+    pub(super) fn new(
+        event: &'static str,
+        at: Option<At>,
+        text: &'a str,
+        names: &'a [&'a str],
+    ) -> Self {
+        Self {
+            kind: "event",
+            event,
+            tick: at.map(|at| at.0),
+            time_ns: at.map(|at| at.1),
+            text,
+            names,
+        }
     }
 }
 
 /// The faults of a set in plain words.
 pub(super) fn fault_words(faults: Faults) -> String {
-    let words: Vec<_> = Faults::TABLE.into_iter().filter(|(fault, ..)| faults.contains(*fault)).map(|(.., text)| text).collect();
+    let words: Vec<_> = Faults::TABLE
+        .into_iter()
+        .filter(|(fault, ..)| faults.contains(*fault))
+        .map(|(.., text)| text)
+        .collect();
     words.join("; ")
 }
 
@@ -343,7 +370,14 @@ mod tests {
             max_depth_m: 2e-3,
             ..TickOutput::default()
         };
-        TickRecord { tick: 12, time_ns: 12_000_000, compute_ns: 1500, scene_idx: 3, output, ..TickRecord::default() }
+        TickRecord {
+            tick: 12,
+            time_ns: 12_000_000,
+            compute_ns: 1500,
+            scene_idx: 3,
+            output,
+            ..TickRecord::default()
+        }
     }
 
     fn moment(record: &TickRecord) -> StateInput<'_> {
@@ -364,13 +398,25 @@ mod tests {
         let extras = Extras { points: Some((&[[0.5, 0.0, 1.0, 0.25]], 3)), history: Some(&rows) };
         let message = EncodedState::Text(text(&moment(&record()), extras)).message(5, 2);
         let json: Value = serde_json::from_str(message.to_text().expect("text")).expect("JSON");
-        assert_eq!((&json["type"], &json["seq"], &json["dropped"]), (&"state".into(), &5.into(), &2.into()));
-        assert_eq!((&json["state"], &json["is_busy"], &json["phase"]), (&"ENABLED".into(), &true.into(), &"enabling".into()));
+        assert_eq!(
+            (&json["type"], &json["seq"], &json["dropped"]),
+            (&"state".into(), &5.into(), &2.into())
+        );
+        assert_eq!(
+            (&json["state"], &json["is_busy"], &json["phase"]),
+            (&"ENABLED".into(), &true.into(), &"enabling".into())
+        );
         assert_eq!(json["faults"], serde_json::json!(["speed", "stale"]));
         assert_eq!(json["clearance_m"], Value::Null);
-        assert_eq!(json["measured_cp"], serde_json::json!({ "p": [0.0, 0.0, 0.0], "q": [0.0, 0.0, 0.0, 1.0] }));
+        assert_eq!(
+            json["measured_cp"],
+            serde_json::json!({ "p": [0.0, 0.0, 0.0], "q": [0.0, 0.0, 0.0, 1.0] })
+        );
         assert_eq!(json["history"], serde_json::json!([[0.012, 1.0, 2.0, 1.5, 0.25]]));
-        assert_eq!((&json["points"], &json["points_of"]), (&serde_json::json!([[0.5, 0.0, 1.0, 0.25]]), &3.into()));
+        assert_eq!(
+            (&json["points"], &json["points_of"]),
+            (&serde_json::json!([[0.5, 0.0, 1.0, 0.25]]), &3.into())
+        );
         assert_eq!(json["device_cp_world"], Value::Null);
     }
 
@@ -380,7 +426,8 @@ mod tests {
         let after = StateInput { last_fault: Some(LastFault::of(&record())), ..moment(&now) };
         let json: Value = serde_json::from_str(&text(&after, Extras::default())).expect("JSON");
         assert_eq!(json["faults"], serde_json::json!([]));
-        let expected = serde_json::json!({ "tick": 12, "time_ns": 12_000_000, "names": ["speed", "stale"] });
+        let expected =
+            serde_json::json!({ "tick": 12, "time_ns": 12_000_000, "names": ["speed", "stale"] });
         assert_eq!(json["last_fault"], expected);
     }
 
@@ -388,12 +435,18 @@ mod tests {
     fn a_state_says_which_order_for_the_hand_was_used() {
         let record = record();
         let said = |hand_use| {
-            let json: Value =
-                serde_json::from_str(&text(&StateInput { hand_use, ..moment(&record) }, Extras::default())).expect("JSON");
+            let json: Value = serde_json::from_str(&text(
+                &StateInput { hand_use, ..moment(&record) },
+                Extras::default(),
+            ))
+            .expect("JSON");
             json["hand"].clone()
         };
         assert_eq!(said(None), Value::Null);
-        assert_eq!(said(Some(HandUse { number: 7, waited_us: 1250 })), serde_json::json!({ "order": 7, "waited_us": 1250 }));
+        assert_eq!(
+            said(Some(HandUse { number: 7, waited_us: 1250 })),
+            serde_json::json!({ "order": 7, "waited_us": 1250 })
+        );
     }
 
     #[test]
@@ -401,10 +454,17 @@ mod tests {
         let page = include_str!("../../docs/reference/api.md");
         for (number, cause) in OffCause::ALL.into_iter().enumerate() {
             assert_eq!(cause as usize, number);
-            assert!(page.contains(&format!("{number} `{}`", cause.name())), "{number} {}", cause.name());
+            assert!(
+                page.contains(&format!("{number} `{}`", cause.name())),
+                "{number} {}",
+                cause.name()
+            );
         }
         for (fault, name, _) in Faults::TABLE {
-            assert!(page.contains(&format!("{} `{name}`", fault.bits().trailing_zeros())), "{name}");
+            assert!(
+                page.contains(&format!("{} `{name}`", fault.bits().trailing_zeros())),
+                "{name}"
+            );
         }
     }
 
@@ -426,7 +486,10 @@ mod tests {
         let u64_at = |at: usize| u64::from_le_bytes(message[at..at + 8].try_into().expect("eight"));
         let u32_at = |at: usize| u32::from_le_bytes(message[at..at + 4].try_into().expect("four"));
         assert_eq!(&message[..4], b"HSTA");
-        assert_eq!((u32_at(4), u64_at(8), u64_at(16), u64_at(24), u64_at(32)), (1, 12, 12_000_000, 5, 2));
+        assert_eq!(
+            (u32_at(4), u64_at(8), u64_at(16), u64_at(24), u64_at(32)),
+            (1, 12, 12_000_000, 5, 2)
+        );
         assert_eq!((u32_at(40), u32_at(44)), (1 | 1 << 3, 0b110));
         // measured_cp ends with qw, the depth stands behind 7 + 7 + 6 + 6 + 6 numbers.
         assert_eq!(f64::from_bits(u64_at(48 + 6 * 8)), 1.0);

@@ -1,4 +1,5 @@
-//! From the drain's thread to the monitor's: every record, through a ring that the drain never waits for.
+//! From the drain's thread to the monitor's: every record, through a ring that the drain never
+//! waits for.
 
 use rtrb::{Consumer, RingBuffer};
 

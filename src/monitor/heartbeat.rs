@@ -39,7 +39,8 @@ struct ClientTimer {
     longest: Duration,
     /// `None`: it has gone.
     last: Option<Instant>,
-    /// It was silent for too long, and that was reported. Its next message starts the timer again: the client still relies on it.
+    /// It was silent for too long, and that was reported. Its next message starts the timer again:
+    /// the client still relies on it.
     has_lapsed: bool,
 }
 
@@ -72,7 +73,8 @@ impl HeartbeatWatchdog {
         Self { timers: Mutex::default(), changed: Condvar::new(), needed }
     }
 
-    /// A client sends a heartbeat, from now on with this longest silence if it gives one; zero: it ends that. Gives the silence that it may allow itself.
+    /// A client sends a heartbeat, from now on with this longest silence if it gives one; zero: it
+    /// ends that. Gives the silence that it may allow itself.
     pub(super) fn beat(&self, client: u64, longest: Option<Duration>) -> Duration {
         let mut timers = self.timers();
         let known = timers.clients.iter().position(|timer| timer.client == client);
@@ -101,7 +103,8 @@ impl HeartbeatWatchdog {
         longest
     }
 
-    /// A client holds the clay from now on, for as long as it gives signs of life; false: another one does.
+    /// A client holds the clay from now on, for as long as it gives signs of life; false: another
+    /// one does.
     pub(super) fn hold(&self, client: u64) -> bool {
         let mut timers = self.timers();
         let is_free = timers.hold.is_none_or(|hold| hold.client == Some(client));
@@ -162,10 +165,13 @@ impl HeartbeatWatchdog {
         }
     }
 
-    /// True when an order to enable may come from this client (`None`: from one without a connection).
+    /// True when an order to enable may come from this client (`None`: from one without a
+    /// connection).
     pub(super) fn lets_enable(&self, client: Option<u64>) -> bool {
         let timers = self.timers();
-        let is_watched = |timer: &ClientTimer| !timer.has_lapsed && client.is_none_or(|client| client == timer.client);
+        let is_watched = |timer: &ClientTimer| {
+            !timer.has_lapsed && client.is_none_or(|client| client == timer.client)
+        };
         self.needed.is_none() || timers.clients.iter().any(is_watched)
     }
 
@@ -183,29 +189,49 @@ impl HeartbeatWatchdog {
         self.changed.notify_all();
     }
 
-    /// Watches until the end; for a thread of its own. `silent` switches force off; the flag says that this is news.
+    /// Watches until the end; for a thread of its own. `silent` switches force off; the flag says
+    /// that this is news.
     pub(super) fn watch(&self, silent: impl Fn(Timeout, bool)) {
         let mut timers = self.timers();
         while !timers.is_over {
             let now = Instant::now();
-            let until = |timer: &ClientTimer| timer.last.filter(|_| !timer.has_lapsed).map(|last| last + timer.longest);
-            let held_until = timers.hold.map(|hold| hold.last.map_or(now, |last| last + LONGEST_HOLD));
+            let until = |timer: &ClientTimer| {
+                timer.last.filter(|_| !timer.has_lapsed).map(|last| last + timer.longest)
+            };
+            let held_until =
+                timers.hold.map(|hold| hold.last.map_or(now, |last| last + LONGEST_HOLD));
             let lapsed = timers.hold.take_if(|_| held_until.is_some_and(|until| until <= now));
-            let silent_one = timers.clients.iter_mut().find(|timer| until(timer).is_some_and(|until| until <= now));
+            let silent_one = timers
+                .clients
+                .iter_mut()
+                .find(|timer| until(timer).is_some_and(|until| until <= now));
             let (silence, is_news) = if let Some(hold) = lapsed {
-                if hold.client.is_some() { (Timeout::Holding, true) } else { (Timeout::StillHolding, false) }
+                if hold.client.is_some() {
+                    (Timeout::Holding, true)
+                } else {
+                    (Timeout::StillHolding, false)
+                }
             } else if let Some(timer) = silent_one {
                 timer.has_lapsed = true;
                 (Timeout::Of(timer.longest), true)
-            } else if let Some(gone) = timers.clients.iter().position(|timer| timer.last.is_none()) {
+            } else if let Some(gone) = timers.clients.iter().position(|timer| timer.last.is_none())
+            {
                 timers.clients.swap_remove(gone);
                 (Timeout::Gone, true)
-            } else if self.needed.is_some() && timers.has_force && timers.clients.iter().all(|timer| timer.has_lapsed) {
+            } else if self.needed.is_some()
+                && timers.has_force
+                && timers.clients.iter().all(|timer| timer.has_lapsed)
+            {
                 (Timeout::NoClient, !core::mem::replace(&mut timers.is_told, true))
             } else {
                 let next = timers.clients.iter().filter_map(until).chain(held_until).min();
-                let patience = next.map_or(Duration::from_secs(3600), |next| next.saturating_duration_since(now));
-                timers = self.changed.wait_timeout(timers, patience).unwrap_or_else(PoisonError::into_inner).0;
+                let patience = next
+                    .map_or(Duration::from_secs(3600), |next| next.saturating_duration_since(now));
+                timers = self
+                    .changed
+                    .wait_timeout(timers, patience)
+                    .unwrap_or_else(PoisonError::into_inner)
+                    .0;
                 continue;
             };
             // The closure may ask this watchdog.
@@ -234,7 +260,11 @@ mod tests {
     fn told(watchdog: &HeartbeatWatchdog, then: impl FnOnce(&dyn Fn() -> (Timeout, bool))) {
         let (sender, said) = channel();
         std::thread::scope(|scope| {
-            scope.spawn(|| watchdog.watch(move |silence, is_news| sender.send((silence, is_news)).unwrap_or_default()));
+            scope.spawn(|| {
+                watchdog.watch(move |silence, is_news| {
+                    sender.send((silence, is_news)).unwrap_or_default()
+                })
+            });
             then(&|| said.recv().expect("it watches"));
             watchdog.end();
         });
@@ -264,8 +294,9 @@ mod tests {
         let watchdog = HeartbeatWatchdog::new(Some(LONGEST));
         told(&watchdog, |next| {
             watchdog.beat(1, Some(SHORTEST));
-            for say in
-                [&|| watchdog.note_message(1), &|| _ = watchdog.beat(1, None), &|| watchdog.note_message(1)] as [&dyn Fn(); 3]
+            for say in [&|| watchdog.note_message(1), &|| _ = watchdog.beat(1, None), &|| {
+                watchdog.note_message(1)
+            }] as [&dyn Fn(); 3]
             {
                 assert_eq!(next(), (Timeout::Of(SHORTEST), true));
                 assert!(!watchdog.lets_enable(None), "no client counts while it is silent");
@@ -285,7 +316,9 @@ mod tests {
         let watchdog = HeartbeatWatchdog::new(None);
         told(&watchdog, |next| {
             assert!(watchdog.hold(1) && watchdog.hold(1) && !watchdog.hold(2));
-            assert!(!watchdog.let_go(2) && watchdog.holds() && watchdog.let_go(1) && !watchdog.holds());
+            assert!(
+                !watchdog.let_go(2) && watchdog.holds() && watchdog.let_go(1) && !watchdog.holds()
+            );
             // Gone, and silent.
             assert!(watchdog.hold(1));
             watchdog.lose(1);
@@ -317,7 +350,11 @@ mod tests {
             assert_eq!(next(), (Timeout::NoClient, false), "again, until it is off");
             watchdog.note_force(false);
             assert_eq!(watchdog.beat(1, Some(LONGEST)), needed, "no longer than the scene allows");
-            assert!(watchdog.lets_enable(Some(1)) && watchdog.lets_enable(None) && !watchdog.lets_enable(Some(2)));
+            assert!(
+                watchdog.lets_enable(Some(1))
+                    && watchdog.lets_enable(None)
+                    && !watchdog.lets_enable(Some(2))
+            );
         });
     }
 }

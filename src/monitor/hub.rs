@@ -10,7 +10,9 @@ use serde_json::{Value, json};
 
 use super::clay::{ClayParts, ClayService, no_clay};
 use super::client::Client;
-use super::encode::{self, At, EncodedState, Extras, LastFault, MonitorEvent, StateInput, WireObject};
+use super::encode::{
+    self, At, EncodedState, Extras, LastFault, MonitorEvent, StateInput, WireObject,
+};
 use super::feed::FeedRecord;
 use super::heartbeat::{HeartbeatWatchdog, Timeout};
 use super::info::{API, RunInfo, has_force};
@@ -66,7 +68,8 @@ pub struct Hub {
     clients: Mutex<Vec<Arc<Client>>>,
     next_client: AtomicU64,
     facts: Mutex<RunInfo>,
-    /// Force went off because a client fell silent. Read and written with `Relaxed`: it is a word for people and orders nothing.
+    /// Force went off because a client fell silent. Read and written with `Relaxed`: it is a word
+    /// for people and orders nothing.
     fell_silent: AtomicBool,
     started_unix_s: u64,
 }
@@ -114,7 +117,12 @@ impl Hub {
                 let faults = record.output.faults;
                 let names: Vec<_> = faults.names().collect();
                 self.facts().last_fault = Some(LastFault::of(record));
-                self.tell("fault", Some((record.tick, record.time_ns)), &encode::fault_words(faults), &names);
+                self.tell(
+                    "fault",
+                    Some((record.tick, record.time_ns)),
+                    &encode::fault_words(faults),
+                    &names,
+                );
             }
             Notice::Link(news) => {
                 let (word, text) = match news {
@@ -122,7 +130,13 @@ impl Hub {
                     LinkNews::Back { node, homing } => {
                         self.facts().node = Some(node.clone());
                         let homing = homing.as_deref().unwrap_or_default();
-                        ("up", format!("the arm is back at {}; it waits to be enabled. {homing}", node.display()))
+                        (
+                            "up",
+                            format!(
+                                "the arm is back at {}; it waits to be enabled. {homing}",
+                                node.display()
+                            ),
+                        )
                     }
                     LinkNews::Fails(why) => ("fails", why.clone()),
                     LinkNews::Told(text) => ("up", text.clone()),
@@ -132,7 +146,8 @@ impl Hub {
                 self.tell("link", None, text.trim_end(), &[word]);
             }
             Notice::Waiting(cause) => self.tell("waiting", None, cause.advice(), &[cause.name()]),
-            // The publisher announces a scene once the session shows it, and of states at the rates of the clients.
+            // The publisher announces a scene once the session shows it, and of states at the rates
+            // of the clients.
             Notice::Scene(_) | Notice::Status(_) => {}
         }
     }
@@ -153,9 +168,10 @@ impl Hub {
     pub(super) fn clay(&self) -> Result<Arc<ClayService>, RequestError> {
         match self.clay.get() {
             Some(clay) => Ok(clay.clone()),
-            None if self.is_baking() => {
-                Err(RequestError::unavailable("the scene is being baked: nothing is rendered yet", "wait for the event `scene`"))
-            }
+            None if self.is_baking() => Err(RequestError::unavailable(
+                "the scene is being baked: nothing is rendered yet",
+                "wait for the event `scene`",
+            )),
             None => Err(no_clay()),
         }
     }
@@ -174,7 +190,9 @@ impl Hub {
 
     /// Sends an event to every client. `at`: of the newest tick where it is of none.
     pub(super) fn tell(&self, event: &'static str, at: Option<At>, text: &str, names: &[&str]) {
-        let newest = || self.newest().as_ref().map(|newest| (newest.fed.record.tick, newest.fed.record.time_ns));
+        let newest = || {
+            self.newest().as_ref().map(|newest| (newest.fed.record.tick, newest.fed.record.time_ns))
+        };
         let at = at.or_else(newest);
         let words = encode::json(&MonitorEvent::new(event, at, text, names));
         for client in self.clients().iter() {
@@ -210,7 +228,10 @@ impl Hub {
         let metrics = self.metrics.as_ref()?;
         metrics.set_clients(self.clients().len());
         let recording = self.recorder.as_ref().and_then(|recorder| recorder.status());
-        metrics.set_recording(recording.map(|status| RecordingCounts { records: status.records, dropped: status.dropped }));
+        metrics.set_recording(
+            recording
+                .map(|status| RecordingCounts { records: status.records, dropped: status.dropped }),
+        );
         Some(metrics.text())
     }
 
@@ -233,10 +254,16 @@ impl Hub {
         let permit = self.control.permit();
         if !self.watchdog.lets_enable(client) {
             let hint = "send {\"do\":\"heartbeat\"} over a WebSocket, again and again, then enable";
-            return Err(RequestError::conflict("this scene wants a client with a heartbeat, and none beats", hint));
+            return Err(RequestError::conflict(
+                "this scene wants a client with a heartbeat, and none beats",
+                hint,
+            ));
         }
         if self.is_baking() {
-            return Err(RequestError::conflict("the scene is being baked: nothing is rendered yet", "wait for the event `scene`"));
+            return Err(RequestError::conflict(
+                "the scene is being baked: nothing is rendered yet",
+                "wait for the event `scene`",
+            ));
         }
         self.enables.send(Enable(permit)).map_err(|_| RequestError::from(SessionError::Over))
     }
@@ -245,8 +272,13 @@ impl Hub {
     pub(super) fn watch_heartbeats(self: &Arc<Self>) {
         self.watchdog.watch(|timeout, is_news| {
             match timeout {
-                Timeout::Holding => return self.let_clay_go("the client that held the clay fell silent: it was let go"),
-                Timeout::StillHolding => return self.clay.get().map_or((), |clay| clay.let_go(self)),
+                Timeout::Holding => {
+                    return self
+                        .let_clay_go("the client that held the clay fell silent: it was let go");
+                }
+                Timeout::StillHolding => {
+                    return self.clay.get().map_or((), |clay| clay.let_go(self));
+                }
                 Timeout::Of(_) | Timeout::Gone | Timeout::NoClient => {}
             }
             // Before anything that takes a lock.
@@ -257,9 +289,14 @@ impl Hub {
             if is_news {
                 let text = match timeout {
                     Timeout::Holding | Timeout::StillHolding => return,
-                    Timeout::Of(longest) => format!("a controlling client was silent for {} ms: force off", longest.as_millis()),
+                    Timeout::Of(longest) => format!(
+                        "a controlling client was silent for {} ms: force off",
+                        longest.as_millis()
+                    ),
                     Timeout::Gone => "a controlling client has gone: force off".to_owned(),
-                    Timeout::NoClient => "no client beats, and this scene wants one: force off".to_owned(),
+                    Timeout::NoClient => {
+                        "no client beats, and this scene wants one: force off".to_owned()
+                    }
                 };
                 self.tell("heartbeat", None, &text, &[]);
             }
@@ -293,8 +330,17 @@ impl Hub {
     }
 
     /// The newest state in one of both formats.
-    pub(super) fn body(&self, newest: &NewestState, is_binary: bool, extras: Extras<'_>) -> EncodedState {
-        if is_binary { EncodedState::Binary(self.binary(newest)) } else { EncodedState::Text(self.text(newest, extras)) }
+    pub(super) fn body(
+        &self,
+        newest: &NewestState,
+        is_binary: bool,
+        extras: Extras<'_>,
+    ) -> EncodedState {
+        if is_binary {
+            EncodedState::Binary(self.binary(newest))
+        } else {
+            EncodedState::Text(self.text(newest, extras))
+        }
     }
 
     /// The newest state as text, without counts.

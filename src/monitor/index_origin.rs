@@ -1,6 +1,7 @@
 //! Where the arm itself wants the tool: its device pose, seen in the world.
 //!
-//! The loop does not tell the zero of its indexing; all records together tell it: the pose of the arm in the tick that enabled.
+//! The loop does not tell the zero of its indexing; all records together tell it: the pose of the
+//! arm in the tick that enabled.
 
 use glam::DVec3;
 
@@ -28,8 +29,10 @@ impl IndexOriginTracker {
     pub(super) fn see(&mut self, record: &TickRecord) -> Option<IndexOrigin> {
         let drive = record.output.drive;
         if drive == Drive::Enabling && self.before != Drive::Enabling {
-            self.index_origin =
-                Some(IndexOrigin { indexing: Indexing::indexed(&record.input.sample), start: record.output.world_from_tool });
+            self.index_origin = Some(IndexOrigin {
+                indexing: Indexing::indexed(&record.input.sample),
+                start: record.output.world_from_tool,
+            });
         } else if !drive.has_force() {
             self.index_origin = None;
         }
@@ -40,7 +43,12 @@ impl IndexOriginTracker {
 
 impl IndexOrigin {
     /// `world_from_tool` as the arm wants it.
-    pub(super) fn wanted(&self, sample: &DeviceSample, mapping: &DeviceMapping, center_of_mass_tool: DVec3) -> Pose {
+    pub(super) fn wanted(
+        &self,
+        sample: &DeviceSample,
+        mapping: &DeviceMapping,
+        center_of_mass_tool: DVec3,
+    ) -> Pose {
         let start = self.start * Pose::from_translation(center_of_mass_tool);
         let (world_from_body, _) = self.indexing.target(sample, mapping, start);
         world_from_body * Pose::from_translation(-center_of_mass_tool)

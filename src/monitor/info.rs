@@ -30,7 +30,13 @@ pub(super) struct RunInfo {
 
 impl Default for RunInfo {
     fn default() -> Self {
-        Self { phase: Phase::Init, realtime: Vec::new(), node: None, link: "unknown", last_fault: None }
+        Self {
+            phase: Phase::Init,
+            realtime: Vec::new(),
+            node: None,
+            link: "unknown",
+            last_fault: None,
+        }
     }
 }
 

@@ -6,11 +6,13 @@
 //!  clients ──asks──► hub ──► session (daemon), orders (supervisor)
 //!  clients ──heartbeats──► watchdog (thread): silence ──► disable
 //! ```
-//! Data in: every record of the run, notices, what the session shows. Data out: state streams, events, replies, and what clients ask for.
+//! Data in: every record of the run, notices, what the session shows. Data out: state streams,
+//! events, replies, and what clients ask for.
 //!
-//! Invariants: the drain never waits for anything here, and the loop is not even known. Whatever a client sends or does not read costs a
-//! bounded amount of memory. No client sends a force: clients say when force may flow, set parameters within their ranges, move objects, and choose
-//! what the tool does to clay.
+//! Invariants: the drain never waits for anything here, and the loop is not even known. Whatever a
+//! client sends or does not read costs a bounded amount of memory. No client sends a force: clients
+//! say when force may flow, set parameters within their ranges, move objects, and choose what the
+//! tool does to clay.
 //!
 //! | thread | does |
 //! |---|---|

@@ -20,13 +20,16 @@ impl<V: Send + Sync + 'static> ObjectCache<V> {
         Self { worker, kept: Arc::default() }
     }
 
-    /// What was made of an object, or what `make` makes of it now, on the worker. `None`: it has panicked.
+    /// What was made of an object, or what `make` makes of it now, on the worker. `None`: it has
+    /// panicked.
     pub(super) async fn get<E: Send + 'static>(
         &self,
         key @ (scene_idx, _): Key,
         make: impl FnOnce() -> Result<V, E> + Send + 'static,
     ) -> Option<Result<Arc<V>, E>> {
-        let find = move |kept: &Mutex<HashMap<_, Arc<V>>>| kept.lock().unwrap_or_else(PoisonError::into_inner).get(&key).cloned();
+        let find = move |kept: &Mutex<HashMap<_, Arc<V>>>| {
+            kept.lock().unwrap_or_else(PoisonError::into_inner).get(&key).cloned()
+        };
         if let Some(found) = find(&self.kept) {
             return Some(Ok(found));
         }

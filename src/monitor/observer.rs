@@ -1,4 +1,5 @@
-//! A watcher inside the program: takes every record as a client does, and looks at the newest at any time.
+//! A watcher inside the program: takes every record as a client does, and looks at the newest at
+//! any time.
 
 use std::sync::Arc;
 
@@ -24,8 +25,8 @@ pub struct Observation<'a> {
 }
 
 impl Observer {
-    /// One that has not looked yet, and the subscriber that feeds it. An observer that looks less often than once in two seconds misses records in between, and
-    /// with them objects that moved.
+    /// One that has not looked yet, and the subscriber that feeds it. An observer that looks less
+    /// often than once in two seconds misses records in between, and with them objects that moved.
     pub fn new(hub: Arc<Hub>) -> (Self, Subscriber) {
         let (subscriber, fed) = feed();
         let tracker = SceneTracker::new(hub.session.view());

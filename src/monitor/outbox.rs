@@ -1,4 +1,5 @@
-//! What waits to be sent to one client: words, none of which may be lost, and states, of which only the newest count.
+//! What waits to be sent to one client: words, none of which may be lost, and states, of which only
+//! the newest count.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -65,7 +66,8 @@ impl ClientQueue {
         self.changed.notify_one();
     }
 
-    /// A state; it replaces the oldest one. `missed`: states that were due since the last one, of ticks that never came here.
+    /// A state; it replaces the oldest one. `missed`: states that were due since the last one, of
+    /// ticks that never came here.
     pub(super) fn show(&self, state: Arc<EncodedState>, rate_hz: f64, missed: u64) {
         let most = ((rate_hz * STATES_S).ceil() as usize).max(2);
         let mut waiting = self.waiting();
@@ -150,7 +152,10 @@ mod tests {
         let told = words(outbox.take());
         assert_eq!(told[..5], ["word 0", "word 1", "word 2", "word 3", "word 4"]);
         assert_eq!(told[5], r#"{"type":"state","seq":1,"dropped":2,"tick":2}"#);
-        assert_eq!((told.len(), &told[7][..]), (8, r#"{"type":"state","seq":3,"dropped":2,"tick":4}"#));
+        assert_eq!(
+            (told.len(), &told[7][..]),
+            (8, r#"{"type":"state","seq":3,"dropped":2,"tick":4}"#)
+        );
         assert!(outbox.take().is_none());
         outbox.show(Arc::new(EncodedState::Text(r#"{"tick":9}"#.to_owned())), 60.0, 5);
         assert_eq!(

@@ -26,7 +26,11 @@ pub(super) struct ErrorBody {
 }
 
 impl RequestError {
-    pub(super) fn new(status: StatusCode, error: impl Into<String>, hint: impl Into<String>) -> Self {
+    pub(super) fn new(
+        status: StatusCode,
+        error: impl Into<String>,
+        hint: impl Into<String>,
+    ) -> Self {
         Self { status, said: ErrorBody { error: error.into(), hint: hint.into() } }
     }
 
@@ -55,11 +59,15 @@ impl From<SessionError> for RequestError {
     fn from(error: SessionError) -> Self {
         let (status, hint) = match &error {
             SessionError::UnknownScene { .. }
-            | SessionError::Control(ControlError::UnknownParameter { .. } | ControlError::UnknownObject { .. }) => {
-                (StatusCode::NOT_FOUND, "")
+            | SessionError::Control(
+                ControlError::UnknownParameter { .. } | ControlError::UnknownObject { .. },
+            ) => (StatusCode::NOT_FOUND, ""),
+            SessionError::Control(ControlError::Range { .. } | ControlError::Pose { .. }) => {
+                (StatusCode::BAD_REQUEST, "")
             }
-            SessionError::Control(ControlError::Range { .. } | ControlError::Pose { .. }) => (StatusCode::BAD_REQUEST, ""),
-            SessionError::Control(ControlError::Full) => (StatusCode::TOO_MANY_REQUESTS, "send at most one per tick"),
+            SessionError::Control(ControlError::Full) => {
+                (StatusCode::TOO_MANY_REQUESTS, "send at most one per tick")
+            }
             SessionError::Baking => (StatusCode::SERVICE_UNAVAILABLE, "wait for the event `scene`"),
             _ => (StatusCode::CONFLICT, ""),
         };

@@ -29,7 +29,9 @@ impl TokenBucket {
     /// Takes one; how long to wait before it counts, if it does not at once.
     pub(super) fn take(&mut self) -> Option<Duration> {
         let now = Instant::now();
-        self.left = (self.left + now.duration_since(self.at).as_secs_f64() * self.per_s).min(self.most) - 1.0;
+        self.left = (self.left + now.duration_since(self.at).as_secs_f64() * self.per_s)
+            .min(self.most)
+            - 1.0;
         self.at = now;
         (self.left < 0.0).then(|| Duration::from_secs_f64(-self.left / self.per_s))
     }
@@ -53,7 +55,10 @@ impl RateLimiter {
         if buckets.len() >= MOST_MACHINES && !buckets.contains_key(&machine) {
             buckets.clear();
         }
-        buckets.entry(machine).or_insert_with(|| TokenBucket::new(MOST_PER_S, MOST_AT_ONCE)).try_take()
+        buckets
+            .entry(machine)
+            .or_insert_with(|| TokenBucket::new(MOST_PER_S, MOST_AT_ONCE))
+            .try_take()
     }
 }
 

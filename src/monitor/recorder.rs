@@ -6,7 +6,8 @@ use serde_json::{Value, json};
 
 /// Begins and ends recordings when a client says so.
 pub trait RecordingControl: Send + Sync {
-    /// Begins one, into a file of this name or of one that the recorder chooses, and says which. May block.
+    /// Begins one, into a file of this name or of one that the recorder chooses, and says which.
+    /// May block.
     ///
     /// # Errors
     /// One is under way, or the file cannot be made.
@@ -24,7 +25,8 @@ pub trait RecordingControl: Send + Sync {
     /// The recordings of this run, oldest first, with the one that is under way. Never blocks.
     fn made(&self) -> Vec<MadeRecording>;
 
-    /// The page of a recording that has ended, as `hapticd report` writes it: HTML. Blocks for as long as reading it takes.
+    /// The page of a recording that has ended, as `hapticd report` writes it: HTML. Blocks for as
+    /// long as reading it takes.
     ///
     /// # Errors
     /// The file cannot be read, or holds no tick.
@@ -34,7 +36,8 @@ pub trait RecordingControl: Send + Sync {
 /// A recording of this run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MadeRecording {
-    /// Counts the recordings of a run, from 1: clients ask for one by it, never by a name of theirs.
+    /// Counts the recordings of a run, from 1: clients ask for one by it, never by a name of
+    /// theirs.
     pub number: u32,
     /// It has not ended.
     pub is_under_way: bool,

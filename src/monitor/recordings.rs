@@ -1,4 +1,5 @@
-//! The recordings of this run over HTTP: a list, each file, and its report. A client names a recording by its number, never a file.
+//! The recordings of this run over HTTP: a list, each file, and its report. A client names a
+//! recording by its number, never a file.
 
 use std::sync::Arc;
 
@@ -14,8 +15,8 @@ use super::problem::RequestError;
 use super::recorder::{MadeRecording, RecordingControl};
 
 /// A report has its styles and pictures inside, and loads nothing.
-const REPORT_POLICY: &str =
-    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
+const REPORT_POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; \
+    frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
 
 pub(super) async fn list(State(state): State<Arc<AppState>>) -> Json<Value> {
     let made = state.hub.recorder.as_ref().map(|recorder| recorder.made()).unwrap_or_default();
@@ -37,17 +38,26 @@ fn shown(made: &MadeRecording) -> Value {
     shown
 }
 
-pub(super) async fn file(State(state): State<Arc<AppState>>, Path(number): Path<u32>) -> Result<Response, RequestError> {
+pub(super) async fn file(
+    State(state): State<Arc<AppState>>,
+    Path(number): Path<u32>,
+) -> Result<Response, RequestError> {
     let (_, made) = ended(&state, number)?;
     send(&state.files, made.status.file).await
 }
 
-pub(super) async fn report(State(state): State<Arc<AppState>>, Path(number): Path<u32>) -> Result<Response, RequestError> {
+pub(super) async fn report(
+    State(state): State<Arc<AppState>>,
+    Path(number): Path<u32>,
+) -> Result<Response, RequestError> {
     let (recorder, made) = ended(&state, number)?;
     let path = made.status.file.clone();
     match state.files.run(move || recorder.report(&path)).await {
         Some(Ok(page)) => {
-            let headers = [(header::CONTENT_TYPE, "text/html; charset=utf-8"), (header::CONTENT_SECURITY_POLICY, REPORT_POLICY)];
+            let headers = [
+                (header::CONTENT_TYPE, "text/html; charset=utf-8"),
+                (header::CONTENT_SECURITY_POLICY, REPORT_POLICY),
+            ];
             Ok((headers, page).into_response())
         }
         Some(Err(error)) => Err(unreadable(&made, &error.to_string())),
@@ -56,14 +66,25 @@ pub(super) async fn report(State(state): State<Arc<AppState>>, Path(number): Pat
 }
 
 /// A recording of this run that can be read.
-fn ended(state: &AppState, number: u32) -> Result<(Arc<dyn RecordingControl>, MadeRecording), RequestError> {
+fn ended(
+    state: &AppState,
+    number: u32,
+) -> Result<(Arc<dyn RecordingControl>, MadeRecording), RequestError> {
     let unknown = || {
-        RequestError::new(StatusCode::NOT_FOUND, format!("this run has no recording {number}"), "GET /api/v1/recordings lists them")
+        RequestError::new(
+            StatusCode::NOT_FOUND,
+            format!("this run has no recording {number}"),
+            "GET /api/v1/recordings lists them",
+        )
     };
     let recorder = state.hub.recorder.clone().ok_or_else(unknown)?;
-    let made = recorder.made().into_iter().find(|made| made.number == number).ok_or_else(unknown)?;
+    let made =
+        recorder.made().into_iter().find(|made| made.number == number).ok_or_else(unknown)?;
     if made.is_under_way {
-        return Err(RequestError::conflict(format!("{} is under way", name_of(&made.status.file)), "end the recording first"));
+        return Err(RequestError::conflict(
+            format!("{} is under way", name_of(&made.status.file)),
+            "end the recording first",
+        ));
     }
     Ok((recorder, made))
 }

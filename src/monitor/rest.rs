@@ -20,7 +20,10 @@ use tokio::sync::oneshot;
 use super::answer::Reply;
 use super::app_state::AppState;
 use super::asks::{ClientCommand, perform};
-use super::clay::{IMAGE_BYTES_MAX, SOLID_BYTES_MAX, SolidAsked, VALUES_BYTES_MAX, ValuesAsked, image_of, solid_of, values_of};
+use super::clay::{
+    IMAGE_BYTES_MAX, SOLID_BYTES_MAX, SolidAsked, VALUES_BYTES_MAX, ValuesAsked, image_of,
+    solid_of, values_of,
+};
 use super::compressed::Compressed;
 use super::connection::Peer;
 use super::encode::{WirePose, with_counts};
@@ -48,7 +51,8 @@ const PATIENCE: Duration = Duration::from_secs(2);
 const BYTES: &str = "application/octet-stream";
 
 /// A page loads nothing from elsewhere, and no other page may frame it.
-const POLICY: &str = "default-src 'self'; connect-src 'self'; img-src 'self' data: blob:; frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
+const POLICY: &str = "default-src 'self'; connect-src 'self'; img-src 'self' data: blob:; \
+    frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
 
 pub(super) fn router(app: Arc<AppState>) -> Router {
     let api = Router::new()
@@ -67,12 +71,24 @@ pub(super) fn router(app: Arc<AppState>) -> Router {
         .route("/api/v1/scene/reset", command("reset"))
         .route("/api/v1/enable", command("enable"))
         // These are done whatever comes with them.
-        .route("/api/v1/disable", post(async |State(state): State<Arc<AppState>>| done(&state, ClientCommand::Disable {}).await))
-        .route("/api/v1/stop", post(async |State(state): State<Arc<AppState>>| done(&state, ClientCommand::Stop {}).await))
+        .route(
+            "/api/v1/disable",
+            post(async |State(state): State<Arc<AppState>>| {
+                done(&state, ClientCommand::Disable {}).await
+            }),
+        )
+        .route(
+            "/api/v1/stop",
+            post(async |State(state): State<Arc<AppState>>| {
+                done(&state, ClientCommand::Stop {}).await
+            }),
+        )
         .route("/api/v1/recording", command("record"))
         .route(
             "/api/v1/recording",
-            delete(async |State(state): State<Arc<AppState>>| done(&state, ClientCommand::EndRecording {}).await),
+            delete(async |State(state): State<Arc<AppState>>| {
+                done(&state, ClientCommand::EndRecording {}).await
+            }),
         )
         .route("/api/v1/clearance", get(clearance::clearance))
         .route("/api/v1/recordings", get(recordings::list))
@@ -88,9 +104,18 @@ pub(super) fn router(app: Arc<AppState>) -> Router {
         .route("/api/v1/clay/region", command("clay_region"))
         .route("/api/v1/clay/lay", command("clay_lay"))
         .route("/api/v1/clay/combine", command("clay_combine"))
-        .route("/api/v1/clay/image", put(clay_image).delete(no_clay_image).layer(DefaultBodyLimit::max(IMAGE_BYTES_MAX)))
-        .route("/api/v1/clay/solid", put(clay_solid).delete(no_clay_solid).layer(DefaultBodyLimit::max(SOLID_BYTES_MAX)))
-        .route("/api/v1/clay/values", put(clay_values).layer(DefaultBodyLimit::max(VALUES_BYTES_MAX)))
+        .route(
+            "/api/v1/clay/image",
+            put(clay_image).delete(no_clay_image).layer(DefaultBodyLimit::max(IMAGE_BYTES_MAX)),
+        )
+        .route(
+            "/api/v1/clay/solid",
+            put(clay_solid).delete(no_clay_solid).layer(DefaultBodyLimit::max(SOLID_BYTES_MAX)),
+        )
+        .route(
+            "/api/v1/clay/values",
+            put(clay_values).layer(DefaultBodyLimit::max(VALUES_BYTES_MAX)),
+        )
         .route("/api/v1/clay/undo", command("clay_undo"))
         .route("/api/v1/clay/redo", command("clay_redo"))
         .route("/api/v1/clay/save", command("clay_save"))
@@ -104,7 +129,10 @@ pub(super) fn router(app: Arc<AppState>) -> Router {
         .route("/", get(|headers: HeaderMap| page_file("index.html".to_owned(), headers)))
         .route("/index.html", get(|| async { Redirect::permanent("/") }))
         .route("/favicon.ico", get(|| async { StatusCode::NO_CONTENT }))
-        .route("/web/{name}", get(|Path(name): Path<String>, headers: HeaderMap| page_file(name, headers)))
+        .route(
+            "/web/{name}",
+            get(|Path(name): Path<String>, headers: HeaderMap| page_file(name, headers)),
+        )
         .layer(middleware::from_fn_with_state(app.clone(), show));
     api.merge(page)
         .layer(DefaultBodyLimit::max(MOST_BYTES))
@@ -121,7 +149,8 @@ async fn let_in(
     next: Next,
 ) -> Response {
     if request.uri().path_and_query().is_some_and(|path| path.as_str().len() > LONGEST_URI) {
-        return RequestError::new(StatusCode::URI_TOO_LONG, "the address is too long", "").into_response();
+        return RequestError::new(StatusCode::URI_TOO_LONG, "the address is too long", "")
+            .into_response();
     }
     match state.access.may_ask(request.headers(), request.uri().query()) {
         Ok(()) => {
@@ -132,7 +161,12 @@ async fn let_in(
     }
 }
 
-async fn show(State(state): State<Arc<AppState>>, ConnectInfo(peer): ConnectInfo<Peer>, request: Request, next: Next) -> Response {
+async fn show(
+    State(state): State<Arc<AppState>>,
+    ConnectInfo(peer): ConnectInfo<Peer>,
+    request: Request,
+    next: Next,
+) -> Response {
     match state.access.may_see_page(request.headers()) {
         Ok(()) => {
             peer.looks();
@@ -143,18 +177,29 @@ async fn show(State(state): State<Arc<AppState>>, ConnectInfo(peer): ConnectInfo
 }
 
 /// A client that asks too often gets that answer; what takes force away is always carried out.
-async fn paced(State(state): State<Arc<AppState>>, ConnectInfo(peer): ConnectInfo<Peer>, request: Request, next: Next) -> Response {
+async fn paced(
+    State(state): State<Arc<AppState>>,
+    ConnectInfo(peer): ConnectInfo<Peer>,
+    request: Request,
+    next: Next,
+) -> Response {
     let is_rescue = matches!(request.uri().path(), "/api/v1/disable" | "/api/v1/stop");
     if is_rescue || state.rate_limiter.allows(peer.address.ip()) {
         return next.run(request).await;
     }
-    RequestError::new(StatusCode::TOO_MANY_REQUESTS, "too many requests", "use the WebSocket for what comes often").into_response()
+    RequestError::new(
+        StatusCode::TOO_MANY_REQUESTS,
+        "too many requests",
+        "use the WebSocket for what comes often",
+    )
+    .into_response()
 }
 
 /// What the framework refuses before a handler gets it is said in the same form as everything else.
 async fn in_our_words(response: Response) -> Response {
     let is_refusal = response.status().is_client_error() || response.status().is_server_error();
-    let is_json = response.headers().get(header::CONTENT_TYPE).is_some_and(|kind| kind == "application/json");
+    let is_json =
+        response.headers().get(header::CONTENT_TYPE).is_some_and(|kind| kind == "application/json");
     if !is_refusal || is_json {
         return response;
     }
@@ -168,7 +213,12 @@ async fn in_our_words(response: Response) -> Response {
         .into_response();
     }
     let text = axum::body::to_bytes(body, LONGEST_REFUSAL).await.unwrap_or_default();
-    RequestError::new(head.status, String::from_utf8_lossy(&text), "docs/reference/api.md lists what there is").into_response()
+    RequestError::new(
+        head.status,
+        String::from_utf8_lossy(&text),
+        "docs/reference/api.md lists what there is",
+    )
+    .into_response()
 }
 
 async fn hardened(mut response: Response) -> Response {
@@ -188,11 +238,19 @@ async fn page_file(name: String, headers: HeaderMap) -> Response {
 }
 
 async fn nothing() -> RequestError {
-    RequestError::new(StatusCode::NOT_FOUND, "there is nothing here", "docs/reference/api.md lists what there is")
+    RequestError::new(
+        StatusCode::NOT_FOUND,
+        "there is nothing here",
+        "docs/reference/api.md lists what there is",
+    )
 }
 
 async fn wrong_method() -> RequestError {
-    RequestError::new(StatusCode::METHOD_NOT_ALLOWED, "not with this method", "docs/reference/api.md lists what there is")
+    RequestError::new(
+        StatusCode::METHOD_NOT_ALLOWED,
+        "not with this method",
+        "docs/reference/api.md lists what there is",
+    )
 }
 
 async fn info(State(state): State<Arc<AppState>>) -> Json<Value> {
@@ -200,27 +258,33 @@ async fn info(State(state): State<Arc<AppState>>) -> Json<Value> {
 }
 
 async fn state(State(state): State<Arc<AppState>>) -> Result<Response, RequestError> {
-    let body = state
-        .hub
-        .state_text()
-        .ok_or_else(|| RequestError::unavailable("no tick was rendered yet", "wait for the event `scene`"))?;
+    let body = state.hub.state_text().ok_or_else(|| {
+        RequestError::unavailable("no tick was rendered yet", "wait for the event `scene`")
+    })?;
     Ok(([(header::CONTENT_TYPE, "application/json")], with_counts(&body, 0, 0)).into_response())
 }
 
 async fn metrics(State(state): State<Arc<AppState>>) -> Result<Response, RequestError> {
-    let metrics = state.hub.metrics().ok_or_else(|| RequestError::unavailable("this run has no metrics", ""))?;
+    let metrics = state
+        .hub
+        .metrics()
+        .ok_or_else(|| RequestError::unavailable("this run has no metrics", ""))?;
     Ok(([(header::CONTENT_TYPE, metrics::CONTENT_TYPE)], metrics).into_response())
 }
 
 async fn scene(State(state): State<Arc<AppState>>) -> Result<Json<Value>, RequestError> {
     let view = state.hub.session.view();
     let Some(scene) = &view.scene else {
-        return Err(RequestError::unavailable("the scene is being baked", "wait for the event `scene`"));
+        return Err(RequestError::unavailable(
+            "the scene is being baked",
+            "wait for the event `scene`",
+        ));
     };
     let config = &view.config;
     let tool = ("tool", "tool", false, config.parameters.mapping.start, config.tool.voxel_size_m);
-    let statics =
-        config.statics.iter().map(|object| (&object.name[..], "static", object.movable, object.pose, object.voxel_size_m));
+    let statics = config.statics.iter().map(|object| {
+        (&object.name[..], "static", object.movable, object.pose, object.voxel_size_m)
+    });
     let mut objects = Vec::new();
     let mut bounds: Option<[DVec3; 2]> = None;
     let mut finest_m = f64::INFINITY;
@@ -232,7 +296,11 @@ async fn scene(State(state): State<Arc<AppState>>) -> Result<Json<Value>, Reques
             tool_bounds = visual.and_then(|visual| visual.bounds);
         }
         if let Some(own) = visual.and_then(|visual| visual.bounds) {
-            bounds = Some(corners(own).fold(bounds, |bounds, corner| grown(bounds, pose.transform_point(corner))).unwrap_or(own));
+            bounds = Some(
+                corners(own)
+                    .fold(bounds, |bounds, corner| grown(bounds, pose.transform_point(corner)))
+                    .unwrap_or(own),
+            );
         }
         finest_m = finest_m.min(voxel_size_m);
         objects.push(json!({
@@ -270,10 +338,14 @@ async fn scene(State(state): State<Arc<AppState>>) -> Result<Json<Value>, Reques
     })))
 }
 
-/// Box around a tool along the path that a hand takes it, world; `None`: the file of the path is gone.
+/// Box around a tool along the path that a hand takes it, world; `None`: the file of the path is
+/// gone.
 fn along_path(hand: &std::path::Path, tool: [DVec3; 2]) -> Option<[DVec3; 2]> {
     let path = HandPath::read(hand).ok()?;
-    let places = path.poses().iter().flat_map(|pose| corners(tool).map(|corner| pose.transform_point(corner)));
+    let places = path
+        .poses()
+        .iter()
+        .flat_map(|pose| corners(tool).map(|corner| pose.transform_point(corner)));
     places.fold(None, grown)
 }
 
@@ -294,7 +366,11 @@ fn rendered(state: &AppState, scene_idx: u32) -> Result<SceneView, RequestError>
     if view.scene_idx == scene_idx {
         return Ok(view);
     }
-    Err(RequestError::new(StatusCode::NOT_FOUND, "this scene is not rendered", format!("scene {} is rendered", view.scene_idx)))
+    Err(RequestError::new(
+        StatusCode::NOT_FOUND,
+        "this scene is not rendered",
+        format!("scene {} is rendered", view.scene_idx),
+    ))
 }
 
 async fn visual(state: &AppState, view: &SceneView, object_idx: usize) -> Option<Arc<Visual>> {
@@ -310,25 +386,38 @@ async fn mesh(
 ) -> Result<Response, RequestError> {
     let view = rendered(&state, scene_idx)?;
     let visual = visual(&state, &view, object_idx).await;
-    let visual = visual.ok_or_else(|| RequestError::new(StatusCode::NOT_FOUND, "no such object, or its mesh file is gone", ""))?;
+    let visual = visual.ok_or_else(|| {
+        RequestError::new(StatusCode::NOT_FOUND, "no such object, or its mesh file is gone", "")
+    })?;
     Ok(visual.file.response(&headers, BYTES))
 }
 
 fn structure(structure: Structure) -> MethodRouter<Arc<AppState>> {
-    get(async move |State(state): State<Arc<AppState>>, Path((scene_idx, object_idx)): Path<(u32, usize)>, headers: HeaderMap| {
-        let view = rendered(&state, scene_idx)?;
-        let made = if structure == Structure::Voxels { &state.voxels } else { &state.points };
-        let make = move || structure::file(&view, object_idx, structure).map(|file| Compressed::new(file.into()));
-        let file = made.get((scene_idx, object_idx), make).await;
-        let file = file.unwrap_or_else(|| Err(RequestError::unavailable("the object could not be baked", "the log has more")))?;
-        Ok::<_, RequestError>(file.response(&headers, BYTES))
-    })
+    get(
+        async move |State(state): State<Arc<AppState>>,
+                    Path((scene_idx, object_idx)): Path<(u32, usize)>,
+                    headers: HeaderMap| {
+            let view = rendered(&state, scene_idx)?;
+            let made = if structure == Structure::Voxels { &state.voxels } else { &state.points };
+            let make = move || {
+                structure::file(&view, object_idx, structure)
+                    .map(|file| Compressed::new(file.into()))
+            };
+            let file = made.get((scene_idx, object_idx), make).await;
+            let file = file.unwrap_or_else(|| {
+                Err(RequestError::unavailable("the object could not be baked", "the log has more"))
+            })?;
+            Ok::<_, RequestError>(file.response(&headers, BYTES))
+        },
+    )
 }
 
 async fn scenes(State(state): State<Arc<AppState>>) -> Json<Value> {
     let view = state.hub.session.view();
     // Folders may be on a disk that takes its time.
-    let names = state.files.run(move || scenes_beside(&view.config.path).into_iter().map(|(name, _)| name).collect());
+    let names = state
+        .files
+        .run(move || scenes_beside(&view.config.path).into_iter().map(|(name, _)| name).collect());
     Json(names.await.unwrap_or_else(|| Value::Array(Vec::new())))
 }
 
@@ -350,23 +439,33 @@ fn command(name: &'static str) -> MethodRouter<Arc<AppState>> {
     })
 }
 
-async fn set(State(state): State<Arc<AppState>>, Path(parameter): Path<String>, bytes: Bytes) -> Result<Response, RequestError> {
+async fn set(
+    State(state): State<Arc<AppState>>,
+    Path(parameter): Path<String>,
+    bytes: Bytes,
+) -> Result<Response, RequestError> {
     let form = "such as {\"value\": 800}";
     let from_path = Map::from_iter([("parameter".to_owned(), parameter.into())]);
     done(&state, asked("set", body(&bytes, form)?, from_path, form)?).await
 }
 
-async fn place(State(state): State<Arc<AppState>>, Path(object): Path<String>, bytes: Bytes) -> Result<Response, RequestError> {
+async fn place(
+    State(state): State<Arc<AppState>>,
+    Path(object): Path<String>,
+    bytes: Bytes,
+) -> Result<Response, RequestError> {
     let form = "such as {\"p\": [0, 0, 0.01], \"q\": [0, 0, 0, 1]}";
     let pose = body(&bytes, form)?;
-    let from_path = Map::from_iter([("object".to_owned(), object.into()), ("pose".to_owned(), pose.into())]);
+    let from_path =
+        Map::from_iter([("object".to_owned(), object.into()), ("pose".to_owned(), pose.into())]);
     done(&state, asked("place", Map::new(), from_path, form)?).await
 }
 
 /// The body of a command; an empty one counts as an empty object.
 fn body(bytes: &Bytes, form: &str) -> Result<Map<String, Value>, RequestError> {
     let bytes = if bytes.is_empty() { &b"{}"[..] } else { &bytes[..] };
-    serde_json::from_slice(bytes).map_err(|error| RequestError::bad(format!("the body will not do: {error}"), form))
+    serde_json::from_slice(bytes)
+        .map_err(|error| RequestError::bad(format!("the body will not do: {error}"), form))
 }
 
 /// A command: what its body says, and what its address does.
@@ -379,7 +478,10 @@ fn asked(
     from_path.insert("do".to_owned(), name.into());
     for (key, value) in from_path {
         if body.insert(key.clone(), value).is_some() {
-            return Err(RequestError::bad(format!("the body will not do: unknown field `{key}`"), form));
+            return Err(RequestError::bad(
+                format!("the body will not do: unknown field `{key}`"),
+                form,
+            ));
         }
     }
     read(body, "the body will not do: ").map_err(|error| RequestError::bad(error, form))
@@ -408,8 +510,12 @@ async fn clay_files(State(state): State<Arc<AppState>>) -> Result<Json<Value>, R
     Ok(Json(all.unwrap_or_else(|| Value::Array(Vec::new()))))
 }
 
-async fn clay_file(State(state): State<Arc<AppState>>, Path(number): Path<usize>) -> Result<Response, RequestError> {
-    let path = number.checked_sub(1).and_then(|idx| state.hub.clay().ok()?.saved().get(idx).cloned());
+async fn clay_file(
+    State(state): State<Arc<AppState>>,
+    Path(number): Path<usize>,
+) -> Result<Response, RequestError> {
+    let path =
+        number.checked_sub(1).and_then(|idx| state.hub.clay().ok()?.saved().get(idx).cloned());
     let unknown = || {
         RequestError::new(
             StatusCode::NOT_FOUND,
@@ -421,7 +527,10 @@ async fn clay_file(State(state): State<Arc<AppState>>, Path(number): Path<usize>
 }
 
 /// What is embossed from now on.
-async fn clay_image(State(state): State<Arc<AppState>>, bytes: Bytes) -> Result<Response, RequestError> {
+async fn clay_image(
+    State(state): State<Arc<AppState>>,
+    bytes: Bytes,
+) -> Result<Response, RequestError> {
     uploaded(&state, move || image_of(&bytes)).await
 }
 
@@ -436,8 +545,9 @@ async fn clay_solid(
     asked: Result<Query<SolidAsked>, QueryRejection>,
     bytes: Bytes,
 ) -> Result<Response, RequestError> {
-    let Query(asked) =
-        asked.map_err(|refused| RequestError::bad(refused.body_text(), "such as PUT /api/v1/clay/solid?format=stl&units=mm"))?;
+    let Query(asked) = asked.map_err(|refused| {
+        RequestError::bad(refused.body_text(), "such as PUT /api/v1/clay/solid?format=stl&units=mm")
+    })?;
     uploaded(&state, move || solid_of(&bytes, asked)).await
 }
 
@@ -452,8 +562,9 @@ async fn clay_values(
     asked: Result<Query<ValuesAsked>, QueryRejection>,
     bytes: Bytes,
 ) -> Result<Response, RequestError> {
-    let Query(asked) =
-        asked.map_err(|refused| RequestError::bad(refused.body_text(), "such as PUT /api/v1/clay/values?within_m=0.001"))?;
+    let Query(asked) = asked.map_err(|refused| {
+        RequestError::bad(refused.body_text(), "such as PUT /api/v1/clay/values?within_m=0.001")
+    })?;
     uploaded(&state, move || values_of(&bytes, asked)).await
 }
 
@@ -464,16 +575,19 @@ async fn uploaded(
 ) -> Result<Response, RequestError> {
     // Before the work: a scene without clay says so.
     state.hub.clay()?;
-    // One file after the other, also where a client has gone away meanwhile: each may take seconds, and as much memory as many of its size.
+    // One file after the other, also where a client has gone away meanwhile: each may take seconds,
+    // and as much memory as many of its size.
     let turn = state.upload_turn.clone().try_acquire_owned();
-    let turn = turn.map_err(|_| RequestError::too_many("another file for the clay is being read"))?;
+    let turn =
+        turn.map_err(|_| RequestError::too_many("another file for the clay is being read"))?;
     let read = move || {
         let order = read();
         drop(turn);
         order
     };
     let order = state.uploads.run(read).await;
-    let order = order.unwrap_or_else(|| Err(RequestError::bad("the file came to grief", "send another one")))?;
+    let order = order
+        .unwrap_or_else(|| Err(RequestError::bad("the file came to grief", "send another one")))?;
     answered(|reply| super::clay::order(&state.hub, |_| Ok(order), reply)).await
 }
 
@@ -488,8 +602,9 @@ async fn clay_points(
     State(state): State<Arc<AppState>>,
     since: Result<Query<SinceAsked>, QueryRejection>,
 ) -> Result<Response, RequestError> {
-    let Query(SinceAsked { since }) =
-        since.map_err(|refused| RequestError::bad(refused.body_text(), "`since` is the version that you have"))?;
+    let Query(SinceAsked { since }) = since.map_err(|refused| {
+        RequestError::bad(refused.body_text(), "`since` is the version that you have")
+    })?;
     let clay = state.hub.clay()?;
     let is_watched = !state.hub.clients().is_empty();
     let view = clay.fresh_view(is_watched).await?;
@@ -498,7 +613,9 @@ async fn clay_points(
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
     let made = clay.splats.get(&state.shapes, view).await;
-    let (version, bytes) = made.ok_or_else(|| RequestError::unavailable("the samples could not be made ready", "ask again"))?;
+    let (version, bytes) = made.ok_or_else(|| {
+        RequestError::unavailable("the samples could not be made ready", "ask again")
+    })?;
     // The newest that there are, while newer ones would be too soon.
     if version == since {
         return Ok(StatusCode::NO_CONTENT.into_response());
@@ -522,6 +639,8 @@ async fn answered(ask: impl FnOnce(Reply)) -> Result<Response, RequestError> {
         }
         Ok(Ok(Err(problem))) => Err(problem),
         Ok(Err(_)) => Err(RequestError::conflict("the run cannot do this any more", "")),
-        Err(_) => Ok((StatusCode::ACCEPTED, Json(json!({ "ok": true, "goes_on": true }))).into_response()),
+        Err(_) => {
+            Ok((StatusCode::ACCEPTED, Json(json!({ "ok": true, "goes_on": true }))).into_response())
+        }
     }
 }

@@ -32,24 +32,33 @@ impl Serialize for HistoryRow {
         // Steps that no plot shows: digits that no reader needs are most of the bytes.
         let step = |value: f32, per_one: f64| (f64::from(value) * per_one).round() / per_one;
         let [force_n, depth_mm, compute_us, wakeup_us] = self.values;
-        let row = [step(force_n, 1e4), step(depth_mm, 1e5), step(compute_us, 1e2), step(wakeup_us, 1e2)];
+        let row =
+            [step(force_n, 1e4), step(depth_mm, 1e5), step(compute_us, 1e2), step(wakeup_us, 1e2)];
         ((self.time_s * 1e6).round() / 1e6, row[0], row[1], row[2], row[3]).serialize(serializer)
     }
 }
 
-/// Rows for one message: at most `most`; of more, the smallest and the largest values of some stretches each.
+/// Rows for one message: at most `most`; of more, the smallest and the largest values of some
+/// stretches each.
 pub(super) fn reduced(rows: &[HistoryRow], most: usize) -> Vec<HistoryRow> {
     if rows.len() <= most {
         return rows.to_vec();
     }
     let stretch = rows.len().div_ceil(most / 2);
     let envelope = |rows: &[HistoryRow], pick: fn(f32, f32) -> f32, time_s: f64| {
-        let values = rows.iter().map(|row| row.values).reduce(|a, b| core::array::from_fn(|n| pick(a[n], b[n])));
+        let values = rows
+            .iter()
+            .map(|row| row.values)
+            .reduce(|a, b| core::array::from_fn(|n| pick(a[n], b[n])));
         values.map(|values| HistoryRow { time_s, values })
     };
     let both = |rows: &[HistoryRow]| {
-        let (first, last) = (rows.first().map_or(0.0, |row| row.time_s), rows.last().map_or(0.0, |row| row.time_s));
-        envelope(rows, f32::min, first).into_iter().chain(envelope(rows, f32::max, last)).collect::<Vec<_>>()
+        let first = rows.first().map_or(0.0, |row| row.time_s);
+        let last = rows.last().map_or(0.0, |row| row.time_s);
+        envelope(rows, f32::min, first)
+            .into_iter()
+            .chain(envelope(rows, f32::max, last))
+            .collect::<Vec<_>>()
     };
     rows.chunks(stretch).flat_map(both).collect()
 }
@@ -60,7 +69,10 @@ mod tests {
 
     #[test]
     fn many_rows_become_few_that_keep_the_extremes() {
-        let row = |n: usize| HistoryRow { time_s: n as f64, values: [if n == 501 { 9.0 } else { 1.0 }, n as f32, 0.0, 0.0] };
+        let row = |n: usize| HistoryRow {
+            time_s: n as f64,
+            values: [if n == 501 { 9.0 } else { 1.0 }, n as f32, 0.0, 0.0],
+        };
         let rows: Vec<_> = (0..1000).map(row).collect();
         assert_eq!(reduced(&rows[..100], 100), rows[..100]);
         let few = reduced(&rows, 100);

@@ -1,4 +1,5 @@
-//! What the records of a run tell of its scene beside the newest one: where its objects stand, and where the arm wants the tool.
+//! What the records of a run tell of its scene beside the newest one: where its objects stand, and
+//! where the arm wants the tool.
 
 use std::sync::Arc;
 
@@ -34,7 +35,8 @@ impl SceneTracker {
         &self.poses
     }
 
-    /// Follows what has changed in the session; gives what it showed before, and whether another scene is rendered now.
+    /// Follows what has changed in the session; gives what it showed before, and whether another
+    /// scene is rendered now.
     pub(super) fn look_at(&mut self, view: SceneView) -> (SceneView, bool) {
         let before = core::mem::replace(&mut self.view, view);
         let is_first = before.scene.is_none() && self.view.scene.is_some();
@@ -47,7 +49,8 @@ impl SceneTracker {
 
     /// Every record, in turn.
     pub(super) fn see(&mut self, record: &TickRecord) {
-        if let Some(placed) = record.output.object.filter(|_| record.scene_idx == self.view.scene_idx)
+        if let Some(placed) =
+            record.output.object.filter(|_| record.scene_idx == self.view.scene_idx)
             && let Some(pose) = self.poses.get_mut(placed.obstacle_idx as usize)
         {
             *pose = placed.world_from_map;
@@ -63,13 +66,24 @@ impl SceneTracker {
     pub(super) fn newest(&self, fed: FeedRecord) -> NewestState {
         let mapping = &self.view.config.parameters.mapping;
         let wanted = match (self.scene_of(&fed.record), fed.index_origin) {
-            (Some(scene), Some(index_origin)) => {
-                Some(index_origin.wanted(&fed.record.input.sample, mapping, scene.tool.center_of_mass_tool))
-            }
+            (Some(scene), Some(index_origin)) => Some(index_origin.wanted(
+                &fed.record.input.sample,
+                mapping,
+                scene.tool.center_of_mass_tool,
+            )),
             _ => None,
         };
-        let movable = self.view.config.statics.iter().zip(&self.poses).enumerate().filter(|(_, (object, _))| object.movable);
-        let objects = movable.map(|(idx, (_, pose))| WireObject { idx: idx as u32, pose: (*pose).into() }).collect();
+        let movable = self
+            .view
+            .config
+            .statics
+            .iter()
+            .zip(&self.poses)
+            .enumerate()
+            .filter(|(_, (object, _))| object.movable);
+        let objects = movable
+            .map(|(idx, (_, pose))| WireObject { idx: idx as u32, pose: (*pose).into() })
+            .collect();
         NewestState { fed, wanted, objects }
     }
 }

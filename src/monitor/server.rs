@@ -28,7 +28,8 @@ const MOST_WEB_SOCKETS: usize = 64;
 const BACKLOG: u32 = 1024;
 /// What the kernel keeps for a client that reads slowly, bytes: states in there are old ones.
 const SEND_BUFFER_BYTES: u32 = 64 << 10;
-/// How long good-byes may take at the end of a run: for the rest of what a slow page has not read yet.
+/// How long good-byes may take at the end of a run: for the rest of what a slow page has not read
+/// yet.
 const GOOD_BYE: Duration = Duration::from_secs(3);
 
 /// An address that is taken, before any client is answered there.
@@ -44,7 +45,11 @@ impl BoundMonitor {
     ///
     /// # Errors
     /// The address is taken, or not one of this machine.
-    pub fn bind(address: SocketAddr, token: Option<Token>, origins: Vec<String>) -> io::Result<Self> {
+    pub fn bind(
+        address: SocketAddr,
+        token: Option<Token>,
+        origins: Vec<String>,
+    ) -> io::Result<Self> {
         let runtime = Builder::new_current_thread().enable_io().enable_time().build()?;
         let listener = {
             let _inside = runtime.enter();
@@ -87,18 +92,22 @@ impl BoundMonitor {
         let (subscriber, fed) = feed();
         let (end, mut ended) = watch::channel(());
         let watched = hub.clone();
-        let heartbeat = std::thread::Builder::new().name("heartbeat".to_owned()).spawn(move || watched.watch_heartbeats())?;
+        let heartbeat = std::thread::Builder::new()
+            .name("heartbeat".to_owned())
+            .spawn(move || watched.watch_heartbeats())?;
         let states = StatePublisher::new(hub.clone(), Worker::new("monitor-points")?);
         let work = async move {
             tokio::spawn(states.run(fed));
             let seats = state.seats.clone();
             let router = router(state).into_make_service_with_connect_info::<Peer>();
             let mut over = ended.clone();
-            let serving = axum::serve(ConnectionListener::new(listener), router).with_graceful_shutdown(async move {
-                let _ = over.changed().await;
-            });
+            let serving = axum::serve(ConnectionListener::new(listener), router)
+                .with_graceful_shutdown(async move {
+                    let _ = over.changed().await;
+                });
             tokio::select! {
-                // The server counts no connection that became a WebSocket: those are over when all seats are free.
+                // The server counts no connection that became a WebSocket: those are over when all
+                // seats are free.
                 _ = async {
                     let _ = serving.await;
                     seats.acquire_many(MOST_WEB_SOCKETS as u32).await.map(drop)
@@ -109,7 +118,9 @@ impl BoundMonitor {
                 } => {}
             }
         };
-        let thread = std::thread::Builder::new().name("monitor".to_owned()).spawn(move || runtime.block_on(work))?;
+        let thread = std::thread::Builder::new()
+            .name("monitor".to_owned())
+            .spawn(move || runtime.block_on(work))?;
         Ok((Monitor { hub, end: Some(end), threads: vec![thread, heartbeat] }, subscriber))
     }
 }

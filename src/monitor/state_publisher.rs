@@ -1,4 +1,5 @@
-//! From records to states: takes what was fed, encodes once for all clients that want the same, and fills their outboxes.
+//! From records to states: takes what was fed, encodes once for all clients that want the same, and
+//! fills their outboxes.
 
 use core::time::Duration;
 use std::sync::Arc;
@@ -21,7 +22,8 @@ use rt::clock::ClockKind;
 use vps::contact;
 use vps::spatial::Pose;
 
-/// Pauses between two looks at the ring: for clients that want every tick, for others, and without clients.
+/// Pauses between two looks at the ring: for clients that want every tick, for others, and without
+/// clients.
 const SOON: Duration = Duration::from_millis(1);
 const LATER: Duration = Duration::from_millis(4);
 const LATEST: Duration = Duration::from_millis(20);
@@ -48,7 +50,8 @@ struct Rhythm {
 }
 
 impl Rhythm {
-    /// A tick has come: `None` while nothing is due, else how many states were due since the last one that was and cannot come any more.
+    /// A tick has come: `None` while nothing is due, else how many states were due since the last
+    /// one that was and cannot come any more.
     fn due(&mut self, tick: u64, period_ticks: f64) -> Option<u64> {
         let next = self.next.unwrap_or(tick as f64);
         let late = tick as f64 - next;
@@ -103,7 +106,8 @@ pub(super) struct StatePublisher {
 
 impl StatePublisher {
     pub(super) fn new(hub: Arc<Hub>, apart: Worker) -> Self {
-        let (tracker, now) = (SceneTracker::new(hub.session.view()), Instant::now());
+        let tracker = SceneTracker::new(hub.session.view());
+        let now = Instant::now();
         Self {
             hub,
             apart,
@@ -155,7 +159,11 @@ impl StatePublisher {
         if self.n_overruns > 0 && now >= self.overruns_at {
             self.overruns_at = now + OVERRUNS_EVERY;
             let n_late = core::mem::take(&mut self.n_overruns).to_string();
-            let text = if n_late == "1" { "1 tick began late".to_owned() } else { format!("{n_late} ticks began late") };
+            let text = if n_late == "1" {
+                "1 tick began late".to_owned()
+            } else {
+                format!("{n_late} ticks began late")
+            };
             self.hub.tell("overrun", self.overrun_at, &text, &[&n_late]);
         }
     }
@@ -168,7 +176,8 @@ impl StatePublisher {
         }
         self.tracker.see(record);
         let row = HistoryRow::of(record);
-        let (is_virtual, rate_hz) = (self.hub.clock == ClockKind::Virtual, f64::from(self.tracker.view().config.rate_hz));
+        let is_virtual = self.hub.clock == ClockKind::Virtual;
+        let rate_hz = f64::from(self.tracker.view().config.rate_hz);
         let mut due = Vec::new();
         for (idx, group) in self.groups.iter_mut().enumerate() {
             if group.wanted.history {
@@ -199,7 +208,14 @@ impl StatePublisher {
         }
     }
 
-    fn send(&mut self, idx: usize, missed: u64, newest: &NewestState, clients: &[Arc<Client>], now: Instant) {
+    fn send(
+        &mut self,
+        idx: usize,
+        missed: u64,
+        newest: &NewestState,
+        clients: &[Arc<Client>],
+        now: Instant,
+    ) {
         let group = &mut self.groups[idx];
         let Subscription { rate_hz, is_binary, .. } = group.wanted;
         group.next_at = now + Duration::from_secs_f64(1.0 / rate_hz);
@@ -222,7 +238,13 @@ impl StatePublisher {
         self.groups.retain(|group| wanted.contains(&group.wanted));
         for wanted in wanted {
             if !self.groups.iter().any(|group| group.wanted == wanted) {
-                self.groups.push(Group { wanted, rhythm: Rhythm::default(), next_at: now, history: Vec::new(), points: 0 });
+                self.groups.push(Group {
+                    wanted,
+                    rhythm: Rhythm::default(),
+                    next_at: now,
+                    history: Vec::new(),
+                    points: 0,
+                });
             }
         }
     }
@@ -249,7 +271,8 @@ impl StatePublisher {
             return;
         }
         let (told, sought) = oneshot::channel();
-        let (poses, world_from_tool) = (self.tracker.poses().to_vec(), record.output.world_from_tool);
+        let poses = self.tracker.poses().to_vec();
+        let world_from_tool = record.output.world_from_tool;
         self.apart.post(move || {
             let began = Instant::now();
             let (found, n_all) = points(&scene, &poses, world_from_tool);
@@ -271,17 +294,30 @@ impl StatePublisher {
             self.hub.tell("scene", None, &text, &["rendered", &view.config.name]);
         }
         if before.switching_to != view.switching_to {
-            let name = |path: &std::path::Path| path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+            let name = |path: &std::path::Path| {
+                path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+            };
             // The handler of the request says why a scene is refused.
             if let Some(path) = &view.switching_to {
-                self.hub.tell("scene", None, &format!("{} is being baked", name(path)), &["baking", &name(path)]);
+                self.hub.tell(
+                    "scene",
+                    None,
+                    &format!("{} is being baked", name(path)),
+                    &["baking", &name(path)],
+                );
             }
         }
         if before.scene_idx == view.scene_idx && before.scene.is_some() {
             for (before, now) in before.settings.iter().zip(&view.settings) {
                 if before.value != now.value {
-                    let (name, value) = (now.parameter.name(), now.value.to_string());
-                    self.hub.tell("parameter", None, &format!("{name} goes to {value}"), &[name, &value]);
+                    let name = now.parameter.name();
+                    let value = now.value.to_string();
+                    self.hub.tell(
+                        "parameter",
+                        None,
+                        &format!("{name} goes to {value}"),
+                        &[name, &value],
+                    );
                 }
             }
         }
@@ -315,12 +351,16 @@ mod tests {
 
     fn sent(ticks: impl Iterator<Item = u64>, period_ticks: f64) -> Vec<(u64, u64)> {
         let mut rhythm = Rhythm::default();
-        ticks.filter_map(|tick| rhythm.due(tick, period_ticks).map(|missed| (tick, missed))).collect()
+        ticks
+            .filter_map(|tick| rhythm.due(tick, period_ticks).map(|missed| (tick, missed)))
+            .collect()
     }
 
     #[test]
     fn a_stream_has_the_rate_that_was_asked_for() {
-        for (rate_hz, expected) in [(1000.0, 10_000), (700.0, 7000), (400.0, 4000), (333.0, 3330), (60.0, 600), (0.1, 1)] {
+        for (rate_hz, expected) in
+            [(1000.0, 10_000), (700.0, 7000), (400.0, 4000), (333.0, 3330), (60.0, 600), (0.1, 1)]
+        {
             let sent = sent(5000..15_000, 1000.0 / rate_hz);
             assert!(sent.len().abs_diff(expected) <= 1, "{rate_hz} Hz: {}", sent.len());
             assert!(sent.iter().all(|(_, missed)| *missed == 0), "{rate_hz} Hz");

@@ -29,11 +29,14 @@ pub(super) struct Visual {
     pub(super) bounds: Option<[DVec3; 2]>,
 }
 
-/// Object `object_idx` of a scene: the static ones in order, then the tool. `None`: there is no such object, or its mesh is gone.
+/// Object `object_idx` of a scene: the static ones in order, then the tool. `None`: there is no
+/// such object, or its mesh is gone.
 pub(super) fn make(config: &SceneConfig, object_idx: usize) -> Option<Visual> {
     let (source, voxel_size_m) = match config.statics.get(object_idx) {
         Some(object) => (&object.source, object.voxel_size_m),
-        None if object_idx == config.statics.len() => (&config.tool.source, config.tool.voxel_size_m),
+        None if object_idx == config.statics.len() => {
+            (&config.tool.source, config.tool.voxel_size_m)
+        }
         None => return None,
     };
     let mesh = match source {
@@ -59,13 +62,22 @@ fn visual(mesh: &TriangleMesh, most: usize) -> Visual {
     for vertex in triangles.iter().flatten() {
         bytes.extend(vertex.to_le_bytes());
     }
-    Visual { file: Compressed::new(bytes.into()), triangles: mesh.triangles.len(), shown_triangles: triangles.len(), bounds }
+    Visual {
+        file: Compressed::new(bytes.into()),
+        triangles: mesh.triangles.len(),
+        shown_triangles: triangles.len(),
+        bounds,
+    }
 }
 
-/// At most `most` triangles that look like the mesh: vertices that share a cell become one, in the middle of them.
+/// At most `most` triangles that look like the mesh: vertices that share a cell become one, in the
+/// middle of them.
 fn decimated(mesh: &TriangleMesh, most: usize) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
     if mesh.triangles.len() <= most {
-        return (mesh.vertices.iter().map(|vertex| vertex.as_vec3().to_array()).collect(), mesh.triangles.clone());
+        return (
+            mesh.vertices.iter().map(|vertex| vertex.as_vec3().to_array()).collect(),
+            mesh.triangles.clone(),
+        );
     }
     let area_m2: f64 = (0..mesh.triangles.len())
         .map(|n| {
@@ -111,7 +123,10 @@ fn clustered(mesh: &TriangleMesh, cell_m: f64) -> (Vec<[f32; 3]>, Vec<[u32; 3]>)
             triangles.push(corners);
         }
     }
-    (sums.into_iter().map(|(sum, n)| (sum / f64::from(n)).as_vec3().to_array()).collect(), triangles)
+    (
+        sums.into_iter().map(|(sum, n)| (sum / f64::from(n)).as_vec3().to_array()).collect(),
+        triangles,
+    )
 }
 
 #[cfg(test)]
@@ -128,21 +143,37 @@ mod tests {
         assert!((1000..=5000).contains(&shown.shown_triangles), "{}", shown.shown_triangles);
         let [low, high] = shown.bounds.expect("a box");
         assert!((high - low - DVec3::splat(0.1)).abs().max_element() < 1e-4);
-        let word = |at: usize| u32::from_le_bytes(shown.file.plain[at..at + 4].try_into().expect("four"));
-        let (n_vertices, n_indices) = (word(8) as usize, word(12) as usize);
-        assert_eq!((&shown.file.plain[..4], word(4), n_indices), (&b"HMSH"[..], 1, 3 * shown.shown_triangles));
+        let word =
+            |at: usize| u32::from_le_bytes(shown.file.plain[at..at + 4].try_into().expect("four"));
+        let n_vertices = word(8) as usize;
+        let n_indices = word(12) as usize;
+        assert_eq!(
+            (&shown.file.plain[..4], word(4), n_indices),
+            (&b"HMSH"[..], 1, 3 * shown.shown_triangles)
+        );
         assert_eq!(shown.file.plain.len(), 16 + 12 * n_vertices + 4 * n_indices);
         for at in (16..16 + 12 * n_vertices).step_by(12) {
-            let radius_m = [0, 4, 8].map(|axis| f64::from(f32::from_bits(word(at + axis))).powi(2)).iter().sum::<f64>().sqrt();
+            let radius_m = [0, 4, 8]
+                .map(|axis| f64::from(f32::from_bits(word(at + axis))).powi(2))
+                .iter()
+                .sum::<f64>()
+                .sqrt();
             assert!((radius_m - 0.05).abs() < 2e-3, "{radius_m}");
         }
-        assert!((16 + 12 * n_vertices..shown.file.plain.len()).step_by(4).all(|at| (word(at) as usize) < n_vertices));
+        assert!(
+            (16 + 12 * n_vertices..shown.file.plain.len())
+                .step_by(4)
+                .all(|at| (word(at) as usize) < n_vertices)
+        );
     }
 
     #[test]
     fn what_is_small_stays_as_it_is() {
         let mesh = Shape::Box { size_m: DVec3::ONE }.tessellate(0.0);
         let shown = visual(&mesh, MOST_TRIANGLES);
-        assert_eq!((shown.triangles, shown.shown_triangles), (mesh.triangles.len(), mesh.triangles.len()));
+        assert_eq!(
+            (shown.triangles, shown.shown_triangles),
+            (mesh.triangles.len(), mesh.triangles.len())
+        );
     }
 }

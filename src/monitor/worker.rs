@@ -16,7 +16,8 @@ impl Worker {
         let (sender, jobs) = channel::<Job>();
         std::thread::Builder::new().name(name.to_owned()).spawn(move || {
             for job in jobs {
-                // A caller that waits learns of a panic by the end of its channel; the next job must still run.
+                // A caller that waits learns of a panic by the end of its channel; the next job
+                // must still run.
                 let _ = std::panic::catch_unwind(std::panic::AssertUnwindSafe(job));
             }
         })?;
@@ -30,7 +31,10 @@ impl Worker {
     }
 
     /// Does `work` there; `None` when the thread or the work came to grief.
-    pub(super) async fn run<T: Send + 'static>(&self, work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
+    pub(super) async fn run<T: Send + 'static>(
+        &self,
+        work: impl FnOnce() -> T + Send + 'static,
+    ) -> Option<T> {
         let (sender, done) = oneshot::channel();
         let job = Box::new(move || drop(sender.send(work())));
         self.0.send(job).ok()?;

@@ -50,14 +50,23 @@ pub(super) async fn open(
     let upgrade = match upgrade {
         Ok(upgrade) => upgrade,
         Err(rejection) => {
-            return RequestError::new(StatusCode::BAD_REQUEST, rejection.body_text(), "open this address as a WebSocket")
-                .into_response();
+            return RequestError::new(
+                StatusCode::BAD_REQUEST,
+                rejection.body_text(),
+                "open this address as a WebSocket",
+            )
+            .into_response();
         }
     };
     let Ok(seat) = state.seats.clone().try_acquire_owned() else {
-        return RequestError::unavailable("too many WebSockets", "close some, or try again later").into_response();
+        return RequestError::unavailable("too many WebSockets", "close some, or try again later")
+            .into_response();
     };
-    let upgrade = upgrade.max_message_size(MOST_BYTES).max_frame_size(MOST_BYTES).read_buffer_size(8 << 10).write_buffer_size(0);
+    let upgrade = upgrade
+        .max_message_size(MOST_BYTES)
+        .max_frame_size(MOST_BYTES)
+        .read_buffer_size(8 << 10)
+        .write_buffer_size(0);
     upgrade.on_upgrade(move |socket| async move {
         peer.become_web_socket();
         serve(&state, socket, seat).await;
@@ -74,11 +83,13 @@ async fn serve(state: &Arc<AppState>, socket: WebSocket, _seat: OwnedSemaphorePe
     tokio::select! {
         () = &mut sending => {
             state.hub.part(client.id);
-            // What the kernel has received and this program has not read would make it reset the connection, and the good-bye would be lost with that.
+            // What the kernel has received and this program has not read would make it reset the
+            // connection, and the good-bye would be lost with that.
             let _ = tokio::time::timeout(GOOD_BYE, taking).await;
         }
         () = &mut taking => {
-            // The watchdog forgets it at once; what is left to be said goes out, if the client still reads.
+            // The watchdog forgets it at once; what is left to be said goes out, if the client
+            // still reads.
             state.hub.part(client.id);
             let _ = tokio::time::timeout(GOOD_BYE, sending).await;
         }
@@ -140,7 +151,10 @@ async fn take_all(mut stream: SplitStream<WebSocket>, state: &Arc<AppState>, cli
                 let place = client.unanswered.clone().try_acquire_owned().ok();
                 match asked {
                     Ok(asked) if place.is_none() && !asked.is_always_heard() => {
-                        client.outbox.say(reply(&id, Err(RequestError::too_many("too many requests wait for their answers"))));
+                        client.outbox.say(reply(
+                            &id,
+                            Err(RequestError::too_many("too many requests wait for their answers")),
+                        ));
                     }
                     Ok(asked) => {
                         let to = client.clone();

@@ -26,16 +26,21 @@ pub struct BakeEvent<'a> {
     pub stage: BakeStage,
 }
 
-/// Bakes every object of a scene, without a cache and whatever memory it takes. Runs on the current rayon pool; the result does not depend on its size.
+/// Bakes every object of a scene, without a cache and whatever memory it takes. Runs on the current
+/// rayon pool; the result does not depend on its size.
 ///
 /// # Errors
 /// The first object whose mesh cannot be used or whose grid is too large.
-pub fn build(config: &SceneConfig, watch: impl FnMut(BakeEvent<'_>)) -> Result<(RenderScene, Vec<ObjectReport>), SceneError> {
+pub fn build(
+    config: &SceneConfig,
+    watch: impl FnMut(BakeEvent<'_>),
+) -> Result<(RenderScene, Vec<ObjectReport>), SceneError> {
     build_with(config, &mut BakeOptions::from(&mut Cache::off()), watch)
 }
 
-/// The same, taking from the cache what it has and giving it what it has not; bit for bit the same scene. Memory is judged for each
-/// object that is baked, after its mesh was read and before the work.
+/// The same, taking from the cache what it has and giving it what it has not; bit for bit the same
+/// scene. Memory is judged for each object that is baked, after its mesh was read and before the
+/// work.
 ///
 /// # Errors
 /// As [`build`], and an object that would take too much memory; the cache adds none.
@@ -78,13 +83,22 @@ pub fn build_all(
     }
 
     let ToolConfig { mass_kg, center_of_mass_m, inertia_kg_m2, .. } = &config.tool;
-    let tell = |stage| watch(BakeEvent { name: "tool", object_idx: config.statics.len(), n_objects, stage });
+    let tell = |stage| {
+        watch(BakeEvent { name: "tool", object_idx: config.statics.len(), n_objects, stage })
+    };
     let request = tool_request(&config.tool);
     let Baked { shell, mass, report, .. } = object::obtain(&request, means, tell)?;
-    let (Some(shell), Some(mass)) = (shell, mass) else { unreachable!("a tool has a shell and a mass") };
+    let (Some(shell), Some(mass)) = (shell, mass) else {
+        unreachable!("a tool has a shell and a mass")
+    };
     let mut piece = None;
     if let Some(sculpt) = &config.sculpt {
-        watch(BakeEvent { name: "clay", object_idx: n_objects - 1, n_objects, stage: BakeStage::Surface });
+        watch(BakeEvent {
+            name: "clay",
+            object_idx: n_objects - 1,
+            n_objects,
+            stage: BakeStage::Surface,
+        });
         let built = LoadedClay::build(config, sculpt, &means.memory)?;
         builder.set_clay(built.clay(config, sculpt)?);
         piece = Some(built);
@@ -104,8 +118,8 @@ pub fn build_all(
     Ok(Built { scene, objects, piece })
 }
 
-/// Looks at every part of a scene as [`build_all`] does before its work: reads it, judges its grid and memory, and bakes nothing. `see` gets each part
-/// with its source.
+/// Looks at every part of a scene as [`build_all`] does before its work: reads it, judges its grid
+/// and memory, and bakes nothing. `see` gets each part with its source.
 ///
 /// # Errors
 /// Those of [`build_all`] that come before any work.
@@ -161,7 +175,8 @@ fn tool_request(tool: &ToolConfig) -> Request<'_> {
 /// What to say of a tool that stands in an obstacle when the arm is enabled.
 fn inside_at_start(scene: &RenderScene) -> Option<String> {
     let RenderScene { parameters, obstacles, tool, .. } = scene;
-    let world_from_body = parameters.mapping.start * Pose::from_translation(tool.center_of_mass_tool);
+    let world_from_body =
+        parameters.mapping.start * Pose::from_translation(tool.center_of_mass_tool);
     let sum = ContactSum::flat(obstacles, &tool.shell, world_from_body, parameters.force_law());
     // A tenth of a voxel is a tool that was put down, not one that was put inside.
     (sum.contacts > 0 && sum.max_value_m > 0.1 * sum.voxel_size_m).then(|| {
@@ -177,18 +192,22 @@ fn inside_at_start(scene: &RenderScene) -> Option<String> {
 fn inside_clay_at_start(scene: &RenderScene) -> Option<String> {
     let RenderScene { parameters, clay, tool, .. } = scene;
     let Clay { world_from_map, frame, .. } = clay.as_ref()?;
-    let map_from_body = world_from_map.inverse() * parameters.mapping.start * Pose::from_translation(tool.center_of_mass_tool);
+    let map_from_body = world_from_map.inverse()
+        * parameters.mapping.start
+        * Pose::from_translation(tool.center_of_mass_tool);
     let points = tool.shell.points().map(|(position_body, _)| position_body);
-    let inside =
-        points.filter_map(|at| frame.at(map_from_body.transform_point(at.as_dvec3()))).map(|density| f64::from(density.value_m));
-    let (mut n_inside, mut deepest_m) = (0, 0.0_f64);
+    let inside = points
+        .filter_map(|at| frame.at(map_from_body.transform_point(at.as_dvec3())))
+        .map(|density| f64::from(density.value_m));
+    let mut n_inside = 0;
+    let mut deepest_m = 0.0_f64;
     for value_m in inside.filter(|value_m| *value_m > 0.0) {
         (n_inside, deepest_m) = (n_inside + 1, deepest_m.max(value_m));
     }
     (deepest_m > PUT_DOWN_SPACINGS * frame.base.lattice().spacing_m).then(|| {
         format!(
-            "it starts inside the clay, {} deep with {n_inside} points: no force flows and nothing is worked before it has been outside; move \
-             `tool.start_position_mm`",
+            "it starts inside the clay, {} deep with {n_inside} points: no force flows and nothing \
+                is worked before it has been outside; move `tool.start_position_mm`",
             Metres(deepest_m)
         )
     })

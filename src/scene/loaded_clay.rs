@@ -1,4 +1,5 @@
-//! The clay of a scene: from its source to a piece that can be worked, and to what the tick touches.
+//! The clay of a scene: from its source to a piece that can be worked, and to what the tick
+//! touches.
 
 use std::collections::VecDeque;
 use std::ops::RangeInclusive;
@@ -24,7 +25,8 @@ use vps::voxmap::memory_limit::MemoryLimit;
 const HANDY_M: RangeInclusive<f64> = 2e-3..=2.0;
 /// Mass points farther apart than this many spacings of the samples miss what the samples show.
 const COARSE: f64 = 6.0;
-/// Samples of a border nearer to each other than this, in spacings, are of one border: of a small hole some are not seen as such.
+/// Samples of a border nearer to each other than this, in spacings, are of one border: of a small
+/// hole some are not seen as such.
 const BORDER_STEP: f64 = 6.0;
 
 /// Why clay cannot be built.
@@ -58,13 +60,21 @@ impl ClayError {
         match self {
             Self::Load(problem) => problem.hint().map(str::to_owned),
             Self::Piece(ClayModelError::Surface(problem)) => Some(problem.hint().to_owned()),
-            Self::Session(_) => Some("give a file of `hapticd sculpt --session`, or another source of clay".to_owned()),
-            Self::Piece(ClayModelError::Beside(..)) => {
-                Some("give `sculpt.region_mm` in the frame of the piece's file, and check `sculpt.units`".to_owned())
-            }
-            Self::Memory { limit, .. } => {
-                Some(format!("take fewer mass points in `sculpt.raster`, a larger `sculpt.spacing_mm`, or {}", limit.remedy()))
-            }
+            Self::Session(_) => Some(
+                "give a file of `hapticd sculpt --session`, or another source \
+                of clay"
+                    .to_owned(),
+            ),
+            Self::Piece(ClayModelError::Beside(..)) => Some(
+                "give `sculpt.region_mm` in the frame of the piece's file, and check \
+                    `sculpt.units`"
+                    .to_owned(),
+            ),
+            Self::Memory { limit, .. } => Some(format!(
+                "take fewer mass points in `sculpt.raster`, a larger \
+                    `sculpt.spacing_mm`, or {}",
+                limit.remedy()
+            )),
             Self::Piece(_) | Self::Frame(_) => None,
         }
     }
@@ -120,11 +130,16 @@ pub struct ClayReport {
 }
 
 impl LoadedClay {
-    /// Reads or samples the clay and fits its surface. Cost: a fit per sample and the nodes of its raster.
+    /// Reads or samples the clay and fits its surface. Cost: a fit per sample and the nodes of its
+    /// raster.
     ///
     /// # Errors
     /// A source that cannot be read, samples that make no surface, or too much memory.
-    pub(super) fn build(config: &SceneConfig, sculpt: &SculptConfig, memory: &MemoryPlan<'_>) -> Result<Self, ClayError> {
+    pub(super) fn build(
+        config: &SceneConfig,
+        sculpt: &SculptConfig,
+        memory: &MemoryPlan<'_>,
+    ) -> Result<Self, ClayError> {
         let since = Instant::now();
         let (workpiece, normals, merged) = match &sculpt.source {
             ClaySource::Solid(solid) => {
@@ -138,8 +153,13 @@ impl LoadedClay {
             }
             ClaySource::Session(path) => {
                 let workpiece = ClayModel::load_session(path)?;
-                let (surface, settings) = (workpiece.surface(), workpiece.settings());
-                memory.judge_clay(MemoryEstimate::of(surface.points().len() as u64, surface.bounds(), settings)?)?;
+                let surface = workpiece.surface();
+                let settings = workpiece.settings();
+                memory.judge_clay(MemoryEstimate::of(
+                    surface.points().len() as u64,
+                    surface.bounds(),
+                    settings,
+                )?)?;
                 (workpiece, "session", 0)
             }
         };
@@ -160,9 +180,13 @@ impl LoadedClay {
             warnings: Vec::new(),
         };
         let has_unit = matches!(sculpt.source, ClaySource::Solid(Solid::File { .. }));
-        let across_m = surface.points().bounds().map_or(0.0, |(low, high)| (high - low).max_element());
+        let across_m =
+            surface.points().bounds().map_or(0.0, |(low, high)| (high - low).max_element());
         if has_unit && !HANDY_M.contains(&across_m) {
-            report.warnings.push(format!("the piece is {} across; is `sculpt.units` right?", Metres(across_m)));
+            report.warnings.push(format!(
+                "the piece is {} across; is `sculpt.units` right?",
+                Metres(across_m)
+            ));
         }
         report.warnings.extend(warnings(&report, &lattice));
         let tool_shape = tool_shape(&config.tool.source, report.spacing_m)?;
@@ -171,7 +195,11 @@ impl LoadedClay {
     }
 
     /// What the tick touches before the first update.
-    pub(super) fn clay(&self, config: &SceneConfig, sculpt: &SculptConfig) -> Result<Clay, ClayError> {
+    pub(super) fn clay(
+        &self,
+        config: &SceneConfig,
+        sculpt: &SculptConfig,
+    ) -> Result<Clay, ClayError> {
         let frame = self.workpiece.frame()?;
         let update_period_s = sculpt.update_ticks as f64 * config.parameters.period_s;
         let clay = Clay::new(sculpt.world_from_map, frame, update_period_s, &config.parameters);
@@ -182,7 +210,9 @@ impl LoadedClay {
 /// The samples of the tool, as dense as those of the clay where that is enough of them.
 fn tool_shape(source: &MeshSource, spacing_m: f64) -> Result<Arc<PointSet>, ClayError> {
     let solid = match source.clone() {
-        MeshSource::File { path, metres_per_unit } => Solid::File { path, metres_per_unit, scale: DVec3::ONE, spacing_m: None },
+        MeshSource::File { path, metres_per_unit } => {
+            Solid::File { path, metres_per_unit, scale: DVec3::ONE, spacing_m: None }
+        }
         MeshSource::Shape(shape) => Solid::Shape { shape, scale: DVec3::ONE, spacing_m: None },
     };
     Ok(Arc::new(solid.load_beside(spacing_m)?))
@@ -200,10 +230,14 @@ fn name(source: NormalSource) -> &'static str {
 fn warnings(report: &ClayReport, lattice: &Lattice) -> Vec<String> {
     let mut warnings = Vec::new();
     if report.merged > 0 {
-        warnings.push(format!("{} points at the place of another one were left out", report.merged));
+        warnings
+            .push(format!("{} points at the place of another one were left out", report.merged));
     }
     if let Some(BorderReport { position_m: [x, y, z], length_m }) = report.borders.first() {
-        let (x, y, z, length) = (x * 1e3, y * 1e3, z * 1e3, length_m * 1e3);
+        let x = x * 1e3;
+        let y = y * 1e3;
+        let z = z * 1e3;
+        let length = length_m * 1e3;
         let more = match report.borders.len() - 1 {
             0 => String::new(),
             1 => ", and 1 more".to_owned(),
@@ -212,19 +246,26 @@ fn warnings(report: &ClayReport, lattice: &Lattice) -> Vec<String> {
         let becomes = if report.closed {
             "the surface goes on there as a cap of no certain shape, in an export too"
         } else {
-            "the samples do not go around a body, so what is inside is guessed from the nearest sample"
+            "the samples do not go around a body, so what is inside is guessed from the nearest \
+                sample"
         };
         warnings.push(format!(
-            "the surface is open: a border about {length:.1} mm long around ({x:.1}, {y:.1}, {z:.1}) mm{more}; {becomes}"
+            "the surface is open: a border about {length:.1} mm long around ({x:.1}, {y:.1}, \
+                {z:.1}) mm{more}; {becomes}"
         ));
     } else if !report.closed {
-        warnings.push("the samples do not go around a body: what is inside is guessed from the nearest sample".to_owned());
+        warnings.push(
+            "the samples do not go around a body: what is inside is guessed from the \
+            nearest sample"
+                .to_owned(),
+        );
     }
     let ratio = report.raster_spacing_m / report.spacing_m;
     if ratio > COARSE {
         warnings.push(format!(
-            "mass points stand {:.2} mm apart, {ratio:.0} times as far as samples ({:.3} mm): what is finer than that can neither be felt \
-             nor shaped; take more in `sculpt.raster` ({:?} now) or a smaller `sculpt.region_mm`",
+            "mass points stand {:.2} mm apart, {ratio:.0} times as far as samples ({:.3} mm): what \
+                is finer than that can neither be felt nor shaped; take more in `sculpt.raster` \
+                ({:?} now) or a smaller `sculpt.region_mm`",
             report.raster_spacing_m * 1e3,
             report.spacing_m * 1e3,
             lattice.dims,
@@ -232,7 +273,9 @@ fn warnings(report: &ClayReport, lattice: &Lattice) -> Vec<String> {
     }
     if report.volume_m3.is_none() && report.closed {
         warnings.push(
-            "it cannot be exported as it is: its surface leaves the raster, or nothing is inside; raise `sculpt.air_mm`".to_owned(),
+            "it cannot be exported as it is: its surface leaves the raster, or nothing is inside; \
+                raise `sculpt.air_mm`"
+                .to_owned(),
         );
     }
     warnings
@@ -241,7 +284,8 @@ fn warnings(report: &ClayReport, lattice: &Lattice) -> Vec<String> {
 /// The borders of a surface, the longest first.
 fn borders(surface: &PointSurface) -> Vec<BorderReport> {
     let samples = surface.border();
-    let at: Vec<DVec3> = samples.iter().map(|sample| surface.points().positions_map[*sample as usize]).collect();
+    let at: Vec<DVec3> =
+        samples.iter().map(|sample| surface.points().positions_map[*sample as usize]).collect();
     let near = Neighbours::new(&at);
     let reach_m = BORDER_STEP * surface.spacing_m();
     let mut is_free = vec![true; at.len()];
@@ -264,9 +308,12 @@ fn borders(surface: &PointSurface) -> Vec<BorderReport> {
         }
         // A sample or two are a crease that looks like a border.
         if members.len() >= 3 {
-            let middle = members.iter().map(|member| at[*member]).sum::<DVec3>() / members.len() as f64;
-            let spacings_m = members.iter().map(|member| surface.spacings_m()[samples[*member] as usize]);
-            borders.push(BorderReport { position_m: middle.to_array(), length_m: spacings_m.sum() });
+            let middle =
+                members.iter().map(|member| at[*member]).sum::<DVec3>() / members.len() as f64;
+            let spacings_m =
+                members.iter().map(|member| surface.spacings_m()[samples[*member] as usize]);
+            borders
+                .push(BorderReport { position_m: middle.to_array(), length_m: spacings_m.sum() });
         }
     }
     borders.sort_by(|one, other| other.length_m.total_cmp(&one.length_m));
@@ -283,7 +330,9 @@ mod tests {
         for i in 0..n {
             let z = 1.0 - (2.0 * f64::from(i) + 1.0) / f64::from(n);
             let turn = f64::from(i) * 2.399_963_229_728_653;
-            let normal = DVec3::new((1.0 - z * z).sqrt() * turn.cos(), (1.0 - z * z).sqrt() * turn.sin(), z).normalize();
+            let normal =
+                DVec3::new((1.0 - z * z).sqrt() * turn.cos(), (1.0 - z * z).sqrt() * turn.sin(), z)
+                    .normalize();
             if keep(normal) {
                 points.push(normal * 0.02, normal, [0; 3]);
             }
@@ -300,7 +349,10 @@ mod tests {
         for (border, (height, way)) in found.iter().zip([(0.96, DVec3::Z), (0.99, DVec3::NEG_X)]) {
             let radius_m = 0.02 * (1.0_f64 - height * height).sqrt();
             let length_m = std::f64::consts::TAU * radius_m;
-            assert!(DVec3::from_array(border.position_m).distance(way * height * 0.02) < 0.3 * radius_m, "{border:?}");
+            assert!(
+                DVec3::from_array(border.position_m).distance(way * height * 0.02) < 0.3 * radius_m,
+                "{border:?}"
+            );
             assert!((border.length_m / length_m - 1.0).abs() < 0.5, "{border:?} of {length_m}");
         }
     }

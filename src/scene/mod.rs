@@ -1,9 +1,10 @@
-//! From a checked scene to what the tick reads: every object baked, or taken from the bake cache, and given to the
-//! [`SceneBuilder`](haptics::SceneBuilder).
+//! From a checked scene to what the tick reads: every object baked, or taken from the bake cache,
+//! and given to the [`SceneBuilder`](haptics::SceneBuilder).
 //!
-//! Data in: a [`SceneConfig`](crate::config::SceneConfig). Data out: one immutable [`RenderScene`](haptics::RenderScene) with
-//! all memory allocated and touched, and a report on each object. [`build()`] bakes, [`build_with`] asks the [`cache`] first; the
-//! [front page](crate) of the crate has an example.
+//! Data in: a [`SceneConfig`](crate::config::SceneConfig). Data out: one immutable
+//! [`RenderScene`](haptics::RenderScene) with all memory allocated and touched, and a report on
+//! each object. [`build()`] bakes, [`build_with`] asks the [`cache`] first; the [front page](crate)
+//! of the crate has an example.
 //!
 //! Invariant: nothing that the tick reads is created or changed after this module.
 

@@ -68,14 +68,14 @@ type Left<'a> = dyn Fn() -> Option<u64> + 'a;
 type Tell<'a> = dyn FnMut(&str, &Estimate) + 'a;
 
 impl<'a> MemoryPlan<'a> {
-    /// A limit, if any, and what to do with each object's name and estimate before its work begins. The estimate is of this object alone, without what
-    /// the objects before it keep.
+    /// A limit, if any, and what to do with each object's name and estimate before its work begins.
+    /// The estimate is of this object alone, without what the objects before it keep.
     pub fn new(max_bytes: Option<u64>, tell: impl FnMut(&str, &Estimate) + 'a) -> Self {
         Self { max_bytes, left: None, kept_bytes: 0, tell: Box::new(tell) }
     }
 
-    /// The same, and no object takes more than a part of what the system has left when its turn comes ([`MemoryLimit::Left`]): for a process that
-    /// must not be ended for want of memory.
+    /// The same, and no object takes more than a part of what the system has left when its turn
+    /// comes ([`MemoryLimit::Left`]): for a process that must not be ended for want of memory.
     #[must_use]
     pub fn within(self, left: impl Fn() -> Option<u64> + 'a) -> Self {
         Self { left: Some(Box::new(left)), ..self }
@@ -91,10 +91,12 @@ impl<'a> MemoryPlan<'a> {
         self.left.as_ref()?().map(MemoryLimit::Left)
     }
 
-    /// The limit that so many bytes exceed, and how many of them may be taken beside what is kept: an explicit allowance counts that too, and what
-    /// is left does not.
+    /// The limit that so many bytes exceed, and how many of them may be taken beside what is kept:
+    /// an explicit allowance counts that too, and what is left does not.
     fn exceeded_by(&self, needed_bytes: u64) -> Option<(MemoryLimit, u64)> {
-        let given = self.max_bytes.map(|bytes| (MemoryLimit::Given(bytes), bytes.saturating_sub(self.kept_bytes)));
+        let given = self
+            .max_bytes
+            .map(|bytes| (MemoryLimit::Given(bytes), bytes.saturating_sub(self.kept_bytes)));
         let left = self.left().map(|limit| (limit, limit.max_bytes()));
         given.into_iter().chain(left).find(|(_, most_bytes)| needed_bytes > *most_bytes)
     }
@@ -102,7 +104,10 @@ impl<'a> MemoryPlan<'a> {
     /// What the next object may take, bytes: what is allowed, and else what the system has left.
     fn most_bytes(&self) -> Option<u64> {
         let given = self.max_bytes.map(|bytes| bytes.saturating_sub(self.kept_bytes));
-        let left = self.left().or_else(|| available_bytes().map(MemoryLimit::Left)).map(MemoryLimit::max_bytes);
+        let left = self
+            .left()
+            .or_else(|| available_bytes().map(MemoryLimit::Left))
+            .map(MemoryLimit::max_bytes);
         given.into_iter().chain(left).min()
     }
 
@@ -110,19 +115,33 @@ impl<'a> MemoryPlan<'a> {
     ///
     /// # Errors
     /// A grid that is too large, or too much memory.
-    pub fn judge(&mut self, part: &Part, options: &Options, products: Products) -> Result<(), PartError> {
+    pub fn judge(
+        &mut self,
+        part: &Part,
+        options: &Options,
+        products: Products,
+    ) -> Result<(), PartError> {
         let measures = MeshMeasures::of(&part.mesh);
         let (low, high) = measures.bounds_m;
         let grid = |source| PartError::Grid { name: part.name().to_owned(), source };
-        let fits = |from_m, most_bytes| voxel_size_within(&measures, from_m, options.layers, products, most_bytes);
-        let around = Grid::around(low, high, options.voxel_size_m, options.layers).map_err(|error| match error {
-            // The finest voxels of one map may take a hundred times the memory that there is.
-            GridError::TooLarge { dims, voxel_size_m } => {
-                let voxel_size_m = self.most_bytes().and_then(|most| fits(voxel_size_m, most)).unwrap_or(voxel_size_m);
-                grid(GridError::TooLarge { dims, voxel_size_m })
-            }
-            error => grid(error),
-        })?;
+        let fits = |from_m, most_bytes| {
+            voxel_size_within(&measures, from_m, options.layers, products, most_bytes)
+        };
+        let around =
+            Grid::around(low, high, options.voxel_size_m, options.layers).map_err(|error| {
+                match error {
+                    // The finest voxels of one map may take a hundred times the memory that there
+                    // is.
+                    GridError::TooLarge { dims, voxel_size_m } => {
+                        let voxel_size_m = self
+                            .most_bytes()
+                            .and_then(|most| fits(voxel_size_m, most))
+                            .unwrap_or(voxel_size_m);
+                        grid(GridError::TooLarge { dims, voxel_size_m })
+                    }
+                    error => grid(error),
+                }
+            })?;
         let estimate = Estimate::new(&measures, &around, options.layers, products);
         let exceeded = self.exceeded_by(estimate.peak_bytes);
         let kept_bytes = self.kept_bytes;
@@ -152,11 +171,15 @@ impl<'a> MemoryPlan<'a> {
 impl core::fmt::Debug for MemoryPlan<'_> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         let Self { max_bytes, kept_bytes, left: _, tell: _ } = self;
-        f.debug_struct("MemoryPlan").field("max_bytes", max_bytes).field("kept_bytes", kept_bytes).finish_non_exhaustive()
+        f.debug_struct("MemoryPlan")
+            .field("max_bytes", max_bytes)
+            .field("kept_bytes", kept_bytes)
+            .finish_non_exhaustive()
     }
 }
 
-/// Takes an object from the cache, or bakes it and keeps it there. Memory is judged for what is baked only.
+/// Takes an object from the cache, or bakes it and keeps it there. Memory is judged for what is
+/// baked only.
 ///
 /// # Errors
 /// A mesh that cannot be used, a grid that is too large, or too much memory.
@@ -181,7 +204,11 @@ pub(super) fn obtain(
     Ok(baked)
 }
 
-fn bake(request: &Request<'_>, memory: &mut MemoryPlan<'_>, tell: impl FnMut(BakeStage)) -> Result<Baked, PartError> {
+fn bake(
+    request: &Request<'_>,
+    memory: &mut MemoryPlan<'_>,
+    tell: impl FnMut(BakeStage),
+) -> Result<Baked, PartError> {
     let part = load(request.name, request.source, request.spacing)?;
     let options = request.options(&part);
     memory.judge(&part, &options, request.products())?;
@@ -189,7 +216,8 @@ fn bake(request: &Request<'_>, memory: &mut MemoryPlan<'_>, tell: impl FnMut(Bak
         let (field, report) = part.bake_field(&options, request.with_gradients, tell)?;
         return Ok(Baked { field: Some(field), shell: None, mass: None, report });
     }
-    let (shell, mass, report) = part.bake_shell(&options, request.points, request.center_of_mass, tell)?;
+    let (shell, mass, report) =
+        part.bake_shell(&options, request.points, request.center_of_mass, tell)?;
     Ok(Baked { field: None, shell: Some(shell), mass: Some(mass), report })
 }
 
@@ -200,8 +228,11 @@ fn bake(request: &Request<'_>, memory: &mut MemoryPlan<'_>, tell: impl FnMut(Bak
 pub fn load(name: &str, source: &MeshSource, spacing: Spacing) -> Result<Part, PartError> {
     match (source, spacing) {
         (MeshSource::File { path, metres_per_unit }, _) => Part::load(name, path, *metres_per_unit),
-        (MeshSource::Shape(shape), Spacing::Size(voxel_size_m)) => Ok(Part::of_shape(name, shape, voxel_size_m)),
-        // The box of a shape hardly depends on how finely it is cut; only a size of voxels can be too fine for a coarse cut.
+        (MeshSource::Shape(shape), Spacing::Size(voxel_size_m)) => {
+            Ok(Part::of_shape(name, shape, voxel_size_m))
+        }
+        // The box of a shape hardly depends on how finely it is cut; only a size of voxels can be
+        // too fine for a coarse cut.
         (MeshSource::Shape(shape), Spacing::LongestAxis(_)) => Ok(Part::of_shape(name, shape, 0.0)),
     }
 }

@@ -12,7 +12,8 @@ const IMPLAUSIBLE_M: f64 = 10.0;
 /// What the numbers of most meshes are, m.
 const MILLIMETRE_M: f64 = 1e-3;
 
-/// Where a grid is refused, and its part is implausibly large: the unit that makes it so. Reads the mesh again.
+/// Where a grid is refused, and its part is implausibly large: the unit that makes it so. Reads the
+/// mesh again.
 pub fn doubted_unit(config: &SceneConfig, error: &SceneError) -> Option<Problem> {
     let SceneError::Part(PartError::Grid { name, source: grid }) = error else { return None };
     let static_idx = config.statics.iter().position(|object| object.name == *name);
@@ -34,7 +35,10 @@ pub fn doubted_unit(config: &SceneConfig, error: &SceneError) -> Option<Problem>
     };
     let kind = ProblemKind::Refused {
         why: format!("{name} is {} long: {grid}", Metres(size_m)),
-        hint: Some(format!("{advice}; if the part is so large, {}", grid.hint().trim_end_matches(", or check `units`"))),
+        hint: Some(format!(
+            "{advice}; if the part is so large, {}",
+            grid.hint().trim_end_matches(", or check `units`")
+        )),
     };
     Some(problem_at(&config.path, &format!("{table}.units"), kind))
 }

@@ -1,10 +1,11 @@
 //! From the time that a contact query may take to the count of points that fits into it.
 //!
-//! Runs before the first tick, in the thread of the loop and on its processor: queries of the real scene at poses where the tool overlaps
-//! what stands there, without the proofs of earlier ones. The count is what a slow one of them (nine tenths are faster) would have managed in
-//! the time.
+//! Runs before the first tick, in the thread of the loop and on its processor: queries of the real
+//! scene at poses where the tool overlaps what stands there, without the proofs of earlier ones.
+//! The count is what a slow one of them (nine tenths are faster) would have managed in the time.
 //!
-//! Simulated time has no speed: there the count comes from [`NOMINAL_NS_PER_POINT`], the same on every machine.
+//! Simulated time has no speed: there the count comes from [`NOMINAL_NS_PER_POINT`], the same on
+//! every machine.
 
 use haptics::{RenderScene, State};
 use rt::clock::{Clock, ClockKind};
@@ -19,10 +20,17 @@ const ROUNDS: usize = 2;
 /// Fewer points make no contact query.
 const POINTS_MIN: f64 = 64.0;
 
-/// The count of points for a time. Allocates; RT: start-up only. Cost: about 2 · 128 times the time.
-pub(super) fn budget<C: Clock>(scene: &RenderScene, state: &State, clock: &C, time_budget_s: f64) -> Budget {
+/// The count of points for a time. Allocates; RT: start-up only. Cost: about 2 · 128 times the
+/// time.
+pub(super) fn budget<C: Clock>(
+    scene: &RenderScene,
+    state: &State,
+    clock: &C,
+    time_budget_s: f64,
+) -> Budget {
     let time_ns = time_budget_s * 1e9;
-    let points_at = |ns_per_point: f64| Budget::Points((time_ns / ns_per_point).max(POINTS_MIN) as u32);
+    let points_at =
+        |ns_per_point: f64| Budget::Points((time_ns / ns_per_point).max(POINTS_MIN) as u32);
     let mut budget = points_at(NOMINAL_NS_PER_POINT);
     if clock.kind() == ClockKind::Virtual {
         return budget;
@@ -38,8 +46,9 @@ pub(super) fn budget<C: Clock>(scene: &RenderScene, state: &State, clock: &C, ti
         }
         // Of those that looked at little, what does not depend on points is most of the time.
         let most = queries.iter().map(|(_, looked_at)| *looked_at).max().unwrap_or(0).max(1);
-        let mut ns_per_point =
-            queries.map(|(time_ns, looked_at)| if looked_at >= most / 4 { time_ns / f64::from(looked_at.max(1)) } else { 0.0 });
+        let mut ns_per_point = queries.map(|(time_ns, looked_at)| {
+            if looked_at >= most / 4 { time_ns / f64::from(looked_at.max(1)) } else { 0.0 }
+        });
         let n_large = ns_per_point.iter().filter(|ns_per_point| **ns_per_point > 0.0).count();
         ns_per_point.sort_by(f64::total_cmp);
         let slow = QUERIES - 1 - n_large / 10;
@@ -58,7 +67,10 @@ mod tests {
     fn simulated_time_has_a_fixed_rate() {
         let scene = empty_scene();
         let state = State::new(&scene);
-        assert_eq!(budget(&scene, &state, &VirtualClock::default(), 300e-6), Budget::Points(30_000));
+        assert_eq!(
+            budget(&scene, &state, &VirtualClock::default(), 300e-6),
+            Budget::Points(30_000)
+        );
         assert_eq!(budget(&scene, &state, &VirtualClock::default(), 1e-9), Budget::Points(64));
         // With nothing to query it still is a count.
         assert!(matches!(budget(&scene, &state, &RealClock, 300e-6), Budget::Points(64..)));

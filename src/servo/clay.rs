@@ -6,11 +6,13 @@
 //!  ClayFeed::spare ◄──────────────────ring── older ones, and the one before the last
 //!  ClayFeed::next_state ◄─────────────ring── one ToolState per tick
 //! ```
-//! Frames are boxes that go round: the servo moves pointers, and nothing is allocated, freed or copied there.
+//! Frames are boxes that go round: the servo moves pointers, and nothing is allocated, freed or
+//! copied there.
 //!
-//! Real time does not wait: a frame that is late is touched late, a state that finds the queue full is dropped and counted. Simulated time waits in
-//! every `update_ticks`-th tick for one frame, so that two runs are the same. A simulation that has gone is not waited for: the tick goes on
-//! with the last frame.
+//! Real time does not wait: a frame that is late is touched late, a state that finds the queue full
+//! is dropped and counted. Simulated time waits in every `update_ticks`-th tick for one frame, so
+//! that two runs are the same. A simulation that has gone is not waited for: the tick goes on with
+//! the last frame.
 #![expect(clippy::disallowed_types, reason = "made and freed on the cold side")]
 
 use std::sync::Arc;
@@ -25,9 +27,11 @@ use rt::clock::ClockKind;
 use vps::density::{Frame, FrameError, Raster};
 use vps::spatial::Pose;
 
-/// Frames made for the simulation, next to the two that the tick holds: one that is filled, one under way, one on its way back.
+/// Frames made for the simulation, next to the two that the tick holds: one that is filled, one
+/// under way, one on its way back.
 const SPARES: usize = 3;
-/// Capacity of the queues there and back: for all of them, and for some that the simulation may have made itself.
+/// Capacity of the queues there and back: for all of them, and for some that the simulation may
+/// have made itself.
 const RING_FRAMES: usize = 8;
 /// Tool states under way: at 1 kHz a second, ten times the longest sensible update.
 const RING_STATES: usize = 1024;
@@ -39,7 +43,8 @@ pub struct ToolState {
     pub tick: u64,
     /// Pose of the tool (mesh file frame) in the map frame of the clay, after the tick.
     pub map_from_tool: Pose,
-    /// Force of the clay's surface on the tool as it is felt, friction and rope apart, map axes, N. On the clay acts the opposite.
+    /// Force of the clay's surface on the tool as it is felt, friction and rope apart, map axes, N.
+    /// On the clay acts the opposite.
     pub force_map: DVec3,
     /// Force of the rope on the tool, map axes, N.
     pub rope_map: DVec3,
@@ -62,7 +67,10 @@ pub enum FramePublishError {
     #[error("{0}")]
     Frame(#[from] FrameError),
     /// More frames than the loop has looked at.
-    #[error("{RING_FRAMES} frames of clay are waiting for the loop; publish fewer, or wait for a spare one")]
+    #[error(
+        "{RING_FRAMES} frames of clay are waiting for the loop; publish fewer, or wait for a spare \
+            one"
+    )]
     Full,
     /// The loop has ended, or renders another scene now.
     #[error("the clay is not rendered any more")]
@@ -80,16 +88,21 @@ pub struct ClayFeed {
 }
 
 impl ClayFeed {
-    /// A frame that no tick touches any more, to be filled: it has some earlier content. `None` while all are under way. Wait-free.
+    /// A frame that no tick touches any more, to be filled: it has some earlier content. `None`
+    /// while all are under way. Wait-free.
     pub fn spare(&mut self) -> Option<Box<Frame>> {
         self.spares.pop().ok()
     }
 
-    /// Checks and measures a frame, then sends it. Wait-free for the loop; here O(nodes of the region).
+    /// Checks and measures a frame, then sends it. Wait-free for the loop; here O(nodes of the
+    /// region).
     ///
     /// # Errors
     /// See [`FramePublishError`]; the frame comes back.
-    pub fn publish(&mut self, mut frame: Box<Frame>) -> Result<(), (FramePublishError, Box<Frame>)> {
+    pub fn publish(
+        &mut self,
+        mut frame: Box<Frame>,
+    ) -> Result<(), (FramePublishError, Box<Frame>)> {
         if self.is_over() {
             return Err((FramePublishError::Over, frame));
         }
@@ -127,8 +140,9 @@ pub struct ClaySlot {
 }
 
 impl ClaySlot {
-    /// Both ends for the clay of a scene. `update_ticks` (at least 1): ticks from one frame to the next under simulated time, where the
-    /// simulation owes one frame for so many states. Allocates.
+    /// Both ends for the clay of a scene. `update_ticks` (at least 1): ticks from one frame to the
+    /// next under simulated time, where the simulation owes one frame for so many states.
+    /// Allocates.
     pub fn new(clay: &Clay, update_ticks: u64) -> (ClayFeed, Self) {
         let (frames_in, frames) = RingBuffer::new(RING_FRAMES);
         let (mut spares, spares_out) = RingBuffer::new(RING_FRAMES);
@@ -138,13 +152,26 @@ impl ClaySlot {
         }
         let base = Some(clay.frame.base.clone());
         let map_from_world = clay.world_from_map.inverse();
-        let slot = Self { frames, spares, states, map_from_world, update_ticks: update_ticks.max(1), ticks: 0, dropped: 0 };
+        let slot = Self {
+            frames,
+            spares,
+            states,
+            map_from_world,
+            update_ticks: update_ticks.max(1),
+            ticks: 0,
+            dropped: 0,
+        };
         (ClayFeed { frames: frames_in, spares: spares_out, states: states_out, base }, slot)
     }
 
-    /// Before a tick: gives it the newest frame, and those that it does not need back. Simulated time waits for the frame that is owed, unless
-    /// `is_hurried`. RT: safe.
-    pub(super) fn exchange(&mut self, state: &mut State, clock: ClockKind, is_hurried: impl Fn() -> bool) {
+    /// Before a tick: gives it the newest frame, and those that it does not need back. Simulated
+    /// time waits for the frame that is owed, unless `is_hurried`. RT: safe.
+    pub(super) fn exchange(
+        &mut self,
+        state: &mut State,
+        clock: ClockKind,
+        is_hurried: impl Fn() -> bool,
+    ) {
         let is_owed = self.ticks > 0 && self.ticks.is_multiple_of(self.update_ticks);
         self.ticks += 1;
         let mut newest = None;
@@ -164,7 +191,8 @@ impl ClaySlot {
             }
             ClockKind::Real => {
                 let mut has_leapt = false;
-                // Without a free place for what comes back a frame stays where it is: nothing is ever freed here.
+                // Without a free place for what comes back a frame stays where it is: nothing is
+                // ever freed here.
                 while self.spares.slots() > usize::from(newest.is_some()) {
                     let Ok(mut frame) = self.frames.pop() else { break };
                     // A leap in a frame that no tick has touched is still to come.
@@ -186,8 +214,16 @@ impl ClaySlot {
         self.frames.is_abandoned() && self.frames.is_empty()
     }
 
-    /// After a tick: sends its state to the simulation. RT: safe; simulated time waits for a free place.
-    pub(super) fn tell(&mut self, tick: u64, buttons: u32, state: &State, output: &TickOutput, clock: ClockKind) {
+    /// After a tick: sends its state to the simulation. RT: safe; simulated time waits for a free
+    /// place.
+    pub(super) fn tell(
+        &mut self,
+        tick: u64,
+        buttons: u32,
+        state: &State,
+        output: &TickOutput,
+        clock: ClockKind,
+    ) {
         let forces = state.clay_forces();
         let mut told = ToolState {
             tick,
@@ -214,7 +250,9 @@ impl ClaySlot {
 
 /// What the record of a tick says of the clay.
 pub(super) fn frame_in_use(slot: Option<&ClaySlot>, state: &State) -> Option<FrameInUse> {
-    state.frame_sequence().map(|sequence| FrameInUse { sequence, is_last: slot.is_none_or(ClaySlot::is_abandoned) })
+    state
+        .frame_sequence()
+        .map(|sequence| FrameInUse { sequence, is_last: slot.is_none_or(ClaySlot::is_abandoned) })
 }
 
 fn give_back(spares: &mut Producer<Box<Frame>>, frame: Box<Frame>) {

@@ -1,4 +1,5 @@
-//! Commands into the loop: parameters, poses of movable objects and of the hand of a simulated arm, other scenes.
+//! Commands into the loop: parameters, poses of movable objects and of the hand of a simulated arm,
+//! other scenes.
 //!
 //! ```text
 //!  cold side                                servo
@@ -8,11 +9,13 @@
 //!  SceneControls::hand_use ◄─one word─────────────────────────────────────────────────────────────────────┘
 //!  SceneControls::take_replaced ◄─ring──────┴─► a scene: ramp down ──► zero force ──► exchange two pointers ──► ramp up
 //! ```
-//! The newest value of a parameter and the newest pose of an object count. Limits go first. What a value or a pose becomes, and how fast, is the
-//! tick's concern (`haptics::live_parameters`, `haptics::moving_obstacles`).
+//! The newest value of a parameter and the newest pose of an object count. Limits go first. What a
+//! value or a pose becomes, and how fast, is the tick's concern (`haptics::live_parameters`,
+//! `haptics::moving_obstacles`).
 //!
-//! The servo moves one box in and one out when scenes are exchanged: nothing is allocated, freed or copied, and no tick is missed. The order of
-//! the supervisor goes first: after a stop nothing is exchanged, and after a fault not before it is acknowledged.
+//! The servo moves one box in and one out when scenes are exchanged: nothing is allocated, freed or
+//! copied, and no tick is missed. The order of the supervisor goes first: after a stop nothing is
+//! exchanged, and after a fault not before it is acknowledged.
 #![expect(clippy::disallowed_types, reason = "filled on the cold side, never resized in the loop")]
 
 use core::sync::atomic::{AtomicU64, Ordering};
@@ -34,7 +37,8 @@ const RING_COMMANDS: usize = 64;
 /// What the loop is asked for.
 #[derive(Debug)]
 enum Command {
-    /// A parameter of one scene goes to a value. A limit that a person lowered is kept in every later scene.
+    /// A parameter of one scene goes to a value. A limit that a person lowered is kept in every
+    /// later scene.
     Change { scene_idx: u32, change: ParameterChange, is_kept: bool },
     /// An object of one scene goes to a pose.
     Place { scene_idx: u32, placement: Placement },
@@ -72,13 +76,18 @@ pub struct HandUse {
     pub waited_us: u32,
 }
 
-/// The newest [`HandUse`] in one word, so that no half of one is read; zero: none. Numbers begin with one.
+/// The newest [`HandUse`] in one word, so that no half of one is read; zero: none. Numbers begin
+/// with one.
 #[derive(Clone, Debug, Default)]
 struct NewestUse(Arc<AtomicU64>);
 
 impl NewestUse {
     fn set(&self, Sent { number, at_ns }: Sent, now_ns: i64) {
-        let waited_us = u32::try_from((now_ns - at_ns) / 1000).unwrap_or(if now_ns < at_ns { 0 } else { u32::MAX });
+        let waited_us = u32::try_from((now_ns - at_ns) / 1000).unwrap_or(if now_ns < at_ns {
+            0
+        } else {
+            u32::MAX
+        });
         self.0.store(u64::from(number) << 32 | u64::from(waited_us), Ordering::Relaxed);
     }
 
@@ -130,7 +139,10 @@ pub enum ControlError {
         name: String,
     },
     /// The pose is not finite, not a rotation, or absurdly far away.
-    #[error("not a pose that `{name}` can go to: finite, a unit quaternion, within 1 km of the world's origin")]
+    #[error(
+        "not a pose that `{name}` can go to: finite, a unit quaternion, within 1 km of the world's \
+            origin"
+    )]
     Pose {
         /// As asked for.
         name: String,
@@ -139,7 +151,9 @@ pub enum ControlError {
     #[error("only the hand of a simulated arm can be moved: {0}")]
     NoHand(&'static str),
     /// The client means another scene than the one that is rendered by now.
-    #[error("the pose is of scene {asked}, and scene {rendered} is rendered: read /api/v1/scene again")]
+    #[error(
+        "the pose is of scene {asked}, and scene {rendered} is rendered: read /api/v1/scene again"
+    )]
     AnotherScene {
         /// As asked for.
         asked: u32,
@@ -198,13 +212,18 @@ struct Controls {
 impl Controls {
     fn new(parameters: &Parameters, objects: Objects) -> Self {
         let setting = |parameter: LiveParameter| {
-            parameter.range(parameters).map(|range| ParameterSetting { parameter, range, value: range.scene })
+            parameter.range(parameters).map(|range| ParameterSetting {
+                parameter,
+                range,
+                value: range.scene,
+            })
         };
         Self { objects, settings: LiveParameter::ALL.into_iter().filter_map(setting).collect() }
     }
 }
 
-/// The cold end: changes what is rendered, and sends the scene that is to be rendered next. Every method is wait-free.
+/// The cold end: changes what is rendered, and sends the scene that is to be rendered next. Every
+/// method is wait-free.
 #[derive(Debug)]
 pub struct SceneControls {
     commands: Producer<Command>,
@@ -260,13 +279,17 @@ impl SceneControls {
         self.rendered.objects.iter().filter(|(_, movable)| *movable).map(|(name, _)| name.as_str())
     }
 
-    /// Sets a parameter, by its name, as a person asks. It gets there along a ramp, see [`ParameterChange`](haptics::ParameterChange).
+    /// Sets a parameter, by its name, as a person asks. It gets there along a ramp, see
+    /// [`ParameterChange`](haptics::ParameterChange).
     ///
     /// # Errors
     /// [`ControlError`]; nothing changes then.
     pub fn set(&mut self, name: &str, value: f64) -> Result<(), ControlError> {
-        let Some(setting) = self.rendered.settings.iter_mut().find(|setting| setting.parameter.name() == name) else {
-            let known = self.rendered.settings.iter().map(|setting| setting.parameter.name()).collect();
+        let Some(setting) =
+            self.rendered.settings.iter_mut().find(|setting| setting.parameter.name() == name)
+        else {
+            let known =
+                self.rendered.settings.iter().map(|setting| setting.parameter.name()).collect();
             return Err(ControlError::UnknownParameter { name: name.to_owned(), known });
         };
         let ParameterSetting { parameter, range, .. } = *setting;
@@ -276,8 +299,11 @@ impl SceneControls {
         }
         let lowered = limit_idx(parameter).and_then(|idx| self.lowered.get_mut(idx));
         let lowered = lowered.filter(|lowered| lowered.is_some() || value < range.scene);
-        let command =
-            Command::Change { scene_idx: self.scene_idx, change: ParameterChange { parameter, value }, is_kept: lowered.is_some() };
+        let command = Command::Change {
+            scene_idx: self.scene_idx,
+            change: ParameterChange { parameter, value },
+            is_kept: lowered.is_some(),
+        };
         send(&mut self.commands, command)?;
         setting.value = value;
         if let Some(lowered) = lowered {
@@ -286,8 +312,8 @@ impl SceneControls {
         Ok(())
     }
 
-    /// What is to be set so that what is rendered is what a file with these parameters says, and no limit is raised that a person lowered; `None`
-    /// where a value is out of range.
+    /// What is to be set so that what is rendered is what a file with these parameters says, and no
+    /// limit is raised that a person lowered; `None` where a value is out of range.
     pub fn file_changes(&self, file: &Parameters) -> Option<Vec<FileChange>> {
         let mut changes = Vec::new();
         for ParameterSetting { parameter, range, value } in &self.rendered.settings {
@@ -304,11 +330,16 @@ impl SceneControls {
         Some(changes)
     }
 
-    /// Sets [`Self::file_changes`] together, or none of them. Of a limit the value of the file is the largest one that clients may ask for.
+    /// Sets [`Self::file_changes`] together, or none of them. Of a limit the value of the file is
+    /// the largest one that clients may ask for.
     ///
     /// # Errors
     /// [`ControlError`]; nothing changes then.
-    pub fn follow_file(&mut self, file: &Parameters, changes: &[FileChange]) -> Result<(), ControlError> {
+    pub fn follow_file(
+        &mut self,
+        file: &Parameters,
+        changes: &[FileChange],
+    ) -> Result<(), ControlError> {
         if self.is_over() {
             return Err(ControlError::Over);
         }
@@ -319,7 +350,10 @@ impl SceneControls {
             let parameter = setting.parameter;
             if let Some(change) = changes.iter().find(|change| change.name == parameter.name()) {
                 let change = ParameterChange { parameter, value: change.to };
-                send(&mut self.commands, Command::Change { scene_idx: self.scene_idx, change, is_kept: false })?;
+                send(
+                    &mut self.commands,
+                    Command::Change { scene_idx: self.scene_idx, change, is_kept: false },
+                )?;
                 setting.value = change.value;
             }
             setting.range.scene = parameter.read(file);
@@ -330,8 +364,8 @@ impl SceneControls {
         Ok(())
     }
 
-    /// Asks an object to go to a pose, `world_from_object`. It goes there as fast as it may from the next tick on; a later command for the same
-    /// object replaces this one.
+    /// Asks an object to go to a pose, `world_from_object`. It goes there as fast as it may from
+    /// the next tick on; a later command for the same object replaces this one.
     ///
     /// # Errors
     /// [`ControlError`]; nothing moves then.
@@ -340,8 +374,8 @@ impl SceneControls {
         send(&mut self.commands, Command::Place { scene_idx: self.scene_idx, placement })
     }
 
-    /// Asks the hand of a simulated arm for something, and gives the number of this order. The hand goes to a pose as fast as it may; a later order
-    /// replaces this one.
+    /// Asks the hand of a simulated arm for something, and gives the number of this order. The hand
+    /// goes to a pose as fast as it may; a later order replaces this one.
     ///
     /// # Errors
     /// [`ControlError`]; nothing moves then.
@@ -351,7 +385,8 @@ impl SceneControls {
         {
             return Err(ControlError::Pose { name: "hand".to_owned() });
         }
-        let sent = Sent { number: self.n_hand_orders.wrapping_add(1).max(1), at_ns: monotonic_ns() };
+        let sent =
+            Sent { number: self.n_hand_orders.wrapping_add(1).max(1), at_ns: monotonic_ns() };
         send(&mut self.commands, Command::Hand { scene_idx: self.scene_idx, order, sent })?;
         self.n_hand_orders = sent.number;
         Ok(sent.number)
@@ -362,11 +397,16 @@ impl SceneControls {
         self.hand_use.get()
     }
 
-    /// Sends a scene that takes the place of the one that is rendered; it must have been made for the same period and arm.
+    /// Sends a scene that takes the place of the one that is rendered; it must have been made for
+    /// the same period and arm.
     ///
     /// # Errors
     /// The scene comes back when another one is waiting, and when the loop has ended.
-    pub fn offer(&mut self, scene: Box<LoadedScene>, objects: Objects) -> Result<(), (SwapError, Box<LoadedScene>)> {
+    pub fn offer(
+        &mut self,
+        scene: Box<LoadedScene>,
+        objects: Objects,
+    ) -> Result<(), (SwapError, Box<LoadedScene>)> {
         if self.is_over() {
             return Err((SwapError::Over, scene));
         }
@@ -389,7 +429,8 @@ impl SceneControls {
         send(&mut self.commands, Command::Skip)
     }
 
-    /// The scene that was rendered before, to be freed here; from then on these controls are those of the one that took its place.
+    /// The scene that was rendered before, to be freed here; from then on these controls are those
+    /// of the one that took its place.
     pub fn take_replaced(&mut self) -> Option<Box<LoadedScene>> {
         let replaced = self.replaced.pop().ok()?;
         self.rendered = self.coming.take().unwrap_or_default();
@@ -413,22 +454,35 @@ fn limit_idx(parameter: LiveParameter) -> Option<usize> {
 }
 
 /// What a scene or a file may have of a value where persons lowered limits.
-fn bound(lowered: &[Option<f64>; LiveParameter::LIMITS.len()], parameter: LiveParameter, value: f64) -> f64 {
+fn bound(
+    lowered: &[Option<f64>; LiveParameter::LIMITS.len()],
+    parameter: LiveParameter,
+    value: f64,
+) -> f64 {
     let lowered = limit_idx(parameter).and_then(|idx| lowered.get(idx).copied().flatten());
     lowered.map_or(value, |lowered| value.min(lowered))
 }
 
 /// A pose that an object of a scene can go to.
-pub(super) fn checked(objects: &[(String, bool)], name: &str, world_from_map: Pose) -> Result<Placement, ControlError> {
+pub(super) fn checked(
+    objects: &[(String, bool)],
+    name: &str,
+    world_from_map: Pose,
+) -> Result<Placement, ControlError> {
     let Some(obstacle_idx) = objects.iter().position(|(known, _)| known == name) else {
-        let known = objects.iter().filter(|(_, movable)| *movable).map(|(name, _)| name.clone()).collect();
+        let known =
+            objects.iter().filter(|(_, movable)| *movable).map(|(name, _)| name.clone()).collect();
         return Err(ControlError::UnknownObject { name: name.to_owned(), known });
     };
     if !objects.get(obstacle_idx).is_some_and(|(_, movable)| *movable) {
         return Err(ControlError::NotMovable { name: name.to_owned() });
     }
     let placement = Placement { obstacle_idx: obstacle_idx as u32, world_from_map };
-    if placement.is_sound() { Ok(placement) } else { Err(ControlError::Pose { name: name.to_owned() }) }
+    if placement.is_sound() {
+        Ok(placement)
+    } else {
+        Err(ControlError::Pose { name: name.to_owned() })
+    }
 }
 
 /// The loop's end.
@@ -446,7 +500,8 @@ pub struct CommandQueue {
     hand_use: NewestUse,
     next_scene: Option<Box<LoadedScene>>,
     paths: ObjectPaths,
-    /// Ticks at which simulated time waits for a scene that has been promised, rising; and how many scenes there have been.
+    /// Ticks at which simulated time waits for a scene that has been promised, rising; and how many
+    /// scenes there have been.
     promised_ticks: Box<[u64]>,
     n_scenes: usize,
 }
@@ -482,22 +537,29 @@ impl CommandQueue {
         self
     }
 
-    /// The same, with scenes that will come. Real time does not wait: a scene that is late is taken late. Simulated time waits at these ticks
-    /// (rising), so that two runs are the same.
+    /// The same, with scenes that will come. Real time does not wait: a scene that is late is taken
+    /// late. Simulated time waits at these ticks (rising), so that two runs are the same.
     #[must_use]
     pub fn with_promised(mut self, promised_ticks: Box<[u64]>) -> Self {
         self.promised_ticks = promised_ticks;
         self
     }
 
-    /// Takes every command that is there; those of a scene that is not rendered any more are dropped, but for limits that a person lowered. RT:
-    /// safe, at most as many as the ring holds.
+    /// Takes every command that is there; those of a scene that is not rendered any more are
+    /// dropped, but for limits that a person lowered. RT: safe, at most as many as the ring holds.
     pub(super) fn receive(&mut self, rendered: &mut LoadedScene, rendered_idx: u32) {
         for _ in 0..RING_COMMANDS {
             let Ok(command) = self.commands.pop() else { return };
             match command {
-                Command::Change { scene_idx, change: ParameterChange { parameter, value }, is_kept } => {
-                    if is_kept && let Some(kept) = limit_idx(parameter).and_then(|idx| self.kept.get_mut(idx)) {
+                Command::Change {
+                    scene_idx,
+                    change: ParameterChange { parameter, value },
+                    is_kept,
+                } => {
+                    if is_kept
+                        && let Some(kept) =
+                            limit_idx(parameter).and_then(|idx| self.kept.get_mut(idx))
+                    {
                         *kept = Some(value);
                     }
                     if (is_kept || scene_idx == rendered_idx)
@@ -506,14 +568,19 @@ impl CommandQueue {
                         *change = Some(value);
                     }
                 }
-                Command::Place { scene_idx, placement: Placement { obstacle_idx, world_from_map } } => {
+                Command::Place {
+                    scene_idx,
+                    placement: Placement { obstacle_idx, world_from_map },
+                } => {
                     if scene_idx == rendered_idx
                         && let Some(pose) = rendered.asked_poses.get_mut(obstacle_idx as usize)
                     {
                         *pose = Some(world_from_map);
                     }
                 }
-                Command::Hand { scene_idx, order, sent } if scene_idx == rendered_idx => self.hand = Some((order, sent)),
+                Command::Hand { scene_idx, order, sent } if scene_idx == rendered_idx => {
+                    self.hand = Some((order, sent))
+                }
                 Command::Hand { .. } => {}
                 Command::Render(scene) => {
                     self.n_scenes += 1;
@@ -527,16 +594,29 @@ impl CommandQueue {
         }
     }
 
-    /// What a parameter is to become; limits first: of a scene that takes the place of another they count before its first force. RT: safe.
+    /// What a parameter is to become; limits first: of a scene that takes the place of another they
+    /// count before its first force. RT: safe.
     pub(super) fn next_change(&mut self) -> Option<ParameterChange> {
         let mut order = LiveParameter::LIMITS.into_iter().chain(LiveParameter::ALL);
-        order.find_map(|parameter| Some(ParameterChange { parameter, value: self.changes.get_mut(parameter as usize)?.take()? }))
+        order.find_map(|parameter| {
+            Some(ParameterChange {
+                parameter,
+                value: self.changes.get_mut(parameter as usize)?.take()?,
+            })
+        })
     }
 
-    /// Where an object is to go: what a client asked for, then the paths. RT: safe; O(objects), O(log n) in the length of a path.
-    pub(super) fn next_placement(&mut self, rendered: &mut LoadedScene, time_s: f64) -> Option<Placement> {
+    /// Where an object is to go: what a client asked for, then the paths. RT: safe; O(objects),
+    /// O(log n) in the length of a path.
+    pub(super) fn next_placement(
+        &mut self,
+        rendered: &mut LoadedScene,
+        time_s: f64,
+    ) -> Option<Placement> {
         let mut asked = rendered.asked_poses.iter_mut().zip(0_u32..);
-        let asked = asked.find_map(|(pose, obstacle_idx)| Some(Placement { obstacle_idx, world_from_map: pose.take()? }));
+        let asked = asked.find_map(|(pose, obstacle_idx)| {
+            Some(Placement { obstacle_idx, world_from_map: pose.take()? })
+        });
         asked.or_else(|| self.paths.next(time_s))
     }
 
@@ -554,14 +634,16 @@ impl CommandQueue {
         hand.see(world_from_tool);
     }
 
-    /// The arm has been read at `now_ns` of the stopwatch: what the hand was told has moved it. RT: safe.
+    /// The arm has been read at `now_ns` of the stopwatch: what the hand was told has moved it. RT:
+    /// safe.
     pub(super) fn note_read(&mut self, now_ns: i64) {
         if let Some(sent) = self.told.take() {
             self.hand_use.set(sent, now_ns);
         }
     }
 
-    /// True when there is a scene to be rendered in this tick. Simulated time waits for one that is promised, unless `is_hurried`. RT: safe.
+    /// True when there is a scene to be rendered in this tick. Simulated time waits for one that is
+    /// promised, unless `is_hurried`. RT: safe.
     pub(super) fn is_scene_due(
         &mut self,
         rendered: &mut LoadedScene,
@@ -580,7 +662,8 @@ impl CommandQueue {
             waiting.pause();
         }
         // Without a free place for the old one the new one waits: nothing is ever freed here.
-        self.next_scene.as_ref().is_some_and(|next| tick >= next.at_tick) && self.replaced.slots() > 0
+        self.next_scene.as_ref().is_some_and(|next| tick >= next.at_tick)
+            && self.replaced.slots() > 0
     }
 
     /// Exchanges the scene that is waiting for the one that is rendered. RT: safe; two pointers.
@@ -588,7 +671,8 @@ impl CommandQueue {
         let Some(next) = self.next_scene.take() else { return false };
         let old = core::mem::replace(rendered, next);
         if let Err(PushError::Full(old)) = self.replaced.push(old) {
-            // Cannot be: `is_scene_due` saw a free place, and only this side fills it. Kept rather than freed.
+            // Cannot be: `is_scene_due` saw a free place, and only this side fills it. Kept rather
+            // than freed.
             core::mem::forget(old);
         }
         self.changes = [None; LiveParameter::ALL.len()];

@@ -7,8 +7,8 @@
 //!  late wake   ^tick     (x)       (x)  ^tick          ^tick     two missed: one tick now, the rest never
 //! ```
 //!
-//! Deadlines stay on one grid, k·T after the start. A deadline that passed is counted and skipped: ticks are never made up in a burst, which would
-//! feed the arm two commands at once.
+//! Deadlines stay on one grid, k·T after the start. A deadline that passed is counted and skipped:
+//! ticks are never made up in a burst, which would feed the arm two commands at once.
 
 use rt::clock::Clock;
 
@@ -47,7 +47,8 @@ impl DeadlineGrid {
         let before_ns = clock.now_ns();
         let mut missed = 0;
         if before_ns > self.next_ns {
-            // The tick before took too long: these deadlines are gone, wait for the first one ahead.
+            // The tick before took too long: these deadlines are gone, wait for the first one
+            // ahead.
             missed += self.skip((before_ns - self.next_ns) / self.period_ns + 1);
         }
         clock.sleep_until(self.next_ns);
@@ -86,8 +87,15 @@ mod tests {
     fn a_small_lateness_is_measured_and_not_counted_as_a_miss() {
         let mut clock = ScriptedClock::late_by(&[70_000, 0]);
         let mut grid = DeadlineGrid::new(0, T);
-        assert_eq!(grid.wait(&mut clock), TickTiming { now_ns: T + 70_000, late_ns: 70_000, missed: 0 });
-        assert_eq!(grid.wait(&mut clock), TickTiming { now_ns: 2 * T, late_ns: 0, missed: 0 }, "back on the grid");
+        assert_eq!(
+            grid.wait(&mut clock),
+            TickTiming { now_ns: T + 70_000, late_ns: 70_000, missed: 0 }
+        );
+        assert_eq!(
+            grid.wait(&mut clock),
+            TickTiming { now_ns: 2 * T, late_ns: 0, missed: 0 },
+            "back on the grid"
+        );
     }
 
     #[test]
@@ -126,7 +134,10 @@ mod tests {
     fn a_late_wake_up_is_one_tick_and_never_a_burst() {
         let mut clock = ScriptedClock::late_by(&[2 * T + T / 2, 0, 0]);
         let mut grid = DeadlineGrid::new(0, T);
-        assert_eq!(grid.wait(&mut clock), TickTiming { now_ns: 3 * T + T / 2, late_ns: 2_500_000, missed: 2 });
+        assert_eq!(
+            grid.wait(&mut clock),
+            TickTiming { now_ns: 3 * T + T / 2, late_ns: 2_500_000, missed: 2 }
+        );
         assert_eq!(grid.wait(&mut clock), TickTiming { now_ns: 4 * T, late_ns: 0, missed: 0 });
         assert_eq!(grid.wait(&mut clock), TickTiming { now_ns: 5 * T, late_ns: 0, missed: 0 });
     }

@@ -13,7 +13,8 @@ use vps::spatial::Pose;
 /// How much longer than the ramp a stop may take before the loop ends anyway, s.
 const STOP_GRACE_S: f64 = 0.25;
 
-/// A scene that is ready to be rendered: everything that the loop exchanges when it changes from one to another.
+/// A scene that is ready to be rendered: everything that the loop exchanges when it changes from
+/// one to another.
 #[derive(Debug)]
 pub struct LoadedScene {
     pub(super) scene: Arc<RenderScene>,
@@ -23,7 +24,8 @@ pub struct LoadedScene {
     pub(super) asked_poses: Box<[Option<Pose>]>,
     /// First tick in which it may be rendered.
     pub(super) at_tick: u64,
-    /// Path of the hand of a simulated arm in this scene; after the exchange that of the scene before, to be freed with it.
+    /// Path of the hand of a simulated arm in this scene; after the exchange that of the scene
+    /// before, to be freed with it.
     pub(super) hand: Option<GripPath>,
     /// The tool begins at its start, and does not stay where it is.
     pub(super) starts_anew: bool,
@@ -33,7 +35,15 @@ impl LoadedScene {
     /// A scene with its state before the first tick. Allocates; cold.
     pub fn new(scene: Arc<RenderScene>) -> Self {
         let asked_poses = scene.obstacles.iter().map(|_| None).collect();
-        Self { state: State::new(&scene), scene, clay: None, asked_poses, at_tick: 0, hand: None, starts_anew: false }
+        Self {
+            state: State::new(&scene),
+            scene,
+            clay: None,
+            asked_poses,
+            at_tick: 0,
+            hand: None,
+            starts_anew: false,
+        }
     }
 
     /// The same, to be taken from this tick of the loop on.
@@ -43,21 +53,24 @@ impl LoadedScene {
         self
     }
 
-    /// The same with a path for the hand of a simulated arm, which it follows from its next enable on.
+    /// The same with a path for the hand of a simulated arm, which it follows from its next enable
+    /// on.
     #[must_use]
     pub fn with_hand(mut self, hand: Option<GripPath>) -> Self {
         self.hand = hand;
         self
     }
 
-    /// The same with the tool at its start: of a scene that takes the place of another it stays where it is otherwise.
+    /// The same with the tool at its start: of a scene that takes the place of another it stays
+    /// where it is otherwise.
     #[must_use]
     pub fn starting_anew(mut self, starts_anew: bool) -> Self {
         self.starts_anew = starts_anew;
         self
     }
 
-    /// The same with a limit for the contact query, s, turned into a count in this thread. Cost: about 256 times the limit.
+    /// The same with a limit for the contact query, s, turned into a count in this thread. Cost:
+    /// about 256 times the limit.
     #[must_use]
     pub fn with_time_budget(mut self, time_budget_s: Option<f64>, clock: ClockKind) -> Self {
         if let Some(time_budget_s) = time_budget_s {

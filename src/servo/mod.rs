@@ -1,12 +1,12 @@
 //! The loop: wait → read → tick → write → publish, in a thread of its own.
 //!
-//! Data in: an immutable scene (exchanged as a whole when another is offered), one ring of commands, frames of clay, an arm, a clock, one atomic
-//! request.
-//! Data out: one [`TickRecord`] per tick through a wait-free ring, and one
-//! [`LoopReport`] at the end.
+//! Data in: an immutable scene (exchanged as a whole when another is offered), one ring of
+//! commands, frames of clay, an arm, a clock, one atomic request. Data out: one [`TickRecord`] per
+//! tick through a wait-free ring, and one [`LoopReport`] at the end.
 //!
-//! Invariant: between the first and the last [`ServoLoop::step`] nothing here allocates, locks, prints or panics, and the only system
-//! calls are the clock's sleep and the arm's own. (Simulated time also waits for what is full or owed, by a yield or asleep: `waiting`.)
+//! Invariant: between the first and the last [`ServoLoop::step`] nothing here allocates, locks,
+//! prints or panics, and the only system calls are the clock's sleep and the arm's own. (Simulated
+//! time also waits for what is full or owed, by a yield or asleep: `waiting`.)
 //!
 //! Invariant: whichever way the loop ends, the last command that the arm gets is zero.
 //!
@@ -36,7 +36,8 @@ mod waiting;
 
 pub use clay::{ClayFeed, ClaySlot, FramePublishError, ToolState};
 pub use commands::{
-    CommandQueue, ControlError, FileChange, HandOrder, HandUse, Objects, ParameterSetting, SceneControls, SwapError,
+    CommandQueue, ControlError, FileChange, HandOrder, HandUse, Objects, ParameterSetting,
+    SceneControls, SwapError,
 };
 pub use deadlines::{DeadlineGrid, TickTiming};
 pub use loaded_scene::LoadedScene;

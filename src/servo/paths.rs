@@ -19,8 +19,12 @@ impl ObjectPaths {
     /// Paths for static objects of a scene in their order: name, and whether each may move. Cold.
     ///
     /// # Errors
-    /// A path of an object that is not there or does not move, or that leads to where it cannot go; two paths for one object.
-    pub fn new(objects: &[(String, bool)], paths: impl IntoIterator<Item = (String, HandPath)>) -> Result<Self, ControlError> {
+    /// A path of an object that is not there or does not move, or that leads to where it cannot go;
+    /// two paths for one object.
+    pub fn new(
+        objects: &[(String, bool)],
+        paths: impl IntoIterator<Item = (String, HandPath)>,
+    ) -> Result<Self, ControlError> {
         let mut checked_paths: Vec<(u32, HandPath)> = Vec::new();
         for (name, path) in paths {
             let obstacle_idx = checked(objects, &name, Pose::IDENTITY)?.obstacle_idx;
@@ -40,7 +44,8 @@ impl ObjectPaths {
         self.is_over = true;
     }
 
-    /// Where an object is to be at a time; the paths take turns. RT: safe; O(log n) in the length of a path.
+    /// Where an object is to be at a time; the paths take turns. RT: safe; O(log n) in the length
+    /// of a path.
     pub(super) fn next(&mut self, time_s: f64) -> Option<Placement> {
         if self.is_over {
             return None;

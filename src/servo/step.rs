@@ -13,22 +13,27 @@ use recording::{FlightRecorder, TickRecord};
 use rt::clock::{Clock, ClockKind};
 use vps::spatial::{DeviceSample, SampleStatus, Wrench};
 
-/// The tick. Always [`haptics::tick`] in the program; tests of the loop bring their own, to panic or fault on demand.
+/// The tick. Always [`haptics::tick`] in the program; tests of the loop bring their own, to panic
+/// or fault on demand.
 pub type TickFunction = fn(&RenderScene, &mut State, &TickInput) -> TickOutput;
 
-/// Ticks that are run on a copy of the state before the first real one: enough to touch every page and teach the branch predictors.
+/// Ticks that are run on a copy of the state before the first real one: enough to touch every page
+/// and teach the branch predictors.
 const WARM_UP_TICKS: u32 = 256;
-/// No more of them than fit into this, but [`WARM_UP_TICKS_MIN`]: with a large shell the start would wait for nothing but repetition, ns.
+/// No more of them than fit into this, but [`WARM_UP_TICKS_MIN`]: with a large shell the start
+/// would wait for nothing but repetition, ns.
 const WARM_UP_NS: i64 = 10_000_000;
 /// At least so many: the first one touches the pages, the others the branches.
 const WARM_UP_TICKS_MIN: u32 = 8;
 
-/// How a run is to end by itself. Counted in ticks, so that two runs under the virtual clock end on the same bit.
+/// How a run is to end by itself. Counted in ticks, so that two runs under the virtual clock end on
+/// the same bit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RunPlan {
     /// From this tick on the loop stops: ramps down, then ends. `None`: until the control says so.
     pub stop_at_tick: Option<u64>,
-    /// A fault does not end the loop: it goes on with zero force until the operator has enabled again or stops it.
+    /// A fault does not end the loop: it goes on with zero force until the operator has enabled
+    /// again or stops it.
     pub outlives_faults: bool,
 }
 
@@ -72,7 +77,8 @@ pub struct LoopReport {
     pub dropped_records: u64,
     /// Packets that the driver refused.
     pub packet_errors: u64,
-    /// What a contact query might look at in one tick; `None`: everything. A recording that is to be replayed has to know it.
+    /// What a contact query might look at in one tick; `None`: everything. A recording that is to
+    /// be replayed has to know it.
     pub contact_budget_points: Option<u32>,
     /// Every fault of the run.
     pub faults: Faults,
@@ -98,7 +104,10 @@ pub struct LoopReport {
 /// ```
 #[derive(Debug)]
 pub struct ServoLoop<D: Device, C: Clock> {
-    #[expect(clippy::disallowed_types, reason = "made and freed on the cold side, exchanged as a pointer")]
+    #[expect(
+        clippy::disallowed_types,
+        reason = "made and freed on the cold side, exchanged as a pointer"
+    )]
     rendered: Box<LoadedScene>,
     commands: CommandQueue,
     tick_function: TickFunction,
@@ -121,7 +130,8 @@ pub struct ServoLoop<D: Device, C: Clock> {
     sample: DeviceSample,
     /// The arm refused the last command: the next sample counts as lost, whatever it says.
     device_lost: Option<SampleStatus>,
-    /// A fault that only the driver knows of, until the operator acknowledges it with a disable. The tick holds its own.
+    /// A fault that only the driver knows of, until the operator acknowledges it with a disable.
+    /// The tick holds its own.
     driver_fault: bool,
     enabled: bool,
     missed_deadlines: u64,
@@ -192,14 +202,16 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         self
     }
 
-    /// The same loop with a limit for the contact query, s; [`Self::warm_up`] turns it into a count.
+    /// The same loop with a limit for the contact query, s; [`Self::warm_up`] turns it into a
+    /// count.
     #[must_use]
     pub fn with_time_budget(mut self, time_budget_s: Option<f64>) -> Self {
         self.time_budget_s = time_budget_s;
         self
     }
 
-    /// The same loop with commands that change its scene, or bring another one of the same period and arm.
+    /// The same loop with commands that change its scene, or bring another one of the same period
+    /// and arm.
     #[must_use]
     pub fn with_commands(mut self, commands: CommandQueue) -> Self {
         self.commands = commands;
@@ -218,8 +230,8 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         &mut self.device
     }
 
-    /// Runs the tick on a copy of the state, without the arm, then sets the first deadline one period from now. Call once, in the thread of
-    /// the loop, before the first step.
+    /// Runs the tick on a copy of the state, without the arm, then sets the first deadline one
+    /// period from now. Call once, in the thread of the loop, before the first step.
     pub fn warm_up(&mut self) {
         if let Some(time_budget_s) = self.time_budget_s {
             self.rendered.calibrate(&self.clock, time_budget_s);
@@ -230,9 +242,17 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             if n >= WARM_UP_TICKS_MIN && self.clock.stopwatch_ns() - begin_ns > WARM_UP_NS {
                 break;
             }
-            let sample = DeviceSample { sequence: u64::from(n) + 1, status: SampleStatus::Fresh, ..DeviceSample::default() };
+            let sample = DeviceSample {
+                sequence: u64::from(n) + 1,
+                status: SampleStatus::Fresh,
+                ..DeviceSample::default()
+            };
             let input = TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() };
-            core::hint::black_box((self.tick_function)(&self.rendered.scene, &mut rehearsal, &input));
+            core::hint::black_box((self.tick_function)(
+                &self.rendered.scene,
+                &mut rehearsal,
+                &input,
+            ));
             core::hint::black_box((self.clock.now_ns(), self.clock.stopwatch_ns()));
         }
         self.flight.note(&TickRecord::default());
@@ -241,7 +261,8 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         self.deadlines = DeadlineGrid::new(self.start_ns, self.deadlines.period_ns());
     }
 
-    /// One turn: wait → read → tick → write → publish. After [`Step::End`] it does nothing more. RT: safe.
+    /// One turn: wait → read → tick → write → publish. After [`Step::End`] it does nothing more.
+    /// RT: safe.
     pub fn step(&mut self) -> Step {
         if self.ending != Ending::Running {
             return Step::End;
@@ -257,7 +278,9 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         self.missed_deadlines += due.missed;
         let stall_ns = (self.rendered.scene.parameters.limits.stall_s * 1e9) as i64;
         let is_late = |last_ns: i64| due.now_ns - last_ns > stall_ns;
-        let stalled = self.clock.kind() == ClockKind::Real && self.has_force && self.commanded_ns.is_some_and(is_late);
+        let stalled = self.clock.kind() == ClockKind::Real
+            && self.has_force
+            && self.commanded_ns.is_some_and(is_late);
         self.commands.receive(&mut self.rendered, self.scene_idx);
         // Before the clock of the tick starts: simulated time may wait here for a bake.
         let swaps = self.swap_is_due(wanted);
@@ -268,12 +291,24 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         let sample = self.read();
         let read_ns = self.clock.stopwatch_ns();
         self.commands.note_read(read_ns);
-        let request = if swaps && wanted == Order::Enable { DriveRequest::Stop } else { self.request(wanted) };
+        let request = if swaps && wanted == Order::Enable {
+            DriveRequest::Stop
+        } else {
+            self.request(wanted)
+        };
         let time_s = self.tick as f64 * self.rendered.scene.parameters.period_s;
         let place = self.commands.next_placement(&mut self.rendered, time_s);
         let parameter_change = self.commands.next_change();
         let clay = frame_in_use(self.rendered.clay.as_ref(), &self.rendered.state);
-        let input = TickInput { sample, request, overrun: due.missed > 0, stalled, place, parameter_change, clay };
+        let input = TickInput {
+            sample,
+            request,
+            overrun: due.missed > 0,
+            stalled,
+            place,
+            parameter_change,
+            clay,
+        };
         let output = (self.tick_function)(&self.rendered.scene, &mut self.rendered.state, &input);
         let computed_ns = self.clock.stopwatch_ns();
         if output.drive.has_force() != self.enabled {
@@ -282,19 +317,24 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             if self.enabled
                 && let Some(hand) = self.device.hand()
             {
-                let (device_from_grip, world_from_tool) = self.rendered.state.indexed(&self.rendered.scene);
+                let (device_from_grip, world_from_tool) =
+                    self.rendered.state.indexed(&self.rendered.scene);
                 hand.index(device_from_grip, world_from_tool);
             }
         }
         self.commands.guide_hand(self.device.hand(), output.world_from_tool);
-        // The machine may have stood still since the sample was read: what it asked for then is not for now. The arm gets zero, and the next tick
-        // the fault.
+        // The machine may have stood still since the sample was read: what it asked for then is not
+        // for now. The arm gets zero, and the next tick the fault.
         self.commanded_ns = Some(due.now_ns);
-        let is_old = self.clock.kind() == ClockKind::Real && self.clock.now_ns() - due.now_ns > stall_ns;
-        let rendered_device = self.write(if is_old { &Wrench::ZERO } else { &output.command_device });
+        let is_old =
+            self.clock.kind() == ClockKind::Real && self.clock.now_ns() - due.now_ns > stall_ns;
+        let rendered_device =
+            self.write(if is_old { &Wrench::ZERO } else { &output.command_device });
         let written_ns = self.clock.stopwatch_ns();
         let beside_device = self.device.beside_device();
-        self.has_force = [output.command_device, rendered_device, beside_device].iter().any(|wrench| *wrench != Wrench::ZERO);
+        self.has_force = [output.command_device, rendered_device, beside_device]
+            .iter()
+            .any(|wrench| *wrench != Wrench::ZERO);
 
         self.last = output;
         self.publish(&TickRecord {
@@ -322,24 +362,35 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
 
     /// Takes the newest frame of the clay. An end of the loop from outside does not wait for one.
     fn exchange_clay(&mut self) {
-        let (control, clock) = (&self.control, self.clock.kind());
+        let control = &self.control;
+        let clock = self.clock.kind();
         if let LoadedScene { clay: Some(clay), state, .. } = &mut *self.rendered {
             clay.exchange(state, clock, || control.is_ending());
         }
     }
 
-    /// True when the force is to go to zero for another scene. A stop and a fault that is not acknowledged go first.
+    /// True when the force is to go to zero for another scene. A stop and a fault that is not
+    /// acknowledged go first.
     fn swap_is_due(&mut self, wanted: Order) -> bool {
-        let (now, clock, control) = ((self.tick, self.scene_idx), self.clock.kind(), &self.control);
-        let may = matches!(wanted, Order::Enable | Order::Disable) && self.last.faults.is_empty() && !self.driver_fault;
+        let now = (self.tick, self.scene_idx);
+        let clock = self.clock.kind();
+        let control = &self.control;
+        let may = matches!(wanted, Order::Enable | Order::Disable)
+            && self.last.faults.is_empty()
+            && !self.driver_fault;
         may && self.commands.is_scene_due(&mut self.rendered, now, clock, || control.is_ending())
     }
 
-    /// Exchanges the scenes once no force is left. The tool stays where it stands, if it is free in the new scene.
+    /// Exchanges the scenes once no force is left. The tool stays where it stands, if it is free in
+    /// the new scene.
     fn swap_at_zero(&mut self, output: &TickOutput) {
         let at_zero = output.drive == Drive::Disabled && output.command_device == Wrench::ZERO;
         let before = self.rendered.state.handover();
-        if at_zero && output.faults.is_empty() && !self.driver_fault && self.commands.exchange(&mut self.rendered) {
+        if at_zero
+            && output.faults.is_empty()
+            && !self.driver_fault
+            && self.commands.exchange(&mut self.rendered)
+        {
             let LoadedScene { scene, state, hand, starts_anew, .. } = &mut *self.rendered;
             state.resume_at(scene, (!*starts_anew).then_some(output.world_from_tool), before);
             if let Some(own) = self.device.hand() {
@@ -356,11 +407,13 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         if order == Order::Disable {
             self.driver_fault = false;
         }
-        let planned_stop = self.plan.stop_at_tick.is_some_and(|stop_at_tick| self.tick >= stop_at_tick);
+        let planned_stop =
+            self.plan.stop_at_tick.is_some_and(|stop_at_tick| self.tick >= stop_at_tick);
         if planned_stop && order != Order::Quit { Order::Stop } else { order }
     }
 
-    /// What the tick gets of it: after a fault that it does not know of, such as a command that the driver refused, zero now and no ramp.
+    /// What the tick gets of it: after a fault that it does not know of, such as a command that the
+    /// driver refused, zero now and no ramp.
     fn request(&self, wanted: Order) -> DriveRequest {
         match wanted {
             _ if self.driver_fault => DriveRequest::Disable,
@@ -395,7 +448,8 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
     fn write(&mut self, command_device: &Wrench) -> Wrench {
         match self.device.write(command_device) {
             Ok(rendered_device) => return rendered_device,
-            // The tick's own finite check comes first, so this is a second check; the driver sent zero.
+            // The tick's own finite check comes first, so this is a second check; the driver sent
+            // zero.
             Err(DeviceError::NonFinite) => {
                 self.driver_fault = true;
                 self.note_faults(Faults::NON_FINITE);
@@ -405,7 +459,9 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
                 self.note_faults(Faults::OVERRUN);
             }
             Err(DeviceError::Packet) => self.packet_errors += 1,
-            Err(DeviceError::Lost | DeviceError::Os(_)) => self.device_lost = Some(SampleStatus::Lost),
+            Err(DeviceError::Lost | DeviceError::Os(_)) => {
+                self.device_lost = Some(SampleStatus::Lost)
+            }
             Err(DeviceError::Link) => self.device_lost = Some(SampleStatus::LinkLost),
         }
         Wrench::ZERO
@@ -418,9 +474,11 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         loop {
             match self.records.push(record) {
                 Ok(()) => return,
-                // Simulated time can wait for the drain, so that nothing is lost and two runs give the same records. A drain that has
-                // gone will not take anything out.
-                Err(PushError::Full(back)) if self.clock.kind() == ClockKind::Virtual && !self.records.is_abandoned() => {
+                // Simulated time can wait for the drain, so that nothing is lost and two runs give
+                // the same records. A drain that has gone will not take anything out.
+                Err(PushError::Full(back))
+                    if self.clock.kind() == ClockKind::Virtual && !self.records.is_abandoned() =>
+                {
                     record = back;
                     waiting.pause();
                 }
@@ -445,8 +503,10 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         self.note_faults(output.faults);
         let faulted = !self.faults.is_empty() && !self.plan.outlives_faults;
         if wanted == Order::Stop || faulted {
-            let end_by_tick = *self.end_by_tick.get_or_insert(self.tick.saturating_add(self.stop_ticks));
-            let at_rest = matches!(output.drive, Drive::Disabled | Drive::Fault) && output.command_device == Wrench::ZERO;
+            let end_by_tick =
+                *self.end_by_tick.get_or_insert(self.tick.saturating_add(self.stop_ticks));
+            let at_rest = matches!(output.drive, Drive::Disabled | Drive::Fault)
+                && output.command_device == Wrench::ZERO;
             if at_rest {
                 self.ending = if faulted { Ending::Faulted } else { Ending::Stopped };
             } else if self.tick >= end_by_tick {
@@ -462,7 +522,8 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         }
     }
 
-    /// Takes note of a panic that was caught at the edge of the thread: zero command first, then the fault.
+    /// Takes note of a panic that was caught at the edge of the thread: zero command first, then
+    /// the fault.
     pub fn panicked(&mut self) {
         self.device.stop();
         self.note_faults(Faults::PANIC);

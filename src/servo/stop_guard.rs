@@ -4,7 +4,8 @@ use core::ops::{Deref, DerefMut};
 
 use arms::Device;
 
-/// Owns the arm and writes a zero command when it goes: at the end of the loop, on an early return, while a panic unwinds.
+/// Owns the arm and writes a zero command when it goes: at the end of the loop, on an early return,
+/// while a panic unwinds.
 ///
 /// Needs `panic = "unwind"`: under `abort` no guard runs.
 #[derive(Debug)]

@@ -46,7 +46,11 @@ impl Device for CountingArm {
         if !back && self.lost_from_read.is_some_and(|first| n_reads >= first) {
             return Err(DeviceError::Lost);
         }
-        Ok(DeviceSample { sequence: n_reads + 1, status: SampleStatus::Fresh, ..DeviceSample::default() })
+        Ok(DeviceSample {
+            sequence: n_reads + 1,
+            status: SampleStatus::Fresh,
+            ..DeviceSample::default()
+        })
     }
 
     fn write(&mut self, wrench_device: &Wrench) -> Result<Wrench, DeviceError> {

@@ -6,11 +6,11 @@ use super::{LoopReport, ServoLoop, Step};
 use arms::Device;
 use rt::clock::Clock;
 
-/// Warms up, then steps to the end. A panic of the tick or the driver ends here: the arm gets zero, and the report names the fault and keeps
-/// the flight recorder.
+/// Warms up, then steps to the end. A panic of the tick or the driver ends here: the arm gets zero,
+/// and the report names the fault and keeps the flight recorder.
 pub fn run_to_end<D: Device, C: Clock>(mut servo: ServoLoop<D, C>) -> LoopReport {
-    // Unwind-safe: after a panic only the arm's `stop`, counters and the flight recorder are used, and each of them is whole between any two
-    // statements of `step`.
+    // Unwind-safe: after a panic only the arm's `stop`, counters and the flight recorder are used,
+    // and each of them is whole between any two statements of `step`.
     let outcome = catch_unwind(AssertUnwindSafe(|| {
         servo.warm_up();
         while servo.step() == Step::Continue {}
@@ -22,7 +22,12 @@ pub fn run_to_end<D: Device, C: Clock>(mut servo: ServoLoop<D, C>) -> LoopReport
 }
 
 #[cfg(test)]
-#[expect(clippy::panic, clippy::expect_used, clippy::disallowed_types, reason = "tests panic on purpose and collect")]
+#[expect(
+    clippy::panic,
+    clippy::expect_used,
+    clippy::disallowed_types,
+    reason = "tests panic on purpose and collect"
+)]
 mod tests {
     use std::sync::Arc;
     use std::sync::atomic::Ordering;
@@ -50,8 +55,13 @@ mod tests {
         }
     }
 
-    /// Warm-up ticks see sequences from 1 too, but never an over-run; `overrun` marks the ticks of the loop.
-    fn panicking_when_overrun(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOutput {
+    /// Warm-up ticks see sequences from 1 too, but never an over-run; `overrun` marks the ticks of
+    /// the loop.
+    fn panicking_when_overrun(
+        scene: &RenderScene,
+        state: &mut State,
+        input: &TickInput,
+    ) -> TickOutput {
         assert!(!input.overrun, "a tick that panics on purpose");
         pushing(scene, state, input)
     }
@@ -77,13 +87,25 @@ mod tests {
         control: Arc<Control>,
     }
 
-    fn bench<C: Clock>(clock: C, arm: CountingArm, stop_at_tick: Option<u64>, ring: usize, tick: TickFunction) -> Bench<C> {
+    fn bench<C: Clock>(
+        clock: C,
+        arm: CountingArm,
+        stop_at_tick: Option<u64>,
+        ring: usize,
+        tick: TickFunction,
+    ) -> Bench<C> {
         let (producer, records) = RingBuffer::new(ring);
         let control = Arc::new(Control::enabled());
         let log = arm.log.clone();
-        let servo =
-            ServoLoop::new(empty_scene(), arm, clock, control.clone(), RunPlan { stop_at_tick, ..RunPlan::default() }, producer)
-                .with_tick(tick);
+        let servo = ServoLoop::new(
+            empty_scene(),
+            arm,
+            clock,
+            control.clone(),
+            RunPlan { stop_at_tick, ..RunPlan::default() },
+            producer,
+        )
+        .with_tick(tick);
         Bench { servo, records, log, control }
     }
 
@@ -107,8 +129,14 @@ mod tests {
         assert_eq!(report.faults, Faults::PANIC);
         assert_eq!(report.first_fault_tick, Some(3));
         assert!(report.flight.is_frozen());
-        assert_eq!(report.flight.records().map(|record| record.tick).collect::<Vec<_>>(), [0, 1, 2]);
-        assert!(bench.log.writes.load(Ordering::SeqCst) == 3 && bench.log.stops.load(Ordering::SeqCst) >= 1);
+        assert_eq!(
+            report.flight.records().map(|record| record.tick).collect::<Vec<_>>(),
+            [0, 1, 2]
+        );
+        assert!(
+            bench.log.writes.load(Ordering::SeqCst) == 3
+                && bench.log.stops.load(Ordering::SeqCst) >= 1
+        );
         assert!(bench.log.held_force_x() == 0.0);
     }
 
@@ -141,18 +169,31 @@ mod tests {
 
     #[test]
     fn once_a_fault_is_acknowledged_scenes_take_each_others_place_again() {
-        let arm = CountingArm { lost_from_read: Some(30), back_from_read: Some(60), ..CountingArm::default() };
+        let arm = CountingArm {
+            lost_from_read: Some(30),
+            back_from_read: Some(60),
+            ..CountingArm::default()
+        };
         let (producer, mut records) = RingBuffer::new(4096);
         let control = Arc::new(Control::enabled());
         let (mut controls, commands) = SceneControls::new(&empty_scene().parameters, Vec::new());
         let plan = RunPlan { stop_at_tick: Some(1500), outlives_faults: true };
-        let servo = ServoLoop::new(empty_scene(), arm, VirtualClock::default(), control.clone(), plan, producer);
+        let servo = ServoLoop::new(
+            empty_scene(),
+            arm,
+            VirtualClock::default(),
+            control.clone(),
+            plan,
+            producer,
+        );
         let mut servo = servo.with_commands(commands);
         servo.warm_up();
         for n in 0.. {
             match n {
                 // Offered while the fault is active: it waits.
-                100 => assert!(controls.offer(Box::new(LoadedScene::new(empty_scene())), Vec::new()).is_ok()),
+                100 => assert!(
+                    controls.offer(Box::new(LoadedScene::new(empty_scene())), Vec::new()).is_ok()
+                ),
                 300 => control.disable(),
                 400 => control.enable(control.permit()),
                 _ => {}
@@ -181,7 +222,14 @@ mod tests {
             let control = Arc::new(Control::enabled());
             let plan = RunPlan::default();
             let arm = CountingArm::default();
-            let mut servo = ServoLoop::new(empty_scene(), arm, VirtualClock::default(), control.clone(), plan, producer);
+            let mut servo = ServoLoop::new(
+                empty_scene(),
+                arm,
+                VirtualClock::default(),
+                control.clone(),
+                plan,
+                producer,
+            );
             servo.warm_up();
             assert!((0..400).all(|_| servo.step() == Step::Continue));
             control.stop();
@@ -207,7 +255,13 @@ mod tests {
 
     #[test]
     fn over_runs_are_counted_told_to_the_tick_and_skipped() {
-        let mut bench = bench(ScriptedClock::late_by(&[0, 2_500_000, 0, 0]), CountingArm::default(), Some(3), 64, pushing);
+        let mut bench = bench(
+            ScriptedClock::late_by(&[0, 2_500_000, 0, 0]),
+            CountingArm::default(),
+            Some(3),
+            64,
+            pushing,
+        );
         bench.servo.warm_up();
         while bench.servo.step() == Step::Continue {}
         let report = bench.servo.finish();
@@ -216,12 +270,21 @@ mod tests {
         while let Ok(record) = bench.records.pop() {
             seen.push((record.time_ns, record.wakeup_ns, record.input.overrun));
         }
-        let expected = [(1_000_000, 0, false), (4_500_000, 2_500_000, true), (5_000_000, 0, false), (6_000_000, 0, false)];
+        let expected = [
+            (1_000_000, 0, false),
+            (4_500_000, 2_500_000, true),
+            (5_000_000, 0, false),
+            (6_000_000, 0, false),
+        ];
         assert_eq!(seen, expected);
     }
 
     /// Like the real tick: a stall while it pushes is a fault.
-    fn faulting_when_stalled(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOutput {
+    fn faulting_when_stalled(
+        scene: &RenderScene,
+        state: &mut State,
+        input: &TickInput,
+    ) -> TickOutput {
         if input.stalled {
             TickOutput { drive: Drive::Fault, faults: Faults::OVERRUN, ..TickOutput::default() }
         } else {
@@ -235,7 +298,13 @@ mod tests {
             assert!(!input.stalled);
             TickOutput { command_device: Wrench::ZERO, ..pushing(scene, state, input) }
         }
-        let bench = bench(ScriptedClock::late_by(&[0, 0, 80_000_000, 0]), CountingArm::default(), Some(99), 256, free);
+        let bench = bench(
+            ScriptedClock::late_by(&[0, 0, 80_000_000, 0]),
+            CountingArm::default(),
+            Some(99),
+            256,
+            free,
+        );
         assert!(run_to_end(bench.servo).faults.is_empty());
     }
 
@@ -243,8 +312,13 @@ mod tests {
     fn a_machine_that_stood_still_is_told_to_the_tick_by_time_whatever_the_number_of_ticks() {
         let limit_ns = 50_000_000;
         for (late_ns, is_stall) in [(limit_ns - 1_000_000, false), (limit_ns, true)] {
-            let mut bench =
-                bench(ScriptedClock::late_by(&[0, 0, late_ns, 0]), CountingArm::default(), Some(99), 256, faulting_when_stalled);
+            let mut bench = bench(
+                ScriptedClock::late_by(&[0, 0, late_ns, 0]),
+                CountingArm::default(),
+                Some(99),
+                256,
+                faulting_when_stalled,
+            );
             let report = run_to_end(bench.servo);
             assert_eq!(report.faults.contains(Faults::OVERRUN), is_stall, "{late_ns} ns");
             let mut stalled = Vec::new();
@@ -291,7 +365,8 @@ mod tests {
 
     #[test]
     fn simulated_time_waits_for_the_drain_and_not_for_one_that_has_gone() {
-        let mut ended = bench(VirtualClock::default(), CountingArm::default(), Some(999), 8, pushing);
+        let mut ended =
+            bench(VirtualClock::default(), CountingArm::default(), Some(999), 8, pushing);
         let drain = std::thread::spawn(move || {
             let mut n_records = 0;
             while !ended.records.is_abandoned() || !ended.records.is_empty() {
@@ -303,14 +378,16 @@ mod tests {
         assert_eq!((report.ticks, report.dropped_records), (1000, 0));
         assert_eq!(drain.join().expect("no panic"), 1000);
 
-        let Bench { servo, records, .. } = bench(VirtualClock::default(), CountingArm::default(), Some(99), 8, pushing);
+        let Bench { servo, records, .. } =
+            bench(VirtualClock::default(), CountingArm::default(), Some(99), 8, pushing);
         drop(records);
         assert_eq!(run_to_end(servo).ticks, 100);
     }
 
     #[test]
     fn a_drive_that_will_not_rest_is_ended_after_the_ramp_and_its_grace() {
-        let bench = bench(VirtualClock::default(), CountingArm::default(), Some(10), 1024, stubborn);
+        let bench =
+            bench(VirtualClock::default(), CountingArm::default(), Some(10), 1024, stubborn);
         let report = run_to_end(bench.servo);
         assert_eq!(report.ending, Ending::StopTimedOut);
         assert_eq!(report.ticks, 10 + 350 + 1);
@@ -337,11 +414,25 @@ mod tests {
             let arm = SimArm::new(SimParameters::ideal(1e-3)).expect("valid");
             let control = Arc::new(Control::enabled());
             let plan = RunPlan { stop_at_tick: Some(2000), ..RunPlan::default() };
-            let servo = ServoLoop::new(empty_scene(), arm, VirtualClock::default(), control, plan, producer).with_tick(pushing);
+            let servo = ServoLoop::new(
+                empty_scene(),
+                arm,
+                VirtualClock::default(),
+                control,
+                plan,
+                producer,
+            )
+            .with_tick(pushing);
             let report = run_to_end(servo);
             let mut seen = Vec::new();
             while let Ok(record) = records.pop() {
-                seen.push((record.tick, record.time_ns, record.wakeup_ns, record.input, record.output));
+                seen.push((
+                    record.tick,
+                    record.time_ns,
+                    record.wakeup_ns,
+                    record.input,
+                    record.output,
+                ));
             }
             (report.ticks, seen)
         };

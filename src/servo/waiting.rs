@@ -6,7 +6,8 @@ use crossbeam::utils::Backoff;
 
 const PAUSE: Duration = Duration::from_micros(50);
 
-/// A wait of simulated time for another thread of the run: by turns at first, then asleep, so that the other one has the processor.
+/// A wait of simulated time for another thread of the run: by turns at first, then asleep, so that
+/// the other one has the processor.
 pub(crate) struct Waiting(Backoff);
 
 impl Waiting {
@@ -15,7 +16,10 @@ impl Waiting {
     }
 
     /// What it waits for has not happened yet. Never called on the real clock: it sleeps.
-    #[expect(clippy::disallowed_methods, reason = "simulated time: nothing is due at a time of the clock")]
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "simulated time: nothing is due at a time of the clock"
+    )]
     pub(crate) fn pause(&self) {
         if self.0.is_completed() { std::thread::sleep(PAUSE) } else { self.0.snooze() }
     }

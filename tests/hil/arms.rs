@@ -2,20 +2,43 @@
 
 use super::link::{Bench, exchange};
 
-/// Enabled, without a path for the hand: nothing is touched, frames flow both ways, and the last command is zero.
+/// Enabled, without a path for the hand: nothing is touched, frames flow both ways, and the last
+/// command is zero.
 fn speaks(profile: &str, rate_hz: f64) {
     let bench = Bench::shipped(profile);
-    let (host, mock) = exchange(&bench, &["--no-hand"], &["--enable", "--duration", "1500ms"], &[&[]]);
-    assert_eq!((host.code(), host.faults()), (Some(0), Vec::new()), "{profile}: {}\n{}", host.json, host.stderr);
+    let (host, mock) =
+        exchange(&bench, &["--no-hand"], &["--enable", "--duration", "1500ms"], &[&[]]);
+    assert_eq!(
+        (host.code(), host.faults()),
+        (Some(0), Vec::new()),
+        "{profile}: {}\n{}",
+        host.json,
+        host.stderr
+    );
     assert!(host.stderr.contains("state: enabled"), "{profile}: {}", host.stderr);
     let ticks = host.number("ticks");
     let fresh = ticks - host.number("stale_samples");
     // A lower bound that a busy machine meets too; an arm that says nothing does not.
     assert!(fresh > 0.3 * ticks * (rate_hz / 1000.0).min(1.0), "{profile}: {fresh} of {ticks}");
-    assert!(mock.number("frames_received") > 0.3 * ticks * (rate_hz / 1000.0).min(1.0), "{profile}: {}", mock.json);
-    assert_eq!(host.number("corrupt_packets"), 0.0, "{profile}: {}\n{}\n{}", host.json, mock.json, host.stderr);
+    assert!(
+        mock.number("frames_received") > 0.3 * ticks * (rate_hz / 1000.0).min(1.0),
+        "{profile}: {}",
+        mock.json
+    );
+    assert_eq!(
+        host.number("corrupt_packets"),
+        0.0,
+        "{profile}: {}\n{}\n{}",
+        host.json,
+        mock.json,
+        host.stderr
+    );
     for component in ["fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm"] {
-        assert_eq!(mock.json["last_command"][component].as_f64(), Some(0.0), "{profile}: {component}");
+        assert_eq!(
+            mock.json["last_command"][component].as_f64(),
+            Some(0.0),
+            "{profile}: {component}"
+        );
     }
 }
 

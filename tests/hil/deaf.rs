@@ -35,15 +35,18 @@ impl Behind {
         let path = GripPath::in_device_frame(HandPath::fixed(Pose::IDENTITY));
         let hand = HandParameters { path: Some(path), ..HandParameters::default() };
         let faults = vec![(fault.to_owned(), fault::parse(fault).expect("grammar"))];
-        let settings = MockSettings { hand: Some(hand), hand_delay: Duration::ZERO, faults, seed: 1 };
+        let settings =
+            MockSettings { hand: Some(hand), hand_delay: Duration::ZERO, faults, seed: 1 };
         let (parameters, protocol) = builder::parameters(&profile, settings);
         let serving = Serving { period_s: parameters.period_s, ..Serving::default() };
         let mut tty = Pty::new(link).expect("a pty");
         let quit = Arc::new(AtomicBool::new(false));
         let told = quit.clone();
         let thread = std::thread::spawn(move || {
-            let mut arm = MockArm::new(parameters, protocol.firmware(Carriage::Stream)).expect("valid");
-            serve(&mut arm, &mut tty, serving, None, || told.load(Ordering::Relaxed)).expect("served");
+            let mut arm =
+                MockArm::new(parameters, protocol.firmware(Carriage::Stream)).expect("valid");
+            serve(&mut arm, &mut tty, serving, None, || told.load(Ordering::Relaxed))
+                .expect("served");
             arm.report()
         });
         Self { quit, thread: Some(thread) }
@@ -55,9 +58,11 @@ impl Behind {
     }
 }
 
-/// Plays the servo with its rules for late samples: pushes while samples come and until it is told otherwise.
+/// Plays the servo with its rules for late samples: pushes while samples come and until it is told
+/// otherwise.
 fn play(arm: &mut WiredArm, n: u32, mut pushes: bool) -> u32 {
-    let (mut stale, mut n_lost) = (0, 0);
+    let mut stale = 0;
+    let mut n_lost = 0;
     for _ in 0..n {
         match arm.read() {
             Ok(sample) => stale = if sample.status == SampleStatus::Fresh { 0 } else { stale + 1 },
@@ -72,7 +77,8 @@ fn play(arm: &mut WiredArm, n: u32, mut pushes: bool) -> u32 {
     n_lost
 }
 
-/// The port of an arm that fell silent is let go of with a zero, and opened again: nothing but ourselves stands in the way.
+/// The port of an arm that fell silent is let go of with a zero, and opened again: nothing but
+/// ourselves stands in the way.
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn an_arm_that_was_deaf_reads_a_zero_and_comes_back() {
@@ -84,8 +90,14 @@ fn an_arm_that_was_deaf_reads_a_zero_and_comes_back() {
             let link = folder.path().join("arm");
             let behind = Behind::a_tty(name, "deaf@2s+1500ms", &link);
             let profile = profile::find(name, Path::new("")).expect(name);
-            let options = OpenOptions { selector: Some(Selector::Path(link)), io_request: None, period_s: 1e-3, guard: None };
-            let OpenedArm { mut arm, news, .. } = open(&profile, &options).unwrap_or_else(|error| panic!("{name}: {error}"));
+            let options = OpenOptions {
+                selector: Some(Selector::Path(link)),
+                io_request: None,
+                period_s: 1e-3,
+                guard: None,
+            };
+            let OpenedArm { mut arm, news, .. } =
+                open(&profile, &options).unwrap_or_else(|error| panic!("{name}: {error}"));
             arm.set_enabled(true);
             let begin = Instant::now();
             while news.is_empty() {
@@ -99,19 +111,25 @@ fn an_arm_that_was_deaf_reads_a_zero_and_comes_back() {
                 match news.try_recv() {
                     Ok(LinkNews::Back { .. }) => break,
                     // It is there, and does not receive.
-                    Ok(LinkNews::Fails(_) | LinkNews::Told(_) | LinkNews::Unguarded(_)) | Err(_) => {}
+                    Ok(LinkNews::Fails(_) | LinkNews::Told(_) | LinkNews::Unguarded(_))
+                    | Err(_) => {}
                     Ok(LinkNews::Lost) => panic!("{name}: lost once"),
                 }
                 assert!(begin.elapsed() < Duration::from_secs(60), "{name}: it never came back");
             }
             play(&mut arm, 300, false);
             arm.set_enabled(true);
-            // A machine that is late is late again, and the arm may be lost and found once more: as often as it takes.
+            // A machine that is late is late again, and the arm may be lost and found once more: as
+            // often as it takes.
             let mut n_fresh = 0;
             while n_fresh < 30 {
                 play(&mut arm, 10, true);
-                n_fresh += arm.read().map_or(0, |sample| u32::from(sample.status == SampleStatus::Fresh));
-                assert!(begin.elapsed() < Duration::from_secs(90), "{name}: it does not speak again");
+                n_fresh +=
+                    arm.read().map_or(0, |sample| u32::from(sample.status == SampleStatus::Fresh));
+                assert!(
+                    begin.elapsed() < Duration::from_secs(90),
+                    "{name}: it does not speak again"
+                );
             }
             let push = Wrench::new(DVec3::new(0.2, 0.2, 0.0), DVec3::ZERO);
             let host = (arm.read(), arm.write(&push), arm.write(&push));
@@ -119,14 +137,19 @@ fn an_arm_that_was_deaf_reads_a_zero_and_comes_back() {
             std::thread::sleep(Duration::from_millis(100));
             let report = behind.report();
             let felt = &report.faults[0];
-            // How soon is for the campaign to say (`deaf/*`): a busy machine may be late by seconds.
-            let zero_after = felt.zero_after_ticks.unwrap_or_else(|| panic!("{name} read no zero: {felt:?}"));
+            // How soon is for the campaign to say (`deaf/*`): a busy machine may be late by
+            // seconds.
+            let zero_after =
+                felt.zero_after_ticks.unwrap_or_else(|| panic!("{name} read no zero: {felt:?}"));
             // Not with what was left of the old commands.
             let again = felt.force_again_after_ticks;
             assert!(again.is_none_or(|again| again > zero_after + 100), "{name}: {felt:?}");
             // The watchdog of some trips when this machine is late.
             let has_watchdog = profile.link.device_watchdog_ms.is_some();
-            assert!(has_watchdog || again.is_some(), "{name} pushes again when it is told to: {felt:?} {host:?} {report:?}");
+            assert!(
+                has_watchdog || again.is_some(),
+                "{name} pushes again when it is told to: {felt:?} {host:?} {report:?}"
+            );
             assert_eq!([report.last_command.fx_n, report.last_command.fy_n], [0.0; 2], "{name}");
         })
     });
@@ -146,7 +169,12 @@ fn an_arm_that_is_deaf_when_the_host_ends_wakes_to_a_zero() {
         let folder = tempfile::tempdir().expect("folder");
         let link = folder.path().join("arm");
         let behind = Behind::a_tty("hapkit", "deaf@1s+1s", &link);
-        let options = OpenOptions { selector: Some(Selector::Path(link)), io_request: None, period_s: 1e-3, guard: None };
+        let options = OpenOptions {
+            selector: Some(Selector::Path(link)),
+            io_request: None,
+            period_s: 1e-3,
+            guard: None,
+        };
         let OpenedArm { mut arm, .. } = open(&profile, &options).expect("there");
         arm.set_enabled(true);
         let begin = Instant::now();

@@ -1,5 +1,6 @@
-//! The process between hapticd and an arm (the worker of a maker's library, the maker's service) ends at any moment: the motors stop within the arm's own
-//! time, the loop waits for nothing, and the arm comes back without force.
+//! The process between hapticd and an arm (the worker of a maker's library, the maker's service)
+//! ends at any moment: the motors stop within the arm's own time, the loop waits for nothing, and
+//! the arm comes back without force.
 
 use std::net::TcpStream;
 use std::process::{Child, Command, Stdio};
@@ -12,13 +13,16 @@ use rt::clock::monotonic_ns;
 use vps::spatial::Wrench;
 
 use super::link::turn;
-use super::maker::{Arm, Felt, LATENESS_MS, Library, PUSH, Service, Ticked, built_example, free_address, play, push};
+use super::maker::{
+    Arm, Felt, LATENESS_MS, Library, PUSH, Service, Ticked, built_example, free_address, play, push,
+};
 
 /// How often each end is tried on each arm, where `HAPTICD_TRIALS` says nothing.
 const TRIALS: u32 = 3;
 /// Trials that a busy machine may spoil, beside a fifth of them.
 const SPOILT: u32 = 5;
-/// What lets go of the motors when nothing speaks any more: the watchdog of the mock arm's firmware, and the mock service's of a silent client, ms.
+/// What lets go of the motors when nothing speaks any more: the watchdog of the mock arm's
+/// firmware, and the mock service's of a silent client, ms.
 const WATCHDOG_MS: f64 = 50.0;
 const IDLE_MS: f64 = 100.0;
 
@@ -31,7 +35,14 @@ enum End {
 }
 
 fn signal(name: &str, pid: u32) {
-    assert!(Command::new("kill").args([format!("-{name}"), pid.to_string()]).status().expect("kill").success(), "{name}");
+    assert!(
+        Command::new("kill")
+            .args([format!("-{name}"), pid.to_string()])
+            .status()
+            .expect("kill")
+            .success(),
+        "{name}"
+    );
 }
 
 /// An arm with a process between.
@@ -40,7 +51,8 @@ trait Between: Sync {
     fn within_ms(&self) -> f64;
     fn arm(&self) -> &Arm;
     fn open(&self) -> OpenedArm;
-    /// What has to be looked up before; `None` where a busy machine has made the arm lost meanwhile.
+    /// What has to be looked up before; `None` where a busy machine has made the arm lost
+    /// meanwhile.
     fn process(&self) -> Option<u32>;
     fn end(&self, process: u32, end: End);
     /// Lets there be another.
@@ -82,7 +94,8 @@ impl Between for Library {
     }
 }
 
-/// A service whose arm outlives it: what dies is a process that passes its bytes on. Of a real one the arm is left with its firmware likewise.
+/// A service whose arm outlives it: what dies is a process that passes its bytes on. Of a real one
+/// the arm is left with its firmware likewise.
 struct Relayed {
     service: Service,
     /// From here to there.
@@ -176,8 +189,15 @@ fn random(seed: &mut u64) -> f64 {
     (*seed >> 11) as f64 / (1_u64 << 53) as f64
 }
 
-/// One end of one arm, at a random moment within some ticks: the time to zero in ms, and whether the mock itself was late.
-fn try_end(between: &dyn Between, opened: &mut OpenedArm, end: End, seed: &mut u64, ticks: &mut Ticks) -> (f64, bool) {
+/// One end of one arm, at a random moment within some ticks: the time to zero in ms, and whether
+/// the mock itself was late.
+fn try_end(
+    between: &dyn Between,
+    opened: &mut OpenedArm,
+    end: End,
+    seed: &mut u64,
+    ticks: &mut Ticks,
+) -> (f64, bool) {
     let process = loop {
         push(opened);
         if let Some(process) = between.process() {
@@ -220,8 +240,10 @@ struct Ticks {
     longest_wait: Duration,
 }
 
-/// A tick that waited for a process which is stopped or gone would do so until that was killed, half a second later. The longest that waited for anything took
-/// 0.12 ms in the trials of docs/reference/measured.md. A tick that a busy machine interrupts does not wait, so its length is told and decides nothing.
+/// A tick that waited for a process which is stopped or gone would do so until that was killed,
+/// half a second later. The longest that waited for anything took 0.12 ms in the trials of
+/// docs/reference/measured.md. A tick that a busy machine interrupts does not wait, so its length
+/// is told and decides nothing.
 const WAIT_MAX: Duration = Duration::from_millis(20);
 
 impl Ticks {
@@ -241,7 +263,10 @@ fn try_ends(between: &dyn Between, n_trials: u32) {
     let mut seed = 0x9E37_79B9_7F4A_7C15;
     let name = between.name();
     for end in [End::Kill, End::Stop, End::Crash] {
-        let (mut longest_ms, mut judged, mut trials, mut ticks) = (0.0_f64, 0, 0, Ticks::default());
+        let mut longest_ms = 0.0_f64;
+        let mut judged = 0;
+        let mut trials = 0;
+        let mut ticks = Ticks::default();
         while judged < n_trials {
             trials += 1;
             assert!(
@@ -250,7 +275,10 @@ fn try_ends(between: &dyn Between, n_trials: u32) {
             );
             let (zero_ms, is_late) = try_end(between, &mut opened, end, &mut seed, &mut ticks);
             let is_in_time = zero_ms < between.within_ms();
-            assert!(is_in_time || is_late, "{name}, {end:?}, trial {trials}: zero after {zero_ms} ms");
+            assert!(
+                is_in_time || is_late,
+                "{name}, {end:?}, trial {trials}: zero after {zero_ms} ms"
+            );
             if is_in_time {
                 judged += 1;
                 longest_ms = longest_ms.max(zero_ms);
@@ -259,8 +287,9 @@ fn try_ends(between: &dyn Between, n_trials: u32) {
         assert!(opened.news.try_iter().any(|news| news == LinkNews::Lost));
         let Ticks { n, waits, longest, longest_wait } = ticks;
         println!(
-            "{name}, {end:?}: in time in {judged} of {trials} trials, the others on a mock that was late itself: zero after at most {longest_ms:.1} ms; \
-             {n} ticks, which waited {waits} times, the longest {longest:?}, the longest that waited {longest_wait:?}"
+            "{name}, {end:?}: in time in {judged} of {trials} trials, the others on a mock that \
+                was late itself: zero after at most {longest_ms:.1} ms; {n} ticks, which waited \
+                {waits} times, the longest {longest:?}, the longest that waited {longest_wait:?}"
         );
         assert!(longest_wait < WAIT_MAX, "{name}, {end:?}: a tick waited for {longest_wait:?}");
     }
@@ -271,13 +300,15 @@ fn try_ends(between: &dyn Between, n_trials: u32) {
 fn hold_link(name: &str, mut opened: OpenedArm, length: Duration) {
     play(&mut opened, &Wrench::ZERO, Ticked::is_fresh);
     opened.arm.set_enabled(true);
-    let (begin, mut last) = (Instant::now(), Instant::now());
+    let begin = Instant::now();
+    let mut last = Instant::now();
     let (mut n, mut stale, mut stale_run, mut lost, mut gaps, mut late, mut ticks) =
         (0_u64, 0_u64, 0_u64, 0, 0, 0, Ticks::default());
     let mut turn = 0_u64;
     while begin.elapsed() < length {
         // A second each way, for less than the time that a step of this may take.
-        let push = Wrench { force: PUSH.force * if turn.is_multiple_of(2) { 1.0 } else { -1.0 }, ..PUSH };
+        let push =
+            Wrench { force: PUSH.force * if turn.is_multiple_of(2) { 1.0 } else { -1.0 }, ..PUSH };
         turn += 1;
         let mut left = 1000;
         let mut stale_now = 0;
@@ -287,7 +318,10 @@ fn hold_link(name: &str, mut opened: OpenedArm, length: Duration) {
             last = Instant::now();
             ticks.count(ticked.took, ticked.waits);
             lost += u64::from(ticked.error.is_some());
-            gaps += ticked.sample.filter(|_| ticked.is_fresh()).map_or(0, |sample| u64::from(sample.lost_packets));
+            gaps += ticked
+                .sample
+                .filter(|_| ticked.is_fresh())
+                .map_or(0, |sample| u64::from(sample.lost_packets));
             stale_now = if ticked.is_fresh() { 0 } else { stale_now + 1 };
             stale += u64::from(stale_now > 0);
             stale_run = stale_run.max(stale_now);
@@ -296,8 +330,9 @@ fn hold_link(name: &str, mut opened: OpenedArm, length: Duration) {
         });
     }
     println!(
-        "{name}: {n} ticks in {:.0} s, {late} of them late by more than a millisecond, {stale} without a new sample, at most {stale_run} in a row, {gaps} samples \
-         lost on the way, {lost} with a lost arm; the longest tick {:?}",
+        "{name}: {n} ticks in {:.0} s, {late} of them late by more than a millisecond, {stale} \
+            without a new sample, at most {stale_run} in a row, {gaps} samples lost on the way, \
+            {lost} with a lost arm; the longest tick {:?}",
         begin.elapsed().as_secs_f64(),
         ticks.longest
     );
@@ -305,12 +340,14 @@ fn hold_link(name: &str, mut opened: OpenedArm, length: Duration) {
     assert!(stale < n / 10, "{name}: {stale} of {n} ticks without a new sample");
 }
 
-/// `HAPTICD_LINK_S=1800 cargo test --test hil ends::the_link -- --ignored --nocapture` for half an hour.
+/// `HAPTICD_LINK_S=1800 cargo test --test hil ends::the_link -- --ignored --nocapture` for half an
+/// hour.
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn the_link_to_every_makers_arm_lasts() {
     let _turn = turn();
-    let length_s = std::env::var("HAPTICD_LINK_S").map_or(1, |n| n.parse().expect("HAPTICD_LINK_S is a number"));
+    let length_s = std::env::var("HAPTICD_LINK_S")
+        .map_or(1, |n| n.parse().expect("HAPTICD_LINK_S is a number"));
     let length = Duration::from_secs(length_s);
     std::thread::scope(|scope| {
         for name in ["omega6", "touch", "virtuose-6d"] {
@@ -331,7 +368,8 @@ fn the_link_to_every_makers_arm_lasts() {
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_worker_or_service_may_die_crash_or_be_stopped_at_any_moment() {
     let _turn = turn();
-    let n_trials = std::env::var("HAPTICD_TRIALS").map_or(TRIALS, |n| n.parse().expect("HAPTICD_TRIALS is a number"));
+    let n_trials = std::env::var("HAPTICD_TRIALS")
+        .map_or(TRIALS, |n| n.parse().expect("HAPTICD_TRIALS is a number"));
     let libraries = ["omega6", "touch", "virtuose-6d"].map(|name| Library::new(name, &[]));
     std::thread::scope(|scope| {
         for library in &libraries {

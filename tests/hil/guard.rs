@@ -33,14 +33,19 @@ const GUARD: &str = env!("CARGO_BIN_EXE_hapticd");
 /// The guard of a process.
 fn guard_of(host: u32) -> Option<u32> {
     let stat = |pid: u32| std::fs::read_to_string(format!("/proc/{pid}/stat")).ok();
-    let pids = std::fs::read_dir("/proc").expect("proc").filter_map(|entry| entry.ok()?.file_name().to_str()?.parse().ok());
+    let pids = std::fs::read_dir("/proc")
+        .expect("proc")
+        .filter_map(|entry| entry.ok()?.file_name().to_str()?.parse().ok());
     // Number (name) state parent …
-    pids.into_iter().find(|pid| stat(*pid).is_some_and(|stat| stat.contains(&format!("(haptic-guard) S {host} "))))
+    pids.into_iter().find(|pid| {
+        stat(*pid).is_some_and(|stat| stat.contains(&format!("(haptic-guard) S {host} ")))
+    })
 }
 
 fn is_alive(pid: u32) -> bool {
     // A zombie is not alive.
-    std::fs::read_to_string(format!("/proc/{pid}/stat")).is_ok_and(|stat| stat.contains("(haptic-guard)") && !stat.contains(") Z "))
+    std::fs::read_to_string(format!("/proc/{pid}/stat"))
+        .is_ok_and(|stat| stat.contains("(haptic-guard)") && !stat.contains(") Z "))
 }
 
 fn ends(pid: u32) -> bool {
@@ -52,7 +57,14 @@ fn ends(pid: u32) -> bool {
 }
 
 fn signal(name: &str, pid: u32) {
-    assert!(Command::new("kill").args([format!("-{name}"), pid.to_string()]).status().expect("kill").success(), "{name}");
+    assert!(
+        Command::new("kill")
+            .args([format!("-{name}"), pid.to_string()])
+            .status()
+            .expect("kill")
+            .success(),
+        "{name}"
+    );
 }
 
 fn force_n(felt: &Ended) -> f64 {
@@ -63,8 +75,13 @@ fn force_n(felt: &Ended) -> f64 {
         .sqrt()
 }
 
-/// Lets the host press, does something to it and its guard, and gives what the arm felt until its time was over, and whether the guard has gone.
-fn pressed_then(bench: &Bench, mock_args: &[&str], mut act: impl FnMut(&Running, u32)) -> (Ended, bool) {
+/// Lets the host press, does something to it and its guard, and gives what the arm felt until its
+/// time was over, and whether the guard has gone.
+fn pressed_then(
+    bench: &Bench,
+    mock_args: &[&str],
+    mut act: impl FnMut(&Running, u32),
+) -> (Ended, bool) {
     repeat(|| {
         let mock = bench.mock_with(&[&["--duration", "6s"], mock_args].concat());
         let mut host = bench.host(&["--enable"]);
@@ -83,19 +100,26 @@ fn pressed_then(bench: &Bench, mock_args: &[&str], mut act: impl FnMut(&Running,
             host.signal("KILL");
         }
         let told = host.ended().stderr;
-        // A run that ended before it was killed had a fault: these arms have no other than lateness here, whatever they call it.
+        // A run that ended before it was killed had a fault: these arms have no other than lateness
+        // here, whatever they call it.
         let is_late = told.contains("fault: ");
         assert!(guard.is_some() || is_late, "a run without a guard:\n{told}");
         ((mock, guard.is_some_and(ends)), is_late)
     })
 }
 
-/// The host is killed while it presses. Most of these arms hold their last command for ever; the others say when their own watchdog was first.
+/// The host is killed while it presses. Most of these arms hold their last command for ever; the
+/// others say when their own watchdog was first.
 fn hears_zero_of_a_dead_host(bench: &Bench, mock_args: &[&str]) {
     let profile = &bench.profile;
     let (felt, has_gone) = pressed_then(bench, mock_args, |host, _| host.signal("KILL"));
     assert!(felt.number("largest_force_n") > 0.1, "{profile}: it pressed: {}", felt.json);
-    assert_eq!((force_n(&felt), felt.number("watchdog_trips")), (0.0, 0.0), "{profile}: {}", felt.json);
+    assert_eq!(
+        (force_n(&felt), felt.number("watchdog_trips")),
+        (0.0, 0.0),
+        "{profile}: {}",
+        felt.json
+    );
     assert!(has_gone, "{profile}: nothing is left behind");
 }
 
@@ -109,7 +133,8 @@ fn an_arm_hears_zero_of_a_dead_host() {
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn without_a_guard_an_arm_without_a_watchdog_holds_the_last_force_of_a_dead_host() {
-    // This is what the guard is for: there is no way out left in which a program that was killed could write a zero.
+    // This is what the guard is for: there is no way out left in which a program that was killed
+    // could write a zero.
     let bench = Bench::verified("polhem-2022");
     let (felt, _) = pressed_then(&bench, &[], |host, guard| {
         signal("KILL", guard);
@@ -138,7 +163,10 @@ fn signals_of_a_terminal_do_not_reach_the_guard_and_its_death_does_not_disturb_t
         let mut host = bench.host(&["--enable", "--duration", "4s"]);
         host.comes_to("state: enabled");
         let guard = guard_of(host.id()).expect("a guard");
-        let signals = ["HUP", "INT", "QUIT", "USR1", "USR2", "PIPE", "ALRM", "TERM", "TSTP", "ABRT", "SEGV", "XCPU"];
+        let signals = [
+            "HUP", "INT", "QUIT", "USR1", "USR2", "PIPE", "ALRM", "TERM", "TSTP", "ABRT", "SEGV",
+            "XCPU",
+        ];
         signals.into_iter().for_each(|name| signal(name, guard));
         std::thread::sleep(Duration::from_millis(100));
         let outlived = is_alive(guard);
@@ -148,7 +176,12 @@ fn signals_of_a_terminal_do_not_reach_the_guard_and_its_death_does_not_disturb_t
         let is_late = host.faults().into_iter().any(is_lateness);
         ((host, [outlived, has_gone]), is_late)
     });
-    assert_eq!((host.code(), host.faults(), guards), (Some(0), Vec::new(), [true, true]), "{}", host.stderr);
+    assert_eq!(
+        (host.code(), host.faults(), guards),
+        (Some(0), Vec::new(), [true, true]),
+        "{}",
+        host.stderr
+    );
     assert!(!host.stderr.contains("guard"), "nothing is said of it: {}", host.stderr);
 }
 
@@ -180,11 +213,17 @@ fn a_guard_is_no_command_for_people() {
 
 /// A terminal: the arm's end, and the host's.
 fn terminal() -> (File, OwnedFd) {
-    let far = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).expect("a terminal");
+    let far =
+        openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).expect("a terminal");
     grantpt(&far).expect("ours");
     unlockpt(&far).expect("ours");
     let name = ptsname(&far, Vec::new()).expect("a name");
-    let near = rustix::fs::open(name.as_c_str(), OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC, Mode::empty()).expect("there");
+    let near = rustix::fs::open(
+        name.as_c_str(),
+        OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC,
+        Mode::empty(),
+    )
+    .expect("there");
     let mut settings = tcgetattr(&near).expect("a terminal");
     settings.make_raw();
     tcsetattr(&near, OptionalActions::Now, &settings).expect("set");
@@ -196,13 +235,16 @@ fn terminal() -> (File, OwnedFd) {
 fn guarded_terminal() -> (File, OwnedFd, Guard) {
     let (far, near) = terminal();
     let zero = ZeroFrame(b"zero\n".to_vec());
-    let guard = Guard::start(Path::new(GUARD), near.try_clone().expect("a descriptor"), &zero, None).expect("a guard");
+    let guard =
+        Guard::start(Path::new(GUARD), near.try_clone().expect("a descriptor"), &zero, None)
+            .expect("a guard");
     (far, near, guard)
 }
 
 /// What comes to the arm's end for so long, or until there is so much of it.
 fn heard(far: &mut File, within: Duration, n_bytes: usize) -> Vec<u8> {
-    let (begin, mut bytes) = (Instant::now(), Vec::new());
+    let begin = Instant::now();
+    let mut bytes = Vec::new();
     while begin.elapsed() < within && bytes.len() < n_bytes {
         let mut some = [0; 512];
         match far.read(&mut some) {
@@ -263,7 +305,8 @@ fn a_guard_that_is_dismissed_under_force_says_zero_first() {
 const PORT_OF_HOST: &str = "HAPTICD_TEST_PORT";
 
 #[test]
-#[ignore = "no test by itself: a_host_that_takes_long_to_die_is_not_waited_for starts it by name, as the host that it kills"]
+#[ignore = "no test by itself: a_host_that_takes_long_to_die_is_not_waited_for starts it by name, \
+    as the host that it kills"]
 fn large_host() {
     let Ok(port) = std::env::var(PORT_OF_HOST) else { return };
     let port = File::options().write(true).open(port).expect("the port");
@@ -322,9 +365,18 @@ fn what_waits_in_the_port_goes_before_the_zero() {
 #[test]
 fn a_program_that_is_no_guard_is_an_error_in_words() {
     let (_far, near) = terminal();
-    let start =
-        |program: &str| Guard::start(Path::new(program), near.try_clone().expect("a descriptor"), &ZeroFrame(vec![0]), None);
-    assert_eq!(start("/no/such/program").expect_err("missing").kind(), std::io::ErrorKind::NotFound);
+    let start = |program: &str| {
+        Guard::start(
+            Path::new(program),
+            near.try_clone().expect("a descriptor"),
+            &ZeroFrame(vec![0]),
+            None,
+        )
+    };
+    assert_eq!(
+        start("/no/such/program").expect_err("missing").kind(),
+        std::io::ErrorKind::NotFound
+    );
     let other = start("/bin/false").expect_err("another program").to_string();
     assert!(other.contains("/bin/false guard") && other.contains("exit status: 1"), "{other}");
 }
@@ -335,7 +387,8 @@ fn a_driver_that_slept_sends_nothing_that_it_computed_before() {
     let folder = tempfile::tempdir().expect("a folder");
     let node: PathBuf = folder.path().join("arm");
     let profile = profile::find("polhem-2022", Path::new("")).expect("shipped");
-    let settings = MockSettings { hand: None, hand_delay: Duration::ZERO, faults: Vec::new(), seed: 1 };
+    let settings =
+        MockSettings { hand: None, hand_delay: Duration::ZERO, faults: Vec::new(), seed: 1 };
     let (parameters, protocol) = builder::parameters(&profile, settings);
     let serving = Serving { period_s: parameters.period_s, duration: None, until_host_gone: false };
     let mut mock = MockArm::new(parameters, protocol.firmware(Carriage::Stream)).expect("valid");
@@ -346,7 +399,12 @@ fn a_driver_that_slept_sends_nothing_that_it_computed_before() {
         serve(&mut mock, &mut pty, serving, None, || told.load(Ordering::Relaxed)).expect("served");
         mock.report()
     });
-    let options = OpenOptions { selector: Some(Selector::Path(node)), io_request: None, period_s: 1e-3, guard: Some(GUARD.into()) };
+    let options = OpenOptions {
+        selector: Some(Selector::Path(node)),
+        io_request: None,
+        period_s: 1e-3,
+        guard: Some(GUARD.into()),
+    };
     let mut opened = open::open(&profile, &options).expect("an arm");
     assert!(opened.news.try_recv().is_err(), "it has a guard");
     let arm = &mut opened.arm;

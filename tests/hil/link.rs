@@ -16,7 +16,8 @@ const HUNG: Duration = Duration::from_secs(60);
 /// How often something is tried that the machine may spoil.
 const ATTEMPTS: u64 = 6;
 
-/// Two tests have a host and an arm at a time, however many run: they wait most of their time, and more of them would be late.
+/// Two tests have a host and an arm at a time, however many run: they wait most of their time, and
+/// more of them would be late.
 pub(crate) fn turn() -> MutexGuard<'static, ()> {
     static LINES: [Mutex<()>; 2] = [Mutex::new(()), Mutex::new(())];
     let [first, second] = &LINES;
@@ -81,7 +82,9 @@ impl Running {
         });
         let err = BufReader::new(child.stderr.take().expect("piped"));
         let (sender, stderr) = channel();
-        std::thread::spawn(move || err.lines().map_while(Result::ok).try_for_each(|line| sender.send(line)));
+        std::thread::spawn(move || {
+            err.lines().map_while(Result::ok).try_for_each(|line| sender.send(line))
+        });
         let stdin = child.stdin.take();
         Self { child, stdin, stdout: Some(stdout), stderr, said: String::new() }
     }
@@ -102,7 +105,9 @@ impl Running {
                     }
                 }
                 Err(RecvTimeoutError::Disconnected) => return false,
-                Err(RecvTimeoutError::Timeout) => panic!("says nothing more, and no `{wanted}` after\n{}", self.said),
+                Err(RecvTimeoutError::Timeout) => {
+                    panic!("says nothing more, and no `{wanted}` after\n{}", self.said)
+                }
             }
         }
     }
@@ -116,7 +121,10 @@ impl Running {
     }
 
     pub(crate) fn signal(&self, name: &str) {
-        let status = Command::new("kill").args([format!("-{name}"), self.child.id().to_string()]).status().expect("kill");
+        let status = Command::new("kill")
+            .args([format!("-{name}"), self.child.id().to_string()])
+            .status()
+            .expect("kill");
         assert!(status.success());
     }
 
@@ -129,9 +137,13 @@ impl Running {
                 None => std::thread::sleep(Duration::from_millis(5)),
             }
         };
-        let text = self.stdout.take().map(|thread| thread.join().expect("reads")).unwrap_or_default();
-        let json =
-            if text.is_empty() { Value::Null } else { serde_json::from_str(&text).unwrap_or_else(|e| panic!("{e}: {text}")) };
+        let text =
+            self.stdout.take().map(|thread| thread.join().expect("reads")).unwrap_or_default();
+        let json = if text.is_empty() {
+            Value::Null
+        } else {
+            serde_json::from_str(&text).unwrap_or_else(|e| panic!("{e}: {text}"))
+        };
         self.said.extend(self.stderr.iter().flat_map(|line| [line, "\n".to_owned()]));
         Ended { status, json, stderr: core::mem::take(&mut self.said) }
     }
@@ -156,29 +168,37 @@ pub(crate) struct Bench {
 impl Bench {
     /// An arm as it is shipped.
     pub(crate) fn shipped(profile: &str) -> Self {
-        Self { folder: TempDir::new().expect("a folder"), profile: profile.to_owned(), scene: block_on_plane() }
+        Self {
+            folder: TempDir::new().expect("a folder"),
+            profile: profile.to_owned(),
+            scene: block_on_plane(),
+        }
     }
 
     /// A shipped arm whose signs count as checked: it may push harder than 0.5 N.
     pub(crate) fn verified(profile: &str) -> Self {
         let bench = Self::shipped(profile);
-        let text = std::fs::read_to_string(root(&format!("devices/{profile}.toml"))).expect("shipped");
+        let text =
+            std::fs::read_to_string(root(&format!("devices/{profile}.toml"))).expect("shipped");
         let text = text.replace("signs_verified = false", "signs_verified = true");
         let path = bench.folder.path().join(format!("{profile}.toml"));
         std::fs::write(&path, text).expect("written");
         Self { profile: path.display().to_string(), ..bench }
     }
 
-    /// A verified open6 arm, so viscous that a link which is some ticks late makes nothing softer: what it feels does not depend on the machine.
+    /// A verified open6 arm, so viscous that a link which is some ticks late makes nothing softer:
+    /// what it feels does not depend on the machine.
     pub(crate) fn viscous() -> Self {
-        Self::verified("open6-serial").changed(&[("damping_n_s_per_m = 1.875", "damping_n_s_per_m = 15.0")])
+        Self::verified("open6-serial")
+            .changed(&[("damping_n_s_per_m = 1.875", "damping_n_s_per_m = 15.0")])
     }
 
     fn link(&self) -> String {
         self.folder.path().join("arm").display().to_string()
     }
 
-    /// The arm, ready for a host, until that has gone or it is told a duration. The hand is that of block-on-plane.
+    /// The arm, ready for a host, until that has gone or it is told a duration. The hand is that of
+    /// block-on-plane.
     pub(crate) fn mock(&self, args: &[&str]) -> Running {
         let hung: &[&str] = if args.contains(&"--duration") { &[] } else { &["--duration", "60s"] };
         self.mock_with(&[&["--once"], hung, args].concat())
@@ -186,7 +206,8 @@ impl Bench {
 
     /// The arm, which says itself when it ends.
     pub(crate) fn mock_with(&self, args: &[&str]) -> Running {
-        let (link, scene) = (self.link(), block_on_plane());
+        let link = self.link();
+        let scene = block_on_plane();
         let scene = scene.to_str().expect("text");
         let mut all = vec!["mock", &self.profile, "--pty", &link, "--json", "--scene", scene];
         all.extend(["--cache", "off"]);
@@ -209,7 +230,9 @@ impl Bench {
 
     /// The scene with more keys, for the host.
     pub(crate) fn scene_with(mut self, keys: &str) -> Self {
-        let text = std::fs::read_to_string(block_on_plane()).expect("shipped").replace("hand = \"hands/block-on-plane.csv\"", "");
+        let text = std::fs::read_to_string(block_on_plane())
+            .expect("shipped")
+            .replace("hand = \"hands/block-on-plane.csv\"", "");
         self.scene = self.folder.path().join("scene.toml");
         std::fs::write(&self.scene, format!("{text}\n{keys}\n")).expect("written");
         self
@@ -229,15 +252,24 @@ impl Bench {
     /// The host, on the scene.
     pub(crate) fn host(&self, args: &[&str]) -> Running {
         let link = self.link();
-        let mut all = vec!["run", self.scene.to_str().expect("text"), "--device", &self.profile, "--json", "--selector", &link];
+        let mut all = vec![
+            "run",
+            self.scene.to_str().expect("text"),
+            "--device",
+            &self.profile,
+            "--json",
+            "--selector",
+            &link,
+        ];
         all.extend(["--cache", "off", "--monitor", "off"]);
         all.extend(args);
         Running::start(&all)
     }
 }
 
-/// What `once` returns, from the first time that the machine did not spoil it, or from the last. Each time begins after a longer rest: what keeps a machine
-/// busy for some seconds passes. A fault of ours comes every time.
+/// What `once` returns, from the first time that the machine did not spoil it, or from the last.
+/// Each time begins after a longer rest: what keeps a machine busy for some seconds passes. A fault
+/// of ours comes every time.
 pub(crate) fn repeat<T>(mut once: impl FnMut() -> (T, bool)) -> T {
     let _turn = turn();
     for attempt in 1..ATTEMPTS {
@@ -250,27 +282,37 @@ pub(crate) fn repeat<T>(mut once: impl FnMut() -> (T, bool)) -> T {
     once().0
 }
 
-/// Whether this is a fault that a machine makes alone: bytes of a tty pass through a kernel thread of ordinary priority, so a busy machine makes a link late
-/// although both of its ends are in time.
+/// Whether this is a fault that a machine makes alone: bytes of a tty pass through a kernel thread
+/// of ordinary priority, so a busy machine makes a link late although both of its ends are in time.
 pub(crate) fn is_lateness(fault: &str) -> bool {
     matches!(fault, "stale" | "overrun")
 }
 
-/// Runs host and arm against each other, again where the host ended for nothing but lateness, or after some, when it should not. `expected`: sets of faults
-/// that are as they should be.
-pub(crate) fn exchange(bench: &Bench, mock_args: &[&str], host_args: &[&str], expected: &[&[&str]]) -> (Ended, Ended) {
+/// Runs host and arm against each other, again where the host ended for nothing but lateness, or
+/// after some, when it should not. `expected`: sets of faults that are as they should be.
+pub(crate) fn exchange(
+    bench: &Bench,
+    mock_args: &[&str],
+    host_args: &[&str],
+    expected: &[&[&str]],
+) -> (Ended, Ended) {
     repeat(|| {
         let mock = bench.mock(mock_args);
         let host = bench.host(host_args).ended();
         let mock = mock.ended();
         let is_expected = expected.iter().any(|faults| host.faults() == *faults);
         // A host that gave up before the arm had its fault says nothing about it.
-        let is_early = !expected.contains(&[].as_slice()) && mock.json["faults"].as_array().is_none_or(Vec::is_empty);
+        let is_early = !expected.contains(&[].as_slice())
+            && mock.json["faults"].as_array().is_none_or(Vec::is_empty);
         // An arm whose watchdog tripped says so, as an error of its own.
         let has_tripped = mock.number("watchdog_trips") > 0.0;
-        let is_late = host.faults().iter().all(|fault| is_lateness(fault) || *fault == "device-error" && has_tripped);
+        let is_late = host
+            .faults()
+            .iter()
+            .all(|fault| is_lateness(fault) || *fault == "device-error" && has_tripped);
         // A host that slept over several periods saw a fast hand leap.
-        let has_slept = host.json["wakeup_us"]["max"].as_f64().is_some_and(|late_us| late_us > 3000.0);
+        let has_slept =
+            host.json["wakeup_us"]["max"].as_f64().is_some_and(|late_us| late_us > 3000.0);
         ((host, mock), (is_late || has_slept) && (!is_expected || is_early))
     })
 }

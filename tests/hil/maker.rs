@@ -1,4 +1,5 @@
-//! Arms behind a library or a service of their maker, driven by this process: the mock arm in a thread, and what its motors did in a file.
+//! Arms behind a library or a service of their maker, driven by this process: the mock arm in a
+//! thread, and what its motors did in a file.
 //!
 //! ```text
 //!   this test ─ WiredArm ─ page ─ worker (hapticd vendor-arm) ─ libmock_drd.so, … ─ socket ─ mock arm
@@ -39,7 +40,8 @@ use vps::spatial::{DeviceSample, SampleStatus, Wrench};
 const HAPTICD: &str = env!("CARGO_BIN_EXE_hapticd");
 /// Longer than anything here takes on a busy machine.
 pub(crate) const HUNG: Duration = Duration::from_secs(20);
-/// What a busy machine adds to a time that the mock arm keeps: a period of it, and a line of its file.
+/// What a busy machine adds to a time that the mock arm keeps: a period of it, and a line of its
+/// file.
 pub(crate) const LATENESS_MS: f64 = 10.0;
 /// As much as unverified signs leave.
 pub(crate) const PUSH: Wrench = Wrench { force: DVec3::new(0.0, 0.0, 0.4), torque: DVec3::ZERO };
@@ -59,7 +61,8 @@ pub(crate) fn keep_time(priority: u8) {
     let _ = schedule::enter_fifo(priority);
 }
 
-/// What a stand-in has in the place of its arm's cable. Not a tty: that passes bytes on in a thread of the kernel, for which a busy machine has no time.
+/// What a stand-in has in the place of its arm's cable. Not a tty: that passes bytes on in a thread
+/// of the kernel, for which a busy machine has no time.
 struct Cable {
     path: PathBuf,
     listener: Option<UnixListener>,
@@ -77,14 +80,17 @@ impl Cable {
 impl ArmLink for Cable {
     fn wait(&mut self, timeout: Duration) {
         let listener = self.listener.as_ref().map(UnixListener::as_fd);
-        let Some(fd) = self.stream.as_ref().map(UnixStream::as_fd).or(listener) else { return std::thread::sleep(timeout) };
+        let Some(fd) = self.stream.as_ref().map(UnixStream::as_fd).or(listener) else {
+            return std::thread::sleep(timeout);
+        };
         let timeout = Timespec { tv_sec: 0, tv_nsec: timeout.subsec_nanos().into() };
         let _ = poll(&mut [PollFd::from_borrowed_fd(fd, PollFlags::IN)], Some(&timeout));
     }
 
     fn receive(&mut self, buffer: &mut [u8]) -> usize {
         if self.stream.is_none()
-            && let Some((stream, _)) = self.listener.as_ref().and_then(|listener| listener.accept().ok())
+            && let Some((stream, _)) =
+                self.listener.as_ref().and_then(|listener| listener.accept().ok())
         {
             stream.set_nonblocking(true).expect("a socket");
             self.stream = Some(stream);
@@ -111,7 +117,8 @@ impl ArmLink for Cable {
     }
 
     fn replug(&mut self) -> Result<(), LinkError> {
-        let of = |cause| LinkError::Node { what: format!("listen at {}", self.path.display()), cause };
+        let of =
+            |cause| LinkError::Node { what: format!("listen at {}", self.path.display()), cause };
         let listener = UnixListener::bind(&self.path).map_err(of)?;
         listener.set_nonblocking(true).map_err(of)?;
         self.listener = Some(listener);
@@ -148,33 +155,51 @@ impl Arm {
         make: impl FnOnce(&Path, &Protocol) -> (L, Box<dyn Firmware>),
     ) -> Self {
         let folder = folder_in_memory();
-        let faults = faults.iter().map(|text| ((*text).to_owned(), fault::parse(text).expect("grammar"))).collect();
+        let faults = faults
+            .iter()
+            .map(|text| ((*text).to_owned(), fault::parse(text).expect("grammar")))
+            .collect();
         let settings = MockSettings { hand, hand_delay: Duration::ZERO, faults, seed: 1 };
         let (parameters, protocol) = builder::parameters(profile, settings);
         let (mut link, firmware) = make(folder.path(), &protocol);
-        let serving = Serving { period_s: parameters.period_s, duration: None, until_host_gone: false };
+        let serving =
+            Serving { period_s: parameters.period_s, duration: None, until_host_gone: false };
         let mut mock = MockArm::new(parameters, firmware).expect("valid");
         let mut trace = TraceFile::create(&folder.path().join("trace")).expect("written");
         let quit = Arc::new(AtomicBool::new(false));
         let told = quit.clone();
         let thread = std::thread::spawn(move || {
             keep_time(ARM_PRIORITY);
-            serve(&mut mock, &mut link, serving, Some(&mut trace), || told.load(Ordering::Relaxed)).expect("served");
+            serve(&mut mock, &mut link, serving, Some(&mut trace), || told.load(Ordering::Relaxed))
+                .expect("served");
             mock.report()
         });
         Self { folder, quit, thread: Some(thread) }
     }
 
     /// The arm of a profile behind a pseudo-terminal.
-    pub(crate) fn on_a_tty(profile: &Profile, hand: Option<HandParameters>, faults: &[&str]) -> Self {
+    pub(crate) fn on_a_tty(
+        profile: &Profile,
+        hand: Option<HandParameters>,
+        faults: &[&str],
+    ) -> Self {
         Self::new(profile, hand, faults, |folder, protocol| {
-            (Pty::new(&folder.join("arm")).expect("a terminal"), protocol.firmware(Carriage::Stream))
+            (
+                Pty::new(&folder.join("arm")).expect("a terminal"),
+                protocol.firmware(Carriage::Stream),
+            )
         })
     }
 
     /// The same at the end of a stand-in's cable.
-    pub(crate) fn on_a_cable(profile: &Profile, hand: Option<HandParameters>, faults: &[&str]) -> Self {
-        Self::new(profile, hand, faults, |folder, protocol| (Cable::new(folder.join("arm")), protocol.firmware(Carriage::Stream)))
+    pub(crate) fn on_a_cable(
+        profile: &Profile,
+        hand: Option<HandParameters>,
+        faults: &[&str],
+    ) -> Self {
+        Self::new(profile, hand, faults, |folder, protocol| {
+            (Cable::new(folder.join("arm")), protocol.firmware(Carriage::Stream))
+        })
     }
 
     /// The same behind a service, and the address of that.
@@ -186,7 +211,8 @@ impl Arm {
     ) -> (Self, String) {
         let mut address = String::new();
         let arm = Self::new(profile, hand, faults, |_, protocol| {
-            let server = ServiceServer::new("127.0.0.1:0".parse().expect("an address"), version).expect("a port");
+            let server = ServiceServer::new("127.0.0.1:0".parse().expect("an address"), version)
+                .expect("a port");
             address = server.address().to_string();
             (server, service::firmware(protocol, version).expect("served"))
         });
@@ -209,8 +235,11 @@ impl Arm {
             let t_ns = words.next()?.parse::<i64>().ok()?;
             Some((t_ns, words.next()?.parse::<f64>().ok()?, words.nth(2)?.parse::<f64>().ok()?))
         });
-        let (mut before_n, mut now_n, mut zero_ns) = (0.0, 0.0, at_ns);
-        let (mut late_before, mut late_at_zero) = (0.0, 0.0);
+        let mut before_n = 0.0;
+        let mut now_n = 0.0;
+        let mut zero_ns = at_ns;
+        let mut late_before = 0.0;
+        let mut late_at_zero = 0.0;
         for (t_ns, force_n, late) in samples.filter(|(t_ns, ..)| *t_ns <= until_ns) {
             if t_ns < at_ns {
                 (before_n, late_before, late_at_zero) = (force_n, late, late);
@@ -220,7 +249,11 @@ impl Arm {
             now_n = force_n;
         }
         assert!(now_n == 0.0, "the motors are still on with {now_n} N");
-        Felt { zero_ms: (zero_ns - at_ns) as f64 * 1e-6, before_n, is_late: late_at_zero > late_before }
+        Felt {
+            zero_ms: (zero_ns - at_ns) as f64 * 1e-6,
+            before_n,
+            is_late: late_at_zero > late_before,
+        }
     }
 
     pub(crate) fn ended(mut self) -> MockReport {
@@ -257,7 +290,8 @@ impl Serial {
 
     pub(crate) fn open(&self) -> OpenedArm {
         let options = options(Some(self.arm.link()), Some(HAPTICD.into()));
-        open::open(&self.profile, &options).unwrap_or_else(|error| panic!("{}: {error}", self.profile.name))
+        open::open(&self.profile, &options)
+            .unwrap_or_else(|error| panic!("{}: {error}", self.profile.name))
     }
 }
 
@@ -280,14 +314,20 @@ impl Library {
         let arm = Arm::on_a_cable(&arm, Some(HandParameters::default()), faults);
         let library = Self { profile, arm };
         library.goes_wrong("");
-        let (link, faults) = (library.arm.link(), library.faults());
+        let link = library.arm.link();
+        let faults = library.faults();
         let environment = format!(
-            "export HAPTICD_MOCK_ARM={} HAPTICD_MOCK_FAULT_FILE={}\nHAPTICD={HAPTICD} PRIORITY={WORKER_PRIORITY}\n",
+            "export HAPTICD_MOCK_ARM={} HAPTICD_MOCK_FAULT_FILE={}\nHAPTICD={HAPTICD} \
+                PRIORITY={WORKER_PRIORITY}\n",
             link.display(),
             faults.display()
         );
         fs::write(library.arm.folder.path().join("environment"), environment).expect("written");
-        symlink(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/hil/worker.sh"), library.program()).expect("a link");
+        symlink(
+            Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/hil/worker.sh"),
+            library.program(),
+        )
+        .expect("a link");
         library
     }
 
@@ -325,7 +365,11 @@ impl Library {
 
     /// What the error code of a sample means.
     pub(crate) fn error_text(&self, error: u16) -> String {
-        self.profile.real.as_ref().and_then(|real| real.protocol.error_text(error)).expect("has words")
+        self.profile
+            .real
+            .as_ref()
+            .and_then(|real| real.protocol.error_text(error))
+            .expect("has words")
     }
 
     /// The process of the worker that works now, if one does.
@@ -343,14 +387,19 @@ pub(crate) fn worker_of(link: &Path) -> Option<u32> {
     };
     let is_worker = |pid: u32| {
         let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
-        stat.split_once('(').is_some_and(|(_, rest)| rest.starts_with("haptic-worker) ") && !rest.starts_with("haptic-worker) Z"))
+        stat.split_once('(').is_some_and(|(_, rest)| {
+            rest.starts_with("haptic-worker) ") && !rest.starts_with("haptic-worker) Z")
+        })
     };
-    let pids = fs::read_dir("/proc").expect("proc").filter_map(|entry| entry.ok()?.file_name().to_str()?.parse().ok());
+    let pids = fs::read_dir("/proc")
+        .expect("proc")
+        .filter_map(|entry| entry.ok()?.file_name().to_str()?.parse().ok());
     pids.into_iter().find(|pid| is_worker(*pid) && leads_there(*pid))
 }
 
-/// An address of this machine at which nothing listens. Its port is none that the system gives to the near end of a connection: what connects to such a
-/// port before there is a listener may be given it, and is connected to itself.
+/// An address of this machine at which nothing listens. Its port is none that the system gives to
+/// the near end of a connection: what connects to such a port before there is a listener may be
+/// given it, and is connected to itself.
 pub(crate) fn free_address() -> String {
     let ports = (0..10_000).map(|n| 20_000 + (std::process::id() as u16 % 10_000 + n) % 10_000);
     let is_free = |address: &String| TcpListener::bind(address).is_ok();
@@ -373,7 +422,8 @@ pub(crate) struct Service {
 impl Service {
     pub(crate) fn new(version: &str, faults: &[&str]) -> Self {
         let mut profile = shipped("inverse3");
-        let (arm, address) = Arm::behind_a_service(&profile, version, Some(HandParameters::default()), faults);
+        let (arm, address) =
+            Arm::behind_a_service(&profile, version, Some(HandParameters::default()), faults);
         let service = profile.real.as_mut().and_then(|real| match &mut real.protocol {
             Protocol::HaplyService(service) => Some(service),
             _ => None,
@@ -430,16 +480,27 @@ fn waits() -> u64 {
 }
 
 /// Ticks of a millisecond until `until` says so: what the last one gave.
-pub(crate) fn play(opened: &mut OpenedArm, wrench: &Wrench, mut until: impl FnMut(&Ticked) -> bool) -> Ticked {
+pub(crate) fn play(
+    opened: &mut OpenedArm,
+    wrench: &Wrench,
+    mut until: impl FnMut(&Ticked) -> bool,
+) -> Ticked {
     keep_time(LOOP_PRIORITY);
     let begin = Instant::now();
     loop {
-        let (waited, tick) = (waits(), Instant::now());
+        let waited = waits();
+        let tick = Instant::now();
         let read = opened.arm.read();
         let wrote = if read.is_ok() { opened.arm.write(wrench) } else { Ok(Wrench::ZERO) };
         let took = tick.elapsed();
         let waits = waits() - waited;
-        let ticked = Ticked { error: read.err().or(wrote.err()), sample: read.ok(), made: wrote.unwrap_or_default(), took, waits };
+        let ticked = Ticked {
+            error: read.err().or(wrote.err()),
+            sample: read.ok(),
+            made: wrote.unwrap_or_default(),
+            took,
+            waits,
+        };
         if until(&ticked) {
             return ticked;
         }
@@ -463,7 +524,8 @@ pub(crate) fn push(opened: &mut OpenedArm) {
     play(opened, &PUSH, n_ticks(30));
 }
 
-/// A folder for the trace of an arm, in memory: a disk that is busy would hold up the arm, which writes a line in every period.
+/// A folder for the trace of an arm, in memory: a disk that is busy would hold up the arm, which
+/// writes a line in every period.
 pub(crate) fn folder_in_memory() -> TempDir {
     let memory = Path::new("/dev/shm");
     if memory.is_dir() { TempDir::new_in(memory) } else { TempDir::new() }.expect("a folder")

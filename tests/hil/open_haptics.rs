@@ -1,4 +1,5 @@
-//! 3D Systems' library, whose scheduler owns the clock: what it has and the others have not. Faults and ends of it are with those of the others.
+//! 3D Systems' library, whose scheduler owns the clock: what it has and the others have not. Faults
+//! and ends of it are with those of the others.
 
 use std::time::{Duration, Instant};
 
@@ -28,9 +29,11 @@ fn a_push_moves_the_arm_its_way() {
             assert!(moved.dot(axis) > 2e-4, "{profile} {axis}: {moved}");
         }
         if axes == 6 {
-            let before = play(&mut opened, &Wrench::ZERO, n_ticks(20)).sample.expect("there").pose.rotation;
+            let before =
+                play(&mut opened, &Wrench::ZERO, n_ticks(20)).sample.expect("there").pose.rotation;
             let after = play(&mut opened, &Wrench::new(DVec3::ZERO, DVec3::Z * 0.01), n_ticks(80));
-            let turned = (after.sample.expect("there").pose.rotation * before.conjugate()).to_scaled_axis();
+            let turned =
+                (after.sample.expect("there").pose.rotation * before.conjugate()).to_scaled_axis();
             assert!(after.made.torque.z > 0.0 && turned.z > 1e-3, "{profile}: {after:?} {turned}");
         }
     }
@@ -43,8 +46,15 @@ fn an_arm_that_does_not_open_is_told_why() {
     let locked = Library::new("touch", &[]);
     locked.goes_wrong("no-device");
     let refused = locked.try_open().err().expect("locked").to_string();
-    assert!(refused.contains("HD error 0x0303") && refused.contains("unplug it, wait and plug it in"), "{refused}");
-    let refused = Library::over("premium15-6dof", "touch", &[]).try_open().err().expect("another arm").to_string();
+    assert!(
+        refused.contains("HD error 0x0303") && refused.contains("unplug it, wait and plug it in"),
+        "{refused}"
+    );
+    let refused = Library::over("premium15-6dof", "touch", &[])
+        .try_open()
+        .err()
+        .expect("another arm")
+        .to_string();
     assert!(refused.contains("drives 3 axes, and the profile says six"), "{refused}");
 }
 
@@ -63,7 +73,10 @@ fn an_arm_that_is_not_calibrated_says_what_to_do_and_is_homed_afterwards() {
         homed == Some(true)
     });
     let told = opened.news.recv_timeout(HUNG).expect("told");
-    assert!(matches!(&told, LinkNews::Told(text) if text.contains("inkwell") || text.contains("calibrated")), "{told:?}");
+    assert!(
+        matches!(&told, LinkNews::Told(text) if text.contains("inkwell") || text.contains("calibrated")),
+        "{told:?}"
+    );
 }
 
 /// Where the arm is becomes its zero: no opening does that by itself.
@@ -84,6 +97,9 @@ fn an_encoder_is_reset_only_where_a_person_said_that_the_arm_is_held_there() {
         });
         assert_eq!(last.sample.is_some_and(|sample| sample.homed), home);
         let is_asked = |news: &LinkNews| matches!(news, LinkNews::Told(text) if text.contains("reset position") && text.contains("--home") != home);
-        assert!(core::iter::from_fn(|| opened.news.recv_timeout(HUNG).ok()).any(|news| is_asked(&news)), "{home}: not asked for");
+        assert!(
+            core::iter::from_fn(|| opened.news.recv_timeout(HUNG).ok()).any(|news| is_asked(&news)),
+            "{home}: not asked for"
+        );
     }
 }

@@ -21,7 +21,8 @@ fn a_replugged_arm_waits_for_the_operator() {
         host.wait_for("state: enabled");
         std::thread::sleep(Duration::from_millis(800));
         host.say("stop");
-        let (host, mock) = (host.ended(), mock.ended());
+        let host = host.ended();
+        let mock = mock.ended();
         let is_late = host.faults().into_iter().any(is_lateness);
         ((host, mock), is_late)
     });
@@ -44,14 +45,21 @@ fn killed(bench: &Bench, signal: &str) -> serde_json::Value {
         host.signal(signal);
         // A host that is killed has no summary, but has told its faults.
         let told = host.ended().stderr;
-        let is_late =
-            !is_enabled || told.lines().filter_map(|line| line.strip_prefix("fault: ")?.split(' ').next()).any(is_lateness);
+        let is_late = !is_enabled
+            || told
+                .lines()
+                .filter_map(|line| line.strip_prefix("fault: ")?.split(' ').next())
+                .any(is_lateness);
         (mock.ended().json, is_late)
     })
 }
 
 fn force_n(felt: &serde_json::Value) -> f64 {
-    ["fx_n", "fy_n", "fz_n"].map(|key| felt["last_command"][key].as_f64().expect("a number").powi(2)).iter().sum::<f64>().sqrt()
+    ["fx_n", "fy_n", "fz_n"]
+        .map(|key| felt["last_command"][key].as_f64().expect("a number").powi(2))
+        .iter()
+        .sum::<f64>()
+        .sqrt()
 }
 
 #[test]
@@ -59,7 +67,10 @@ fn force_n(felt: &serde_json::Value) -> f64 {
 fn a_host_that_is_told_to_end_leaves_no_force() {
     for signal in ["TERM", "INT"] {
         let felt = killed(&Bench::verified("polhem-2022"), signal);
-        assert!(felt["largest_force_n"].as_f64().is_some_and(|force_n| force_n > 0.1), "{signal}: {felt}");
+        assert!(
+            felt["largest_force_n"].as_f64().is_some_and(|force_n| force_n > 0.1),
+            "{signal}: {felt}"
+        );
         assert_eq!(force_n(&felt), 0.0, "{signal}: {felt}");
     }
 }

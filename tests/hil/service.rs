@@ -1,4 +1,5 @@
-//! An arm behind a service: what a service has and a tty has not. Faults and ends of it are with those of makers' libraries.
+//! An arm behind a service: what a service has and a tty has not. Faults and ends of it are with
+//! those of makers' libraries.
 
 use core::time::Duration;
 use std::time::Instant;
@@ -14,7 +15,11 @@ use vps::spatial::{DeviceSample, SampleStatus, Wrench};
 use super::maker::{HUNG, Service};
 
 /// Pushes for some ticks of about a millisecond; the last sample and the last answer.
-fn pushed(arm: &mut dyn Device, ticks: u32, force: DVec3) -> Result<(DeviceSample, Wrench), DeviceError> {
+fn pushed(
+    arm: &mut dyn Device,
+    ticks: u32,
+    force: DVec3,
+) -> Result<(DeviceSample, Wrench), DeviceError> {
     arm.set_enabled(true);
     let mut last = (DeviceSample::default(), Wrench::ZERO);
     for _ in 0..ticks {
@@ -32,9 +37,14 @@ fn the_force_arrives_in_both_dialects_and_the_arm_says_who_it_is() {
         let OpenedArm { mut arm, news, .. } = served.open();
         assert_eq!(
             arm.identity().as_deref(),
-            Some(format!("Inverse service {dialect}, inverse3 049D, firmware 7.4, grip 1402").as_str())
+            Some(
+                format!("Inverse service {dialect}, inverse3 049D, firmware 7.4, grip 1402")
+                    .as_str()
+            )
         );
-        let Ok(LinkNews::Told(notice)) = news.try_recv() else { panic!("the filters are not neutral, and it is not said") };
+        let Ok(LinkNews::Told(notice)) = news.try_recv() else {
+            panic!("the filters are not neutral, and it is not said")
+        };
         assert!(notice.contains("filters.force_gate.gain is 0.3"), "{notice}");
         // Toward the operator, right and up by turns, with what unverified signs leave.
         let mut reached = DVec3::ZERO;
@@ -64,16 +74,25 @@ fn other_versions_other_programs_and_nothing_at_all_are_refused_in_words() {
         open::open(profile, &options).err().expect("refused").to_string()
     };
     let absent = error(&profile);
-    assert!(absent.contains("no service answers at 127.0.0.1:") && absent.contains("protocol.address"), "{absent}");
+    assert!(
+        absent.contains("no service answers at 127.0.0.1:") && absent.contains("protocol.address"),
+        "{absent}"
+    );
     // A program that hangs up.
     let other = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = other.local_addr().expect("bound").to_string();
-    if let Some(Protocol::HaplyService(service)) = profile.real.as_mut().map(|real| &mut real.protocol) {
+    if let Some(Protocol::HaplyService(service)) =
+        profile.real.as_mut().map(|real| &mut real.protocol)
+    {
         service.address.clone_from(&address);
     }
     std::thread::spawn(move || while other.accept().is_ok() {});
     let foreign = error(&profile);
-    assert!(foreign.contains("does not speak as the Inverse service") && foreign.contains("protocol.service_version"), "{foreign}");
+    assert!(
+        foreign.contains("does not speak as the Inverse service")
+            && foreign.contains("protocol.service_version"),
+        "{foreign}"
+    );
     assert_eq!(running_service(&address), None);
 }
 
@@ -96,7 +115,11 @@ fn a_service_that_goes_is_a_lost_arm_and_is_found_again() {
     let (sample, _) = pushed(&mut arm, 50, DVec3::ZERO).expect("back");
     assert_eq!(sample.status, SampleStatus::Fresh);
     let told: Vec<LinkNews> = news.try_iter().collect();
-    assert!(told.contains(&LinkNews::Lost) && told.iter().any(|news| matches!(news, LinkNews::Back { .. })), "{told:?}");
+    assert!(
+        told.contains(&LinkNews::Lost)
+            && told.iter().any(|news| matches!(news, LinkNews::Back { .. })),
+        "{told:?}"
+    );
     drop(arm);
     let felt = served.arm.ended();
     assert!(felt.faults[0].zero_after_ticks.is_some(), "{felt:?}");
@@ -106,7 +129,8 @@ fn a_service_that_goes_is_a_lost_arm_and_is_found_again() {
 fn a_grip_that_sleeps_is_an_error_of_the_arm_and_nothing_else_stands_still() {
     let served = Service::new("3.5.0", &["sleep@500ms+300ms"]);
     let OpenedArm { mut arm, .. } = served.open();
-    let (begin, mut slept) = (Instant::now(), 0);
+    let begin = Instant::now();
+    let mut slept = 0;
     let protocol = &served.profile.real.as_ref().expect("real").protocol;
     loop {
         assert!(begin.elapsed() < HUNG, "{slept}");

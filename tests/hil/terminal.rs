@@ -1,4 +1,5 @@
-//! Arms behind a library of their maker at a terminal: what a person types, over the stand-ins, and what is said.
+//! Arms behind a library of their maker at a terminal: what a person types, over the stand-ins, and
+//! what is said.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
@@ -24,7 +25,8 @@ struct Arm {
     faults: String,
 }
 
-/// The stand-in of a profile's library, which `cargo test` builds with the tests, and the variable that names it.
+/// The stand-in of a profile's library, which `cargo test` builds with the tests, and the variable
+/// that names it.
 fn library(profile: &str) -> (&'static str, PathBuf) {
     let (variable, name) = match profile {
         "touch" => ("HAPTICD_LIBHD", "mock_hd"),
@@ -34,10 +36,17 @@ fn library(profile: &str) -> (&'static str, PathBuf) {
     (variable, built_example(&format!("lib{name}.so")))
 }
 
-/// A command of the program as a user without libraries has it: nothing of the environment of these tests is in it.
+/// A command of the program as a user without libraries has it: nothing of the environment of these
+/// tests is in it.
 fn hapticd(home: &Path, args: &[&str]) -> Command {
     let mut command = Command::new(HAPTICD);
-    command.args(args).env_clear().env("PATH", "/usr/bin:/bin").env("NO_COLOR", "1").env("HOME", home).stdin(Stdio::null());
+    command
+        .args(args)
+        .env_clear()
+        .env("PATH", "/usr/bin:/bin")
+        .env("NO_COLOR", "1")
+        .env("HOME", home)
+        .stdin(Stdio::null());
     command
 }
 
@@ -45,7 +54,12 @@ impl Arm {
     fn new(name: &str, faults: &str) -> Self {
         let profile = shipped(name);
         let mock = maker::Arm::on_a_cable(&profile, None, &[]);
-        Self { profile: name.to_owned(), mock, library: Some(library(name)), faults: faults.to_owned() }
+        Self {
+            profile: name.to_owned(),
+            mock,
+            library: Some(library(name)),
+            faults: faults.to_owned(),
+        }
     }
 
     /// An Inverse3 behind a mock of its maker's service.
@@ -55,7 +69,12 @@ impl Arm {
         let text = std::fs::read_to_string(root("devices/inverse3.toml")).expect("shipped");
         let copy = mock.folder().join("inverse3.toml");
         std::fs::write(&copy, text.replace("127.0.0.1:10001", &address)).expect("written");
-        Self { profile: copy.to_string_lossy().into_owned(), mock, library: None, faults: String::new() }
+        Self {
+            profile: copy.to_string_lossy().into_owned(),
+            mock,
+            library: None,
+            faults: String::new(),
+        }
     }
 
     fn command(&self, args: &[&str]) -> Command {
@@ -67,7 +86,8 @@ impl Arm {
 
     /// Exit code, the JSON object or null, and what was said on stderr.
     fn probe(&self, more: &[&str]) -> (Option<i32>, Value, String) {
-        let args = [&["devices", "probe", &self.profile, "--duration", "200ms", "--json"], more].concat();
+        let args =
+            [&["devices", "probe", &self.profile, "--duration", "200ms", "--json"], more].concat();
         let Output { status, stdout, stderr } = self.command(&args).output().expect("runs");
         let json = serde_json::from_slice(&stdout).unwrap_or(Value::Null);
         (status.code(), json, String::from_utf8_lossy(&stderr).into_owned())
@@ -76,7 +96,11 @@ impl Arm {
     /// Whether the motors of the mock arm make a force now.
     fn pushes(&self) -> bool {
         let text = std::fs::read_to_string(self.mock.folder().join("trace")).unwrap_or_default();
-        let last = text.lines().skip(1).filter_map(|line| line.split(',').nth(1)?.parse::<f64>().ok()).last();
+        let last = text
+            .lines()
+            .skip(1)
+            .filter_map(|line| line.split(',').nth(1)?.parse::<f64>().ok())
+            .last();
         last.is_some_and(|force_n| force_n > 0.0)
     }
 
@@ -101,19 +125,27 @@ fn a_library_that_is_missing_is_told_as_a_list_and_other_wrong_ones_by_what_they
     let home = tempfile::tempdir().expect("a folder");
     let said = |variables: &[(&str, &str)], more: &[&str]| {
         let args = [&["devices", "probe", "omega7"], more].concat();
-        let output = hapticd(home.path(), &args).envs(variables.iter().copied()).output().expect("runs");
+        let output =
+            hapticd(home.path(), &args).envs(variables.iter().copied()).output().expect("runs");
         assert_eq!(output.status.code(), Some(5), "{variables:?} {more:?}");
         String::from_utf8_lossy(&output.stderr).into_owned()
     };
     let missing = said(&[("FDSDK", ""), ("HAPTICD_LIBDRD", "")], &[]);
     let lines: Vec<&str> = missing.lines().collect();
-    assert_eq!(lines[0], "error: the omega.7 (Force Dimension): its library is in none of 4 folders", "{missing}");
-    assert!(lines[1].starts_with("  hint: looked for libdrd.so.3"), "{missing}");
-    assert!(
-        lines[2].trim() == home.path().join(".local/lib").to_string_lossy() && lines[3].trim() == "/usr/local/lib",
+    assert_eq!(
+        lines[0], "error: the omega.7 (Force Dimension): its library is in none of 4 folders",
         "{missing}"
     );
-    assert!(lines.iter().all(|line| line.len() < 240) && missing.contains("export FDSDK="), "{missing}");
+    assert!(lines[1].starts_with("  hint: looked for libdrd.so.3"), "{missing}");
+    assert!(
+        lines[2].trim() == home.path().join(".local/lib").to_string_lossy()
+            && lines[3].trim() == "/usr/local/lib",
+        "{missing}"
+    );
+    assert!(
+        lines.iter().all(|line| line.len() < 240) && missing.contains("export FDSDK="),
+        "{missing}"
+    );
 
     let text = home.path().join("libdrd.so.3");
     std::fs::write(&text, "no library").expect("written");
@@ -127,7 +159,8 @@ fn a_library_that_is_missing_is_told_as_a_list_and_other_wrong_ones_by_what_they
         (
             &[],
             &["--selector", "16c0:0483"],
-            "16c0:0483 does not choose the omega.7 (Force Dimension): the USB vendor of its maker is 1451",
+            "16c0:0483 does not choose the omega.7 (Force Dimension): the USB vendor of its maker \
+                is 1451",
         ),
     ] {
         let said = said(variables, more);
@@ -135,7 +168,10 @@ fn a_library_that_is_missing_is_told_as_a_list_and_other_wrong_ones_by_what_they
     }
     let args = ["devices", "probe", "inverse3", "--selector", "1:2"];
     let served = hapticd(home.path(), &args).output().expect("runs");
-    assert!(String::from_utf8_lossy(&served.stderr).contains("under [protocol] of a copy of the profile"));
+    assert!(
+        String::from_utf8_lossy(&served.stderr)
+            .contains("under [protocol] of a copy of the profile")
+    );
 }
 
 #[test]
@@ -143,24 +179,36 @@ fn an_arm_is_chosen_by_its_serial_number_and_finds_its_zero_only_when_that_is_ty
     let _turn = turn();
     // Over a tty, as a person would try it.
     let profile = shipped("omega7");
-    let mut arm = Arm { mock: maker::Arm::on_a_tty(&profile, None, &[]), ..Arm::new("omega7", "uninitialised") };
+    let mut arm = Arm {
+        mock: maker::Arm::on_a_tty(&profile, None, &[]),
+        ..Arm::new("omega7", "uninitialised")
+    };
     let (code, _, said) = arm.probe(&[]);
     assert!(code == Some(5) && said.contains("hapticd devices probe PROFILE --home"), "{said}");
     let (code, json, said) = arm.probe(&["--home"]);
     assert!(
-        code == Some(0) && json["homed"] == true && said.contains("moves by itself now, until it has found it"),
+        code == Some(0)
+            && json["homed"] == true
+            && said.contains("moves by itself now, until it has found it"),
         "{json}\n{said}"
     );
 
     arm.faults = "gripper".to_owned();
     let (code, right, said) = arm.probe(&["--selector", "1451:0402:1"]);
-    assert!(code == Some(0) && right["path"].as_str().is_some_and(|path| path.contains("serial number 1")), "{right}\n{said}");
+    assert!(
+        code == Some(0)
+            && right["path"].as_str().is_some_and(|path| path.contains("serial number 1")),
+        "{right}\n{said}"
+    );
     let (code, _, said) = arm.probe(&["--selector", "1451:0402:7"]);
     assert!(code == Some(5) && said.contains("no arm with serial number 7"), "{said}");
     // The gripper of a left-handed arm counts the other way, and opens the same way.
     arm.faults = "gripper,left-handed".to_owned();
     let (_, left, said) = arm.probe(&[]);
-    assert!(left["path"].as_str().is_some_and(|path| path.contains("left-handed")), "{left}\n{said}");
+    assert!(
+        left["path"].as_str().is_some_and(|path| path.contains("left-handed")),
+        "{left}\n{said}"
+    );
     let angle = |json: &Value| json["grip_rad"].as_f64().expect("measured");
     assert!(angle(&right) > 0.25 && (angle(&right) - angle(&left)).abs() < 0.02, "{right}\n{left}");
 }
@@ -174,13 +222,23 @@ fn a_probe_that_is_ended_while_the_arm_finds_its_zero_stops_the_arm() {
         let arm = Arm::new("omega7", "slow-init");
         let as_typed = arm.command(&[]);
         let mut probe = Command::new("sh");
-        probe.args(["-c", &format!("{shell}exec \"$0\" devices probe omega7 --home"), HAPTICD]).env_clear();
-        probe.envs(as_typed.get_envs().filter_map(|(name, value)| Some((name, value?)))).stdin(Stdio::null());
+        probe
+            .args(["-c", &format!("{shell}exec \"$0\" devices probe omega7 --home"), HAPTICD])
+            .env_clear();
+        probe
+            .envs(as_typed.get_envs().filter_map(|(name, value)| Some((name, value?))))
+            .stdin(Stdio::null());
         let mut probe = probe.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("starts");
         arm.comes_to(true);
         let begin = Instant::now();
         let pid = probe.id().to_string();
-        assert!(Command::new("kill").args([&format!("-{signal}"), &pid]).status().expect("kill").success());
+        assert!(
+            Command::new("kill")
+                .args([&format!("-{signal}"), &pid])
+                .status()
+                .expect("kill")
+                .success()
+        );
         arm.comes_to(false);
         // By itself it would go on for 3 s.
         assert!(begin.elapsed() < Duration::from_millis(1500), "{signal}: {:?}", begin.elapsed());
@@ -194,12 +252,19 @@ fn a_library_that_hangs_ends_soon_after_the_program_that_was_killed() {
     let _turn = turn();
     let arm = Arm::new("omega7", "hang");
     let link = arm.mock.link();
-    let mut probe =
-        arm.command(&["devices", "probe", "omega7", "--duration", "60s"]).stderr(Stdio::null()).spawn().expect("starts");
+    let mut probe = arm
+        .command(&["devices", "probe", "omega7", "--duration", "60s"])
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("starts");
     let comes_to = |is_there: bool| {
         let begin = Instant::now();
         while worker_of(&link).is_some() != is_there {
-            assert!(begin.elapsed() < PATIENCE, "the worker is {}", if is_there { "not there" } else { "still there" });
+            assert!(
+                begin.elapsed() < PATIENCE,
+                "the worker is {}",
+                if is_there { "not there" } else { "still there" }
+            );
             std::thread::sleep(Duration::from_millis(20));
         }
     };
@@ -216,12 +281,25 @@ fn a_library_that_hangs_ends_soon_after_the_program_that_was_killed() {
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn every_makers_arm_is_listed_and_passes_the_sign_check_and_the_identification() {
     let _turn = turn();
-    // What moved is fitted at the priority of the trial, for seconds: arms whose trials end later go first.
+    // What moved is fitted at the priority of the trial, for seconds: arms whose trials end later
+    // go first.
     std::thread::scope(|scope| {
-        scope.spawn(|| listed_and_probed("force-dimension", "omega.7 (mock)", LOOP_PRIORITY, || Arm::new("omega7", "")));
+        scope.spawn(|| {
+            listed_and_probed("force-dimension", "omega.7 (mock)", LOOP_PRIORITY, || {
+                Arm::new("omega7", "")
+            })
+        });
         scope.spawn(|| listed_and_probed("haply-service", "", LOOP_PRIORITY + 1, Arm::served));
-        scope.spawn(|| listed_and_probed("open-haptics", "Mock Touch", LOOP_PRIORITY + 2, || Arm::new("touch", "")));
-        scope.spawn(|| listed_and_probed("virtuose", "Virtuose of type 0", LOOP_PRIORITY + 3, || Arm::new("virtuose-6d", "")));
+        scope.spawn(|| {
+            listed_and_probed("open-haptics", "Mock Touch", LOOP_PRIORITY + 2, || {
+                Arm::new("touch", "")
+            })
+        });
+        scope.spawn(|| {
+            listed_and_probed("virtuose", "Virtuose of type 0", LOOP_PRIORITY + 3, || {
+                Arm::new("virtuose-6d", "")
+            })
+        });
     });
 }
 
@@ -233,12 +311,20 @@ fn listed_and_probed(codec: &str, identity: &str, priority: u8, new_arm: impl Fn
         let listed = arm.command(&["devices", "--json", "list"]).output().expect("runs");
         let listed: Value = serde_json::from_slice(&listed.stdout).expect("JSON");
         let mut libraries = listed["libraries"].as_array().expect("a list").iter();
-        let own = libraries.find(|library| library["codec"] == codec).unwrap_or_else(|| panic!("{codec}: {listed}"));
-        assert!(own["profiles"].as_array().is_some_and(|profiles| profiles.contains(&arm.profile.clone().into())), "{own}");
+        let own = libraries
+            .find(|library| library["codec"] == codec)
+            .unwrap_or_else(|| panic!("{codec}: {listed}"));
+        assert!(
+            own["profiles"]
+                .as_array()
+                .is_some_and(|profiles| profiles.contains(&arm.profile.clone().into())),
+            "{own}"
+        );
     }
     let probe = |arm: &Arm| arm.probe(&["--sign-check", "--identify", "--yes"]);
     let mut probed = probe(&arm);
-    // A machine that is busy ends a probe like an arm that has gone. The next arm begins where an arm begins, not where that one was pushed to.
+    // A machine that is busy ends a probe like an arm that has gone. The next arm begins where an
+    // arm begins, not where that one was pushed to.
     for _ in 0..2 {
         if probed.1["ended_early"] != Value::Null {
             probed = probe(&new_arm());
@@ -247,15 +333,20 @@ fn listed_and_probed(codec: &str, identity: &str, priority: u8, new_arm: impl Fn
     let (code, json, said) = probed;
     assert_eq!(code, Some(0), "{codec}: {json}\n{said}");
     assert!(
-        json["path"].as_str().is_some_and(|path| path.contains(identity)) && found(&json, "signs").starts_with("all right"),
+        json["path"].as_str().is_some_and(|path| path.contains(identity))
+            && found(&json, "signs").starts_with("all right"),
         "{json}"
     );
     // The mock arm has the mass that its profile says.
     let here = Path::new("");
     let true_kg = profile::find(&arm.profile, here).expect("there").plant.mass_kg;
     for axis in json["identified"].as_array().expect("three axes") {
-        let mass_kg = axis["mass_kg"].as_f64().unwrap_or_else(|| panic!("{codec} did not move: {json}"));
-        assert!((mass_kg / true_kg - 1.0).abs() < MASS_ERROR_MAX, "{codec}: {mass_kg} of {true_kg} kg: {json}");
+        let mass_kg =
+            axis["mass_kg"].as_f64().unwrap_or_else(|| panic!("{codec} did not move: {json}"));
+        assert!(
+            (mass_kg / true_kg - 1.0).abs() < MASS_ERROR_MAX,
+            "{codec}: {mass_kg} of {true_kg} kg: {json}"
+        );
     }
 }
 
@@ -273,9 +364,14 @@ fn why_the_motors_make_less_or_nothing_is_told_by_name() {
         ("dead-man", "its dead-man's switch is open"),
     ] {
         arm.faults = fault.to_owned();
-        // On a machine that is busy a worker may not open its arm in time: then there is nothing to read yet.
+        // On a machine that is busy a worker may not open its arm in time: then there is nothing to
+        // read yet.
         let mut probes = core::iter::repeat_with(|| arm.probe(&["--sign-check", "--yes"])).take(3);
-        let (code, json, said) = probes.find(|(_, json, _)| !json.is_null()).expect("the arm never opened");
-        assert!(code == Some(5) && found(&json, "arm's error").contains(words), "{fault}: {json}\n{said}");
+        let (code, json, said) =
+            probes.find(|(_, json, _)| !json.is_null()).expect("the arm never opened");
+        assert!(
+            code == Some(5) && found(&json, "arm's error").contains(words),
+            "{fault}: {json}\n{said}"
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! Arms behind libraries of their makers: force arrives, what the library reports has a name, and whatever becomes of the worker the motors stop.
+//! Arms behind libraries of their makers: force arrives, what the library reports has a name, and
+//! whatever becomes of the worker the motors stop.
 
 use std::path::Path;
 use std::process::Command;
@@ -11,16 +12,23 @@ use std::time::{Duration, Instant};
 use vps::spatial::{SampleStatus, Wrench};
 
 use super::link::{repeat, root, turn};
-use super::maker::{Felt, LATENESS_MS, Library, PUSH, Serial, Service, Ticked, n_ticks, play, push};
+use super::maker::{
+    Felt, LATENESS_MS, Library, PUSH, Serial, Service, Ticked, n_ticks, play, push,
+};
 
 const HAPTICD: &str = env!("CARGO_BIN_EXE_hapticd");
-/// The watchdog of the mock arm's own firmware, which is what is left when its library can no longer say zero, ms.
+/// The watchdog of the mock arm's own firmware, which is what is left when its library can no
+/// longer say zero, ms.
 const WATCHDOG_MS: f64 = 50.0;
 
 #[test]
 fn an_arm_behind_a_makers_library_is_felt_and_let_go() {
     let _turn = turn();
-    for (profile, title) in [("omega7", "omega.7 (mock)"), ("virtuose-6d", "Virtuose of type 0"), ("touch", "Mock Touch")] {
+    for (profile, title) in [
+        ("omega7", "omega.7 (mock)"),
+        ("virtuose-6d", "Virtuose of type 0"),
+        ("touch", "Mock Touch"),
+    ] {
         let library = Library::new(profile, &[]);
         let mut opened = library.open();
         assert!(opened.path.to_string_lossy().starts_with(title), "{}", opened.path.display());
@@ -33,7 +41,10 @@ fn an_arm_behind_a_makers_library_is_felt_and_let_go() {
         assert!(!Path::new(&format!("/proc/{worker}")).exists(), "the worker has ended");
         std::thread::sleep(Duration::from_millis(20));
         let Felt { zero_ms, before_n, is_late } = library.arm.felt(end_ns, monotonic_ns());
-        assert!(before_n > 0.3 && (is_late || zero_ms < LATENESS_MS), "{profile}: {before_n} N, zero after {zero_ms} ms");
+        assert!(
+            before_n > 0.3 && (is_late || zero_ms < LATENESS_MS),
+            "{profile}: {before_n} N, zero after {zero_ms} ms"
+        );
     }
 }
 
@@ -65,7 +76,12 @@ fn what_stands_in_the_way_of_a_makers_library_is_told() {
     assert!(told.contains("there is no /no/such/libdrd.so") && told.contains("install"), "{told}");
     let told = library(root("Cargo.toml").to_str().expect("text"));
     assert!(told.contains("is no library"), "{told}");
-    assert!(Command::new(HAPTICD).args(["vendor-arm", "{}"]).output().is_ok_and(|output| output.status.code() == Some(2)));
+    assert!(
+        Command::new(HAPTICD)
+            .args(["vendor-arm", "{}"])
+            .output()
+            .is_ok_and(|output| output.status.code() == Some(2))
+    );
 }
 
 /// What a sample, or its absence, says of a fault.
@@ -120,10 +136,12 @@ const IN_LIBRARY: [(&str, &[(&str, Shows)]); 3] = [
     ),
 ];
 
-/// One fault in the library of an arm that pushes: it shows, the motors stop, and the arm comes back without force.
+/// One fault in the library of an arm that pushes: it shows, the motors stop, and the arm comes
+/// back without force.
 fn goes_wrong(library: &Library, arm: &mut open::OpenedArm, fault: &str, shows: &Shows) {
     push(arm);
-    let (at_ns, mut stale) = (monotonic_ns(), 0);
+    let at_ns = monotonic_ns();
+    let mut stale = 0;
     library.goes_wrong(fault);
     let last = play(arm, &PUSH, |ticked| {
         stale = if ticked.is_fresh() { 0 } else { stale + 1 };
@@ -131,7 +149,9 @@ fn goes_wrong(library: &Library, arm: &mut open::OpenedArm, fault: &str, shows: 
             Shows::Error(_) => ticked.device_error() != 0,
             Shows::Stale => stale >= 20,
             Shows::Lost => ticked.error == Some(DeviceError::Lost),
-            Shows::Elsewhere => ticked.sample.is_some_and(|sample| sample.pose.translation.length() > 1.0),
+            Shows::Elsewhere => {
+                ticked.sample.is_some_and(|sample| sample.pose.translation.length() > 1.0)
+            }
         }
     });
     // As the tick does after a fault.
@@ -149,9 +169,14 @@ fn goes_wrong(library: &Library, arm: &mut open::OpenedArm, fault: &str, shows: 
         quiet > 20
     });
     let Felt { zero_ms, before_n, is_late } = library.arm.felt(at_ns, monotonic_ns());
-    // A library that hangs or has gone leaves the arm to its own watchdog; with the others the next commands are zero, sooner than that.
+    // A library that hangs or has gone leaves the arm to its own watchdog; with the others the next
+    // commands are zero, sooner than that.
     let is_in_time = is_late || zero_ms < WATCHDOG_MS + LATENESS_MS;
-    assert!(before_n > 0.3 && is_in_time, "{}, {fault}: {before_n} N, zero after {zero_ms} ms", library.profile.name);
+    assert!(
+        before_n > 0.3 && is_in_time,
+        "{}, {fault}: {before_n} N, zero after {zero_ms} ms",
+        library.profile.name
+    );
 }
 
 #[test]
@@ -171,8 +196,9 @@ fn whatever_goes_wrong_in_a_makers_library_has_a_name_and_ends_the_force() {
     });
 }
 
-/// Round trips from a command to the state that answers it, and times of a tick's two calls, µs, ascending. `None` where a busy machine kept the mock arm
-/// silent for so long that it counted as lost.
+/// Round trips from a command to the state that answers it, and times of a tick's two calls, µs,
+/// ascending. `None` where a busy machine kept the mock arm silent for so long that it counted as
+/// lost.
 fn exchanges(mut opened: open::OpenedArm, n: usize) -> Option<[Vec<f64>; 2]> {
     play(&mut opened, &Wrench::ZERO, Ticked::is_fresh);
     let [mut trips_us, mut calls_us] = [Vec::with_capacity(n), Vec::with_capacity(n)];
@@ -204,12 +230,14 @@ fn exchanges(mut opened: open::OpenedArm, n: usize) -> Option<[Vec<f64>; 2]> {
     Some([trips_us, calls_us])
 }
 
-/// What a worker or a service adds to an exchange, beside a serial arm in the same run: docs/reference/measured.md says how it is measured.
+/// What a worker or a service adds to an exchange, beside a serial arm in the same run:
+/// docs/reference/measured.md says how it is measured.
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 #[expect(clippy::print_stdout, reason = "figures for people")]
 fn what_a_worker_adds_to_an_exchange() {
-    let n = std::env::var("HAPTICD_EXCHANGES").map_or(200, |n| n.parse().expect("HAPTICD_EXCHANGES is a number"));
+    let n = std::env::var("HAPTICD_EXCHANGES")
+        .map_or(200, |n| n.parse().expect("HAPTICD_EXCHANGES is a number"));
     let at = |sorted: &[f64], share: f64| sorted[(share * sorted.len() as f64) as usize];
     let tell = |what: &str, exchanges: &dyn Fn() -> Option<[Vec<f64>; 2]>| {
         let measured = repeat(|| {
@@ -219,7 +247,8 @@ fn what_a_worker_adds_to_an_exchange() {
         });
         let [trips_us, calls_us] = measured.expect("an arm that stays");
         println!(
-            "{what}: round trip median {:.0} us, p99.9 {:.0} us; write and read of a tick median {:.1} us, p99.9 {:.1} us",
+            "{what}: round trip median {:.0} us, p99.9 {:.0} us; write and read of a tick median \
+                {:.1} us, p99.9 {:.1} us",
             at(&trips_us, 0.5),
             at(&trips_us, 0.999),
             at(&calls_us, 0.5),

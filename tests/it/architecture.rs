@@ -1,11 +1,14 @@
-//! What Cargo and lints cannot hold: files that others name are opened by `vps::storage::regular`, which opens regular files only, and results are
-//! written by `vps::storage::whole_file`, which leaves no half of one.
+//! What Cargo and lints cannot hold: files that others name are opened by `vps::storage::regular`,
+//! which opens regular files only, and results are written by `vps::storage::whole_file`, which
+//! leaves no half of one.
 //!
-//! Which crate uses which is the business of Cargo; `unsafe` and printing are denied by lints where no file expects them with a reason.
+//! Which crate uses which is the business of Cargo; `unsafe` and printing are denied by lints where
+//! no file expects them with a reason.
 
 use std::path::{Path, PathBuf};
 
-/// Prefixes of the files that may open files by themselves: those of the system, and those that the program wrote.
+/// Prefixes of the files that may open files by themselves: those of the system, and those that the
+/// program wrote.
 const OPENS_ALLOWED: [&str; 10] = [
     "crates/vps/src/storage/",
     "crates/rt/src/",
@@ -21,8 +24,8 @@ const OPENS_ALLOWED: [&str; 10] = [
 
 const OPENS: [&str; 3] = ["File::open(", "fs::read(", "fs::read_to_string("];
 
-/// Prefixes of the files that may write to files by themselves: those of the system, those in folders that go away, and those that grow with a run and
-/// are read while they do.
+/// Prefixes of the files that may write to files by themselves: those of the system, those in
+/// folders that go away, and those that grow with a run and are read while they do.
 const WRITES_ALLOWED: [&str; 8] = [
     "crates/vps/src/storage/",
     "crates/rt/src/",
@@ -38,7 +41,10 @@ const WRITES: [&str; 2] = ["File::create(", "fs::write("];
 
 /// Where a file makes one of these calls, outside of comments and of the test module at its end.
 fn calls<'t>(text: &'t str, names: &[&str]) -> Vec<(usize, &'t str)> {
-    let end = text.find("\n#[cfg(test)]\nmod tests").or_else(|| text.find("\n#[cfg(test)]\n#[expect")).unwrap_or(text.len());
+    let end = text
+        .find("\n#[cfg(test)]\nmod tests")
+        .or_else(|| text.find("\n#[cfg(test)]\n#[expect"))
+        .unwrap_or(text.len());
     let is_call = |line: &str| {
         let code = line.split("//").next().unwrap_or_default();
         // `TraceFile::create(` is another one.
@@ -89,16 +95,28 @@ fn broken(names: &[&str], allowed: &[&str]) -> Vec<String> {
             continue;
         }
         let text = std::fs::read_to_string(path).expect("text");
-        broken.extend(calls(&text, names).into_iter().map(|(line, code)| format!("{file}:{line}: {}", code.trim())));
+        broken.extend(
+            calls(&text, names)
+                .into_iter()
+                .map(|(line, code)| format!("{file}:{line}: {}", code.trim())),
+        );
     }
     broken
 }
 
 #[test]
 fn a_planted_call_is_found() {
-    let text = "// fs::read(path)\nfn f() { fs::read(path); }\nfn g() { File::open(path) }\n\n#[cfg(test)]\nmod tests { fn h() { fs::read(path); } }";
+    let text = "// fs::read(path)\nfn f() { fs::read(path); }\nfn g() { File::open(path) \
+        }\n\n#[cfg(test)]\nmod tests { fn h() { fs::read(path); } }";
     assert_eq!(calls(text, &OPENS).iter().map(|(line, _)| *line).collect::<Vec<_>>(), [2, 3]);
-    assert!(calls("fn f() { fs::read_dir(path); File::create_new(path); }", &[&OPENS[..], &WRITES[..]].concat()).is_empty());
-    let text = "fn f() { std::fs::write(path, text) }\nfn g() { TraceFile::create(path) }\nlet file = File::create(path)?;";
+    assert!(
+        calls(
+            "fn f() { fs::read_dir(path); File::create_new(path); }",
+            &[&OPENS[..], &WRITES[..]].concat()
+        )
+        .is_empty()
+    );
+    let text = "fn f() { std::fs::write(path, text) }\nfn g() { TraceFile::create(path) }\nlet \
+        file = File::create(path)?;";
     assert_eq!(calls(text, &WRITES).iter().map(|(line, _)| *line).collect::<Vec<_>>(), [1, 3]);
 }

@@ -1,4 +1,5 @@
-//! The bake cache as a library: what it gives is what baking gives, and no file, however wrong, is believed.
+//! The bake cache as a library: what it gives is what baking gives, and no file, however wrong, is
+//! believed.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -7,7 +8,9 @@ use glam::DVec3;
 use hapticd::config::SceneConfig;
 use hapticd::config::scene::MeshSource;
 use hapticd::scene::CacheUse;
-use hapticd::scene::cache::{Baked, Cache, CachePolicy, GENERATION, Lookup, Request, Spacing, read};
+use hapticd::scene::cache::{
+    Baked, Cache, CachePolicy, GENERATION, Lookup, Request, Spacing, read,
+};
 use hapticd::scene::{self, BakeOptions, ObjectReport, PartRole};
 use tempfile::TempDir;
 use vps::mesh::primitives::Shape;
@@ -56,19 +59,29 @@ profile = "sim-sigma7"
     rig::written(&text)
 }
 
-const CORNER: &str = "v 0 0 0\nv 11.3 0 0\nv 0 9.7 0\nv 1 2 8.1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n";
+const CORNER: &str =
+    "v 0 0 0\nv 11.3 0 0\nv 0 9.7 0\nv 1 2 8.1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n";
 
 /// Bakes a scene through the cache; what the cache did for each object, and what it said.
-fn bake(config: &SceneConfig, folder: &Path, residence: CachePolicy) -> (Vec<CacheUse>, Vec<String>) {
+fn bake(
+    config: &SceneConfig,
+    folder: &Path,
+    residence: CachePolicy,
+) -> (Vec<CacheUse>, Vec<String>) {
     let mut cache = Cache::at(folder.to_owned(), residence);
-    let (_, reports) = scene::build_with(config, &mut BakeOptions::from(&mut cache), |_| ()).unwrap();
+    let (_, reports) =
+        scene::build_with(config, &mut BakeOptions::from(&mut cache), |_| ()).unwrap();
     (reports.iter().map(|report| report.cache).collect(), cache.take_notes())
 }
 
 fn files(folder: &Path) -> Vec<PathBuf> {
-    let mut files: Vec<_> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    let mut files: Vec<_> =
+        fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
     files.sort();
-    assert!(files.iter().all(|file| file.extension().is_some_and(|extension| extension == "bake")), "{files:?}");
+    assert!(
+        files.iter().all(|file| file.extension().is_some_and(|extension| extension == "bake")),
+        "{files:?}"
+    );
     files
 }
 
@@ -97,17 +110,31 @@ fn figures(report: &ObjectReport) -> serde_json::Value {
 fn a_hit_is_a_bake(what: &str, config: &SceneConfig, n_ticks: u64) {
     let dir = tempfile::tempdir().unwrap();
     let fresh = rig::run_ticks(config, n_ticks);
-    assert!(fresh.records.iter().any(|record| record.output.contacts > 0), "{what}: nothing was touched");
-    let uses = |reports: &[ObjectReport]| reports.iter().map(|report| report.cache).collect::<Vec<_>>();
+    assert!(
+        fresh.records.iter().any(|record| record.output.contacts > 0),
+        "{what}: nothing was touched"
+    );
+    let uses =
+        |reports: &[ObjectReport]| reports.iter().map(|report| report.cache).collect::<Vec<_>>();
     assert!(uses(&fresh.reports).iter().all(|cache| *cache == CacheUse::Off));
-    for (residence, expected) in [(BOTH[0], CacheUse::Miss), (BOTH[0], CacheUse::Hit), (BOTH[1], CacheUse::Hit)] {
+    for (residence, expected) in
+        [(BOTH[0], CacheUse::Miss), (BOTH[0], CacheUse::Hit), (BOTH[1], CacheUse::Hit)]
+    {
         let mut cache = Cache::at(dir.path().to_owned(), residence);
         let run = rig::run_ticks_with(config, &mut cache, n_ticks);
         assert_eq!(cache.take_notes(), [""; 0]);
-        assert!(uses(&run.reports).iter().all(|cache| *cache == expected), "{what}: {:?}", uses(&run.reports));
+        assert!(
+            uses(&run.reports).iter().all(|cache| *cache == expected),
+            "{what}: {:?}",
+            uses(&run.reports)
+        );
         assert!(fresh.reports.iter().map(figures).eq(run.reports.iter().map(figures)), "{what}");
         let differs = fresh.records.iter().zip(&run.records).position(|(a, b)| bits(a) != bits(b));
-        assert_eq!((differs, run.records.len()), (None, fresh.records.len()), "{what}, {residence:?}: first tick that differs");
+        assert_eq!(
+            (differs, run.records.len()),
+            (None, fresh.records.len()),
+            "{what}, {residence:?}: first tick that differs"
+        );
     }
 }
 
@@ -117,7 +144,11 @@ fn a_scene_from_the_cache_gives_the_bits_of_a_baked_one() {
     a_hit_is_a_bake("peg-in-hole", &rig::load(&rig::shipped("peg-in-hole")), 3000);
     for field in ["layers", "surface-point", "octant"] {
         let replacement = format!("field = \"{field}\"\nallow_unstable = true");
-        a_hit_is_a_bake(field, &rig::rewritten("block-on-plane", &[("field = \"trilinear\"", &replacement)]), 2000);
+        a_hit_is_a_bake(
+            field,
+            &rig::rewritten("block-on-plane", &[("field = \"trilinear\"", &replacement)]),
+            2000,
+        );
     }
 }
 
@@ -138,7 +169,8 @@ fn the_key_knows_what_changes_a_bit_and_nothing_else() {
     assert_eq!(uses(&same), [CacheUse::Hit; 2]);
     let mut copied = base.clone();
     fs::copy(dir.path().join("corner.obj"), dir.path().join("copy.OBJ")).unwrap();
-    copied.statics[0].source = MeshSource::File { path: dir.path().join("copy.OBJ"), metres_per_unit: 1e-3 };
+    copied.statics[0].source =
+        MeshSource::File { path: dir.path().join("copy.OBJ"), metres_per_unit: 1e-3 };
     assert_eq!(uses(&copied), [CacheUse::Hit; 2], "the bytes count, not the name");
 
     let statics: [&dyn Fn(&mut SceneConfig); 5] = [
@@ -146,7 +178,10 @@ fn the_key_knows_what_changes_a_bit_and_nothing_else() {
         &|scene| scene.statics[0].layers += 1,
         &|scene| scene.statics[0].sides = InsideTest::Flood,
         &|scene| scene.parameters.contact.field = FieldKind::SurfacePoint,
-        &|scene| scene.statics[0].source = MeshSource::File { path: dir.path().join("corner.obj"), metres_per_unit: 1.1e-3 },
+        &|scene| {
+            scene.statics[0].source =
+                MeshSource::File { path: dir.path().join("corner.obj"), metres_per_unit: 1.1e-3 }
+        },
     ];
     for (idx, change) in statics.iter().enumerate() {
         let mut other = base.clone();
@@ -159,7 +194,10 @@ fn the_key_knows_what_changes_a_bit_and_nothing_else() {
         &|scene| scene.tool.voxel_size_m *= 0.9,
         &|scene| scene.tool.layers += 1,
         &|scene| scene.tool.center_of_mass_m = Some(DVec3::new(0.0, 0.0, 1e-9)),
-        &|scene| scene.tool.source = MeshSource::Shape(Shape::Box { size_m: DVec3::new(5e-3, 4e-3, 3.0001e-3) }),
+        &|scene| {
+            scene.tool.source =
+                MeshSource::Shape(Shape::Box { size_m: DVec3::new(5e-3, 4e-3, 3.0001e-3) })
+        },
     ];
     for (idx, change) in tools.iter().enumerate() {
         let mut other = base.clone();
@@ -184,12 +222,16 @@ fn the_key_knows_the_files_that_a_mesh_file_names() {
     let buffer = |height: f32| {
         let corners = [[0.0_f32, 0.0, 0.0], [11.3, 0.0, 0.0], [0.0, 9.7, 0.0], [1.0, 2.0, height]];
         let bytes = corners.iter().flatten().flat_map(|number| number.to_le_bytes());
-        fs::write(dir.path().join("corner buffer.bin"), bytes.chain([0, 2, 1, 0, 1, 3, 1, 2, 3, 2, 0, 3]).collect::<Vec<_>>())
-            .unwrap();
+        fs::write(
+            dir.path().join("corner buffer.bin"),
+            bytes.chain([0, 2, 1, 0, 1, 3, 1, 2, 3, 2, 0, 3]).collect::<Vec<_>>(),
+        )
+        .unwrap();
     };
     fs::write(dir.path().join("corner.gltf"), GLTF).unwrap();
     let mut config = small_scene(dir.path(), "");
-    config.statics[0].source = MeshSource::File { path: dir.path().join("corner.gltf"), metres_per_unit: 1e-3 };
+    config.statics[0].source =
+        MeshSource::File { path: dir.path().join("corner.gltf"), metres_per_unit: 1e-3 };
     let uses = || bake(&config, &dir.path().join("cache"), CachePolicy::Copy);
     buffer(8.1);
     assert_eq!(uses(), (vec![CacheUse::Miss; 2], vec![]));
@@ -213,14 +255,23 @@ type Damage = (String, Box<dyn Fn(&mut Vec<u8>)>, &'static str);
 fn damages(bytes: &[u8]) -> Vec<Damage> {
     let mut damages: Vec<Damage> = Vec::new();
     let mut flip = |what: &str, at: usize, says: &'static str| {
-        damages.push((format!("{what} at {at}"), Box::new(move |bytes: &mut Vec<u8>| bytes[at] ^= 0x10), says));
+        damages.push((
+            format!("{what} at {at}"),
+            Box::new(move |bytes: &mut Vec<u8>| bytes[at] ^= 0x10),
+            says,
+        ));
     };
     for (what, at) in [("magic", 0), ("units", 9), ("byte order", 17)] {
         flip(what, at, "not a bake file");
     }
-    for (what, at) in
-        [("format", FORMAT_AT), ("generation", GENERATION_AT), ("sections", 28), ("key", 35), ("length", 50), ("checksum", 57)]
-    {
+    for (what, at) in [
+        ("format", FORMAT_AT),
+        ("generation", GENERATION_AT),
+        ("sections", 28),
+        ("key", 35),
+        ("length", 50),
+        ("checksum", 57),
+    ] {
         flip(what, at, "the head");
     }
     let mut ends = vec![0, 1, HEAD_BYTES - 1, HEAD_BYTES, HEAD_BYTES + 5, bytes.len() - 1];
@@ -229,8 +280,11 @@ fn damages(bytes: &[u8]) -> Vec<Damage> {
         for field in [0, 17, 25, 33, 41, 45] {
             flip("table", entry + field, "the table");
         }
-        let number = |at: usize| u64::from_le_bytes(bytes[entry + at..entry + at + 8].try_into().unwrap()) as usize;
-        let (offset, length) = (number(16), number(24));
+        let number = |at: usize| {
+            u64::from_le_bytes(bytes[entry + at..entry + at + 8].try_into().unwrap()) as usize
+        };
+        let offset = number(16);
+        let length = number(24);
         if length > 0 {
             [0, length / 2, length - 1].into_iter().for_each(|at| flip("payload", offset + at, ""));
             ends.extend([offset, offset + length / 2]);
@@ -240,10 +294,22 @@ fn damages(bytes: &[u8]) -> Vec<Damage> {
     for end in ends {
         let says = if end < HEAD_BYTES { "shorter than its head" } else { "its length" };
         let says = if end == 0 { "" } else { says };
-        damages.push((format!("cut at {end}"), Box::new(move |bytes: &mut Vec<u8>| bytes.truncate(end)), says));
+        damages.push((
+            format!("cut at {end}"),
+            Box::new(move |bytes: &mut Vec<u8>| bytes.truncate(end)),
+            says,
+        ));
     }
-    damages.push(("a byte more".into(), Box::new(|bytes: &mut Vec<u8>| bytes.push(0)), "its length"));
-    damages.push(("another file".into(), Box::new(|bytes: &mut Vec<u8>| bytes.fill(b'x')), "not a bake file"));
+    damages.push((
+        "a byte more".into(),
+        Box::new(|bytes: &mut Vec<u8>| bytes.push(0)),
+        "its length",
+    ));
+    damages.push((
+        "another file".into(),
+        Box::new(|bytes: &mut Vec<u8>| bytes.fill(b'x')),
+        "not a bake file",
+    ));
     damages
 }
 
@@ -267,9 +333,17 @@ fn a_damaged_file_is_told_baked_anew_and_replaced() {
             for fragment in [name, "is damaged (", says, "is baked anew and the file replaced"] {
                 assert!(notes[0].contains(fragment), "{what}: no `{fragment}` in {}", notes[0]);
             }
-            let after = read(&fs::read(&file).unwrap()).unwrap_or_else(|refusal| panic!("{what}: {refusal}"));
-            assert!(contents(&after).len().abs_diff(figures) < 256, "{what}: the timings are other numbers, no more");
-            assert_eq!(bake(&config, &cache, BOTH[idx % 2]), (vec![CacheUse::Hit; 2], vec![]), "{what}");
+            let after = read(&fs::read(&file).unwrap())
+                .unwrap_or_else(|refusal| panic!("{what}: {refusal}"));
+            assert!(
+                contents(&after).len().abs_diff(figures) < 256,
+                "{what}: the timings are other numbers, no more"
+            );
+            assert_eq!(
+                bake(&config, &cache, BOTH[idx % 2]),
+                (vec![CacheUse::Hit; 2], vec![]),
+                "{what}"
+            );
         }
     }
 }
@@ -283,7 +357,8 @@ fn any_single_byte_that_matters_is_found() {
         let sound = fs::read(&file).unwrap();
         let reference = contents(&read(&sound).unwrap());
         // Every byte of head and table, and every 97th of the rest.
-        let (mut refused, mut padding) = (0, 0);
+        let mut refused = 0;
+        let mut padding = 0;
         for at in (0..800).chain((800..sound.len()).step_by(97)) {
             let mut bytes = sound.clone();
             bytes[at] ^= 1 << (at % 8);
@@ -319,20 +394,34 @@ fn other_versions_are_told_the_older_is_replaced_the_newer_left_alone() {
     let file = files(&cache).remove(0);
     let sound = fs::read(&file).unwrap();
     for residence in BOTH {
-        for (format, generation) in [(FORMAT - 1, GENERATION), (FORMAT, GENERATION - 1), (FORMAT - 1, GENERATION + 1)] {
+        for (format, generation) in
+            [(FORMAT - 1, GENERATION), (FORMAT, GENERATION - 1), (FORMAT - 1, GENERATION + 1)]
+        {
             put(&file, &of_version(&sound, format, generation));
             let (uses, notes) = bake(&config, &cache, residence);
             assert!(uses.contains(&CacheUse::Rebaked) && notes.len() == 1, "{notes:?}");
-            assert!(notes[0].contains(&format!("was written by an older version (format {format}.{generation})")), "{notes:?}");
+            assert!(
+                notes[0].contains(&format!(
+                    "was written by an older version (format {format}.{generation})"
+                )),
+                "{notes:?}"
+            );
             assert_eq!(bake(&config, &cache, residence), (vec![CacheUse::Hit; 2], vec![]));
         }
-        for (format, generation) in [(FORMAT + 1, GENERATION), (FORMAT, GENERATION + 1), (FORMAT + 1, 0)] {
+        for (format, generation) in
+            [(FORMAT + 1, GENERATION), (FORMAT, GENERATION + 1), (FORMAT + 1, 0)]
+        {
             let newer = of_version(&sound, format, generation);
             put(&file, &newer);
             for _ in 0..2 {
                 let (uses, notes) = bake(&config, &cache, residence);
                 assert!(uses.contains(&CacheUse::Rebaked) && notes.len() == 1, "{notes:?}");
-                assert!(notes[0].contains(&format!("was written by a newer version (format {format}.{generation})")), "{notes:?}");
+                assert!(
+                    notes[0].contains(&format!(
+                        "was written by a newer version (format {format}.{generation})"
+                    )),
+                    "{notes:?}"
+                );
                 assert!(notes[0].ends_with("is baked anew and the file left alone"), "{notes:?}");
                 assert_eq!(fs::read(&file).unwrap(), newer);
             }
@@ -357,7 +446,8 @@ fn a_file_under_the_name_of_another_object_is_refused() {
 /// A file of each role: the static object, the tool, and a mesh that is both.
 fn roles(config: &SceneConfig, folder: &Path) -> [Vec<u8>; 3] {
     bake(config, folder, CachePolicy::Copy);
-    let baked: Vec<Baked> = files(folder).iter().map(|file| read(&fs::read(file).unwrap()).unwrap()).collect();
+    let baked: Vec<Baked> =
+        files(folder).iter().map(|file| read(&fs::read(file).unwrap()).unwrap()).collect();
     let [mut one, mut two] = <[Baked; 2]>::try_from(baked).unwrap();
     if one.field.is_none() {
         (one, two) = (two, one);
@@ -431,7 +521,9 @@ fn forged_files_with_sound_checksums_are_refused_or_harmless() {
         assert_eq!(cache::exercise(&bytes), if sound { 2 } else { 0 }, "{name} at {at}: {value:?}");
     }
     // Sections that lie about where they are and of what.
-    for (field, value) in [(16, u64::MAX - 10), (16, 8), (16, 1 << 40), (24, u64::MAX), (24, 1), (40, 3), (40, 0)] {
+    for (field, value) in
+        [(16, u64::MAX - 10), (16, 8), (16, 1 << 40), (24, u64::MAX), (24, 1), (40, 3), (40, 0)]
+    {
         for entry in (0..11).map(|n| HEAD_BYTES + n * ENTRY_BYTES) {
             let mut bytes = both.clone();
             let n = if field == 40 { 4 } else { 8 };
@@ -449,7 +541,8 @@ fn edits_of_sound_files_do_no_harm() {
     // A generator of our own: the edits must be the same every time, not clever.
     let mut state = 0x9e37_79b9_7f4a_7c15_u64;
     let mut random = |below: usize| {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        state =
+            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (state >> 33) as usize % below
     };
     for _ in 0..2000 {
@@ -501,11 +594,12 @@ fn a_mesh_that_changes_while_it_is_baked_is_not_kept() {
     assert!(matches!(cache.look_up(&request, u64::MAX), Lookup::Bake(_)));
 }
 
-/// Checksums of what two reference objects bake to, after the generation that they belong to. They hold on every machine: box and corner
-/// take nothing but IEEE arithmetic and square roots, no library functions that round as they like.
+/// Checksums of what two reference objects bake to, after the generation that they belong to. They
+/// hold on every machine: box and corner take nothing but IEEE arithmetic and square roots, no
+/// library functions that round as they like.
 ///
-/// Other numbers mean that baking gives other bits than before: count [`GENERATION`] up, so that no cache mixes both, and
-/// [`refresh`] the numbers.
+/// Other numbers mean that baking gives other bits than before: count [`GENERATION`] up, so that no
+/// cache mixes both, and [`refresh`] the numbers.
 const REFERENCE: &str = include_str!("bake_reference.txt");
 
 fn reference() -> String {
@@ -531,11 +625,14 @@ fn the_generation_counts_up_whenever_baking_gives_other_bits() {
     assert_eq!(reference(), REFERENCE, "see REFERENCE");
 }
 
-/// Writes the reference checksums, and the seeds of the fuzzer in the present format: for a change that is meant.
+/// Writes the reference checksums, and the seeds of the fuzzer in the present format: for a change
+/// that is meant.
 #[test]
-#[ignore = "writes files of the repository: HAPTICD_REWRITE=1 cargo test --test it bake_cache::refresh -- --ignored"]
+#[ignore = "writes files of the repository: HAPTICD_REWRITE=1 cargo test --test it \
+    bake_cache::refresh -- --ignored"]
 fn refresh() {
-    // Long tests are run with all ignored ones: files are written only where this variable asks for it.
+    // Long tests are run with all ignored ones: files are written only where this variable asks for
+    // it.
     if std::env::var_os("HAPTICD_REWRITE").is_none() {
         return;
     }
@@ -544,7 +641,8 @@ fn refresh() {
     let dir = tempfile::tempdir().unwrap();
     // As small as objects come, as every byte more makes a fuzzer slower.
     let mut config = small_scene(dir.path(), "");
-    config.statics[0].source = MeshSource::Shape(Shape::Box { size_m: DVec3::new(2e-3, 2e-3, 1e-3) });
+    config.statics[0].source =
+        MeshSource::Shape(Shape::Box { size_m: DVec3::new(2e-3, 2e-3, 1e-3) });
     config.statics[0].layers = 2;
     config.tool.source = config.statics[0].source.clone();
     let [_, tool, both] = roles(&config, &dir.path().join("plain"));

@@ -1,4 +1,5 @@
-//! The bake cache through the real program: how processes share it, and what becomes of it when they end badly.
+//! The bake cache through the real program: how processes share it, and what becomes of it when
+//! they end badly.
 
 use std::fs;
 use std::os::unix::process::ExitStatusExt as _;
@@ -32,14 +33,18 @@ profile = "sim-sigma7"
 "#;
 
 /// A block, thick enough for its voxels, so that nothing is warned of.
-const PART: &str = "v 0 0 0\nv 11.3 0 0\nv 11.3 9.7 0\nv 0 9.7 0\nv 0 0 8.1\nv 11.3 0 8.1\nv 11.3 9.7 8.1\nv 0 9.7 8.1\n\
-    f 4 3 2 1\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n";
+const PART: &str = "v 0 0 0\nv 11.3 0 0\nv 11.3 9.7 0\nv 0 9.7 0\nv 0 0 8.1\nv 11.3 0 8.1\nv 11.3 \
+    9.7 8.1\nv 0 9.7 8.1\nf 4 3 2 1\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n";
 
 fn folder() -> TempDir {
     let dir = tempfile::tempdir().unwrap();
     fs::write(dir.path().join("scene.toml"), SCENE).unwrap();
     fs::write(dir.path().join("part.obj"), PART).unwrap();
-    fs::write(dir.path().join("poses.csv"), "t_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0.02,0,0.004,0,0,0,1\n").unwrap();
+    fs::write(
+        dir.path().join("poses.csv"),
+        "t_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0.02,0,0.004,0,0,0,1\n",
+    )
+    .unwrap();
     dir
 }
 
@@ -65,18 +70,28 @@ fn json(output: &Output) -> Value {
 
 /// What the cache did for each object of `bake scene.toml --json`.
 fn uses(report: &Value) -> Vec<String> {
-    report["objects"].as_array().unwrap().iter().map(|object| object["cache"].as_str().unwrap().to_owned()).collect()
+    report["objects"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|object| object["cache"].as_str().unwrap().to_owned())
+        .collect()
 }
 
 fn names(folder: &Path) -> Vec<String> {
     let Ok(entries) = fs::read_dir(folder) else { return Vec::new() };
-    let mut names: Vec<_> = entries.map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned()).collect();
+    let mut names: Vec<_> =
+        entries.map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned()).collect();
     names.sort();
     names
 }
 
 fn extension(folder: &Path, extension: &str) -> Vec<PathBuf> {
-    names(folder).iter().map(|name| folder.join(name)).filter(|path| path.extension().is_some_and(|e| e == extension)).collect()
+    names(folder)
+        .iter()
+        .map(|name| folder.join(name))
+        .filter(|path| path.extension().is_some_and(|e| e == extension))
+        .collect()
 }
 
 /// Bakes again; everything must come from the cache, and nothing be said.
@@ -102,27 +117,43 @@ fn bake_run_and_eval_share_the_cache_of_the_user() {
     assert_eq!(names(&dir.path().join("xdg/hapticd")).len(), 2);
     let second = json(&hapticd(dir.path(), "bake scene.toml --json"));
     assert_eq!(uses(&second), ["hit"; 2]);
-    for (baked, hit) in json(&first)["objects"].as_array().unwrap().iter().zip(second["objects"].as_array().unwrap()) {
+    for (baked, hit) in json(&first)["objects"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .zip(second["objects"].as_array().unwrap())
+    {
         assert_eq!(figures(baked.clone()), figures(hit.clone()));
         let times = |object: &Value, key: &str| object["timings_s"][key].as_f64().unwrap();
-        assert!(times(baked, "surface") > 0.0 && times(hit, "surface") == 0.0, "timings are those of this run");
+        assert!(
+            times(baked, "surface") > 0.0 && times(hit, "surface") == 0.0,
+            "timings are those of this run"
+        );
         assert!(times(hit, "load") > 0.0 && times(hit, "total") == times(hit, "load"));
     }
     let people = String::from_utf8(hapticd(dir.path(), "bake scene.toml").stdout).unwrap();
     assert_eq!(people.matches(" from the bake cache").count(), 2, "{people}");
 
-    // The other two find what `bake` kept: nothing new appears, and the results are those of no cache at all.
+    // The other two find what `bake` kept: nothing new appears, and the results are those of no
+    // cache at all.
     let eval = |cache: &str| {
-        let output = hapticd(dir.path(), &format!("eval scene.toml --poses poses.csv --out out.csv {cache}"));
+        let output = hapticd(
+            dir.path(),
+            &format!("eval scene.toml --poses poses.csv --out out.csv {cache}"),
+        );
         assert_eq!((output.status.code(), stderr(&output).as_str()), (Some(0), ""));
         let table = fs::read_to_string(dir.path().join("out.csv")).unwrap();
         // The last column is how long it took.
         table.lines().map(|line| line.rsplit_once(',').unwrap().0.to_owned()).collect::<Vec<_>>()
     };
     let run = |cache: &str| {
-        let output = hapticd(dir.path(), &format!("run scene.toml --clock virtual --duration 100ms --json {cache}"));
+        let output = hapticd(
+            dir.path(),
+            &format!("run scene.toml --clock virtual --duration 100ms --json {cache}"),
+        );
         let report = json(&output);
-        let [baked, first_tick] = ["baked", "first_tick"].map(|key| report["start_s"][key].as_f64().unwrap());
+        let [baked, first_tick] =
+            ["baked", "first_tick"].map(|key| report["start_s"][key].as_f64().unwrap());
         assert!(0.0 < baked && baked < first_tick, "{}", report["start_s"]);
         report["final_pose"].clone()
     };
@@ -137,13 +168,24 @@ fn bake_run_and_eval_share_the_cache_of_the_user() {
 #[test]
 fn a_mesh_is_kept_too_unless_more_is_asked_for_than_the_cache_has() {
     let dir = folder();
-    let bake = |more: &str| json(&hapticd(dir.path(), &format!("bake part.obj --units mm --voxel-size-mm 0.5 --json {more}")));
+    let bake = |more: &str| {
+        json(&hapticd(
+            dir.path(),
+            &format!("bake part.obj --units mm --voxel-size-mm 0.5 --json {more}"),
+        ))
+    };
     let first = bake("");
     assert_eq!(first["cache"], "miss");
     let second = bake("");
     assert_eq!(second["cache"], "hit");
     assert_eq!(figures(first), figures(second));
-    let outputs = ["--field-out f.npy", "--voxmap-out v.npy", "--pointshell-out p.ply", "--picture p.png", "--picture-3d d.png"];
+    let outputs = [
+        "--field-out f.npy",
+        "--voxmap-out v.npy",
+        "--pointshell-out p.ply",
+        "--picture p.png",
+        "--picture-3d d.png",
+    ];
     for more in outputs.into_iter().chain(["--navigation two-sided", "--cache off"]) {
         assert_eq!(bake(more)["cache"], "off", "{more}");
     }
@@ -168,10 +210,20 @@ fn memory_is_judged_for_what_is_baked_and_not_for_what_the_cache_has() {
         assert_eq!(past_the_cache.status.code(), Some(3), "{}", stderr(&past_the_cache));
     }
     // What the cache had is held beside what is baked.
-    let warm = hapticd(dir.path(), "run scene.toml --clock virtual --duration 20ms --json --max-memory 10kB");
+    let warm = hapticd(
+        dir.path(),
+        "run scene.toml --clock virtual --duration 20ms --json --max-memory 10kB",
+    );
     assert!(json(&warm)["ticks"].as_u64() > Some(10));
-    fs::write(dir.path().join("scene.toml"), SCENE.replace("voxel_size_mm = 1.0", "voxel_size_mm = 1.1")).unwrap();
-    let half = hapticd(dir.path(), "run scene.toml --clock virtual --duration 20ms --json --max-memory 500kB");
+    fs::write(
+        dir.path().join("scene.toml"),
+        SCENE.replace("voxel_size_mm = 1.0", "voxel_size_mm = 1.1"),
+    )
+    .unwrap();
+    let half = hapticd(
+        dir.path(),
+        "run scene.toml --clock virtual --duration 20ms --json --max-memory 500kB",
+    );
     assert_eq!(half.status.code(), Some(3), "the ring alone takes more: {}", stderr(&half));
     assert!(stderr(&half).contains("tool"), "{}", stderr(&half));
 }
@@ -181,7 +233,11 @@ fn a_mesh_without_an_end_is_refused_before_it_is_hashed() {
     let dir = folder();
     std::os::unix::fs::symlink("/dev/zero", dir.path().join("endless.obj")).unwrap();
     let output = hapticd(dir.path(), "bake endless.obj --longest-axis-voxels 20");
-    assert!(!output.status.success() && stderr(&output).contains("a device"), "{}", stderr(&output));
+    assert!(
+        !output.status.success() && stderr(&output).contains("a device"),
+        "{}",
+        stderr(&output)
+    );
     assert_eq!(names(&dir.path().join("xdg")), [""; 0]);
 }
 
@@ -199,7 +255,10 @@ fn without_a_home_there_is_no_cache() {
     };
     let output = homeless("bake scene.toml --json", None);
     assert_eq!((uses(&json(&output)), stderr(&output).as_str()), (vec!["off".to_owned(); 2], ""));
-    assert!(stderr(&homeless("bake scene.toml -v", None)).contains("bake cache: off, as neither XDG_CACHE_HOME nor HOME"));
+    assert!(
+        stderr(&homeless("bake scene.toml -v", None))
+            .contains("bake cache: off, as neither XDG_CACHE_HOME nor HOME")
+    );
     let home = dir.path().join("home");
     assert_eq!(uses(&json(&homeless("bake scene.toml --json", home.to_str()))), ["miss"; 2]);
     assert_eq!(names(&home.join(".cache/hapticd")).len(), 2);
@@ -220,11 +279,16 @@ fn a_bake_that_is_killed_leaves_no_broken_cache() {
     let dir = folder();
     let cache = dir.path().join("cache");
     let line = "bake scene.toml --json --cache cache";
-    // Killed by a signal in the middle of a write, at a place that is not left to chance: the limit on the size of a file, in blocks of
-    // 512 bytes.
+    // Killed by a signal in the middle of a write, at a place that is not left to chance: the limit
+    // on the size of a file, in blocks of 512 bytes.
     for blocks in [0, 1, 40, 300] {
         let script = format!("ulimit -c 0; ulimit -f {blocks}; exec '{PROGRAM}' {line}");
-        let status = Command::new("sh").args(["-c", &script]).current_dir(dir.path()).output().unwrap().status;
+        let status = Command::new("sh")
+            .args(["-c", &script])
+            .current_dir(dir.path())
+            .output()
+            .unwrap()
+            .status;
         assert_eq!(status.signal(), Some(SIGXFSZ), "{blocks} blocks: {status}");
         assert_eq!(assert_nothing_broken("limit", &cache), 1, "{blocks} blocks");
         let half = extension(&cache, "tmp").remove(0);
@@ -236,10 +300,12 @@ fn a_bake_that_is_killed_leaves_no_broken_cache() {
     let since = Instant::now();
     assert!(hapticd(dir.path(), line).status.success());
     let whole = since.elapsed();
-    let (mut killed, mut left_behind) = (0, 0);
+    let mut killed = 0;
+    let mut left_behind = 0;
     for round in 0..8_u32 {
         fs::remove_dir_all(&cache).unwrap();
-        let mut child = program(dir.path(), line).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+        let mut child =
+            program(dir.path(), line).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
         if round % 2 == 0 {
             // As soon as the child is writing.
             while extension(&cache, "tmp").is_empty() && child.try_wait().unwrap().is_none() {}
@@ -272,13 +338,25 @@ fn a_bake_that_is_killed_leaves_no_broken_cache() {
 fn several_bakes_at_once_all_succeed() {
     let dir = folder();
     let line = "bake scene.toml --json --cache cache";
-    let children: Vec<_> =
-        (0..4).map(|_| program(dir.path(), line).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()).collect();
+    let children: Vec<_> = (0..4)
+        .map(|_| {
+            program(dir.path(), line).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+        })
+        .collect();
     for child in children {
         let output = child.wait_with_output().unwrap();
-        assert_eq!((json(&output)["objects"].as_array().unwrap().len(), stderr(&output).as_str()), (2, ""));
+        assert_eq!(
+            (json(&output)["objects"].as_array().unwrap().len(), stderr(&output).as_str()),
+            (2, "")
+        );
     }
-    assert_eq!((names(&dir.path().join("cache")).len(), extension(&dir.path().join("cache"), "bake").len()), (2, 2));
+    assert_eq!(
+        (
+            names(&dir.path().join("cache")).len(),
+            extension(&dir.path().join("cache"), "bake").len()
+        ),
+        (2, 2)
+    );
     assert_warm(dir.path(), &dir.path().join("cache"));
 }
 
@@ -287,20 +365,30 @@ fn assert_goes_on(what: &str, output: &Output, words: &str) {
     assert_eq!(uses(&json(output)), ["miss"; 2], "{what}");
     let said = stderr(output);
     assert_eq!(said.lines().count(), 1, "{what}: {said}");
-    for fragment in ["warning: the bake cache ", " cannot be written (", words, "nothing is kept for the next start", "--cache off"]
-    {
+    for fragment in [
+        "warning: the bake cache ",
+        " cannot be written (",
+        words,
+        "nothing is kept for the next start",
+        "--cache off",
+    ] {
         assert!(said.contains(fragment), "{what}: no `{fragment}` in {said}");
     }
 }
 
-/// Runs shell commands in a mount namespace of their own, so that nothing stays mounted; `None` where that is not allowed.
+/// Runs shell commands in a mount namespace of their own, so that nothing stays mounted; `None`
+/// where that is not allowed.
 fn with_mounts(dir: &Path, script: &str) -> Option<Output> {
     let shell = |script: &str| {
         let mut command = Command::new("unshare");
-        command.args(["--mount", "--map-root-user", "sh", "-ec", script]).current_dir(dir).env("HAPTICD", PROGRAM);
+        command
+            .args(["--mount", "--map-root-user", "sh", "-ec", script])
+            .current_dir(dir)
+            .env("HAPTICD", PROGRAM);
         command.output().ok()
     };
-    let possible = shell("mkdir -p probe && mount -t tmpfs -o size=64k tmpfs probe").is_some_and(|output| output.status.success());
+    let possible = shell("mkdir -p probe && mount -t tmpfs -o size=64k tmpfs probe")
+        .is_some_and(|output| output.status.success());
     if !possible {
         eprintln!("SKIPPED: file systems cannot be mounted here (unshare --mount --map-root-user)");
         return None;
@@ -321,16 +409,30 @@ fn a_full_disk_is_told_and_the_work_goes_on() {
         let bake = Output { stderr: bake.into(), ..output };
         assert_goes_on("tmpfs", &bake, "No space left on device");
         assert!(run.contains("No space left on device"), "{run}");
-        assert_eq!(fs::read_to_string(dir.path().join("after.txt")).unwrap(), "", "neither a broken nor a temporary file");
-        let run: Value = serde_json::from_slice(&fs::read(dir.path().join("run.json")).unwrap()).unwrap();
+        assert_eq!(
+            fs::read_to_string(dir.path().join("after.txt")).unwrap(),
+            "",
+            "neither a broken nor a temporary file"
+        );
+        let run: Value =
+            serde_json::from_slice(&fs::read(dir.path().join("run.json")).unwrap()).unwrap();
         assert!(run["ticks"].as_u64() > Some(50));
     }
     // Without any rights: a limit on the size of files. In blocks of 512 bytes.
-    let script = format!("trap '' XFSZ; ulimit -f 64; exec '{PROGRAM}' bake scene.toml --json --cache limited");
+    let script = format!(
+        "trap '' XFSZ; ulimit -f 64; exec '{PROGRAM}' bake scene.toml --json --cache limited"
+    );
     let output = Command::new("sh").args(["-c", &script]).current_dir(dir.path()).output().unwrap();
     assert_goes_on("ulimit", &output, "File too large");
-    assert_eq!(names(&dir.path().join("limited")), [""; 0], "neither a broken nor a temporary file");
-    assert_eq!(uses(&json(&hapticd(dir.path(), "bake scene.toml --json --cache limited"))), ["miss"; 2]);
+    assert_eq!(
+        names(&dir.path().join("limited")),
+        [""; 0],
+        "neither a broken nor a temporary file"
+    );
+    assert_eq!(
+        uses(&json(&hapticd(dir.path(), "bake scene.toml --json --cache limited"))),
+        ["miss"; 2]
+    );
     assert_warm(dir.path(), &dir.path().join("limited"));
 }
 
@@ -338,20 +440,32 @@ fn a_full_disk_is_told_and_the_work_goes_on() {
 fn a_folder_that_cannot_be_written_is_told_and_what_is_in_it_still_serves() {
     let dir = folder();
     fs::write(dir.path().join("file"), "").unwrap();
-    assert_goes_on("a file", &hapticd(dir.path(), "bake scene.toml --json --cache file"), "File exists");
-    assert_goes_on("in a file", &hapticd(dir.path(), "bake scene.toml --json --cache file/folder"), "Not a directory");
+    assert_goes_on(
+        "a file",
+        &hapticd(dir.path(), "bake scene.toml --json --cache file"),
+        "File exists",
+    );
+    assert_goes_on(
+        "in a file",
+        &hapticd(dir.path(), "bake scene.toml --json --cache file/folder"),
+        "Not a directory",
+    );
     // No user may create anything there, not even root.
     let output = hapticd(dir.path(), "bake scene.toml --json --cache /proc/hapticd-cache");
     assert_goes_on("/proc", &output, "No such file or directory");
 
-    assert_eq!(uses(&json(&hapticd(dir.path(), "bake scene.toml --json --cache cache"))), ["miss"; 2]);
+    assert_eq!(
+        uses(&json(&hapticd(dir.path(), "bake scene.toml --json --cache cache"))),
+        ["miss"; 2]
+    );
     let script = "mount --bind cache cache && mount -o remount,bind,ro cache
         \"$HAPTICD\" bake scene.toml --json --cache cache >hit.json
         sed -i 's/layers = 4/layers = 3/; s/voxel_size_mm = 1.0/voxel_size_mm = 1.1/' scene.toml
         \"$HAPTICD\" bake scene.toml --json --cache cache";
     if let Some(output) = with_mounts(dir.path(), script) {
         assert_goes_on("read-only", &output, "Read-only file system");
-        let hit: Value = serde_json::from_slice(&fs::read(dir.path().join("hit.json")).unwrap()).unwrap();
+        let hit: Value =
+            serde_json::from_slice(&fs::read(dir.path().join("hit.json")).unwrap()).unwrap();
         assert_eq!(uses(&hit), ["hit"; 2]);
     }
 }
@@ -371,10 +485,13 @@ fn a_damaged_or_foreign_file_is_told_on_stderr_and_baked_anew() {
     assert_eq!(uses(&json(&output)), ["rebaked"; 2]);
     let said = stderr(&output);
     assert_eq!(said.lines().count(), 2, "{said}");
+    assert!(said.lines().all(|line| line.starts_with("warning: the cache file cache/")
+        && line.contains("is damaged (its length)")));
     assert!(
-        said.lines().all(|line| line.starts_with("warning: the cache file cache/") && line.contains("is damaged (its length)"))
+        said.contains(": ring is baked anew and the file replaced")
+            && said.contains(": tool is baked anew"),
+        "{said}"
     );
-    assert!(said.contains(": ring is baked anew and the file replaced") && said.contains(": tool is baked anew"), "{said}");
     assert_warm(dir.path(), &dir.path().join("cache"));
 }
 
@@ -388,7 +505,11 @@ fn a_pipe_in_the_cache_is_refused_and_replaced() {
     assert!(Command::new("mkfifo").arg(&file).status().is_ok_and(|made| made.success()), "mkfifo");
     // Would wait for a writer for ever.
     let output = hapticd(dir.path(), line);
-    assert!(output.status.success() && stderr(&output).contains("not a regular file"), "{}", stderr(&output));
+    assert!(
+        output.status.success() && stderr(&output).contains("not a regular file"),
+        "{}",
+        stderr(&output)
+    );
     assert_warm(dir.path(), &dir.path().join("cache"));
 }
 
@@ -397,5 +518,9 @@ fn advice_on_a_cache_that_cannot_be_written_fits_the_cause() {
     let dir = folder();
     fs::write(dir.path().join("file"), "").unwrap();
     let said = stderr(&hapticd(dir.path(), "bake scene.toml --json --cache file"));
-    assert!(said.contains("move away the file that stands where the folder should be") && !said.contains("make room"), "{said}");
+    assert!(
+        said.contains("move away the file that stands where the folder should be")
+            && !said.contains("make room"),
+        "{said}"
+    );
 }

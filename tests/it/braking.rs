@@ -1,4 +1,5 @@
-//! What takes speed from the virtual tool at a surface: braking ahead of it (acceptance test 13 under its number), dampers behind it.
+//! What takes speed from the virtual tool at a surface: braking ahead of it (acceptance test 13
+//! under its number), dampers behind it.
 
 use glam::{DQuat, DVec3};
 use haptics::{CouplingMode, DriveRequest, RenderScene, State, TickInput, tick};
@@ -13,7 +14,8 @@ fn up() -> DVec3 {
     DQuat::from_rotation_y(SLOPE_RAD) * DVec3::Z
 }
 
-/// A block that no hand holds, at a height over the slope, and pulled by `gravity` along its normal and `along` the slope, m/s².
+/// A block that no hand holds, at a height over the slope, and pulled by `gravity` along its normal
+/// and `along` the slope, m/s².
 fn block(height_m: f64, gravity: f64, along: f64) -> RenderScene {
     let mut scene = scene(0.0);
     let p = &mut scene.parameters;
@@ -42,7 +44,8 @@ fn acceptance_13_approach_speed_halves_per_tick_just_ahead_of_a_surface() {
     let free = fall(&scene, 200);
     scene.parameters.contact.braking = true;
     let braked = fall(&scene, 400);
-    let first = free.iter().zip(&braked).position(|(free, braked)| free != braked).expect("it brakes");
+    let first =
+        free.iter().zip(&braked).position(|(free, braked)| free != braked).expect("it brakes");
     let at_brake_m = braked[first - 1].0;
     assert!(at_brake_m > 0.0 && at_brake_m <= S, "{mode:?}: braked from {at_brake_m} m on");
     let mut n_halved = 0;
@@ -52,7 +55,8 @@ fn acceptance_13_approach_speed_halves_per_tick_just_ahead_of_a_surface() {
             break;
         }
         // What falls gains g T per tick; the brake takes half of the sum.
-        let (before, now) = (before.dot(up()) - G * T, now.dot(up()));
+        let before = before.dot(up()) - G * T;
+        let now = now.dot(up());
         assert!((now / before - 0.5).abs() <= 0.025, "{mode:?}, tick {n}: {now} m/s of {before}");
         assert!(now < 0.0, "{mode:?}, tick {n}: turned round");
         n_halved += 1;
@@ -82,21 +86,31 @@ fn acceptance_13_what_recedes_or_passes_by_is_not_braked() {
     let free = fall(&scene, 40);
     scene.parameters.contact.braking = true;
     let braked = fall(&scene, 40);
-    let (free, braked) = (free[39].1.length(), braked[39].1.length());
-    assert!((braked / free - 1.0).abs() < 1e-3 && free > 0.15, "{mode:?}: {braked} m/s along the slope, {free} m/s without");
+    let free = free[39].1.length();
+    let braked = braked[39].1.length();
+    assert!(
+        (braked / free - 1.0).abs() < 1e-3 && free > 0.15,
+        "{mode:?}: {braked} m/s along the slope, {free} m/s without"
+    );
 }
 
 #[test]
 fn a_face_that_slides_on_a_floor_is_not_braked() {
     let mut scene = block(0.0, -G, 0.4);
-    let speed = |scene: &RenderScene| fall(scene, 300)[299].1.dot(DQuat::from_rotation_y(SLOPE_RAD) * DVec3::X);
+    let speed = |scene: &RenderScene| {
+        fall(scene, 300)[299].1.dot(DQuat::from_rotation_y(SLOPE_RAD) * DVec3::X)
+    };
     let free = speed(&scene);
     scene.parameters.contact.braking = true;
     let braked = speed(&scene);
-    assert!((braked / free - 1.0).abs() < 0.01 && free > 0.1, "{braked} m/s, {free} m/s without brakes");
+    assert!(
+        (braked / free - 1.0).abs() < 0.01 && free > 0.1,
+        "{braked} m/s, {free} m/s without brakes"
+    );
 }
 
-/// Dropped from 1 mm, without any other damping: how fast it comes back, and the least force of contact on the way, N.
+/// Dropped from 1 mm, without any other damping: how fast it comes back, and the least force of
+/// contact on the way, N.
 fn bounce(mode: CouplingMode, damping_n_s_per_m: f64) -> (f64, f64) {
     let mut scene = block(1e-3, -G, 0.0);
     let p = &mut scene.parameters;
@@ -118,10 +132,14 @@ fn dampers_take_energy_from_a_bounce_and_never_hold_on() {
     for pair in bounces.windows(2) {
         assert!(pair[1].0 < pair[0].0, "{mode:?}: {bounces:?}");
     }
-    // An implicit spring may pull a little when it is left, whatever its damper does; the damper adds nothing to that.
+    // An implicit spring may pull a little when it is left, whatever its damper does; the damper
+    // adds nothing to that.
     let without_n = bounces[0].1.min(0.0);
     for (_, least_n) in bounces {
-        assert!(least_n >= without_n - 1e-3, "{mode:?}: pulls with {least_n} N, {without_n} N without dampers");
+        assert!(
+            least_n >= without_n - 1e-3,
+            "{mode:?}: pulls with {least_n} N, {without_n} N without dampers"
+        );
     }
 }
 
@@ -137,8 +155,13 @@ fn what_is_lifted_does_not_stick() {
             if sequence == 500 {
                 scene.parameters.gravity_m_per_s2 *= -1.0;
             }
-            let sample = DeviceSample { sequence, status: SampleStatus::Fresh, ..DeviceSample::default() };
-            let output = tick(&scene, &mut state, &TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() });
+            let sample =
+                DeviceSample { sequence, status: SampleStatus::Fresh, ..DeviceSample::default() };
+            let output = tick(
+                &scene,
+                &mut state,
+                &TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() },
+            );
             assert!(!(100..500).contains(&sequence) || output.contacts > 0, "it rests");
             if sequence > 500 && output.contacts == 0 && left.is_none() {
                 left = Some(sequence - 500);
@@ -150,6 +173,9 @@ fn what_is_lifted_does_not_stick() {
     for damping_n_s_per_m in [10.0, 1000.0] {
         let with = ticks_to_leave(damping_n_s_per_m);
         eprintln!("{damping_n_s_per_m} N·s/m: leaves after {with} ticks, {without} without");
-        assert!(with <= without + 3, "{damping_n_s_per_m} N·s/m: leaves after {with} ticks, {without} without");
+        assert!(
+            with <= without + 3,
+            "{damping_n_s_per_m} N·s/m: leaves after {with} ticks, {without} without"
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! What is checked before it runs: `hapticd check` and `hapticd run` find the same in hand files, meshes and memory.
+//! What is checked before it runs: `hapticd check` and `hapticd run` find the same in hand files,
+//! meshes and memory.
 
 use std::fs;
 use std::path::Path;
@@ -41,9 +42,18 @@ const RUN: &str = "run scene.toml --clock virtual --duration 20ms --cache off";
 /// Lines of a kind that both commands print, which are those of `check`.
 fn said(dir: &Path, kind: &str, code: i32) -> Vec<String> {
     let [checked, run] = ["check scene.toml", RUN].map(|line| hapticd(dir, line));
-    assert_eq!((checked.code, run.code), (Some(code), Some(code)), "{}\n{}", checked.stderr, run.stderr);
-    let of = |text: &str| -> Vec<String> { text.lines().filter(|line| line.starts_with(kind)).map(str::to_owned).collect() };
-    let (checked, run) = (of(&checked.stderr), of(&run.stderr));
+    assert_eq!(
+        (checked.code, run.code),
+        (Some(code), Some(code)),
+        "{}\n{}",
+        checked.stderr,
+        run.stderr
+    );
+    let of = |text: &str| -> Vec<String> {
+        text.lines().filter(|line| line.starts_with(kind)).map(str::to_owned).collect()
+    };
+    let checked = of(&checked.stderr);
+    let run = of(&run.stderr);
     assert!(checked.iter().all(|line| run.contains(line)), "{checked:?}\n{run:?}");
     checked
 }
@@ -56,25 +66,32 @@ fn a_hand_that_may_be_meant_is_warned_of_and_one_in_millimetres_is_refused() {
         (
             "0,0,0,0.015,0,0,0,1\n1,0,0,-0.1,0,0,0,1\n",
             Some(
-                "tool: hand.csv:3: z = -0.1 m: the hand goes 115 mm away from `tool.start_position_mm`, and the workspace of sim-sigma7 reaches 75 mm; no force flows there: shorten the path, or `device.world_from_device.scale = 1.61`",
+                "tool: hand.csv:3: z = -0.1 m: the hand goes 115 mm away from \
+                    `tool.start_position_mm`, and the workspace of sim-sigma7 reaches 75 mm; no \
+                    force flows there: shorten the path, or `device.world_from_device.scale = \
+                    1.61`",
             ),
         ),
         (
             "0,0.02,0,0.015,0,0,0,1\n",
             Some(
-                "tool: hand.csv:2: x = 0.02 m: the hand begins 20.0 mm away from `tool.start_position_mm` and will pull the arm there at once; begin the path where the tool starts",
+                "tool: hand.csv:2: x = 0.02 m: the hand begins 20.0 mm away from \
+                    `tool.start_position_mm` and will pull the arm there at once; begin the path \
+                    where the tool starts",
             ),
         ),
         (
             "0,0,0,0.015,1,0,0,0\n",
             Some(
-                "tool: hand.csv:2: qx,qy,qz,qw = 1, 0, 0, 0: the hand begins turned by 180° against `tool.start_orientation_xyzw`; is the file in the order w, x, y, z?",
+                "tool: hand.csv:2: qx,qy,qz,qw = 1, 0, 0, 0: the hand begins turned by 180° \
+                    against `tool.start_orientation_xyzw`; is the file in the order w, x, y, z?",
             ),
         ),
         (
             "0,0,0,0.015,0,1,0,0\n",
             Some(
-                "tool: hand.csv:2: qx,qy,qz,qw = 0, 1, 0, 0: the hand begins turned by 180° against `tool.start_orientation_xyzw`; begin the path as the tool starts",
+                "tool: hand.csv:2: qx,qy,qz,qw = 0, 1, 0, 0: the hand begins turned by 180° \
+                    against `tool.start_orientation_xyzw`; begin the path as the tool starts",
             ),
         ),
     ] {
@@ -82,33 +99,55 @@ fn a_hand_that_may_be_meant_is_warned_of_and_one_in_millimetres_is_refused() {
         let expected: Vec<_> = expected.into_iter().collect();
         assert_eq!(warnings.len(), expected.len(), "{lines}: {warnings:?}");
         assert!(
-            warnings.iter().zip(expected).all(|(found, start)| found.starts_with(&format!("warning: {start}"))),
+            warnings
+                .iter()
+                .zip(expected)
+                .all(|(found, start)| found.starts_with(&format!("warning: {start}"))),
             "{warnings:?}"
         );
     }
     let lines = "0,0,0,15,0,0,0,1\n1,2,0,10,0,0,0,1\n";
     let errors = said(with_hand(METRES, lines).path(), "error: ", 3);
-    let expected = "error: hand.csv:2: z = 15 m: the hand goes 14985 mm away from `tool.start_position_mm`, and the workspace of sim-sigma7 reaches 75 mm: the positions are in millimetres";
+    let expected = "error: hand.csv:2: z = 15 m: the hand goes 14985 mm away from \
+        `tool.start_position_mm`, and the workspace of sim-sigma7 reaches 75 mm: the positions are \
+        in millimetres";
     assert_eq!(errors, [expected]);
     let in_millimetres = with_hand("t_s,x_mm,y_mm,z_mm,qx,qy,qz,qw", lines);
-    assert_eq!(said(in_millimetres.path(), "warning: ", 0), [""; 0], "the header that the hint names");
+    assert_eq!(
+        said(in_millimetres.path(), "warning: ", 0),
+        [""; 0],
+        "the header that the hint names"
+    );
 }
 
 #[test]
 fn open_meshes_and_wrong_units_are_told_before_the_bake() {
     let dir = tempfile::tempdir().unwrap();
     // A tetrahedron without its largest face, 30 units long.
-    fs::write(dir.path().join("open.obj"), "v 0 0 0\nv 30 0 0\nv 0 30 0\nv 0 0 30\nf 1 3 2\nf 1 2 4\nf 1 4 3\n").unwrap();
+    fs::write(
+        dir.path().join("open.obj"),
+        "v 0 0 0\nv 30 0 0\nv 0 30 0\nv 0 0 30\nf 1 3 2\nf 1 2 4\nf 1 4 3\n",
+    )
+    .unwrap();
     let plate = "mesh = \"open.obj\"\nunits = \"mm\"\nvoxel_size_mm = 2.0";
     fs::write(dir.path().join("scene.toml"), scene(plate, "")).unwrap();
     let warnings = said(dir.path(), "warning: ", 0);
     assert_eq!(warnings.len(), 1, "{warnings:?}");
-    assert!(warnings[0].starts_with("warning: base: 3 edges are open, the largest hole is "), "{warnings:?}");
+    assert!(
+        warnings[0].starts_with("warning: base: 3 edges are open, the largest hole is "),
+        "{warnings:?}"
+    );
     let scaled = plate.replace("open.obj", "small.obj").replace("2.0", "0.002");
-    fs::write(dir.path().join("small.obj"), "v 0 0 0\nv 0.03 0 0\nv 0 0.03 0\nv 0 0 0.03\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n")
-        .unwrap();
+    fs::write(
+        dir.path().join("small.obj"),
+        "v 0 0 0\nv 0.03 0 0\nv 0 0.03 0\nv 0 0 0.03\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n",
+    )
+    .unwrap();
     fs::write(dir.path().join("scene.toml"), scene(&scaled, "")).unwrap();
-    assert_eq!(said(dir.path(), "warning: ", 0), ["warning: base: the box is 30.0 µm long: is `units` right?"]);
+    assert_eq!(
+        said(dir.path(), "warning: ", 0),
+        ["warning: base: the box is 30.0 µm long: is `units` right?"]
+    );
 }
 
 #[test]
@@ -119,13 +158,19 @@ fn a_part_as_large_as_a_house_has_its_unit_doubted_first() {
     let write = |plate: &str| fs::write(dir.path().join("scene.toml"), scene(plate, "")).unwrap();
     write("mesh = \"part.obj\"\nunits = \"m\"\nvoxel_size_mm = 0.5");
     let errors = said(dir.path(), "error: ", 3);
-    assert!(errors[0].starts_with("error: scene.toml:5: static[0].units = \"m\": base is 30 m long: a grid of "), "{errors:?}");
+    assert!(
+        errors[0].starts_with(
+            "error: scene.toml:5: static[0].units = \"m\": base is 30 m long: a grid of "
+        ),
+        "{errors:?}"
+    );
     let hints = said(dir.path(), "  hint: ", 3);
-    let first =
-        "  hint: check the unit first: with \"mm\" the part is 30 mm long; if the part is so large, use a voxel size of at least ";
+    let first = "  hint: check the unit first: with \"mm\" the part is 30 mm long; if the part is so large, use a voxel size of at least ";
     assert!(hints[0].starts_with(first) && !hints[0].contains("or check"), "{hints:?}");
     fs::write(dir.path().join("poses.csv"), format!("{METRES}\n0,0,0,0.015,0,0,0,1\n")).unwrap();
-    for line in ["bake scene.toml --cache off", "eval scene.toml --poses poses.csv --out - --cache off"] {
+    for line in
+        ["bake scene.toml --cache off", "eval scene.toml --poses poses.csv --out - --cache off"]
+    {
         assert!(hapticd(dir.path(), line).stderr.contains(&errors[0]), "{line}");
     }
     // Large, but not so large: the voxels are the mistake.
@@ -136,7 +181,10 @@ fn a_part_as_large_as_a_house_has_its_unit_doubted_first() {
         .replace("shape = { sphere_mm = 5.0 }", "mesh = \"part.obj\"\nunits = \"in\"")
         .replace("_mm = 1.0", "_mm = 0.001");
     fs::write(dir.path().join("scene.toml"), tool.replace("\"in\"", "\"m\"")).unwrap();
-    assert!(said(dir.path(), "error: ", 3)[0].starts_with("error: scene.toml:9: tool.units = \"m\": tool is 30 m long: "));
+    assert!(
+        said(dir.path(), "error: ", 3)[0]
+            .starts_with("error: scene.toml:9: tool.units = \"m\": tool is 30 m long: ")
+    );
 }
 
 #[test]
@@ -145,23 +193,32 @@ fn a_stiffness_that_no_client_could_set_is_warned_of_and_accepted() {
     let write = |text: &str| fs::write(dir.path().join("scene.toml"), scene(PLANE, text)).unwrap();
     let warning = |value: &str| {
         format!(
-            "warning: scene.toml:14: contact.stiffness_n_per_mm = {value}: outside 0.25 to 20 N/mm, the range that the page gives a scene with \
-             the default of 5 N/mm; write 0.25 to 20; is the unit right? 1 N/mm is 1000 N/m"
+            "warning: scene.toml:14: contact.stiffness_n_per_mm = {value}: outside 0.25 to 20 \
+                N/mm, the range that the page gives a scene with the default of 5 N/mm; write 0.25 \
+                to 20; is the unit right? 1 N/mm is 1000 N/m"
         )
     };
-    for (value, is_told) in [("0.24", true), ("0.25", false), ("20", false), ("20.1", true), ("500000", true)] {
+    for (value, is_told) in
+        [("0.24", true), ("0.25", false), ("20", false), ("20.1", true), ("500000", true)]
+    {
         write(&format!("[contact]\nstiffness_n_per_mm = {value}\n"));
         let expected = if is_told { vec![warning(value)] } else { Vec::new() };
         assert_eq!(said(dir.path(), "warning: ", 0), expected);
     }
     let json = hapticd(dir.path(), "check scene.toml --json").json();
     let told = &json["files"][0]["problems"][0];
-    for (key, value) in
-        [("severity", "warning"), ("key", "contact.stiffness_n_per_mm"), ("value", "500000"), ("file", "scene.toml")]
-    {
+    for (key, value) in [
+        ("severity", "warning"),
+        ("key", "contact.stiffness_n_per_mm"),
+        ("value", "500000"),
+        ("file", "scene.toml"),
+    ] {
         assert_eq!(told[key], value, "{told}");
     }
-    assert!(told["line"] == 14 && told["hint"].as_str().unwrap().starts_with("write 0.25 to 20"), "{told}");
+    assert!(
+        told["line"] == 14 && told["hint"].as_str().unwrap().starts_with("write 0.25 to 20"),
+        "{told}"
+    );
     // There it does nothing.
     write("[contact]\nstiffness_n_per_mm = 500000\n[rendering]\ncoupling = \"constraint\"\n");
     assert_eq!(said(dir.path(), "warning: ", 0), Vec::<String>::new());
@@ -171,17 +228,21 @@ fn a_stiffness_that_no_client_could_set_is_warned_of_and_accepted() {
 fn a_spring_whose_late_force_the_arm_cannot_damp_is_warned_of_and_accepted() {
     let dir = tempfile::tempdir().unwrap();
     let write = |profile: &str, stiffness: &str| {
-        let text = scene(PLANE, &format!("[coupling]\ntranslation_n_per_mm = {stiffness}\n")).replace("sim-sigma7", profile);
+        let text = scene(PLANE, &format!("[coupling]\ntranslation_n_per_mm = {stiffness}\n"))
+            .replace("sim-sigma7", profile);
         assert!(text.contains(profile));
         fs::write(dir.path().join("scene.toml"), text).unwrap();
     };
     // 1 N·s/m of damping over 1.5 ms.
-    let warning = "warning: scene.toml:14: coupling.translation_n_per_mm = 0.7: 700 N/m felt 1.5 ms late needs 1.05 N·s/m of damping to give no \
-                   energy, and this arm takes 1: after a hard landing it gets less force than the contact has, until the hand presses on; write 0.66 \
-                   N/mm at most, or know of it";
-    for (profile, stiffness, expected) in
-        [("sim-polhem", "0.7", vec![warning]), ("sim-polhem", "0.66", Vec::new()), ("sim-sigma7", "4", Vec::new())]
-    {
+    let warning = "warning: scene.toml:14: coupling.translation_n_per_mm = 0.7: 700 N/m felt 1.5 \
+        ms late needs 1.05 N·s/m of damping to give no energy, and this arm takes 1: after a hard \
+        landing it gets less force than the contact has, until the hand presses on; write 0.66 \
+        N/mm at most, or know of it";
+    for (profile, stiffness, expected) in [
+        ("sim-polhem", "0.7", vec![warning]),
+        ("sim-polhem", "0.66", Vec::new()),
+        ("sim-sigma7", "4", Vec::new()),
+    ] {
         write(profile, stiffness);
         assert_eq!(said(dir.path(), "warning: ", 0), expected, "{profile} {stiffness}");
     }
@@ -197,20 +258,35 @@ fn check_prints_its_problems_as_json() {
     assert_eq!((&json["ok"], json["files"].as_array().unwrap().len()), (&false.into(), 3));
     let [first, second, third] = [0, 1, 2].map(|n| &json["files"][n]);
     assert!(
-        first["ok"] == true && first["kind"] == "scene" && first["summary"].as_str().unwrap().contains("sim-sigma7"),
+        first["ok"] == true
+            && first["kind"] == "scene"
+            && first["summary"].as_str().unwrap().contains("sim-sigma7"),
         "{first}"
     );
     let warning = &first["problems"][0];
-    for (key, value) in [("severity", "warning"), ("file", "hand.csv"), ("key", "x"), ("value", "0.02 m")] {
+    for (key, value) in
+        [("severity", "warning"), ("file", "hand.csv"), ("key", "x"), ("value", "0.02 m")]
+    {
         assert_eq!(warning[key], value, "{warning}");
     }
-    assert!(warning["line"] == 2 && warning["hint"].as_str().unwrap().contains("tool.start_position_mm"), "{warning}");
-    assert!(second["ok"] == false && second["exit_code"] == 3 && second["summary"].is_null(), "{second}");
+    assert!(
+        warning["line"] == 2
+            && warning["hint"].as_str().unwrap().contains("tool.start_position_mm"),
+        "{warning}"
+    );
+    assert!(
+        second["ok"] == false && second["exit_code"] == 3 && second["summary"].is_null(),
+        "{second}"
+    );
     let error = &second["problems"][0];
     for (key, value) in [("severity", "error"), ("file", "wrong.toml"), ("key", "device.profil")] {
         assert_eq!(error[key], value, "{error}");
     }
-    assert!(error["line"] == 13 && error["message"].as_str().unwrap().contains("did you mean `profile`"), "{error}");
+    assert!(
+        error["line"] == 13
+            && error["message"].as_str().unwrap().contains("did you mean `profile`"),
+        "{error}"
+    );
     assert!(third["kind"] == "profile" && third["problems"] == serde_json::json!([]), "{third}");
 }
 
@@ -219,7 +295,9 @@ fn every_shipped_scene_is_checked_without_a_warning() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     for folder in ["config/scenes", "config/clay"] {
         let scenes = fs::read_dir(root.join(folder)).unwrap().map(|entry| entry.unwrap().path());
-        for scene in scenes.filter(|path| path.extension().is_some_and(|extension| extension == "toml")) {
+        for scene in
+            scenes.filter(|path| path.extension().is_some_and(|extension| extension == "toml"))
+        {
             let ended = hapticd(root, &format!("check {}", scene.display()));
             assert_eq!((ended.code, ended.stderr.as_str()), (Some(0), ""), "{}", scene.display());
         }
@@ -234,46 +312,84 @@ fn a_part_is_told_its_own_memory_and_a_voxel_size_that_the_memory_holds() {
     let memory_of = |scene: &str| -> Vec<String> {
         let ended = hapticd(dir.path(), &format!("bake -v {scene} --cache off"));
         assert_eq!(ended.code, Some(0), "{}", ended.stderr);
-        ended.stderr.lines().filter(|line| line.starts_with("memory: tool ")).map(str::to_owned).collect()
+        ended
+            .stderr
+            .lines()
+            .filter(|line| line.starts_with("memory: tool "))
+            .map(str::to_owned)
+            .collect()
     };
     let beside_large = memory_of("scene.toml");
     fs::write(dir.path().join("small.toml"), scene(PLANE, "")).unwrap();
-    assert_eq!((beside_large.len(), &beside_large), (1, &memory_of("small.toml")), "a ball takes what it takes beside any part");
+    assert_eq!(
+        (beside_large.len(), &beside_large),
+        (1, &memory_of("small.toml")),
+        "a ball takes what it takes beside any part"
+    );
 
     // What the part before it keeps counts where a limit is given, and is named.
     let refused = hapticd(dir.path(), "bake scene.toml --cache off --max-memory 100kB");
-    assert!(refused.code == Some(3) && refused.stderr.contains("base: baking takes about "), "{}", refused.stderr);
+    assert!(
+        refused.code == Some(3) && refused.stderr.contains("base: baking takes about "),
+        "{}",
+        refused.stderr
+    );
 
-    fs::write(dir.path().join("absurd.toml"), scene(&plate.replace("0.25", "0.000001"), "")).unwrap();
+    fs::write(dir.path().join("absurd.toml"), scene(&plate.replace("0.25", "0.000001"), ""))
+        .unwrap();
     let refused = hapticd(dir.path(), "bake absurd.toml --cache off --max-memory 50MB");
-    let size_mm: f64 = refused.stderr.split("at least ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap().parse().unwrap();
-    fs::write(dir.path().join("fits.toml"), scene(&plate.replace("0.25", &size_mm.to_string()), "")).unwrap();
+    let size_mm: f64 = refused
+        .stderr
+        .split("at least ")
+        .nth(1)
+        .and_then(|rest| rest.split(' ').next())
+        .unwrap()
+        .parse()
+        .unwrap();
+    fs::write(
+        dir.path().join("fits.toml"),
+        scene(&plate.replace("0.25", &size_mm.to_string()), ""),
+    )
+    .unwrap();
     let ended = hapticd(dir.path(), "bake fits.toml --cache off --max-memory 50MB");
     assert_eq!(ended.code, Some(0), "{size_mm} mm: {}", ended.stderr);
     // Without a limit the memory of this machine is one.
     let checked = hapticd(dir.path(), "check absurd.toml");
-    assert!(checked.code == Some(3) && checked.stderr.contains("hint: use a voxel size of at least "), "{}", checked.stderr);
+    assert!(
+        checked.code == Some(3) && checked.stderr.contains("hint: use a voxel size of at least "),
+        "{}",
+        checked.stderr
+    );
 }
 
 #[test]
 fn wrenches_go_to_stdout_and_to_a_file_alike() {
     let dir = with_hand(METRES, "0,0,0,0.015,0,0,0,1\n1,0,0,0.004,0,0,0,1\n");
     let eval = |out: &str| {
-        let ended = hapticd(dir.path(), &format!("eval scene.toml --poses hand.csv --cache off --out {out}"));
+        let ended = hapticd(
+            dir.path(),
+            &format!("eval scene.toml --poses hand.csv --cache off --out {out}"),
+        );
         assert_eq!((ended.code, ended.stderr.as_str()), (Some(0), ""));
         ended.stdout
     };
     // The last column is the time that a query took.
-    let without_time =
-        |table: &str| -> Vec<String> { table.lines().map(|line| line.rsplit_once(',').unwrap().0.to_owned()).collect() };
+    let without_time = |table: &str| -> Vec<String> {
+        table.lines().map(|line| line.rsplit_once(',').unwrap().0.to_owned()).collect()
+    };
     let printed = eval("-");
     assert_eq!(eval("out.csv"), "");
     let written = fs::read_to_string(dir.path().join("out.csv")).unwrap();
     assert_eq!(without_time(&printed), without_time(&written));
     assert!(printed.lines().count() == 3 && printed.starts_with("t_s,fx_n,"), "{printed}");
     assert!(!dir.path().join("-").exists());
-    let refused = hapticd(dir.path(), "eval scene.toml --poses hand.csv --cache off --out none/out.csv");
-    assert!(refused.code == Some(4) && refused.stderr.contains("there is no folder none"), "{}", refused.stderr);
+    let refused =
+        hapticd(dir.path(), "eval scene.toml --poses hand.csv --cache off --out none/out.csv");
+    assert!(
+        refused.code == Some(4) && refused.stderr.contains("there is no folder none"),
+        "{}",
+        refused.stderr
+    );
 }
 
 #[test]
@@ -285,14 +401,30 @@ fn files_of_cad_programs_are_refused_with_the_command_that_converts_them() {
     let plate = "mesh = \"part.step\"\nunits = \"mm\"\nvoxel_size_mm = 2.0";
     fs::write(dir.path().join("scene.toml"), scene(plate, "")).unwrap();
     for (line, code, start) in [
-        ("check scene.toml", 3, "error: scene.toml:4: static[0].mesh = \"part.step\": STEP files hold curved surfaces"),
+        (
+            "check scene.toml",
+            3,
+            "error: scene.toml:4: static[0].mesh = \"part.step\": STEP files hold curved surfaces",
+        ),
         ("check part.step", 3, "error: part.step: STEP files hold curved surfaces"),
         ("run part.IGS", 3, "error: part.IGS: IGES files hold curved surfaces"),
-        ("bake part.step --units mm --voxel-size-mm 1", 4, "error: part.step: STEP files hold curved surfaces"),
+        (
+            "bake part.step --units mm --voxel-size-mm 1",
+            4,
+            "error: part.step: STEP files hold curved surfaces",
+        ),
         ("init .", 4, "error: .: no mesh files here"),
     ] {
         let ended = hapticd(dir.path(), line);
-        assert!(ended.code == Some(code) && ended.stderr.starts_with(start), "{line}: {}", ended.stderr);
-        assert!(ended.stderr.contains("hint: convert it: `gmsh PART.step -2 -clmax 1 -o PART.stl`"), "{line}: {}", ended.stderr);
+        assert!(
+            ended.code == Some(code) && ended.stderr.starts_with(start),
+            "{line}: {}",
+            ended.stderr
+        );
+        assert!(
+            ended.stderr.contains("hint: convert it: `gmsh PART.step -2 -clmax 1 -o PART.stl`"),
+            "{line}: {}",
+            ended.stderr
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! Clay inside the tick: forces in closed form, friction, rope, frames from a simulation, and what happens without one.
+//! Clay inside the tick: forces in closed form, friction, rope, frames from a simulation, and what
+//! happens without one.
 
 use std::sync::Arc;
 
@@ -8,8 +9,8 @@ use hapticd::daemon::{ReplayError, replay};
 use hapticd::servo::{ClayFeed, ClaySlot, Control, FramePublishError, RunPlan, ServoLoop, Step};
 use haptics::clay::{Clay, Rope};
 use haptics::{
-    CouplingMode, DriveRequest, Faults, FilterParameters, FrameInUse, FrictionParameters, Inertia, RenderScene, State, TickInput,
-    TickOutput, Tool, tick,
+    CouplingMode, DriveRequest, Faults, FilterParameters, FrameInUse, FrictionParameters, Inertia,
+    RenderScene, State, TickInput, TickOutput, Tool, tick,
 };
 use recording::file::Recorder;
 use recording::{RecordSubscribers, TickRecord, drain};
@@ -41,7 +42,8 @@ fn raster(lattice: Lattice, density_m: impl Fn(DVec3) -> f64) -> Raster {
 /// The same density in the base and in a region of 10 mm around the origin.
 fn frame(density_m: impl Fn(DVec3) -> f64) -> Frame {
     let region = Lattice { origin_map: LATTICE.position([15; 3]), dims: [11; 3], ..LATTICE };
-    let (base, region) = (Arc::new(raster(LATTICE, &density_m)), raster(region, &density_m));
+    let base = Arc::new(raster(LATTICE, &density_m));
+    let region = raster(region, &density_m);
     let mut frame = Frame { sequence: 0, base, region, rope_map: None, is_leap: false };
     frame.make_ready(None).expect("a sound frame");
     frame
@@ -59,7 +61,8 @@ fn ball(radius_m: f64) -> Shell {
         let (sin, cos) = (golden_rad * f64::from(n)).sin_cos();
         DVec3::new(cos * (1.0 - z * z).sqrt(), sin * (1.0 - z * z).sqrt(), z)
     };
-    let points: Vec<(DVec3, DVec3)> = (0..500).map(|n| (normal(n) * radius_m, -normal(n))).collect();
+    let points: Vec<(DVec3, DVec3)> =
+        (0..500).map(|n| (normal(n) * radius_m, -normal(n))).collect();
     Shell::new(&points, H)
 }
 
@@ -77,7 +80,11 @@ fn scene(frame: Frame, shell: Shell) -> RenderScene {
         clay: Some(Clay { world_from_map: Pose::IDENTITY, frame, smoothing: 0.0, rope }),
         tool: Tool {
             shell,
-            inertia: Inertia { mass_kg: 0.05, body_kg_m2: DMat3::IDENTITY * 1e-6, least_kg_m2: 1e-6 },
+            inertia: Inertia {
+                mass_kg: 0.05,
+                body_kg_m2: DMat3::IDENTITY * 1e-6,
+                least_kg_m2: 1e-6,
+            },
             center_of_mass_tool: DVec3::ZERO,
         },
     }
@@ -103,7 +110,12 @@ impl<'s> Hand<'s> {
         self.sequence += 1;
         let from = self.scene.parameters.mapping.start.translation;
         let pose = Pose::from_translation(place - from);
-        let sample = DeviceSample { sequence: self.sequence, status: SampleStatus::Fresh, pose, ..DeviceSample::default() };
+        let sample = DeviceSample {
+            sequence: self.sequence,
+            status: SampleStatus::Fresh,
+            pose,
+            ..DeviceSample::default()
+        };
         let input = TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() };
         let output = tick(self.scene, &mut self.state, &input);
         assert_eq!(output.faults, Faults::NONE, "tick {}", self.sequence);
@@ -142,12 +154,22 @@ fn a_point_is_pushed_out_of_a_plane_with_stiffness_times_depth() {
                 let error_m = (output.contact_world.force - expected).length() / STIFFNESS_N_PER_M;
                 // Interpolation of what is bent moves the surface a little.
                 let bound_m = if kind == 2 { 0.05 * H } else { 1e-4 * H };
-                assert!(error_m < bound_m, "{normal}, {kind}, {depth_m} m: {:?}", output.contact_world.force);
-                assert!((output.max_depth_m - depth_m).abs() < bound_m && output.contacts == 1, "{output:?}");
+                assert!(
+                    error_m < bound_m,
+                    "{normal}, {kind}, {depth_m} m: {:?}",
+                    output.contact_world.force
+                );
+                assert!(
+                    (output.max_depth_m - depth_m).abs() < bound_m && output.contacts == 1,
+                    "{output:?}"
+                );
                 assert!((output.clearance_m + output.max_depth_m).abs() < 1e-12);
             }
             let output = hand.go(normal * 0.1 * H);
-            assert_eq!((output.contact_world, output.contacts, output.max_depth_m), (Wrench::ZERO, 0, 0.0));
+            assert_eq!(
+                (output.contact_world, output.contacts, output.max_depth_m),
+                (Wrench::ZERO, 0, 0.0)
+            );
             assert!(output.clearance_m >= 0.0 && output.clearance_m <= 0.1001 * H, "{output:?}");
         }
     }
@@ -159,7 +181,8 @@ fn a_ball_of_clay_pushes_along_its_radius() {
     let center = DVec3::new(1e-3, -0.4e-3, 0.7e-3);
     let mut scene = scene(frame(|place| radius_m - place.distance(center)), point());
     // Where the clay stands and how it is turned makes no difference.
-    let world_from_map = Pose::new(DQuat::from_scaled_axis(DVec3::new(0.4, -1.1, 0.3)), DVec3::new(0.1, 0.2, -0.05));
+    let world_from_map =
+        Pose::new(DQuat::from_scaled_axis(DVec3::new(0.4, -1.1, 0.3)), DVec3::new(0.1, 0.2, -0.05));
     if let Some(clay) = &mut scene.clay {
         clay.world_from_map = world_from_map;
     }
@@ -174,14 +197,19 @@ fn a_ball_of_clay_pushes_along_its_radius() {
         let way_world = world_from_map.transform_vector(way);
         let angle_deg = force.angle_between(way_world).to_degrees();
         assert!(angle_deg < 1.5, "{n}: {angle_deg}° off");
-        assert!((output.max_depth_m - depth_m).abs() < 0.06 * H, "{n}: {} of {depth_m} m", output.max_depth_m);
+        assert!(
+            (output.max_depth_m - depth_m).abs() < 0.06 * H,
+            "{n}: {} of {depth_m} m",
+            output.max_depth_m
+        );
         assert!((force.length() / (STIFFNESS_N_PER_M * output.max_depth_m) - 1.0).abs() < 1e-6);
     }
 }
 
 #[test]
 fn clearance_is_never_more_than_there_is_and_depth_never_less() {
-    let (clay_m, tool_m) = (7e-3, 4e-3);
+    let clay_m = 7e-3;
+    let tool_m = 4e-3;
     let scene = scene(frame(|place| 1.7 * (clay_m - place.length())), ball(tool_m));
     let mut told_something = 0;
     for n in 0..200_u32 {
@@ -192,13 +220,25 @@ fn clearance_is_never_more_than_there_is_and_depth_never_less() {
         hand.at(place);
         let output = hand.go(place);
         // Points, not the ball between them: the shell is coarser than the ball.
-        let gap_m =
-            scene.tool.shell.points().map(|(arm, _)| (place + arm.as_dvec3()).length() - clay_m).fold(f64::INFINITY, f64::min);
+        let gap_m = scene
+            .tool
+            .shell
+            .points()
+            .map(|(arm, _)| (place + arm.as_dvec3()).length() - clay_m)
+            .fold(f64::INFINITY, f64::min);
         if output.contacts == 0 {
-            assert!(output.clearance_m <= gap_m + 0.05 * H && gap_m > -0.06 * H, "{} m of {gap_m} m", output.clearance_m);
+            assert!(
+                output.clearance_m <= gap_m + 0.05 * H && gap_m > -0.06 * H,
+                "{} m of {gap_m} m",
+                output.clearance_m
+            );
             told_something += u32::from(output.clearance_m > 0.1 * gap_m);
         } else {
-            assert!((output.max_depth_m + gap_m).abs() < 0.08 * H, "{} m deep, {gap_m} m", output.max_depth_m);
+            assert!(
+                (output.max_depth_m + gap_m).abs() < 0.08 * H,
+                "{} m deep, {gap_m} m",
+                output.max_depth_m
+            );
         }
     }
     assert!(told_something > 100, "{told_something} times more than next to nothing");
@@ -206,11 +246,16 @@ fn clearance_is_never_more_than_there_is_and_depth_never_less() {
 
 #[test]
 fn a_tool_in_the_middle_of_clay_gets_a_finite_force_or_none() {
-    for (what, density) in [("flat", (|_| 1e-3) as fn(DVec3) -> f64), ("ball", |place| 0.015 - place.length())] {
+    for (what, density) in
+        [("flat", (|_| 1e-3) as fn(DVec3) -> f64), ("ball", |place| 0.015 - place.length())]
+    {
         for shell in [point(), ball(3e-3)] {
             let scene = scene(frame(density), shell);
             let output = Hand::new(&scene).at(DVec3::ZERO);
-            assert!(output.contact_world.is_finite() && output.max_depth_m.is_finite(), "{what}: {output:?}");
+            assert!(
+                output.contact_world.is_finite() && output.max_depth_m.is_finite(),
+                "{what}: {output:?}"
+            );
         }
     }
 }
@@ -233,7 +278,8 @@ fn a_broken_frame_that_comes_past_the_check_is_no_force() {
 #[test]
 fn friction_holds_the_contact_point_up_to_the_cone() {
     let mut scene = scene(frame(|place| -place.z), point());
-    scene.parameters.contact.friction = FrictionParameters { r#static: 0.5, dynamic: 0.4, stiffness_n_per_m: 5000.0 };
+    scene.parameters.contact.friction =
+        FrictionParameters { r#static: 0.5, dynamic: 0.4, stiffness_n_per_m: 5000.0 };
     let mut hand = Hand::new(&scene);
     let normal_n = hand.go(DVec3::NEG_Z * 2e-3).contact_world.force.z;
     assert!((normal_n - 2.0).abs() < 1e-3);
@@ -256,7 +302,8 @@ fn friction_holds_the_contact_point_up_to_the_cone() {
 fn a_rope_pulls_towards_its_anchor_and_is_no_contact() {
     let anchor = DVec3::new(2e-3, 1e-3, -5e-3);
     for mode in [CouplingMode::Direct, CouplingMode::Implicit, CouplingMode::Static] {
-        let mut scene = scene(Frame { rope_map: Some(anchor), ..frame(|place| -0.015 - place.z) }, point());
+        let mut scene =
+            scene(Frame { rope_map: Some(anchor), ..frame(|place| -0.015 - place.z) }, point());
         scene.parameters.coupling.mode = mode;
         let mut hand = Hand::new(&scene);
         let place = DVec3::new(2e-3, 1e-3, 0.0);
@@ -265,19 +312,31 @@ fn a_rope_pulls_towards_its_anchor_and_is_no_contact() {
         let stretch = anchor - output.world_from_tool.translation;
         let bounded_n = 2.0 * (300.0 * stretch.length() / 2.0).tanh();
         let force = output.contact_world.force;
-        assert!((force - stretch.normalize() * bounded_n).length() < 1e-6, "{mode:?}: {force}, {stretch}");
+        assert!(
+            (force - stretch.normalize() * bounded_n).length() < 1e-6,
+            "{mode:?}: {force}, {stretch}"
+        );
         // The hand feels all of it: the tool is at rest.
-        assert!((output.command_device.force - force).length() < 0.02, "{mode:?}: {:?}", output.command_device);
+        assert!(
+            (output.command_device.force - force).length() < 0.02,
+            "{mode:?}: {:?}",
+            output.command_device
+        );
         assert!(hand.state.clay_forces().rope_world.distance(force) < 1e-12);
         hand.state.exchange(Box::new(Frame { rope_map: None, ..frame(|place| -0.015 - place.z) }));
         let output = hand.at(place);
-        assert_eq!((output.contact_world, output.command_device), (Wrench::ZERO, Wrench::ZERO), "{mode:?}");
+        assert_eq!(
+            (output.contact_world, output.command_device),
+            (Wrench::ZERO, Wrench::ZERO),
+            "{mode:?}"
+        );
     }
 }
 
 #[test]
 fn a_surface_that_leaps_over_the_tool_pushes_it_out_slowly() {
-    let (air, around) = (frame(|place| -5e-3 - place.z), frame(|place| 3e-3 - place.z));
+    let air = frame(|place| -5e-3 - place.z);
+    let around = frame(|place| 3e-3 - place.z);
     let scene = scene(air, point());
     let felt_n = |is_leap: bool, is_overtaken: bool| {
         let mut hand = Hand::new(&scene);
@@ -296,18 +355,29 @@ fn a_surface_that_leaps_over_the_tool_pushes_it_out_slowly() {
         let steepest = slow.windows(2).map(|pair| pair[1] - pair[0]).fold(slow[0], f64::max);
         assert!(steepest < 0.03 && slow.is_sorted(), "{steepest} N in a tick");
         // Nine tenths after 0.3 s, and then all.
-        assert!((slow[299] - 2.7).abs() < 0.01 && (slow[999] - 3.0).abs() < 1e-6, "{} N, {} N", slow[299], slow[999]);
+        assert!(
+            (slow[299] - 2.7).abs() < 0.01 && (slow[999] - 3.0).abs() < 1e-6,
+            "{} N, {} N",
+            slow[299],
+            slow[999]
+        );
     }
 }
 
 #[test]
 fn every_coupling_that_takes_clay_feels_it() {
-    for mode in [CouplingMode::Implicit, CouplingMode::Static, CouplingMode::Direct, CouplingMode::Constraint] {
+    for mode in [
+        CouplingMode::Implicit,
+        CouplingMode::Static,
+        CouplingMode::Direct,
+        CouplingMode::Constraint,
+    ] {
         let mut scene = scene(frame(|place| -place.z), point());
         scene.parameters.coupling.mode = mode;
         let mut hand = Hand::new(&scene);
-        let outputs: Vec<TickOutput> =
-            (0..1000_u32).map(|n| hand.at(DVec3::NEG_Z * (4e-3 * (f64::from(n) / 400.0).min(1.0)))).collect();
+        let outputs: Vec<TickOutput> = (0..1000_u32)
+            .map(|n| hand.at(DVec3::NEG_Z * (4e-3 * (f64::from(n) / 400.0).min(1.0))))
+            .collect();
         let felt_n = outputs[999].command_device.force.z;
         // Two springs of the same stiffness in a row, or one alone.
         let expected_n = match mode {
@@ -330,7 +400,8 @@ fn clay_adds_to_a_rigid_obstacle_and_takes_nothing_from_it() {
     let slab = Shape::Plane { x_m: 0.04, y_m: 0.04, thickness_m: 0.02 }.tessellate(1e-5);
     let options = Options { voxel_size_m: H, layers: 8, navigation: None, sides: InsideTest::Auto };
     let obstacle = || {
-        let mut map = Volume::build(&slab, &inspect(&slab), &options, |_| ()).expect("a grid that fits");
+        let mut map =
+            Volume::build(&slab, &inspect(&slab), &options, |_| ()).expect("a grid that fits");
         Obstacle { field: map.field(&slab, false), world_from_map: Pose::IDENTITY }
     };
     let place = DVec3::Z * 3.5e-3;
@@ -342,10 +413,16 @@ fn clay_adds_to_a_rigid_obstacle_and_takes_nothing_from_it() {
         }
         Hand::new(&scene).go(place)
     };
-    let (rigid, far) = (of(true, None), of(true, Some(-0.01)));
+    let rigid = of(true, None);
+    let far = of(true, Some(-0.01));
     assert!(rigid.contacts > 0);
-    assert_eq!((rigid.contact_world, rigid.contacts), (far.contact_world, far.contacts), "bit for bit");
-    let (clay, both) = (of(false, Some(0.3e-3)), of(true, Some(0.3e-3)));
+    assert_eq!(
+        (rigid.contact_world, rigid.contacts),
+        (far.contact_world, far.contacts),
+        "bit for bit"
+    );
+    let clay = of(false, Some(0.3e-3));
+    let both = of(true, Some(0.3e-3));
     assert_eq!(both.contacts, rigid.contacts + clay.contacts);
     let error = both.contact_world.force - rigid.contact_world.force - clay.contact_world.force;
     assert!(error.length() < 1e-9, "{error}");
@@ -358,17 +435,30 @@ fn a_frame_that_cannot_be_touched_is_refused_and_comes_back() {
     let scene = scene(sound(), point());
     let clay = scene.clay.as_ref().expect("clay");
     let (mut feed, slot) = ClaySlot::new(clay, 4);
-    let mut refused = |frame: Frame| feed.publish(Box::new(frame)).expect_err("refused").0.to_string();
+    let mut refused =
+        |frame: Frame| feed.publish(Box::new(frame)).expect_err("refused").0.to_string();
     let shifted = Lattice { origin_map: DVec3::splat(-4.7e-3), dims: [11; 3], ..LATTICE };
     let thin = Lattice { dims: [11, 1, 11], ..LATTICE };
     for (frame, says) in [
         (Frame { region: raster(shifted, |_| 0.0), ..sound() }, "whole nodes of the base"),
-        (Frame { region: raster(Lattice { spacing_m: 2.0 * H, ..shifted }, |_| 0.0), ..sound() }, "its spacing"),
+        (
+            Frame { region: raster(Lattice { spacing_m: 2.0 * H, ..shifted }, |_| 0.0), ..sound() },
+            "its spacing",
+        ),
         (Frame { region: raster(thin, |_| 0.0), ..sound() }, "at least 2"),
-        (Frame { region: raster(Lattice { spacing_m: 0.0, ..shifted }, |_| 0.0), ..sound() }, "above 0"),
-        (Frame { region: raster(*sound().region.lattice(), |_| f64::NAN), ..sound() }, "halve the step"),
+        (
+            Frame { region: raster(Lattice { spacing_m: 0.0, ..shifted }, |_| 0.0), ..sound() },
+            "above 0",
+        ),
+        (
+            Frame { region: raster(*sound().region.lattice(), |_| f64::NAN), ..sound() },
+            "halve the step",
+        ),
         (Frame { rope_map: Some(DVec3::NAN), ..sound() }, "anchor"),
-        (Frame { base: Arc::new(Raster::uniform(LATTICE, f32::INFINITY)), ..sound() }, "not finite"),
+        (
+            Frame { base: Arc::new(Raster::uniform(LATTICE, f32::INFINITY)), ..sound() },
+            "not finite",
+        ),
         (
             Frame {
                 base: Arc::new({
@@ -384,7 +474,8 @@ fn a_frame_that_cannot_be_touched_is_refused_and_comes_back() {
         let message = refused(frame);
         assert!(message.contains(says), "{message}");
     }
-    let error = Frame { region: raster(thin, |_| 0.0), ..sound() }.make_ready(None).expect_err("refused");
+    let error =
+        Frame { region: raster(thin, |_| 0.0), ..sound() }.make_ready(None).expect_err("refused");
     assert_eq!(error, FrameError::Dims { which: "region", dims: [11, 1, 11] });
     // All that may be under way, then no more.
     while let Some(spare) = feed.spare() {
@@ -413,9 +504,16 @@ impl Device for Circling {
         self.sequence += 1;
         let angle = 5e-3 * self.sequence as f64;
         let depth_m = 3e-3 * (self.sequence as f64 / 300.0).min(1.0);
-        let pose = Pose::from_translation(DVec3::new(2e-3 * angle.sin(), 2e-3 * angle.cos(), -depth_m));
+        let pose =
+            Pose::from_translation(DVec3::new(2e-3 * angle.sin(), 2e-3 * angle.cos(), -depth_m));
         let buttons = (self.sequence / 100 % 2) as u32;
-        Ok(DeviceSample { sequence: self.sequence, status: SampleStatus::Fresh, pose, buttons, ..DeviceSample::default() })
+        Ok(DeviceSample {
+            sequence: self.sequence,
+            status: SampleStatus::Fresh,
+            pose,
+            buttons,
+            ..DeviceSample::default()
+        })
     }
 
     fn write(&mut self, wrench_device: &Wrench) -> Result<Wrench, DeviceError> {
@@ -429,7 +527,9 @@ const UPDATE_TICKS: u64 = 4;
 
 /// Clay that gives way by what presses on it: one frame for every so many states.
 fn simulate(mut feed: ClayFeed) -> u64 {
-    let (mut top_m, mut n_states, mut n_frames) = (0.0, 0_u64, 0_u64);
+    let mut top_m = 0.0;
+    let mut n_states = 0_u64;
+    let mut n_frames = 0_u64;
     loop {
         while let Some(state) = feed.next_state() {
             assert_eq!((state.tick, state.dropped), (n_states, 0));
@@ -465,11 +565,18 @@ fn simulate(mut feed: ClayFeed) -> u64 {
     }
 }
 
-fn sculpting(clock: impl Clock, n_ticks: u64) -> (ServoLoop<Circling, impl Clock>, ClayFeed, rtrb::Consumer<TickRecord>) {
+fn sculpting(
+    clock: impl Clock,
+    n_ticks: u64,
+) -> (ServoLoop<Circling, impl Clock>, ClayFeed, rtrb::Consumer<TickRecord>) {
     smoothed(clock, n_ticks, Clay::smoothing_between(UPDATE_TICKS as f64 * 1e-3, 1e-3))
 }
 
-fn smoothed<C: Clock>(clock: C, n_ticks: u64, alpha: f64) -> (ServoLoop<Circling, C>, ClayFeed, rtrb::Consumer<TickRecord>) {
+fn smoothed<C: Clock>(
+    clock: C,
+    n_ticks: u64,
+    alpha: f64,
+) -> (ServoLoop<Circling, C>, ClayFeed, rtrb::Consumer<TickRecord>) {
     let mut scene = scene(frame(|place| -place.z), point());
     let clay = scene.clay.as_mut().expect("clay");
     clay.smoothing = alpha;
@@ -477,7 +584,9 @@ fn smoothed<C: Clock>(clock: C, n_ticks: u64, alpha: f64) -> (ServoLoop<Circling
     let (producer, consumer) = rtrb::RingBuffer::new(n_ticks as usize + 200);
     let control = Arc::new(Control::enabled());
     let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };
-    let mut servo = ServoLoop::new(Arc::new(scene), Circling::default(), clock, control, plan, producer).with_clay(slot);
+    let mut servo =
+        ServoLoop::new(Arc::new(scene), Circling::default(), clock, control, plan, producer)
+            .with_clay(slot);
     servo.warm_up();
     (servo, feed, consumer)
 }
@@ -499,7 +608,12 @@ fn under_simulated_time_two_runs_of_clay_are_the_same() {
     assert!(first.len() >= 1500 && n_first.abs_diff(n_second) <= 1);
     for (one, other) in first.iter().zip(&second) {
         let expected = FrameInUse { sequence: one.tick / UPDATE_TICKS, is_last: false };
-        assert_eq!((one.input.clay, other.input.clay), (Some(expected), Some(expected)), "tick {}", one.tick);
+        assert_eq!(
+            (one.input.clay, other.input.clay),
+            (Some(expected), Some(expected)),
+            "tick {}",
+            one.tick
+        );
         assert_eq!(one.output, other.output, "tick {}", one.tick);
     }
     // The clay gave way: less than at the first touch, more than nothing.
@@ -517,8 +631,13 @@ fn a_simulation_that_goes_leaves_its_last_frame_and_is_missed() {
     while servo.step() == Step::Continue {}
     let records = records(&mut consumer);
     assert!(records.len() >= 400, "{} ticks: the loop did not wait", records.len());
-    let first = |wanted: FrameInUse| records.iter().position(|record| record.input.clay == Some(wanted));
-    assert_eq!(first(FrameInUse { sequence: 0, is_last: false }), Some(0), "one frame is still to come");
+    let first =
+        |wanted: FrameInUse| records.iter().position(|record| record.input.clay == Some(wanted));
+    assert_eq!(
+        first(FrameInUse { sequence: 0, is_last: false }),
+        Some(0),
+        "one frame is still to come"
+    );
     assert_eq!(first(FrameInUse { sequence: 77, is_last: true }), Some(UPDATE_TICKS as usize));
     assert!(records[390].output.contact_world.force.z > 2.0, "{:?}", records[390].output);
 }
@@ -538,11 +657,18 @@ fn in_real_time_the_newest_frame_wins_and_all_others_come_back() {
     assert_eq!(back, [1, 2, 0]);
     while servo.step() == Step::Continue {}
     let records = records(&mut consumer);
-    assert!(records.iter().all(|record| record.input.clay == Some(FrameInUse { sequence: 3, is_last: false })));
+    assert!(
+        records
+            .iter()
+            .all(|record| record.input.clay == Some(FrameInUse { sequence: 3, is_last: false }))
+    );
     let states: Vec<_> = std::iter::from_fn(|| feed.next_state()).collect();
     assert_eq!(states.len(), records.len());
     for (state, record) in states.iter().zip(&records) {
-        assert_eq!((state.tick, state.sequence, state.buttons), (record.tick, 3, record.input.sample.buttons));
+        assert_eq!(
+            (state.tick, state.sequence, state.buttons),
+            (record.tick, 3, record.input.sample.buttons)
+        );
         assert_eq!(state.map_from_tool, record.output.world_from_tool);
         assert!((state.force_map - record.output.contact_world.force).length() < 1e-12);
         assert_eq!(state.has_force, record.output.drive.has_force());
@@ -565,25 +691,31 @@ fn a_leap_in_a_frame_that_came_with_the_next_one_is_still_felt_slowly() {
             feed.publish(next).expect("room");
         }
         (0..20).for_each(|_| _ = servo.step());
-        let forces_n: Vec<f64> = records(&mut consumer).iter().map(|record| record.output.contact_world.force.z).collect();
+        let forces_n: Vec<f64> = records(&mut consumer)
+            .iter()
+            .map(|record| record.output.contact_world.force.z)
+            .collect();
         forces_n[219] - forces_n[199]
     };
     let [at_once, slow] = [[false, false], [true, false]].map(grown_n);
     assert!(at_once > 1.5 && slow < 0.7, "{at_once} N, {slow} N");
 }
 
-/// The key `smoothing`: what an update changes of the force, ΔF, is felt as ΔF (1 − αⁿ) after n ticks.
+/// The key `smoothing`: what an update changes of the force, ΔF, is felt as ΔF (1 − αⁿ) after n
+/// ticks.
 #[test]
 fn an_update_is_felt_at_the_pace_that_the_scene_asks_for() {
     let dir = tempfile::tempdir().expect("a folder");
     let file = dir.path().join("scene.toml");
     for alpha in [0.0_f64, 0.5, 0.9] {
         let text = format!(
-            "version = 1\n[sculpt]\nshape = {{ sphere_mm = 10 }}\nspacing_mm = 2\nraster = [12, 12, 12]\nsmoothing = {alpha}\n\
-             [tool]\nshape = {{ sphere_mm = 2 }}\nvoxel_size_mm = 0.5\n[device]\nprofile = \"sim-sigma7\"\n"
+            "version = 1\n[sculpt]\nshape = {{ sphere_mm = 10 }}\nspacing_mm = 2\nraster = [12, \
+                12, 12]\nsmoothing = {alpha}\n[tool]\nshape = {{ sphere_mm = 2 }}\nvoxel_size_mm = \
+                0.5\n[device]\nprofile = \"sim-sigma7\"\n"
         );
         std::fs::write(&file, text).expect("a scene");
-        let config = hapticd::config::load_with(&file, &hapticd::config::LoadOptions::default()).expect("a sound scene");
+        let config = hapticd::config::load_with(&file, &hapticd::config::LoadOptions::default())
+            .expect("a sound scene");
         let asked = config.sculpt.expect("clay").smoothing.expect("the key");
         let (mut servo, mut feed, mut consumer) = smoothed(RealClock, 500, asked);
         (0..400).for_each(|_| _ = servo.step());
@@ -595,11 +727,17 @@ fn an_update_is_felt_at_the_pace_that_the_scene_asks_for() {
         next.sequence = 1;
         feed.publish(next).expect("room");
         (0..40).for_each(|_| _ = servo.step());
-        let forces_n: Vec<f64> = records(&mut consumer).iter().map(|record| record.output.contact_world.force.z).collect();
+        let forces_n: Vec<f64> = records(&mut consumer)
+            .iter()
+            .map(|record| record.output.contact_world.force.z)
+            .collect();
         for n in 1..=40 {
             let expected_n = forces_n[399] + 0.2 * (1.0 - alpha.powi(n));
             let felt_n = forces_n[399 + n as usize];
-            assert!((felt_n - expected_n).abs() < 1e-5, "α = {alpha}, tick {n}: {felt_n} N, expected {expected_n} N");
+            assert!(
+                (felt_n - expected_n).abs() < 1e-5,
+                "α = {alpha}, tick {n}: {felt_n} N, expected {expected_n} N"
+            );
         }
     }
 }
@@ -626,7 +764,8 @@ fn a_recording_on_clay_says_that_it_cannot_be_run_again() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("clay.mcap");
     let recorder = Recorder::new(RecordSubscribers::default(), true);
-    let handle = recorder.start(&path, false, Box::new(|error| panic!("{error}"))).expect("started");
+    let handle =
+        recorder.start(&path, false, Box::new(|error| panic!("{error}"))).expect("started");
     let (mut producer, ring) = rtrb::RingBuffer::new(records.len());
     records.iter().for_each(|record| producer.push(*record).expect("room"));
     drop(producer);

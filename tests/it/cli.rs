@@ -1,4 +1,5 @@
-//! The program as a stranger meets it: the real binary, its words, its exit codes, its files, its signals.
+//! The program as a stranger meets it: the real binary, its words, its exit codes, its files, its
+//! signals.
 
 use std::collections::BTreeSet;
 use std::fs::{self, File};
@@ -19,7 +20,8 @@ const HUNG: Duration = Duration::from_secs(120);
 
 const PLANE: &str = "shape = { plane_mm = [60.0, 60.0] }";
 
-/// A scene of two shapes that bakes in no time: `object` is the static one, `more` follows `[device]`.
+/// A scene of two shapes that bakes in no time: `object` is the static one, `more` follows
+/// `[device]`.
 fn scene(object: &str, voxel_size_mm: &str, more: &str) -> String {
     format!(
         r#"version = 1
@@ -39,7 +41,8 @@ profile = "sim-sigma7"
     )
 }
 
-/// A folder with the sound scene `ok.toml` and one file for each thing that can be wrong with a mesh.
+/// A folder with the sound scene `ok.toml` and one file for each thing that can be wrong with a
+/// mesh.
 fn folder() -> TempDir {
     let dir = tempfile::tempdir().unwrap();
     let write = |name: &str, bytes: &[u8]| fs::write(dir.path().join(name), bytes).unwrap();
@@ -53,7 +56,10 @@ fn folder() -> TempDir {
     write("truncated.stl", &stl(10, b"abc"));
     write("part.step", b"ISO-10303-21;\n");
     write("part", b"v 0 0 0\n");
-    write("gear12.obj", b"v 0 0 0\nv 12 0 0\nv 0 12 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n");
+    write(
+        "gear12.obj",
+        b"v 0 0 0\nv 12 0 0\nv 0 12 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n",
+    );
     fs::create_dir(dir.path().join("folder.obj")).unwrap();
     fs::create_dir(dir.path().join("folder.toml")).unwrap();
     fs::copy(shipped("models/peg.obj"), dir.path().join("peg.obj")).unwrap();
@@ -76,7 +82,12 @@ struct Running {
 
 impl Running {
     fn start(command: &mut Command) -> Self {
-        let mut child = command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        let mut child = command
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
         let mut out = child.stdout.take().unwrap();
         let stdout = std::thread::spawn(move || {
             let mut text = String::new();
@@ -85,7 +96,9 @@ impl Running {
         });
         let err = BufReader::new(child.stderr.take().unwrap());
         let (sender, stderr) = channel();
-        std::thread::spawn(move || err.lines().map_while(Result::ok).try_for_each(|line| sender.send(line)));
+        std::thread::spawn(move || {
+            err.lines().map_while(Result::ok).try_for_each(|line| sender.send(line))
+        });
         Self { child, stdout: Some(stdout), stderr, said: String::new() }
     }
 
@@ -105,7 +118,10 @@ impl Running {
 
     fn signal(&self, name: &str) {
         // The shell's own `kill`: the standard library only knows SIGKILL.
-        let sent = Command::new("sh").args(["-c", &format!("kill -{name} {}", self.child.id())]).status().unwrap();
+        let sent = Command::new("sh")
+            .args(["-c", &format!("kill -{name} {}", self.child.id())])
+            .status()
+            .unwrap();
         assert!(sent.success());
     }
 
@@ -119,7 +135,11 @@ impl Running {
             }
         }
         let stdout = self.stdout.take().unwrap().join().unwrap();
-        Ended { code: self.child.wait().unwrap().code(), stdout, stderr: std::mem::take(&mut self.said) }
+        Ended {
+            code: self.child.wait().unwrap().code(),
+            stdout,
+            stderr: std::mem::take(&mut self.said),
+        }
     }
 }
 
@@ -139,7 +159,8 @@ fn hapticd(dir: &Path, line: &str) -> Ended {
     start(dir, &line.split_whitespace().collect::<Vec<_>>()).end()
 }
 
-/// The command ends with this code, says each fragment on stderr, nothing on stdout, and does not panic.
+/// The command ends with this code, says each fragment on stderr, nothing on stdout, and does not
+/// panic.
 fn refuses(dir: &Path, line: &str, code: i32, fragments: &[&str]) {
     let ended = hapticd(dir, line);
     assert_eq!(ended.code, Some(code), "{line}\n{}", ended.stderr);
@@ -169,12 +190,18 @@ fn a_wrong_command_line_is_a_usage_error() {
         ("validate ok.toml", &["`hapticd check SCENE`"]),
         ("probe polhem-2022", &["`hapticd devices probe PROFILE`"]),
         ("frobnicate", &["'frobnicate'", "--help"]),
-        ("devices probe polhem-2022 --sign-check", &["--sign-check pushes the grip", "no terminal", "--yes"]),
+        (
+            "devices probe polhem-2022 --sign-check",
+            &["--sign-check pushes the grip", "no terminal", "--yes"],
+        ),
         ("devices probe polhem-2022 --identify --json", &["--identify pushes the grip", "--yes"]),
         ("eval ok.toml --poses p.csv --out - --contacts-out -", &["stdout takes one of the two"]),
         ("run", &["<SCENE>"]),
         ("run ok.toml --durration 10s", &["'--durration'", "'--duration'"]),
-        ("run ok.toml --duration 10", &["--duration", "`10` is not a duration", "10s, 500ms or 2min"]),
+        (
+            "run ok.toml --duration 10",
+            &["--duration", "`10` is not a duration", "10s, 500ms or 2min"],
+        ),
         ("run ok.toml --duration -1s", &["--duration", "`-1s` is not a duration"]),
         ("run ok.toml --clock fast", &["'fast'", "real, virtual"]),
         ("run ok.toml -q -v", &["--quiet", "--verbose"]),
@@ -185,16 +212,31 @@ fn a_wrong_command_line_is_a_usage_error() {
         ("bake peg.obj", &["--voxel-size-mm S or --longest-axis-voxels N"]),
         ("bake peg.obj --voxel-size-mm 0.5", &["--voxel-size-mm needs --units m|mm|cm|in"]),
         ("bake peg.obj --voxel-size-mm 0.5 --units furlong", &["'furlong'", "m, mm, cm, in"]),
-        ("bake peg.obj --voxel-size-mm 0 --units mm", &["--voxel-size-mm 0: must be greater than 0"]),
-        ("bake peg.obj --voxel-size-mm -1 --units mm", &["--voxel-size-mm -1: must be greater than 0"]),
-        ("bake peg.obj --voxel-size-mm nan --units mm", &["--voxel-size-mm NaN: must be greater than 0"]),
+        (
+            "bake peg.obj --voxel-size-mm 0 --units mm",
+            &["--voxel-size-mm 0: must be greater than 0"],
+        ),
+        (
+            "bake peg.obj --voxel-size-mm -1 --units mm",
+            &["--voxel-size-mm -1: must be greater than 0"],
+        ),
+        (
+            "bake peg.obj --voxel-size-mm nan --units mm",
+            &["--voxel-size-mm NaN: must be greater than 0"],
+        ),
         ("bake peg.obj --voxel-size-mm inf --units mm", &["at most 1000 mm"]),
         ("bake peg.obj --voxel-size-mm half --units mm", &["'half'", "--voxel-size-mm"]),
-        ("bake peg.obj --voxel-size-mm 1 --longest-axis-voxels 9 --units mm", &["--longest-axis-voxels", "cannot be used with"]),
+        (
+            "bake peg.obj --voxel-size-mm 1 --longest-axis-voxels 9 --units mm",
+            &["--longest-axis-voxels", "cannot be used with"],
+        ),
         ("bake peg.obj --longest-axis-voxels 0", &["--longest-axis-voxels"]),
         ("bake peg.obj --voxel-size-mm 1 --units mm --layers 1", &["--layers", "2..=60"]),
         ("bake peg.obj --voxel-size-mm 1 --units mm --threads 0", &["--threads"]),
-        ("bake ok.toml --voxel-size-mm 1", &["--voxel-size-mm goes with a mesh; a scene says it in its file"]),
+        (
+            "bake ok.toml --voxel-size-mm 1",
+            &["--voxel-size-mm goes with a mesh; a scene says it in its file"],
+        ),
         ("bake ok.toml --units mm", &["--units goes with a mesh"]),
         ("bake ok.toml --voxmap-out v.npy", &["--voxmap-out goes with a mesh"]),
         ("bake ok.toml --pointshell-out p.ply", &["--pointshell-out goes with a mesh"]),
@@ -203,10 +245,13 @@ fn a_wrong_command_line_is_a_usage_error() {
     }
 }
 
-/// Two scenes whose plate moves, one for another arm, one that cannot be baked, and a path of the plate.
+/// Two scenes whose plate moves, one for another arm, one that cannot be baked, and a path of the
+/// plate.
 fn folder_of_changes() -> TempDir {
     let dir = folder();
-    let movable = |object: &str| scene(object, "2.0", "").replace("layers = 4\n[tool]", "layers = 4\nmovable = true\n[tool]");
+    let movable = |object: &str| {
+        scene(object, "2.0", "").replace("layers = 4\n[tool]", "layers = 4\nmovable = true\n[tool]")
+    };
     let write = |name: &str, text: &str| fs::write(dir.path().join(name), text).unwrap();
     write("a.toml", &movable(PLANE));
     write("b.toml", &movable("shape = { plane_mm = [40.0, 40.0] }"));
@@ -223,30 +268,46 @@ fn folder_of_changes() -> TempDir {
 #[test]
 fn a_part_moves_and_scenes_take_each_others_place_while_a_run_goes_on() {
     let dir = folder_of_changes();
-    let line = "run a.toml --cache off --clock virtual --duration 3s --move base=up.csv --swap b.toml@1s --swap a.toml@2s --json";
+    let line = "run a.toml --cache off --clock virtual --duration 3s --move base=up.csv --swap \
+        b.toml@1s --swap a.toml@2s --json";
     let [ended, again] = [hapticd(dir.path(), line), hapticd(dir.path(), line)];
     assert_eq!(ended.code, Some(0), "{}", ended.stderr);
     let round = ["stopping", "disabled", "enabling", "enabled"];
-    let states =
-        [&["baking", "disabled", "enabling", "enabled"][..], &round, &round, &["stopping", "disabled", "stopped"]].concat();
+    let states = [
+        &["baking", "disabled", "enabling", "enabled"][..],
+        &round,
+        &round,
+        &["stopping", "disabled", "stopped"],
+    ]
+    .concat();
     assert_eq!(ended.states(), states);
     let json = ended.json();
     assert!(json["object_work_j"].as_f64() > Some(0.0) && json["missed_deadlines"] == 0);
     let swaps = json["swaps"].as_array().unwrap();
     assert_eq!([&swaps[0]["scene"], &swaps[1]["scene"]], ["b.toml", "a.toml"]);
     for (swap, wanted_s) in swaps.iter().zip([1.0, 2.0]) {
-        assert!(swap["wanted_s"] == wanted_s && swap["tick"].as_f64() > Some(1000.0 * wanted_s), "{swap}");
+        assert!(
+            swap["wanted_s"] == wanted_s && swap["tick"].as_f64() > Some(1000.0 * wanted_s),
+            "{swap}"
+        );
         assert!(swap["at_s"].as_f64() < Some(wanted_s + 0.15), "{swap}");
     }
     let again = again.json();
-    assert_eq!((&json["swaps"], &json["final_pose"]), (&again["swaps"], &again["final_pose"]), "two runs are the same");
+    assert_eq!(
+        (&json["swaps"], &json["final_pose"]),
+        (&again["swaps"], &again["final_pose"]),
+        "two runs are the same"
+    );
     // As fast one after the other as can be.
-    let line =
-        "run a.toml --cache off --clock virtual --duration 1s --swap b.toml@100ms --swap a.toml@100ms --swap b.toml@100ms --json";
-    let fast: Vec<Value> = (0..3).map(|_| hapticd(dir.path(), line).json()["swaps"].clone()).collect();
+    let line = "run a.toml --cache off --clock virtual --duration 1s --swap b.toml@100ms --swap \
+        a.toml@100ms --swap b.toml@100ms --json";
+    let fast: Vec<Value> =
+        (0..3).map(|_| hapticd(dir.path(), line).json()["swaps"].clone()).collect();
     assert!(fast[0][2]["tick"].is_u64() && fast.iter().all(|swaps| *swaps == fast[0]), "{fast:?}");
     // Only what was asked for is reported.
-    let plain = hapticd(dir.path(), "run a.toml --cache off --clock virtual --duration 100ms --json").json();
+    let plain =
+        hapticd(dir.path(), "run a.toml --cache off --clock virtual --duration 100ms --json")
+            .json();
     assert!(plain.get("swaps").is_none() && plain.get("object_work_j").is_none());
 }
 
@@ -255,18 +316,34 @@ fn what_cannot_change_is_refused_before_anything_is_baked() {
     let dir = folder_of_changes();
     for (change, fragments) in [
         ("--move bose=up.csv", &["a.toml: no object is called `bose`", "known here: base"][..]),
-        ("--move base=none.csv", &["cannot read pose file none.csv", "--move NAME=FILE takes a CSV file"]),
+        (
+            "--move base=none.csv",
+            &["cannot read pose file none.csv", "--move NAME=FILE takes a CSV file"],
+        ),
         ("--move base=bad.csv", &["bad.csv:3: `up` is not a finite number (column z_m)"]),
         ("--move base=far.csv", &["not a pose that `base` can go to", "within 1 km"]),
         ("--move base=up.csv --move base=up.csv", &["`base` is given twice"]),
         ("--swap none.toml@1s", &["none.toml"]),
-        ("--swap arm.toml@1s", &["arm.toml: device.profile = \"sim-touch\", but a.toml has \"sim-sigma7\"", "hint: "]),
+        (
+            "--swap arm.toml@1s",
+            &["arm.toml: device.profile = \"sim-touch\", but a.toml has \"sim-sigma7\"", "hint: "],
+        ),
         ("--swap rate.toml@1s", &["rate.toml: rendering.rate_hz = 500, but a.toml has 1000"]),
         ("--swap held.toml@1s", &["held.toml: safety.deadman = 2, but a.toml has \"off\""]),
     ] {
-        refuses(dir.path(), &format!("run a.toml --cache off --clock virtual --duration 1s {change}"), 3, fragments);
+        refuses(
+            dir.path(),
+            &format!("run a.toml --cache off --clock virtual --duration 1s {change}"),
+            3,
+            fragments,
+        );
     }
-    refuses(dir.path(), "run a.toml --cache off --duration 1s --swap b.toml@1s", 2, &["b.toml: at 1s, but the run ends after 1s"]);
+    refuses(
+        dir.path(),
+        "run a.toml --cache off --duration 1s --swap b.toml@1s",
+        2,
+        &["b.toml: at 1s, but the run ends after 1s"],
+    );
     refuses(
         dir.path(),
         "run ok.toml --monitor off --cache off --duration 1s --move base=up.csv",
@@ -274,10 +351,20 @@ fn what_cannot_change_is_refused_before_anything_is_baked() {
         &["`base` is not movable; set `movable = true`"],
     );
     // What only baking shows comes when the run is over, which it does not end.
-    let ended = hapticd(dir.path(), "run a.toml --cache off --clock virtual --duration 2s --swap unbaked.toml@1s --json");
+    let ended = hapticd(
+        dir.path(),
+        "run a.toml --cache off --clock virtual --duration 2s --swap unbaked.toml@1s --json",
+    );
     assert_eq!(ended.code, Some(4), "{}", ended.stderr);
-    assert!(ended.stderr.contains("unbaked.toml was not rendered") && ended.stderr.contains("no triangles"), "{}", ended.stderr);
-    assert!(ended.json()["swaps"][0]["tick"].is_null() && ended.json()["ticks"].as_u64() > Some(2000));
+    assert!(
+        ended.stderr.contains("unbaked.toml was not rendered")
+            && ended.stderr.contains("no triangles"),
+        "{}",
+        ended.stderr
+    );
+    assert!(
+        ended.json()["swaps"][0]["tick"].is_null() && ended.json()["ticks"].as_u64() > Some(2000)
+    );
 }
 
 #[test]
@@ -290,30 +377,51 @@ fn a_mesh_that_cannot_be_used_is_an_asset_error() {
         ("nothing.stl", vec!["error: nothing.stl: no triangles"]),
         ("nan.obj", vec!["error: nan.obj:2: vertex 2 is not finite", "hint: "]),
         ("range.obj", vec!["error: range.obj:4: face names vertex 9, the file has 3"]),
-        ("truncated.stl", vec!["truncated, 584 bytes expected for 10 triangles, 87 found", "hint: the file was cut"]),
+        (
+            "truncated.stl",
+            vec![
+                "truncated, 584 bytes expected for 10 triangles, 87 found",
+                "hint: the file was cut",
+            ],
+        ),
         (
             "part.step",
             vec![
-                "error: part.step: STEP files hold curved surfaces, and a mesh of triangles is needed",
+                "error: part.step: STEP files hold curved surfaces, and a mesh of triangles is \
+                    needed",
                 "hint: convert it: `gmsh PART.step -2",
             ],
         ),
         ("part", vec!["error: part: no mesh extension, known: obj, stl, ply, gltf, glb, 3mf"]),
-        ("folder.obj", vec!["error: folder.obj: cannot be read: ", "hint: check that it is a file"]),
+        (
+            "folder.obj",
+            vec!["error: folder.obj: cannot be read: ", "hint: check that it is a file"],
+        ),
     ];
     if let Some(name) = unreadable(dir.path()) {
-        cases.push((name, vec!["error: unreadable.obj: cannot be read: Permission denied", "that this user may read it"]));
+        cases.push((
+            name,
+            vec![
+                "error: unreadable.obj: cannot be read: Permission denied",
+                "that this user may read it",
+            ],
+        ));
     }
     for (mesh, fragments) in &cases {
         refuses(dir.path(), &format!("bake {mesh} --units mm --voxel-size-mm 0.5"), 4, fragments);
     }
-    // What the scene file can tell by the name of the mesh is a matter of the scene; its contents are an asset.
+    // What the scene file can tell by the name of the mesh is a matter of the scene; its contents
+    // are an asset.
     for (mesh, fragments) in cases {
         let object = format!("mesh = \"{mesh}\"\nunits = \"mm\"");
         fs::write(dir.path().join("mesh.toml"), scene(&object, "0.5", "")).unwrap();
         let by_name = ["none.obj", "part.step", "part", "folder.obj"].contains(&mesh);
         let in_scene = format!("mesh.toml:4: static[0].mesh = \"{mesh}\": ");
-        let fragments = if by_name { vec![in_scene.as_str()] } else { vec![fragments[0].trim_start_matches("error: ")] };
+        let fragments = if by_name {
+            vec![in_scene.as_str()]
+        } else {
+            vec![fragments[0].trim_start_matches("error: ")]
+        };
         for command in ["run mesh.toml --clock virtual --duration 1s", "bake mesh.toml"] {
             refuses(dir.path(), command, if by_name { 3 } else { 4 }, &fragments);
         }
@@ -339,24 +447,47 @@ fn a_wrong_scene_is_a_configuration_error_of_every_command() {
     let hand = "t_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n1,0,zero,0,0,0,0,1\n";
     fs::write(dir.path().join("hand.csv"), hand).unwrap();
     for (text, fragments) in [
-        (scene(PLANE, "0.0", ""), &["wrong.toml:5: static[0].voxel_size_mm = 0.0: must be greater than 0"][..]),
+        (
+            scene(PLANE, "0.0", ""),
+            &["wrong.toml:5: static[0].voxel_size_mm = 0.0: must be greater than 0"][..],
+        ),
         (
             scene(PLANE, "2.0", "profil = 1\n"),
-            &["wrong.toml:14: device.profil = 1: unknown key; did you mean `profile`?", "known here: "],
+            &[
+                "wrong.toml:14: device.profil = 1: unknown key; did you mean `profile`?",
+                "known here: ",
+            ],
         ),
-        (scene("mesh = \"peg.obj\"\nunits = \"millimetres\"", "1", ""), &["wrong.toml:5: static[0].units", "did you mean `mm`?"]),
+        (
+            scene("mesh = \"peg.obj\"\nunits = \"millimetres\"", "1", ""),
+            &["wrong.toml:5: static[0].units", "did you mean `mm`?"],
+        ),
         (scene("mesh = \"peg.obj\"", "1", ""), &["static[0].units: missing", "factor of 1000"]),
         (
             scene(PLANE, "2.0", "").replace("sim-sigma7", "sim-sigma"),
-            &["wrong.toml:13: device.profile = \"sim-sigma\": no device profile of this name; did you mean `sim-sigma7`?"],
+            &["wrong.toml:13: device.profile = \"sim-sigma\": no device profile of this name; \
+                    did you mean `sim-sigma7`?"],
         ),
         (
             scene(PLANE, "2.0", "[coupling]\ntranslation_n_per_mm = 5\n"),
-            &["wrong.toml:15: coupling.translation_n_per_mm = 5", "stability bound of 4000 N/m", "hint: write at most 4 N/mm"],
+            &[
+                "wrong.toml:15: coupling.translation_n_per_mm = 5",
+                "stability bound of 4000 N/m",
+                "hint: write at most 4 N/mm",
+            ],
         ),
-        (scene(PLANE, "2.0", "hand = \"hand.csv\"\n"), &["hand.csv:3: `zero` is not a finite number (column y_m)"]),
-        (scene(PLANE, "2.0", "hand = \"none.csv\"\n"), &["wrong.toml:14: device.hand = \"none.csv\": no such file"]),
-        (scene(PLANE, "2.0", "hand = \"folder.toml\"\n"), &["wrong.toml:14: device.hand = \"folder.toml\": not a file"]),
+        (
+            scene(PLANE, "2.0", "hand = \"hand.csv\"\n"),
+            &["hand.csv:3: `zero` is not a finite number (column y_m)"],
+        ),
+        (
+            scene(PLANE, "2.0", "hand = \"none.csv\"\n"),
+            &["wrong.toml:14: device.hand = \"none.csv\": no such file"],
+        ),
+        (
+            scene(PLANE, "2.0", "hand = \"folder.toml\"\n"),
+            &["wrong.toml:14: device.hand = \"folder.toml\": not a file"],
+        ),
         (
             scene(PLANE, "2.0", "sim = { fault = \"unplugged@2s\" }\n"),
             &["wrong.toml:14: device.sim.fault", "did you mean `unplug`?"],
@@ -365,8 +496,14 @@ fn a_wrong_scene_is_a_configuration_error_of_every_command() {
             scene(PLANE, "2.0", "sim = { fault = \"nan@5\" }\n"),
             &["wrong.toml:14: device.sim.fault = \"nan@5\"", "10s, 500ms or 2min"],
         ),
-        (scene(PLANE, "2.0", "sim = { fault = \"slow@5s\" }\n"), &["wrong.toml:14: device.sim.fault", "as in slow=4ms"]),
-        (scene(PLANE, "2.0", "sim = { fault = \"drop=200%\" }\n"), &["wrong.toml:14: device.sim.fault", "from 0% to 100%"]),
+        (
+            scene(PLANE, "2.0", "sim = { fault = \"slow@5s\" }\n"),
+            &["wrong.toml:14: device.sim.fault", "as in slow=4ms"],
+        ),
+        (
+            scene(PLANE, "2.0", "sim = { fault = \"drop=200%\" }\n"),
+            &["wrong.toml:14: device.sim.fault", "from 0% to 100%"],
+        ),
         (String::new(), &["wrong.toml: version: missing", "hint: write `version = 1`"]),
         ("version = ".to_owned(), &["wrong.toml:1: not TOML"]),
     ] {
@@ -382,16 +519,37 @@ fn a_wrong_scene_is_a_configuration_error_of_every_command() {
             3,
             &["error: none.toml: no such file", "relative to the working directory"],
         );
-        refuses(dir.path(), &format!("{command} okk.toml"), 3, &["error: okk.toml: no such file", "did you mean `ok.toml`?"]);
-        refuses(dir.path(), &format!("{command} folder.toml"), 3, &["error: folder.toml: cannot be read: is a directory"]);
+        refuses(
+            dir.path(),
+            &format!("{command} okk.toml"),
+            3,
+            &["error: okk.toml: no such file", "did you mean `ok.toml`?"],
+        );
+        refuses(
+            dir.path(),
+            &format!("{command} folder.toml"),
+            3,
+            &["error: folder.toml: cannot be read: is a directory"],
+        );
     }
     fs::write(dir.path().join("binary.toml"), [0xff, 0xfe, 0]).unwrap();
     refuses(dir.path(), "check binary.toml", 3, &["error: binary.toml: cannot be read"]);
-    refuses(dir.path(), "run ok.toml --device ideal", 3, &["--device = \"ideal\"", "did you mean `sim-ideal`?"]);
-    refuses(dir.path(), "run ok.toml --device ./my.toml", 3, &["no such file: ./my.toml", "relative to the working directory"]);
+    refuses(
+        dir.path(),
+        "run ok.toml --device ideal",
+        3,
+        &["--device = \"ideal\"", "did you mean `sim-ideal`?"],
+    );
+    refuses(
+        dir.path(),
+        "run ok.toml --device ./my.toml",
+        3,
+        &["no such file: ./my.toml", "relative to the working directory"],
+    );
 }
 
-/// Ten million voxels wide: refused from the box alone. The address space is limited, so that a grid could not even be asked for.
+/// Ten million voxels wide: refused from the box alone. The address space is limited, so that a
+/// grid could not even be asked for.
 #[test]
 fn an_absurd_grid_is_refused_before_it_is_allocated() {
     let dir = folder();
@@ -401,14 +559,26 @@ fn an_absurd_grid_is_refused_before_it_is_allocated() {
         ("bake absurd.toml", "hint: use a voxel size of at least "),
         ("bake peg.obj --units mm --voxel-size-mm 0.000004", "mm, or check --units"),
         ("bake peg.obj --units mm --voxel-size-mm 1e-300", "mm, or check --units"),
-        ("bake peg.obj --units mm --longest-axis-voxels 10000000", "hint: ask for fewer --longest-axis-voxels"),
+        (
+            "bake peg.obj --units mm --longest-axis-voxels 10000000",
+            "hint: ask for fewer --longest-axis-voxels",
+        ),
     ] {
-        let limited = format!("ulimit -v 4000000 && exec '{}' {line}", env!("CARGO_BIN_EXE_hapticd"));
-        let ended =
-            Running::start(Command::new("sh").args(["-c", &limited]).current_dir(dir.path()).env("XDG_CACHE_HOME", dir.path()))
-                .end();
+        let limited =
+            format!("ulimit -v 4000000 && exec '{}' {line}", env!("CARGO_BIN_EXE_hapticd"));
+        let ended = Running::start(
+            Command::new("sh")
+                .args(["-c", &limited])
+                .current_dir(dir.path())
+                .env("XDG_CACHE_HOME", dir.path()),
+        )
+        .end();
         assert_eq!(ended.code, Some(3), "{line}\n{}", ended.stderr);
-        assert!(ended.stderr.contains(" voxels is too large (at most 32768 per axis"), "{line}\n{}", ended.stderr);
+        assert!(
+            ended.stderr.contains(" voxels is too large (at most 32768 per axis"),
+            "{line}\n{}",
+            ended.stderr
+        );
         assert!(ended.stderr.contains(hint), "{line}\n{}", ended.stderr);
     }
 }
@@ -418,7 +588,11 @@ fn a_gear_of_twelve_metres_is_asked_about() {
     let dir = folder();
     let ended = hapticd(dir.path(), "bake gear12.obj --units m --voxel-size-mm 500");
     assert_eq!(ended.code, Some(0));
-    assert!(ended.stderr.contains("warning: gear12: the box is 12.0 m long: is `units` right?"), "{}", ended.stderr);
+    assert!(
+        ended.stderr.contains("warning: gear12: the box is 12.0 m long: is `units` right?"),
+        "{}",
+        ended.stderr
+    );
     let ended = hapticd(dir.path(), "bake gear12.obj --units mm --voxel-size-mm 0.5");
     assert!(!ended.stderr.contains("units"), "{}", ended.stderr);
     let ended = hapticd(dir.path(), "bake -q gear12.obj --units m --voxel-size-mm 500");
@@ -459,9 +633,17 @@ fn profiles_are_checked_like_scenes() {
     let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("devices/polhem-2022.toml");
     let ended = hapticd(dir.path(), &format!("check {}", shipped.display()));
     assert_eq!((ended.code, ended.stderr.as_str()), (Some(0), ""));
-    assert!(ended.stdout.starts_with("ok ") && ended.stdout.contains("signs not verified"), "{}", ended.stdout);
+    assert!(
+        ended.stdout.starts_with("ok ") && ended.stdout.contains("signs not verified"),
+        "{}",
+        ended.stdout
+    );
     let text = std::fs::read_to_string(&shipped).unwrap();
-    std::fs::write(dir.path().join("mine.toml"), text.replace("signs_verified = false", "signs_verifed = true")).unwrap();
+    std::fs::write(
+        dir.path().join("mine.toml"),
+        text.replace("signs_verified = false", "signs_verifed = true"),
+    )
+    .unwrap();
     let ended = hapticd(dir.path(), "check mine.toml");
     assert_eq!((ended.code, ended.stdout.as_str()), (Some(3), ""));
     for fragment in ["mine.toml:", "device.signs_verifed", "did you mean `signs_verified`"] {
@@ -474,14 +656,20 @@ fn built_in_profiles_are_listed_and_can_be_copied() {
     let dir = folder();
     let listed = hapticd(dir.path(), "devices profiles");
     assert_eq!((listed.code, listed.stderr.as_str()), (Some(0), ""));
-    let names: Vec<&str> = listed.stdout.lines().filter_map(|line| line.split_whitespace().next()).collect();
+    let names: Vec<&str> =
+        listed.stdout.lines().filter_map(|line| line.split_whitespace().next()).collect();
     assert_eq!(names, arms::profile::names().collect::<Vec<_>>());
     let json = hapticd(dir.path(), "devices --json profiles").json();
     assert_eq!(json["profiles"].as_array().map(Vec::len), Some(names.len()));
     let one = hapticd(dir.path(), "devices profiles polhem-2022");
     let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("devices/polhem-2022.toml");
     assert_eq!((one.code, one.stdout), (Some(0), std::fs::read_to_string(shipped).unwrap()));
-    refuses(dir.path(), "devices profiles polhem", 3, &["error: polhem: no device profile of this name", "polhem-2022"]);
+    refuses(
+        dir.path(),
+        "devices profiles polhem",
+        3,
+        &["error: polhem: no device profile of this name", "polhem-2022"],
+    );
 }
 
 #[test]
@@ -536,7 +724,10 @@ fn assert_run_keys(json: &Value) {
     for latency in ["wakeup_us", "compute_us", "device_us"] {
         assert_eq!(keys(&json[latency]), set(&["p50", "p99", "p999", "max"]), "{latency}");
     }
-    assert_eq!(keys(&json["realtime"]), set(&["policy", "priority", "cpu", "memory_locked", "kernel_rt"]));
+    assert_eq!(
+        keys(&json["realtime"]),
+        set(&["policy", "priority", "cpu", "memory_locked", "kernel_rt"])
+    );
     assert_eq!(keys(&json["final_pose"]), set(&["x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"]));
 }
 
@@ -551,12 +742,26 @@ fn a_run_gives_one_json_object_and_talks_on_stderr() {
     assert_eq!(json["faults"].as_array().map(Vec::len), Some(0));
     // 300 ms and the ramp down.
     assert!(json["ticks"].as_u64() > Some(300));
-    assert_eq!(ended.states(), ["baking", "disabled", "enabling", "enabled", "stopping", "disabled", "stopped"]);
+    assert_eq!(
+        ended.states(),
+        ["baking", "disabled", "enabling", "enabled", "stopping", "disabled", "stopped"]
+    );
     assert!(ended.stderr.contains("preflight: "));
-    assert!(!ended.stderr.contains('\x1b') && !ended.stderr.contains("tick "), "no status line on a pipe: {}", ended.stderr);
+    assert!(
+        !ended.stderr.contains('\x1b') && !ended.stderr.contains("tick "),
+        "no status line on a pipe: {}",
+        ended.stderr
+    );
 
     let ended = hapticd(dir.path(), "run ok.toml --clock virtual --duration 300ms");
-    for row in ["ticks ", "missed deadlines ", "wake-up ", "largest command ", "tool at the end ", "faults             none"] {
+    for row in [
+        "ticks ",
+        "missed deadlines ",
+        "wake-up ",
+        "largest command ",
+        "tool at the end ",
+        "faults             none",
+    ] {
         assert!(ended.stdout.lines().any(|line| line.starts_with(row)), "{row}: {}", ended.stdout);
     }
 }
@@ -567,7 +772,10 @@ fn quiet_is_quiet_verbose_says_more_and_colour_is_colour() {
     for clock in ["virtual", "real"] {
         let ended = hapticd(
             dir.path(),
-            &format!("run -q ok.toml --clock {clock} --duration 100ms --json --monitor off --realtime best-effort"),
+            &format!(
+                "run -q ok.toml --clock {clock} --duration 100ms --json --monitor off --realtime \
+                    best-effort"
+            ),
         );
         assert_eq!((ended.code, ended.stderr.as_str()), (Some(0), ""));
         assert_run_keys(&ended.json());
@@ -575,11 +783,17 @@ fn quiet_is_quiet_verbose_says_more_and_colour_is_colour() {
     let ended = hapticd(dir.path(), "check -q ok.toml");
     assert_eq!((ended.code, ended.stdout.as_str(), ended.stderr.as_str()), (Some(0), "", ""));
     let ended = hapticd(dir.path(), "run -q none.toml");
-    assert!(ended.stderr.starts_with("error: none.toml"), "errors are said to the quiet too: {}", ended.stderr);
+    assert!(
+        ended.stderr.starts_with("error: none.toml"),
+        "errors are said to the quiet too: {}",
+        ended.stderr
+    );
 
     let ended = hapticd(dir.path(), "run -v ok.toml --clock virtual --duration 100ms --json");
     ended.json();
-    for fragment in ["sim-sigma7 at 1000 Hz, implicit, 4000 N/m", "base (12 triangles)", "tool (12 triangles)"] {
+    for fragment in
+        ["sim-sigma7 at 1000 Hz, implicit, 4000 N/m", "base (12 triangles)", "tool (12 triangles)"]
+    {
         assert!(ended.stderr.contains(fragment), "{fragment}: {}", ended.stderr);
     }
 
@@ -595,25 +809,42 @@ fn a_closed_pipe_and_a_full_disk_do_not_panic() {
     let dir = folder();
     let bake = "bake peg.obj --units mm --voxel-size-mm 1";
     let run = "run ok.toml --clock virtual --duration 100ms";
-    for line in ["check ok.toml", bake, "bake ok.toml --json", run, "run ok.toml --clock virtual --duration 100ms --json"] {
+    for line in [
+        "check ok.toml",
+        bake,
+        "bake ok.toml --json",
+        run,
+        "run ok.toml --clock virtual --duration 100ms --json",
+    ] {
         let (out_reader, out) = std::io::pipe().unwrap();
         let (err_reader, err) = std::io::pipe().unwrap();
         drop(out_reader);
         // First stdout alone, then both.
-        let mut running = Running::start_into(program(dir.path()).args(line.split_whitespace()), out.try_clone().unwrap().into());
+        let mut running = Running::start_into(
+            program(dir.path()).args(line.split_whitespace()),
+            out.try_clone().unwrap().into(),
+        );
         let stderr = running.rest_of_stderr();
         assert!(!stderr.contains("panicked") && !stderr.contains("error"), "{line}: {stderr}");
         assert_eq!(running.child.wait().unwrap().code(), Some(0), "{line}");
         drop(err_reader);
-        let mut child =
-            program(dir.path()).args(line.split_whitespace()).stdin(Stdio::null()).stdout(out).stderr(err).spawn().unwrap();
+        let mut child = program(dir.path())
+            .args(line.split_whitespace())
+            .stdin(Stdio::null())
+            .stdout(out)
+            .stderr(err)
+            .spawn()
+            .unwrap();
         assert_eq!(child.wait().unwrap().code(), Some(0), "{line}, no reader");
 
         let full = || File::options().write(true).open("/dev/full").unwrap();
-        let mut running = Running::start_into(program(dir.path()).args(line.split_whitespace()), full().into());
+        let mut running =
+            Running::start_into(program(dir.path()).args(line.split_whitespace()), full().into());
         let stderr = running.rest_of_stderr();
         assert!(
-            stderr.ends_with("error: cannot write the result to stdout: No space left on device (os error 28)\n"),
+            stderr.ends_with(
+                "error: cannot write the result to stdout: No space left on device (os error 28)\n"
+            ),
             "{line}: {stderr}"
         );
         assert_eq!(running.child.wait().unwrap().code(), Some(4), "{line}");
@@ -623,16 +854,21 @@ fn a_closed_pipe_and_a_full_disk_do_not_panic() {
 impl Running {
     /// Starts with stdout elsewhere.
     fn start_into(command: &mut Command, stdout: Stdio) -> Self {
-        let mut child = command.stdin(Stdio::null()).stdout(stdout).stderr(Stdio::piped()).spawn().unwrap();
+        let mut child =
+            command.stdin(Stdio::null()).stdout(stdout).stderr(Stdio::piped()).spawn().unwrap();
         let err = BufReader::new(child.stderr.take().unwrap());
         let (sender, stderr) = channel();
-        std::thread::spawn(move || err.lines().map_while(Result::ok).try_for_each(|line| sender.send(line)));
+        std::thread::spawn(move || {
+            err.lines().map_while(Result::ok).try_for_each(|line| sender.send(line))
+        });
         Self { child, stdout: None, stderr, said: String::new() }
     }
 
     fn rest_of_stderr(&mut self) -> String {
         let deadline = Instant::now() + HUNG;
-        while let Ok(line) = self.stderr.recv_timeout(deadline.saturating_duration_since(Instant::now())) {
+        while let Ok(line) =
+            self.stderr.recv_timeout(deadline.saturating_duration_since(Instant::now()))
+        {
             self.said.extend([&line, "\n"]);
         }
         self.said.clone()
@@ -642,7 +878,8 @@ impl Running {
 #[test]
 fn a_signal_brings_the_arm_to_rest() {
     let scene = shipped("scenes/block-on-plane.toml");
-    let args = ["run", scene.to_str().unwrap(), "--json", "--monitor", "off", "--realtime", "best-effort"];
+    let args =
+        ["run", scene.to_str().unwrap(), "--json", "--monitor", "off", "--realtime", "best-effort"];
     for signal in ["INT", "TERM"] {
         let mut running = start(Path::new("."), &args);
         running.wait_for("state: enabled");
@@ -651,7 +888,11 @@ fn a_signal_brings_the_arm_to_rest() {
         running.signal(signal);
         let ended = running.end();
         assert_eq!(ended.code, Some(0), "{signal}: {}", ended.stderr);
-        assert_eq!(ended.states(), ["baking", "disabled", "enabling", "enabled", "stopping", "disabled", "stopped"], "{signal}");
+        assert_eq!(
+            ended.states(),
+            ["baking", "disabled", "enabling", "enabled", "stopping", "disabled", "stopped"],
+            "{signal}"
+        );
         let json = ended.json();
         assert_run_keys(&json);
         assert!(json["ticks"].as_u64() > Some(0));
@@ -660,7 +901,8 @@ fn a_signal_brings_the_arm_to_rest() {
     }
 }
 
-/// A shell without job control starts what is in the background with SIGINT ignored, and `nohup` does so with SIGHUP.
+/// A shell without job control starts what is in the background with SIGINT ignored, and `nohup`
+/// does so with SIGHUP.
 #[test]
 fn a_background_job_stops_when_asked_and_survives_a_hangup_under_nohup() {
     let dir = folder();
@@ -698,8 +940,12 @@ fn a_background_job_stops_when_asked_and_survives_a_hangup_under_nohup() {
 #[test]
 fn a_second_signal_quits_at_once() {
     let dir = folder();
-    fs::write(dir.path().join("slow.toml"), scene(PLANE, "2.0", "[safety]\nramp_ms = 2000\n")).unwrap();
-    let mut running = start(dir.path(), &["run", "slow.toml", "--json", "--monitor", "off", "--realtime", "best-effort"]);
+    fs::write(dir.path().join("slow.toml"), scene(PLANE, "2.0", "[safety]\nramp_ms = 2000\n"))
+        .unwrap();
+    let mut running = start(
+        dir.path(),
+        &["run", "slow.toml", "--json", "--monitor", "off", "--realtime", "best-effort"],
+    );
     running.wait_for("state: enabled");
     running.signal("INT");
     running.wait_for("state: stopping");
@@ -729,11 +975,18 @@ fn an_injected_fault_ends_with_its_name_and_7() {
             assert_run_keys(&json);
             let named = json["faults"].as_array().unwrap().iter().any(|name| name == fault);
             assert!(named, "{spec}: {}", json["faults"]);
-            assert!(ended.stderr.contains(&format!("fault: {fault} at ")), "{spec}: {}", ended.stderr);
+            assert!(
+                ended.stderr.contains(&format!("fault: {fault} at ")),
+                "{spec}: {}",
+                ended.stderr
+            );
             // 500 ms of the arm's own time.
             assert!(json["ticks"].as_u64() >= Some(500));
         }
-        let ended = hapticd(dir.path(), "run fault.toml --json --monitor off --realtime best-effort --duration 10s");
+        let ended = hapticd(
+            dir.path(),
+            "run fault.toml --json --monitor off --realtime best-effort --duration 10s",
+        );
         assert_eq!(ended.states().last(), Some(&"fault"));
     }
 }
@@ -741,21 +994,35 @@ fn an_injected_fault_ends_with_its_name_and_7() {
 #[test]
 fn enforce_refuses_a_machine_that_fails_a_check() {
     let dir = folder();
-    let ended = hapticd(dir.path(), "run ok.toml --monitor off --realtime enforce --duration 100ms --json");
+    let ended =
+        hapticd(dir.path(), "run ok.toml --monitor off --realtime enforce --duration 100ms --json");
     match ended.code {
-        // Or 7: every check passed, and then the machine was late, which `enforce` takes for a fault.
+        // Or 7: every check passed, and then the machine was late, which `enforce` takes for a
+        // fault.
         Some(0 | 7) => {
             ended.json();
             assert!(!ended.stderr.contains("FAILED"), "{}", ended.stderr);
         }
         Some(6) => {
             assert_eq!(ended.stdout, "");
-            for fragment in ["FAILED", "hint: ", "error: real-time preflight refused: ", "--realtime best-effort"] {
+            for fragment in [
+                "FAILED",
+                "hint: ",
+                "error: real-time preflight refused: ",
+                "--realtime best-effort",
+            ] {
                 assert!(ended.stderr.contains(fragment), "{fragment}: {}", ended.stderr);
             }
-            let quiet = hapticd(dir.path(), "run -q ok.toml --monitor off --realtime enforce --duration 100ms --json");
+            let quiet = hapticd(
+                dir.path(),
+                "run -q ok.toml --monitor off --realtime enforce --duration 100ms --json",
+            );
             assert_eq!(quiet.code, Some(6));
-            assert!(quiet.stderr.starts_with("preflight: ") && !quiet.stderr.contains("state: "), "{}", quiet.stderr);
+            assert!(
+                quiet.stderr.starts_with("preflight: ") && !quiet.stderr.contains("state: "),
+                "{}",
+                quiet.stderr
+            );
         }
         other => panic!("{other:?}: {}", ended.stderr),
     }
@@ -764,10 +1031,16 @@ fn enforce_refuses_a_machine_that_fails_a_check() {
 #[test]
 fn a_simulated_arm_is_good_enough_to_try_on_any_machine() {
     let dir = folder();
-    let ended = hapticd(dir.path(), "run ok.toml --monitor off --realtime best-effort --duration 100ms");
+    let ended =
+        hapticd(dir.path(), "run ok.toml --monitor off --realtime best-effort --duration 100ms");
     assert_eq!(ended.code, Some(0), "{}", ended.stderr);
-    let kernel = ended.stderr.lines().find(|line| line.starts_with("preflight: kernel")).expect("a row");
-    let mark = if kernel.contains("not PREEMPT_RT") { "not real time; good enough to try: " } else { " ok " };
+    let kernel =
+        ended.stderr.lines().find(|line| line.starts_with("preflight: kernel")).expect("a row");
+    let mark = if kernel.contains("not PREEMPT_RT") {
+        "not real time; good enough to try: "
+    } else {
+        " ok "
+    };
     assert!(kernel.contains(mark) && !ended.stderr.contains("FAILED"), "{}", ended.stderr);
 }
 
@@ -798,8 +1071,10 @@ const BAKE_KEYS: [&str; 22] = [
 /// Documented, and absent until the tree and the cache are built.
 const BAKE_KEYS_LATER: [&str; 2] = ["tree_levels", "cache"];
 /// Beyond the contract.
-const BAKE_KEYS_EXTRA: [&str; 6] = ["name", "role", "clear_winding_share", "lids", "field_bytes", "pointshell_bytes"];
-const TIMINGS: [&str; 9] = ["load", "init", "surface", "fill", "layers", "distance", "pointshell", "normals", "total"];
+const BAKE_KEYS_EXTRA: [&str; 6] =
+    ["name", "role", "clear_winding_share", "lids", "field_bytes", "pointshell_bytes"];
+const TIMINGS: [&str; 9] =
+    ["load", "init", "surface", "fill", "layers", "distance", "pointshell", "normals", "total"];
 
 /// A `.npy` file of version 1: its header and its data.
 fn npy(path: &Path) -> (String, Vec<u8>) {
@@ -824,15 +1099,27 @@ fn the_files_of_a_bake_agree_with_its_figures() {
     let ended = hapticd(dir.path(), line);
     assert_eq!((ended.code, ended.stderr.as_str()), (Some(0), ""));
     let json = ended.json();
-    let [documented, later, extra] = [set(&BAKE_KEYS), set(&BAKE_KEYS_LATER), set(&BAKE_KEYS_EXTRA)];
+    let [documented, later, extra] =
+        [set(&BAKE_KEYS), set(&BAKE_KEYS_LATER), set(&BAKE_KEYS_EXTRA)];
     let found: BTreeSet<&str> = keys(&json).difference(&later).copied().collect();
     assert_eq!(found, documented.union(&extra).copied().collect());
-    assert_eq!(keys(&json["timings_s"]).into_iter().filter(|key| *key != "tree").collect::<BTreeSet<_>>(), set(&TIMINGS));
-    assert_eq!((count(&json, "layers"), count(&json, "open_edges"), json["watertight"].as_bool()), (4, 0, Some(true)));
+    assert_eq!(
+        keys(&json["timings_s"]).into_iter().filter(|key| *key != "tree").collect::<BTreeSet<_>>(),
+        set(&TIMINGS)
+    );
+    assert_eq!(
+        (count(&json, "layers"), count(&json, "open_edges"), json["watertight"].as_bool()),
+        (4, 0, Some(true))
+    );
     assert_eq!(json["leak"], Value::Null);
     assert!((json["voxel_size_m"].as_f64().unwrap() - 5e-4).abs() < 1e-15);
 
-    let dims: Vec<usize> = json["dims"].as_array().unwrap().iter().map(|n| usize::try_from(n.as_u64().unwrap()).unwrap()).collect();
+    let dims: Vec<usize> = json["dims"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|n| usize::try_from(n.as_u64().unwrap()).unwrap())
+        .collect();
     let shape = format!("'shape': ({}, {}, {})", dims[0], dims[1], dims[2]);
     let n_voxels = dims.iter().product::<usize>();
     assert_eq!(count(&json, "voxels"), n_voxels);
@@ -846,7 +1133,8 @@ fn the_files_of_a_bake_agree_with_its_figures() {
     assert_eq!(n_where(|value| value > 0), count(&json, "inside_voxels"));
     assert_eq!(n_where(|value| value < 0), count(&json, "outside_voxels"));
     assert_eq!(n_where(|value| !(-5..=5).contains(&value)), 0, "saturated at layers + 1");
-    // C order: the peg stands in the middle of its padding, so the first and the last plane of each axis are outside.
+    // C order: the peg stands in the middle of its padding, so the first and the last plane of each
+    // axis are outside.
     let at = |i: usize, j: usize, k: usize| layers[(i * dims[1] + j) * dims[2] + k];
     assert!(at(dims[0] / 2, dims[1] / 2, dims[2] / 2) > 0);
     for k in 0..dims[2] {
@@ -855,20 +1143,26 @@ fn the_files_of_a_bake_agree_with_its_figures() {
 
     let (header, field) = npy(&dir.path().join("f.npy"));
     assert_eq!(header, format!("{{'descr': '<f4', 'fortran_order': False, {shape}, }}"));
-    let field: Vec<f32> = field.chunks_exact(4).map(|bytes| f32::from_le_bytes(bytes.try_into().unwrap())).collect();
+    let field: Vec<f32> =
+        field.chunks_exact(4).map(|bytes| f32::from_le_bytes(bytes.try_into().unwrap())).collect();
     assert_eq!(field.len(), n_voxels);
     for (layer, distance_m) in layers.iter().zip(&field) {
         assert_eq!(distance_m.is_nan(), layer.abs() == 5, "NaN beyond the band and nowhere else");
-        // Voxels of layer n > 1 are separated from the surface by others; a voxel is sqrt(3)/2 from its corners.
+        // Voxels of layer n > 1 are separated from the surface by others; a voxel is sqrt(3)/2 from
+        // its corners.
         if !distance_m.is_nan() {
-            assert!(f64::from(distance_m.abs()) <= 5e-4 * (f64::from(layer.abs()) + 1.0) * 3_f64.sqrt(), "{layer}: {distance_m}");
+            assert!(
+                f64::from(distance_m.abs()) <= 5e-4 * (f64::from(layer.abs()) + 1.0) * 3_f64.sqrt(),
+                "{layer}: {distance_m}"
+            );
         }
     }
     let inside: Vec<f32> = sign_of(&layers, &field, |layer| layer >= 2);
     let outside: Vec<f32> = sign_of(&layers, &field, |layer| layer <= -2);
     assert!(!inside.is_empty() && !outside.is_empty());
     assert!(
-        inside.iter().all(|sign| *sign == inside[0]) && outside.iter().all(|sign| *sign == -inside[0]),
+        inside.iter().all(|sign| *sign == inside[0])
+            && outside.iter().all(|sign| *sign == -inside[0]),
         "one sign for each side"
     );
 
@@ -878,24 +1172,39 @@ fn the_files_of_a_bake_agree_with_its_figures() {
     let n_points = count(&json, "points");
     assert!(header.starts_with("ply\nformat binary_little_endian 1.0\n"), "{header}");
     assert!(header.contains(&format!("element vertex {n_points}\n")), "{header}");
-    let properties: Vec<&str> = header.lines().filter(|line| line.starts_with("property")).collect();
-    assert_eq!(properties, ["x", "y", "z", "nx", "ny", "nz"].map(|name| format!("property float {name}")));
+    let properties: Vec<&str> =
+        header.lines().filter(|line| line.starts_with("property")).collect();
+    assert_eq!(
+        properties,
+        ["x", "y", "z", "nx", "ny", "nz"].map(|name| format!("property float {name}"))
+    );
     assert_eq!(ply.len() - end, n_points * 24);
     assert_eq!(n_points, count(&json, "phase1_points") + count(&json, "phase2_points"));
-    let origin_m: Vec<f64> = json["origin_m"].as_array().unwrap().iter().map(|n| n.as_f64().unwrap()).collect();
+    let origin_m: Vec<f64> =
+        json["origin_m"].as_array().unwrap().iter().map(|n| n.as_f64().unwrap()).collect();
     for point in ply[end..].chunks_exact(24) {
-        let number = |index: usize| f64::from(f32::from_le_bytes(point[4 * index..4 * index + 4].try_into().unwrap()));
-        let in_voxels: Vec<f64> = (0..3).map(|axis| (number(axis) - origin_m[axis]) / 5e-4).collect();
+        let number = |index: usize| {
+            f64::from(f32::from_le_bytes(point[4 * index..4 * index + 4].try_into().unwrap()))
+        };
+        let in_voxels: Vec<f64> =
+            (0..3).map(|axis| (number(axis) - origin_m[axis]) / 5e-4).collect();
         let normal: f64 = (3..6).map(|index| number(index) * number(index)).sum();
         assert!((normal - 1.0).abs() < 1e-4, "unit normals");
-        // One voxel of slack: a point is projected onto the surface, which may be in the next voxel.
-        let near_surface = in_voxels.iter().zip(&dims).all(|(cell, n)| *cell > 4.0 && *cell < (*n - 4) as f64);
+        // One voxel of slack: a point is projected onto the surface, which may be in the next
+        // voxel.
+        let near_surface =
+            in_voxels.iter().zip(&dims).all(|(cell, n)| *cell > 4.0 && *cell < (*n - 4) as f64);
         assert!(near_surface, "within the padding: {in_voxels:?}");
     }
 }
 
 fn sign_of(layers: &[i8], field: &[f32], side: fn(i8) -> bool) -> Vec<f32> {
-    layers.iter().zip(field).filter(|(layer, distance)| side(**layer) && !distance.is_nan()).map(|(_, d)| d.signum()).collect()
+    layers
+        .iter()
+        .zip(field)
+        .filter(|(layer, distance)| side(**layer) && !distance.is_nan())
+        .map(|(_, d)| d.signum())
+        .collect()
 }
 
 #[test]
@@ -904,8 +1213,8 @@ fn the_number_of_threads_changes_no_byte() {
     let part = shipped("models/gear-tool.stl");
     let bake = |threads: u32| {
         let line = format!(
-            "bake {} --units mm --longest-axis-voxels 60 --threads {threads} --json \
-             --voxmap-out v{threads}.npy --field-out f{threads}.npy --pointshell-out p{threads}.ply",
+            "bake {} --units mm --longest-axis-voxels 60 --threads {threads} --json --voxmap-out \
+                v{threads}.npy --field-out f{threads}.npy --pointshell-out p{threads}.ply",
             part.display()
         );
         let ended = hapticd(dir.path(), &line);
@@ -916,13 +1225,18 @@ fn the_number_of_threads_changes_no_byte() {
     };
     let [one, two] = [1, 2].map(bake);
     for name in ["v#.npy", "f#.npy", "p#.ply"] {
-        let [one, two] = ["1", "2"].map(|threads| fs::read(dir.path().join(name.replace('#', threads))).unwrap());
+        let [one, two] = ["1", "2"]
+            .map(|threads| fs::read(dir.path().join(name.replace('#', threads))).unwrap());
         assert!(one == two, "{name} differs");
     }
-    for key in BAKE_KEYS.into_iter().filter(|key| !["threads", "timings_s", "peak_rss_bytes"].contains(key)) {
+    for key in BAKE_KEYS
+        .into_iter()
+        .filter(|key| !["threads", "timings_s", "peak_rss_bytes"].contains(key))
+    {
         assert_eq!(one[key], two[key], "{key}");
     }
-    // 60 voxels on the longest edge, the padding of eight layers and one, and the half voxel at each end.
+    // 60 voxels on the longest edge, the padding of eight layers and one, and the half voxel at
+    // each end.
     let longest = one["dims"].as_array().unwrap().iter().filter_map(Value::as_u64).max().unwrap();
     assert_eq!(longest, 60 + 1 + 2 * 9);
 }
@@ -937,24 +1251,37 @@ fn a_scene_is_baked_into_a_list_of_objects() {
     assert!(json["timings_s"]["total"].as_f64() > Some(0.0));
     assert!(json["peak_rss_bytes"].as_u64() > Some(1 << 20));
     let objects = json["objects"].as_array().unwrap();
-    let roles: Vec<_> = objects.iter().map(|object| (object["name"].as_str().unwrap(), object["role"].as_str().unwrap())).collect();
+    let roles: Vec<_> = objects
+        .iter()
+        .map(|object| (object["name"].as_str().unwrap(), object["role"].as_str().unwrap()))
+        .collect();
     assert_eq!(roles, [("base", "static"), ("tool", "tool")]);
     for object in objects {
         let found = keys(object);
         // One number for the process, not for each object.
-        let missing: Vec<_> = BAKE_KEYS.into_iter().filter(|key| *key != "peak_rss_bytes" && !found.contains(key)).collect();
+        let missing: Vec<_> = BAKE_KEYS
+            .into_iter()
+            .filter(|key| *key != "peak_rss_bytes" && !found.contains(key))
+            .collect();
         assert!(missing.is_empty(), "{missing:?}");
     }
     assert_eq!(count(&objects[0], "points"), 0);
     assert!(count(&objects[1], "points") > 0);
     let ended = hapticd(dir.path(), "bake ok.toml");
-    assert!(ended.stdout.contains("base (12 triangles)\n") && ended.stdout.contains("2 objects in "), "{}", ended.stdout);
+    assert!(
+        ended.stdout.contains("base (12 triangles)\n") && ended.stdout.contains("2 objects in "),
+        "{}",
+        ended.stdout
+    );
 }
 
 #[test]
 fn a_bake_beyond_max_memory_is_refused_before_the_work_with_a_size_that_fits() {
     let dir = folder();
-    for line in ["bake peg.obj --units mm --voxel-size-mm 1 --max-memory 2", "run ok.toml --max-memory lots"] {
+    for line in [
+        "bake peg.obj --units mm --voxel-size-mm 1 --max-memory 2",
+        "run ok.toml --max-memory lots",
+    ] {
         refuses(dir.path(), line, 2, &["--max-memory", "800M, 2GB or 1.5GiB"]);
     }
     let fine = "bake peg.obj --units mm --voxel-size-mm 0.01 --max-memory 20MB";
@@ -963,12 +1290,19 @@ fn a_bake_beyond_max_memory_is_refused_before_the_work_with_a_size_that_fits() {
         dir.path(),
         fine,
         3,
-        &[&numbers[..], &["hint: use a voxel size of at least ", "fewer layers, or a larger --max-memory"]].concat(),
+        &[
+            &numbers[..],
+            &["hint: use a voxel size of at least ", "fewer layers, or a larger --max-memory"],
+        ]
+        .concat(),
     );
     // The advice works when it is copied, and its bake really stays near the limit.
     let told = hapticd(dir.path(), fine).stderr;
     let size_mm = told.split("at least ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap();
-    let ended = hapticd(dir.path(), &format!("bake peg.obj --units mm --voxel-size-mm {size_mm} --max-memory 20MB --json"));
+    let ended = hapticd(
+        dir.path(),
+        &format!("bake peg.obj --units mm --voxel-size-mm {size_mm} --max-memory 20MB --json"),
+    );
     assert_eq!((ended.code, ended.stderr.as_str()), (Some(0), ""), "{size_mm}");
     let json = ended.json();
     let kept = count(&json, "field_bytes") + count(&json, "pointshell_bytes");
@@ -976,13 +1310,25 @@ fn a_bake_beyond_max_memory_is_refused_before_the_work_with_a_size_that_fits() {
     let in_voxels = "bake peg.obj --longest-axis-voxels 3000 --max-memory 20MB";
     refuses(dir.path(), in_voxels, 3, &["use at most --longest-axis-voxels "]);
     let told = hapticd(dir.path(), in_voxels).stderr;
-    let n = told.split("--longest-axis-voxels ").nth(1).and_then(|rest| rest.split(',').next()).unwrap();
-    let ended = hapticd(dir.path(), &format!("bake peg.obj --longest-axis-voxels {n} --max-memory 20MB --json"));
+    let n = told
+        .split("--longest-axis-voxels ")
+        .nth(1)
+        .and_then(|rest| rest.split(',').next())
+        .unwrap();
+    let ended = hapticd(
+        dir.path(),
+        &format!("bake peg.obj --longest-axis-voxels {n} --max-memory 20MB --json"),
+    );
     assert_eq!(ended.code, Some(0), "{n}: {}", ended.stderr);
 
     // A scene: judged object by object, in `bake` and in `run`.
     for command in ["bake", "run"] {
-        refuses(dir.path(), &format!("{command} ok.toml --max-memory 1kB"), 3, &["that are allowed", "hint: ", "--max-memory"]);
+        refuses(
+            dir.path(),
+            &format!("{command} ok.toml --max-memory 1kB"),
+            3,
+            &["that are allowed", "hint: ", "--max-memory"],
+        );
     }
     let ended = hapticd(dir.path(), "bake -v peg.obj --units mm --voxel-size-mm 1 --max-memory 1G");
     assert_eq!(ended.code, Some(0));
@@ -999,7 +1345,10 @@ fn obvious_mistakes_are_named_with_their_remedy() {
         "scan.stl",
         b"ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\nend_header\n............................",
     );
-    let mesh = &["error: peg.obj: this is a mesh file, not a scene", "hint: `hapticd bake` takes it as it is"];
+    let mesh = &[
+        "error: peg.obj: this is a mesh file, not a scene",
+        "hint: `hapticd bake` takes it as it is",
+    ];
     for (line, code, fragments) in [
         ("check peg.obj", 3, &mesh[..]),
         ("run peg.obj", 3, mesh),
@@ -1036,24 +1385,38 @@ fn what_a_bake_assumes_is_said_once() {
     assert!(said("bake gear12.obj --longest-axis-voxels 20").contains(metres));
     assert!(!said("bake gear12.obj --longest-axis-voxels 20 --units mm").contains("note:"));
     let without_cache = "note: baked without the cache";
-    assert!(said("bake peg.obj --units mm --voxel-size-mm 1 --voxmap-out v.npy").contains(without_cache));
-    assert!(!said("bake peg.obj --units mm --voxel-size-mm 1 --voxmap-out v.npy --cache off").contains("note:"));
+    assert!(
+        said("bake peg.obj --units mm --voxel-size-mm 1 --voxmap-out v.npy")
+            .contains(without_cache)
+    );
+    assert!(
+        !said("bake peg.obj --units mm --voxel-size-mm 1 --voxmap-out v.npy --cache off")
+            .contains("note:")
+    );
     // Inside out: one warning, not two.
-    fs::write(dir.path().join("inward.obj"), "v 0 0 0\nv 12 0 0\nv 0 12 0\nv 0 0 12\nf 1 2 3\nf 1 4 2\nf 2 4 3\nf 3 4 1\n")
-        .unwrap();
+    fs::write(
+        dir.path().join("inward.obj"),
+        "v 0 0 0\nv 12 0 0\nv 0 12 0\nv 0 0 12\nf 1 2 3\nf 1 4 2\nf 2 4 3\nf 3 4 1\n",
+    )
+    .unwrap();
     let warnings = said("bake inward.obj --units mm --voxel-size-mm 0.5");
     assert_eq!(warnings.matches("face inward").count(), 1, "{warnings}");
-    let ended = Running::start(program(dir.path()).env("XDG_CACHE_HOME", "relative").env_remove("HOME").args([
-        "bake",
-        "gear12.obj",
-        "--units",
-        "mm",
-        "--voxel-size-mm",
-        "1",
-    ]))
+    let ended = Running::start(
+        program(dir.path()).env("XDG_CACHE_HOME", "relative").env_remove("HOME").args([
+            "bake",
+            "gear12.obj",
+            "--units",
+            "mm",
+            "--voxel-size-mm",
+            "1",
+        ]),
+    )
     .end();
     assert_eq!(
-        ended.stderr.matches("warning: XDG_CACHE_HOME is ignored, as relative is not an absolute path").count(),
+        ended
+            .stderr
+            .matches("warning: XDG_CACHE_HOME is ignored, as relative is not an absolute path")
+            .count(),
         1,
         "{}",
         ended.stderr

@@ -24,7 +24,8 @@ fn build(mesh: &TriangleMesh, voxel_size_m: f64, layers: u32) -> Volume {
     Volume::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
 }
 
-/// An obstacle with its origin at the world's, and the height of the plane through the centres of its top surface voxels.
+/// An obstacle with its origin at the world's, and the height of the plane through the centres of
+/// its top surface voxels.
 fn obstacle(mesh: &TriangleMesh, voxel_size_m: f64) -> (Obstacle, f64) {
     let mut map = build(mesh, voxel_size_m, 8);
     let grid = map.surface.grid;
@@ -53,11 +54,13 @@ fn acceptance_9_a_flat_face_gives_stiffness_times_depth_times_area() {
     let slab = Shape::Plane { x_m: 0.05, y_m: 0.05, thickness_m: 0.02 }.tessellate(1e-5);
     let (obstacle, center_plane_m) = obstacle(&slab, 5e-4);
     let obstacles = [obstacle];
-    for kind in [FieldKind::Trilinear, FieldKind::Octant, FieldKind::SurfacePoint, FieldKind::Layers] {
+    for kind in
+        [FieldKind::Trilinear, FieldKind::Octant, FieldKind::SurfacePoint, FieldKind::Layers]
+    {
         // V_L is zero on the plane of the surface voxels' centres, the others on the true surface.
         let zero_m = if kind == FieldKind::Layers { center_plane_m } else { 0.0 };
-        // V_L of the tilted normals along the face's edges depends on where a point lies in its voxel; it cancels only where the
-        // face stands symmetrically on the grid.
+        // V_L of the tilted normals along the face's edges depends on where a point lies in its
+        // voxel; it cancels only where the face stands symmetrically on the grid.
         let (x_m, y_m) = if kind == FieldKind::Layers { (0.0, 0.0) } else { (1.3e-4, -2.1e-4) };
         for depth_m in [3e-4, 5e-4, 1e-3, 1.3e-3, 1.6e-3] {
             let pose = at(x_m, y_m, 0.5 * EDGE + zero_m - depth_m);
@@ -66,20 +69,41 @@ fn acceptance_9_a_flat_face_gives_stiffness_times_depth_times_area() {
             let force = sum.wrench.force;
             let ratio = force.z / expected_n;
             assert!((ratio - 1.0).abs() <= 0.05, "{kind:?} at {depth_m} m: {ratio}");
-            assert!(force.angle_between(DVec3::Z).to_degrees() < 1.0, "{kind:?} at {depth_m} m: {force}");
+            assert!(
+                force.angle_between(DVec3::Z).to_degrees() < 1.0,
+                "{kind:?} at {depth_m} m: {force}"
+            );
             // Torque about the centre: below what one row of points at the edge would make.
-            assert!(sum.wrench.torque.length() < 0.01 * force.z * EDGE, "{kind:?} at {depth_m} m: {:?}", sum.wrench);
+            assert!(
+                sum.wrench.torque.length() < 0.01 * force.z * EDGE,
+                "{kind:?} at {depth_m} m: {:?}",
+                sum.wrench
+            );
             // The same sum as a volume: s² Σ d ~ overlap volume.
             let volume_m3 = S * S * force.z / STIFFNESS_N_PER_M;
             assert!((volume_m3 / (EDGE * EDGE * depth_m) - 1.0).abs() <= 0.05, "{kind:?}");
             if kind != FieldKind::Layers {
-                assert!((sum.max_value_m - depth_m).abs() < 1e-6, "{kind:?}: depth {} for {depth_m}", sum.max_value_m);
+                assert!(
+                    (sum.max_value_m - depth_m).abs() < 1e-6,
+                    "{kind:?}: depth {} for {depth_m}",
+                    sum.max_value_m
+                );
             }
         }
-        // V_L may reach half a voxel's diagonal above its zero plane where a normal is tilted; the others end at the surface.
+        // V_L may reach half a voxel's diagonal above its zero plane where a normal is tilted; the
+        // others end at the surface.
         let margin_m = if kind == FieldKind::Layers { 0.5 * 3_f64.sqrt() * 5e-4 } else { 1e-6 };
-        let apart = ContactSum::flat(&obstacles, &shell, at(0.0, 0.0, 0.5 * EDGE + zero_m + margin_m), contact(kind));
-        assert_eq!((apart.contacts, apart.wrench), (0, Wrench::ZERO), "{kind:?}: exactly zero when nothing touches");
+        let apart = ContactSum::flat(
+            &obstacles,
+            &shell,
+            at(0.0, 0.0, 0.5 * EDGE + zero_m + margin_m),
+            contact(kind),
+        );
+        assert_eq!(
+            (apart.contacts, apart.wrench),
+            (0, Wrench::ZERO),
+            "{kind:?}: exactly zero when nothing touches"
+        );
     }
 }
 
@@ -89,7 +113,14 @@ fn acceptance_9_sideways_forces_cancel_to_rounding_for_a_centred_face() {
     let slab = Shape::Plane { x_m: 0.05, y_m: 0.05, thickness_m: 0.02 }.tessellate(1e-5);
     let obstacles = [obstacle(&slab, 5e-4).0];
     for depth_m in [3e-4, 9e-4, 1.6e-3] {
-        let force = ContactSum::flat(&obstacles, &shell, at(0.0, 0.0, 0.01 - depth_m), contact(FieldKind::Trilinear)).wrench.force;
+        let force = ContactSum::flat(
+            &obstacles,
+            &shell,
+            at(0.0, 0.0, 0.01 - depth_m),
+            contact(FieldKind::Trilinear),
+        )
+        .wrench
+        .force;
         assert!(force.x.abs().max(force.y.abs()) < 1e-3 * force.z, "{force}");
     }
 }
@@ -98,16 +129,27 @@ fn acceptance_9_sideways_forces_cancel_to_rounding_for_a_centred_face() {
 fn acceptance_10_averaging_divides_by_a_tenth_of_the_contacts_from_ten_on() {
     let slab = Shape::Plane { x_m: 0.02, y_m: 0.02, thickness_m: 0.02 }.tessellate(1e-5);
     let obstacles = [obstacle(&slab, 1e-3).0];
-    let averaged = ForceLaw { normalization: Normalization::Average, ..contact(FieldKind::Trilinear) };
+    let averaged =
+        ForceLaw { normalization: Normalization::Average, ..contact(FieldKind::Trilinear) };
     for (n, factor) in [(5, 1.0), (10, 1.0), (20, 0.5), (100, 0.1)] {
         let shell = Shell::new(&vec![(DVec3::ZERO, DVec3::Z); n], 1e-3);
         let pose = at(0.0, 0.0, -5e-4);
         let plain = ContactSum::flat(&obstacles, &shell, pose, contact(FieldKind::Trilinear));
         let scaled = ContactSum::flat(&obstacles, &shell, pose, averaged);
         assert_eq!(plain.contacts as usize, n);
-        assert!((plain.wrench.force.z - n as f64 * 0.5).abs() < 1e-4 * n as f64, "{:?}", plain.wrench);
-        assert!((scaled.wrench.force.z / plain.wrench.force.z - factor).abs() < 1e-9, "{n} contacts");
-        assert!((scaled.stiffness.0[2][2] / plain.stiffness.0[2][2] - factor).abs() < 1e-9, "{n} contacts");
+        assert!(
+            (plain.wrench.force.z - n as f64 * 0.5).abs() < 1e-4 * n as f64,
+            "{:?}",
+            plain.wrench
+        );
+        assert!(
+            (scaled.wrench.force.z / plain.wrench.force.z - factor).abs() < 1e-9,
+            "{n} contacts"
+        );
+        assert!(
+            (scaled.stiffness.0[2][2] / plain.stiffness.0[2][2] - factor).abs() < 1e-9,
+            "{n} contacts"
+        );
     }
 }
 
@@ -120,15 +162,24 @@ fn acceptance_12_free_space_is_bit_exactly_zero() {
         seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (seed >> 11) as f64 / (1_u64 << 53) as f64
     };
-    let (mut apart, mut touching) = (0, 0);
+    let mut apart = 0;
+    let mut touching = 0;
     for _ in 0..300 {
         let axis = DVec3::new(random() - 0.5, random() - 0.5, random() - 0.5).normalize();
-        let pose = Pose::new(DQuat::from_axis_angle(axis, 6.0 * random()), axis * (0.012 + 0.02 * random()));
+        let pose = Pose::new(
+            DQuat::from_axis_angle(axis, 6.0 * random()),
+            axis * (0.012 + 0.02 * random()),
+        );
         let sum = ContactSum::flat(&obstacles, &shell, pose, contact(FieldKind::Trilinear));
-        assert_eq!(sum.contacts > 0, sum.max_value_m > 0.0, "a contact is a point inside, and nothing else");
+        assert_eq!(
+            sum.contacts > 0,
+            sum.max_value_m > 0.0,
+            "a contact is a point inside, and nothing else"
+        );
         if sum.max_value_m <= 0.0 {
             apart += 1;
-            let bits = [sum.wrench.force, sum.wrench.torque].map(|v| v.to_array().map(f64::to_bits));
+            let bits =
+                [sum.wrench.force, sum.wrench.torque].map(|v| v.to_array().map(f64::to_bits));
             assert_eq!(bits, [[0; 3]; 2]);
         } else {
             touching += 1;
@@ -138,7 +189,8 @@ fn acceptance_12_free_space_is_bit_exactly_zero() {
     assert!(apart > 50 && touching > 50, "{apart} apart, {touching} touching");
 }
 
-/// A slab whose top face through the origin is tilted by 10° against its own grid, about an axis between x and y.
+/// A slab whose top face through the origin is tilted by 10° against its own grid, about an axis
+/// between x and y.
 fn tilted_slab() -> (TriangleMesh, DVec3) {
     let tilt = DQuat::from_axis_angle(DVec3::new(0.7, 1.0, 0.0).normalize(), 10_f64.to_radians());
     let mut mesh = Shape::Plane { x_m: 0.08, y_m: 0.03, thickness_m: 0.02 }.tessellate(1e-5);
@@ -159,7 +211,12 @@ fn acceptance_15_continuous_fields_and_the_filter_smooth_a_slide() {
         (0..1000)
             .map(|tick| {
                 let position = along * (-0.025 + 5e-5 * f64::from(tick)) - outward * DEPTH;
-                let sum = ContactSum::flat(&obstacles, &shell, Pose::from_translation(position), contact(kind));
+                let sum = ContactSum::flat(
+                    &obstacles,
+                    &shell,
+                    Pose::from_translation(position),
+                    contact(kind),
+                );
                 sum.wrench.force.dot(outward)
             })
             .collect()
@@ -168,7 +225,8 @@ fn acceptance_15_continuous_fields_and_the_filter_smooth_a_slide() {
         let mean = force.iter().sum::<f64>() / force.len() as f64;
         (force.iter().map(|f| (f - mean).powi(2)).sum::<f64>() / force.len() as f64).sqrt()
     };
-    let largest_step = |force: &[f64]| force.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);
+    let largest_step =
+        |force: &[f64]| force.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);
 
     let raw = slide(FieldKind::Layers);
     let jump = largest_step(&raw);
@@ -176,25 +234,47 @@ fn acceptance_15_continuous_fields_and_the_filter_smooth_a_slide() {
     assert!(jump > 0.05 * STIFFNESS_N_PER_M * S, "the raw field must show its voxels: {jump} N");
     for kind in [FieldKind::Octant, FieldKind::Trilinear] {
         let smooth = slide(kind);
-        assert!(ripple(&smooth) * 10.0 <= ripple(&raw), "{kind:?}: {} against {}", ripple(&smooth), ripple(&raw));
-        // The distance to a plane is linear, so both formulas are exact up to rounding, everywhere on the way.
+        assert!(
+            ripple(&smooth) * 10.0 <= ripple(&raw),
+            "{kind:?}: {} against {}",
+            ripple(&smooth),
+            ripple(&raw)
+        );
+        // The distance to a plane is linear, so both formulas are exact up to rounding, everywhere
+        // on the way.
         for force in &smooth {
-            assert!((force / (STIFFNESS_N_PER_M * DEPTH) - 1.0).abs() < 0.002, "{kind:?}: {force} N");
+            assert!(
+                (force / (STIFFNESS_N_PER_M * DEPTH) - 1.0).abs() < 0.002,
+                "{kind:?}: {force} N"
+            );
         }
     }
 
-    // The filter on the raw force: each step at most (1 − α) of what is left, and a lag of α/(1 − α) ticks on a slow ramp.
+    // The filter on the raw force: each step at most (1 − α) of what is left, and a lag of α/(1 −
+    // α) ticks on a slow ramp.
     let params = FilterParameters { spatial: true, cutoff_hz: [50.0, 300.0] };
     let sliding = |speed_m_per_s| Slide { speed_m_per_s, voxel_size_m: S, step_stiffness: 0.0 };
     let mut filter = ShapingFilter::default();
     let filtered: Vec<f64> = raw
         .iter()
         .map(|force| {
-            filter.update(Wrench::new(outward * *force, DVec3::ZERO), sliding(0.05), true, &params, 1e-3).force.dot(outward)
+            filter
+                .update(
+                    Wrench::new(outward * *force, DVec3::ZERO),
+                    sliding(0.05),
+                    true,
+                    &params,
+                    1e-3,
+                )
+                .force
+                .dot(outward)
         })
         .collect();
     let alpha = filter.alpha();
-    assert!((alpha - (-2.0 * core::f64::consts::PI * 50.0 * 1e-3_f64).exp()).abs() < 1e-12, "0.3 · 50 Hz is below f_min");
+    assert!(
+        (alpha - (-2.0 * core::f64::consts::PI * 50.0 * 1e-3_f64).exp()).abs() < 1e-12,
+        "0.3 · 50 Hz is below f_min"
+    );
     for (tick, pair) in filtered.windows(2).enumerate() {
         let bound = (1.0 - alpha) * (raw[tick + 1] - pair[0]).abs();
         assert!((pair[1] - pair[0]).abs() <= bound + 1e-12);
@@ -212,7 +292,8 @@ fn acceptance_15_continuous_fields_and_the_filter_smooth_a_slide() {
 
 #[test]
 fn a_thin_skin_pushes_out_on_the_side_that_it_was_entered_from() {
-    // A sheet: open, so it is thin by the decision on open objects; one voxel of skin on either side.
+    // A sheet: open, so it is thin by the decision on open objects; one voxel of skin on either
+    // side.
     const S: f64 = 5e-4;
     let corners = [(-0.01, -0.01), (0.01, -0.01), (0.01, 0.01), (-0.01, 0.01)];
     let sheet = TriangleMesh {
@@ -225,13 +306,19 @@ fn a_thin_skin_pushes_out_on_the_side_that_it_was_entered_from() {
     for (height_m, normal) in [(0.6 * S, DVec3::Z), (-0.6 * S, DVec3::NEG_Z)] {
         // The point's own normal is useless here on purpose: the skin's gradient decides.
         let shell = Shell::new(&[(DVec3::ZERO, DVec3::X)], S);
-        let sum = ContactSum::flat(&obstacles, &shell, at(1e-3, 1e-3, height_m), contact(FieldKind::Trilinear));
+        let sum = ContactSum::flat(
+            &obstacles,
+            &shell,
+            at(1e-3, 1e-3, height_m),
+            contact(FieldKind::Trilinear),
+        );
         assert_eq!(sum.contacts, 1);
         assert!((sum.max_value_m - 0.4 * S).abs() < 0.02 * S, "{}", sum.max_value_m);
         assert!(sum.wrench.force.angle_between(normal).to_degrees() < 1.0, "{}", sum.wrench.force);
     }
     let shell = Shell::new(&[(DVec3::ZERO, DVec3::X)], S);
-    let apart = ContactSum::flat(&obstacles, &shell, at(0.0, 0.0, 1.2 * S), contact(FieldKind::Trilinear));
+    let apart =
+        ContactSum::flat(&obstacles, &shell, at(0.0, 0.0, 1.2 * S), contact(FieldKind::Trilinear));
     assert_eq!(apart.wrench, Wrench::ZERO);
 }
 
@@ -243,10 +330,15 @@ fn a_closed_plate_thinner_than_a_voxel_is_felt_as_a_skin() {
         let plate = Shape::Box { size_m: DVec3::new(0.02, 0.02, thickness_m) }.tessellate(1e-5);
         let mut map = build(&plate, S, 4);
         assert!(map.thin && map.watertight && map.leak.is_none(), "{thickness_m} m");
-        let obstacles = [Obstacle { field: map.field(&plate, false), world_from_map: Pose::IDENTITY }];
+        let obstacles =
+            [Obstacle { field: map.field(&plate, false), world_from_map: Pose::IDENTITY }];
         let pose = at(1e-3, 1e-3, 0.5 * thickness_m + 0.5 * S);
         let sum = ContactSum::flat(&obstacles, &shell, pose, contact(FieldKind::Trilinear));
-        assert!(sum.contacts == 1 && (sum.max_value_m - 0.5 * S).abs() < 0.1 * S, "{thickness_m} m: {}", sum.max_value_m);
+        assert!(
+            sum.contacts == 1 && (sum.max_value_m - 0.5 * S).abs() < 0.1 * S,
+            "{thickness_m} m: {}",
+            sum.max_value_m
+        );
         assert!(sum.wrench.force.angle_between(DVec3::Z).to_degrees() < 1.0);
     }
     // Thick enough for cells inside: a solid as before.
@@ -277,7 +369,8 @@ fn exact_jacobian(contacts: &[Pushed], stiffness_n_per_m: f64) -> [[f64; 6]; 6] 
         for (column, axis) in [DVec3::X, DVec3::Y, DVec3::Z].into_iter().enumerate() {
             // How the point moves with a shift and with a turn about the axis.
             for (offset, moved, turned) in [(0, axis, DVec3::ZERO), (3, axis.cross(*arm), axis)] {
-                let force_rate = *normal * (stiffness_n_per_m * gradient.dot(moved)) + turned.cross(force);
+                let force_rate =
+                    *normal * (stiffness_n_per_m * gradient.dot(moved)) + turned.cross(force);
                 let arm_rate = if offset == 3 { moved } else { DVec3::ZERO };
                 let torque_rate = arm.cross(force_rate) + arm_rate.cross(force);
                 for row in 0..3 {
@@ -290,11 +383,19 @@ fn exact_jacobian(contacts: &[Pushed], stiffness_n_per_m: f64) -> [[f64; 6]; 6] 
     jacobian
 }
 
-/// Central differences of a wrench over shifts of `way_m` and turns of `turn_rad` about the centre of mass.
-fn differences(pose: Pose, way_m: f64, turn_rad: f64, wrench: impl Fn(Pose) -> Wrench) -> [[f64; 6]; 6] {
+/// Central differences of a wrench over shifts of `way_m` and turns of `turn_rad` about the centre
+/// of mass.
+fn differences(
+    pose: Pose,
+    way_m: f64,
+    turn_rad: f64,
+    wrench: impl Fn(Pose) -> Wrench,
+) -> [[f64; 6]; 6] {
     let mut jacobian = [[0.0; 6]; 6];
     for (column, axis) in [DVec3::X, DVec3::Y, DVec3::Z].into_iter().enumerate() {
-        for (offset, step, linear, angular) in [(0, way_m, axis, DVec3::ZERO), (3, turn_rad, DVec3::ZERO, axis)] {
+        for (offset, step, linear, angular) in
+            [(0, way_m, axis, DVec3::ZERO), (3, turn_rad, DVec3::ZERO, axis)]
+        {
             let at = |sign: f64| wrench(pose.stepped(linear * sign * step, angular * sign * step));
             let rate = (at(1.0) + -at(-1.0)) * (0.5 / step);
             for row in 0..3 {
@@ -311,10 +412,14 @@ const REACH_M: f64 = 0.01;
 
 /// Largest difference of two Jacobians as a share of the largest entry, in newtons per metre.
 fn apart(one: &[[f64; 6]; 6], other: &[[f64; 6]; 6]) -> f64 {
-    let per_m = |row: usize, column: usize| REACH_M.powi(-i32::from(row >= 3) - i32::from(column >= 3));
+    let per_m =
+        |row: usize, column: usize| REACH_M.powi(-i32::from(row >= 3) - i32::from(column >= 3));
     let entries = || (0..6).flat_map(|row| (0..6).map(move |column| (row, column)));
-    let scale = entries().map(|(row, column)| other[row][column].abs() * per_m(row, column)).fold(0.0, f64::max);
-    let off = entries().map(|(row, column)| (one[row][column] - other[row][column]).abs() * per_m(row, column));
+    let scale = entries()
+        .map(|(row, column)| other[row][column].abs() * per_m(row, column))
+        .fold(0.0, f64::max);
+    let off = entries()
+        .map(|(row, column)| (one[row][column] - other[row][column]).abs() * per_m(row, column));
     off.fold(0.0, f64::max) / scale
 }
 
@@ -328,7 +433,8 @@ fn ball_at(x_m: f64, y_m: f64, z_m: f64) -> Pose {
     Pose::new(turn, DVec3::new(x_m, y_m, z_m) - turn * OFF_CENTER_M)
 }
 
-/// Points on a cap of a ball off the centre of mass, their normals a little off, as those of a shell are.
+/// Points on a cap of a ball off the centre of mass, their normals a little off, as those of a
+/// shell are.
 fn cap(n: usize, radius_m: f64, reach_rad: f64) -> Vec<(DVec3, DVec3)> {
     let golden = core::f64::consts::PI * (3.0 - 5_f64.sqrt());
     let point = |k: usize| {
@@ -336,16 +442,19 @@ fn cap(n: usize, radius_m: f64, reach_rad: f64) -> Vec<(DVec3, DVec3)> {
         let (sin, cos) = polar.sin_cos();
         let around = golden * k as f64;
         let outward = DVec3::new(sin * around.cos(), sin * around.sin(), -cos);
-        let off = DVec3::new((7.0 * around).sin(), (5.0 * around).cos(), (3.0 * around).sin()) * 0.1;
+        let off =
+            DVec3::new((7.0 * around).sin(), (5.0 * around).cos(), (3.0 * around).sin()) * 0.1;
         (outward * radius_m + OFF_CENTER_M, (off - outward).normalize())
     };
     (0..n).map(point).collect()
 }
 
-/// The formula against a distance that is curved and smooth, in f64: what is left is of second order in the step.
+/// The formula against a distance that is curved and smooth, in f64: what is left is of second
+/// order in the step.
 #[test]
 fn acceptance_18_the_exact_jacobian_is_that_of_finite_differences() {
-    let (center, radius_m) = (DVec3::new(1e-3, -2e-3, -0.02), 0.0185);
+    let center = DVec3::new(1e-3, -2e-3, -0.02);
+    let radius_m = 0.0185;
     let points = cap(200, 0.01, 0.25);
     let push = |pose: Pose| -> Vec<Pushed> {
         let pushed = |(point, normal): &(DVec3, DVec3)| {
@@ -353,7 +462,12 @@ fn acceptance_18_the_exact_jacobian_is_that_of_finite_differences() {
             let from_center = pose.translation + arm - center;
             let depth_m = radius_m - from_center.length();
             assert!(depth_m > 1e-4, "away from the kink at zero: {depth_m} m");
-            Pushed { arm, normal: pose.rotation * *normal, depth_m, gradient: -from_center.normalize() }
+            Pushed {
+                arm,
+                normal: pose.rotation * *normal,
+                depth_m,
+                gradient: -from_center.normalize(),
+            }
         };
         points.iter().map(pushed).collect()
     };
@@ -370,8 +484,8 @@ fn acceptance_18_the_exact_jacobian_is_that_of_finite_differences() {
     assert!(error < 1e-6, "{error}");
 }
 
-/// The wrench of the tick, whose depths are of single precision, against the formula on its own contacts; and how far the Gauss-Newton form of
-/// the tick is from it (said in docs/adr/0005).
+/// The wrench of the tick, whose depths are of single precision, against the formula on its own
+/// contacts; and how far the Gauss-Newton form of the tick is from it (said in docs/adr/0005).
 #[test]
 fn acceptance_18_the_wrench_of_the_tick_has_that_jacobian_and_gauss_newton_is_near() {
     let slab = Shape::Plane { x_m: 0.03, y_m: 0.03, thickness_m: 0.02 }.tessellate(1e-5);
@@ -386,7 +500,8 @@ fn acceptance_18_the_wrench_of_the_tick_has_that_jacobian_and_gauss_newton_is_ne
     let mut contacts = Vec::new();
     vps::contact::visit(field, FieldKind::Trilinear, &shell, pose, |contact| {
         let arm = pose.rotation * contact.arm_body.as_dvec3();
-        let cells = (pose.translation + arm - field.origin_map().as_dvec3()) / f64::from(field.voxel_size_m());
+        let cells = (pose.translation + arm - field.origin_map().as_dvec3())
+            / f64::from(field.voxel_size_m());
         contacts.push(Pushed {
             arm,
             normal: pose.rotation * contact.normal_body.as_dvec3(),
@@ -399,7 +514,9 @@ fn acceptance_18_the_wrench_of_the_tick_has_that_jacobian_and_gauss_newton_is_ne
     // −K Σ w wᵀ.
     let gauss_newton = sum(pose).stiffness.0.map(|row| row.map(|entry| -entry));
     let far = apart(&gauss_newton, &exact);
-    eprintln!("Jacobian of the tick's wrench: {error:.1e} from the exact one; Gauss-Newton: {far:.3}");
+    eprintln!(
+        "Jacobian of the tick's wrench: {error:.1e} from the exact one; Gauss-Newton: {far:.3}"
+    );
     assert!(error < 2e-5, "{error}");
     assert!(far < 0.09, "{far}");
 }

@@ -1,5 +1,6 @@
-//! Every coupling in every situation: free, resting on a plane, pressed into a corner, a peg in its hole; three arms, two hands, more
-//! and less delay. Nothing may shake itself up, sink in or leave the limits.
+//! Every coupling in every situation: free, resting on a plane, pressed into a corner, a peg in its
+//! hole; three arms, two hands, more and less delay. Nothing may shake itself up, sink in or leave
+//! the limits.
 
 use std::path::Path;
 
@@ -13,7 +14,10 @@ use hapticd::config::SceneConfig;
 use hapticd::daemon::prepare;
 use haptics::filter::low_pass_alpha;
 use haptics::stability::SampledWall;
-use haptics::{ArmParameters, CouplingMode, DriveRequest, Faults, FilterParameters, RenderScene, State, TickInput, tick};
+use haptics::{
+    ArmParameters, CouplingMode, DriveRequest, Faults, FilterParameters, RenderScene, State,
+    TickInput, tick,
+};
 use vps::spatial::{Axes, Pose, Wrench};
 
 use super::rest::{self, ARMS, HANDS, MORE_DELAY, Outcome, Still, T};
@@ -38,7 +42,8 @@ struct Situation {
     turn: DVec3,
 }
 
-const FLOOR: &str = "[[static]]\nname = \"floor\"\nshape = { plane_mm = [40, 40] }\nvoxel_size_mm = 0.5\n";
+const FLOOR: &str =
+    "[[static]]\nname = \"floor\"\nshape = { plane_mm = [40, 40] }\nvoxel_size_mm = 0.5\n";
 const CUBE: &str = "shape = { box_mm = [10, 10, 10] }\nvoxel_size_mm = 1.0\n";
 
 const SITUATIONS: [Situation; 4] = [
@@ -60,9 +65,10 @@ const SITUATIONS: [Situation; 4] = [
     },
     Situation {
         name: "corner",
-        statics: "[[static]]\nname = \"floor\"\nshape = { plane_mm = [40, 40] }\nvoxel_size_mm = 0.5\n\
-                  [[static]]\nname = \"wall x\"\nshape = { box_mm = [6, 30, 12] }\nvoxel_size_mm = 0.5\nposition_mm = [9, 0, 6]\n\
-                  [[static]]\nname = \"wall y\"\nshape = { box_mm = [30, 6, 12] }\nvoxel_size_mm = 0.5\nposition_mm = [0, 9, 6]\n",
+        statics: "[[static]]\nname = \"floor\"\nshape = { plane_mm = [40, 40] }\nvoxel_size_mm = \
+            0.5\n[[static]]\nname = \"wall x\"\nshape = { box_mm = [6, 30, 12] }\nvoxel_size_mm = \
+            0.5\nposition_mm = [9, 0, 6]\n[[static]]\nname = \"wall y\"\nshape = { box_mm = [30, \
+            6, 12] }\nvoxel_size_mm = 0.5\nposition_mm = [0, 9, 6]\n",
         tool: CUBE,
         start_mm: DVec3::new(-1.0, -1.5, 7.0),
         end_mm: DVec3::new(2.0, 2.5, 3.5),
@@ -70,11 +76,13 @@ const SITUATIONS: [Situation; 4] = [
     },
     Situation {
         name: "peg",
-        statics: "[[static]]\nname = \"floor\"\nshape = { plane_mm = [40, 40] }\nvoxel_size_mm = 0.5\n\
-                  [[static]]\nname = \"+x\"\nshape = { box_mm = [6, 22, 12] }\nvoxel_size_mm = 0.4\nposition_mm = [8.1, 0, 6]\n\
-                  [[static]]\nname = \"-x\"\nshape = { box_mm = [6, 22, 12] }\nvoxel_size_mm = 0.4\nposition_mm = [-8.1, 0, 6]\n\
-                  [[static]]\nname = \"+y\"\nshape = { box_mm = [22, 6, 12] }\nvoxel_size_mm = 0.4\nposition_mm = [0, 8.1, 6]\n\
-                  [[static]]\nname = \"-y\"\nshape = { box_mm = [22, 6, 12] }\nvoxel_size_mm = 0.4\nposition_mm = [0, -8.1, 6]\n",
+        statics: "[[static]]\nname = \"floor\"\nshape = { plane_mm = [40, 40] }\nvoxel_size_mm = \
+            0.5\n[[static]]\nname = \"+x\"\nshape = { box_mm = [6, 22, 12] }\nvoxel_size_mm = \
+            0.4\nposition_mm = [8.1, 0, 6]\n[[static]]\nname = \"-x\"\nshape = { box_mm = [6, 22, \
+            12] }\nvoxel_size_mm = 0.4\nposition_mm = [-8.1, 0, 6]\n[[static]]\nname = \
+            \"+y\"\nshape = { box_mm = [22, 6, 12] }\nvoxel_size_mm = 0.4\nposition_mm = [0, 8.1, \
+            6]\n[[static]]\nname = \"-y\"\nshape = { box_mm = [22, 6, 12] }\nvoxel_size_mm = \
+            0.4\nposition_mm = [0, -8.1, 6]\n",
         tool: "shape = { box_mm = [10, 10, 20] }\nvoxel_size_mm = 1.0\n",
         start_mm: DVec3::new(0.0, 0.0, 16.0),
         end_mm: DVec3::new(0.6, -0.4, 8.8),
@@ -83,13 +91,22 @@ const SITUATIONS: [Situation; 4] = [
 ];
 
 impl Situation {
-    fn config(&self, mode: &str, profile: &str, hand: [f64; 3], delay_ticks: u32, more: &str) -> SceneConfig {
+    fn config(
+        &self,
+        mode: &str,
+        profile: &str,
+        hand: [f64; 3],
+        delay_ticks: u32,
+        more: &str,
+    ) -> SceneConfig {
         let [stiffness, damping, mass_g] = hand;
         let start = self.start_mm;
         rig::written(&format!(
-            "version = 1\n[rendering]\ncoupling = \"{mode}\"\n{statics}[tool]\n{tool}mass_g = 100\nstart_position_mm = [{}, {}, {}]\n\
-             [device]\nprofile = \"{profile}\"\n[device.sim]\nhand_stiffness_n_per_m = {stiffness}\nhand_damping_n_s_per_m = {damping}\n\
-             hand_mass_g = {mass_g}\ndelay_ticks = {delay_ticks}\n{more}",
+            "version = 1\n[rendering]\ncoupling = \"{mode}\"\n{statics}[tool]\n{tool}mass_g = \
+                100\nstart_position_mm = [{}, {}, {}]\n[device]\nprofile = \
+                \"{profile}\"\n[device.sim]\nhand_stiffness_n_per_m = \
+                {stiffness}\nhand_damping_n_s_per_m = {damping}\nhand_mass_g = \
+                {mass_g}\ndelay_ticks = {delay_ticks}\n{more}",
             start.x,
             start.y,
             start.z,
@@ -99,7 +116,10 @@ impl Situation {
     }
 
     fn bake(&self) -> RenderScene {
-        prepare(&self.config("implicit", "sim-sigma7", HANDS[0].1, 1, ""), |_| ()).expect("prepared").0.scene
+        prepare(&self.config("implicit", "sim-sigma7", HANDS[0].1, 1, ""), |_| ())
+            .expect("prepared")
+            .0
+            .scene
     }
 
     /// The hand's path: smooth from the start to the end, as timed poses.
@@ -131,8 +151,12 @@ fn comes_to_rest_with(situation: &Situation, modes: &[&str], more: &str) {
             for (hand_name, hand) in HANDS {
                 for more_delay in MORE_DELAY {
                     let config = situation.config(mode, profile, hand, 1 + more_delay, more);
-                    let outcome = rest::play(&mut scene, &config, &situation.path(), N_TICKS, N_REST);
-                    let what = format!("{:6} {mode:13} {profile:18} {hand_name} +{more_delay}", situation.name);
+                    let outcome =
+                        rest::play(&mut scene, &config, &situation.path(), N_TICKS, N_REST);
+                    let what = format!(
+                        "{:6} {mode:13} {profile:18} {hand_name} +{more_delay}",
+                        situation.name
+                    );
                     eprintln!("{what}: {outcome}");
                     outcome.assert_at_rest(&what, situation, &config, hand_name == "loose");
                     n_damped += outcome.damped_ticks;
@@ -144,21 +168,37 @@ fn comes_to_rest_with(situation: &Situation, modes: &[&str], more: &str) {
 }
 
 impl Outcome {
-    fn assert_at_rest(&self, what: &str, situation: &Situation, config: &SceneConfig, is_loose: bool) {
+    fn assert_at_rest(
+        &self,
+        what: &str,
+        situation: &Situation,
+        config: &SceneConfig,
+        is_loose: bool,
+    ) {
         let coupling = &config.parameters.coupling;
         self.assert_still(what, &Still::on(config));
         if situation.name == "free" {
-            assert!(self.last.contacts == 0 && self.force_n == 0.0 && self.damped_ticks == 0, "{what}: {self}");
+            assert!(
+                self.last.contacts == 0 && self.force_n == 0.0 && self.damped_ticks == 0,
+                "{what}: {self}"
+            );
             return;
         }
         assert!(self.last.contacts > 0 && self.rest_force_n > 0.01, "{what} let go: {self}");
         // A loose hand bounces first, and what is owed when contact is left stays owed.
-        assert!(is_loose || self.last.energy_j > 0.0, "{what}: a hand that leans on a spring has put energy into it: {self}");
+        assert!(
+            is_loose || self.last.energy_j > 0.0,
+            "{what}: a hand that leans on a spring has put energy into it: {self}"
+        );
         let voxel_m = 5e-4;
         match coupling.mode {
-            // Never sinks in, however hard it is pressed: a tenth of a voxel, and a voxel's half for one tick on the way.
+            // Never sinks in, however hard it is pressed: a tenth of a voxel, and a voxel's half
+            // for one tick on the way.
             CouplingMode::Constraint => {
-                assert!(self.rest_depth_m < 0.12 * voxel_m && self.deepest_m < 0.5 * voxel_m, "{what} sinks in: {self}");
+                assert!(
+                    self.rest_depth_m < 0.12 * voxel_m && self.deepest_m < 0.5 * voxel_m,
+                    "{what} sinks in: {self}"
+                );
             }
             CouplingMode::Direct => {}
             _ => assert!(self.deepest_m < voxel_m, "{what} sinks in: {self}"),
@@ -198,41 +238,66 @@ fn with_dampers_everything_comes_to_rest_as_well() {
     }
 }
 
-/// A brake holds the tool back before anything is felt, so the spring is stretched when contact begins; with "drag" the hand has
-/// done that work. The peg is left out: in a gap narrower than a voxel everything is just ahead of contact, and it takes longer to go in than
-/// this test lasts.
+/// A brake holds the tool back before anything is felt, so the spring is stretched when contact
+/// begins; with "drag" the hand has done that work. The peg is left out: in a gap narrower than a
+/// voxel everything is just ahead of contact, and it takes longer to go in than this test lasts.
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn with_brakes_everything_comes_to_rest_as_well() {
     for situation in &SITUATIONS[1..3] {
-        comes_to_rest_with(situation, &["implicit"], "[contact]\nbraking = true\n[coupling]\nfree_space = \"drag\"\n");
+        comes_to_rest_with(
+            situation,
+            &["implicit"],
+            "[contact]\nbraking = true\n[coupling]\nfree_space = \"drag\"\n",
+        );
     }
 }
 
-/// One axis of an arm without friction or encoder steps on the floor, pressed by a soft hand: what the stability rules are about. The
-/// delay of `extra_ticks` lies between servo and arm; `reported` says whether samples tell of it.
-fn shaken_m(scene: &mut RenderScene, mode: CouplingMode, stiffness: f64, cutoff_hz: f64, extra_ticks: u32, reported: bool) -> f64 {
+/// One axis of an arm without friction or encoder steps on the floor, pressed by a soft hand: what
+/// the stability rules are about. The delay of `extra_ticks` lies between servo and arm; `reported`
+/// says whether samples tell of it.
+fn shaken_m(
+    scene: &mut RenderScene,
+    mode: CouplingMode,
+    stiffness: f64,
+    cutoff_hz: f64,
+    extra_ticks: u32,
+    reported: bool,
+) -> f64 {
     const MASS_KG: f64 = 0.1;
     const B: f64 = 1.5;
     const HAND_N_PER_M: f64 = 40.0;
-    let config = SITUATIONS[1].config("implicit", "sim-premium15-6dof", [HAND_N_PER_M, 0.0, 0.0], 0, "");
+    let config =
+        SITUATIONS[1].config("implicit", "sim-premium15-6dof", [HAND_N_PER_M, 0.0, 0.0], 0, "");
     let p = &mut scene.parameters;
     *p = config.parameters;
     p.coupling.mode = mode;
     (p.coupling.stiffness_n_per_m, p.coupling.bound_n_per_m) = (stiffness, stiffness);
-    // In `direct` the wall is the stiffness asked for, from the first micrometre; elsewhere the contact is that of any scene.
+    // In `direct` the wall is the stiffness asked for, from the first micrometre; elsewhere the
+    // contact is that of any scene.
     let direct = mode == CouplingMode::Direct;
     p.contact.stiffness_n_per_m = if direct { 1e5 } else { 5e3 };
     p.filter = FilterParameters { spatial: !direct, cutoff_hz: [cutoff_hz; 2] };
     (p.limits.slew_n_per_s, p.limits.power_w) = (f64::INFINITY, f64::INFINITY);
     (p.mapping.sensed, p.mapping.actuated) = (Axes::TRANSLATION, Axes::TRANSLATION);
     p.arm = ArmParameters { stiffness_lag_n_s_per_m: 0.8 * B, ..ArmParameters::default() };
-    // It lands slowly, 2 mm below, and then leans on: what is asked is whether contact stays, not how a light arm bounces.
-    let leaning = |time_s: f64, z_m: f64| TimedPose { time_s, pose: Pose::from_translation(DVec3::Z * z_m), line: 1 };
-    let path = [leaning(0.0, 0.0), leaning(0.5, -1.9e-3), leaning(1.5, -2.3e-3), leaning(3.0, -1.2e-2)];
+    // It lands slowly, 2 mm below, and then leans on: what is asked is whether contact stays, not
+    // how a light arm bounces.
+    let leaning = |time_s: f64, z_m: f64| TimedPose {
+        time_s,
+        pose: Pose::from_translation(DVec3::Z * z_m),
+        line: 1,
+    };
+    let path =
+        [leaning(0.0, 0.0), leaning(0.5, -1.9e-3), leaning(1.5, -2.3e-3), leaning(3.0, -1.2e-2)];
     let down = HandPath::from_poses(&path, Path::new("hand")).expect("increasing times");
     let mut arm = SimArm::new(SimParameters {
-        plant: Plant { mass_kg: MASS_KG, damping_n_s_per_m: B, delay_ticks: extra_ticks, ..SimParameters::ideal(T).plant },
+        plant: Plant {
+            mass_kg: MASS_KG,
+            damping_n_s_per_m: B,
+            delay_ticks: extra_ticks,
+            ..SimParameters::ideal(T).plant
+        },
         hand: Some(HandParameters {
             stiffness_n_per_m: HAND_N_PER_M,
             damping_n_s_per_m: 0.0,
@@ -246,14 +311,19 @@ fn shaken_m(scene: &mut RenderScene, mode: CouplingMode, stiffness: f64, cutoff_
     })
     .expect("an arm");
     let mut state = State::new(scene);
-    let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+    let mut low = f64::INFINITY;
+    let mut high = f64::NEG_INFINITY;
     for n in 0..6000 {
         let mut sample = arm.read().expect("a sample");
         assert_eq!(sample.delay_ticks, extra_ticks, "the arm measures its own delay");
         if !reported {
             sample.delay_ticks = 0;
         }
-        let output = tick(scene, &mut state, &TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() });
+        let output = tick(
+            scene,
+            &mut state,
+            &TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() },
+        );
         assert_eq!(output.faults, Faults::NONE);
         arm.write(&output.command_device).expect("a command");
         if n >= 5500 {
@@ -269,7 +339,12 @@ fn shaken_m(scene: &mut RenderScene, mode: CouplingMode, stiffness: f64, cutoff_
 fn acceptance_22_the_automatic_limit_keeps_a_delayed_loop_stable() {
     let situation = &SITUATIONS[1];
     let mut scene = situation.bake();
-    for mode in [CouplingMode::Direct, CouplingMode::Static, CouplingMode::Constraint, CouplingMode::Implicit] {
+    for mode in [
+        CouplingMode::Direct,
+        CouplingMode::Static,
+        CouplingMode::Constraint,
+        CouplingMode::Implicit,
+    ] {
         for cutoff_hz in [f64::INFINITY, 100.0] {
             // The filter lies in the arm's loop in `direct` only.
             if cutoff_hz.is_finite() && mode != CouplingMode::Direct {
@@ -286,10 +361,16 @@ fn acceptance_22_the_automatic_limit_keeps_a_delayed_loop_stable() {
                 };
                 // Half above what the delayed arm can take, and fine without the delay.
                 let stiffness = 1.5 * wall.max_stiffness();
-                let unaware_m = shaken_m(&mut scene, mode, stiffness, cutoff_hz, extra_ticks, false);
+                let unaware_m =
+                    shaken_m(&mut scene, mode, stiffness, cutoff_hz, extra_ticks, false);
                 let limited_m = shaken_m(&mut scene, mode, stiffness, cutoff_hz, extra_ticks, true);
-                let what = format!("{mode:?}, {cutoff_hz} Hz, {extra_ticks} ticks, {stiffness:.0} N/m");
-                eprintln!("{what}: without the limit {:.3} mm, with it {:.6} mm", unaware_m * 1e3, limited_m * 1e3);
+                let what =
+                    format!("{mode:?}, {cutoff_hz} Hz, {extra_ticks} ticks, {stiffness:.0} N/m");
+                eprintln!(
+                    "{what}: without the limit {:.3} mm, with it {:.6} mm",
+                    unaware_m * 1e3,
+                    limited_m * 1e3
+                );
                 assert!(unaware_m > 1e-4, "{what}: moves by {unaware_m} m without the limit");
                 assert!(limited_m < 1e-5, "{what}: moves by {limited_m} m with it");
             }
@@ -297,17 +378,30 @@ fn acceptance_22_the_automatic_limit_keeps_a_delayed_loop_stable() {
     }
 }
 
-/// Stretch of a free simulated arm on a sampled spring, 50 µm at first: the largest of the last quarter over that of the second.
+/// Stretch of a free simulated arm on a sampled spring, 50 µm at first: the largest of the last
+/// quarter over that of the second.
 fn growth(delay_ticks: u32, stiffness_n_per_m: f64) -> f64 {
-    let plant = Plant { mass_kg: 0.3, damping_n_s_per_m: 7.5, delay_ticks, ..SimParameters::ideal(T).plant };
-    let parameters = SimParameters { plant, hand: None, force_limit_n: 1e9, watchdog_ms: None, ..SimParameters::ideal(T) };
+    let plant = Plant {
+        mass_kg: 0.3,
+        damping_n_s_per_m: 7.5,
+        delay_ticks,
+        ..SimParameters::ideal(T).plant
+    };
+    let parameters = SimParameters {
+        plant,
+        hand: None,
+        force_limit_n: 1e9,
+        watchdog_ms: None,
+        ..SimParameters::ideal(T)
+    };
     let mut arm = SimArm::new(parameters).expect("an arm");
     let n_ticks = 4000;
     let mut largest = [0.0_f64; 4];
     for n in 0..n_ticks {
         let stretch_m = arm.read().expect("a sample").pose.translation.x - 5e-5;
         largest[n * 4 / n_ticks] = largest[n * 4 / n_ticks].max(stretch_m.abs());
-        arm.write(&Wrench::new(DVec3::X * (-stiffness_n_per_m * stretch_m), DVec3::ZERO)).expect("finite");
+        arm.write(&Wrench::new(DVec3::X * (-stiffness_n_per_m * stretch_m), DVec3::ZERO))
+            .expect("finite");
     }
     largest[3] / largest[1]
 }
@@ -324,7 +418,8 @@ fn a_simulated_arm_is_stable_up_to_the_exact_boundary_of_the_rule() {
             filter_alpha: 0.0,
         };
         let exact = wall.max_stiffness();
-        let (mut stable, mut unstable) = (0.5 * exact, 2.0 * exact);
+        let mut stable = 0.5 * exact;
+        let mut unstable = 2.0 * exact;
         for _ in 0..20 {
             let middle = 0.5 * (stable + unstable);
             if growth(delay_ticks, middle) < 1.0 {
@@ -334,7 +429,12 @@ fn a_simulated_arm_is_stable_up_to_the_exact_boundary_of_the_rule() {
             }
         }
         let share = stable / exact;
-        eprintln!("delay {delay_ticks}: {stable:.0} N/m measured, {exact:.0} N/m exactly: {share:.4}");
-        assert!((share - 1.0).abs() < 0.02, "delay {delay_ticks}: {stable} N/m measured, {exact} N/m exactly");
+        eprintln!(
+            "delay {delay_ticks}: {stable:.0} N/m measured, {exact:.0} N/m exactly: {share:.4}"
+        );
+        assert!(
+            (share - 1.0).abs() < 0.02,
+            "delay {delay_ticks}: {stable} N/m measured, {exact} N/m exactly"
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! Same scene, same hand: same bits, run after run and whatever the number of threads that baked it.
+//! Same scene, same hand: same bits, run after run and whatever the number of threads that baked
+//! it.
 
 use recording::TickRecord;
 use vps::spatial::{Pose, Twist, Wrench};
@@ -7,7 +8,8 @@ use super::rig;
 
 const TICKS: u64 = 3000;
 
-/// Everything of a tick but the times that this machine took, as bits: a NaN is equal to itself, −0 is not 0.
+/// Everything of a tick but the times that this machine took, as bits: a NaN is equal to itself, −0
+/// is not 0.
 pub(crate) fn bits(record: &TickRecord) -> Vec<u64> {
     let mut bits = Vec::new();
     let mut put = |numbers: &[f64]| bits.extend(numbers.iter().map(|number| number.to_bits()));
@@ -33,14 +35,25 @@ pub(crate) fn bits(record: &TickRecord) -> Vec<u64> {
     let Twist { linear, angular } = input.sample.twist;
     put(&linear.to_array());
     put(&angular.to_array());
-    for Wrench { force, torque } in
-        [output.command_device, output.commanded_device, output.contact_world, *rendered_device, *beside_device]
-    {
+    for Wrench { force, torque } in [
+        output.command_device,
+        output.commanded_device,
+        output.contact_world,
+        *rendered_device,
+        *beside_device,
+    ] {
         put(&force.to_array());
         put(&torque.to_array());
     }
-    put(&[output.max_depth_m, output.clearance_m, output.energy_j, output.object_work_j, input.sample.grip_rad]);
-    let (contacts, faults) = (u64::from(output.contacts), u64::from(output.faults.bits()));
+    put(&[
+        output.max_depth_m,
+        output.clearance_m,
+        output.energy_j,
+        output.object_work_j,
+        input.sample.grip_rad,
+    ]);
+    let contacts = u64::from(output.contacts);
+    let faults = u64::from(output.faults.bits());
     bits.extend([
         *tick,
         time_ns.unsigned_abs(),
@@ -56,7 +69,10 @@ pub(crate) fn bits(record: &TickRecord) -> Vec<u64> {
 fn on_threads(n_threads: usize, name: &str) -> Vec<Vec<u64>> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().expect("a pool");
     let run = pool.install(|| rig::run_ticks(&rig::load(&rig::shipped(name)), TICKS));
-    assert!(run.records.iter().any(|record| record.output.contacts > 0), "{name}: nothing was touched");
+    assert!(
+        run.records.iter().any(|record| record.output.contacts > 0),
+        "{name}: nothing was touched"
+    );
     run.records.iter().map(bits).collect()
 }
 
@@ -66,7 +82,10 @@ fn assert_same(name: &str) {
         let again = on_threads(n_threads, name);
         assert_eq!(first.len(), again.len(), "{name}");
         let differs = first.iter().zip(&again).position(|(a, b)| a != b);
-        assert_eq!(differs, None, "{name}: first tick that differs, baked on {n_threads} thread(s)");
+        assert_eq!(
+            differs, None,
+            "{name}: first tick that differs, baked on {n_threads} thread(s)"
+        );
     }
 }
 

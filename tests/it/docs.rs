@@ -1,4 +1,5 @@
-//! What the documents point at is there, and the commands that they show are ones that the program takes.
+//! What the documents point at is there, and the commands that they show are ones that the program
+//! takes.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -12,7 +13,9 @@ fn pages() -> Vec<PathBuf> {
             let path = entry.unwrap().path();
             let name = path.file_name().unwrap().to_string_lossy().into_owned();
             if path.is_dir() {
-                if !name.starts_with('.') && !["target", "node_modules", "corpus"].contains(&name.as_str()) {
+                if !name.starts_with('.')
+                    && !["target", "node_modules", "corpus"].contains(&name.as_str())
+                {
                     walk(&path, found);
                 }
             } else if path.extension().is_some_and(|extension| extension == "md") {
@@ -39,7 +42,9 @@ fn lines(text: &str) -> impl Iterator<Item = (usize, &str, bool)> {
 
 /// Headings as the usual renderers name them.
 fn anchors(text: &str) -> BTreeSet<String> {
-    let headings = lines(text).filter(|(.., is_code)| !is_code).filter_map(|(_, line, _)| line.strip_prefix('#'));
+    let headings = lines(text)
+        .filter(|(.., is_code)| !is_code)
+        .filter_map(|(_, line, _)| line.strip_prefix('#'));
     let slug = |heading: &str| {
         let words = heading.trim_start_matches('#').trim().to_lowercase();
         let kept = words.chars().filter(|c| c.is_alphanumeric() || matches!(c, ' ' | '-' | '_'));
@@ -50,7 +55,8 @@ fn anchors(text: &str) -> BTreeSet<String> {
 
 #[test]
 fn every_link_leads_somewhere() {
-    let (mut wrong, mut n_links) = (Vec::new(), 0);
+    let mut wrong = Vec::new();
+    let mut n_links = 0;
     for page in pages() {
         let text = fs::read_to_string(&page).unwrap();
         for (n, line, is_code) in lines(&text) {
@@ -64,10 +70,13 @@ fn every_link_leads_somewhere() {
                 }
                 n_links += 1;
                 let (file, anchor) = target.split_once('#').unwrap_or((target, ""));
-                let path = if file.is_empty() { page.clone() } else { page.parent().unwrap().join(file) };
+                let path =
+                    if file.is_empty() { page.clone() } else { page.parent().unwrap().join(file) };
                 if !path.exists() {
                     wrong.push(format!("{}:{n}: {target} is not there", page.display()));
-                } else if !anchor.is_empty() && !anchors(&fs::read_to_string(&path).unwrap()).contains(anchor) {
+                } else if !anchor.is_empty()
+                    && !anchors(&fs::read_to_string(&path).unwrap()).contains(anchor)
+                {
                     wrong.push(format!("{}:{n}: {target}: no such heading", page.display()));
                 }
             }
@@ -83,10 +92,17 @@ fn every_page_of_docs_is_one_kind_and_in_the_index() {
     let index = fs::read_to_string(docs.join("README.md")).unwrap();
     for page in pages().iter().filter_map(|page| page.strip_prefix(&docs).ok()) {
         let shown = page.to_string_lossy();
-        let is_of_a_kind = ["how-to/", "reference/", "explanation/", "adr/"].iter().any(|kind| shown.starts_with(kind));
-        assert!(is_of_a_kind || ["README.md", "tutorial.md"].contains(&&*shown), "{shown} is of no kind");
+        let is_of_a_kind = ["how-to/", "reference/", "explanation/", "adr/"]
+            .iter()
+            .any(|kind| shown.starts_with(kind));
         assert!(
-            shown.starts_with("adr/") || shown == "README.md" || index.contains(&format!("({shown})")),
+            is_of_a_kind || ["README.md", "tutorial.md"].contains(&&*shown),
+            "{shown} is of no kind"
+        );
+        assert!(
+            shown.starts_with("adr/")
+                || shown == "README.md"
+                || index.contains(&format!("({shown})")),
             "{shown} is not in docs/README.md"
         );
     }
@@ -97,11 +113,21 @@ fn sentences_of_documents_have_no_persons_that_stand_for_anything() {
     const NEVER: [&str; 6] = ["whoever", "nobody", "somebody", "hangs on", "lives in", "lives on"];
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut wrong = Vec::new();
-    for page in pages().iter().filter(|page| !page.starts_with(root.join("tests")) && !page.ends_with("CHANGELOG.md")) {
-        for (n, line, _) in lines(&fs::read_to_string(page).unwrap()).filter(|(.., is_code)| !is_code) {
+    for page in pages()
+        .iter()
+        .filter(|page| !page.starts_with(root.join("tests")) && !page.ends_with("CHANGELOG.md"))
+    {
+        for (n, line, _) in
+            lines(&fs::read_to_string(page).unwrap()).filter(|(.., is_code)| !is_code)
+        {
             // Names of files and tests stand between backquotes.
             let prose = line.split('`').step_by(2).collect::<Vec<_>>().join(" ").to_lowercase();
-            wrong.extend(NEVER.iter().filter(|word| prose.contains(**word)).map(|word| format!("{}:{n}: {word}", page.display())));
+            wrong.extend(
+                NEVER
+                    .iter()
+                    .filter(|word| prose.contains(**word))
+                    .map(|word| format!("{}:{n}: {word}", page.display())),
+            );
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
@@ -115,22 +141,38 @@ fn quoted(text: &str) -> impl Iterator<Item = (usize, &str)> {
 
 #[test]
 fn every_file_that_a_document_names_is_there() {
-    const OURS: [&str; 11] =
-        ["src/", "tests/", "docs/", "config/", "devices/", "scripts/", "examples/", "clients/", "packaging/", "fuzz/", "crates/"];
+    const OURS: [&str; 11] = [
+        "src/",
+        "tests/",
+        "docs/",
+        "config/",
+        "devices/",
+        "scripts/",
+        "examples/",
+        "clients/",
+        "packaging/",
+        "fuzz/",
+        "crates/",
+    ];
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let (mut wrong, mut n_files) = (Vec::new(), 0);
+    let mut wrong = Vec::new();
+    let mut n_files = 0;
     for page in pages() {
         let text = fs::read_to_string(&page).unwrap();
         // The page of the papers names the crate, then the file below its `src`.
         let is_of_code = page.ends_with("docs/explanation/papers.md");
         for (n, word) in quoted(&text) {
-            let is_file = OURS.iter().any(|start| word.starts_with(start)) || is_of_code && word.contains('/');
+            let is_file = OURS.iter().any(|start| word.starts_with(start))
+                || is_of_code && word.contains('/');
             if !is_file || word.contains([' ', '*', '…']) {
                 continue;
             }
             n_files += 1;
-            let in_crate = word.split_once('/').map(|(of, file)| root.join("crates").join(of).join("src").join(file));
-            let is_there = root.join(word).exists() || is_of_code && in_crate.is_some_and(|path| path.exists());
+            let in_crate = word
+                .split_once('/')
+                .map(|(of, file)| root.join("crates").join(of).join("src").join(file));
+            let is_there = root.join(word).exists()
+                || is_of_code && in_crate.is_some_and(|path| path.exists());
             if !is_there {
                 wrong.push(format!("{}:{n}: {word} is not there", page.display()));
             }
@@ -143,7 +185,8 @@ fn every_file_that_a_document_names_is_there() {
 /// Names of the test functions of all crates.
 fn tests_of_sources() -> BTreeSet<String> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let mut folders: Vec<PathBuf> = ["crates", "src", "tests"].map(|folder| root.join(folder)).into();
+    let mut folders: Vec<PathBuf> =
+        ["crates", "src", "tests"].map(|folder| root.join(folder)).into();
     let mut names = BTreeSet::new();
     while let Some(folder) = folders.pop() {
         for path in fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()) {
@@ -164,9 +207,13 @@ fn tests_of_sources() -> BTreeSet<String> {
 #[test]
 fn every_row_of_the_papers_names_what_shows_it_and_that_is_there() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let (page, known) = (fs::read_to_string(root.join("docs/explanation/papers.md")).unwrap(), tests_of_sources());
-    let programs = fs::read_to_string(root.join("crates/bench/src/main.rs")).unwrap().to_lowercase();
-    let (mut wrong, mut n_rows, mut is_shown) = (Vec::new(), 0, false);
+    let page = fs::read_to_string(root.join("docs/explanation/papers.md")).unwrap();
+    let known = tests_of_sources();
+    let programs =
+        fs::read_to_string(root.join("crates/bench/src/main.rs")).unwrap().to_lowercase();
+    let mut wrong = Vec::new();
+    let mut n_rows = 0;
+    let mut is_shown = false;
     for (n, line, _) in lines(&page) {
         let cells = line.strip_suffix('|').and_then(|line| line.rsplit('|').next()).map(str::trim);
         let Some(last) = cells.filter(|_| line.starts_with('|')) else {
@@ -178,12 +225,20 @@ fn every_row_of_the_papers_names_what_shows_it_and_that_is_there() {
         } else if is_shown && !last.starts_with("---") {
             n_rows += 1;
             let names: Vec<&str> = last.split('`').skip(1).step_by(2).collect();
-            let is_there = |name: &&str| match name.strip_prefix("cargo run --release -p bench -- ") {
+            let is_there = |name: &&str| match name.strip_prefix("cargo run --release -p bench -- ")
+            {
                 Some(program) => programs.contains(program),
                 None => known.contains(*name),
             };
-            wrong.extend(names.iter().filter(|name| !is_there(name)).map(|name| format!("line {n}: no test is called {name}")));
-            if names.is_empty() && !["none: ", "the page, by eye"].iter().any(|word| last.starts_with(word)) {
+            wrong.extend(
+                names
+                    .iter()
+                    .filter(|name| !is_there(name))
+                    .map(|name| format!("line {n}: no test is called {name}")),
+            );
+            if names.is_empty()
+                && !["none: ", "the page, by eye"].iter().any(|word| last.starts_with(word))
+            {
                 wrong.push(format!("line {n}: `{last}` names nothing that shows it"));
             }
         }
@@ -196,8 +251,8 @@ fn every_row_of_the_papers_names_what_shows_it_and_that_is_there() {
 fn keys(text: &str) -> impl Iterator<Item = &str> {
     text.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| {
         let (name, year) = word.split_at(word.len().saturating_sub(4));
-        let is_year =
-            matches!(year.as_bytes(), [b'1', b'9', ..] | [b'2', b'0', ..]) && year.bytes().all(|digit| digit.is_ascii_digit());
+        let is_year = matches!(year.as_bytes(), [b'1', b'9', ..] | [b'2', b'0', ..])
+            && year.bytes().all(|digit| digit.is_ascii_digit());
         is_year
             && name.len() > 2
             && name.starts_with(|c: char| c.is_ascii_uppercase())
@@ -223,8 +278,12 @@ fn every_paper_that_the_code_names_is_in_the_bibliography() {
     walk(&root.join("crates"), &mut named);
     assert!(named.len() > 15, "{named:?}");
     let page = fs::read_to_string(root.join("docs/explanation/papers.md")).unwrap();
-    let listed: BTreeSet<String> =
-        page.lines().filter_map(|line| line.strip_prefix("- **")).flat_map(keys).map(str::to_owned).collect();
+    let listed: BTreeSet<String> = page
+        .lines()
+        .filter_map(|line| line.strip_prefix("- **"))
+        .flat_map(keys)
+        .map(str::to_owned)
+        .collect();
     let missing: Vec<_> = named.difference(&listed).collect();
     assert!(missing.is_empty(), "{missing:?}");
 }
@@ -235,19 +294,32 @@ fn every_dependency_has_a_row_with_its_reason() {
     let page = fs::read_to_string(root.join("docs/adr/deps.md")).unwrap();
     // `| clap_complete 4.6, clap_mangen 0.3 | ...`: names come before their versions.
     let cells = page.lines().filter_map(|line| line.strip_prefix("| ")?.split(" |").next());
-    let rows: BTreeSet<&str> = cells.flat_map(|cell| cell.split(", ")).filter_map(|name| name.split(' ').next()).collect();
-    let manifest: toml::Table = fs::read_to_string(root.join("Cargo.toml")).unwrap().parse().unwrap();
-    let tables = [&manifest["workspace"]["dependencies"], &manifest["dependencies"], &manifest["dev-dependencies"]];
+    let rows: BTreeSet<&str> =
+        cells.flat_map(|cell| cell.split(", ")).filter_map(|name| name.split(' ').next()).collect();
+    let manifest: toml::Table =
+        fs::read_to_string(root.join("Cargo.toml")).unwrap().parse().unwrap();
+    let tables = [
+        &manifest["workspace"]["dependencies"],
+        &manifest["dependencies"],
+        &manifest["dev-dependencies"],
+    ];
     let is_own = |name: &str| root.join("crates").join(name).is_dir();
-    let named: BTreeSet<&str> = tables.iter().flat_map(|table| table.as_table().unwrap().keys()).map(String::as_str).collect();
-    let missing: Vec<_> = named.iter().filter(|name| !is_own(name) && !rows.contains(*name)).collect();
+    let named: BTreeSet<&str> = tables
+        .iter()
+        .flat_map(|table| table.as_table().unwrap().keys())
+        .map(String::as_str)
+        .collect();
+    let missing: Vec<_> =
+        named.iter().filter(|name| !is_own(name) && !rows.contains(*name)).collect();
     assert!(named.len() > 40 && missing.is_empty(), "{missing:?} of {}", named.len());
 }
 
 /// Words of a command line, up to where the shell takes over.
 fn words(line: &str) -> Vec<String> {
     let mut words = Vec::new();
-    let (mut word, mut quote, mut is_word) = (String::new(), None, false);
+    let mut word = String::new();
+    let mut quote = None;
+    let mut is_word = false;
     for c in line.chars() {
         match (quote, c) {
             (Some(open), c) if c == open => quote = None,
@@ -273,11 +345,15 @@ fn words(line: &str) -> Vec<String> {
     words
 }
 
-/// Command lines of the program in a page: those in blocks of code, continued lines joined, and those in the text.
+/// Command lines of the program in a page: those in blocks of code, continued lines joined, and
+/// those in the text.
 fn commands(text: &str) -> Vec<(usize, Vec<String>)> {
     let mut found = Vec::new();
-    for (n, line, _) in lines(text).filter(|(_, line, is_code)| !is_code && !line.starts_with("```")) {
-        let inline = line.split('`').skip(1).step_by(2).filter_map(|code| code.strip_prefix("hapticd "));
+    for (n, line, _) in
+        lines(text).filter(|(_, line, is_code)| !is_code && !line.starts_with("```"))
+    {
+        let inline =
+            line.split('`').skip(1).step_by(2).filter_map(|code| code.strip_prefix("hapticd "));
         found.extend(inline.map(|arguments| (n, words(arguments))));
     }
     let mut code = lines(text).filter(|(.., is_code)| *is_code).peekable();
@@ -297,23 +373,42 @@ fn commands(text: &str) -> Vec<(usize, Vec<String>)> {
 
 #[test]
 fn every_command_in_a_document_is_one_that_the_program_takes() {
-    let (mut wrong, mut n_commands) = (Vec::new(), 0);
+    let mut wrong = Vec::new();
+    let mut n_commands = 0;
     for page in pages() {
         let text = fs::read_to_string(&page).unwrap();
         for (n, arguments) in commands(&text) {
-            // A line of a synopsis, one that was cut short, or a word that stands for one of several.
-            let is_form = |word: &String| word.starts_with('[') || word.contains('…') || ["COMMAND", "SHELL"].contains(&&**word);
+            // A line of a synopsis, one that was cut short, or a word that stands for one of
+            // several.
+            let is_form = |word: &String| {
+                word.starts_with('[')
+                    || word.contains('…')
+                    || ["COMMAND", "SHELL"].contains(&&**word)
+            };
             if arguments.iter().any(is_form) {
                 continue;
             }
             n_commands += 1;
             // Everything before `--help` is read and judged, and nothing is done.
-            let shown = Command::new(env!("CARGO_BIN_EXE_hapticd")).args(&arguments).arg("--help").output().unwrap();
+            let shown = Command::new(env!("CARGO_BIN_EXE_hapticd"))
+                .args(&arguments)
+                .arg("--help")
+                .output()
+                .unwrap();
             if !shown.status.success() {
-                wrong.push(format!("{}:{n}: {}: {}", page.display(), arguments.join(" "), String::from_utf8_lossy(&shown.stderr)));
+                wrong.push(format!(
+                    "{}:{n}: {}: {}",
+                    page.display(),
+                    arguments.join(" "),
+                    String::from_utf8_lossy(&shown.stderr)
+                ));
             }
-            for word in arguments.iter().filter(|word| word.starts_with("config/") || word.starts_with("devices/")) {
-                if !word.contains('*') && !Path::new(env!("CARGO_MANIFEST_DIR")).join(word).exists() {
+            for word in arguments
+                .iter()
+                .filter(|word| word.starts_with("config/") || word.starts_with("devices/"))
+            {
+                if !word.contains('*') && !Path::new(env!("CARGO_MANIFEST_DIR")).join(word).exists()
+                {
                     wrong.push(format!("{}:{n}: {word} is not there", page.display()));
                 }
             }
@@ -327,9 +422,10 @@ fn every_command_in_a_document_is_one_that_the_program_takes() {
 fn words_end_where_the_shell_begins() {
     assert_eq!(words("run a.toml --hand 'x y' # why"), ["run", "a.toml", "--hand", "x y"]);
     assert_eq!(words("doctor --json | jq ."), ["doctor", "--json"]);
-    let found = commands("```text\n$ hapticd run a \\\n  --json\n```\nhapticd none, `hapticd check b`\n");
-    let [check, run] =
-        [["check", "b"].as_slice(), &["run", "a", "--json"]].map(|words| words.iter().map(|word| (*word).to_owned()).collect());
+    let found =
+        commands("```text\n$ hapticd run a \\\n  --json\n```\nhapticd none, `hapticd check b`\n");
+    let [check, run] = [["check", "b"].as_slice(), &["run", "a", "--json"]]
+        .map(|words| words.iter().map(|word| (*word).to_owned()).collect());
     assert_eq!(found, [(5, check), (2, run)]);
     assert!(anchors("# A b\n```\n# not\n```\n## 3. It's `x`\n").iter().eq(["3-its-x", "a-b"]));
 }

@@ -39,7 +39,8 @@ fn frames(film: &Path) -> (u32, usize) {
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_run_under_the_virtual_clock_leaves_every_picture_and_every_frame() {
     let dir = folder();
-    let line = "run ball.toml --clock virtual --duration 200ms --pictures drawn --picture-every 100ms --video ball.apng --cache off --json";
+    let line = "run ball.toml --clock virtual --duration 200ms --pictures drawn --picture-every \
+        100ms --video ball.apng --cache off --json";
     let ended = hapticd(dir.path(), line);
     assert_eq!(ended.code, Some(0), "{}", ended.stderr);
     assert!(ended.stderr.contains("made the folder drawn for pictures"), "{}", ended.stderr);
@@ -49,7 +50,12 @@ fn a_run_under_the_virtual_clock_leaves_every_picture_and_every_frame() {
     let due = |every_ms: u64| n_ticks / every_ms + 1 + u64::from(!n_ticks.is_multiple_of(every_ms));
     assert_eq!(json["drawn"]["frames"], due(40), "{json}");
     assert_eq!(json["drawn"]["pictures"], due(100), "{json}");
-    assert!(json["drawn"]["left_out"] == 0 && json["drawn"]["video"] == "ball.apng" && json["drawn"]["error"].is_null(), "{json}");
+    assert!(
+        json["drawn"]["left_out"] == 0
+            && json["drawn"]["video"] == "ball.apng"
+            && json["drawn"]["error"].is_null(),
+        "{json}"
+    );
     let film = dir.path().join("ball.apng");
     assert_eq!(frames(&film), (due(40) as u32, due(40) as usize));
     let names: Vec<String> = fs::read_dir(dir.path().join("drawn"))
@@ -58,13 +64,18 @@ fn a_run_under_the_virtual_clock_leaves_every_picture_and_every_frame() {
         .collect();
     assert_eq!(names.len() as u64, due(100), "{names:?}");
     let load = |name: &str| {
-        tiny_skia::Pixmap::load_png(dir.path().join("drawn").join(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+        tiny_skia::Pixmap::load_png(dir.path().join("drawn").join(name))
+            .unwrap_or_else(|error| panic!("{name}: {error}"))
     };
     let [first, second] = ["ball-00000.001s.png", "ball-00000.100s.png"].map(load);
     assert_eq!([first.width(), first.height()], [720, 540]);
     assert!(first.data() != second.data(), "the ball has moved");
     // Nothing but the film is left in the folder of the film: it was made beside its name.
-    let left: Vec<_> = fs::read_dir(dir.path()).expect("a folder").flatten().map(|entry| entry.file_name()).collect();
+    let left: Vec<_> = fs::read_dir(dir.path())
+        .expect("a folder")
+        .flatten()
+        .map(|entry| entry.file_name())
+        .collect();
     assert!(left.iter().all(|name| !name.to_string_lossy().starts_with(".tmp")), "{left:?}");
     let before = fs::read(&film).expect("a film");
     let refused = hapticd(dir.path(), line);
@@ -77,12 +88,13 @@ fn a_run_under_the_virtual_clock_leaves_every_picture_and_every_frame() {
 #[test]
 fn under_the_real_clock_every_frame_is_drawn_or_counted() {
     let dir = folder();
-    let line =
-        "run ball.toml --realtime best-effort --duration 300ms --video ball.png --cache off --json --flight off --monitor off";
+    let line = "run ball.toml --realtime best-effort --duration 300ms --video ball.png --cache off \
+        --json --flight off --monitor off";
     let ended = hapticd(dir.path(), line);
     assert_eq!(ended.code, Some(0), "{}", ended.stderr);
     let json = ended.json();
-    let [n_frames, left_out] = ["frames", "left_out"].map(|key| json["drawn"][key].as_u64().expect("a number"));
+    let [n_frames, left_out] =
+        ["frames", "left_out"].map(|key| json["drawn"][key].as_u64().expect("a number"));
     assert!(n_frames >= 1 && n_frames + left_out >= 6, "{json}");
     assert_eq!(frames(&dir.path().join("ball.png")), (n_frames as u32, n_frames as usize));
 }
@@ -102,9 +114,14 @@ fn what_cannot_be_drawn_is_refused_before_anything_is_baked() {
         ("--pictures ball.toml", 4, &["cannot make the folder ball.toml"]),
         ("--pictures p --picture-every 0s", 2, &["at least 1ms"]),
     ] {
-        let ended = hapticd(dir.path(), &format!("run ball.toml --clock virtual --duration 1s {flags}"));
+        let ended =
+            hapticd(dir.path(), &format!("run ball.toml --clock virtual --duration 1s {flags}"));
         assert_eq!(ended.code, Some(code), "{flags}: {}", ended.stderr);
-        assert!(fragments.iter().all(|fragment| ended.stderr.contains(fragment)), "{flags}: {}", ended.stderr);
+        assert!(
+            fragments.iter().all(|fragment| ended.stderr.contains(fragment)),
+            "{flags}: {}",
+            ended.stderr
+        );
         assert!(!ended.stderr.contains("state: baking"), "{flags}: {}", ended.stderr);
     }
     fs::write(dir.path().join("clay.toml"), "version = 1\n").expect("written");

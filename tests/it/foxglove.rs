@@ -8,10 +8,14 @@ use super::monitor::{command, folder};
 fn only_this_machine_can_watch() {
     for address in ["0.0.0.0:8765", "192.168.0.1:8765", "8765"] {
         let folder = folder("");
-        let output = command(folder.path(), &format!("press.toml --foxglove {address}")).output().unwrap();
+        let output =
+            command(folder.path(), &format!("press.toml --foxglove {address}")).output().unwrap();
         let told = String::from_utf8_lossy(&output.stderr).into_owned();
         assert_eq!(output.status.code(), Some(2), "{told}");
-        assert!(told.contains("only this machine can reach") && told.contains("127.0.0.1:8765"), "{told}");
+        assert!(
+            told.contains("only this machine can reach") && told.contains("127.0.0.1:8765"),
+            "{told}"
+        );
     }
 }
 
@@ -20,9 +24,11 @@ fn a_scene_that_lets_others_watch_is_refused() {
     let folder = folder("[monitor]\nfoxglove = \"0.0.0.0:8765\"\n");
     let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_hapticd"));
     let output = command.args(["check", "press.toml"]).current_dir(folder.path()).output().unwrap();
-    let told = String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
+    let told = String::from_utf8_lossy(&output.stdout).into_owned()
+        + &String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(3), "{told}");
-    for wanted in ["monitor.foxglove", "0.0.0.0:8765", "only this machine can reach", "press.toml"] {
+    for wanted in ["monitor.foxglove", "0.0.0.0:8765", "only this machine can reach", "press.toml"]
+    {
         assert!(told.contains(wanted), "{wanted}: {told}");
     }
 }
@@ -30,12 +36,17 @@ fn a_scene_that_lets_others_watch_is_refused() {
 #[test]
 fn what_cannot_be_served_is_told_before_anything_is_baked() {
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
-    let (folder, address) = (folder(""), taken.local_addr().unwrap());
+    let folder = folder("");
+    let address = taken.local_addr().unwrap();
     let line = format!("press.toml --duration 100ms --record r.mcap --foxglove {address}");
     let output = command(folder.path(), &line).output().unwrap();
     let told = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(2), "{told}");
-    let remedy = if cfg!(feature = "foxglove-live") { "--foxglove, such as 127.0.0.1:0" } else { "--no-default-features" };
+    let remedy = if cfg!(feature = "foxglove-live") {
+        "--foxglove, such as 127.0.0.1:0"
+    } else {
+        "--no-default-features"
+    };
     assert!(told.contains(&address.to_string()) && told.contains(remedy), "{told}");
     assert!(!told.contains("state: baking"), "{told}");
     assert!(!folder.path().join("r.mcap").exists(), "an empty recording stayed behind");
@@ -88,10 +99,13 @@ mod live {
             }
             let stream = TcpStream::connect(address).map_err(|error| error.to_string())?;
             stream.set_read_timeout(Some(HUNG)).unwrap();
-            let (socket, answer) = tungstenite::client(request, stream).map_err(|error| match error {
-                tungstenite::HandshakeError::Failure(tungstenite::Error::Http(response)) => response.status().as_str().to_owned(),
-                error => error.to_string(),
-            })?;
+            let (socket, answer) =
+                tungstenite::client(request, stream).map_err(|error| match error {
+                    tungstenite::HandshakeError::Failure(tungstenite::Error::Http(response)) => {
+                        response.status().as_str().to_owned()
+                    }
+                    error => error.to_string(),
+                })?;
             assert_eq!(answer.headers()["sec-websocket-protocol"], "foxglove.sdk.v1");
             let mut viewer = Self { socket, info: Value::Null, channels: BTreeMap::new() };
             while viewer.channels.len() < 10 {
@@ -100,7 +114,9 @@ mod live {
                     "serverInfo" => viewer.info = message,
                     "advertise" => {
                         let channels = message["channels"].as_array().unwrap().iter().cloned();
-                        viewer.channels.extend(channels.map(|channel| (channel["topic"].as_str().unwrap().to_owned(), channel)));
+                        viewer.channels.extend(channels.map(|channel| {
+                            (channel["topic"].as_str().unwrap().to_owned(), channel)
+                        }));
                     }
                     other => panic!("{other}"),
                 }
@@ -115,7 +131,9 @@ mod live {
         /// The subscription has the number of its channel.
         fn subscribe(&mut self, topic: &str) -> u64 {
             let id = self.channels[topic]["id"].as_u64().unwrap();
-            self.send(&json!({ "op": "subscribe", "subscriptions": [{ "id": id, "channelId": id }] }));
+            self.send(
+                &json!({ "op": "subscribe", "subscriptions": [{ "id": id, "channelId": id }] }),
+            );
             id
         }
 
@@ -137,9 +155,13 @@ mod live {
             while started.elapsed() < HUNG {
                 if let Message::Binary(bytes) = self.socket.read().unwrap()
                     && bytes[0] == 1
-                    && u64::from(u32::from_le_bytes(bytes[1..5].try_into().unwrap())) == subscription
+                    && u64::from(u32::from_le_bytes(bytes[1..5].try_into().unwrap()))
+                        == subscription
                 {
-                    return (u64::from_le_bytes(bytes[5..13].try_into().unwrap()), bytes[13..].to_vec());
+                    return (
+                        u64::from_le_bytes(bytes[5..13].try_into().unwrap()),
+                        bytes[13..].to_vec(),
+                    );
                 }
             }
             panic!("nothing came");
@@ -158,7 +180,10 @@ mod live {
     fn a_client_sees_the_scene_and_the_tool_move() {
         let (daemon, address) = watched();
         let mut viewer = Viewer::of(address);
-        assert_eq!((&viewer.info["name"], &viewer.info["capabilities"]), (&"hapticd".into(), &json!([])));
+        assert_eq!(
+            (&viewer.info["name"], &viewer.info["capabilities"]),
+            (&"hapticd".into(), &json!([]))
+        );
         let topics: Vec<&str> = viewer.channels.keys().map(String::as_str).collect();
         let wanted = [
             "/device/sample",
@@ -174,7 +199,8 @@ mod live {
         ];
         assert_eq!(topics, wanted);
         let channel = &viewer.channels["/tool/pose"];
-        let told = ["encoding", "schemaName", "schemaEncoding"].map(|key| channel[key].as_str().unwrap());
+        let told =
+            ["encoding", "schemaName", "schemaEncoding"].map(|key| channel[key].as_str().unwrap());
         assert_eq!(told, ["protobuf", "foxglove.PoseInFrame", "protobuf"]);
         let schema = BASE64_STANDARD.decode(channel["schema"].as_str().unwrap()).unwrap();
         assert_eq!(schema, PoseInFrame::get_schema().unwrap().data.as_ref());
@@ -182,9 +208,16 @@ mod live {
 
         let scene = viewer.subscribe("/scene");
         let scene = SceneUpdate::decode(&viewer.message(scene).1[..]).unwrap();
-        let shown: Vec<_> = scene.entities.iter().map(|entity| (entity.frame_id.as_str(), entity.cubes.len())).collect();
+        let shown: Vec<_> = scene
+            .entities
+            .iter()
+            .map(|entity| (entity.frame_id.as_str(), entity.cubes.len()))
+            .collect();
         assert_eq!(shown, [("world", 1), ("tool", 1)]);
-        assert!(scene.entities.iter().all(|entity| entity.frame_locked), "the tool would stay where it was");
+        assert!(
+            scene.entities.iter().all(|entity| entity.frame_locked),
+            "the tool would stay where it was"
+        );
 
         // The hand goes down to 6 mm, where the plate is met at 10 mm.
         let pose = viewer.subscribe("/tool/pose");
@@ -197,7 +230,10 @@ mod live {
         let frame = viewer.subscribe("/tf");
         let (first_ns, bytes) = viewer.message(frame);
         let transform = FrameTransform::decode(&bytes[..]).unwrap();
-        assert_eq!((transform.parent_frame_id.as_str(), transform.child_frame_id.as_str()), ("world", "tool"));
+        assert_eq!(
+            (transform.parent_frame_id.as_str(), transform.child_frame_id.as_str()),
+            ("world", "tool")
+        );
         let last_ns = (0..5).map(|_| viewer.message(frame).0).last().unwrap();
         assert!(last_ns - first_ns >= 5 * 5_000_000, "five messages in {} ns", last_ns - first_ns);
         let ended = daemon.end();
@@ -241,9 +277,13 @@ mod live {
         }
 
         let mut wild = Viewer::of(address);
-        for nonsense in
-            ["", "{", "[1]", r#"{"op":"subscribe","subscriptions":[{"id":1,"channelId":999999}]}"#, r#"{"op":"advertise"}"#]
-        {
+        for nonsense in [
+            "",
+            "{",
+            "[1]",
+            r#"{"op":"subscribe","subscriptions":[{"id":1,"channelId":999999}]}"#,
+            r#"{"op":"advertise"}"#,
+        ] {
             wild.socket.send(Message::from(nonsense)).unwrap();
         }
         wild.socket.send(Message::binary(vec![0xff; 4096])).unwrap();
@@ -255,7 +295,9 @@ mod live {
         frame.extend([0; 4]);
         let stream = endless.socket.get_mut();
         let block = [0; 1 << 16];
-        let sent = stream.write_all(&frame).and_then(|()| (0..512).try_for_each(|_| stream.write_all(&block)));
+        let sent = stream
+            .write_all(&frame)
+            .and_then(|()| (0..512).try_for_each(|_| stream.write_all(&block)));
         let is_over = sent.is_err() || matches!(stream.read(&mut [0; 64]), Ok(0) | Err(_));
         assert!(is_over, "32 MiB were taken");
 
@@ -273,10 +315,14 @@ mod live {
     #[test]
     fn strangers_do_not_come_in() {
         let (daemon, address) = watched();
-        let refused = |headers: &[(&'static str, &str)]| Viewer::connect(address, headers).map(drop).unwrap_err();
+        let refused = |headers: &[(&'static str, &str)]| {
+            Viewer::connect(address, headers).map(drop).unwrap_err()
+        };
         assert_eq!(refused(&[PROTOCOL, ("origin", "http://evil.example")]), "403");
         assert_eq!(refused(&[("sec-websocket-protocol", "chat")]), "400");
-        drop(Viewer::connect(address, &[PROTOCOL, ("origin", "https://app.foxglove.dev")]).unwrap());
+        drop(
+            Viewer::connect(address, &[PROTOCOL, ("origin", "https://app.foxglove.dev")]).unwrap(),
+        );
         // Those that went just now may still be on their way out.
         let mut seated = Vec::new();
         let started = Instant::now();
@@ -296,16 +342,19 @@ mod live {
     /// Where a process listens for IPv4 connections.
     fn listeners(process: u32) -> Vec<SocketAddrV4> {
         let files = std::fs::read_dir(format!("/proc/{process}/fd")).unwrap();
-        let links: Vec<_> = files.filter_map(|file| std::fs::read_link(file.ok()?.path()).ok()).collect();
+        let links: Vec<_> =
+            files.filter_map(|file| std::fs::read_link(file.ok()?.path()).ok()).collect();
         let table = std::fs::read_to_string(format!("/proc/{process}/net/tcp")).unwrap();
         let of = |line: &str| {
             let columns: Vec<_> = line.split_whitespace().collect();
             let socket = format!("socket:[{}]", columns[9]);
-            (columns[3] == "0A" && links.iter().any(|link| link.to_str() == Some(&socket))).then(|| {
-                let (ip, port) = columns[1].split_once(':').unwrap();
-                let ip = u32::from_str_radix(ip, 16).unwrap().to_ne_bytes();
-                SocketAddrV4::new(ip.into(), u16::from_str_radix(port, 16).unwrap())
-            })
+            (columns[3] == "0A" && links.iter().any(|link| link.to_str() == Some(&socket))).then(
+                || {
+                    let (ip, port) = columns[1].split_once(':').unwrap();
+                    let ip = u32::from_str_radix(ip, 16).unwrap().to_ne_bytes();
+                    SocketAddrV4::new(ip.into(), u16::from_str_radix(port, 16).unwrap())
+                },
+            )
         };
         table.lines().skip(1).filter_map(of).collect()
     }
@@ -316,10 +365,14 @@ mod live {
         let hidden: Vec<_> = (0..2)
             .map(|_| {
                 let (daemon, address) = watched();
-                let (known, hidden): (Vec<_>, Vec<_>) =
-                    listeners(daemon.id()).into_iter().partition(|address| *address.ip() == Ipv4Addr::LOCALHOST);
+                let (known, hidden): (Vec<_>, Vec<_>) = listeners(daemon.id())
+                    .into_iter()
+                    .partition(|address| *address.ip() == Ipv4Addr::LOCALHOST);
                 // Whatever a page can guess: the monitor and the gate.
-                assert!(known.len() == 2 && known.contains(&address.to_string().parse().unwrap()), "{known:?}");
+                assert!(
+                    known.len() == 2 && known.contains(&address.to_string().parse().unwrap()),
+                    "{known:?}"
+                );
                 for address in known {
                     assert!(Viewer::connect(address.into(), &evil).is_err(), "{address}");
                 }

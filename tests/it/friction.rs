@@ -1,9 +1,10 @@
-//! Friction and normalisation by face: what stands on a slope stays, what slides gains the speed that Coulomb says.
+//! Friction and normalisation by face: what stands on a slope stays, what slides gains the speed
+//! that Coulomb says.
 
 use glam::{DMat3, DQuat, DVec3};
 use haptics::{
-    ContactParameters, CouplingMode, Drive, DriveRequest, Faults, FreeSpace, FrictionParameters, Inertia, RenderScene, State,
-    TickInput, Tool, tick,
+    ContactParameters, CouplingMode, Drive, DriveRequest, Faults, FreeSpace, FrictionParameters,
+    Inertia, RenderScene, State, TickInput, Tool, tick,
 };
 use vps::contact::Normalization;
 use vps::contact::{ContactSum, Obstacle};
@@ -51,7 +52,11 @@ fn contact(normalization: Normalization, coefficient: f64) -> ContactParameters 
         stiffness_n_per_m: STIFFNESS_N_PER_M,
         damping_ratio: 0.7,
         normalization,
-        friction: FrictionParameters { r#static: coefficient, dynamic: coefficient, stiffness_n_per_m: 10.0 * STIFFNESS_N_PER_M },
+        friction: FrictionParameters {
+            r#static: coefficient,
+            dynamic: coefficient,
+            stiffness_n_per_m: 10.0 * STIFFNESS_N_PER_M,
+        },
         ..ContactParameters::PLAIN
     }
 }
@@ -65,7 +70,8 @@ pub(super) fn scene(coefficient: f64) -> RenderScene {
     parameters.gravity_m_per_s2 = DVec3::NEG_Z * G;
     parameters.contact = contact(Normalization::Cluster, coefficient);
     // A hand that is not there.
-    (parameters.coupling.stiffness_n_per_m, parameters.coupling.stiffness_nm_per_rad) = (1e-9, 1e-12);
+    (parameters.coupling.stiffness_n_per_m, parameters.coupling.stiffness_nm_per_rad) =
+        (1e-9, 1e-12);
     parameters.mapping.start = Pose::new(up, up * DVec3::Z * half_m);
     RenderScene {
         parameters,
@@ -73,7 +79,11 @@ pub(super) fn scene(coefficient: f64) -> RenderScene {
         clay: None,
         tool: Tool {
             shell: block(DVec3::splat(2.0 * half_m)),
-            inertia: Inertia { mass_kg: MASS_KG, body_kg_m2: DMat3::IDENTITY * inertia_kg_m2, least_kg_m2: inertia_kg_m2 },
+            inertia: Inertia {
+                mass_kg: MASS_KG,
+                body_kg_m2: DMat3::IDENTITY * inertia_kg_m2,
+                least_kg_m2: inertia_kg_m2,
+            },
             center_of_mass_tool: DVec3::ZERO,
         },
     }
@@ -83,8 +93,13 @@ pub(super) fn scene(coefficient: f64) -> RenderScene {
 pub(super) fn slide(scene: &RenderScene, n_ticks: u64) -> impl Iterator<Item = Pose> {
     let mut state = State::new(scene);
     (1..=n_ticks).map(move |sequence| {
-        let sample = DeviceSample { sequence, status: SampleStatus::Fresh, ..DeviceSample::default() };
-        let output = tick(scene, &mut state, &TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() });
+        let sample =
+            DeviceSample { sequence, status: SampleStatus::Fresh, ..DeviceSample::default() };
+        let output = tick(
+            scene,
+            &mut state,
+            &TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() },
+        );
         assert_eq!(output.faults, Faults::NONE, "tick {sequence}");
         assert_ne!(output.drive, Drive::Disabled);
         output.world_from_tool
@@ -127,11 +142,18 @@ fn by_face_the_stiffness_does_not_grow_with_the_area_that_touches() {
     for normalization in [Normalization::None, Normalization::Cluster] {
         let [small, large] = [0.01, 0.03].map(|edge_m| {
             let at = Pose::from_translation(DVec3::Z * (0.5 * edge_m - depth_m));
-            ContactSum::flat(&floor, &block(DVec3::splat(edge_m)), at, contact(normalization, 0.0).force_law(true))
+            ContactSum::flat(
+                &floor,
+                &block(DVec3::splat(edge_m)),
+                at,
+                contact(normalization, 0.0).force_law(true),
+            )
         });
         let growth = large.wrench.force.z / small.wrench.force.z;
         match normalization {
-            Normalization::None => assert!(growth > 7.0, "nine times the area, {growth} times the force"),
+            Normalization::None => {
+                assert!(growth > 7.0, "nine times the area, {growth} times the force")
+            }
             _ => {
                 let ten_points_n = 10.0 * STIFFNESS_N_PER_M * depth_m;
                 // The rims are faces of their own, and grow until they are ten points strong too.
@@ -139,8 +161,15 @@ fn by_face_the_stiffness_does_not_grow_with_the_area_that_touches() {
                 // The face, its four edges and its four corners.
                 let tens = large.wrench.force.z / ten_points_n;
                 assert!((0.9..9.0).contains(&tens), "{tens} times what ten points give");
-                let bottom = large.patches().max_by(|a, b| a.force_n.total_cmp(&b.force_n)).expect("a face that touches");
-                assert!(bottom.normal_world.dot(DVec3::Z) > 0.999 && bottom.arm_world.truncate().length() < 1e-3, "{bottom:?}");
+                let bottom = large
+                    .patches()
+                    .max_by(|a, b| a.force_n.total_cmp(&b.force_n))
+                    .expect("a face that touches");
+                assert!(
+                    bottom.normal_world.dot(DVec3::Z) > 0.999
+                        && bottom.arm_world.truncate().length() < 1e-3,
+                    "{bottom:?}"
+                );
                 // A square: edge/√6, less the rims, which are faces of their own.
                 assert!((bottom.radius_m / (0.03 / 6_f64.sqrt()) - 1.0).abs() < 0.15, "{bottom:?}");
             }
@@ -156,7 +185,10 @@ fn friction_of_a_hand_that_slides_stands_against_its_way() {
             let mut scene = scene(0.25);
             scene.obstacles = vec![slope(0.0)];
             scene.parameters.coupling.mode = mode;
-            (scene.parameters.coupling.stiffness_n_per_m, scene.parameters.coupling.stiffness_nm_per_rad) = (4000.0, 2.0);
+            (
+                scene.parameters.coupling.stiffness_n_per_m,
+                scene.parameters.coupling.stiffness_nm_per_rad,
+            ) = (4000.0, 2.0);
             scene.parameters.coupling.free_space = FreeSpace::Zero;
             scene.parameters.gravity_m_per_s2 = DVec3::ZERO;
             scene.parameters.mapping.start = Pose::from_translation(DVec3::Z * (HALF_M + 5e-4));
@@ -165,7 +197,8 @@ fn friction_of_a_hand_that_slides_stands_against_its_way() {
             let mut last_m = DVec3::ZERO;
             for sequence in 1..=1500_u64 {
                 // Down by 2 mm in 0.2 s, then along at 10 mm/s.
-                let (down_s, along_s) = ((sequence as f64 * T).min(0.2), (sequence as f64 * T - 0.3).max(0.0));
+                let down_s = (sequence as f64 * T).min(0.2);
+                let along_s = (sequence as f64 * T - 0.3).max(0.0);
                 let at_m = DVec3::Z * (-0.01 * down_s) + way * (0.01 * along_s);
                 let twist = Twist { linear: (at_m - last_m) / T, angular: DVec3::ZERO };
                 last_m = at_m;
@@ -176,16 +209,22 @@ fn friction_of_a_hand_that_slides_stands_against_its_way() {
                     status: SampleStatus::Fresh,
                     ..DeviceSample::default()
                 };
-                let output = tick(&scene, &mut state, &TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() });
+                let output = tick(
+                    &scene,
+                    &mut state,
+                    &TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() },
+                );
                 assert_eq!(output.faults, Faults::NONE, "{mode:?}, tick {sequence}");
                 if sequence < 700 {
                     continue;
                 }
                 let force = output.command_device.force;
-                let (along, across) = (-force.dot(way) / force.z, force.dot(DVec3::Z.cross(way)) / force.z);
+                let along = -force.dot(way) / force.z;
+                let across = force.dot(DVec3::Z.cross(way)) / force.z;
                 assert!(
                     force.z > 1.0 && (along - 0.25).abs() < 0.01 && across.abs() < 0.005,
-                    "{mode:?}, {direction_rad} rad, tick {sequence}: {along:.4} along and {across:.4} across of {force}"
+                    "{mode:?}, {direction_rad} rad, tick {sequence}: {along:.4} along and \
+                        {across:.4} across of {force}"
                 );
             }
         }

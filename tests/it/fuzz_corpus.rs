@@ -1,4 +1,5 @@
-//! The corpora of the fuzz targets, seeds and past findings, through the same functions on any toolchain.
+//! The corpora of the fuzz targets, seeds and past findings, through the same functions on any
+//! toolchain.
 
 use std::path::Path;
 
@@ -16,19 +17,27 @@ pub(super) mod recording;
 /// The files of a corpus, by name.
 pub(super) fn corpus(target: &str) -> Vec<(String, Vec<u8>)> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus").join(target);
-    let entries = std::fs::read_dir(folder).expect(target).map(|entry| entry.expect("an entry").path());
+    let entries =
+        std::fs::read_dir(folder).expect(target).map(|entry| entry.expect("an entry").path());
     let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let mut files: Vec<_> = entries.map(|path| (name(&path), std::fs::read(&path).expect("a file"))).collect();
+    let mut files: Vec<_> =
+        entries.map(|path| (name(&path), std::fs::read(&path).expect("a file"))).collect();
     files.sort();
     files
 }
 
 #[test]
 fn corpora_of_the_mesh_readers_do_no_harm() {
-    let formats =
-        [("obj", Format::Obj), ("stl", Format::Stl), ("ply", Format::Ply), ("gltf", Format::Gltf), ("threemf", Format::ThreeMf)];
+    let formats = [
+        ("obj", Format::Obj),
+        ("stl", Format::Stl),
+        ("ply", Format::Ply),
+        ("gltf", Format::Gltf),
+        ("threemf", Format::ThreeMf),
+    ];
     for (folder, format) in formats {
-        let (mut n_files, mut n_meshes) = (0, 0);
+        let mut n_files = 0;
+        let mut n_meshes = 0;
         for (_, bytes) in corpus(folder) {
             let is_mesh = mesh::exercise(&bytes, format);
             // Whatever a file is taken for, it does no harm.
@@ -55,13 +64,20 @@ fn the_corpus_of_the_bake_cache_does_no_harm() {
     for (name, bytes) in corpus("cache") {
         match cache::exercise(&bytes) {
             2 => sound.push(name),
-            n => assert_eq!((n, name.as_str()), if name == "other-version" { (1, "other-version") } else { (0, "head") }),
+            n => assert_eq!(
+                (n, name.as_str()),
+                if name == "other-version" { (1, "other-version") } else { (0, "head") }
+            ),
         }
         for length in (0..bytes.len()).step_by(bytes.len() / 64 + 1) {
             cache::exercise(&bytes[..length]);
         }
     }
-    assert_eq!(sound, ["mesh", "static-with-gradients", "tool"], "files of an older format do not reach the arrays; see `refresh`");
+    assert_eq!(
+        sound,
+        ["mesh", "static-with-gradients", "tool"],
+        "files of an older format do not reach the arrays; see `refresh`"
+    );
 }
 
 #[test]
@@ -81,7 +97,11 @@ fn the_corpus_of_the_reader_of_recordings_does_no_harm() {
             recording::exercise(&broken);
         }
     }
-    assert_eq!(read, ["packed", "plain"], "seeds of an older form do not reach the messages; see `rewrite_the_recordings`");
+    assert_eq!(
+        read,
+        ["packed", "plain"],
+        "seeds of an older form do not reach the messages; see `rewrite_the_recordings`"
+    );
 }
 
 #[test]
@@ -90,7 +110,10 @@ fn the_corpus_of_the_protocols_does_no_harm() {
     for (name, bytes) in corpus("protocol") {
         let n = protocol::exercise(&bytes);
         if !name.starts_with("found-") {
-            assert!(n > 0, "{name}: nothing was understood, so the seed does not reach behind the framing");
+            assert!(
+                n > 0,
+                "{name}: nothing was understood, so the seed does not reach behind the framing"
+            );
             reached[usize::from(bytes[0])][usize::from(bytes[1] >> 7)] = true;
         }
         // Whichever protocol the bytes are taken for, in whatever pieces, on either side.
@@ -100,6 +123,7 @@ fn the_corpus_of_the_protocols_does_no_harm() {
             }
         }
     }
-    let missing: Vec<_> = (0..protocol::N).filter(|number| !reached[usize::from(*number)][0]).collect();
+    let missing: Vec<_> =
+        (0..protocol::N).filter(|number| !reached[usize::from(*number)][0]).collect();
     assert!(missing.is_empty(), "no seed for the host of {missing:?}");
 }

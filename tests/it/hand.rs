@@ -37,14 +37,24 @@ impl Run {
     fn begin(scene: &str) -> Self {
         let config = rig::load(&rig::shipped(scene));
         let (prepared, _) = prepare(&config, |_| ()).expect("a scene");
-        let session = SessionHandle::new(config.clone(), LoadOptions::default(), ClockKind::Virtual, None);
-        let baker = |config: &SceneConfig| Ok(build_with(config, &mut BakeOptions::from(&mut Cache::off()), |_| ())?.0);
+        let session =
+            SessionHandle::new(config.clone(), LoadOptions::default(), ClockKind::Virtual, None);
+        let baker = |config: &SceneConfig| {
+            Ok(build_with(config, &mut BakeOptions::from(&mut Cache::off()), |_| ())?.0)
+        };
         session.begin_baking(Box::new(baker), Vec::new()).expect("a thread");
         let scene = Arc::new(prepared.scene);
         let queue = session.begin(&scene, true);
         let (producer, records) = rtrb::RingBuffer::new(4);
         let control = Arc::new(Control::enabled());
-        let servo = ServoLoop::new(scene, prepared.device, VirtualClock::default(), control.clone(), RunPlan::default(), producer);
+        let servo = ServoLoop::new(
+            scene,
+            prepared.device,
+            VirtualClock::default(),
+            control.clone(),
+            RunPlan::default(),
+            producer,
+        );
         let servo = servo.with_commands(queue);
         Self {
             session,
@@ -116,7 +126,11 @@ fn the_peg_finds_its_hole_again_after_disable_and_enable_and_after_a_restart() {
     assert_eq!(run.last.drive, Drive::Disabled);
     run.enable();
     run.go(200, |_, _| ());
-    assert!((run.last.world_from_tool.translation - run.start().translation).length() < 2e-3, "{}", run.tool_mm());
+    assert!(
+        (run.last.world_from_tool.translation - run.start().translation).length() < 2e-3,
+        "{}",
+        run.tool_mm()
+    );
     run.go(6000, |_, _| ());
     assert_at_the_bottom(&run);
     // Along the path out of the hole to its beginning, and in again.
@@ -141,9 +155,25 @@ fn a_scene_that_is_reset_begins_anew() {
     run.session.reset(Box::new(move |result| sender.send(result).expect("heard")));
     heard.recv().expect("answered").expect("reset");
     run.reach(1);
-    assert!((run.last.world_from_tool.translation - run.start().translation).length() < 2e-3, "{}", run.tool_mm());
-    let value = |name: &str| run.session.view().settings.iter().find(|setting| setting.parameter.name() == name).expect(name).value;
-    assert_eq!((value("limit_force_n"), value("contact_stiffness_n_per_m")), (6.0, 20_000.0), "a limit that was lowered stays");
+    assert!(
+        (run.last.world_from_tool.translation - run.start().translation).length() < 2e-3,
+        "{}",
+        run.tool_mm()
+    );
+    let value = |name: &str| {
+        run.session
+            .view()
+            .settings
+            .iter()
+            .find(|setting| setting.parameter.name() == name)
+            .expect(name)
+            .value
+    };
+    assert_eq!(
+        (value("limit_force_n"), value("contact_stiffness_n_per_m")),
+        (6.0, 20_000.0),
+        "a limit that was lowered stays"
+    );
     run.go(5500, |_, _| ());
     assert_at_the_bottom(&run);
 }
@@ -153,7 +183,9 @@ fn no_client_drags_the_peg_through_the_block_at_any_speed() {
     let mut run = Run::begin("peg-in-hole");
     let limit_n = run.config.parameters.limits.force_n;
     let start = run.start();
-    let at = |x_mm: f64, y_mm: f64, z_mm: f64| HandOrder::MoveTo(Pose::new(start.rotation, DVec3::new(x_mm, y_mm, z_mm) * 1e-3));
+    let at = |x_mm: f64, y_mm: f64, z_mm: f64| {
+        HandOrder::MoveTo(Pose::new(start.rotation, DVec3::new(x_mm, y_mm, z_mm) * 1e-3))
+    };
     let order = |session: &SessionHandle, order| _ = session.hand(order).expect("a simulated arm");
     // Straight down beside the hole, at once: it stops at the top face.
     run.go(3000, |session, n| {
@@ -161,7 +193,12 @@ fn no_client_drags_the_peg_through_the_block_at_any_speed() {
             order(session, at(12.0, -8.0, -40.0))
         }
     });
-    assert!(run.tool_mm().z > -0.5 && run.contact_ticks > 1000 && run.force_n > 1.0, "{} {}", run.tool_mm(), run.force_n);
+    assert!(
+        run.tool_mm().z > -0.5 && run.contact_ticks > 1000 && run.force_n > 1.0,
+        "{} {}",
+        run.tool_mm(),
+        run.force_n
+    );
     assert!(run.deepest_m < 0.5e-3 && run.force_n <= limit_n * (1.0 + 1e-9), "{} m", run.deepest_m);
     // A cursor that jumps from one end of the screen to the other.
     run.go(4000, |session, n| {
@@ -197,8 +234,12 @@ fn no_client_drags_the_peg_through_the_block_at_any_speed() {
     });
     let there_mm = run.tool_mm();
     run.go(1000, |_, _| ());
-    assert!((run.tool_mm() - there_mm).length() < 0.1 && (there_mm.z - 30.0).abs() < 0.2, "{there_mm}");
-    let turned = HandOrder::MoveTo(Pose::new(DQuat::from_rotation_x(0.5), DVec3::new(0.0, 0.0, 0.03)));
+    assert!(
+        (run.tool_mm() - there_mm).length() < 0.1 && (there_mm.z - 30.0).abs() < 0.2,
+        "{there_mm}"
+    );
+    let turned =
+        HandOrder::MoveTo(Pose::new(DQuat::from_rotation_x(0.5), DVec3::new(0.0, 0.0, 0.03)));
     run.go(1500, |session, n| {
         if n == 0 {
             order(session, turned)
@@ -217,7 +258,8 @@ fn each_scene_brings_its_own_hand() {
     run.go(500, |_, _| ());
     for (n, name) in ["lift-with-block", "block-on-plane"].into_iter().enumerate() {
         let (sender, heard) = channel();
-        run.session.switch(name.to_owned(), Box::new(move |result| sender.send(result).expect("heard")));
+        run.session
+            .switch(name.to_owned(), Box::new(move |result| sender.send(result).expect("heard")));
         heard.recv().expect("answered").expect("a scene");
         run.reach(n as u32 + 1);
         run.go(4000, |_, _| ());
@@ -230,9 +272,13 @@ fn only_the_hand_of_a_simulated_arm_is_moved_and_only_to_poses() {
     let run = Run::begin("block-on-plane");
     for wrong in [DVec3::new(f64::NAN, 0.0, 0.0), DVec3::new(2e3, 0.0, 0.0)] {
         let refused = run.session.hand(HandOrder::MoveTo(Pose::from_translation(wrong)));
-        assert!(matches!(refused, Err(SessionError::Control(ControlError::Pose { .. }))), "{wrong}: {refused:?}");
+        assert!(
+            matches!(refused, Err(SessionError::Control(ControlError::Pose { .. }))),
+            "{wrong}: {refused:?}"
+        );
     }
-    let real = SessionHandle::new(run.config.clone(), LoadOptions::default(), ClockKind::Virtual, None);
+    let real =
+        SessionHandle::new(run.config.clone(), LoadOptions::default(), ClockKind::Virtual, None);
     let (prepared, _) = prepare(&run.config, |_| ()).expect("a scene");
     let _queue = real.begin(&Arc::new(prepared.scene), false);
     let refused = real.hand(HandOrder::Restart).expect_err("a person holds it").to_string();

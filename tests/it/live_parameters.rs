@@ -17,19 +17,31 @@ const PRESSED_FROM: u64 = 1300;
 /// A whole range takes half a second.
 const SETTLED_AT: u64 = PRESSED_FROM + 600;
 const N_TICKS: u64 = 2000;
-/// Most that the command may change in a tick, N: what the hand does makes a third of it. The arm has no encoder steps, which would hide the rest.
+/// Most that the command may change in a tick, N: what the hand does makes a third of it. The arm
+/// has no encoder steps, which would hide the rest.
 const STEP_N: f64 = 0.06;
 
 /// The block on the plane; `turn` is asked before each tick.
-fn play(config: &SceneConfig, change: impl Fn(&mut Parameters), mut turn: impl FnMut(u64, &mut SceneControls)) -> Vec<TickRecord> {
+fn play(
+    config: &SceneConfig,
+    change: impl Fn(&mut Parameters),
+    mut turn: impl FnMut(u64, &mut SceneControls),
+) -> Vec<TickRecord> {
     let (mut prepared, _) = prepare(config, |_| ()).expect("a scene");
     change(&mut prepared.scene.parameters);
     let (mut controls, commands) = SceneControls::new(&prepared.scene.parameters, objects(config));
     let (producer, mut consumer) = rtrb::RingBuffer::new(N_TICKS as usize + 1000);
     let plan = RunPlan { stop_at_tick: Some(N_TICKS), ..RunPlan::default() };
     let control = Arc::new(Control::enabled());
-    let mut servo = ServoLoop::new(Arc::new(prepared.scene), prepared.device, VirtualClock::default(), control, plan, producer)
-        .with_commands(commands);
+    let mut servo = ServoLoop::new(
+        Arc::new(prepared.scene),
+        prepared.device,
+        VirtualClock::default(),
+        control,
+        plan,
+        producer,
+    )
+    .with_commands(commands);
     servo.warm_up();
     for tick in 0.. {
         turn(tick, &mut controls);
@@ -74,7 +86,13 @@ fn every_knob_turned_to_both_ends_under_pressure_makes_no_step_and_no_energy() {
                     }
                 },
             );
-            assert_eq!(records[PRESSED_FROM as usize].input.parameter_change.map(|change| change.parameter), Some(parameter));
+            assert_eq!(
+                records[PRESSED_FROM as usize]
+                    .input
+                    .parameter_change
+                    .map(|change| change.parameter),
+                Some(parameter)
+            );
             for tick in PRESSED_FROM..SETTLED_AT {
                 let step_n = (force_n(&records, tick + 1) - force_n(&records, tick)).abs();
                 assert!(step_n < STEP_N, "{parameter:?} to {value}: {step_n} N in tick {tick}");
@@ -109,7 +127,10 @@ fn a_knob_leads_to_where_a_scene_with_its_value_is() {
         force_n(&turned, at),
         force_n(&set, at)
     );
-    assert!((force_n(&scene, at) - force_n(&set, at)).abs() > 0.05 * force_n(&set, at), "the change is felt");
+    assert!(
+        (force_n(&scene, at) - force_n(&set, at)).abs() > 0.05 * force_n(&set, at),
+        "the change is felt"
+    );
 }
 
 #[test]
@@ -126,6 +147,7 @@ fn a_value_out_of_range_is_refused_and_changes_no_bit() {
             }
         },
     );
-    let outputs = |records: &[TickRecord]| records.iter().map(|record| record.output).collect::<Vec<_>>();
+    let outputs =
+        |records: &[TickRecord]| records.iter().map(|record| record.output).collect::<Vec<_>>();
     assert!(outputs(&untouched) == outputs(&refused));
 }

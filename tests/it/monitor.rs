@@ -23,7 +23,8 @@ use tokio_tungstenite::tungstenite::{self, Message, WebSocket};
 /// A process that has not answered by then hangs.
 const HUNG: Duration = Duration::from_secs(120);
 
-/// A block over a plate that may move, pressed on it by its hand from 300 ms on: a scene that bakes in no time.
+/// A block over a plate that may move, pressed on it by its hand from 300 ms on: a scene that bakes
+/// in no time.
 const SCENE: &str = r#"version = 1
 name = "press"
 [[static]]
@@ -92,18 +93,23 @@ impl Daemon {
     }
 
     pub(crate) fn of(folder: TempDir, flags: &str, variables: &[(&str, &str)]) -> Self {
-        let line = format!("press.toml --json --realtime best-effort --monitor 127.0.0.1:0 {flags}");
+        let line =
+            format!("press.toml --json --realtime best-effort --monitor 127.0.0.1:0 {flags}");
         let command = command(folder.path(), &line);
         Self::launch(folder, command, variables)
     }
 
-    /// `hapticd sculpt` on a scene of this text, with a hand that goes along this path, once force flows.
+    /// `hapticd sculpt` on a scene of this text, with a hand that goes along this path, once force
+    /// flows.
     pub(crate) fn sculpting(scene: &str, hand: &str) -> Self {
         let folder = tempfile::tempdir().unwrap();
         fs::write(folder.path().join("clay.toml"), scene).unwrap();
         fs::write(folder.path().join("hand.csv"), hand).unwrap();
-        let command =
-            command_to("sculpt", folder.path(), "clay.toml --json --realtime best-effort --monitor 127.0.0.1:0 --hand-repeat");
+        let command = command_to(
+            "sculpt",
+            folder.path(),
+            "clay.toml --json --realtime best-effort --monitor 127.0.0.1:0 --hand-repeat",
+        );
         let mut daemon = Self::launch(folder, command, &[]);
         daemon.wait_for("state: enabled");
         daemon
@@ -119,8 +125,16 @@ impl Daemon {
             .unwrap();
         let lines = BufReader::new(child.stderr.take().unwrap());
         let (sender, stderr) = channel();
-        std::thread::spawn(move || lines.lines().map_while(Result::ok).try_for_each(|line| sender.send(line)));
-        let mut daemon = Self { child, address: ([127, 0, 0, 1], 0).into(), stderr, said: String::new(), folder };
+        std::thread::spawn(move || {
+            lines.lines().map_while(Result::ok).try_for_each(|line| sender.send(line))
+        });
+        let mut daemon = Self {
+            child,
+            address: ([127, 0, 0, 1], 0).into(),
+            stderr,
+            said: String::new(),
+            folder,
+        };
         let line = daemon.wait_for("monitor: http://");
         daemon.address = line["monitor: http://".len()..].trim_end_matches('/').parse().unwrap();
         daemon
@@ -154,7 +168,10 @@ impl Daemon {
 
     /// Ends the run as Ctrl-C does.
     pub(crate) fn end(mut self) -> Ended {
-        let sent = Command::new("sh").args(["-c", &format!("kill -INT {}", self.child.id())]).status().unwrap();
+        let sent = Command::new("sh")
+            .args(["-c", &format!("kill -INT {}", self.child.id())])
+            .status()
+            .unwrap();
         assert!(sent.success());
         self.ended()
     }
@@ -179,9 +196,19 @@ impl Daemon {
     }
 
     /// One request; status and body.
-    pub(crate) fn http(&self, method: &str, path: &str, headers: &[(&str, &str)], body: &str) -> (u16, Value) {
+    pub(crate) fn http(
+        &self,
+        method: &str,
+        path: &str,
+        headers: &[(&str, &str)],
+        body: &str,
+    ) -> (u16, Value) {
         let (status, body) = http(self.address, method, path, headers, body.as_bytes()).unwrap();
-        (status, serde_json::from_slice(&body).unwrap_or_else(|_| Value::String(String::from_utf8_lossy(&body).into_owned())))
+        (
+            status,
+            serde_json::from_slice(&body)
+                .unwrap_or_else(|_| Value::String(String::from_utf8_lossy(&body).into_owned())),
+        )
     }
 
     pub(crate) fn get(&self, path: &str) -> Value {
@@ -209,7 +236,10 @@ pub(crate) fn http(
 ) -> std::io::Result<(u16, Vec<u8>)> {
     let mut stream = TcpStream::connect(address)?;
     stream.set_read_timeout(Some(HUNG))?;
-    let mut head = format!("{method} {path} HTTP/1.1\r\nConnection: close\r\nContent-Length: {}\r\n", body.len());
+    let mut head = format!(
+        "{method} {path} HTTP/1.1\r\nConnection: close\r\nContent-Length: {}\r\n",
+        body.len()
+    );
     if !headers.iter().any(|(name, _)| *name == "Host") {
         head += &format!("Host: {address}\r\n");
     }
@@ -221,8 +251,14 @@ pub(crate) fn http(
     let _ = stream.write_all(body);
     let mut answer = Vec::new();
     stream.read_to_end(&mut answer)?;
-    let end = answer.windows(4).position(|bytes| bytes == b"\r\n\r\n").ok_or(std::io::ErrorKind::InvalidData)?;
-    let status = String::from_utf8_lossy(&answer[..end]).split(' ').nth(1).and_then(|status| status.parse().ok());
+    let end = answer
+        .windows(4)
+        .position(|bytes| bytes == b"\r\n\r\n")
+        .ok_or(std::io::ErrorKind::InvalidData)?;
+    let status = String::from_utf8_lossy(&answer[..end])
+        .split(' ')
+        .nth(1)
+        .and_then(|status| status.parse().ok());
     Ok((status.ok_or(std::io::ErrorKind::InvalidData)?, answer.split_off(end + 4)))
 }
 
@@ -238,7 +274,11 @@ pub(crate) struct Client {
 
 impl Client {
     /// Connects and takes the greeting.
-    pub(crate) fn connect(address: SocketAddr, query: &str, headers: &[(&str, &str)]) -> Result<Self, String> {
+    pub(crate) fn connect(
+        address: SocketAddr,
+        query: &str,
+        headers: &[(&str, &str)],
+    ) -> Result<Self, String> {
         let mut request = format!("ws://{address}/api/v1/ws{query}").into_client_request().unwrap();
         for (name, value) in headers {
             let name: tungstenite::http::HeaderName = name.parse().unwrap();
@@ -247,7 +287,9 @@ impl Client {
         let stream = TcpStream::connect(address).map_err(|error| error.to_string())?;
         stream.set_read_timeout(Some(HUNG)).unwrap();
         let (socket, _) = tungstenite::client(request, stream).map_err(|error| match error {
-            tungstenite::HandshakeError::Failure(tungstenite::Error::Http(response)) => response.status().as_str().to_owned(),
+            tungstenite::HandshakeError::Failure(tungstenite::Error::Http(response)) => {
+                response.status().as_str().to_owned()
+            }
             error => error.to_string(),
         })?;
         let mut client = Self { socket, next_id: 1, hello: Value::Null, events: Vec::new() };
@@ -296,7 +338,8 @@ impl Client {
 
     /// Waits for a state; needs a subscription.
     pub(crate) fn state_where(&mut self, is_it: impl Fn(&Value) -> bool) -> Value {
-        let (started, mut last) = (Instant::now(), Value::Null);
+        let started = Instant::now();
+        let mut last = Value::Null;
         while started.elapsed() < HUNG {
             let message = self.json();
             match message["type"].as_str() {
@@ -353,7 +396,13 @@ impl Client {
 
 /// Length of a vector in a message.
 pub(crate) fn length(vector: &Value) -> f64 {
-    vector.as_array().unwrap().iter().map(|number| number.as_f64().unwrap().powi(2)).sum::<f64>().sqrt()
+    vector
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|number| number.as_f64().unwrap().powi(2))
+        .sum::<f64>()
+        .sqrt()
 }
 
 pub(crate) fn scene_file(folder: &TempDir, name: &str, more: &str) -> PathBuf {

@@ -6,8 +6,8 @@ use glam::{DMat3, DQuat, DVec3};
 use hapticd::daemon::prepare;
 use hapticd::servo::{Control, Ending, LoadedScene, RunPlan, SceneControls, ServoLoop, Step};
 use haptics::{
-    CouplingMode, Drive, DriveRequest, Faults, FrictionParameters, Inertia, LimitParameters, Parameters, Placement, RenderScene,
-    State, TickInput, TickOutput, Tool, tick,
+    CouplingMode, Drive, DriveRequest, Faults, FrictionParameters, Inertia, LimitParameters,
+    Parameters, Placement, RenderScene, State, TickInput, TickOutput, Tool, tick,
 };
 use recording::TickRecord;
 use rt::clock::VirtualClock;
@@ -28,7 +28,8 @@ const T: f64 = 1e-3;
 /// s, m.
 const S: f64 = 1e-3;
 const BALL_M: f64 = 6e-3;
-const MODES: [CouplingMode; 4] = [CouplingMode::Implicit, CouplingMode::Static, CouplingMode::Constraint, CouplingMode::Direct];
+const MODES: [CouplingMode; 4] =
+    [CouplingMode::Implicit, CouplingMode::Static, CouplingMode::Constraint, CouplingMode::Direct];
 
 fn build(mesh: &TriangleMesh, voxel_size_m: f64) -> Volume {
     let options = Options { voxel_size_m, layers: 8, navigation: None, sides: InsideTest::Auto };
@@ -74,7 +75,8 @@ fn scene(mode: CouplingMode, obstacles: Vec<Obstacle>, shell: Shell) -> RenderSc
     RenderScene { parameters: parameters(mode), obstacles, clay: None, tool }
 }
 
-/// A hand that holds still, or that goes along a given path, and a loop that asks obstacles to move.
+/// A hand that holds still, or that goes along a given path, and a loop that asks obstacles to
+/// move.
 struct Play<'a> {
     scene: &'a RenderScene,
     state: State,
@@ -87,7 +89,13 @@ impl<'a> Play<'a> {
     /// Enabled, and the ramp is over.
     fn new(scene: &'a RenderScene) -> Self {
         let start = TickOutput::default();
-        let mut play = Self { scene, state: State::new(scene), hand: Pose::IDENTITY, sequence: 0, last: start };
+        let mut play = Self {
+            scene,
+            state: State::new(scene),
+            hand: Pose::IDENTITY,
+            sequence: 0,
+            last: start,
+        };
         for _ in 0..20 {
             play.tick(None);
         }
@@ -97,17 +105,34 @@ impl<'a> Play<'a> {
 
     fn tick(&mut self, place: Option<Placement>) -> TickOutput {
         self.sequence += 1;
-        let sample =
-            DeviceSample { pose: self.hand, sequence: self.sequence, status: SampleStatus::Fresh, ..DeviceSample::default() };
+        let sample = DeviceSample {
+            pose: self.hand,
+            sequence: self.sequence,
+            status: SampleStatus::Fresh,
+            ..DeviceSample::default()
+        };
         let before = self.last.command_device;
-        self.last =
-            tick(self.scene, &mut self.state, &TickInput { sample, request: DriveRequest::Enable, place, ..TickInput::default() });
-        // What holds in every tick whatever moves: no fault, force within its limits, and never a jump.
-        let (now, limits) = (self.last.command_device, &self.scene.parameters.limits);
+        self.last = tick(
+            self.scene,
+            &mut self.state,
+            &TickInput { sample, request: DriveRequest::Enable, place, ..TickInput::default() },
+        );
+        // What holds in every tick whatever moves: no fault, force within its limits, and never a
+        // jump.
+        let now = self.last.command_device;
+        let limits = &self.scene.parameters.limits;
         assert_eq!(self.last.faults, Faults::NONE, "tick {}", self.sequence);
-        assert!(now.is_finite() && now.force.length() <= limits.force_n * (1.0 + 1e-12), "tick {}", self.sequence);
+        assert!(
+            now.is_finite() && now.force.length() <= limits.force_n * (1.0 + 1e-12),
+            "tick {}",
+            self.sequence
+        );
         let jump_n = (now.force - before.force).length();
-        assert!(jump_n <= limits.slew_n_per_s * T * (1.0 + 1e-9), "tick {}: a jump of {jump_n} N", self.sequence);
+        assert!(
+            jump_n <= limits.slew_n_per_s * T * (1.0 + 1e-9),
+            "tick {}: a jump of {jump_n} N",
+            self.sequence
+        );
         self.last
     }
 
@@ -146,16 +171,27 @@ fn passing_over_what_is_far_away_changes_no_bit() {
         Shape::Torus { major_m: 0.012, minor_m: 3e-3 },
         Shape::Cylinder { radius_m: 4e-3, height_m: 0.03 },
     ];
-    let obstacles: Vec<Obstacle> =
-        (0..40).map(|n| obstacle(shapes[n % 4], Pose::new(DQuat::from_scaled_axis(vector() * 3.0), vector() * 0.05))).collect();
+    let obstacles: Vec<Obstacle> = (0..40)
+        .map(|n| {
+            obstacle(
+                shapes[n % 4],
+                Pose::new(DQuat::from_scaled_axis(vector() * 3.0), vector() * 0.05),
+            )
+        })
+        .collect();
     let shell = ball();
     let law = parameters(CouplingMode::Implicit).force_law();
-    let (mut n_near, mut n_touching, mut n_free) = (0, 0, 0);
+    let mut n_near = 0;
+    let mut n_touching = 0;
+    let mut n_free = 0;
     for kind in [FieldKind::Trilinear, FieldKind::Layers, FieldKind::Octant] {
         let law = ForceLaw { field: kind, ..law };
         for mode in [TraversalMode::Tree, TraversalMode::Flat] {
-            let make = |on| Traversal::new(SimdLevel::best(), mode, &obstacles, &shell).with_broad_phase(on);
-            let (mut with, mut without) = (make(true), make(false));
+            let make = |on| {
+                Traversal::new(SimdLevel::best(), mode, &obstacles, &shell).with_broad_phase(on)
+            };
+            let mut with = make(true);
+            let mut without = make(false);
             let mut pose = Pose::from_translation(DVec3::ZERO);
             for n in 0..1500 {
                 // A wander at all speeds, with leaps, some of them absurd.
@@ -168,14 +204,23 @@ fn passing_over_what_is_far_away_changes_no_bit() {
                     72 => pose = Pose::from_translation(vector() * 0.1),
                     _ => {}
                 }
-                let ask = |traversal: &mut Traversal| ContactSum::of(traversal, &obstacles, &shell, pose, law, None);
-                let sums = [ask(&mut with), ask(&mut without), ContactSum::flat(&obstacles, &shell, pose, law)];
+                let ask = |traversal: &mut Traversal| {
+                    ContactSum::of(traversal, &obstacles, &shell, pose, law, None)
+                };
+                let sums = [
+                    ask(&mut with),
+                    ask(&mut without),
+                    ContactSum::flat(&obstacles, &shell, pose, law),
+                ];
                 let [culled, whole, flat] = &sums;
                 assert_eq!(bits(culled), bits(flat), "{kind:?}, {mode:?}, pose {n}");
                 assert_eq!(bits(whole), bits(flat), "{kind:?}, {mode:?}, pose {n}");
-                // The specification looks at every point: no clearance, and no step, is longer than what it gives.
+                // The specification looks at every point: no clearance, and no step, is longer than
+                // what it gives.
                 assert!(
-                    !pose.is_finite() || (culled.max_value_m >= flat.max_value_m && culled.step_limit_m <= flat.step_limit_m),
+                    !pose.is_finite()
+                        || (culled.max_value_m >= flat.max_value_m
+                            && culled.step_limit_m <= flat.step_limit_m),
                     "{kind:?}, pose {n}"
                 );
                 n_near += with.n_near();
@@ -191,22 +236,32 @@ fn passing_over_what_is_far_away_changes_no_bit() {
 #[test]
 fn an_object_goes_where_it_is_asked_to_and_no_point_of_it_faster_than_it_may() {
     let scene = scene(CouplingMode::Implicit, vec![plate(Pose::IDENTITY)], ball());
-    let corners: Vec<DVec3> = (0..8).map(|n| DVec3::new(f64::from(n & 1) - 0.5, f64::from(n >> 1 & 1) - 0.5, 0.0) * 0.12).collect();
+    let corners: Vec<DVec3> = (0..8)
+        .map(|n| DVec3::new(f64::from(n & 1) - 0.5, f64::from(n >> 1 & 1) - 0.5, 0.0) * 0.12)
+        .collect();
     let mut play = Play::new(&scene);
     let mut random = Random(3);
     for _ in 0..6 {
         let mut vector = || DVec3::new(random.signed(), random.signed(), random.signed());
         // Far below, where the tool is not.
-        let target = Pose::new(DQuat::from_scaled_axis(vector()), DVec3::NEG_Z * 0.2 + vector() * 0.05);
-        let (mut place, mut n_ticks) = (wish(0, target), 0);
+        let target =
+            Pose::new(DQuat::from_scaled_axis(vector()), DVec3::NEG_Z * 0.2 + vector() * 0.05);
+        let mut place = wish(0, target);
+        let mut n_ticks = 0;
         while !same(play.place(0), target) {
             let before = play.place(0);
             play.tick(place.take());
             let farthest_m = corners
                 .iter()
-                .map(|corner| (play.place(0).transform_point(*corner) - before.transform_point(*corner)).length())
+                .map(|corner| {
+                    (play.place(0).transform_point(*corner) - before.transform_point(*corner))
+                        .length()
+                })
                 .fold(0.0, f64::max);
-            assert!(farthest_m <= scene.parameters.limits.speed_m_per_s * T * 1.001, "{farthest_m} m in one tick");
+            assert!(
+                farthest_m <= scene.parameters.limits.speed_m_per_s * T * 1.001,
+                "{farthest_m} m in one tick"
+            );
             n_ticks += 1;
             assert!(n_ticks < 3000, "it does not arrive");
         }
@@ -238,7 +293,8 @@ fn a_pose_that_is_none_moves_nothing() {
     }
 }
 
-/// Acceptance 14 with the roles exchanged: the hand holds still, or comes the other way, and the plate is set across it.
+/// Acceptance 14 with the roles exchanged: the hand holds still, or comes the other way, and the
+/// plate is set across it.
 #[test]
 fn no_object_goes_through_the_tool_wherever_it_is_asked_to_go() {
     let mut random = Random(14);
@@ -258,7 +314,8 @@ fn no_object_goes_through_the_tool_wherever_it_is_asked_to_go() {
             let mut touched = false;
             let mut deepest_m: f64 = 0.0;
             for n in 0..1500 {
-                // Without a virtual tool the shell goes where the hand goes, so there it holds still.
+                // Without a virtual tool the shell goes where the hand goes, so there it holds
+                // still.
                 if run % 2 == 1 && n < 200 && mode != CouplingMode::Direct {
                     play.hand.translation.z -= hand_m_per_s * T;
                 }
@@ -269,14 +326,22 @@ fn no_object_goes_through_the_tool_wherever_it_is_asked_to_go() {
             let what = format!("{mode:?}, run {run}");
             assert!(touched, "{what}: not noticed");
             // The side of the plate that the middle of the ball is on.
-            let height_m = play.place(0).inverse().transform_point(play.last.world_from_tool.translation).z;
-            assert!(height_m > 0.0, "{what}: the ball is {height_m} m from the plate's middle, deepest {deepest_m} m");
+            let height_m =
+                play.place(0).inverse().transform_point(play.last.world_from_tool.translation).z;
+            assert!(
+                height_m > 0.0,
+                "{what}: the ball is {height_m} m from the plate's middle, deepest {deepest_m} m"
+            );
             if mode == CouplingMode::Direct {
-                assert!(play.last.objects_moving == 1, "{what}: an arm that does not give way makes it wait");
+                assert!(
+                    play.last.objects_moving == 1,
+                    "{what}: an arm that does not give way makes it wait"
+                );
             } else {
                 assert!(same(play.place(0), target), "{what}: the tool gives way");
             }
-            // Half a voxel at which it waits, a quarter that it may go meanwhile, half a voxel of the tool's own.
+            // Half a voxel at which it waits, a quarter that it may go meanwhile, half a voxel of
+            // the tool's own.
             assert!(deepest_m <= 1.25 * S, "{what}: {deepest_m} m deep");
         }
     }
@@ -287,14 +352,25 @@ fn a_tool_that_is_jammed_makes_an_object_wait_and_letting_go_makes_it_come_back(
     for mode in [CouplingMode::Implicit, CouplingMode::Static, CouplingMode::Constraint] {
         // The ball is 12 mm thick, and between roof and plate are 20 mm.
         let roof = plate(Pose::from_translation(DVec3::Z * (0.03 + 10e-3 + 1.5 * S)));
-        let scene = scene(mode, vec![roof, plate(Pose::from_translation(DVec3::Z * (0.02 - 1.5 * S)))], ball());
+        let scene = scene(
+            mode,
+            vec![roof, plate(Pose::from_translation(DVec3::Z * (0.02 - 1.5 * S)))],
+            ball(),
+        );
         let mut play = Play::new(&scene);
         let mut deepest_m: f64 = 0.0;
         for n in 0..2000 {
-            deepest_m = deepest_m.max(play.tick(wish(1, Pose::from_translation(DVec3::Z * 0.1)).filter(|_| n == 0)).max_depth_m);
+            deepest_m = deepest_m.max(
+                play.tick(wish(1, Pose::from_translation(DVec3::Z * 0.1)).filter(|_| n == 0))
+                    .max_depth_m,
+            );
         }
-        let (stands_m, output) = (play.place(1).translation.z, play.last);
-        assert!(output.objects_moving == 1 && output.contacts > 0, "{mode:?}: it waits at {stands_m} m");
+        let stands_m = play.place(1).translation.z;
+        let output = play.last;
+        assert!(
+            output.objects_moving == 1 && output.contacts > 0,
+            "{mode:?}: it waits at {stands_m} m"
+        );
         assert!(deepest_m < 1.25 * S, "{mode:?}: {deepest_m} m deep");
         // At rest: waiting does not tremble.
         let mut moved_m: f64 = 0.0;
@@ -307,7 +383,11 @@ fn a_tool_that_is_jammed_makes_an_object_wait_and_letting_go_makes_it_come_back(
         for n in 0..1000 {
             play.tick(wish(1, home).filter(|_| n == 0));
         }
-        assert_eq!((play.place(1), play.last.contacts, play.last.objects_moving), (home, 0, 0), "{mode:?}");
+        assert_eq!(
+            (play.place(1), play.last.contacts, play.last.objects_moving),
+            (home, 0, 0),
+            "{mode:?}"
+        );
         assert!(rig::is_bit_zero(play.last.command_device), "{mode:?}");
     }
 }
@@ -316,7 +396,10 @@ fn a_tool_that_is_jammed_makes_an_object_wait_and_letting_go_makes_it_come_back(
 fn what_lies_on_a_plate_goes_with_it_by_friction() {
     let friction = FrictionParameters { r#static: 0.5, dynamic: 0.4, stiffness_n_per_m: 2e4 };
     for (friction, goes) in [(friction, true), (FrictionParameters::NONE, false)] {
-        let slab = obstacle(Shape::Box { size_m: DVec3::new(0.12, 0.12, 0.02) }, Pose::from_translation(DVec3::Z * 0.013));
+        let slab = obstacle(
+            Shape::Box { size_m: DVec3::new(0.12, 0.12, 0.02) },
+            Pose::from_translation(DVec3::Z * 0.013),
+        );
         let block = Shape::Box { size_m: DVec3::new(0.01, 0.01, 0.01) }.tessellate(1e-5);
         let shell = pointshell::build(&block, &build(&block, S), DVec3::ZERO).0;
         let mut scene = scene(CouplingMode::Implicit, vec![slab], shell);
@@ -341,7 +424,10 @@ fn what_lies_on_a_plate_goes_with_it_by_friction() {
         assert_eq!(play.place(0), aside);
         let gone_m = play.last.world_from_tool.translation.x - before.x;
         let expected_m = if goes { 5e-4 } else { 0.0 };
-        assert!((gone_m - expected_m).abs() < 1e-4, "friction {goes}: the block went by {gone_m} m");
+        assert!(
+            (gone_m - expected_m).abs() < 1e-4,
+            "friction {goes}: the block went by {gone_m} m"
+        );
     }
 }
 
@@ -353,7 +439,8 @@ fn the_same_wishes_give_the_same_bits() {
         (0..600_u32)
             .map(|n| {
                 let z_m = 0.03 + 0.02 * (0.01 * f64::from(n)).sin();
-                let output = play.tick(wish(0, Pose::from_translation(DVec3::Z * z_m)).filter(|_| n % 7 == 0));
+                let output = play
+                    .tick(wish(0, Pose::from_translation(DVec3::Z * z_m)).filter(|_| n % 7 == 0));
                 (output, play.place(0))
             })
             .collect::<Vec<_>>()
@@ -361,7 +448,8 @@ fn the_same_wishes_give_the_same_bits() {
     assert_eq!(run(), run());
 }
 
-/// A block on a plate that may move, on a shipped arm; the hand holds the block half a millimetre below the surface.
+/// A block on a plate that may move, on a shipped arm; the hand holds the block half a millimetre
+/// below the surface.
 const LIFT: &str = r#"version = 1
 [[static]]
 name = "plate"
@@ -382,7 +470,8 @@ profile = "sim-sigma7"
 "#;
 
 fn stage(text: &str) -> (RenderScene, Box<dyn arms::Device>) {
-    let (prepared, _) = prepare(&rig::written(text), |_| ()).unwrap_or_else(|error| panic!("{error}"));
+    let (prepared, _) =
+        prepare(&rig::written(text), |_| ()).unwrap_or_else(|error| panic!("{error}"));
     (prepared.scene, prepared.device)
 }
 
@@ -410,20 +499,32 @@ fn play_servo<D: arms::Device>(
 
 type Loop = ServoLoop<Box<dyn arms::Device>, VirtualClock>;
 
-fn servo(text: &str, n_ticks: u64) -> (Loop, rtrb::Consumer<TickRecord>, SceneControls, Arc<Control>) {
+fn servo(
+    text: &str,
+    n_ticks: u64,
+) -> (Loop, rtrb::Consumer<TickRecord>, SceneControls, Arc<Control>) {
     let (scene, device) = stage(text);
-    let (controls, commands) = SceneControls::new(&scene.parameters, vec![("plate".to_owned(), true)]);
+    let (controls, commands) =
+        SceneControls::new(&scene.parameters, vec![("plate".to_owned(), true)]);
     let (producer, records) = rtrb::RingBuffer::new(64);
     let control = Arc::new(Control::enabled());
     let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };
-    let servo = ServoLoop::new(Arc::new(scene), device, VirtualClock::default(), control.clone(), plan, producer);
+    let servo = ServoLoop::new(
+        Arc::new(scene),
+        device,
+        VirtualClock::default(),
+        control.clone(),
+        plan,
+        producer,
+    );
     (servo.with_commands(commands), records, controls, control)
 }
 
 #[test]
 fn a_plate_lifts_the_hand_and_its_work_is_no_debt_of_the_arm() {
     let (servo, records, mut controls, _) = servo(LIFT, 4000);
-    // Up by 15 mm and down again, ten times: a hand that holds with 500 N/m is pushed by some newtons.
+    // Up by 15 mm and down again, ten times: a hand that holds with 500 N/m is pushed by some
+    // newtons.
     let (all, faults, ending) = play_servo(servo, records, |n| {
         if n >= 300 && n % 4 == 0 {
             let z_m = 7.5e-3 * (1.0 - (0.012 * (n - 300) as f64).cos());
@@ -431,15 +532,21 @@ fn a_plate_lifts_the_hand_and_its_work_is_no_debt_of_the_arm() {
         }
     });
     assert_eq!((faults, ending), (Faults::NONE, Ending::Stopped));
-    let highest_m = all.iter().map(|record| record.output.world_from_tool.translation.z).fold(0.0, f64::max);
+    let highest_m =
+        all.iter().map(|record| record.output.world_from_tool.translation.z).fold(0.0, f64::max);
     assert!(highest_m > 0.015, "the tool was lifted to {highest_m} m only");
-    let pressed_n = all.iter().map(|record| record.output.command_device.force.length()).fold(0.0, f64::max);
+    let pressed_n =
+        all.iter().map(|record| record.output.command_device.force.length()).fold(0.0, f64::max);
     assert!(pressed_n > 2.0, "{pressed_n} N");
     let lowest_j = all.iter().map(|record| record.output.energy_j).fold(0.0, f64::min);
-    let balance_j = all.iter().map(|record| record.output.energy_j + record.output.object_work_j).fold(0.0, f64::min);
+    let balance_j = all
+        .iter()
+        .map(|record| record.output.energy_j + record.output.object_work_j)
+        .fold(0.0, f64::min);
     let damped = all.iter().filter(|record| record.output.passivity_active).count();
     eprintln!(
-        "lift: {pressed_n:.2} N, lowest energy {lowest_j:.5} J, with the work of the plate {balance_j:.5} J, damped {damped} ticks"
+        "lift: {pressed_n:.2} N, lowest energy {lowest_j:.5} J, with the work of the plate \
+            {balance_j:.5} J, damped {damped} ticks"
     );
     // Without the plate's work the port would count as active for good.
     assert!(lowest_j < -1e-3, "{lowest_j} J: the plate did no work");
@@ -472,23 +579,39 @@ fn scenes_take_each_others_place_at_zero_force_and_no_tick_is_missed() {
     });
     assert_eq!((faults, ending, n_back), (Faults::NONE, Ending::Stopped, 2));
     assert!(controls.is_over());
-    let changes: Vec<usize> = (1..all.len()).filter(|n| all[*n].scene_idx != all[n - 1].scene_idx).collect();
+    let changes: Vec<usize> =
+        (1..all.len()).filter(|n| all[*n].scene_idx != all[n - 1].scene_idx).collect();
     assert_eq!(changes.len(), 2);
     for change in changes {
-        let (last, first) = (&all[change - 1].output, &all[change].output);
+        let last = &all[change - 1].output;
+        let first = &all[change].output;
         assert_eq!((last.drive, last.command_device), (Drive::Disabled, Wrench::ZERO));
         assert_eq!((first.drive, first.command_device), (Drive::Disabled, Wrench::ZERO));
         // The tool stays where it stands: nothing is in its way.
-        assert!((last.world_from_tool.translation - first.world_from_tool.translation).length() < 1e-12);
-        let states: Vec<Drive> = all[change - 150..change + 200].iter().map(|record| record.output.drive).collect();
+        assert!(
+            (last.world_from_tool.translation - first.world_from_tool.translation).length() < 1e-12
+        );
+        let states: Vec<Drive> =
+            all[change - 150..change + 200].iter().map(|record| record.output.drive).collect();
         let mut seen = states.clone();
         seen.dedup();
-        assert_eq!(seen, [Drive::Enabled, Drive::Stopping, Drive::Disabled, Drive::Enabling, Drive::Enabled]);
-        assert!(all[change + 200].output.world_from_tool.translation.distance(last.world_from_tool.translation) < 1e-3);
+        assert_eq!(
+            seen,
+            [Drive::Enabled, Drive::Stopping, Drive::Disabled, Drive::Enabling, Drive::Enabled]
+        );
+        assert!(
+            all[change + 200]
+                .output
+                .world_from_tool
+                .translation
+                .distance(last.world_from_tool.translation)
+                < 1e-3
+        );
     }
     for pair in all.windows(2) {
         assert_eq!(pair[1].tick, pair[0].tick + 1);
-        let jump_n = (pair[1].output.command_device.force - pair[0].output.command_device.force).length();
+        let jump_n =
+            (pair[1].output.command_device.force - pair[0].output.command_device.force).length();
         assert!(jump_n < 2.5, "tick {}: a jump of {jump_n} N", pair[1].tick);
     }
 }
@@ -496,7 +619,9 @@ fn scenes_take_each_others_place_at_zero_force_and_no_tick_is_missed() {
 #[test]
 fn a_scene_without_room_for_the_tool_begins_at_its_own_start() {
     // A second scene whose plate is where the tool stands.
-    let second = LIFT.replace("position_mm = [0, 0, -5]", "position_mm = [0, 0, 5]").replace("[0, 0, 6.0]", "[0, 0, 20.0]");
+    let second = LIFT
+        .replace("position_mm = [0, 0, -5]", "position_mm = [0, 0, 5]")
+        .replace("[0, 0, 6.0]", "[0, 0, 20.0]");
     let (servo, records, mut controls, _) = servo(LIFT, 1500);
     assert!(controls.offer(loaded(&second, 700), Vec::new()).is_ok());
     let (all, faults, _) = play_servo(servo, records, |_| ());
@@ -510,7 +635,10 @@ fn a_scene_without_room_for_the_tool_begins_at_its_own_start() {
 
 #[test]
 fn a_fault_or_a_stop_in_a_swap_is_zero_force_and_no_swap() {
-    for (text, stop) in [(format!("{LIFT}[device.sim]\nfault = \"unplug@0.75s\"\n"), false), (LIFT.to_owned(), true)] {
+    for (text, stop) in [
+        (format!("{LIFT}[device.sim]\nfault = \"unplug@0.75s\"\n"), false),
+        (LIFT.to_owned(), true),
+    ] {
         let (servo, records, mut controls, control) = servo(&text, 3000);
         assert!(controls.offer(loaded(LIFT, 700), Vec::new()).is_ok());
         let (all, faults, ending) = play_servo(servo, records, |n| {

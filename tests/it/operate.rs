@@ -1,4 +1,5 @@
-//! What an administrator sees of a run: logs, manual pages, completions, first scenes, service managers, reloads.
+//! What an administrator sees of a run: logs, manual pages, completions, first scenes, service
+//! managers, reloads.
 
 use std::fs;
 use std::io::{BufRead as _, BufReader, Read as _};
@@ -17,7 +18,11 @@ const HUNG: Duration = Duration::from_secs(120);
 
 fn program(dir: &Path) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_hapticd"));
-    command.current_dir(dir).env("NO_COLOR", "1").env("RUST_BACKTRACE", "0").env("XDG_CACHE_HOME", dir.join("xdg-cache"));
+    command
+        .current_dir(dir)
+        .env("NO_COLOR", "1")
+        .env("RUST_BACKTRACE", "0")
+        .env("XDG_CACHE_HOME", dir.join("xdg-cache"));
     command.env("XDG_STATE_HOME", dir.join("xdg-state"));
     command.env_remove("NOTIFY_SOCKET").env_remove("WATCHDOG_USEC").env_remove("WATCHDOG_PID");
     command
@@ -68,15 +73,23 @@ struct Running {
 
 impl Running {
     fn start(command: &mut Command) -> Self {
-        let mut child = command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-        let (mut out, err) = (child.stdout.take().unwrap(), BufReader::new(child.stderr.take().unwrap()));
+        let mut child = command
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut out = child.stdout.take().unwrap();
+        let err = BufReader::new(child.stderr.take().unwrap());
         let stdout = std::thread::spawn(move || {
             let mut text = String::new();
             out.read_to_string(&mut text).unwrap();
             text
         });
         let (sender, stderr) = channel();
-        std::thread::spawn(move || err.lines().map_while(Result::ok).try_for_each(|line| sender.send(line)));
+        std::thread::spawn(move || {
+            err.lines().map_while(Result::ok).try_for_each(|line| sender.send(line))
+        });
         Self { child, stdout: Some(stdout), stderr, said: Vec::new() }
     }
 
@@ -97,7 +110,10 @@ impl Running {
 
     fn signal(&self, name: &str) {
         // The shell's own `kill`: the standard library only knows SIGKILL.
-        let sent = Command::new("sh").args(["-c", &format!("kill -{name} {}", self.child.id())]).status().unwrap();
+        let sent = Command::new("sh")
+            .args(["-c", &format!("kill -{name} {}", self.child.id())])
+            .status()
+            .unwrap();
         assert!(sent.success());
     }
 
@@ -122,7 +138,10 @@ impl Drop for Running {
 fn commands(dir: &Path) -> Vec<String> {
     let help = text(&hapticd(dir, "--help").stdout);
     let (_, list) = help.split_once("Commands:\n").unwrap();
-    let names = list.lines().map_while(|line| line.strip_prefix("  ")).filter(|line| !line.starts_with(' '));
+    let names = list
+        .lines()
+        .map_while(|line| line.strip_prefix("  "))
+        .filter(|line| !line.starts_with(' '));
     names.filter_map(|line| line.split_whitespace().next()).map(str::to_owned).collect()
 }
 
@@ -130,17 +149,30 @@ fn commands(dir: &Path) -> Vec<String> {
 fn every_command_has_a_manual_page() {
     let dir = folder();
     let names = commands(dir.path());
-    assert!(names.len() > 8 && ["run", "init", "help"].iter().all(|name| names.iter().any(|known| known == name)), "{names:?}");
+    assert!(
+        names.len() > 8
+            && ["run", "init", "help"].iter().all(|name| names.iter().any(|known| known == name)),
+        "{names:?}"
+    );
     let ended = hapticd(dir.path(), "man man/man1");
     assert!(ended.status.success(), "{}", text(&ended.stderr));
     for name in names.iter().filter(|name| *name != "help") {
         let page = fs::read_to_string(dir.path().join(format!("man/man1/hapticd-{name}.1")))
             .unwrap_or_else(|error| panic!("{name}: {error}"));
-        assert!(page.contains(".TH") && page.contains(".SH SYNOPSIS") && page.contains("hapticd"), "{name}:\n{page}");
-        assert!(page.contains(".SH EXAMPLES\n") && page.ends_with(".SH \"SEE ALSO\"\nhapticd(1)\n"), "{name}:\n{page}");
+        assert!(
+            page.contains(".TH") && page.contains(".SH SYNOPSIS") && page.contains("hapticd"),
+            "{name}:\n{page}"
+        );
+        assert!(
+            page.contains(".SH EXAMPLES\n") && page.ends_with(".SH \"SEE ALSO\"\nhapticd(1)\n"),
+            "{name}:\n{page}"
+        );
     }
     let main = text(&hapticd(dir.path(), "man").stdout);
-    assert!(main.contains(".SH \"EXIT STATUS\"\n.TP\n0\n") && main.contains(".SH FILES\n.TP\n"), "{main}");
+    assert!(
+        main.contains(".SH \"EXIT STATUS\"\n.TP\n0\n") && main.contains(".SH FILES\n.TP\n"),
+        "{main}"
+    );
     for section in ["EXAMPLES", "ENVIRONMENT", "\"SEE ALSO\""] {
         assert_eq!(main.matches(&format!(".SH {section}\n")).count(), 1, "{section}\n{main}");
     }
@@ -173,30 +205,55 @@ fn shells_take_their_completions() {
     let complete = |words: &str, cur: &str, prev: &str| {
         let n = words.split(' ').count() - 1;
         let script = format!(
-            "source ./bash; COMP_WORDS=({words}); COMP_CWORD={n}; _hapticd hapticd {cur} {prev}; printf '%s\\n' \"${{COMPREPLY[@]}}\""
+            "source ./bash; COMP_WORDS=({words}); COMP_CWORD={n}; _hapticd hapticd {cur} {prev}; \
+                printf '%s\\n' \"${{COMPREPLY[@]}}\""
         );
-        let ended = Command::new("bash").args(["-c", &script]).current_dir(dir.path()).output().unwrap();
+        let ended =
+            Command::new("bash").args(["-c", &script]).current_dir(dir.path()).output().unwrap();
         text(&ended.stdout).lines().map(str::to_owned).collect::<Vec<_>>()
     };
     let offered = complete("hapticd run --device sim-", "sim-", "--device");
-    assert!(["sim-sigma7", "sim-touch", "sim-mine.toml"].iter().all(|name| offered.iter().any(|word| word == name)), "{offered:?}");
+    assert!(
+        ["sim-sigma7", "sim-touch", "sim-mine.toml"]
+            .iter()
+            .all(|name| offered.iter().any(|word| word == name)),
+        "{offered:?}"
+    );
     let offered = complete("hapticd devices probe pol", "pol", "probe");
     assert!(offered.iter().any(|word| word == "polhem-2022"), "{offered:?}");
-    let [zsh, fish] = ["zsh", "fish"].map(|shell| fs::read_to_string(dir.path().join(shell)).unwrap());
-    assert!(zsh.matches("{compadd ").count() == 6 && zsh.contains("sim-sigma7") && zsh.contains("; _files}'"), "{zsh}");
-    assert!(fish.lines().any(|line| line.contains(" -l device ") && line.contains(" -r -F -a \"")), "{fish}");
+    let [zsh, fish] =
+        ["zsh", "fish"].map(|shell| fs::read_to_string(dir.path().join(shell)).unwrap());
+    assert!(
+        zsh.matches("{compadd ").count() == 6
+            && zsh.contains("sim-sigma7")
+            && zsh.contains("; _files}'"),
+        "{zsh}"
+    );
+    assert!(
+        fish.lines().any(|line| line.contains(" -l device ") && line.contains(" -r -F -a \"")),
+        "{fish}"
+    );
     assert_eq!(hapticd(dir.path(), "completions tcsh").status.code(), Some(2));
 }
 
 /// Every line of stderr as an object.
 fn events(stderr: &[u8]) -> Vec<Value> {
-    let events: Vec<Value> =
-        text(stderr).lines().map(|line| serde_json::from_str(line).unwrap_or_else(|error| panic!("{error}: {line}"))).collect();
+    let events: Vec<Value> = text(stderr)
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap_or_else(|error| panic!("{error}: {line}")))
+        .collect();
     for event in &events {
         let time = event["time"].as_str().unwrap();
         assert!(time.len() == 24 && time.ends_with('Z') && time.as_bytes()[10] == b'T', "{event}");
-        assert!(["error", "warning", "info", "debug"].contains(&event["level"].as_str().unwrap()), "{event}");
-        assert!(!event["message"].as_str().unwrap().is_empty() && !event["event"].as_str().unwrap().is_empty(), "{event}");
+        assert!(
+            ["error", "warning", "info", "debug"].contains(&event["level"].as_str().unwrap()),
+            "{event}"
+        );
+        assert!(
+            !event["message"].as_str().unwrap().is_empty()
+                && !event["event"].as_str().unwrap().is_empty(),
+            "{event}"
+        );
     }
     events
 }
@@ -212,9 +269,17 @@ fn json_logs_have_one_object_per_line_and_levels() {
     let ended = hapticd(dir.path(), run);
     assert!(ended.status.success());
     let said = events(&ended.stderr);
-    let phases: Vec<_> = of(&said, "phase").iter().map(|event| event["phase"].as_str().unwrap()).collect();
-    assert_eq!(phases, ["baking", "disabled", "enabling", "enabled", "stopping", "disabled", "stopped"]);
-    assert!(of(&said, "preflight").iter().all(|event| event["check"].is_string() && event["outcome"].is_string()));
+    let phases: Vec<_> =
+        of(&said, "phase").iter().map(|event| event["phase"].as_str().unwrap()).collect();
+    assert_eq!(
+        phases,
+        ["baking", "disabled", "enabling", "enabled", "stopping", "disabled", "stopped"]
+    );
+    assert!(
+        of(&said, "preflight")
+            .iter()
+            .all(|event| event["check"].is_string() && event["outcome"].is_string())
+    );
     assert!(of(&said, "status").is_empty(), "debug only");
     assert!(text(&ended.stdout).starts_with("ticks "), "results stay text");
 
@@ -223,17 +288,33 @@ fn json_logs_have_one_object_per_line_and_levels() {
     let quiet = hapticd(dir.path(), &format!("{run} -q"));
     assert!(events(&quiet.stderr).is_empty());
 
-    fs::write(dir.path().join("fault.toml"), format!("{SCENE}[device.sim]\nfault = \"nan@50ms\"\n")).unwrap();
-    let ended = hapticd(dir.path(), "run fault.toml --cache off --clock virtual --duration 1s --log-format json -q");
+    fs::write(
+        dir.path().join("fault.toml"),
+        format!("{SCENE}[device.sim]\nfault = \"nan@50ms\"\n"),
+    )
+    .unwrap();
+    let ended = hapticd(
+        dir.path(),
+        "run fault.toml --cache off --clock virtual --duration 1s --log-format json -q",
+    );
     assert_eq!(ended.status.code(), Some(7));
     let said = events(&ended.stderr);
     let [fault] = of(&said, "fault")[..] else { panic!("{said:?}") };
-    assert!(fault["level"] == "error" && fault["fault"] == "non-finite" && fault["tick"].as_u64() > Some(40), "{fault}");
+    assert!(
+        fault["level"] == "error"
+            && fault["fault"] == "non-finite"
+            && fault["tick"].as_u64() > Some(40),
+        "{fault}"
+    );
 
     fs::write(dir.path().join("wrong.toml"), SCENE.replace("layers = 4", "layers = 400")).unwrap();
     let said = events(&hapticd(dir.path(), "check wrong.toml --log-format json").stderr);
     let [error] = of(&said, "error")[..] else { panic!("{said:?}") };
-    assert!(error["level"] == "error" && error["message"].as_str().unwrap().contains("static[0].layers"), "{error}");
+    assert!(
+        error["level"] == "error"
+            && error["message"].as_str().unwrap().contains("static[0].layers"),
+        "{error}"
+    );
     assert_eq!(hapticd(dir.path(), "check a.toml --log-format xml").status.code(), Some(2));
 }
 
@@ -254,16 +335,33 @@ fn a_folder_of_meshes_becomes_a_scene_that_runs() {
     let dir = parts();
     let ended = hapticd(dir.path(), "init parts");
     assert!(ended.status.success(), "{}", text(&ended.stderr));
-    let (out, err) = (text(&ended.stdout), text(&ended.stderr));
-    assert!(err.contains("note: units are taken as mm: the largest part is then 40 mm long; --units says otherwise"), "{err}");
+    let out = text(&ended.stdout);
+    let err = text(&ended.stderr);
     assert!(
-        out.contains("tool    peg (peg.obj), points every 0.4 mm") && out.contains("static  block-hole (block-hole.obj)"),
+        err.contains(
+            "note: units are taken as mm: the largest part is then 40 mm long; \
+        --units says otherwise"
+        ),
+        "{err}"
+    );
+    assert!(
+        out.contains("tool    peg (peg.obj), points every 0.4 mm")
+            && out.contains("static  block-hole (block-hole.obj)"),
         "{out}"
     );
-    assert!(out.contains("memory  baking takes about ") && out.contains("`hapticd run parts/scene.toml` renders it"), "{out}");
+    assert!(
+        out.contains("memory  baking takes about ")
+            && out.contains("`hapticd run parts/scene.toml` renders it"),
+        "{out}"
+    );
 
     let scene = fs::read_to_string(dir.path().join("parts/scene.toml")).unwrap();
-    assert!(scene.contains("units = \"mm\"") && scene.contains("guessed") && scene.contains("mesh = \"peg.obj\""), "{scene}");
+    assert!(
+        scene.contains("units = \"mm\"")
+            && scene.contains("guessed")
+            && scene.contains("mesh = \"peg.obj\""),
+        "{scene}"
+    );
     let checked = hapticd(dir.path(), "check parts/scene.toml");
     assert!(checked.status.success(), "{}", text(&checked.stderr));
     let run = hapticd(dir.path(), "run parts/scene.toml --clock virtual --duration 1s --json");
@@ -286,7 +384,8 @@ fn init_writes_elsewhere_and_over_nothing_unless_told() {
     let scene = fs::read_to_string(dir.path().join("scenes/mine/a.toml")).unwrap();
     let (statics, tool) = scene.split_once("[tool]").unwrap();
     assert!(
-        statics.contains("mesh = \"../../parts/peg.obj\"") && tool.contains("mesh = \"../../parts/block-hole.obj\""),
+        statics.contains("mesh = \"../../parts/peg.obj\"")
+            && tool.contains("mesh = \"../../parts/block-hole.obj\""),
         "{scene}"
     );
     assert!(tool.contains("units = \"cm\"") && !tool.contains("scale = 1.0"), "{scene}");
@@ -295,7 +394,10 @@ fn init_writes_elsewhere_and_over_nothing_unless_told() {
     fs::write(dir.path().join("scenes/mine/a.toml"), "mine").unwrap();
     let refused = hapticd(dir.path(), line);
     assert_eq!(refused.status.code(), Some(2));
-    assert!(text(&refused.stderr).contains("is there already") && text(&refused.stderr).contains("--overwrite"));
+    assert!(
+        text(&refused.stderr).contains("is there already")
+            && text(&refused.stderr).contains("--overwrite")
+    );
     assert_eq!(fs::read_to_string(dir.path().join("scenes/mine/a.toml")).unwrap(), "mine");
     assert!(hapticd(dir.path(), &format!("{line} --overwrite")).status.success());
     assert_eq!(fs::read_to_string(dir.path().join("scenes/mine/a.toml")).unwrap(), scene);
@@ -306,21 +408,41 @@ fn init_prints_a_scene_and_quotes_names_with_blanks() {
     let dir = parts();
     let printed = hapticd(dir.path(), "init parts -o -");
     assert!(printed.status.success(), "{}", text(&printed.stderr));
-    assert!(text(&printed.stderr).contains("memory  baking takes about "), "{}", text(&printed.stderr));
+    assert!(
+        text(&printed.stderr).contains("memory  baking takes about "),
+        "{}",
+        text(&printed.stderr)
+    );
     fs::write(dir.path().join("scene.toml"), &printed.stdout).unwrap();
-    assert!(text(&printed.stdout).contains("mesh = \"parts/peg.obj\""), "{}", text(&printed.stdout));
+    assert!(
+        text(&printed.stdout).contains("mesh = \"parts/peg.obj\""),
+        "{}",
+        text(&printed.stdout)
+    );
     let checked = hapticd(dir.path(), "check scene.toml");
     assert!(checked.status.success(), "{}", text(&checked.stderr));
 
     fs::rename(dir.path().join("parts"), dir.path().join("my parts")).unwrap();
     let line = ["init", "my parts", "--output", "my parts/scene.toml"];
-    let ended = Command::new(env!("CARGO_BIN_EXE_hapticd")).current_dir(dir.path()).args(line).output().unwrap();
+    let ended = Command::new(env!("CARGO_BIN_EXE_hapticd"))
+        .current_dir(dir.path())
+        .args(line)
+        .output()
+        .unwrap();
     assert!(ended.status.success(), "{}", text(&ended.stderr));
     let scene = fs::read_to_string(dir.path().join("my parts/scene.toml")).unwrap();
     assert!(scene.contains("#   hapticd check 'my parts/scene.toml'"), "{scene}");
     // The folder in place of the scene.
-    let ended = Command::new(env!("CARGO_BIN_EXE_hapticd")).current_dir(dir.path()).args(["check", "my parts"]).output().unwrap();
-    assert!(text(&ended.stderr).contains("hint: did you mean my parts/scene.toml?"), "{}", text(&ended.stderr));
+    let ended = Command::new(env!("CARGO_BIN_EXE_hapticd"))
+        .current_dir(dir.path())
+        .args(["check", "my parts"])
+        .output()
+        .unwrap();
+    assert!(
+        text(&ended.stderr).contains("hint: did you mean my parts/scene.toml?"),
+        "{}",
+        text(&ended.stderr)
+    );
 }
 
 #[test]
@@ -379,7 +501,10 @@ fn init_names_what_it_cannot_use() {
     let ended = hapticd(dir.path(), "init parts");
     assert!(ended.status.success());
     let said = text(&ended.stderr);
-    assert!(said.contains("warning") && said.contains("one.obj") && said.contains("left out"), "{said}");
+    assert!(
+        said.contains("warning") && said.contains("one.obj") && said.contains("left out"),
+        "{said}"
+    );
     assert!(!fs::read_to_string(dir.path().join("parts/scene.toml")).unwrap().contains("one.obj"));
 }
 
@@ -423,13 +548,20 @@ fn a_service_manager_hears_when_it_is_ready_that_it_ticks_and_that_it_stops() {
     command.env("NOTIFY_SOCKET", &manager.path).env("WATCHDOG_USEC", "1000000");
     let running = Running::start(&mut command);
     let before = manager.hear_until("READY=1");
-    assert!(before.contains(&"STATUS=baking".to_owned()) && !before.iter().any(|line| line == "WATCHDOG=1"), "{before:?}");
+    assert!(
+        before.contains(&"STATUS=baking".to_owned())
+            && !before.iter().any(|line| line == "WATCHDOG=1"),
+        "{before:?}"
+    );
     for _ in 0..3 {
         manager.hear_until("WATCHDOG=1");
     }
     running.signal("TERM");
     let after = manager.hear_until("STOPPING=1");
-    assert!(after.contains(&"STATUS=stopping".to_owned()) && !after.contains(&"READY=1".to_owned()), "{after:?}");
+    assert!(
+        after.contains(&"STATUS=stopping".to_owned()) && !after.contains(&"READY=1".to_owned()),
+        "{after:?}"
+    );
     let (status, ..) = running.end();
     assert!(status.success());
 }
@@ -437,20 +569,29 @@ fn a_service_manager_hears_when_it_is_ready_that_it_ticks_and_that_it_stops() {
 #[test]
 fn a_service_manager_hears_of_a_fault_and_without_a_watchdog_nothing_is_fed() {
     let dir = folder();
-    fs::write(dir.path().join("fault.toml"), format!("{SCENE}[device.sim]\nfault = \"nan@50ms\"\n")).unwrap();
+    fs::write(
+        dir.path().join("fault.toml"),
+        format!("{SCENE}[device.sim]\nfault = \"nan@50ms\"\n"),
+    )
+    .unwrap();
     let manager = Manager::new(dir.path());
     let mut command = program(dir.path());
     command.args(["run", "fault.toml", "--cache", "off", "--clock", "virtual", "--duration", "1s"]);
     let running = Running::start(command.env("NOTIFY_SOCKET", &manager.path));
     let heard = manager.hear_until("STATUS=fault: a pose or a force was not a number");
-    assert!(heard.contains(&"READY=1".to_owned()) && !heard.contains(&"WATCHDOG=1".to_owned()), "{heard:?}");
+    assert!(
+        heard.contains(&"READY=1".to_owned()) && !heard.contains(&"WATCHDOG=1".to_owned()),
+        "{heard:?}"
+    );
     assert_eq!(running.end().0.code(), Some(7));
 }
 
 /// Whether what started this test ignores SIGHUP: its children inherit that.
 fn is_hangup_ignored() -> bool {
     let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let mask = status.lines().find_map(|line| u64::from_str_radix(line.strip_prefix("SigIgn:")?.trim(), 16).ok());
+    let mask = status
+        .lines()
+        .find_map(|line| u64::from_str_radix(line.strip_prefix("SigIgn:")?.trim(), 16).ok());
     // Signal 1 is the lowest bit.
     let ignored = mask.is_some_and(|mask| mask & 1 == 1);
     if ignored {
@@ -483,7 +624,8 @@ fn a_hangup_reads_the_scene_again() {
 
     write(dir.path(), "= 5.0", "= 4.0\nfriction = { static = 0.3, dynamic = 0.2 }");
     run.signal("HUP");
-    let tuned = "reload: contact_stiffness_n_per_m 5000 -> 4000, friction_static 0 -> 0.3, friction_dynamic 0 -> 0.2";
+    let tuned = "reload: contact_stiffness_n_per_m 5000 -> 4000, friction_static 0 -> 0.3, \
+        friction_dynamic 0 -> 0.2";
     assert_eq!(run.wait_for("reload: contact"), tuned);
 
     write(dir.path(), "[60.0, 60.0]", "[50.0, 60.0]");
@@ -497,11 +639,23 @@ fn a_hangup_reads_the_scene_again() {
     for (from, to, words) in [
         ("voxel_size_mm = 2.0\nlayers", "voxel_size_mm = -2.0\nlayers", "static[0].voxel_size_mm"),
         ("version = 1", "version = = 1", "a.toml"),
-        ("sim-sigma7", "sim-touch", "device.profile = \"sim-touch\", but the scene that is rendered has \"sim-sigma7\""),
+        (
+            "sim-sigma7",
+            "sim-touch",
+            "device.profile = \"sim-touch\", but the scene that is rendered has \"sim-sigma7\"",
+        ),
         ("[contact]", "[rendering]\nrate_hz = 500\n[contact]", "rendering.rate_hz = 500"),
-        ("[contact]", "[safety]\ndeadman = 2\n[contact]", "safety.deadman = 2, but the scene that is rendered has \"off\""),
+        (
+            "[contact]",
+            "[safety]\ndeadman = 2\n[contact]",
+            "safety.deadman = 2, but the scene that is rendered has \"off\"",
+        ),
         ("[contact]", "[safety]\nheartbeat_ms = 250\n[contact]", "safety.heartbeat_ms = 250"),
-        ("[contact]", "[realtime]\npriority = 70\n[contact]", "realtime.priority = 70, but the scene that is rendered has 80"),
+        (
+            "[contact]",
+            "[realtime]\npriority = 70\n[contact]",
+            "realtime.priority = 70, but the scene that is rendered has 80",
+        ),
     ] {
         write(dir.path(), from, to);
         run.signal("HUP");
@@ -524,7 +678,8 @@ fn a_hangup_takes_parameters_of_a_scene_with_clay_and_leaves_the_piece() {
         return;
     }
     let dir = folder();
-    let clay = "[sculpt]\nshape = { sphere_mm = 5 }\nspacing_mm = 1\nraster = [12, 12, 12]\nposition_mm = [0, 0, -60]\n";
+    let clay = "[sculpt]\nshape = { sphere_mm = 5 }\nspacing_mm = 1\nraster = [12, 12, \
+        12]\nposition_mm = [0, 0, -60]\n";
     let write = |text: &str| fs::write(dir.path().join("a.toml"), text).unwrap();
     let scene = format!("{SCENE}{clay}");
     write(&scene);
@@ -538,7 +693,8 @@ fn a_hangup_takes_parameters_of_a_scene_with_clay_and_leaves_the_piece() {
     run.signal("HUP");
     let refused = run.wait_for("the clay is worked until the run ends");
     assert!(
-        refused.contains("only parameters are taken meanwhile (") && refused.contains("contact_stiffness_n_per_m"),
+        refused.contains("only parameters are taken meanwhile (")
+            && refused.contains("contact_stiffness_n_per_m"),
         "{refused}"
     );
     run.wait_for("reload: refused, the old scene stays");
@@ -551,7 +707,9 @@ fn a_hangup_takes_parameters_of_a_scene_with_clay_and_leaves_the_piece() {
 fn a_watched_scene_follows_its_files() {
     let dir = folder();
     fs::copy(shipped("peg.obj"), dir.path().join("part.obj")).unwrap();
-    let scene = SCENE.replace("shape = { plane_mm = [60.0, 60.0] }", "mesh = \"part.obj\"\nunits = \"mm\"").replace("15]", "35]");
+    let scene = SCENE
+        .replace("shape = { plane_mm = [60.0, 60.0] }", "mesh = \"part.obj\"\nunits = \"mm\"")
+        .replace("15]", "35]");
     fs::write(dir.path().join("a.toml"), &scene).unwrap();
     let mut run = running(dir.path(), "--watch");
     fs::write(dir.path().join("a.toml"), scene.replace("= 5.0", "= 3.0")).unwrap();
@@ -580,7 +738,18 @@ fn a_service_manager_hears_of_a_reload() {
     let dir = folder();
     let manager = Manager::new(dir.path());
     let mut command = program(dir.path());
-    command.args(["run", "a.toml", "--cache", "off", "--realtime", "best-effort", "--monitor", "off", "--log-format", "json"]);
+    command.args([
+        "run",
+        "a.toml",
+        "--cache",
+        "off",
+        "--realtime",
+        "best-effort",
+        "--monitor",
+        "off",
+        "--log-format",
+        "json",
+    ]);
     let run = Running::start(command.env("NOTIFY_SOCKET", &manager.path));
     manager.hear_until("READY=1");
     manager.hear_until("STATUS=enabled");
@@ -592,8 +761,14 @@ fn a_service_manager_hears_of_a_reload() {
             break message;
         }
     };
-    assert!(message[1].strip_prefix("MONOTONIC_USEC=").is_some_and(|time| time.parse::<u64>().is_ok()), "{message:?}");
-    assert_eq!(manager.hear(), ["READY=1", "STATUS=reload: contact_stiffness_n_per_m 5000 -> 4000"]);
+    assert!(
+        message[1].strip_prefix("MONOTONIC_USEC=").is_some_and(|time| time.parse::<u64>().is_ok()),
+        "{message:?}"
+    );
+    assert_eq!(
+        manager.hear(),
+        ["READY=1", "STATUS=reload: contact_stiffness_n_per_m 5000 -> 4000"]
+    );
     run.signal("TERM");
     manager.hear_until("STOPPING=1");
     let (status, _, err) = run.end();
@@ -642,16 +817,36 @@ fn a_terminal_that_goes_away_is_a_stop() {
 
 #[test]
 fn the_unit_is_one_that_systemd_takes() {
-    let unit = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("scripts/systemd/hapticd@.service")).unwrap();
-    let lines = ["Type=notify", "WatchdogSec=3s", "LimitRTPRIO=95", "LimitMEMLOCK=infinity", "RestrictRealtime=no", "Restart=no"];
+    let unit = fs::read_to_string(
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("scripts/systemd/hapticd@.service"),
+    )
+    .unwrap();
+    let lines = [
+        "Type=notify",
+        "WatchdogSec=3s",
+        "LimitRTPRIO=95",
+        "LimitMEMLOCK=infinity",
+        "RestrictRealtime=no",
+        "Restart=no",
+    ];
     // What kills the guard of the arm together with the program leaves force on it.
-    for line in lines.into_iter().chain(["KillMode=process", "OOMPolicy=continue", "ManagedOOMPreference=omit"]) {
+    for line in lines.into_iter().chain([
+        "KillMode=process",
+        "OOMPolicy=continue",
+        "ManagedOOMPreference=omit",
+    ]) {
         assert!(unit.lines().any(|written| written == line), "{line}");
     }
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("hapticd@desk.service");
-    fs::write(&path, unit.replace("ExecStart=hapticd", concat!("ExecStart=", env!("CARGO_BIN_EXE_hapticd")))).unwrap();
-    let Ok(checked) = Command::new("systemd-analyze").args(["verify", "--man=no"]).arg(&path).output() else {
+    fs::write(
+        &path,
+        unit.replace("ExecStart=hapticd", concat!("ExecStart=", env!("CARGO_BIN_EXE_hapticd"))),
+    )
+    .unwrap();
+    let Ok(checked) =
+        Command::new("systemd-analyze").args(["verify", "--man=no"]).arg(&path).output()
+    else {
         eprintln!("skipped: no systemd-analyze here");
         return;
     };

@@ -1,5 +1,6 @@
-//! The real programs over a real network on this machine's loopback: a node, a host, and one of them killed. What is judged is what they do, not when:
-//! where the machine was too late for the link, a run is repeated.
+//! The real programs over a real network on this machine's loopback: a node, a host, and one of
+//! them killed. What is judged is what they do, not when: where the machine was too late for the
+//! link, a run is repeated.
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::path::Path;
@@ -31,7 +32,11 @@ struct Running {
 impl Running {
     fn start(dir: &Path, line: &str) -> Self {
         let mut command = Command::new(env!("CARGO_BIN_EXE_hapticd"));
-        command.env("NO_COLOR", "1").env("XDG_CACHE_HOME", dir).env("XDG_STATE_HOME", dir).env_remove("NOTIFY_SOCKET");
+        command
+            .env("NO_COLOR", "1")
+            .env("XDG_CACHE_HOME", dir)
+            .env("XDG_STATE_HOME", dir)
+            .env_remove("NOTIFY_SOCKET");
         let mut child = command
             .args(line.split_whitespace())
             .stdin(Stdio::piped())
@@ -41,7 +46,9 @@ impl Running {
             .expect("starts");
         let stderr = BufReader::new(child.stderr.take().expect("piped"));
         let (sender, lines) = channel();
-        std::thread::spawn(move || stderr.lines().map_while(Result::ok).all(|line| sender.send(line).is_ok()));
+        std::thread::spawn(move || {
+            stderr.lines().map_while(Result::ok).all(|line| sender.send(line).is_ok())
+        });
         Self { child, lines, talk: String::new() }
     }
 
@@ -65,7 +72,10 @@ impl Running {
     }
 
     fn interrupt(&self) {
-        let sent = Command::new("sh").args(["-c", &format!("kill -INT {}", self.child.id())]).status().expect("sh");
+        let sent = Command::new("sh")
+            .args(["-c", &format!("kill -INT {}", self.child.id())])
+            .status()
+            .expect("sh");
         assert!(sent.success());
     }
 
@@ -90,7 +100,10 @@ impl Drop for Running {
 fn node(dir: &Path, endpoint: &str, scene: &str) -> Running {
     let options = "--hand-delay 2s --hold-ms 12 --fade-ms 25 --json --duration 10min";
     let scene = rig::shipped(scene);
-    let line = format!("device-node sim-sigma7 --name arm --listen {endpoint} --scene {} {options}", scene.display());
+    let line = format!(
+        "device-node sim-sigma7 --name arm --listen {endpoint} --scene {} {options}",
+        scene.display()
+    );
     let mut node = Running::start(dir, &line);
     assert!(node.hears("ready zenoh:arm"), "{}", node.talk);
     node
@@ -99,7 +112,10 @@ fn node(dir: &Path, endpoint: &str, scene: &str) -> Running {
 /// A host that renders that scene over it.
 fn host(dir: &Path, endpoint: &str, scene: &str, options: &str) -> Running {
     let scene = rig::shipped(scene);
-    let line = format!("run {} --device zenoh:arm --connect {endpoint} --json --monitor off {options}", scene.display());
+    let line = format!(
+        "run {} --device zenoh:arm --connect {endpoint} --json --monitor off {options}",
+        scene.display()
+    );
     Running::start(dir, &line)
 }
 
@@ -110,7 +126,9 @@ fn pair(dir: &Path, scene: &str, options: &str) -> (Running, Running) {
 
 fn is_link_fault(result: &Value) -> bool {
     let late = ["link", "stale", "sequence-gap"];
-    result["faults"].as_array().is_some_and(|faults| faults.iter().any(|fault| late.iter().any(|name| fault == name)))
+    result["faults"]
+        .as_array()
+        .is_some_and(|faults| faults.iter().any(|fault| late.iter().any(|name| fault == name)))
 }
 
 #[test]
@@ -130,12 +148,25 @@ fn a_peg_goes_into_its_hole_over_zenoh() {
         assert_eq!(code, Some(0), "{said}");
         let tip_mm = result["final_pose"]["z_m"].as_f64().expect("a pose") * 1e3;
         let (link, node) = (&result["link"], &node_result["link"]);
-        eprintln!("tip at {tip_mm:.2} mm, {:.2} N; host {link}; node {node}", result["max_force_n"].as_f64().unwrap_or(0.0));
+        eprintln!(
+            "tip at {tip_mm:.2} mm, {:.2} N; host {link}; node {node}",
+            result["max_force_n"].as_f64().unwrap_or(0.0)
+        );
         assert!((-21.0..-19.0).contains(&tip_mm), "the peg stands at {tip_mm} mm\n{said}");
-        assert!(node["commands"].as_u64().expect("a count") > 5000 && node["strange_packets"] == 0, "{node}");
+        assert!(
+            node["commands"].as_u64().expect("a count") > 5000 && node["strange_packets"] == 0,
+            "{node}"
+        );
         assert_eq!((&link["hold_ms"], &link["fade_ms"]), (&12.into(), &25.into()), "{link}");
-        assert!(said.contains("lets go 37 ms after the last command (12 held, 25 fading)"), "{said}");
-        assert!(link["there_ms"].as_f64().expect("a time") > 0.0 && link["back_ms"].as_f64().expect("a time") > 0.0, "{link}");
+        assert!(
+            said.contains("lets go 37 ms after the last command (12 held, 25 fading)"),
+            "{said}"
+        );
+        assert!(
+            link["there_ms"].as_f64().expect("a time") > 0.0
+                && link["back_ms"].as_f64().expect("a time") > 0.0,
+            "{link}"
+        );
         return;
     }
     panic!("the machine was too late {TRIES} times\n{talk}");
@@ -153,12 +184,16 @@ fn clay_is_pulled_by_an_arm_on_another_machine() {
     for _ in 0..TRIES {
         let endpoint = endpoint();
         let line = format!(
-            "device-node sim-sigma7 --name arm --listen {endpoint} --scene {} --hand-delay 2s --hold-ms 12 --fade-ms 25 --json --duration 10min",
+            "device-node sim-sigma7 --name arm --listen {endpoint} --scene {} --hand-delay 2s \
+                --hold-ms 12 --fade-ms 25 --json --duration 10min",
             scene.display()
         );
         let mut node = Running::start(dir.path(), &line);
         assert!(node.hears("ready zenoh:arm"), "{}", node.talk);
-        let line = format!("sculpt {} --device zenoh:arm --connect {endpoint} --json --monitor off --duration 7s", scene.display());
+        let line = format!(
+            "sculpt {} --device zenoh:arm --connect {endpoint} --json --monitor off --duration 7s",
+            scene.display()
+        );
         let (code, result, said) = Running::start(dir.path(), &line).end();
         node.interrupt();
         let (node_code, node_result, node_said) = node.end();
@@ -170,16 +205,24 @@ fn clay_is_pulled_by_an_arm_on_another_machine() {
         let sculpt = &result["sculpt"];
         eprintln!("{sculpt}; host {}; node {}", result["link"], node_result["link"]);
         if sculpt["failed"].as_array().is_none_or(|failed| !failed.is_empty()) {
-            // The hand of the node and the strokes of the host each follow their own time: on a machine that stands still they miss each other.
+            // The hand of the node and the strokes of the host each follow their own time: on a
+            // machine that stands still they miss each other.
             talk += &said;
             continue;
         }
         assert_eq!(code, Some(0), "{said}");
         assert_eq!(sculpt["strokes"], 1, "{sculpt}");
-        let [before_mm3, after_mm3] = ["volume_before_mm3", "volume_mm3"].map(|key| sculpt[key].as_f64().expect("a volume"));
+        let [before_mm3, after_mm3] =
+            ["volume_before_mm3", "volume_mm3"].map(|key| sculpt[key].as_f64().expect("a volume"));
         assert!(after_mm3 > before_mm3 + 50.0, "{before_mm3} mm³ became {after_mm3} mm³");
-        assert!(result["max_force_n"].as_f64().is_some_and(|force_n| force_n > 0.1), "the rope is felt: {result}");
-        assert!(node_result["link"]["commands"].as_u64().is_some_and(|n| n > 3000), "{node_result}");
+        assert!(
+            result["max_force_n"].as_f64().is_some_and(|force_n| force_n > 0.1),
+            "the rope is felt: {result}"
+        );
+        assert!(
+            node_result["link"]["commands"].as_u64().is_some_and(|n| n > 3000),
+            "{node_result}"
+        );
         return;
     }
     panic!("the machine was too late {TRIES} times\n{talk}");
@@ -203,8 +246,7 @@ hand = "hand.csv"
 "#;
 
 /// Still until the hold has begun, whenever the machine comes to it; then 8 mm up.
-const PULLING_HAND: &str =
-    "t_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0,0,0.0195,0,0,0,1\n2,0,0,0.0195,0,0,0,1\n3,0,0,0.0275,0,0,0,1\n9,0,0,0.0275,0,0,0,1\n";
+const PULLING_HAND: &str = "t_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0,0,0.0195,0,0,0,1\n2,0,0,0.0195,0,0,0,1\n3,0,0,0.0275,0,0,0,1\n9,0,0,0.0275,0,0,0,1\n";
 
 const PULLING_STROKES: &str = "version = 1\n[[stroke]]\nat_s = 1.5\ndo = \"hold\"\nuntil_s = 6.5\n";
 
@@ -293,8 +335,16 @@ fn a_node_that_is_started_again_is_found_and_waits_for_the_operator() {
 fn a_name_that_no_node_has_is_an_error_with_a_remedy() {
     let dir = tempfile::tempdir().expect("a folder");
     let scene = rig::shipped("block-on-plane");
-    let line = format!("run {} --device zenoh:absent --connect {} --monitor off", scene.display(), endpoint());
+    let line = format!(
+        "run {} --device zenoh:absent --connect {} --monitor off",
+        scene.display(),
+        endpoint()
+    );
     let (code, _, said) = Running::start(dir.path(), &line).end();
     assert_eq!(code, Some(5), "{said}");
-    assert!(said.contains("no device node of the name absent") && said.contains("device-node PROFILE --name absent"), "{said}");
+    assert!(
+        said.contains("no device node of the name absent")
+            && said.contains("device-node PROFILE --name absent"),
+        "{said}"
+    );
 }

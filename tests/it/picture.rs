@@ -8,7 +8,9 @@ fn hapticd(folder: &Path, arguments: &[&str]) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_hapticd"));
     command.current_dir(folder).args(arguments);
     // Never the cache of the user.
-    command.env("XDG_CACHE_HOME", folder.join("xdg-cache")).env("XDG_STATE_HOME", folder.join("xdg-state"));
+    command
+        .env("XDG_CACHE_HOME", folder.join("xdg-cache"))
+        .env("XDG_STATE_HOME", folder.join("xdg-state"));
     command.output().unwrap()
 }
 
@@ -25,7 +27,19 @@ fn a_picture_is_a_png_with_the_surface_on_it() {
     let bake = |voxel_size_mm: &str, picture: &str| {
         hapticd(
             folder.path(),
-            &["bake", peg, "--units", "mm", "--voxel-size-mm", voxel_size_mm, "--layers", "3", "--json", "--picture", picture],
+            &[
+                "bake",
+                peg,
+                "--units",
+                "mm",
+                "--voxel-size-mm",
+                voxel_size_mm,
+                "--layers",
+                "3",
+                "--json",
+                "--picture",
+                picture,
+            ],
         )
     };
     for (voxel_size_mm, picture) in [("1", "fine.png"), ("30", "COARSE.PNG")] {
@@ -39,7 +53,11 @@ fn a_picture_is_a_png_with_the_surface_on_it() {
             pixels.height()
         );
         let share = |is: fn([u8; 3]) -> bool| {
-            let n = pixels.pixels().iter().filter(|pixel| is([pixel.red(), pixel.green(), pixel.blue()])).count();
+            let n = pixels
+                .pixels()
+                .iter()
+                .filter(|pixel| is([pixel.red(), pixel.green(), pixel.blue()]))
+                .count();
             n as f64 / pixels.pixels().len() as f64
         };
         let dark = share(|[red, green, blue]| red < 60 && green < 60 && blue < 60);
@@ -47,19 +65,26 @@ fn a_picture_is_a_png_with_the_surface_on_it() {
         let orange = share(|[red, _, blue]| i16::from(red) - i16::from(blue) > 60);
         assert!(dark > 0.01 && blue > 0.02, "{picture}: {dark} dark, {blue} blue");
         // Voxels larger than the peg have no inside, but the legend has one.
-        assert!(orange > if voxel_size_mm == "1" { 0.05 } else { 0.0005 }, "{picture}: {orange} orange");
+        assert!(
+            orange > if voxel_size_mm == "1" { 0.05 } else { 0.0005 },
+            "{picture}: {orange} orange"
+        );
     }
     let same = || bake("1", "again.png");
     same();
-    let [first, again] = ["fine.png", "again.png"].map(|name| std::fs::read(folder.path().join(name)).unwrap());
+    let [first, again] =
+        ["fine.png", "again.png"].map(|name| std::fs::read(folder.path().join(name)).unwrap());
     assert!(first == again, "the same bake draws the same bytes");
 }
 
 #[test]
 fn a_picture_that_cannot_be_drawn_is_refused_before_the_work() {
     let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("part.obj"), "v 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n")
-        .unwrap();
+    std::fs::write(
+        folder.path().join("part.obj"),
+        "v 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n",
+    )
+    .unwrap();
     std::fs::create_dir(folder.path().join("folder.png")).unwrap();
     let cases = [
         ("cut.jpg", 2, "a picture is a .png"),
@@ -67,14 +92,25 @@ fn a_picture_that_cannot_be_drawn_is_refused_before_the_work() {
         ("folder.png", 4, "give a file name"),
     ];
     for (picture, code, fragment) in cases {
-        let ended = hapticd(folder.path(), &["bake", "part.obj", "--units", "mm", "--voxel-size-mm", "1", "--picture", picture]);
+        let ended = hapticd(
+            folder.path(),
+            &["bake", "part.obj", "--units", "mm", "--voxel-size-mm", "1", "--picture", picture],
+        );
         assert_eq!(ended.status.code(), Some(code), "{picture}: {}", text(&ended.stderr));
-        assert!(text(&ended.stderr).contains(fragment) && ended.stdout.is_empty(), "{picture}: {}", text(&ended.stderr));
+        assert!(
+            text(&ended.stderr).contains(fragment) && ended.stdout.is_empty(),
+            "{picture}: {}",
+            text(&ended.stderr)
+        );
     }
     for flag in ["--picture", "--picture-3d"] {
         let ended = hapticd(folder.path(), &["bake", "scene.toml", flag, "cut.png"]);
         assert_eq!(ended.status.code(), Some(2));
-        assert!(text(&ended.stderr).contains(&format!("{flag} goes with a mesh")), "{}", text(&ended.stderr));
+        assert!(
+            text(&ended.stderr).contains(&format!("{flag} goes with a mesh")),
+            "{}",
+            text(&ended.stderr)
+        );
     }
 }
 
@@ -83,7 +119,17 @@ fn a_picture_in_three_dimensions_shows_polygons_voxels_and_points() {
     let folder = tempfile::tempdir().unwrap();
     let peg = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/models/peg.obj");
     let bake = |picture| {
-        let arguments = ["bake", peg.to_str().unwrap(), "--units", "mm", "--voxel-size-mm", "2", "--json", "--picture-3d", picture];
+        let arguments = [
+            "bake",
+            peg.to_str().unwrap(),
+            "--units",
+            "mm",
+            "--voxel-size-mm",
+            "2",
+            "--json",
+            "--picture-3d",
+            picture,
+        ];
         let ended = hapticd(folder.path(), &arguments);
         assert_eq!(ended.status.code(), Some(0), "{}", text(&ended.stderr));
         std::fs::read(folder.path().join(picture)).unwrap()
@@ -101,7 +147,11 @@ fn a_picture_in_three_dimensions_shows_polygons_voxels_and_points() {
             .filter(|pixel| is([pixel.red(), pixel.green(), pixel.blue()].map(i16::from)));
         n_is.count() as f64 / f64::from(third * pixels.height())
     };
-    let (ochre, blue) = (|[red, _, blue]: [i16; 3]| red - blue > 40, |[red, _, blue]: [i16; 3]| blue - red > 60);
+    let ochre = |[red, _, blue]: [i16; 3]| red - blue > 40;
+    let blue = |[red, _, blue]: [i16; 3]| blue - red > 60;
     let shares = [0, 1, 2].map(|n| [share(n, ochre), share(n, blue)]);
-    assert!(shares[0] == [0.0; 2] && shares[1][0] > 0.05 && shares[2][0] == 0.0 && shares[2][1] > 0.005, "{shares:?}");
+    assert!(
+        shares[0] == [0.0; 2] && shares[1][0] > 0.05 && shares[2][0] == 0.0 && shares[2][1] > 0.005,
+        "{shares:?}"
+    );
 }

@@ -1,5 +1,5 @@
-//! Every shipped scene on every simulated preset of an arm, in a stiff and a loose hand, with more and less delay: stable as shipped.
-//! Each scene is baked once for all of its runs.
+//! Every shipped scene on every simulated preset of an arm, in a stiff and a loose hand, with more
+//! and less delay: stable as shipped. Each scene is baked once for all of its runs.
 
 use arms::simulated::hand::HandPath;
 use document::poses;
@@ -27,23 +27,31 @@ const fn shipped(scene: &'static str) -> Played {
     Played { scene, hand: None, until_s: None, touches: true }
 }
 
-fn preset(scene: &str, arm: &str, [stiffness, damping, mass_g]: [f64; 3], delay_ticks: u32) -> SceneConfig {
+fn preset(
+    scene: &str,
+    arm: &str,
+    [stiffness, damping, mass_g]: [f64; 3],
+    delay_ticks: u32,
+) -> SceneConfig {
     let sim = format!(
-        "[device.sim]\nhand_stiffness_n_per_m = {stiffness}\nhand_damping_n_s_per_m = {damping}\nhand_mass_g = {mass_g}\n\
-         delay_ticks = {delay_ticks}\n\n[realtime]"
+        "[device.sim]\nhand_stiffness_n_per_m = {stiffness}\nhand_damping_n_s_per_m = \
+            {damping}\nhand_mass_g = {mass_g}\ndelay_ticks = {delay_ticks}\n\n[realtime]"
     );
     rig::rewritten(scene, &[("sim-sigma7", arm), ("[realtime]", &sim)])
 }
 
-/// What may still move. Beside the coupling, the damper of the passivity controller sees a step of the encoder too: as the velocity of one
-/// step over its window. So a joint without friction (the wrists here) may go back and forth between two steps, but no further.
+/// What may still move. Beside the coupling, the damper of the passivity controller sees a step of
+/// the encoder too: as the velocity of one step over its window. So a joint without friction (the
+/// wrists here) may go back and forth between two steps, but no further.
 fn still(config: &SceneConfig) -> Still {
-    let (arm, profile) = (&config.parameters.arm, &config.device.profile);
+    let arm = &config.parameters.arm;
+    let profile = &config.device.profile;
     let [window_s, window_angular_s] = profile.velocity_window_ms.map(|window_ms| window_ms * 1e-3);
     let still = Still::on(config);
     Still {
         ripple_n: still.ripple_n + arm.injected_n_s_per_m * profile.plant.encoder_step_m / window_s,
-        ripple_nm: still.ripple_nm + arm.injected_nm_s_per_rad * profile.plant.encoder_step_rad / window_angular_s,
+        ripple_nm: still.ripple_nm
+            + arm.injected_nm_s_per_rad * profile.plant.encoder_step_rad / window_angular_s,
         ..still
     }
 }
@@ -70,7 +78,10 @@ fn is_stable(played: &Played) {
                 let outcome = rest::play(&mut baked, &config, &path, n_ticks, N_HELD / 2);
                 eprintln!("{what}: {outcome}");
                 outcome.assert_still(&what, &still(&config));
-                assert!(!played.touches || outcome.force_n > 0.05, "{what} touched nothing: {outcome}");
+                assert!(
+                    !played.touches || outcome.force_n > 0.05,
+                    "{what} touched nothing: {outcome}"
+                );
             }
         }
     }

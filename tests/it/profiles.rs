@@ -27,8 +27,10 @@ fn shipped() -> Vec<Profile> {
 
 #[test]
 fn every_profile_file_is_embedded_under_its_own_name() {
-    let files: BTreeSet<String> =
-        toml_files("devices").iter().map(|path| path.file_stem().unwrap().to_string_lossy().into_owned()).collect();
+    let files: BTreeSet<String> = toml_files("devices")
+        .iter()
+        .map(|path| path.file_stem().unwrap().to_string_lossy().into_owned())
+        .collect();
     let embedded: BTreeSet<String> = profile::names().map(str::to_owned).collect();
     assert_eq!(files, embedded);
     for path in toml_files("devices") {
@@ -41,7 +43,8 @@ fn every_profile_file_is_embedded_under_its_own_name() {
     }
 }
 
-/// b = 1.25 K (T/2 + delay T): the declared stiffness meets the stability rule at 1 kHz, and nothing above it does.
+/// b = 1.25 K (T/2 + delay T): the declared stiffness meets the stability rule at 1 kHz, and
+/// nothing above it does.
 #[test]
 fn simulated_plants_are_consistent_with_what_they_declare() {
     let period_s = 1e-3;
@@ -53,7 +56,11 @@ fn simulated_plants_are_consistent_with_what_they_declare() {
         ];
         for (stiffness, damping) in pairs {
             if let Some(stiffness) = stiffness {
-                assert!((damping / (1.25 * stiffness * lag_s) - 1.0).abs() < 1e-12, "{}: b = {damping}", profile.name);
+                assert!(
+                    (damping / (1.25 * stiffness * lag_s) - 1.0).abs() < 1e-12,
+                    "{}: b = {damping}",
+                    profile.name
+                );
             }
         }
     }
@@ -82,8 +89,14 @@ fn the_axes_are_those_of_the_products() {
 #[test]
 fn every_key_of_a_shipped_profile_has_a_comment_or_names_itself() {
     for path in toml_files("devices") {
-        for line in fs::read_to_string(&path).unwrap().lines().filter(|line| line.contains(" = ") && !line.starts_with('#')) {
-            let names_itself = ["version", "title", "sensed", "actuated", "instruction"].iter().any(|key| line.starts_with(key));
+        for line in fs::read_to_string(&path)
+            .unwrap()
+            .lines()
+            .filter(|line| line.contains(" = ") && !line.starts_with('#'))
+        {
+            let names_itself = ["version", "title", "sensed", "actuated", "instruction"]
+                .iter()
+                .any(|key| line.starts_with(key));
             assert!(line.contains(" # ") || names_itself, "{}: {line}", path.display());
         }
     }
@@ -93,8 +106,14 @@ fn every_key_of_a_shipped_profile_has_a_comment_or_names_itself() {
 fn a_profile_is_found_by_path_from_the_scene() {
     let found = profile::find("devices/sim-touch.toml", Path::new(ROOT)).unwrap();
     assert_eq!(found.name, "sim-touch");
-    assert!(matches!(profile::find("./sim-none.toml", Path::new(ROOT)), Err(ProfileError::FileMissing { .. })));
-    let Err(ProfileError::Unknown { nearest, .. }) = profile::find("sim-sigma", Path::new(ROOT)) else { panic!("found") };
+    assert!(matches!(
+        profile::find("./sim-none.toml", Path::new(ROOT)),
+        Err(ProfileError::FileMissing { .. })
+    ));
+    let Err(ProfileError::Unknown { nearest, .. }) = profile::find("sim-sigma", Path::new(ROOT))
+    else {
+        panic!("found")
+    };
     assert_eq!(nearest.as_deref(), Some("sim-sigma7"));
 }
 
@@ -102,7 +121,8 @@ fn a_profile_is_found_by_path_from_the_scene() {
 fn a_profile_of_another_codec_is_refused_before_its_tables_are_read() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("wheel.toml");
-    fs::write(&path, "version = 1\n[device]\ncodec = \"openffboard-hid\"\n[wheel]\nport = 10001\n").unwrap();
+    fs::write(&path, "version = 1\n[device]\ncodec = \"openffboard-hid\"\n[wheel]\nport = 10001\n")
+        .unwrap();
     let errors = profile::load(&path).unwrap_err();
     assert_eq!(errors.problems().len(), 1);
     assert!(matches!(errors.problems()[0].kind, ProblemKind::NotAvailable { .. }), "{errors}");
@@ -113,10 +133,15 @@ fn a_wrong_profile_reports_all_its_problems() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("x.toml");
     let text = fs::read_to_string(Path::new(ROOT).join("devices/sim-touch.toml")).unwrap();
-    let text = text.replace("torque_nm = 0.0", "torque_nm = 0.1").replace("mass_kg = 0.1 ", "mass_kg = -1  ");
+    let text = text
+        .replace("torque_nm = 0.0", "torque_nm = 0.1")
+        .replace("mass_kg = 0.1 ", "mass_kg = -1  ");
     let text = text.replace("actuated = [\"x\"", "actuated = [\"u\", \"x\"");
     fs::write(&path, text).unwrap();
-    let errors = profile::load(&path).unwrap_err().to_string().replace(&format!("{}/", dir.path().display()), "");
+    let errors = profile::load(&path)
+        .unwrap_err()
+        .to_string()
+        .replace(&format!("{}/", dir.path().display()), "");
     let expected = r#"error: x.toml:12: device.actuated[0] = "u": must be "x", "y", "z", "rx", "ry", "rz" or "grip"
 error: x.toml:22: limits.torque_nm = 0.1: must be 0: device.actuated names none of its axes
 error: x.toml:32: plant.mass_kg = -1: must be greater than 0 and at most 100 kg"#;
@@ -138,7 +163,11 @@ fn profiles_to_copy_are_sound() {
     assert!(!examples.is_empty());
     for path in examples {
         let loaded = profile::load(&path).unwrap_or_else(|errors| panic!("{errors}"));
-        assert!(loaded.has_unverified_signs() && loaded.is_unidentified(), "{}: it is unchecked", path.display());
+        assert!(
+            loaded.has_unverified_signs() && loaded.is_unidentified(),
+            "{}: it is unchecked",
+            path.display()
+        );
         assert_eq!(loaded.plausibility_warnings(), [""; 0], "{}", path.display());
     }
     for name in profile::names() {
@@ -159,7 +188,8 @@ fn a_line_that_is_too_slow_for_the_rate_is_doubted() {
     };
     // 38 and 62 bytes of ten bits each, a thousand times a second, fill 1 Mbaud.
     let doubts = doubts_of("open6-serial.toml", "baud = 2000000", "baud = 1000000");
-    let expected = "match.baud = 1000000 does not carry 1000 exchanges of 100 bytes per second: a UART needs 1250000 or more";
+    let expected = "match.baud = 1000000 does not carry 1000 exchanges of 100 bytes per second: a \
+        UART needs 1250000 or more";
     assert!(doubts.len() == 1 && doubts[0].starts_with(expected), "{doubts:?}");
     assert_eq!(doubts_of("open6-serial.toml", "rate_hz = 1000", "rate_hz = 500"), [""; 0]);
     let doubts = doubts_of("leader-arm-6.toml", "baud = 4000000", "baud = 1000000");
@@ -179,20 +209,36 @@ fn an_arm_that_cannot_move_as_it_says_is_doubted() {
         fs::write(&file, without_checks.replace(from, to)).unwrap();
         profile::load(&file).unwrap_or_else(|errors| panic!("{errors}")).plausibility_warnings()
     };
-    let no_check = "no [[check]]: nothing holds geometry and signs against a position that you know";
+    let no_check =
+        "no [[check]]: nothing holds geometry and signs against a position that you know";
     assert_eq!(doubts_of("version = 1", "version = 1"), [no_check]);
-    let stretched = "at home the motors cannot push along x: the arm is stretched out or folded there, and a joint without `home_rad` stands at 0";
+    let stretched = "at home the motors cannot push along x: the arm is stretched out or folded \
+        there, and a joint without `home_rad` stands at 0";
     assert_eq!(doubts_of("home_rad = ", "home_rad = 0.0 # "), [no_check, stretched]);
-    let away = "at home the grip is 253 mm from the origin, outside of `workspace_radius_m` = 0.1: the origin is the middle of the workspace";
-    assert_eq!(doubts_of("grip_position_m = [0.05, 0.0, 0.0]", "grip_position_m = [0.05, 0.253, 0.0]"), [no_check, away]);
-    let nowhere = "the motors push along y nowhere: `axis` of a joint is wrong, or a motor is missing";
+    let away = "at home the grip is 253 mm from the origin, outside of `workspace_radius_m` = 0.1: \
+        the origin is the middle of the workspace";
+    assert_eq!(
+        doubts_of("grip_position_m = [0.05, 0.0, 0.0]", "grip_position_m = [0.05, 0.253, 0.0]"),
+        [no_check, away]
+    );
+    let nowhere =
+        "the motors push along y nowhere: `axis` of a joint is wrong, or a motor is missing";
     assert_eq!(doubts_of("axis = [0, 0, 1]", "axis = [0, 1, 0]"), [no_check, nowhere]);
 }
 
 #[test]
 fn a_profile_and_a_scene_in_each_others_place_are_told_apart() {
-    let said = |errors: config::ConfigErrors| errors.problems().iter().map(ToString::to_string).collect::<Vec<_>>().join("\n");
-    let (scene, arm) = (Path::new(ROOT).join("config/scenes/block-on-plane.toml"), Path::new(ROOT).join("devices/open6-hid.toml"));
-    assert!(said(config::load(&arm).unwrap_err()).ends_with("open6-hid.toml: this is a device profile, not a scene"));
-    assert!(said(profile::load(&scene).unwrap_err()).ends_with("block-on-plane.toml: this is a scene, not a device profile"));
+    let said = |errors: config::ConfigErrors| {
+        errors.problems().iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")
+    };
+    let scene = Path::new(ROOT).join("config/scenes/block-on-plane.toml");
+    let arm = Path::new(ROOT).join("devices/open6-hid.toml");
+    assert!(
+        said(config::load(&arm).unwrap_err())
+            .ends_with("open6-hid.toml: this is a device profile, not a scene")
+    );
+    assert!(
+        said(profile::load(&scene).unwrap_err())
+            .ends_with("block-on-plane.toml: this is a scene, not a device profile")
+    );
 }

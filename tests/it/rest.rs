@@ -1,4 +1,5 @@
-//! A scene, an arm and a hand, tick by tick on the virtual clock: does it come to rest, and what did it come to?
+//! A scene, an arm and a hand, tick by tick on the virtual clock: does it come to rest, and what
+//! did it come to?
 
 use arms::Device;
 use arms::simulated::hand::{HandMapping, HandPath};
@@ -10,7 +11,8 @@ use haptics::{Drive, DriveRequest, Faults, RenderScene, State, TickInput, TickOu
 pub(crate) const T: f64 = 1e-3;
 
 /// Hand stiffness N/m, damping N·s/m, mass g.
-pub(crate) const HANDS: [(&str, [f64; 3]); 2] = [("stiff", [2000.0, 20.0, 200.0]), ("loose", [100.0, 1.5, 60.0])];
+pub(crate) const HANDS: [(&str, [f64; 3]); 2] =
+    [("stiff", [2000.0, 20.0, 200.0]), ("loose", [100.0, 1.5, 60.0])];
 
 /// The arms that everything has to be at rest on.
 pub(crate) const ARMS: [&str; 3] = ["sim-sigma7", "sim-touch", "sim-premium15-6dof"];
@@ -18,8 +20,8 @@ pub(crate) const ARMS: [&str; 3] = ["sim-sigma7", "sim-touch", "sim-premium15-6d
 /// Ticks of delay beyond an arm's own.
 pub(crate) const MORE_DELAY: [u32; 3] = [0, 1, 3];
 
-/// Most that an arm may give more than it took, J. Judged behind the passivity controller; what is left is encoder steps, and what is
-/// owed when contact is left (0.4 mJ at worst).
+/// Most that an arm may give more than it took, J. Judged behind the passivity controller; what is
+/// left is encoder steps, and what is owed when contact is left (0.4 mJ at worst).
 pub(crate) const OWED_J: f64 = 1e-3;
 
 /// What one run came to.
@@ -45,10 +47,17 @@ pub(crate) struct Outcome {
     arm_m: DVec3,
 }
 
-/// Plays a baked scene with the parameters, arm and hand of a configuration. The last `n_rest` ticks have to be at rest.
+/// Plays a baked scene with the parameters, arm and hand of a configuration. The last `n_rest`
+/// ticks have to be at rest.
 ///
 /// In every tick: no fault, every number finite, command within the limits.
-pub(crate) fn play(scene: &mut RenderScene, config: &SceneConfig, path: &HandPath, n_ticks: usize, n_rest: usize) -> Outcome {
+pub(crate) fn play(
+    scene: &mut RenderScene,
+    config: &SceneConfig,
+    path: &HandPath,
+    n_ticks: usize,
+    n_rest: usize,
+) -> Outcome {
     scene.parameters = config.parameters;
     let mut arm = arm(config, scene, path);
     let mut state = State::new(scene);
@@ -57,12 +66,27 @@ pub(crate) fn play(scene: &mut RenderScene, config: &SceneConfig, path: &HandPat
     let limits = config.parameters.limits;
     for n in 0..n_ticks {
         let sample = arm.read().expect("a sample");
-        let output = tick(scene, &mut state, &TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() });
+        let output = tick(
+            scene,
+            &mut state,
+            &TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() },
+        );
         arm.write(&output.command_device).expect("a finite command");
         assert_eq!(output.faults, Faults::NONE, "tick {n}: {output:?}");
-        assert!(output.world_from_tool.is_finite() && output.contact_world.is_finite() && output.energy_j.is_finite(), "tick {n}");
-        assert!(output.command_device.force.length() <= limits.force_n * (1.0 + 1e-12), "tick {n}: {output:?}");
-        assert!(output.command_device.torque.length() <= limits.torque_nm * (1.0 + 1e-12), "tick {n}: {output:?}");
+        assert!(
+            output.world_from_tool.is_finite()
+                && output.contact_world.is_finite()
+                && output.energy_j.is_finite(),
+            "tick {n}"
+        );
+        assert!(
+            output.command_device.force.length() <= limits.force_n * (1.0 + 1e-12),
+            "tick {n}: {output:?}"
+        );
+        assert!(
+            output.command_device.torque.length() <= limits.torque_nm * (1.0 + 1e-12),
+            "tick {n}: {output:?}"
+        );
         outputs.push(output);
         speeds.push(arm.true_twist().linear.length());
     }
@@ -71,7 +95,9 @@ pub(crate) fn play(scene: &mut RenderScene, config: &SceneConfig, path: &HandPat
         let low = rest.iter().map(of).fold(DVec3::INFINITY, DVec3::min);
         (rest.iter().map(of).fold(DVec3::NEG_INFINITY, DVec3::max) - low).max_element()
     };
-    let deepest = |outputs: &[TickOutput]| outputs.iter().map(|output| output.max_depth_m).fold(0.0, f64::max);
+    let deepest = |outputs: &[TickOutput]| {
+        outputs.iter().map(|output| output.max_depth_m).fold(0.0, f64::max)
+    };
     assert_eq!(outputs[n_ticks - 1].drive, Drive::Enabled);
     Outcome {
         ripple_n: spread(&|output| output.command_device.force),
@@ -79,8 +105,12 @@ pub(crate) fn play(scene: &mut RenderScene, config: &SceneConfig, path: &HandPat
         speed_m_per_s: speeds[n_ticks - n_rest..].iter().copied().fold(0.0, f64::max),
         deepest_m: deepest(&outputs),
         rest_depth_m: deepest(rest),
-        force_n: outputs.iter().map(|output| output.command_device.force.length()).fold(0.0, f64::max),
-        rest_force_n: rest.iter().map(|output| output.command_device.force.length()).sum::<f64>() / n_rest as f64,
+        force_n: outputs
+            .iter()
+            .map(|output| output.command_device.force.length())
+            .fold(0.0, f64::max),
+        rest_force_n: rest.iter().map(|output| output.command_device.force.length()).sum::<f64>()
+            / n_rest as f64,
         lowest_j: outputs.iter().map(|output| output.energy_j).fold(0.0, f64::min),
         damped_ticks: outputs.iter().filter(|output| output.passivity_active).count(),
         last: outputs[n_ticks - 1],
@@ -89,7 +119,8 @@ pub(crate) fn play(scene: &mut RenderScene, config: &SceneConfig, path: &HandPat
 }
 
 fn arm(config: &SceneConfig, scene: &RenderScene, path: &HandPath) -> SimArm {
-    let (profile, mapping) = (&config.device.profile, &config.parameters.mapping);
+    let profile = &config.device.profile;
+    let mapping = &config.parameters.mapping;
     let mut plant = profile.plant;
     plant.delay_ticks = config.device.sim.delay_ticks.unwrap_or(plant.delay_ticks);
     let hand_mapping = HandMapping {
@@ -128,10 +159,11 @@ pub(crate) struct Still {
 }
 
 impl Still {
-    /// An arm that stands between two encoder steps may see either: one step each of up to two axes, and the friction that holds it
-    /// there.
+    /// An arm that stands between two encoder steps may see either: one step each of up to two
+    /// axes, and the friction that holds it there.
     pub(crate) fn on(config: &SceneConfig) -> Self {
-        let (coupling, plant) = (&config.parameters.coupling, &config.device.profile.plant);
+        let coupling = &config.parameters.coupling;
+        let plant = &config.device.profile.plant;
         Self {
             ripple_n: 2.0 * plant.encoder_step_m * coupling.stiffness_n_per_m + 0.05,
             ripple_nm: 2.0 * plant.encoder_step_rad * coupling.stiffness_nm_per_rad + 0.001,
@@ -145,7 +177,10 @@ impl Outcome {
     /// No limit cycle, and no more given than taken.
     pub(crate) fn assert_still(&self, what: &str, still: &Still) {
         let Still { ripple_n, ripple_nm, speed_m_per_s, owed_j } = *still;
-        assert!(self.ripple_n <= ripple_n && self.ripple_nm <= ripple_nm, "{what} trembles: {self}, allowed {ripple_n} N");
+        assert!(
+            self.ripple_n <= ripple_n && self.ripple_nm <= ripple_nm,
+            "{what} trembles: {self}, allowed {ripple_n} N"
+        );
         assert!(self.speed_m_per_s < speed_m_per_s, "{what} still moves: {self}");
         assert!(self.lowest_j > -owed_j, "{what} gave more than it took: {self}");
     }
@@ -155,8 +190,8 @@ impl core::fmt::Display for Outcome {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         write!(
             f,
-            "ripple {:.4} N {:.5} N·m, {:.2} mm/s, deepest {:.3} mm, at rest {:.3} mm, force {:.2} N, at rest {:.2} N with the arm at \
-             {:.3} mm, lowest {:.5} mJ, damped {} ticks",
+            "ripple {:.4} N {:.5} N·m, {:.2} mm/s, deepest {:.3} mm, at rest {:.3} mm, force {:.2} \
+                N, at rest {:.2} N with the arm at {:.3} mm, lowest {:.5} mJ, damped {} ticks",
             self.ripple_n,
             self.ripple_nm,
             self.speed_m_per_s * 1e3,

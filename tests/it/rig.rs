@@ -46,7 +46,9 @@ pub(crate) fn rewritten(name: &str, replacements: &[(&str, &str)]) -> SceneConfi
         assert!(text.contains(from), "{name} has no `{from}`");
         text = text.replace(from, to);
     }
-    text = text.replace("\"../models/", &absolute("models")).replace("\"hands/", &absolute("scenes/hands"));
+    text = text
+        .replace("\"../models/", &absolute("models"))
+        .replace("\"hands/", &absolute("scenes/hands"));
     written(&text)
 }
 
@@ -89,11 +91,20 @@ pub(crate) fn run_ticks(config: &SceneConfig, n_ticks: u64) -> Run {
 }
 
 /// The hand's full length and a second more, while objects follow their paths.
-pub(crate) fn run_moving<const N: usize>(config: &SceneConfig, paths: [(&str, HandPath); N]) -> Run {
+pub(crate) fn run_moving<const N: usize>(
+    config: &SceneConfig,
+    paths: [(&str, HandPath); N],
+) -> Run {
     let n_ticks = ((hand_end_s(config) + 1.0) / config.parameters.period_s).round() as u64;
-    let objects: Vec<(String, bool)> = config.statics.iter().map(|object| (object.name.clone(), object.movable)).collect();
+    let objects: Vec<(String, bool)> =
+        config.statics.iter().map(|object| (object.name.clone(), object.movable)).collect();
     let paths = paths.map(|(name, path)| (name.to_owned(), path));
-    run_along(config, &mut Cache::off(), n_ticks, ObjectPaths::new(&objects, paths).expect("movable"))
+    run_along(
+        config,
+        &mut Cache::off(),
+        n_ticks,
+        ObjectPaths::new(&objects, paths).expect("movable"),
+    )
 }
 
 /// The same, with a bake cache.
@@ -102,14 +113,23 @@ pub(crate) fn run_ticks_with(config: &SceneConfig, cache: &mut Cache, n_ticks: u
 }
 
 fn run_along(config: &SceneConfig, cache: &mut Cache, n_ticks: u64, paths: ObjectPaths) -> Run {
-    let (prepared, reports) = prepare_with(config, &mut BakeOptions::from(cache), |_| ()).unwrap_or_else(|error| panic!("{error}"));
+    let (prepared, reports) = prepare_with(config, &mut BakeOptions::from(cache), |_| ())
+        .unwrap_or_else(|error| panic!("{error}"));
     let scene = Arc::new(prepared.scene);
-    // Capacity for all: the virtual clock waits for a drain, and nothing drains here before the end.
+    // Capacity for all: the virtual clock waits for a drain, and nothing drains here before the
+    // end.
     let (producer, mut consumer) = rtrb::RingBuffer::new(n_ticks as usize + 2000);
     let control = Arc::new(Control::enabled());
     let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };
-    let mut servo = ServoLoop::new(scene.clone(), prepared.device, VirtualClock::default(), control, plan, producer)
-        .with_commands(CommandQueue::default().with_paths(paths));
+    let mut servo = ServoLoop::new(
+        scene.clone(),
+        prepared.device,
+        VirtualClock::default(),
+        control,
+        plan,
+        producer,
+    )
+    .with_commands(CommandQueue::default().with_paths(paths));
     servo.warm_up();
     while servo.step() == Step::Continue {}
     let report = servo.finish();
@@ -119,7 +139,14 @@ fn run_along(config: &SceneConfig, cache: &mut Cache, n_ticks: u64, paths: Objec
         records.push(record);
     }
     assert_eq!(records.len() as u64, report.ticks);
-    Run { scene, reports, records, stop_at_tick: n_ticks as usize, faults: report.faults, ending: report.ending }
+    Run {
+        scene,
+        reports,
+        records,
+        stop_at_tick: n_ticks as usize,
+        faults: report.faults,
+        ending: report.ending,
+    }
 }
 
 fn bits(wrench: Wrench) -> [u64; 6] {
@@ -152,13 +179,17 @@ impl Run {
     pub(crate) fn tell(&self, name: &str) {
         let pose = self.final_pose();
         let (axis, turn) = pose.rotation.to_axis_angle();
-        let deepest = self.records.iter().max_by(|a, b| a.output.max_depth_m.total_cmp(&b.output.max_depth_m)).expect("records");
+        let deepest = self
+            .records
+            .iter()
+            .max_by(|a, b| a.output.max_depth_m.total_cmp(&b.output.max_depth_m))
+            .expect("records");
         let touching = self.records.iter().filter(|record| record.output.contacts > 0).count();
         let force = |record: &TickRecord| record.output.commanded_device.force.length();
         let strongest = self.records.iter().map(force).fold(0.0, f64::max);
         eprintln!(
-            "{name}: {} points, {} ticks, {touching} in contact; deepest {:.4} mm at tick {}; largest command {strongest:.2} N; \
-             end [{:.4}] mm, {:.3}° about {axis:.2}",
+            "{name}: {} points, {} ticks, {touching} in contact; deepest {:.4} mm at tick {}; \
+                largest command {strongest:.2} N; end [{:.4}] mm, {:.3}° about {axis:.2}",
             self.scene.tool.shell.len(),
             self.records.len(),
             deepest.output.max_depth_m * 1e3,
@@ -173,8 +204,8 @@ impl Run {
     /// - no faults, an ending at rest, some contact, every number finite;
     /// - |F| and |τ| of the command within the limits;
     /// - the contact wrench is +0 to the bit whenever no point has V > 0;
-    /// - the command is +0 to the bit in free space, from the tick on by which the slew limit can have brought the last command in contact
-    ///   down to zero;
+    /// - the command is +0 to the bit in free space, from the tick on by which the slew limit can
+    ///   have brought the last command in contact down to zero;
     /// - no point is ever as deep as one voxel of the finest static object: nothing went through.
     pub(crate) fn assert_sound(&self, name: &str) {
         self.tell(name);
@@ -184,11 +215,14 @@ impl Run {
         let slew_ticks = |command: Wrench| {
             let ticks = |length: f64, slew: f64| (length / (slew * period_s)).ceil() as u64;
             // One more for the rounding of n equal steps.
-            1 + ticks(command.force.length(), limits.slew_n_per_s).max(ticks(command.torque.length(), limits.slew_nm_per_s))
+            1 + ticks(command.force.length(), limits.slew_n_per_s)
+                .max(ticks(command.torque.length(), limits.slew_nm_per_s))
         };
         let mut zero_from_tick = 0;
         for record in &self.records {
-            let (tick, input, output) = (record.tick, &record.input, &record.output);
+            let tick = record.tick;
+            let input = &record.input;
+            let output = &record.output;
             let command = output.commanded_device;
             let numbers = [output.max_depth_m, output.clearance_m, output.energy_j];
             assert!(
@@ -201,20 +235,43 @@ impl Run {
                     && input.sample.twist.is_finite(),
                 "{name}, tick {tick}: {output:?}"
             );
-            assert!(command.force.length() <= limits.force_n * ROUNDING, "{name}, tick {tick}: {command:?}");
-            assert!(command.torque.length() <= limits.torque_nm * ROUNDING, "{name}, tick {tick}: {command:?}");
+            assert!(
+                command.force.length() <= limits.force_n * ROUNDING,
+                "{name}, tick {tick}: {command:?}"
+            );
+            assert!(
+                command.torque.length() <= limits.torque_nm * ROUNDING,
+                "{name}, tick {tick}: {command:?}"
+            );
             if output.contacts > 0 {
                 zero_from_tick = tick + slew_ticks(command);
                 assert!(output.max_depth_m > 0.0, "{name}, tick {tick}");
             } else {
-                assert!(is_bit_zero(output.contact_world), "{name}, tick {tick}: {:?}", output.contact_world);
-                assert!(output.max_depth_m == 0.0 && output.clearance_m >= 0.0, "{name}, tick {tick}");
-                assert!(tick < zero_from_tick || is_bit_zero(command), "{name}, tick {tick}: {command:?} in free space");
+                assert!(
+                    is_bit_zero(output.contact_world),
+                    "{name}, tick {tick}: {:?}",
+                    output.contact_world
+                );
+                assert!(
+                    output.max_depth_m == 0.0 && output.clearance_m >= 0.0,
+                    "{name}, tick {tick}"
+                );
+                assert!(
+                    tick < zero_from_tick || is_bit_zero(command),
+                    "{name}, tick {tick}: {command:?} in free space"
+                );
             }
         }
-        assert!(self.records.iter().any(|record| record.output.contacts > 0), "{name}: nothing was touched");
-        let finest_m =
-            self.scene.obstacles.iter().map(|obstacle| f64::from(obstacle.field.voxel_size_m())).fold(f64::INFINITY, f64::min);
+        assert!(
+            self.records.iter().any(|record| record.output.contacts > 0),
+            "{name}: nothing was touched"
+        );
+        let finest_m = self
+            .scene
+            .obstacles
+            .iter()
+            .map(|obstacle| f64::from(obstacle.field.voxel_size_m()))
+            .fold(f64::INFINITY, f64::min);
         assert!(self.max_depth_m() < finest_m, "{name}: {} mm deep", self.max_depth_m() * 1e3);
         let last = self.records.last().expect("records");
         assert!(is_bit_zero(last.output.command_device), "{name}: at rest");

@@ -1,9 +1,10 @@
-//! Random scenes on the virtual clock, judged for what no scene that `check` accepts may do: give the hand more energy than it took, go on
-//! moving in a hand that is still, burst out, leave the limits.
+//! Random scenes on the virtual clock, judged for what no scene that `check` accepts may do: give
+//! the hand more energy than it took, go on moving in a hand that is still, burst out, leave the
+//! limits.
 //!
-//! Every scene is made of a number, so that a bad one can be run again: `HAPTICD_SEARCH_SEED=17` runs that one alone. `HAPTICD_SEARCH_RUNS=2000` searches
-//! for longer.
-//! With a seed, `HAPTICD_SEARCH_CSV=FILE` writes what every tick measured and commanded.
+//! Every scene is made of a number, so that a bad one can be run again: `HAPTICD_SEARCH_SEED=17`
+//! runs that one alone. `HAPTICD_SEARCH_RUNS=2000` searches for longer. With a seed,
+//! `HAPTICD_SEARCH_CSV=FILE` writes what every tick measured and commanded.
 
 use core::fmt::Write as _;
 use std::fs;
@@ -70,11 +71,16 @@ impl Verdict {
 
     /// What no scene may do.
     fn assert_good(&self) {
-        let Self { seed, what, lowest_j, burst_n, ripple_n, ripple_nm, faults, most_owed_j, .. } = self;
+        let Self {
+            seed, what, lowest_j, burst_n, ripple_n, ripple_nm, faults, most_owed_j, ..
+        } = self;
         assert_eq!(*faults, Faults::NONE, "{seed}: {what}");
         assert!(*lowest_j >= -most_owed_j, "{seed} gives {} mJ: {what}", -lowest_j * 1e3);
         assert!(*burst_n <= 0.5, "{seed} moves by {burst_n} N in a still hand: {what}");
-        assert!(*ripple_n <= 0.1 && *ripple_nm <= 5e-3, "{seed} trembles by {ripple_n} N, {ripple_nm} N·m: {what}");
+        assert!(
+            *ripple_n <= 0.1 && *ripple_nm <= 5e-3,
+            "{seed} trembles by {ripple_n} N, {ripple_nm} N·m: {what}"
+        );
     }
 }
 
@@ -115,15 +121,16 @@ const ARMS: [&str; 12] = [
     "sim-woodenhaptics",
 ];
 
-const MODES: [&str; 8] = ["implicit", "implicit", "implicit", "implicit", "implicit", "static", "constraint", "direct"];
+const MODES: [&str; 8] =
+    ["implicit", "implicit", "implicit", "implicit", "implicit", "static", "constraint", "direct"];
 
 /// Fixed parts, with the place above which the tool starts and the way into them.
 fn parts(dice: &mut Dice, tool_mm: f64) -> (&'static str, String) {
     let plane = |name: &str, voxel_mm: f64, about_y: f64| {
         let half = 0.5 * about_y;
         format!(
-            "[[static]]\nname = \"{name}\"\nshape = {{ plane_mm = [60.0, 60.0] }}\nvoxel_size_mm = {voxel_mm:.2}\n\
-             orientation_xyzw = [0.0, {:?}, 0.0, {:?}]\n",
+            "[[static]]\nname = \"{name}\"\nshape = {{ plane_mm = [60.0, 60.0] }}\nvoxel_size_mm = \
+                {voxel_mm:.2}\norientation_xyzw = [0.0, {:?}, 0.0, {:?}]\n",
             half.sin(),
             half.cos()
         )
@@ -139,8 +146,8 @@ fn parts(dice: &mut Dice, tool_mm: f64) -> (&'static str, String) {
             let gap_mm = 2.0 * tool_mm + dice.between(0.1, 1.0);
             let wall = |name: &str, side: f64| {
                 format!(
-                    "[[static]]\nname = \"{name}\"\nshape = {{ box_mm = [10.0, 40.0, 20.0] }}\nvoxel_size_mm = {voxel_mm:.2}\n\
-                     position_mm = [{:?}, 0.0, -10.0]\n",
+                    "[[static]]\nname = \"{name}\"\nshape = {{ box_mm = [10.0, 40.0, 20.0] \
+                        }}\nvoxel_size_mm = {voxel_mm:.2}\nposition_mm = [{:?}, 0.0, -10.0]\n",
                     side * (0.5 * gap_mm + 5.0)
                 )
             };
@@ -149,8 +156,8 @@ fn parts(dice: &mut Dice, tool_mm: f64) -> (&'static str, String) {
         3 => {
             let radius_mm = dice.between(6.0, 20.0);
             let object = format!(
-                "[[static]]\nname = \"ball\"\nshape = {{ sphere_mm = {radius_mm:.2} }}\nvoxel_size_mm = {voxel_mm:.2}\n\
-                 position_mm = [0.0, 0.0, {:.3}]\n",
+                "[[static]]\nname = \"ball\"\nshape = {{ sphere_mm = {radius_mm:.2} \
+                    }}\nvoxel_size_mm = {voxel_mm:.2}\nposition_mm = [0.0, 0.0, {:.3}]\n",
                 -radius_mm
             );
             ("ball", object)
@@ -158,8 +165,10 @@ fn parts(dice: &mut Dice, tool_mm: f64) -> (&'static str, String) {
         _ => {
             let radius_mm = dice.between(6.0, 15.0);
             let object = format!(
-                "[[static]]\nname = \"rod\"\nshape = {{ cylinder_mm = [{radius_mm:.2}, 50.0] }}\nvoxel_size_mm = {voxel_mm:.2}\n\
-                 position_mm = [0.0, 0.0, {:.3}]\norientation_xyzw = [0.7071067811865476, 0.0, 0.0, 0.7071067811865476]\n",
+                "[[static]]\nname = \"rod\"\nshape = {{ cylinder_mm = [{radius_mm:.2}, 50.0] \
+                    }}\nvoxel_size_mm = {voxel_mm:.2}\nposition_mm = [0.0, 0.0, \
+                    {:.3}]\norientation_xyzw = [0.7071067811865476, 0.0, 0.0, \
+                    0.7071067811865476]\n",
                 -radius_mm
             );
             ("rod", object)
@@ -176,44 +185,62 @@ fn scenario(seed: u64) -> Scenario {
     let (shape, tool_mm) = match dice.pick(&[0, 0, 1, 2]) {
         0 => {
             let edges = [1.2, 1.5, 1.0].map(|share| share * radius_mm);
-            (format!("box_mm = [{:.2}, {:.2}, {:.2}]", edges[0], edges[1], edges[2]), DVec3::from_array(edges).length() * 0.5)
+            (
+                format!("box_mm = [{:.2}, {:.2}, {:.2}]", edges[0], edges[1], edges[2]),
+                DVec3::from_array(edges).length() * 0.5,
+            )
         }
         1 => (format!("sphere_mm = {radius_mm:.2}"), radius_mm),
         _ => (format!("cylinder_mm = [{:.2}, {:.2}]", 0.6 * radius_mm, 1.5 * radius_mm), radius_mm),
     };
     let (place, statics) = parts(&mut dice, tool_mm);
-    let (arm, mode) = (dice.pick(&ARMS), dice.pick(&MODES));
+    let arm = dice.pick(&ARMS);
+    let mode = dice.pick(&MODES);
     let friction = dice.pick(&[0.0, 0.0, 0.1, 0.2, 0.3, 0.6]);
     // What `check` refuses.
     let friction = if mode == "constraint" { 0.0 } else { friction };
     let hand = (dice.scaled(100.0, 2000.0), dice.scaled(1.0, 20.0), dice.scaled(50.0, 250.0));
-    let contact = if mode == "direct" { None } else { dice.pick(&[None, Some(0.5), Some(2.0), Some(20.0)]) };
+    let contact =
+        if mode == "direct" { None } else { dice.pick(&[None, Some(0.5), Some(2.0), Some(20.0)]) };
     let delay = dice.pick(&[None, None, None, Some(0), Some(2), Some(4)]);
     let softer = dice.pick(&[None, None, Some(0.6), Some(0.3)]);
     let action = dice.pick(&["tap", "tap", "hold", "hold", "slide", "twist"]);
-    let turn = DQuat::from_axis_angle(dice.direction(), if place == "slot" { 0.0 } else { dice.between(0.0, 3.0) });
+    let turn = DQuat::from_axis_angle(
+        dice.direction(),
+        if place == "slot" { 0.0 } else { dice.between(0.0, 3.0) },
+    );
     let [x, y, z, w] = turn.to_array();
     let start_mm = DVec3::Z * (tool_mm + 1.5);
     let text = |stiffness: Option<(f64, f64)>| {
         let mut text = format!("version = 1\n[rendering]\ncoupling = \"{mode}\"\n{statics}");
         let _ = write!(
             text,
-            "[tool]\nshape = {{ {shape} }}\nvoxel_size_mm = 0.5\nmass_g = 100.0\nstart_position_mm = [0.0, 0.0, {:?}]\n\
-             start_orientation_xyzw = [{x:?}, {y:?}, {z:?}, {w:?}]\n[contact]\n",
+            "[tool]\nshape = {{ {shape} }}\nvoxel_size_mm = 0.5\nmass_g = 100.0\nstart_position_mm \
+                = [0.0, 0.0, {:?}]\nstart_orientation_xyzw = [{x:?}, {y:?}, {z:?}, \
+                {w:?}]\n[contact]\n",
             start_mm.z
         );
         if friction > 0.0 {
-            let _ = writeln!(text, "friction = {{ static = {friction}, dynamic = {} }}", 0.8 * friction);
+            let _ = writeln!(
+                text,
+                "friction = {{ static = {friction}, dynamic = {} }}",
+                0.8 * friction
+            );
         }
         if let Some(contact) = contact {
             let _ = writeln!(text, "stiffness_n_per_mm = {contact}");
         }
         if let Some((n_per_m, nm_per_rad)) = stiffness {
-            let _ = writeln!(text, "[coupling]\ntranslation_n_per_mm = {:?}\nrotation_nm_per_rad = {nm_per_rad:?}", n_per_m * 1e-3);
+            let _ = writeln!(
+                text,
+                "[coupling]\ntranslation_n_per_mm = {:?}\nrotation_nm_per_rad = {nm_per_rad:?}",
+                n_per_m * 1e-3
+            );
         }
         let _ = writeln!(
             text,
-            "[device]\nprofile = \"{arm}\"\n[device.sim]\nhand_stiffness_n_per_m = {:?}\nhand_damping_n_s_per_m = {:?}\nhand_mass_g = {:?}",
+            "[device]\nprofile = \"{arm}\"\n[device.sim]\nhand_stiffness_n_per_m = \
+                {:?}\nhand_damping_n_s_per_m = {:?}\nhand_mass_g = {:?}",
             hand.0, hand.1, hand.2
         );
         if let Some(delay) = delay {
@@ -224,15 +251,23 @@ fn scenario(seed: u64) -> Scenario {
     let mut config = rig::written(&text(None));
     if let Some(softer) = softer {
         let coupling = config.parameters.coupling;
-        config = rig::written(&text(Some((softer * coupling.stiffness_n_per_m, softer * coupling.stiffness_nm_per_rad))));
+        config = rig::written(&text(Some((
+            softer * coupling.stiffness_n_per_m,
+            softer * coupling.stiffness_nm_per_rad,
+        ))));
     }
 
     let force_n = config.parameters.limits.force_n;
-    // As far inside as the hand needs for a share of the arm's force, through the hand's own spring.
-    let depth_mm = ((dice.between(0.1, 0.8) * force_n / hand.0) * 1e3).min(25.0) + dice.between(0.2, 1.5) + 1.5;
+    // As far inside as the hand needs for a share of the arm's force, through the hand's own
+    // spring.
+    let depth_mm = ((dice.between(0.1, 0.8) * force_n / hand.0) * 1e3).min(25.0)
+        + dice.between(0.2, 1.5)
+        + 1.5;
     let speed_mm_per_s = dice.scaled(40.0, 400.0);
-    let into = (DVec3::NEG_Z + dice.direction() * 0.4 * f64::from(u8::from(place != "slot"))).normalize();
-    let mut poses = vec![TimedPose { line: 0, time_s: 0.0, pose: Pose::new(turn, start_mm * 1e-3) }];
+    let into =
+        (DVec3::NEG_Z + dice.direction() * 0.4 * f64::from(u8::from(place != "slot"))).normalize();
+    let mut poses =
+        vec![TimedPose { line: 0, time_s: 0.0, pose: Pose::new(turn, start_mm * 1e-3) }];
     let go = |poses: &mut Vec<TimedPose>, to_mm: DVec3, turned: DQuat, least_s: f64| {
         let last = poses[poses.len() - 1];
         let way_mm = (to_mm * 1e-3 - last.pose.translation).length() * 1e3;
@@ -252,7 +287,8 @@ fn scenario(seed: u64) -> Scenario {
         }
         "slide" => {
             go(&mut poses, deep_mm, turn, 0.0);
-            let along = into.cross(dice.direction()).normalize_or(DVec3::X) * dice.between(1.0, 6.0);
+            let along =
+                into.cross(dice.direction()).normalize_or(DVec3::X) * dice.between(1.0, 6.0);
             for side in [1.0, -1.0, 1.0, 0.0] {
                 go(&mut poses, deep_mm + along * side, turn, 0.1);
             }
@@ -267,19 +303,25 @@ fn scenario(seed: u64) -> Scenario {
         _ => go(&mut poses, deep_mm, turn, 0.0),
     }
     let end_s = poses[poses.len() - 1].time_s;
-    let path = HandPath::from_poses(&poses, Path::new("search.csv")).unwrap_or_else(|error| panic!("{seed}: {error}"));
+    let path = HandPath::from_poses(&poses, Path::new("search.csv"))
+        .unwrap_or_else(|error| panic!("{seed}: {error}"));
     let what = format!(
-        "{mode} {arm} {place} {shape} {action} {speed_mm_per_s:.0} mm/s, mu {friction}, hand {:.0} N/m {:.1} N.s/m {:.0} g, contact {contact:?}, \
-         delay {delay:?}, softer {softer:?}, {:.0} N/m",
+        "{mode} {arm} {place} {shape} {action} {speed_mm_per_s:.0} mm/s, mu {friction}, hand {:.0} \
+            N/m {:.1} N.s/m {:.0} g, contact {contact:?}, delay {delay:?}, softer {softer:?}, \
+            {:.0} N/m",
         hand.0, hand.1, hand.2, config.parameters.coupling.stiffness_n_per_m
     );
     Scenario { seed, what, config, path, end_s }
 }
 
-/// Half a millijoule is free, and the damper that pays the rest acts on a velocity that is late: 1 mJ. At four ticks of delay it is that much later.
-/// Where `check` says that the arm takes too little damping, the force is weakened after the fact.
+/// Half a millijoule is free, and the damper that pays the rest acts on a velocity that is late: 1
+/// mJ. At four ticks of delay it is that much later. Where `check` says that the arm takes too
+/// little damping, the force is weakened after the fact.
 fn most_owed_j(config: &SceneConfig) -> f64 {
-    if config::plausibility_warnings(config).iter().any(|doubt| doubt.to_string().contains("to give no energy")) {
+    if config::plausibility_warnings(config)
+        .iter()
+        .any(|doubt| doubt.to_string().contains("to give no energy"))
+    {
         2.5e-3
     } else if config.device.sim.delay_ticks >= Some(4) {
         1.5e-3
@@ -288,7 +330,8 @@ fn most_owed_j(config: &SceneConfig) -> f64 {
     }
 }
 
-/// A line for every tick: what was measured, where the tool stands, what it touches and what the arm is told.
+/// A line for every tick: what was measured, where the tool stands, what it touches and what the
+/// arm is told.
 struct Trace(String);
 
 impl Trace {
@@ -297,10 +340,21 @@ impl Trace {
 
     fn add(&mut self, tick: usize, measured: Pose, output: &TickOutput) {
         let turn = |pose: Pose| Pose::IDENTITY.rotation_to(pose);
-        let (tool, command) = (output.world_from_tool, output.command_device);
-        let vectors = [measured.translation, turn(measured), tool.translation, turn(tool), output.contact_world.force];
+        let tool = output.world_from_tool;
+        let command = output.command_device;
+        let vectors = [
+            measured.translation,
+            turn(measured),
+            tool.translation,
+            turn(tool),
+            output.contact_world.force,
+        ];
         let _ = write!(self.0, "\n{tick}");
-        for value in vectors.into_iter().chain([command.force, command.torque]).flat_map(|vector| vector.to_array()) {
+        for value in vectors
+            .into_iter()
+            .chain([command.force, command.torque])
+            .flat_map(|vector| vector.to_array())
+        {
             let _ = write!(self.0, ",{value:e}");
         }
         let _ = write!(self.0, ",{},{:e}", output.contacts, output.max_depth_m);
@@ -313,11 +367,13 @@ fn judge(scenario: &Scenario) -> Verdict {
 
 fn judge_traced(scenario: &Scenario, mut trace: Option<&mut Trace>) -> Verdict {
     let Scenario { config, path, end_s, .. } = scenario;
-    let (prepared, _) = prepare(config, |_| ()).unwrap_or_else(|error| panic!("{}: {error}", scenario.seed));
+    let (prepared, _) =
+        prepare(config, |_| ()).unwrap_or_else(|error| panic!("{}: {error}", scenario.seed));
     let scene = prepared.scene;
     let mut profile = config.device.profile.clone();
     profile.plant.delay_ticks = config.device.sim.delay_ticks.unwrap_or(profile.plant.delay_ticks);
-    let (mapping, sim) = (&config.parameters.mapping, &config.device.sim);
+    let mapping = &config.parameters.mapping;
+    let sim = &config.device.sim;
     let hand_mapping = HandMapping {
         world_from_device: mapping.world_from_device,
         scale: mapping.scale,
@@ -331,27 +387,39 @@ fn judge_traced(scenario: &Scenario, mut trace: Option<&mut Trace>) -> Verdict {
         path: Some(path.to_device(hand_mapping)),
         ..HandParameters::default()
     };
-    let mut arm = SimArm::new(SimParameters::of(&profile, Some(hand), T)).expect("a hand that the plant can follow");
+    let mut arm = SimArm::new(SimParameters::of(&profile, Some(hand), T))
+        .expect("a hand that the plant can follow");
     let mut state = State::new(&scene);
     let delay = profile.plant.delay_ticks as usize;
     let mut held = vec![Wrench::ZERO; delay + 1];
     let n_ticks = ((end_s + STILL_S) / T) as usize;
-    let (from_settled, from_rest) = (((end_s + SETTLE_S) / T) as usize, n_ticks - (REST_S / T) as usize);
-    let (mut energy_j, mut lowest_j, mut counted_j) = (0.0_f64, 0.0_f64, 0.0_f64);
+    let from_settled = ((end_s + SETTLE_S) / T) as usize;
+    let from_rest = n_ticks - (REST_S / T) as usize;
+    let mut energy_j = 0.0_f64;
+    let mut lowest_j = 0.0_f64;
+    let mut counted_j = 0.0_f64;
     let mut faults = Faults::NONE;
-    let (mut low, mut high) = ([DVec3::INFINITY; 2], [DVec3::NEG_INFINITY; 2]);
-    let (mut least_n, mut most_n) = (f64::INFINITY, 0.0_f64);
-    let (mut share, mut force_n) = (1.0, 0.0_f64);
+    let mut low = [DVec3::INFINITY; 2];
+    let mut high = [DVec3::NEG_INFINITY; 2];
+    let mut least_n = f64::INFINITY;
+    let mut most_n = 0.0_f64;
+    let mut share = 1.0;
+    let mut force_n = 0.0_f64;
     let mut before = arm.true_pose();
     for n in 0..n_ticks {
         let sample = arm.read().expect("a sample");
         let now = arm.true_pose();
         // What acted since the last sample was written `delay` ticks before the newest command.
         let acted = held[(n + 2 * (delay + 1) - 1 - delay) % (delay + 1)];
-        energy_j -= acted.force.dot(now.translation - before.translation) + acted.torque.dot(before.rotation_to(now));
+        energy_j -= acted.force.dot(now.translation - before.translation)
+            + acted.torque.dot(before.rotation_to(now));
         lowest_j = lowest_j.min(energy_j);
         before = now;
-        let output = tick(&scene, &mut state, &TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() });
+        let output = tick(
+            &scene,
+            &mut state,
+            &TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() },
+        );
         if let Some(trace) = &mut trace {
             trace.add(n, sample.pose, &output);
         }
@@ -361,10 +429,21 @@ fn judge_traced(scenario: &Scenario, mut trace: Option<&mut Trace>) -> Verdict {
         let command = output.command_device;
         force_n = force_n.max(command.force.length());
         let limits = config.parameters.limits;
-        assert!(command.force.length() <= limits.force_n * (1.0 + 1e-12), "{}: {}", scenario.seed, scenario.what);
-        assert!(command.torque.length() <= limits.torque_nm * (1.0 + 1e-12), "{}: {}", scenario.seed, scenario.what);
+        assert!(
+            command.force.length() <= limits.force_n * (1.0 + 1e-12),
+            "{}: {}",
+            scenario.seed,
+            scenario.what
+        );
+        assert!(
+            command.torque.length() <= limits.torque_nm * (1.0 + 1e-12),
+            "{}: {}",
+            scenario.seed,
+            scenario.what
+        );
         if n >= from_settled {
-            (least_n, most_n) = (least_n.min(command.force.length()), most_n.max(command.force.length()));
+            (least_n, most_n) =
+                (least_n.min(command.force.length()), most_n.max(command.force.length()));
         }
         if n >= from_rest {
             for (part, value) in [command.force, command.torque].into_iter().enumerate() {
@@ -416,7 +495,9 @@ fn tell(verdicts: &[Verdict], name: &str, of: impl Fn(&Verdict) -> f64, bound: f
 }
 
 fn from_environment(name: &str) -> Option<u64> {
-    std::env::var(name).ok().map(|value| value.parse().unwrap_or_else(|_| panic!("{name} is not a number: {value}")))
+    std::env::var(name)
+        .ok()
+        .map(|value| value.parse().unwrap_or_else(|_| panic!("{name} is not a number: {value}")))
 }
 
 #[test]
@@ -440,7 +521,8 @@ fn no_random_scene_gives_energy_trembles_or_bursts() {
         let of: Vec<&Verdict> = verdicts.iter().filter(|verdict| verdict.mode == mode).collect();
         let count = |is: &dyn Fn(&Verdict) -> bool| of.iter().filter(|verdict| is(verdict)).count();
         eprintln!(
-            "{mode}: {} scenes; energy < -1 mJ {}; still to 0.1 mN and 0.01 mN m {}; above 20 mN or 2 mN m {}; bursts > 0.5 N {}; share < 0.7 {}; faults {}",
+            "{mode}: {} scenes; energy < -1 mJ {}; still to 0.1 mN and 0.01 mN m {}; above 20 mN \
+                or 2 mN m {}; bursts > 0.5 N {}; share < 0.7 {}; faults {}",
             of.len(),
             count(&|v| v.lowest_j < -1e-3),
             count(&|v| v.is_still()),
@@ -451,22 +533,24 @@ fn no_random_scene_gives_energy_trembles_or_bursts() {
         );
     }
     // `direct` divides its force by its stiffness, on purpose.
-    let coupled: Vec<Verdict> = verdicts.iter().filter(|verdict| verdict.mode != "Direct").cloned().collect();
+    let coupled: Vec<Verdict> =
+        verdicts.iter().filter(|verdict| verdict.mode != "Direct").cloned().collect();
     tell(&verdicts, "energy given beyond what was taken, mJ", |v| -v.lowest_j * 1e3, 1.0);
     tell(&verdicts, "force at rest, peak to peak, mN", |v| v.ripple_n * 1e3, 0.1);
     tell(&verdicts, "torque at rest, peak to peak, mN m", |v| v.ripple_nm * 1e3, 0.01);
     tell(&verdicts, "change of |F| in a still hand, N", |v| v.burst_n, 0.5);
     tell(&coupled, "force kept back at the end", |v| 1.0 - v.share, 0.3);
     verdicts.iter().for_each(Verdict::assert_good);
-    let moving: Vec<u64> = verdicts.iter().filter(|verdict| !verdict.is_still()).map(|verdict| verdict.seed).collect();
+    let moving: Vec<u64> =
+        verdicts.iter().filter(|verdict| !verdict.is_still()).map(|verdict| verdict.seed).collect();
     eprintln!("not still: {moving:?}");
     let n_still = verdicts.len() - moving.len();
     // 198 of 200; two with `constraint` go on, as their deepest points change from tick to tick.
     assert!(n_still * 50 >= verdicts.len() * 49, "{n_still} of {} are still", verdicts.len());
 }
 
-/// The worst scenes that the search has found, each for what it did: energy in taps (36, 60, 193), tremble of the wrist (83), bursts (30, 79), static
-/// friction from side to side (99, 123, 157).
+/// The worst scenes that the search has found, each for what it did: energy in taps (36, 60, 193),
+/// tremble of the wrist (83), bursts (30, 79), static friction from side to side (99, 123, 157).
 #[test]
 fn the_worst_scenes_that_were_found_stay_good() {
     for seed in [30, 36, 60, 79, 83, 99, 123, 157, 193] {
@@ -479,33 +563,55 @@ fn the_worst_scenes_that_were_found_stay_good() {
 
 /// A hand that goes along a path of lines (s, mm) without turning.
 fn hand(turn: DQuat, knots: &[(f64, DVec3)]) -> HandPath {
-    let pose = |(time_s, at_mm): &(f64, DVec3)| TimedPose { line: 0, time_s: *time_s, pose: Pose::new(turn, *at_mm * 1e-3) };
+    let pose = |(time_s, at_mm): &(f64, DVec3)| TimedPose {
+        line: 0,
+        time_s: *time_s,
+        pose: Pose::new(turn, *at_mm * 1e-3),
+    };
     let poses: Vec<TimedPose> = knots.iter().map(pose).collect();
     HandPath::from_poses(&poses, Path::new("hand.csv")).expect("a path")
 }
 
-/// Found by an independent program in version 0.1.0: the wrist trembles by one encoder step, and after seven seconds of a hand that stands still the force went
-/// from 0.07 to 11.7 N and back, 18 times a second.
+/// Found by an independent program in version 0.1.0: the wrist trembles by one encoder step, and
+/// after seven seconds of a hand that stands still the force went from 0.07 to 11.7 N and back, 18
+/// times a second.
 #[test]
 fn a_box_in_a_groove_rests_for_good_in_a_hand_that_stands_still() {
     let plane = |name: &str, y: f64| {
         format!(
-            "[[static]]\nname = \"{name}\"\nshape = {{ plane_mm = [80.0, 80.0] }}\nvoxel_size_mm = 0.3\n\
-             orientation_xyzw = [0.0, {y:?}, 0.0, 0.9483668389316362]\n"
+            "[[static]]\nname = \"{name}\"\nshape = {{ plane_mm = [80.0, 80.0] }}\nvoxel_size_mm = \
+                0.3\norientation_xyzw = [0.0, {y:?}, 0.0, 0.9483668389316362]\n"
         )
     };
     let turn = [-0.2959424907447386, 0.12013494055737553, -0.839634404196564, -0.43931731757379705];
     let text = format!(
-        "version = 1\n{}{}[tool]\nshape = {{ box_mm = [10.0, 12.0, 8.0] }}\nvoxel_size_mm = 0.5\nstart_position_mm = [0.0, 0.0, 26.0]\n\
-         start_orientation_xyzw = {turn:?}\n[contact]\nfriction = {{ static = 0.3, dynamic = 0.24 }}\n[device]\nprofile = \"sim-sigma7\"\n",
+        "version = 1\n{}{}[tool]\nshape = {{ box_mm = [10.0, 12.0, 8.0] }}\nvoxel_size_mm = \
+            0.5\nstart_position_mm = [0.0, 0.0, 26.0]\nstart_orientation_xyzw = \
+            {turn:?}\n[contact]\nfriction = {{ static = 0.3, dynamic = 0.24 }}\n[device]\nprofile \
+            = \"sim-sigma7\"\n",
         plane("a", 0.31717556465594254),
         plane("b", -0.31717556465594254)
     );
     let start_mm = DVec3::Z * 26.0;
     let deep_mm = DVec3::new(0.578228396889, -0.275561968736, -2.89134555197);
-    let path = hand(DQuat::from_array(turn).normalize(), &[(0.0, start_mm), (0.15, start_mm), (0.55, deep_mm), (7.0, deep_mm)]);
-    let scenario = Scenario { seed: 0, what: "a box in a groove".to_owned(), config: rig::written(&text), path, end_s: 7.0 };
+    let path = hand(
+        DQuat::from_array(turn).normalize(),
+        &[(0.0, start_mm), (0.15, start_mm), (0.55, deep_mm), (7.0, deep_mm)],
+    );
+    let scenario = Scenario {
+        seed: 0,
+        what: "a box in a groove".to_owned(),
+        config: rig::written(&text),
+        path,
+        end_s: 7.0,
+    };
     let verdict = judge(&scenario);
     verdict.assert_good();
-    assert!(verdict.is_still() && verdict.burst_n < 1e-3 && verdict.share > 0.95 && verdict.lowest_j > -1e-4, "{verdict:?}");
+    assert!(
+        verdict.is_still()
+            && verdict.burst_n < 1e-3
+            && verdict.share > 0.95
+            && verdict.lowest_j > -1e-4,
+        "{verdict:?}"
+    );
 }

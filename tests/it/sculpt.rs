@@ -28,7 +28,11 @@ fn ball() -> ClayModel {
         region_map: Some((DVec3::new(-0.012, -0.012, 0.008), DVec3::new(0.012, 0.012, 0.032))),
         raster: [31; 3],
         air_m: 6e-3,
-        material: Material { creep_s: 0.05, acceleration_max_m_per_s2: f64::INFINITY, ..Material::default() },
+        material: Material {
+            creep_s: 0.05,
+            acceleration_max_m_per_s2: f64::INFINITY,
+            ..Material::default()
+        },
         ..Settings::default()
     };
     ClayModel::new(points, settings).unwrap()
@@ -36,14 +40,31 @@ fn ball() -> ClayModel {
 
 /// Contacts of a ball of 5 mm radius at these places.
 fn contacts(folder: &Path, places: &[DVec3]) -> Vec<u32> {
-    let rows = places.iter().enumerate().map(|(n, at)| format!("{n},{},{},{},0,0,0,1\n", at.x, at.y, at.z));
-    fs::write(folder.join("poses.csv"), format!("t_s,x_m,y_m,z_m,qx,qy,qz,qw\n{}", rows.collect::<String>())).unwrap();
+    let rows = places
+        .iter()
+        .enumerate()
+        .map(|(n, at)| format!("{n},{},{},{},0,0,0,1\n", at.x, at.y, at.z));
+    fs::write(
+        folder.join("poses.csv"),
+        format!("t_s,x_m,y_m,z_m,qx,qy,qz,qw\n{}", rows.collect::<String>()),
+    )
+    .unwrap();
     let mut eval = Command::new(env!("CARGO_BIN_EXE_hapticd"));
-    eval.args(["eval", "scene.toml", "--poses", "poses.csv", "--out", "wrenches.csv", "--cache", "off"]);
+    eval.args([
+        "eval",
+        "scene.toml",
+        "--poses",
+        "poses.csv",
+        "--out",
+        "wrenches.csv",
+        "--cache",
+        "off",
+    ]);
     let ended = eval.current_dir(folder).output().unwrap();
     assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stderr));
     let table = fs::read_to_string(folder.join("wrenches.csv")).unwrap();
-    let column = table.lines().next().unwrap().split(',').position(|name| name == "contacts").unwrap();
+    let column =
+        table.lines().next().unwrap().split(',').position(|name| name == "contacts").unwrap();
     table.lines().skip(1).map(|row| row.split(',').nth(column).unwrap().parse().unwrap()).collect()
 }
 
@@ -69,12 +90,23 @@ fn what_was_pulled_out_is_baked_and_touched_as_a_rigid_part() {
 
     let folder = tempfile::tempdir().unwrap();
     write_mesh(&folder.path().join("piece.ply"), &piece.mesh().unwrap()).unwrap();
-    let scene = "version = 1\n[[static]]\nname = \"piece\"\nmesh = \"piece.ply\"\nunits = \"m\"\nvoxel_size_mm = 0.5\n\
-                 [tool]\nshape = { sphere_mm = 5.0 }\nvoxel_size_mm = 0.5\n[device]\nprofile = \"sim-sigma7\"\n";
+    let scene = "version = 1\n[[static]]\nname = \"piece\"\nmesh = \"piece.ply\"\nunits = \
+        \"m\"\nvoxel_size_mm = 0.5\n[tool]\nshape = { sphere_mm = 5.0 }\nvoxel_size_mm = \
+        0.5\n[device]\nprofile = \"sim-sigma7\"\n";
     fs::write(folder.path().join("scene.toml"), scene).unwrap();
 
     let mut bake = Command::new(env!("CARGO_BIN_EXE_hapticd"));
-    bake.args(["bake", "piece.ply", "--units", "m", "--voxel-size-mm", "0.5", "--json", "--cache", "off"]);
+    bake.args([
+        "bake",
+        "piece.ply",
+        "--units",
+        "m",
+        "--voxel-size-mm",
+        "0.5",
+        "--json",
+        "--cache",
+        "off",
+    ]);
     let baked = bake.current_dir(folder.path()).output().unwrap();
     let report: serde_json::Value = serde_json::from_slice(&baked.stdout).unwrap();
     assert!(report["watertight"] == true && report["open_edges"] == 0, "{report}");

@@ -35,7 +35,11 @@ fn engine(craft: SculptTool) -> SculptEngine {
         ..Settings::default()
     };
     let piece = ClayModel::new(ball(), settings).expect("a piece");
-    SculptEngine::new(piece, ToolSettings { craft, brush_m: 5e-3, ..ToolSettings::default() }, ToolBody::default())
+    SculptEngine::new(
+        piece,
+        ToolSettings { craft, brush_m: 5e-3, ..ToolSettings::default() },
+        ToolBody::default(),
+    )
 }
 
 fn scene(engine: &SculptEngine) -> RenderScene {
@@ -51,11 +55,16 @@ fn scene(engine: &SculptEngine) -> RenderScene {
         rope: Rope { stiffness_n_per_m: 800.0, force_n: 4.0 },
     };
     let inertia = Inertia { mass_kg: 0.05, body_kg_m2: DMat3::IDENTITY * 1e-6, least_kg_m2: 1e-6 };
-    let tool = Tool { shell: Shell::new(&[(DVec3::ZERO, DVec3::Z)], 1e-3), inertia, center_of_mass_tool: DVec3::ZERO };
+    let tool = Tool {
+        shell: Shell::new(&[(DVec3::ZERO, DVec3::Z)], 1e-3),
+        inertia,
+        center_of_mass_tool: DVec3::ZERO,
+    };
     RenderScene { parameters, obstacles: Vec::new(), clay: Some(clay), tool }
 }
 
-/// An arm that is led: down into the clay, up, down to the surface, and with the button held up again.
+/// An arm that is led: down into the clay, up, down to the surface, and with the button held up
+/// again.
 #[derive(Debug, Default)]
 struct Led {
     sequence: u64,
@@ -68,16 +77,29 @@ impl Device for Led {
 
     fn read(&mut self) -> Result<DeviceSample, DeviceError> {
         self.sequence += 1;
-        let path: [(f64, f64); 8] =
-            [(0.0, 0.0), (0.2, 0.0), (0.6, -8e-3), (0.9, -8e-3), (1.1, 0.0), (1.4, -5e-3), (1.6, -5e-3), (2.2, 0.0)];
+        let path: [(f64, f64); 8] = [
+            (0.0, 0.0),
+            (0.2, 0.0),
+            (0.6, -8e-3),
+            (0.9, -8e-3),
+            (1.1, 0.0),
+            (1.4, -5e-3),
+            (1.6, -5e-3),
+            (2.2, 0.0),
+        ];
         let time_s = self.sequence as f64 * 1e-3;
-        let leg = path
-            .windows(2)
-            .find(|leg| time_s <= leg[1].0)
-            .map_or((1.0, 0.0, 0.0), |leg| ((time_s - leg[0].0) / (leg[1].0 - leg[0].0), leg[0].1, leg[1].1));
+        let leg = path.windows(2).find(|leg| time_s <= leg[1].0).map_or((1.0, 0.0, 0.0), |leg| {
+            ((time_s - leg[0].0) / (leg[1].0 - leg[0].0), leg[0].1, leg[1].1)
+        });
         let pose = Pose::from_translation(DVec3::Z * (leg.1 + (leg.2 - leg.1) * leg.0));
         let buttons = u32::from((1.5..2.3).contains(&time_s));
-        Ok(DeviceSample { sequence: self.sequence, status: SampleStatus::Fresh, pose, buttons, ..DeviceSample::default() })
+        Ok(DeviceSample {
+            sequence: self.sequence,
+            status: SampleStatus::Fresh,
+            pose,
+            buttons,
+            ..DeviceSample::default()
+        })
     }
 
     fn write(&mut self, wrench_device: &Wrench) -> Result<Wrench, DeviceError> {
@@ -88,10 +110,18 @@ impl Device for Led {
 }
 
 fn pull() -> SculptOrder {
-    SculptOrder::Take(ToolSettings { craft: SculptTool::Pull, brush_m: 5e-3, ..ToolSettings::default() })
+    SculptOrder::Take(ToolSettings {
+        craft: SculptTool::Pull,
+        brush_m: 5e-3,
+        ..ToolSettings::default()
+    })
 }
 
-fn run(clock: impl Clock, n_ticks: u64, script: Vec<(u64, SculptOrder)>) -> (Vec<TickRecord>, SculptOutcome) {
+fn run(
+    clock: impl Clock,
+    n_ticks: u64,
+    script: Vec<(u64, SculptOrder)>,
+) -> (Vec<TickRecord>, SculptOutcome) {
     let engine = engine(SculptTool::Push);
     let scene = scene(&engine);
     let plan = SculptPlan {
@@ -100,12 +130,14 @@ fn run(clock: impl Clock, n_ticks: u64, script: Vec<(u64, SculptOrder)>) -> (Vec
         clock: clock.kind(),
         script: script.into_iter().map(Into::into).collect(),
     };
-    let (slot, handle, thread) = begin(engine, scene.clay.as_ref().expect("clay"), plan).expect("a thread");
+    let (slot, handle, thread) =
+        begin(engine, scene.clay.as_ref().expect("clay"), plan).expect("a thread");
     assert!(handle.view().is_none_or(|view| view.version == 1));
     let (producer, mut consumer) = rtrb::RingBuffer::new(n_ticks as usize + 400);
     let control = Arc::new(Control::enabled());
     let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };
-    let mut servo = ServoLoop::new(Arc::new(scene), Led::default(), clock, control, plan, producer).with_clay(slot);
+    let mut servo = ServoLoop::new(Arc::new(scene), Led::default(), clock, control, plan, producer)
+        .with_clay(slot);
     servo.warm_up();
     while servo.step() == Step::Continue {}
     drop(servo);
@@ -114,50 +146,87 @@ fn run(clock: impl Clock, n_ticks: u64, script: Vec<(u64, SculptOrder)>) -> (Vec
     handle.ask(SculptOrder::Undo, Box::new(move |result| told.send(result).expect("heard")));
     assert!(matches!(hears.recv(), Ok(Err(OrderError::Over))), "asked behind the end");
     let last = handle.view().expect("a view");
-    assert_eq!(ended.report.broken.is_some(), last.trouble.contains("sculpting has ended"), "{}", last.trouble);
+    assert_eq!(
+        ended.report.broken.is_some(),
+        last.trouble.contains("sculpting has ended"),
+        "{}",
+        last.trouble
+    );
     (std::iter::from_fn(|| consumer.pop().ok()).collect(), ended)
 }
 
 /// The largest step of the force from one tick to the next, N.
 fn largest_step_n(records: &[TickRecord]) -> f64 {
-    let step = |pair: &[TickRecord]| (pair[1].output.command_device.force - pair[0].output.command_device.force).length();
+    let step = |pair: &[TickRecord]| {
+        (pair[1].output.command_device.force - pair[0].output.command_device.force).length()
+    };
     records.windows(2).map(step).fold(0.0, f64::max)
 }
 
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_hand_pushes_and_pulls_clay_through_the_loop_the_same_way_twice() {
-    let script =
-        || vec![(1200, pull()), (2500, SculptOrder::SavePoints("/no/such/folder/points.ply".into())), (9999, SculptOrder::Undo)];
-    let ((first, ended), (second, again)) =
-        (run(VirtualClock::default(), 2600, script()), run(VirtualClock::default(), 2600, script()));
+    let script = || {
+        vec![
+            (1200, pull()),
+            (2500, SculptOrder::SavePoints("/no/such/folder/points.ply".into())),
+            (9999, SculptOrder::Undo),
+        ]
+    };
+    let ((first, ended), (second, again)) = (
+        run(VirtualClock::default(), 2600, script()),
+        run(VirtualClock::default(), 2600, script()),
+    );
     assert!(first.len() >= 2600);
     assert_eq!(first.len(), second.len());
     for (one, other) in first.iter().zip(&second) {
         assert_eq!((one.input, one.output), (other.input, other.output), "tick {}", one.tick);
         let expected = one.tick / UPDATE_TICKS;
-        assert_eq!(one.input.clay.map(|clay| (clay.sequence, clay.is_last)), Some((expected, false)), "tick {}", one.tick);
+        assert_eq!(
+            one.input.clay.map(|clay| (clay.sequence, clay.is_last)),
+            Some((expected, false)),
+            "tick {}",
+            one.tick
+        );
     }
     assert_eq!(ended.report, again.report);
     assert_eq!(ended.engine.model().points(), again.engine.model().points());
     assert_eq!(ended.engine.model().base().values_m(), again.engine.model().base().values_m());
 
     let report = &ended.report;
-    assert_eq!((report.updates, report.late, report.left_over, &report.broken), (first.len() as u64 / UPDATE_TICKS, 0, 1, &None));
+    assert_eq!(
+        (report.updates, report.late, report.left_over, &report.broken),
+        (first.len() as u64 / UPDATE_TICKS, 0, 1, &None)
+    );
     assert_eq!((report.strokes, ended.engine.model().history()), (2, (2, 0)), "{report:?}");
     let [failed] = &*report.failed else { panic!("{report:?}") };
     assert_eq!((failed.tick, failed.is_scripted, &*failed.what), (2500, true, "save-points"));
-    assert!(failed.why.contains("/no/such/folder/points.ply") && failed.why.contains("folder that exists"), "{}", failed.why);
+    assert!(
+        failed.why.contains("/no/such/folder/points.ply")
+            && failed.why.contains("folder that exists"),
+        "{}",
+        failed.why
+    );
 
     assert!(first.iter().all(|record| record.output.faults == Faults::NONE));
-    let (pushed_n, pulled_n) = (first[600].output.command_device.force.z, first[2100].output.command_device.force.z);
+    let pushed_n = first[600].output.command_device.force.z;
+    let pulled_n = first[2100].output.command_device.force.z;
     assert!(pushed_n > 0.2 && pulled_n < -0.2, "{pushed_n} N, {pulled_n} N");
-    assert!(largest_step_n(&first) <= SLEW_N_PER_S * 1e-3 * (1.0 + 1e-9), "{} N", largest_step_n(&first));
+    assert!(
+        largest_step_n(&first) <= SLEW_N_PER_S * 1e-3 * (1.0 + 1e-9),
+        "{} N",
+        largest_step_n(&first)
+    );
 }
 
 #[test]
 fn painting_material_is_felt_no_more_than_touching_is() {
-    let take = |craft| vec![(0, SculptOrder::Take(ToolSettings { craft, brush_m: 5e-3, ..ToolSettings::default() }))];
+    let take = |craft| {
+        vec![(
+            0,
+            SculptOrder::Take(ToolSettings { craft, brush_m: 5e-3, ..ToolSettings::default() }),
+        )]
+    };
     let (touched, _) = run(VirtualClock::default(), 1100, take(SculptTool::Touch));
     let (painted, ended) = run(VirtualClock::default(), 1100, take(SculptTool::Material));
     for (one, other) in touched.iter().zip(&painted) {
@@ -166,7 +235,8 @@ fn painting_material_is_felt_no_more_than_touching_is() {
     assert!(touched[700].output.command_device.force.z > 0.2);
     let piece = ended.engine.model();
     assert_eq!(piece.history(), (1, 0));
-    let (top, far) = (piece.material_at(DVec3::Z * R), piece.material_at(-DVec3::Z * R));
+    let top = piece.material_at(DVec3::Z * R);
+    let far = piece.material_at(-DVec3::Z * R);
     assert!(top.stiffness_n_per_m > 5.0 * far.stiffness_n_per_m, "{top:?} {far:?}");
     assert_eq!(far, piece.settings().material);
 }
@@ -185,8 +255,10 @@ fn a_studio_ends_when_it_is_told_to_though_the_loop_keeps_its_slot() {
     for clock in [VirtualClock::default().kind(), RealClock.kind()] {
         let engine = engine(SculptTool::Push);
         let scene = scene(&engine);
-        let plan = SculptPlan { tick_s: 1e-3, update_ticks: UPDATE_TICKS, clock, script: Vec::new() };
-        let (slot, _door, thread) = begin(engine, scene.clay.as_ref().expect("clay"), plan).expect("a thread");
+        let plan =
+            SculptPlan { tick_s: 1e-3, update_ticks: UPDATE_TICKS, clock, script: Vec::new() };
+        let (slot, _door, thread) =
+            begin(engine, scene.clay.as_ref().expect("clay"), plan).expect("a thread");
         assert!(!thread.has_ended());
         thread.end();
         assert!(thread.join().expect("joined").report.broken.is_none());
@@ -198,24 +270,42 @@ fn a_studio_ends_when_it_is_told_to_though_the_loop_keeps_its_slot() {
 fn a_studio_that_breaks_lets_go_of_the_hand_and_leaves_the_loop_and_the_piece() {
     // A table that no constructor gives: the engine panics when it is pulled with.
     let broken = || {
-        let tool =
-            ToolSettings { craft: SculptTool::Pull, brush_m: 5e-3, falloff: Falloff::Table(Vec::new()), ..ToolSettings::default() };
+        let tool = ToolSettings {
+            craft: SculptTool::Pull,
+            brush_m: 5e-3,
+            falloff: Falloff::Table(Vec::new()),
+            ..ToolSettings::default()
+        };
         vec![(0, SculptOrder::Take(tool))]
     };
     let sound = || vec![(0, pull())];
-    let ((records, ended), (held, _)) = (run(VirtualClock::default(), 2200, broken()), run(VirtualClock::default(), 2200, sound()));
+    let ((records, ended), (held, _)) =
+        (run(VirtualClock::default(), 2200, broken()), run(VirtualClock::default(), 2200, sound()));
     assert!(ended.report.broken.is_some(), "{:?}", ended.report);
-    assert!(records.len() >= 2200 && records.iter().all(|record| record.output.faults == Faults::NONE));
-    let gone = records.iter().position(|record| record.input.clay.is_some_and(|clay| clay.is_last)).expect("noticed");
+    assert!(
+        records.len() >= 2200 && records.iter().all(|record| record.output.faults == Faults::NONE)
+    );
+    let gone = records
+        .iter()
+        .position(|record| record.input.clay.is_some_and(|clay| clay.is_last))
+        .expect("noticed");
     assert!((1500..1700).contains(&gone), "{gone}");
-    // With a sound one the rope pulls all the way up; here the hand is free within what the slew limit takes.
+    // With a sound one the rope pulls all the way up; here the hand is free within what the slew
+    // limit takes.
     assert!(held[2100].output.command_device.force.z < -0.2);
     assert!(records[gone + 50..].iter().all(|record| record.output.command_device.force.z >= 0.0));
-    assert!(largest_step_n(&records) <= SLEW_N_PER_S * 1e-3 * (1.0 + 1e-9), "{} N", largest_step_n(&records));
+    assert!(
+        largest_step_n(&records) <= SLEW_N_PER_S * 1e-3 * (1.0 + 1e-9),
+        "{} N",
+        largest_step_n(&records)
+    );
     // What had been done until then can be saved.
     let mut engine = ended.engine;
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("rescued.ply");
     engine.order(SculptOrder::SavePoints(path.clone())).expect("saved");
-    assert_eq!(clay::load(&path, 1.0, None).map(|loaded| loaded.points.len()).ok(), Some(ball().len()));
+    assert_eq!(
+        clay::load(&path, 1.0, None).map(|loaded| loaded.points.len()).ok(),
+        Some(ball().len())
+    );
 }

@@ -5,7 +5,8 @@ use super::monitor::{command, folder};
 /// How `run` ends with these arguments, and what it says.
 fn refused(line: &str) -> (Option<i32>, String) {
     let folder = folder("");
-    let output = command(folder.path(), &format!("press.toml --duration 100ms {line}")).output().unwrap();
+    let output =
+        command(folder.path(), &format!("press.toml --duration 100ms {line}")).output().unwrap();
     (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
 }
 
@@ -59,7 +60,8 @@ mod live {
 
     /// A session that meets a run there.
     fn visit(endpoint: &str) -> Session {
-        session::open(&Endpoints { connect: vec![endpoint.to_owned()], ..Endpoints::default() }).unwrap()
+        session::open(&Endpoints { connect: vec![endpoint.to_owned()], ..Endpoints::default() })
+            .unwrap()
     }
 
     fn subscribe(session: &Session, key: &str) -> Receiver<Sample> {
@@ -72,8 +74,17 @@ mod live {
     /// Tokens that come and go.
     fn watch(session: &Session, key: &str) -> Receiver<(bool, String)> {
         let (sender, tokens) = unbounded();
-        let heard = move |sample: Sample| drop(sender.send((sample.kind() == SampleKind::Put, sample.key_expr().to_string())));
-        session.liveliness().declare_subscriber(key.to_owned()).history(true).callback(heard).background().wait().unwrap();
+        let heard = move |sample: Sample| {
+            drop(sender.send((sample.kind() == SampleKind::Put, sample.key_expr().to_string())))
+        };
+        session
+            .liveliness()
+            .declare_subscriber(key.to_owned())
+            .history(true)
+            .callback(heard)
+            .background()
+            .wait()
+            .unwrap();
         tokens
     }
 
@@ -81,7 +92,8 @@ mod live {
         f64::from_le_bytes(bytes.try_into().unwrap())
     }
 
-    /// Position of a pose in the frame `device` or `world`: it begins at byte 28 (docs/reference/ros2.md).
+    /// Position of a pose in the frame `device` or `world`: it begins at byte 28
+    /// (docs/reference/ros2.md).
     fn position(message: &[u8]) -> [f64; 3] {
         [0, 1, 2].map(|axis| number(&message[28 + 8 * axis..36 + 8 * axis]))
     }
@@ -137,7 +149,12 @@ mod live {
                 "{token}"
             );
             // A subscriber puts its key together from these.
-            let key = format!("7/{}/{}/{}", pieces[9].trim_start_matches('%').replace('%', "/"), pieces[10], pieces[11]);
+            let key = format!(
+                "7/{}/{}/{}",
+                pieces[9].trim_start_matches('%').replace('%', "/"),
+                pieces[10],
+                pieces[11]
+            );
             publishers.insert(key, token.clone());
         }
 
@@ -150,14 +167,18 @@ mod live {
             seen.entry(sample.key_expr().to_string()).or_default().push(sample);
         }
         assert_eq!(seen.keys().collect::<Vec<_>>(), publishers.keys().collect::<Vec<_>>());
-        let now_ns = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap().as_nanos() as i64;
+        let now_ns =
+            SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap().as_nanos() as i64;
         for (key, samples) in &seen {
             let mut before = None;
             for sample in samples {
                 let attachment = sample.attachment().unwrap().to_bytes().into_owned();
                 assert_eq!((attachment.len(), attachment[16]), (33, 16), "{key}");
                 let count = i64::from_le_bytes(attachment[..8].try_into().unwrap());
-                assert!(before.is_none_or(|before| count == before + 1) && count > 0, "{key}: {before:?}, {count}");
+                assert!(
+                    before.is_none_or(|before| count == before + 1) && count > 0,
+                    "{key}: {before:?}, {count}"
+                );
                 before = Some(count);
                 let sent_ns = i64::from_le_bytes(attachment[8..16].try_into().unwrap());
                 assert!((now_ns - sent_ns).abs() < HUNG.as_nanos() as i64, "{key}: {sent_ns}");
@@ -169,16 +190,25 @@ mod live {
         // A pose of ROS 2 is that of a state, bit for bit.
         let told: BTreeSet<_> = states
             .try_iter()
-            .map(|sample| bits(serde_json::from_value(state(&sample)["measured_cp"]["p"].clone()).unwrap()))
+            .map(|sample| {
+                bits(serde_json::from_value(state(&sample)["measured_cp"]["p"].clone()).unwrap())
+            })
             .collect();
-        let poses = seen.iter().find(|(key, _)| key.starts_with("7/left/arm/measured_cp/")).unwrap().1;
-        let found = poses.iter().filter(|sample| told.contains(&bits(position(&sample.payload().to_bytes())))).count();
+        let poses =
+            seen.iter().find(|(key, _)| key.starts_with("7/left/arm/measured_cp/")).unwrap().1;
+        let found = poses
+            .iter()
+            .filter(|sample| told.contains(&bits(position(&sample.payload().to_bytes()))))
+            .count();
         assert!(found > 4, "{found} of {}", poses.len());
 
         // Its end is seen too.
         ended(daemon);
         let gone = core::iter::from_fn(|| tokens.recv_timeout(HUNG).ok()).take(graph.len());
-        assert_eq!(gone.filter(|(is_there, _)| !is_there).map(|(_, token)| token).collect::<BTreeSet<_>>(), graph);
+        assert_eq!(
+            gone.filter(|(is_there, _)| !is_there).map(|(_, token)| token).collect::<BTreeSet<_>>(),
+            graph
+        );
     }
 
     #[test]
@@ -188,7 +218,11 @@ mod live {
         let tokens = watch(&session, "@ros2_lv/7/**/MS/**");
         let (_, token) = tokens.recv_timeout(HUNG).unwrap();
         let pieces: Vec<_> = token.split('/').collect();
-        assert_eq!((pieces[4], pieces[9]), ("11", "%cell%tool%servo_cp"), "behind the ten publishers: {token}");
+        assert_eq!(
+            (pieces[4], pieces[9]),
+            ("11", "%cell%tool%servo_cp"),
+            "behind the ten publishers: {token}"
+        );
         let ros = format!("7/cell/tool/servo_cp/{}/{}", pieces[10], pieces[11]);
         let states = subscribe(&session, "hapticd/cell/state");
         let message = |x: f64, frame_id| {
@@ -197,7 +231,11 @@ mod live {
         };
         for (key, payload, wanted) in [
             (&*ros, message(0.004, "world"), 0.004),
-            ("hapticd/cell/hand", br#"{"p": [-0.003, 0, 0.02], "q": [0, 0, 0, 1]}"#.to_vec(), -0.003),
+            (
+                "hapticd/cell/hand",
+                br#"{"p": [-0.003, 0, 0.02], "q": [0, 0, 0, 1]}"#.to_vec(),
+                -0.003,
+            ),
         ] {
             let began = Instant::now();
             // A put before the sessions have met is lost.
@@ -213,8 +251,14 @@ mod live {
         }
         session.put(ros, message(0.0, "device")).wait().unwrap();
         let said = daemon.wait_for("note: publishing: 7/cell/tool/servo_cp/");
-        assert!(said.ends_with("`frame_id` is `device`; send poses of the tool in `world`"), "{said}");
-        session.put("hapticd/cell/hand", br#"{"p": [0, 0, 0.02], "q": [0, 0, 0, 0]}"#.to_vec()).wait().unwrap();
+        assert!(
+            said.ends_with("`frame_id` is `device`; send poses of the tool in `world`"),
+            "{said}"
+        );
+        session
+            .put("hapticd/cell/hand", br#"{"p": [0, 0, 0.02], "q": [0, 0, 0, 0]}"#.to_vec())
+            .wait()
+            .unwrap();
         daemon.wait_for("note: publishing: hand: ");
         ended(daemon);
     }
@@ -223,15 +267,23 @@ mod live {
     fn any_number_of_viewers_sees_the_state_without_a_monitor() {
         let endpoint = free();
         let folder = folder("");
-        let line =
-            format!("press.toml --duration 4s --realtime best-effort --monitor off --publish --publish-hz 50 --listen {endpoint}");
-        let run =
-            command(folder.path(), &line).stdout(std::process::Stdio::null()).stderr(std::process::Stdio::null()).spawn().unwrap();
+        let line = format!(
+            "press.toml --duration 4s --realtime best-effort --monitor off --publish --publish-hz \
+                50 --listen {endpoint}"
+        );
+        let run = command(folder.path(), &line)
+            .stdout(std::process::Stdio::null())
+            .stderr(std::process::Stdio::null())
+            .spawn()
+            .unwrap();
         let began = Instant::now();
         let viewers: Vec<_> = (0..3).map(|_| visit(&endpoint)).collect();
         let streams: Vec<_> = viewers
             .iter()
-            .flat_map(|viewer| ["hapticd/hapticd/state", "hapticd/hapticd/state/binary"].map(|key| subscribe(viewer, key)))
+            .flat_map(|viewer| {
+                ["hapticd/hapticd/state", "hapticd/hapticd/state/binary"]
+                    .map(|key| subscribe(viewer, key))
+            })
             .collect();
         for (idx, stream) in streams.iter().enumerate() {
             let mut seqs = Vec::new();

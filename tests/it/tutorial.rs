@@ -34,7 +34,8 @@ fn steps(page: &str) -> Vec<Step<'_>> {
                 Some(_) => step.shown.push(line),
                 None => {
                     let words = line.split('`').skip(1).step_by(2);
-                    let is_file = |word: &&str| !word.contains(' ') && Path::new(word).extension().is_some();
+                    let is_file =
+                        |word: &&str| !word.contains(' ') && Path::new(word).extension().is_some();
                     step.files.extend(words.filter(is_file));
                 }
             }
@@ -47,7 +48,10 @@ fn steps(page: &str) -> Vec<Step<'_>> {
 /// `line` is in `output`, with anything in the place of each `…`.
 fn is_in(output: &str, line: &str) -> bool {
     let holds = |printed: &str| {
-        line.split('…').map(str::trim).try_fold(printed, |rest, part| rest.find(part).map(|at| &rest[at + part.len()..])).is_some()
+        line.split('…')
+            .map(str::trim)
+            .try_fold(printed, |rest, part| rest.find(part).map(|at| &rest[at + part.len()..]))
+            .is_some()
     };
     output.lines().any(holds)
 }
@@ -57,11 +61,14 @@ fn is_in(output: &str, line: &str) -> bool {
 fn the_ten_steps_of_the_tutorial_give_what_the_page_says() {
     let steps = steps(PAGE);
     assert_eq!(steps.len(), 10);
-    assert!(steps.iter().enumerate().all(|(n, step)| step.title.starts_with(&format!("{}. ", n + 1))));
+    assert!(
+        steps.iter().enumerate().all(|(n, step)| step.title.starts_with(&format!("{}. ", n + 1)))
+    );
     let folder = tempfile::tempdir().unwrap();
     let program = Path::new(env!("CARGO_BIN_EXE_hapticd")).parent().unwrap();
     let path = format!("{}:{}", program.display(), std::env::var("PATH").unwrap());
-    let (mut n_shown, mut n_files) = (0, 0);
+    let mut n_shown = 0;
+    let mut n_files = 0;
     for Step { title, commands, shown, files } in steps {
         let ended = Command::new("sh")
             .args(["-e", "-c", &commands])
@@ -71,7 +78,8 @@ fn the_ten_steps_of_the_tutorial_give_what_the_page_says() {
             .env("XDG_STATE_HOME", folder.path().join("state"))
             .output()
             .unwrap();
-        let output = [&ended.stdout, &ended.stderr].map(|bytes| String::from_utf8_lossy(bytes)).concat();
+        let output =
+            [&ended.stdout, &ended.stderr].map(|bytes| String::from_utf8_lossy(bytes)).concat();
         assert!(ended.status.success(), "step {title}: {}\n{output}", ended.status);
         for line in shown {
             assert!(is_in(&output, line), "step {title} does not print {line:?}:\n{output}");

@@ -1,5 +1,6 @@
-//! Two machines in simulated time: the host's loop here, the node with its arm and hand there, and a network with delay, jitter and loss between them.
-//! `docs/explanation/two-machines.md` has the figures that these tests print.
+//! Two machines in simulated time: the host's loop here, the node with its arm and hand there, and
+//! a network with delay, jitter and loss between them. `docs/explanation/two-machines.md` has the
+//! figures that these tests print.
 
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
@@ -184,67 +185,115 @@ impl TwoMachines {
     }
 
     fn with(config: SceneConfig, change: impl FnOnce(&mut Parameters)) -> Self {
-        let (mut prepared, _) = prepare_with(&config, &mut BakeOptions::from(&mut Cache::off()), |_| ()).expect("a scene");
+        let (mut prepared, _) =
+            prepare_with(&config, &mut BakeOptions::from(&mut Cache::off()), |_| ())
+                .expect("a scene");
         change(&mut prepared.scene.parameters);
         Self { config, scene: Arc::new(prepared.scene), timing: TIMING }
     }
 
     /// The simulated arm with the scene's hand, for the other machine.
     fn arm(&self) -> SimArm {
-        let (device, mapping) = (&self.config.device, &self.config.parameters.mapping);
+        let device = &self.config.device;
+        let mapping = &self.config.parameters.mapping;
         let hand_mapping = HandMapping {
             world_from_device: mapping.world_from_device,
             scale: mapping.scale,
             start: mapping.start,
             grip_tool: self.scene.tool.center_of_mass_tool,
         };
-        let path = HandPath::read(device.hand.as_deref().expect("a hand")).expect("a hand file").to_device(hand_mapping);
-        let hand = HandParameters { path: Some(path.delayed(HAND_DELAY_S)), ..HandParameters::default() };
+        let path = HandPath::read(device.hand.as_deref().expect("a hand"))
+            .expect("a hand file")
+            .to_device(hand_mapping);
+        let hand =
+            HandParameters { path: Some(path.delayed(HAND_DELAY_S)), ..HandParameters::default() };
         SimArm::new(SimParameters::of(&device.profile, Some(hand), T)).expect("an arm")
     }
 
     fn node(&self, link: NetworkEnd) -> Node {
-        Node::new(node_parameters(&self.config.device.profile, "arm", T, self.timing), Box::new(link))
+        Node::new(
+            node_parameters(&self.config.device.profile, "arm", T, self.timing),
+            Box::new(link),
+        )
     }
 
-    /// Two machines that have met, before the first tick. `phase`: where in the host's tick the node's period begins.
+    /// Two machines that have met, before the first tick. `phase`: where in the host's tick the
+    /// node's period begins.
     fn begin(&self, quality: LinkQuality, plan: RunPlan, phase: f64, n_records: usize) -> Playing {
         let network = SimulatedNetwork::new(quality, 11);
         let (host_end, arm_end) = network.ends();
         let node = self.node(arm_end);
         let figures = node.figures();
         let arm = LoggedArm { arm: self.arm(), now_s: 0.0, log: Vec::new() };
-        let world: Shared = Arc::new(Mutex::new(World { network: network.clone(), node, arm, next_s: phase * T, cut_at_s: None }));
+        let world: Shared = Arc::new(Mutex::new(World {
+            network: network.clone(),
+            node,
+            arm,
+            next_s: phase * T,
+            cut_at_s: None,
+        }));
         let is_starting = Arc::new(Mutex::new(true));
-        let options = RemoteOptions { name: "arm".into(), period_s: T, timebase: Timebase::Counted };
-        let (far, may_start) = (world.clone(), is_starting.clone());
+        let options =
+            RemoteOptions { name: "arm".into(), period_s: T, timebase: Timebase::Counted };
+        let far = world.clone();
+        let may_start = is_starting.clone();
         // The host finds the lost link again when the test says so.
         let dial = move || match *may_start.lock().expect("no panic") {
             true => {
-                let end = HostEnd { end: host_end.clone(), world: far.clone(), is_starting: may_start.clone() };
+                let end = HostEnd {
+                    end: host_end.clone(),
+                    world: far.clone(),
+                    is_starting: may_start.clone(),
+                };
                 Ok(Box::new(end) as Box<dyn Transport>)
             }
             false => Err(OpenError::Link("cut".into())),
         };
-        let (opened, link) = open(&self.config.device.profile, &options, Box::new(dial)).expect("a node");
+        let (opened, link) =
+            open(&self.config.device.profile, &options, Box::new(dial)).expect("a node");
         *is_starting.lock().expect("no panic") = false;
         let begin_s = network.now_s();
         let watchdog_ms = opened.arm.capabilities().watchdog_ms;
         let device = Remote { arm: opened.arm, world: world.clone(), now_s: begin_s };
         let (producer, records) = rtrb::RingBuffer::new(n_records);
         let control = Arc::new(Control::enabled());
-        let mut servo = ServoLoop::new(self.scene.clone(), device, VirtualClock::default(), control.clone(), plan, producer);
+        let mut servo = ServoLoop::new(
+            self.scene.clone(),
+            device,
+            VirtualClock::default(),
+            control.clone(),
+            plan,
+            producer,
+        );
         servo.warm_up();
-        Playing { servo, control, records, world, is_starting, news: opened.news, figures, link, watchdog_ms, begin_s }
+        Playing {
+            servo,
+            control,
+            records,
+            world,
+            is_starting,
+            news: opened.news,
+            figures,
+            link,
+            watchdog_ms,
+            begin_s,
+        }
     }
 
     /// Renders for so many ticks. `cut_after_s`: loop time at which the cable is cut.
-    fn play(&self, quality: LinkQuality, n_ticks: u64, phase: f64, cut_after_s: Option<f64>) -> Played {
+    fn play(
+        &self,
+        quality: LinkQuality,
+        n_ticks: u64,
+        phase: f64,
+        cut_after_s: Option<f64>,
+    ) -> Played {
         let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };
         let mut playing = self.begin(quality, plan, phase, n_ticks as usize + 2000);
         locked(&playing.world).cut_at_s = cut_after_s.map(|after_s| playing.begin_s + after_s);
         while playing.servo.step() == Step::Continue {}
-        let Playing { servo, mut records, world, figures, link, watchdog_ms, begin_s, .. } = playing;
+        let Playing { servo, mut records, world, figures, link, watchdog_ms, begin_s, .. } =
+            playing;
         let report = servo.finish();
         let records = core::iter::from_fn(|| records.pop().ok()).collect();
         // The node goes on without a host.
@@ -281,7 +330,8 @@ struct Playing {
 }
 
 impl Playing {
-    /// So many ticks under an order; what each gave, and the largest force that the arm was told meanwhile, N.
+    /// So many ticks under an order; what each gave, and the largest force that the arm was told
+    /// meanwhile, N.
     fn ticks(&mut self, n: usize, order: Order) -> (Vec<TickOutput>, f64) {
         match order {
             Order::Disable => self.control.disable(),
@@ -316,7 +366,10 @@ impl Playing {
         };
         *self.is_starting.lock().expect("no panic") = false;
         let world = locked(&self.world);
-        assert!(world.arm.log.iter().all(|(_, wrench)| *wrench == Wrench::ZERO), "a greeting moves nothing");
+        assert!(
+            world.arm.log.iter().all(|(_, wrench)| *wrench == Wrench::ZERO),
+            "a greeting moves nothing"
+        );
         self.servo.device().now_s = world.network.now_s();
         drop(world);
         news
@@ -327,7 +380,8 @@ fn quality(delay_ms: f64) -> LinkQuality {
     LinkQuality { delay_s: delay_ms * 1e-3, jitter_s: 1e-3, loss: 0.01 }
 }
 
-/// How much the force at the arm goes up and down over some of its writes, N: the standard deviation.
+/// How much the force at the arm goes up and down over some of its writes, N: the standard
+/// deviation.
 fn unrest_n(told: &[(f64, Wrench)]) -> f64 {
     let n = told.len() as f64;
     let mean = told.iter().map(|(_, wrench)| wrench.force).sum::<glam::DVec3>() / n;
@@ -342,30 +396,45 @@ fn a_peg_goes_into_its_hole_over_every_delay_as_stiff_as_that_delay_allows() {
     let n_ticks = ((rig::hand_end_s(&stage.config) + HAND_DELAY_S + 1.0) / T).round() as u64;
     let mut stiffness_before = f64::INFINITY;
     for delay_ms in [0.0, 2.0, 10.0, 50.0] {
-        let Played { records, faults, ending, told, report, link, .. } = stage.play(quality(delay_ms), n_ticks, 0.37, None);
+        let Played { records, faults, ending, told, report, link, .. } =
+            stage.play(quality(delay_ms), n_ticks, 0.37, None);
         let name = format!("{delay_ms} ms each way");
         let at_end = &records[n_ticks as usize - 1].output;
         let ticks = at_end.delay_ticks;
-        let stiffness =
-            (arm.stiffness_lag_n_s_per_m / ((0.5 + f64::from(ticks)) * T)).min(stage.scene.parameters.coupling.stiffness_n_per_m);
+        let stiffness = (arm.stiffness_lag_n_s_per_m / ((0.5 + f64::from(ticks)) * T))
+            .min(stage.scene.parameters.coupling.stiffness_n_per_m);
         let largest = told.iter().map(|(_, wrench)| wrench.force.length()).fold(0.0, f64::max);
         // The last second in the hole, and the second before.
         let stop = told.len() - 250;
-        let (early, late) = (unrest_n(&told[stop - 1000..stop - 500]), unrest_n(&told[stop - 500..stop]));
+        let early = unrest_n(&told[stop - 1000..stop - 500]);
+        let late = unrest_n(&told[stop - 500..stop]);
         let ways = link.report();
         let mm = at_end.world_from_tool.translation * 1e3;
         eprintln!(
-            "{name}: round trip {ticks} ticks, at most {stiffness:.0} N/m; largest {largest:.2} N; unrest {early:.4} then {late:.4} N; \
-             tip at {mm:.3} mm; {:.2} ms there, {:.2} ms back, {} of {} commands lost, {} too late; gap {:.1} ms",
-            ways.there_ms, ways.back_ms, report.lost_packets, report.commands, report.old_packets, report.longest_gap_ms,
+            "{name}: round trip {ticks} ticks, at most {stiffness:.0} N/m; largest {largest:.2} N; \
+                unrest {early:.4} then {late:.4} N; tip at {mm:.3} mm; {:.2} ms there, {:.2} ms \
+                back, {} of {} commands lost, {} too late; gap {:.1} ms",
+            ways.there_ms,
+            ways.back_ms,
+            report.lost_packets,
+            report.commands,
+            report.old_packets,
+            report.longest_gap_ms,
         );
-        assert_eq!((faults, ending), (Faults::NONE, Ending::Stopped), "{name}: {:?}", faults.names().collect::<Vec<_>>());
+        assert_eq!(
+            (faults, ending),
+            (Faults::NONE, Ending::Stopped),
+            "{name}: {:?}",
+            faults.names().collect::<Vec<_>>()
+        );
         assert_eq!(report.link_losses, 0, "{name}");
-        // Both ways, the jitter of both, the period of the node, the average there, the tick of the host and of the arm: between 2 and 9 more.
+        // Both ways, the jitter of both, the period of the node, the average there, the tick of the
+        // host and of the arm: between 2 and 9 more.
         let least = 2.0 * delay_ms;
         assert!((least + 2.0..least + 9.0).contains(&f64::from(ticks)), "{name}: {ticks} ticks");
         assert!(
-            (delay_ms..delay_ms + 2.5).contains(&ways.there_ms) && (delay_ms..delay_ms + 2.5).contains(&ways.back_ms),
+            (delay_ms..delay_ms + 2.5).contains(&ways.there_ms)
+                && (delay_ms..delay_ms + 2.5).contains(&ways.back_ms),
             "{name}"
         );
         assert!(report.lost_packets > 0 && ways.lost_packets > 0, "{name}: 1 % is lost");
@@ -376,14 +445,19 @@ fn a_peg_goes_into_its_hole_over_every_delay_as_stiff_as_that_delay_allows() {
         assert!(stiffness <= stiffness_before, "{name}");
         stiffness_before = stiffness;
     }
-    assert!(stiffness_before < 0.05 * stage.scene.parameters.coupling.stiffness_n_per_m, "50 ms soften: {stiffness_before} N/m");
+    assert!(
+        stiffness_before < 0.05 * stage.scene.parameters.coupling.stiffness_n_per_m,
+        "50 ms soften: {stiffness_before} N/m"
+    );
 }
 
-/// The force at the arm while the hand presses the block onto the plane, 10 ms each way: how much it goes up and down, N.
+/// The force at the arm while the hand presses the block onto the plane, 10 ms each way: how much
+/// it goes up and down, N.
 fn pressed_unrest_n(change: impl FnOnce(&mut Parameters)) -> f64 {
     let stage = TwoMachines::with(rig::load(&rig::shipped("block-on-plane")), change);
     let told = stage.play(quality(10.0), 2900, 0.37, None).told;
-    let pressing = told.iter().rev().skip_while(|(_, wrench)| *wrench == Wrench::ZERO).skip(100).take(300);
+    let pressing =
+        told.iter().rev().skip_while(|(_, wrench)| *wrench == Wrench::ZERO).skip(100).take(300);
     unrest_n(&pressing.copied().collect::<Vec<_>>())
 }
 
@@ -396,7 +470,10 @@ fn without_softening_the_same_link_would_tremble() {
         p.arm.stiffness_lag_nm_s_per_rad = f64::INFINITY;
     });
     eprintln!("pressed over 10 ms each way: unrest {softened:.4} N softened, {stiff:.4} N without");
-    assert!(softened < 0.05 && stiff > 5.0 * softened.max(0.01), "{softened} N softened, {stiff} N without");
+    assert!(
+        softened < 0.05 && stiff > 5.0 * softened.max(0.01),
+        "{softened} N softened, {stiff} N without"
+    );
 }
 
 #[test]
@@ -405,7 +482,8 @@ fn a_cut_cable_is_zero_at_the_arm_within_hold_and_fade_and_a_fault_of_the_link_a
     let stage = TwoMachines::of(rig::load(&rig::shipped("block-on-plane")));
     let arm_s = f64::from(stage.config.device.profile.plant.delay_ticks) * T;
     // The hand presses from 1.2 s of its path on.
-    let (mut least_ms, mut most_ms) = (f64::INFINITY, 0.0_f64);
+    let mut least_ms = f64::INFINITY;
+    let mut most_ms = 0.0_f64;
     for (delay_ms, n) in [(0.0, 20), (10.0, 10)] {
         for idx in 0..n {
             let share = f64::from(idx) / f64::from(n);
@@ -414,24 +492,45 @@ fn a_cut_cable_is_zero_at_the_arm_within_hold_and_fade_and_a_fault_of_the_link_a
             let played = stage.play(quality, 2700, share, Some(cut_s));
             let name = format!("{delay_ms} ms each way, cut at {cut_s:.4} s");
             let cut_s = played.begin_s + cut_s;
-            let before = played.told.iter().rev().find(|(at_s, _)| *at_s <= cut_s).expect("writes").1;
+            let before =
+                played.told.iter().rev().find(|(at_s, _)| *at_s <= cut_s).expect("writes").1;
             assert!(before.force.length() > 0.1, "{name}: {} N in contact", before.force.length());
-            let last_force_s = played.told.iter().rev().find(|(_, wrench)| *wrench != Wrench::ZERO).expect("force").0;
+            let last_force_s = played
+                .told
+                .iter()
+                .rev()
+                .find(|(_, wrench)| *wrench != Wrench::ZERO)
+                .expect("force")
+                .0;
             // The write after it was zero, and reached the motors after the arm's own delay.
             let zero_s = last_force_s + T + arm_s;
             let after_ms = (zero_s - played.last_command_s) * 1e3;
             assert!(after_ms <= 30.0 + 1e-6, "{name}: zero {after_ms} ms after the last command");
-            assert!((zero_s - cut_s) * 1e3 <= 30.0 + 1e-6, "{name}: zero {} ms after the cut", (zero_s - cut_s) * 1e3);
+            assert!(
+                (zero_s - cut_s) * 1e3 <= 30.0 + 1e-6,
+                "{name}: zero {} ms after the cut",
+                (zero_s - cut_s) * 1e3
+            );
             (least_ms, most_ms) = (least_ms.min(after_ms), most_ms.max(after_ms));
-            assert_eq!((played.report.link_losses, played.phase), (1, LinkPhase::Tripped), "{name}");
-            assert!((played.report.zero_after_ms - 29.5).abs() < 1.0, "{name}: it says {} ms", played.report.zero_after_ms);
+            assert_eq!(
+                (played.report.link_losses, played.phase),
+                (1, LinkPhase::Tripped),
+                "{name}"
+            );
+            assert!(
+                (played.report.zero_after_ms - 29.5).abs() < 1.0,
+                "{name}: it says {} ms",
+                played.report.zero_after_ms
+            );
             let names: Vec<_> = played.faults.names().collect();
             assert_eq!((names, played.ending), (vec!["link"], Ending::Faulted), "{name}");
             let last = played.records.last().expect("records");
             assert!(rig::is_bit_zero(last.output.command_device), "{name}");
         }
     }
-    eprintln!("zero at the arm {least_ms:.2} to {most_ms:.2} ms after the last command that it heard");
+    eprintln!(
+        "zero at the arm {least_ms:.2} to {most_ms:.2} ms after the last command that it heard"
+    );
     assert!(least_ms > 25.0, "it holds as long as it says: {least_ms} ms");
 }
 
@@ -455,7 +554,11 @@ fn lost_in_contact(stage: &TwoMachines) -> Playing {
     assert!(drive == Drive::Enabled && force_n > 0.1, "{drive:?}, {force_n} N");
     locked(&playing.world).network.cut(true);
     let (outputs, _) = playing.ticks(50, Order::Enable);
-    assert!(outputs.iter().any(|output| output.faults.names().eq(["link"])), "{:?}", outputs.last());
+    assert!(
+        outputs.iter().any(|output| output.faults.names().eq(["link"])),
+        "{:?}",
+        outputs.last()
+    );
     let (drive, force_n) = playing.drive(100, Order::Enable);
     assert_eq!((drive, force_n, playing.figures.phase()), (Drive::Fault, 0.0, LinkPhase::Tripped));
     playing
@@ -470,7 +573,10 @@ fn a_node_whose_cable_is_back_gives_no_force_before_the_next_enable() {
     assert_eq!(playing.drive(50, Order::Enable), (Drive::Fault, 0.0));
     locked(&playing.world).network.cut(false);
     let news = playing.meet_again();
-    assert!(matches!(&news, LinkNews::Back { node, homing: None } if node.ends_with("zenoh:arm")), "{news:?}");
+    assert!(
+        matches!(&news, LinkNews::Back { node, homing: None } if node.ends_with("zenoh:arm")),
+        "{news:?}"
+    );
     // The order is still *enable*, and the arm is there: it waits all the same.
     assert_eq!(playing.drive(300, Order::Enable), (Drive::Fault, 0.0));
     assert_eq!(playing.figures.phase(), LinkPhase::Disabled);
@@ -478,7 +584,10 @@ fn a_node_whose_cable_is_back_gives_no_force_before_the_next_enable() {
     let (outputs, _) = playing.ticks(300, Order::Enable);
     assert!(rig::is_bit_zero(outputs[0].command_device), "it rises from zero");
     let last = outputs.last().expect("ticks");
-    assert_eq!((last.drive, last.faults, playing.figures.phase()), (Drive::Enabled, Faults::NONE, LinkPhase::Enabled));
+    assert_eq!(
+        (last.drive, last.faults, playing.figures.phase()),
+        (Drive::Enabled, Faults::NONE, LinkPhase::Enabled)
+    );
 }
 
 #[test]
@@ -517,7 +626,10 @@ fn another_arm_under_the_name_of_a_lost_one_is_refused() {
         world.network.cut(false);
     }
     let news = playing.meet_again();
-    assert!(matches!(&news, LinkNews::Fails(why) if why.contains("declares another rate, force")), "{news:?}");
+    assert!(
+        matches!(&news, LinkNews::Fails(why) if why.contains("declares another rate, force")),
+        "{news:?}"
+    );
     assert_eq!(playing.drive(50, Order::Disable).1, 0.0);
     assert_eq!(playing.drive(50, Order::Enable), (Drive::Fault, 0.0));
 }

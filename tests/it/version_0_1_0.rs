@@ -1,6 +1,8 @@
-//! What version 0.1.0 read is read: its scenes, profiles, files of strokes and messages, kept as they were in `tests/fixtures/v0.1.0`.
+//! What version 0.1.0 read is read: its scenes, profiles, files of strokes and messages, kept as
+//! they were in `tests/fixtures/v0.1.0`.
 //!
-//! A key that is gone since is accepted where it says what holds now, and refused by its name elsewhere.
+//! A key that is gone since is accepted where it says what holds now, and refused by its name
+//! elsewhere.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -20,7 +22,8 @@ fn kept(name: &str) -> PathBuf {
 
 /// The TOML files of a folder, sorted; there are some.
 fn files(folder: &Path) -> Vec<PathBuf> {
-    let mut paths: Vec<PathBuf> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    let mut paths: Vec<PathBuf> =
+        fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
     paths.retain(|path| path.extension().is_some_and(|extension| extension == "toml"));
     paths.sort();
     assert!(!paths.is_empty(), "{}", folder.display());
@@ -40,7 +43,11 @@ fn laid_out() -> TempDir {
     place("clay", "clay");
     place("clay/strokes", "clay/strokes");
     for shipped in ["models", "scenes/hands", "scenes/moves", "clay/hands"] {
-        std::os::unix::fs::symlink(Path::new(ROOT).join("config").join(shipped), folder.path().join(shipped)).unwrap();
+        std::os::unix::fs::symlink(
+            Path::new(ROOT).join("config").join(shipped),
+            folder.path().join(shipped),
+        )
+        .unwrap();
     }
     folder
 }
@@ -55,7 +62,8 @@ fn every_scene_and_file_of_strokes_is_accepted() {
             if let Some(sculpt) = config.sculpt
                 && let Some(file) = sculpt.strokes
             {
-                let script = strokes::load(&file, &sculpt.tool).unwrap_or_else(|errors| panic!("{errors}"));
+                let script =
+                    strokes::load(&file, &sculpt.tool).unwrap_or_else(|errors| panic!("{errors}"));
                 n_strokes += script.orders.len();
             }
         }
@@ -73,9 +81,11 @@ fn every_profile_is_accepted() {
     }
 }
 
-/// Sends what is kept for a command; none of it may be refused for what it says, and every key of the answers is there.
+/// Sends what is kept for a command; none of it may be refused for what it says, and every key of
+/// the answers is there.
 fn is_understood(daemon: &Daemon, command: &str) {
-    let messages: Value = serde_json::from_str(&fs::read_to_string(kept("messages.json")).unwrap()).unwrap();
+    let messages: Value =
+        serde_json::from_str(&fs::read_to_string(kept("messages.json")).unwrap()).unwrap();
     let messages = &messages[command];
     // A refusal for what a message says; "not as things stand" is another one.
     let is_wrong = |status: &Value| matches!(status.as_u64(), Some(400 | 404 | 405 | 413));
@@ -86,8 +96,12 @@ fn is_understood(daemon: &Daemon, command: &str) {
     }
     for (path, keys) in messages["keys"].as_object().unwrap() {
         let answer = if path == "hello" { client.hello.clone() } else { daemon.get(path) };
-        let missing: Vec<&Value> =
-            keys.as_array().unwrap().iter().filter(|key| answer.get(key.as_str().unwrap()).is_none()).collect();
+        let missing: Vec<&Value> = keys
+            .as_array()
+            .unwrap()
+            .iter()
+            .filter(|key| answer.get(key.as_str().unwrap()).is_none())
+            .collect();
         assert!(missing.is_empty(), "{path} lacks {missing:?}: {answer}");
     }
     for request in messages["http"].as_array().unwrap() {

@@ -27,29 +27,48 @@ const PERIOD: Duration = Duration::from_micros(400);
 /// Longer than any machine takes.
 const GIVEN_UP: Duration = Duration::from_secs(60);
 
-/// The real driver over a real terminal, a maker's library in a worker, and a maker's service, with a thread that looks for the lost arm: sound exchanges,
-/// garbled ones, a plug that is pulled and put in again, enable and disable, numbers that are none, and stops.
+/// The real driver over a real terminal, a maker's library in a worker, and a maker's service, with
+/// a thread that looks for the lost arm: sound exchanges, garbled ones, a plug that is pulled and
+/// put in again, enable and disable, numbers that are none, and stops.
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn an_arm_on_a_wire_allocates_nothing() {
     const FAULTS: [&str; 2] = ["truncate@300ms+5ms", "unplug@2s+300ms"];
     std::thread::scope(|scope| {
         for name in ["polhem-2022", "haply-2diy", "open6-serial"] {
-            scope.spawn(move || exchanges_of(name, Serial::new(name, &FAULTS), Serial::open, |serial| serial.arm));
+            scope.spawn(move || {
+                exchanges_of(name, Serial::new(name, &FAULTS), Serial::open, |serial| serial.arm)
+            });
         }
         for name in ["omega6", "touch", "virtuose-6d"] {
-            scope.spawn(move || exchanges_of(name, Library::new(name, &FAULTS), Library::open, |library| library.arm));
+            scope.spawn(move || {
+                exchanges_of(name, Library::new(name, &FAULTS), Library::open, |library| {
+                    library.arm
+                })
+            });
         }
-        scope.spawn(|| exchanges_of("inverse3", Service::new("3.5.0", &FAULTS), Service::open, |service| service.arm));
+        scope.spawn(|| {
+            exchanges_of("inverse3", Service::new("3.5.0", &FAULTS), Service::open, |service| {
+                service.arm
+            })
+        });
     });
 }
 
-fn exchanges_of<B>(name: &str, bench: B, open: impl Fn(&B) -> OpenedArm, arm_of: impl Fn(B) -> maker::Arm) {
+fn exchanges_of<B>(
+    name: &str,
+    bench: B,
+    open: impl Fn(&B) -> OpenedArm,
+    arm_of: impl Fn(B) -> maker::Arm,
+) {
     let mut arm = open(&bench).arm;
-    let (mut n_fresh, mut n_lost, mut n_fresh_again) = (0, 0, 0);
+    let mut n_fresh = 0;
+    let mut n_lost = 0;
+    let mut n_fresh_again = 0;
     let begin = Instant::now();
     for n in 0_u32.. {
-        // A machine that is busy with something else may take the mock longer to come to its faults.
+        // A machine that is busy with something else may take the mock longer to come to its
+        // faults.
         if (n >= EXCHANGES && n_fresh_again > 500) || begin.elapsed() > GIVEN_UP {
             break;
         }
@@ -84,8 +103,12 @@ fn exchanges_of<B>(name: &str, bench: B, open: impl Fn(&B) -> OpenedArm, arm_of:
     }
     drop(arm);
     let report = arm_of(bench).ended();
-    let sound = n_fresh > 2000 && n_lost > 10 && n_fresh_again > 500 && report.largest_force_n > 0.01;
-    assert!(sound, "{name}: {n_fresh} fresh, {n_lost} lost, {n_fresh_again} after that; {report:?}");
+    let sound =
+        n_fresh > 2000 && n_lost > 10 && n_fresh_again > 500 && report.largest_force_n > 0.01;
+    assert!(
+        sound,
+        "{name}: {n_fresh} fresh, {n_lost} lost, {n_fresh_again} after that; {report:?}"
+    );
 }
 
 /// Steps through a run, counting; gives its faults and the causes for which it rendered nothing.
@@ -95,18 +118,28 @@ fn play(
     change: impl FnOnce(&mut Parameters),
     meddle: impl Fn(u64, &mut DeviceSample) + Send,
 ) -> (Faults, Vec<OffCause>) {
-    let (mut prepared, _) = prepare_with(config, &mut BakeOptions::from(&mut Cache::off()), |_| ()).expect("a scene");
+    let (mut prepared, _) =
+        prepare_with(config, &mut BakeOptions::from(&mut Cache::off()), |_| ()).expect("a scene");
     change(&mut prepared.scene.parameters);
     let (producer, mut consumer) = rtrb::RingBuffer::new(STRIDE);
     let device = Meddled { arm: prepared.device, n_reads: 0, meddle };
     let control = Arc::new(Control::enabled());
     let plan = RunPlan { stop_at_tick: Some(10_000), ..RunPlan::default() };
-    let mut servo = ServoLoop::new(Arc::new(prepared.scene), device, VirtualClock::default(), control, plan, producer);
+    let mut servo = ServoLoop::new(
+        Arc::new(prepared.scene),
+        device,
+        VirtualClock::default(),
+        control,
+        plan,
+        producer,
+    );
     servo.warm_up();
-    let (mut faults, mut causes) = (Faults::NONE, Vec::new());
+    let mut faults = Faults::NONE;
+    let mut causes = Vec::new();
     loop {
-        let (n, allocations, frees) =
-            counted(|| (0..STRIDE).map(|_| servo.step()).take_while(|step| *step == Step::Continue).count());
+        let (n, allocations, frees) = counted(|| {
+            (0..STRIDE).map(|_| servo.step()).take_while(|step| *step == Step::Continue).count()
+        });
         assert_eq!((allocations, frees), (0, 0), "{what}");
         while let Ok(record) = consumer.pop() {
             faults |= record.output.faults;
@@ -133,19 +166,59 @@ fn no_safety_rule_allocates() {
             Faults::NONE,
             OffCause::Deadman,
         ),
-        ("braking", |p| p.limits.speed_m_per_s = 2e-3, |_, _| (), Faults::SPEED, OffCause::Velocity),
-        ("power", |p| p.limits.power_w = 1e-4, |_, s| s.twist.linear = DVec3::ZERO, Faults::POWER, OffCause::Power),
-        ("workspace", |p| p.safety.workspace_radius_m = 4e-3, |_, _| (), Faults::NONE, OffCause::Workspace),
+        (
+            "braking",
+            |p| p.limits.speed_m_per_s = 2e-3,
+            |_, _| (),
+            Faults::SPEED,
+            OffCause::Velocity,
+        ),
+        (
+            "power",
+            |p| p.limits.power_w = 1e-4,
+            |_, s| s.twist.linear = DVec3::ZERO,
+            Faults::POWER,
+            OffCause::Power,
+        ),
+        (
+            "workspace",
+            |p| p.safety.workspace_radius_m = 4e-3,
+            |_, _| (),
+            Faults::NONE,
+            OffCause::Workspace,
+        ),
         ("homing", same, |n, s| s.homed = n > 300, Faults::NONE, OffCause::NotHomed),
         ("homing lost", same, |n, s| s.homed = n < 1500, Faults::NOT_HOMED, OffCause::NotHomed),
         ("heat", same, |n, s| s.overheated = n > 1500, Faults::THERMAL, OffCause::Thermal),
-        ("device error", same, |n, s| s.device_error = u16::from(n > 1500), Faults::DEVICE_ERROR, OffCause::Protocol),
-        ("packets", same, |n, s| s.corrupt_packets = u16::from(n > 1500), Faults::PROTOCOL, OffCause::Protocol),
-        ("gap", same, |n, s| s.lost_packets = if n > 1500 { 20 } else { 0 }, Faults::SEQUENCE_GAP, OffCause::Protocol),
+        (
+            "device error",
+            same,
+            |n, s| s.device_error = u16::from(n > 1500),
+            Faults::DEVICE_ERROR,
+            OffCause::Protocol,
+        ),
+        (
+            "packets",
+            same,
+            |n, s| s.corrupt_packets = u16::from(n > 1500),
+            Faults::PROTOCOL,
+            OffCause::Protocol,
+        ),
+        (
+            "gap",
+            same,
+            |n, s| s.lost_packets = if n > 1500 { 20 } else { 0 },
+            Faults::SEQUENCE_GAP,
+            OffCause::Protocol,
+        ),
     ];
     let config = scene("block-on-plane", &[]);
     for (what, change, meddle, expected, cause) in rows {
         let (faults, causes) = play(what, &config, change, meddle);
-        assert!(faults == expected && causes.contains(&cause), "{what}: {:?} {causes:?}", faults.names().collect::<Vec<_>>());
+        assert!(
+            faults == expected && causes.contains(&cause),
+            "{what}: {:?} {causes:?}",
+            faults.names().collect::<Vec<_>>()
+        );
     }
 }

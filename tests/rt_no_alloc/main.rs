@@ -1,5 +1,5 @@
-//! The loop neither allocates nor frees: counted over 10⁵ steps of every shipped scene, and over 10⁴ of every coupling, field and injectable
-//! fault on the smallest one.
+//! The loop neither allocates nor frees: counted over 10⁵ steps of every shipped scene, and over
+//! 10⁴ of every coupling, field and injectable fault on the smallest one.
 #![expect(unsafe_code, reason = "the trait of a global allocator is unsafe")]
 #![expect(clippy::print_stderr, reason = "the long runs say how far they are")]
 
@@ -22,7 +22,9 @@ use hapticd::config::{self, SceneConfig};
 use hapticd::daemon::prepare_with;
 use hapticd::scene::BakeOptions;
 use hapticd::scene::cache::{Cache, CachePolicy};
-use hapticd::servo::{ClayFeed, ClaySlot, Control, LoadedScene, RunPlan, SceneControls, ServoLoop, Step};
+use hapticd::servo::{
+    ClayFeed, ClaySlot, Control, LoadedScene, RunPlan, SceneControls, ServoLoop, Step,
+};
 use haptics::clay::{Clay, Rope};
 use haptics::{Faults, RenderScene};
 use rt::clock::VirtualClock;
@@ -97,7 +99,8 @@ fn scenes() -> PathBuf {
 
 /// A shipped scene, with more text before its `[device]` table and other words for some of its own.
 fn scene(name: &str, replacements: &[(&str, &str)]) -> SceneConfig {
-    let mut text = std::fs::read_to_string(scenes().join(name).with_extension("toml")).expect("a shipped scene");
+    let mut text = std::fs::read_to_string(scenes().join(name).with_extension("toml"))
+        .expect("a shipped scene");
     for (from, to) in replacements {
         assert!(text.contains(from), "{name} has no `{from}`");
         text = text.replace(from, to);
@@ -136,23 +139,38 @@ fn hand_there_and_back(hand: &Path, folder: &Path) -> PathBuf {
     path
 }
 
-/// Steps through a run, counting; returns its faults and how many ticks it had, and how many of them in contact.
+/// Steps through a run, counting; returns its faults and how many ticks it had, and how many of
+/// them in contact.
 fn step_through(what: &str, config: SceneConfig, n_ticks: u64) -> (Faults, u64, u64) {
     step_through_with(what, config, &mut Cache::off(), n_ticks)
 }
 
 /// The same, with a bake cache.
-fn step_through_with(what: &str, mut config: SceneConfig, cache: &mut Cache, n_ticks: u64) -> (Faults, u64, u64) {
+fn step_through_with(
+    what: &str,
+    mut config: SceneConfig,
+    cache: &mut Cache,
+    n_ticks: u64,
+) -> (Faults, u64, u64) {
     let folder = tempfile::tempdir().expect("a temporary folder");
     config.device.hand = config.device.hand.map(|hand| hand_there_and_back(&hand, folder.path()));
-    let (prepared, _) =
-        prepare_with(&config, &mut BakeOptions::from(cache), |_| ()).unwrap_or_else(|error| panic!("{what}: {error}"));
+    let (prepared, _) = prepare_with(&config, &mut BakeOptions::from(cache), |_| ())
+        .unwrap_or_else(|error| panic!("{what}: {error}"));
     let (producer, mut consumer) = rtrb::RingBuffer::new(STRIDE);
     let control = Arc::new(Control::enabled());
     let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };
-    let mut servo = ServoLoop::new(Arc::new(prepared.scene), prepared.device, VirtualClock::default(), control, plan, producer);
+    let mut servo = ServoLoop::new(
+        Arc::new(prepared.scene),
+        prepared.device,
+        VirtualClock::default(),
+        control,
+        plan,
+        producer,
+    );
     servo.warm_up();
-    let (mut ticks, mut touching, mut faults) = (0, 0, Faults::NONE);
+    let mut ticks = 0;
+    let mut touching = 0;
+    let mut faults = Faults::NONE;
     loop {
         let (last, allocations, frees) = counted(|| {
             let mut last = Step::Continue;
@@ -164,7 +182,11 @@ fn step_through_with(what: &str, mut config: SceneConfig, cache: &mut Cache, n_t
             }
             last
         });
-        assert_eq!((allocations, frees), (0, 0), "{what}: allocations and frees within {STRIDE} ticks from tick {ticks} on");
+        assert_eq!(
+            (allocations, frees),
+            (0, 0),
+            "{what}: allocations and frees within {STRIDE} ticks from tick {ticks} on"
+        );
         while let Ok(record) = consumer.pop() {
             ticks += 1;
             touching += u64::from(record.output.contacts > 0);
@@ -174,7 +196,10 @@ fn step_through_with(what: &str, mut config: SceneConfig, cache: &mut Cache, n_t
             eprintln!("{what}: {ticks} of {n_ticks} ticks");
         }
         if last == Step::End {
-            eprintln!("{what}: {ticks} ticks, {touching} in contact, faults {:?}", faults.names().collect::<Vec<_>>());
+            eprintln!(
+                "{what}: {ticks} ticks, {touching} in contact, faults {:?}",
+                faults.names().collect::<Vec<_>>()
+            );
             return (faults, ticks, touching);
         }
     }
@@ -183,7 +208,10 @@ fn step_through_with(what: &str, mut config: SceneConfig, cache: &mut Cache, n_t
 fn whole_scene(name: &str) {
     let (faults, ticks, touching) = step_through(name, scene(name, &[]), TICKS);
     assert!(faults.is_empty(), "{name}: {:?}", faults.names().collect::<Vec<_>>());
-    assert!(ticks >= TICKS && touching > TICKS / 10, "{name}: {ticks} ticks, {touching} in contact");
+    assert!(
+        ticks >= TICKS && touching > TICKS / 10,
+        "{name}: {ticks} ticks, {touching} in contact"
+    );
 }
 
 #[test]
@@ -223,13 +251,17 @@ fn block_on_plane_allocates_nothing_in_any_coupling_and_field() {
     for coupling in ["implicit", "static", "constraint", "direct"] {
         for field in ["layers", "surface-point", "octant", "trilinear"] {
             // The whole length for the scene as it is shipped.
-            let n_ticks = if coupling == "implicit" && field == "trilinear" { TICKS } else { TICKS / 10 };
+            let n_ticks =
+                if coupling == "implicit" && field == "trilinear" { TICKS } else { TICKS / 10 };
             let what = format!("block-on-plane, {coupling}, {field}");
             let config = scene(
                 "block-on-plane",
                 &[
                     ("coupling = \"implicit\"", &format!("coupling = \"{coupling}\"")),
-                    ("field = \"trilinear\"", &format!("field = \"{field}\"\nallow_unstable = true")),
+                    (
+                        "field = \"trilinear\"",
+                        &format!("field = \"{field}\"\nallow_unstable = true"),
+                    ),
                 ],
             );
             let (faults, ticks, touching) = step_through(&what, config, n_ticks);
@@ -243,8 +275,10 @@ fn brakes_and_dampers_allocate_nothing() {
     let coupling = "implicit";
     let what = format!("block-on-plane, {coupling}, with brakes and dampers");
     let keys = "[contact]\nbraking = true\ndamping_n_s_per_m = 20";
-    let config =
-        scene("block-on-plane", &[("coupling = \"implicit\"", &format!("coupling = \"{coupling}\"")), ("[contact]", keys)]);
+    let config = scene(
+        "block-on-plane",
+        &[("coupling = \"implicit\"", &format!("coupling = \"{coupling}\"")), ("[contact]", keys)],
+    );
     let (faults, ticks, touching) = step_through(&what, config, TICKS / 10);
     assert!(faults.is_empty() && ticks >= TICKS / 10 && touching > 0, "{what}");
 }
@@ -253,45 +287,69 @@ fn brakes_and_dampers_allocate_nothing() {
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_scene_from_the_cache_allocates_nothing() {
     let folder = tempfile::tempdir().expect("a temporary folder");
-    for (what, residence) in [("baked", CachePolicy::Copy), ("read", CachePolicy::Copy), ("mapped", CachePolicy::Mapped)] {
+    for (what, residence) in
+        [("baked", CachePolicy::Copy), ("read", CachePolicy::Copy), ("mapped", CachePolicy::Mapped)]
+    {
         let mut cache = Cache::at(folder.path().to_owned(), residence);
-        let (faults, ticks, touching) = step_through_with(what, scene("block-on-plane", &[]), &mut cache, TICKS / 10);
+        let (faults, ticks, touching) =
+            step_through_with(what, scene("block-on-plane", &[]), &mut cache, TICKS / 10);
         assert!(faults.is_empty() && ticks >= TICKS / 10 && touching > 0, "{what}");
         assert_eq!(cache.take_notes(), [""; 0]);
     }
 }
 
-/// Objects that move, parameters that change, and scenes that take each other's place: what is made for that is made and freed by another thread.
+/// Objects that move, parameters that change, and scenes that take each other's place: what is made
+/// for that is made and freed by another thread.
 #[test]
 fn moving_objects_turning_knobs_and_swapping_scenes_allocate_nothing() {
     let movable = [("layers = 8", "layers = 8\nmovable = true")];
     let config = scene("block-on-plane", &movable);
-    let bake = || prepare_with(&config, &mut BakeOptions::from(&mut Cache::off()), |_| ()).expect("a scene").0;
+    let bake = || {
+        prepare_with(&config, &mut BakeOptions::from(&mut Cache::off()), |_| ()).expect("a scene").0
+    };
     let prepared = bake();
     let objects = vec![(config.statics[0].name.clone(), true)];
     let (mut controls, commands) = SceneControls::new(&config.parameters, objects.clone());
     let (producer, mut consumer) = rtrb::RingBuffer::new(STRIDE);
     let control = Arc::new(Control::enabled());
     let plan = RunPlan { stop_at_tick: Some(20_000), ..RunPlan::default() };
-    let mut servo = ServoLoop::new(Arc::new(prepared.scene), prepared.device, VirtualClock::default(), control, plan, producer)
-        .with_commands(commands);
+    let mut servo = ServoLoop::new(
+        Arc::new(prepared.scene),
+        prepared.device,
+        VirtualClock::default(),
+        control,
+        plan,
+        producer,
+    )
+    .with_commands(commands);
     servo.warm_up();
-    let (mut n_swaps, mut n_changes, mut moving, mut touching, mut round) = (0, 0, 0, 0, 0_u32);
+    let mut n_swaps = 0;
+    let mut n_changes = 0;
+    let mut moving = 0;
+    let mut touching = 0;
+    let mut round = 0_u32;
     loop {
         // Up under the block and down again, round by round; another scene every fourth.
         for n in 0..10 {
             let turn = DQuat::from_rotation_x(0.05 * f64::from(round % 3));
-            controls.place(&objects[0].0, Pose::new(turn, DVec3::Z * (1e-3 * f64::from((3 * round + n) % 12)))).expect("room");
+            controls
+                .place(
+                    &objects[0].0,
+                    Pose::new(turn, DVec3::Z * (1e-3 * f64::from((3 * round + n) % 12))),
+                )
+                .expect("room");
         }
         let setting = controls.settings()[round as usize % controls.settings().len()];
         let value = if round % 2 == 0 { setting.range.least } else { setting.range.most };
         controls.set(setting.parameter.name(), value).expect("room");
         if round % 4 == 1 {
             // Refused while the one before waits.
-            let _ = controls.offer(Box::new(LoadedScene::new(Arc::new(bake().scene))), objects.clone());
+            let _ =
+                controls.offer(Box::new(LoadedScene::new(Arc::new(bake().scene))), objects.clone());
         }
-        let (last, allocations, frees) =
-            counted(|| (0..STRIDE).map(|_| servo.step()).take_while(|step| *step == Step::Continue).count());
+        let (last, allocations, frees) = counted(|| {
+            (0..STRIDE).map(|_| servo.step()).take_while(|step| *step == Step::Continue).count()
+        });
         assert_eq!((allocations, frees), (0, 0), "round {round}");
         n_swaps += u32::from(controls.take_replaced().is_some());
         while let Ok(record) = consumer.pop() {
@@ -306,7 +364,10 @@ fn moving_objects_turning_knobs_and_swapping_scenes_allocate_nothing() {
         }
     }
     assert!(n_changes > 10);
-    assert!(n_swaps >= 3 && moving > 1000 && touching > 1000, "{n_swaps} swaps, {moving} ticks moving, {touching} in contact");
+    assert!(
+        n_swaps >= 3 && moving > 1000 && touching > 1000,
+        "{n_swaps} swaps, {moving} ticks moving, {touching} in contact"
+    );
 }
 
 /// A slab of clay whose top is at a height, with a rope in it every other time.
@@ -322,15 +383,21 @@ fn slab_of_clay(sequence: u64, top_m: f64) -> Frame {
         raster
     };
     let rope_map = (sequence % 2 == 1).then_some(DVec3::new(0.01, 0.0, -0.01));
-    let mut frame =
-        Frame { sequence, base: Arc::new(raster(base)), region: raster(region), rope_map, is_leap: sequence.is_multiple_of(7) };
+    let mut frame = Frame {
+        sequence,
+        base: Arc::new(raster(base)),
+        region: raster(region),
+        rope_map,
+        is_leap: sequence.is_multiple_of(7),
+    };
     frame.make_ready(None).expect("a sound frame");
     frame
 }
 
 /// One frame for every four ticks, up and down.
 fn knead(mut feed: ClayFeed) -> u64 {
-    let (mut n_states, mut n_frames) = (0_u64, 0_u64);
+    let mut n_states = 0_u64;
+    let mut n_frames = 0_u64;
     while !feed.is_over() {
         let Some(_) = feed.next_state() else {
             std::thread::yield_now();
@@ -353,7 +420,8 @@ fn knead(mut feed: ClayFeed) -> u64 {
         for (n, value_m) in next.region.values_m_mut().iter_mut().enumerate() {
             *value_m = (top_m - lattice.position([0, 0, n % lattice.dims[2]]).z) as f32;
         }
-        (next.sequence, next.rope_map) = (n_frames, (n_frames % 40 < 20).then_some(DVec3::Z * 0.01));
+        (next.sequence, next.rope_map) =
+            (n_frames, (n_frames % 40 < 20).then_some(DVec3::Z * 0.01));
         if feed.publish(next).is_err() {
             break;
         }
@@ -375,26 +443,44 @@ fn frames_of_clay_that_come_and_go_allocate_nothing() {
             ],
         );
         let folder = tempfile::tempdir().expect("a temporary folder");
-        config.device.hand = config.device.hand.map(|hand| hand_there_and_back(&hand, folder.path()));
-        let (prepared, _) = prepare_with(&config, &mut BakeOptions::from(&mut Cache::off()), |_| ()).expect("a scene");
+        config.device.hand =
+            config.device.hand.map(|hand| hand_there_and_back(&hand, folder.path()));
+        let (prepared, _) =
+            prepare_with(&config, &mut BakeOptions::from(&mut Cache::off()), |_| ())
+                .expect("a scene");
         let mut scene = prepared.scene;
         let smoothing = Clay::smoothing_between(4e-3, 1e-3);
         let rope = Rope { stiffness_n_per_m: 100.0, force_n: 1.0 };
-        let clay = Clay { world_from_map: Pose::IDENTITY, frame: slab_of_clay(0, 0.0), smoothing, rope };
+        let clay =
+            Clay { world_from_map: Pose::IDENTITY, frame: slab_of_clay(0, 0.0), smoothing, rope };
         let (feed, slot) = ClaySlot::new(&clay, 4);
         scene.clay = Some(clay);
         let (producer, mut consumer) = rtrb::RingBuffer::new(STRIDE);
         let control = Arc::new(Control::enabled());
         let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };
-        let mut servo =
-            ServoLoop::new(Arc::new(scene), prepared.device, VirtualClock::default(), control, plan, producer).with_clay(slot);
+        let mut servo = ServoLoop::new(
+            Arc::new(scene),
+            prepared.device,
+            VirtualClock::default(),
+            control,
+            plan,
+            producer,
+        )
+        .with_clay(slot);
         servo.warm_up();
         let simulation = std::thread::spawn(|| knead(feed));
-        let (mut ticks, mut touching, mut last_frame) = (0, 0, 0);
+        let mut ticks = 0;
+        let mut touching = 0;
+        let mut last_frame = 0;
         loop {
-            let (n_steps, allocations, frees) =
-                counted(|| (0..STRIDE).map(|_| servo.step()).take_while(|step| *step == Step::Continue).count());
-            assert_eq!((allocations, frees), (0, 0), "{coupling}: within {STRIDE} ticks from tick {ticks} on");
+            let (n_steps, allocations, frees) = counted(|| {
+                (0..STRIDE).map(|_| servo.step()).take_while(|step| *step == Step::Continue).count()
+            });
+            assert_eq!(
+                (allocations, frees),
+                (0, 0),
+                "{coupling}: within {STRIDE} ticks from tick {ticks} on"
+            );
             while let Ok(record) = consumer.pop() {
                 assert_eq!(record.output.faults, Faults::NONE, "{coupling}, tick {ticks}");
                 ticks += 1;
@@ -407,39 +493,69 @@ fn frames_of_clay_that_come_and_go_allocate_nothing() {
         }
         drop(servo);
         let n_frames = simulation.join().expect("no panic");
-        assert!(ticks >= n_ticks && touching > n_ticks / 20, "{coupling}: {touching} of {ticks} ticks in contact");
-        assert!(last_frame >= n_ticks / 4 && n_frames >= last_frame, "{coupling}: frame {last_frame} of {n_frames}");
+        assert!(
+            ticks >= n_ticks && touching > n_ticks / 20,
+            "{coupling}: {touching} of {ticks} ticks in contact"
+        );
+        assert!(
+            last_frame >= n_ticks / 4 && n_frames >= last_frame,
+            "{coupling}: frame {last_frame} of {n_frames}"
+        );
     }
 }
 
-/// The contact query alone, as no scene can drive it: leaping from pose to pose, deep inside, far off, with budgets of all sizes.
+/// The contact query alone, as no scene can drive it: leaping from pose to pose, deep inside, far
+/// off, with budgets of all sizes.
 #[test]
 fn no_walk_allocates_whatever_its_pose_and_budget() {
     let config = scene("block-on-plane", &[]);
-    let (prepared, _) = prepare_with(&config, &mut BakeOptions::from(&mut Cache::off()), |_| ()).expect("a scene");
+    let (prepared, _) =
+        prepare_with(&config, &mut BakeOptions::from(&mut Cache::off()), |_| ()).expect("a scene");
     let RenderScene { parameters, obstacles, tool, .. } = &prepared.scene;
     for (level, mode) in [
         (SimdLevel::Portable, TraversalMode::Tree),
         (SimdLevel::best(), TraversalMode::Tree),
         (SimdLevel::best(), TraversalMode::Flat),
     ] {
-        for budget in [Budget::Unlimited, Budget::Points(0), Budget::Points(100), Budget::Points(1000)] {
+        for budget in
+            [Budget::Unlimited, Budget::Points(0), Budget::Points(100), Budget::Points(1000)]
+        {
             let mut traversal = Traversal::new(level, mode, obstacles, &tool.shell);
             traversal.set_budget(budget);
-            let (mut touching, mut left_out) = (0, 0);
+            let mut touching = 0;
+            let mut left_out = 0;
             for turn in 0..500_u32 {
                 let angle = f64::from(turn);
                 let reach_m = if turn % 50 == 49 { 1e9 } else { 0.05 };
-                let place_m = DVec3::new((1.3 * angle).sin(), (2.1 * angle).sin(), (0.7 * angle).sin()) * reach_m;
-                let pose = Pose::new(DQuat::from_scaled_axis(DVec3::new(0.9, 1.7, 0.4) * angle), place_m);
-                let (sum, allocations, frees) =
-                    counted(|| ContactSum::of(&mut traversal, obstacles, &tool.shell, pose, parameters.force_law(), None));
-                assert_eq!((allocations, frees), (0, 0), "{level:?}, {mode:?}, {budget:?}, {pose:?}");
+                let place_m =
+                    DVec3::new((1.3 * angle).sin(), (2.1 * angle).sin(), (0.7 * angle).sin())
+                        * reach_m;
+                let pose =
+                    Pose::new(DQuat::from_scaled_axis(DVec3::new(0.9, 1.7, 0.4) * angle), place_m);
+                let (sum, allocations, frees) = counted(|| {
+                    ContactSum::of(
+                        &mut traversal,
+                        obstacles,
+                        &tool.shell,
+                        pose,
+                        parameters.force_law(),
+                        None,
+                    )
+                });
+                assert_eq!(
+                    (allocations, frees),
+                    (0, 0),
+                    "{level:?}, {mode:?}, {budget:?}, {pose:?}"
+                );
                 touching += sum.contacts;
                 left_out += sum.left_out;
             }
             assert!(touching > 0 || budget == Budget::Points(0), "{level:?}, {mode:?}, {budget:?}");
-            assert_eq!(left_out > 0, mode == TraversalMode::Tree && budget != Budget::Unlimited, "{level:?}, {mode:?}, {budget:?}");
+            assert_eq!(
+                left_out > 0,
+                mode == TraversalMode::Tree && budget != Budget::Unlimited,
+                "{level:?}, {mode:?}, {budget:?}"
+            );
         }
     }
 }

@@ -79,7 +79,9 @@ fn both_ends_of_a_network_allocate_nothing() {
     let (mut node, mut arm, first) = beside.join().expect("no panic");
     let figures = node.figures();
 
-    let (mut frame, mut buffer, mut was) = (Frame::default(), [0; 256], [false; 5]);
+    let mut frame = Frame::default();
+    let mut buffer = [0; 256];
+    let mut was = [false; 5];
     let ((), allocations, frees) = counted(|| {
         for n in 0..50_000 {
             let now_s = f64::from(first + n) * T;
@@ -99,6 +101,11 @@ fn both_ends_of_a_network_allocate_nothing() {
         }
     });
     assert_eq!((allocations, frees), (0, 0));
-    assert!(was[LinkPhase::Disabled as usize] && was[LinkPhase::Enabled as usize] && was[LinkPhase::Tripped as usize], "{was:?}");
+    assert!(
+        was[LinkPhase::Disabled as usize]
+            && was[LinkPhase::Enabled as usize]
+            && was[LinkPhase::Tripped as usize],
+        "{was:?}"
+    );
     assert_eq!(figures.report().link_losses, 100);
 }

@@ -1,4 +1,5 @@
-//! A `libdrd` without an arm: the functions of Force Dimension's library, over a mock arm of `hapticd mock`.
+//! A `libdrd` without an arm: the functions of Force Dimension's library, over a mock arm of
+//! `hapticd mock`.
 //!
 //! ```text
 //!   a program that loads libdrd ─► this library ── open6, a pty ─► hapticd mock omega6 --pty PATH
@@ -10,7 +11,8 @@
 //! hapticd mock omega6 --pty /tmp/arm &
 //! HAPTICD_MOCK_ARM=/tmp/arm LD_PRELOAD=target/debug/examples/libmock_drd.so ./my-program
 //! ```
-//! `HAPTICD_MOCK_FAULT` names what goes wrong, in a list with commas, each with `@` and the seconds after the first force was switched on if not at once:
+//! `HAPTICD_MOCK_FAULT` names what goes wrong, in a list with commas, each with `@` and the seconds
+//! after the first force was switched on if not at once:
 //!
 //! | word | what happens |
 //! |---|---|
@@ -26,11 +28,17 @@
 //! | `garbage` | positions and velocities are numbers without sense |
 //! | `crash`, `exit`, `hang` | what foreign code may do |
 //!
-//! `HAPTICD_MOCK_FAULT_FILE` names a file with such a list, which counts from when it is written until it is emptied.
+//! `HAPTICD_MOCK_FAULT_FILE` names a file with such a list, which counts from when it is written
+//! until it is emptied.
 //!
-//! Signatures and numbers are facts of the published header, typed anew; no code of the maker is in here. Functions that are not here were not needed yet.
+//! Signatures and numbers are facts of the published header, typed anew; no code of the maker is in
+//! here. Functions that are not here were not needed yet.
 #![expect(unsafe_code, reason = "symbols without mangling")]
-#![allow(missing_docs, clippy::missing_docs_in_private_items, reason = "the maker's documentation says what they do")]
+#![allow(
+    missing_docs,
+    clippy::missing_docs_in_private_items,
+    reason = "the maker's documentation says what they do"
+)]
 
 mod mock_link;
 
@@ -50,8 +58,14 @@ const NOT_AVAILABLE: c_int = 6;
 const IN_USE: c_int = 20;
 const CAUSE_NONE: c_int = 0;
 const CAUSE_WATCHDOG: c_int = 3;
-const CAUSES: [(&str, c_int); 6] =
-    [("button", 1), ("velocity", 2), ("watchdog", CAUSE_WATCHDOG), ("software", 4), ("usb", 5), ("dead-man", 6)];
+const CAUSES: [(&str, c_int); 6] = [
+    ("button", 1),
+    ("velocity", 2),
+    ("watchdog", CAUSE_WATCHDOG),
+    ("software", 4),
+    ("usb", 5),
+    ("dead-man", 6),
+];
 /// Serial number of the one arm that there is.
 const SERIAL: c_ushort = 1;
 /// What `slow-init` pushes with, N, and for how long.
@@ -111,9 +125,11 @@ impl Arm {
     /// Sends the force and takes where the arm is then.
     fn exchange(&mut self) -> Result<c_int, c_int> {
         let is_on = self.force_on && self.off_cause() == CAUSE_NONE;
-        let within = |force: f64, limit: f64| if limit >= 0.0 { force.clamp(-limit, limit) } else { force };
+        let within =
+            |force: f64, limit: f64| if limit >= 0.0 { force.clamp(-limit, limit) } else { force };
         let limits = [self.max_n, self.max_nm];
-        let force = core::array::from_fn(|axis| within(self.force[axis], limits[usize::from(axis >= 3)]));
+        let force =
+            core::array::from_fn(|axis| within(self.force[axis], limits[usize::from(axis >= 3)]));
         if !self.mock.exchange(&force, is_on) {
             return Err(COM);
         }
@@ -191,7 +207,8 @@ fn open() -> c_int {
 macro_rules! exported {
     ($(fn $name:ident($($arg:ident: $kind:ty),*) -> $result:ty $body:block)*) => {
         $(
-            // SAFETY: no other library of a process has these names, but for the one that this one takes the place of.
+            // SAFETY: no other library of a process has these names, but for the one that this one
+            // takes the place of.
             #[unsafe(no_mangle)]
             pub extern "C" fn $name($($arg: $kind),*) -> $result $body
         )*

@@ -1,11 +1,13 @@
-//! A `libHD` without an arm: the functions of 3D Systems' OpenHaptics, over a mock arm of `hapticd mock`.
+//! A `libHD` without an arm: the functions of 3D Systems' OpenHaptics, over a mock arm of `hapticd
+//! mock`.
 //!
 //! ```sh
 //! cargo build -p arms --example mock_hd
 //! hapticd mock touch --pty /tmp/arm &
 //! HAPTICD_MOCK_ARM=/tmp/arm LD_PRELOAD=target/debug/examples/libmock_hd.so ./my-program
 //! ```
-//! `HAPTICD_MOCK_FAULT` names what goes wrong, in a list with commas, each with `@` and the seconds after the first force if not at once:
+//! `HAPTICD_MOCK_FAULT` names what goes wrong, in a list with commas, each with `@` and the seconds
+//! after the first force if not at once:
 //!
 //! | word | what happens |
 //! |---|---|
@@ -18,10 +20,12 @@
 //! | `still` | the scheduler stands still |
 //! | `crash`, `exit`, `hang` | what foreign code may do |
 //!
-//! `HAPTICD_MOCK_FAULT_FILE` names a file with such a list, which counts from when it is written until it is emptied. An arm that answers three commands in a
-//! row with nothing is COMM_ERROR: assumed.
+//! `HAPTICD_MOCK_FAULT_FILE` names a file with such a list, which counts from when it is written
+//! until it is emptied. An arm that answers three commands in a row with nothing is COMM_ERROR:
+//! assumed.
 //!
-//! Signatures and numbers are facts of the published headers, typed anew; no code of the maker is in here. Functions that are not here were not needed yet.
+//! Signatures and numbers are facts of the published headers, typed anew; no code of the maker is
+//! in here. Functions that are not here were not needed yet.
 #![expect(unsafe_code, reason = "symbols without mangling, and arrays of C")]
 #![allow(
     missing_docs,
@@ -104,16 +108,23 @@ impl Arm {
 
     /// A millisecond: the last force stays on.
     fn turn(&mut self) {
-        let (force, torque) = (from_library(self.force), from_library(self.torque));
+        let force = from_library(self.force);
+        let torque = from_library(self.torque);
         let is_asked = self.force != DVec3::ZERO || self.torque != DVec3::ZERO;
         if is_asked {
             self.mock.force_comes();
         }
         // Without enable first: what its watchdog switched off comes back on no other way.
         let is_on = is_asked && !self.mock.has_tripped();
-        let is_there = self.mock.exchange(&[force.x, force.y, force.z, torque.x, torque.y, torque.z, 0.0], is_on);
+        let is_there = self
+            .mock
+            .exchange(&[force.x, force.y, force.z, torque.x, torque.y, torque.z, 0.0], is_on);
         let is_gone = !is_there || self.mock.is_silent;
-        for (is_so, code) in [(self.mock.fault("warm"), 0x200), (self.mock.fault("velocity"), 0x203), (is_gone, 0x302)] {
+        for (is_so, code) in [
+            (self.mock.fault("warm"), 0x200),
+            (self.mock.fault("velocity"), 0x203),
+            (is_gone, 0x302),
+        ] {
             // Each is told once, as long as it lasts.
             if is_so && !self.told.contains(&code) {
                 self.errors.push(code);
@@ -122,8 +133,8 @@ impl Arm {
                 self.told.retain(|told| *told != code);
             }
         }
-        self.calibrated |=
-            !has_fault("encoder-reset") && self.started.is_some_and(|started| started.elapsed() > Duration::from_secs(1));
+        self.calibrated |= !has_fault("encoder-reset")
+            && self.started.is_some_and(|started| started.elapsed() > Duration::from_secs(1));
     }
 
     /// What a name of three or sixteen numbers stands for.
@@ -163,7 +174,8 @@ fn is_still() -> bool {
     })
 }
 
-/// Runs everything that is scheduled, once a millisecond. Callbacks call the functions below, so nothing is locked meanwhile.
+/// Runs everything that is scheduled, once a millisecond. Callbacks call the functions below, so
+/// nothing is locked meanwhile.
 fn schedule() {
     let mut deadline = Instant::now();
     loop {
@@ -274,7 +286,9 @@ pub unsafe extern "C" fn hdGetIntegerv(name: c_uint, values: *mut c_int) {
 pub unsafe extern "C" fn hdGetDoublev(name: c_uint, values: *mut c_double) {
     match with(|arm| arm.doubles(name)) {
         // SAFETY: the caller has room for what the name stands for.
-        Some(numbers) => unsafe { values.copy_from_nonoverlapping(numbers.as_ptr(), numbers.len()) },
+        Some(numbers) => unsafe {
+            values.copy_from_nonoverlapping(numbers.as_ptr(), numbers.len())
+        },
         None => with(|arm| arm.errors.push(0x100)),
     }
 }
@@ -336,7 +350,11 @@ pub extern "C" fn hdStopScheduler() {
 }
 
 #[unsafe(no_mangle)]
-pub extern "C" fn hdScheduleAsynchronous(callback: Callback, data: *mut c_void, _priority: c_ushort) -> c_ulong {
+pub extern "C" fn hdScheduleAsynchronous(
+    callback: Callback,
+    data: *mut c_void,
+    _priority: c_ushort,
+) -> c_ulong {
     let mut scheduler = lock(&SCHEDULER);
     let scheduler = scheduler.get_or_insert_default();
     scheduler.next += 1;
@@ -345,7 +363,11 @@ pub extern "C" fn hdScheduleAsynchronous(callback: Callback, data: *mut c_void, 
 }
 
 #[unsafe(no_mangle)]
-pub extern "C" fn hdScheduleSynchronous(callback: Callback, data: *mut c_void, _priority: c_ushort) {
+pub extern "C" fn hdScheduleSynchronous(
+    callback: Callback,
+    data: *mut c_void,
+    _priority: c_ushort,
+) {
     callback(data);
     with(Arm::turn);
 }

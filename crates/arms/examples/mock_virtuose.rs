@@ -1,20 +1,29 @@
-//! A `libVirtuoseAPI` without an arm: the functions of Haption's library in impedance mode, over a mock arm of `hapticd mock`.
+//! A `libVirtuoseAPI` without an arm: the functions of Haption's library in impedance mode, over a
+//! mock arm of `hapticd mock`.
 //!
 //! ```sh
 //! cargo build -p arms --example mock_virtuose
 //! hapticd mock virtuose-6d --pty /tmp/arm &
 //! HAPTICD_MOCK_ARM=/tmp/arm LD_PRELOAD=target/debug/examples/libmock_virtuose.so ./my-program
 //! ```
-//! `HAPTICD_MOCK_FAULT` names what goes wrong, in a list with commas, each with `@` and the seconds after the first power if not at once: `no-device` (the
-//! open fails), `emergency-stop`, `dead-man` (open), `overheat`, `overrun`, `position`, `failure`, `power` (off), `com` (every call fails), `garbage` (numbers
-//! without sense), `crash`, `exit`, `hang`. `HAPTICD_MOCK_FAULT_FILE` names a file with such a list, which counts from when it is written until it is emptied.
-//! An arm that answers three commands in a row with nothing is a communication error: assumed.
+//! `HAPTICD_MOCK_FAULT` names what goes wrong, in a list with commas, each with `@` and the seconds
+//! after the first power if not at once: `no-device` (the open fails), `emergency-stop`, `dead-man`
+//! (open), `overheat`, `overrun`, `position`, `failure`, `power` (off), `com` (every call fails),
+//! `garbage` (numbers without sense), `crash`, `exit`, `hang`. `HAPTICD_MOCK_FAULT_FILE` names a
+//! file with such a list, which counts from when it is written until it is emptied. An arm that
+//! answers three commands in a row with nothing is a communication error: assumed.
 //!
-//! As of the real library, a force is refused with error 17 before everything has been set that it rests on.
+//! As of the real library, a force is refused with error 17 before everything has been set that it
+//! rests on.
 //!
-//! Signatures and numbers are facts of the published header, typed anew; no code of the maker is in here. Functions that are not here were not needed yet.
+//! Signatures and numbers are facts of the published header, typed anew; no code of the maker is in
+//! here. Functions that are not here were not needed yet.
 #![expect(unsafe_code, reason = "symbols without mangling, and the crash that was asked for")]
-#![allow(missing_docs, clippy::missing_docs_in_private_items, reason = "the maker's documentation says what they do")]
+#![allow(
+    missing_docs,
+    clippy::missing_docs_in_private_items,
+    reason = "the maker's documentation says what they do"
+)]
 
 mod mock_link;
 
@@ -26,7 +35,8 @@ use self::mock_link::{Mock, has_fault};
 const COMMUNICATION: c_int = 2;
 const CONTEXT: c_int = 3;
 const WRONG_MODE: c_int = 17;
-/// Indexing, force factor, speed factor, time step, base frame, observation frame, its speed, command type.
+/// Indexing, force factor, speed factor, time step, base frame, observation frame, its speed,
+/// command type.
 const ALL_SET: u8 = 0xFF;
 
 struct Arm {
@@ -76,16 +86,23 @@ fn put<T>(place: Option<&mut T>, value: T) {
 
 impl Arm {
     fn exchange(&mut self) -> Result<(), c_int> {
-        let holds = ["emergency-stop", "dead-man", "power", "failure"].iter().any(|fault| self.mock.fault(fault));
+        let holds = ["emergency-stop", "dead-man", "power", "failure"]
+            .iter()
+            .any(|fault| self.mock.fault(fault));
         let is_on = self.is_powered && !holds && !self.mock.has_tripped();
-        if self.mock.exchange(&self.force, is_on) && !self.mock.is_silent { Ok(()) } else { Err(COMMUNICATION) }
+        if self.mock.exchange(&self.force, is_on) && !self.mock.is_silent {
+            Ok(())
+        } else {
+            Err(COMMUNICATION)
+        }
     }
 }
 
 macro_rules! exported {
     ($(fn $name:ident($($arg:ident: $kind:ty),*) -> $result:ty $body:block)*) => {
         $(
-            // SAFETY: no other library of a process has these names, but for the one that this one takes the place of.
+            // SAFETY: no other library of a process has these names, but for the one that this one
+            // takes the place of.
             #[unsafe(no_mangle)]
             pub extern "C" fn $name($($arg: $kind),*) -> $result $body
         )*

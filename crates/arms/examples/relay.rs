@@ -1,4 +1,5 @@
-//! Passes the bytes of TCP connections on, until it is killed: what may die between a test and a service whose arm lives on.
+//! Passes the bytes of TCP connections on, until it is killed: what may die between a test and a
+//! service whose arm lives on.
 //!
 //! ```sh
 //! cargo run -p arms --example relay -- 127.0.0.1:4000 127.0.0.1:10001
@@ -23,15 +24,19 @@ fn pass_on(mut from: TcpStream, mut to: TcpStream) {
 fn main() -> Result<(), Error> {
     let mut addresses = std::env::args().skip(1);
     let (Some(from), Some(to)) = (addresses.next(), addresses.next()) else {
-        return Err(Error::other("two addresses are missing: where it listens, and where it passes bytes on to"));
+        return Err(Error::other(
+            "two addresses are missing: where it listens, and where it passes bytes on to",
+        ));
     };
     for near in TcpListener::bind(from)?.incoming() {
-        let (near, far) = (near?, TcpStream::connect(&to)?);
+        let near = near?;
+        let far = TcpStream::connect(&to)?;
         for stream in [&near, &far] {
             // One that has gone already refuses.
             let _ = stream.set_nodelay(true);
         }
-        let (near_too, far_too) = (near.try_clone()?, far.try_clone()?);
+        let near_too = near.try_clone()?;
+        let far_too = far.try_clone()?;
         thread::spawn(move || pass_on(near, far));
         thread::spawn(move || pass_on(far_too, near_too));
     }

@@ -21,11 +21,13 @@ pub enum IoPlacement {
     /// In the servo thread: `read` and `write` never block.
     #[default]
     InLoop,
-    /// In a thread of the driver's own (HID, whose write can block): `read` and `write` exchange newest values with it.
+    /// In a thread of the driver's own (HID, whose write can block): `read` and `write` exchange
+    /// newest values with it.
     OwnThread,
 }
 
-/// What an arm can do. A `Copy` record that does not change while the arm is open; one that was lost may come back with another watchdog.
+/// What an arm can do. A `Copy` record that does not change while the arm is open; one that was
+/// lost may come back with another watchdog.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Capabilities {
     /// Axes that are measured.
@@ -36,7 +38,8 @@ pub struct Capabilities {
     pub pacing: Pacing,
     /// In which thread bytes are moved.
     pub io: IoPlacement,
-    /// The arm drops its command when none came for this long; `None`: never, the last command stays on.
+    /// The arm drops its command when none came for this long; `None`: never, the last command
+    /// stays on.
     pub watchdog_ms: Option<u32>,
     /// After the watchdog tripped, the next command does not enable the motors by itself.
     pub watchdog_latched: bool,
@@ -46,22 +49,26 @@ pub struct Capabilities {
     pub simulated: bool,
 }
 
-/// Why the edge to the arm failed. `Copy`, nothing on the heap: only the cold side makes text of it.
+/// Why the edge to the arm failed. `Copy`, nothing on the heap: only the cold side makes text of
+/// it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DeviceError {
     /// The arm is gone; nothing more will come.
     #[error("the arm is gone")]
     Lost,
-    /// The network between this machine and the arm's is silent, or was for too long; nothing is known of the arm.
+    /// The network between this machine and the arm's is silent, or was for too long; nothing is
+    /// known of the arm.
     #[error("the network between this machine and the arm's is silent")]
     Link,
     /// A report was short, garbled or failed its check; the last good sample still stands.
     #[error("a report of the arm was garbled")]
     Packet,
-    /// The command had a component that is not a finite number; a zero command was sent in its place.
+    /// The command had a component that is not a finite number; a zero command was sent in its
+    /// place.
     #[error("the command was not finite, and zero was sent in its place")]
     NonFinite,
-    /// The loop stood still with force on, and the guard of the arm has told it zero meanwhile; zero was sent again in place of the command.
+    /// The loop stood still with force on, and the guard of the arm has told it zero meanwhile;
+    /// zero was sent again in place of the command.
     #[error("the loop stood still with force on, and the arm was sent zero meanwhile")]
     Stalled,
     /// The operating system refused with this errno.
@@ -73,47 +80,54 @@ pub enum DeviceError {
 ///
 /// # The exchange
 /// Each tick the servo calls `read`, then `write`. Both rhythms of real arms fit:
-/// - *host-paced* (ping-pong, service): `read` takes the reply to the command of the tick before, `write` sends the next one;
-/// - *device-paced* (stream, event): `read` drains the queue and keeps the newest report, `write` sends whenever the tick is done.
+/// - *host-paced* (ping-pong, service): `read` takes the reply to the command of the tick before,
+///   `write` sends the next one;
+/// - *device-paced* (stream, event): `read` drains the queue and keeps the newest report, `write`
+///   sends whenever the tick is done.
 ///
-/// A `write` always follows a successful `read`, so a driver never has two commands in flight. After [`DeviceError::Lost`] the
-/// servo keeps calling; the driver keeps answering `Lost`.
+/// A `write` always follows a successful `read`, so a driver never has two commands in flight.
+/// After [`DeviceError::Lost`] the servo keeps calling; the driver keeps answering `Lost`.
 ///
-/// RT: `read`, `write` and `stop` run in the servo thread. They do not allocate, lock, print or panic, and make at most
-/// a fixed number of non-blocking system calls.
+/// RT: `read`, `write` and `stop` run in the servo thread. They do not allocate, lock, print or
+/// panic, and make at most a fixed number of non-blocking system calls.
 pub trait Device: Send {
     /// What the arm can do.
     fn capabilities(&self) -> Capabilities;
 
-    /// The newest sample: grip pose in the device frame. Fresh when a report arrived since the last call, else the last values
-    /// again with status stale.
+    /// The newest sample: grip pose in the device frame. Fresh when a report arrived since the last
+    /// call, else the last values again with status stale.
     ///
     /// # Errors
     /// [`DeviceError::Packet`]: the sample is stale this time. Anything else: the arm is lost.
     fn read(&mut self) -> Result<DeviceSample, DeviceError>;
 
-    /// Sends a wrench: device axes, reduced at the grip point. The last code before the motors: drops axes without a motor and
-    /// repeats the profile's hard limits, magnitude first and direction kept. Answers with the wrench that the motors really make: what is
-    /// left after that and after the common scaling of motors at their limits.
+    /// Sends a wrench: device axes, reduced at the grip point. The last code before the motors:
+    /// drops axes without a motor and repeats the profile's hard limits, magnitude first and
+    /// direction kept. Answers with the wrench that the motors really make: what is left after that
+    /// and after the common scaling of motors at their limits.
     ///
     /// # Errors
-    /// [`DeviceError::NonFinite`], [`DeviceError::Stalled`]: a zero command went out instead. Anything else: the arm is lost.
+    /// [`DeviceError::NonFinite`], [`DeviceError::Stalled`]: a zero command went out instead.
+    /// Anything else: the arm is lost.
     fn write(&mut self, wrench_device: &Wrench) -> Result<Wrench, DeviceError>;
 
-    /// What the motors make beside the command of the last `write`, as a wrench at the grip: gravity compensation and damping of joints. The
-    /// hand feels it where a link weighs less than its profile says, or where a motor pushes the wrong way. The default is none.
+    /// What the motors make beside the command of the last `write`, as a wrench at the grip:
+    /// gravity compensation and damping of joints. The hand feels it where a link weighs less than
+    /// its profile says, or where a motor pushes the wrong way. The default is none.
     fn beside_device(&self) -> Wrench {
         Wrench::ZERO
     }
 
-    /// Told by the servo whether force may flow from the next `write` on, each time that changes. Arms with an enable bit pass it on, and only
-    /// then does gravity compensation push. The default ignores it.
+    /// Told by the servo whether force may flow from the next `write` on, each time that changes.
+    /// Arms with an enable bit pass it on, and only then does gravity compensation push. The
+    /// default ignores it.
     fn set_enabled(&mut self, enabled: bool) {
         let _ = enabled;
     }
 
-    /// Told before a trial of the signs: `true`, and they count as unverified whatever the profile says, until `false`. The motors then make the
-    /// command and nothing beside it, and no more of it than the cap. The default ignores it, as simulated arms may.
+    /// Told before a trial of the signs: `true`, and they count as unverified whatever the profile
+    /// says, until `false`. The motors then make the command and nothing beside it, and no more of
+    /// it than the cap. The default ignores it, as simulated arms may.
     fn doubt_signs(&mut self, doubted: bool) {
         let _ = doubted;
     }
@@ -123,9 +137,10 @@ pub trait Device: Send {
         None
     }
 
-    /// Sends the zero command, as well as it can: the last thing that happens to an arm, on every way out. Idempotent; may be called at
-    /// any time, after any error and from a drop guard while a panic unwinds, so it must not panic. A driver whose transport can
-    /// lose a frame sends it twice.
+    /// Sends the zero command, as well as it can: the last thing that happens to an arm, on every
+    /// way out. Idempotent; may be called at any time, after any error and from a drop guard while
+    /// a panic unwinds, so it must not panic. A driver whose transport can lose a frame sends it
+    /// twice.
     fn stop(&mut self);
 }
 

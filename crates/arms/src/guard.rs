@@ -1,4 +1,5 @@
-//! The guard: a second, small process that holds the arm's descriptor, and takes the force away where this process no longer can.
+//! The guard: a second, small process that holds the arm's descriptor, and takes the force away
+//! where this process no longer can.
 //!
 //! ```text
 //!   hapticd                                 guard (`ps`: haptic-guard)
@@ -12,7 +13,8 @@
 //! | no beat for `STALL` while force is on | zero, once; goes on watching |
 //! | it is told to stand aside | ends; while force is on, zero first |
 //!
-//! Invariant: between [`watch`]'s first and last look the guard allocates nothing, takes no lock, and calls nothing that can wait but the link of the arm.
+//! Invariant: between [`watch`]'s first and last look the guard allocates nothing, takes no lock,
+//! and calls nothing that can wait but the link of the arm.
 
 use core::fmt;
 use core::str::FromStr;
@@ -39,7 +41,8 @@ use rt::schedule;
 const STALL: Duration = Duration::from_millis(50);
 /// Between two looks at the page.
 const LOOK: Duration = Duration::from_millis(5);
-/// Between the two zero frames: an arm without marks between its frames may take the first one for the rest of a frame that was cut.
+/// Between the two zero frames: an arm without marks between its frames may take the first one for
+/// the rest of a frame that was cut.
 const AGAIN: Duration = Duration::from_millis(3);
 /// How long the port stays open after the last frame: a close may overtake what is still under way.
 const LINGER: Duration = Duration::from_millis(50);
@@ -68,16 +71,21 @@ impl FromStr for ZeroFrame {
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         let pair = |pair: &[u8]| u8::from_str_radix(str::from_utf8(pair).ok()?, 16).ok();
         let bytes: Option<Vec<u8>> = text.as_bytes().chunks_exact(2).map(pair).collect();
-        bytes.filter(|bytes| !bytes.is_empty() && 2 * bytes.len() == text.len()).map(Self).ok_or("bytes as hex")
+        bytes
+            .filter(|bytes| !bytes.is_empty() && 2 * bytes.len() == text.len())
+            .map(Self)
+            .ok_or("bytes as hex")
     }
 }
 
-/// The guard's half, with its three descriptors in the place of the standard ones. Returns when there is nothing left to watch.
+/// The guard's half, with its three descriptors in the place of the standard ones. Returns when
+/// there is nothing left to watch.
 ///
 /// # Errors
 /// It was not started by a [`Guard`].
 pub fn watch(zero: &ZeroFrame, priority: Option<u8>) -> io::Result<()> {
-    let (pipe, arm) = (stdio::stdin(), stdio::stdout());
+    let pipe = stdio::stdin();
+    let arm = stdio::stdout();
     let page = SharedPage::of(stdio::stderr())?;
     // stderr is the page: from here on nothing may be printed.
     stdio::dup2_stderr(File::options().write(true).open("/dev/null")?)?;
@@ -147,7 +155,8 @@ fn listen(pipe: BorrowedFd<'_>) -> Option<Order> {
     }
 }
 
-/// A process that was killed gives its memory back before it closes its descriptors, which takes 0.1 s for each GB; meanwhile its size is 0 already.
+/// A process that was killed gives its memory back before it closes its descriptors, which takes
+/// 0.1 s for each GB; meanwhile its size is 0 already.
 fn has_died(statm: Option<&File>) -> bool {
     let mut head = [0; 2];
     statm.is_some_and(|statm| statm.read_at(&mut head, 0).is_err() || head == *b"0 ")
@@ -175,12 +184,18 @@ pub struct Guard {
 }
 
 impl Guard {
-    /// Starts a guard and waits until it watches: `program` is a `hapticd`, `arm` a descriptor that frames can be written to, `priority` one of
-    /// SCHED_FIFO above that of the loop. Cold; takes some milliseconds.
+    /// Starts a guard and waits until it watches: `program` is a `hapticd`, `arm` a descriptor that
+    /// frames can be written to, `priority` one of SCHED_FIFO above that of the loop. Cold; takes
+    /// some milliseconds.
     ///
     /// # Errors
     /// The program cannot be started, or does not become a guard.
-    pub fn start(program: &Path, arm: OwnedFd, zero: &ZeroFrame, priority: Option<u8>) -> io::Result<Self> {
+    pub fn start(
+        program: &Path,
+        arm: OwnedFd,
+        zero: &ZeroFrame,
+        priority: Option<u8>,
+    ) -> io::Result<Self> {
         let (page, shared) = SharedPage::new()?;
         let (orders, pipe) = io::pipe()?;
         let mut command = Command::new(program);
@@ -207,7 +222,8 @@ impl Guard {
     /// Says that the loop turns, and whether any force was commanded. RT: safe; one store.
     pub fn beat(&mut self, has_force: bool) {
         self.beats = self.beats.wrapping_add(FORCE + 1);
-        self.page.words()[0].store(self.beats | if has_force { FORCE } else { 0 }, Ordering::Relaxed);
+        self.page.words()[0]
+            .store(self.beats | if has_force { FORCE } else { 0 }, Ordering::Relaxed);
     }
 
     /// True, once, after the guard took the force away because the beats stood still. RT: safe.

@@ -1,6 +1,7 @@
 //! Haptic arms: everything between a wrench and a motor.
 //!
-//! A profile describes the hardware as data; a [`Device`] reads the pose of its grip and takes a wrench. A driver knows nothing of scenes or contact.
+//! A profile describes the hardware as data; a [`Device`] reads the pose of its grip and takes a
+//! wrench. A driver knows nothing of scenes or contact.
 //!
 //! ```text
 //!  Device::read ◄── kinematics ◄── transmission ◄─────────────┐
@@ -10,11 +11,12 @@
 //! ```
 //!
 //! # Units and frames
-//! SI in device axes; the pose is `device_from_grip`, the wrench acts at the grip point. Angles of joints are radians, torques N·m.
+//! SI in device axes; the pose is `device_from_grip`, the wrench acts at the grip point. Angles of
+//! joints are radians, torques N·m.
 //!
 //! # Cost
-//! Everything behind [`Device::read`], [`Device::write`] and [`Device::stop`] is bounded, does not block and does not allocate; transports that
-//! block have threads of their own.
+//! Everything behind [`Device::read`], [`Device::write`] and [`Device::stop`] is bounded, does not
+//! block and does not allocate; transports that block have threads of their own.
 //!
 //! # Example
 //! ```

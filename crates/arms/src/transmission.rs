@@ -6,9 +6,9 @@
 //! θ = sign_e · unit · (reading + home) + θ₀            command = sign_m · τ / torque per unit of command
 //! ```
 //!
-//! When any motor would exceed its limit, **all** of them are scaled by one factor, so that the direction of the force stays (devices
-//! reference, section 3.4). Torques beside the wrench (gravity compensation) are scaled with it, so the factor is also what is left of the
-//! wrench.
+//! When any motor would exceed its limit, **all** of them are scaled by one factor, so that the
+//! direction of the force stays (devices reference, section 3.4). Torques beside the wrench
+//! (gravity compensation) are scaled with it, so the factor is also what is left of the wrench.
 
 use core::f64::consts::TAU;
 
@@ -28,9 +28,16 @@ pub(super) struct Sensor {
 }
 
 impl Sensor {
-    /// An encoder behind a capstan: θ = sign · 2π · (counts + home) / counts per turn · ratio + offset, the ratio being that of the diameters
-    /// of capstan and body.
-    pub(super) fn encoder(reading_idx: usize, counts_per_rev: f64, ratio: f64, sign: f64, home: f64, offset_rad: f64) -> Self {
+    /// An encoder behind a capstan: θ = sign · 2π · (counts + home) / counts per turn · ratio +
+    /// offset, the ratio being that of the diameters of capstan and body.
+    pub(super) fn encoder(
+        reading_idx: usize,
+        counts_per_rev: f64,
+        ratio: f64,
+        sign: f64,
+        home: f64,
+        offset_rad: f64,
+    ) -> Self {
         Self { reading_idx, rad_per_unit: sign * TAU / counts_per_rev * ratio, home, offset_rad }
     }
 }
@@ -47,7 +54,8 @@ pub(super) struct Motor {
 }
 
 impl Motor {
-    /// A motor that takes mA, behind a capstan: I = sign · τ · ratio / Kt. `current_scale`: real amperes per commanded ampere.
+    /// A motor that takes mA, behind a capstan: I = sign · τ · ratio / Kt. `current_scale`: real
+    /// amperes per commanded ampere.
     pub(super) fn current(
         motor_idx: usize,
         ratio: f64,
@@ -87,7 +95,8 @@ impl Transmission {
     pub(super) fn angles(&self, readings: &[f64; MAX_AXES]) -> [f64; MAX_AXES] {
         self.joints.map(|joint| match joint.sensor {
             Some(Sensor { reading_idx, rad_per_unit, home, offset_rad }) => {
-                rad_per_unit * (readings.get(reading_idx).copied().unwrap_or(0.0) + home) + offset_rad
+                rad_per_unit * (readings.get(reading_idx).copied().unwrap_or(0.0) + home)
+                    + offset_rad
             }
             None => 0.0,
         })
@@ -96,7 +105,9 @@ impl Transmission {
     /// Joint rates of rates of the readings. RT: safe.
     pub(super) fn rates(&self, reading_rates: &[f64; MAX_AXES]) -> [f64; MAX_AXES] {
         self.joints.map(|joint| match joint.sensor {
-            Some(sensor) => sensor.rad_per_unit * reading_rates.get(sensor.reading_idx).copied().unwrap_or(0.0),
+            Some(sensor) => {
+                sensor.rad_per_unit * reading_rates.get(sensor.reading_idx).copied().unwrap_or(0.0)
+            }
             None => 0.0,
         })
     }
@@ -127,9 +138,14 @@ impl Transmission {
         readings
     }
 
-    /// Motor commands for the joint torques of a wrench and those beside it, and the factor ≤ 1 by which all of them were scaled: what the
-    /// motors make of the wrench. All commands and the factor are zero when a torque is not a number. RT: safe.
-    pub(super) fn commands(&self, torques_nm: &[f64; MAX_AXES], extra_nm: &[f64; MAX_AXES]) -> ([f64; MAX_AXES], f64) {
+    /// Motor commands for the joint torques of a wrench and those beside it, and the factor ≤ 1 by
+    /// which all of them were scaled: what the motors make of the wrench. All commands and the
+    /// factor are zero when a torque is not a number. RT: safe.
+    pub(super) fn commands(
+        &self,
+        torques_nm: &[f64; MAX_AXES],
+        extra_nm: &[f64; MAX_AXES],
+    ) -> ([f64; MAX_AXES], f64) {
         let mut commands = [0.0; MAX_AXES];
         let mut scale = 1.0_f64;
         for ((joint, torque_nm), extra_nm) in self.joints.iter().zip(torques_nm).zip(extra_nm) {
@@ -148,10 +164,13 @@ impl Transmission {
         (commands.map(|command| command * scale), scale)
     }
 
-    /// Joint torques that motor commands make: the inverse of [`Self::commands`] without a limit, for simulated arms.
+    /// Joint torques that motor commands make: the inverse of [`Self::commands`] without a limit,
+    /// for simulated arms.
     pub(super) fn torques(&self, commands: &[f64; MAX_AXES]) -> [f64; MAX_AXES] {
         self.joints.map(|joint| match joint.motor {
-            Some(motor) if motor.units_per_nm != 0.0 => commands.get(motor.motor_idx).copied().unwrap_or(0.0) / motor.units_per_nm,
+            Some(motor) if motor.units_per_nm != 0.0 => {
+                commands.get(motor.motor_idx).copied().unwrap_or(0.0) / motor.units_per_nm
+            }
             _ => 0.0,
         })
     }
@@ -166,7 +185,9 @@ mod tests {
     fn arm() -> Transmission {
         let mut transmission = Transmission::default();
         for (idx, (cpr, ratio, sign)) in
-            [(2000.0, 10.0 / 160.0, -1.0), (2000.0, 10.0 / 120.0, 1.0), (4096.0, 0.137, -1.0)].into_iter().enumerate()
+            [(2000.0, 10.0 / 160.0, -1.0), (2000.0, 10.0 / 120.0, 1.0), (4096.0, 0.137, -1.0)]
+                .into_iter()
+                .enumerate()
         {
             transmission.joints[idx] = Joint {
                 sensor: Some(Sensor::encoder(idx, cpr, ratio, sign, 100.0 * idx as f64, 0.5)),
@@ -196,7 +217,8 @@ mod tests {
             torques in proptest::array::uniform3(-2.0..2.0f64),
             extra in proptest::array::uniform3(-0.3..0.3f64),
         ) {
-            let (mut wanted, mut beside) = ([0.0; MAX_AXES], [0.0; MAX_AXES]);
+            let mut wanted = [0.0; MAX_AXES];
+            let mut beside = [0.0; MAX_AXES];
             wanted[..3].copy_from_slice(&torques);
             beside[..3].copy_from_slice(&extra);
             let (commands, scale) = arm().commands(&wanted, &beside);
@@ -237,6 +259,9 @@ mod tests {
         let mut torques = [0.1; MAX_AXES];
         torques[1] = f64::NAN;
         assert_eq!(arm().commands(&torques, &[0.0; MAX_AXES]), ([0.0; MAX_AXES], 0.0));
-        assert_eq!(arm().commands(&[0.1; MAX_AXES], &[f64::INFINITY; MAX_AXES]), ([0.0; MAX_AXES], 0.0));
+        assert_eq!(
+            arm().commands(&[0.1; MAX_AXES], &[f64::INFINITY; MAX_AXES]),
+            ([0.0; MAX_AXES], 0.0)
+        );
     }
 }

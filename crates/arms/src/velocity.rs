@@ -1,7 +1,8 @@
 //! Velocity from positions, over a time window and never over one sample.
 //!
-//! The difference of the newest pose and the oldest one inside the window, divided by their distance in time. One encoder step
-//! then shows as step/window instead of step/T, at the price of half a window of delay.
+//! The difference of the newest pose and the oldest one inside the window, divided by their
+//! distance in time. One encoder step then shows as step/window instead of step/T, at the price of
+//! half a window of delay.
 
 use vps::spatial::{Pose, Twist};
 
@@ -32,9 +33,11 @@ pub(super) struct VelocityWindow {
 }
 
 impl VelocityWindow {
-    /// Windows of these lengths for poses that come about every `period_s`. A window below one period becomes one period.
+    /// Windows of these lengths for poses that come about every `period_s`. A window below one
+    /// period becomes one period.
     pub(super) fn new(window_linear_s: f64, window_angular_s: f64, period_s: f64) -> Self {
-        // Half a period of slack: the pose that is exactly one window old belongs to the window, whatever the rounding of its time.
+        // Half a period of slack: the pose that is exactly one window old belongs to the window,
+        // whatever the rounding of its time.
         let slack_s = 0.5 * period_s;
         let window_linear_s = window_linear_s.max(period_s) + slack_s;
         let window_angular_s = window_angular_s.max(period_s) + slack_s;
@@ -54,21 +57,25 @@ impl VelocityWindow {
         (self.n_pushed, self.linear_tail, self.angular_tail) = (0, 0, 0);
     }
 
-    /// Takes the newest pose and gives the twist of the grip in device axes. The first pose gives zero; until a window is full, it is
-    /// as short as it is. Times must not run backwards.
+    /// Takes the newest pose and gives the twist of the grip in device axes. The first pose gives
+    /// zero; until a window is full, it is as short as it is. Times must not run backwards.
     pub(super) fn push(&mut self, time_s: f64, pose: Pose) -> Twist {
         let newest_idx = self.n_pushed;
         *self.entry_mut(newest_idx) = Entry { time_s, pose };
         self.n_pushed += 1;
-        // Poses may come more often than promised: what the ring has overwritten is out of the window.
+        // Poses may come more often than promised: what the ring has overwritten is out of the
+        // window.
         let oldest_kept = self.n_pushed.saturating_sub(self.ring.len());
-        self.linear_tail = self.advance_tail(self.linear_tail.max(oldest_kept), time_s - self.window_linear_s);
-        self.angular_tail = self.advance_tail(self.angular_tail.max(oldest_kept), time_s - self.window_angular_s);
+        self.linear_tail =
+            self.advance_tail(self.linear_tail.max(oldest_kept), time_s - self.window_linear_s);
+        self.angular_tail =
+            self.advance_tail(self.angular_tail.max(oldest_kept), time_s - self.window_angular_s);
         let linear_from = self.entry(self.linear_tail);
         let angular_from = self.entry(self.angular_tail);
         let mut twist = Twist::ZERO;
         if time_s > linear_from.time_s {
-            twist.linear = (pose.translation - linear_from.pose.translation) / (time_s - linear_from.time_s);
+            twist.linear =
+                (pose.translation - linear_from.pose.translation) / (time_s - linear_from.time_s);
         }
         if time_s > angular_from.time_s {
             twist.angular = angular_from.pose.rotation_to(pose) / (time_s - angular_from.time_s);
@@ -77,7 +84,8 @@ impl VelocityWindow {
     }
 
     fn advance_tail(&self, mut tail: usize, oldest_time_s: f64) -> usize {
-        // One interval always stays: a sample after a long gap still has a velocity, that of the gap.
+        // One interval always stays: a sample after a long gap still has a velocity, that of the
+        // gap.
         while tail + 2 < self.n_pushed && self.entry(tail).time_s < oldest_time_s {
             tail += 1;
         }
@@ -123,7 +131,8 @@ mod tests {
         let mut window = VelocityWindow::new(0.015, 0.030, T);
         for n in 0..100 {
             let x = if n >= 50 { 0.0015 } else { 0.0 };
-            let twist = window.push(f64::from(n) * T, Pose::from_translation(DVec3::new(x, 0.0, 0.0)));
+            let twist =
+                window.push(f64::from(n) * T, Pose::from_translation(DVec3::new(x, 0.0, 0.0)));
             let expected = if (50..65).contains(&n) { 0.1 } else { 0.0 };
             assert!((twist.linear.x - expected).abs() < 1e-9, "{n}: {twist:?}");
         }

@@ -1,12 +1,14 @@
-//! The driver of every arm with a wire protocol: transport, protocol, transmission and kinematics put together.
+//! The driver of every arm with a wire protocol: transport, protocol, transmission and kinematics
+//! put together.
 //!
 //! ```text
 //!  read    link ─► codec ─► readings ─► transmission ─► joint angles ─► kinematics ─► pose, twist (device axes)
 //!  write   wrench ─► motor stage (limits, Jᵀ, what is beside the wrench, transmission) ─► codec ─► link
 //! ```
 //!
-//! What is not decided here: whether force may flow. The tick does that from what a sample says (homing, lost and corrupt packets, errors of the arm,
-//! hot motors). This layer only repeats the hard limits of the profile, because it is the last code before the motors (devices reference,
+//! What is not decided here: whether force may flow. The tick does that from what a sample says
+//! (homing, lost and corrupt packets, errors of the arm, hot motors). This layer only repeats the
+//! hard limits of the profile, because it is the last code before the motors (devices reference,
 //! section 3.4).
 
 mod connection;
@@ -33,14 +35,17 @@ use super::{Capabilities, Device, DeviceError, IoPlacement, Pacing};
 use rt::clock::monotonic_ns;
 use vps::spatial::{DeviceSample, Pose, SampleStatus, Twist, Wrench};
 
-/// Ticks with reports after an arm was opened in which a gap of its count is none: what came before the first read was not lost on the way. Two for
-/// the backlog and the gap behind it, and some for what comes meanwhile.
+/// Ticks with reports after an arm was opened in which a gap of its count is none: what came before
+/// the first read was not lost on the way. Two for the backlog and the gap behind it, and some for
+/// what comes meanwhile.
 const SETTLING: u32 = 4;
-/// Reads of one tick: what a kernel queue of 64 reports can hold. More would let a chattering arm keep the loop.
+/// Reads of one tick: what a kernel queue of 64 reports can hold. More would let a chattering arm
+/// keep the loop.
 const READS_MAX: usize = 64;
 /// The same of a tick after a stall: more than a tty holds, 68 KiB.
 const READS_AFTER_STALL: usize = 512;
-/// Time between two reads after which the host was asleep, s, and in periods: what lies in the queues is where the arm was, not where it is.
+/// Time between two reads after which the host was asleep, s, and in periods: what lies in the
+/// queues is where the arm was, not where it is.
 const STALL_S: f64 = 20e-3;
 const STALL_TICKS: f64 = 4.0;
 /// How long after a stall a thread of the link may still bring what came before, s.
@@ -50,13 +55,16 @@ const DEAF_S: f64 = 0.5;
 const DEAF_KICKS: f64 = 4.0;
 /// How long an arm may receive nothing while it sends until its samples count as stale, s.
 const UNHEARD_S: f64 = 20e-3;
-/// Ticks in a row in which the link takes no frame before the arm counts as lost: the time in which a silent one does.
+/// Ticks in a row in which the link takes no frame before the arm counts as lost: the time in which
+/// a silent one does.
 const FULL_TICKS_MAX: u32 = 20;
 /// How long a stop waits for the answer to its first zero command before it sends the second.
 const STOP_PATIENCE: Duration = Duration::from_millis(3);
-/// Silence after which an arm that knows no frame to be woken with counts as having lost the command, s: the next one may go.
+/// Silence after which an arm that knows no frame to be woken with counts as having lost the
+/// command, s: the next one may go.
 const REPLY_PATIENCE_S: f64 = 5e-3;
-/// A rate input that sends nothing for so long is at rest, s: it sends on change only, and an unplugged one must not coast.
+/// A rate input that sends nothing for so long is at rest, s: it sends on change only, and an
+/// unplugged one must not coast.
 const RATE_INPUT_REST_S: f64 = 0.1;
 
 /// Number of the gripper among the axes; its reading is the last one.
@@ -117,10 +125,15 @@ pub struct WiredArm {
 
 impl WiredArm {
     /// An arm over a connection that has been started. RT: start-up only.
-    pub(super) fn new(connection: Connection, replacements: Replacements, parameters: WiredParameters) -> Self {
+    pub(super) fn new(
+        connection: Connection,
+        replacements: Replacements,
+        parameters: WiredParameters,
+    ) -> Self {
         let [window_linear_s, window_angular_s] = parameters.velocity_window_s;
         let home = parameters.kinematics.home();
-        let configuration = parameters.kinematics.solve(&home, &Configuration::default()).unwrap_or_default();
+        let configuration =
+            parameters.kinematics.solve(&home, &Configuration::default()).unwrap_or_default();
         let is_rate_input = matches!(parameters.kinematics, Kinematics::Rate(_));
         Self {
             round_trip: connection.round_trip(&parameters),
@@ -176,7 +189,8 @@ impl WiredArm {
         self.connection.as_ref()?.codec.declared()
     }
 
-    /// Reports so far that were whole and described nothing that can be: they count as corrupt packets too.
+    /// Reports so far that were whole and described nothing that can be: they count as corrupt
+    /// packets too.
     pub fn refused(&self) -> u64 {
         self.refused
     }
@@ -188,8 +202,8 @@ impl WiredArm {
         }
     }
 
-    /// Sends the arm zero while that still may reach it, and lets go of it: the reconnect thread sends it again, closes the link, and only then opens it
-    /// anew.
+    /// Sends the arm zero while that still may reach it, and lets go of it: the reconnect thread
+    /// sends it again, closes the link, and only then opens it anew.
     fn lose(&mut self) -> DeviceError {
         if let Some(mut connection) = self.connection.take() {
             // Most losses are a plug that is out.
@@ -209,18 +223,21 @@ impl WiredArm {
 
     /// The network has said nothing for too long.
     fn is_silent(&self, now_s: f64) -> bool {
-        self.parameters.link_silence_s.is_some_and(|silence_s| now_s - self.last_report_s >= silence_s)
+        self.parameters
+            .link_silence_s
+            .is_some_and(|silence_s| now_s - self.last_report_s >= silence_s)
     }
 
-    /// The arm sends nothing any more, or receives nothing. One that sends on change only may be silent for any time; an arm behind a network
-    /// has a rule of its own.
+    /// The arm sends nothing any more, or receives nothing. One that sends on change only may be
+    /// silent for any time; an arm behind a network has a rule of its own.
     fn is_deaf(&self, now_s: f64) -> bool {
         let parameters = &self.parameters;
         if parameters.link_silence_s.is_some() || parameters.capabilities.pacing == Pacing::Event {
             return false;
         }
         let deaf_s = DEAF_S.max(DEAF_KICKS * parameters.kick_s.unwrap_or(0.0));
-        now_s - self.last_report_s >= deaf_s || self.unheard_s(now_s).is_some_and(|unheard_s| unheard_s >= deaf_s)
+        now_s - self.last_report_s >= deaf_s
+            || self.unheard_s(now_s).is_some_and(|unheard_s| unheard_s >= deaf_s)
     }
 
     /// Time for which the arm has not said that it receives, where it says so.
@@ -246,20 +263,23 @@ impl WiredArm {
         true
     }
 
-    /// Notes a stall of this machine: what came meanwhile describes the past, and its gaps are no loss of the link.
+    /// Notes a stall of this machine: what came meanwhile describes the past, and its gaps are no
+    /// loss of the link.
     fn note_stall(&mut self, now_s: f64) {
         let stall_s = STALL_S.max(STALL_TICKS * self.parameters.period_s);
         let since_s = now_s - self.last_read_s;
         let is_stall = self.n_reads > 1 && since_s > stall_s;
         self.last_read_s = now_s;
         if is_stall {
-            // The host said nothing meanwhile: the silence of the arm counts no longer than up to the stall. That of a network does.
+            // The host said nothing meanwhile: the silence of the arm counts no longer than up to
+            // the stall. That of a network does.
             self.last_heard_s += since_s - stall_s;
             if self.parameters.link_silence_s.is_none() {
                 self.last_report_s += since_s - stall_s;
             }
             // A link of the loop's own is empty after this read, one with threads may bring more.
-            self.old_until_s = Some(if self.io == IoPlacement::OwnThread { now_s + BACKLOG_S } else { now_s });
+            self.old_until_s =
+                Some(if self.io == IoPlacement::OwnThread { now_s + BACKLOG_S } else { now_s });
             self.heard = 0;
         }
     }
@@ -271,7 +291,9 @@ impl WiredArm {
         // One more look: whether that was all.
         for _ in 0..=reads {
             let n = connection.link.receive(&mut self.buffer)?;
-            let Some(bytes) = self.buffer.get(..n).filter(|bytes| !bytes.is_empty()) else { return Ok((total, true)) };
+            let Some(bytes) = self.buffer.get(..n).filter(|bytes| !bytes.is_empty()) else {
+                return Ok((total, true));
+            };
             total += connection.codec.feed(bytes);
         }
         Ok((total, false))
@@ -291,7 +313,11 @@ impl WiredArm {
         if let Some(asked_for) = self.parameters.kinematics.rate_twist(&joints) {
             self.last.twist = turned(q, asked_for);
         } else {
-            let Some(configuration) = self.parameters.kinematics.solve(&joints, &self.configuration) else { return false };
+            let Some(configuration) =
+                self.parameters.kinematics.solve(&joints, &self.configuration)
+            else {
+                return false;
+            };
             self.configuration = configuration;
             self.joints = joints;
             self.last.pose = self.device_pose();
@@ -313,13 +339,19 @@ impl WiredArm {
         true
     }
 
-    /// Grip in the device frame; the identity where the orientation is not sensed. The grip's own axes are those of the device frame at the native
-    /// identity, so a turn about a native axis is one about the device axis of the same direction.
+    /// Grip in the device frame; the identity where the orientation is not sensed. The grip's own
+    /// axes are those of the device frame at the native identity, so a turn about a native axis is
+    /// one about the device axis of the same direction.
     fn device_pose(&self) -> Pose {
         let q = self.parameters.device_from_native;
         let native = self.configuration.native_from_grip;
-        let senses_rotation = (3..6).any(|axis_idx| self.parameters.capabilities.sensed.has(axis_idx));
-        let rotation = if senses_rotation { (q * native.rotation * q.conjugate()).normalize() } else { DQuat::IDENTITY };
+        let senses_rotation =
+            (3..6).any(|axis_idx| self.parameters.capabilities.sensed.has(axis_idx));
+        let rotation = if senses_rotation {
+            (q * native.rotation * q.conjugate()).normalize()
+        } else {
+            DQuat::IDENTITY
+        };
         Pose::new(rotation, q * native.translation)
     }
 
@@ -329,12 +361,16 @@ impl WiredArm {
             self.last.twist = Twist::ZERO;
         }
         let period_s = self.parameters.period_s;
-        self.last.pose = self.last.pose.stepped(self.last.twist.linear * period_s, self.last.twist.angular * period_s);
+        self.last.pose = self
+            .last
+            .pose
+            .stepped(self.last.twist.linear * period_s, self.last.twist.angular * period_s);
         self.last.sequence += 1;
         self.last.status = SampleStatus::Fresh;
     }
 
-    /// Commands may lie in a queue that the arm does not read: the arm is silent, or receives nothing, or nothing would show it.
+    /// Commands may lie in a queue that the arm does not read: the arm is silent, or receives
+    /// nothing, or nothing would show it.
     fn may_lie_unread(&self, now_s: f64) -> bool {
         let is_unheard = match self.unheard_s(now_s) {
             Some(unheard_s) => unheard_s > REPLY_PATIENCE_S,
@@ -343,7 +379,12 @@ impl WiredArm {
         is_unheard || self.full_ticks > 0 || now_s - self.last_report_s > REPLY_PATIENCE_S
     }
 
-    fn send(&mut self, mut command: MotorCommand, mut made: MotorWrenches, now_s: f64) -> Result<(), DeviceError> {
+    fn send(
+        &mut self,
+        mut command: MotorCommand,
+        mut made: MotorWrenches,
+        now_s: f64,
+    ) -> Result<(), DeviceError> {
         let takes_force_away = command.moves_nothing() && !self.sent.moves_nothing();
         let may_lie_unread = self.may_lie_unread(now_s);
         let Some(connection) = &mut self.connection else { return Err(self.gone()) };
@@ -361,15 +402,21 @@ impl WiredArm {
             let mut zero = Frame::default();
             connection.codec.zero_out_of_step(&mut zero);
             if !zero.is_empty() {
-                (self.frame, command, made) = (zero, MotorCommand::default(), MotorWrenches::default());
+                (self.frame, command, made) =
+                    (zero, MotorCommand::default(), MotorWrenches::default());
             }
         }
         let is_zero = command.moves_nothing();
-        // Not in every tick: on a slow line each would take the place of the one before, and none would ever arrive.
+        // Not in every tick: on a slow line each would take the place of the one before, and none
+        // would ever arrive.
         let may_arrive = now_s - self.last_sent_s >= REPLY_PATIENCE_S;
-        let replaces = is_zero && may_lie_unread && (takes_force_away || self.owes_reply && may_arrive);
-        let mut result =
-            if replaces { connection.link.send_now(self.frame.as_slice()) } else { connection.link.send(self.frame.as_slice()) };
+        let replaces =
+            is_zero && may_lie_unread && (takes_force_away || self.owes_reply && may_arrive);
+        let mut result = if replaces {
+            connection.link.send_now(self.frame.as_slice())
+        } else {
+            connection.link.send(self.frame.as_slice())
+        };
         if is_zero && result == Err(TransportError::Full) {
             result = connection.link.send_now(self.frame.as_slice());
         }
@@ -377,7 +424,8 @@ impl WiredArm {
             Ok(()) => {
                 self.full_ticks = 0;
                 self.sent = command;
-                // Only what left counts: a command that found the queue full must not widen the step of the next one.
+                // Only what left counts: a command that found the queue full must not widen the
+                // step of the next one.
                 self.stage.went_out();
                 (self.rendered, self.beside) = (made.command, made.beside);
                 self.last_sent_s = now_s;
@@ -393,7 +441,8 @@ impl WiredArm {
         }
     }
 
-    /// True while nothing may be sent, because the protocol has no frame marks and has to be left alone until its stream is empty.
+    /// True while nothing may be sent, because the protocol has no frame marks and has to be left
+    /// alone until its stream is empty.
     fn is_quiet(&mut self, now_s: f64) -> Result<bool, DeviceError> {
         let Some(connection) = &mut self.connection else { return Err(self.gone()) };
         if let Some(until_s) = self.quiet_until_s {
@@ -416,7 +465,8 @@ impl WiredArm {
         Ok(true)
     }
 
-    /// Begins the silence in which a stream finds its frames again, with a zero: the last command would stay on all the while.
+    /// Begins the silence in which a stream finds its frames again, with a zero: the last command
+    /// would stay on all the while.
     fn fall_silent(&mut self, now_s: f64) -> Result<(), DeviceError> {
         let Some(connection) = &mut self.connection else { return Err(self.gone()) };
         let Some(silence) = connection.codec.silence() else { return Ok(()) };
@@ -424,7 +474,11 @@ impl WiredArm {
             return Err(self.lose());
         }
         connection.zero(false, &mut self.frame);
-        let result = if self.frame.is_empty() { Ok(()) } else { connection.link.send_now(self.frame.as_slice()) };
+        let result = if self.frame.is_empty() {
+            Ok(())
+        } else {
+            connection.link.send_now(self.frame.as_slice())
+        };
         if matches!(result, Err(TransportError::Lost | TransportError::Os(_))) {
             return Err(self.lose());
         }
@@ -438,12 +492,17 @@ impl WiredArm {
 
     /// Wakes an arm that has been silent for too long.
     fn kick_if_silent(&mut self, now_s: f64) {
-        let (Some(kick_s), Some(connection)) = (self.parameters.kick_s, &mut self.connection) else { return };
+        let (Some(kick_s), Some(connection)) = (self.parameters.kick_s, &mut self.connection)
+        else {
+            return;
+        };
         if now_s - self.last_report_s.max(self.last_sent_s) < kick_s {
             return;
         }
         self.frame.clear();
-        if connection.codec.kick(&mut self.frame) && connection.link.send_now(self.frame.as_slice()).is_ok() {
+        if connection.codec.kick(&mut self.frame)
+            && connection.link.send_now(self.frame.as_slice()).is_ok()
+        {
             self.last_sent_s = now_s;
             self.owes_reply = true;
             self.sent = MotorCommand::default();
@@ -455,7 +514,11 @@ impl WiredArm {
 impl Device for WiredArm {
     fn capabilities(&self) -> Capabilities {
         let capabilities = self.parameters.capabilities;
-        Capabilities { io: self.io, watchdog_ms: self.watchdog_ms.or(capabilities.watchdog_ms), ..capabilities }
+        Capabilities {
+            io: self.io,
+            watchdog_ms: self.watchdog_ms.or(capabilities.watchdog_ms),
+            ..capabilities
+        }
     }
 
     fn read(&mut self) -> Result<DeviceSample, DeviceError> {
@@ -475,12 +538,15 @@ impl Device for WiredArm {
         }
         let reads = if self.old_until_s.is_some() { READS_AFTER_STALL } else { READS_MAX };
         let Ok((mut fed, is_all)) = self.drain(reads) else { return Err(self.lose()) };
-        if self.connection.as_ref().is_some_and(|connection| connection.codec.unheard() == Some(0)) {
+        if self.connection.as_ref().is_some_and(|connection| connection.codec.unheard() == Some(0))
+        {
             self.last_heard_s = now_s;
         }
-        // What lay in a queue says where the arm was, the next report says where it is. One that sends on change only has sent its current state.
+        // What lay in a queue says where the arm was, the next report says where it is. One that
+        // sends on change only has sent its current state.
         let may_be_old = self.parameters.capabilities.pacing != Pacing::Event;
-        let is_old = may_be_old && (!is_all || self.old_until_s.is_some_and(|until_s| now_s <= until_s));
+        let is_old =
+            may_be_old && (!is_all || self.old_until_s.is_some_and(|until_s| now_s <= until_s));
         if !is_old {
             self.old_until_s = None;
         }
@@ -504,8 +570,13 @@ impl Device for WiredArm {
             self.owes_reply = false;
             self.quiet_before = false;
             self.last_report_s = now_s;
-            let newest = self.connection.as_ref().map(|connection| (connection.codec.newest().echo, connection.codec.sequence()));
-            let behind = newest.and_then(|(echo, sequence)| echo.zip(sequence)).map(|(echo, sequence)| sequence.wrapping_sub(echo));
+            let newest = self
+                .connection
+                .as_ref()
+                .map(|connection| (connection.codec.newest().echo, connection.codec.sequence()));
+            let behind = newest
+                .and_then(|(echo, sequence)| echo.zip(sequence))
+                .map(|(echo, sequence)| sequence.wrapping_sub(echo));
             if !is_old {
                 self.round_trip.received(self.n_reads, behind);
             }
@@ -543,23 +614,40 @@ impl Device for WiredArm {
         if let Some(connection) = &mut self.connection
             && connection.has_guard_acted()
         {
-            // What was computed before that goes nowhere; and a frame that a thread of the link still held may have come after the guard's zero.
+            // What was computed before that goes nowhere; and a frame that a thread of the link
+            // still held may have come after the guard's zero.
             let told = connection.send_last_zero();
             self.sent = MotorCommand::default();
             self.rendered = Wrench::ZERO;
             self.stage.begin();
-            return Err(if told.is_ok() || told == Err(TransportError::Full) { DeviceError::Stalled } else { self.lose() });
+            return Err(if told.is_ok() || told == Err(TransportError::Full) {
+                DeviceError::Stalled
+            } else {
+                self.lose()
+            });
         }
         let now_s = self.now_s();
         let Some(connection) = &mut self.connection else { return Err(self.gone()) };
         connection.codec.tell_time(now_s);
-        let motion =
-            Motion { configuration: &self.configuration, joints: &self.joints, rates: &self.joint_rates, twist: self.last.twist };
-        let (command, made) = self.stage.command(&self.parameters, &motion, wrench_device, self.enabled, self.sent.moves_nothing());
-        // One command in flight, but for the one that takes force away: it never waits for a reply that may be lost.
+        let motion = Motion {
+            configuration: &self.configuration,
+            joints: &self.joints,
+            rates: &self.joint_rates,
+            twist: self.last.twist,
+        };
+        let (command, made) = self.stage.command(
+            &self.parameters,
+            &motion,
+            wrench_device,
+            self.enabled,
+            self.sent.moves_nothing(),
+        );
+        // One command in flight, but for the one that takes force away: it never waits for a reply
+        // that may be lost.
         let waits = self.parameters.capabilities.pacing == Pacing::PingPong && self.owes_reply;
         let takes_force_away = command.moves_nothing() && !self.sent.moves_nothing();
-        let given_up = now_s - self.last_sent_s >= self.parameters.kick_s.unwrap_or(REPLY_PATIENCE_S);
+        let given_up =
+            now_s - self.last_sent_s >= self.parameters.kick_s.unwrap_or(REPLY_PATIENCE_S);
         let may_send = self.quiet_until_s.is_none() && (!waits || takes_force_away || given_up);
         if may_send {
             self.send(command, made, now_s)?;
@@ -593,17 +681,27 @@ impl Device for WiredArm {
             let Some(connection) = &mut self.connection else { break };
             connection.zero(in_step, &mut self.frame);
             let frame = self.frame.as_slice();
-            let mut result = if replaces && turn == 0 { connection.link.send_now(frame) } else { connection.link.send(frame) };
+            let mut result = if replaces && turn == 0 {
+                connection.link.send_now(frame)
+            } else {
+                connection.link.send(frame)
+            };
             if result == Err(TransportError::Full) {
                 result = connection.link.send_now(frame);
             }
-            if turn == 0 && result.is_ok() && self.parameters.capabilities.pacing == Pacing::PingPong {
-                // Arms without a frame mark read a second command as part of the first one until they have answered.
+            if turn == 0
+                && result.is_ok()
+                && self.parameters.capabilities.pacing == Pacing::PingPong
+            {
+                // Arms without a frame mark read a second command as part of the first one until
+                // they have answered.
                 in_step = false;
                 let begin_ns = monotonic_ns();
                 while !in_step && (monotonic_ns() - begin_ns) < STOP_PATIENCE.as_nanos() as i64 {
                     match self.drain(READS_MAX) {
-                        Ok((fed, _)) if fed.reports == 0 => std::thread::sleep(Duration::from_micros(100)),
+                        Ok((fed, _)) if fed.reports == 0 => {
+                            std::thread::sleep(Duration::from_micros(100))
+                        }
                         Ok(_) => in_step = true,
                         Err(_) => break,
                     }

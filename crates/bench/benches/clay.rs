@@ -1,6 +1,7 @@
 //! What a tick on clay costs, by points of the tool and how deep it is.
 //!
-//! `cargo bench -p bench --bench clay` measures; `-- --test` runs each once. For clean figures: `chrt -r 20`, on a processor of its own.
+//! `cargo bench -p bench --bench clay` measures; `-- --test` runs each once. For clean figures:
+//! `chrt -r 20`, on a processor of its own.
 
 use bench::contact::clay::Turning;
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
@@ -11,7 +12,10 @@ fn touching(criterion: &mut Criterion) {
         for depth_mm in [-1.0, 0.5, 3.0, 20.0] {
             let Ok(mut turning) = Turning::new(n_points, depth_mm * 1e-3) else { continue };
             let contacts = turning.tick().contacts;
-            let id = BenchmarkId::new(format!("{n_points} points"), format!("{depth_mm} mm deep, {contacts} touch"));
+            let id = BenchmarkId::new(
+                format!("{n_points} points"),
+                format!("{depth_mm} mm deep, {contacts} touch"),
+            );
             group.bench_function(id, |bencher| bencher.iter(|| turning.tick()));
         }
     }

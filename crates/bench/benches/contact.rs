@@ -1,6 +1,8 @@
-//! The contact query: flat and tree, few and many points, few and many touching, small and large static models.
+//! The contact query: flat and tree, few and many points, few and many touching, small and large
+//! static models.
 //!
-//! `cargo bench -p bench --bench contact` measures; `-- --test` runs each once. For clean figures: `chrt -r 20`, on a processor of its own.
+//! `cargo bench -p bench --bench contact` measures; `-- --test` runs each once. For clean figures:
+//! `chrt -r 20`, on a processor of its own.
 #![expect(clippy::print_stderr, reason = "percentiles, which criterion does not give")]
 
 use std::hint::black_box;
@@ -56,13 +58,15 @@ fn ring() -> Obstacle {
     obstacle(&Shape::Torus { major_m: 0.045, minor_m: 0.015 }.tessellate(1e-5))
 }
 
-/// The height at which this share of the points touches; one and a half voxels above the first contact for none.
+/// The height at which this share of the points touches; one and a half voxels above the first
+/// contact for none.
 fn height_m(obstacle: &[Obstacle], shell: &Shell, share: f64) -> f64 {
     let touching = |z_m: f64| {
         let pose = Pose::from_translation(DVec3::new(0.0, 0.0, z_m));
         f64::from(ContactSum::flat(obstacle, shell, pose, LAW).contacts) / shell.len() as f64
     };
-    let (mut low, mut high) = (0.0, 2.0 * RADIUS_M);
+    let mut low = 0.0;
+    let mut high = 2.0 * RADIUS_M;
     for _ in 0..30 {
         let middle = 0.5 * (low + high);
         if touching(middle) > share { low = middle } else { high = middle }
@@ -76,19 +80,34 @@ fn path(height_m: f64) -> Vec<Pose> {
             let angle = core::f64::consts::TAU * tick as f64 / PATH_TICKS as f64;
             let side_m = 0.05 / core::f64::consts::TAU;
             let about = DVec3::new(0.3, 0.5, 0.8).normalize() * (0.16 * angle.sin());
-            Pose::new(DQuat::from_scaled_axis(about), DVec3::new(side_m * 0.1 * angle.cos(), side_m * 0.1 * angle.sin(), height_m))
+            Pose::new(
+                DQuat::from_scaled_axis(about),
+                DVec3::new(side_m * 0.1 * angle.cos(), side_m * 0.1 * angle.sin(), height_m),
+            )
         })
         .collect()
 }
 
-fn tick(traversal: &mut Traversal, obstacles: &[Obstacle], shell: &Shell, pose: Pose) -> ContactSum {
+fn tick(
+    traversal: &mut Traversal,
+    obstacles: &[Obstacle],
+    shell: &Shell,
+    pose: Pose,
+) -> ContactSum {
     ContactSum::of(traversal, obstacles, shell, pose, LAW, None)
 }
 
 /// Median and 99.9th percentile of some rounds on the path, µs, and what the walk looked at.
-fn percentiles(what: &str, traversal: &mut Traversal, obstacles: &[Obstacle], shell: &Shell, path: &[Pose]) {
+fn percentiles(
+    what: &str,
+    traversal: &mut Traversal,
+    obstacles: &[Obstacle],
+    shell: &Shell,
+    path: &[Pose],
+) {
     let mut times_us = Vec::with_capacity(ROUNDS * path.len());
-    let (mut contacts, mut looked_at) = (0_u64, 0_u64);
+    let mut contacts = 0_u64;
+    let mut looked_at = 0_u64;
     for pose in path.iter().cycle().take(ROUNDS * path.len()) {
         let begin = Instant::now();
         let sum = black_box(tick(traversal, obstacles, shell, *pose));
@@ -100,7 +119,8 @@ fn percentiles(what: &str, traversal: &mut Traversal, obstacles: &[Obstacle], sh
     let at = |share: f64| times_us[((times_us.len() - 1) as f64 * share) as usize];
     let mean = |n: u64| n as f64 / times_us.len() as f64;
     eprintln!(
-        "{what}: {} points, {:.2} % touching, {:.0} looked at: median {:.1} µs, p99.9 {:.1} µs, max {:.1} µs",
+        "{what}: {} points, {:.2} % touching, {:.0} looked at: median {:.1} µs, p99.9 {:.1} µs, \
+            max {:.1} µs",
         shell.len(),
         100.0 * mean(contacts) / shell.len() as f64,
         mean(looked_at),
@@ -136,7 +156,13 @@ fn points(criterion: &mut Criterion) {
         for share in [0.0, 0.03] {
             let path = path(height_m(&obstacles, &shell, share));
             let name = format!("{n_points:.0e}, {:.0} % touching", 100.0 * share);
-            measure(criterion, "flat", &name, (SimdLevel::best(), TraversalMode::Flat), (&obstacles, &shell, &path));
+            measure(
+                criterion,
+                "flat",
+                &name,
+                (SimdLevel::best(), TraversalMode::Flat),
+                (&obstacles, &shell, &path),
+            );
             if n_points < 1e6 {
                 measure(
                     criterion,
@@ -157,7 +183,13 @@ fn tree(criterion: &mut Criterion) {
         for share in [0.0, 0.01, 0.03] {
             let path = path(height_m(&obstacles, &shell, share));
             let name = format!("{what}, {:.0} % touching", 100.0 * share);
-            measure(criterion, "tree", &name, (SimdLevel::best(), TraversalMode::Tree), (&obstacles, &shell, &path));
+            measure(
+                criterion,
+                "tree",
+                &name,
+                (SimdLevel::best(), TraversalMode::Tree),
+                (&obstacles, &shell, &path),
+            );
         }
     }
 }
@@ -171,7 +203,13 @@ fn static_model(criterion: &mut Criterion) {
         let path = path(height_m(&obstacles, &shell, 0.01));
         for (name, mode) in [("flat", TraversalMode::Flat), ("tree", TraversalMode::Tree)] {
             let name = format!("{name}, {} triangles", mesh.triangles.len());
-            measure(criterion, "static model", &name, (SimdLevel::best(), mode), (&obstacles, &shell, &path));
+            measure(
+                criterion,
+                "static model",
+                &name,
+                (SimdLevel::best(), mode),
+                (&obstacles, &shell, &path),
+            );
         }
     }
 }

@@ -16,7 +16,10 @@ pub(super) fn write_stl(path: &Path, mesh: &TriangleMesh) -> io::Result<()> {
     for triangle_idx in 0..mesh.triangles.len() {
         // Normals stay zero: readers take them from the corners.
         let mut facet = [0; 50];
-        let numbers = mesh.corners(triangle_idx).into_iter().flat_map(|corner| (corner * 1e3).as_vec3().to_array());
+        let numbers = mesh
+            .corners(triangle_idx)
+            .into_iter()
+            .flat_map(|corner| (corner * 1e3).as_vec3().to_array());
         for (bytes, number) in facet[12..48].chunks_exact_mut(4).zip(numbers) {
             bytes.copy_from_slice(&number.to_le_bytes());
         }
@@ -67,7 +70,9 @@ mod tests {
             assert_eq!(loaded.triangles.len(), mesh.triangles.len());
             assert!(inspect(&loaded).closed, "{}", stand_in.name());
             let [(_, high), (_, loaded_high)] = [&mesh, &loaded].map(|mesh| mesh.bounds().unwrap());
-            assert!((high - loaded_high).abs().max_element() < 1e-7 && high.cmpgt(DVec3::ZERO).all());
+            assert!(
+                (high - loaded_high).abs().max_element() < 1e-7 && high.cmpgt(DVec3::ZERO).all()
+            );
         }
     }
 

@@ -1,10 +1,12 @@
 //! Measuring beside the paper and beside other programs.
 //!
-//! [`stand_ins`] makes the models of the paper's tables. [`generation`] bakes them, each bake a process of its own. [`contact`]
-//! asks how right and how fast contacts are, [`loops`] how punctual runs on the real clock are, [`sculpt`] how long clay takes, [`sagardia2008`] what the tables and plots of the
-//! paper of 2008 look like here. All figures end up in a [`BenchReport`].
+//! [`stand_ins`] makes the models of the paper's tables. [`generation`] bakes them, each bake a
+//! process of its own. [`contact`] asks how right and how fast contacts are, [`loops`] how punctual
+//! runs on the real clock are, [`sculpt`] how long clay takes, [`sagardia2008`] what the tables and
+//! plots of the paper of 2008 look like here. All figures end up in a [`BenchReport`].
 //!
-//! Invariants: cold. Nothing here decides whether a test passes; a target that is missed is a line that says so.
+//! Invariants: cold. Nothing here decides whether a test passes; a target that is missed is a line
+//! that says so.
 
 pub mod contact;
 mod export;

@@ -1,7 +1,8 @@
-//! The loop on the real clock: every shipped scene as `hapticd run` renders it, beside `cyclictest` in the same minute.
+//! The loop on the real clock: every shipped scene as `hapticd run` renders it, beside `cyclictest`
+//! in the same minute.
 //!
-//! Best effort: without the right to SCHED_FIFO the figures are those of a normal thread, and the table says so. That a tick does
-//! not allocate is for the tests to prove, not for this.
+//! Best effort: without the right to SCHED_FIFO the figures are those of a normal thread, and the
+//! table says so. That a tick does not allocate is for the tests to prove, not for this.
 
 use std::path::PathBuf;
 use std::process::Command;
@@ -26,13 +27,20 @@ const RUN_S: u32 = 6;
 /// Largest latency that `cyclictest` tells apart, µs.
 const HISTOGRAM_US: u32 = 20_000;
 
-/// Runs every scene, each a process of its own. `tell` is called with each step. Cost: a dozen seconds for each scene.
+/// Runs every scene, each a process of its own. `tell` is called with each step. Cost: a dozen
+/// seconds for each scene.
 ///
 /// # Errors
 /// A run that fails. A folder without scenes, or no `cyclictest`, is a row that says so.
 pub fn run(options: &Options, mut tell: impl FnMut(&str)) -> Result<Vec<Row>, BenchError> {
-    let entries = std::fs::read_dir(&options.scenes).into_iter().flatten().flatten().map(|entry| entry.path());
-    let mut scenes: Vec<PathBuf> = entries.filter(|path| path.extension().is_some_and(|extension| extension == "toml")).collect();
+    let entries = std::fs::read_dir(&options.scenes)
+        .into_iter()
+        .flatten()
+        .flatten()
+        .map(|entry| entry.path());
+    let mut scenes: Vec<PathBuf> = entries
+        .filter(|path| path.extension().is_some_and(|extension| extension == "toml"))
+        .collect();
     scenes.sort();
     if scenes.is_empty() {
         let why = format!("skipped: no scenes in {} (--scenes)", options.scenes.display());
@@ -43,9 +51,19 @@ pub fn run(options: &Options, mut tell: impl FnMut(&str)) -> Result<Vec<Row>, Be
     for scene in scenes.iter().take(if options.quick { 1 } else { usize::MAX }) {
         let name = scene.file_stem().unwrap_or_default().to_string_lossy();
         tell(&format!("{name}: {seconds} s on the real clock"));
-        let flags = ["--monitor", "off", "--realtime", "best-effort", "--duration", &format!("{seconds}s"), "--json", "--quiet"]
-            .map(str::to_owned);
-        let ended = process::run(process::hapticd(&options.program).arg("run").arg(scene).args(flags))?;
+        let flags = [
+            "--monitor",
+            "off",
+            "--realtime",
+            "best-effort",
+            "--duration",
+            &format!("{seconds}s"),
+            "--json",
+            "--quiet",
+        ]
+        .map(str::to_owned);
+        let ended =
+            process::run(process::hapticd(&options.program).arg("run").arg(scene).args(flags))?;
         let realtime = &ended.json["realtime"];
         tell(&format!("cyclictest, {seconds} s"));
         let beside = cyclictest(realtime, seconds);
@@ -68,14 +86,17 @@ fn scene_rows(name: &str, json: &Value, beside: &Result<Latency, String>) -> Vec
     ];
     let peer = |of: fn(&Latency) -> f64| beside.as_ref().map(of).map_err(Clone::clone);
     let latency = |what: &str, key: &str, of| {
-        Row::new(&group, format!("wake-up, {what}"), us("wakeup_us", key), "µs").beside_peer("cyclictest", &peer(of))
+        Row::new(&group, format!("wake-up, {what}"), us("wakeup_us", key), "µs")
+            .beside_peer("cyclictest", &peer(of))
     };
     rows.push(latency("p50", "p50", |latency| latency.p50_us));
     rows.push(latency("p99", "p99", |latency| latency.p99_us));
     // At most 1.1 times as late.
     rows.push(latency("p99.9", "p999", |latency| latency.p999_us).at_least_times(0.909));
     rows.push(latency("max", "max", |latency| latency.max_us));
-    rows.push(Row::new(&group, "missed deadlines", json["missed_deadlines"].as_f64(), "").at_most(0.0));
+    rows.push(
+        Row::new(&group, "missed deadlines", json["missed_deadlines"].as_f64(), "").at_most(0.0),
+    );
     rows
 }
 
@@ -102,10 +123,12 @@ fn cyclictest(realtime: &Value, seconds: u32) -> Result<Latency, String> {
         _ => error.to_string(),
     })?;
     if !said.status.success() {
-        let why = String::from_utf8_lossy(&said.stderr).lines().next().unwrap_or_default().to_owned();
+        let why =
+            String::from_utf8_lossy(&said.stderr).lines().next().unwrap_or_default().to_owned();
         return Err(format!("{}: {why}", said.status));
     }
-    percentiles(&String::from_utf8_lossy(&said.stdout)).ok_or_else(|| "its histogram is not readable".to_owned())
+    percentiles(&String::from_utf8_lossy(&said.stdout))
+        .ok_or_else(|| "its histogram is not readable".to_owned())
 }
 
 /// From lines of `LATENCY_US COUNT` and the comment `# Max Latencies: N`.
@@ -144,9 +167,9 @@ mod tests {
 
     #[test]
     fn a_histogram_gives_percentiles() {
-        let text = "# /dev/cpu_dma_latency set to 0us\n# Histogram\n000000 000000\n000003 000900\n000005 000090\n000040 000009\n\
-                    # Total: 000000999\n# Min Latencies: 00003\n# Avg Latencies: 00003\n# Max Latencies: 00712\n\
-                    # Histogram Overflows: 00001\n";
+        let text = "# /dev/cpu_dma_latency set to 0us\n# Histogram\n000000 000000\n000003 \
+            000900\n000005 000090\n000040 000009\n# Total: 000000999\n# Min Latencies: 00003\n# \
+            Avg Latencies: 00003\n# Max Latencies: 00712\n# Histogram Overflows: 00001\n";
         let latency = percentiles(text).unwrap();
         assert_eq!(latency, Latency { p50_us: 3.0, p99_us: 5.0, p999_us: 40.0, max_us: 712.0 });
         assert_eq!(percentiles("no numbers"), None);

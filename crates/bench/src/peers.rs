@@ -68,41 +68,72 @@ impl Peers {
     }
 
     /// One run of a peer on a mesh.
-    pub(super) fn run(&self, peer: Peer, mesh: &Path, voxels_on_longest_axis: u32) -> Result<PeerRun, String> {
+    pub(super) fn run(
+        &self,
+        peer: Peer,
+        mesh: &Path,
+        voxels_on_longest_axis: u32,
+    ) -> Result<PeerRun, String> {
         let voxels = voxels_on_longest_axis.to_string();
         match peer {
             Peer::OpenVdb { band } => {
                 let program = self.file("openvdb_level_set")?;
-                self.measure(&program, |command| command.arg(mesh).args([voxels, band.to_string(), "1".to_owned()]))
+                self.measure(&program, |command| {
+                    command.arg(mesh).args([voxels, band.to_string(), "1".to_owned()])
+                })
             }
             Peer::Open3d => {
                 let script = self.file("voxel_grids.py")?;
-                self.measure(&self.python(), |command| command.arg(&script).arg(mesh).args([voxels, "open3d".to_owned()]))
+                self.measure(&self.python(), |command| {
+                    command.arg(&script).arg(mesh).args([voxels, "open3d".to_owned()])
+                })
             }
-            Peer::Coal | Peer::Parry | Peer::Embree => Err(format!("{} makes no volume", peer.name())),
+            Peer::Coal | Peer::Parry | Peer::Embree => {
+                Err(format!("{} makes no volume", peer.name()))
+            }
         }
     }
 
-    /// Contacts of a tool that is lifted along z with a static mesh, both OBJ files in metres: the peer's own median, ms.
-    pub(super) fn contacts_ms(&self, peer: Peer, fixed: &Path, tool: &Path, lift_m: f64, n_points: usize) -> Result<f64, String> {
+    /// Contacts of a tool that is lifted along z with a static mesh, both OBJ files in metres: the
+    /// peer's own median, ms.
+    pub(super) fn contacts_ms(
+        &self,
+        peer: Peer,
+        fixed: &Path,
+        tool: &Path,
+        lift_m: f64,
+        n_points: usize,
+    ) -> Result<f64, String> {
         let place = ["0".to_owned(), "0".to_owned(), lift_m.to_string()];
         let ended = match peer {
             Peer::Coal | Peer::Embree => {
-                let script = self.file(if peer == Peer::Coal { "coal_contacts.py" } else { "embree_distance.py" })?;
+                let script = self.file(if peer == Peer::Coal {
+                    "coal_contacts.py"
+                } else {
+                    "embree_distance.py"
+                })?;
                 let points = (peer == Peer::Embree).then(|| n_points.to_string());
-                self.ended(&self.python(), |command| command.arg(&script).args([fixed, tool]).args(place).args(points))
+                self.ended(&self.python(), |command| {
+                    command.arg(&script).args([fixed, tool]).args(place).args(points)
+                })
             }
             Peer::Parry => {
                 let program = self.file("parry_contacts")?;
                 self.ended(&program, |command| command.args([fixed, tool]).args(place))
             }
-            Peer::OpenVdb { .. } | Peer::Open3d => Err(format!("{} finds no contacts", peer.name())),
+            Peer::OpenVdb { .. } | Peer::Open3d => {
+                Err(format!("{} finds no contacts", peer.name()))
+            }
         }?;
         ended.json["median_ms"].as_f64().ok_or_else(|| format!("no `median_ms` in {}", ended.json))
     }
 
     /// Runs a script of this repository with the Python of the folder of peers.
-    pub(super) fn script(&self, script: &Path, arguments: &[&Path]) -> Result<ProcessResult, String> {
+    pub(super) fn script(
+        &self,
+        script: &Path,
+        arguments: &[&Path],
+    ) -> Result<ProcessResult, String> {
         self.ended(&self.python(), |command| command.arg(script).args(arguments))
     }
 
@@ -116,13 +147,23 @@ impl Peers {
         if path.is_file() { Ok(path) } else { Err(format!("no {name} in HAPTICD_PEERS")) }
     }
 
-    fn measure(&self, program: &Path, arguments: impl FnOnce(&mut Command) -> &mut Command) -> Result<PeerRun, String> {
+    fn measure(
+        &self,
+        program: &Path,
+        arguments: impl FnOnce(&mut Command) -> &mut Command,
+    ) -> Result<PeerRun, String> {
         let ended = self.ended(program, arguments)?;
-        let seconds = ended.json["best_s"].as_f64().ok_or_else(|| format!("no `best_s` in {}", ended.json))?;
+        let seconds = ended.json["best_s"]
+            .as_f64()
+            .ok_or_else(|| format!("no `best_s` in {}", ended.json))?;
         Ok(PeerRun { seconds, peak_mb: ended.peak_rss_bytes.map(|bytes| bytes as f64 * 1e-6) })
     }
 
-    fn ended(&self, program: &Path, arguments: impl FnOnce(&mut Command) -> &mut Command) -> Result<ProcessResult, String> {
+    fn ended(
+        &self,
+        program: &Path,
+        arguments: impl FnOnce(&mut Command) -> &mut Command,
+    ) -> Result<ProcessResult, String> {
         let all = std::thread::available_parallelism().map_or(1, usize::from);
         // A peer takes every processor that it may use.
         let mut command = if self.n_threads < all {

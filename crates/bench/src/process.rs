@@ -1,4 +1,5 @@
-//! Work in processes of its own: a bake by this program, a peer. Each has its own peak of memory and its own first touch.
+//! Work in processes of its own: a bake by this program, a peer. Each has its own peak of memory
+//! and its own first touch.
 
 use std::ffi::OsString;
 use std::io::Read;
@@ -12,7 +13,8 @@ use serde_json::Value;
 use super::BenchError;
 use super::statistics::median;
 
-/// The name under which the program that measures is started again, to be measured: it is then `hapticd`, with the same code.
+/// The name under which the program that measures is started again, to be measured: it is then
+/// `hapticd`, with the same code.
 pub const HAPTICD: &str = "hapticd";
 
 /// A call of `hapticd`. `program` is the one that measures.
@@ -29,7 +31,8 @@ pub(super) struct ProcessResult {
     pub(super) json: Value,
     /// From start to end, s.
     pub(super) wall_s: f64,
-    /// Largest resident set that was seen, bytes: the system's own high-water mark, read every few milliseconds.
+    /// Largest resident set that was seen, bytes: the system's own high-water mark, read every few
+    /// milliseconds.
     pub(super) peak_rss_bytes: Option<u64>,
 }
 
@@ -55,7 +58,10 @@ pub(super) fn run_to_end(command: &mut Command) -> Result<(String, ProcessResult
         .stderr(Stdio::piped())
         .spawn()
         .map_err(|error| failed(error.to_string()))?;
-    let readers = [child.stdout.take().map(|pipe| drain(Box::new(pipe))), child.stderr.take().map(|pipe| drain(Box::new(pipe)))];
+    let readers = [
+        child.stdout.take().map(|pipe| drain(Box::new(pipe))),
+        child.stderr.take().map(|pipe| drain(Box::new(pipe))),
+    ];
     let status_file = PathBuf::from(format!("/proc/{}/status", child.id()));
     let mut peak_rss_bytes = None;
     let status = loop {
@@ -67,7 +73,8 @@ pub(super) fn run_to_end(command: &mut Command) -> Result<(String, ProcessResult
         }
     };
     let wall_s = since.elapsed().as_secs_f64();
-    let [out, err] = readers.map(|reader| reader.and_then(|reader| reader.join().ok()).unwrap_or_default());
+    let [out, err] =
+        readers.map(|reader| reader.and_then(|reader| reader.join().ok()).unwrap_or_default());
     if !status.success() {
         return Err(failed(format!("{status}: {}", err.lines().last().unwrap_or_default())));
     }
@@ -111,14 +118,28 @@ pub(super) struct Bake<'a> {
 impl Bake<'_> {
     /// A process that bakes this and nothing else.
     pub(super) fn run(&self, program: &Path) -> Result<ProcessResult, BenchError> {
-        let mut flags: Vec<OsString> =
-            vec!["bake".into(), self.mesh.into(), "--json".into(), "--quiet".into(), "--cache".into(), "off".into()];
+        let mut flags: Vec<OsString> = vec![
+            "bake".into(),
+            self.mesh.into(),
+            "--json".into(),
+            "--quiet".into(),
+            "--cache".into(),
+            "off".into(),
+        ];
         match self.resolution {
-            Resolution::SizeMm(size) => {
-                flags.extend(["--units".into(), "mm".into(), "--voxel-size-mm".into(), size.to_string().into()])
-            }
+            Resolution::SizeMm(size) => flags.extend([
+                "--units".into(),
+                "mm".into(),
+                "--voxel-size-mm".into(),
+                size.to_string().into(),
+            ]),
             Resolution::LongestAxis(n) => {
-                flags.extend(["--units".into(), "m".into(), "--longest-axis-voxels".into(), n.to_string().into()]);
+                flags.extend([
+                    "--units".into(),
+                    "m".into(),
+                    "--longest-axis-voxels".into(),
+                    n.to_string().into(),
+                ]);
             }
         }
         if let Some(navigation) = self.navigation {
@@ -134,7 +155,8 @@ impl Bake<'_> {
 pub(super) struct Bakes(Vec<ProcessResult>);
 
 /// Stages of a bake in order; one that the program does not have is left out of the tables.
-pub(super) const STAGES: [&str; 9] = ["load", "init", "surface", "fill", "layers", "distance", "pointshell", "normals", "tree"];
+pub(super) const STAGES: [&str; 9] =
+    ["load", "init", "surface", "fill", "layers", "distance", "pointshell", "normals", "tree"];
 
 impl Bakes {
     pub(super) fn push(&mut self, ended: ProcessResult) {
@@ -143,12 +165,20 @@ impl Bakes {
 
     /// Median of a stage, s; `None` for one that does not exist.
     pub(super) fn stage_s(&self, stage: &str) -> Option<f64> {
-        median(&self.0.iter().filter_map(|ended| ended.json["timings_s"][stage].as_f64()).collect::<Vec<_>>())
+        median(
+            &self
+                .0
+                .iter()
+                .filter_map(|ended| ended.json["timings_s"][stage].as_f64())
+                .collect::<Vec<_>>(),
+        )
     }
 
     /// Median over the runs of the sum of some stages, s; stages that do not exist count nothing.
     pub(super) fn sum_s(&self, stages: &[&str]) -> Option<f64> {
-        let sum = |ended: &ProcessResult| stages.iter().filter_map(|stage| ended.json["timings_s"][stage].as_f64()).sum();
+        let sum = |ended: &ProcessResult| {
+            stages.iter().filter_map(|stage| ended.json["timings_s"][stage].as_f64()).sum()
+        };
         median(&self.0.iter().map(sum).collect::<Vec<f64>>())
     }
 
@@ -160,7 +190,12 @@ impl Bakes {
     /// Median peak of memory, MB.
     pub(super) fn peak_mb(&self) -> Option<f64> {
         median(
-            &self.0.iter().filter_map(|ended| ended.json["peak_rss_bytes"].as_f64()).map(|bytes| bytes * 1e-6).collect::<Vec<_>>(),
+            &self
+                .0
+                .iter()
+                .filter_map(|ended| ended.json["peak_rss_bytes"].as_f64())
+                .map(|bytes| bytes * 1e-6)
+                .collect::<Vec<_>>(),
         )
     }
 
@@ -179,11 +214,13 @@ impl Bakes {
         self.0.last().and_then(|ended| ended.json[key].as_bool())
     }
 
-    /// Voxels per axis, with one voxel of padding on every side as the paper's, whatever the layers ask for.
+    /// Voxels per axis, with one voxel of padding on every side as the paper's, whatever the layers
+    /// ask for.
     pub(super) fn dims_padded_by_one(&self) -> Option<[u64; 3]> {
         let ended = self.0.last()?;
         let layers = ended.json["layers"].as_u64()?;
-        let dim = |axis: usize| ended.json["dims"][axis].as_u64().map(|n| n.saturating_sub(2 * layers));
+        let dim =
+            |axis: usize| ended.json["dims"][axis].as_u64().map(|n| n.saturating_sub(2 * layers));
         Some([dim(0)?, dim(1)?, dim(2)?])
     }
 }

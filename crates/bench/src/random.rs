@@ -3,7 +3,8 @@
 /// A splitmix64 sequence.
 ///
 /// # Source
-/// Steele, Lea and Flood 2014, "Fast splittable pseudorandom number generators": state plus a constant, mixed.
+/// Steele, Lea and Flood 2014, "Fast splittable pseudorandom number generators": state plus a
+/// constant, mixed.
 #[derive(Clone, Debug)]
 pub(super) struct Random(u64);
 

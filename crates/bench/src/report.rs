@@ -59,8 +59,19 @@ pub struct Row {
 
 impl Row {
     /// A figure of our own.
-    pub fn new(group: &str, name: impl Into<String>, value: impl Into<Option<f64>>, unit: &'static str) -> Self {
-        Self { group: group.to_owned(), name: name.into(), value: value.into(), unit, ..Self::default() }
+    pub fn new(
+        group: &str,
+        name: impl Into<String>,
+        value: impl Into<Option<f64>>,
+        unit: &'static str,
+    ) -> Self {
+        Self {
+            group: group.to_owned(),
+            name: name.into(),
+            value: value.into(),
+            unit,
+            ..Self::default()
+        }
     }
 
     /// Beside the paper's.
@@ -125,11 +136,14 @@ impl MachineInfo {
             let line = text.lines().find(|line| line.starts_with(name))?;
             Some(line.split_once(':')?.1.trim().to_owned())
         };
-        let memory_kib = field("/proc/meminfo", "MemTotal").and_then(|text| text.split(' ').next()?.parse::<f64>().ok());
+        let memory_kib = field("/proc/meminfo", "MemTotal")
+            .and_then(|text| text.split(' ').next()?.parse::<f64>().ok());
         Self {
             cpu: field("/proc/cpuinfo", "model name"),
             cores: std::thread::available_parallelism().map_or(1, usize::from),
-            kernel: std::fs::read_to_string("/proc/sys/kernel/osrelease").ok().map(|text| text.trim().to_owned()),
+            kernel: std::fs::read_to_string("/proc/sys/kernel/osrelease")
+                .ok()
+                .map(|text| text.trim().to_owned()),
             memory_gib: memory_kib.map(|kib| (kib / 1024.0 / 1024.0 * 10.0).round() / 10.0),
         }
     }
@@ -139,7 +153,9 @@ impl MachineInfo {
         let Self { cpu, cores, kernel, memory_gib } = self;
         let said = |text: Option<&str>| text.unwrap_or("unknown").to_owned();
         let memory = memory_gib.map_or_else(|| "unknown".to_owned(), |gib| format!("{gib} GiB"));
-        let (cpu, kernel, commit) = (said(cpu.as_deref()), said(kernel.as_deref()), said(commit));
+        let cpu = said(cpu.as_deref());
+        let kernel = said(kernel.as_deref());
+        let commit = said(commit);
         format!("cpu {cpu}, cores {cores}, memory {memory}, kernel {kernel}, commit {commit}")
     }
 }
@@ -147,13 +163,22 @@ impl MachineInfo {
 /// The commit of the checkout that `program` stands in; `None` outside one, or without git.
 pub fn commit_of(program: &Path) -> Option<String> {
     let mut git = Command::new("git");
-    git.arg("-C").arg(program.parent()?).args(["describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]);
+    git.arg("-C").arg(program.parent()?).args([
+        "describe",
+        "--always",
+        "--dirty",
+        "--abbrev=12",
+        "--exclude=*",
+    ]);
     let said = git.stderr(Stdio::null()).output().ok().filter(|said| said.status.success())?;
     Some(String::from_utf8(said.stdout).ok()?.trim().to_owned()).filter(|commit| !commit.is_empty())
 }
 
 #[expect(clippy::ref_option, reason = "the signature that serde asks for")]
-fn commit_or_word<S: Serializer>(commit: &Option<String>, serializer: S) -> Result<S::Ok, S::Error> {
+fn commit_or_word<S: Serializer>(
+    commit: &Option<String>,
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
     serializer.serialize_str(commit.as_deref().unwrap_or("unknown: not in a git checkout"))
 }
 
@@ -166,7 +191,10 @@ impl BenchReport {
             if group != Some(&row.group) {
                 group = Some(&row.group);
                 let _ = write!(text, "\n## {}\n\n", row.group);
-                text.push_str("| figure | value | unit | target | met | paper | peer | peer's value | ratio |\n");
+                text.push_str(
+                    "| figure | value | unit | target | met | paper | peer | peer's \
+                    value | ratio |\n",
+                );
                 text.push_str("|---|---:|---|---|---|---:|---|---:|---:|\n");
             }
             let number = |value: Option<f64>| value.map(figure).unwrap_or_default();
@@ -190,14 +218,16 @@ impl BenchReport {
 
     /// What was asked, in one table: every row with a target that could be judged.
     fn targets(&self, text: &mut String) {
-        let judged: Vec<(&Row, bool)> = self.rows.iter().filter_map(|row| Some((row, row.met?))).collect();
+        let judged: Vec<(&Row, bool)> =
+            self.rows.iter().filter_map(|row| Some((row, row.met?))).collect();
         if judged.is_empty() {
             return;
         }
         let n_met = judged.iter().filter(|(_, met)| *met).count();
         let _ = write!(text, "\n## targets: {n_met} of {} met\n\n", judged.len());
         text.push_str(
-            "| case | figure | target | ours | beside | its figure | ratio | met |\n|---|---|---|---:|---|---:|---:|---|\n",
+            "| case | figure | target | ours | beside | its figure | ratio | met \
+                |\n|---|---|---|---:|---|---:|---:|---|\n",
         );
         for (row, met) in judged {
             let number = |value: Option<f64>| value.map(figure).unwrap_or_default();
@@ -235,10 +265,16 @@ mod tests {
     fn ratios_and_targets_follow_the_values() {
         let row = Row::new("a", "generate", 0.5, "s").beside_paper(60.0).at_least_times(100.0);
         assert_eq!((row.ratio, row.met), (Some(120.0), Some(true)));
-        let row = Row::new("a", "surface", 2.0, "s").beside_peer("other", &Ok(10.0)).at_least_times(10.0);
+        let row =
+            Row::new("a", "surface", 2.0, "s").beside_peer("other", &Ok(10.0)).at_least_times(10.0);
         assert_eq!((row.ratio, row.met), (Some(5.0), Some(false)));
-        let row = Row::new("a", "surface", 2.0, "s").beside_peer("other", &Err("not there".into())).at_least_times(10.0);
-        assert_eq!((row.peer.as_deref(), row.peer_value, row.met), (Some("other (skipped: not there)"), None, None));
+        let row = Row::new("a", "surface", 2.0, "s")
+            .beside_peer("other", &Err("not there".into()))
+            .at_least_times(10.0);
+        assert_eq!(
+            (row.peer.as_deref(), row.peer_value, row.met),
+            (Some("other (skipped: not there)"), None, None)
+        );
         assert_eq!(Row::new("a", "rate", None, "1/s").at_least(5.0).met, None);
         assert_eq!(Row::new("a", "rate", 4.0, "1/s").at_most(5.0).met, Some(true));
     }
@@ -254,12 +290,22 @@ mod tests {
         let text = BenchReport { machine: MachineInfo::read(), commit: None, rows }.markdown();
         let (_, table) = text.split_once("## targets: 1 of 2 met").unwrap();
         assert_eq!(table.lines().filter(|line| line.contains("<= 5")).count(), 2);
-        assert!(table.contains("| b | slow | value <= 5 | 6 s |  |  |  | **no** |") && !table.contains("not asked"), "{table}");
+        assert!(
+            table.contains("| b | slow | value <= 5 | 6 s |  |  |  | **no** |")
+                && !table.contains("not asked"),
+            "{table}"
+        );
     }
 
     #[test]
     fn numbers_are_short_and_counts_are_whole() {
-        let cases = [(0.0, "0"), (237_717_488.0, "237717488"), (0.012_346, "0.01235"), (12.3456, "12.35"), (98_765.4, "98765")];
+        let cases = [
+            (0.0, "0"),
+            (237_717_488.0, "237717488"),
+            (0.012_346, "0.01235"),
+            (12.3456, "12.35"),
+            (98_765.4, "98765"),
+        ];
         for (value, text) in cases {
             assert_eq!(figure(value), text);
         }
@@ -267,11 +313,25 @@ mod tests {
 
     #[test]
     fn the_tables_have_a_line_for_each_row() {
-        let rows = vec![Row::new("a", "x", 1.0, "s"), Row::new("a", "y", None, "s"), Row::new("b", "z", 1.5, "s")];
+        let rows = vec![
+            Row::new("a", "x", 1.0, "s"),
+            Row::new("a", "y", None, "s"),
+            Row::new("b", "z", 1.5, "s"),
+        ];
         let text = BenchReport { machine: MachineInfo::read(), commit: None, rows }.markdown();
         assert_eq!(text.lines().filter(|line| line.starts_with("## ")).count(), 2);
-        assert_eq!(text.lines().filter(|line| line.starts_with("| x |") || line.starts_with("| y |")).count(), 2);
-        let json = serde_json::to_value(BenchReport { machine: MachineInfo::read(), commit: None, rows: Vec::new() }).unwrap();
+        assert_eq!(
+            text.lines()
+                .filter(|line| line.starts_with("| x |") || line.starts_with("| y |"))
+                .count(),
+            2
+        );
+        let json = serde_json::to_value(BenchReport {
+            machine: MachineInfo::read(),
+            commit: None,
+            rows: Vec::new(),
+        })
+        .unwrap();
         assert_eq!(json["commit"], "unknown: not in a git checkout");
         assert!(text.contains("| z | 1.500 | s |") && text.starts_with("cpu "), "{text}");
     }

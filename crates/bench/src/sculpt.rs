@@ -1,7 +1,9 @@
-//! Sculpting: how long a surface takes to be built and a piece to be updated, beside the paper, and how steady the force stays meanwhile.
+//! Sculpting: how long a surface takes to be built and a piece to be updated, beside the paper, and
+//! how steady the force stays meanwhile.
 //!
-//! The paper's two tables (Guo2004, tables 2 and 3) are of models that are not public: here the samples are those of a sphere, as many.
-//! As in the paper an update is one step of the mass points and the motion of the samples, without samples that come or go.
+//! The paper's two tables (Guo2004, tables 2 and 3) are of models that are not public: here the
+//! samples are those of a sphere, as many. As in the paper an update is one step of the mass points
+//! and the motion of the samples, without samples that come or go.
 
 use std::time::Instant;
 
@@ -47,7 +49,8 @@ pub struct RecedingAt {
 
 /// Samples and the paper's seconds (table 2).
 const BUILDS: [(usize, f64); 3] = [(4_500, 8.177_936), (8_000, 15.378_002), (67_038, 134.427_521)];
-/// Mass points along an edge, samples inside, and the paper's milliseconds where they can be read (table 3).
+/// Mass points along an edge, samples inside, and the paper's milliseconds where they can be read
+/// (table 3).
 const UPDATES: [(usize, usize, Option<f64>); 6] = [
     (20, 6_060, None),
     (30, 6_060, Some(30.717)),
@@ -81,8 +84,14 @@ pub fn run(options: &Options, mut tell: impl FnMut(&str)) -> Result<Figures, Ben
     let cases = |n: usize| if options.quick { 1 } else { n };
     for (n_samples, paper_s) in BUILDS.into_iter().take(cases(BUILDS.len())) {
         tell(&format!("building a surface of {n_samples} samples"));
-        let seconds: Result<Vec<f64>, BenchError> = (0..options.n_runs).map(|_| build_s(n_samples)).collect();
-        let row = Row::new("building a surface", format!("{n_samples} samples"), statistics::median(&seconds?), "s");
+        let seconds: Result<Vec<f64>, BenchError> =
+            (0..options.n_runs).map(|_| build_s(n_samples)).collect();
+        let row = Row::new(
+            "building a surface",
+            format!("{n_samples} samples"),
+            statistics::median(&seconds?),
+            "s",
+        );
         let row = row.beside_paper(paper_s);
         figures.rows.push(if n_samples == BUILDS[2].0 { row.at_most(BUILD_TARGET_S) } else { row });
     }
@@ -98,19 +107,36 @@ pub fn run(options: &Options, mut tell: impl FnMut(&str)) -> Result<Figures, Ben
             let what = format!("{edge}³ mass points, {n_samples} samples, {name}");
             let row = Row::new("updating a piece", what, statistics::median(&times_ms), "ms");
             let row = if let Some(paper_ms) = paper_ms { row.beside_paper(paper_ms) } else { row };
-            figures.rows.push(if (edge, n_samples) == (40, 16_071) && !interpolates { row.at_most(UPDATE_TARGET_MS) } else { row });
+            figures.rows.push(if (edge, n_samples) == (40, 16_071) && !interpolates {
+                row.at_most(UPDATE_TARGET_MS)
+            } else {
+                row
+            });
         }
     }
     for update_hz in RATES_HZ {
         tell(&format!("clay that recedes, updated at {update_hz} Hz"));
         let play = |extrapolates: bool| {
-            let receding = Receding { speed_m_per_s: SPEED_M_PER_S, update_hz, extrapolates, coupling: CouplingMode::Direct };
-            receding.play(TICKS).map_err(|error| BenchError::Prepare { what: "receding clay".to_owned(), why: error.to_string() })
+            let receding = Receding {
+                speed_m_per_s: SPEED_M_PER_S,
+                update_hz,
+                extrapolates,
+                coupling: CouplingMode::Direct,
+            };
+            receding.play(TICKS).map_err(|error| BenchError::Prepare {
+                what: "receding clay".to_owned(),
+                why: error.to_string(),
+            })
         };
         let at = RecedingAt { update_hz, raw: play(false)?, extrapolated: play(true)? };
         let group = "largest step of the force between two ticks, clay receding at 50 mm/s, 1 N/mm";
         let step = |name: &str, force: &RecedingForce| {
-            Row::new(group, format!("updates at {update_hz} Hz, {name}"), force.largest_felt_step_n(), "N")
+            Row::new(
+                group,
+                format!("updates at {update_hz} Hz, {name}"),
+                force.largest_felt_step_n(),
+                "N",
+            )
         };
         figures.rows.push(step("as they come", &at.raw));
         figures.rows.push(step("extrapolated", &at.extrapolated));
@@ -133,7 +159,12 @@ fn build_s(n_samples: usize) -> Result<f64, BenchError> {
 }
 
 /// Milliseconds of each update while the pole is pulled out.
-fn update_ms(edge: usize, n_samples: usize, integrator: Integrator, interpolates: bool) -> Result<Vec<f64>, BenchError> {
+fn update_ms(
+    edge: usize,
+    n_samples: usize,
+    integrator: Integrator,
+    interpolates: bool,
+) -> Result<Vec<f64>, BenchError> {
     let settings = Settings { raster: [edge; 3], integrator, interpolates, ..Settings::default() };
     let mut piece = ClayModel::new(sphere(n_samples), settings).map_err(refused)?;
     let mut times_ms = Vec::with_capacity(TIMED);
@@ -176,10 +207,15 @@ mod tests {
     #[test]
     fn a_quick_run_fills_every_table() {
         let figures = run(&Options { n_runs: 1, quick: true }, |_| ()).unwrap();
-        assert!(figures.rows.iter().all(|row| row.value.is_some_and(|value| value > 0.0)), "{:?}", figures.rows);
+        assert!(
+            figures.rows.iter().all(|row| row.value.is_some_and(|value| value > 0.0)),
+            "{:?}",
+            figures.rows
+        );
         assert_eq!(figures.receding.len(), RATES_HZ.len());
         for at in &figures.receding {
-            let (raw, smooth) = (at.raw.largest_felt_step_n(), at.extrapolated.largest_felt_step_n());
+            let raw = at.raw.largest_felt_step_n();
+            let smooth = at.extrapolated.largest_felt_step_n();
             assert!(smooth < 0.6 * raw, "{} Hz: {smooth} N after {raw} N", at.update_hz);
         }
     }

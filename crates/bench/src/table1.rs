@@ -1,7 +1,8 @@
 //! What the paper of 2008 says in figures: table 1 and the crossovers.
 //!
 //! # Source
-//! Sagardia2008, section 5 (Intel D of 3.4 GHz, 2 GB). t_old is of the generator before it, on the library SOLID.
+//! Sagardia2008, section 5 (Intel D of 3.4 GHz, 2 GB). t_old is of the generator before it, on the
+//! library SOLID.
 
 use super::stand_ins::StandIn;
 
@@ -47,13 +48,25 @@ pub(super) const POINTSHELLS: [PointshellCase; 5] = [
 ];
 
 /// Columns: load, initialise, t_old, t_new, filling.
-const fn voxmap(name: char, stand_in: StandIn, size_mm: f64, voxels: f64, seconds: [f64; 5]) -> VoxmapCase {
+const fn voxmap(
+    name: char,
+    stand_in: StandIn,
+    size_mm: f64,
+    voxels: f64,
+    seconds: [f64; 5],
+) -> VoxmapCase {
     let [load_s, init_s, old_s, new_s, fill_s] = seconds;
     VoxmapCase { name, stand_in, size_mm, voxels, load_s, init_s, old_s, new_s, fill_s }
 }
 
 /// Columns: t_old, t_new.
-const fn pointshell(name: char, stand_in: StandIn, size_mm: f64, points: f64, [old_s, new_s]: [f64; 2]) -> PointshellCase {
+const fn pointshell(
+    name: char,
+    stand_in: StandIn,
+    size_mm: f64,
+    points: f64,
+    [old_s, new_s]: [f64; 2],
+) -> PointshellCase {
     PointshellCase { name, stand_in, size_mm, points, old_s, new_s }
 }
 
@@ -88,7 +101,10 @@ mod tests {
     #[test]
     fn the_times_give_the_printed_ratios() {
         let printed = [20.42, 28.8, 52.4, 8.9, 22.3, 5.09, 1.78, 13.68, 1.85, 18.11];
-        let ours = VOXMAPS.iter().map(VoxmapCase::delta).chain(POINTSHELLS.iter().map(PointshellCase::delta));
+        let ours = VOXMAPS
+            .iter()
+            .map(VoxmapCase::delta)
+            .chain(POINTSHELLS.iter().map(PointshellCase::delta));
         for (ours, printed) in ours.zip(printed) {
             assert!((ours / printed - 1.0).abs() < 3e-3, "{ours} for {printed}");
         }

@@ -6,7 +6,9 @@ use std::ops::ControlFlow;
 
 use vps::{BakeStage, DVec3, InsideTest, Options, PointShell, Voxmap};
 
-use crate::border::{Failure, call, free, given, lines, make, path, place, places, text, triple, vps_status};
+use crate::border::{
+    Failure, call, free, given, lines, make, path, place, places, text, triple, vps_status,
+};
 use crate::mesh::{vps_mass, vps_mesh};
 
 /// The part that is touched: signed distances around its surface.
@@ -63,7 +65,10 @@ impl vps_options {
     fn read(&self) -> Result<Options, Failure> {
         let tests = [InsideTest::Auto, InsideTest::Flood, InsideTest::Winding, InsideTest::Thin];
         let sides = *tests.get(self.inside_test as usize).ok_or_else(|| {
-            Failure::argument(format!("options->inside_test is {}: give a vps_inside_test, 0 to 3", self.inside_test))
+            Failure::argument(format!(
+                "options->inside_test is {}: give a vps_inside_test, 0 to 3",
+                self.inside_test
+            ))
         })?;
         Ok(Options { layers: self.layers, sides, ..Options::new(self.voxel_size_m) })
     }
@@ -72,7 +77,11 @@ impl vps_options {
 /// Voxels of this edge, m, and for the rest what suits most parts.
 #[unsafe(no_mangle)]
 pub extern "C" fn vps_options_default(voxel_size_m: f64) -> vps_options {
-    vps_options { voxel_size_m, layers: Options::DEFAULT_LAYERS, inside_test: vps_inside_test::VPS_INSIDE_AUTO as u32 }
+    vps_options {
+        voxel_size_m,
+        layers: Options::DEFAULT_LAYERS,
+        inside_test: vps_inside_test::VPS_INSIDE_AUTO as u32,
+    }
 }
 
 /// A stage of a bake. Later versions may have more.
@@ -93,13 +102,16 @@ pub enum vps_stage {
     VPS_STAGE_POINTS = 5,
 }
 
-/// Hears of each stage before it begins, on the thread that bakes; anything but 0 ends the bake there with VPS_ERROR_CANCELLED. It must return:
-/// no exception, no longjmp.
+/// Hears of each stage before it begins, on the thread that bakes; anything but 0 ends the bake
+/// there with VPS_ERROR_CANCELLED. It must return: no exception, no longjmp.
 pub type vps_progress = Option<unsafe extern "C" fn(stage: vps_stage, user: *mut c_void) -> c_int>;
 
 /// # Safety
 /// `progress` may be called with `user`.
-unsafe fn watch(progress: vps_progress, user: *mut c_void) -> impl FnMut(BakeStage) -> ControlFlow<()> {
+unsafe fn watch(
+    progress: vps_progress,
+    user: *mut c_void,
+) -> impl FnMut(BakeStage) -> ControlFlow<()> {
     use vps_stage::*;
     move |stage| {
         let stage = match stage {
@@ -118,8 +130,8 @@ unsafe fn watch(progress: vps_progress, user: *mut c_void) -> impl FnMut(BakeSta
     }
 }
 
-/// Bakes the part that is touched, on all processors (RAYON_NUM_THREADS in the environment: on so many threads), to the same bits for any number of
-/// threads. progress may be null.
+/// Bakes the part that is touched, on all processors (RAYON_NUM_THREADS in the environment: on so
+/// many threads), to the same bits for any number of threads. progress may be null.
 ///
 /// # Safety
 /// `progress` may be called with `user`.
@@ -134,16 +146,23 @@ pub unsafe extern "C" fn vps_voxmap_bake(
     make(out, || {
         let options = given("options", options)?.read()?;
         // SAFETY: as the caller promises.
-        Ok(Voxmap::bake_with(&given("mesh", mesh)?.mesh, &options, unsafe { watch(progress, user) })?.into())
+        Ok(Voxmap::bake_with(&given("mesh", mesh)?.mesh, &options, unsafe {
+            watch(progress, user)
+        })?
+        .into())
     })
 }
 
-/// Reads a file of vps_voxmap_save. It is checked as a whole; one that is damaged or of another format is refused.
+/// Reads a file of vps_voxmap_save. It is checked as a whole; one that is damaged or of another
+/// format is refused.
 ///
 /// # Safety
 /// `file_name`: null, or ends with a zero byte.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn vps_voxmap_load(file_name: *const c_char, out: Option<&mut MaybeUninit<*mut vps_voxmap>>) -> vps_status {
+pub unsafe extern "C" fn vps_voxmap_load(
+    file_name: *const c_char,
+    out: Option<&mut MaybeUninit<*mut vps_voxmap>>,
+) -> vps_status {
     // SAFETY: as the caller promises.
     make(out, || Ok(Voxmap::load(unsafe { path(file_name) }?)?.into()))
 }
@@ -153,13 +172,17 @@ pub unsafe extern "C" fn vps_voxmap_load(file_name: *const c_char, out: Option<&
 /// # Safety
 /// `file_name`: null, or ends with a zero byte.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn vps_voxmap_save(voxmap: Option<&vps_voxmap>, file_name: *const c_char) -> vps_status {
+pub unsafe extern "C" fn vps_voxmap_save(
+    voxmap: Option<&vps_voxmap>,
+    file_name: *const c_char,
+) -> vps_status {
     // SAFETY: as the caller promises.
     call(|| Ok(given("voxmap", voxmap)?.voxmap.save(unsafe { path(file_name) }?)?))
 }
 
-/// Distance of a point of the mesh frame to the surface, m: greater than 0 outside, less than 0 inside, never beyond band_m on either side. Its
-/// gradient points away from the surface outside and to it inside; 0 beyond the band. Either place may be null. Allocates nothing.
+/// Distance of a point of the mesh frame to the surface, m: greater than 0 outside, less than 0
+/// inside, never beyond band_m on either side. Its gradient points away from the surface outside
+/// and to it inside; 0 beyond the band. Either place may be null. Allocates nothing.
 ///
 /// # Safety
 /// `point_m` has three elements, and `gradient` room for three, or is null.
@@ -173,7 +196,10 @@ pub unsafe extern "C" fn vps_voxmap_distance(
     call(|| {
         // SAFETY: as the caller promises.
         let (point_m, gradient) = unsafe {
-            (triple("point_m", point_m)?, places("gradient", gradient.cast::<[f64; 3]>(), usize::from(!gradient.is_null()))?)
+            (
+                triple("point_m", point_m)?,
+                places("gradient", gradient.cast::<[f64; 3]>(), usize::from(!gradient.is_null()))?,
+            )
         };
         let found = given("voxmap", voxmap)?.voxmap.distance(DVec3::from_array(point_m))?;
         if let Some(place) = distance_m {
@@ -200,16 +226,22 @@ pub struct vps_voxmap_info {
 
 /// What a voxmap is like.
 #[unsafe(no_mangle)]
-pub extern "C" fn vps_voxmap_describe(voxmap: Option<&vps_voxmap>, out: Option<&mut MaybeUninit<vps_voxmap_info>>) -> vps_status {
+pub extern "C" fn vps_voxmap_describe(
+    voxmap: Option<&vps_voxmap>,
+    out: Option<&mut MaybeUninit<vps_voxmap_info>>,
+) -> vps_status {
     call(|| {
         let voxmap = &given("voxmap", voxmap)?.voxmap;
-        let (voxel_size_m, band_m, heap_bytes) = (voxmap.voxel_size_m(), voxmap.band_m(), voxmap.heap_bytes());
+        let voxel_size_m = voxmap.voxel_size_m();
+        let band_m = voxmap.band_m();
+        let heap_bytes = voxmap.heap_bytes();
         place("out", out)?.write(vps_voxmap_info { voxel_size_m, band_m, heap_bytes });
         Ok(())
     })
 }
 
-/// What a user should know of the bake, a line each: holes, leaks, skins thinner than a voxel. Lives as long as the voxmap.
+/// What a user should know of the bake, a line each: holes, leaks, skins thinner than a voxel.
+/// Lives as long as the voxmap.
 #[unsafe(no_mangle)]
 pub extern "C" fn vps_voxmap_warnings(voxmap: Option<&vps_voxmap>) -> *const c_char {
     text(voxmap.map(|voxmap| &voxmap.warnings))
@@ -240,7 +272,10 @@ pub unsafe extern "C" fn vps_shell_bake(
     make(out, || {
         let options = given("options", options)?.read()?;
         // SAFETY: as the caller promises.
-        Ok(PointShell::bake_with(&given("mesh", mesh)?.mesh, &options, unsafe { watch(progress, user) })?.into())
+        Ok(PointShell::bake_with(&given("mesh", mesh)?.mesh, &options, unsafe {
+            watch(progress, user)
+        })?
+        .into())
     })
 }
 
@@ -249,7 +284,10 @@ pub unsafe extern "C" fn vps_shell_bake(
 /// # Safety
 /// `file_name`: null, or ends with a zero byte.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn vps_shell_load(file_name: *const c_char, out: Option<&mut MaybeUninit<*mut vps_shell>>) -> vps_status {
+pub unsafe extern "C" fn vps_shell_load(
+    file_name: *const c_char,
+    out: Option<&mut MaybeUninit<*mut vps_shell>>,
+) -> vps_status {
     // SAFETY: as the caller promises.
     make(out, || Ok(PointShell::load(unsafe { path(file_name) }?)?.into()))
 }
@@ -259,7 +297,10 @@ pub unsafe extern "C" fn vps_shell_load(file_name: *const c_char, out: Option<&m
 /// # Safety
 /// `file_name`: null, or ends with a zero byte.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn vps_shell_save(shell: Option<&vps_shell>, file_name: *const c_char) -> vps_status {
+pub unsafe extern "C" fn vps_shell_save(
+    shell: Option<&vps_shell>,
+    file_name: *const c_char,
+) -> vps_status {
     // SAFETY: as the caller promises.
     call(|| Ok(given("shell", shell)?.shell.save(unsafe { path(file_name) }?)?))
 }
@@ -280,7 +321,10 @@ pub struct vps_shell_info {
 
 /// What a shell is like.
 #[unsafe(no_mangle)]
-pub extern "C" fn vps_shell_describe(shell: Option<&vps_shell>, out: Option<&mut MaybeUninit<vps_shell_info>>) -> vps_status {
+pub extern "C" fn vps_shell_describe(
+    shell: Option<&vps_shell>,
+    out: Option<&mut MaybeUninit<vps_shell_info>>,
+) -> vps_status {
     call(|| {
         let shell = &given("shell", shell)?.shell;
         place("out", out)?.write(vps_shell_info {

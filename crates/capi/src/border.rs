@@ -62,8 +62,8 @@ thread_local! {
     static LAST_ERROR: RefCell<CString> = RefCell::default();
 }
 
-/// Text of the last call of this thread that failed: what is wrong, where, and what to do, in UTF-8; empty before. It stays until the next call of
-/// this thread that fails.
+/// Text of the last call of this thread that failed: what is wrong, where, and what to do, in
+/// UTF-8; empty before. It stays until the next call of this thread that fails.
 #[unsafe(no_mangle)]
 pub extern "C" fn vps_last_error() -> *const c_char {
     LAST_ERROR.try_with(|text| text.borrow().as_ptr()).unwrap_or(c"the thread is ending".as_ptr())
@@ -76,8 +76,14 @@ pub(crate) fn call(run: impl FnOnce() -> Result<(), Failure>) -> vps_status {
         Ok(Ok(())) => return VPS_OK,
         Ok(Err(failure)) => failure,
         Err(panic) => {
-            let said = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
-            Failure(VPS_ERROR_INTERNAL, format!("a mistake in libvps, please report it: {}", said.unwrap_or("no text")))
+            let said = panic
+                .downcast_ref::<String>()
+                .map(String::as_str)
+                .or(panic.downcast_ref::<&str>().copied());
+            Failure(
+                VPS_ERROR_INTERNAL,
+                format!("a mistake in libvps, please report it: {}", said.unwrap_or("no text")),
+            )
         }
     };
     let Failure(status, text) = failed;
@@ -92,12 +98,18 @@ pub(crate) fn given<'a, T>(name: &str, pointer: Option<&'a T>) -> Result<&'a T, 
 }
 
 /// The place that an argument names for a result.
-pub(crate) fn place<'a, T>(name: &str, pointer: Option<&'a mut MaybeUninit<T>>) -> Result<&'a mut MaybeUninit<T>, Failure> {
+pub(crate) fn place<'a, T>(
+    name: &str,
+    pointer: Option<&'a mut MaybeUninit<T>>,
+) -> Result<&'a mut MaybeUninit<T>, Failure> {
     pointer.ok_or_else(|| refused(name, "is null"))
 }
 
 /// Runs a call that makes a handle: null where it fails.
-pub(crate) fn make<T>(out: Option<&mut MaybeUninit<*mut T>>, run: impl FnOnce() -> Result<T, Failure>) -> vps_status {
+pub(crate) fn make<T>(
+    out: Option<&mut MaybeUninit<*mut T>>,
+    run: impl FnOnce() -> Result<T, Failure>,
+) -> vps_status {
     call(|| {
         let out = place("out", out)?.write(std::ptr::null_mut());
         *out = Box::into_raw(Box::new(run()?));
@@ -134,7 +146,11 @@ pub(crate) unsafe fn triple(name: &str, first: *const f64) -> Result<[f64; 3], F
 ///
 /// # Safety
 /// `first` is null, or the first of `n` values that nothing writes meanwhile.
-pub(crate) unsafe fn slice<'a, T>(name: &str, first: *const T, n: usize) -> Result<&'a [T], Failure> {
+pub(crate) unsafe fn slice<'a, T>(
+    name: &str,
+    first: *const T,
+    n: usize,
+) -> Result<&'a [T], Failure> {
     check_array(name, first, n)?;
     // SAFETY: not null, aligned and not too long for an object; the caller promises the rest.
     Ok(if n == 0 { &[] } else { unsafe { std::slice::from_raw_parts(first, n) } })
@@ -144,7 +160,11 @@ pub(crate) unsafe fn slice<'a, T>(name: &str, first: *const T, n: usize) -> Resu
 ///
 /// # Safety
 /// `first` is null, or the first of `n` places that nothing else uses meanwhile.
-pub(crate) unsafe fn places<'a, T>(name: &str, first: *mut T, n: usize) -> Result<&'a mut [MaybeUninit<T>], Failure> {
+pub(crate) unsafe fn places<'a, T>(
+    name: &str,
+    first: *mut T,
+    n: usize,
+) -> Result<&'a mut [MaybeUninit<T>], Failure> {
     check_array(name, first, n)?;
     // SAFETY: as above.
     Ok(if n == 0 { &mut [] } else { unsafe { std::slice::from_raw_parts_mut(first.cast(), n) } })
@@ -158,7 +178,10 @@ fn check_array<T>(name: &str, first: *const T, n: usize) -> Result<(), Failure> 
         return Err(refused(name, &format!("is null: give {n} elements")));
     }
     if !first.is_aligned() {
-        return Err(refused(name, &format!("is not aligned: give a multiple of {} bytes", align_of::<T>())));
+        return Err(refused(
+            name,
+            &format!("is not aligned: give a multiple of {} bytes", align_of::<T>()),
+        ));
     }
     if n > isize::MAX as usize / size_of::<T>() {
         return Err(refused(name, &format!("has {n} elements, more than fit into memory")));
@@ -204,6 +227,8 @@ mod tests {
         assert!(handle.is_null());
         assert_eq!(text.to_str(), Ok("a mistake in libvps, please report it: the 7th point"));
         // Another thread has its own.
-        assert!(std::thread::spawn(|| LAST_ERROR.with_borrow(|text| text.is_empty())).join().unwrap());
+        assert!(
+            std::thread::spawn(|| LAST_ERROR.with_borrow(|text| text.is_empty())).join().unwrap()
+        );
     }
 }

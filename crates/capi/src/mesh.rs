@@ -5,7 +5,9 @@ use std::mem::MaybeUninit;
 
 use vps::{DVec3, MassProperties, Mesh, Shape};
 
-use crate::border::{Failure, call, free, given, lines, make, path, place, places, slice, text, triple, vps_status};
+use crate::border::{
+    Failure, call, free, given, lines, make, path, place, places, slice, text, triple, vps_status,
+};
 
 /// Triangles of a part, ready to be baked.
 pub struct vps_mesh {
@@ -51,7 +53,11 @@ pub struct vps_mass {
 
 impl From<&MassProperties> for vps_mass {
     fn from(mass: &MassProperties) -> Self {
-        Self { volume_m3: mass.volume_m3, center_m: mass.center_m.to_array(), inertia_m2: mass.inertia_per_mass.to_cols_array() }
+        Self {
+            volume_m3: mass.volume_m3,
+            center_m: mass.center_m.to_array(),
+            inertia_m2: mass.inertia_per_mass.to_cols_array(),
+        }
     }
 }
 
@@ -69,10 +75,16 @@ unsafe fn arrays<'a, T>(
     n_triangles: usize,
 ) -> Result<(Triples<'a, T>, Triples<'a, u32>), Failure> {
     // SAFETY: as the caller promises.
-    unsafe { Ok((slice("vertices_m", vertices_m.cast(), n_vertices)?, slice("triangles", triangles.cast(), n_triangles)?)) }
+    unsafe {
+        Ok((
+            slice("vertices_m", vertices_m.cast(), n_vertices)?,
+            slice("triangles", triangles.cast(), n_triangles)?,
+        ))
+    }
 }
 
-/// Reads an OBJ, STL, PLY, glTF or 3MF file whose numbers count metres_per_unit: 0.001 for millimetres.
+/// Reads an OBJ, STL, PLY, glTF or 3MF file whose numbers count metres_per_unit: 0.001 for
+/// millimetres.
 ///
 /// # Safety
 /// `file_name`: null, or ends with a zero byte.
@@ -86,7 +98,8 @@ pub unsafe extern "C" fn vps_mesh_load(
     make(out, || Ok(Mesh::load(unsafe { path(file_name) }?, metres_per_unit)?.into()))
 }
 
-/// A mesh of vertices `[n_vertices][3]`, m, and triangles `[n_triangles][3]`, numbers of vertices from 0, counter-clockwise seen from outside.
+/// A mesh of vertices `[n_vertices][3]`, m, and triangles `[n_triangles][3]`, numbers of vertices
+/// from 0, counter-clockwise seen from outside.
 ///
 /// # Safety
 /// The arrays have so many elements.
@@ -100,7 +113,8 @@ pub unsafe extern "C" fn vps_mesh_from_f64(
 ) -> vps_status {
     make(out, || {
         // SAFETY: as the caller promises.
-        let (vertices, triangles) = unsafe { arrays(vertices_m, n_vertices, triangles, n_triangles) }?;
+        let (vertices, triangles) =
+            unsafe { arrays(vertices_m, n_vertices, triangles, n_triangles) }?;
         Ok(Mesh::from_arrays(vertices, triangles)?.into())
     })
 }
@@ -119,14 +133,16 @@ pub unsafe extern "C" fn vps_mesh_from_f32(
 ) -> vps_status {
     make(out, || {
         // SAFETY: as the caller promises.
-        let (vertices, triangles) = unsafe { arrays(vertices_m, n_vertices, triangles, n_triangles) }?;
+        let (vertices, triangles) =
+            unsafe { arrays(vertices_m, n_vertices, triangles, n_triangles) }?;
         let vertices: Vec<[f64; 3]> = vertices.iter().map(|vertex| vertex.map(f64::from)).collect();
         Ok(Mesh::from_arrays(&vertices, triangles)?.into())
     })
 }
 
-/// A shape, its triangles no farther than tolerance_m from it: a twentieth of a voxel loses nothing. shape is a vps_shape; sizes_m has three elements,
-/// and those that the shape lacks may have any value.
+/// A shape, its triangles no farther than tolerance_m from it: a twentieth of a voxel loses
+/// nothing. shape is a vps_shape; sizes_m has three elements, and those that the shape lacks may
+/// have any value.
 ///
 /// # Safety
 /// `sizes_m` has three elements.
@@ -150,7 +166,9 @@ pub unsafe extern "C" fn vps_mesh_shape(
             (VPS_TORUS, Shape::Torus { major_m: x_m, minor_m: y_m }),
         ];
         let known = shapes.into_iter().find(|(known, _)| *known as c_int == shape);
-        let (_, shape) = known.ok_or_else(|| Failure::argument(format!("shape is {shape}: give a vps_shape, 0 to 5")))?;
+        let (_, shape) = known.ok_or_else(|| {
+            Failure::argument(format!("shape is {shape}: give a vps_shape, 0 to 5"))
+        })?;
         Ok(Mesh::from_shape(&shape, tolerance_m)?.into())
     })
 }
@@ -164,7 +182,9 @@ pub extern "C" fn vps_mesh_counts(
 ) -> vps_status {
     call(|| {
         let mesh = &given("mesh", mesh)?.mesh;
-        for (place, n) in [(n_vertices, mesh.vertices().len()), (n_triangles, mesh.triangles().len())] {
+        for (place, n) in
+            [(n_vertices, mesh.vertices().len()), (n_triangles, mesh.triangles().len())]
+        {
             if let Some(place) = place {
                 place.write(n);
             }
@@ -178,13 +198,20 @@ pub extern "C" fn vps_mesh_counts(
 /// # Safety
 /// There is room for three numbers in each.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn vps_mesh_bounds(mesh: Option<&vps_mesh>, low_m: *mut f64, high_m: *mut f64) -> vps_status {
+pub unsafe extern "C" fn vps_mesh_bounds(
+    mesh: Option<&vps_mesh>,
+    low_m: *mut f64,
+    high_m: *mut f64,
+) -> vps_status {
     call(|| {
         let (low, high) = given("mesh", mesh)?.mesh.bounds();
         for (name, first, corner) in [("low_m", low_m, low), ("high_m", high_m, high)] {
             // SAFETY: as the caller promises.
             let places = unsafe { places(name, first, 3) }?;
-            places.iter_mut().zip(corner.to_array()).for_each(|(place, value)| _ = place.write(value));
+            places
+                .iter_mut()
+                .zip(corner.to_array())
+                .for_each(|(place, value)| _ = place.write(value));
         }
         Ok(())
     })
@@ -192,7 +219,10 @@ pub unsafe extern "C" fn vps_mesh_bounds(mesh: Option<&vps_mesh>, low_m: *mut f6
 
 /// Volume, centre of mass and inertia.
 #[unsafe(no_mangle)]
-pub extern "C" fn vps_mesh_mass(mesh: Option<&vps_mesh>, out: Option<&mut MaybeUninit<vps_mass>>) -> vps_status {
+pub extern "C" fn vps_mesh_mass(
+    mesh: Option<&vps_mesh>,
+    out: Option<&mut MaybeUninit<vps_mass>>,
+) -> vps_status {
     call(|| {
         place("out", out)?.write((&given("mesh", mesh)?.mesh.mass_properties()).into());
         Ok(())

@@ -82,8 +82,9 @@ impl From<&ContactPoint> for vps_contact {
     }
 }
 
-/// Prepares queries, which share the memory of both parts: these may be freed. stiffness_n_per_m is that of one point, which stands for a square of
-/// the shell's voxel edge s: a face of area A at depth d pushes with stiffness d A / s².
+/// Prepares queries, which share the memory of both parts: these may be freed. stiffness_n_per_m is
+/// that of one point, which stands for a square of the shell's voxel edge s: a face of area A at
+/// depth d pushes with stiffness d A / s².
 #[unsafe(no_mangle)]
 pub extern "C" fn vps_query_new(
     voxmap: Option<&vps_voxmap>,
@@ -92,12 +93,14 @@ pub extern "C" fn vps_query_new(
     out: Option<&mut MaybeUninit<*mut vps_query>>,
 ) -> vps_status {
     make(out, || {
-        let (voxmap, shell) = (&given("voxmap", voxmap)?.voxmap, &given("shell", shell)?.shell);
+        let voxmap = &given("voxmap", voxmap)?.voxmap;
+        let shell = &given("shell", shell)?.shell;
         Ok(vps_query(ContactQuery::new(voxmap, shell, stiffness_n_per_m)?))
     })
 }
 
-/// Wrench, penetration and clearance at a pose: the same bits on every thread. Allocates only where more threads ask at a time than ever before.
+/// Wrench, penetration and clearance at a pose: the same bits on every thread. Allocates only where
+/// more threads ask at a time than ever before.
 #[unsafe(no_mangle)]
 pub extern "C" fn vps_query_wrench(
     query: Option<&vps_query>,
@@ -105,13 +108,14 @@ pub extern "C" fn vps_query_wrench(
     out: Option<&mut MaybeUninit<vps_wrench>>,
 ) -> vps_status {
     call(|| {
-        place("out", out)?.write(given("query", query)?.0.wrench(given("pose", pose)?.into())?.into());
+        place("out", out)?
+            .write(given("query", query)?.0.wrench(given("pose", pose)?.into())?.into());
         Ok(())
     })
 }
 
-/// The same, and the contacts in the order of the points: at most `capacity` of them; out->n_contacts says how many there are. Allocates as
-/// vps_query_wrench.
+/// The same, and the contacts in the order of the points: at most `capacity` of them;
+/// out->n_contacts says how many there are. Allocates as vps_query_wrench.
 ///
 /// # Safety
 /// There is room for `capacity` contacts.
@@ -136,7 +140,8 @@ pub unsafe extern "C" fn vps_query_contacts(
     })
 }
 
-/// The wrenches of n poses, on all processors: the same bits as one by one. Where a pose is none, nothing is written.
+/// The wrenches of n poses, on all processors: the same bits as one by one. Where a pose is none,
+/// nothing is written.
 ///
 /// # Safety
 /// There are `n` poses, and room for as many wrenches.

@@ -1,8 +1,9 @@
 //! Samples that go with the surface when the densities change.
 //!
-//! A sample stays on its level set: ∇s·ẋ + ∂s/∂t = 0. No tangential motion can be told from that, so it moves along the normal alone
-//! (Guo2004, equations 6 and 7): n = −∇s/|∇s| out of the material, v_n = (∂s/∂t)/|∇s|, x ← x + T v_n n. What the step leaves over is taken
-//! back along the same line, so a long stroke does not add up what each step is short of.
+//! A sample stays on its level set: ∇s·ẋ + ∂s/∂t = 0. No tangential motion can be told from that,
+//! so it moves along the normal alone (Guo2004, equations 6 and 7): n = −∇s/|∇s| out of the
+//! material, v_n = (∂s/∂t)/|∇s|, x ← x + T v_n n. What the step leaves over is taken back along the
+//! same line, so a long stroke does not add up what each step is short of.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -25,8 +26,9 @@ const PART: usize = 512;
 
 /// Samples of a surface that lie in the region, each on its own level.
 ///
-/// A raster cannot hold an edge, and rounds a curved surface a little: what its density is at a sample before anything moves is the
-/// sample's level, which it keeps. So nothing jumps when a region is chosen, and edges stay edges.
+/// A raster cannot hold an edge, and rounds a curved surface a little: what its density is at a
+/// sample before anything moves is the sample's level, which it keeps. So nothing jumps when a
+/// region is chosen, and edges stay edges.
 #[derive(Clone, Debug, Default)]
 pub(super) struct AdvectedSamples {
     samples: Vec<u32>,
@@ -35,7 +37,8 @@ pub(super) struct AdvectedSamples {
 }
 
 impl AdvectedSamples {
-    /// The samples that lie within a raster at rest, further than `margin_m` from its faces. Cost: O(samples).
+    /// The samples that lie within a raster at rest, further than `margin_m` from its faces. Cost:
+    /// O(samples).
     pub(super) fn new(points: &PointSet, at_rest: &Raster, margin_m: f64) -> Self {
         let (low, high) = at_rest.lattice().bounds();
         let inside = |at: &DVec3| at.cmpge(low + margin_m).all() && at.cmple(high - margin_m).all();
@@ -43,7 +46,8 @@ impl AdvectedSamples {
             let density = inside(at).then(|| at_rest.at(*at)).flatten()?;
             Some((sample as u32, f64::from(density.value_m)))
         };
-        let (samples, levels_m) = points.positions_map.par_iter().enumerate().filter_map(level).unzip();
+        let (samples, levels_m) =
+            points.positions_map.par_iter().enumerate().filter_map(level).unzip();
         Self { samples, levels_m }
     }
 
@@ -57,12 +61,14 @@ impl AdvectedSamples {
         &self.levels_m
     }
 
-    /// Samples that no surface is left for, ascending: the density where they are is off their level by more than a distance, as where a hole has opened,
-    /// two fronts have met or a neck has broken.
+    /// Samples that no surface is left for, ascending: the density where they are is off their
+    /// level by more than a distance, as where a hole has opened, two fronts have met or a neck has
+    /// broken.
     pub(super) fn lost(&self, points: &PointSet, now: &Raster, farther_m: f64) -> Vec<u32> {
         let is_lost = |(sample, level_m): &(&u32, &f64)| {
             let density = now.at(points.positions_map[**sample as usize]);
-            density.is_some_and(|density| (f64::from(density.value_m) - **level_m).abs() > farther_m)
+            density
+                .is_some_and(|density| (f64::from(density.value_m) - **level_m).abs() > farther_m)
         };
         self.samples.iter().zip(&self.levels_m).filter(is_lost).map(|(sample, _)| *sample).collect()
     }
@@ -73,11 +79,18 @@ impl AdvectedSamples {
         self.levels_m.push(level_m);
     }
 
-    /// Moves the samples for a time T, with the densities at its end and their rates. Returns the longest way that one went, m.
+    /// Moves the samples for a time T, with the densities at its end and their rates. Returns the
+    /// longest way that one went, m.
     ///
-    /// A sample from which no direction leads to its level stays where it is. Cost: two look-ups and some corrections per sample that
-    /// moves, one for each that does not.
-    pub(super) fn follow(&self, points: &mut PointSet, now: &Raster, rates_per_s: &Raster, time_s: f64) -> f64 {
+    /// A sample from which no direction leads to its level stays where it is. Cost: two look-ups
+    /// and some corrections per sample that moves, one for each that does not.
+    pub(super) fn follow(
+        &self,
+        points: &mut PointSet,
+        now: &Raster,
+        rates_per_s: &Raster,
+        time_s: f64,
+    ) -> f64 {
         let before = &*points;
         let spacing_m = now.lattice().spacing_m;
         let moved: Vec<Option<(DVec3, DVec3)>> = self
@@ -107,8 +120,8 @@ impl AdvectedSamples {
     }
 }
 
-/// The place on a level that is found from near it, by steps along the gradient, and the normal there; `None` where none is found within a
-/// distance.
+/// The place on a level that is found from near it, by steps along the gradient, and the normal
+/// there; `None` where none is found within a distance.
 pub(super) fn onto_level(
     now: impl Fn(DVec3) -> Option<Density>,
     spacing_m: f64,
@@ -128,8 +141,8 @@ pub(super) fn onto_level(
     None
 }
 
-/// The place of the surface on the line from `start` along a unit vector; `None` where the line runs along the surface, or none is found within a
-/// distance.
+/// The place of the surface on the line from `start` along a unit vector; `None` where the line
+/// runs along the surface, or none is found within a distance.
 pub(super) fn onto_level_along(
     now: impl Fn(DVec3) -> Option<Density>,
     spacing_m: f64,
@@ -161,7 +174,13 @@ fn out(density: &Density) -> Option<(DVec3, f64)> {
 }
 
 /// Where a sample goes when the density there has changed by `change_m`, and its new normal.
-fn moved(now: &Raster, start: DVec3, density: Density, change_m: f64, level_m: f64) -> Option<(DVec3, DVec3)> {
+fn moved(
+    now: &Raster,
+    start: DVec3,
+    density: Density,
+    change_m: f64,
+    level_m: f64,
+) -> Option<(DVec3, DVec3)> {
     let spacing_m = now.lattice().spacing_m;
     let longest_m = STEP_MAX_SPACINGS * spacing_m;
     let (normal, slope) = out(&density)?;
@@ -200,12 +219,14 @@ mod tests {
     const SPACING_M: f64 = 1e-3;
 
     fn raster(density: impl Fn(DVec3) -> f64) -> Raster {
-        let lattice = Lattice { origin_map: DVec3::splat(-0.02), spacing_m: SPACING_M, dims: [41; 3] };
+        let lattice =
+            Lattice { origin_map: DVec3::splat(-0.02), spacing_m: SPACING_M, dims: [41; 3] };
         let mut raster = Raster::uniform(lattice, 0.0);
         for x in 0..41 {
             for y in 0..41 {
                 for z in 0..41 {
-                    raster.values_m_mut()[lattice.index([x, y, z])] = density(lattice.position([x, y, z])) as f32;
+                    raster.values_m_mut()[lattice.index([x, y, z])] =
+                        density(lattice.position([x, y, z])) as f32;
                 }
             }
         }
@@ -217,7 +238,11 @@ mod tests {
         let mut points = PointSet::default();
         for x in -30..=30 {
             for y in -30..=30 {
-                points.positions_map.push(DVec3::new(f64::from(x) * 5e-4, f64::from(y) * 5e-4, 3e-4));
+                points.positions_map.push(DVec3::new(
+                    f64::from(x) * 5e-4,
+                    f64::from(y) * 5e-4,
+                    3e-4,
+                ));
                 points.normals_map.push(DVec3::Z);
                 points.colors.push([200; 3]);
             }
@@ -237,7 +262,8 @@ mod tests {
     }
 
     #[test]
-    fn acceptance_29_samples_stay_on_their_level_through_a_whole_stroke_and_go_along_the_normal_only() {
+    fn acceptance_29_samples_stay_on_their_level_through_a_whole_stroke_and_go_along_the_normal_only()
+     {
         let mut clay = clay(raster(|at| 3e-4 - at.z));
         let before = plate();
         let mut points = before.clone();
@@ -254,10 +280,14 @@ mod tests {
             let (now, forces) = clay.forces_n_mut();
             add_pull(now, &pull, forces);
             clay.update(4e-3);
-            let (now, rates) = (clay.now().clone(), clay.velocities_m_per_s().clone());
+            let now = clay.now().clone();
+            let rates = clay.velocities_m_per_s().clone();
             let turned: Vec<DVec3> = points.positions_map.clone();
-            let normals: Vec<DVec3> =
-                afloat.samples().iter().map(|n| -now.at(turned[*n as usize]).unwrap().gradient.as_dvec3().normalize()).collect();
+            let normals: Vec<DVec3> = afloat
+                .samples()
+                .iter()
+                .map(|n| -now.at(turned[*n as usize]).unwrap().gradient.as_dvec3().normalize())
+                .collect();
             afloat.follow(&mut points, &now, &rates, 4e-3);
             for ((before, after), normal) in turned.iter().zip(&points.positions_map).zip(normals) {
                 let way = *after - *before;
@@ -278,13 +308,15 @@ mod tests {
     #[test]
     fn a_sphere_that_grows_takes_its_samples_along() {
         let sphere = |radius: f64| raster(move |at| radius - at.length());
-        let (small, large) = (sphere(0.010), sphere(0.0104));
+        let small = sphere(0.010);
+        let large = sphere(0.0104);
         let mut points = PointSet::default();
         for n in 0..500 {
             // A spiral with even steps of height.
             let z = 1.0 - (2.0 * f64::from(n) + 1.0) / 500.0;
             let turn = f64::from(n) * 2.399_963;
-            let normal = DVec3::new((1.0 - z * z).sqrt() * turn.cos(), (1.0 - z * z).sqrt() * turn.sin(), z);
+            let normal =
+                DVec3::new((1.0 - z * z).sqrt() * turn.cos(), (1.0 - z * z).sqrt() * turn.sin(), z);
             points.positions_map.push(normal * 0.010);
             points.normals_map.push(normal);
             points.colors.push([0; 3]);
@@ -316,11 +348,13 @@ mod tests {
 
     #[test]
     fn a_long_way_is_gone_in_steps() {
-        let (still, far) = (raster(|at| 3e-4 - at.z), raster(|at| 5.3e-3 - at.z));
+        let still = raster(|at| 3e-4 - at.z);
+        let far = raster(|at| 5.3e-3 - at.z);
         let mut points = plate();
         let afloat = AdvectedSamples::new(&points, &still, SPACING_M);
         let rates = Raster::uniform(*still.lattice(), 0.0);
-        let ways: Vec<f64> = (0..8).map(|_| afloat.follow(&mut points, &far, &rates, 4e-3)).collect();
+        let ways: Vec<f64> =
+            (0..8).map(|_| afloat.follow(&mut points, &far, &rates, 4e-3)).collect();
         assert!(ways.iter().all(|way| *way <= SPACING_M * 1.000_001), "{ways:?}");
         assert!(points.positions_map.iter().all(|at| (at.z - 5.3e-3).abs() < 1e-6), "{ways:?}");
     }

@@ -1,6 +1,7 @@
 //! Booleans of two solids that point sets bound.
 //!
-//! A sample of one surface stays where the field of the other says so (Guo2004, table 1; s > 0 inside):
+//! A sample of one surface stays where the field of the other says so (Guo2004, table 1; s > 0
+//! inside):
 //!
 //! | operation | of the first | of the second |
 //! |---|---|---|
@@ -8,12 +9,15 @@
 //! | intersection | s₂ ≥ 0 | s₁ ≥ 0 |
 //! | difference | s₂ < 0 | s₁ ≥ 0, turned round |
 //!
-//! That the normals of the second turn round in a difference is ours to add: they have to point out of what is left.
+//! That the normals of the second turn round in a difference is ours to add: they have to point out
+//! of what is left.
 //!
-//! The edge where both meet is kept sharp where it is asked for: what came from the second is then a `Patch` of its own, with fits of its own; the field is
-//! the smaller or larger of both (what the paper calls two patches of an implicit surface), and samples are added on both sides up to the edge, as the paper does
-//! for rendering (figure 4). Otherwise one field is fitted over all samples, which rounds the edge by about their spacing; away from the edge
-//! densities stay what they were.
+//! The edge where both meet is kept sharp where it is asked for: what came from the second is then
+//! a `Patch` of its own, with fits of its own; the field is the smaller or larger of both (what the
+//! paper calls two patches of an implicit surface), and samples are added on both sides up to the
+//! edge, as the paper does for rendering (figure 4). Otherwise one field is fitted over all
+//! samples, which rounds the edge by about their spacing; away from the edge densities stay what
+//! they were.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -69,30 +73,47 @@ impl Boolean {
         }
     }
 
-    /// The samples of what is left: those of the first before those of the second, each in their order.
+    /// The samples of what is left: those of the first before those of the second, each in their
+    /// order.
     ///
     /// `is_sharp`: with samples up to the edge. Cost: one look-up of the other field per sample.
-    pub(super) fn samples(self, first: &PointSurface, second: &PointSurface, is_sharp: bool) -> PointSet {
-        let mut of_first = kept(first, second, |density_m| self.keeps_of_first(density_m), is_sharp);
-        let mut of_second = kept(second, first, |density_m| self.keeps_of_second(density_m), is_sharp);
+    pub(super) fn samples(
+        self,
+        first: &PointSurface,
+        second: &PointSurface,
+        is_sharp: bool,
+    ) -> PointSet {
+        let mut of_first =
+            kept(first, second, |density_m| self.keeps_of_first(density_m), is_sharp);
+        let mut of_second =
+            kept(second, first, |density_m| self.keeps_of_second(density_m), is_sharp);
         if self == Self::Difference {
             of_second.normals_map.iter_mut().for_each(|normal| *normal = -*normal);
         }
         let patch = if is_sharp {
             of_first.last_patch().next(self != Self::Union)
         } else {
-            one_patch(&mut of_first, &of_second, BLENDED_SPACINGS * first.spacing_m().max(second.spacing_m()))
+            one_patch(
+                &mut of_first,
+                &of_second,
+                BLENDED_SPACINGS * first.spacing_m().max(second.spacing_m()),
+            )
         };
         of_second.patches = vec![patch; of_second.len()];
-        // Where both surfaces are the same, samples of both may be at one place: no surface goes through two of them.
-        let mut taken = super::resample::OccupiedPlaces::new(MEET_SPACINGS * first.spacing_m().min(second.spacing_m()));
+        // Where both surfaces are the same, samples of both may be at one place: no surface goes
+        // through two of them.
+        let mut taken = super::resample::OccupiedPlaces::new(
+            MEET_SPACINGS * first.spacing_m().min(second.spacing_m()),
+        );
         of_first.positions_map.iter().for_each(|at| taken.take(*at));
-        let apart = (0..of_second.len() as u32).filter(|sample| taken.is_free(of_second.positions_map[*sample as usize]));
+        let apart = (0..of_second.len() as u32)
+            .filter(|sample| taken.is_free(of_second.positions_map[*sample as usize]));
         of_first.append(&of_second.select(apart));
         of_first
     }
 
-    /// The densities of what is left, node by node, with both on one lattice. The edge is as sharp as the lattice holds it.
+    /// The densities of what is left, node by node, with both on one lattice. The edge is as sharp
+    /// as the lattice holds it.
     ///
     /// # Panics
     /// On rasters of two lattices.
@@ -105,13 +126,27 @@ impl Boolean {
     }
 }
 
-/// Lets one smooth surface go over the edge: nodes within a distance of both solids' surfaces become those of `smooth`. All on one lattice.
+/// Lets one smooth surface go over the edge: nodes within a distance of both solids' surfaces
+/// become those of `smooth`. All on one lattice.
 ///
 /// # Panics
 /// On rasters of several lattices.
-pub(super) fn blend(left: &mut Raster, [first, second]: [&Raster; 2], smooth: &Raster, width_m: f64) {
-    assert!([first, second, smooth].iter().all(|raster| raster.lattice() == left.lattice()), "rasters of one lattice");
-    let both = left.values_m_mut().par_iter_mut().zip(first.values_m()).zip(second.values_m()).zip(smooth.values_m());
+pub(super) fn blend(
+    left: &mut Raster,
+    [first, second]: [&Raster; 2],
+    smooth: &Raster,
+    width_m: f64,
+) {
+    assert!(
+        [first, second, smooth].iter().all(|raster| raster.lattice() == left.lattice()),
+        "rasters of one lattice"
+    );
+    let both = left
+        .values_m_mut()
+        .par_iter_mut()
+        .zip(first.values_m())
+        .zip(second.values_m())
+        .zip(smooth.values_m());
     both.for_each(|(((left_m, first_m), second_m), smooth_m)| {
         if f64::from(first_m.abs().max(second_m.abs())) < width_m {
             *left_m = *smooth_m;
@@ -119,30 +154,48 @@ pub(super) fn blend(left: &mut Raster, [first, second]: [&Raster; 2], smooth: &R
     });
 }
 
-/// The patch that samples of another solid join where one smooth surface is to go over the edge. Patches that come near them become one: their edges are
-/// rounded from now on.
+/// The patch that samples of another solid join where one smooth surface is to go over the edge.
+/// Patches that come near them become one: their edges are rounded from now on.
 fn one_patch(of_first: &mut PointSet, of_second: &PointSet, within_m: f64) -> Patch {
     let second = super::Neighbours::new(&of_second.positions_map);
-    let is_near = |at: &DVec3| second.nearest(*at).is_some_and(|near| near.distance_squared_m2 <= within_m * within_m);
-    let near = (0..of_first.len() as u32).filter(|sample| is_near(&of_first.positions_map[*sample as usize]));
+    let is_near = |at: &DVec3| {
+        second.nearest(*at).is_some_and(|near| near.distance_squared_m2 <= within_m * within_m)
+    };
+    let near = (0..of_first.len() as u32)
+        .filter(|sample| is_near(&of_first.positions_map[*sample as usize]));
     let mut met: Vec<Patch> = near.map(|sample| of_first.patch(sample)).collect();
     met.sort_unstable();
     met.dedup();
     let [lowest, others @ ..] = &met[..] else { return Patch::default() };
-    of_first.patches.iter_mut().filter(|patch| others.contains(patch)).for_each(|patch| *patch = *lowest);
+    of_first
+        .patches
+        .iter_mut()
+        .filter(|patch| others.contains(patch))
+        .for_each(|patch| *patch = *lowest);
     *lowest
 }
 
 /// Samples of a surface where the field of another keeps them.
-fn kept(surface: &PointSurface, other: &PointSurface, keeps: impl Fn(f64) -> bool + Sync, is_sharp: bool) -> PointSet {
+fn kept(
+    surface: &PointSurface,
+    other: &PointSurface,
+    keeps: impl Fn(f64) -> bool + Sync,
+    is_sharp: bool,
+) -> PointSet {
     let points = surface.points();
-    let of_other: Vec<f64> = points.positions_map.par_iter().map(|at| other.at(*at).value_m).collect();
-    let mut left = points.select((0..points.len() as u32).filter(|sample| keeps(of_other[*sample as usize])));
+    let of_other: Vec<f64> =
+        points.positions_map.par_iter().map(|at| other.at(*at).value_m).collect();
+    let mut left =
+        points.select((0..points.len() as u32).filter(|sample| keeps(of_other[*sample as usize])));
     if is_sharp {
         // Also around samples that go: the edge may be nearer to them.
-        let at_edge = |sample: &u32| of_other[*sample as usize].abs() <= EDGE_SPACINGS * surface.spacings_m()[*sample as usize];
+        let at_edge = |sample: &u32| {
+            of_other[*sample as usize].abs()
+                <= EDGE_SPACINGS * surface.spacings_m()[*sample as usize]
+        };
         let at_edge: Vec<u32> = (0..points.len() as u32).filter(at_edge).collect();
-        let added: Vec<PointSet> = at_edge.par_iter().map(|sample| around(surface, other, *sample, &keeps)).collect();
+        let added: Vec<PointSet> =
+            at_edge.par_iter().map(|sample| around(surface, other, *sample, &keeps)).collect();
         let apart_m = APART_SPACINGS * surface.spacing_m();
         let mut taken = super::resample::OccupiedPlaces::new(apart_m);
         left.positions_map.iter().for_each(|at| taken.take(*at));
@@ -159,16 +212,25 @@ fn kept(surface: &PointSurface, other: &PointSurface, keeps: impl Fn(f64) -> boo
 }
 
 /// More samples in the disc of one, on its surface, where the other field keeps them.
-fn around(surface: &PointSurface, other: &PointSurface, sample: u32, keeps: &impl Fn(f64) -> bool) -> PointSet {
+fn around(
+    surface: &PointSurface,
+    other: &PointSurface,
+    sample: u32,
+    keeps: &impl Fn(f64) -> bool,
+) -> PointSet {
     let points = surface.points();
-    let (at, normal, color) =
-        (points.positions_map[sample as usize], points.normals_map[sample as usize], points.colors[sample as usize]);
+    let (at, normal, color) = (
+        points.positions_map[sample as usize],
+        points.normals_map[sample as usize],
+        points.colors[sample as usize],
+    );
     let spacing_m = surface.spacings_m()[sample as usize];
     let (u, v) = normal.any_orthonormal_pair();
     let mut added = PointSet::default();
     for (n_on_ring, share) in EDGE_RINGS {
         for n in 0..n_on_ring {
-            let (sin, cos) = (core::f64::consts::TAU * f64::from(n) / f64::from(n_on_ring)).sin_cos();
+            let (sin, cos) =
+                (core::f64::consts::TAU * f64::from(n) / f64::from(n_on_ring)).sin_cos();
             let place = at + (u * cos + v * sin) * (share * spacing_m);
             let Some(on_surface) = surface.project(place) else { continue };
             let normal = surface.at(on_surface).normal();
@@ -196,7 +258,8 @@ mod tests {
         for i in 0..n {
             let z = 1.0 - (2.0 * f64::from(i) + 1.0) / f64::from(n);
             let turn = f64::from(i) * 2.399_963_229_728_653;
-            let normal = DVec3::new((1.0 - z * z).sqrt() * turn.cos(), (1.0 - z * z).sqrt() * turn.sin(), z);
+            let normal =
+                DVec3::new((1.0 - z * z).sqrt() * turn.cos(), (1.0 - z * z).sqrt() * turn.sin(), z);
             points.push(center + normal * R, normal, [0; 3]);
         }
         PointSurface::build(points, PointSurface::DEFAULT_NEIGHBOURS).unwrap()
@@ -204,8 +267,13 @@ mod tests {
 
     /// Two spheres a radius apart: (5/12) π R³ are in both.
     fn volumes() -> [(Boolean, f64); 3] {
-        let (one, both) = (4.0 / 3.0 * PI * R.powi(3), 5.0 / 12.0 * PI * R.powi(3));
-        [(Boolean::Union, 2.0 * one - both), (Boolean::Intersection, both), (Boolean::Difference, one - both)]
+        let one = 4.0 / 3.0 * PI * R.powi(3);
+        let both = 5.0 / 12.0 * PI * R.powi(3);
+        [
+            (Boolean::Union, 2.0 * one - both),
+            (Boolean::Intersection, both),
+            (Boolean::Difference, one - both),
+        ]
     }
 
     fn lattice() -> Lattice {
@@ -216,17 +284,34 @@ mod tests {
     /// Volume inside, with the nodes beside the surface counted by their share.
     fn volume(raster: &Raster) -> f64 {
         let h = raster.lattice().spacing_m;
-        raster.values_m().iter().map(|value| (f64::from(*value) / h + 0.5).clamp(0.0, 1.0)).sum::<f64>() * h.powi(3)
+        raster
+            .values_m()
+            .iter()
+            .map(|value| (f64::from(*value) / h + 0.5).clamp(0.0, 1.0))
+            .sum::<f64>()
+            * h.powi(3)
     }
 
     #[test]
     fn acceptance_27_samples_are_classified_as_the_analytic_spheres_say() {
-        let (first, second) = (sphere(DVec3::ZERO), sphere(DVec3::X * R));
-        let (of_first, of_second) = (|at: DVec3| R - at.length(), |at: DVec3| R - at.distance(DVec3::X * R));
+        let first = sphere(DVec3::ZERO);
+        let second = sphere(DVec3::X * R);
+        let of_first = |at: DVec3| R - at.length();
+        let of_second = |at: DVec3| R - at.distance(DVec3::X * R);
         for (boolean, _) in volumes() {
             let left = boolean.samples(&first, &second, false);
-            let expected_first = first.points().positions_map.iter().filter(|at| boolean.keeps_of_first(of_second(**at))).count();
-            let expected_second = second.points().positions_map.iter().filter(|at| boolean.keeps_of_second(of_first(**at))).count();
+            let expected_first = first
+                .points()
+                .positions_map
+                .iter()
+                .filter(|at| boolean.keeps_of_first(of_second(**at)))
+                .count();
+            let expected_second = second
+                .points()
+                .positions_map
+                .iter()
+                .filter(|at| boolean.keeps_of_second(of_first(**at)))
+                .count();
             assert_eq!(left.len(), expected_first + expected_second, "{boolean:?}");
             for (at, normal) in left.positions_map.iter().zip(&left.normals_map) {
                 // Out of what is left: a little way out the solid ends.
@@ -239,35 +324,52 @@ mod tests {
 
     #[test]
     fn acceptance_27_volumes_are_those_of_the_spheres() {
-        let (first, second) = (sphere(DVec3::ZERO), sphere(DVec3::X * R));
-        let (first_m, second_m) = (first.rasterize(lattice()), second.rasterize(lattice()));
+        let first = sphere(DVec3::ZERO);
+        let second = sphere(DVec3::X * R);
+        let first_m = first.rasterize(lattice());
+        let second_m = second.rasterize(lattice());
         for (boolean, expected) in volumes() {
             let sharp = volume(&boolean.densities(&first_m, &second_m));
             assert!((sharp / expected - 1.0).abs() < 0.02, "{boolean:?}: {sharp} of {expected}");
-            let blended = PointSurface::build(boolean.samples(&first, &second, false), PointSurface::DEFAULT_NEIGHBOURS).unwrap();
+            let blended = PointSurface::build(
+                boolean.samples(&first, &second, false),
+                PointSurface::DEFAULT_NEIGHBOURS,
+            )
+            .unwrap();
             let blended = volume(&blended.rasterize(lattice()));
-            assert!((blended / expected - 1.0).abs() < 0.02, "{boolean:?}, blended: {blended} of {expected}");
+            assert!(
+                (blended / expected - 1.0).abs() < 0.02,
+                "{boolean:?}, blended: {blended} of {expected}"
+            );
         }
     }
 
     #[test]
     fn a_sharp_edge_has_samples_right_up_to_it() {
-        let (first, second) = (sphere(DVec3::ZERO), sphere(DVec3::X * R));
+        let first = sphere(DVec3::ZERO);
+        let second = sphere(DVec3::X * R);
         let spacing = first.spacing_m();
         // The edge is a circle in the plane x = R/2.
         let nearest = |points: &PointSet| {
-            let from_edge = |at: &DVec3| DVec3::new(at.x - 0.5 * R, at.y.hypot(at.z) - 0.75_f64.sqrt() * R, 0.0).length();
+            let from_edge = |at: &DVec3| {
+                DVec3::new(at.x - 0.5 * R, at.y.hypot(at.z) - 0.75_f64.sqrt() * R, 0.0).length()
+            };
             let mut worst: f64 = 0.0;
             for n in 0..90 {
                 let (sin, cos) = (f64::from(n) * PI / 45.0).sin_cos();
-                let on_edge = DVec3::new(0.5 * R, 0.75_f64.sqrt() * R * cos, 0.75_f64.sqrt() * R * sin);
+                let on_edge =
+                    DVec3::new(0.5 * R, 0.75_f64.sqrt() * R * cos, 0.75_f64.sqrt() * R * sin);
                 let beside = points.positions_map.iter().filter(|at| from_edge(at) < 2.0 * spacing);
-                worst = worst.max(beside.map(|at| at.distance(on_edge)).fold(f64::INFINITY, f64::min));
+                worst =
+                    worst.max(beside.map(|at| at.distance(on_edge)).fold(f64::INFINITY, f64::min));
             }
             worst
         };
         let blunt = nearest(&Boolean::Union.samples(&first, &second, false));
         let sharp = nearest(&Boolean::Union.samples(&first, &second, true));
-        assert!(sharp < 0.4 * spacing && sharp < 0.7 * blunt, "{sharp} against {blunt}, spacing {spacing}");
+        assert!(
+            sharp < 0.4 * spacing && sharp < 0.7 * blunt,
+            "{sharp} against {blunt}, spacing {spacing}"
+        );
     }
 }

@@ -38,14 +38,18 @@ use super::topology::{euler_number, forget_unsampled};
 use super::{PointSet, PointSurface, SurfaceError, advect, resample};
 use vps::density::{Density, Frame, FrameError, Lattice, Raster};
 
-/// Largest empty circle and closest pair of samples in a region, in spacings of the samples at the start.
+/// Largest empty circle and closest pair of samples in a region, in spacings of the samples at the
+/// start.
 const GAP_SPACINGS: f64 = 1.0;
 const CLOSE_SPACINGS: f64 = 0.35;
-/// A sample has lost its surface where its level is farther than this, spacings of the raster: no step of an update ends so far from it.
+/// A sample has lost its surface where its level is farther than this, spacings of the raster: no
+/// step of an update ends so far from it.
 const LOST_SPACINGS: f64 = 0.75;
-/// One smooth surface goes over the edge of a Boolean so far to both sides, in the largest of all spacings: fits reach no farther.
+/// One smooth surface goes over the edge of a Boolean so far to both sides, in the largest of all
+/// spacings: fits reach no farther.
 const BLEND_SPACINGS: f64 = 4.0;
-/// Samples so near to both solids of a Boolean may have a gap beside them, in largest empty circles.
+/// Samples so near to both solids of a Boolean may have a gap beside them, in largest empty
+/// circles.
 const SEAM_GAPS: f64 = 3.0;
 
 /// The part that deforms.
@@ -81,7 +85,8 @@ pub struct ClayModel {
     undone: Vec<Snapshot>,
     strokes: u64,
     updates: u64,
-    /// Euler numbers of the region before and after the last stroke that deformed, where they differ; until they are taken.
+    /// Euler numbers of the region before and after the last stroke that deformed, where they
+    /// differ; until they are taken.
     reconnected: Option<(i64, i64)>,
 }
 
@@ -95,7 +100,8 @@ impl ClayModel {
         let (whole, first, region) = lattices(surface.bounds(), &settings)?;
         let base = measured(surface.rasterize(whole));
         let material_map = MaterialMap::default();
-        let region = DynamicRegion::new(surface.points(), (&base, &material_map), first, region, &settings);
+        let region =
+            DynamicRegion::new(surface.points(), (&base, &material_map), first, region, &settings);
         region.check_holds_some()?;
         let gap_m = GAP_SPACINGS * surface.spacing_m();
         Ok(Self {
@@ -162,27 +168,59 @@ impl ClayModel {
         self.strokes
     }
 
-    /// The nearest place of the surface to a point, and the way out there, as densities have it now; `None` far from it.
+    /// The nearest place of the surface to a point, and the way out there, as densities have it
+    /// now; `None` far from it.
     pub fn onto(&self, point_map: DVec3, within_m: f64) -> Option<(DVec3, DVec3)> {
-        advect::onto_level(|at| self.density_at(at), self.base.lattice().spacing_m, (point_map, 0.0), within_m)
+        advect::onto_level(
+            |at| self.density_at(at),
+            self.base.lattice().spacing_m,
+            (point_map, 0.0),
+            within_m,
+        )
     }
 
-    /// The place of the surface on a line through a point near it; `None` where the line runs along the surface, or meets none within a distance.
+    /// The place of the surface on a line through a point near it; `None` where the line runs along
+    /// the surface, or meets none within a distance.
     pub fn onto_along(&self, point_map: DVec3, direction: DVec3, within_m: f64) -> Option<DVec3> {
-        advect::onto_level_along(|at| self.density_at(at), self.base.lattice().spacing_m, (point_map, direction), within_m)
+        advect::onto_level_along(
+            |at| self.density_at(at),
+            self.base.lattice().spacing_m,
+            (point_map, direction),
+            within_m,
+        )
     }
 
     /// As [`Self::onto`], for the places that have a density: the surface is the level 0.
-    pub(super) fn onto_level(&self, (point_map, level_m): (DVec3, f64), within_m: f64) -> Option<DVec3> {
-        let onto = advect::onto_level(|at| self.density_at(at), self.base.lattice().spacing_m, (point_map, level_m), within_m);
+    pub(super) fn onto_level(
+        &self,
+        (point_map, level_m): (DVec3, f64),
+        within_m: f64,
+    ) -> Option<DVec3> {
+        let onto = advect::onto_level(
+            |at| self.density_at(at),
+            self.base.lattice().spacing_m,
+            (point_map, level_m),
+            within_m,
+        );
         onto.map(|(there, _)| there)
     }
 
     /// As [`Self::onto_along`], for the places that have a density.
-    pub(super) fn onto_level_along(&self, (point_map, level_m): (DVec3, f64), direction: DVec3, within_m: f64) -> Option<DVec3> {
-        let from_level = |density: Density| Density { value_m: density.value_m - level_m as f32, ..density };
+    pub(super) fn onto_level_along(
+        &self,
+        (point_map, level_m): (DVec3, f64),
+        direction: DVec3,
+        within_m: f64,
+    ) -> Option<DVec3> {
+        let from_level =
+            |density: Density| Density { value_m: density.value_m - level_m as f32, ..density };
         let now = |at| self.density_at(at).map(from_level);
-        advect::onto_level_along(now, self.base.lattice().spacing_m, (point_map, direction), within_m)
+        advect::onto_level_along(
+            now,
+            self.base.lattice().spacing_m,
+            (point_map, direction),
+            within_m,
+        )
     }
 
     /// The density at a point now, m, greater than 0 inside; `None` far from the piece.
@@ -197,8 +235,13 @@ impl ClayModel {
     /// Another part is to deform: a stroke under way ends first.
     ///
     /// # Errors
-    /// [`ClayModelError::Region`], [`ClayModelError::TooFine`]; nothing has changed then but that the stroke has ended.
-    pub(super) fn choose_region(&mut self, low_map: DVec3, high_map: DVec3) -> Result<(), ClayModelError> {
+    /// [`ClayModelError::Region`], [`ClayModelError::TooFine`]; nothing has changed then but that
+    /// the stroke has ended.
+    pub(super) fn choose_region(
+        &mut self,
+        low_map: DVec3,
+        high_map: DVec3,
+    ) -> Result<(), ClayModelError> {
         self.end_stroke()?;
         let settings = Settings { region_map: Some((low_map, high_map)), ..self.settings.clone() };
         let (whole, first, region) = lattices(self.surface.bounds(), &settings)?;
@@ -210,17 +253,20 @@ impl ClayModel {
             let points = surface.points().clone();
             make_even(Arc::make_mut(&mut surface), &points, inside.samples(), &base, self.gap_m)?;
         }
-        let region = DynamicRegion::new(surface.points(), (&base, &material_map), first, region, &settings);
+        let region =
+            DynamicRegion::new(surface.points(), (&base, &material_map), first, region, &settings);
         region.check_holds_some()?;
         self.surface = surface;
-        (self.base, self.material_map, self.region, self.settings) = (base, material_map, region, settings);
+        (self.base, self.material_map, self.region, self.settings) =
+            (base, material_map, region, settings);
         Ok(())
     }
 
     /// A stroke begins: what is there can be had back. Does nothing during one.
     ///
     /// # Errors
-    /// [`SurfaceError`] where the brush was pressed, and what it left makes no surface; that is taken back then, and no stroke begins.
+    /// [`SurfaceError`] where the brush was pressed, and what it left makes no surface; that is
+    /// taken back then, and no stroke begins.
     pub fn begin_stroke(&mut self) -> Result<(), SurfaceError> {
         if self.under_way.is_none() {
             self.end_stroke()?;
@@ -247,27 +293,35 @@ impl ClayModel {
         Ok(())
     }
 
-    /// Lets the material move for a time. Cost: O(nodes and samples of the region); more when gaps are filled.
+    /// Lets the material move for a time. Cost: O(nodes and samples of the region); more when gaps
+    /// are filled.
     pub fn advance(&mut self, time_s: f64) -> Progress {
         let DynamicRegion { dynamics, afloat, .. } = &mut self.region;
         let progress = dynamics.update(time_s);
         self.updates += 1;
         if let Some(points) = &mut self.under_way {
-            self.went_m += afloat.follow(points, dynamics.now(), dynamics.velocities_m_per_s(), progress.time_s);
+            self.went_m += afloat.follow(
+                points,
+                dynamics.now(),
+                dynamics.velocities_m_per_s(),
+                progress.time_s,
+            );
             if self.went_m > self.gap_m {
                 self.went_m = 0.0;
-                let moved = moved_by(points, self.surface.points(), afloat, faint_m(dynamics.lattice()));
+                let moved =
+                    moved_by(points, self.surface.points(), afloat, faint_m(dynamics.lattice()));
                 resample::fill(points, afloat, &moved, dynamics.now(), self.gap_m);
             }
         }
         progress
     }
 
-    /// The stroke is over: what is there stays. Densities become distances, samples are made even, and fits are taken from the densities
-    /// (equation 5). Does nothing without a stroke.
+    /// The stroke is over: what is there stays. Densities become distances, samples are made even,
+    /// and fits are taken from the densities (equation 5). Does nothing without a stroke.
     ///
     /// # Errors
-    /// [`SurfaceError`] when the samples make no surface any more; then it is as it was before the stroke.
+    /// [`SurfaceError`] when the samples make no surface any more; then it is as it was before the
+    /// stroke.
     pub fn end_stroke(&mut self) -> Result<(), SurfaceError> {
         self.set_material();
         self.lift_brush()?;
@@ -280,7 +334,8 @@ impl ClayModel {
         let rest = cut(&self.base, *first, *dynamics.lattice());
         forget_faint(&mut points, self.surface.points(), &mut now, dynamics.now(), &rest);
         let all = 0..points.len() as u32;
-        let left_map: Vec<DVec3> = all.filter(|n| !is_lost(n)).map(|n| points.positions_map[n as usize]).collect();
+        let left_map: Vec<DVec3> =
+            all.filter(|n| !is_lost(n)).map(|n| points.positions_map[n as usize]).collect();
         forget_unsampled(&mut now, &left_map);
         if points == *self.surface.points() && lost.is_empty() {
             self.forget_stroke();
@@ -290,8 +345,12 @@ impl ClayModel {
         moved.retain(|sample| !is_lost(sample));
         let (low, high) = self.base.lattice().bounds();
         // Samples that are lost must not stand for those that are missing.
-        let aside: Vec<DVec3> =
-            lost.iter().map(|n| core::mem::replace(&mut points.positions_map[*n as usize], 3.0 * high - 2.0 * low)).collect();
+        let aside: Vec<DVec3> = lost
+            .iter()
+            .map(|n| {
+                core::mem::replace(&mut points.positions_map[*n as usize], 3.0 * high - 2.0 * low)
+            })
+            .collect();
         resample::fill(&mut points, afloat, &moved, &now, self.gap_m);
         lost.iter().zip(aside).for_each(|(n, at)| points.positions_map[*n as usize] = at);
         let close_m = CLOSE_SPACINGS * self.surface.spacing_m();
@@ -315,18 +374,25 @@ impl ClayModel {
         Ok(())
     }
 
-    /// The last stroke that deformed has let fronts meet or part: Euler numbers of the material in the region before and after it. Given once.
+    /// The last stroke that deformed has let fronts meet or part: Euler numbers of the material in
+    /// the region before and after it. Given once.
     pub(super) fn take_reconnected(&mut self) -> Option<(i64, i64)> {
         self.reconnected.take()
     }
 
-    /// Raises the surface by an image, or sinks it in: one stroke, or none where the image reaches no sample. Gives how many samples it moved.
+    /// Raises the surface by an image, or sinks it in: one stroke, or none where the image reaches
+    /// no sample. Gives how many samples it moved.
     ///
     /// A relief that does not fit into the raster gets a larger one.
     ///
     /// # Errors
     /// [`SurfaceError`], and a raster that would be too large; then it is as before.
-    pub(super) fn emboss(&mut self, image: &GreyImage, placement: &ImagePlacement, depth_m: f64) -> Result<usize, ClayModelError> {
+    pub(super) fn emboss(
+        &mut self,
+        image: &GreyImage,
+        placement: &ImagePlacement,
+        depth_m: f64,
+    ) -> Result<usize, ClayModelError> {
         self.end_stroke()?;
         let mut surface = (*self.surface).clone();
         surface.replace(&[], &between_steep(&surface, image, placement, depth_m))?;
@@ -340,12 +406,21 @@ impl ClayModel {
         surface.move_and_refit(&moved)?;
         surface.replace(&[], &cliffs)?;
         let now = *self.base.lattice();
-        let larger = if has_room(&now, surface.bounds()) { None } else { Some(lattices(surface.bounds(), &self.settings)?) };
+        let larger = if has_room(&now, surface.bounds()) {
+            None
+        } else {
+            Some(lattices(surface.bounds(), &self.settings)?)
+        };
         let lattice = larger.map_or(now, |(whole, ..)| whole);
-        let mut base = changed(&self.densities_on(lattice), &earlier.rasterize(lattice), &surface.rasterize(lattice));
+        let mut base = changed(
+            &self.densities_on(lattice),
+            &earlier.rasterize(lattice),
+            &surface.rasterize(lattice),
+        );
         forget_unsampled(&mut base, &surface.points().positions_map);
         let base = measured(base);
-        let n_cliffs = (surface.points().len() - cliffs.len()) as u32..surface.points().len() as u32;
+        let n_cliffs =
+            (surface.points().len() - cliffs.len()) as u32..surface.points().len() as u32;
         let looked_at: Vec<u32> = moved.iter().map(|moved| moved.sample).chain(n_cliffs).collect();
         make_even(&mut surface, &flat, &looked_at, &base, self.gap_m)?;
         self.remember();
@@ -362,11 +437,17 @@ impl ClayModel {
 
     /// Joins the piece with another solid, or cuts one by the other: one stroke.
     ///
-    /// `is_sharp`: the edge between both stays, as far as the raster holds it; otherwise one smooth surface goes over it.
+    /// `is_sharp`: the edge between both stays, as far as the raster holds it; otherwise one smooth
+    /// surface goes over it.
     ///
     /// # Errors
     /// [`SurfaceError`] when nothing is left that makes a surface; then it is as before.
-    pub(super) fn combine(&mut self, boolean: Boolean, other: &PointSurface, is_sharp: bool) -> Result<(), ClayModelError> {
+    pub(super) fn combine(
+        &mut self,
+        boolean: Boolean,
+        other: &PointSurface,
+        is_sharp: bool,
+    ) -> Result<(), ClayModelError> {
         self.end_stroke()?;
         let points = boolean.samples(&self.surface, other, is_sharp);
         if points.len() < PointSet::LEAST {
@@ -375,25 +456,37 @@ impl ClayModel {
         let mut surface = self.settings.surface(points)?;
         let now = (self.base.lattice(), self.region.dynamics.lattice());
         let (whole, first, region) = lattices_after(now, surface.bounds(), &self.settings)?;
-        let (of_first, of_second) = (self.densities_on(whole), other.rasterize(whole));
+        let of_first = self.densities_on(whole);
+        let of_second = other.rasterize(whole);
         let mut left = boolean.densities(&of_first, &of_second);
         if !is_sharp {
-            let width_m = BLEND_SPACINGS * self.surface.spacing_m().max(other.spacing_m()).max(whole.spacing_m);
+            let width_m = BLEND_SPACINGS
+                * self.surface.spacing_m().max(other.spacing_m()).max(whole.spacing_m);
             boolean::blend(&mut left, [&of_first, &of_second], &surface.rasterize(whole), width_m);
         }
         forget_unsampled(&mut left, &surface.points().positions_map);
         let base = measured(left);
         // Near both, where the seam is; what each was elsewhere it stays.
-        let [near_first, near_second] =
-            [self.surface.neighbours(), other.neighbours()].map(|tree| near_to(surface.points(), tree, SEAM_GAPS * self.gap_m));
-        let beside: Vec<u32> = near_first.into_iter().filter(|sample| near_second.binary_search(sample).is_ok()).collect();
+        let [near_first, near_second] = [self.surface.neighbours(), other.neighbours()]
+            .map(|tree| near_to(surface.points(), tree, SEAM_GAPS * self.gap_m));
+        let beside: Vec<u32> = near_first
+            .into_iter()
+            .filter(|sample| near_second.binary_search(sample).is_ok())
+            .collect();
         let cut = surface.points().clone();
         make_even(&mut surface, &cut, &beside, &base, self.gap_m)?;
         self.remember();
         self.surface = Arc::new(surface);
-        self.material_map = self.material_map.onto(self.base.lattice(), &whole, &self.settings.material);
+        self.material_map =
+            self.material_map.onto(self.base.lattice(), &whole, &self.settings.material);
         self.base = base;
-        self.region = DynamicRegion::new(self.surface.points(), (&self.base, &self.material_map), first, region, &self.settings);
+        self.region = DynamicRegion::new(
+            self.surface.points(),
+            (&self.base, &self.material_map),
+            first,
+            region,
+            &self.settings,
+        );
         self.settle();
         Ok(())
     }
@@ -406,11 +499,13 @@ impl ClayModel {
         }
         let mut raster = self.surface.rasterize(lattice);
         let [nx, ny, nz] = lattice.dims;
-        raster.values_m_mut().par_chunks_mut(ny * nz).enumerate().take(nx).for_each(|(x, plane)| {
-            for (n, value_m) in plane.iter_mut().enumerate() {
-                *value_m = known([x, n / nz, n % nz]).unwrap_or(*value_m);
-            }
-        });
+        raster.values_m_mut().par_chunks_mut(ny * nz).enumerate().take(nx).for_each(
+            |(x, plane)| {
+                for (n, value_m) in plane.iter_mut().enumerate() {
+                    *value_m = known([x, n / nz, n % nz]).unwrap_or(*value_m);
+                }
+            },
+        );
         raster
     }
 
@@ -443,11 +538,13 @@ impl ClayModel {
     }
 }
 
-/// What a raster is after a change that fits know of: where they have not changed it is as before, and keeps edges and relief that are finer
-/// than fits are.
+/// What a raster is after a change that fits know of: where they have not changed it is as before,
+/// and keeps edges and relief that are finer than fits are.
 fn changed(raster: &Raster, before: &Raster, after: &Raster) -> Raster {
     let mut changed = raster.clone();
-    for ((value_m, before_m), after_m) in changed.values_m_mut().iter_mut().zip(before.values_m()).zip(after.values_m()) {
+    for ((value_m, before_m), after_m) in
+        changed.values_m_mut().iter_mut().zip(before.values_m()).zip(after.values_m())
+    {
         *value_m += after_m - before_m;
     }
     changed

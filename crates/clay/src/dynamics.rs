@@ -1,11 +1,12 @@
 //! The material's motion: densities as masses on springs.
 //!
-//! M d̈ + D ḋ + K (d − d₀) = f over the nodes of the region (Guo2004, dynamic global volumetric model). The masses do not move in space: a
-//! spring between two neighbours pulls on the *difference of their densities*, back to what it was at rest. The outermost nodes are held,
-//! so the region stays of one piece with the material around it.
+//! M d̈ + D ḋ + K (d − d₀) = f over the nodes of the region (Guo2004, dynamic global volumetric
+//! model). The masses do not move in space: a spring between two neighbours pulls on the
+//! *difference of their densities*, back to what it was at rest. The outermost nodes are held, so
+//! the region stays of one piece with the material around it.
 //!
-//! Units: densities m, mass kg, damping N·s/m, stiffness N/m, forces N. Cost: O(nodes) per step, 7 reads each; parallel, with the same
-//! bits on any number of threads.
+//! Units: densities m, mass kg, damping N·s/m, stiffness N/m, forces N. Cost: O(nodes) per step, 7
+//! reads each; parallel, with the same bits on any number of threads.
 
 mod implicit;
 
@@ -21,13 +22,15 @@ const EXPLICIT_MARGIN: f64 = 0.8;
 const NODES: usize = 8192;
 /// Planes that a thread takes at once.
 const PLANES: usize = 4;
-/// Explicit steps in one update at most: the material is slower than told rather than the update late.
+/// Explicit steps in one update at most: the material is slower than told rather than the update
+/// late.
 const STEPS_MAX: u32 = 64;
 
 /// How the equation of motion is stepped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Integrator {
-    /// Forward Euler with halved steps, as in the paper. The new velocity moves the density; the paper does not say which does.
+    /// Forward Euler with halved steps, as in the paper. The new velocity moves the density; the
+    /// paper does not say which does.
     Explicit,
     /// Backward Euler, solved by conjugate gradients: any step is stable.
     #[default]
@@ -56,7 +59,9 @@ impl Quantity {
         match self {
             Self::Constant(value) => (*value, *value),
             Self::PerNode(values) => {
-                values.iter().fold((f32::INFINITY, 0.0), |(low, high), value| (low.min(*value), high.max(*value)))
+                values.iter().fold((f32::INFINITY, 0.0), |(low, high), value| {
+                    (low.min(*value), high.max(*value))
+                })
             }
         }
     }
@@ -73,7 +78,8 @@ impl Quantity {
     }
 }
 
-/// What the clay is made of: the same everywhere, or, as the dynamics have it, with a quantity for each property.
+/// What the clay is made of: the same everywhere, or, as the dynamics have it, with a quantity for
+/// each property.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material<Q = f32> {
     /// Of a mass point, kg.
@@ -91,14 +97,21 @@ pub struct Material<Q = f32> {
 impl Default for Material {
     /// Soft clay, which creeps within a tenth of a second.
     fn default() -> Self {
-        Self { mass_kg: 1e-4, damping_n_s_per_m: 0.5, stiffness_n_per_m: 50.0, creep_s: 0.1, acceleration_max_m_per_s2: 1e4 }
+        Self {
+            mass_kg: 1e-4,
+            damping_n_s_per_m: 0.5,
+            stiffness_n_per_m: 50.0,
+            creep_s: 0.1,
+            acceleration_max_m_per_s2: 1e4,
+        }
     }
 }
 
 impl Material {
     /// Mass of a mass point, kg.
     pub const MASS_KG: RangeInclusive<f64> = 1e-9..=1.0;
-    /// Damping of a mass point, N·s/m. Without damping a material still moves; without mass or springs it does not.
+    /// Damping of a mass point, N·s/m. Without damping a material still moves; without mass or
+    /// springs it does not.
     pub const DAMPING_N_S_PER_M: RangeInclusive<f64> = 0.0..=1e4;
     /// The stiffest spring, N/m; the least is above 0.
     pub const STIFFNESS_MAX_N_PER_M: f64 = 1e6;
@@ -106,7 +119,13 @@ impl Material {
 
 impl From<Material> for Material<Quantity> {
     fn from(same: Material) -> Self {
-        let Material { mass_kg, damping_n_s_per_m, stiffness_n_per_m, creep_s, acceleration_max_m_per_s2 } = same;
+        let Material {
+            mass_kg,
+            damping_n_s_per_m,
+            stiffness_n_per_m,
+            creep_s,
+            acceleration_max_m_per_s2,
+        } = same;
         Self {
             mass_kg: Quantity::Constant(mass_kg),
             damping_n_s_per_m: Quantity::Constant(damping_n_s_per_m),
@@ -140,7 +159,8 @@ pub(super) struct Dynamics {
 pub struct Progress {
     /// Steps, or iterations of the solver.
     pub steps: u32,
-    /// Time that the material has gone through, s: less than asked where it would have taken too many steps.
+    /// Time that the material has gone through, s: less than asked where it would have taken too
+    /// many steps.
     pub time_s: f64,
     /// Largest rate of a density |ḋ|, m/s.
     pub speed_m_per_s: f64,
@@ -150,7 +170,11 @@ pub struct Progress {
 
 impl Dynamics {
     /// Material at rest with these densities. Allocates.
-    pub(super) fn new(at_rest: Raster, material: Material<Quantity>, integrator: Integrator) -> Self {
+    pub(super) fn new(
+        at_rest: Raster,
+        material: Material<Quantity>,
+        integrator: Integrator,
+    ) -> Self {
         let zeros = || vec![0.0; at_rest.values_m().len()].into_boxed_slice();
         Self {
             material,
@@ -208,7 +232,8 @@ impl Dynamics {
         self.settle();
     }
 
-    /// Lets the material move for a time under the forces that were added since the last update, and clears them.
+    /// Lets the material move for a time under the forces that were added since the last update,
+    /// and clears them.
     pub(super) fn update(&mut self, time_s: f64) -> Progress {
         let mut progress = match self.integrator {
             Integrator::Explicit => self.update_explicit(time_s),
@@ -223,13 +248,19 @@ impl Dynamics {
                 .for_each(|(rest, now)| *rest += (now - *rest) * gain);
         }
         self.forces_n.fill(0.0);
-        progress.speed_m_per_s =
-            f64::from(self.velocities_m_per_s.values_m().par_iter().with_min_len(NODES).map(|v| v.abs()).reduce(|| 0.0, f32::max));
+        progress.speed_m_per_s = f64::from(
+            self.velocities_m_per_s
+                .values_m()
+                .par_iter()
+                .with_min_len(NODES)
+                .map(|v| v.abs())
+                .reduce(|| 0.0, f32::max),
+        );
         progress
     }
 
-    /// The largest stable explicit step, s: 12 k T²/m + 2 c T/m < 4, the stiffest spring on the lightest mass.
-    /// Ours: springs to six neighbours have no eigenvalue above 12 k.
+    /// The largest stable explicit step, s: 12 k T²/m + 2 c T/m < 4, the stiffest spring on the
+    /// lightest mass. Ours: springs to six neighbours have no eigenvalue above 12 k.
     fn stable_step_s(&self) -> f64 {
         let Material { mass_kg, damping_n_s_per_m, stiffness_n_per_m, .. } = &self.material;
         let m = f64::from(mass_kg.extremes().0);
@@ -246,15 +277,27 @@ impl Dynamics {
             self.step_s = longest_s;
         }
         self.step_s = self.step_s.min(longest_s);
-        self.away.par_iter_mut().zip(self.now.values_m()).zip(&self.rest_m).for_each(|((away, now), rest)| *away = now - rest);
+        self.away
+            .par_iter_mut()
+            .zip(self.now.values_m())
+            .zip(&self.rest_m)
+            .for_each(|((away, now), rest)| *away = now - rest);
         while progress.steps < STEPS_MAX && progress.time_s < time_s * (1.0 - 1e-9) {
             let is_wild = self.accelerate() > self.material.acceleration_max_m_per_s2;
-            // Half of the previous step while the acceleration is beyond the threshold, and back up again afterwards.
-            self.step_s = if is_wild { (0.5 * self.step_s).max(longest_s / 1024.0) } else { (2.0 * self.step_s).min(longest_s) };
+            // Half of the previous step while the acceleration is beyond the threshold, and back up
+            // again afterwards.
+            self.step_s = if is_wild {
+                (0.5 * self.step_s).max(longest_s / 1024.0)
+            } else {
+                (2.0 * self.step_s).min(longest_s)
+            };
             let step_s = self.step_s.min(time_s - progress.time_s);
             let h = step_s as f32;
             let velocities = self.velocities_m_per_s.values_m_mut().par_iter_mut();
-            let moving = velocities.zip(self.now.values_m_mut()).zip(&mut self.away).zip(&self.accelerations);
+            let moving = velocities
+                .zip(self.now.values_m_mut())
+                .zip(&mut self.away)
+                .zip(&self.accelerations);
             moving.with_min_len(NODES).for_each(|(((velocity, density), away), acceleration)| {
                 *velocity += h * acceleration;
                 *density += h * *velocity;
@@ -268,14 +311,17 @@ impl Dynamics {
 
     /// d̈ = (f − D ḋ − K (d − d₀))/m of every node; returns the largest |d̈|.
     fn accelerate(&mut self) -> f64 {
-        let (material, forces, velocities) = (&self.material, &self.forces_n, self.velocities_m_per_s.values_m());
+        let material = &self.material;
+        let forces = &self.forces_n;
+        let velocities = self.velocities_m_per_s.values_m();
         let largest = springs(
             self.now.lattice(),
             &material.stiffness_n_per_m,
             &self.away,
             &mut self.accelerations,
             |node, stretch, largest| {
-                let pushed = forces[node] - material.damping_n_s_per_m.at(node) * velocities[node] - stretch;
+                let pushed =
+                    forces[node] - material.damping_n_s_per_m.at(node) * velocities[node] - stretch;
                 let acceleration = pushed / material.mass_kg.at(node);
                 *largest = largest.max(f64::from(acceleration.abs()));
                 acceleration
@@ -302,10 +348,12 @@ impl Dynamics {
     }
 }
 
-/// Gives each inner node to `finish` with (K u) there, Σ over the six neighbours of k (u − u'), and stores what comes back; outermost nodes
-/// get 0. Plane by plane in parallel; gives the sums of what `finish` adds up, plane by plane in their order.
+/// Gives each inner node to `finish` with (K u) there, Σ over the six neighbours of k (u − u'), and
+/// stores what comes back; outermost nodes get 0. Plane by plane in parallel; gives the sums of
+/// what `finish` adds up, plane by plane in their order.
 ///
-/// Rows of a plane are looked at as slices, so that the constant case is computed several nodes at a time.
+/// Rows of a plane are looked at as slices, so that the constant case is computed several nodes at
+/// a time.
 fn springs(
     lattice: &Lattice,
     stiffness: &Quantity,
@@ -329,19 +377,26 @@ fn springs(
             let first = (x * ny + y) * nz;
             let beside = |from: usize| &u[from..from + nz];
             let own = beside(first);
-            let [below, above, behind, ahead] = [first - nz, first + nz, first - plane_nodes, first + plane_nodes].map(beside);
+            let [below, above, behind, ahead] =
+                [first - nz, first + nz, first - plane_nodes, first + plane_nodes].map(beside);
             match stiffness {
                 Quantity::Constant(k) => {
                     for z in 1..nz - 1 {
-                        let around = own[z - 1] + own[z + 1] + below[z] + above[z] + behind[z] + ahead[z];
+                        let around =
+                            own[z - 1] + own[z + 1] + below[z] + above[z] + behind[z] + ahead[z];
                         row[z] = k * (6.0 * own[z] - around);
                     }
                 }
                 Quantity::PerNode(values) => {
                     for z in 1..nz - 1 {
                         let node = first + z;
-                        let spring = |other: usize| 0.5 * (values[node] + values[other]) * (own[z] - u[other]);
-                        let along = spring(node - 1) + spring(node + 1) + spring(node - nz) + spring(node + nz);
+                        let spring = |other: usize| {
+                            0.5 * (values[node] + values[other]) * (own[z] - u[other])
+                        };
+                        let along = spring(node - 1)
+                            + spring(node + 1)
+                            + spring(node - nz)
+                            + spring(node + nz);
                         row[z] = along + spring(node - plane_nodes) + spring(node + plane_nodes);
                     }
                 }

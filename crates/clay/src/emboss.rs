@@ -1,12 +1,15 @@
 //! Embossing and engraving: the greys of an image as distances of the surface.
 //!
-//! The grey at a sample times a depth is the distance that its surface is to have from where it is. The field around each sample is fitted to
-//! these distances, its own met exactly, and the sample goes along its normal to the zero level of that field; engraving is the same with the sign
-//! turned. Where the image is steep, samples are added first, so that the fit has what it takes to be as steep.
+//! The grey at a sample times a depth is the distance that its surface is to have from where it is.
+//! The field around each sample is fitted to these distances, its own met exactly, and the sample
+//! goes along its normal to the zero level of that field; engraving is the same with the sign
+//! turned. Where the image is steep, samples are added first, so that the fit has what it takes to
+//! be as steep.
 //!
 //! # Source
-//! Guo2004, embossing and engraving. Ours: that a fit meets the distance of its own sample (the limit φ → ∞ of the paper's equation 3, at that
-//! sample), because least squares alone smooth relief as fine as the spacing; and the samples that are added.
+//! Guo2004, embossing and engraving. Ours: that a fit meets the distance of its own sample (the
+//! limit φ → ∞ of the paper's equation 3, at that sample), because least squares alone smooth
+//! relief as fine as the spacing; and the samples that are added.
 
 use std::path::Path;
 
@@ -26,14 +29,17 @@ const SEEN_SPACINGS: f64 = 1.8;
 const STEEP: f64 = 0.5;
 /// And the distance that the relief leaves between them, spacings.
 const TORN_SPACINGS: f64 = 1.2;
-/// Samples nearer than this (spacings) are not parted again, and none is added nearer to another than the second number.
+/// Samples nearer than this (spacings) are not parted again, and none is added nearer to another
+/// than the second number.
 const FINEST_SPACINGS: f64 = 0.45;
 const APART_SPACINGS: f64 = 0.2;
 /// Each round halves distances.
 const ROUNDS: u32 = 3;
-/// Walls that are lower than this, in largest empty circles, have samples enough at their upper and lower edges.
+/// Walls that are lower than this, in largest empty circles, have samples enough at their upper and
+/// lower edges.
 const TALL_GAPS: f64 = 1.6;
-/// On the walls of a relief samples are so far apart, largest empty circles; none is nearer to another than the second number.
+/// On the walls of a relief samples are so far apart, largest empty circles; none is nearer to
+/// another than the second number.
 const WALL_GAPS: f64 = 0.7;
 const WALL_APART_GAPS: f64 = 0.45;
 /// The slope of the image at a sample is that between places so far to both sides, spacings.
@@ -72,7 +78,10 @@ pub enum ImageError {
         reason: String,
     },
     /// Nothing in it.
-    #[error("an image of {width} x {height} pixels cannot be embossed; it takes at least 2 x 2, and one grey per pixel")]
+    #[error(
+        "an image of {width} x {height} pixels cannot be embossed; it takes at least 2 x 2, and \
+            one grey per pixel"
+    )]
     Size {
         /// Pixels.
         width: usize,
@@ -98,7 +107,8 @@ impl GreyImage {
     /// # Errors
     /// [`ImageError`].
     pub fn read(path: &Path) -> Result<Self, ImageError> {
-        let bytes = regular::bytes(path, LONGEST_IMAGE).map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
+        let bytes = regular::bytes(path, LONGEST_IMAGE)
+            .map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
         Self::decode(&bytes, path)
     }
 
@@ -107,13 +117,22 @@ impl GreyImage {
     /// # Errors
     /// [`ImageError`].
     pub fn decode(bytes: &[u8], path: &Path) -> Result<Self, ImageError> {
-        let decoded = tiny_skia::Pixmap::decode_png(bytes)
-            .map_err(|error| ImageError::Decode { path: path.to_owned(), reason: error.to_string() })?;
+        let decoded = tiny_skia::Pixmap::decode_png(bytes).map_err(|error| ImageError::Decode {
+            path: path.to_owned(),
+            reason: error.to_string(),
+        })?;
         // Premultiplied: what is transparent is dark already.
         let grey = |pixel: &tiny_skia::PremultipliedColorU8| {
-            (0.2126 * f32::from(pixel.red()) + 0.7152 * f32::from(pixel.green()) + 0.0722 * f32::from(pixel.blue())) / 255.0
+            (0.2126 * f32::from(pixel.red())
+                + 0.7152 * f32::from(pixel.green())
+                + 0.0722 * f32::from(pixel.blue()))
+                / 255.0
         };
-        Self::new(decoded.width() as usize, decoded.height() as usize, decoded.pixels().iter().map(grey).collect())
+        Self::new(
+            decoded.width() as usize,
+            decoded.height() as usize,
+            decoded.pixels().iter().map(grey).collect(),
+        )
     }
 
     /// Half its width and height, the larger one 1.
@@ -121,7 +140,8 @@ impl GreyImage {
         DVec2::new(self.width as f64, self.height as f64) / self.width.max(self.height) as f64
     }
 
-    /// The grey at a place, (0, 0) top left and (1, 1) bottom right, between pixels' middles as straight lines; 0 beyond the image.
+    /// The grey at a place, (0, 0) top left and (1, 1) bottom right, between pixels' middles as
+    /// straight lines; 0 beyond the image.
     pub(super) fn at(&self, place: DVec2) -> f64 {
         if !(place.cmpge(DVec2::ZERO).all() && place.cmple(DVec2::ONE).all()) {
             return 0.0;
@@ -129,7 +149,9 @@ impl GreyImage {
         let size = DVec2::new(self.width as f64, self.height as f64);
         let pixel = (place * size - 0.5).clamp(DVec2::ZERO, size - 1.0);
         let low = pixel.floor().min(size - 2.0);
-        let (x, y, t) = (low.x as usize, low.y as usize, pixel - low);
+        let x = low.x as usize;
+        let y = low.y as usize;
+        let t = pixel - low;
         let grey = |x: usize, y: usize| f64::from(self.greys[y * self.width + x]);
         let row = |y: usize| grey(x, y) + (grey(x + 1, y) - grey(x, y)) * t.x;
         row(y) + (row(y + 1) - row(y)) * t.y
@@ -139,7 +161,8 @@ impl GreyImage {
 /// How an image lies over the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ImagePlacement {
-    /// Flat, as a stamp: its middle and the half edges of the image to the right and up, map frame, m. Only what faces the stamp gets it.
+    /// Flat, as a stamp: its middle and the half edges of the image to the right and up, map frame,
+    /// m. Only what faces the stamp gets it.
     Flat {
         /// Middle of the image.
         middle_map: DVec3,
@@ -177,41 +200,64 @@ impl ImagePlacement {
                 let east = north_map.cross(*front_map);
                 let longitude = away.dot(east).atan2(away.dot(*front_map));
                 let latitude = away.dot(*north_map).clamp(-1.0, 1.0).asin();
-                Some(DVec2::new(0.5 + longitude / core::f64::consts::TAU, 0.5 - latitude / core::f64::consts::PI))
+                Some(DVec2::new(
+                    0.5 + longitude / core::f64::consts::TAU,
+                    0.5 - latitude / core::f64::consts::PI,
+                ))
             }
         }
     }
 }
 
-/// Samples to be added between those whose heights under the image differ so much that the relief would tear them apart; on the surface as it is, in
-/// rounds that halve their distance. Cost: a look-up of the image per sample, and the neighbours of those at a slope.
-pub(super) fn between_steep(surface: &PointSurface, image: &GreyImage, placement: &ImagePlacement, depth_m: f64) -> PointSet {
+/// Samples to be added between those whose heights under the image differ so much that the relief
+/// would tear them apart; on the surface as it is, in rounds that halve their distance. Cost: a
+/// look-up of the image per sample, and the neighbours of those at a slope.
+pub(super) fn between_steep(
+    surface: &PointSurface,
+    image: &GreyImage,
+    placement: &ImagePlacement,
+    depth_m: f64,
+) -> PointSet {
     let spacing_m = surface.spacing_m();
-    let height_m = |at: DVec3, normal: DVec3| placement.place(at, normal).map_or(0.0, |place| depth_m * image.at(place));
+    let height_m = |at: DVec3, normal: DVec3| {
+        placement.place(at, normal).map_or(0.0, |place| depth_m * image.at(place))
+    };
     let mut points = surface.points().clone();
     let n_before = points.len() as u32;
-    let mut heights_m: Vec<f64> =
-        points.positions_map.par_iter().zip(&points.normals_map).map(|(at, normal)| height_m(*at, *normal)).collect();
+    let mut heights_m: Vec<f64> = points
+        .positions_map
+        .par_iter()
+        .zip(&points.normals_map)
+        .map(|(at, normal)| height_m(*at, *normal))
+        .collect();
     let mut taken = OccupiedPlaces::new(APART_SPACINGS * spacing_m);
     points.positions_map.iter().for_each(|at| taken.take(*at));
     let mut looked_at: Vec<u32> = (0..n_before).collect();
     for _ in 0..ROUNDS {
         let near = Neighbours::new(&points.positions_map);
         let middles = |found: &mut Vec<Neighbour>, sample: &u32| -> Vec<(DVec3, u32)> {
-            let (at, height) = (points.positions_map[*sample as usize], heights_m[*sample as usize]);
+            let at = points.positions_map[*sample as usize];
+            let height = heights_m[*sample as usize];
             near.within(at, SEEN_SPACINGS * spacing_m, found);
             let is_torn = |other: &&Neighbour| {
                 let along_m = other.distance_squared_m2.sqrt();
                 let up_m = (heights_m[other.sample as usize] - height).abs();
-                let is_beside = points.normals_map[other.sample as usize].dot(points.normals_map[*sample as usize]) > 0.0;
+                let is_beside = points.normals_map[other.sample as usize]
+                    .dot(points.normals_map[*sample as usize])
+                    > 0.0;
                 is_beside
                     && along_m > FINEST_SPACINGS * spacing_m
                     && up_m > STEEP * along_m
                     && along_m.hypot(up_m) > TORN_SPACINGS * spacing_m
             };
-            found.iter().filter(is_torn).map(|other| (0.5 * (at + points.positions_map[other.sample as usize]), *sample)).collect()
+            found
+                .iter()
+                .filter(is_torn)
+                .map(|other| (0.5 * (at + points.positions_map[other.sample as usize]), *sample))
+                .collect()
         };
-        let middles: Vec<(DVec3, u32)> = looked_at.par_iter().map_init(Vec::new, middles).flatten().collect();
+        let middles: Vec<(DVec3, u32)> =
+            looked_at.par_iter().map_init(Vec::new, middles).flatten().collect();
         let first_new = points.len() as u32;
         for (middle_map, sample) in middles {
             if !taken.is_free(middle_map) {
@@ -233,7 +279,11 @@ pub(super) fn between_steep(surface: &PointSurface, image: &GreyImage, placement
         let mut found = Vec::new();
         looked_at.clear();
         for sample in new {
-            near.within(points.positions_map[sample as usize], SEEN_SPACINGS * spacing_m, &mut found);
+            near.within(
+                points.positions_map[sample as usize],
+                SEEN_SPACINGS * spacing_m,
+                &mut found,
+            );
             looked_at.extend(found.iter().map(|other| other.sample));
         }
         looked_at.sort_unstable();
@@ -242,18 +292,26 @@ pub(super) fn between_steep(surface: &PointSurface, image: &GreyImage, placement
     points.select(n_before..points.len() as u32)
 }
 
-/// Samples on the walls of a relief that is so steep that nothing was left between the samples above and below: along the straight lines between neighbours,
-/// at most `gap_m` apart. `points` are as the image found them, `moved` what it does to them.
-pub(super) fn cliffs(points: &PointSet, moved: &[SampleMove], spacing_m: f64, gap_m: f64) -> PointSet {
+/// Samples on the walls of a relief that is so steep that nothing was left between the samples
+/// above and below: along the straight lines between neighbours, at most `gap_m` apart. `points`
+/// are as the image found them, `moved` what it does to them.
+pub(super) fn cliffs(
+    points: &PointSet,
+    moved: &[SampleMove],
+    spacing_m: f64,
+    gap_m: f64,
+) -> PointSet {
     let mut after_map = points.positions_map.clone();
     moved.iter().for_each(|moved| after_map[moved.sample as usize] = moved.position_map);
     let near = Neighbours::new(&points.positions_map);
     let on_walls = |found: &mut Vec<Neighbour>, moved: &SampleMove| {
-        let (at, after) = (points.positions_map[moved.sample as usize], moved.position_map);
+        let at = points.positions_map[moved.sample as usize];
+        let after = moved.position_map;
         near.within(at, spacing_m, found);
         let mut walls = PointSet::default();
         for other in found.iter().map(|other| other.sample as usize) {
-            let (along, up) = (points.positions_map[other] - at, after_map[other] - after);
+            let along = points.positions_map[other] - at;
+            let up = after_map[other] - after;
             let n = (up.length() / (WALL_GAPS * gap_m)).ceil() as u32;
             if up.length() <= (TALL_GAPS * gap_m).max(along.length() / STEEP)
                 || points.normals_map[other].dot(points.normals_map[moved.sample as usize]) <= 0.0
@@ -261,10 +319,18 @@ pub(super) fn cliffs(points: &PointSet, moved: &[SampleMove], spacing_m: f64, ga
                 continue;
             }
             // Across the line, away from what stands higher.
-            let high_to_low = if up.dot(points.normals_map[moved.sample as usize]) < 0.0 { along } else { -along };
+            let high_to_low = if up.dot(points.normals_map[moved.sample as usize]) < 0.0 {
+                along
+            } else {
+                -along
+            };
             let Some(normal) = high_to_low.reject_from(up).try_normalize() else { continue };
             for k in 1..n {
-                walls.push(after + up * (f64::from(k) / f64::from(n)), normal, points.colors[moved.sample as usize]);
+                walls.push(
+                    after + up * (f64::from(k) / f64::from(n)),
+                    normal,
+                    points.colors[moved.sample as usize],
+                );
             }
         }
         walls
@@ -284,8 +350,9 @@ pub(super) fn cliffs(points: &PointSet, moved: &[SampleMove], spacing_m: f64, ga
     kept
 }
 
-/// Where the samples go when white lies `depth_m` above the surface (below: engraving), and their new normals; only those under the image that move.
-/// The caller, which moves the samples, makes their fits again. Parallel; cost: a fit per sample at the image.
+/// Where the samples go when white lies `depth_m` above the surface (below: engraving), and their
+/// new normals; only those under the image that move. The caller, which moves the samples, makes
+/// their fits again. Parallel; cost: a fit per sample at the image.
 ///
 /// # Errors
 /// [`SurfaceError::Coincident`] for samples at one place.
@@ -297,14 +364,21 @@ pub(super) fn embossed(
 ) -> Result<Vec<SampleMove>, SurfaceError> {
     let points = surface.points();
     let reach_m = SLOPE_SPACINGS * surface.spacing_m();
-    let height_m = |at: &DVec3, normal: &DVec3| placement.place(*at, *normal).map(|place| depth_m * image.at(place));
-    let heights_m: Vec<Option<f64>> =
-        points.positions_map.par_iter().zip(&points.normals_map).map(|(at, normal)| height_m(at, normal)).collect();
+    let height_m = |at: &DVec3, normal: &DVec3| {
+        placement.place(*at, *normal).map(|place| depth_m * image.at(place))
+    };
+    let heights_m: Vec<Option<f64>> = points
+        .positions_map
+        .par_iter()
+        .zip(&points.normals_map)
+        .map(|(at, normal)| height_m(at, normal))
+        .collect();
     let distance_m = |sample: u32| heights_m[sample as usize].unwrap_or(0.0);
     let moved = |sample: u32| -> Result<Option<SampleMove>, SurfaceError> {
         let Some(height_m) = heights_m[sample as usize] else { return Ok(None) };
         let Some(fit) = surface.fit_to_distances(sample, distance_m)? else { return Ok(None) };
-        let (at, normal) = (points.positions_map[sample as usize], points.normals_map[sample as usize]);
+        let at = points.positions_map[sample as usize];
+        let normal = points.normals_map[sample as usize];
         // The field falls by about a metre per metre on the way out.
         let mut way_m = height_m;
         for _ in 0..STEPS {
@@ -315,16 +389,26 @@ pub(super) fn embossed(
             }
             way_m += value_m / along;
         }
-        // The fit is about where the sample was: at the end of the way its gradient may turn anywhere, and discs with such normals were teeth at the
-        // outline of a relief. How steep the image is there, it says itself.
-        let height_m_at = |at: DVec3| placement.place(at, normal).map_or(0.0, |place| depth_m * image.at(place));
-        let slope = |along: DVec3| (height_m_at(at + along * reach_m) - height_m_at(at - along * reach_m)) / (2.0 * reach_m);
+        // The fit is about where the sample was: at the end of the way its gradient may turn
+        // anywhere, and discs with such normals were teeth at the outline of a relief. How steep
+        // the image is there, it says itself.
+        let height_m_at =
+            |at: DVec3| placement.place(at, normal).map_or(0.0, |place| depth_m * image.at(place));
+        let slope = |along: DVec3| {
+            (height_m_at(at + along * reach_m) - height_m_at(at - along * reach_m))
+                / (2.0 * reach_m)
+        };
         let (right, up) = normal.any_orthonormal_pair();
         let out = (normal - right * slope(right) - up * slope(up)).normalize();
         let is_sound = way_m.is_finite() && (way_m - height_m).abs() <= 0.5 * fit.half_m;
-        Ok(Some(SampleMove { sample, position_map: at + normal * if is_sound { way_m } else { height_m }, normal_map: out }))
+        Ok(Some(SampleMove {
+            sample,
+            position_map: at + normal * if is_sound { way_m } else { height_m },
+            normal_map: out,
+        }))
     };
-    let moved: Vec<Option<SampleMove>> = (0..points.len() as u32).into_par_iter().map(moved).collect::<Result<_, _>>()?;
+    let moved: Vec<Option<SampleMove>> =
+        (0..points.len() as u32).into_par_iter().map(moved).collect::<Result<_, _>>()?;
     Ok(moved.into_iter().flatten().collect())
 }
 
@@ -334,7 +418,8 @@ mod tests {
 
     fn step_image() -> GreyImage {
         // Black on the left, white on the right.
-        GreyImage::new(64, 32, (0..64 * 32).map(|n| if n % 64 < 32 { 0.0 } else { 1.0 }).collect()).unwrap()
+        GreyImage::new(64, 32, (0..64 * 32).map(|n| if n % 64 < 32 { 0.0 } else { 1.0 }).collect())
+            .unwrap()
     }
 
     fn sphere(radius: f64) -> PointSurface {
@@ -343,20 +428,30 @@ mod tests {
         for i in 0..n {
             let z = 1.0 - (2.0 * f64::from(i) + 1.0) / f64::from(n);
             let turn = f64::from(i) * 2.399_963_229_728_653;
-            let normal = DVec3::new((1.0 - z * z).sqrt() * turn.cos(), (1.0 - z * z).sqrt() * turn.sin(), z);
+            let normal =
+                DVec3::new((1.0 - z * z).sqrt() * turn.cos(), (1.0 - z * z).sqrt() * turn.sin(), z);
             points.push(normal * radius, normal, [0; 3]);
         }
         PointSurface::build(points, PointSurface::DEFAULT_NEIGHBOURS).unwrap()
     }
 
-    const GLOBE: ImagePlacement = ImagePlacement::Around { center_map: DVec3::ZERO, north_map: DVec3::Z, front_map: DVec3::X };
+    const GLOBE: ImagePlacement = ImagePlacement::Around {
+        center_map: DVec3::ZERO,
+        north_map: DVec3::Z,
+        front_map: DVec3::X,
+    };
 
     #[test]
     fn greys_are_interpolated_between_the_middles_of_pixels() {
         let image = GreyImage::new(2, 2, vec![0.0, 1.0, 0.5, 0.5]).unwrap();
-        for (place, grey) in
-            [((0.25, 0.25), 0.0), ((0.75, 0.25), 1.0), ((0.5, 0.25), 0.5), ((0.5, 0.5), 0.5), ((0.0, 0.0), 0.0), ((1.0, 1.0), 0.5)]
-        {
+        for (place, grey) in [
+            ((0.25, 0.25), 0.0),
+            ((0.75, 0.25), 1.0),
+            ((0.5, 0.25), 0.5),
+            ((0.5, 0.5), 0.5),
+            ((0.0, 0.0), 0.0),
+            ((1.0, 1.0), 0.5),
+        ] {
             assert!((image.at(place.into()) - grey).abs() < 1e-9, "{place:?}");
         }
         assert_eq!(image.at(DVec2::new(1.1, 0.5)), 0.0);
@@ -387,13 +482,20 @@ mod tests {
 
     #[test]
     fn normals_of_a_relief_around_a_ball_are_those_of_its_image_where_it_is_steep_too() {
-        // Hills of 1 mm on a ball of 20 mm, 40 around it: as steep as 51°; the radius is r + d (1 + cos 40 λ)/2 at the longitude λ.
-        let (n, n_hills, depth_m) = (1024, 40.0, 1e-3);
-        let grey = |k: usize| 0.5 + 0.5 * (n_hills * core::f64::consts::TAU * ((k % n) as f64 + 0.5) / n as f64).cos();
+        // Hills of 1 mm on a ball of 20 mm, 40 around it: as steep as 51°; the radius is r + d (1 +
+        // cos 40 λ)/2 at the longitude λ.
+        let n = 1024;
+        let n_hills = 40.0;
+        let depth_m = 1e-3;
+        let grey = |k: usize| {
+            0.5 + 0.5 * (n_hills * core::f64::consts::TAU * ((k % n) as f64 + 0.5) / n as f64).cos()
+        };
         let hills = GreyImage::new(n, 2, (0..2 * n).map(|k| grey(k) as f32).collect()).unwrap();
         let surface = sphere(0.02);
         let mut n_steep = 0;
-        for SampleMove { sample, normal_map, .. } in embossed(&surface, &hills, &GLOBE, depth_m).unwrap() {
+        for SampleMove { sample, normal_map, .. } in
+            embossed(&surface, &hills, &GLOBE, depth_m).unwrap()
+        {
             let out = surface.points().normals_map[sample as usize];
             let east = DVec3::Z.cross(out);
             if out.z.abs() > 0.5 {
@@ -401,7 +503,8 @@ mod tests {
             }
             // The front, longitude 0, is the middle of the image.
             let longitude = out.y.atan2(out.x) + core::f64::consts::PI;
-            let slope = -0.5 * depth_m * n_hills * (n_hills * longitude).sin() / (0.02 * east.length());
+            let slope =
+                -0.5 * depth_m * n_hills * (n_hills * longitude).sin() / (0.02 * east.length());
             n_steep += usize::from(slope.abs() > 0.7);
             let expected = (out - east.normalize() * slope).normalize();
             let off = normal_map.angle_between(expected).to_degrees();
@@ -413,16 +516,23 @@ mod tests {
     #[test]
     fn a_stamp_reaches_only_what_faces_it_and_lies_under_it() {
         let surface = sphere(0.02);
-        let stamp = ImagePlacement::Flat { middle_map: DVec3::Z * 0.02, right_map: DVec3::X * 5e-3, up_map: DVec3::Y * 5e-3 };
-        let moved = embossed(&surface, &GreyImage::new(2, 2, vec![1.0; 4]).unwrap(), &stamp, 1e-3).unwrap();
+        let stamp = ImagePlacement::Flat {
+            middle_map: DVec3::Z * 0.02,
+            right_map: DVec3::X * 5e-3,
+            up_map: DVec3::Y * 5e-3,
+        };
+        let moved =
+            embossed(&surface, &GreyImage::new(2, 2, vec![1.0; 4]).unwrap(), &stamp, 1e-3).unwrap();
         assert!(!moved.is_empty());
         for SampleMove { sample, position_map, normal_map } in moved {
             let before = surface.points().positions_map[sample as usize];
             assert!(before.z > 0.0 && before.x.abs() <= 5e-3 && before.y.abs() <= 5e-3, "{before}");
-            // The fit meets the distance of its own sample; on the way out, the field of a sphere that rises steeply is not quite linear.
+            // The fit meets the distance of its own sample; on the way out, the field of a sphere
+            // that rises steeply is not quite linear.
             let within_m = if before.x.abs().max(before.y.abs()) < 2e-3 { 5e-6 } else { 1e-4 };
             assert!(
-                (position_map.distance(before) - 1e-3).abs() < within_m && normal_map.is_normalized(),
+                (position_map.distance(before) - 1e-3).abs() < within_m
+                    && normal_map.is_normalized(),
                 "{before}: {position_map}"
             );
         }
@@ -430,8 +540,14 @@ mod tests {
 
     /// The top face of a block at z = 5 mm, raised or sunk by an image of ±4 mm.
     fn worked_block(image: &GreyImage, depth_m: f64, is_refined: bool) -> PointSurface {
-        let mut surface = PointSurface::build(crate::shapes::cube(20, 0.01), PointSurface::DEFAULT_NEIGHBOURS).unwrap();
-        let stamp = ImagePlacement::Flat { middle_map: DVec3::Z * 5e-3, right_map: DVec3::X * 4e-3, up_map: DVec3::Y * 4e-3 };
+        let mut surface =
+            PointSurface::build(crate::shapes::cube(20, 0.01), PointSurface::DEFAULT_NEIGHBOURS)
+                .unwrap();
+        let stamp = ImagePlacement::Flat {
+            middle_map: DVec3::Z * 5e-3,
+            right_map: DVec3::X * 4e-3,
+            up_map: DVec3::Y * 4e-3,
+        };
         if is_refined {
             surface.replace(&[], &between_steep(&surface, image, &stamp, depth_m)).unwrap();
         }
@@ -441,9 +557,12 @@ mod tests {
 
     #[test]
     fn a_ramp_has_the_depth_and_the_steepness_of_its_image() {
-        // From black at x = -4 mm to white at 4 mm, exact where a quarter of a pixel is away from the rim.
+        // From black at x = -4 mm to white at 4 mm, exact where a quarter of a pixel is away from
+        // the rim.
         let n = 256;
-        let ramp = GreyImage::new(n, 2, (0..2 * n).map(|k| ((k % n) as f32 + 0.5) / n as f32).collect()).unwrap();
+        let ramp =
+            GreyImage::new(n, 2, (0..2 * n).map(|k| ((k % n) as f32 + 0.5) / n as f32).collect())
+                .unwrap();
         for depth_m in [2e-3, 8e-3, -2e-3] {
             let surface = worked_block(&ramp, depth_m, true);
             let steepness = depth_m / 8e-3;
@@ -451,15 +570,24 @@ mod tests {
             let height_m = |x: f64| 5e-3 + depth_m * (x + 4e-3) / 8e-3;
             let is_inner = |at: &DVec3| at.x.abs() < 2.5e-3 && at.y.abs() < 2.5e-3 && at.z > 0.0;
             let points = surface.points();
-            let inner = points.positions_map.iter().zip(&points.normals_map).filter(|(at, _)| is_inner(at));
+            let inner =
+                points.positions_map.iter().zip(&points.normals_map).filter(|(at, _)| is_inner(at));
             assert!(inner.clone().count() > 90, "{}", inner.count());
             for (at, normal) in inner {
-                assert!((at.z - height_m(at.x)).abs() < 2e-6, "{depth_m}: {at} instead of {} m", height_m(at.x));
-                assert!(normal.dot(expected) > 0.5_f64.to_radians().cos(), "{depth_m}: {normal} instead of {expected}");
+                assert!(
+                    (at.z - height_m(at.x)).abs() < 2e-6,
+                    "{depth_m}: {at} instead of {} m",
+                    height_m(at.x)
+                );
+                assert!(
+                    normal.dot(expected) > 0.5_f64.to_radians().cos(),
+                    "{depth_m}: {normal} instead of {expected}"
+                );
             }
             // And between samples.
             for k in 0..200 {
-                let (x, y) = ((f64::from(k) * 0.7548).fract() * 4e-3 - 2e-3, (f64::from(k) * 0.5698).fract() * 4e-3 - 2e-3);
+                let x = (f64::from(k) * 0.7548).fract() * 4e-3 - 2e-3;
+                let y = (f64::from(k) * 0.5698).fract() * 4e-3 - 2e-3;
                 let off_m = surface.at(DVec3::new(x, y, height_m(x))).value_m;
                 assert!(off_m.abs() < 5e-6, "{depth_m}: {off_m} m at {x}, {y}");
             }
@@ -471,16 +599,35 @@ mod tests {
         // White on the right: a cliff of one pixel, 0.03 mm wide; samples are 0.5 mm apart.
         let depth_m = 1e-3;
         let rise_m = |surface: &PointSurface, z: f64, y: f64| {
-            (-2000..2000).map(|k| f64::from(k) * 1e-6).find(|x| surface.at(DVec3::new(*x, y, z)).value_m > 0.0).unwrap()
+            (-2000..2000)
+                .map(|k| f64::from(k) * 1e-6)
+                .find(|x| surface.at(DVec3::new(*x, y, z)).value_m > 0.0)
+                .unwrap()
         };
         let width_m = |surface: &PointSurface| {
-            let at = |y: f64| (rise_m(surface, 5e-3 + 0.9 * depth_m, y) - rise_m(surface, 5e-3 + 0.1 * depth_m, y)).abs();
+            let at = |y: f64| {
+                (rise_m(surface, 5e-3 + 0.9 * depth_m, y)
+                    - rise_m(surface, 5e-3 + 0.1 * depth_m, y))
+                .abs()
+            };
             [-1e-3, -3e-4, 4e-4, 1.1e-3].map(at).into_iter().fold(0.0, f64::max)
         };
-        let image = GreyImage::new(256, 2, (0..512).map(|k| if k % 256 < 128 { 0.0 } else { 1.0 }).collect()).unwrap();
-        let (coarse, fine) = (worked_block(&image, depth_m, false), worked_block(&image, depth_m, true));
-        assert!(fine.points().len() > coarse.points().len() + 30, "{} of {}", fine.points().len(), coarse.points().len());
-        let (coarse_m, fine_m) = (width_m(&coarse), width_m(&fine));
+        let image = GreyImage::new(
+            256,
+            2,
+            (0..512).map(|k| if k % 256 < 128 { 0.0 } else { 1.0 }).collect(),
+        )
+        .unwrap();
+        let coarse = worked_block(&image, depth_m, false);
+        let fine = worked_block(&image, depth_m, true);
+        assert!(
+            fine.points().len() > coarse.points().len() + 30,
+            "{} of {}",
+            fine.points().len(),
+            coarse.points().len()
+        );
+        let coarse_m = width_m(&coarse);
+        let fine_m = width_m(&fine);
         assert!(fine_m < 0.08e-3 && fine_m < 0.6 * coarse_m, "{fine_m} m against {coarse_m} m");
     }
 

@@ -4,8 +4,8 @@ use glam::DVec3;
 
 use vps::spatial::{Metres, Place};
 
-/// Samples that no surface can be made of. Messages read well after "failed to build the surface: "; [`SurfaceError::hint`] says
-/// what to do.
+/// Samples that no surface can be made of. Messages read well after "failed to build the surface:
+/// "; [`SurfaceError::hint`] says what to do.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SurfaceError {
@@ -29,7 +29,10 @@ pub enum SurfaceError {
         across_m: f64,
     },
     /// The arrays of the set differ in length.
-    #[error("{positions} positions, {normals} normals and {colors} colours: every point needs one of each")]
+    #[error(
+        "{positions} positions, {normals} normals and {colors} colours: every point needs one of \
+            each"
+    )]
     UnequalArrays {
         /// Length of the first array.
         positions: usize,
@@ -65,7 +68,10 @@ pub enum SurfaceError {
         position_map: DVec3,
     },
     /// The neighbourhoods of most samples are lines: they have no tangent plane.
-    #[error("{samples} of {of} points lie with their neighbours on a line, so they have no tangent plane")]
+    #[error(
+        "{samples} of {of} points lie with their neighbours on a line, so they have no tangent \
+            plane"
+    )]
     Lines {
         /// How many such samples there are.
         samples: usize,
@@ -73,7 +79,8 @@ pub enum SurfaceError {
         of: usize,
     },
     /// A mesh cannot be sampled at this spacing.
-    #[error("it is {} across, and a spacing of {} makes too many points of it: at least {} is possible", Metres(*across_m), Metres(*spacing_m), Metres(*least_m))]
+    #[error("it is {} across, and a spacing of {} makes too many points of it: at least {} is \
+        possible", Metres(*across_m), Metres(*spacing_m), Metres(*least_m))]
     Spacing {
         /// Longest edge of its box, m.
         across_m: f64,
@@ -94,13 +101,18 @@ impl SurfaceError {
     /// What to do about it.
     pub fn hint(&self) -> &'static str {
         match self {
-            Self::TooFew { .. } => "scan or sample the surface more densely; a sphere takes some hundreds of points",
+            Self::TooFew { .. } => {
+                "scan or sample the surface more densely; a sphere takes some hundreds of points"
+            }
             Self::TooCoarse { .. } => "is `units` right? else choose a smaller spacing",
             Self::UnequalArrays { .. } => "give every point a normal and a colour",
             Self::NonFinite { .. } => "remove the point",
             Self::BadNormal { .. } => "leave all normals out, then they are estimated",
             Self::Coincident { .. } => "remove one of the two: loading a file does that by itself",
-            Self::Lines { .. } => "scan or sample the surface evenly: lines of points that are far apart make no surface",
+            Self::Lines { .. } => {
+                "scan or sample the surface evenly: lines of points that are far apart make no \
+                    surface"
+            }
             Self::Spacing { .. } => "is `units` right? else choose a larger spacing",
             Self::Neighbours { .. } => "leave `neighbours` out: 24 suit most surfaces",
         }

@@ -1,12 +1,14 @@
 //! The piece as a closed triangle mesh, for rigid scenes.
 //!
-//! Naive surface nets (the crate `fast-surface-nets`; Gibson 1998): one corner per cell that the surface crosses, at the mean of the
-//! crossings on its edges. The mesh is closed wherever the surface stays inside the raster, and lies within a fraction of the spacing of the
-//! surface; edges are rounded by about the spacing.
+//! Naive surface nets (the crate `fast-surface-nets`; Gibson 1998): one corner per cell that the
+//! surface crosses, at the mean of the crossings on its edges. The mesh is closed wherever the
+//! surface stays inside the raster, and lies within a fraction of the spacing of the surface; edges
+//! are rounded by about the spacing.
 //!
-//! Where two nodes across the diagonal of a face of a cell are inside and the other two outside, four sheets would meet in one edge. There the
-//! weakest node changes sides first, as the mean of all four says: it moves the surface by less than a spacing, and the mesh is a manifold
-//! along its edges.
+//! Where two nodes across the diagonal of a face of a cell are inside and the other two outside,
+//! four sheets would meet in one edge. There the weakest node changes sides first, as the mean of
+//! all four says: it moves the surface by less than a spacing, and the mesh is a manifold along its
+//! edges.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -32,7 +34,10 @@ pub enum ExportError {
     #[error("there is no material: every density is below 0, so there is nothing to export")]
     Empty,
     /// The surface leaves the raster.
-    #[error("the material reaches the faces of its raster, and a mesh of it would be open; leave more air around the piece")]
+    #[error(
+        "the material reaches the faces of its raster, and a mesh of it would be open; leave more \
+            air around the piece"
+    )]
     Open,
     /// Too many nodes for the numbers of corners.
     #[error("a raster of {0} nodes has more than a mesh can number; take fewer in `sculpt.raster`")]
@@ -40,7 +45,8 @@ pub enum ExportError {
 }
 
 impl ClayModel {
-    /// The piece as a closed mesh, map frame, with normals outward. A stroke under way is not part of it. Cost: O(nodes of the base).
+    /// The piece as a closed mesh, map frame, with normals outward. A stroke under way is not part
+    /// of it. Cost: O(nodes of the base).
     ///
     /// # Errors
     /// [`ExportError`].
@@ -67,7 +73,9 @@ fn surface_of(raster: &Raster) -> Result<TriangleMesh, ExportError> {
         return Err(ExportError::TooLarge(n_nodes));
     }
     let is_face = |n: usize| {
-        let (x, y, z) = (n / (ny * nz), n / nz % ny, n % nz);
+        let x = n / (ny * nz);
+        let y = n / nz % ny;
+        let z = n % nz;
         // The crate leaves out what crosses the last layer of cells.
         x == 0 || y == 0 || z == 0 || x + 2 >= nx || y + 2 >= ny || z + 2 >= nz
     };
@@ -76,7 +84,8 @@ fn surface_of(raster: &Raster) -> Result<TriangleMesh, ExportError> {
     }
     let mut values_m = raster.values_m().to_vec();
     take_sides(raster.lattice(), &mut values_m);
-    // Theirs counts x fastest and has the inside negative. With axes in reverse, corners come out mirrored.
+    // Theirs counts x fastest and has the inside negative. With axes in reverse, corners come out
+    // mirrored.
     let shape = RuntimeShape::<u32, 3>::new([nz as u32, ny as u32, nx as u32]);
     let last = shape.as_array().map(|n| n - 1);
     let outside_m: Vec<f32> = values_m.iter().map(|value_m| -value_m).collect();
@@ -85,15 +94,21 @@ fn surface_of(raster: &Raster) -> Result<TriangleMesh, ExportError> {
     if buffer.indices.is_empty() {
         return Err(ExportError::Empty);
     }
-    let place = |[z, y, x]: &[f32; 3]| origin_map + DVec3::new(f64::from(*x), f64::from(*y), f64::from(*z)) * spacing_m;
+    let place = |[z, y, x]: &[f32; 3]| {
+        origin_map + DVec3::new(f64::from(*x), f64::from(*y), f64::from(*z)) * spacing_m
+    };
     Ok(TriangleMesh {
         vertices: buffer.positions.iter().map(place).collect(),
-        triangles: buffer.indices.chunks_exact(3).map(|corners| [corners[0], corners[2], corners[1]]).collect(),
+        triangles: buffer
+            .indices
+            .chunks_exact(3)
+            .map(|corners| [corners[0], corners[2], corners[1]])
+            .collect(),
     })
 }
 
-/// Settles every face of a cell that is inside at two opposite corners and outside at the others. A node that changes sides may unsettle
-/// another face, which has its turn in the next round.
+/// Settles every face of a cell that is inside at two opposite corners and outside at the others. A
+/// node that changes sides may unsettle another face, which has its turn in the next round.
 fn take_sides(lattice: &Lattice, values_m: &mut [f32]) {
     let [nx, ny, nz] = lattice.dims;
     let least_m = (SIDE_SPACINGS * lattice.spacing_m) as f32;
@@ -102,13 +117,18 @@ fn take_sides(lattice: &Lattice, values_m: &mut [f32]) {
         for x in 0..nx {
             for y in 0..ny {
                 for z in 0..nz {
-                    for [u, v] in [[[1, 0, 0], [0, 1, 0]], [[1, 0, 0], [0, 0, 1]], [[0, 1, 0], [0, 0, 1]]] {
+                    for [u, v] in
+                        [[[1, 0, 0], [0, 1, 0]], [[1, 0, 0], [0, 0, 1]], [[0, 1, 0], [0, 0, 1]]]
+                    {
                         let far = [x + u[0] + v[0], y + u[1] + v[1], z + u[2] + v[2]];
                         if far[0] >= nx || far[1] >= ny || far[2] >= nz {
                             continue;
                         }
-                        let node = |step: [usize; 3]| lattice.index([x + step[0], y + step[1], z + step[2]]);
-                        let [a, b, c, d] = [lattice.index([x, y, z]), node(u), node(v), lattice.index(far)];
+                        let node = |step: [usize; 3]| {
+                            lattice.index([x + step[0], y + step[1], z + step[2]])
+                        };
+                        let [a, b, c, d] =
+                            [lattice.index([x, y, z]), node(u), node(v), lattice.index(far)];
                         let is_in = [a, b, c, d].map(|n| values_m[n] >= 0.0);
                         if is_in[0] != is_in[3] || is_in[1] != is_in[2] || is_in[0] == is_in[1] {
                             continue;
@@ -117,8 +137,11 @@ fn take_sides(lattice: &Lattice, values_m: &mut [f32]) {
                         // Material that only goes cannot do so for ever.
                         let becomes_in = mean_m >= 0.0 && round < ROUNDS;
                         let changes = if becomes_in == is_in[0] { [b, c] } else { [a, d] };
-                        let weakest =
-                            if values_m[changes[0]].abs() <= values_m[changes[1]].abs() { changes[0] } else { changes[1] };
+                        let weakest = if values_m[changes[0]].abs() <= values_m[changes[1]].abs() {
+                            changes[0]
+                        } else {
+                            changes[1]
+                        };
                         values_m[weakest] = if becomes_in { least_m } else { -least_m };
                         n_changed += 1;
                     }
@@ -131,15 +154,24 @@ fn take_sides(lattice: &Lattice, values_m: &mut [f32]) {
     }
 }
 
-/// Writes a mesh as binary little-endian PLY, metres, corners as 64-bit numbers: what [`vps::mesh::load`] reads, and `bake`.
+/// Writes a mesh as binary little-endian PLY, metres, corners as 64-bit numbers: what
+/// [`vps::mesh::load`] reads, and `bake`.
 ///
 /// # Errors
 /// Any error of the file system; what was there under that name is there still.
 pub fn write_mesh(path: &Path, mesh: &TriangleMesh) -> io::Result<()> {
     write_whole(path, |file| {
-        let (n_vertices, n_triangles) = (mesh.vertices.len(), mesh.triangles.len());
-        write!(file, "ply\nformat binary_little_endian 1.0\ncomment a piece of clay, metres\nelement vertex {n_vertices}\n")?;
-        write!(file, "property double x\nproperty double y\nproperty double z\nelement face {n_triangles}\n")?;
+        let n_vertices = mesh.vertices.len();
+        let n_triangles = mesh.triangles.len();
+        write!(
+            file,
+            "ply\nformat binary_little_endian 1.0\ncomment a piece of clay, metres\nelement vertex \
+                {n_vertices}\n"
+        )?;
+        write!(
+            file,
+            "property double x\nproperty double y\nproperty double z\nelement face {n_triangles}\n"
+        )?;
         writeln!(file, "property list uchar uint vertex_indices\nend_header")?;
         for coordinate in mesh.vertices.iter().flat_map(|vertex| vertex.to_array()) {
             file.write_all(&coordinate.to_le_bytes())?;
@@ -164,12 +196,17 @@ mod tests {
     use vps::mesh::validate::inspect;
 
     fn raster(density: impl Fn(DVec3) -> f64) -> Raster {
-        let lattice = Lattice { origin_map: DVec3::new(-0.012, -0.011, -0.013), spacing_m: 5e-4, dims: [49, 47, 53] };
+        let lattice = Lattice {
+            origin_map: DVec3::new(-0.012, -0.011, -0.013),
+            spacing_m: 5e-4,
+            dims: [49, 47, 53],
+        };
         let mut raster = Raster::uniform(lattice, 0.0);
         for x in 0..49 {
             for y in 0..47 {
                 for z in 0..53 {
-                    raster.values_m_mut()[lattice.index([x, y, z])] = density(lattice.position([x, y, z])) as f32;
+                    raster.values_m_mut()[lattice.index([x, y, z])] =
+                        density(lattice.position([x, y, z])) as f32;
                 }
             }
         }
@@ -181,7 +218,10 @@ mod tests {
         let center = DVec3::new(1e-3, -2e-3, 5e-4);
         let mesh = surface_of(&raster(|at| 0.008 - at.distance(center))).unwrap();
         let report = inspect(&mesh);
-        assert_eq!((report.open_edges, report.non_manifold_edges, report.inconsistent_edges), (0, 0, 0));
+        assert_eq!(
+            (report.open_edges, report.non_manifold_edges, report.inconsistent_edges),
+            (0, 0, 0)
+        );
         let mass = mass_properties(&mesh);
         let expected = 4.0 / 3.0 * PI * 0.008_f64.powi(3);
         assert!((mass.volume_m3 / expected - 1.0).abs() < 0.01, "{} of {expected}", mass.volume_m3);
@@ -197,14 +237,28 @@ mod tests {
 
     #[test]
     fn sheets_that_nearly_meet_share_no_edge() {
-        // Spheres in a lattice that touch or nearly do, in all directions, at places that no node knows of.
+        // Spheres in a lattice that touch or nearly do, in all directions, at places that no node
+        // knows of.
         for (n, apart_m) in [5.9e-3, 6.0e-3, 6.1e-3, 6.3e-3].into_iter().enumerate() {
-            let middle = |x: f64, y: f64, z: f64| DVec3::new(x, y, z) * apart_m + DVec3::new(1.3e-4, 0.7e-4, 2.1e-4) * n as f64;
-            let all = [-1.0, 0.0, 1.0].map(|x| [-1.0, 0.0, 1.0].map(|y| [-0.9, 0.0, 0.9].map(|z| middle(x, y, z))));
-            let density = |at: DVec3| all.iter().flatten().flatten().map(|middle| 3e-3 - at.distance(*middle)).fold(-1.0, f64::max);
+            let middle = |x: f64, y: f64, z: f64| {
+                DVec3::new(x, y, z) * apart_m + DVec3::new(1.3e-4, 0.7e-4, 2.1e-4) * n as f64
+            };
+            let all = [-1.0, 0.0, 1.0]
+                .map(|x| [-1.0, 0.0, 1.0].map(|y| [-0.9, 0.0, 0.9].map(|z| middle(x, y, z))));
+            let density = |at: DVec3| {
+                all.iter()
+                    .flatten()
+                    .flatten()
+                    .map(|middle| 3e-3 - at.distance(*middle))
+                    .fold(-1.0, f64::max)
+            };
             let mesh = surface_of(&raster(density)).unwrap();
             let report = inspect(&mesh);
-            assert_eq!((report.open_edges, report.non_manifold_edges, report.inconsistent_edges), (0, 0, 0), "{apart_m} m");
+            assert_eq!(
+                (report.open_edges, report.non_manifold_edges, report.inconsistent_edges),
+                (0, 0, 0),
+                "{apart_m} m"
+            );
             // Checkerboards meet everywhere.
             let mut noise = n as u32 + 1;
             let mut raster = raster(|_| -1.0);

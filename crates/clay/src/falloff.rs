@@ -2,7 +2,8 @@
 
 use std::fmt;
 
-/// Weight of a mass point by its distance from the tool. Guo2004, rope tool: Gaussian, constant, spherical, or any other distribution.
+/// Weight of a mass point by its distance from the tool. Guo2004, rope tool: Gaussian, constant,
+/// spherical, or any other distribution.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Falloff {
     /// exp(−(3ρ)²/2): three standard deviations at the rim.
@@ -12,9 +13,11 @@ pub enum Falloff {
     Constant,
     /// √(1 − ρ²): the height of a half sphere.
     Spherical,
-    /// 1 − ρ^f, with the fall-off rate f of Guo2004's painting tool: 1 a cone, above it a broader brush with a steeper rim, below it a finer one.
+    /// 1 − ρ^f, with the fall-off rate f of Guo2004's painting tool: 1 a cone, above it a broader
+    /// brush with a steeper rim, below it a finer one.
     Rate(f64),
-    /// Weights at even steps of ρ from the middle to the rim, at least two; straight lines between them.
+    /// Weights at even steps of ρ from the middle to the rim, at least two; straight lines between
+    /// them.
     Table(Vec<f64>),
 }
 
@@ -22,7 +25,10 @@ pub enum Falloff {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum FalloffError {
     /// Nothing to interpolate between.
-    #[error("a table of a fall-off needs at least 2 weights, from the middle to the rim; this one has {0}")]
+    #[error(
+        "a table of a fall-off needs at least 2 weights, from the middle to the rim; this one has \
+            {0}"
+    )]
     TooShort(usize),
     /// Not a weight.
     #[error("weight {number} of the fall-off is {weight}; weights are numbers from 0 to 1")]
@@ -60,7 +66,9 @@ impl Falloff {
         if weights.len() < 2 {
             return Err(FalloffError::TooShort(weights.len()));
         }
-        if let Some((n, weight)) = weights.iter().enumerate().find(|(_, weight)| !(0.0..=1.0).contains(*weight)) {
+        if let Some((n, weight)) =
+            weights.iter().enumerate().find(|(_, weight)| !(0.0..=1.0).contains(*weight))
+        {
             return Err(FalloffError::OutOfRange { number: n + 1, weight: *weight });
         }
         if weights.iter().all(|weight| *weight == 0.0) {
@@ -106,11 +114,18 @@ mod tests {
 
     #[test]
     fn every_fall_off_is_heaviest_in_the_middle_and_nothing_beyond_the_rim() {
-        let own = [Falloff::table(vec![1.0, 0.5, 0.0]).unwrap(), Falloff::rate(0.5).unwrap(), Falloff::rate(7.0).unwrap()];
-        for falloff in [Falloff::Gaussian, Falloff::Constant, Falloff::Spherical].into_iter().chain(own) {
+        let own = [
+            Falloff::table(vec![1.0, 0.5, 0.0]).unwrap(),
+            Falloff::rate(0.5).unwrap(),
+            Falloff::rate(7.0).unwrap(),
+        ];
+        for falloff in
+            [Falloff::Gaussian, Falloff::Constant, Falloff::Spherical].into_iter().chain(own)
+        {
             assert_eq!(falloff.weight(0.0), 1.0, "{falloff}");
             assert!(
-                (0..100).all(|n| falloff.weight(f64::from(n) / 100.0) >= falloff.weight(f64::from(n + 1) / 100.0)),
+                (0..100).all(|n| falloff.weight(f64::from(n) / 100.0)
+                    >= falloff.weight(f64::from(n + 1) / 100.0)),
                 "{falloff}"
             );
             assert_eq!(falloff.weight(1.0 + 1e-9), 0.0, "{falloff}");
@@ -128,7 +143,9 @@ mod tests {
 
     #[test]
     fn a_rate_is_the_power_of_the_distance() {
-        for (rate, rho, weight) in [(1.0, 0.3, 0.7), (2.0, 0.5, 0.75), (0.5, 0.25, 0.5), (3.0, 1.0, 0.0)] {
+        for (rate, rho, weight) in
+            [(1.0, 0.3, 0.7), (2.0, 0.5, 0.75), (0.5, 0.25, 0.5), (3.0, 1.0, 0.0)]
+        {
             assert!((Falloff::rate(rate).unwrap().weight(rho) - weight).abs() < 1e-12, "{rate}");
         }
         for refused in [0.0, -1.0, 1e3, f64::NAN] {
@@ -139,7 +156,10 @@ mod tests {
     #[test]
     fn a_table_that_says_nothing_is_refused() {
         assert_eq!(Falloff::table(vec![1.0]), Err(FalloffError::TooShort(1)));
-        assert_eq!(Falloff::table(vec![1.0, -0.1]), Err(FalloffError::OutOfRange { number: 2, weight: -0.1 }));
+        assert_eq!(
+            Falloff::table(vec![1.0, -0.1]),
+            Err(FalloffError::OutOfRange { number: 2, weight: -0.1 })
+        );
         assert!(Falloff::table(vec![f64::NAN, 1.0]).is_err());
         assert_eq!(Falloff::table(vec![0.0, 0.0]), Err(FalloffError::AllZero));
     }

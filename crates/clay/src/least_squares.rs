@@ -1,7 +1,9 @@
-//! Weighted least squares over the 27 products of powers 0, 1, 2 of three coordinates, without allocation.
+//! Weighted least squares over the 27 products of powers 0, 1, 2 of three coordinates, without
+//! allocation.
 //!
-//! Place `9 i + 3 j + k` is the product xⁱ yʲ zᵏ. Every entry of the normal equations is a sum of such products with powers up to 4:
-//! there are 125 of these, so they are summed, and the 27 × 27 entries taken from them in the end.
+//! Place `9 i + 3 j + k` is the product xⁱ yʲ zᵏ. Every entry of the normal equations is a sum of
+//! such products with powers up to 4: there are 125 of these, so they are summed, and the 27 × 27
+//! entries taken from them in the end.
 
 use glam::DVec3;
 
@@ -28,7 +30,9 @@ impl Constraints {
     #[inline]
     pub(super) fn add(&mut self, point: DVec3, value: f64, weight: f64) {
         let powers = |c: f64| [1.0, c, c * c, c * c * c, c * c * c * c];
-        let (x, y, z) = (powers(point.x), powers(point.y), powers(point.z));
+        let x = powers(point.x);
+        let y = powers(point.y);
+        let z = powers(point.z);
         for (plane, x) in self.moments.as_chunks_mut::<25>().0.iter_mut().zip(x) {
             let x = weight * x;
             for (row, y) in plane.as_chunks_mut::<5>().0.iter_mut().zip(y) {
@@ -42,8 +46,9 @@ impl Constraints {
         }
     }
 
-    /// The coefficients with the least sum of squares; `ridge`, greater than 0, pulls each of them to zero, so there is one solution
-    /// always. By elimination without pivots (L D Lᵀ), the right-hand side along as the last column.
+    /// The coefficients with the least sum of squares; `ridge`, greater than 0, pulls each of them
+    /// to zero, so there is one solution always. By elimination without pivots (L D Lᵀ), the
+    /// right-hand side along as the last column.
     pub(super) fn solve(&self, ridge: &Cube) -> Cube {
         const PLACES: [usize; 27] = places();
         let mut rows = [[0.0; COLUMNS]; 27];
@@ -61,13 +66,20 @@ impl Constraints {
             let inverse = 1.0 / pivot[k];
             for (i, row) in rest.iter_mut().enumerate().map(|(i, row)| (k + 1 + i, row)) {
                 let factor = pivot[i] * inverse;
-                row[i..].iter_mut().zip(&pivot[i..]).for_each(|(entry, above)| *entry -= factor * above);
+                row[i..]
+                    .iter_mut()
+                    .zip(&pivot[i..])
+                    .for_each(|(entry, above)| *entry -= factor * above);
             }
         }
         let mut unknowns = [0.0; 27];
         for k in (0..27).rev() {
             let row = &rows[k];
-            let known: f64 = row[k + 1..27].iter().zip(&unknowns[k + 1..]).map(|(entry, unknown)| entry * unknown).sum();
+            let known: f64 = row[k + 1..27]
+                .iter()
+                .zip(&unknowns[k + 1..])
+                .map(|(entry, unknown)| entry * unknown)
+                .sum();
             unknowns[k] = (row[27] - known) / row[k];
         }
         unknowns
@@ -94,9 +106,12 @@ mod tests {
         let wanted: Cube = std::array::from_fn(|k| (k as f64 * 1.7).cos());
         let mut constraints = Constraints::new();
         for k in 0..125 {
-            let point = DVec3::new(f64::from(k / 25), f64::from(k / 5 % 5), f64::from(k % 5)) * 0.5 - 1.0;
+            let point =
+                DVec3::new(f64::from(k / 25), f64::from(k / 5 % 5), f64::from(k % 5)) * 0.5 - 1.0;
             let powers = |c: f64| [1.0, c, c * c];
-            let (x, y, z) = (powers(point.x), powers(point.y), powers(point.z));
+            let x = powers(point.x);
+            let y = powers(point.y);
+            let z = powers(point.z);
             let value = (0..27).map(|k| wanted[k] * x[k / 9] * y[k / 3 % 3] * z[k % 3]).sum();
             constraints.add(point, value, 0.1 + f64::from(k % 7));
         }

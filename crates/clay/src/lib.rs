@@ -7,11 +7,13 @@
 //! ```
 //!
 //! # Units and frames
-//! Metres and axes of the file that the clay comes from (its map frame); densities are distances, m, greater than 0 inside.
+//! Metres and axes of the file that the clay comes from (its map frame); densities are distances,
+//! m, greater than 0 inside.
 //!
 //! # Cost
-//! A fit for each sample when a surface is made; a step costs the mass points of the region that moves. Runs in parallel on the current rayon pool, never in
-//! the loop; the same calls give the same bits on any number of threads.
+//! A fit for each sample when a surface is made; a step costs the mass points of the region that
+//! moves. Runs in parallel on the current rayon pool, never in the loop; the same calls give the
+//! same bits on any number of threads.
 //!
 //! # Example
 //! ```

@@ -38,7 +38,8 @@ pub struct LoadedPoints {
     pub normals: NormalSource,
 }
 
-/// A file that gives no samples. Messages read well after "failed to load the points: "; [`LoadError::hint`] says what to do.
+/// A file that gives no samples. Messages read well after "failed to load the points: ";
+/// [`LoadError::hint`] says what to do.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum LoadError {
@@ -79,19 +80,28 @@ impl LoadError {
     pub fn hint(&self) -> Option<&'static str> {
         match self {
             Self::File(error) => error.hint(),
-            Self::UnknownExtension { .. } => Some("export the scan as PLY, or as text with one point in each line (.xyz)"),
-            Self::OnePlace { .. } => Some("check the columns of the file and its unit, or export the scan again"),
+            Self::UnknownExtension { .. } => {
+                Some("export the scan as PLY, or as text with one point in each line (.xyz)")
+            }
+            Self::OnePlace { .. } => {
+                Some("check the columns of the file and its unit, or export the scan again")
+            }
             Self::Surface { source, .. } | Self::Shape(source) => Some(source.hint()),
         }
     }
 }
 
-/// Reads samples: points as they are, meshes sampled at `mesh_spacing_m` (`None`: about 20,000 samples). Points at one place become one;
-/// normals that are missing are estimated, and turned round where they point inwards as a whole.
+/// Reads samples: points as they are, meshes sampled at `mesh_spacing_m` (`None`: about 20,000
+/// samples). Points at one place become one; normals that are missing are estimated, and turned
+/// round where they point inwards as a whole.
 ///
 /// # Errors
 /// [`LoadError`], naming the file and what is wrong in it.
-pub fn load(path: &Path, metres_per_unit: f64, mesh_spacing_m: Option<f64>) -> Result<LoadedPoints, LoadError> {
+pub fn load(
+    path: &Path,
+    metres_per_unit: f64,
+    mesh_spacing_m: Option<f64>,
+) -> Result<LoadedPoints, LoadError> {
     load_scaled(path, metres_per_unit, DVec3::ONE, mesh_spacing_m)
 }
 
@@ -105,7 +115,8 @@ pub(super) fn load_scaled(
     match open(path, metres_per_unit, scale)? {
         FileContents::Mesh(mesh) => {
             let spacing_m = mesh_spacing_m.unwrap_or_else(|| spacing_of(&mesh, DEFAULT_SAMPLES));
-            let points = sample_of(&mesh, spacing_m).map_err(|source| LoadError::Surface { path: path.to_owned(), source })?;
+            let points = sample_of(&mesh, spacing_m)
+                .map_err(|source| LoadError::Surface { path: path.to_owned(), source })?;
             Ok(LoadedPoints { points, merged: 0, normals: NormalSource::Faces })
         }
         FileContents::Samples(loaded) => Ok(loaded),
@@ -121,8 +132,15 @@ pub(super) enum FileContents {
 }
 
 /// Reads a file of points, or a mesh as it is.
-pub(super) fn open(path: &Path, metres_per_unit: f64, scale: DVec3) -> Result<FileContents, LoadError> {
-    let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase()).unwrap_or_default();
+pub(super) fn open(
+    path: &Path,
+    metres_per_unit: f64,
+    scale: DVec3,
+) -> Result<FileContents, LoadError> {
+    let extension = path
+        .extension()
+        .map(|extension| extension.to_string_lossy().to_lowercase())
+        .unwrap_or_default();
     if !mesh::EXTENSIONS.iter().chain(cloud::EXTENSIONS).any(|known| *known == extension) {
         return Err(LoadError::UnknownExtension { path: path.to_owned(), extension });
     }
@@ -133,9 +151,13 @@ pub(super) fn open(path: &Path, metres_per_unit: f64, scale: DVec3) -> Result<Fi
             if found > 1 && cloud.positions.iter().all(|at| *at == cloud.positions[0]) {
                 return Err(LoadError::OnePlace { path: path.to_owned(), found });
             }
-            let refuse = |source: SurfaceError| LoadError::Surface { path: path.to_owned(), source };
+            let refuse =
+                |source: SurfaceError| LoadError::Surface { path: path.to_owned(), source };
             let loaded = complete(cloud).map_err(refuse)?;
-            Ok(FileContents::Samples(LoadedPoints { points: loaded.points.scaled(scale), ..loaded }))
+            Ok(FileContents::Samples(LoadedPoints {
+                points: loaded.points.scaled(scale),
+                ..loaded
+            }))
         }
     }
 }
@@ -146,7 +168,8 @@ pub(super) fn scaled(mut mesh: TriangleMesh, factors: DVec3) -> TriangleMesh {
     mesh
 }
 
-/// Samples of a mesh that can make a surface; errors name the size of the mesh, which a wrong unit makes wrong.
+/// Samples of a mesh that can make a surface; errors name the size of the mesh, which a wrong unit
+/// makes wrong.
 pub(super) fn sample_of(mesh: &TriangleMesh, spacing_m: f64) -> Result<PointSet, SurfaceError> {
     let points = sample(mesh, spacing_m)?;
     if points.len() < PointSet::LEAST {
@@ -177,9 +200,11 @@ pub(super) fn complete(cloud: Cloud) -> Result<LoadedPoints, SurfaceError> {
     if kept.len() < PointSet::LEAST {
         return Err(SurfaceError::TooFew { found: kept.len() });
     }
-    let positions_map: Vec<DVec3> = kept.iter().map(|point| cloud.positions[*point as usize]).collect();
-    let given: Option<Vec<DVec3>> =
-        cloud.normals.and_then(|normals| kept.iter().map(|point| normals[*point as usize].try_normalize()).collect());
+    let positions_map: Vec<DVec3> =
+        kept.iter().map(|point| cloud.positions[*point as usize]).collect();
+    let given: Option<Vec<DVec3>> = cloud.normals.and_then(|normals| {
+        kept.iter().map(|point| normals[*point as usize].try_normalize()).collect()
+    });
     let colors = match cloud.colors {
         Some(colors) => kept.iter().map(|point| colors[*point as usize]).collect(),
         None => vec![GREY; kept.len()],
@@ -199,7 +224,9 @@ pub(super) fn complete(cloud: Cloud) -> Result<LoadedPoints, SurfaceError> {
 /// The first point of every place, in order.
 fn distinct(positions_map: &[DVec3]) -> Vec<u32> {
     let (low, high) =
-        positions_map.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), at| (low.min(*at), high.max(*at)));
+        positions_map.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), at| {
+            (low.min(*at), high.max(*at))
+        });
     let tolerance_m = ONE_PLACE * (high - low).max_element().max(0.0);
     let near = Neighbours::new(positions_map);
     let mut is_free = vec![true; positions_map.len()];
@@ -215,7 +242,8 @@ fn distinct(positions_map: &[DVec3]) -> Vec<u32> {
     kept
 }
 
-/// The volume that the samples enclose is negative, each taken for the area that it has among its neighbours.
+/// The volume that the samples enclose is negative, each taken for the area that it has among its
+/// neighbours.
 fn point_inwards(positions_map: &[DVec3], normals: &[DVec3]) -> bool {
     const AROUND: usize = 7;
     let near = Neighbours::new(positions_map);
@@ -224,7 +252,8 @@ fn point_inwards(positions_map: &[DVec3], normals: &[DVec3]) -> bool {
     let mut volume = 0.0;
     for (at, normal) in positions_map.iter().zip(normals) {
         near.nearest_n(*at, AROUND, &mut found);
-        volume += found.last().map_or(0.0, |last| last.distance_squared_m2) * normal.dot(*at - middle);
+        volume +=
+            found.last().map_or(0.0, |last| last.distance_squared_m2) * normal.dot(*at - middle);
     }
     volume < 0.0
 }
@@ -251,7 +280,10 @@ mod tests {
         save(&path, &points).unwrap();
         let loaded = load(&path, 1.0, None).unwrap();
         assert_eq!((loaded.merged, loaded.normals), (0, NormalSource::File));
-        assert_eq!((&loaded.points.positions_map, &loaded.points.colors), (&points.positions_map, &points.colors));
+        assert_eq!(
+            (&loaded.points.positions_map, &loaded.points.colors),
+            (&points.positions_map, &points.colors)
+        );
         for (found, normal) in loaded.points.normals_map.iter().zip(&points.normals_map) {
             assert!(found.distance(*normal) < 1e-6);
         }
@@ -270,14 +302,19 @@ mod tests {
         positions.extend_from_slice(&ball.positions_map[..10]);
         positions.push(positions[3] + 1e-10);
         let loaded = complete(Cloud { positions, normals: None, colors: None }).unwrap();
-        assert_eq!((loaded.merged, loaded.normals, loaded.points.len()), (11, NormalSource::Estimated, 800));
+        assert_eq!(
+            (loaded.merged, loaded.normals, loaded.points.len()),
+            (11, NormalSource::Estimated, 800)
+        );
         for (normal, right) in loaded.points.normals_map.iter().zip(&ball.normals_map) {
             assert!(normal.dot(*right) > 0.99);
         }
         // One normal that is no direction: none of them is trusted.
         let mut normals = ball.normals_map.clone();
         normals[5] = DVec3::ZERO;
-        let loaded = complete(Cloud { positions: ball.positions_map, normals: Some(normals), colors: None }).unwrap();
+        let loaded =
+            complete(Cloud { positions: ball.positions_map, normals: Some(normals), colors: None })
+                .unwrap();
         assert_eq!(loaded.normals, NormalSource::Estimated);
         assert!(PointSurface::build(loaded.points, PointSurface::DEFAULT_NEIGHBOURS).is_ok());
     }
@@ -286,11 +323,19 @@ mod tests {
     fn meshes_are_sampled() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("corner.obj");
-        std::fs::write(&path, "v 0 0 0\nv 100 0 0\nv 0 100 0\nv 0 0 100\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n").unwrap();
+        std::fs::write(
+            &path,
+            "v 0 0 0\nv 100 0 0\nv 0 100 0\nv 0 0 100\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n",
+        )
+        .unwrap();
         let loaded = load(&path, 1e-3, Some(2e-3)).unwrap();
         let expected = (1.5 + 3.0_f64.sqrt() / 2.0) * 0.01 / 4e-6;
         assert_eq!(loaded.normals, NormalSource::Faces);
-        assert!((loaded.points.len() as f64 / expected - 1.0).abs() < 0.1, "{} of {expected}", loaded.points.len());
+        assert!(
+            (loaded.points.len() as f64 / expected - 1.0).abs() < 0.1,
+            "{} of {expected}",
+            loaded.points.len()
+        );
         let about = load(&path, 1e-3, None).unwrap().points.len() as f64;
         assert!((about / DEFAULT_SAMPLES - 1.0).abs() < 0.1, "{about}");
     }
@@ -298,7 +343,10 @@ mod tests {
     #[test]
     fn files_that_give_no_samples_say_why() {
         let three = refusal("three.xyz", "0 0 0\n1 0 0\n0 1 0\n");
-        assert!(three.to_string().ends_with("three.xyz: 3 points, at least 32 are needed"), "{three}");
+        assert!(
+            three.to_string().ends_with("three.xyz: 3 points, at least 32 are needed"),
+            "{three}"
+        );
         assert!(three.hint().is_some_and(|hint| hint.contains("densely")));
         let same = refusal("same.xyz", &"1 2 3\n".repeat(100));
         assert!(same.to_string().ends_with("same.xyz: all 100 points are at one place"), "{same}");
@@ -307,17 +355,33 @@ mod tests {
         let line: String = (0..100).map(|k| format!("{k} 0 0\n")).collect();
         let line = refusal("line.xyz", &line);
         assert!(
-            line.to_string()
-                .ends_with("line.xyz: 100 of 100 points lie with their neighbours on a line, so they have no tangent plane"),
+            line.to_string().ends_with(
+                "line.xyz: 100 of 100 points lie with their neighbours on a line, so \
+                    they have no tangent plane"
+            ),
             "{line}"
         );
         let kind = refusal("a.las", "");
         assert!(
-            kind.to_string().ends_with("a.las: unknown extension `las`, known: obj, stl, ply, gltf, glb, 3mf, xyz, txt, asc"),
+            kind.to_string().ends_with(
+                "a.las: unknown extension `las`, known: obj, stl, ply, \
+                gltf, glb, 3mf, xyz, txt, asc"
+            ),
             "{kind}"
         );
-        assert!(refusal("empty.xyz", "").to_string().ends_with("empty.xyz: 0 points, at least 32 are needed"));
-        assert!(refusal("bad.xyz", "0 0 0\n1 2 z\n").to_string().ends_with("bad.xyz:2: `z` is no number"));
-        assert!(matches!(load(Path::new("none.ply"), 1.0, None), Err(LoadError::File(MeshError::Missing { .. }))));
+        assert!(
+            refusal("empty.xyz", "")
+                .to_string()
+                .ends_with("empty.xyz: 0 points, at least 32 are needed")
+        );
+        assert!(
+            refusal("bad.xyz", "0 0 0\n1 2 z\n")
+                .to_string()
+                .ends_with("bad.xyz:2: `z` is no number")
+        );
+        assert!(matches!(
+            load(Path::new("none.ply"), 1.0, None),
+            Err(LoadError::File(MeshError::Missing { .. }))
+        ));
     }
 }

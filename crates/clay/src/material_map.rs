@@ -1,15 +1,18 @@
 //! Painted material: mass, damping and stiffness of single mass points.
 //!
-//! In Guo2004 the user may modify the distribution of mass, damping and stiffness; the paper does not say how, and its brush paints colour only.
-//! Here (ours) a brush paints them with the paper's equation of paint. A property q of a node under the brush becomes
+//! In Guo2004 the user may modify the distribution of mass, damping and stiffness; the paper does
+//! not say how, and its brush paints colour only. Here (ours) a brush paints them with the paper's
+//! equation of paint. A property q of a node under the brush becomes
 //!
 //! q = q_b I + q_p (1 − I)
 //!
-//! as colours do, with q_b that of the brush, q_p that from before the press, and I the weight of the fall-off at the distance of the node from
-//! the middle of the brush: a ball, so what is painted has depth. While the brush is pressed a node keeps the largest I that it was given.
+//! as colours do, with q_b that of the brush, q_p that from before the press, and I the weight of
+//! the fall-off at the distance of the node from the middle of the brush: a ball, so what is
+//! painted has depth. While the brush is pressed a node keeps the largest I that it was given.
 //!
-//! Invariant: a node that was never painted has the constants of the piece, to the bit. Nodes stay where they are in space, as mass points of the paper do:
-//! clay that is pulled away leaves its properties behind.
+//! Invariant: a node that was never painted has the constants of the piece, to the bit. Nodes stay
+//! where they are in space, as mass points of the paper do: clay that is pulled away leaves its
+//! properties behind.
 
 use std::sync::Arc;
 
@@ -39,14 +42,16 @@ pub struct Painted {
 }
 
 impl Painted {
-    /// Where nothing is said, clay becomes so many times as hard: stiffness and damping, so that it gives way that much less at its usual pace.
+    /// Where nothing is said, clay becomes so many times as hard: stiffness and damping, so that it
+    /// gives way that much less at its usual pace.
     pub const HARDER: f32 = 10.0;
 
     /// What mass points may have, in words.
-    pub const KNOWN_GOOD: &str =
-        "paint a mass from 1e-9 to 1 kg, a damping from 0 to 10000 N·s/m, a stiffness above 0 up to 1e6 N/m";
+    pub const KNOWN_GOOD: &str = "paint a mass from 1e-9 to 1 kg, a damping from 0 to 10000 N·s/m, \
+        a stiffness above 0 up to 1e6 N/m";
 
-    /// Itself; where it says nothing, [so many times](Self::HARDER) the stiffness and damping of the piece.
+    /// Itself; where it says nothing, [so many times](Self::HARDER) the stiffness and damping of
+    /// the piece.
     #[must_use]
     pub fn or_harder(self, clay: &Material) -> Self {
         if self != Self::default() {
@@ -63,13 +68,19 @@ impl Painted {
     /// The first property that no mass point may have: its name, value and unit.
     pub fn unsound(&self) -> Option<(&'static str, f32, &'static str)> {
         let Self { mass_kg, damping_n_s_per_m, stiffness_n_per_m } = *self;
-        let is_in =
-            |range: &core::ops::RangeInclusive<f64>, value: f32| (*range.start() as f32..=*range.end() as f32).contains(&value);
-        let mass = mass_kg.filter(|value| !is_in(&Material::MASS_KG, *value)).map(|value| ("a mass", value, "kg"));
-        let damping = damping_n_s_per_m.filter(|value| !is_in(&Material::DAMPING_N_S_PER_M, *value));
-        let is_stiffness = |value: f32| value > 0.0 && value <= Material::STIFFNESS_MAX_N_PER_M as f32;
+        let is_in = |range: &core::ops::RangeInclusive<f64>, value: f32| {
+            (*range.start() as f32..=*range.end() as f32).contains(&value)
+        };
+        let mass = mass_kg
+            .filter(|value| !is_in(&Material::MASS_KG, *value))
+            .map(|value| ("a mass", value, "kg"));
+        let damping =
+            damping_n_s_per_m.filter(|value| !is_in(&Material::DAMPING_N_S_PER_M, *value));
+        let is_stiffness =
+            |value: f32| value > 0.0 && value <= Material::STIFFNESS_MAX_N_PER_M as f32;
         let stiffness = stiffness_n_per_m.filter(|value| !is_stiffness(*value));
-        mass.or(damping.map(|value| ("a damping", value, "N·s/m"))).or(stiffness.map(|value| ("a stiffness", value, "N/m")))
+        mass.or(damping.map(|value| ("a damping", value, "N·s/m")))
+            .or(stiffness.map(|value| ("a stiffness", value, "N/m")))
     }
 
     fn properties(&self) -> [Option<f32>; N_PROPERTIES] {
@@ -77,7 +88,8 @@ impl Painted {
     }
 }
 
-/// Where material is laid at once, rather than painted. Ours: the paper says that users modify the distributions "directly", and not how.
+/// Where material is laid at once, rather than painted. Ours: the paper says that users modify the
+/// distributions "directly", and not how.
 #[derive(Clone, Debug, PartialEq)]
 pub enum MaterialPlace {
     /// What all of the piece is made of where nothing was painted or laid.
@@ -98,7 +110,8 @@ pub enum MaterialPlace {
         /// How.
         falloff: Falloff,
     },
-    /// All mass points: as they are before `from_map`, in full beyond `to_map`, and evenly in between along that way.
+    /// All mass points: as they are before `from_map`, in full beyond `to_map`, and evenly in
+    /// between along that way.
     Gradient {
         /// Map frame, m.
         from_map: DVec3,
@@ -125,31 +138,42 @@ impl MaterialPlace {
 
     /// How a text of values is written.
     pub fn values_hint() -> String {
-        let (header, good) = (Self::VALUES_HEADER, Painted::KNOWN_GOOD);
+        let header = Self::VALUES_HEADER;
+        let good = Painted::KNOWN_GOOD;
         format!("write `{header}`, then a line for each place; what is left empty stays. {good}")
     }
 
-    /// Reads values: [`Self::VALUES_HEADER`], then a line for each place, mm, kg, N·s/m and N/m; what is left empty stays.
+    /// Reads values: [`Self::VALUES_HEADER`], then a line for each place, mm, kg, N·s/m and N/m;
+    /// what is left empty stays.
     ///
     /// # Errors
     /// What is wrong, with the number of its line.
     pub fn values(text: &[u8], within_m: f64) -> Result<Self, String> {
         let text = core::str::from_utf8(text).map_err(|_| "it is no text".to_owned())?;
         // Spreadsheets begin a text with a mark.
-        let mut lines = text.trim_start_matches('\u{feff}').lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
+        let mut lines = text
+            .trim_start_matches('\u{feff}')
+            .lines()
+            .enumerate()
+            .filter(|(_, line)| !line.trim().is_empty());
         if lines.next().is_none_or(|(_, line)| line.trim() != Self::VALUES_HEADER) {
             return Err(format!("the first line is not `{}`", Self::VALUES_HEADER));
         }
-        let (mut places_map, mut painted) = (Vec::new(), Vec::new());
+        let mut places_map = Vec::new();
+        let mut painted = Vec::new();
         for (index, line) in lines {
             let wrong = |what: String| Err(format!("line {}: {what}", index + 1));
             // One cell too many is enough to see that there are too many.
             let cells = line.split(',').map(str::trim).take(7);
-            let numbers: Option<Vec<Option<f64>>> =
-                cells.map(|cell| if cell.is_empty() { Some(None) } else { cell.parse().ok().map(Some) }).collect();
-            let Some(&[Some(x), Some(y), Some(z), mass, damping, stiffness]) = numbers.as_deref() else {
+            let numbers: Option<Vec<Option<f64>>> = cells
+                .map(|cell| if cell.is_empty() { Some(None) } else { cell.parse().ok().map(Some) })
+                .collect();
+            let Some(&[Some(x), Some(y), Some(z), mass, damping, stiffness]) = numbers.as_deref()
+            else {
                 let begin: String = line.chars().take(80).collect();
-                return wrong(format!("`{begin}` is not three coordinates and up to three properties"));
+                return wrong(format!(
+                    "`{begin}` is not three coordinates and up to three properties"
+                ));
             };
             let at_map = DVec3::new(x, y, z) * 1e-3;
             let [mass_kg, damping_n_s_per_m, stiffness_n_per_m] =
@@ -175,7 +199,8 @@ impl MaterialPlace {
         match self {
             Self::Everywhere => None,
             Self::Box { low_map, high_map } => {
-                let is_box = low_map.is_finite() && high_map.is_finite() && low_map.cmplt(*high_map).all();
+                let is_box =
+                    low_map.is_finite() && high_map.is_finite() && low_map.cmplt(*high_map).all();
                 (!is_box).then(|| "a box whose first corner is not the lowest".to_owned())
             }
             Self::Ball { center_map, radius_m, .. } => {
@@ -192,7 +217,8 @@ impl MaterialPlace {
                     && places_map.iter().all(|at| at.is_finite())
                     && *within_m > 0.0
                     && within_m.is_finite();
-                (!is_sound).then(|| format!("{} values of material, or one at no place", painted.len()))
+                (!is_sound)
+                    .then(|| format!("{} values of material, or one at no place", painted.len()))
             }
         }
     }
@@ -248,7 +274,11 @@ impl MaterialMap {
         self.layers.iter().zip(&other.layers).all(|(one, other)| match (one, other) {
             (Some(one), Some(other)) => {
                 Arc::ptr_eq(one, other)
-                    || one.len() == other.len() && one.iter().zip(&**other).all(|(one, other)| one.to_bits() == other.to_bits())
+                    || one.len() == other.len()
+                        && one
+                            .iter()
+                            .zip(&**other)
+                            .all(|(one, other)| one.to_bits() == other.to_bits())
             }
             (one, other) => one.is_none() && other.is_none(),
         })
@@ -268,8 +298,15 @@ impl MaterialMap {
         values
     }
 
-    /// The material of a part of its lattice, whose first node is `first`. Cost: O(nodes of the part) for each property that was painted.
-    pub(super) fn of_part(&self, whole: &Lattice, first: [usize; 3], part: &Lattice, clay: &Material) -> Material<Quantity> {
+    /// The material of a part of its lattice, whose first node is `first`. Cost: O(nodes of the
+    /// part) for each property that was painted.
+    pub(super) fn of_part(
+        &self,
+        whole: &Lattice,
+        first: [usize; 3],
+        part: &Lattice,
+        clay: &Material,
+    ) -> Material<Quantity> {
         let [nx, ny, nz] = part.dims;
         let quantity = |layer: &Option<Layer>, constant: f32| {
             let Some(layer) = layer else { return Quantity::Constant(constant) };
@@ -277,7 +314,9 @@ impl MaterialMap {
             for x in 0..nx {
                 for y in 0..ny {
                     let from = whole.index([first[0] + x, first[1] + y, first[2]]);
-                    values.extend(layer[from..from + nz].iter().map(|value| or_bare(*value, constant)));
+                    values.extend(
+                        layer[from..from + nz].iter().map(|value| or_bare(*value, constant)),
+                    );
                 }
             }
             // One number for all is faster.
@@ -296,7 +335,8 @@ impl MaterialMap {
         }
     }
 
-    /// Lays a material on the nodes of its lattice: q = q_b I + q_p (1 − I), as the brush does. Gives how many nodes it reached. Parallel; cost: O(nodes).
+    /// Lays a material on the nodes of its lattice: q = q_b I + q_p (1 − I), as the brush does.
+    /// Gives how many nodes it reached. Parallel; cost: O(nodes).
     pub(super) fn lay(
         &mut self,
         (lattice, clay): (&Lattice, &Material),
@@ -313,12 +353,16 @@ impl MaterialMap {
             .collect();
         let under = self.clone();
         for (property, layer) in self.layers.iter_mut().enumerate() {
-            let given =
-                || reached.iter().filter_map(|(node, painted, weight)| Some((*node, painted.properties()[property]?, *weight)));
+            let given = || {
+                reached.iter().filter_map(|(node, painted, weight)| {
+                    Some((*node, painted.properties()[property]?, *weight))
+                })
+            };
             if given().next().is_none() {
                 continue;
             }
-            let values = Arc::make_mut(layer.get_or_insert_with(|| vec![BARE; lattice.n_nodes()].into()));
+            let values =
+                Arc::make_mut(layer.get_or_insert_with(|| vec![BARE; lattice.n_nodes()].into()));
             for (node, value, weight) in given() {
                 values[node] = value * weight + under.values(node, clay)[property] * (1.0 - weight);
             }
@@ -326,8 +370,9 @@ impl MaterialMap {
         reached.len()
     }
 
-    /// The same on another lattice, interpolated between eight nodes, bare ones among them with the constants; bare where none of the eight was
-    /// painted, and beyond the lattice before. Parallel; cost: O(nodes of both) for each property that was painted.
+    /// The same on another lattice, interpolated between eight nodes, bare ones among them with the
+    /// constants; bare where none of the eight was painted, and beyond the lattice before.
+    /// Parallel; cost: O(nodes of both) for each property that was painted.
     #[must_use]
     pub(super) fn onto(&self, from: &Lattice, to: &Lattice, clay: &Material) -> Self {
         if from == to {
@@ -366,10 +411,13 @@ fn interpolated(lattice: &Lattice, layer: &[f32], nodes: [f32; 3], constant: f32
         let below = node.floor().min(last - 1.0).max(0.0);
         (low[axis], share[axis]) = (below as usize, node - below);
     }
-    let (mut sum, mut is_bare) = (0.0, true);
+    let mut sum = 0.0;
+    let mut is_bare = true;
     for corner in 0..8_usize {
         let offset = [corner >> 2 & 1, corner >> 1 & 1, corner & 1];
-        let weight: f32 = (0..3).map(|axis| if offset[axis] == 1 { share[axis] } else { 1.0 - share[axis] }).product();
+        let weight: f32 = (0..3)
+            .map(|axis| if offset[axis] == 1 { share[axis] } else { 1.0 - share[axis] })
+            .product();
         if weight > 0.0 {
             let value = layer[lattice.index([0, 1, 2].map(|axis| low[axis] + offset[axis]))];
             is_bare &= value.is_nan();
@@ -403,8 +451,9 @@ impl MaterialCoat {
         &self.painted
     }
 
-    /// Paints the nodes in the ball of a dab, of any side: those within one spacing at least, so that a brush finer than the lattice paints
-    /// too. Gives how many changed. Cost: O(nodes in the ball); in the first dab of a press also a copy of what was painted.
+    /// Paints the nodes in the ball of a dab, of any side: those within one spacing at least, so
+    /// that a brush finer than the lattice paints too. Gives how many changed. Cost: O(nodes in the
+    /// ball); in the first dab of a press also a copy of what was painted.
     pub(super) fn dab(
         &mut self,
         map: &mut MaterialMap,
@@ -438,7 +487,9 @@ impl MaterialCoat {
 
     fn put(&self, map: &mut MaterialMap, node: usize, weight: f32, clay: &Material) {
         let under = self.under.values(node, clay);
-        for ((layer, painted), under) in map.layers.iter_mut().zip(self.painted.properties()).zip(under) {
+        for ((layer, painted), under) in
+            map.layers.iter_mut().zip(self.painted.properties()).zip(under)
+        {
             let Some(painted) = painted else { continue };
             let layer = layer.get_or_insert_with(|| vec![BARE; self.weights.len()].into());
             Arc::make_mut(layer)[node] = painted * weight + under * (1.0 - weight);

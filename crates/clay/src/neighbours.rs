@@ -1,8 +1,9 @@
 //! Which samples are near a point: a balanced k-d tree with tight boxes.
 //!
-//! Invariant: answers depend on the positions alone, never on the shape of the tree or the number of threads; of equally near
-//! samples the one with the lower number comes first. Cost: building O(n log n), in parallel; looking up O(log n) near the samples,
-//! and little more far away, as every node knows the box around its own samples.
+//! Invariant: answers depend on the positions alone, never on the shape of the tree or the number
+//! of threads; of equally near samples the one with the lower number comes first. Cost: building
+//! O(n log n), in parallel; looking up O(log n) near the samples, and little more far away, as
+//! every node knows the box around its own samples.
 
 use std::ops::Range;
 
@@ -56,7 +57,8 @@ pub struct Neighbours {
     positions: Vec<DVec3>,
     /// `[n]`, numbers of those samples.
     samples: Vec<u32>,
-    /// `[2^(depth + 1) − 1]`: children of node k are 2k + 1 and 2k + 2; each has half of its parent's samples.
+    /// `[2^(depth + 1) − 1]`: children of node k are 2k + 1 and 2k + 2; each has half of its
+    /// parent's samples.
     boxes: Vec<Box3>,
 }
 
@@ -90,7 +92,8 @@ impl Neighbours {
         (best.sample != u32::MAX).then_some(best)
     }
 
-    /// The `n` nearest samples, nearest first; fewer when there are fewer. `found` is emptied first.
+    /// The `n` nearest samples, nearest first; fewer when there are fewer. `found` is emptied
+    /// first.
     pub fn nearest_n(&self, point: DVec3, n: usize, found: &mut Vec<Neighbour>) {
         found.clear();
         if n == 0 {
@@ -107,13 +110,15 @@ impl Neighbours {
                     }
                     found.pop();
                 }
-                let place = found.iter().rposition(|old| old.is_before(&new)).map_or(0, |place| place + 1);
+                let place =
+                    found.iter().rposition(|old| old.is_before(&new)).map_or(0, |place| place + 1);
                 found.insert(place, new);
             },
         );
     }
 
-    /// Every sample within a distance, in ascending order of their numbers. `found` is emptied first.
+    /// Every sample within a distance, in ascending order of their numbers. `found` is emptied
+    /// first.
     pub fn within(&self, point: DVec3, distance_m: f64, found: &mut Vec<Neighbour>) {
         found.clear();
         let most_m2 = distance_m * distance_m;
@@ -150,7 +155,8 @@ impl Neighbours {
         node >= self.boxes.len() / 2
     }
 
-    /// Shows nodes from the root on, with the places of their samples, and the children of those for which `visit` is true.
+    /// Shows nodes from the root on, with the places of their samples, and the children of those
+    /// for which `visit` is true.
     pub(super) fn descend(&self, mut visit: impl FnMut(usize, Range<usize>) -> bool) {
         if self.boxes.is_empty() {
             return;
@@ -170,7 +176,8 @@ impl Neighbours {
         }
     }
 
-    /// Shows every node that has samples: its number, their places, and the corners of the box around them.
+    /// Shows every node that has samples: its number, their places, and the corners of the box
+    /// around them.
     pub(super) fn for_each_node(&self, mut see: impl FnMut(usize, Range<usize>, DVec3, DVec3)) {
         self.descend(|node, range| {
             let has_samples = !range.is_empty();
@@ -182,7 +189,13 @@ impl Neighbours {
     }
 
     /// Shows every sample that is not farther than `reach` says, nearer boxes first.
-    fn walk<T>(&self, point: DVec3, state: &mut T, reach: impl Fn(&T) -> f64, mut take: impl FnMut(&mut T, Neighbour)) {
+    fn walk<T>(
+        &self,
+        point: DVec3,
+        state: &mut T,
+        reach: impl Fn(&T) -> f64,
+        mut take: impl FnMut(&mut T, Neighbour),
+    ) {
         if self.positions.is_empty() || !point.is_finite() {
             return;
         }
@@ -197,15 +210,25 @@ impl Neighbours {
             }
             while !self.is_leaf(node) {
                 let middle = begin.midpoint(end);
-                let [left, right] = [2 * node + 1, 2 * node + 2].map(|child| self.boxes[child].distance_squared(point));
-                let (near, far) = ((2 * node + 1, begin, middle, left), (2 * node + 2, middle, end, right));
+                let [left, right] = [2 * node + 1, 2 * node + 2]
+                    .map(|child| self.boxes[child].distance_squared(point));
+                let near = (2 * node + 1, begin, middle, left);
+                let far = (2 * node + 2, middle, end, right);
                 let (near, far) = if right < left { (far, near) } else { (near, far) };
                 stack[depth] = far;
                 depth += 1;
                 (node, begin, end, _) = near;
             }
-            for (position, sample) in self.positions[begin..end].iter().zip(&self.samples[begin..end]) {
-                take(state, Neighbour { sample: *sample, distance_squared_m2: position.distance_squared(point) });
+            for (position, sample) in
+                self.positions[begin..end].iter().zip(&self.samples[begin..end])
+            {
+                take(
+                    state,
+                    Neighbour {
+                        sample: *sample,
+                        distance_squared_m2: position.distance_squared(point),
+                    },
+                );
             }
         }
     }
@@ -213,8 +236,10 @@ impl Neighbours {
 
 /// Sorts the part under a node that has `n_leaves` leaves; gives the boxes of all its nodes.
 fn build(part: &mut [(DVec3, u32)], node: usize, n_leaves: usize) -> Vec<(usize, Box3)> {
-    let around =
-        |bounds: Box3, (position, _): &(DVec3, u32)| Box3 { low: bounds.low.min(*position), high: bounds.high.max(*position) };
+    let around = |bounds: Box3, (position, _): &(DVec3, u32)| Box3 {
+        low: bounds.low.min(*position),
+        high: bounds.high.max(*position),
+    };
     let bounds = part.iter().fold(Box3::EMPTY, around);
     if n_leaves == 1 {
         return vec![(node, bounds)];
@@ -231,10 +256,13 @@ fn build(part: &mut [(DVec3, u32)], node: usize, n_leaves: usize) -> Vec<(usize,
     // The same middle as in the walk, from any beginning.
     let middle = part.len() / 2;
     if middle < part.len() {
-        part.select_nth_unstable_by(middle, |(a, i), (b, j)| a[axis].total_cmp(&b[axis]).then(i.cmp(j)));
+        part.select_nth_unstable_by(middle, |(a, i), (b, j)| {
+            a[axis].total_cmp(&b[axis]).then(i.cmp(j))
+        });
     }
     let (low, high) = part.split_at_mut(middle);
-    let (left, right) = (2 * node + 1, 2 * node + 2);
+    let left = 2 * node + 1;
+    let right = 2 * node + 2;
     let (mut boxes, more) = if is_parallel {
         rayon::join(|| build(low, left, n_leaves / 2), || build(high, right, n_leaves / 2))
     } else {
@@ -251,7 +279,13 @@ mod tests {
 
     /// Scattered, on a grid with many equal coordinates, on a line, and all at one place.
     fn clouds() -> Vec<Vec<DVec3>> {
-        let scattered = |k: i32| DVec3::new((f64::from(k) * 12.9).sin(), (f64::from(k) * 78.2).sin(), (f64::from(k) * 37.7).sin());
+        let scattered = |k: i32| {
+            DVec3::new(
+                (f64::from(k) * 12.9).sin(),
+                (f64::from(k) * 78.2).sin(),
+                (f64::from(k) * 37.7).sin(),
+            )
+        };
         vec![
             (0..700).map(scattered).collect(),
             (0..600).map(|k| DVec3::new(f64::from(k % 25), f64::from(k / 25), 0.0) * 0.1).collect(),
@@ -268,10 +302,16 @@ mod tests {
             let near = Neighbours::new(&positions);
             let mut found = Vec::new();
             for k in 0..200 {
-                let at = DVec3::new(f64::from(k % 6), f64::from(k / 6 % 6), f64::from(k / 36) - 1.0) * 0.37 - 0.4;
+                let at =
+                    DVec3::new(f64::from(k % 6), f64::from(k / 6 % 6), f64::from(k / 36) - 1.0)
+                        * 0.37
+                        - 0.4;
                 let mut all: Vec<Neighbour> = (0..)
                     .zip(&positions)
-                    .map(|(sample, position)| Neighbour { sample, distance_squared_m2: position.distance_squared(at) })
+                    .map(|(sample, position)| Neighbour {
+                        sample,
+                        distance_squared_m2: position.distance_squared(at),
+                    })
                     .collect();
                 all.sort_by(|a, b| a.key().partial_cmp(&b.key()).unwrap());
                 assert_eq!(near.nearest(at), all.first().copied());
@@ -280,7 +320,10 @@ mod tests {
                     assert_eq!(found, all[..n.min(all.len())], "{at}");
                 }
                 near.within(at, 0.8, &mut found);
-                let mut within: Vec<Neighbour> = all.into_iter().filter(|other| other.distance_squared_m2 <= 0.8 * 0.8).collect();
+                let mut within: Vec<Neighbour> = all
+                    .into_iter()
+                    .filter(|other| other.distance_squared_m2 <= 0.8 * 0.8)
+                    .collect();
                 within.sort_by_key(|other| other.sample);
                 assert_eq!(found, within, "{at}");
             }

@@ -1,9 +1,12 @@
-//! Normals of samples that come without: the plane through the neighbours, turned so that all point out.
+//! Normals of samples that come without: the plane through the neighbours, turned so that all point
+//! out.
 //!
-//! Cost: linear in the samples but for the sorting of neighbours; 67,038 samples take some tenths of a second.
+//! Cost: linear in the samples but for the sorting of neighbours; 67,038 samples take some tenths
+//! of a second.
 //!
 //! # Source
-//! Guo2004, equation 1 (weighted plane fit), and the minimal spanning tree that it names for the orientation.
+//! Guo2004, equation 1 (weighted plane fit), and the minimal spanning tree that it names for the
+//! orientation.
 
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
@@ -15,10 +18,12 @@ use super::{Neighbour, Neighbours, SurfaceError};
 const NEIGHBOURS: usize = 16;
 /// Nearest others whose mean distance is the spacing.
 const RING: usize = 6;
-/// Neighbours whose extent across is this small a share of that along are a line: squared, as eigenvalues are.
+/// Neighbours whose extent across is this small a share of that along are a line: squared, as
+/// eigenvalues are.
 const LINE: f64 = 1e-6;
 
-/// Unit normals out of the material, from positions alone. Where closed surfaces lie inside each other, the material is between them.
+/// Unit normals out of the material, from positions alone. Where closed surfaces lie inside each
+/// other, the material is between them.
 ///
 /// # Errors
 /// [`SurfaceError::TooFew`], [`SurfaceError::NonFinite`], [`SurfaceError::Lines`].
@@ -39,7 +44,8 @@ pub(super) fn estimate(positions_map: &[DVec3]) -> Result<Vec<DVec3>, SurfaceErr
             found
         })
         .collect();
-    let planes: Vec<Plane> = around.par_iter().map(|found| Plane::through(positions_map, found)).collect();
+    let planes: Vec<Plane> =
+        around.par_iter().map(|found| Plane::through(positions_map, found)).collect();
     let lines = planes.iter().filter(|plane| plane.is_line).count();
     if 2 * lines > found {
         return Err(SurfaceError::Lines { samples: lines, of: found });
@@ -66,7 +72,8 @@ impl Plane {
             (-other.distance_squared_m2 / (spacing_m * spacing_m).max(f64::MIN_POSITIVE)).exp()
         };
         // Sums about a sample, not about the far origin.
-        let origin_map = found.first().map_or(DVec3::ZERO, |first| positions_map[first.sample as usize]);
+        let origin_map =
+            found.first().map_or(DVec3::ZERO, |first| positions_map[first.sample as usize]);
         let at = |other: &Neighbour| positions_map[other.sample as usize] - origin_map;
         let total: f64 = found.iter().map(weight).sum();
         let center = found.iter().map(|other| at(other) * weight(other)).sum::<DVec3>() / total;
@@ -84,15 +91,16 @@ impl Plane {
     }
 }
 
-/// Eigenvalues and unit eigenvectors, as columns, of a symmetric matrix: rotations that remove one off-diagonal entry after the other
-/// (Jacobi).
+/// Eigenvalues and unit eigenvectors, as columns, of a symmetric matrix: rotations that remove one
+/// off-diagonal entry after the other (Jacobi).
 fn eigen(mut matrix: DMat3) -> (DVec3, DMat3) {
     let mut vectors = DMat3::IDENTITY;
     // Three or four rounds are enough.
     for _ in 0..10 {
         for (p, q) in [(0, 1), (0, 2), (1, 2)] {
             let off = matrix.col(q)[p];
-            if off.abs() <= f64::EPSILON * 1e-3 * (matrix.col(p)[p].abs() + matrix.col(q)[q].abs()) {
+            if off.abs() <= f64::EPSILON * 1e-3 * (matrix.col(p)[p].abs() + matrix.col(q)[q].abs())
+            {
                 continue;
             }
             let theta = (matrix.col(q)[q] - matrix.col(p)[p]) / (2.0 * off);
@@ -121,16 +129,22 @@ mod tests {
     /// Share of estimated normals that point out, and the mean angle to the right ones, degrees.
     fn compare(set: &super::super::PointSet) -> (f64, f64) {
         let normals = estimate(&set.positions_map).unwrap();
-        let angles: Vec<f64> = normals.iter().zip(&set.normals_map).map(|(a, b)| a.angle_between(*b)).collect();
+        let angles: Vec<f64> =
+            normals.iter().zip(&set.normals_map).map(|(a, b)| a.angle_between(*b)).collect();
         let out = angles.iter().filter(|angle| **angle < std::f64::consts::FRAC_PI_2).count();
-        (out as f64 / angles.len() as f64, angles.iter().sum::<f64>().to_degrees() / angles.len() as f64)
+        (
+            out as f64 / angles.len() as f64,
+            angles.iter().sum::<f64>().to_degrees() / angles.len() as f64,
+        )
     }
 
     #[test]
     fn normals_point_out_of_ball_ring_and_box() {
-        for (name, set, most_degrees) in
-            [("sphere", sphere(2000, 0.05), 1.0), ("torus", torus(6000, 0.05, 0.02), 1.0), ("cube", cube(30, 0.1), 6.0)]
-        {
+        for (name, set, most_degrees) in [
+            ("sphere", sphere(2000, 0.05), 1.0),
+            ("torus", torus(6000, 0.05, 0.02), 1.0),
+            ("cube", cube(30, 0.1), 6.0),
+        ] {
             let (out, angle) = compare(&set);
             assert_eq!(out, 1.0, "{name}");
             assert!(angle < most_degrees, "{name}: {angle}°");
@@ -167,15 +181,24 @@ mod tests {
         let (values, vectors) = eigen(matrix);
         let again = vectors * DMat3::from_diagonal(values) * vectors.transpose();
         assert!((again - matrix).to_cols_array().iter().all(|entry| entry.abs() < 1e-12));
-        assert!((vectors * vectors.transpose() - DMat3::IDENTITY).to_cols_array().iter().all(|entry| entry.abs() < 1e-12));
+        assert!(
+            (vectors * vectors.transpose() - DMat3::IDENTITY)
+                .to_cols_array()
+                .iter()
+                .all(|entry| entry.abs() < 1e-12)
+        );
     }
 
     #[test]
     fn points_without_a_surface_are_refused() {
-        let line: Vec<DVec3> = (0..100).map(|k| DVec3::new(f64::from(k), 2.0, -f64::from(k))).collect();
+        let line: Vec<DVec3> =
+            (0..100).map(|k| DVec3::new(f64::from(k), 2.0, -f64::from(k))).collect();
         assert_eq!(estimate(&line), Err(SurfaceError::Lines { samples: 100, of: 100 }));
         assert_eq!(estimate(&line[..3]), Err(SurfaceError::TooFew { found: 3 }));
-        assert_eq!(estimate(&[DVec3::ONE; 50]).unwrap_err(), SurfaceError::Lines { samples: 50, of: 50 });
+        assert_eq!(
+            estimate(&[DVec3::ONE; 50]).unwrap_err(),
+            SurfaceError::Lines { samples: 50, of: 50 }
+        );
         let mut broken = line;
         broken[7].y = f64::NAN;
         assert!(matches!(estimate(&broken), Err(SurfaceError::NonFinite { sample: 7, .. })));

@@ -1,11 +1,13 @@
 //! Which way normals point: a spanning tree carries the sign from sample to sample.
 //!
-//! Across an edge of the tree the surface is taken to bend evenly, so a normal is mirrored at the middle of the edge before the next
-//! one is compared with it. That is right over flat and round places, over sharp edges, and from one side of a thin wall to the other.
+//! Across an edge of the tree the surface is taken to bend evenly, so a normal is mirrored at the
+//! middle of the edge before the next one is compared with it. That is right over flat and round
+//! places, over sharp edges, and from one side of a thin wall to the other.
 //!
 //! # Source
-//! Hoppe et al. 1992, "Surface reconstruction from unorganized points" (spanning tree, weight 1 − |n·n|), as Guo2004 asks for; the
-//! mirrored normal is that of König and Gumhold 2009, "Consistent propagation of normal orientations in point clouds".
+//! Hoppe et al. 1992, "Surface reconstruction from unorganized points" (spanning tree, weight 1 −
+//! |n·n|), as Guo2004 asks for; the mirrored normal is that of König and Gumhold 2009, "Consistent
+//! propagation of normal orientations in point clouds".
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -39,7 +41,8 @@ pub(super) fn orient(
 
 /// Neighbourhood is not mutual by itself.
 fn both_ways(around: &[Vec<Neighbour>]) -> Vec<Vec<u32>> {
-    let mut links: Vec<Vec<u32>> = around.iter().map(|found| found.iter().map(|other| other.sample).collect()).collect();
+    let mut links: Vec<Vec<u32>> =
+        around.iter().map(|found| found.iter().map(|other| other.sample).collect()).collect();
     for (sample, found) in (0..).zip(around) {
         found.iter().for_each(|other| links[other.sample as usize].push(sample));
     }
@@ -75,12 +78,16 @@ fn pieces(links: &[Vec<u32>]) -> Vec<Vec<u32>> {
     pieces
 }
 
-/// Of the samples that lie farthest along the axes the one whose plane faces its axis best, its normal turned out.
+/// Of the samples that lie farthest along the axes the one whose plane faces its axis best, its
+/// normal turned out.
 fn outermost(piece: &[u32], positions_map: &[DVec3], normals: &mut [DVec3]) -> u32 {
     let mut best = (-1.0, piece[0], DVec3::X);
     for axis in [DVec3::X, DVec3::Y, DVec3::Z, -DVec3::X, -DVec3::Y, -DVec3::Z] {
         let along = |sample: &u32| positions_map[*sample as usize].dot(axis);
-        let farthest = piece.iter().copied().reduce(|best, sample| if along(&sample) > along(&best) { sample } else { best });
+        let farthest = piece
+            .iter()
+            .copied()
+            .reduce(|best, sample| if along(&sample) > along(&best) { sample } else { best });
         if let Some(sample) = farthest {
             let facing = normals[sample as usize].dot(axis).abs();
             if facing > best.0 {
@@ -113,7 +120,8 @@ fn spread(root: u32, positions_map: &[DVec3], normals: &mut [DVec3], links: &[Ve
         is_done[from as usize] = true;
         for to in &links[from as usize] {
             if !is_done[*to as usize] {
-                let agree = mirrored(normals[from as usize], from, *to).dot(normals[*to as usize]).abs();
+                let agree =
+                    mirrored(normals[from as usize], from, *to).dot(normals[*to as usize]).abs();
                 heap.push(Reverse(((1.0 - agree).max(0.0).to_bits(), from, *to)));
             }
         }
@@ -132,21 +140,32 @@ fn spread(root: u32, positions_map: &[DVec3], normals: &mut [DVec3], links: &[Ve
 }
 
 /// The wall of a cavity lies inside another piece, or inside three.
-fn turn_cavities(pieces: &[Vec<u32>], positions_map: &[DVec3], normals: &mut [DVec3], spacings_m: &[f64]) {
+fn turn_cavities(
+    pieces: &[Vec<u32>],
+    positions_map: &[DVec3],
+    normals: &mut [DVec3],
+    spacings_m: &[f64],
+) {
     let is_in = |at: DVec3, piece: &[u32]| {
         let winding = piece.iter().map(|sample| {
             let sample = *sample as usize;
             let way = positions_map[sample] - at;
             let squared = way.length_squared();
             let area_m2 = spacings_m[sample] * spacings_m[sample];
-            if squared > 0.0 { area_m2 * normals[sample].dot(way) / (squared * squared.sqrt()) } else { 0.0 }
+            if squared > 0.0 {
+                area_m2 * normals[sample].dot(way) / (squared * squared.sqrt())
+            } else {
+                0.0
+            }
         });
         winding.sum::<f64>() / (4.0 * PI) > 0.5
     };
     let is_cavity: Vec<bool> = (0..pieces.len())
         .map(|piece| {
             let at = positions_map[pieces[piece][0] as usize];
-            let around = (0..pieces.len()).filter(|other| *other != piece && is_in(at, &pieces[*other])).count();
+            let around = (0..pieces.len())
+                .filter(|other| *other != piece && is_in(at, &pieces[*other]))
+                .count();
             around % 2 == 1
         })
         .collect();

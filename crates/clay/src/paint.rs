@@ -1,11 +1,14 @@
 //! Paint: colours of samples under a brush that the hand presses.
 //!
-//! C = C_b I + C_p (1 − I), with the size of the brush proportional to the force (Guo2004, painting tool). The paper's brush function
-//! I(R_p, R_b, f) is lost in print; here I is the weight of a [`Falloff`] at R_p/R_b, as for the ropes, and that with a rate f is 1 − (R_p/R_b)^f. While
-//! a brush is pressed a sample keeps the most that it was given: a brush that stands still leaves what one dab leaves, at any rate of updates.
+//! C = C_b I + C_p (1 − I), with the size of the brush proportional to the force (Guo2004, painting
+//! tool). The paper's brush function I(R_p, R_b, f) is lost in print; here I is the weight of a
+//! [`Falloff`] at R_p/R_b, as for the ropes, and that with a rate f is 1 − (R_p/R_b)^f. While a
+//! brush is pressed a sample keeps the most that it was given: a brush that stands still leaves
+//! what one dab leaves, at any rate of updates.
 //!
-//! A sample over which the colour changes much, at a rim or under a steep fall-off, is split where the brush has passed and when it is lifted: samples are
-//! added in its disc and tried again, until they are small enough.
+//! A sample over which the colour changes much, at a rim or under a steep fall-off, is split where
+//! the brush has passed and when it is lifted: samples are added in its disc and tried again, until
+//! they are small enough.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -19,11 +22,14 @@ const SPLIT: u32 = 6;
 /// Where they go, in radii of the disc that is split; and how large theirs are.
 const SPLIT_AT: f64 = 0.62;
 const SPLIT_RADIUS: f64 = 0.42;
-/// Weight at the rim from which a brush is hard: discs that the rim cuts are split, even where it cuts off little of them.
+/// Weight at the rim from which a brush is hard: discs that the rim cuts are split, even where it
+/// cuts off little of them.
 const HARD: f64 = 0.5;
-/// A disc is split where the colour changes by more than this over it, of black to white: nearer steps look even, because discs are blended.
+/// A disc is split where the colour changes by more than this over it, of black to white: nearer
+/// steps look even, because discs are blended.
 const COARSE: f64 = 0.35;
-/// While the brush is pressed, discs are split that it has left so far behind, in its radii; and none that are nearer to it than the second number.
+/// While the brush is pressed, discs are split that it has left so far behind, in its radii; and
+/// none that are nearer to it than the second number.
 const LEFT_RADII: f64 = 2.5;
 const AT_WORK_RADII: f64 = 1.3;
 /// Samples that are added are at least so far from all others, in the smallest radii.
@@ -55,7 +61,9 @@ impl Brush {
 
     /// The colour that covers another with an intensity from 0 to 1.
     pub(super) fn over(&self, under: [u8; 3], intensity: f64) -> [u8; 3] {
-        let mixed = |n: usize| f64::from(self.color[n]) * intensity + f64::from(under[n]) * (1.0 - intensity);
+        let mixed = |n: usize| {
+            f64::from(self.color[n]) * intensity + f64::from(under[n]) * (1.0 - intensity)
+        };
         [0, 1, 2].map(|n| mixed(n).round().clamp(0.0, 255.0) as u8)
     }
 
@@ -78,12 +86,17 @@ pub(super) struct Dab {
 impl Dab {
     /// A sample is under the brush.
     pub(super) fn covers(&self, points: &PointSet, sample: u32) -> bool {
-        self.beyond_m(points.positions_map[sample as usize], points.normals_map[sample as usize]) < 0.0
+        self.beyond_m(points.positions_map[sample as usize], points.normals_map[sample as usize])
+            < 0.0
     }
 
     /// How far beyond the rim a place is, m; below 0 under the brush.
     fn beyond_m(&self, at_map: DVec3, normal_map: DVec3) -> f64 {
-        if self.normal_map.dot(normal_map) > 0.0 { at_map.distance(self.at_map) - self.radius_m } else { f64::INFINITY }
+        if self.normal_map.dot(normal_map) > 0.0 {
+            at_map.distance(self.at_map) - self.radius_m
+        } else {
+            f64::INFINITY
+        }
     }
 }
 
@@ -111,11 +124,16 @@ pub(super) struct Coat {
 impl Coat {
     /// Nothing yet, over these colours, one per sample.
     pub(super) fn over(colors: &[[u8; 3]]) -> Self {
-        Self { under: colors.to_vec(), intensities: vec![0.0; colors.len()], dabs: Vec::new(), n_refined: 0 }
+        Self {
+            under: colors.to_vec(),
+            intensities: vec![0.0; colors.len()],
+            dabs: Vec::new(),
+            n_refined: 0,
+        }
     }
 
-    /// Colours the samples with the numbers `near`, those at most that were there when the press began; places, normals and colours are of all
-    /// samples. Gives how many took colour.
+    /// Colours the samples with the numbers `near`, those at most that were there when the press
+    /// began; places, normals and colours are of all samples. Gives how many took colour.
     pub(super) fn dab(
         &mut self,
         (positions_map, normals_map, colors): (&[DVec3], &[DVec3], &mut [[u8; 3]]),
@@ -132,24 +150,31 @@ impl Coat {
             if dab.beyond_m(positions_map[sample], normals_map[sample]) >= 0.0 {
                 continue;
             }
-            let intensity = brush.falloff.weight(positions_map[sample].distance(dab.at_map) / dab.radius_m);
+            let intensity =
+                brush.falloff.weight(positions_map[sample].distance(dab.at_map) / dab.radius_m);
             if intensity > self.intensities[sample] {
                 self.intensities[sample] = intensity;
                 colors[sample] = brush.over(self.under[sample], intensity);
                 n_colored += 1;
             }
         }
-        let is_same = |last: &Dab| last.at_map.distance(dab.at_map) <= SAME * dab.radius_m && dab.radius_m <= last.radius_m;
+        let is_same = |last: &Dab| {
+            last.at_map.distance(dab.at_map) <= SAME * dab.radius_m && dab.radius_m <= last.radius_m
+        };
         if !self.dabs.last().is_some_and(is_same) {
             self.dabs.push(dab);
         }
         n_colored
     }
 
-    /// How far a brush that moves on has got since the last refinement, in dabs, and where it has left the surface behind.
+    /// How far a brush that moves on has got since the last refinement, in dabs, and where it has
+    /// left the surface behind.
     pub(super) fn waiting(&self) -> &[Dab] {
-        let is_left =
-            |dab: &&Dab| self.dabs.last().is_some_and(|last| dab.at_map.distance(last.at_map) > LEFT_RADII * last.radius_m);
+        let is_left = |dab: &&Dab| {
+            self.dabs
+                .last()
+                .is_some_and(|last| dab.at_map.distance(last.at_map) > LEFT_RADII * last.radius_m)
+        };
         let n_left = self.dabs[self.n_refined..].iter().take_while(is_left).count();
         &self.dabs[self.n_refined..self.n_refined + n_left]
     }
@@ -161,7 +186,9 @@ impl Coat {
 
     /// A disc is where the brush is still at work.
     pub(super) fn is_at_work(&self, at_map: DVec3) -> bool {
-        self.dabs.last().is_some_and(|last| at_map.distance(last.at_map) < AT_WORK_RADII * last.radius_m)
+        self.dabs
+            .last()
+            .is_some_and(|last| at_map.distance(last.at_map) < AT_WORK_RADII * last.radius_m)
     }
 
     /// Samples were added behind all others.
@@ -170,9 +197,10 @@ impl Coat {
         self.intensities.extend(refined.intensities);
     }
 
-    /// Samples for the discs over which the colour changes too much to be shown by one: those that the rim of a hard brush cuts, and those with a
-    /// steep fall-off. `onto`: puts a point onto the surface, and gives the normal there. Parallel; cost: O(discs · log dabs), and at
-    /// the rim O(dabs that reach there).
+    /// Samples for the discs over which the colour changes too much to be shown by one: those that
+    /// the rim of a hard brush cuts, and those with a steep fall-off. `onto`: puts a point onto the
+    /// surface, and gives the normal there. Parallel; cost: O(discs · log dabs), and at the rim
+    /// O(dabs that reach there).
     pub(super) fn refined(
         &self,
         points: &PointSet,
@@ -188,12 +216,15 @@ impl Coat {
             let sample = disc.sample as usize;
             let mut near = Vec::new();
             let mut new = Refined::default();
-            let contrast =
-                (0..3).map(|n| brush.color[n].abs_diff(self.under[sample][n])).max().map_or(0.0, |most| f64::from(most) / 255.0);
+            let contrast = (0..3)
+                .map(|n| brush.color[n].abs_diff(self.under[sample][n]))
+                .max()
+                .map_or(0.0, |most| f64::from(most) / 255.0);
             if contrast == 0.0 {
                 return new;
             }
-            let mut waiting = vec![(points.positions_map[sample], points.normals_map[sample], disc.radius_m)];
+            let mut waiting =
+                vec![(points.positions_map[sample], points.normals_map[sample], disc.radius_m)];
             while let Some((at, normal, disc_m)) = waiting.pop() {
                 if disc_m * SPLIT_RADIUS < brush.smallest_m {
                     continue;
@@ -204,7 +235,9 @@ impl Coat {
                     continue;
                 }
                 let near_dabs = || near.iter().map(|dab| &self.dabs[dab.sample as usize]);
-                let beyond_m = |at: DVec3| near_dabs().map(|dab| dab.beyond_m(at, normal)).fold(f64::INFINITY, f64::min);
+                let beyond_m = |at: DVec3| {
+                    near_dabs().map(|dab| dab.beyond_m(at, normal)).fold(f64::INFINITY, f64::min)
+                };
                 let intensity = |at: DVec3, normal: DVec3| {
                     let of = |dab: &Dab| {
                         if dab.beyond_m(at, normal) < 0.0 {
@@ -217,13 +250,17 @@ impl Coat {
                 };
                 let (u, v) = normal.any_orthonormal_pair();
                 let around = |turn: u32, share: f64| {
-                    let (sin, cos) = (core::f64::consts::TAU * f64::from(turn) / f64::from(SPLIT)).sin_cos();
+                    let (sin, cos) =
+                        (core::f64::consts::TAU * f64::from(turn) / f64::from(SPLIT)).sin_cos();
                     at + (u * cos + v * sin) * (share * disc_m)
                 };
                 let is_cut = is_hard && beyond_m(at).abs() < disc_m;
                 let changes = || {
                     let intensities = (0..SPLIT).map(|turn| intensity(around(turn, 1.0), normal));
-                    let (least, most) = intensities.fold((1.0_f64, 0.0_f64), |(least, most), one| (least.min(one), most.max(one)));
+                    let (least, most) = intensities
+                        .fold((1.0_f64, 0.0_f64), |(least, most), one| {
+                            (least.min(one), most.max(one))
+                        });
                     (most - least) * contrast > COARSE
                 };
                 if !(is_cut || changes()) {
@@ -275,20 +312,36 @@ mod tests {
 
     fn red() -> Brush {
         let cone = Falloff::table(vec![1.0, 0.0]).unwrap();
-        Brush { color: [255, 0, 0], radius_m_per_n: 2e-3, radius_max_m: 8e-3, falloff: cone, smallest_m: 1e-4 }
+        Brush {
+            color: [255, 0, 0],
+            radius_m_per_n: 2e-3,
+            radius_max_m: 8e-3,
+            falloff: cone,
+            smallest_m: 1e-4,
+        }
     }
 
     fn plate() -> PointSet {
         let mut points = PointSet::default();
         for x in -20..=20 {
             for y in -20..=20 {
-                points.push(DVec3::new(f64::from(x) * 1e-3, f64::from(y) * 1e-3, 0.0), DVec3::Z, [0, 0, 200]);
+                points.push(
+                    DVec3::new(f64::from(x) * 1e-3, f64::from(y) * 1e-3, 0.0),
+                    DVec3::Z,
+                    [0, 0, 200],
+                );
             }
         }
         points
     }
 
-    fn dab(points: &mut PointSet, coat: &mut Coat, brush: &Brush, at_map: DVec3, force_n: f64) -> usize {
+    fn dab(
+        points: &mut PointSet,
+        coat: &mut Coat,
+        brush: &Brush,
+        at_map: DVec3,
+        force_n: f64,
+    ) -> usize {
         let near: Vec<u32> = (0..points.len() as u32).collect();
         let PointSet { positions_map, normals_map, colors, .. } = points;
         let dab = Dab { at_map, normal_map: DVec3::Z, radius_m: brush.radius_m(force_n) };
@@ -305,7 +358,10 @@ mod tests {
 
     #[test]
     fn the_brush_grows_with_the_force_up_to_its_largest() {
-        assert_eq!([0.0, 1.0, 3.0, 10.0, -1.0].map(|force| red().radius_m(force)), [0.0, 2e-3, 6e-3, 8e-3, 0.0]);
+        assert_eq!(
+            [0.0, 1.0, 3.0, 10.0, -1.0].map(|force| red().radius_m(force)),
+            [0.0, 2e-3, 6e-3, 8e-3, 0.0]
+        );
         assert_eq!(red().radius_m(f64::NAN), 0.0);
     }
 
@@ -317,11 +373,17 @@ mod tests {
             for _ in 0..n_dabs {
                 dab(&mut points, &mut coat, &red(), DVec3::ZERO, 3.0);
             }
-            assert!(coat.refined(&points, &discs(&points), &red(), flat).points.is_empty(), "a gentle slope splits nothing");
+            assert!(
+                coat.refined(&points, &discs(&points), &red(), flat).points.is_empty(),
+                "a gentle slope splits nothing"
+            );
             for (at, color) in points.positions_map.iter().zip(&points.colors) {
                 let share = (1.0 - at.length() / 6e-3).max(0.0);
                 let expected = [255.0 * share, 0.0, 200.0 * (1.0 - share)];
-                assert!((0..3).all(|n| (f64::from(color[n]) - expected[n]).abs() <= 0.5 + 1e-9), "{at}: {color:?}, {expected:?}");
+                assert!(
+                    (0..3).all(|n| (f64::from(color[n]) - expected[n]).abs() <= 0.5 + 1e-9),
+                    "{at}: {color:?}, {expected:?}"
+                );
             }
         }
     }
@@ -338,8 +400,18 @@ mod tests {
         }
         let added = coat.refined(&points, &discs(&points), &brush, flat).points;
         assert!(added.len() > 100, "{}", added.len());
-        let from_rim_m = |at: &DVec3| middles.map(|middle| at.distance(middle) - 6e-3).into_iter().fold(f64::INFINITY, f64::min);
-        for (at, color) in points.positions_map.iter().chain(&added.positions_map).zip(points.colors.iter().chain(&added.colors)) {
+        let from_rim_m = |at: &DVec3| {
+            middles
+                .map(|middle| at.distance(middle) - 6e-3)
+                .into_iter()
+                .fold(f64::INFINITY, f64::min)
+        };
+        for (at, color) in points
+            .positions_map
+            .iter()
+            .chain(&added.positions_map)
+            .zip(points.colors.iter().chain(&added.colors))
+        {
             let expected = if from_rim_m(at) < 0.0 { [255, 0, 0] } else { [0, 0, 200] };
             assert_eq!(*color, expected, "{at}");
         }
@@ -367,12 +439,22 @@ mod tests {
         all.append(&added);
         let worst = |points: &PointSet| {
             let near = Neighbours::new(&points.positions_map);
-            let places = (0..200).map(|k| DVec3::new(5.7e-3 * f64::from(k).cos(), 5.7e-3 * f64::from(k).sin(), 0.0));
-            let off = places
-                .map(|at| (share(&at) - f64::from(points.colors[near.nearest(at).unwrap().sample as usize][0]) / 255.0).abs());
+            let places = (0..200)
+                .map(|k| DVec3::new(5.7e-3 * f64::from(k).cos(), 5.7e-3 * f64::from(k).sin(), 0.0));
+            let off = places.map(|at| {
+                (share(&at)
+                    - f64::from(points.colors[near.nearest(at).unwrap().sample as usize][0])
+                        / 255.0)
+                    .abs()
+            });
             off.fold(0.0, f64::max)
         };
-        assert!(worst(&all) < COARSE && worst(&points) > 0.45, "{} against {}", worst(&all), worst(&points));
+        assert!(
+            worst(&all) < COARSE && worst(&points) > 0.45,
+            "{} against {}",
+            worst(&all),
+            worst(&points)
+        );
     }
 
     #[test]

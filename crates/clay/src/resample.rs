@@ -1,8 +1,10 @@
 //! Samples where the surface was stretched, fewer where it was squeezed.
 //!
-//! Up: the neighbours of a sample are projected onto its tangent plane; the vertex of their Voronoi diagram with the largest empty circle
-//! is where one is missing, if the circle is larger than a threshold; it is put onto the isosurface (Guo2004, dynamic sampling). Down:
-//! the paper describes it and does not build it; here a sample goes that was squeezed closer to a kept one than a second threshold.
+//! Up: the neighbours of a sample are projected onto its tangent plane; the vertex of their Voronoi
+//! diagram with the largest empty circle is where one is missing, if the circle is larger than a
+//! threshold; it is put onto the isosurface (Guo2004, dynamic sampling). Down: the paper describes
+//! it and does not build it; here a sample goes that was squeezed closer to a kept one than a
+//! second threshold.
 //!
 //! Invariant: the result does not depend on the number of threads.
 
@@ -17,11 +19,13 @@ use super::advect::{AdvectedSamples, onto_level};
 use super::neighbours::{Neighbour, Neighbours};
 use vps::density::Raster;
 
-/// Neighbours are looked for as far as this many thresholds: what is further bounds no circle that is filled in one go.
+/// Neighbours are looked for as far as this many thresholds: what is further bounds no circle that
+/// is filled in one go.
 const SEEN_GAPS: f64 = 3.0;
 /// And so many are looked at in any case: a stretched place has none nearer.
 const SEEN_LEAST: usize = 16;
-/// A circle's middle is filled at most this many thresholds away: no further is it known to be empty.
+/// A circle's middle is filled at most this many thresholds away: no further is it known to be
+/// empty.
 const FILLED_GAPS: f64 = 1.5;
 /// Neighbours whose normals are further apart than this (cosine) are the other side of a thin part.
 const SAME_SIDE: f64 = 0.3;
@@ -31,7 +35,8 @@ const ROUNDS: u32 = 12;
 const SQUEEZED: f64 = 0.8;
 /// The same for two that were nearer than the threshold already, as at the rim of paint.
 const SQUEEZED_FINE: f64 = 0.6;
-/// What is closer than this share of the threshold goes in any case: many strokes may each squeeze by a little.
+/// What is closer than this share of the threshold goes in any case: many strokes may each squeeze
+/// by a little.
 const CRAMMED: f64 = 0.25;
 /// A new sample keeps this share of the threshold from the others that are new.
 const APART: f64 = 0.9;
@@ -55,9 +60,17 @@ struct Seen {
     samples: Vec<u32>,
 }
 
-/// The largest empty circle on the tangent plane of a sample that passes through it; `None` where its neighbours lie on a line.
-fn gap_at(points: &PointSet, neighbours: &Neighbours, sample: u32, seen_m: f64, seen: &mut Seen) -> Option<Gap> {
-    let (at, normal) = (points.positions_map[sample as usize], points.normals_map[sample as usize]);
+/// The largest empty circle on the tangent plane of a sample that passes through it; `None` where
+/// its neighbours lie on a line.
+fn gap_at(
+    points: &PointSet,
+    neighbours: &Neighbours,
+    sample: u32,
+    seen_m: f64,
+    seen: &mut Seen,
+) -> Option<Gap> {
+    let at = points.positions_map[sample as usize];
+    let normal = points.normals_map[sample as usize];
     neighbours.within(at, seen_m, &mut seen.neighbours);
     if seen.neighbours.len() < SEEN_LEAST {
         neighbours.nearest_n(at, SEEN_LEAST, &mut seen.nearest);
@@ -67,8 +80,11 @@ fn gap_at(points: &PointSet, neighbours: &Neighbours, sample: u32, seen_m: f64, 
     let Seen { neighbours, plane, samples, .. } = seen;
     samples.clear();
     samples.push(sample);
-    let is_beside = |other: u32| other != sample && points.normals_map[other as usize].dot(normal) > SAME_SIDE;
-    samples.extend(neighbours.iter().map(|neighbour| neighbour.sample).filter(|other| is_beside(*other)));
+    let is_beside =
+        |other: u32| other != sample && points.normals_map[other as usize].dot(normal) > SAME_SIDE;
+    samples.extend(
+        neighbours.iter().map(|neighbour| neighbour.sample).filter(|other| is_beside(*other)),
+    );
     plane.clear();
     plane.extend(samples.iter().map(|other| {
         let away = points.positions_map[*other as usize] - at;
@@ -91,38 +107,52 @@ fn gap_at(points: &PointSet, neighbours: &Neighbours, sample: u32, seen_m: f64, 
 
 /// `None` for corners on a line.
 fn circumcentre(a: DVec2, b: DVec2, c: DVec2) -> Option<DVec2> {
-    let (b, c) = (b - a, c - a);
+    let b = b - a;
+    let c = c - a;
     let twice = 2.0 * b.perp_dot(c);
-    let middle =
-        DVec2::new(c.y * b.length_squared() - b.y * c.length_squared(), b.x * c.length_squared() - c.x * b.length_squared());
+    let middle = DVec2::new(
+        c.y * b.length_squared() - b.y * c.length_squared(),
+        b.x * c.length_squared() - c.x * b.length_squared(),
+    );
     (twice.abs() > 1e-9 * (b.length_squared() + c.length_squared())).then(|| a + middle / twice)
 }
 
-/// The radius of the largest empty circle through any of these samples that is seen whole, m; 0 where there is none. Circles that reach
-/// beyond what is seen count with what is seen of them.
+/// The radius of the largest empty circle through any of these samples that is seen whole, m; 0
+/// where there is none. Circles that reach beyond what is seen count with what is seen of them.
 #[cfg(test)]
 pub(super) fn largest_gap_m(points: &PointSet, samples: &[u32], gap_m: f64) -> f64 {
     let neighbours = Neighbours::new(&points.positions_map);
     samples
         .par_iter()
         .map_init(Seen::default, |seen, sample| {
-            gap_at(points, &neighbours, *sample, SEEN_GAPS * gap_m, seen).map_or(0.0, |gap| gap.radius_m.min(FILLED_GAPS * gap_m))
+            gap_at(points, &neighbours, *sample, SEEN_GAPS * gap_m, seen)
+                .map_or(0.0, |gap| gap.radius_m.min(FILLED_GAPS * gap_m))
         })
         .reduce(|| 0.0, f64::max)
 }
 
-/// Puts samples into every empty circle with a radius above `gap_m` through samples that have `moved` (some of those that are afloat), on the
-/// isosurface of `now`, and lets them float as well. Returns how many came. Cost: O(samples that have moved) per round; each round fills all
+/// Puts samples into every empty circle with a radius above `gap_m` through samples that have
+/// `moved` (some of those that are afloat), on the isosurface of `now`, and lets them float as
+/// well. Returns how many came. Cost: O(samples that have moved) per round; each round fills all
 /// circles that are apart.
-pub(super) fn fill(points: &mut PointSet, afloat: &mut AdvectedSamples, moved: &[u32], now: &Raster, gap_m: f64) -> usize {
+pub(super) fn fill(
+    points: &mut PointSet,
+    afloat: &mut AdvectedSamples,
+    moved: &[u32],
+    now: &Raster,
+    gap_m: f64,
+) -> usize {
     let before = points.len();
-    let mut level_of: HashMap<u32, f64> = afloat.samples().iter().copied().zip(afloat.levels_m().iter().copied()).collect();
+    let mut level_of: HashMap<u32, f64> =
+        afloat.samples().iter().copied().zip(afloat.levels_m().iter().copied()).collect();
     let mut looked_at = moved.to_vec();
     for _ in 0..ROUNDS {
         let neighbours = Neighbours::new(&points.positions_map);
         let mut gaps: Vec<Gap> = looked_at
             .par_iter()
-            .map_init(Seen::default, |seen, sample| gap_at(points, &neighbours, *sample, SEEN_GAPS * gap_m, seen))
+            .map_init(Seen::default, |seen, sample| {
+                gap_at(points, &neighbours, *sample, SEEN_GAPS * gap_m, seen)
+            })
             .flatten()
             .filter(|gap| gap.radius_m > gap_m)
             .collect();
@@ -133,21 +163,29 @@ pub(super) fn fill(points: &mut PointSet, afloat: &mut AdvectedSamples, moved: &
         for gap in gaps {
             let [seer, ..] = gap.around;
             let from = points.positions_map[seer as usize];
-            let middle = from + (gap.middle_map - from) * (FILLED_GAPS * gap_m / gap.radius_m).min(1.0);
+            let middle =
+                from + (gap.middle_map - from) * (FILLED_GAPS * gap_m / gap.radius_m).min(1.0);
             if !taken.is_free(middle) {
                 continue;
             }
             let levels = gap.around.map(|sample| level_of.get(&sample).copied());
             let known = levels.iter().flatten();
             let level_m = known.clone().sum::<f64>() / known.clone().count().max(1) as f64;
-            let found = onto_level(|at| now.at(at), now.lattice().spacing_m, (middle, level_m), FILLED_GAPS * gap_m);
+            let found = onto_level(
+                |at| now.at(at),
+                now.lattice().spacing_m,
+                (middle, level_m),
+                FILLED_GAPS * gap_m,
+            );
             let Some((at, normal)) = found else { continue };
             // Beyond a sharp edge lies another face, which has samples of its own.
             if normal.dot(points.normals_map[seer as usize]) <= SAME_SIDE {
                 continue;
             }
             // It may have slid along a bent surface to where another sample is.
-            let is_free = neighbours.nearest(at).is_none_or(|nearest| nearest.distance_squared_m2 > (0.5 * gap_m).powi(2));
+            let is_free = neighbours
+                .nearest(at)
+                .is_none_or(|nearest| nearest.distance_squared_m2 > (0.5 * gap_m).powi(2));
             if !(is_free && taken.is_free(at)) {
                 continue;
             }
@@ -170,7 +208,12 @@ pub(super) fn fill(points: &mut PointSet, afloat: &mut AdvectedSamples, moved: &
         let mut near: Vec<u32> = Vec::new();
         for sample in new {
             neighbours.within(points.positions_map[sample as usize], SEEN_GAPS * gap_m, &mut found);
-            near.extend(found.iter().map(|neighbour| neighbour.sample).filter(|sample| level_of.contains_key(sample)));
+            near.extend(
+                found
+                    .iter()
+                    .map(|neighbour| neighbour.sample)
+                    .filter(|sample| level_of.contains_key(sample)),
+            );
         }
         near.sort_unstable();
         near.dedup();
@@ -179,13 +222,21 @@ pub(super) fn fill(points: &mut PointSet, afloat: &mut AdvectedSamples, moved: &
     points.len() - before
 }
 
-/// The samples to keep, ascending: without those of `looked_at` (ascending) that were squeezed closer than `close_m` to a kept one of the same
-/// side. What was as fine `before`, as the rim of paint is, stays so. Numbers up to the last of `before` mean the same samples in both. Cost:
+/// The samples to keep, ascending: without those of `looked_at` (ascending) that were squeezed
+/// closer than `close_m` to a kept one of the same side. What was as fine `before`, as the rim of
+/// paint is, stays so. Numbers up to the last of `before` mean the same samples in both. Cost:
 /// O(samples that are looked at).
-pub(super) fn thinned(points: &PointSet, before: &PointSet, looked_at: &[u32], close_m: f64) -> Vec<u32> {
+pub(super) fn thinned(
+    points: &PointSet,
+    before: &PointSet,
+    looked_at: &[u32],
+    close_m: f64,
+) -> Vec<u32> {
     let neighbours = Neighbours::new(&points.positions_map);
     let was_apart = |one: u32, other: u32, apart_m: f64| {
-        let (Some(one), Some(other)) = (before.positions_map.get(one as usize), before.positions_map.get(other as usize)) else {
+        let (Some(one), Some(other)) =
+            (before.positions_map.get(one as usize), before.positions_map.get(other as usize))
+        else {
             return true;
         };
         let was_m = one.distance(*other);
@@ -198,7 +249,8 @@ pub(super) fn thinned(points: &PointSet, before: &PointSet, looked_at: &[u32], c
         may_go[*sample as usize] = true;
     }
     for sample in looked_at {
-        let (at, normal) = (points.positions_map[*sample as usize], points.normals_map[*sample as usize]);
+        let at = points.positions_map[*sample as usize];
+        let normal = points.normals_map[*sample as usize];
         neighbours.within(at, close_m, &mut found);
         let crowds = |other: u32| {
             // Of two that may go the later one does.
@@ -237,7 +289,9 @@ impl OccupiedPlaces {
             (-1..=1).all(|j| {
                 (-1..=1).all(|k| {
                     let there = self.cells.get(&[x + i, y + j, z + k]);
-                    there.is_none_or(|places| places.iter().all(|place| place.distance(at) >= self.apart_m))
+                    there.is_none_or(|places| {
+                        places.iter().all(|place| place.distance(at) >= self.apart_m)
+                    })
                 })
             })
         })
@@ -261,7 +315,8 @@ mod tests {
         for i in 0..n {
             let z = 1.0 - (2.0 * f64::from(i) + 1.0) / f64::from(n);
             let turn = f64::from(i) * 2.399_963_229_728_653;
-            let normal = DVec3::new((1.0 - z * z).sqrt() * turn.cos(), (1.0 - z * z).sqrt() * turn.sin(), z);
+            let normal =
+                DVec3::new((1.0 - z * z).sqrt() * turn.cos(), (1.0 - z * z).sqrt() * turn.sin(), z);
             points.positions_map.push(normal * radius);
             points.normals_map.push(normal);
             points.colors.push([(i % 250) as u8, 0, 0]);
@@ -275,7 +330,8 @@ mod tests {
         for x in 0..61 {
             for y in 0..61 {
                 for z in 0..61 {
-                    raster.values_m_mut()[lattice.index([x, y, z])] = (radius - lattice.position([x, y, z]).length()) as f32;
+                    raster.values_m_mut()[lattice.index([x, y, z])] =
+                        (radius - lattice.position([x, y, z]).length()) as f32;
                 }
             }
         }
@@ -283,7 +339,8 @@ mod tests {
     }
 
     #[test]
-    fn acceptance_31_a_sphere_that_has_too_few_is_filled_until_no_circle_is_larger_than_the_threshold() {
+    fn acceptance_31_a_sphere_that_has_too_few_is_filled_until_no_circle_is_larger_than_the_threshold()
+     {
         let now = ball(0.01);
         // 100 samples on 4π cm²: circles of several millimetres.
         let mut points = spiral(100, 0.01);
@@ -321,7 +378,8 @@ mod tests {
 
     #[test]
     fn crowded_samples_go_and_the_rest_covers_the_surface() {
-        let (before, points) = (spiral(4000, 0.02), spiral(4000, 0.01));
+        let before = spiral(4000, 0.02);
+        let points = spiral(4000, 0.01);
         let afloat = AdvectedSamples::new(&points, &ball(0.01), 0.0);
         let kept = thinned(&points, &before, afloat.samples(), 0.6 * GAP_M);
         assert!(kept.len() < 3000, "{}", kept.len());
@@ -347,14 +405,21 @@ mod tests {
         for x in 0..20 {
             for y in 0..20 {
                 for (z, normal) in [(1e-4, DVec3::Z), (-1e-4, -DVec3::Z)] {
-                    points.positions_map.push(DVec3::new(f64::from(x) * GAP_M, f64::from(y) * GAP_M, z));
+                    points.positions_map.push(DVec3::new(
+                        f64::from(x) * GAP_M,
+                        f64::from(y) * GAP_M,
+                        z,
+                    ));
                     points.normals_map.push(normal);
                     points.colors.push([0; 3]);
                 }
             }
         }
         let afloat = AdvectedSamples::new(&points, &ball(0.01), 0.0);
-        assert_eq!(thinned(&points, &PointSet::default(), afloat.samples(), 0.6 * GAP_M).len(), points.len());
+        assert_eq!(
+            thinned(&points, &PointSet::default(), afloat.samples(), 0.6 * GAP_M).len(),
+            points.len()
+        );
     }
 
     #[test]

@@ -7,21 +7,24 @@ use vps::mesh::TriangleMesh;
 
 /// Candidates for each sample that stays.
 const CANDIDATES: f64 = 8.0;
-/// Least distance of samples over the spacing: with it so many of the candidates stay that each has spacing² of the area.
+/// Least distance of samples over the spacing: with it so many of the candidates stay that each has
+/// spacing² of the area.
 const LEAST_DISTANCE: f64 = 0.76;
 /// Samples above which a spacing is refused.
 const MOST_SAMPLES: f64 = 4e6;
 /// Colour of what has none.
 pub(super) const GREY: [u8; 3] = [190, 190, 190];
 
-/// Samples a mesh at about `spacing_m` with the normals of its faces, evenly and without a pattern (blue noise). Every sample has about
-/// spacing² of the area. The same mesh gives the same samples.
+/// Samples a mesh at about `spacing_m` with the normals of its faces, evenly and without a pattern
+/// (blue noise). Every sample has about spacing² of the area. The same mesh gives the same samples.
 ///
 /// # Errors
-/// [`SurfaceError::Spacing`] for a spacing that is not above zero, or makes more than four million samples.
+/// [`SurfaceError::Spacing`] for a spacing that is not above zero, or makes more than four million
+/// samples.
 pub fn sample(mesh: &TriangleMesh, spacing_m: f64) -> Result<PointSet, SurfaceError> {
     let area_of = |[a, b, c]: [DVec3; 3]| 0.5 * (b - a).cross(c - a).length();
-    let areas_m2: Vec<f64> = (0..mesh.triangles.len()).map(|triangle| area_of(mesh.corners(triangle))).collect();
+    let areas_m2: Vec<f64> =
+        (0..mesh.triangles.len()).map(|triangle| area_of(mesh.corners(triangle))).collect();
     let density = CANDIDATES / (spacing_m * spacing_m);
     let area_m2: f64 = areas_m2.iter().sum();
     let n_samples = area_m2 / (spacing_m * spacing_m);
@@ -43,7 +46,8 @@ pub fn sample(mesh: &TriangleMesh, spacing_m: f64) -> Result<PointSet, SurfaceEr
         };
         while (candidates.len() as f64) < covered {
             let number = candidates.len() as f64 + 1.0;
-            let (u, v) = ((number * 0.754_877_666_246_692_8).fract(), (number * 0.569_840_290_998_053_3).fract());
+            let u = (number * 0.754_877_666_246_692_8).fract();
+            let v = (number * 0.569_840_290_998_053_3).fract();
             let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
             candidates.push(a + (b - a) * u + (c - a) * v, normal, GREY);
         }
@@ -62,7 +66,11 @@ pub fn sample(mesh: &TriangleMesh, spacing_m: f64) -> Result<PointSet, SurfaceEr
         }
         kept.push(candidate);
         let normal = candidates.normals_map[candidate as usize];
-        near.within(candidates.positions_map[candidate as usize], LEAST_DISTANCE * spacing_m, &mut found);
+        near.within(
+            candidates.positions_map[candidate as usize],
+            LEAST_DISTANCE * spacing_m,
+            &mut found,
+        );
         for other in &found {
             // The far side of a thin wall keeps its own.
             if candidates.normals_map[other.sample as usize].dot(normal) > -0.5 {
@@ -95,7 +103,11 @@ mod tests {
         let samples = sample(&mesh, spacing_m).unwrap();
         let area_m2 = 2.0 * (size_m.x * size_m.y + size_m.y * size_m.z + size_m.z * size_m.x);
         let n_expected = area_m2 / (spacing_m * spacing_m);
-        assert!((samples.len() as f64 / n_expected - 1.0).abs() < 0.1, "{} of {n_expected}", samples.len());
+        assert!(
+            (samples.len() as f64 / n_expected - 1.0).abs() < 0.1,
+            "{} of {n_expected}",
+            samples.len()
+        );
         let near = Neighbours::new(&samples.positions_map);
         let mut found = Vec::new();
         for (at, normal) in samples.positions_map.iter().zip(&samples.normals_map) {
@@ -106,8 +118,11 @@ mod tests {
         }
         // No place is without.
         for k in 0..2000 {
-            let at =
-                DVec3::new(((f64::from(k) * 0.7548).fract() - 0.5) * 0.1, ((f64::from(k) * 0.5698).fract() - 0.5) * 0.08, 0.002);
+            let at = DVec3::new(
+                ((f64::from(k) * 0.7548).fract() - 0.5) * 0.1,
+                ((f64::from(k) * 0.5698).fract() - 0.5) * 0.08,
+                0.002,
+            );
             let nearest = near.nearest(at).unwrap();
             assert!(nearest.distance_squared_m2.sqrt() < spacing_m, "{at}");
         }
@@ -119,7 +134,10 @@ mod tests {
         let mesh = Shape::Sphere { radius_m: 0.05 }.tessellate(1e-3);
         for spacing_m in [0.0, -1.0, f64::NAN, 1e-6] {
             let error = sample(&mesh, spacing_m).unwrap_err();
-            assert!(matches!(error, SurfaceError::Spacing { least_m, .. } if least_m > 5e-5 && least_m < 1e-4), "{error}");
+            assert!(
+                matches!(error, SurfaceError::Spacing { least_m, .. } if least_m > 5e-5 && least_m < 1e-4),
+                "{error}"
+            );
         }
     }
 }

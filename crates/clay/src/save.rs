@@ -1,4 +1,5 @@
-//! Samples as a file: binary little-endian PLY, `double x y z`, `float nx ny nz`, `uchar red green blue`; metres, normals outward.
+//! Samples as a file: binary little-endian PLY, `double x y z`, `float nx ny nz`, `uchar red green
+//! blue`; metres, normals outward.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -6,7 +7,8 @@ use std::path::Path;
 use super::PointSet;
 use vps::storage::whole_file::write_whole;
 
-/// Writes samples. [`super::load()`] reads them back: positions and colours bit for bit, normals as 32-bit numbers.
+/// Writes samples. [`super::load()`] reads them back: positions and colours bit for bit, normals as
+/// 32-bit numbers.
 ///
 /// # Errors
 /// Any error of the file system; what was there under that name is there still.
@@ -19,13 +21,23 @@ pub fn save(path: &Path, points: &PointSet) -> io::Result<()> {
 /// # Errors
 /// Any error of the writer.
 pub fn write(to: &mut impl Write, points: &PointSet) -> io::Result<()> {
-    write!(to, "ply\nformat binary_little_endian 1.0\ncomment samples of a surface, metres, normals outward\n")?;
+    write!(
+        to,
+        "ply\nformat binary_little_endian 1.0\ncomment samples of a surface, metres, normals \
+            outward\n"
+    )?;
     writeln!(to, "element vertex {}", points.len())?;
-    for (kind, names) in [("double", ["x", "y", "z"]), ("float", ["nx", "ny", "nz"]), ("uchar", ["red", "green", "blue"])] {
+    for (kind, names) in [
+        ("double", ["x", "y", "z"]),
+        ("float", ["nx", "ny", "nz"]),
+        ("uchar", ["red", "green", "blue"]),
+    ] {
         names.iter().try_for_each(|name| writeln!(to, "property {kind} {name}"))?;
     }
     writeln!(to, "end_header")?;
-    for ((position_map, normal_map), color) in points.positions_map.iter().zip(&points.normals_map).zip(&points.colors) {
+    for ((position_map, normal_map), color) in
+        points.positions_map.iter().zip(&points.normals_map).zip(&points.colors)
+    {
         for number in position_map.to_array() {
             to.write_all(&number.to_le_bytes())?;
         }

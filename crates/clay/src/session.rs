@@ -1,8 +1,10 @@
 //! A session as a file: samples, densities, settings and the past of a piece, to go on another day.
 //!
-//! The container is [`vps::storage::sections`]: versions, little-endian SI, a checksum for each array. Every moment (now, those that undo
-//! goes back to, those that redo goes on to) is one row of `moments`; its samples and densities follow each other in the arrays. What was painted
-//! of a material stands in `painted` once for all moments that share it. Fits are not kept: they follow from the samples.
+//! The container is [`vps::storage::sections`]: versions, little-endian SI, a checksum for each
+//! array. Every moment (now, those that undo goes back to, those that redo goes on to) is one row
+//! of `moments`; its samples and densities follow each other in the arrays. What was painted of a
+//! material stands in `painted` once for all moments that share it. Fits are not kept: they follow
+//! from the samples.
 
 use std::collections::HashMap;
 use std::io;
@@ -90,13 +92,15 @@ struct MomentRecord {
     /// As it was chosen; not used where `is_chosen` is 0.
     region_map: [f64; 6],
     is_chosen: u64,
-    /// Mass, damping, stiffness: where their values begin in `painted`, one for each node of the base; [`BARE`] where none were painted.
+    /// Mass, damping, stiffness: where their values begin in `painted`, one for each node of the
+    /// base; [`BARE`] where none were painted.
     painted: [u64; 3],
 }
 
 const BARE: u64 = u64::MAX;
 
-/// Mass, damping and stiffness of what was not painted, one row for each moment. Sessions of earlier versions have none: there it never changed.
+/// Mass, damping and stiffness of what was not painted, one row for each moment. Sessions of
+/// earlier versions have none: there it never changed.
 type ClayRecord = [f64; 3];
 
 fn clay_record(material: &Material) -> ClayRecord {
@@ -121,14 +125,25 @@ impl LatticeRecord {
     fn lattice(&self) -> Option<(Lattice, usize)> {
         let dims = self.dims.map(|n| usize::try_from(n).unwrap_or(0));
         let n_nodes = dims.iter().try_fold(1_usize, |n, dim| n.checked_mul(*dim))?;
-        let lattice = Lattice { origin_map: DVec3::from_array(self.origin_map), spacing_m: self.spacing_m, dims };
-        let is_sound = lattice.origin_map.is_finite() && lattice.spacing_m > 0.0 && lattice.spacing_m.is_finite();
+        let lattice = Lattice {
+            origin_map: DVec3::from_array(self.origin_map),
+            spacing_m: self.spacing_m,
+            dims,
+        };
+        let is_sound = lattice.origin_map.is_finite()
+            && lattice.spacing_m > 0.0
+            && lattice.spacing_m.is_finite();
         (is_sound && dims.iter().all(|n| *n >= 4)).then_some((lattice, n_nodes))
     }
 }
 
-/// Past, now and future as they stand in a file, the nearest to now as far as they fit: now, the past from its begin, what was undone.
-fn kept<'m>(now: &'m Snapshot, past: &'m [Snapshot], undone: &'m [Snapshot]) -> (Vec<&'m Snapshot>, usize) {
+/// Past, now and future as they stand in a file, the nearest to now as far as they fit: now, the
+/// past from its begin, what was undone.
+fn kept<'m>(
+    now: &'m Snapshot,
+    past: &'m [Snapshot],
+    undone: &'m [Snapshot],
+) -> (Vec<&'m Snapshot>, usize) {
     let mut left = MOMENTS_BYTES_MAX;
     let mut newest = |moments: &'m [Snapshot]| {
         let n = moments.iter().rev().take_while(|moment| {
@@ -138,12 +153,14 @@ fn kept<'m>(now: &'m Snapshot, past: &'m [Snapshot], undone: &'m [Snapshot]) -> 
         });
         &moments[moments.len() - n.count()..]
     };
-    let (past, undone) = (newest(past), newest(undone));
+    let past = newest(past);
+    let undone = newest(undone);
     (core::iter::once(now).chain(past).chain(undone).collect(), past.len())
 }
 
 impl ClayModel {
-    /// Writes the piece with its past. A stroke under way is not part of it. What was there under that name stays until all is written.
+    /// Writes the piece with its past. A stroke under way is not part of it. What was there under
+    /// that name stays until all is written.
     ///
     /// # Errors
     /// [`SessionFileError::Io`].
@@ -151,7 +168,15 @@ impl ClayModel {
         let now = self.moment();
         let (past, undone) = self.moments();
         let (moments, n_past) = kept(&now, past, undone);
-        let Settings { n_neighbours, interpolates, raster, air_m, material, integrator, region_map: _ } = self.settings();
+        let Settings {
+            n_neighbours,
+            interpolates,
+            raster,
+            air_m,
+            material,
+            integrator,
+            region_map: _,
+        } = self.settings();
         let settings = SettingsRecord {
             n_neighbours: *n_neighbours as u64,
             raster: raster.map(|n| n as u64),
@@ -176,17 +201,28 @@ impl ClayModel {
                     region: LatticeRecord::of(&moment.region),
                     region_map: [low.x, low.y, low.z, high.x, high.y, high.z],
                     is_chosen: u64::from(moment.region_map.is_some()),
-                    painted: moment.material_map.layers().each_ref().map(|layer| layers.place(layer.as_ref())),
+                    painted: moment
+                        .material_map
+                        .layers()
+                        .each_ref()
+                        .map(|layer| layers.place(layer.as_ref())),
                 }
             })
             .collect();
         let points = || moments.iter().map(|moment| moment.samples.points());
-        let positions: Vec<[f64; 3]> = points().flat_map(|points| points.positions_map.iter().map(DVec3::to_array)).collect();
-        let normals: Vec<[f64; 3]> = points().flat_map(|points| points.normals_map.iter().map(DVec3::to_array)).collect();
-        let colors: Vec<[u8; 3]> = points().flat_map(|points| points.colors.iter().copied()).collect();
-        let patches: Vec<Patch> = points().flat_map(|points| (0..points.len() as u32).map(|sample| points.patch(sample))).collect();
-        let clays: Vec<ClayRecord> = moments.iter().map(|moment| clay_record(&moment.material)).collect();
-        let densities: Vec<f32> = moments.iter().flat_map(|moment| moment.base.values_m().iter().copied()).collect();
+        let positions: Vec<[f64; 3]> =
+            points().flat_map(|points| points.positions_map.iter().map(DVec3::to_array)).collect();
+        let normals: Vec<[f64; 3]> =
+            points().flat_map(|points| points.normals_map.iter().map(DVec3::to_array)).collect();
+        let colors: Vec<[u8; 3]> =
+            points().flat_map(|points| points.colors.iter().copied()).collect();
+        let patches: Vec<Patch> = points()
+            .flat_map(|points| (0..points.len() as u32).map(|sample| points.patch(sample)))
+            .collect();
+        let clays: Vec<ClayRecord> =
+            moments.iter().map(|moment| clay_record(&moment.material)).collect();
+        let densities: Vec<f32> =
+            moments.iter().flat_map(|moment| moment.base.values_m().iter().copied()).collect();
 
         let mut file = Writer::default();
         file.record("settings", &settings);
@@ -205,22 +241,22 @@ impl ClayModel {
         file.array("densities_m", &densities);
         file.array("painted", &layers.values);
         file.array("clays", &clays);
-        write_whole(path, |out| file.write_to(KEY, GENERATION, out)).map_err(|source| SessionFileError::Io {
-            what: "write",
-            path: path.to_owned(),
-            source,
-        })
+        write_whole(path, |out| file.write_to(KEY, GENERATION, out))
+            .map_err(|source| SessionFileError::Io { what: "write", path: path.to_owned(), source })
     }
 
-    /// Reads a piece that [`Self::save_session`] wrote, with the settings and the material that it had.
+    /// Reads a piece that [`Self::save_session`] wrote, with the settings and the material that it
+    /// had.
     ///
     /// # Errors
     /// [`SessionFileError`].
     pub fn load_session(path: &Path) -> Result<Self, SessionFileError> {
         let read = |source| SessionFileError::Io { what: "read", path: path.to_owned(), source };
         let region = MappedFile::read(&regular::open(path).map_err(read)?).map_err(read)?;
-        let session = decode(region).map_err(|reason| SessionFileError::Refused { path: path.to_owned(), reason })?;
-        Self::resume(session).map_err(|source| SessionFileError::Piece { path: path.to_owned(), source })
+        let session = decode(region)
+            .map_err(|reason| SessionFileError::Refused { path: path.to_owned(), reason })?;
+        Self::resume(session)
+            .map_err(|source| SessionFileError::Piece { path: path.to_owned(), source })
     }
 }
 
@@ -231,8 +267,11 @@ fn decode(region: Arc<MappedFile>) -> Result<Session, Refusal> {
     let positions = file.array::<[f64; 3]>("positions_m")?;
     let normals = file.array::<[f64; 3]>("normals")?;
     let colors = file.array::<[u8; 3]>("colors")?;
-    let patches =
-        if file.has("patches") { file.array::<Patch>("patches")?.to_vec() } else { vec![Patch::default(); positions.len()] };
+    let patches = if file.has("patches") {
+        file.array::<Patch>("patches")?.to_vec()
+    } else {
+        vec![Patch::default(); positions.len()]
+    };
     let densities = file.array::<f32>("densities_m")?;
     let painted = file.array::<f32>("painted")?;
     let clays = if file.has("clays") { Some(file.array::<ClayRecord>("clays")?) } else { None };
@@ -247,7 +286,9 @@ fn decode(region: Arc<MappedFile>) -> Result<Session, Refusal> {
         creep_s: settings.creep_s,
         acceleration_max_m_per_s2: settings.acceleration_max_m_per_s2,
     };
-    let is_clay = |record: &ClayRecord| record.iter().enumerate().all(|(property, value)| is_property(property, *value as f32));
+    let is_clay = |record: &ClayRecord| {
+        record.iter().enumerate().all(|(property, value)| is_property(property, *value as f32))
+    };
     let mut layers = HashMap::new();
     let mut from = (0, 0);
     let mut moments = Vec::new();
@@ -260,13 +301,17 @@ fn decode(region: Arc<MappedFile>) -> Result<Session, Refusal> {
         let values_m = densities.get(from.1..).unwrap_or_default();
         let moment = samples.and_then(|points| moment(record, points, values_m));
         let map = map_of(record, &painted, &mut layers).ok_or(Refusal::Damaged("painted"))?;
-        let moment = moment.map(|moment| Snapshot { material_map: map, material: clay(of_moment), ..moment });
+        let moment = moment.map(|moment| Snapshot {
+            material_map: map,
+            material: clay(of_moment),
+            ..moment
+        });
         let moment = moment.ok_or(Refusal::Damaged("moments"))?;
         from = (from.0 + moment.samples.points().len(), from.1 + moment.base.values_m().len());
         moments.push(moment);
     }
-    let is_whole =
-        from == (positions.len(), densities.len()) && [normals.len(), colors.len(), patches.len()] == [positions.len(); 3];
+    let is_whole = from == (positions.len(), densities.len())
+        && [normals.len(), colors.len(), patches.len()] == [positions.len(); 3];
     let n_past = usize::try_from(settings.n_past).unwrap_or(usize::MAX);
     if !is_whole || moments.len() <= n_past {
         return Err(Refusal::Damaged("moments"));
@@ -283,7 +328,10 @@ fn decode(region: Arc<MappedFile>) -> Result<Session, Refusal> {
         && settings.acceleration_max_m_per_s2 > 0.0
         && is_clay(&of_settings);
     let fits = |moment: &Snapshot| moment.region.dims == raster;
-    if !is_sound || settings.is_explicit > 1 || ![&now].into_iter().chain(&past).chain(&undone).all(fits) {
+    if !is_sound
+        || settings.is_explicit > 1
+        || ![&now].into_iter().chain(&past).chain(&undone).all(fits)
+    {
         return Err(Refusal::Damaged("settings"));
     }
     let settings = Settings {
@@ -293,7 +341,11 @@ fn decode(region: Arc<MappedFile>) -> Result<Session, Refusal> {
         raster,
         air_m: settings.air_m,
         material: now.material.clone(),
-        integrator: if settings.is_explicit == 1 { Integrator::Explicit } else { Integrator::Implicit },
+        integrator: if settings.is_explicit == 1 {
+            Integrator::Explicit
+        } else {
+            Integrator::Implicit
+        },
     };
     Ok(Session { now, past, undone, settings, gap_m })
 }
@@ -302,9 +354,15 @@ fn decode(region: Arc<MappedFile>) -> Result<Session, Refusal> {
 type SampleArrays<'m> = (&'m [[f64; 3]], &'m [[f64; 3]], &'m [[u8; 3]], &'m [Patch]);
 
 /// The samples of one row, from where they begin; `None` where they are not all there.
-fn samples_of(record: &MomentRecord, from: usize, (positions, normals, colors, patches): SampleArrays) -> Option<PointSet> {
+fn samples_of(
+    record: &MomentRecord,
+    from: usize,
+    (positions, normals, colors, patches): SampleArrays,
+) -> Option<PointSet> {
     let all = from..from.checked_add(usize::try_from(record.n_samples).ok()?)?;
-    let vectors = |numbers: &[[f64; 3]]| Some(numbers.get(all.clone())?.iter().copied().map(DVec3::from_array).collect());
+    let vectors = |numbers: &[[f64; 3]]| {
+        Some(numbers.get(all.clone())?.iter().copied().map(DVec3::from_array).collect())
+    };
     Some(PointSet {
         positions_map: vectors(positions)?,
         normals_map: vectors(normals)?,
@@ -313,16 +371,21 @@ fn samples_of(record: &MomentRecord, from: usize, (positions, normals, colors, p
     })
 }
 
-/// One row, with its samples, and densities from where they begin; `None` where they are not all there, or fit nothing.
+/// One row, with its samples, and densities from where they begin; `None` where they are not all
+/// there, or fit nothing.
 fn moment(record: &MomentRecord, points: PointSet, values_m: &[f32]) -> Option<Snapshot> {
     let (base, n_nodes) = record.base.lattice()?;
     let (region, _) = record.region.lattice()?;
-    let values_m = values_m.get(..n_nodes).filter(|values_m| values_m.iter().all(|value_m| value_m.is_finite()))?;
+    let values_m = values_m
+        .get(..n_nodes)
+        .filter(|values_m| values_m.iter().all(|value_m| value_m.is_finite()))?;
     let mut raster = Raster::uniform(base, 0.0);
     raster.values_m_mut().copy_from_slice(values_m);
     let [low_x, low_y, low_z, high_x, high_y, high_z] = record.region_map;
-    let region_map = (record.is_chosen != 0).then(|| (DVec3::new(low_x, low_y, low_z), DVec3::new(high_x, high_y, high_z)));
-    let is_region = region_map.is_none_or(|(low, high)| low.is_finite() && high.is_finite() && low.cmplt(high).all());
+    let region_map = (record.is_chosen != 0)
+        .then(|| (DVec3::new(low_x, low_y, low_z), DVec3::new(high_x, high_y, high_z)));
+    let is_region = region_map
+        .is_none_or(|(low, high)| low.is_finite() && high.is_finite() && low.cmplt(high).all());
     let moment = Snapshot::new(points, raster, MaterialMap::default(), region, region_map)?;
     is_region.then_some(moment)
 }
@@ -348,8 +411,13 @@ impl<'m> Layers<'m> {
     }
 }
 
-/// What was painted before a moment; `None` where it is not all there, or makes no material. Moments that share values share them again.
-fn map_of(record: &MomentRecord, painted: &[f32], layers: &mut HashMap<(u64, usize), Layer>) -> Option<MaterialMap> {
+/// What was painted before a moment; `None` where it is not all there, or makes no material.
+/// Moments that share values share them again.
+fn map_of(
+    record: &MomentRecord,
+    painted: &[f32],
+    layers: &mut HashMap<(u64, usize), Layer>,
+) -> Option<MaterialMap> {
     let (_, n_nodes) = record.base.lattice()?;
     let mut map = [None, None, None];
     for (property, (layer, place)) in map.iter_mut().zip(record.painted).enumerate() {

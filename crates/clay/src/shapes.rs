@@ -14,7 +14,8 @@ const GOLDEN: f64 = 0.381_966_011_250_105;
 pub(super) fn sphere(n: usize, radius_m: f64) -> PointSet {
     let mut points = PointSet::default();
     for k in 0..n {
-        let (z, angle) = (1.0 - (2 * k + 1) as f64 / n as f64, k as f64 * GOLDEN * TAU);
+        let z = 1.0 - (2 * k + 1) as f64 / n as f64;
+        let angle = k as f64 * GOLDEN * TAU;
         let radius = (1.0 - z * z).sqrt();
         let normal = DVec3::new(radius * angle.cos(), radius * angle.sin(), z).normalize();
         points.push(normal * radius_m, normal, GREY);
@@ -51,7 +52,11 @@ pub(super) fn torus(n: usize, major_m: f64, minor_m: f64) -> PointSet {
 /// `n` × `n` samples on each face of a cube around the origin, none on an edge.
 pub(super) fn cube(n: usize, edge_m: f64) -> PointSet {
     let mut points = PointSet::default();
-    for (normal, u, v) in [(DVec3::X, DVec3::Y, DVec3::Z), (DVec3::Y, DVec3::Z, DVec3::X), (DVec3::Z, DVec3::X, DVec3::Y)] {
+    for (normal, u, v) in [
+        (DVec3::X, DVec3::Y, DVec3::Z),
+        (DVec3::Y, DVec3::Z, DVec3::X),
+        (DVec3::Z, DVec3::X, DVec3::Y),
+    ] {
         for normal in [normal, -normal] {
             for k in 0..n * n {
                 let at = |k: usize| ((k as f64 + 0.5) / n as f64 - 0.5) * edge_m;

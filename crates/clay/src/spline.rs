@@ -1,21 +1,23 @@
 //! One cube of a trivariate quadratic B-spline: 3 × 3 × 3 coefficients.
 //!
-//! The parameter u of an axis runs from 0 to 1 over the cube. With uniform knots the three functions that live there are
-//! (1 − u)²/2, (1 + 2u − 2u²)/2 and u²/2.
+//! The parameter u of an axis runs from 0 to 1 over the cube. With uniform knots the three
+//! functions that live there are (1 − u)²/2, (1 + 2u − 2u²)/2 and u²/2.
 //!
 //! # Source
 //! Guo2004, equations 2 (the spline), 4 and 5 (coefficients from values on the grid of the cube).
 
 use glam::DVec3;
 
-/// Coefficients, or values at nodes, of a cube: place `9 i + 3 j + k` is number i along x, j along y, k along z.
+/// Coefficients, or values at nodes, of a cube: place `9 i + 3 j + k` is number i along x, j along
+/// y, k along z.
 pub(super) type Cube = [f64; 27];
 
 /// Parameters of the grid of a cube, along every axis.
 pub(super) const GRID: [f64; 3] = [0.0, 0.5, 1.0];
 
-/// Inverse of the basis at [`GRID`]: values at 0, 1/2, 1 → coefficients. The 27 × 27 matrix of equation 5 is the Kronecker product
-/// of three of these, as the grid has as many values as the spline has coefficients.
+/// Inverse of the basis at [`GRID`]: values at 0, 1/2, 1 → coefficients. The 27 × 27 matrix of
+/// equation 5 is the Kronecker product of three of these, as the grid has as many values as the
+/// spline has coefficients.
 const FROM_GRID: [[f64; 3]; 3] = [[2.5, -2.0, 0.5], [-0.5, 2.0, -0.5], [0.5, -2.0, 2.5]];
 
 /// The three functions at u.
@@ -34,11 +36,18 @@ fn slopes(u: f64) -> [f64; 3] {
 /// Value at a parameter, and its slope along the three parameters.
 #[inline]
 pub(super) fn at(coefficients: &Cube, u: DVec3) -> (f64, DVec3) {
-    let (x, y, z) = (basis(u.x), basis(u.y), basis(u.z));
-    let (dx, dy, dz) = (slopes(u.x), slopes(u.y), slopes(u.z));
-    let (mut value, mut slope) = (0.0, DVec3::ZERO);
+    let x = basis(u.x);
+    let y = basis(u.y);
+    let z = basis(u.z);
+    let dx = slopes(u.x);
+    let dy = slopes(u.y);
+    let dz = slopes(u.z);
+    let mut value = 0.0;
+    let mut slope = DVec3::ZERO;
     for i in 0..3 {
-        let (mut plane, mut plane_y, mut plane_z) = (0.0, 0.0, 0.0);
+        let mut plane = 0.0;
+        let mut plane_y = 0.0;
+        let mut plane_z = 0.0;
         for j in 0..3 {
             let row = &coefficients[9 * i + 3 * j..][..3];
             let line = row[0] * z[0] + row[1] * z[1] + row[2] * z[2];
@@ -80,7 +89,9 @@ mod tests {
     fn kronecker() -> Vec<Vec<f64>> {
         let b = GRID.map(basis);
         let digit = |n: usize, axis: usize| n / [9, 3, 1][axis] % 3;
-        let entry = |row: usize, column: usize| (0..3).map(|axis| b[digit(row, axis)][digit(column, axis)]).product();
+        let entry = |row: usize, column: usize| {
+            (0..3).map(|axis| b[digit(row, axis)][digit(column, axis)]).product()
+        };
         (0..27).map(|row| (0..27).map(|column| entry(row, column)).collect()).collect()
     }
 
@@ -104,7 +115,10 @@ mod tests {
             let column = from_grid(&unit);
             for (j, row) in matrix.iter().enumerate() {
                 let product: f64 = row.iter().zip(column).map(|(a, b)| a * b).sum();
-                assert!((product - f64::from(u8::from(j == k))).abs() < 1e-13, "{j} {k}: {product}");
+                assert!(
+                    (product - f64::from(u8::from(j == k))).abs() < 1e-13,
+                    "{j} {k}: {product}"
+                );
             }
         }
     }
@@ -114,13 +128,17 @@ mod tests {
         let coefficients = numbers();
         for u in [DVec3::ZERO, DVec3::ONE, DVec3::new(0.2, 0.7, 0.45)] {
             let (value, slope) = at(&coefficients, u);
-            let (x, y, z) = (basis(u.x), basis(u.y), basis(u.z));
-            let sum: f64 = (0..27).map(|k| coefficients[k] * x[k / 9] * y[k / 3 % 3] * z[k % 3]).sum();
+            let x = basis(u.x);
+            let y = basis(u.y);
+            let z = basis(u.z);
+            let sum: f64 =
+                (0..27).map(|k| coefficients[k] * x[k / 9] * y[k / 3 % 3] * z[k % 3]).sum();
             assert!((sum - value).abs() < 1e-13);
             for axis in 0..3 {
                 let mut step = DVec3::ZERO;
                 step[axis] = 1e-5;
-                let difference = (at(&coefficients, u + step).0 - at(&coefficients, u - step).0) / 2e-5;
+                let difference =
+                    (at(&coefficients, u + step).0 - at(&coefficients, u - step).0) / 2e-5;
                 assert!((difference - slope[axis]).abs() < 1e-8, "{difference} {slope}");
             }
             assert!((x.iter().sum::<f64>() - 1.0).abs() < 1e-15);

@@ -1,4 +1,5 @@
-//! What the third pass of a scene and the one of a profile share: ranges, words for them, and a place where problems gather.
+//! What the third pass of a scene and the one of a profile share: ranges, words for them, and a
+//! place where problems gather.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -40,7 +41,9 @@ impl Interval {
     }
 
     fn contains(&self, number: f64) -> bool {
-        number.is_finite() && number <= self.high && (number > self.low || number == self.low && !self.is_low_open)
+        number.is_finite()
+            && number <= self.high
+            && (number > self.low || number == self.low && !self.is_low_open)
     }
 }
 
@@ -60,7 +63,8 @@ impl fmt::Display for Interval {
 
 /// Collects the problems of one pass over one document.
 ///
-/// A check gives a usable value in any case, so that the pass goes on and later checks do not follow from earlier ones.
+/// A check gives a usable value in any case, so that the pass goes on and later checks do not
+/// follow from earlier ones.
 pub struct Checks<'d> {
     document: &'d Document<'d>,
     problems: Vec<Problem>,
@@ -86,7 +90,8 @@ impl<'d> Checks<'d> {
         }
     }
 
-    /// Notes a problem with a value that the command line gives instead of the file, when there is one.
+    /// Notes a problem with a value that the command line gives instead of the file, when there is
+    /// one.
     pub fn refuse_as(&mut self, key: &str, given: Option<&str>, kind: ProblemKind) {
         let mut problem = self.document.problem(key, kind);
         if let Some(given) = given {
@@ -117,7 +122,12 @@ impl<'d> Checks<'d> {
     }
 
     /// What is written at a key that must be given; notes it where it is not.
-    pub fn given<T>(&mut self, key: &str, written: Option<T>, accepted: impl fmt::Display) -> Option<T> {
+    pub fn given<T>(
+        &mut self,
+        key: &str,
+        written: Option<T>,
+        accepted: impl fmt::Display,
+    ) -> Option<T> {
         if written.is_none() {
             self.missing(key, accepted);
         }
@@ -146,7 +156,13 @@ impl<'d> Checks<'d> {
     }
 
     /// A number with a default, which is given after a problem as well.
-    pub fn number(&mut self, key: &str, written: Option<f64>, default: f64, interval: Interval) -> f64 {
+    pub fn number(
+        &mut self,
+        key: &str,
+        written: Option<f64>,
+        default: f64,
+        interval: Interval,
+    ) -> f64 {
         self.optional(key, written, interval).unwrap_or(default)
     }
 
@@ -160,11 +176,24 @@ impl<'d> Checks<'d> {
         None
     }
 
-    /// A number with a default that a rule of safety rests on: beyond its range the rule would hold nothing back. `from`: where the range comes from.
-    pub fn rule(&mut self, key: &str, written: Option<f64>, default: f64, interval: Interval, from: &str) -> f64 {
+    /// A number with a default that a rule of safety rests on: beyond its range the rule would hold
+    /// nothing back. `from`: where the range comes from.
+    pub fn rule(
+        &mut self,
+        key: &str,
+        written: Option<f64>,
+        default: f64,
+        interval: Interval,
+        from: &str,
+    ) -> f64 {
         match written {
             Some(number) if !interval.contains(number) => {
-                self.not_accepted(key, format_args!("{interval} ({from}): beyond that the rule would hold nothing back"));
+                self.not_accepted(
+                    key,
+                    format_args!(
+                        "{interval} ({from}): beyond that the rule would hold nothing back"
+                    ),
+                );
                 default
             }
             written => written.unwrap_or(default),
@@ -172,7 +201,14 @@ impl<'d> Checks<'d> {
     }
 
     /// A whole number with a default.
-    pub fn whole(&mut self, key: &str, written: Option<u32>, default: u32, low: u32, high: u32) -> u32 {
+    pub fn whole(
+        &mut self,
+        key: &str,
+        written: Option<u32>,
+        default: u32,
+        low: u32,
+        high: u32,
+    ) -> u32 {
         match written {
             Some(number) if !(low..=high).contains(&number) => {
                 self.not_accepted(key, format_args!("a whole number from {low} to {high}"));
@@ -182,8 +218,14 @@ impl<'d> Checks<'d> {
         }
     }
 
-    /// Numbers of an array; each outside of the interval is a problem of its own. `None` when left out or after a problem.
-    pub fn array<const N: usize>(&mut self, key: &str, written: Option<Numbers<N>>, interval: Interval) -> Option<[f64; N]> {
+    /// Numbers of an array; each outside of the interval is a problem of its own. `None` when left
+    /// out or after a problem.
+    pub fn array<const N: usize>(
+        &mut self,
+        key: &str,
+        written: Option<Numbers<N>>,
+        interval: Interval,
+    ) -> Option<[f64; N]> {
         let Numbers(numbers) = written?;
         let mut is_sound = true;
         for (index, number) in numbers.iter().enumerate() {
@@ -200,7 +242,8 @@ impl<'d> Checks<'d> {
         self.array(key, written, FINITE).map_or(DVec3::ZERO, DVec3::from_array)
     }
 
-    /// A quaternion x y z w, default the identity. Rounding in the file is normalised away; more is refused.
+    /// A quaternion x y z w, default the identity. Rounding in the file is normalised away; more is
+    /// refused.
     pub fn orientation(&mut self, key: &str, written: Option<Numbers<4>>) -> DQuat {
         let Some(numbers) = self.array(key, written, FINITE) else { return DQuat::IDENTITY };
         let quaternion = DQuat::from_array(numbers);
@@ -211,7 +254,10 @@ impl<'d> Checks<'d> {
         let length = show(length);
         self.not_accepted(
             key,
-            format_args!("a unit quaternion [x, y, z, w]; its length is {length}, which may be off 1 by at most 0.001"),
+            format_args!(
+                "a unit quaternion [x, y, z, w]; its length is {length}, which may be off \
+                1 by at most 0.001"
+            ),
         );
         DQuat::IDENTITY
     }
@@ -223,7 +269,11 @@ impl<'d> Checks<'d> {
             self.files.push(path.clone());
             return Some(path);
         }
-        let kind = if path.exists() { ProblemKind::NotAFile { path } } else { ProblemKind::FileMissing { path } };
+        let kind = if path.exists() {
+            ProblemKind::NotAFile { path }
+        } else {
+            ProblemKind::FileMissing { path }
+        };
         self.refuse(key, kind);
         None
     }

@@ -1,15 +1,18 @@
-//! Files that people write: TOML in which every entry knows its line, poses as CSV, and what is wrong with them.
+//! Files that people write: TOML in which every entry knows its line, poses as CSV, and what is
+//! wrong with them.
 //!
 //! ```text
 //!  text ─► Document (syntax, version, lines) ─► types of the caller ─► Checks (ranges) ─► values
 //!            └──────────── ConfigErrors: file, line, key, value, what to write ◄──┘
 //! ```
 //!
-//! The crate knows the form of files. Which keys there are, and what their values mean, its callers know; the kinds of problem are a list for all callers,
-//! so that each is worded once. All problems of a pass are reported at once.
+//! The crate knows the form of files. Which keys there are, and what their values mean, its callers
+//! know; the kinds of problem are a list for all callers, so that each is worded once. All problems
+//! of a pass are reported at once.
 //!
 //! # Units and frames
-//! Values stay in the units that their keys name (`_mm`, `_g`); the caller converts. Poses are `world_from_tool`, m and unit quaternions, times in s.
+//! Values stay in the units that their keys name (`_mm`, `_g`); the caller converts. Poses are
+//! `world_from_tool`, m and unit quaternions, times in s.
 //!
 //! # Cost
 //! Linear in the text; for the start of a program, not for a loop.

@@ -1,7 +1,8 @@
 //! Pose files: where a simulated hand wants to be over time, and where `eval` puts the tool.
 //!
-//! CSV with the header `t_s,x_m,y_m,z_m,qx,qy,qz,qw`, or `t_s,x_mm,y_mm,z_mm,qx,qy,qz,qw` for positions in millimetres: poses of the tool
-//! frame in the world. What is read is in metres whatever the header says.
+//! CSV with the header `t_s,x_m,y_m,z_m,qx,qy,qz,qw`, or `t_s,x_mm,y_mm,z_mm,qx,qy,qz,qw` for
+//! positions in millimetres: poses of the tool frame in the world. What is read is in metres
+//! whatever the header says.
 
 use std::path::{Path, PathBuf};
 
@@ -108,7 +109,8 @@ pub struct TimedPose {
 /// # Errors
 /// See [`PoseFileError`]; every one names the file, and the line where there is one.
 pub fn read(path: &Path) -> Result<Vec<TimedPose>, PoseFileError> {
-    let text = regular::text(path, LONGEST_FILE).map_err(|source| PoseFileError::Read { path: path.to_owned(), source })?;
+    let text = regular::text(path, LONGEST_FILE)
+        .map_err(|source| PoseFileError::Read { path: path.to_owned(), source })?;
     parse(&text, path)
 }
 
@@ -127,7 +129,8 @@ pub fn parse(text: &str, path: &Path) -> Result<Vec<TimedPose>, PoseFileError> {
     let mut poses = Vec::new();
     for (line_idx, line) in lines.filter(|(_, line)| !line.is_empty()) {
         let line_number = line_idx + 1;
-        let (time_s, pose) = parse_line(line, header, metres).map_err(|problem| at(line_number, problem))?;
+        let (time_s, pose) =
+            parse_line(line, header, metres).map_err(|problem| at(line_number, problem))?;
         poses.push(TimedPose { time_s, pose, line: line_number });
     }
     if poses.is_empty() {
@@ -184,10 +187,22 @@ mod tests {
         let read = |header: &str| parse(&format!("{header}\n{body}"), Path::new("h.csv"));
         let at_m = |header: &str| read(header).expect("a known header")[0].pose.translation;
         assert_eq!(at_m(HEADER), DVec3::new(1.0, -20.0, 0.5));
-        assert!((at_m("t_s, x_mm, y_mm, z_mm, qx, qy, qz, qw") - DVec3::new(0.001, -0.02, 0.0005)).length() < 1e-18);
+        assert!(
+            (at_m("t_s, x_mm, y_mm, z_mm, qx, qy, qz, qw") - DVec3::new(0.001, -0.02, 0.0005))
+                .length()
+                < 1e-18
+        );
         let refused = read("t_s,x_cm,y_cm,z_cm,qx,qy,qz,qw").expect_err("centimetres").to_string();
-        assert!(refused.starts_with("h.csv:1: the header is `t_s,x_cm") && refused.contains(HEADER_MM), "{refused}");
-        let refused = parse(&format!("{HEADER_MM}\n0,1,y,0,0,0,0,1\n"), Path::new("h.csv")).expect_err("no number").to_string();
-        assert!(refused.ends_with("h.csv:2: `y` is not a finite number (column y_mm)"), "{refused}");
+        assert!(
+            refused.starts_with("h.csv:1: the header is `t_s,x_cm") && refused.contains(HEADER_MM),
+            "{refused}"
+        );
+        let refused = parse(&format!("{HEADER_MM}\n0,1,y,0,0,0,0,1\n"), Path::new("h.csv"))
+            .expect_err("no number")
+            .to_string();
+        assert!(
+            refused.ends_with("h.csv:2: `y` is not a finite number (column y_mm)"),
+            "{refused}"
+        );
     }
 }

@@ -57,7 +57,8 @@ impl std::error::Error for ConfigErrors {}
 pub struct Problem {
     /// The scene or profile.
     pub file: PathBuf,
-    /// Line, from 1: of the key, else of the table that should hold it; `None` for a problem with the file itself.
+    /// Line, from 1: of the key, else of the table that should hold it; `None` for a problem with
+    /// the file itself.
     pub line: Option<usize>,
     /// Dotted path of the key, such as `static[0].voxel_size_mm`.
     pub key: Option<String>,
@@ -73,7 +74,8 @@ impl Problem {
         Self { file: file.to_path_buf(), line: None, key: None, value: None, kind }
     }
 
-    /// True where something that is named is not there: the file system says so by itself, whatever else is wrong with the file.
+    /// True where something that is named is not there: the file system says so by itself, whatever
+    /// else is wrong with the file.
     pub fn is_missing(&self) -> bool {
         use ProblemKind::{FileMissing, NotAFile, UnknownProfile};
         matches!(self.kind, FileMissing { .. } | NotAFile { .. } | UnknownProfile { .. })
@@ -83,42 +85,85 @@ impl Problem {
     pub fn hint(&self) -> Option<String> {
         let key = self.key.as_deref().unwrap_or_default();
         match &self.kind {
-            ProblemKind::VersionMissing { supported } => Some(format!("write `version = {supported}` as the first line")),
-            ProblemKind::UnknownKey { known, .. } => Some(format!("known here: {}", known.join(", "))),
-            ProblemKind::WrongType { .. } if key == "static" => Some("write each static object as its own [[static]] table".into()),
+            ProblemKind::VersionMissing { supported } => Some(format!(
+                "write `version = \
+                {supported}` as the first line"
+            )),
+            ProblemKind::UnknownKey { known, .. } => {
+                Some(format!("known here: {}", known.join(", ")))
+            }
+            ProblemKind::WrongType { .. } if key == "static" => Some(
+                "write each static object as \
+                its own [[static]] table"
+                    .into(),
+            ),
             ProblemKind::Missing { .. } if key.ends_with("units") => {
                 Some("a mesh file does not say its unit; a wrong guess is a factor of 1000".into())
             }
-            ProblemKind::FileMissing { .. } if key.starts_with("--") => Some(TO_WORKING_DIRECTORY.into()),
+            ProblemKind::FileMissing { .. } if key.starts_with("--") => {
+                Some(TO_WORKING_DIRECTORY.into())
+            }
             ProblemKind::FileMissing { path } => {
                 let relative = "paths are relative to the file that names them";
-                Some(near_file(path).map_or(relative.into(), |name| format!("did you mean `{name}`? {relative}")))
+                Some(
+                    near_file(path).map_or(relative.into(), |name| {
+                        format!("did you mean `{name}`? {relative}")
+                    }),
+                )
             }
-            ProblemKind::UnknownProfile { known, .. } => {
-                Some(format!("known profiles: {}; a path has a `/` or ends in .toml", known.join(", ")))
-            }
-            ProblemKind::IsProfile => {
-                Some("a scene names it as `profile` under [device]; or give a scene, and this file to --device".into())
-            }
-            ProblemKind::IsScene => Some("a profile describes an arm: its name, or a file of devices/".into()),
-            ProblemKind::IsStrokes => {
-                Some("a scene names it as `strokes` under [sculpt], or `hapticd sculpt SCENE --strokes FILE` takes it".into())
-            }
-            ProblemKind::IsNoStrokes => Some("a file of strokes has `version` and [[stroke]] tables, and nothing else".into()),
-            ProblemKind::IsSession => Some("a scene goes on from it: `session` under [sculpt] names it".into()),
-            ProblemKind::IsMesh => {
-                Some("`hapticd bake` takes it as it is; a scene (.toml) names it as `mesh` under [[static]] or [tool]".into())
-            }
+            ProblemKind::UnknownProfile { known, .. } => Some(format!(
+                "known profiles: {}; a path has a `/` or ends in .toml",
+                known.join(", ")
+            )),
+            ProblemKind::IsProfile => Some(
+                "a scene names it as `profile` under [device]; or give a scene, and this file \
+                    to --device"
+                    .into(),
+            ),
+            ProblemKind::IsScene => Some(
+                "a profile describes an arm: its name, or a file of \
+                devices/"
+                    .into(),
+            ),
+            ProblemKind::IsStrokes => Some(
+                "a scene names it as `strokes` under [sculpt], or `hapticd sculpt SCENE \
+                    --strokes FILE` takes it"
+                    .into(),
+            ),
+            ProblemKind::IsNoStrokes => Some(
+                "a file of strokes has `version` and [[stroke]] \
+                tables, and nothing else"
+                    .into(),
+            ),
+            ProblemKind::IsSession => Some(
+                "a scene goes on from it: `session` under [sculpt] \
+                names it"
+                    .into(),
+            ),
+            ProblemKind::IsMesh => Some(
+                "`hapticd bake` takes it as it is; a scene (.toml) names it as `mesh` under \
+                    [[static]] or [tool]"
+                    .into(),
+            ),
             ProblemKind::StiffnessAboveBound { accepted, unit, .. } => Some(format!(
-                "write at most {} {unit}, leave the key out to get the bound itself, or set rendering.allow_unstable = true",
+                "write at most {} {unit}, leave the key out to get the bound itself, or set \
+                    rendering.allow_unstable = true",
                 round_down(*accepted)
             )),
             ProblemKind::Refused { hint, .. } => hint.clone(),
             ProblemKind::Syntax { hint, .. } => hint.map(str::to_owned),
             ProblemKind::StrokesMissing => Some(TO_WORKING_DIRECTORY.into()),
             ProblemKind::Unreadable { cause } if cause.kind() == io::ErrorKind::NotFound => {
-                let of_package = packaged(&self.file).map(|file| format!("the package has one of that name: {}", file.display()));
-                let near = || near_file(&self.file).map(|name| format!("did you mean `{name}`? {TO_WORKING_DIRECTORY}"));
+                let of_package = packaged(&self.file)
+                    .map(|file| format!("the package has one of that name: {}", file.display()));
+                let near = || {
+                    near_file(&self.file).map(|name| {
+                        format!(
+                            "did you mean `{name}`? \
+                    {TO_WORKING_DIRECTORY}"
+                        )
+                    })
+                };
                 of_package.or_else(near).or_else(|| Some(TO_WORKING_DIRECTORY.into()))
             }
             ProblemKind::Unreadable { cause } if cause.kind() == io::ErrorKind::IsADirectory => {
@@ -146,29 +191,48 @@ impl Problem {
 /// Where the Debian package keeps what it shares.
 pub const PACKAGED: &str = "/usr/share/hapticd";
 
-const TO_WORKING_DIRECTORY: &str = "on the command line, paths are relative to the working directory";
+const TO_WORKING_DIRECTORY: &str =
+    "on the command line, paths are relative to the working directory";
 /// Names of a folder that are looked at for a near one.
 const NAMES_MAX: usize = 1000;
 
-/// The name in the same folder, of the same type, that looks most like that of a file which is not there.
+/// The name in the same folder, of the same type, that looks most like that of a file which is not
+/// there.
 fn near_file(missing: &Path) -> Option<String> {
-    let folder = missing.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder =
+        missing.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let extension = missing.extension()?;
-    let is_alike = |path: &PathBuf| path.extension().is_some_and(|own| own.eq_ignore_ascii_case(extension)) && path.is_file();
-    let paths = folder.read_dir().ok()?.take(NAMES_MAX).filter_map(Result::ok).map(|entry| entry.path()).filter(is_alike);
-    let stems: BTreeMap<String, PathBuf> = paths.filter_map(|path| Some((path.file_stem()?.to_str()?.to_owned(), path))).collect();
+    let is_alike = |path: &PathBuf| {
+        path.extension().is_some_and(|own| own.eq_ignore_ascii_case(extension)) && path.is_file()
+    };
+    let paths = folder
+        .read_dir()
+        .ok()?
+        .take(NAMES_MAX)
+        .filter_map(Result::ok)
+        .map(|entry| entry.path())
+        .filter(is_alike);
+    let stems: BTreeMap<String, PathBuf> =
+        paths.filter_map(|path| Some((path.file_stem()?.to_str()?.to_owned(), path))).collect();
     let stem = nearest(missing.file_stem()?.to_str()?, stems.keys().map(String::as_str))?;
     Some(stems.get(&stem)?.file_name()?.to_str()?.to_owned())
 }
 
 fn unreadable(cause: &io::Error) -> String {
-    if cause.kind() == io::ErrorKind::NotFound { "no such file".to_owned() } else { format!("cannot be read: {cause}") }
+    if cause.kind() == io::ErrorKind::NotFound {
+        "no such file".to_owned()
+    } else {
+        format!("cannot be read: {cause}")
+    }
 }
 
 /// The file of that name that the Debian package brought.
 fn packaged(file: &Path) -> Option<PathBuf> {
     let folders = ["scenes", "clay"].map(|folder| Path::new(PACKAGED).join(folder));
-    folders.iter().map(|folder| folder.join(file.file_name().unwrap_or_default())).find(|file| file.is_file())
+    folders
+        .iter()
+        .map(|folder| folder.join(file.file_name().unwrap_or_default()))
+        .find(|file| file.is_file())
 }
 
 impl fmt::Display for Problem {
@@ -321,7 +385,9 @@ pub enum ProblemKind {
         other: String,
     },
     /// A name that was given before.
-    #[error("this name was given before, in line {first_line}; names of static objects must differ")]
+    #[error(
+        "this name was given before, in line {first_line}; names of static objects must differ"
+    )]
     DuplicateName {
         /// Line of the first use.
         first_line: usize,
@@ -335,7 +401,8 @@ pub enum ProblemKind {
         known: Vec<String>,
     },
     /// A stiffness that the arm cannot render stably.
-    #[error("the arm would feel {felt} {felt_unit}, above its stability bound of {} {felt_unit} = {rule}", show(*.bound))]
+    #[error("the arm would feel {felt} {felt_unit}, above its stability bound of {} {felt_unit} = \
+        {rule}", show(*.bound))]
     StiffnessAboveBound {
         /// Stiffness that the arm would feel, SI, `scale` included.
         felt: f64,
@@ -359,7 +426,8 @@ pub enum ProblemKind {
         hint: Option<String>,
     },
     /// More felt damping than the profile allows.
-    #[error("must be from 0 to {} {unit}: the arm's profile takes {declared} at most, and it feels this times scale", show(*.accepted))]
+    #[error("must be from 0 to {} {unit}: the arm's profile takes {declared} at most, and it feels \
+        this times scale", show(*.accepted))]
     DampingAboveProfile {
         /// The largest value that this key accepts.
         accepted: f64,
@@ -379,16 +447,21 @@ impl ProblemKind {
 
 /// The known word nearest to `word`, if any is near enough to be meant.
 pub fn nearest<'k>(word: &str, known: impl IntoIterator<Item = &'k str>) -> Option<String> {
-    // 0.7 lets through one wrong letter in a short word and a forgotten unit suffix, but not words that only share an ending.
+    // 0.7 lets through one wrong letter in a short word and a forgotten unit suffix, but not words
+    // that only share an ending.
     let word = word.to_lowercase();
     let scored = known.into_iter().map(|candidate| {
         // A name without its prefix or suffix (`ideal`, `stiffness`) is meant as that name.
         let is_part: f64 = if word.len() >= 4 && candidate.contains(&word) { 0.8 } else { 0.0 };
-        let similar =
-            strsim::jaro_winkler(&word, candidate).max(strsim::normalized_damerau_levenshtein(&word, candidate)).max(is_part);
+        let similar = strsim::jaro_winkler(&word, candidate)
+            .max(strsim::normalized_damerau_levenshtein(&word, candidate))
+            .max(is_part);
         (similar, candidate)
     });
-    scored.filter(|(similar, _)| *similar >= 0.7).max_by(|(a, _), (b, _)| a.total_cmp(b)).map(|(_, candidate)| candidate.to_owned())
+    scored
+        .filter(|(similar, _)| *similar >= 0.7)
+        .max_by(|(a, _), (b, _)| a.total_cmp(b))
+        .map(|(_, candidate)| candidate.to_owned())
 }
 
 /// `"a", "b" or "c"`.
@@ -406,12 +479,14 @@ pub fn did_you_mean(nearest: &Option<String>) -> String {
     nearest.as_ref().map(|nearest| format!("; did you mean `{nearest}`?")).unwrap_or_default()
 }
 
-/// A computed number for a reader: at most six significant digits, so that rounding noise does not show.
+/// A computed number for a reader: at most six significant digits, so that rounding noise does not
+/// show.
 pub fn show(number: f64) -> f64 {
     format!("{number:.5e}").parse().unwrap_or(number)
 }
 
-/// At most four significant digits and never above the number, so that what a hint proposes is accepted.
+/// At most four significant digits and never above the number, so that what a hint proposes is
+/// accepted.
 fn round_down(number: f64) -> f64 {
     if !number.is_normal() {
         return number;

@@ -1,4 +1,5 @@
-//! A TOML file that remembers where everything stands: syntax, version, and reading into a schema with every problem at once.
+//! A TOML file that remembers where everything stands: syntax, version, and reading into a schema
+//! with every problem at once.
 
 use std::ops::Range;
 use std::path::Path;
@@ -13,7 +14,8 @@ use vps::storage::printable::is_control;
 /// The format version that scenes and profiles carry.
 const VERSION: i64 = 1;
 
-/// Problems that are reported of one file: more do not help, and finding them takes as long as there are.
+/// Problems that are reported of one file: more do not help, and finding them takes as long as
+/// there are.
 pub(super) const PROBLEMS_MAX: usize = 100;
 
 /// Longest value that a message repeats, characters.
@@ -56,7 +58,8 @@ struct Place {
 }
 
 impl<'t> Document<'t> {
-    /// Parses the text and checks its version, which is read before anything else: a file of another version is not judged by our keys.
+    /// Parses the text and checks its version, which is read before anything else: a file of
+    /// another version is not judged by our keys.
     ///
     /// # Errors
     /// Text that is no TOML, with its line.
@@ -64,24 +67,35 @@ impl<'t> Document<'t> {
         let root = DeTable::parse(text).map_err(|error| {
             let line = error.span().map(|span| line_of(text, span.start));
             let message = error.message().to_owned();
-            let is_decimal_comma = error.span().is_some_and(|span| is_between_digits(text, span.start, b','));
+            let is_decimal_comma =
+                error.span().is_some_and(|span| is_between_digits(text, span.start, b','));
             let hint = is_decimal_comma.then_some("a decimal point, not a comma");
-            ConfigErrors::new(vec![Problem { line, ..Problem::of_file(file, ProblemKind::Syntax { message, hint }) }])
+            ConfigErrors::new(vec![Problem {
+                line,
+                ..Problem::of_file(file, ProblemKind::Syntax { message, hint })
+            }])
         })?;
         let root = Spanned::new(root.span(), DeValue::Table(root.into_inner()));
         let document = Self { file, text, root };
         let problem = match document.find("version").1.map(Spanned::get_ref) {
             Some(DeValue::Integer(number)) if number.as_str() == "1" => {
                 let problems = document.control_characters();
-                return if problems.is_empty() { Ok(document) } else { Err(ConfigErrors::new(problems)) };
+                return if problems.is_empty() {
+                    Ok(document)
+                } else {
+                    Err(ConfigErrors::new(problems))
+                };
             }
-            Some(_) => document.problem("version", ProblemKind::VersionUnknown { supported: VERSION }),
+            Some(_) => {
+                document.problem("version", ProblemKind::VersionUnknown { supported: VERSION })
+            }
             None => document.problem("version", ProblemKind::VersionMissing { supported: VERSION }),
         };
         Err(ConfigErrors::new(vec![problem]))
     }
 
-    /// Keys and strings that would say something to a terminal when they are shown. Bytes of packets are never shown as they are.
+    /// Keys and strings that would say something to a terminal when they are shown. Bytes of
+    /// packets are never shown as they are.
     fn control_characters(&self) -> Vec<Problem> {
         let mut problems = Vec::new();
         walk(&self.root, &mut Vec::new(), &mut |steps, at, value| {
@@ -89,10 +103,13 @@ impl<'t> Document<'t> {
                 return;
             }
             let in_key = matches!(steps.last(), Some(Step::Key(key)) if key.contains(is_control));
-            let in_value = matches!(value.get_ref(), DeValue::String(text) if text.contains(is_control));
+            let in_value =
+                matches!(value.get_ref(), DeValue::String(text) if text.contains(is_control));
             if in_key || in_value {
                 let accepted =
-                    "without control characters, such as an escape or a line break: names are shown to people".to_owned();
+                    "without control characters, such as an escape or a line break: names are \
+                        shown to people"
+                        .to_owned();
                 problems.push(Problem {
                     file: self.file.to_path_buf(),
                     line: Some(line_of(self.text, at.start)),
@@ -105,13 +122,16 @@ impl<'t> Document<'t> {
         problems
     }
 
-    /// Takes keys out that are no longer read; gives those that ask for something else than what holds now.
+    /// Takes keys out that are no longer read; gives those that ask for something else than what
+    /// holds now.
     pub fn take_gone(&mut self, gone: &[GoneKey]) -> Vec<Problem> {
         let mut problems = Vec::new();
         for GoneKey { key, now, instead } in gone {
             let Some(value) = self.find(key).1 else { continue };
-            let (written, number) = (self.text_at(value.span()), |text: &str| text.parse::<f64>().ok());
-            let is_same = written == *now || number(&written).is_some() && number(&written) == number(now);
+            let written = self.text_at(value.span());
+            let number = |text: &str| text.parse::<f64>().ok();
+            let is_same =
+                written == *now || number(&written).is_some() && number(&written) == number(now);
             if !is_same {
                 problems.push(self.problem(key, ProblemKind::Gone { instead }));
             }
@@ -133,7 +153,8 @@ impl<'t> Document<'t> {
 
     /// What the document says around the entries that cannot be read, and what is wrong with those.
     ///
-    /// serde stops at the first problem. To report all of them, the offending entry is taken out of a copy and the rest read again.
+    /// serde stops at the first problem. To report all of them, the offending entry is taken out of
+    /// a copy and the rest read again.
     pub fn read_around<T: DeserializeOwned>(&self) -> (Option<T>, Vec<Problem>) {
         let mut rest = self.root.clone();
         let mut problems = Vec::new();
@@ -148,8 +169,11 @@ impl<'t> Document<'t> {
                 problems.push(Problem::of_file(self.file, kind));
                 return (None, problems);
             };
-            // A field of a struct that gets a whole table, or more elements than the struct has fields.
-            let is_table = ["invalid type: map", "invalid length"].iter().any(|start| error.message().starts_with(start));
+            // A field of a struct that gets a whole table, or more elements than the struct has
+            // fields.
+            let is_table = ["invalid type: map", "invalid length"]
+                .iter()
+                .any(|start| error.message().starts_with(start));
             if let Some(place) = self.repeated_table(&rest, &place).filter(|_| is_table) {
                 let table = path_of(&place.steps);
                 let kind = ProblemKind::Repeated { table: table.clone() };
@@ -170,7 +194,10 @@ impl<'t> Document<'t> {
             let value = place.value.clone().map(|range| self.text_at(range));
             let word = value.as_deref().unwrap_or_default().trim_matches(['"', '\'']);
             let is_unknown_key = error.message().starts_with("unknown field");
-            let kind = kind_of(error.message(), if is_unknown_key { last_key.unwrap_or_default() } else { word });
+            let kind = kind_of(
+                error.message(),
+                if is_unknown_key { last_key.unwrap_or_default() } else { word },
+            );
             problems.push(Problem {
                 file: self.file.to_path_buf(),
                 line: Some(line_of(self.text, place.span.start)),
@@ -184,9 +211,11 @@ impl<'t> Document<'t> {
         }
     }
 
-    /// The table that is written as `[[table]]` where one table is read: serde takes its first element for the table's first key.
+    /// The table that is written as `[[table]]` where one table is read: serde takes its first
+    /// element for the table's first key.
     fn repeated_table(&self, rest: &Value<'_>, place: &Place) -> Option<Place> {
-        let depth = place.steps.len() - usize::from(matches!(place.steps.last(), Some(Step::Index(_))));
+        let depth =
+            place.steps.len() - usize::from(matches!(place.steps.last(), Some(Step::Index(_))));
         let steps = &place.steps[..depth];
         let array = steps.iter().try_fold(rest, |value, step| match (step, value.get_ref()) {
             (Step::Key(key), DeValue::Table(table)) => table.get(key.as_str()),
@@ -194,11 +223,13 @@ impl<'t> Document<'t> {
             _ => None,
         })?;
         let first = array.get_ref().as_array()?.first()?;
-        let is_header = matches!(first.get_ref(), DeValue::Table(_)) && !is_inline(self.text, first);
+        let is_header =
+            matches!(first.get_ref(), DeValue::Table(_)) && !is_inline(self.text, first);
         is_header.then(|| Place { steps: steps.to_vec(), span: first.span(), value: None })
     }
 
-    /// A problem at a dotted key path; where nothing is written there, at the innermost table that is.
+    /// A problem at a dotted key path; where nothing is written there, at the innermost table that
+    /// is.
     pub fn problem(&self, path: &str, kind: ProblemKind) -> Problem {
         let (span, value) = self.locate(path);
         Problem {
@@ -235,13 +266,16 @@ impl<'t> Document<'t> {
 
     /// Where the innermost entry on the path stands that exists, and the value at its end.
     fn find(&self, path: &str) -> (Option<Range<usize>>, Option<&Value<'t>>) {
-        let (mut at, mut value) = (None, &self.root);
+        let mut at = None;
+        let mut value = &self.root;
         for step in steps_of(path) {
             let child = match (&step, value.get_ref()) {
                 (Step::Key(key), DeValue::Table(table)) => {
                     table.get_key_value(key.as_str()).map(|(key, value)| (key.span(), value))
                 }
-                (Step::Index(index), DeValue::Array(array)) => array.get(*index).map(|element| (element.span(), element)),
+                (Step::Index(index), DeValue::Array(array)) => {
+                    array.get(*index).map(|element| (element.span(), element))
+                }
                 _ => None,
             };
             let Some((span, child)) = child else { return (at, None) };
@@ -264,7 +298,10 @@ impl<'t> Document<'t> {
                 let encloses = outer.start <= span.start && span.end <= outer.end;
                 if encloses && best.as_ref().is_none_or(|(shortest, _)| outer.len() <= *shortest) {
                     let value = is_inline(self.text, value).then(|| value.span());
-                    best = Some((outer.len(), Place { steps: steps.to_vec(), span: at.clone(), value }));
+                    best = Some((
+                        outer.len(),
+                        Place { steps: steps.to_vec(), span: at.clone(), value },
+                    ));
                 }
             }
         });
@@ -273,7 +310,13 @@ impl<'t> Document<'t> {
 
     /// Source text on one line, cut when long.
     fn text_at(&self, range: Range<usize>) -> String {
-        let text = self.text.get(range).unwrap_or_default().split_whitespace().collect::<Vec<_>>().join(" ");
+        let text = self
+            .text
+            .get(range)
+            .unwrap_or_default()
+            .split_whitespace()
+            .collect::<Vec<_>>()
+            .join(" ");
         if text.chars().count() <= VALUE_CHARS_MAX {
             return text;
         }
@@ -281,8 +324,13 @@ impl<'t> Document<'t> {
     }
 }
 
-/// Shows `see` every entry below a value, the outer ones first: the way to it, where its key or element stands, and its value.
-fn walk<'t>(value: &Value<'t>, steps: &mut Vec<Step>, see: &mut impl FnMut(&[Step], &Range<usize>, &Value<'t>)) {
+/// Shows `see` every entry below a value, the outer ones first: the way to it, where its key or
+/// element stands, and its value.
+fn walk<'t>(
+    value: &Value<'t>,
+    steps: &mut Vec<Step>,
+    see: &mut impl FnMut(&[Step], &Range<usize>, &Value<'t>),
+) {
     let mut enter = |step, at: Range<usize>, value: &Value<'t>| {
         steps.push(step);
         see(steps, &at, value);
@@ -291,16 +339,22 @@ fn walk<'t>(value: &Value<'t>, steps: &mut Vec<Step>, see: &mut impl FnMut(&[Ste
     };
     match value.get_ref() {
         DeValue::Table(table) => {
-            table.iter().for_each(|(key, value)| enter(Step::Key(key.get_ref().to_string()), key.span(), value));
+            table.iter().for_each(|(key, value)| {
+                enter(Step::Key(key.get_ref().to_string()), key.span(), value)
+            });
         }
         DeValue::Array(array) => {
-            array.iter().enumerate().for_each(|(index, element)| enter(Step::Index(index), element.span(), element));
+            array
+                .iter()
+                .enumerate()
+                .for_each(|(index, element)| enter(Step::Index(index), element.span(), element));
         }
         _ => {}
     }
 }
 
-/// True for a value that is written in place. A table under a `[header]` is not: its text would say too much or too little.
+/// True for a value that is written in place. A table under a `[header]` is not: its text would say
+/// too much or too little.
 fn is_inline(text: &str, value: &Spanned<DeValue<'_>>) -> bool {
     match value.get_ref() {
         DeValue::Table(_) => text.get(value.span()).is_some_and(|written| written.starts_with('{')),
@@ -309,7 +363,8 @@ fn is_inline(text: &str, value: &Spanned<DeValue<'_>>) -> bool {
     }
 }
 
-/// Takes the entry out; for an element of an array of numbers, the whole array. `None` when nothing was there.
+/// Takes the entry out; for an element of an array of numbers, the whole array. `None` when nothing
+/// was there.
 fn remove(root: &mut Value<'_>, steps: &[Step]) -> Option<()> {
     let last = steps.iter().rposition(|step| matches!(step, Step::Key(_)))?;
     let mut value = root.get_mut();
@@ -326,17 +381,30 @@ fn remove(root: &mut Value<'_>, steps: &[Step]) -> Option<()> {
     }
 }
 
-/// Turns serde's sentence into one of our kinds. `word` is the key or value that it complains about.
+/// Turns serde's sentence into one of our kinds. `word` is the key or value that it complains
+/// about.
 fn kind_of(message: &str, word: &str) -> ProblemKind {
-    if let Some((_, expected)) = message.strip_prefix("unknown field ").and_then(|rest| rest.split_once(", expected ")) {
+    if let Some((_, expected)) =
+        message.strip_prefix("unknown field ").and_then(|rest| rest.split_once(", expected "))
+    {
         let known = in_backticks(expected);
-        return ProblemKind::UnknownKey { nearest: nearest(word, known.iter().map(String::as_str)), known };
+        return ProblemKind::UnknownKey {
+            nearest: nearest(word, known.iter().map(String::as_str)),
+            known,
+        };
     }
-    if let Some((_, expected)) = message.strip_prefix("unknown variant ").and_then(|rest| rest.split_once(", expected ")) {
+    if let Some((_, expected)) =
+        message.strip_prefix("unknown variant ").and_then(|rest| rest.split_once(", expected "))
+    {
         let known = in_backticks(expected);
-        return ProblemKind::UnknownWord { nearest: nearest(word, known.iter().map(String::as_str)), known };
+        return ProblemKind::UnknownWord {
+            nearest: nearest(word, known.iter().map(String::as_str)),
+            known,
+        };
     }
-    if let Some((_, expected)) = message.strip_prefix("invalid ").and_then(|rest| rest.rsplit_once(", expected ")) {
+    if let Some((_, expected)) =
+        message.strip_prefix("invalid ").and_then(|rest| rest.rsplit_once(", expected "))
+    {
         return ProblemKind::WrongType { expected: in_our_words(expected).to_owned() };
     }
     ProblemKind::Syntax { message: message.to_owned(), hint: None }
@@ -370,7 +438,9 @@ fn steps_of(path: &str) -> Vec<Step> {
     for part in path.split('.') {
         let mut pieces = part.split('[');
         steps.extend(pieces.next().map(|key| Step::Key(key.to_owned())));
-        steps.extend(pieces.filter_map(|index| index.trim_end_matches(']').parse().ok().map(Step::Index)));
+        steps.extend(
+            pieces.filter_map(|index| index.trim_end_matches(']').parse().ok().map(Step::Index)),
+        );
     }
     steps
 }
@@ -400,7 +470,8 @@ fn line_of(text: &str, offset: usize) -> usize {
 mod tests {
     use super::*;
 
-    const TEXT: &str = "version = 1\n\n[[static]]\nname = \"a\"\nposition_mm = [\n  1,\n  2,\n]\n[[static]]\nname = \"b\"\n[tool]\nshape = { sphere_mm = 3 }\n";
+    const TEXT: &str = "version = 1\n\n[[static]]\nname = \"a\"\nposition_mm = \
+        [\n  1,\n  2,\n]\n[[static]]\nname = \"b\"\n[tool]\nshape = { sphere_mm = 3 }\n";
 
     #[test]
     fn a_key_path_knows_its_line_and_value() {
@@ -424,14 +495,17 @@ mod tests {
     #[test]
     fn names_that_speak_to_a_terminal_are_refused_and_shown_escaped() {
         let text = concat!(
-            "version = 1\nname = \"gear\\u001b[2J\"\n\"a\\u0007\" = 2\n[[static]]\nmesh = \"\"\"\na\nstate: disabled\"\"\"\n",
+            "version = 1\nname = \"gear\\u001b[2J\"\n\"a\\u0007\" = 2\n[[static]]\nmesh = \
+                \"\"\"\na\nstate: disabled\"\"\"\n",
             "[packet.report]\nclose = \"\\r\\n\"\n[device]\nprofile = \"plain\"\n"
         );
         let errors = Document::parse(Path::new("x\u{1b}.toml"), text).err().unwrap().to_string();
-        let accepted = "must be without control characters, such as an escape or a line break: names are shown to people";
+        let accepted = "must be without control characters, such as an escape or a line break: \
+            names are shown to people";
         let expected = format!(
-            "error: x\\u{{1b}}.toml:2: name = \"gear\\u001b[2J\": {accepted}\nerror: x\\u{{1b}}.toml:3: a\\u{{7}}: {accepted}\n\
-             error: x\\u{{1b}}.toml:5: static[0].mesh = \"\"\" a state: disabled\"\"\": {accepted}"
+            "error: x\\u{{1b}}.toml:2: name = \"gear\\u001b[2J\": {accepted}\nerror: \
+                x\\u{{1b}}.toml:3: a\\u{{7}}: {accepted}\nerror: x\\u{{1b}}.toml:5: static[0].mesh \
+                = \"\"\" a state: disabled\"\"\": {accepted}"
         );
         assert_eq!(errors, expected);
     }
@@ -444,7 +518,8 @@ mod tests {
             #[serde(rename = "version")]
             _version: i64,
         }
-        let text = (0..1000).fold("version = 1\n".to_owned(), |text, n| format!("{text}key_{n} = 1\n"));
+        let text =
+            (0..1000).fold("version = 1\n".to_owned(), |text, n| format!("{text}key_{n} = 1\n"));
         let document = Document::parse(Path::new("x.toml"), &text).unwrap();
         let (read, problems) = document.read_around::<Nothing>();
         assert!(read.is_none() && problems.len() == PROBLEMS_MAX, "{}", problems.len());

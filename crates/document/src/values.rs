@@ -1,4 +1,5 @@
-//! Values as they are written, with messages for users who know no Rust: words out of a list, arrays of numbers.
+//! Values as they are written, with messages for users who know no Rust: words out of a list,
+//! arrays of numbers.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -22,7 +23,9 @@ impl<'de, const N: usize> Deserialize<'de> for Numbers<N> {
             fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Numbers<N>, A::Error> {
                 let mut numbers = [0.0; N];
                 for (count, number) in numbers.iter_mut().enumerate() {
-                    *number = seq.next_element()?.ok_or_else(|| de::Error::invalid_length(count, &self))?;
+                    *number = seq
+                        .next_element()?
+                        .ok_or_else(|| de::Error::invalid_length(count, &self))?;
                 }
                 match seq.next_element::<IgnoredAny>()? {
                     None => Ok(Numbers(numbers)),
@@ -44,8 +47,8 @@ impl<const N: usize> JsonSchema for Numbers<N> {
     }
 }
 
-/// Enums that are written as strings. Derived messages would speak of "variants" and "maps" to a user who wrote a number.
-/// `for TYPE`: each becomes the variant of that name of another enum.
+/// Enums that are written as strings. Derived messages would speak of "variants" and "maps" to a
+/// user who wrote a number. `for TYPE`: each becomes the variant of that name of another enum.
 #[macro_export]
 macro_rules! words {
     () => {};

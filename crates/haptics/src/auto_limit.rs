@@ -1,13 +1,17 @@
-//! Automatic gain limit: less stiffness when the arm turns out to be further away than its profile says.
+//! Automatic gain limit: less stiffness when the arm turns out to be further away than its profile
+//! says.
 //!
-//! Data in: the round trip that each sample measures. Data out: coupling gains and bounds that the loop can take at that delay.
+//! Data in: the round trip that each sample measures. Data out: coupling gains and bounds that the
+//! loop can take at that delay.
 //!
-//! The configuration has already held the gains to the bound at the delay that the profile states. What is left here is the difference:
-//! a network, a slow driver, a hub. The longest delay since enable counts, so the gain never comes and goes with jitter, and it moves
-//! over [`SETTLE_S_PER_TICK`], so a late packet makes no step in the hand.
+//! The configuration has already held the gains to the bound at the delay that the profile states.
+//! What is left here is the difference: a network, a slow driver, a hub. The longest delay since
+//! enable counts, so the gain never comes and goes with jitter, and it moves over
+//! [`SETTLE_S_PER_TICK`], so a late packet makes no step in the hand.
 //!
 //! # Source
-//! Gil2009 for K (T/2 + t_d + t_f) < b; the rule with the factor 0.8 is that of [`stability`](super::stability).
+//! Gil2009 for K (T/2 + t_d + t_f) < b; the rule with the factor 0.8 is that of
+//! [`stability`](super::stability).
 
 use super::params::{ArmParameters, CouplingParameters};
 use super::stability::damping_reach;
@@ -23,7 +27,8 @@ pub(super) struct LoopDelay {
 }
 
 impl LoopDelay {
-    /// At enable, when nothing is felt yet: the measured delay counts at once, older ones are forgotten.
+    /// At enable, when nothing is felt yet: the measured delay counts at once, older ones are
+    /// forgotten.
     pub(super) fn starting_at(measured_ticks: u32) -> Self {
         Self { worst_ticks: measured_ticks, allowed_ticks: f64::from(measured_ticks) }
     }
@@ -31,7 +36,8 @@ impl LoopDelay {
     /// One tick. RT: safe.
     pub(super) fn measure(&mut self, measured_ticks: u32, period_s: f64) {
         self.worst_ticks = self.worst_ticks.max(measured_ticks);
-        self.allowed_ticks = (self.allowed_ticks + period_s / SETTLE_S_PER_TICK).min(f64::from(self.worst_ticks));
+        self.allowed_ticks =
+            (self.allowed_ticks + period_s / SETTLE_S_PER_TICK).min(f64::from(self.worst_ticks));
     }
 
     /// Longest delay since enable, ticks.
@@ -39,8 +45,9 @@ impl LoopDelay {
         self.worst_ticks
     }
 
-    /// The gains and bounds at that delay; `filter_lag_s` counts where the shaping filter lies in the arm's loop. The very bits that came
-    /// in while the measured delay is no longer than the one that they allow for. RT: safe.
+    /// The gains and bounds at that delay; `filter_lag_s` counts where the shaping filter lies in
+    /// the arm's loop. The very bits that came in while the measured delay is no longer than the
+    /// one that they allow for. RT: safe.
     pub(super) fn limited(
         &self,
         coupling: &CouplingParameters,
@@ -56,8 +63,12 @@ impl LoopDelay {
         let rotation = arm.stiffness_lag_nm_s_per_rad / lag_s;
         let damped = self.damped(arm);
         CouplingParameters {
-            felt_damping_n_s_per_m: coupling.felt_damping_n_s_per_m.min(damped.stable_damping_n_s_per_m),
-            felt_damping_nm_s_per_rad: coupling.felt_damping_nm_s_per_rad.min(damped.stable_damping_nm_s_per_rad),
+            felt_damping_n_s_per_m: coupling
+                .felt_damping_n_s_per_m
+                .min(damped.stable_damping_n_s_per_m),
+            felt_damping_nm_s_per_rad: coupling
+                .felt_damping_nm_s_per_rad
+                .min(damped.stable_damping_nm_s_per_rad),
             stiffness_n_per_m: coupling.stiffness_n_per_m.min(translation),
             stiffness_nm_per_rad: coupling.stiffness_nm_per_rad.min(rotation),
             bound_n_per_m: coupling.bound_n_per_m.min(translation),
@@ -66,16 +77,20 @@ impl LoopDelay {
         }
     }
 
-    /// What the arm takes of dampers at the longest delay: each acts on a velocity that is older by the difference, and would drive the arm
-    /// beyond this. The very bits that came in while the measured delay is no longer than the one that they allow for. RT: safe.
+    /// What the arm takes of dampers at the longest delay: each acts on a velocity that is older by
+    /// the difference, and would drive the arm beyond this. The very bits that came in while the
+    /// measured delay is no longer than the one that they allow for. RT: safe.
     pub(super) fn damped(&self, arm: &ArmParameters) -> ArmParameters {
         let later = self.worst_ticks.saturating_sub(arm.delay_ticks);
         if later == 0 {
             return *arm;
         }
-        let share = arm.velocity_age_ticks.map(|age| damping_reach(age.saturating_add(later)) / damping_reach(age));
+        let share = arm
+            .velocity_age_ticks
+            .map(|age| damping_reach(age.saturating_add(later)) / damping_reach(age));
         let [linear, angular] = share;
-        let (stable, stable_angular) = (arm.stable_damping_n_s_per_m * linear, arm.stable_damping_nm_s_per_rad * angular);
+        let stable = arm.stable_damping_n_s_per_m * linear;
+        let stable_angular = arm.stable_damping_nm_s_per_rad * angular;
         ArmParameters {
             stable_damping_n_s_per_m: stable,
             stable_damping_nm_s_per_rad: stable_angular,
@@ -96,14 +111,21 @@ mod tests {
 
     /// A plant of b = 1.5 N·s/m that the profile puts one tick away.
     fn arm() -> ArmParameters {
-        ArmParameters { delay_ticks: 1, stiffness_lag_n_s_per_m: 0.8 * 1.5, ..ArmParameters::default() }
+        ArmParameters {
+            delay_ticks: 1,
+            stiffness_lag_n_s_per_m: 0.8 * 1.5,
+            ..ArmParameters::default()
+        }
     }
 
     #[test]
     fn a_delay_that_was_expected_changes_no_bit() {
         let coupling = parameters().coupling;
         for ticks in [0, 1] {
-            assert_eq!(LoopDelay::starting_at(ticks).limited(&coupling, &arm(), 0.0, PERIOD_S), coupling);
+            assert_eq!(
+                LoopDelay::starting_at(ticks).limited(&coupling, &arm(), 0.0, PERIOD_S),
+                coupling
+            );
         }
     }
 
@@ -120,10 +142,25 @@ mod tests {
                     delay_ticks,
                     filter_alpha,
                 };
-                let limited = LoopDelay::starting_at(delay_ticks).limited(&coupling, &arm(), wall.filter_lag_s(), PERIOD_S);
-                assert!((limited.stiffness_n_per_m / wall.stiffness_bound() - 1.0).abs() < 1e-12, "{delay_ticks} ticks");
-                assert!((limited.bound_n_per_m / wall.stiffness_bound() - 1.0).abs() < 1e-12, "{delay_ticks} ticks");
-                assert!(limited.stiffness_nm_per_rad.to_bits() == coupling.stiffness_nm_per_rad.to_bits(), "no bound on rotation");
+                let limited = LoopDelay::starting_at(delay_ticks).limited(
+                    &coupling,
+                    &arm(),
+                    wall.filter_lag_s(),
+                    PERIOD_S,
+                );
+                assert!(
+                    (limited.stiffness_n_per_m / wall.stiffness_bound() - 1.0).abs() < 1e-12,
+                    "{delay_ticks} ticks"
+                );
+                assert!(
+                    (limited.bound_n_per_m / wall.stiffness_bound() - 1.0).abs() < 1e-12,
+                    "{delay_ticks} ticks"
+                );
+                assert!(
+                    limited.stiffness_nm_per_rad.to_bits()
+                        == coupling.stiffness_nm_per_rad.to_bits(),
+                    "no bound on rotation"
+                );
             }
         }
     }
@@ -150,7 +187,10 @@ mod tests {
         for delay_ticks in [5, 20, 100, 200] {
             let damped = LoopDelay::starting_at(delay_ticks).damped(&arm);
             let expected = wall(delay_ticks).injectable_damping(window_s);
-            assert!((damped.injected_n_s_per_m / expected.min(20.0) - 1.0).abs() < 1e-12, "{delay_ticks} ticks");
+            assert!(
+                (damped.injected_n_s_per_m / expected.min(20.0) - 1.0).abs() < 1e-12,
+                "{delay_ticks} ticks"
+            );
         }
     }
 

@@ -1,24 +1,27 @@
 //! Constraint coupling: the tool stands where the hand wants it, as far as the surface allows.
 //!
-//! Data in: the deepest contacts, the step that the coupling alone would take. Data out: the nearest step, in the metric of the coupling
-//! spring, that moves no contact deeper:
+//! Data in: the deepest contacts, the step that the coupling alone would take. Data out: the
+//! nearest step, in the metric of the coupling spring, that moves no contact deeper:
 //!
 //! ```text
 //! minimise ½ (x − x_free)ᵀ K (x − x_free)   subject to   w_j · x ≥ β (V_j − δ),   w = (n, r × n),   K = diag(k_T, k_R)
 //! ```
 //!
-//! The multipliers are contact forces in newtons, and the spring that the hand feels is their sum. δ ([`SLOP_VOXELS`]) is the depth at
-//! which the tool comes to rest, so that the contacts which hold it stay known; β ([`SHARE_PER_TICK`]) is the share of an error that one
-//! tick takes away, less than all of it as normal and gradient differ at edges.
+//! The multipliers are contact forces in newtons, and the spring that the hand feels is their sum.
+//! δ ([`SLOP_VOXELS`]) is the depth at which the tool comes to rest, so that the contacts which
+//! hold it stay known; β ([`SHARE_PER_TICK`]) is the share of an error that one tick takes away,
+//! less than all of it as normal and gradient differ at edges.
 //!
-//! Each plane yields a little ([`SOFTNESS`]): a peg too thick for its hole, where nothing is feasible, gets the balance of penalties
-//! instead of forces without bound. That also makes the programme smooth: ½ |x − x_free|²_K + Σ ½ k_j max(0, violation_j)² is convex,
-//! its gradient piecewise linear, and Newton's method on it, each step cut to the minimum along its line, ends in a few 6×6 solves at the
-//! exact solution. No plane has to be chosen, and of the tick before only its step is known ([`Pace`]).
+//! Each plane yields a little ([`SOFTNESS`]): a peg too thick for its hole, where nothing is
+//! feasible, gets the balance of penalties instead of forces without bound. That also makes the
+//! programme smooth: ½ |x − x_free|²_K + Σ ½ k_j max(0, violation_j)² is convex, its gradient
+//! piecewise linear, and Newton's method on it, each step cut to the minimum along its line, ends
+//! in a few 6×6 solves at the exact solution. No plane has to be chosen, and of the tick before
+//! only its step is known ([`Pace`]).
 //!
 //! # Source
-//! ZillesSalisbury1995 and Ortega2007 (god-object, three and six axes), Sagardia2016 (constraint and penalty together); planes, slop and
-//! the solver are ours.
+//! ZillesSalisbury1995 and Ortega2007 (god-object, three and six axes), Sagardia2016 (constraint
+//! and penalty together); planes, slop and the solver are ours.
 
 use glam::{DMat3, DVec3};
 
@@ -33,8 +36,9 @@ pub(super) const SLOP_VOXELS: f64 = 0.1;
 /// Share of a depth error that one tick removes.
 const SHARE_PER_TICK: f64 = 0.5;
 
-/// Compliance of a plane as a share of the coupling's along it. So small that the depths of one face differ by less than what decides
-/// between its points (at 0.01 a tilted block stepped from one point to the next for ever), so large that a 6×6 solve keeps its digits.
+/// Compliance of a plane as a share of the coupling's along it. So small that the depths of one
+/// face differ by less than what decides between its points (at 0.01 a tilted block stepped from
+/// one point to the next for ever), so large that a 6×6 solve keeps its digits.
 const SOFTNESS: f64 = 1e-4;
 
 /// Most Newton steps in one tick. It takes two on a plane, about five in a corner.
@@ -75,8 +79,10 @@ struct Programme<'a> {
 impl Programme<'_> {
     /// Minus the gradient: what pulls and pushes at a step.
     fn pull(&self, step: (DVec3, DVec3)) -> Wrench {
-        let mut pull =
-            Wrench::new((self.free.0 - step.0) * self.stiffness_n_per_m, (self.free.1 - step.1) * self.stiffness_nm_per_rad);
+        let mut pull = Wrench::new(
+            (self.free.0 - step.0) * self.stiffness_n_per_m,
+            (self.free.1 - step.1) * self.stiffness_nm_per_rad,
+        );
         for plane in self.planes {
             let force_n = plane.stiffness_n_per_m * plane.violation_m(step).max(0.0);
             pull = pull + Wrench::new(plane.normal * force_n, plane.moment * force_n);
@@ -87,8 +93,12 @@ impl Programme<'_> {
     /// The second derivative at a step.
     fn stiffness(&self, step: (DVec3, DVec3)) -> Mat6 {
         let identity = DMat3::IDENTITY;
-        let mut stiffness =
-            Mat6::from_blocks(identity * self.stiffness_n_per_m, DMat3::ZERO, DMat3::ZERO, identity * self.stiffness_nm_per_rad);
+        let mut stiffness = Mat6::from_blocks(
+            identity * self.stiffness_n_per_m,
+            DMat3::ZERO,
+            DMat3::ZERO,
+            identity * self.stiffness_nm_per_rad,
+        );
         for plane in self.planes.iter().filter(|plane| plane.violation_m(step) > 0.0) {
             stiffness.add_outer(plane.stiffness_n_per_m, plane.normal, plane.moment);
         }
@@ -98,7 +108,9 @@ impl Programme<'_> {
     /// The minimum. `None` only on non-finite input.
     fn solve(&self) -> Option<(DVec3, DVec3)> {
         let mut step = self.free;
-        let along = |wrench: Wrench, (linear, angular): (DVec3, DVec3)| wrench.force.dot(linear) + wrench.torque.dot(angular);
+        let along = |wrench: Wrench, (linear, angular): (DVec3, DVec3)| {
+            wrench.force.dot(linear) + wrench.torque.dot(angular)
+        };
         let mut first = 0.0;
         for n in 0..NEWTON_STEPS {
             let pull = self.pull(step);
@@ -112,7 +124,8 @@ impl Programme<'_> {
                 break;
             }
             let at = |share: f64| (step.0 + newton.0 * share, step.1 + newton.1 * share);
-            let (mut low, mut high) = (0.0, 1.0);
+            let mut low = 0.0;
+            let mut high = 1.0;
             if along(self.pull(at(high)), newton) < -1e-9 * gain {
                 // Past the minimum of the line: planes that were not known came in on the way.
                 for _ in 0..BISECTIONS {
@@ -133,15 +146,18 @@ impl Programme<'_> {
 /// Smallest share of its step that a tool takes which goes to and fro.
 const LEAST_SHARE: f64 = 1e-5;
 
-/// By how much that share falls when the tool turns round, and grows when it goes on: two ticks onward do not make up for a turn.
+/// By how much that share falls when the tool turns round, and grows when it goes on: two ticks
+/// onward do not make up for a turn.
 const FALL: f64 = 0.5;
 const GROWTH: f64 = 1.4;
 
 /// How much of its step the tool takes.
 ///
-/// Planes come from the deepest point of each direction, and which that is may change with every step: then the tool goes to and fro for ever between two
-/// places that each ask for the other. One that turns round takes a smaller share of its step than before, until it stands where both are equal; one that goes on
-/// takes a larger one, so a hand that sets out has all of it within 35 ticks.
+/// Planes come from the deepest point of each direction, and which that is may change with every
+/// step: then the tool goes to and fro for ever between two places that each ask for the other. One
+/// that turns round takes a smaller share of its step than before, until it stands where both are
+/// equal; one that goes on takes a larger one, so a hand that sets out has all of it within 35
+/// ticks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Pace {
     share: f64,
@@ -156,32 +172,51 @@ impl Default for Pace {
 
 impl Pace {
     /// The part of a step that is taken. RT: safe, O(1).
-    pub(super) fn take(&mut self, step: (DVec3, DVec3), coupling: &CouplingParameters) -> (DVec3, DVec3) {
+    pub(super) fn take(
+        &mut self,
+        step: (DVec3, DVec3),
+        coupling: &CouplingParameters,
+    ) -> (DVec3, DVec3) {
         // In energies of the coupling, so that ways and turns compare.
-        let along = coupling.stiffness_n_per_m * step.0.dot(self.last.0) + coupling.stiffness_nm_per_rad * step.1.dot(self.last.1);
-        self.share = if along < 0.0 { (FALL * self.share).max(LEAST_SHARE) } else { (GROWTH * self.share).min(1.0) };
+        let along = coupling.stiffness_n_per_m * step.0.dot(self.last.0)
+            + coupling.stiffness_nm_per_rad * step.1.dot(self.last.1);
+        self.share = if along < 0.0 {
+            (FALL * self.share).max(LEAST_SHARE)
+        } else {
+            (GROWTH * self.share).min(1.0)
+        };
         self.last = (step.0 * self.share, step.1 * self.share);
         self.last
     }
 }
 
-/// Unit direction in world axes out of an obstacle at a contact; the contact's own where there is none. The poses are those at which the contact was
-/// found.
+/// Unit direction in world axes out of an obstacle at a contact; the contact's own where there is
+/// none. The poses are those at which the contact was found.
 ///
-/// It is that of the mean over a voxel, which turns steadily: the gradient itself turns in steps at the faces of cells, and a tool whose balance lies
-/// between two of these directions would go to and fro across the face for ever. RT: safe, O(1).
-pub(super) fn way_out(obstacle: &Obstacle, world_from_map: Pose, world_from_body: Pose, contact: &Contact) -> DVec3 {
-    let point_map = world_from_map.inverse().transform_point(world_from_body.transform_point(contact.arm_body.as_dvec3()));
-    let cells = (point_map - obstacle.field.origin_map().as_dvec3()) / f64::from(obstacle.field.voxel_size_m());
+/// It is that of the mean over a voxel, which turns steadily: the gradient itself turns in steps at
+/// the faces of cells, and a tool whose balance lies between two of these directions would go to
+/// and fro across the face for ever. RT: safe, O(1).
+pub(super) fn way_out(
+    obstacle: &Obstacle,
+    world_from_map: Pose,
+    world_from_body: Pose,
+    contact: &Contact,
+) -> DVec3 {
+    let point_map = world_from_map
+        .inverse()
+        .transform_point(world_from_body.transform_point(contact.arm_body.as_dvec3()));
+    let cells = (point_map - obstacle.field.origin_map().as_dvec3())
+        / f64::from(obstacle.field.voxel_size_m());
     match (-obstacle.field.mean_gradient(cells.as_vec3())).as_dvec3().try_normalize() {
         Some(normal_map) => world_from_map.transform_vector(normal_map),
         None => world_from_body.transform_vector(contact.normal_body.as_dvec3()),
     }
 }
 
-/// The step (m, rad; world) that `contacts` leave of the free step. `body`: tool axes at the centre of mass; `way_out`: unit normal of the
-/// obstacle's surface at a contact, world axes (the point's own normal would hold a tool by its rounded edges); `slop_m`: depth at which
-/// the tool rests. `None` only on non-finite input.
+/// The step (m, rad; world) that `contacts` leave of the free step. `body`: tool axes at the centre
+/// of mass; `way_out`: unit normal of the obstacle's surface at a contact, world axes (the point's
+/// own normal would hold a tool by its rounded edges); `slop_m`: depth at which the tool rests.
+/// `None` only on non-finite input.
 ///
 /// RT: safe; O([`NEWTON_STEPS`] · contacts), at most [`N_BINS`] of them. Deterministic.
 pub(super) fn step(
@@ -193,13 +228,16 @@ pub(super) fn step(
     slop_m: f64,
 ) -> Option<(DVec3, DVec3)> {
     let axes = body.rotation_matrix();
-    let mut planes = [Plane { normal: DVec3::ZERO, moment: DVec3::ZERO, needed_m: 0.0, stiffness_n_per_m: 0.0 }; N_BINS];
+    let mut planes =
+        [Plane { normal: DVec3::ZERO, moment: DVec3::ZERO, needed_m: 0.0, stiffness_n_per_m: 0.0 };
+            N_BINS];
     let mut n_planes = 0;
     for ((obstacle_idx, contact), slot) in contacts.iter().zip(&mut planes) {
         let normal = way_out(*obstacle_idx, contact);
         let moment = (axes * contact.arm_body.as_dvec3()).cross(normal);
         let needed_m = SHARE_PER_TICK * (f64::from(contact.depth_m) - slop_m);
-        let give = 1.0 / coupling.stiffness_n_per_m + moment.length_squared() / coupling.stiffness_nm_per_rad;
+        let give = 1.0 / coupling.stiffness_n_per_m
+            + moment.length_squared() / coupling.stiffness_nm_per_rad;
         *slot = Plane { normal, moment, needed_m, stiffness_n_per_m: 1.0 / (SOFTNESS * give) };
         n_planes += 1;
     }
@@ -226,7 +264,9 @@ mod tests {
     fn contacts(walls: &[(DVec3, f64)], body: Pose) -> DeepestContacts {
         let mut deepest = DeepestContacts::default();
         let edge = [-5.0, -2.5, 0.0, 2.5, 5.0];
-        for (point_idx, (x, y, z)) in (0..).zip((0..125).map(|n| (edge[n % 5], edge[n / 5 % 5], edge[n / 25]))) {
+        for (point_idx, (x, y, z)) in
+            (0..).zip((0..125).map(|n| (edge[n % 5], edge[n / 5 % 5], edge[n / 25])))
+        {
             let arm_body = DVec3::new(x, y, z) * 1e-3;
             for (normal, offset_m) in walls {
                 let depth_m = offset_m - normal.dot(body.transform_point(arm_body));
@@ -234,7 +274,13 @@ mod tests {
                     let normal_body = (body.rotation.conjugate() * *normal).as_vec3();
                     deepest.add(
                         0,
-                        &Contact { point_idx, depth_m: depth_m as f32, weight: 1.0, arm_body: arm_body.as_vec3(), normal_body },
+                        &Contact {
+                            point_idx,
+                            depth_m: depth_m as f32,
+                            weight: 1.0,
+                            arm_body: arm_body.as_vec3(),
+                            normal_body,
+                        },
                     );
                 }
             }
@@ -254,7 +300,9 @@ mod tests {
             let free = (target.translation - body.translation, body.rotation_to(target));
             let way_out = |_, contact: &Contact| body.rotation * contact.normal_body.as_dvec3();
             let contacts = contacts(walls, body);
-            let (linear, angular) = step(free, body, &parameters().coupling, &contacts, way_out, SLOP_M).expect("finite");
+            let (linear, angular) =
+                step(free, body, &parameters().coupling, &contacts, way_out, SLOP_M)
+                    .expect("finite");
             let step_m = linear.length() + angular.length() * 9e-3;
             let share = (0.25e-3 / step_m).min(1.0);
             body = body.stepped(linear * share, angular * share);
@@ -271,17 +319,26 @@ mod tests {
         let (body, deep_m, last_m) = settle(&[FLOOR], target, 100);
         assert!(deep_m > 0.99 * SLOP_M && deep_m < SLOP_M + 1e-6, "{deep_m} m deep");
         assert!(last_m < 1e-9, "still moving by {last_m} m per tick");
-        assert!((body.translation.x - target.translation.x).abs() < 1e-9 && body.rotation_to(target).length() < 1e-7);
+        assert!(
+            (body.translation.x - target.translation.x).abs() < 1e-9
+                && body.rotation_to(target).length() < 1e-7
+        );
     }
 
     #[test]
     fn a_corner_holds_three_ways_and_a_turned_block_lies_down_flat() {
         let walls = [FLOOR, (DVec3::NEG_X, -5e-3), (DVec3::NEG_Y, -5e-3)];
-        let target = Pose::new(DQuat::from_scaled_axis(DVec3::new(0.02, -0.01, 0.03)), DVec3::new(2e-3, 3e-3, 3e-3));
+        let target = Pose::new(
+            DQuat::from_scaled_axis(DVec3::new(0.02, -0.01, 0.03)),
+            DVec3::new(2e-3, 3e-3, 3e-3),
+        );
         let (body, deep_m, last_m) = settle(&walls, target, 300);
         assert!(deep_m < 2.0 * SLOP_M, "{deep_m} m deep");
         assert!(last_m < 1e-8, "still moving by {last_m} m per tick");
-        assert!(body.translation.x < 1e-4 && body.translation.y < 1e-4 && body.translation.z > 4.9e-3, "{body:?}");
+        assert!(
+            body.translation.x < 1e-4 && body.translation.y < 1e-4 && body.translation.z > 4.9e-3,
+            "{body:?}"
+        );
         assert!(body.rotation.angle_between(DQuat::IDENTITY) < 0.02, "{body:?}");
     }
 
@@ -289,7 +346,8 @@ mod tests {
     fn a_slot_too_narrow_is_balanced() {
         // 0.2 mm too narrow on 10 mm: nothing is feasible.
         let walls = [FLOOR, (DVec3::NEG_X, -4.9e-3), (DVec3::X, -4.9e-3)];
-        let (body, deep_m, last_m) = settle(&walls, Pose::from_translation(DVec3::new(1e-3, 0.0, 3e-3)), 400);
+        let (body, deep_m, last_m) =
+            settle(&walls, Pose::from_translation(DVec3::new(1e-3, 0.0, 3e-3)), 400);
         assert!(body.translation.x.abs() < 1e-4, "in the middle: {body:?}");
         assert!(deep_m < 2e-4 && last_m < 1e-6, "{deep_m} m deep, {last_m} m per tick");
     }
@@ -306,7 +364,10 @@ mod tests {
         }
         let before_m = at_m;
         at_m += pace.take((DVec3::X * 1e-4, DVec3::ZERO), &coupling).0.x;
-        assert!((at_m - 0.3e-3).abs() < 1e-7 && (at_m - before_m).abs() < 1e-7, "{at_m} after {before_m}");
+        assert!(
+            (at_m - 0.3e-3).abs() < 1e-7 && (at_m - before_m).abs() < 1e-7,
+            "{at_m} after {before_m}"
+        );
         let way = DVec3::Y * 1e-5;
         let n = (0..100).take_while(|_| pace.take((way, DVec3::ZERO), &coupling).0 != way).count();
         assert!(n <= 35, "all of its step after {n} ticks");
@@ -316,7 +377,8 @@ mod tests {
     fn without_contact_the_step_is_the_free_one() {
         let free = (DVec3::new(1e-3, -2e-3, 3e-3), DVec3::new(0.1, 0.2, -0.3));
         let none = DeepestContacts::default();
-        let taken = step(free, Pose::IDENTITY, &parameters().coupling, &none, |_, _| DVec3::Z, SLOP_M);
+        let taken =
+            step(free, Pose::IDENTITY, &parameters().coupling, &none, |_, _| DVec3::Z, SLOP_M);
         assert_eq!(taken, Some(free));
     }
 }

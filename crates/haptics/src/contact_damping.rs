@@ -1,16 +1,20 @@
 //! Contact damping: a damper behind each face of the tool that touches, along its normal.
 //!
-//! Data in: the faces that touch, the velocity that a tick would give without dampers. Data out: the velocity with them.
+//! Data in: the faces that touch, the velocity that a tick would give without dampers. Data out:
+//! the velocity with them.
 //!
-//! One damper per face, so it does not grow with the area, unlike the damping ratio, which goes with the stiffness. It resists both ways, but
-//! never so much that a face would pull: its coefficient is cut to what the face still presses with at the velocity without dampers, which
-//! a damper of its own can only lower; what several do to each other is looked at, and all are halved until none pulls.
+//! One damper per face, so it does not grow with the area, unlike the damping ratio, which goes
+//! with the stiffness. It resists both ways, but never so much that a face would pull: its
+//! coefficient is cut to what the face still presses with at the velocity without dampers, which a
+//! damper of its own can only lower; what several do to each other is looked at, and all are halved
+//! until none pulls.
 //!
-//! The dampers form Σ c w wᵀ, w = (n, r × n): symmetric and positive semi-definite, so they take energy only, and the implicit step stays
-//! solvable.
+//! The dampers form Σ c w wᵀ, w = (n, r × n): symmetric and positive semi-definite, so they take
+//! energy only, and the implicit step stays solvable.
 //!
 //! # Source
-//! Ours. That a contact must not pull: Hunt, Crossley, "Coefficient of restitution interpreted as damping in vibroimpact", 1975.
+//! Ours. That a contact must not pull: Hunt, Crossley, "Coefficient of restitution interpreted as
+//! damping in vibroimpact", 1975.
 
 use glam::DVec3;
 
@@ -45,13 +49,16 @@ impl Damper {
 
     fn pulls(&self, share: f64, twist: Twist) -> bool {
         let speed = self.speed(twist);
-        speed > 0.0 && share * self.coefficient_n_s_per_m * speed > self.presses_n(speed) * (1.0 + 1e-9)
+        speed > 0.0
+            && share * self.coefficient_n_s_per_m * speed > self.presses_n(speed) * (1.0 + 1e-9)
     }
 }
 
-/// The velocity with a damper of `damping_n_s_per_m` behind each of `patches`, or `undamped`, which is the one without, where they would pull
-/// all the same. `spring_s`: over how long a velocity changes the force of a face within the tick, times its stiffness. `solve`: the velocity for
-/// a sum of dampers. `None` only where `solve` gives none. RT: safe; two solves, at most [`HALVINGS`] more.
+/// The velocity with a damper of `damping_n_s_per_m` behind each of `patches`, or `undamped`, which
+/// is the one without, where they would pull all the same. `spring_s`: over how long a velocity
+/// changes the force of a face within the tick, times its stiffness. `solve`: the velocity for a
+/// sum of dampers. `None` only where `solve` gives none. RT: safe; two solves, at most [`HALVINGS`]
+/// more.
 pub(super) fn damped(
     patches: impl Iterator<Item = Patch>,
     damping_n_s_per_m: f64,
@@ -61,9 +68,16 @@ pub(super) fn damped(
 ) -> Option<Twist> {
     let mut dampers = [None; FACES];
     for (patch, slot) in patches.zip(&mut dampers) {
-        let (normal, moment) = (patch.normal_world, patch.arm_world.cross(patch.normal_world));
+        let normal = patch.normal_world;
+        let moment = patch.arm_world.cross(patch.normal_world);
         let loss_n_s_per_m = spring_s * patch.stiffness_n_per_m;
-        let damper = Damper { normal, moment, force_n: patch.force_n, loss_n_s_per_m, coefficient_n_s_per_m: damping_n_s_per_m };
+        let damper = Damper {
+            normal,
+            moment,
+            force_n: patch.force_n,
+            loss_n_s_per_m,
+            coefficient_n_s_per_m: damping_n_s_per_m,
+        };
         let speed = damper.speed(undamped);
         let most = if speed > 0.0 { damper.presses_n(speed) / speed } else { f64::INFINITY };
         *slot = Some(Damper { coefficient_n_s_per_m: damping_n_s_per_m.min(most), ..damper });
@@ -119,7 +133,12 @@ mod tests {
     }
 
     fn mass() -> Mat6 {
-        Mat6::from_blocks(DMat3::IDENTITY * MASS_KG, DMat3::ZERO, DMat3::ZERO, DMat3::IDENTITY * INERTIA_KG_M2)
+        Mat6::from_blocks(
+            DMat3::IDENTITY * MASS_KG,
+            DMat3::ZERO,
+            DMat3::ZERO,
+            DMat3::IDENTITY * INERTIA_KG_M2,
+        )
     }
 
     /// The faces push as they are: v' = (M + h D)⁻¹ (M v + h F).
@@ -135,13 +154,16 @@ mod tests {
     }
 
     fn energy_j(twist: Twist) -> f64 {
-        0.5 * (MASS_KG * twist.linear.length_squared() + INERTIA_KG_M2 * twist.angular.length_squared())
+        0.5 * (MASS_KG * twist.linear.length_squared()
+            + INERTIA_KG_M2 * twist.angular.length_squared())
     }
 
     #[test]
     fn dampers_are_symmetric_positive_semi_definite_and_no_face_ever_pulls() {
         let mut random = Random(11);
-        let (mut n_cut, mut n_full, mut n_without) = (0, 0, 0);
+        let mut n_cut = 0;
+        let mut n_full = 0;
+        let mut n_without = 0;
         for _ in 0..4000 {
             let n_patches = 1 + (random.signed().abs() * 4.0) as u8;
             let patches: Vec<Patch> = (0..n_patches).map(|face| random.patch(face)).collect();
@@ -160,7 +182,8 @@ mod tests {
                 }
             }
             for _ in 0..10 {
-                let (linear, angular) = (random.vector(1.0), random.vector(30.0));
+                let linear = random.vector(1.0);
+                let angular = random.vector(30.0);
                 let (force, torque) = used.mul(linear, angular);
                 assert!(force.dot(linear) + torque.dot(angular) >= -1e-12);
             }
@@ -168,17 +191,23 @@ mod tests {
                 n_without += 1;
                 continue;
             }
-            // What acted, face by face: coefficients from the matrix are those that were cut, halved together or not.
+            // What acted, face by face: coefficients from the matrix are those that were cut,
+            // halved together or not.
             let share = (0..=HALVINGS).map(|n| 0.5_f64.powi(n as i32)).find(|share| {
                 let mut sum = Mat6::ZERO;
                 for patch in &patches {
-                    sum.add_outer(share * cut(patch, undamped), patch.normal_world, patch.arm_world.cross(patch.normal_world));
+                    sum.add_outer(
+                        share * cut(patch, undamped),
+                        patch.normal_world,
+                        patch.arm_world.cross(patch.normal_world),
+                    );
                 }
                 (sum.traces().0 - used.traces().0).abs() <= 1e-9 * used.traces().0
             });
             let share = share.expect("one of the halvings");
             for patch in &patches {
-                let speed = patch.normal_world.dot(after.linear + after.angular.cross(patch.arm_world));
+                let speed =
+                    patch.normal_world.dot(after.linear + after.angular.cross(patch.arm_world));
                 let total_n = patch.force_n - share * cut(patch, undamped) * speed;
                 assert!(total_n >= -1e-6 * patch.force_n, "{total_n} N of {patch:?}");
             }
@@ -191,27 +220,43 @@ mod tests {
             let alone = step(&[], before, &used).expect("positive definite");
             assert!(energy_j(alone) <= energy_j(before) * (1.0 + 1e-12));
         }
-        assert!(n_full > 3000 && n_cut > 0 && n_without < 40, "{n_full} as they are, {n_cut} cut, {n_without} without");
+        assert!(
+            n_full > 3000 && n_cut > 0 && n_without < 40,
+            "{n_full} as they are, {n_cut} cut, {n_without} without"
+        );
     }
 
     fn cut(patch: &Patch, undamped: Twist) -> f64 {
-        let speed = patch.normal_world.dot(undamped.linear + undamped.angular.cross(patch.arm_world));
+        let speed =
+            patch.normal_world.dot(undamped.linear + undamped.angular.cross(patch.arm_world));
         if speed > 0.0 { (patch.force_n / speed).min(50.0) } else { 50.0 }
     }
 
     #[test]
     fn a_face_that_leaves_is_let_go_and_one_that_comes_is_held_up() {
-        let floor =
-            Patch { face: 0, force_n: 0.5, normal_world: DVec3::Z, arm_world: DVec3::ZERO, radius_m: 0.0, stiffness_n_per_m: 1e4 };
+        let floor = Patch {
+            face: 0,
+            force_n: 0.5,
+            normal_world: DVec3::Z,
+            arm_world: DVec3::ZERO,
+            radius_m: 0.0,
+            stiffness_n_per_m: 1e4,
+        };
         let with = |speed: f64| {
             let before = Twist { linear: DVec3::Z * speed, angular: DVec3::ZERO };
             let undamped = step(&[floor], before, &Mat6::ZERO).expect("positive definite");
-            let after = damped([floor].into_iter(), 100.0, 0.0, undamped, |damping| step(&[floor], before, damping));
+            let after = damped([floor].into_iter(), 100.0, 0.0, undamped, |damping| {
+                step(&[floor], before, damping)
+            });
             (undamped.linear.z, after.expect("positive definite").linear.z)
         };
         let (undamped, after) = with(-0.1);
-        assert!((after - undamped / 2.0).abs() < 1e-9, "100 N·s/m on 0.1 kg for 1 ms halve it: {after}");
-        // Leaving at 0.1 m/s, it would pull with 10 N; the face presses with 0.5 N, so that is all that it loses.
+        assert!(
+            (after - undamped / 2.0).abs() < 1e-9,
+            "100 N·s/m on 0.1 kg for 1 ms halve it: {after}"
+        );
+        // Leaving at 0.1 m/s, it would pull with 10 N; the face presses with 0.5 N, so that is all
+        // that it loses.
         let (undamped, after) = with(0.1);
         assert!(after > 0.0999 && after < undamped, "{after}");
     }

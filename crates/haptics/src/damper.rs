@@ -8,25 +8,36 @@ use vps::spatial::{Twist, Wrench};
 /// Damping of a brake, N·s/m, where the arm takes so much (devices reference, safety rule 13).
 const BRAKE_N_S_PER_M: f64 = 10.0;
 
-/// The same in rotation, N·m·s/rad: in the proportion in which six-axis arms declare the two (30 N·s/m and 0.07 N·m·s/rad).
+/// The same in rotation, N·m·s/rad: in the proportion in which six-axis arms declare the two (30
+/// N·s/m and 0.07 N·m·s/rad).
 const BRAKE_NM_S_PER_RAD: f64 = 0.02;
 
-/// The velocity as far as it is certain: each component counts only as far as it exceeds what one step of the encoder makes of it. Below,
-/// it says nothing of the direction, and a damper that follows it drives the arm.
+/// The velocity as far as it is certain: each component counts only as far as it exceeds what one
+/// step of the encoder makes of it. Below, it says nothing of the direction, and a damper that
+/// follows it drives the arm.
 pub(super) fn certain(twist: Twist, arm: &ArmParameters) -> Twist {
-    Twist { linear: beyond(twist.linear, arm.velocity_step_m_per_s), angular: beyond(twist.angular, arm.velocity_step_rad_per_s) }
+    Twist {
+        linear: beyond(twist.linear, arm.velocity_step_m_per_s),
+        angular: beyond(twist.angular, arm.velocity_step_rad_per_s),
+    }
 }
 
 /// The wrench of a brake: a damper as strong as is safe and the arm takes.
 pub(super) fn brake(twist: Twist, arm: &ArmParameters) -> Wrench {
     let Twist { linear, angular } = certain(twist, arm);
-    Wrench::new(linear * -arm.injected_n_s_per_m.min(BRAKE_N_S_PER_M), angular * -arm.injected_nm_s_per_rad.min(BRAKE_NM_S_PER_RAD))
+    Wrench::new(
+        linear * -arm.injected_n_s_per_m.min(BRAKE_N_S_PER_M),
+        angular * -arm.injected_nm_s_per_rad.min(BRAKE_NM_S_PER_RAD),
+    )
 }
 
 /// The strongest damper that the arm takes, times a share.
 pub(super) fn strongest(twist: Twist, arm: &ArmParameters, share: f64) -> Wrench {
     let Twist { linear, angular } = certain(twist, arm);
-    Wrench::new(linear * (-arm.injected_n_s_per_m * share), angular * (-arm.injected_nm_s_per_rad * share))
+    Wrench::new(
+        linear * (-arm.injected_n_s_per_m * share),
+        angular * (-arm.injected_nm_s_per_rad * share),
+    )
 }
 
 /// False for an arm that takes no damping: it cannot be braked, only let go.
@@ -34,7 +45,8 @@ pub(super) fn can_brake(arm: &ArmParameters) -> bool {
     arm.injected_n_s_per_m > 0.0 || arm.injected_nm_s_per_rad > 0.0
 }
 
-/// What is left of each component when it is known only to within `step`. Written so that a NaN stays one.
+/// What is left of each component when it is known only to within `step`. Written so that a NaN
+/// stays one.
 fn beyond(velocity: DVec3, step: f64) -> DVec3 {
     velocity - velocity.clamp(DVec3::splat(-step), DVec3::splat(step))
 }
@@ -53,7 +65,10 @@ mod tests {
         };
         let twist = Twist { linear: DVec3::new(0.6, -1.1, 0.05), angular: DVec3::Z };
         let wrench = brake(twist, &arm(30.0));
-        assert!((wrench.force - DVec3::new(-5.0, 10.0, 0.0)).length() < 1e-12 && wrench.torque == DVec3::Z * -0.01);
+        assert!(
+            (wrench.force - DVec3::new(-5.0, 10.0, 0.0)).length() < 1e-12
+                && wrench.torque == DVec3::Z * -0.01
+        );
         assert!((brake(twist, &arm(4.0)).force - DVec3::new(-2.0, 4.0, 0.0)).length() < 1e-12);
         assert!(wrench.power(twist) < 0.0);
         assert!(!can_brake(&ArmParameters::default()) && can_brake(&arm(0.0)));

@@ -14,16 +14,18 @@
 //!    │ deadman let go and pressed                ▼                ▼
 //!    └──────────────────────────────────────   Fault  ◄─── any other fault, at once, from every state with force
 //! ```
-//! A `Disable` request leads from every state to `Disabled` at once. Force flows in `Enabling`, `Enabled`, `Stopping` and `Braking` only;
-//! in `Braking` it is that of a damper.
+//! A `Disable` request leads from every state to `Disabled` at once. Force flows in `Enabling`,
+//! `Enabled`, `Stopping` and `Braking` only; in `Braking` it is that of a damper.
 //!
-//! The gates between `Disabled` and `Enabling`, all of which have to be open: the deadman is held (and was let go since the last fault), the
-//! arm is homed, no motor is overheated, the grip is within the workspace, the sample is fresh. Then `Enabling` itself waits, with zero force,
-//! until the wrench has been small for some ticks: a tool that stands pressed against something is not switched on with a blow. It waits as
-//! long as that takes; the arm moves freely and ends it.
+//! The gates between `Disabled` and `Enabling`, all of which have to be open: the deadman is held
+//! (and was let go since the last fault), the arm is homed, no motor is overheated, the grip is
+//! within the workspace, the sample is fresh. Then `Enabling` itself waits, with zero force, until
+//! the wrench has been small for some ticks: a tool that stands pressed against something is not
+//! switched on with a blow. It waits as long as that takes; the arm moves freely and ends it.
 //!
-//! A drive that the deadman switched off holds the tool's place: the tool stands where it stood, and the arm's pose at the next
-//! enable is its new zero. After a `Disable` the tool stands at the start of the scene.
+//! A drive that the deadman switched off holds the tool's place: the tool stands where it stood,
+//! and the arm's pose at the next enable is its new zero. After a `Disable` the tool stands at the
+//! start of the scene.
 
 /// What the supervisor wants of the servo.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -31,13 +33,15 @@ pub enum DriveRequest {
     /// No force. Also acknowledges a fault.
     #[default]
     Disable,
-    /// Ramp up and render. After a fault it takes a `Disable` first, or the deadman let go and pressed again.
+    /// Ramp up and render. After a fault it takes a `Disable` first, or the deadman let go and
+    /// pressed again.
     Enable,
     /// Ramp down to zero, then stay disabled.
     Stop,
 }
 
-/// Where the drive stands (CRTK: DISABLED, ENABLED + is_busy, ENABLED, ENABLED + is_busy, PAUSED, FAULT).
+/// Where the drive stands (CRTK: DISABLED, ENABLED + is_busy, ENABLED, ENABLED + is_busy, PAUSED,
+/// FAULT).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Drive {
     /// Zero wrench.
@@ -49,7 +53,8 @@ pub enum Drive {
     Enabled,
     /// Ramping down to zero after a stop request.
     Stopping,
-    /// Zero wrench until a `Disable` request, then `Enable`; with a deadman also until it is let go and pressed again.
+    /// Zero wrench until a `Disable` request, then `Enable`; with a deadman also until it is let go
+    /// and pressed again.
     Fault,
     /// Damping without stiffness, for a moment after too much speed.
     Braking,

@@ -1,34 +1,42 @@
 //! Holds a pose that goes back and forth by one step of the encoder in a hand at rest.
 //!
-//! Data in: the measured pose and velocity, the arm's encoder steps. Data out: the pose and velocity that the tool follows.
+//! Data in: the measured pose and velocity, the arm's encoder steps. Data out: the pose and
+//! velocity that the tool follows.
 //!
-//! A hand whose balance lies between two steps sees one or the other, the coupling answers each with a step of force, and that moves the hand back: a
-//! limit cycle that gives energy (friction in the joint of half a step times the stiffness would end it; a wrist has none). A pose that is held
-//! makes a force that is held, which gives nothing over a cycle, and within a step no better is known of where the hand is.
+//! A hand whose balance lies between two steps sees one or the other, the coupling answers each
+//! with a step of force, and that moves the hand back: a limit cycle that gives energy (friction in
+//! the joint of half a step times the stiffness would end it; a wrist has none). A pose that is
+//! held makes a force that is held, which gives nothing over a cycle, and within a step no better
+//! is known of where the hand is.
 //!
-//! Each component is on its own. It is at rest once it has stayed within one step for [`REST_S`]; what is followed then goes towards what is
-//! measured, by less with each change and for a second at most, until it stands. One that leaves that step is followed at once but for the distance to what was held, which
-//! goes within [`RELEASE_S`], so nothing lags in motion and nothing jumps.
+//! Each component is on its own. It is at rest once it has stayed within one step for [`REST_S`];
+//! what is followed then goes towards what is measured, by less with each change and for a second
+//! at most, until it stands. One that leaves that step is followed at once but for the distance to
+//! what was held, which goes within [`RELEASE_S`], so nothing lags in motion and nothing jumps.
 //!
 //! # Source
-//! Diolaiti2006 for the energy of a quantised spring and the friction that bounds it; the hold is ours.
+//! Diolaiti2006 for the energy of a quantised spring and the friction that bounds it; the hold is
+//! ours.
 
 use glam::DVec3;
 
 use super::params::ArmParameters;
 use vps::spatial::{DeviceSample, Pose, SampleStatus, Twist};
 
-/// Time within one step after which a component is at rest, s. A hand that moves by two steps in this time is followed directly.
+/// Time within one step after which a component is at rest, s. A hand that moves by two steps in
+/// this time is followed directly.
 const REST_S: f64 = 0.1;
 
-/// Time in which a step that was taken at rest is followed; the n-th change counts n² times less, s.
+/// Time in which a step that was taken at rest is followed; the n-th change counts n² times less,
+/// s.
 const CREEP_S: f64 = 0.1;
 
-/// Time after a change, s, for which what is followed still goes: a force that creeps on for tens of seconds within one step of the encoder is no
-/// nearer to where the hand is, and never at rest.
+/// Time after a change, s, for which what is followed still goes: a force that creeps on for tens
+/// of seconds within one step of the encoder is no nearer to where the hand is, and never at rest.
 const CREEPS_FOR_S: f64 = 1.0;
 
-/// Changes at rest after which it stands: what they still moved it by would be felt for ever, and give energy.
+/// Changes at rest after which it stands: what they still moved it by would be felt for ever, and
+/// give energy.
 const STANDS_AFTER: u32 = 8;
 
 /// Time in which a component that moves again gets rid of one step of distance to what was held, s.
@@ -58,7 +66,15 @@ struct Component {
 
 impl Component {
     fn at(measured: f64) -> Self {
-        Self { held: measured, last: measured, low: measured, high: measured, within_s: 0.0, changes: 0, unchanged_s: 0.0 }
+        Self {
+            held: measured,
+            last: measured,
+            low: measured,
+            high: measured,
+            within_s: 0.0,
+            changes: 0,
+            unchanged_s: 0.0,
+        }
     }
 
     fn rests(&self) -> bool {
@@ -66,8 +82,11 @@ impl Component {
     }
 
     fn follow(&mut self, measured: f64, step: f64, period_s: f64) {
-        let (low, high, rested) = (self.low.min(measured), self.high.max(measured), self.rests());
-        let (lag, changed) = (self.held - self.last, measured != self.last);
+        let low = self.low.min(measured);
+        let high = self.high.max(measured);
+        let rested = self.rests();
+        let lag = self.held - self.last;
+        let changed = measured != self.last;
         self.last = measured;
         if measured.is_finite() && high - low <= ONE_STEP * step {
             (self.low, self.high) = (low, high);
@@ -81,7 +100,8 @@ impl Component {
             if self.changes < STANDS_AFTER && self.unchanged_s < CREEPS_FOR_S {
                 let share = period_s / (CREEP_S * f64::from(self.changes.max(1)).powi(2));
                 let way = measured - self.held;
-                self.held = if way.abs() <= NOTHING * step { measured } else { self.held + way * share };
+                self.held =
+                    if way.abs() <= NOTHING * step { measured } else { self.held + way * share };
             }
             return;
         }
@@ -107,10 +127,19 @@ impl EncoderHold {
         self.components = None;
     }
 
-    /// The pose and the velocity to follow, the very bits that came in where nothing is held. RT: safe, O(1).
-    pub(super) fn steady(&mut self, sample: &DeviceSample, arm: &ArmParameters, period_s: f64) -> (Pose, Twist) {
-        let (pose, twist, is_fresh) = (sample.pose, sample.twist, sample.status == SampleStatus::Fresh);
-        let (step_m, step_rad) = (arm.encoder_step_m, arm.encoder_step_rad);
+    /// The pose and the velocity to follow, the very bits that came in where nothing is held. RT:
+    /// safe, O(1).
+    pub(super) fn steady(
+        &mut self,
+        sample: &DeviceSample,
+        arm: &ArmParameters,
+        period_s: f64,
+    ) -> (Pose, Twist) {
+        let pose = sample.pose;
+        let twist = sample.twist;
+        let is_fresh = sample.status == SampleStatus::Fresh;
+        let step_m = arm.encoder_step_m;
+        let step_rad = arm.encoder_step_rad;
         let turn = Pose::IDENTITY.rotation_to(pose);
         let [x, y, z] = pose.translation.to_array();
         let [rx, ry, rz] = turn.to_array();
@@ -132,8 +161,13 @@ impl EncoderHold {
         let [x, y, z, rx, ry, rz] = components;
         let held = |[a, b, c]: [&Component; 3]| DVec3::new(a.held, b.held, c.held);
         let moving = |[a, b, c]: [&Component; 3]| DVec3::new(moves(a), moves(b), moves(c));
-        let (translation, turned) = (held([x, y, z]), held([rx, ry, rz]));
-        let rotation = if turned == turn { pose.rotation } else { glam::DQuat::from_scaled_axis(turned).normalize() };
+        let translation = held([x, y, z]);
+        let turned = held([rx, ry, rz]);
+        let rotation = if turned == turn {
+            pose.rotation
+        } else {
+            glam::DQuat::from_scaled_axis(turned).normalize()
+        };
         let linear = twist.linear * moving([x, y, z]);
         // A rotation about one axis moves all components of the vector a little.
         let angular = if moving([rx, ry, rz]) == DVec3::ZERO { DVec3::ZERO } else { twist.angular };
@@ -141,7 +175,8 @@ impl EncoderHold {
     }
 }
 
-/// 1 for a component that is followed directly, 0 for one at rest: the velocity of a held one is that of its steps.
+/// 1 for a component that is followed directly, 0 for one at rest: the velocity of a held one is
+/// that of its steps.
 fn moves(component: &Component) -> f64 {
     f64::from(u8::from(!component.rests()))
 }
@@ -157,7 +192,11 @@ mod tests {
     const STEP_RAD: f64 = 6e-3;
 
     fn arm() -> ArmParameters {
-        ArmParameters { encoder_step_m: STEP_M, encoder_step_rad: STEP_RAD, ..ArmParameters::default() }
+        ArmParameters {
+            encoder_step_m: STEP_M,
+            encoder_step_rad: STEP_RAD,
+            ..ArmParameters::default()
+        }
     }
 
     fn sample((pose, twist): (Pose, Twist)) -> DeviceSample {
@@ -169,7 +208,8 @@ mod tests {
         let mut hold = EncoderHold::default();
         path.map(move |steps| {
             let steps = f64::from(steps);
-            let pose = Pose::new(DQuat::from_rotation_z(STEP_RAD * steps), DVec3::X * (STEP_M * steps));
+            let pose =
+                Pose::new(DQuat::from_rotation_z(STEP_RAD * steps), DVec3::X * (STEP_M * steps));
             let twist = Twist { linear: DVec3::X, angular: DVec3::Z };
             let (held, twist) = hold.steady(&sample((pose, twist)), &arm(), PERIOD_S);
             (held.translation.x / STEP_M, Pose::IDENTITY.rotation_to(held).z / STEP_RAD, twist)
@@ -182,10 +222,16 @@ mod tests {
             let outputs: Vec<_> = steadied((0..3000).map(|n| n / half_period % 2)).collect();
             let (x, turn, _) = outputs[1000];
             for (at, (later_x, later_turn, twist)) in outputs[1000..].iter().enumerate() {
-                assert!(*later_x == x && *later_turn == turn, "{half_period}: tick {at}, {later_x} {later_turn}");
+                assert!(
+                    *later_x == x && *later_turn == turn,
+                    "{half_period}: tick {at}, {later_x} {later_turn}"
+                );
                 assert_eq!(*twist, Twist::ZERO, "{half_period}");
             }
-            assert!((-1e-9..=1.0 + 1e-9).contains(&x) && (x - turn).abs() < 1e-9, "{half_period}: {x} {turn}");
+            assert!(
+                (-1e-9..=1.0 + 1e-9).contains(&x) && (x - turn).abs() < 1e-9,
+                "{half_period}: {x} {turn}"
+            );
         }
     }
 
@@ -195,8 +241,14 @@ mod tests {
             let path = (0..9000).map(|n: i32| (n / 300).min(changes) % 2);
             let outputs: Vec<_> = steadied(path).map(|(x, turn, _)| (x, turn)).collect();
             let last = changes as usize * 300;
-            assert!(outputs[last + 1010..].iter().all(|output| *output == outputs[8999]), "{changes} changes");
-            assert!(changes > 7 || outputs[last + 10] != outputs[last + 900], "{changes} changes: it goes on for a while");
+            assert!(
+                outputs[last + 1010..].iter().all(|output| *output == outputs[8999]),
+                "{changes} changes"
+            );
+            assert!(
+                changes > 7 || outputs[last + 10] != outputs[last + 900],
+                "{changes} changes: it goes on for a while"
+            );
         }
     }
 
@@ -206,7 +258,10 @@ mod tests {
         for ticks in [1, 10, 49] {
             for (n, (x, _, twist)) in steadied((0..2000).map(|n| n / ticks)).enumerate().skip(10) {
                 let measured = f64::from(n as i32 / ticks);
-                assert!((x - measured).abs() < 1e-9 && twist.linear.x == 1.0, "{ticks}: tick {n}, {x} of {measured}");
+                assert!(
+                    (x - measured).abs() < 1e-9 && twist.linear.x == 1.0,
+                    "{ticks}: tick {n}, {x} of {measured}"
+                );
             }
         }
         // There and back by some steps, at a stand between.
@@ -215,9 +270,13 @@ mod tests {
         for (n, (x, turn, _)) in steadied((0..6000).map(|n| stands[n / 1000])).enumerate() {
             let measured = f64::from(stands[n / 1000]);
             assert!((x - turn).abs() < 1e-9, "tick {n}: {x} {turn}");
-            assert!(n % 1000 < 950 || (x - measured).abs() < 1e-3, "tick {n}: {x} of {measured} after most of a second");
+            assert!(
+                n % 1000 < 950 || (x - measured).abs() < 1e-3,
+                "tick {n}: {x} of {measured} after most of a second"
+            );
             // More than two steps at once are a leap, which is followed.
-            let leaps = n % 1000 == 0 && n > 0 && (measured - f64::from(stands[n / 1000 - 1])).abs() > 2.0;
+            let leaps =
+                n % 1000 == 0 && n > 0 && (measured - f64::from(stands[n / 1000 - 1])).abs() > 2.0;
             assert!(leaps || (x - before).abs() <= 0.051, "tick {n}: {before} to {x}");
             before = x;
         }
@@ -225,7 +284,10 @@ mod tests {
 
     #[test]
     fn without_steps_with_old_samples_and_with_what_is_no_number_nothing_is_held() {
-        let still = (Pose::new(DQuat::from_rotation_x(0.3), DVec3::ONE), Twist { linear: DVec3::X, angular: DVec3::Y });
+        let still = (
+            Pose::new(DQuat::from_rotation_x(0.3), DVec3::ONE),
+            Twist { linear: DVec3::X, angular: DVec3::Y },
+        );
         let mut hold = EncoderHold::default();
         for _ in 0..500 {
             assert_eq!(hold.steady(&sample(still), &ArmParameters::default(), PERIOD_S), still);
@@ -240,7 +302,10 @@ mod tests {
         }
         assert_eq!(hold.steady(&sample(still), &arm(), PERIOD_S).1, Twist::ZERO);
         let lost = Pose { translation: DVec3::NAN, ..still.0 };
-        assert!(hold.steady(&sample((lost, still.1)), &arm(), PERIOD_S).0.translation.is_nan(), "for the finite check to see");
+        assert!(
+            hold.steady(&sample((lost, still.1)), &arm(), PERIOD_S).0.translation.is_nan(),
+            "for the finite check to see"
+        );
         let (pose, twist) = hold.steady(&sample(still), &arm(), PERIOD_S);
         assert_eq!((pose, twist.linear), (still.0, still.1.linear), "and it leaves no trace");
     }

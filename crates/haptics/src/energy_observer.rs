@@ -1,20 +1,22 @@
 //! Energy observer: what an arm has taken from the hand so far.
 //!
-//! Data in: the wrench on the hand and the motion of the port. Data out: an energy. It observes only and changes no force.
+//! Data in: the wrench on the hand and the motion of the port. Data out: an energy. It observes
+//! only and changes no force.
 //!
 //! # Source
-//! HannafordRyu2002, one port, the observer E_k = E_(k−1) + T F_k v_k; the form over displacements is ours.
+//! HannafordRyu2002, one port, the observer E_k = E_(k−1) + T F_k v_k; the form over displacements
+//! is ours.
 
 use glam::DVec3;
 
 use vps::spatial::{Twist, Wrench};
 
-/// Energy absorbed at one port, J: what the hand has put into the arm minus what it got back. A passive port, at rest and relaxed
-/// at the start, never goes below zero.
+/// Energy absorbed at one port, J: what the hand has put into the arm minus what it got back. A
+/// passive port, at rest and relaxed at the start, never goes below zero.
 ///
-/// The wrench is the one *on the hand*, so a port absorbs −W · V: a wall that pushes back against the motion counts positive.
-/// Wrench and motion share frame and reduction point. RT: safe; a sample that is not finite is left out, as the finite check
-/// faults on it elsewhere.
+/// The wrench is the one *on the hand*, so a port absorbs −W · V: a wall that pushes back against
+/// the motion counts positive. Wrench and motion share frame and reduction point. RT: safe; a
+/// sample that is not finite is left out, as the finite check faults on it elsewhere.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct EnergyObserver {
     energy_j: f64,
@@ -23,7 +25,8 @@ pub(super) struct EnergyObserver {
 }
 
 impl EnergyObserver {
-    /// One tick by power: E ← E − T W·V. Of first order in the period, as V is taken at one instant.
+    /// One tick by power: E ← E − T W·V. Of first order in the period, as V is taken at one
+    /// instant.
     #[cfg(test)]
     pub(super) fn observe(&mut self, wrench_on_hand: Wrench, twist: Twist, period_s: f64) -> f64 {
         self.add(-period_s * wrench_on_hand.power(twist))
@@ -31,8 +34,14 @@ impl EnergyObserver {
 
     /// One interval over which the wrench was held: E ← E − F·Δx − τ·Δθ.
     ///
-    /// Exact for the force, as the energy of a held force depends on the displacement alone; for the torque when Δθ is small.
-    pub(super) fn observe_held(&mut self, wrench_on_hand: Wrench, displacement_m: DVec3, turn_rad: DVec3) -> f64 {
+    /// Exact for the force, as the energy of a held force depends on the displacement alone; for
+    /// the torque when Δθ is small.
+    pub(super) fn observe_held(
+        &mut self,
+        wrench_on_hand: Wrench,
+        displacement_m: DVec3,
+        turn_rad: DVec3,
+    ) -> f64 {
         self.add(-wrench_on_hand.power(Twist { linear: displacement_m, angular: turn_rad }))
     }
 
@@ -71,7 +80,8 @@ mod tests {
     const DEVICE_DAMPING: f64 = 0.8;
     const N_TICKS: usize = 400;
 
-    /// A sampled wall on a damped mass. The port lies between mass and hand, the mass's own energy is known exactly.
+    /// A sampled wall on a damped mass. The port lies between mass and hand, the mass's own energy
+    /// is known exactly.
     struct PassivePort {
         stiffness: f64,
         wall_damping: f64,
@@ -103,7 +113,8 @@ mod tests {
 
         /// The wall samples the position and holds its force from now on.
         fn sample(&mut self) {
-            self.wall_force = -self.stiffness * self.x - self.wall_damping * (self.x - self.x_before) / PERIOD_S;
+            self.wall_force =
+                -self.stiffness * self.x - self.wall_damping * (self.x - self.x_before) / PERIOD_S;
             self.x_before = self.x;
         }
 
@@ -111,13 +122,15 @@ mod tests {
         fn push(&mut self, hand_force: f64, duration_s: f64) {
             let decay = (-self.device_damping * duration_s / MASS_KG).exp();
             let terminal = (hand_force + self.wall_force) / self.device_damping;
-            let moved = terminal * duration_s + (self.v - terminal) * (1.0 - decay) * MASS_KG / self.device_damping;
+            let moved = terminal * duration_s
+                + (self.v - terminal) * (1.0 - decay) * MASS_KG / self.device_damping;
             self.v = terminal + (self.v - terminal) * decay;
             self.x += moved;
             self.absorb(-hand_force, moved);
         }
 
-        /// The hand strikes the mass to that velocity: an impulse, whose energy is its mean velocity times the impulse.
+        /// The hand strikes the mass to that velocity: an impulse, whose energy is its mean
+        /// velocity times the impulse.
         fn strike_to(&mut self, velocity: f64) {
             let impulse = MASS_KG * (velocity - self.v);
             let mean = 0.5 * (velocity + self.v);
@@ -126,17 +139,25 @@ mod tests {
         }
 
         fn absorb(&mut self, force_on_hand: f64, moved: f64) {
-            let energy =
-                self.observer.observe_held(Wrench::new(DVec3::X * force_on_hand, DVec3::ZERO), DVec3::X * moved, DVec3::ZERO);
-            self.lowest_without_mass_j = self.lowest_without_mass_j.min(energy - 0.5 * MASS_KG * self.v * self.v);
+            let energy = self.observer.observe_held(
+                Wrench::new(DVec3::X * force_on_hand, DVec3::ZERO),
+                DVec3::X * moved,
+                DVec3::ZERO,
+            );
+            self.lowest_without_mass_j =
+                self.lowest_without_mass_j.min(energy - 0.5 * MASS_KG * self.v * self.v);
         }
     }
 
-    /// One random hand: noise, sinusoids up to past the sampling rate, strikes at and between samples, in random proportions.
+    /// One random hand: noise, sinusoids up to past the sampling rate, strikes at and between
+    /// samples, in random proportions.
     fn random_run(port: &mut PassivePort, random: &mut Random) {
         const PARTS: usize = 5;
-        let (noise, wave, strikes) = (random.signed().max(0.0), random.signed().max(0.0) * 5.0, random.signed());
-        let (angle, phase) = (random.signed() * 1.2 * core::f64::consts::PI, random.signed() * 3.0);
+        let noise = random.signed().max(0.0);
+        let wave = random.signed().max(0.0) * 5.0;
+        let strikes = random.signed();
+        let angle = random.signed() * 1.2 * core::f64::consts::PI;
+        let phase = random.signed() * 3.0;
         for tick_idx in 0..N_TICKS {
             port.sample();
             for part_idx in 0..PARTS {
@@ -151,8 +172,9 @@ mod tests {
         }
     }
 
-    /// The hand forces a sinusoidal sequence of velocities, each one nearly constant over its period (the motion that a damper
-    /// punishes least). At the Nyquist frequency the signs alternate.
+    /// The hand forces a sinusoidal sequence of velocities, each one nearly constant over its
+    /// period (the motion that a damper punishes least). At the Nyquist frequency the signs
+    /// alternate.
     fn forced_run(port: &mut PassivePort, angle: f64, n_ticks: usize) {
         for tick_idx in 0..n_ticks {
             port.sample();
@@ -163,7 +185,8 @@ mod tests {
         }
     }
 
-    /// Walls with the given wall damping, at a multiple of the damping that the condition b > KT/2 + |B| asks for.
+    /// Walls with the given wall damping, at a multiple of the damping that the condition b >
+    /// KT/2 + |B| asks for.
     fn port_at(wall_damping: f64, damping_factor: f64) -> PassivePort {
         let wall = SampledWall {
             mass_kg: MASS_KG,
@@ -184,8 +207,16 @@ mod tests {
             let mut port = port_at([0.0, 0.2, 0.4][run_idx % 3], 1.001);
             random_run(&mut port, &mut random);
             // Rounding of a sum of N_TICKS terms of a few J.
-            assert!(port.observer.lowest_j() >= -1e-13, "run {run_idx}: {} J", port.observer.lowest_j());
-            assert!(port.lowest_without_mass_j >= -1e-13, "run {run_idx}: {} J without the mass", port.lowest_without_mass_j);
+            assert!(
+                port.observer.lowest_j() >= -1e-13,
+                "run {run_idx}: {} J",
+                port.observer.lowest_j()
+            );
+            assert!(
+                port.lowest_without_mass_j >= -1e-13,
+                "run {run_idx}: {} J without the mass",
+                port.lowest_without_mass_j
+            );
             exercised += u32::from(port.observer.energy_j() > 1e-3);
         }
         assert!(exercised > 1000, "only {exercised} runs moved any energy");
@@ -193,7 +224,11 @@ mod tests {
             for step_idx in 1..=200 {
                 let mut port = port_at(wall_damping, 1.001);
                 forced_run(&mut port, core::f64::consts::PI * f64::from(step_idx) / 200.0, 2000);
-                assert!(port.lowest_without_mass_j >= -1e-13, "step {step_idx}: {} J", port.lowest_without_mass_j);
+                assert!(
+                    port.lowest_without_mass_j >= -1e-13,
+                    "step {step_idx}: {} J",
+                    port.lowest_without_mass_j
+                );
             }
         }
     }
@@ -210,9 +245,15 @@ mod tests {
                 })
                 .min_by(|a, b| a.1.total_cmp(&b.1))
                 .unwrap_or_default();
-            assert!(lowest_j < -1e-4, "B {wall_damping}: the worst of 200 frequencies left {lowest_j} J");
+            assert!(
+                lowest_j < -1e-4,
+                "B {wall_damping}: the worst of 200 frequencies left {lowest_j} J"
+            );
             if wall_damping > 0.0 {
-                assert!(angle > 3.0, "B {wall_damping}: worst at {angle}, not at the Nyquist frequency");
+                assert!(
+                    angle > 3.0,
+                    "B {wall_damping}: worst at {angle}, not at the Nyquist frequency"
+                );
             }
         }
     }
@@ -220,12 +261,16 @@ mod tests {
     #[test]
     fn a_damper_absorbs_and_a_driven_port_delivers_in_all_six_axes() {
         let mut observer = EnergyObserver::default();
-        let twist = Twist { linear: DVec3::new(0.1, -0.2, 0.3), angular: DVec3::new(1.0, 2.0, -3.0) };
+        let twist =
+            Twist { linear: DVec3::new(0.1, -0.2, 0.3), angular: DVec3::new(1.0, 2.0, -3.0) };
         let damper = Wrench::new(-2.0 * twist.linear, -0.5 * twist.angular);
         let energy = observer.observe(damper, twist, PERIOD_S);
         assert!((energy - PERIOD_S * (2.0 * 0.14 + 0.5 * 14.0)).abs() < 1e-15);
         observer.observe(-damper, twist, 2.0 * PERIOD_S);
-        assert!((observer.energy_j() + energy).abs() < 1e-15 && (observer.lowest_j() + energy).abs() < 1e-15);
+        assert!(
+            (observer.energy_j() + energy).abs() < 1e-15
+                && (observer.lowest_j() + energy).abs() < 1e-15
+        );
     }
 
     #[test]
@@ -233,7 +278,11 @@ mod tests {
         let mut observer = EnergyObserver::default();
         observer.observe_held(Wrench::new(-DVec3::X, DVec3::ZERO), DVec3::X, DVec3::ZERO);
         observer.observe(Wrench::new(DVec3::splat(f64::NAN), DVec3::ZERO), Twist::ZERO, PERIOD_S);
-        observer.observe_held(Wrench::new(DVec3::X * f64::MAX, DVec3::ZERO), DVec3::X * f64::MAX, DVec3::ZERO);
+        observer.observe_held(
+            Wrench::new(DVec3::X * f64::MAX, DVec3::ZERO),
+            DVec3::X * f64::MAX,
+            DVec3::ZERO,
+        );
         assert_eq!(observer.energy_j(), 1.0);
     }
 }

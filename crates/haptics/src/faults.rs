@@ -48,11 +48,24 @@ impl Faults {
         (Self::SPEED, "speed", "the arm moved faster than the speed limit"),
         (Self::STALE, "stale", "the arm sent no new sample for too long"),
         (Self::DEVICE_LOST, "disconnected", "the arm is gone"),
-        (Self::OVERRUN, "overrun", "the loop was late too many times in a row, or stood still for longer than the scene allows"),
-        (Self::POSITION_JUMP, "position-jump", "the sampled pose jumped further than the arm can move in one tick"),
+        (
+            Self::OVERRUN,
+            "overrun",
+            "the loop was late too many times in a row, or stood still for longer than the scene \
+                allows",
+        ),
+        (
+            Self::POSITION_JUMP,
+            "position-jump",
+            "the sampled pose jumped further than the arm can move in one tick",
+        ),
         (Self::PANIC, "panic", "the servo thread stopped on an internal error"),
         (Self::SOLVER, "solver", "the coupling step had no solution"),
-        (Self::STUCK, "stuck", "the arm was moving, and then its samples repeated one pose for too long"),
+        (
+            Self::STUCK,
+            "stuck",
+            "the arm was moving, and then its samples repeated one pose for too long",
+        ),
         (Self::POWER, "power", "the arm put more power into the hand than the power limit"),
         (Self::NOT_HOMED, "not-homed", "the arm lost its zero while force was on"),
         (Self::PROTOCOL, "protocol", "too many packets of the arm were garbled"),
@@ -90,7 +103,10 @@ impl Faults {
 
     /// Names of the set faults.
     pub fn names(self) -> impl Iterator<Item = &'static str> {
-        Self::TABLE.into_iter().filter(move |(fault, ..)| self.contains(*fault)).map(|(_, name, _)| name)
+        Self::TABLE
+            .into_iter()
+            .filter(move |(fault, ..)| self.contains(*fault))
+            .map(|(_, name, _)| name)
     }
 }
 

@@ -1,20 +1,22 @@
-//! Dynamic shaping filter: stage S (entry weight over depth) and stage D (low-pass on the net contact wrench).
+//! Dynamic shaping filter: stage S (entry weight over depth) and stage D (low-pass on the net
+//! contact wrench).
 //!
-//! Data in: the raw contact wrench of one tick. Data out: the wrench that goes on to the coupling. The raw wrench stays what is
-//! reported as contact wrench.
+//! Data in: the raw contact wrench of one tick. Data out: the wrench that goes on to the coupling.
+//! The raw wrench stays what is reported as contact wrench.
 //!
 //! # Source
-//! Our formulation, inspired by the one-line description of Renz et al. ("a dynamic shaping filter was implemented to soften the
-//! force discontinuities"); neither the equations nor the constants are theirs. Stage D has the form of the force smoothing in
-//! Guo2004, E_(i+1) = α E_i + (1−α) F_i.
+//! Our formulation, inspired by the one-line description of Renz et al. ("a dynamic shaping filter
+//! was implemented to soften the force discontinuities"); neither the equations nor the constants
+//! are theirs. Stage D has the form of the force smoothing in Guo2004, E_(i+1) = α E_i + (1−α) F_i.
 
 use core::f64::consts::TAU;
 
 use super::FilterParameters;
 use vps::spatial::Wrench;
 
-/// Cut-off of stage D as a fraction of the voxel line |v|/s: a point that slides at v over voxels of edge s excites the
-/// frequency v/s, so 0.3 of it removes the line and keeps what the hand does more slowly.
+/// Cut-off of stage D as a fraction of the voxel line |v|/s: a point that slides at v over voxels
+/// of edge s excites the frequency v/s, so 0.3 of it removes the line and keeps what the hand does
+/// more slowly.
 const LINE_FRACTION: f64 = 0.3;
 
 /// Pole α = exp(−2π f_c T) of a first-order low-pass; 0 (pass-through) for an infinite cut-off.
@@ -28,8 +30,9 @@ pub fn low_pass_alpha(cutoff_hz: f64, period_s: f64) -> f64 {
 ///
 /// Specification of what `contact::sum` does lane by lane, for tests.
 ///
-/// The weighted point force K d w(d) n has a continuous slope where a point enters, and the stiffness K (w + d dw/dd) n. Both
-/// returned values are 0 at and above the surface; weight 1 and slope 0 from half a voxel on. RT: safe; a NaN gives NaN.
+/// The weighted point force K d w(d) n has a continuous slope where a point enters, and the
+/// stiffness K (w + d dw/dd) n. Both returned values are 0 at and above the surface; weight 1 and
+/// slope 0 from half a voxel on. RT: safe; a NaN gives NaN.
 ///
 /// # Source
 /// Our formulation, inspired by the one-line description of Renz et al.
@@ -53,20 +56,25 @@ pub struct Slide {
     pub speed_m_per_s: f64,
     /// Edge of the voxels that it slides over, m.
     pub voxel_size_m: f64,
-    /// ρ = K h²/m, the contact's stiffness on the virtual tool in the units of one step; 0 where the force goes to the arm.
+    /// ρ = K h²/m, the contact's stiffness on the virtual tool in the units of one step; 0 where
+    /// the force goes to the arm.
     pub step_stiffness: f64,
 }
 
-/// Stage D: y_k = α y_(k−1) + (1−α) W_k on a contact wrench whose frame and reduction point do not change between ticks.
+/// Stage D: y_k = α y_(k−1) + (1−α) W_k on a contact wrench whose frame and reduction point do not
+/// change between ticks.
 ///
 /// - The first contact sample sets the state, so a contact does not start with a lag from zero.
 /// - The first tick without contact gives exactly zero, so a release is not sticky.
-/// - Inside the loop of the virtual tool the filter must not be slower than the contact itself: a stiff contact on two sides
-///   (a nut in its thread, a peg in its hole) is then still pushed by the wall that it has left, and never comes to rest. So α is
-///   divided by 1 + ρ, ρ = K h²/m the contact's stiffness in the units of one step: soft contacts get the whole filter, stiff
-///   ones, which the implicit step damps by itself, next to none. Ours; found on the nut that is pressed without being turned.
-/// - The lag of a slow force is T α/(1−α): it counts in the stability budget of the arm when the contact wrench goes to the arm
-///   directly, see [`filter_delay_s`](super::stability::filter_delay_s).
+/// - Inside the loop of the virtual tool the filter must not be slower than the contact itself: a
+///   stiff contact on two sides (a nut in its thread, a peg in its hole) is then still pushed by
+///   the wall that it has left, and never comes to rest. So α is divided by 1 + ρ, ρ = K h²/m the
+///   contact's stiffness in the units of one step: soft contacts get the whole filter, stiff ones,
+///   which the implicit step damps by itself, next to none. Ours; found on the nut that is pressed
+///   without being turned.
+/// - The lag of a slow force is T α/(1−α): it counts in the stability budget of the arm when the
+///   contact wrench goes to the arm directly, see
+///   [`filter_delay_s`](super::stability::filter_delay_s).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ShapingFilter {
     output: Wrench,
@@ -77,25 +85,40 @@ pub struct ShapingFilter {
 impl ShapingFilter {
     /// One tick.
     ///
-    /// RT: safe, O(1). A non-finite `raw` gives a non-finite result, which the finite check turns into a fault; the state is
-    /// clean again after [`reset`](Self::reset) or one tick without contact. A speed that is not a number counts as rest.
-    pub fn update(&mut self, raw: Wrench, slide: Slide, in_contact: bool, params: &FilterParameters, period_s: f64) -> Wrench {
+    /// RT: safe, O(1). A non-finite `raw` gives a non-finite result, which the finite check turns
+    /// into a fault; the state is clean again after [`reset`](Self::reset) or one tick without
+    /// contact. A speed that is not a number counts as rest.
+    pub fn update(
+        &mut self,
+        raw: Wrench,
+        slide: Slide,
+        in_contact: bool,
+        params: &FilterParameters,
+        period_s: f64,
+    ) -> Wrench {
         if !in_contact {
             self.reset();
             return Wrench::ZERO;
         }
         self.alpha = if self.in_contact {
-            low_pass_alpha(cutoff_hz(slide.speed_m_per_s, slide.voxel_size_m, params), period_s) / (1.0 + slide.step_stiffness)
+            low_pass_alpha(cutoff_hz(slide.speed_m_per_s, slide.voxel_size_m, params), period_s)
+                / (1.0 + slide.step_stiffness)
         } else {
             0.0
         };
         self.in_contact = true;
-        // The state stays out of a pass-through: 0 · ∞ would be a NaN, and an off filter returns the very bits it was given.
-        self.output = if self.alpha == 0.0 { raw } else { self.output * self.alpha + raw * (1.0 - self.alpha) };
+        // The state stays out of a pass-through: 0 · ∞ would be a NaN, and an off filter returns
+        // the very bits it was given.
+        self.output = if self.alpha == 0.0 {
+            raw
+        } else {
+            self.output * self.alpha + raw * (1.0 - self.alpha)
+        };
         self.output
     }
 
-    /// α of the last tick; the share 1 − α of the contact stiffness acts within the tick, which the implicit step needs.
+    /// α of the last tick; the share 1 − α of the contact stiffness acts within the tick, which the
+    /// implicit step needs.
     pub fn alpha(&self) -> f64 {
         self.alpha
     }
@@ -106,7 +129,8 @@ impl ShapingFilter {
     }
 }
 
-/// f_c = clamp(γ |v|/s, f_min, f_max), total on every input (`f64::clamp` panics on bounds out of order).
+/// f_c = clamp(γ |v|/s, f_min, f_max), total on every input (`f64::clamp` panics on bounds out of
+/// order).
 fn cutoff_hz(slide_speed_m_per_s: f64, voxel_size_m: f64, params: &FilterParameters) -> f64 {
     let [min_hz, max_hz] = params.cutoff_hz;
     (LINE_FRACTION * slide_speed_m_per_s.abs() / voxel_size_m).max(min_hz).min(max_hz)
@@ -143,9 +167,13 @@ mod tests {
 
     #[test]
     fn the_pole_and_the_step_response_are_those_of_the_table() {
-        for (cutoff_hz, alpha, ticks) in
-            [(f64::INFINITY, 0.0, 1), (300.0, 0.1518, 2), (200.0, 0.2846, 2), (100.0, 0.5335, 4), (50.0, 0.7304, 8)]
-        {
+        for (cutoff_hz, alpha, ticks) in [
+            (f64::INFINITY, 0.0, 1),
+            (300.0, 0.1518, 2),
+            (200.0, 0.2846, 2),
+            (100.0, 0.5335, 4),
+            (50.0, 0.7304, 8),
+        ] {
             let params = fixed(cutoff_hz);
             let mut filter = started(0.0, &params);
             let mut n_ticks = 0;
@@ -166,7 +194,13 @@ mod tests {
         let params = fixed(50.0);
         for (step_stiffness, alpha) in [(0.0, 0.7304), (1.0, 0.3652), (9.0, 0.0730), (1e9, 0.0)] {
             let mut filter = started(0.0, &params);
-            let output = filter.update(push(1.0), Slide { step_stiffness, ..slide(0.0) }, true, &params, PERIOD_S);
+            let output = filter.update(
+                push(1.0),
+                Slide { step_stiffness, ..slide(0.0) },
+                true,
+                &params,
+                PERIOD_S,
+            );
             assert!((filter.alpha() - alpha).abs() < 5e-5, "{step_stiffness}");
             assert!((output.force.x - (1.0 - filter.alpha())).abs() < 1e-12);
         }
@@ -183,7 +217,8 @@ mod tests {
         assert!((output.force.x - 3.0).abs() < 1e-12 && (output.torque.y - 0.3).abs() < 1e-12);
     }
 
-    /// The filter's half of acceptance test 15: step at most (1−α) of the raw jump, lag of a ramp α/(1−α) T.
+    /// The filter's half of acceptance test 15: step at most (1−α) of the raw jump, lag of a ramp
+    /// α/(1−α) T.
     #[test]
     fn acceptance_15_a_jump_is_softened_by_alpha_and_a_ramp_lags_by_the_stated_delay() {
         for cutoff_hz in [50.0, 100.0, 200.0, 300.0] {
@@ -201,7 +236,10 @@ mod tests {
                 lagging = filter.update(push(force_n), slide(0.0), true, &params, PERIOD_S);
             }
             let lag_s = (force_n - lagging.force.x) / rate_n_per_s;
-            assert!((lag_s - PERIOD_S * alpha / (1.0 - alpha)).abs() < 1e-9, "{cutoff_hz} Hz: {lag_s}");
+            assert!(
+                (lag_s - PERIOD_S * alpha / (1.0 - alpha)).abs() < 1e-9,
+                "{cutoff_hz} Hz: {lag_s}"
+            );
         }
     }
 
@@ -224,18 +262,25 @@ mod tests {
         let params = fixed(f64::INFINITY);
         let mut filter = started(1.0, &params);
         for force_n in [0.3, -0.7, 1e-300, f64::INFINITY, 2.5] {
-            assert_eq!(filter.update(push(force_n), slide(0.1), true, &params, PERIOD_S), push(force_n));
+            assert_eq!(
+                filter.update(push(force_n), slide(0.1), true, &params, PERIOD_S),
+                push(force_n)
+            );
         }
     }
 
     #[test]
     fn the_cut_off_follows_the_sliding_speed_between_its_bounds() {
         let params = FilterParameters { spatial: false, cutoff_hz: [50.0, 300.0] };
-        for (speed_m_per_s, expected_hz) in [(0.0, 50.0), (0.1, 50.0), (0.5, 150.0), (-0.5, 150.0), (2.0, 300.0), (f64::NAN, 50.0)]
+        for (speed_m_per_s, expected_hz) in
+            [(0.0, 50.0), (0.1, 50.0), (0.5, 150.0), (-0.5, 150.0), (2.0, 300.0), (f64::NAN, 50.0)]
         {
             let mut filter = started(0.0, &params);
             filter.update(push(1.0), slide(speed_m_per_s), true, &params, PERIOD_S);
-            assert!((filter.alpha() - low_pass_alpha(expected_hz, PERIOD_S)).abs() < 1e-15, "{speed_m_per_s} m/s");
+            assert!(
+                (filter.alpha() - low_pass_alpha(expected_hz, PERIOD_S)).abs() < 1e-15,
+                "{speed_m_per_s} m/s"
+            );
         }
     }
 
@@ -258,7 +303,8 @@ mod tests {
         assert!((entry_weight(0.25e-3, VOXEL_M).0 - 0.5).abs() < 1e-15);
         for step_idx in 1..100 {
             let depth_m = 0.5e-3 * f64::from(step_idx) / 100.0;
-            let (low, high) = (entry_weight(depth_m - 1e-9, VOXEL_M).0, entry_weight(depth_m + 1e-9, VOXEL_M).0);
+            let low = entry_weight(depth_m - 1e-9, VOXEL_M).0;
+            let high = entry_weight(depth_m + 1e-9, VOXEL_M).0;
             let slope = entry_weight(depth_m, VOXEL_M).1;
             assert!(high >= low);
             assert!(((high - low) / 2e-9 - slope).abs() < 1e-3, "{slope}");
@@ -270,7 +316,8 @@ mod tests {
         fn the_filter_never_amplifies(forces in prop::collection::vec(prop::array::uniform6(-20.0_f64..20.0), 1..60), cutoff_hz in 1.0_f64..1000.0) {
             let params = fixed(cutoff_hz);
             let mut filter = ShapingFilter::default();
-            let (mut force_max, mut torque_max) = (0.0_f64, 0.0_f64);
+            let mut force_max = 0.0_f64;
+            let mut torque_max = 0.0_f64;
             for [fx, fy, fz, tx, ty, tz] in forces {
                 let raw = Wrench::new(DVec3::new(fx, fy, fz), DVec3::new(tx, ty, tz));
                 force_max = force_max.max(raw.force.length());

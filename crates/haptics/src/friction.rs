@@ -1,16 +1,17 @@
 //! Coulomb friction with stick and slip, one elastic element per face of the tool.
 //!
-//! While a face touches, the motion of the tool's material at the middle of its contact stretches an elastic element: along the wall,
-//! and about its normal. The element holds until the friction cone is reached (`static`), then gives way at the `dynamic`
-//! coefficient and is dragged along. A stretch that is not passed on is not forgotten either, so what stands on a slope does not creep.
+//! While a face touches, the motion of the tool's material at the middle of its contact stretches
+//! an elastic element: along the wall, and about its normal. The element holds until the friction
+//! cone is reached (`static`), then gives way at the `dynamic` coefficient and is dragged along. A
+//! stretch that is not passed on is not forgotten either, so what stands on a slope does not creep.
 //!
 //! # Units and frames
 //! World axes, SI, wrenches about the centre of mass.
 //!
 //! # Source
-//! The tangential element that is stretched by increments and cut at the cone is that of discrete element methods (Cundall, Strack,
-//! "A discrete numerical model for granular assemblies", 1979); turning about the normal, the radius of a face and the common cone of
-//! both are ours.
+//! The tangential element that is stretched by increments and cut at the cone is that of discrete
+//! element methods (Cundall, Strack, "A discrete numerical model for granular assemblies", 1979);
+//! turning about the normal, the radius of a face and the common cone of both are ours.
 
 use glam::{DMat3, DVec3};
 
@@ -53,14 +54,16 @@ pub(super) struct Friction {
 }
 
 impl Friction {
-    /// Sets, before a tick, how each face is carried by what it touches: only what the tool moves against that stretches.
+    /// Sets, before a tick, how each face is carried by what it touches: only what the tool moves
+    /// against that stretches.
     pub(super) fn carry(&mut self, faces: &[ObstacleMotion; FACES]) {
         for (element, carried) in self.elements.iter_mut().zip(faces) {
             element.obstacle_motion = *carried;
         }
     }
 
-    /// One tick with the tool at `world_from_body`. `patches`: what touches now, one per face. RT: safe, O(faces).
+    /// One tick with the tool at `world_from_body`. `patches`: what touches now, one per face. RT:
+    /// safe, O(faces).
     pub(super) fn update<'a>(
         &mut self,
         patches: impl Iterator<Item = &'a Patch>,
@@ -77,7 +80,11 @@ impl Friction {
         let moved_center = world_from_body.translation - before.translation;
         for patch in patches {
             let face = usize::from(patch.face);
-            let (Some(element), Some(touches)) = (self.elements.get_mut(face), touching.get_mut(face)) else { continue };
+            let (Some(element), Some(touches)) =
+                (self.elements.get_mut(face), touching.get_mut(face))
+            else {
+                continue;
+            };
             *touches = true;
             element.pull(patch, moved_center, turned, params, &mut sum);
         }
@@ -91,14 +98,24 @@ impl Friction {
 }
 
 impl Element {
-    fn pull(&mut self, patch: &Patch, moved_center: DVec3, turned: DVec3, params: &FrictionParameters, sum: &mut FrictionWrench) {
-        let (normal, arm) = (patch.normal_world, patch.arm_world);
+    fn pull(
+        &mut self,
+        patch: &Patch,
+        moved_center: DVec3,
+        turned: DVec3,
+        params: &FrictionParameters,
+        sum: &mut FrictionWrench,
+    ) {
+        let normal = patch.normal_world;
+        let arm = patch.arm_world;
         let carried = core::mem::take(&mut self.obstacle_motion);
         let before = *self;
         if self.touches {
             // Small steps: the tool moves less than a voxel and a degree in a tick.
             let turned = turned - carried.angular;
-            self.stretch += moved_center - carried.linear + turned.cross(arm) + carried.angular.cross(self.stretch);
+            self.stretch += moved_center - carried.linear
+                + turned.cross(arm)
+                + carried.angular.cross(self.stretch);
             self.twist += turned.dot(normal);
         }
         self.touches = true;
@@ -107,23 +124,33 @@ impl Element {
         let stiffness = params.stiffness_n_per_m;
         let about = stiffness * patch.radius_m * patch.radius_m;
         let holds_n = patch.force_n * if self.slips { params.dynamic } else { params.r#static };
-        // One cone for both: a face that slides along turns easily, as a rotating floor polisher shows.
-        let load = (stiffness * self.stretch).length().hypot(stiffness * patch.radius_m * self.twist);
+        // One cone for both: a face that slides along turns easily, as a rotating floor polisher
+        // shows.
+        let load =
+            (stiffness * self.stretch).length().hypot(stiffness * patch.radius_m * self.twist);
         self.slips = load > holds_n;
         let share = if self.slips { patch.force_n * params.dynamic / load } else { 1.0 };
         self.stretch *= share;
         self.twist *= share;
-        // Pulled in one tick from one end of its elastic way through to the other: what balances lies between both, where it is elastic. A tool without mass
-        // that knows of it only how it slides goes to and fro between the ends for ever.
-        let has_turned_round = stiffness * before.stretch.dot(self.stretch) + about * before.twist * self.twist < 0.0;
+        // Pulled in one tick from one end of its elastic way through to the other: what balances
+        // lies between both, where it is elastic. A tool without mass that knows of it only how it
+        // slides goes to and fro between the ends for ever.
+        let has_turned_round =
+            stiffness * before.stretch.dot(self.stretch) + about * before.twist * self.twist < 0.0;
         if self.slips && !has_turned_round {
-            // A force that slides turns with the motion: across it resists like one that holds, along it not at all. Without that a step that is
-            // made of forces and stiffnesses throws the tool from one side of its way to the other.
+            // A force that slides turns with the motion: across it resists like one that holds,
+            // along it not at all. Without that a step that is made of forces and stiffnesses
+            // throws the tool from one side of its way to the other.
             for (way, turn) in across(self.stretch, self.twist * patch.radius_m, normal) {
-                sum.stiffness.add_outer(stiffness * share, way, arm.cross(way) + normal * (turn * patch.radius_m));
+                sum.stiffness.add_outer(
+                    stiffness * share,
+                    way,
+                    arm.cross(way) + normal * (turn * patch.radius_m),
+                );
             }
         } else {
-            let tangent = DMat3::IDENTITY - DMat3::from_cols(normal * normal.x, normal * normal.y, normal * normal.z);
+            let tangent = DMat3::IDENTITY
+                - DMat3::from_cols(normal * normal.x, normal * normal.y, normal * normal.z);
             for column in [tangent.x_axis, tangent.y_axis, tangent.z_axis] {
                 // t tᵀ over the three columns of a projection is the projection.
                 sum.stiffness.add_outer(stiffness, column, arm.cross(column));
@@ -136,8 +163,8 @@ impl Element {
     }
 }
 
-/// Two directions, of unit length and across each other, that are across a stretch along the wall and one about its normal (as a length): a way along the
-/// wall, and a turn.
+/// Two directions, of unit length and across each other, that are across a stretch along the wall
+/// and one about its normal (as a length): a way along the wall, and a turn.
 fn across(stretch: DVec3, turned_m: f64, normal: DVec3) -> [(DVec3, f64); 2] {
     let length = stretch.length();
     let along = if length > 0.0 { stretch / length } else { normal.any_orthonormal_vector() };
@@ -153,7 +180,8 @@ mod tests {
 
     use super::*;
 
-    const PARAMS: FrictionParameters = FrictionParameters { r#static: 0.5, dynamic: 0.4, stiffness_n_per_m: 1e4 };
+    const PARAMS: FrictionParameters =
+        FrictionParameters { r#static: 0.5, dynamic: 0.4, stiffness_n_per_m: 1e4 };
 
     fn floor(force_n: f64) -> Patch {
         Patch {
@@ -182,9 +210,14 @@ mod tests {
         assert!((held.stiffness.0[0][0] - 1e4).abs() < 1e-6 && held.stiffness.0[2][2].abs() < 1e-9);
         let slipping = pull(5.1e-4);
         assert!((slipping.wrench.force.x + 4.0).abs() < 1e-9);
-        // It slides on along x as it is; across, and in turning, it resists by what its turn of direction takes.
+        // It slides on along x as it is; across, and in turning, it resists by what its turn of
+        // direction takes.
         let [along, across, out] = [0, 1, 2].map(|axis| slipping.stiffness.0[axis][axis]);
-        assert!(along.abs() < 1e-9 && out.abs() < 1e-9 && (across - 1e4 * 4.0 / 5.1).abs() < 1e-6, "{:?}", slipping.stiffness);
+        assert!(
+            along.abs() < 1e-9 && out.abs() < 1e-9 && (across - 1e4 * 4.0 / 5.1).abs() < 1e-6,
+            "{:?}",
+            slipping.stiffness
+        );
         let (_, turning) = slipping.stiffness.mul(DVec3::ZERO, DVec3::Z);
         assert!((turning.z - 1e4 * 4.0 / 5.1 * 4e-4).abs() < 1e-6, "{turning}");
         assert!((pull(2e-3).wrench.force.x + 4.0).abs() < 1e-9);
@@ -210,7 +243,9 @@ mod tests {
 
     #[test]
     fn the_stiffness_of_a_face_that_slides_is_how_its_force_turns() {
-        let pose = |dx: f64, dy: f64, turn: f64| Pose::new(DQuat::from_rotation_z(turn), DVec3::new(1e-3 + dx, 2e-4 + dy, 0.0));
+        let pose = |dx: f64, dy: f64, turn: f64| {
+            Pose::new(DQuat::from_rotation_z(turn), DVec3::new(1e-3 + dx, 2e-4 + dy, 0.0))
+        };
         let slid = |to: Pose| {
             let mut friction = Friction::default();
             // Over the middle of the tool, so that a turn does not also shift it.
@@ -221,10 +256,13 @@ mod tests {
         let rotation = 0.03;
         let here = slid(pose(0.0, 0.0, rotation));
         let step = 1e-7;
-        for (way, turn) in [(DVec3::X, DVec3::ZERO), (DVec3::Y, DVec3::ZERO), (DVec3::ZERO, DVec3::Z)] {
+        for (way, turn) in
+            [(DVec3::X, DVec3::ZERO), (DVec3::Y, DVec3::ZERO), (DVec3::ZERO, DVec3::Z)]
+        {
             let there = slid(pose(step * way.x, step * way.y, rotation + step * turn.z));
             let (force, torque) = here.stiffness.mul(way * step, turn * step);
-            let (by_force, by_torque) = (here.wrench.force - there.wrench.force, here.wrench.torque - there.wrench.torque);
+            let by_force = here.wrench.force - there.wrench.force;
+            let by_torque = here.wrench.torque - there.wrench.torque;
             assert!(
                 (force - by_force).length() < 2e-6 && (torque - by_torque).length() < 5e-8,
                 "{way} {turn}: {force} {by_force} {torque} {by_torque}"
@@ -241,7 +279,10 @@ mod tests {
         pull(0.0);
         assert!(pull(1e-3).stiffness.0[0][0].abs() < 1e-9, "it slides on");
         let back = pull(-1e-3);
-        assert!((back.wrench.force.x - 4.0).abs() < 1e-9 && (back.stiffness.0[0][0] - 1e4).abs() < 1e-6, "{back:?}");
+        assert!(
+            (back.wrench.force.x - 4.0).abs() < 1e-9 && (back.stiffness.0[0][0] - 1e4).abs() < 1e-6,
+            "{back:?}"
+        );
         assert!(pull(-2e-3).stiffness.0[0][0].abs() < 1e-9, "it slides back");
     }
 
@@ -251,7 +292,10 @@ mod tests {
         let params = FrictionParameters { r#static: 0.0, dynamic: 0.0, ..PARAMS };
         let patch = floor(10.0);
         for x_m in [0.0, 1e-3, 2e-3] {
-            assert_eq!(friction.update([&patch].into_iter(), at(x_m, 0.0), &params).wrench, Wrench::ZERO);
+            assert_eq!(
+                friction.update([&patch].into_iter(), at(x_m, 0.0), &params).wrench,
+                Wrench::ZERO
+            );
         }
     }
 }

@@ -1,8 +1,8 @@
 //! Between the arm's coordinates and the world's.
 //!
-//! At enable the tool stands at its start pose and the arm's present pose is its zero (indexing), so no spring is stretched at the
-//! start. From then on the grip's motion, scaled, moves the tool's centre of mass. Forces are not scaled: the arm feels
-//! scale · K.
+//! At enable the tool stands at its start pose and the arm's present pose is its zero (indexing),
+//! so no spring is stretched at the start. From then on the grip's motion, scaled, moves the tool's
+//! centre of mass. Forces are not scaled: the arm feels scale · K.
 
 use glam::{DQuat, DVec3};
 
@@ -26,9 +26,15 @@ impl Indexing {
         self.zero
     }
 
-    /// Where the arm wants the tool's body axes (at the centre of mass), and how fast they move; world. `start` is where they
-    /// stood at enable. Axes that the arm does not sense stay at their start value.
-    pub fn target(&self, sample: &DeviceSample, mapping: &DeviceMapping, start: Pose) -> (Pose, Twist) {
+    /// Where the arm wants the tool's body axes (at the centre of mass), and how fast they move;
+    /// world. `start` is where they stood at enable. Axes that the arm does not sense stay at their
+    /// start value.
+    pub fn target(
+        &self,
+        sample: &DeviceSample,
+        mapping: &DeviceMapping,
+        start: Pose,
+    ) -> (Pose, Twist) {
         let axes = mapping.world_from_device.rotation;
         let moved_device = keep(sample.pose.translation - self.zero.translation, mapping.sensed, 0);
         let velocity_device = keep(sample.twist.linear, mapping.sensed, 0);
@@ -56,7 +62,8 @@ impl DeviceMapping {
         Wrench::new(back * wrench_world.force, back * wrench_world.torque)
     }
 
-    /// The motion of the grip that goes with a small motion of the tool's centre of mass (m, rad; world axes), device axes.
+    /// The motion of the grip that goes with a small motion of the tool's centre of mass (m, rad;
+    /// world axes), device axes.
     pub(super) fn way_device(&self, linear_world: DVec3, angular_world: DVec3) -> (DVec3, DVec3) {
         let back = self.world_from_device.rotation.conjugate();
         (back * linear_world / self.scale, back * angular_world)

@@ -36,7 +36,8 @@ impl Interlock {
         };
         match sample.status {
             SampleStatus::Fresh => {
-                self.is_pressed = sample.buttons.checked_shr(u32::from(button)).unwrap_or(0) & 1 == 1;
+                self.is_pressed =
+                    sample.buttons.checked_shr(u32::from(button)).unwrap_or(0) & 1 == 1;
                 self.must_release &= self.is_pressed;
             }
             SampleStatus::Stale => {}
@@ -49,13 +50,19 @@ impl Interlock {
         self.is_pressed && !self.must_release
     }
 
-    /// The user has let go of the deadman since the fault and holds it again: an explicit act. False without a deadman.
+    /// The user has let go of the deadman since the fault and holds it again: an explicit act.
+    /// False without a deadman.
     pub(super) fn acknowledges(&self, request: DriveRequest, safety: &SafetyParameters) -> bool {
         safety.deadman.is_some() && request == DriveRequest::Enable && self.is_held()
     }
 
-    /// The gate that is shut, if any. Faults of the sample are judged by the caller, between these and the start.
-    pub(super) fn shut_gate(&self, sample: &DeviceSample, safety: &SafetyParameters) -> Option<OffCause> {
+    /// The gate that is shut, if any. Faults of the sample are judged by the caller, between these
+    /// and the start.
+    pub(super) fn shut_gate(
+        &self,
+        sample: &DeviceSample,
+        safety: &SafetyParameters,
+    ) -> Option<OffCause> {
         if !self.is_held() {
             Some(OffCause::Deadman)
         } else if !sample.homed {
@@ -72,10 +79,15 @@ impl Interlock {
 
     /// Enable: everything of the last time is forgotten.
     pub(super) fn start(&mut self) {
-        *self = Self { is_pressed: self.is_pressed, must_release: self.must_release, ..Self::default() };
+        *self = Self {
+            is_pressed: self.is_pressed,
+            must_release: self.must_release,
+            ..Self::default()
+        };
     }
 
-    /// Enable, with the tool where the scene has it start: should that be in clay, it has to come out of it once.
+    /// Enable, with the tool where the scene has it start: should that be in clay, it has to come
+    /// out of it once.
     pub(super) fn start_anew(&mut self) {
         self.start();
         self.must_clear = true;
@@ -96,7 +108,8 @@ impl Interlock {
 
     /// The drive leaves the states with force, or changes its way out of them.
     pub(super) fn leave(&mut self, cause: OffCause, pending: Faults, holds_place: bool) {
-        (self.cause, self.pending, self.holds_place, self.brake_ticks) = (cause, pending, holds_place, 0);
+        (self.cause, self.pending, self.holds_place, self.brake_ticks) =
+            (cause, pending, holds_place, 0);
     }
 
     /// There was a fault since the deadman was last let go.
@@ -104,7 +117,8 @@ impl Interlock {
         self.must_release
     }
 
-    /// As the interlock of another scene had it: a fault is acknowledged by an act, not by a change of scenes.
+    /// As the interlock of another scene had it: a fault is acknowledged by an act, not by a change
+    /// of scenes.
     pub(super) fn take_over(&mut self, must_release: bool) {
         self.must_release = must_release;
     }
@@ -117,8 +131,17 @@ impl Interlock {
     /// All that decides on what the drive does next, with ticks counted up to so many only.
     #[cfg(test)]
     pub(super) fn decides(&self, most_quiet_ticks: u32) -> (u32, [u32; 2], [bool; 5]) {
-        let Self { is_pressed, must_release, pending, brake_ticks, cause: _, holds_place, quiet_ticks, is_engaged, must_clear } =
-            *self;
+        let Self {
+            is_pressed,
+            must_release,
+            pending,
+            brake_ticks,
+            cause: _,
+            holds_place,
+            quiet_ticks,
+            is_engaged,
+            must_clear,
+        } = *self;
         let ticks = [brake_ticks, quiet_ticks.min(most_quiet_ticks)];
         (pending.bits(), ticks, [is_pressed, must_release, holds_place, is_engaged, must_clear])
     }
@@ -128,7 +151,8 @@ impl Interlock {
         self.is_engaged
     }
 
-    /// The ramp after enable may rise: the wrench was small for long enough, now or before, and the hand does not hold the tool in clay still.
+    /// The ramp after enable may rise: the wrench was small for long enough, now or before, and the
+    /// hand does not hold the tool in clay still.
     pub(super) fn engages(
         &mut self,
         wanted: Wrench,
@@ -139,8 +163,9 @@ impl Interlock {
         let LimitParameters { force_n, torque_nm, .. } = *limits;
         let share = safety.engage_share;
         self.must_clear &= is_in_clay && share < f64::INFINITY;
-        let is_small =
-            share == f64::INFINITY || (wanted.force.length() <= share * force_n && wanted.torque.length() <= share * torque_nm);
+        let is_small = share == f64::INFINITY
+            || (wanted.force.length() <= share * force_n
+                && wanted.torque.length() <= share * torque_nm);
         self.quiet_ticks = if is_small { self.quiet_ticks.saturating_add(1) } else { 0 };
         self.is_engaged |= self.quiet_ticks > safety.engage_ticks && !self.must_clear;
         self.is_engaged
@@ -164,7 +189,9 @@ mod tests {
         let mut interlock = Interlock::default();
         let Parameters { limits, safety, .. } = parameters();
         let safety = SafetyParameters { engage_share: 0.1, ..safety };
-        let engages = |interlock: &mut Interlock, is_in_clay| interlock.engages(Wrench::ZERO, is_in_clay, &limits, &safety);
+        let engages = |interlock: &mut Interlock, is_in_clay| {
+            interlock.engages(Wrench::ZERO, is_in_clay, &limits, &safety)
+        };
         interlock.start_anew();
         assert!((0..1000).all(|_| !engages(&mut interlock, true)) && !interlock.is_engaged());
         engages(&mut interlock, false);

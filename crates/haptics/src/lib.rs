@@ -1,7 +1,8 @@
 //! One millisecond of haptic rendering: from the pose of an arm to the wrench that its motors make.
 //!
-//! [`tick`] is pure and total: same inputs, same bits; no I/O, no allocation, no lock, no panic. A [`SceneBuilder`] makes its immutable
-//! [`RenderScene`] before the first tick; [`State`] holds all that changes from tick to tick.
+//! [`tick`] is pure and total: same inputs, same bits; no I/O, no allocation, no lock, no panic. A
+//! [`SceneBuilder`] makes its immutable [`RenderScene`] before the first tick; [`State`] holds all
+//! that changes from tick to tick.
 //!
 //! ```text
 //!  TickInput ─► sample check ─► indexing ─► contact sum ─► friction, damping ─► shaping filter ─► coupling ─► passivity ─► output stage ─► TickOutput
@@ -12,11 +13,12 @@
 //! ```
 //!
 //! # Units and frames
-//! SI. A sample and a command are in device axes at the grip; everything between is in world axes at the tool's centre of mass. Forces are not scaled when
-//! positions are.
+//! SI. A sample and a command are in device axes at the grip; everything between is in world axes
+//! at the tool's centre of mass. Forces are not scaled when positions are.
 //!
 //! # Cost
-//! A tick costs its contact query and some microseconds; the budget of points (`TickInput`) bounds it. [`SceneBuilder`] bakes and is not for the loop.
+//! A tick costs its contact query and some microseconds; the budget of points (`TickInput`) bounds
+//! it. [`SceneBuilder`] bakes and is not for the loop.
 //!
 //! # Example
 //! ```
@@ -92,8 +94,9 @@ pub mod testing;
 mod tick;
 mod virtual_tool;
 
-/// Number of the force law: it counts up with every change after which a tick gives other bits for the same scene, state and input. Recordings
-/// bear it, as one of another law cannot be compared bit for bit. Version 0.1.0 wrote no number: its law is the first.
+/// Number of the force law: it counts up with every change after which a tick gives other bits for
+/// the same scene, state and input. Recordings bear it, as one of another law cannot be compared
+/// bit for bit. Version 0.1.0 wrote no number: its law is the first.
 pub const FORCE_LAW: u32 = 3;
 
 pub use coupling::Inertia;
@@ -104,8 +107,9 @@ pub use live_parameters::{LiveParameter, ParameterChange, ParameterRange};
 pub use moving_obstacles::Placement;
 pub use off_cause::OffCause;
 pub use params::{
-    ArmParameters, ContactParameters, CouplingMode, CouplingParameters, DeviceMapping, FilterParameters, FreeSpace,
-    FrictionParameters, LimitParameters, Parameters, SafetyParameters, SpringClamp,
+    ArmParameters, ContactParameters, CouplingMode, CouplingParameters, DeviceMapping,
+    FilterParameters, FreeSpace, FrictionParameters, LimitParameters, Parameters, SafetyParameters,
+    SpringClamp,
 };
 pub use render_scene::{RenderScene, Tool};
 pub use scene_builder::{SceneBuilder, ToolOptions};

@@ -1,10 +1,12 @@
-//! Output stage: the last thing between the renderer and the arm, in the order power → slew → magnitude → finite.
+//! Output stage: the last thing between the renderer and the arm, in the order power → slew →
+//! magnitude → finite.
 //!
-//! Data in: the wrench that coupling and passivity want on the hand. Data out: a wrench that an arm may be given. Force and torque
-//! have limits of their own and keep their directions.
+//! Data in: the wrench that coupling and passivity want on the hand. Data out: a wrench that an arm
+//! may be given. Force and torque have limits of their own and keep their directions.
 //!
-//! Slew before magnitude is safe: both outputs lie in the ball of the magnitude limit, and scaling a vector back into a ball never
-//! moves it further from a point inside, so the clamp cannot turn an allowed step into a larger one.
+//! Slew before magnitude is safe: both outputs lie in the ball of the magnitude limit, and scaling
+//! a vector back into a ball never moves it further from a point inside, so the clamp cannot turn
+//! an allowed step into a larger one.
 
 use glam::DVec3;
 
@@ -27,24 +29,42 @@ pub(super) struct Limiter {
 }
 
 impl Limiter {
-    /// One tick. `wanted` is the wrench on the hand, `twist` the motion of the same point in the same frame.
+    /// One tick. `wanted` is the wrench on the hand, `twist` the motion of the same point in the
+    /// same frame.
     ///
-    /// - Power: with W·V > P (the wrench drives the hand along its own motion) force and torque are scaled by P/(W·V).
-    /// - Slew: the output moves straight towards the wanted force by at most R T per tick, so a wanted zero is reached within
+    /// - Power: with W·V > P (the wrench drives the hand along its own motion) force and torque are
+    ///   scaled by P/(W·V).
+    /// - Slew: the output moves straight towards the wanted force by at most R T per tick, so a
+    ///   wanted zero is reached within
     ///   |F|/R. It comes after the power limit and wins over it: a drop of the force is a step in the hand like any other.
-    /// - Magnitude: |F| and |τ| are scaled back to their limits. A limit lowered below the last output acts at once, before slew.
+    /// - Magnitude: |F| and |τ| are scaled back to their limits. A limit lowered below the last
+    ///   output acts at once, before slew.
     /// - Finite: anything else gives zero, and the state starts again from zero.
     ///
     /// A zero wrench out of a zero state stays zero bit for bit. RT: safe, O(1).
-    pub(super) fn apply(&mut self, wanted: Wrench, twist: Twist, limits: &LimitParameters, period_s: f64) -> Limited {
+    pub(super) fn apply(
+        &mut self,
+        wanted: Wrench,
+        twist: Twist,
+        limits: &LimitParameters,
+        period_s: f64,
+    ) -> Limited {
         let powered = wanted * power_scale(wanted.power(twist), limits.power_w);
         let slewed = Wrench {
             force: stepped_towards(self.last.force, powered.force, limits.slew_n_per_s * period_s),
-            torque: stepped_towards(self.last.torque, powered.torque, limits.slew_nm_per_s * period_s),
+            torque: stepped_towards(
+                self.last.torque,
+                powered.torque,
+                limits.slew_nm_per_s * period_s,
+            ),
         };
-        let bounded = Wrench { force: shortened(slewed.force, limits.force_n), torque: shortened(slewed.torque, limits.torque_nm) };
+        let bounded = Wrench {
+            force: shortened(slewed.force, limits.force_n),
+            torque: shortened(slewed.torque, limits.torque_nm),
+        };
 
-        // The input is judged as well as the result: a limit of zero or a huge slew step would hide a NaN or an infinity.
+        // The input is judged as well as the result: a limit of zero or a huge slew step would hide
+        // a NaN or an infinity.
         let finite = wanted.is_finite() && twist.is_finite() && bounded.is_finite();
         // A sum with +0 turns −0 into +0, so that "zero" has one bit pattern.
         self.last = if finite { bounded + Wrench::ZERO } else { Wrench::ZERO };
@@ -63,20 +83,23 @@ impl Limiter {
     }
 }
 
-/// Gain of the output between 0 and 1, linear in time: rises after enable, falls on a stop request and while samples are stale.
+/// Gain of the output between 0 and 1, linear in time: rises after enable, falls on a stop request
+/// and while samples are stale.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Ramp {
     gain: f64,
 }
 
 impl Ramp {
-    /// One tick towards 1 (`up`) or towards 0. A full rise or fall takes `ramp_s`; at once when that is not positive.
+    /// One tick towards 1 (`up`) or towards 0. A full rise or fall takes `ramp_s`; at once when
+    /// that is not positive.
     ///
     /// RT: safe.
     pub(super) fn advance(&mut self, up: bool, ramp_s: f64, period_s: f64) -> f64 {
         let step = if ramp_s > 0.0 { period_s / ramp_s } else { 1.0 };
         let gain = if up { self.gain + step } else { self.gain - step };
-        // The ends are met exactly, however the steps were rounded: a hundred steps of 0.01 make 1.0000000000000007.
+        // The ends are met exactly, however the steps were rounded: a hundred steps of 0.01 make
+        // 1.0000000000000007.
         self.gain = if gain >= 1.0 - 1e-9 {
             1.0
         } else if gain > 1e-9 {
@@ -105,7 +128,8 @@ fn power_scale(power_w: f64, limit_w: f64) -> f64 {
     if power_w <= limit_w { 1.0 } else { (limit_w / power_w).max(0.0) }
 }
 
-/// `from` moved straight towards `to` by at most `step`; `to` itself, bit for bit, when that is enough.
+/// `from` moved straight towards `to` by at most `step`; `to` itself, bit for bit, when that is
+/// enough.
 fn stepped_towards(from: DVec3, to: DVec3, step: f64) -> DVec3 {
     let change = to - from;
     let length = change.length();
@@ -132,7 +156,14 @@ mod tests {
     }
 
     fn typical() -> LimitParameters {
-        LimitParameters { force_n: 10.0, torque_nm: 0.2, slew_n_per_s: 1000.0, slew_nm_per_s: 20.0, power_w: 5.0, ..free() }
+        LimitParameters {
+            force_n: 10.0,
+            torque_nm: 0.2,
+            slew_n_per_s: 1000.0,
+            slew_nm_per_s: 20.0,
+            power_w: 5.0,
+            ..free()
+        }
     }
 
     fn bits(wrench: Wrench) -> [u64; 6] {
@@ -141,8 +172,9 @@ mod tests {
     }
 
     fn wrench(range: f64) -> impl Strategy<Value = Wrench> {
-        prop::array::uniform6(-range..range)
-            .prop_map(|[a, b, c, d, e, f]| Wrench::new(DVec3::new(a, b, c), DVec3::new(d, e, f) * 0.02))
+        prop::array::uniform6(-range..range).prop_map(|[a, b, c, d, e, f]| {
+            Wrench::new(DVec3::new(a, b, c), DVec3::new(d, e, f) * 0.02)
+        })
     }
 
     fn twist() -> impl Strategy<Value = Twist> {
@@ -155,13 +187,24 @@ mod tests {
             any::<f64>(),
             any::<u64>().prop_map(f64::from_bits),
             prop::sample::select(
-                &[0.0, -0.0, f64::NAN, f64::INFINITY, f64::NEG_INFINITY, f64::MAX, f64::MIN_POSITIVE, 5e-324, 1.0][..]
+                &[
+                    0.0,
+                    -0.0,
+                    f64::NAN,
+                    f64::INFINITY,
+                    f64::NEG_INFINITY,
+                    f64::MAX,
+                    f64::MIN_POSITIVE,
+                    5e-324,
+                    1.0
+                ][..]
             ),
         ]
     }
 
     fn any_wrench() -> impl Strategy<Value = Wrench> {
-        let six = (any_number(), any_number(), any_number(), any_number(), any_number(), any_number());
+        let six =
+            (any_number(), any_number(), any_number(), any_number(), any_number(), any_number());
         six.prop_map(|(a, b, c, d, e, f)| Wrench::new(DVec3::new(a, b, c), DVec3::new(d, e, f)))
     }
 
@@ -263,7 +306,11 @@ mod tests {
     fn a_lowered_limit_acts_at_once() {
         let mut limiter = Limiter { last: Wrench::new(DVec3::X * 10.0, DVec3::ZERO) };
         let limits = LimitParameters { force_n: 0.5, ..typical() };
-        assert!((limiter.apply(limiter.last(), Twist::ZERO, &limits, PERIOD_S).wrench.force.x - 0.5).abs() < 1e-15);
+        assert!(
+            (limiter.apply(limiter.last(), Twist::ZERO, &limits, PERIOD_S).wrench.force.x - 0.5)
+                .abs()
+                < 1e-15
+        );
     }
 
     #[test]

@@ -1,8 +1,9 @@
 //! Parameters that may change while the loop runs: which, how far, how fast.
 //!
-//! Data in: the scene's parameters and at most one [`ParameterChange`] per tick. Data out: the parameters of the tick. A value never jumps: it
-//! goes from where it is to where it is asked to be along a straight line, and takes [`FULL_RANGE_S`] for its whole range. A parameter without a change
-//! keeps the scene's bits.
+//! Data in: the scene's parameters and at most one [`ParameterChange`] per tick. Data out: the
+//! parameters of the tick. A value never jumps: it goes from where it is to where it is asked to be
+//! along a straight line, and takes [`FULL_RANGE_S`] for its whole range. A parameter without a
+//! change keeps the scene's bits.
 //!
 //! # Source
 //! Ours.
@@ -11,11 +12,13 @@ use super::params::{CouplingMode, Parameters};
 
 /// Time in which a value goes through all of its range, s.
 const FULL_RANGE_S: f64 = 0.5;
-/// A stiffness goes from the scene's divided by this, a small limit too; without stiffness or force there would be nothing to feel ...
+/// A stiffness goes from the scene's divided by this, a small limit too; without stiffness or force
+/// there would be nothing to feel ...
 const LEAST_DIVISOR: f64 = 20.0;
 /// ... and a stiffness to this multiple, or to what the arm can take.
 const MOST_STIFFNESS: f64 = 4.0;
-/// A force limit goes at least as low as this, N, whatever the scene's: what a person chose in another scene can be kept ...
+/// A force limit goes at least as low as this, N, whatever the scene's: what a person chose in
+/// another scene can be kept ...
 const LEAST_FORCE_N: f64 = 0.05;
 /// ... and a torque limit, N·m.
 const LEAST_TORQUE_NM: f64 = 1e-3;
@@ -90,7 +93,8 @@ impl LiveParameter {
         Self::TorqueLimit,
     ];
 
-    /// Those that hold back what the arm does. The others say how a scene feels: they belong to it, and go with it.
+    /// Those that hold back what the arm does. The others say how a scene feels: they belong to it,
+    /// and go with it.
     pub const LIMITS: [Self; 2] = [Self::ForceLimit, Self::TorqueLimit];
 
     /// One of [`Self::LIMITS`].
@@ -119,7 +123,8 @@ impl LiveParameter {
         let mode = p.coupling.mode;
         let scene = self.read(p);
         let stiffness = |most: f64| {
-            // Not more than the arm takes, not less than the scene has: what it allows itself stays reachable.
+            // Not more than the arm takes, not less than the scene has: what it allows itself stays
+            // reachable.
             let most = most.min(MOST_STIFFNESS * scene).max(scene);
             ParameterRange { least: scene / LEAST_DIVISOR, most, scene }
         };
@@ -130,7 +135,9 @@ impl LiveParameter {
             Self::FrictionStatic | Self::FrictionDynamic => {
                 p.contact.friction.stiffness_n_per_m > 0.0 && mode != CouplingMode::Constraint
             }
-            Self::CutoffLow | Self::CutoffHigh => scene.is_finite() && p.filter.cutoff_hz[0].is_finite(),
+            Self::CutoffLow | Self::CutoffHigh => {
+                scene.is_finite() && p.filter.cutoff_hz[0].is_finite()
+            }
             Self::CouplingTranslation | Self::CouplingRotation => mode != CouplingMode::Direct,
             Self::ContactStiffness => mode != CouplingMode::Constraint,
             Self::ForceLimit | Self::TorqueLimit => scene > 0.0,
@@ -141,13 +148,23 @@ impl LiveParameter {
             Self::ContactStiffness => stiffness(f64::INFINITY),
             Self::ContactDampingRatio => up_to(MOST_DAMPING_RATIO),
             Self::FrictionStatic | Self::FrictionDynamic => up_to(MOST_FRICTION),
-            Self::CutoffLow | Self::CutoffHigh => {
-                ParameterRange { least: LEAST_CUTOFF_HZ.min(scene), most: (MOST_CUTOFF / p.period_s).max(scene), scene }
-            }
+            Self::CutoffLow | Self::CutoffHigh => ParameterRange {
+                least: LEAST_CUTOFF_HZ.min(scene),
+                most: (MOST_CUTOFF / p.period_s).max(scene),
+                scene,
+            },
             Self::CouplingTranslation => stiffness(p.coupling.bound_n_per_m),
             Self::CouplingRotation => stiffness(p.coupling.bound_nm_per_rad),
-            Self::ForceLimit => ParameterRange { least: LEAST_FORCE_N.min(scene / LEAST_DIVISOR), most: scene, scene },
-            Self::TorqueLimit => ParameterRange { least: LEAST_TORQUE_NM.min(scene / LEAST_DIVISOR), most: scene, scene },
+            Self::ForceLimit => ParameterRange {
+                least: LEAST_FORCE_N.min(scene / LEAST_DIVISOR),
+                most: scene,
+                scene,
+            },
+            Self::TorqueLimit => ParameterRange {
+                least: LEAST_TORQUE_NM.min(scene / LEAST_DIVISOR),
+                most: scene,
+                scene,
+            },
         })
     }
 
@@ -213,13 +230,21 @@ pub(super) struct ParameterRamps {
 }
 
 impl ParameterRamps {
-    /// The parameters of a tick; a change counts from the next tick on. A limit without force cannot jump in a hand: it takes its new value
-    /// at once, so that a scene that takes the place of another begins with the limits that a person has chosen. RT: safe, O(1).
-    pub(super) fn next(&mut self, scene: &Parameters, change: Option<ParameterChange>, has_force: bool) -> Parameters {
+    /// The parameters of a tick; a change counts from the next tick on. A limit without force
+    /// cannot jump in a hand: it takes its new value at once, so that a scene that takes the place
+    /// of another begins with the limits that a person has chosen. RT: safe, O(1).
+    pub(super) fn next(
+        &mut self,
+        scene: &Parameters,
+        change: Option<ParameterChange>,
+        has_force: bool,
+    ) -> Parameters {
         match change {
             Some(ParameterChange { parameter, .. }) if parameter.is_limit() && !has_force => {
                 self.take(scene, change);
-                if let Some(ramped) = self.ramped.get_mut(parameter as usize).and_then(Option::as_mut) {
+                if let Some(ramped) =
+                    self.ramped.get_mut(parameter as usize).and_then(Option::as_mut)
+                {
                     ramped.value = ramped.target;
                 }
                 self.parameters(scene)
@@ -242,15 +267,24 @@ impl ParameterRamps {
                     parameter.write(&mut p, ramped.value);
                 }
             }
-            p.contact.friction.dynamic = p.contact.friction.dynamic.min(p.contact.friction.r#static);
+            p.contact.friction.dynamic =
+                p.contact.friction.dynamic.min(p.contact.friction.r#static);
             p.filter.cutoff_hz[1] = p.filter.cutoff_hz[1].max(p.filter.cutoff_hz[0]);
         }
         p
     }
 
     fn take(&mut self, scene: &Parameters, change: Option<ParameterChange>) {
-        let Some(ParameterChange { parameter, value }) = change.filter(|change| change.value.is_finite()) else { return };
-        let (Some(range), Some(ramped)) = (parameter.range(scene), self.ramped.get_mut(parameter as usize)) else { return };
+        let Some(ParameterChange { parameter, value }) =
+            change.filter(|change| change.value.is_finite())
+        else {
+            return;
+        };
+        let (Some(range), Some(ramped)) =
+            (parameter.range(scene), self.ramped.get_mut(parameter as usize))
+        else {
+            return;
+        };
         let step = (range.most - range.least) * scene.period_s / FULL_RANGE_S;
         let ramped = ramped.get_or_insert(Ramped { value: range.scene, target: range.scene, step });
         ramped.target = value.clamp(range.least, range.most);
@@ -259,7 +293,11 @@ impl ParameterRamps {
 }
 
 #[cfg(test)]
-#[expect(clippy::float_cmp, clippy::expect_used, reason = "test code; values that are copied or reached exactly")]
+#[expect(
+    clippy::float_cmp,
+    clippy::expect_used,
+    reason = "test code; values that are copied or reached exactly"
+)]
 mod tests {
     use super::*;
     use crate::FrictionParameters;
@@ -267,7 +305,8 @@ mod tests {
 
     fn rubbing() -> Parameters {
         let mut p = parameters();
-        p.contact.friction = FrictionParameters { r#static: 0.3, dynamic: 0.2, stiffness_n_per_m: 1e4 };
+        p.contact.friction =
+            FrictionParameters { r#static: 0.3, dynamic: 0.2, stiffness_n_per_m: 1e4 };
         p.filter.cutoff_hz = [50.0, 300.0];
         p
     }
@@ -276,7 +315,10 @@ mod tests {
     fn numbers_and_names_are_those_of_their_place() {
         for (idx, parameter) in LiveParameter::ALL.into_iter().enumerate() {
             assert_eq!(parameter as usize, idx);
-            assert_eq!(LiveParameter::ALL.iter().filter(|other| other.name() == parameter.name()).count(), 1);
+            assert_eq!(
+                LiveParameter::ALL.iter().filter(|other| other.name() == parameter.name()).count(),
+                1
+            );
         }
     }
 
@@ -286,7 +328,11 @@ mod tests {
         let mut ramps = ParameterRamps::default();
         assert_eq!(ramps.next(&p, None, true), p);
         for value in [f64::NAN, f64::INFINITY] {
-            ramps.next(&p, Some(ParameterChange { parameter: LiveParameter::ContactStiffness, value }), true);
+            ramps.next(
+                &p,
+                Some(ParameterChange { parameter: LiveParameter::ContactStiffness, value }),
+                true,
+            );
             assert_eq!(ramps.next(&p, None, true), p);
         }
     }
@@ -296,13 +342,25 @@ mod tests {
         let p = rubbing();
         for parameter in LiveParameter::ALL {
             let range = parameter.range(&p).expect("every parameter acts in this scene");
-            assert!(range.least <= range.scene && range.scene <= range.most, "{parameter:?}: {range:?}");
+            assert!(
+                range.least <= range.scene && range.scene <= range.most,
+                "{parameter:?}: {range:?}"
+            );
             let mut ramps = ParameterRamps::default();
-            for (asked, reached) in [(-1e9, range.least), (1e9, range.most), (range.scene, range.scene)] {
-                let mut before = parameter.read(&ramps.next(&p, Some(ParameterChange { parameter, value: asked }), true));
+            for (asked, reached) in
+                [(-1e9, range.least), (1e9, range.most), (range.scene, range.scene)]
+            {
+                let mut before = parameter.read(&ramps.next(
+                    &p,
+                    Some(ParameterChange { parameter, value: asked }),
+                    true,
+                ));
                 for _ in 0..501 {
                     let now = parameter.read(&ramps.next(&p, None, true));
-                    assert!((now - before).abs() <= (range.most - range.least) / 500.0 * (1.0 + 1e-9), "{parameter:?}");
+                    assert!(
+                        (now - before).abs() <= (range.most - range.least) / 500.0 * (1.0 + 1e-9),
+                        "{parameter:?}"
+                    );
                     before = now;
                 }
                 // The other one of a pair, which has not changed, limits these two.
@@ -335,26 +393,47 @@ mod tests {
     fn pairs_hold_each_other_and_friction_stiffness_follows() {
         let p = rubbing();
         let mut ramps = ParameterRamps::default();
-        ramps.next(&p, Some(ParameterChange { parameter: LiveParameter::FrictionStatic, value: 0.1 }), true);
         ramps.next(
             &p,
-            Some(ParameterChange { parameter: LiveParameter::ContactStiffness, value: 0.5 * p.contact.stiffness_n_per_m }),
+            Some(ParameterChange { parameter: LiveParameter::FrictionStatic, value: 0.1 }),
+            true,
+        );
+        ramps.next(
+            &p,
+            Some(ParameterChange {
+                parameter: LiveParameter::ContactStiffness,
+                value: 0.5 * p.contact.stiffness_n_per_m,
+            }),
             true,
         );
         let settled = (0..600).map(|_| ramps.next(&p, None, true)).last().expect("ticks");
-        assert_eq!((settled.contact.friction.r#static, settled.contact.friction.dynamic), (0.1, 0.1));
+        assert_eq!(
+            (settled.contact.friction.r#static, settled.contact.friction.dynamic),
+            (0.1, 0.1)
+        );
         assert_eq!(settled.contact.stiffness_n_per_m, 0.5 * p.contact.stiffness_n_per_m);
-        assert_eq!(settled.contact.friction.stiffness_n_per_m, 0.5 * p.contact.friction.stiffness_n_per_m);
+        assert_eq!(
+            settled.contact.friction.stiffness_n_per_m,
+            0.5 * p.contact.friction.stiffness_n_per_m
+        );
     }
 
     #[test]
     fn a_low_cut_off_that_passes_the_high_one_takes_it_along() {
         let p = rubbing();
         let mut ramps = ParameterRamps::default();
-        ramps.next(&p, Some(ParameterChange { parameter: LiveParameter::CutoffLow, value: 400.0 }), true);
-        let cutoffs: [[f64; 2]; 600] = core::array::from_fn(|_| ramps.next(&p, None, true).filter.cutoff_hz);
+        ramps.next(
+            &p,
+            Some(ParameterChange { parameter: LiveParameter::CutoffLow, value: 400.0 }),
+            true,
+        );
+        let cutoffs: [[f64; 2]; 600] =
+            core::array::from_fn(|_| ramps.next(&p, None, true).filter.cutoff_hz);
         assert!(cutoffs.iter().all(|[low, high]| *high == low.max(300.0)));
-        assert!(cutoffs.iter().any(|[low, _]| *low > 300.0 && *low < 400.0) && cutoffs.last() == Some(&[400.0, 400.0]));
+        assert!(
+            cutoffs.iter().any(|[low, _]| *low > 300.0 && *low < 400.0)
+                && cutoffs.last() == Some(&[400.0, 400.0])
+        );
     }
 
     #[test]
@@ -362,15 +441,37 @@ mod tests {
         let p = rubbing();
         for parameter in LiveParameter::ALL {
             let range = parameter.range(&p).expect("acts");
-            let low =
-                parameter.read(&ParameterRamps::default().next(&p, Some(ParameterChange { parameter, value: range.least }), false));
-            assert_eq!(low, if parameter.is_limit() { range.least } else { range.scene }, "{parameter:?}");
+            let low = parameter.read(&ParameterRamps::default().next(
+                &p,
+                Some(ParameterChange { parameter, value: range.least }),
+                false,
+            ));
+            assert_eq!(
+                low,
+                if parameter.is_limit() { range.least } else { range.scene },
+                "{parameter:?}"
+            );
         }
         let mut ramps = ParameterRamps::default();
-        ramps.next(&p, Some(ParameterChange { parameter: LiveParameter::ForceLimit, value: 0.05 }), false);
+        ramps.next(
+            &p,
+            Some(ParameterChange { parameter: LiveParameter::ForceLimit, value: 0.05 }),
+            false,
+        );
         assert_eq!(ramps.next(&p, None, true).limits.force_n, 0.05);
-        assert_eq!(ramps.next(&p, Some(ParameterChange { parameter: LiveParameter::ForceLimit, value: f64::MAX }), false), p);
-        assert!(LiveParameter::LIMITS.into_iter().all(|parameter| parameter.range(&p).is_some_and(|range| range.least <= 0.05)));
+        assert_eq!(
+            ramps.next(
+                &p,
+                Some(ParameterChange { parameter: LiveParameter::ForceLimit, value: f64::MAX }),
+                false
+            ),
+            p
+        );
+        assert!(
+            LiveParameter::LIMITS
+                .into_iter()
+                .all(|parameter| parameter.range(&p).is_some_and(|range| range.least <= 0.05))
+        );
     }
 
     #[test]
@@ -380,7 +481,10 @@ mod tests {
         assert_eq!(LiveParameter::CouplingTranslation.range(&p).expect("acts").most, 1000.0);
         p.coupling.mode = CouplingMode::Direct;
         assert_eq!(LiveParameter::CouplingTranslation.range(&p), None);
-        assert_eq!(LiveParameter::ContactStiffness.range(&p).expect("acts").most, p.contact.stiffness_n_per_m);
+        assert_eq!(
+            LiveParameter::ContactStiffness.range(&p).expect("acts").most,
+            p.contact.stiffness_n_per_m
+        );
         assert_eq!(LiveParameter::ForceLimit.range(&p).expect("acts").most, p.limits.force_n);
     }
 }

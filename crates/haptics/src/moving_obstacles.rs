@@ -1,13 +1,17 @@
 //! Obstacles that move: where they are asked to go, and how far they go in a tick.
 //!
-//! Data in: at most one [`Placement`] per tick. Data out: the poses of the obstacles, moved a little. A pose is a target, never a jump:
+//! Data in: at most one [`Placement`] per tick. Data out: the poses of the obstacles, moved a
+//! little. A pose is a target, never a jump:
 //!
-//! - an obstacle follows its target as `FOLLOW_PER_S` says, along a straight line and the shortest turn of its box's middle;
-//! - no point of its box goes faster than the grip may (`limits.speed`), nor further in one tick than half of what lies between it and
-//!   the tool; a quarter of a voxel is always allowed. What it may go was taken off the tool's step limit the tick before, so that what
-//!   the two do together still cannot be missed;
-//! - while force flows it goes no deeper into the tool than `WAIT_VOXELS`: a tool that is jammed, or an arm that will not give way,
-//!   makes it wait, slowing down smoothly. Nothing is passed through, and it goes on when its way is free.
+//! - an obstacle follows its target as `FOLLOW_PER_S` says, along a straight line and the shortest
+//!   turn of its box's middle;
+//! - no point of its box goes faster than the grip may (`limits.speed`), nor further in one tick
+//!   than half of what lies between it and the tool; a quarter of a voxel is always allowed. What
+//!   it may go was taken off the tool's step limit the tick before, so that what the two do
+//!   together still cannot be missed;
+//! - while force flows it goes no deeper into the tool than `WAIT_VOXELS`: a tool that is jammed,
+//!   or an arm that will not give way, makes it wait, slowing down smoothly. Nothing is passed
+//!   through, and it goes on when its way is free.
 //!
 //! # Source
 //! Ours.
@@ -20,8 +24,9 @@ use super::params::Parameters;
 use vps::contact::obstacle_poses::{OWN_SHARE, ObstaclePoses, PoseStep};
 use vps::spatial::Pose;
 
-/// An obstacle follows its target like a critically damped spring of this rate, 1/s: it starts and ends without a jerk, poses that come
-/// sixty times a second make one smooth motion, and it lags by 2/rate.
+/// An obstacle follows its target like a critically damped spring of this rate, 1/s: it starts and
+/// ends without a jerk, poses that come sixty times a second make one smooth motion, and it lags by
+/// 2/rate.
 const FOLLOW_PER_S: f64 = 100.0;
 /// Way that is left at which an obstacle has arrived, voxels.
 const ARRIVED_VOXELS: f64 = 1e-4;
@@ -46,7 +51,8 @@ pub struct Placement {
 }
 
 impl Placement {
-    /// True when the pose can be gone to: finite, of unit length, within a kilometre of the world's origin. The tick ignores any other.
+    /// True when the pose can be gone to: finite, of unit length, within a kilometre of the world's
+    /// origin. The tick ignores any other.
     pub fn is_sound(&self) -> bool {
         let Pose { rotation, translation } = self.world_from_map;
         // Written so that a NaN is refused as well.
@@ -82,8 +88,9 @@ impl MovingObstacles {
         self.reported
     }
 
-    /// One tick: moves the obstacles under way, then takes a new command, which is followed from the next tick on. `with_force`: an
-    /// obstacle may press the user. RT: safe; O(obstacles under way).
+    /// One tick: moves the obstacles under way, then takes a new command, which is followed from
+    /// the next tick on. `with_force`: an obstacle may press the user. RT: safe; O(obstacles under
+    /// way).
     pub(super) fn advance(
         &mut self,
         obstacle_poses: &mut ObstaclePoses,
@@ -102,7 +109,8 @@ impl MovingObstacles {
         let Some(pose) = obstacle_poses.pose_mut(command.obstacle_idx as usize) else { return };
         pose.reserve_m = p.limits.speed_m_per_s * p.period_s;
         let Pose { rotation, translation } = command.world_from_map;
-        let command = Placement { world_from_map: Pose::new(rotation.normalize(), translation), ..command };
+        let command =
+            Placement { world_from_map: Pose::new(rotation.normalize(), translation), ..command };
         match self.under_way.iter_mut().find(|target| target.obstacle_idx == command.obstacle_idx) {
             Some(target) => *target = command,
             None => self.under_way.push(command),
@@ -111,23 +119,33 @@ impl MovingObstacles {
 }
 
 /// Moves one obstacle towards its target; false when it stands there, and stood in this tick.
-fn step(obstacle_poses: &mut ObstaclePoses, target: &Placement, with_force: bool, p: &Parameters) -> bool {
+fn step(
+    obstacle_poses: &mut ObstaclePoses,
+    target: &Placement,
+    with_force: bool,
+    p: &Parameters,
+) -> bool {
     let obstacle_idx = target.obstacle_idx as usize;
     let Some(pose) = obstacle_poses.pose_mut(obstacle_idx) else { return false };
-    let (from, to) = (pose.world_from_map, target.world_from_map);
+    let from = pose.world_from_map;
+    let to = target.world_from_map;
     let center = pose.center_world();
-    let (way, turn) = (to.transform_point(pose.center_map) - center, from.rotation_to(to));
+    let way = to.transform_point(pose.center_map) - center;
+    let turn = from.rotation_to(to);
     let way_m = way.length() + turn.length() * pose.reach_m;
     if from == to || !way_m.is_finite() {
         (pose.moved, pose.reserve_m) = (PoseStep::default(), 0.0);
         return false;
     }
     let clearance_m = -pose.max_value_m - OVERSTATED_VOXELS * pose.voxel_size_m;
-    let allowed_m = (OWN_SHARE * clearance_m).max(ALWAYS_VOXELS * pose.voxel_size_m).min(pose.reserve_m);
-    // Backward Euler on x″ = r² (target − x) − 2 r x′; what it went in the last tick is its velocity.
+    let allowed_m =
+        (OWN_SHARE * clearance_m).max(ALWAYS_VOXELS * pose.voxel_size_m).min(pose.reserve_m);
+    // Backward Euler on x″ = r² (target − x) − 2 r x′; what it went in the last tick is its
+    // velocity.
     let rate = FOLLOW_PER_S * p.period_s;
     let followed = |last: DVec3, left: DVec3| (last + left * (rate * rate)) / (1.0 + rate).powi(2);
-    let (mut linear, mut angular) = (followed(pose.moved.linear, way), followed(pose.moved.angular, turn));
+    let mut linear = followed(pose.moved.linear, way);
+    let mut angular = followed(pose.moved.angular, turn);
     let step_m = |linear: DVec3, angular: DVec3| linear.length() + angular.length() * pose.reach_m;
     let arrived_m = (ARRIVED_VOXELS * pose.voxel_size_m).min(allowed_m);
     let arrives = way_m <= arrived_m && step_m(linear, angular) <= arrived_m;

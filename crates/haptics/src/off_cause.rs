@@ -1,8 +1,10 @@
-//! Why no force flows, or why it is on its way out: one word, `Copy`; the cold side prints its name.
+//! Why no force flows, or why it is on its way out: one word, `Copy`; the cold side prints its
+//! name.
 
 use super::Faults;
 
-/// The reason that the drive does not render. The words are those of the devices reference, safety rule 18, and `Workspace`.
+/// The reason that the drive does not render. The words are those of the devices reference, safety
+/// rule 18, and `Workspace`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(u8)]
 pub enum OffCause {
@@ -141,7 +143,8 @@ mod tests {
         }
         assert_eq!(OffCause::of(Faults::NONE), OffCause::None);
         assert_eq!(OffCause::of(Faults::SPEED | Faults::DEVICE_LOST), OffCause::Disconnected);
-        let names: std::collections::BTreeSet<_> = (0..=OffCause::Workspace as u8).map(|n| named(n).name()).collect();
+        let names: std::collections::BTreeSet<_> =
+            (0..=OffCause::Workspace as u8).map(|n| named(n).name()).collect();
         assert_eq!(names.len(), OffCause::Workspace as usize + 1);
     }
 

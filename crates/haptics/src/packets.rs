@@ -1,13 +1,14 @@
 //! Garbled packets: a few are dropped and counted, many are a fault.
 //!
-//! A packet that is thrown away costs a sample, and samples that are missing are judged elsewhere. What is judged here is a link that goes
-//! bad while enough still gets through.
+//! A packet that is thrown away costs a sample, and samples that are missing are judged elsewhere.
+//! What is judged here is a link that goes bad while enough still gets through.
 
-/// Time over which garbled packets are counted, s: a burst of interference lasts some milliseconds, a loose plug for as long as it moves.
+/// Time over which garbled packets are counted, s: a burst of interference lasts some milliseconds,
+/// a loose plug for as long as it moves.
 const WINDOW_S: f64 = 0.1;
 
-/// More than so many within the window are a fault: a tenth of what an arm sends at 1 kHz. A USB or serial link that is sound has none in an
-/// hour.
+/// More than so many within the window are a fault: a tenth of what an arm sends at 1 kHz. A USB or
+/// serial link that is sound has none in an hour.
 const MOST: usize = 10;
 
 /// More than so many, and the force ramps down until they are fewer.
@@ -43,7 +44,13 @@ impl GarbledPackets {
             }
         }
         let window_ticks = (WINDOW_S / period_s).round() as u64;
-        let more_than = |n: usize| self.at_tick.get(n).copied().flatten().is_some_and(|tick| self.tick - tick < window_ticks);
+        let more_than = |n: usize| {
+            self.at_tick
+                .get(n)
+                .copied()
+                .flatten()
+                .is_some_and(|tick| self.tick - tick < window_ticks)
+        };
         if more_than(MOST) {
             LinkState::Broken
         } else if more_than(MANY) {
@@ -76,9 +83,11 @@ mod tests {
     fn the_window_is_a_time_not_a_number_of_ticks() {
         let trips = |period_s: f64, every: u32| {
             let mut packets = GarbledPackets::default();
-            (0..10_000).any(|n| packets.count(u16::from(n % every == 0), period_s) == LinkState::Broken)
+            (0..10_000)
+                .any(|n| packets.count(u16::from(n % every == 0), period_s) == LinkState::Broken)
         };
-        // One in ten is ten in a window of 100 at 1 kHz, forty in one of 400 at 4 kHz, and five in one of 50 at 500 Hz.
+        // One in ten is ten in a window of 100 at 1 kHz, forty in one of 400 at 4 kHz, and five in
+        // one of 50 at 500 Hz.
         assert!(!trips(1e-3, 10) && trips(1e-3, 9));
         assert!(trips(2.5e-4, 10) && !trips(2.5e-4, 40) && !trips(2e-3, 5) && trips(2e-3, 4));
         assert_eq!(GarbledPackets::default().count(u16::MAX, 1e-3), LinkState::Broken);

@@ -9,14 +9,18 @@ use vps::voxmap::field::FieldKind;
 /// How the tool follows the arm.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum CouplingMode {
-    /// Virtual tool with mass, implicit Euler over linearised contact and coupling: stable for every stiffness.
+    /// Virtual tool with mass, implicit Euler over linearised contact and coupling: stable for
+    /// every stiffness.
     #[default]
     Implicit,
-    /// Virtual tool without mass: each tick one Newton step towards the balance of coupling and contact.
+    /// Virtual tool without mass: each tick one Newton step towards the balance of coupling and
+    /// contact.
     Static,
-    /// Virtual tool without mass that stays on the surface: each tick the pose nearest to the arm's that the contact planes allow.
+    /// Virtual tool without mass that stays on the surface: each tick the pose nearest to the arm's
+    /// that the contact planes allow.
     Constraint,
-    /// No virtual tool: the contact wrench goes to the arm, its stiffness limited to what the arm can take.
+    /// No virtual tool: the contact wrench goes to the arm, its stiffness limited to what the arm
+    /// can take.
     Direct,
 }
 
@@ -54,7 +58,8 @@ pub struct ContactParameters {
     pub field: FieldKind,
     /// Penalty stiffness of one point, N/m.
     pub stiffness_n_per_m: f64,
-    /// Damping of the virtual tool in contact, as a fraction of critical damping of the summed contact stiffness.
+    /// Damping of the virtual tool in contact, as a fraction of critical damping of the summed
+    /// contact stiffness.
     pub damping_ratio: f64,
     /// What many points that touch are worth together.
     pub normalization: Normalization,
@@ -78,9 +83,15 @@ impl ContactParameters {
         braking: false,
     };
 
-    /// What of them a contact query reads; `smooth_entry` is stage S of the [filter](FilterParameters::spatial).
+    /// What of them a contact query reads; `smooth_entry` is stage S of the
+    /// [filter](FilterParameters::spatial).
     pub fn force_law(&self, smooth_entry: bool) -> ForceLaw {
-        ForceLaw { field: self.field, stiffness_n_per_m: self.stiffness_n_per_m, normalization: self.normalization, smooth_entry }
+        ForceLaw {
+            field: self.field,
+            stiffness_n_per_m: self.stiffness_n_per_m,
+            normalization: self.normalization,
+            smooth_entry,
+        }
     }
 }
 
@@ -175,12 +186,14 @@ pub struct LimitParameters {
     pub stale_fault_ticks: u32,
     /// Consecutive over-runs before the tick faults; 0 never.
     pub overrun_fault_ticks: u32,
-    /// Longest time between two commands while force is on, s: a longer one is a fault, whatever the rate.
+    /// Longest time between two commands while force is on, s: a longer one is a fault, whatever
+    /// the rate.
     pub stall_s: f64,
 }
 
 impl LimitParameters {
-    /// Nothing is held back. For figures and tests: the parameters of a scene file always have limits.
+    /// Nothing is held back. For figures and tests: the parameters of a scene file always have
+    /// limits.
     #[doc(hidden)]
     pub const NONE: Self = Self {
         force_n: f64::INFINITY,
@@ -197,23 +210,28 @@ impl LimitParameters {
     };
 }
 
-/// What decides whether force may flow at all, next to the limits. The default asks for nothing: every gate is open.
+/// What decides whether force may flow at all, next to the limits. The default asks for nothing:
+/// every gate is open.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SafetyParameters {
     /// Number of the button that has to be held for force, 0..=31; `None`: no deadman.
     pub deadman: Option<u8>,
-    /// Radius of the ball around the device origin within which force may flow, m; infinite: everywhere.
+    /// Radius of the ball around the device origin within which force may flow, m; infinite:
+    /// everywhere.
     pub workspace_radius_m: f64,
     /// Longest time of braking after too much speed, s.
     pub brake_s: f64,
-    /// After enable the ramp begins once force and torque have been within this share of their limits, and a tool that starts in clay has been
-    /// outside (infinite: whatever they are, and wherever it is) ...
+    /// After enable the ramp begins once force and torque have been within this share of their
+    /// limits, and a tool that starts in clay has been outside (infinite: whatever they are, and
+    /// wherever it is) ...
     pub engage_share: f64,
     /// ... for more than so many ticks.
     pub engage_ticks: u32,
-    /// Window over which the power into the hand is averaged, s. More than the power limit over it is a fault.
+    /// Window over which the power into the hand is averaged, s. More than the power limit over it
+    /// is a fault.
     pub power_window_s: f64,
-    /// Smallest move from one sample to the next after which a pose that repeats is suspicious, m; infinite: never.
+    /// Smallest move from one sample to the next after which a pose that repeats is suspicious, m;
+    /// infinite: never.
     pub stuck_move_m: f64,
     /// The same for a turn, rad.
     pub stuck_turn_rad: f64,
@@ -250,37 +268,49 @@ pub struct DeviceMapping {
 }
 
 impl DeviceMapping {
-    /// The arm's axes are the world's, six of them sensed and actuated; the tool starts at the origin.
-    pub const PLAIN: Self =
-        Self { world_from_device: Pose::IDENTITY, scale: 1.0, sensed: Axes::SIX, actuated: Axes::SIX, start: Pose::IDENTITY };
+    /// The arm's axes are the world's, six of them sensed and actuated; the tool starts at the
+    /// origin.
+    pub const PLAIN: Self = Self {
+        world_from_device: Pose::IDENTITY,
+        scale: 1.0,
+        sensed: Axes::SIX,
+        actuated: Axes::SIX,
+        start: Pose::IDENTITY,
+    };
 }
 
-/// What the loop knows of the attached arm itself. The default is an ideal arm: nothing bounds it, nothing is injected.
+/// What the loop knows of the attached arm itself. The default is an ideal arm: nothing bounds it,
+/// nothing is injected.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ArmParameters {
-    /// Delay that the stiffness bounds already allow for, ticks. Only a longer measured one changes anything.
+    /// Delay that the stiffness bounds already allow for, ticks. Only a longer measured one changes
+    /// anything.
     pub delay_ticks: u32,
-    /// Stiffness times lag that the arm can take in translation, N·s/m, in world units like the coupling: the stiffness bound is
-    /// this over T/2 + delay. Infinite for an ideal arm.
+    /// Stiffness times lag that the arm can take in translation, N·s/m, in world units like the
+    /// coupling: the stiffness bound is this over T/2 + delay. Infinite for an ideal arm.
     pub stiffness_lag_n_s_per_m: f64,
     /// The same in rotation, N·m·s/rad.
     pub stiffness_lag_nm_s_per_rad: f64,
-    /// Largest damping that the passivity controller injects, N·s/m, device units; 0: it only observes.
+    /// Largest damping that the passivity controller injects, N·s/m, device units; 0: it only
+    /// observes.
     pub injected_n_s_per_m: f64,
     /// The same in rotation, N·m·s/rad.
     pub injected_nm_s_per_rad: f64,
-    /// Largest damping that keeps still an arm without a hand at the delay above, N·s/m; infinite for an ideal arm. At a longer delay it is
-    /// less, and what is injected with it.
+    /// Largest damping that keeps still an arm without a hand at the delay above, N·s/m; infinite
+    /// for an ideal arm. At a longer delay it is less, and what is injected with it.
     pub stable_damping_n_s_per_m: f64,
     /// The same in rotation, N·m·s/rad.
     pub stable_damping_nm_s_per_rad: f64,
-    /// How old the velocity is that damping is made of, ticks, at the delay above: translation, rotation.
+    /// How old the velocity is that damping is made of, ticks, at the delay above: translation,
+    /// rotation.
     pub velocity_age_ticks: [u32; 2],
-    /// Step of a measured velocity, device units, m/s: one of the encoder over the window. What is below it may be rest, or go the other way.
+    /// Step of a measured velocity, device units, m/s: one of the encoder over the window. What is
+    /// below it may be rest, or go the other way.
     pub velocity_step_m_per_s: f64,
     /// The same in rotation, rad/s.
     pub velocity_step_rad_per_s: f64,
-    /// One step of the encoder, device units, m; 0: continuous. A pose that goes back and forth by so much is at rest.
+    /// One step of the encoder, device units, m; 0: continuous. A pose that goes back and forth by
+    /// so much is at rest.
     pub encoder_step_m: f64,
     /// The same in rotation, rad.
     pub encoder_step_rad: f64,
@@ -334,8 +364,8 @@ impl Parameters {
         self.contact.force_law(self.filter.spatial)
     }
 
-    /// A virtual tool in an implicit coupling, and no limit: for figures, tests, and scenes that no arm renders. Set `limits`, `safety` and `arm`
-    /// for a person's hand.
+    /// A virtual tool in an implicit coupling, and no limit: for figures, tests, and scenes that no
+    /// arm renders. Set `limits`, `safety` and `arm` for a person's hand.
     pub fn unlimited(period_s: f64) -> Self {
         Self {
             period_s,

@@ -1,15 +1,18 @@
 //! Passivity controller: takes out of the motion what the loop has put into it.
 //!
-//! Data in: the wrench that the coupling wants, the motion of the port, the command that was written. Data out: that wrench, with damping
-//! added only where the port would otherwise have given the hand more than it took.
+//! Data in: the wrench that the coupling wants, the motion of the port, the command that was
+//! written. Data out: that wrench, with damping added only where the port would otherwise have
+//! given the hand more than it took.
 //!
-//! Energy is counted over what is known exactly: the command that acted (held for a tick, `delay` ticks on its way) and the displacement
-//! over which it acted. The velocity, a difference over a window and late, only says which way to damp and how much. Where it says nothing,
-//! between two steps of the encoder, an arm that has given too much is weakened instead.
+//! Energy is counted over what is known exactly: the command that acted (held for a tick, `delay`
+//! ticks on its way) and the displacement over which it acted. The velocity, a difference over a
+//! window and late, only says which way to damp and how much. Where it says nothing, between two
+//! steps of the encoder, an arm that has given too much is weakened instead.
 //!
 //! # Source
-//! HannafordRyu2002, one port in impedance form: E_k = E_(k−1) + T (F_k v_k + a_(k−1) v_(k−1)²), a_k = −E_k/(T v_k²). Counting over
-//! displacements, one scalar energy for six axes, the delay line, the forgotten credit and the weakened wrench are ours.
+//! HannafordRyu2002, one port in impedance form: E_k = E_(k−1) + T (F_k v_k + a_(k−1) v_(k−1)²),
+//! a_k = −E_k/(T v_k²). Counting over displacements, one scalar energy for six axes, the delay
+//! line, the forgotten credit and the weakened wrench are ours.
 
 use glam::DVec3;
 
@@ -18,17 +21,19 @@ use super::energy_observer::EnergyObserver;
 use super::params::{ArmParameters, LimitParameters};
 use vps::spatial::{Pose, Twist, Wrench};
 
-/// Longest delay for which the command that acted is known, ticks; a longer one counts as this long.
+/// Longest delay for which the command that acted is known, ticks; a longer one counts as this
+/// long.
 pub(super) const MAX_DELAY_TICKS: u32 = 255;
 
 /// Commands that are remembered.
 const N_HELD: usize = MAX_DELAY_TICKS as usize + 1;
 
-/// Time without force after which energy that the hand has left in the port is no longer a credit, s. Otherwise an hour of friction
-/// would pay for a minute of trembling.
+/// Time without force after which energy that the hand has left in the port is no longer a credit,
+/// s. Otherwise an hour of friction would pay for a minute of trembling.
 const FORGET_AFTER_S: f64 = 0.01;
 
-/// Ticks over which the pose itself says whether the hand has turned round: a velocity of a window of 15 ms says so 7.5 ms late.
+/// Ticks over which the pose itself says whether the hand has turned round: a velocity of a window
+/// of 15 ms says so 7.5 ms late.
 const TRAIL_TICKS: usize = 6;
 
 /// What the spring may hold beyond the energy that the hand has put in before it is damped, J.
@@ -39,7 +44,8 @@ const OWED_FREELY_J: f64 = 5e-4;
 /// What is left of the wrench however much is owed: a wall stays a wall.
 const LEAST_SHARE: f64 = 0.25;
 
-/// Observer and controller of one port. 24 KiB, no heap. Wrench, twist and pose are those of the grip in device axes.
+/// Observer and controller of one port. 24 KiB, no heap. Wrench, twist and pose are those of the
+/// grip in device axes.
 #[derive(Clone, Debug)]
 pub(super) struct PassivityController {
     observer: EnergyObserver,
@@ -60,7 +66,8 @@ pub(super) struct PassivityController {
     carried_j: f64,
     /// What the last [`damped`](PassivityController::damped) added.
     injected: Wrench,
-    /// `[N_HELD]`, as `held`: the commands without what was injected, which is all that an obstacle can push with.
+    /// `[N_HELD]`, as `held`: the commands without what was injected, which is all that an obstacle
+    /// can push with.
     coupled: [Wrench; N_HELD],
 }
 
@@ -85,14 +92,16 @@ impl Default for PassivityController {
 }
 
 impl PassivityController {
-    /// Counts the energy of the interval that ends with this sample: the displacement since the last one, times the command that was
-    /// written `delay_ticks` before the newest. The first call only takes the pose. Returns the energy that the command put into the hand
-    /// in that interval, J. RT: safe, O(1).
+    /// Counts the energy of the interval that ends with this sample: the displacement since the
+    /// last one, times the command that was written `delay_ticks` before the newest. The first call
+    /// only takes the pose. Returns the energy that the command put into the hand in that interval,
+    /// J. RT: safe, O(1).
     pub(super) fn observe(&mut self, pose: Pose, delay_ticks: u32, period_s: f64) -> f64 {
         let Some(last) = self.last_pose.replace(pose) else { return 0.0 };
         let acted = self.acted(delay_ticks);
         let before_j = self.observer.energy_j();
-        let way = Twist { linear: pose.translation - last.translation, angular: last.rotation_to(pose) };
+        let way =
+            Twist { linear: pose.translation - last.translation, angular: last.rotation_to(pose) };
         self.newest_way = (self.newest_way + 1) % TRAIL_TICKS;
         if let Some(slot) = self.trail.get_mut(self.newest_way) {
             *slot = way;
@@ -106,12 +115,14 @@ impl PassivityController {
         before_j - energy_j
     }
 
-    /// Takes note, after [`observe`](Self::observe), of how obstacles that move carry the port (device axes, m and rad in this tick).
+    /// Takes note, after [`observe`](Self::observe), of how obstacles that move carry the port
+    /// (device axes, m and rad in this tick).
     ///
-    /// An obstacle is moved by a power of its own: what the coupling's command of `delay_ticks` ago does over the obstacle's way goes into
-    /// the spring or the hand and is no debt, and what the hand gives to one that recedes is not there any more. It makes a credit of
-    /// `spring_j` at most, what the spring can hold, so that an arm that does not give way saves nothing up; and it never makes a debt.
-    /// RT: safe, O(1).
+    /// An obstacle is moved by a power of its own: what the coupling's command of `delay_ticks` ago
+    /// does over the obstacle's way goes into the spring or the hand and is no debt, and what the
+    /// hand gives to one that recedes is not there any more. It makes a credit of `spring_j` at
+    /// most, what the spring can hold, so that an arm that does not give way saves nothing up; and
+    /// it never makes a debt. RT: safe, O(1).
     pub(super) fn carry(&mut self, moved: DVec3, turned: DVec3, delay_ticks: u32, spring_j: f64) {
         let acted = self.of(&self.coupled, delay_ticks);
         let work_j = acted.force.dot(moved) + acted.torque.dot(turned);
@@ -121,26 +132,34 @@ impl PassivityController {
         }
         self.carried_j += work_j;
         let carried_j = self.budget_j + work_j;
-        self.budget_j =
-            if work_j > 0.0 { carried_j.min(spring_j).max(self.budget_j) } else { carried_j.max(0.0).min(self.budget_j) };
+        self.budget_j = if work_j > 0.0 {
+            carried_j.min(spring_j).max(self.budget_j)
+        } else {
+            carried_j.max(0.0).min(self.budget_j)
+        };
     }
 
-    /// The wrench on the hand: `wanted`, whose spring holds `held_j`, plus a damper against `twist` where `wanted` would drive the energy below
-    /// zero, or where the spring holds more than the hand has put in. So much that neither is so after this tick, at most the arm's `injected_*`
+    /// The wrench on the hand: `wanted`, whose spring holds `held_j`, plus a damper against `twist`
+    /// where `wanted` would drive the energy below zero, or where the spring holds more than the
+    /// hand has put in. So much that neither is so after this tick, at most the arm's `injected_*`
     /// and the force limits.
     ///
-    /// A held, late force takes too little from a hand that goes in and gives too much to one that comes out. Waiting until more was given than taken is
-    /// waiting until the spring is nearly let go, when no damper is strong enough. What it holds says at once what will be missing, so most of it
-    /// is paid on the way in.
+    /// A held, late force takes too little from a hand that goes in and gives too much to one that
+    /// comes out. Waiting until more was given than taken is waiting until the spring is nearly let
+    /// go, when no damper is strong enough. What it holds says at once what will be missing, so
+    /// most of it is paid on the way in.
     ///
-    /// A component along which the pose itself goes the other way by now does not count: the velocity is late.
+    /// A component along which the pose itself goes the other way by now does not count: the
+    /// velocity is late.
     ///
-    /// Each component of the velocity counts only as far as it exceeds what one step of the encoder makes of it: below, it says nothing of the
-    /// direction, and a damper that follows it drives the arm. (On an encoder of 0.04 mm and a window of 15 ms, a loose hand trembled with
-    /// 2.4 mm/s for that alone, and 0.35 N.)
+    /// Each component of the velocity counts only as far as it exceeds what one step of the encoder
+    /// makes of it: below, it says nothing of the direction, and a damper that follows it drives
+    /// the arm. (On an encoder of 0.04 mm and a window of 15 ms, a loose hand trembled with 2.4
+    /// mm/s for that alone, and 0.35 N.)
     ///
-    /// No wrench, no damper: free space stays free, and what is owed there is paid in the next contact. RT: safe, O(1). Input that is not
-    /// finite passes through, for the finite check to see.
+    /// No wrench, no damper: free space stays free, and what is owed there is paid in the next
+    /// contact. RT: safe, O(1). Input that is not finite passes through, for the finite check to
+    /// see.
     pub(super) fn damped(
         &mut self,
         (wanted, held_j): (Wrench, f64),
@@ -152,19 +171,28 @@ impl PassivityController {
         self.active = false;
         self.injected = Wrench::ZERO;
         self.held_j = held_j;
-        let missing_j = (period_s * wanted.power(twist)).max(held_j - LENT_FREELY_J) - self.budget_j;
+        let missing_j =
+            (period_s * wanted.power(twist)).max(held_j - LENT_FREELY_J) - self.budget_j;
         let certain = damper::certain(twist, arm);
         let way = self.trail.iter().fold(Twist::ZERO, |sum, way| sum + *way);
-        let sure = Twist { linear: agreeing(certain.linear, way.linear), angular: agreeing(certain.angular, way.angular) };
-        let damper = Wrench::new(sure.linear * -arm.injected_n_s_per_m, sure.angular * -arm.injected_nm_s_per_rad);
+        let sure = Twist {
+            linear: agreeing(certain.linear, way.linear),
+            angular: agreeing(certain.angular, way.angular),
+        };
+        let damper = Wrench::new(
+            sure.linear * -arm.injected_n_s_per_m,
+            sure.angular * -arm.injected_nm_s_per_rad,
+        );
         let largest_j = -period_s * damper.power(sure);
         // Written so that a NaN injects nothing.
-        if !(missing_j > 0.0 && largest_j > 0.0 && largest_j.is_finite()) || wanted == Wrench::ZERO {
+        if !(missing_j > 0.0 && largest_j > 0.0 && largest_j.is_finite()) || wanted == Wrench::ZERO
+        {
             return wanted;
         }
         self.active = true;
         let damper = damper * (missing_j / largest_j).min(1.0);
-        let within = |length: f64, limit: f64| if length > limit { (limit / length).max(0.0) } else { 1.0 };
+        let within =
+            |length: f64, limit: f64| if length > limit { (limit / length).max(0.0) } else { 1.0 };
         self.injected = Wrench::new(
             damper.force * within(damper.force.length(), limits.force_n),
             damper.torque * within(damper.torque.length(), limits.torque_nm),
@@ -172,9 +200,10 @@ impl PassivityController {
         wanted + self.injected
     }
 
-    /// Share of the wanted wrench that the arm gets while energy is owed: all of it up to half a millijoule, then less and less, so that
-    /// a loop which cannot be damped (motion within a step of the encoder has no velocity) is weakened until it rests. An arm that takes
-    /// no damping gets all of it: it is not watched. RT: safe, O(1).
+    /// Share of the wanted wrench that the arm gets while energy is owed: all of it up to half a
+    /// millijoule, then less and less, so that a loop which cannot be damped (motion within a step
+    /// of the encoder has no velocity) is weakened until it rests. An arm that takes no damping
+    /// gets all of it: it is not watched. RT: safe, O(1).
     pub(super) fn trusted_share(&self, arm: &ArmParameters) -> f64 {
         let over = (-self.budget_j - OWED_FREELY_J) / OWED_FREELY_J;
         // Written so that a NaN weakens nothing: the finite check sees it elsewhere.
@@ -197,13 +226,14 @@ impl PassivityController {
         self.observer.energy_j()
     }
 
-    /// Energy that moving obstacles have put in since [`reset`](Self::reset), less what they took, J.
+    /// Energy that moving obstacles have put in since [`reset`](Self::reset), less what they took,
+    /// J.
     pub(super) fn carried_j(&self) -> f64 {
         self.carried_j
     }
 
-    /// At the last [`damped`](Self::damped) the hand had put in what the spring held, or that was little. True for an arm that is not watched.
-    /// RT: safe.
+    /// At the last [`damped`](Self::damped) the hand had put in what the spring held, or that was
+    /// little. True for an arm that is not watched. RT: safe.
     pub(super) fn is_paid(&self, arm: &ArmParameters) -> bool {
         !(is_watched(arm) && self.held_j - LENT_FREELY_J > self.budget_j.max(0.0))
     }
@@ -251,7 +281,11 @@ mod tests {
     }
 
     fn injecting(injected_n_s_per_m: f64) -> ArmParameters {
-        ArmParameters { injected_n_s_per_m, injected_nm_s_per_rad: 1e-3 * injected_n_s_per_m, ..ArmParameters::default() }
+        ArmParameters {
+            injected_n_s_per_m,
+            injected_nm_s_per_rad: 1e-3 * injected_n_s_per_m,
+            ..ArmParameters::default()
+        }
     }
 
     fn at(x_m: f64) -> Pose {
@@ -266,16 +300,20 @@ mod tests {
         Wrench::new(DVec3::X * force_n, DVec3::ZERO)
     }
 
-    /// Leader (1 kg, 2 N·s/m) and follower (1 kg, 300 N/m, 8 N·s/m) 30 ticks apart each way; the follower meets a wall of 800 N/m at
-    /// 50 mm; a hand pushes the leader with 5 N. Position and velocity go forward, the force comes back. Returns the largest |x| of the
-    /// leader in 10 s, its lowest observed energy, and whether damping was ever injected.
+    /// Leader (1 kg, 2 N·s/m) and follower (1 kg, 300 N/m, 8 N·s/m) 30 ticks apart each way; the
+    /// follower meets a wall of 800 N/m at 50 mm; a hand pushes the leader with 5 N. Position and
+    /// velocity go forward, the force comes back. Returns the largest |x| of the leader in 10 s,
+    /// its lowest observed energy, and whether damping was ever injected.
     fn teleoperation(arm: &ArmParameters) -> (f64, f64, bool) {
         const DELAY: usize = 30;
-        let (mut leader, mut follower) = ((0.0, 0.0), (0.0, 0.0));
+        let mut leader = (0.0, 0.0);
+        let mut follower = (0.0, 0.0);
         let mut forward = [(0.0, 0.0); DELAY];
         let mut back = [0.0; DELAY];
         let mut controller = PassivityController::default();
-        let (mut farthest_m, mut lowest_j, mut injected) = (0.0_f64, 0.0_f64, false);
+        let mut farthest_m = 0.0_f64;
+        let mut lowest_j = 0.0_f64;
+        let mut injected = false;
         for n in 0..10_000 {
             let (wanted_m, wanted_m_per_s) = core::mem::replace(&mut forward[n % DELAY], leader);
             let spring_n = 300.0 * (wanted_m - follower.0) + 8.0 * (wanted_m_per_s - follower.1);
@@ -285,7 +323,8 @@ mod tests {
             let felt_n = -core::mem::replace(&mut back[n % DELAY], spring_n);
 
             controller.observe(at(leader.0), 0, PERIOD_S);
-            let command = controller.damped((push(felt_n), 0.0), along(leader.1), arm, &free(), PERIOD_S);
+            let command =
+                controller.damped((push(felt_n), 0.0), along(leader.1), arm, &free(), PERIOD_S);
             controller.hold(command);
             leader.1 += PERIOD_S * (5.0 + command.force.x - 2.0 * leader.1);
             leader.0 += PERIOD_S * leader.1;
@@ -318,7 +357,13 @@ mod tests {
             let x_m = 1e-3 * (1.0 - (0.02 * f64::from(n)).cos());
             let speed = 0.02e-3 * (0.02 * f64::from(n)).sin() / PERIOD_S;
             controller.observe(at(x_m), 0, PERIOD_S);
-            let damped = controller.damped((wanted, 0.0), along(speed), &injecting(100.0), &free(), PERIOD_S);
+            let damped = controller.damped(
+                (wanted, 0.0),
+                along(speed),
+                &injecting(100.0),
+                &free(),
+                PERIOD_S,
+            );
             assert!(damped == wanted && !controller.is_active(), "tick {n}");
             controller.hold(damped);
             wanted = push(-1000.0 * x_m - 5.0 * speed);
@@ -334,8 +379,10 @@ mod tests {
         // 2 N drove the hand by 1 mm: 2 mJ are owed.
         controller.observe(at(1e-3), 0, PERIOD_S);
         assert!((controller.energy_j() + 2e-3).abs() < 1e-15);
-        let (wanted, speed) = (push(1.0), 1.0);
-        let damped = controller.damped((wanted, 0.0), along(speed), &injecting(1e6), &free(), PERIOD_S);
+        let wanted = push(1.0);
+        let speed = 1.0;
+        let damped =
+            controller.damped((wanted, 0.0), along(speed), &injecting(1e6), &free(), PERIOD_S);
         assert!(controller.is_active());
         controller.hold(damped);
         controller.observe(at(1e-3 + speed * PERIOD_S), 0, PERIOD_S);
@@ -347,7 +394,9 @@ mod tests {
         let mut controller = PassivityController::default();
         controller.observe(at(0.0), 0, PERIOD_S);
         controller.hold(push(1.0));
-        for (owed_mj, expected) in [(0.1, 1.0), (0.5, 1.0), (0.6, 0.8), (0.75, 0.5), (1.0, 0.25), (5.0, 0.25), (0.2, 1.0)] {
+        for (owed_mj, expected) in
+            [(0.1, 1.0), (0.5, 1.0), (0.6, 0.8), (0.75, 0.5), (1.0, 0.25), (5.0, 0.25), (0.2, 1.0)]
+        {
             controller.observe(at(1e-3 * owed_mj), 0, PERIOD_S);
             let share = controller.trusted_share(&injecting(5.0));
             assert!((share - expected).abs() < 1e-9, "{owed_mj} mJ: {share}");
@@ -361,27 +410,43 @@ mod tests {
         controller.observe(at(0.0), 0, PERIOD_S);
         controller.hold(push(10.0));
         controller.observe(at(0.1), 0, PERIOD_S);
-        let damped = controller.damped((push(1.0), 0.0), along(0.2), &injecting(5.0), &free(), PERIOD_S);
+        let damped =
+            controller.damped((push(1.0), 0.0), along(0.2), &injecting(5.0), &free(), PERIOD_S);
         assert!((damped.force.x - (1.0 - 5.0 * 0.2)).abs() < 1e-12);
         let limits = LimitParameters { force_n: 0.3, torque_nm: 0.0, ..free() };
         let twist = Twist { linear: DVec3::X * 0.2, angular: DVec3::Y };
         let damped = controller.damped((push(1.0), 0.0), twist, &injecting(5.0), &limits, PERIOD_S);
         assert!((damped.force.x - 0.7).abs() < 1e-12 && damped.torque == DVec3::ZERO, "{damped:?}");
         // At rest there is nothing to damp, and free space stays free.
-        assert_eq!(controller.damped((push(1.0), 0.0), Twist::ZERO, &injecting(5.0), &limits, PERIOD_S), push(1.0));
-        assert_eq!(controller.damped((Wrench::ZERO, 0.0), twist, &injecting(5.0), &limits, PERIOD_S), Wrench::ZERO);
+        assert_eq!(
+            controller.damped((push(1.0), 0.0), Twist::ZERO, &injecting(5.0), &limits, PERIOD_S),
+            push(1.0)
+        );
+        assert_eq!(
+            controller.damped((Wrench::ZERO, 0.0), twist, &injecting(5.0), &limits, PERIOD_S),
+            Wrench::ZERO
+        );
         assert!(!controller.is_active());
     }
 
     #[test]
     fn a_velocity_that_may_be_rest_is_not_damped() {
-        let stepping = ArmParameters { velocity_step_m_per_s: 0.1, velocity_step_rad_per_s: 2.0, ..injecting(5.0) };
+        let stepping = ArmParameters {
+            velocity_step_m_per_s: 0.1,
+            velocity_step_rad_per_s: 2.0,
+            ..injecting(5.0)
+        };
         let mut controller = PassivityController::default();
         controller.observe(at(0.0), 0, PERIOD_S);
         controller.hold(push(10.0));
         controller.observe(at(0.1), 0, PERIOD_S);
-        for twist in [along(0.1), along(-0.1), Twist { linear: DVec3::ZERO, angular: DVec3::Y * 2.0 }] {
-            assert_eq!(controller.damped((push(1.0), 0.0), twist, &stepping, &free(), PERIOD_S), push(1.0));
+        for twist in
+            [along(0.1), along(-0.1), Twist { linear: DVec3::ZERO, angular: DVec3::Y * 2.0 }]
+        {
+            assert_eq!(
+                controller.damped((push(1.0), 0.0), twist, &stepping, &free(), PERIOD_S),
+                push(1.0)
+            );
             assert!(!controller.is_active());
         }
         for speed in [0.3_f64, -0.3] {
@@ -389,22 +454,35 @@ mod tests {
             controller.observe(at(0.0), 0, PERIOD_S);
             controller.hold(push(10.0 * speed.signum()));
             controller.observe(at(0.1 * speed.signum()), 0, PERIOD_S);
-            let damped = controller.damped((push(1.0), 0.0), along(speed), &stepping, &free(), PERIOD_S);
-            assert!(controller.is_active() && (damped.force.x - (1.0 - 5.0 * (speed - speed.signum() * 0.1))).abs() < 1e-12);
+            let damped =
+                controller.damped((push(1.0), 0.0), along(speed), &stepping, &free(), PERIOD_S);
+            assert!(
+                controller.is_active()
+                    && (damped.force.x - (1.0 - 5.0 * (speed - speed.signum() * 0.1))).abs()
+                        < 1e-12
+            );
         }
     }
 
     #[test]
     fn what_a_spring_holds_beyond_what_the_hand_put_in_is_paid_on_the_way_in() {
-        // Held for a tick and three more on its way, 1 kN/m takes 1 kN/m · 3.5 ms · 0.2 m/s · 50 mm = 35 mJ too little in 50 mm.
+        // Held for a tick and three more on its way, 1 kN/m takes 1 kN/m · 3.5 ms · 0.2 m/s · 50 mm
+        // = 35 mJ too little in 50 mm.
         let press = |arm: &ArmParameters| {
             let mut controller = PassivityController::default();
-            let (mut held_j, mut was_active) = (0.0, false);
+            let mut held_j = 0.0;
+            let mut was_active = false;
             for n in 0..=250 {
                 let x_m = -2e-4 * f64::from(n);
                 controller.observe(at(x_m), 3, PERIOD_S);
                 held_j = 0.5 * 1000.0 * x_m * x_m;
-                let damped = controller.damped((push(-1000.0 * x_m), held_j), along(-0.2), arm, &free(), PERIOD_S);
+                let damped = controller.damped(
+                    (push(-1000.0 * x_m), held_j),
+                    along(-0.2),
+                    arm,
+                    &free(),
+                    PERIOD_S,
+                );
                 controller.hold(damped);
                 was_active |= controller.is_active();
             }
@@ -426,9 +504,14 @@ mod tests {
         controller.observe(at(1e-3), 0, PERIOD_S);
         controller.observe(at(2e-3), 0, PERIOD_S);
         let wanted = (push(1.0), 10e-3);
-        assert_eq!(controller.damped(wanted, along(-0.2), &injecting(5.0), &free(), PERIOD_S), push(1.0));
+        assert_eq!(
+            controller.damped(wanted, along(-0.2), &injecting(5.0), &free(), PERIOD_S),
+            push(1.0)
+        );
         assert!(!controller.is_active());
-        assert!(controller.damped(wanted, along(0.2), &injecting(5.0), &free(), PERIOD_S).force.x < 1.0);
+        assert!(
+            controller.damped(wanted, along(0.2), &injecting(5.0), &free(), PERIOD_S).force.x < 1.0
+        );
     }
 
     #[test]
@@ -441,7 +524,10 @@ mod tests {
                 let before_j = controller.energy_j();
                 controller.observe(at(1e-3 * f64::from(n + 1)), delay_ticks, PERIOD_S);
                 let acted_n = (f64::from(n) - f64::from(delay_ticks)).max(0.0);
-                assert!((before_j - controller.energy_j() - 1e-3 * acted_n).abs() < 1e-9, "tick {n}, delay {delay_ticks}");
+                assert!(
+                    (before_j - controller.energy_j() - 1e-3 * acted_n).abs() < 1e-9,
+                    "tick {n}, delay {delay_ticks}"
+                );
             }
         }
     }
@@ -461,14 +547,16 @@ mod tests {
             assert_eq!(controller.energy_j(), energy_j, "what is reported is not forgotten");
             controller.damped((push(1.0), 0.0), along(0.5), &injecting(5.0), &free(), PERIOD_S);
             assert!(controller.is_active(), "{owed}: nothing is left to pay with");
-            let damped = controller.damped((push(1.0), 0.0), along(0.5), &injecting(1e6), &free(), PERIOD_S);
+            let damped =
+                controller.damped((push(1.0), 0.0), along(0.5), &injecting(1e6), &free(), PERIOD_S);
             let taken_j = PERIOD_S * 0.5 * (1.0 - damped.force.x);
             let expected_j = PERIOD_S * 0.5 + if owed { 1e-3 } else { 0.0 };
             assert!((taken_j - expected_j).abs() < 1e-12, "{taken_j} J");
         }
     }
 
-    /// A spring of 1 kN/m that is pressed by a wall that goes to `wall_m`, while the hand is at `hand_m`; gives the controller after that.
+    /// A spring of 1 kN/m that is pressed by a wall that goes to `wall_m`, while the hand is at
+    /// `hand_m`; gives the controller after that.
     fn pushed(steps: impl Iterator<Item = (f64, f64)>) -> PassivityController {
         let mut controller = PassivityController::default();
         let mut last_m = 0.0;
@@ -510,12 +598,15 @@ mod tests {
     fn a_wall_makes_no_credit_beyond_what_the_spring_holds_and_no_debt() {
         // 100 mm against a hand that does not give way, and back again.
         let mut controller = pushed((0..1000).map(|n| (1e-4 * f64::from(n), 0.0)));
-        let damped = controller.damped((push(1.0), 0.0), along(1000.0), &injecting(1e9), &free(), PERIOD_S);
+        let damped =
+            controller.damped((push(1.0), 0.0), along(1000.0), &injecting(1e9), &free(), PERIOD_S);
         let taken_j = PERIOD_S * 1000.0 * (1.0 - damped.force.x);
         assert!((taken_j - (1.0 - SPRING_J)).abs() < 1e-9, "a credit of {} J", 1.0 - taken_j);
-        let mut controller = pushed((0..2000_u32).map(|n| (1e-4 * f64::from(n.min(2000 - n)), 0.0)));
+        let mut controller =
+            pushed((0..2000_u32).map(|n| (1e-4 * f64::from(n.min(2000 - n)), 0.0)));
         controller.damped((push(1e-6), 0.0), along(1e-9), &injecting(5.0), &free(), PERIOD_S);
-        let damped = controller.damped((push(1.0), 0.0), along(1.0), &injecting(1e9), &free(), PERIOD_S);
+        let damped =
+            controller.damped((push(1.0), 0.0), along(1.0), &injecting(1e9), &free(), PERIOD_S);
         assert!(PERIOD_S * (1.0 - damped.force.x) < 2e-3, "a debt without any flow");
         for nan in [f64::NAN, f64::INFINITY] {
             controller.carry(DVec3::X * nan, DVec3::ZERO, 0, SPRING_J);
@@ -527,9 +618,24 @@ mod tests {
     fn what_is_not_finite_passes_through_and_leaves_no_trace() {
         let mut controller = PassivityController::default();
         controller.observe(at(0.0), 0, PERIOD_S);
-        let poisoned = controller.damped((push(f64::NAN), 0.0), along(0.1), &injecting(5.0), &free(), PERIOD_S);
+        let poisoned = controller.damped(
+            (push(f64::NAN), 0.0),
+            along(0.1),
+            &injecting(5.0),
+            &free(),
+            PERIOD_S,
+        );
         assert!(!poisoned.is_finite() && !controller.is_active());
-        assert_eq!(controller.damped((push(1.0), 0.0), along(f64::NAN), &injecting(5.0), &free(), PERIOD_S), push(1.0));
+        assert_eq!(
+            controller.damped(
+                (push(1.0), 0.0),
+                along(f64::NAN),
+                &injecting(5.0),
+                &free(),
+                PERIOD_S
+            ),
+            push(1.0)
+        );
         controller.observe(at(f64::NAN), 0, PERIOD_S);
         assert_eq!(controller.energy_j(), 0.0);
     }

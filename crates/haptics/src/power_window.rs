@@ -1,14 +1,16 @@
 //! The power into the hand, averaged over a window.
 //!
-//! Data in: the energy that the command put into the hand in one tick, counted over what is known exactly (the command that acted, and the
-//! displacement over which it acted). Data out: whether that is too much. The limiter of the output judges each command by the measured
-//! velocity, which is late and coarse; what slips past it shows here.
+//! Data in: the energy that the command put into the hand in one tick, counted over what is known
+//! exactly (the command that acted, and the displacement over which it acted). Data out: whether
+//! that is too much. The limiter of the output judges each command by the measured velocity, which
+//! is late and coarse; what slips past it shows here.
 
 /// Longest window, ticks: 50 ms at 10 kHz and a little more.
 const N_MAX: usize = 512;
 
-/// The limiter already holds the power at its limit by a velocity that is half a window of differentiation old. Its own error is no fault:
-/// only what is further above the limit than this factor is.
+/// The limiter already holds the power at its limit by a velocity that is half a window of
+/// differentiation old. Its own error is no fault: only what is further above the limit than this
+/// factor is.
 const MARGIN: f64 = 1.25;
 
 /// Energy of the last ticks. 4 KiB, no heap.
@@ -27,13 +29,22 @@ impl Default for PowerWindow {
 }
 
 impl PowerWindow {
-    /// Takes the energy of one tick; true when the mean power over the window is above the limit. A window of less than one tick judges
-    /// nothing, nor does a NaN. RT: safe, O(1), and O(window) once per window.
-    pub(super) fn exceeds(&mut self, given_j: f64, limit_w: f64, window_s: f64, period_s: f64) -> bool {
+    /// Takes the energy of one tick; true when the mean power over the window is above the limit. A
+    /// window of less than one tick judges nothing, nor does a NaN. RT: safe, O(1), and O(window)
+    /// once per window.
+    pub(super) fn exceeds(
+        &mut self,
+        given_j: f64,
+        limit_w: f64,
+        window_s: f64,
+        period_s: f64,
+    ) -> bool {
         let n_ticks = ((window_s / period_s).round() as usize).min(N_MAX);
         let given_j = if given_j.is_finite() { given_j } else { 0.0 };
         self.next = if self.next + 1 < n_ticks { self.next + 1 } else { 0 };
-        let Some(slot) = self.given_j.get_mut(self.next).filter(|_| n_ticks > 0) else { return false };
+        let Some(slot) = self.given_j.get_mut(self.next).filter(|_| n_ticks > 0) else {
+            return false;
+        };
         self.sum_j += given_j - core::mem::replace(slot, given_j);
         if self.next == 0 {
             // Rounding does not add up.
@@ -67,17 +78,28 @@ mod tests {
         assert!(!window.exceeds(0.3, 5.0, 0.05, 1e-3));
         assert!(!(0..1000).any(|_| window.exceeds(0.0, 5.0, 0.05, 1e-3)));
         // What comes back is subtracted; after a window everything is forgotten.
-        assert!(!(0..1000).any(|n| window.exceeds(if n % 2 == 0 { 0.1 } else { -0.1 }, 5.0, 0.05, 1e-3)));
+        assert!(!(0..1000).any(|n| window.exceeds(
+            if n % 2 == 0 { 0.1 } else { -0.1 },
+            5.0,
+            0.05,
+            1e-3
+        )));
         assert!((0..60).any(|_| window.exceeds(6.3e-3, 5.0, 0.05, 1e-3)));
     }
 
     #[test]
     fn nothing_is_judged_without_a_window_a_limit_or_a_number() {
-        for (given_j, limit_w, window_s) in
-            [(1.0, 5.0, 0.0), (1.0, f64::INFINITY, 0.05), (f64::NAN, 5.0, 0.05), (1.0, 5.0, f64::NAN)]
-        {
+        for (given_j, limit_w, window_s) in [
+            (1.0, 5.0, 0.0),
+            (1.0, f64::INFINITY, 0.05),
+            (f64::NAN, 5.0, 0.05),
+            (1.0, 5.0, f64::NAN),
+        ] {
             let mut window = PowerWindow::default();
-            assert!(!(0..1000).any(|_| window.exceeds(given_j, limit_w, window_s, 1e-3)), "{given_j} {limit_w} {window_s}");
+            assert!(
+                !(0..1000).any(|_| window.exceeds(given_j, limit_w, window_s, 1e-3)),
+                "{given_j} {limit_w} {window_s}"
+            );
         }
         // Longer than the ring: as long as the ring.
         let mut window = PowerWindow::default();

@@ -1,17 +1,20 @@
 //! Static coupling: a virtual tool without mass, at the pose where coupling and contact balance.
 //!
-//! Data in: contact wrench and stiffness at the present pose, the coupling spring. Data out: the step to the next pose. No velocity, no
-//! inertia: nothing is felt but spring and contact.
+//! Data in: contact wrench and stiffness at the present pose, the coupling spring. Data out: the
+//! step to the next pose. No velocity, no inertia: nothing is felt but spring and contact.
 //!
-//! One Newton step per tick on W_spring(x) + W_contact(x) = 0. The matrix K_spring + K_contact is positive definite by itself (the
-//! secant stiffness of the spring is above zero in all six axes, the Gauss-Newton contact stiffness is not below), so it is solved in
-//! free space and on one flat contact like everywhere else.
+//! One Newton step per tick on W_spring(x) + W_contact(x) = 0. The matrix K_spring + K_contact is
+//! positive definite by itself (the secant stiffness of the spring is above zero in all six axes,
+//! the Gauss-Newton contact stiffness is not below), so it is solved in free space and on one flat
+//! contact like everywhere else.
 //!
-//! A plain Newton step is not safe across the edge of contact: outside it knows no wall and steps deep in, inside it knows nothing but
-//! wall and steps far out, for ever. So the stiffness that was met is remembered and halved with every tick ([`MEMORY`]), and added to
-//! what is met now. In steady contact that makes twice the stiffness, so each step takes away half of the residual and the tool settles
-//! from inside; where contact comes and goes the sum does not fall below half of what is really there, which is what a Newton-like step
-//! needs to descend; in free space the memory is gone in a few ticks.
+//! A plain Newton step is not safe across the edge of contact: outside it knows no wall and steps
+//! deep in, inside it knows nothing but wall and steps far out, for ever. So the stiffness that was
+//! met is remembered and halved with every tick ([`MEMORY`]), and added to what is met now. In
+//! steady contact that makes twice the stiffness, so each step takes away half of the residual and
+//! the tool settles from inside; where contact comes and goes the sum does not fall below half of
+//! what is really there, which is what a Newton-like step needs to descend; in free space the
+//! memory is gone in a few ticks.
 //!
 //! # Source
 //! BarbicJames2008 (static virtual coupling); the remembered stiffness is ours.
@@ -41,11 +44,21 @@ impl Default for StaticBalance {
 }
 
 impl StaticBalance {
-    /// Step (m, rad; world) towards the balance of spring, weight and contact. `None` only on non-finite input. RT: safe; one 6×6 LDLᵀ.
-    pub(super) fn step(&mut self, spring: &Spring, weight: DVec3, contact: Wrench, stiffness: &Mat6) -> Option<(DVec3, DVec3)> {
-        self.remembered = Mat6::ZERO.plus_scaled(MEMORY, &self.remembered.plus_scaled(1.0, stiffness));
+    /// Step (m, rad; world) towards the balance of spring, weight and contact. `None` only on
+    /// non-finite input. RT: safe; one 6×6 LDLᵀ.
+    pub(super) fn step(
+        &mut self,
+        spring: &Spring,
+        weight: DVec3,
+        contact: Wrench,
+        stiffness: &Mat6,
+    ) -> Option<(DVec3, DVec3)> {
+        self.remembered =
+            Mat6::ZERO.plus_scaled(MEMORY, &self.remembered.plus_scaled(1.0, stiffness));
         let (along, about) = self.remembered.traces();
-        if along <= FORGOTTEN * spring.stiffness_n_per_m && about <= FORGOTTEN * spring.stiffness_nm_per_rad {
+        if along <= FORGOTTEN * spring.stiffness_n_per_m
+            && about <= FORGOTTEN * spring.stiffness_nm_per_rad
+        {
             self.remembered = Mat6::ZERO;
         }
         let identity = DMat3::IDENTITY;
@@ -61,7 +74,13 @@ impl StaticBalance {
 }
 
 #[cfg(test)]
-#[expect(clippy::disallowed_types, clippy::disallowed_macros, clippy::indexing_slicing, clippy::expect_used, reason = "test code")]
+#[expect(
+    clippy::disallowed_types,
+    clippy::disallowed_macros,
+    clippy::indexing_slicing,
+    clippy::expect_used,
+    reason = "test code"
+)]
 mod tests {
     use super::*;
     use crate::filter::entry_weight;
@@ -81,17 +100,24 @@ mod tests {
 
     impl Penalty {
         fn at(&self, body: Pose) -> (Wrench, Mat6) {
-            let (mut wrench, mut stiffness) = (Wrench::ZERO, Mat6::ZERO);
+            let mut wrench = Wrench::ZERO;
+            let mut stiffness = Mat6::ZERO;
             let edge = [-5.0, -2.5, 0.0, 2.5, 5.0];
             for (x, y, z) in (0..125).map(|n| (edge[n % 5], edge[n / 5 % 5], edge[n / 25])) {
                 let arm = body.rotation * (DVec3::new(x, y, z) * 1e-3);
                 for (normal, offset_m) in &self.walls {
                     let depth_m = offset_m - normal.dot(body.translation + arm);
                     if depth_m > 0.0 {
-                        let (weight, slope) = if self.spatial { entry_weight(depth_m, VOXEL_M) } else { (1.0, 0.0) };
-                        let (force, moment) = (*normal * (self.stiffness_n_per_m * depth_m * weight), arm.cross(*normal));
+                        let (weight, slope) =
+                            if self.spatial { entry_weight(depth_m, VOXEL_M) } else { (1.0, 0.0) };
+                        let force = *normal * (self.stiffness_n_per_m * depth_m * weight);
+                        let moment = arm.cross(*normal);
                         wrench = wrench + Wrench::new(force, arm.cross(force));
-                        stiffness.add_outer(self.stiffness_n_per_m * (weight + depth_m * slope), *normal, moment);
+                        stiffness.add_outer(
+                            self.stiffness_n_per_m * (weight + depth_m * slope),
+                            *normal,
+                            moment,
+                        );
                     }
                 }
             }
@@ -104,7 +130,8 @@ mod tests {
         wrench.force.length() + wrench.torque.length() / RADIUS_M
     }
 
-    /// Residuals of W_spring + W_contact, tick by tick, with the clamps of the tick, and the pose at the end.
+    /// Residuals of W_spring + W_contact, tick by tick, with the clamps of the tick, and the pose
+    /// at the end.
     fn settle(penalty: &Penalty, target: Pose, n_ticks: usize) -> (Vec<f64>, Pose) {
         let limits = LimitParameters { force_n: 12.0, torque_nm: 0.2, ..parameters().limits };
         let coupling = parameters().coupling;
@@ -115,7 +142,8 @@ mod tests {
             let (contact, stiffness) = penalty.at(body);
             let spring = Spring::between(body, target, &coupling, &limits, VOXEL_M, RADIUS_M);
             residuals.push(size(spring.wrench + contact));
-            let (linear, angular) = balance.step(&spring, DVec3::ZERO, contact, &stiffness).expect("positive definite");
+            let (linear, angular) =
+                balance.step(&spring, DVec3::ZERO, contact, &stiffness).expect("positive definite");
             let step_m = linear.length() + angular.length() * RADIUS_M;
             let share = (0.5 * VOXEL_M / step_m).min(1.0);
             body = body.stepped(linear * share, angular * share);
@@ -130,7 +158,10 @@ mod tests {
     /// The static half of acceptance test 18.
     #[test]
     fn acceptance_18_the_residual_of_the_static_balance_decreases_over_ticks() {
-        let tilted = Pose::new(glam::DQuat::from_scaled_axis(DVec3::new(0.05, 0.02, 0.1)), DVec3::new(1e-3, 2e-3, 4e-3));
+        let tilted = Pose::new(
+            glam::DQuat::from_scaled_axis(DVec3::new(0.05, 0.02, 0.1)),
+            DVec3::new(1e-3, 2e-3, 4e-3),
+        );
         let corner = vec![floor(), (DVec3::NEG_X, -5e-3), (DVec3::NEG_Y, -5e-3)];
         let slot = vec![floor(), (DVec3::NEG_X, -5e-3), (DVec3::X, -4.9e-3)];
         for (what, walls) in [("plane", vec![floor()]), ("corner", corner), ("slot", slot)] {
@@ -141,15 +172,20 @@ mod tests {
                     let what = format!("{what}, {stiffness_n_per_m} N/m, entry weight {spatial}");
                     // What rounding of a pose leaves is stiffness times 1e-17 m or so.
                     let rounding_n = 1e-9 + 1e-14 * stiffness_n_per_m;
-                    let (end, half) = (residuals.last().copied().expect("ticks"), residuals.get(100).copied().expect("ticks"));
+                    let end = residuals.last().copied().expect("ticks");
+                    let half = residuals.get(100).copied().expect("ticks");
                     assert!(
                         end <= rounding_n.max(1e-6 * residuals.first().expect("ticks")),
                         "{what}: {end} N left, {half} N halfway"
                     );
-                    // After the way to the wall and the turn onto it, every tenth tick is better than the one before.
+                    // After the way to the wall and the turn onto it, every tenth tick is better
+                    // than the one before.
                     for (n, pair) in residuals.windows(11).enumerate().skip(60) {
                         let [before, .., after] = pair else { unreachable!("eleven") };
-                        assert!(after <= before || *after <= rounding_n, "{what}: {before} N, ten ticks later {after} N, tick {n}");
+                        assert!(
+                            after <= before || *after <= rounding_n,
+                            "{what}: {before} N, ten ticks later {after} N, tick {n}"
+                        );
                     }
                 }
             }
@@ -159,8 +195,15 @@ mod tests {
     #[test]
     fn in_free_space_it_is_at_the_target_as_soon_as_the_clamp_lets_it() {
         let target = Pose::new(glam::DQuat::from_rotation_x(0.1), DVec3::new(1e-3, 0.0, 8e-3));
-        let (residuals, body) = settle(&Penalty { walls: Vec::new(), stiffness_n_per_m: 1.0, spatial: true }, target, 30);
-        assert!((body.translation - target.translation).length() < 1e-12 && body.rotation_to(target).length() < 1e-9);
+        let (residuals, body) = settle(
+            &Penalty { walls: Vec::new(), stiffness_n_per_m: 1.0, spatial: true },
+            target,
+            30,
+        );
+        assert!(
+            (body.translation - target.translation).length() < 1e-12
+                && body.rotation_to(target).length() < 1e-9
+        );
         assert!(residuals.last().is_some_and(|residual| *residual < 1e-9));
     }
 
@@ -168,7 +211,14 @@ mod tests {
     fn a_contact_that_is_left_is_forgotten() {
         let spring = |x_m: f64| {
             let p = parameters();
-            Spring::between(Pose::from_translation(DVec3::X * x_m), Pose::IDENTITY, &p.coupling, &p.limits, VOXEL_M, RADIUS_M)
+            Spring::between(
+                Pose::from_translation(DVec3::X * x_m),
+                Pose::IDENTITY,
+                &p.coupling,
+                &p.limits,
+                VOXEL_M,
+                RADIUS_M,
+            )
         };
         let mut balance = StaticBalance::default();
         let mut stiff = Mat6::ZERO;
@@ -176,7 +226,8 @@ mod tests {
         balance.step(&spring(1e-4), DVec3::ZERO, Wrench::ZERO, &stiff).expect("finite");
         let mut x_m = 1e-4;
         for _ in 0..20 {
-            let (linear, _) = balance.step(&spring(x_m), DVec3::ZERO, Wrench::ZERO, &Mat6::ZERO).expect("finite");
+            let (linear, _) =
+                balance.step(&spring(x_m), DVec3::ZERO, Wrench::ZERO, &Mat6::ZERO).expect("finite");
             x_m += linear.x;
         }
         assert!(x_m.abs() < 1e-6, "{x_m} m from the target 20 ticks after the contact");

@@ -1,24 +1,29 @@
 //! Sample check: may this sample of the arm be rendered?
 //!
-//! Data in: one device sample per tick. Data out: faults, and whether the wrench has to ramp down because samples are late.
+//! Data in: one device sample per tick. Data out: faults, and whether the wrench has to ramp down
+//! because samples are late.
 
 use super::packets::{GarbledPackets, LinkState};
 use super::stuck::StuckWatch;
 use super::{Faults, LimitParameters, OffCause, SafetyParameters};
 use vps::spatial::{DeviceSample, Pose, SampleStatus};
 
-/// A pose may move this many times further between two samples than the speed limit allows. Below the fault for speed lies
-/// measurement noise: one late or early sample, or two counts of an encoder, look like several times the true speed.
+/// A pose may move this many times further between two samples than the speed limit allows. Below
+/// the fault for speed lies measurement noise: one late or early sample, or two counts of an
+/// encoder, look like several times the true speed.
 const JUMP_SPEEDS: f64 = 5.0;
 
-/// A move of up to this many metres is never a jump: slow limits would otherwise fault on the resolution of a coarse arm.
+/// A move of up to this many metres is never a jump: slow limits would otherwise fault on the
+/// resolution of a coarse arm.
 const JUMP_FLOOR_M: f64 = 5e-3;
 
-/// A turn of more than this many radians per tick is a jump: 500 rad/s at 1 kHz, some twenty times what a wrist does, and far less than
-/// the half turn that a flipped frame or a wrong axis order makes. There is no limit of angular speed to derive it from.
+/// A turn of more than this many radians per tick is a jump: 500 rad/s at 1 kHz, some twenty times
+/// what a wrist does, and far less than the half turn that a flipped frame or a wrong axis order
+/// makes. There is no limit of angular speed to derive it from.
 pub(super) const MOST_TURN_RAD: f64 = 0.5;
 
-/// A quaternion whose squared length is further from 1 is not a rotation; `f32` on the wire stays within 1e-6.
+/// A quaternion whose squared length is further from 1 is not a rotation; `f32` on the wire stays
+/// within 1e-6.
 const NORM_TOLERANCE: f64 = 1e-3;
 
 /// What the check makes of one sample.
@@ -60,10 +65,12 @@ impl SampleMonitor {
     /// | more than 10 | `PROTOCOL` |
     /// | the arm reports an error | `DEVICE_ERROR` |
     ///
-    /// Garbled packets are those of this read and count whatever the status is; lost ones count with the fresh sample that shows the gap.
+    /// Garbled packets are those of this read and count whatever the status is; lost ones count
+    /// with the fresh sample that shows the gap.
     ///
-    /// Whether a fault becomes active (the drive may be disabled) is the caller's decision. After a jump the new pose is the one to
-    /// compare with, so the operator can enable again where the arm is. RT: safe, total on every bit pattern.
+    /// Whether a fault becomes active (the drive may be disabled) is the caller's decision. After a
+    /// jump the new pose is the one to compare with, so the operator can enable again where the arm
+    /// is. RT: safe, total on every bit pattern.
     pub(super) fn check(
         &mut self,
         sample: &DeviceSample,
@@ -83,7 +90,9 @@ impl SampleMonitor {
         let sound = is_sound(sample);
         if !sound {
             faults |= Faults::NON_FINITE;
-        } else if sample.twist.linear.length() > limits.speed_m_per_s || sample.twist.angular.length() * period_s > MOST_TURN_RAD {
+        } else if sample.twist.linear.length() > limits.speed_m_per_s
+            || sample.twist.angular.length() * period_s > MOST_TURN_RAD
+        {
             faults |= Faults::SPEED;
         }
         if sample.device_error != 0 {
@@ -105,7 +114,13 @@ impl SampleMonitor {
             }
             let mut stuck_ticks = 0;
             if sound && let Some(previous) = self.previous.replace(sample.pose) {
-                stuck_ticks = self.stuck.fresh(previous, sample.pose, n_ticks, safety.stuck_move_m, safety.stuck_turn_rad);
+                stuck_ticks = self.stuck.fresh(
+                    previous,
+                    sample.pose,
+                    n_ticks,
+                    safety.stuck_move_m,
+                    safety.stuck_turn_rad,
+                );
                 if is_jump(previous, sample.pose, n_ticks, limits, period_s) {
                     faults |= Faults::POSITION_JUMP;
                 }
@@ -135,13 +150,23 @@ impl SampleMonitor {
 fn is_sound(sample: &DeviceSample) -> bool {
     let norm_error = sample.pose.rotation.length_squared() - 1.0;
     // Written so that a NaN is refused as well.
-    sample.pose.is_finite() && sample.twist.is_finite() && sample.grip_rad.is_finite() && norm_error.abs() <= NORM_TOLERANCE
+    sample.pose.is_finite()
+        && sample.twist.is_finite()
+        && sample.grip_rad.is_finite()
+        && norm_error.abs() <= NORM_TOLERANCE
 }
 
-fn is_jump(previous: Pose, pose: Pose, n_ticks: f64, limits: &LimitParameters, period_s: f64) -> bool {
+fn is_jump(
+    previous: Pose,
+    pose: Pose,
+    n_ticks: f64,
+    limits: &LimitParameters,
+    period_s: f64,
+) -> bool {
     let moved_m = (pose.translation - previous.translation).length();
     let allowed_m = n_ticks * (JUMP_SPEEDS * limits.speed_m_per_s * period_s).max(JUMP_FLOOR_M);
-    // cos of half the turn; q and −q are the same rotation. Normalised, as each of them may be off by the tolerance.
+    // cos of half the turn; q and −q are the same rotation. Normalised, as each of them may be off
+    // by the tolerance.
     let norms = (previous.rotation.length_squared() * pose.rotation.length_squared()).sqrt();
     let half_turn_cos = previous.rotation.dot(pose.rotation).abs() / norms;
     let allowed_half_turn_rad = (0.5 * n_ticks * MOST_TURN_RAD).min(core::f64::consts::FRAC_PI_2);
@@ -174,11 +199,19 @@ mod tests {
     }
 
     fn fresh(x_m: f64) -> DeviceSample {
-        DeviceSample { pose: Pose::from_translation(DVec3::X * x_m), status: SampleStatus::Fresh, ..DeviceSample::default() }
+        DeviceSample {
+            pose: Pose::from_translation(DVec3::X * x_m),
+            status: SampleStatus::Fresh,
+            ..DeviceSample::default()
+        }
     }
 
     fn safety() -> SafetyParameters {
-        SafetyParameters { stuck_move_m: 1.2e-4, stuck_turn_rad: 0.018, ..SafetyParameters::default() }
+        SafetyParameters {
+            stuck_move_m: 1.2e-4,
+            stuck_turn_rad: 0.018,
+            ..SafetyParameters::default()
+        }
     }
 
     fn check(monitor: &mut SampleMonitor, sample: &DeviceSample) -> SampleCheck {
@@ -233,11 +266,15 @@ mod tests {
         assert_eq!(faults_of(&fast), Faults::SPEED);
         assert_eq!(faults_of(&fresh(4.9e-3)), Faults::NONE);
         assert_eq!(faults_of(&fresh(5.1e-3)), Faults::POSITION_JUMP);
-        let turned = |angle_rad| DeviceSample { pose: Pose::new(DQuat::from_rotation_y(angle_rad), DVec3::ZERO), ..fresh(0.0) };
+        let turned = |angle_rad| DeviceSample {
+            pose: Pose::new(DQuat::from_rotation_y(angle_rad), DVec3::ZERO),
+            ..fresh(0.0)
+        };
         assert_eq!(faults_of(&turned(0.49)), Faults::NONE);
         assert_eq!(faults_of(&turned(0.51)), Faults::POSITION_JUMP);
         assert_eq!(faults_of(&turned(core::f64::consts::PI)), Faults::POSITION_JUMP);
-        // The first sample has nothing to jump from, and after a jump the new place is the reference.
+        // The first sample has nothing to jump from, and after a jump the new place is the
+        // reference.
         let mut monitor = SampleMonitor::default();
         assert_eq!(check(&mut monitor, &fresh(3.0)).faults, Faults::NONE);
         assert_eq!(check(&mut monitor, &fresh(0.0)).faults, Faults::POSITION_JUMP);
@@ -263,7 +300,10 @@ mod tests {
         for tick_idx in 1..=25 {
             let check = check(&mut monitor, &stale);
             assert_eq!(check.stale_ticks, tick_idx);
-            assert_eq!(check.ramp_down, if tick_idx > 3 { OffCause::Stale } else { OffCause::None });
+            assert_eq!(
+                check.ramp_down,
+                if tick_idx > 3 { OffCause::Stale } else { OffCause::None }
+            );
             assert_eq!(check.faults, if tick_idx > 20 { Faults::STALE } else { Faults::NONE });
         }
         assert_eq!(check(&mut monitor, &fresh(0.0)), SampleCheck::default());
@@ -294,7 +334,10 @@ mod tests {
             // Over a gap of n samples an arm may go n + 1 times as far.
             let x_m = 4.9e-3 * (f64::from(lost_packets) + 1.0);
             let found = check(&mut monitor, &DeviceSample { lost_packets, ..fresh(x_m) });
-            assert_eq!(found, SampleCheck { faults, ramp_down, stale_ticks: u32::from(lost_packets) });
+            assert_eq!(
+                found,
+                SampleCheck { faults, ramp_down, stale_ticks: u32::from(lost_packets) }
+            );
             assert_eq!(check(&mut monitor, &fresh(x_m)), SampleCheck::default());
             // A late sample repeats what was said before.
             let late = DeviceSample { lost_packets, status: SampleStatus::Stale, ..fresh(x_m) };
@@ -307,7 +350,8 @@ mod tests {
         for status in [SampleStatus::Fresh, SampleStatus::Stale] {
             let mut monitor = SampleMonitor::default();
             for n in 1..=11 {
-                let found = check(&mut monitor, &DeviceSample { corrupt_packets: 1, status, ..fresh(0.0) });
+                let found =
+                    check(&mut monitor, &DeviceSample { corrupt_packets: 1, status, ..fresh(0.0) });
                 assert_eq!(found.faults.contains(Faults::PROTOCOL), n == 11, "{n}");
                 assert_eq!(found.ramp_down != OffCause::None, n > 5, "{n}");
                 check(&mut monitor, &fresh(0.0));
@@ -317,8 +361,14 @@ mod tests {
 
     #[test]
     fn an_error_of_the_arm_is_a_fault_as_long_as_it_lasts() {
-        assert_eq!(faults_of(&DeviceSample { device_error: 3, ..fresh(0.0) }), Faults::DEVICE_ERROR);
-        assert_eq!(faults_of(&DeviceSample { device_error: 3, status: SampleStatus::Stale, ..fresh(0.0) }), Faults::DEVICE_ERROR);
+        assert_eq!(
+            faults_of(&DeviceSample { device_error: 3, ..fresh(0.0) }),
+            Faults::DEVICE_ERROR
+        );
+        assert_eq!(
+            faults_of(&DeviceSample { device_error: 3, status: SampleStatus::Stale, ..fresh(0.0) }),
+            Faults::DEVICE_ERROR
+        );
     }
 
     #[test]

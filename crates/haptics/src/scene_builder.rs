@@ -1,7 +1,9 @@
-//! A scene from typed values: what the program fills from TOML and its bake cache, and others from code.
+//! A scene from typed values: what the program fills from TOML and its bake cache, and others from
+//! code.
 //!
-//! Data in: [`Parameters`], parts to bake (or baked ones), a tool, perhaps clay. Data out: one immutable [`RenderScene`] and a report on each
-//! object, the tool last. Units and frames: SI; poses are `world_from_map`, where the map frame is that of the mesh.
+//! Data in: [`Parameters`], parts to bake (or baked ones), a tool, perhaps clay. Data out: one
+//! immutable [`RenderScene`] and a report on each object, the tool last. Units and frames: SI;
+//! poses are `world_from_map`, where the map frame is that of the mesh.
 //!
 //! Cost: baking, see [`vps::part`]. Cold: runs before the first tick.
 #![expect(clippy::disallowed_types, reason = "cold: all of it runs before the first tick")]
@@ -37,7 +39,13 @@ pub struct ToolOptions {
 impl ToolOptions {
     /// So heavy, with the centre of mass and the inertia of the mesh.
     pub fn new(mass_kg: f64) -> Self {
-        Self { mass_kg, center_of_mass_m: None, inertia_kg_m2: None, points: Points::default(), knows_edges: true }
+        Self {
+            mass_kg,
+            center_of_mass_m: None,
+            inertia_kg_m2: None,
+            points: Points::default(),
+            knows_edges: true,
+        }
     }
 }
 
@@ -50,8 +58,8 @@ pub struct SceneBuilder {
     reports: Vec<ObjectReport>,
 }
 
-/// A radius of gyration that no real tool falls below, as a share of its size: keeps the rotational step well-conditioned for
-/// needles, whose moment about their own axis is next to nothing.
+/// A radius of gyration that no real tool falls below, as a share of its size: keeps the rotational
+/// step well-conditioned for needles, whose moment about their own axis is next to nothing.
 const GYRATION_SHARE: f64 = 0.05;
 
 impl SceneBuilder {
@@ -69,13 +77,19 @@ impl SceneBuilder {
     ///
     /// # Errors
     /// A grid that is too large.
-    pub fn add_part(&mut self, part: &Part, options: &Options, world_from_map: Pose) -> Result<(), PartError> {
+    pub fn add_part(
+        &mut self,
+        part: &Part,
+        options: &Options,
+        world_from_map: Pose,
+    ) -> Result<(), PartError> {
         let (field, report) = part.bake_field(options, self.needs_gradients(), |_| ())?;
         self.add_baked_part(field, report, world_from_map);
         Ok(())
     }
 
-    /// Adds a part that is baked, with gradients where the scene [needs them](Self::needs_gradients).
+    /// Adds a part that is baked, with gradients where the scene [needs
+    /// them](Self::needs_gradients).
     pub fn add_baked_part(&mut self, field: Field, report: ObjectReport, world_from_map: Pose) {
         self.obstacles.push(Obstacle { field, world_from_map });
         self.reports.push(report);
@@ -96,11 +110,13 @@ impl SceneBuilder {
         options: &Options,
         tool_options: &ToolOptions,
     ) -> Result<(RenderScene, Vec<ObjectReport>), PartError> {
-        let (shell, mass, report) = tool.bake_shell(options, tool_options.points, tool_options.center_of_mass_m, |_| ())?;
+        let (shell, mass, report) =
+            tool.bake_shell(options, tool_options.points, tool_options.center_of_mass_m, |_| ())?;
         Ok(self.finish_baked(shell, &mass, report, tool_options))
     }
 
-    /// Completes the scene with a tool that is baked, about the centre of mass that the options name.
+    /// Completes the scene with a tool that is baked, about the centre of mass that the options
+    /// name.
     pub fn finish_baked(
         self,
         shell: Shell,
@@ -119,22 +135,32 @@ impl SceneBuilder {
 }
 
 /// The tool's inertia: as configured, or from the mesh about the configured centre of mass.
-fn inertia(tool: &ToolOptions, mass: &MassProperties, radius_m: f64, center_of_mass_tool: DVec3) -> Inertia {
+fn inertia(
+    tool: &ToolOptions,
+    mass: &MassProperties,
+    radius_m: f64,
+    center_of_mass_tool: DVec3,
+) -> Inertia {
     let shift = mass.center_m - center_of_mass_tool;
     // Parallel axes, for a centre of mass that is not the mesh's own.
     let outer = DMat3::from_cols(shift * shift.x, shift * shift.y, shift * shift.z);
     let about_center = mass.inertia_per_mass + DMat3::IDENTITY * shift.length_squared() - outer;
     let floor = (GYRATION_SHARE * radius_m).powi(2);
-    let body_kg_m2 = tool.inertia_kg_m2.unwrap_or((about_center + DMat3::IDENTITY * floor) * tool.mass_kg);
+    let body_kg_m2 =
+        tool.inertia_kg_m2.unwrap_or((about_center + DMat3::IDENTITY * floor) * tool.mass_kg);
     Inertia { mass_kg: tool.mass_kg, body_kg_m2, least_kg_m2: least_eigenvalue(body_kg_m2) }
 }
 
-/// Smallest eigenvalue of a symmetric matrix, by the trigonometric solution of its characteristic cubic.
+/// Smallest eigenvalue of a symmetric matrix, by the trigonometric solution of its characteristic
+/// cubic.
 fn least_eigenvalue(matrix: DMat3) -> f64 {
     let mean = (matrix.x_axis.x + matrix.y_axis.y + matrix.z_axis.z) / 3.0;
     let deviator = matrix - DMat3::IDENTITY * mean;
-    let spread =
-        ((deviator.x_axis.length_squared() + deviator.y_axis.length_squared() + deviator.z_axis.length_squared()) / 6.0).sqrt();
+    let spread = ((deviator.x_axis.length_squared()
+        + deviator.y_axis.length_squared()
+        + deviator.z_axis.length_squared())
+        / 6.0)
+        .sqrt();
     if spread <= f64::EPSILON * mean {
         return mean;
     }
@@ -150,11 +176,17 @@ mod tests {
 
     #[test]
     fn the_least_principal_moment_does_not_depend_on_the_axes() {
-        for moments in [DVec3::new(8.3e-7, 8.4e-5, 8.4e-5), DVec3::new(3e-6, 1e-6, 2e-6), DVec3::splat(1e-5)] {
+        for moments in
+            [DVec3::new(8.3e-7, 8.4e-5, 8.4e-5), DVec3::new(3e-6, 1e-6, 2e-6), DVec3::splat(1e-5)]
+        {
             for turn in [DVec3::ZERO, DVec3::new(0.3, -1.2, 0.7), DVec3::new(2.0, 0.1, -0.4)] {
                 let axes = DMat3::from_quat(DQuat::from_scaled_axis(turn));
-                let least = least_eigenvalue(axes * DMat3::from_diagonal(moments) * axes.transpose());
-                assert!((least / moments.min_element() - 1.0).abs() < 1e-9, "{moments} turned by {turn}: {least}");
+                let least =
+                    least_eigenvalue(axes * DMat3::from_diagonal(moments) * axes.transpose());
+                assert!(
+                    (least / moments.min_element() - 1.0).abs() < 1e-9,
+                    "{moments} turned by {turn}: {least}"
+                );
             }
         }
     }

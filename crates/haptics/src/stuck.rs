@@ -1,31 +1,37 @@
-//! Samples that repeat one pose although the arm was moving: encoders that hang while the counter runs on.
+//! Samples that repeat one pose although the arm was moving: encoders that hang while the counter
+//! runs on.
 //!
-//! A hand that rests repeats a pose as well, and so does an arm that is slower than a step of its encoder per tick. What neither does is to
-//! stand still from one tick to the next: that takes more than an arm and a hand can do. So a pose that repeats is suspicious only when each
-//! of the three intervals before it showed a move of at least [`least_move_m`] along one axis, or a turn of at least
-//! [`least_turn_rad`].
+//! A hand that rests repeats a pose as well, and so does an arm that is slower than a step of its
+//! encoder per tick. What neither does is to stand still from one tick to the next: that takes more
+//! than an arm and a hand can do. So a pose that repeats is suspicious only when each of the three
+//! intervals before it showed a move of at least [`least_move_m`] along one axis, or a turn of at
+//! least [`least_turn_rad`].
 //!
-//! With T the tick, e the encoder's step and a the strongest deceleration: a move measured as d was truly d − e or more, so at its end the
-//! speed was (d − e)/T − a T/2 or more, and from there it takes v²/(2a) to stand still. The pose can repeat only when that is less than e:
+//! With T the tick, e the encoder's step and a the strongest deceleration: a move measured as d was
+//! truly d − e or more, so at its end the speed was (d − e)/T − a T/2 or more, and from there it
+//! takes v²/(2a) to stand still. The pose can repeat only when that is less than e:
 //!
 //! ```text
 //! d > e + a T²/2 + T √(2 a e)
 //! ```
 //!
-//! is never followed by a natural stop within one step of the encoder. What is no natural stop is a blow against a hard end of the arm's
-//! travel, held there for 20 ms.
+//! is never followed by a natural stop within one step of the encoder. What is no natural stop is a
+//! blow against a hard end of the arm's travel, held there for 20 ms.
 //!
-//! Not seen: one encoder of several that hangs (the pose still changes), and anything below that speed.
+//! Not seen: one encoder of several that hangs (the pose still changes), and anything below that
+//! speed.
 
 use vps::spatial::Pose;
 
 /// Repeats before they count: a report that comes late is repeated by some arms.
 const REPEATS_MIN: u32 = 5;
 
-/// Intervals that must have shown the motion: one alone may be a jump, or a late report after a gap.
+/// Intervals that must have shown the motion: one alone may be a jump, or a late report after a
+/// gap.
 const MOVING_TICKS: u32 = 3;
 
-/// Strongest deceleration of an arm in a hand, m/s²: more than twice the motors' of any shipped profile with the lightest hand.
+/// Strongest deceleration of an arm in a hand, m/s²: more than twice the motors' of any shipped
+/// profile with the lightest hand.
 const STRONGEST_M_PER_S2: f64 = 100.0;
 /// The same of a turn, rad/s²: a wrist that stops 25 rad/s within a hundredth of a second.
 const STRONGEST_RAD_PER_S2: f64 = 2500.0;
@@ -34,7 +40,8 @@ const SLOWEST_M_PER_S: f64 = 0.1;
 const SLOWEST_RAD_PER_S: f64 = 1.0;
 const LEAST_STEPS: f64 = 3.0;
 
-/// Smallest move per tick out of which a pose that repeats is suspicious, m; of an arm with this encoder.
+/// Smallest move per tick out of which a pose that repeats is suspicious, m; of an arm with this
+/// encoder.
 pub fn least_move_m(step_m: f64, period_s: f64) -> f64 {
     least(step_m, period_s, SLOWEST_M_PER_S, STRONGEST_M_PER_S2)
 }
@@ -45,7 +52,8 @@ pub fn least_turn_rad(step_rad: f64, period_s: f64) -> f64 {
 }
 
 fn least(step: f64, period_s: f64, slowest: f64, strongest: f64) -> f64 {
-    let unnatural = step + 0.5 * strongest * period_s * period_s + period_s * (2.0 * strongest * step).sqrt();
+    let unnatural =
+        step + 0.5 * strongest * period_s * period_s + period_s * (2.0 * strongest * step).sqrt();
     (slowest * period_s).max(LEAST_STEPS * step).max(unnatural)
 }
 
@@ -59,9 +67,17 @@ pub(super) struct StuckWatch {
 }
 
 impl StuckWatch {
-    /// Takes a fresh pose, `n_ticks` after `previous`; returns for how many ticks the samples have been worthless, 0 for sound ones. They
-    /// count from the first repeat once there are five. RT: safe, total.
-    pub(super) fn fresh(&mut self, previous: Pose, pose: Pose, n_ticks: f64, move_m: f64, turn_rad: f64) -> u32 {
+    /// Takes a fresh pose, `n_ticks` after `previous`; returns for how many ticks the samples have
+    /// been worthless, 0 for sound ones. They count from the first repeat once there are five. RT:
+    /// safe, total.
+    pub(super) fn fresh(
+        &mut self,
+        previous: Pose,
+        pose: Pose,
+        n_ticks: f64,
+        move_m: f64,
+        turn_rad: f64,
+    ) -> u32 {
         if bits(previous) == bits(pose) {
             if self.repeats == 0 {
                 self.is_suspicious = self.moving_ticks >= MOVING_TICKS;
@@ -132,10 +148,20 @@ mod tests {
         let (move_m, turn_rad) = thresholds(4e-5, 6e-3, T);
         let mut watch = StuckWatch::default();
         for n in 0..10 {
-            assert_eq!(watch.fresh(at(2e-4 * f64::from(n)), at(2e-4 * f64::from(n + 1)), 1.0, move_m, turn_rad), 0);
+            assert_eq!(
+                watch.fresh(
+                    at(2e-4 * f64::from(n)),
+                    at(2e-4 * f64::from(n + 1)),
+                    1.0,
+                    move_m,
+                    turn_rad
+                ),
+                0
+            );
         }
         let frozen = at(2e-3);
-        let counts: Vec<u32> = (0..8).map(|_| watch.fresh(frozen, frozen, 1.0, move_m, turn_rad)).collect();
+        let counts: Vec<u32> =
+            (0..8).map(|_| watch.fresh(frozen, frozen, 1.0, move_m, turn_rad)).collect();
         assert_eq!(counts, [0, 0, 0, 0, 5, 6, 7, 8]);
         assert_eq!(watch.stale(), 9);
         assert_eq!(watch.fresh(frozen, at(2.04e-3), 1.0, move_m, turn_rad), 0);
@@ -151,7 +177,10 @@ mod tests {
         // A single leap, as of a test that puts the arm somewhere.
         assert_eq!(worst([at(0.0), at(4e-3)].into_iter().chain([at(4e-3); 100]), thresholds), 0);
         // 0.1 m/s is below three steps of 0.04 mm per tick.
-        assert_eq!(worst((0..50).map(|n| at(1e-4 * f64::from(n))).chain([at(4.9e-3); 100]), thresholds), 0);
+        assert_eq!(
+            worst((0..50).map(|n| at(1e-4 * f64::from(n))).chain([at(4.9e-3); 100]), thresholds),
+            0
+        );
         // Reports at half the rate repeat each pose once.
         assert_eq!(worst((0..200).map(|n| at(4e-4 * f64::from(n / 2))), thresholds), 0);
     }
@@ -159,7 +188,8 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(2000))]
 
-        /// Along any direction, from any speed, with any deceleration that a motor and a hand can bring about, at any step of the encoder.
+        /// Along any direction, from any speed, with any deceleration that a motor and a hand can
+        /// bring about, at any step of the encoder.
         #[test]
         fn an_arm_that_slows_down_to_rest_is_never_stuck(
             direction in prop::array::uniform3(-1.0_f64..1.0),

@@ -6,7 +6,9 @@ use std::sync::Arc;
 use glam::{DMat3, DVec3};
 use vps::pointshell::shell::Shell;
 
-use crate::{CouplingParameters, FilterParameters, Inertia, LimitParameters, Parameters, RenderScene, Tool};
+use crate::{
+    CouplingParameters, FilterParameters, Inertia, LimitParameters, Parameters, RenderScene, Tool,
+};
 
 /// Parameters of a 1 kHz scene with nothing in it.
 pub fn parameters() -> Parameters {

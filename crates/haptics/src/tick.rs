@@ -1,5 +1,6 @@
-//! The one step, in one place: sample check → encoder hold → indexing → contact sum → friction, damping → shaping filter → coupling → passivity → enable ramp →
-//! power → slew → magnitude → finite check.
+//! The one step, in one place: sample check → encoder hold → indexing → contact sum → friction,
+//! damping → shaping filter → coupling → passivity → enable ramp → power → slew → magnitude →
+//! finite check.
 
 mod advance;
 
@@ -33,14 +34,16 @@ pub struct TickInput {
     pub request: DriveRequest,
     /// The loop woke up after its deadline had passed.
     pub overrun: bool,
-    /// No command was written for longer than [`LimitParameters::stall_s`](super::LimitParameters::stall_s), and the last one was not zero: the arm held it
-    /// meanwhile.
+    /// No command was written for longer than
+    /// [`LimitParameters::stall_s`](super::LimitParameters::stall_s), and the last one was not
+    /// zero: the arm held it meanwhile.
     pub stalled: bool,
     /// Where an obstacle is asked to go from the next tick on.
     pub place: Option<Placement>,
     /// What a parameter is asked to become from the next tick on.
     pub parameter_change: Option<ParameterChange>,
-    /// Which frame of the clay is touched, where there is clay: kept for the record, the frame itself is in the [`State`].
+    /// Which frame of the clay is touched, where there is clay: kept for the record, the frame
+    /// itself is in the [`State`].
     pub clay: Option<FrameInUse>,
 }
 
@@ -56,12 +59,14 @@ pub struct FrameInUse {
 /// Everything that leaves one tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TickOutput {
-    /// Wrench to write to the arm (`rendered`): device axes, reduced at the grip point, limited, only actuated axes.
+    /// Wrench to write to the arm (`rendered`): device axes, reduced at the grip point, limited,
+    /// only actuated axes.
     pub command_device: Wrench,
     /// The same before axes that the arm cannot actuate were dropped (`commanded`).
     pub commanded_device: Wrench,
-    /// Raw contact wrench on the tool, friction, and the pull of a rope, included, world axes, about the centre of mass, before filter and
-    /// coupling. The part of clay goes on smoothly from update to update.
+    /// Raw contact wrench on the tool, friction, and the pull of a rope, included, world axes,
+    /// about the centre of mass, before filter and coupling. The part of clay goes on smoothly from
+    /// update to update.
     pub contact_world: Wrench,
     /// Pose of the tool (mesh file frame) in the world.
     pub world_from_tool: Pose,
@@ -69,14 +74,16 @@ pub struct TickOutput {
     pub contacts: u32,
     /// Deepest penetration, m; 0 without contact.
     pub max_depth_m: f64,
-    /// How far the tool is proven to be from contact, clipped at the band, m; negative: how deep it is. The query looks no closer than it must, so
-    /// the tool may be much farther away than this.
+    /// How far the tool is proven to be from contact, clipped at the band, m; negative: how deep it
+    /// is. The query looks no closer than it must, so the tool may be much farther away than this.
     pub clearance_m: f64,
     /// Points that the contact query's budget left out, which others stood for.
     pub points_left_out: u32,
-    /// Energy that the arm has taken from the hand since enable, J; negative means that it gave more than it took.
+    /// Energy that the arm has taken from the hand since enable, J; negative means that it gave
+    /// more than it took.
     pub energy_j: f64,
-    /// Energy that moving obstacles have put into the hand through the command since enable, J: `energy_j` may be lower by so much.
+    /// Energy that moving obstacles have put into the hand through the command since enable, J:
+    /// `energy_j` may be lower by so much.
     pub object_work_j: f64,
     /// Number of obstacles that are under way to another place.
     pub objects_moving: u32,
@@ -94,7 +101,8 @@ pub struct TickOutput {
     pub off_cause: OffCause,
 }
 
-/// What the tick remembers from one call to the next. Everything it needs is allocated when it is made.
+/// What the tick remembers from one call to the next. Everything it needs is allocated when it is
+/// made.
 #[derive(Clone, Debug)]
 pub struct State {
     drive: Drive,
@@ -139,7 +147,8 @@ pub struct Handover {
     must_release: bool,
 }
 
-/// How deep the tool may stand in an obstacle at enable when it stays where it was, voxels: what pressing leaves.
+/// How deep the tool may stand in an obstacle at enable when it stays where it was, voxels: what
+/// pressing leaves.
 const RESUME_VOXELS: f64 = 0.5;
 
 impl State {
@@ -157,7 +166,12 @@ impl State {
             resume: None,
             has_room: false,
             tool: VirtualTool::at(scene.start()),
-            traversal: Traversal::new(SimdLevel::best(), TraversalMode::Tree, &scene.obstacles, &scene.tool.shell),
+            traversal: Traversal::new(
+                SimdLevel::best(),
+                TraversalMode::Tree,
+                &scene.obstacles,
+                &scene.tool.shell,
+            ),
             moving_obstacles: MovingObstacles::new(scene.obstacles.len()),
             parameter_ramps: ParameterRamps::default(),
             clay: scene.clay.as_ref().map(|clay| Held::new(clay, &scene.tool.shell)),
@@ -170,8 +184,8 @@ impl State {
         }
     }
 
-    /// Limits what the contact query of a tick may look at. It is part of what enters the ticks: a recording that is to be replayed has to
-    /// know it.
+    /// Limits what the contact query of a tick may look at. It is part of what enters the ticks: a
+    /// recording that is to be replayed has to know it.
     pub fn set_budget(&mut self, budget: Budget) {
         self.traversal.set_budget(budget);
     }
@@ -181,10 +195,16 @@ impl State {
         self.traversal.budget()
     }
 
-    /// What a scene does that takes the place of another: a deadman that was to be let go first still is, and the tool stands at a pose at the next
-    /// enable, instead of its start, unless it would stand inside an obstacle there; `None`: at its start. The arm's pose at that enable is the
-    /// new zero, as always. RT: safe; before the first tick.
-    pub fn resume_at(&mut self, scene: &RenderScene, world_from_tool: Option<Pose>, before: Handover) {
+    /// What a scene does that takes the place of another: a deadman that was to be let go first
+    /// still is, and the tool stands at a pose at the next enable, instead of its start, unless it
+    /// would stand inside an obstacle there; `None`: at its start. The arm's pose at that enable is
+    /// the new zero, as always. RT: safe; before the first tick.
+    pub fn resume_at(
+        &mut self,
+        scene: &RenderScene,
+        world_from_tool: Option<Pose>,
+        before: Handover,
+    ) {
         self.interlock.take_over(before.must_release);
         let Some(world_from_tool) = world_from_tool else { return };
         let body = world_from_tool * Pose::from_translation(scene.tool.center_of_mass_tool);
@@ -192,7 +212,8 @@ impl State {
         self.tool = VirtualTool::at(body);
     }
 
-    /// Where grip and tool stood at the last enable, `device_from_grip` and `world_from_tool`: from there the motions of both count. RT: safe.
+    /// Where grip and tool stood at the last enable, `device_from_grip` and `world_from_tool`: from
+    /// there the motions of both count. RT: safe.
     pub fn indexed(&self, scene: &RenderScene) -> (Pose, Pose) {
         (self.indexing.zero(), self.start * Pose::from_translation(-scene.tool.center_of_mass_tool))
     }
@@ -202,9 +223,13 @@ impl State {
         Handover { must_release: self.interlock.must_release() }
     }
 
-    /// Takes a newer frame of the clay, and gives back one that is not needed any more; without clay in the scene the very same. The next tick
-    /// touches both, so that the force goes on without a step. RT: safe; pointers.
-    #[expect(clippy::disallowed_types, reason = "made and freed on the cold side, exchanged as a pointer")]
+    /// Takes a newer frame of the clay, and gives back one that is not needed any more; without
+    /// clay in the scene the very same. The next tick touches both, so that the force goes on
+    /// without a step. RT: safe; pointers.
+    #[expect(
+        clippy::disallowed_types,
+        reason = "made and freed on the cold side, exchanged as a pointer"
+    )]
     pub fn exchange(&mut self, frame: Box<Frame>) -> Box<Frame> {
         match &mut self.clay {
             Some(held) => held.exchange(frame),
@@ -232,13 +257,19 @@ impl State {
         self.traversal.obstacle_poses().pose(obstacle_idx).map(|pose| pose.world_from_map)
     }
 
-    /// One contact query at a pose where the tool overlaps an obstacle, another one each `turn`, as if nothing were known from earlier ones;
-    /// returns what it looked at. To learn what queries cost before the first tick; use a copy of the state.
+    /// One contact query at a pose where the tool overlaps an obstacle, another one each `turn`, as
+    /// if nothing were known from earlier ones; returns what it looked at. To learn what queries
+    /// cost before the first tick; use a copy of the state.
     pub fn rehearse(&mut self, scene: &RenderScene, turn: usize) -> u32 {
-        let (p, shell) = (&scene.parameters, &scene.tool.shell);
-        let pose = self.traversal.overlapping_pose(&scene.obstacles, shell, turn).unwrap_or(self.tool.pose());
+        let p = &scene.parameters;
+        let shell = &scene.tool.shell;
+        let pose = self
+            .traversal
+            .overlapping_pose(&scene.obstacles, shell, turn)
+            .unwrap_or(self.tool.pose());
         self.traversal.forget();
-        ContactSum::of(&mut self.traversal, &scene.obstacles, shell, pose, p.force_law(), None).looked_at
+        ContactSum::of(&mut self.traversal, &scene.obstacles, shell, pose, p.force_law(), None)
+            .looked_at
     }
 
     /// Forgets all motion and force; the drive state is the caller's.
@@ -263,26 +294,41 @@ impl State {
 
 /// One step of the loop.
 ///
-/// RT: safe. Pure and total: same scene, state and input, same bits; no allocation, no panic. Anything that is not finite gives a
-/// zero wrench and a fault. Cost: one walk over the shell's tree per obstacle plus a 6×6 solve.
+/// RT: safe. Pure and total: same scene, state and input, same bits; no allocation, no panic.
+/// Anything that is not finite gives a zero wrench and a fault. Cost: one walk over the shell's
+/// tree per obstacle plus a 6×6 solve.
 pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOutput {
-    let p = &state.parameter_ramps.next(&scene.parameters, input.parameter_change, state.drive.has_force());
+    let p = &state.parameter_ramps.next(
+        &scene.parameters,
+        input.parameter_change,
+        state.drive.has_force(),
+    );
     let check = state.monitor.check(&input.sample, &p.limits, &p.safety, p.period_s);
     state.overruns = if input.overrun { state.overruns.saturating_add(1) } else { 0 };
     let mut faults = check.faults;
-    let has_many_overruns = p.limits.overrun_fault_ticks > 0 && state.overruns >= p.limits.overrun_fault_ticks;
+    let has_many_overruns =
+        p.limits.overrun_fault_ticks > 0 && state.overruns >= p.limits.overrun_fault_ticks;
     if has_many_overruns || input.stalled {
         faults |= Faults::OVERRUN;
     }
     advance::advance(scene, p, state, input, faults);
-    state.moving_obstacles.advance(state.traversal.obstacle_poses_mut(), input.place, state.drive.has_force(), p);
+    state.moving_obstacles.advance(
+        state.traversal.obstacle_poses_mut(),
+        input.place,
+        state.drive.has_force(),
+        p,
+    );
 
     let target = {
         if !state.drive.renders() {
             state.encoder_hold.reset();
         }
         let (pose, twist) = state.encoder_hold.steady(&input.sample, &p.arm, p.period_s);
-        state.indexing.target(&DeviceSample { pose, twist, ..input.sample }, &p.mapping, state.start)
+        state.indexing.target(
+            &DeviceSample { pose, twist, ..input.sample },
+            &p.mapping,
+            state.start,
+        )
     };
     if state.drive.renders() && p.coupling.mode == CouplingMode::Direct {
         state.tool.stand_at(target, scene);
@@ -293,7 +339,14 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
     if let (Some(clay), Some(FrameInUse { is_last: true, .. })) = (&mut state.clay, input.clay) {
         clay.let_go();
     }
-    let touch = state.tool.touch(&mut state.traversal, state.clay.as_mut(), state.braking.as_mut(), scene, p, moving);
+    let touch = state.tool.touch(
+        &mut state.traversal,
+        state.clay.as_mut(),
+        state.braking.as_mut(),
+        scene,
+        p,
+        moving,
+    );
     let contact = &touch.contact;
     // A tool that only tries where it could stand touches nothing yet.
     let tries = state.resume.is_some();
@@ -341,7 +394,9 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
         faults: state.faults,
         off_cause: match state.drive {
             Drive::Enabling | Drive::Enabled => ramp_down,
-            Drive::Disabled | Drive::Stopping | Drive::Braking | Drive::Fault => state.interlock.cause,
+            Drive::Disabled | Drive::Stopping | Drive::Braking | Drive::Fault => {
+                state.interlock.cause
+            }
         },
         ..if tries { TickOutput::default() } else { touching }
     }
@@ -355,7 +410,8 @@ struct Felt {
     friction_world: Wrench,
 }
 
-/// From contact to command: friction, coupling, passivity, limits. An error is a fault that leaves no force.
+/// From contact to command: friction, coupling, passivity, limits. An error is a fault that leaves
+/// no force.
 fn render(
     (scene, p): (&RenderScene, &Parameters),
     state: &mut State,
@@ -367,7 +423,9 @@ fn render(
     let sample = &input.sample;
     state.delay.measure(sample.delay_ticks, p.period_s);
     let delay_ticks = observe(p, state, sample)?;
-    let (moved, turned) = p.mapping.way_device(touch.contact.obstacle_motion.linear, touch.contact.obstacle_motion.angular);
+    let (moved, turned) = p
+        .mapping
+        .way_device(touch.contact.obstacle_motion.linear, touch.contact.obstacle_motion.angular);
     let spring_j = 0.5 * p.limits.force_n * p.limits.force_n / p.coupling.stiffness_n_per_m;
     state.passivity.carry(moved, turned, delay_ticks, spring_j);
     let filter_lag_s = match p.coupling.mode {
@@ -381,7 +439,14 @@ fn render(
     let is_paid = state.passivity.is_paid(arm);
     let Pull { wrench: felt_world, stored_j } = state
         .tool
-        .follow((scene, p), state.traversal.obstacle_poses(), touch, &rubbing, (&coupling, is_paid), target)
+        .follow(
+            (scene, p),
+            state.traversal.obstacle_poses(),
+            touch,
+            &rubbing,
+            (&coupling, is_paid),
+            target,
+        )
         .ok_or(Faults::SOLVER)?;
     if !state.tool.is_finite() {
         return Err(Faults::NON_FINITE);
@@ -390,7 +455,8 @@ fn render(
     let wanted = p.mapping.wrench_device(felt_world);
     // Only what the motors give has power and is limited; the rest is reported and dropped.
     let actuated = p.mapping.actuated_part(wanted);
-    // The tool is pushed out of the clay by itself while nothing is felt; what counts is where the hand is.
+    // The tool is pushed out of the clay by itself while nothing is felt; what counts is where the
+    // hand is.
     let is_in_clay = state.interlock.must_clear() && {
         let clay = state.clay.as_mut().zip(scene.clay.as_ref());
         clay.is_some_and(|(held, clay)| held.is_inside(clay, &scene.tool.shell, target.0, p))
@@ -402,9 +468,11 @@ fn render(
     let trusted = actuated * share;
     // Of the spring's energy what the motors will give back.
     let [along, about] = stored_j;
-    let held = along * squared_share(actuated.force, wanted.force) + about * squared_share(actuated.torque, wanted.torque);
+    let held = along * squared_share(actuated.force, wanted.force)
+        + about * squared_share(actuated.torque, wanted.torque);
     let held_j = held * share * gain / p.mapping.scale;
-    let damped = state.passivity.damped((trusted, held_j), sample.twist, arm, &p.limits, p.period_s);
+    let damped =
+        state.passivity.damped((trusted, held_j), sample.twist, arm, &p.limits, p.period_s);
     let mut ramped = p.mapping.actuated_part(damped) * gain;
     if state.drive == Drive::Enabling && engages && actuated != Wrench::ZERO {
         // While the force rises the hand is steadied. Free space stays free.
@@ -432,7 +500,12 @@ fn render(
 }
 
 /// A damper on the arm, without a scene, until [`advance`] ends it with a fault.
-fn brake(p: &Parameters, state: &mut State, input: &TickInput, check: SampleCheck) -> Result<Felt, Faults> {
+fn brake(
+    p: &Parameters,
+    state: &mut State,
+    input: &TickInput,
+    check: SampleCheck,
+) -> Result<Felt, Faults> {
     observe(p, state, &input.sample)?;
     // Old velocities would drive the arm.
     let wanted = if check.ramp_down == OffCause::None {
@@ -444,10 +517,15 @@ fn brake(p: &Parameters, state: &mut State, input: &TickInput, check: SampleChec
     if !limited.finite {
         return Err(Faults::NON_FINITE);
     }
-    Ok(Felt { command_device: limited.wrench, commanded_device: limited.wrench, friction_world: Wrench::ZERO })
+    Ok(Felt {
+        command_device: limited.wrench,
+        commanded_device: limited.wrench,
+        friction_world: Wrench::ZERO,
+    })
 }
 
-/// Counts the energy of the tick that ends with this sample. Returns the delay of the command that acted.
+/// Counts the energy of the tick that ends with this sample. Returns the delay of the command that
+/// acted.
 fn observe(p: &Parameters, state: &mut State, sample: &DeviceSample) -> Result<u32, Faults> {
     let delay_ticks = sample.delay_ticks.max(p.arm.delay_ticks);
     let given_j = state.passivity.observe(sample.pose, delay_ticks, p.period_s);
@@ -462,5 +540,11 @@ fn observe(p: &Parameters, state: &mut State, sample: &DeviceSample) -> Result<u
 mod tests;
 
 #[cfg(test)]
-#[expect(clippy::disallowed_types, clippy::disallowed_macros, clippy::indexing_slicing, clippy::panic, reason = "test code")]
+#[expect(
+    clippy::disallowed_types,
+    clippy::disallowed_macros,
+    clippy::indexing_slicing,
+    clippy::panic,
+    reason = "test code"
+)]
 mod exploration;

@@ -1,4 +1,5 @@
-//! The virtual tool: what touches it, how it follows the arm in each coupling, and what the arm feels of it.
+//! The virtual tool: what touches it, how it follows the arm in each coupling, and what the arm
+//! feels of it.
 
 use glam::DVec3;
 
@@ -19,7 +20,8 @@ use vps::contact::planes::DeepestContacts;
 use vps::contact::{Contact, ContactSum, ObstacleMotion, Traversal};
 use vps::spatial::{Mat6, Pose, Twist, Wrench};
 
-/// Time in which that part of the coupling wrench comes in that was there before contact, s (decision: free space).
+/// Time in which that part of the coupling wrench comes in that was there before contact, s
+/// (decision: free space).
 const CONTACT_RISE_S: f64 = 5e-3;
 
 /// How far the shell may follow the arm in one tick without a virtual tool, voxels.
@@ -29,7 +31,8 @@ const SEEN_VOXELS: f64 = 2.9;
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Pull {
     pub(super) wrench: Wrench,
-    /// Energy in the spring that makes its force and its torque, J: what the hand gets back when the tool is let go. Zero without a virtual tool.
+    /// Energy in the spring that makes its force and its torque, J: what the hand gets back when
+    /// the tool is let go. Zero without a virtual tool.
     pub(super) stored_j: [f64; 2],
 }
 
@@ -49,8 +52,9 @@ pub(super) struct VirtualTool {
     friction: Friction,
     balance: StaticBalance,
     pace: Pace,
-    /// What the coupling pulled with in the last tick of free space, which the arm did not feel. Of that alone a share is kept from the arm while
-    /// `contact_gain` rises: what contact adds is felt at once. A gain on the whole wrench would take force away on the way in and give all of
+    /// What the coupling pulled with in the last tick of free space, which the arm did not feel. Of
+    /// that alone a share is kept from the arm while `contact_gain` rises: what contact adds is
+    /// felt at once. A gain on the whole wrench would take force away on the way in and give all of
     /// it back on the way out, which drives the hand.
     unfelt: Wrench,
     /// 0 in free space, 1 after [`CONTACT_RISE_S`] in contact.
@@ -89,22 +93,29 @@ impl VirtualTool {
         self.body.pose.is_finite() && self.body.twist.is_finite()
     }
 
-    /// Without a virtual tool the shell stands where the arm is now, so contact has no delay of its own. Only what is too fast to be seen
-    /// in passing is followed more slowly.
+    /// Without a virtual tool the shell stands where the arm is now, so contact has no delay of its
+    /// own. Only what is too fast to be seen in passing is followed more slowly.
     pub(super) fn stand_at(&mut self, target: (Pose, Twist), scene: &RenderScene) {
         self.body = self.body.followed(target, scene.tool.shell.radius_m(), self.step_limit_m);
     }
 
-    /// A tool that stood where the arm wanted it in free space does so again before contact is looked for, in steps that see every wall: so
-    /// first contact has no delay of its own. With what the tick of before knew of the way.
+    /// A tool that stood where the arm wanted it in free space does so again before contact is
+    /// looked for, in steps that see every wall: so first contact has no delay of its own. With
+    /// what the tick of before knew of the way.
     pub(super) fn keep_tracking(&mut self, target: Pose, scene: &RenderScene, p: &Parameters) {
         if self.tracks {
             let sag_m = sag_m(scene, p, &p.coupling);
-            self.tracks = self.track(target, sag_m, (scene.tool.shell.radius_m(), self.step_limit_m), p.period_s);
+            self.tracks = self.track(
+                target,
+                sag_m,
+                (scene.tool.shell.radius_m(), self.step_limit_m),
+                p.period_s,
+            );
         }
     }
 
-    /// Looks for contact where the tool stands, and with `braking` for what it approaches; `moving`: obstacles are under way.
+    /// Looks for contact where the tool stands, and with `braking` for what it approaches;
+    /// `moving`: obstacles are under way.
     pub(super) fn touch(
         &mut self,
         traversal: &mut Traversal,
@@ -114,11 +125,15 @@ impl VirtualTool {
         p: &Parameters,
         moving: bool,
     ) -> Touch {
-        let (obstacles, shell, body) = (&scene.obstacles, &scene.tool.shell, self.body.pose);
-        let mut deepest = (p.coupling.mode == CouplingMode::Constraint).then(DeepestContacts::default);
+        let obstacles = &scene.obstacles;
+        let shell = &scene.tool.shell;
+        let body = self.body.pose;
+        let mut deepest =
+            (p.coupling.mode == CouplingMode::Constraint).then(DeepestContacts::default);
         let contact = match deepest.as_mut() {
             Some(deepest) => {
-                let mut also = |obstacle_idx: usize, contact: &Contact| deepest.add(obstacle_idx, contact);
+                let mut also =
+                    |obstacle_idx: usize, contact: &Contact| deepest.add(obstacle_idx, contact);
                 ContactSum::of(traversal, obstacles, shell, body, p.force_law(), Some(&mut also))
             }
             None => ContactSum::of(traversal, obstacles, shell, body, p.force_law(), None),
@@ -130,7 +145,8 @@ impl VirtualTool {
         // A point that goes no further than this is seen inside of a wall of three voxels.
         let seen_voxels = if moving { SEEN_VOXELS - ALWAYS_VOXELS } else { SEEN_VOXELS };
         self.step_limit_m = contact.step_limit_m.max(seen_voxels * contact.voxel_size_m);
-        let brake = braking.and_then(|braking| braking.brake(scene, traversal, &self.body, &contact));
+        let brake =
+            braking.and_then(|braking| braking.brake(scene, traversal, &self.body, &contact));
         Touch { contact, deepest, brake }
     }
 
@@ -142,8 +158,9 @@ impl VirtualTool {
         self.friction.update(touch.contact.patches(), self.body.pose, &p.contact.friction)
     }
 
-    /// Steps the tool in its coupling and gives the wrench that the arm feels (world axes, about the grip point). `is_paid`: the hand has put
-    /// in what the spring holds; before, nothing more of what was unfelt comes in. `None` on non-finite input.
+    /// Steps the tool in its coupling and gives the wrench that the arm feels (world axes, about
+    /// the grip point). `is_paid`: the hand has put in what the spring holds; before, nothing more
+    /// of what was unfelt comes in. `None` on non-finite input.
     pub(super) fn follow(
         &mut self,
         (scene, p): (&RenderScene, &Parameters),
@@ -155,25 +172,41 @@ impl VirtualTool {
     ) -> Option<Pull> {
         let Touch { contact, deepest, brake } = touch;
         if coupling.mode == CouplingMode::Direct {
-            return Some(Pull { wrench: self.direct(contact, rubbing, coupling, p), ..Pull::default() });
+            return Some(Pull {
+                wrench: self.direct(contact, rubbing, coupling, p),
+                ..Pull::default()
+            });
         }
         let radius_m = scene.tool.shell.radius_m();
         let (target_pose, target_twist) = target;
         let touching = contact.acts();
 
-        let spring = |body: Pose| Spring::between(body, target_pose, coupling, &p.limits, contact.voxel_size_m, radius_m);
+        let spring = |body: Pose| {
+            Spring::between(body, target_pose, coupling, &p.limits, contact.voxel_size_m, radius_m)
+        };
         let stretched = spring(self.body.pose);
         let weight = p.gravity_m_per_s2 * scene.tool.inertia.mass_kg;
-        let over_a_tick = |(way, turn): (DVec3, DVec3)| Twist { linear: way / p.period_s, angular: turn / p.period_s };
+        let over_a_tick = |(way, turn): (DVec3, DVec3)| Twist {
+            linear: way / p.period_s,
+            angular: turn / p.period_s,
+        };
         let before = self.target.replace(target_pose).unwrap_or(target_pose);
-        let is_unfelt = coupling.mode.has_mass() && coupling.free_space == FreeSpace::Zero && !touching && brake.is_none();
+        let is_unfelt = coupling.mode.has_mass()
+            && coupling.free_space == FreeSpace::Zero
+            && !touching
+            && brake.is_none();
         let sag_m = sag_m(scene, p, coupling);
         if is_unfelt && !self.tracks {
-            // Nothing is in the way: a tool that has sprung off a wall while the hand is inside of it is further away than that.
-            self.tracks = self.track(target_pose, sag_m, (radius_m, -contact.max_value_m), p.period_s);
+            // Nothing is in the way: a tool that has sprung off a wall while the hand is inside of
+            // it is further away than that.
+            self.tracks =
+                self.track(target_pose, sag_m, (radius_m, -contact.max_value_m), p.period_s);
             if self.tracks {
                 // The way that it lagged by is no velocity.
-                self.body.twist = over_a_tick((target_pose.translation - before.translation, before.rotation_to(target_pose)));
+                self.body.twist = over_a_tick((
+                    target_pose.translation - before.translation,
+                    before.rotation_to(target_pose),
+                ));
             }
         }
         self.tracks &= is_unfelt;
@@ -184,26 +217,45 @@ impl VirtualTool {
         }
         // What is not felt may be as rough as the encoder, but not late.
         let target_twist = if is_unfelt {
-            over_a_tick((target_pose.translation - before.translation, before.rotation_to(target_pose)))
+            over_a_tick((
+                target_pose.translation - before.translation,
+                before.rotation_to(target_pose),
+            ))
         } else {
             target_twist
         };
         let twist = match (coupling.mode, deepest) {
             (CouplingMode::Static, _) => {
                 let stiffness = contact.stiffness.plus_scaled(1.0, &rubbing.stiffness);
-                let met = contact.wrench + rubbing.wrench + pushed(&stiffness, &contact.obstacle_motion);
+                let met =
+                    contact.wrench + rubbing.wrench + pushed(&stiffness, &contact.obstacle_motion);
                 over_a_tick(self.balance.step(&stretched, weight, met, &stiffness)?)
             }
             (CouplingMode::Constraint, Some(deepest)) => {
                 let body = self.body.pose;
                 // As seen from what it touches, which may move.
                 let ObstacleMotion { linear, angular } = contact.obstacle_motion;
-                let free = (target_pose.translation - body.translation + sag_m - linear, body.rotation_to(target_pose) - angular);
-                let way_out = |idx: usize, contact: &Contact| match (scene.obstacles.get(idx), obstacle_poses.pose(idx)) {
-                    (Some(obstacle), Some(stand)) => constraint::way_out(obstacle, stand.world_from_map, body, contact),
+                let free = (
+                    target_pose.translation - body.translation + sag_m - linear,
+                    body.rotation_to(target_pose) - angular,
+                );
+                let way_out = |idx: usize, contact: &Contact| match (
+                    scene.obstacles.get(idx),
+                    obstacle_poses.pose(idx),
+                ) {
+                    (Some(obstacle), Some(stand)) => {
+                        constraint::way_out(obstacle, stand.world_from_map, body, contact)
+                    }
                     _ => body.transform_vector(contact.normal_body.as_dvec3()),
                 };
-                let step = constraint::step(free, body, coupling, deepest, way_out, SLOP_VOXELS * contact.voxel_size_m)?;
+                let step = constraint::step(
+                    free,
+                    body,
+                    coupling,
+                    deepest,
+                    way_out,
+                    SLOP_VOXELS * contact.voxel_size_m,
+                )?;
                 // In free space there is nothing to go to and fro between.
                 if contact.contacts == 0 {
                     self.pace = Pace::default();
@@ -211,9 +263,12 @@ impl VirtualTool {
                 let step = self.pace.take(step, coupling);
                 over_a_tick((step.0 + linear, step.1 + angular))
             }
-            _ => {
-                self.step_with_mass((scene, p), (contact, rubbing, brake.as_ref()), coupling, (stretched, target_twist, weight))?
-            }
+            _ => self.step_with_mass(
+                (scene, p),
+                (contact, rubbing, brake.as_ref()),
+                coupling,
+                (stretched, target_twist, weight),
+            )?,
         };
         self.body = self.body.moved(twist, p.period_s, radius_m, contact.step_limit_m);
 
@@ -239,7 +294,8 @@ impl VirtualTool {
         };
         let [along, about] = pulling.stored_j;
         // What the contact itself gives back; a constraint stands at its surface whatever pulls.
-        let pressed_j = if coupling.mode == CouplingMode::Constraint { 0.0 } else { pressed(contact) };
+        let pressed_j =
+            if coupling.mode == CouplingMode::Constraint { 0.0 } else { pressed(contact) };
         let stored_j = [
             pressed_j + along * squared_share(felt.force, pulling.wrench.force),
             about * squared_share(felt.torque, pulling.wrench.torque),
@@ -247,19 +303,31 @@ impl VirtualTool {
         Some(Pull { wrench: felt, stored_j })
     }
 
-    /// Stands a tool that touches nothing where the arm wants it, by its weight lower, if that is no further than `most_m`.
+    /// Stands a tool that touches nothing where the arm wants it, by its weight lower, if that is
+    /// no further than `most_m`.
     ///
-    /// A mass that is not felt must not lag either: the damper pulls it along at a velocity that is half a window old, which makes 0.3 mm in a hand
-    /// that falls onto a wall with 6 m/s². The hand would find the wall that much deeper, and be pushed out from where it is.
+    /// A mass that is not felt must not lag either: the damper pulls it along at a velocity that is
+    /// half a window old, which makes 0.3 mm in a hand that falls onto a wall with 6 m/s². The hand
+    /// would find the wall that much deeper, and be pushed out from where it is.
     ///
-    /// Its velocity is that of its way in this tick, as rough as the encoder and not late: one that is half a window old throws it off the wall
-    /// when the hand has just turned round.
-    fn track(&mut self, target: Pose, sag_m: DVec3, (radius_m, most_m): (f64, f64), period_s: f64) -> bool {
+    /// Its velocity is that of its way in this tick, as rough as the encoder and not late: one that
+    /// is half a window old throws it off the wall when the hand has just turned round.
+    fn track(
+        &mut self,
+        target: Pose,
+        sag_m: DVec3,
+        (radius_m, most_m): (f64, f64),
+        period_s: f64,
+    ) -> bool {
         let target = Pose::new(target.rotation, target.translation + sag_m);
-        let (way, turn) = (target.translation - self.body.pose.translation, self.body.pose.rotation_to(target));
+        let way = target.translation - self.body.pose.translation;
+        let turn = self.body.pose.rotation_to(target);
         let stands = way.length() + turn.length() * radius_m <= most_m;
         if stands {
-            self.body = Body { pose: target, twist: Twist { linear: way / period_s, angular: turn / period_s } };
+            self.body = Body {
+                pose: target,
+                twist: Twist { linear: way / period_s, angular: turn / period_s },
+            };
         }
         stands
     }
@@ -275,26 +343,40 @@ impl VirtualTool {
         let inertia = &scene.tool.inertia;
         let damping = StepInput::critical_damping(coupling, inertia);
         let (along, about) = contact.stiffness.bounds();
-        let step_stiffness = p.period_s * p.period_s * (along / inertia.mass_kg).max(about / inertia.least_kg_m2);
+        let step_stiffness =
+            p.period_s * p.period_s * (along / inertia.mass_kg).max(about / inertia.least_kg_m2);
         let wrench = self.shaped(contact, 1.0, step_stiffness, p);
         // Friction is smooth by itself: it goes past the filter.
-        let stiffness = Mat6::ZERO.plus_scaled(1.0 - self.filter.alpha(), &contact.stiffness).plus_scaled(1.0, &rubbing.stiffness);
-        let damping_s = if along > 0.0 { 2.0 * p.contact.damping_ratio * (inertia.mass_kg / along).sqrt() } else { 0.0 };
+        let stiffness = Mat6::ZERO
+            .plus_scaled(1.0 - self.filter.alpha(), &contact.stiffness)
+            .plus_scaled(1.0, &rubbing.stiffness);
+        let damping_s = if along > 0.0 {
+            2.0 * p.contact.damping_ratio * (inertia.mass_kg / along).sqrt()
+        } else {
+            0.0
+        };
 
         let pull = StepInput { spring, target_twist, weight, damping, period_s: p.period_s };
-        // What moves towards the tool will push by so much more at the end of the tick, and damping acts on the speed between both.
-        let obstacle_motion = pushed(&stiffness, &contact.obstacle_motion) * (1.0 + damping_s / p.period_s);
+        // What moves towards the tool will push by so much more at the end of the tick, and damping
+        // acts on the speed between both.
+        let obstacle_motion =
+            pushed(&stiffness, &contact.obstacle_motion) * (1.0 + damping_s / p.period_s);
         let wrench = wrench + rubbing.wrench + obstacle_motion;
         let braking = brake.map(|brake| brake.damping(inertia.mass_kg, p.period_s));
         let ground = contact.obstacle_motion.over(p.period_s);
         let solve = |faces: Option<&Mat6>| {
-            let (mut damping, mut wrench) = (braking, wrench);
+            let mut damping = braking;
+            let mut wrench = wrench;
             if let Some(faces) = faces {
                 damping = Some(damping.unwrap_or(Mat6::ZERO).plus_scaled(1.0, faces));
                 let (force, torque) = faces.mul(ground.linear, ground.angular);
                 wrench = wrench + Wrench::new(force, torque);
             }
-            self.body.step_implicit(&pull, &LinearContact { wrench, stiffness, damping_s, damping }, inertia)
+            self.body.step_implicit(
+                &pull,
+                &LinearContact { wrench, stiffness, damping_s, damping },
+                inertia,
+            )
         };
         let undamped = solve(None)?;
         if contact.contacts == 0 || p.contact.damping_n_s_per_m <= 0.0 {
@@ -311,18 +393,34 @@ impl VirtualTool {
         Some(seen + ground)
     }
 
-    /// No virtual tool: the shell stands where the arm is, the arm gets the filtered contact wrench, its stiffness limited to what
-    /// the arm can take.
-    fn direct(&mut self, contact: &ContactSum, rubbing: &FrictionWrench, coupling: &CouplingParameters, p: &Parameters) -> Wrench {
+    /// No virtual tool: the shell stands where the arm is, the arm gets the filtered contact
+    /// wrench, its stiffness limited to what the arm can take.
+    fn direct(
+        &mut self,
+        contact: &ContactSum,
+        rubbing: &FrictionWrench,
+        coupling: &CouplingParameters,
+        p: &Parameters,
+    ) -> Wrench {
         let stiffness = contact.stiffness.plus_scaled(1.0, &rubbing.stiffness);
         let share = within(stiffness.bounds(), (coupling.bound_n_per_m, coupling.bound_nm_per_rad));
         self.shaped(contact, share, 0.0, p) + rubbing.wrench * share
     }
 
     /// A share of the contact wrench through the dynamic shaping filter.
-    fn shaped(&mut self, contact: &ContactSum, share: f64, step_stiffness: f64, p: &Parameters) -> Wrench {
+    fn shaped(
+        &mut self,
+        contact: &ContactSum,
+        share: f64,
+        step_stiffness: f64,
+        p: &Parameters,
+    ) -> Wrench {
         let against = self.body.twist - contact.obstacle_motion.over(p.period_s);
-        let slide = Slide { speed_m_per_s: slide_speed(contact, against), voxel_size_m: contact.voxel_size_m, step_stiffness };
+        let slide = Slide {
+            speed_m_per_s: slide_speed(contact, against),
+            voxel_size_m: contact.voxel_size_m,
+            step_stiffness,
+        };
         self.filter.update(contact.wrench * share, slide, contact.acts(), &p.filter, p.period_s)
     }
 }
@@ -334,10 +432,15 @@ fn sag_m(scene: &RenderScene, p: &Parameters, coupling: &CouplingParameters) -> 
 
 /// The share of a spring's energy that a part of its force stands for, up to 1.
 pub(super) fn squared_share(part: DVec3, whole: DVec3) -> f64 {
-    if whole == DVec3::ZERO { 0.0 } else { (part.length_squared() / whole.length_squared()).min(1.0) }
+    if whole == DVec3::ZERO {
+        0.0
+    } else {
+        (part.length_squared() / whole.length_squared()).min(1.0)
+    }
 }
 
-/// Energy of a contact, J: that of a spring with its force and its depth. A curved one holds two thirds of it.
+/// Energy of a contact, J: that of a spring with its force and its depth. A curved one holds two
+/// thirds of it.
 fn pressed(contact: &ContactSum) -> f64 {
     0.5 * contact.wrench.force.length() * contact.max_value_m.max(0.0)
 }
@@ -350,11 +453,13 @@ fn pushed(stiffness: &Mat6, carried: &ObstacleMotion) -> Wrench {
 
 /// The largest factor up to 1 that keeps both stiffnesses within their bounds.
 fn within(stiffness: (f64, f64), bounds: (f64, f64)) -> f64 {
-    let share = |stiffness: f64, bound: f64| if stiffness > bound { bound / stiffness } else { 1.0 };
+    let share =
+        |stiffness: f64, bound: f64| if stiffness > bound { bound / stiffness } else { 1.0 };
     share(stiffness.0, bounds.0).min(share(stiffness.1, bounds.1))
 }
 
-/// Speed of the contact along the surface, m/s: what excites the voxel line that the filter removes.
+/// Speed of the contact along the surface, m/s: what excites the voxel line that the filter
+/// removes.
 fn slide_speed(contact: &ContactSum, tool: Twist) -> f64 {
     let Some(normal) = contact.wrench.force.try_normalize() else { return 0.0 };
     let velocity = tool.linear + tool.angular.cross(contact.arm_world);

@@ -98,13 +98,15 @@ impl CdrWriter {
         self.u8(0);
     }
 
-    /// Number of the items, and the items. Without any there are no zeros for their alignment either.
+    /// Number of the items, and the items. Without any there are no zeros for their alignment
+    /// either.
     pub(super) fn sequence<T>(&mut self, items: &[T], mut write: impl FnMut(&mut Self, &T)) {
         self.u32(items.len() as u32);
         items.iter().for_each(|item| write(self, item));
     }
 
-    /// A number of `N` bytes begins at a multiple of `N`, counted from behind the encapsulation header.
+    /// A number of `N` bytes begins at a multiple of `N`, counted from behind the encapsulation
+    /// header.
     fn number<const N: usize>(&mut self, little_endian: [u8; N]) {
         let at = self.bytes.len() - ENCAPSULATION.len();
         self.bytes.resize(ENCAPSULATION.len() + at.next_multiple_of(N), 0);

@@ -1,5 +1,5 @@
-//! Other machines: records of a loop as messages of ROS 2 without ROS, the names under which `rmw_zenoh` looks for them, and the
-//! sessions that send them.
+//! Other machines: records of a loop as messages of ROS 2 without ROS, the names under which
+//! `rmw_zenoh` looks for them, and the sessions that send them.
 //!
 //! ```text
 //!  TickRecord ─► topics: which part of it, on which topic ─► messages ─► cdr ─► bytes ─┐
@@ -7,7 +7,8 @@
 //! ```
 //!
 //! # Units and frames
-//! Those of ROS: SI, quaternions as x, y, z, w; each topic names its frame. `docs/reference/ros2.md` describes every topic.
+//! Those of ROS: SI, quaternions as x, y, z, w; each topic names its frame.
+//! `docs/reference/ros2.md` describes every topic.
 //!
 //! # Cost
 //! A message costs its bytes.
@@ -32,8 +33,9 @@
 //! | [`publish`] | the thread that sends the newest record of a run, and poses that come for the hand of a simulated arm |
 //! | [`network`] | endpoints, sessions, and the link to an arm on another machine |
 //!
-//! Messages and names are pure and always compiled; [`publish`] and sessions come with the feature `zenoh`.
-//! Golden bytes and hashes by libraries that share no code with it are in `tests/fixtures/cdr`.
+//! Messages and names are pure and always compiled; [`publish`] and sessions come with the feature
+//! `zenoh`. Golden bytes and hashes by libraries that share no code with it are in
+//! `tests/fixtures/cdr`.
 #![forbid(unsafe_code)]
 
 mod cdr;
@@ -44,10 +46,11 @@ pub mod publish;
 mod topics;
 
 pub use messages::{
-    DiagnosticArray, DiagnosticLevel, DiagnosticStatus, Header, JointState, Joy, Message, MessageType, OperatingState, PoseStamped,
-    Time, TwistStamped, WrenchStamped,
+    DiagnosticArray, DiagnosticLevel, DiagnosticStatus, Header, JointState, Joy, Message,
+    MessageType, OperatingState, PoseStamped, Time, TwistStamped, WrenchStamped,
 };
 pub use names::{
-    Attachment, Domain, Gid, Namespace, NamespaceError, RosNode, gid, node_token, publisher_token, subscriber_token, topic_key,
+    Attachment, Domain, Gid, Namespace, NamespaceError, RosNode, gid, node_token, publisher_token,
+    subscriber_token, topic_key,
 };
 pub use topics::{Topic, TopicInput};

@@ -1,7 +1,8 @@
 //! The messages that hapticd sends: fields in their order, type names, hashes.
 //!
-//! A hash is that of the type's definition (REP-2016, `RIHS01`). `tests/fixtures/cdr/type_hashes.json` has them as another program computes
-//! them from the definitions; docs/reference/ros2.md names where they are published.
+//! A hash is that of the type's definition (REP-2016, `RIHS01`).
+//! `tests/fixtures/cdr/type_hashes.json` has them as another program computes them from the
+//! definitions; docs/reference/ros2.md names where they are published.
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -22,7 +23,8 @@ pub struct MessageType {
 }
 
 impl MessageType {
-    /// The name that it has on a DDS wire, and in `rmw_zenoh`: `geometry_msgs::msg::dds_::PoseStamped_`.
+    /// The name that it has on a DDS wire, and in `rmw_zenoh`:
+    /// `geometry_msgs::msg::dds_::PoseStamped_`.
     pub fn dds_name(&self) -> String {
         format!("{}::msg::dds_::{}_", self.package, self.name)
     }
@@ -45,8 +47,11 @@ pub trait Message {
 macro_rules! message {
     ($message:ident in $package:literal, hash $hash:literal) => {
         impl Message for $message<'_> {
-            const TYPE: MessageType =
-                MessageType { package: $package, name: stringify!($message), hash: concat!("RIHS01_", $hash) };
+            const TYPE: MessageType = MessageType {
+                package: $package,
+                name: stringify!($message),
+                hash: concat!("RIHS01_", $hash),
+            };
 
             fn to_cdr(&self) -> Vec<u8> {
                 let mut cdr = CdrWriter::new();
@@ -67,7 +72,8 @@ pub struct Time {
 }
 
 impl From<SystemTime> for Time {
-    /// A clock before 1970 counts as 1970, one after the year 2038 as the last second that there is.
+    /// A clock before 1970 counts as 1970, one after the year 2038 as the last second that there
+    /// is.
     fn from(time: SystemTime) -> Self {
         let since = time.duration_since(UNIX_EPOCH).unwrap_or_default();
         Self { sec: since.as_secs().try_into().unwrap_or(i32::MAX), nanosec: since.subsec_nanos() }
@@ -112,12 +118,17 @@ impl PoseStamped<'_> {
     fn write(&self, cdr: &mut CdrWriter) {
         self.header.write(cdr);
         let Pose { rotation, translation } = self.pose;
-        translation.to_array().into_iter().chain(rotation.to_array()).for_each(|number| cdr.f64(number));
+        translation
+            .to_array()
+            .into_iter()
+            .chain(rotation.to_array())
+            .for_each(|number| cdr.f64(number));
     }
 }
 
 impl<'a> PoseStamped<'a> {
-    /// Reads one; the quaternion as it was written, not normalised. `None`: the bytes are no such message.
+    /// Reads one; the quaternion as it was written, not normalised. `None`: the bytes are no such
+    /// message.
     pub fn from_cdr(message: &'a [u8]) -> Option<Self> {
         let mut cdr = CdrReader::new(message)?;
         let header = Header::read(&mut cdr)?;
@@ -256,7 +267,9 @@ impl DiagnosticArray<'_> {
         self.header.write(cdr);
         cdr.sequence(&self.status, |cdr, status| {
             cdr.u8(status.level as u8);
-            [status.name, &status.message, status.hardware_id].into_iter().for_each(|text| cdr.string(text));
+            [status.name, &status.message, status.hardware_id]
+                .into_iter()
+                .for_each(|text| cdr.string(text));
             cdr.sequence(&status.values, |cdr, (key, value)| {
                 cdr.string(key);
                 cdr.string(value);

@@ -1,8 +1,8 @@
 //! Which part of a record is which message, on which topic: the table of `docs/reference/ros2.md`.
 
 use super::messages::{
-    DiagnosticArray, DiagnosticLevel, DiagnosticStatus, Header, JointState, Joy, Message, MessageType, OperatingState, PoseStamped,
-    Time, TwistStamped, WrenchStamped,
+    DiagnosticArray, DiagnosticLevel, DiagnosticStatus, Header, JointState, Joy, Message,
+    MessageType, OperatingState, PoseStamped, Time, TwistStamped, WrenchStamped,
 };
 use haptics::{Faults, OffCause};
 use recording::TickRecord;
@@ -104,41 +104,67 @@ impl Topic {
     /// Its message; `None` where a number of it is none: ROS 2 has no word for that.
     pub fn message(self, moment: &TopicInput<'_>) -> Option<Vec<u8>> {
         let TopicInput { record, stamp, .. } = *moment;
-        let (sample, output) = (&record.input.sample, &record.output);
+        let sample = &record.input.sample;
+        let output = &record.output;
         let at = |frame_id| Header { stamp, frame_id };
-        let pose = |frame_id, pose: Pose| pose.is_finite().then(|| PoseStamped { header: at(frame_id), pose }.to_cdr());
-        let wrench = |frame_id, wrench: Wrench| wrench.is_finite().then(|| WrenchStamped { header: at(frame_id), wrench }.to_cdr());
+        let pose = |frame_id, pose: Pose| {
+            pose.is_finite().then(|| PoseStamped { header: at(frame_id), pose }.to_cdr())
+        };
+        let wrench = |frame_id, wrench: Wrench| {
+            wrench.is_finite().then(|| WrenchStamped { header: at(frame_id), wrench }.to_cdr())
+        };
         match self {
             Self::MeasuredCp => pose(DEVICE, sample.pose),
-            Self::MeasuredCv => sample.twist.is_finite().then(|| TwistStamped { header: at(DEVICE), twist: sample.twist }.to_cdr()),
+            Self::MeasuredCv => sample
+                .twist
+                .is_finite()
+                .then(|| TwistStamped { header: at(DEVICE), twist: sample.twist }.to_cdr()),
             Self::MeasuredCf => wrench(DEVICE, record.rendered_device),
             Self::ServoCf => wrench(DEVICE, output.command_device),
             Self::ToolMeasuredCp => pose(WORLD, output.world_from_tool),
             Self::ToolContactCf => wrench(WORLD, output.contact_world),
             Self::GripperMeasuredJs => sample.grip_rad.is_finite().then(|| {
                 let position = [sample.grip_rad];
-                JointState { header: at(""), name: &GRIPPER, position: &position, velocity: &[], effort: &[] }.to_cdr()
+                JointState {
+                    header: at(""),
+                    name: &GRIPPER,
+                    position: &position,
+                    velocity: &[],
+                    effort: &[],
+                }
+                .to_cdr()
             }),
             Self::OperatingState => {
-                let (state, is_busy) = (output.drive.crtk_name(), output.drive.is_busy());
-                Some(OperatingState { header: at(""), state, is_homed: sample.homed, is_busy }.to_cdr())
+                let state = output.drive.crtk_name();
+                let is_busy = output.drive.is_busy();
+                Some(
+                    OperatingState { header: at(""), state, is_homed: sample.homed, is_busy }
+                        .to_cdr(),
+                )
             }
             Self::Diagnostics => Some(diagnostics(moment).to_cdr()),
             Self::Joy => {
-                let buttons: Vec<_> = (0..N_BUTTONS).map(|bit| (sample.buttons >> bit & 1) as i32).collect();
+                let buttons: Vec<_> =
+                    (0..N_BUTTONS).map(|bit| (sample.buttons >> bit & 1) as i32).collect();
                 Some(Joy { header: at(""), axes: &[], buttons: &buttons }.to_cdr())
             }
         }
     }
 
-    /// What has to be sent at once when it differs from before; the same number for topics that do not wait for that.
+    /// What has to be sent at once when it differs from before; the same number for topics that do
+    /// not wait for that.
     pub fn news(self, record: &TickRecord) -> u64 {
-        let (sample, output) = (&record.input.sample, &record.output);
+        let sample = &record.input.sample;
+        let output = &record.output;
         match self {
             Self::OperatingState => {
-                u64::from(sample.homed) | u64::from(output.drive.is_busy()) << 1 | u64::from(output.drive as u8) << 2
+                u64::from(sample.homed)
+                    | u64::from(output.drive.is_busy()) << 1
+                    | u64::from(output.drive as u8) << 2
             }
-            Self::Diagnostics => u64::from(output.faults.bits()) << 8 | u64::from(output.off_cause as u8),
+            Self::Diagnostics => {
+                u64::from(output.faults.bits()) << 8 | u64::from(output.off_cause as u8)
+            }
             Self::Joy => sample.buttons.into(),
             _ => 0,
         }
@@ -147,22 +173,33 @@ impl Topic {
 
 /// Faults, why no force flows, and the contact.
 fn diagnostics<'a>(&TopicInput { record, stamp, arm }: &TopicInput<'a>) -> DiagnosticArray<'a> {
-    let (faults, cause) = (record.output.faults, record.output.off_cause);
-    let status = |level, name, message, values| DiagnosticStatus { level, name, message, hardware_id: arm, values };
+    let faults = record.output.faults;
+    let cause = record.output.off_cause;
+    let status = |level, name, message, values| DiagnosticStatus {
+        level,
+        name,
+        message,
+        hardware_id: arm,
+        values,
+    };
     let present = || Faults::TABLE.into_iter().filter(|(fault, ..)| faults.contains(*fault));
     let words: Vec<_> = present().map(|(.., words)| words).collect();
     let named = present().map(|(_, name, words)| (name, words.to_owned())).collect();
-    let (fault_level, force_level) = (
-        if faults.is_empty() { DiagnosticLevel::Ok } else { DiagnosticLevel::Error },
-        if cause == OffCause::None { DiagnosticLevel::Ok } else { DiagnosticLevel::Warn },
-    );
+    let fault_level = if faults.is_empty() { DiagnosticLevel::Ok } else { DiagnosticLevel::Error };
+    let force_level =
+        if cause == OffCause::None { DiagnosticLevel::Ok } else { DiagnosticLevel::Warn };
     let depth = Some(record.output.max_depth_m).filter(|depth_m| depth_m.is_finite());
     let depth = depth.map(|depth_m| ("max_depth_m", depth_m.to_string())).into_iter().collect();
     DiagnosticArray {
         header: Header { stamp, frame_id: "" },
         status: vec![
             status(fault_level, "hapticd: faults", words.join("; "), named),
-            status(force_level, "hapticd: force", cause.name().to_owned(), vec![("advice", cause.advice().to_owned())]),
+            status(
+                force_level,
+                "hapticd: force",
+                cause.name().to_owned(),
+                vec![("advice", cause.advice().to_owned())],
+            ),
             status(DiagnosticLevel::Ok, "hapticd: contact", String::new(), depth),
         ],
     }
@@ -182,7 +219,11 @@ mod tests {
             off_cause: OffCause::Velocity,
             ..TickOutput::default()
         };
-        TickRecord { input: TickInput { sample, ..TickInput::default() }, output, ..TickRecord::default() }
+        TickRecord {
+            input: TickInput { sample, ..TickInput::default() },
+            output,
+            ..TickRecord::default()
+        }
     }
 
     fn message(topic: Topic, record: &TickRecord) -> Option<Vec<u8>> {
@@ -197,7 +238,12 @@ mod tests {
     fn every_topic_is_in_the_table_with_its_type() {
         let page = include_str!("../../../docs/reference/ros2.md");
         for topic in Topic::ALL {
-            let row = format!("`{}` | `{}/{}`", topic.name(), topic.message_type().package, topic.message_type().name);
+            let row = format!(
+                "`{}` | `{}/{}`",
+                topic.name(),
+                topic.message_type().package,
+                topic.message_type().name
+            );
             assert!(page.contains(&row), "{row}");
         }
     }
@@ -210,7 +256,8 @@ mod tests {
         record.input.sample.twist.angular.z = f64::INFINITY;
         record.output.contact_world.force.y = f64::NAN;
         record.output.max_depth_m = f64::NAN;
-        let missing: Vec<_> = Topic::ALL.into_iter().filter(|topic| message(*topic, &record).is_none()).collect();
+        let missing: Vec<_> =
+            Topic::ALL.into_iter().filter(|topic| message(*topic, &record).is_none()).collect();
         assert_eq!(missing, [Topic::MeasuredCp, Topic::MeasuredCv, Topic::ToolContactCf]);
         assert!(!text(Topic::Diagnostics, &record).contains("max_depth_m"));
     }
@@ -218,9 +265,15 @@ mod tests {
     #[test]
     fn a_fault_and_its_cause_are_told_in_names_and_words() {
         let told = text(Topic::Diagnostics, &record());
-        for wanted in
-            ["hapticd: faults", "speed\0", "stale\0", "faster than the speed limit", "hapticd: force", "velocity\0", "sim-sigma7"]
-        {
+        for wanted in [
+            "hapticd: faults",
+            "speed\0",
+            "stale\0",
+            "faster than the speed limit",
+            "hapticd: force",
+            "velocity\0",
+            "sim-sigma7",
+        ] {
             assert!(told.contains(wanted), "{wanted}: {told}");
         }
         assert!(text(Topic::OperatingState, &record()).contains("FAULT\0"));
@@ -230,9 +283,13 @@ mod tests {
 
     #[test]
     fn what_is_sent_at_once_is_what_a_subscriber_waits_for() {
-        let (before, mut after) = (record(), record());
+        let before = record();
+        let mut after = record();
         let changed = |after: &TickRecord| {
-            Topic::ALL.into_iter().filter(|topic| topic.news(&before) != topic.news(after)).collect::<Vec<_>>()
+            Topic::ALL
+                .into_iter()
+                .filter(|topic| topic.news(&before) != topic.news(after))
+                .collect::<Vec<_>>()
         };
         after.input.sample.pose.translation.x += 1.0;
         after.output.max_depth_m += 1.0;

@@ -1,6 +1,8 @@
 //! Lines, dots and words on pixels.
 
-use tiny_skia::{Color, FillRule, LineCap, Paint, Path, PathBuilder, Pixmap, Rect, Stroke, Transform};
+use tiny_skia::{
+    Color, FillRule, LineCap, Paint, Path, PathBuilder, Pixmap, Rect, Stroke, Transform,
+};
 use ttf_parser::{Face, OutlineBuilder};
 
 use super::palette::{INK, Rgb};
@@ -51,10 +53,15 @@ impl Canvas {
         }
     }
 
-    /// Puts finished pixels onto the sheet, row by row from the top; what lies beyond it is left out.
+    /// Puts finished pixels onto the sheet, row by row from the top; what lies beyond it is left
+    /// out.
     pub(super) fn image(&mut self, [left, top]: [i32; 2], [width, _]: [i32; 2], pixels: &[Rgb]) {
         let n_columns = self.pixels.width() as usize;
-        let (Ok(left), Ok(top), Ok(width)) = (usize::try_from(left), usize::try_from(top), usize::try_from(width)) else { return };
+        let (Ok(left), Ok(top), Ok(width)) =
+            (usize::try_from(left), usize::try_from(top), usize::try_from(width))
+        else {
+            return;
+        };
         let rows = self.pixels.data_mut().chunks_exact_mut(4 * n_columns).skip(top);
         for (row, colors) in rows.zip(pixels.chunks_exact(width.max(1))) {
             for (pixel, [red, green, blue]) in row.chunks_exact_mut(4).skip(left).zip(colors) {
@@ -87,28 +94,45 @@ impl Canvas {
     }
 
     /// A bar of a round length in the lower left corner of a view.
-    pub(super) fn scale_bar(&mut self, [left, top]: [i32; 2], [width, height]: [i32; 2], pixels_per_m: f64) {
+    pub(super) fn scale_bar(
+        &mut self,
+        [left, top]: [i32; 2],
+        [width, height]: [i32; 2],
+        pixels_per_m: f64,
+    ) {
         let most_m = BAR * f64::from(width) / pixels_per_m;
         let decade_m = 10_f64.powf(most_m.log10().floor());
-        let Some(length_m) = [5.0, 2.0, 1.0].into_iter().map(|factor| factor * decade_m).find(|length_m| *length_m <= most_m)
+        let Some(length_m) = [5.0, 2.0, 1.0]
+            .into_iter()
+            .map(|factor| factor * decade_m)
+            .find(|length_m| *length_m <= most_m)
         else {
             return;
         };
-        let (x, y) = (f64::from(left) + 12.0, f64::from(top + height) - 12.0);
+        let x = f64::from(left) + 12.0;
+        let y = f64::from(top + height) - 12.0;
         let end = x + length_m * pixels_per_m;
         self.line([x, y], [end, y], 2.0, INK);
         self.text([x, y - 6.0], 13.0, Align::Left, INK, &format!("{} mm", short(length_m * 1e3)));
     }
 
     /// One line of text; `y` is its base line, `size` the height of its line.
-    pub(super) fn text(&mut self, [x, y]: [f64; 2], size: f64, align: Align, color: Rgb, text: &str) {
+    pub(super) fn text(
+        &mut self,
+        [x, y]: [f64; 2],
+        size: f64,
+        align: Align,
+        color: Rgb,
+        text: &str,
+    ) {
         let scale = size / f64::from(self.face.units_per_em());
         let mut at = match align {
             Align::Left => x,
             Align::Middle => x - 0.5 * self.text_width(size, text),
             Align::Right => x - self.text_width(size, text),
         };
-        let mut outline = Outline { path: PathBuilder::new(), origin: [0.0; 2], scale: scale as f32 };
+        let mut outline =
+            Outline { path: PathBuilder::new(), origin: [0.0; 2], scale: scale as f32 };
         for letter in text.chars() {
             let glyph = self.face.glyph_index(letter).unwrap_or_default();
             outline.origin = [at as f32, y as f32];
@@ -122,9 +146,14 @@ impl Canvas {
     }
 
     pub(super) fn text_width(&self, size: f64, text: &str) -> f64 {
-        let advance =
-            |letter| self.face.glyph_index(letter).and_then(|glyph| self.face.glyph_hor_advance(glyph)).unwrap_or_default();
-        text.chars().map(|letter| f64::from(advance(letter))).sum::<f64>() * size / f64::from(self.face.units_per_em())
+        let advance = |letter| {
+            self.face
+                .glyph_index(letter)
+                .and_then(|glyph| self.face.glyph_hor_advance(glyph))
+                .unwrap_or_default()
+        };
+        text.chars().map(|letter| f64::from(advance(letter))).sum::<f64>() * size
+            / f64::from(self.face.units_per_em())
     }
 
     fn fill(&mut self, path: &Path, color: Rgb) {

@@ -1,8 +1,10 @@
-//! Films as animated PNG (PNG, third edition, W3C 2025, section 11.3.6): browsers show them without anything else, no colour is lost, and each
-//! frame says for itself how long it stands, so that a film whose frames were left out keeps the time.
+//! Films as animated PNG (PNG, third edition, W3C 2025, section 11.3.6): browsers show them without
+//! anything else, no colour is lost, and each frame says for itself how long it stands, so that a
+//! film whose frames were left out keeps the time.
 //!
-//! Each frame holds only the pixels that differ from the one before; the rest is transparent. Frames go to the file as they come. How
-//! many there are stands before the first of them, and is put there at the end.
+//! Each frame holds only the pixels that differ from the one before; the rest is transparent.
+//! Frames go to the file as they come. How many there are stands before the first of them, and is
+//! put there at the end.
 //!
 //! Invariant: cold; memory for two frames, however long the film is.
 
@@ -14,7 +16,8 @@ use tiny_skia::{Pixmap, PremultipliedColorU8};
 const SIGNATURE: [u8; 8] = *b"\x89PNG\r\n\x1a\n";
 /// Of every chunk but its data: length, kind, checksum.
 const CHUNK_REST: usize = 12;
-/// Behind the signature and the header with its 13 bytes: the chunk that says how many frames there are.
+/// Behind the signature and the header with its 13 bytes: the chunk that says how many frames there
+/// are.
 const COUNT_AT: u64 = 8 + 13 + CHUNK_REST as u64;
 const CHECKSUM: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_ISO_HDLC);
 /// A frame stands for at most so long, ms: the format has 16 bits for it.
@@ -61,7 +64,8 @@ impl<W: Write + Seek> Film<W> {
         Ok(())
     }
 
-    /// Ends the film: the last frame stands for a second. Gives the file and how many frames it has.
+    /// Ends the film: the last frame stands for a second. Gives the file and how many frames it
+    /// has.
     ///
     /// # Errors
     /// The file takes no more.
@@ -81,7 +85,8 @@ impl<W: Write + Seek> Film<W> {
         let chunks = Chunks(png.get(SIGNATURE.len()..).unwrap_or_default());
         if self.n_frames == 0 {
             // The header of a frame is that of the film.
-            let header = chunks.clone().find(|(kind, _)| kind == b"IHDR").map_or(&[][..], |(_, data)| data);
+            let header =
+                chunks.clone().find(|(kind, _)| kind == b"IHDR").map_or(&[][..], |(_, data)| data);
             self.file.write_all(&SIGNATURE)?;
             self.chunk(*b"IHDR", header)?;
             self.count()?;
@@ -171,7 +176,12 @@ mod tests {
         pixels.fill(Color::WHITE);
         let mut paint = Paint::default();
         paint.set_color_rgba8(200, 30, 60, 255);
-        pixels.fill_rect(Rect::from_xywh(x, 5.0, 8.0, 8.0).expect("a rectangle"), &paint, Transform::identity(), None);
+        pixels.fill_rect(
+            Rect::from_xywh(x, 5.0, 8.0, 8.0).expect("a rectangle"),
+            &paint,
+            Transform::identity(),
+            None,
+        );
         pixels
     }
 
@@ -181,16 +191,25 @@ mod tests {
         let all: Vec<_> = Chunks(&film[8..]).collect();
         assert_eq!(&all[all.len() - 1].0, b"IEND");
         // Every chunk is whole: signature and chunks are all that there is.
-        assert_eq!(8 + all.iter().map(|(_, data)| data.len() + CHUNK_REST).sum::<usize>(), film.len());
+        assert_eq!(
+            8 + all.iter().map(|(_, data)| data.len() + CHUNK_REST).sum::<usize>(),
+            film.len()
+        );
         let header = all[0].1;
-        let word = |data: &[u8], at: usize| u32::from_be_bytes(data[at..at + 4].try_into().expect("four"));
+        let word =
+            |data: &[u8], at: usize| u32::from_be_bytes(data[at..at + 4].try_into().expect("four"));
         assert_eq!((&all[1].0, word(all[1].1, 4)), (b"acTL", 0));
-        let (mut sequence, mut frames, mut canvas) = (0, Vec::new(), None::<Pixmap>);
+        let mut sequence = 0;
+        let mut frames = Vec::new();
+        let mut canvas = None::<Pixmap>;
         let mut n = 2;
         while n + 1 < all.len() {
             let (kind, control) = all[n];
             assert_eq!((&kind, word(control, 0), control.len()), (b"fcTL", sequence, 26));
-            assert_eq!([word(control, 4), word(control, 8), word(control, 12), word(control, 16)], [40, 30, 0, 0]);
+            assert_eq!(
+                [word(control, 4), word(control, 8), word(control, 12), word(control, 16)],
+                [40, 30, 0, 0]
+            );
             sequence += 1;
             n += 1;
             let mut still = SIGNATURE.to_vec();

@@ -1,9 +1,13 @@
-//! Pictures of what was baked, three cuts through the map with the shell on them on one sheet; of clay; and of rigid scenes.
+//! Pictures of what was baked, three cuts through the map with the shell on them on one sheet; of
+//! clay; and of rigid scenes.
 //!
-//! `sheet` lays the cuts out, `panel` draws one of them, `palette` gives layer values their colours, `canvas` draws
-//! lines and words, [`splats`] the samples of clay, [`parts`] the meshes of a scene; both look through a `view`, and `shade` lights it. [`film`] writes frames as one file. Pure Rust with a font of its own: the same picture on every machine.
+//! `sheet` lays the cuts out, `panel` draws one of them, `palette` gives layer values their
+//! colours, `canvas` draws lines and words, [`splats`] the samples of clay, [`parts`] the meshes of
+//! a scene; both look through a `view`, and `shade` lights it. [`film`] writes frames as one file.
+//! Pure Rust with a font of its own: the same picture on every machine.
 //!
-//! Invariants: cold; reads a finished map and changes nothing. Cost: O(pixels + surface voxels + points).
+//! Invariants: cold; reads a finished map and changes nothing. Cost: O(pixels + surface voxels +
+//! points).
 
 mod canvas;
 pub mod film;

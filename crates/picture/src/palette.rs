@@ -1,5 +1,5 @@
-//! Colours of layer values: blue outside, orange inside, which all kinds of colour vision tell apart, and both pale enough for the
-//! dark surface between them.
+//! Colours of layer values: blue outside, orange inside, which all kinds of colour vision tell
+//! apart, and both pale enough for the dark surface between them.
 
 /// Between two values of a picture.
 const STEP: u8 = 3;
@@ -28,13 +28,15 @@ pub(super) fn of_layer(value: i8, n_layers: u32) -> Rgb {
     if depth == 0 {
         return INK;
     }
-    let ([near, far], beyond) = if value < 0 { (OUTSIDE, FAR_OUTSIDE) } else { (INSIDE, DEEP_INSIDE) };
+    let ([near, far], beyond) =
+        if value < 0 { (OUTSIDE, FAR_OUTSIDE) } else { (INSIDE, DEEP_INSIDE) };
     if depth > n_layers {
         return beyond;
     }
     let share = f64::from(depth - 1) / f64::from(n_layers.saturating_sub(1).max(1));
     core::array::from_fn(|channel| {
-        (f64::from(near[channel]) + share * (f64::from(far[channel]) - f64::from(near[channel]))).round() as u8
+        (f64::from(near[channel]) + share * (f64::from(far[channel]) - f64::from(near[channel])))
+            .round() as u8
     })
 }
 
@@ -44,10 +46,12 @@ pub(super) fn to_linear(value: u8) -> f32 {
     if share <= 0.04045 { share / 12.92 } else { ((share + 0.055) / 1.055).powf(2.4) }
 }
 
-/// The other way round, in steps that no eye sees and that take a fifth off a file; more light than white is white.
+/// The other way round, in steps that no eye sees and that take a fifth off a file; more light than
+/// white is white.
 pub(super) fn to_srgb(light: f32) -> u8 {
     let light = light.clamp(0.0, 1.0);
-    let share = if light <= 0.003_130_8 { 12.92 * light } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 };
+    let share =
+        if light <= 0.003_130_8 { 12.92 * light } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 };
     let step = f32::from(STEP);
     ((share * 255.0 / step).round() * step).min(255.0) as u8
 }
@@ -60,7 +64,10 @@ mod tests {
     fn layers_brighten_away_from_the_surface_on_both_sides() {
         let brightness = |value: i8| of_layer(value, 8).map(u32::from).iter().sum::<u32>();
         for side in [-1, 1] {
-            assert!((0..9).all(|layer| brightness(side * layer) < brightness(side * (layer + 1))), "{side}");
+            assert!(
+                (0..9).all(|layer| brightness(side * layer) < brightness(side * (layer + 1))),
+                "{side}"
+            );
         }
         assert_eq!(of_layer(1, 1), INSIDE[0]);
         assert!(of_layer(-9, 8)[2] > of_layer(-9, 8)[0] && of_layer(9, 8)[2] < of_layer(9, 8)[0]);

@@ -42,14 +42,16 @@ impl Panel {
 
     fn draw_layers(&self, canvas: &mut Canvas, subject: &BakedObject<'_>) {
         let ([width, height], n_cells) = (self.size, self.n_cells(subject));
-        let cell_under =
-            |pixel: i32, n_pixels: i32, n_cells: i32| ((f64::from(pixel) + 0.5) / f64::from(n_pixels) * f64::from(n_cells)) as i32;
+        let cell_under = |pixel: i32, n_pixels: i32, n_cells: i32| {
+            ((f64::from(pixel) + 0.5) / f64::from(n_pixels) * f64::from(n_cells)) as i32
+        };
         let mut cell = [0; 3];
         cell[self.axes[2]] = self.cut;
         for row in 0..height {
             cell[self.axes[1]] = cell_under(height - 1 - row, height, n_cells[1]);
             // Runs of one colour are one block.
-            let (mut run_start, mut run_color) = (0, None);
+            let mut run_start = 0;
+            let mut run_color = None;
             for column in 0..=width {
                 let color = (column < width).then(|| {
                     cell[self.axes[0]] = cell_under(column, width, n_cells[0]);
@@ -57,7 +59,11 @@ impl Panel {
                 });
                 if color != run_color {
                     if let Some(color) = run_color {
-                        canvas.block([self.corner[0] + run_start, self.corner[1] + row], [column - run_start, 1], color);
+                        canvas.block(
+                            [self.corner[0] + run_start, self.corner[1] + row],
+                            [column - run_start, 1],
+                            color,
+                        );
                     }
                     (run_start, run_color) = (column, color);
                 }
@@ -65,12 +71,21 @@ impl Panel {
         }
         // Where a pixel covers several voxels the surface still shows.
         for cell in subject.surface.cells().filter(|cell| cell[self.axes[2]] == self.cut) {
-            let pixel = |index: i32, side: usize| (i64::from(index) * i64::from(self.size[side]) / i64::from(n_cells[side])) as i32;
+            let pixel = |index: i32, side: usize| {
+                (i64::from(index) * i64::from(self.size[side]) / i64::from(n_cells[side])) as i32
+            };
             let [u, v] = [cell[self.axes[0]], cell[self.axes[1]]];
-            let (left, right) = (pixel(u, 0), pixel(u + 1, 0));
-            let (low, high) = (pixel(v, 1), pixel(v + 1, 1));
-            let (wide, tall) = ((right - left).max(1), (high - low).max(1));
-            canvas.block([self.corner[0] + left, self.corner[1] + height - low - tall], [wide, tall], INK);
+            let left = pixel(u, 0);
+            let right = pixel(u + 1, 0);
+            let low = pixel(v, 1);
+            let high = pixel(v + 1, 1);
+            let wide = (right - left).max(1);
+            let tall = (high - low).max(1);
+            canvas.block(
+                [self.corner[0] + left, self.corner[1] + height - low - tall],
+                [wide, tall],
+                INK,
+            );
         }
     }
 
@@ -78,7 +93,8 @@ impl Panel {
         let grid = &subject.surface.grid;
         let n_cells = self.n_cells(subject);
         let scale = [0, 1].map(|side| f64::from(self.size[side]) / f64::from(n_cells[side]));
-        // The first point of each place on the sheet: the shell's order does not depend on anything.
+        // The first point of each place on the sheet: the shell's order does not depend on
+        // anything.
         let n_columns = self.size[0] / POINT_SPACING + 1;
         let n_rows = self.size[1] / POINT_SPACING + 1;
         let mut drawn: Vec<Vec<[f64; 2]>> = vec![Vec::new(); (n_columns * n_rows) as usize];
@@ -89,14 +105,21 @@ impl Panel {
             if cells[self.axes[2]].floor() as i32 != self.cut {
                 continue;
             }
-            let on_panel = [cells[self.axes[0]] * scale[0], f64::from(self.size[1]) - cells[self.axes[1]] * scale[1]];
-            let field = [0, 1].map(|side| (on_panel[side] as i32 / POINT_SPACING).clamp(0, [n_columns, n_rows][side] - 1));
+            let on_panel = [
+                cells[self.axes[0]] * scale[0],
+                f64::from(self.size[1]) - cells[self.axes[1]] * scale[1],
+            ];
+            let field = [0, 1].map(|side| {
+                (on_panel[side] as i32 / POINT_SPACING).clamp(0, [n_columns, n_rows][side] - 1)
+            });
             let near = |column: i32, row: i32| {
-                let field = drawn.get((row * n_columns + column) as usize).filter(|_| (0..n_columns).contains(&column) && row >= 0);
-                field
-                    .into_iter()
-                    .flatten()
-                    .any(|other| (other[0] - on_panel[0]).hypot(other[1] - on_panel[1]) < f64::from(POINT_SPACING))
+                let field = drawn
+                    .get((row * n_columns + column) as usize)
+                    .filter(|_| (0..n_columns).contains(&column) && row >= 0);
+                field.into_iter().flatten().any(|other| {
+                    (other[0] - on_panel[0]).hypot(other[1] - on_panel[1])
+                        < f64::from(POINT_SPACING)
+                })
             };
             if (-1..=1).any(|dx| (-1..=1).any(|dy| near(field[0] + dx, field[1] + dy))) {
                 continue;
@@ -126,12 +149,24 @@ impl Panel {
             canvas.text([left - 10.0, y + 4.5], TEXT, Align::Right, INK, &short(value));
         }
         let [across, up, cut] = self.axes.map(|axis| NAMES[axis]);
-        canvas.text([left + 0.5 * width, bottom + 38.0], TEXT, Align::Middle, FAINT, &format!("{across} (mm)"));
+        canvas.text(
+            [left + 0.5 * width, bottom + 38.0],
+            TEXT,
+            Align::Middle,
+            FAINT,
+            &format!("{across} (mm)"),
+        );
         canvas.text([left - 10.0, top - 10.0], TEXT, Align::Right, FAINT, &format!("{up} (mm)"));
         let mut center = [0; 3];
         center[self.axes[2]] = self.cut;
         let at_mm = grid.center_map(center)[self.axes[2]] * 1e3;
-        canvas.text([left, top - 10.0], TEXT + 1.0, Align::Left, INK, &format!("{cut} = {} mm", short(at_mm)));
+        canvas.text(
+            [left, top - 10.0],
+            TEXT + 1.0,
+            Align::Left,
+            INK,
+            &format!("{cut} = {} mm", short(at_mm)),
+        );
     }
 }
 

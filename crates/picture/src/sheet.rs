@@ -36,12 +36,16 @@ pub fn write(path: &Path, subject: &BakedObject<'_>) -> io::Result<()> {
 
 fn png(subject: &BakedObject<'_>) -> io::Result<Vec<u8>> {
     let panels = panels(subject);
-    let far = |side: usize| panels.iter().map(|panel| panel.corner[side] + panel.size[side]).max().unwrap_or(0);
-    let (right, bottom) = (f64::from(far(0)), f64::from(far(1)));
+    let far = |side: usize| {
+        panels.iter().map(|panel| panel.corner[side] + panel.size[side]).max().unwrap_or(0)
+    };
+    let right = f64::from(far(0));
+    let bottom = f64::from(far(1));
     let [width, height] = [right + RIGHT, bottom + 44.0 + LEGEND].map(|edge| edge.ceil() as u32);
     // A legend and a title have a width, too.
     let width = width.max(900);
-    let mut canvas = Canvas::new(width, height).ok_or_else(|| io::Error::other("no memory for a sheet of pixels"))?;
+    let mut canvas = Canvas::new(width, height)
+        .ok_or_else(|| io::Error::other("no memory for a sheet of pixels"))?;
     header(&mut canvas, subject);
     for panel in &panels {
         panel.draw(&mut canvas, subject);
@@ -50,8 +54,9 @@ fn png(subject: &BakedObject<'_>) -> io::Result<Vec<u8>> {
     canvas.png()
 }
 
-/// Places three cuts on the sheet. Most bodies have them side by side; a long one has its longest edge to the right in the first,
-/// the second below and the third beside it, as in a drawing of three views.
+/// Places three cuts on the sheet. Most bodies have them side by side; a long one has its longest
+/// edge to the right in the first, the second below and the third beside it, as in a drawing of
+/// three views.
 fn panels(subject: &BakedObject<'_>) -> [Panel; 3] {
     let dims = subject.surface.grid.dims;
     let extent = dims.map(f64::from);
@@ -66,7 +71,10 @@ fn panels(subject: &BakedObject<'_>) -> [Panel; 3] {
         (across.min(PANELS_HEIGHT / extent[1].max(extent[2])), [[0, 1, 2], [0, 2, 1], [1, 2, 0]])
     } else {
         let across = scale_to_fit(&[extent[a], extent[c]], room - COLUMN_GAP);
-        (across.min(scale_to_fit(&[extent[b], extent[c]], PANELS_HEIGHT - ROW_GAP)), [[a, b, c], [a, c, b], [c, b, a]])
+        (
+            across.min(scale_to_fit(&[extent[b], extent[c]], PANELS_HEIGHT - ROW_GAP)),
+            [[a, b, c], [a, c, b], [c, b, a]],
+        )
     };
     let pixels = extent.map(|n_cells| (n_cells * scale).max(PANEL_MIN).floor());
     let place = |axes: [usize; 3], left: f64, top: f64| Panel {
@@ -96,7 +104,8 @@ fn panels(subject: &BakedObject<'_>) -> [Panel; 3] {
 fn scale_to_fit(extents: &[f64], n_pixels: f64) -> f64 {
     let mut scale = n_pixels / extents.iter().sum::<f64>();
     for _ in extents {
-        let (short, long): (Vec<f64>, Vec<f64>) = extents.iter().partition(|extent| **extent * scale < PANEL_MIN);
+        let (short, long): (Vec<f64>, Vec<f64>) =
+            extents.iter().partition(|extent| **extent * scale < PANEL_MIN);
         scale = (n_pixels - PANEL_MIN * short.len() as f64) / long.iter().sum::<f64>();
     }
     scale
@@ -113,7 +122,11 @@ fn cuts(subject: &BakedObject<'_>) -> [i32; 3] {
     }
     core::array::from_fn(|axis| {
         let middle = (dims[axis] / 2) as i32;
-        let held = is_held[axis].iter().enumerate().filter(|(_, is_held)| **is_held).map(|(index, _)| index as i32);
+        let held = is_held[axis]
+            .iter()
+            .enumerate()
+            .filter(|(_, is_held)| **is_held)
+            .map(|(index, _)| index as i32);
         held.min_by_key(|index| (index - middle).abs()).unwrap_or(middle)
     })
 }
@@ -123,7 +136,8 @@ fn header(canvas: &mut Canvas, subject: &BakedObject<'_>) {
     let [nx, ny, nz] = grid.dims;
     canvas.text([LEFT, 40.0], 24.0, Align::Left, INK, &shortened(subject.name, 60));
     let facts = format!(
-        "{nx} \u{d7} {ny} \u{d7} {nz} voxels of {} mm \u{b7} {} of them on the surface, a point in each \u{b7} {} layers \u{b7} {}",
+        "{nx} \u{d7} {ny} \u{d7} {nz} voxels of {} mm \u{b7} {} of them on the surface, a point in \
+            each \u{b7} {} layers \u{b7} {}",
         short(grid.voxel_size_m * 1e3),
         grouped(subject.surface.n_voxels),
         subject.layers.n_layers,
@@ -148,16 +162,28 @@ fn legend(canvas: &mut Canvas, subject: &BakedObject<'_>, top: f64) {
     canvas.text([right + 8.0, top + 13.0], 13.0, Align::Left, INK, "inside");
     let under = |k: f64| left + (k + 0.5) * f64::from(swatch);
     let layers = f64::from(n_layers);
-    for (at, text) in
-        [(1.0, format!("\u{2212}{n_layers}")), (layers + 1.0, "0".to_owned()), (2.0 * layers + 1.0, format!("+{n_layers}"))]
-    {
+    for (at, text) in [
+        (1.0, format!("\u{2212}{n_layers}")),
+        (layers + 1.0, "0".to_owned()),
+        (2.0 * layers + 1.0, format!("+{n_layers}")),
+    ] {
         canvas.text([under(at), top + 33.0], 13.0, Align::Middle, FAINT, &text);
     }
     canvas.text([right + 8.0, top + 33.0], 13.0, Align::Left, FAINT, "layers");
     let sample = [right + 100.0, top + 8.0];
-    canvas.block([sample[0] as i32 - 10, top as i32], [44, 16], palette::of_layer(3, subject.layers.n_layers));
+    canvas.block(
+        [sample[0] as i32 - 10, top as i32],
+        [44, 16],
+        palette::of_layer(3, subject.layers.n_layers),
+    );
     draw_point(canvas, sample, [1.0, 0.0], 18.0);
-    canvas.text([sample[0] + 44.0, top + 13.0], 13.0, Align::Left, INK, "point in the cut (thinned out) and its normal");
+    canvas.text(
+        [sample[0] + 44.0, top + 13.0],
+        13.0,
+        Align::Left,
+        INK,
+        "point in the cut (thinned out) and its normal",
+    );
 }
 
 /// Digits in groups of three.
@@ -206,7 +232,12 @@ mod tests {
         ];
         for (size_m, voxel_size_m) in sizes {
             let (panels, pixels) = sheet(size_m, voxel_size_m);
-            assert!(pixels.width() <= 1600 && pixels.height() <= 1300, "{size_m}: {} x {}", pixels.width(), pixels.height());
+            assert!(
+                pixels.width() <= 1600 && pixels.height() <= 1300,
+                "{size_m}: {} x {}",
+                pixels.width(),
+                pixels.height()
+            );
             for (k, panel) in panels.iter().enumerate() {
                 assert!(panel.size.iter().all(|edge| *edge >= 72), "{size_m}: {panel:?}");
                 assert!(
@@ -229,15 +260,19 @@ mod tests {
         let (panels, pixels) = sheet(DVec3::new(0.02, 0.02, 0.02), 1e-3);
         // The solid is 20 of 29 voxels wide: 4 of padding, then the surface.
         let color = |panel: &Panel, u: f64, v: f64| {
-            let [x, y] =
-                [panel.corner[0] + (u * f64::from(panel.size[0])) as i32, panel.corner[1] + (v * f64::from(panel.size[1])) as i32];
+            let [x, y] = [
+                panel.corner[0] + (u * f64::from(panel.size[0])) as i32,
+                panel.corner[1] + (v * f64::from(panel.size[1])) as i32,
+            ];
             let pixel = pixels.pixel(x as u32, y as u32).unwrap();
             [pixel.red(), pixel.green(), pixel.blue()]
         };
         for panel in &panels {
             assert_eq!(color(panel, 0.5, 0.5), palette::of_layer(4, 3), "deep inside");
             assert_eq!(color(panel, 0.01, 0.01), palette::of_layer(-4, 3), "far outside");
-            let n_dark = (0..panel.size[0]).filter(|x| color(panel, f64::from(*x) / f64::from(panel.size[0]), 0.37) == INK).count();
+            let n_dark = (0..panel.size[0])
+                .filter(|x| color(panel, f64::from(*x) / f64::from(panel.size[0]), 0.37) == INK)
+                .count();
             assert!(n_dark > 10, "{n_dark} dark pixels across the surface");
         }
     }

@@ -40,7 +40,8 @@ pub(crate) mod tests {
         look: impl FnOnce(&TriangleMesh, &BakedObject<'_>) -> T,
     ) -> T {
         let mesh = Shape::Box { size_m }.tessellate(1e-4);
-        let options = Options { voxel_size_m, layers: 3, navigation: None, sides: InsideTest::Auto };
+        let options =
+            Options { voxel_size_m, layers: 3, navigation: None, sides: InsideTest::Auto };
         let map = Volume::build(&mesh, &inspect(&mesh), &options, |_| {}).unwrap();
         let (shell, _) = pointshell::build(&mesh, &map, DVec3::ZERO);
         let subject = BakedObject {

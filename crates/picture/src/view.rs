@@ -1,4 +1,5 @@
-//! A way of looking at things, and what each pixel sees of them; `splats` and `parts` fill it, `shade` lights it.
+//! A way of looking at things, and what each pixel sees of them; `splats` and `parts` fill it,
+//! `shade` lights it.
 
 use glam::{DVec2, DVec3, Vec3};
 
@@ -15,17 +16,34 @@ pub(super) struct Camera {
 
 impl Camera {
     /// Looks against `toward` at all of these places, which then fill this share of the view.
-    pub(super) fn over(toward: DVec3, places: impl Iterator<Item = DVec3>, size: [usize; 2], filled: f64) -> Self {
+    pub(super) fn over(
+        toward: DVec3,
+        places: impl Iterator<Item = DVec3>,
+        size: [usize; 2],
+        filled: f64,
+    ) -> Self {
         let toward = toward.normalize();
         let right = DVec3::Z.cross(toward).try_normalize().unwrap_or(DVec3::X);
         let up = toward.cross(right);
         let (low, high) = places
             .map(|at| DVec2::new(at.dot(right), at.dot(up)))
-            .fold((DVec2::INFINITY, DVec2::NEG_INFINITY), |(low, high), at| (low.min(at), high.max(at)));
-        let (middle, edges) = if low.cmple(high).all() { (0.5 * (low + high), high - low) } else { (DVec2::ZERO, DVec2::ONE) };
+            .fold((DVec2::INFINITY, DVec2::NEG_INFINITY), |(low, high), at| {
+                (low.min(at), high.max(at))
+            });
+        let (middle, edges) = if low.cmple(high).all() {
+            (0.5 * (low + high), high - low)
+        } else {
+            (DVec2::ZERO, DVec2::ONE)
+        };
         let size = DVec2::new(size[0] as f64, size[1] as f64);
         let scale = (filled * size / edges.max(DVec2::splat(1e-9))).min_element();
-        Self { right, up, toward, scale, origin: 0.5 * size + DVec2::new(-middle.x, middle.y) * scale }
+        Self {
+            right,
+            up,
+            toward,
+            scale,
+            origin: 0.5 * size + DVec2::new(-middle.x, middle.y) * scale,
+        }
     }
 
     /// The same for a part of the view that begins at this pixel.
@@ -40,7 +58,10 @@ impl Camera {
 
     /// Pixel, y down, and height towards the viewer, m.
     pub(super) fn place(&self, at: DVec3) -> (DVec2, f64) {
-        (self.origin + DVec2::new(at.dot(self.right), -at.dot(self.up)) * self.scale, at.dot(self.toward))
+        (
+            self.origin + DVec2::new(at.dot(self.right), -at.dot(self.up)) * self.scale,
+            at.dot(self.toward),
+        )
     }
 
     /// A direction in camera axes.
@@ -77,7 +98,10 @@ impl RenderedView {
     /// A part of it, which lies within.
     pub(super) fn part(&self, [left, top]: [usize; 2], [width, height]: [usize; 2]) -> Self {
         let rows = self.pixels.chunks_exact(self.width.max(1)).skip(top).take(height);
-        Self { width, pixels: rows.flat_map(|row| row[left..left + width].iter().copied()).collect() }
+        Self {
+            width,
+            pixels: rows.flat_map(|row| row[left..left + width].iter().copied()).collect(),
+        }
     }
 
     pub(super) fn size(&self) -> [usize; 2] {

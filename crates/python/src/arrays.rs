@@ -1,7 +1,8 @@
 //! Arrays of Python as slices, slices as arrays, and views of memory that Rust owns.
 //!
-//! All of it goes through NumPy's own interfaces and needs no `unsafe`: input is copied once by `tobytes`, results once into a `bytearray` that the
-//! array owns, and a view reads `__array_interface__` of an object that keeps the memory alive.
+//! All of it goes through NumPy's own interfaces and needs no `unsafe`: input is copied once by
+//! `tobytes`, results once into a `bytearray` that the array owns, and a view reads
+//! `__array_interface__` of an object that keeps the memory alive.
 
 use std::sync::Arc;
 
@@ -14,7 +15,8 @@ use vps::spatial::Pose;
 
 use crate::errors::InvalidInput;
 
-/// How far columns of a rotation matrix may be from unit length and right angles: rounding to float32 stays below it.
+/// How far columns of a rotation matrix may be from unit length and right angles: rounding to
+/// float32 stays below it.
 const ROTATION_TOLERANCE: f64 = 1e-5;
 
 fn numpy<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
@@ -27,8 +29,14 @@ fn shape_error(name: &str, shape: &[usize], wanted: &str) -> PyErr {
     InvalidInput::new_err(format!("{name} has the shape {shape:?}: give {wanted}"))
 }
 
-/// Items of an array-like in C order, converted to `dtype`, and its shape. `kinds`: the kinds of dtypes that are taken.
-fn items<T: bytemuck::Pod>(value: &Bound<'_, PyAny>, name: &str, kinds: &str, dtype: &str) -> PyResult<(Vec<T>, Vec<usize>)> {
+/// Items of an array-like in C order, converted to `dtype`, and its shape. `kinds`: the kinds of
+/// dtypes that are taken.
+fn items<T: bytemuck::Pod>(
+    value: &Bound<'_, PyAny>,
+    name: &str,
+    kinds: &str,
+    dtype: &str,
+) -> PyResult<(Vec<T>, Vec<usize>)> {
     let array = numpy(value.py(), "asarray")?.call1((value,))?;
     let shape: Vec<usize> = array.getattr("shape")?.extract()?;
     let found = array.getattr("dtype")?;
@@ -63,8 +71,12 @@ pub(crate) fn faces(value: &Bound<'_, PyAny>) -> PyResult<Vec<[u32; 3]>> {
         return Err(shape_error("faces", &shape, "(m, 3)"));
     }
     let index = |(at, number): (usize, &i64)| {
-        u32::try_from(*number)
-            .map_err(|_| InvalidInput::new_err(format!("faces: triangle {} names vertex {number}: count vertices from 0", at / 3)))
+        u32::try_from(*number).map_err(|_| {
+            InvalidInput::new_err(format!(
+                "faces: triangle {} names vertex {number}: count vertices from 0",
+                at / 3
+            ))
+        })
     };
     let numbers: Vec<u32> = numbers.iter().enumerate().map(index).collect::<PyResult<_>>()?;
     Ok(numbers.as_chunks().0.to_vec())
@@ -76,8 +88,16 @@ pub(crate) fn poses(value: &Bound<'_, PyAny>) -> PyResult<(Vec<Pose>, bool)> {
     let is_single = shape.len() + 1 == if shape.ends_with(&[4, 4]) { 3 } else { 2 };
     let poses = match shape[..] {
         [7] | [_, 7] => numbers.as_chunks().0.iter().map(of_seven).collect(),
-        [4, 4] | [_, 4, 4] => numbers.as_chunks().0.iter().enumerate().map(of_matrix).collect::<PyResult<_>>()?,
-        _ => return Err(shape_error("the pose", &shape, "(7,) or (n, 7): x, y, z, qx, qy, qz, qw; or (4, 4) or (n, 4, 4)")),
+        [4, 4] | [_, 4, 4] => {
+            numbers.as_chunks().0.iter().enumerate().map(of_matrix).collect::<PyResult<_>>()?
+        }
+        _ => {
+            return Err(shape_error(
+                "the pose",
+                &shape,
+                "(7,) or (n, 7): x, y, z, qx, qy, qz, qw; or (4, 4) or (n, 4, 4)",
+            ));
+        }
     };
     Ok((poses, is_single))
 }
@@ -86,23 +106,32 @@ fn of_seven(&[x, y, z, qx, qy, qz, qw]: &[f64; 7]) -> Pose {
     Pose::new(DQuat::from_xyzw(qx, qy, qz, qw), DVec3::new(x, y, z))
 }
 
-fn of_matrix((index, &[xx, xy, xz, x, yx, yy, yz, y, zx, zy, zz, z, b0, b1, b2, b3]): (usize, &[f64; 16])) -> PyResult<Pose> {
+fn of_matrix(
+    (index, &[xx, xy, xz, x, yx, yy, yz, y, zx, zy, zz, z, b0, b1, b2, b3]): (usize, &[f64; 16]),
+) -> PyResult<Pose> {
     let rotation = DMat3::from_cols_array(&[xx, yx, zx, xy, yy, zy, xz, yz, zz]);
     let away = rotation.transpose() * rotation - DMat3::IDENTITY;
     let is_near = |numbers: &[f64]| numbers.iter().all(|number| number.abs() <= ROTATION_TOLERANCE);
     if !is_near(&[b0, b1, b2, b3 - 1.0]) {
         let found = [b0, b1, b2, b3];
-        return Err(InvalidInput::new_err(format!("pose {index}: the last row of the matrix is {found:?}: give 0, 0, 0, 1")));
+        return Err(InvalidInput::new_err(format!(
+            "pose {index}: the last row of the matrix is {found:?}: give 0, 0, 0, 1"
+        )));
     }
     if !(is_near(&away.to_cols_array()) && rotation.determinant() > 0.0) {
-        let what = "its upper left 3 x 3 are no rotation: give columns of unit length at right angles, right-handed";
+        let what = "its upper left 3 x 3 are no rotation: give columns of unit length at right \
+            angles, right-handed";
         return Err(InvalidInput::new_err(format!("pose {index}: {what}")));
     }
     Ok(Pose::new(DQuat::from_mat3(&rotation).normalize(), DVec3::new(x, y, z)))
 }
 
 /// A new array of this shape and dtype that holds these items.
-pub(crate) fn array<'py, T: NoUninit>(items: &[T], shape: &[usize], dtype: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+pub(crate) fn array<'py, T: NoUninit>(
+    items: &[T],
+    shape: &[usize],
+    dtype: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyAny>> {
     let py = dtype.py();
     let bytes: &[u8] = bytemuck::cast_slice(items);
     let memory = PyByteArray::new_with(py, bytes.len(), |memory| {
@@ -113,7 +142,11 @@ pub(crate) fn array<'py, T: NoUninit>(items: &[T], shape: &[usize], dtype: &Boun
 }
 
 /// The same of numbers.
-pub(crate) fn numbers<'py, T: NoUninit>(items: &[T], shape: &[usize], py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+pub(crate) fn numbers<'py, T: NoUninit>(
+    items: &[T],
+    shape: &[usize],
+    py: Python<'py>,
+) -> PyResult<Bound<'py, PyAny>> {
     array(items, shape, PyString::new(py, "=f8").as_any())
 }
 
@@ -151,10 +184,19 @@ pub(crate) fn view<'py, O: Send + Sync + 'static, T>(
 ) -> PyResult<Bound<'py, PyAny>> {
     let memory = memory(owner);
     let items: usize = shape.iter().product();
-    let bytes_per_item = typestr.bytes().next_back().map_or(0, |digit| usize::from(digit.wrapping_sub(b'0')));
+    let bytes_per_item =
+        typestr.bytes().next_back().map_or(0, |digit| usize::from(digit.wrapping_sub(b'0')));
     if items * bytes_per_item != size_of_val(memory) {
-        return Err(InvalidInput::new_err(format!("{items} items of {typestr} are not {} bytes", size_of_val(memory))));
+        return Err(InvalidInput::new_err(format!(
+            "{items} items of {typestr} are not {} bytes",
+            size_of_val(memory)
+        )));
     }
-    let view = View { _owner: Arc::<O>::clone(owner), address: memory.as_ptr().addr(), shape: shape.to_vec(), typestr };
+    let view = View {
+        _owner: Arc::<O>::clone(owner),
+        address: memory.as_ptr().addr(),
+        shape: shape.to_vec(),
+        typestr,
+    };
     numpy(py, "asarray")?.call1((view,))
 }

@@ -1,10 +1,11 @@
 //! The Python module `hapticd_vps`: the types of [`vps`] over NumPy arrays.
 //!
-//! Data in: files, arrays of vertices, faces and poses. Data out: structured arrays of wrenches and contacts, and read-only views of baked parts.
-//! Units and frames are those of [`vps`].
+//! Data in: files, arrays of vertices, faces and poses. Data out: structured arrays of wrenches and
+//! contacts, and read-only views of baked parts. Units and frames are those of [`vps`].
 //!
 //! # Threads
-//! Bakes, batches and single queries release the interpreter's lock. What runs in parallel runs in a pool of threads of this module: `pool`.
+//! Bakes, batches and single queries release the interpreter's lock. What runs in parallel runs in
+//! a pool of threads of this module: `pool`.
 //!
 //! | module | owns |
 //! |---|---|
@@ -22,12 +23,15 @@ mod query;
 
 /// Voxmap-pointshell contact: two triangle meshes in, the contact wrench of a pose out.
 ///
-/// `Mesh` -> `Voxmap` (the part that is touched) and `PointShell` (the part that touches) -> `ContactQuery(voxmap, shell).wrench(poses)`.
+/// `Mesh` -> `Voxmap` (the part that is touched) and `PointShell` (the part that touches) ->
+/// `ContactQuery(voxmap, shell).wrench(poses)`.
 ///
-/// SI units: metres, newtons, newton metres. Each mesh keeps its own frame; a pose is that of the shell's mesh frame in the voxmap's mesh
-/// frame: seven numbers x, y, z, qx, qy, qz, qw (a unit quaternion), or a homogeneous matrix of 4 x 4. Wrenches act on the shell.
+/// SI units: metres, newtons, newton metres. Each mesh keeps its own frame; a pose is that of the
+/// shell's mesh frame in the voxmap's mesh frame: seven numbers x, y, z, qx, qy, qz, qw (a unit
+/// quaternion), or a homogeneous matrix of 4 x 4. Wrenches act on the shell.
 ///
-/// Values that cannot be used raise `InvalidInput`, a `ValueError`; files that cannot be read or written raise `FileError`, an `OSError`.
+/// Values that cannot be used raise `InvalidInput`, a `ValueError`; files that cannot be read or
+/// written raise `FileError`, an `OSError`.
 #[pyo3::pymodule]
 mod hapticd_vps {
     use pyo3::prelude::*;

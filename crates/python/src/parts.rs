@@ -21,8 +21,11 @@ const POINTS_PER_TASK: usize = 1024;
 const _: () = assert!(Options::DEFAULT_LAYERS == 8);
 
 fn options(voxel_size_m: f64, layers: i64) -> PyResult<Options> {
-    let layers = u32::try_from(layers)
-        .map_err(|_| InvalidInput::new_err(format!("layers is {layers}: give a number of layers of voxels from 2 to 126")))?;
+    let layers = u32::try_from(layers).map_err(|_| {
+        InvalidInput::new_err(format!(
+            "layers is {layers}: give a number of layers of voxels from 2 to 126"
+        ))
+    })?;
     Ok(Options { layers, ..Options::new(voxel_size_m) })
 }
 
@@ -30,11 +33,13 @@ fn vector<'py>(vector: DVec3, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
     arrays::numbers(&vector.to_array(), &[3], py)
 }
 
-/// Triangles of a part, in metres and in a frame of their own, the mesh frame. They need not be closed.
+/// Triangles of a part, in metres and in a frame of their own, the mesh frame. They need not be
+/// closed.
 ///
-/// Mesh(vertices, faces): vertices (n, 3), m; faces (m, 3), whole numbers: vertices from 0, counter-clockwise seen from outside. Both are copied.
-/// Raises InvalidInput: a wrong shape or dtype, an index out of range, a coordinate that is not finite or farther than 1e9 m from the origin,
-/// no triangle with an area. Cost: linear.
+/// Mesh(vertices, faces): vertices (n, 3), m; faces (m, 3), whole numbers: vertices from 0,
+/// counter-clockwise seen from outside. Both are copied. Raises InvalidInput: a wrong shape or
+/// dtype, an index out of range, a coordinate that is not finite or farther than 1e9 m from the
+/// origin, no triangle with an area. Cost: linear.
 #[pyclass(frozen, module = "hapticd_vps")]
 pub(crate) struct Mesh {
     mesh: Arc<vps::Mesh>,
@@ -43,16 +48,22 @@ pub(crate) struct Mesh {
 #[pymethods]
 impl Mesh {
     #[new]
-    fn new(py: Python<'_>, vertices: &Bound<'_, PyAny>, faces: &Bound<'_, PyAny>) -> PyResult<Self> {
+    fn new(
+        py: Python<'_>,
+        vertices: &Bound<'_, PyAny>,
+        faces: &Bound<'_, PyAny>,
+    ) -> PyResult<Self> {
         let (vertices, _) = arrays::points(vertices, "vertices")?;
         let faces = arrays::faces(faces)?;
         let mesh = py.detach(|| vps::Mesh::from_arrays(&vertices, &faces)).map_err(raise)?;
         Ok(Self { mesh: Arc::new(mesh) })
     }
 
-    /// Reads an OBJ, STL, PLY, glTF or 3MF file whose numbers count `metres_per_unit`: 1e-3 for millimetres.
+    /// Reads an OBJ, STL, PLY, glTF or 3MF file whose numbers count `metres_per_unit`: 1e-3 for
+    /// millimetres.
     ///
-    /// Raises FileError where the file cannot be read, InvalidInput where its content is no mesh. Cost: linear in the file.
+    /// Raises FileError where the file cannot be read, InvalidInput where its content is no mesh.
+    /// Cost: linear in the file.
     #[staticmethod]
     #[pyo3(signature = (path, metres_per_unit))]
     fn load(py: Python<'_>, path: PathBuf, metres_per_unit: f64) -> PyResult<Self> {
@@ -63,13 +74,25 @@ impl Mesh {
     /// (n, 3) float64, m, mesh frame: a read-only view.
     #[getter]
     fn vertices<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        arrays::view(&self.mesh, |mesh| mesh.vertices(), &[self.mesh.vertices().len(), 3], "=f8", py)
+        arrays::view(
+            &self.mesh,
+            |mesh| mesh.vertices(),
+            &[self.mesh.vertices().len(), 3],
+            "=f8",
+            py,
+        )
     }
 
     /// (m, 3) uint32: numbers of vertices, a read-only view.
     #[getter]
     fn faces<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        arrays::view(&self.mesh, |mesh| mesh.triangles(), &[self.mesh.triangles().len(), 3], "=u4", py)
+        arrays::view(
+            &self.mesh,
+            |mesh| mesh.triangles(),
+            &[self.mesh.triangles().len(), 3],
+            "=u4",
+            py,
+        )
     }
 
     /// Volume, m³; 0 of a mesh that bounds none.
@@ -78,7 +101,8 @@ impl Mesh {
         self.mesh.mass_properties().volume_m3
     }
 
-    /// (3,), m, mesh frame: centre of mass of a part of even density; of its surface where it bounds no volume.
+    /// (3,), m, mesh frame: centre of mass of a part of even density; of its surface where it
+    /// bounds no volume.
     #[getter]
     fn center_of_mass_m<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         vector(self.mesh.mass_properties().center_m, py)
@@ -91,11 +115,16 @@ impl Mesh {
     }
 
     fn __repr__(&self) -> String {
-        format!("<Mesh of {} vertices, {} faces>", self.mesh.vertices().len(), self.mesh.triangles().len())
+        format!(
+            "<Mesh of {} vertices, {} faces>",
+            self.mesh.vertices().len(),
+            self.mesh.triangles().len()
+        )
     }
 }
 
-/// The part that is touched: signed distances on a sparse grid around its surface, mesh frame. It never changes; threads may share it.
+/// The part that is touched: signed distances on a sparse grid around its surface, mesh frame. It
+/// never changes; threads may share it.
 #[pyclass(frozen, module = "hapticd_vps")]
 pub(crate) struct Voxmap {
     pub(crate) voxmap: Arc<vps::Voxmap>,
@@ -103,54 +132,78 @@ pub(crate) struct Voxmap {
 
 #[pymethods]
 impl Voxmap {
-    /// Bakes a mesh with voxels of this edge, m, and so many layers of them on each side of the surface (2 to 126).
+    /// Bakes a mesh with voxels of this edge, m, and so many layers of them on each side of the
+    /// surface (2 to 126).
     ///
-    /// progress: called with the name of each stage ("surface", "fill", "layers", "distance") before it begins. An exception that it raises, or
-    /// Ctrl-C, ends the bake when the current stage is over, and is raised.
-    /// Raises InvalidInput: an option out of range, more voxels than memory holds.
-    /// Cost: time and memory follow layers x area / voxel size²; all processors; the same bits for any number of threads.
+    /// progress: called with the name of each stage ("surface", "fill", "layers", "distance")
+    /// before it begins. An exception that it raises, or Ctrl-C, ends the bake when the current
+    /// stage is over, and is raised. Raises InvalidInput: an option out of range, more voxels than
+    /// memory holds. Cost: time and memory follow layers x area / voxel size²; all processors; the
+    /// same bits for any number of threads.
     #[staticmethod]
     #[pyo3(signature = (mesh, voxel_size_m, *, layers = 8, progress = None))]
-    fn bake(py: Python<'_>, mesh: &Mesh, voxel_size_m: f64, layers: i64, progress: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
+    fn bake(
+        py: Python<'_>,
+        mesh: &Mesh,
+        voxel_size_m: f64,
+        layers: i64,
+        progress: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
         let options = options(voxel_size_m, layers)?;
-        let voxmap = pool::bake(py, progress, |watch| vps::Voxmap::bake_with(&mesh.mesh, &options, watch))?;
+        let voxmap =
+            pool::bake(py, progress, |watch| vps::Voxmap::bake_with(&mesh.mesh, &options, watch))?;
         Ok(Self { voxmap: Arc::new(voxmap) })
     }
 
-    /// Reads a file of `save`. Raises FileError: no such file, or one that is damaged or holds something else.
+    /// Reads a file of `save`. Raises FileError: no such file, or one that is damaged or holds
+    /// something else.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         let voxmap = py.detach(|| vps::Voxmap::load(path)).map_err(raise)?;
         Ok(Self { voxmap: Arc::new(voxmap) })
     }
 
-    /// Writes a file that appears whole or not at all; `load` gives the same bits. Raises FileError.
+    /// Writes a file that appears whole or not at all; `load` gives the same bits. Raises
+    /// FileError.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         py.detach(|| self.voxmap.save(path)).map_err(raise)
     }
 
-    /// Distances and gradients at points (n, 3) or (3,), m, mesh frame: two arrays, (n,) and (n, 3); a float and (3,) of one point.
+    /// Distances and gradients at points (n, 3) or (3,), m, mesh frame: two arrays, (n,) and (n,
+    /// 3); a float and (3,) of one point.
     ///
-    /// Distances in m: greater than 0 outside, less than 0 inside, never beyond `band_m`. Gradients point away from the surface outside and to it
-    /// inside, about 1 long, 0 beyond the band. Raises InvalidInput: a coordinate that is not finite. Cost: some tens of nanoseconds for each
-    /// point on each processor.
-    fn distance<'py>(&self, py: Python<'py>, points: &Bound<'py, PyAny>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
+    /// Distances in m: greater than 0 outside, less than 0 inside, never beyond `band_m`. Gradients
+    /// point away from the surface outside and to it inside, about 1 long, 0 beyond the band.
+    /// Raises InvalidInput: a coordinate that is not finite. Cost: some tens of nanoseconds for
+    /// each point on each processor.
+    fn distance<'py>(
+        &self,
+        py: Python<'py>,
+        points: &Bound<'py, PyAny>,
+    ) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
         let (points, is_single) = arrays::points(points, "points")?;
         let pool = pool::pool(py)?;
         let look_up = |index: usize| match points.get(index) {
-            Some(point) => self.voxmap.distance(DVec3::from_array(*point)).map_err(|error| (index, error)),
+            Some(point) => {
+                self.voxmap.distance(DVec3::from_array(*point)).map_err(|error| (index, error))
+            }
             None => Ok(vps::Distance { distance_m: 0.0, gradient: DVec3::ZERO }),
         };
-        let found = py.detach(|| pool.install(|| parallel::map(points.len(), POINTS_PER_TASK, look_up)));
+        let found =
+            py.detach(|| pool.install(|| parallel::map(points.len(), POINTS_PER_TASK, look_up)));
         let found: Vec<vps::Distance> = found
             .into_iter()
             .collect::<Result<_, _>>()
             .map_err(|(index, error)| InvalidInput::new_err(format!("point {index}: {error}")))?;
         let distances: Vec<f64> = found.iter().map(|found| found.distance_m).collect();
-        let gradients: Vec<[f64; 3]> = found.iter().map(|found| found.gradient.to_array()).collect();
+        let gradients: Vec<[f64; 3]> =
+            found.iter().map(|found| found.gradient.to_array()).collect();
         if is_single {
             let distance_m = distances.first().copied().unwrap_or(f64::NAN);
-            return Ok((distance_m.into_pyobject(py)?.into_any(), arrays::numbers(&gradients, &[3], py)?));
+            return Ok((
+                distance_m.into_pyobject(py)?.into_any(),
+                arrays::numbers(&gradients, &[3], py)?,
+            ));
         }
         let n = points.len();
         Ok((arrays::numbers(&distances, &[n], py)?, arrays::numbers(&gradients, &[n, 3], py)?))
@@ -174,15 +227,21 @@ impl Voxmap {
         vector(self.voxmap.field().origin_map().as_dvec3(), py)
     }
 
-    /// (nx, ny, nz) uint32: which of `bricks` holds the 8³ voxels of each place of the grid; `FAR_OUTSIDE` or `DEEP_INSIDE` where no surface is
-    /// near. A read-only view.
+    /// (nx, ny, nz) uint32: which of `bricks` holds the 8³ voxels of each place of the grid;
+    /// `FAR_OUTSIDE` or `DEEP_INSIDE` where no surface is near. A read-only view.
     #[getter]
     fn brick_index<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        arrays::view(&self.voxmap, |voxmap| voxmap.field().top(), &self.voxmap.field().brick_dims(), "=u4", py)
+        arrays::view(
+            &self.voxmap,
+            |voxmap| voxmap.field().top(),
+            &self.voxmap.field().brick_dims(),
+            "=u4",
+            py,
+        )
     }
 
-    /// (n, 9, 9, 9) float32: depth at the centres of voxels, m, greater than 0 **inside**; the ninth of each axis is the first of the next brick.
-    /// A read-only view.
+    /// (n, 9, 9, 9) float32: depth at the centres of voxels, m, greater than 0 **inside**; the
+    /// ninth of each axis is the first of the next brick. A read-only view.
     #[getter]
     fn bricks<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let shape = [self.voxmap.field().bricks().len(), APRON_EDGE, APRON_EDGE, APRON_EDGE];
@@ -197,7 +256,8 @@ impl Voxmap {
     #[classattr]
     const DEEP_INSIDE: u32 = vps::voxmap::field::DEEP_INSIDE;
 
-    /// What a user should know of the bake, a sentence each: holes, leaks, skins thinner than a voxel.
+    /// What a user should know of the bake, a sentence each: holes, leaks, skins thinner than a
+    /// voxel.
     #[getter]
     fn warnings(&self) -> Vec<String> {
         self.voxmap.warnings().to_vec()
@@ -210,11 +270,16 @@ impl Voxmap {
     }
 
     fn __repr__(&self) -> String {
-        format!("<Voxmap, voxels of {:.4} mm, {} bytes>", 1e3 * self.voxmap.voxel_size_m(), self.voxmap.heap_bytes())
+        format!(
+            "<Voxmap, voxels of {:.4} mm, {} bytes>",
+            1e3 * self.voxmap.voxel_size_m(),
+            self.voxmap.heap_bytes()
+        )
     }
 }
 
-/// The part that touches: points on its surface with inward normals. It never changes; threads may share it. `len` is the number of points.
+/// The part that touches: points on its surface with inward normals. It never changes; threads may
+/// share it. `len` is the number of points.
 #[pyclass(frozen, module = "hapticd_vps")]
 pub(crate) struct PointShell {
     pub(crate) shell: Arc<vps::PointShell>,
@@ -226,8 +291,18 @@ fn by_point<'py>(blocks: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
 }
 
 impl PointShell {
-    fn vectors<'py>(&self, memory: fn(&vps::PointShell) -> &[Lanes3], py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        by_point(&arrays::view(&self.shell, memory, &[memory(&self.shell).len(), 3, LANES], "=f4", py)?)
+    fn vectors<'py>(
+        &self,
+        memory: fn(&vps::PointShell) -> &[Lanes3],
+        py: Python<'py>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        by_point(&arrays::view(
+            &self.shell,
+            memory,
+            &[memory(&self.shell).len(), 3, LANES],
+            "=f4",
+            py,
+        )?)
     }
 }
 
@@ -235,23 +310,34 @@ impl PointShell {
 impl PointShell {
     /// Bakes a mesh: a point for each facet of the surface in each voxel of this edge, m.
     ///
-    /// Arguments, errors and cost as of `Voxmap.bake`; the stages are "surface", "fill", "layers" and "pointshell".
+    /// Arguments, errors and cost as of `Voxmap.bake`; the stages are "surface", "fill", "layers"
+    /// and "pointshell".
     #[staticmethod]
     #[pyo3(signature = (mesh, voxel_size_m, *, layers = 8, progress = None))]
-    fn bake(py: Python<'_>, mesh: &Mesh, voxel_size_m: f64, layers: i64, progress: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
+    fn bake(
+        py: Python<'_>,
+        mesh: &Mesh,
+        voxel_size_m: f64,
+        layers: i64,
+        progress: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
         let options = options(voxel_size_m, layers)?;
-        let shell = pool::bake(py, progress, |watch| vps::PointShell::bake_with(&mesh.mesh, &options, watch))?;
+        let shell = pool::bake(py, progress, |watch| {
+            vps::PointShell::bake_with(&mesh.mesh, &options, watch)
+        })?;
         Ok(Self { shell: Arc::new(shell) })
     }
 
-    /// Reads a file of `save`. Raises FileError: no such file, or one that is damaged or holds something else.
+    /// Reads a file of `save`. Raises FileError: no such file, or one that is damaged or holds
+    /// something else.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         let shell = py.detach(|| vps::PointShell::load(path)).map_err(raise)?;
         Ok(Self { shell: Arc::new(shell) })
     }
 
-    /// Writes a file that appears whole or not at all; `load` gives the same bits. Raises FileError.
+    /// Writes a file that appears whole or not at all; `load` gives the same bits. Raises
+    /// FileError.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         py.detach(|| self.shell.save(path)).map_err(raise)
     }
@@ -260,20 +346,23 @@ impl PointShell {
         self.shell.len()
     }
 
-    /// (blocks, 16, 3) float32: points about the centre of mass, axes of the mesh frame, m. Point i is [i // 16, i % 16]; places after the last
-    /// point are NaN. A read-only view; `reshape(-1, 3)[:len(shell)]` copies it.
+    /// (blocks, 16, 3) float32: points about the centre of mass, axes of the mesh frame, m. Point i
+    /// is [i // 16, i % 16]; places after the last point are NaN. A read-only view; `reshape(-1,
+    /// 3)[:len(shell)]` copies it.
     #[getter]
     fn positions_m<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         self.vectors(|shell| shell.shell().positions(), py)
     }
 
-    /// (blocks, 16, 3) float32: unit normals that point into the part, laid out as `positions_m`. A read-only view.
+    /// (blocks, 16, 3) float32: unit normals that point into the part, laid out as `positions_m`. A
+    /// read-only view.
     #[getter]
     fn normals<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         self.vectors(|shell| shell.shell().normals(), py)
     }
 
-    /// (blocks, 16) float32: area that each point stands for, in squares of the voxel edge. A read-only view.
+    /// (blocks, 16) float32: area that each point stands for, in squares of the voxel edge. A
+    /// read-only view.
     #[getter]
     fn weights<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let memory: fn(&vps::PointShell) -> &[Lanes] = |shell| shell.shell().weights();
@@ -305,6 +394,10 @@ impl PointShell {
     }
 
     fn __repr__(&self) -> String {
-        format!("<PointShell of {} points, {:.4} mm apart>", self.shell.len(), 1e3 * self.shell.voxel_size_m())
+        format!(
+            "<PointShell of {} points, {:.4} mm apart>",
+            self.shell.len(),
+            1e3 * self.shell.voxel_size_m()
+        )
     }
 }

@@ -1,7 +1,8 @@
 //! The threads of the module, and a bake that can be interrupted.
 //!
-//! A process that was forked (`multiprocessing` under Linux before Python 3.14) has none of its parent's threads and would wait for them forever.
-//! So the pool belongs to a process: a child makes its own.
+//! A process that was forked (`multiprocessing` under Linux before Python 3.14) has none of its
+//! parent's threads and would wait for them forever. So the pool belongs to a process: a child
+//! makes its own.
 
 use core::ops::ControlFlow;
 use core::time::Duration;
@@ -20,7 +21,8 @@ const SIGNALS_EVERY: Duration = Duration::from_millis(50);
 
 /// The pool of this process: as many threads as processors, or as `RAYON_NUM_THREADS` says.
 pub(crate) fn pool(_py: Python<'_>) -> PyResult<Arc<ThreadPool>> {
-    // Locked with the interpreter's lock held and for no longer than this call, so no fork finds it locked.
+    // Locked with the interpreter's lock held and for no longer than this call, so no fork finds it
+    // locked.
     static POOL: Mutex<Option<(u32, Arc<ThreadPool>)>> = Mutex::new(None);
     let mut current = POOL.lock().unwrap_or_else(PoisonError::into_inner);
     let process = std::process::id();
@@ -28,7 +30,9 @@ pub(crate) fn pool(_py: Python<'_>) -> PyResult<Arc<ThreadPool>> {
         Some((of, pool)) if *of == process => Ok(Arc::clone(pool)),
         _ => {
             let pool = ThreadPoolBuilder::new().thread_name(|n| format!("vps-{n}")).build();
-            let pool = pool.map_err(|error| PyRuntimeError::new_err(format!("cannot start threads: {error}")))?;
+            let pool = pool.map_err(|error| {
+                PyRuntimeError::new_err(format!("cannot start threads: {error}"))
+            })?;
             let pool = Arc::new(pool);
             // The parent's pool is left as it is: to drop it would wake threads that are not there.
             core::mem::forget(current.replace((process, Arc::clone(&pool))));
@@ -40,8 +44,9 @@ pub(crate) fn pool(_py: Python<'_>) -> PyResult<Arc<ThreadPool>> {
 /// What the bake calls before each stage.
 pub(crate) type Watch<'a> = dyn FnMut(BakeStage) -> ControlFlow<()> + 'a;
 
-/// Runs `work` in the pool without the interpreter's lock. This thread calls `progress` with the name of each stage before it begins, and looks
-/// for signals. An exception of `progress`, or a signal's, ends the bake when its current stage is over, and is raised.
+/// Runs `work` in the pool without the interpreter's lock. This thread calls `progress` with the
+/// name of each stage before it begins, and looks for signals. An exception of `progress`, or a
+/// signal's, ends the bake when its current stage is over, and is raised.
 pub(crate) fn bake<T: Send>(
     py: Python<'_>,
     progress: Option<&Bound<'_, PyAny>>,
@@ -52,14 +57,16 @@ pub(crate) fn bake<T: Send>(
     let (tell, stages) = channel();
     let (answer, answers) = channel();
     let (raised, baked) = py.detach(move || {
-        let (mut raised, mut baked) = (None, None);
+        let mut raised = None;
+        let mut baked = None;
         pool.in_place_scope(|scope| {
             let baked = &mut baked;
             scope.spawn(move |_| {
-                let mut watch = move |stage| match tell.send(stage).ok().and_then(|()| answers.recv().ok()) {
-                    Some(true) => ControlFlow::Continue(()),
-                    _ => ControlFlow::Break(()),
-                };
+                let mut watch =
+                    move |stage| match tell.send(stage).ok().and_then(|()| answers.recv().ok()) {
+                        Some(true) => ControlFlow::Continue(()),
+                        _ => ControlFlow::Break(()),
+                    };
                 *baked = Some(work(&mut watch));
             });
             loop {

@@ -43,12 +43,21 @@ const WRENCH: [Column; 5] = [
     ("clearance_m", "=f8", 1),
     ("contacts", "=i8", 1),
 ];
-const CONTACT: [Column; 5] =
-    [("position_m", "=f8", 3), ("normal", "=f8", 3), ("force_n", "=f8", 3), ("depth_m", "=f8", 1), ("point", "=i8", 1)];
+const CONTACT: [Column; 5] = [
+    ("position_m", "=f8", 3),
+    ("normal", "=f8", 3),
+    ("force_n", "=f8", 3),
+    ("depth_m", "=f8", 1),
+    ("point", "=i8", 1),
+];
 
 fn dtype<'py>(columns: &[Column], py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
     let column = |(name, kind, n): &Column| -> PyResult<Bound<'py, PyAny>> {
-        Ok(if *n == 1 { (*name, *kind).into_pyobject(py)?.into_any() } else { (*name, *kind, *n).into_pyobject(py)?.into_any() })
+        Ok(if *n == 1 {
+            (*name, *kind).into_pyobject(py)?.into_any()
+        } else {
+            (*name, *kind, *n).into_pyobject(py)?.into_any()
+        })
     };
     let columns: Vec<_> = columns.iter().map(column).collect::<PyResult<_>>()?;
     PyModule::import(py, "numpy")?.getattr("dtype")?.call1((columns,))
@@ -92,10 +101,12 @@ impl From<&ContactPoint> for ContactRecord {
 
 /// Asks what wrench a voxmap exerts on a shell.
 ///
-/// ContactQuery(voxmap, shell, stiffness_n_per_m=1000.0): each point inside pushes with stiffness x depth x weight along its normal; the weight is
-/// the area that it stands for in squares of the shell's voxel edge. A face of area A at depth d pushes with about stiffness x d x A / voxel edge².
-/// There is no friction, and nothing is remembered: the same pose gives the same bits. Threads may share a query.
-/// Raises InvalidInput: the stiffness is not between 0 and 1e12 N/m. Cost: milliseconds; memory is shared with both parts.
+/// ContactQuery(voxmap, shell, stiffness_n_per_m=1000.0): each point inside pushes with stiffness x
+/// depth x weight along its normal; the weight is the area that it stands for in squares of the
+/// shell's voxel edge. A face of area A at depth d pushes with about stiffness x d x A / voxel
+/// edge². There is no friction, and nothing is remembered: the same pose gives the same bits.
+/// Threads may share a query. Raises InvalidInput: the stiffness is not between 0 and 1e12 N/m.
+/// Cost: milliseconds; memory is shared with both parts.
 #[pyclass(frozen, module = "hapticd_vps")]
 pub(crate) struct ContactQuery {
     query: vps::ContactQuery,
@@ -105,50 +116,81 @@ pub(crate) struct ContactQuery {
 impl ContactQuery {
     #[new]
     #[pyo3(signature = (voxmap, shell, stiffness_n_per_m = 1000.0))]
-    fn new(py: Python<'_>, voxmap: &Voxmap, shell: &PointShell, stiffness_n_per_m: f64) -> PyResult<Self> {
-        let query = py.detach(|| vps::ContactQuery::new(&voxmap.voxmap, &shell.shell, stiffness_n_per_m)).map_err(raise)?;
+    fn new(
+        py: Python<'_>,
+        voxmap: &Voxmap,
+        shell: &PointShell,
+        stiffness_n_per_m: f64,
+    ) -> PyResult<Self> {
+        let query = py
+            .detach(|| vps::ContactQuery::new(&voxmap.voxmap, &shell.shell, stiffness_n_per_m))
+            .map_err(raise)?;
         Ok(Self { query })
     }
 
-    /// Wrenches at poses of the shell's mesh frame in the voxmap's: (7,) or (n, 7) of x, y, z (m), qx, qy, qz, qw (unit), or (4, 4) or (n, 4, 4).
+    /// Wrenches at poses of the shell's mesh frame in the voxmap's: (7,) or (n, 7) of x, y, z (m),
+    /// qx, qy, qz, qw (unit), or (4, 4) or (n, 4, 4).
     ///
-    /// Returns an array (n,) of `WRENCH_DTYPE`, or one such record of a single pose. On the shell: `force_n` (3,), N, axes of the voxmap's mesh
-    /// frame; `torque_nm` (3,), N m, the same axes, about the origin of the shell's mesh frame; `penetration_m` of the deepest point, 0 without
-    /// contact; `clearance_m` of the nearest one, 0 in contact, at most the voxmap's `band_m`; `contacts`, the number of points in contact.
-    /// Raises InvalidInput, naming the first pose that is none.
-    /// Cost: about linear in the points of the shell, never in triangles; many poses use all processors, with the same bits as one by one.
-    fn wrench<'py>(&self, py: Python<'py>, poses: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+    /// Returns an array (n,) of `WRENCH_DTYPE`, or one such record of a single pose. On the shell:
+    /// `force_n` (3,), N, axes of the voxmap's mesh frame; `torque_nm` (3,), N m, the same axes,
+    /// about the origin of the shell's mesh frame; `penetration_m` of the deepest point, 0 without
+    /// contact; `clearance_m` of the nearest one, 0 in contact, at most the voxmap's `band_m`;
+    /// `contacts`, the number of points in contact. Raises InvalidInput, naming the first pose that
+    /// is none. Cost: about linear in the points of the shell, never in triangles; many poses use
+    /// all processors, with the same bits as one by one.
+    fn wrench<'py>(
+        &self,
+        py: Python<'py>,
+        poses: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyAny>> {
         let (poses, is_single) = arrays::poses(poses)?;
         if let (true, [pose]) = (is_single, &poses[..]) {
             let found = py.detach(|| self.query.wrench(*pose)).map_err(raise)?;
-            return arrays::array(&[WrenchRecord::from(found)], &[], wrench_dtype(py)?)?.get_item(());
+            return arrays::array(&[WrenchRecord::from(found)], &[], wrench_dtype(py)?)?
+                .get_item(());
         }
         let pool = pool::pool(py)?;
         let mut records = Vec::with_capacity(poses.len());
         for (n, part) in poses.chunks(POSES_AT_A_TIME).enumerate() {
-            let found = py.detach(|| pool.install(|| self.query.wrenches(part))).map_err(|error| match error {
-                vps::Error::Pose { index, what } => {
-                    InvalidInput::new_err(vps::Error::Pose { index: n * POSES_AT_A_TIME + index, what }.to_string())
-                }
-                error => raise(error),
-            })?;
+            let found =
+                py.detach(|| pool.install(|| self.query.wrenches(part))).map_err(|error| {
+                    match error {
+                        vps::Error::Pose { index, what } => InvalidInput::new_err(
+                            vps::Error::Pose { index: n * POSES_AT_A_TIME + index, what }
+                                .to_string(),
+                        ),
+                        error => raise(error),
+                    }
+                })?;
             records.extend(found.into_iter().map(WrenchRecord::from));
             py.check_signals()?;
         }
         arrays::array(&records, &[records.len()], wrench_dtype(py)?)
     }
 
-    /// All contacts at one pose, (7,) or (4, 4) as of `wrench`: an array of `CONTACT_DTYPE`, in the order of the points of the shell.
+    /// All contacts at one pose, (7,) or (4, 4) as of `wrench`: an array of `CONTACT_DTYPE`, in the
+    /// order of the points of the shell.
     ///
-    /// `position_m` (3,), m, and `normal` (3,), unit, which pushes the shell out, in the voxmap's mesh frame; `force_n` (3,), N, of this contact on
-    /// the shell; `depth_m`; `point`, the number of the point. Raises InvalidInput.
-    fn contacts<'py>(&self, py: Python<'py>, pose: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+    /// `position_m` (3,), m, and `normal` (3,), unit, which pushes the shell out, in the voxmap's
+    /// mesh frame; `force_n` (3,), N, of this contact on the shell; `depth_m`; `point`, the number
+    /// of the point. Raises InvalidInput.
+    fn contacts<'py>(
+        &self,
+        py: Python<'py>,
+        pose: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyAny>> {
         let (poses, is_single) = arrays::poses(pose)?;
         let (true, [pose]) = (is_single, &poses[..]) else {
-            return Err(InvalidInput::new_err(format!("{} poses: give one, of shape (7,) or (4, 4)", poses.len())));
+            return Err(InvalidInput::new_err(format!(
+                "{} poses: give one, of shape (7,) or (4, 4)",
+                poses.len()
+            )));
         };
         let mut records = Vec::new();
-        py.detach(|| self.query.contacts(*pose, |contact| records.push(ContactRecord::from(contact)))).map_err(raise)?;
+        py.detach(|| {
+            self.query.contacts(*pose, |contact| records.push(ContactRecord::from(contact)))
+        })
+        .map_err(raise)?;
         arrays::array(&records, &[records.len()], contact_dtype(py)?)
     }
 }

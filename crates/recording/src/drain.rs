@@ -8,7 +8,8 @@ use rtrb::Consumer;
 use super::{RecordSubscribers, Summary, TickRecord};
 use haptics::Drive;
 
-/// How long the drain rests when the ring is empty: a ring of some seconds never fills in that time.
+/// How long the drain rests when the ring is empty: a ring of some seconds never fills in that
+/// time.
 const REST: Duration = Duration::from_millis(1);
 
 /// How often a watcher gets a snapshot.
@@ -37,12 +38,17 @@ pub struct Drained {
 }
 
 /// Takes records until the producer is gone and the ring is empty. Blocks; for a thread of its own.
-pub fn drain(mut records: Consumer<TickRecord>, subscribers: &RecordSubscribers, mut watch: impl FnMut(Watch)) -> Drained {
+pub fn drain(
+    mut records: Consumer<TickRecord>,
+    subscribers: &RecordSubscribers,
+    mut watch: impl FnMut(Watch),
+) -> Drained {
     let mut summary = Summary::new();
     let mut last: Option<TickRecord> = None;
     let mut next_snapshot = Instant::now() + SNAPSHOT_EVERY;
     loop {
-        // Asked before popping: a record that was pushed before the producer went is then always seen.
+        // Asked before popping: a record that was pushed before the producer went is then always
+        // seen.
         let producer_gone = records.is_abandoned();
         let mut n_taken = 0u32;
         while let Ok(record) = records.pop() {
@@ -100,9 +106,11 @@ mod tests {
             producer.push(TickRecord { tick, output, ..TickRecord::default() }).expect("room");
         }
         drop(producer);
-        let (mut told, subscribers) = (Vec::new(), RecordSubscribers::default());
+        let mut told = Vec::new();
+        let subscribers = RecordSubscribers::default();
         let (sender, tapped) = std::sync::mpsc::channel();
-        subscribers.add(Box::new(move |record| record.tick < 5 && sender.send(record.tick).is_ok()));
+        subscribers
+            .add(Box::new(move |record| record.tick < 5 && sender.send(record.tick).is_ok()));
         let drained = drain(consumer, &subscribers, |watch| match watch {
             Watch::Drive(record) => told.push((record.tick, "drive")),
             Watch::Fault(record) => told.push((record.tick, "fault")),

@@ -19,7 +19,8 @@ impl FlightRecorder {
     pub fn new(n_ticks: usize) -> Self {
         // Not `vec![default; n]` alone: a record of zero bits could come from untouched zero pages.
         let mut ring = vec![TickRecord::default(); n_ticks.max(1)].into_boxed_slice();
-        core::hint::black_box(&mut ring[..]).fill(TickRecord { tick: u64::MAX, ..TickRecord::default() });
+        core::hint::black_box(&mut ring[..])
+            .fill(TickRecord { tick: u64::MAX, ..TickRecord::default() });
         Self { ring, n_noted: 0, frozen: false }
     }
 

@@ -7,11 +7,13 @@
 //! ```
 //!
 //! # Units and frames
-//! Those of the tick: SI; device axes at the grip, or world axes at the tool's centre of mass, as each field says. Times are nanoseconds of the loop's clock.
+//! Those of the tick: SI; device axes at the grip, or world axes at the tool's centre of mass, as
+//! each field says. Times are nanoseconds of the loop's clock.
 //!
 //! # Cost
-//! The loop pays one copy of a record into a wait-free ring and one into the flight recorder; everything else runs on normal threads. A full ring or a slow disk
-//! drops records and counts them, and never delays the loop.
+//! The loop pays one copy of a record into a wait-free ring and one into the flight recorder;
+//! everything else runs on normal threads. A full ring or a slow disk drops records and counts
+//! them, and never delays the loop.
 //!
 //! # Example
 //! ```
@@ -53,4 +55,6 @@ pub use drain::{Drained, Watch, drain};
 pub use flight::FlightRecorder;
 pub use record::TickRecord;
 pub use subscribers::{RecordSubscribers, Subscriber};
-pub use summary::{Histograms, LatencySummary, LoopCounts, RealtimeSummary, Rendered, Summary, SwapSummary, Totals};
+pub use summary::{
+    Histograms, LatencySummary, LoopCounts, RealtimeSummary, Rendered, Summary, SwapSummary, Totals,
+};

@@ -1,7 +1,8 @@
 //! A run in the text format of Prometheus.
 //!
-//! Data in: every [`TickRecord`], through a [`Subscriber`], and what only others know ([`Metrics::set_clients`], [`Metrics::set_recording`]). Data out:
-//! [`Metrics::text`]. Base units throughout, as that format asks: seconds, newtons, metres.
+//! Data in: every [`TickRecord`], through a [`Subscriber`], and what only others know
+//! ([`Metrics::set_clients`], [`Metrics::set_recording`]). Data out: [`Metrics::text`]. Base units
+//! throughout, as that format asks: seconds, newtons, metres.
 //!
 //! Counters begin at 0 with the run and never go back; a largest value is that of the run so far.
 
@@ -14,7 +15,8 @@ use haptics::{Drive, Faults};
 /// Content type of [`Metrics::text`].
 pub const CONTENT_TYPE: &str = "text/plain; version=0.0.4; charset=utf-8";
 
-/// Upper bounds of the latency buckets, µs. Fixed, so that several machines can be added up; 1 ms is the period of the default rate.
+/// Upper bounds of the latency buckets, µs. Fixed, so that several machines can be added up; 1 ms
+/// is the period of the default rate.
 const BOUNDS_US: [u64; 13] = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10_000];
 
 /// States of the drive, in the order in which a run goes through them.
@@ -154,50 +156,131 @@ impl Counts {
             let is_now = self.last.is_some_and(|last| last.output.drive == drive);
             writeln!(page.0, "hapticd_phase{{phase=\"{name}\"}} {}", u8::from(is_now))?;
         }
-        page.gauge("hapticd_rate_hertz", "Ticks per second that the scene asks for.", f64::from(self.rate_hz))?;
+        page.gauge(
+            "hapticd_rate_hertz",
+            "Ticks per second that the scene asks for.",
+            f64::from(self.rate_hz),
+        )?;
         page.gauge(
             "hapticd_scene_index",
             "Number of the scene: 0 the first, one more after each switch.",
             f64::from(last.scene_idx),
         )?;
-        page.gauge("hapticd_loop_seconds", "Loop time of the newest tick.", last.time_ns as f64 / 1e9)?;
+        page.gauge(
+            "hapticd_loop_seconds",
+            "Loop time of the newest tick.",
+            last.time_ns as f64 / 1e9,
+        )?;
 
         page.counter("hapticd_ticks_total", "Ticks done.", self.ticks)?;
-        page.counter("hapticd_missed_deadlines_total", "Deadlines that passed without a tick.", self.missed_deadlines)?;
-        page.counter("hapticd_dropped_records_total", "Ticks whose record found the ring full.", self.dropped_records)?;
-        page.counter("hapticd_contact_ticks_total", "Ticks with at least one contact.", self.contact_ticks)?;
-        page.counter("hapticd_passivity_ticks_total", "Ticks in which the passivity controller damped.", self.passivity_ticks)?;
-        page.counter("hapticd_stale_samples_total", "Ticks without a fresh sample of the arm.", self.stale_samples)?;
-        page.counter("hapticd_corrupt_packets_total", "Packets of the arm that were short or garbled.", self.corrupt_packets)?;
-        page.counter("hapticd_lost_packets_total", "Packets that the arm's own counter says were lost.", self.lost_packets)?;
+        page.counter(
+            "hapticd_missed_deadlines_total",
+            "Deadlines that passed without a tick.",
+            self.missed_deadlines,
+        )?;
+        page.counter(
+            "hapticd_dropped_records_total",
+            "Ticks whose record found the ring full.",
+            self.dropped_records,
+        )?;
+        page.counter(
+            "hapticd_contact_ticks_total",
+            "Ticks with at least one contact.",
+            self.contact_ticks,
+        )?;
+        page.counter(
+            "hapticd_passivity_ticks_total",
+            "Ticks in which the passivity controller damped.",
+            self.passivity_ticks,
+        )?;
+        page.counter(
+            "hapticd_stale_samples_total",
+            "Ticks without a fresh sample of the arm.",
+            self.stale_samples,
+        )?;
+        page.counter(
+            "hapticd_corrupt_packets_total",
+            "Packets of the arm that were short or garbled.",
+            self.corrupt_packets,
+        )?;
+        page.counter(
+            "hapticd_lost_packets_total",
+            "Packets that the arm's own counter says were lost.",
+            self.lost_packets,
+        )?;
         page.family("hapticd_faults_total", "counter", "Times that each fault appeared.")?;
         for ((_, name, _), count) in Faults::TABLE.into_iter().zip(self.faults) {
             writeln!(page.0, "hapticd_faults_total{{fault=\"{name}\"}} {count}")?;
         }
 
         let command = last.output.command_device;
-        page.gauge("hapticd_force_newtons", "Force of the newest command.", command.force.length())?;
-        page.gauge("hapticd_force_max_newtons", "Largest force of a command so far.", self.max_force_n)?;
-        page.gauge("hapticd_torque_newton_metres", "Torque of the newest command.", command.torque.length())?;
-        page.gauge("hapticd_torque_max_newton_metres", "Largest torque of a command so far.", self.max_torque_nm)?;
-        page.gauge("hapticd_depth_metres", "Depth of the deepest contact now.", last.output.max_depth_m)?;
-        page.gauge("hapticd_depth_max_metres", "Depth of the deepest contact so far.", self.max_depth_m)?;
+        page.gauge(
+            "hapticd_force_newtons",
+            "Force of the newest command.",
+            command.force.length(),
+        )?;
+        page.gauge(
+            "hapticd_force_max_newtons",
+            "Largest force of a command so far.",
+            self.max_force_n,
+        )?;
+        page.gauge(
+            "hapticd_torque_newton_metres",
+            "Torque of the newest command.",
+            command.torque.length(),
+        )?;
+        page.gauge(
+            "hapticd_torque_max_newton_metres",
+            "Largest torque of a command so far.",
+            self.max_torque_nm,
+        )?;
+        page.gauge(
+            "hapticd_depth_metres",
+            "Depth of the deepest contact now.",
+            last.output.max_depth_m,
+        )?;
+        page.gauge(
+            "hapticd_depth_max_metres",
+            "Depth of the deepest contact so far.",
+            self.max_depth_m,
+        )?;
         page.gauge("hapticd_contacts", "Points in contact now.", f64::from(last.output.contacts))?;
 
-        page.histogram("hapticd_wakeup_seconds", "How late ticks began after their deadline.", &self.wakeup)?;
+        page.histogram(
+            "hapticd_wakeup_seconds",
+            "How late ticks began after their deadline.",
+            &self.wakeup,
+        )?;
         page.histogram("hapticd_compute_seconds", "Duration of ticks.", &self.compute)?;
-        page.histogram("hapticd_device_seconds", "Duration of reading from and writing to the arm in a tick.", &self.device)?;
+        page.histogram(
+            "hapticd_device_seconds",
+            "Duration of reading from and writing to the arm in a tick.",
+            &self.device,
+        )?;
 
         page.gauge("hapticd_clients", "Clients that are connected.", self.n_clients as f64)?;
-        page.gauge("hapticd_recording_active", "1 while a recording is written.", f64::from(u8::from(self.recording.is_some())))?;
+        page.gauge(
+            "hapticd_recording_active",
+            "1 while a recording is written.",
+            f64::from(u8::from(self.recording.is_some())),
+        )?;
         let RecordingCounts { records, dropped } = self.recording.unwrap_or_default();
-        page.gauge("hapticd_recording_records", "Records in the recording that is under way.", records as f64)?;
-        page.gauge("hapticd_recording_dropped", "Records that it lost, as the disk was too slow or too full.", dropped as f64)
+        page.gauge(
+            "hapticd_recording_records",
+            "Records in the recording that is under way.",
+            records as f64,
+        )?;
+        page.gauge(
+            "hapticd_recording_dropped",
+            "Records that it lost, as the disk was too slow or too full.",
+            dropped as f64,
+        )
     }
 }
 
-/// Deadlines between two records that passed without a tick. A deadline is the beginning of a tick less its lateness; where the arm sets the
-/// rate, the next one is a period after the last beginning, which the last lateness accounts for.
+/// Deadlines between two records that passed without a tick. A deadline is the beginning of a tick
+/// less its lateness; where the arm sets the rate, the next one is a period after the last
+/// beginning, which the last lateness accounts for.
 fn missed(last: &TickRecord, record: &TickRecord, rate_hz: u32) -> u64 {
     let period_ns = 1_000_000_000 / u64::from(rate_hz.max(1));
     let late = |record: &TickRecord| record.wakeup_ns / period_ns;
@@ -219,7 +302,9 @@ impl Page {
         // What is not a number is written as the format has it.
         match value {
             value if value.is_nan() => writeln!(self.0, "{name} NaN"),
-            value if value.is_infinite() => writeln!(self.0, "{name} {}Inf", if value > 0.0 { '+' } else { '-' }),
+            value if value.is_infinite() => {
+                writeln!(self.0, "{name} {}Inf", if value > 0.0 { '+' } else { '-' })
+            }
             value => writeln!(self.0, "{name} {value}"),
         }
     }
@@ -237,7 +322,11 @@ impl Page {
             writeln!(self.0, "{name}_bucket{{le=\"{}\"}} {below}", bound_us as f64 / 1e6)?;
         }
         let all: u64 = latency.buckets.iter().sum();
-        writeln!(self.0, "{name}_bucket{{le=\"+Inf\"}} {all}\n{name}_sum {}\n{name}_count {all}", latency.sum_ns as f64 / 1e9)
+        writeln!(
+            self.0,
+            "{name}_bucket{{le=\"+Inf\"}} {all}\n{name}_sum {}\n{name}_count {all}",
+            latency.sum_ns as f64 / 1e9
+        )
     }
 }
 
@@ -251,8 +340,9 @@ mod tests {
     /// One sample: name, labels as written, value.
     type Sample = (String, String, f64);
 
-    /// Reads an exposition and refuses what Prometheus would refuse: families in one piece, each with HELP and TYPE before its samples, names
-    /// of the right letters, no series twice, histograms that add up.
+    /// Reads an exposition and refuses what Prometheus would refuse: families in one piece, each
+    /// with HELP and TYPE before its samples, names of the right letters, no series twice,
+    /// histograms that add up.
     fn parse(text: &str) -> BTreeMap<String, (String, Vec<Sample>)> {
         assert!(text.ends_with('\n'), "the last line ends");
         let is_name = |name: &str| {
@@ -260,7 +350,8 @@ mod tests {
             name.starts_with(letter) && name.chars().all(|c| letter(c) || c.is_ascii_digit())
         };
         let mut families: BTreeMap<String, (String, Vec<Sample>)> = BTreeMap::new();
-        let (mut helped, mut current) = (String::new(), String::new());
+        let mut helped = String::new();
+        let mut current = String::new();
         let mut seen = BTreeSet::new();
         for line in text.lines() {
             if let Some(rest) = line.strip_prefix("# HELP ") {
@@ -269,9 +360,15 @@ mod tests {
                 helped = name.to_owned();
             } else if let Some(rest) = line.strip_prefix("# TYPE ") {
                 let (name, kind) = rest.split_once(' ').expect("a name and a type");
-                assert!(name == helped && ["gauge", "counter", "histogram"].contains(&kind), "{line}");
+                assert!(
+                    name == helped && ["gauge", "counter", "histogram"].contains(&kind),
+                    "{line}"
+                );
                 assert_eq!(name.ends_with("_total"), kind == "counter", "{line}");
-                assert!(families.insert(name.to_owned(), (kind.to_owned(), Vec::new())).is_none(), "{name} twice");
+                assert!(
+                    families.insert(name.to_owned(), (kind.to_owned(), Vec::new())).is_none(),
+                    "{name} twice"
+                );
                 current = name.to_owned();
             } else {
                 let (series, value) = line.rsplit_once(' ').expect("a series and a value");
@@ -282,13 +379,24 @@ mod tests {
                 };
                 for label in labels.split(',').filter(|label| !label.is_empty()) {
                     let (name, value) = label.split_once('=').expect("a label");
-                    assert!(is_name(name) && value.len() >= 2 && value.starts_with('"') && value.ends_with('"'), "{line}");
+                    assert!(
+                        is_name(name)
+                            && value.len() >= 2
+                            && value.starts_with('"')
+                            && value.ends_with('"'),
+                        "{line}"
+                    );
                 }
                 let (kind, samples) = families.get_mut(&current).expect("a TYPE before");
                 let suffix = name.strip_prefix(current.as_str()).expect("of the family before");
-                let allowed: &[&str] = if kind == "histogram" { &["_bucket", "_sum", "_count"] } else { &[""] };
+                let allowed: &[&str] =
+                    if kind == "histogram" { &["_bucket", "_sum", "_count"] } else { &[""] };
                 assert!(allowed.contains(&suffix), "{line}");
-                samples.push((name.to_owned(), labels.to_owned(), value.parse().expect("a number")));
+                samples.push((
+                    name.to_owned(),
+                    labels.to_owned(),
+                    value.parse().expect("a number"),
+                ));
             }
         }
         for (name, (kind, samples)) in &families {
@@ -300,11 +408,21 @@ mod tests {
                 .iter()
                 .filter_map(|(_, labels, value)| {
                     let bound = labels.strip_prefix("le=\"")?.strip_suffix('"')?;
-                    Some((if bound == "+Inf" { f64::INFINITY } else { bound.parse().expect("a bound") }, *value))
+                    Some((
+                        if bound == "+Inf" {
+                            f64::INFINITY
+                        } else {
+                            bound.parse().expect("a bound")
+                        },
+                        *value,
+                    ))
                 })
                 .collect();
             assert!(buckets.is_sorted_by(|a, b| a.0 < b.0 && a.1 <= b.1), "{name}: {buckets:?}");
-            let count = samples.iter().find(|(sample, ..)| *sample == format!("{name}_count")).expect("a count");
+            let count = samples
+                .iter()
+                .find(|(sample, ..)| *sample == format!("{name}_count"))
+                .expect("a count");
             assert_eq!(buckets.last(), Some(&(f64::INFINITY, count.2)), "{name}");
         }
         families
@@ -312,7 +430,9 @@ mod tests {
 
     fn value(metrics: &Metrics, series: &str) -> f64 {
         let text = metrics.text();
-        let line = text.lines().find(|line| line.strip_prefix(series).is_some_and(|rest| rest.starts_with(' ')));
+        let line = text
+            .lines()
+            .find(|line| line.strip_prefix(series).is_some_and(|rest| rest.starts_with(' ')));
         let line = line.unwrap_or_else(|| panic!("no {series} in\n{text}"));
         line.rsplit_once(' ').expect("a value").1.parse().expect("a number")
     }
@@ -327,7 +447,11 @@ mod tests {
         let before = parse(&metrics.text());
         assert!(subscriber(&record(0, 0)));
         let after = parse(&metrics.text());
-        assert_eq!(before.keys().collect::<Vec<_>>(), after.keys().collect::<Vec<_>>(), "families neither come nor go");
+        assert_eq!(
+            before.keys().collect::<Vec<_>>(),
+            after.keys().collect::<Vec<_>>(),
+            "families neither come nor go"
+        );
         assert_eq!(after["hapticd_phase"].1.iter().map(|(.., value)| value).sum::<f64>(), 1.0);
         assert_eq!(after["hapticd_faults_total"].1.len(), Faults::TABLE.len());
     }
@@ -335,7 +459,12 @@ mod tests {
     #[test]
     fn what_happened_is_counted_once() {
         let (metrics, mut subscriber) = metrics_subscriber(1000);
-        let output = |faults, contacts, max_depth_m| TickOutput { faults, contacts, max_depth_m, ..TickOutput::default() };
+        let output = |faults, contacts, max_depth_m| TickOutput {
+            faults,
+            contacts,
+            max_depth_m,
+            ..TickOutput::default()
+        };
         for (tick, output) in [
             output(Faults::NONE, 0, 0.0),
             output(Faults::NONE, 3, 2e-4),

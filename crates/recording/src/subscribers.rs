@@ -4,8 +4,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::TickRecord;
 
-/// Takes every record in turn, on the drain's thread; false when it wants no more. What a subscriber cannot take at once it drops and counts
-/// itself: under the real clock the drain waits for no subscriber.
+/// Takes every record in turn, on the drain's thread; false when it wants no more. What a
+/// subscriber cannot take at once it drops and counts itself: under the real clock the drain waits
+/// for no subscriber.
 pub type Subscriber = Box<dyn FnMut(&TickRecord) -> bool + Send>;
 
 /// The subscribers of one drain. Clones share them.

@@ -117,7 +117,11 @@ impl Summary {
     /// The result of a run, from the records and what the servo itself counted.
     pub fn totals(&self, counted: LoopCounts) -> Totals {
         let period_s = 1.0 / f64::from(counted.rate_hz);
-        let duration_s = if self.n_ticks == 0 { 0.0 } else { (self.last_time_ns - self.first_time_ns) as f64 * 1e-9 + period_s };
+        let duration_s = if self.n_ticks == 0 {
+            0.0
+        } else {
+            (self.last_time_ns - self.first_time_ns) as f64 * 1e-9 + period_s
+        };
         Totals {
             ticks: counted.ticks,
             duration_s,
@@ -131,7 +135,10 @@ impl Summary {
             wakeup_us: LatencySummary::of(&self.wakeup_ns),
             compute_us: LatencySummary::of(&self.compute_ns),
             device_us: LatencySummary::of(&self.device_ns),
-            histograms_us: Histograms { wakeup: bins(&self.wakeup_ns), compute: bins(&self.compute_ns) },
+            histograms_us: Histograms {
+                wakeup: bins(&self.wakeup_ns),
+                compute: bins(&self.compute_ns),
+            },
             max_force_n: self.max_force_n,
             max_torque_nm: self.max_torque_nm,
             rendered: self.rendered,
@@ -219,8 +226,8 @@ impl LatencySummary {
     }
 }
 
-/// Ticks by how late they were and how long they took: pairs of an upper bound (1, 2, 5, 10 … µs) and the ticks at or below it and above the
-/// bound before, up to the longest.
+/// Ticks by how late they were and how long they took: pairs of an upper bound (1, 2, 5, 10 … µs)
+/// and the ticks at or below it and above the bound before, up to the longest.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Histograms {
     /// Lateness.
@@ -258,7 +265,8 @@ pub struct RealtimeSummary {
     pub kernel_rt: bool,
 }
 
-/// What the motors made, of the command and beside it. An arm with three motors drops the torque, and a motor at its limit weakens all of them together.
+/// What the motors made, of the command and beside it. An arm with three motors drops the torque,
+/// and a motor at its limit weakens all of them together.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Rendered {
     /// Largest |F| that the motors made, all of it together, N.
@@ -273,30 +281,40 @@ pub struct Rendered {
     pub max_dropped_torque_nm: f64,
     /// Largest force that was computed for the hand and that no motor makes, N.
     pub max_dropped_force_n: f64,
-    /// Ticks in which the limits of the motors weakened the command: their own, and the caps of the profile.
+    /// Ticks in which the limits of the motors weakened the command: their own, and the caps of the
+    /// profile.
     pub weakened_ticks: u64,
     /// Ticks whose command did not go out: the motors kept an older one, or the link refused it.
     pub unsent_ticks: u64,
 }
 
 impl Rendered {
-    /// A command counts as weakened below this share of it: above lies rounding to the units of the wire.
+    /// A command counts as weakened below this share of it: above lies rounding to the units of the
+    /// wire.
     const WEAKENED: f64 = 0.999;
 
     /// `last`: the record before this one.
     fn add(&mut self, record: &TickRecord, last: Option<&(Wrench, Wrench)>) {
-        let (rendered, command, commanded) = (record.rendered_device, record.output.command_device, record.output.commanded_device);
+        let rendered = record.rendered_device;
+        let command = record.output.command_device;
+        let commanded = record.output.commanded_device;
         let beside = record.beside_device;
         let made = rendered + beside;
         self.max_force_n = self.max_force_n.max(made.force.length());
         self.max_torque_nm = self.max_torque_nm.max(made.torque.length());
         self.max_beside_force_n = self.max_beside_force_n.max(beside.force.length());
         self.max_beside_torque_nm = self.max_beside_torque_nm.max(beside.torque.length());
-        // Against what the renderer wanted on the axes without a motor; what the motors' limits take is counted apart.
-        self.max_dropped_force_n = self.max_dropped_force_n.max((commanded.force - command.force).length());
-        self.max_dropped_torque_nm = self.max_dropped_torque_nm.max((commanded.torque - command.torque).length());
-        // A driver that could not send in time answers with what the motors still make; one whose link refused it, with nothing.
-        let kept = last.is_some_and(|(last_command, last_rendered)| rendered == *last_rendered && command != *last_command);
+        // Against what the renderer wanted on the axes without a motor; what the motors' limits
+        // take is counted apart.
+        self.max_dropped_force_n =
+            self.max_dropped_force_n.max((commanded.force - command.force).length());
+        self.max_dropped_torque_nm =
+            self.max_dropped_torque_nm.max((commanded.torque - command.torque).length());
+        // A driver that could not send in time answers with what the motors still make; one whose
+        // link refused it, with nothing.
+        let kept = last.is_some_and(|(last_command, last_rendered)| {
+            rendered == *last_rendered && command != *last_command
+        });
         let refused = rendered == Wrench::ZERO && command != Wrench::ZERO;
         let weakened = rendered.force.length() < Self::WEAKENED * command.force.length()
             || rendered.torque.length() < Self::WEAKENED * command.torque.length();
@@ -344,16 +362,18 @@ pub struct Totals {
     pub max_depth_m: f64,
     /// Ticks with at least one contact.
     pub contact_ticks: u64,
-    /// Points that a contact query might look at in one tick, of `contact.time_budget_us`; `None`: as many as it takes.
+    /// Points that a contact query might look at in one tick, of `contact.time_budget_us`; `None`:
+    /// as many as it takes.
     pub contact_budget_points: Option<u32>,
     /// Most points that this left out in one tick; others stood for them.
     pub points_left_out: u32,
-    /// Lowest energy that the arm has taken from the hand, J: below 0 when it gave more than it took.
+    /// Lowest energy that the arm has taken from the hand, J: below 0 when it gave more than it
+    /// took.
     pub lowest_energy_j: f64,
     /// Ticks in which the passivity controller injected damping.
     pub passivity_ticks: u64,
-    /// Most energy that moving objects have put into the hand since an enable, J: `lowest_energy_j` may be lower by so much. Left out of
-    /// a report where none has.
+    /// Most energy that moving objects have put into the hand since an enable, J: `lowest_energy_j`
+    /// may be lower by so much. Left out of a report where none has.
     #[serde(skip_serializing_if = "is_zero")]
     pub object_work_j: f64,
     /// Longest measured round trip, ticks; 0 where the arm does not measure it.

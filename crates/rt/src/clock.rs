@@ -23,9 +23,10 @@ impl ClockKind {
 
 /// Time as the servo loop sees it. RT: every method is safe in the loop.
 ///
-/// There are two times on purpose. *Loop time* decides when a tick is due and whether it is late; under the virtual clock it is
-/// simulated and exact. *Stopwatch time* only measures how long things took and never enters a tick; it is the machine's own
-/// clock under both kinds, so the compute times of a virtual run are real measurements.
+/// There are two times on purpose. *Loop time* decides when a tick is due and whether it is late;
+/// under the virtual clock it is simulated and exact. *Stopwatch time* only measures how long
+/// things took and never enters a tick; it is the machine's own clock under both kinds, so the
+/// compute times of a virtual run are real measurements.
 pub trait Clock: Send {
     /// Real or virtual.
     fn kind(&self) -> ClockKind;
@@ -82,33 +83,46 @@ const NS_PER_S: i64 = 1_000_000_000;
 /// `CLOCK_MONOTONIC` in ns. RT: safe; a vDSO read, no system call on the usual clock sources.
 pub fn monotonic_ns() -> i64 {
     let mut now = libc::timespec { tv_sec: 0, tv_nsec: 0 };
-    // SAFETY: `now` is a valid, exclusive timespec; CLOCK_MONOTONIC exists on every Linux, so the call cannot fail.
+    // SAFETY: `now` is a valid, exclusive timespec; CLOCK_MONOTONIC exists on every Linux, so the
+    // call cannot fail.
     unsafe {
         libc::clock_gettime(libc::CLOCK_MONOTONIC, &raw mut now);
     }
     now.tv_sec * NS_PER_S + now.tv_nsec
 }
 
-/// Processor time that the calling thread has used, ns: without the time in which others ran. RT: safe; one system call.
+/// Processor time that the calling thread has used, ns: without the time in which others ran. RT:
+/// safe; one system call.
 pub fn thread_cpu_ns() -> i64 {
     let mut used = libc::timespec { tv_sec: 0, tv_nsec: 0 };
-    // SAFETY: `used` is a valid, exclusive timespec; CLOCK_THREAD_CPUTIME_ID exists on every Linux, so the call cannot fail.
+    // SAFETY: `used` is a valid, exclusive timespec; CLOCK_THREAD_CPUTIME_ID exists on every Linux,
+    // so the call cannot fail.
     unsafe {
         libc::clock_gettime(libc::CLOCK_THREAD_CPUTIME_ID, &raw mut used);
     }
     used.tv_sec * NS_PER_S + used.tv_nsec
 }
 
-/// Sleeps until `CLOCK_MONOTONIC` shows `deadline_ns`. RT: safe; one system call. Absolute, so that a signal or a preemption between
-/// reading the clock and sleeping does not add up.
+/// Sleeps until `CLOCK_MONOTONIC` shows `deadline_ns`. RT: safe; one system call. Absolute, so that
+/// a signal or a preemption between reading the clock and sleeping does not add up.
 fn sleep_until_monotonic_ns(deadline_ns: i64) {
-    let deadline = libc::timespec { tv_sec: deadline_ns.div_euclid(NS_PER_S), tv_nsec: deadline_ns.rem_euclid(NS_PER_S) };
+    let deadline = libc::timespec {
+        tv_sec: deadline_ns.div_euclid(NS_PER_S),
+        tv_nsec: deadline_ns.rem_euclid(NS_PER_S),
+    };
     loop {
-        // SAFETY: `deadline` is a valid timespec with 0 <= tv_nsec < 1e9; a null remainder is allowed with TIMER_ABSTIME.
+        // SAFETY: `deadline` is a valid timespec with 0 <= tv_nsec < 1e9; a null remainder is
+        // allowed with TIMER_ABSTIME.
         let result = unsafe {
-            libc::clock_nanosleep(libc::CLOCK_MONOTONIC, libc::TIMER_ABSTIME, &raw const deadline, core::ptr::null_mut())
+            libc::clock_nanosleep(
+                libc::CLOCK_MONOTONIC,
+                libc::TIMER_ABSTIME,
+                &raw const deadline,
+                core::ptr::null_mut(),
+            )
         };
-        // Only a signal is worth another try; the arguments are right, so any other error would repeat for ever.
+        // Only a signal is worth another try; the arguments are right, so any other error would
+        // repeat for ever.
         if result != libc::EINTR {
             return;
         }
@@ -131,7 +145,8 @@ mod tests {
 
     #[test]
     fn a_thread_that_sleeps_uses_no_processor_time() {
-        let (begin_ns, begin_used_ns) = (monotonic_ns(), thread_cpu_ns());
+        let begin_ns = monotonic_ns();
+        let begin_used_ns = thread_cpu_ns();
         sleep_until_monotonic_ns(begin_ns + 20_000_000);
         let used_ns = thread_cpu_ns() - begin_used_ns;
         assert!(used_ns > 0 && used_ns < monotonic_ns() - begin_ns, "{used_ns} ns");

@@ -1,8 +1,10 @@
 //! The loop's control word: whether force may flow, and whether the loop is to end.
 //!
-//! Every source of "off" (a signal, a client, a heartbeat that is missing, the console) holds the word itself and takes force away with one atomic
-//! operation. Nothing in between can be late: no thread, no queue, no lock. Only the way back is slow on purpose: force is allowed by a [`Permit`]
-//! that was drawn before, and a permit is worthless once any source has said "off" after it was drawn.
+//! Every source of "off" (a signal, a client, a heartbeat that is missing, the console) holds the
+//! word itself and takes force away with one atomic operation. Nothing in between can be late: no
+//! thread, no queue, no lock. Only the way back is slow on purpose: force is allowed by a
+//! [`Permit`] that was drawn before, and a permit is worthless once any source has said "off" after
+//! it was drawn.
 //!
 //! ```text
 //!  disable()   offs += 1                     order() = Quit     if end = 2
@@ -11,8 +13,9 @@
 //!  enable(p)   allowed = p                           Disable    else
 //!  stop()      end = max(end, 1)
 //! ```
-//! All operations are `Relaxed`: each word is the whole message and publishes no other memory. A store becomes visible to the loop within one tick.
-//! `tests/loom` includes this file and checks it under every interleaving.
+//! All operations are `Relaxed`: each word is the whole message and publishes no other memory. A
+//! store becomes visible to the loop within one tick. `tests/loom` includes this file and checks it
+//! under every interleaving.
 
 use super::atomics::{AtomicU8, AtomicU64, Ordering};
 
@@ -43,7 +46,8 @@ const NEVER: u64 = u64::MAX;
 const STOP: u8 = 1;
 const QUIT: u8 = 2;
 
-/// The control word of one loop, shared by the loop (reads) and everything that may take force away (writes).
+/// The control word of one loop, shared by the loop (reads) and everything that may take force away
+/// (writes).
 #[derive(Debug)]
 pub struct Control {
     /// How often force was taken away.
@@ -78,17 +82,20 @@ impl Control {
         self.offs.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Lets force ramp down and the loop end. Wait-free; safe in a signal handler. It cannot be taken back.
+    /// Lets force ramp down and the loop end. Wait-free; safe in a signal handler. It cannot be
+    /// taken back.
     pub fn stop(&self) {
         self.end.fetch_max(STOP, Ordering::Relaxed);
     }
 
-    /// Ends the loop in the next tick, without a ramp. Wait-free; safe in a signal handler. It cannot be taken back.
+    /// Ends the loop in the next tick, without a ramp. Wait-free; safe in a signal handler. It
+    /// cannot be taken back.
     pub fn quit(&self) {
         self.end.fetch_max(QUIT, Ordering::Relaxed);
     }
 
-    /// A person asks for an end: the first time with a ramp, after that at once. Safe in a signal handler.
+    /// A person asks for an end: the first time with a ramp, after that at once. Safe in a signal
+    /// handler.
     pub fn interrupt(&self) {
         if self.end.fetch_max(STOP, Ordering::Relaxed) >= STOP {
             self.quit();
@@ -100,10 +107,12 @@ impl Control {
         Permit(self.offs.load(Ordering::Relaxed))
     }
 
-    /// Takes force away on the way to letting it flow from zero: the permit for that, unless a source has taken force away since `asked` was drawn.
+    /// Takes force away on the way to letting it flow from zero: the permit for that, unless a
+    /// source has taken force away since `asked` was drawn.
     pub fn renew(&self, asked: Permit) -> Option<Permit> {
         let next = asked.0.wrapping_add(1);
-        let renewed = self.offs.compare_exchange(asked.0, next, Ordering::Relaxed, Ordering::Relaxed);
+        let renewed =
+            self.offs.compare_exchange(asked.0, next, Ordering::Relaxed, Ordering::Relaxed);
         renewed.is_ok().then_some(Permit(next))
     }
 

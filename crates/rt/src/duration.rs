@@ -3,14 +3,19 @@
 use std::time::Duration;
 
 /// Units that [`parse`] knows, with their length in seconds.
-const UNITS: [(&str, f64); 6] = [("us", 1e-6), ("µs", 1e-6), ("ms", 1e-3), ("s", 1.0), ("min", 60.0), ("h", 3600.0)];
+const UNITS: [(&str, f64); 6] =
+    [("us", 1e-6), ("µs", 1e-6), ("ms", 1e-3), ("s", 1.0), ("min", 60.0), ("h", 3600.0)];
 
-/// Longest duration that is accepted, s: a year, far below the 292 years of signed 64-bit nanoseconds.
+/// Longest duration that is accepted, s: a year, far below the 292 years of signed 64-bit
+/// nanoseconds.
 const LONGEST_S: f64 = 366.0 * 86_400.0;
 
 /// Why a text is not a duration.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("`{text}` is not a duration: write a number and a unit (us, ms, s, min, h), such as 10s, 500ms or 2min")]
+#[error(
+    "`{text}` is not a duration: write a number and a unit (us, ms, s, min, h), such as 10s, 500ms \
+        or 2min"
+)]
 pub struct DurationError {
     /// The text as given.
     pub text: String,
@@ -19,13 +24,15 @@ pub struct DurationError {
 /// Reads a duration: a non-negative decimal number followed by its unit, at most a year.
 ///
 /// # Errors
-/// Everything else, a bare number included: a missing unit is the mistake that a unit would have caught.
+/// Everything else, a bare number included: a missing unit is the mistake that a unit would have
+/// caught.
 pub fn parse(text: &str) -> Result<Duration, DurationError> {
     let refused = || DurationError { text: text.to_owned() };
     let trimmed = text.trim();
     let unit_at = trimmed.find(|c: char| !(c.is_ascii_digit() || c == '.')).ok_or_else(refused)?;
     let (number, unit) = trimmed.split_at(unit_at);
-    let (_, seconds_per_unit) = UNITS.into_iter().find(|(name, _)| *name == unit.trim_start()).ok_or_else(refused)?;
+    let (_, seconds_per_unit) =
+        UNITS.into_iter().find(|(name, _)| *name == unit.trim_start()).ok_or_else(refused)?;
     let seconds = number.parse::<f64>().map_err(|_| refused())? * seconds_per_unit;
     if seconds > LONGEST_S {
         return Err(refused());
@@ -58,7 +65,19 @@ mod tests {
 
     #[test]
     fn anything_else_is_refused_with_examples() {
-        for text in ["", "10", "s", "ten s", "-1s", "1.2.3s", "10 parsecs", "1e3s", "inf s", "1000000h", "1s2"] {
+        for text in [
+            "",
+            "10",
+            "s",
+            "ten s",
+            "-1s",
+            "1.2.3s",
+            "10 parsecs",
+            "1e3s",
+            "inf s",
+            "1000000h",
+            "1s2",
+        ] {
             let error = parse(text).expect_err(text);
             assert!(error.to_string().contains("500ms"), "{error}");
         }

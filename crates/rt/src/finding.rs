@@ -46,7 +46,13 @@ pub struct Finding {
 impl Finding {
     /// All is well.
     pub fn good(name: impl Into<String>, found: impl Into<String>) -> Self {
-        Self { name: name.into(), standing: Standing::Good, found: found.into(), advice: String::new(), by_hand: false }
+        Self {
+            name: name.into(),
+            standing: Standing::Good,
+            found: found.into(),
+            advice: String::new(),
+            by_hand: false,
+        }
     }
 
     /// The program cannot find out.
@@ -55,12 +61,20 @@ impl Finding {
     }
 
     /// Could be better.
-    pub fn advice(name: impl Into<String>, found: impl Into<String>, advice: impl Into<String>) -> Self {
+    pub fn advice(
+        name: impl Into<String>,
+        found: impl Into<String>,
+        advice: impl Into<String>,
+    ) -> Self {
         Self { standing: Standing::Advice, advice: advice.into(), ..Self::good(name, found) }
     }
 
     /// Has to be better.
-    pub fn bad(name: impl Into<String>, found: impl Into<String>, advice: impl Into<String>) -> Self {
+    pub fn bad(
+        name: impl Into<String>,
+        found: impl Into<String>,
+        advice: impl Into<String>,
+    ) -> Self {
         Self { standing: Standing::Bad, advice: advice.into(), ..Self::good(name, found) }
     }
 
@@ -106,7 +120,10 @@ impl Root {
     /// Names in a folder, sorted; empty where there is none.
     pub fn names(&self, folder: impl AsRef<Path>) -> Vec<String> {
         let Ok(entries) = fs::read_dir(self.join(folder)) else { return Vec::new() };
-        let mut names: Vec<String> = entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
+        let mut names: Vec<String> = entries
+            .flatten()
+            .map(|entry| entry.file_name().to_string_lossy().into_owned())
+            .collect();
         names.sort();
         names
     }

@@ -1,4 +1,5 @@
-//! The operating system of a real-time loop: clocks, scheduling, signals, and the word that says whether force may flow.
+//! The operating system of a real-time loop: clocks, scheduling, signals, and the word that says
+//! whether force may flow.
 //!
 //! ```text
 //!  signals, clients, watchdogs ─► control word ─► loop        what the scene asks for (processor, priority) ─► schedule ─► what was obtained
@@ -10,7 +11,8 @@
 //! Nanoseconds of `CLOCK_MONOTONIC` in the loop, [`Duration`](core::time::Duration) elsewhere.
 //!
 //! # Cost
-//! Reading the control word is two atomic loads, and a sleep is one system call. Everything else runs before the loop or beside it. Nothing here prints: results are data.
+//! Reading the control word is two atomic loads, and a sleep is one system call. Everything else
+//! runs before the loop or beside it. Nothing here prints: results are data.
 //!
 //! # Example
 //! ```

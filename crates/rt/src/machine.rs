@@ -1,30 +1,40 @@
-//! What a machine offers a 1 kHz loop, beyond what the servo thread itself is granted: kernel, clock, governor, processors, memory, rights.
+//! What a machine offers a 1 kHz loop, beyond what the servo thread itself is granted: kernel,
+//! clock, governor, processors, memory, rights.
 //!
 //! Data out: [`Finding`]s, each with what to type.
 
 use super::finding::{Finding, Root};
 use super::schedule::{MemoryLockRefusal, ThreadRequest, ThreadStanding};
 
-/// What gives an ordinary user the rights of a real-time loop: what to type. `program` is the path of this one.
+/// What gives an ordinary user the rights of a real-time loop: what to type. `program` is the path
+/// of this one.
 fn rights_advice(program: &str) -> String {
     format!(
-        "sudo setcap cap_sys_nice,cap_ipc_lock=ep {program}\n\
-         or, for every program of a group: sudo groupadd -f realtime && sudo usermod -aG realtime \"$USER\" && \
-         printf '@realtime - rtprio 99\\n@realtime - memlock unlimited\\n' | sudo tee /etc/security/limits.d/99-hapticd.conf, \
-         then log out and in again"
+        "sudo setcap cap_sys_nice,cap_ipc_lock=ep {program}\nor, for every program of a group: \
+            sudo groupadd -f realtime && sudo usermod -aG realtime \"$USER\" && printf '@realtime \
+            - rtprio 99\\n@realtime - memlock unlimited\\n' | sudo tee \
+            /etc/security/limits.d/99-hapticd.conf, then log out and in again"
     )
 }
 
 /// Everything about the machine that files say. `cpu`: where the servo runs.
 pub fn findings(root: &Root, cpu: usize) -> Vec<Finding> {
-    let mut findings =
-        vec![kernel(root), clock_source(root), governor(root, cpu), isolated(root, cpu), throttling(root), limits(root)];
+    let mut findings = vec![
+        kernel(root),
+        clock_source(root),
+        governor(root, cpu),
+        isolated(root, cpu),
+        throttling(root),
+        limits(root),
+    ];
     findings.extend(swap(root));
     findings
 }
 
 fn kernel(root: &Root) -> Finding {
-    let release = root.read("/proc/sys/kernel/osrelease").unwrap_or_else(|| "kernel of unknown release".to_owned());
+    let release = root
+        .read("/proc/sys/kernel/osrelease")
+        .unwrap_or_else(|| "kernel of unknown release".to_owned());
     let version = root.read("/proc/sys/kernel/version").unwrap_or_default();
     if version.contains("PREEMPT_RT") || root.read("/sys/kernel/realtime").as_deref() == Some("1") {
         return Finding::good("kernel", format!("{release}, PREEMPT_RT"));
@@ -32,7 +42,8 @@ fn kernel(root: &Root) -> Finding {
     Finding::advice(
         "kernel",
         format!("{release}, not PREEMPT_RT: wake-ups may be late by a millisecond now and then"),
-        "sudo apt-get install linux-image-rt-amd64   # Debian; other systems name it differently. Then boot it",
+        "sudo apt-get install linux-image-rt-amd64   # Debian; other systems name it differently. \
+            Then boot it",
     )
 }
 
@@ -42,8 +53,14 @@ const FAST_CLOCKSOURCES: [&str; 3] = ["tsc", "kvm-clock", "arch_sys_counter"];
 fn clock_source(root: &Root) -> Finding {
     const FILE: &str = "/sys/devices/system/clocksource/clocksource0/current_clocksource";
     match root.read(FILE) {
-        Some(source) if FAST_CLOCKSOURCES.contains(&source.as_str()) => Finding::good("clock source", source),
-        Some(source) => Finding::advice("clock source", format!("{source}: slow to read"), format!("echo tsc | sudo tee {FILE}")),
+        Some(source) if FAST_CLOCKSOURCES.contains(&source.as_str()) => {
+            Finding::good("clock source", source)
+        }
+        Some(source) => Finding::advice(
+            "clock source",
+            format!("{source}: slow to read"),
+            format!("echo tsc | sudo tee {FILE}"),
+        ),
         None => Finding::unknown("clock source", "not reported"),
     }
 }
@@ -51,25 +68,39 @@ fn clock_source(root: &Root) -> Finding {
 fn governor(root: &Root, cpu: usize) -> Finding {
     let file = format!("/sys/devices/system/cpu/cpu{cpu}/cpufreq/scaling_governor");
     match root.read(&file) {
-        Some(governor) if governor == "performance" => Finding::good("governor", format!("performance (processor {cpu})")),
+        Some(governor) if governor == "performance" => {
+            Finding::good("governor", format!("performance (processor {cpu})"))
+        }
         Some(governor) => Finding::advice(
             "governor",
             format!("{governor} (processor {cpu}): it slows down between ticks"),
             "echo performance | sudo tee /sys/devices/system/cpu/cpu*/cpufreq/scaling_governor",
         ),
-        None => Finding::unknown("governor", "not reported: a virtual machine, or a processor of one frequency"),
+        None => Finding::unknown(
+            "governor",
+            "not reported: a virtual machine, or a processor of one frequency",
+        ),
     }
 }
 
 fn isolated(root: &Root, cpu: usize) -> Finding {
     match root.read("/sys/devices/system/cpu/isolated") {
-        Some(list) if holds(&list, cpu) => Finding::good("isolated processors", format!("{list}; the servo runs on {cpu}")),
+        Some(list) if holds(&list, cpu) => {
+            Finding::good("isolated processors", format!("{list}; the servo runs on {cpu}"))
+        }
         Some(list) => {
-            let found = if list.is_empty() { "none".to_owned() } else { format!("{list}; the servo runs on {cpu}") };
+            let found = if list.is_empty() {
+                "none".to_owned()
+            } else {
+                format!("{list}; the servo runs on {cpu}")
+            };
             Finding::advice(
                 "isolated processors",
                 found,
-                format!("add isolcpus={cpu} to GRUB_CMDLINE_LINUX in /etc/default/grub, then: sudo update-grub && sudo reboot"),
+                format!(
+                    "add isolcpus={cpu} to GRUB_CMDLINE_LINUX in /etc/default/grub, then: sudo \
+                    update-grub && sudo reboot"
+                ),
             )
             .by_hand()
         }
@@ -89,11 +120,18 @@ fn holds(list: &str, cpu: usize) -> bool {
 
 fn throttling(root: &Root) -> Finding {
     const FILE: &str = "/proc/sys/kernel/sched_rt_runtime_us";
-    let period = root.read("/proc/sys/kernel/sched_rt_period_us").and_then(|text| text.parse::<i64>().ok()).unwrap_or(1_000_000);
+    let period = root
+        .read("/proc/sys/kernel/sched_rt_period_us")
+        .and_then(|text| text.parse::<i64>().ok())
+        .unwrap_or(1_000_000);
     match root.read(FILE).and_then(|text| text.parse::<i64>().ok()) {
         Some(runtime) if runtime < 0 || runtime * 10 >= period * 9 => Finding::good(
             "real-time share",
-            if runtime < 0 { "all of it".to_owned() } else { format!("{} %", runtime * 100 / period) },
+            if runtime < 0 {
+                "all of it".to_owned()
+            } else {
+                format!("{} %", runtime * 100 / period)
+            },
         ),
         Some(runtime) => Finding::bad(
             "real-time share",
@@ -106,12 +144,20 @@ fn throttling(root: &Root) -> Finding {
 
 fn limits(root: &Root) -> Finding {
     let limits = root.read("/proc/self/limits").unwrap_or_default();
-    let soft = |name: &str| limits.lines().find_map(|line| line.strip_prefix(name)?.split_whitespace().next().map(str::to_owned));
-    let (priority, memory) = (soft("Max realtime priority"), soft("Max locked memory"));
+    let soft = |name: &str| {
+        limits
+            .lines()
+            .find_map(|line| line.strip_prefix(name)?.split_whitespace().next().map(str::to_owned))
+    };
+    let priority = soft("Max realtime priority");
+    let memory = soft("Max locked memory");
     match (priority, memory) {
         (Some(priority), Some(memory)) => Finding::good(
             "limits",
-            format!("rtprio {priority}, memlock {}", if memory == "unlimited" { memory } else { memory + " bytes" }),
+            format!(
+                "rtprio {priority}, memlock {}",
+                if memory == "unlimited" { memory } else { memory + " bytes" }
+            ),
         ),
         _ => Finding::unknown("limits", "not reported"),
     }
@@ -119,10 +165,14 @@ fn limits(root: &Root) -> Finding {
 
 fn swap(root: &Root) -> Option<Finding> {
     let swaps = root.read("/proc/swaps")?;
-    let areas: Vec<&str> = swaps.lines().skip(1).filter_map(|line| line.split_whitespace().next()).collect();
+    let areas: Vec<&str> =
+        swaps.lines().skip(1).filter_map(|line| line.split_whitespace().next()).collect();
     Some(match areas.as_slice() {
         [] => Finding::good("swap", "none"),
-        areas => Finding::good("swap", format!("{}: pages that are locked never go there", areas.join(", "))),
+        areas => Finding::good(
+            "swap",
+            format!("{}: pages that are locked never go there", areas.join(", ")),
+        ),
     })
 }
 
@@ -137,7 +187,10 @@ pub fn rights(
     let scheduling = if standing.fifo {
         Finding::good("scheduling", format!("SCHED_FIFO, priority {}", standing.priority))
     } else {
-        let found = format!("SCHED_FIFO was refused ({}): any program may delay the loop", errno(standing.schedule_errno));
+        let found = format!(
+            "SCHED_FIFO was refused ({}): any program may delay the loop",
+            errno(standing.schedule_errno)
+        );
         Finding::bad("scheduling", found, rights_advice(program))
     };
     let affinity = match standing.cpu {
@@ -145,7 +198,8 @@ pub fn rights(
         None => Finding::bad(
             "affinity",
             format!("processor {} was refused ({})", request.cpu, errno(standing.affinity_errno)),
-            "name a processor that this process may use as [realtime] cpu of the scene; `taskset -pc $$` lists them",
+            "name a processor that this process may use as [realtime] cpu of the scene; `taskset \
+                -pc $$` lists them",
         )
         .by_hand(),
     };
@@ -153,12 +207,17 @@ pub fn rights(
         Ok(()) => Finding::good("memory", "every page can be locked"),
         Err(MemoryLockRefusal::Limit { bytes }) => Finding::bad(
             "memory",
-            format!("cannot be locked; the memlock limit is {} KiB: a page fault may stop the loop", bytes / 1024),
+            format!(
+                "cannot be locked; the memlock limit is {} KiB: a page fault may stop the loop",
+                bytes / 1024
+            ),
             rights_advice(program),
         ),
-        Err(MemoryLockRefusal::Errno(number)) => {
-            Finding::bad("memory", format!("cannot be locked ({})", errno(number)), rights_advice(program))
-        }
+        Err(MemoryLockRefusal::Errno(number)) => Finding::bad(
+            "memory",
+            format!("cannot be locked ({})", errno(number)),
+            rights_advice(program),
+        ),
     };
     vec![scheduling, affinity, memory]
 }
@@ -184,12 +243,18 @@ mod tests {
             ("/proc/sys/kernel/sched_rt_runtime_us", "950000\n"),
             (
                 "/proc/self/limits",
-                "Max locked memory         unlimited            unlimited            bytes\nMax realtime priority     99                   99\n",
+                "Max locked memory         unlimited            unlimited            bytes\nMax \
+                    realtime priority     99                   99\n",
             ),
             ("/proc/swaps", "Filename Type Size Used Priority\n"),
         ]);
         let findings = findings(&root, 3);
-        assert!(findings.iter().all(|finding| finding.standing == Standing::Good && finding.advice.is_empty()), "{findings:?}");
+        assert!(
+            findings
+                .iter()
+                .all(|finding| finding.standing == Standing::Good && finding.advice.is_empty()),
+            "{findings:?}"
+        );
         assert_eq!(standing(&findings, "limits").1, "rtprio 99, memlock unlimited");
     }
 
@@ -212,7 +277,10 @@ mod tests {
             ("real-time share", "50 %", "echo 950000"),
         ] {
             let (standing, text, typed) = standing(&findings, name);
-            assert!(standing >= Standing::Advice && text.contains(found) && typed.contains(advice), "{name}: {text} / {typed}");
+            assert!(
+                standing >= Standing::Advice && text.contains(found) && typed.contains(advice),
+                "{name}: {text} / {typed}"
+            );
         }
         let (_folder, nothing) = tree(&[]);
         let silent = super::findings(&nothing, 0);
@@ -228,12 +296,21 @@ mod tests {
     #[test]
     fn refused_rights_say_how_to_get_them() {
         let request = ThreadRequest { cpu: 1, priority: 80 };
-        let refused = ThreadStanding { schedule_errno: 1, affinity_errno: 22, ..ThreadStanding::default() };
-        let rows = rights(request, refused, Err(MemoryLockRefusal::Limit { bytes: 65536 }), "/opt/hapticd");
+        let refused =
+            ThreadStanding { schedule_errno: 1, affinity_errno: 22, ..ThreadStanding::default() };
+        let rows = rights(
+            request,
+            refused,
+            Err(MemoryLockRefusal::Limit { bytes: 65536 }),
+            "/opt/hapticd",
+        );
         assert!(rows.iter().all(|row| row.standing == Standing::Bad));
         assert!(rows[0].advice.contains("setcap cap_sys_nice,cap_ipc_lock=ep /opt/hapticd"));
         assert!(rows[0].advice.contains("limits.d") && rows[2].found.contains("64 KiB"));
-        let granted = ThreadStanding { fifo: true, priority: 80, cpu: Some(1), ..ThreadStanding::default() };
-        assert!(rights(request, granted, Ok(()), "x").iter().all(|row| row.standing == Standing::Good));
+        let granted =
+            ThreadStanding { fifo: true, priority: 80, cpu: Some(1), ..ThreadStanding::default() };
+        assert!(
+            rights(request, granted, Ok(()), "x").iter().all(|row| row.standing == Standing::Good)
+        );
     }
 }

@@ -1,7 +1,7 @@
 //! What the machine offers a 1 kHz loop, row by row, before the first tick.
 //!
-//! Data, no text layout: the command line prints the rows, the record keeps them. `enforce` refuses to run when a row failed;
-//! `best-effort` names those rows as what it gave up.
+//! Data, no text layout: the command line prints the rows, the record keeps them. `enforce` refuses
+//! to run when a row failed; `best-effort` names those rows as what it gave up.
 
 use std::path::Path;
 
@@ -14,7 +14,8 @@ pub enum CheckOutcome {
     Passed,
     /// Not as it wants it.
     Failed,
-    /// The machine does not say (a virtual machine without a governor, say). Never a reason to refuse.
+    /// The machine does not say (a virtual machine without a governor, say). Never a reason to
+    /// refuse.
     Unknown,
 }
 
@@ -61,9 +62,14 @@ impl KernelFacts {
         let version = read_line("/proc/sys/kernel/version").unwrap_or_default();
         Self {
             release: read_line("/proc/sys/kernel/osrelease").unwrap_or_default(),
-            preempt_rt: version.contains("PREEMPT_RT") || read_line("/sys/kernel/realtime").as_deref() == Some("1"),
-            governor: read_line(format!("/sys/devices/system/cpu/cpu{cpu}/cpufreq/scaling_governor")),
-            clocksource: read_line("/sys/devices/system/clocksource/clocksource0/current_clocksource"),
+            preempt_rt: version.contains("PREEMPT_RT")
+                || read_line("/sys/kernel/realtime").as_deref() == Some("1"),
+            governor: read_line(format!(
+                "/sys/devices/system/cpu/cpu{cpu}/cpufreq/scaling_governor"
+            )),
+            clocksource: read_line(
+                "/sys/devices/system/clocksource/clocksource0/current_clocksource",
+            ),
         }
     }
 }
@@ -104,8 +110,8 @@ impl PreflightReport {
         Self { rows, standing, memory_locked: memory.is_ok(), kernel_rt: kernel.preempt_rt }
     }
 
-    /// The report of a run under the virtual clock: nothing is asked of the scheduler, so nothing can be refused. A loop that never sleeps
-    /// under SCHED_FIFO would only starve its processor.
+    /// The report of a run under the virtual clock: nothing is asked of the scheduler, so nothing
+    /// can be refused. A loop that never sleeps under SCHED_FIFO would only starve its processor.
     pub fn virtual_clock(kernel: &KernelFacts) -> Self {
         let rows = vec![CheckRow {
             name: "clock",
@@ -113,7 +119,12 @@ impl PreflightReport {
             found: "virtual: time is simulated, real-time scheduling is not used".to_owned(),
             hint: "",
         }];
-        Self { rows, standing: ThreadStanding::default(), memory_locked: false, kernel_rt: kernel.preempt_rt }
+        Self {
+            rows,
+            standing: ThreadStanding::default(),
+            memory_locked: false,
+            kernel_rt: kernel.preempt_rt,
+        }
     }
 
     /// Rows that failed.
@@ -128,13 +139,19 @@ impl PreflightReport {
 }
 
 fn row(name: &'static str, passed: bool, found: String, hint: &'static str) -> CheckRow {
-    let (outcome, hint) = if passed { (CheckOutcome::Passed, "") } else { (CheckOutcome::Failed, hint) };
+    let (outcome, hint) =
+        if passed { (CheckOutcome::Passed, "") } else { (CheckOutcome::Failed, hint) };
     CheckRow { name, outcome, found, hint }
 }
 
 fn kernel_row(kernel: &KernelFacts) -> CheckRow {
     let kind = if kernel.preempt_rt { "PREEMPT_RT" } else { "not PREEMPT_RT" };
-    row("kernel", kernel.preempt_rt, format!("{}, {kind}", kernel.release), "boot a kernel built with PREEMPT_RT")
+    row(
+        "kernel",
+        kernel.preempt_rt,
+        format!("{}, {kind}", kernel.release),
+        "boot a kernel built with PREEMPT_RT",
+    )
 }
 
 fn policy_row(request: ThreadRequest, standing: ThreadStanding) -> CheckRow {
@@ -144,32 +161,61 @@ fn policy_row(request: ThreadRequest, standing: ThreadStanding) -> CheckRow {
         format!("time-sharing; SCHED_FIFO was refused ({})", errno_text(standing.schedule_errno))
     };
     let passed = standing.fifo && standing.priority == request.priority;
-    row("scheduling", passed, found, "allow it: `* - rtprio 99` in /etc/security/limits.d, or run with CAP_SYS_NICE")
+    row(
+        "scheduling",
+        passed,
+        found,
+        "allow it: `* - rtprio 99` in /etc/security/limits.d, or run with CAP_SYS_NICE",
+    )
 }
 
 fn affinity_row(request: ThreadRequest, standing: ThreadStanding) -> CheckRow {
     let found = match standing.cpu {
         Some(cpu) => format!("pinned to processor {cpu}"),
-        None => format!("processor {} was refused ({})", request.cpu, errno_text(standing.affinity_errno)),
+        None => format!(
+            "processor {} was refused ({})",
+            request.cpu,
+            errno_text(standing.affinity_errno)
+        ),
     };
-    row("affinity", standing.cpu.is_some(), found, "name a processor that exists and that this process may use in [realtime] cpu")
+    row(
+        "affinity",
+        standing.cpu.is_some(),
+        found,
+        "name a processor that exists and that this process may use in [realtime] cpu",
+    )
 }
 
 fn memory_row(memory: Result<(), MemoryLockRefusal>) -> CheckRow {
     let found = match memory {
         Ok(()) => "every page is locked".to_owned(),
-        Err(MemoryLockRefusal::Limit { bytes }) => format!("not locked; the memlock limit is {} KiB", bytes / 1024),
+        Err(MemoryLockRefusal::Limit { bytes }) => {
+            format!("not locked; the memlock limit is {} KiB", bytes / 1024)
+        }
         Err(MemoryLockRefusal::Errno(errno)) => format!("not locked ({})", errno_text(errno)),
     };
-    row("memory", memory.is_ok(), found, "allow it: `* - memlock unlimited` in /etc/security/limits.d, or run with CAP_IPC_LOCK")
+    row(
+        "memory",
+        memory.is_ok(),
+        found,
+        "allow it: `* - memlock unlimited` in /etc/security/limits.d, or run with CAP_IPC_LOCK",
+    )
 }
 
 fn governor_row(kernel: &KernelFacts) -> CheckRow {
     match kernel.governor.as_deref() {
-        Some(governor) => {
-            row("governor", governor == "performance", governor.to_owned(), "set the frequency governor to `performance`")
-        }
-        None => CheckRow { name: "governor", outcome: CheckOutcome::Unknown, found: "not reported".to_owned(), hint: "" },
+        Some(governor) => row(
+            "governor",
+            governor == "performance",
+            governor.to_owned(),
+            "set the frequency governor to `performance`",
+        ),
+        None => CheckRow {
+            name: "governor",
+            outcome: CheckOutcome::Unknown,
+            found: "not reported".to_owned(),
+            hint: "",
+        },
     }
 }
 
@@ -178,10 +224,18 @@ const FAST_CLOCKSOURCES: [&str; 3] = ["tsc", "kvm-clock", "arch_sys_counter"];
 
 fn clocksource_row(kernel: &KernelFacts) -> CheckRow {
     match kernel.clocksource.as_deref() {
-        Some(source) => {
-            row("clock source", FAST_CLOCKSOURCES.contains(&source), source.to_owned(), "choose `tsc` as the kernel's clock source")
-        }
-        None => CheckRow { name: "clock source", outcome: CheckOutcome::Unknown, found: "not reported".to_owned(), hint: "" },
+        Some(source) => row(
+            "clock source",
+            FAST_CLOCKSOURCES.contains(&source),
+            source.to_owned(),
+            "choose `tsc` as the kernel's clock source",
+        ),
+        None => CheckRow {
+            name: "clock source",
+            outcome: CheckOutcome::Unknown,
+            found: "not reported".to_owned(),
+            hint: "",
+        },
     }
 }
 
@@ -223,10 +277,19 @@ mod tests {
             clocksource: Some("hpet".to_owned()),
             ..tuned()
         };
-        let standing = ThreadStanding { schedule_errno: 1, affinity_errno: 22, ..ThreadStanding::default() };
-        let report = PreflightReport::judge(&kernel, REQUEST, standing, Err(MemoryLockRefusal::Limit { bytes: 65_536 }));
+        let standing =
+            ThreadStanding { schedule_errno: 1, affinity_errno: 22, ..ThreadStanding::default() };
+        let report = PreflightReport::judge(
+            &kernel,
+            REQUEST,
+            standing,
+            Err(MemoryLockRefusal::Limit { bytes: 65_536 }),
+        );
         let failed: Vec<_> = report.failed().map(|row| row.name).collect();
-        assert_eq!(failed, ["kernel", "scheduling", "affinity", "memory", "governor", "clock source"]);
+        assert_eq!(
+            failed,
+            ["kernel", "scheduling", "affinity", "memory", "governor", "clock source"]
+        );
         assert!(report.failed().all(|row| !row.hint.is_empty()));
     }
 

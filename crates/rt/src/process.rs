@@ -1,5 +1,9 @@
-//! What a process beside this one needs: words that both of them see, and to be left alone by what ends the other one.
-#![expect(unsafe_code, reason = "a page of two processes is reached by a pointer; signals and sessions are libc calls")]
+//! What a process beside this one needs: words that both of them see, and to be left alone by what
+//! ends the other one.
+#![expect(
+    unsafe_code,
+    reason = "a page of two processes is reached by a pointer; signals and sessions are libc calls"
+)]
 
 use core::sync::atomic::AtomicU64;
 use std::io;
@@ -42,18 +46,22 @@ impl SharedPage {
 
     /// The words. RT: safe.
     pub fn words(&self) -> &[AtomicU64; WORDS] {
-        // SAFETY: the page is as long, aligned to itself, mapped for as long as `self`, and reached by atomics alone in either process.
+        // SAFETY: the page is as long, aligned to itself, mapped for as long as `self`, and reached
+        // by atomics alone in either process.
         unsafe { &*self.0.as_ptr().cast() }
     }
 }
 
-/// Leaves the terminal, the session and the name of the parent process, and ignores every signal that can be ignored. RT: start-up only.
+/// Leaves the terminal, the session and the name of the parent process, and ignores every signal
+/// that can be ignored. RT: start-up only.
 pub fn stand_apart(name: &str) {
     for signal in 1..=64 {
-        // SAFETY: SIG_IGN is a valid disposition and runs no code of ours; the system refuses signals that cannot be ignored, or are none.
+        // SAFETY: SIG_IGN is a valid disposition and runs no code of ours; the system refuses
+        // signals that cannot be ignored, or are none.
         unsafe { libc::signal(signal, libc::SIG_IGN) };
     }
-    // SAFETY: takes no arguments; refused to a process that leads a session already, which is as good.
+    // SAFETY: takes no arguments; refused to a process that leads a session already, which is as
+    // good.
     unsafe { libc::setsid() };
     // A name is worth no failure.
     let _ = std::fs::write("/proc/self/comm", name);

@@ -1,14 +1,16 @@
-//! What one thread asks of the scheduler and of memory: policy, priority, processor, locked pages, a touched stack.
+//! What one thread asks of the scheduler and of memory: policy, priority, processor, locked pages,
+//! a touched stack.
 #![expect(unsafe_code, reason = "affinity, memory lock and resource limits are libc calls")]
 
 use core::mem::{MaybeUninit, size_of};
 
 use thread_priority::{
-    RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityValue, ThreadSchedulePolicy, set_thread_priority_and_policy,
-    thread_native_id, thread_schedule_policy_param,
+    RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityValue, ThreadSchedulePolicy,
+    set_thread_priority_and_policy, thread_native_id, thread_schedule_policy_param,
 };
 
-/// Bytes of stack that [`prefault_stack`] touches: far more than a tick needs, less than the default 2 MiB of a thread.
+/// Bytes of stack that [`prefault_stack`] touches: far more than a tick needs, less than the
+/// default 2 MiB of a thread.
 const PREFAULT_STACK_BYTES: usize = 256 * 1024;
 
 /// Niceness of a thread that is not waited for: a tenth of the weight of niceness 0.
@@ -41,8 +43,8 @@ pub struct ThreadStanding {
     pub affinity_errno: i32,
 }
 
-/// Pins the calling thread, puts it under SCHED_FIFO and touches its stack; says what was obtained. Never fails: what was refused is in the
-/// answer. RT: start-up only.
+/// Pins the calling thread, puts it under SCHED_FIFO and touches its stack; says what was obtained.
+/// Never fails: what was refused is in the answer. RT: start-up only.
 pub fn enter_realtime(request: ThreadRequest) -> ThreadStanding {
     let affinity = pin_to(request.cpu);
     let schedule = set_fifo(request.priority);
@@ -57,12 +59,14 @@ pub fn enter_realtime(request: ThreadRequest) -> ThreadStanding {
     }
 }
 
-/// Puts the calling thread under SCHED_FIFO, on any processor; true where that is allowed. RT: start-up only.
+/// Puts the calling thread under SCHED_FIFO, on any processor; true where that is allowed. RT:
+/// start-up only.
 pub fn enter_fifo(priority: u8) -> bool {
     set_fifo(priority).is_ok()
 }
 
-/// Gives way to other threads: the calling one gets a tenth of what they get of a processor that both want.
+/// Gives way to other threads: the calling one gets a tenth of what they get of a processor that
+/// both want.
 pub fn enter_background() {
     // SAFETY: a call with numbers only; on Linux process 0 is the calling thread.
     unsafe { libc::setpriority(libc::PRIO_PROCESS, 0, BACKGROUND_NICE) };
@@ -97,8 +101,10 @@ fn last_errno() -> i32 {
 /// Processors that this process may use, ascending. RT: start-up only.
 pub fn allowed_cpus() -> Vec<usize> {
     let mut set = MaybeUninit::<libc::cpu_set_t>::zeroed();
-    // SAFETY: `set` is writable memory of the size passed; pid 0 is the calling thread. The kernel fills the set or fails.
-    let result = unsafe { libc::sched_getaffinity(0, size_of::<libc::cpu_set_t>(), set.as_mut_ptr()) };
+    // SAFETY: `set` is writable memory of the size passed; pid 0 is the calling thread. The kernel
+    // fills the set or fails.
+    let result =
+        unsafe { libc::sched_getaffinity(0, size_of::<libc::cpu_set_t>(), set.as_mut_ptr()) };
     if result != 0 {
         return Vec::new();
     }
@@ -108,7 +114,8 @@ pub fn allowed_cpus() -> Vec<usize> {
     (0..libc::CPU_SETSIZE as usize).filter(|&cpu| unsafe { libc::CPU_ISSET(cpu, &set) }).collect()
 }
 
-/// The processor to use when the scene names none: the last one allowed, as low numbers usually take the interrupts.
+/// The processor to use when the scene names none: the last one allowed, as low numbers usually
+/// take the interrupts.
 pub fn default_cpu() -> usize {
     allowed_cpus().last().copied().unwrap_or(0)
 }
@@ -123,14 +130,18 @@ fn pin_to(cpu: usize) -> Result<(), i32> {
     // SAFETY: `cpu` is below CPU_SETSIZE, checked above.
     unsafe { libc::CPU_SET(cpu, set) };
     // SAFETY: `set` is a valid set of the size passed; pid 0 is the calling thread.
-    if unsafe { libc::sched_setaffinity(0, size_of::<libc::cpu_set_t>(), set) } == 0 { Ok(()) } else { Err(last_errno()) }
+    if unsafe { libc::sched_setaffinity(0, size_of::<libc::cpu_set_t>(), set) } == 0 {
+        Ok(())
+    } else {
+        Err(last_errno())
+    }
 }
 
 /// Why the memory of the process is not locked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MemoryLockRefusal {
-    /// The memlock limit is finite and the process lacks CAP_IPC_LOCK. Locking all future pages under such a limit would make a later
-    /// allocation fail, so it is not even tried.
+    /// The memlock limit is finite and the process lacks CAP_IPC_LOCK. Locking all future pages
+    /// under such a limit would make a later allocation fail, so it is not even tried.
     Limit {
         /// The limit, bytes.
         bytes: u64,
@@ -157,7 +168,8 @@ pub fn lock_memory() -> Result<(), MemoryLockRefusal> {
     }
 }
 
-/// Undoes [`lock_memory`], so that a library user's process goes back to what it was. RT: start-up only.
+/// Undoes [`lock_memory`], so that a library user's process goes back to what it was. RT: start-up
+/// only.
 pub fn unlock_memory() {
     // SAFETY: takes no arguments; the mappings of the process stay as they are.
     unsafe {
@@ -173,7 +185,8 @@ fn finite_memlock_limit() -> Option<u64> {
 }
 
 fn has_cap_ipc_lock() -> bool {
-    std::fs::read_to_string("/proc/self/status").is_ok_and(|status| effective_capabilities(&status) >> CAP_IPC_LOCK_BIT & 1 == 1)
+    std::fs::read_to_string("/proc/self/status")
+        .is_ok_and(|status| effective_capabilities(&status) >> CAP_IPC_LOCK_BIT & 1 == 1)
 }
 
 fn effective_capabilities(status: &str) -> u64 {
@@ -205,9 +218,13 @@ mod tests {
     #[test]
     fn a_thread_says_what_it_got() {
         let cpu = default_cpu();
-        let standing = std::thread::spawn(move || enter_realtime(ThreadRequest { cpu, priority: 1 })).join().expect("no panic");
+        let standing =
+            std::thread::spawn(move || enter_realtime(ThreadRequest { cpu, priority: 1 }))
+                .join()
+                .expect("no panic");
         assert_eq!(standing.cpu, Some(cpu));
-        // Whether SCHED_FIFO was granted depends on the user that runs the test; that the answer is consistent does not.
+        // Whether SCHED_FIFO was granted depends on the user that runs the test; that the answer is
+        // consistent does not.
         assert_eq!(standing.fifo, standing.schedule_errno == 0);
         assert_eq!(standing.priority, u8::from(standing.fifo));
     }
@@ -227,14 +244,20 @@ mod tests {
 
     #[test]
     fn a_processor_that_does_not_exist_is_refused_not_ignored() {
-        let standing = std::thread::spawn(|| enter_realtime(ThreadRequest { cpu: 100_000, priority: 1 })).join().expect("no panic");
+        let standing =
+            std::thread::spawn(|| enter_realtime(ThreadRequest { cpu: 100_000, priority: 1 }))
+                .join()
+                .expect("no panic");
         assert_eq!(standing.cpu, None);
         assert_eq!(standing.affinity_errno, libc::EINVAL);
     }
 
     #[test]
     fn capabilities_are_read_from_the_status_page() {
-        assert_eq!(effective_capabilities("Name:\tx\nCapEff:\t0000000000004000\n"), 1 << CAP_IPC_LOCK_BIT);
+        assert_eq!(
+            effective_capabilities("Name:\tx\nCapEff:\t0000000000004000\n"),
+            1 << CAP_IPC_LOCK_BIT
+        );
         assert_eq!(effective_capabilities("Name:\tx\n"), 0);
     }
 }

@@ -9,8 +9,12 @@
 //! | SEGV, BUS, ILL, FPE | sent by another process: ramp down and end; of an instruction of our own, as KILL: the guard process and the arm's own watchdog are what is left |
 //! | KILL, STOP | cannot be caught: likewise |
 //!
-//! A handler touches atomics and nothing else: the [`Control`] of the loop, and counters for threads that have time.
-#![expect(unsafe_code, reason = "asking for, ignoring, counting and sending signals are libc calls")]
+//! A handler touches atomics and nothing else: the [`Control`] of the loop, and counters for
+//! threads that have time.
+#![expect(
+    unsafe_code,
+    reason = "asking for, ignoring, counting and sending signals are libc calls"
+)]
 
 use core::mem::MaybeUninit;
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -54,17 +58,21 @@ const ENDING: [libc::c_int; 13] = [
     libc::SIGTRAP,
     libc::SIGSTKFLT,
 ];
-/// Signals of an instruction that cannot go on. Sent from outside they are like any other; what handled them before keeps the rest.
+/// Signals of an instruction that cannot go on. Sent from outside they are like any other; what
+/// handled them before keeps the rest.
 const OF_INSTRUCTIONS: [libc::c_int; 4] = [libc::SIGSEGV, libc::SIGBUS, libc::SIGILL, libc::SIGFPE];
 /// What handled them before.
-static BEFORE: [OnceLock<libc::sigaction>; OF_INSTRUCTIONS.len()] = [const { OnceLock::new() }; OF_INSTRUCTIONS.len()];
-/// A write or read fails instead: a file that grows beyond a limit, or a terminal that belongs to another job, is no reason to leave an arm alone.
+static BEFORE: [OnceLock<libc::sigaction>; OF_INSTRUCTIONS.len()] =
+    [const { OnceLock::new() }; OF_INSTRUCTIONS.len()];
+/// A write or read fails instead: a file that grows beyond a limit, or a terminal that belongs to
+/// another job, is no reason to leave an arm alone.
 const IGNORED: [libc::c_int; 3] = [libc::SIGXFSZ, libc::SIGTTOU, libc::SIGTTIN];
 
 /// From now on signals end what `control` runs. Once per process.
 ///
-/// A SIGHUP that the caller has told the program to ignore (`nohup`) stays ignored. An ignored SIGINT does not: a shell without job control
-/// ignores it for everything in the background, and a program that moves an arm stops when it is asked to.
+/// A SIGHUP that the caller has told the program to ignore (`nohup`) stays ignored. An ignored
+/// SIGINT does not: a shell without job control ignores it for everything in the background, and a
+/// program that moves an arm stops when it is asked to.
 ///
 /// # Errors
 /// The operating system refused, or this or [`interrupted`] was called before.
@@ -74,15 +82,16 @@ pub fn end_by_signals(control: &Arc<Control>) -> Result<(), SignalError> {
     catch_ends()
 }
 
-/// Until signals are caught, an interrupt ends the program at once, also where a shell without job control has told it to ignore interrupts: for what
-/// waits long while an arm moves by itself.
+/// Until signals are caught, an interrupt ends the program at once, also where a shell without job
+/// control has told it to ignore interrupts: for what waits long while an arm moves by itself.
 pub fn interrupt_ends() {
     // SAFETY: SIG_DFL is a valid disposition and runs no code of ours.
     unsafe { libc::signal(libc::SIGINT, libc::SIG_DFL) };
 }
 
-/// A flag that the first signal that asks for an end sets; for what has no [`Control`]. Ctrl-Z asks for an end too: what is stopped in the middle
-/// would leave its last command on the arm. Once per process.
+/// A flag that the first signal that asks for an end sets; for what has no [`Control`]. Ctrl-Z asks
+/// for an end too: what is stopped in the middle would leave its last command on the arm. Once per
+/// process.
 ///
 /// # Errors
 /// As [`end_by_signals`].
@@ -128,16 +137,23 @@ extern "C" fn on_end(_signal: libc::c_int) {
     end();
 }
 
-extern "C" fn on_instruction(signal: libc::c_int, info: *mut libc::siginfo_t, _context: *mut libc::c_void) {
+extern "C" fn on_instruction(
+    signal: libc::c_int,
+    info: *mut libc::siginfo_t,
+    _context: *mut libc::c_void,
+) {
     // SAFETY: with SA_SIGINFO the kernel hands a whole `siginfo_t` to the handler.
     let is_sent = unsafe { info.as_ref() }.is_some_and(|info| info.si_code <= 0);
     if is_sent {
         return end();
     }
-    // The instruction runs again, and finds what handled it before: the standard library names a stack that overflowed.
-    let before = OF_INSTRUCTIONS.iter().position(|known| *known == signal).and_then(|idx| BEFORE[idx].get());
+    // The instruction runs again, and finds what handled it before: the standard library names a
+    // stack that overflowed.
+    let before =
+        OF_INSTRUCTIONS.iter().position(|known| *known == signal).and_then(|idx| BEFORE[idx].get());
     let action = before.map_or(core::ptr::null(), core::ptr::from_ref);
-    // SAFETY: `before` came from the kernel; without one the call changes nothing, and the default below ends the process.
+    // SAFETY: `before` came from the kernel; without one the call changes nothing, and the default
+    // below ends the process.
     unsafe {
         if action.is_null() {
             libc::signal(signal, libc::SIG_DFL);
@@ -162,8 +178,8 @@ pub struct Hangups {
     taken: u32,
 }
 
-/// SIGHUP ends the program from now on only when the terminal has gone, and is counted else; call it after [`end_by_signals`]. One that the program
-/// was told to ignore (`nohup`) stays ignored.
+/// SIGHUP ends the program from now on only when the terminal has gone, and is counted else; call
+/// it after [`end_by_signals`]. One that the program was told to ignore (`nohup`) stays ignored.
 pub fn hangups() -> Hangups {
     HAD_TERMINAL.store(has_terminal(), Ordering::Relaxed);
     if !is_hangup_ignored() {
@@ -201,13 +217,17 @@ impl Hangups {
 fn has_terminal() -> bool {
     // SAFETY: the path ends with a zero byte; the descriptor is closed here.
     unsafe {
-        let terminal = libc::open(c"/dev/tty".as_ptr(), libc::O_RDONLY | libc::O_NOCTTY | libc::O_CLOEXEC | libc::O_NONBLOCK);
+        let terminal = libc::open(
+            c"/dev/tty".as_ptr(),
+            libc::O_RDONLY | libc::O_NOCTTY | libc::O_CLOEXEC | libc::O_NONBLOCK,
+        );
         terminal >= 0 && libc::close(terminal) == 0
     }
 }
 
-/// Ctrl-Z takes force away from now on, and stops the process only by [`stop_process`]: an arm that is pressed against something would hold its force
-/// for as long as the process is stopped. After [`end_by_signals`].
+/// Ctrl-Z takes force away from now on, and stops the process only by [`stop_process`]: an arm that
+/// is pressed against something would hold its force for as long as the process is stopped. After
+/// [`end_by_signals`].
 pub fn suspend_without_force() {
     handle(libc::SIGTSTP, on_suspend);
 }
@@ -235,19 +255,22 @@ fn handle(signal: libc::c_int, handler: extern "C" fn(libc::c_int)) {
     let mut action = unsafe { MaybeUninit::<libc::sigaction>::zeroed().assume_init() };
     action.sa_sigaction = handler as libc::sighandler_t;
     action.sa_flags = libc::SA_RESTART;
-    // SAFETY: `action` is a whole `sigaction`, and every handler of this file uses atomics and calls that a signal handler may make.
+    // SAFETY: `action` is a whole `sigaction`, and every handler of this file uses atomics and
+    // calls that a signal handler may make.
     unsafe { libc::sigaction(signal, &raw const action, core::ptr::null_mut()) };
 }
 
 fn handle_sent(signal: libc::c_int, before: &OnceLock<libc::sigaction>) {
     // SAFETY: all-zero is a valid `sigaction`: no flags, an empty mask.
     let mut action = unsafe { MaybeUninit::<libc::sigaction>::zeroed().assume_init() };
-    let handler: extern "C" fn(libc::c_int, *mut libc::siginfo_t, *mut libc::c_void) = on_instruction;
+    let handler: extern "C" fn(libc::c_int, *mut libc::siginfo_t, *mut libc::c_void) =
+        on_instruction;
     action.sa_sigaction = handler as libc::sighandler_t;
     // On the stack that the standard library keeps for a thread whose own has overflowed.
     action.sa_flags = libc::SA_SIGINFO | libc::SA_ONSTACK | libc::SA_RESTART;
     let mut old = MaybeUninit::<libc::sigaction>::zeroed();
-    // SAFETY: both are whole `sigaction`s, and the handler uses atomics and calls that a signal handler may make.
+    // SAFETY: both are whole `sigaction`s, and the handler uses atomics and calls that a signal
+    // handler may make.
     if unsafe { libc::sigaction(signal, core::ptr::null(), old.as_mut_ptr()) } == 0 {
         // SAFETY: all-zero is a valid `sigaction`, and the kernel filled it.
         let _ = before.set(unsafe { old.assume_init() });
@@ -265,6 +288,7 @@ fn is_hangup_ignored() -> bool {
     let mut old = MaybeUninit::<libc::sigaction>::zeroed();
     // SAFETY: without a new action the call only writes the old one, to memory of its type.
     let result = unsafe { libc::sigaction(libc::SIGHUP, core::ptr::null(), old.as_mut_ptr()) };
-    // SAFETY: all-zero is a valid `sigaction` (SIG_DFL), and the kernel filled it if the call succeeded.
+    // SAFETY: all-zero is a valid `sigaction` (SIG_DFL), and the kernel filled it if the call
+    // succeeded.
     result == 0 && unsafe { old.assume_init() }.sa_sigaction == libc::SIG_IGN
 }

@@ -1,4 +1,5 @@
-//! How late the machine wakes a loop: a thread that asks for the place of the servo, sleeps to a grid of deadlines and does nothing else.
+//! How late the machine wakes a loop: a thread that asks for the place of the servo, sleeps to a
+//! grid of deadlines and does nothing else.
 
 use core::sync::atomic::{AtomicBool, Ordering};
 use core::time::Duration;
@@ -32,11 +33,13 @@ impl WakeupTest {
         self.late_ns.value_at_quantile(quantile) as f64 * 1e-3
     }
 
-    /// Wake-ups that were late by more than the bound before and at most each bound, µs; the last entry: by more than all of them.
+    /// Wake-ups that were late by more than the bound before and at most each bound, µs; the last
+    /// entry: by more than all of them.
     pub fn bins(&self, bounds_us: &[u64]) -> Vec<u64> {
         let mut bins = vec![0; bounds_us.len() + 1];
         for value in self.late_ns.iter_recorded() {
-            let idx = bounds_us.partition_point(|bound_us| bound_us * 1000 < value.value_iterated_to());
+            let idx =
+                bounds_us.partition_point(|bound_us| bound_us * 1000 < value.value_iterated_to());
             bins[idx] += value.count_at_value();
         }
         bins
@@ -56,36 +59,47 @@ fn histogram() -> Histogram<u64> {
     }
 }
 
-/// Sleeps for `duration` in steps of `period`, in a thread of its own; ends early when `quit` is set. Memory is unlocked again at the end.
+/// Sleeps for `duration` in steps of `period`, in a thread of its own; ends early when `quit` is
+/// set. Memory is unlocked again at the end.
 ///
 /// # Errors
 /// The thread could not be started, or died.
-pub fn measure(request: ThreadRequest, period: Duration, duration: Duration, quit: &AtomicBool) -> std::io::Result<WakeupTest> {
+pub fn measure(
+    request: ThreadRequest,
+    period: Duration,
+    duration: Duration,
+    quit: &AtomicBool,
+) -> std::io::Result<WakeupTest> {
     std::thread::scope(|scope| {
-        let thread = std::thread::Builder::new().name("wake-up test".to_owned()).spawn_scoped(scope, || {
-            let memory = schedule::lock_memory();
-            let standing = schedule::enter_realtime(request);
-            let period_ns = (period.as_nanos() as i64).max(1);
-            let n = duration.as_nanos() as i64 / period_ns;
-            let mut late_ns = histogram();
-            let (mut clock, mut wakeups, mut missed) = (RealClock, 0, 0);
-            let start_ns = clock.now_ns() + period_ns;
-            let mut k = 0;
-            while k < n && !quit.load(Ordering::Relaxed) {
-                let deadline_ns = start_ns + k * period_ns;
-                clock.sleep_until(deadline_ns);
-                let late = (clock.now_ns() - deadline_ns).max(0);
-                late_ns.saturating_record(late.unsigned_abs());
-                wakeups += 1;
-                let skipped = late / period_ns;
-                missed += skipped.unsigned_abs();
-                k += 1 + skipped;
-            }
-            if memory.is_ok() {
-                schedule::unlock_memory();
-            }
-            WakeupTest { standing, memory, wakeups, missed, late_ns }
-        })?;
+        let thread = std::thread::Builder::new().name("wake-up test".to_owned()).spawn_scoped(
+            scope,
+            || {
+                let memory = schedule::lock_memory();
+                let standing = schedule::enter_realtime(request);
+                let period_ns = (period.as_nanos() as i64).max(1);
+                let n = duration.as_nanos() as i64 / period_ns;
+                let mut late_ns = histogram();
+                let mut clock = RealClock;
+                let mut wakeups = 0;
+                let mut missed = 0;
+                let start_ns = clock.now_ns() + period_ns;
+                let mut k = 0;
+                while k < n && !quit.load(Ordering::Relaxed) {
+                    let deadline_ns = start_ns + k * period_ns;
+                    clock.sleep_until(deadline_ns);
+                    let late = (clock.now_ns() - deadline_ns).max(0);
+                    late_ns.saturating_record(late.unsigned_abs());
+                    wakeups += 1;
+                    let skipped = late / period_ns;
+                    missed += skipped.unsigned_abs();
+                    k += 1 + skipped;
+                }
+                if memory.is_ok() {
+                    schedule::unlock_memory();
+                }
+                WakeupTest { standing, memory, wakeups, missed, late_ns }
+            },
+        )?;
         thread.join().map_err(|_| std::io::Error::other("the thread of the wake-up test died"))
     })
 }
@@ -98,12 +112,18 @@ mod tests {
     fn every_deadline_is_kept_or_counted() {
         let request = ThreadRequest { cpu: schedule::default_cpu(), priority: 1 };
         let quit = AtomicBool::new(false);
-        let test = measure(request, Duration::from_millis(1), Duration::from_millis(50), &quit).expect("thread");
+        let test = measure(request, Duration::from_millis(1), Duration::from_millis(50), &quit)
+            .expect("thread");
         assert!(test.wakeups + test.missed >= 50 && test.wakeups > 0, "{test:?}");
         assert_eq!(test.late_ns.len(), test.wakeups);
         assert_eq!(test.bins(&[10, 100, 1000]).iter().sum::<u64>(), test.wakeups);
         assert!(test.quantile_us(0.5) <= test.max_us());
         quit.store(true, Ordering::Relaxed);
-        assert_eq!(measure(request, Duration::from_millis(1), Duration::from_secs(60), &quit).expect("thread").wakeups, 0);
+        assert_eq!(
+            measure(request, Duration::from_millis(1), Duration::from_secs(60), &quit)
+                .expect("thread")
+                .wakeups,
+            0
+        );
     }
 }

@@ -6,7 +6,8 @@
 use vps::{ContactQuery, DVec3, Error, Mesh, Options, PointShell, Pose, Shape, Voxmap};
 
 pub(crate) fn main() -> Result<(), Error> {
-    let files: Vec<String> = std::env::args().skip(1).filter(|name| name.ends_with(".stl")).collect();
+    let files: Vec<String> =
+        std::env::args().skip(1).filter(|name| name.ends_with(".stl")).collect();
     let (block, ball) = match files.as_slice() {
         [block, ball] => (Mesh::load(block, 1e-3)?, Mesh::load(ball, 1e-3)?),
         _ => (
@@ -15,7 +16,11 @@ pub(crate) fn main() -> Result<(), Error> {
         ),
     };
     let options = Options::new(0.5e-3);
-    let query = ContactQuery::new(&Voxmap::bake(&block, &options)?, &PointShell::bake(&ball, &options)?, 1000.0)?;
+    let query = ContactQuery::new(
+        &Voxmap::bake(&block, &options)?,
+        &PointShell::bake(&ball, &options)?,
+        1000.0,
+    )?;
     let felt = query.wrench(Pose::from_translation(DVec3::Z * 29.75e-3))?;
     println!(
         "force {} N, torque {} N·m, {} m deep, {} points",

@@ -1,7 +1,8 @@
 //! Voxmap-pointshell contact: two rigid meshes in, the wrench of a pose out.
 //!
-//! A part that is touched becomes a *voxmap* with a field of depths; a part that touches becomes a *pointshell*, points on its surface with inward
-//! normals. A contact query looks the points up in the field and sums depth × normal. Its cost follows the number of points near contact, not the
+//! A part that is touched becomes a *voxmap* with a field of depths; a part that touches becomes a
+//! *pointshell*, points on its surface with inward normals. A contact query looks the points up in
+//! the field and sums depth × normal. Its cost follows the number of points near contact, not the
 //! number of triangles, so that it fits into a millisecond.
 //!
 //! # Example
@@ -16,22 +17,28 @@
 //! println!("{} N, {} N·m, {} m deep", felt.wrench.force, felt.wrench.torque, felt.penetration_m);
 //! # Ok::<(), vps::Error>(())
 //! ```
-//! The same runs as `cargo run -p vps --example query`; `two_parts`, `slide` and `voxmap` show more. [`Mesh::load`] reads OBJ, STL and PLY files, with the
-//! features `gltf` and `threemf` those formats too; [`Mesh::from_arrays`] takes triangles.
+//! The same runs as `cargo run -p vps --example query`; `two_parts`, `slide` and `voxmap` show
+//! more. [`Mesh::load`] reads OBJ, STL and PLY files, with the features `gltf` and `threemf` those
+//! formats too; [`Mesh::from_arrays`] takes triangles.
 //!
 //! # What is stable
-//! What the root of the crate exports follows semantic versioning and checks all of its input: no argument and no file makes a panic. The modules
-//! below are what it is made of and what hapticd's loop uses. They are documented, may change with any version, and trust their callers.
+//! What the root of the crate exports follows semantic versioning and checks all of its input: no
+//! argument and no file makes a panic. The modules below are what it is made of and what hapticd's
+//! loop uses. They are documented, may change with any version, and trust their callers.
 //!
 //! # Units and frames
-//! SI: metres, newtons, radians; `f64` outside of arrays. A mesh, its voxmap and its pointshell keep the axes and the origin of the mesh file (the
-//! *mesh frame*, below also *map frame*). A pose `a_from_b` takes coordinates in `b` to coordinates in `a`. A depth is greater than 0 inside, a
-//! [`Distance`] greater than 0 outside. Inside the crate, points of a shell are relative to the centre of mass (the *body frame*), where sums act.
+//! SI: metres, newtons, radians; `f64` outside of arrays. A mesh, its voxmap and its pointshell
+//! keep the axes and the origin of the mesh file (the *mesh frame*, below also *map frame*). A pose
+//! `a_from_b` takes coordinates in `b` to coordinates in `a`. A depth is greater than 0 inside, a
+//! [`Distance`] greater than 0 outside. Inside the crate, points of a shell are relative to the
+//! centre of mass (the *body frame*), where sums act.
 //!
 //! # Cost
-//! Baking: time and memory follow the voxels near the surface (layers × area / voxel size²), in parallel on the current rayon pool; the same bits for any
-//! number of threads. A query: [`ContactSum::flat`](contact::ContactSum::flat) is O(points × obstacles), the specification;
-//! [`ContactSum::of`](contact::ContactSum::of), which a [`ContactQuery`] runs, leaves out what cannot touch, and allocates nothing.
+//! Baking: time and memory follow the voxels near the surface (layers × area / voxel size²), in
+//! parallel on the current rayon pool; the same bits for any number of threads. A query:
+//! [`ContactSum::flat`](contact::ContactSum::flat) is O(points × obstacles), the specification;
+//! [`ContactSum::of`](contact::ContactSum::of), which a [`ContactQuery`] runs, leaves out what
+//! cannot touch, and allocates nothing.
 //!
 //! # How it works
 //! ```text
@@ -58,7 +65,8 @@
 //! | `storage` | arrays that are owned or lie in a mapped file; opening files of other programs; memory that is left |
 //!
 //! # Source
-//! McNeely1999 (voxmap and pointshell), Sagardia2008 (distance fields and their generation); each module names its sections.
+//! McNeely1999 (voxmap and pointshell), Sagardia2008 (distance fields and their generation); each
+//! module names its sections.
 pub mod contact;
 pub mod density;
 mod library;
@@ -75,7 +83,9 @@ pub mod storage;
 pub mod voxmap;
 
 pub use glam::{DQuat, DVec3};
-pub use library::{ContactPoint, ContactQuery, ContactWrench, Distance, Error, Mesh, PointShell, Voxmap};
+pub use library::{
+    ContactPoint, ContactQuery, ContactWrench, Distance, Error, Mesh, PointShell, Voxmap,
+};
 pub use mesh::mass::MassProperties;
 pub use mesh::primitives::Shape;
 pub use spatial::{Pose, Wrench};

@@ -1,30 +1,43 @@
-//! Loops on the current rayon pool, whose threads and queues are compiled once and not once per loop.
+//! Loops on the current rayon pool, whose threads and queues are compiled once and not once per
+//! loop.
 //!
-//! Data in: how many items there are, and what to do with the number of one. Data out: what that returns, in the order of the items.
+//! Data in: how many items there are, and what to do with the number of one. Data out: what that
+//! returns, in the order of the items.
 //!
-//! The iterators of rayon compile all that shares out the work anew for each closure that they get, which is more code than the closures
-//! themselves. Here one function, [`for_each_range`], shares out ranges of numbers; a loop over a range is compiled into its caller.
+//! The iterators of rayon compile all that shares out the work anew for each closure that they get,
+//! which is more code than the closures themselves. Here one function, [`for_each_range`], shares
+//! out ranges of numbers; a loop over a range is compiled into its caller.
 //!
 //! # Cost
-//! One indirect call per range and no allocation beside the result; ranges are halved as long as threads have nothing to do and no range
-//! becomes shorter than `grain` items, as rayon does it.
+//! One indirect call per range and no allocation beside the result; ranges are halved as long as
+//! threads have nothing to do and no range becomes shorter than `grain` items, as rayon does it.
 //!
 //! # Determinism
-//! Which items make up a range depends on the threads. What is computed does not, as long as an item's result follows from its number
-//! alone: scratch memory carries nothing from one item to the next, and what rounds is added up in the order of the items, after the loop.
-#![expect(unsafe_code, reason = "the compiler does not know that ranges without a common item are written by different threads")]
+//! Which items make up a range depends on the threads. What is computed does not, as long as an
+//! item's result follows from its number alone: scratch memory carries nothing from one item to the
+//! next, and what rounds is added up in the order of the items, after the loop.
+#![expect(
+    unsafe_code,
+    reason = "the compiler does not know that ranges without a common item are written by \
+        different threads"
+)]
 
 use core::ops::Range;
 
 use rayon::prelude::*;
 
-/// Shares out the numbers `0..n`: calls `work` with ranges that hold each of them once, several at a time, and returns when all are done.
+/// Shares out the numbers `0..n`: calls `work` with ranges that hold each of them once, several at
+/// a time, and returns when all are done.
 ///
 /// A range has `grain` items or more, unless there are fewer than that in all.
 pub fn for_each_range(n: usize, grain: usize, work: &(dyn Fn(Range<usize>) + Sync)) {
     let halve = |range: Range<usize>| {
         let middle = range.start + range.len() / 2;
-        if middle - range.start < grain.max(1) { (range, None) } else { (range.start..middle, Some(middle..range.end)) }
+        if middle - range.start < grain.max(1) {
+            (range, None)
+        } else {
+            (range.start..middle, Some(middle..range.end))
+        }
     };
     rayon::iter::split(0..n, halve).for_each(work);
 }
@@ -46,7 +59,8 @@ pub fn map_with<S, T: Send>(
     for_each_range(n, grain, &|range| {
         let mut scratch = scratch();
         for idx in range {
-            // SAFETY: `idx` is below the capacity, and no other range holds it. A panic leaves the vector empty: nothing is dropped twice.
+            // SAFETY: `idx` is below the capacity, and no other range holds it. A panic leaves the
+            // vector empty: nothing is dropped twice.
             unsafe { first.at(idx).write(value(&mut scratch, idx)) };
         }
     });
@@ -56,7 +70,11 @@ pub fn map_with<S, T: Send>(
 }
 
 /// `[n_items]`: what `value` gives for the number of each item and the item, which it may change.
-pub fn map_mut<I: Send, T: Send>(items: &mut [I], grain: usize, value: impl Fn(usize, &mut I) -> T + Sync) -> Vec<T> {
+pub fn map_mut<I: Send, T: Send>(
+    items: &mut [I],
+    grain: usize,
+    value: impl Fn(usize, &mut I) -> T + Sync,
+) -> Vec<T> {
     map_mut_with(items, grain, || (), |(), idx, item| value(idx, item))
 }
 
@@ -68,13 +86,23 @@ pub fn map_mut_with<I: Send, S, T: Send>(
     value: impl Fn(&mut S, usize, &mut I) -> T + Sync,
 ) -> Vec<T> {
     let first = DisjointItems(items.as_mut_ptr());
-    // SAFETY: `idx` is below the length, `map_with` asks for each once, and the slice is borrowed until it returns.
-    map_with(items.len(), grain, scratch, |scratch, idx| value(scratch, idx, unsafe { &mut *first.at(idx) }))
+    // SAFETY: `idx` is below the length, `map_with` asks for each once, and the slice is borrowed
+    // until it returns.
+    map_with(items.len(), grain, scratch, |scratch, idx| {
+        value(scratch, idx, unsafe { &mut *first.at(idx) })
+    })
 }
 
-/// `[n_items / len, rounded up]`: what `value` gives for each run of `len` items; the last may be shorter.
-pub fn map_chunks<I: Sync, T: Send>(items: &[I], len: usize, value: impl Fn(&[I]) -> T + Sync) -> Vec<T> {
-    map(items.len().div_ceil(len), 1, |idx| value(&items[idx * len..items.len().min((idx + 1) * len)]))
+/// `[n_items / len, rounded up]`: what `value` gives for each run of `len` items; the last may be
+/// shorter.
+pub fn map_chunks<I: Sync, T: Send>(
+    items: &[I],
+    len: usize,
+    value: impl Fn(&[I]) -> T + Sync,
+) -> Vec<T> {
+    map(items.len().div_ceil(len), 1, |idx| {
+        value(&items[idx * len..items.len().min((idx + 1) * len)])
+    })
 }
 
 /// Does both, at the same time where a thread has nothing to do.
@@ -110,7 +138,9 @@ mod tests {
 
     #[test]
     fn every_item_is_visited_once_and_ranges_are_no_shorter_than_the_grain() {
-        for (n, grain) in [(0, 0), (0, 5), (1, 1), (1, 64), (63, 64), (64, 16), (1000, 1), (1000, 0), (1001, 17)] {
+        for (n, grain) in
+            [(0, 0), (0, 5), (1, 1), (1, 64), (63, 64), (64, 16), (1000, 1), (1000, 0), (1001, 17)]
+        {
             on_threads(4, || {
                 let visits: Vec<AtomicUsize> = (0..n).map(|_| AtomicUsize::new(0)).collect();
                 for_each_range(n, grain, &|range| {
@@ -142,7 +172,8 @@ mod tests {
                 assert!(items.iter().enumerate().all(|(idx, item)| *item == format!("{idx}!")));
                 let sums = map_chunks(&squares[..7], 3, |chunk| chunk.iter().sum::<usize>());
                 assert_eq!(sums, [1 + 4, 9 + 16 + 25, 36]);
-                let (mut one, mut other) = (0, 0);
+                let mut one = 0;
+                let mut other = 0;
                 join(&mut || one += 1, &mut || other += 2);
                 assert_eq!((one, other), (1, 2));
             });

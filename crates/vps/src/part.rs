@@ -1,8 +1,9 @@
-//! One rigid part, from its triangles to what a contact query reads: the stages of [`voxmap`](crate::voxmap) and
-//! [`pointshell`] in order.
+//! One rigid part, from its triangles to what a contact query reads: the stages of
+//! [`voxmap`](crate::voxmap) and [`pointshell`] in order.
 //!
-//! Data in: a mesh file, a [`Shape`] or a [`TriangleMesh`]. Data out: a [`Field`] of what is touched or a [`Shell`] of what touches, each with
-//! a [`ObjectReport`]. Units and frames: metres and axes of the mesh.
+//! Data in: a mesh file, a [`Shape`] or a [`TriangleMesh`]. Data out: a [`Field`] of what is
+//! touched or a [`Shell`] of what touches, each with a [`ObjectReport`]. Units and frames: metres
+//! and axes of the mesh.
 //!
 //! Invariant: cold; the same bits for any number of threads of the current rayon pool.
 
@@ -12,7 +13,9 @@ use std::time::Instant;
 use glam::DVec3;
 use thiserror::Error;
 
-pub use crate::part_report::{CacheUse, HoleCapsReport, LeakReport, ObjectReport, PartRole, Timings};
+pub use crate::part_report::{
+    CacheUse, HoleCapsReport, LeakReport, ObjectReport, PartRole, Timings,
+};
 
 use crate::mesh::mass::{MassProperties, mass_properties_of_inspected};
 use crate::mesh::primitives::Shape;
@@ -27,10 +30,12 @@ use crate::voxmap::grid::{Grid, GridError};
 use crate::voxmap::memory_limit::MemoryLimit;
 use crate::voxmap::{Answer, BakeStage, Options, Volume, announce};
 
-/// Counts up whenever baking gives other bits than before for the same part. A test of the bake cache holds reference bakes against it.
+/// Counts up whenever baking gives other bits than before for the same part. A test of the bake
+/// cache holds reference bakes against it.
 pub const GENERATION: u32 = 4;
 
-/// A tessellation's chord error as a share of the voxel edge, so that the voxel size limits accuracy.
+/// A tessellation's chord error as a share of the voxel edge, so that the voxel size limits
+/// accuracy.
 const CHORD_SHARE: f64 = 0.02;
 
 /// Why a part cannot be baked.
@@ -95,7 +100,10 @@ impl Part {
         let since = Instant::now();
         let part = Self::since(since, name, mesh::load(path, metres_per_unit).map_err(failed)?);
         if !part.has_area() {
-            return Err(failed(MeshError::NoArea { path: path.to_owned(), triangles: part.inspected.triangles }));
+            return Err(failed(MeshError::NoArea {
+                path: path.to_owned(),
+                triangles: part.inspected.triangles,
+            }));
         }
         Ok(part)
     }
@@ -115,13 +123,15 @@ impl Part {
         &self.name
     }
 
-    /// What a user should look at in its mesh, a sentence each; what its voxels show is in the report of the bake.
+    /// What a user should look at in its mesh, a sentence each; what its voxels show is in the
+    /// report of the bake.
     pub fn mesh_warnings(&self) -> Vec<String> {
         self.inspected.warnings()
     }
 
-    /// Bakes what other parts touch; `with_gradients` for [`FieldKind::SurfacePoint`](crate::voxmap::field::FieldKind::SurfacePoint) alone.
-    /// Cost: that of the voxels near the surface.
+    /// Bakes what other parts touch; `with_gradients` for
+    /// [`FieldKind::SurfacePoint`](crate::voxmap::field::FieldKind::SurfacePoint) alone. Cost: that
+    /// of the voxels near the surface.
     ///
     /// # Errors
     /// A grid that is too large, or `watch` ended it.
@@ -137,7 +147,8 @@ impl Part {
         Ok((field, self.report(PartRole::Static, &map, &ShellReport::default())))
     }
 
-    /// Bakes what touches other parts: points of this kind about a centre of mass (mesh frame, m; `None`: that of the mesh), and the mass of the mesh.
+    /// Bakes what touches other parts: points of this kind about a centre of mass (mesh frame, m;
+    /// `None`: that of the mesh), and the mass of the mesh.
     ///
     /// # Errors
     /// A grid that is too large, or `watch` ended it.
@@ -151,7 +162,12 @@ impl Part {
         let map = self.voxmap(options, &mut watch)?;
         let mass = self.mass_properties();
         announce(&mut watch, BakeStage::Pointshell).map_err(|source| self.refused(source))?;
-        let (shell, report) = pointshell::build_with(points, &self.mesh, &map, center_of_mass.unwrap_or(mass.center_m));
+        let (shell, report) = pointshell::build_with(
+            points,
+            &self.mesh,
+            &map,
+            center_of_mass.unwrap_or(mass.center_m),
+        );
         Ok((shell, mass, self.report(PartRole::Tool, &map, &report)))
     }
 
@@ -167,28 +183,44 @@ impl Part {
     pub fn fits(&self, options: &Options, products: Products) -> Result<(), PartError> {
         let measures = MeshMeasures::of(&self.mesh);
         let (low, high) = measures.bounds_m;
-        let grid = Grid::around(low, high, options.voxel_size_m, options.layers).map_err(|source| self.refused(source))?;
+        let grid = Grid::around(low, high, options.voxel_size_m, options.layers)
+            .map_err(|source| self.refused(source))?;
         let needed_bytes = Estimate::new(&measures, &grid, options.layers, products).peak_bytes;
-        let limit = available_bytes().map(MemoryLimit::Left).filter(|limit| needed_bytes > limit.max_bytes());
+        let limit = available_bytes()
+            .map(MemoryLimit::Left)
+            .filter(|limit| needed_bytes > limit.max_bytes());
         let Some(limit) = limit else { return Ok(()) };
         let asked_m = options.voxel_size_m;
-        let voxel_size_m = voxel_size_within(&measures, asked_m, options.layers, products, limit.max_bytes());
-        Err(self.refused(GridError::Memory { needed_bytes, kept_bytes: 0, limit, asked_m, voxel_size_m }))
+        let voxel_size_m =
+            voxel_size_within(&measures, asked_m, options.layers, products, limit.max_bytes());
+        Err(self.refused(GridError::Memory {
+            needed_bytes,
+            kept_bytes: 0,
+            limit,
+            asked_m,
+            voxel_size_m,
+        }))
     }
 
     /// Classifies the part's volume.
     ///
     /// # Errors
     /// A grid that is too large, or `watch` ended it.
-    pub fn voxmap<A: Answer>(&self, options: &Options, watch: impl FnMut(BakeStage) -> A) -> Result<Volume, PartError> {
-        Volume::build(&self.mesh, &self.inspected, options, watch).map_err(|source| self.refused(source))
+    pub fn voxmap<A: Answer>(
+        &self,
+        options: &Options,
+        watch: impl FnMut(BakeStage) -> A,
+    ) -> Result<Volume, PartError> {
+        Volume::build(&self.mesh, &self.inspected, options, watch)
+            .map_err(|source| self.refused(source))
     }
 
     fn refused(&self, source: GridError) -> PartError {
         PartError::Grid { name: self.name.clone(), source }
     }
 
-    /// Volume, centre and inertia; of the surface where the mesh is open. Frame and units of [`MassProperties`].
+    /// Volume, centre and inertia; of the surface where the mesh is open. Frame and units of
+    /// [`MassProperties`].
     pub fn mass_properties(&self) -> MassProperties {
         mass_properties_of_inspected(&self.mesh, &self.inspected)
     }

@@ -10,7 +10,11 @@ use crate::voxmap::inside_test::InsideBasis;
 
 /// What the cache did for an object.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "lowercase"))]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(rename_all = "lowercase")
+)]
 pub enum CacheUse {
     /// Not asked.
     #[default]
@@ -25,7 +29,11 @@ pub enum CacheUse {
 
 /// What an object is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "lowercase"))]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(rename_all = "lowercase")
+)]
 pub enum PartRole {
     /// One voxmap of a scene.
     Static,
@@ -55,7 +63,8 @@ pub struct HoleCapsReport {
     pub area_m2: f64,
 }
 
-/// Seconds per stage of this run; 0 for a stage that the role does not need, and for all but `load` when the cache had the object.
+/// Seconds per stage of this run; 0 for a stage that the role does not need, and for all but `load`
+/// when the cache had the object.
 #[derive(Clone, Copy, Debug, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Timings {
@@ -109,9 +118,11 @@ pub struct ObjectReport {
     pub layers: u32,
     /// The fill did not leak.
     pub watertight: bool,
-    /// `flood`: a solid by the fill; `winding`: by the fill with lids on the holes; `thin`: a two-sided skin.
+    /// `flood`: a solid by the fill; `winding`: by the fill with lids on the holes; `thin`: a
+    /// two-sided skin.
     pub sides: Cow<'static, str>,
-    /// Share of the places beside the surface whose winding number is within 0.1 of a whole number; `None` where it was not measured.
+    /// Share of the places beside the surface whose winding number is within 0.1 of a whole number;
+    /// `None` where it was not measured.
     pub clear_winding_share: Option<f64>,
     /// Lids on its holes, where there are any.
     pub lids: Option<HoleCapsReport>,
@@ -129,7 +140,8 @@ pub struct ObjectReport {
     pub phase1_points: usize,
     /// Points found in phase 2.
     pub phase2_points: usize,
-    /// Levels of the point-sphere tree, from coarse to fine; the last holds all points. Empty for a static object.
+    /// Levels of the point-sphere tree, from coarse to fine; the last holds all points. Empty for a
+    /// static object.
     pub tree_levels: Vec<LevelReport>,
     /// What the bake cache did.
     pub cache: CacheUse,
@@ -142,7 +154,14 @@ pub struct ObjectReport {
 }
 
 impl ObjectReport {
-    pub(crate) fn new(name: &str, role: PartRole, mesh: &MeshReport, map: &Volume, shell: &ShellReport, load_s: f64) -> Self {
+    pub(crate) fn new(
+        name: &str,
+        role: PartRole,
+        mesh: &MeshReport,
+        map: &Volume,
+        shell: &ShellReport,
+        load_s: f64,
+    ) -> Self {
         let grid = &map.surface.grid;
         let inside_voxels = map.sides.count_inside(&map.surface);
         let surface_voxels = map.surface.n_voxels as u64;
@@ -151,29 +170,35 @@ impl ObjectReport {
             let [x, y, z] = (leak.position_m * 1e3).to_array();
             let what = what_was_done(map);
             warnings.push(format!(
-                "the surface leaks near ({x:.2}, {y:.2}, {z:.2}) mm through a hole of about {:.2} mm: {what}",
+                "the surface leaks near ({x:.2}, {y:.2}, {z:.2}) mm through a hole of about {:.2} \
+                    mm: {what}",
                 leak.size_m * 1e3
             ));
         }
         if map.basis != InsideBasis::Thin && inside_voxels == 0 {
-            warnings.push("nothing is inside, so it will not be felt; a thin skin would be".to_owned());
+            warnings
+                .push("nothing is inside, so it will not be felt; a thin skin would be".to_owned());
         }
         if map.leak.is_none() && map.thin && map.thin_share > MOSTLY_THIN {
             warnings.push(
-                "thinner than its voxels resolve: it is treated as a two-sided skin of one voxel; a solid needs voxels of less \
-                 than half its thickness"
+                "thinner than its voxels resolve: it is treated as a two-sided skin of one voxel; \
+                    a solid needs voxels of less than half its thickness"
                     .to_owned(),
             );
         } else if map.leak.is_none() && map.thin_share > 0.02 {
             warnings.push(format!(
-                "{:.0} % of the surface is thinner than the voxels resolve and will not be felt there; use smaller voxels",
+                "{:.0} % of the surface is thinner than the voxels resolve and will not be felt \
+                    there; use smaller voxels",
                 100.0 * map.thin_share
             ));
         }
         if map.orientation.n_inverted > 0 {
             // Says the same, and more.
             warnings.retain(|warning| warning != FACES_INWARD);
-            warnings.push(format!("{} triangles face inward; their side was taken from the fill", map.orientation.n_inverted));
+            warnings.push(format!(
+                "{} triangles face inward; their side was taken from the fill",
+                map.orientation.n_inverted
+            ));
         }
         let stages = map.timings;
         let mut timings_s = Timings {
@@ -188,8 +213,20 @@ impl ObjectReport {
             tree: shell.tree_s,
             total: 0.0,
         };
-        let Timings { load, init, surface, fill, layers, distance, pointshell, normals, tree, total: _ } = timings_s;
-        timings_s.total = load + init + surface + fill + layers + distance + pointshell + normals + tree;
+        let Timings {
+            load,
+            init,
+            surface,
+            fill,
+            layers,
+            distance,
+            pointshell,
+            normals,
+            tree,
+            total: _,
+        } = timings_s;
+        timings_s.total =
+            load + init + surface + fill + layers + distance + pointshell + normals + tree;
         Self {
             name: name.to_owned(),
             role,
@@ -205,8 +242,14 @@ impl ObjectReport {
             watertight: map.watertight,
             sides: map.basis.name().into(),
             clear_winding_share: map.clear_share,
-            lids: map.capped.as_ref().map(|capped| HoleCapsReport { count: capped.n_lids, area_m2: capped.area_m2 }),
-            leak: map.leak.map(|leak| LeakReport { position_m: leak.position_m.to_array(), size_m: leak.size_m }),
+            lids: map
+                .capped
+                .as_ref()
+                .map(|capped| HoleCapsReport { count: capped.n_lids, area_m2: capped.area_m2 }),
+            leak: map.leak.map(|leak| LeakReport {
+                position_m: leak.position_m.to_array(),
+                size_m: leak.size_m,
+            }),
             open_edges: mesh.open_edges,
             navigation: map.surface.navigation.name().into(),
             sat_tests: map.surface.sat_tests,
@@ -224,17 +267,32 @@ impl ObjectReport {
 
 /// What became of an object whose fill leaks.
 fn what_was_done(map: &Volume) -> String {
-    let clear = map.clear_share.map(|share| format!("{:.0} % of samples", 100.0 * share)).unwrap_or_default();
+    let clear = map
+        .clear_share
+        .map(|share| format!("{:.0} % of samples", 100.0 * share))
+        .unwrap_or_default();
     match (map.basis, &map.capped) {
         (InsideBasis::Flood, _) => "only what the fill left inside is solid".to_owned(),
         (InsideBasis::Winding, Some(capped)) => {
-            let lids = if capped.n_lids == 1 { "1 lid closes".to_owned() } else { format!("{} lids close", capped.n_lids) };
+            let lids = if capped.n_lids == 1 {
+                "1 lid closes".to_owned()
+            } else {
+                format!("{} lids close", capped.n_lids)
+            };
             let area_mm2 = capped.area_m2 * 1e6;
-            format!("sides were taken from winding numbers, clear at {clear}, and {lids} the holes ({area_mm2:.1} mm²)")
+            format!(
+                "sides were taken from winding numbers, clear at {clear}, and {lids} the holes \
+                    ({area_mm2:.1} mm²)"
+            )
         }
-        (InsideBasis::Winding, None) => format!("winding numbers, clear at {clear}, found nothing to close"),
+        (InsideBasis::Winding, None) => {
+            format!("winding numbers, clear at {clear}, found nothing to close")
+        }
         (InsideBasis::Thin, _) if map.clear_share.is_some() => {
-            format!("it is treated as a thin two-sided skin, because winding numbers are clear at {clear} only")
+            format!(
+                "it is treated as a thin two-sided skin, because winding numbers are clear at \
+                    {clear} only"
+            )
         }
         (InsideBasis::Thin, _) => "it is treated as a thin two-sided skin".to_owned(),
     }

@@ -22,7 +22,11 @@ pub(in crate::cli) fn report_text(object: &ObjectReport) -> String {
     let t = &object.timings_s;
     let mut lines = vec![
         format!("{} ({} triangles)", object.name, object.triangles),
-        format!("  grid        {nx} x {ny} x {nz} = {} voxels of {} mm", object.voxels, show(object.voxel_size_m * 1e3)),
+        format!(
+            "  grid        {nx} x {ny} x {nz} = {} voxels of {} mm",
+            object.voxels,
+            show(object.voxel_size_m * 1e3)
+        ),
         format!(
             "  voxels      {} surface, {} inside, {} outside, {} layers, {}",
             object.surface_voxels,
@@ -34,10 +38,18 @@ pub(in crate::cli) fn report_text(object: &ObjectReport) -> String {
         format!("  navigation  {}, {} SAT tests", object.navigation, object.sat_tests),
     ];
     if object.points > 0 {
-        lines.push(format!("  points      {} ({} phase 1, {} phase 2)", object.points, object.phase1_points, object.phase2_points));
-        let levels: Vec<String> = object.tree_levels.iter().map(|level| level.points.to_string()).collect();
-        let leaf_mm = object.tree_levels.iter().rev().nth(1).map_or(0.0, |level| level.mean_radius_m * 1e3);
-        lines.push(format!("  tree        {} points by level, leaf spheres of {leaf_mm:.3} mm on average", levels.join(", ")));
+        lines.push(format!(
+            "  points      {} ({} phase 1, {} phase 2)",
+            object.points, object.phase1_points, object.phase2_points
+        ));
+        let levels: Vec<String> =
+            object.tree_levels.iter().map(|level| level.points.to_string()).collect();
+        let leaf_mm =
+            object.tree_levels.iter().rev().nth(1).map_or(0.0, |level| level.mean_radius_m * 1e3);
+        lines.push(format!(
+            "  tree        {} points by level, leaf spheres of {leaf_mm:.3} mm on average",
+            levels.join(", ")
+        ));
     }
     if object.cache == CacheUse::Hit {
         lines.push(format!("  seconds     {:.3} from the bake cache", t.load));
@@ -55,15 +67,17 @@ pub(in crate::cli) fn report_text(object: &ObjectReport) -> String {
 /// The clay of a scene, for people.
 pub(in crate::cli) fn clay_text(clay: &ClayReport) -> String {
     let [nx, ny, nz] = clay.raster;
-    let volume = clay.volume_m3.map_or("open".to_owned(), |volume_m3| format!("{:.2} mm³", volume_m3 * 1e9));
+    let volume =
+        clay.volume_m3.map_or("open".to_owned(), |volume_m3| format!("{:.2} mm³", volume_m3 * 1e9));
     let borders = match clay.borders.len() {
         0 => "no border".to_owned(),
         1 => "1 border".to_owned(),
         n => format!("{n} borders"),
     };
     format!(
-        "clay ({} samples)\n  surface     {} mm between samples, normals: {}, {}, {borders}, {volume}\n  \
-         raster      {nx} x {ny} x {nz} mass points {} mm apart, {} nodes over the whole piece\n  seconds     {:.3}\n",
+        "clay ({} samples)\n  surface     {} mm between samples, normals: {}, {}, {borders}, \
+            {volume}\n  raster      {nx} x {ny} x {nz} mass points {} mm apart, {} nodes over the \
+            whole piece\n  seconds     {:.3}\n",
         clay.samples,
         show(clay.spacing_m * 1e3),
         clay.normals,

@@ -28,7 +28,8 @@ const VOXEL_SIZE_MAX_MM: f64 = 1000.0;
 pub(super) fn mesh_error(args: &Args, error: &PartError, output: OutputOptions) -> Exit {
     match error {
         PartError::Mesh { source, .. } => {
-            let hint = if matches!(source, MeshError::Missing { .. }) { None } else { source.hint() };
+            let hint =
+                if matches!(source, MeshError::Missing { .. }) { None } else { source.hint() };
             report::error(&source.to_string(), hint, output);
             Exit::Asset
         }
@@ -37,12 +38,19 @@ pub(super) fn mesh_error(args: &Args, error: &PartError, output: OutputOptions) 
                 (GridError::TooLarge { .. } | GridError::Surface { .. }, Some(_)) => {
                     "ask for fewer --longest-axis-voxels".to_owned()
                 }
-                (GridError::TooLarge { .. } | GridError::Surface { .. }, None) => source.hint().replace("`units`", "--units"),
+                (GridError::TooLarge { .. } | GridError::Surface { .. }, None) => {
+                    source.hint().replace("`units`", "--units")
+                }
                 (GridError::Memory { asked_m, voxel_size_m: Some(fits_m), limit, .. }, Some(n)) => {
                     let n_fits = (f64::from(n) * asked_m / fits_m).floor();
-                    format!("use at most --longest-axis-voxels {n_fits}, fewer --layers, or {}", limit.remedy())
+                    format!(
+                        "use at most --longest-axis-voxels {n_fits}, fewer --layers, or {}",
+                        limit.remedy()
+                    )
                 }
-                (GridError::Memory { .. } | GridError::VoxelSize(_) | GridError::Cancelled, _) => source.hint(),
+                (GridError::Memory { .. } | GridError::VoxelSize(_) | GridError::Cancelled, _) => {
+                    source.hint()
+                }
             };
             report::error(&format!("{}: {source}", args.input.display()), Some(&hint), output);
             Exit::Configuration
@@ -52,25 +60,39 @@ pub(super) fn mesh_error(args: &Args, error: &PartError, output: OutputOptions) 
 
 pub(super) fn bake_mesh(args: &Args, output: OutputOptions) -> Result<(), Failure> {
     let metres_per_unit = match (args.units, args.voxel_size_mm, args.longest_axis_voxels) {
-        (_, None, None) => return Err(Failure::Usage("a mesh needs --voxel-size-mm S or --longest-axis-voxels N".into())),
-        (None, Some(_), _) => return Err(Failure::Usage("--voxel-size-mm needs --units m|mm|cm|in of the mesh file".into())),
+        (_, None, None) => {
+            return Err(Failure::Usage(
+                "a mesh needs --voxel-size-mm S or --longest-axis-voxels N".into(),
+            ));
+        }
+        (None, Some(_), _) => {
+            return Err(Failure::Usage(
+                "--voxel-size-mm needs --units m|mm|cm|in of the mesh file".into(),
+            ));
+        }
         (Some(unit), ..) => unit.metres(),
         (None, None, Some(_)) => 1.0,
     };
-    if let Some(size_mm) = args.voxel_size_mm.filter(|size_mm| !(*size_mm > 0.0 && *size_mm <= VOXEL_SIZE_MAX_MM)) {
+    if let Some(size_mm) =
+        args.voxel_size_mm.filter(|size_mm| !(*size_mm > 0.0 && *size_mm <= VOXEL_SIZE_MAX_MM))
+    {
         return Err(Failure::Usage(format!(
             "--voxel-size-mm {size_mm}: must be greater than 0 and at most {VOXEL_SIZE_MAX_MM} mm"
         )));
     }
     // Before the work, not after it.
-    let outputs = [&args.voxmap_out, &args.field_out, &args.pointshell_out, &args.picture, &args.picture_3d];
+    let outputs =
+        [&args.voxmap_out, &args.field_out, &args.pointshell_out, &args.picture, &args.picture_3d];
     for path in outputs.into_iter().flatten() {
         destination::check(path).map_err(|error| Failure::Write(path.clone(), error))?;
         // Both exist, or one is no file yet: then there is nothing to lose.
         if let (Ok(output), Ok(input)) = (path.canonicalize(), args.input.canonicalize())
             && output == input
         {
-            return Err(Failure::Usage(format!("{} is the mesh itself: name another file to write", path.display())));
+            return Err(Failure::Usage(format!(
+                "{} is the mesh itself: name another file to write",
+                path.display()
+            )));
         }
     }
     for (flag, path) in [("--picture", &args.picture), ("--picture-3d", &args.picture_3d)] {
@@ -93,30 +115,38 @@ pub(super) fn bake_mesh(args: &Args, output: OutputOptions) -> Result<(), Failur
         layers: args.layers.unwrap_or(Options::DEFAULT_LAYERS),
         sides: args.sides.map_or(InsideTest::Auto, InsideTest::from),
         with_gradients: false,
-        // The paper's, whose tables this command measures; a scene bakes its tool by its own settings.
+        // The paper's, whose tables this command measures; a scene bakes its tool by its own
+        // settings.
         points: Points::Voxels,
         center_of_mass: None,
     };
-    // The cache has neither layers nor distances by voxel, and a navigation that is asked for is asked for its figures.
+    // The cache has neither layers nor distances by voxel, and a navigation that is asked for is
+    // asked for its figures.
     let navigation = match args.navigation {
         Some(NavigationChoice::PlaneSpan) => Some(Navigation::PlaneSpan),
         Some(NavigationChoice::TwoSided) => Some(Navigation::TwoSided),
         Some(NavigationChoice::Auto) | None => None,
     };
     let needs_more = navigation.is_some() || outputs.iter().any(|output| output.is_some());
-    let mut cache = if needs_more { Cache::off() } else { args.cache.open(CachePolicy::Mapped, output) };
+    let mut cache =
+        if needs_more { Cache::off() } else { args.cache.open(CachePolicy::Mapped, output) };
     if args.units.is_none() {
-        report::note("the numbers of the mesh file are taken as metres; --units m|mm|cm|in says otherwise", output);
+        report::note(
+            "the numbers of the mesh file are taken as metres; --units m|mm|cm|in says otherwise",
+            output,
+        );
     }
     // JSON has it under "cache".
     if needs_more && !args.cache.is_off() && !args.json {
         report::note(
-            "baked without the cache, which has neither layers nor distances by voxel nor what a navigation costs",
+            "baked without the cache, which has neither layers nor distances by voxel nor what a \
+                navigation costs",
             output,
         );
     }
     let progress = BakeProgress::new(output);
-    let tell = |stage| progress.tell(&BakeEvent { name: &name, object_idx: 0, n_objects: 1, stage });
+    let tell =
+        |stage| progress.tell(&BakeEvent { name: &name, object_idx: 0, n_objects: 1, stage });
     tell(BakeStage::Load);
     let baked = match cache.look_up(&request, u64::MAX) {
         Lookup::Hit(baked) => *baked,
@@ -176,7 +206,8 @@ fn generate(
     tell(BakeStage::Pointshell);
     let mass = part.mass_properties();
     let center_of_mass = request.center_of_mass.unwrap_or(mass.center_m);
-    let (shell, shell_report) = pointshell::build_with(request.points, &part.mesh, &map, center_of_mass);
+    let (shell, shell_report) =
+        pointshell::build_with(request.points, &part.mesh, &map, center_of_mass);
     if let Some(path) = &args.voxmap_out {
         write(path, |path| npy::write_layers(path, &map.layers))?;
     }

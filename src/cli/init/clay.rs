@@ -38,7 +38,11 @@ pub(super) fn init(args: &Args, output: OutputOptions) -> Result<(), ReportedExi
         ReportedExit(Exit::Asset)
     })?;
     let Some((low, high)) = bounds.filter(|(low, high)| (*high - *low).max_element() > 0.0) else {
-        return Err(refuse(Exit::Asset, &format!("{}: nothing in it has a size", file.display()), None));
+        return Err(refuse(
+            Exit::Asset,
+            &format!("{}: nothing in it has a size", file.display()),
+            None,
+        ));
     };
     let longest = (high - low).max_element();
     let (unit, why) = match (args.units, own_unit) {
@@ -49,11 +53,17 @@ pub(super) fn init(args: &Args, output: OutputOptions) -> Result<(), ReportedExi
     let metres = if own_unit.is_some() { 1.0 } else { unit.metres() };
     let folder = place.folder();
     let Some(named) = relative(file, folder) else {
-        let message = format!("{}: a scene in {} cannot name this file", file.display(), folder.display());
-        return Err(refuse(Exit::Asset, &message, Some("the folder of the scene must exist, and names must be UTF-8")));
+        let message =
+            format!("{}: a scene in {} cannot name this file", file.display(), folder.display());
+        return Err(refuse(
+            Exit::Asset,
+            &message,
+            Some("the folder of the scene must exist, and names must be UTF-8"),
+        ));
     };
     let name = file.file_stem().and_then(OsStr::to_str).unwrap_or("clay").to_owned();
-    let draft = ClayDraft { file: named, name, is_mesh, unit, bounds_m: (low * metres, high * metres) };
+    let draft =
+        ClayDraft { file: named, name, is_mesh, unit, bounds_m: (low * metres, high * metres) };
     let what = if is_mesh { "a mesh, sampled" } else { "points" };
     let summary = format!("clay    {} ({what}), {} across\n", draft.file, Metres(longest * metres));
     place.write(&draft.text(&place.named(), &why), &summary, ("sculpt", "works"), output)
@@ -62,13 +72,19 @@ pub(super) fn init(args: &Args, output: OutputOptions) -> Result<(), ReportedExi
 fn look(file: &Path) -> Result<InputMesh, MeshError> {
     if matches!(Format::of(file), Ok(Format::Gltf | Format::ThreeMf)) {
         let found = read(file)?;
-        return Ok(InputMesh { is_mesh: true, bounds: found.mesh.bounds(), own_unit: found.own_unit });
+        return Ok(InputMesh {
+            is_mesh: true,
+            bounds: found.mesh.bounds(),
+            own_unit: found.own_unit,
+        });
     }
     Ok(match cloud::load(file, 1.0)? {
         Contents::Mesh(mesh) => InputMesh { is_mesh: true, bounds: mesh.bounds(), own_unit: None },
         Contents::Cloud(cloud) => {
             let mut points = cloud.positions.into_iter();
-            let bounds = points.next().map(|first| points.fold((first, first), |(low, high), at| (low.min(at), high.max(at))));
+            let bounds = points.next().map(|first| {
+                points.fold((first, first), |(low, high), at| (low.min(at), high.max(at)))
+            });
             InputMesh { is_mesh: false, bounds, own_unit: None }
         }
     })

@@ -17,7 +17,11 @@ pub(super) enum SceneDestination {
 
 impl SceneDestination {
     /// What the command line says, or the default.
-    pub(super) fn of(args: &Args, default: impl FnOnce() -> PathBuf, output: OutputOptions) -> Result<Self, ReportedExit> {
+    pub(super) fn of(
+        args: &Args,
+        default: impl FnOnce() -> PathBuf,
+        output: OutputOptions,
+    ) -> Result<Self, ReportedExit> {
         let file = match &args.out {
             Some(out) if out.as_os_str() == "-" => return Ok(Self::Stdout),
             Some(out) => out.clone(),
@@ -31,14 +35,25 @@ impl SceneDestination {
     }
 
     /// Refuses a file that is there and is to be kept.
-    pub(super) fn check_free(&self, args: &Args, output: OutputOptions) -> Result<(), ReportedExit> {
+    pub(super) fn check_free(
+        &self,
+        args: &Args,
+        output: OutputOptions,
+    ) -> Result<(), ReportedExit> {
         match self {
             Self::File(file)
-                if !args.overwrite && (file.exists() || self.hand().is_some_and(|hand| hand.exists() && !args.clay)) =>
+                if !args.overwrite
+                    && (file.exists()
+                        || self.hand().is_some_and(|hand| hand.exists() && !args.clay)) =>
             {
-                let there = if file.exists() { file.clone() } else { self.hand().unwrap_or_default() };
+                let there =
+                    if file.exists() { file.clone() } else { self.hand().unwrap_or_default() };
                 let message = format!("{} is there already", there.display());
-                report::error(&message, Some("--overwrite writes over it, -o names another file"), output);
+                report::error(
+                    &message,
+                    Some("--overwrite writes over it, -o names another file"),
+                    output,
+                );
                 Err(ReportedExit(Exit::Usage))
             }
             _ => Ok(()),
@@ -48,7 +63,10 @@ impl SceneDestination {
     /// The folder that paths of the scene are relative to.
     pub(super) fn folder(&self) -> &Path {
         match self {
-            Self::File(file) => file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new(".")),
+            Self::File(file) => file
+                .parent()
+                .filter(|folder| !folder.as_os_str().is_empty())
+                .unwrap_or(Path::new(".")),
             Self::Stdout => Path::new("."),
         }
     }
@@ -67,8 +85,15 @@ impl SceneDestination {
         }
     }
 
-    /// Writes the scene, reads it back, and says what it is. On stdout stands nothing but the scene. `next`: the command for it, and what that does.
-    pub(super) fn write(&self, text: &str, summary: &str, next: (&str, &str), output: OutputOptions) -> Result<(), ReportedExit> {
+    /// Writes the scene, reads it back, and says what it is. On stdout stands nothing but the
+    /// scene. `next`: the command for it, and what that does.
+    pub(super) fn write(
+        &self,
+        text: &str,
+        summary: &str,
+        next: (&str, &str),
+        output: OutputOptions,
+    ) -> Result<(), ReportedExit> {
         let Self::File(file) = self else {
             output::result(format_args!("{text}"));
             report::line(summary.trim_end(), output);
@@ -78,9 +103,14 @@ impl SceneDestination {
             report::error(&format!("cannot write {}: {error}", file.display()), None, output);
             ReportedExit(Exit::Asset)
         })?;
-        config::load(file).map_err(|errors| ReportedExit(report::config_errors(&errors, output)))?;
+        config::load(file)
+            .map_err(|errors| ReportedExit(report::config_errors(&errors, output)))?;
         let (command, does) = next;
-        output::result(format_args!("{summary}wrote   {}: `hapticd {command} {}` {does} it\n", file.display(), self.named()));
+        output::result(format_args!(
+            "{summary}wrote   {}: `hapticd {command} {}` {does} it\n",
+            file.display(),
+            self.named()
+        ));
         Ok(())
     }
 }

@@ -25,7 +25,8 @@ pub(crate) struct LoopArgs {
     /// What to do when a real-time check fails [default: as the scene says].
     #[arg(long, value_name = "MODE")]
     pub(super) realtime: Option<RealtimeMode>,
-    /// Device profile instead of the scene's: a name or a file; zenoh:NAME for an arm that `hapticd device-node` drives.
+    /// Device profile instead of the scene's: a name or a file; zenoh:NAME for an arm that `hapticd
+    /// device-node` drives.
     #[arg(long, value_name = "PROFILE")]
     pub(super) device: Option<String>,
     /// Which of several arms: VID:PID[:SERIAL] in hex, or the path of its node.
@@ -37,11 +38,13 @@ pub(crate) struct LoopArgs {
     /// Simulated arms: let the hand of the scene go its path there and back, again and again.
     #[arg(long)]
     pub(super) hand_repeat: bool,
-    /// Let force flow on a real arm from the start on; with a deadman, while it is held. Simulated arms need no leave.
+    /// Let force flow on a real arm from the start on; with a deadman, while it is held. Simulated
+    /// arms need no leave.
     #[arg(long)]
     pub(super) enable: bool,
-    /// Take `enable`, `disable` and `stop` as lines on standard input (with clay also tools, images and solids), and wait for `enable` after a
-    /// fault instead of ending. The end of the input is a stop.
+    /// Take `enable`, `disable` and `stop` as lines on standard input (with clay also tools, images
+    /// and solids), and wait for `enable` after a fault instead of ending. The end of the input is
+    /// a stop.
     #[arg(long)]
     pub(super) console: bool,
     #[command(flatten)]

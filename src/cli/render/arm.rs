@@ -19,8 +19,8 @@ pub(super) fn tell_of_arm(config: &SceneConfig, real: &RealArm, output: OutputOp
         let force_n = config.parameters.limits.force_n;
         report::warning(
             &format!(
-                "signs not verified: force stays below {force_n} N until the profile says `signs_verified = true` \
-                 ({})",
+                "signs not verified: force stays below {force_n} N until the profile says \
+                    `signs_verified = true` ({})",
                 probe::command(profile, config.device.selector.as_ref(), "--sign-check")
             ),
             output,

@@ -19,7 +19,8 @@ struct Command {
 }
 
 fn args(line: &str) -> Result<LoopArgs, clap::Error> {
-    Command::try_parse_from(["run"].into_iter().chain(line.split_whitespace())).map(|command| command.args)
+    Command::try_parse_from(["run"].into_iter().chain(line.split_whitespace()))
+        .map(|command| command.args)
 }
 
 fn synthetic() -> Prepared {
@@ -60,11 +61,16 @@ fn result_text(totals: &Totals, start_s: StartTimes, json: bool) -> String {
     super::result_text(totals, start_s, &RunExtras::default(), json)
 }
 
-const QUIET: OutputOptions = OutputOptions { verbose: 0, quiet: true, color: When::Never, log_format: LogFormat::Text };
+const QUIET: OutputOptions =
+    OutputOptions { verbose: 0, quiet: true, color: When::Never, log_format: LogFormat::Text };
 
 #[test]
 fn the_command_line_is_read() {
-    let args = args("scene.toml --duration 500ms --realtime best-effort --device sim-touch --clock virtual --json").expect("valid");
+    let args = args(
+        "scene.toml --duration 500ms --realtime best-effort --device sim-touch --clock \
+        virtual --json",
+    )
+    .expect("valid");
     assert_eq!(args.duration, Some(Duration::from_millis(500)));
     assert_eq!((args.realtime, args.clock), (Some(RealtimeMode::BestEffort), ClockArg::Virtual));
     assert_eq!((args.device.as_deref(), args.json), (Some("sim-touch"), true));
@@ -85,7 +91,9 @@ fn a_virtual_run_prints_one_json_object() {
 #[test]
 fn a_time_budget_is_a_fixed_count_under_the_virtual_clock() {
     let args = args("s.toml --duration 100ms --clock virtual --json").expect("valid");
-    for (time_budget_s, expected) in [(None, serde_json::Value::Null), (Some(100e-6), 10_000.into())] {
+    for (time_budget_s, expected) in
+        [(None, serde_json::Value::Null), (Some(100e-6), 10_000.into())]
+    {
         let prepared = Prepared { time_budget_s, ..synthetic() };
         let outcome = run(&args, QUIET, || Ok(prepared)).expect("an outcome");
         let text = result_text(&outcome.totals, StartTimes::default(), true);

@@ -37,11 +37,23 @@ impl Pictures {
     pub(super) fn draw(&self, after: &ClayModel) -> [(PathBuf, std::io::Result<()>); 2] {
         let mass_after = MassPoints::beside_surface(after.region());
         let after = after.points();
-        let moments = [("before", &self.before, after, &self.mass_before), ("after", after, &self.before, &mass_after)];
+        let moments = [
+            ("before", &self.before, after, &self.mass_before),
+            ("after", after, &self.before, &mass_after),
+        ];
         moments.map(|(moment, points, beside, mass_points)| {
-            let (name, file) = (format!("{}, {moment}", self.title), self.file(moment));
-            let written =
-                splats::write(&file, &[ClaySnapshot { name: &name, points, beside: Some(beside), form: self.form, mass_points }]);
+            let name = format!("{}, {moment}", self.title);
+            let file = self.file(moment);
+            let written = splats::write(
+                &file,
+                &[ClaySnapshot {
+                    name: &name,
+                    points,
+                    beside: Some(beside),
+                    form: self.form,
+                    mass_points,
+                }],
+            );
             (file, written)
         })
     }
@@ -58,15 +70,26 @@ pub(super) struct OutputFiles<'w> {
 
 impl OutputFiles<'_> {
     /// Refuses what cannot be written, may not be written over, or is read.
-    pub(super) fn check(&self, config: &SceneConfig, overwrite: bool, output: OutputOptions) -> Result<(), Exit> {
+    pub(super) fn check(
+        &self,
+        config: &SceneConfig,
+        overwrite: bool,
+        output: OutputOptions,
+    ) -> Result<(), Exit> {
         let Self { own, script, pictures, recording } = self;
         let refuse = |exit: Exit, message: String, hint: Option<&str>| {
             report::error(&message, hint, output);
             Err(exit)
         };
         let own = own.iter().map(destination_of);
-        if let Some((_, file)) = own.clone().find(|(kind, file)| *kind != "session" && !is_ply(file)) {
-            return refuse(Exit::Usage, format!("{}: samples and meshes are .ply files", file.display()), None);
+        if let Some((_, file)) =
+            own.clone().find(|(kind, file)| *kind != "session" && !is_ply(file))
+        {
+            return refuse(
+                Exit::Usage,
+                format!("{}: samples and meshes are .ply files", file.display()),
+                None,
+            );
         }
         let mut files: Vec<PathBuf> = own.map(|(_, file)| file).collect();
         files.extend(script.iter().flat_map(|script| script.writes()).map(Path::to_owned));
@@ -74,28 +97,46 @@ impl OutputFiles<'_> {
             let folder = pictures.folder.display();
             let is_new = !pictures.folder.exists();
             if let Err(error) = std::fs::create_dir_all(&pictures.folder) {
-                return refuse(Exit::Asset, format!("cannot make the folder {folder}: {error}"), destination::hint(&error));
+                return refuse(
+                    Exit::Asset,
+                    format!("cannot make the folder {folder}: {error}"),
+                    destination::hint(&error),
+                );
             }
             if is_new {
                 report::note(&format!("made the folder {folder} for pictures"), output);
             }
             files.extend(pictures.files());
         }
-        let read: HashSet<PathBuf> = self.reads(config).iter().filter_map(|file| file.canonicalize().ok()).collect();
+        let read: HashSet<PathBuf> =
+            self.reads(config).iter().filter_map(|file| file.canonicalize().ok()).collect();
         let mut places: HashSet<PathBuf> = HashSet::new();
         // A recording knows by itself whether it can be written.
-        for (file, is_clay) in files.iter().map(|file| (&**file, true)).chain(recording.map(|file| (file, false))) {
+        for (file, is_clay) in
+            files.iter().map(|file| (&**file, true)).chain(recording.map(|file| (file, false)))
+        {
             if !places.insert(place_of(file)) {
                 let hint = "give each its own name";
-                return refuse(Exit::Usage, format!("{} would be written twice", file.display()), Some(hint));
+                return refuse(
+                    Exit::Usage,
+                    format!("{} would be written twice", file.display()),
+                    Some(hint),
+                );
             }
             if file.canonicalize().is_ok_and(|file| read.contains(&file)) {
-                let message = format!("{} is what the scene is read from: name another file to write", file.display());
+                let message = format!(
+                    "{} is what the scene is read from: name another file to write",
+                    file.display()
+                );
                 return refuse(Exit::Usage, message, None);
             }
             if is_clay && file.exists() && !file.is_dir() && !overwrite {
                 let hint = "name another file, or give --overwrite";
-                return refuse(Exit::Usage, format!("{} is there already", file.display()), Some(hint));
+                return refuse(
+                    Exit::Usage,
+                    format!("{} is there already", file.display()),
+                    Some(hint),
+                );
             }
             if is_clay && let Err(error) = destination::check(file) {
                 let message = format!("cannot write {}: {error}", file.display());
@@ -114,7 +155,8 @@ impl OutputFiles<'_> {
             files.extend_from_slice(&script.reads);
         }
         // Files that meshes take their contents from; one that cannot be read names none.
-        let companions: Vec<PathBuf> = files.iter().flat_map(|file| mesh::companions(file).unwrap_or_default()).collect();
+        let companions: Vec<PathBuf> =
+            files.iter().flat_map(|file| mesh::companions(file).unwrap_or_default()).collect();
         files.extend(companions);
         files
     }
@@ -122,7 +164,8 @@ impl OutputFiles<'_> {
 
 /// The same for every way to write the name of a file, there or not.
 fn place_of(file: &Path) -> PathBuf {
-    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder =
+        file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     match (folder.canonicalize(), file.file_name()) {
         (Ok(folder), Some(name)) => folder.join(name),
         _ => file.to_owned(),
@@ -143,7 +186,9 @@ pub(super) fn destination_of(order: &SculptOrder) -> (&'static str, PathBuf) {
 /// Where an order writes a session, whatever the working directory is; `None`: it writes none.
 pub(super) fn session_of(order: &SculptOrder) -> Option<PathBuf> {
     match order {
-        SculptOrder::SaveSession(file) => Some(std::path::absolute(file).unwrap_or_else(|_| file.clone())),
+        SculptOrder::SaveSession(file) => {
+            Some(std::path::absolute(file).unwrap_or_else(|_| file.clone()))
+        }
         _ => None,
     }
 }

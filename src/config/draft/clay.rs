@@ -1,4 +1,5 @@
-//! A first scene for a piece of clay: how large the brush and the ball in the hand are, and where it begins.
+//! A first scene for a piece of clay: how large the brush and the ball in the hand are, and where
+//! it begins.
 
 use std::fmt::Write as _;
 
@@ -6,7 +7,8 @@ use glam::DVec3;
 
 use super::{Unit, arm_scale, quoted, remarked, shown, two_digits, write_head};
 
-/// Radius of the ball in the hand, of the brush, and the air around the piece, as shares of its longest edge.
+/// Radius of the ball in the hand, of the brush, and the air around the piece, as shares of its
+/// longest edge.
 const BALL_SHARE: f64 = 0.08;
 const BRUSH_SHARE: f64 = 0.15;
 const AIR_SHARE: f64 = 0.3;
@@ -45,31 +47,73 @@ impl ClayDraft {
         let longest_m = (high - low).max_element();
         let share = |share: f64| two_digits((share * longest_m).min(MOST_M));
         let ball_m = share(BALL_SHARE);
-        let start_m = DVec3::new(0.5 * (low.x + high.x), 0.5 * (low.y + high.y), high.z + 2.0 * ball_m);
+        let start_m =
+            DVec3::new(0.5 * (low.x + high.x), 0.5 * (low.y + high.y), high.z + 2.0 * ball_m);
         write_head(text, file, &self.name, "sculpt", "works it until Ctrl-C")?;
         writeln!(text, "# The clay.\n[sculpt]")?;
-        writeln!(text, "{} = {}", if self.is_mesh { "mesh" } else { "points" }, quoted(&self.file))?;
+        writeln!(
+            text,
+            "{} = {}",
+            if self.is_mesh { "mesh" } else { "points" },
+            quoted(&self.file)
+        )?;
         remarked(text, &format!("units = \"{}\"", self.unit.name()), units)?;
         if self.is_mesh {
-            remarked(text, "# spacing_mm = 0.5", "between its samples; without it there are about 20,000")?;
+            remarked(
+                text,
+                "# spacing_mm = 0.5",
+                "between its samples; without it there are about 20,000",
+            )?;
         }
-        remarked(text, "tool = \"push\"", "or pull, pull-curve, paint, emboss, engrave, union, difference, …")?;
-        remarked(text, &format!("brush_mm = {}", mm(share(BRUSH_SHARE))), "radius within which the tool works")?;
-        remarked(text, &format!("air_mm = {}", mm(share(AIR_SHARE))), "around the piece, for what is pulled out of it")?;
-        remarked(text, "# strokes = \"strokes.toml\"", "what is done when, by itself; docs/reference/clay.md")?;
+        remarked(
+            text,
+            "tool = \"push\"",
+            "or pull, pull-curve, paint, emboss, engrave, union, difference, …",
+        )?;
+        remarked(
+            text,
+            &format!("brush_mm = {}", mm(share(BRUSH_SHARE))),
+            "radius within which the tool works",
+        )?;
+        remarked(
+            text,
+            &format!("air_mm = {}", mm(share(AIR_SHARE))),
+            "around the piece, for what is pulled out of it",
+        )?;
+        remarked(
+            text,
+            "# strokes = \"strokes.toml\"",
+            "what is done when, by itself; docs/reference/clay.md",
+        )?;
         writeln!(text, "\n# The body in the hand.\n[tool]")?;
         remarked(text, &format!("shape = {{ sphere_mm = {} }}", mm(ball_m)), "radius")?;
-        remarked(text, &format!("voxel_size_mm = {}", mm(two_digits(ball_m / BALL_VOXELS))), "spacing of its points")?;
+        remarked(
+            text,
+            &format!("voxel_size_mm = {}", mm(two_digits(ball_m / BALL_VOXELS))),
+            "spacing of its points",
+        )?;
         let [x, y, z] = start_m.to_array().map(mm);
         remarked(text, &format!("start_position_mm = [{x}, {y}, {z}]"), "above the piece")?;
         writeln!(text, "\n[device]")?;
-        remarked(text, "profile = \"sim-sigma7\"", "a simulated arm; `hapticd devices` lists those that are attached")?;
-        remarked(text, "# hand = \"path.csv\"", "where the simulated hand goes over time; without it, it stays")?;
+        remarked(
+            text,
+            "profile = \"sim-sigma7\"",
+            "a simulated arm; `hapticd devices` lists those that are attached",
+        )?;
+        remarked(
+            text,
+            "# hand = \"path.csv\"",
+            "where the simulated hand goes over time; without it, it stays",
+        )?;
         let scale = arm_scale(0.5 * longest_m + 2.0 * ball_m);
         if scale != 1.0 {
             writeln!(text, "# The piece is larger than the space in which the arm's grip moves.")?;
         }
-        remarked(text, &format!("world_from_device = {{ scale = {} }}", shown(scale)), "world metres per metre of the arm")
+        remarked(
+            text,
+            &format!("world_from_device = {{ scale = {} }}", shown(scale)),
+            "world metres per metre of the arm",
+        )
     }
 }
 
@@ -92,9 +136,12 @@ mod tests {
             };
             let path = folder.path().join("scene.toml");
             std::fs::write(&path, draft.text("scene.toml", "as the test says")).expect("written");
-            let config = crate::config::load(&path).unwrap_or_else(|errors| panic!("{errors}\n{}", draft.text("", "")));
+            let config = crate::config::load(&path)
+                .unwrap_or_else(|errors| panic!("{errors}\n{}", draft.text("", "")));
             let sculpt = config.sculpt.expect("clay");
-            assert!(sculpt.tool.brush_m > 0.0 && config.parameters.mapping.start.translation.z > size_m);
+            assert!(
+                sculpt.tool.brush_m > 0.0 && config.parameters.mapping.start.translation.z > size_m
+            );
         }
     }
 }

@@ -16,7 +16,8 @@ use haptics::{ArmParameters, LimitParameters, SafetyParameters};
 use vps::spatial::Axes;
 
 const DEFAULT_PROFILE: &str = "sim-sigma7";
-/// Torque limit of the virtual tool where the arm renders no torque at all, N·m: the coupling still has to turn the tool.
+/// Torque limit of the virtual tool where the arm renders no torque at all, N·m: the coupling still
+/// has to turn the tool.
 const UNACTUATED_TORQUE_NM: f64 = 1.0;
 /// Force limit of the virtual tool where the arm renders no force at all, N.
 const UNACTUATED_FORCE_N: f64 = 10.0;
@@ -28,16 +29,19 @@ const FULL_SLEW_S: f64 = 0.010;
 /// Shortest time from zero to the limit: a tick at 1 kHz. Faster, the force would step.
 const LEAST_SLEW_S: f64 = 0.001;
 const DEFAULT_POWER_W: f64 = 5.0;
-/// A hand that moves at 1 m/s goes 5 cm meanwhile, and the guard acts after as long. Less than a few periods would fault on a healthy machine.
+/// A hand that moves at 1 m/s goes 5 cm meanwhile, and the guard acts after as long. Less than a
+/// few periods would fault on a healthy machine.
 const DEFAULT_STALL_MS: f64 = 50.0;
 const STALL_MS: Interval = Interval::from(5.0).to(50.0);
-/// The power limit goes up to what the arm's largest force does at this speed, m/s: that of a hand that moves fast.
+/// The power limit goes up to what the arm's largest force does at this speed, m/s: that of a hand
+/// that moves fast.
 const POWER_SPEED_M_PER_S: f64 = 1.0;
 /// Window of the fault for power (rule 9).
 const POWER_WINDOW_S: f64 = 0.050;
 /// Longest braking after too much speed, and the default.
 const MOST_BRAKE_MS: f64 = 100.0;
-/// The ramp begins once the wrench was below this share of its limits for more than so many ticks (rule 4).
+/// The ramp begins once the wrench was below this share of its limits for more than so many ticks
+/// (rule 4).
 const ENGAGE_SHARE: f64 = 0.1;
 const ENGAGE_TICKS: u32 = 3;
 const DEFAULT_RAMP_MS: f64 = 100.0;
@@ -54,10 +58,18 @@ const DEFAULT_HAND_N_S_PER_M: f64 = 5.0;
 const DEFAULT_HAND_MASS_G: f64 = 150.0;
 
 impl Resolve<'_> {
-    pub(super) fn realtime(&mut self, written: &schema::Realtime, options: &LoadOptions) -> RealtimeConfig {
-        let enforce = options.enforce.unwrap_or(written.mode == Some(schema::RealtimeWord::Enforce));
-        let priority = self.checks.whole("realtime.priority", written.priority, DEFAULT_PRIORITY, 1, 99);
-        let cpu = written.cpu.map(|cpu| self.checks.whole("realtime.cpu", Some(cpu), 0, 0, 1023) as usize);
+    pub(super) fn realtime(
+        &mut self,
+        written: &schema::Realtime,
+        options: &LoadOptions,
+    ) -> RealtimeConfig {
+        let enforce =
+            options.enforce.unwrap_or(written.mode == Some(schema::RealtimeWord::Enforce));
+        let priority =
+            self.checks.whole("realtime.priority", written.priority, DEFAULT_PRIORITY, 1, 99);
+        let cpu = written
+            .cpu
+            .map(|cpu| self.checks.whole("realtime.cpu", Some(cpu), 0, 0, 1023) as usize);
         RealtimeConfig { enforce, cpu, priority: u8::try_from(priority).unwrap_or(u8::MAX) }
     }
 
@@ -65,13 +77,17 @@ impl Resolve<'_> {
         let written = &device.sim;
         let hand_present = written.hand != Some(schema::HandWord::None);
         if !hand_present && device.hand.is_some() {
-            self.checks.refuse("device.sim.hand", ProblemKind::Exclusive { other: "device.hand".into() });
+            self.checks
+                .refuse("device.sim.hand", ProblemKind::Exclusive { other: "device.hand".into() });
         }
         if let Some(fault) = &written.fault {
             let word = fault.split(['@', ':', '=', ' ']).next().unwrap_or_default();
             if !fault::NAMES.contains(&word) {
                 let known = fault::NAMES.map(str::to_owned).to_vec();
-                self.checks.refuse("device.sim.fault", ProblemKind::UnknownWord { nearest: nearest(word, fault::NAMES), known });
+                self.checks.refuse(
+                    "device.sim.fault",
+                    ProblemKind::UnknownWord { nearest: nearest(word, fault::NAMES), known },
+                );
             } else if let Err(error) = fault::parse(fault) {
                 self.checks.refuse("device.sim.fault", ProblemKind::refused(error));
             }
@@ -99,12 +115,18 @@ impl Resolve<'_> {
             ) * 1e-3,
             hand_present,
             hand_repeats: options.hand_repeat,
-            delay_ticks: written.delay_ticks.map(|ticks| checks.whole("device.sim.delay_ticks", Some(ticks), 0, 0, 100)),
+            delay_ticks: written
+                .delay_ticks
+                .map(|ticks| checks.whole("device.sim.delay_ticks", Some(ticks), 0, 0, 100)),
             fault: written.fault.clone(),
         }
     }
 
-    pub(super) fn profile(&mut self, written: &schema::Device, options: &LoadOptions) -> Option<Profile> {
+    pub(super) fn profile(
+        &mut self,
+        written: &schema::Device,
+        options: &LoadOptions,
+    ) -> Option<Profile> {
         let (found, key, shown) = match (&options.device, &written.profile) {
             (Some(name), _) => (profile::find(name, Path::new("")), "--device", Some(name)),
             (None, Some(name)) => (profile::find(name, self.dir), "device.profile", None),
@@ -112,7 +134,9 @@ impl Resolve<'_> {
         };
         let kind = match found {
             Ok(profile) => return Some(profile),
-            Err(ProfileError::Unknown { nearest, known }) => ProblemKind::UnknownProfile { nearest, known },
+            Err(ProfileError::Unknown { nearest, known }) => {
+                ProblemKind::UnknownProfile { nearest, known }
+            }
             Err(ProfileError::FileMissing { path }) => ProblemKind::FileMissing { path },
             Err(ProfileError::Invalid(errors)) => {
                 self.checks.append(errors);
@@ -123,13 +147,18 @@ impl Resolve<'_> {
         None
     }
 
-    pub(super) fn selector(&mut self, written: &schema::Device, options: &LoadOptions) -> Option<Selector> {
+    pub(super) fn selector(
+        &mut self,
+        written: &schema::Device,
+        options: &LoadOptions,
+    ) -> Option<Selector> {
         if options.selector.is_some() {
             return options.selector.clone();
         }
         let selector = written.selector.as_deref()?.parse();
         if selector.is_err() {
-            let accepted = "VID:PID or VID:PID:SERIAL in hex, or the path of a node such as /dev/ttyACM0";
+            let accepted =
+                "VID:PID or VID:PID:SERIAL in hex, or the path of a node such as /dev/ttyACM0";
             self.checks.not_accepted("device.selector", accepted);
         }
         selector.ok()
@@ -150,11 +179,14 @@ impl Resolve<'_> {
     ) -> LimitParameters {
         let actuated = profile.map_or(Axes::SIX, |profile| profile.actuated);
         let declared = profile.map(|profile| profile.limits);
-        let force_max =
-            declared.filter(|_| has_any(actuated, Axes::TRANSLATION)).map_or(UNACTUATED_FORCE_N, |limits| limits.force_n);
-        let torque_max =
-            declared.filter(|_| has_any(actuated, Axes::ROTATION)).map_or(UNACTUATED_TORQUE_NM, |limits| limits.torque_nm);
-        // What rules are measured by, whether the signs are verified or not: a scene does not change with that.
+        let force_max = declared
+            .filter(|_| has_any(actuated, Axes::TRANSLATION))
+            .map_or(UNACTUATED_FORCE_N, |limits| limits.force_n);
+        let torque_max = declared
+            .filter(|_| has_any(actuated, Axes::ROTATION))
+            .map_or(UNACTUATED_TORQUE_NM, |limits| limits.torque_nm);
+        // What rules are measured by, whether the signs are verified or not: a scene does not
+        // change with that.
         let arm_n = force_max;
         let (force_max, torque_max) = if profile.is_some_and(Profile::has_unverified_signs) {
             let capped = force_max.min(profile::UNVERIFIED_SIGNS_FORCE_N);
@@ -165,9 +197,13 @@ impl Resolve<'_> {
         let checks = &mut self.checks;
         let of_profiles = "no arm's profile has more, and the lower of profile and scene counts";
         let range = POSITIVE.to(ceilings::FORCE_N).unit("N");
-        let force_n = checks.rule("limits.force_n", limits.force_n, force_max, range, of_profiles).min(force_max);
+        let force_n = checks
+            .rule("limits.force_n", limits.force_n, force_max, range, of_profiles)
+            .min(force_max);
         let range = POSITIVE.to(ceilings::TORQUE_NM).unit("N·m");
-        let torque_nm = checks.rule("limits.torque_nm", limits.torque_nm, torque_max, range, of_profiles).min(torque_max);
+        let torque_nm = checks
+            .rule("limits.torque_nm", limits.torque_nm, torque_max, range, of_profiles)
+            .min(torque_max);
         let overrun_fault_ticks = match safety.overrun {
             Some(Overrun::Off(_)) => 0,
             Some(Overrun::Consecutive(count)) => match u32::try_from(count) {
@@ -177,7 +213,8 @@ impl Resolve<'_> {
                     checks.not_accepted(
                         "safety.overrun",
                         format_args!(
-                            "a whole number of consecutive missed ticks from 1 to {most}, which is a second of them, or \"off\""
+                            "a whole number of consecutive missed ticks from 1 to {most}, which is \
+                                a second of them, or \"off\""
                         ),
                     );
                     0
@@ -186,7 +223,8 @@ impl Resolve<'_> {
             None if enforce => ENFORCED_OVERRUN_TICKS,
             None => 0,
         };
-        let stale_fault_ticks = ((STALE_FAULT_S * f64::from(rate_hz)).round() as u32).max(STALE_TICKS_MAX + 1);
+        let stale_fault_ticks =
+            ((STALE_FAULT_S * f64::from(rate_hz)).round() as u32).max(STALE_TICKS_MAX + 1);
         LimitParameters {
             force_n,
             torque_nm,
@@ -224,28 +262,48 @@ impl Resolve<'_> {
             stale_ticks_max: STALE_TICKS_MAX,
             stale_fault_ticks,
             overrun_fault_ticks,
-            stall_s: checks.number("safety.stall_ms", safety.stall_ms, DEFAULT_STALL_MS, STALL_MS.unit("ms")) * 1e-3,
+            stall_s: checks.number(
+                "safety.stall_ms",
+                safety.stall_ms,
+                DEFAULT_STALL_MS,
+                STALL_MS.unit("ms"),
+            ) * 1e-3,
         }
     }
 
-    pub(super) fn safety(&mut self, written: &schema::Safety, profile: Option<&Profile>, period_s: f64) -> SafetyParameters {
+    pub(super) fn safety(
+        &mut self,
+        written: &schema::Safety,
+        profile: Option<&Profile>,
+        period_s: f64,
+    ) -> SafetyParameters {
         let deadman = match written.deadman {
             Some(Deadman::Off(_)) => None,
-            None => profile.and_then(|profile| profile.real.as_ref()).and_then(|real| real.deadman_button),
+            None => profile
+                .and_then(|profile| profile.real.as_ref())
+                .and_then(|real| real.deadman_button),
             Some(Deadman::Button(number)) => {
-                let button = u8::try_from(number).ok().filter(|button| u32::from(*button) < u32::BITS);
+                let button =
+                    u8::try_from(number).ok().filter(|button| u32::from(*button) < u32::BITS);
                 if button.is_none() {
-                    self.checks.not_accepted("safety.deadman", "the number of a button from 0 to 31, or \"off\"");
+                    self.checks.not_accepted(
+                        "safety.deadman",
+                        "the number of a button from 0 to 31, or \"off\"",
+                    );
                 }
                 button
             }
         };
         let brake = Interval::from(0.0).to(MOST_BRAKE_MS).unit("ms");
-        let steps = profile.map_or((0.0, 0.0), |profile| (profile.plant.encoder_step_m, profile.plant.encoder_step_rad));
+        let steps = profile.map_or((0.0, 0.0), |profile| {
+            (profile.plant.encoder_step_m, profile.plant.encoder_step_rad)
+        });
         SafetyParameters {
             deadman,
-            workspace_radius_m: profile.map_or(f64::INFINITY, |profile| profile.limits.workspace_radius_m),
-            brake_s: self.checks.number("safety.brake_ms", written.brake_ms, MOST_BRAKE_MS, brake) * 1e-3,
+            workspace_radius_m: profile
+                .map_or(f64::INFINITY, |profile| profile.limits.workspace_radius_m),
+            brake_s: self.checks.number("safety.brake_ms", written.brake_ms, MOST_BRAKE_MS, brake)
+                * 1e-3,
             engage_share: ENGAGE_SHARE,
             engage_ticks: ENGAGE_TICKS,
             power_window_s: POWER_WINDOW_S,
@@ -263,7 +321,9 @@ pub(super) fn stability(
     filter_alpha: f64,
     allow_unstable: bool,
 ) -> StabilityConfig {
-    let bound = |axes: Axes, plant: fn(&Plant) -> (f64, f64), declared: fn(&Profile) -> Option<f64>| match profile {
+    let bound = |axes: Axes,
+                 plant: fn(&Plant) -> (f64, f64),
+                 declared: fn(&Profile) -> Option<f64>| match profile {
         Some(profile) if has_any(profile.actuated, axes) => {
             let judged = profile.bound_plant();
             let (mass_kg, damping_n_s_per_m) = plant(&judged);
@@ -280,24 +340,43 @@ pub(super) fn stability(
         _ => StiffnessBound::none(period_s),
     };
     StabilityConfig {
-        translation: bound(Axes::TRANSLATION, |p| (p.mass_kg, p.damping_n_s_per_m), |p| p.limits.stiffness_n_per_m),
-        rotation: bound(Axes::ROTATION, |p| (p.inertia_kg_m2, p.damping_nm_s_per_rad), |p| p.limits.stiffness_nm_per_rad),
+        translation: bound(
+            Axes::TRANSLATION,
+            |p| (p.mass_kg, p.damping_n_s_per_m),
+            |p| p.limits.stiffness_n_per_m,
+        ),
+        rotation: bound(
+            Axes::ROTATION,
+            |p| (p.inertia_kg_m2, p.damping_nm_s_per_rad),
+            |p| p.limits.stiffness_nm_per_rad,
+        ),
         allow_unstable,
     }
 }
 
-/// What the tick knows of the arm: how its stiffness bound falls with delay, and how much damping may be injected.
-pub(super) fn arm_parameters(profile: &Profile, stability: &StabilityConfig, scale: f64) -> ArmParameters {
+/// What the tick knows of the arm: how its stiffness bound falls with delay, and how much damping
+/// may be injected.
+pub(super) fn arm_parameters(
+    profile: &Profile,
+    stability: &StabilityConfig,
+    scale: f64,
+) -> ArmParameters {
     let StabilityConfig { translation, rotation, allow_unstable } = *stability;
     let stiffness_lag = |bound: &StiffnessBound| {
-        if bound.declared.is_none() || allow_unstable { f64::INFINITY } else { bound.wall.stiffness_lag() }
+        if bound.declared.is_none() || allow_unstable {
+            f64::INFINITY
+        } else {
+            bound.wall.stiffness_lag()
+        }
     };
     let [window_s, window_angular_s] = profile.velocity_window_ms.map(|window_ms| window_ms * 1e-3);
     let period_s = translation.wall.period_s;
-    // No more than the profile can render, and no more than keeps still an arm without a hand: the velocity that it is
-    // made of is as old as half its window.
+    // No more than the profile can render, and no more than keeps still an arm without a hand: the
+    // velocity that it is made of is as old as half its window.
     let injected = |bound: &StiffnessBound, declared: Option<f64>, window_s: f64| match declared {
-        Some(declared) if bound.declared.is_some() => declared.min(bound.wall.injectable_damping(window_s)),
+        Some(declared) if bound.declared.is_some() => {
+            declared.min(bound.wall.injectable_damping(window_s))
+        }
         _ => 0.0,
     };
     let stable = |bound: &StiffnessBound, window_s: f64| match bound.declared {
@@ -309,10 +388,17 @@ pub(super) fn arm_parameters(profile: &Profile, stability: &StabilityConfig, sca
         stiffness_lag_n_s_per_m: stiffness_lag(&translation) / scale,
         stiffness_lag_nm_s_per_rad: stiffness_lag(&rotation),
         injected_n_s_per_m: injected(&translation, profile.limits.damping_n_s_per_m, window_s),
-        injected_nm_s_per_rad: injected(&rotation, profile.limits.damping_nm_s_per_rad, window_angular_s),
+        injected_nm_s_per_rad: injected(
+            &rotation,
+            profile.limits.damping_nm_s_per_rad,
+            window_angular_s,
+        ),
         stable_damping_n_s_per_m: stable(&translation, window_s),
         stable_damping_nm_s_per_rad: stable(&rotation, window_angular_s),
-        velocity_age_ticks: [translation.wall.velocity_age_ticks(window_s), rotation.wall.velocity_age_ticks(window_angular_s)],
+        velocity_age_ticks: [
+            translation.wall.velocity_age_ticks(window_s),
+            rotation.wall.velocity_age_ticks(window_angular_s),
+        ],
         velocity_step_m_per_s: profile.plant.encoder_step_m / window_s.max(period_s),
         velocity_step_rad_per_s: profile.plant.encoder_step_rad / window_angular_s.max(period_s),
         encoder_step_m: profile.plant.encoder_step_m,

@@ -7,7 +7,10 @@ use super::arm::or_if_infinite;
 use super::{MM, Resolve};
 use arms::profile::Profile;
 use document::{Interval, POSITIVE, ProblemKind};
-use haptics::{ContactParameters, CouplingMode, CouplingParameters, FilterParameters, FreeSpace, FrictionParameters, SpringClamp};
+use haptics::{
+    ContactParameters, CouplingMode, CouplingParameters, FilterParameters, FreeSpace,
+    FrictionParameters, SpringClamp,
+};
 use vps::contact::AVERAGED_CONTACTS;
 use vps::contact::Normalization;
 use vps::voxmap::field::FieldKind;
@@ -28,7 +31,10 @@ impl Resolve<'_> {
                 let range = self.checks.array("filter.cutoff_hz", Some(range), POSITIVE.unit("Hz"));
                 let range = range.unwrap_or(DEFAULT_CUTOFF_HZ);
                 if range[0] > range[1] {
-                    self.checks.not_accepted("filter.cutoff_hz", "[lowest, highest] in Hz, the lowest first");
+                    self.checks.not_accepted(
+                        "filter.cutoff_hz",
+                        "[lowest, highest] in Hz, the lowest first",
+                    );
                 }
                 range
             }
@@ -63,8 +69,20 @@ impl Resolve<'_> {
         };
         // In `direct` mode the arm does not feel the coupling.
         if !allow_unstable && mode != CouplingMode::Direct {
-            self.bounded("coupling.translation_n_per_mm", stiffness_n_per_m, &translation, TRANSLATION_UNITS, scale);
-            self.bounded("coupling.rotation_nm_per_rad", stiffness_nm_per_rad, &rotation, ROTATION_UNITS, 1.0);
+            self.bounded(
+                "coupling.translation_n_per_mm",
+                stiffness_n_per_m,
+                &translation,
+                TRANSLATION_UNITS,
+                scale,
+            );
+            self.bounded(
+                "coupling.rotation_nm_per_rad",
+                stiffness_nm_per_rad,
+                &rotation,
+                ROTATION_UNITS,
+                1.0,
+            );
         }
         let damping = profile.and_then(|profile| profile.limits.damping_n_s_per_m);
         let damping_rotation = profile.and_then(|profile| profile.limits.damping_nm_s_per_rad);
@@ -95,7 +113,14 @@ impl Resolve<'_> {
     }
 
     /// Refuses a stiffness (SI, world) that the arm would feel above its bound.
-    fn bounded(&mut self, key: &str, stiffness: f64, bound: &StiffnessBound, units: StiffnessUnits, scale: f64) {
+    fn bounded(
+        &mut self,
+        key: &str,
+        stiffness: f64,
+        bound: &StiffnessBound,
+        units: StiffnessUnits,
+        scale: f64,
+    ) {
         let felt = scale * stiffness;
         if bound.admits(felt) {
             return;
@@ -112,12 +137,22 @@ impl Resolve<'_> {
         self.checks.refuse(key, kind);
     }
 
-    fn felt_damping(&mut self, key: &str, written: Option<f64>, declared: Option<f64>, unit: &'static str, scale: f64) -> f64 {
+    fn felt_damping(
+        &mut self,
+        key: &str,
+        written: Option<f64>,
+        declared: Option<f64>,
+        unit: &'static str,
+        scale: f64,
+    ) -> f64 {
         let damping = self.checks.number(key, written, 0.0, Interval::from(0.0).to(1e4).unit(unit));
         if let Some(declared) = declared
             && scale * damping > declared
         {
-            self.checks.refuse(key, ProblemKind::DampingAboveProfile { accepted: declared / scale, declared, unit });
+            self.checks.refuse(
+                key,
+                ProblemKind::DampingAboveProfile { accepted: declared / scale, declared, unit },
+            );
         }
         damping
     }
@@ -133,7 +168,11 @@ impl Resolve<'_> {
         let key = "contact.stiffness_n_per_mm";
         let is_bounded = mode == CouplingMode::Direct && !stability.allow_unstable;
         let default = DEFAULT_CONTACT_N_PER_MM / MM;
-        let stiffness_n_per_m = match self.checks.optional(key, written.stiffness_n_per_mm, POSITIVE.to(1e6).unit("N/mm")) {
+        let stiffness_n_per_m = match self.checks.optional(
+            key,
+            written.stiffness_n_per_mm,
+            POSITIVE.to(1e6).unit("N/mm"),
+        ) {
             Some(n_per_mm) => n_per_mm / MM,
             None if is_bounded => default.min(stability.translation.value() / scale),
             None => default,
@@ -142,7 +181,8 @@ impl Resolve<'_> {
             self.bounded(key, stiffness_n_per_m, &stability.translation, TRANSLATION_UNITS, scale);
         }
         let range = Interval::from(0.0).to(1e4).unit("N·s/m");
-        let damping_n_s_per_m = self.checks.number("contact.damping_n_s_per_m", written.damping_n_s_per_m, 0.0, range);
+        let damping_n_s_per_m =
+            self.checks.number("contact.damping_n_s_per_m", written.damping_n_s_per_m, 0.0, range);
         let braking = written.braking.unwrap_or(false);
         ContactParameters {
             field,
@@ -155,7 +195,12 @@ impl Resolve<'_> {
             ),
             normalization: written.normalize.map_or(Normalization::None, Into::into),
             friction: self.friction(written.friction.as_ref(), stiffness_n_per_m),
-            damping_n_s_per_m: self.of_a_mass(mode, "contact.damping_n_s_per_m", damping_n_s_per_m, damping_n_s_per_m > 0.0),
+            damping_n_s_per_m: self.of_a_mass(
+                mode,
+                "contact.damping_n_s_per_m",
+                damping_n_s_per_m,
+                damping_n_s_per_m > 0.0,
+            ),
             braking: self.of_a_mass(mode, "contact.braking", braking, braking),
         }
     }
@@ -163,17 +208,25 @@ impl Resolve<'_> {
     /// A value that acts on the velocity of the virtual tool: without mass it has none of its own.
     fn of_a_mass<T>(&mut self, mode: CouplingMode, key: &str, value: T, acts: bool) -> T {
         if acts && !mode.has_mass() {
-            let accepted = "left out with this rendering.coupling, whose virtual tool has no mass and so no velocity to take from; \
-                            that of \"implicit\" has one";
+            let accepted = "left out with this rendering.coupling, whose virtual tool has no mass \
+                and so no velocity to take from; that of \"implicit\" has one";
             self.checks.not_accepted(key, accepted);
         }
         value
     }
 
-    /// No friction unless it is written, but the stiffness that it would have: coefficients can be set later. One counts for both.
-    fn friction(&mut self, written: Option<&schema::Friction>, stiffness_n_per_m: f64) -> FrictionParameters {
+    /// No friction unless it is written, but the stiffness that it would have: coefficients can be
+    /// set later. One counts for both.
+    fn friction(
+        &mut self,
+        written: Option<&schema::Friction>,
+        stiffness_n_per_m: f64,
+    ) -> FrictionParameters {
         // A face that holds is as stiff along the wall as ten of its points are into it.
-        let unwritten = FrictionParameters { stiffness_n_per_m: AVERAGED_CONTACTS * stiffness_n_per_m, ..FrictionParameters::NONE };
+        let unwritten = FrictionParameters {
+            stiffness_n_per_m: AVERAGED_CONTACTS * stiffness_n_per_m,
+            ..FrictionParameters::NONE
+        };
         let Some(written) = written else { return unwritten };
         let range = Interval::from(0.0).to(5.0);
         if written.holding.is_none() && written.sliding.is_none() {
@@ -181,7 +234,12 @@ impl Resolve<'_> {
         }
         let holding = written.holding.or(written.sliding);
         let holding = self.checks.number("contact.friction.static", holding, 0.0, range);
-        let sliding = self.checks.number("contact.friction.dynamic", written.sliding, holding, Interval::from(0.0).to(holding));
+        let sliding = self.checks.number(
+            "contact.friction.dynamic",
+            written.sliding,
+            holding,
+            Interval::from(0.0).to(holding),
+        );
         FrictionParameters { r#static: holding, dynamic: sliding, ..unwritten }
     }
 }
@@ -195,4 +253,5 @@ struct StiffnessUnits {
 }
 
 const TRANSLATION_UNITS: StiffnessUnits = StiffnessUnits { si: "N/m", key: "N/mm", key_per_si: MM };
-const ROTATION_UNITS: StiffnessUnits = StiffnessUnits { si: "N·m/rad", key: "N·m/rad", key_per_si: 1.0 };
+const ROTATION_UNITS: StiffnessUnits =
+    StiffnessUnits { si: "N·m/rad", key: "N·m/rad", key_per_si: 1.0 };

@@ -29,7 +29,8 @@ use vps::voxmap::field::FieldKind;
 /// What the command line sets over the scene.
 #[derive(Clone, Debug, Default)]
 pub struct LoadOptions {
-    /// `run --device PROFILE`: instead of `device.profile`; a path is relative to the working directory.
+    /// `run --device PROFILE`: instead of `device.profile`; a path is relative to the working
+    /// directory.
     pub device: Option<String>,
     /// `run --selector`: instead of `device.selector`.
     pub selector: Option<Selector>,
@@ -63,7 +64,8 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<SceneConfig, Conf
     if is_session(path) {
         return Err(of_file(ProblemKind::IsSession));
     }
-    let text = regular::written(path).map_err(|cause| of_file(ProblemKind::Unreadable { cause }))?;
+    let text =
+        regular::written(path).map_err(|cause| of_file(ProblemKind::Unreadable { cause }))?;
     let mut document = Document::parse(path, &text)?;
     if is_profile(path) {
         return Err(of_file(ProblemKind::IsProfile));
@@ -81,7 +83,11 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<SceneConfig, Conf
     let checked = resolve.checks.finish();
     if !problems.is_empty() {
         // What follows from a wrong key is not judged; a file that is not there is.
-        let names = checked.err().into_iter().flat_map(ConfigErrors::into_problems).filter(Problem::is_missing);
+        let names = checked
+            .err()
+            .into_iter()
+            .flat_map(ConfigErrors::into_problems)
+            .filter(Problem::is_missing);
         return Err(ConfigErrors::new(problems.into_iter().chain(names).collect()));
     }
     checked?;
@@ -97,17 +103,26 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<SceneConfig, Conf
 
 /// Keys of version 0.1.0 that nothing varied, or that said what a flag says.
 const GONE: [GoneKey; 4] = [
-    GoneKey { key: "device.sim.hand_repeat", now: "false", instead: "leave it out, and write --hand-repeat on the command line" },
+    GoneKey {
+        key: "device.sim.hand_repeat",
+        now: "false",
+        instead: "leave it out, and write --hand-repeat on the command line",
+    },
     GoneKey {
         key: "device.sim.seed",
         now: "0",
         instead: "leave it out: chance has the seed 0, so that every run of a scene is the same",
     },
-    GoneKey { key: "device.sim.jitter_us", now: "", instead: "leave it out: no version has read it" },
+    GoneKey {
+        key: "device.sim.jitter_us",
+        now: "",
+        instead: "leave it out: no version has read it",
+    },
     GoneKey {
         key: "sculpt.integrator",
         now: "\"implicit\"",
-        instead: "leave it out: mass points are stepped implicitly, which is stable at every stiffness",
+        instead: "leave it out: mass points are stepped implicitly, which is stable at every \
+            stiffness",
     },
 ];
 
@@ -126,32 +141,69 @@ pub(super) struct Resolve<'d> {
 
 impl Resolve<'_> {
     /// `None` without a usable profile or a tool, which is then among the problems.
-    fn scene(&mut self, path: &Path, scene: schema::Scene, options: &LoadOptions) -> Option<SceneConfig> {
-        let name = scene.name.unwrap_or_else(|| path.file_stem().unwrap_or_default().to_string_lossy().into_owned());
-        let rate_hz = self.checks.whole("rendering.rate_hz", scene.rendering.rate_hz, DEFAULT_RATE_HZ, 100, 10_000);
+    fn scene(
+        &mut self,
+        path: &Path,
+        scene: schema::Scene,
+        options: &LoadOptions,
+    ) -> Option<SceneConfig> {
+        let name = scene
+            .name
+            .unwrap_or_else(|| path.file_stem().unwrap_or_default().to_string_lossy().into_owned());
+        let rate_hz = self.checks.whole(
+            "rendering.rate_hz",
+            scene.rendering.rate_hz,
+            DEFAULT_RATE_HZ,
+            100,
+            10_000,
+        );
         let period_s = f64::from(rate_hz).recip();
 
         self.unique_names(&scene.statics);
-        let statics = scene.statics.iter().enumerate().map(|(index, object)| self.static_object(index, object)).collect();
+        let statics = scene
+            .statics
+            .iter()
+            .enumerate()
+            .map(|(index, object)| self.static_object(index, object))
+            .collect();
         let tool_written = scene.tool.as_ref();
         let tool = tool_written.map(|tool| self.tool(tool));
         if tool.is_none() {
-            self.checks.missing("tool", "a [tool] table with the moving object: mesh and units, or shape; voxel_size_mm");
+            self.checks.missing(
+                "tool",
+                "a [tool] table with the moving object: mesh and units, or shape; voxel_size_mm",
+            );
         }
         let realtime = self.realtime(&scene.realtime, options);
         let filter = self.filter(&scene.filter);
         let sim = self.sim(&scene.device, options);
-        let hand = scene.device.hand.as_deref().and_then(|hand| self.checks.file("device.hand", hand, self.dir));
+        let hand = scene
+            .device
+            .hand
+            .as_deref()
+            .and_then(|hand| self.checks.file("device.hand", hand, self.dir));
         let profile = self.profile(&scene.device, options);
         let selector = self.selector(&scene.device, options);
         let port_scale = self.scale(&scene.device.world_from_device);
         let world_from_device = Pose::new(
-            self.checks.orientation("device.world_from_device.orientation_xyzw", scene.device.world_from_device.orientation_xyzw),
-            self.checks.position("device.world_from_device.position_mm", scene.device.world_from_device.position_mm) * MM,
+            self.checks.orientation(
+                "device.world_from_device.orientation_xyzw",
+                scene.device.world_from_device.orientation_xyzw,
+            ),
+            self.checks.position(
+                "device.world_from_device.position_mm",
+                scene.device.world_from_device.position_mm,
+            ) * MM,
         );
         let start = Pose::new(
-            self.checks.orientation("tool.start_orientation_xyzw", tool_written.and_then(|tool| tool.start_orientation_xyzw)),
-            self.checks.position("tool.start_position_mm", tool_written.and_then(|tool| tool.start_position_mm)) * MM,
+            self.checks.orientation(
+                "tool.start_orientation_xyzw",
+                tool_written.and_then(|tool| tool.start_orientation_xyzw),
+            ),
+            self.checks.position(
+                "tool.start_position_mm",
+                tool_written.and_then(|tool| tool.start_position_mm),
+            ) * MM,
         );
         let gravity = Interval::from(-100.0).to(100.0).unit("m/s²");
         let gravity_m_per_s2 = self
@@ -159,7 +211,8 @@ impl Resolve<'_> {
             .array("rendering.gravity_m_per_s2", scene.rendering.gravity_m_per_s2, gravity)
             .map_or(DVec3::ZERO, DVec3::from_array);
 
-        // Without a profile, the keys that need one are still checked for themselves, against an arm that bounds nothing.
+        // Without a profile, the keys that need one are still checked for themselves, against an
+        // arm that bounds nothing.
         let mode = scene.rendering.coupling.map_or(CouplingMode::Implicit, Into::into);
         if mode == CouplingMode::Direct && gravity_m_per_s2 != DVec3::ZERO {
             let accepted = "zero: without a virtual tool, nothing has weight in \"direct\"";
@@ -167,33 +220,56 @@ impl Resolve<'_> {
         }
         let allow_unstable = scene.rendering.allow_unstable.unwrap_or(false);
         // The filter lies in the arm's loop in `direct` only; its lowest cut-off lags most.
-        let filter_alpha = if mode == CouplingMode::Direct { low_pass_alpha(filter.cutoff_hz[0], period_s) } else { 0.0 };
-        let stability = stability(profile.as_ref(), period_s, sim.delay_ticks, filter_alpha, allow_unstable);
-        let coupling = self.coupling(&scene.coupling, mode, &stability, port_scale, profile.as_ref());
+        let filter_alpha = if mode == CouplingMode::Direct {
+            low_pass_alpha(filter.cutoff_hz[0], period_s)
+        } else {
+            0.0
+        };
+        let stability =
+            stability(profile.as_ref(), period_s, sim.delay_ticks, filter_alpha, allow_unstable);
+        let coupling =
+            self.coupling(&scene.coupling, mode, &stability, port_scale, profile.as_ref());
         let field = scene.rendering.field.map_or(FieldKind::Trilinear, Into::into);
         if mode == CouplingMode::Constraint && scene.contact.friction.is_some() {
-            self.checks.not_available("contact.friction", "leave it out, or use another rendering.coupling");
+            self.checks.not_available(
+                "contact.friction",
+                "leave it out, or use another rendering.coupling",
+            );
         }
         let contact = self.contact(&scene.contact, field, mode, &stability, port_scale);
-        let limits = self.limits(&scene.limits, &scene.safety, profile.as_ref(), rate_hz, realtime.enforce);
+        let limits =
+            self.limits(&scene.limits, &scene.safety, profile.as_ref(), rate_hz, realtime.enforce);
         let safety = self.safety(&scene.safety, profile.as_ref(), period_s);
 
         let time_budget_s = self
             .checks
-            .optional("contact.time_budget_us", scene.contact.time_budget_us, Interval::from(10.0).to(1e4).unit("µs"))
+            .optional(
+                "contact.time_budget_us",
+                scene.contact.time_budget_us,
+                Interval::from(10.0).to(1e4).unit("µs"),
+            )
             .map(|us| us * 1e-6);
         if time_budget_s.is_some() && field != FieldKind::Trilinear {
-            self.checks.not_available("contact.time_budget_us", "remove it, or use rendering.field = \"trilinear\"");
+            self.checks.not_available(
+                "contact.time_budget_us",
+                "remove it, or use rendering.field = \"trilinear\"",
+            );
         }
 
         let sculpt = scene.sculpt.as_ref().map(|sculpt| self.sculpt(sculpt, rate_hz, mode));
         let monitor = self.monitor(&scene.monitor);
         let heartbeat = self.heartbeat(&scene.safety);
 
-        let (profile, tool) = (profile?, tool?);
+        let profile = profile?;
+        let tool = tool?;
         let arm = arm_parameters(&profile, &stability, port_scale);
-        let mapping =
-            DeviceMapping { world_from_device, scale: port_scale, sensed: profile.sensed, actuated: profile.actuated, start };
+        let mapping = DeviceMapping {
+            world_from_device,
+            scale: port_scale,
+            sensed: profile.sensed,
+            actuated: profile.actuated,
+            start,
+        };
         Some(SceneConfig {
             files: self.checks.files().to_vec(),
             path: path.to_path_buf(),
@@ -204,7 +280,17 @@ impl Resolve<'_> {
             statics,
             tool,
             sculpt,
-            parameters: Parameters { period_s, gravity_m_per_s2, contact, coupling, filter, limits, safety, mapping, arm },
+            parameters: Parameters {
+                period_s,
+                gravity_m_per_s2,
+                contact,
+                coupling,
+                filter,
+                limits,
+                safety,
+                mapping,
+                arm,
+            },
             device: DeviceConfig { profile, selector, hand, sim },
             realtime,
             stability,

@@ -28,8 +28,8 @@ pub(crate) fn parse_listen(text: &str) -> Option<Option<SocketAddr>> {
 }
 
 /// What `foxglove` and `--foxglove` take.
-pub(crate) const FOXGLOVE_ACCEPTED: &str =
-    "an address that only this machine can reach, for the protocol carries no token, such as 127.0.0.1:8765, or \"off\"";
+pub(crate) const FOXGLOVE_ACCEPTED: &str = "an address that only this machine can reach, for the \
+    protocol carries no token, such as 127.0.0.1:8765, or \"off\"";
 
 /// Reads an address of this machine alone, or `off`. `None`: neither.
 pub(crate) fn parse_foxglove(text: &str) -> Option<Option<SocketAddr>> {
@@ -46,12 +46,16 @@ impl Resolve<'_> {
                 None
             }
         };
-        let token_file = written.token_file.as_deref().and_then(|file| self.checks.file("monitor.token_file", file, self.dir));
+        let token_file = written
+            .token_file
+            .as_deref()
+            .and_then(|file| self.checks.file("monitor.token_file", file, self.dir));
         let origins = written.origins.clone().unwrap_or_default();
         for (idx, origin) in origins.iter().enumerate() {
             let name = origin.strip_prefix("http://").or(origin.strip_prefix("https://"));
             if !name.is_some_and(|name| !name.is_empty() && !name.contains('/')) {
-                let accepted = "a scheme and a host, and a port if it has one, such as http://localhost:8000";
+                let accepted =
+                    "a scheme and a host, and a port if it has one, such as http://localhost:8000";
                 self.checks.not_accepted(&format!("monitor.origins[{idx}]"), accepted);
             }
         }
@@ -68,7 +72,8 @@ impl Resolve<'_> {
 
     pub(super) fn heartbeat(&mut self, written: &schema::Safety) -> Option<Duration> {
         let interval = Interval::from(20.0).to(10_000.0).unit("ms");
-        let longest_ms = self.checks.optional("safety.heartbeat_ms", written.heartbeat_ms, interval)?;
+        let longest_ms =
+            self.checks.optional("safety.heartbeat_ms", written.heartbeat_ms, interval)?;
         // Within the interval, or there is no scene.
         Duration::try_from_secs_f64(longest_ms * 1e-3).ok()
     }

@@ -1,4 +1,5 @@
-//! `[sculpt]` of a scene, and files of strokes: what both say of a piece of clay, its tool and other solids.
+//! `[sculpt]` of a scene, and files of strokes: what both say of a piece of clay, its tool and
+//! other solids.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -11,7 +12,8 @@ use document::{Document, Numbers, words};
 
 use super::{OffWord, Shape, UnitWord};
 
-/// A table that says something of clay: its own keys, and those that the scene and a stroke share, which are written here once.
+/// A table that says something of clay: its own keys, and those that the scene and a stroke share,
+/// which are written here once.
 macro_rules! clay_table {
     (@ $(#[$of_table:meta])* $name:ident { $($(#[$of_key:meta])* $key:ident: $type:ty,)+ }) => {
         $(#[$of_table])*
@@ -192,19 +194,45 @@ impl Deed {
     /// The keys that belong to it, beside `at_s`.
     pub(in crate::config) fn keys(self) -> &'static [&'static str] {
         match self {
-            Self::Take => &["tool", "brush_mm", "falloff", "color", "painted", "depth_mm", "image", "sharp"],
+            Self::Take => {
+                &["tool", "brush_mm", "falloff", "color", "painted", "depth_mm", "image", "sharp"]
+            }
             Self::Hold => &["until_s"],
-            Self::Union | Self::Intersection | Self::Difference => {
-                &["points", "mesh", "shape", "units", "scale", "spacing_mm", "position_mm", "orientation_xyzw", "sharp"]
-            }
-            Self::Emboss | Self::Engrave => {
-                &["image", "depth_mm", "corner_mm", "across_mm", "down_mm", "center_mm", "axis", "front"]
-            }
+            Self::Union | Self::Intersection | Self::Difference => &[
+                "points",
+                "mesh",
+                "shape",
+                "units",
+                "scale",
+                "spacing_mm",
+                "position_mm",
+                "orientation_xyzw",
+                "sharp",
+            ],
+            Self::Emboss | Self::Engrave => &[
+                "image",
+                "depth_mm",
+                "corner_mm",
+                "across_mm",
+                "down_mm",
+                "center_mm",
+                "axis",
+                "front",
+            ],
             Self::Draw => &["curves_mm", "free"],
             Self::Pull => &["curves_mm", "free", "force_n", "until_s", "brush_mm"],
-            Self::Lay => {
-                &["painted", "low_mm", "high_mm", "center_mm", "radius_mm", "falloff", "from_mm", "to_mm", "values", "within_mm"]
-            }
+            Self::Lay => &[
+                "painted",
+                "low_mm",
+                "high_mm",
+                "center_mm",
+                "radius_mm",
+                "falloff",
+                "from_mm",
+                "to_mm",
+                "values",
+                "within_mm",
+            ],
             Self::Undo | Self::Redo => &[],
             Self::Region => &["region_mm"],
             Self::SavePoints | Self::SaveSession | Self::Export => &["file"],
@@ -246,7 +274,8 @@ pub(in crate::config) struct PaintedWritten {
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(
     untagged,
-    expecting = "invalid value, expected \"gaussian\", \"constant\", \"spherical\", { rate = 2.0 } or an array of weights from 0 to 1"
+    expecting = "invalid value, expected \"gaussian\", \"constant\", \"spherical\", { rate = 2.0 } \
+        or an array of weights from 0 to 1"
 )]
 #[schemars(rename = "Falloff")]
 pub(in crate::config) enum FalloffWritten {

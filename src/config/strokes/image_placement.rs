@@ -13,23 +13,39 @@ use document::{FINITE, Interval, ProblemKind};
 const SKEW: f64 = 1e-3;
 
 impl Reader<'_> {
-    pub(super) fn emboss(&mut self, table: &str, stroke: &Stroke, deed: Deed) -> Option<SculptOrder> {
+    pub(super) fn emboss(
+        &mut self,
+        table: &str,
+        stroke: &Stroke,
+        deed: Deed,
+    ) -> Option<SculptOrder> {
         let depth = Interval::above(0.0).to(100.0).unit("mm");
-        let depth_m = self.resolve.checks.number(&format!("{table}.depth_mm"), stroke.depth_mm, self.tool.depth_m / MM, depth) * MM;
+        let depth_m = self.resolve.checks.number(
+            &format!("{table}.depth_mm"),
+            stroke.depth_mm,
+            self.tool.depth_m / MM,
+            depth,
+        ) * MM;
         let image_key = format!("{table}.image");
         let image = match &stroke.image {
             Some(image) => self.resolve.image(&image_key, Some(image)),
-            None => self.resolve.checks.given(&image_key, self.tool.image.clone(), "a PNG file, whose white is deep"),
+            None => self.resolve.checks.given(
+                &image_key,
+                self.tool.image.clone(),
+                "a PNG file, whose white is deep",
+            ),
         };
         let placement = match (stroke.corner_mm, stroke.center_mm) {
             (Some(_), Some(_)) => {
                 let other = format!("{table}.corner_mm");
-                self.resolve.checks.refuse(&format!("{table}.center_mm"), ProblemKind::Exclusive { other });
+                self.resolve
+                    .checks
+                    .refuse(&format!("{table}.center_mm"), ProblemKind::Exclusive { other });
                 None
             }
             (None, None) => {
-                let accepted =
-                    "the place of its upper left corner, with across_mm and down_mm; or center_mm of a ball that it goes around";
+                let accepted = "the place of its upper left corner, with across_mm and down_mm; or \
+                    center_mm of a ball that it goes around";
                 self.resolve.checks.missing(&format!("{table}.corner_mm"), accepted);
                 None
             }
@@ -44,23 +60,35 @@ impl Reader<'_> {
         self.leave_out(table, given(stroke, &["axis", "front"]), "beside corner_mm");
         let mut vector = |name: &str, written| {
             let key = format!("{table}.{name}");
-            let written = self.resolve.checks.given(&key, written, "an edge of the image as [x, y, z]");
+            let written =
+                self.resolve.checks.given(&key, written, "an edge of the image as [x, y, z]");
             self.resolve.checks.array(&key, written, FINITE).map(|mm| DVec3::from_array(mm) * MM)
         };
-        let (corner, across, down) =
-            (vector("corner_mm", stroke.corner_mm)?, vector("across_mm", stroke.across_mm), vector("down_mm", stroke.down_mm));
-        let (across, down) = (across?, down?);
-        if across.length() * down.length() == 0.0 || across.normalize().dot(down.normalize()).abs() > SKEW {
+        let (corner, across, down) = (
+            vector("corner_mm", stroke.corner_mm)?,
+            vector("across_mm", stroke.across_mm),
+            vector("down_mm", stroke.down_mm),
+        );
+        let across = across?;
+        let down = down?;
+        if across.length() * down.length() == 0.0
+            || across.normalize().dot(down.normalize()).abs() > SKEW
+        {
             let accepted = "an edge longer than 0, at a right angle to across_mm";
             self.resolve.checks.not_accepted(&format!("{table}.down_mm"), accepted);
             return None;
         }
-        Some(ImagePlacement::Flat { middle_map: corner + 0.5 * (across + down), right_map: 0.5 * across, up_map: -0.5 * down })
+        Some(ImagePlacement::Flat {
+            middle_map: corner + 0.5 * (across + down),
+            right_map: 0.5 * across,
+            up_map: -0.5 * down,
+        })
     }
 
     fn laid_around(&mut self, table: &str, stroke: &Stroke) -> Option<ImagePlacement> {
         self.leave_out(table, given(stroke, &["across_mm", "down_mm"]), "beside center_mm");
-        let center_map = self.resolve.checks.position(&format!("{table}.center_mm"), stroke.center_mm) * MM;
+        let center_map =
+            self.resolve.checks.position(&format!("{table}.center_mm"), stroke.center_mm) * MM;
         let north_map = match stroke.axis {
             None => DVec3::Z,
             axis => self.resolve.direction(&format!("{table}.axis"), axis)?,

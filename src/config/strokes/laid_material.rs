@@ -1,4 +1,5 @@
-//! Material that is laid at once: everywhere, in a box or a ball, along a gradient, or by a file of values.
+//! Material that is laid at once: everywhere, in a box or a ball, along a gradient, or by a file of
+//! values.
 
 use std::path::Path;
 
@@ -19,8 +20,9 @@ const LONGEST_VALUES: u64 = 64 << 20;
 impl Reader<'_> {
     pub(super) fn lay(&mut self, table: &str, stroke: &Stroke) -> Option<SculptOrder> {
         let n_before = self.resolve.checks.count();
-        let painted =
-            stroke.painted.map_or(Painted::default(), |painted| self.resolve.painted(&format!("{table}.painted"), painted));
+        let painted = stroke.painted.map_or(Painted::default(), |painted| {
+            self.resolve.painted(&format!("{table}.painted"), painted)
+        });
         let place = self.place(table, stroke);
         if self.resolve.checks.count() > n_before {
             return None;
@@ -38,11 +40,13 @@ impl Reader<'_> {
         let given = stroke.given();
         let named = groups.iter().find(|(first, _)| given.contains(first));
         let belongs = named.map_or(&[][..], |(_, keys)| keys);
-        let strange = given
-            .iter()
-            .copied()
-            .filter(|key| groups.iter().any(|(_, keys)| keys.contains(key)) && !belongs.contains(key) && *key != "painted");
-        let beside = named.map_or("where no place is given".to_owned(), |(first, _)| format!("beside {first}"));
+        let strange = given.iter().copied().filter(|key| {
+            groups.iter().any(|(_, keys)| keys.contains(key))
+                && !belongs.contains(key)
+                && *key != "painted"
+        });
+        let beside = named
+            .map_or("where no place is given".to_owned(), |(first, _)| format!("beside {first}"));
         self.leave_out(table, strange, &beside);
         match named.map(|(first, _)| *first) {
             None => Some(MaterialPlace::Everywhere),
@@ -50,7 +54,10 @@ impl Reader<'_> {
                 let low_map = self.at(table, "low_mm", stroke.low_mm)?;
                 let high_map = self.at(table, "high_mm", stroke.high_mm)?;
                 if !low_map.cmplt(high_map).all() {
-                    self.resolve.checks.not_accepted(&format!("{table}.high_mm"), "higher than low_mm along x, y and z");
+                    self.resolve.checks.not_accepted(
+                        &format!("{table}.high_mm"),
+                        "higher than low_mm along x, y and z",
+                    );
                 }
                 Some(MaterialPlace::Box { low_map, high_map })
             }
@@ -58,7 +65,8 @@ impl Reader<'_> {
                 let center_map = self.at(table, "center_mm", stroke.center_mm)?;
                 let key = format!("{table}.radius_mm");
                 let radius_m = self.resolve.checks.required(&key, stroke.radius_mm, length()) * MM;
-                let falloff = self.resolve.tool_settings(table, &stroke.written_tool(), self.tool).falloff;
+                let falloff =
+                    self.resolve.tool_settings(table, &stroke.written_tool(), self.tool).falloff;
                 let falloff = if stroke.falloff.is_some() { falloff } else { Falloff::Constant };
                 Some(MaterialPlace::Ball { center_map, radius_m, falloff })
             }
@@ -66,15 +74,26 @@ impl Reader<'_> {
                 let from_map = self.at(table, "from_mm", stroke.from_mm)?;
                 let to_map = self.at(table, "to_mm", stroke.to_mm)?;
                 if from_map == to_map {
-                    self.resolve.checks.not_accepted(&format!("{table}.to_mm"), "another place than from_mm");
+                    self.resolve
+                        .checks
+                        .not_accepted(&format!("{table}.to_mm"), "another place than from_mm");
                 }
                 Some(MaterialPlace::Gradient { from_map, to_map })
             }
             Some(_) => {
                 if stroke.painted.is_some() {
-                    self.leave_out(table, ["painted"], "beside values, which say it for each place");
+                    self.leave_out(
+                        table,
+                        ["painted"],
+                        "beside values, which say it for each place",
+                    );
                 }
-                let within_m = self.resolve.checks.number(&format!("{table}.within_mm"), stroke.within_mm, 1.0, length()) * MM;
+                let within_m = self.resolve.checks.number(
+                    &format!("{table}.within_mm"),
+                    stroke.within_mm,
+                    1.0,
+                    length(),
+                ) * MM;
                 self.values(&format!("{table}.values"), stroke.values.as_deref()?, within_m)
             }
         }
@@ -105,6 +124,7 @@ fn length() -> Interval {
 
 fn read_values(path: &Path, within_m: f64) -> Result<MaterialPlace, String> {
     let name = path.display();
-    let bytes = regular::bytes(path, LONGEST_VALUES).map_err(|error| format!("cannot read {name}: {error}"))?;
+    let bytes = regular::bytes(path, LONGEST_VALUES)
+        .map_err(|error| format!("cannot read {name}: {error}"))?;
     MaterialPlace::values(&bytes, within_m).map_err(|why| format!("{name}: {why}"))
 }

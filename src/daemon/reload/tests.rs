@@ -6,12 +6,20 @@ use super::*;
 fn a_mesh_is_read_for_its_companions_only_when_it_was_written_anew() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let at = |name: &str| folder.path().join(name);
-    let gltf =
-        |buffer: &str| format!(r#"{{ "asset": {{ "version": "2.0" }}, "buffers": [{{ "byteLength": 4, "uri": "{buffer}" }}] }}"#);
+    let gltf = |buffer: &str| {
+        format!(
+            r#"{{ "asset": {{ "version": "2.0" }}, "buffers": [{{ "byteLength": 4, "uri": "{buffer}" }}] }}"#
+        )
+    };
     let noon = SystemTime::UNIX_EPOCH + Duration::from_secs(1_700_000_000);
     let write = |buffer: &str, time: SystemTime| {
         std::fs::write(at("part.gltf"), gltf(buffer)).expect("written");
-        std::fs::File::options().write(true).open(at("part.gltf")).expect("there").set_modified(time).expect("set");
+        std::fs::File::options()
+            .write(true)
+            .open(at("part.gltf"))
+            .expect("there")
+            .set_modified(time)
+            .expect("set");
     };
     let mut config = scene(SCENE);
     config.tool.source = MeshSource::File { path: at("part.gltf"), metres_per_unit: 1.0 };
@@ -52,9 +60,13 @@ fn what_counts_at_the_start_is_named() {
         ("[device.sim]\nfault = \"nan@2s\"", ("device.sim.fault", "\"nan@2s\"", "none")),
         ("[device.sim]\nhand_mass_g = 80.0", ("device.sim.hand_mass_g", "80", "150")),
         ("[realtime]\npriority = 60", ("realtime.priority", "60", "80")),
-        ("[monitor]\norigins = [\"https://lab.example\"]", ("monitor.origins", "[\"https://lab.example\"]", "[]")),
+        (
+            "[monitor]\norigins = [\"https://lab.example\"]",
+            ("monitor.origins", "[\"https://lab.example\"]", "[]"),
+        ),
     ] {
-        let (key, its, ours) = fixed(&scene(&format!("{SCENE}{more}\n")), &rendered).expect("a difference");
+        let (key, its, ours) =
+            fixed(&scene(&format!("{SCENE}{more}\n")), &rendered).expect("a difference");
         assert_eq!((key, &*its, &*ours), expected);
     }
 }

@@ -2,8 +2,8 @@
 
 use core::time::Duration;
 
-/// When something may be done again so that it takes no more than a share of the time, however long it takes. Pure: the caller says what time
-/// it is, as the time since some beginning.
+/// When something may be done again so that it takes no more than a share of the time, however long
+/// it takes. Pure: the caller says what time it is, as the time since some beginning.
 #[derive(Clone, Copy, Debug)]
 pub struct DutyCycle {
     /// Rest after each second of work, s.
@@ -13,7 +13,8 @@ pub struct DutyCycle {
 }
 
 impl DutyCycle {
-    /// Work that takes at most `share` (above 0, at most 1) of the time, and begins at most once in a `period`.
+    /// Work that takes at most `share` (above 0, at most 1) of the time, and begins at most once in
+    /// a `period`.
     pub fn new(share: f64, period: Duration) -> Self {
         Self { rest_s: (1.0 / share - 1.0).max(0.0), period, next: Duration::ZERO }
     }
@@ -26,7 +27,9 @@ impl DutyCycle {
     /// It was done, from one time to another.
     pub fn worked(&mut self, begin: Duration, end: Duration) {
         // A share so small that the rest is longer than all time is never due again.
-        let rest = Duration::try_from_secs_f64(end.saturating_sub(begin).as_secs_f64() * self.rest_s).unwrap_or(Duration::MAX);
+        let rest =
+            Duration::try_from_secs_f64(end.saturating_sub(begin).as_secs_f64() * self.rest_s)
+                .unwrap_or(Duration::MAX);
         self.next = begin.saturating_add(self.period).max(end.saturating_add(rest));
     }
 
@@ -40,9 +43,12 @@ impl DutyCycle {
 mod tests {
     use super::*;
 
-    /// How often it is done in a minute by a caller that asks every millisecond, when each time takes so many, and how many that is of 60,000.
+    /// How often it is done in a minute by a caller that asks every millisecond, when each time
+    /// takes so many, and how many that is of 60,000.
     fn in_a_minute(mut duty: DutyCycle, cost_ms: u64) -> (u64, u64) {
-        let (mut now_ms, mut times, mut worked_ms) = (0, 0, 0);
+        let mut now_ms = 0;
+        let mut times = 0;
+        let mut worked_ms = 0;
         while now_ms < 60_000 {
             let now = Duration::from_millis(now_ms);
             if duty.is_due(now) {

@@ -11,7 +11,8 @@ use clay::engine::{ClayView, EngineError, SculptOrder};
 /// Orders that may wait.
 const WAITING_MAX: usize = 64;
 
-/// Called once with what became of an order: on the thread of the clay, or at once where it is refused. Must not block.
+/// Called once with what became of an order: on the thread of the clay, or at once where it is
+/// refused. Must not block.
 pub type Reply = Box<dyn FnOnce(Result<(), OrderError>) + Send>;
 
 /// Why an order was not carried out.
@@ -84,8 +85,16 @@ impl ViewCell {
     pub(super) fn end(&self, why: &str) {
         let mut newest = self.newest();
         if let Some(view) = newest.as_deref() {
-            let trouble = format!("sculpting has ended, and the clay stays as it is: {why}; end the run to save what was done");
-            *newest = Some(Arc::new(ClayView { is_stroke: false, is_over: true, trouble: trouble.into(), ..view.clone() }));
+            let trouble = format!(
+                "sculpting has ended, and the clay stays as it is: {why}; end the run to save what \
+                    was done"
+            );
+            *newest = Some(Arc::new(ClayView {
+                is_stroke: false,
+                is_over: true,
+                trouble: trouble.into(),
+                ..view.clone()
+            }));
         }
     }
 
@@ -108,8 +117,8 @@ impl fmt::Debug for ClayHandle {
 }
 
 impl ClayHandle {
-    /// Asks for something; `reply` is called once with what became of it. Never blocks; refused while too many wait, and when the clay takes no more
-    /// orders.
+    /// Asks for something; `reply` is called once with what became of it. Never blocks; refused
+    /// while too many wait, and when the clay takes no more orders.
     pub fn ask(&self, order: SculptOrder, reply: Reply) {
         match self.orders.try_send(WaitingOrder { order, reply: Some(reply) }) {
             Ok(()) => {}
@@ -118,9 +127,10 @@ impl ClayHandle {
         }
     }
 
-    /// The newest view of the clay; `None` before the first one. Views are made while a client looks, some tens of times a second: the one
-    /// after a long silence is as old as that. During a stroke the samples of a large piece come less often: copying
-    /// them takes at most a tenth of the thread's time.
+    /// The newest view of the clay; `None` before the first one. Views are made while a client
+    /// looks, some tens of times a second: the one after a long silence is as old as that. During a
+    /// stroke the samples of a large piece come less often: copying them takes at most a tenth of
+    /// the thread's time.
     pub fn view(&self) -> Option<Arc<ClayView>> {
         // Relaxed: one view sooner or later makes no difference.
         self.view.is_watched.store(true, Ordering::Relaxed);

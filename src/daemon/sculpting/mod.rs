@@ -6,11 +6,11 @@
 //!  page ──► ClayHandle ─────┤               └──► ClayView ──► ClayHandle ──► page
 //!  script ──────────────────┘
 //! ```
-//! Real time: an update every so many milliseconds, late ones are left out and counted. Simulated time: one update, and one frame, for
-//! every so many states; two runs give the same bits.
+//! Real time: an update every so many milliseconds, late ones are left out and counted. Simulated
+//! time: one update, and one frame, for every so many states; two runs give the same bits.
 //!
-//! An engine that panics takes nothing along: its slot is abandoned, the tick goes on with the last frame and lets go of the rope, and the
-//! piece comes back with what had been done until then.
+//! An engine that panics takes nothing along: its slot is abandoned, the tick goes on with the last
+//! frame and lets go of the rope, and the piece comes back with what had been done until then.
 
 mod duty_cycle;
 mod handle;
@@ -40,7 +40,8 @@ pub struct SculptPlan {
     pub update_ticks: u64,
     /// Which time the loop follows.
     pub clock: ClockKind,
-    /// What is asked for by itself, each before the state of the tick with its number is taken; in any order, equal ticks keep theirs.
+    /// What is asked for by itself, each before the state of the tick with its number is taken; in
+    /// any order, equal ticks keep theirs.
     pub script: Vec<ScriptedOrder>,
 }
 
@@ -97,7 +98,8 @@ pub struct SculptReport {
     pub failed: Vec<FailedOrder>,
     /// Script orders whose tick never came; a hold is one.
     pub left_over: usize,
-    /// Files that orders wrote while the loop ran, each once: what ([`SculptOrder::writes`]), and where.
+    /// Files that orders wrote while the loop ran, each once: what ([`SculptOrder::writes`]), and
+    /// where.
     #[serde(skip)]
     pub files: Vec<(&'static str, PathBuf)>,
     /// What went wrong by itself, such as a stroke that made no surface; each once.
@@ -125,7 +127,8 @@ pub struct SculptThread {
 }
 
 impl SculptThread {
-    /// Orders the thread to end, as it does by itself when the loop is over. One that works finishes what it does first.
+    /// Orders the thread to end, as it does by itself when the loop is over. One that works
+    /// finishes what it does first.
     pub fn end(&self) {
         // Relaxed: no other data depends on it.
         self.is_over.store(true, Ordering::Relaxed);
@@ -145,17 +148,27 @@ impl SculptThread {
     }
 }
 
-/// Begins to work the clay of a scene: the slot goes to the loop ([`super::LiveChannels::clay`]), the handle to clients.
+/// Begins to work the clay of a scene: the slot goes to the loop ([`super::LiveChannels::clay`]),
+/// the handle to clients.
 ///
 /// `clay.frame` is to show the clay of the engine as it is (`ClayModel::frame`).
 ///
 /// # Errors
 /// The thread could not be started.
-pub fn begin(engine: SculptEngine, clay: &Clay, plan: SculptPlan) -> std::io::Result<(ClaySlot, ClayHandle, SculptThread)> {
+pub fn begin(
+    engine: SculptEngine,
+    clay: &Clay,
+    plan: SculptPlan,
+) -> std::io::Result<(ClaySlot, ClayHandle, SculptThread)> {
     let update_ticks = plan.update_ticks.max(1);
     let (feed, slot) = ClaySlot::new(clay, update_ticks);
     let (handle, orders) = handle::pair();
     let is_over = Arc::new(AtomicBool::new(false));
-    let thread = thread::spawn(engine, (feed, is_over.clone()), orders, SculptPlan { update_ticks, ..plan })?;
+    let thread = thread::spawn(
+        engine,
+        (feed, is_over.clone()),
+        orders,
+        SculptPlan { update_ticks, ..plan },
+    )?;
     Ok((slot, handle, SculptThread { thread, is_over }))
 }

@@ -69,7 +69,10 @@ pub(super) fn spawn(
     // Stable: equal ticks keep their order.
     plan.script.sort_by_key(|scripted| scripted.tick);
     std::thread::Builder::new().name("clay".to_owned()).spawn(move || {
-        let mut report = SculptReport { samples_before: engine.model().points().len(), ..SculptReport::default() };
+        let mut report = SculptReport {
+            samples_before: engine.model().points().len(),
+            ..SculptReport::default()
+        };
         let shown = view.clone();
         let work = AssertUnwindSafe(|| {
             let mut worker = Worker {
@@ -96,12 +99,16 @@ pub(super) fn spawn(
             };
             let never_due = worker.plan.script.get(worker.next..).unwrap_or_default();
             // The end of a hold is the same stroke as its beginning.
-            worker.report.left_over = never_due.iter().filter(|left| !matches!(left.order, SculptOrder::Hold(false))).count();
+            worker.report.left_over = never_due
+                .iter()
+                .filter(|left| !matches!(left.order, SculptOrder::Hold(false)))
+                .count();
             worker.engine.finish();
             worker.note_trouble();
             result
         });
-        // The feed goes with the closure: the loop learns at once that there will be no more frames.
+        // The feed goes with the closure: the loop learns at once that there will be no more
+        // frames.
         report.broken = match catch_unwind(work) {
             Ok(Ok(())) => None,
             Ok(Err(Unshowable(error))) => Some(error.to_string()),
@@ -119,7 +126,8 @@ pub(super) fn spawn(
     })
 }
 
-/// So that what was done before can be saved: a stroke that brought the engine down may do so again when it ends, and is given up then.
+/// So that what was done before can be saved: a stroke that brought the engine down may do so again
+/// when it ends, and is given up then.
 fn rescue_stroke(engine: &mut SculptEngine) {
     let has_ended = catch_unwind(AssertUnwindSafe(|| engine.finish())).is_ok();
     if !has_ended {
@@ -129,7 +137,9 @@ fn rescue_stroke(engine: &mut SculptEngine) {
 
 fn words_of(panic: &(dyn Any + Send)) -> String {
     let words = panic.downcast_ref::<&str>().map(|words| (*words).to_owned());
-    words.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "a panic without words".to_owned())
+    words
+        .or_else(|| panic.downcast_ref::<String>().cloned())
+        .unwrap_or_else(|| "a panic without words".to_owned())
 }
 
 impl Worker<'_> {
@@ -141,7 +151,8 @@ impl Worker<'_> {
         self.plan.update_ticks as f64 * self.plan.tick_s
     }
 
-    /// Simulated time: one update for every `update_ticks` states, and one frame, which the loop waits for.
+    /// Simulated time: one update for every `update_ticks` states, and one frame, which the loop
+    /// waits for.
     fn follow_ticks(&mut self) -> Result<(), Unshowable> {
         let mut n_heard = 0;
         let waiting = Waiting::new();
@@ -195,7 +206,8 @@ impl Worker<'_> {
             let begin = Instant::now();
             let has_changed = self.engine.advance(self.period_s());
             self.note_trouble();
-            // A frame that finds no spare waits for the next update: what it would have shown is in that one as well.
+            // A frame that finds no spare waits for the next update: what it would have shown is in
+            // that one as well.
             if has_changed {
                 match self.feed.spare() {
                     Some(frame) => self.show(frame)?,
@@ -211,7 +223,8 @@ impl Worker<'_> {
             match due.checked_duration_since(now) {
                 Some(early) => std::thread::sleep(early),
                 None => {
-                    let n_late = (now.duration_since(due).as_nanos() / period.as_nanos().max(1)) as u32;
+                    let n_late =
+                        (now.duration_since(due).as_nanos() / period.as_nanos().max(1)) as u32;
                     self.report.late += u64::from(n_late);
                     due += period * n_late;
                 }
@@ -223,9 +236,11 @@ impl Worker<'_> {
     /// One tick's news, behind the orders of the script that are due before it.
     fn take_state(&mut self, state: &ToolState) {
         self.tick = state.tick;
-        while let Some(ScriptedOrder { tick, order, line }) = self.plan.script.get(self.next).filter(|next| next.tick <= state.tick)
+        while let Some(ScriptedOrder { tick, order, line }) =
+            self.plan.script.get(self.next).filter(|next| next.tick <= state.tick)
         {
-            let (order, asker) = (order.clone(), Asker { tick: *tick, is_scripted: true, line: *line });
+            let order = order.clone();
+            let asker = Asker { tick: *tick, is_scripted: true, line: *line };
             self.next += 1;
             if let SculptOrder::Hold(true) = order {
                 self.hold = Some(asker);
@@ -247,7 +262,10 @@ impl Worker<'_> {
         // Those that are there now: a client that asks without end holds nothing up.
         for _ in 0..self.orders.len() {
             let Ok(waiting) = self.orders.try_recv() else { return };
-            let result = self.carry_out(waiting.order.clone(), Asker { tick: self.tick, is_scripted: false, line: None });
+            let result = self.carry_out(
+                waiting.order.clone(),
+                Asker { tick: self.tick, is_scripted: false, line: None },
+            );
             // Before the answer: a client that looks after it sees what it asked for.
             self.publish();
             waiting.answer(result.map_err(Into::into));
@@ -268,8 +286,8 @@ impl Worker<'_> {
         result
     }
 
-    /// Lets the hand go before something that ends its pull and may take long: the loop would not learn meanwhile that it is to let go. Simulated
-    /// time waits for whatever it is.
+    /// Lets the hand go before something that ends its pull and may take long: the loop would not
+    /// learn meanwhile that it is to let go. Simulated time waits for whatever it is.
     fn slacken(&mut self) {
         if self.plan.clock == ClockKind::Real
             && self.engine.slacken()
@@ -290,14 +308,22 @@ impl Worker<'_> {
 
     fn note_failure(&mut self, Asker { tick, is_scripted, line }: Asker, what: &str, why: String) {
         if self.report.failed.len() < KEPT_MAX {
-            self.report.failed.push(FailedOrder { tick, is_scripted, line, what: what.to_owned(), why });
+            self.report.failed.push(FailedOrder {
+                tick,
+                is_scripted,
+                line,
+                what: what.to_owned(),
+                why,
+            });
         }
     }
 
-    /// What went wrong by itself; where a hold of the script took hold of nothing, that stroke has failed.
+    /// What went wrong by itself; where a hold of the script took hold of nothing, that stroke has
+    /// failed.
     fn note_trouble(&mut self) {
         let grip = self.engine.grip();
-        let missed = if grip == HoldOutcome::None { None } else { self.hold.take() }.filter(|_| grip == HoldOutcome::Missed);
+        let missed = if grip == HoldOutcome::None { None } else { self.hold.take() }
+            .filter(|_| grip == HoldOutcome::Missed);
         let trouble = self.engine.trouble().clone();
         if let Some(asker) = missed {
             return self.note_failure(asker, "hold", trouble.to_string());

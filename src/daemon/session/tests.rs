@@ -20,7 +20,14 @@ impl Run {
         let commands = session.begin(&first, true);
         let (records, _) = rtrb::RingBuffer::new(1);
         let control = Arc::new(Control::enabled());
-        let servo = ServoLoop::new(first, CountingArm::default(), VirtualClock::default(), control, RunPlan::default(), records);
+        let servo = ServoLoop::new(
+            first,
+            CountingArm::default(),
+            VirtualClock::default(),
+            control,
+            RunPlan::default(),
+            records,
+        );
         Self { session, servo: servo.with_commands(commands) }
     }
 
@@ -55,8 +62,13 @@ fn two_scenes() -> tempfile::TempDir {
 }
 
 /// A session that begins with the first scene of the folder.
-fn session_in(folder: &tempfile::TempDir, recorder: Option<Recorder>, baker: Baker) -> SessionHandle {
-    let config = config::load(&folder.path().join("first.toml")).unwrap_or_else(|errors| panic!("{errors}"));
+fn session_in(
+    folder: &tempfile::TempDir,
+    recorder: Option<Recorder>,
+    baker: Baker,
+) -> SessionHandle {
+    let config =
+        config::load(&folder.path().join("first.toml")).unwrap_or_else(|errors| panic!("{errors}"));
     let session = SessionHandle::new(config, LoadOptions::default(), ClockKind::Real, recorder);
     session.begin_baking(baker, Vec::new()).expect("a thread");
     session
@@ -70,7 +82,10 @@ fn in_folder(baker: Baker) -> (tempfile::TempDir, SessionHandle) {
 
 fn limit(session: &SessionHandle) -> ParameterSetting {
     let settings = session.view().settings;
-    settings.into_iter().find(|setting| setting.parameter.name() == "limit_force_n").expect("a parameter")
+    settings
+        .into_iter()
+        .find(|setting| setting.parameter.name() == "limit_force_n")
+        .expect("a parameter")
 }
 
 #[test]
@@ -84,20 +99,33 @@ fn a_scene_is_answered_when_it_is_sent_and_shown_when_it_is_rendered() {
         assert!(matches!(asked, Err(SessionError::Baking)), "{asked:?}");
     }
     let mut run = Run::begin(session.clone());
-    assert!(matches!(switched(&session, "third").recv(), Ok(Err(SessionError::UnknownScene { known, .. })) if known.len() == 2));
+    assert!(
+        matches!(switched(&session, "third").recv(), Ok(Err(SessionError::UnknownScene { known, .. })) if known.len() == 2)
+    );
     assert!(matches!(switched(&session, "second").recv(), Ok(Ok(()))));
     let view = session.view();
-    assert!(view.scene_idx == 0 && view.switching_to.is_some_and(|path| path.ends_with("second.toml")));
-    assert!(matches!(switched(&session, "first").recv(), Ok(Err(SessionError::Busy))), "one at a time");
+    assert!(
+        view.scene_idx == 0 && view.switching_to.is_some_and(|path| path.ends_with("second.toml"))
+    );
+    assert!(
+        matches!(switched(&session, "first").recv(), Ok(Err(SessionError::Busy))),
+        "one at a time"
+    );
     run.reach(1);
     let view = session.view();
     assert!(view.config.path.ends_with("second.toml") && view.switching_to.is_none());
-    assert_eq!((session.sent_file(0), session.sent_file(1)), (None, Some(view.config.path.clone())));
+    assert_eq!(
+        (session.sent_file(0), session.sent_file(1)),
+        (None, Some(view.config.path.clone()))
+    );
     assert!(matches!(switched(&session, "first").recv(), Ok(Ok(()))));
     run.reach(2);
     drop(run);
     assert!(matches!(switched(&session, "second").recv(), Ok(Err(SessionError::Over))));
-    assert!(matches!(session.set("limit_force_n", 1.0), Err(SessionError::Control(ControlError::Over))));
+    assert!(matches!(
+        session.set("limit_force_n", 1.0),
+        Err(SessionError::Control(ControlError::Over))
+    ));
 }
 
 #[test]
@@ -172,19 +200,32 @@ fn a_planned_scene_that_cannot_be_baked_ends_no_other() {
 #[test]
 fn parameters_of_a_scene_that_is_gone_are_not_set() {
     let session = testing::session(ClockKind::Virtual);
-    session.begin_baking(Box::new(|_| Ok(baked())), vec![PlannedScene { config: scene(SCENE), at_tick: 1 }]).expect("a thread");
+    session
+        .begin_baking(
+            Box::new(|_| Ok(baked())),
+            vec![PlannedScene { config: scene(SCENE), at_tick: 1 }],
+        )
+        .expect("a thread");
     let mut run = Run::begin(session.clone());
     let same = scene(SCENE);
     assert!(session.follow_file(0, &same).is_ok());
     run.reach(1);
-    assert!(matches!(session.follow_file(0, &same), Err(SessionError::Control(ControlError::Over))));
+    assert!(matches!(
+        session.follow_file(0, &same),
+        Err(SessionError::Control(ControlError::Over))
+    ));
     assert!(session.follow_file(1, &same).is_ok());
 }
 
 #[test]
 fn a_limit_that_was_lowered_bounds_files_and_is_shown_so_in_the_scene_that_comes() {
     let session = testing::session(ClockKind::Virtual);
-    session.begin_baking(Box::new(|_| Ok(baked())), vec![PlannedScene { config: scene(SCENE), at_tick: 1 }]).expect("a thread");
+    session
+        .begin_baking(
+            Box::new(|_| Ok(baked())),
+            vec![PlannedScene { config: scene(SCENE), at_tick: 1 }],
+        )
+        .expect("a thread");
     let mut run = Run::begin(session.clone());
     let all_n = limit(&session).range.scene;
     assert!(session.set("limit_force_n", 0.5 * all_n).is_ok());
@@ -208,7 +249,8 @@ fn a_limit_that_was_lowered_bounds_files_and_is_shown_so_in_the_scene_that_comes
 #[test]
 fn only_parameters_that_can_be_set_are_taken_from_a_file() {
     let changes = |rendered: &str, set: &[(&str, f64)], file: &str| {
-        let session = SessionHandle::new(scene(rendered), LoadOptions::default(), ClockKind::Real, None);
+        let session =
+            SessionHandle::new(scene(rendered), LoadOptions::default(), ClockKind::Real, None);
         let first = RenderScene { parameters: scene(rendered).parameters, ..baked() };
         let _queue = session.begin(&Arc::new(first), true);
         set.iter().for_each(|(name, value)| session.set(name, *value).expect("in range"));
@@ -216,8 +258,15 @@ fn only_parameters_that_can_be_set_are_taken_from_a_file() {
     };
     assert_eq!(changes(SCENE, &[], SCENE), Some(Vec::new()));
     let softer = SCENE.replace("= 5.0", "= 4.3\nfriction = { static = 0.3, dynamic = 0.2 }");
-    let expected = [("contact_stiffness_n_per_m", 5000.0, 4300.0), ("friction_static", 0.0, 0.3), ("friction_dynamic", 0.0, 0.2)];
-    assert_eq!(changes(SCENE, &[], &softer), Some(expected.map(|(name, from, to)| FileChange { name, from, to }).to_vec()));
+    let expected = [
+        ("contact_stiffness_n_per_m", 5000.0, 4300.0),
+        ("friction_static", 0.0, 0.3),
+        ("friction_dynamic", 0.0, 0.2),
+    ];
+    assert_eq!(
+        changes(SCENE, &[], &softer),
+        Some(expected.map(|(name, from, to)| FileChange { name, from, to }).to_vec())
+    );
     // What a client changed goes back to what the file says.
     let back = FileChange { name: "contact_stiffness_n_per_m", from: 2500.0, to: 5000.0 };
     assert_eq!(changes(SCENE, &[("contact_stiffness_n_per_m", 2500.0)], SCENE), Some(vec![back]));

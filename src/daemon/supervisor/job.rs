@@ -37,9 +37,11 @@ pub struct RenderJob {
 /// What may change while a run goes on.
 #[derive(Debug, Default)]
 pub struct LiveChannels {
-    /// Parameters, poses of movable objects and other scenes; the cold end is the [session](crate::daemon::session)'s.
+    /// Parameters, poses of movable objects and other scenes; the cold end is the
+    /// [session](crate::daemon::session)'s.
     pub commands: CommandQueue,
-    /// Frames of the scene's clay; the cold end is the thread of [sculpting](crate::daemon::sculpting).
+    /// Frames of the scene's clay; the cold end is the thread of
+    /// [sculpting](crate::daemon::sculpting).
     pub clay: Option<ClaySlot>,
     /// The source that says when force may flow.
     pub operator: Operator,
@@ -49,12 +51,15 @@ pub struct LiveChannels {
     pub subscribers: RecordSubscribers,
 }
 
-/// An operator asks for force, from zero. After a fault this acknowledges it. Everything that takes force away goes to the [`Control`](crate::servo::Control)
-/// itself and waits for no thread; the client that asks draws the permit, so that force which was taken away after that stays away, however long this waits.
+/// An operator asks for force, from zero. After a fault this acknowledges it. Everything that takes
+/// force away goes to the [`Control`](crate::servo::Control) itself and waits for no thread; the
+/// client that asks draws the permit, so that force which was taken away after that stays away,
+/// however long this waits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Enable(pub Permit);
 
-/// The source that says when force may flow. A simulated arm can hurt no person and is enabled from the start, unless every arm is held back.
+/// The source that says when force may flow. A simulated arm can hurt no person and is enabled from
+/// the start, unless every arm is held back.
 #[derive(Debug, Default)]
 pub struct Operator {
     /// Force flows from the start; with a deadman, while it is held.
@@ -105,7 +110,8 @@ pub enum RunError {
     /// A thread could not be started.
     #[error("cannot start a thread: {0}")]
     Thread(#[from] std::io::Error),
-    /// The servo thread did not end, or ended without a report. The arm's own watchdog is the last resort.
+    /// The servo thread did not end, or ended without a report. The arm's own watchdog is the last
+    /// resort.
     #[error("the servo thread {0}")]
     Servo(&'static str),
 }

@@ -23,7 +23,10 @@ pub(super) struct ServoThread {
 }
 
 /// The loop with all that may change while it runs.
-pub(super) fn with_live<C: Clock>(servo: ServoLoop<Box<dyn Device>, C>, live: LiveChannels) -> ServoLoop<Box<dyn Device>, C> {
+pub(super) fn with_live<C: Clock>(
+    servo: ServoLoop<Box<dyn Device>, C>,
+    live: LiveChannels,
+) -> ServoLoop<Box<dyn Device>, C> {
     let servo = servo.with_commands(live.commands);
     match live.clay {
         Some(clay) => servo.with_clay(clay),

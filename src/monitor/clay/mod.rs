@@ -4,7 +4,8 @@
 //!  clients ──clay_take, clay_hold, clay_undo, …──► here ──SculptOrder──► clay thread ──answer──► clients
 //!  clients ◄──facts, samples────────────────────── here ◄──View── clay thread
 //! ```
-//! Invariant: a hold lasts no longer than the client that asked for it gives signs of life, and no longer than force flows.
+//! Invariant: a hold lasts no longer than the client that asked for it gives signs of life, and no
+//! longer than force flows.
 
 mod files;
 mod requests;
@@ -29,7 +30,8 @@ pub(super) use shaping::{CombineAsked, DrawAsked, LayAsked, PullAsked, RegionAsk
 pub(super) use splats::Splats;
 pub(super) use take::TakeAsked;
 pub(super) use uploads::{
-    IMAGE_BYTES_MAX, SOLID_BYTES_MAX, SolidAsked, VALUES_BYTES_MAX, ValuesAsked, image_of, solid_of, values_of,
+    IMAGE_BYTES_MAX, SOLID_BYTES_MAX, SolidAsked, VALUES_BYTES_MAX, ValuesAsked, image_of,
+    solid_of, values_of,
 };
 
 use super::encode::WirePose;
@@ -112,7 +114,8 @@ impl ClayService {
         }
     }
 
-    /// A view of now. Views are made while clients look, so the first may be old where none has looked for a while.
+    /// A view of now. Views are made while clients look, so the first may be old where none has
+    /// looked for a while.
     pub(super) async fn fresh_view(&self, is_watched: bool) -> Result<Arc<ClayView>, RequestError> {
         let mut view = self.view()?;
         if is_watched {
@@ -131,7 +134,9 @@ impl ClayService {
 
     /// The newest view.
     pub(super) fn view(&self) -> Result<Arc<ClayView>, RequestError> {
-        self.access.view().ok_or_else(|| RequestError::unavailable("the clay is not ready yet", "ask again in a moment"))
+        self.access.view().ok_or_else(|| {
+            RequestError::unavailable("the clay is not ready yet", "ask again in a moment")
+        })
     }
 
     /// `/api/v1/clay`.

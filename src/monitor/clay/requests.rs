@@ -9,7 +9,8 @@ use super::{ClayService, TakeAsked};
 use crate::daemon::sculpting::OrderError;
 use clay::engine::{ClayView, SculptOrder};
 
-/// Another craft or other settings. What the hand feels of that goes through the same limits as all else.
+/// Another craft or other settings. What the hand feels of that goes through the same limits as all
+/// else.
 pub(in crate::monitor) fn take(hub: &Arc<Hub>, asked: TakeAsked, reply: Reply) {
     order(hub, |view| asked.checked(view).map(SculptOrder::Adjust), reply);
 }
@@ -31,7 +32,12 @@ pub(super) fn answer_of(result: Result<(), OrderError>) -> Result<Completion, Re
 }
 
 /// A stroke back, or forth again.
-pub(in crate::monitor) fn step(hub: &Arc<Hub>, order: SculptOrder, word: &'static str, reply: Reply) {
+pub(in crate::monitor) fn step(
+    hub: &Arc<Hub>,
+    order: SculptOrder,
+    word: &'static str,
+    reply: Reply,
+) {
     let clay = match hub.clay() {
         Ok(clay) => clay,
         Err(problem) => return reply(Err(problem)),
@@ -60,14 +66,21 @@ pub(in crate::monitor) fn hold(hub: &Arc<Hub>, client: u64, is_held: bool, reply
         return reply(Ok(Completion::Nothing));
     }
     if !hub.watchdog.hold(client) {
-        return reply(Err(RequestError::conflict("another client holds the clay", "wait until it lets go")));
+        return reply(Err(RequestError::conflict(
+            "another client holds the clay",
+            "wait until it lets go",
+        )));
     }
     // In this order: the handler of "no force" looks for a hold after that.
     if !hub.has_force() {
         hub.watchdog.let_go(client);
-        return reply(Err(RequestError::conflict("no force flows: nothing can be held", "enable first")));
+        return reply(Err(RequestError::conflict(
+            "no force flows: nothing can be held",
+            "enable first",
+        )));
     }
-    let (holder, held) = (hub.clone(), clay.clone());
+    let holder = hub.clone();
+    let held = clay.clone();
     let answer = Box::new(move |result: Result<(), OrderError>| {
         // It may have been held before: what is not watched any more is let go.
         if result.is_err() && holder.watchdog.let_go(client) {
@@ -86,23 +99,34 @@ impl ClayService {
     /// Sends events of what has changed since the last call, by any client.
     pub(in crate::monitor) fn tell_news(&self, hub: &Hub) {
         // A view is made only for clients that want one.
-        let Some(view) = (!hub.clients().is_empty()).then(|| self.access.view()).flatten() else { return };
+        let Some(view) = (!hub.clients().is_empty()).then(|| self.access.view()).flatten() else {
+            return;
+        };
         let (craft, trouble) = {
             let mut last_view = self.last_view.lock().unwrap_or_else(PoisonError::into_inner);
             let before = core::mem::replace(&mut last_view.craft, view.tool.craft);
             let craft = (before != view.tool.craft).then_some(view.tool.craft);
             let before = last_view.trouble.replace(view.trouble.clone()).unwrap_or_default();
-            (craft, (before != view.trouble && !view.trouble.is_empty()).then(|| view.trouble.clone()))
+            (
+                craft,
+                (before != view.trouble && !view.trouble.is_empty()).then(|| view.trouble.clone()),
+            )
         };
         if let Some(craft) = craft {
-            hub.tell("clay", None, &format!("the tool is for `{craft}` now"), &["took", craft.name()]);
+            hub.tell(
+                "clay",
+                None,
+                &format!("the tool is for `{craft}` now"),
+                &["took", craft.name()],
+            );
         }
         if let Some(trouble) = trouble {
             hub.tell("clay", None, &trouble, &["trouble"]);
         }
     }
 
-    /// Lets go for a client that does not do so itself. The watchdog repeats an order that found the queue full.
+    /// Lets go for a client that does not do so itself. The watchdog repeats an order that found
+    /// the queue full.
     pub(in crate::monitor) fn let_go(&self, hub: &Arc<Hub>) {
         let hub = hub.clone();
         let answer = Box::new(move |result: Result<(), OrderError>| {

@@ -1,4 +1,5 @@
-//! What clients do to clay by numbers rather than by hand: curves, the region, laid material, Booleans at a place. Lengths in m, map frame.
+//! What clients do to clay by numbers rather than by hand: curves, the region, laid material,
+//! Booleans at a place. Lengths in m, map frame.
 
 use std::sync::Arc;
 
@@ -112,7 +113,10 @@ pub(in crate::monitor) struct CombineAsked {
 }
 
 fn curves_of(curves_m: Vec<Vec<[f64; 3]>>, is_free: bool) -> RopeCurves {
-    let curves_map = curves_m.into_iter().map(|curve| curve.into_iter().map(DVec3::from_array).collect()).collect();
+    let curves_map = curves_m
+        .into_iter()
+        .map(|curve| curve.into_iter().map(DVec3::from_array).collect())
+        .collect();
     RopeCurves { curves_map, is_free }
 }
 
@@ -130,14 +134,23 @@ impl PullAsked {
         if !is_sound(force_map.length(), RopeCurves::FORCE_MAX_N) {
             let hint = "its three parts in N; `time_s` says how long it acts";
             let most_n = RopeCurves::FORCE_MAX_N;
-            return Err(RequestError::bad(format!("`force_n` is a force above 0 and of {most_n} N at most"), hint));
+            return Err(RequestError::bad(
+                format!("`force_n` is a force above 0 and of {most_n} N at most"),
+                hint,
+            ));
         }
         if !is_sound(time_s, RopeCurves::TIME_MAX_S) {
             let most_s = RopeCurves::TIME_MAX_S;
-            return Err(RequestError::bad(format!("`time_s` goes above 0 up to {most_s} s, not to {time_s}"), "such as 0.5"));
+            return Err(RequestError::bad(
+                format!("`time_s` goes above 0 up to {most_s} s, not to {time_s}"),
+                "such as 0.5",
+            ));
         }
         if let Some(brush_m) = brush_m.filter(|brush_m| !is_sound(*brush_m, 1.0)) {
-            return Err(RequestError::bad(format!("`brush_m` goes above 0 up to 1 m, not to {brush_m}"), "a radius in m"));
+            return Err(RequestError::bad(
+                format!("`brush_m` goes above 0 up to 1 m, not to {brush_m}"),
+                "a radius in m",
+            ));
         }
         Ok(SculptOrder::Pull { curves: curves_of(curves_m, is_free), force_map, time_s, brush_m })
     }
@@ -145,11 +158,15 @@ impl PullAsked {
 
 impl RegionAsked {
     fn corners(self) -> Result<(DVec3, DVec3), RequestError> {
-        let (low, high) = (DVec3::from_array(self.min), DVec3::from_array(self.max));
+        let low = DVec3::from_array(self.min);
+        let high = DVec3::from_array(self.max);
         if low.cmplt(high).all() {
             return Ok((low, high));
         }
-        Err(RequestError::bad("`max` is to be above `min` along x, y and z", "corners of a box in m, in the frame of the clay"))
+        Err(RequestError::bad(
+            "`max` is to be above `min` along x, y and z",
+            "corners of a box in m, in the frame of the clay",
+        ))
     }
 
     pub(in crate::monitor) fn checked(self) -> Result<SculptOrder, RequestError> {
@@ -174,16 +191,25 @@ impl LayAsked {
                 MaterialPlace::Box { low_map, high_map }
             }
             (None, Some(BallAsked { center, radius_m, falloff }), None) => {
-                let falloff = falloff.as_ref().map(falloff_of).transpose()?.unwrap_or(Falloff::Constant);
+                let falloff =
+                    falloff.as_ref().map(falloff_of).transpose()?.unwrap_or(Falloff::Constant);
                 MaterialPlace::Ball { center_map: DVec3::from_array(center), radius_m, falloff }
             }
-            (None, None, Some(GradientAsked { from, to })) => {
-                MaterialPlace::Gradient { from_map: DVec3::from_array(from), to_map: DVec3::from_array(to) }
+            (None, None, Some(GradientAsked { from, to })) => MaterialPlace::Gradient {
+                from_map: DVec3::from_array(from),
+                to_map: DVec3::from_array(to),
+            },
+            _ => {
+                return Err(RequestError::bad(
+                    "material is laid at one place at a time",
+                    "one of `box`, `ball` and `gradient`",
+                ));
             }
-            _ => return Err(RequestError::bad("material is laid at one place at a time", "one of `box`, `ball` and `gradient`")),
         };
         match place.unsound() {
-            Some(what) => Err(RequestError::bad(what, "places and lengths in m, in the frame of the clay")),
+            Some(what) => {
+                Err(RequestError::bad(what, "places and lengths in m, in the frame of the clay"))
+            }
             None => Ok(SculptOrder::Lay { painted, place }),
         }
     }
@@ -193,7 +219,9 @@ impl From<ShapeAsked> for Shape {
     fn from(asked: ShapeAsked) -> Self {
         match asked {
             ShapeAsked::SphereM(radius_m) => Self::Sphere { radius_m },
-            ShapeAsked::EllipsoidM(radii_m) => Self::Ellipsoid { radii_m: DVec3::from_array(radii_m) },
+            ShapeAsked::EllipsoidM(radii_m) => {
+                Self::Ellipsoid { radii_m: DVec3::from_array(radii_m) }
+            }
             ShapeAsked::BoxM(size_m) => Self::Box { size_m: DVec3::from_array(size_m) },
             ShapeAsked::CylinderM([radius_m, height_m]) => Self::Cylinder { radius_m, height_m },
             ShapeAsked::ConeM([radius_m, height_m]) => Self::Cone { radius_m, height_m },
@@ -218,8 +246,13 @@ impl CombineAsked {
                 let (low, high) = view.region_map;
                 let extent_m = (high - low).max_element();
                 let range = extent_m / OUT_OF_SCALE..=extent_m * OUT_OF_SCALE;
-                if let Some(length_m) = shape.lengths_m().into_iter().find(|length_m| !range.contains(length_m)) {
-                    let error = format!("a shape with a length of {length_m} m does not go with a region of {extent_m:.3} m");
+                if let Some(length_m) =
+                    shape.lengths_m().into_iter().find(|length_m| !range.contains(length_m))
+                {
+                    let error = format!(
+                        "a shape with a length of {length_m} m does not go with a region of \
+                            {extent_m:.3} m"
+                    );
                     return Err(RequestError::bad(error, "lengths are in m"));
                 }
                 Arc::new(SolidSource::Shape(shape.into(), DVec3::ONE))
@@ -241,12 +274,22 @@ impl CombineAsked {
         // Written so that a NaN is refused as well.
         let is_rotation = (map_from_body.rotation.length_squared() - 1.0).abs() <= 1e-3;
         if !(is_rotation && map_from_body.translation.abs().max_element() <= farthest_m) {
-            let error = format!("not a pose for the solid: a unit quaternion, within {farthest_m:.3} m of the origin of the clay");
-            return Err(RequestError::bad(error, "`pose` is {\"p\": [x, y, z] in m, \"q\": [x, y, z, w]}"));
+            let error = format!(
+                "not a pose for the solid: a unit quaternion, within {farthest_m:.3} m of the \
+                    origin of the clay"
+            );
+            return Err(RequestError::bad(
+                error,
+                "`pose` is {\"p\": [x, y, z] in m, \"q\": [x, y, z, w]}",
+            ));
         }
-        let solid_m = with.bounds_map(&map_from_body).map_or(0.0, |(low, high)| (high - low).max_element());
+        let solid_m =
+            with.bounds_map(&map_from_body).map_or(0.0, |(low, high)| (high - low).max_element());
         if solid_m > farthest_m {
-            let error = format!("a solid of {solid_m:.3} m does not go with a region of {:.3} m", farthest_m / OUT_OF_SCALE);
+            let error = format!(
+                "a solid of {solid_m:.3} m does not go with a region of {:.3} m",
+                farthest_m / OUT_OF_SCALE
+            );
             return Err(RequestError::bad(error, "see the unit that it was uploaded with"));
         }
         let is_sharp = self.is_sharp.unwrap_or(view.tool.is_sharp);
@@ -280,14 +323,29 @@ mod tests {
         let hard = json!({ "stiffness_n_per_m": 500.0 });
         assert_eq!(placed(json!({ "painted": hard })), Ok(MaterialPlace::Everywhere));
         let gradient = MaterialPlace::Gradient { from_map: DVec3::ZERO, to_map: DVec3::Z };
-        assert_eq!(placed(json!({ "gradient": { "from": [0, 0, 0], "to": [0, 0, 1] } })), Ok(gradient));
-        let ball = MaterialPlace::Ball { center_map: DVec3::X, radius_m: 0.5, falloff: Falloff::Gaussian };
-        assert_eq!(placed(json!({ "ball": { "center": [1, 0, 0], "radius_m": 0.5, "falloff": "gaussian" } })), Ok(ball));
+        assert_eq!(
+            placed(json!({ "gradient": { "from": [0, 0, 0], "to": [0, 0, 1] } })),
+            Ok(gradient)
+        );
+        let ball =
+            MaterialPlace::Ball { center_map: DVec3::X, radius_m: 0.5, falloff: Falloff::Gaussian };
+        assert_eq!(
+            placed(
+                json!({ "ball": { "center": [1, 0, 0], "radius_m": 0.5, "falloff": "gaussian" } })
+            ),
+            Ok(ball)
+        );
         for (asked, expected) in [
             (json!({}), "no material"),
-            (json!({ "box": { "min": [0, 0, 0], "max": [1, 0, 1] } }), "`max` is to be above `min`"),
+            (
+                json!({ "box": { "min": [0, 0, 0], "max": [1, 0, 1] } }),
+                "`max` is to be above `min`",
+            ),
             (json!({ "ball": { "center": [0, 0, 0], "radius_m": -1 } }), "a radius of -1 m"),
-            (json!({ "gradient": { "from": [0, 0, 0], "to": [0, 0, 0] } }), "two places that are one"),
+            (
+                json!({ "gradient": { "from": [0, 0, 0], "to": [0, 0, 0] } }),
+                "two places that are one",
+            ),
             (json!({ "painted": { "mass_kg": 5.0 } }), "a mass of 5 kg"),
             (
                 json!({ "ball": { "center": [0, 0, 0], "radius_m": 1 }, "gradient": { "from": [0, 0, 0], "to": [0, 0, 1] } }),
@@ -307,15 +365,30 @@ mod tests {
             ask(json!({ "boolean": "difference", "shape": { "cylinder_m": [0.002, 0.05] } })),
             Ok(SculptOrder::Combine { boolean: Boolean::Difference, .. })
         ));
-        assert!(ask(json!({ "boolean": "union", "shape": { "ellipsoid_m": [0.01, 0.005, 0.02] } })).is_ok());
+        assert!(
+            ask(json!({ "boolean": "union", "shape": { "ellipsoid_m": [0.01, 0.005, 0.02] } }))
+                .is_ok()
+        );
         assert!(refusal(ask(json!({ "boolean": "union" }))).contains("no solid"));
-        assert!(refusal(ask(json!({ "boolean": "union", "shape": { "sphere_m": 5.0 } }))).contains("5 m does not go with"));
-        assert!(refusal(ask(json!({ "boolean": "union", "shape": { "box_m": [0.01, 0.01, 0.0] } }))).contains("0 m does not"));
+        assert!(
+            refusal(ask(json!({ "boolean": "union", "shape": { "sphere_m": 5.0 } })))
+                .contains("5 m does not go with")
+        );
+        assert!(
+            refusal(ask(json!({ "boolean": "union", "shape": { "box_m": [0.01, 0.01, 0.0] } })))
+                .contains("0 m does not")
+        );
         let at = |p: [f64; 3], q: [f64; 4]| {
-            ask(json!({ "boolean": "union", "shape": { "sphere_m": 0.01 }, "pose": { "p": p, "q": q } }))
+            ask(
+                json!({ "boolean": "union", "shape": { "sphere_m": 0.01 }, "pose": { "p": p, "q": q } }),
+            )
         };
         assert!(at([0.01, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]).is_ok());
-        for (p, q) in [([0.0; 3], [0.0, 0.0, 0.0, 2.0]), ([0.0; 3], [0.0; 4]), ([1e9, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0])] {
+        for (p, q) in [
+            ([0.0; 3], [0.0, 0.0, 0.0, 2.0]),
+            ([0.0; 3], [0.0; 4]),
+            ([1e9, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]),
+        ] {
             assert!(refusal(at(p, q)).contains("not a pose"), "{p:?} {q:?}");
         }
     }
@@ -323,7 +396,10 @@ mod tests {
     #[test]
     fn pulls_without_force_or_time_are_refused() {
         let ask = |force_n: [f64; 3], time_s: f64| {
-            read::<PullAsked>(json!({ "curves_m": [[[0, 0, 0]]], "force_n": force_n, "time_s": time_s })).checked()
+            read::<PullAsked>(
+                json!({ "curves_m": [[[0, 0, 0]]], "force_n": force_n, "time_s": time_s }),
+            )
+            .checked()
         };
         assert!(ask([0.0, 0.0, 2.0], 0.5).is_ok());
         assert!(refusal(ask([0.0; 3], 0.5)).contains("`force_n`"));

@@ -1,4 +1,5 @@
-//! Samples of the clay for display: small, thinned out where there are too many, made once for all clients.
+//! Samples of the clay for display: small, thinned out where there are too many, made once for all
+//! clients.
 
 use core::time::Duration;
 use std::collections::HashSet;
@@ -20,7 +21,8 @@ const HEAD_BYTES: usize = 32;
 const SAMPLE_BYTES: usize = 20;
 /// Samples on a page: 2 MB.
 const MOST_SAMPLES: usize = 100_000;
-/// The spacing around each sample is told in units of which the mean one has this many, or up to twice as many.
+/// The spacing around each sample is told in units of which the mean one has this many, or up to
+/// twice as many.
 const MEAN_PARTS: f64 = 32.0;
 /// By how much cells grow until few enough samples are left.
 const GROWTH: f64 = 1.15;
@@ -30,8 +32,8 @@ const SHARE: f64 = 0.2;
 /// Each client gets at most so much of a piece that changes all the time.
 const MOST_BYTES_PER_S: f64 = 10e6;
 
-/// The newest samples that a client asked for. During a stroke they are as new as making and sending them is cheap: those of a large piece are older
-/// than its newest view.
+/// The newest samples that a client asked for. During a stroke they are as new as making and
+/// sending them is cheap: those of a large piece are older than its newest view.
 #[derive(Clone, Debug)]
 pub(in crate::monitor) struct Splats {
     made: Arc<Mutex<Made>>,
@@ -57,24 +59,33 @@ impl Default for Made {
 }
 
 impl Made {
-    /// What will do for this view at this time; `None`: it is to be made. Without a stroke only the view's own samples do: a client that has read that a
-    /// stroke has ended, or was undone, reads what came of it.
+    /// What will do for this view at this time; `None`: it is to be made. Without a stroke only the
+    /// view's own samples do: a client that has read that a stroke has ended, or was undone, reads
+    /// what came of it.
     fn ready(&self, view: &ClayView, now: Duration) -> Option<(u64, Bytes)> {
-        self.newest.clone().filter(|(known, _)| *known == view.version || view.is_stroke && !self.duty.is_due(now))
+        self.newest
+            .clone()
+            .filter(|(known, _)| *known == view.version || view.is_stroke && !self.duty.is_due(now))
     }
 
     /// It took from one time to another to make this.
     fn keep(&mut self, version: u64, bytes: Bytes, begin: Duration, end: Duration) {
         self.duty.worked(begin, end);
-        self.duty.rest_until(begin + Duration::from_secs_f64(bytes.len() as f64 / MOST_BYTES_PER_S));
+        self.duty
+            .rest_until(begin + Duration::from_secs_f64(bytes.len() as f64 / MOST_BYTES_PER_S));
         self.newest = Some((version, bytes));
     }
 }
 
 impl Splats {
-    /// The version of samples, and them as bytes: those of a view, or older ones where it is in a stroke and new ones would be too soon. Made on the worker's thread.
-    /// `None`: that came to grief.
-    pub(in crate::monitor) async fn get(&self, worker: &Worker, view: Arc<ClayView>) -> Option<(u64, Bytes)> {
+    /// The version of samples, and them as bytes: those of a view, or older ones where it is in a
+    /// stroke and new ones would be too soon. Made on the worker's thread. `None`: that came to
+    /// grief.
+    pub(in crate::monitor) async fn get(
+        &self,
+        worker: &Worker,
+        view: Arc<ClayView>,
+    ) -> Option<(u64, Bytes)> {
         if let Some(ready) = self.made().ready(&view, self.began.elapsed()) {
             return Some(ready);
         }
@@ -105,7 +116,8 @@ fn encoded(view: &ClayView, most: usize) -> Vec<u8> {
     let n_kept = kept.as_ref().map_or(points.len(), Vec::len);
     let spacing_m = view.spacing_m * (points.len() as f64 / n_kept.max(1) as f64).sqrt();
     // A power of two: where the mean changes a little, no sample is told anew.
-    let unit_m = if spacing_m.is_normal() { spacing_m.log2().floor().exp2() / MEAN_PARTS } else { 0.0 };
+    let unit_m =
+        if spacing_m.is_normal() { spacing_m.log2().floor().exp2() / MEAN_PARTS } else { 0.0 };
     let mut bytes = Vec::with_capacity(HEAD_BYTES + SAMPLE_BYTES * n_kept);
     bytes.extend(b"HCLY");
     bytes.extend(FORMAT.to_le_bytes());
@@ -117,13 +129,17 @@ fn encoded(view: &ClayView, most: usize) -> Vec<u8> {
     // What is thinned out is even; what a stroke moves may be farther apart than it was.
     let least = if kept.is_some() || view.is_stroke { (spacing_m / unit_m).round() } else { 1.0 };
     let parts = |sample: usize| {
-        let parts = view.spacings_m.get(sample).map_or(spacing_m, |spacing_m| f64::from(*spacing_m)) / unit_m;
+        let parts =
+            view.spacings_m.get(sample).map_or(spacing_m, |spacing_m| f64::from(*spacing_m))
+                / unit_m;
         if parts.is_finite() { parts.round().clamp(least, 255.0) as u8 } else { 0 }
     };
     let mut write = |sample: usize| {
-        let (Some(position), Some(normal), Some(color)) =
-            (points.positions_map.get(sample), points.normals_map.get(sample), points.colors.get(sample))
-        else {
+        let (Some(position), Some(normal), Some(color)) = (
+            points.positions_map.get(sample),
+            points.normals_map.get(sample),
+            points.colors.get(sample),
+        ) else {
             return;
         };
         for coordinate in position.as_vec3().to_array() {
@@ -152,9 +168,14 @@ fn thinned(points: &PointSet, spacing_m: f64, most: usize) -> Option<Vec<usize>>
         if !cell_m.is_normal() {
             return Some(evenly());
         }
-        let cell = |at: &DVec3| (*at / cell_m).floor().to_array().map(|coordinate| coordinate as i64);
+        let cell =
+            |at: &DVec3| (*at / cell_m).floor().to_array().map(|coordinate| coordinate as i64);
         let mut seen = HashSet::with_capacity(most);
-        let kept: Vec<_> = (0..).zip(&points.positions_map).filter(|(_, at)| seen.insert(cell(at))).map(|(n, _)| n).collect();
+        let kept: Vec<_> = (0..)
+            .zip(&points.positions_map)
+            .filter(|(_, at)| seen.insert(cell(at)))
+            .map(|(n, _)| n)
+            .collect();
         if kept.len() <= most {
             return Some(kept);
         }
@@ -172,7 +193,8 @@ mod tests {
         for i in 0..n {
             let z = 1.0 - (2.0 * i as f64 + 1.0) / n as f64;
             let turn = i as f64 * 2.399_963_229_728_653;
-            let normal = DVec3::new((1.0 - z * z).sqrt() * turn.cos(), (1.0 - z * z).sqrt() * turn.sin(), z);
+            let normal =
+                DVec3::new((1.0 - z * z).sqrt() * turn.cos(), (1.0 - z * z).sqrt() * turn.sin(), z);
             points.push(normal * 0.02, normal, [(i % 256) as u8, 7, 255]);
         }
         points
@@ -187,13 +209,19 @@ mod tests {
         let view = view_of(ball(500), 3);
         let bytes = encoded(&view, 500);
         assert_eq!(bytes.len(), HEAD_BYTES + 500 * SAMPLE_BYTES);
-        assert_eq!((&bytes[..4], word(&bytes, 4), word(&bytes, 8), word(&bytes, 12)), (&b"HCLY"[..], 1, 3, 0));
+        assert_eq!(
+            (&bytes[..4], word(&bytes, 4), word(&bytes, 8), word(&bytes, 12)),
+            (&b"HCLY"[..], 1, 3, 0)
+        );
         assert_eq!((word(&bytes, 16), word(&bytes, 20)), (500, 500));
         assert_eq!(f32::from_bits(word(&bytes, 24)), view.spacing_m as f32);
         for (n, at) in (HEAD_BYTES..bytes.len()).step_by(SAMPLE_BYTES).enumerate() {
-            let position = DVec3::from([0, 4, 8].map(|axis| f64::from(f32::from_bits(word(&bytes, at + axis)))));
+            let position = DVec3::from(
+                [0, 4, 8].map(|axis| f64::from(f32::from_bits(word(&bytes, at + axis)))),
+            );
             assert!(position.distance(view.points.positions_map[n]) < 1e-8, "{n}");
-            let normal = DVec3::from([12, 13, 14].map(|axis| f64::from(bytes[at + axis] as i8) / 127.0));
+            let normal =
+                DVec3::from([12, 13, 14].map(|axis| f64::from(bytes[at + axis] as i8) / 127.0));
             assert!(normal.distance(view.points.normals_map[n]) < 0.01, "{n}: {normal}");
             assert_eq!(bytes[at + 16..at + 19], [(n % 256) as u8, 7, 255], "{n}");
         }
@@ -203,12 +231,17 @@ mod tests {
     fn the_spacing_around_each_sample_is_told_in_a_unit_that_rarely_changes() {
         let mut view = view_of(ball(6), 1);
         view.spacings_m = [1e-3, 0.25e-3, 2e-3, 9e-3, 0.0].into();
-        let told = |view: &ClayView| (0..6).map(|n| encoded(view, 6)[HEAD_BYTES + n * SAMPLE_BYTES + 15]).collect::<Vec<_>>();
+        let told = |view: &ClayView| {
+            (0..6).map(|n| encoded(view, 6)[HEAD_BYTES + n * SAMPLE_BYTES + 15]).collect::<Vec<_>>()
+        };
         let unit_m = |view: &ClayView| f32::from_bits(word(&encoded(view, 6), 28));
         // 1 mm is 32.768 of 2⁻¹⁵ m; the last sample has no spacing of its own.
         assert_eq!((unit_m(&view), told(&view)), (2.0_f32.powi(-15), vec![33, 8, 66, 255, 1, 33]));
         view.spacing_m = 1.2e-3;
-        assert_eq!((unit_m(&view), told(&view)[..5].to_vec()), (2.0_f32.powi(-15), vec![33, 8, 66, 255, 1]));
+        assert_eq!(
+            (unit_m(&view), told(&view)[..5].to_vec()),
+            (2.0_f32.powi(-15), vec![33, 8, 66, 255, 1])
+        );
         view.is_stroke = true;
         assert_eq!(told(&view), [39, 39, 66, 255, 39, 39]);
     }
@@ -226,7 +259,11 @@ mod tests {
         // Nowhere a hole wider than the discs hide.
         let kept: Vec<_> = (HEAD_BYTES..bytes.len())
             .step_by(SAMPLE_BYTES)
-            .map(|at| DVec3::from([0, 4, 8].map(|axis| f64::from(f32::from_bits(word(&bytes, at + axis))))))
+            .map(|at| {
+                DVec3::from(
+                    [0, 4, 8].map(|axis| f64::from(f32::from_bits(word(&bytes, at + axis)))),
+                )
+            })
             .collect();
         let reach_m = 2.0 * grown * view.spacing_m;
         for at in view.points.positions_map.iter().step_by(37) {

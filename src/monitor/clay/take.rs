@@ -41,19 +41,30 @@ impl TakeAsked {
             return Err(RequestError::bad("nothing is to be taken", hint));
         }
         let (least_m, most_m) = brush_range(view);
-        if let Some(brush_m) = self.brush_m.filter(|brush_m| !(least_m..=most_m).contains(brush_m)) {
-            let error = format!("`brush_m` goes from {least_m:.2e} to {most_m:.2e}, not to {brush_m}");
-            return Err(RequestError::bad(error, "a radius in m, of at least one sample and at most half the region"));
+        if let Some(brush_m) = self.brush_m.filter(|brush_m| !(least_m..=most_m).contains(brush_m))
+        {
+            let error =
+                format!("`brush_m` goes from {least_m:.2e} to {most_m:.2e}, not to {brush_m}");
+            return Err(RequestError::bad(
+                error,
+                "a radius in m, of at least one sample and at most half the region",
+            ));
         }
-        if let Some(depth_m) = self.depth_m.filter(|depth_m| !(*depth_m > 0.0 && *depth_m <= most_m)) {
+        if let Some(depth_m) =
+            self.depth_m.filter(|depth_m| !(*depth_m > 0.0 && *depth_m <= most_m))
+        {
             let error = format!("`depth_m` goes above 0 up to {most_m:.2e}, not to {depth_m}");
             return Err(RequestError::bad(error, "engraving sinks by it, embossing raises"));
         }
         let craft = |word: String| {
-            SculptTool::of(&word).ok_or_else(|| RequestError::bad(format!("no craft is called `{word}`"), known_crafts()))
+            SculptTool::of(&word).ok_or_else(|| {
+                RequestError::bad(format!("no craft is called `{word}`"), known_crafts())
+            })
         };
         let color = |text: String| {
-            color_of(&text).ok_or_else(|| RequestError::bad(format!("`{text}` is no color #rrggbb"), "such as \"#c83c28\""))
+            color_of(&text).ok_or_else(|| {
+                RequestError::bad(format!("`{text}` is no color #rrggbb"), "such as \"#c83c28\"")
+            })
         };
         Ok(ToolChange {
             craft: self.craft.map(craft).transpose()?,
@@ -73,14 +84,16 @@ pub(super) fn painted_of(asked: PaintedAsked) -> Result<Painted, RequestError> {
     let PaintedAsked { mass_kg, damping_n_s_per_m, stiffness_n_per_m } = asked;
     let painted = Painted { mass_kg, damping_n_s_per_m, stiffness_n_per_m };
     match painted.unsound() {
-        Some((name, value, unit)) => {
-            Err(RequestError::bad(format!("{name} of {value} {unit} cannot be painted"), Painted::KNOWN_GOOD))
-        }
+        Some((name, value, unit)) => Err(RequestError::bad(
+            format!("{name} of {value} {unit} cannot be painted"),
+            Painted::KNOWN_GOOD,
+        )),
         None => Ok(painted),
     }
 }
 
-/// Smallest and largest radius of a brush that clients may take, m: a sample, and half of the region.
+/// Smallest and largest radius of a brush that clients may take, m: a sample, and half of the
+/// region.
 pub(super) fn brush_range(view: &ClayView) -> (f64, f64) {
     let (low, high) = view.region_map;
     let least_m = view.spacing_m.max(1e-6);
@@ -93,13 +106,16 @@ pub(super) fn color_text([red, green, blue]: [u8; 3]) -> String {
 }
 
 fn color_of(text: &str) -> Option<[u8; 3]> {
-    let hex = text.strip_prefix('#').filter(|hex| hex.len() == 6 && hex.bytes().all(|digit| digit.is_ascii_hexdigit()))?;
+    let hex = text
+        .strip_prefix('#')
+        .filter(|hex| hex.len() == 6 && hex.bytes().all(|digit| digit.is_ascii_hexdigit()))?;
     let [_, red, green, blue] = u32::from_str_radix(hex, 16).ok()?.to_be_bytes();
     Some([red, green, blue])
 }
 
 pub(super) fn falloff_of(asked: &Value) -> Result<Falloff, RequestError> {
-    let hint = "\"gaussian\", \"constant\", \"spherical\", { \"rate\": 2 } or a list of at least two weights from 0 to 1";
+    let hint = "\"gaussian\", \"constant\", \"spherical\", { \"rate\": 2 } or a list of at least \
+        two weights from 0 to 1";
     let refused = |what: &str| RequestError::bad(what, hint);
     match asked {
         Value::String(word) => [Falloff::Gaussian, Falloff::Constant, Falloff::Spherical]
@@ -112,7 +128,9 @@ pub(super) fn falloff_of(asked: &Value) -> Result<Falloff, RequestError> {
             Falloff::table(weights).map_err(|error| refused(&error.to_string()))
         }
         Value::Object(table) if table.len() == 1 && table.contains_key("rate") => {
-            let rate = asked["rate"].as_f64().ok_or_else(|| refused("the rate of a fall-off is a number"))?;
+            let rate = asked["rate"]
+                .as_f64()
+                .ok_or_else(|| refused("the rate of a fall-off is a number"))?;
             Falloff::rate(rate).map_err(|error| refused(&error.to_string()))
         }
         _ => Err(refused("`falloff` is a word, a rate or a list of weights")),
@@ -139,14 +157,19 @@ mod tests {
 
     fn taken_after(before: ToolSettings, asked: Value) -> Result<ToolSettings, String> {
         let asked = TakeAsked::deserialize(asked).map_err(|error| error.to_string())?;
-        let change = asked.checked(&view_of(PointSet::default(), 1)).map_err(|problem| problem.said.error)?;
+        let change = asked
+            .checked(&view_of(PointSet::default(), 1))
+            .map_err(|problem| problem.said.error)?;
         Ok(change.onto(&before))
     }
 
     #[test]
     fn what_is_not_given_stays() {
         let before = ToolSettings::default();
-        assert_eq!(taken(json!({ "craft": "pull-curve" })), Ok(ToolSettings { craft: SculptTool::PullCurve, ..before.clone() }));
+        assert_eq!(
+            taken(json!({ "craft": "pull-curve" })),
+            Ok(ToolSettings { craft: SculptTool::PullCurve, ..before.clone() })
+        );
         assert_eq!(
             taken(
                 json!({ "brush_m": 0.004, "color": "#0aFF10", "falloff": [1, 0.5], "is_sharp": true, "depth_m": 0.002, "painted": { "mass_kg": 1e-3 } })
@@ -161,9 +184,16 @@ mod tests {
                 ..before
             })
         );
-        let forgotten = ToolSettings { painted: Painted { mass_kg: Some(1e-3), ..Painted::default() }, ..ToolSettings::default() };
+        let forgotten = ToolSettings {
+            painted: Painted { mass_kg: Some(1e-3), ..Painted::default() },
+            ..ToolSettings::default()
+        };
         let taken = taken_after(forgotten, json!({ "painted": { "damping_n_s_per_m": null } }));
-        assert_eq!(taken.map(|tool| tool.painted), Ok(Painted::default()), "a material is taken as a whole");
+        assert_eq!(
+            taken.map(|tool| tool.painted),
+            Ok(Painted::default()),
+            "a material is taken as a whole"
+        );
         assert_eq!(color_text([10, 255, 16]), "#0aff10");
     }
 

@@ -80,16 +80,30 @@ fn hub() -> Arc<Hub> {
     let session = testing::session(ClockKind::Real);
     let (enables, _) = crossbeam::channel::unbounded();
     let control = Arc::new(Control::new());
-    Hub::new(HubParts { session, control, enables, heartbeat: None, clock: ClockKind::Real, recorder: None, metrics: None })
+    Hub::new(HubParts {
+        session,
+        control,
+        enables,
+        heartbeat: None,
+        clock: ClockKind::Real,
+        recorder: None,
+        metrics: None,
+    })
 }
 
 fn bench() -> Bench {
     let folder = tempfile::tempdir().unwrap();
     let hub = hub();
     let (sender, orders) = channel();
-    let (before, refuses) = (Before::default(), Refuses::default());
+    let before = Before::default();
+    let refuses = Refuses::default();
     let view = Arc::new(Mutex::new(Some(Arc::new(view_of(PointSet::default(), 1)))));
-    let access = Box::new(Fake { orders: sender, before: before.clone(), refuses: refuses.clone(), view: view.clone() });
+    let access = Box::new(Fake {
+        orders: sender,
+        before: before.clone(),
+        refuses: refuses.clone(),
+        view: view.clone(),
+    });
     let folder_of_clay = Some(folder.path().join("clay"));
     hub.sculpts(ClayParts {
         access,
@@ -143,14 +157,20 @@ impl Bench {
 #[test]
 fn a_scene_without_clay_says_so() {
     let hub = hub();
-    assert_eq!(hub.clay().err().map(|problem| problem.status), Some(StatusCode::SERVICE_UNAVAILABLE), "still baking");
+    assert_eq!(
+        hub.clay().err().map(|problem| problem.status),
+        Some(StatusCode::SERVICE_UNAVAILABLE),
+        "still baking"
+    );
     hub.notice(&Notice::Phase(Phase::Disabled));
     for result in [
         hub.clay().map(|_| Completion::Nothing),
         answer_of(|reply| take(&hub, took(json!({ "craft": "paint" })), reply)),
         answer_of(|reply| hold(&hub, 1, true, reply)),
         answer_of(|reply| step(&hub, SculptOrder::Undo, "undone", reply)),
-        answer_of(|reply| save(&hub, &Worker::new("files").unwrap(), SaveKind::Points, None, reply)),
+        answer_of(|reply| {
+            save(&hub, &Worker::new("files").unwrap(), SaveKind::Points, None, reply)
+        }),
     ] {
         let problem = result.expect_err("no clay");
         assert_eq!(problem.status, StatusCode::NOT_FOUND);
@@ -172,17 +192,33 @@ fn settings_are_asked_for_as_a_change_and_told_as_the_view_has_them() {
     assert!(matches!(bench.next_order(), SculptOrder::Adjust(change) if change == expected));
     bench.shows(|view| view.tool = expected.onto(&view.tool));
     let facts = bench.facts();
-    assert_eq!((&facts["craft"], &facts["brush_m"], &facts["color"]), (&json!("paint"), &json!(0.003), &json!("#102030")));
+    assert_eq!(
+        (&facts["craft"], &facts["brush_m"], &facts["color"]),
+        (&json!("paint"), &json!(0.003), &json!("#102030"))
+    );
     assert_eq!(facts["crafts"].as_array().map(Vec::len), Some(SculptTool::NAMES.len()));
-    assert_eq!(facts["painted"], json!({ "mass_kg": null, "damping_n_s_per_m": null, "stiffness_n_per_m": null }));
-    assert_eq!(facts["paints"], json!({ "mass_kg": null, "damping_n_s_per_m": 5.0, "stiffness_n_per_m": 500.0 }));
+    assert_eq!(
+        facts["painted"],
+        json!({ "mass_kg": null, "damping_n_s_per_m": null, "stiffness_n_per_m": null })
+    );
+    assert_eq!(
+        facts["paints"],
+        json!({ "mass_kg": null, "damping_n_s_per_m": 5.0, "stiffness_n_per_m": 500.0 })
+    );
     assert_eq!(facts["region_map"]["min"], json!([-0.02, -0.02, -0.02]));
     bench.shows(|view| view.tool.painted.mass_kg = Some(1e-4));
-    assert_eq!(bench.facts()["paints"], json!({ "mass_kg": 1e-4, "damping_n_s_per_m": null, "stiffness_n_per_m": null }));
+    assert_eq!(
+        bench.facts()["paints"],
+        json!({ "mass_kg": 1e-4, "damping_n_s_per_m": null, "stiffness_n_per_m": null })
+    );
 
     *bench.refuses.lock().unwrap() = Some(|| EngineError::NoShape.into());
-    let refused = answer_of(|reply| take(&bench.hub, took(json!({ "craft": "emboss" })), reply)).expect_err("refused");
-    assert_eq!((refused.status, refused.said.hint), (StatusCode::CONFLICT, EngineError::NoShape.hint().to_owned()));
+    let refused = answer_of(|reply| take(&bench.hub, took(json!({ "craft": "emboss" })), reply))
+        .expect_err("refused");
+    assert_eq!(
+        (refused.status, refused.said.hint),
+        (StatusCode::CONFLICT, EngineError::NoShape.hint().to_owned())
+    );
     *bench.view.lock().unwrap() = None;
     assert!(bench.hub.clay().unwrap().view().is_err());
 }
@@ -195,7 +231,10 @@ fn what_is_not_saved_and_what_will_be_is_told() {
         [json!(false), json!("/there/ball.session"), json!(false)]
     );
     bench.shows(|view| (view.is_unsaved, view.is_over) = (true, true));
-    assert_eq!(["is_unsaved", "is_over"].map(|key| bench.facts()[key].clone()), [json!(true), json!(true)]);
+    assert_eq!(
+        ["is_unsaved", "is_over"].map(|key| bench.facts()[key].clone()),
+        [json!(true), json!(true)]
+    );
 }
 
 #[test]
@@ -203,8 +242,16 @@ fn a_hold_ends_with_force_with_the_client_and_when_it_is_let_go() {
     let bench = bench();
     assert_eq!(bench.hold(1, true), Ok(Completion::Nothing));
     assert!(matches!(bench.next_order(), SculptOrder::Hold(true)) && bench.is_held());
-    assert_eq!(bench.hold(2, true).map_err(|problem| problem.status), Err(StatusCode::CONFLICT), "one at a time");
-    assert_eq!((bench.hold(2, false), bench.is_held()), (Ok(Completion::Nothing), true), "only one's own");
+    assert_eq!(
+        bench.hold(2, true).map_err(|problem| problem.status),
+        Err(StatusCode::CONFLICT),
+        "one at a time"
+    );
+    assert_eq!(
+        (bench.hold(2, false), bench.is_held()),
+        (Ok(Completion::Nothing), true),
+        "only one's own"
+    );
     assert_eq!(bench.hold(1, false), Ok(Completion::Nothing));
     assert!(matches!(bench.next_order(), SculptOrder::Hold(false)) && !bench.is_held());
 
@@ -212,7 +259,11 @@ fn a_hold_ends_with_force_with_the_client_and_when_it_is_let_go() {
     assert!(matches!(bench.next_order(), SculptOrder::Hold(true)));
     bench.hub.notice(&Notice::Phase(Phase::Fault));
     assert!(matches!(bench.next_order(), SculptOrder::Hold(false)) && !bench.is_held());
-    assert_eq!(bench.hold(1, true).map_err(|problem| problem.status), Err(StatusCode::CONFLICT), "without force");
+    assert_eq!(
+        bench.hold(1, true).map_err(|problem| problem.status),
+        Err(StatusCode::CONFLICT),
+        "without force"
+    );
     assert!(!bench.is_held() && bench.orders.try_recv().is_err());
 
     bench.hub.notice(&Notice::Phase(Phase::Enabled));
@@ -238,9 +289,18 @@ fn a_hold_that_is_asked_for_twice_and_refused_once_is_let_go() {
     let bench = bench();
     bench.hold(1, true).unwrap();
     *bench.refuses.lock().unwrap() = Some(|| OrderError::Busy);
-    assert_eq!(bench.hold(1, true).map_err(|problem| problem.status), Err(StatusCode::TOO_MANY_REQUESTS));
+    assert_eq!(
+        bench.hold(1, true).map_err(|problem| problem.status),
+        Err(StatusCode::TOO_MANY_REQUESTS)
+    );
     let orders = [(); 3].map(|()| bench.next_order());
-    assert!(matches!(orders, [SculptOrder::Hold(true), SculptOrder::Hold(true), SculptOrder::Hold(false)]), "{orders:?}");
+    assert!(
+        matches!(
+            orders,
+            [SculptOrder::Hold(true), SculptOrder::Hold(true), SculptOrder::Hold(false)]
+        ),
+        "{orders:?}"
+    );
     assert!(bench.is_held(), "until the view says that it was let go");
 }
 
@@ -249,24 +309,41 @@ fn a_hold_that_loses_the_race_with_the_force_is_let_go() {
     let bench = bench();
     // The force goes off between the look at it and the order.
     let racing = bench.hub.clone();
-    *bench.before.lock().unwrap() = Some(Box::new(move || racing.notice(&Notice::Phase(Phase::Fault))));
+    *bench.before.lock().unwrap() =
+        Some(Box::new(move || racing.notice(&Notice::Phase(Phase::Fault))));
     bench.hold(1, true).unwrap();
     let orders = [(); 3].map(|()| bench.next_order());
-    assert!(matches!(orders, [SculptOrder::Hold(false), SculptOrder::Hold(true), SculptOrder::Hold(false)]), "{orders:?}");
+    assert!(
+        matches!(
+            orders,
+            [SculptOrder::Hold(false), SculptOrder::Hold(true), SculptOrder::Hold(false)]
+        ),
+        "{orders:?}"
+    );
     assert!(!bench.is_held());
 }
 
 #[test]
 fn files_go_to_one_folder_and_never_over_others() {
     let bench = bench();
-    let save = |kind, file: Option<&str>| answer_of(|reply| save(&bench.hub, &bench.files, kind, file.map(str::to_owned), reply));
+    let save = |kind, file: Option<&str>| {
+        answer_of(|reply| save(&bench.hub, &bench.files, kind, file.map(str::to_owned), reply))
+    };
     let path = bench.folder.path().join("clay/bowl.ply");
     assert_eq!(save(SaveKind::Points, Some("bowl")), Ok(Completion::Saved(path.clone())));
     assert!(matches!(bench.next_order(), SculptOrder::SavePoints(file) if file == path));
     std::fs::write(&path, "kept").unwrap();
-    assert_eq!(save(SaveKind::Export, Some("bowl.ply")).map_err(|problem| problem.status), Err(StatusCode::CONFLICT));
-    assert_eq!(save(SaveKind::Session, Some("../bowl")).map_err(|problem| problem.status), Err(StatusCode::BAD_REQUEST));
-    let Ok(Completion::Saved(dated)) = save(SaveKind::Session, None) else { panic!("a name of its own") };
+    assert_eq!(
+        save(SaveKind::Export, Some("bowl.ply")).map_err(|problem| problem.status),
+        Err(StatusCode::CONFLICT)
+    );
+    assert_eq!(
+        save(SaveKind::Session, Some("../bowl")).map_err(|problem| problem.status),
+        Err(StatusCode::BAD_REQUEST)
+    );
+    let Ok(Completion::Saved(dated)) = save(SaveKind::Session, None) else {
+        panic!("a name of its own")
+    };
     assert!(
         matches!(bench.next_order(), SculptOrder::SaveSession(file) if file == dated && dated.to_string_lossy().ends_with(".session"))
     );

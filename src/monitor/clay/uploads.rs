@@ -53,15 +53,21 @@ pub(in crate::monitor) struct SolidAsked {
 /// No PNG, or a too large one.
 pub(in crate::monitor) fn image_of(bytes: &[u8]) -> Result<SculptOrder, RequestError> {
     let hint = "a PNG of at most 4096 x 4096 pixels and 4 MiB, whose white is deep";
-    let number = |at: usize| bytes.get(at..at + 4).map(|four| u32::from_be_bytes([four[0], four[1], four[2], four[3]]));
-    let (Some(width), Some(height), true) = (number(16), number(20), bytes.starts_with(PNG_MAGIC)) else {
+    let number = |at: usize| {
+        bytes.get(at..at + 4).map(|four| u32::from_be_bytes([four[0], four[1], four[2], four[3]]))
+    };
+    let (Some(width), Some(height), true) = (number(16), number(20), bytes.starts_with(PNG_MAGIC))
+    else {
         return Err(RequestError::bad("the body is no PNG image", hint));
     };
     if width > EDGE_MAX || height > EDGE_MAX {
         return Err(RequestError::bad(format!("the image has {width} x {height} pixels"), hint));
     }
     match GreyImage::decode(bytes, Path::new("the image")) {
-        Ok(image) => Ok(SculptOrder::Adjust(ToolChange { image: Some(Some(Arc::new(image))), ..ToolChange::default() })),
+        Ok(image) => Ok(SculptOrder::Adjust(ToolChange {
+            image: Some(Some(Arc::new(image))),
+            ..ToolChange::default()
+        })),
         Err(error) => Err(RequestError::bad(error.to_string(), hint)),
     }
 }
@@ -70,7 +76,10 @@ pub(in crate::monitor) fn image_of(bytes: &[u8]) -> Result<SculptOrder, RequestE
 ///
 /// # Errors
 /// No mesh of that format.
-pub(in crate::monitor) fn solid_of(bytes: &[u8], asked: SolidAsked) -> Result<SculptOrder, RequestError> {
+pub(in crate::monitor) fn solid_of(
+    bytes: &[u8],
+    asked: SolidAsked,
+) -> Result<SculptOrder, RequestError> {
     let (format, name) = match asked.format {
         SolidFormat::Stl => (Format::Stl, "a solid.stl"),
         SolidFormat::Obj => (Format::Obj, "a solid.obj"),
@@ -82,9 +91,11 @@ pub(in crate::monitor) fn solid_of(bytes: &[u8], asked: SolidAsked) -> Result<Sc
         SolidUnit::Mm => 1e-3,
         SolidUnit::In => 0.0254,
     };
-    let hint = "a closed mesh as STL, OBJ or PLY of at most 16 MiB, with its `format` and `units` (m, cm, mm, in) in the address";
+    let hint = "a closed mesh as STL, OBJ or PLY of at most 16 MiB, with its `format` and `units` \
+        (m, cm, mm, in) in the address";
     let refused = |error: &dyn core::fmt::Display| RequestError::bad(error.to_string(), hint);
-    let mesh = mesh::parse(bytes, format, Path::new(name), metres_per_unit).map_err(|error| refused(&error))?;
+    let mesh = mesh::parse(bytes, format, Path::new(name), metres_per_unit)
+        .map_err(|error| refused(&error))?;
     let solid = ChosenSolid::centered(mesh).map_err(|error| refused(&error))?;
     Ok(SculptOrder::Adjust(ToolChange { solid: Some(Some(solid)), ..ToolChange::default() }))
 }
@@ -100,17 +111,24 @@ pub(in crate::monitor) struct ValuesAsked {
 ///
 /// # Errors
 /// No such text.
-pub(in crate::monitor) fn values_of(bytes: &[u8], asked: ValuesAsked) -> Result<SculptOrder, RequestError> {
+pub(in crate::monitor) fn values_of(
+    bytes: &[u8],
+    asked: ValuesAsked,
+) -> Result<SculptOrder, RequestError> {
     let refused = |why: &str| RequestError::bad(why, MaterialPlace::values_hint());
-    let place = MaterialPlace::values(bytes, asked.within_m.unwrap_or(1e-3)).map_err(|why| refused(&why))?;
-    place.unsound().map_or(Ok(SculptOrder::Lay { painted: Painted::default(), place }), |why| Err(refused(&why)))
+    let place = MaterialPlace::values(bytes, asked.within_m.unwrap_or(1e-3))
+        .map_err(|why| refused(&why))?;
+    place.unsound().map_or(Ok(SculptOrder::Lay { painted: Painted::default(), place }), |why| {
+        Err(refused(&why))
+    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    const CUBE: &str = "v 10 0 0\nv 20 0 0\nv 10 10 0\nv 10 0 10\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
+    const CUBE: &str =
+        "v 10 0 0\nv 20 0 0\nv 10 10 0\nv 10 0 10\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
 
     fn asked(format: SolidFormat) -> SolidAsked {
         SolidAsked { format, units: SolidUnit::Mm }
@@ -137,9 +155,18 @@ mod tests {
         large.extend([0, 0, 0, 13, b'I', b'H', b'D', b'R', 0, 1, 0, 0, 0, 0, 0, 8]);
         assert!(image_of(&large).is_err_and(|problem| problem.said.error.contains("65536 x 8")));
         large[16..20].copy_from_slice(&8_u32.to_be_bytes());
-        assert!(image_of(&large).is_err_and(|problem| problem.said.error.contains("no PNG image that can be read")));
-        for (text, format) in [("", SolidFormat::Obj), ("v 1 2", SolidFormat::Obj), ("solid", SolidFormat::Ply)] {
-            assert!(solid_of(text.as_bytes(), asked(format)).is_err_and(|problem| !problem.said.error.is_empty()), "{text}");
+        assert!(
+            image_of(&large)
+                .is_err_and(|problem| problem.said.error.contains("no PNG image that can be read"))
+        );
+        for (text, format) in
+            [("", SolidFormat::Obj), ("v 1 2", SolidFormat::Obj), ("solid", SolidFormat::Ply)]
+        {
+            assert!(
+                solid_of(text.as_bytes(), asked(format))
+                    .is_err_and(|problem| !problem.said.error.is_empty()),
+                "{text}"
+            );
         }
     }
 
@@ -147,14 +174,21 @@ mod tests {
     fn values_of_material_are_a_text_with_a_line_for_each_place() {
         let read = |text: &str, within_m| values_of(text.as_bytes(), ValuesAsked { within_m });
         let header = MaterialPlace::VALUES_HEADER;
-        let Ok(SculptOrder::Lay { place: MaterialPlace::Values { places_map, painted, within_m }, .. }) =
-            read(&format!("{header}\n1,2,3,,,700\n\n-1,0,0,1e-3,2,\n"), Some(2e-3))
+        let Ok(SculptOrder::Lay {
+            place: MaterialPlace::Values { places_map, painted, within_m },
+            ..
+        }) = read(&format!("{header}\n1,2,3,,,700\n\n-1,0,0,1e-3,2,\n"), Some(2e-3))
         else {
             panic!("it is laid")
         };
-        assert!(places_map[0].distance(glam::DVec3::new(1e-3, 2e-3, 3e-3)) < 1e-15 && within_m == 2e-3);
+        assert!(
+            places_map[0].distance(glam::DVec3::new(1e-3, 2e-3, 3e-3)) < 1e-15 && within_m == 2e-3
+        );
         assert_eq!(painted[0], Painted { stiffness_n_per_m: Some(700.0), ..Painted::default() });
-        assert_eq!((painted[1].mass_kg, painted[1].damping_n_s_per_m, painted[1].stiffness_n_per_m), (Some(1e-3), Some(2.0), None));
+        assert_eq!(
+            (painted[1].mass_kg, painted[1].damping_n_s_per_m, painted[1].stiffness_n_per_m),
+            (Some(1e-3), Some(2.0), None)
+        );
         for (text, within_m, expected) in [
             ("", None, "the first line"),
             (&format!("{header}\n"), None, "no place"),

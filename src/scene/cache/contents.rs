@@ -27,7 +27,8 @@ pub struct Baked {
 impl Baked {
     /// True when everything is there that an object of this role needs.
     pub fn serves(&self, role: PartRole) -> bool {
-        let (as_static, as_tool) = (self.field.is_some(), self.shell.is_some() && self.mass.is_some());
+        let as_static = self.field.is_some();
+        let as_tool = self.shell.is_some() && self.mass.is_some();
         match role {
             PartRole::Static => as_static,
             PartRole::Tool => as_tool,
@@ -37,7 +38,8 @@ impl Baked {
 
     /// Size of the arrays, bytes.
     pub(in crate::scene) fn heap_bytes(&self) -> usize {
-        self.field.as_ref().map_or(0, Field::heap_bytes) + self.shell.as_ref().map_or(0, Shell::heap_bytes)
+        self.field.as_ref().map_or(0, Field::heap_bytes)
+            + self.shell.as_ref().map_or(0, Shell::heap_bytes)
     }
 
     /// Writes the file of this object.
@@ -75,7 +77,8 @@ pub fn read(bytes: &[u8]) -> Result<Baked, Refusal> {
 
 pub(super) fn take(mapped: Arc<MappedFile>, key: Option<Key>) -> Result<Baked, Refusal> {
     let file = Reader::new(mapped, key, GENERATION)?;
-    let report = serde_json::from_slice(&file.array::<u8>("report")?).map_err(|_| Refusal::Damaged("report"))?;
+    let report = serde_json::from_slice(&file.array::<u8>("report")?)
+        .map_err(|_| Refusal::Damaged("report"))?;
     let field = Field::is_in(&file).then(|| Field::load(&file)).transpose()?;
     let shell = Shell::is_in(&file).then(|| Shell::load(&file)).transpose()?;
     let mass = MassProperties::is_in(&file).then(|| MassProperties::load(&file)).transpose()?;

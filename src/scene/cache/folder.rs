@@ -24,8 +24,8 @@ pub(super) fn touch(file: &File) {
     let _ = file.set_modified(SystemTime::now());
 }
 
-/// Writes a file so that it appears whole or not at all, then removes what has not been used for longest while the folder is larger than
-/// `limit_bytes` (never the new one).
+/// Writes a file so that it appears whole or not at all, then removes what has not been used for
+/// longest while the folder is larger than `limit_bytes` (never the new one).
 pub(super) fn write(
     folder: &Path,
     key: &Key,
@@ -112,14 +112,19 @@ mod tests {
     use super::*;
 
     fn names(folder: &Path) -> Vec<String> {
-        let mut names: Vec<_> =
-            fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned()).collect();
+        let mut names: Vec<_> = fs::read_dir(folder)
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())
+            .collect();
         names.sort();
         names
     }
 
     fn age(path: &Path, seconds: u64) {
-        File::open(path).unwrap().set_modified(SystemTime::now() - Duration::from_secs(seconds)).unwrap();
+        File::open(path)
+            .unwrap()
+            .set_modified(SystemTime::now() - Duration::from_secs(seconds))
+            .unwrap();
     }
 
     #[test]
@@ -149,13 +154,18 @@ mod tests {
         age(&dir.path().join("old.1-0.tmp"), 3600);
         age(&dir.path().join("notes.txt"), 3600);
         write(dir.path(), &[2; 16], u64::MAX, |_| Ok(())).unwrap();
-        assert_eq!(names(dir.path()), ["02020202020202020202020202020202.bake", "new.2-0.tmp", "notes.txt"]);
+        assert_eq!(
+            names(dir.path()),
+            ["02020202020202020202020202020202.bake", "new.2-0.tmp", "notes.txt"]
+        );
     }
 
     #[test]
     fn beyond_the_limit_the_longest_unused_go_first() {
         let dir = tempfile::tempdir().unwrap();
-        let write = |n: u8, limit_bytes| write(dir.path(), &[n; 16], limit_bytes, |out| out.write_all(&[n; 100])).unwrap();
+        let write = |n: u8, limit_bytes| {
+            write(dir.path(), &[n; 16], limit_bytes, |out| out.write_all(&[n; 100])).unwrap()
+        };
         let is_there = |n: u8| path(dir.path(), &[n; 16]).exists();
         for n in 0..4 {
             write(n, 400);
@@ -166,6 +176,10 @@ mod tests {
         write(4, 400);
         assert_eq!([0, 1, 2, 3, 4].map(is_there), [true, false, true, true, true]);
         write(5, 50);
-        assert_eq!([0, 2, 3, 4, 5].map(is_there), [false, false, false, false, true], "the new one stays, however large");
+        assert_eq!(
+            [0, 2, 3, 4, 5].map(is_there),
+            [false, false, false, false, true],
+            "the new one stays, however large"
+        );
     }
 }

@@ -6,13 +6,16 @@
 //!                                     └─ none, other version, damaged ─► bake ─► temporary file ─► fsync ─► rename
 //! ```
 //!
-//! One file per object, named by the hash of everything that its contents depend on. Nothing is ever changed in place: a file appears
-//! whole or not at all, whatever kills the process, and two processes that bake the same object write the same bytes. Every byte that is
-//! used is covered by a checksum and every index is checked, so that a file that is damaged, cut off or forged is baked anew and
-//! replaced. A file of an older version is replaced too; one of a newer version is left alone. The cache never makes a command fail:
-//! what went wrong is a [note](Cache::take_notes), and baking goes on without it. Deleting the folder is always safe.
+//! One file per object, named by the hash of everything that its contents depend on. Nothing is
+//! ever changed in place: a file appears whole or not at all, whatever kills the process, and two
+//! processes that bake the same object write the same bytes. Every byte that is used is covered by
+//! a checksum and every index is checked, so that a file that is damaged, cut off or forged is
+//! baked anew and replaced. A file of an older version is replaced too; one of a newer version is
+//! left alone. The cache never makes a command fail: what went wrong is a
+//! [note](Cache::take_notes), and baking goes on without it. Deleting the folder is always safe.
 //!
-//! Invariant: a scene from the cache is the scene that baking gives, bit for bit. [`GENERATION`] stands for that.
+//! Invariant: a scene from the cache is the scene that baking gives, bit for bit. [`GENERATION`]
+//! stands for that.
 
 mod contents;
 mod folder;
@@ -36,8 +39,8 @@ const LIMIT_BYTES: u64 = 4 << 30;
 /// Where arrays from the cache are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CachePolicy {
-    /// In the mapped file: no copy, memory that processes share and that the kernel may take back. A process that shortens the file
-    /// ends this one: not for a hand.
+    /// In the mapped file: no copy, memory that processes share and that the kernel may take back.
+    /// A process that shortens the file ends this one: not for a hand.
     Mapped,
     /// In memory of the process, which no other process can touch: for rendering.
     Copy,
@@ -88,7 +91,8 @@ impl Cache {
         core::mem::take(&mut self.notes)
     }
 
-    /// Looks for an object of at most so many bytes. Cost: hashing the mesh file and one pass over the cache file.
+    /// Looks for an object of at most so many bytes. Cost: hashing the mesh file and one pass over
+    /// the cache file.
     pub fn look_up(&mut self, request: &Request<'_>, most_bytes: u64) -> Lookup {
         let since = Instant::now();
         // A mesh that cannot be read is refused by the bake, with its cause.
@@ -109,23 +113,40 @@ impl Cache {
         };
         let name = request.name;
         let what = match &refusal {
-            Refusal::Io(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => {
+            Refusal::Io(error)
+                if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) =>
+            {
                 return Lookup::Bake(CacheSlot { cache: CacheUse::Miss, key: Some(key) });
             }
             Refusal::Io(_) => format!("cannot be read ({refusal}): {name} is baked anew"),
-            Refusal::Newer { .. } => format!("was {refusal}: {name} is baked anew and the file left alone"),
-            Refusal::Older { .. } | Refusal::Foreign => format!("was {refusal}: {name} is baked anew and the file replaced"),
-            Refusal::Damaged(_) => format!("is {refusal}: {name} is baked anew and the file replaced"),
+            Refusal::Newer { .. } => {
+                format!("was {refusal}: {name} is baked anew and the file left alone")
+            }
+            Refusal::Older { .. } | Refusal::Foreign => {
+                format!("was {refusal}: {name} is baked anew and the file replaced")
+            }
+            Refusal::Damaged(_) => {
+                format!("is {refusal}: {name} is baked anew and the file replaced")
+            }
         };
         self.notes.push(format!("the cache file {} {what}", path.display()));
         let replace = !matches!(refusal, Refusal::Newer { .. });
         Lookup::Bake(CacheSlot { cache: CacheUse::Rebaked, key: replace.then_some(key) })
     }
 
-    fn load(&self, path: &Path, key: Key, role: PartRole, most_bytes: u64) -> Result<Baked, Refusal> {
+    fn load(
+        &self,
+        path: &Path,
+        key: Key,
+        role: PartRole,
+        most_bytes: u64,
+    ) -> Result<Baked, Refusal> {
         let file = regular::open(path)?;
         if file.metadata()?.len() > most_bytes {
-            return Err(Refusal::Io(io::Error::new(ErrorKind::OutOfMemory, "there is no memory left for it")));
+            return Err(Refusal::Io(io::Error::new(
+                ErrorKind::OutOfMemory,
+                "there is no memory left for it",
+            )));
         }
         folder::touch(&file);
         let region = match self.residence {
@@ -139,17 +160,26 @@ impl Cache {
 
     /// Keeps a baked object. Never fails: what goes wrong is a note.
     pub fn store(&mut self, slot: &CacheSlot, request: &Request<'_>, baked: &Baked) {
-        let Some((folder, key)) = self.folder.as_ref().zip(slot.key).filter(|_| self.may_write) else { return };
-        // A mesh file that changed while it was being read may be neither the old one nor the new one.
+        let Some((folder, key)) = self.folder.as_ref().zip(slot.key).filter(|_| self.may_write)
+        else {
+            return;
+        };
+        // A mesh file that changed while it was being read may be neither the old one nor the new
+        // one.
         if request.key() != Some(key) {
-            self.notes.push(format!("the mesh of {} changed while it was baked: it is not kept in the bake cache", request.name));
+            self.notes.push(format!(
+                "the mesh of {} changed while it was baked: it is not kept in the bake cache",
+                request.name
+            ));
             return;
         }
-        if let Err(error) = folder::write(folder, &key, LIMIT_BYTES, |file| baked.write_to(key, file)) {
+        if let Err(error) =
+            folder::write(folder, &key, LIMIT_BYTES, |file| baked.write_to(key, file))
+        {
             self.may_write = false;
             self.notes.push(format!(
-                "the bake cache {} cannot be written ({error}): nothing is kept for the next start; \
-                 {}choose another folder with --cache DIR, or use --cache off",
+                "the bake cache {} cannot be written ({error}): nothing is kept for the next \
+                    start; {}choose another folder with --cache DIR, or use --cache off",
                 folder.display(),
                 remedy(error.kind())
             ));
@@ -162,7 +192,9 @@ fn remedy(kind: ErrorKind) -> &'static str {
     match kind {
         ErrorKind::StorageFull | ErrorKind::QuotaExceeded => "make room, ",
         ErrorKind::PermissionDenied => "give this user the right to write there, ",
-        ErrorKind::AlreadyExists | ErrorKind::NotADirectory => "move away the file that stands where the folder should be, ",
+        ErrorKind::AlreadyExists | ErrorKind::NotADirectory => {
+            "move away the file that stands where the folder should be, "
+        }
         ErrorKind::IsADirectory => "move away the folder that stands where the file should be, ",
         _ => "",
     }

@@ -55,7 +55,11 @@ impl Request<'_> {
     /// What is to be baked.
     pub fn products(&self) -> Products {
         let Self { role, with_gradients, .. } = *self;
-        Products { field: role != PartRole::Tool, gradients: with_gradients, shell: role != PartRole::Static }
+        Products {
+            field: role != PartRole::Tool,
+            gradients: with_gradients,
+            shell: role != PartRole::Static,
+        }
     }
 
     /// How a part is voxelised.
@@ -63,18 +67,31 @@ impl Request<'_> {
         let voxel_size_m = match self.spacing {
             Spacing::Size(voxel_size_m) => voxel_size_m,
             Spacing::LongestAxis(n) => {
-                part.mesh.bounds().map_or(0.0, |(low, high)| (high - low).max_element()) / f64::from(n.max(1))
+                part.mesh.bounds().map_or(0.0, |(low, high)| (high - low).max_element())
+                    / f64::from(n.max(1))
             }
         };
         Options { voxel_size_m, layers: self.layers, navigation: None, sides: self.sides }
     }
 
-    /// Hash of all that the result depends on; `None` when the mesh file, or one that it takes triangles from, cannot be read. Cost: one
-    /// pass over these files, about 10 GB/s from the page cache, no memory; of glTF also its JSON text.
+    /// Hash of all that the result depends on; `None` when the mesh file, or one that it takes
+    /// triangles from, cannot be read. Cost: one pass over these files, about 10 GB/s from the page
+    /// cache, no memory; of glTF also its JSON text.
     pub(in crate::scene) fn key(&self) -> Option<Key> {
-        let Self { name: _, role, source, spacing, layers, sides, with_gradients, points, center_of_mass } = self;
+        let Self {
+            name: _,
+            role,
+            source,
+            spacing,
+            layers,
+            sides,
+            with_gradients,
+            points,
+            center_of_mass,
+        } = self;
         let mut recipe = String::new();
-        // Debug of a float prints as many digits as tell it from its neighbours. Writing to a string cannot fail.
+        // Debug of a float prints as many digits as tell it from its neighbours. Writing to a
+        // string cannot fail.
         let _ = match source {
             MeshSource::File { path, metres_per_unit } => {
                 let format = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
@@ -88,7 +105,8 @@ impl Request<'_> {
         };
         let _ = write!(
             recipe,
-            "\n{role:?}\n{spacing:?}\nlayers {layers}\nsides {sides:?}\ngradients {with_gradients}\npoints {points:?}\nabout {center_of_mass:?}\n"
+            "\n{role:?}\n{spacing:?}\nlayers {layers}\nsides {sides:?}\ngradients \
+                {with_gradients}\npoints {points:?}\nabout {center_of_mass:?}\n"
         );
         Some(XxHash3_128::oneshot(recipe.as_bytes()).to_be_bytes())
     }

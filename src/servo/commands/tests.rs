@@ -47,7 +47,10 @@ fn a_pose_comes_out_once_and_a_bad_one_never_goes_in() {
     assert_eq!(controls.place("plate", at(1.0)), Ok(()));
     assert_eq!(next(&mut queue), Some(Placement { obstacle_idx: 1, world_from_map: at(1.0) }));
     assert_eq!(next(&mut queue), None);
-    assert_eq!(controls.place("floor", at(1.0)), Err(ControlError::NotMovable { name: "floor".to_owned() }));
+    assert_eq!(
+        controls.place("floor", at(1.0)),
+        Err(ControlError::NotMovable { name: "floor".to_owned() })
+    );
     let unknown = controls.place("plaet", at(1.0)).expect_err("unknown");
     assert_eq!(unknown.to_string(), "no object is called `plaet`; known here: plate");
     for wrong in [
@@ -57,14 +60,21 @@ fn a_pose_comes_out_once_and_a_bad_one_never_goes_in() {
         Pose::new(DQuat::from_xyzw(0.0, 0.0, 0.0, 1.1), DVec3::ZERO),
         Pose::new(DQuat::from_xyzw(f64::NAN, 0.0, 0.0, 1.0), DVec3::ZERO),
     ] {
-        assert_eq!(controls.place("plate", wrong), Err(ControlError::Pose { name: "plate".to_owned() }));
+        assert_eq!(
+            controls.place("plate", wrong),
+            Err(ControlError::Pose { name: "plate".to_owned() })
+        );
     }
     assert_eq!(next(&mut queue), None);
     for n in 0..RING_COMMANDS {
         assert_eq!(controls.place("plate", at(n as f64)), Ok(()));
     }
     assert_eq!(controls.place("plate", at(0.0)), Err(ControlError::Full));
-    assert_eq!(next(&mut queue).map(|placement| placement.world_from_map), Some(at((RING_COMMANDS - 1) as f64)), "the newest");
+    assert_eq!(
+        next(&mut queue).map(|placement| placement.world_from_map),
+        Some(at((RING_COMMANDS - 1) as f64)),
+        "the newest"
+    );
     assert_eq!(next(&mut queue), None);
     drop(queue);
     assert_eq!(controls.place("plate", at(0.0)), Err(ControlError::Over));
@@ -75,16 +85,25 @@ fn paths_take_turns_and_a_client_goes_first() {
     let named = vec![("a".to_owned(), true), ("b".to_owned(), true)];
     let (mut controls, queue) = SceneControls::new(&parameters(), named.clone());
     let path = |x_m: f64| HandPath::fixed(at(x_m));
-    let paths = ObjectPaths::new(&named, [("a".to_owned(), path(1.0)), ("b".to_owned(), path(2.0))]).expect("sound");
-    let (mut queue, mut scene) = (queue.with_paths(paths), loaded());
+    let paths =
+        ObjectPaths::new(&named, [("a".to_owned(), path(1.0)), ("b".to_owned(), path(2.0))])
+            .expect("sound");
+    let mut queue = queue.with_paths(paths);
+    let mut scene = loaded();
     let mut next = |queue: &mut CommandQueue| {
         queue.receive(&mut scene, 0);
-        queue.next_placement(&mut scene, 0.0).map(|asked| (asked.obstacle_idx, asked.world_from_map.translation.x))
+        queue
+            .next_placement(&mut scene, 0.0)
+            .map(|asked| (asked.obstacle_idx, asked.world_from_map.translation.x))
     };
-    assert_eq!([(); 3].map(|()| next(&mut queue)), [Some((1, 2.0)), Some((0, 1.0)), Some((1, 2.0))]);
+    assert_eq!(
+        [(); 3].map(|()| next(&mut queue)),
+        [Some((1, 2.0)), Some((0, 1.0)), Some((1, 2.0))]
+    );
     controls.place("b", at(3.0)).expect("room");
     assert_eq!([(); 2].map(|()| next(&mut queue)), [Some((1, 3.0)), Some((0, 1.0))]);
-    let paths = |names: [&str; 2]| ObjectPaths::new(&named, names.map(|name| (name.to_owned(), path(0.0))));
+    let paths =
+        |names: [&str; 2]| ObjectPaths::new(&named, names.map(|name| (name.to_owned(), path(0.0))));
     assert!(matches!(paths(["a", "c"]), Err(ControlError::UnknownObject { .. })));
     assert!(matches!(paths(["a", "a"]), Err(ControlError::Twice { .. })));
 }
@@ -100,7 +119,10 @@ fn a_value_within_its_range_goes_in_and_nothing_else() {
     assert_eq!(queue.next_change(), Some(ParameterChange { parameter, value: half }));
     assert_eq!(controls.settings()[0], ParameterSetting { parameter, range, value: half });
     for value in [f64::NAN, range.most * 1.001, -1.0, f64::INFINITY] {
-        assert!(matches!(controls.set(parameter.name(), value), Err(ControlError::Range { .. })), "{value}");
+        assert!(
+            matches!(controls.set(parameter.name(), value), Err(ControlError::Range { .. })),
+            "{value}"
+        );
     }
     let unknown = controls.set("stiffness", 1.0).expect_err("unknown").to_string();
     assert!(unknown.contains("contact_stiffness_n_per_m"), "{unknown}");
@@ -128,12 +150,18 @@ fn several_go_in_together_or_none_does() {
     }
     assert_eq!(controls.follow_file(&file, &changes), Err(ControlError::Full));
     queue.receive(&mut scene, 0);
-    assert_eq!((queue.next_change().map(|change| change.value), controls.settings()[0]), (Some(first.value), first));
+    assert_eq!(
+        (queue.next_change().map(|change| change.value), controls.settings()[0]),
+        (Some(first.value), first)
+    );
     assert_eq!(controls.follow_file(&file, &changes), Ok(()));
     queue.receive(&mut scene, 0);
     // The limit goes first.
     let next = [(); 3].map(|()| queue.next_change().map(|change| change.parameter));
-    assert_eq!(next, [Some(LiveParameter::ForceLimit), Some(LiveParameter::ContactStiffness), None]);
+    assert_eq!(
+        next,
+        [Some(LiveParameter::ForceLimit), Some(LiveParameter::ContactStiffness), None]
+    );
     assert_eq!(controls.file_changes(&file), Some(Vec::new()));
     assert_eq!(setting(&controls, LiveParameter::ForceLimit).range.scene, file.limits.force_n);
     file.contact.stiffness_n_per_m = f64::NAN;
@@ -152,7 +180,10 @@ fn a_client_asks_for_no_larger_limit_than_the_file_has_now() {
     assert!(matches!(controls.set(name, 0.6 * scene_n), Err(ControlError::Range { .. })));
     assert_eq!(controls.set(name, 0.4 * scene_n), Ok(()));
     queue.receive(&mut scene, 0);
-    assert_eq!(queue.next_change(), Some(ParameterChange { parameter: LiveParameter::ForceLimit, value: 0.4 * scene_n }));
+    assert_eq!(
+        queue.next_change(),
+        Some(ParameterChange { parameter: LiveParameter::ForceLimit, value: 0.4 * scene_n })
+    );
 }
 
 #[test]
@@ -167,10 +198,15 @@ fn what_a_person_lowered_holds_until_a_person_raises_it() {
         assert!(matches!(controls.offer(loaded(), objects()), Err((SwapError::Waiting, _))));
         queue.receive(&mut scene, rendered_idx);
         assert!(controls.take_replaced().is_none(), "not yet");
-        assert!(queue.is_scene_due(&mut scene, (0, rendered_idx), ClockKind::Real, || false) && queue.exchange(&mut scene));
+        assert!(
+            queue.is_scene_due(&mut scene, (0, rendered_idx), ClockKind::Real, || false)
+                && queue.exchange(&mut scene)
+        );
         rendered_idx += 1;
         // What comes for the scene before is dropped, but for a limit.
-        controls.set("contact_stiffness_n_per_m", 0.5 * parameters().contact.stiffness_n_per_m).expect("room");
+        controls
+            .set("contact_stiffness_n_per_m", 0.5 * parameters().contact.stiffness_n_per_m)
+            .expect("room");
         queue.receive(&mut scene, rendered_idx);
         let told = [queue.next_change(), queue.next_change()];
         assert!(controls.take_replaced().is_some() && controls.scene_idx() == rendered_idx);
@@ -179,7 +215,8 @@ fn what_a_person_lowered_holds_until_a_person_raises_it() {
     // The value of the scene is not lowered.
     controls.set(name, all_n).expect("room");
     assert_eq!(exchange(&mut controls, &mut queue), ([None, None], all_n));
-    let limit = |value: f64| [Some(ParameterChange { parameter: LiveParameter::ForceLimit, value }), None];
+    let limit =
+        |value: f64| [Some(ParameterChange { parameter: LiveParameter::ForceLimit, value }), None];
     controls.set(name, 0.5 * all_n).expect("room");
     assert_eq!(exchange(&mut controls, &mut queue), (limit(0.5 * all_n), 0.5 * all_n));
     assert_eq!(controls.file_changes(&parameters()), Some(Vec::new()), "no file raises it");
@@ -193,7 +230,9 @@ fn what_a_person_lowered_holds_until_a_person_raises_it() {
 fn simulated_time_waits_for_a_promised_scene_and_not_for_one_that_will_not_come() {
     let (mut controls, queue, mut scene) = ends();
     let mut queue = queue.with_promised(Box::new([10, 20]));
-    let mut is_due = |queue: &mut CommandQueue, tick: u64, clock| queue.is_scene_due(&mut scene, (tick, 0), clock, || false);
+    let mut is_due = |queue: &mut CommandQueue, tick: u64, clock| {
+        queue.is_scene_due(&mut scene, (tick, 0), clock, || false)
+    };
     assert!(!is_due(&mut queue, 9, ClockKind::Virtual) && !is_due(&mut queue, 10, ClockKind::Real));
     controls.skip().expect("room");
     assert!(!is_due(&mut queue, 10, ClockKind::Virtual));
@@ -206,7 +245,10 @@ fn simulated_time_waits_for_a_promised_scene_and_not_for_one_that_will_not_come(
     drop(sender.join().expect("no panic"));
     let (_, queue, mut scene) = ends();
     let mut queue = queue.with_promised(Box::new([0]));
-    assert!(!queue.is_scene_due(&mut scene, (0, 0), ClockKind::Virtual, || false), "the sender has gone");
+    assert!(
+        !queue.is_scene_due(&mut scene, (0, 0), ClockKind::Virtual, || false),
+        "the sender has gone"
+    );
 }
 
 #[test]

@@ -1,4 +1,5 @@
-//! Makes the header of the C library and holds it against the one that is there; `--write` writes it.
+//! Makes the header of the C library and holds it against the one that is there; `--write` writes
+//! it.
 //!
 //! `cargo run --manifest-path tests/capi-header/Cargo.toml [-- --write]`
 
@@ -25,6 +26,10 @@ fn main() -> ExitCode {
     if std::fs::read(&path).is_ok_and(|there| there == made) {
         return ExitCode::SUCCESS;
     }
-    eprintln!("{}: it is not the one of crates/capi/src: cargo run --manifest-path tests/capi-header/Cargo.toml -- --write", path.display());
+    eprintln!(
+        "{}: it is not the one of crates/capi/src: cargo run --manifest-path \
+            tests/capi-header/Cargo.toml -- --write",
+        path.display()
+    );
     ExitCode::FAILURE
 }

@@ -22,8 +22,12 @@ fn other_pages_and_bent_names_stay_out() {
         assert_eq!(status, expected, "{headers:?}: {body}");
         assert!(status == 200 || body["error"].is_string() && body["hint"].is_string(), "{body}");
     }
-    assert_eq!(daemon.http("POST", "/api/v1/stop", &[("Origin", "http://evil.example")], "").0, 403);
-    let connect = |headers: &[(&str, &str)]| Client::connect(daemon.address, "", headers).map(|_| ());
+    assert_eq!(
+        daemon.http("POST", "/api/v1/stop", &[("Origin", "http://evil.example")], "").0,
+        403
+    );
+    let connect =
+        |headers: &[(&str, &str)]| Client::connect(daemon.address, "", headers).map(|_| ());
     assert_eq!(connect(&[("Origin", "http://evil.example")]), Err("403".to_owned()));
     assert_eq!(connect(&[("Host", "evil.example")]), Err("403".to_owned()));
     assert_eq!(connect(&[("Origin", &own)]), Ok(()));
@@ -37,13 +41,21 @@ fn with_a_token_only_who_knows_it_comes_in() {
     std::fs::write(folder.path().join("token"), format!("{TOKEN}\n")).unwrap();
     let daemon = Daemon::of(folder, "--monitor-token token", &[]);
     assert_eq!(daemon.http("GET", "/", &[], "").0, 200, "the page holds no secret");
-    let with = |token: &str| daemon.http("GET", "/api/v1/info", &[("Authorization", &format!("Bearer {token}"))], "").0;
+    let with = |token: &str| {
+        daemon.http("GET", "/api/v1/info", &[("Authorization", &format!("Bearer {token}"))], "").0
+    };
     assert_eq!((with(TOKEN), with(&TOKEN[1..]), with("")), (200, 401, 401));
-    for (method, path) in
-        [("GET", "/api/v1/info"), ("GET", "/metrics"), ("POST", "/api/v1/enable"), ("GET", "/api/v1/scene/0/mesh/0")]
-    {
+    for (method, path) in [
+        ("GET", "/api/v1/info"),
+        ("GET", "/metrics"),
+        ("POST", "/api/v1/enable"),
+        ("GET", "/api/v1/scene/0/mesh/0"),
+    ] {
         let (status, body) = daemon.http(method, path, &[], "");
-        assert!(status == 401 && body["hint"].as_str().unwrap().contains("Bearer"), "{path}: {body}");
+        assert!(
+            status == 401 && body["hint"].as_str().unwrap().contains("Bearer"),
+            "{path}: {body}"
+        );
     }
     let connect = |query: &str| Client::connect(daemon.address, query, &[]).map(|_| ());
     assert_eq!(connect(""), Err("401".to_owned()));
@@ -80,9 +92,16 @@ fn other_machines_need_a_token_and_a_port_that_is_taken_is_said() {
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = taken.local_addr().unwrap();
     let (code, said) = run(&format!("press.toml --monitor {address}"));
-    assert!(code == Some(2) && said.contains("cannot listen") && said.contains("127.0.0.1:0"), "{said}");
+    assert!(
+        code == Some(2) && said.contains("cannot listen") && said.contains("127.0.0.1:0"),
+        "{said}"
+    );
     // Of the scene it is a wish.
-    std::fs::write(folder.path().join("busy.toml"), format!("{}[monitor]\nlisten = \"{address}\"\n", super::SCENE)).unwrap();
+    std::fs::write(
+        folder.path().join("busy.toml"),
+        format!("{}[monitor]\nlisten = \"{address}\"\n", super::SCENE),
+    )
+    .unwrap();
     let (code, said) = run("busy.toml --duration 100ms --realtime best-effort");
     assert!(code == Some(0) && said.contains("warning: no monitor: cannot listen"), "{said}");
     // Under the virtual clock there is none unless it is asked for.

@@ -28,10 +28,10 @@ hand = "hand.csv"
 "#;
 const SLEW_N_PER_S: f64 = 400.0;
 /// Just over the ball, so that it is within the brush.
-pub(crate) const STILL: &str = "t_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0,0,0.020,0,0,0,1\n1,0,0,0.020,0,0,0,1\n";
+pub(crate) const STILL: &str =
+    "t_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0,0,0.020,0,0,0,1\n1,0,0,0.020,0,0,0,1\n";
 /// To and fro above it: what is held is pulled.
-const PULLING: &str =
-    "t_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0,0,0.019,0,0,0,1\n0.3,0,0,0.019,0,0,0,1\n0.8,0,0,0.026,0,0,0,1\n1.0,0,0,0.026,0,0,0,1\n";
+const PULLING: &str = "t_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0,0,0.019,0,0,0,1\n0.3,0,0,0.019,0,0,0,1\n0.8,0,0,0.026,0,0,0,1\n1.0,0,0,0.026,0,0,0,1\n";
 
 fn clay_where(daemon: &Daemon, is_it: impl Fn(&Value) -> bool) -> Value {
     let started = Instant::now();
@@ -63,10 +63,17 @@ fn clients_see_the_clay_and_choose_what_the_tool_does_to_it() {
     };
     let (status, bytes) = points(0);
     let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
-    assert_eq!((status, &bytes[..4], word(4), u64::from(word(16))), (200, &b"HCLY"[..], 1, facts["samples"].as_u64().unwrap()));
+    assert_eq!(
+        (status, &bytes[..4], word(4), u64::from(word(16))),
+        (200, &b"HCLY"[..], 1, facts["samples"].as_u64().unwrap())
+    );
     assert_eq!(bytes.len(), 32 + 20 * word(16) as usize);
     for at in (32..bytes.len()).step_by(20) {
-        let radius_m = [0, 4, 8].map(|axis| f64::from(f32::from_bits(word(at + axis))).powi(2)).iter().sum::<f64>().sqrt();
+        let radius_m = [0, 4, 8]
+            .map(|axis| f64::from(f32::from_bits(word(at + axis))).powi(2))
+            .iter()
+            .sum::<f64>()
+            .sqrt();
         assert!((radius_m - 0.015).abs() < 1e-3, "{radius_m}");
     }
     assert_eq!(points(u64::from(word(8))), (204, Vec::new()));
@@ -74,12 +81,19 @@ fn clients_see_the_clay_and_choose_what_the_tool_does_to_it() {
     let mut client = daemon.connect();
     client.does(json!({ "do": "clay_take", "craft": "paint", "color": "#102030" }));
     client.event("clay", "paint");
-    let (status, answer) = daemon.http("POST", "/api/v1/clay/tool", &[], r#"{"brush_m": 0.004, "falloff": [1, 0.5, 0]}"#);
+    let (status, answer) = daemon.http(
+        "POST",
+        "/api/v1/clay/tool",
+        &[],
+        r#"{"brush_m": 0.004, "falloff": [1, 0.5, 0]}"#,
+    );
     assert_eq!((status, &answer["ok"]), (200, &json!(true)), "{answer}");
     let facts = daemon.get("/api/v1/clay");
     let expected = (&json!("paint"), &json!("#102030"), &json!(0.004), &json!("table"));
     assert_eq!((&facts["craft"], &facts["color"], &facts["brush_m"], &facts["falloff"]), expected);
-    for wrong in [json!({ "craft": "knit" }), json!({ "brush_m": 1 }), json!({ "color": "red" }), json!({})] {
+    for wrong in
+        [json!({ "craft": "knit" }), json!({ "brush_m": 1 }), json!({ "color": "red" }), json!({})]
+    {
         let (status, answer) = daemon.http("POST", "/api/v1/clay/tool", &[], &wrong.to_string());
         assert!(status == 400 && answer["hint"].is_string(), "{wrong}: {status} {answer}");
     }
@@ -100,15 +114,24 @@ fn clients_see_the_clay_and_choose_what_the_tool_does_to_it() {
     client.does(json!({ "do": "clay_redo" }));
     clay_where(&daemon, |facts| facts["undo"] == 1 && facts["redo"] == 0);
     for (kind, ending) in [("points", "ply"), ("session", "session"), ("export", "ply")] {
-        let reply = client.ask(json!({ "do": "clay_save", "kind": kind, "file": format!("ball {kind}") }));
+        let reply =
+            client.ask(json!({ "do": "clay_save", "kind": kind, "file": format!("ball {kind}") }));
         let file = daemon.state_folder().join(format!("clay/ball {kind}.{ending}"));
-        assert_eq!((&reply["ok"], reply["file"].as_str()), (&json!(true), file.to_str()), "{reply}");
+        assert_eq!(
+            (&reply["ok"], reply["file"].as_str()),
+            (&json!(true), file.to_str()),
+            "{reply}"
+        );
         assert!(std::fs::metadata(&file).unwrap().len() > 1000);
         client.event("clay", "saved");
-        let again = client.ask(json!({ "do": "clay_save", "kind": kind, "file": format!("ball {kind}") }));
+        let again =
+            client.ask(json!({ "do": "clay_save", "kind": kind, "file": format!("ball {kind}") }));
         assert_eq!(again["status"], 409, "{again}");
     }
-    assert_eq!(client.ask(json!({ "do": "clay_save", "kind": "points", "file": "../ball" }))["status"], 400);
+    assert_eq!(
+        client.ask(json!({ "do": "clay_save", "kind": "points", "file": "../ball" }))["status"],
+        400
+    );
     assert_eq!(daemon.end().code, Some(0));
 }
 
@@ -116,16 +139,24 @@ fn clients_see_the_clay_and_choose_what_the_tool_does_to_it() {
 fn a_client_chooses_curves_region_material_image_and_solid_and_what_makes_no_sense_is_refused() {
     let daemon = Daemon::sculpting(SCENE, STILL);
     let top_m = 0.015;
-    let post = |path: &str, body: Value| daemon.http("POST", &format!("/api/v1/clay/{path}"), &[], &body.to_string());
+    let post = |path: &str, body: Value| {
+        daemon.http("POST", &format!("/api/v1/clay/{path}"), &[], &body.to_string())
+    };
     let does = |path: &str, body: Value| {
         let (status, answer) = post(path, body);
         assert_eq!((status, &answer["ok"]), (200, &json!(true)), "{path}: {answer}");
     };
     does("tool", json!({ "craft": "pull-curve", "brush_m": 0.003 }));
-    let curves = json!([[[-0.003, 0, top_m], [0.003, 0, top_m]], [[0, -0.003, top_m], [0, 0.003, top_m]]]);
+    let curves =
+        json!([[[-0.003, 0, top_m], [0.003, 0, top_m]], [[0, -0.003, top_m], [0, 0.003, top_m]]]);
     does("draw", json!({ "curves_m": curves }));
-    let drawn = clay_where(&daemon, |facts| facts["curves_map"].as_array().is_some_and(|curves| curves.len() == 2));
-    assert!(drawn["curves_map"][0].as_array().unwrap().len() > 2, "corners are put in between: {drawn}");
+    let drawn = clay_where(&daemon, |facts| {
+        facts["curves_map"].as_array().is_some_and(|curves| curves.len() == 2)
+    });
+    assert!(
+        drawn["curves_map"][0].as_array().unwrap().len() > 2,
+        "corners are put in between: {drawn}"
+    );
     does("pull", json!({ "curves_m": curves, "force_n": [0, 0, 3], "time_s": 0.2 }));
     clay_where(&daemon, |facts| facts["undo"] == 1 && facts["is_stroke"] == false);
     does("lay", json!({ "painted": { "stiffness_n_per_m": 321 } }));
@@ -138,29 +169,48 @@ fn a_client_chooses_curves_region_material_image_and_solid_and_what_makes_no_sen
     );
     let joined = clay_where(&daemon, |facts| facts["undo"] == 4);
     let highest_m = |facts: &Value| facts["region_map"]["max"][2].as_f64().unwrap();
-    assert!(highest_m(&joined) > highest_m(&laid) + 0.002, "the region has grown with the piece: {joined} after {laid}");
+    assert!(
+        highest_m(&joined) > highest_m(&laid) + 0.002,
+        "the region has grown with the piece: {joined} after {laid}"
+    );
     does("undo", json!({}));
     does("region", json!({ "min": [-0.006, -0.006, 0.008], "max": [0.006, 0.006, 0.02] }));
-    let chosen = clay_where(&daemon, |facts| facts["region_map"]["min"][0].as_f64().is_some_and(|low| low > -0.007));
+    let chosen = clay_where(&daemon, |facts| {
+        facts["region_map"]["min"][0].as_f64().is_some_and(|low| low > -0.007)
+    });
     assert!(chosen["region_map"]["min"][2].as_f64().unwrap() > 0.0, "{chosen}");
 
     // Files: an image and a solid.
     let put = |path: &str, bytes: &[u8]| {
-        let (status, answer) = http(daemon.address, "PUT", &format!("/api/v1/clay/{path}"), &[], bytes).unwrap();
+        let (status, answer) =
+            http(daemon.address, "PUT", &format!("/api/v1/clay/{path}"), &[], bytes).unwrap();
         (status, serde_json::from_slice::<Value>(&answer).unwrap_or_default())
     };
-    let image = std::fs::read(super::Path::new(env!("CARGO_MANIFEST_DIR")).join("config/models/letter-h.png")).unwrap();
+    let image = std::fs::read(
+        super::Path::new(env!("CARGO_MANIFEST_DIR")).join("config/models/letter-h.png"),
+    )
+    .unwrap();
     assert_eq!(put("image", &image).0, 200);
     let corner = b"v 0 0 0\nv 6 0 0\nv 0 6 0\nv 0 0 6\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
     assert_eq!(put("solid?format=obj&units=mm", corner).0, 200);
-    let facts = clay_where(&daemon, |facts| facts["has_image"] == true && facts["solid"].is_string());
+    let facts =
+        clay_where(&daemon, |facts| facts["has_image"] == true && facts["solid"].is_string());
     assert_eq!(facts["solid"], "4 triangles, 6.0 x 6.0 x 6.0 mm");
-    does("combine", json!({ "boolean": "difference", "pose": { "p": [0, 0, top_m], "q": [0, 0, 0, 1] } }));
+    does(
+        "combine",
+        json!({ "boolean": "difference", "pose": { "p": [0, 0, top_m], "q": [0, 0, 0, 1] } }),
+    );
     let before = daemon.get("/api/v1/clay")["undo"].as_u64().unwrap();
-    assert_eq!(put("values?within_m=0.003", b"x_mm,y_mm,z_mm,mass,damping,stiffness\n0,0,15,,,700\n").0, 200);
+    assert_eq!(
+        put("values?within_m=0.003", b"x_mm,y_mm,z_mm,mass,damping,stiffness\n0,0,15,,,700\n").0,
+        200
+    );
     clay_where(&daemon, |facts| facts["undo"] == before + 1);
     for path in ["image", "solid"] {
-        assert_eq!(http(daemon.address, "DELETE", &format!("/api/v1/clay/{path}"), &[], b"").unwrap().0, 200);
+        assert_eq!(
+            http(daemon.address, "DELETE", &format!("/api/v1/clay/{path}"), &[], b"").unwrap().0,
+            200
+        );
     }
     clay_where(&daemon, |facts| facts["has_image"] == false && facts["solid"].is_null());
     for (path, bytes, expected) in [
@@ -187,14 +237,18 @@ fn a_client_chooses_curves_region_material_image_and_solid_and_what_makes_no_sen
         ("combine", json!({ "boolean": "union" }), 400),
     ] {
         let (status, answer) = post(path, body.clone());
-        assert!(status == expected && answer["hint"].is_string(), "{path} {body}: {status} {answer}");
+        assert!(
+            status == expected && answer["hint"].is_string(),
+            "{path} {body}: {status} {answer}"
+        );
     }
     assert_eq!(daemon.end().code, Some(0));
 }
 
 #[test]
 fn an_image_that_a_client_sends_stands_out_by_its_depth() {
-    let scene = SCENE.replace("spacing_mm = 1.5", "spacing_mm = 0.75").replace("\"touch\"", "\"emboss\"");
+    let scene =
+        SCENE.replace("spacing_mm = 1.5", "spacing_mm = 0.75").replace("\"touch\"", "\"emboss\"");
     let daemon = Daemon::sculpting(&scene, STILL);
     // White on the right: towards +x, as the surface faces up.
     let mut image = tiny_skia::Pixmap::new(64, 64).unwrap();
@@ -202,7 +256,9 @@ fn an_image_that_a_client_sends_stands_out_by_its_depth() {
         let grey = if n % 64 < 32 { 0 } else { 255 };
         *pixel = tiny_skia::ColorU8::from_rgba(grey, grey, grey, 255).premultiply();
     }
-    let (status, _) = http(daemon.address, "PUT", "/api/v1/clay/image", &[], &image.encode_png().unwrap()).unwrap();
+    let (status, _) =
+        http(daemon.address, "PUT", "/api/v1/clay/image", &[], &image.encode_png().unwrap())
+            .unwrap();
     assert_eq!(status, 200);
     let depth_m = 0.0012;
     let mut client = daemon.connect();
@@ -213,7 +269,8 @@ fn an_image_that_a_client_sends_stands_out_by_its_depth() {
     let (_, bytes) = http(daemon.address, "GET", "/api/v1/clay/points", &[], b"").unwrap();
     let number = |at: usize| f64::from(f32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()));
     let places = (32..bytes.len()).step_by(20).map(|at| [0, 4, 8].map(|axis| number(at + axis)));
-    let (mut n_raised, mut n_level) = (0, 0);
+    let mut n_raised = 0;
+    let mut n_level = 0;
     for [x, y, z] in places.filter(|[_, y, z]| *z > 0.0 && y.abs() < 0.004) {
         let height_m = (x * x + y * y + z * z).sqrt() - 0.015;
         if (0.002..0.004).contains(&x) {
@@ -232,7 +289,8 @@ fn an_image_that_a_client_sends_stands_out_by_its_depth() {
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_hold_ends_with_the_client_with_its_silence_and_with_the_force() {
     let daemon = Daemon::sculpting(SCENE, STILL);
-    let (mut holder, mut other) = (daemon.connect(), daemon.connect());
+    let mut holder = daemon.connect();
+    let mut other = daemon.connect();
     other.does(json!({ "do": "clay_take", "craft": "pull" }));
     let hold = json!({ "do": "clay_hold", "held": true });
     holder.does(hold.clone());
@@ -255,7 +313,8 @@ fn a_hold_ends_with_the_client_with_its_silence_and_with_the_force() {
     other.does(json!({ "do": "disable" }));
     other.event("clay", "let-go");
     assert_eq!(other.ask(hold.clone())["status"], 409, "without force");
-    // The clay was pulled to where the hand still is, and a tool that starts in clay feels nothing before it was outside.
+    // The clay was pulled to where the hand still is, and a tool that starts in clay feels nothing
+    // before it was outside.
     while other.ask(json!({ "do": "clay_undo" }))["ok"] == true {}
     other.does(json!({ "do": "enable" }));
     other.event("state", "enabled");
@@ -270,7 +329,9 @@ fn a_hold_ends_with_the_client_with_its_silence_and_with_the_force() {
 fn every_command_says_what_is_wrong_with_it_and_what_would_do() {
     let daemon = Daemon::sculpting(SCENE, STILL);
     let mut client = daemon.connect();
-    client.does(json!({ "do": "clay_take", "craft": "pull", "falloff": "constant", "depth_m": 0.002 }));
+    client.does(
+        json!({ "do": "clay_take", "craft": "pull", "falloff": "constant", "depth_m": 0.002 }),
+    );
     let before = daemon.get("/api/v1/clay");
     let take = |fields: Value| {
         let mut request = json!({ "do": "clay_take" });
@@ -284,7 +345,13 @@ fn every_command_says_what_is_wrong_with_it_and_what_would_do() {
         (take(json!({ "brush": 0.001 })), 400, "brush"),
         (take(json!({ "brush_m": "wide" })), 400, "`brush_m`"),
         (take(json!({ "brush_m": 0 })), 400, "`brush_m`"),
-        (take(json!({ "brush_m": 1, "falloff": "spherical", "depth_m": 0.001, "is_sharp": true })), 400, "`brush_m`"),
+        (
+            take(
+                json!({ "brush_m": 1, "falloff": "spherical", "depth_m": 0.001, "is_sharp": true }),
+            ),
+            400,
+            "`brush_m`",
+        ),
         (take(json!({ "depth_m": -1 })), 400, "`depth_m`"),
         (take(json!({ "falloff": "square" })), 400, "square"),
         (take(json!({ "falloff": [2, 0] })), 400, "0 to 1"),
@@ -302,9 +369,17 @@ fn every_command_says_what_is_wrong_with_it_and_what_would_do() {
         (json!({ "do": "clay_save", "kind": "points", "file": "" }), 400, "letters"),
     ] {
         let reply = client.ask(request.clone());
-        assert_eq!((&reply["ok"], &reply["status"]), (&json!(false), &json!(status)), "{request}: {reply}");
-        let [error, hint] = ["error", "hint"].map(|key| reply[key].as_str().unwrap_or_default().to_owned());
-        assert!(format!("{error}; {hint}").contains(expected) && !hint.is_empty(), "{request}: {reply}");
+        assert_eq!(
+            (&reply["ok"], &reply["status"]),
+            (&json!(false), &json!(status)),
+            "{request}: {reply}"
+        );
+        let [error, hint] =
+            ["error", "hint"].map(|key| reply[key].as_str().unwrap_or_default().to_owned());
+        assert!(
+            format!("{error}; {hint}").contains(expected) && !hint.is_empty(),
+            "{request}: {reply}"
+        );
     }
     for (path, body, expected) in [
         ("tool", r#"{"brush_m": "wide"}"#, "`brush_m`"),
@@ -314,11 +389,25 @@ fn every_command_says_what_is_wrong_with_it_and_what_would_do() {
     ] {
         let (status, answer) = daemon.http("POST", &format!("/api/v1/clay/{path}"), &[], body);
         assert_eq!(status, 400, "{answer}");
-        assert!(answer["error"].as_str().unwrap().contains(expected) && answer["hint"].is_string(), "{path} {body}: {answer}");
+        assert!(
+            answer["error"].as_str().unwrap().contains(expected) && answer["hint"].is_string(),
+            "{path} {body}: {answer}"
+        );
     }
     // None of it has changed anything.
     let after = daemon.get("/api/v1/clay");
-    for key in ["version", "craft", "brush_m", "falloff", "color", "depth_m", "is_sharp", "is_held", "undo", "is_unsaved"] {
+    for key in [
+        "version",
+        "craft",
+        "brush_m",
+        "falloff",
+        "color",
+        "depth_m",
+        "is_sharp",
+        "is_held",
+        "undo",
+        "is_unsaved",
+    ] {
         assert_eq!(after[key], before[key], "{key}");
     }
 
@@ -328,7 +417,10 @@ fn every_command_says_what_is_wrong_with_it_and_what_would_do() {
     let save = json!({ "do": "clay_save", "kind": "session", "file": "ball" });
     let reply = client.ask(save.clone());
     assert_eq!(reply["status"], 409, "{reply}");
-    assert!(reply["error"].as_str().unwrap().contains("clay") && reply["hint"].is_string(), "{reply}");
+    assert!(
+        reply["error"].as_str().unwrap().contains("clay") && reply["hint"].is_string(),
+        "{reply}"
+    );
     std::fs::remove_file(&folder).unwrap();
     client.does(save);
 }
@@ -338,7 +430,10 @@ fn what_no_session_has_is_told_until_one_has_it() {
     let daemon = Daemon::sculpting(SCENE, STILL);
     let mut client = daemon.connect();
     let facts = daemon.get("/api/v1/clay");
-    assert_eq!((&facts["is_unsaved"], &facts["session_at_end"], &facts["is_over"]), (&json!(false), &json!(null), &json!(false)));
+    assert_eq!(
+        (&facts["is_unsaved"], &facts["session_at_end"], &facts["is_over"]),
+        (&json!(false), &json!(null), &json!(false))
+    );
     client.does(json!({ "do": "clay_take", "craft": "emboss", "brush_m": 0.008 }));
     client.does(json!({ "do": "clay_hold", "held": true }));
     clay_where(&daemon, |facts| facts["undo"] == 1 && facts["is_unsaved"] == true);
@@ -354,14 +449,16 @@ fn another_craft_in_the_middle_of_a_pull_takes_the_force_away_within_the_slew_li
     let daemon = Daemon::sculpting(SCENE, PULLING);
     let mut client = daemon.connect();
     client.subscribe(1000.0);
-    let force = |state: &Value| [0, 1, 2].map(|axis| state["servo_cf"]["f"][axis].as_f64().unwrap());
+    let force =
+        |state: &Value| [0, 1, 2].map(|axis| state["servo_cf"]["f"][axis].as_f64().unwrap());
     let size = |f: [f64; 3]| f.iter().map(|part| part * part).sum::<f64>().sqrt();
     let felt_now = |force_n: f64| force_n > 0.3;
     let last: Cell<Option<(u64, [f64; 3])>> = Cell::new(None);
     // The force while something is waited for, tick by tick.
     let follow = |client: &mut Client, until: &dyn Fn(f64) -> bool| {
         client.state_where(|state| {
-            let (tick, now) = (state["tick"].as_u64().unwrap(), force(state));
+            let tick = state["tick"].as_u64().unwrap();
+            let now = force(state);
             if let Some((before, was)) = last.replace(Some((tick, now))) {
                 let step_n = size([0, 1, 2].map(|axis| now[axis] - was[axis]));
                 let most_n = SLEW_N_PER_S * 1e-3 * (tick - before) as f64 + 1e-9;
@@ -408,7 +505,10 @@ fn a_rigid_scene_has_no_clay_and_says_which_command_has() {
     ] {
         let (status, answer) = daemon.http(method, &format!("/api/v1/{path}"), &[], body);
         assert_eq!(status, 404, "{path}: {answer}");
-        assert!(answer["hint"].as_str().is_some_and(|hint| hint.contains("hapticd sculpt")), "{answer}");
+        assert!(
+            answer["hint"].as_str().is_some_and(|hint| hint.contains("hapticd sculpt")),
+            "{answer}"
+        );
     }
     for (method, path, body, expected) in [
         ("GET", "clay/points?since=new", "", 400),
@@ -429,6 +529,10 @@ fn a_rigid_scene_has_no_clay_and_says_which_command_has() {
         json!({ "do": "clay_save", "kind": "export" }),
     ] {
         let reply = client.ask(request.clone());
-        assert_eq!((&reply["ok"], &reply["status"]), (&false.into(), &404.into()), "{request}: {reply}");
+        assert_eq!(
+            (&reply["ok"], &reply["status"]),
+            (&false.into(), &404.into()),
+            "{request}: {reply}"
+        );
     }
 }

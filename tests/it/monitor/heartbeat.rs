@@ -76,7 +76,8 @@ fn a_silence_does_not_hide_that_there_was_a_fault() {
     watcher.subscribe(1000.0);
     let state = watcher.state_where(off);
     assert_eq!(state["faults"], json!([]), "the silence acknowledged it");
-    let expected = json!({ "tick": fault["tick"], "time_ns": fault["time_ns"], "names": fault["names"] });
+    let expected =
+        json!({ "tick": fault["tick"], "time_ns": fault["time_ns"], "names": fault["names"] });
     assert_eq!(state["last_fault"], expected);
     assert_ne!(state["off_cause"], "heartbeat", "the fault took the force, not the silence");
     watcher.state_where(|state| state["time_ns"].as_i64() > Some(900_000_000));
@@ -93,14 +94,22 @@ fn a_scene_that_wants_a_heartbeat_has_no_force_without() {
     let state = client.state_where(|state| state["tick"].as_u64() > Some(200));
     assert!(off(&state), "{state}");
     let reply = client.ask(json!({ "do": "enable" }));
-    assert_eq!((&reply["status"], reply["error"].as_str().unwrap().contains("heartbeat")), (&409.into(), true), "{reply}");
+    assert_eq!(
+        (&reply["status"], reply["error"].as_str().unwrap().contains("heartbeat")),
+        (&409.into(), true),
+        "{reply}"
+    );
     assert_eq!(daemon.http("POST", "/api/v1/enable", &[], "").0, 409);
     // Longer than the scene allows: the scene wins.
     client.does(json!({ "do": "heartbeat", "timeout_ms": 10_000 }));
     client.does(json!({ "do": "enable" }));
     daemon.wait_for("state: enabling");
     let mut other = daemon.connect();
-    assert_eq!(other.ask(json!({ "do": "enable" }))["status"], 409, "another client beats, not this one");
+    assert_eq!(
+        other.ask(json!({ "do": "enable" }))["status"],
+        409,
+        "another client beats, not this one"
+    );
     client.event("heartbeat", "");
     client.state_where(off);
     assert_eq!(daemon.end().code, Some(0));
@@ -117,8 +126,12 @@ fn an_enable_from_elsewhere_does_not_last_without_a_heartbeat() {
     use std::process::Stdio;
     let folder = folder("[safety]\nheartbeat_ms = 300\n");
     let line = "press.toml --json --realtime best-effort --monitor 127.0.0.1:0 --console";
-    let mut child =
-        command(folder.path(), line).stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut child = command(folder.path(), line)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
     let mut stdin = child.stdin.take().unwrap();
     let lines = std::io::BufReader::new(child.stderr.take().unwrap());
     let mut states = Vec::new();
@@ -133,5 +146,8 @@ fn an_enable_from_elsewhere_does_not_last_without_a_heartbeat() {
         }
     }
     assert_eq!(child.wait().unwrap().code(), Some(0));
-    assert!(states.contains(&"enabling".to_owned()) && !states.contains(&"enabled".to_owned()), "{states:?}");
+    assert!(
+        states.contains(&"enabling".to_owned()) && !states.contains(&"enabled".to_owned()),
+        "{states:?}"
+    );
 }

@@ -10,7 +10,9 @@ use crossbeam::channel::{Receiver, Sender, unbounded};
 use hapticd::config::{self, LoadOptions};
 use hapticd::daemon::session::SessionHandle;
 use hapticd::daemon::{Notice, Phase};
-use hapticd::monitor::{BoundMonitor, Hub, HubParts, MadeRecording, RecorderError, RecorderStatus, RecordingControl};
+use hapticd::monitor::{
+    BoundMonitor, Hub, HubParts, MadeRecording, RecorderError, RecorderStatus, RecordingControl,
+};
 use rt::clock::ClockKind;
 use rt::control::{Control, Order};
 use serde_json::json;
@@ -28,11 +30,18 @@ fn what_is_no_request_is_refused_in_words() {
         ("[]", "object"),
         ("{\"do\":\"explode\"}", "explode"),
         ("{\"do\":\"set\",\"parameter\":\"x\",\"value\":1,\"force\":9}", "force"),
-        ("{\"do\":\"place\",\"object\":\"plate\",\"pose\":{\"p\":[1,2],\"q\":[0,0,0,1]}}", "length"),
+        (
+            "{\"do\":\"place\",\"object\":\"plate\",\"pose\":{\"p\":[1,2],\"q\":[0,0,0,1]}}",
+            "length",
+        ),
     ] {
         client.socket.send(Message::from(text)).unwrap();
         let reply = client.json();
-        assert_eq!((reply["type"].as_str(), reply["ok"].as_bool()), (Some("reply"), Some(false)), "{text}: {reply}");
+        assert_eq!(
+            (reply["type"].as_str(), reply["ok"].as_bool()),
+            (Some("reply"), Some(false)),
+            "{text}: {reply}"
+        );
         assert!(reply["error"].as_str().unwrap().contains(word), "{text}: {reply}");
     }
     client.socket.send(Message::from("[".repeat(60_000))).unwrap();
@@ -119,7 +128,8 @@ fn a_flood_of_requests_is_answered_in_turn() {
         let value = 4000 + n % 2;
         client.send(&json!({ "id": n, "do": "set", "parameter": "contact_stiffness_n_per_m", "value": value }));
     }
-    let (mut answered, mut taken) = (std::collections::HashSet::new(), Vec::new());
+    let mut answered = std::collections::HashSet::new();
+    let mut taken = Vec::new();
     while answered.len() < 500 {
         let message = client.json();
         if message["type"] == "reply" {
@@ -134,17 +144,25 @@ fn a_flood_of_requests_is_answered_in_turn() {
     assert!(!taken.is_empty() && taken.is_sorted(), "{taken:?}");
     let mut statuses: Vec<u16> = Vec::new();
     for _ in 0..1500 {
-        statuses.push(http(daemon.address, "GET", "/api/v1/parameters", &[], b"").map_or(0, |answer| answer.0));
+        statuses.push(
+            http(daemon.address, "GET", "/api/v1/parameters", &[], b"")
+                .map_or(0, |answer| answer.0),
+        );
     }
     assert!(statuses.iter().all(|status| matches!(status, 200 | 429 | 503)), "{statuses:?}");
-    assert_eq!(daemon.http("POST", "/api/v1/disable", &[], "").0, 200, "what takes force away is always heard");
+    assert_eq!(
+        daemon.http("POST", "/api/v1/disable", &[], "").0,
+        200,
+        "what takes force away is always heard"
+    );
     no_record_lost(&daemon.end());
 }
 
 #[test]
 fn requests_that_wait_for_an_answer_are_counted_and_what_takes_force_away_is_not_among_them() {
     let folder = super::folder("");
-    let config = config::load_with(&folder.path().join("press.toml"), &LoadOptions::default()).unwrap();
+    let config =
+        config::load_with(&folder.path().join("press.toml"), &LoadOptions::default()).unwrap();
     let (enables, _taken) = unbounded();
     let control = Arc::new(Control::enabled());
     let permit = control.permit();
@@ -239,15 +257,21 @@ fn half_a_request_does_not_block_a_disable() {
     let bearer = format!("Bearer {token}");
     for most in [240, 1000] {
         let held = half_open(daemon.address, most);
-        // Clients without access that ask, and are refused, do no better; nor does a client that only loads the page.
+        // Clients without access that ask, and are refused, do no better; nor does a client that
+        // only loads the page.
         for (path, expected) in [("/api/v1/info", 401), ("/", 200)] {
             assert_eq!(daemon.http("GET", path, &[], "").0, expected, "among {most}");
         }
         for order in ["disable", "enable", "disable"] {
             let asked = Instant::now();
-            let (status, body) = daemon.http("POST", &format!("/api/v1/{order}"), &[("Authorization", &bearer)], "");
+            let (status, body) =
+                daemon.http("POST", &format!("/api/v1/{order}"), &[("Authorization", &bearer)], "");
             assert_eq!(status, 200, "{order} among {most}: {body}");
-            assert!(asked.elapsed() < Duration::from_secs(2), "{order} among {most}: after {:?}", asked.elapsed());
+            assert!(
+                asked.elapsed() < Duration::from_secs(2),
+                "{order} among {most}: after {:?}",
+                asked.elapsed()
+            );
         }
         client.state_where(|state| state["state"] == "DISABLED");
         let open = std::fs::read_dir(format!("/proc/{}/fd", daemon.id())).unwrap().count();
@@ -312,7 +336,10 @@ fn a_thousand_connections_find_what_places_there_are() {
         (!answer.is_empty()).then_some(answer)
     });
     let answer = told.unwrap();
-    assert!(answer.starts_with("HTTP/1.1 503 ") && answer.contains("too many connections"), "{answer}");
+    assert!(
+        answer.starts_with("HTTP/1.1 503 ") && answer.contains("too many connections"),
+        "{answer}"
+    );
     let open = std::fs::read_dir(format!("/proc/{}/fd", daemon.id())).unwrap().count();
     assert!(open < 400, "{open} files are open");
     drop(held);

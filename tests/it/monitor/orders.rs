@@ -18,7 +18,10 @@ fn disable_takes_the_force_away_and_enable_brings_it_back_from_zero() {
     client.event("state", "disabled");
     let state = client.state_where(|state| state["state"] == "DISABLED");
     assert_eq!((length(&state["servo_cf"]["f"]), length(&state["measured_cf"]["f"])), (0.0, 0.0));
-    assert_eq!((state["off_cause"].as_str(), &state["device_cp_world"]), (Some("software"), &Value::Null));
+    assert_eq!(
+        (state["off_cause"].as_str(), &state["device_cp_world"]),
+        (Some("software"), &Value::Null)
+    );
     client.does(json!({ "do": "enable" }));
     client.state_where(|state| state["state"] == "ENABLED" && state["is_busy"] == true);
     let (status, body) = daemon.http("POST", "/api/v1/stop", &[], "");
@@ -31,21 +34,33 @@ fn disable_takes_the_force_away_and_enable_brings_it_back_from_zero() {
 #[test]
 fn a_parameter_goes_there_and_others_hear_of_it() {
     let daemon = Daemon::enabled("", "");
-    let (mut client, mut other) = (daemon.connect(), daemon.connect());
+    let mut client = daemon.connect();
+    let mut other = daemon.connect();
     other.subscribe(1000.0);
     let before = other.state_where(|state| length(&state["measured_cf"]["f"]) > 1.0);
     let name = "limit_force_n";
-    let least =
-        daemon.get("/api/v1/parameters").as_array().unwrap().iter().find(|parameter| parameter["name"] == name).unwrap()["least"]
-            .clone();
+    let least = daemon
+        .get("/api/v1/parameters")
+        .as_array()
+        .unwrap()
+        .iter()
+        .find(|parameter| parameter["name"] == name)
+        .unwrap()["least"]
+        .clone();
     client.does(json!({ "do": "set", "parameter": name, "value": least }));
     let event = other.event("parameter", name);
     assert!(event["text"].as_str().unwrap().contains(name));
-    let after = other.state_where(|state| length(&state["measured_cf"]["f"]) <= least.as_f64().unwrap() + 1e-9);
+    let after = other
+        .state_where(|state| length(&state["measured_cf"]["f"]) <= least.as_f64().unwrap() + 1e-9);
     assert!(length(&before["measured_cf"]["f"]) > length(&after["measured_cf"]["f"]));
-    let set =
-        daemon.get("/api/v1/parameters").as_array().unwrap().iter().find(|parameter| parameter["name"] == name).unwrap()["value"]
-            .clone();
+    let set = daemon
+        .get("/api/v1/parameters")
+        .as_array()
+        .unwrap()
+        .iter()
+        .find(|parameter| parameter["name"] == name)
+        .unwrap()["value"]
+        .clone();
     assert_eq!(set, least);
     for (path, body, expected) in [
         ("limit_force_n", r#"{"value": 1e6}"#, 400),
@@ -96,10 +111,13 @@ fn a_movable_object_goes_where_it_is_asked_to() {
     assert!(seen.windows(2).all(|pair| pair[1] <= pair[0]), "{seen:?}");
     let under_way = seen.iter().filter(|z_m| (-0.029..-0.011).contains(*z_m)).count();
     assert!(under_way > 3, "it goes there, it does not jump: {seen:?}");
-    for (object, pose, expected) in
-        [("plat", at(0.0), 404), ("tool", at(0.0), 404), ("plate", json!({ "p": [0, 0, 0], "q": [0, 0, 0, 2] }), 400)]
-    {
-        let (status, answer) = daemon.http("PUT", &format!("/api/v1/objects/{object}/pose"), &[], &pose.to_string());
+    for (object, pose, expected) in [
+        ("plat", at(0.0), 404),
+        ("tool", at(0.0), 404),
+        ("plate", json!({ "p": [0, 0, 0], "q": [0, 0, 0, 2] }), 400),
+    ] {
+        let (status, answer) =
+            daemon.http("PUT", &format!("/api/v1/objects/{object}/pose"), &[], &pose.to_string());
         assert_eq!(status, expected, "{object}: {answer}");
     }
 }
@@ -111,7 +129,8 @@ fn the_hand_goes_where_it_is_asked_to_and_a_run_with_a_reset_is_replayed() {
     client.subscribe(200.0);
     client.state_where(pressed);
     assert_eq!(daemon.get("/api/v1/scene")["hand"], json!({ "path": true }));
-    let reply = client.ask(json!({ "do": "hand", "pose": { "p": [0, 0, 0.02], "q": [0, 0, 0, 1] } }));
+    let reply =
+        client.ask(json!({ "do": "hand", "pose": { "p": [0, 0, 0.02], "q": [0, 0, 0, 1] } }));
     assert_eq!(reply["order"], 1, "{reply}");
     let used = client.state_where(|state| state["hand"]["order"] == 1);
     assert!(used["hand"]["waited_us"].as_u64().is_some_and(|waited_us| waited_us > 0), "{used}");
@@ -136,10 +155,18 @@ fn the_hand_goes_where_it_is_asked_to_and_a_run_with_a_reset_is_replayed() {
     let recorded = daemon.folder.path().join("run.mcap");
     let ended = daemon.ended();
     assert_eq!(ended.code, Some(0), "{}", ended.stderr);
-    let replayed =
-        std::process::Command::new(env!("CARGO_BIN_EXE_hapticd")).arg("replay").arg(&recorded).arg("--json").output().unwrap();
+    let replayed = std::process::Command::new(env!("CARGO_BIN_EXE_hapticd"))
+        .arg("replay")
+        .arg(&recorded)
+        .arg("--json")
+        .output()
+        .unwrap();
     let replayed: Value = serde_json::from_slice(&replayed.stdout).unwrap();
-    assert_eq!((&replayed["identical"], &replayed["scenes"]), (&json!(true), &json!(2)), "{replayed}");
+    assert_eq!(
+        (&replayed["identical"], &replayed["scenes"]),
+        (&json!(true), &json!(2)),
+        "{replayed}"
+    );
 }
 
 #[test]
@@ -153,9 +180,12 @@ fn another_scene_takes_over_and_is_told() {
     daemon.wait_for("state: enabled");
     assert_eq!(daemon.get("/api/v1/scenes"), json!(["faster", "held", "other", "press", "wrong"]));
     let mut client = daemon.connect();
-    for (scene, expected, word) in
-        [("none", 404, "other"), ("wrong", 409, "tool"), ("faster", 409, "rate_hz"), ("held", 409, "safety.deadman = 2")]
-    {
+    for (scene, expected, word) in [
+        ("none", 404, "other"),
+        ("wrong", 409, "tool"),
+        ("faster", 409, "rate_hz"),
+        ("held", 409, "safety.deadman = 2"),
+    ] {
         let reply = client.ask(json!({ "do": "switch", "scene": scene }));
         assert_eq!(reply["status"], expected, "{reply}");
         assert!(reply["error"].as_str().unwrap().contains(word), "{reply}");
@@ -166,9 +196,15 @@ fn another_scene_takes_over_and_is_told() {
     let state = client.state_where(|state| state["scene_idx"] == 1);
     assert!(state["tick"].as_u64() > Some(0));
     let scene = daemon.get("/api/v1/scene");
-    assert!(scene["scene_idx"] == 1 && scene["file"].as_str().unwrap().ends_with("other.toml"), "{scene}");
+    assert!(
+        scene["scene_idx"] == 1 && scene["file"].as_str().unwrap().ends_with("other.toml"),
+        "{scene}"
+    );
     let stiffness = &daemon.get("/api/v1/parameters")[0];
-    assert_eq!((&stiffness["name"], &stiffness["value"]), (&"contact_stiffness_n_per_m".into(), &2000.0.into()));
+    assert_eq!(
+        (&stiffness["name"], &stiffness["value"]),
+        (&"contact_stiffness_n_per_m".into(), &2000.0.into())
+    );
     // A parameter of the new scene, and back over HTTP.
     client.does(json!({ "do": "set", "parameter": "contact_stiffness_n_per_m", "value": 3000 }));
     let (status, answer) = daemon.http("POST", "/api/v1/scene", &[], r#"{"scene": "press"}"#);
@@ -183,14 +219,26 @@ fn another_scene_takes_over_and_is_told() {
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_limit_that_a_client_lowered_stays_lowered_in_every_scene_until_a_client_raises_it() {
     let folder = super::folder("");
-    // Where the hand is when force comes back is the new zero: this one presses deeper each time, and draws back in between.
+    // Where the hand is when force comes back is the new zero: this one presses deeper each time,
+    // and draws back in between.
     let press = |k: u32| {
-        let (t_s, z_m) = (1.5 * f64::from(k), 0.012 - 0.003 * f64::from(k + 2));
-        format!("{},0,0,0.012,0,0,0,1\n{},0,0,{z_m},0,0,0,1\n{},0,0,{z_m},0,0,0,1\n", t_s + 0.2, t_s + 0.5, t_s + 1.3)
+        let t_s = 1.5 * f64::from(k);
+        let z_m = 0.012 - 0.003 * f64::from(k + 2);
+        format!(
+            "{},0,0,0.012,0,0,0,1\n{},0,0,{z_m},0,0,0,1\n{},0,0,{z_m},0,0,0,1\n",
+            t_s + 0.2,
+            t_s + 0.5,
+            t_s + 1.3
+        )
     };
-    let hand = "t_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0,0,0.012,0,0,0,1\n".to_owned() + &(0..30).map(press).collect::<String>();
+    let hand = "t_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0,0,0.012,0,0,0,1\n".to_owned()
+        + &(0..30).map(press).collect::<String>();
     std::fs::write(folder.path().join("hand.csv"), hand).unwrap();
-    scene_file(&folder, "other.toml", "[contact]\nstiffness_n_per_mm = 2.0\n[limits]\nforce_n = 1.8\n");
+    scene_file(
+        &folder,
+        "other.toml",
+        "[contact]\nstiffness_n_per_mm = 2.0\n[limits]\nforce_n = 1.8\n",
+    );
     let mut daemon = Daemon::of(folder, "--watch --record run.mcap", &[]);
     daemon.wait_for("state: enabled");
     let mut client = daemon.connect();
@@ -198,7 +246,13 @@ fn a_limit_that_a_client_lowered_stays_lowered_in_every_scene_until_a_client_rai
     let force = |state: &Value| length(&state["servo_cf"]["f"]);
     let parameter = |daemon: &Daemon| {
         let parameters = daemon.get("/api/v1/parameters");
-        parameters.as_array().unwrap().iter().find(|parameter| parameter["name"] == "limit_force_n").unwrap().clone()
+        parameters
+            .as_array()
+            .unwrap()
+            .iter()
+            .find(|parameter| parameter["name"] == "limit_force_n")
+            .unwrap()
+            .clone()
     };
     client.state_where(|state| force(state) > 1.0);
     client.does(json!({ "do": "set", "parameter": "limit_force_n", "value": 0.7 }));
@@ -217,14 +271,28 @@ fn a_limit_that_a_client_lowered_stays_lowered_in_every_scene_until_a_client_rai
     };
     assert_eq!(daemon.http("POST", "/api/v1/scene", &[], r#"{"scene": "other"}"#).0 / 100, 2);
     stays("switched", 1);
-    assert_eq!((&parameter(&daemon)["value"], &parameter(&daemon)["scene"]), (&json!(0.7), &json!(1.8)));
+    assert_eq!(
+        (&parameter(&daemon)["value"], &parameter(&daemon)["scene"]),
+        (&json!(0.7), &json!(1.8))
+    );
     // Parameters only, and then so that it is baked anew.
-    scene_file(&daemon.folder, "other.toml", "[contact]\nstiffness_n_per_mm = 3.0\n[limits]\nforce_n = 1.8\n");
+    scene_file(
+        &daemon.folder,
+        "other.toml",
+        "[contact]\nstiffness_n_per_mm = 3.0\n[limits]\nforce_n = 1.8\n",
+    );
     daemon.wait_for("reload: contact_stiffness_n_per_m");
     stays("read again", 1);
-    scene_file(&daemon.folder, "other.toml", "[contact]\nstiffness_n_per_mm = 3.0\n[limits]\nforce_n = 2.5\n");
+    scene_file(
+        &daemon.folder,
+        "other.toml",
+        "[contact]\nstiffness_n_per_mm = 3.0\n[limits]\nforce_n = 2.5\n",
+    );
     stays("baked again", 2);
-    assert_eq!((&parameter(&daemon)["value"], &parameter(&daemon)["scene"]), (&json!(0.7), &json!(2.5)));
+    assert_eq!(
+        (&parameter(&daemon)["value"], &parameter(&daemon)["scene"]),
+        (&json!(0.7), &json!(2.5))
+    );
     client.does(json!({ "do": "set", "parameter": "limit_force_n", "value": 1.2 }));
     client.state_where(|state| (force(state) - 1.2).abs() < 1e-9);
     let folder = daemon.folder.path().to_owned();
@@ -239,7 +307,11 @@ fn a_limit_that_a_client_lowered_stays_lowered_in_every_scene_until_a_client_rai
         .output()
         .unwrap();
     let said = String::from_utf8_lossy(&replayed.stdout);
-    assert!(replayed.status.success() && said.contains("bit-identical"), "{said}{}", String::from_utf8_lossy(&replayed.stderr));
+    assert!(
+        replayed.status.success() && said.contains("bit-identical"),
+        "{said}{}",
+        String::from_utf8_lossy(&replayed.stderr)
+    );
 }
 
 #[test]
@@ -259,7 +331,10 @@ fn after_a_fault_the_run_waits_for_a_client_to_enable() {
     let mut daemon = Daemon::start("[device.sim]\nfault = \"stall@700ms+300ms\"\n", "");
     let mut client = daemon.connect();
     let event = client.event("fault", "");
-    assert!(!event["text"].as_str().unwrap().is_empty() && event["tick"].as_u64() > Some(0), "{event}");
+    assert!(
+        !event["text"].as_str().unwrap().is_empty() && event["tick"].as_u64() > Some(0),
+        "{event}"
+    );
     client.subscribe(1000.0);
     let state = client.state_where(|state| state["state"] == "FAULT");
     assert_eq!(length(&state["servo_cf"]["f"]), 0.0);
@@ -309,7 +384,11 @@ fn a_client_begins_and_ends_a_recording() {
     assert_eq!(daemon.get("/api/v1/info")["recording"], Value::Null);
     let written = std::fs::read(recording["file"].as_str().unwrap()).unwrap();
     assert!(written.starts_with(b"\x89MCAP0\r\n") && written.ends_with(b"\x89MCAP0\r\n"));
-    assert_eq!(client.ask(json!({ "do": "record", "file": "session.mcap" }))["status"], 409, "never over a file that is there");
+    assert_eq!(
+        client.ask(json!({ "do": "record", "file": "session.mcap" }))["status"],
+        409,
+        "never over a file that is there"
+    );
     no_record_lost(&daemon.end());
 }
 

@@ -14,8 +14,11 @@ fn a_client_at_full_rate_sees_every_tick_or_hears_how_many_it_did_not() {
     let mut client = daemon.connect();
     client.subscribe(1000.0);
     let first = client.state();
-    let (mut tick, mut seq, mut dropped) =
-        (first["tick"].as_u64().unwrap(), first["seq"].as_u64().unwrap(), first["dropped"].as_u64().unwrap());
+    let (mut tick, mut seq, mut dropped) = (
+        first["tick"].as_u64().unwrap(),
+        first["seq"].as_u64().unwrap(),
+        first["dropped"].as_u64().unwrap(),
+    );
     for _ in 0..500 {
         let state = client.state();
         let lost = state["dropped"].as_u64().unwrap() - dropped;
@@ -25,14 +28,24 @@ fn a_client_at_full_rate_sees_every_tick_or_hears_how_many_it_did_not() {
         // One row for every tick since the last message.
         assert!(!state["history"].as_array().unwrap().is_empty());
     }
-    // Pressed on the plate: what the hand feels, where it touches, and where the arm is behind the tool.
-    let state = client.state_where(|state| state["contacts"].as_u64() > Some(0) && length(&state["measured_cf"]["f"]) > 0.1);
-    assert_eq!((state["state"].as_str(), state["phase"].as_str()), (Some("ENABLED"), Some("enabled")));
+    // Pressed on the plate: what the hand feels, where it touches, and where the arm is behind the
+    // tool.
+    let state = client.state_where(|state| {
+        state["contacts"].as_u64() > Some(0) && length(&state["measured_cf"]["f"]) > 0.1
+    });
+    assert_eq!(
+        (state["state"].as_str(), state["phase"].as_str()),
+        (Some("ENABLED"), Some("enabled"))
+    );
     assert!(state["max_depth_m"].as_f64().unwrap() > 0.0);
     assert!(state["contact_cf"]["f"][2].as_f64().unwrap() > 0.0, "up, out of the plate: {state}");
-    let [tool_z, device_z] = ["tool_cp", "device_cp_world"].map(|key| state[key]["p"][2].as_f64().unwrap());
+    let [tool_z, device_z] =
+        ["tool_cp", "device_cp_world"].map(|key| state[key]["p"][2].as_f64().unwrap());
     assert!(device_z < tool_z, "the arm is pressed in deeper than the tool goes: {state}");
-    assert_eq!(state["objects"], json!([{ "idx": 0, "p": [0.0, 0.0, -0.01], "q": [0.0, 0.0, 0.0, 1.0] }]));
+    assert_eq!(
+        state["objects"],
+        json!([{ "idx": 0, "p": [0.0, 0.0, -0.01], "q": [0.0, 0.0, 0.0, 1.0] }])
+    );
     let ended = daemon.end();
     assert_eq!(ended.code, Some(0), "{}", ended.stderr);
     no_record_lost(&ended);
@@ -48,10 +61,13 @@ fn who_reads_late_hears_the_good_bye_too() {
     // The kernel's buffers fill: what comes after them waits in the server.
     std::thread::sleep(Duration::from_secs(3));
     assert_eq!(daemon.http("POST", "/api/v1/stop", &[], "").0, 200);
-    let (mut is_told, mut code) = (false, None);
+    let mut is_told = false;
+    let mut code = None;
     while let Ok(message) = slow.socket.read() {
         match message {
-            Message::Text(text) => is_told |= text.contains("\"event\":\"state\"") && text.contains("stopped"),
+            Message::Text(text) => {
+                is_told |= text.contains("\"event\":\"state\"") && text.contains("stopped")
+            }
             Message::Close(frame) => code = frame.map(|frame| u16::from(frame.code)),
             _ => {}
         }
@@ -71,7 +87,8 @@ fn a_slower_client_gets_the_newest_state_and_the_points_that_touch() {
     client.does(event);
     assert!(client.event("parameter", "")["tick"].as_u64() >= ticks.last().copied());
     assert!(ticks.windows(2).skip(1).all(|pair| pair[1] - pair[0] >= 20), "{ticks:?}");
-    let state = client.state_where(|state| state["points"].as_array().is_some_and(|points| !points.is_empty()));
+    let state = client
+        .state_where(|state| state["points"].as_array().is_some_and(|points| !points.is_empty()));
     for point in state["points"].as_array().unwrap() {
         let [x, y, z, depth_m] = [0, 1, 2, 3].map(|n| point[n].as_f64().unwrap());
         assert!(x.abs() < 0.0105 && y.abs() < 0.0105 && z.abs() < 3e-3 && depth_m > 0.0, "{point}");
@@ -119,20 +136,42 @@ fn binary_states_say_the_same() {
 fn facts_scene_and_meshes_are_there_to_draw() {
     let daemon = Daemon::enabled("", "");
     let info = daemon.get("/api/v1/info");
-    assert_eq!((&info["api"], &info["rate_hz"], &info["clock"]), (&1.into(), &1000.into(), &"real".into()));
-    assert_eq!((&info["device"]["profile"], &info["device"]["simulated"]), (&"sim-sigma7".into(), &true.into()));
+    assert_eq!(
+        (&info["api"], &info["rate_hz"], &info["clock"]),
+        (&1.into(), &1000.into(), &"real".into())
+    );
+    assert_eq!(
+        (&info["device"]["profile"], &info["device"]["simulated"]),
+        (&"sim-sigma7".into(), &true.into())
+    );
     assert!(info["realtime"].as_array().unwrap().len() > 3);
     let scene = daemon.get("/api/v1/scene");
-    let names: Vec<_> = scene["objects"].as_array().unwrap().iter().map(|object| object["name"].as_str().unwrap()).collect();
+    let names: Vec<_> = scene["objects"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|object| object["name"].as_str().unwrap())
+        .collect();
     assert_eq!((names, &scene["movable"]), (vec!["plate", "tool"], &json!(["plate"])));
     assert_eq!(scene["bounds"]["min"][2].as_f64().map(|z| (z * 1e3).round()), Some(-20.0));
-    let (status, mesh) = http(daemon.address, "GET", scene["objects"][1]["mesh"].as_str().unwrap(), &[], b"").unwrap();
+    let (status, mesh) =
+        http(daemon.address, "GET", scene["objects"][1]["mesh"].as_str().unwrap(), &[], b"")
+            .unwrap();
     let word = |at: usize| u32::from_le_bytes(mesh[at..at + 4].try_into().unwrap()) as usize;
-    assert_eq!((status, &mesh[..4], mesh.len()), (200, &b"HMSH"[..], 16 + 12 * word(8) + 4 * word(12)));
+    assert_eq!(
+        (status, &mesh[..4], mesh.len()),
+        (200, &b"HMSH"[..], 16 + 12 * word(8) + 4 * word(12))
+    );
     for structure in ["voxels", "pointshell"] {
-        let (status, faces) = http(daemon.address, "GET", scene["objects"][1][structure].as_str().unwrap(), &[], b"").unwrap();
+        let (status, faces) =
+            http(daemon.address, "GET", scene["objects"][1][structure].as_str().unwrap(), &[], b"")
+                .unwrap();
         let word = |at: usize| u32::from_le_bytes(faces[at..at + 4].try_into().unwrap()) as usize;
-        assert_eq!((status, &faces[..4], faces.len()), (200, &b"HVPS"[..], 24 + 16 * word(8)), "{structure}");
+        assert_eq!(
+            (status, &faces[..4], faces.len()),
+            (200, &b"HVPS"[..], 24 + 16 * word(8)),
+            "{structure}"
+        );
         assert!(word(8) > 500 && word(12) > 500, "{structure}: {} of {}", word(8), word(12));
     }
     for (path, expected) in [
@@ -167,16 +206,31 @@ fn a_million_triangles_are_shown_as_a_hundred_thousand() {
     }
     for (row, column) in (0..(n - 1) * (n - 1)).map(|at| (at / (n - 1), at % (n - 1))) {
         let corner = row * n + column + 1;
-        text += &format!("f {} {} {}\nf {} {} {}\n", corner, corner + 1, corner + n, corner + 1, corner + n + 1, corner + n);
+        text += &format!(
+            "f {} {} {}\nf {} {} {}\n",
+            corner,
+            corner + 1,
+            corner + n,
+            corner + 1,
+            corner + n + 1,
+            corner + n
+        );
     }
     std::fs::write(folder.path().join("wave.obj"), text).unwrap();
-    let scene =
-        super::SCENE.replace("shape = { box_mm = [60.0, 60.0, 20.0] }", "mesh = \"wave.obj\"\nunits = \"mm\"\nsides = \"thin\"");
-    std::fs::write(folder.path().join("press.toml"), scene.replace("[0, 0, -10]", "[-35, -35, -10]")).unwrap();
+    let scene = super::SCENE.replace(
+        "shape = { box_mm = [60.0, 60.0, 20.0] }",
+        "mesh = \"wave.obj\"\nunits = \"mm\"\nsides = \"thin\"",
+    );
+    std::fs::write(
+        folder.path().join("press.toml"),
+        scene.replace("[0, 0, -10]", "[-35, -35, -10]"),
+    )
+    .unwrap();
     let mut daemon = Daemon::of(folder, "", &[]);
     daemon.wait_for("state: enabled");
     let object = &daemon.get("/api/v1/scene")["objects"][0];
-    let [triangles, shown] = ["triangles", "shown_triangles"].map(|key| object[key].as_u64().unwrap());
+    let [triangles, shown] =
+        ["triangles", "shown_triangles"].map(|key| object[key].as_u64().unwrap());
     assert!(triangles > 1_000_000 && shown <= 100_000 && shown > 20_000, "{triangles} {shown}");
 }
 
@@ -189,10 +243,14 @@ fn clients_are_served_while_the_scene_is_baked_and_hear_when_it_is_rendered() {
     let mut daemon = Daemon::of(folder, "--cache off", &[]);
     let mut client = daemon.connect();
     if daemon.http("GET", "/api/v1/scene", &[], "").0 == 503 {
-        for request in [json!({ "do": "enable" }), json!({ "do": "set", "parameter": "limit_force_n", "value": 1 })] {
+        for request in [
+            json!({ "do": "enable" }),
+            json!({ "do": "set", "parameter": "limit_force_n", "value": 1 }),
+        ] {
             let reply = client.ask(request.clone());
             assert!(
-                reply["ok"] == false && reply["error"].as_str().unwrap().contains("baked") || reply["ok"] == true,
+                reply["ok"] == false && reply["error"].as_str().unwrap().contains("baked")
+                    || reply["ok"] == true,
                 "{request}: {reply}"
             );
         }

@@ -1,6 +1,8 @@
-//! What threads share, under every interleaving and every order of memory that the language allows: `cargo test --manifest-path tests/loom/Cargo.toml`.
+//! What threads share, under every interleaving and every order of memory that the language allows:
+//! `cargo test --manifest-path tests/loom/Cargo.toml`.
 //!
-//! The file of the program itself is included, with the atomics of the model checker in place of the machine's.
+//! The file of the program itself is included, with the atomics of the model checker in place of
+//! the machine's.
 #![cfg(test)]
 
 mod atomics {
@@ -15,7 +17,8 @@ use control::{Control, Order, Permit};
 use loom::sync::Arc;
 use loom::thread;
 
-/// The supervisor enables while a client takes force away: once both are done, and the permit was drawn before the off, there is no force.
+/// The supervisor enables while a client takes force away: once both are done, and the permit was
+/// drawn before the off, there is no force.
 #[test]
 fn an_off_is_never_lost_to_an_enable_that_was_under_way() {
     loom::model(|| {
@@ -44,11 +47,15 @@ fn the_loop_sees_no_force_between_an_off_and_the_next_permit() {
         client.join().unwrap();
         assert_eq!(control.order(), Order::Disable);
         let off = seen.iter().position(|order| *order == Order::Disable);
-        assert!(off.is_none_or(|off| seen[off..].iter().all(|order| *order == Order::Disable)), "{seen:?}");
+        assert!(
+            off.is_none_or(|off| seen[off..].iter().all(|order| *order == Order::Disable)),
+            "{seen:?}"
+        );
     });
 }
 
-/// Two clients take force away at once and the supervisor enables with a permit from before: neither is lost.
+/// Two clients take force away at once and the supervisor enables with a permit from before:
+/// neither is lost.
 #[test]
 fn offs_of_two_clients_and_an_enable_end_without_force() {
     loom::model(|| {
@@ -94,7 +101,8 @@ fn an_end_is_kept_beside_everything_else() {
     });
 }
 
-/// An operator asks for force and then takes it away; the supervisor takes the first word whenever it comes to it. There is no force.
+/// An operator asks for force and then takes it away; the supervisor takes the first word whenever
+/// it comes to it. There is no force.
 #[test]
 fn an_off_after_an_enable_that_still_waits_is_obeyed() {
     loom::model(|| {

@@ -1,4 +1,5 @@
-//! What stand-ins of makers' libraries have in common: the way to a mock arm of `hapticd mock … --pty`, which speaks open6, and faults on demand.
+//! What stand-ins of makers' libraries have in common: the way to a mock arm of `hapticd mock …
+//! --pty`, which speaks open6, and faults on demand.
 
 use std::fs::File;
 use std::io::{ErrorKind, Read as _, Write as _};
@@ -17,7 +18,9 @@ const HELLO_PATIENCE: Duration = Duration::from_secs(3);
 
 fn crc(bytes: &[u8]) -> u16 {
     bytes.iter().fold(0xFFFF, |crc, byte| {
-        (0..8).fold(crc ^ u16::from(*byte) << 8, |crc, _| if crc & 0x8000 != 0 { crc << 1 ^ 0x1021 } else { crc << 1 })
+        (0..8).fold(crc ^ u16::from(*byte) << 8, |crc, _| {
+            if crc & 0x8000 != 0 { crc << 1 ^ 0x1021 } else { crc << 1 }
+        })
     })
 }
 
@@ -38,7 +41,8 @@ fn packet(kind: u8, sequence: u16, payload: &[u8]) -> Vec<u8> {
 
 /// What a stuffed packet says: kind, payload.
 fn unpacked(stuffed: &[u8]) -> Option<(u8, Vec<u8>)> {
-    let (mut packet, mut rest) = (Vec::new(), stuffed);
+    let mut packet = Vec::new();
+    let mut rest = stuffed;
     while let [code, after @ ..] = rest {
         let n = usize::from(*code).checked_sub(1)?;
         packet.extend(after.get(..n)?);
@@ -48,7 +52,8 @@ fn unpacked(stuffed: &[u8]) -> Option<(u8, Vec<u8>)> {
         }
     }
     let (checked, sum) = packet.split_at_checked(packet.len().checked_sub(2)?)?;
-    (crc(checked).to_le_bytes() == sum && checked.len() >= 4).then(|| (checked[0], checked[4..].to_vec()))
+    (crc(checked).to_le_bytes() == sum && checked.len() >= 4)
+        .then(|| (checked[0], checked[4..].to_vec()))
 }
 
 fn f32_at(payload: &[u8], at: usize) -> f64 {
@@ -57,13 +62,18 @@ fn f32_at(payload: &[u8], at: usize) -> f64 {
 }
 
 fn u16_at(payload: &[u8], at: usize) -> u16 {
-    u16::from_le_bytes(payload.get(at..at + 2).and_then(|two| two.try_into().ok()).unwrap_or_default())
+    u16::from_le_bytes(
+        payload.get(at..at + 2).and_then(|two| two.try_into().ok()).unwrap_or_default(),
+    )
 }
 
-/// What is to go wrong: a list with commas, of `HAPTICD_MOCK_FAULT` and of the file that `HAPTICD_MOCK_FAULT_FILE` names, which may change meanwhile.
+/// What is to go wrong: a list with commas, of `HAPTICD_MOCK_FAULT` and of the file that
+/// `HAPTICD_MOCK_FAULT_FILE` names, which may change meanwhile.
 fn faults() -> String {
-    let from_now = std::env::var_os("HAPTICD_MOCK_FAULT_FILE").and_then(|path| std::fs::read_to_string(path).ok());
-    [std::env::var("HAPTICD_MOCK_FAULT").unwrap_or_default(), from_now.unwrap_or_default()].join(",")
+    let from_now = std::env::var_os("HAPTICD_MOCK_FAULT_FILE")
+        .and_then(|path| std::fs::read_to_string(path).ok());
+    [std::env::var("HAPTICD_MOCK_FAULT").unwrap_or_default(), from_now.unwrap_or_default()]
+        .join(",")
 }
 
 fn is_among(faults: &str, word: &str, first_force: Option<Instant>) -> bool {
@@ -115,7 +125,12 @@ impl Mock {
                 OwnedFd::from(stream).into()
             }
             // O_NONBLOCK | O_NOCTTY
-            Err(_) => File::options().read(true).write(true).custom_flags(0o4000 | 0o400).open(path).ok()?,
+            Err(_) => File::options()
+                .read(true)
+                .write(true)
+                .custom_flags(0o4000 | 0o400)
+                .open(path)
+                .ok()?,
         };
         let mut mock = Self {
             file,
@@ -138,7 +153,9 @@ impl Mock {
         let begin = Instant::now();
         while mock.name.is_empty() {
             // Magic, version 1.0, the arm's own watchdog.
-            mock.file.write_all(&[&[0][..], &packet(1, 0, b"op6d\x01\x00\x00\x00")].concat()).ok()?;
+            mock.file
+                .write_all(&[&[0][..], &packet(1, 0, b"op6d\x01\x00\x00\x00")].concat())
+                .ok()?;
             mock.hear(Duration::from_millis(100), 0x81);
             if begin.elapsed() > HELLO_PATIENCE {
                 return None;
@@ -167,12 +184,14 @@ impl Mock {
         self.first_force.get_or_insert_with(Instant::now);
     }
 
-    /// Sends a force, torque and grip torque, and takes where the arm is then; false when it is gone. Here foreign code may do what it does.
+    /// Sends a force, torque and grip torque, and takes where the arm is then; false when it is
+    /// gone. Here foreign code may do what it does.
     pub(crate) fn exchange(&mut self, force: &[f64; 7], is_on: bool) -> bool {
         self.look();
         match () {
             () if self.fault("crash") => {
-                // SAFETY: none; a write through no pointer, which no handler of Rust turns into a panic, is the crash that was asked for.
+                // SAFETY: none; a write through no pointer, which no handler of Rust turns into a
+                // panic, is the crash that was asked for.
                 unsafe { core::ptr::null_mut::<u8>().write_volatile(1) }
             }
             () if self.fault("exit") => std::process::exit(3),
@@ -192,7 +211,8 @@ impl Mock {
             return false;
         }
         self.is_fresh = false;
-        self.unanswered = if self.hear(REPLY, 0x82) { 0 } else { self.unanswered.saturating_add(1) };
+        self.unanswered =
+            if self.hear(REPLY, 0x82) { 0 } else { self.unanswered.saturating_add(1) };
         self.is_silent = self.unanswered >= UNANSWERED;
         if self.fault("garbage") {
             (self.pose, self.twist) = ([1e30; 8], [-1e30; 6]);
@@ -223,7 +243,10 @@ impl Mock {
                 Err(error) if error.kind() != ErrorKind::WouldBlock => return false,
                 _ => {
                     let left = patience.saturating_sub(begin.elapsed());
-                    let left = Timespec { tv_sec: left.as_secs() as i64, tv_nsec: left.subsec_nanos().into() };
+                    let left = Timespec {
+                        tv_sec: left.as_secs() as i64,
+                        tv_nsec: left.subsec_nanos().into(),
+                    };
                     let _ = poll(&mut [PollFd::new(&self.file, PollFlags::IN)], Some(&left));
                 }
             }
@@ -236,15 +259,18 @@ impl Mock {
             0x81 if payload.len() >= 54 => {
                 (self.sensed, self.actuated) = (payload[2], payload[3]);
                 self.watchdog_ms = u16_at(payload, 6);
-                self.name =
-                    String::from_utf8_lossy(payload[22..54].split(|byte| *byte == 0).next().unwrap_or_default()).into_owned();
+                self.name = String::from_utf8_lossy(
+                    payload[22..54].split(|byte| *byte == 0).next().unwrap_or_default(),
+                )
+                .into_owned();
             }
             0x82 if payload.len() >= 54 => {
                 self.pose = core::array::from_fn(|idx| f32_at(payload, 4 * idx));
                 self.buttons = u16_at(payload, 38);
                 self.flags = payload[40];
                 self.twist = core::array::from_fn(|idx| {
-                    f64::from(u16_at(payload, 42 + 2 * idx) as i16) / if idx < 3 { 8192.0 } else { 1024.0 }
+                    f64::from(u16_at(payload, 42 + 2 * idx) as i16)
+                        / if idx < 3 { 8192.0 } else { 1024.0 }
                 });
                 self.is_fresh = true;
             }

@@ -1,13 +1,15 @@
 //! What an axis of an arm is made of, from how it moved under known forces. Cold.
 //!
-//! The model is simulated beside the measurement, and what it is made of is changed until both move alike:
+//! The model is simulated beside the measurement, and what it is made of is changed until both move
+//! alike:
 //!
 //! ```text
 //! m·a + b·v + c·sign(v) + k·x = F + F₀
 //! ```
 //!
-//! Nothing measured is ever differentiated, so the steps of an encoder hardly matter; and dry friction is a part of the model, so it is not
-//! taken for viscosity: that would be the unsafe way round, because viscosity is what a coupling may lean on.
+//! Nothing measured is ever differentiated, so the steps of an encoder hardly matter; and dry
+//! friction is a part of the model, so it is not taken for viscosity: that would be the unsafe way
+//! round, because viscosity is what a coupling may lean on.
 
 use glam::DVec3;
 
@@ -61,7 +63,14 @@ struct Model([f64; 6]);
 impl Model {
     fn admitted(self) -> Self {
         let [mass, damping, coulomb, stiffness, force, velocity] = self.0;
-        Self([mass.max(1e-4), damping.max(0.0), coulomb.max(0.0), stiffness.max(0.0), force, velocity])
+        Self([
+            mass.max(1e-4),
+            damping.max(0.0),
+            coulomb.max(0.0),
+            stiffness.max(0.0),
+            force,
+            velocity,
+        ])
     }
 
     /// Positions at the ticks of a record, from 0.
@@ -73,7 +82,10 @@ impl Model {
         (0..record.ways_m.len())
             .map(|tick| {
                 if tick > 0 {
-                    let force = tick.checked_sub(1 + record.delay_ticks).map_or(0.0, |at| record.forces_n[at]) + offset;
+                    let force = tick
+                        .checked_sub(1 + record.delay_ticks)
+                        .map_or(0.0, |at| record.forces_n[at])
+                        + offset;
                     for _ in 0..SUBSTEPS {
                         // Dry friction takes what momentum is left, and never turns it round.
                         let sliding = mass * velocity + h * (force - stiffness * way);
@@ -90,8 +102,12 @@ impl Model {
     /// Sum of the squares of what is off, the mean position apart.
     fn misses(&self, record: &Record, period_s: f64) -> Vec<Option<f64>> {
         let ways = self.ways(record, period_s);
-        let misses: Vec<Option<f64>> =
-            record.ways_m.iter().zip(&ways).map(|(measured, way)| measured.map(|measured| measured - way)).collect();
+        let misses: Vec<Option<f64>> = record
+            .ways_m
+            .iter()
+            .zip(&ways)
+            .map(|(measured, way)| measured.map(|measured| measured - way))
+            .collect();
         let n = misses.iter().flatten().count().max(1) as f64;
         let mean = misses.iter().flatten().sum::<f64>() / n;
         misses.into_iter().map(|miss| miss.map(|miss| miss - mean)).collect()
@@ -111,12 +127,15 @@ fn has_moved(record: &Record) -> bool {
 fn guess(record: &Record, period_s: f64) -> Option<Model> {
     [0.05, 0.2, 0.6]
         .into_iter()
-        .filter_map(|mass| descend(Model([mass, 10.0 * mass, 0.0, 0.0, 0.0, 0.0]), record, period_s))
+        .filter_map(|mass| {
+            descend(Model([mass, 10.0 * mass, 0.0, 0.0, 0.0, 0.0]), record, period_s)
+        })
         .min_by(|(a, _), (b, _)| a.total_cmp(b))
         .map(|(_, model)| model)
 }
 
-/// One model for each record, all with the delay that fits them best: what an arm takes from a command to its force it does not say.
+/// One model for each record, all with the delay that fits them best: what an arm takes from a
+/// command to its force it does not say.
 fn fit(records: &[Record], period_s: f64) -> Option<Vec<Model>> {
     let first = guess(records.first()?, period_s)?;
     let delayed = |extra: usize| -> Option<(f64, Vec<Model>)> {
@@ -130,12 +149,16 @@ fn fit(records: &[Record], period_s: f64) -> Option<Vec<Model>> {
         }
         Some((sum, models))
     };
-    (0..=EXTRA_DELAY_MAX).filter_map(delayed).min_by(|(a, _), (b, _)| a.total_cmp(b)).map(|(_, models)| models)
+    (0..=EXTRA_DELAY_MAX)
+        .filter_map(delayed)
+        .min_by(|(a, _), (b, _)| a.total_cmp(b))
+        .map(|(_, models)| models)
 }
 
 /// Levenberg–Marquardt. Gives the sum of the squares of what is left.
 fn descend(start: Model, record: &Record, period_s: f64) -> Option<(f64, Model)> {
-    /// Sizes that the numbers of a model have: what a difference is taken over, and where a step is small.
+    /// Sizes that the numbers of a model have: what a difference is taken over, and where a step is
+    /// small.
     const SIZES: [f64; 6] = [0.1, 1.0, 0.05, 5.0, 0.02, 0.01];
     let mut model = start;
     let mut misses = model.misses(record, period_s);
@@ -148,14 +171,19 @@ fn descend(start: Model, record: &Record, period_s: f64) -> Option<(f64, Model)>
             moved.0[idx] += step;
             let there = moved.misses(record, period_s);
             // In units of the size of each number.
-            misses.iter().zip(there).map(|(here, there)| Some((here.as_ref()? - there?) / 1e-4)).collect()
+            misses
+                .iter()
+                .zip(there)
+                .map(|(here, there)| Some((here.as_ref()? - there?) / 1e-4))
+                .collect()
         });
         let mut normal = Mat6::ZERO;
         let mut right = Wrench::ZERO;
         for (tick, miss) in misses.iter().enumerate() {
             let Some(miss) = miss else { continue };
             let row: [f64; 6] = core::array::from_fn(|idx| columns[idx][tick].unwrap_or(0.0));
-            let (linear, angular) = (DVec3::new(row[0], row[1], row[2]), DVec3::new(row[3], row[4], row[5]));
+            let linear = DVec3::new(row[0], row[1], row[2]);
+            let angular = DVec3::new(row[3], row[4], row[5]);
             normal.add_outer(1.0, linear, angular);
             right.force += linear * *miss;
             right.torque += angular * *miss;
@@ -169,7 +197,8 @@ fn descend(start: Model, record: &Record, period_s: f64) -> Option<(f64, Model)>
             }
             let (linear, angular) = damped.solve_spd(right)?;
             let step = [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z];
-            let tried = Model(core::array::from_fn(|idx| model.0[idx] + step[idx] * SIZES[idx])).admitted();
+            let tried =
+                Model(core::array::from_fn(|idx| model.0[idx] + step[idx] * SIZES[idx])).admitted();
             let tried_misses = tried.misses(record, period_s);
             let tried_sum = sum_of_squares(&tried_misses);
             if tried_sum < sum {
@@ -191,7 +220,9 @@ fn descend(start: Model, record: &Record, period_s: f64) -> Option<(f64, Model)>
 fn mean_and_spread(numbers: &[f64]) -> (f64, f64) {
     let n = numbers.len() as f64;
     let mean = numbers.iter().sum::<f64>() / n;
-    let spread = (numbers.iter().map(|number| (number - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0)).sqrt();
+    let spread = (numbers.iter().map(|number| (number - mean).powi(2)).sum::<f64>()
+        / (n - 1.0).max(1.0))
+    .sqrt();
     (mean, spread)
 }
 
@@ -201,8 +232,10 @@ pub(super) fn made_of(records: &[Record], period_s: f64) -> Option<AxisDynamics>
         return None;
     }
     let models = fit(records, period_s)?;
-    let of = |idx: usize| mean_and_spread(&models.iter().map(|model| model.0[idx]).collect::<Vec<_>>());
-    let ((mass_kg, mass_spread_kg), (damping, damping_spread), (coulomb_n, _)) = (of(0), of(1), of(2));
+    let of =
+        |idx: usize| mean_and_spread(&models.iter().map(|model| model.0[idx]).collect::<Vec<_>>());
+    let ((mass_kg, mass_spread_kg), (damping, damping_spread), (coulomb_n, _)) =
+        (of(0), of(1), of(2));
     Some(AxisDynamics {
         mass_kg,
         damping_n_s_per_m: damping,

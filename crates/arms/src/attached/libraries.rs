@@ -1,6 +1,8 @@
-//! Libraries and services of arms' makers: which are here, and what stands in the way of each, by the traps that are known of it.
+//! Libraries and services of arms' makers: which are here, and what stands in the way of each, by
+//! the traps that are known of it.
 //!
-//! Data in: the files below a [`Root`], the environment, and what this user may open. Data out: [`Finding`]s. Nothing is loaded, opened or changed.
+//! Data in: the files below a [`Root`], the environment, and what this user may open. Data out:
+//! [`Finding`]s. Nothing is loaded, opened or changed.
 
 use std::ffi::OsString;
 use std::fs;
@@ -42,7 +44,8 @@ pub struct MakersLibrary {
 
 /// Oldest version of Force Dimension's library that the driver was written for.
 const DHD_MIN: (u32, u32) = (3, 16);
-/// Bytes of a library at most, ten times the largest that is known: what is longer is taken to need nothing.
+/// Bytes of a library at most, ten times the largest that is known: what is longer is taken to need
+/// nothing.
 const LIBRARY_BYTES_MAX: u64 = 256 << 20;
 /// Where the system looks for libraries; `MACHINE` is that of this program.
 const SYSTEM_FOLDERS: [&str; 8] = [
@@ -59,8 +62,8 @@ const SYSTEM_FOLDERS: [&str; 8] = [
 const TOUCH_FOLDERS: [&str; 2] = ["~/.3dsystems", "/usr/share/3DSystems"];
 /// The name of an arm that its setup gave none.
 const TOUCH_NAME: &str = "Default Device";
-const TOUCH_SETUP: &str =
-    "run the maker's setup (Touch_Setup, or Touch_AdvancedConfig) as this user, without sudo, with the arm plugged in";
+const TOUCH_SETUP: &str = "run the maker's setup (Touch_Setup, or Touch_AdvancedConfig) as this \
+    user, without sudo, with the arm plugged in";
 
 impl SystemView<'_> {
     /// A variable that says something.
@@ -79,10 +82,13 @@ impl SystemView<'_> {
         let folder = "/sys/bus/usb/devices";
         let look = |name: String| {
             let read = |file: &str| self.root.read(format!("{folder}/{name}/{file}"));
-            let (vendor, product) = (read("idVendor")?, read("idProduct")?);
+            let vendor = read("idVendor")?;
+            let product = read("idProduct")?;
             let number = |text: &str| u16::from_str_radix(text, 16).ok();
             let title = format!("{vendor}:{product} {}", read("product").unwrap_or_default());
-            family.has_usb(number(&vendor)?, number(&product)?).then(|| (format!("{folder}/{name}"), title.trim_end().to_owned()))
+            family
+                .has_usb(number(&vendor)?, number(&product)?)
+                .then(|| (format!("{folder}/{name}"), title.trim_end().to_owned()))
         };
         self.root.names(folder).into_iter().filter_map(look).collect()
     }
@@ -92,36 +98,62 @@ impl SystemView<'_> {
         match family {
             Family::Virtuose => Vec::new(),
             Family::ForceDimension => {
-                let number = |folder: &str, file: &str| self.root.read(format!("{folder}/{file}"))?.parse::<u32>().ok();
+                let number = |folder: &str, file: &str| {
+                    self.root.read(format!("{folder}/{file}"))?.parse::<u32>().ok()
+                };
                 let path = |(folder, _): (String, String)| {
-                    let (bus, device) = (number(&folder, "busnum")?, number(&folder, "devnum")?);
+                    let bus = number(&folder, "busnum")?;
+                    let device = number(&folder, "devnum")?;
                     Some(PathBuf::from(format!("/dev/bus/usb/{bus:03}/{device:03}")))
                 };
-                self.plugged(family).into_iter().filter_map(path).map(|path| DeviceFile::at(&path)).collect()
+                self.plugged(family)
+                    .into_iter()
+                    .filter_map(path)
+                    .map(|path| DeviceFile::at(&path))
+                    .collect()
             }
-            Family::OpenHaptics => ["tty", "hidraw"].into_iter().flat_map(|class| self.nodes_of_class(family, class)).collect(),
+            Family::OpenHaptics => ["tty", "hidraw"]
+                .into_iter()
+                .flat_map(|class| self.nodes_of_class(family, class))
+                .collect(),
         }
     }
 
     fn nodes_of_class(&self, family: Family, class: &str) -> Vec<DeviceFile> {
         let is_of_family = |name: &String| {
-            let number =
-                |folder: &Path, file: &str| u16::from_str_radix(regular::written(&folder.join(file)).ok()?.trim(), 16).ok();
+            let number = |folder: &Path, file: &str| {
+                u16::from_str_radix(regular::written(&folder.join(file)).ok()?.trim(), 16).ok()
+            };
             let device = usb_device(&self.root.join(format!("/sys/class/{class}/{name}/device")))?;
             Some(family.has_usb(number(&device, "idVendor")?, number(&device, "idProduct")?))
         };
         let names = self.root.names(format!("/sys/class/{class}")).into_iter();
-        names.filter(|name| is_of_family(name) == Some(true)).map(|name| DeviceFile::at(&Path::new("/dev").join(name))).collect()
+        names
+            .filter(|name| is_of_family(name) == Some(true))
+            .map(|name| DeviceFile::at(&Path::new("/dev").join(name)))
+            .collect()
     }
 
     /// Every folder in which the system looks for a library.
     fn library_folders(&self) -> Vec<PathBuf> {
-        let mut folders: Vec<PathBuf> =
-            self.variable("LD_LIBRARY_PATH").iter().flat_map(std::env::split_paths).filter(|path| path.is_absolute()).collect();
-        folders.extend(SYSTEM_FOLDERS.iter().map(|folder| folder.replace("MACHINE", std::env::consts::ARCH).into()));
+        let mut folders: Vec<PathBuf> = self
+            .variable("LD_LIBRARY_PATH")
+            .iter()
+            .flat_map(std::env::split_paths)
+            .filter(|path| path.is_absolute())
+            .collect();
+        folders.extend(
+            SYSTEM_FOLDERS
+                .iter()
+                .map(|folder| folder.replace("MACHINE", std::env::consts::ARCH).into()),
+        );
         for name in self.root.names("/etc/ld.so.conf.d") {
             let text = self.root.read(format!("/etc/ld.so.conf.d/{name}")).unwrap_or_default();
-            folders.extend(text.lines().filter(|line| line.starts_with('/')).map(|line| PathBuf::from(line.trim())));
+            folders.extend(
+                text.lines()
+                    .filter(|line| line.starts_with('/'))
+                    .map(|line| PathBuf::from(line.trim())),
+            );
         }
         folders
     }
@@ -129,17 +161,27 @@ impl SystemView<'_> {
 
 /// Looks for the libraries of makers and for what such a library would open.
 pub fn makers_libraries(machine: &SystemView<'_>) -> Vec<MakersLibrary> {
-    let profiles: Vec<Profile> = profile::names().filter_map(|name| profile::find(name, Path::new("")).ok()).collect();
+    let profiles: Vec<Profile> =
+        profile::names().filter_map(|name| profile::find(name, Path::new("")).ok()).collect();
     let look = |family: Family| {
-        let is_of_family = |profile: &&Profile| vendor_of(profile).is_some_and(|vendor| vendor.family == family);
+        let is_of_family =
+            |profile: &&Profile| vendor_of(profile).is_some_and(|vendor| vendor.family == family);
         MakersLibrary {
             family,
             path: machine.library(family, None).ok(),
             plugged: machine.plugged(family).into_iter().map(|(_, title)| title).collect(),
-            profiles: profiles.iter().filter(is_of_family).map(|profile| profile.name.clone()).collect(),
+            profiles: profiles
+                .iter()
+                .filter(is_of_family)
+                .map(|profile| profile.name.clone())
+                .collect(),
         }
     };
-    Family::ALL.into_iter().map(look).filter(|found| found.path.is_some() || !found.plugged.is_empty()).collect()
+    Family::ALL
+        .into_iter()
+        .map(look)
+        .filter(|found| found.path.is_some() || !found.plugged.is_empty())
+        .collect()
 }
 
 /// What a profile says of the library that its arm needs.
@@ -150,20 +192,30 @@ fn vendor_of(profile: &Profile) -> Option<&VendorProtocol> {
     }
 }
 
-/// What stands in the way of an arm that a library or a service of its maker drives; `None` for other arms.
+/// What stands in the way of an arm that a library or a service of its maker drives; `None` for
+/// other arms.
 pub fn arm_findings(machine: &SystemView<'_>, profile: &Profile) -> Option<Vec<Finding>> {
     let real = profile.real.as_ref()?;
     match &real.protocol {
-        Protocol::Vendor(vendor) => {
-            Some(findings(machine, vendor.family, vendor.library.as_deref(), real.matching.serial.as_deref()))
-        }
+        Protocol::Vendor(vendor) => Some(findings(
+            machine,
+            vendor.family,
+            vendor.library.as_deref(),
+            real.matching.serial.as_deref(),
+        )),
         Protocol::HaplyService(service) => Some(vec![service_finding(service)]),
         _ => None,
     }
 }
 
-/// What stands in the way of the library of a maker. `written`: where a profile says that it is. `serial`: which arm is meant, as the maker counts.
-pub fn findings(machine: &SystemView<'_>, family: Family, written: Option<&Path>, serial: Option<&str>) -> Vec<Finding> {
+/// What stands in the way of the library of a maker. `written`: where a profile says that it is.
+/// `serial`: which arm is meant, as the maker counts.
+pub fn findings(
+    machine: &SystemView<'_>,
+    family: Family,
+    written: Option<&Path>,
+    serial: Option<&str>,
+) -> Vec<Finding> {
     let name = "maker's library";
     let mut findings = Vec::new();
     match machine.library(family, written) {
@@ -176,7 +228,14 @@ pub fn findings(machine: &SystemView<'_>, family: Family, written: Option<&Path>
             match unsuitable_file(&file) {
                 Some(why) => {
                     let found = format!("{family}: {} {why}", path.display());
-                    findings.push(Finding::bad(name, found, format!("take the library out of the {}", family.title())).by_hand());
+                    findings.push(
+                        Finding::bad(
+                            name,
+                            found,
+                            format!("take the library out of the {}", family.title()),
+                        )
+                        .by_hand(),
+                    );
                 }
                 None => {
                     findings.push(Finding::good(name, format!("{family}: {}", path.display())));
@@ -192,8 +251,13 @@ pub fn findings(machine: &SystemView<'_>, family: Family, written: Option<&Path>
     for node in &nodes {
         let permitted = (machine.may_use)(&node.path);
         let holders = holders(machine.root, &node.path);
-        let attached =
-            AttachedNode { node: node.clone(), permitted, holders, profiles: vec![family.name().to_owned()], beside: Vec::new() };
+        let attached = AttachedNode {
+            node: node.clone(),
+            permitted,
+            holders,
+            profiles: vec![family.name().to_owned()],
+            beside: Vec::new(),
+        };
         // Who has an arm of 3D Systems is told below, with other advice.
         let is_told = |finding: &Finding| family != Family::OpenHaptics || finding.name != "holder";
         findings.extend(discover::findings(&attached, machine.root).into_iter().filter(is_told));
@@ -211,7 +275,8 @@ pub fn findings(machine: &SystemView<'_>, family: Family, written: Option<&Path>
     findings
 }
 
-/// What a library rests on and is not here. Its own file names it, and so do those that it rests on.
+/// What a library rests on and is not here. Its own file names it, and so do those that it rests
+/// on.
 fn missing_needs(machine: &SystemView<'_>, family: Family, library: &Path) -> Vec<Finding> {
     let folders = machine.library_folders();
     let mut missing: Vec<&Need> = Vec::new();
@@ -224,14 +289,22 @@ fn missing_needs(machine: &SystemView<'_>, family: Family, library: &Path) -> Ve
                 continue;
             }
             known.push(need.file);
-            match folders.iter().map(|folder| machine.root.join(folder.join(need.file))).find(|path| path.exists()) {
+            match folders
+                .iter()
+                .map(|folder| machine.root.join(folder.join(need.file)))
+                .find(|path| path.exists())
+            {
                 Some(path) => files.push(path),
                 None => missing.push(need),
             }
         }
     }
     let told = |need: &Need| {
-        let finding = Finding::bad(need.title, format!("{}, which the library needs, is not installed", need.file), need.advice);
+        let finding = Finding::bad(
+            need.title,
+            format!("{}, which the library needs, is not installed", need.file),
+            need.advice,
+        );
         if need.by_hand { finding.by_hand() } else { finding }
     };
     missing.into_iter().map(told).collect()
@@ -250,15 +323,29 @@ fn dhd(file: &Path) -> Vec<Finding> {
     let mut findings = Vec::new();
     if name.starts_with("libdhd.") {
         let found = format!("{name} cannot let an arm find its zero (`--home`)");
-        findings.push(Finding::advice("homing", found, "take libdrd of the same kit: it holds all of libdhd").by_hand());
+        findings.push(
+            Finding::advice("homing", found, "take libdrd of the same kit: it holds all of libdhd")
+                .by_hand(),
+        );
     }
-    let numbers: Vec<u32> =
-        name.split_once(".so.").map_or(Vec::new(), |(_, rest)| rest.split('.').filter_map(|word| word.parse().ok()).collect());
+    let numbers: Vec<u32> = name.split_once(".so.").map_or(Vec::new(), |(_, rest)| {
+        rest.split('.').filter_map(|word| word.parse().ok()).collect()
+    });
     if let [major, minor, ..] = numbers[..]
         && (major, minor) < DHD_MIN
     {
-        let found = format!("{name} is version {major}.{minor}; the driver was written for {}.{} and later", DHD_MIN.0, DHD_MIN.1);
-        findings.push(Finding::advice("version", found, format!("install the {}", Family::ForceDimension.title())).by_hand());
+        let found = format!(
+            "{name} is version {major}.{minor}; the driver was written for {}.{} and later",
+            DHD_MIN.0, DHD_MIN.1
+        );
+        findings.push(
+            Finding::advice(
+                "version",
+                found,
+                format!("install the {}", Family::ForceDimension.title()),
+            )
+            .by_hand(),
+        );
     }
     findings
 }
@@ -267,9 +354,12 @@ fn dhd(file: &Path) -> Vec<Finding> {
 fn touch_folder(machine: &SystemView<'_>) -> Option<PathBuf> {
     machine.variable("GTDD_HOME").or_else(|| {
         let home = machine.variable("HOME").unwrap_or_default();
-        let folders =
-            TOUCH_FOLDERS.iter().map(|folder| folder.strip_prefix("~/").map_or_else(|| folder.into(), |below| home.join(below)));
-        folders.filter(|folder: &PathBuf| folder.is_absolute()).find(|folder| !touch_names(machine, folder).is_empty())
+        let folders = TOUCH_FOLDERS.iter().map(|folder| {
+            folder.strip_prefix("~/").map_or_else(|| folder.into(), |below| home.join(below))
+        });
+        folders
+            .filter(|folder: &PathBuf| folder.is_absolute())
+            .find(|folder| !touch_names(machine, folder).is_empty())
     })
 }
 
@@ -280,11 +370,16 @@ fn touch_names(machine: &SystemView<'_>, folder: &Path) -> Vec<String> {
 }
 
 /// Whether the library finds what the setup has written.
-fn touch_configuration(machine: &SystemView<'_>, folder: Option<&Path>, serial: Option<&str>) -> Finding {
+fn touch_configuration(
+    machine: &SystemView<'_>,
+    folder: Option<&Path>,
+    serial: Option<&str>,
+) -> Finding {
     let name = "configuration folder";
     let is_named = machine.variable("GTDD_HOME").is_some();
     let Some(folder) = folder else {
-        let found = format!("GTDD_HOME is not set, and there is none in {}", TOUCH_FOLDERS.join(" or "));
+        let found =
+            format!("GTDD_HOME is not set, and there is none in {}", TOUCH_FOLDERS.join(" or "));
         let sudo = if machine.variable("SUDO_USER").is_some() {
             "; sudo takes GTDD_HOME away: sudo --preserve-env=GTDD_HOME keeps it"
         } else {
@@ -292,14 +387,21 @@ fn touch_configuration(machine: &SystemView<'_>, folder: Option<&Path>, serial: 
         };
         return Finding::bad(name, format!("{found}{sudo}"), TOUCH_SETUP).by_hand();
     };
-    let (shown, names) = (folder.join("config").display().to_string(), touch_names(machine, folder));
+    let shown = folder.join("config").display().to_string();
+    let names = touch_names(machine, folder);
     let wanted = serial.unwrap_or(TOUCH_NAME);
     if names.is_empty() {
-        return Finding::bad(name, format!("{shown} holds no configuration (*.config)"), TOUCH_SETUP).by_hand();
+        return Finding::bad(
+            name,
+            format!("{shown} holds no configuration (*.config)"),
+            TOUCH_SETUP,
+        )
+        .by_hand();
     }
     if !names.iter().any(|name| name == wanted) {
         let found = format!("{shown} knows {}, and no `{wanted}`", names.join(", "));
-        let advice = "write one of these names as `serial` under [match] of a copy of the profile, or run the maker's setup again";
+        let advice = "write one of these names as `serial` under [match] of a copy of the profile, \
+            or run the maker's setup again";
         return Finding::bad(name, found, advice).by_hand();
     }
     if !is_named {
@@ -309,13 +411,24 @@ fn touch_configuration(machine: &SystemView<'_>, folder: Option<&Path>, serial: 
     Finding::good(name, format!("{shown}: {}", names.join(", ")))
 }
 
-/// Whether the arm is at the port that its configuration names: the number changes with the socket. Newer arms have a HID node, and no port.
-fn touch_port(machine: &SystemView<'_>, folder: Option<&Path>, serial: Option<&str>, nodes: &[DeviceFile]) -> Option<Finding> {
+/// Whether the arm is at the port that its configuration names: the number changes with the socket.
+/// Newer arms have a HID node, and no port.
+fn touch_port(
+    machine: &SystemView<'_>,
+    folder: Option<&Path>,
+    serial: Option<&str>,
+    nodes: &[DeviceFile],
+) -> Option<Finding> {
     let file = folder?.join("config").join(format!("{}.config", serial.unwrap_or(TOUCH_NAME)));
     let text = machine.root.read(&file)?;
-    let channel = text.lines().find_map(|line| line.trim().strip_prefix("Channel=")?.trim().parse::<u32>().ok())?;
-    let ports: Vec<String> =
-        nodes.iter().filter(|node| node.kind == NodeKind::Serial).map(|node| node.path.display().to_string()).collect();
+    let channel = text
+        .lines()
+        .find_map(|line| line.trim().strip_prefix("Channel=")?.trim().parse::<u32>().ok())?;
+    let ports: Vec<String> = nodes
+        .iter()
+        .filter(|node| node.kind == NodeKind::Serial)
+        .map(|node| node.path.display().to_string())
+        .collect();
     let wanted = format!("/dev/ttyACM{channel}");
     let name = "port number";
     if ports.is_empty() {
@@ -324,38 +437,62 @@ fn touch_port(machine: &SystemView<'_>, folder: Option<&Path>, serial: Option<&s
     Some(if ports.contains(&wanted) {
         Finding::good(name, format!("{wanted}, as its configuration says"))
     } else {
-        let found = format!("the configuration says {wanted} (Channel={channel}), and the arm is at {}", ports.join(", "));
-        Finding::bad(name, found, format!("put the plug into the socket of before, or {TOUCH_SETUP}")).by_hand()
+        let found = format!(
+            "the configuration says {wanted} (Channel={channel}), and the arm is at {}",
+            ports.join(", ")
+        );
+        Finding::bad(
+            name,
+            found,
+            format!("put the plug into the socket of before, or {TOUCH_SETUP}"),
+        )
+        .by_hand()
     })
 }
 
-/// Whether another program has the arm. One that was killed leaves it locked, which only its opening shows.
+/// Whether another program has the arm. One that was killed leaves it locked, which only its
+/// opening shows.
 fn touch_lock(machine: &SystemView<'_>, nodes: &[DeviceFile]) -> Finding {
-    let mut found: Vec<Holder> = nodes.iter().flat_map(|node| holders(machine.root, &node.path)).collect();
-    found.extend(with_library(machine.root, &["/libHD.so", "/libPhantomIOLib42.so", "/libPHANToMIO.so"]));
+    let mut found: Vec<Holder> =
+        nodes.iter().flat_map(|node| holders(machine.root, &node.path)).collect();
+    found.extend(with_library(
+        machine.root,
+        &["/libHD.so", "/libPhantomIOLib42.so", "/libPHANToMIO.so"],
+    ));
     found.sort_by_key(|holder| holder.pid);
     found.dedup();
     if found.is_empty() {
         let unplug = "if it is: unplug the arm, wait ten seconds, and plug it in again".to_owned();
-        let found = "no program that this user sees uses the library; whether a killed one has left the arm locked shows when it is opened (HD error 0x0303)";
+        let found = "no program that this user sees uses the library; whether a killed one has \
+            left the arm locked shows when it is opened (HD error 0x0303)";
         return Finding { advice: unplug, by_hand: true, ..Finding::unknown("lock", found) };
     }
-    let names: Vec<String> = found.iter().map(|holder| format!("{} (process {})", holder.name, holder.pid)).collect();
-    let advice =
-        "end it with Ctrl-C or as it wants to be ended: a program that is killed leaves the arm locked until it is unplugged";
-    Finding::bad("lock", format!("the arm or its library is in use by {}", names.join(", ")), advice).by_hand()
+    let names: Vec<String> =
+        found.iter().map(|holder| format!("{} (process {})", holder.name, holder.pid)).collect();
+    let advice = "end it with Ctrl-C or as it wants to be ended: a program that is killed leaves \
+        the arm locked until it is unplugged";
+    Finding::bad(
+        "lock",
+        format!("the arm or its library is in use by {}", names.join(", ")),
+        advice,
+    )
+    .by_hand()
 }
 
 /// Processes that have a library in their memory, as far as this user may see.
 fn with_library(root: &Root, files: &[&str]) -> Vec<Holder> {
     let own = std::process::id();
     let pids = root.names("/proc").into_iter().filter_map(|name| name.parse::<u32>().ok());
-    let has = |pid: &u32| root.read(format!("/proc/{pid}/maps")).is_some_and(|maps| files.iter().any(|file| maps.contains(file)));
+    let has = |pid: &u32| {
+        root.read(format!("/proc/{pid}/maps"))
+            .is_some_and(|maps| files.iter().any(|file| maps.contains(file)))
+    };
     let name = |pid: u32| root.read(format!("/proc/{pid}/comm")).unwrap_or_else(|| "?".to_owned());
     pids.filter(|pid| *pid != own).filter(has).map(|pid| Holder { pid, name: name(pid) }).collect()
 }
 
-/// Whether something listens where the service of Haption does, for an arm whose address is that of this machine.
+/// Whether something listens where the service of Haption does, for an arm whose address is that of
+/// this machine.
 fn virtuose_service(machine: &SystemView<'_>, address: Option<&str>) -> Option<Finding> {
     let (host, port) = address.map_or(Some(("127.0.0.1", VIRTUOSE_PORT)), |address| {
         let (host, port) = address.split_once('#')?;
@@ -365,20 +502,28 @@ fn virtuose_service(machine: &SystemView<'_>, address: Option<&str>) -> Option<F
         return None;
     }
     let at = format!(":{port:04X} ");
-    let mut tables = ["tcp", "tcp6", "udp", "udp6"].into_iter().filter_map(|name| machine.root.read(format!("/proc/net/{name}")));
+    let mut tables = ["tcp", "tcp6", "udp", "udp6"]
+        .into_iter()
+        .filter_map(|name| machine.root.read(format!("/proc/net/{name}")));
     // The second word of a line is the local address.
     let is_there = tables.any(|table| {
-        table.lines().filter_map(|line| line.split_whitespace().nth(1)).any(|local| format!("{local} ").ends_with(&at))
+        table
+            .lines()
+            .filter_map(|line| line.split_whitespace().nth(1))
+            .any(|local| format!("{local} ").ends_with(&at))
     });
     Some(if is_there {
         Finding::good("maker's service", format!("something listens at {host}#{port}"))
     } else {
-        let advice = "start the maker's service; where the controller has an address of its own, write it as `serial` under [match] of a copy of the profile";
-        Finding::advice("maker's service", format!("nothing listens at {host}#{port}"), advice).by_hand()
+        let advice = "start the maker's service; where the controller has an address of its own, \
+            write it as `serial` under [match] of a copy of the profile";
+        Finding::advice("maker's service", format!("nothing listens at {host}#{port}"), advice)
+            .by_hand()
     })
 }
 
-/// The services that shipped profiles look for and that run. Cold; opens a connection to each, and closes it.
+/// The services that shipped profiles look for and that run. Cold; opens a connection to each, and
+/// closes it.
 pub fn services() -> Vec<RunningService> {
     let profiles = profile::names().filter_map(|name| profile::find(name, Path::new("")).ok());
     let mut addresses: Vec<String> = profiles
@@ -393,19 +538,27 @@ pub fn services() -> Vec<RunningService> {
 
 /// Whether the service of an arm runs, in a version that is spoken, and knows the arm and its grip.
 fn service_finding(wanted: &HaplyService) -> Finding {
-    let (name, address) = ("maker's service", &wanted.address);
+    let name = "maker's service";
+    let address = &wanted.address;
     let Some(RunningService { version, arms, grips, .. }) = running_service(address) else {
-        let advice =
-            "sudo systemctl start haply-inverse-service   # or write its `address` under [protocol] of a copy of the profile";
+        let advice = "sudo systemctl start haply-inverse-service   # or write its `address` under \
+            [protocol] of a copy of the profile";
         return Finding::bad(name, format!("no Inverse service answers at {address}"), advice);
     };
-    let found = format!("Inverse service {version} at {address}, {} arms, {} grips", arms.len(), grips.len());
+    let found = format!(
+        "Inverse service {version} at {address}, {} arms, {} grips",
+        arms.len(),
+        grips.len()
+    );
     if let Err(StartError::Refused(why)) = Dialect::of(wanted.version.unwrap_or(version)) {
         return Finding::bad(name, found, why).by_hand();
     }
     match (arms.is_empty(), grips.is_empty() && wanted.has_grip) {
         (true, _) => Finding::bad(name, found, "plug the arm in and switch it on").by_hand(),
-        (_, true) => Finding::bad(name, found, "switch the grip on, or take the profile inverse3-no-grip").by_hand(),
+        (_, true) => {
+            Finding::bad(name, found, "switch the grip on, or take the profile inverse3-no-grip")
+                .by_hand()
+        }
         _ => Finding::good(name, found),
     }
 }

@@ -1,7 +1,8 @@
 //! The nodes of this machine that an arm may hang on: hidraw and serial ports.
 //!
-//! Data out: [`DeviceFile`]s with what USB says of them. Which of them is a certain arm is decided by [`Match`] of its profile, never by a product name alone: names
-//! are empty without access to the node, and siblings share them.
+//! Data out: [`DeviceFile`]s with what USB says of them. Which of them is a certain arm is decided
+//! by [`Match`] of its profile, never by a product name alone: names are empty without access to
+//! the node, and siblings share them.
 
 use core::fmt;
 use core::str::FromStr;
@@ -57,7 +58,8 @@ pub struct DeviceFile {
 impl DeviceFile {
     /// A path that the user gave, of which nothing else is known.
     pub(crate) fn at(path: &Path) -> Self {
-        let is_hid = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("hidraw"));
+        let is_hid =
+            path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("hidraw"));
         Self {
             kind: if is_hid { NodeKind::Hid } else { NodeKind::Serial },
             path: path.to_owned(),
@@ -78,8 +80,16 @@ impl DeviceFile {
 
     /// True for a node of the same device, under whatever name.
     pub(super) fn is_of_device(&self, other: &Self) -> bool {
-        let identity =
-            |node: &Self| (node.kind, node.vendor_id, node.product_id, node.serial.clone(), node.interface, node.usages.clone());
+        let identity = |node: &Self| {
+            (
+                node.kind,
+                node.vendor_id,
+                node.product_id,
+                node.serial.clone(),
+                node.interface,
+                node.usages.clone(),
+            )
+        };
         identity(self) == identity(other)
     }
 }
@@ -145,7 +155,12 @@ fn serial() -> Vec<DeviceFile> {
 /// What the stable names in a folder point at: target and name.
 fn by_id(folder: &Path) -> Vec<(PathBuf, PathBuf)> {
     let Ok(entries) = fs::read_dir(folder) else { return Vec::new() };
-    entries.flatten().filter_map(|entry| fs::canonicalize(entry.path()).ok().map(|target| (target, entry.path()))).collect()
+    entries
+        .flatten()
+        .filter_map(|entry| {
+            fs::canonicalize(entry.path()).ok().map(|target| (target, entry.path()))
+        })
+        .collect()
 }
 
 /// Which node the user means: `VID:PID[:SERIAL]` in hex, or a path.
@@ -166,7 +181,10 @@ pub enum Selector {
 
 /// A selector is neither of its two forms.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("`{0}` is no selector: write VID:PID or VID:PID:SERIAL in hex, as in 16c0:0483, or the path of a node, as in /dev/ttyACM0")]
+#[error(
+    "`{0}` is no selector: write VID:PID or VID:PID:SERIAL in hex, as in 16c0:0483, or the path of \
+        a node, as in /dev/ttyACM0"
+)]
 pub struct SelectorError(String);
 
 impl FromStr for Selector {
@@ -177,7 +195,8 @@ impl FromStr for Selector {
             return Ok(Self::Path(PathBuf::from(text)));
         }
         let id = |word: Option<&str>| {
-            word.filter(|word| (1..=4).contains(&word.len())).and_then(|word| u16::from_str_radix(word, 16).ok())
+            word.filter(|word| (1..=4).contains(&word.len()))
+                .and_then(|word| u16::from_str_radix(word, 16).ok())
         };
         let mut words = text.splitn(3, ':');
         match (id(words.next()), id(words.next()), words.next()) {
@@ -215,20 +234,25 @@ impl Selector {
 }
 
 impl Match {
-    /// True for a node that can be this arm: everything that is given has to fit. An arm of which neither numbers nor a stable name are given is no
-    /// node by itself; the user has to name it.
+    /// True for a node that can be this arm: everything that is given has to fit. An arm of which
+    /// neither numbers nor a stable name are given is no node by itself; the user has to name it.
     pub(crate) fn admits(&self, node: &DeviceFile) -> bool {
-        let numbers = self.ids.is_empty() || self.ids.iter().any(|id| (id.vendor, id.product) == (node.vendor_id, node.product_id));
+        let numbers = self.ids.is_empty()
+            || self
+                .ids
+                .iter()
+                .any(|id| (id.vendor, id.product) == (node.vendor_id, node.product_id));
         let is_named = !self.ids.is_empty() || self.by_id.is_some();
         is_named
             && numbers
             && self.has_form_of(node)
             && self.serial.as_ref().is_none_or(|serial| *serial == node.serial)
             && self.product.as_ref().is_none_or(|part| node.product.contains(part.as_str()))
-            && self
-                .by_id
-                .as_ref()
-                .is_none_or(|part| node.by_id.as_ref().is_some_and(|name| name.to_string_lossy().contains(part.as_str())))
+            && self.by_id.as_ref().is_none_or(|part| {
+                node.by_id
+                    .as_ref()
+                    .is_some_and(|name| name.to_string_lossy().contains(part.as_str()))
+            })
     }
 
     /// True for a node of the right kind and interface, from any manufacturer.
@@ -236,10 +260,14 @@ impl Match {
         let kind = match self.transport {
             TransportKind::Hid => NodeKind::Hid,
             TransportKind::Serial => NodeKind::Serial,
-            TransportKind::Usb | TransportKind::Socket | TransportKind::Service | TransportKind::Library => return false,
+            TransportKind::Usb
+            | TransportKind::Socket
+            | TransportKind::Service
+            | TransportKind::Library => return false,
         };
         let usage = |(page, usage): &(u16, u16)| {
-            self.usage_page.is_none_or(|wanted| wanted == *page) && self.usage.is_none_or(|wanted| wanted == *usage)
+            self.usage_page.is_none_or(|wanted| wanted == *page)
+                && self.usage.is_none_or(|wanted| wanted == *usage)
         };
         kind == node.kind
             && (self.usage_page.is_none() && self.usage.is_none() || node.usages.iter().any(usage))
@@ -273,10 +301,14 @@ mod tests {
             usages: vec![(0xffab, 0x0200)],
             ..DeviceFile::at(Path::new("/dev/hidraw3"))
         };
-        let emulated = DeviceFile { usages: vec![(0xffc9, 4)], interface: Some(1), ..teensy.clone() };
+        let emulated =
+            DeviceFile { usages: vec![(0xffc9, 4)], interface: Some(1), ..teensy.clone() };
         let raw_hid = Match {
             transport: TransportKind::Hid,
-            ids: vec![UsbId { vendor: 0x1234, product: 6 }, UsbId { vendor: 0x16c0, product: 0x0486 }],
+            ids: vec![
+                UsbId { vendor: 0x1234, product: 6 },
+                UsbId { vendor: 0x16c0, product: 0x0486 },
+            ],
             usage_page: Some(0xffab),
             usage: None,
             interface: None,
@@ -287,10 +319,16 @@ mod tests {
         };
         assert!(raw_hid.admits(&teensy) && !raw_hid.admits(&emulated));
         assert!(!raw_hid.admits(&DeviceFile { kind: NodeKind::Serial, ..teensy.clone() }));
-        assert!(!Match { ids: Vec::new(), ..raw_hid.clone() }.admits(&teensy), "a page alone is no arm");
+        assert!(
+            !Match { ids: Vec::new(), ..raw_hid.clone() }.admits(&teensy),
+            "a page alone is no arm"
+        );
         assert!(!Match { by_id: Some("Teensy".into()), ..raw_hid }.admits(&teensy));
         let of_serial: Selector = "16c0:0486:77".parse().expect("valid");
-        assert!(!of_serial.means(&teensy) && of_serial.means(&DeviceFile { serial: "77".into(), ..teensy.clone() }));
+        assert!(
+            !of_serial.means(&teensy)
+                && of_serial.means(&DeviceFile { serial: "77".into(), ..teensy.clone() })
+        );
         assert!(Selector::Path("/dev/hidraw3".into()).means(&teensy));
     }
 

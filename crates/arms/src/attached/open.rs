@@ -1,4 +1,5 @@
-//! From a profile to an open arm: find its node, open the link, hold the start-up dialogue, and do all that again when it is lost.
+//! From a profile to an open arm: find its node, open the link, hold the start-up dialogue, and do
+//! all that again when it is lost.
 
 use core::time::Duration;
 use std::path::{Path, PathBuf};
@@ -12,9 +13,13 @@ use super::nodes::{self, DeviceFile, NodeKind, Selector};
 use crate::guard::{Guard, ZeroFrame};
 use crate::profile::{HomingMode, Match, Profile, RealArm, TransportKind};
 use crate::protocol::{Protocol, StartError};
-use crate::transport::{Carriage, HidLink, HidOpenError, SerialError, SerialLink, ServiceError, ServiceLink, Transport};
+use crate::transport::{
+    Carriage, HidLink, HidOpenError, SerialError, SerialLink, ServiceError, ServiceLink, Transport,
+};
 use crate::vendor::{self, VendorError, VendorProtocol, Words};
-use crate::{Capabilities, Connection, IoPlacement, Replacements, Timebase, WiredArm, WiredParameters};
+use crate::{
+    Capabilities, Connection, IoPlacement, Replacements, Timebase, WiredArm, WiredParameters,
+};
 use rt::finding::Root;
 use rt::schedule::ThreadRequest;
 
@@ -32,8 +37,9 @@ pub struct OpenOptions {
     pub io_request: Option<ThreadRequest>,
     /// One tick, s.
     pub period_s: f64,
-    /// A `hapticd` to start as the [guard](crate::guard) of the arm, or as the [worker](crate::vendor) that the library of its maker runs in. Without
-    /// one an arm has no guard, and an arm behind such a library does not open.
+    /// A `hapticd` to start as the [guard](crate::guard) of the arm, or as the
+    /// [worker](crate::vendor) that the library of its maker runs in. Without one an arm has no
+    /// guard, and an arm behind such a library does not open.
     pub guard: Option<PathBuf>,
 }
 
@@ -57,7 +63,8 @@ pub enum OpenError {
         found: Vec<DeviceFile>,
     },
     /// Several nodes fit.
-    #[error("{} attached devices could be the {title}: {}; name one with --selector or `device.selector`", .candidates.len(), paths(.candidates))]
+    #[error("{} attached devices could be the {title}: {}; name one with --selector or \
+        `device.selector`", .candidates.len(), paths(.candidates))]
     Several {
         /// Name for people.
         title: String,
@@ -104,7 +111,10 @@ pub enum OpenError {
         why: String,
     },
     /// This program was built without USB bulk transfers.
-    #[error("the {title} answers on USB bulk endpoints only: build with `cargo build --release --features usb`")]
+    #[error(
+        "the {title} answers on USB bulk endpoints only: build with `cargo build --release \
+            --features usb`"
+    )]
     NoUsb {
         /// Name for people.
         title: String,
@@ -137,7 +147,10 @@ impl OpenError {
 
 fn advice(path: &Path) -> &'static str {
     match path.to_string_lossy().starts_with("zenoh:") {
-        true => "`hapticd device-node` has to run beside the arm, under that name and where --connect leads to",
+        true => {
+            "`hapticd device-node` has to run beside the arm, under that name and where --connect \
+                leads to"
+        }
         false => "if it is the right arm, switch it off and on, and try again",
     }
 }
@@ -147,7 +160,11 @@ fn names(holders: &[Holder]) -> String {
         // `hapticd` alone locks a hidraw node.
         return "another hapticd".to_owned();
     }
-    holders.iter().map(|holder| format!("{} (process {})", holder.name, holder.pid)).collect::<Vec<_>>().join(", ")
+    holders
+        .iter()
+        .map(|holder| format!("{} (process {})", holder.name, holder.pid))
+        .collect::<Vec<_>>()
+        .join(", ")
 }
 
 fn paths(nodes: &[DeviceFile]) -> String {
@@ -155,18 +172,27 @@ fn paths(nodes: &[DeviceFile]) -> String {
 }
 
 fn looked_for(matching: &Match) -> String {
-    let mut words: Vec<String> = matching.ids.iter().map(|id| format!("USB {:04x}:{:04x}", id.vendor, id.product)).collect();
+    let mut words: Vec<String> =
+        matching.ids.iter().map(|id| format!("USB {:04x}:{:04x}", id.vendor, id.product)).collect();
     words.extend(matching.serial.as_ref().map(|serial| format!("serial number {serial}")));
     words.extend(matching.by_id.as_ref().map(|by_id| format!("a port named …{by_id}…")));
-    if words.is_empty() { ", which names no device by itself".into() } else { format!(" ({})", words.join(", ")) }
+    if words.is_empty() {
+        ", which names no device by itself".into()
+    } else {
+        format!(" ({})", words.join(", "))
+    }
 }
 
 fn attached(nodes: &[DeviceFile]) -> String {
     if nodes.is_empty() {
-        return "; no HID device or serial port is attached at all. Name the node of a mock arm or adapter with --selector PATH"
+        return "; no HID device or serial port is attached at all. Name the node of a mock arm or \
+            adapter with --selector PATH"
             .into();
     }
-    format!("; attached: {}. `hapticd devices` says more; --selector PATH names a node yourself", paths(nodes))
+    format!(
+        "; attached: {}. `hapticd devices` says more; --selector PATH names a node yourself",
+        paths(nodes)
+    )
 }
 
 /// What becomes of a link after it was opened.
@@ -204,12 +230,16 @@ pub struct OpenedArm {
 /// # Errors
 /// As [`open`], as far as that can be known.
 pub fn look_for(profile: &Profile, options: &OpenOptions) -> Result<(), OpenError> {
-    let real = profile.real.as_ref().ok_or_else(|| OpenError::Simulated { profile: profile.name.clone() })?;
+    let real = profile
+        .real
+        .as_ref()
+        .ok_or_else(|| OpenError::Simulated { profile: profile.name.clone() })?;
     let connector = Connector::new(profile, real, options);
     match (&real.protocol, real.matching.transport) {
         (Protocol::Vendor(protocol), _) => {
             let (protocol, _) = connector.chosen(protocol)?;
-            vendor::look_for(&protocol).map_err(|cause| OpenError::Vendor { title: profile.title.clone(), cause })
+            vendor::look_for(&protocol)
+                .map_err(|cause| OpenError::Vendor { title: profile.title.clone(), cause })
         }
         (Protocol::HaplyService(_), _) => connector.has_no_selector(),
         (_, TransportKind::Usb) => Ok(()),
@@ -222,7 +252,10 @@ pub fn look_for(profile: &Profile, options: &OpenOptions) -> Result<(), OpenErro
 /// # Errors
 /// See [`OpenError`].
 pub fn open(profile: &Profile, options: &OpenOptions) -> Result<OpenedArm, OpenError> {
-    let real = profile.real.as_ref().ok_or_else(|| OpenError::Simulated { profile: profile.name.clone() })?;
+    let real = profile
+        .real
+        .as_ref()
+        .ok_or_else(|| OpenError::Simulated { profile: profile.name.clone() })?;
     let connector = Connector::new(profile, real, options);
     open_with(connector, |io| wired_parameters(profile, real, options.period_s, io))
 }
@@ -281,7 +314,12 @@ pub(crate) fn open_with(
 }
 
 /// What the driver needs of a profile.
-pub(crate) fn wired_parameters(profile: &Profile, real: &RealArm, period_s: f64, io: IoPlacement) -> WiredParameters {
+pub(crate) fn wired_parameters(
+    profile: &Profile,
+    real: &RealArm,
+    period_s: f64,
+    io: IoPlacement,
+) -> WiredParameters {
     WiredParameters {
         kinematics: real.kinematics,
         transmission: real.transmission,
@@ -321,7 +359,8 @@ struct Connector {
     words: Mutex<Option<Words>>,
 }
 
-/// The node of the device that was opened first: at the path that the user named, or wherever the device has come back. `None`: it is not there.
+/// The node of the device that was opened first: at the path that the user named, or wherever the
+/// device has come back. `None`: it is not there.
 fn again(first: &DeviceFile, path: &Path, attached: &[DeviceFile]) -> Option<DeviceFile> {
     if !first.has_identity() {
         return Some(DeviceFile::at(path));
@@ -337,7 +376,9 @@ fn again(first: &DeviceFile, path: &Path, attached: &[DeviceFile]) -> Option<Dev
 /// The error for a node that another process holds names that process.
 fn held(path: &Path, error: OpenError) -> OpenError {
     let is_held = match &error {
-        OpenError::Serial(SerialError::Open { cause, .. }) => cause.kind() == serialport::ErrorKind::NoDevice,
+        OpenError::Serial(SerialError::Open { cause, .. }) => {
+            cause.kind() == serialport::ErrorKind::NoDevice
+        }
         OpenError::Hid(HidOpenError::Locked { .. }) => true,
         _ => false,
     };
@@ -364,7 +405,13 @@ impl Connector {
             let path = resolved(path);
             let node = match self.first.get() {
                 Some(first) => again(first, &path, &attached),
-                None => Some(attached.iter().find(|node| node.path == path).cloned().unwrap_or_else(|| DeviceFile::at(&path))),
+                None => Some(
+                    attached
+                        .iter()
+                        .find(|node| node.path == path)
+                        .cloned()
+                        .unwrap_or_else(|| DeviceFile::at(&path)),
+                ),
             };
             return node.ok_or_else(|| OpenError::Missing {
                 title: self.title.clone(),
@@ -374,7 +421,9 @@ impl Connector {
         }
         // Numbers of the user's own stand in for those of the profile: boards are sold under many.
         let matching = match selector {
-            Some(Selector::Usb { .. }) => Match { ids: Vec::new(), by_id: None, ..self.real.matching.clone() },
+            Some(Selector::Usb { .. }) => {
+                Match { ids: Vec::new(), by_id: None, ..self.real.matching.clone() }
+            }
             _ => self.real.matching.clone(),
         };
         let fits = |node: &&DeviceFile| match selector {
@@ -393,7 +442,10 @@ impl Connector {
         }
     }
 
-    fn link(&self, before: PreviousLink) -> Result<(PathBuf, Box<dyn Transport>, Carriage), OpenError> {
+    fn link(
+        &self,
+        before: PreviousLink,
+    ) -> Result<(PathBuf, Box<dyn Transport>, Carriage), OpenError> {
         #[cfg(feature = "usb")]
         if self.real.matching.transport == TransportKind::Usb {
             return self.usb();
@@ -419,13 +471,20 @@ impl Connector {
 
     fn link_at(&self, node: &DeviceFile) -> Result<(Box<dyn Transport>, Carriage), OpenError> {
         Ok(match node.kind {
-            NodeKind::Hid => (Box::new(HidLink::open(&node.path, self.options.io_request)?), Carriage::Reports),
-            NodeKind::Serial => (Box::new(SerialLink::open(&node.path, self.real.matching.baud)?), Carriage::Stream),
+            NodeKind::Hid => {
+                (Box::new(HidLink::open(&node.path, self.options.io_request)?), Carriage::Reports)
+            }
+            NodeKind::Serial => {
+                (Box::new(SerialLink::open(&node.path, self.real.matching.baud)?), Carriage::Stream)
+            }
         })
     }
 
     /// The library and the serial number that a selector chooses beside those of the profile.
-    fn chosen(&self, protocol: &VendorProtocol) -> Result<(VendorProtocol, Option<String>), OpenError> {
+    fn chosen(
+        &self,
+        protocol: &VendorProtocol,
+    ) -> Result<(VendorProtocol, Option<String>), OpenError> {
         let mut protocol = protocol.clone();
         let mut serial = self.real.matching.serial.clone();
         let refused = |selector: &Selector, why: String| {
@@ -435,7 +494,11 @@ impl Connector {
             None => {}
             // A path names the library, as it names the node of another arm.
             Some(selector @ Selector::Path(path)) if path.starts_with("/dev") => {
-                return refused(selector, "a path names the library of its maker, and the library finds the node".to_owned());
+                return refused(
+                    selector,
+                    "a path names the library of its maker, and the library finds the node"
+                        .to_owned(),
+                );
             }
             Some(Selector::Path(path)) => protocol.library = Some(path.clone()),
             Some(selector @ Selector::Usb { vendor_id, product_id, serial: wanted }) => {
@@ -449,29 +512,38 @@ impl Connector {
         Ok((protocol, serial))
     }
 
-    /// An arm behind a service is chosen by keys of its profile: a selector that was passed over could choose another arm than the one that moves.
+    /// An arm behind a service is chosen by keys of its profile: a selector that was passed over
+    /// could choose another arm than the one that moves.
     fn has_no_selector(&self) -> Result<(), OpenError> {
         match &self.options.selector {
             None => Ok(()),
             Some(selector) => Err(OpenError::Selector {
                 title: self.title.clone(),
                 selector: selector.clone(),
-                why: "write `address`, `arm` and `grip` under [protocol] of a copy of the profile".to_owned(),
+                why: "write `address`, `arm` and `grip` under [protocol] of a copy of the profile"
+                    .to_owned(),
             }),
         }
     }
 
-    /// A worker with the library of the arm's maker. It takes the force away by itself when this process no longer can, and so needs no guard.
+    /// A worker with the library of the arm's maker. It takes the force away by itself when this
+    /// process no longer can, and so needs no guard.
     fn worker(
         &self,
         protocol: &VendorProtocol,
         before: PreviousLink,
     ) -> Result<(PathBuf, Box<dyn Transport>, Carriage), OpenError> {
         let (mut protocol, serial) = self.chosen(protocol)?;
-        // A person cleared the space around the arm for the first opening. An arm that comes back does not move by itself.
+        // A person cleared the space around the arm for the first opening. An arm that comes back
+        // does not move by itself.
         protocol.home &= before == PreviousLink::Nothing;
-        let started = vendor::start(self.options.guard.as_deref(), &protocol, serial, self.options.io_request)
-            .map_err(|cause| OpenError::Vendor { title: self.title.clone(), cause })?;
+        let started = vendor::start(
+            self.options.guard.as_deref(),
+            &protocol,
+            serial,
+            self.options.io_request,
+        )
+        .map_err(|cause| OpenError::Vendor { title: self.title.clone(), cause })?;
         if let Ok(mut words) = self.words.lock() {
             *words = Some(started.words);
         }
@@ -484,23 +556,39 @@ impl Connector {
             return Ok(None);
         }
         let zero = self.real.protocol.zero_frame(carriage);
-        let Some(program) = self.options.guard.as_ref().filter(|_| !zero.is_empty()) else { return Ok(None) };
+        let Some(program) = self.options.guard.as_ref().filter(|_| !zero.is_empty()) else {
+            return Ok(None);
+        };
         // Above the loop, which is one above the threads of its link.
-        let priority = self.options.io_request.map(|request| request.priority.saturating_add(2).min(99));
-        Guard::start(program, link.descriptor()?, &ZeroFrame(link.on_wire(zero.as_slice())), priority).map(Some)
+        let priority =
+            self.options.io_request.map(|request| request.priority.saturating_add(2).min(99));
+        Guard::start(
+            program,
+            link.descriptor()?,
+            &ZeroFrame(link.on_wire(zero.as_slice())),
+            priority,
+        )
+        .map(Some)
     }
 
     #[cfg(feature = "usb")]
     fn usb(&self) -> Result<(PathBuf, Box<dyn Transport>, Carriage), OpenError> {
         let (id, serial) = match &self.options.selector {
-            Some(Selector::Usb { vendor_id, product_id, serial }) => ((*vendor_id, *product_id), serial.as_deref()),
+            Some(Selector::Usb { vendor_id, product_id, serial }) => {
+                ((*vendor_id, *product_id), serial.as_deref())
+            }
             _ => {
-                let id = self.real.matching.ids.first().map_or((0, 0), |id| (id.vendor, id.product));
+                let id =
+                    self.real.matching.ids.first().map_or((0, 0), |id| (id.vendor, id.product));
                 (id, self.real.matching.serial.as_deref())
             }
         };
         let link = crate::transport::UsbLink::open(id.0, id.1, serial, self.options.io_request)?;
-        Ok((PathBuf::from(format!("USB {:04x}:{:04x}", id.0, id.1)), Box::new(link), Carriage::Stream))
+        Ok((
+            PathBuf::from(format!("USB {:04x}:{:04x}", id.0, id.1)),
+            Box::new(link),
+            Carriage::Stream,
+        ))
     }
 }
 
@@ -548,8 +636,8 @@ fn resolved(path: &Path) -> PathBuf {
     std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned())
 }
 
-/// Brings a lost arm back, until the driver has gone. The lost connection comes first: its arm may still make the last force, and its port is held by
-/// ourselves until it is closed.
+/// Brings a lost arm back, until the driver has gone. The lost connection comes first: its arm may
+/// still make the last force, and its port is held by ourselves until it is closed.
 fn reconnect_loop(
     connector: &dyn ConnectMethod,
     mut to_arm: Producer<Connection>,
@@ -569,9 +657,11 @@ fn reconnect_loop(
         if let Ok(lost) = from_arm.pop() {
             // Once: an arm that is there and does not start is not lost again with each try.
             tell(LinkNews::Lost);
-            looks_for = Some(if lost.let_go() { PreviousLink::Silent } else { PreviousLink::Unplugged });
+            looks_for =
+                Some(if lost.let_go() { PreviousLink::Silent } else { PreviousLink::Unplugged });
         }
-        // Before the next connection, whose words take the place of those of the lost one: why it was lost is among them.
+        // Before the next connection, whose words take the place of those of the lost one: why it
+        // was lost is among them.
         while let Some(text) = connector.told() {
             tell(LinkNews::Told(text));
         }
@@ -580,13 +670,19 @@ fn reconnect_loop(
                 // The driver has gone meanwhile.
                 Ok((_, connection)) if to_arm.is_abandoned() => connection.close(),
                 Ok((path, connection)) => {
-                    let unguarded = connection.guard.as_ref().err().map(|cause| LinkNews::Unguarded(cause.to_string()));
+                    let unguarded = connection
+                        .guard
+                        .as_ref()
+                        .err()
+                        .map(|cause| LinkNews::Unguarded(cause.to_string()));
                     let _ = to_arm.push(connection);
                     looks_for = None;
                     tell(LinkNews::Back { node: path, homing: connector.homing() });
                     unguarded.map(&mut tell);
                 }
-                Err(error) if connector.is_absent(&error) => looks_for = Some(PreviousLink::Unplugged),
+                Err(error) if connector.is_absent(&error) => {
+                    looks_for = Some(PreviousLink::Unplugged)
+                }
                 Err(error) => tell(LinkNews::Fails(error.to_string())),
             }
         }

@@ -1,7 +1,9 @@
-//! Trying an arm out: does it answer, how evenly, do its signs fit, what is it made of. Cold: one arm, one thread, no scene.
+//! Trying an arm out: does it answer, how evenly, do its signs fit, what is it made of. Cold: one
+//! arm, one thread, no scene.
 //!
-//! Nothing here ever commands more than [`FORCE_MAX_N`], or more torque than [`torque_max_nm`]. Between two pushes zero commands go out in every tick:
-//! arms have watchdogs, and some of them stay off once theirs has tripped.
+//! Nothing here ever commands more than [`FORCE_MAX_N`], or more torque than [`torque_max_nm`].
+//! Between two pushes zero commands go out in every tick: arms have watchdogs, and some of them
+//! stay off once theirs has tripped.
 
 use core::sync::atomic::{AtomicBool, Ordering};
 use core::time::Duration;
@@ -16,7 +18,8 @@ use vps::spatial::{DeviceSample, Pose, SampleStatus, Twist, Wrench};
 
 /// Largest force of any trial, N.
 pub const FORCE_MAX_N: f64 = 0.5;
-/// Force of the sign check, N, and how long it is on, s. Torque is the same share of the most that may be.
+/// Force of the sign check, N, and how long it is on, s. Torque is the same share of the most that
+/// may be.
 const SIGN_FORCE_N: f64 = 0.3;
 const SIGN_S: f64 = 0.2;
 /// Least displacements that count as one, m and rad.
@@ -24,19 +27,22 @@ const SIGN_MOVED_M: f64 = 1e-4;
 const SIGN_TURNED_RAD: f64 = 1e-3;
 /// The same in encoder steps.
 const SIGN_STEPS: f64 = 2.0;
-/// Displacements at which a push has shown enough, m and rad: a light grip that no hand holds is not pushed away.
+/// Displacements at which a push has shown enough, m and rad: a light grip that no hand holds is
+/// not pushed away.
 const SIGN_FAR: [f64; 2] = [0.01, 0.1];
 /// Time for hands to come or go before anything is pushed.
 const BEFORE_FORCE: Duration = Duration::from_secs(2);
-/// Speeds of the grip under a push of the sign check, and under a shake, above which it is let go, m/s and rad/s: what the lightest arm comes to with
-/// no hand on it, and half as much again.
+/// Speeds of the grip under a push of the sign check, and under a shake, above which it is let go,
+/// m/s and rad/s: what the lightest arm comes to with no hand on it, and half as much again.
 const PUSHED_SPEED: [f64; 2] = [0.5, 5.0];
 const SHAKEN_SPEED: [f64; 2] = [1.0, 10.0];
 /// Longest time between two commands while something is on the motors, ns.
 const STALL_NS: i64 = 50_000_000;
-/// How much faster the grip may become while nothing pushes it, m/s and rad/s: a hand may, an arm that drives itself does.
+/// How much faster the grip may become while nothing pushes it, m/s and rad/s: a hand may, an arm
+/// that drives itself does.
 const GROWN_SPEED: [f64; 2] = [0.2, 3.0];
-/// Share of a watchdog's time after which it counts as tripped: what the host sends late may arrive later still.
+/// Share of a watchdog's time after which it counts as tripped: what the host sends late may arrive
+/// later still.
 const WATCHDOG_SHARE: f64 = 0.75;
 /// Force of the identification, N, and how long each axis is shaken, s.
 const SHAKE_N: f64 = 0.35;
@@ -44,7 +50,8 @@ const SHAKE_S: f64 = 3.0;
 /// How often, and how long it rests before, s.
 const SHAKES: usize = 4;
 const REST_S: f64 = 0.5;
-/// Frequencies that it is shaken with, Hz: from where viscosity counts, but a light arm stays within its reach, to where mass does.
+/// Frequencies that it is shaken with, Hz: from where viscosity counts, but a light arm stays
+/// within its reach, to where mass does.
 const SHAKE_HZ: [f64; 4] = [1.7, 3.1, 5.3, 9.7];
 
 /// Why a trial ended before its time. The arm was sent zero.
@@ -58,9 +65,11 @@ pub enum ProbeEnd {
     NotHomed,
     /// The arm reports this error, with which none pushes.
     Reports(u16),
-    /// Its watchdog has seen no command for this long, ms, and stays tripped: the motors are off, or may be.
+    /// Its watchdog has seen no command for this long, ms, and stays tripped: the motors are off,
+    /// or may be.
     Watchdog(u64),
-    /// The program stood still for this long, ms, while something was on the motors: the hand may have let go of the grip.
+    /// The program stood still for this long, ms, while something was on the motors: the hand may
+    /// have let go of the grip.
     Stalled(u64),
     /// The grip moves by itself, or faster than the push can have made it: mm/s and mrad/s.
     Moves(u32, u32),
@@ -72,9 +81,11 @@ impl From<DeviceError> for ProbeEnd {
     }
 }
 
-/// Largest torque of any trial, N·m: of the limit, what [`FORCE_MAX_N`] is of the force limit. A run with unverified signs takes as much.
+/// Largest torque of any trial, N·m: of the limit, what [`FORCE_MAX_N`] is of the force limit. A
+/// run with unverified signs takes as much.
 pub fn torque_max_nm(profile: &Profile) -> f64 {
-    let force_n = if profile.limits.force_n > 0.0 { profile.limits.force_n } else { UNACTUATED_FORCE_N };
+    let force_n =
+        if profile.limits.force_n > 0.0 { profile.limits.force_n } else { UNACTUATED_FORCE_N };
     profile.limits.torque_nm * (FORCE_MAX_N / force_n).min(1.0)
 }
 
@@ -92,7 +103,8 @@ pub struct Push {
 impl Push {
     /// What an arm of this profile can bear, and what its encoders can show.
     pub fn of(profile: &Profile) -> Self {
-        let steps = [profile.plant.encoder_step_m, profile.plant.encoder_step_rad].map(|step| SIGN_STEPS * step);
+        let steps = [profile.plant.encoder_step_m, profile.plant.encoder_step_rad]
+            .map(|step| SIGN_STEPS * step);
         Self {
             force_n: SIGN_FORCE_N,
             torque_nm: torque_max_nm(profile) * SIGN_FORCE_N / FORCE_MAX_N,
@@ -120,7 +132,15 @@ pub struct Trial<'a, C> {
 impl<'a, C: Clock> Trial<'a, C> {
     /// A trial of an arm that was just opened, without torque.
     pub fn new(clock: C, period_s: f64, quit: &'a AtomicBool) -> Self {
-        Self { clock, period_s, quit, torque_max_nm: 0.0, go: None, last_command_ns: None, longest_gap_ns: 0 }
+        Self {
+            clock,
+            period_s,
+            quit,
+            torque_max_nm: 0.0,
+            go: None,
+            last_command_ns: None,
+            longest_gap_ns: 0,
+        }
     }
 
     /// The same with torque: at most so much, N·m; see [`torque_max_nm`].
@@ -128,7 +148,8 @@ impl<'a, C: Clock> Trial<'a, C> {
         Self { torque_max_nm, ..self }
     }
 
-    /// The same with a person who is asked before anything is pushed: `go` is set when force may come, and until then zero commands go out.
+    /// The same with a person who is asked before anything is pushed: `go` is set when force may
+    /// come, and until then zero commands go out.
     pub fn asking(self, go: &'a AtomicBool) -> Self {
         Self { go: Some(go), ..self }
     }
@@ -170,8 +191,8 @@ pub struct ProbeResult {
     pub made: [Option<AxisDynamics>; 3],
 }
 
-/// What comes next, and wants hands on the grip or off it: nothing is pushed until the person who is [asked](Trial::asking) says so, and for two seconds
-/// after that.
+/// What comes next, and wants hands on the grip or off it: nothing is pushed until the person who
+/// is [asked](Trial::asking) says so, and for two seconds after that.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ProbeStep {
     /// The sign check.
@@ -245,7 +266,8 @@ pub struct Answers {
     pub error: u16,
     /// Mean position, m.
     pub position_m: DVec3,
-    /// Largest distance from it on any axis: the noise of the encoders, where no hand touches the grip, m.
+    /// Largest distance from it on any axis: the noise of the encoders, where no hand touches the
+    /// grip, m.
     pub spread_m: f64,
     /// Angle of the gripper in the last sample, rad; 0 where there is none.
     pub grip_rad: f64,
@@ -286,27 +308,36 @@ impl<'a, 'q, C: Clock> Bench<'a, 'q, C> {
         if self.trial.quit.load(Ordering::Relaxed) {
             return Err(ProbeEnd::Interrupted);
         }
-        let gap_ns = self.trial.last_command_ns.map_or(0, |last_ns| self.trial.clock.now_ns() - last_ns);
+        let gap_ns =
+            self.trial.last_command_ns.map_or(0, |last_ns| self.trial.clock.now_ns() - last_ns);
         if gap_ns > STALL_NS && self.made != Wrench::ZERO {
             return Err(ProbeEnd::Stalled(gap_ns.unsigned_abs() / 1_000_000));
         }
         let sample = match self.device.read() {
-            Err(DeviceError::Packet) => DeviceSample { corrupt_packets: 1, ..DeviceSample::default() },
+            Err(DeviceError::Packet) => {
+                DeviceSample { corrupt_packets: 1, ..DeviceSample::default() }
+            }
             other => other?,
         };
         let force = wrench.force.clamp_length_max(FORCE_MAX_N);
-        let written = self.device.write(&Wrench::new(force, wrench.torque.clamp_length_max(self.trial.torque_max_nm)));
+        let written = self
+            .device
+            .write(&Wrench::new(force, wrench.torque.clamp_length_max(self.trial.torque_max_nm)));
         self.made = match written {
-            Err(DeviceError::Stalled) => return Err(ProbeEnd::Stalled(gap_ns.unsigned_abs() / 1_000_000)),
+            Err(DeviceError::Stalled) => {
+                return Err(ProbeEnd::Stalled(gap_ns.unsigned_abs() / 1_000_000));
+            }
             made => made?,
         };
         self.trial.commanded();
         Ok(sample)
     }
 
-    /// `n` ticks under a zero command, in which the grip may move as it did, but not start to. Gives where it is then.
+    /// `n` ticks under a zero command, in which the grip may move as it did, but not start to.
+    /// Gives where it is then.
     fn rest(&mut self, n: u32) -> Result<Pose, ProbeEnd> {
-        let (mut pose, mut most) = (Pose::IDENTITY, [f64::INFINITY; 2]);
+        let mut pose = Pose::IDENTITY;
+        let mut most = [f64::INFINITY; 2];
         for _ in 0..n {
             let sample = self.push(Wrench::ZERO, most)?;
             if sample.status == SampleStatus::Fresh && most[0].is_infinite() {
@@ -318,14 +349,16 @@ impl<'a, 'q, C: Clock> Bench<'a, 'q, C> {
         Ok(pose)
     }
 
-    /// How fast the grip is on the axes that have motors, m/s and rad/s: a wrist without any is moved by the hand that holds it.
+    /// How fast the grip is on the axes that have motors, m/s and rad/s: a wrist without any is
+    /// moved by the hand that holds it.
     fn speeds(&self, sample: &DeviceSample) -> [f64; 2] {
         let actuated = self.device.capabilities().actuated;
         let Twist { linear, angular } = sample.twist;
         [(linear * actuated.linear_mask()).length(), (angular * actuated.angular_mask()).length()]
     }
 
-    /// A tick of a push, as long as the arm can be pushed and is not faster than `most`, m/s and rad/s.
+    /// A tick of a push, as long as the arm can be pushed and is not faster than `most`, m/s and
+    /// rad/s.
     fn push(&mut self, wrench: Wrench, most: [f64; 2]) -> Result<DeviceSample, ProbeEnd> {
         let sample = self.tick(wrench)?;
         let speeds = self.speeds(&sample);
@@ -335,8 +368,11 @@ impl<'a, 'q, C: Clock> Bench<'a, 'q, C> {
         }
         let capabilities = self.device.capabilities();
         let gap_ms = self.trial.longest_gap_ns.unsigned_abs() / 1_000_000;
-        let patience_ms = capabilities.watchdog_ms.map(|watchdog_ms| WATCHDOG_SHARE * f64::from(watchdog_ms));
-        if capabilities.watchdog_latched && patience_ms.is_some_and(|patience_ms| gap_ms as f64 > patience_ms) {
+        let patience_ms =
+            capabilities.watchdog_ms.map(|watchdog_ms| WATCHDOG_SHARE * f64::from(watchdog_ms));
+        if capabilities.watchdog_latched
+            && patience_ms.is_some_and(|patience_ms| gap_ms as f64 > patience_ms)
+        {
             return Err(ProbeEnd::Watchdog(gap_ms));
         }
         match (sample.status, sample.device_error, sample.homed) {
@@ -382,11 +418,13 @@ pub(crate) fn listen(
         silence = 0;
         answers.fresh += 1;
         answers.round_trip_ticks = sample.delay_ticks;
-        (answers.homed, answers.error, answers.grip_rad) = (sample.homed, sample.device_error, sample.grip_rad);
+        (answers.homed, answers.error, answers.grip_rad) =
+            (sample.homed, sample.device_error, sample.grip_rad);
         let place = sample.pose.translation;
         answers.position_m += (place - answers.position_m) / answers.fresh as f64;
         bounds = (bounds.0.min(place), bounds.1.max(place));
-        answers.spread_m = (bounds.1 - answers.position_m).max(answers.position_m - bounds.0).max_element();
+        answers.spread_m =
+            (bounds.1 - answers.position_m).max(answers.position_m - bounds.0).max_element();
     }
     Ok(())
 }
@@ -396,12 +434,17 @@ const ANSWER_US: i64 = 20_000;
 /// Pause between two looks, ns.
 const LOOK_NS: i64 = 20_000;
 
-/// Times from a zero command to the next sample, µs: of an arm that answers the round trip, of one that sends by itself how long the next sample takes.
-/// One that does not come within 20 ms counts as that.
+/// Times from a zero command to the next sample, µs: of an arm that answers the round trip, of one
+/// that sends by itself how long the next sample takes. One that does not come within 20 ms counts
+/// as that.
 ///
 /// # Errors
 /// The arm was lost, or the caller asked for an end.
-pub fn round_trips(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>, duration: Duration) -> Result<Vec<u64>, ProbeEnd> {
+pub fn round_trips(
+    device: &mut dyn Device,
+    trial: &mut Trial<'_, impl Clock>,
+    duration: Duration,
+) -> Result<Vec<u64>, ProbeEnd> {
     let n = (duration.as_secs_f64() / trial.period_s) as usize;
     let mut bench = Bench::new(device, trial);
     let mut trips_us = Vec::with_capacity(n);
@@ -429,7 +472,8 @@ pub fn round_trips(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>, d
     Ok(trips_us)
 }
 
-/// Pushes along and about x, y and z, as far as they have motors, and looks which way the grip goes.
+/// Pushes along and about x, y and z, as far as they have motors, and looks which way the grip
+/// goes.
 ///
 /// # Errors
 /// The trial ended before its time; `signs` holds the axes that were pushed until then.
@@ -449,9 +493,14 @@ pub(crate) fn check_signs(
     for (idx, sign) in signs.iter_mut().enumerate().filter(|(idx, _)| actuated.has(*idx)) {
         let axis = DVec3::AXES[idx % 3];
         let is_turn = idx >= 3;
-        let full =
-            if is_turn { Wrench::new(DVec3::ZERO, axis * push.torque_nm) } else { Wrench::new(axis * push.force_n, DVec3::ZERO) };
-        let way = |from: Pose, to: Pose| if is_turn { from.rotation_to(to) } else { to.translation - from.translation }.dot(axis);
+        let full = if is_turn {
+            Wrench::new(DVec3::ZERO, axis * push.torque_nm)
+        } else {
+            Wrench::new(axis * push.force_n, DVec3::ZERO)
+        };
+        let way = |from: Pose, to: Pose| {
+            if is_turn { from.rotation_to(to) } else { to.translation - from.translation }.dot(axis)
+        };
         let rest = bench.rest(n)?;
         let mut moved = 0.0_f64;
         for tick in 0..n {
@@ -477,8 +526,8 @@ pub(crate) fn check_signs(
     Ok(())
 }
 
-/// Shakes each of x, y and z that has a motor [`SHAKES`] times and finds out what it is made of. No hand may hold the grip. `None`: no axis, or it did
-/// not move.
+/// Shakes each of x, y and z that has a motor [`SHAKES`] times and finds out what it is made of. No
+/// hand may hold the grip. `None`: no axis, or it did not move.
 ///
 /// # Errors
 /// The trial ended before its time; `made` holds the axes that were shaken until then.
@@ -490,13 +539,19 @@ pub(crate) fn identify(
     let mut records: [Vec<Record>; 3] = Default::default();
     let ended = shake_all(device, trial, &mut records);
     // Only now: a fit takes longer than the watchdog of some arms waits.
-    for (made, records) in made.iter_mut().zip(&records).filter(|(_, records)| records.len() == SHAKES) {
+    for (made, records) in
+        made.iter_mut().zip(&records).filter(|(_, records)| records.len() == SHAKES)
+    {
         *made = made_of(records, trial.period_s);
     }
     ended
 }
 
-fn shake_all(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>, records: &mut [Vec<Record>; 3]) -> Result<(), ProbeEnd> {
+fn shake_all(
+    device: &mut dyn Device,
+    trial: &mut Trial<'_, impl Clock>,
+    records: &mut [Vec<Record>; 3],
+) -> Result<(), ProbeEnd> {
     let actuated = device.capabilities().actuated;
     for (idx, records) in records.iter_mut().enumerate().filter(|(idx, _)| actuated.has(*idx)) {
         for shake in 0..SHAKES {
@@ -507,11 +562,18 @@ fn shake_all(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>, records
 }
 
 /// One trial along an axis. Each has other phases, so that they are not wrong in the same way.
-fn shaken(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>, axis: DVec3, shake: usize) -> Result<Record, ProbeEnd> {
+fn shaken(
+    device: &mut dyn Device,
+    trial: &mut Trial<'_, impl Clock>,
+    axis: DVec3,
+    shake: usize,
+) -> Result<Record, ProbeEnd> {
     let period_s = trial.period_s;
     let n = (SHAKE_S / period_s) as usize;
-    let mut record = Record { forces_n: Vec::with_capacity(n), ways_m: Vec::with_capacity(n), delay_ticks: 0 };
-    // No hand holds it, so an arm whose signs are verified holds the weight of its links; another one may fall, and is let go then.
+    let mut record =
+        Record { forces_n: Vec::with_capacity(n), ways_m: Vec::with_capacity(n), delay_ticks: 0 };
+    // No hand holds it, so an arm whose signs are verified holds the weight of its links; another
+    // one may fall, and is let go then.
     device.set_enabled(true);
     let mut bench = Bench::new(device, trial);
     // What the trial before left of motion dies away first.
@@ -523,14 +585,19 @@ fn shaken(device: &mut dyn Device, trial: &mut Trial<'_, impl Clock>, axis: DVec
         let sum: f64 = SHAKE_HZ
             .iter()
             .enumerate()
-            .map(|(idx, hz)| (core::f64::consts::TAU * (hz * time_s + (idx * shake) as f64 * 0.618)).sin())
+            .map(|(idx, hz)| {
+                (core::f64::consts::TAU * (hz * time_s + (idx * shake) as f64 * 0.618)).sin()
+            })
             .sum();
-        let force_n = (SHAKE_N * window * sum / SHAKE_HZ.len() as f64 * 2.0).clamp(-FORCE_MAX_N, FORCE_MAX_N);
+        let force_n =
+            (SHAKE_N * window * sum / SHAKE_HZ.len() as f64 * 2.0).clamp(-FORCE_MAX_N, FORCE_MAX_N);
         let sample = bench.push(Wrench::new(axis * force_n, DVec3::ZERO), SHAKEN_SPEED)?;
         record.delay_ticks = sample.delay_ticks as usize;
         // A motor at its limit, or a cap, leaves less than was asked for.
         record.forces_n.push(bench.made.force.dot(axis));
-        record.ways_m.push((sample.status == SampleStatus::Fresh).then(|| sample.pose.translation.dot(axis)));
+        record.ways_m.push(
+            (sample.status == SampleStatus::Fresh).then(|| sample.pose.translation.dot(axis)),
+        );
     }
     Ok(record)
 }

@@ -1,4 +1,5 @@
-//! Motors that push the wrong way, masses that are wrong: what the grip feels then of arms that compensate or damp.
+//! Motors that push the wrong way, masses that are wrong: what the grip feels then of arms that
+//! compensate or damp.
 
 use core::sync::atomic::AtomicBool;
 use std::path::Path;
@@ -21,12 +22,16 @@ const FAULT_M_PER_S: f64 = 1.0;
 /// Stiffness of what is pressed against, N/m.
 const WALL_N_PER_M: f64 = 400.0;
 
-/// Every shipped arm whose motors make something beside the command, and one of the capstan arms with the masses that its profile names.
+/// Every shipped arm whose motors make something beside the command, and one of the capstan arms
+/// with the masses that its profile names.
 fn arms() -> Vec<Profile> {
     let shipped = |name: &str| profile::find(name, Path::new("")).expect("shipped");
     let makes_something = |profile: &Profile| {
         profile.real.as_ref().is_some_and(|real| {
-            real.kinematics.extra_torques(&real.kinematics.home(), &[1.0; MAX_AXES]).iter().any(|torque| *torque != 0.0)
+            real.kinematics
+                .extra_torques(&real.kinematics.home(), &[1.0; MAX_AXES])
+                .iter()
+                .any(|torque| *torque != 0.0)
         })
     };
     let mut arms: Vec<Profile> = profile::names().map(shipped).filter(makes_something).collect();
@@ -35,7 +40,8 @@ fn arms() -> Vec<Profile> {
     let capstan = changed("woodenhaptics-v15", |text| {
         let begin = text.find("# Gravity of the links can be held with").expect("a comment");
         let end = begin + text[begin..].find('\n').expect("a line");
-        let lines = "gravity_compensation = true\nlink_mass_g = [170.0, 110.0]\nlink_along_mm = [51.0, 91.0]";
+        let lines = "gravity_compensation = true\nlink_mass_g = [170.0, 110.0]\nlink_along_mm = \
+            [51.0, 91.0]";
         text.replace_range(begin..end, lines);
     });
     assert!(makes_something(&capstan));
@@ -63,7 +69,8 @@ fn verified(profile: &Profile, is_verified: bool) -> Profile {
 fn reversed(profile: &Profile, motors: &[usize]) -> Profile {
     let mut profile = profile.clone();
     for joint in &mut profile.real.as_mut().expect("real").transmission.joints {
-        if let Some(motor) = joint.motor.as_mut().filter(|motor| motors.contains(&motor.motor_idx)) {
+        if let Some(motor) = joint.motor.as_mut().filter(|motor| motors.contains(&motor.motor_idx))
+        {
             motor.units_per_nm = -motor.units_per_nm;
         }
     }
@@ -73,14 +80,16 @@ fn reversed(profile: &Profile, motors: &[usize]) -> Profile {
 /// None, each by itself, all.
 fn choices(profile: &Profile) -> Vec<Vec<usize>> {
     let joints = &profile.real.as_ref().expect("real").transmission.joints;
-    let motors: Vec<usize> = joints.iter().filter_map(|joint| Some(joint.motor?.motor_idx)).collect();
+    let motors: Vec<usize> =
+        joints.iter().filter_map(|joint| Some(joint.motor?.motor_idx)).collect();
     let mut choices = vec![Vec::new()];
     choices.extend(motors.iter().map(|motor| vec![*motor]));
     choices.push(motors);
     choices
 }
 
-/// Largest force, N, and torque, N·m, of the motors so far, and the largest change of either in a period.
+/// Largest force, N, and torque, N·m, of the motors so far, and the largest change of either in a
+/// period.
 #[derive(Clone, Copy, Debug, Default)]
 struct Largest {
     force_n: f64,
@@ -113,13 +122,15 @@ enum Deed {
 fn driven(rig: &mut WiredRig, deed: Deed, n: u32) -> Largest {
     let mut largest = Largest::default();
     let stiffness_nm = 0.1 * rig.profile().limits.torque_nm / 0.01;
-    // The hand comes to where it stays, to less than a micrometre a second. The start, whose periods depend on the clock of the machine, is forgotten by then.
+    // The hand comes to where it stays, to less than a micrometre a second. The start, whose
+    // periods depend on the clock of the machine, is forgotten by then.
     let mut n_resting = 0;
     for n in 0.. {
         assert!(n < 20_000, "{}: the hand does not come to rest", rig.name());
         let before_m = rig.pose().translation;
         tick(rig, Wrench::ZERO).expect("there");
-        n_resting = if (rig.pose().translation - before_m).length() < 1e-9 { n_resting + 1 } else { 0 };
+        n_resting =
+            if (rig.pose().translation - before_m).length() < 1e-9 { n_resting + 1 } else { 0 };
         if n_resting == 100 {
             break;
         }
@@ -135,7 +146,10 @@ fn driven(rig: &mut WiredRig, deed: Deed, n: u32) -> Largest {
         }
         if let Deed::Press = deed {
             let turned = sample.pose.rotation.to_scaled_axis();
-            wrench = Wrench::new(-WALL_N_PER_M * (sample.pose.translation - 0.5 * HELD_M), -stiffness_nm * turned);
+            wrench = Wrench::new(
+                -WALL_N_PER_M * (sample.pose.translation - 0.5 * HELD_M),
+                -stiffness_nm * turned,
+            );
         }
     }
     largest
@@ -145,7 +159,8 @@ fn driven(rig: &mut WiredRig, deed: Deed, n: u32) -> Largest {
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn motors_of_unverified_signs_never_make_more_than_the_cap() {
     for profile in arms() {
-        let (name, cap) = (&profile.name, profile.limits_now());
+        let name = &profile.name;
+        let cap = profile.limits_now();
         assert_eq!(cap.force_n, profile::UNVERIFIED_SIGNS_FORCE_N, "{name}");
         let mut hardest_n = 0.0_f64;
         for wrong in choices(&profile) {
@@ -153,9 +168,18 @@ fn motors_of_unverified_signs_never_make_more_than_the_cap() {
                 for deed in [Deed::Idle, Deed::Press] {
                     let mut rig = WiredRig::miswired(&profile, &reversed(&profile, &wrong), hand);
                     let made = driven(&mut rig, deed, 600);
-                    assert!(made.force_n <= LATE * cap.force_n, "{name} {wrong:?} {deed:?} {hand:?}: {made:?}");
-                    assert!(made.torque_nm <= LATE * cap.torque_nm, "{name} {wrong:?} {deed:?} {hand:?}: {made:?}");
-                    assert!(matches!(deed, Deed::Press) || made.force_n == 0.0, "{name}: {made:?} beside no command");
+                    assert!(
+                        made.force_n <= LATE * cap.force_n,
+                        "{name} {wrong:?} {deed:?} {hand:?}: {made:?}"
+                    );
+                    assert!(
+                        made.torque_nm <= LATE * cap.torque_nm,
+                        "{name} {wrong:?} {deed:?} {hand:?}: {made:?}"
+                    );
+                    assert!(
+                        matches!(deed, Deed::Press) || made.force_n == 0.0,
+                        "{name}: {made:?} beside no command"
+                    );
                     hardest_n = hardest_n.max(made.force_n);
                 }
             }
@@ -217,18 +241,30 @@ fn a_sign_check_pushes_no_harder_than_it_says_whatever_is_wrong() {
         for is_verified in [false, true] {
             let profile = verified(&profile, is_verified);
             for wrong in choices(&profile) {
-                let mut rig = WiredRig::miswired(&profile, &reversed(&verified(&profile, false), &wrong), Some(HELD_M));
+                let mut rig = WiredRig::miswired(
+                    &profile,
+                    &reversed(&verified(&profile, false), &wrong),
+                    Some(HELD_M),
+                );
                 // The hand comes to where it stays.
                 for _ in 0..500 {
                     tick(&mut rig, Wrench::ZERO).expect("there");
                 }
                 let mut arm = InStep::new(Box::new(rig), profile.actuated);
-                let mut trial = Trial::new(VirtualClock::default(), 1e-3, &quit).with_torque(probe::torque_max_nm(&profile));
+                let mut trial = Trial::new(VirtualClock::default(), 1e-3, &quit)
+                    .with_torque(probe::torque_max_nm(&profile));
                 let mut signs = [None; 6];
-                let ended = probe::check_signs(&mut arm, &mut trial, &Push::of(&profile), &mut signs);
+                let ended =
+                    probe::check_signs(&mut arm, &mut trial, &Push::of(&profile), &mut signs);
                 let made = arm.made;
-                assert!(made.force_n <= LATE * probe::FORCE_MAX_N, "{name} {wrong:?} {is_verified}: {made:?}, {ended:?}");
-                assert!(made.torque_nm <= LATE * probe::torque_max_nm(&profile), "{name} {wrong:?} {is_verified}: {made:?}");
+                assert!(
+                    made.force_n <= LATE * probe::FORCE_MAX_N,
+                    "{name} {wrong:?} {is_verified}: {made:?}, {ended:?}"
+                );
+                assert!(
+                    made.torque_nm <= LATE * probe::torque_max_nm(&profile),
+                    "{name} {wrong:?} {is_verified}: {made:?}"
+                );
                 assert!(made.force_n > 0.1, "{name} {wrong:?}: {made:?} tries nothing");
             }
         }
@@ -239,16 +275,23 @@ fn a_sign_check_pushes_no_harder_than_it_says_whatever_is_wrong() {
 fn motors_of_verified_signs_that_push_the_wrong_way_stay_within_the_profile() {
     for profile in arms() {
         let profile = verified(&profile, true);
-        let (name, limits) = (&profile.name, profile.limits);
+        let name = &profile.name;
+        let limits = profile.limits;
         for wrong in choices(&profile) {
-            for (deed, hand) in [(Deed::Idle, Some(HELD_M)), (Deed::Idle, None), (Deed::Press, Some(HELD_M))] {
-                // Through one wrong motor the force of a scene comes out another way, and longer by what the pose makes of it: a profile that
-                // says that the signs are verified is believed there.
-                // And an arm without a hand on it runs off into a singular pose within one sample.
+            for (deed, hand) in
+                [(Deed::Idle, Some(HELD_M)), (Deed::Idle, None), (Deed::Press, Some(HELD_M))]
+            {
+                // Through one wrong motor the force of a scene comes out another way, and longer by
+                // what the pose makes of it: a profile that says that the signs are verified is
+                // believed there. And an arm without a hand on it runs off into a singular pose
+                // within one sample.
                 if wrong.len() != 1 || matches!((deed, hand), (Deed::Idle, Some(_))) {
                     let mut rig = WiredRig::miswired(&profile, &reversed(&profile, &wrong), hand);
                     let made = driven(&mut rig, deed, 600);
-                    assert!(made.force_n <= LATE * limits.force_n, "{name} {wrong:?} {deed:?} {hand:?}: {made:?}");
+                    assert!(
+                        made.force_n <= LATE * limits.force_n,
+                        "{name} {wrong:?} {deed:?} {hand:?}: {made:?}"
+                    );
                 }
             }
         }
@@ -273,17 +316,20 @@ fn a_link_ten_times_too_heavy_does_not_push_beyond_the_profile() {
     ];
     for (profile, is_doubted) in heavy {
         let profile = verified(&profile, true);
-        let (name, limits) = (&profile.name, profile.limits);
+        let name = &profile.name;
+        let limits = profile.limits;
         for deed in [Deed::Idle, Deed::Press] {
             let mut rig = WiredRig::miswired(&profile, &profile, Some(HELD_M));
             let made = driven(&mut rig, deed, 600);
             assert!(
-                made.force_n <= LATE * limits.force_n && made.torque_nm <= LATE * limits.torque_nm.max(1e-9),
+                made.force_n <= LATE * limits.force_n
+                    && made.torque_nm <= LATE * limits.torque_nm.max(1e-9),
                 "{name}: {made:?}"
             );
         }
         let plausibility_warnings = profile.plausibility_warnings();
-        let is_named = plausibility_warnings.iter().any(|doubt| doubt.contains("gravity compensation makes"));
+        let is_named =
+            plausibility_warnings.iter().any(|doubt| doubt.contains("gravity compensation makes"));
         assert_eq!(is_named, is_doubted, "{name}: {plausibility_warnings:?}");
     }
 }
@@ -292,17 +338,24 @@ fn a_link_ten_times_too_heavy_does_not_push_beyond_the_profile() {
 fn what_is_beside_the_command_comes_in_slowly_and_is_told() {
     for profile in arms() {
         let profile = verified(&profile, true);
-        let (name, limits) = (&profile.name, profile.limits);
+        let name = &profile.name;
+        let limits = profile.limits;
         let mut rig = WiredRig::miswired(&profile, &profile, Some(HELD_M));
         let made = driven(&mut rig, Deed::Idle, 400);
         let expected = rig.device().beside_device();
         assert!(made.force_n > 0.05, "{name}: {made:?}");
         // In a hundred ms, and the wire rounds.
-        let (step_n, step_nm) = (0.02 * made.force_n + rig.rounding().0, 0.02 * made.torque_nm + rig.rounding().1);
+        let step_n = 0.02 * made.force_n + rig.rounding().0;
+        let step_nm = 0.02 * made.torque_nm + rig.rounding().1;
         assert!(made.step_n <= step_n && made.step_nm <= step_nm, "{name}: {made:?}");
         assert!(step_n <= 0.1 * limits.force_n, "{name}: {step_n}");
-        let (told, rounding) = (expected.force - made.last.force, rig.rounding().0);
-        assert!(told.length() <= 0.02 * made.force_n + rounding, "{name}: {expected:?}, the motors make {:?}", made.last);
+        let told = expected.force - made.last.force;
+        let rounding = rig.rounding().0;
+        assert!(
+            told.length() <= 0.02 * made.force_n + rounding,
+            "{name}: {expected:?}, the motors make {:?}",
+            made.last
+        );
         // And nothing of it is left in the tick after.
         rig.device().set_enabled(false);
         tick(&mut rig, Wrench::ZERO).expect("there");
@@ -310,21 +363,29 @@ fn what_is_beside_the_command_comes_in_slowly_and_is_told() {
     }
 }
 
-/// The shipped masses are held: nothing of the weight is left on the hand, and every arm has a share of its limits to spare.
+/// The shipped masses are held: nothing of the weight is left on the hand, and every arm has a
+/// share of its limits to spare.
 #[test]
 fn right_masses_are_held_in_full() {
     for profile in arms() {
         let profile = verified(&profile, true);
         let name = &profile.name;
         assert!(
-            profile.plausibility_warnings().iter().all(|doubt| !doubt.contains("gravity compensation")),
+            profile
+                .plausibility_warnings()
+                .iter()
+                .all(|doubt| !doubt.contains("gravity compensation")),
             "{name}: {:?}",
             profile.plausibility_warnings()
         );
         let mut rig = WiredRig::miswired(&profile, &profile, Some(DVec3::ZERO));
         let made = driven(&mut rig, Deed::Idle, 1000);
-        let (left, rounding) = (rig.felt(), rig.rounding());
-        assert!(left.force.length() <= 0.01 * made.force_n + 2.0 * rounding.0 + 0.01, "{name}: {left:?} of {made:?}");
+        let left = rig.felt();
+        let rounding = rig.rounding();
+        assert!(
+            left.force.length() <= 0.01 * made.force_n + 2.0 * rounding.0 + 0.01,
+            "{name}: {left:?} of {made:?}"
+        );
         let forced = mask(profile.actuated, 0);
         assert!((made.last.force * (DVec3::ONE - forced)).length() < 1e-9, "{name}");
     }

@@ -1,9 +1,11 @@
 //! The three legs of the Novint Falcon (devices reference, 6.4).
 //!
-//! Each leg i, with φ its azimuth: u = x·cosφ + y·sinφ − r, v = −x·sinφ + y·cosφ − s, w = z, p = u + c, R = √(b² − (v + f)²), K = d + e + R;
-//! the leg closes where (p − a·cosθ)² + (w − a·sinθ)² = K².
+//! Each leg i, with φ its azimuth: u = x·cosφ + y·sinφ − r, v = −x·sinφ + y·cosφ − s, w = z, p =
+//! u + c, R = √(b² − (v + f)²), K = d + e + R; the leg closes where (p − a·cosθ)² + (w − a·sinθ)² =
+//! K².
 //!
-//! The pose at given leg angles is found by Newton's method from the last one; the leg angles at a given pose are in closed form.
+//! The pose at given leg angles is found by Newton's method from the last one; the leg angles at a
+//! given pose are in closed form.
 
 use glam::{DMat3, DVec3};
 
@@ -13,11 +15,14 @@ use vps::spatial::Pose;
 
 /// Steps after which a search that has not converged is given up.
 const STEPS_MAX: usize = 10;
-/// A leg angle this close to the measured one counts as reached, rad: a ten-millionth of an encoder count.
+/// A leg angle this close to the measured one counts as reached, rad: a ten-millionth of an encoder
+/// count.
 const TOLERANCE_RAD: f64 = 1e-11;
-/// Largest column of J, m/rad. In the workspace they stay below 0.2; where a leg stretches out they grow without bound.
+/// Largest column of J, m/rad. In the workspace they stay below 0.2; where a leg stretches out they
+/// grow without bound.
 const COLUMN_MAX_M_PER_RAD: f64 = 2.0;
-/// Where a search starts that has no configuration before it: inside the workspace, from where every pose is reached.
+/// Where a search starts that has no configuration before it: inside the workspace, from where
+/// every pose is reached.
 const START: DVec3 = DVec3::new(0.0, 0.0, 0.11);
 
 /// Geometry of the delta, with the letters of the reference.
@@ -58,15 +63,19 @@ impl Delta {
         let rod = (self.rod_m * self.rod_m - v * v).sqrt();
         let reach = d + e + rod;
         let distance_squared = p * p + w * w;
-        let cosine = (distance_squared + a * a - reach * reach) / (2.0 * a * distance_squared.sqrt());
+        let cosine =
+            (distance_squared + a * a - reach * reach) / (2.0 * a * distance_squared.sqrt());
         if cosine.is_nan() || cosine.abs() > 1.0 || rod <= 0.0 {
             return None;
         }
         let theta_rad = w.atan2(p) - cosine.acos();
         let (sin_theta, cos_theta) = theta_rad.sin_cos();
-        let (along, up, across) = (p - a * cos_theta, w - a * sin_theta, reach * v / rod);
+        let along = p - a * cos_theta;
+        let up = w - a * sin_theta;
+        let across = reach * v / rod;
         let per_angle = a * (along * sin_theta - up * cos_theta);
-        let gradient = -DVec3::new(along * cos - across * sin, along * sin + across * cos, up) / per_angle;
+        let gradient =
+            -DVec3::new(along * cos - across * sin, along * sin + across * cos, up) / per_angle;
         gradient.is_finite().then_some(Leg { theta_rad, gradient })
     }
 
@@ -80,9 +89,14 @@ impl Delta {
         self.legs(position_native + self.origin_m).map(|legs| legs.map(|leg| leg.theta_rad))
     }
 
-    pub(super) fn solve(&self, joints: &[f64; MAX_AXES], near_native: DVec3) -> Option<Configuration> {
-        let from_near =
-            Some(near_native).filter(|near| near.is_finite()).and_then(|near| self.search(joints, near + self.origin_m));
+    pub(super) fn solve(
+        &self,
+        joints: &[f64; MAX_AXES],
+        near_native: DVec3,
+    ) -> Option<Configuration> {
+        let from_near = Some(near_native)
+            .filter(|near| near.is_finite())
+            .and_then(|near| self.search(joints, near + self.origin_m));
         from_near.or_else(|| self.search(joints, START))
     }
 
@@ -92,8 +106,14 @@ impl Delta {
             let legs = self.legs(position)?;
             let [first, second, third] = &legs;
             // Rows of ∂θ/∂P; its inverse has ∂P/∂θ as columns.
-            let inverse = DMat3::from_cols(first.gradient, second.gradient, third.gradient).transpose().inverse();
-            let [miss_a, miss_b, miss_c] = [joints[0] - first.theta_rad, joints[1] - second.theta_rad, joints[2] - third.theta_rad];
+            let inverse = DMat3::from_cols(first.gradient, second.gradient, third.gradient)
+                .transpose()
+                .inverse();
+            let [miss_a, miss_b, miss_c] = [
+                joints[0] - first.theta_rad,
+                joints[1] - second.theta_rad,
+                joints[2] - third.theta_rad,
+            ];
             let miss = DVec3::new(miss_a, miss_b, miss_c);
             if miss.abs().max_element() < TOLERANCE_RAD {
                 let columns = [inverse.x_axis, inverse.y_axis, inverse.z_axis];

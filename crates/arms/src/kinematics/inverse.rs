@@ -1,4 +1,5 @@
-//! Joint angles of a pose: in closed form where the arm has one, by damped least squares (Levenberg–Marquardt) on `solve` elsewhere.
+//! Joint angles of a pose: in closed form where the arm has one, by damped least squares
+//! (Levenberg–Marquardt) on `solve` elsewhere.
 //!
 //! Cold: start-up, and simulated arms.
 
@@ -14,7 +15,11 @@ const TOLERANCE_M: f64 = 1e-11;
 pub(crate) const M_PER_RAD: f64 = 0.1;
 const STEPS_MAX: usize = 200;
 
-pub(super) fn joints(kinematics: &Kinematics, target: &Pose, near: &[f64; MAX_AXES]) -> Option<[f64; MAX_AXES]> {
+pub(super) fn joints(
+    kinematics: &Kinematics,
+    target: &Pose,
+    near: &[f64; MAX_AXES],
+) -> Option<[f64; MAX_AXES]> {
     let position = target.translation;
     match kinematics {
         Kinematics::Cartesian => {
@@ -31,17 +36,32 @@ pub(super) fn joints(kinematics: &Kinematics, target: &Pose, near: &[f64; MAX_AX
             let [a, b, c] = arm.angles(position)?;
             let joints = [a, b, c, 0.0, 0.0, 0.0, 0.0, 0.0];
             // Near a singularity the angles exist, but the arm cannot be driven there.
-            kinematics.solve(&joints, &Configuration { native_from_grip: *target, ..Configuration::default() }).map(|_| joints)
+            kinematics
+                .solve(
+                    &joints,
+                    &Configuration { native_from_grip: *target, ..Configuration::default() },
+                )
+                .map(|_| joints)
         }
         Kinematics::Capstan(arm) => {
             let [a, b, c] = arm.angles(position)?;
             let joints = [a, b, c, 0.0, 0.0, 0.0, 0.0, 0.0];
-            Some(with_wrist(joints, arm.gimbal, arm.native_from_link(&joints).conjugate() * target.rotation, near))
+            Some(with_wrist(
+                joints,
+                arm.gimbal,
+                arm.native_from_link(&joints).conjugate() * target.rotation,
+                near,
+            ))
         }
         Kinematics::FiveLink(arm) => {
             let joints = search(kinematics, 3, Axes::TRANSLATION, target, near)?;
             let native_from_link = arm.native_from_link(&joints)?;
-            Some(with_wrist(joints, arm.gimbal, native_from_link.conjugate() * target.rotation, near))
+            Some(with_wrist(
+                joints,
+                arm.gimbal,
+                native_from_link.conjugate() * target.rotation,
+                near,
+            ))
         }
         Kinematics::Pantograph(_) | Kinematics::Chain(_) => {
             search(kinematics, kinematics.n_joints(), kinematics.axes(), target, near)
@@ -56,7 +76,8 @@ fn with_wrist(
     near: &[f64; MAX_AXES],
 ) -> [f64; MAX_AXES] {
     if let Some(gimbal) = gimbal {
-        [joints[3], joints[4], joints[5]] = gimbal.angles(link_from_grip, [near[3], near[4], near[5]]);
+        [joints[3], joints[4], joints[5]] =
+            gimbal.angles(link_from_grip, [near[3], near[4], near[5]]);
     }
     joints
 }
@@ -88,11 +109,19 @@ fn start(kinematics: &Kinematics) -> [f64; MAX_AXES] {
 }
 
 /// Tries the angles before, then the usual ones, then some around those.
-fn search(kinematics: &Kinematics, n: usize, axes: Axes, target: &Pose, near: &[f64; MAX_AXES]) -> Option<[f64; MAX_AXES]> {
+fn search(
+    kinematics: &Kinematics,
+    n: usize,
+    axes: Axes,
+    target: &Pose,
+    near: &[f64; MAX_AXES],
+) -> Option<[f64; MAX_AXES]> {
     let usual = start(kinematics);
     descend(kinematics, n, axes, target, *near)
         .or_else(|| descend(kinematics, n, axes, target, usual))
-        .or_else(|| (1..8).find_map(|round| descend(kinematics, n, axes, target, around(&usual, n, round))))
+        .or_else(|| {
+            (1..8).find_map(|round| descend(kinematics, n, axes, target, around(&usual, n, round)))
+        })
 }
 
 /// The first `n` angles, each moved by at most 1 rad (1 m).
@@ -106,7 +135,13 @@ pub(super) fn around(angles: &[f64; MAX_AXES], n: usize, round: u32) -> [f64; MA
     moved
 }
 
-fn descend(kinematics: &Kinematics, n: usize, axes: Axes, target: &Pose, start: [f64; MAX_AXES]) -> Option<[f64; MAX_AXES]> {
+fn descend(
+    kinematics: &Kinematics,
+    n: usize,
+    axes: Axes,
+    target: &Pose,
+    start: [f64; MAX_AXES],
+) -> Option<[f64; MAX_AXES]> {
     let mut angles = start;
     let mut here = kinematics.solve(&angles, &Configuration::default())?;
     let mut miss = residual(&here, target, axes);
@@ -142,7 +177,8 @@ fn norm_squared(miss: &[f64; 6]) -> f64 {
     miss.iter().map(|part| part * part).sum()
 }
 
-/// What is missing to the target, m; angles weighted to m; axes that the arm does not determine are 0.
+/// What is missing to the target, m; angles weighted to m; axes that the arm does not determine are
+/// 0.
 fn residual(here: &Configuration, target: &Pose, axes: Axes) -> [f64; 6] {
     let linear = target.translation - here.native_from_grip.translation;
     let mut turn = target.rotation * here.native_from_grip.rotation.conjugate();
@@ -164,7 +200,13 @@ fn masked(linear: DVec3, angular: DVec3, axes: Axes) -> [f64; 6] {
 }
 
 /// Solves (JᵀJ + μI)·step = Jᵀ·miss for the first `n` joints.
-fn step(here: &Configuration, miss: &[f64; 6], axes: Axes, n: usize, damping: f64) -> Option<[f64; MAX_AXES]> {
+fn step(
+    here: &Configuration,
+    miss: &[f64; 6],
+    axes: Axes,
+    n: usize,
+    damping: f64,
+) -> Option<[f64; MAX_AXES]> {
     let columns = here.columns.map(|column| masked(column.linear, column.angular, axes));
     let dot = |a: &[f64; 6], b: &[f64; 6]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     let mut rows = [[0.0; MAX_AXES + 1]; MAX_AXES];

@@ -27,7 +27,8 @@ pub(crate) struct Pantograph {
 impl Pantograph {
     pub(super) fn solve(&self, joints: &[f64; MAX_AXES]) -> Option<Configuration> {
         let [angle_a, angle_b, ..] = *joints;
-        let (direction_a, direction_b) = (DVec2::from_angle(angle_a), DVec2::from_angle(angle_b));
+        let direction_a = DVec2::from_angle(angle_a);
+        let direction_b = DVec2::from_angle(angle_b);
         let a = self.inner_m * direction_a;
         let b = DVec2::new(self.distance_m, 0.0) + self.inner_m * direction_b;
         let between = b - a;
@@ -36,18 +37,27 @@ impl Pantograph {
             return None;
         }
         let e = 0.5 * (a + b) + height_squared.sqrt() * between.perp() / between.length();
-        let (from_a, from_b) = (e - a, e - b);
+        let from_a = e - a;
+        let from_b = e - b;
         let area = from_a.perp_dot(from_b);
         if area.is_nan() || area.abs() < MEETING_SINE_MIN * self.outer_m * self.outer_m {
             return None;
         }
         let column = |right_a: f64, right_b: f64| {
-            DVec3::new(right_a * from_b.y - right_b * from_a.y, right_b * from_a.x - right_a * from_b.x, 0.0) / area
+            DVec3::new(
+                right_a * from_b.y - right_b * from_a.y,
+                right_b * from_a.x - right_a * from_b.x,
+                0.0,
+            ) / area
         };
-        let mut configuration =
-            Configuration { native_from_grip: Pose::from_translation((e - self.origin_m).extend(0.0)), ..Configuration::default() };
-        configuration.columns[0].linear = column(from_a.dot(self.inner_m * direction_a.perp()), 0.0);
-        configuration.columns[1].linear = column(0.0, from_b.dot(self.inner_m * direction_b.perp()));
+        let mut configuration = Configuration {
+            native_from_grip: Pose::from_translation((e - self.origin_m).extend(0.0)),
+            ..Configuration::default()
+        };
+        configuration.columns[0].linear =
+            column(from_a.dot(self.inner_m * direction_a.perp()), 0.0);
+        configuration.columns[1].linear =
+            column(0.0, from_b.dot(self.inner_m * direction_b.perp()));
         Some(configuration)
     }
 }

@@ -6,16 +6,20 @@ use super::Configuration;
 use crate::protocol::MAX_AXES;
 use vps::spatial::{Pose, Twist};
 
-/// The pose in the readings of an arm that reports one; its commands are the components of a wrench, so the columns are unit twists.
+/// The pose in the readings of an arm that reports one; its commands are the components of a
+/// wrench, so the columns are unit twists.
 pub(super) fn pose(joints: &[f64; MAX_AXES]) -> Option<Configuration> {
     let [x, y, z, qx, qy, qz, qw, _] = *joints;
     let quaternion = DQuat::from_xyzw(qx, qy, qz, qw);
-    // A quaternion on a wire of few digits is off 1 a little; one that is far off is no orientation.
+    // A quaternion on a wire of few digits is off 1 a little; one that is far off is no
+    // orientation.
     if !(0.5..=2.0).contains(&quaternion.length_squared()) {
         return None;
     }
-    let mut configuration =
-        Configuration { native_from_grip: Pose::new(quaternion.normalize(), DVec3::new(x, y, z)), ..Configuration::default() };
+    let mut configuration = Configuration {
+        native_from_grip: Pose::new(quaternion.normalize(), DVec3::new(x, y, z)),
+        ..Configuration::default()
+    };
     for (idx, axis) in DVec3::AXES.into_iter().enumerate() {
         configuration.columns[idx] = Twist { linear: axis, angular: DVec3::ZERO };
         configuration.columns[idx + 3] = Twist { linear: DVec3::ZERO, angular: axis };
@@ -59,18 +63,24 @@ impl Rate {
         if !reading.is_finite() {
             return 0.0;
         }
-        ((reading.abs() - self.dead_band).max(0.0) / (self.full_scale - self.dead_band)).min(1.0).copysign(reading)
+        ((reading.abs() - self.dead_band).max(0.0) / (self.full_scale - self.dead_band))
+            .min(1.0)
+            .copysign(reading)
     }
 
     pub(super) fn twist(&self, joints: &[f64; MAX_AXES]) -> Twist {
         let [x, y, z, rx, ry, rz, ..] = joints.map(|reading| self.deflection(reading));
-        Twist { linear: DVec3::new(x, y, z) * self.linear_m_per_s, angular: DVec3::new(rx, ry, rz) * self.angular_rad_per_s }
+        Twist {
+            linear: DVec3::new(x, y, z) * self.linear_m_per_s,
+            angular: DVec3::new(rx, ry, rz) * self.angular_rad_per_s,
+        }
     }
 
     pub(super) fn joints(&self, twist_native: &Twist) -> [f64; MAX_AXES] {
         let reading = |deflection: f64| match deflection.clamp(-1.0, 1.0) {
             rest if rest.abs() < 1e-12 => 0.0,
-            deflection => (self.dead_band + deflection.abs() * (self.full_scale - self.dead_band)).copysign(deflection),
+            deflection => (self.dead_band + deflection.abs() * (self.full_scale - self.dead_band))
+                .copysign(deflection),
         };
         let [x, y, z] = (twist_native.linear / self.linear_m_per_s).to_array().map(reading);
         let [rx, ry, rz] = (twist_native.angular / self.angular_rad_per_s).to_array().map(reading);

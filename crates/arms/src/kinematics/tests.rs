@@ -72,7 +72,8 @@ fn falcon(origin_z_m: f64) -> Kinematics {
     })
 }
 
-/// Six joints of an invented arm on a table, a metre tall: shoulder yaw and pitch, elbow, and a wrist of three.
+/// Six joints of an invented arm on a table, a metre tall: shoulder yaw and pitch, elbow, and a
+/// wrist of three.
 fn leader() -> Kinematics {
     let joint = |axis: DVec3, point_mm: [f64; 3], home_rad: f64, mass_kg: f64| ChainJoint {
         axis,
@@ -129,7 +130,14 @@ impl Drive {
         for i in 0..3 {
             let ratio = self.capstan_mm[i] / self.body_mm[i];
             transmission.joints[i] = Joint {
-                sensor: Some(Sensor::encoder(i, self.cpr, ratio, self.encoder_sign[i], self.home[i], self.offset_rad[i])),
+                sensor: Some(Sensor::encoder(
+                    i,
+                    self.cpr,
+                    ratio,
+                    self.encoder_sign[i],
+                    self.home[i],
+                    self.offset_rad[i],
+                )),
                 motor: Some(Motor::current(i, ratio, self.kt[i], 1.0, self.motor_sign[i], 1e9)),
             };
         }
@@ -137,7 +145,12 @@ impl Drive {
     }
 }
 
-fn wooden_drive(encoder_sign: [f64; 3], motor_sign: [f64; 3], home: [f64; 3], offset_rad: [f64; 3]) -> Drive {
+fn wooden_drive(
+    encoder_sign: [f64; 3],
+    motor_sign: [f64; 3],
+    home: [f64; 3],
+    offset_rad: [f64; 3],
+) -> Drive {
     Drive {
         capstan_mm: [10.0; 3],
         body_mm: [160.0, 120.0, 120.0],
@@ -166,19 +179,30 @@ fn polhem_v3_drive() -> Drive {
 /// One row: counts, angles, position in mm, currents in mA for 1 N along x, y, z.
 type Row = ([f64; 3], [f64; 3], [f64; 3], [[f64; 3]; 3]);
 
-fn check_row(name: &str, kinematics: &Kinematics, transmission: &Transmission, (counts, angles, position_mm, currents): Row) {
+fn check_row(
+    name: &str,
+    kinematics: &Kinematics,
+    transmission: &Transmission,
+    (counts, angles, position_mm, currents): Row,
+) {
     let solved_angles = transmission.angles(&joints(counts));
     for (found, angle) in solved_angles.iter().zip(angles) {
         assert!((found - angle).abs() < 6e-7, "{name} {counts:?}: angles {solved_angles:?}");
     }
     let solved = kinematics.solve(&solved_angles, &Configuration::default()).expect("reachable");
     let found_mm = solved.native_from_grip.translation * 1e3;
-    assert!((found_mm - DVec3::from_array(position_mm)).abs().max_element() < 6e-5, "{name} {counts:?}: {found_mm}");
+    assert!(
+        (found_mm - DVec3::from_array(position_mm)).abs().max_element() < 6e-5,
+        "{name} {counts:?}: {found_mm}"
+    );
     for (axis, currents) in DVec3::AXES.into_iter().zip(currents) {
         let torques = solved.torques(&Wrench::new(axis, DVec3::ZERO));
         let (found, _) = transmission.commands(&torques, &[0.0; MAX_AXES]);
         for (found, current) in found.iter().zip(currents) {
-            assert!((found - current).abs() < 6e-4, "{name} {counts:?}: {axis} takes {found} mA and not {current}");
+            assert!(
+                (found - current).abs() < 6e-4,
+                "{name} {counts:?}: {axis} takes {found} mA and not {current}"
+            );
         }
     }
 }
@@ -189,14 +213,24 @@ fn serial_arms_agree_with_the_published_rows() {
     let a = wooden_drive([-1.0; 3], [1.0, -1.0, -1.0], [0.0; 3], quarter).transmission();
     let signs = [1.0, -1.0, -1.0];
     let model_3 = wooden_drive(signs, signs, [0.0, 0.0, -6000.0], [0.0; 3]).transmission();
-    let at_home: Row =
-        ([0.0; 3], [0.0, 0.0, FRAC_PI_2], [25.0, 0.0, 205.0], [[0.0, -659.588, 0.0], [591.216, 0.0, 0.0], [0.0, 0.0, -788.288]]);
+    let at_home: Row = (
+        [0.0; 3],
+        [0.0, 0.0, FRAC_PI_2],
+        [25.0, 0.0, 205.0],
+        [[0.0, -659.588, 0.0], [591.216, 0.0, 0.0], [0.0, 0.0, -788.288]],
+    );
     check_row("A", &woodenhaptics(), &a, at_home);
     check_row("D model 3", &woodenhaptics(), &model_3, at_home);
     let moved = [100.0, -200.0, 300.0];
     let currents = [[12.080, -658.557, -61.836], [615.165, 12.932, 1.214], [0.0, 34.520, -785.858]];
-    check_row("A", &woodenhaptics(), &a, (moved, [-0.019635, 0.052360, 1.492257], [34.9245, -5.0061, 185.4966], currents));
-    let currents = [[-12.080, -658.557, -61.836], [615.165, -12.932, -1.214], [0.0, 34.520, -785.858]];
+    check_row(
+        "A",
+        &woodenhaptics(),
+        &a,
+        (moved, [-0.019635, 0.052360, 1.492257], [34.9245, -5.0061, 185.4966], currents),
+    );
+    let currents =
+        [[-12.080, -658.557, -61.836], [615.165, -12.932, -1.214], [0.0, 34.520, -785.858]];
     check_row(
         "D model 3",
         &woodenhaptics(),
@@ -217,10 +251,21 @@ fn serial_arms_agree_with_the_published_rows() {
     }
     .transmission();
     let currents = [[0.0, 0.0, -621.601], [-655.271, 0.0, 0.0], [0.0, -765.901, 0.0]];
-    check_row("D model 2", &vintage(None), &model_2, ([0.0; 3], [0.0, FRAC_PI_2, 0.0], [0.0, 0.0, -15.0], currents));
-    let currents = [[-10.859, 31.235, -620.342], [-622.104, -0.545, 10.828], [0.0, -765.263, 38.018]];
+    check_row(
+        "D model 2",
+        &vintage(None),
+        &model_2,
+        ([0.0; 3], [0.0, FRAC_PI_2, 0.0], [0.0, 0.0, -15.0], currents),
+    );
+    let currents =
+        [[-10.859, 31.235, -620.342], [-622.104, -0.545, 10.828], [0.0, -765.263, 38.018]];
     let angles = [-0.017453, 1.529996, -0.061200];
-    check_row("D model 2", &vintage(None), &model_2, (moved, angles, [-6.9849, -2.2869, -9.1615], currents));
+    check_row(
+        "D model 2",
+        &vintage(None),
+        &model_2,
+        (moved, angles, [-6.9849, -2.2869, -9.1615], currents),
+    );
 
     let alu = Drive {
         capstan_mm: [13.8, 9.8, 9.8],
@@ -233,8 +278,14 @@ fn serial_arms_agree_with_the_published_rows() {
         kt: [0.0259; 3],
     };
     let currents = [[-0.365, 694.241, 548.172], [9.760, 25.959, 20.497], [0.0, 56.410, 66.996]];
-    let row: Row = (moved, [0.037374, -0.081020, 0.121530], [-137.8752, 0.0794, 140.3595], currents);
-    check_row("AluHaptics v2", &capstan([111.0, 140.0, 111.0], [0.140, 0.0, 0.0], None), &alu.transmission(), row);
+    let row: Row =
+        (moved, [0.037374, -0.081020, 0.121530], [-137.8752, 0.0794, 140.3595], currents);
+    check_row(
+        "AluHaptics v2",
+        &capstan([111.0, 140.0, 111.0], [0.140, 0.0, 0.0], None),
+        &alu.transmission(),
+        row,
+    );
 
     let polhem_v1 = Drive {
         capstan_mm: [10.0; 3],
@@ -247,15 +298,23 @@ fn serial_arms_agree_with_the_published_rows() {
     };
     let currents = [[-2.583, -322.733, -23.261], [-147.990, 5.633, 0.406], [0.0, 20.308, -246.115]];
     let row: Row = (moved, [-0.017453, 0.062832, 1.476549], [3.3135, -2.5015, 119.1402], currents);
-    check_row("Polhem v1", &capstan([58.0, 174.0, 133.0], [0.140, 0.0, 0.100], None), &polhem_v1.transmission(), row);
+    check_row(
+        "Polhem v1",
+        &capstan([58.0, 174.0, 133.0], [0.140, 0.0, 0.100], None),
+        &polhem_v1.transmission(),
+        row,
+    );
 }
 
 #[test]
 fn the_five_link_agrees_with_the_published_rows() {
-    let (arm, transmission) = (polhem_v3(None), polhem_v3_drive().transmission());
+    let arm = polhem_v3(None);
+    let transmission = polhem_v3_drive().transmission();
     let elevation = |counts: [f64; 3]| {
         let with_wrist = polhem_v3(Some(Gimbal::Roll));
-        let solved = with_wrist.solve(&transmission.angles(&joints(counts)), &Configuration::default()).expect("reachable");
+        let solved = with_wrist
+            .solve(&transmission.angles(&joints(counts)), &Configuration::default())
+            .expect("reachable");
         let bar = solved.native_from_grip.rotation * DVec3::X;
         bar.z.atan2(bar.x.hypot(bar.y))
     };
@@ -265,7 +324,11 @@ fn the_five_link_agrees_with_the_published_rows() {
                 [0.0; 3],
                 [2.102250, 2.178168, 4.162030],
                 [-222.6413, 30.8593, 37.0523],
-                [[-84.378, -309.726, -87.656], [-49.603, 526.860, 149.108], [0.0, 695.785, 296.322]],
+                [
+                    [-84.378, -309.726, -87.656],
+                    [-49.603, 526.860, 149.108],
+                    [0.0, 695.785, 296.322],
+                ],
             ),
             -0.528351,
         ),
@@ -274,7 +337,11 @@ fn the_five_link_agrees_with_the_published_rows() {
                 [100.0, -200.0, 300.0],
                 [2.127542, 2.220194, 4.225206],
                 [-220.3613, 25.4830, 32.6837],
-                [[-69.678, -328.455, -96.072], [-43.369, 527.703, 154.351], [0.0, 742.777, 309.625]],
+                [
+                    [-69.678, -328.455, -96.072],
+                    [-43.369, 527.703, 154.351],
+                    [0.0, 742.777, 309.625],
+                ],
             ),
             -0.530944,
         ),
@@ -296,7 +363,8 @@ fn the_five_link_agrees_with_the_published_rows() {
 
 #[test]
 fn gravity_of_the_five_link_agrees_with_the_published_rows() {
-    let (arm, transmission) = (polhem_v3(None), polhem_v3_drive().transmission());
+    let arm = polhem_v3(None);
+    let transmission = polhem_v3_drive().transmission();
     for (counts, torques, currents) in [
         ([0.0; 3], [0.0, -0.247293, 0.043235], [0.0, 629.636, 110.321]),
         ([-8312.0, 6022.0, -8557.0], [0.0, 0.166129, 0.018334], [0.0, -422.983, 46.783]),
@@ -321,15 +389,30 @@ fn the_delta_agrees_with_the_published_rows() {
         };
     }
     let rows: [Row; 4] = [
-        ([0.0; 3], [35.0; 3], [0.0, 0.0, 134.6024], [[-193.0, 650.0, -457.0], [639.0, -152.0, -487.0], [-249.0; 3]]),
+        (
+            [0.0; 3],
+            [35.0; 3],
+            [0.0, 0.0, 134.6024],
+            [[-193.0, 650.0, -457.0], [639.0, -152.0, -487.0], [-249.0; 3]],
+        ),
         (
             [100.0, -200.0, 300.0],
             [38.6435, 27.7131, 45.9304],
             [18.2323, 3.9782, 136.1334],
             [[-177.0, 592.0, -496.0], [658.0, -131.0, -554.0], [-240.0, -345.0, -143.0]],
         ),
-        ([500.0; 3], [53.2173; 3], [0.0, 0.0, 156.8605], [[-219.0, 725.0, -505.0], [710.0, -165.0, -545.0], [-210.0; 3]]),
-        ([-500.0; 3], [16.7827; 3], [0.0, 0.0, 110.7545], [[-156.0, 531.0, -375.0], [523.0, -126.0, -396.0], [-242.0; 3]]),
+        (
+            [500.0; 3],
+            [53.2173; 3],
+            [0.0, 0.0, 156.8605],
+            [[-219.0, 725.0, -505.0], [710.0, -165.0, -545.0], [-210.0; 3]],
+        ),
+        (
+            [-500.0; 3],
+            [16.7827; 3],
+            [0.0, 0.0, 110.7545],
+            [[-156.0, 531.0, -375.0], [523.0, -126.0, -396.0], [-242.0; 3]],
+        ),
     ];
     for (counts, degrees, position_mm, commands) in rows {
         let angles = transmission.angles(&joints(counts));
@@ -338,17 +421,27 @@ fn the_delta_agrees_with_the_published_rows() {
         }
         let solved = arm.solve(&angles, &Configuration::default()).expect("reachable");
         let found_mm = solved.native_from_grip.translation * 1e3;
-        assert!((found_mm - DVec3::from_array(position_mm)).abs().max_element() < 6e-5, "{counts:?}: {found_mm}");
+        assert!(
+            (found_mm - DVec3::from_array(position_mm)).abs().max_element() < 6e-5,
+            "{counts:?}: {found_mm}"
+        );
         for (axis, commands) in DVec3::AXES.into_iter().zip(commands) {
-            let (found, _) = transmission.commands(&solved.torques(&Wrench::new(axis, DVec3::ZERO)), &[0.0; MAX_AXES]);
-            assert_eq!([found[0], found[1], found[2]].map(f64::trunc), commands, "{counts:?} {axis}");
+            let (found, _) = transmission
+                .commands(&solved.torques(&Wrench::new(axis, DVec3::ZERO)), &[0.0; MAX_AXES]);
+            assert_eq!(
+                [found[0], found[1], found[2]].map(f64::trunc),
+                commands,
+                "{counts:?} {axis}"
+            );
         }
     }
 }
 
 #[test]
 fn the_pantograph_agrees_with_the_published_rows() {
-    let (first, v2, v3) = (haply(50.0, 70.0, 20.0, [0.0; 2]), haply(70.0, 90.0, 0.0, [0.0; 2]), haply(70.0, 90.0, 38.0, [0.0; 2]));
+    let first = haply(50.0, 70.0, 20.0, [0.0; 2]);
+    let v2 = haply(70.0, 90.0, 0.0, [0.0; 2]);
+    let v3 = haply(70.0, 90.0, 38.0, [0.0; 2]);
     let rows = [
         (first, [180.0, 0.0], [10.0, 36.0555], [[-0.015023, -0.015023], [-0.025, 0.025]]),
         (first, [150.0, 40.0], [4.1342, 76.4770], [[-0.030953, -0.036192], [-0.037816, 0.033351]]),
@@ -358,12 +451,20 @@ fn the_pantograph_agrees_with_the_published_rows() {
         (v3, [150.0, 40.0], [12.3723, 87.6485], [[-0.033641, -0.042295], [-0.062506, 0.058640]]),
     ];
     for (arm, degrees, position_mm, torques) in rows {
-        let solved = arm.solve(&joints(degrees.map(f64::to_radians)), &Configuration::default()).expect("reachable");
+        let solved = arm
+            .solve(&joints(degrees.map(f64::to_radians)), &Configuration::default())
+            .expect("reachable");
         let found_mm = solved.native_from_grip.translation * 1e3;
-        assert!((found_mm - DVec3::new(position_mm[0], position_mm[1], 0.0)).abs().max_element() < 6e-5, "{degrees:?}: {found_mm}");
+        assert!(
+            (found_mm - DVec3::new(position_mm[0], position_mm[1], 0.0)).abs().max_element() < 6e-5,
+            "{degrees:?}: {found_mm}"
+        );
         for (axis, torques) in [DVec3::X, DVec3::Y].into_iter().zip(torques) {
             let found = solved.torques(&Wrench::new(axis, DVec3::ZERO));
-            assert!((found[0] - torques[0]).abs() < 6e-7 && (found[1] - torques[1]).abs() < 6e-7, "{degrees:?} {axis}: {found:?}");
+            assert!(
+                (found[0] - torques[0]).abs() < 6e-7 && (found[1] - torques[1]).abs() < 6e-7,
+                "{degrees:?} {axis}: {found:?}"
+            );
         }
     }
 }
@@ -380,9 +481,15 @@ fn around_home(arm: &Kinematics, spread: [f64; MAX_AXES]) -> [f64; MAX_AXES] {
 #[test]
 fn every_arm_is_at_its_centre_at_home() {
     for (name, arm) in every_arm() {
-        let solved = arm.solve(&arm.home(), &Configuration::default()).unwrap_or_else(|| panic!("{name}: {:?}", arm.home()));
+        let solved = arm
+            .solve(&arm.home(), &Configuration::default())
+            .unwrap_or_else(|| panic!("{name}: {:?}", arm.home()));
         if name != "leader" {
-            assert!(solved.native_from_grip.translation.length() < 1e-9, "{name}: {}", solved.native_from_grip.translation);
+            assert!(
+                solved.native_from_grip.translation.length() < 1e-9,
+                "{name}: {}",
+                solved.native_from_grip.translation
+            );
         }
     }
 }
@@ -401,7 +508,8 @@ proptest! {
                     moved[idx] += change;
                     arm.solve(&moved, &here).expect("inside").native_from_grip
                 };
-                let (before, after) = (at(-step), at(step));
+                let before = at(-step);
+                let after = at(step);
                 let linear = (after.translation - before.translation) / (2.0 * step);
                 let angular = 2.0 * (after.rotation * before.rotation.conjugate()).xyz() / (2.0 * step);
                 prop_assert!((linear - here.columns[idx].linear).length() < 1e-7, "{name} {idx}: {linear} {}", here.columns[idx].linear);
@@ -431,7 +539,8 @@ proptest! {
                 }
                 arm.solve(&moved, &here).expect("inside").native_from_grip
             };
-            let (before, after) = (at(-step), at(step));
+            let before = at(-step);
+            let after = at(step);
             let motion = Twist {
                 linear: (after.translation - before.translation) / (2.0 * step),
                 angular: 2.0 * (after.rotation * before.rotation.conjugate()).xyz() / (2.0 * step),
@@ -451,9 +560,11 @@ proptest! {
             let near = angles.map(|angle| angle + 0.01);
             let found = arm.inverse(&here.native_from_grip, &near).unwrap_or_else(|| panic!("{name}: {angles:?}"));
             for idx in 0..arm.n_joints() {
-                prop_assert!((found[idx] - angles[idx]).abs() < 1e-6, "{name} {idx}: {found:?} and not {angles:?}");
+                prop_assert!((found[idx] - angles[idx]).abs() < 1e-6, "{name} {idx}: {found:?} and \
+                    not {angles:?}");
             }
-            // From the middle of the workspace another branch may be found, but one that reaches the pose.
+            // From the middle of the workspace another branch may be found, but one that reaches
+            // the pose.
             let found = arm.inverse(&here.native_from_grip, &arm.home()).unwrap_or_else(|| panic!("{name}: {angles:?}"));
             let there = arm.solve(&found, &here).expect("inside");
             prop_assert!((there.native_from_grip.translation - here.native_from_grip.translation).length() < 1e-9, "{name}");
@@ -462,7 +573,8 @@ proptest! {
         }
     }
 
-    /// Gravity torques are the derivative of a potential, so their curl is zero; damping takes power out.
+    /// Gravity torques are the derivative of a potential, so their curl is zero; damping takes
+    /// power out.
     #[test]
     fn extra_torques_hold_a_potential_and_damp(spread in proptest::array::uniform8(-1.0..1.0f64), rates in proptest::array::uniform8(-2.0..2.0f64)) {
         let links = CapstanLinks { mass_kg: [0.170, 0.110], center_m: [0.051, 0.091] };
@@ -472,7 +584,8 @@ proptest! {
             let torques = |angles: &[f64; MAX_AXES]| arm.extra_torques(angles, &[0.0; MAX_AXES]);
             let step = 1e-5;
             let change = |of: usize, by: usize| {
-                let (mut before, mut after) = (angles, angles);
+                let mut before = angles;
+                let mut after = angles;
                 before[by] -= step;
                 after[by] += step;
                 (torques(&after)[of] - torques(&before)[of]) / (2.0 * step)
@@ -482,7 +595,8 @@ proptest! {
                     prop_assert!((change(i, j) - change(j, i)).abs() < 1e-8, "{i} {j}: {} {}", change(i, j), change(j, i));
                 }
             }
-            let (moving, resting) = (arm.extra_torques(&angles, &rates), torques(&angles));
+            let moving = arm.extra_torques(&angles, &rates);
+            let resting = torques(&angles);
             let power: f64 = (0..arm.n_joints()).map(|i| (moving[i] - resting[i]) * rates[i]).sum();
             prop_assert!(power <= 0.0);
         }
@@ -528,7 +642,8 @@ fn sweep(arm: &Kinematics, mut visit: impl FnMut(&[f64; MAX_AXES], Option<Config
 
 #[test]
 fn no_configuration_asks_for_a_torque_beyond_reason() {
-    // A column is at most the reach of the arm; those of closed loops are cut off a thousandth of a radian from their singularities.
+    // A column is at most the reach of the arm; those of closed loops are cut off a thousandth of a
+    // radian from their singularities.
     let bounds_m = [
         ("WoodenHaptics", 0.46),
         ("vintage", 0.26),
@@ -539,14 +654,21 @@ fn no_configuration_asks_for_a_torque_beyond_reason() {
     ];
     for (name, bound_m) in bounds_m {
         let (_, arm) = every_arm().into_iter().find(|(known, _)| *known == name).expect("listed");
-        let (mut n_reached, mut longest_m) = (0, 0.0f64);
+        let mut n_reached = 0;
+        let mut longest_m = 0.0f64;
         sweep(&arm, |_, solved| {
             if let Some(solved) = solved {
                 n_reached += 1;
-                longest_m = solved.columns.iter().fold(longest_m, |longest, column| longest.max(column.linear.length()));
+                longest_m = solved
+                    .columns
+                    .iter()
+                    .fold(longest_m, |longest, column| longest.max(column.linear.length()));
             }
         });
-        assert!(n_reached > 20 && longest_m <= bound_m, "{name}: {n_reached} configurations, column of {longest_m} m");
+        assert!(
+            n_reached > 20 && longest_m <= bound_m,
+            "{name}: {n_reached} configurations, column of {longest_m} m"
+        );
     }
 }
 
@@ -556,13 +678,21 @@ fn singular_poses_of_serial_arms_take_finite_torques() {
     let above = joints([0.7, 0.0, 0.0]);
     let stretched = joints([0.7, 1.0, PI - 1.0]);
     for angles in [above, stretched] {
-        let solved = woodenhaptics().solve(&angles, &Configuration::default()).expect("a serial arm is everywhere");
+        let solved = woodenhaptics()
+            .solve(&angles, &Configuration::default())
+            .expect("a serial arm is everywhere");
         let torques = solved.torques(&Wrench::new(DVec3::new(3.0, -2.0, 4.0), DVec3::ZERO));
         assert!(torques.iter().all(|torque| torque.abs() < 5.4 * 0.46), "{torques:?}");
     }
     // A leader arm stretched out, its wrist axes in line.
-    let solved = leader().solve(&[0.0; MAX_AXES], &Configuration::default()).expect("a chain is everywhere");
-    assert!(solved.torques(&Wrench::new(DVec3::ONE, DVec3::ONE)).iter().all(|torque| torque.abs() < 3.0));
+    let solved =
+        leader().solve(&[0.0; MAX_AXES], &Configuration::default()).expect("a chain is everywhere");
+    assert!(
+        solved
+            .torques(&Wrench::new(DVec3::ONE, DVec3::ONE))
+            .iter()
+            .all(|torque| torque.abs() < 3.0)
+    );
 }
 
 #[test]
@@ -572,7 +702,10 @@ fn what_cannot_be_reached_is_none() {
     assert!(falcon(0.0).solve(&joints([80f64.to_radians(); 3]), &near).is_none());
     assert!(falcon(0.0).solve(&joints([f64::NAN, 0.6, 0.6]), &near).is_none());
     // It still finds its way from a bad last pose.
-    let lost = Configuration { native_from_grip: Pose::from_translation(DVec3::new(5.0, f64::NAN, 0.0)), ..near };
+    let lost = Configuration {
+        native_from_grip: Pose::from_translation(DVec3::new(5.0, f64::NAN, 0.0)),
+        ..near
+    };
     assert!(falcon(0.0).solve(&joints([0.6; 3]), &lost).is_some());
     // Pantograph: arms too far apart, and both on one point.
     assert!(haply(50.0, 40.0, 20.0, [0.0; 2]).solve(&joints([PI, 0.0]), &near).is_none());
@@ -584,18 +717,28 @@ fn what_cannot_be_reached_is_none() {
     // And no inverse a metre away.
     for (name, arm) in every_arm() {
         if name != "Hapkit" {
-            assert!(arm.inverse(&Pose::from_translation(DVec3::splat(1.0)), &arm.home()).is_none(), "{name}");
+            assert!(
+                arm.inverse(&Pose::from_translation(DVec3::splat(1.0)), &arm.home()).is_none(),
+                "{name}"
+            );
         }
-        assert!(arm.inverse(&Pose::from_translation(DVec3::splat(f64::NAN)), &arm.home()).is_none(), "{name}");
+        assert!(
+            arm.inverse(&Pose::from_translation(DVec3::splat(f64::NAN)), &arm.home()).is_none(),
+            "{name}"
+        );
     }
 }
 
 #[test]
 fn a_reported_pose_is_taken_as_it_is_and_its_wrench_too() {
-    let pose = Pose::new(DQuat::from_scaled_axis(DVec3::new(0.3, -0.2, 0.9)), DVec3::new(0.01, 0.02, -0.03));
+    let pose = Pose::new(
+        DQuat::from_scaled_axis(DVec3::new(0.3, -0.2, 0.9)),
+        DVec3::new(0.01, 0.02, -0.03),
+    );
     let readings = Kinematics::Cartesian.inverse(&pose, &[0.0; MAX_AXES]).expect("any pose");
     let solved = Kinematics::Cartesian.solve(&readings, &Configuration::default()).expect("a pose");
     assert!((solved.native_from_grip.translation - pose.translation).length() < 1e-15);
-    let torques = solved.torques(&Wrench::new(DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.0)));
+    let torques =
+        solved.torques(&Wrench::new(DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.0)));
     assert_eq!(torques, [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 0.0, 0.0]);
 }

@@ -1,4 +1,5 @@
-//! Plant, firmware and faults of a mock arm, period by period. Never looks at a clock: the caller gives the time.
+//! Plant, firmware and faults of a mock arm, period by period. Never looks at a clock: the caller
+//! gives the time.
 
 use std::collections::VecDeque;
 
@@ -54,7 +55,8 @@ pub struct MockArm {
     linkage: Linkage,
     plant: GripPlant,
     firmware: Box<dyn Firmware>,
-    /// Share of the links' weight that is taken off what the motors make. It rises with the host's compensation.
+    /// Share of the links' weight that is taken off what the motors make. It rises with the host's
+    /// compensation.
     held: f64,
     readings: ArmReadings,
     stuck_at: Option<ArmReadings>,
@@ -79,9 +81,16 @@ impl MockArm {
     /// # Errors
     /// A plant or hand that cannot be simulated.
     pub fn new(parameters: MockParameters, firmware: Box<dyn Firmware>) -> Result<Self, SimError> {
-        let MockParameters { kinematics, transmission, device_from_native, sensed, actuated, .. } = parameters;
+        let MockParameters {
+            kinematics, transmission, device_from_native, sensed, actuated, ..
+        } = parameters;
         let linkage = Linkage::new(kinematics, transmission, device_from_native, actuated);
-        let mut plant = GripPlant::new(parameters.period_s, &parameters.plant, parameters.hand.clone(), sensed)?;
+        let mut plant = GripPlant::new(
+            parameters.period_s,
+            &parameters.plant,
+            parameters.hand.clone(),
+            sensed,
+        )?;
         plant.rest_at(linkage.pose());
         let mut arm = Self {
             readings: linkage.readings(),
@@ -103,7 +112,8 @@ impl MockArm {
             tally: Tally::default(),
             parameters,
         };
-        arm.delay_line.extend(core::iter::repeat_n(Wrench::ZERO, arm.parameters.plant.delay_ticks as usize));
+        arm.delay_line
+            .extend(core::iter::repeat_n(Wrench::ZERO, arm.parameters.plant.delay_ticks as usize));
         Ok(arm)
     }
 
@@ -139,7 +149,11 @@ impl MockArm {
 
     fn has(&self, now_s: f64, wanted: impl Fn(&FaultKind) -> bool) -> Option<FaultKind> {
         let time_s = self.time_s(now_s);
-        self.parameters.faults.iter().filter_map(|(_, plan)| plan.active(time_s, self.parameters.period_s)).find(wanted)
+        self.parameters
+            .faults
+            .iter()
+            .filter_map(|(_, plan)| plan.active(time_s, self.parameters.period_s))
+            .find(wanted)
     }
 
     /// True while the plug is out.
@@ -154,8 +168,12 @@ impl MockArm {
 
     /// How many faults there are now; a button that is held is none.
     pub(super) fn wrong(&self, now_s: f64) -> usize {
-        let (time_s, period_s) = (self.time_s(now_s), self.parameters.period_s);
-        let active = |plan: &FaultPlan| plan.active(time_s, period_s).is_some_and(|kind| !matches!(kind, FaultKind::Press { .. }));
+        let time_s = self.time_s(now_s);
+        let period_s = self.parameters.period_s;
+        let active = |plan: &FaultPlan| {
+            plan.active(time_s, period_s)
+                .is_some_and(|kind| !matches!(kind, FaultKind::Press { .. }))
+        };
         self.parameters.faults.iter().filter(|(_, plan)| active(plan)).count()
     }
 
@@ -192,7 +210,8 @@ impl MockArm {
             felt = saturated(&felt, limits.0, limits.1);
         }
         let hand_s = (time_s - self.parameters.hand_delay_s - period_s).max(0.0);
-        self.plant.advance(if time_s > self.parameters.hand_delay_s { hand_s } else { -period_s }, &felt);
+        self.plant
+            .advance(if time_s > self.parameters.hand_delay_s { hand_s } else { -period_s }, &felt);
         let mut pose = self.plant.pose();
         if self.has(now_s, |kind| *kind == FaultKind::Jump).is_some() {
             pose.translation.x += JUMP_M;
@@ -211,15 +230,17 @@ impl MockArm {
         }
         self.readings.homed = self.has(now_s, |kind| *kind == FaultKind::Unhome).is_none();
         self.readings.asleep = self.has(now_s, |kind| *kind == FaultKind::Sleep).is_some();
-        self.readings.buttons = match self.has(now_s, |kind| matches!(kind, FaultKind::Press { .. })) {
-            Some(FaultKind::Press { button }) => 1 << button,
-            _ => 0,
-        };
+        self.readings.buttons =
+            match self.has(now_s, |kind| matches!(kind, FaultKind::Press { .. })) {
+                Some(FaultKind::Press { button }) => 1 << button,
+                _ => 0,
+            };
         self.post(now_s);
     }
 
-    /// Lets the firmware answer as often as `skip` says and loses the answers: its counter then runs ahead of what the host has got. Whether
-    /// an arm answers the host or speaks by itself, the first of the two that gives a frame is the one that counts.
+    /// Lets the firmware answer as often as `skip` says and loses the answers: its counter then
+    /// runs ahead of what the host has got. Whether an arm answers the host or speaks by itself,
+    /// the first of the two that gives a frame is the one that counts.
     fn skip(&mut self, now_s: f64, answer: impl Fn(&mut dyn Firmware, &ArmReadings, &mut Outbox)) {
         let Some(samples) = self.skips else { return };
         if self.has(now_s, |kind| matches!(kind, FaultKind::Skip { .. })).is_none() {
@@ -237,7 +258,8 @@ impl MockArm {
 
     /// Lets what the firmware said go through the faults of the wire.
     fn post(&mut self, now_s: f64) {
-        let is_silent = self.has(now_s, |kind| matches!(kind, FaultKind::Stall | FaultKind::Unplug)).is_some();
+        let is_silent =
+            self.has(now_s, |kind| matches!(kind, FaultKind::Stall | FaultKind::Unplug)).is_some();
         for mut frame in core::mem::take(&mut self.answers) {
             let lost = match self.has(now_s, |kind| matches!(kind, FaultKind::Drop { .. })) {
                 Some(FaultKind::Drop { probability }) => self.random.unit() < probability,
@@ -267,8 +289,12 @@ impl MockArm {
                 self.outgoing.push_back((due_s, frame.clone()));
             }
             match self.overtaken.take() {
-                None if self.has(now_s, |kind| *kind == FaultKind::Reorder).is_some() => self.overtaken = Some(frame),
-                overtaken => self.outgoing.extend([Some(frame), overtaken].into_iter().flatten().map(|frame| (due_s, frame))),
+                None if self.has(now_s, |kind| *kind == FaultKind::Reorder).is_some() => {
+                    self.overtaken = Some(frame)
+                }
+                overtaken => self.outgoing.extend(
+                    [Some(frame), overtaken].into_iter().flatten().map(|frame| (due_s, frame)),
+                ),
             }
         }
     }
@@ -286,7 +312,8 @@ impl MockArm {
 
     /// Forgets what was not sent: the plug is out.
     pub(super) fn discard(&mut self) {
-        self.tally.report.frames_lost += self.outgoing.len() as u64 + u64::from(self.overtaken.take().is_some());
+        self.tally.report.frames_lost +=
+            self.outgoing.len() as u64 + u64::from(self.overtaken.take().is_some());
         self.outgoing.clear();
     }
 

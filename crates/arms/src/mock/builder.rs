@@ -37,8 +37,15 @@ pub struct MockSettings {
 /// The mock arm of a profile, and its protocol: open6 for a simulated arm.
 pub fn parameters(profile: &Profile, settings: MockSettings) -> (MockParameters, Protocol) {
     let (kinematics, transmission, device_from_native, protocol) = match &profile.real {
-        Some(real) => (real.kinematics, real.transmission, real.device_from_native, real.protocol.clone()),
-        None => (Kinematics::Cartesian, cartesian(profile), DQuat::IDENTITY, Protocol::Open6(open6(profile))),
+        Some(real) => {
+            (real.kinematics, real.transmission, real.device_from_native, real.protocol.clone())
+        }
+        None => (
+            Kinematics::Cartesian,
+            cartesian(profile),
+            DQuat::IDENTITY,
+            Protocol::Open6(open6(profile)),
+        ),
     };
     let parameters = MockParameters {
         kinematics,
@@ -63,7 +70,12 @@ pub(crate) fn cartesian(profile: &Profile) -> Transmission {
     let limits = [profile.limits.force_n, profile.limits.torque_nm];
     Transmission {
         joints: core::array::from_fn(|idx| Joint {
-            sensor: Some(Sensor { reading_idx: idx, rad_per_unit: 1.0, home: 0.0, offset_rad: 0.0 }),
+            sensor: Some(Sensor {
+                reading_idx: idx,
+                rad_per_unit: 1.0,
+                home: 0.0,
+                offset_rad: 0.0,
+            }),
             motor: (idx < 6 && profile.actuated.has(idx)).then(|| Motor {
                 motor_idx: idx,
                 units_per_nm: 1.0,
@@ -80,7 +92,11 @@ pub fn open6(profile: &Profile) -> Open6Arm {
         sensed: profile.sensed,
         actuated: profile.actuated,
         rate_hz: u16::try_from(profile.link.rate_hz).unwrap_or(u16::MAX),
-        watchdog_ms: profile.link.device_watchdog_ms.and_then(|ms| u16::try_from(ms).ok()).unwrap_or(100),
+        watchdog_ms: profile
+            .link
+            .device_watchdog_ms
+            .and_then(|ms| u16::try_from(ms).ok())
+            .unwrap_or(100),
         force_n: profile.limits.force_n as f32,
         torque_nm: profile.limits.torque_nm as f32,
         workspace_radius_m: profile.limits.workspace_radius_m as f32,
@@ -112,14 +128,22 @@ pub fn identity(profile: &Profile, protocol: &Protocol) -> HidIdentity {
         Protocol::SpaceMouse { .. } => space_mouse_descriptor(),
         Protocol::Declarative(layout) => {
             let input = report_of(&layout.report).unwrap_or((None, OPEN6_REPORT));
-            vendor_descriptor(usage, input, layout.command.as_ref().and_then(report_of).unwrap_or(input))
+            vendor_descriptor(
+                usage,
+                input,
+                layout.command.as_ref().and_then(report_of).unwrap_or(input),
+            )
         }
         _ => vendor_descriptor(usage, (None, OPEN6_REPORT), (None, OPEN6_REPORT)),
     };
-    let (vendor_id, product_id) =
-        matching.and_then(|matching| matching.ids.first()).map_or(OPEN6_IDS, |id| (id.vendor, id.product));
-    let serial = matching.and_then(|matching| matching.serial.clone()).unwrap_or_else(|| "mock".to_owned());
-    let product = matching.and_then(|matching| matching.product.clone()).unwrap_or_else(|| profile.title.clone());
+    let (vendor_id, product_id) = matching
+        .and_then(|matching| matching.ids.first())
+        .map_or(OPEN6_IDS, |id| (id.vendor, id.product));
+    let serial =
+        matching.and_then(|matching| matching.serial.clone()).unwrap_or_else(|| "mock".to_owned());
+    let product = matching
+        .and_then(|matching| matching.product.clone())
+        .unwrap_or_else(|| profile.title.clone());
     HidIdentity { name: product, serial, vendor_id, product_id, descriptor }
 }
 
@@ -133,12 +157,16 @@ mod tests {
     use crate::profile::{self, TransportKind};
     use vps::spatial::Axes;
 
-    /// What the kernel makes of a report descriptor that begins as ours do: usage page and usage of its collection.
+    /// What the kernel makes of a report descriptor that begins as ours do: usage page and usage of
+    /// its collection.
     fn usage_of(descriptor: &[u8]) -> (u16, u16) {
-        let (mut page, mut usage, mut rest) = (0, 0, descriptor);
+        let mut page = 0;
+        let mut usage = 0;
+        let mut rest = descriptor;
         while let [item, ..] = rest {
             let n = [0, 1, 2, 4][usize::from(item & 3)];
-            let value = rest[1..=n].iter().rev().fold(0, |value, byte| value << 8 | u16::from(*byte));
+            let value =
+                rest[1..=n].iter().rev().fold(0, |value, byte| value << 8 | u16::from(*byte));
             match item & 0xFC {
                 0x04 => page = value,
                 0x08 => usage = value,
@@ -155,7 +183,11 @@ mod tests {
         let mut n_hid = 0;
         for name in profile::names() {
             let profile = profile::find(name, Path::new("")).expect(name);
-            let Some(real) = profile.real.as_ref().filter(|real| real.matching.transport == TransportKind::Hid) else { continue };
+            let Some(real) =
+                profile.real.as_ref().filter(|real| real.matching.transport == TransportKind::Hid)
+            else {
+                continue;
+            };
             let identity = identity(&profile, &real.protocol);
             let node = DeviceFile {
                 vendor_id: identity.vendor_id,
@@ -175,12 +207,20 @@ mod tests {
     fn every_shipped_profile_has_a_mock_that_moves_and_feels() {
         for name in profile::names() {
             let profile = profile::find(name, Path::new("")).expect(name);
-            let settings =
-                MockSettings { hand: Some(HandParameters::default()), hand_delay: Duration::ZERO, faults: Vec::new(), seed: 0 };
+            let settings = MockSettings {
+                hand: Some(HandParameters::default()),
+                hand_delay: Duration::ZERO,
+                faults: Vec::new(),
+                seed: 0,
+            };
             let (parameters, protocol) = parameters(&profile, settings);
-            assert_eq!(parameters.transmission.joints.iter().any(|joint| joint.motor.is_some()), profile.actuated != Axes::NONE);
+            assert_eq!(
+                parameters.transmission.joints.iter().any(|joint| joint.motor.is_some()),
+                profile.actuated != Axes::NONE
+            );
             for carriage in protocol.carriages() {
-                let mut arm = MockArm::new(parameters.clone(), protocol.firmware(*carriage)).expect(name);
+                let mut arm =
+                    MockArm::new(parameters.clone(), protocol.firmware(*carriage)).expect(name);
                 let home = arm.pose();
                 for tick in 0..20 {
                     arm.advance(f64::from(tick) * parameters.period_s);

@@ -28,13 +28,20 @@ impl Gadget {
     /// # Errors
     /// It is not there, or may not be opened.
     pub fn open(path: &Path) -> Result<Self, LinkError> {
-        let fd = open(path).map_err(|errno| LinkError::Node { what: format!("open {}", path.display()), cause: errno.into() })?;
+        let fd = open(path).map_err(|errno| LinkError::Node {
+            what: format!("open {}", path.display()),
+            cause: errno.into(),
+        })?;
         Ok(Self { path: path.to_owned(), fd: Some(fd), spoken: false, gone: false })
     }
 }
 
 fn open(path: &Path) -> Result<OwnedFd, Errno> {
-    let fd = rustix::fs::open(path, OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC, Mode::empty())?;
+    let fd = rustix::fs::open(
+        path,
+        OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC,
+        Mode::empty(),
+    )?;
     if isatty(&fd) {
         make_raw(&fd)?;
     } else if !path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("hidg")) {

@@ -6,8 +6,9 @@
 //!                     └── readings ◄── transmission ◄── inverse ◄───────┘
 //! ```
 //!
-//! It is the hardware of a hardware-in-the-loop test: it has its own clock, its own watchdog and its own faults, and it reports at the end what it
-//! felt. Nothing here is part of a real-time loop of the host.
+//! It is the hardware of a hardware-in-the-loop test: it has its own clock, its own watchdog and
+//! its own faults, and it reports at the end what it felt. Nothing here is part of a real-time loop
+//! of the host.
 //!
 //! | file | owns |
 //! |---|---|

@@ -1,7 +1,8 @@
 //! A pseudo-terminal: what a serial port is to the host.
 //!
-//! The arm has the master. The slave's name changes with every plug, so the host is given a symbolic link. While no host has spoken the arm keeps
-//! the slave open, raw, so that nothing is echoed; then it lets go of it and sees by the hang-up when the host has gone.
+//! The arm has the master. The slave's name changes with every plug, so the host is given a
+//! symbolic link. While no host has spoken the arm keeps the slave open, raw, so that nothing is
+//! echoed; then it lets go of it and sees by the hang-up when the host has gone.
 
 use core::time::Duration;
 use std::ffi::OsStr;
@@ -39,7 +40,8 @@ impl Pty {
     /// Makes the pair and the link to its slave.
     ///
     /// # Errors
-    /// The system has none to give, or `link` cannot be made; what stands there is replaced only if it is a symbolic link that leads nowhere.
+    /// The system has none to give, or `link` cannot be made; what stands there is replaced only if
+    /// it is a symbolic link that leads nowhere.
     pub fn new(link: &Path) -> Result<Self, LinkError> {
         let mut pty = Self { link: link.to_owned(), pair: None, name: PathBuf::new(), gone: false };
         pty.plug()?;
@@ -56,8 +58,13 @@ impl Pty {
             }
             fs::remove_file(&self.link).map_err(of(format!("replace {}", self.link.display())))?;
         }
-        let (pair, name) = open_pair().map_err(|errno| of("make a pseudo-terminal".to_owned())(errno.into()))?;
-        symlink(&name, &self.link).map_err(of(format!("link {} to {}", self.link.display(), name.display())))?;
+        let (pair, name) =
+            open_pair().map_err(|errno| of("make a pseudo-terminal".to_owned())(errno.into()))?;
+        symlink(&name, &self.link).map_err(of(format!(
+            "link {} to {}",
+            self.link.display(),
+            name.display()
+        )))?;
         self.pair = Some(pair);
         self.name = name;
         Ok(())
@@ -93,7 +100,8 @@ pub(super) fn make_raw(fd: impl AsFd) -> Result<(), Errno> {
 
 /// Waits for something to read, at most `timeout`.
 pub(super) fn wait_for(fd: impl AsFd, timeout: Duration) {
-    let timeout = Timespec { tv_sec: timeout.as_secs() as i64, tv_nsec: timeout.subsec_nanos().into() };
+    let timeout =
+        Timespec { tv_sec: timeout.as_secs() as i64, tv_nsec: timeout.subsec_nanos().into() };
     // A signal ends it early, which is allowed.
     let _ = poll(&mut [PollFd::new(&fd, PollFlags::IN)], Some(&timeout));
 }
@@ -116,7 +124,8 @@ impl ArmLink for Pty {
                 n
             }
             Err(Errno::AGAIN | Errno::INTR) => 0,
-            // The last of the hosts has closed it. Its settings and its lock go with the pair; the next one finds a new one.
+            // The last of the hosts has closed it. Its settings and its lock go with the pair; the
+            // next one finds a new one.
             Err(_) => {
                 self.gone = true;
                 self.pull();

@@ -88,7 +88,8 @@ pub fn serve(
             }
         }
         while now_ns >= deadline_ns {
-            // Its own lateness is made up for, so that the plant keeps the machine's time; it is counted, so that it is not mistaken for the host's.
+            // Its own lateness is made up for, so that the plant keeps the machine's time; it is
+            // counted, so that it is not mistaken for the host's.
             if now_ns - deadline_ns > period_ns / 2 {
                 arm.late();
             }

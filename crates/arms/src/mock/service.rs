@@ -1,4 +1,5 @@
-//! A WebSocket server: what the Inverse service is to its clients. Each client has a thread; the arm answers one after the other.
+//! A WebSocket server: what the Inverse service is to its clients. Each client has a thread; the
+//! arm answers one after the other.
 
 use core::time::Duration;
 use std::collections::VecDeque;
@@ -60,8 +61,12 @@ pub struct ServiceServer {
 /// # Errors
 /// Another profile, or a version that is none.
 pub fn firmware(protocol: &Protocol, version: &str) -> Result<Box<dyn Firmware>, &'static str> {
-    let Protocol::HaplyService(wanted) = protocol else { return Err("only arms behind the Inverse service have --service") };
-    let version = version.parse().map_err(|()| "--service-version is major, minor and patch, such as 3.5.0")?;
+    let Protocol::HaplyService(wanted) = protocol else {
+        return Err("only arms behind the Inverse service have --service");
+    };
+    let version = version
+        .parse()
+        .map_err(|()| "--service-version is major, minor and patch, such as 3.5.0")?;
     Ok(served(wanted, version))
 }
 
@@ -94,10 +99,13 @@ impl ServiceServer {
 
     /// Lets clients in that wait at the port.
     fn accept(&mut self) {
-        while let Some((socket, _)) = self.listener.as_ref().and_then(|listener| listener.accept().ok()) {
+        while let Some((socket, _)) =
+            self.listener.as_ref().and_then(|listener| listener.accept().ok())
+        {
             let Ok(kept) = socket.try_clone() else { continue };
             self.sockets.push(kept);
-            let (version, said) = (self.version.clone(), self.to_said.clone());
+            let version = self.version.clone();
+            let said = self.to_said.clone();
             std::thread::spawn(move || {
                 // A client that does not speak HTTP has gone already.
                 let _ = talk(socket, &version, &said);
@@ -127,7 +135,8 @@ fn talk(socket: TcpStream, version: &str, said: &Sender<Said>) -> io::Result<()>
         }
         std::thread::sleep(Duration::from_millis(1));
     };
-    let is_upgrade = String::from_utf8_lossy(&head[..n]).to_ascii_lowercase().contains("upgrade: websocket");
+    let is_upgrade =
+        String::from_utf8_lossy(&head[..n]).to_ascii_lowercase().contains("upgrade: websocket");
     if !is_upgrade {
         return answer_http(socket, version);
     }
@@ -137,7 +146,8 @@ fn talk(socket: TcpStream, version: &str, said: &Sender<Said>) -> io::Result<()>
     reader.get_ref().set_read_timeout(None)?;
     let writer = WebSocket::from_raw_socket(writer, tungstenite::protocol::Role::Server, None);
     let client = Arc::new(Client { writer: Mutex::new(writer) });
-    let tell = |what| said.send((client.clone(), what)).map_err(|_| other("the arm has ended".to_owned()));
+    let tell =
+        |what| said.send((client.clone(), what)).map_err(|_| other("the arm has ended".to_owned()));
     tell(Some(HELLO.to_vec()))?;
     loop {
         match reader.read() {
@@ -161,7 +171,10 @@ fn answer_http(socket: TcpStream, version: &str) -> io::Result<()> {
                 "project_name": "haply-inverse-service", "project_version": version,
             }),
         ),
-        _ => ("404 Not Found", serde_json::json!({ "ok": false, "error": format!("this mock has no {path}") })),
+        _ => (
+            "404 Not Found",
+            serde_json::json!({ "ok": false, "error": format!("this mock has no {path}") }),
+        ),
     };
     // The rest of the request has to be read, or the answer is lost with it.
     while request.read_line(&mut line)? > 2 {}
@@ -169,7 +182,8 @@ fn answer_http(socket: TcpStream, version: &str) -> io::Result<()> {
     let mut socket = socket;
     write!(
         &mut socket,
-        "HTTP/1.1 {status}\r\nContent-Type: application/json\r\nContent-Length: {}\r\nConnection: close\r\n\r\n{body}",
+        "HTTP/1.1 {status}\r\nContent-Type: application/json\r\nContent-Length: {}\r\nConnection: \
+            close\r\n\r\n{body}",
         body.len()
     )?;
     socket.shutdown(std::net::Shutdown::Both)
@@ -193,7 +207,8 @@ impl ArmLink for ServiceServer {
                 self.gone = true;
                 continue;
             };
-            // A message that does not fit asks for nothing that an arm knows, and is answered all the same.
+            // A message that does not fit asks for nothing that an arm knows, and is answered all
+            // the same.
             let text = if text.len() <= buffer.len() { text.as_slice() } else { b"{}" };
             let n = text.len().min(buffer.len());
             buffer[..n].copy_from_slice(&text[..n]);
@@ -224,8 +239,10 @@ impl ArmLink for ServiceServer {
             listener.set_nonblocking(true)?;
             Ok((listener.local_addr()?, listener))
         };
-        let (address, listener) =
-            listen(self.address).map_err(|cause| LinkError::Node { what: format!("listen at {}", self.address), cause })?;
+        let (address, listener) = listen(self.address).map_err(|cause| LinkError::Node {
+            what: format!("listen at {}", self.address),
+            cause,
+        })?;
         (self.address, self.listener) = (address, Some(listener));
         Ok(())
     }

@@ -44,7 +44,8 @@ pub struct NamedWrench {
 
 impl From<Wrench> for NamedWrench {
     fn from(wrench: Wrench) -> Self {
-        let ([fx_n, fy_n, fz_n], [tx_nm, ty_nm, tz_nm]) = (wrench.force.to_array(), wrench.torque.to_array());
+        let ([fx_n, fy_n, fz_n], [tx_nm, ty_nm, tz_nm]) =
+            (wrench.force.to_array(), wrench.torque.to_array());
         Self { fx_n, fy_n, fz_n, tx_nm, ty_nm, tz_nm }
     }
 }
@@ -114,8 +115,15 @@ impl Tally {
     }
 
     /// One period with what the motors did in it.
-    pub(super) fn period(&mut self, felt: &Wrench, plans: &[(String, FaultPlan)], now_s: f64, period_s: f64) {
-        let (force_n, torque_nm) = (felt.force.length(), felt.torque.length());
+    pub(super) fn period(
+        &mut self,
+        felt: &Wrench,
+        plans: &[(String, FaultPlan)],
+        now_s: f64,
+        period_s: f64,
+    ) {
+        let force_n = felt.force.length();
+        let torque_nm = felt.torque.length();
         let report = &mut self.report;
         report.largest_force_n = report.largest_force_n.max(force_n);
         report.largest_torque_nm = report.largest_torque_nm.max(torque_nm);
@@ -140,7 +148,9 @@ impl Tally {
             fault.largest_torque_nm = fault.largest_torque_nm.max(torque_nm);
             match (fault.zero_after_ticks, is_none(force_n, torque_nm)) {
                 (None, true) => fault.zero_after_ticks = Some(ticks),
-                (Some(_), false) if fault.force_again_after_ticks.is_none() => fault.force_again_after_ticks = Some(ticks),
+                (Some(_), false) if fault.force_again_after_ticks.is_none() => {
+                    fault.force_again_after_ticks = Some(ticks)
+                }
                 _ => {}
             }
         }

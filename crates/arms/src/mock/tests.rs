@@ -58,21 +58,36 @@ impl Firmware for Plain {
 }
 
 fn command(force: DVec3) -> Vec<u8> {
-    [force.x, force.y, force.z, 0.0, 0.0, 0.0].iter().flat_map(|number| (*number as f32).to_le_bytes()).collect()
+    [force.x, force.y, force.z, 0.0, 0.0, 0.0]
+        .iter()
+        .flat_map(|number| (*number as f32).to_le_bytes())
+        .collect()
 }
 
 fn cartesian() -> Transmission {
     Transmission {
         joints: core::array::from_fn(|idx| Joint {
-            sensor: Some(Sensor { reading_idx: idx, rad_per_unit: 1.0, home: 0.0, offset_rad: 0.0 }),
-            motor: (idx < 6).then_some(Motor { motor_idx: idx, units_per_nm: 1.0, limit_units: 100.0 }),
+            sensor: Some(Sensor {
+                reading_idx: idx,
+                rad_per_unit: 1.0,
+                home: 0.0,
+                offset_rad: 0.0,
+            }),
+            motor: (idx < 6).then_some(Motor {
+                motor_idx: idx,
+                units_per_nm: 1.0,
+                limit_units: 100.0,
+            }),
         }),
     }
 }
 
 fn hand() -> HandParameters {
     let goal = Pose::new(DQuat::from_rotation_z(0.2), DVec3::new(0.01, -0.02, 0.005));
-    HandParameters { path: Some(GripPath::in_device_frame(HandPath::fixed(goal))), ..HandParameters::default() }
+    HandParameters {
+        path: Some(GripPath::in_device_frame(HandPath::fixed(goal))),
+        ..HandParameters::default()
+    }
 }
 
 fn parameters(faults: &[&str]) -> MockParameters {
@@ -88,7 +103,10 @@ fn parameters(faults: &[&str]) -> MockParameters {
         hand_delay_s: 0.0,
         period_s: T,
         limits: (100.0, 10.0),
-        faults: faults.iter().map(|text| ((*text).to_owned(), fault::parse(text).expect("grammar"))).collect(),
+        faults: faults
+            .iter()
+            .map(|text| ((*text).to_owned(), fault::parse(text).expect("grammar")))
+            .collect(),
         seed: 1,
     }
 }
@@ -100,7 +118,8 @@ fn mock(faults: &[&str]) -> MockArm {
 #[test]
 fn it_moves_as_the_arm_in_the_process_does() {
     let mut mock = mock(&[]);
-    let mut sim = SimArm::new(SimParameters { hand: Some(hand()), ..SimParameters::ideal(T) }).expect("valid");
+    let mut sim = SimArm::new(SimParameters { hand: Some(hand()), ..SimParameters::ideal(T) })
+        .expect("valid");
     sim.read().expect("rest");
     let force = DVec3::new(1.5, 0.25, -0.5);
     mock.receive(&command(force), 0.0);
@@ -114,12 +133,20 @@ fn it_moves_as_the_arm_in_the_process_does() {
     assert!(mock.pose().rotation_to(sim.true_pose()).length() < 1e-7);
     assert!(mock.pose().translation.length() > 0.01);
     let report = mock.report();
-    assert_eq!((report.periods, report.frames_received, report.bytes_received), (500, 501, 501 * 24));
+    assert_eq!(
+        (report.periods, report.frames_received, report.bytes_received),
+        (500, 501, 501 * 24)
+    );
     assert!((report.largest_force_n - force.length()).abs() < 1e-6 && report.watchdog_trips == 0);
 }
 
 fn capstan() -> (Kinematics, Transmission) {
-    let arm = Capstan { length_m: [0.080, 0.205, 0.245], origin_m: DVec3::new(0.220, 0.0, 0.080), gimbal: None, links: None };
+    let arm = Capstan {
+        length_m: [0.080, 0.205, 0.245],
+        origin_m: DVec3::new(0.220, 0.0, 0.080),
+        gimbal: None,
+        links: None,
+    };
     let joint = |idx: usize, ratio: f64, sign: f64, offset| Joint {
         sensor: Some(Sensor::encoder(idx, 2000.0, ratio, -1.0, 0.0, offset)),
         motor: Some(Motor::current(idx, ratio, 0.0259, 1.0, sign, 2000.0)),
@@ -142,7 +169,8 @@ fn encoders_and_motors_of_a_linkage_say_the_same_as_the_host_computes() {
     let solved = kinematics.solve(&joints, &Configuration::default()).expect("in reach");
     assert!((solved.native_from_grip.translation - place).length() < 1e-9);
     let force = DVec3::new(0.5, -1.0, 0.75);
-    let (motors, scale) = transmission.commands(&solved.torques(&Wrench::new(force, DVec3::ZERO)), &[0.0; MAX_AXES]);
+    let (motors, scale) =
+        transmission.commands(&solved.torques(&Wrench::new(force, DVec3::ZERO)), &[0.0; MAX_AXES]);
     assert!((scale - 1.0).abs() < 1e-12);
     let felt = linkage.wrench(&motors, 0.0);
     assert!((felt.force - force).length() < 1e-6 && felt.torque.length() < 1e-9, "{felt:?}");
@@ -150,7 +178,9 @@ fn encoders_and_motors_of_a_linkage_say_the_same_as_the_host_computes() {
     // Out of reach it stays.
     let before = linkage.readings().readings;
     linkage.follow(Pose::from_translation(DVec3::splat(2.0)), vps::spatial::Twist::ZERO, T);
-    assert!(linkage.readings().readings.iter().zip(before).all(|(now, then)| (now - then).abs() < 1e-9));
+    assert!(
+        linkage.readings().readings.iter().zip(before).all(|(now, then)| (now - then).abs() < 1e-9)
+    );
 }
 
 /// A host that pushes with 2 N and stops at once when a reply is missing or odd. Gives the replies.
@@ -166,7 +196,9 @@ fn converse(arm: &mut MockArm, ticks: u32, stops: bool) -> Vec<Vec<u8>> {
             arm.sent(true);
             replies.push(frame);
         }
-        if stops && (replies.len() == before || replies.last().is_some_and(|frame| frame.len() != 24)) {
+        if stops
+            && (replies.len() == before || replies.last().is_some_and(|frame| frame.len() != 24))
+        {
             pushing = false;
         }
     }
@@ -319,7 +351,8 @@ fn it_serves_a_host_over_a_pty_until_that_has_gone() {
         replies
     });
     let mut arm = mock(&[]);
-    let serving = Serving { period_s: T, duration: Some(Duration::from_secs(20)), until_host_gone: true };
+    let serving =
+        Serving { period_s: T, duration: Some(Duration::from_secs(20)), until_host_gone: true };
     let ended = serve(&mut arm, &mut pty, serving, None, || false).expect("served");
     assert_eq!(ended, ServeEnd::HostGone);
     let replies = host.join().expect("no panic");
@@ -334,8 +367,12 @@ fn a_plug_that_is_pulled_in_memory_is_out() {
     let mut link = Loopback(end);
     let mut arm = mock(&["unplug@20ms"]);
     host.send(&command(DVec3::X)).expect("open");
-    let serving = Serving { period_s: T, duration: Some(Duration::from_millis(60)), until_host_gone: false };
-    assert_eq!(serve(&mut arm, &mut link, serving, None, || false).expect("served"), ServeEnd::Duration);
+    let serving =
+        Serving { period_s: T, duration: Some(Duration::from_millis(60)), until_host_gone: false };
+    assert_eq!(
+        serve(&mut arm, &mut link, serving, None, || false).expect("served"),
+        ServeEnd::Duration
+    );
     assert!(host.send(&command(DVec3::X)).is_err());
     assert_eq!(arm.report().watchdog_trips, 1);
 }
@@ -354,20 +391,31 @@ fn a_deaf_arm_leaves_what_it_is_told_in_the_tty_and_hears_it_when_it_wakes() {
             link.send(&command(DVec3::X)).expect("sent");
             std::thread::sleep(Duration::from_millis(10));
         }
-        // It is deaf now, and whatever the machine does it is still deaf when these are written, or gets them awake.
+        // It is deaf now, and whatever the machine does it is still deaf when these are written, or
+        // gets them awake.
         std::thread::sleep(Duration::from_millis(150));
         link.send(&command(DVec3::X * 3.0)).expect("the link is up");
         std::thread::sleep(Duration::from_millis(400));
         drop(link);
     });
-    let serving = Serving { period_s: T, duration: Some(Duration::from_secs(20)), until_host_gone: true };
-    assert_eq!(serve(&mut arm, &mut pty, serving, Some(&mut trace), || false).expect("served"), ServeEnd::HostGone);
+    let serving =
+        Serving { period_s: T, duration: Some(Duration::from_secs(20)), until_host_gone: true };
+    assert_eq!(
+        serve(&mut arm, &mut pty, serving, Some(&mut trace), || false).expect("served"),
+        ServeEnd::HostGone
+    );
     host.join().expect("no panic");
     let report = arm.report();
-    assert!((report.largest_force_n - 3.0).abs() < 1e-6, "what was written meanwhile is read at last: {report:?}");
+    assert!(
+        (report.largest_force_n - 3.0).abs() < 1e-6,
+        "what was written meanwhile is read at last: {report:?}"
+    );
     let text = fs::read_to_string(&traced).expect("text");
-    let rows: Vec<Vec<f64>> =
-        text.lines().skip(1).map(|line| line.split(',').map(|cell| cell.parse().expect("a number")).collect()).collect();
+    let rows: Vec<Vec<f64>> = text
+        .lines()
+        .skip(1)
+        .map(|line| line.split(',').map(|cell| cell.parse().expect("a number")).collect())
+        .collect();
     let heard = rows.iter().find(|row| (row[1] - 3.0).abs() < 1e-3).expect("in the trace");
     let deaf = rows.iter().find(|row| row[5] > 0.0).expect("in the trace");
     assert!(heard[5] == 0.0 && heard[0] - deaf[0] > 0.25e9, "only when it is awake: {text}");

@@ -1,7 +1,8 @@
-//! What the motors of a mock arm do, written down while they do it: for programs that take the time from what they did to zero force.
+//! What the motors of a mock arm do, written down while they do it: for programs that take the time
+//! from what they did to zero force.
 //!
-//! CSV with a header, one line per period in which something but the counts changed, and one after `QUIET` periods without. `t_ns` is
-//! `CLOCK_MONOTONIC` at the end of the period.
+//! CSV with a header, one line per period in which something but the counts changed, and one after
+//! `QUIET` periods without. `t_ns` is `CLOCK_MONOTONIC` at the end of the period.
 
 use std::fs::File;
 use std::io::{self, Write};
@@ -65,7 +66,9 @@ impl TraceFile {
         let line = format!("{now_ns},{force_n:.4},{torque_nm:.5},{frames},{late},{wrong}\n");
         self.left -= 1;
         self.ended = match self.file.write_all(line.as_bytes()) {
-            Ok(()) if self.left == 0 => Some(io::Error::other(format!("it has {MOST_LINES} lines, and no more are written"))),
+            Ok(()) if self.left == 0 => Some(io::Error::other(format!(
+                "it has {MOST_LINES} lines, and no more are written"
+            ))),
             written => written.err(),
         };
     }
@@ -119,10 +122,15 @@ mod tests {
         let path = folder.path().join("trace.csv");
         let mut trace = TraceFile { left: 2, ..TraceFile::create(&path).expect("made") };
         for n in 0..5 {
-            trace.note(n, &TraceSample { force_n: n as f64, torque_nm: 0.0, frames: 1, late: 0, wrong: 0 });
+            trace.note(
+                n,
+                &TraceSample { force_n: n as f64, torque_nm: 0.0, frames: 1, late: 0, wrong: 0 },
+            );
         }
         assert_eq!(std::fs::read_to_string(&path).expect("text").lines().count(), 3);
-        assert!(trace.ended().is_some_and(|error| error.to_string().contains("no more are written")));
+        assert!(
+            trace.ended().is_some_and(|error| error.to_string().contains("no more are written"))
+        );
         // A disk that is full ends it as well.
         assert!(TraceFile::create(Path::new("/dev/full")).is_err());
     }

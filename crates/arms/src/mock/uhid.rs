@@ -1,7 +1,7 @@
 //! A HID device that the kernel makes from `/dev/uhid`; the host finds a hidraw node.
 //!
-//! Events are laid out by hand: a 32-bit type, then what belongs to it, packed, in the byte order of the machine. Source: the kernel's user-space API
-//! of uhid.
+//! Events are laid out by hand: a 32-bit type, then what belongs to it, packed, in the byte order
+//! of the machine. Source: the kernel's user-space API of uhid.
 
 use core::time::Duration;
 use std::fs::File;
@@ -46,10 +46,15 @@ pub struct HidIdentity {
     pub descriptor: Vec<u8>,
 }
 
-/// Report descriptor of vendor-defined reports: usage page and usage; the ID, where reports are numbered, and the bytes beside it, arm to host and host
-/// to arm.
-pub(super) fn vendor_descriptor(usage: (u16, u16), input: (Option<u8>, usize), output: (Option<u8>, usize)) -> Vec<u8> {
-    let ([page_low, page_high], [usage_low, usage_high]) = (usage.0.to_le_bytes(), usage.1.to_le_bytes());
+/// Report descriptor of vendor-defined reports: usage page and usage; the ID, where reports are
+/// numbered, and the bytes beside it, arm to host and host to arm.
+pub(super) fn vendor_descriptor(
+    usage: (u16, u16),
+    input: (Option<u8>, usize),
+    output: (Option<u8>, usize),
+) -> Vec<u8> {
+    let ([page_low, page_high], [usage_low, usage_high]) =
+        (usage.0.to_le_bytes(), usage.1.to_le_bytes());
     let mut bytes = vec![0x06, page_low, page_high, 0x0A, usage_low, usage_high];
     bytes.extend([0xA1, 0x01, 0x75, 0x08, 0x15, 0x00, 0x26, 0xFF, 0x00]);
     for ((id, n), usage, main) in [(input, 1, 0x81), (output, 2, 0x91)] {
@@ -64,12 +69,19 @@ pub(super) fn vendor_descriptor(usage: (u16, u16), input: (Option<u8>, usize), o
 
 /// Report descriptor of a SpaceMouse whose translation and rotation come in one report.
 pub(super) fn space_mouse_descriptor() -> Vec<u8> {
-    let mut bytes =
-        vec![0x05, 0x01, 0x09, 0x08, 0xA1, 0x01, 0x85, 0x01, 0x16, 0xA2, 0xFE, 0x26, 0x5E, 0x01, 0x75, 0x10, 0x95, 0x06];
+    let mut bytes = vec![
+        0x05, 0x01, 0x09, 0x08, 0xA1, 0x01, 0x85, 0x01, 0x16, 0xA2, 0xFE, 0x26, 0x5E, 0x01, 0x75,
+        0x10, 0x95, 0x06,
+    ];
     bytes.extend((0x30..=0x35).flat_map(|usage| [0x09, usage]));
     bytes.extend([0x81, 0x02]);
-    bytes.extend([0x85, 0x03, 0x05, 0x09, 0x19, 0x01, 0x29, 0x10, 0x15, 0x00, 0x25, 0x01, 0x75, 0x01, 0x95, 0x10, 0x81, 0x02]);
-    bytes.extend([0x85, 0x04, 0x05, 0x08, 0x09, 0x4B, 0x95, 0x01, 0x91, 0x02, 0x75, 0x07, 0x91, 0x03, 0xC0]);
+    bytes.extend([
+        0x85, 0x03, 0x05, 0x09, 0x19, 0x01, 0x29, 0x10, 0x15, 0x00, 0x25, 0x01, 0x75, 0x01, 0x95,
+        0x10, 0x81, 0x02,
+    ]);
+    bytes.extend([
+        0x85, 0x04, 0x05, 0x08, 0x09, 0x4B, 0x95, 0x01, 0x91, 0x02, 0x75, 0x07, 0x91, 0x03, 0xC0,
+    ]);
     bytes
 }
 
@@ -92,9 +104,22 @@ impl Uhid {
     }
 
     fn open(identity: HidIdentity, path: &Path) -> Result<Self, LinkError> {
-        let fd: OwnedFd = rustix::fs::open(path, OFlags::RDWR | OFlags::NONBLOCK | OFlags::CLOEXEC, Mode::empty())
-            .map_err(|errno| LinkError::Node { what: format!("open {}", path.display()), cause: errno.into() })?;
-        let mut uhid = Self { identity, file: File::from(fd), event: Box::new([0; EVENT_BYTES]), plugged: false, gone: false };
+        let fd: OwnedFd = rustix::fs::open(
+            path,
+            OFlags::RDWR | OFlags::NONBLOCK | OFlags::CLOEXEC,
+            Mode::empty(),
+        )
+        .map_err(|errno| LinkError::Node {
+            what: format!("open {}", path.display()),
+            cause: errno.into(),
+        })?;
+        let mut uhid = Self {
+            identity,
+            file: File::from(fd),
+            event: Box::new([0; EVENT_BYTES]),
+            plugged: false,
+            gone: false,
+        };
         uhid.replug()?;
         Ok(uhid)
     }
@@ -118,7 +143,9 @@ impl Uhid {
 /// The event that makes a device.
 fn create_event(identity: &HidIdentity) -> Vec<u8> {
     let mut bytes = CREATE2.to_ne_bytes().to_vec();
-    for (text, room) in [(identity.name.as_str(), 128), ("hapticd-mock", 64), (identity.serial.as_str(), 64)] {
+    for (text, room) in
+        [(identity.name.as_str(), 128), ("hapticd-mock", 64), (identity.serial.as_str(), 64)]
+    {
         let end = bytes.len() + room;
         // The last byte stays zero.
         bytes.extend(text.bytes().take(room - 1));
@@ -192,9 +219,10 @@ impl ArmLink for Uhid {
     fn replug(&mut self) -> Result<(), LinkError> {
         if !self.plugged {
             let event = create_event(&self.identity);
-            self.file
-                .write_all(&event)
-                .map_err(|cause| LinkError::Node { what: "make a HID device through /dev/uhid".to_owned(), cause })?;
+            self.file.write_all(&event).map_err(|cause| LinkError::Node {
+                what: "make a HID device through /dev/uhid".to_owned(),
+                cause,
+            })?;
             self.plugged = true;
         }
         Ok(())
@@ -215,13 +243,15 @@ mod tests {
 
     #[test]
     fn descriptors_are_those_of_the_devices() {
-        let vendor = "06 AB FF 0A 00 02 A1 01 75 08 15 00 26 FF 00 95 40 09 01 81 02 95 40 09 02 91 02 C0";
+        let vendor =
+            "06 AB FF 0A 00 02 A1 01 75 08 15 00 26 FF 00 95 40 09 01 81 02 95 40 09 02 91 02 C0";
         assert_eq!(vendor_descriptor((0xFFAB, 0x0200), (None, 64), (None, 64)), hex(vendor));
         let numbered = vendor_descriptor((0xFF6F, 0x36), (Some(3), 8), (Some(4), 2));
         assert_eq!(numbered[..6], hex("06 6F FF 0A 36 00"));
         assert_eq!(numbered[15..], hex("85 03 95 08 09 01 81 02 85 04 95 02 09 02 91 02 C0"));
-        let combined = "05 01 09 08 A1 01 85 01 16 A2 FE 26 5E 01 75 10 95 06 09 30 09 31 09 32 09 33 09 34 09 35 81 02 85 03 05 09 19 01 \
-             29 10 15 00 25 01 75 01 95 10 81 02 85 04 05 08 09 4B 95 01 91 02 75 07 91 03 C0";
+        let combined = "05 01 09 08 A1 01 85 01 16 A2 FE 26 5E 01 75 10 95 06 09 30 09 31 09 32 09 \
+            33 09 34 09 35 81 02 85 03 05 09 19 01 29 10 15 00 25 01 75 01 95 10 81 02 85 04 05 08 \
+            09 4B 95 01 91 02 75 07 91 03 C0";
         assert_eq!(space_mouse_descriptor(), hex(combined));
     }
 

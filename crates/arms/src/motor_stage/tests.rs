@@ -32,8 +32,17 @@ impl Arm {
         let home = real.kinematics.home();
         let joints = if round == 0 { home } else { real.kinematics.around(&home, round) };
         let configuration = real.kinematics.solve(&joints, &Configuration::default())?;
-        let (rates, twist) = ([0.0; MAX_AXES], Twist::ZERO);
-        Some(Self { parameters, configuration, joints, rates, twist, stage: MotorStage::default(), sent: MotorCommand::ZERO })
+        let rates = [0.0; MAX_AXES];
+        let twist = Twist::ZERO;
+        Some(Self {
+            parameters,
+            configuration,
+            joints,
+            rates,
+            twist,
+            stage: MotorStage::default(),
+            sent: MotorCommand::ZERO,
+        })
     }
 
     fn of(name: &str, is_verified: bool) -> Self {
@@ -49,7 +58,8 @@ impl Arm {
     fn write(&mut self, wrench: Wrench, enabled: bool) -> MotorWrenches {
         let Self { parameters, configuration, joints, rates, twist, stage, sent } = self;
         let motion = Motion { configuration, joints, rates, twist: *twist };
-        let (command, made) = stage.command(parameters, &motion, &wrench, enabled, sent.moves_nothing());
+        let (command, made) =
+            stage.command(parameters, &motion, &wrench, enabled, sent.moves_nothing());
         stage.went_out();
         *sent = command;
         assert_eq!(command.is_enabled(), enabled && wrench.is_finite());
@@ -61,9 +71,12 @@ impl Arm {
     }
 
     fn pushes(&self) -> [Wrench; MAX_AXES] {
-        let WiredParameters { transmission, device_from_native, capabilities, .. } = &self.parameters;
+        let WiredParameters { transmission, device_from_native, capabilities, .. } =
+            &self.parameters;
         let has_motor = |idx: usize| transmission.joints[idx].motor.is_some();
-        self.configuration.pushes(has_motor, *device_from_native, capabilities.actuated).expect("finite")
+        self.configuration
+            .pushes(has_motor, *device_from_native, capabilities.actuated)
+            .expect("finite")
     }
 
     /// What the motors make when these of them push the wrong way.
@@ -77,7 +90,10 @@ impl Arm {
 }
 
 fn real_arms() -> Vec<Profile> {
-    profile::names().map(|name| profile::find(name, Path::new("")).expect(name)).filter(|profile| profile.real.is_some()).collect()
+    profile::names()
+        .map(|name| profile::find(name, Path::new("")).expect(name))
+        .filter(|profile| profile.real.is_some())
+        .collect()
 }
 
 #[test]
@@ -95,9 +111,16 @@ fn no_choice_of_wrong_signs_makes_more_than_the_cap() {
             arm.rates = core::array::from_fn(|idx| 0.3 - 0.1 * idx as f64);
             arm.write(wrench, true);
             let made = |wrong| lengths(arm.made_with(wrong));
-            let worst = (0..1 << MAX_AXES).map(made).fold([0.0_f64; 2], |worst, [n, nm]| [worst[0].max(n), worst[1].max(nm)]);
-            let [within_n, within_nm] = [cap.force_n, cap.torque_nm].map(|limit| limit * (1.0 + 1e-9));
-            assert!(worst[0] <= within_n && worst[1] <= within_nm, "{}, pose {round}: {worst:?}", profile.name);
+            let worst = (0..1 << MAX_AXES)
+                .map(made)
+                .fold([0.0_f64; 2], |worst, [n, nm]| [worst[0].max(n), worst[1].max(nm)]);
+            let [within_n, within_nm] =
+                [cap.force_n, cap.torque_nm].map(|limit| limit * (1.0 + 1e-9));
+            assert!(
+                worst[0] <= within_n && worst[1] <= within_nm,
+                "{}, pose {round}: {worst:?}",
+                profile.name
+            );
             n_at_cap += u32::from(worst[0] > 0.99 * cap.force_n && cap.force_n > 0.0);
         }
     }
@@ -135,7 +158,10 @@ fn what_is_no_number_and_force_that_is_off_move_nothing() {
             assert!(!arm.sent.moves_nothing(), "{name}");
         };
         let rests = |arm: &Arm, made: MotorWrenches| {
-            assert!(arm.sent.moves_nothing() && made == MotorWrenches::default(), "{name}: {made:?}")
+            assert!(
+                arm.sent.moves_nothing() && made == MotorWrenches::default(),
+                "{name}: {made:?}"
+            )
         };
         for odd in [f64::NAN, f64::INFINITY] {
             is_driven(&mut arm);
@@ -163,14 +189,22 @@ fn the_sum_of_all_changes_by_a_tenth_of_the_limit_in_a_ms() {
     for name in ["polhem-2022", "leader-arm-6", "open6-serial"] {
         for is_verified in [true, false] {
             let mut arm = Arm::of(name, is_verified);
-            let limit_n = if is_verified { arm.parameters.limits.force_n } else { arm.parameters.unverified_limits.force_n };
+            let limit_n = if is_verified {
+                arm.parameters.limits.force_n
+            } else {
+                arm.parameters.unverified_limits.force_n
+            };
             let mut before = Wrench::ZERO;
             for n in 0..600 {
-                let MotorWrenches { command, beside } = arm.tick(DVec3::Y * if n / 100 % 2 == 0 { 1e3 } else { -1e3 });
+                let MotorWrenches { command, beside } =
+                    arm.tick(DVec3::Y * if n / 100 % 2 == 0 { 1e3 } else { -1e3 });
                 let made = command + beside;
                 let step_n = (made.force - before.force).length();
                 assert!(step_n <= 0.1 * limit_n * (1.0 + 1e-6), "{name}, tick {n}: {step_n} N");
-                assert!(made.force.length() <= limit_n * (1.0 + 1e-9), "{name}, tick {n}: {made:?}");
+                assert!(
+                    made.force.length() <= limit_n * (1.0 + 1e-9),
+                    "{name}, tick {n}: {made:?}"
+                );
                 before = made;
             }
             // A zero does not wait: nothing of the command is left, whatever it was.
@@ -185,10 +219,18 @@ fn the_sum_of_all_changes_by_a_tenth_of_the_limit_in_a_ms() {
 fn a_command_that_was_kept_back_may_go_as_far_as_those_that_it_stands_for() {
     let mut arm = Arm::of("open6-serial", true);
     let step_n = 0.1 * arm.parameters.limits.force_n;
-    let motion = Motion { configuration: &arm.configuration, joints: &arm.joints, rates: &arm.rates, twist: Twist::ZERO };
+    let motion = Motion {
+        configuration: &arm.configuration,
+        joints: &arm.joints,
+        rates: &arm.rates,
+        twist: Twist::ZERO,
+    };
     let wrench = Wrench::new(DVec3::X * 100.0, DVec3::ZERO);
     let mut of = |n: u32| {
-        let made = (0..n).map(|_| arm.stage.command(&arm.parameters, &motion, &wrench, true, true).1).last().expect("ticks");
+        let made = (0..n)
+            .map(|_| arm.stage.command(&arm.parameters, &motion, &wrench, true, true).1)
+            .last()
+            .expect("ticks");
         arm.stage.since_s = 0.0;
         made.command.force.x / step_n
     };
@@ -226,7 +268,10 @@ fn compensation_waits_for_verified_signs_rises_and_goes_at_once() {
     assert_eq!(arm.settled(DVec3::ZERO).beside, Wrench::ZERO);
     let mut arm = Arm::of("polhem-2022", true);
     let rise: Vec<f64> = (0..150).map(|_| arm.tick(DVec3::ZERO).beside.force.length()).collect();
-    assert!((rise[49] / rise[149] - 0.5).abs() < 1e-9 && (rise[99] - rise[149]).abs() < 1e-12, "{rise:?}");
+    assert!(
+        (rise[49] / rise[149] - 0.5).abs() < 1e-9 && (rise[99] - rise[149]).abs() < 1e-12,
+        "{rise:?}"
+    );
     assert!((rise[149] - 1.149).abs() < 1e-3, "{} N hold the links at home", rise[149]);
     assert_eq!(arm.write(Wrench::ZERO, false), MotorWrenches::default());
     assert!(arm.sent.moves_nothing());

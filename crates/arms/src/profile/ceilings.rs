@@ -1,7 +1,8 @@
-//! The largest values that a profile may declare. What the loop holds back follows from them, so no number may be so large that nothing is held back;
-//! each is well above every arm that is known.
+//! The largest values that a profile may declare. What the loop holds back follows from them, so no
+//! number may be so large that nothing is held back; each is well above every arm that is known.
 
-/// Force at the grip, N. Below the 140 N with which ISO/TS 15066 lets a robot press on a hand for long.
+/// Force at the grip, N. Below the 140 N with which ISO/TS 15066 lets a robot press on a hand for
+/// long.
 pub const FORCE_N: f64 = 100.0;
 /// Torque at the grip, N·m.
 pub const TORQUE_NM: f64 = 10.0;
@@ -9,7 +10,8 @@ pub const TORQUE_NM: f64 = 10.0;
 pub(super) const STIFFNESS_N_PER_M: f64 = 1e5;
 /// The same in rotation, N·m/rad.
 pub(super) const STIFFNESS_NM_PER_RAD: f64 = 100.0;
-/// Viscosity, rendered or the arm's own, N·s/m: the force limit at 0.1 m/s. The stability bound grows with it.
+/// Viscosity, rendered or the arm's own, N·s/m: the force limit at 0.1 m/s. The stability bound
+/// grows with it.
 pub(super) const DAMPING_N_S_PER_M: f64 = 1000.0;
 /// The same in rotation, N·m·s/rad.
 pub(super) const DAMPING_NM_S_PER_RAD: f64 = 10.0;
@@ -19,7 +21,8 @@ pub(super) const WORKSPACE_RADIUS_M: f64 = 5.0;
 pub(super) const MASS_KG: f64 = 100.0;
 /// Apparent inertia at the grip, kg·m².
 pub(super) const INERTIA_KG_M2: f64 = 10.0;
-/// Step of a measured position, mm: a pose that repeats is only suspicious where it should have moved by several.
+/// Step of a measured position, mm: a pose that repeats is only suspicious where it should have
+/// moved by several.
 pub(super) const ENCODER_STEP_MM: f64 = 10.0;
 /// Step of a measured angle, rad.
 pub(super) const ENCODER_STEP_RAD: f64 = 0.1;

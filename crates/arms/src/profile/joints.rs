@@ -8,8 +8,8 @@ use super::written::{Geometry, Joint as WrittenJoint, KinematicsWord, ProfileFil
 use super::{Profile, ceilings};
 use crate::Thermal;
 use crate::kinematics::{
-    Capstan, CapstanLinks, Chain, ChainJoint, Delta, FiveLink, GRAVITY_M_PER_S2, Gimbal, Kinematics, OneAxis, Pantograph,
-    PlaneLink, Rate,
+    Capstan, CapstanLinks, Chain, ChainJoint, Delta, FiveLink, GRAVITY_M_PER_S2, Gimbal,
+    Kinematics, OneAxis, Pantograph, PlaneLink, Rate,
 };
 use crate::protocol::{MAX_AXES, ServoModel};
 use crate::transmission::{Joint, Motor, Sensor, Transmission};
@@ -21,7 +21,8 @@ const DEFAULT_DAMPING_NM_S_PER_RAD: f64 = 0.02;
 /// Counts per turn of a Dynamixel servo.
 const SERVO_COUNTS_PER_REV: f64 = 4096.0;
 const MOTOR_SCALE: Interval = Interval::from(ceilings::MOTOR_SCALE[0]).to(ceilings::MOTOR_SCALE[1]);
-const LINK_CENTER: Interval = Interval::from(-ceilings::LINK_CENTER_MM).to(ceilings::LINK_CENTER_MM).unit("mm");
+const LINK_CENTER: Interval =
+    Interval::from(-ceilings::LINK_CENTER_MM).to(ceilings::LINK_CENTER_MM).unit("mm");
 
 /// What the joints of an arm come to.
 pub(super) struct Joints {
@@ -47,7 +48,8 @@ const DRIVE_KEYS: [&str; 10] = [
     "joint_offset_rad",
     "current_scale",
 ];
-const WRIST_KEYS: [&str; 4] = ["gimbal", "gimbal_counts_per_rev", "gimbal_sign", "gimbal_home_counts"];
+const WRIST_KEYS: [&str; 4] =
+    ["gimbal", "gimbal_counts_per_rev", "gimbal_sign", "gimbal_home_counts"];
 
 pub(super) fn joints(
     checks: &mut Checks<'_>,
@@ -55,7 +57,8 @@ pub(super) fn joints(
     profile: &Profile,
     device_from_native: DQuat,
 ) -> Option<Joints> {
-    let accepted = "how the joints move the grip, such as \"serial-capstan\", or \"cartesian\" for an arm that reports a pose";
+    let accepted = "how the joints move the grip, such as \"serial-capstan\", or \"cartesian\" for \
+        an arm that reports a pose";
     let word = checks.given("device.kinematics", written.device.kinematics, accepted)?;
     let nothing = Geometry::default();
     let geometry = written.geometry.as_ref().unwrap_or(&nothing);
@@ -64,8 +67,14 @@ pub(super) fn joints(
         checks.not_accepted("joint", "left out: only kinematics \"chain\" has [[joint]] tables");
     }
     let is_driven = profile.actuated != Axes::NONE;
-    let mut drive =
-        Drive { checks, geometry, written, is_driven, transmission: Transmission::default(), continuous: [0.0; MAX_AXES] };
+    let mut drive = Drive {
+        checks,
+        geometry,
+        written,
+        is_driven,
+        transmission: Transmission::default(),
+        continuous: [0.0; MAX_AXES],
+    };
     let kinematics = match word {
         KinematicsWord::Cartesian => {
             drive.pose(profile.actuated);
@@ -81,15 +90,31 @@ pub(super) fn joints(
     };
     let Drive { transmission, continuous, .. } = drive;
     let thermal_time_s = written.motors.as_ref().and_then(|motors| motors.thermal_time_s);
-    let time_s =
-        checks.optional("motors.thermal_time_s", thermal_time_s, POSITIVE.to(ceilings::THERMAL_TIME_S).unit("s")).unwrap_or(0.0);
+    let time_s = checks
+        .optional(
+            "motors.thermal_time_s",
+            thermal_time_s,
+            POSITIVE.to(ceilings::THERMAL_TIME_S).unit("s"),
+        )
+        .unwrap_or(0.0);
     if continuous.iter().any(|units| *units > 0.0) && thermal_time_s.is_none() {
         checks.missing("motors.thermal_time_s", "the time constant of the winding, s");
     }
-    let sensors = transmission.joints.iter().filter_map(|joint| joint.sensor.map(|sensor| sensor.reading_idx + 1));
-    let motors = transmission.joints.iter().filter_map(|joint| joint.motor.map(|motor| motor.motor_idx + 1));
-    let (n_readings, n_motors) = (sensors.max().unwrap_or(0), motors.max().unwrap_or(0));
-    Some(Joints { kinematics: kinematics?, transmission, thermal: Thermal::new(continuous, time_s), n_readings, n_motors })
+    let sensors = transmission
+        .joints
+        .iter()
+        .filter_map(|joint| joint.sensor.map(|sensor| sensor.reading_idx + 1));
+    let motors =
+        transmission.joints.iter().filter_map(|joint| joint.motor.map(|motor| motor.motor_idx + 1));
+    let n_readings = sensors.max().unwrap_or(0);
+    let n_motors = motors.max().unwrap_or(0);
+    Some(Joints {
+        kinematics: kinematics?,
+        transmission,
+        thermal: Thermal::new(continuous, time_s),
+        n_readings,
+        n_motors,
+    })
 }
 
 /// Geometry that this kind of arm does not have: it would silently do nothing.
@@ -136,22 +161,48 @@ fn refuse_others(checks: &mut Checks<'_>, geometry: &Geometry, word: KinematicsW
     ];
     let own: &[&str] = match word {
         KinematicsWord::Cartesian => &["origin_m"],
-        KinematicsWord::SerialCapstan => &["length_mm", "origin_m", "gravity_compensation", "link_mass_g", "link_along_mm"],
-        KinematicsWord::PolhemFiveLink => {
-            &["length_mm", "origin_m", "gravity_compensation", "link_mass_g", "link_along_mm", "link_across_mm"]
+        KinematicsWord::SerialCapstan => {
+            &["length_mm", "origin_m", "gravity_compensation", "link_mass_g", "link_along_mm"]
         }
-        KinematicsWord::Pantograph => &["inner_mm", "outer_mm", "distance_mm", "origin_m", "arm_port", "torque_scale"],
-        KinematicsWord::FalconDelta => &["driven_mm", "rod_mm", "offset_mm", "radius_mm", "shift_mm", "azimuth_deg", "origin_m"],
-        KinematicsWord::Chain => &["grip_position_m", "grip_orientation_xyzw", "gravity_compensation"],
+        KinematicsWord::PolhemFiveLink => &[
+            "length_mm",
+            "origin_m",
+            "gravity_compensation",
+            "link_mass_g",
+            "link_along_mm",
+            "link_across_mm",
+        ],
+        KinematicsWord::Pantograph => {
+            &["inner_mm", "outer_mm", "distance_mm", "origin_m", "arm_port", "torque_scale"]
+        }
+        KinematicsWord::FalconDelta => &[
+            "driven_mm",
+            "rod_mm",
+            "offset_mm",
+            "radius_mm",
+            "shift_mm",
+            "azimuth_deg",
+            "origin_m",
+        ],
+        KinematicsWord::Chain => {
+            &["grip_position_m", "grip_orientation_xyzw", "gravity_compensation"]
+        }
         KinematicsWord::OneAxis => &["m_per_rad"],
         KinematicsWord::None => &["full_scale", "linear_mm_per_s", "angular_deg_per_s"],
     };
     let is_capstan = matches!(word, KinematicsWord::SerialCapstan | KinematicsWord::PolhemFiveLink);
-    let has_drive = is_capstan || matches!(word, KinematicsWord::FalconDelta | KinematicsWord::OneAxis);
-    let belongs =
-        |key: &str| own.contains(&key) || has_drive && DRIVE_KEYS.contains(&key) || is_capstan && WRIST_KEYS.contains(&key);
+    let has_drive =
+        is_capstan || matches!(word, KinematicsWord::FalconDelta | KinematicsWord::OneAxis);
+    let belongs = |key: &str| {
+        own.contains(&key)
+            || has_drive && DRIVE_KEYS.contains(&key)
+            || is_capstan && WRIST_KEYS.contains(&key)
+    };
     for (key, _) in keys.into_iter().filter(|(key, is_written)| *is_written && !belongs(key)) {
-        checks.not_accepted(&format!("geometry.{key}"), format_args!("left out: kinematics \"{}\" has none", word));
+        checks.not_accepted(
+            &format!("geometry.{key}"),
+            format_args!("left out: kinematics \"{}\" has none", word),
+        );
     }
 }
 
@@ -166,8 +217,16 @@ struct Drive<'a, 'd> {
 }
 
 impl Drive<'_, '_> {
-    /// `n` numbers of an array; the default for all of them when it is left out, a problem without a default.
-    fn list(&mut self, key: &str, written: Option<&Vec<f64>>, n: usize, default: Option<f64>, interval: Interval) -> Vec<f64> {
+    /// `n` numbers of an array; the default for all of them when it is left out, a problem without
+    /// a default.
+    fn list(
+        &mut self,
+        key: &str,
+        written: Option<&Vec<f64>>,
+        n: usize,
+        default: Option<f64>,
+        interval: Interval,
+    ) -> Vec<f64> {
         let Some(numbers) = written else {
             if default.is_none() {
                 self.checks.missing(key, format_args!("an array of {n} numbers, each {interval}"));
@@ -175,13 +234,21 @@ impl Drive<'_, '_> {
             return vec![default.unwrap_or(1.0); n];
         };
         if numbers.len() != n {
-            self.checks.not_accepted(key, format_args!("an array of {n} numbers, one for each joint"));
+            self.checks
+                .not_accepted(key, format_args!("an array of {n} numbers, one for each joint"));
             return vec![default.unwrap_or(1.0); n];
         }
         numbers
             .iter()
             .enumerate()
-            .map(|(idx, number)| self.checks.number(&format!("{key}[{idx}]"), Some(*number), default.unwrap_or(1.0), interval))
+            .map(|(idx, number)| {
+                self.checks.number(
+                    &format!("{key}[{idx}]"),
+                    Some(*number),
+                    default.unwrap_or(1.0),
+                    interval,
+                )
+            })
             .collect()
     }
 
@@ -200,30 +267,58 @@ impl Drive<'_, '_> {
         let ratio: Vec<f64> = match (&g.capstan_diameter_mm, &g.body_diameter_mm) {
             (None, None) => vec![1.0; n],
             (capstan, body) => {
-                let capstan = self.list("geometry.capstan_diameter_mm", capstan.as_ref(), n, None, POSITIVE.unit("mm"));
-                let body = self.list("geometry.body_diameter_mm", body.as_ref(), n, None, POSITIVE.unit("mm"));
+                let capstan = self.list(
+                    "geometry.capstan_diameter_mm",
+                    capstan.as_ref(),
+                    n,
+                    None,
+                    POSITIVE.unit("mm"),
+                );
+                let body = self.list(
+                    "geometry.body_diameter_mm",
+                    body.as_ref(),
+                    n,
+                    None,
+                    POSITIVE.unit("mm"),
+                );
                 capstan.iter().zip(body).map(|(capstan, body)| capstan / body).collect()
             }
         };
-        let counts = self.list("geometry.counts_per_rev", g.counts_per_rev.as_ref(), n, None, POSITIVE);
+        let counts =
+            self.list("geometry.counts_per_rev", g.counts_per_rev.as_ref(), n, None, POSITIVE);
         let signs = self.signs("geometry.encoder_sign", g.encoder_sign.as_ref(), n);
         let homes = self.list("geometry.home_counts", g.home_counts.as_ref(), n, Some(0.0), FINITE);
-        let offsets = self.list("geometry.joint_offset_rad", g.joint_offset_rad.as_ref(), n, Some(0.0), FINITE);
+        let offsets = self.list(
+            "geometry.joint_offset_rad",
+            g.joint_offset_rad.as_ref(),
+            n,
+            Some(0.0),
+            FINITE,
+        );
         for idx in 0..n {
-            self.transmission.joints[idx].sensor =
-                Some(Sensor::encoder(idx, counts[idx], ratio[idx], signs[idx], homes[idx], offsets[idx]));
+            self.transmission.joints[idx].sensor = Some(Sensor::encoder(
+                idx,
+                counts[idx],
+                ratio[idx],
+                signs[idx],
+                homes[idx],
+                offsets[idx],
+            ));
         }
         if !self.is_driven {
             return;
         }
         let scale = self.checks.number("geometry.current_scale", g.current_scale, 1.0, MOTOR_SCALE);
-        let (link, motors) = (&self.written.link, self.written.motors.as_ref());
+        let link = &self.written.link;
+        let motors = self.written.motors.as_ref();
         let continuous = if let Some(per_nm) = &g.command_per_nm {
             let per_nm = self.list("geometry.command_per_nm", Some(per_nm), n, None, FINITE);
-            let limits = self.list("link.command_limit", link.command_limit.as_ref(), n, None, POSITIVE);
+            let limits =
+                self.list("link.command_limit", link.command_limit.as_ref(), n, None, POSITIVE);
             for idx in 0..n {
                 if per_nm[idx] == 0.0 {
-                    self.checks.not_accepted(&format!("geometry.command_per_nm[{idx}]"), "other than 0");
+                    self.checks
+                        .not_accepted(&format!("geometry.command_per_nm[{idx}]"), "other than 0");
                 }
                 let motor = Motor::torque(idx, per_nm[idx], limits[idx]);
                 self.within_reach(&format!("link.command_limit[{idx}]"), &motor);
@@ -232,7 +327,13 @@ impl Drive<'_, '_> {
             let continuous = motors.and_then(|motors| motors.continuous_command.as_ref());
             self.list("motors.continuous_command", continuous, n, Some(0.0), NOT_NEGATIVE)
         } else {
-            let constants = self.list("geometry.torque_constant_nm_per_a", g.torque_constant_nm_per_a.as_ref(), n, None, POSITIVE);
+            let constants = self.list(
+                "geometry.torque_constant_nm_per_a",
+                g.torque_constant_nm_per_a.as_ref(),
+                n,
+                None,
+                POSITIVE,
+            );
             let signs = self.signs("geometry.motor_sign", g.motor_sign.as_ref(), n);
             let limits = self.list(
                 "link.current_limit_ma",
@@ -242,12 +343,19 @@ impl Drive<'_, '_> {
                 POSITIVE.to(ceilings::CURRENT_MA).unit("mA"),
             );
             for idx in 0..n {
-                let motor = Motor::current(idx, ratio[idx], constants[idx], scale, signs[idx], limits[idx]);
+                let motor =
+                    Motor::current(idx, ratio[idx], constants[idx], scale, signs[idx], limits[idx]);
                 self.within_reach(&format!("link.current_limit_ma[{idx}]"), &motor);
                 self.transmission.joints[idx].motor = Some(motor);
             }
             let continuous = motors.and_then(|motors| motors.continuous_current_ma.as_ref());
-            self.list("motors.continuous_current_ma", continuous, n, Some(0.0), NOT_NEGATIVE.unit("mA"))
+            self.list(
+                "motors.continuous_current_ma",
+                continuous,
+                n,
+                Some(0.0),
+                NOT_NEGATIVE.unit("mA"),
+            )
         };
         self.continuous[..n].copy_from_slice(&continuous);
     }
@@ -257,11 +365,13 @@ impl Drive<'_, '_> {
         let joint_nm = motor.limit_units / motor.units_per_nm.abs();
         // A constant of 0 is refused for itself.
         if joint_nm > ceilings::JOINT_NM && joint_nm.is_finite() {
-            let (most, joint_nm) = (show(motor.limit_units * ceilings::JOINT_NM / joint_nm), show(joint_nm));
+            let most = show(motor.limit_units * ceilings::JOINT_NM / joint_nm);
+            let joint_nm = show(joint_nm);
             self.checks.not_accepted(
                 key,
                 format_args!(
-                    "at most {most}: with the constants beside it the motor would make {joint_nm} N·m at the joint, and {} is the most",
+                    "at most {most}: with the constants beside it the motor would make {joint_nm} \
+                        N·m at the joint, and {} is the most",
                     ceilings::JOINT_NM
                 ),
             );
@@ -272,7 +382,8 @@ impl Drive<'_, '_> {
     fn pose(&mut self, actuated: Axes) {
         let origin = self.geometry.origin_m.map_or(DVec3::ZERO, |_| self.origin());
         // A frame may exchange axes of one kind: which of three there is no telling here.
-        let has_motor = |idx: usize| idx < 6 && (0..3).any(|axis_idx| actuated.has(idx / 3 * 3 + axis_idx));
+        let has_motor =
+            |idx: usize| idx < 6 && (0..3).any(|axis_idx| actuated.has(idx / 3 * 3 + axis_idx));
         for idx in 0..7 {
             let home = origin.to_array().get(idx).map_or(0.0, |origin_m| -origin_m);
             self.transmission.joints[idx] = Joint {
@@ -285,9 +396,21 @@ impl Drive<'_, '_> {
     fn gimbal(&mut self) -> Option<Gimbal> {
         let g = self.geometry;
         let gimbal = g.gimbal?.into();
-        let counts = self.list("geometry.gimbal_counts_per_rev", g.gimbal_counts_per_rev.as_ref(), 3, None, POSITIVE);
+        let counts = self.list(
+            "geometry.gimbal_counts_per_rev",
+            g.gimbal_counts_per_rev.as_ref(),
+            3,
+            None,
+            POSITIVE,
+        );
         let signs = self.signs("geometry.gimbal_sign", g.gimbal_sign.as_ref(), 3);
-        let homes = self.list("geometry.gimbal_home_counts", g.gimbal_home_counts.as_ref(), 3, Some(0.0), FINITE);
+        let homes = self.list(
+            "geometry.gimbal_home_counts",
+            g.gimbal_home_counts.as_ref(),
+            3,
+            Some(0.0),
+            FINITE,
+        );
         for idx in 0..3 {
             self.transmission.joints[3 + idx].sensor =
                 Some(Sensor::encoder(3 + idx, counts[idx], 1.0, signs[idx], homes[idx], 0.0));
@@ -296,7 +419,13 @@ impl Drive<'_, '_> {
     }
 
     fn lengths(&mut self, n: usize, interval: Interval) -> Vec<f64> {
-        let lengths = self.list("geometry.length_mm", self.geometry.length_mm.as_ref(), n, None, interval.unit("mm"));
+        let lengths = self.list(
+            "geometry.length_mm",
+            self.geometry.length_mm.as_ref(),
+            n,
+            None,
+            interval.unit("mm"),
+        );
         lengths.iter().map(|length| length * 1e-3).collect()
     }
 
@@ -310,15 +439,24 @@ impl Drive<'_, '_> {
         if !g.gravity_compensation.unwrap_or(default_on && g.link_mass_g.is_some()) {
             return None;
         }
-        let mass =
-            self.list("geometry.link_mass_g", g.link_mass_g.as_ref(), n, None, NOT_NEGATIVE.to(ceilings::LINK_MASS_G).unit("g"));
-        let along = self.list("geometry.link_along_mm", g.link_along_mm.as_ref(), n, None, LINK_CENTER);
+        let mass = self.list(
+            "geometry.link_mass_g",
+            g.link_mass_g.as_ref(),
+            n,
+            None,
+            NOT_NEGATIVE.to(ceilings::LINK_MASS_G).unit("g"),
+        );
+        let along =
+            self.list("geometry.link_along_mm", g.link_along_mm.as_ref(), n, None, LINK_CENTER);
         let across = if has_across {
             self.list("geometry.link_across_mm", g.link_across_mm.as_ref(), n, None, LINK_CENTER)
         } else {
             vec![0.0; n]
         };
-        let link = |idx: usize| PlaneLink { mass_kg: mass[idx] * 1e-3, center_m: [along[idx] * 1e-3, across[idx] * 1e-3] };
+        let link = |idx: usize| PlaneLink {
+            mass_kg: mass[idx] * 1e-3,
+            center_m: [along[idx] * 1e-3, across[idx] * 1e-3],
+        };
         Some((0..n).map(link).collect())
     }
 
@@ -336,7 +474,8 @@ impl Drive<'_, '_> {
     fn five_link(&mut self) -> Option<FiveLink> {
         self.drives(3);
         let length_m = <[f64; 6]>::try_from(self.lengths(6, POSITIVE)).ok()?;
-        let links = self.links(4, true, true).and_then(|links| <[PlaneLink; 4]>::try_from(links).ok());
+        let links =
+            self.links(4, true, true).and_then(|links| <[PlaneLink; 4]>::try_from(links).ok());
         Some(FiveLink { length_m, origin_m: self.origin(), gimbal: self.gimbal(), links })
     }
 
@@ -350,9 +489,14 @@ impl Drive<'_, '_> {
         let distance_m = length("distance_mm", g.distance_mm, NOT_NEGATIVE);
         let ports = match g.arm_port.as_deref() {
             None => [1, 2],
-            Some([first @ 1..=4, second @ 1..=4]) if first != second => [*first as usize, *second as usize],
+            Some([first @ 1..=4, second @ 1..=4]) if first != second => {
+                [*first as usize, *second as usize]
+            }
             Some(_) => {
-                self.checks.not_accepted("geometry.arm_port", "the ports of arm 1 and arm 2, two different numbers from 1 to 4");
+                self.checks.not_accepted(
+                    "geometry.arm_port",
+                    "the ports of arm 1 and arm 2, two different numbers from 1 to 4",
+                );
                 [1, 2]
             }
         };
@@ -368,11 +512,19 @@ impl Drive<'_, '_> {
         } else {
             Vec::new()
         };
-        let continuous = self.written.motors.as_ref().and_then(|motors| motors.continuous_command.as_ref());
-        let continuous = self.list("motors.continuous_command", continuous, 2, Some(0.0), NOT_NEGATIVE);
+        let continuous =
+            self.written.motors.as_ref().and_then(|motors| motors.continuous_command.as_ref());
+        let continuous =
+            self.list("motors.continuous_command", continuous, 2, Some(0.0), NOT_NEGATIVE);
         for (idx, port) in ports.into_iter().enumerate() {
-            // The board counts in degrees from its start angle, so there is nothing left to do but to say so in radians.
-            let sensor = Sensor { reading_idx: port - 1, rad_per_unit: 1f64.to_radians(), home: 0.0, offset_rad: 0.0 };
+            // The board counts in degrees from its start angle, so there is nothing left to do but
+            // to say so in radians.
+            let sensor = Sensor {
+                reading_idx: port - 1,
+                rad_per_unit: 1f64.to_radians(),
+                home: 0.0,
+                offset_rad: 0.0,
+            };
             let motor = limits.get(idx).map(|limit| Motor::torque(port - 1, scale, *limit));
             self.transmission.joints[idx] = Joint { sensor: Some(sensor), motor };
             self.continuous[port - 1] = continuous[idx];
@@ -391,24 +543,51 @@ impl Drive<'_, '_> {
         let rod_m = length("rod_mm", g.rod_mm, POSITIVE);
         let radius_m = length("radius_mm", g.radius_mm, POSITIVE);
         let shift_m = length("shift_mm", g.shift_mm, FINITE);
-        let offset_mm = self.checks.given("geometry.offset_mm", g.offset_mm, "c, d, e, f of the legs, mm");
-        let azimuth_deg = self.checks.given("geometry.azimuth_deg", g.azimuth_deg, "the azimuth of the three legs, degrees");
-        let offsets_m =
-            self.checks.array("geometry.offset_mm", offset_mm, FINITE).map(|offsets| offsets.map(|offset| offset * 1e-3));
-        let azimuth_rad = self.checks.array("geometry.azimuth_deg", azimuth_deg, FINITE).map(|angles| angles.map(f64::to_radians));
+        let offset_mm =
+            self.checks.given("geometry.offset_mm", g.offset_mm, "c, d, e, f of the legs, mm");
+        let azimuth_deg = self.checks.given(
+            "geometry.azimuth_deg",
+            g.azimuth_deg,
+            "the azimuth of the three legs, degrees",
+        );
+        let offsets_m = self
+            .checks
+            .array("geometry.offset_mm", offset_mm, FINITE)
+            .map(|offsets| offsets.map(|offset| offset * 1e-3));
+        let azimuth_rad = self
+            .checks
+            .array("geometry.azimuth_deg", azimuth_deg, FINITE)
+            .map(|angles| angles.map(f64::to_radians));
         let origin_m = self.origin();
-        Some(Delta { driven_m, rod_m, offsets_m: offsets_m?, radius_m, shift_m, azimuth_rad: azimuth_rad?, origin_m })
+        Some(Delta {
+            driven_m,
+            rod_m,
+            offsets_m: offsets_m?,
+            radius_m,
+            shift_m,
+            azimuth_rad: azimuth_rad?,
+            origin_m,
+        })
     }
 
-    /// One axis behind an encoder; without `counts_per_rev` the reading is a way in m and the command a force in N.
+    /// One axis behind an encoder; without `counts_per_rev` the reading is a way in m and the
+    /// command a force in N.
     fn one_axis(&mut self, profile: &Profile) -> Option<OneAxis> {
-        let m_per_rad = self.checks.number("geometry.m_per_rad", self.geometry.m_per_rad, 1.0, POSITIVE);
+        let m_per_rad =
+            self.checks.number("geometry.m_per_rad", self.geometry.m_per_rad, 1.0, POSITIVE);
         if self.geometry.counts_per_rev.is_some() {
             self.drives(1);
         } else {
             self.transmission.joints[0] = Joint {
-                sensor: Some(Sensor { reading_idx: 0, rad_per_unit: 1.0 / m_per_rad, home: 0.0, offset_rad: 0.0 }),
-                motor: self.is_driven.then(|| Motor::torque(0, 1.0 / m_per_rad, profile.limits.force_n)),
+                sensor: Some(Sensor {
+                    reading_idx: 0,
+                    rad_per_unit: 1.0 / m_per_rad,
+                    home: 0.0,
+                    offset_rad: 0.0,
+                }),
+                motor: self
+                    .is_driven
+                    .then(|| Motor::torque(0, 1.0 / m_per_rad, profile.limits.force_n)),
             };
         }
         Some(OneAxis { m_per_rad })
@@ -416,18 +595,29 @@ impl Drive<'_, '_> {
 
     fn rate(&mut self, profile: &Profile) -> Option<Rate> {
         if profile.actuated != Axes::NONE {
-            self.checks.not_accepted("device.actuated", "empty: an input of kinematics \"none\" has no motors");
+            self.checks.not_accepted(
+                "device.actuated",
+                "empty: an input of kinematics \"none\" has no motors",
+            );
         }
         for idx in 0..6 {
-            self.transmission.joints[idx].sensor = Some(Sensor { reading_idx: idx, rad_per_unit: 1.0, home: 0.0, offset_rad: 0.0 });
+            self.transmission.joints[idx].sensor =
+                Some(Sensor { reading_idx: idx, rad_per_unit: 1.0, home: 0.0, offset_rad: 0.0 });
         }
         let g = self.geometry;
         Some(Rate {
             full_scale: self.checks.required("geometry.full_scale", g.full_scale, POSITIVE),
             // The codec has already taken rest for zero.
             dead_band: 0.0,
-            linear_m_per_s: self.checks.required("geometry.linear_mm_per_s", g.linear_mm_per_s, POSITIVE.unit("mm/s")) * 1e-3,
-            angular_rad_per_s: self.checks.required("geometry.angular_deg_per_s", g.angular_deg_per_s, POSITIVE).to_radians(),
+            linear_m_per_s: self.checks.required(
+                "geometry.linear_mm_per_s",
+                g.linear_mm_per_s,
+                POSITIVE.unit("mm/s"),
+            ) * 1e-3,
+            angular_rad_per_s: self
+                .checks
+                .required("geometry.angular_deg_per_s", g.angular_deg_per_s, POSITIVE)
+                .to_radians(),
         })
     }
 
@@ -442,9 +632,14 @@ impl Drive<'_, '_> {
             joints.push(self.chain_joint(idx, joint));
         }
         let g = self.geometry;
-        let position = self.checks.given("geometry.grip_position_m", g.grip_position_m, "the grip point at zero angles, m");
+        let position = self.checks.given(
+            "geometry.grip_position_m",
+            g.grip_position_m,
+            "the grip point at zero angles, m",
+        );
         let position = self.checks.position("geometry.grip_position_m", position);
-        let orientation = self.checks.orientation("geometry.grip_orientation_xyzw", g.grip_orientation_xyzw);
+        let orientation =
+            self.checks.orientation("geometry.grip_orientation_xyzw", g.grip_orientation_xyzw);
         let gravity = if g.gravity_compensation.unwrap_or(false) {
             device_from_native.conjugate() * DVec3::new(0.0, 0.0, -GRAVITY_M_PER_S2)
         } else {
@@ -455,22 +650,27 @@ impl Drive<'_, '_> {
 
     fn chain_joint(&mut self, idx: usize, joint: &WrittenJoint) -> ChainJoint {
         let key = |name: &str| format!("joint[{idx}].{name}");
-        let vector = |checks: &mut Checks<'_>, name: &str, written: Option<Numbers<3>>, accepted: &str| {
-            let written = checks.given(&key(name), written, accepted);
-            checks.position(&key(name), written)
-        };
-        let axis = vector(self.checks, "axis", joint.axis, "the axis at zero angles, such as [0, 0, 1]").try_normalize();
+        let vector =
+            |checks: &mut Checks<'_>, name: &str, written: Option<Numbers<3>>, accepted: &str| {
+                let written = checks.given(&key(name), written, accepted);
+                checks.position(&key(name), written)
+            };
+        let axis =
+            vector(self.checks, "axis", joint.axis, "the axis at zero angles, such as [0, 0, 1]")
+                .try_normalize();
         if axis.is_none() && joint.axis.is_some() {
             self.checks.not_accepted(&key("axis"), "a vector with a length");
         }
-        let point_m = vector(self.checks, "point_m", joint.point_m, "a point on the axis at zero angles, m");
+        let point_m =
+            vector(self.checks, "point_m", joint.point_m, "a point on the axis at zero angles, m");
         let sign = self.checks.number(&key("sign"), joint.sign, 1.0, FINITE);
         if sign.abs() != 1.0 {
             self.checks.not_accepted(&key("sign"), "1 or -1");
         }
         // Without it a servo has its own, and any other reading is an angle in rad or a way in m.
         let default = if joint.servo_model.is_some() { SERVO_COUNTS_PER_REV } else { TAU };
-        let counts_per_rev = self.checks.number(&key("counts_per_rev"), joint.counts_per_rev, default, POSITIVE);
+        let counts_per_rev =
+            self.checks.number(&key("counts_per_rev"), joint.counts_per_rev, default, POSITIVE);
         let home = self.checks.number(&key("home_counts"), joint.home_counts, 0.0, FINITE);
         let offset_rad = self.checks.number(&key("offset_rad"), joint.offset_rad, 0.0, FINITE);
         let servo = joint.servo_model.map(ServoModel::from);
@@ -508,14 +708,26 @@ impl Drive<'_, '_> {
                 None
             }
         };
-        self.transmission.joints[idx] =
-            Joint { sensor: Some(Sensor::encoder(idx, counts_per_rev, 1.0, sign, home, offset_rad)), motor };
-        self.continuous[idx] = self.checks.number(&key("continuous_counts"), joint.continuous_counts, 0.0, NOT_NEGATIVE);
+        self.transmission.joints[idx] = Joint {
+            sensor: Some(Sensor::encoder(idx, counts_per_rev, 1.0, sign, home, offset_rad)),
+            motor,
+        };
+        self.continuous[idx] = self.checks.number(
+            &key("continuous_counts"),
+            joint.continuous_counts,
+            0.0,
+            NOT_NEGATIVE,
+        );
         ChainJoint {
             axis: axis.unwrap_or(DVec3::Z),
             point_m,
             slides: joint.slides.unwrap_or(false),
-            mass_kg: self.checks.number(&key("mass_g"), joint.mass_g, 0.0, NOT_NEGATIVE.to(ceilings::LINK_MASS_G).unit("g")) * 1e-3,
+            mass_kg: self.checks.number(
+                &key("mass_g"),
+                joint.mass_g,
+                0.0,
+                NOT_NEGATIVE.to(ceilings::LINK_MASS_G).unit("g"),
+            ) * 1e-3,
             center_m: self.checks.position(&key("center_m"), joint.center_m),
             damping_nm_s_per_rad: self.checks.number(
                 &key("damping_nm_s_per_rad"),

@@ -1,4 +1,5 @@
-//! Known answers: the `[[check]]` tables, read, and held against everything else that a profile says.
+//! Known answers: the `[[check]]` tables, read, and held against everything else that a profile
+//! says.
 
 use glam::DVec3;
 
@@ -12,22 +13,33 @@ use document::{Checks, FINITE, POSITIVE, ProblemKind};
 /// Tolerance of a check where it gives none, mm.
 const DEFAULT_TOLERANCE_MM: f64 = 0.01;
 
-/// Share of a reading, or of 1, by which a frame may differ from it: what single precision and a scale leave.
+/// Share of a reading, or of 1, by which a frame may differ from it: what single precision and a
+/// scale leave.
 const READ_ALIKE: f64 = 1e-6;
 
 /// The tables as they are written.
 pub(super) fn read(checks: &mut Checks<'_>, written: &ProfileFile) -> Vec<Check> {
     let mut known = Vec::new();
     for (idx, check) in written.check.iter().enumerate() {
-        let frame = check.frame_hex.as_ref().and_then(|hex| hex_bytes(checks, &format!("check[{idx}].frame_hex"), hex));
+        let frame = check
+            .frame_hex
+            .as_ref()
+            .and_then(|hex| hex_bytes(checks, &format!("check[{idx}].frame_hex"), hex));
         if check.readings.is_none() && check.frame_hex.is_none() {
             checks.missing(&format!("check[{idx}]"), "frame_hex or readings");
         }
         if check.position_mm.is_none() {
-            checks.missing(&format!("check[{idx}].position_mm"), "the position of the grip in the native frame");
+            checks.missing(
+                &format!("check[{idx}].position_mm"),
+                "the position of the grip in the native frame",
+            );
         }
-        let tolerance =
-            checks.number(&format!("check[{idx}].tolerance_mm"), check.tolerance_mm, DEFAULT_TOLERANCE_MM, POSITIVE.unit("mm"));
+        let tolerance = checks.number(
+            &format!("check[{idx}].tolerance_mm"),
+            check.tolerance_mm,
+            DEFAULT_TOLERANCE_MM,
+            POSITIVE.unit("mm"),
+        );
         known.push(Check {
             frame,
             readings: check.readings.clone(),
@@ -41,7 +53,8 @@ pub(super) fn read(checks: &mut Checks<'_>, written: &ProfileFile) -> Vec<Check>
     known
 }
 
-/// Whether the arm of this profile gives the answers that its author knows. Judged last: whatever else is wrong would spoil them.
+/// Whether the arm of this profile gives the answers that its author knows. Judged last: whatever
+/// else is wrong would spoil them.
 pub(super) fn judge(checks: &mut Checks<'_>, real: &RealArm) {
     if !checks.is_clean() {
         return;
@@ -60,13 +73,17 @@ fn mistake(check: &Check, real: &RealArm) -> Option<(&'static str, ProblemKind)>
     if matches!(real.kinematics, Kinematics::Rate(_)) {
         return not_accepted("", "left out: a rate input has no position".to_owned());
     }
-    let (least, most) = (readings_needed(real), real.protocol.n_readings());
+    let least = readings_needed(real);
+    let most = real.protocol.n_readings();
     let mut readings = [0.0; MAX_AXES];
     if let Some(given) = &check.readings {
         if !(least..=most).contains(&given.len()) {
             return not_accepted(
                 ".readings",
-                format!("from {least} to {most} readings, in the order of `{}`", real.protocol.name()),
+                format!(
+                    "from {least} to {most} readings, in the order of `{}`",
+                    real.protocol.name()
+                ),
             );
         }
         readings.iter_mut().zip(given).for_each(|(reading, given)| *reading = *given);
@@ -75,22 +92,36 @@ fn mistake(check: &Check, real: &RealArm) -> Option<(&'static str, ProblemKind)>
         let mut codec = real.protocol.codec(real.matching.transport.carriage());
         let fed = codec.feed(frame);
         if (fed.reports, fed.corrupt) != (1, 0) {
-            let (name, reports, corrupt) = (real.protocol.name(), fed.reports, fed.corrupt);
+            let name = real.protocol.name();
+            let reports = fed.reports;
+            let corrupt = fed.corrupt;
             return not_accepted(
                 ".frame_hex",
-                format!("one sound report of `{name}`; it holds {reports} sound and {corrupt} garbled ones"),
+                format!(
+                    "one sound report of `{name}`; it holds {reports} sound and {corrupt} garbled \
+                        ones"
+                ),
             );
         }
         let said = codec.newest().readings;
         if let Some(given) = &check.readings
-            && said.iter().zip(given).any(|(said, given)| (said - given).abs() > READ_ALIKE * given.abs().max(1.0))
+            && said
+                .iter()
+                .zip(given)
+                .any(|(said, given)| (said - given).abs() > READ_ALIKE * given.abs().max(1.0))
         {
             return disagrees(".readings", format!("the frame says {:?}", &said[..given.len()]));
         }
         readings = said;
     }
-    let Some(solved) = real.kinematics.solve(&real.transmission.angles(&readings), &Configuration::default()) else {
-        return disagrees("", "the arm cannot be where the readings put it: geometry, signs or offsets are wrong".to_owned());
+    let Some(solved) =
+        real.kinematics.solve(&real.transmission.angles(&readings), &Configuration::default())
+    else {
+        return disagrees(
+            "",
+            "the arm cannot be where the readings put it: geometry, signs or offsets are wrong"
+                .to_owned(),
+        );
     };
     let found = solved.native_from_grip.translation;
     let away_m = found.distance(check.position_native);
@@ -102,12 +133,14 @@ fn mistake(check: &Check, real: &RealArm) -> Option<(&'static str, ProblemKind)>
     disagrees(
         ".position_mm",
         format!(
-            "the readings give ({x:.4}, {y:.4}, {z:.4}) mm, {away_mm:.4} mm away: geometry, signs, offsets or this position are wrong"
+            "the readings give ({x:.4}, {y:.4}, {z:.4}) mm, {away_mm:.4} mm away: geometry, signs, \
+                offsets or this position are wrong"
         ),
     )
 }
 
-/// The readings without which the position is not known: those of a passive wrist and of a gripper may be left out.
+/// The readings without which the position is not known: those of a passive wrist and of a gripper
+/// may be left out.
 fn readings_needed(real: &RealArm) -> usize {
     let n = match real.kinematics {
         Kinematics::Capstan(_) | Kinematics::FiveLink(_) => 3,

@@ -1,7 +1,8 @@
 //! Device profiles: hardware as data.
 //!
-//! Data in: a TOML file of `devices/`, embedded in the program, or one that a scene names by path. Data out: a checked [`Profile`].
-//! `devices/README.md` describes the format, `devices/profile.schema.json` is for editors.
+//! Data in: a TOML file of `devices/`, embedded in the program, or one that a scene names by path.
+//! Data out: a checked [`Profile`]. `devices/README.md` describes the format,
+//! `devices/profile.schema.json` is for editors.
 //!
 //! | file | owns |
 //! |---|---|
@@ -71,17 +72,20 @@ pub struct Profile {
 }
 
 impl Profile {
-    /// Lets the arm find its zero when it is opened, in the way that is told: it moves by itself, or takes the place where it is held. `None` for an arm that
-    /// needs neither.
+    /// Lets the arm find its zero when it is opened, in the way that is told: it moves by itself,
+    /// or takes the place where it is held. `None` for an arm that needs neither.
     pub fn let_find_zero(&mut self) -> Option<&'static str> {
-        let Some(Protocol::Vendor(vendor)) = self.real.as_mut().map(|real| &mut real.protocol) else { return None };
+        let Some(Protocol::Vendor(vendor)) = self.real.as_mut().map(|real| &mut real.protocol)
+        else {
+            return None;
+        };
         let way = vendor.family.way_to_zero()?;
         vendor.home = true;
         Some(way)
     }
 
-    /// What stability is judged by. Of a real arm that is what was measured on it; of one that was never measured, its twin with half the
-    /// assumed viscosity.
+    /// What stability is judged by. Of a real arm that is what was measured on it; of one that was
+    /// never measured, its twin with half the assumed viscosity.
     pub fn bound_plant(&self) -> Plant {
         let Some(real) = &self.real else { return self.plant };
         match real.identified {
@@ -89,7 +93,9 @@ impl Profile {
                 mass_kg: measured.mass_kg,
                 damping_n_s_per_m: measured.damping_n_s_per_m,
                 inertia_kg_m2: measured.inertia_kg_m2.unwrap_or(self.plant.inertia_kg_m2),
-                damping_nm_s_per_rad: measured.damping_nm_s_per_rad.unwrap_or(0.5 * self.plant.damping_nm_s_per_rad),
+                damping_nm_s_per_rad: measured
+                    .damping_nm_s_per_rad
+                    .unwrap_or(0.5 * self.plant.damping_nm_s_per_rad),
                 delay_ticks: measured.round_trip_ticks,
                 ..self.plant
             },
@@ -109,25 +115,33 @@ impl Profile {
         }
     }
 
-    /// True for a real arm on which no test has shown that the motors push the way they are commanded.
+    /// True for a real arm on which no test has shown that the motors push the way they are
+    /// commanded.
     pub fn has_unverified_signs(&self) -> bool {
         self.real.as_ref().is_some_and(|real| !real.signs_verified)
     }
 
-    /// The limits that hold now: those of the profile, or what is left of them until the signs are verified.
+    /// The limits that hold now: those of the profile, or what is left of them until the signs are
+    /// verified.
     pub fn limits_now(&self) -> ProfileLimits {
         if self.has_unverified_signs() { self.unverified_limits() } else { self.limits }
     }
 
-    /// The limits until the signs are verified: [`UNVERIFIED_SIGNS_FORCE_N`], and torque in proportion.
+    /// The limits until the signs are verified: [`UNVERIFIED_SIGNS_FORCE_N`], and torque in
+    /// proportion.
     pub fn unverified_limits(&self) -> ProfileLimits {
         let limits = self.limits;
         let force_n = if limits.force_n > 0.0 { limits.force_n } else { UNACTUATED_FORCE_N };
         let share = (UNVERIFIED_SIGNS_FORCE_N / force_n).min(1.0);
-        ProfileLimits { force_n: share * limits.force_n, torque_nm: share * limits.torque_nm, ..limits }
+        ProfileLimits {
+            force_n: share * limits.force_n,
+            torque_nm: share * limits.torque_nm,
+            ..limits
+        }
     }
 
-    /// True for a real arm that was never measured: its bounds rest on assumptions, and the program warns of that when it is enabled.
+    /// True for a real arm that was never measured: its bounds rest on assumptions, and the program
+    /// warns of that when it is enabled.
     pub fn is_unidentified(&self) -> bool {
         self.real.as_ref().is_some_and(|real| real.identified.is_none())
     }
@@ -159,9 +173,11 @@ impl ProfileLimits {
     }
 }
 
-/// Most that motors of unverified signs make at the grip, N; torque in proportion. One that pushes the wrong way is positive feedback.
+/// Most that motors of unverified signs make at the grip, N; torque in proportion. One that pushes
+/// the wrong way is positive feedback.
 pub const UNVERIFIED_SIGNS_FORCE_N: f64 = 0.5;
-/// Force limit that a scene assumes of an arm that has none, N: what torque is in proportion to there.
+/// Force limit that a scene assumes of an arm that has none, N: what torque is in proportion to
+/// there.
 pub(crate) const UNACTUATED_FORCE_N: f64 = 10.0;
 
 /// How reports and commands travel.
@@ -194,7 +210,8 @@ pub struct Plant {
     pub coulomb_nm: f64,
     /// Step of a measured position, m; 0: continuous.
     pub encoder_step_m: f64,
-    /// Step of a measured angle, rad: the rotation vector from the zero pose is rounded per axis; 0: continuous.
+    /// Step of a measured angle, rad: the rotation vector from the zero pose is rounded per axis;
+    /// 0: continuous.
     pub encoder_step_rad: f64,
     /// Ticks from a command to its force; at 0 it acts in the period after the `write`.
     pub delay_ticks: u32,
@@ -287,10 +304,12 @@ pub enum ProfileError {
     Invalid(#[from] ConfigErrors),
 }
 
-/// Finds a profile: a value with a `/` or ending in `.toml` is a path from `base_dir`, anything else the name of a shipped profile.
+/// Finds a profile: a value with a `/` or ending in `.toml` is a path from `base_dir`, anything
+/// else the name of a shipped profile.
 ///
 /// # Errors
-/// [`ProfileError`]: nothing of that name or path, or every problem of the first pass over it that found any.
+/// [`ProfileError`]: nothing of that name or path, or every problem of the first pass over it that
+/// found any.
 pub fn find(name_or_path: &str, base_dir: &Path) -> Result<Profile, ProfileError> {
     if name_or_path.contains('/') || name_or_path.ends_with(".toml") {
         let path = base_dir.join(name_or_path);
@@ -309,7 +328,8 @@ pub fn find(name_or_path: &str, base_dir: &Path) -> Result<Profile, ProfileError
     }
 }
 
-/// A profile as it is written: that of an embedded one, or of a file that a scene in `base_dir` names by path. `None` where there is none.
+/// A profile as it is written: that of an embedded one, or of a file that a scene in `base_dir`
+/// names by path. `None` where there is none.
 pub fn text(name_or_path: &str, base_dir: &Path) -> Option<String> {
     if name_or_path.contains('/') || name_or_path.ends_with(".toml") {
         return regular::written(&base_dir.join(name_or_path)).ok();
@@ -317,7 +337,8 @@ pub fn text(name_or_path: &str, base_dir: &Path) -> Option<String> {
     EMBEDDED.iter().find(|(name, _)| *name == name_or_path).map(|(_, text)| (*text).to_owned())
 }
 
-/// True for a file that says what codec an arm speaks, as profiles do and scenes do not. False for one that is no TOML.
+/// True for a file that says what codec an arm speaks, as profiles do and scenes do not. False for
+/// one that is no TOML.
 pub fn is_profile(path: &Path) -> bool {
     let table = regular::written(path).ok().and_then(|text| text.parse::<toml::Table>().ok());
     table.is_some_and(|table| table.get("device").and_then(|device| device.get("codec")).is_some())
@@ -328,8 +349,9 @@ pub fn is_profile(path: &Path) -> bool {
 /// # Errors
 /// Every problem of the first pass that found any.
 pub fn load(path: &Path) -> Result<Profile, ConfigErrors> {
-    let text = regular::written(path)
-        .map_err(|cause| ConfigErrors::new(vec![Problem::of_file(path, ProblemKind::Unreadable { cause })]))?;
+    let text = regular::written(path).map_err(|cause| {
+        ConfigErrors::new(vec![Problem::of_file(path, ProblemKind::Unreadable { cause })])
+    })?;
     Ok(Profile { source: Some(path.to_owned()), ..parse(path, &text)? })
 }
 
@@ -338,16 +360,22 @@ fn parse(path: &Path, text: &str) -> Result<Profile, ConfigErrors> {
     if document.line("tool").is_some() && document.string("device.codec").is_none() {
         return Err(ConfigErrors::new(vec![Problem::of_file(path, ProblemKind::IsScene)]));
     }
-    // A known arm that this program cannot drive is refused before its tables are judged by our keys.
-    if let Some((_, accepted)) =
-        document.string("device.codec").and_then(|codec| OTHER_CODECS.iter().find(|(other, _)| *other == codec))
+    // A known arm that this program cannot drive is refused before its tables are judged by our
+    // keys.
+    if let Some((_, accepted)) = document
+        .string("device.codec")
+        .and_then(|codec| OTHER_CODECS.iter().find(|(other, _)| *other == codec))
     {
         let accepted = (*accepted).to_owned();
-        return Err(ConfigErrors::new(vec![document.problem("device.codec", ProblemKind::NotAvailable { accepted })]));
+        return Err(ConfigErrors::new(vec![
+            document.problem("device.codec", ProblemKind::NotAvailable { accepted }),
+        ]));
     }
     resolve::profile(&document, path.parent().unwrap_or(Path::new("")), &document.read()?)
 }
 
 /// Protocols that exist and that this version does not speak.
-const OTHER_CODECS: [(&str, &str); 1] =
-    [("openffboard-hid", "an arm with firmware of one's own speaks \"open6\", see docs/reference/protocol.md")];
+const OTHER_CODECS: [(&str, &str); 1] = [(
+    "openffboard-hid",
+    "an arm with firmware of one's own speaks \"open6\", see docs/reference/protocol.md",
+)];

@@ -1,13 +1,22 @@
-//! Frames described as data: `[packet]` into a [`PacketLayout`]. What fits together is checked by the layout itself.
+//! Frames described as data: `[packet]` into a [`PacketLayout`]. What fits together is checked by
+//! the layout itself.
 
 use super::Profile;
-use super::written::{Field as WrittenField, FramingWord, NumberWord, Packet as WrittenPacket, ProfileFile, RoleWord};
+use super::written::{
+    Field as WrittenField, FramingWord, NumberWord, Packet as WrittenPacket, ProfileFile, RoleWord,
+};
 use crate::protocol::PacketLayout;
-use crate::protocol::layout::{Checksum, Field, Framing, LineFraming, LinePad, Number, Packet, Role};
+use crate::protocol::layout::{
+    Checksum, Field, Framing, LineFraming, LinePad, Number, Packet, Role,
+};
 use document::Checks;
 
 /// The layout as written; `None` when a packet could not be made of it.
-pub(super) fn layout(checks: &mut Checks<'_>, written: &ProfileFile, profile: &Profile) -> Option<PacketLayout> {
+pub(super) fn layout(
+    checks: &mut Checks<'_>,
+    written: &ProfileFile,
+    profile: &Profile,
+) -> Option<PacketLayout> {
     let accepted = "tables [packet.report] and [packet.command] that describe the frames";
     let packets = checks.given("packet", written.packet.as_ref(), accepted)?;
     let accepted = "a table [packet.report] that describes what the arm sends";
@@ -29,16 +38,23 @@ pub(super) fn layout(checks: &mut Checks<'_>, written: &ProfileFile, profile: &P
 
 fn packet(checks: &mut Checks<'_>, at: &str, written: &WrittenPacket) -> Option<Packet> {
     let framing = framing(checks, at, written);
-    let fields: Vec<Option<Field>> =
-        written.fields.iter().enumerate().map(|(idx, field)| self::field(checks, &format!("{at}.fields[{idx}]"), field)).collect();
+    let fields: Vec<Option<Field>> = written
+        .fields
+        .iter()
+        .enumerate()
+        .map(|(idx, field)| self::field(checks, &format!("{at}.fields[{idx}]"), field))
+        .collect();
     if written.fields.is_empty() {
         checks.missing(
             &format!("{at}.fields"),
-            "what is in the packet, such as [{ role = \"reading\", index = 0, offset = 0, type = \"i16\" }]",
+            "what is in the packet, such as [{ role = \"reading\", index = 0, offset = 0, type = \
+                \"i16\" }]",
         );
     }
-    let checksum =
-        written.checksum.map(|word| Checksum { kind: word.into(), big_endian: written.checksum_big_endian.unwrap_or(false) });
+    let checksum = written.checksum.map(|word| Checksum {
+        kind: word.into(),
+        big_endian: written.checksum_big_endian.unwrap_or(false),
+    });
     Some(Packet { framing: framing?, checksum, fields: fields.into_iter().collect::<Option<_>>()? })
 }
 
@@ -59,8 +75,13 @@ fn framing(checks: &mut Checks<'_>, at: &str, written: &WrittenPacket) -> Option
         ("pad_length", written.pad_length.is_some(), &[FramingWord::Line]),
         ("pad_byte", written.pad_byte.is_some(), &[FramingWord::Line]),
     ];
-    for (key, _, _) in keys.into_iter().filter(|(_, is_written, of)| *is_written && !of.contains(&word)) {
-        checks.not_accepted(&format!("{at}.{key}"), format_args!("left out: framing \"{}\" has none", word));
+    for (key, _, _) in
+        keys.into_iter().filter(|(_, is_written, of)| *is_written && !of.contains(&word))
+    {
+        checks.not_accepted(
+            &format!("{at}.{key}"),
+            format_args!("left out: framing \"{}\" has none", word),
+        );
     }
     if word != FramingWord::Line && written.length.is_none() {
         checks.missing(&format!("{at}.length"), "the bytes of the body, checksum included");
@@ -69,13 +90,23 @@ fn framing(checks: &mut Checks<'_>, at: &str, written: &WrittenPacket) -> Option
     let len = written.length.unwrap_or_default() as usize;
     Some(match word {
         FramingWord::Report => Framing::Report {
-            id: written.report_id.map(|id| checks.whole(&format!("{at}.report_id"), Some(id), 1, 1, 255) as u8),
+            id: written
+                .report_id
+                .map(|id| checks.whole(&format!("{at}.report_id"), Some(id), 1, 1, 255) as u8),
             len,
         },
         FramingWord::Sync => {
             let key = format!("{at}.sync_hex");
-            let hex = checks.given(&key, written.sync_hex.as_ref(), "the bytes before the body, such as \"AA 55\"")?;
-            Framing::Sync { sync: hex_bytes(checks, &key, hex)?, len, covers_sync: written.checksum_covers_sync.unwrap_or(false) }
+            let hex = checks.given(
+                &key,
+                written.sync_hex.as_ref(),
+                "the bytes before the body, such as \"AA 55\"",
+            )?;
+            Framing::Sync {
+                sync: hex_bytes(checks, &key, hex)?,
+                len,
+                covers_sync: written.checksum_covers_sync.unwrap_or(false),
+            }
         }
         FramingWord::Cobs => Framing::Cobs { len },
         FramingWord::Slip => Framing::Slip { len },
@@ -85,7 +116,10 @@ fn framing(checks: &mut Checks<'_>, at: &str, written: &WrittenPacket) -> Option
                 None => b' ',
                 Some([separator]) => *separator,
                 Some(_) => {
-                    checks.not_accepted(&format!("{at}.separator"), "one ASCII character, such as \",\"");
+                    checks.not_accepted(
+                        &format!("{at}.separator"),
+                        "one ASCII character, such as \",\"",
+                    );
                     return None;
                 }
             },
@@ -117,7 +151,8 @@ fn field(checks: &mut Checks<'_>, at: &str, written: &WrittenField) -> Option<Fi
     if matches!(role, Role::Constant(_)) != written.value.is_some() {
         checks.not_accepted(at, "with `value` exactly for role \"constant\"");
     }
-    if matches!(role, Role::Reading(_) | Role::Rate(_) | Role::Motor(_)) && written.index.is_none() {
+    if matches!(role, Role::Reading(_) | Role::Rate(_) | Role::Motor(_)) && written.index.is_none()
+    {
         checks.missing(&format!("{at}.index"), "which one, from 0");
     }
     let accepted = "the first byte in the body, or which number of the line, from 0";
@@ -132,7 +167,9 @@ fn field(checks: &mut Checks<'_>, at: &str, written: &WrittenField) -> Option<Fi
         NumberWord::U32 => Number::U32,
         NumberWord::F32 => Number::F32,
         NumberWord::F64 => Number::F64,
-        NumberWord::Text => Number::Text { places: checks.whole(&format!("{at}.places"), written.places, 0, 0, 9) as u8 },
+        NumberWord::Text => Number::Text {
+            places: checks.whole(&format!("{at}.places"), written.places, 0, 0, 9) as u8,
+        },
     };
     Some(Field {
         role,
@@ -147,10 +184,15 @@ fn field(checks: &mut Checks<'_>, at: &str, written: &WrittenField) -> Option<Fi
 
 /// Bytes written as hexadecimal pairs.
 pub(super) fn hex_bytes(checks: &mut Checks<'_>, key: &str, hex: &str) -> Option<Vec<u8>> {
-    let bytes: Option<Vec<u8>> =
-        hex.split_whitespace().map(|pair| u8::from_str_radix(pair, 16).ok().filter(|_| pair.len() == 2)).collect();
+    let bytes: Option<Vec<u8>> = hex
+        .split_whitespace()
+        .map(|pair| u8::from_str_radix(pair, 16).ok().filter(|_| pair.len() == 2))
+        .collect();
     if bytes.as_ref().is_none_or(Vec::is_empty) {
-        checks.not_accepted(key, "bytes as pairs of hexadecimal digits with blanks between, such as \"AA 55\"");
+        checks.not_accepted(
+            key,
+            "bytes as pairs of hexadecimal digits with blanks between, such as \"AA 55\"",
+        );
         return None;
     }
     bytes

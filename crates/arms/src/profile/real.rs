@@ -23,7 +23,8 @@ pub struct RealArm {
     pub(crate) device_from_native: DQuat,
     /// How it finds its zero.
     pub homing: Homing,
-    /// A test on such an arm has shown that every motor pushes the way its encoder counts. Without it force stays below 0.5 N.
+    /// A test on such an arm has shown that every motor pushes the way its encoder counts. Without
+    /// it force stays below 0.5 N.
     pub(crate) signs_verified: bool,
     /// After its watchdog tripped, the next command does not enable the motors by itself.
     pub(crate) watchdog_latched: bool,
@@ -149,7 +150,8 @@ pub(crate) enum Saturation {
 /// Measured with `hapticd devices probe PROFILE --identify`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Identified {
-    /// Ticks from a command to the first sample that can show its force, less the one that every arm takes.
+    /// Ticks from a command to the first sample that can show its force, less the one that every
+    /// arm takes.
     pub(crate) round_trip_ticks: u32,
     /// Apparent mass at the grip, kg.
     pub(crate) mass_kg: f64,

@@ -13,7 +13,9 @@ use crate::transport::Frame;
 use vps::spatial::{Pose, Wrench};
 
 fn shipped() -> Vec<Profile> {
-    names().map(|name| find(name, Path::new("")).unwrap_or_else(|error| panic!("{name}: {error}"))).collect()
+    names()
+        .map(|name| find(name, Path::new("")).unwrap_or_else(|error| panic!("{name}: {error}")))
+        .collect()
 }
 
 fn real(name: &str) -> (Profile, RealArm) {
@@ -25,7 +27,8 @@ fn real(name: &str) -> (Profile, RealArm) {
 #[test]
 fn every_real_arm_has_a_known_answer() {
     // Loading holds them against the rest.
-    let (mut n_checks, mut n_frames) = (0, 0);
+    let mut n_checks = 0;
+    let mut n_frames = 0;
     for profile in shipped() {
         let Some(real) = profile.real else { continue };
         let is_rate = matches!(real.kinematics, Kinematics::Rate(_));
@@ -43,19 +46,36 @@ fn every_real_arm_has_a_known_answer() {
 
 /// A copy of a shipped profile with one change.
 fn changed(name: &str, from: &str, to: &str) -> String {
-    let text = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("devices/{name}.toml"))).expect("shipped");
+    let text = fs::read_to_string(
+        Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("devices/{name}.toml")),
+    )
+    .expect("shipped");
     assert!(text.contains(from), "{name}: {from}");
     load_text(&text.replacen(from, to, 1)).err().unwrap_or_default()
 }
 
 #[test]
 fn a_profile_that_contradicts_its_known_answers_is_refused() {
-    let expected = "error: my-arm.toml:149: check[0].position_mm = [73.0, 0.0, 82.0]: the readings give (73.0000, 0.0000, 92.0000) mm, \
-                    10.0000 mm away: geometry, signs, offsets or this position are wrong";
-    assert_eq!(changed("leader-arm-6", "position_mm = [73.0, 0.0, 92.0]", "position_mm = [73.0, 0.0, 82.0]"), expected);
+    let expected = "error: my-arm.toml:149: check[0].position_mm = [73.0, 0.0, 82.0]: the readings \
+        give (73.0000, 0.0000, 92.0000) mm, 10.0000 mm away: geometry, signs, offsets or this \
+        position are wrong";
+    assert_eq!(
+        changed(
+            "leader-arm-6",
+            "position_mm = [73.0, 0.0, 92.0]",
+            "position_mm = [73.0, 0.0, 82.0]"
+        ),
+        expected
+    );
     for (what, name, from, to, said) in [
         ("geometry", "haply-2diy", "inner_mm = 70.0", "inner_mm = 75.0", "check[0].position_mm"),
-        ("sign", "woodenhaptics-2022", "encoder_sign = [", "encoder_sign = [-", "check[0].position_mm"),
+        (
+            "sign",
+            "woodenhaptics-2022",
+            "encoder_sign = [",
+            "encoder_sign = [-",
+            "check[0].position_mm",
+        ),
         (
             "count",
             "leader-arm-6",
@@ -63,9 +83,27 @@ fn a_profile_that_contradicts_its_known_answers_is_refused() {
             "readings = [",
             "check[0].readings = [2048, 2048, 2048, 2048, 2048]: must be",
         ),
-        ("too many", "haply-2diy", "readings = [40, 150]", "readings = [40, 150, 7]", "from 2 to 2 readings"),
-        ("frame", "polhem-2022", "frame_hex = \"5B ", "frame_hex = \"5C ", "one sound report of `haptikfabriken-brackets`"),
-        ("two frames", "haply-2diy-first", "frame_hex = \"05 00 00", "frame_hex = \"00 00", "one sound report of `hapi-f32`"),
+        (
+            "too many",
+            "haply-2diy",
+            "readings = [40, 150]",
+            "readings = [40, 150, 7]",
+            "from 2 to 2 readings",
+        ),
+        (
+            "frame",
+            "polhem-2022",
+            "frame_hex = \"5B ",
+            "frame_hex = \"5C ",
+            "one sound report of `haptikfabriken-brackets`",
+        ),
+        (
+            "two frames",
+            "haply-2diy-first",
+            "frame_hex = \"05 00 00",
+            "frame_hex = \"00 00",
+            "one sound report of `hapi-f32`",
+        ),
         (
             "readings",
             "polhem-2022",
@@ -73,21 +111,39 @@ fn a_profile_that_contradicts_its_known_answers_is_refused() {
             "readings = [100, -201, 300, 4,",
             "the frame says [100.0, -200.0",
         ),
-        ("nowhere", "haply-2diy", "outer_mm = 90.0", "outer_mm = 20.0", "the arm cannot be where the readings put it"),
+        (
+            "nowhere",
+            "haply-2diy",
+            "outer_mm = 90.0",
+            "outer_mm = 20.0",
+            "the arm cannot be where the readings put it",
+        ),
     ] {
         let errors = changed(name, from, to);
         assert!(errors.contains(said), "{what}: {errors}");
     }
-    let rate = changed("spacemouse", "[plant]", "[[check]]\nreadings = [1, 2, 3, 4, 5, 6]\nposition_mm = [0, 0, 0]\n[plant]");
+    let rate = changed(
+        "spacemouse",
+        "[plant]",
+        "[[check]]\nreadings = [1, 2, 3, 4, 5, 6]\nposition_mm = [0, 0, 0]\n[plant]",
+    );
     assert!(rate.contains("check[0]: must be left out: a rate input has no position"), "{rate}");
 }
 
 #[test]
 fn every_real_arm_can_stand_within_its_workspace() {
     for profile in shipped() {
-        let Some(real) = profile.real.filter(|real| !matches!(real.kinematics, Kinematics::Rate(_))) else { continue };
+        let Some(real) =
+            profile.real.filter(|real| !matches!(real.kinematics, Kinematics::Rate(_)))
+        else {
+            continue;
+        };
         let home = real.kinematics.solve(&real.kinematics.home(), &Configuration::default());
-        let away_m = home.unwrap_or_else(|| panic!("{}", profile.name)).native_from_grip.translation.length();
+        let away_m = home
+            .unwrap_or_else(|| panic!("{}", profile.name))
+            .native_from_grip
+            .translation
+            .length();
         assert!(away_m < 0.5 * profile.limits.workspace_radius_m, "{}: {away_m} m", profile.name);
     }
 }
@@ -102,22 +158,36 @@ fn every_real_arm_is_unverified_unidentified_and_whole() {
         assert_eq!(ratio, 0.5, "{name}: half of the assumed viscosity");
         assert!(real.device_from_native.is_normalized(), "{name}");
         real.protocol.check().unwrap_or_else(|error| panic!("{name}: {error}"));
-        // The middle of the workspace is a place where the arm can be, and its readings lead back there.
+        // The middle of the workspace is a place where the arm can be, and its readings lead back
+        // there.
         let home = real.kinematics.home();
-        let solved = real.kinematics.solve(&home, &Configuration::default()).unwrap_or_else(|| panic!("{name}"));
+        let solved = real
+            .kinematics
+            .solve(&home, &Configuration::default())
+            .unwrap_or_else(|| panic!("{name}"));
         let again = real.transmission.angles(&real.transmission.readings(&home));
         for idx in 0..real.kinematics.n_joints() {
             assert!((again[idx] - home[idx]).abs() < 1e-9, "{name} {idx}: {home:?} {again:?}");
         }
         if !matches!(real.kinematics, Kinematics::Chain(_)) {
-            assert!(solved.native_from_grip.translation.length() < 1e-6, "{name}: {}", solved.native_from_grip.translation);
+            assert!(
+                solved.native_from_grip.translation.length() < 1e-6,
+                "{name}: {}",
+                solved.native_from_grip.translation
+            );
         }
         // Every actuated axis has motors that can push along it.
-        for (idx, axis) in DVec3::AXES.into_iter().enumerate().filter(|(idx, _)| profile.actuated.has(*idx)) {
+        for (idx, axis) in
+            DVec3::AXES.into_iter().enumerate().filter(|(idx, _)| profile.actuated.has(*idx))
+        {
             let native = real.device_from_native.conjugate() * axis;
-            let (commands, scale) =
-                real.transmission.commands(&solved.torques(&Wrench::new(native, DVec3::ZERO)), &[0.0; MAX_AXES]);
-            assert!(scale > 0.2 && commands.iter().any(|command| command.abs() > 1e-3), "{name} {idx}: {commands:?} {scale}");
+            let (commands, scale) = real
+                .transmission
+                .commands(&solved.torques(&Wrench::new(native, DVec3::ZERO)), &[0.0; MAX_AXES]);
+            assert!(
+                scale > 0.2 && commands.iter().any(|command| command.abs() > 1e-3),
+                "{name} {idx}: {commands:?} {scale}"
+            );
         }
     }
 }
@@ -126,8 +196,14 @@ fn every_real_arm_is_unverified_unidentified_and_whole() {
 fn measured_values_replace_assumed_ones() {
     let dir = tempfile::tempdir().expect("a folder");
     let path = dir.path().join("mine.toml");
-    let text = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("devices/polhem-2022.toml")).expect("shipped");
-    fs::write(&path, text + "\n[identified]\nround_trip_ticks = 2\nmass_kg = 0.31\ndamping_n_s_per_m = 1.2\n").expect("written");
+    let text =
+        fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("devices/polhem-2022.toml"))
+            .expect("shipped");
+    fs::write(
+        &path,
+        text + "\n[identified]\nround_trip_ticks = 2\nmass_kg = 0.31\ndamping_n_s_per_m = 1.2\n",
+    )
+    .expect("written");
     let profile = load(&path).unwrap_or_else(|errors| panic!("{errors}"));
     assert!(!profile.is_unidentified());
     let plant = profile.bound_plant();
@@ -158,7 +234,10 @@ fn ports_and_arms_of_a_pantograph_are_not_mixed_up() {
     let mut readings = [0.0; MAX_AXES];
     readings[..2].copy_from_slice(&[12.0, 168.0]);
     let joints = haply.transmission.angles(&readings);
-    assert!((joints[0] - 168f64.to_radians()).abs() < 1e-12 && (joints[1] - 12f64.to_radians()).abs() < 1e-12);
+    assert!(
+        (joints[0] - 168f64.to_radians()).abs() < 1e-12
+            && (joints[1] - 12f64.to_radians()).abs() < 1e-12
+    );
     let mut torques = [0.0; MAX_AXES];
     torques[0] = 0.05;
     let (commands, _) = haply.transmission.commands(&torques, &[0.0; MAX_AXES]);
@@ -177,7 +256,11 @@ fn a_spacemouse_is_looked_for_by_all_its_numbers() {
             usages: vec![(1, 8)],
             ..DeviceFile::at(Path::new("/dev/hidraw0"))
         };
-        assert!(matching.admits(&mouse) && !matching.admits(&DeviceFile { usages: vec![(1, 6)], ..mouse.clone() }), "{id:?}");
+        assert!(
+            matching.admits(&mouse)
+                && !matching.admits(&DeviceFile { usages: vec![(1, 6)], ..mouse.clone() }),
+            "{id:?}"
+        );
     }
 }
 
@@ -256,7 +339,8 @@ fn load_text(text: &str) -> Result<Profile, String> {
     let dir = tempfile::tempdir().expect("a folder");
     let path = dir.path().join("my-arm.toml");
     fs::write(&path, text).expect("written");
-    load(&path).map_err(|errors| errors.to_string().replace(&format!("{}/", dir.path().display()), ""))
+    load(&path)
+        .map_err(|errors| errors.to_string().replace(&format!("{}/", dir.path().display()), ""))
 }
 
 #[test]
@@ -266,27 +350,39 @@ fn a_new_arm_needs_no_rust() {
     let Protocol::Declarative(layout) = &arm.protocol else { panic!("declarative") };
     assert_eq!((layout.n_readings(), layout.n_motors(), layout.watchdog_ms), (3, 3, Some(50)));
     // From readings to a position, and from a force to commands.
-    let solved = arm.kinematics.solve(&arm.transmission.angles(&[0.0; MAX_AXES]), &Configuration::default()).expect("reachable");
+    let solved = arm
+        .kinematics
+        .solve(&arm.transmission.angles(&[0.0; MAX_AXES]), &Configuration::default())
+        .expect("reachable");
     assert!(solved.native_from_grip.translation.distance(DVec3::new(0.0, 0.0, 0.2)) < 1e-12);
-    let (commands, _) = arm.transmission.commands(&solved.torques(&Wrench::new(DVec3::X, DVec3::ZERO)), &[0.0; MAX_AXES]);
+    let (commands, _) = arm
+        .transmission
+        .commands(&solved.torques(&Wrench::new(DVec3::X, DVec3::ZERO)), &[0.0; MAX_AXES]);
     assert!((commands[1] - 0.2 * 0.1 / 0.05 * 1e3).abs() < 1e-9, "{commands:?}");
-    // The whole way over the wire, both sides: the command moves the twin's motors, its counters become a position.
+    // The whole way over the wire, both sides: the command moves the twin's motors, its counters
+    // become a position.
     let carriage = arm.protocol.carriages()[0];
-    let (mut codec, mut firmware) = (arm.protocol.codec(carriage), arm.protocol.firmware(carriage));
+    let mut codec = arm.protocol.codec(carriage);
+    let mut firmware = arm.protocol.firmware(carriage);
     let mut frame = Frame::default();
     codec.encode(&MotorCommand::of(commands, true), &mut frame);
-    let joints =
-        arm.kinematics.inverse(&Pose::from_translation(DVec3::new(0.01, -0.02, 0.15)), &arm.kinematics.home()).expect("in reach");
+    let joints = arm
+        .kinematics
+        .inverse(&Pose::from_translation(DVec3::new(0.01, -0.02, 0.15)), &arm.kinematics.home())
+        .expect("in reach");
     let readings = arm.transmission.readings(&joints).map(f64::round);
-    let state = ArmReadings { readings, rates: [0.0; MAX_AXES], buttons: 0, homed: true, asleep: false };
+    let state =
+        ArmReadings { readings, rates: [0.0; MAX_AXES], buttons: 0, homed: true, asleep: false };
     let mut out = Outbox::new();
     firmware.receive(frame.as_slice(), 0.0, &state, &mut out);
     for (made, command) in firmware.motors().iter().zip(commands) {
         assert_eq!(*made, command.trunc());
     }
     assert_eq!(out.iter().map(|bytes| codec.feed(bytes).reports).sum::<u32>(), 1);
-    let solved =
-        arm.kinematics.solve(&arm.transmission.angles(&codec.newest().readings), &Configuration::default()).expect("reachable");
+    let solved = arm
+        .kinematics
+        .solve(&arm.transmission.angles(&codec.newest().readings), &Configuration::default())
+        .expect("reachable");
     // A count is 0.08 mrad at a joint.
     assert!(solved.native_from_grip.translation.distance(DVec3::new(0.01, -0.02, 0.15)) < 2e-5);
 }
@@ -298,7 +394,10 @@ fn what_is_wrong_with_a_real_arm_is_said_at_once() {
         .replace("encoder_sign = [1, 1, 1]", "encoder_sign = [1, 0, 1]")
         .replace("length_mm = [50, 200, 200]", "length_mm = [50, 200]\nrod_mm = 3")
         .replace("transport = \"serial\"", "transport = \"hid\"\nvendor_id = 1\nproduct_id = 2")
-        .replace("index = 2, offset = 4, type = \"i16\" }", "index = 2, offset = 5, type = \"i16\" }")
+        .replace(
+            "index = 2, offset = 4, type = \"i16\" }",
+            "index = 2, offset = 5, type = \"i16\" }",
+        )
         .replace("signs_verified = false\n", "");
     let errors = load_text(&text).expect_err("wrong");
     let expected = r#"error: my-arm.toml:3: device.signs_verified: missing; give false, until `hapticd devices probe PROFILE --sign-check` has passed on such an arm; force stays below 0.5 N until then
@@ -319,7 +418,12 @@ fn no_number_of_a_profile_switches_a_rule_off() {
     for (text, from, to, ceiling) in [
         (NEW_ARM, "force_n = 4", "force_n = 1e9", "limits.force_n = 1e9: must be at most 100 N"),
         (NEW_ARM, "stiffness_n_per_m = 500", "stiffness_n_per_m = 1e9", "at most 100000 N/m"),
-        (NEW_ARM, "stiffness_n_per_m = 500\n", "", "limits.stiffness_n_per_m: missing; give the largest stiffness"),
+        (
+            NEW_ARM,
+            "stiffness_n_per_m = 500\n",
+            "",
+            "limits.stiffness_n_per_m: missing; give the largest stiffness",
+        ),
         (NEW_ARM, "damping_n_s_per_m = 4", "damping_n_s_per_m = 1e9", "from 0 to 1000 N·s/m"),
         (NEW_ARM, "workspace_radius_m = 0.1", "workspace_radius_m = 5.1", "at most 5 m"),
         (NEW_ARM, "mass_kg = 0.2", "mass_kg = 1e9", "at most 100 kg"),
@@ -327,7 +431,12 @@ fn no_number_of_a_profile_switches_a_rule_off() {
         (NEW_ARM, "inertia_kg_m2 = 2e-4", "inertia_kg_m2 = 1e9", "at most 10 kg·m²"),
         (NEW_ARM, "encoder_step_mm = 0.02", "encoder_step_mm = 1e9", "from 0 to 10 mm"),
         (NEW_ARM, "encoder_step_rad = 0", "encoder_step_rad = 1e9", "from 0 to 0.1 rad"),
-        (NEW_ARM, "device_watchdog_ms = 50", "device_watchdog_ms = 4000000000", "a whole number from 1 to 10000"),
+        (
+            NEW_ARM,
+            "device_watchdog_ms = 50",
+            "device_watchdog_ms = 4000000000",
+            "a whole number from 1 to 10000",
+        ),
         (
             NEW_ARM,
             "current_limit_ma = [1000",
@@ -347,7 +456,12 @@ fn no_number_of_a_profile_switches_a_rule_off() {
             "limit_counts = 1e9",
             "limit_counts = 1e9: must be at most 100000: with the constants beside it",
         ),
-        (capstan, "link_mass_g = [157.64", "link_mass_g = [1e9", "geometry.link_mass_g[0] = 1e9: must be from 0 to 10000 g"),
+        (
+            capstan,
+            "link_mass_g = [157.64",
+            "link_mass_g = [1e9",
+            "geometry.link_mass_g[0] = 1e9: must be from 0 to 10000 g",
+        ),
         (capstan, "current_scale = 1.0", "current_scale = 1e9", "from 0.1 to 10"),
     ] {
         assert!(text.contains(from), "{from}");
@@ -358,13 +472,27 @@ fn no_number_of_a_profile_switches_a_rule_off() {
 
 #[test]
 fn more_is_sensed_than_the_joints_determine_is_refused() {
-    let text = NEW_ARM.replace("sensed = [\"x\", \"y\", \"z\"]", "sensed = [\"x\", \"y\", \"z\", \"rx\"]");
+    let text =
+        NEW_ARM.replace("sensed = [\"x\", \"y\", \"z\"]", "sensed = [\"x\", \"y\", \"z\", \"rx\"]");
     let errors = load_text(&text).expect_err("no wrist");
-    assert!(errors.contains("device.sensed = [\"x\", \"y\", \"z\", \"rx\"]: must be a subset of x y z, which is what"), "{errors}");
+    assert!(
+        errors.contains(
+            "device.sensed = [\"x\", \"y\", \"z\", \"rx\"]: must be a subset of x \
+        y z, which is what"
+        ),
+        "{errors}"
+    );
     let text = NEW_ARM.replace("codec = \"declarative\"", "codec = \"openffboard-hid\"");
     let errors = load_text(&text).expect_err("not driven");
-    assert!(errors.contains("not available in this version; an arm with firmware of one's own speaks"), "{errors}");
+    assert!(
+        errors.contains("not available in this version; an arm with firmware of one's own speaks"),
+        "{errors}"
+    );
     let text = NEW_ARM.replace("codec = \"declarative\"", "codec = \"sim\"");
     let errors = load_text(&text).expect_err("a simulated arm has no match");
-    assert!(errors.contains("match: must be left out: a simulated arm") && errors.contains("device.kinematics"), "{errors}");
+    assert!(
+        errors.contains("match: must be left out: a simulated arm")
+            && errors.contains("device.kinematics"),
+        "{errors}"
+    );
 }

@@ -1,13 +1,16 @@
-//! Where a real arm is plugged in, what it speaks, how it finds its zero: `[match]`, `[protocol]`, `[link]`, `[homing]` and what rests on them.
+//! Where a real arm is plugged in, what it speaks, how it finds its zero: `[match]`, `[protocol]`,
+//! `[link]`, `[homing]` and what rests on them.
 
 use std::path::Path;
 
 use glam::{DMat3, DQuat, DVec3};
 
-use super::written::{CodecWord, Identified as WrittenIdentified, ProfileFile, TransportWord, TurnWord};
+use super::written::{
+    CodecWord, Identified as WrittenIdentified, ProfileFile, TransportWord, TurnWord,
+};
 use super::{
-    Homing, HomingMode, Identified, Match, Profile, RealArm, Saturation, TransportKind, UsbId, ceilings, joints, known_answers,
-    packet,
+    Homing, HomingMode, Identified, Match, Profile, RealArm, Saturation, TransportKind, UsbId,
+    ceilings, joints, known_answers, packet,
 };
 use crate::kinematics::Kinematics;
 use crate::protocol::haply::ADDRESS;
@@ -33,14 +36,19 @@ pub(super) fn real_arm(
     let device_from_native = frame(checks, written);
     let joints = joints::joints(checks, written, profile, device_from_native);
     let homing = homing(checks, written);
-    let accepted =
-        "false, until `hapticd devices probe PROFILE --sign-check` has passed on such an arm; force stays below 0.5 N until then";
-    let signs_verified = checks.given("device.signs_verified", written.device.signs_verified, accepted);
+    let accepted = "false, until `hapticd devices probe PROFILE --sign-check` has passed on such \
+        an arm; force stays below 0.5 N until then";
+    let signs_verified =
+        checks.given("device.signs_verified", written.device.signs_verified, accepted);
     let deadman_button = written.safety.as_ref().and_then(|safety| safety.deadman_button);
-    let deadman_button = deadman_button.map(|button| checks.whole("safety.deadman_button", Some(button), 0, 0, 31) as u8);
-    let identified = written.identified.as_ref().map(|identified| identified_of(checks, identified));
+    let deadman_button = deadman_button
+        .map(|button| checks.whole("safety.deadman_button", Some(button), 0, 0, 31) as u8);
+    let identified =
+        written.identified.as_ref().map(|identified| identified_of(checks, identified));
     let known = known_answers::read(checks, written);
-    let (matching, protocol, joints) = (matching?, protocol?, joints?);
+    let matching = matching?;
+    let protocol = protocol?;
+    let joints = joints?;
     // What a codec of ours thinks of limits that are wrong already would only say it twice.
     let is_news = matches!(protocol, Protocol::Declarative(_)) || checks.is_clean();
     if let Some(error) = protocol.check().err().filter(|_| is_news) {
@@ -67,7 +75,10 @@ pub(super) fn real_arm(
         let has = protocol.n_motors();
         checks.not_accepted(
             "device.actuated",
-            format_args!("driven by at most {has} motors, which is what `{}` commands", protocol.name()),
+            format_args!(
+                "driven by at most {has} motors, which is what `{}` commands",
+                protocol.name()
+            ),
         );
     }
     let orientation_sensed = sensed_fits(checks, &kinematics, device_from_native, profile);
@@ -104,10 +115,14 @@ fn matching(checks: &mut Checks<'_>, written: &ProfileFile) -> Option<Match> {
     let accepted = "a table [match] with `transport` and what distinguishes this arm from others";
     let matching = checks.given("match", written.matching.as_ref(), accepted)?;
     let sixteen = |checks: &mut Checks<'_>, key: &str, number: Option<u32>| {
-        number.map(|number| checks.whole(&format!("match.{key}"), Some(number), 0, 0, 0xFFFF) as u16)
+        number
+            .map(|number| checks.whole(&format!("match.{key}"), Some(number), 0, 0, 0xFFFF) as u16)
     };
     let mut ids = Vec::new();
-    match (sixteen(checks, "vendor_id", matching.vendor_id), sixteen(checks, "product_id", matching.product_id)) {
+    match (
+        sixteen(checks, "vendor_id", matching.vendor_id),
+        sixteen(checks, "product_id", matching.product_id),
+    ) {
         (Some(vendor), Some(product)) => ids.push(UsbId { vendor, product }),
         (Some(_), None) => checks.missing("match.product_id", "the product beside match.vendor_id"),
         (None, Some(_)) => checks.missing("match.vendor_id", "the vendor beside match.product_id"),
@@ -115,11 +130,17 @@ fn matching(checks: &mut Checks<'_>, written: &ProfileFile) -> Option<Match> {
     }
     for (idx, id) in matching.ids.iter().flatten().enumerate() {
         let parsed = id.split_once(':').and_then(|(vendor, product)| {
-            Some(UsbId { vendor: u16::from_str_radix(vendor, 16).ok()?, product: u16::from_str_radix(product, 16).ok()? })
+            Some(UsbId {
+                vendor: u16::from_str_radix(vendor, 16).ok()?,
+                product: u16::from_str_radix(product, 16).ok()?,
+            })
         });
         match parsed {
             Some(id) => ids.push(id),
-            None => checks.not_accepted(&format!("match.ids[{idx}]"), "vendor and product in hexadecimal, such as \"256F:C635\""),
+            None => checks.not_accepted(
+                &format!("match.ids[{idx}]"),
+                "vendor and product in hexadecimal, such as \"256F:C635\"",
+            ),
         }
     }
     let transport = match checks.given(
@@ -139,14 +160,19 @@ fn matching(checks: &mut Checks<'_>, written: &ProfileFile) -> Option<Match> {
         checks.not_accepted("match.transport", "\"hid\": only HID interfaces have a usage");
     }
     if ids.is_empty() && matches!(transport, TransportKind::Hid | TransportKind::Usb) {
-        checks.missing("match.vendor_id", "vendor and product, since a name alone selects no USB device");
+        checks.missing(
+            "match.vendor_id",
+            "vendor and product, since a name alone selects no USB device",
+        );
     }
     Some(Match {
         transport,
         ids,
         usage_page: sixteen(checks, "usage_page", matching.usage_page),
         usage: sixteen(checks, "usage", matching.usage),
-        interface: matching.interface.map(|number| checks.whole("match.interface", Some(number), 0, 0, 255) as u8),
+        interface: matching
+            .interface
+            .map(|number| checks.whole("match.interface", Some(number), 0, 0, 255) as u8),
         serial: matching.serial.clone(),
         product: matching.product.clone(),
         by_id: matching.by_id.clone(),
@@ -154,7 +180,13 @@ fn matching(checks: &mut Checks<'_>, written: &ProfileFile) -> Option<Match> {
     })
 }
 
-fn protocol(checks: &mut Checks<'_>, dir: &Path, written: &ProfileFile, codec: CodecWord, profile: &Profile) -> Option<Protocol> {
+fn protocol(
+    checks: &mut Checks<'_>,
+    dir: &Path,
+    written: &ProfileFile,
+    codec: CodecWord,
+    profile: &Profile,
+) -> Option<Protocol> {
     let nothing = super::written::Protocol::default();
     let given = written.protocol.as_ref().unwrap_or(&nothing);
     only_of(checks, given, codec);
@@ -166,30 +198,40 @@ fn protocol(checks: &mut Checks<'_>, dir: &Path, written: &ProfileFile, codec: C
         CodecWord::WoodenhapticsHid8 => Protocol::WoodenhapticsHid8,
         CodecWord::HaptikfabrikenHid14 => {
             let accepted = "\"mbed\" (reports of 14 bytes) or \"teensy-rawhid\" (of 64)";
-            Protocol::HaptikfabrikenHid14 { carrier: checks.given("protocol.carrier", given.carrier, accepted)?.into() }
+            Protocol::HaptikfabrikenHid14 {
+                carrier: checks.given("protocol.carrier", given.carrier, accepted)?.into(),
+            }
         }
         CodecWord::PolhemAscii64 => Protocol::PolhemAscii64 { cartesian: false },
         CodecWord::HaptikfabrikenBrackets => {
-            let accepted = "1 (Polhem 2022), 2 (vintage) or 3 (WoodenHaptics): what the arm calls itself";
+            let accepted =
+                "1 (Polhem 2022), 2 (vintage) or 3 (WoodenHaptics): what the arm calls itself";
             let model = checks.given("protocol.model", given.model, accepted)?;
             Protocol::HaptikfabrikenBrackets { model: u8::try_from(model).unwrap_or(u8::MAX) }
         }
         CodecWord::HapiF32 => Protocol::HapiF32(board(checks, given)?),
         CodecWord::FalconNibble16 => {
-            let image = given.firmware.as_ref().map(|name| checks.file("protocol.firmware", name, dir));
+            let image =
+                given.firmware.as_ref().map(|name| checks.file("protocol.firmware", name, dir));
             Protocol::FalconNibble16 { image: image.flatten() }
         }
         CodecWord::HapkitAscii => Protocol::HapkitAscii,
-        CodecWord::SpaceMouse => {
-            Protocol::SpaceMouse { dead_band: checks.whole("protocol.dead_band", given.dead_band, 10, 0, 300) as u16 }
-        }
+        CodecWord::SpaceMouse => Protocol::SpaceMouse {
+            dead_band: checks.whole("protocol.dead_band", given.dead_band, 10, 0, 300) as u16,
+        },
         CodecWord::Spacenav => Protocol::Spacenav,
         CodecWord::Dynamixel2 => Protocol::Dynamixel2 { servos: servos(checks, written)? },
         CodecWord::HaplyService => Protocol::HaplyService(haply(checks, given, profile)),
         CodecWord::Open6 => Protocol::Open6(open6(checks, written, profile)?),
-        CodecWord::ForceDimension => Protocol::Vendor(vendor(checks, dir, written, profile, Family::ForceDimension)?),
-        CodecWord::Virtuose => Protocol::Vendor(vendor(checks, dir, written, profile, Family::Virtuose)?),
-        CodecWord::OpenHaptics => Protocol::Vendor(vendor(checks, dir, written, profile, Family::OpenHaptics)?),
+        CodecWord::ForceDimension => {
+            Protocol::Vendor(vendor(checks, dir, written, profile, Family::ForceDimension)?)
+        }
+        CodecWord::Virtuose => {
+            Protocol::Vendor(vendor(checks, dir, written, profile, Family::Virtuose)?)
+        }
+        CodecWord::OpenHaptics => {
+            Protocol::Vendor(vendor(checks, dir, written, profile, Family::OpenHaptics)?)
+        }
         CodecWord::Declarative => Protocol::Declarative(packet::layout(checks, written, profile)?),
     })
 }
@@ -211,14 +253,26 @@ fn only_of(checks: &mut Checks<'_>, given: &super::written::Protocol, codec: Cod
         ("grip", given.grip.is_some(), CodecWord::HaplyService),
         ("service_version", given.service_version.is_some(), CodecWord::HaplyService),
     ];
-    for (key, _, owner) in keys.into_iter().filter(|(_, is_written, owner)| *is_written && *owner != codec) {
-        checks.not_accepted(&format!("protocol.{key}"), format_args!("left out: it belongs to codec \"{}\"", owner));
+    for (key, _, owner) in
+        keys.into_iter().filter(|(_, is_written, owner)| *is_written && *owner != codec)
+    {
+        checks.not_accepted(
+            &format!("protocol.{key}"),
+            format_args!("left out: it belongs to codec \"{}\"", owner),
+        );
     }
 }
 
-fn haply(checks: &mut Checks<'_>, given: &super::written::Protocol, profile: &Profile) -> HaplyService {
+fn haply(
+    checks: &mut Checks<'_>,
+    given: &super::written::Protocol,
+    profile: &Profile,
+) -> HaplyService {
     let address = given.address.clone().unwrap_or_else(|| ADDRESS.to_owned());
-    if !address.rsplit_once(':').is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok()) {
+    if !address
+        .rsplit_once(':')
+        .is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok())
+    {
         checks.not_accepted("protocol.address", "host and port, such as \"127.0.0.1:10001\"");
     }
     let version = given.service_version.as_ref().and_then(|text| {
@@ -239,12 +293,16 @@ fn haply(checks: &mut Checks<'_>, given: &super::written::Protocol, profile: &Pr
 
 fn board(checks: &mut Checks<'_>, given: &super::written::Protocol) -> Option<HapiBoard> {
     let turn = |word: &TurnWord| Turn::from(*word);
-    let (Some(motors), Some(directions), Some(starts), Some(counts)) =
-        (&given.motor_direction, &given.encoder_direction, &given.encoder_start_deg, &given.encoder_counts_per_rev)
-    else {
+    let (Some(motors), Some(directions), Some(starts), Some(counts)) = (
+        &given.motor_direction,
+        &given.encoder_direction,
+        &given.encoder_start_deg,
+        &given.encoder_counts_per_rev,
+    ) else {
         checks.missing(
             "protocol",
-            "motor_direction, encoder_direction, encoder_start_deg and encoder_counts_per_rev, each in port order",
+            "motor_direction, encoder_direction, encoder_start_deg and encoder_counts_per_rev, \
+                each in port order",
         );
         return None;
     };
@@ -252,7 +310,9 @@ fn board(checks: &mut Checks<'_>, given: &super::written::Protocol) -> Option<Ha
         let n = directions.len();
         checks.not_accepted(
             "protocol.encoder_direction",
-            format_args!("of the same length as encoder_start_deg and encoder_counts_per_rev, now {n}"),
+            format_args!(
+                "of the same length as encoder_start_deg and encoder_counts_per_rev, now {n}"
+            ),
         );
         return None;
     }
@@ -278,22 +338,39 @@ fn servos(checks: &mut Checks<'_>, written: &ProfileFile) -> Option<Vec<Servo>> 
                 let id = checks.whole(&format!("joint[{idx}].servo_id"), Some(id), 0, 0, 252) as u8;
                 servos.push(Servo { id, model: model.into() });
             }
-            (None, _) => checks.missing(&format!("joint[{idx}].servo_id"), "the id of the servo on the bus"),
-            (_, None) => checks.missing(&format!("joint[{idx}].servo_model"), "\"XC330-T288\" or \"XM430-W210\""),
+            (None, _) => {
+                checks.missing(&format!("joint[{idx}].servo_id"), "the id of the servo on the bus")
+            }
+            (_, None) => checks
+                .missing(&format!("joint[{idx}].servo_model"), "\"XC330-T288\" or \"XM430-W210\""),
         }
     }
     (servos.len() == written.joint.len() && !servos.is_empty()).then_some(servos)
 }
 
-/// An arm behind a library of its maker. The library may be on another machine than the profile, so that it is not looked for here.
-fn vendor(checks: &mut Checks<'_>, dir: &Path, written: &ProfileFile, profile: &Profile, family: Family) -> Option<VendorProtocol> {
-    let library = written.protocol.as_ref().and_then(|given| given.library.as_ref()).map(|name| dir.join(name));
+/// An arm behind a library of its maker. The library may be on another machine than the profile, so
+/// that it is not looked for here.
+fn vendor(
+    checks: &mut Checks<'_>,
+    dir: &Path,
+    written: &ProfileFile,
+    profile: &Profile,
+    family: Family,
+) -> Option<VendorProtocol> {
+    let library = written
+        .protocol
+        .as_ref()
+        .and_then(|given| given.library.as_ref())
+        .map(|name| dir.join(name));
     Some(VendorProtocol { family, library, home: false, arm: open6(checks, written, profile)? })
 }
 
 fn open6(checks: &mut Checks<'_>, written: &ProfileFile, profile: &Profile) -> Option<Open6Arm> {
     let Some(watchdog_ms) = written.link.device_watchdog_ms else {
-        checks.missing("link.device_watchdog_ms", "a whole number of ms: an arm of this protocol has a watchdog");
+        checks.missing(
+            "link.device_watchdog_ms",
+            "a whole number of ms: an arm of this protocol has a watchdog",
+        );
         return None;
     };
     Some(Open6Arm {
@@ -330,10 +407,17 @@ fn fit(checks: &mut Checks<'_>, matching: &Match, protocol: &Protocol, profile: 
             _ => protocol
                 .carriages()
                 .iter()
-                .map(|carriage| if *carriage == Carriage::Reports { "\"hid\"" } else { "\"serial\"" })
+                .map(
+                    |carriage| {
+                        if *carriage == Carriage::Reports { "\"hid\"" } else { "\"serial\"" }
+                    },
+                )
                 .collect(),
         };
-        checks.not_accepted("match.transport", format_args!("{}: `{}` travels so", accepted.join(" or "), protocol.name()));
+        checks.not_accepted(
+            "match.transport",
+            format_args!("{}: `{}` travels so", accepted.join(" or "), protocol.name()),
+        );
     }
     if protocol.pacing() != profile.link.pacing {
         let pacing = match protocol.pacing() {
@@ -341,17 +425,22 @@ fn fit(checks: &mut Checks<'_>, matching: &Match, protocol: &Protocol, profile: 
             crate::Pacing::Stream => "stream",
             crate::Pacing::Event => "event",
         };
-        checks.not_accepted("link.pacing", format_args!("\"{pacing}\": so does `{}` talk", protocol.name()));
+        checks.not_accepted(
+            "link.pacing",
+            format_args!("\"{pacing}\": so does `{}` talk", protocol.name()),
+        );
     }
 }
 
 /// The signed permutation of [frame], which has to be a rotation.
 fn frame(checks: &mut Checks<'_>, written: &ProfileFile) -> DQuat {
     const KEY: &str = "frame.device_from_native";
-    let Some(axes) = written.frame.as_ref().and_then(|frame| frame.device_from_native.as_ref()) else {
+    let Some(axes) = written.frame.as_ref().and_then(|frame| frame.device_from_native.as_ref())
+    else {
         checks.missing(
             KEY,
-            "the native axis along each device axis (x toward the operator, y right, z up), such as [\"+x\", \"+y\", \"+z\"]",
+            "the native axis along each device axis (x toward the operator, y right, z up), such \
+                as [\"+x\", \"+y\", \"+z\"]",
         );
         return DQuat::IDENTITY;
     };
@@ -375,7 +464,10 @@ fn frame(checks: &mut Checks<'_>, written: &ProfileFile) -> DQuat {
         return DQuat::IDENTITY;
     };
     if axes.len() != 3 || DMat3::from_cols(x, y, z).determinant() != 1.0 {
-        checks.not_accepted(KEY, "a proper rotation: each axis once, and a right-handed frame (turn one sign)");
+        checks.not_accepted(
+            KEY,
+            "a proper rotation: each axis once, and a right-handed frame (turn one sign)",
+        );
         return DQuat::IDENTITY;
     }
     // Row i is the native axis along device axis i.
@@ -383,11 +475,15 @@ fn frame(checks: &mut Checks<'_>, written: &ProfileFile) -> DQuat {
 }
 
 fn homing(checks: &mut Checks<'_>, written: &ProfileFile) -> Homing {
-    let Some(homing) = checks.given("homing", written.homing.as_ref(), "a table [homing] with `mode`") else {
+    let Some(homing) =
+        checks.given("homing", written.homing.as_ref(), "a table [homing] with `mode`")
+    else {
         return Homing::default();
     };
-    let accepted = "\"none\", \"power-on-pose\", \"host-offset\", \"device-command\" or \"device-procedure\"";
-    let mode = checks.given("homing.mode", homing.mode, accepted).map_or(HomingMode::None, Into::into);
+    let accepted =
+        "\"none\", \"power-on-pose\", \"host-offset\", \"device-command\" or \"device-procedure\"";
+    let mode =
+        checks.given("homing.mode", homing.mode, accepted).map_or(HomingMode::None, Into::into);
     if mode != HomingMode::None && homing.instruction.is_none() {
         checks.missing("homing.instruction", "a sentence that says what the user has to do");
     }
@@ -402,8 +498,18 @@ fn identified_of(checks: &mut Checks<'_>, written: &WrittenIdentified) -> Identi
         );
     }
     Identified {
-        round_trip_ticks: checks.whole("identified.round_trip_ticks", written.round_trip_ticks, 1, 0, 100),
-        mass_kg: checks.required("identified.mass_kg", written.mass_kg, POSITIVE.to(ceilings::MASS_KG).unit("kg")),
+        round_trip_ticks: checks.whole(
+            "identified.round_trip_ticks",
+            written.round_trip_ticks,
+            1,
+            0,
+            100,
+        ),
+        mass_kg: checks.required(
+            "identified.mass_kg",
+            written.mass_kg,
+            POSITIVE.to(ceilings::MASS_KG).unit("kg"),
+        ),
         damping_n_s_per_m: checks.required(
             "identified.damping_n_s_per_m",
             written.damping_n_s_per_m,
@@ -422,25 +528,37 @@ fn identified_of(checks: &mut Checks<'_>, written: &WrittenIdentified) -> Identi
     }
 }
 
-/// The axes that the profile claims against those that its joints determine. True where orientation is measured.
-fn sensed_fits(checks: &mut Checks<'_>, kinematics: &Kinematics, device_from_native: DQuat, profile: &Profile) -> bool {
+/// The axes that the profile claims against those that its joints determine. True where orientation
+/// is measured.
+fn sensed_fits(
+    checks: &mut Checks<'_>,
+    kinematics: &Kinematics,
+    device_from_native: DQuat,
+    profile: &Profile,
+) -> bool {
     let native = kinematics.axes();
     let orientation_sensed = native.contains(Axes::ROTATION);
     if matches!(kinematics, Kinematics::Rate(_)) {
         return profile.sensed.contains(Axes::ROTATION);
     }
     let mut determined = if orientation_sensed { Axes::ROTATION } else { Axes::NONE };
-    for (native_idx, axis) in DVec3::AXES.into_iter().enumerate().filter(|(native_idx, _)| native.has(*native_idx)) {
+    for (native_idx, axis) in
+        DVec3::AXES.into_iter().enumerate().filter(|(native_idx, _)| native.has(*native_idx))
+    {
         let along = (device_from_native * axis).abs().max_position();
         let name = Axes::NAMES.get(along).or(Axes::NAMES.get(native_idx));
-        determined = determined.union(name.and_then(|name| Axes::from_name(name)).unwrap_or_default());
+        determined =
+            determined.union(name.and_then(|name| Axes::from_name(name)).unwrap_or_default());
     }
     let grip = Axes::from_name("grip").unwrap_or_default();
     if !determined.union(grip).contains(profile.sensed) {
         let names: Vec<&str> = determined.names().collect();
         checks.not_accepted(
             "device.sensed",
-            format_args!("a subset of {}, which is what the joints of the arm determine", names.join(" ")),
+            format_args!(
+                "a subset of {}, which is what the joints of the arm determine",
+                names.join(" ")
+            ),
         );
     }
     orientation_sensed && profile.sensed.contains(Axes::ROTATION)

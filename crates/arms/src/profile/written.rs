@@ -1,4 +1,5 @@
-//! A profile as it is written. Foreign units, nothing checked but names and types. The comments are what editors show.
+//! A profile as it is written. Foreign units, nothing checked but names and types. The comments are
+//! what editors show.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -67,7 +68,8 @@ pub(super) struct Device {
 #[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, expecting = "a table, written [match]")]
 pub(super) struct Match {
-    /// How its bytes travel; "service": through a program of its maker; "library": a library of its maker; "none": a socket of another program.
+    /// How its bytes travel; "service": through a program of its maker; "library": a library of its
+    /// maker; "none": a socket of another program.
     pub(super) transport: Option<TransportWord>,
     pub(super) vendor_id: Option<u32>,
     pub(super) product_id: Option<u32>,
@@ -96,7 +98,8 @@ pub(super) struct Protocol {
     pub(super) carrier: Option<CarrierWord>,
     /// haptikfabriken-brackets: 1 Polhem 2022, 2 vintage, 3 WoodenHaptics.
     pub(super) model: Option<u32>,
-    /// force-dimension, open-haptics, virtuose: the library of the maker, where it is not in one of the usual places.
+    /// force-dimension, open-haptics, virtuose: the library of the maker, where it is not in one of
+    /// the usual places.
     pub(super) library: Option<String>,
     /// falcon-nibble16: firmware image that the user owns.
     pub(super) firmware: Option<String>,
@@ -369,7 +372,11 @@ pub(super) struct Packets {
 
 /// One packet.
 #[derive(Debug, Default, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default, expecting = "a table, written [packet.report] or [packet.command]")]
+#[serde(
+    deny_unknown_fields,
+    default,
+    expecting = "a table, written [packet.report] or [packet.command]"
+)]
 pub(super) struct Packet {
     pub(super) framing: Option<FramingWord>,
     /// Bytes of the body, checksum included.
@@ -400,7 +407,11 @@ pub(super) struct Packet {
 
 /// One value of a packet.
 #[derive(Debug, Default, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default, expecting = "a table, such as { role = \"reading\", index = 0, offset = 0, type = \"i16\" }")]
+#[serde(
+    deny_unknown_fields,
+    default,
+    expecting = "a table, such as { role = \"reading\", index = 0, offset = 0, type = \"i16\" }"
+)]
 pub(super) struct Field {
     pub(super) role: Option<RoleWord>,
     /// Which reading, rate, motor, or first button.

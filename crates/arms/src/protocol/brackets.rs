@@ -1,14 +1,18 @@
-//! `haptikfabriken-brackets`: boards of 2022 and later. `[model,e0,…,e5,err]` for `[ma0,ma1,ma2]`, strictly in turn.
+//! `haptikfabriken-brackets`: boards of 2022 and later. `[model,e0,…,e5,err]` for `[ma0,ma1,ma2]`,
+//! strictly in turn.
 
 use core::time::Duration;
 
 use super::dialogue::{Question, ask, hush};
 use super::gather::Gather;
 use super::number::{count_32, integers, pad, put, toward_zero};
-use super::{ArmReadings, Codec, FeedCounts, Firmware, MAX_AXES, MotorCommand, Outbox, Report, StartError};
+use super::{
+    ArmReadings, Codec, FeedCounts, Firmware, MAX_AXES, MotorCommand, Outbox, Report, StartError,
+};
 use crate::transport::{Frame, Transport};
 
-/// [`Report::error`] of an arm that calls itself another model than at the start: above every code of the arm's own.
+/// [`Report::error`] of an arm that calls itself another model than at the start: above every code
+/// of the arm's own.
 pub(super) const WRONG_MODEL: u32 = 0xFFFF;
 
 /// Least bytes of a write.
@@ -38,7 +42,8 @@ impl Host {
         Self { model, gather: Gather::default(), report: Report::default() }
     }
 
-    /// The numbers of the frame that has just ended, and whether anything but blanks stood before it.
+    /// The numbers of the frame that has just ended, and whether anything but blanks stood before
+    /// it.
     fn numbers(&self) -> (Option<[i32; 8]>, bool) {
         let line = self.gather.as_slice();
         let Some(open) = line.iter().rposition(|byte| *byte == b'[') else { return (None, false) };
@@ -70,7 +75,8 @@ impl Codec for Host {
                         Ok(())
                     } else {
                         Err(StartError::Refused(format!(
-                            "the arm says that it is model {model} ({}), and the profile is for model {expected} ({}): choose the profile of model {model}",
+                            "the arm says that it is model {model} ({}), and the profile is for \
+                                model {expected} ({}): choose the profile of model {model}",
                             model_name(model),
                             model_name(expected)
                         )))
@@ -100,7 +106,11 @@ impl Codec for Host {
                         *reading = f64::from(encoder);
                     }
                     let is_expected = model == i32::from(self.model);
-                    self.report.error = if is_expected { error.unsigned_abs().min(WRONG_MODEL - 1) } else { WRONG_MODEL };
+                    self.report.error = if is_expected {
+                        error.unsigned_abs().min(WRONG_MODEL - 1)
+                    } else {
+                        WRONG_MODEL
+                    };
                     fed.reports += 1;
                 }
                 Some(false) => fed.corrupt += 1,
@@ -163,7 +173,8 @@ impl Firmware for Arm {
             for (motor, current) in self.motors.iter_mut().zip(currents) {
                 *motor = f64::from(current);
             }
-            let counts: Vec<_> = arm.readings[..6].iter().map(|reading| count_32(*reading).to_string()).collect();
+            let counts: Vec<_> =
+                arm.readings[..6].iter().map(|reading| count_32(*reading).to_string()).collect();
             out.push(format!("[{},{},0]\n", self.model, counts.join(",")).into_bytes());
         }
     }

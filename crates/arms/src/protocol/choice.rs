@@ -5,16 +5,16 @@ use core::time::Duration;
 use std::path::PathBuf;
 
 use super::{
-    Codec, Firmware, HapiBoard, HapiEncoder, HaplyService, Hid14Carrier, MAX_AXES, MotorCommand, Open6Arm, PacketLayout,
-    ProtocolError, Servo, brackets, declarative, dynamixel, dynamixel_bus, falcon, hapi, hapkit, haply, hid14, open6, open6_arm,
-    polhem, space_mouse, woodenhaptics,
+    Codec, Firmware, HapiBoard, HapiEncoder, HaplyService, Hid14Carrier, MAX_AXES, MotorCommand,
+    Open6Arm, PacketLayout, ProtocolError, Servo, brackets, declarative, dynamixel, dynamixel_bus,
+    falcon, hapi, hapkit, haply, hid14, open6, open6_arm, polhem, space_mouse, woodenhaptics,
 };
 use crate::Pacing;
 use crate::transport::{Carriage, Frame};
 use crate::vendor::VendorProtocol;
 
-/// The protocol of an arm. The docs of each variant name its readings ([`Report::readings`]) and its motors ([`MotorCommand::motors`]) in
-/// order, in the units of the wire.
+/// The protocol of an arm. The docs of each variant name its readings ([`Report::readings`]) and
+/// its motors ([`MotorCommand::motors`]) in order, in the units of the wire.
 ///
 /// [`Report::readings`]: super::Report::readings
 /// [`MotorCommand::motors`]: super::MotorCommand::motors
@@ -23,16 +23,17 @@ pub enum Protocol {
     /// WoodenHaptics 1.5, HID, the arm sends by itself.
     /// Readings 0–2: encoders a, b, c, counts, unwrapped. Motors 0–2: a, b, c, mA.
     WoodenhapticsHid8,
-    /// Haptikfabriken boards of 2019, HID, one reply per command, kick-start.
-    /// Readings 0–2: encoders a, b, c; 3–5: gimbal joints D, E, F (on the wire in the reverse order, as f, e, d); counts, unwrapped.
-    /// Motors 0–2: a, b, c, mA. Button bit 0: grip; bit 1: the calibration button was pressed.
+    /// Haptikfabriken boards of 2019, HID, one reply per command, kick-start. Readings 0–2:
+    /// encoders a, b, c; 3–5: gimbal joints D, E, F (on the wire in the reverse order, as f, e, d);
+    /// counts, unwrapped. Motors 0–2: a, b, c, mA. Button bit 0: grip; bit 1: the calibration
+    /// button was pressed.
     HaptikfabrikenHid14 {
         /// Size of the reports.
         carrier: Hid14Carrier,
     },
-    /// Polhem of 2020–21, lines of text, one reply per command.
-    /// Readings 0–5: encoders a to f, counts. Motors 0–2: a, b, c, mA.
-    /// With `cartesian`, the arm computes: readings 0–2: x, y, z, m; 3–6: tA, lambda, tD, tE, rad. Motors 0–2: force x, y, z, N.
+    /// Polhem of 2020–21, lines of text, one reply per command. Readings 0–5: encoders a to f,
+    /// counts. Motors 0–2: a, b, c, mA. With `cartesian`, the arm computes: readings 0–2: x, y, z,
+    /// m; 3–6: tA, lambda, tD, tE, rad. Motors 0–2: force x, y, z, N.
     PolhemAscii64 {
         /// Let the arm compute its kinematics (command 2).
         cartesian: bool,
@@ -50,36 +51,41 @@ pub enum Protocol {
     /// Readings 0–2: encoders 1, 2, 3, counts. Motors 0–2: counts of −10⁻⁴ N·m, at most ±4096.
     /// Button bits 0–3: plus, forward, centre, minus.
     FalconNibble16 {
-        /// The firmware image that the user owns; without one, a Falcon that was just switched on cannot be started.
+        /// The firmware image that the user owns; without one, a Falcon that was just switched on
+        /// cannot be started.
         image: Option<PathBuf>,
     },
     /// Hapkit, one axis, lines of text, the arm sends by itself.
     /// Reading 0: position, m, with its rate in m/s. Motor 0: force, N. Button bit 0.
     HapkitAscii,
-    /// SpaceMouse family, HID, reports on change, no motors.
-    /// Readings 0–5: x, y, z, rx, ry, rz, counts of about ±350 at full scale; they are rates, not a pose.
+    /// SpaceMouse family, HID, reports on change, no motors. Readings 0–5: x, y, z, rx, ry, rz,
+    /// counts of about ±350 at full scale; they are rates, not a pose.
     SpaceMouse {
         /// Counts of an axis up to this are 0.
         dead_band: u16,
     },
-    /// A SpaceMouse through the socket of spacenavd: readings as [`Self::SpaceMouse`], already shaped by the daemon.
+    /// A SpaceMouse through the socket of spacenavd: readings as [`Self::SpaceMouse`], already
+    /// shaped by the daemon.
     Spacenav,
-    /// A leader arm of Dynamixel X servos, one exchange per command.
-    /// Readings: position of each servo, 1/4096 turn, with rates. Motors: goal current of each, counts of its model.
+    /// A leader arm of Dynamixel X servos, one exchange per command. Readings: position of each
+    /// servo, 1/4096 turn, with rates. Motors: goal current of each, counts of its model.
     Dynamixel2 {
         /// The servos from base to grip: at most [`MAX_AXES`], ids unique.
         servos: Vec<Servo>,
     },
     /// The open protocol of `docs/reference/protocol.md`, HID or serial, one state per command.
-    /// Readings 0–2: x, y, z, m; 3–6: orientation x, y, z, w; 7: grip, rad. Rates: velocity, m/s; angular velocity, rad/s; 7: grip, rad/s
-    /// (0 where not sent). Motors 0–2: force, N; 3–5: torque, N·m; 6: grip torque, N·m.
+    /// Readings 0–2: x, y, z, m; 3–6: orientation x, y, z, w; 7: grip, rad. Rates: velocity, m/s;
+    /// angular velocity, rad/s; 7: grip, rad/s (0 where not sent). Motors 0–2: force, N; 3–5:
+    /// torque, N·m; 6: grip torque, N·m.
     Open6(Open6Arm),
-    /// The Inverse service of Haply, one state per command. Readings 0–2: x, y, z, m; 3–6: orientation of the grip x, y, z, w.
-    /// Motors 0–2: force, N. Button bits 0–9: a to f, up, down, left, right.
+    /// The Inverse service of Haply, one state per command. Readings 0–2: x, y, z, m; 3–6:
+    /// orientation of the grip x, y, z, w. Motors 0–2: force, N. Button bits 0–9: a to f, up, down,
+    /// left, right.
     HaplyService(HaplyService),
     /// Frames described as data.
     Declarative(PacketLayout),
-    /// A library of the arm's maker, in a worker that speaks [`Self::Open6`]: the same readings and motors.
+    /// A library of the arm's maker, in a worker that speaks [`Self::Open6`]: the same readings and
+    /// motors.
     Vendor(VendorProtocol),
 }
 
@@ -109,14 +115,20 @@ impl Protocol {
         match self {
             Self::Open6(_) => Some(open6::error_text(error)),
             Self::HaplyService(_) => Some(haply::error_text(error)),
-            Self::Vendor(vendor) => Some(vendor.family.fault_text(error).map_or_else(|| open6::error_text(error), str::to_owned)),
+            Self::Vendor(vendor) => Some(
+                vendor
+                    .family
+                    .fault_text(error)
+                    .map_or_else(|| open6::error_text(error), str::to_owned),
+            ),
             Self::Dynamixel2 { .. } => Some(dynamixel::report_error_text(error)),
             _ => None,
         }
     }
 
-    /// Bytes of one command and its answer on a serial line, stuffing and checks included; `None` for boards that are ports of USB by themselves,
-    /// which ignore the baud rate, and for lines of text, which have no one length.
+    /// Bytes of one command and its answer on a serial line, stuffing and checks included; `None`
+    /// for boards that are ports of USB by themselves, which ignore the baud rate, and for lines of
+    /// text, which have no one length.
     pub fn exchange_bytes(&self) -> Option<usize> {
         match self {
             Self::Open6(_) => Some(open6::EXCHANGE_BYTES),
@@ -135,7 +147,9 @@ impl Protocol {
             | Self::HaplyService(_)
             | Self::Declarative(_)
             | Self::Vendor(_) => 0.0,
-            Self::PolhemAscii64 { cartesian: true } | Self::SpaceMouse { .. } | Self::Spacenav => 0.0,
+            Self::PolhemAscii64 { cartesian: true } | Self::SpaceMouse { .. } | Self::Spacenav => {
+                0.0
+            }
             Self::WoodenhapticsHid8
             | Self::HaptikfabrikenHid14 { .. }
             | Self::PolhemAscii64 { cartesian: false }
@@ -150,7 +164,9 @@ impl Protocol {
         match self {
             Self::WoodenhapticsHid8 | Self::FalconNibble16 { .. } => 3,
             Self::PolhemAscii64 { cartesian: true } => 7,
-            Self::HaptikfabrikenHid14 { .. } | Self::PolhemAscii64 { .. } | Self::HaptikfabrikenBrackets { .. } => 6,
+            Self::HaptikfabrikenHid14 { .. }
+            | Self::PolhemAscii64 { .. }
+            | Self::HaptikfabrikenBrackets { .. } => 6,
             Self::SpaceMouse { .. } | Self::Spacenav => 6,
             Self::HapiF32(board) => board.encoders.len(),
             Self::HapkitAscii => 1,
@@ -164,7 +180,9 @@ impl Protocol {
     /// How many motors a command has.
     pub(crate) fn n_motors(&self) -> usize {
         match self {
-            Self::WoodenhapticsHid8 | Self::HaptikfabrikenHid14 { .. } | Self::PolhemAscii64 { .. } => 3,
+            Self::WoodenhapticsHid8
+            | Self::HaptikfabrikenHid14 { .. }
+            | Self::PolhemAscii64 { .. } => 3,
             Self::HaptikfabrikenBrackets { .. } | Self::FalconNibble16 { .. } => 3,
             Self::SpaceMouse { .. } | Self::Spacenav => 0,
             Self::HapiF32(board) => board.motors.len(),
@@ -176,7 +194,8 @@ impl Protocol {
         }
     }
 
-    /// A frame that takes the force away, whatever was exchanged before it; empty where there are no motors. Cold.
+    /// A frame that takes the force away, whatever was exchanged before it; empty where there are
+    /// no motors. Cold.
     pub(crate) fn zero_frame(&self, carriage: Carriage) -> Frame {
         let mut frame = Frame::default();
         if self.n_motors() > 0 {
@@ -192,12 +211,14 @@ impl Protocol {
     /// How its bytes may travel.
     pub fn carriages(&self) -> &'static [Carriage] {
         match self {
-            Self::WoodenhapticsHid8 | Self::HaptikfabrikenHid14 { .. } | Self::SpaceMouse { .. } | Self::HaplyService(_) => {
-                &[Carriage::Reports]
-            }
-            Self::PolhemAscii64 { .. } | Self::HaptikfabrikenBrackets { .. } | Self::HapiF32(_) | Self::FalconNibble16 { .. } => {
-                &[Carriage::Stream]
-            }
+            Self::WoodenhapticsHid8
+            | Self::HaptikfabrikenHid14 { .. }
+            | Self::SpaceMouse { .. }
+            | Self::HaplyService(_) => &[Carriage::Reports],
+            Self::PolhemAscii64 { .. }
+            | Self::HaptikfabrikenBrackets { .. }
+            | Self::HapiF32(_)
+            | Self::FalconNibble16 { .. } => &[Carriage::Stream],
             Self::HapkitAscii | Self::Spacenav | Self::Dynamixel2 { .. } => &[Carriage::Stream],
             Self::Open6(_) | Self::Vendor(_) => &[Carriage::Reports, Carriage::Stream],
             Self::Declarative(layout) => layout.carriages(),
@@ -218,12 +239,18 @@ impl Protocol {
     #[cfg(test)]
     pub(super) fn watchdog(&self) -> Option<Duration> {
         match self {
-            Self::WoodenhapticsHid8 | Self::HaptikfabrikenHid14 { .. } => Some(Duration::from_millis(500)),
+            Self::WoodenhapticsHid8 | Self::HaptikfabrikenHid14 { .. } => {
+                Some(Duration::from_millis(500))
+            }
             Self::PolhemAscii64 { .. } => Some(Duration::from_millis(100)),
             Self::Dynamixel2 { .. } => Some(Duration::from_millis(40)),
-            Self::Open6(arm) | Self::Vendor(VendorProtocol { arm, .. }) => Some(Duration::from_millis(arm.watchdog_ms.into())),
+            Self::Open6(arm) | Self::Vendor(VendorProtocol { arm, .. }) => {
+                Some(Duration::from_millis(arm.watchdog_ms.into()))
+            }
             Self::HaplyService(_) => Some(haply::service::IDLE),
-            Self::Declarative(layout) => layout.watchdog_ms.map(|ms| Duration::from_millis(ms.into())),
+            Self::Declarative(layout) => {
+                layout.watchdog_ms.map(|ms| Duration::from_millis(ms.into()))
+            }
             _ => None,
         }
     }
@@ -241,7 +268,9 @@ impl Protocol {
             Self::SpaceMouse { dead_band } => Box::new(space_mouse::Host::new(*dead_band)),
             Self::Spacenav => Box::new(space_mouse::SocketHost::default()),
             Self::Dynamixel2 { servos } => Box::new(dynamixel::Host::new(servos)),
-            Self::Open6(arm) | Self::Vendor(VendorProtocol { arm, .. }) => Box::new(open6::Host::new(arm.clone(), carriage)),
+            Self::Open6(arm) | Self::Vendor(VendorProtocol { arm, .. }) => {
+                Box::new(open6::Host::new(arm.clone(), carriage))
+            }
             Self::HaplyService(_) => Box::new(haply::Host::default()),
             Self::Declarative(layout) => Box::new(declarative::Host::new(layout.clone())),
         }
@@ -260,7 +289,9 @@ impl Protocol {
             Self::SpaceMouse { .. } => Box::new(space_mouse::Puck::new(true)),
             Self::Spacenav => Box::new(space_mouse::SocketPuck::default()),
             Self::Dynamixel2 { servos } => Box::new(dynamixel_bus::Arm::new(servos)),
-            Self::Open6(arm) | Self::Vendor(VendorProtocol { arm, .. }) => Box::new(open6_arm::Arm::new(arm.clone(), carriage)),
+            Self::Open6(arm) | Self::Vendor(VendorProtocol { arm, .. }) => {
+                Box::new(open6_arm::Arm::new(arm.clone(), carriage))
+            }
             Self::HaplyService(service) => Box::new(haply::Adapted::new(service)),
             Self::Declarative(layout) => Box::new(declarative::Arm::new(layout.clone())),
         }
@@ -273,20 +304,26 @@ impl Protocol {
     pub(crate) fn check(&self) -> Result<(), ProtocolError> {
         let refuse = |text: String| Err(ProtocolError(text));
         match self {
-            Self::HaptikfabrikenBrackets { model } if !(1..=3).contains(model) => {
-                refuse(format!("model {model} is not known: 1 (Polhem 2022), 2 (vintage) or 3 (WoodenHaptics)"))
-            }
+            Self::HaptikfabrikenBrackets { model } if !(1..=3).contains(model) => refuse(format!(
+                "model {model} is not known: 1 (Polhem 2022), 2 (vintage) or 3 (WoodenHaptics)"
+            )),
             Self::HapiF32(board) => {
-                let (n_motors, n_encoders) = (board.motors.len(), board.encoders.len());
+                let n_motors = board.motors.len();
+                let n_encoders = board.encoders.len();
                 if !(1..=4).contains(&n_motors) || !(1..=4).contains(&n_encoders) {
-                    return refuse(format!("{n_motors} motors and {n_encoders} encoders: 1 to 4 of each"));
+                    return refuse(format!(
+                        "{n_motors} motors and {n_encoders} encoders: 1 to 4 of each"
+                    ));
                 }
                 let sound = |encoder: &HapiEncoder| {
-                    encoder.start_deg.is_finite() && encoder.counts_per_rev.is_finite() && encoder.counts_per_rev > 0.0
+                    encoder.start_deg.is_finite()
+                        && encoder.counts_per_rev.is_finite()
+                        && encoder.counts_per_rev > 0.0
                 };
                 match board.encoders.iter().position(|encoder| !sound(encoder)) {
                     Some(idx) => refuse(format!(
-                        "encoder at port {}: the start angle has to be a number and the counts per turn more than 0",
+                        "encoder at port {}: the start angle has to be a number and the counts per \
+                            turn more than 0",
                         idx + 1
                     )),
                     None => Ok(()),
@@ -301,21 +338,34 @@ impl Protocol {
                         return refuse(format!("servo id {}: 0 to 252", servo.id));
                     }
                     if servos[..idx].iter().any(|other| other.id == servo.id) {
-                        return refuse(format!("servo id {} is there twice: every servo on a bus has its own id", servo.id));
+                        return refuse(format!(
+                            "servo id {} is there twice: every servo on a bus has its own id",
+                            servo.id
+                        ));
                     }
                 }
                 Ok(())
             }
             Self::Open6(arm) | Self::Vendor(VendorProtocol { arm, .. }) => {
                 if arm.name.len() > Open6Arm::NAME_MAX {
-                    return refuse(format!("name of {} bytes: at most {}", arm.name.len(), Open6Arm::NAME_MAX));
+                    return refuse(format!(
+                        "name of {} bytes: at most {}",
+                        arm.name.len(),
+                        Open6Arm::NAME_MAX
+                    ));
                 }
                 if arm.watchdog_ms == 0 {
-                    return refuse("watchdog of 0 ms: at least 1, since an arm of this protocol has one".to_owned());
+                    return refuse(
+                        "watchdog of 0 ms: at least 1, since an arm of this protocol has one"
+                            .to_owned(),
+                    );
                 }
                 let limits = [arm.force_n, arm.torque_nm, arm.workspace_radius_m];
                 if limits.iter().any(|limit| !limit.is_finite() || *limit < 0.0) {
-                    return refuse("limits of force, torque and workspace have to be numbers of at least 0".to_owned());
+                    return refuse(
+                        "limits of force, torque and workspace have to be numbers of at least 0"
+                            .to_owned(),
+                    );
                 }
                 Ok(())
             }

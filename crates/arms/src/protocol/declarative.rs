@@ -1,4 +1,5 @@
-//! `declarative`: frames that a profile describes as data, both sides. The description is in [`layout`](super::layout).
+//! `declarative`: frames that a profile describes as data, both sides. The description is in
+//! [`layout`](super::layout).
 
 use core::time::Duration;
 
@@ -6,7 +7,9 @@ use super::dialogue::{Question, ask, hush};
 use super::framing::FrameReader;
 use super::layout::{BODY_MAX, Field, Framing, Number, Packet, PacketLayout, Role};
 use super::number::{Whole, put, words};
-use super::{ArmReadings, Codec, FeedCounts, Firmware, MAX_AXES, MotorCommand, Outbox, Report, StartError};
+use super::{
+    ArmReadings, Codec, FeedCounts, Firmware, MAX_AXES, MotorCommand, Outbox, Report, StartError,
+};
 use crate::Pacing;
 use crate::transport::{Frame, Transport};
 
@@ -37,7 +40,9 @@ enum Rounding {
 
 /// Bits of a field, the lowest at 0.
 fn run_of(field: &Field) -> Option<(u32, u64)> {
-    field.mask.map(|mask| (mask.trailing_zeros() & 63, mask.checked_shr(mask.trailing_zeros()).unwrap_or(0)))
+    field.mask.map(|mask| {
+        (mask.trailing_zeros() & 63, mask.checked_shr(mask.trailing_zeros()).unwrap_or(0))
+    })
 }
 
 /// A number of a body as it stands there.
@@ -89,7 +94,8 @@ fn put_raw(field: &Field, raw: f64, body: &mut [u8]) {
 }
 
 impl Values {
-    /// Takes a number of a packet; false when it must not be there. `is_meant`: one that is none was not garbled on its way.
+    /// Takes a number of a packet; false when it must not be there. `is_meant`: one that is none
+    /// was not garbled on its way.
     fn take(&mut self, field: &Field, raw: f64, is_meant: bool) -> bool {
         if !raw.is_finite() {
             // The arm says so of its readings, and the host has to know.
@@ -109,13 +115,19 @@ impl Values {
         match field.role {
             Role::Reading(idx) => {
                 let whole = match self.whole.get_mut(idx) {
-                    Some(whole) if field.wraps => whole.take(raw as i64, 8 * field.number.n_bytes() as u32) as f64,
+                    Some(whole) if field.wraps => {
+                        whole.take(raw as i64, 8 * field.number.n_bytes() as u32) as f64
+                    }
                     _ => raw,
                 };
                 slot(&mut self.report.readings, idx, whole * field.scale);
             }
-            Role::Rate(idx) => slot(self.report.rates.get_or_insert_default(), idx, raw * field.scale),
-            Role::Buttons(first) => self.report.buttons |= (raw as u32).checked_shl(first.into()).unwrap_or(0),
+            Role::Rate(idx) => {
+                slot(self.report.rates.get_or_insert_default(), idx, raw * field.scale)
+            }
+            Role::Buttons(first) => {
+                self.report.buttons |= (raw as u32).checked_shl(first.into()).unwrap_or(0)
+            }
             Role::Counter => self.counter = Some(raw as u32),
             Role::Error => self.report.error = raw.abs() as u32,
             Role::Homed => self.report.homed = Some(raw != 0.0),
@@ -129,21 +141,31 @@ impl Values {
 
     /// The number of a field, as it will stand in the packet.
     fn raw(&self, field: &Field) -> f64 {
-        let value = |values: &[f64; MAX_AXES], idx: usize| values.get(idx).copied().unwrap_or(0.0) / field.scale;
+        let value = |values: &[f64; MAX_AXES], idx: usize| {
+            values.get(idx).copied().unwrap_or(0.0) / field.scale
+        };
         let (raw, rounding) = match field.role {
             Role::Reading(idx) => (value(&self.report.readings, idx), Rounding::Nearest),
-            Role::Rate(idx) => (value(&self.report.rates.unwrap_or_default(), idx), Rounding::Nearest),
-            Role::Buttons(first) => (f64::from(self.report.buttons.checked_shr(first.into()).unwrap_or(0)), Rounding::Nearest),
+            Role::Rate(idx) => {
+                (value(&self.report.rates.unwrap_or_default(), idx), Rounding::Nearest)
+            }
+            Role::Buttons(first) => (
+                f64::from(self.report.buttons.checked_shr(first.into()).unwrap_or(0)),
+                Rounding::Nearest,
+            ),
             Role::Counter => (f64::from(self.counter.unwrap_or(0)), Rounding::Nearest),
             Role::Error => (f64::from(self.report.error), Rounding::Nearest),
-            Role::Homed => (f64::from(u8::from(self.report.homed == Some(true))), Rounding::Nearest),
+            Role::Homed => {
+                (f64::from(u8::from(self.report.homed == Some(true))), Rounding::Nearest)
+            }
             Role::Motor(idx) => (value(&self.command.motors, idx), Rounding::TowardZero),
             Role::Enabled => (f64::from(u8::from(self.command.enabled)), Rounding::Nearest),
             Role::Constant(value) => (value as f64, Rounding::Nearest),
             Role::Ignored => (0.0, Rounding::Nearest),
         };
         let Some((low, high)) = field.number.range() else {
-            let fits = raw.is_finite() && (!matches!(field.number, Number::F32) || (raw as f32).is_finite());
+            let fits = raw.is_finite()
+                && (!matches!(field.number, Number::F32) || (raw as f32).is_finite());
             return if fits { raw } else { 0.0 };
         };
         let whole = match rounding {
@@ -163,11 +185,13 @@ impl Values {
     }
 }
 
-/// What a packet holds, on top of what was known: the counts that wrap. `None` when it is not sound.
+/// What a packet holds, on top of what was known: the counts that wrap. `None` when it is not
+/// sound.
 fn decode(packet: &Packet, body: &[u8], known: &Values) -> Option<Values> {
     let mut values = Values { whole: known.whole, ..Values::default() };
     // Bytes without a check may be anything, words and reports are whole.
-    let is_meant = packet.checksum.is_some() || matches!(packet.framing, Framing::Line(_) | Framing::Report { .. });
+    let is_meant = packet.checksum.is_some()
+        || matches!(packet.framing, Framing::Line(_) | Framing::Report { .. });
     if let Framing::Line(line) = &packet.framing {
         let mut n = 0;
         for (idx, word) in words(body, line.separator).enumerate() {
@@ -200,8 +224,11 @@ fn encode(packet: &Packet, values: &Values, from_host: bool, frame: &mut Frame) 
             if idx > 0 {
                 frame.push(line.separator);
             }
-            let Some(field) = packet.fields.iter().find(|field| field.offset == idx) else { continue };
-            let places = if let Number::Text { places } = field.number { usize::from(places) } else { 0 };
+            let Some(field) = packet.fields.iter().find(|field| field.offset == idx) else {
+                continue;
+            };
+            let places =
+                if let Number::Text { places } = field.number { usize::from(places) } else { 0 };
             let raw = values.raw(field);
             let raw = match field.role {
                 // Not more than was asked for, in the last place either.
@@ -274,10 +301,14 @@ impl Codec for Host {
             let Some(new) = decode(packet, body, values) else { return false };
             *values = new;
             if let Some(count) = new.counter {
-                let bits =
-                    packet.fields.iter().find(|field| field.role == Role::Counter).map_or(32, |field| 8 * field.number.n_bytes());
-                let step =
-                    counter.map_or(1, |last| count.wrapping_sub(last) & (u32::MAX >> (32_usize.saturating_sub(bits)).min(31)));
+                let bits = packet
+                    .fields
+                    .iter()
+                    .find(|field| field.role == Role::Counter)
+                    .map_or(32, |field| 8 * field.number.n_bytes());
+                let step = counter.map_or(1, |last| {
+                    count.wrapping_sub(last) & (u32::MAX >> (32_usize.saturating_sub(bits)).min(31))
+                });
                 fed.gap = fed.gap.saturating_add(step.saturating_sub(1));
                 fed.repeated += u32::from(step == 0);
                 *counter = Some(count);
@@ -296,7 +327,8 @@ impl Codec for Host {
     fn encode(&mut self, command: &MotorCommand, frame: &mut Frame) {
         frame.clear();
         if let Some(packet) = &self.layout.command {
-            let command = CommandValues { motors: *command.motors(), enabled: command.is_enabled() };
+            let command =
+                CommandValues { motors: *command.motors(), enabled: command.is_enabled() };
             encode(packet, &Values { command, ..Values::default() }, true, frame);
         } else if let (Some(kick), Pacing::PingPong) = (&self.layout.kick, self.layout.pacing) {
             // Nothing to command, and yet it wants to be asked.
@@ -337,7 +369,9 @@ pub(super) fn moves(command: &Packet, bytes: &[u8]) -> bool {
     let mut moves = false;
     FrameReader::default().feed(command, bytes, false, |body| {
         let values = decode(command, body, &Values::default());
-        moves |= values.as_ref().is_some_and(|values| values.command.motors.iter().any(|motor| *motor != 0.0));
+        moves |= values
+            .as_ref()
+            .is_some_and(|values| values.command.motors.iter().any(|motor| *motor != 0.0));
         values.is_some()
     });
     moves
@@ -345,7 +379,14 @@ pub(super) fn moves(command: &Packet, bytes: &[u8]) -> bool {
 
 impl Arm {
     pub(super) fn new(layout: PacketLayout) -> Self {
-        Self { layout, reader: FrameReader::default(), command: CommandValues::default(), counter: 0, fed_s: 0.0, said: None }
+        Self {
+            layout,
+            reader: FrameReader::default(),
+            command: CommandValues::default(),
+            counter: 0,
+            fed_s: 0.0,
+            said: None,
+        }
     }
 
     fn report(&mut self, arm: &ArmReadings) -> Vec<u8> {
@@ -411,7 +452,10 @@ impl Firmware for Arm {
 
     fn motors(&self) -> [f64; MAX_AXES] {
         // An arm that gets a bit for force on keeps still while it is off.
-        let told = self.layout.command.as_ref().is_some_and(|packet| packet.fields.iter().any(|field| field.role == Role::Enabled));
+        let told =
+            self.layout.command.as_ref().is_some_and(|packet| {
+                packet.fields.iter().any(|field| field.role == Role::Enabled)
+            });
         if told && !self.command.enabled { [0.0; MAX_AXES] } else { self.command.motors }
     }
 }

@@ -70,7 +70,8 @@ pub(super) fn hush(link: &mut dyn Transport, duration: Duration) -> Result<(), T
     let begin = Instant::now();
     let mut buffer = [0; 512];
     loop {
-        // Not more at once than a burst: an arm that never stops does not hold the start up for ever.
+        // Not more at once than a burst: an arm that never stops does not hold the start up for
+        // ever.
         for _ in 0..64 {
             if link.receive(&mut buffer)? == 0 {
                 break;

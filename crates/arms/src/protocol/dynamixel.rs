@@ -1,7 +1,9 @@
-//! `dynamixel2`: a leader arm of Dynamixel X servos, protocol 2.0. One goal for all and one question to all per exchange; each answers in turn.
+//! `dynamixel2`: a leader arm of Dynamixel X servos, protocol 2.0. One goal for all and one
+//! question to all per exchange; each answers in turn.
 //!
-//! The bus watchdog of a servo latches, and 40 ms pass quickly between the start and the first exchange. So the first command after a start, and
-//! a kick, carry three more packets: watchdog off (clears a trip), goals of zero, watchdog on.
+//! The bus watchdog of a servo latches, and 40 ms pass quickly between the start and the first
+//! exchange. So the first command after a start, and a kick, carry three more packets: watchdog off
+//! (clears a trip), goals of zero, watchdog on.
 
 use core::time::Duration;
 
@@ -33,7 +35,8 @@ pub(super) const PRESENT_LEN: u16 = 10;
 /// Header, id, length, instruction and CRC of a packet.
 const PACKET_OVERHEAD: usize = 10;
 
-/// A round of so many servos: goal currents, the request, and a status of each with its error byte. Stuffing is rare.
+/// A round of so many servos: goal currents, the request, and a status of each with its error byte.
+/// Stuffing is rare.
 pub(super) const fn exchange_bytes(n_servos: usize) -> usize {
     let write = PACKET_OVERHEAD + 4 + 3 * n_servos;
     let read = PACKET_OVERHEAD + 4 + n_servos;
@@ -45,7 +48,12 @@ const WATCHDOG_STEPS: u8 = 2;
 pub(super) const VELOCITY_UNIT: f64 = 0.229 / 60.0 * 4096.0;
 
 /// Appends a packet: stuffs instruction and parameters, then counts and checks what came of it.
-pub(super) fn put_packet(id: u8, instruction: u8, parameters: impl IntoIterator<Item = u8>, put: &mut impl FnMut(u8)) {
+pub(super) fn put_packet(
+    id: u8,
+    instruction: u8,
+    parameters: impl IntoIterator<Item = u8>,
+    put: &mut impl FnMut(u8),
+) {
     let mut body = [0_u8; 128];
     let mut n = 0;
     let mut last = [0_u8; 3];
@@ -89,7 +97,8 @@ impl Packets {
         self.gather.clear();
     }
 
-    /// Takes a byte; hands each packet that ends with it to `take`. Gives how many things were wrong.
+    /// Takes a byte; hands each packet that ends with it to `take`. Gives how many things were
+    /// wrong.
     pub(super) fn push(&mut self, byte: u8, mut take: impl FnMut(Packet<'_>)) -> u32 {
         let mut corrupt = 0;
         self.gather.push(byte);
@@ -134,7 +143,8 @@ impl Packets {
 
 /// Takes the stuffing out in place; gives the length that is left.
 fn unstuff(body: &mut [u8]) -> usize {
-    let (mut n, mut last) = (0, [0_u8; 3]);
+    let mut n = 0;
+    let mut last = [0_u8; 3];
     for at in 0..body.len() {
         let byte = body[at];
         if last == [0xFF, 0xFF, 0xFD] && byte == 0xFD {
@@ -170,7 +180,8 @@ pub(super) struct Host {
     next: Option<usize>,
     round: Report,
     report: Report,
-    /// A command went out in the middle of the round. What a busy host reads late may still end it, before the next command.
+    /// A command went out in the middle of the round. What a busy host reads late may still end it,
+    /// before the next command.
     is_late: bool,
     /// Rounds that were begun and never ended.
     unfinished: u32,
@@ -181,7 +192,8 @@ pub(super) struct Host {
 impl Host {
     pub(super) fn new(servos: &[Servo]) -> Self {
         let n = servos.len().min(MAX_AXES);
-        let mut chain = Chain { servos: [Servo { id: 0, model: ServoModel::Xc330T288 }; MAX_AXES], n };
+        let mut chain =
+            Chain { servos: [Servo { id: 0, model: ServoModel::Xc330T288 }; MAX_AXES], n };
         chain.servos[..n].copy_from_slice(&servos[..n]);
         Self {
             chain,
@@ -197,21 +209,40 @@ impl Host {
     }
 
     /// The same packet to all servos: `data` of each at an address.
-    fn sync_write<const N: usize>(&self, address: u16, data: impl Fn(usize, &Servo) -> [u8; N], frame: &mut Frame) {
+    fn sync_write<const N: usize>(
+        &self,
+        address: u16,
+        data: impl Fn(usize, &Servo) -> [u8; N],
+        frame: &mut Frame,
+    ) {
         let [low, high] = address.to_le_bytes();
-        let each =
-            self.chain.as_slice().iter().enumerate().flat_map(|(idx, servo)| core::iter::once(servo.id).chain(data(idx, servo)));
-        put_packet(BROADCAST, SYNC_WRITE, [low, high, N as u8, 0].into_iter().chain(each), &mut |byte| {
-            frame.push(byte);
-        });
+        let each = self
+            .chain
+            .as_slice()
+            .iter()
+            .enumerate()
+            .flat_map(|(idx, servo)| core::iter::once(servo.id).chain(data(idx, servo)));
+        put_packet(
+            BROADCAST,
+            SYNC_WRITE,
+            [low, high, N as u8, 0].into_iter().chain(each),
+            &mut |byte| {
+                frame.push(byte);
+            },
+        );
     }
 
     fn sync_read(&self, frame: &mut Frame) {
         let [low, high] = PRESENT.to_le_bytes();
         let ids = self.chain.as_slice().iter().map(|servo| servo.id);
-        put_packet(BROADCAST, SYNC_READ, [low, high, PRESENT_LEN as u8, 0].into_iter().chain(ids), &mut |byte| {
-            frame.push(byte);
-        });
+        put_packet(
+            BROADCAST,
+            SYNC_READ,
+            [low, high, PRESENT_LEN as u8, 0].into_iter().chain(ids),
+            &mut |byte| {
+                frame.push(byte);
+            },
+        );
     }
 
     fn rearm(&self, frame: &mut Frame) {
@@ -236,9 +267,12 @@ impl Host {
             let idx = match expected {
                 Some(servo) if servo.id == packet.id => next.unwrap_or(0),
                 _ => {
-                    // A servo is missing or out of turn: the round is lost, and the first servo begins a new one.
-                    fed.corrupt +=
-                        u32::from(*next != Some(0) || chain.as_slice().first().is_none_or(|first| first.id != packet.id));
+                    // A servo is missing or out of turn: the round is lost, and the first servo
+                    // begins a new one.
+                    fed.corrupt += u32::from(
+                        *next != Some(0)
+                            || chain.as_slice().first().is_none_or(|first| first.id != packet.id),
+                    );
                     *next = None;
                     if chain.as_slice().first().is_none_or(|first| first.id != packet.id) {
                         return;
@@ -287,23 +321,36 @@ impl Host {
         });
         self.packets.clear();
         let packets = &mut self.packets;
-        let question = Question { step, frame: frame.as_slice(), every: self.answer_within, within: self.answer_within * 3 };
+        let question = Question {
+            step,
+            frame: frame.as_slice(),
+            every: self.answer_within,
+            within: self.answer_within * 3,
+        };
         let answer = ask(link, &question, |bytes| {
             let mut answer = None;
             for byte in bytes {
                 packets.push(*byte, |packet| {
                     if (packet.id, packet.instruction) == (id, STATUS) {
-                        answer = packet.parameters.split_first().map(|(error, data)| (*error, u16_at(data, 0)));
+                        answer = packet
+                            .parameters
+                            .split_first()
+                            .map(|(error, data)| (*error, u16_at(data, 0)));
                     }
                 });
             }
             answer.map(Ok)
         });
         match answer {
-            Ok((error, word)) if error & 0x7F == 0 && (error == 0 || instruction == PING) => Ok(word),
-            Ok((error, _)) => Err(StartError::Refused(format!("servo {id}, {step}: {}", error_text(error)))),
+            Ok((error, word)) if error & 0x7F == 0 && (error == 0 || instruction == PING) => {
+                Ok(word)
+            }
+            Ok((error, _)) => {
+                Err(StartError::Refused(format!("servo {id}, {step}: {}", error_text(error))))
+            }
             Err(StartError::Silent { waited, seen, .. }) => Err(StartError::Refused(format!(
-                "servo {id}, {step}: no answer within {} ms{}{seen}; check its power, its id, and that every servo and the port have the same baud rate",
+                "servo {id}, {step}: no answer within {} ms{}{seen}; check its power, its id, and \
+                    that every servo and the port have the same baud rate",
                 waited.as_millis(),
                 if seen.is_empty() { "" } else { "; saw " },
             ))),
@@ -311,7 +358,14 @@ impl Host {
         }
     }
 
-    fn write(&mut self, link: &mut dyn Transport, id: u8, step: &'static str, address: u16, data: &[u8]) -> Result<(), StartError> {
+    fn write(
+        &mut self,
+        link: &mut dyn Transport,
+        id: u8,
+        step: &'static str,
+        address: u16,
+        data: &[u8],
+    ) -> Result<(), StartError> {
         let [low, high] = address.to_le_bytes();
         let mut parameters = [low, high, 0, 0, 0, 0];
         let end = 2 + data.len().min(4);
@@ -328,7 +382,8 @@ pub(super) fn report_error_text(error: u16) -> String {
 
 fn error_text(error: u8) -> String {
     if error & 0x80 != 0 {
-        return "hardware alert (overload, heat, voltage or encoder): switch the servo off and on, and look at address 70 with the maker's tool".to_owned();
+        return "hardware alert (overload, heat, voltage or encoder): switch the servo off and on, \
+            and look at address 70 with the maker's tool".to_owned();
     }
     let what = match error {
         1 => "it could not",
@@ -354,10 +409,13 @@ impl Codec for Host {
             self.write(link, id, "torque off", TORQUE_ENABLE, &[0])?;
             let number = self.tell(link, id, "asking for its model", PING, &[])?;
             if number != model.number() {
-                let known =
-                    ServoModel::ALL.into_iter().find(|known| known.number() == number).map_or("unknown here", ServoModel::name);
+                let known = ServoModel::ALL
+                    .into_iter()
+                    .find(|known| known.number() == number)
+                    .map_or("unknown here", ServoModel::name);
                 return Err(StartError::Refused(format!(
-                    "servo {id} is model {number} ({known}), and the profile says {} ({}): its torque would be another one",
+                    "servo {id} is model {number} ({known}), and the profile says {} ({}): its \
+                        torque would be another one",
                     model.name(),
                     model.number()
                 )));
@@ -378,7 +436,8 @@ impl Codec for Host {
     }
 
     fn feed(&mut self, bytes: &[u8]) -> FeedCounts {
-        let mut fed = FeedCounts { corrupt: core::mem::take(&mut self.unfinished), ..FeedCounts::default() };
+        let mut fed =
+            FeedCounts { corrupt: core::mem::take(&mut self.unfinished), ..FeedCounts::default() };
         for byte in bytes {
             self.take(*byte, &mut fed);
         }
@@ -402,10 +461,13 @@ impl Codec for Host {
         if core::mem::take(&mut self.arm_watchdog) {
             self.rearm(frame);
         }
-        // The goals first: they are not answered, and answers must not meet another packet on the bus.
+        // The goals first: they are not answered, and answers must not meet another packet on the
+        // bus.
         self.sync_write(
             GOAL_CURRENT,
-            |idx, servo| toward_zero_i16(command.motors()[idx], servo.model.limit_counts()).to_le_bytes(),
+            |idx, servo| {
+                toward_zero_i16(command.motors()[idx], servo.model.limit_counts()).to_le_bytes()
+            },
             frame,
         );
         self.sync_read(frame);
@@ -423,7 +485,12 @@ impl Codec for Host {
     }
 
     fn identity(&self) -> Option<String> {
-        let servos: Vec<_> = self.chain.as_slice().iter().map(|servo| format!("{} {}", servo.id, servo.model.name())).collect();
+        let servos: Vec<_> = self
+            .chain
+            .as_slice()
+            .iter()
+            .map(|servo| format!("{} {}", servo.id, servo.model.name()))
+            .collect();
         Some(format!("servos {}", servos.join(", ")))
     }
 
@@ -435,8 +502,8 @@ impl Codec for Host {
         let mut answers = true;
         let patience = self.answer_within;
         for Servo { id, .. } in chain.as_slice().iter().copied() {
-            // A tripped watchdog has opened the motor already; torque off goes through either way. Once one is silent, the others get it and
-            // not waited for.
+            // A tripped watchdog has opened the motor already; torque off goes through either way.
+            // Once one is silent, the others get it and not waited for.
             if !answers {
                 self.answer_within = Duration::from_millis(1);
             }

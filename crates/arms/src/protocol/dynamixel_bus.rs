@@ -1,8 +1,8 @@
 //! The servos of `dynamixel2` on their bus, as far as a leader arm uses them.
 
 use super::dynamixel::{
-    BROADCAST, BUS_WATCHDOG, GOAL_CURRENT, MODE, PING, PRESENT, PRESENT_LEN, Packets, STATUS, SYNC_READ, SYNC_WRITE, TORQUE_ENABLE,
-    VELOCITY_UNIT, WRITE, put_packet,
+    BROADCAST, BUS_WATCHDOG, GOAL_CURRENT, MODE, PING, PRESENT, PRESENT_LEN, Packets, STATUS,
+    SYNC_READ, SYNC_WRITE, TORQUE_ENABLE, VELOCITY_UNIT, WRITE, put_packet,
 };
 use super::number::{count_32, i16_at, u16_at};
 use super::{ArmReadings, Firmware, MAX_AXES, Outbox, Servo};
@@ -55,7 +55,11 @@ impl ServoState {
     }
 
     fn motor(&self) -> f64 {
-        if self.torque && self.mode == 0 && self.watchdog != 255 && !self.alert { f64::from(self.goal) } else { 0.0 }
+        if self.torque && self.mode == 0 && self.watchdog != 255 && !self.alert {
+            f64::from(self.goal)
+        } else {
+            0.0
+        }
     }
 }
 
@@ -70,8 +74,19 @@ pub(super) struct Arm {
 impl Arm {
     pub(super) fn new(servos: &[Servo]) -> Self {
         // As the maker ships them: position mode, torque off, watchdog off.
-        let state = |servo: &Servo| ServoState { servo: *servo, torque: false, mode: 3, goal: 0, watchdog: 0, alert: false };
-        Self { packets: Packets::default(), servos: servos.iter().take(MAX_AXES).map(state).collect(), fed_s: 0.0 }
+        let state = |servo: &Servo| ServoState {
+            servo: *servo,
+            torque: false,
+            mode: 3,
+            goal: 0,
+            watchdog: 0,
+            alert: false,
+        };
+        Self {
+            packets: Packets::default(),
+            servos: servos.iter().take(MAX_AXES).map(state).collect(),
+            fed_s: 0.0,
+        }
     }
 
     #[cfg(test)]
@@ -79,17 +94,31 @@ impl Arm {
         self.servos[idx].alert = true;
     }
 
-    fn take(&mut self, id: u8, instruction: u8, parameters: &[u8], arm: &ArmReadings, out: &mut Outbox) {
+    fn take(
+        &mut self,
+        id: u8,
+        instruction: u8,
+        parameters: &[u8],
+        arm: &ArmReadings,
+        out: &mut Outbox,
+    ) {
         let mut answer = |servo: &ServoState, error: u8, data: &[u8]| {
             let mut packet = Vec::new();
             let error = error | if servo.alert { 0x80 } else { 0 };
-            put_packet(servo.servo.id, STATUS, core::iter::once(error).chain(data.iter().copied()), &mut |byte| packet.push(byte));
+            put_packet(
+                servo.servo.id,
+                STATUS,
+                core::iter::once(error).chain(data.iter().copied()),
+                &mut |byte| packet.push(byte),
+            );
             out.push(packet);
         };
         let address = u16_at(parameters, 0);
         match instruction {
             PING => {
-                for servo in self.servos.iter().filter(|servo| id == BROADCAST || servo.servo.id == id) {
+                for servo in
+                    self.servos.iter().filter(|servo| id == BROADCAST || servo.servo.id == id)
+                {
                     let [low, high] = servo.servo.model.number().to_le_bytes();
                     answer(servo, 0, &[low, high, 45]);
                 }
@@ -110,10 +139,14 @@ impl Arm {
             }
             SYNC_READ if address == PRESENT && u16_at(parameters, 2) == PRESENT_LEN => {
                 for id in &parameters[4..] {
-                    for (idx, servo) in self.servos.iter().enumerate().filter(|(_, servo)| servo.servo.id == *id) {
+                    for (idx, servo) in
+                        self.servos.iter().enumerate().filter(|(_, servo)| servo.servo.id == *id)
+                    {
                         let mut data = Vec::with_capacity(PRESENT_LEN.into());
                         data.extend((servo.motor() as i16).to_le_bytes());
-                        data.extend(((arm.rates[idx] / VELOCITY_UNIT).round() as i32).to_le_bytes());
+                        data.extend(
+                            ((arm.rates[idx] / VELOCITY_UNIT).round() as i32).to_le_bytes(),
+                        );
                         data.extend(count_32(arm.readings[idx]).to_le_bytes());
                         answer(servo, 0, &data);
                     }
@@ -133,7 +166,9 @@ impl Firmware for Arm {
     fn receive(&mut self, bytes: &[u8], now_s: f64, arm: &ArmReadings, out: &mut Outbox) {
         for byte in bytes {
             let mut found = Vec::new();
-            self.packets.push(*byte, |packet| found.push((packet.id, packet.instruction, packet.parameters.to_vec())));
+            self.packets.push(*byte, |packet| {
+                found.push((packet.id, packet.instruction, packet.parameters.to_vec()))
+            });
             for (id, instruction, parameters) in found {
                 // Any instruction on the bus feeds every watchdog.
                 self.fed_s = now_s;
@@ -144,7 +179,9 @@ impl Firmware for Arm {
 
     fn advance(&mut self, now_s: f64, _: &ArmReadings, _: &mut Outbox) {
         for servo in &mut self.servos {
-            if (1..=127).contains(&servo.watchdog) && now_s - self.fed_s > 0.02 * f64::from(servo.watchdog) {
+            if (1..=127).contains(&servo.watchdog)
+                && now_s - self.fed_s > 0.02 * f64::from(servo.watchdog)
+            {
                 servo.watchdog = 255;
                 servo.goal = 0;
             }

@@ -1,6 +1,8 @@
-//! `falcon-nibble16`: Novint Falcon. Frames of 16 bytes from `<` to `>`, words as four letters, strictly in turn.
+//! `falcon-nibble16`: Novint Falcon. Frames of 16 bytes from `<` to `>`, words as four letters,
+//! strictly in turn.
 //!
-//! A Falcon that was just switched on knows no frames until it has been given its firmware, which the user must own:
+//! A Falcon that was just switched on knows no frames until it has been given its firmware, which
+//! the user must own:
 //!
 //! ```text
 //! run frames answered? ── yes ──► done
@@ -17,7 +19,9 @@ use std::path::{Path, PathBuf};
 use super::dialogue::{Question, ask, hush};
 use super::gather::Gather;
 use super::number::{low_16, toward_zero_i16};
-use super::{ArmReadings, Codec, FeedCounts, Firmware, MAX_AXES, MotorCommand, Outbox, Report, StartError};
+use super::{
+    ArmReadings, Codec, FeedCounts, Firmware, MAX_AXES, MotorCommand, Outbox, Report, StartError,
+};
 use crate::transport::{Frame, Line, Transport};
 use vps::storage::regular;
 
@@ -58,7 +62,8 @@ fn word_of(letters: &[u8]) -> Option<i16> {
     })
 }
 
-/// Drops bytes up to a frame: `<` with `>` 15 bytes later. True when one begins the buffer; counts what had to be dropped.
+/// Drops bytes up to a frame: `<` with `>` 15 bytes later. True when one begins the buffer; counts
+/// what had to be dropped.
 fn align(gather: &mut Gather<64>, dropped: &mut u32) -> bool {
     loop {
         *dropped += gather.skip_to(b'<') as u32;
@@ -93,7 +98,8 @@ impl Host {
     fn read_frame(&mut self) -> bool {
         let frame = self.gather.as_slice();
         let words = [1, 5, 9].map(|at| frame.get(at..at + 4).and_then(word_of));
-        let bits = frame.get(13).and_then(|byte| byte.checked_sub(0x41)).filter(|bits| *bits < 0x80);
+        let bits =
+            frame.get(13).and_then(|byte| byte.checked_sub(0x41)).filter(|bits| *bits < 0x80);
         let ([Some(a), Some(b), Some(c)], Some(bits)) = (words, bits) else { return false };
         for (reading, word) in self.report.readings.iter_mut().zip([a, b, c]) {
             *reading = f64::from(word);
@@ -118,13 +124,24 @@ impl Host {
     }
 
     fn load(&mut self, link: &mut dyn Transport, image: &[u8]) -> Result<(), StartError> {
-        let lines = [Line::PurgeReceived, Line::PurgeSent, Line::LatencyMs(16), Line::Baud(9600), Line::Plain8N1];
+        let lines = [
+            Line::PurgeReceived,
+            Line::PurgeSent,
+            Line::LatencyMs(16),
+            Line::Baud(9600),
+            Line::Plain8N1,
+        ];
         for line in lines.into_iter().chain([Line::Rts(false), Line::Dtr(false), Line::Dtr(true)]) {
             link.line(line)?;
         }
         let every = Duration::from_millis(20);
         let mut seen = Gather::<64>::default();
-        let question = Question { step: "greeting the bootloader (0A 43 0D)", frame: &HELLO, every, within: every * self.hellos };
+        let question = Question {
+            step: "greeting the bootloader (0A 43 0D)",
+            frame: &HELLO,
+            every,
+            within: every * self.hellos,
+        };
         ask(link, &question, |bytes| {
             for byte in bytes {
                 if !seen.push(*byte) {
@@ -138,8 +155,15 @@ impl Host {
         link.line(Line::Baud(142_857))?;
         // More than one greeting may be answered.
         hush(link, Duration::from_millis(20))?;
-        let once = |step, frame| Question { step, frame, every: Duration::MAX, within: Duration::from_millis(500) };
-        ask(link, &once("handing over the image (41)", &[0x41]), |bytes| bytes.ends_with(&[0x41]).then_some(Ok(())))?;
+        let once = |step, frame| Question {
+            step,
+            frame,
+            every: Duration::MAX,
+            within: Duration::from_millis(500),
+        };
+        ask(link, &once("handing over the image (41)", &[0x41]), |bytes| {
+            bytes.ends_with(&[0x41]).then_some(Ok(()))
+        })?;
         for (idx, chunk) in image.chunks(CHUNK).enumerate() {
             let mut echoed = Vec::with_capacity(CHUNK);
             ask(link, &once("loading the image", chunk), |bytes| {
@@ -156,7 +180,9 @@ impl Host {
                 }
             })?;
         }
-        for line in [Line::LatencyMs(1), Line::Baud(1_500_000), Line::PurgeReceived, Line::PurgeSent] {
+        for line in
+            [Line::LatencyMs(1), Line::Baud(1_500_000), Line::PurgeReceived, Line::PurgeSent]
+        {
             link.line(line)?;
         }
         self.probe(link, "run frames after the load")
@@ -165,8 +191,9 @@ impl Host {
     fn read_image(&self) -> Result<Vec<u8>, StartError> {
         let Some(path) = &self.image else {
             return Err(StartError::Refused(
-                "the Falcon answers no run frames: it was just switched on and needs its firmware, which may not be shipped with this program; \
-                 name the image that came with the device in the profile, or start it once with the maker's own program"
+                "the Falcon answers no run frames: it was just switched on and needs its firmware, \
+                    which may not be shipped with this program; name the image that came with the \
+                    device in the profile, or start it once with the maker's own program"
                     .to_owned(),
             ));
         };
@@ -180,14 +207,27 @@ const LONGEST_IMAGE: u64 = 1 << 20;
 fn read_image_file(path: &Path) -> Result<Vec<u8>, StartError> {
     match regular::bytes(path, LONGEST_IMAGE) {
         Ok(image) if !image.is_empty() => Ok(image),
-        Ok(image) => Err(StartError::Refused(format!("{}: {} bytes are no Falcon firmware image", path.display(), image.len()))),
-        Err(cause) => Err(StartError::Refused(format!("cannot read the Falcon firmware image {}: {cause}", path.display()))),
+        Ok(image) => Err(StartError::Refused(format!(
+            "{}: {} bytes are no Falcon firmware image",
+            path.display(),
+            image.len()
+        ))),
+        Err(cause) => Err(StartError::Refused(format!(
+            "cannot read the Falcon firmware image {}: {cause}",
+            path.display()
+        ))),
     }
 }
 
 impl Codec for Host {
     fn start(&mut self, link: &mut dyn Transport) -> Result<(), StartError> {
-        for line in [Line::LatencyMs(1), Line::Baud(1_500_000), Line::Plain8N1, Line::PurgeReceived, Line::PurgeSent] {
+        for line in [
+            Line::LatencyMs(1),
+            Line::Baud(1_500_000),
+            Line::Plain8N1,
+            Line::PurgeReceived,
+            Line::PurgeSent,
+        ] {
             link.line(line)?;
         }
         match self.probe(link, "run frames") {
@@ -205,7 +245,8 @@ impl Codec for Host {
         }
         let last = last.map_or_else(String::new, |error| error.to_string());
         Err(StartError::Refused(format!(
-            "the firmware could not be loaded in {} tries; the last one ended with: {last}. Plug the Falcon into a port of the computer, not a hub, and check its power",
+            "the firmware could not be loaded in {} tries; the last one ended with: {last}. Plug \
+                the Falcon into a port of the computer, not a hub, and check its power",
             self.loads
         )))
     }
@@ -271,7 +312,10 @@ impl Arm {
     /// One that waits for an image of that size.
     #[cfg(test)]
     pub(super) fn switched_on(image_len: usize) -> Self {
-        Self { boot: Some(Boot { hello: false, handed_over: false, left: image_len }), ..Self::default() }
+        Self {
+            boot: Some(Boot { hello: false, handed_over: false, left: image_len }),
+            ..Self::default()
+        }
     }
 
     fn load(&mut self, bytes: &[u8], out: &mut Outbox) {

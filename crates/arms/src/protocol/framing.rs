@@ -85,7 +85,8 @@ pub(super) fn put_body(packet: &Packet, body: &mut [u8], from_host: bool, frame:
 
 /// Takes the escapes out in place; `None` where there is one that means nothing.
 fn unslip(bytes: &mut [u8]) -> Option<usize> {
-    let (mut n, mut escaped) = (0, false);
+    let mut n = 0;
+    let mut escaped = false;
     for at in 0..bytes.len() {
         let byte = match (escaped, bytes[at]) {
             (false, SLIP_ESCAPE) => {
@@ -115,8 +116,15 @@ impl FrameReader {
         self.gather.clear();
     }
 
-    /// Takes bytes, hands each body whose check is right to `take`, which says whether it makes sense; gives how many did not.
-    pub(super) fn feed(&mut self, packet: &Packet, bytes: &[u8], at_host: bool, mut take: impl FnMut(&[u8]) -> bool) -> u32 {
+    /// Takes bytes, hands each body whose check is right to `take`, which says whether it makes
+    /// sense; gives how many did not.
+    pub(super) fn feed(
+        &mut self,
+        packet: &Packet,
+        bytes: &[u8],
+        at_host: bool,
+        mut take: impl FnMut(&[u8]) -> bool,
+    ) -> u32 {
         let mut accept = |body: &[u8]| {
             let at = split(packet, body);
             let (check, n) = order(packet, checksum(packet, &body[..at]));
@@ -134,11 +142,15 @@ impl FrameReader {
                 u32::from(!accept(body))
             }
             Framing::Sync { sync, len, .. } => self.feed_sync(sync, *len, bytes, accept),
-            Framing::Cobs { .. } => self.feed_ended(0, bytes, |frame| match cobs::decode_in_place(frame) {
-                Ok(n) => accept(&frame[..n]),
-                Err(_) => false,
+            Framing::Cobs { .. } => {
+                self.feed_ended(0, bytes, |frame| match cobs::decode_in_place(frame) {
+                    Ok(n) => accept(&frame[..n]),
+                    Err(_) => false,
+                })
+            }
+            Framing::Slip { .. } => self.feed_ended(SLIP_END, bytes, |frame| {
+                unslip(frame).is_some_and(|n| accept(&frame[..n]))
             }),
-            Framing::Slip { .. } => self.feed_ended(SLIP_END, bytes, |frame| unslip(frame).is_some_and(|n| accept(&frame[..n]))),
             Framing::Line(line) => {
                 let Some((end, rest)) = line.close.as_bytes().split_last() else { return 0 };
                 let mut corrupt = 0;
@@ -154,7 +166,12 @@ impl FrameReader {
         }
     }
 
-    fn line(line: &LineFraming, rest: &[u8], found: &[u8], take: &mut impl FnMut(&[u8]) -> bool) -> u32 {
+    fn line(
+        line: &LineFraming,
+        rest: &[u8],
+        found: &[u8],
+        take: &mut impl FnMut(&[u8]) -> bool,
+    ) -> u32 {
         let is_blank = |byte: &u8| matches!(byte, b' ' | b'\r' | b'\n' | b'\t' | 0);
         let open = line.open.as_bytes();
         let begin = if open.is_empty() {
@@ -173,7 +190,12 @@ impl FrameReader {
         dirty + u32::from(!take(body))
     }
 
-    fn feed_ended(&mut self, end: u8, bytes: &[u8], mut accept: impl FnMut(&mut [u8]) -> bool) -> u32 {
+    fn feed_ended(
+        &mut self,
+        end: u8,
+        bytes: &[u8],
+        mut accept: impl FnMut(&mut [u8]) -> bool,
+    ) -> u32 {
         let mut corrupt = 0;
         for byte in bytes {
             match self.gather.until(end, *byte) {
@@ -186,8 +208,15 @@ impl FrameReader {
         corrupt
     }
 
-    fn feed_sync(&mut self, sync: &[u8], len: usize, bytes: &[u8], mut accept: impl FnMut(&[u8]) -> bool) -> u32 {
-        let (mut corrupt, mut dropped) = (0, false);
+    fn feed_sync(
+        &mut self,
+        sync: &[u8],
+        len: usize,
+        bytes: &[u8],
+        mut accept: impl FnMut(&[u8]) -> bool,
+    ) -> u32 {
+        let mut corrupt = 0;
+        let mut dropped = false;
         for byte in bytes {
             if !self.gather.push(*byte) {
                 // A layout that was not checked: longer than any frame.

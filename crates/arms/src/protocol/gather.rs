@@ -59,8 +59,8 @@ impl<const N: usize> Gather<N> {
         n
     }
 
-    /// Takes a byte of frames that end in `end`: `Some(true)`: a frame is whole and stays readable until the next byte, its end left out;
-    /// `Some(false)`: a frame was too long and is lost.
+    /// Takes a byte of frames that end in `end`: `Some(true)`: a frame is whole and stays readable
+    /// until the next byte, its end left out; `Some(false)`: a frame was too long and is lost.
     pub(super) fn until(&mut self, end: u8, byte: u8) -> Option<bool> {
         if self.taken {
             self.clear();

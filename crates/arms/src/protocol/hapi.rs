@@ -1,4 +1,5 @@
-//! `hapi-f32`: Haply 2DIY and other hAPI boards. No framing, no checksum, no watchdog: the last torque stays on.
+//! `hapi-f32`: Haply 2DIY and other hAPI boards. No framing, no checksum, no watchdog: the last
+//! torque stays on.
 //!
 //! ```text
 //! host  setup ──► zero torque ──► torque ──► … ──► zero torque ─► zero torque ─► reset
@@ -11,7 +12,10 @@ use core::time::Duration;
 use super::dialogue::{Question, ask, hush};
 use super::gather::Gather;
 use super::number::{f32_at, finite_f32};
-use super::{ArmReadings, Codec, FeedCounts, Firmware, HapiBoard, HapiEncoder, MAX_AXES, MotorCommand, Outbox, Report, StartError};
+use super::{
+    ArmReadings, Codec, FeedCounts, Firmware, HapiBoard, HapiEncoder, MAX_AXES, MotorCommand,
+    Outbox, Report, StartError,
+};
 use crate::transport::{Frame, Transport};
 
 const RESET: u8 = 0;
@@ -38,7 +42,14 @@ pub(super) struct Host {
 
 impl Host {
     pub(super) fn new(board: HapiBoard) -> Self {
-        Self { board, gather: Gather::default(), report: Report::default(), is_set_up: false, kept_power: false, lost: false }
+        Self {
+            board,
+            gather: Gather::default(),
+            report: Report::default(),
+            is_set_up: false,
+            kept_power: false,
+            lost: false,
+        }
     }
 
     fn reply_len(&self) -> usize {
@@ -65,13 +76,19 @@ impl Host {
         }
     }
 
-    fn exchange_zero(&mut self, link: &mut dyn Transport, within: Duration) -> Result<(), StartError> {
+    fn exchange_zero(
+        &mut self,
+        link: &mut dyn Transport,
+        within: Duration,
+    ) -> Result<(), StartError> {
         let mut zero = Frame::default();
         self.gather.clear();
         self.lost = false;
         self.encode(&MotorCommand::default(), &mut zero);
-        // Once: a board that reads the second one as a part of the first is worse than one that is silent.
-        let question = Question { step: "zero torque", frame: zero.as_slice(), every: Duration::MAX, within };
+        // Once: a board that reads the second one as a part of the first is worse than one that is
+        // silent.
+        let question =
+            Question { step: "zero torque", frame: zero.as_slice(), every: Duration::MAX, within };
         ask(link, &question, |bytes| (self.feed(bytes).reports > 0).then_some(Ok(())))
     }
 }
@@ -80,11 +97,13 @@ impl Codec for Host {
     fn start(&mut self, link: &mut dyn Transport) -> Result<(), StartError> {
         hush(link, Duration::from_millis(50))?;
         if self.is_set_up && self.exchange_zero(link, Duration::from_millis(200)).is_ok() {
-            // The link was lost, not the board: a second setup would take this pose for the home pose.
+            // The link was lost, not the board: a second setup would take this pose for the home
+            // pose.
             return Ok(());
         }
         if self.kept_power {
-            // The setup would wait for the board to wake, and give it a home pose that is none. It may be in the middle of a command.
+            // The setup would wait for the board to wake, and give it a home pose that is none. It
+            // may be in the middle of a command.
             hush(link, SILENCE)?;
             return self.exchange_zero(link, Duration::from_millis(500));
         }
@@ -94,7 +113,8 @@ impl Codec for Host {
         let mut answered = Ok(());
         for turn in 0..2 {
             if turn > 0 {
-                // A host of another protocol may have left it in the middle of a command: it gives that up.
+                // A host of another protocol may have left it in the middle of a command: it gives
+                // that up.
                 hush(link, SILENCE)?;
             }
             link.send(setup.as_slice())?;
@@ -130,10 +150,13 @@ impl Codec for Host {
                 continue;
             }
             let mut readings = [0.0; MAX_AXES];
-            for (idx, reading) in readings.iter_mut().enumerate().take(self.board.encoders.len().min(4)) {
+            for (idx, reading) in
+                readings.iter_mut().enumerate().take(self.board.encoders.len().min(4))
+            {
                 *reading = f64::from(f32_at(reply, 1 + 4 * idx));
             }
-            // An angle that is no number too: whether the board says so or a byte is missing, the tick takes the force away at once.
+            // An angle that is no number too: whether the board says so or a byte is missing, the
+            // tick takes the force away at once.
             self.report.readings = readings;
             fed.reports += 1;
             self.gather.clear();
@@ -146,7 +169,8 @@ impl Codec for Host {
     }
 
     fn encode(&mut self, command: &MotorCommand, frame: &mut Frame) {
-        // Half a reply when the next command is due: whatever comes now cannot be told apart from its other half.
+        // Half a reply when the next command is due: whatever comes now cannot be told apart from
+        // its other half.
         self.lost |= !self.gather.as_slice().is_empty();
         frame.clear();
         if self.lost {
@@ -162,12 +186,15 @@ impl Codec for Host {
         self.lost.then_some(SILENCE)
     }
 
-    /// The board is in step, and only its reply was cut short: it takes the command as any other, and lets go now and not after the silence.
+    /// The board is in step, and only its reply was cut short: it takes the command as any other,
+    /// and lets go now and not after the silence.
     ///
-    /// Or it has a part of a command: the missing bytes are filled with the first ones of this frame, which make the rest of a torque next to nothing,
-    /// as its most significant byte becomes 2, the id or 3. A torque that was whole already stays until the silence is over, as it would without
-    /// this. What is left over then stands where a command begins. A true zero would be a reset there, which leaves torques on and lets nothing
-    /// reach them any more; hence [`NEXT_TO_ZERO`], which begins no command and is thrown away.
+    /// Or it has a part of a command: the missing bytes are filled with the first ones of this
+    /// frame, which make the rest of a torque next to nothing, as its most significant byte becomes
+    /// 2, the id or 3. A torque that was whole already stays until the silence is over, as it would
+    /// without this. What is left over then stands where a command begins. A true zero would be a
+    /// reset there, which leaves torques on and lets nothing reach them any more; hence
+    /// [`NEXT_TO_ZERO`], which begins no command and is thrown away.
     fn zero_out_of_step(&mut self, frame: &mut Frame) {
         frame.clear();
         // The id may stand there too.
@@ -201,14 +228,16 @@ impl Codec for Host {
     }
 
     fn finish_lost(&mut self, link: &mut dyn Transport) {
-        // It may have a part of a command, which only silence takes away. No reset: it would forget its motors and not its torques.
+        // It may have a part of a command, which only silence takes away. No reset: it would forget
+        // its motors and not its torques.
         if hush(link, SILENCE).is_ok() {
             let _ = self.exchange_zero(link, Duration::from_millis(100));
         }
     }
 }
 
-/// The arm's side. Clamps torques at 0.123 N·m and keeps the last ones for ever; a reset forgets the motors and leaves them on.
+/// The arm's side. Clamps torques at 0.123 N·m and keeps the last ones for ever; a reset forgets
+/// the motors and leaves them on.
 #[derive(Debug, Default)]
 pub(super) struct Arm {
     gather: Gather<64>,
@@ -246,15 +275,20 @@ impl Arm {
         match bytes[0] {
             SETUP => {
                 self.device_id = bytes[1];
-                // As many as the masks name, though a board has four ports: the rest of the frame is placed by them.
+                // As many as the masks name, though a board has four ports: the rest of the frame
+                // is placed by them.
                 self.n_motors = bytes[2].count_ones() as usize;
                 let n_encoders = bytes[3 + self.n_motors].count_ones() as usize;
                 let data = &bytes[bytes.len() - 8 * n_encoders..];
-                self.counts_per_rev = (0..n_encoders).map(|idx| f32_at(data, 8 * idx + 4)).collect();
-                // The first setup finds the arm in its home pose; another one takes whatever pose there is for it.
+                self.counts_per_rev =
+                    (0..n_encoders).map(|idx| f32_at(data, 8 * idx + 4)).collect();
+                // The first setup finds the arm in its home pose; another one takes whatever pose
+                // there is for it.
                 let start = |idx: usize| f64::from(f32_at(data, 8 * idx));
                 let again = self.was_set_up;
-                self.offsets_deg = (0..n_encoders).map(|idx| if again { start(idx) - arm.readings[idx] } else { 0.0 }).collect();
+                self.offsets_deg = (0..n_encoders)
+                    .map(|idx| if again { start(idx) - arm.readings[idx] } else { 0.0 })
+                    .collect();
                 self.was_set_up = true;
             }
             WRITE if !self.counts_per_rev.is_empty() && bytes[1] == self.device_id => {
@@ -266,7 +300,9 @@ impl Arm {
                 let mut reply = vec![self.device_id];
                 for (idx, counts_per_rev) in self.counts_per_rev.iter().enumerate() {
                     let per_degree = f64::from(*counts_per_rev) / 360.0;
-                    let degrees = ((arm.readings[idx] + self.offsets_deg[idx]) * per_degree).round() / per_degree;
+                    let degrees = ((arm.readings[idx] + self.offsets_deg[idx]) * per_degree)
+                        .round()
+                        / per_degree;
                     reply.extend((degrees as f32).to_le_bytes());
                 }
                 out.push(reply);
@@ -274,7 +310,8 @@ impl Arm {
             // The motors stay on, and nothing reaches them any more.
             RESET => {
                 self.n_motors = 0;
-                // The host has gone, and the user holds the arm in its start pose when it is opened again.
+                // The host has gone, and the user holds the arm in its start pose when it is opened
+                // again.
                 self.was_set_up = false;
             }
             _ => {}

@@ -1,11 +1,14 @@
-//! `hapkit-ascii`: Hapkit, one axis. `Prm pos vel acc button` by itself; `P1 force` is answered by `Ok`.
+//! `hapkit-ascii`: Hapkit, one axis. `Prm pos vel acc button` by itself; `P1 force` is answered by
+//! `Ok`.
 
 use core::time::Duration;
 
 use super::dialogue::{Question, ask};
 use super::gather::Gather;
 use super::number::{put, words};
-use super::{ArmReadings, Codec, FeedCounts, Firmware, MAX_AXES, MotorCommand, Outbox, Report, StartError};
+use super::{
+    ArmReadings, Codec, FeedCounts, Firmware, MAX_AXES, MotorCommand, Outbox, Report, StartError,
+};
 use crate::transport::{Frame, Transport};
 
 /// Most that is ever asked, N: keeps a line short; the limit of an arm is its profile's.
@@ -36,13 +39,16 @@ impl Host {
             return Some(false);
         }
         let mut number = || words.next()?.parse::<f64>().ok();
-        let (Some(position), Some(velocity), Some(_acceleration), Some(button)) = (number(), number(), number(), number()) else {
+        let (Some(position), Some(velocity), Some(_acceleration), Some(button)) =
+            (number(), number(), number(), number())
+        else {
             return Some(false);
         };
         if words.next().is_some() {
             return Some(false);
         }
-        // A number that is none was not garbled on its way, it is a whole word: the arm says so, and the host has to know.
+        // A number that is none was not garbled on its way, it is a whole word: the arm says so,
+        // and the host has to know.
         self.report.readings[0] = if velocity.is_finite() { position } else { f64::NAN };
         let mut rates = [0.0; MAX_AXES];
         rates[0] = velocity;
@@ -58,7 +64,8 @@ impl Codec for Host {
         // A board that was not reset holds the last commanded force, also while it sends nothing.
         let mut zero = Frame::default();
         self.encode(&MotorCommand::default(), &mut zero);
-        // A board that was reset by the opening drives its handle into both stops first. A board that sends and does not receive cannot be used, and is dangerous.
+        // A board that was reset by the opening drives its handle into both stops first. A board
+        // that sends and does not receive cannot be used, and is dangerous.
         let question = Question {
             step: "waiting for a line, and for Ok to a force of zero",
             frame: zero.as_slice(),
@@ -120,7 +127,8 @@ impl Codec for Host {
     }
 }
 
-/// The arm's side, as a board would be that takes forces at its own rate: the published example has that switched off. No watchdog.
+/// The arm's side, as a board would be that takes forces at its own rate: the published example has
+/// that switched off. No watchdog.
 #[derive(Debug, Default)]
 pub(super) struct Arm {
     gather: Gather<64>,
@@ -147,7 +155,10 @@ impl Firmware for Arm {
 
     fn advance(&mut self, _: f64, arm: &ArmReadings, out: &mut Outbox) {
         let button = arm.buttons & 1;
-        out.push(format!("Prm {:.5} {:.5} {:.5} {button}\n", arm.readings[0], arm.rates[0], 0.0).into_bytes());
+        out.push(
+            format!("Prm {:.5} {:.5} {:.5} {button}\n", arm.readings[0], arm.rates[0], 0.0)
+                .into_bytes(),
+        );
     }
 
     fn motors(&self) -> [f64; MAX_AXES] {

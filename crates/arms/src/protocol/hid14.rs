@@ -1,10 +1,14 @@
-//! `haptikfabriken-hid14`: boards of 2019. One report per report; six encoders cut to 16 bits, three currents or a command.
+//! `haptikfabriken-hid14`: boards of 2019. One report per report; six encoders cut to 16 bits,
+//! three currents or a command.
 
 use core::time::Duration;
 
 use super::dialogue::{Question, ask};
 use super::number::{Whole, i16_at, low_16, pad, toward_zero_i16};
-use super::{ArmReadings, Codec, FeedCounts, Firmware, Hid14Carrier, MAX_AXES, MotorCommand, Outbox, Report, StartError};
+use super::{
+    ArmReadings, Codec, FeedCounts, Firmware, Hid14Carrier, MAX_AXES, MotorCommand, Outbox, Report,
+    StartError,
+};
 use crate::transport::{Frame, Transport};
 
 /// The button is folded into encoder d: pressed above the first, which adds the second.
@@ -43,15 +47,18 @@ impl Codec for Host {
             within: Duration::from_millis(1000),
         };
         let expected = self.carrier.report_len();
-        ask(link, &question, |bytes| {
-            match bytes.len() {
+        ask(link, &question, |bytes| match bytes.len() {
             n if n == expected => Some(Ok(())),
             8 => Some(Err(StartError::Refused(
-                "reports of 8 bytes: this is a WoodenHaptics 1.5 with the same USB ids; choose a profile with codec woodenhaptics-hid8".to_owned(),
+                "reports of 8 bytes: this is a WoodenHaptics 1.5 with the same USB ids; choose a \
+                    profile with codec woodenhaptics-hid8"
+                    .to_owned(),
             ))),
-            n @ (14 | 64) => Some(Err(StartError::Refused(format!("reports of {n} bytes, {expected} expected: choose the other carrier, mbed (14) or teensy-rawhid (64)")))),
+            n @ (14 | 64) => Some(Err(StartError::Refused(format!(
+                "reports of {n} bytes, \
+                {expected} expected: choose the other carrier, mbed (14) or teensy-rawhid (64)"
+            )))),
             _ => None,
-        }
         })
     }
 
@@ -106,7 +113,8 @@ impl Codec for Host {
     }
 }
 
-/// The arm's side. Speaks first once, then when spoken to; watchdog of 0.5 s, not latched; does not clamp.
+/// The arm's side. Speaks first once, then when spoken to; watchdog of 0.5 s, not latched; does not
+/// clamp.
 #[derive(Debug)]
 pub(super) struct Arm {
     carrier: Hid14Carrier,
@@ -119,7 +127,14 @@ pub(super) struct Arm {
 
 impl Arm {
     pub(super) fn new(carrier: Hid14Carrier) -> Self {
-        Self { carrier, motors: [0.0; MAX_AXES], offsets: [0.0; 6], calibration: false, has_spoken: false, fed_s: 0.0 }
+        Self {
+            carrier,
+            motors: [0.0; MAX_AXES],
+            offsets: [0.0; 6],
+            calibration: false,
+            has_spoken: false,
+            fed_s: 0.0,
+        }
     }
 
     fn report(&mut self, arm: &ArmReadings, out: &mut Outbox) {
@@ -127,7 +142,11 @@ impl Arm {
         let mut report = Vec::with_capacity(self.carrier.report_len());
         for (idx, (reading_idx, offset)) in READING_OF.iter().zip(self.offsets).enumerate() {
             let count = low_16(arm.readings[*reading_idx] + offset);
-            let folded = if idx == 3 && arm.buttons & 1 != 0 { count.wrapping_add(BUTTON_ADDS) } else { count };
+            let folded = if idx == 3 && arm.buttons & 1 != 0 {
+                count.wrapping_add(BUTTON_ADDS)
+            } else {
+                count
+            };
             report.extend(folded.to_le_bytes());
         }
         report.extend(i16::from(self.calibration).to_le_bytes());
@@ -147,7 +166,8 @@ impl Firmware for Arm {
         let word = |idx: usize| f64::from(i16_at(payload, 2 * idx));
         self.motors = [0.0; MAX_AXES];
         if i16_at(payload, 6) == 1 {
-            for (idx, (reading_idx, offset)) in READING_OF.iter().zip(&mut self.offsets).enumerate() {
+            for (idx, (reading_idx, offset)) in READING_OF.iter().zip(&mut self.offsets).enumerate()
+            {
                 let target = if idx < 3 { word(4 + idx) } else { word(idx - 3) };
                 *offset = target - arm.readings[*reading_idx].round();
             }

@@ -1,13 +1,15 @@
-//! Frames described as data, for arms of a simple fixed or line layout. The codec for them is `declarative`.
+//! Frames described as data, for arms of a simple fixed or line layout. The codec for them is
+//! `declarative`.
 //!
-//! A frame is a body in a framing. The body of a binary frame is a fixed number of bytes with fields at offsets, its checksum last; the body of
-//! a line is numbers in order.
+//! A frame is a body in a framing. The body of a binary frame is a fixed number of bytes with
+//! fields at offsets, its checksum last; the body of a line is numbers in order.
 
 use super::{MAX_AXES, ProtocolError};
 use crate::Pacing;
 use crate::transport::{Carriage, FRAME_MAX};
 
-/// Longest body, bytes, the checksum included: stuffing may double it, and it has to fit a [`FRAME_MAX`].
+/// Longest body, bytes, the checksum included: stuffing may double it, and it has to fit a
+/// [`FRAME_MAX`].
 pub(super) const BODY_MAX: usize = 120;
 
 /// Most fields of a packet.
@@ -35,7 +37,8 @@ pub struct Packet {
     pub framing: Framing,
     /// Its check, in the last bytes of the body.
     pub checksum: Option<Checksum>,
-    /// What is in it. Bytes of the body that no field names are 0 when sent and ignored when received.
+    /// What is in it. Bytes of the body that no field names are 0 when sent and ignored when
+    /// received.
     pub fields: Vec<Field>,
 }
 
@@ -79,7 +82,8 @@ pub struct LineFraming {
     pub open: String,
     /// Between numbers, such as `,`. Runs of blanks count as one when it is a blank.
     pub separator: u8,
-    /// After the last number, such as `]` or a line feed. Its last byte ends the frame. Blanks and NULs between frames are ignored.
+    /// After the last number, such as `]` or a line feed. Its last byte ends the frame. Blanks and
+    /// NULs between frames are ignored.
     pub close: String,
     /// Padding of a frame that is sent.
     pub pad: Option<LinePad>,
@@ -172,9 +176,11 @@ pub struct Field {
     pub big_endian: bool,
     /// Reading, rate or motor = number · scale. 1 for other roles.
     pub scale: f64,
-    /// Bits of a whole number that belong to the field, the lowest of them bit 0 of its value; `None`: all.
+    /// Bits of a whole number that belong to the field, the lowest of them bit 0 of its value;
+    /// `None`: all.
     pub mask: Option<u64>,
-    /// The number is the low end of a longer count: made whole again from step to step. Of whole numbers up to 32 bits, for readings.
+    /// The number is the low end of a longer count: made whole again from step to step. Of whole
+    /// numbers up to 32 bits, for readings.
     pub wraps: bool,
 }
 
@@ -194,7 +200,8 @@ pub enum Role {
     Rate(usize),
     /// Report: button bits, the first of them at this bit of the button word.
     Buttons(u8),
-    /// Report: counts reports, by one, and wraps: gaps and repeats are seen in it. An unsigned whole number.
+    /// Report: counts reports, by one, and wraps: gaps and repeats are seen in it. An unsigned
+    /// whole number.
     Counter,
     /// Report: error code, 0: none.
     Error,
@@ -262,7 +269,10 @@ impl Packet {
     /// Bytes of the body, checksum included; of a line, how many numbers.
     pub(crate) fn n_bytes(&self) -> usize {
         match &self.framing {
-            Framing::Report { len, .. } | Framing::Sync { len, .. } | Framing::Cobs { len } | Framing::Slip { len } => *len,
+            Framing::Report { len, .. }
+            | Framing::Sync { len, .. }
+            | Framing::Cobs { len }
+            | Framing::Slip { len } => *len,
             Framing::Line(_) => self.fields.len(),
         }
     }
@@ -299,12 +309,15 @@ impl Packet {
             field.check(&at, is_report)?;
             let room = self.n_bytes() - checksum_len;
             if field.offset >= room || field.number.n_bytes() > room - field.offset {
-                return Err(format!("{at} ends behind the body, which has {room} places for fields"));
+                return Err(format!(
+                    "{at} ends behind the body, which has {room} places for fields"
+                ));
             }
             if is_line && self.fields[..idx].iter().any(|other| other.offset == field.offset) {
                 return Err(format!("{at}: number {} of the line has two meanings", field.offset));
             }
-            let unique = !matches!(field.role, Role::Constant(_) | Role::Ignored | Role::Buttons(_));
+            let unique =
+                !matches!(field.role, Role::Constant(_) | Role::Ignored | Role::Buttons(_));
             if unique && self.fields[..idx].iter().any(|other| other.role == field.role) {
                 return Err(format!("{at}: {:?} is there twice", field.role));
             }
@@ -323,20 +336,32 @@ impl LineFraming {
         let is_number = |byte: u8| byte.is_ascii_digit() || b"+-.eE".contains(&byte);
         if self.close.is_empty() || self.open.len() > 16 || self.close.len() > 16 {
             return Err(format!(
-                "{name}: `close` has to end the line, such as \"\\n\" or \"]\", and neither end is longer than 16 bytes"
+                "{name}: `close` has to end the line, such as \"\\n\" or \"]\", and neither end is \
+                    longer than 16 bytes"
             ));
         }
-        if !self.open.is_ascii() || !self.close.is_ascii() || self.separator == 0 || !self.separator.is_ascii() {
+        if !self.open.is_ascii()
+            || !self.close.is_ascii()
+            || self.separator == 0
+            || !self.separator.is_ascii()
+        {
             return Err(format!("{name}: the ends and the separator of a line are ASCII"));
         }
-        if is_number(self.separator) || self.close.bytes().any(|byte| is_number(byte) || byte == self.separator) {
+        if is_number(self.separator)
+            || self.close.bytes().any(|byte| is_number(byte) || byte == self.separator)
+        {
             return Err(format!(
-                "{name}: a separator or an end of a line that is part of a number or of the other cannot be told apart"
+                "{name}: a separator or an end of a line that is part of a number or of the other \
+                    cannot be told apart"
             ));
         }
         match self.pad {
-            Some(pad) if pad.len > FRAME_MAX => Err(format!("{name} is padded to {} bytes: at most {FRAME_MAX}", pad.len)),
-            Some(pad) if !matches!(pad.byte, 0 | b' ') => Err(format!("{name} is padded with byte {}: 0 or 32 (blank)", pad.byte)),
+            Some(pad) if pad.len > FRAME_MAX => {
+                Err(format!("{name} is padded to {} bytes: at most {FRAME_MAX}", pad.len))
+            }
+            Some(pad) if !matches!(pad.byte, 0 | b' ') => {
+                Err(format!("{name} is padded with byte {}: 0 or 32 (blank)", pad.byte))
+            }
             _ => Ok(()),
         }
     }
@@ -350,8 +375,11 @@ impl Field {
             _ => is_report,
         };
         if !belongs {
-            let has =
-                if is_report { "a report has readings, rates, buttons and states" } else { "a command has motors and `enabled`" };
+            let has = if is_report {
+                "a report has readings, rates, buttons and states"
+            } else {
+                "a command has motors and `enabled`"
+            };
             return Err(format!("{at}: {:?} does not belong there: {has}", self.role));
         }
         if let Role::Reading(idx) | Role::Rate(idx) | Role::Motor(idx) = self.role
@@ -361,7 +389,10 @@ impl Field {
         }
         let is_scaled = matches!(self.role, Role::Reading(_) | Role::Rate(_) | Role::Motor(_));
         if !self.scale.is_finite() || self.scale == 0.0 || (!is_scaled && self.scale != 1.0) {
-            return Err(format!("{at}: scale {}: a number other than 0, and only for readings, rates and motors", self.scale));
+            return Err(format!(
+                "{at}: scale {}: a number other than 0, and only for readings, rates and motors",
+                self.scale
+            ));
         }
         let range = self.number.range();
         if !is_scaled && range.is_none() && self.role != Role::Ignored {
@@ -370,7 +401,10 @@ impl Field {
         if let Some(mask) = self.mask {
             let bits = 8 * self.number.n_bytes();
             if range.is_none() || bits == 0 || mask == 0 || (bits < 64 && mask >> bits != 0) {
-                return Err(format!("{at}: mask {mask:#x}: bits of a binary whole number of {bits} bits, at least one"));
+                return Err(format!(
+                    "{at}: mask {mask:#x}: bits of a binary whole number of {bits} bits, at least \
+                        one"
+                ));
             }
             if !self.number.is_unsigned() {
                 return Err(format!("{at}: masks are for unsigned numbers"));
@@ -381,20 +415,29 @@ impl Field {
             }
         }
         if self.wraps
-            && (!matches!(self.role, Role::Reading(_)) || range.is_none() || self.number.n_bytes() == 0 || self.mask.is_some())
+            && (!matches!(self.role, Role::Reading(_))
+                || range.is_none()
+                || self.number.n_bytes() == 0
+                || self.mask.is_some())
         {
-            return Err(format!("{at}: only a reading that is a whole binary number without a mask wraps"));
+            return Err(format!(
+                "{at}: only a reading that is a whole binary number without a mask wraps"
+            ));
         }
         match (self.role, range) {
             (Role::Counter, _) if !self.number.is_unsigned() || self.mask.is_some() => {
                 Err(format!("{at}: a counter is u8, u16 or u32, without a mask"))
             }
-            (Role::Buttons(first), _) if first > 31 => Err(format!("{at}: button {first}, and the largest is 31")),
+            (Role::Buttons(first), _) if first > 31 => {
+                Err(format!("{at}: button {first}, and the largest is 31"))
+            }
             (Role::Constant(value), Some((low, high))) if !(low..=high).contains(&value) => {
                 Err(format!("{at}: {value} does not fit {:?}, {low} to {high}", self.number))
             }
             (Role::Constant(value), _)
-                if self.mask.is_some_and(|mask| value < 0 || value as u64 > mask >> mask.trailing_zeros()) =>
+                if self.mask.is_some_and(|mask| {
+                    value < 0 || value as u64 > mask >> mask.trailing_zeros()
+                }) =>
             {
                 Err(format!("{at}: {value} does not fit its mask"))
             }
@@ -444,25 +487,38 @@ impl PacketLayout {
 
     fn check_text(&self) -> Result<(), String> {
         self.report.check("the report", true)?;
-        let (n, largest) = self.report.indices(|role| if let Role::Reading(idx) = role { Some(idx) } else { None });
+        let (n, largest) = self
+            .report
+            .indices(|role| if let Role::Reading(idx) = role { Some(idx) } else { None });
         if n == 0 || n != largest {
             return Err(format!(
-                "the report has {n} readings up to number {largest}: at least one, numbered from 0 without a hole"
+                "the report has {n} readings up to number {largest}: at least one, numbered from 0 \
+                    without a hole"
             ));
         }
-        let (_, largest_rate) = self.report.indices(|role| if let Role::Rate(idx) = role { Some(idx) } else { None });
+        let (_, largest_rate) =
+            self.report.indices(|role| if let Role::Rate(idx) = role { Some(idx) } else { None });
         if largest_rate > n {
-            return Err(format!("the report has a rate of reading {}, and no such reading", largest_rate - 1));
+            return Err(format!(
+                "the report has a rate of reading {}, and no such reading",
+                largest_rate - 1
+            ));
         }
         if let Some(command) = &self.command {
             command.check("the command", false)?;
-            let (n, largest) = command.indices(|role| if let Role::Motor(idx) = role { Some(idx) } else { None });
+            let (n, largest) =
+                command.indices(|role| if let Role::Motor(idx) = role { Some(idx) } else { None });
             if n != largest {
-                return Err(format!("the command has {n} motors up to number {largest}: numbered from 0 without a hole"));
+                return Err(format!(
+                    "the command has {n} motors up to number {largest}: numbered from 0 without a \
+                        hole"
+                ));
             }
             let is_report = |framing: &Framing| matches!(framing, Framing::Report { .. });
             if is_report(&self.report.framing) != is_report(&command.framing) {
-                return Err("one packet is a HID report and the other a part of a stream: an arm has one link".to_owned());
+                return Err("one packet is a HID report and the other a part of a stream: an arm \
+                    has one link"
+                    .to_owned());
             }
         }
         if self.kick.as_ref().is_some_and(|kick| kick.is_empty() || kick.len() > FRAME_MAX) {
@@ -471,12 +527,17 @@ impl PacketLayout {
         if let (Some(command), Some(kick)) = (&self.command, &self.kick)
             && super::declarative::moves(command, kick)
         {
-            return Err("the kick frame is a command that moves a motor: write one of zeros, as it passes no limit".to_owned());
+            return Err(
+                "the kick frame is a command that moves a motor: write one of zeros, as it \
+                passes no limit"
+                    .to_owned(),
+            );
         }
         match self.pacing {
-            Pacing::PingPong if self.command.is_none() && self.kick.is_none() => {
-                Err("pacing \"ping-pong\" without a command or a kick frame: nothing would ask the arm".to_owned())
-            }
+            Pacing::PingPong if self.command.is_none() && self.kick.is_none() => Err(
+                "pacing \"ping-pong\" without a command or a kick frame: nothing would ask the arm"
+                    .to_owned(),
+            ),
             _ => Ok(()),
         }
     }

@@ -1,7 +1,9 @@
-//! Protocols: what the bytes of an arm mean. Pure encode and decode; no I/O but the start-up dialogue, no clock but the one handed in.
+//! Protocols: what the bytes of an arm mean. Pure encode and decode; no I/O but the start-up
+//! dialogue, no clock but the one handed in.
 //!
-//! Each protocol has two sides, in one file: a [`Codec`], which the host speaks, and a [`Firmware`], which answers like the arm does. The
-//! second makes the mock arms of `hapticd mock`, and tests every codec against something that is not itself.
+//! Each protocol has two sides, in one file: a [`Codec`], which the host speaks, and a
+//! [`Firmware`], which answers like the arm does. The second makes the mock arms of `hapticd mock`,
+//! and tests every codec against something that is not itself.
 //!
 //! Units here are those of the wire (counts, mA, degrees): the transmission turns them into SI.
 //!
@@ -47,22 +49,26 @@ mod woodenhaptics;
 pub use choice::Protocol;
 pub use haply::{HaplyService, Version as ServiceVersion};
 pub use layout::PacketLayout;
-pub use supplied::{HapiBoard, HapiEncoder, Hid14Carrier, Open6Arm, ProtocolError, Servo, ServoModel, Turn};
+pub use supplied::{
+    HapiBoard, HapiEncoder, Hid14Carrier, Open6Arm, ProtocolError, Servo, ServoModel, Turn,
+};
 
 pub use super::motor_stage::MotorCommand;
 use super::transport::{Frame, Transport, TransportError};
 
-/// Most readings and motors that an arm can have: seven joints and a gripper; a Cartesian pose takes seven.
+/// Most readings and motors that an arm can have: seven joints and a gripper; a Cartesian pose
+/// takes seven.
 pub const MAX_AXES: usize = 8;
 
 /// What one report says, before kinematics.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Report {
-    /// Readings in the units of the wire and the order of the protocol. A counter that the wire cuts to 16 bits is whole again here.
-    /// Arms that report a pose: x, y, z in m, the orientation x, y, z, w, then the grip in rad.
+    /// Readings in the units of the wire and the order of the protocol. A counter that the wire
+    /// cuts to 16 bits is whole again here. Arms that report a pose: x, y, z in m, the orientation
+    /// x, y, z, w, then the grip in rad.
     pub readings: [f64; MAX_AXES],
-    /// Rates of the readings per second, where the arm sends them. Arms that report a pose: velocity in m/s, angular velocity in rad/s, 0, then
-    /// the grip in rad/s.
+    /// Rates of the readings per second, where the arm sends them. Arms that report a pose:
+    /// velocity in m/s, angular velocity in rad/s, 0, then the grip in rad/s.
     pub rates: Option<[f64; MAX_AXES]>,
     /// Button states, bit 0 first.
     pub buttons: u32,
@@ -70,13 +76,21 @@ pub struct Report {
     pub homed: Option<bool>,
     /// Error code of the arm; 0: none.
     pub error: u32,
-    /// [`Codec::sequence`] of the newest command that the arm had taken when it made this report, where it says so: measures the round trip.
+    /// [`Codec::sequence`] of the newest command that the arm had taken when it made this report,
+    /// where it says so: measures the round trip.
     pub echo: Option<u16>,
 }
 
 impl Default for Report {
     fn default() -> Self {
-        Self { readings: [0.0; MAX_AXES], rates: None, buttons: 0, homed: None, error: 0, echo: None }
+        Self {
+            readings: [0.0; MAX_AXES],
+            rates: None,
+            buttons: 0,
+            homed: None,
+            error: 0,
+            echo: None,
+        }
     }
 }
 
@@ -143,7 +157,8 @@ pub enum StartError {
 ///
 /// RT: everything but `start` and `finish` is safe: no allocation, no panic on any bytes.
 pub trait Codec: Send {
-    /// The dialogue that leads from an opened link to an arm that sends reports. Cold; may wait. Never lets a motor move.
+    /// The dialogue that leads from an opened link to an arm that sends reports. Cold; may wait.
+    /// Never lets a motor move.
     ///
     /// # Errors
     /// See [`StartError`].
@@ -152,46 +167,57 @@ pub trait Codec: Send {
         Ok(())
     }
 
-    /// Told before [`Self::start`] by a host that has started this very arm before and lost the link to it: an arm that takes its pose at the start for
-    /// its home pose is asked first whether it still knows the old one. `kept_power`: it only fell silent, its plug was never out, so it does. Cold.
+    /// Told before [`Self::start`] by a host that has started this very arm before and lost the
+    /// link to it: an arm that takes its pose at the start for its home pose is asked first whether
+    /// it still knows the old one. `kept_power`: it only fell silent, its plug was never out, so it
+    /// does. Cold.
     fn started_before(&mut self, kept_power: bool) {
         let _ = kept_power;
     }
 
-    /// Takes one report (HID) or any piece of a stream; keeps what is left of an unfinished frame for the next call.
+    /// Takes one report (HID) or any piece of a stream; keeps what is left of an unfinished frame
+    /// for the next call.
     fn feed(&mut self, bytes: &[u8]) -> FeedCounts;
 
     /// The newest sound report; the default one before the first.
     fn newest(&self) -> &Report;
 
-    /// Writes the frame for a command, whatever else the protocol asks for in each exchange included. Non-finite numbers are zero. Leaves the
-    /// frame empty when nothing is to be sent now: a lamp that stays as it is, or [`Self::silence`].
+    /// Writes the frame for a command, whatever else the protocol asks for in each exchange
+    /// included. Non-finite numbers are zero. Leaves the frame empty when nothing is to be sent
+    /// now: a lamp that stays as it is, or [`Self::silence`].
     fn encode(&mut self, command: &MotorCommand, frame: &mut Frame);
 
-    /// Frame that wakes an arm which has fallen silent, and moves nothing; `false` when the protocol knows none.
+    /// Frame that wakes an arm which has fallen silent, and moves nothing; `false` when the
+    /// protocol knows none.
     fn kick(&mut self, frame: &mut Frame) -> bool {
         self.encode(&MotorCommand::default(), frame);
         !frame.is_empty()
     }
 
-    /// Sequence number of the last command that was encoded, where the protocol carries one; compare [`Report::echo`].
+    /// Sequence number of the last command that was encoded, where the protocol carries one;
+    /// compare [`Report::echo`].
     fn sequence(&self) -> Option<u16> {
         None
     }
 
-    /// The stream has lost its frames and cannot find them by itself. `Some`: send [`Self::zero_out_of_step`] once, then nothing for this long, throw
-    /// away what is received, then call [`Self::resume`] and send a zero command. Needed a second time without a sound report in between, the arm is lost.
+    /// The stream has lost its frames and cannot find them by itself. `Some`: send
+    /// [`Self::zero_out_of_step`] once, then nothing for this long, throw away what is received,
+    /// then call [`Self::resume`] and send a zero command. Needed a second time without a sound
+    /// report in between, the arm is lost.
     fn silence(&self) -> Option<Duration> {
         None
     }
 
-    /// A zero command for when it is unknown where in a frame the arm is: before a [`Self::silence`], and while the arm owes a reply. It takes force away
-    /// where it can, and does no harm where the arm reads it as something else. Leaves the frame empty where the ordinary zero does as well.
+    /// A zero command for when it is unknown where in a frame the arm is: before a
+    /// [`Self::silence`], and while the arm owes a reply. It takes force away where it can, and
+    /// does no harm where the arm reads it as something else. Leaves the frame empty where the
+    /// ordinary zero does as well.
     fn zero_out_of_step(&mut self, frame: &mut Frame) {
         frame.clear();
     }
 
-    /// How many commands left since the arm last said that it had received one, where it says so: an arm may send and receive nothing.
+    /// How many commands left since the arm last said that it had received one, where it says so:
+    /// an arm may send and receive nothing.
     fn unheard(&self) -> Option<u32> {
         None
     }
@@ -199,18 +225,21 @@ pub trait Codec: Send {
     /// Forgets unfinished frames: after [`Self::silence`], and after bytes were thrown away.
     fn resume(&mut self) {}
 
-    /// Frame that sets the arm's counters; `false` when the protocol has none. Motors are off in that exchange.
+    /// Frame that sets the arm's counters; `false` when the protocol has none. Motors are off in
+    /// that exchange.
     fn set_readings(&mut self, readings: &[f64; MAX_AXES], frame: &mut Frame) -> bool {
         let _ = (readings, frame);
         false
     }
 
-    /// What time it is, s, told before frames are taken or made: for protocols that compare clocks. It never goes back.
+    /// What time it is, s, told before frames are taken or made: for protocols that compare clocks.
+    /// It never goes back.
     fn tell_time(&mut self, now_s: f64) {
         let _ = now_s;
     }
 
-    /// The other machine has taken the force away because it received nothing for too long. Over a network only.
+    /// The other machine has taken the force away because it received nothing for too long. Over a
+    /// network only.
     fn is_cut(&self) -> bool {
         false
     }
@@ -240,12 +269,14 @@ pub trait Codec: Send {
         None
     }
 
-    /// What follows the zero commands when the link is closed for good, such as switching torque off. Cold, short, must not panic.
+    /// What follows the zero commands when the link is closed for good, such as switching torque
+    /// off. Cold, short, must not panic.
     fn finish(&mut self, link: &mut dyn Transport) {
         let _ = link;
     }
 
-    /// The same for a link that was lost and is to be opened again: what the arm got at its start stays. Cold, short, must not panic.
+    /// The same for a link that was lost and is to be opened again: what the arm got at its start
+    /// stays. Cold, short, must not panic.
     fn finish_lost(&mut self, link: &mut dyn Transport) {
         self.finish(link);
     }
@@ -271,13 +302,15 @@ pub type Outbox = Vec<Vec<u8>>;
 
 /// The arm's side of a protocol: what its firmware does with the bytes of the host.
 pub trait Firmware: Send {
-    /// Takes bytes from the host at `now_s` of the arm's time; answers go to `out`. Of HID: one report as the host wrote it; the 0 before an
-    /// unnumbered one may be there or not. Answers are reports as the host reads them: no ID before unnumbered ones.
+    /// Takes bytes from the host at `now_s` of the arm's time; answers go to `out`. Of HID: one
+    /// report as the host wrote it; the 0 before an unnumbered one may be there or not. Answers are
+    /// reports as the host reads them: no ID before unnumbered ones.
     fn receive(&mut self, bytes: &[u8], now_s: f64, arm: &ArmReadings, out: &mut Outbox);
 
     /// One period of the arm: reports that it sends by itself, and its watchdog.
     fn advance(&mut self, now_s: f64, arm: &ArmReadings, out: &mut Outbox);
 
-    /// What the motors are driven with now, as in [`MotorCommand::motors`]; zero where the watchdog, a missing enable or an error says so.
+    /// What the motors are driven with now, as in [`MotorCommand::motors`]; zero where the
+    /// watchdog, a missing enable or an error says so.
     fn motors(&self) -> [f64; MAX_AXES];
 }

@@ -39,7 +39,8 @@ pub(super) struct Whole {
 }
 
 impl Whole {
-    /// The whole count nearest to the last one whose low `bits` are those of `cut`; the first one is taken as it is.
+    /// The whole count nearest to the last one whose low `bits` are those of `cut`; the first one
+    /// is taken as it is.
     pub(super) fn take(&mut self, cut: i64, bits: u32) -> i64 {
         let whole = match self.last {
             None => cut,
@@ -103,7 +104,8 @@ pub(super) fn pad(frame: &mut Frame, byte: u8, len: usize) {
     while frame.as_slice().len() < len && frame.push(byte) {}
 }
 
-/// Exactly `N` whole numbers of 32 bits, apart by `separator`; `None` for anything else. Blanks count as one when they separate.
+/// Exactly `N` whole numbers of 32 bits, apart by `separator`; `None` for anything else. Blanks
+/// count as one when they separate.
 pub(super) fn integers<const N: usize>(line: &[u8], separator: u8) -> Option<[i32; N]> {
     let mut numbers = [0; N];
     let mut words = words(line, separator);
@@ -126,7 +128,10 @@ mod tests {
 
     #[test]
     fn rounding_goes_toward_zero_and_never_wraps() {
-        assert_eq!([1.9, -1.9, 4e9, -4e9, f64::NAN, f64::INFINITY].map(|x| toward_zero(x, 4096)), [1, -1, 4096, -4096, 0, 4096]);
+        assert_eq!(
+            [1.9, -1.9, 4e9, -4e9, f64::NAN, f64::INFINITY].map(|x| toward_zero(x, 4096)),
+            [1, -1, 4096, -4096, 0, 4096]
+        );
         assert_eq!([1e9, -1e9].map(|x| toward_zero_i16(x, i16::MAX)), [32767, -32767]);
         assert_eq!([1e300, f64::NAN, 0.5].map(finite_f32), [0.0, 0.0, 0.5]);
     }
@@ -134,7 +139,10 @@ mod tests {
     #[test]
     fn cut_counts_are_made_whole() {
         let mut whole = Whole::default();
-        let steps = [32_000_i64, 32_767, 32_768, 40_000, 70_000, 65_536, 40_000, 10_000, -20_000, -40_000, -10_000, -100, 0];
+        let steps = [
+            32_000_i64, 32_767, 32_768, 40_000, 70_000, 65_536, 40_000, 10_000, -20_000, -40_000,
+            -10_000, -100, 0,
+        ];
         for count in steps {
             assert_eq!(whole.take_16(count as i16), count as f64);
         }
@@ -144,7 +152,9 @@ mod tests {
     fn only_so_many_numbers_are_so_many_numbers() {
         assert_eq!(integers::<3>(b"1,-2,3", b','), Some([1, -2, 3]));
         assert_eq!(integers::<2>(b"  7   -8 ", b' '), Some([7, -8]));
-        for wrong in ["1,2", "1,2,3,4", "1,x,3", "1,,3", "1,2,4294967296", "1 ,2,3", "1,2,3\u{fffd}"] {
+        for wrong in
+            ["1,2", "1,2,3,4", "1,x,3", "1,,3", "1,2,4294967296", "1 ,2,3", "1,2,3\u{fffd}"]
+        {
             assert_eq!(integers::<3>(wrong.as_bytes(), b','), None, "{wrong}");
         }
     }

@@ -1,11 +1,14 @@
-//! `open6`: the open 6-DoF protocol of `docs/reference/protocol.md`, over HID and serial. This file holds the packets and the host's side.
+//! `open6`: the open 6-DoF protocol of `docs/reference/protocol.md`, over HID and serial. This file
+//! holds the packets and the host's side.
 
 use core::time::Duration;
 
 use super::dialogue::{Question, ask, hush};
 use super::gather::Gather;
 use super::number::{f32_at, finite_f32, i16_at, pad, u16_at};
-use super::{Codec, DeclaredLimits, FeedCounts, MAX_AXES, MotorCommand, Open6Arm, Report, StartError};
+use super::{
+    Codec, DeclaredLimits, FeedCounts, MAX_AXES, MotorCommand, Open6Arm, Report, StartError,
+};
 use crate::transport::{Carriage, Frame, Transport};
 use vps::spatial::Axes;
 
@@ -14,7 +17,8 @@ pub(crate) const MAJOR: u8 = 1;
 /// Minor versions add bytes behind known payloads.
 pub(crate) const MINOR: u8 = 0;
 
-/// Added to [`Report::error`] when the arm's watchdog has tripped: a command without enable clears it.
+/// Added to [`Report::error`] when the arm's watchdog has tripped: a command without enable clears
+/// it.
 pub(crate) const WATCHDOG_TRIPPED: u32 = 0x100;
 
 /// Bytes of a HID report, and most of a packet.
@@ -48,8 +52,16 @@ pub(crate) const ANGULAR_STEPS: f64 = 1024.0;
 
 const CRC: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_IBM_3740);
 
-/// Appends a packet as its carriage wants it. `report_id`: the 0 that the host writes before an unnumbered report.
-pub(crate) fn put_packet(carriage: Carriage, report_id: bool, kind: u8, sequence: u16, payload: &[u8], frame: &mut Frame) {
+/// Appends a packet as its carriage wants it. `report_id`: the 0 that the host writes before an
+/// unnumbered report.
+pub(crate) fn put_packet(
+    carriage: Carriage,
+    report_id: bool,
+    kind: u8,
+    sequence: u16,
+    payload: &[u8],
+    frame: &mut Frame,
+) {
     let n = payload.len().min(PAYLOAD_MAX);
     let mut packet = [0; REPORT];
     packet[0] = kind;
@@ -93,7 +105,11 @@ fn packet_of(bytes: &[u8]) -> Option<Packet<'_>> {
     let checked = bytes.get(..HEAD + n)?;
     bytes.get(HEAD + n..HEAD + n + 2)?;
     let is_sound = CRC.checksum(checked) == u16_at(bytes, HEAD + n);
-    is_sound.then(|| Packet { kind: bytes[0], sequence: u16_at(bytes, 2), payload: &checked[HEAD..] })
+    is_sound.then(|| Packet {
+        kind: bytes[0],
+        sequence: u16_at(bytes, 2),
+        payload: &checked[HEAD..],
+    })
 }
 
 /// Finds packets in what a link delivers.
@@ -116,10 +132,12 @@ impl Packets {
     pub(crate) fn feed(&mut self, bytes: &[u8], mut take: impl FnMut(Packet<'_>)) -> u32 {
         let mut corrupt = 0;
         match self.carriage {
-            Carriage::Reports => match (bytes.len() == REPORT).then(|| packet_of(bytes)).flatten() {
-                Some(packet) => take(packet),
-                None => corrupt += 1,
-            },
+            Carriage::Reports => {
+                match (bytes.len() == REPORT).then(|| packet_of(bytes)).flatten() {
+                    Some(packet) => take(packet),
+                    None => corrupt += 1,
+                }
+            }
             Carriage::Stream => {
                 for byte in bytes {
                     match self.gather.until(0, *byte) {
@@ -127,8 +145,8 @@ impl Packets {
                         Some(true) if self.gather.as_slice().is_empty() => {}
                         Some(true) => {
                             let n = cobs::decode_in_place(self.gather.as_mut_slice()).unwrap_or(0);
-                            let packet =
-                                packet_of(&self.gather.as_slice()[..n]).filter(|packet| HEAD + packet.payload.len() + 2 == n);
+                            let packet = packet_of(&self.gather.as_slice()[..n])
+                                .filter(|packet| HEAD + packet.payload.len() + 2 == n);
                             match packet {
                                 Some(packet) => take(packet),
                                 None => corrupt += 1,
@@ -188,27 +206,42 @@ impl Host {
     /// What an arm says of itself, held against what the profile says.
     fn greet(&self, payload: &[u8]) -> Result<(String, DeclaredLimits), StartError> {
         let refuse = |text: String| Err(StartError::Refused(text));
-        let (major, minor) = (payload.first().copied().unwrap_or(0), payload.get(1).copied().unwrap_or(0));
+        let major = payload.first().copied().unwrap_or(0);
+        let minor = payload.get(1).copied().unwrap_or(0);
         if major != MAJOR {
             return refuse(format!(
-                "the arm speaks open6 {major}.{minor}, this program {MAJOR}.{MINOR}: update the older of the two"
+                "the arm speaks open6 {major}.{minor}, this program {MAJOR}.{MINOR}: update the \
+                    older of the two"
             ));
         }
         if payload.len() < CAPABILITIES_LEN {
-            return refuse(format!("the arm describes itself in {} bytes, at least {CAPABILITIES_LEN} expected", payload.len()));
+            return refuse(format!(
+                "the arm describes itself in {} bytes, at least {CAPABILITIES_LEN} expected",
+                payload.len()
+            ));
         }
-        let name =
-            String::from_utf8_lossy(payload[22..CAPABILITIES_LEN].split(|byte| *byte == 0).next().unwrap_or_default()).into_owned();
-        let (sensed, actuated) = (axes_of(payload[2]), axes_of(payload[3]));
-        for (what, has, wants) in [("senses", sensed, self.arm.sensed), ("drives", actuated, self.arm.actuated)] {
+        let name = String::from_utf8_lossy(
+            payload[22..CAPABILITIES_LEN].split(|byte| *byte == 0).next().unwrap_or_default(),
+        )
+        .into_owned();
+        let sensed = axes_of(payload[2]);
+        let actuated = axes_of(payload[3]);
+        for (what, has, wants) in
+            [("senses", sensed, self.arm.sensed), ("drives", actuated, self.arm.actuated)]
+        {
             if !has.contains(wants) {
-                return refuse(format!("{name} {what} {}, and the profile says {}: correct the profile", list(has), list(wants)));
+                return refuse(format!(
+                    "{name} {what} {}, and the profile says {}: correct the profile",
+                    list(has),
+                    list(wants)
+                ));
             }
         }
         let watchdog_ms = u16_at(payload, 6);
         if watchdog_ms == 0 || watchdog_ms > self.arm.watchdog_ms {
             return refuse(format!(
-                "{name} has a watchdog of {watchdog_ms} ms, and the profile asks for {} ms at most; 0 is none, which the protocol does not allow",
+                "{name} has a watchdog of {watchdog_ms} ms, and the profile asks for {} ms at \
+                    most; 0 is none, which the protocol does not allow",
                 self.arm.watchdog_ms
             ));
         }
@@ -220,8 +253,9 @@ impl Host {
         };
         let DeclaredLimits { rate_hz, force_n, torque_nm, workspace_radius_m } = declared;
         let text = format!(
-            "{name}, open6 {major}.{minor}, senses {}, drives {}, {rate_hz} Hz, watchdog {watchdog_ms} ms, \
-             {force_n:.3} N, {torque_nm:.4} N·m, radius {workspace_radius_m:.3} m",
+            "{name}, open6 {major}.{minor}, senses {}, drives {}, {rate_hz} Hz, watchdog \
+                {watchdog_ms} ms, {force_n:.3} N, {torque_nm:.4} N·m, radius \
+                {workspace_radius_m:.3} m",
             list(sensed),
             list(actuated),
         );
@@ -256,7 +290,8 @@ pub(crate) fn report_of(payload: &[u8]) -> Option<Report> {
     for (idx, reading) in readings.iter_mut().enumerate() {
         *reading = f64::from(f32_at(payload, 4 * idx));
     }
-    // A state whose check holds and whose numbers are none was not garbled on its way: the arm says so, and the host has to know.
+    // A state whose check holds and whose numbers are none was not garbled on its way: the arm says
+    // so, and the host has to know.
     let norm = readings[3..7].iter().map(|q| q * q).sum::<f64>();
     if norm.is_finite() && !(0.9..1.1).contains(&norm) {
         return None;
@@ -264,11 +299,13 @@ pub(crate) fn report_of(payload: &[u8]) -> Option<Report> {
     let rates = (payload.len() >= STATE_WITH_TWIST_LEN).then(|| {
         let mut rates = [0.0; MAX_AXES];
         for (idx, rate) in rates[..6].iter_mut().enumerate() {
-            *rate = f64::from(i16_at(payload, STATE_LEN + 2 * idx)) / if idx < 3 { LINEAR_STEPS } else { ANGULAR_STEPS };
+            *rate = f64::from(i16_at(payload, STATE_LEN + 2 * idx))
+                / if idx < 3 { LINEAR_STEPS } else { ANGULAR_STEPS };
         }
         rates
     });
-    let (flags, error) = (payload[40], payload[41]);
+    let flags = payload[40];
+    let error = payload[41];
     Some(Report {
         readings,
         rates,
@@ -281,7 +318,8 @@ pub(crate) fn report_of(payload: &[u8]) -> Option<Report> {
 
 impl Codec for Host {
     fn start(&mut self, link: &mut dyn Transport) -> Result<(), StartError> {
-        *self = Self { hello_within: self.hello_within, ..Self::new(self.arm.clone(), self.carriage) };
+        *self =
+            Self { hello_within: self.hello_within, ..Self::new(self.arm.clone(), self.carriage) };
         let mut hello = Frame::default();
         if self.carriage == Carriage::Stream {
             // Ends whatever the arm was in the middle of.
@@ -292,8 +330,12 @@ impl Codec for Host {
         payload[4..6].copy_from_slice(&[MAJOR, MINOR]);
         payload[6..].copy_from_slice(&self.arm.watchdog_ms.to_le_bytes());
         put_packet(self.carriage, true, HELLO, 0, &payload, &mut hello);
-        let question =
-            Question { step: "hello", frame: hello.as_slice(), every: Duration::from_millis(100), within: self.hello_within };
+        let question = Question {
+            step: "hello",
+            frame: hello.as_slice(),
+            every: Duration::from_millis(100),
+            within: self.hello_within,
+        };
         let mut packets = Packets::new(self.carriage);
         let said = ask(link, &question, |bytes| {
             let mut answer = None;

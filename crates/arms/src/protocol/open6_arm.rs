@@ -1,4 +1,5 @@
-//! The arm's side of `open6`: the state machine of `docs/reference/protocol.md`, as the reference for firmware.
+//! The arm's side of `open6`: the state machine of `docs/reference/protocol.md`, as the reference
+//! for firmware.
 //!
 //! ```text
 //!            HELLO                 enable, homed               no COMMAND for the watchdog time
@@ -11,8 +12,9 @@
 
 use super::number::{f32_at, u16_at};
 use super::open6::{
-    ANGULAR_STEPS, CAPABILITIES, CAPABILITIES_LEN, COMMAND, COMMAND_LEN, ENABLED, HELLO, HELLO_LEN, HOMED, LINEAR_STEPS, MAGIC,
-    MAJOR, MINOR, Packet, Packets, REPORT, STATE, STATE_WITH_TWIST_LEN, STOP, TRIPPED, bits_of, put_packet,
+    ANGULAR_STEPS, CAPABILITIES, CAPABILITIES_LEN, COMMAND, COMMAND_LEN, ENABLED, HELLO, HELLO_LEN,
+    HOMED, LINEAR_STEPS, MAGIC, MAJOR, MINOR, Packet, Packets, REPORT, STATE, STATE_WITH_TWIST_LEN,
+    STOP, TRIPPED, bits_of, put_packet,
 };
 use super::{ArmReadings, Firmware, MAX_AXES, Open6Arm, Outbox};
 use crate::transport::{Carriage, Frame};
@@ -73,7 +75,8 @@ impl Arm {
         out.push(frame.as_slice().to_vec());
     }
 
-    /// Takes bytes of the host; whether it is owed a [`Self::state`]. An arm whose sensors are slow sets its motors in between.
+    /// Takes bytes of the host; whether it is owed a [`Self::state`]. An arm whose sensors are slow
+    /// sets its motors in between.
     pub(crate) fn hear(&mut self, bytes: &[u8], now_s: f64, homed: bool, out: &mut Outbox) -> bool {
         let mut owes = false;
         for (kind, sequence, payload) in self.packets_of(bytes) {
@@ -88,7 +91,9 @@ impl Arm {
             _ => bytes,
         };
         let mut found = Vec::new();
-        self.packets.feed(bytes, |packet| found.push((packet.kind, packet.sequence, packet.payload.to_vec())));
+        self.packets.feed(bytes, |packet| {
+            found.push((packet.kind, packet.sequence, packet.payload.to_vec()))
+        });
         found
     }
 
@@ -115,7 +120,8 @@ impl Arm {
                 self.motors = [0.0; MAX_AXES];
                 (self.echo, self.error) = (0, 0);
                 let asked = u16_at(payload, 6);
-                self.watchdog_ms = if asked == 0 { self.arm.watchdog_ms } else { asked.min(self.arm.watchdog_ms) };
+                self.watchdog_ms =
+                    if asked == 0 { self.arm.watchdog_ms } else { asked.min(self.arm.watchdog_ms) };
                 self.describe(sequence, out);
                 return false;
             }
@@ -156,7 +162,9 @@ impl Arm {
         (self.mode, self.error) = (Mode::Enabled, 0);
         // Limits by magnitude, direction kept; axes without a motor take nothing.
         for (axes, limit) in [(0..3, self.arm.force_n), (3..6, self.arm.torque_nm)] {
-            let driven = axes.clone().map(|axis| if self.arm.actuated.has(axis) { wrench[axis] } else { 0.0 });
+            let driven = axes
+                .clone()
+                .map(|axis| if self.arm.actuated.has(axis) { wrench[axis] } else { 0.0 });
             let norm = driven.clone().map(|component| component * component).sum::<f64>().sqrt();
             let scale = if norm > f64::from(limit) { f64::from(limit) / norm } else { 1.0 };
             for (axis, component) in axes.zip(driven) {
@@ -167,7 +175,16 @@ impl Arm {
     }
 
     fn describe(&self, sequence: u16, out: &mut Outbox) {
-        let Open6Arm { name, sensed, actuated, rate_hz, force_n, torque_nm, workspace_radius_m, .. } = &self.arm;
+        let Open6Arm {
+            name,
+            sensed,
+            actuated,
+            rate_hz,
+            force_n,
+            torque_nm,
+            workspace_radius_m,
+            ..
+        } = &self.arm;
         let mut payload = vec![MAJOR, MINOR, bits_of(*sensed), bits_of(*actuated)];
         payload.extend(rate_hz.to_le_bytes());
         payload.extend(self.watchdog_ms.to_le_bytes());
@@ -190,8 +207,11 @@ impl Arm {
         payload.extend(self.echo.to_le_bytes());
         payload.extend((arm.buttons as u16).to_le_bytes());
         let flag = |bit: u8, is_set: bool| if is_set { bit } else { 0 };
-        payload
-            .push(flag(HOMED, arm.homed) | flag(ENABLED, self.mode == Mode::Enabled) | flag(TRIPPED, self.mode == Mode::Tripped));
+        payload.push(
+            flag(HOMED, arm.homed)
+                | flag(ENABLED, self.mode == Mode::Enabled)
+                | flag(TRIPPED, self.mode == Mode::Tripped),
+        );
         payload.push(if self.error == 0 { fault } else { self.error });
         for (idx, rate) in arm.rates[..6].iter().enumerate() {
             let steps = if idx < 3 { LINEAR_STEPS } else { ANGULAR_STEPS };

@@ -1,11 +1,14 @@
-//! `polhem-ascii64`: Polhem of 2020–21. One line each way, padded with blanks; encoders, or a pose that the arm computes.
+//! `polhem-ascii64`: Polhem of 2020–21. One line each way, padded with blanks; encoders, or a pose
+//! that the arm computes.
 
 use core::time::Duration;
 
 use super::dialogue::{Question, ask, hush};
 use super::gather::Gather;
 use super::number::{count_32, integers, pad, put, toward_zero, words};
-use super::{ArmReadings, Codec, FeedCounts, Firmware, MAX_AXES, MotorCommand, Outbox, Report, StartError};
+use super::{
+    ArmReadings, Codec, FeedCounts, Firmware, MAX_AXES, MotorCommand, Outbox, Report, StartError,
+};
 use crate::transport::{Frame, Transport};
 
 /// Bytes of a line that the host sends, its end included, and of one that the arm answers.
@@ -14,7 +17,8 @@ const LINE: usize = 64;
 const CURRENT_MAX_MA: u32 = 6000;
 /// Beyond this two numbers may no longer fit a line with the rest.
 const COUNT_MAX: u32 = 99_999_999;
-/// Most that is asked of the arm's own kinematics, mN: far above any arm, and short enough for the line.
+/// Most that is asked of the arm's own kinematics, mN: far above any arm, and short enough for the
+/// line.
 const FORCE_MAX_MN: u32 = 100_000;
 
 /// The host's side.
@@ -40,7 +44,9 @@ impl Host {
                 // One that is none is a whole word too: the arm says so, and the host has to know.
                 *reading = if idx < 3 { number * 1e-3 } else { number };
             }
-            if words.next().is_none_or(|info| info.parse::<i32>().is_err()) || words.next().is_some() {
+            if words.next().is_none_or(|info| info.parse::<i32>().is_err())
+                || words.next().is_some()
+            {
                 return false;
             }
         } else {
@@ -111,7 +117,8 @@ impl Codec for Host {
     }
 
     fn set_readings(&mut self, readings: &[f64; MAX_AXES], frame: &mut Frame) -> bool {
-        let [a, b, c, d, e, f] = [0, 1, 2, 3, 4, 5].map(|idx| toward_zero(readings[idx], COUNT_MAX));
+        let [a, b, c, d, e, f] =
+            [0, 1, 2, 3, 4, 5].map(|idx| toward_zero(readings[idx], COUNT_MAX));
         frame.clear();
         put!(frame, "{d} {e} {f} 1 {a} {b} {c}");
         end_line(frame);
@@ -119,8 +126,9 @@ impl Codec for Host {
     }
 }
 
-/// The arm's side. Watchdog of 0.1 s, fed by sound lines alone, not latched; a motor out of range is zero, not clamped. Its kinematics are not
-/// modelled: after a Cartesian command, `motors` is the force.
+/// The arm's side. Watchdog of 0.1 s, fed by sound lines alone, not latched; a motor out of range
+/// is zero, not clamped. Its kinematics are not modelled: after a Cartesian command, `motors` is
+/// the force.
 #[derive(Debug, Default)]
 pub(super) struct Arm {
     gather: Gather<64>,
@@ -165,7 +173,8 @@ impl Arm {
             let [a, lambda, d, e] = [3, 4, 5, 6].map(|idx| readings[idx]);
             (format!("{x:8.3} {y:8.3} {z:8.3} {a:7.4} {lambda:7.4} {d:7.4} {e:7.4} 0"), LINE - 2)
         } else {
-            let counts: Vec<_> = (0..6).map(|idx| count_32(readings[idx] + self.offsets[idx]).to_string()).collect();
+            let counts: Vec<_> =
+                (0..6).map(|idx| count_32(readings[idx] + self.offsets[idx]).to_string()).collect();
             (format!("{} 0", counts.join(" ")), LINE - 1)
         };
         out.push(format!("{text:len$}\n").into_bytes());

@@ -1,5 +1,5 @@
-//! `3dconnexion-hid`: the SpaceMouse family, split or combined reports, told apart by their length; and the same through the socket of
-//! spacenavd. Rates, not a pose; no motors.
+//! `3dconnexion-hid`: the SpaceMouse family, split or combined reports, told apart by their length;
+//! and the same through the socket of spacenavd. Rates, not a pose; no motors.
 
 use super::gather::Gather;
 use super::number::{i16_at, i32_at};
@@ -48,7 +48,9 @@ impl Codec for Host {
                 }
                 self.report.buttons = u32::from_le_bytes(bits);
             }
-            (Some(&(TRANSLATION | ROTATION | BUTTONS)) | None, _) => return FeedCounts { corrupt: 1, ..FeedCounts::default() },
+            (Some(&(TRANSLATION | ROTATION | BUTTONS)) | None, _) => {
+                return FeedCounts { corrupt: 1, ..FeedCounts::default() };
+            }
             // Battery and the like.
             _ => return FeedCounts::default(),
         }
@@ -142,7 +144,10 @@ impl Codec for SocketHost {
                 continue;
             }
             let button = i32_at(message, 4);
-            match (i32_at(message, 0), u32::try_from(button).ok().and_then(|button| 1_u32.checked_shl(button))) {
+            match (
+                i32_at(message, 0),
+                u32::try_from(button).ok().and_then(|button| 1_u32.checked_shl(button)),
+            ) {
                 (0, _) => {
                     for (idx, reading) in self.report.readings[..6].iter_mut().enumerate() {
                         *reading = f64::from(i32_at(message, 4 + 4 * idx));
@@ -193,7 +198,8 @@ impl Firmware for SocketPuck {
     fn receive(&mut self, _: &[u8], _: f64, _: &ArmReadings, _: &mut Outbox) {}
 
     fn advance(&mut self, now_s: f64, arm: &ArmReadings, out: &mut Outbox) {
-        let mut send = |words: [i32; 8]| out.push(words.iter().flat_map(|word| word.to_le_bytes()).collect());
+        let mut send =
+            |words: [i32; 8]| out.push(words.iter().flat_map(|word| word.to_le_bytes()).collect());
         let axes = counts(arm);
         if axes != self.axes {
             let [x, y, z, rx, ry, rz] = axes.map(i32::from);

@@ -1,8 +1,10 @@
-//! What a profile supplies to its protocol: carriers, boards, servos, limits. Plain data, in the units of the wire.
+//! What a profile supplies to its protocol: carriers, boards, servos, limits. Plain data, in the
+//! units of the wire.
 
 use vps::spatial::Axes;
 
-/// How the 14 bytes of [`Protocol::HaptikfabrikenHid14`](super::Protocol::HaptikfabrikenHid14) travel.
+/// How the 14 bytes of [`Protocol::HaptikfabrikenHid14`](super::Protocol::HaptikfabrikenHid14)
+/// travel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Hid14Carrier {
     /// mbed board: reports of 14 bytes.
@@ -41,7 +43,8 @@ pub struct HapiEncoder {
     pub counts_per_rev: f32,
 }
 
-/// A hAPI board: ports are contiguous from 1, and everything is in **port order**, whichever arm is wired to a port.
+/// A hAPI board: ports are contiguous from 1, and everything is in **port order**, whichever arm is
+/// wired to a port.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HapiBoard {
     /// Device id that the host chooses; 5 by convention.
@@ -107,7 +110,8 @@ pub struct Servo {
     pub model: ServoModel,
 }
 
-/// An arm that speaks `open6`: what the profile expects of it, and what a simulated one says of itself.
+/// An arm that speaks `open6`: what the profile expects of it, and what a simulated one says of
+/// itself.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Open6Arm {
     /// Name, at most [`Open6Arm::NAME_MAX`] bytes on the wire.
@@ -133,7 +137,8 @@ impl Open6Arm {
     pub const NAME_MAX: usize = 32;
 }
 
-/// What is wrong with the data of a protocol: a lower-case fragment that names the value and what is accepted.
+/// What is wrong with the data of a protocol: a lower-case fragment that names the value and what
+/// is accepted.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct ProtocolError(pub String);

@@ -1,4 +1,5 @@
-//! Every protocol: golden frames of the devices reference, both directions, byte for byte; what is malformed; host against arm.
+//! Every protocol: golden frames of the devices reference, both directions, byte for byte; what is
+//! malformed; host against arm.
 
 use super::*;
 use crate::transport::{Carriage, Line, LoopbackEnd, loopback};
@@ -34,7 +35,13 @@ fn encode_enabled(codec: &mut dyn Codec, motors: &[f64], enabled: bool) -> Vec<u
 }
 
 fn arm_at(readings: &[f64]) -> ArmReadings {
-    let mut arm = ArmReadings { readings: [0.0; MAX_AXES], rates: [0.0; MAX_AXES], buttons: 0, homed: true, asleep: false };
+    let mut arm = ArmReadings {
+        readings: [0.0; MAX_AXES],
+        rates: [0.0; MAX_AXES],
+        buttons: 0,
+        homed: true,
+        asleep: false,
+    };
     arm.readings[..readings.len()].copy_from_slice(readings);
     arm
 }
@@ -46,8 +53,13 @@ fn fed(reports: u32, corrupt: u32) -> FeedCounts {
 /// One of each, with the carriage it is tried on.
 fn every_protocol() -> Vec<(Protocol, Carriage)> {
     let servos = (1..=7).map(|id| Servo { id, model: ServoModel::Xc330T288 }).collect();
-    let encoder = |start_deg| HapiEncoder { direction: Turn::Clockwise, start_deg, counts_per_rev: 13824.0 };
-    let board = HapiBoard { device_id: 5, motors: vec![Turn::Clockwise; 2], encoders: vec![encoder(180.0), encoder(0.0)] };
+    let encoder =
+        |start_deg| HapiEncoder { direction: Turn::Clockwise, start_deg, counts_per_rev: 13824.0 };
+    let board = HapiBoard {
+        device_id: 5,
+        motors: vec![Turn::Clockwise; 2],
+        encoders: vec![encoder(180.0), encoder(0.0)],
+    };
     let mut all = vec![
         (Protocol::WoodenhapticsHid8, Carriage::Reports),
         (Protocol::HaptikfabrikenHid14 { carrier: Hid14Carrier::Mbed }, Carriage::Reports),
@@ -73,7 +85,13 @@ fn every_protocol() -> Vec<(Protocol, Carriage)> {
 }
 
 fn haply_service() -> HaplyService {
-    HaplyService { address: "127.0.0.1:10001".to_owned(), arm: None, grip: None, has_grip: true, version: None }
+    HaplyService {
+        address: "127.0.0.1:10001".to_owned(),
+        arm: None,
+        grip: None,
+        has_grip: true,
+        version: None,
+    }
 }
 
 fn open6_arm() -> Open6Arm {
@@ -89,8 +107,8 @@ fn open6_arm() -> Open6Arm {
     }
 }
 
-/// A link with an arm at its other end, which answers as soon as it is spoken to. Its time is the test's; while the host waits at its start, it is at least
-/// the clock by which that waits.
+/// A link with an arm at its other end, which answers as soon as it is spoken to. Its time is the
+/// test's; while the host waits at its start, it is at least the clock by which that waits.
 struct Linked {
     here: LoopbackEnd,
     there: LoopbackEnd,
@@ -106,7 +124,16 @@ struct Linked {
 impl Linked {
     fn new(firmware: Box<dyn Firmware>, carriage: Carriage, arm: ArmReadings) -> Self {
         let (here, there) = loopback(carriage);
-        Self { here, there, firmware, arm, now_s: 0.0, looked: Instant::now(), sent: Vec::new(), lines: Vec::new() }
+        Self {
+            here,
+            there,
+            firmware,
+            arm,
+            now_s: 0.0,
+            looked: Instant::now(),
+            sent: Vec::new(),
+            lines: Vec::new(),
+        }
     }
 
     fn pump(&mut self) {

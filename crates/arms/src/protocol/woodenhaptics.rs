@@ -1,10 +1,13 @@
-//! `woodenhaptics-hid8`: WoodenHaptics 1.5. Reports of 8 bytes, sent by the arm; three encoders cut to 16 bits and a counter, three currents.
+//! `woodenhaptics-hid8`: WoodenHaptics 1.5. Reports of 8 bytes, sent by the arm; three encoders cut
+//! to 16 bits and a counter, three currents.
 
 use core::time::Duration;
 
 use super::dialogue::{Question, ask};
 use super::number::{Whole, i16_at, low_16, toward_zero_i16, u16_at};
-use super::{ArmReadings, Codec, FeedCounts, Firmware, MAX_AXES, MotorCommand, Outbox, Report, StartError};
+use super::{
+    ArmReadings, Codec, FeedCounts, Firmware, MAX_AXES, MotorCommand, Outbox, Report, StartError,
+};
 use crate::transport::{Frame, Transport};
 
 const LEN: usize = 8;
@@ -21,7 +24,8 @@ impl Codec for Host {
     fn start(&mut self, link: &mut dyn Transport) -> Result<(), StartError> {
         *self = Self::default();
         let question = Question {
-            step: "waiting for the first report (boards of 2019 have the same USB ids and wait for the host: codec haptikfabriken-hid14)",
+            step: "waiting for the first report (boards of 2019 have the same USB ids and wait for \
+                the host: codec haptikfabriken-hid14)",
             frame: &[],
             every: Duration::MAX,
             within: Duration::from_millis(1000),
@@ -29,7 +33,8 @@ impl Codec for Host {
         ask(link, &question, |bytes| match bytes.len() {
             LEN => Some(Ok(())),
             14 | 64 => Some(Err(StartError::Refused(format!(
-                "reports of {} bytes: this is a board of 2019 with the same USB ids; choose a profile with codec haptikfabriken-hid14",
+                "reports of {} bytes: this is a board of 2019 with the same USB ids; choose a \
+                    profile with codec haptikfabriken-hid14",
                 bytes.len()
             )))),
             _ => None,
@@ -51,7 +56,12 @@ impl Codec for Host {
         for (idx, whole) in self.whole.iter_mut().enumerate() {
             self.report.readings[idx] = whole.take_16(i16_at(bytes, 2 * idx));
         }
-        FeedCounts { reports: 1, gap: u32::from(step.saturating_sub(1)), repeated: u32::from(step == 0), ..FeedCounts::default() }
+        FeedCounts {
+            reports: 1,
+            gap: u32::from(step.saturating_sub(1)),
+            repeated: u32::from(step == 0),
+            ..FeedCounts::default()
+        }
     }
 
     fn newest(&self) -> &Report {

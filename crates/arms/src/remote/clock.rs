@@ -4,12 +4,14 @@
 //!   host   t1 ────── there ──────►╲                    ╱──── back ──────► t4
 //!   node                            t2 ── age ── t3 ──
 //! ```
-//! From one exchange: there + back = (t4 − t1) − (t3 − t2), exact. Which share belongs to which way no clock can tell; the exchange that took
-//! least had the least to wait for on either, so half of *its* difference is taken for the offset of the clocks.
+//! From one exchange: there + back = (t4 − t1) − (t3 − t2), exact. Which share belongs to which way
+//! no clock can tell; the exchange that took least had the least to wait for on either, so half of
+//! *its* difference is taken for the offset of the clocks.
 //!
 //! # Source
-//! The clock filter of NTP (RFC 5905, section 10): the offset of the sample with the least delay. One window of seconds instead of its eight
-//! samples is ours. What a way is longer than the other one at rest is not seen, and halved between both.
+//! The clock filter of NTP (RFC 5905, section 10): the offset of the sample with the least delay.
+//! One window of seconds instead of its eight samples is ours. What a way is longer than the other
+//! one at rest is not seen, and halved between both.
 
 /// Length of one of the two windows, s: drifting clocks (100 ppm) part by 0.2 ms meanwhile.
 const WINDOW_S: f64 = 2.0;
@@ -58,11 +60,17 @@ struct ClockWindow {
 
 impl ClockWindow {
     const fn at(begin_s: f64) -> Self {
-        Self { begin_s, least_trip_s: f64::INFINITY, offset_s: 0.0, longest: Ways { there_s: 0.0, back_s: 0.0 } }
+        Self {
+            begin_s,
+            least_trip_s: f64::INFINITY,
+            offset_s: 0.0,
+            longest: Ways { there_s: 0.0, back_s: 0.0 },
+        }
     }
 }
 
-/// Estimates the offset of the node's clock and the two ways, over the last two to four seconds. RT: safe.
+/// Estimates the offset of the node's clock and the two ways, over the last two to four seconds.
+/// RT: safe.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LinkClock {
     now: ClockWindow,
@@ -76,7 +84,8 @@ impl Default for LinkClock {
 }
 
 impl LinkClock {
-    /// Takes an exchange, and says how long its ways took. Times that are no numbers, and ways that end before they begin, tell nothing.
+    /// Takes an exchange, and says how long its ways took. Times that are no numbers, and ways that
+    /// end before they begin, tell nothing.
     pub(super) fn observe(&mut self, exchange: &Exchange) -> Option<Ways> {
         let trip_s = exchange.trip_s();
         if !(trip_s.is_finite() && trip_s >= 0.0 && exchange.offset_s().is_finite()) {
@@ -90,7 +99,10 @@ impl LinkClock {
             (self.now.least_trip_s, self.now.offset_s) = (trip_s, exchange.offset_s());
         }
         let offset_s = self.offset_s();
-        let ways = Ways { there_s: exchange.t2 - exchange.t1 - offset_s, back_s: exchange.t4 - exchange.t3 + offset_s };
+        let ways = Ways {
+            there_s: exchange.t2 - exchange.t1 - offset_s,
+            back_s: exchange.t4 - exchange.t3 + offset_s,
+        };
         let longest = &mut self.now.longest;
         longest.there_s = longest.there_s.max(ways.there_s);
         longest.back_s = longest.back_s.max(ways.back_s);
@@ -99,12 +111,17 @@ impl LinkClock {
 
     /// What the node's clock is ahead of the host's, s; 0 before the first exchange.
     pub(super) fn offset_s(&self) -> f64 {
-        if self.before.least_trip_s < self.now.least_trip_s { self.before.offset_s } else { self.now.offset_s }
+        if self.before.least_trip_s < self.now.least_trip_s {
+            self.before.offset_s
+        } else {
+            self.now.offset_s
+        }
     }
 
     /// The longest ways of the last seconds.
     pub(super) fn longest(&self) -> Ways {
-        let (a, b) = (self.now.longest, self.before.longest);
+        let a = self.now.longest;
+        let b = self.before.longest;
         Ways { there_s: a.there_s.max(b.there_s), back_s: a.back_s.max(b.back_s) }
     }
 }
@@ -115,7 +132,13 @@ mod tests {
     use crate::simulated::split_mix::SplitMix64;
 
     /// Exchanges every ms with these ways and that offset of the clocks.
-    fn play(clock: &mut LinkClock, from_s: f64, n: usize, ways: impl Fn(&mut SplitMix64) -> (f64, f64), offset_s: f64) {
+    fn play(
+        clock: &mut LinkClock,
+        from_s: f64,
+        n: usize,
+        ways: impl Fn(&mut SplitMix64) -> (f64, f64),
+        offset_s: f64,
+    ) {
         let mut random = SplitMix64::new(3);
         for idx in 0..n {
             let t1 = from_s + idx as f64 * 1e-3;
@@ -129,11 +152,20 @@ mod tests {
     #[test]
     fn the_offset_is_that_of_the_quickest_exchange_and_the_ways_follow() {
         let mut clock = LinkClock::default();
-        play(&mut clock, 0.0, 2000, |random| (10e-3 + 1e-3 * random.unit(), 10e-3 + 1e-3 * random.unit()), 123.456);
+        play(
+            &mut clock,
+            0.0,
+            2000,
+            |random| (10e-3 + 1e-3 * random.unit(), 10e-3 + 1e-3 * random.unit()),
+            123.456,
+        );
         // The quickest of 2000 waited for next to nothing on both ways.
         assert!((clock.offset_s() - 123.456).abs() < 0.1e-3, "{}", clock.offset_s());
         let Ways { there_s, back_s } = clock.longest();
-        assert!((there_s - 11e-3).abs() < 0.2e-3 && (back_s - 11e-3).abs() < 0.2e-3, "{there_s} {back_s}");
+        assert!(
+            (there_s - 11e-3).abs() < 0.2e-3 && (back_s - 11e-3).abs() < 0.2e-3,
+            "{there_s} {back_s}"
+        );
     }
 
     #[test]

@@ -6,19 +6,23 @@
 //!          ─────────────┴──────╲
 //!                                ╲________  0, and until the host has said *disabled*
 //! ```
-//! Commands come a tick apart, with jitter and gaps. Each new one is approached exponentially, E ← α E + (1 − α) F, so that a late or lost packet
-//! makes no step; without a new one E goes on to the last. It is held for so long, then fades to zero linearly. The end is counted from when the
-//! command may have come at the earliest (one period before it was seen) to when the last change reaches the motors (the arm's own delay),
-//! so that hold and fade together bound what the hand feels.
+//! Commands come a tick apart, with jitter and gaps. Each new one is approached exponentially, E ←
+//! α E + (1 − α) F, so that a late or lost packet makes no step; without a new one E goes on to the
+//! last. It is held for so long, then fades to zero linearly. The end is counted from when the
+//! command may have come at the earliest (one period before it was seen) to when the last change
+//! reaches the motors (the arm's own delay), so that hold and fade together bound what the hand
+//! feels.
 //!
 //! # Source
-//! Guo2004 for the exponential weighting between updates of a slower process. Hold and fade are ours.
+//! Guo2004 for the exponential weighting between updates of a slower process. Hold and fade are
+//! ours.
 
 use vps::spatial::Wrench;
 
 /// α: half of what is new is felt at once, nine tenths after four ticks.
 const WEIGHT: f64 = 0.5;
-/// Lag of that average on a force that changes slowly, α/(1 − α), ticks: part of the delay that the node reports to the host.
+/// Lag of that average on a force that changes slowly, α/(1 − α), ticks: part of the delay that the
+/// node reports to the host.
 pub(super) const LAG_TICKS: u32 = 1;
 /// Less of a difference is none, N and N·m.
 const ARRIVED: f64 = 1e-6;
@@ -48,7 +52,8 @@ impl CommandHold {
         *self = Self { wanted, average, felt: self.felt, since_s: now_s };
     }
 
-    /// The force of this period; `None` when it is over. `arm_s`: what a change takes from here to the motors, one period included.
+    /// The force of this period; `None` when it is over. `arm_s`: what a change takes from here to
+    /// the motors, one period included.
     pub(super) fn next(&mut self, now_s: f64, timing: &HoldTiming, arm_s: f64) -> Option<Wrench> {
         let left_s = timing.hold_s + timing.fade_s - arm_s - (now_s - self.since_s);
         // Written so that a NaN ends it. Half a microsecond: times are sums of periods.
@@ -91,11 +96,17 @@ mod tests {
             let mut hold = CommandHold::default();
             hold.take(push(4.0), 0.0);
             let forces: Vec<f64> = (0..40)
-                .map(|n| hold.next(f64::from(n) * T, &TIMING, f64::from(arm_ticks) * T).map_or(-1.0, |wrench| wrench.force.x))
+                .map(|n| {
+                    hold.next(f64::from(n) * T, &TIMING, f64::from(arm_ticks) * T)
+                        .map_or(-1.0, |wrench| wrench.force.x)
+                })
                 .collect();
             assert!((forces[0] - 2.0).abs() < 1e-12 && forces[3] > 0.9 * 4.0);
             let end = 30 - arm_ticks as usize;
-            assert!(forces[end - 1] > 0.0 && forces[end..].iter().all(|force| *force < 0.0), "{forces:?}");
+            assert!(
+                forces[end - 1] > 0.0 && forces[end..].iter().all(|force| *force < 0.0),
+                "{forces:?}"
+            );
             // The fade: equal steps down, once the average has arrived.
             for n in end - 17..end {
                 assert!((forces[n - 1] - forces[n] - 0.2).abs() < 2e-2, "{n}: {forces:?}");

@@ -52,7 +52,8 @@ impl ConnectMethod for RemoteConnector {
         let mut link = (self.dial)()?;
         // Relaxed: only one thread at a time connects.
         let token = self.token.fetch_add(1, Ordering::Relaxed);
-        let mut codec = Host::new(sensed, actuated, self.options.period_s, token, self.figures.clone());
+        let mut codec =
+            Host::new(sensed, actuated, self.options.period_s, token, self.figures.clone());
         if let Err(cause) = codec.start(&mut *link) {
             codec.finish(&mut *link);
             return Err(OpenError::Start { path, cause });
@@ -61,15 +62,16 @@ impl ConnectMethod for RemoteConnector {
             && *self.declared.get_or_init(|| declared) != declared
         {
             codec.finish(&mut *link);
-            let text =
-                "it declares another rate, force, torque or workspace than when the run began: end the run, and start it again";
+            let text = "it declares another rate, force, torque or workspace than when the run \
+                began: end the run, and start it again";
             return Err(OpenError::Start { path, cause: StartError::Refused(text.to_owned()) });
         }
         // The machine beside the arm has a guard of its own.
         Ok((path, Connection { link, codec: Box::new(codec), guard: Ok(None) }))
     }
 
-    /// The node may have been started again because the arm lost its power; nothing on the network shows it.
+    /// The node may have been started again because the arm lost its power; nothing on the network
+    /// shows it.
     fn homing(&self) -> Option<String> {
         let homing = &self.profile.real.as_ref()?.homing;
         homing.instruction.clone().filter(|_| homing.mode == HomingMode::PowerOnPose)
@@ -80,11 +82,16 @@ impl ConnectMethod for RemoteConnector {
     }
 }
 
-/// Greets the node that drives the arm of this profile, and measures the way to it. Cold; takes some tenths of a second.
+/// Greets the node that drives the arm of this profile, and measures the way to it. Cold; takes
+/// some tenths of a second.
 ///
 /// # Errors
 /// No node answers, the node listens to another host, or its arm is not that of the profile.
-pub fn open(profile: &Profile, options: &RemoteOptions, dial: Dial) -> Result<(OpenedArm, Arc<LinkFigures>), OpenError> {
+pub fn open(
+    profile: &Profile,
+    options: &RemoteOptions,
+    dial: Dial,
+) -> Result<(OpenedArm, Arc<LinkFigures>), OpenError> {
     let figures = Arc::new(LinkFigures::default());
     let process = RandomState::new().hash_one(std::process::id()) as u32;
     let connector = RemoteConnector {
@@ -99,8 +106,13 @@ pub fn open(profile: &Profile, options: &RemoteOptions, dial: Dial) -> Result<(O
     Ok((open_with(connector, parameters)?, figures))
 }
 
-/// What the driver needs: an arm that reports the pose of its grip and takes a wrench, whatever is behind the node.
-pub(super) fn parameters(profile: &Profile, options: &RemoteOptions, io: IoPlacement) -> WiredParameters {
+/// What the driver needs: an arm that reports the pose of its grip and takes a wrench, whatever is
+/// behind the node.
+pub(super) fn parameters(
+    profile: &Profile,
+    options: &RemoteOptions,
+    io: IoPlacement,
+) -> WiredParameters {
     WiredParameters {
         kinematics: Kinematics::Cartesian,
         transmission: cartesian(profile),
@@ -141,7 +153,11 @@ mod tests {
         let homing = |name: &str| {
             let connector = RemoteConnector {
                 profile: profile::find(name, std::path::Path::new("")).expect(name),
-                options: RemoteOptions { name: "left".into(), period_s: 1e-3, timebase: Timebase::Counted },
+                options: RemoteOptions {
+                    name: "left".into(),
+                    period_s: 1e-3,
+                    timebase: Timebase::Counted,
+                },
                 dial: Box::new(|| Err(OpenError::Link("no link".into()))),
                 token: AtomicU32::new(0),
                 declared: OnceLock::new(),

@@ -1,4 +1,5 @@
-//! Figures of both sides for display: written in the loop, read by any thread. Relaxed everywhere: each number is a message of its own.
+//! Figures of both sides for display: written in the loop, read by any thread. Relaxed everywhere:
+//! each number is a message of its own.
 
 use core::sync::atomic::{AtomicI64, AtomicU8, AtomicU32, AtomicU64, Ordering::Relaxed};
 
@@ -19,7 +20,8 @@ pub enum LinkPhase {
 }
 
 impl LinkPhase {
-    const ALL: [Self; 5] = [Self::Silent, Self::Disabled, Self::Enabled, Self::Tripped, Self::Refusing];
+    const ALL: [Self; 5] =
+        [Self::Silent, Self::Disabled, Self::Enabled, Self::Tripped, Self::Refusing];
 
     /// For people.
     pub const fn name(self) -> &'static str {

@@ -1,7 +1,8 @@
 //! The workstation's side: a codec of open6 1.2, one packet to a datagram.
 //!
-//! It asks for a node, measures the link before any force can flow, and goes on measuring: each state says which command it can show and how old
-//! that was, so that the round trip needs no clock in common and the ways themselves only an estimate of the offset.
+//! It asks for a node, measures the link before any force can flow, and goes on measuring: each
+//! state says which command it can show and how old that was, so that the round trip needs no clock
+//! in common and the ways themselves only an estimate of the offset.
 
 use core::sync::atomic::Ordering::Relaxed;
 use core::time::Duration;
@@ -10,13 +11,14 @@ use std::sync::Arc;
 use super::clock::{Exchange, LinkClock};
 use super::figures::LinkFigures;
 use super::packets::{
-    CAPABILITIES_TOKEN, COMMAND_1_1_LEN, COMMAND_TOKEN, HELLO_1_1_LEN, HELLO_TOKEN, HostToken, MINOR, NO_AGE, STATE_AGE, put,
-    reader, steps_ahead, timing_at, token_at, u32_at,
+    CAPABILITIES_TOKEN, COMMAND_1_1_LEN, COMMAND_TOKEN, HELLO_1_1_LEN, HELLO_TOKEN, HostToken,
+    MINOR, NO_AGE, STATE_AGE, put, reader, steps_ahead, timing_at, token_at, u32_at,
 };
 use crate::protocol::dialogue::{Question, ask};
 use crate::protocol::number::{f32_at, finite_f32, u16_at};
 use crate::protocol::open6::{
-    CAPABILITIES, CAPABILITIES_LEN, COMMAND, HELLO, MAGIC, MAJOR, Packets, STATE, STOP, WATCHDOG_TRIPPED, axes_of, list, report_of,
+    CAPABILITIES, CAPABILITIES_LEN, COMMAND, HELLO, MAGIC, MAJOR, Packets, STATE, STOP,
+    WATCHDOG_TRIPPED, axes_of, list, report_of,
 };
 use crate::protocol::{Codec, DeclaredLimits, FeedCounts, MotorCommand, Report, StartError};
 use crate::transport::{FRAME_MAX, Frame, Transport, TransportError};
@@ -26,7 +28,8 @@ use vps::spatial::Axes;
 const HELLO_WITHIN: Duration = Duration::from_secs(3);
 /// Exchanges that the delay at the start is taken from.
 const EXCHANGES: usize = 200;
-/// Longest that a node's force may outlive its command, ms: what `device-node` takes at most, hold and fade together.
+/// Longest that a node's force may outlive its command, ms: what `device-node` takes at most, hold
+/// and fade together.
 const OUTLIVES_MAX_MS: u16 = 200;
 /// How long that may take, by the clock of the link, s.
 const MEASURE_WITHIN_S: f64 = 3.0;
@@ -72,8 +75,15 @@ pub struct Host {
 }
 
 impl Host {
-    /// For an arm that senses and drives at least this. `token` names the sender; each host process has its own.
-    pub fn new(sensed: Axes, actuated: Axes, period_s: f64, token: u32, figures: Arc<LinkFigures>) -> Self {
+    /// For an arm that senses and drives at least this. `token` names the sender; each host process
+    /// has its own.
+    pub fn new(
+        sensed: Axes,
+        actuated: Axes,
+        period_s: f64,
+        token: u32,
+        figures: Arc<LinkFigures>,
+    ) -> Self {
         Self {
             sensed,
             actuated,
@@ -98,33 +108,49 @@ impl Host {
     /// What a node says of itself, held against what the profile says.
     fn greet(&self, payload: &[u8]) -> Result<Said, StartError> {
         let refuse = |text: String| Err(StartError::Refused(text));
-        let (major, minor) = (payload.first().copied().unwrap_or(0), payload.get(1).copied().unwrap_or(0));
+        let major = payload.first().copied().unwrap_or(0);
+        let minor = payload.get(1).copied().unwrap_or(0);
         if major != MAJOR || minor < MINOR {
             return refuse(format!(
-                "the node speaks open6 {major}.{minor}, this program {MAJOR}.{MINOR}: update the older of the two"
+                "the node speaks open6 {major}.{minor}, this program {MAJOR}.{MINOR}: update the \
+                    older of the two"
             ));
         }
         let Some(listens_to) = token_at(payload, CAPABILITIES_TOKEN) else {
-            return refuse(format!("the node describes itself in {} bytes, too few", payload.len()));
+            return refuse(format!(
+                "the node describes itself in {} bytes, too few",
+                payload.len()
+            ));
         };
-        let name =
-            String::from_utf8_lossy(payload[22..CAPABILITIES_LEN].split(|byte| *byte == 0).next().unwrap_or_default()).into_owned();
+        let name = String::from_utf8_lossy(
+            payload[22..CAPABILITIES_LEN].split(|byte| *byte == 0).next().unwrap_or_default(),
+        )
+        .into_owned();
         if listens_to != self.token {
             return refuse(format!(
-                "{name} listens to another host; end that one first, or wait until it has been silent for a second"
+                "{name} listens to another host; end that one first, or wait until it has been \
+                    silent for a second"
             ));
         }
-        let (sensed, actuated) = (axes_of(payload[2]), axes_of(payload[3]));
-        for (what, has, wants) in [("senses", sensed, self.sensed), ("drives", actuated, self.actuated)] {
+        let sensed = axes_of(payload[2]);
+        let actuated = axes_of(payload[3]);
+        for (what, has, wants) in
+            [("senses", sensed, self.sensed), ("drives", actuated, self.actuated)]
+        {
             if !has.contains(wants) {
-                return refuse(format!("{name} {what} {}, and its profile says {}: correct the profile", list(has), list(wants)));
+                return refuse(format!(
+                    "{name} {what} {}, and its profile says {}: correct the profile",
+                    list(has),
+                    list(wants)
+                ));
             }
         }
         let (hold_ms, all_ms) = timing_at(payload);
         if !(1..=OUTLIVES_MAX_MS).contains(&all_ms) || hold_ms > all_ms {
             return refuse(format!(
-                "{name} says that its force outlives a command by {all_ms} ms, {hold_ms} of them held; 1 to {OUTLIVES_MAX_MS} ms are taken: \
-                 give it other --hold-ms and --fade-ms"
+                "{name} says that its force outlives a command by {all_ms} ms, {hold_ms} of them \
+                    held; 1 to {OUTLIVES_MAX_MS} ms are taken: give it other --hold-ms and \
+                    --fade-ms"
             ));
         }
         let declared = DeclaredLimits {
@@ -134,7 +160,8 @@ impl Host {
             workspace_radius_m: f32_at(payload, 16).into(),
         };
         let text = format!(
-            "{name}, open6 {major}.{minor} over a network, drives {}, {} Hz, zero within {all_ms} ms of silence, {:.3} N, {:.4} N·m",
+            "{name}, open6 {major}.{minor} over a network, drives {}, {} Hz, zero within {all_ms} \
+                ms of silence, {:.3} N, {:.4} N·m",
             list(actuated),
             declared.rate_hz,
             declared.force_n,
@@ -147,8 +174,10 @@ impl Host {
     fn measure(&mut self, link: &mut dyn Transport) -> Result<f64, StartError> {
         let begin_ns = link.now_ns();
         let now_s = |link: &dyn Transport| (link.now_ns() - begin_ns) as f64 * 1e-9;
-        let (mut trips_s, mut next_s) = (Vec::with_capacity(EXCHANGES), 0.0);
-        let (mut frame, mut buffer) = (Frame::default(), [0; FRAME_MAX]);
+        let mut trips_s = Vec::with_capacity(EXCHANGES);
+        let mut next_s = 0.0;
+        let mut frame = Frame::default();
+        let mut buffer = [0; FRAME_MAX];
         while trips_s.len() < EXCHANGES && now_s(link) < MEASURE_WITHIN_S {
             self.tell_time(now_s(link));
             if self.now_s >= next_s {
@@ -172,7 +201,8 @@ impl Host {
         }
         if trips_s.len() < EXCHANGES / 2 {
             return Err(StartError::Refused(format!(
-                "only {} of {EXCHANGES} exchanges came back within {MEASURE_WITHIN_S} s: the network loses too much, or is too slow",
+                "only {} of {EXCHANGES} exchanges came back within {MEASURE_WITHIN_S} s: the \
+                    network loses too much, or is too slow",
                 trips_s.len()
             )));
         }
@@ -199,7 +229,9 @@ impl Host {
         // Silence on the way there is no error of the arm.
         self.is_cut = report.error & WATCHDOG_TRIPPED != 0;
         self.report = Report { error: report.error & !WATCHDOG_TRIPPED, ..report };
-        if let (Some(echo), Some(age_us)) = (report.echo, u32_at(payload, STATE_AGE).filter(|age_us| *age_us != NO_AGE)) {
+        if let (Some(echo), Some(age_us)) =
+            (report.echo, u32_at(payload, STATE_AGE).filter(|age_us| *age_us != NO_AGE))
+        {
             self.compare_clocks(echo, u32_at(payload, 32).unwrap_or(0), age_us);
         }
     }
@@ -235,7 +267,12 @@ impl Codec for Host {
         payload[HELLO_TOKEN..].copy_from_slice(&self.token.0.to_le_bytes());
         let mut hello = Frame::default();
         put(HELLO, 0, &payload, &mut hello);
-        let question = Question { step: "hello", frame: hello.as_slice(), every: Duration::from_millis(100), within: HELLO_WITHIN };
+        let question = Question {
+            step: "hello",
+            frame: hello.as_slice(),
+            every: Duration::from_millis(100),
+            within: HELLO_WITHIN,
+        };
         let mut packets = reader();
         let said = ask(link, &question, |bytes| {
             let mut answer = None;
@@ -355,19 +392,31 @@ mod tests {
     #[test]
     fn a_node_says_how_long_its_force_outlives_the_link() {
         for (hold_ms, fade_ms) in [(10, 20), (2, 1), (7, 22), (100, 100)] {
-            let said = greeted(MINOR, hold_ms.into(), fade_ms.into()).map_err(|error| error.to_string()).expect("taken");
+            let said = greeted(MINOR, hold_ms.into(), fade_ms.into())
+                .map_err(|error| error.to_string())
+                .expect("taken");
             assert_eq!((said.hold_ms, said.all_ms), (hold_ms, hold_ms + fade_ms));
         }
     }
 
     #[test]
     fn an_older_node_and_one_that_holds_its_force_for_too_long_are_refused_with_words() {
-        let text = |minor, hold_ms, fade_ms| greeted(minor, hold_ms, fade_ms).err().expect("refused").to_string();
+        let text = |minor, hold_ms, fade_ms| {
+            greeted(minor, hold_ms, fade_ms).err().expect("refused").to_string()
+        };
         let old = text(1, 10.0, 20.0);
-        assert!(old.contains("open6 1.1, this program 1.2") && old.contains("update the older of the two"), "{old}");
+        assert!(
+            old.contains("open6 1.1, this program 1.2")
+                && old.contains("update the older of the two"),
+            "{old}"
+        );
         for (hold_ms, fade_ms) in [(0.0, 0.0), (120.0, 100.0), (10.0, f64::INFINITY)] {
             let long = text(MINOR, hold_ms, fade_ms);
-            assert!(long.contains("left says that its force outlives") && long.contains("--hold-ms and --fade-ms"), "{long}");
+            assert!(
+                long.contains("left says that its force outlives")
+                    && long.contains("--hold-ms and --fade-ms"),
+                "{long}"
+            );
         }
     }
 }

@@ -6,15 +6,18 @@
 //!                       ▲                                  │
 //!                       └──────── STATE, 1 kHz ────────────┘  time of the measurement, echo, age of what is echoed
 //! ```
-//! The node is an arm that speaks our own protocol, open6, one packet to a datagram, and sends states by itself; minor version 1.2 says which host
-//! is meant, how old the echoed command was, and how long a force outlives its command. So the host drives it with the driver of every
-//! other arm, and measures its delay the same way.
+//! The node is an arm that speaks our own protocol, open6, one packet to a datagram, and sends
+//! states by itself; minor version 1.2 says which host is meant, how old the echoed command was,
+//! and how long a force outlives its command. So the host drives it with the driver of every other
+//! arm, and measures its delay the same way.
 //!
-//! Data in and out: frames of a [`Transport`](super::transport::Transport), which may lose, delay and reorder them. The newest wins: what is older
-//! than something already taken is dropped and counted.
+//! Data in and out: frames of a [`Transport`](super::transport::Transport), which may lose, delay
+//! and reorder them. The newest wins: what is older than something already taken is dropped and
+//! counted.
 //!
-//! Invariant: silence is zero force. The node holds the last force for some ms, fades it, and then needs a *disabled* command before it
-//! listens to *enabled* again; the host calls the same silence a lost link. Invariant: `step` and `feed` do not allocate, lock or block.
+//! Invariant: silence is zero force. The node holds the last force for some ms, fades it, and then
+//! needs a *disabled* command before it listens to *enabled* again; the host calls the same silence
+//! a lost link. Invariant: `step` and `feed` do not allocate, lock or block.
 //!
 //! | file | owns |
 //! |---|---|

@@ -1,4 +1,5 @@
-//! The arm's side: takes commands, drives the arm behind it, sends states. Never looks at a clock: the caller gives the time.
+//! The arm's side: takes commands, drives the arm behind it, sends states. Never looks at a clock:
+//! the caller gives the time.
 //!
 //! ```text
 //!           HELLO                 enable, arm sound              silence: hold, fade, zero
@@ -7,11 +8,12 @@
 //!                      │  └───────────────────────────────┘                            │        │ enable clear, STOP
 //!                      └───────────────────────────────────────────────────────────────┴────────┘
 //! ```
-//! It is the state machine of open6 (`docs/reference/protocol.md`, section 6), with [`CommandHold`] in the place of the watchdog. It listens to one host, by the token
-//! of its HELLO, and to another one only after that one has said STOP, or nothing for a second.
+//! It is the state machine of open6 (`docs/reference/protocol.md`, section 6), with [`CommandHold`]
+//! in the place of the watchdog. It listens to one host, by the token of its HELLO, and to another
+//! one only after that one has said STOP, or nothing for a second.
 //!
-//! The node trusts no host with its arm: force and torque are limited once more, their change too, and nothing pushes while the arm is lost, silent, not
-//! homed or hot, or its deadman is not held.
+//! The node trusts no host with its arm: force and torque are limited once more, their change too,
+//! and nothing pushes while the arm is lost, silent, not homed or hot, or its deadman is not held.
 
 mod payloads;
 
@@ -24,10 +26,13 @@ use self::payloads::{StateContent, capabilities, state};
 use super::command_hold::{CommandHold, HoldTiming, LAG_TICKS};
 use super::figures::{LinkPhase, NodeFigures};
 use super::packets::{
-    COMMAND_1_1_LEN, COMMAND_TOKEN, HELLO_1_1_LEN, HELLO_TOKEN, HostToken, STOP_TOKEN, put, reader, steps_ahead, token_at,
+    COMMAND_1_1_LEN, COMMAND_TOKEN, HELLO_1_1_LEN, HELLO_TOKEN, HostToken, STOP_TOKEN, put, reader,
+    steps_ahead, token_at,
 };
 use crate::protocol::number::f32_at;
-use crate::protocol::open6::{CAPABILITIES, COMMAND, HELLO, MAGIC, MAJOR, Packet, Packets, STATE, STOP};
+use crate::protocol::open6::{
+    CAPABILITIES, COMMAND, HELLO, MAGIC, MAJOR, Packet, Packets, STATE, STOP,
+};
 use crate::transport::{FRAME_MAX, Frame, Transport};
 use crate::{Device, DeviceError};
 use vps::spatial::{Axes, DeviceSample, SampleStatus, Wrench};
@@ -40,7 +45,8 @@ const OWNER_SILENT_S: f64 = 1.0;
 const STALE_MAX: u32 = 20;
 /// From zero to the limit in so long, s, as a host's default.
 const FULL_SLEW_S: f64 = 10e-3;
-/// Periods of which the newest command is remembered: longer than the delay of any arm that is driven.
+/// Periods of which the newest command is remembered: longer than the delay of any arm that is
+/// driven.
 const TAKEN: usize = 64;
 
 /// Error codes of a state.
@@ -71,7 +77,8 @@ pub struct NodeParameters {
     pub timing: HoldTiming,
     /// Button that has to be held for force.
     pub deadman: Option<u8>,
-    /// The arm lives only from the first greeting on: a simulated one, whose hand waits for the host.
+    /// The arm lives only from the first greeting on: a simulated one, whose hand waits for the
+    /// host.
     pub starts_with_host: bool,
 }
 
@@ -166,7 +173,8 @@ impl Node {
         let wrench = self.force(now_s);
         self.write(wrench, arm);
         self.figures.enter(self.mode);
-        // An answer to a greeting would be the older of two frames, and a link whose newest frame wins would drop it.
+        // An answer to a greeting would be the older of two frames, and a link whose newest frame
+        // wins would drop it.
         if self.mode != LinkPhase::Silent && !core::mem::take(&mut self.has_described) {
             self.send_state(now_s);
         }
@@ -186,7 +194,8 @@ impl Node {
             // A link that is gone is a silent one.
             let n = self.link.receive(&mut buffer).unwrap_or(0);
             let Some(bytes) = buffer.get(..n).filter(|bytes| !bytes.is_empty()) else { return };
-            // One packet to a datagram; taken out of the reader, which is borrowed while it hands over.
+            // One packet to a datagram; taken out of the reader, which is borrowed while it hands
+            // over.
             let mut found = None;
             self.packets.feed(bytes, |packet| {
                 let mut payload = [0; FRAME_MAX];
@@ -208,7 +217,10 @@ impl Node {
                     self.greet(token, payload[4], packet.sequence, now_s);
                 }
             }
-            COMMAND if payload.len() >= COMMAND_1_1_LEN && self.is_newest(token_at(payload, COMMAND_TOKEN), packet, now_s) => {
+            COMMAND
+                if payload.len() >= COMMAND_1_1_LEN
+                    && self.is_newest(token_at(payload, COMMAND_TOKEN), packet, now_s) =>
+            {
                 self.command(payload, packet.sequence, now_s);
             }
             STOP if self.is_newest(token_at(payload, STOP_TOKEN), packet, now_s) => {
@@ -225,11 +237,13 @@ impl Node {
 
     fn greet(&mut self, token: HostToken, major: u8, sequence: u16, now_s: f64) {
         let is_taken = self.owner.is_some_and(|owner| {
-            !owner.token.is_of_process(token) && now_s - owner.heard_s < OWNER_SILENT_S && self.mode != LinkPhase::Silent
+            !owner.token.is_of_process(token)
+                && now_s - owner.heard_s < OWNER_SILENT_S
+                && self.mode != LinkPhase::Silent
         });
         let is_known = self.owner.is_some_and(|owner| owner.token == token);
-        // Another major version gets our version and nothing else; so does a second host, which gets the name of the first one. A greeting that
-        // was repeated on its way changes nothing.
+        // Another major version gets our version and nothing else; so does a second host, which
+        // gets the name of the first one. A greeting that was repeated on its way changes nothing.
         if major == MAJOR && !is_taken && !is_known {
             self.owner = Some(Owner { token, heard_s: now_s, newest: None });
             (self.newest, self.taken) = (Taken::default(), [Taken::default(); TAKEN]);
@@ -241,7 +255,8 @@ impl Node {
         self.describe(sequence);
     }
 
-    /// True for a packet of the host that this node listens to that is newer than what it has sent so far.
+    /// True for a packet of the host that this node listens to that is newer than what it has sent
+    /// so far.
     fn is_newest(&mut self, token: Option<HostToken>, packet: &Packet<'_>, now_s: f64) -> bool {
         let Some(owner) = self.owner.as_mut().filter(|owner| Some(owner.token) == token) else {
             self.figures.foreign_packets.fetch_add(1, Relaxed);
@@ -290,20 +305,32 @@ impl Node {
         }
         self.mode = LinkPhase::Enabled;
         let NodeParameters { force_limit_n, torque_limit_nm, .. } = self.parameters;
-        self.hold.take(Wrench::new(limited(wanted.force, force_limit_n), limited(wanted.torque, torque_limit_nm)), now_s);
+        self.hold.take(
+            Wrench::new(
+                limited(wanted.force, force_limit_n),
+                limited(wanted.torque, torque_limit_nm),
+            ),
+            now_s,
+        );
     }
 
     fn read(&mut self, arm: &mut dyn Device) {
         match arm.read() {
             Ok(sample) => (self.sample, self.arm_gone) = (sample, false),
-            Err(DeviceError::Packet | DeviceError::NonFinite) => self.sample.status = SampleStatus::Stale,
+            Err(DeviceError::Packet | DeviceError::NonFinite) => {
+                self.sample.status = SampleStatus::Stale
+            }
             Err(_) => {
                 if !core::mem::replace(&mut self.arm_gone, true) {
                     self.figures.arm_losses.fetch_add(1, Relaxed);
                 }
             }
         }
-        self.stale = if self.sample.status == SampleStatus::Fresh { 0 } else { self.stale.saturating_add(1) };
+        self.stale = if self.sample.status == SampleStatus::Fresh {
+            0
+        } else {
+            self.stale.saturating_add(1)
+        };
     }
 
     /// What is wrong with the arm, as a state says it; 0: nothing.
@@ -322,7 +349,9 @@ impl Node {
     }
 
     fn is_held(&self) -> bool {
-        self.parameters.deadman.is_none_or(|button| self.sample.buttons.checked_shr(u32::from(button)).unwrap_or(0) & 1 == 1)
+        self.parameters.deadman.is_none_or(|button| {
+            self.sample.buttons.checked_shr(u32::from(button)).unwrap_or(0) & 1 == 1
+        })
     }
 
     /// The force of this period.
@@ -377,7 +406,8 @@ impl Node {
 
     /// The command whose force this period's sample can show.
     fn echoed(&self) -> Taken {
-        let back = u64::from(self.sample.delay_ticks + LAG_TICKS).min(TAKEN as u64 - 1).min(self.n_steps);
+        let back =
+            u64::from(self.sample.delay_ticks + LAG_TICKS).min(TAKEN as u64 - 1).min(self.n_steps);
         let slot = ((self.n_steps - back) % TAKEN as u64) as usize;
         self.taken.get(slot).copied().unwrap_or_default()
     }

@@ -1,8 +1,11 @@
-//! What open6 1.2 adds to the payloads of 1.0 (`docs/reference/protocol.md`, section 11). A packet fills a report of 64 bytes, which is one datagram.
+//! What open6 1.2 adds to the payloads of 1.0 (`docs/reference/protocol.md`, section 11). A packet
+//! fills a report of 64 bytes, which is one datagram.
 
 use super::command_hold::HoldTiming;
 use crate::protocol::number::u16_at;
-use crate::protocol::open6::{CAPABILITIES_LEN, COMMAND_LEN, HELLO_LEN, Packets, STATE_WITH_TWIST_LEN, put_packet};
+use crate::protocol::open6::{
+    CAPABILITIES_LEN, COMMAND_LEN, HELLO_LEN, Packets, STATE_WITH_TWIST_LEN, put_packet,
+};
 use crate::transport::{Carriage, Frame};
 
 /// Minor version over a network.
@@ -55,13 +58,15 @@ pub(super) fn token_at(payload: &[u8], at: usize) -> Option<HostToken> {
     u32_at(payload, at).map(HostToken)
 }
 
-/// True for a packet that is newer than the newest one so far. Counters wrap; half of their range is ahead, half behind.
+/// True for a packet that is newer than the newest one so far. Counters wrap; half of their range
+/// is ahead, half behind.
 pub(super) fn steps_ahead(newest: u16, sequence: u16) -> Option<u16> {
     let steps = sequence.wrapping_sub(newest);
     (1..=u16::MAX / 2).contains(&steps).then_some(steps)
 }
 
-/// Writes into CAPABILITIES how long a force outlives its command, and that a twist comes with each state.
+/// Writes into CAPABILITIES how long a force outlives its command, and that a twist comes with each
+/// state.
 pub(super) fn put_timing(timing: &HoldTiming, payload: &mut [u8; CAPABILITIES_1_1_LEN]) {
     let hold_ms = ((timing.hold_s * 1e3).round() as u8).min(HOLD_MAX_MS);
     // Up: it is never longer than is said. Less than a µs is the rounding of a sum.

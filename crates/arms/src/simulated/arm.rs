@@ -6,9 +6,11 @@
 //!  read  ◄─ faults ◄─ velocity window ◄─ encoder steps
 //! ```
 //!
-//! Each [`read`](crate::Device::read) advances the plant by one period, in [`SUBSTEPS`](super::SUBSTEPS) fixed steps; the first one reports
-//! the rest state at time 0. The arm never looks at a clock, so it runs the same under real and virtual time, and a late servo slows the
-//! simulated world down instead of making it jump. Same parameters, same commands: same bits.
+//! Each [`read`](crate::Device::read) advances the plant by one period, in
+//! [`SUBSTEPS`](super::SUBSTEPS) fixed steps; the first one reports the rest state at time 0. The
+//! arm never looks at a clock, so it runs the same under real and virtual time, and a late servo
+//! slows the simulated world down instead of making it jump. Same parameters, same commands: same
+//! bits.
 //!
 //! The plant is described in [`plant`](super::plant).
 
@@ -26,7 +28,8 @@ use crate::velocity::VelocityWindow;
 use crate::{Capabilities, Device, DeviceError, IoPlacement, Pacing};
 use vps::spatial::{DeviceSample, Pose, SampleStatus, Twist, Wrench};
 
-/// The simulated arm. RT: `read`, `write` and `stop` are safe; everything is allocated by [`SimArm::new`].
+/// The simulated arm. RT: `read`, `write` and `stop` are safe; everything is allocated by
+/// [`SimArm::new`].
 #[derive(Clone, Debug)]
 pub struct SimArm {
     period_s: f64,
@@ -67,8 +70,9 @@ impl SimArm {
         let SimParameters { period_s, plant, sensed, actuated, .. } = parameters;
         check_windows(parameters.window_linear_s, parameters.window_angular_s)?;
         let grip = GripPlant::new(period_s, &plant, parameters.hand, sensed)?;
-        let watchdog_ticks =
-            parameters.watchdog_ms.map_or(u64::MAX, |watchdog_ms| (f64::from(watchdog_ms) * 1e-3 / period_s).ceil() as u64);
+        let watchdog_ticks = parameters.watchdog_ms.map_or(u64::MAX, |watchdog_ms| {
+            (f64::from(watchdog_ms) * 1e-3 / period_s).ceil() as u64
+        });
         Ok(Self {
             period_s,
             plant: grip,
@@ -95,7 +99,11 @@ impl SimArm {
             command: Wrench::ZERO,
             ticks_since_write: 0,
             watchdog_ticks,
-            window: VelocityWindow::new(parameters.window_linear_s, parameters.window_angular_s, period_s),
+            window: VelocityWindow::new(
+                parameters.window_linear_s,
+                parameters.window_angular_s,
+                period_s,
+            ),
             last: DeviceSample::default(),
             stuck_at: None,
             under_way: None,
@@ -113,7 +121,8 @@ impl SimArm {
         self.plant.twist()
     }
 
-    /// The last command as the motors take it: projected and limited, before the delay. Device axes, at the grip point.
+    /// The last command as the motors take it: projected and limited, before the delay. Device
+    /// axes, at the grip point.
     #[cfg(any(test, feature = "testing"))]
     pub(crate) fn command(&self) -> Wrench {
         self.command
@@ -148,7 +157,9 @@ impl SimArm {
         let mut command = self.take_delayed_command();
         match self.fault_active(start_s) {
             Some(FaultKind::SignFlip) => command = -command,
-            Some(FaultKind::Saturate) => command = saturated(&command, self.force_limit_n, self.torque_limit_nm),
+            Some(FaultKind::Saturate) => {
+                command = saturated(&command, self.force_limit_n, self.torque_limit_nm)
+            }
             _ => {}
         }
         self.plant.advance(start_s, &command);
@@ -156,7 +167,8 @@ impl SimArm {
 
     fn take_delayed_command(&mut self) -> Wrench {
         self.ticks_since_write += 1;
-        let entering = if self.ticks_since_write > self.watchdog_ticks { Wrench::ZERO } else { self.command };
+        let entering =
+            if self.ticks_since_write > self.watchdog_ticks { Wrench::ZERO } else { self.command };
         let length = self.delay_line.len();
         self.delay_line[self.delay_head] = entering;
         self.delay_head = (self.delay_head + 1) % length;
@@ -179,7 +191,11 @@ impl SimArm {
     /// Samples that `skip` loses in this tick.
     fn skipped(&self, now_s: f64) -> u16 {
         match self.fault {
-            Some(plan @ FaultPlan { kind: FaultKind::Skip { samples }, .. }) if plan.begins(now_s, self.period_s) => samples,
+            Some(plan @ FaultPlan { kind: FaultKind::Skip { samples }, .. })
+                if plan.begins(now_s, self.period_s) =>
+            {
+                samples
+            }
             _ => 0,
         }
     }
@@ -208,8 +224,12 @@ impl Device for SimArm {
         match fault {
             Some(FaultKind::Unplug) => return Err(DeviceError::Lost),
             Some(FaultKind::Stall) => return Ok(self.stale()),
-            Some(FaultKind::Repeat | FaultKind::Reorder) if self.n_reads.is_multiple_of(2) => return Ok(self.stale()),
-            Some(FaultKind::Garbage | FaultKind::Truncate | FaultKind::LostByte) => return Err(DeviceError::Packet),
+            Some(FaultKind::Repeat | FaultKind::Reorder) if self.n_reads.is_multiple_of(2) => {
+                return Ok(self.stale());
+            }
+            Some(FaultKind::Garbage | FaultKind::Truncate | FaultKind::LostByte) => {
+                return Err(DeviceError::Packet);
+            }
             Some(FaultKind::Slow { delay_s }) => {
                 // One exchange at a time: the next sample is measured when the one before has come.
                 let due = self.n_reads + (delay_s / self.period_s).ceil() as u64;
@@ -225,7 +245,9 @@ impl Device for SimArm {
                     }
                 }
             }
-            Some(FaultKind::Drop { probability }) if self.random.unit() < probability => return Ok(self.stale()),
+            Some(FaultKind::Drop { probability }) if self.random.unit() < probability => {
+                return Ok(self.stale());
+            }
             Some(FaultKind::Stuck) => pose = *self.stuck_at.get_or_insert(pose),
             Some(FaultKind::Jump) => pose.translation.x += JUMP_M,
             Some(FaultKind::Nan) => {

@@ -1,7 +1,9 @@
-//! Faults that can be injected into a simulated arm: `nan@2s`, `drop=1%`, `slow=4ms@500ms`, `unplug@2s+500ms`.
+//! Faults that can be injected into a simulated arm: `nan@2s`, `drop=1%`, `slow=4ms@500ms`,
+//! `unplug@2s+500ms`.
 //!
-//! Grammar: `NAME[=VALUE][@START[+LENGTH]]`. Without a start the fault is there from the beginning, without a length it stays. The end of an
-//! `unplug` is the plug going in again. Time is the arm's own: one period per read in the process, its real clock as a mock.
+//! Grammar: `NAME[=VALUE][@START[+LENGTH]]`. Without a start the fault is there from the beginning,
+//! without a length it stays. The end of an `unplug` is the plug going in again. Time is the arm's
+//! own: one period per read in the process, its real clock as a mock.
 //!
 //! | fault | simulated arm in the process | mock arm on a real link |
 //! |---|---|---|
@@ -85,7 +87,8 @@ pub enum FaultKind {
     },
 }
 
-/// Size of a counter jump, m: far beyond what an arm moves in a millisecond, within the workspace of every preset.
+/// Size of a counter jump, m: far beyond what an arm moves in a millisecond, within the workspace
+/// of every preset.
 pub const JUMP_M: f64 = 0.05;
 
 /// What is left of the motors when they saturate: low enough that ordinary contact runs into it.
@@ -94,7 +97,8 @@ pub const SATURATED_SHARE: f64 = 0.25;
 /// Longest delay of `slow`, s: beyond it an arm has stalled.
 const SLOWEST_S: f64 = 1.0;
 
-/// Most samples that `skip` loses: ten seconds of them, and far from where a counter of 16 bits comes round.
+/// Most samples that `skip` loses: ten seconds of them, and far from where a counter of 16 bits
+/// comes round.
 const MOST_SKIPPED: u16 = 10_000;
 
 /// A fault and when it is there. `Copy`: the arm consults it in the loop.
@@ -152,15 +156,16 @@ pub const NAMES: [&str; 19] = [
 ];
 
 /// Names with the values that some of them take, for people.
-const USAGE: &str = "drop=P%, stall, deaf, nan, garbage, unplug, slow=TIME, stuck, jump, truncate, lost-byte, repeat, reorder, sign-flip, \
-                     saturate, unhome, skip=COUNT, no-velocity, press=BUTTON";
+const USAGE: &str = "drop=P%, stall, deaf, nan, garbage, unplug, slow=TIME, stuck, jump, truncate, \
+    lost-byte, repeat, reorder, sign-flip, saturate, unhome, skip=COUNT, no-velocity, press=BUTTON";
 
 /// Why a fault specification was refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum FaultError {
     /// Not a name of the grammar.
     #[error(
-        "`{name}` is not a fault: use one of {USAGE}, optionally from a time on and for how long, as in nan@2s or unplug@2s+500ms"
+        "`{name}` is not a fault: use one of {USAGE}, optionally from a time on and for how long, \
+            as in nan@2s or unplug@2s+500ms"
     )]
     Unknown {
         /// The name as given.
@@ -236,8 +241,13 @@ pub fn parse(text: &str) -> Result<FaultPlan, FaultError> {
         "press" => FaultKind::Press { button: value.and_then(button).ok_or(FaultError::Button)? },
         name => return Err(FaultError::Unknown { name: name.to_owned() }),
     };
-    let takes_value =
-        matches!(kind, FaultKind::Drop { .. } | FaultKind::Slow { .. } | FaultKind::Skip { .. } | FaultKind::Press { .. });
+    let takes_value = matches!(
+        kind,
+        FaultKind::Drop { .. }
+            | FaultKind::Slow { .. }
+            | FaultKind::Skip { .. }
+            | FaultKind::Press { .. }
+    );
     if value.is_some() && !takes_value {
         return Err(FaultError::Value { name: name.to_owned() });
     }
@@ -245,12 +255,14 @@ pub fn parse(text: &str) -> Result<FaultPlan, FaultError> {
         Ok(time) => Ok(time.as_secs_f64()),
         Err(source) => Err(FaultError::Time { name: name.to_owned(), source }),
     };
-    let (start_s, end_s) = match time.map(|time| time.split_once('+').map_or((time, None), |(start, length)| (start, Some(length))))
-    {
+    let (start_s, end_s) = match time.map(|time| {
+        time.split_once('+').map_or((time, None), |(start, length)| (start, Some(length)))
+    }) {
         None => (0.0, f64::INFINITY),
         Some((start, None)) => (seconds(start)?, f64::INFINITY),
         Some((start, Some(length))) => {
-            let (start_s, length_s) = (seconds(start)?, seconds(length)?);
+            let start_s = seconds(start)?;
+            let length_s = seconds(length)?;
             if length_s == 0.0 {
                 return Err(FaultError::Length { name: name.to_owned() });
             }
@@ -323,7 +335,8 @@ mod tests {
     #[test]
     fn a_fault_is_there_from_its_first_tick_to_its_last() {
         let plan = parse("stall@10ms+5ms").expect("grammar");
-        let active: Vec<u32> = (0..30).filter(|&n| plan.active(f64::from(n) * 1e-3, 1e-3).is_some()).collect();
+        let active: Vec<u32> =
+            (0..30).filter(|&n| plan.active(f64::from(n) * 1e-3, 1e-3).is_some()).collect();
         assert_eq!(active, [10, 11, 12, 13, 14]);
         let first: Vec<u32> = (0..30).filter(|&n| plan.begins(f64::from(n) * 1e-3, 1e-3)).collect();
         assert_eq!(first, [10]);

@@ -1,7 +1,8 @@
 //! Where the simulated hand wants to be, over time.
 //!
-//! A hand file is CSV with the header `t_s,x_m,y_m,z_m,qx,qy,qz,qw`: poses of the tool frame in the world, after indexing. Between
-//! lines the position is interpolated linearly and the orientation by slerp; before the first line and after the last one it is held.
+//! A hand file is CSV with the header `t_s,x_m,y_m,z_m,qx,qy,qz,qw`: poses of the tool frame in the
+//! world, after indexing. Between lines the position is interpolated linearly and the orientation
+//! by slerp; before the first line and after the last one it is held.
 
 use std::path::Path;
 
@@ -65,22 +66,31 @@ impl HandPath {
         let time_s = if self.turns { self.turned(time_s) } else { time_s };
         // NaN compares false everywhere: it lands on the first pose.
         let after_idx = self.times_s.partition_point(|&t| t <= time_s);
-        let (Some(&before), after) = (self.poses.get(after_idx.saturating_sub(1)), self.poses.get(after_idx)) else {
+        let (Some(&before), after) =
+            (self.poses.get(after_idx.saturating_sub(1)), self.poses.get(after_idx))
+        else {
             return Pose::IDENTITY;
         };
         match after {
             Some(&after) if after_idx > 0 => {
-                let (from_s, to_s) = (self.times_s[after_idx - 1], self.times_s[after_idx]);
+                let from_s = self.times_s[after_idx - 1];
+                let to_s = self.times_s[after_idx];
                 let share = (time_s - from_s) / (to_s - from_s);
-                Pose::new(before.rotation.slerp(after.rotation, share), before.translation.lerp(after.translation, share))
+                Pose::new(
+                    before.rotation.slerp(after.rotation, share),
+                    before.translation.lerp(after.translation, share),
+                )
             }
             _ => before,
         }
     }
 
-    /// Where on the path a time lies that turns round at its end and at its first line. Before the first line it is not changed.
+    /// Where on the path a time lies that turns round at its end and at its first line. Before the
+    /// first line it is not changed.
     fn turned(&self, time_s: f64) -> f64 {
-        let (Some(first_s), Some(last_s)) = (self.times_s.first(), self.times_s.last()) else { return time_s };
+        let (Some(first_s), Some(last_s)) = (self.times_s.first(), self.times_s.last()) else {
+            return time_s;
+        };
         let length_s = last_s - first_s;
         if time_s <= *last_s || length_s <= 0.0 {
             return time_s;
@@ -95,10 +105,12 @@ impl HandPath {
     }
 }
 
-/// How the grip follows the tool: what is needed to turn a tool pose in the world into a grip pose of the arm.
+/// How the grip follows the tool: what is needed to turn a tool pose in the world into a grip pose
+/// of the arm.
 ///
-/// At enable the tool stands at `start` and the arm at its zero pose. From there on a grip translation d moves the grip point by
-/// scale · R_wd · d in the world, and a grip rotation turns the tool by the same rotation seen in world axes.
+/// At enable the tool stands at `start` and the arm at its zero pose. From there on a grip
+/// translation d moves the grip point by scale · R_wd · d in the world, and a grip rotation turns
+/// the tool by the same rotation seen in world axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HandMapping {
     /// Where the arm stands; only its rotation matters here.
@@ -115,7 +127,8 @@ impl HandMapping {
     /// The grip pose, `device_from_grip`, that holds the tool at `world_from_tool`. RT: safe.
     fn device_from_grip(&self, world_from_tool: Pose) -> Pose {
         let device_from_world = self.world_from_device.rotation.conjugate();
-        let travel_world = world_from_tool.transform_point(self.grip_tool) - self.start.transform_point(self.grip_tool);
+        let travel_world = world_from_tool.transform_point(self.grip_tool)
+            - self.start.transform_point(self.grip_tool);
         let turn_world = world_from_tool.rotation * self.start.rotation.conjugate();
         Pose::new(
             (device_from_world * turn_world * self.world_from_device.rotation).normalize(),
@@ -124,8 +137,9 @@ impl HandMapping {
     }
 }
 
-/// A hand path in the frame of the arm. Interpolates in the world and converts afterwards, so that the tool follows exactly the path of
-/// the file even where it turns about a point away from its centre of mass.
+/// A hand path in the frame of the arm. Interpolates in the world and converts afterwards, so that
+/// the tool follows exactly the path of the file even where it turns about a point away from its
+/// centre of mass.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GripPath {
     path: HandPath,
@@ -182,9 +196,15 @@ impl GripPath {
         self
     }
 
-    /// A path given in the frame of the arm itself: the device stands in the world's origin and the tool is the grip.
+    /// A path given in the frame of the arm itself: the device stands in the world's origin and the
+    /// tool is the grip.
     pub fn in_device_frame(path: HandPath) -> Self {
-        let mapping = HandMapping { world_from_device: Pose::IDENTITY, scale: 1.0, start: Pose::IDENTITY, grip_tool: DVec3::ZERO };
+        let mapping = HandMapping {
+            world_from_device: Pose::IDENTITY,
+            scale: 1.0,
+            start: Pose::IDENTITY,
+            grip_tool: DVec3::ZERO,
+        };
         Self { path, mapping, reach: Reach::default() }
     }
 }
@@ -203,7 +223,8 @@ mod tests {
     }
 
     fn quarter_turn() -> HandPath {
-        parse("0,0,0,0,0,0,0,1\n2,0.1,0,0,0,0,0.7071067811865476,0.7071067811865476\n").expect("valid")
+        parse("0,0,0,0,0,0,0,1\n2,0.1,0,0,0,0,0.7071067811865476,0.7071067811865476\n")
+            .expect("valid")
     }
 
     #[test]
@@ -217,8 +238,18 @@ mod tests {
     #[test]
     fn a_path_that_repeats_goes_there_and_back_without_a_jump() {
         let path = quarter_turn().there_and_back();
-        for (time_s, as_at_s) in [(-1.0, 0.0), (1.5, 1.5), (2.0, 2.0), (2.5, 1.5), (4.0, 0.0), (4.5, 0.5), (6.0, 2.0), (1e4, 0.0)] {
-            let (now, then) = (path.sample(time_s), quarter_turn().sample(as_at_s));
+        for (time_s, as_at_s) in [
+            (-1.0, 0.0),
+            (1.5, 1.5),
+            (2.0, 2.0),
+            (2.5, 1.5),
+            (4.0, 0.0),
+            (4.5, 0.5),
+            (6.0, 2.0),
+            (1e4, 0.0),
+        ] {
+            let now = path.sample(time_s);
+            let then = quarter_turn().sample(as_at_s);
             assert!((now.translation - then.translation).length() < 1e-12, "{time_s}");
         }
         assert_eq!(path.sample(f64::NAN), path.sample(0.0));
@@ -240,7 +271,10 @@ mod tests {
     #[test]
     fn errors_name_file_and_line() {
         for (body, expected) in [
-            ("0,0,0,0,0,0,0,1\n0,0,0,0,0,0,0,1", "hands/x.csv:3: t_s = 0 does not come after 0 on the line before"),
+            (
+                "0,0,0,0,0,0,0,1\n0,0,0,0,0,0,0,1",
+                "hands/x.csv:3: t_s = 0 does not come after 0 on the line before",
+            ),
             ("0,0,0,0,0,0,1", "hands/x.csv:2: 7 fields, expected 8"),
             ("0,0,inf,0,0,0,0,1", "hands/x.csv:2: `inf` is not a finite number (column y_m)"),
             ("0,a,0,0,0,0,0,1", "hands/x.csv:2: `a` is not a finite number (column x_m)"),
@@ -252,7 +286,8 @@ mod tests {
         }
         let error = poses::parse("t,x\n", Path::new("h.csv")).expect_err("header").to_string();
         assert!(error.starts_with("h.csv:1: the header is `t,x`"), "{error}");
-        let error = HandPath::read(Path::new("/nonexistent/h.csv")).expect_err("no file").to_string();
+        let error =
+            HandPath::read(Path::new("/nonexistent/h.csv")).expect_err("no file").to_string();
         assert!(error.contains("/nonexistent/h.csv"), "{error}");
     }
 
@@ -277,7 +312,8 @@ mod tests {
 
     #[test]
     fn the_grip_follows_the_centre_of_mass_and_the_world_turn() {
-        // The device's x axis points along world y; two world metres per device metre; the grip is 0.1 m above the tool's origin.
+        // The device's x axis points along world y; two world metres per device metre; the grip is
+        // 0.1 m above the tool's origin.
         let mapping = HandMapping {
             world_from_device: Pose::new(DQuat::from_rotation_z(FRAC_PI_2), DVec3::ZERO),
             scale: 2.0,
@@ -285,7 +321,8 @@ mod tests {
             grip_tool: DVec3::new(0.0, 0.0, 0.1),
         };
         // A quarter turn about world x moves the grip point from (0, 0, 0.1) to (0, -0.1, 0).
-        let grip = mapping.device_from_grip(Pose::new(DQuat::from_rotation_x(FRAC_PI_2), DVec3::ZERO));
+        let grip =
+            mapping.device_from_grip(Pose::new(DQuat::from_rotation_x(FRAC_PI_2), DVec3::ZERO));
         // World (0, -0.1, -0.1) is device (-0.1, 0, -0.1), halved.
         assert!((grip.translation - DVec3::new(-0.05, 0.0, -0.05)).length() < 1e-15, "{grip:?}");
         // World x is device -y.

@@ -5,13 +5,15 @@
 //!                          ├─► goal ─► at most so fast, at most so far from the tool ─► target ─► spring and damper of the plant
 //!  pose of a client ───────┘
 //! ```
-//! A path is followed exactly. A pose that a client asks for, and the way back to a path, are not: a cursor jumps, and a spring that is stretched
-//! without a bound pushes harder than any motor. There the target moves at 0.25 m/s and 3 rad/s at most, and no farther from the tool than the
+//! A path is followed exactly. A pose that a client asks for, and the way back to a path, are not:
+//! a cursor jumps, and a spring that is stretched without a bound pushes harder than any motor.
+//! There the target moves at 0.25 m/s and 3 rad/s at most, and no farther from the tool than the
 //! [`Reach`] of the hand: what stops the tool stops the hand.
 //!
-//! A path's time stands still while no force flows, and its poses hold in the world: at each enable the servo says where the tool stands with the
-//! grip where it is. A hand that a client has moved takes the grip home meanwhile: elsewhere it might stand outside of the workspace, where no
-//! force may begin to flow and no client could move it.
+//! A path's time stands still while no force flows, and its poses hold in the world: at each enable
+//! the servo says where the tool stands with the grip where it is. A hand that a client has moved
+//! takes the grip home meanwhile: elsewhere it might stand outside of the workspace, where no force
+//! may begin to flow and no client could move it.
 
 use glam::DVec3;
 
@@ -22,13 +24,15 @@ use vps::spatial::Pose;
 const SPEED_M_PER_S: f64 = 0.25;
 /// The same for rotation, rad/s.
 const SPEED_RAD_PER_S: f64 = 3.0;
-/// It slows down in front of the pose that a client asks for, within so much time, s: the grip on its spring would swing beyond it otherwise.
+/// It slows down in front of the pose that a client asks for, within so much time, s: the grip on
+/// its spring would swing beyond it otherwise.
 const SLOWING_S: f64 = 0.06;
 /// Nearer than this the hand is there, m.
 const THERE_M: f64 = 1e-7;
 /// From a pose of the path that is nearer than this to the tool the path goes on where it was, m.
 const NEAR_M: f64 = 5e-3;
-/// A turn by one radian counts as so many metres, where the pose of a path is sought that is nearest to the tool.
+/// A turn by one radian counts as so many metres, where the pose of a path is sought that is
+/// nearest to the tool.
 const M_PER_RAD: f64 = 0.03;
 /// Poses of a path that are compared with the tool's.
 const SOUGHT_POSES: u32 = 512;
@@ -116,7 +120,8 @@ impl HandControl {
         }
     }
 
-    /// Back to the beginning of the path, along the path from where it passes nearest to the tool, and forth again from there.
+    /// Back to the beginning of the path, along the path from where it passes nearest to the tool,
+    /// and forth again from there.
     pub fn restart(&mut self, world_from_tool: Pose) {
         self.asked = None;
         self.returns = true;
@@ -130,19 +135,22 @@ impl HandControl {
         self.waits = !enabled;
     }
 
-    /// Says where the tool stands, `world_from_tool`, with the grip at `device_from_grip`: from now on the path's poses hold in the world as it is
-    /// now. The path goes on where it was; where the tool is elsewhere, from the pose that is nearest to it; one of another scene begins.
+    /// Says where the tool stands, `world_from_tool`, with the grip at `device_from_grip`: from now
+    /// on the path's poses hold in the world as it is now. The path goes on where it was; where the
+    /// tool is elsewhere, from the pose that is nearest to it; one of another scene begins.
     pub fn index(&mut self, device_from_grip: Pose, world_from_tool: Pose) {
         let Some(path) = &mut self.path else { return };
         // The cursor of a client that pulled before is not for now.
         if self.asked.is_some() {
             self.asked = Some(world_from_tool);
         }
-        let moved = distance(self.origin.unwrap_or_default(), device_from_grip) + distance(path.start(), world_from_tool);
+        let moved = distance(self.origin.unwrap_or_default(), device_from_grip)
+            + distance(path.start(), world_from_tool);
         if moved < 1e-12 && !self.begins {
             return;
         }
-        let is_elsewhere = distance(path.tool_at((self.now_s - self.delay_s).abs()), world_from_tool) > NEAR_M;
+        let is_elsewhere =
+            distance(path.tool_at((self.now_s - self.delay_s).abs()), world_from_tool) > NEAR_M;
         self.origin = Some(device_from_grip);
         path.set_start(world_from_tool);
         if self.begins {
@@ -155,7 +163,8 @@ impl HandControl {
         self.returns = true;
     }
 
-    /// Takes another path, for another scene, and gives back this one; the next enable says where the tool stands in it.
+    /// Takes another path, for another scene, and gives back this one; the next enable says where
+    /// the tool stands in it.
     pub fn exchange(&mut self, path: &mut Option<GripPath>) {
         core::mem::swap(&mut self.path, path);
         self.asked = None;
@@ -165,7 +174,10 @@ impl HandControl {
     /// Counts the path from where the grip is put.
     pub(crate) fn rest_at(&mut self, device_from_grip: Pose) {
         self.origin = Some(device_from_grip);
-        self.target = self.path.as_ref().map_or(device_from_grip, |path| self.counted_from_origin(path.sample(0.0)));
+        self.target = self
+            .path
+            .as_ref()
+            .map_or(device_from_grip, |path| self.counted_from_origin(path.sample(0.0)));
         self.home = self.target;
     }
 
@@ -190,10 +202,16 @@ impl HandControl {
             self.is_away = self.target != self.home;
         } else if !self.waits {
             self.target = match self.asked {
-                Some(asked) => self.toward(self.counted_from_origin(path.grip_at(asked)), h / SLOWING_S, path.reach(), h),
+                Some(asked) => self.toward(
+                    self.counted_from_origin(path.grip_at(asked)),
+                    h / SLOWING_S,
+                    path.reach(),
+                    h,
+                ),
                 None => {
                     let goal = self.counted_from_origin(path.sample((time_s - self.delay_s).abs()));
-                    let target = if self.returns { self.toward(goal, 1.0, path.reach(), h) } else { goal };
+                    let target =
+                        if self.returns { self.toward(goal, 1.0, path.reach(), h) } else { goal };
                     self.returns &= target != goal;
                     target
                 }
@@ -204,20 +222,27 @@ impl HandControl {
 
     fn counted_from_origin(&self, pose: Pose) -> Pose {
         match self.origin {
-            Some(origin) => Pose::new(pose.rotation * origin.rotation, pose.translation + origin.translation),
+            Some(origin) => {
+                Pose::new(pose.rotation * origin.rotation, pose.translation + origin.translation)
+            }
             None => pose,
         }
     }
 
-    /// One step from the target toward a goal: a share of the way, no faster than a client may move the hand, and no farther from the tool.
+    /// One step from the target toward a goal: a share of the way, no faster than a client may move
+    /// the hand, and no farther from the tool.
     fn toward(&self, goal: Pose, share: f64, reach: Reach, h: f64) -> Pose {
-        let (way, turn) = (goal.translation - self.target.translation, self.target.rotation_to(goal));
-        let (step, spin) = (way * share, turn * share);
-        let (step, spin) = (step.clamp_length_max(SPEED_M_PER_S * h), spin.clamp_length_max(SPEED_RAD_PER_S * h));
+        let way = goal.translation - self.target.translation;
+        let turn = self.target.rotation_to(goal);
+        let step = way * share;
+        let spin = turn * share;
+        let step = step.clamp_length_max(SPEED_M_PER_S * h);
+        let spin = spin.clamp_length_max(SPEED_RAD_PER_S * h);
         let is_near = way.length() < THERE_M && turn.length() * M_PER_RAD < THERE_M;
         let is_there = is_near || step == way && spin == turn;
         let stepped = if is_there { goal } else { self.target.stepped(step, spin) };
-        let (ahead, turned) = (stepped.translation - self.held.translation, self.held.rotation_to(stepped));
+        let ahead = stepped.translation - self.held.translation;
+        let turned = self.held.rotation_to(stepped);
         let translation = if ahead.length() > reach.most_m {
             self.held.translation + ahead.clamp_length_max(reach.most_m)
         } else {
@@ -238,14 +263,16 @@ fn distance(a: Pose, b: Pose) -> f64 {
 }
 
 impl GripPath {
-    /// Time of the path, s, at which it passes nearest to a pose of the tool; the earliest of several. O(`SOUGHT_POSES` · log n).
+    /// Time of the path, s, at which it passes nearest to a pose of the tool; the earliest of
+    /// several. O(`SOUGHT_POSES` · log n).
     fn nearest_s(&self, world_from_tool: Pose) -> f64 {
         let (first_s, last_s) = self.span_s();
         let time_s = |n: u32| first_s + (last_s - first_s) * f64::from(n) / f64::from(SOUGHT_POSES);
         let mut nearest = (f64::INFINITY, first_s);
         for n in 0..=SOUGHT_POSES {
             let away = distance(self.tool_at(time_s(n)), world_from_tool);
-            // The path stands still in places: what differs by less than a step of an encoder is the same place.
+            // The path stands still in places: what differs by less than a step of an encoder is
+            // the same place.
             if away < nearest.0 - 1e-6 {
                 nearest = (away, time_s(n));
             }
@@ -269,8 +296,15 @@ mod tests {
     /// 0.1 m down in a second, then still for a second.
     fn down() -> GripPath {
         let at = |time_s: f64, z: f64| TimedPose { line: 0, time_s, pose: tool(z) };
-        let path = HandPath::from_poses(&[at(0.0, 0.5), at(1.0, 0.4), at(2.0, 0.4)], "x.csv".as_ref()).expect("rises");
-        path.to_device(HandMapping { world_from_device: Pose::IDENTITY, scale: 1.0, start: tool(0.5), grip_tool: DVec3::ZERO })
+        let path =
+            HandPath::from_poses(&[at(0.0, 0.5), at(1.0, 0.4), at(2.0, 0.4)], "x.csv".as_ref())
+                .expect("rises");
+        path.to_device(HandMapping {
+            world_from_device: Pose::IDENTITY,
+            scale: 1.0,
+            start: tool(0.5),
+            grip_tool: DVec3::ZERO,
+        })
     }
 
     fn tool(z: f64) -> Pose {
@@ -308,10 +342,16 @@ mod tests {
         for n in 1..10_000 {
             hand.see(tool(0.5));
             let now = hand.next(f64::from(n) * H, H);
-            assert!((now.translation - last.translation).length() <= SPEED_M_PER_S * H * (1.0 + 1e-9));
+            assert!(
+                (now.translation - last.translation).length() <= SPEED_M_PER_S * H * (1.0 + 1e-9)
+            );
             last = now;
         }
-        assert!(((last.translation - before.translation).length() - Reach::default().most_m).abs() < 1e-9, "{last:?}");
+        assert!(
+            ((last.translation - before.translation).length() - Reach::default().most_m).abs()
+                < 1e-9,
+            "{last:?}"
+        );
         let reached = run(&mut hand, 1.0, 3.0);
         assert!((reached.translation.z + 0.3).abs() < 1e-12, "{reached:?}");
         hand.move_to(Pose::new(DQuat::from_rotation_x(FRAC_PI_2), tool(0.2).translation));
@@ -345,14 +385,20 @@ mod tests {
         hand.set_enabled(false);
         let before = hand.target();
         let soon = hand.next(2.0 + H, H);
-        assert!((soon.translation - before.translation).length() <= SPEED_M_PER_S * H * (1.0 + 1e-9));
+        assert!(
+            (soon.translation - before.translation).length() <= SPEED_M_PER_S * H * (1.0 + 1e-9)
+        );
         assert_eq!(run(&mut hand, 2.0, 4.0), Pose::IDENTITY);
         // And stays there, whatever is asked for meanwhile.
         hand.move_to(tool(0.2));
         assert_eq!(run(&mut hand, 4.0, 5.0), Pose::IDENTITY);
         hand.index(Pose::IDENTITY, tool(0.5));
         hand.set_enabled(true);
-        assert_eq!(run(&mut hand, 5.0, 6.0), Pose::IDENTITY, "what a client pulled at before is not for now");
+        assert_eq!(
+            run(&mut hand, 5.0, 6.0),
+            Pose::IDENTITY,
+            "what a client pulled at before is not for now"
+        );
     }
 
     #[test]

@@ -1,4 +1,5 @@
-//! Arms without hardware: the simulated arm, the hand that holds it, and what can be made to go wrong.
+//! Arms without hardware: the simulated arm, the hand that holds it, and what can be made to go
+//! wrong.
 //!
 //! | file | owns |
 //! |---|---|

@@ -26,9 +26,10 @@ pub struct HandParameters {
 }
 
 impl Default for HandParameters {
-    /// A relaxed grip. The linear values are those of the device reference (assumed there; human hand damping is quoted as 1–10 N·s/m). The
-    /// rotational ones are assumed: 3 N·m/rad and 0.03 N·m·s/rad turn the grip with about 12 Hz and ζ = 0.4 against the hand's
-    /// inertia of 5·10⁻⁴ kg·m², a wrist that holds a pen.
+    /// A relaxed grip. The linear values are those of the device reference (assumed there; human
+    /// hand damping is quoted as 1–10 N·s/m). The rotational ones are assumed: 3 N·m/rad and 0.03
+    /// N·m·s/rad turn the grip with about 12 Hz and ζ = 0.4 against the hand's inertia of 5·10⁻⁴
+    /// kg·m², a wrist that holds a pen.
     fn default() -> Self {
         Self {
             stiffness_n_per_m: 500.0,
@@ -78,7 +79,8 @@ pub struct SimParameters {
 impl SimParameters {
     /// The twin of a profile's arm, at home and sound.
     pub fn of(profile: &Profile, hand: Option<HandParameters>, period_s: f64) -> Self {
-        let [window_linear_s, window_angular_s] = profile.velocity_window_ms.map(|window_ms| window_ms * 1e-3);
+        let [window_linear_s, window_angular_s] =
+            profile.velocity_window_ms.map(|window_ms| window_ms * 1e-3);
         Self {
             period_s,
             plant: profile.plant,
@@ -97,7 +99,8 @@ impl SimParameters {
         }
     }
 
-    /// An arm without mass to speak of, friction, steps, delay or limits that matter: six axes, for analytic checks.
+    /// An arm without mass to speak of, friction, steps, delay or limits that matter: six axes, for
+    /// analytic checks.
     pub fn ideal(period_s: f64) -> Self {
         Self {
             period_s,
@@ -161,7 +164,11 @@ enum Must {
 }
 
 /// The numbers of a plant and its hand, with what each must be.
-fn numbers_of(period_s: f64, plant: &Plant, hand: &HandParameters) -> [(&'static str, f64, Must); 15] {
+fn numbers_of(
+    period_s: f64,
+    plant: &Plant,
+    hand: &HandParameters,
+) -> [(&'static str, f64, Must); 15] {
     use Must::{BePositive, NotBeNegative};
     [
         ("period_s", period_s, BePositive),
@@ -183,7 +190,11 @@ fn numbers_of(period_s: f64, plant: &Plant, hand: &HandParameters) -> [(&'static
 }
 
 /// Checks what the plant's step takes.
-pub(super) fn check_plant(period_s: f64, plant: &Plant, hand: &HandParameters) -> Result<(), SimError> {
+pub(super) fn check_plant(
+    period_s: f64,
+    plant: &Plant,
+    hand: &HandParameters,
+) -> Result<(), SimError> {
     check_ranges(&numbers_of(period_s, plant, hand))
 }
 

@@ -1,6 +1,7 @@
 //! The grip of a simulated arm as a body, with the hand that holds it.
 //!
-//! Data in: the wrench that the motors make. Data out: the true pose and twist of the grip, one period later.
+//! Data in: the wrench that the motors make. Data out: the true pose and twist of the grip, one
+//! period later.
 //!
 //! For translation, and likewise for rotation with a scalar inertia,
 //!
@@ -8,10 +9,13 @@
 //! (m + m_hand) a = F_command + k_hand (x_target − x) + b_hand (v_target − v) − b v − F_coulomb
 //! ```
 //!
-//! in steps of half a drift, a kick and half a drift: springs from the position in the middle of the step, dampers implicit in the new velocity, so
-//! that no viscosity can make a step unstable. A constant force moves a free body by exactly half its acceleration times the time squared; drifting only
-//! after the kick would be half a step ahead of that, and every loop around the arm would look that much more stable than it is. Coulomb friction is solved exactly within the step: the momentum that is left after everything else has acted is reduced by at
-//! most h·F_c and never reversed. A resting grip therefore stays at rest to the last bit, and nothing chatters.
+//! in steps of half a drift, a kick and half a drift: springs from the position in the middle of
+//! the step, dampers implicit in the new velocity, so that no viscosity can make a step unstable. A
+//! constant force moves a free body by exactly half its acceleration times the time squared;
+//! drifting only after the kick would be half a step ahead of that, and every loop around the arm
+//! would look that much more stable than it is. Coulomb friction is solved exactly within the step:
+//! the momentum that is left after everything else has acted is reduced by at most h·F_c and never
+//! reversed. A resting grip therefore stays at rest to the last bit, and nothing chatters.
 //!
 //! An axis that the arm does not sense has no joint: it does not move.
 
@@ -44,7 +48,14 @@ struct Body {
 
 impl Body {
     /// The velocity after one step of length `h`.
-    fn step(&self, velocity: DVec3, load: DVec3, stretch: DVec3, target_velocity: DVec3, h: f64) -> DVec3 {
+    fn step(
+        &self,
+        velocity: DVec3,
+        load: DVec3,
+        stretch: DVec3,
+        target_velocity: DVec3,
+        h: f64,
+    ) -> DVec3 {
         let push = load + self.hand_stiffness * stretch + self.hand_damping * target_velocity;
         let implicit_inertia = self.inertia + h * (self.damping + self.hand_damping);
         let sliding = (self.inertia * velocity + h * push) / implicit_inertia * self.free_axes;
@@ -72,7 +83,12 @@ impl GripPlant {
     ///
     /// # Errors
     /// A value that the plant's step cannot follow.
-    pub(crate) fn new(period_s: f64, plant: &profile::Plant, hand: Option<HandParameters>, sensed: Axes) -> Result<Self, SimError> {
+    pub(crate) fn new(
+        period_s: f64,
+        plant: &profile::Plant,
+        hand: Option<HandParameters>,
+        sensed: Axes,
+    ) -> Result<Self, SimError> {
         let held = hand.is_some();
         let hand = hand.unwrap_or_default();
         let of_hand = |value: f64| if held { value } else { 0.0 };
@@ -94,7 +110,9 @@ impl GripPlant {
             free_axes: sensed.angular_mask(),
         };
         let h = period_s / f64::from(SUBSTEPS);
-        for (name, body) in [("hand_stiffness_n_per_m", translation), ("hand_stiffness_nm_per_rad", rotation)] {
+        for (name, body) in
+            [("hand_stiffness_n_per_m", translation), ("hand_stiffness_nm_per_rad", rotation)]
+        {
             let largest = STIFFEST_STEP * body.inertia / (h * h);
             if body.hand_stiffness > largest {
                 return Err(SimError::TooStiff { name, value: body.hand_stiffness, largest });
@@ -136,8 +154,8 @@ impl GripPlant {
         self.pose = self.pose.stepped(self.twist.linear * time_s, self.twist.angular * time_s);
     }
 
-    /// Moves the grip by one period, in [`SUBSTEPS`] steps, under a wrench of the motors: device axes, at the grip point. `start_s`: time of
-    /// the hand's path at its beginning.
+    /// Moves the grip by one period, in [`SUBSTEPS`] steps, under a wrench of the motors: device
+    /// axes, at the grip point. `start_s`: time of the hand's path at its beginning.
     pub(crate) fn advance(&mut self, start_s: f64, command: &Wrench) {
         let h = self.period_s / f64::from(SUBSTEPS);
         self.hand.begin(self.period_s);
@@ -149,8 +167,20 @@ impl GripPlant {
             self.drift(0.5 * h);
             let stretch = before.translation.midpoint(target.translation) - self.pose.translation;
             let twist_stretch = self.pose.rotation_to(before) + target_spin * (0.5 * h);
-            self.twist.linear = self.translation.step(self.twist.linear, command.force, stretch, target_velocity, h);
-            self.twist.angular = self.rotation.step(self.twist.angular, command.torque, twist_stretch, target_spin, h);
+            self.twist.linear = self.translation.step(
+                self.twist.linear,
+                command.force,
+                stretch,
+                target_velocity,
+                h,
+            );
+            self.twist.angular = self.rotation.step(
+                self.twist.angular,
+                command.torque,
+                twist_stretch,
+                target_spin,
+                h,
+            );
             self.drift(0.5 * h);
         }
     }

@@ -31,10 +31,15 @@ mod tests {
             let mut random = SplitMix64::new(seed);
             core::array::from_fn::<f64, 4000, _>(|_| random.unit())
         };
-        let (first, again, other) = (rolls(7), rolls(7), rolls(8));
+        let first = rolls(7);
+        let again = rolls(7);
+        let other = rolls(8);
         assert!(first == again && first != other);
         let mean = first.iter().sum::<f64>() / 4000.0;
         // Twenty standard deviations of the mean would be 0.09.
-        assert!((mean - 0.5).abs() < 0.02 && first.iter().all(|roll| (0.0..1.0).contains(roll)), "{mean}");
+        assert!(
+            (mean - 0.5).abs() < 0.02 && first.iter().all(|roll| (0.0..1.0).contains(roll)),
+            "{mean}"
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! Arms for tests: every shipped profile over a link in memory against its mock, and a clock that steps with it.
+//! Arms for tests: every shipped profile over a link in memory against its mock, and a clock that
+//! steps with it.
 
 pub mod rig;
 

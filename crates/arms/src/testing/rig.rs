@@ -57,14 +57,15 @@ pub trait Rig: Send {
     fn is_rate_input(&self) -> bool;
     fn begin_trouble(&mut self);
     fn end_trouble(&mut self);
-    /// A fault of the arm that stays, of those that a mock arm has; an arm without a wire has none here.
+    /// A fault of the arm that stays, of those that a mock arm has; an arm without a wire has none
+    /// here.
     fn fail(&mut self, _: FaultKind, _: &str) {}
     /// What came of it.
     fn felt_fault(&self) -> Option<FaultReport> {
         None
     }
-    /// Joint torques that a wrench asks of the motors, N·m or N, each with what one step of its motor on the wire makes, and what it takes to hold the
-    /// weight of the links.
+    /// Joint torques that a wrench asks of the motors, N·m or N, each with what one step of its
+    /// motor on the wire makes, and what it takes to hold the weight of the links.
     fn torques(&self, wrench: &Wrench) -> Vec<(f64, f64, f64)>;
     /// Frames that the host sent so far.
     fn n_sent(&self) -> u32;
@@ -86,7 +87,8 @@ fn hand_at(place: DVec3) -> HandParameters {
 /// Makes an arm: held there, or free.
 pub type Make = dyn Fn(Option<DVec3>, InjectedFault) -> Box<dyn Rig>;
 
-/// Every shipped arm, simulated and real, its signs verified: what is left of the force of those whose signs are not is tried in `wrong_signs`.
+/// Every shipped arm, simulated and real, its signs verified: what is left of the force of those
+/// whose signs are not is tried in `wrong_signs`.
 pub fn every_arm() -> Vec<Box<Make>> {
     arms(true)
 }
@@ -121,7 +123,12 @@ pub fn turned_arm() -> Box<dyn Rig> {
         real.device_from_native = DQuat::from_rotation_z(core::f64::consts::FRAC_PI_2);
     }
     let real = profile.real.clone().expect("real");
-    Box::new(WiredRig::new(&profile, &real, Some(DVec3::new(0.01, -0.02, 0.015)), InjectedFault::None))
+    Box::new(WiredRig::new(
+        &profile,
+        &real,
+        Some(DVec3::new(0.01, -0.02, 0.015)),
+        InjectedFault::None,
+    ))
 }
 
 /// Reads before the trouble of a simulated arm.
@@ -141,7 +148,9 @@ impl SimRig {
             InjectedFault::None => None,
             InjectedFault::Late => Some(format!("slow={}ms", LATE_TICKS * period_s * 1e3)),
             InjectedFault::Cut => Some(format!("unplug@{begin_ms}ms")),
-            InjectedFault::Cropped => Some(format!("truncate@{begin_ms}ms+{}ms", 20.0 * period_s * 1e3)),
+            InjectedFault::Cropped => {
+                Some(format!("truncate@{begin_ms}ms+{}ms", 20.0 * period_s * 1e3))
+            }
         };
         let parameters = SimParameters {
             period_s,
@@ -156,7 +165,11 @@ impl SimRig {
             fault: fault.map(|text| fault::parse(&text).expect("grammar")),
             ..SimParameters::ideal(period_s)
         };
-        Self { profile: profile.clone(), arm: SimArm::new(parameters).expect("valid"), n_reads_left: TROUBLE_TICK }
+        Self {
+            profile: profile.clone(),
+            arm: SimArm::new(parameters).expect("valid"),
+            n_reads_left: TROUBLE_TICK,
+        }
     }
 }
 
@@ -190,7 +203,13 @@ impl Rig for SimRig {
     }
 
     fn torques(&self, wrench: &Wrench) -> Vec<(f64, f64, f64)> {
-        wrench.force.to_array().into_iter().chain(wrench.torque.to_array()).map(|torque| (torque, 0.0, 0.0)).collect()
+        wrench
+            .force
+            .to_array()
+            .into_iter()
+            .chain(wrench.torque.to_array())
+            .map(|torque| (torque, 0.0, 0.0))
+            .collect()
     }
 
     fn n_sent(&self) -> u32 {
@@ -311,14 +330,28 @@ impl WiredRig {
         Self::unlike(profile, profile.real.as_ref().expect("real"), arm, hand, InjectedFault::None)
     }
 
-    fn unlike(profile: &Profile, real: &RealArm, arm: &Profile, hand: Option<DVec3>, trouble: InjectedFault) -> Self {
-        let settings =
-            MockSettings { hand: hand.map(hand_at), hand_delay: core::time::Duration::ZERO, faults: Vec::new(), seed: 1 };
+    fn unlike(
+        profile: &Profile,
+        real: &RealArm,
+        arm: &Profile,
+        hand: Option<DVec3>,
+        trouble: InjectedFault,
+    ) -> Self {
+        let settings = MockSettings {
+            hand: hand.map(hand_at),
+            hand_delay: core::time::Duration::ZERO,
+            faults: Vec::new(),
+            seed: 1,
+        };
         let (parameters, protocol) = builder::parameters(arm, settings);
         let carriage = real.matching.transport.carriage();
         let period_s = parameters.period_s;
-        let linkage =
-            Linkage::new(parameters.kinematics, parameters.transmission, parameters.device_from_native, parameters.actuated);
+        let linkage = Linkage::new(
+            parameters.kinematics,
+            parameters.transmission,
+            parameters.device_from_native,
+            parameters.actuated,
+        );
         let mock = MockArm::new(parameters, protocol.firmware(carriage)).expect("valid");
         let there = loopback(carriage).1;
         let side = Arc::new(Mutex::new(Side {
@@ -366,7 +399,12 @@ impl WiredRig {
 }
 
 /// A fresh link to the arm, started, with nothing left on it.
-fn plugged(side: &Arc<Mutex<Side>>, protocol: &Protocol, carriage: Carriage, again: bool) -> Connection {
+fn plugged(
+    side: &Arc<Mutex<Side>>,
+    protocol: &Protocol,
+    carriage: Carriage,
+    again: bool,
+) -> Connection {
     let (here, there) = loopback(carriage);
     {
         let mut side = side.lock().expect("no panic");
@@ -400,7 +438,10 @@ impl Rig for WiredRig {
 
     fn felt(&self) -> Wrench {
         let named = self.side().mock.report().last_command;
-        Wrench::new(DVec3::new(named.fx_n, named.fy_n, named.fz_n), DVec3::new(named.tx_nm, named.ty_nm, named.tz_nm))
+        Wrench::new(
+            DVec3::new(named.fx_n, named.fy_n, named.fz_n),
+            DVec3::new(named.tx_nm, named.ty_nm, named.tz_nm),
+        )
     }
 
     fn made_by_motors(&self) -> Wrench {
@@ -427,20 +468,29 @@ impl Rig for WiredRig {
             let mut stepped = motors;
             stepped[idx] += self.motor_step();
             let wrench = linkage.wrench(&stepped, 0.0);
-            (force_n + (wrench.force - base.force).length(), torque_nm + (wrench.torque - base.torque).length())
+            (
+                force_n + (wrench.force - base.force).length(),
+                torque_nm + (wrench.torque - base.torque).length(),
+            )
         })
     }
 
     fn torques(&self, wrench: &Wrench) -> Vec<(f64, f64, f64)> {
-        let RealArm { kinematics, transmission, device_from_native, .. } = self.profile.real.as_ref().expect("real");
+        let RealArm { kinematics, transmission, device_from_native, .. } =
+            self.profile.real.as_ref().expect("real");
         let back = device_from_native.conjugate();
         let joints = transmission.angles(&self.side().mock.readings().readings);
-        let Some(configuration) = kinematics.solve(&joints, &Configuration::default()) else { return Vec::new() };
-        let torques = configuration.torques(&Wrench::new(back * wrench.force, back * wrench.torque));
+        let Some(configuration) = kinematics.solve(&joints, &Configuration::default()) else {
+            return Vec::new();
+        };
+        let torques =
+            configuration.torques(&Wrench::new(back * wrench.force, back * wrench.torque));
         let weights = kinematics.extra_torques(&joints, &[0.0; MAX_AXES]);
         let motors = torques.iter().zip(weights).zip(&transmission.joints);
         motors
-            .filter_map(|((torque, weight), joint)| Some((*torque, self.motor_step() / joint.motor?.units_per_nm.abs(), weight)))
+            .filter_map(|((torque, weight), joint)| {
+                Some((*torque, self.motor_step() / joint.motor?.units_per_nm.abs(), weight))
+            })
             .collect()
     }
 
@@ -478,9 +528,17 @@ impl Rig for WiredRig {
     }
 
     fn reconnect(&mut self) -> bool {
-        assert!(self.spent.pop().is_ok(), "{}: the lost connection was not handed over", self.name());
+        assert!(
+            self.spent.pop().is_ok(),
+            "{}: the lost connection was not handed over",
+            self.name()
+        );
         let connection = plugged(&self.side, &self.protocol, self.carriage, true);
-        assert!(self.to_arm.push(connection).is_ok(), "{}: the last one was not taken", self.name());
+        assert!(
+            self.to_arm.push(connection).is_ok(),
+            "{}: the last one was not taken",
+            self.name()
+        );
         true
     }
 

@@ -1,5 +1,5 @@
-//! HID: a hidraw node. A write to one waits for the bus and may take milliseconds, and hidapi's read allocates when it fails; so two
-//! [threads](super::threaded) move the reports.
+//! HID: a hidraw node. A write to one waits for the bus and may take milliseconds, and hidapi's
+//! read allocates when it fails; so two [threads](super::threaded) move the reports.
 
 use core::time::Duration;
 use std::ffi::CString;
@@ -20,7 +20,8 @@ use rt::schedule::ThreadRequest;
 #[derive(Debug, thiserror::Error)]
 pub enum HidOpenError {
     /// hidapi refused.
-    #[error("cannot open {}: {cause}; install devices/udev/70-hapticd.rules and replug (see `hapticd doctor`)", .path.display())]
+    #[error("cannot open {}: {cause}; install devices/udev/70-hapticd.rules and replug (see \
+        `hapticd doctor`)", .path.display())]
     Open {
         /// The node.
         path: PathBuf,
@@ -54,13 +55,18 @@ pub enum HidOpenError {
 pub(crate) struct HidLink {
     threads: Threaded,
     path: PathBuf,
-    /// Any number of processes may open a hidraw node, and two drivers on one arm would take turns with its motors.
+    /// Any number of processes may open a hidraw node, and two drivers on one arm would take turns
+    /// with its motors.
     _lock: Option<OwnedFd>,
 }
 
-/// Takes the node for this link. `None`: it cannot be opened, which opening it for good will say better.
+/// Takes the node for this link. `None`: it cannot be opened, which opening it for good will say
+/// better.
 fn lock(path: &Path) -> Result<Option<OwnedFd>, HidOpenError> {
-    let Ok(file) = open(path, OFlags::RDONLY | OFlags::NONBLOCK | OFlags::CLOEXEC, Mode::empty()) else { return Ok(None) };
+    let Ok(file) = open(path, OFlags::RDONLY | OFlags::NONBLOCK | OFlags::CLOEXEC, Mode::empty())
+    else {
+        return Ok(None);
+    };
     match flock(&file, FlockOperation::NonBlockingLockExclusive) {
         Err(Errno::WOULDBLOCK) => Err(HidOpenError::Locked { path: path.to_owned() }),
         _ => Ok(Some(file)),
@@ -68,19 +74,23 @@ fn lock(path: &Path) -> Result<Option<OwnedFd>, HidOpenError> {
 }
 
 impl HidLink {
-    /// Opens the node, twice: one handle reads, one writes. Its threads run under SCHED_FIFO where `request` asks for it and the system allows
-    /// it. Cold.
+    /// Opens the node, twice: one handle reads, one writes. Its threads run under SCHED_FIFO where
+    /// `request` asks for it and the system allows it. Cold.
     ///
     /// # Errors
     /// See [`HidOpenError`].
     pub(crate) fn open(path: &Path, request: Option<ThreadRequest>) -> Result<Self, HidOpenError> {
         let at = || path.to_owned();
-        let name = CString::new(path.as_os_str().as_encoded_bytes()).map_err(|_| HidOpenError::Path { path: at() })?;
+        let name = CString::new(path.as_os_str().as_encoded_bytes())
+            .map_err(|_| HidOpenError::Path { path: at() })?;
         let lock = lock(path)?;
         let api = HidApi::new().map_err(|cause| HidOpenError::Open { path: at(), cause })?;
-        let open = || api.open_path(&name).map_err(|cause| HidOpenError::Open { path: at(), cause });
-        let (source, sink) = (Reports(open()?), Reports(open()?));
-        let threads = Threaded::start(source, sink, request).map_err(|cause| HidOpenError::Thread { path: at(), cause })?;
+        let open =
+            || api.open_path(&name).map_err(|cause| HidOpenError::Open { path: at(), cause });
+        let source = Reports(open()?);
+        let sink = Reports(open()?);
+        let threads = Threaded::start(source, sink, request)
+            .map_err(|cause| HidOpenError::Thread { path: at(), cause })?;
         Ok(Self { threads, path: at(), _lock: lock })
     }
 }
@@ -88,7 +98,11 @@ impl HidLink {
 struct Reports(HidDevice);
 
 impl Source for Reports {
-    fn wait(&mut self, buffer: &mut [u8; FRAME_MAX], patience: Duration) -> Result<usize, Disconnected> {
+    fn wait(
+        &mut self,
+        buffer: &mut [u8; FRAME_MAX],
+        patience: Duration,
+    ) -> Result<usize, Disconnected> {
         let patience_ms = i32::try_from(patience.as_millis()).unwrap_or(i32::MAX);
         self.0.read_timeout(buffer, patience_ms).map_err(|_| Disconnected)
     }

@@ -14,7 +14,8 @@ struct Wire {
     room: Option<usize>,
 }
 
-/// One end of a link in memory, for tests and for simulated arms that speak a real protocol. Not for a real-time loop: it locks.
+/// One end of a link in memory, for tests and for simulated arms that speak a real protocol. Not
+/// for a real-time loop: it locks.
 #[derive(Clone, Debug)]
 pub(crate) struct LoopbackEnd {
     wire: Arc<Mutex<Wire>>,
@@ -25,7 +26,10 @@ pub(crate) struct LoopbackEnd {
 /// Two ends of one link: the host's and the arm's.
 pub(crate) fn loopback(carriage: Carriage) -> (LoopbackEnd, LoopbackEnd) {
     let wire = Arc::new(Mutex::new(Wire::default()));
-    (LoopbackEnd { wire: wire.clone(), carriage, is_arm: false }, LoopbackEnd { wire, carriage, is_arm: true })
+    (
+        LoopbackEnd { wire: wire.clone(), carriage, is_arm: false },
+        LoopbackEnd { wire, carriage, is_arm: true },
+    )
 }
 
 impl LoopbackEnd {

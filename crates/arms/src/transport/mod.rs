@@ -1,9 +1,11 @@
 //! Transports: how bytes reach an arm and come back.
 //!
-//! Data in: whole frames. Data out: reports (HID) or bytes as they come (streams). A transport knows nothing of what they mean.
+//! Data in: whole frames. Data out: reports (HID) or bytes as they come (streams). A transport
+//! knows nothing of what they mean.
 //!
-//! Invariant: [`Transport::receive`], [`Transport::send`] and [`Transport::send_now`] never block and never allocate. Where the system call behind a write can block
-//! (HID), a thread of the transport's own makes it.
+//! Invariant: [`Transport::receive`], [`Transport::send`] and [`Transport::send_now`] never block
+//! and never allocate. Where the system call behind a write can block (HID), a thread of the
+//! transport's own makes it.
 //!
 //! | file | owns |
 //! |---|---|
@@ -46,8 +48,8 @@ use std::os::fd::OwnedFd;
 use super::IoPlacement;
 use rt::clock::monotonic_ns;
 
-/// Longest frame of any protocol, bytes: a RawHID report with its ID is 65, a sync write to seven servos 42, and every packet of a
-/// declarative arm has to fit.
+/// Longest frame of any protocol, bytes: a RawHID report with its ID is 65, a sync write to seven
+/// servos 42, and every packet of a declarative arm has to fit.
 pub const FRAME_MAX: usize = 256;
 
 /// One frame, or several that go out in one write. `Copy`: encoders fill it in the loop.
@@ -137,10 +139,11 @@ pub enum Line {
 
 /// An open link to an arm.
 ///
-/// RT: `receive`, `send` and `send_now` are safe: a bounded number of non-blocking system calls, no allocation, no lock.
+/// RT: `receive`, `send` and `send_now` are safe: a bounded number of non-blocking system calls, no
+/// allocation, no lock.
 pub trait Transport: Send {
-    /// Takes what has come into `buffer` and says how many bytes: one whole report (HID; a longer one is cut) or what there is of a stream;
-    /// 0 when nothing has come.
+    /// Takes what has come into `buffer` and says how many bytes: one whole report (HID; a longer
+    /// one is cut) or what there is of a stream; 0 when nothing has come.
     ///
     /// # Errors
     /// [`TransportError::Lost`] or [`TransportError::Os`].
@@ -152,8 +155,9 @@ pub trait Transport: Send {
     /// See [`TransportError`].
     fn send(&mut self, frame: &[u8]) -> Result<(), TransportError>;
 
-    /// Sends a whole frame in the place of everything that has not left yet: for a zero, which must not wait behind old commands that an arm has not
-    /// read. What is dropped may end in the middle of a frame, so that the arm may find this one garbled: send another one behind it.
+    /// Sends a whole frame in the place of everything that has not left yet: for a zero, which must
+    /// not wait behind old commands that an arm has not read. What is dropped may end in the middle
+    /// of a frame, so that the arm may find this one garbled: send another one behind it.
     ///
     /// # Errors
     /// As [`Self::send`].

@@ -1,7 +1,8 @@
 //! Serial ports: USB CDC, FTDI adapters, pseudo-terminals.
 //!
-//! `serialport` opens the port, takes it for itself and sets it to raw bytes. From then on only its file descriptor is used, with non-blocking
-//! reads and writes: the crate's own read waits with a timeout and allocates.
+//! `serialport` opens the port, takes it for itself and sets it to raw bytes. From then on only its
+//! file descriptor is used, with non-blocking reads and writes: the crate's own read waits with a
+//! timeout and allocates.
 #![expect(unsafe_code, reason = "one ioctl, and a descriptor that changes its owner")]
 
 use core::time::Duration;
@@ -45,10 +46,15 @@ pub enum SerialError {
 fn hint(cause: &serialport::Error) -> &'static str {
     match cause.kind() {
         serialport::ErrorKind::Io(std::io::ErrorKind::PermissionDenied) => {
-            "; install devices/udev/70-hapticd.rules, or join the group of the node (see `hapticd doctor`)"
+            "; install devices/udev/70-hapticd.rules, or join the group of the node (see `hapticd \
+                doctor`)"
         }
-        serialport::ErrorKind::Io(std::io::ErrorKind::NotFound) => "; is it plugged in? `hapticd devices` lists what there is",
-        serialport::ErrorKind::NoDevice => "; is it unplugged, or held by another program? `hapticd devices` names the holder",
+        serialport::ErrorKind::Io(std::io::ErrorKind::NotFound) => {
+            "; is it plugged in? `hapticd devices` lists what there is"
+        }
+        serialport::ErrorKind::NoDevice => {
+            "; is it unplugged, or held by another program? `hapticd devices` names the holder"
+        }
         _ => "",
     }
 }
@@ -62,8 +68,8 @@ pub(crate) struct SerialLink {
 }
 
 impl SerialLink {
-    /// Opens a port: raw, 8N1, no flow control, exclusive, low latency where the driver knows it, both directions flushed. A CDC device
-    /// ignores the baud rate. Cold.
+    /// Opens a port: raw, 8N1, no flow control, exclusive, low latency where the driver knows it,
+    /// both directions flushed. A CDC device ignores the baud rate. Cold.
     ///
     /// # Errors
     /// See [`SerialError`].
@@ -80,7 +86,8 @@ impl SerialLink {
             .timeout(Duration::from_millis(1))
             .open_native()
             .map_err(|cause| SerialError::Open { path: path.to_owned(), cause })?;
-        Self::over(port).map_err(|errno| SerialError::SetUp { path: path.to_owned(), cause: errno.into() })
+        Self::over(port)
+            .map_err(|errno| SerialError::SetUp { path: path.to_owned(), cause: errno.into() })
     }
 
     /// The link over a port that is already open.
@@ -116,7 +123,8 @@ impl Transport for SerialLink {
     fn send(&mut self, frame: &[u8]) -> Result<(), TransportError> {
         match rustix::io::write(&self.fd, frame) {
             Ok(n) if n == frame.len() => Ok(()),
-            // A part of a frame is on its way and the arm will find it garbled. Sending the rest later would only move the harm.
+            // A part of a frame is on its way and the arm will find it garbled. Sending the rest
+            // later would only move the harm.
             Ok(_) => Err(TransportError::Full),
             Err(Errno::AGAIN | Errno::INTR) => Err(TransportError::Full),
             Err(errno) => Err(lost_or(errno)),
@@ -131,9 +139,15 @@ impl Transport for SerialLink {
 
     fn line(&mut self, line: Line) -> Result<(), TransportError> {
         let done = match line {
-            Line::PurgeReceived => return termios::tcflush(&self.fd, QueueSelector::IFlush).map_err(lost_or),
-            Line::PurgeSent => return termios::tcflush(&self.fd, QueueSelector::OFlush).map_err(lost_or),
-            Line::Reset => return termios::tcflush(&self.fd, QueueSelector::IOFlush).map_err(lost_or),
+            Line::PurgeReceived => {
+                return termios::tcflush(&self.fd, QueueSelector::IFlush).map_err(lost_or);
+            }
+            Line::PurgeSent => {
+                return termios::tcflush(&self.fd, QueueSelector::OFlush).map_err(lost_or);
+            }
+            Line::Reset => {
+                return termios::tcflush(&self.fd, QueueSelector::IOFlush).map_err(lost_or);
+            }
             // As it was opened.
             Line::Plain8N1 => Ok(()),
             Line::Dtr(level) => self.port.write_data_terminal_ready(level),
@@ -151,7 +165,8 @@ impl Transport for SerialLink {
 }
 
 impl Drop for SerialLink {
-    /// The mark of exclusive use stays on a pseudo-terminal for as long as its other end is open, and would keep ourselves out.
+    /// The mark of exclusive use stays on a pseudo-terminal for as long as its other end is open,
+    /// and would keep ourselves out.
     fn drop(&mut self) {
         let _ = termios::ioctl_tiocnxcl(&self.fd);
     }
@@ -176,13 +191,15 @@ struct SerialStruct {
     rest: [u64; 16],
 }
 
-/// Asks the driver to pass bytes on at once (FTDI: a latency timer of 1 ms in place of 16). Drivers without the flag refuse, which is fine.
+/// Asks the driver to pass bytes on at once (FTDI: a latency timer of 1 ms in place of 16). Drivers
+/// without the flag refuse, which is fine.
 fn ask_for_low_latency(fd: &OwnedFd) {
     const TIOCGSERIAL: libc::c_ulong = 0x541E;
     const TIOCSSERIAL: libc::c_ulong = 0x541F;
     const ASYNC_LOW_LATENCY: libc::c_int = 1 << 13;
     let mut settings = SerialStruct { kind: 0, line: 0, port: 0, irq: 0, flags: 0, rest: [0; 16] };
-    // SAFETY: the descriptor is open; the kernel writes at most its 72-byte struct, which `SerialStruct` exceeds.
+    // SAFETY: the descriptor is open; the kernel writes at most its 72-byte struct, which
+    // `SerialStruct` exceeds.
     if unsafe { libc::ioctl(fd.as_raw_fd(), TIOCGSERIAL, &raw mut settings) } == 0 {
         settings.flags |= ASYNC_LOW_LATENCY;
         // SAFETY: as above; the kernel only reads.
@@ -244,7 +261,8 @@ mod tests {
             n_waiting += 1;
         }
         assert!(n_waiting > 2000, "{n_waiting}");
-        // Twice: the first may follow half a line. The second takes nothing back, or the first might go with it.
+        // Twice: the first may follow half a line. The second takes nothing back, or the first
+        // might go with it.
         link.send_now(b"P1 0\n").expect("room has been made");
         link.send(b"P1 0\n").expect("there is room");
         let mut read = Vec::new();
@@ -271,7 +289,9 @@ mod tests {
 
     #[test]
     fn a_port_that_is_not_there_says_what_to_look_at() {
-        let error = SerialLink::open(Path::new("/dev/no-such-arm"), 115_200).expect_err("nothing there").to_string();
+        let error = SerialLink::open(Path::new("/dev/no-such-arm"), 115_200)
+            .expect_err("nothing there")
+            .to_string();
         assert!(error.contains("/dev/no-such-arm") && error.contains("plugged in"), "{error}");
     }
 }

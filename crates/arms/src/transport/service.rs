@@ -1,6 +1,8 @@
-//! A program that serves an arm over a WebSocket: the Inverse service of Haply. Two [threads](super::threaded) turn its messages into records and back.
+//! A program that serves an arm over a WebSocket: the Inverse service of Haply. Two
+//! [threads](super::threaded) turn its messages into records and back.
 //!
-//! The loop exchanges records; only what `descriptor` gives away carries what is on the wire, and [`Transport::on_wire`] makes it.
+//! The loop exchanges records; only what `descriptor` gives away carries what is on the wire, and
+//! [`Transport::on_wire`] makes it.
 
 use core::time::Duration;
 use std::io::{self, Read, Write};
@@ -16,7 +18,10 @@ use super::threaded::{Disconnected, Sink, Source, Threaded};
 use super::{FRAME_MAX, Transport, TransportError};
 use crate::IoPlacement;
 use crate::protocol::StartError;
-use crate::protocol::haply::{ArmOfService, Dialect, HaplyService, Inventory, Reader, Version, command_text, greeting, is_gone};
+use crate::protocol::haply::{
+    ArmOfService, Dialect, HaplyService, Inventory, Reader, Version, command_text, greeting,
+    is_gone,
+};
 use rt::schedule::ThreadRequest;
 
 /// How long a connection may take: the service runs on this machine, or on the next one.
@@ -27,7 +32,8 @@ const ANSWER_PATIENCE: Duration = Duration::from_secs(3);
 const WRITE_PATIENCE: Duration = Duration::from_millis(500);
 /// Longest answer over HTTP, and longest message.
 const MESSAGE_MAX: usize = 1 << 20;
-/// How long a version and a list of devices may take in pieces, each of which comes in time; and the length of the first.
+/// How long a version and a list of devices may take in pieces, each of which comes in time; and
+/// the length of the first.
 const ENTRY_PATIENCE: Duration = Duration::from_secs(5);
 const VERSION_MAX: usize = 1 << 16;
 
@@ -36,7 +42,8 @@ const VERSION_MAX: usize = 1 << 16;
 pub enum ServiceError {
     /// Nothing listens there, or the address is none.
     #[error(
-        "no service answers at {address}: {cause}; start it (Haply: `systemctl start haply-inverse-service`), or name another address in protocol.address"
+        "no service answers at {address}: {cause}; start it (Haply: `systemctl start \
+            haply-inverse-service`), or name another address in protocol.address"
     )]
     Absent {
         /// Host and port.
@@ -129,11 +136,17 @@ fn version_of(address: &str) -> Result<Version, ServiceError> {
     let absent = |cause| ServiceError::Absent { address: address.to_owned(), cause };
     let mut socket = connect(address).map_err(absent)?;
     let mut answer = Vec::new();
-    let mut failed = write!(socket, "GET /version HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n").err();
+    let mut failed =
+        write!(socket, "GET /version HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n")
+            .err();
     let mut version = None;
     // Until the answer is whole: a server may keep the connection.
     let end = Instant::now() + ENTRY_PATIENCE;
-    while failed.is_none() && version.is_none() && answer.len() < VERSION_MAX && Instant::now() < end {
+    while failed.is_none()
+        && version.is_none()
+        && answer.len() < VERSION_MAX
+        && Instant::now() < end
+    {
         let mut some = [0; 4096];
         match socket.read(&mut some) {
             Ok(0) => break,
@@ -144,29 +157,43 @@ fn version_of(address: &str) -> Result<Version, ServiceError> {
     }
     version.ok_or_else(|| {
         let text = String::from_utf8_lossy(&answer);
-        let heard = failed.map_or_else(|| text.lines().next().unwrap_or("nothing").to_owned(), |error| error.to_string());
-        let cause = format!("GET /version gives no project_version ({heard}); protocol.service_version of a profile names one");
+        let heard = failed.map_or_else(
+            || text.lines().next().unwrap_or("nothing").to_owned(),
+            |error| error.to_string(),
+        );
+        let cause = format!(
+            "GET /version gives no project_version ({heard}); \
+            protocol.service_version of a profile names one"
+        );
         ServiceError::Foreign { address: address.to_owned(), cause }
     })
 }
 
-/// Connects and reads the inventory; and the message that it came in, which says how arm and grip are as well.
+/// Connects and reads the inventory; and the message that it came in, which says how arm and grip
+/// are as well.
 fn enter(address: &str) -> Result<(WebSocket<Half>, Inventory, String), ServiceError> {
-    let socket = connect(address).map_err(|cause| ServiceError::Absent { address: address.to_owned(), cause })?;
+    let socket = connect(address)
+        .map_err(|cause| ServiceError::Absent { address: address.to_owned(), cause })?;
     let foreign = |cause: String| ServiceError::Foreign { address: address.to_owned(), cause };
     let half = Half { socket, turn: Arc::default() };
-    let config = WebSocketConfig::default().max_message_size(Some(MESSAGE_MAX)).max_frame_size(Some(MESSAGE_MAX));
-    let (mut web_socket, _) = tungstenite::client::client_with_config(format!("ws://{address}/"), half, Some(config))
-        .map_err(|error| foreign(error.to_string()))?;
+    let config = WebSocketConfig::default()
+        .max_message_size(Some(MESSAGE_MAX))
+        .max_frame_size(Some(MESSAGE_MAX));
+    let (mut web_socket, _) =
+        tungstenite::client::client_with_config(format!("ws://{address}/"), half, Some(config))
+            .map_err(|error| foreign(error.to_string()))?;
     let end = Instant::now() + ENTRY_PATIENCE;
     loop {
         if Instant::now() > end {
-            return Err(foreign(format!("no list of devices within {} s", ENTRY_PATIENCE.as_secs())));
+            return Err(foreign(format!(
+                "no list of devices within {} s",
+                ENTRY_PATIENCE.as_secs()
+            )));
         }
         match web_socket.read() {
             Ok(Message::Text(text)) => {
-                let inventory =
-                    Inventory::read(&text).ok_or_else(|| foreign("its first message is no list of devices".to_owned()))?;
+                let inventory = Inventory::read(&text)
+                    .ok_or_else(|| foreign("its first message is no list of devices".to_owned()))?;
                 return Ok((web_socket, inventory, text.to_string()));
             }
             Ok(_) => {}
@@ -188,7 +215,8 @@ pub struct RunningService {
     pub grips: Vec<String>,
 }
 
-/// Asks a service what it has; `None` where none answers. Cold; a server that is none, or silent, takes some seconds.
+/// Asks a service what it has; `None` where none answers. Cold; a server that is none, or silent,
+/// takes some seconds.
 pub fn running_service(address: &str) -> Option<RunningService> {
     let version = version_of(address).ok()?;
     let (_, inventory, _) = enter(address).ok()?;
@@ -201,7 +229,10 @@ impl ServiceLink {
     ///
     /// # Errors
     /// See [`ServiceError`].
-    pub(crate) fn open(wanted: &HaplyService, request: Option<ThreadRequest>) -> Result<Self, ServiceError> {
+    pub(crate) fn open(
+        wanted: &HaplyService,
+        request: Option<ThreadRequest>,
+    ) -> Result<Self, ServiceError> {
         let address = &wanted.address;
         let refused = |cause| ServiceError::Refused { address: address.clone(), cause };
         let version = wanted.version.map_or_else(|| version_of(address), Ok)?;
@@ -211,7 +242,8 @@ impl ServiceLink {
         let half = web_socket.get_ref();
         let share = || half.socket.try_clone().map_err(ServiceError::Thread);
         let writer = Half { socket: share()?, turn: half.turn.clone() };
-        let (socket, mut reader) = (share()?, Reader::new(&arm.id, grip.map(String::as_str)));
+        let socket = share()?;
+        let mut reader = Reader::new(&arm.id, grip.map(String::as_str));
         // What later messages leave out was said in it.
         let _ = reader.record(first.as_bytes());
         let greeting = greeting(&arm.greeting(version, grip));
@@ -230,9 +262,17 @@ struct States {
 }
 
 impl Source for States {
-    fn wait(&mut self, buffer: &mut [u8; FRAME_MAX], patience: Duration) -> Result<usize, Disconnected> {
+    fn wait(
+        &mut self,
+        buffer: &mut [u8; FRAME_MAX],
+        patience: Duration,
+    ) -> Result<usize, Disconnected> {
         if self.patience != Some(patience) {
-            self.web_socket.get_ref().socket.set_read_timeout(Some(patience)).map_err(|_| Disconnected)?;
+            self.web_socket
+                .get_ref()
+                .socket
+                .set_read_timeout(Some(patience))
+                .map_err(|_| Disconnected)?;
             self.patience = Some(patience);
         }
         let record = match self.web_socket.read() {
@@ -240,7 +280,12 @@ impl Source for States {
             // Questions of the web socket itself are answered by it.
             Ok(_) => return Ok(0),
             Err(tungstenite::Error::Io(error))
-                if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut | io::ErrorKind::Interrupted) =>
+                if matches!(
+                    error.kind(),
+                    io::ErrorKind::WouldBlock
+                        | io::ErrorKind::TimedOut
+                        | io::ErrorKind::Interrupted
+                ) =>
             {
                 return Ok(0);
             }
@@ -265,9 +310,12 @@ struct Commands {
 impl Sink for Commands {
     fn put(&mut self, frame: &[u8]) -> Result<(), Disconnected> {
         let text = command_text(frame, &self.arm, self.dialect).ok_or(Disconnected)?;
-        // The mask keeps caches on the way from reading commands; between two programs of one machine it only has to change.
+        // The mask keeps caches on the way from reading commands; between two programs of one
+        // machine it only has to change.
         self.n_sent = self.n_sent.wrapping_add(0x9E37_79B9);
-        self.writer.write_all(&masked(text.as_bytes(), self.n_sent.to_le_bytes())).map_err(|_| Disconnected)
+        self.writer
+            .write_all(&masked(text.as_bytes(), self.n_sent.to_le_bytes()))
+            .map_err(|_| Disconnected)
     }
 }
 
@@ -315,7 +363,8 @@ impl Transport for ServiceLink {
     }
 
     fn on_wire(&self, frame: &[u8]) -> Vec<u8> {
-        command_text(frame, &self.arm, self.dialect).map_or_else(Vec::new, |text| masked(text.as_bytes(), [0x5A, 0xC3, 0x96, 0x3C]))
+        command_text(frame, &self.arm, self.dialect)
+            .map_or_else(Vec::new, |text| masked(text.as_bytes(), [0x5A, 0xC3, 0x96, 0x3C]))
     }
 
     fn io(&self) -> IoPlacement {

@@ -1,4 +1,5 @@
-//! A network in memory: two ends, with delay, jitter, loss and a cut, in the time that the caller gives. The same seed gives the same delays and losses.
+//! A network in memory: two ends, with delay, jitter, loss and a cut, in the time that the caller
+//! gives. The same seed gives the same delays and losses.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -65,7 +66,10 @@ impl SimulatedNetwork {
 
     /// The host's end and the arm's.
     pub fn ends(&self) -> (NetworkEnd, NetworkEnd) {
-        (NetworkEnd { network: self.clone(), is_arm: false }, NetworkEnd { network: self.clone(), is_arm: true })
+        (
+            NetworkEnd { network: self.clone(), is_arm: false },
+            NetworkEnd { network: self.clone(), is_arm: true },
+        )
     }
 
     /// Lets time pass.
@@ -94,9 +98,17 @@ impl SimulatedNetwork {
 impl Transport for NetworkEnd {
     fn receive(&mut self, buffer: &mut [u8]) -> Result<usize, TransportError> {
         let mut network = self.network.lock();
-        let (now_s, to_host) = (network.now_s, usize::from(!self.is_arm));
-        let next = network.under_way[to_host].iter().enumerate().filter(|(_, datagram)| datagram.due_s <= now_s);
-        let Some(idx) = next.min_by(|(_, a), (_, b)| a.due_s.total_cmp(&b.due_s)).map(|(idx, _)| idx) else { return Ok(0) };
+        let now_s = network.now_s;
+        let to_host = usize::from(!self.is_arm);
+        let next = network.under_way[to_host]
+            .iter()
+            .enumerate()
+            .filter(|(_, datagram)| datagram.due_s <= now_s);
+        let Some(idx) =
+            next.min_by(|(_, a), (_, b)| a.due_s.total_cmp(&b.due_s)).map(|(idx, _)| idx)
+        else {
+            return Ok(0);
+        };
         let Datagram { due_s, bytes } = network.under_way[to_host].remove(idx);
         if self.is_arm {
             network.last_to_arm_s = network.last_to_arm_s.max(due_s);
@@ -109,10 +121,12 @@ impl Transport for NetworkEnd {
     fn send(&mut self, frame: &[u8]) -> Result<(), TransportError> {
         let mut network = self.network.lock();
         let LinkQuality { delay_s, jitter_s, loss } = network.quality;
-        let (is_lost, share) = (network.random.unit() < loss, network.random.unit());
+        let is_lost = network.random.unit() < loss;
+        let share = network.random.unit();
         if !network.is_cut && !is_lost {
             let due_s = network.now_s + delay_s + share * jitter_s;
-            network.under_way[usize::from(self.is_arm)].push(Datagram { due_s, bytes: frame.to_vec() });
+            network.under_way[usize::from(self.is_arm)]
+                .push(Datagram { due_s, bytes: frame.to_vec() });
         }
         Ok(())
     }
@@ -128,7 +142,8 @@ mod tests {
 
     #[test]
     fn datagrams_take_their_time_overtake_each_other_and_some_never_come() {
-        let network = SimulatedNetwork::new(LinkQuality { delay_s: 10e-3, jitter_s: 2e-3, loss: 0.25 }, 1);
+        let network =
+            SimulatedNetwork::new(LinkQuality { delay_s: 10e-3, jitter_s: 2e-3, loss: 0.25 }, 1);
         let (mut host, mut arm) = network.ends();
         for n in 0..200_u8 {
             network.set_now(f64::from(n) * 1e-3);

@@ -1,4 +1,5 @@
-//! Bytes moved by two threads of the link's own, for transports whose system calls can block: HID and USB.
+//! Bytes moved by two threads of the link's own, for transports whose system calls can block: HID
+//! and USB.
 //!
 //! ```text
 //!   servo ── send ───► ring ──► writer thread ──► bus      the newest frame wins: what could not leave in time is skipped
@@ -41,7 +42,11 @@ pub trait Source: Send + 'static {
     ///
     /// # Errors
     /// The link is gone.
-    fn wait(&mut self, buffer: &mut [u8; FRAME_MAX], patience: Duration) -> Result<usize, Disconnected>;
+    fn wait(
+        &mut self,
+        buffer: &mut [u8; FRAME_MAX],
+        patience: Duration,
+    ) -> Result<usize, Disconnected>;
 }
 
 /// Where frames go. May block and allocate.
@@ -70,19 +75,28 @@ pub struct Threaded {
 }
 
 impl Threaded {
-    /// Starts both threads, under SCHED_FIFO where `request` asks for it and the system allows it. Cold.
+    /// Starts both threads, under SCHED_FIFO where `request` asks for it and the system allows it.
+    /// Cold.
     ///
     /// # Errors
     /// A thread that the system does not give.
-    pub fn start(source: impl Source, sink: impl Sink, request: Option<ThreadRequest>) -> Result<Self, std::io::Error> {
+    pub fn start(
+        source: impl Source,
+        sink: impl Sink,
+        request: Option<ThreadRequest>,
+    ) -> Result<Self, std::io::Error> {
         let doorbell = Arc::new(eventfd(0, EventfdFlags::CLOEXEC)?);
-        let (lost, quit) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicBool::new(false)));
+        let lost = Arc::new(AtomicBool::new(false));
+        let quit = Arc::new(AtomicBool::new(false));
         let (report_producer, reports) = RingBuffer::new(REPORTS);
         let (frames, frame_consumer) = RingBuffer::new(FRAMES + FRAMES_NOW);
         let void_before = Arc::new(AtomicU64::new(0));
         let reader = {
-            let (lost, quit) = (lost.clone(), quit.clone());
-            spawn("link-read", request, move || read_reports(source, report_producer, &lost, &quit))?
+            let lost = lost.clone();
+            let quit = quit.clone();
+            spawn("link-read", request, move || {
+                read_reports(source, report_producer, &lost, &quit)
+            })?
         };
         // From here on the drop of `link` ends what was started.
         let mut link = Self {
@@ -96,8 +110,11 @@ impl Threaded {
             reader: Some(reader),
             writer: None,
         };
-        let (doorbell, lost, quit) = (link.doorbell.clone(), link.lost.clone(), link.quit.clone());
-        let write = move || write_frames(sink, frame_consumer, &void_before, &doorbell, &lost, &quit);
+        let doorbell = link.doorbell.clone();
+        let lost = link.lost.clone();
+        let quit = link.quit.clone();
+        let write =
+            move || write_frames(sink, frame_consumer, &void_before, &doorbell, &lost, &quit);
         link.writer = Some(spawn("link-write", request, write)?);
         Ok(link)
     }
@@ -135,12 +152,14 @@ impl Threaded {
         self.push(frame, FRAMES_NOW)
     }
 
-    /// Gives a frame to the writer and takes all others away from it, but for the one that is on the bus.
+    /// Gives a frame to the writer and takes all others away from it, but for the one that is on
+    /// the bus.
     ///
     /// # Errors
     /// The link is gone.
     pub fn send_now(&mut self, frame: &[u8]) -> Result<(), TransportError> {
-        // Relaxed: the ring orders what it carries; a writer that sees the number late sends one frame too many.
+        // Relaxed: the ring orders what it carries; a writer that sees the number late sends one
+        // frame too many.
         self.void_before.store(self.n_frames, Ordering::Relaxed);
         self.push(frame, 0)
     }
@@ -175,9 +194,15 @@ fn spawn(
     })
 }
 
-fn read_reports(mut source: impl Source, mut reports: Producer<Frame>, lost: &AtomicBool, quit: &AtomicBool) {
+fn read_reports(
+    mut source: impl Source,
+    mut reports: Producer<Frame>,
+    lost: &AtomicBool,
+    quit: &AtomicBool,
+) {
     let mut buffer = [0; FRAME_MAX];
-    // The newest report while the ring is full: the servo has not looked for 64 of them, and wants to know where the arm is now, not where it was.
+    // The newest report while the ring is full: the servo has not looked for 64 of them, and wants
+    // to know where the arm is now, not where it was.
     let mut held: Option<Frame> = None;
     // Relaxed: the flags are the whole message; the ring orders what it carries itself.
     while !quit.load(Ordering::Relaxed) {
@@ -219,7 +244,8 @@ fn write_frames(
         let ends = quit.load(Ordering::Relaxed);
         while let Ok(frame) = frames.pop() {
             n_taken += 1;
-            // A newer command is under way: this one is too late to be worth the bus. At the end everything leaves that a zero has not replaced.
+            // A newer command is under way: this one is too late to be worth the bus. At the end
+            // everything leaves that a zero has not replaced.
             if !ends && !frames.is_empty() || n_taken <= void_before.load(Ordering::Relaxed) {
                 continue;
             }
@@ -235,7 +261,8 @@ fn write_frames(
 }
 
 impl Drop for Threaded {
-    /// Lets the last frames leave, for as long as that is not forever: a bus that hangs must not hold up the end of the program.
+    /// Lets the last frames leave, for as long as that is not forever: a bus that hangs must not
+    /// hold up the end of the program.
     fn drop(&mut self) {
         self.quit.store(true, Ordering::Relaxed);
         self.ring();
@@ -260,7 +287,11 @@ mod tests {
     struct Bus(Receiver<Vec<u8>>);
 
     impl Source for Bus {
-        fn wait(&mut self, buffer: &mut [u8; FRAME_MAX], patience: Duration) -> Result<usize, Disconnected> {
+        fn wait(
+            &mut self,
+            buffer: &mut [u8; FRAME_MAX],
+            patience: Duration,
+        ) -> Result<usize, Disconnected> {
             match self.0.recv_timeout(patience) {
                 Ok(bytes) => {
                     buffer[..bytes.len()].copy_from_slice(&bytes);
@@ -303,7 +334,8 @@ mod tests {
         let (taken, _frames) = unbounded();
         let (open, gate) = bounded(1);
         drop(open);
-        let mut link = Threaded::start(Bus(source), SlowBus { gate, taken }, None).expect("threads");
+        let mut link =
+            Threaded::start(Bus(source), SlowBus { gate, taken }, None).expect("threads");
         for n in 0..5 {
             to_host.send(vec![n; 3]).expect("read");
         }
@@ -320,7 +352,8 @@ mod tests {
         let (_to_host, source) = unbounded();
         let (taken, frames) = unbounded();
         let (open, gate) = bounded(0);
-        let mut link = Threaded::start(Bus(source), SlowBus { gate, taken }, None).expect("threads");
+        let mut link =
+            Threaded::start(Bus(source), SlowBus { gate, taken }, None).expect("threads");
         link.send(&[0]).expect("room");
         // The first frame is on the bus once the gate has let it through.
         open.send(()).expect("taken");
@@ -345,7 +378,8 @@ mod tests {
         let (_to_host, source) = unbounded();
         let (taken, frames) = unbounded();
         let (open, gate) = bounded(0);
-        let mut link = Threaded::start(Bus(source), SlowBus { gate, taken }, None).expect("threads");
+        let mut link =
+            Threaded::start(Bus(source), SlowBus { gate, taken }, None).expect("threads");
         let sent = (1..100).take_while(|n| link.send(&[*n]).is_ok()).count();
         assert!(sent >= FRAMES, "{sent}");
         for _ in 0..2 {
@@ -356,7 +390,10 @@ mod tests {
         drop(link);
         let left: Vec<Vec<u8>> = frames.try_iter().collect();
         assert!(left.len() <= 3 && left.ends_with(&[vec![0]]), "{left:?}");
-        assert!(left.iter().all(|frame| *frame == [0] || *frame == [1]), "but for the one that was on the bus: {left:?}");
+        assert!(
+            left.iter().all(|frame| *frame == [0] || *frame == [1]),
+            "but for the one that was on the bus: {left:?}"
+        );
     }
 
     #[test]
@@ -364,7 +401,8 @@ mod tests {
         let (to_host, source) = unbounded();
         let (taken, _frames) = unbounded();
         let (_open, gate) = bounded(0);
-        let mut link = Threaded::start(Bus(source), SlowBus { gate, taken }, None).expect("threads");
+        let mut link =
+            Threaded::start(Bus(source), SlowBus { gate, taken }, None).expect("threads");
         for n in 0..200 {
             to_host.send(vec![n]).expect("read");
         }
@@ -383,7 +421,8 @@ mod tests {
         let (_to_host, source) = unbounded();
         let (taken, _frames) = unbounded();
         let (_open, gate) = bounded(0);
-        let mut link = Threaded::start(Bus(source), SlowBus { gate, taken }, None).expect("threads");
+        let mut link =
+            Threaded::start(Bus(source), SlowBus { gate, taken }, None).expect("threads");
         let sent = (0..100).take_while(|_| link.send(&[1]).is_ok()).count();
         assert!((FRAMES..=FRAMES + 1).contains(&sent), "{sent}");
         assert_eq!(link.send(&[1]), Err(TransportError::Full));

@@ -1,7 +1,8 @@
 //! USB bulk transfers to an FTDI chip, without a tty: the Novint Falcon. Cargo feature `usb`.
 //!
-//! The chip's lines, divisors and latency timer are vendor requests (devices reference, sections 4.3 and 5.G). Each packet that it sends starts
-//! with two bytes of modem status, also when it carries nothing else. Two [threads](super::threaded) move the bytes, as nusb allocates.
+//! The chip's lines, divisors and latency timer are vendor requests (devices reference, sections
+//! 4.3 and 5.G). Each packet that it sends starts with two bytes of modem status, also when it
+//! carries nothing else. Two [threads](super::threaded) move the bytes, as nusb allocates.
 
 use core::time::Duration;
 
@@ -40,7 +41,10 @@ pub enum UsbError {
         product_id: u16,
     },
     /// The system refused.
-    #[error("cannot open the USB device: {0}; install devices/udev/70-hapticd.rules and replug (see `hapticd doctor`)")]
+    #[error(
+        "cannot open the USB device: {0}; install devices/udev/70-hapticd.rules and replug (see \
+            `hapticd doctor`)"
+    )]
     Open(#[from] nusb::Error),
     /// No thread, no eventfd.
     #[error("cannot start the threads of the USB device: {0}")]
@@ -54,8 +58,8 @@ pub(crate) struct UsbLink {
 }
 
 impl UsbLink {
-    /// Opens the first device of these numbers, and of this serial number if one is given; takes its interface 0 away from a kernel driver that
-    /// holds it. Cold.
+    /// Opens the first device of these numbers, and of this serial number if one is given; takes
+    /// its interface 0 away from a kernel driver that holds it. Cold.
     ///
     /// # Errors
     /// See [`UsbError`].
@@ -84,7 +88,11 @@ impl UsbLink {
 struct Packets(Endpoint<Bulk, In>);
 
 impl Source for Packets {
-    fn wait(&mut self, buffer: &mut [u8; FRAME_MAX], patience: Duration) -> Result<usize, Disconnected> {
+    fn wait(
+        &mut self,
+        buffer: &mut [u8; FRAME_MAX],
+        patience: Duration,
+    ) -> Result<usize, Disconnected> {
         if self.0.pending() == 0 {
             self.0.submit(Buffer::new(PACKET));
         }
@@ -102,7 +110,11 @@ struct Frames(Endpoint<Bulk, Out>);
 
 impl Sink for Frames {
     fn put(&mut self, frame: &[u8]) -> Result<(), Disconnected> {
-        self.0.transfer_blocking(Buffer::from(frame), WRITE_PATIENCE).into_result().map(|_| ()).map_err(|_| Disconnected)
+        self.0
+            .transfer_blocking(Buffer::from(frame), WRITE_PATIENCE)
+            .into_result()
+            .map(|_| ())
+            .map_err(|_| Disconnected)
     }
 }
 
@@ -160,12 +172,22 @@ impl Transport for UsbLink {
 
     fn line(&mut self, line: Line) -> Result<(), TransportError> {
         for (request, value) in requests_of(line) {
-            let control =
-                ControlOut { control_type: ControlType::Vendor, recipient: Recipient::Device, request, value, index: 0, data: &[] };
-            self.interface.control_out(control, REQUEST_PATIENCE).wait().map_err(|error| match error {
-                TransferError::Disconnected => TransportError::Lost,
-                TransferError::Unknown(errno) => TransportError::Os(i32::try_from(errno).unwrap_or(0)),
-                _ => TransportError::Os(0),
+            let control = ControlOut {
+                control_type: ControlType::Vendor,
+                recipient: Recipient::Device,
+                request,
+                value,
+                index: 0,
+                data: &[],
+            };
+            self.interface.control_out(control, REQUEST_PATIENCE).wait().map_err(|error| {
+                match error {
+                    TransferError::Disconnected => TransportError::Lost,
+                    TransferError::Unknown(errno) => {
+                        TransportError::Os(i32::try_from(errno).unwrap_or(0))
+                    }
+                    _ => TransportError::Os(0),
+                }
             })?;
         }
         Ok(())
@@ -205,6 +227,9 @@ mod tests {
         let mut buffer = [0; 8];
         assert_eq!(strip_status(&[0x01, 0x60], &mut buffer), 0);
         assert_eq!(strip_status(&[0x01], &mut buffer), 0);
-        assert_eq!((strip_status(&[0x01, 0x60, 0x3C, 0x41], &mut buffer), &buffer[..2]), (2, &[0x3C, 0x41][..]));
+        assert_eq!(
+            (strip_status(&[0x01, 0x60, 0x3C, 0x41], &mut buffer), &buffer[..2]),
+            (2, &[0x3C, 0x41][..])
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! What the first bytes of a file say of whether this process can load it: the system's own words for a library of another processor are "no such file".
+//! What the first bytes of a file say of whether this process can load it: the system's own words
+//! for a library of another processor are "no such file".
 
 use std::io::Read as _;
 use std::path::Path;
@@ -9,7 +10,8 @@ use vps::storage::regular;
 const HEAD: u64 = 20;
 
 /// Number of a processor in `e_machine`, and its name as Rust has it.
-const PROCESSORS: [(u16, &str); 5] = [(3, "x86"), (40, "arm"), (62, "x86_64"), (183, "aarch64"), (243, "riscv64")];
+const PROCESSORS: [(u16, &str); 5] =
+    [(3, "x86"), (40, "arm"), (62, "x86_64"), (183, "aarch64"), (243, "riscv64")];
 
 /// Why this process cannot load a file; `None` where nothing speaks against it.
 pub(crate) fn unsuitable_file(path: &Path) -> Option<String> {
@@ -38,14 +40,20 @@ fn unsuitable(head: &[u8]) -> Option<String> {
 
 fn of_other_machine(head: &[u8]) -> Option<String> {
     let u16_at = |at: usize| Some(u16::from_le_bytes(head.get(at..at + 2)?.try_into().ok()?));
-    let (Some(kind), Some(processor)) = (u16_at(16), u16_at(18)) else { return Some("is cut off".to_owned()) };
+    let (Some(kind), Some(processor)) = (u16_at(16), u16_at(18)) else {
+        return Some("is cut off".to_owned());
+    };
     let here = std::env::consts::ARCH;
     match PROCESSORS.iter().find(|(number, _)| *number == processor).map(|(_, name)| *name) {
         // 3: a shared object.
         Some(name) if name == here && kind == 3 => None,
         Some(name) if name == here => Some("is a program, and no library".to_owned()),
-        Some(name) => Some(format!("is for {name}, and this program for {here}: take the maker's library for {here}")),
-        None => Some(format!("is for another processor (ELF machine {processor}), and this program for {here}")),
+        Some(name) => Some(format!(
+            "is for {name}, and this program for {here}: take the maker's library for {here}"
+        )),
+        None => Some(format!(
+            "is for another processor (ELF machine {processor}), and this program for {here}"
+        )),
     }
 }
 
@@ -62,7 +70,11 @@ mod tests {
 
     #[test]
     fn a_library_of_another_processor_or_system_and_what_is_none_are_named() {
-        let own = PROCESSORS.iter().find(|(_, name)| *name == std::env::consts::ARCH).expect("a processor that is known").0 as u8;
+        let own = PROCESSORS
+            .iter()
+            .find(|(_, name)| *name == std::env::consts::ARCH)
+            .expect("a processor that is known")
+            .0 as u8;
         let other = if own == 183 { 62 } else { 183 };
         assert_eq!(unsuitable(&head(3, own)), None);
         for (bytes, words) in [

@@ -27,7 +27,8 @@ pub struct VendorProtocol {
     pub family: Family,
     /// The library, where the profile names one.
     pub library: Option<PathBuf>,
-    /// The arm may move by itself to find its zero: said with `--home` for one opening, never written.
+    /// The arm may move by itself to find its zero: said with `--home` for one opening, never
+    /// written.
     pub home: bool,
     /// What the profile expects of the arm.
     pub arm: Open6Arm,
@@ -46,8 +47,8 @@ pub(crate) struct Need {
     pub(crate) by_hand: bool,
 }
 
-const NCURSES: &str =
-    "sudo apt install libncurses5   # Debian 12, Ubuntu 22.04; later releases have none: take the package of one of these";
+const NCURSES: &str = "sudo apt install libncurses5   # Debian 12, Ubuntu 22.04; later releases \
+    have none: take the package of one of these";
 const TOUCH_DRIVER: &str = "install the driver of the arm (TouchDriver) beside OpenHaptics";
 
 /// Folders of libraries on Linux.
@@ -78,13 +79,18 @@ impl Family {
     /// Where its library comes from.
     pub const fn source(self) -> &'static str {
         match self {
-            Self::ForceDimension => "https://www.forcedimension.com/software/sdk (free, with a registration)",
+            Self::ForceDimension => {
+                "https://www.forcedimension.com/software/sdk (free, with a registration)"
+            }
             Self::Virtuose => "Haption, which delivers it with the arm",
-            Self::OpenHaptics => "https://support.3dsystems.com (OpenHaptics for Linux, with the driver of the arm)",
+            Self::OpenHaptics => {
+                "https://support.3dsystems.com (OpenHaptics for Linux, with the driver of the arm)"
+            }
         }
     }
 
-    /// Whether USB numbers are those of its arms. The Touch has had two vendors, and a Falcon that of its USB chip.
+    /// Whether USB numbers are those of its arms. The Touch has had two vendors, and a Falcon that
+    /// of its USB chip.
     pub(crate) const fn has_usb(self, vendor: u16, product: u16) -> bool {
         match self {
             Self::ForceDimension => vendor == 0x1451 || vendor == 0x0403 && product == 0xcb48,
@@ -96,15 +102,33 @@ impl Family {
     /// Libraries of others that its own rests on.
     pub(crate) const fn needs(self) -> &'static [Need] {
         match self {
-            Self::ForceDimension => {
-                &[Need { file: "libusb-1.0.so.0", title: "libusb", advice: "sudo apt install libusb-1.0-0", by_hand: false }]
-            }
+            Self::ForceDimension => &[Need {
+                file: "libusb-1.0.so.0",
+                title: "libusb",
+                advice: "sudo apt install libusb-1.0-0",
+                by_hand: false,
+            }],
             Self::Virtuose => &[],
             Self::OpenHaptics => &[
-                Need { file: "libncurses.so.5", title: "ncurses 5", advice: NCURSES, by_hand: false },
+                Need {
+                    file: "libncurses.so.5",
+                    title: "ncurses 5",
+                    advice: NCURSES,
+                    by_hand: false,
+                },
                 Need { file: "libtinfo.so.5", title: "tinfo 5", advice: NCURSES, by_hand: false },
-                Need { file: "libPhantomIOLib42.so", title: "driver of the arm", advice: TOUCH_DRIVER, by_hand: true },
-                Need { file: "libPHANToMIO.so.4", title: "driver of the arm", advice: TOUCH_DRIVER, by_hand: true },
+                Need {
+                    file: "libPhantomIOLib42.so",
+                    title: "driver of the arm",
+                    advice: TOUCH_DRIVER,
+                    by_hand: true,
+                },
+                Need {
+                    file: "libPHANToMIO.so.4",
+                    title: "driver of the arm",
+                    advice: TOUCH_DRIVER,
+                    by_hand: true,
+                },
             ],
         }
     }
@@ -113,12 +137,17 @@ impl Family {
     pub(crate) const fn selector_advice(self) -> &'static str {
         match self {
             Self::ForceDimension => {
-                "the USB vendor of its maker is 1451, and a Falcon is 0403:cb48; 1451:0402:SERIAL chooses by serial number"
+                "the USB vendor of its maker is 1451, and a Falcon is 0403:cb48; 1451:0402:SERIAL \
+                    chooses by serial number"
             }
             Self::OpenHaptics => {
-                "the USB vendor of its maker is 2988; 2988:0302:NAME chooses by the name that the maker's setup gave the arm"
+                "the USB vendor of its maker is 2988; 2988:0302:NAME chooses by the name that the \
+                    maker's setup gave the arm"
             }
-            Self::Virtuose => "it has no USB numbers; its address is `serial` under [match] of a copy of the profile",
+            Self::Virtuose => {
+                "it has no USB numbers; its address is `serial` under [match] of a copy of the \
+                    profile"
+            }
         }
     }
 
@@ -149,23 +178,35 @@ impl Family {
         }
     }
 
-    /// Every place where the library may be, in the order in which they are tried. `variable` reads the environment.
-    pub fn places(self, written: Option<&Path>, variable: impl Fn(&str) -> Option<OsString>) -> Vec<PathBuf> {
+    /// Every place where the library may be, in the order in which they are tried. `variable` reads
+    /// the environment.
+    pub fn places(
+        self,
+        written: Option<&Path>,
+        variable: impl Fn(&str) -> Option<OsString>,
+    ) -> Vec<PathBuf> {
         // What a profile names is what the user wants, and nothing else.
         if let Some(path) = written {
             return vec![path.to_owned()];
         }
         let mut places = Vec::new();
-        let mut in_folder = |folder: &Path| places.extend(self.files().iter().map(|file| folder.join(file)));
+        let mut in_folder =
+            |folder: &Path| places.extend(self.files().iter().map(|file| folder.join(file)));
         // An empty one would be the working folder.
-        for value in self.variables().iter().filter_map(|name| variable(name)).filter(|value| !value.is_empty()) {
+        for value in self
+            .variables()
+            .iter()
+            .filter_map(|name| variable(name))
+            .filter(|value| !value.is_empty())
+        {
             let path = PathBuf::from(value);
             let name = path.file_name().unwrap_or_default().to_string_lossy();
             if name.ends_with(".so") || name.contains(".so.") {
                 return vec![path];
             }
             let machine = std::env::consts::ARCH;
-            for below in [format!("lib/release/lin-{machine}-gcc"), "lib".to_owned(), String::new()] {
+            for below in [format!("lib/release/lin-{machine}-gcc"), "lib".to_owned(), String::new()]
+            {
                 in_folder(&path.join(below));
             }
         }
@@ -183,9 +224,17 @@ impl Family {
         self.absolute_places(written, |name| std::env::var_os(name))
     }
 
-    /// [`places`](Self::places) from the folder that this program was started in: a name without a folder would be looked for elsewhere when it is loaded.
-    pub(crate) fn absolute_places(self, written: Option<&Path>, variable: impl Fn(&str) -> Option<OsString>) -> Vec<PathBuf> {
-        self.places(written, variable).into_iter().map(|path| std::path::absolute(&path).unwrap_or(path)).collect()
+    /// [`places`](Self::places) from the folder that this program was started in: a name without a
+    /// folder would be looked for elsewhere when it is loaded.
+    pub(crate) fn absolute_places(
+        self,
+        written: Option<&Path>,
+        variable: impl Fn(&str) -> Option<OsString>,
+    ) -> Vec<PathBuf> {
+        self.places(written, variable)
+            .into_iter()
+            .map(|path| std::path::absolute(&path).unwrap_or(path))
+            .collect()
     }
 
     /// What is wrong where none of these places has it, in one line.
@@ -204,9 +253,11 @@ impl Family {
             lines.extend(folders(places).iter().map(|folder| format!("  {}", folder.display())));
         }
         lines.push(format!("install the {} from {}", self.title(), self.source()));
-        let names: Vec<String> = self.variables().iter().map(|name| format!("export {name}=…")).collect();
+        let names: Vec<String> =
+            self.variables().iter().map(|name| format!("export {name}=…")).collect();
         lines.push(format!(
-            "or name the file, or the folder of the maker's kit: {}, `library` under [protocol] of a profile, or --selector FILE",
+            "or name the file, or the folder of the maker's kit: {}, `library` under [protocol] of \
+                a profile, or --selector FILE",
             names.join(" or ")
         ));
         lines.join("\n")
@@ -215,15 +266,20 @@ impl Family {
     /// How an arm finds its zero that was told to; `None` where its maker's controller knows it.
     pub(crate) fn way_to_zero(self) -> Option<&'static str> {
         match self {
-            Self::ForceDimension => {
-                Some("an arm that does not know its zero moves by itself now, until it has found it: keep away from it")
-            }
-            Self::OpenHaptics => Some("an arm that cannot find its zero takes the place where it is held now: hold it there"),
+            Self::ForceDimension => Some(
+                "an arm that does not know its zero moves by itself now, until it has found it: \
+                    keep away from it",
+            ),
+            Self::OpenHaptics => Some(
+                "an arm that cannot find its zero takes the place where it is held now: hold it \
+                    there",
+            ),
             Self::Virtuose => None,
         }
     }
 
-    /// What helps where the library is there and the system cannot load it, by what the system says.
+    /// What helps where the library is there and the system cannot load it, by what the system
+    /// says.
     pub(super) fn load_advice(self, cause: &str) -> Option<&'static str> {
         self.needs().iter().find(|need| cause.contains(need.file)).map(|need| need.advice)
     }
@@ -250,18 +306,30 @@ mod tests {
     fn a_library_is_looked_for_where_the_profile_the_environment_and_the_maker_say() {
         let family = Family::ForceDimension;
         let nothing = |_: &str| None;
-        assert_eq!(family.places(Some(Path::new("/a/b.so")), |_| Some("/c.so".into())), [Path::new("/a/b.so")]);
-        let named = family.places(None, |name| (name == "HAPTICD_LIBDRD").then(|| "/x/libdrd.so.3.17.5".into()));
+        assert_eq!(
+            family.places(Some(Path::new("/a/b.so")), |_| Some("/c.so".into())),
+            [Path::new("/a/b.so")]
+        );
+        let named = family
+            .places(None, |name| (name == "HAPTICD_LIBDRD").then(|| "/x/libdrd.so.3.17.5".into()));
         assert_eq!(named, [Path::new("/x/libdrd.so.3.17.5")]);
         let kit = family.places(None, |name| (name == "FDSDK").then(|| "/opt/sdk".into()));
         let below = format!("/opt/sdk/lib/release/lin-{}-gcc/libdrd.so.3", std::env::consts::ARCH);
-        assert!(kit[0] == Path::new(&below) && kit.contains(&"/usr/local/lib/libdhd.so".into()), "{kit:?}");
+        assert!(
+            kit[0] == Path::new(&below) && kit.contains(&"/usr/local/lib/libdhd.so".into()),
+            "{kit:?}"
+        );
         let at_home = family.places(None, |name| (name == "HOME").then(|| "/home/a".into()));
         assert_eq!(at_home[0], Path::new("/home/a/.local/lib/libdrd.so.3"));
-        let with_empty = family.places(None, |name| Some(if name == "HOME" { "/home/a" } else { "" }.into()));
+        let with_empty =
+            family.places(None, |name| Some(if name == "HOME" { "/home/a" } else { "" }.into()));
         assert_eq!(with_empty, at_home, "an empty variable is none");
-        let of_a_user = family.places(None, |name| (name == "FDSDK").then(|| "/home/u.sofia/sdk.source".into()));
-        assert!(of_a_user.len() > 1, "a folder whose name holds the letters is no file: {of_a_user:?}");
+        let of_a_user = family
+            .places(None, |name| (name == "FDSDK").then(|| "/home/u.sofia/sdk.source".into()));
+        assert!(
+            of_a_user.len() > 1,
+            "a folder whose name holds the letters is no file: {of_a_user:?}"
+        );
         assert_eq!(family.places(None, nothing).len(), 4 * FOLDERS.len());
     }
 
@@ -274,21 +342,33 @@ mod tests {
         let lines: Vec<&str> = advice.lines().collect();
         assert_eq!(
             lines[..3],
-            ["looked for libdrd.so.3, libdrd.so, libdhd.so.3, libdhd.so in", "  /home/a/.local/lib", "  /usr/local/lib"]
+            [
+                "looked for libdrd.so.3, libdrd.so, libdhd.so.3, libdhd.so in",
+                "  /home/a/.local/lib",
+                "  /usr/local/lib"
+            ]
         );
         assert!(
-            lines.len() == 7 && lines[5].starts_with("install the Force Dimension SDK") && lines[6].contains("export FDSDK="),
+            lines.len() == 7
+                && lines[5].starts_with("install the Force Dimension SDK")
+                && lines[6].contains("export FDSDK="),
             "{lines:?}"
         );
         let written = [PathBuf::from("/no/libdrd.so")];
         assert_eq!(family.missing_text(&written), "there is no /no/libdrd.so");
-        assert!(family.missing_advice(&written).starts_with("install"), "nothing else was looked at");
+        assert!(
+            family.missing_advice(&written).starts_with("install"),
+            "nothing else was looked at"
+        );
     }
 
     #[test]
     fn what_a_library_rests_on_is_said_with_what_helps() {
-        let missing = |file: &str| format!("{file}: cannot open shared object file: No such file or directory");
-        let advice = |family: Family, file: &str| family.load_advice(&missing(file)).unwrap_or_default();
+        let missing = |file: &str| {
+            format!("{file}: cannot open shared object file: No such file or directory")
+        };
+        let advice =
+            |family: Family, file: &str| family.load_advice(&missing(file)).unwrap_or_default();
         assert!(advice(Family::OpenHaptics, "libncurses.so.5").contains("apt install libncurses5"));
         assert!(advice(Family::OpenHaptics, "libPhantomIOLib42.so").contains("TouchDriver"));
         assert!(advice(Family::ForceDimension, "libusb-1.0.so.0").contains("libusb-1.0-0"));

@@ -21,7 +21,8 @@ const OPEN_PATIENCE: Duration = Duration::from_secs(20);
 const HOME_PATIENCE: Duration = Duration::from_secs(120);
 /// How long a worker may take to end by itself: zero, the library's stop and its close.
 const END_PATIENCE: Duration = Duration::from_millis(1500);
-/// How long the system may take to end a process that is killed. One that hangs in a driver stays, and is not waited for.
+/// How long the system may take to end a process that is killed. One that hangs in a driver stays,
+/// and is not waited for.
 const KILL_PATIENCE: Duration = Duration::from_millis(200);
 
 /// Why there is no worker, or no arm behind it.
@@ -36,7 +37,10 @@ pub enum VendorError {
         advice: String,
     },
     /// The opening program names no `hapticd`.
-    #[error("the maker's library runs in a process of its own, which is a `hapticd`, and OpenOptions::guard names none")]
+    #[error(
+        "the maker's library runs in a process of its own, which is a `hapticd`, and \
+            OpenOptions::guard names none"
+    )]
     NoProgram,
     /// The system starts none.
     #[error("cannot start the worker for the maker's library: {0}")]
@@ -45,10 +49,14 @@ pub enum VendorError {
     #[error("{0}")]
     Refused(String),
     /// The worker has ended without a word: the library has ended it.
-    #[error("the maker's library ended its process ({0}): hapticd is untouched; see whether the maker's own program works")]
+    #[error(
+        "the maker's library ended its process ({0}): hapticd is untouched; see whether the \
+            maker's own program works"
+    )]
     Ended(String),
     /// The library hangs.
-    #[error("the maker's library did not open its arm within {} s: unplug the arm and switch it off and on", .0.as_secs())]
+    #[error("the maker's library did not open its arm within {} s: unplug the arm and switch it \
+        off and on", .0.as_secs())]
     Silent(Duration),
 }
 
@@ -66,7 +74,8 @@ impl VendorError {
 /// Whether there is a library to start a worker for. Nothing is loaded.
 ///
 /// # Errors
-/// [`VendorError::Missing`], and [`VendorError::Refused`] where no file that is there can be loaded.
+/// [`VendorError::Missing`], and [`VendorError::Refused`] where no file that is there can be
+/// loaded.
 pub(crate) fn look_for(protocol: &VendorProtocol) -> Result<(), VendorError> {
     let VendorProtocol { family, library, .. } = protocol;
     let places = family.places_here(library.as_deref());
@@ -76,7 +85,10 @@ pub(crate) fn look_for(protocol: &VendorProtocol) -> Result<(), VendorError> {
         causes.push(format!("{} {why}", path.display()));
     }
     if causes.is_empty() {
-        return Err(VendorError::Missing { what: family.missing_text(&places), advice: family.missing_advice(&places) });
+        return Err(VendorError::Missing {
+            what: family.missing_text(&places),
+            advice: family.missing_advice(&places),
+        });
     }
     Err(VendorError::Refused(causes.join("; ")))
 }
@@ -105,7 +117,9 @@ impl Words {
     /// What there is to be told, if anything.
     pub(crate) fn told(&mut self) -> Option<String> {
         let line = self.early.pop_front().or_else(|| self.next())?;
-        line.split_once(' ').filter(|(word, _)| matches!(*word, "told" | "lost")).map(|(_, text)| text.to_owned())
+        line.split_once(' ')
+            .filter(|(word, _)| matches!(*word, "told" | "lost"))
+            .map(|(_, text)| text.to_owned())
     }
 }
 
@@ -124,8 +138,8 @@ pub(crate) struct Started {
     pub(crate) identity: String,
 }
 
-/// Starts a worker and waits until its arm is open. `program`: a `hapticd`; never the calling program by itself, which may be another one and would
-/// start over. Cold; takes seconds.
+/// Starts a worker and waits until its arm is open. `program`: a `hapticd`; never the calling
+/// program by itself, which may be another one and would start over. Cold; takes seconds.
 ///
 /// # Errors
 /// See [`VendorError`].
@@ -138,16 +152,25 @@ pub(crate) fn start(
     look_for(protocol)?;
     let program = program.ok_or(VendorError::NoProgram)?;
     let assignment = Assignment::new(protocol, serial, request);
-    let assignment = serde_json::to_string(&assignment).map_err(|error| VendorError::Worker(error.into()))?;
+    let assignment =
+        serde_json::to_string(&assignment).map_err(|error| VendorError::Worker(error.into()))?;
     let (page, shared) = Page::new().map_err(VendorError::Worker)?;
     let (socket, theirs) = UnixStream::pair().map_err(VendorError::Worker)?;
     socket.set_nonblocking(true).map_err(VendorError::Worker)?;
     let mut command = Command::new(program);
-    command.arg0(NAME).args(["vendor-arm", &assignment]).stdin(OwnedFd::from(theirs)).stdout(shared);
+    command
+        .arg0(NAME)
+        .args(["vendor-arm", &assignment])
+        .stdin(OwnedFd::from(theirs))
+        .stdout(shared);
     let process = command.spawn().map_err(VendorError::Worker)?;
     // Its ends are closed here, so that its death is seen.
     drop(command);
-    let mut words = Words { socket: socket.try_clone().map_err(VendorError::Worker)?, bytes: Vec::new(), early: VecDeque::new() };
+    let mut words = Words {
+        socket: socket.try_clone().map_err(VendorError::Worker)?,
+        bytes: Vec::new(),
+        early: VecDeque::new(),
+    };
     let mut link = PageLink { page, socket, process };
     let patience = if protocol.home { HOME_PATIENCE } else { OPEN_PATIENCE };
     let begin = Instant::now();
@@ -156,7 +179,9 @@ pub(crate) fn start(
         let ended = link.process.try_wait().map_err(VendorError::Worker)?;
         while let Some(line) = words.next() {
             match line.split_once(' ') {
-                Some(("ready", identity)) => return Ok(Started { link, words, identity: identity.to_owned() }),
+                Some(("ready", identity)) => {
+                    return Ok(Started { link, words, identity: identity.to_owned() });
+                }
                 Some(("refused", why)) => return Err(VendorError::Refused(why.to_owned())),
                 _ => words.early.push_back(line),
             }

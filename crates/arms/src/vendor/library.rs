@@ -1,13 +1,18 @@
-//! `dlopen`, and every signature of every library: the one file of the arms' maker code with `unsafe`.
+//! `dlopen`, and every signature of every library: the one file of the arms' maker code with
+//! `unsafe`.
 //!
-//! Signatures are facts of published headers, typed anew. A pointer that a function only writes to during its call is a reference here, which has the same form;
-//! functions thus become safe to call as far as the library does what its header says. What it does not is the reason for the worker.
+//! Signatures are facts of published headers, typed anew. A pointer that a function only writes to
+//! during its call is a reference here, which has the same form; functions thus become safe to call
+//! as far as the library does what its header says. What it does not is the reason for the worker.
 #![expect(
     unsafe_code,
-    reason = "functions of a foreign library are found by name and called by the signature that its header gives"
+    reason = "functions of a foreign library are found by name and called by the signature that \
+        its header gives"
 )]
 
-use core::ffi::{CStr, c_char, c_double, c_float, c_int, c_uchar, c_uint, c_ulong, c_ushort, c_void};
+use core::ffi::{
+    CStr, c_char, c_double, c_float, c_int, c_uchar, c_uint, c_ulong, c_ushort, c_void,
+};
 use core::ptr::NonNull;
 use std::ffi::CString;
 use std::os::unix::ffi::OsStrExt as _;
@@ -29,7 +34,8 @@ unsafe impl Sync for Library {}
 
 /// What `dlerror` says.
 fn last_error() -> String {
-    // SAFETY: takes nothing; what it returns is a C string that lives until the next call of this thread.
+    // SAFETY: takes nothing; what it returns is a C string that lives until the next call of this
+    // thread.
     let text = unsafe { libc::dlerror() };
     text_of(text).unwrap_or_else(|| "no reason given".to_owned())
 }
@@ -41,11 +47,16 @@ pub(super) fn text_of(text: *const c_char) -> Option<String> {
 }
 
 impl Library {
-    /// Opens the first library that is there. `global`: its names are seen by libraries that are opened later.
+    /// Opens the first library that is there. `global`: its names are seen by libraries that are
+    /// opened later.
     ///
     /// # Errors
     /// It is nowhere, or why what was there could not be opened.
-    pub(super) fn open(family: Family, written: Option<&Path>, global: bool) -> Result<Self, VendorFault> {
+    pub(super) fn open(
+        family: Family,
+        written: Option<&Path>,
+        global: bool,
+    ) -> Result<Self, VendorFault> {
         let places = family.places_here(written);
         let mut causes = Vec::new();
         for path in places.iter().filter(|path| path.exists()) {
@@ -55,17 +66,24 @@ impl Library {
                 continue;
             }
             let flags = libc::RTLD_NOW | if global { libc::RTLD_GLOBAL } else { libc::RTLD_LOCAL };
-            // SAFETY: a C string; the constructors of the library run, which is what loading it means.
+            // SAFETY: a C string; the constructors of the library run, which is what loading it
+            // means.
             match NonNull::new(unsafe { libc::dlopen(name.as_ptr(), flags) }) {
                 Some(handle) => return Ok(Self { handle, path: path.clone() }),
                 None => {
                     let why = last_error();
-                    let advice = family.load_advice(&why).map_or(String::new(), |advice| format!("; {advice}"));
+                    let advice = family
+                        .load_advice(&why)
+                        .map_or(String::new(), |advice| format!("; {advice}"));
                     causes.push(format!("{} cannot be loaded: {why}{advice}", path.display()));
                 }
             }
         }
-        Err(VendorFault(if causes.is_empty() { family.missing_text(&places) } else { causes.join("; ") }))
+        Err(VendorFault(if causes.is_empty() {
+            family.missing_text(&places)
+        } else {
+            causes.join("; ")
+        }))
     }
 
     fn symbol(&self, name: &CStr) -> Option<NonNull<c_void>> {
@@ -74,8 +92,9 @@ impl Library {
     }
 }
 
-/// A table of functions: each line is a signature, and becomes a field that `load` fills and a method that calls it. One behind `optional` may be missing
-/// in older libraries, and answers `None` then.
+/// A table of functions: each line is a signature, and becomes a field that `load` fills and a
+/// method that calls it. One behind `optional` may be missing in older libraries, and answers
+/// `None` then.
 macro_rules! functions {
     (
         $(#[$doc:meta])* $table:ident;
@@ -91,7 +110,8 @@ macro_rules! functions {
         }
 
         #[expect(non_snake_case, reason = "names of a foreign library")]
-        #[allow(clippy::too_many_arguments, reason = "signatures of a foreign library, of which some tables have long ones")]
+        #[allow(clippy::too_many_arguments, reason = "signatures of a foreign library, of which \
+            some tables have long ones")]
         impl $table {
             /// Finds every function.
             ///
@@ -112,7 +132,8 @@ macro_rules! functions {
                 )*
                 match ($($name,)*) {
                     ($(Some($name),)*) => Ok(Self {
-                        // SAFETY: the function of this name in this library has this signature, by the header of its maker.
+                        // SAFETY: the function of this name in this library has this signature, by
+                        // the header of its maker.
                         $($name: unsafe { core::mem::transmute::<NonNull<c_void>, unsafe extern "C" fn($($kind),*) $(-> $result)?>($name) },)*
                         // SAFETY: as above.
                         $($may: $may.map(|found| unsafe { core::mem::transmute::<NonNull<c_void>, unsafe extern "C" fn($($may_kind),*) -> $may_result>(found) }),)*
@@ -123,7 +144,8 @@ macro_rules! functions {
             }
 
             $(pub(super) fn $name(&self, $($arg: $kind),*) $(-> $result)? {
-                // SAFETY: the signature is that of the header, and what is passed lives for as long as the call.
+                // SAFETY: the signature is that of the header, and what is passed lives for as long
+                // as the call.
                 unsafe { (self.$name)($($arg),*) }
             })*
 
@@ -185,7 +207,8 @@ pub(super) struct HdError {
 pub(super) type HdCallback = extern "C" fn(*mut c_void) -> c_uint;
 
 functions! {
-    /// 3D Systems, OpenHaptics 3 (`HD/hdDevice.h`, `HD/hdScheduler.h`, 3.0.66). Arrays have room for the longest answer, 16 numbers.
+    /// 3D Systems, OpenHaptics 3 (`HD/hdDevice.h`, `HD/hdScheduler.h`, 3.0.66). Arrays have room
+    /// for the longest answer, 16 numbers.
     Hd;
     fn hdInitDevice(name: *const c_char) -> c_uint;
     fn hdMakeCurrentDevice(device: c_uint);
@@ -216,7 +239,8 @@ functions! {
 pub(super) struct Context(pub(super) NonNull<c_void>);
 
 functions! {
-    /// Haption, VirtuoseAPI 4 (`VirtuoseAPI.h`, 4.03). A pose is x, y, z in m and the quaternion x, y, z, w.
+    /// Haption, VirtuoseAPI 4 (`VirtuoseAPI.h`, 4.03). A pose is x, y, z in m and the quaternion x,
+    /// y, z, w.
     Virtuose;
     fn virtOpen(host: *const c_char) -> *mut c_void;
     fn virtClose(arm: Context) -> c_int;

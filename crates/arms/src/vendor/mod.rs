@@ -6,8 +6,9 @@
 //!                │  newest frame each way: page │      ▲
 //!                └── socket: a byte wakes, its end ends ┘
 //! ```
-//! The worker speaks `open6` like any arm with firmware of its own, so that everything above the link is the driver of every other arm: limits, signs,
-//! staleness, reconnection. What differs is that the firmware is a process with foreign code in it:
+//! The worker speaks `open6` like any arm with firmware of its own, so that everything above the
+//! link is the driver of every other arm: limits, signs, staleness, reconnection. What differs is
+//! that the firmware is a process with foreign code in it:
 //!
 //! | what happens | what follows |
 //! |---|---|
@@ -53,7 +54,8 @@ use vps::spatial::Twist;
 /// Name of a worker in `ps`. Not one that `pkill hapticd` means.
 pub(crate) const NAME: &str = "haptic-worker";
 
-/// What the maker's library says of the arm, in the device frame (x toward the operator, y right, z up), SI.
+/// What the maker's library says of the arm, in the device frame (x toward the operator, y right, z
+/// up), SI.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct VendorSample {
     /// Of the grip, m.
@@ -66,11 +68,13 @@ pub(crate) struct VendorSample {
     pub(crate) grip: [f64; 2],
     /// Bit 0 first.
     pub(crate) buttons: u16,
-    /// The library repeats what it said before, because it was asked too soon or has nothing new: not a sample.
+    /// The library repeats what it said before, because it was asked too soon or has nothing new:
+    /// not a sample.
     pub(crate) is_repeat: bool,
     /// The arm has found its zero.
     pub(crate) homed: bool,
-    /// What [`Family::fault_text`] has words for, 128 and above; 0: nothing. Force goes to zero and the arm is disabled.
+    /// What [`Family::fault_text`] has words for, 128 and above; 0: nothing. Force goes to zero and
+    /// the arm is disabled.
     pub(crate) fault: u8,
 }
 
@@ -89,7 +93,8 @@ impl Default for VendorSample {
     }
 }
 
-/// What the motors are to make, in the device frame: N, N·m at the grip point. A gripper has no force.
+/// What the motors are to make, in the device frame: N, N·m at the grip point. A gripper has no
+/// force.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct VendorCommand {
     pub(crate) force: DVec3,
@@ -103,12 +108,14 @@ pub(crate) struct VendorCommand {
 #[error("{0}")]
 pub(crate) struct VendorFault(pub(crate) String);
 
-/// An open arm behind a maker's library. All of it runs in the worker; what hangs or crashes here takes the worker along and nothing else.
+/// An open arm behind a maker's library. All of it runs in the worker; what hangs or crashes here
+/// takes the worker along and nothing else.
 pub(crate) trait VendorArm {
     /// What it is, in one line for people: model, serial number, versions.
     fn identity(&self) -> String;
 
-    /// Sets the motors: called in every turn, also while nothing is commanded, since libraries compute gravity compensation with each command.
+    /// Sets the motors: called in every turn, also while nothing is commanded, since libraries
+    /// compute gravity compensation with each command.
     ///
     /// # Errors
     /// The arm is lost.
@@ -120,14 +127,15 @@ pub(crate) trait VendorArm {
     /// The arm is lost.
     fn sample(&mut self) -> Result<VendorSample, VendorFault>;
 
-    /// What there is to be told since the last call, if anything: what a person has to do, or what the library has changed. Called by the worker's clock
-    /// alone.
+    /// What there is to be told since the last call, if anything: what a person has to do, or what
+    /// the library has changed. Called by the worker's clock alone.
     fn news(&mut self) -> Option<String> {
         None
     }
 
-    /// Exchanges with the host until it has gone. By the worker's clock: a turn for each command, and one when none came. A library that owns its clock
-    /// calls [`Exchange::turn`] from its own callback and waits with [`HostLine::wait`] here, in the thread that started it.
+    /// Exchanges with the host until it has gone. By the worker's clock: a turn for each command,
+    /// and one when none came. A library that owns its clock calls [`Exchange::turn`] from its own
+    /// callback and waits with [`HostLine::wait`] here, in the thread that started it.
     ///
     /// # Errors
     /// The arm is lost.
@@ -141,6 +149,7 @@ pub(crate) trait VendorArm {
         Ok(())
     }
 
-    /// Zero, the library's stop, and the end of it. The last call, on every way out that is left to the worker.
+    /// Zero, the library's stop, and the end of it. The last call, on every way out that is left to
+    /// the worker.
     fn close(&mut self);
 }

@@ -3,16 +3,20 @@
 //! ```text
 //!   worker's thread ── command, sample ──► Shared ◄── tick, 1 kHz ── the library's scheduler ──► arm
 //! ```
-//! The library owns the servo loop: it calls [`tick`] a thousand times a second, and the last force stays on until another tick sets one. So the tick counts the
-//! turns without a new command itself, and goes to zero. Commands reach the motors in the next tick, and a sample is that of the last one.
+//! The library owns the servo loop: it calls [`tick`] a thousand times a second, and the last force
+//! stays on until another tick sets one. So the tick counts the turns without a new command itself,
+//! and goes to zero. Commands reach the motors in the next tick, and a sample is that of the last
+//! one.
 //!
-//! Frames: the library has x right, y up, z toward the user, mm and mN·m; this program x toward the operator, y right, z up, m and N·m.
+//! Frames: the library has x right, y up, z toward the user, mm and mN·m; this program x toward the
+//! operator, y right, z up, m and N·m.
 //!
-//! What the library does for safety stays on: clamping, ramping, its limits of force, impulse and velocity.
+//! What the library does for safety stays on: clamping, ramping, its limits of force, impulse and
+//! velocity.
 //!
 //! # Source
-//! Facts of the headers `HD/hdDefines.h`, `hdDevice.h` and `hdScheduler.h` 3.0.66; frames and the order of the end as in CHAI3D's `hdPhantom` and in
-//! `touch_ros2_control`.
+//! Facts of the headers `HD/hdDefines.h`, `hdDevice.h` and `hdScheduler.h` 3.0.66; frames and the
+//! order of the end as in CHAI3D's `hdPhantom` and in `touch_ros2_control`.
 
 use core::ffi::{c_uint, c_ulong, c_void};
 use core::ptr::null;
@@ -59,14 +63,18 @@ const GO_ON: c_uint = 1;
 const DONE: c_uint = 0;
 const PRIORITY: u16 = 32767;
 
-/// Ticks without a new command after which the tick sets zero. The worker's own turns are 2 ms apart at most.
+/// Ticks without a new command after which the tick sets zero. The worker's own turns are 2 ms
+/// apart at most.
 const HOLD_TICKS: u32 = 20;
-/// Ticks between two looks at the calibration while it is not sound, and at the temperature of the motors.
+/// Ticks between two looks at the calibration while it is not sound, and at the temperature of the
+/// motors.
 const LOOK_TICKS: u64 = 100;
-/// Silence of the scheduler, whose tick is a millisecond, after which its last sample is none any more, and after which the arm is lost.
+/// Silence of the scheduler, whose tick is a millisecond, after which its last sample is none any
+/// more, and after which the arm is lost.
 const LATE: Duration = Duration::from_millis(5);
 const SILENCE: Duration = Duration::from_millis(200);
-/// As much of a turn of the worker, which takes 2 ms at most, counts as silence: a machine that stood still has kept the scheduler from its tick as well.
+/// As much of a turn of the worker, which takes 2 ms at most, counts as silence: a machine that
+/// stood still has kept the scheduler from its tick as well.
 const TURN_MAX: Duration = Duration::from_millis(20);
 /// After the start, and after the end: the driver closes its port in a thread of its own.
 const SETTLE: Duration = Duration::from_millis(300);
@@ -146,7 +154,8 @@ fn pose_of(transform: &[f64; 16]) -> (DVec3, DQuat) {
     (p * matrix.w_axis.truncate() * 1e-3, if q.is_finite() { q.normalize() } else { q })
 }
 
-/// The library's callback. Foreign code is below it: nothing may unwind out of it, and nothing in it panics.
+/// The library's callback. Foreign code is below it: nothing may unwind out of it, and nothing in
+/// it panics.
 extern "C" fn tick(_: *mut c_void) -> c_uint {
     let Some(hd) = HD.get() else { return DONE };
     let mut guard = shared();
@@ -157,7 +166,10 @@ extern "C" fn tick(_: *mut c_void) -> c_uint {
     hd.hdMakeCurrentDevice(shared.device);
     hd.hdBeginFrame(shared.device);
     // A pose that the library does not write is no number, and no arm that rests at its origin.
-    let (mut transform, mut linear, mut angular, mut buttons) = ([f64::NAN; 16], [0.0; 16], [0.0; 16], [0; 16]);
+    let mut transform = [f64::NAN; 16];
+    let mut linear = [0.0; 16];
+    let mut angular = [0.0; 16];
+    let mut buttons = [0; 16];
     hd.hdGetDoublev(TRANSFORM, &mut transform);
     hd.hdGetDoublev(VELOCITY, &mut linear);
     hd.hdGetDoublev(ANGULAR_VELOCITY, &mut angular);
@@ -181,9 +193,13 @@ extern "C" fn tick(_: *mut c_void) -> c_uint {
         let error = hd.hdGetError();
         match error.code {
             0 => break,
-            // A fault stays until the host has let go: the command without enable below takes it away.
+            // A fault stays until the host has let go: the command without enable below takes it
+            // away.
             code if FAULTS.iter().any(|(known, ..)| *known == code) => {
-                sample.fault = FAULTS.iter().find(|(known, ..)| *known == code).map_or(0, |(_, number, _)| *number);
+                sample.fault = FAULTS
+                    .iter()
+                    .find(|(known, ..)| *known == code)
+                    .map_or(0, |(_, number, _)| *number);
             }
             code @ 0x300..=0x304 => shared.lost = Some(code),
             _ => {}
@@ -197,8 +213,11 @@ fn look(hd: &Hd, shared: &mut Shared) {
     if !shared.sample.homed {
         match hd.hdCheckCalibration() {
             CALIBRATION_OK => shared.sample.homed = true,
-            // Where the arm is then becomes its zero, so a person has to have said that it is held there.
-            CALIBRATION_NEEDS_UPDATE | CALIBRATION_NEEDS_INPUT if shared.style == STYLE_ENCODER_RESET && shared.may_reset => {
+            // Where the arm is then becomes its zero, so a person has to have said that it is held
+            // there.
+            CALIBRATION_NEEDS_UPDATE | CALIBRATION_NEEDS_INPUT
+                if shared.style == STYLE_ENCODER_RESET && shared.may_reset =>
+            {
                 hd.hdUpdateCalibration(shared.style.cast_unsigned());
             }
             CALIBRATION_NEEDS_UPDATE if shared.style != STYLE_ENCODER_RESET => {
@@ -209,12 +228,16 @@ fn look(hd: &Hd, shared: &mut Shared) {
     }
     let mut heat = [0.0; 16];
     hd.hdGetDoublev(MOTOR_TEMPERATURE, &mut heat);
-    shared.heat = heat[..6].iter().fold(0.0, |hottest, share| if *share > hottest { *share } else { hottest });
+    shared.heat = heat[..6]
+        .iter()
+        .fold(0.0, |hottest, share| if *share > hottest { *share } else { hottest });
 }
 
 /// The zero of the end, in a tick of its own.
 extern "C" fn zero(_: *mut c_void) -> c_uint {
-    let (Some(hd), Some(device)) = (HD.get(), shared().as_ref().map(|shared| shared.device)) else { return DONE };
+    let (Some(hd), Some(device)) = (HD.get(), shared().as_ref().map(|shared| shared.device)) else {
+        return DONE;
+    };
     hd.hdMakeCurrentDevice(device);
     hd.hdBeginFrame(device);
     hd.hdSetDoublev(FORCE, &padded(DVec3::ZERO));
@@ -238,14 +261,21 @@ impl Hd {
         let text = text_of(self.hdGetErrorString(first.code)).unwrap_or_default();
         let help = match first.code {
             0x300 | 0x301 => "; another program uses it: end that first",
-            0x302 => "; plug it in and switch it on, and see whether this user may open its port (/dev/ttyACM… or /dev/hidraw…)",
+            0x302 => {
+                "; plug it in and switch it on, and see whether this user may open its port \
+                    (/dev/ttyACM… or /dev/hidraw…)"
+            }
             0x303 => {
-                "; a program that was killed leaves it locked: unplug it, wait and plug it in. A Touch in another socket has another port: run the maker's setup again. \
-                 GTDD_HOME has to name the folder of its configuration"
+                "; a program that was killed leaves it locked: unplug it, wait and plug it in. A \
+                    Touch in another socket has another port: run the maker's setup again. \
+                    GTDD_HOME has to name the folder of its configuration"
             }
             _ => "",
         };
-        Some(format!("{text} (HD error {:#06x}, internal {}, device {}){help}", first.code, first.internal, first.device))
+        Some(format!(
+            "{text} (HD error {:#06x}, internal {}, device {}){help}",
+            first.code, first.internal, first.device
+        ))
     }
 
     fn text(&self, name: c_uint) -> String {
@@ -266,7 +296,8 @@ pub(super) struct Arm {
     news: Option<String>,
 }
 
-/// Opens the arm of an assignment, whose serial number is the name that the maker's setup gave it. Nothing moves by itself.
+/// Opens the arm of an assignment, whose serial number is the name that the maker's setup gave it.
+/// Nothing moves by itself.
 pub(super) fn open(assignment: &Assignment, host: &mut HostLine) -> Result<Arm, VendorFault> {
     let library = Library::open(Family::OpenHaptics, assignment.library.as_deref(), true)?;
     let hd = Hd::load(library)?;
@@ -280,9 +311,14 @@ pub(super) fn open(assignment: &Assignment, host: &mut HostLine) -> Result<Arm, 
         if device != NO_DEVICE {
             hd.hdDisableDevice(device);
         }
-        let called =
-            assignment.serial.as_deref().map_or("the default arm of its setup".to_owned(), |name| format!("the arm {name}"));
-        return Err(VendorFault(format!("the library does not open {called}: {}", error.unwrap_or_default())));
+        let called = assignment
+            .serial
+            .as_deref()
+            .map_or("the default arm of its setup".to_owned(), |name| format!("the arm {name}"));
+        return Err(VendorFault(format!(
+            "the library does not open {called}: {}",
+            error.unwrap_or_default()
+        )));
     }
     hd.hdMakeCurrentDevice(device);
     let mut output = [0; 16];
@@ -291,7 +327,10 @@ pub(super) fn open(assignment: &Assignment, host: &mut HostLine) -> Result<Arm, 
     if has_torque && output[0] < 6 {
         hd.hdDisableDevice(device);
         let model = hd.text(MODEL);
-        return Err(VendorFault(format!("{model} drives {} axes, and the profile says six: choose another profile", output[0])));
+        return Err(VendorFault(format!(
+            "{model} drives {} axes, and the profile says six: choose another profile",
+            output[0]
+        )));
     }
     for capability in [FORCE_OUTPUT, CLAMPING, RAMPING, FORCE_LIMIT] {
         hd.hdEnable(capability);
@@ -300,18 +339,30 @@ pub(super) fn open(assignment: &Assignment, host: &mut HostLine) -> Result<Arm, 
     hd.hdGetIntegerv(CALIBRATION_STYLE, &mut style);
     let mut most = [0.0; 16];
     hd.hdGetDoublev(MAX_FORCE, &mut most);
-    let (model, serial, driver) = (hd.text(MODEL), hd.text(SERIAL), hd.text(DRIVER_VERSION));
-    let identity =
-        format!("{model}, serial number {serial}, driver {driver}, at most {:.2} N, {}", most[0], hd.library.path.display());
-    let sample = VendorSample { homed: hd.hdCheckCalibration() == CALIBRATION_OK, ..VendorSample::default() };
+    let model = hd.text(MODEL);
+    let serial = hd.text(SERIAL);
+    let driver = hd.text(DRIVER_VERSION);
+    let identity = format!(
+        "{model}, serial number {serial}, driver {driver}, at most {:.2} N, {}",
+        most[0],
+        hd.library.path.display()
+    );
+    let sample = VendorSample {
+        homed: hd.hdCheckCalibration() == CALIBRATION_OK,
+        ..VendorSample::default()
+    };
     // Of several that an arm offers the library takes one at a time.
     let (style, instruction) = match style[0] {
-        bits if bits & STYLE_INKWELL != 0 => (STYLE_INKWELL, "put the stylus into its inkwell until it is calibrated"),
-        bits if bits & STYLE_ENCODER_RESET != 0 && assignment.home => {
-            (STYLE_ENCODER_RESET, "hold the arm in its reset position, as its manual shows, until it is calibrated")
+        bits if bits & STYLE_INKWELL != 0 => {
+            (STYLE_INKWELL, "put the stylus into its inkwell until it is calibrated")
         }
+        bits if bits & STYLE_ENCODER_RESET != 0 && assignment.home => (
+            STYLE_ENCODER_RESET,
+            "hold the arm in its reset position, as its manual shows, until it is calibrated",
+        ),
         bits if bits & STYLE_ENCODER_RESET != 0 => {
-            let how = "hold the arm in its reset position, as its manual shows, and say so: hapticd devices probe PROFILE --home";
+            let how = "hold the arm in its reset position, as its manual shows, and say so: \
+                hapticd devices probe PROFILE --home";
             (STYLE_ENCODER_RESET, how)
         }
         _ => (STYLE_AUTO, "move the grip through its workspace until it is calibrated"),
@@ -376,9 +427,13 @@ impl VendorArm for Arm {
 
     fn sample(&mut self) -> Result<VendorSample, VendorFault> {
         let guard = shared();
-        let Some(shared) = guard.as_ref() else { return Err(VendorFault("the arm is closed".to_owned())) };
+        let Some(shared) = guard.as_ref() else {
+            return Err(VendorFault("the arm is closed".to_owned()));
+        };
         if let Some(code) = shared.lost {
-            return Err(VendorFault(format!("the library has lost it (HD error {code:#06x}): see its cable and its power")));
+            return Err(VendorFault(format!(
+                "the library has lost it (HD error {code:#06x}): see its cable and its power"
+            )));
         }
         let now = Instant::now();
         self.silent += now.duration_since(self.looked).min(TURN_MAX);
@@ -394,7 +449,10 @@ impl VendorArm for Arm {
         }
         if shared.heat >= WARM && !self.told_warm {
             self.told_warm = true;
-            self.news = Some(format!("a motor is at {:.0} % of the heat that it may have", shared.heat * 1e2));
+            self.news = Some(format!(
+                "a motor is at {:.0} % of the heat that it may have",
+                shared.heat * 1e2
+            ));
         }
         self.told_warm &= shared.heat > 0.9 * WARM;
         Ok(VendorSample { is_repeat, ..shared.sample })
@@ -409,7 +467,8 @@ impl VendorArm for Arm {
         if let Some(shared) = shared().as_mut() {
             (shared.command, shared.is_over) = (VendorCommand::default(), true);
         }
-        // It waits for the scheduler, which may be what is broken: the tick has been told to make zero, and the stop must come.
+        // It waits for the scheduler, which may be what is broken: the tick has been told to make
+        // zero, and the stop must come.
         let (done, has_done) = std::sync::mpsc::channel();
         let zeroes = move || {
             hd.hdScheduleSynchronous(zero, core::ptr::null_mut(), PRIORITY);
@@ -438,8 +497,14 @@ mod tests {
         let mut transform = DMat4::from_rotation_y(0.3).to_cols_array();
         transform[12..15].copy_from_slice(&[10.0, 20.0, 30.0]);
         let (position, orientation) = pose_of(&transform);
-        assert!((position - DVec3::new(0.03, 0.01, 0.02)).length() < 1e-12, "toward the operator, right, up: {position}");
-        assert!(orientation.angle_between(DQuat::from_rotation_z(0.3)) < 1e-9, "a turn about up: {orientation}");
+        assert!(
+            (position - DVec3::new(0.03, 0.01, 0.02)).length() < 1e-12,
+            "toward the operator, right, up: {position}"
+        );
+        assert!(
+            orientation.angle_between(DQuat::from_rotation_z(0.3)) < 1e-9,
+            "a turn about up: {orientation}"
+        );
         let force = device_from_hd().transpose() * DVec3::new(1.0, 2.0, 3.0);
         assert_eq!(force, DVec3::new(2.0, 3.0, 1.0));
         assert!((device_from_hd().determinant() - 1.0).abs() < 1e-12);
@@ -464,11 +529,18 @@ mod tests {
         };
         let mut shared = fresh(None, false);
         for n in 1..100 {
-            assert_eq!(shared.next().force, if n <= HOLD_TICKS { DVec3::X } else { DVec3::ZERO }, "{n}");
+            assert_eq!(
+                shared.next().force,
+                if n <= HOLD_TICKS { DVec3::X } else { DVec3::ZERO },
+                "{n}"
+            );
         }
         shared.age = 0;
         assert_eq!(shared.next().force, DVec3::X, "a new command");
-        assert_eq!((fresh(Some(0x302), false).next().force, fresh(None, true).next().force), (DVec3::ZERO, DVec3::ZERO));
+        assert_eq!(
+            (fresh(Some(0x302), false).next().force, fresh(None, true).next().force),
+            (DVec3::ZERO, DVec3::ZERO)
+        );
     }
 
     #[test]

@@ -4,8 +4,9 @@
 //!  words   0 ─ 15 frame of the host     16 ─ 31 frame of the worker
 //!          count, length, bytes         count, length, bytes
 //! ```
-//! Each is a sequence lock: the count is odd while its one writer writes. A reader that finds it odd, or changed meanwhile, has read nothing; it tries
-//! again a fixed number of times, so that a writer that was stopped in the middle holds up no one.
+//! Each is a sequence lock: the count is odd while its one writer writes. A reader that finds it
+//! odd, or changed meanwhile, has read nothing; it tries again a fixed number of times, so that a
+//! writer that was stopped in the middle holds up no one.
 
 use core::sync::atomic::{AtomicU64, Ordering, fence};
 use std::io;
@@ -56,7 +57,8 @@ impl Page {
         }
     }
 
-    /// Writes a frame in the place of the one before; false, and nothing written, when it is too long.
+    /// Writes a frame in the place of the one before; false, and nothing written, when it is too
+    /// long.
     pub(super) fn put(&mut self, frame: &[u8]) -> bool {
         let [count, length, words @ ..] = self.slot(self.end) else { return false };
         if frame.len() > BYTES {
@@ -149,7 +151,8 @@ mod tests {
                 assert!(host.put(&[(n % 251) as u8; 64]));
             }
         });
-        let (mut buffer, mut taken) = ([0; 64], 0);
+        let mut buffer = [0; 64];
+        let mut taken = 0;
         while !writer.is_finished() || taken == 0 {
             if worker.take(&mut buffer) == 64 {
                 assert!(buffer.iter().all(|byte| *byte == buffer[0]), "{buffer:?}");

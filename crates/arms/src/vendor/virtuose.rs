@@ -1,7 +1,8 @@
 //! Haption: Virtuose 6D and Desktop 6D, in impedance mode.
 //!
-//! SI throughout; a pose is x, y, z and the quaternion x, y, z, w. How the base frame of the arm stands is not published: the profile says it with
-//! `frame.device_from_native`, and it counts as unverified until `devices probe --sign-check` has passed.
+//! SI throughout; a pose is x, y, z and the quaternion x, y, z, w. How the base frame of the arm
+//! stands is not published: the profile says it with `frame.device_from_native`, and it counts as
+//! unverified until `devices probe --sign-check` has passed.
 //!
 //! # Source
 //! Facts of the header `VirtuoseAPI.h` 4.03; order of the start as in published nodes for ROS.
@@ -42,11 +43,18 @@ const SATURATE: c_uint = 0x8000;
 pub(super) fn fault_text(fault: u16) -> Option<&'static str> {
     Some(match u8::try_from(fault).ok()? {
         EMERGENCY_STOP => "its emergency stop is pressed: release it, then enable again",
-        POWER_OFF => "its motors have no power: press the power button of the controller, then enable again",
-        FAILURE => "its controller reports a failure of a motor or its electronics: see the maker's own program",
+        POWER_OFF => {
+            "its motors have no power: press the power button of the controller, then enable again"
+        }
+        FAILURE => {
+            "its controller reports a failure of a motor or its electronics: see the maker's own \
+                program"
+        }
         OVERHEAT => "its motors are too hot: let it rest",
         OVERRUN => "its controller took longer than its period",
-        POSITION => "its controller refuses its position: move the grip away from the end of its travel",
+        POSITION => {
+            "its controller refuses its position: move the grip away from the end of its travel"
+        }
         _ => return None,
     })
 }
@@ -65,7 +73,12 @@ pub(super) struct Arm {
 }
 
 /// Every call of the library gives 0, or leaves an error code.
-fn done(library: &Virtuose, context: Option<Context>, what: &str, answer: c_int) -> Result<(), VendorFault> {
+fn done(
+    library: &Virtuose,
+    context: Option<Context>,
+    what: &str,
+    answer: c_int,
+) -> Result<(), VendorFault> {
     if answer == 0 {
         return Ok(());
     }
@@ -76,13 +89,16 @@ fn done(library: &Virtuose, context: Option<Context>, what: &str, answer: c_int)
 
 /// Opens the arm of an assignment. It does not move.
 pub(super) fn open(assignment: &Assignment, _: &mut HostLine) -> Result<Arm, VendorFault> {
-    let library = Virtuose::load(Library::open(Family::Virtuose, assignment.library.as_deref(), false)?)?;
+    let library =
+        Virtuose::load(Library::open(Family::Virtuose, assignment.library.as_deref(), false)?)?;
     // The address stands where other arms have their serial number.
     let address = assignment.serial.as_deref().unwrap_or(ADDRESS);
-    let name = std::ffi::CString::new(address).map_err(|_| VendorFault(format!("address {address:?}: a zero byte is in it")))?;
+    let name = std::ffi::CString::new(address)
+        .map_err(|_| VendorFault(format!("address {address:?}: a zero byte is in it")))?;
     let Some(context) = NonNull::new(library.virtOpen(name.as_ptr())).map(Context) else {
         let what = format!(
-            "no controller or service answers at {address}; start the maker's service, or name the address with `match.serial`"
+            "no controller or service answers at {address}; start the maker's service, or name the \
+                address with `match.serial`"
         );
         done(&library, None, &what, -1)?;
         return Err(VendorFault(what));
@@ -91,7 +107,8 @@ pub(super) fn open(assignment: &Assignment, _: &mut HostLine) -> Result<Arm, Ven
         library.virtClose(context);
         return Err(fault);
     }
-    let (mut kind, mut serial) = (0, 0);
+    let mut kind = 0;
+    let mut serial = 0;
     let model = if library.virtGetDeviceID(context, &mut kind, &mut serial) == 0 {
         format!("Virtuose of type {kind}, serial number {serial}")
     } else {
@@ -114,20 +131,27 @@ pub(super) fn open(assignment: &Assignment, _: &mut HostLine) -> Result<Arm, Ven
 
 /// What has to be set before the library takes a force.
 fn start(library: &Virtuose, context: Context, assignment: &Assignment) -> Result<(), VendorFault> {
-    let settle = |what: &str, answer: c_int| done(library, Some(context), &format!("the {what} cannot be set"), answer);
+    let settle = |what: &str, answer: c_int| {
+        done(library, Some(context), &format!("the {what} cannot be set"), answer)
+    };
     settle("indexing mode", library.virtSetIndexingMode(context, INDEXING_NONE))?;
     settle("scale of force", library.virtSetForceFactor(context, 1.0))?;
     settle("scale of speed", library.virtSetSpeedFactor(context, 1.0))?;
     settle("time step", library.virtSetTimeStep(context, TIME_STEP_S))?;
     settle("base frame", library.virtSetBaseFrame(context, &mut IDENTITY.clone()))?;
     settle("observation frame", library.virtSetObservationFrame(context, &mut IDENTITY.clone()))?;
-    settle("speed of the observation frame", library.virtSetObservationFrameSpeed(context, &mut [0.0; 6]))?;
+    settle(
+        "speed of the observation frame",
+        library.virtSetObservationFrameSpeed(context, &mut [0.0; 6]),
+    )?;
     settle("impedance mode", library.virtSetCommandType(context, IMPEDANCE))?;
     // Older libraries have neither; the limits of the motor stage hold in any case.
     if let Some(answer) = library.virtSetTimeoutValue(context, TIMEOUT_S) {
         settle("time-out of the controller", answer)?;
     }
-    if let Some(answer) = library.virtSaturateTorque(context, assignment.force_n, assignment.torque_nm) {
+    if let Some(answer) =
+        library.virtSaturateTorque(context, assignment.force_n, assignment.torque_nm)
+    {
         settle("largest force", answer)?;
     }
     Ok(())
@@ -140,12 +164,31 @@ impl Arm {
 
     /// Switches, alarms and failures; why there is no force.
     fn look_at_status(&mut self) -> Result<(), VendorFault> {
-        let (mut stop, mut power, mut dead_man, mut alarms, mut failures) = (0, 0, 0, 0, 0);
-        self.done("its emergency stop cannot be read", self.library.virtGetEmergencyStop(self.context, &mut stop))?;
-        self.done("its power cannot be read", self.library.virtGetPowerOn(self.context, &mut power))?;
-        self.done("its dead-man's switch cannot be read", self.library.virtGetDeadMan(self.context, &mut dead_man))?;
-        self.done("its alarms cannot be read", self.library.virtGetAlarm(self.context, &mut alarms))?;
-        self.done("its failures cannot be read", self.library.virtGetFailure(self.context, &mut failures))?;
+        let mut stop = 0;
+        let mut power = 0;
+        let mut dead_man = 0;
+        let mut alarms = 0;
+        let mut failures = 0;
+        self.done(
+            "its emergency stop cannot be read",
+            self.library.virtGetEmergencyStop(self.context, &mut stop),
+        )?;
+        self.done(
+            "its power cannot be read",
+            self.library.virtGetPowerOn(self.context, &mut power),
+        )?;
+        self.done(
+            "its dead-man's switch cannot be read",
+            self.library.virtGetDeadMan(self.context, &mut dead_man),
+        )?;
+        self.done(
+            "its alarms cannot be read",
+            self.library.virtGetAlarm(self.context, &mut alarms),
+        )?;
+        self.done(
+            "its failures cannot be read",
+            self.library.virtGetFailure(self.context, &mut failures),
+        )?;
         let alarm = ALARMS.iter().find(|(bit, _)| alarms & bit != 0).map_or(0, |(_, fault)| *fault);
         self.last.fault = match () {
             () if stop != 0 => EMERGENCY_STOP,
@@ -155,11 +198,15 @@ impl Arm {
         };
         if alarms & SATURATE != 0 && !self.told_saturated {
             self.told_saturated = true;
-            self.news = Some("its motors are at their limits: it makes less than it was told".to_owned());
+            self.news =
+                Some("its motors are at their limits: it makes less than it was told".to_owned());
         }
         if self.is_powered && dead_man == 0 && !self.told_dead_man {
             self.told_dead_man = true;
-            self.news = Some("its dead-man's switch is open: it makes no force before the grip is held".to_owned());
+            self.news = Some(
+                "its dead-man's switch is open: it makes no force before the grip is held"
+                    .to_owned(),
+            );
         }
         Ok(())
     }
@@ -172,7 +219,8 @@ impl VendorArm for Arm {
 
     fn command(&mut self, command: &VendorCommand) -> Result<(), VendorFault> {
         if command.enabled != self.is_powered {
-            // Zero before the switch on both ways: a controller may keep the force that it was given last. Without power it may refuse one.
+            // Zero before the switch on both ways: a controller may keep the force that it was
+            // given last. Without power it may refuse one.
             self.library.virtSetForce(self.context, &mut [0.0; 6]);
             let answer = self.library.virtSetPowerOn(self.context, command.enabled.into());
             self.done("its motors cannot be switched", answer)?;
@@ -183,14 +231,23 @@ impl VendorArm for Arm {
             return Ok(());
         }
         let VendorCommand { force, torque, .. } = command;
-        let mut wrench = [force.x, force.y, force.z, torque.x, torque.y, torque.z].map(|component| component as f32);
+        let mut wrench = [force.x, force.y, force.z, torque.x, torque.y, torque.z]
+            .map(|component| component as f32);
         self.done("it takes no force", self.library.virtSetForce(self.context, &mut wrench))
     }
 
     fn sample(&mut self) -> Result<VendorSample, VendorFault> {
-        let (mut pose, mut speed, mut button) = ([0.0; 7], [0.0; 6], 0);
-        self.done("its position cannot be read", self.library.virtGetPosition(self.context, &mut pose))?;
-        self.done("its velocity cannot be read", self.library.virtGetPhysicalSpeed(self.context, &mut speed))?;
+        let mut pose = [0.0; 7];
+        let mut speed = [0.0; 6];
+        let mut button = 0;
+        self.done(
+            "its position cannot be read",
+            self.library.virtGetPosition(self.context, &mut pose),
+        )?;
+        self.done(
+            "its velocity cannot be read",
+            self.library.virtGetPhysicalSpeed(self.context, &mut speed),
+        )?;
         let [x, y, z, qx, qy, qz, qw] = pose.map(f64::from);
         self.last.position = DVec3::new(x, y, z);
         let q = DQuat::from_xyzw(qx, qy, qz, qw);

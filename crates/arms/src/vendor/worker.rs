@@ -1,4 +1,5 @@
-//! The worker's end: a process that exchanges frames with the host on one side and calls the maker's library on the other.
+//! The worker's end: a process that exchanges frames with the host on one side and calls the
+//! maker's library on the other.
 
 use core::sync::atomic::{AtomicBool, Ordering};
 use core::time::Duration;
@@ -13,7 +14,10 @@ use rustix::stdio;
 use serde::{Deserialize, Serialize};
 
 use super::page::Page;
-use super::{Family, NAME, VendorArm, VendorCommand, VendorFault, VendorSample, force_dimension, open_haptics, virtuose};
+use super::{
+    Family, NAME, VendorArm, VendorCommand, VendorFault, VendorSample, force_dimension,
+    open_haptics, virtuose,
+};
 use crate::protocol::open6::{axes_of, bits_of};
 use crate::protocol::{ArmReadings, Firmware as _, MAX_AXES, Open6Arm, Outbox, open6_arm};
 use crate::transport::Carriage;
@@ -22,7 +26,8 @@ use rt::clock::monotonic_ns;
 use rt::process::stand_apart;
 use rt::schedule::{self, ThreadRequest};
 
-/// Longest time between two turns: a host at 1 kHz is never so late without reason, and the maker's own watchdog is fed meanwhile.
+/// Longest time between two turns: a host at 1 kHz is never so late without reason, and the maker's
+/// own watchdog is fed meanwhile.
 const TURN: Duration = Duration::from_millis(2);
 
 /// The same while the host waits for a sample that is none yet.
@@ -60,7 +65,11 @@ pub struct Assignment {
 }
 
 impl Assignment {
-    pub(super) fn new(protocol: &super::VendorProtocol, serial: Option<String>, request: Option<ThreadRequest>) -> Self {
+    pub(super) fn new(
+        protocol: &super::VendorProtocol,
+        serial: Option<String>,
+        request: Option<ThreadRequest>,
+    ) -> Self {
         let arm = &protocol.arm;
         Self {
             family: protocol.family,
@@ -109,19 +118,24 @@ pub(crate) struct HostLine(UnixStream);
 impl HostLine {
     /// Waits for a command, at most `timeout`; false when the host has gone or lets go.
     pub(crate) fn wait(&mut self, timeout: Duration) -> bool {
-        let timeout = Timespec { tv_sec: timeout.as_secs() as i64, tv_nsec: timeout.subsec_nanos().into() };
+        let timeout =
+            Timespec { tv_sec: timeout.as_secs() as i64, tv_nsec: timeout.subsec_nanos().into() };
         match poll(&mut [PollFd::new(&self.0, PollFlags::IN)], Some(&timeout)) {
             // A signal ends a wait early, which is allowed.
             Ok(0) | Err(_) => true,
             Ok(_) => match self.0.read(&mut [0; 64]) {
                 Ok(n) => n > 0,
-                Err(error) => matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted),
+                Err(error) => {
+                    matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted)
+                }
             },
         }
     }
 
-    /// Does what takes long and does not look at the host, such as a motion that the library makes by itself. A host that goes meanwhile (Ctrl-C, or its
-    /// patience is over) ends it by `stop`, from another thread, and this process with it: an arm does not go on moving that no program watches.
+    /// Does what takes long and does not look at the host, such as a motion that the library makes
+    /// by itself. A host that goes meanwhile (Ctrl-C, or its patience is over) ends it by `stop`,
+    /// from another thread, and this process with it: an arm does not go on moving that no program
+    /// watches.
     pub(crate) fn during<T>(&self, work: impl FnOnce() -> T, stop: impl FnOnce() + Send) -> T {
         let is_done = AtomicBool::new(false);
         std::thread::scope(|scope| {
@@ -153,7 +167,8 @@ impl HostLine {
         poll(&mut polled, Some(&within)).is_ok_and(|n| n > 0)
     }
 
-    /// Ends this process some time after the host has gone, also where the library hangs and nothing else can.
+    /// Ends this process some time after the host has gone, also where the library hangs and
+    /// nothing else can.
     fn end_after_host(&self) -> io::Result<()> {
         let line = Self(self.0.try_clone()?);
         std::thread::Builder::new().name("host-watch".to_owned()).spawn(move || {
@@ -176,7 +191,8 @@ impl HostLine {
     }
 }
 
-/// Frames of the host on one side, the arm on the other: an `open6` arm with its watchdog, whose motors and sensors a [`VendorArm`] has.
+/// Frames of the host on one side, the arm on the other: an `open6` arm with its watchdog, whose
+/// motors and sensors a [`VendorArm`] has.
 pub(crate) struct Exchange {
     page: Page,
     firmware: open6_arm::Arm,
@@ -206,7 +222,8 @@ impl Exchange {
         if self.owes { REPEAT } else { TURN }
     }
 
-    /// One turn: the newest command, if there is one, into the motors, or zero when the last one is too old; then where the arm is; then the answer.
+    /// One turn: the newest command, if there is one, into the motors, or zero when the last one is
+    /// too old; then where the arm is; then the answer.
     ///
     /// # Errors
     /// The arm is lost.
@@ -214,7 +231,8 @@ impl Exchange {
         let now_s = (monotonic_ns() - self.start_ns) as f64 * 1e-9;
         let mut buffer = [0; 128];
         let n = self.page.take(&mut buffer);
-        self.owes |= n > 0 && self.firmware.hear(&buffer[..n], now_s, self.readings.homed, &mut self.outbox);
+        self.owes |=
+            n > 0 && self.firmware.hear(&buffer[..n], now_s, self.readings.homed, &mut self.outbox);
         self.firmware.watch(now_s);
         let [fx, fy, fz, tx, ty, tz, ..] = self.firmware.motors();
         arm.command(&VendorCommand {
@@ -243,7 +261,13 @@ fn readings_of(sample: &VendorSample) -> ArmReadings {
     rates[..3].copy_from_slice(&twist.linear.to_array());
     rates[3..6].copy_from_slice(&twist.angular.to_array());
     rates[7] = grip[1];
-    ArmReadings { readings: [x, y, z, qx, qy, qz, qw, grip[0]], rates, buttons: u32::from(*buttons), homed: *homed, asleep: false }
+    ArmReadings {
+        readings: [x, y, z, qx, qy, qz, qw, grip[0]],
+        rates,
+        buttons: u32::from(*buttons),
+        homed: *homed,
+        asleep: false,
+    }
 }
 
 /// The worker: stdin is the socket to the host, stdout the page.
@@ -272,9 +296,14 @@ pub fn work(assignment: &Assignment) -> io::Result<ExitCode> {
         }
     }
     let opened: Result<Box<dyn VendorArm>, VendorFault> = match assignment.family {
-        Family::ForceDimension => force_dimension::open(assignment, &mut host).map(|arm| Box::new(arm) as Box<dyn VendorArm>),
-        Family::OpenHaptics => open_haptics::open(assignment, &mut host).map(|arm| Box::new(arm) as Box<dyn VendorArm>),
-        Family::Virtuose => virtuose::open(assignment, &mut host).map(|arm| Box::new(arm) as Box<dyn VendorArm>),
+        Family::ForceDimension => force_dimension::open(assignment, &mut host)
+            .map(|arm| Box::new(arm) as Box<dyn VendorArm>),
+        Family::OpenHaptics => {
+            open_haptics::open(assignment, &mut host).map(|arm| Box::new(arm) as Box<dyn VendorArm>)
+        }
+        Family::Virtuose => {
+            virtuose::open(assignment, &mut host).map(|arm| Box::new(arm) as Box<dyn VendorArm>)
+        }
     };
     let mut arm = match opened {
         Ok(arm) => arm,
@@ -286,8 +315,10 @@ pub fn work(assignment: &Assignment) -> io::Result<ExitCode> {
     host.say("ready", &arm.identity());
     let mut exchange = Exchange::new(page, assignment.arm());
     // Whatever happens, the arm is closed.
-    let ended = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| arm.run(&mut exchange, &mut host)))
-        .unwrap_or_else(|_| Err(VendorFault("the worker has a fault of its own".to_owned())));
+    let ended = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+        arm.run(&mut exchange, &mut host)
+    }))
+    .unwrap_or_else(|_| Err(VendorFault("the worker has a fault of its own".to_owned())));
     if let Err(fault) = &ended {
         host.say("lost", &fault.0);
     }

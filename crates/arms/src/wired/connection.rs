@@ -10,11 +10,13 @@ use crate::guard::Guard;
 use crate::protocol::{Codec, MotorCommand};
 use crate::transport::{Frame, Transport, TransportError};
 
-/// Zeros that a lost arm is sent before its link is closed, as long as the link takes any, and the time between two.
+/// Zeros that a lost arm is sent before its link is closed, as long as the link takes any, and the
+/// time between two.
 const LAST_ZEROS: usize = 5;
 const BETWEEN_ZEROS: Duration = Duration::from_millis(2);
-/// How long a link stays open after its last frame: bytes of a tty pass through a worker of the kernel, and a close may overtake them. An arm
-/// that did not get its zero would hold its force until its watchdog lets go.
+/// How long a link stays open after its last frame: bytes of a tty pass through a worker of the
+/// kernel, and a close may overtake them. An arm that did not get its zero would hold its force
+/// until its watchdog lets go.
 pub(super) const LINGER: Duration = Duration::from_millis(10);
 
 /// An opened link with a codec that has been through its start.
@@ -23,14 +25,17 @@ pub(crate) struct Connection {
     pub(crate) link: Box<dyn Transport>,
     /// The codec.
     pub(crate) codec: Box<dyn Codec>,
-    /// What takes the force away where this process no longer can: `None` where it was not asked for or is not needed, an error where it could not start.
+    /// What takes the force away where this process no longer can: `None` where it was not asked
+    /// for or is not needed, an error where it could not start.
     pub(crate) guard: io::Result<Option<Guard>>,
 }
 
-/// Where an arm leaves the connection that it has lost and finds the next one. The other ends belong to the reconnect thread, which is cold.
+/// Where an arm leaves the connection that it has lost and finds the next one. The other ends
+/// belong to the reconnect thread, which is cold.
 ///
-/// There is never more than one connection: the next one is opened only after the lost one was handed over and closed, and a connection that is handed
-/// over is the whole message that the arm is lost.
+/// There is never more than one connection: the next one is opened only after the lost one was
+/// handed over and closed, and a connection that is handed over is the whole message that the arm
+/// is lost.
 pub(crate) struct Replacements {
     /// New ones.
     pub(crate) fresh: Consumer<Connection>,
@@ -59,8 +64,8 @@ impl Connection {
         }
     }
 
-    /// Makes the frame of a zero command; empty when there is none. `in_step`: the arm has answered the last command, so a new one begins where the
-    /// arm expects one. RT: safe.
+    /// Makes the frame of a zero command; empty when there is none. `in_step`: the arm has answered
+    /// the last command, so a new one begins where the arm expects one. RT: safe.
     pub(super) fn zero(&mut self, in_step: bool, frame: &mut Frame) {
         frame.clear();
         if !in_step {
@@ -71,8 +76,8 @@ impl Connection {
         }
     }
 
-    /// Sends a zero in the place of everything that has not left, and another one: what was dropped may have ended in the middle of a frame, and
-    /// spoilt the first. RT: safe.
+    /// Sends a zero in the place of everything that has not left, and another one: what was dropped
+    /// may have ended in the middle of a frame, and spoilt the first. RT: safe.
     pub(super) fn send_last_zero(&mut self) -> Result<(), TransportError> {
         let mut frame = Frame::default();
         self.zero(false, &mut frame);
@@ -85,10 +90,12 @@ impl Connection {
         self.link.send(frame.as_slice())
     }
 
-    /// Sends a lost arm zero for as long as its link takes bytes, and closes it; whether it took all. Cold: it waits.
+    /// Sends a lost arm zero for as long as its link takes bytes, and closes it; whether it took
+    /// all. Cold: it waits.
     pub(crate) fn let_go(mut self) -> bool {
         let takes = (0..LAST_ZEROS).all(|_| {
-            let is_open = !matches!(self.send_last_zero(), Err(TransportError::Lost | TransportError::Os(_)));
+            let is_open =
+                !matches!(self.send_last_zero(), Err(TransportError::Lost | TransportError::Os(_)));
             std::thread::sleep(BETWEEN_ZEROS);
             is_open
         });
@@ -105,7 +112,8 @@ impl Connection {
 }
 
 impl Replacements {
-    /// Gives a lost connection away; back where the queue is full; one connection always finds a place. RT: safe.
+    /// Gives a lost connection away; back where the queue is full; one connection always finds a
+    /// place. RT: safe.
     pub(super) fn give_away(&mut self, connection: Connection) -> Option<Connection> {
         self.spent.push(connection).err().map(|PushError::Full(connection)| connection)
     }

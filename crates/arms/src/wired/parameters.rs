@@ -49,6 +49,7 @@ pub(crate) struct WiredParameters {
     pub(crate) period_s: f64,
     /// Time of samples.
     pub(crate) timebase: Timebase,
-    /// The arm is on another machine: silence after which the network between counts as lost, s. `None`: it is attached to this one.
+    /// The arm is on another machine: silence after which the network between counts as lost, s.
+    /// `None`: it is attached to this one.
     pub(crate) link_silence_s: Option<f64>,
 }

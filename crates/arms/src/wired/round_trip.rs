@@ -1,7 +1,8 @@
 //! How far away an arm is, measured while it is used.
 //!
-//! Data in: when frames left and when reports came, in ticks. Data out: the round trip that 95 of 100 exchanges did not exceed; over a network 99. Not
-//! the longest: one hiccup of the system would cost the coupling its stiffness for the rest of the session, and what is that late is judged as
+//! Data in: when frames left and when reports came, in ticks. Data out: the round trip that 95 of
+//! 100 exchanges did not exceed; over a network 99. Not the longest: one hiccup of the system would
+//! cost the coupling its stiffness for the rest of the session, and what is that late is judged as
 //! stale anyway.
 
 /// Exchanges that are remembered: a quarter of a second at 1 kHz.
@@ -29,7 +30,14 @@ pub(crate) struct RoundTrip {
 impl RoundTrip {
     /// Nothing measured; `assumed_ticks` stands until the window is full.
     pub(crate) fn starting_at(assumed_ticks: u32) -> Self {
-        Self { ring: [0; WINDOW], counts: [0; LONGEST + 1], n_seen: 0, sent_at: None, assumed_ticks, late_share: LATE_SHARE }
+        Self {
+            ring: [0; WINDOW],
+            counts: [0; LONGEST + 1],
+            n_seen: 0,
+            sent_at: None,
+            assumed_ticks,
+            late_share: LATE_SHARE,
+        }
     }
 
     /// The same for an arm on another machine.
@@ -42,11 +50,14 @@ impl RoundTrip {
         self.sent_at = Some(tick);
     }
 
-    /// A report came in this tick. `commands_behind`: how many commands left after the one that the arm had seen, where it says so; else the
-    /// report answers the last frame. Ticks are counted from the write to the read; commands that are behind left a tick apart.
+    /// A report came in this tick. `commands_behind`: how many commands left after the one that the
+    /// arm had seen, where it says so; else the report answers the last frame. Ticks are counted
+    /// from the write to the read; commands that are behind left a tick apart.
     pub(super) fn received(&mut self, tick: u64, commands_behind: Option<u16>) {
         let ticks = match (commands_behind, self.sent_at.take()) {
-            (Some(behind), Some(sent_at)) => u64::from(behind) + tick.saturating_sub(sent_at).max(1),
+            (Some(behind), Some(sent_at)) => {
+                u64::from(behind) + tick.saturating_sub(sent_at).max(1)
+            }
             (Some(behind), None) => u64::from(behind) + 1,
             (None, Some(sent_at)) => tick.saturating_sub(sent_at),
             (None, None) => return,

@@ -47,7 +47,8 @@ impl ControllerBoard {
 
     /// Takes what the host sent, and answers.
     fn listen(&mut self) {
-        let (mut buffer, mut out) = ([0; 256], Outbox::new());
+        let mut buffer = [0; 256];
+        let mut out = Outbox::new();
         while let Ok(n @ 1..) = self.end.receive(&mut buffer) {
             self.firmware.receive(&buffer[..n], self.now_s, &self.readings(), &mut out);
         }
@@ -69,18 +70,27 @@ struct Lost {
 fn attached(name: &str, timebase: Timebase) -> (WiredArm, ControllerBoard, Lost) {
     let profile = profile::find(name, std::path::Path::new("")).expect(name);
     let real = profile.real.as_ref().expect("a real arm");
-    let carriage = if real.matching.transport == TransportKind::Hid { Carriage::Reports } else { Carriage::Stream };
+    let carriage = if real.matching.transport == TransportKind::Hid {
+        Carriage::Reports
+    } else {
+        Carriage::Stream
+    };
     let (host, end) = loopback(carriage);
     let firmware = real.protocol.firmware(carriage);
     let mut board = ControllerBoard { firmware, end, now_s: 0.0, reading: 0.0, crop: usize::MAX };
-    let connection = Connection { link: Box::new(host), codec: real.protocol.codec(carriage), guard: Ok(None) };
-    let parameters = WiredParameters { timebase, ..wired_parameters(&profile, real, PERIOD_S, IoPlacement::InLoop) };
+    let connection =
+        Connection { link: Box::new(host), codec: real.protocol.codec(carriage), guard: Ok(None) };
+    let parameters = WiredParameters {
+        timebase,
+        ..wired_parameters(&profile, real, PERIOD_S, IoPlacement::InLoop)
+    };
     let ((fresh, to_arm), (spent, from_arm)) = (RingBuffer::new(1), RingBuffer::new(1));
     let lost = Lost { spent: from_arm, _fresh: fresh };
     if name.starts_with("haply") {
         // A board that was not set up does not answer.
         let setup = "01 05 03 01 00 03 01 01 00 00 00 00 34 43 00 00 58 46 00 00 00 00 00 00 58 46";
-        let setup: Vec<u8> = setup.split(' ').map(|byte| u8::from_str_radix(byte, 16).expect("hex")).collect();
+        let setup: Vec<u8> =
+            setup.split(' ').map(|byte| u8::from_str_radix(byte, 16).expect("hex")).collect();
         board.firmware.receive(&setup, 0.0, &board.readings(), &mut Outbox::new());
     }
     (WiredArm::new(connection, Replacements { fresh: to_arm, spent }, parameters), board, lost)
@@ -89,7 +99,11 @@ fn attached(name: &str, timebase: Timebase) -> (WiredArm, ControllerBoard, Lost)
 const PUSH: Wrench = Wrench { force: DVec3::new(0.3, 0.3, 0.0), torque: DVec3::ZERO };
 
 /// One tick against a board that sends and receives.
-fn exchange(arm: &mut WiredArm, board: &mut ControllerBoard, wrench: &Wrench) -> Result<DeviceSample, DeviceError> {
+fn exchange(
+    arm: &mut WiredArm,
+    board: &mut ControllerBoard,
+    wrench: &Wrench,
+) -> Result<DeviceSample, DeviceError> {
     let sample = arm.read()?;
     arm.write(wrench)?;
     board.listen();
@@ -97,7 +111,8 @@ fn exchange(arm: &mut WiredArm, board: &mut ControllerBoard, wrench: &Wrench) ->
     Ok(sample)
 }
 
-/// An arm that streams fills the queues while the program is still starting: what overflows then is no loss of the link.
+/// An arm that streams fills the queues while the program is still starting: what overflows then is
+/// no loss of the link.
 #[test]
 fn what_came_before_the_first_tick_was_not_lost() {
     let (mut arm, mut board, _lost) = attached("woodenhaptics-v15", Timebase::Counted);
@@ -127,7 +142,8 @@ fn a_rate_input_has_no_zero_to_find() {
     assert!(sample.homed && sample.status == SampleStatus::Fresh);
 }
 
-/// An arm that streams may go on sending while it receives nothing: what it has not read must neither grow nor stand before the zero.
+/// An arm that streams may go on sending while it receives nothing: what it has not read must
+/// neither grow nor stand before the zero.
 #[test]
 fn an_arm_that_hears_nothing_reads_a_zero_and_no_old_force_when_it_wakes() {
     let (mut arm, mut board, mut lost) = attached("hapkit", Timebase::Counted);
@@ -137,7 +153,8 @@ fn an_arm_that_hears_nothing_reads_a_zero_and_no_old_force_when_it_wakes() {
     }
     assert!(board.is_driven());
     board.end.limit(4096);
-    let (mut stale_at, mut lost_at) = (None, None);
+    let mut stale_at = None;
+    let mut lost_at = None;
     for tick in 0..2000 {
         match arm.read() {
             Ok(sample) if sample.status == SampleStatus::Stale => {
@@ -150,7 +167,8 @@ fn an_arm_that_hears_nothing_reads_a_zero_and_no_old_force_when_it_wakes() {
             }
         }
         // As a tick does after its rule for late samples.
-        let wrench = if stale_at.is_some_and(|stale_at| tick > stale_at + 20) { Wrench::ZERO } else { PUSH };
+        let wrench =
+            if stale_at.is_some_and(|stale_at| tick > stale_at + 20) { Wrench::ZERO } else { PUSH };
         let _ = arm.write(&wrench);
         board.advance(true);
     }
@@ -211,8 +229,15 @@ fn an_arm_that_says_nothing_is_looked_for_and_told_zero() {
                 Err(error) => break error,
             }
         };
-        assert!(error == DeviceError::Lost && (499..=505).contains(&ticks), "{name}: {error:?} after {ticks} ticks");
-        assert_eq!((arm.read(), arm.write(&PUSH)), (Err(DeviceError::Lost), Err(DeviceError::Lost)), "{name}");
+        assert!(
+            error == DeviceError::Lost && (499..=505).contains(&ticks),
+            "{name}: {error:?} after {ticks} ticks"
+        );
+        assert_eq!(
+            (arm.read(), arm.write(&PUSH)),
+            (Err(DeviceError::Lost), Err(DeviceError::Lost)),
+            "{name}"
+        );
         board.listen();
         assert!(!board.is_driven(), "{name}");
         lost.spent.pop().expect(name).let_go();
@@ -235,7 +260,8 @@ fn half_a_reply(crop: usize) -> (u32, u32) {
     board.crop = crop;
     exchange(&mut arm, &mut board, &PUSH).expect("there");
     board.crop = usize::MAX;
-    let (mut zero_at, mut fresh_at) = (None, None);
+    let mut zero_at = None;
+    let mut fresh_at = None;
     for tick in 0..3000 {
         let wrench = if zero_at.is_none() || fresh_at.is_some() { PUSH } else { Wrench::ZERO };
         let sample = exchange(&mut arm, &mut board, &wrench).expect("there");
@@ -256,7 +282,10 @@ fn half_a_reply_takes_the_force_away_at_once_and_the_silence_follows() {
     for crop in [8, 4, 1] {
         let (zero_at, fresh_at) = half_a_reply(crop);
         assert!(zero_at <= 7, "{crop} bytes: {zero_at} ticks to zero");
-        assert!((1200..1220).contains(&fresh_at), "{crop} bytes: {fresh_at} ticks until it speaks again");
+        assert!(
+            (1200..1220).contains(&fresh_at),
+            "{crop} bytes: {fresh_at} ticks until it speaks again"
+        );
     }
 }
 
@@ -275,12 +304,20 @@ fn after_a_stall_no_sample_is_made_of_what_lay_in_the_queue() {
         }
         arm.n_reads += 300;
         let sample = exchange(&mut arm, &mut board, &Wrench::ZERO).expect(name);
-        assert_eq!((sample.status, sample.pose, sample.sequence), (SampleStatus::Stale, before.pose, before.sequence), "{name}");
+        assert_eq!(
+            (sample.status, sample.pose, sample.sequence),
+            (SampleStatus::Stale, before.pose, before.sequence),
+            "{name}"
+        );
         let sample = exchange(&mut arm, &mut board, &Wrench::ZERO).expect(name);
         assert_eq!((sample.status, sample.lost_packets), (SampleStatus::Fresh, 0), "{name}");
         let there = sample.pose;
         let sample = exchange(&mut arm, &mut board, &Wrench::ZERO).expect(name);
-        assert_eq!((sample.status, sample.pose), (SampleStatus::Fresh, there), "{name}: that was where it is");
+        assert_eq!(
+            (sample.status, sample.pose),
+            (SampleStatus::Fresh, there),
+            "{name}: that was where it is"
+        );
     }
 }
 
@@ -308,7 +345,9 @@ fn after_a_stall_a_backlog_that_comes_late_is_old_too() {
     }
     arm.n_reads += 300;
     let mut fresh_after = 0;
-    while exchange(&mut arm, &mut board, &Wrench::ZERO).expect("there").status != SampleStatus::Fresh {
+    while exchange(&mut arm, &mut board, &Wrench::ZERO).expect("there").status
+        != SampleStatus::Fresh
+    {
         fresh_after += 1;
     }
     assert!((5..=7).contains(&fresh_after), "{fresh_after}");

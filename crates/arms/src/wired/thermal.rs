@@ -1,7 +1,8 @@
 //! Heat of the motors, from their commands: the I²t model, for arms without a sensor.
 //!
-//! A motor that may carry its continuous command for ever takes T = (I / I_c)² as its final temperature rise, in units of the allowed one, and
-//! comes there with its time constant: θ' = ((I/I_c)² − θ) / τ. At θ = 1 it is too hot.
+//! A motor that may carry its continuous command for ever takes T = (I / I_c)² as its final
+//! temperature rise, in units of the allowed one, and comes there with its time constant: θ' =
+//! ((I/I_c)² − θ) / τ. At θ = 1 it is too hot.
 
 use crate::protocol::MAX_AXES;
 
@@ -29,7 +30,9 @@ impl Thermal {
     /// One tick of `period_s` with these commands; true while a motor is too hot.
     pub(crate) fn advance(&mut self, commands: &[f64; MAX_AXES], period_s: f64) -> bool {
         let mut hottest = 0.0_f64;
-        for ((heat, continuous), command) in self.heat.iter_mut().zip(self.continuous_units).zip(commands) {
+        for ((heat, continuous), command) in
+            self.heat.iter_mut().zip(self.continuous_units).zip(commands)
+        {
             if continuous > 0.0 && self.time_constant_s > 0.0 {
                 let load = command / continuous;
                 *heat += (load * load - *heat) * (1.0 - (-period_s / self.time_constant_s).exp());
@@ -62,8 +65,11 @@ mod tests {
         let expected_s = -30.0 * (0.75_f64).ln();
         assert!((hot_s - expected_s).abs() < 0.01, "{hot_s} {expected_s}");
         assert!(thermal.advance(&[0.0; MAX_AXES], PERIOD_S), "stays hot until it has cooled");
-        let cooled = (0..30_000).position(|_| !thermal.advance(&[0.0; MAX_AXES], PERIOD_S)).expect("cools");
-        assert!((f64::from(cooled as u32) * PERIOD_S - 30.0 * (1.0_f64 / COOLED).ln()).abs() < 0.01);
+        let cooled =
+            (0..30_000).position(|_| !thermal.advance(&[0.0; MAX_AXES], PERIOD_S)).expect("cools");
+        assert!(
+            (f64::from(cooled as u32) * PERIOD_S - 30.0 * (1.0_f64 / COOLED).ln()).abs() < 0.01
+        );
     }
 
     #[test]

@@ -36,8 +36,9 @@ const WITHIN_VOXELS: f64 = 2.0;
 /// As the teapot of Sagardia2019: 236 mm at 2 mm.
 const VOXELS_ON_LONGEST_AXIS: f64 = 118.0;
 
-/// Every field at `n_places` seeded places within two voxels of the surface. The exact distance is a search over all triangles: cost
-/// O(places · triangles). The sign is left out, and with it a field that takes one side for the other.
+/// Every field at `n_places` seeded places within two voxels of the surface. The exact distance is
+/// a search over all triangles: cost O(places · triangles). The sign is left out, and with it a
+/// field that takes one side for the other.
 ///
 /// # Errors
 /// A mesh that cannot be baked.
@@ -55,8 +56,10 @@ pub fn field_errors(
     let exact: Vec<(DVec3, DVec3, f64)> = places
         .into_par_iter()
         .map(|(place, normal)| {
-            let nearest =
-                projectors.iter().map(|projector| projector.project(place).distance_squared).fold(f64::INFINITY, f64::min);
+            let nearest = projectors
+                .iter()
+                .map(|projector| projector.project(place).distance_squared)
+                .fold(f64::INFINITY, f64::min);
             (place, normal, nearest.sqrt())
         })
         .collect();
@@ -66,15 +69,16 @@ pub fn field_errors(
         .map(|(_, kind)| {
             let errors = exact.iter().map(|(place, normal, distance_m)| {
                 let cells = ((*place - origin) / voxel_size_m).as_vec3();
-                (f64::from(field.value(*kind, cells, normal.as_vec3())).abs() - distance_m).abs() / voxel_size_m
+                (f64::from(field.value(*kind, cells, normal.as_vec3())).abs() - distance_m).abs()
+                    / voxel_size_m
             });
             FieldErrors { field: *kind, voxels: Spread::of(errors).unwrap_or_default() }
         })
         .collect())
 }
 
-/// Seeded places beside the surface, even over its area, each with the triangle's outward normal: what a point of a tool that touches
-/// there has as its inward one, and V_L reads.
+/// Seeded places beside the surface, even over its area, each with the triangle's outward normal:
+/// what a point of a tool that touches there has as its inward one, and V_L reads.
 fn places_near(mesh: &TriangleMesh, within_m: f64, n_places: usize) -> Vec<(DVec3, DVec3)> {
     let normal = |idx: usize| {
         let [a, b, c] = mesh.corners(idx);
@@ -92,12 +96,14 @@ fn places_near(mesh: &TriangleMesh, within_m: f64, n_places: usize) -> Vec<(DVec
             let drawn = random.within(0.0, area);
             let idx = up_to_here.partition_point(|sum| *sum <= drawn).min(mesh.triangles.len() - 1);
             let [a, b, c] = mesh.corners(idx);
-            let (mut u, mut v) = (random.unit(), random.unit());
+            let mut u = random.unit();
+            let mut v = random.unit();
             if u + v > 1.0 {
                 (u, v) = (1.0 - u, 1.0 - v);
             }
             let outward = normal(idx).normalize_or_zero();
-            let place = a + (b - a) * u + (c - a) * v + outward * random.within(-within_m, within_m);
+            let place =
+                a + (b - a) * u + (c - a) * v + outward * random.within(-within_m, within_m);
             (place, outward)
         })
         .collect()
@@ -115,7 +121,9 @@ pub(super) fn rows(options: &Options, tell: &mut dyn FnMut(&str)) -> Vec<Row> {
     for (name, metres_per_unit) in MODELS {
         match read(&folder.join(name), metres_per_unit) {
             Ok(mesh) => rows.extend(compared(name, &mesh, None, n_places, tell)),
-            Err(why) => rows.push(Row::new(GROUP, format!("{name}: skipped: {why}"), None, "voxel")),
+            Err(why) => {
+                rows.push(Row::new(GROUP, format!("{name}: skipped: {why}"), None, "voxel"))
+            }
         }
     }
     rows
@@ -127,7 +135,13 @@ fn read(path: &Path, metres_per_unit: f64) -> Result<TriangleMesh, String> {
     mesh::load(path, metres_per_unit).map_err(|error| error.to_string())
 }
 
-fn compared(name: &str, mesh: &TriangleMesh, voxel_size_m: Option<f64>, n_places: usize, tell: &mut dyn FnMut(&str)) -> Vec<Row> {
+fn compared(
+    name: &str,
+    mesh: &TriangleMesh,
+    voxel_size_m: Option<f64>,
+    n_places: usize,
+    tell: &mut dyn FnMut(&str),
+) -> Vec<Row> {
     tell(&format!("{name}: fields beside exact distances"));
     let longest_m = mesh.bounds().map_or(1.0, |(low, high)| (high - low).max_element());
     let voxel_size_m = voxel_size_m.unwrap_or(longest_m / VOXELS_ON_LONGEST_AXIS);
@@ -135,12 +149,22 @@ fn compared(name: &str, mesh: &TriangleMesh, voxel_size_m: Option<f64>, n_places
         Ok(errors) => errors,
         Err(error) => return vec![Row::new(GROUP, format!("{name}: {error}"), None, "voxel")],
     };
-    let word = |kind: FieldKind| FieldKind::NAMES.iter().find(|(_, named)| *named == kind).map_or("?", |(word, _)| word);
+    let word = |kind: FieldKind| {
+        FieldKind::NAMES.iter().find(|(_, named)| *named == kind).map_or("?", |(word, _)| word)
+    };
     errors
         .into_iter()
         .flat_map(|FieldErrors { field, voxels }| {
-            [("mean", voxels.mean), ("p99", voxels.p99), ("max", voxels.max)]
-                .map(|(what, value)| Row::new(GROUP, format!("{name}: {}: error, {what}", word(field)), value, "voxel"))
+            [("mean", voxels.mean), ("p99", voxels.p99), ("max", voxels.max)].map(
+                |(what, value)| {
+                    Row::new(
+                        GROUP,
+                        format!("{name}: {}: error, {what}", word(field)),
+                        value,
+                        "voxel",
+                    )
+                },
+            )
         })
         .collect()
 }

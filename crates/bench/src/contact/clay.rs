@@ -1,8 +1,10 @@
-//! Clay as the tick feels it: steps of the force while it recedes under a tool, and what a tick costs.
+//! Clay as the tick feels it: steps of the force while it recedes under a tool, and what a tick
+//! costs.
 //!
-//! [`Receding`] is the scene in which updates are felt most: a plane of clay goes back at a steady speed, a point follows it at the same
-//! depth, and the force would be the same all the time if the clay were updated in every tick. Updated less often, the surface leaps back; in
-//! between the point goes deeper.
+//! [`Receding`] is the scene in which updates are felt most: a plane of clay goes back at a steady
+//! speed, a point follows it at the same depth, and the force would be the same all the time if the
+//! clay were updated in every tick. Updated less often, the surface leaps back; in between the
+//! point goes deeper.
 
 use std::sync::Arc;
 
@@ -10,8 +12,8 @@ use glam::{DMat3, DQuat, DVec3};
 
 use haptics::clay::{Clay, Rope};
 use haptics::{
-    CouplingMode, CouplingParameters, DriveRequest, FilterParameters, Inertia, Parameters, RenderScene, State, TickInput,
-    TickOutput, Tool, tick,
+    CouplingMode, CouplingParameters, DriveRequest, FilterParameters, Inertia, Parameters,
+    RenderScene, State, TickInput, TickOutput, Tool, tick,
 };
 use vps::density::{Frame, FrameError, Lattice, Raster};
 use vps::pointshell::shell::Shell;
@@ -21,7 +23,8 @@ use vps::spatial::{DeviceSample, Pose, SampleStatus, Twist};
 const PERIOD_S: f64 = 1e-3;
 /// Distance of the nodes, m.
 const SPACING_M: f64 = 1e-3;
-/// Ticks before anything moves: the ramp of the enable, and the way to where coupling and contact balance.
+/// Ticks before anything moves: the ramp of the enable, and the way to where coupling and contact
+/// balance.
 const MOVES_FROM_TICK: u64 = 200;
 /// Ticks before anything is judged: until updates follow each other as they will for good.
 const JUDGED_FROM_TICK: u64 = 300;
@@ -72,39 +75,61 @@ const DEPTH_M: f64 = 2e-3;
 const TOP_M: f64 = 0.055;
 
 impl Receding {
-    /// Plays until updates follow each other as they will for good, and `n_ticks` more. The clay is 55 mm thick.
+    /// Plays until updates follow each other as they will for good, and `n_ticks` more. The clay is
+    /// 55 mm thick.
     ///
     /// # Errors
     /// None in practice: the frames are sound.
     pub fn play(&self, n_ticks: u64) -> Result<RecedingForce, FrameError> {
-        let lattice = Lattice { origin_map: DVec3::new(-5e-3, -5e-3, 0.0), spacing_m: SPACING_M, dims: [11, 11, 61] };
+        let lattice = Lattice {
+            origin_map: DVec3::new(-5e-3, -5e-3, 0.0),
+            spacing_m: SPACING_M,
+            dims: [11, 11, 61],
+        };
         let plane = |top_m: f64| move |point: DVec3| top_m - point.z;
-        let mut scene = scene(&frame(lattice, &plane(TOP_M))?, Shell::new(&[(DVec3::ZERO, DVec3::Z)], SPACING_M));
+        let mut scene = scene(
+            &frame(lattice, &plane(TOP_M))?,
+            Shell::new(&[(DVec3::ZERO, DVec3::Z)], SPACING_M),
+        );
         scene.parameters.coupling.mode = self.coupling;
         if let (Some(clay), true) = (&mut scene.clay, self.extrapolates) {
             clay.smoothing = Clay::smoothing_between(1.0 / self.update_hz, PERIOD_S);
         }
         // A hand on a spring of the same stiffness has to go as deep again.
         let stretch_m = if self.coupling == CouplingMode::Direct { 0.0 } else { DEPTH_M };
-        let top_m = |tick: u64| TOP_M - self.speed_m_per_s * PERIOD_S * tick.saturating_sub(MOVES_FROM_TICK) as f64;
-        scene.parameters.mapping.start = Pose::from_translation(DVec3::Z * (TOP_M - DEPTH_M - stretch_m));
+        let top_m = |tick: u64| {
+            TOP_M - self.speed_m_per_s * PERIOD_S * tick.saturating_sub(MOVES_FROM_TICK) as f64
+        };
+        scene.parameters.mapping.start =
+            Pose::from_translation(DVec3::Z * (TOP_M - DEPTH_M - stretch_m));
         let mut state = State::new(&scene);
-        let (mut force, mut n_updates) = (RecedingForce { steady_n: 1e3 * DEPTH_M, ..RecedingForce::default() }, 0);
+        let mut force = RecedingForce { steady_n: 1e3 * DEPTH_M, ..RecedingForce::default() };
+        let mut n_updates = 0;
         for tick_idx in 0..JUDGED_FROM_TICK + n_ticks {
-            // The newest update that is not later than the tick, computed from where the plane is at its own time.
+            // The newest update that is not later than the tick, computed from where the plane is
+            // at its own time.
             let due = (tick_idx as f64 * PERIOD_S * self.update_hz + 1e-9) as u64;
             if due > n_updates {
                 n_updates = due;
                 let at_tick = due as f64 / (self.update_hz * PERIOD_S);
-                let late_m = self.speed_m_per_s * PERIOD_S * (at_tick - MOVES_FROM_TICK as f64).max(0.0);
-                state.exchange(Box::new(Frame { sequence: due, ..frame(lattice, &plane(TOP_M - late_m))? }));
+                let late_m =
+                    self.speed_m_per_s * PERIOD_S * (at_tick - MOVES_FROM_TICK as f64).max(0.0);
+                state.exchange(Box::new(Frame {
+                    sequence: due,
+                    ..frame(lattice, &plane(TOP_M - late_m))?
+                }));
             }
             let pose = Pose::from_translation(DVec3::Z * (top_m(tick_idx) - TOP_M));
             let speed_m_per_s = if tick_idx > MOVES_FROM_TICK { self.speed_m_per_s } else { 0.0 };
             let twist = Twist { linear: DVec3::NEG_Z * speed_m_per_s, angular: DVec3::ZERO };
-            let (sequence, status) = (tick_idx + 1, SampleStatus::Fresh);
+            let sequence = tick_idx + 1;
+            let status = SampleStatus::Fresh;
             let sample = DeviceSample { sequence, status, pose, twist, ..DeviceSample::default() };
-            let output = tick(&scene, &mut state, &TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() });
+            let output = tick(
+                &scene,
+                &mut state,
+                &TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() },
+            );
             if tick_idx >= JUDGED_FROM_TICK {
                 force.contact_n.push(output.contact_world.force.z);
                 force.felt_n.push(output.command_device.force.z);
@@ -129,7 +154,11 @@ impl Turning {
     /// None in practice: the frame is sound.
     pub fn new(n_points: u32, depth_m: f64) -> Result<Self, FrameError> {
         const RADIUS_M: f64 = 0.015;
-        let lattice = Lattice { origin_map: DVec3::new(-0.04, -0.04, -0.02), spacing_m: SPACING_M, dims: [81, 81, 61] };
+        let lattice = Lattice {
+            origin_map: DVec3::new(-0.04, -0.04, -0.02),
+            spacing_m: SPACING_M,
+            dims: [81, 81, 61],
+        };
         let (shell, reach_m) = if n_points > 1 {
             (ball(RADIUS_M, n_points), RADIUS_M)
         } else {
@@ -144,14 +173,25 @@ impl Turning {
     /// The next tick, a tenth of a degree further.
     pub fn tick(&mut self) -> TickOutput {
         self.sequence += 1;
-        let turn = DQuat::from_rotation_z(2e-3 * self.sequence as f64) * DQuat::from_rotation_x(1e-3 * self.sequence as f64);
+        let turn = DQuat::from_rotation_z(2e-3 * self.sequence as f64)
+            * DQuat::from_rotation_x(1e-3 * self.sequence as f64);
         let pose = Pose::new(turn, DVec3::ZERO);
-        let sample = DeviceSample { sequence: self.sequence, status: SampleStatus::Fresh, pose, ..DeviceSample::default() };
-        tick(&self.scene, &mut self.state, &TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() })
+        let sample = DeviceSample {
+            sequence: self.sequence,
+            status: SampleStatus::Fresh,
+            pose,
+            ..DeviceSample::default()
+        };
+        tick(
+            &self.scene,
+            &mut self.state,
+            &TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() },
+        )
     }
 }
 
-/// Points spread evenly over a sphere, their normals inwards; sixteen after the other lie side by side.
+/// Points spread evenly over a sphere, their normals inwards; sixteen after the other lie side by
+/// side.
 fn ball(radius_m: f64, n_points: u32) -> Shell {
     let golden_rad = core::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
     let mut points: Vec<DVec3> = (0..n_points)
@@ -168,7 +208,8 @@ fn ball(radius_m: f64, n_points: u32) -> Shell {
         let ((one_band, one_rad), (other_band, other_rad)) = (band(one), band(other));
         one_band.cmp(&other_band).then(one_rad.total_cmp(&other_rad))
     });
-    let points: Vec<(DVec3, DVec3)> = points.into_iter().map(|normal| (normal * radius_m, -normal)).collect();
+    let points: Vec<(DVec3, DVec3)> =
+        points.into_iter().map(|normal| (normal * radius_m, -normal)).collect();
     Shell::new(&points, SPACING_M)
 }
 
@@ -181,7 +222,13 @@ fn frame(lattice: Lattice, density_m: &dyn Fn(DVec3) -> f64) -> Result<Frame, Fr
         *value_m = density_m(lattice.position(node)) as f32;
     }
     raster.measure();
-    let mut frame = Frame { sequence: 0, base: Arc::new(raster.clone()), region: raster, rope_map: None, is_leap: false };
+    let mut frame = Frame {
+        sequence: 0,
+        base: Arc::new(raster.clone()),
+        region: raster,
+        rope_map: None,
+        is_leap: false,
+    };
     frame.make_ready(None)?;
     Ok(frame)
 }
@@ -191,15 +238,27 @@ fn scene(frame: &Frame, shell: Shell) -> RenderScene {
     let least_kg_m2 = 1e-6;
     RenderScene {
         parameters: Parameters {
-            coupling: CouplingParameters { mode: CouplingMode::Direct, ..CouplingParameters::PLAIN },
+            coupling: CouplingParameters {
+                mode: CouplingMode::Direct,
+                ..CouplingParameters::PLAIN
+            },
             filter: FilterParameters { spatial: false, cutoff_hz: [f64::INFINITY; 2] },
             ..Parameters::unlimited(PERIOD_S)
         },
         obstacles: Vec::new(),
-        clay: Some(Clay { world_from_map: Pose::IDENTITY, frame: frame.clone(), smoothing: 0.0, rope: Rope::default() }),
+        clay: Some(Clay {
+            world_from_map: Pose::IDENTITY,
+            frame: frame.clone(),
+            smoothing: 0.0,
+            rope: Rope::default(),
+        }),
         tool: Tool {
             shell,
-            inertia: Inertia { mass_kg: 0.05, body_kg_m2: DMat3::IDENTITY * least_kg_m2, least_kg_m2 },
+            inertia: Inertia {
+                mass_kg: 0.05,
+                body_kg_m2: DMat3::IDENTITY * least_kg_m2,
+                least_kg_m2,
+            },
             center_of_mass_tool: DVec3::ZERO,
         },
     }

@@ -21,7 +21,8 @@ impl Csv {
     /// A folder that cannot be made.
     pub fn new(folder: Option<PathBuf>) -> Result<Self, BenchError> {
         if let Some(path) = &folder {
-            std::fs::create_dir_all(path).map_err(|source| BenchError::Write { path: path.clone(), source })?;
+            std::fs::create_dir_all(path)
+                .map_err(|source| BenchError::Write { path: path.clone(), source })?;
         }
         Ok(Self(folder))
     }
@@ -29,7 +30,8 @@ impl Csv {
     pub(super) fn file(&mut self, name: &str, header: &str) -> Result<CsvFile, BenchError> {
         let Some(folder) = &self.0 else { return Ok(CsvFile(None)) };
         let path = folder.join(name);
-        let file = File::create(&path).map_err(|source| BenchError::Write { path: path.clone(), source })?;
+        let file = File::create(&path)
+            .map_err(|source| BenchError::Write { path: path.clone(), source })?;
         let mut file = CsvFile(Some((path, BufWriter::new(file))));
         file.line(format_args!("{header}"))?;
         Ok(file)
@@ -45,7 +47,10 @@ impl CsvFile {
         self.with(|file| file.flush())
     }
 
-    fn with(&mut self, write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> Result<(), BenchError> {
+    fn with(
+        &mut self,
+        write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
+    ) -> Result<(), BenchError> {
         let Some((path, file)) = &mut self.0 else { return Ok(()) };
         write(file).map_err(|source| BenchError::Write { path: path.clone(), source })
     }

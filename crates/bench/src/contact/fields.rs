@@ -37,7 +37,10 @@ impl Depths {
         match self {
             Self::Exact => "exact distance",
             Self::Of(FieldKind::Trilinear, true) => "trilinear, spatial",
-            Self::Of(kind, _) => FieldKind::NAMES.iter().find(|(_, named)| *named == kind).map_or("?", |(name, _)| name),
+            Self::Of(kind, _) => FieldKind::NAMES
+                .iter()
+                .find(|(_, named)| *named == kind)
+                .map_or("?", |(name, _)| name),
         }
     }
 }
@@ -59,7 +62,8 @@ pub struct Measured {
     pub magnitude_percent: Spread,
     /// Mean |F| above the one with exact depths, % of that; `None` where the ideal is zero.
     pub bias_percent: Option<f64>,
-    /// RMS above 10 Hz at 50 mm/s, % of the mean |F| or of Σ |fᵢ|; `None` for a path that is too short.
+    /// RMS above 10 Hz at 50 mm/s, % of the mean |F| or of Σ |fᵢ|; `None` for a path that is too
+    /// short.
     pub ripple_percent: Option<f64>,
     /// |τ − ideal|, as an arm of the same force (or of Σ |fᵢ|), voxels.
     pub torque_voxels: Spread,
@@ -67,20 +71,33 @@ pub struct Measured {
     pub query_us: Option<Spread>,
 }
 
-/// Runs every scenario with every field, and writes `q1-q3.csv` (each path) and `q1-q3-series.csv` (each tick) where a folder is given.
+/// Runs every scenario with every field, and writes `q1-q3.csv` (each path) and `q1-q3-series.csv`
+/// (each tick) where a folder is given.
 ///
 /// # Errors
 /// A file that cannot be written.
-pub fn measure(scenarios: &[Scenario], csv: &mut Csv) -> Result<Vec<Measured>, super::super::BenchError> {
+pub fn measure(
+    scenarios: &[Scenario],
+    csv: &mut Csv,
+) -> Result<Vec<Measured>, super::super::BenchError> {
     let mut all = Vec::new();
-    let mut series = csv.file("q1-q3-series.csv", "family,path,field,t_s,fx_n,fy_n,fz_n,tx_nm,ty_nm,tz_nm,contacts")?;
+    let mut series = csv.file(
+        "q1-q3-series.csv",
+        "family,path,field,t_s,fx_n,fy_n,fz_n,tx_nm,ty_nm,tz_nm,contacts",
+    )?;
     for scenario in scenarios {
         for depths in Depths::ALL {
             let run = Run::of(scenario, depths);
             for (tick, (wrench, contacts)) in run.wrenches.iter().zip(&run.contacts).enumerate() {
-                let ([fx, fy, fz], [tx, ty, tz]) = (wrench.force.to_array(), wrench.torque.to_array());
-                let (family, path, field, t_s) = (scenario.family, scenario.path, depths.name(), tick as f64 / RATE_HZ);
-                series.line(format_args!("{family},{path},\"{field}\",{t_s},{fx},{fy},{fz},{tx},{ty},{tz},{contacts}"))?;
+                let ([fx, fy, fz], [tx, ty, tz]) =
+                    (wrench.force.to_array(), wrench.torque.to_array());
+                let family = scenario.family;
+                let path = scenario.path;
+                let field = depths.name();
+                let t_s = tick as f64 / RATE_HZ;
+                series.line(format_args!(
+                    "{family},{path},\"{field}\",{t_s},{fx},{fy},{fz},{tx},{ty},{tz},{contacts}"
+                ))?;
             }
             all.push(run.measured(scenario, depths));
         }
@@ -126,17 +143,29 @@ impl Run {
     }
 
     fn measured(&self, scenario: &Scenario, depths: Depths) -> Measured {
-        let mean = |values: &mut dyn Iterator<Item = f64>| values.sum::<f64>() / self.wrenches.len() as f64;
-        let exact: Vec<(Wrench, f64)> = scenario.poses.iter().map(|pose| scenario.exact(*pose)).collect();
+        let mean = |values: &mut dyn Iterator<Item = f64>| {
+            values.sum::<f64>() / self.wrenches.len() as f64
+        };
+        let exact: Vec<(Wrench, f64)> =
+            scenario.poses.iter().map(|pose| scenario.exact(*pose)).collect();
         let lengths = || self.wrenches.iter().map(|wrench| wrench.force.length());
         let (scale_n, angle_deg, magnitude_percent, bias_percent);
         match scenario.ideal {
             Ideal::Along(direction) => {
                 scale_n = mean(&mut lengths());
-                let off = self.wrenches.iter().map(|wrench| wrench.force.angle_between(direction).to_degrees());
+                let off = self
+                    .wrenches
+                    .iter()
+                    .map(|wrench| wrench.force.angle_between(direction).to_degrees());
                 angle_deg = Spread::of(off);
-                magnitude_percent = Spread::of(lengths().map(|length| 100.0 * (length - scale_n).abs() / scale_n));
-                bias_percent = Some(100.0 * (scale_n / mean(&mut exact.iter().map(|(wrench, _)| wrench.force.length())) - 1.0));
+                magnitude_percent =
+                    Spread::of(lengths().map(|length| 100.0 * (length - scale_n).abs() / scale_n));
+                bias_percent = Some(
+                    100.0
+                        * (scale_n
+                            / mean(&mut exact.iter().map(|(wrench, _)| wrench.force.length()))
+                            - 1.0),
+                );
             }
             Ideal::Zero => {
                 scale_n = mean(&mut exact.iter().map(|(_, load_n)| *load_n));
@@ -170,7 +199,10 @@ pub(super) fn contact(field: FieldKind, smooth_entry: bool) -> ForceLaw {
 impl Measured {
     fn csv(&self) -> String {
         let spread = |spread: Option<Spread>| {
-            spread.map_or_else(|| ",,".to_owned(), |Spread { mean, p99, max }| format!("{mean},{p99},{max}"))
+            spread.map_or_else(
+                || ",,".to_owned(),
+                |Spread { mean, p99, max }| format!("{mean},{p99},{max}"),
+            )
         };
         let number = |value: Option<f64>| value.map(|value| value.to_string()).unwrap_or_default();
         format!(
@@ -197,9 +229,12 @@ pub(super) fn rows(all: &[Measured]) -> Vec<Row> {
     for family in families {
         let group = format!("{family}, worst path");
         for depths in Depths::ALL {
-            let here = || all.iter().filter(|measured| measured.family == family && measured.depths == depths);
+            let here = || {
+                all.iter().filter(|measured| measured.family == family && measured.depths == depths)
+            };
             let mut figure = |name: &str, unit, of: &dyn Fn(&Measured) -> Option<f64>| {
-                let worst = here().filter_map(of).reduce(|a, b| if b.abs() > a.abs() { b } else { a });
+                let worst =
+                    here().filter_map(of).reduce(|a, b| if b.abs() > a.abs() { b } else { a });
                 if worst.is_some() {
                     rows.push(Row::new(&group, format!("{}: {name}", depths.name()), worst, unit));
                 }

@@ -1,8 +1,10 @@
-//! What voxel size an insertion needs: peg into hole, nut down its thread, gear into mesh, each with a hand that goes straight, and with one that is
-//! 0.2 mm beside the axis and 1° tilted.
+//! What voxel size an insertion needs: peg into hole, nut down its thread, gear into mesh, each
+//! with a hand that goes straight, and with one that is 0.2 mm beside the axis and 1° tilted.
 //!
-//! The parts are those of the shipped scenes. Clearances of the peg are set by its radius; below zero the peg is larger than the hole and must stay out,
-//! which says from which voxel size on a part passes that does not fit. Everything runs on the virtual clock, so that the table is the same on every machine.
+//! The parts are those of the shipped scenes. Clearances of the peg are set by its radius; below
+//! zero the peg is larger than the hole and must stay out, which says from which voxel size on a
+//! part passes that does not fit. Everything runs on the virtual clock, so that the table is the
+//! same on every machine.
 
 use core::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -21,7 +23,8 @@ use hapticd::scene::cache::{Cache, CachePolicy};
 use haptics::Faults;
 use vps::spatial::Pose;
 
-/// A hand that is not where it should be: beside the axis along x, m, and tilted about (1, 1, 0), rad.
+/// A hand that is not where it should be: beside the axis along x, m, and tilted about (1, 1, 0),
+/// rad.
 const MISALIGNED: (f64, f64) = (0.2e-3, core::f64::consts::PI / 180.0);
 /// Voxel sizes of fixed parts, mm; a tool has points at twice that, as in the shipped scenes.
 const VOXELS_MM: [f64; 4] = [0.1, 0.2, 0.4, 0.8];
@@ -59,27 +62,45 @@ struct Case<'a> {
 }
 
 /// The rows, and the table as markdown. Cost: five minutes; quick, some seconds.
-pub(super) fn measure(options: &Options, tell: &mut dyn FnMut(&str)) -> Result<(Vec<Row>, String), BenchError> {
+pub(super) fn measure(
+    options: &Options,
+    tell: &mut dyn FnMut(&str),
+) -> Result<(Vec<Row>, String), BenchError> {
     if scenes::shipped(&options.scenes).is_empty() {
         let skipped = format!("skipped: no scenes in {} (--scenes)", options.scenes.display());
         return Ok((vec![Row::new(GROUP, skipped, None, "")], String::new()));
     }
-    let folder = TemporaryFolder::create().map_err(|source| BenchError::Write { path: std::env::temp_dir(), source })?;
+    let folder = TemporaryFolder::create()
+        .map_err(|source| BenchError::Write { path: std::env::temp_dir(), source })?;
     let mut cache = Cache::at(folder.path().join("cache"), CachePolicy::Copy);
-    let (voxels, clearances): (&[f64], &[f64]) = if options.quick { (&[0.2], &[-0.1, 0.1]) } else { (&VOXELS_MM, &CLEARANCES_MM) };
+    let (voxels, clearances): (&[f64], &[f64]) =
+        if options.quick { (&[0.2], &[-0.1, 0.1]) } else { (&VOXELS_MM, &CLEARANCES_MM) };
     let mut found = Vec::new();
     let mut play = |case: &Case<'_>| -> Result<(), BenchError> {
         for &voxel_mm in voxels {
             for is_misaligned in [false, true] {
-                tell(&format!("{}, voxels of {voxel_mm} mm{}", case.name, if is_misaligned { ", misaligned" } else { "" }));
-                found.extend(insert(options, case, voxel_mm, is_misaligned, folder.path(), &mut cache)?);
+                tell(&format!(
+                    "{}, voxels of {voxel_mm} mm{}",
+                    case.name,
+                    if is_misaligned { ", misaligned" } else { "" }
+                ));
+                found.extend(insert(
+                    options,
+                    case,
+                    voxel_mm,
+                    is_misaligned,
+                    folder.path(),
+                    &mut cache,
+                )?);
             }
         }
         Ok(())
     };
     // 5 mm above the block, down to 2 mm below the floor of the hole.
     let down = |from_m: f64, to_m: f64, in_s: f64| {
-        move |t: f64| Pose::from_translation(DVec3::Z * (from_m + (to_m - from_m) * smooth(t / in_s)))
+        move |t: f64| {
+            Pose::from_translation(DVec3::Z * (from_m + (to_m - from_m) * smooth(t / in_s)))
+        }
     };
     let peg_path = down(5e-3, -22e-3, 3.0);
     for &clearance_mm in clearances {
@@ -102,13 +123,17 @@ pub(super) fn measure(options: &Options, tell: &mut dyn FnMut(&str)) -> Result<(
             edits: Vec::new(),
             path: &|t| {
                 let turns = TURNS * smooth((t - 0.5) / 7.0);
-                Pose::new(DQuat::from_rotation_z(-turns * core::f64::consts::TAU), DVec3::Z * (34e-3 - turns * PITCH_M))
+                Pose::new(
+                    DQuat::from_rotation_z(-turns * core::f64::consts::TAU),
+                    DVec3::Z * (34e-3 - turns * PITCH_M),
+                )
             },
             end_s: 8.0,
             // Within a tenth of the pitch of where 1.5 turns lead, and turned by them to 5°.
             is_in: &|tool| {
                 let half_turn = DQuat::from_rotation_z(core::f64::consts::PI);
-                (tool.translation.z - 31e-3).abs() < 0.1 * PITCH_M && tool.rotation.angle_between(half_turn).to_degrees() < 5.0
+                (tool.translation.z - 31e-3).abs() < 0.1 * PITCH_M
+                    && tool.rotation.angle_between(half_turn).to_degrees() < 5.0
             },
         })?;
         // 3 mm straight down, which the thread must not allow.
@@ -148,8 +173,10 @@ fn start(z_mm: f64) -> Edit {
 /// The shipped peg with another radius.
 fn peg_of(options: &Options, radius_mm: f64, folder: &Path) -> Result<PathBuf, BenchError> {
     let shipped = options.scenes.join("../models/peg.obj");
-    let mut mesh = vps::mesh::load(&shipped, 1e-3)
-        .map_err(|error| BenchError::Prepare { what: shipped.display().to_string(), why: error.to_string() })?;
+    let mut mesh = vps::mesh::load(&shipped, 1e-3).map_err(|error| BenchError::Prepare {
+        what: shipped.display().to_string(),
+        why: error.to_string(),
+    })?;
     let factor = radius_mm / PEG_MM;
     for vertex in &mut mesh.vertices {
         (vertex.x, vertex.y) = (vertex.x * factor, vertex.y * factor);
@@ -167,8 +194,13 @@ fn write_hand(path: &Path, case: &Case<'_>, is_misaligned: bool) -> Result<(), B
     for k in 0..=(case.end_s * 100.0) as usize {
         let time_s = k as f64 / 100.0;
         let pose = (case.path)(time_s);
-        let (p, q) = (pose.translation + DVec3::X * beside_m, tilt * pose.rotation);
-        let _ = writeln!(text, "{time_s:.2},{:.9},{:.9},{:.9},{:.9},{:.9},{:.9},{:.9}", p.x, p.y, p.z, q.x, q.y, q.z, q.w);
+        let p = pose.translation + DVec3::X * beside_m;
+        let q = tilt * pose.rotation;
+        let _ = writeln!(
+            text,
+            "{time_s:.2},{:.9},{:.9},{:.9},{:.9},{:.9},{:.9},{:.9}",
+            p.x, p.y, p.z, q.x, q.y, q.z, q.w
+        );
     }
     std::fs::write(path, text).map_err(|source| BenchError::Write { path: path.to_owned(), source })
 }
@@ -182,7 +214,9 @@ fn insert(
     folder: &Path,
     cache: &mut Cache,
 ) -> Result<Option<Insertion>, BenchError> {
-    let Some(scene) = scenes::shipped(&options.scenes).into_iter().find(|path| scenes::name(path) == case.scene) else {
+    let Some(scene) =
+        scenes::shipped(&options.scenes).into_iter().find(|path| scenes::name(path) == case.scene)
+    else {
         return Ok(None);
     };
     let hand = folder.join("hand.csv");
@@ -206,7 +240,8 @@ fn judge(case: &Case<'_>, voxel_mm: f64, is_misaligned: bool, played: &Played) -
         case: case.name.clone(),
         voxel_mm,
         is_misaligned,
-        is_in: !last.is_empty() && last.iter().all(|record| (case.is_in)(&record.output.world_from_tool)),
+        is_in: !last.is_empty()
+            && last.iter().all(|record| (case.is_in)(&record.output.world_from_tool)),
         peak_n: largest(&|record| record.output.commanded_device.force.length()),
         depth_m: largest(&|record| record.output.max_depth_m),
         faults: played.faults,
@@ -218,7 +253,8 @@ impl Insertion {
         let Self { case, voxel_mm, is_misaligned, is_in, peak_n, depth_m, faults } = self;
         let hand = if *is_misaligned { "0.2 mm beside, 1° tilted" } else { "straight" };
         let name = format!("{case}, voxels of {voxel_mm} mm, {hand}");
-        let ended = if faults.is_empty() { String::new() } else { format!(", ended by {faults:?}") };
+        let ended =
+            if faults.is_empty() { String::new() } else { format!(", ended by {faults:?}") };
         [
             Row::new(GROUP, format!("{name}: is in{ended}"), f64::from(u8::from(*is_in)), ""),
             Row::new(GROUP, format!("{name}: largest force on the hand"), *peak_n, "N"),
@@ -245,14 +281,25 @@ fn table(found: &[Insertion]) -> String {
         }
     }
     for (case, is_misaligned) in lines {
-        let _ = write!(text, "| {case} | {} |", if is_misaligned { "beside, tilted" } else { "straight" });
+        let _ = write!(
+            text,
+            "| {case} | {} |",
+            if is_misaligned { "beside, tilted" } else { "straight" }
+        );
         for voxel_mm in &voxels {
             let one = |insertion: &&Insertion| {
-                insertion.case == case && insertion.is_misaligned == is_misaligned && insertion.voxel_mm == *voxel_mm
+                insertion.case == case
+                    && insertion.is_misaligned == is_misaligned
+                    && insertion.voxel_mm == *voxel_mm
             };
             match found.iter().find(one) {
                 Some(Insertion { is_in, peak_n, depth_m, .. }) => {
-                    let _ = write!(text, " {}, {peak_n:.1} N, {:.2} mm |", if *is_in { "in" } else { "**out**" }, depth_m * 1e3);
+                    let _ = write!(
+                        text,
+                        " {}, {peak_n:.1} N, {:.2} mm |",
+                        if *is_in { "in" } else { "**out**" },
+                        depth_m * 1e3
+                    );
                 }
                 None => text.push_str(" |"),
             }

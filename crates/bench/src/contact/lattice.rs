@@ -6,12 +6,14 @@
 //! | [`Interpolation::Fitted`] | trilinear through samples that are moved by a twelfth of their second differences | 8 |
 //! | [`Interpolation::Cubic`] | cubic through the samples, without kinks | 64 |
 //!
-//! Linear interpolation through samples of a function f errs by h²/2 · Σ t (1 − t) f'', always to one side where the surface bends to one side: the mean
-//! over a cell is h²/12 · Δf. Moved by that, the samples make a field whose mean is right, and which is exact over a plane as before.
+//! Linear interpolation through samples of a function f errs by h²/2 · Σ t (1 − t) f'', always to
+//! one side where the surface bends to one side: the mean over a cell is h²/12 · Δf. Moved by that,
+//! the samples make a field whose mean is right, and which is exact over a plane as before.
 //!
 //! # Source
-//! Condat, Blu and Unser 2005, "Beyond interpolation: optimal reconstruction by quasi-interpolation" (the moved samples); Keys 1981, "Cubic convolution
-//! interpolation for digital image processing".
+//! Condat, Blu and Unser 2005, "Beyond interpolation: optimal reconstruction by
+//! quasi-interpolation" (the moved samples); Keys 1981, "Cubic convolution interpolation for
+//! digital image processing".
 
 use glam::{DVec3, Vec3};
 
@@ -47,7 +49,9 @@ impl Lattice {
             (0..nx).flat_map(move |x| (0..ny).flat_map(move |y| (0..nz).map(move |z| [x, y, z])))
         };
         let center = |cell: [i32; 3]| Vec3::from_array(cell.map(|n| n as f32 + 0.5));
-        let samples = cells().map(|cell| field.value(FieldKind::Trilinear, center(cell), Vec3::ZERO)).collect();
+        let samples = cells()
+            .map(|cell| field.value(FieldKind::Trilinear, center(cell), Vec3::ZERO))
+            .collect();
         let lattice = Self {
             dims,
             origin: field.origin_map().as_dvec3(),
@@ -64,7 +68,11 @@ impl Lattice {
         let [nx, ny, nz] = self.dims;
         let [x, y, z] = cell;
         let is_inside = (0..nx).contains(&x) && (0..ny).contains(&y) && (0..nz).contains(&z);
-        if is_inside { f64::from(samples[((x * ny + y) * nz + z) as usize]) } else { self.outside_m }
+        if is_inside {
+            f64::from(samples[((x * ny + y) * nz + z) as usize])
+        } else {
+            self.outside_m
+        }
     }
 
     fn moved(&self, cell: [i32; 3]) -> f32 {
@@ -87,9 +95,12 @@ impl Lattice {
         let base = cells.floor();
         let base_cell = base.to_array().map(|n| n as i32 - 1);
         let weights = (cells - base).to_array().map(|t| match way {
-            Interpolation::Linear | Interpolation::Fitted => [[0.0, 1.0 - t, t, 0.0], [0.0, -1.0, 1.0, 0.0]],
+            Interpolation::Linear | Interpolation::Fitted => {
+                [[0.0, 1.0 - t, t, 0.0], [0.0, -1.0, 1.0, 0.0]]
+            }
             Interpolation::Cubic => {
-                let (squared, cubed) = (t * t, t * t * t);
+                let squared = t * t;
+                let cubed = t * t * t;
                 [
                     [
                         0.5 * (2.0 * squared - t - cubed),
@@ -97,30 +108,47 @@ impl Lattice {
                         0.5 * t + 2.0 * squared - 1.5 * cubed,
                         0.5 * (cubed - squared),
                     ],
-                    [2.0 * t - 0.5 - 1.5 * squared, 4.5 * squared - 5.0 * t, 0.5 + 4.0 * t - 4.5 * squared, 1.5 * squared - t],
+                    [
+                        2.0 * t - 0.5 - 1.5 * squared,
+                        4.5 * squared - 5.0 * t,
+                        0.5 + 4.0 * t - 4.5 * squared,
+                        1.5 * squared - t,
+                    ],
                 ]
             }
         });
         let samples = if way == Interpolation::Fitted { &self.fitted } else { &self.samples };
         let [[wx, dx], [wy, dy], [wz, dz]] = weights;
-        let (mut value, mut gradient) = (0.0, DVec3::ZERO);
+        let mut value = 0.0;
+        let mut gradient = DVec3::ZERO;
         let reads = if way == Interpolation::Cubic { 0..4 } else { 1..3 };
-        for (i, j, k) in reads.clone().flat_map(|i| reads.clone().flat_map(move |j| (0..4).map(move |k| (i, j, k)))) {
+        for (i, j, k) in reads
+            .clone()
+            .flat_map(|i| reads.clone().flat_map(move |j| (0..4).map(move |k| (i, j, k))))
+        {
             if !reads.contains(&k) {
                 continue;
             }
-            let sample = self.sample(samples, [base_cell[0] + i as i32, base_cell[1] + j as i32, base_cell[2] + k as i32]);
+            let sample = self.sample(
+                samples,
+                [base_cell[0] + i as i32, base_cell[1] + j as i32, base_cell[2] + k as i32],
+            );
             value += sample * wx[i] * wy[j] * wz[k];
-            gradient += sample * DVec3::new(dx[i] * wy[j] * wz[k], wx[i] * dy[j] * wz[k], wx[i] * wy[j] * dz[k]);
+            gradient += sample
+                * DVec3::new(dx[i] * wy[j] * wz[k], wx[i] * dy[j] * wz[k], wx[i] * wy[j] * dz[k]);
         }
         (value, gradient / self.voxel_size_m)
     }
 }
 
-/// Mean of the immersed depths of a facet that is so deep in the middle and reaches so much farther on both sides, m: what a point counts of its facet where
-/// the surface cuts it.
+/// Mean of the immersed depths of a facet that is so deep in the middle and reaches so much farther
+/// on both sides, m: what a point counts of its facet where the surface cuts it.
 pub(super) fn spread(depth_m: f64, reach_m: f64) -> f64 {
-    if depth_m.abs() >= reach_m { depth_m.max(0.0) } else { (depth_m + reach_m).powi(2) / (4.0 * reach_m) }
+    if depth_m.abs() >= reach_m {
+        depth_m.max(0.0)
+    } else {
+        (depth_m + reach_m).powi(2) / (4.0 * reach_m)
+    }
 }
 
 #[cfg(test)]
@@ -132,16 +160,26 @@ mod tests {
     #[test]
     fn all_are_exact_over_a_plane_and_moved_samples_and_cubes_are_nearly_so_over_a_ball() {
         const R: f64 = 8e-3;
-        let field = |shape: Shape| fixture::obstacle("part", &shape.tessellate(1e-6), 5e-4, false).expect("a grid that fits").field;
+        let field = |shape: Shape| {
+            fixture::obstacle("part", &shape.tessellate(1e-6), 5e-4, false)
+                .expect("a grid that fits")
+                .field
+        };
         let slab = Lattice::new(&field(Shape::Plane { x_m: 0.02, y_m: 0.02, thickness_m: 6e-3 }));
         let ball = Lattice::new(&field(Shape::Sphere { radius_m: R }));
         let error_m = |way: Interpolation| {
-            let (mut sum_m, mut n) = (0.0, 0.0);
+            let mut sum_m = 0.0;
+            let mut n = 0.0;
             for step in 0..200 {
                 let angle = 0.31 * f64::from(step);
-                let out = DVec3::new(angle.cos(), angle.sin(), (0.17 * f64::from(step)).sin()).normalize();
-                let (depth_m, gradient) = slab.at(way, DVec3::new(3e-3 * out.x, 3e-3 * out.y, -2e-4));
-                assert!((depth_m - 2e-4).abs() < 1e-9 && (gradient + DVec3::Z).length() < 1e-5, "{way:?}: {depth_m} {gradient}");
+                let out = DVec3::new(angle.cos(), angle.sin(), (0.17 * f64::from(step)).sin())
+                    .normalize();
+                let (depth_m, gradient) =
+                    slab.at(way, DVec3::new(3e-3 * out.x, 3e-3 * out.y, -2e-4));
+                assert!(
+                    (depth_m - 2e-4).abs() < 1e-9 && (gradient + DVec3::Z).length() < 1e-5,
+                    "{way:?}: {depth_m} {gradient}"
+                );
                 let (depth_m, gradient) = ball.at(way, out * (R - 1e-4));
                 assert!((gradient + out).length() < 0.1, "{way:?}: {gradient} {out}");
                 sum_m += depth_m - 1e-4;
@@ -149,18 +187,24 @@ mod tests {
             }
             sum_m / n
         };
-        let [linear, fitted, cubic] = [Interpolation::Linear, Interpolation::Fitted, Interpolation::Cubic].map(error_m);
+        let [linear, fitted, cubic] =
+            [Interpolation::Linear, Interpolation::Fitted, Interpolation::Cubic].map(error_m);
         // h²/12 · 2/R.
         assert!((linear + 5.2e-6).abs() < 1e-6, "{linear}");
-        assert!(fitted.abs() < 0.1 * linear.abs() && cubic.abs() < 0.1 * linear.abs(), "{fitted} {cubic}");
+        assert!(
+            fitted.abs() < 0.1 * linear.abs() && cubic.abs() < 0.1 * linear.abs(),
+            "{fitted} {cubic}"
+        );
     }
 
     #[test]
     fn a_spread_point_counts_what_is_immersed_of_its_facet() {
         for depth_m in [-1.2, -0.9, -0.3, 0.0, 0.4, 0.99, 1.5] {
             let n = 10_000;
-            let mean: f64 =
-                (0..n).map(|k| (depth_m + 2.0 * (f64::from(k) + 0.5) / f64::from(n) - 1.0).max(0.0)).sum::<f64>() / f64::from(n);
+            let mean: f64 = (0..n)
+                .map(|k| (depth_m + 2.0 * (f64::from(k) + 0.5) / f64::from(n) - 1.0).max(0.0))
+                .sum::<f64>()
+                / f64::from(n);
             assert!((spread(depth_m, 1.0) - mean).abs() < 1e-4, "{depth_m}");
             assert!((spread(depth_m, 0.0) - depth_m.max(0.0)).abs() == 0.0);
         }

@@ -1,11 +1,15 @@
-//! The exact law: K/s² times the integral of depth over the immersed surface of the tool, both parts as their meshes are.
+//! The exact law: K/s² times the integral of depth over the immersed surface of the tool, both
+//! parts as their meshes are.
 //!
-//! [`Solid`] knows the distance to the closest triangle of a mesh, and its sign by the normals of the feature on which the closest point lies.
-//! [`Surface`] cuts the triangles of a tool until the integral converges: an edge of at most the step, quadratic where a piece is immersed as a
-//! whole, clipped along the boundary of the contact. Halving the step changes the force by less than a thousandth, which a test proves.
+//! [`Solid`] knows the distance to the closest triangle of a mesh, and its sign by the normals of
+//! the feature on which the closest point lies. [`Surface`] cuts the triangles of a tool until the
+//! integral converges: an edge of at most the step, quadratic where a piece is immersed as a whole,
+//! clipped along the boundary of the contact. Halving the step changes the force by less than a
+//! thousandth, which a test proves.
 //!
 //! # Source
-//! The law: the divergence theorem, as in `vps::pointshell`. Signs: Bærentzen and Aanæs 2005, normals weighted by angle.
+//! The law: the divergence theorem, as in `vps::pointshell`. Signs: Bærentzen and Aanæs 2005,
+//! normals weighted by angle.
 
 use core::ops::Range;
 use std::collections::HashMap;
@@ -35,22 +39,30 @@ const LEAF_TRIANGLES: usize = 2;
 
 impl Tree {
     fn new(mesh: &TriangleMesh) -> Self {
-        let mut tree = Self { nodes: Vec::new(), order: (0..mesh.triangles.len() as u32).collect() };
+        let mut tree =
+            Self { nodes: Vec::new(), order: (0..mesh.triangles.len() as u32).collect() };
         tree.split(mesh, 0..mesh.triangles.len());
         tree
     }
 
     fn split(&mut self, mesh: &TriangleMesh, range: Range<usize>) -> usize {
         let corners = self.order[range.clone()].iter().flat_map(|idx| mesh.corners(*idx as usize));
-        let (low, high) = corners.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), at| (low.min(at), high.max(at)));
+        let (low, high) = corners
+            .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), at| {
+                (low.min(at), high.max(at))
+            });
         let idx = self.nodes.len();
         self.nodes.push(Node { low, high, range: range.clone(), second: None });
         if range.len() > LEAF_TRIANGLES {
             let size = high - low;
-            let axis = if size.x >= size.max_element() { 0 } else { if size.y >= size.z { 1 } else { 2 } };
-            let middle = |idx: &u32| mesh.corners(*idx as usize).iter().map(|corner| corner[axis]).sum::<f64>();
+            let axis =
+                if size.x >= size.max_element() { 0 } else { if size.y >= size.z { 1 } else { 2 } };
+            let middle = |idx: &u32| {
+                mesh.corners(*idx as usize).iter().map(|corner| corner[axis]).sum::<f64>()
+            };
             let half = range.len() / 2;
-            self.order[range.clone()].select_nth_unstable_by(half, |one, other| middle(one).total_cmp(&middle(other)));
+            self.order[range.clone()]
+                .select_nth_unstable_by(half, |one, other| middle(one).total_cmp(&middle(other)));
             self.split(mesh, range.start..range.start + half);
             self.nodes[idx].second = Some(self.split(mesh, range.start + half..range.end));
         }
@@ -100,12 +112,15 @@ impl Solid {
         let mut of_vertices = vec![DVec3::ZERO; mesh.vertices.len()];
         let edge = |[from, to]: [u32; 2]| [from.min(to), from.max(to)];
         for (idx, vertices) in mesh.triangles.iter().enumerate() {
-            let (corners, normal) = (mesh.corners(idx), of_face(idx));
+            let corners = mesh.corners(idx);
+            let normal = of_face(idx);
             for k in 0..3 {
                 let [at, next, last] = [0, 1, 2].map(|step| (k + step) % 3);
                 *of_edges.entry(edge([vertices[at], vertices[next]])).or_default() += normal;
-                let angle = (corners[next] - corners[at]).angle_between(corners[last] - corners[at]);
-                of_vertices[vertices[at] as usize] += normal * if angle.is_finite() { angle } else { 0.0 };
+                let angle =
+                    (corners[next] - corners[at]).angle_between(corners[last] - corners[at]);
+                of_vertices[vertices[at] as usize] +=
+                    normal * if angle.is_finite() { angle } else { 0.0 };
             }
         }
         let normals = mesh.triangles.iter().enumerate().map(|(idx, vertices)| {
@@ -117,13 +132,16 @@ impl Solid {
         Self {
             tree: Tree::new(mesh),
             normals: normals.collect(),
-            triangles: (0..mesh.triangles.len()).map(|idx| TriangleProjector::new(&mesh.corners(idx))).collect(),
+            triangles: (0..mesh.triangles.len())
+                .map(|idx| TriangleProjector::new(&mesh.corners(idx)))
+                .collect(),
         }
     }
 
     /// Cost: logarithmic in the number of triangles, near the surface.
     pub(super) fn at(&self, point: DVec3) -> Nearest {
-        let mut best = (f64::INFINITY, Nearest { depth_m: f64::NEG_INFINITY, outward: DVec3::ZERO });
+        let mut best =
+            (f64::INFINITY, Nearest { depth_m: f64::NEG_INFINITY, outward: DVec3::ZERO });
         self.search(0, point, &mut best);
         best.1
     }
@@ -141,12 +159,16 @@ impl Solid {
                     };
                     let outward = self.normals[*triangle as usize][feature];
                     let sign = if (point - found.point).dot(outward) > 0.0 { -1.0 } else { 1.0 };
-                    *best = (found.distance_squared, Nearest { depth_m: sign * found.distance_squared.sqrt(), outward });
+                    *best = (
+                        found.distance_squared,
+                        Nearest { depth_m: sign * found.distance_squared.sqrt(), outward },
+                    );
                 }
             }
             return;
         };
-        let mut children = [idx + 1, second].map(|child| (self.tree.nodes[child].distance_squared(point), child));
+        let mut children =
+            [idx + 1, second].map(|child| (self.tree.nodes[child].distance_squared(point), child));
         if children[1].0 < children[0].0 {
             children.swap(0, 1);
         }
@@ -158,11 +180,13 @@ impl Solid {
     }
 }
 
-/// Depths change by at most so much per metre: 1 of exact distances, a little more of interpolated ones.
+/// Depths change by at most so much per metre: 1 of exact distances, a little more of interpolated
+/// ones.
 const SLOPE: f64 = 1.2;
 /// Every point of a triangle is at most so far from one of its corners, longest edges.
 const COVER: f64 = 0.578;
-/// Longest edge of the pieces among which the deepest point is looked for, m, and how often its neighbourhood is halved.
+/// Longest edge of the pieces among which the deepest point is looked for, m, and how often its
+/// neighbourhood is halved.
 const SEARCH_M: f64 = 4e-4;
 const SEARCH_HALVINGS: usize = 8;
 
@@ -191,8 +215,14 @@ impl Surface {
     }
 
     /// ∫ depth · inward normal dA over what is immersed, m³, world axes.
-    pub(super) fn integral(&self, world_from_tool: Pose, step_m: f64, depth: &impl Fn(DVec3) -> f64) -> DVec3 {
-        let (mut sum, mut known) = (DVec3::ZERO, self.unknown());
+    pub(super) fn integral(
+        &self,
+        world_from_tool: Pose,
+        step_m: f64,
+        depth: &impl Fn(DVec3) -> f64,
+    ) -> DVec3 {
+        let mut sum = DVec3::ZERO;
+        let mut known = self.unknown();
         self.integrate(0, world_from_tool, (step_m, depth), &mut known, &mut sum);
         sum
     }
@@ -231,8 +261,10 @@ impl Surface {
             return;
         }
         for triangle in &self.tree.order[node.range.clone()] {
-            let corners = self.mesh.corners(*triangle as usize).map(|corner| pose.transform_point(corner));
-            let inward = (corners[2] - corners[0]).cross(corners[1] - corners[0]).normalize_or_zero();
+            let corners =
+                self.mesh.corners(*triangle as usize).map(|corner| pose.transform_point(corner));
+            let inward =
+                (corners[2] - corners[0]).cross(corners[1] - corners[0]).normalize_or_zero();
             let depths = self.depths(*triangle, known, |at| depth(pose.transform_point(at)));
             *sum += inward * piece(corners, depths, step_m, depth);
         }
@@ -248,10 +280,14 @@ impl Surface {
         let corners = self.mesh.corners(best.triangle);
         let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
         let edges = [0, 1, 2].map(|k| corners[(k + 1) % 3] - corners[k]);
-        let is_inside = |at: DVec3| (0..3).all(|k| edges[k].cross(at - corners[k]).dot(normal) >= 0.0);
+        let is_inside =
+            |at: DVec3| (0..3).all(|k| edges[k].cross(at - corners[k]).dot(normal) >= 0.0);
         let mut step_m = 0.5 * SEARCH_M;
         for _ in 0..SEARCH_HALVINGS {
-            let ways = edges.map(DVec3::normalize_or_zero).into_iter().flat_map(|way| [way * step_m, -way * step_m]);
+            let ways = edges
+                .map(DVec3::normalize_or_zero)
+                .into_iter()
+                .flat_map(|way| [way * step_m, -way * step_m]);
             for way in ways {
                 while is_inside(best.at + way) && depth(best.at + way) > best.depth_m {
                     best = Deepest { depth_m: depth(best.at + way), at: best.at + way, ..best };
@@ -262,14 +298,22 @@ impl Surface {
         best
     }
 
-    fn seek(&self, idx: usize, bound_m: f64, depth: &impl Fn(DVec3) -> f64, known: &mut [f64], best: &mut Deepest) {
+    fn seek(
+        &self,
+        idx: usize,
+        bound_m: f64,
+        depth: &impl Fn(DVec3) -> f64,
+        known: &mut [f64],
+        best: &mut Deepest,
+    ) {
         if bound_m <= best.depth_m {
             return;
         }
         let node = &self.tree.nodes[idx];
         let Some(second) = node.second else {
             for triangle in &self.tree.order[node.range.clone()] {
-                let (corners, depths) = (self.mesh.corners(*triangle as usize), self.depths(*triangle, known, depth));
+                let corners = self.mesh.corners(*triangle as usize);
+                let depths = self.depths(*triangle, known, depth);
                 seek_piece(corners, depths, *triangle as usize, depth, best);
             }
             return;
@@ -295,11 +339,18 @@ impl Surface {
 /// The longest edge of a triangle: its length, and the corner that it starts at.
 fn longest(corners: &[DVec3; 3]) -> (f64, usize) {
     let length = |k: usize| (corners[(k + 1) % 3] - corners[k]).length();
-    (0..3).map(|k| (length(k), k)).fold((-1.0, 0), |best, next| if next.0 > best.0 { next } else { best })
+    (0..3)
+        .map(|k| (length(k), k))
+        .fold((-1.0, 0), |best, next| if next.0 > best.0 { next } else { best })
 }
 
 /// The two halves of a triangle, cut across its longest edge, with the depths of their corners.
-fn halves(corners: [DVec3; 3], depths: [f64; 3], first: usize, depth: &impl Fn(DVec3) -> f64) -> [([DVec3; 3], [f64; 3]); 2] {
+fn halves(
+    corners: [DVec3; 3],
+    depths: [f64; 3],
+    first: usize,
+    depth: &impl Fn(DVec3) -> f64,
+) -> [([DVec3; 3], [f64; 3]); 2] {
     let [a, b, c] = [0, 1, 2].map(|step| (first + step) % 3);
     let middle = 0.5 * (corners[a] + corners[b]);
     let of_middle = depth(middle);
@@ -309,14 +360,22 @@ fn halves(corners: [DVec3; 3], depths: [f64; 3], first: usize, depth: &impl Fn(D
     ]
 }
 
-fn seek_piece(corners: [DVec3; 3], depths: [f64; 3], triangle: usize, depth: &impl Fn(DVec3) -> f64, best: &mut Deepest) {
+fn seek_piece(
+    corners: [DVec3; 3],
+    depths: [f64; 3],
+    triangle: usize,
+    depth: &impl Fn(DVec3) -> f64,
+    best: &mut Deepest,
+) {
     for (at, depth_m) in corners.into_iter().zip(depths) {
         if depth_m > best.depth_m {
             *best = Deepest { depth_m, at, triangle };
         }
     }
     let (length_m, first) = longest(&corners);
-    if length_m > SEARCH_M && depths.into_iter().fold(f64::MIN, f64::max) + COVER * length_m > best.depth_m {
+    if length_m > SEARCH_M
+        && depths.into_iter().fold(f64::MIN, f64::max) + COVER * length_m > best.depth_m
+    {
         for (corners, depths) in halves(corners, depths, first, depth) {
             seek_piece(corners, depths, triangle, depth, best);
         }
@@ -330,7 +389,10 @@ fn piece(corners: [DVec3; 3], depths: [f64; 3], step_m: f64, depth: &impl Fn(DVe
         return 0.0;
     }
     if length_m > step_m {
-        return halves(corners, depths, first, depth).map(|(corners, depths)| piece(corners, depths, step_m, depth)).iter().sum();
+        return halves(corners, depths, first, depth)
+            .map(|(corners, depths)| piece(corners, depths, step_m, depth))
+            .iter()
+            .sum();
     }
     let area = 0.5 * (corners[1] - corners[0]).cross(corners[2] - corners[0]).length();
     let [ab, bc, ca] = [0, 1, 2].map(|k| depth(0.5 * (corners[k] + corners[(k + 1) % 3])));
@@ -338,7 +400,8 @@ fn piece(corners: [DVec3; 3], depths: [f64; 3], step_m: f64, depth: &impl Fn(DVe
     if [a, b, c, ab, bc, ca].into_iter().all(|depth_m| depth_m >= 0.0) {
         return area / 3.0 * (ab + bc + ca);
     }
-    0.25 * area * [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]].map(clipped).iter().sum::<f64>()
+    0.25 * area
+        * [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]].map(clipped).iter().sum::<f64>()
 }
 
 /// The mean of max(depth, 0) over a triangle between whose corners depth is linear.
@@ -382,26 +445,33 @@ mod tests {
             (DVec3::new(2.0, 2.0, 2.0), -(3.0_f64.sqrt())),
             (DVec3::new(0.9, 0.95, 0.99), 0.01),
         ] {
-            assert!((solid.at(point).depth_m - depth_m).abs() < 1e-12, "{point}: {}", solid.at(point).depth_m);
+            assert!(
+                (solid.at(point).depth_m - depth_m).abs() < 1e-12,
+                "{point}: {}",
+                solid.at(point).depth_m
+            );
         }
     }
 
     #[test]
     fn over_a_plane_the_integral_is_the_volume_of_the_overlap() {
-        let (solid, ball) = (slab(), Surface::new(Shape::Sphere { radius_m: R }.tessellate(2e-7)));
+        let solid = slab();
+        let ball = Surface::new(Shape::Sphere { radius_m: R }.tessellate(2e-7));
         for depth_m in [1.25e-4, 5e-4] {
             let pose = Pose::new(DQuat::from_rotation_x(0.3), DVec3::new(1e-3, 2e-3, R - depth_m));
             let cap_m3 = PI * depth_m * depth_m * (R - depth_m / 3.0);
             let found = ball.integral(pose, 1e-4, &|at| solid.at(at).depth_m);
-            assert!((found.z / cap_m3 - 1.0).abs() < 4e-3 && found.truncate().length() < 1e-3 * cap_m3, "{found} {cap_m3}");
+            assert!(
+                (found.z / cap_m3 - 1.0).abs() < 4e-3 && found.truncate().length() < 1e-3 * cap_m3,
+                "{found} {cap_m3}"
+            );
             assert!((ball.deepest(pose, &solid).depth_m / depth_m - 1.0).abs() < 4e-3);
         }
         // A face on a round obstacle is deepest in its middle.
-        let (round, cube) = (
-            Solid::new(&Shape::Sphere { radius_m: 0.01 }.tessellate(4e-7)),
-            Surface::new(Shape::Box { size_m: DVec3::splat(7e-3) }.tessellate(0.0)),
-        );
-        let deepest = cube.deepest(Pose::from_translation(DVec3::new(6e-4, 3e-4, 13.5e-3 - 1.25e-4)), &round);
+        let round = Solid::new(&Shape::Sphere { radius_m: 0.01 }.tessellate(4e-7));
+        let cube = Surface::new(Shape::Box { size_m: DVec3::splat(7e-3) }.tessellate(0.0));
+        let deepest =
+            cube.deepest(Pose::from_translation(DVec3::new(6e-4, 3e-4, 13.5e-3 - 1.25e-4)), &round);
         assert!((deepest.depth_m - 1.25e-4).abs() < 1e-6, "{}", deepest.depth_m);
     }
 
@@ -413,15 +483,21 @@ mod tests {
             Shape::Box { size_m: DVec3::splat(7e-3) },
             Shape::Cylinder { radius_m: 3e-3, height_m: 8e-3 },
         ];
-        for (tool, depth_m) in tools.into_iter().flat_map(|tool| [1.25e-4, 5e-4].map(|depth_m| (tool, depth_m))) {
+        for (tool, depth_m) in
+            tools.into_iter().flat_map(|tool| [1.25e-4, 5e-4].map(|depth_m| (tool, depth_m)))
+        {
             let surface = Surface::new(tool.tessellate(4e-7));
             let mut pose = Pose::new(DQuat::from_rotation_y(0.4), DVec3::new(0.012, 0.0, 0.011));
             for _ in 0..30 {
                 pose.translation.z -= depth_m - surface.deepest(pose, &solid).depth_m;
             }
             let of = |step_m: f64| surface.integral(pose, step_m, &|at| solid.at(at).depth_m);
-            let (whole, half) = (of(super::super::curved::step_m(depth_m)), of(0.5 * super::super::curved::step_m(depth_m)));
-            assert!((whole - half).length() < 1e-3 * half.length(), "{tool:?}, {depth_m}: {whole} {half}");
+            let whole = of(super::super::curved::step_m(depth_m));
+            let half = of(0.5 * super::super::curved::step_m(depth_m));
+            assert!(
+                (whole - half).length() < 1e-3 * half.length(),
+                "{tool:?}, {depth_m}: {whole} {half}"
+            );
         }
     }
 }

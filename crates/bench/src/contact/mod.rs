@@ -1,4 +1,5 @@
-//! Figures of contact: how right a force is, how it feels through the couplings, how long a query takes.
+//! Figures of contact: how right a force is, how it feels through the couplings, how long a query
+//! takes.
 //!
 //! | file | owns |
 //! |---|---|
@@ -86,27 +87,36 @@ pub struct Quality {
 /// Cost: two or three minutes; quick, some seconds.
 ///
 /// # Errors
-/// A part that cannot be baked, or a file that cannot be written. A scene that is not there or that this version lacks is a row
-/// that says so.
+/// A part that cannot be baked, or a file that cannot be written. A scene that is not there or that
+/// this version lacks is a row that says so.
 pub fn quality(options: &Options, mut tell: impl FnMut(&str)) -> Result<Quality, BenchError> {
     let mut csv = Csv::new(options.csv.clone())?;
     tell("Q1 to Q3: fields");
-    let measured = fields::measure(&scenarios::all(if options.quick { 240 } else { scenarios::LONGEST_TICKS })?, &mut csv)?;
+    let measured = fields::measure(
+        &scenarios::all(if options.quick { 240 } else { scenarios::LONGEST_TICKS })?,
+        &mut csv,
+    )?;
     let mut rows = fields::rows(&measured);
     rows.extend(accuracy::rows(options, &mut tell));
-    let folder = TemporaryFolder::create().map_err(|source| BenchError::Write { path: std::env::temp_dir(), source })?;
+    let folder = TemporaryFolder::create()
+        .map_err(|source| BenchError::Write { path: std::env::temp_dir(), source })?;
     let mut cache = Cache::at(folder.path().join("cache"), CachePolicy::Copy);
-    let slides =
-        if options.quick { Vec::new() } else { sliding::slides_with(&options.scenes, &DEPTHS_VOXELS, &mut cache, &mut tell)? };
+    let slides = if options.quick {
+        Vec::new()
+    } else {
+        sliding::slides_with(&options.scenes, &DEPTHS_VOXELS, &mut cache, &mut tell)?
+    };
     rows.extend(sliding::rows(&slides, &mut csv)?);
     rows.extend(curved::rows(options, &mut csv, &mut tell)?);
     rows.extend(attitudes::rows(options, &mut tell)?);
-    let felt = couplings::measure(options, &measured, folder.path(), &mut csv, &mut cache, &mut tell)?;
+    let felt =
+        couplings::measure(options, &measured, folder.path(), &mut csv, &mut cache, &mut tell)?;
     rows.extend(felt.rows);
     Ok(Quality { rows, choice: felt.choice, slides, felt: felt.series })
 }
 
-/// Measures the time of contact queries. `tell` is called with each step. Cost: minutes, most of them peers; quick, some seconds.
+/// Measures the time of contact queries. `tell` is called with each step. Cost: minutes, most of
+/// them peers; quick, some seconds.
 ///
 /// # Errors
 /// A part that cannot be baked. A mesh or a peer that is not there is a row that says so.
@@ -117,17 +127,20 @@ pub fn speed(options: &Options, mut tell: impl FnMut(&str)) -> Result<Vec<Row>, 
     Ok(rows)
 }
 
-/// Inserts parts at several voxel sizes and clearances: rows, and a table as markdown. `tell` is called with each step. Cost: some minutes; quick, some
-/// seconds.
+/// Inserts parts at several voxel sizes and clearances: rows, and a table as markdown. `tell` is
+/// called with each step. Cost: some minutes; quick, some seconds.
 ///
 /// # Errors
 /// A scene that cannot be baked or played.
-pub fn insertions(options: &Options, mut tell: impl FnMut(&str)) -> Result<(Vec<Row>, String), BenchError> {
+pub fn insertions(
+    options: &Options,
+    mut tell: impl FnMut(&str),
+) -> Result<(Vec<Row>, String), BenchError> {
     insertions::measure(options, &mut tell)
 }
 
-/// Plays a violent hand with a million points, and judges every tick. `tell` is called with each step. Cost: a quarter of an hour; quick,
-/// half a minute.
+/// Plays a violent hand with a million points, and judges every tick. `tell` is called with each
+/// step. Cost: a quarter of an hour; quick, half a minute.
 ///
 /// # Errors
 /// A scene that cannot be baked or played. A folder without scenes is a row that says so.

@@ -1,4 +1,5 @@
-//! The M16 nut on its bolt: one contact query beside Coal, parry and Embree. By the clock on the wall, as peers measure themselves.
+//! The M16 nut on its bolt: one contact query beside Coal, parry and Embree. By the clock on the
+//! wall, as peers measure themselves.
 
 use glam::{DQuat, DVec3};
 
@@ -13,7 +14,8 @@ use vps::mesh;
 use vps::pointshell::Points;
 use vps::spatial::Pose;
 
-/// Where nut and bolt stand: the nut's mesh lies at 16 to 29 mm along the bolt's axis, as the thread has it, and is lifted until flanks touch.
+/// Where nut and bolt stand: the nut's mesh lies at 16 to 29 mm along the bolt's axis, as the
+/// thread has it, and is lifted until flanks touch.
 const LIFT_M: f64 = 2e-4;
 const BOLT: &str = "factory_bolt_m16_tight.obj";
 const NUT: &str = "factory_nut_m16_tight_subdiv_3x.obj";
@@ -35,7 +37,8 @@ pub(super) fn rows(options: &Options, tell: &mut dyn FnMut(&str)) -> Result<Vec<
     // At least 20,000 points, of the kind that scenes have by default.
     let shell = fixture::shell_of(NUT, &nut, 4e-4, Points::default())?;
     // The poses of the peers.
-    let turned = |turn: u32| Pose::new(DQuat::from_rotation_z(0.01 * f64::from(turn)), DVec3::Z * LIFT_M);
+    let turned =
+        |turn: u32| Pose::new(DQuat::from_rotation_z(0.01 * f64::from(turn)), DVec3::Z * LIFT_M);
     let path: Vec<Pose> = (0..11).map(turned).collect();
     let mut flat = Asking::new(TraversalMode::Flat, &obstacles, &shell);
     let contacts: Vec<f64> = path.iter().map(|pose| f64::from(flat.ask(*pose).contacts)).collect();
@@ -49,7 +52,12 @@ pub(super) fn rows(options: &Options, tell: &mut dyn FnMut(&str)) -> Result<Vec<
         let mut asking = Asking::new(mode, &obstacles, &shell);
         let median_ms = median(&asking.times_us(&path, monotonic_ns, options)).map(|us| us * 1e-3);
         for (peer, figure) in &figures {
-            let row = Row::new(GROUP, format!("{}, {} points: one query, median", name(mode), shell.len()), median_ms, "ms");
+            let row = Row::new(
+                GROUP,
+                format!("{}, {} points: one query, median", name(mode), shell.len()),
+                median_ms,
+                "ms",
+            );
             let row = row.beside_peer(&peer.name(), figure);
             // What a tick does is the walk.
             rows.push(if mode == TraversalMode::Tree { row.at_least_times(1000.0) } else { row });

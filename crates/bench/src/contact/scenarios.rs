@@ -9,9 +9,10 @@
 //! Lengths in voxels of s = 1 mm, points one to a voxel, 50 mm/s at 1 kHz, 1 N/mm for a point.
 //!
 //! # Source
-//! Weller2010 (force and torque beside analytic models, in direction and magnitude). Why the force follows the normal: for points of
-//! even density ρ, Σ dᵢ nᵢ is ρ ∮ d n dA = ρ ∫ grad d dV over the overlap (Gauss), so a plane pushes along its normal with k ρ ·
-//! volume and, about a point on the axis through the middle of the overlap, without torque. Shells are not quite even: the same sum
+//! Weller2010 (force and torque beside analytic models, in direction and magnitude). Why the force
+//! follows the normal: for points of even density ρ, Σ dᵢ nᵢ is ρ ∮ d n dA = ρ ∫ grad d dV over the
+//! overlap (Gauss), so a plane pushes along its normal with k ρ · volume and, about a point on the
+//! axis through the middle of the overlap, without torque. Shells are not quite even: the same sum
 //! with exact depths says what that costs, and is what sizes of forces are held against.
 
 use core::f64::consts::{PI, SQRT_2, TAU};
@@ -92,13 +93,18 @@ pub struct Scenario {
 }
 
 impl Scenario {
-    /// The same sum over points with the exact depth, and for points on edges the exact way out: what is left of an error is the shell's.
-    /// Also Σ |fᵢ|, N.
+    /// The same sum over points with the exact depth, and for points on edges the exact way out:
+    /// what is left of an error is the shell's. Also Σ |fᵢ|, N.
     pub(super) fn exact(&self, pose: Pose) -> (Wrench, f64) {
         let mut sum = (Wrench::ZERO, 0.0);
         for (idx, (point, normal)) in self.shell.points().enumerate() {
-            let (arm, mut normal) = (pose.rotation * point.as_dvec3(), pose.rotation * normal.as_dvec3());
-            let on_edge = self.shell.edges().get(idx / LANES).is_some_and(|edges| edges >> (idx % LANES) & 1 == 1);
+            let arm = pose.rotation * point.as_dvec3();
+            let mut normal = pose.rotation * normal.as_dvec3();
+            let on_edge = self
+                .shell
+                .edges()
+                .get(idx / LANES)
+                .is_some_and(|edges| edges >> (idx % LANES) & 1 == 1);
             if on_edge {
                 let out = self.solid.way_out(pose.translation + arm);
                 normal = out * out.dot(normal).max(0.0);
@@ -112,7 +118,8 @@ impl Scenario {
     }
 }
 
-/// All of them. `n_ticks`: length of each path, of at most [`LONGEST_TICKS`]; cost: bakes of a second.
+/// All of them. `n_ticks`: length of each path, of at most [`LONGEST_TICKS`]; cost: bakes of a
+/// second.
 ///
 /// # Errors
 /// A part that cannot be baked.
@@ -120,9 +127,11 @@ pub fn all(n_ticks: usize) -> Result<Vec<Scenario>, BenchError> {
     let n_ticks = n_ticks.min(LONGEST_TICKS);
     let mut scenarios = Vec::new();
     for tool in [Tool::Sphere, Tool::Cone] {
-        for (path, along, tilted) in
-            [("along the grid", DVec3::X, false), ("diagonal", DVec3::new(1.0, 1.0, 0.0), false), ("10° slope", DVec3::X, true)]
-        {
+        for (path, along, tilted) in [
+            ("along the grid", DVec3::X, false),
+            ("diagonal", DVec3::new(1.0, 1.0, 0.0), false),
+            ("10° slope", DVec3::X, true),
+        ] {
             scenarios.push(slide(tool, path, along.normalize(), tilted, n_ticks)?);
         }
     }
@@ -150,7 +159,11 @@ impl Tool {
         };
         let mesh = fixture::tessellated(shape, VOXEL_M);
         // The apex of a cone is at +z.
-        if matches!(self, Self::Cone) { fixture::turned(mesh, DQuat::from_rotation_x(PI)) } else { mesh }
+        if matches!(self, Self::Cone) {
+            fixture::turned(mesh, DQuat::from_rotation_x(PI))
+        } else {
+            mesh
+        }
     }
 
     /// From the middle to the lowest point, m.
@@ -169,15 +182,26 @@ impl Tool {
     }
 }
 
-/// The slab of the slides, its top face through the origin, tilted against its own grid about an axis between x and y.
+/// The slab of the slides, its top face through the origin, tilted against its own grid about an
+/// axis between x and y.
 pub(super) fn slab(tilted: bool) -> (TriangleMesh, DQuat) {
-    let tilt = if tilted { DQuat::from_axis_angle(DVec3::new(0.7, 1.0, 0.0).normalize(), TILT_RAD) } else { DQuat::IDENTITY };
+    let tilt = if tilted {
+        DQuat::from_axis_angle(DVec3::new(0.7, 1.0, 0.0).normalize(), TILT_RAD)
+    } else {
+        DQuat::IDENTITY
+    };
     let edge_m = 110.0 * VOXEL_M;
     let plane = Shape::Plane { x_m: edge_m, y_m: edge_m, thickness_m: 30.0 * VOXEL_M };
     (fixture::turned(fixture::tessellated(plane, VOXEL_M), tilt), tilt)
 }
 
-fn slide(tool: Tool, path: &'static str, along: DVec3, tilted: bool, n_ticks: usize) -> Result<Scenario, BenchError> {
+fn slide(
+    tool: Tool,
+    path: &'static str,
+    along: DVec3,
+    tilted: bool,
+    n_ticks: usize,
+) -> Result<Scenario, BenchError> {
     let (mesh, tilt) = slab(tilted);
     let normal = tilt * DVec3::Z;
     let obstacle = fixture::obstacle("the plane of Q1 and Q2", &mesh, VOXEL_M, true)?;
@@ -191,12 +215,25 @@ fn slide(tool: Tool, path: &'static str, along: DVec3, tilted: bool, n_ticks: us
             Pose::new(tilt, middle + tilt * along * travel_m)
         })
         .collect();
-    let (ideal, solid) = (Ideal::Along(normal), Solid::HalfSpace { normal });
-    Ok(Scenario { family: tool.family(), path, ideal, obstacles: vec![obstacle], shell, poses, solid })
+    let ideal = Ideal::Along(normal);
+    let solid = Solid::HalfSpace { normal };
+    Ok(Scenario {
+        family: tool.family(),
+        path,
+        ideal,
+        obstacles: vec![obstacle],
+        shell,
+        poses,
+        solid,
+    })
 }
 
 fn turn(path: &'static str, tilted: bool, n_ticks: usize) -> Result<Scenario, BenchError> {
-    let tilt = if tilted { DQuat::from_axis_angle(DVec3::new(0.7, 1.0, 0.0).normalize(), TILT_RAD) } else { DQuat::IDENTITY };
+    let tilt = if tilted {
+        DQuat::from_axis_angle(DVec3::new(0.7, 1.0, 0.0).normalize(), TILT_RAD)
+    } else {
+        DQuat::IDENTITY
+    };
     let bore = Tube {
         inner_m: BORE_M,
         outer_m: BORE_M + 25.0 * VOXEL_M,
@@ -204,16 +241,30 @@ fn turn(path: &'static str, tilted: bool, n_ticks: usize) -> Result<Scenario, Be
         sides: Tube::sides_for(BORE_M, VOXEL_M),
         pieces: [1, 1],
     };
-    let obstacle = fixture::obstacle("the bore of Q3", &fixture::turned(bore.mesh(), tilt), VOXEL_M, true)?;
+    let obstacle =
+        fixture::obstacle("the bore of Q3", &fixture::turned(bore.mesh(), tilt), VOXEL_M, true)?;
     let edge_m = (BORE_M + DEPTH_M) * SQRT_2;
     let pin = Shape::Box { size_m: DVec3::new(edge_m, edge_m, 30.0 * VOXEL_M) };
     let shell = fixture::shell("the pin of Q3", &fixture::tessellated(pin, VOXEL_M), VOXEL_M)?;
     // One turn; 1,200 ticks of it move the edges at a little more than the speed of the slides.
     let poses = (0..n_ticks)
-        .map(|tick| Pose::new(tilt * DQuat::from_rotation_z(TAU * tick as f64 / n_ticks as f64), DVec3::ZERO))
+        .map(|tick| {
+            Pose::new(
+                tilt * DQuat::from_rotation_z(TAU * tick as f64 / n_ticks as f64),
+                DVec3::ZERO,
+            )
+        })
         .collect();
     let solid = Solid::Bore { axis: tilt * DVec3::Z };
-    Ok(Scenario { family: "Q3 pin in bore", path, ideal: Ideal::Zero, obstacles: vec![obstacle], shell, poses, solid })
+    Ok(Scenario {
+        family: "Q3 pin in bore",
+        path,
+        ideal: Ideal::Zero,
+        obstacles: vec![obstacle],
+        shell,
+        poses,
+        solid,
+    })
 }
 
 #[cfg(test)]
@@ -230,9 +281,15 @@ mod tests {
                     // A cone of two voxels has some tens of points in it.
                     Ideal::Along(direction) => {
                         let off_deg = wrench.force.angle_between(direction).to_degrees();
-                        assert!(off_deg < if scenario.family.starts_with("Q1") { 1.0 } else { 10.0 }, "{name}: {off_deg}°");
+                        assert!(
+                            off_deg < if scenario.family.starts_with("Q1") { 1.0 } else { 10.0 },
+                            "{name}: {off_deg}°"
+                        );
                     }
-                    Ideal::Zero => assert!(wrench.force.length() < 0.02 * load_n && load_n > 0.0, "{name}: {wrench:?} of {load_n}"),
+                    Ideal::Zero => assert!(
+                        wrench.force.length() < 0.02 * load_n && load_n > 0.0,
+                        "{name}: {wrench:?} of {load_n}"
+                    ),
                 }
             }
         }

@@ -16,13 +16,17 @@ use haptics::{Faults, RenderScene};
 use recording::TickRecord;
 use rt::clock::VirtualClock;
 
-/// A key, dotted, and what it is set to; in each of them where there are several tables of that name.
+/// A key, dotted, and what it is set to; in each of them where there are several tables of that
+/// name.
 pub(super) type Edit = (&'static str, Value);
 
 /// The scene files of a folder, by name; none where there is no such folder.
 pub(super) fn shipped(folder: &Path) -> Vec<PathBuf> {
-    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
-    let mut scenes: Vec<PathBuf> = entries.filter(|path| path.extension().is_some_and(|extension| extension == "toml")).collect();
+    let entries =
+        std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let mut scenes: Vec<PathBuf> = entries
+        .filter(|path| path.extension().is_some_and(|extension| extension == "toml"))
+        .collect();
     scenes.sort();
     scenes
 }
@@ -32,11 +36,17 @@ pub(super) fn name(scene: &Path) -> String {
     scene.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// Reads a scene with some of its keys changed. The text in between is left in `folder`. A refusal is said in one line.
+/// Reads a scene with some of its keys changed. The text in between is left in `folder`. A refusal
+/// is said in one line.
 pub(super) fn load(scene: &Path, edits: &[Edit], folder: &Path) -> Result<SceneConfig, String> {
-    let text = std::fs::read_to_string(scene).map_err(|error| format!("{}: {error}", scene.display()))?;
+    let text =
+        std::fs::read_to_string(scene).map_err(|error| format!("{}: {error}", scene.display()))?;
     let mut table: Table = text.parse().map_err(|error| format!("{}: {error}", scene.display()))?;
-    let home = scene.parent().unwrap_or(Path::new("")).canonicalize().map_err(|error| error.to_string())?;
+    let home = scene
+        .parent()
+        .unwrap_or(Path::new(""))
+        .canonicalize()
+        .map_err(|error| error.to_string())?;
     // The changed file lies elsewhere.
     let absolute = |value: &mut Value| {
         if let Some(path) = value.as_str() {
@@ -52,7 +62,8 @@ pub(super) fn load(scene: &Path, edits: &[Edit], folder: &Path) -> Result<SceneC
         set(&mut table, key, value.clone());
     }
     let changed = folder.join("scene.toml");
-    std::fs::write(&changed, table.to_string()).map_err(|error| format!("{}: {error}", changed.display()))?;
+    std::fs::write(&changed, table.to_string())
+        .map_err(|error| format!("{}: {error}", changed.display()))?;
     config::load(&changed).map_err(|errors| one_line(&errors.to_string(), &changed))
 }
 
@@ -61,9 +72,10 @@ fn set(table: &mut Table, key: &str, value: Value) {
         None => drop(table.insert(key.to_owned(), value)),
         Some((first, rest)) => match table.entry(first).or_insert_with(|| Table::new().into()) {
             Value::Table(inner) => set(inner, rest, value),
-            Value::Array(tables) => {
-                tables.iter_mut().filter_map(Value::as_table_mut).for_each(|inner| set(inner, rest, value.clone()))
-            }
+            Value::Array(tables) => tables
+                .iter_mut()
+                .filter_map(Value::as_table_mut)
+                .for_each(|inner| set(inner, rest, value.clone())),
             _ => {}
         },
     }
@@ -96,19 +108,39 @@ impl Played {
     }
 }
 
-/// Plays a scene to the end of its hand and a second more, but no longer than `longest_s`, on the virtual clock.
-pub(super) fn play(config: &SceneConfig, cache: &mut Cache, longest_s: f64) -> Result<Played, BenchError> {
+/// Plays a scene to the end of its hand and a second more, but no longer than `longest_s`, on the
+/// virtual clock.
+pub(super) fn play(
+    config: &SceneConfig,
+    cache: &mut Cache,
+    longest_s: f64,
+) -> Result<Played, BenchError> {
     let failed = |why: String| BenchError::Prepare { what: config.name.clone(), why };
-    let hand = config.device.hand.as_deref().map(poses::read).transpose().map_err(|error| failed(error.to_string()))?;
+    let hand = config
+        .device
+        .hand
+        .as_deref()
+        .map(poses::read)
+        .transpose()
+        .map_err(|error| failed(error.to_string()))?;
     let hand_s = hand.and_then(|poses| poses.last().map(|pose| pose.time_s)).unwrap_or_default();
     let n_ticks = ((hand_s + 1.0).min(longest_s) / config.parameters.period_s).round() as u64;
-    let (prepared, _) = prepare_with(config, &mut BakeOptions::from(cache), |_| ()).map_err(|error| failed(error.to_string()))?;
+    let (prepared, _) = prepare_with(config, &mut BakeOptions::from(cache), |_| ())
+        .map_err(|error| failed(error.to_string()))?;
     let scene = Arc::new(prepared.scene);
-    // Capacity for all: the virtual clock waits for a drain, and nothing drains here before the end.
+    // Capacity for all: the virtual clock waits for a drain, and nothing drains here before the
+    // end.
     let (producer, mut consumer) = rtrb::RingBuffer::new(n_ticks as usize + 2000);
     let control = Arc::new(Control::enabled());
     let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };
-    let servo = ServoLoop::new(scene.clone(), prepared.device, VirtualClock::default(), control, plan, producer);
+    let servo = ServoLoop::new(
+        scene.clone(),
+        prepared.device,
+        VirtualClock::default(),
+        control,
+        plan,
+        producer,
+    );
     let report = run_to_end(servo);
     let mut records = Vec::with_capacity(report.ticks as usize);
     while let Ok(record) = consumer.pop() {
@@ -129,13 +161,20 @@ mod tests {
         assert!(scenes.len() >= 4);
         let folder = tempfile::tempdir().unwrap();
         for scene in &scenes {
-            let edits =
-                [("rendering.coupling", "static".into()), ("rendering.field", "layers".into()), ("filter.spatial", false.into())];
+            let edits = [
+                ("rendering.coupling", "static".into()),
+                ("rendering.field", "layers".into()),
+                ("filter.spatial", false.into()),
+            ];
             let config = load(scene, &edits, folder.path()).unwrap();
             assert_eq!(config.parameters.coupling.mode, CouplingMode::Static);
-            assert_eq!((config.parameters.contact.field, config.parameters.filter.spatial), (FieldKind::Layers, false));
+            assert_eq!(
+                (config.parameters.contact.field, config.parameters.filter.spatial),
+                (FieldKind::Layers, false)
+            );
         }
-        let refused = load(&scenes[0], &[("rendering.coupling", "magic".into())], folder.path()).unwrap_err();
+        let refused =
+            load(&scenes[0], &[("rendering.coupling", "magic".into())], folder.path()).unwrap_err();
         assert!(refused.contains("magic") && !refused.contains('\n'), "{refused}");
         assert!(shipped(Path::new("no such folder")).is_empty());
     }

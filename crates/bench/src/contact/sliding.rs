@@ -1,4 +1,5 @@
-//! Smoothness of the force law alone: the parts of every shipped scene slide over each other at constant depth, whatever a hand would do.
+//! Smoothness of the force law alone: the parts of every shipped scene slide over each other at
+//! constant depth, whatever a hand would do.
 //!
 //! | scene | slide, 50 mm/s where it touches |
 //! |---|---|
@@ -7,9 +8,10 @@
 //! | gear-on-shaft | bore pressed against the shaft, turning and going down it |
 //! | nut-on-bolt | pulled up against the flanks, screwed along the thread |
 //!
-//! *As shipped* is the contact sum of the scene behind its low-pass, as an arm without a virtual tool would get it: the whole delay of the
-//! filter. *Raw* is the voxel plane of 2008: a point for each voxel, `layers`, no entry weight, no low-pass, otherwise the same. Both are related to their own mean:
-//! a force that is only smaller is no smoother.
+//! *As shipped* is the contact sum of the scene behind its low-pass, as an arm without a virtual
+//! tool would get it: the whole delay of the filter. *Raw* is the voxel plane of 2008: a point for
+//! each voxel, `layers`, no entry weight, no low-pass, otherwise the same. Both are related to
+//! their own mean: a force that is only smaller is no smoother.
 
 use core::f64::consts::{PI, TAU};
 use std::path::{Path, PathBuf};
@@ -34,8 +36,9 @@ use vps::spatial::{Pose, Wrench};
 use vps::voxmap::field::FieldKind;
 
 const MM: f64 = 1e-3;
-/// Depths of the deepest point of a slide, voxels of the finest part that is touched. The first is what a tool gets to in the shipped
-/// scenes as they run (0.08 to 0.3), and what is asked about; the second says what becomes of it.
+/// Depths of the deepest point of a slide, voxels of the finest part that is touched. The first is
+/// what a tool gets to in the shipped scenes as they run (0.08 to 0.3), and what is asked about;
+/// the second says what becomes of it.
 pub const DEPTHS_VOXELS: [f64; 2] = [0.25, 0.5];
 /// What is left out at both ends of a slide: the filter's start, s.
 const SETTLED_S: f64 = 0.05;
@@ -93,9 +96,13 @@ const TRACKS: [Track; 4] = [
     },
 ];
 
-/// Turns about z with the speed of the slides at a radius, and goes down by some millimetres within a second.
+/// Turns about z with the speed of the slides at a radius, and goes down by some millimetres within
+/// a second.
 fn down_and_around(radius_m: f64, time_s: f64, from_m: f64, down_m: f64) -> Pose {
-    Pose::new(DQuat::from_rotation_z(SPEED_M_PER_S / radius_m * time_s), DVec3::Z * (from_m - down_m * time_s))
+    Pose::new(
+        DQuat::from_rotation_z(SPEED_M_PER_S / radius_m * time_s),
+        DVec3::Z * (from_m - down_m * time_s),
+    )
 }
 
 /// Forces of one slide, N, tick by tick.
@@ -130,7 +137,8 @@ impl SlideForces {
     }
 }
 
-/// Slides over the shipped scenes of a folder at each of some depths, in the order of the table; scenes that are not there are left out.
+/// Slides over the shipped scenes of a folder at each of some depths, in the order of the table;
+/// scenes that are not there are left out.
 ///
 /// # Errors
 /// A scene that cannot be baked.
@@ -147,7 +155,9 @@ pub(super) fn slides_with(
     let shipped: Vec<PathBuf> = scenes::shipped(folder);
     let mut slid = Vec::new();
     for track in &TRACKS {
-        let Some(path) = shipped.iter().find(|path| scenes::name(path) == track.scene) else { continue };
+        let Some(path) = shipped.iter().find(|path| scenes::name(path) == track.scene) else {
+            continue;
+        };
         tell(&format!("{}: sliding at constant depth", track.scene));
         let failed = |why: String| BenchError::Prepare { what: track.scene.to_owned(), why };
         let config = hapticd::config::load(path).map_err(|errors| failed(errors.to_string()))?;
@@ -157,8 +167,11 @@ pub(super) fn slides_with(
             let baked = prepare_with(config, &mut BakeOptions::from(&mut *cache), |_| ());
             baked.map(|(prepared, _)| prepared.scene).map_err(|error| failed(error.to_string()))
         };
-        let (scene, of_2008) = (bake(&config)?, bake(&of_2008)?);
-        slid.extend(depths_voxels.iter().map(|depth_voxels| track.slide(&scene, &of_2008, *depth_voxels)));
+        let scene = bake(&config)?;
+        let of_2008 = bake(&of_2008)?;
+        slid.extend(
+            depths_voxels.iter().map(|depth_voxels| track.slide(&scene, &of_2008, *depth_voxels)),
+        );
     }
     Ok(slid)
 }
@@ -172,14 +185,20 @@ impl Track {
         };
         let shipped_law = |pose: Pose| force_law(scene, p.force_law(), pose);
         let raw_law = ForceLaw { field: FieldKind::Layers, ..p.contact.force_law(false) };
-        let pressed = |pose: Pose, far_m: f64| Pose::new(pose.rotation, pose.translation + self.press * far_m);
+        let pressed = |pose: Pose, far_m: f64| {
+            Pose::new(pose.rotation, pose.translation + self.press * far_m)
+        };
         let middle = (self.at)(0.5 * self.long_s);
         let far_m = |wanted_voxels: f64| {
             let [mut low_m, mut high_m] = self.far_m;
             for _ in 0..40 {
                 let far_m = 0.5 * (low_m + high_m);
                 let sum = shipped_law(pressed(middle, far_m));
-                if sum.max_value_m < wanted_voxels * sum.voxel_size_m { low_m = far_m } else { high_m = far_m }
+                if sum.max_value_m < wanted_voxels * sum.voxel_size_m {
+                    low_m = far_m
+                } else {
+                    high_m = far_m
+                }
             }
             high_m
         };
@@ -188,8 +207,13 @@ impl Track {
             poses
                 .map(|pose| {
                     let sum = shipped_law(pose);
-                    let slide = Slide { speed_m_per_s, voxel_size_m: sum.voxel_size_m, step_stiffness: 0.0 };
-                    let wrench: Wrench = filter.update(sum.wrench, slide, sum.contacts > 0, &p.filter, p.period_s);
+                    let slide = Slide {
+                        speed_m_per_s,
+                        voxel_size_m: sum.voxel_size_m,
+                        step_stiffness: 0.0,
+                    };
+                    let wrench: Wrench =
+                        filter.update(sum.wrench, slide, sum.contacts > 0, &p.filter, p.period_s);
                     wrench.force
                 })
                 .collect()
@@ -199,37 +223,56 @@ impl Track {
         let poses = || (0..n_ticks).map(|tick| pressed((self.at)(tick as f64 / RATE_HZ), depth_m));
         let n_ends = (SETTLED_S * RATE_HZ) as usize;
         let settled = |forces: Vec<DVec3>| forces[n_ends..n_ticks - n_ends].to_vec();
-        let raw = settled(poses().map(|pose| force_law(of_2008, raw_law, pose).wrench.force).collect());
+        let raw =
+            settled(poses().map(|pose| force_law(of_2008, raw_law, pose).wrench.force).collect());
         let unfiltered = settled(poses().map(|pose| shipped_law(pose).wrench.force).collect());
         let shipped = settled(filtered(&mut poses(), SPEED_M_PER_S));
         // At rest the filter is slowest.
-        let swing: Vec<f64> =
-            (0..(PRESS_S * RATE_HZ) as usize).map(|tick| (TAU * PRESS_HZ * tick as f64 / RATE_HZ).sin()).collect();
+        let swing: Vec<f64> = (0..(PRESS_S * RATE_HZ) as usize)
+            .map(|tick| (TAU * PRESS_HZ * tick as f64 / RATE_HZ).sin())
+            .collect();
         let step_m = far_m(depth_voxels * (1.0 + PRESS_SHARE)) - depth_m;
-        let answer = filtered(&mut swing.iter().map(|swing| pressed(middle, depth_m + step_m * swing)), 0.0);
+        let answer =
+            filtered(&mut swing.iter().map(|swing| pressed(middle, depth_m + step_m * swing)), 0.0);
         let at_once: Vec<f64> = swing
             .iter()
-            .map(|swing| shipped_law(pressed(middle, depth_m + step_m * swing)).wrench.force.dot(-self.press))
+            .map(|swing| {
+                shipped_law(pressed(middle, depth_m + step_m * swing)).wrench.force.dot(-self.press)
+            })
             .collect();
         let answer: Vec<f64> = answer.iter().map(|force| force.dot(-self.press)).collect();
         // Whole swings, from the second on.
         let from = (RATE_HZ / PRESS_HZ) as usize;
-        let delay_s = lag_s(&at_once[from..], &answer[from..], PRESS_HZ, RATE_HZ).unwrap_or(f64::NAN);
+        let delay_s =
+            lag_s(&at_once[from..], &answer[from..], PRESS_HZ, RATE_HZ).unwrap_or(f64::NAN);
         let stated_delay_s = filter_delay_s(p.filter.cutoff_hz[0], p.period_s);
-        SlideForces { scene: self.scene.to_owned(), depth_voxels, raw, unfiltered, shipped, delay_s, stated_delay_s }
+        SlideForces {
+            scene: self.scene.to_owned(),
+            depth_voxels,
+            raw,
+            unfiltered,
+            shipped,
+            delay_s,
+            stated_delay_s,
+        }
     }
 }
 
 pub(super) fn rows(slides: &[SlideForces], csv: &mut Csv) -> Result<Vec<Row>, BenchError> {
-    const GROUP: &str = "smoothness of the force law: sliding at constant depth, as shipped beside the raw force of 2008";
+    const GROUP: &str = "smoothness of the force law: sliding at constant depth, as shipped beside \
+        the raw force of 2008";
     let mut series = csv.file("slides.csv", "scene,depth_voxels,law,t_s,fx_n,fy_n,fz_n")?;
     let mut rows = Vec::new();
     for slid in slides {
-        let SlideForces { scene, depth_voxels, raw, unfiltered, shipped, delay_s, stated_delay_s } = slid;
+        let SlideForces { scene, depth_voxels, raw, unfiltered, shipped, delay_s, stated_delay_s } =
+            slid;
         for (law, forces) in [("raw", raw), ("unfiltered", unfiltered), ("shipped", shipped)] {
             for (tick, force) in forces.iter().enumerate() {
                 let [x, y, z] = force.to_array();
-                series.line(format_args!("{scene},{depth_voxels},{law},{},{x},{y},{z}", tick as f64 / RATE_HZ))?;
+                series.line(format_args!(
+                    "{scene},{depth_voxels},{law},{},{x},{y},{z}",
+                    tick as f64 / RATE_HZ
+                ))?;
             }
         }
         let raw = ripple_percent(raw).ok_or_else(|| "no contact".to_owned());
@@ -243,10 +286,18 @@ pub(super) fn rows(slides: &[SlideForces], csv: &mut Csv) -> Result<Vec<Row>, Be
             .beside_peer("raw", &raw)
         };
         let as_shipped = ripple("as shipped", shipped);
-        rows.push(if *depth_voxels == DEPTHS_VOXELS[0] { as_shipped.at_least_times(10.0) } else { as_shipped });
+        rows.push(if *depth_voxels == DEPTHS_VOXELS[0] {
+            as_shipped.at_least_times(10.0)
+        } else {
+            as_shipped
+        });
         rows.push(ripple("without the low-pass", unfiltered));
-        let delay =
-            Row::new(GROUP, format!("{scene}, {depth_voxels} voxels deep: delay from depth to force at 5 Hz"), delay_s * 1e3, "ms");
+        let delay = Row::new(
+            GROUP,
+            format!("{scene}, {depth_voxels} voxels deep: delay from depth to force at 5 Hz"),
+            delay_s * 1e3,
+            "ms",
+        );
         rows.push(delay.at_most(stated_delay_s * 1e3));
     }
     series.finish()?;

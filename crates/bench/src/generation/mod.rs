@@ -35,15 +35,27 @@ const SEED: u64 = 2008;
 
 /// Measures generation. `tell` is called with each step.
 ///
-/// Needs the size of the stand-ins (about 155 MB) in the temporary folder. Cost: minutes to a quarter of an hour, mostly peers.
+/// Needs the size of the stand-ins (about 155 MB) in the temporary folder. Cost: minutes to a
+/// quarter of an hour, mostly peers.
 ///
 /// # Errors
-/// A bake that fails, or a temporary folder that cannot be written. A peer that fails is a row that says so.
+/// A bake that fails, or a temporary folder that cannot be written. A peer that fails is a row that
+/// says so.
 pub fn run(options: &Options, mut tell: impl FnMut(&str)) -> Result<Vec<Row>, BenchError> {
     let mut bench = Bench::new(options, &mut tell)?;
     let mut rows = vec![
-        Row::new("settings", "threads of a bake, processors of a peer", options.n_threads as f64, ""),
-        Row::new("settings", "runs, of which every figure is the median", options.n_runs as f64, ""),
+        Row::new(
+            "settings",
+            "threads of a bake, processors of a peer",
+            options.n_threads as f64,
+            "",
+        ),
+        Row::new(
+            "settings",
+            "runs, of which every figure is the median",
+            options.n_runs as f64,
+            "",
+        ),
     ];
     rows.extend(voxmaps::rows(&mut bench)?);
     rows.extend(pointshells::rows(&mut bench)?);
@@ -62,7 +74,8 @@ struct Bench<'a> {
 
 impl<'a> Bench<'a> {
     fn new(options: &'a Options, tell: &'a mut dyn FnMut(&str)) -> Result<Self, BenchError> {
-        let folder = TemporaryFolder::create().map_err(|source| BenchError::Write { path: std::env::temp_dir(), source })?;
+        let folder = TemporaryFolder::create()
+            .map_err(|source| BenchError::Write { path: std::env::temp_dir(), source })?;
         let peers = Peers::new(options.peers.clone(), options.n_threads);
         Ok(Self { options, folder, peers, tell })
     }
@@ -72,7 +85,8 @@ impl<'a> Bench<'a> {
         let path = self.folder.path().join(stand_in.name()).with_extension("stl");
         if !path.is_file() {
             (self.tell)(&format!("making the {}", stand_in.name()));
-            write_stl(&path, &stand_in.mesh(SEED)).map_err(|source| BenchError::Write { path: path.clone(), source })?;
+            write_stl(&path, &stand_in.mesh(SEED))
+                .map_err(|source| BenchError::Write { path: path.clone(), source })?;
         }
         Ok(path)
     }
@@ -81,7 +95,11 @@ impl<'a> Bench<'a> {
     fn bunny(&self) -> Result<PathBuf, String> {
         let folder = self.options.models.as_ref().ok_or("HAPTICD_MODELS not set")?;
         let path = folder.join("stanford-bunny.obj");
-        if path.is_file() { Ok(path) } else { Err("no stanford-bunny.obj in HAPTICD_MODELS".to_owned()) }
+        if path.is_file() {
+            Ok(path)
+        } else {
+            Err("no stanford-bunny.obj in HAPTICD_MODELS".to_owned())
+        }
     }
 
     /// One measured bake.
@@ -94,7 +112,13 @@ impl<'a> Bench<'a> {
     ) -> Result<Bakes, BenchError> {
         let mut bakes = Bakes::default();
         for run in 1..=self.options.n_runs {
-            self.bake_once(&format!("{what}, run {run}"), mesh, resolution, navigation, &mut bakes)?;
+            self.bake_once(
+                &format!("{what}, run {run}"),
+                mesh,
+                resolution,
+                navigation,
+                &mut bakes,
+            )?;
         }
         Ok(bakes)
     }

@@ -1,10 +1,12 @@
 //! The tables and plots of the paper of 2008, measured anew in one run: what its page holds.
 //!
-//! Everything runs on one thread, so that a ratio compares ways and not how they share work; seconds are processor time of that thread. What is
-//! compared runs in turn. [`Figures`] is what was found, [`page()`] the page of it, [`draw_models`] what it was found of.
+//! Everything runs on one thread, so that a ratio compares ways and not how they share work;
+//! seconds are processor time of that thread. What is compared runs in turn. [`Figures`] is what
+//! was found, [`page()`] the page of it, [`draw_models`] what it was found of.
 //!
 //! # Source
-//! Sagardia2008, section 5: table 1, figures 6 and 7, remarks 1 to 3; section 4 for the two ways of projection.
+//! Sagardia2008, section 5: table 1, figures 6 and 7, remarks 1 to 3; section 4 for the two ways of
+//! projection.
 
 mod page;
 mod picture;
@@ -61,7 +63,8 @@ const LANDING_GEAR_MM: f64 = 2.28;
 /// Triangles, voxels and seconds of remark 3, of its reference [10].
 const LANDING_GEAR: [f64; 3] = [2.76e6, 4.59e8, 1353.0];
 
-/// Voxel sizes, mm: those of table 1 and remark 3, and others between and above them, for the curves.
+/// Voxel sizes, mm: those of table 1 and remark 3, and others between and above them, for the
+/// curves.
 const SWEEPS: [(StandIn, &[f64]); 3] = [
     (StandIn::Bracket, &[16.0, 8.0, 4.0, 2.0, 1.0, 0.5]),
     (StandIn::Brake, &[12.0, 6.0, 3.0, 1.5, 1.0, 0.5]),
@@ -76,19 +79,27 @@ const SWEEPS: [(StandIn, &[f64]); 3] = [
 /// A temporary folder that cannot be written, or a stand-in that cannot be read or baked.
 pub fn run(options: Options, mut tell: impl FnMut(&str) + Send) -> Result<Figures, BenchError> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
-    let pool = pool.map_err(|error| BenchError::Prepare { what: "a pool of one thread".to_owned(), why: error.to_string() })?;
-    // The pool's thread does all the work, that of this function too: its processor time is that of the work.
+    let pool = pool.map_err(|error| BenchError::Prepare {
+        what: "a pool of one thread".to_owned(),
+        why: error.to_string(),
+    })?;
+    // The pool's thread does all the work, that of this function too: its processor time is that of
+    // the work.
     pool.install(|| measure(options, &mut tell))
 }
 
 fn measure(options: Options, tell: &mut dyn FnMut(&str)) -> Result<Figures, BenchError> {
-    let folder = TemporaryFolder::create().map_err(|source| BenchError::Write { path: std::env::temp_dir(), source })?;
-    let sweeps = if options.quick { &[(StandIn::Bracket, &[16.0, 8.0][..])][..] } else { &SWEEPS[..] };
-    let (mut load_s, mut steps) = (Vec::new(), Vec::new());
+    let folder = TemporaryFolder::create()
+        .map_err(|source| BenchError::Write { path: std::env::temp_dir(), source })?;
+    let sweeps =
+        if options.quick { &[(StandIn::Bracket, &[16.0, 8.0][..])][..] } else { &SWEEPS[..] };
+    let mut load_s = Vec::new();
+    let mut steps = Vec::new();
     for (stand_in, sizes_mm) in sweeps {
         tell(&format!("making the {}", stand_in.name()));
         let path = folder.path().join(stand_in.name()).with_extension("stl");
-        write_stl(&path, &stand_in.mesh(SEED)).map_err(|source| BenchError::Write { path: path.clone(), source })?;
+        write_stl(&path, &stand_in.mesh(SEED))
+            .map_err(|source| BenchError::Write { path: path.clone(), source })?;
         let refused = |why: String| BenchError::Prepare { what: path.display().to_string(), why };
         let mut seconds = Vec::new();
         let mut loaded = None;
@@ -117,7 +128,9 @@ fn timed<T>(work: impl FnOnce() -> T) -> (T, f64) {
 impl Figures {
     /// The step of a case of table 1.
     fn step(&self, stand_in: StandIn, size_mm: f64) -> Option<&Step> {
-        self.steps.iter().find(|step| step.stand_in == stand_in && step.size_mm.total_cmp(&size_mm).is_eq())
+        self.steps
+            .iter()
+            .find(|step| step.stand_in == stand_in && step.size_mm.total_cmp(&size_mm).is_eq())
     }
 
     fn load_s(&self, stand_in: StandIn) -> Option<f64> {
@@ -126,21 +139,33 @@ impl Figures {
 
     /// The models that were measured, and their steps.
     pub fn models(&self) -> impl Iterator<Item = (StandIn, Vec<&Step>)> {
-        let of = |stand_in: StandIn| self.steps.iter().filter(|step| step.stand_in == stand_in).collect::<Vec<_>>();
-        StandIn::ALL.into_iter().map(move |stand_in| (stand_in, of(stand_in))).filter(|(_, steps)| !steps.is_empty())
+        let of = |stand_in: StandIn| {
+            self.steps.iter().filter(|step| step.stand_in == stand_in).collect::<Vec<_>>()
+        };
+        StandIn::ALL
+            .into_iter()
+            .map(move |stand_in| (stand_in, of(stand_in)))
+            .filter(|(_, steps)| !steps.is_empty())
     }
 
-    /// Δ of the paper for a model: the letter of a case of table 1, voxels in our grid, t_old / t_new. Cases that were not measured are left out.
+    /// Δ of the paper for a model: the letter of a case of table 1, voxels in our grid, t_old /
+    /// t_new. Cases that were not measured are left out.
     pub fn paper_voxmap_deltas(&self, stand_in: StandIn) -> Vec<(char, f64, f64)> {
         let cases = VOXMAPS.iter().filter(|case| case.stand_in == stand_in);
-        cases.filter_map(|case| Some((case.name, self.step(stand_in, case.size_mm)?.voxels as f64, case.delta()))).collect()
+        cases
+            .filter_map(|case| {
+                Some((case.name, self.step(stand_in, case.size_mm)?.voxels as f64, case.delta()))
+            })
+            .collect()
     }
 
     /// As [`Self::paper_voxmap_deltas`] for pointshells, with the paper's points last.
     pub fn paper_pointshell_deltas(&self, stand_in: StandIn) -> Vec<(char, f64, f64, f64)> {
         let cases = POINTSHELLS.iter().filter(|case| case.stand_in == stand_in);
         let place = |size_mm| Some(self.step(stand_in, size_mm)?.voxels as f64);
-        cases.filter_map(|case| Some((case.name, place(case.size_mm)?, case.delta(), case.points))).collect()
+        cases
+            .filter_map(|case| Some((case.name, place(case.size_mm)?, case.delta(), case.points)))
+            .collect()
     }
 
     /// The figures one to a line.
@@ -150,14 +175,26 @@ impl Figures {
             rows.push(Row::new("paper of 2008: load", stand_in.name(), *seconds, "s"));
         }
         for step in &self.steps {
-            let group = format!("paper of 2008: {} at {} mm, {} voxels", step.stand_in.name(), step.size_mm, step.voxels);
+            let group = format!(
+                "paper of 2008: {} at {} mm, {} voxels",
+                step.stand_in.name(),
+                step.size_mm,
+                step.voxels
+            );
             rows.extend(step.rows(&group));
         }
         for (stand_in, steps) in self.models() {
             let found = crossover_voxels_of(&steps);
-            let name =
-                found.map_or("the second navigation is never the faster one", |_| "the second navigation is faster from here on");
-            let row = Row::new(&format!("paper of 2008: crossover, {}", stand_in.name()), name, found, "voxels");
+            let name = found.map_or(
+                "the second navigation is never the faster one",
+                |_| "the second navigation is faster from here on",
+            );
+            let row = Row::new(
+                &format!("paper of 2008: crossover, {}", stand_in.name()),
+                name,
+                found,
+                "voxels",
+            );
             rows.push(Row { paper: Some(crossover_voxels(stand_in)), ..row });
         }
         rows.extend(self.projections.rows());
@@ -165,9 +202,15 @@ impl Figures {
     }
 }
 
-/// The fewest voxels of a sweep from which on the second navigation is the faster one at every finer size.
+/// The fewest voxels of a sweep from which on the second navigation is the faster one at every
+/// finer size.
 fn crossover_voxels_of(steps: &[&Step]) -> Option<f64> {
-    steps.iter().rev().take_while(|step| step.is_second_faster()).last().map(|step| step.voxels as f64)
+    steps
+        .iter()
+        .rev()
+        .take_while(|step| step.is_second_faster())
+        .last()
+        .map(|step| step.voxels as f64)
 }
 
 #[cfg(test)]
@@ -196,7 +239,8 @@ mod tests {
     #[test]
     fn every_case_of_the_table_is_a_step_of_a_sweep() {
         let is_swept = |stand_in, size_mm: f64| {
-            let sizes_mm = SWEEPS.iter().filter(|(of, _)| *of == stand_in).flat_map(|(_, sizes_mm)| *sizes_mm);
+            let sizes_mm =
+                SWEEPS.iter().filter(|(of, _)| *of == stand_in).flat_map(|(_, sizes_mm)| *sizes_mm);
             sizes_mm.copied().any(|of| of.total_cmp(&size_mm).is_eq())
         };
         assert!(VOXMAPS.iter().all(|case| is_swept(case.stand_in, case.size_mm)));

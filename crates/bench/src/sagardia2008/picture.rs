@@ -1,7 +1,8 @@
 //! The models as polygons, voxmap and pointshell.
 //!
 //! # Source
-//! Sagardia2008, figure 4. Voxels are as large there as here or smaller: as many as a picture of this size can show.
+//! Sagardia2008, figure 4. Voxels are as large there as here or smaller: as many as a picture of
+//! this size can show.
 
 use std::path::Path;
 
@@ -24,8 +25,13 @@ pub fn draw_models(folder: &Path, figures: &Figures) -> Result<(), BenchError> {
     for (stand_in, _) in figures.models() {
         let name = stand_in.name();
         let mesh = stand_in.mesh(SEED);
-        let map = Volume::build(&mesh, &inspect(&mesh), &Options::new(shown_size_mm(stand_in) * 1e-3), |_| ())
-            .map_err(|error| BenchError::Prepare { what: name.to_owned(), why: error.to_string() })?;
+        let map = Volume::build(
+            &mesh,
+            &inspect(&mesh),
+            &Options::new(shown_size_mm(stand_in) * 1e-3),
+            |_| (),
+        )
+        .map_err(|error| BenchError::Prepare { what: name.to_owned(), why: error.to_string() })?;
         let (shell, _) = pointshell::build(&mesh, &map, DVec3::ZERO);
         let subject = BakedObject {
             name,
@@ -36,7 +42,8 @@ pub fn draw_models(folder: &Path, figures: &Figures) -> Result<(), BenchError> {
             thin: map.thin,
         };
         let path = folder.join(format!("sagardia-2008-{name}.png"));
-        write_structures(&path, &mesh, &subject).map_err(|source| BenchError::Write { path, source })?;
+        write_structures(&path, &mesh, &subject)
+            .map_err(|source| BenchError::Write { path, source })?;
     }
     Ok(())
 }

@@ -1,8 +1,10 @@
-//! Pointshells: the two phases as the paper prints them, with both ways of projection, beside what is shipped.
+//! Pointshells: the two phases as the paper prints them, with both ways of projection, beside what
+//! is shipped.
 //!
 //! # Source
-//! Sagardia2008, section 4. The first phase goes through all triangles and projects the centres of the voxels that each touches; it keeps what
-//! lands inside the triangle and puts the rest aside. The second phase goes through the rest and keeps the first one of each voxel that is still
+//! Sagardia2008, section 4. The first phase goes through all triangles and projects the centres of
+//! the voxels that each touches; it keeps what lands inside the triangle and puts the rest aside.
+//! The second phase goes through the rest and keeps the first one of each voxel that is still
 //! without a point. What is shipped goes brick by brick and keeps one point for each voxel.
 
 use glam::{DVec3, Vec3};
@@ -89,24 +91,41 @@ impl Points {
             Row::new(group, "projections", phases.projections() as f64, ""),
             Row::new(group, "points after both phases", phases.points() as f64, ""),
             Row::new(group, "boundary projections", phases.boundary as f64, ""),
-            Row::new(group, "boundary projections that are recovered", phases.recovered_percent(), "%"),
+            Row::new(
+                group,
+                "boundary projections that are recovered",
+                phases.recovered_percent(),
+                "%",
+            ),
             Row::new(group, "distance of neighbours, median", spacing.median(), "voxels"),
             Row::new(group, "distance of neighbours, largest", spacing.largest(), "voxels"),
         ];
         if let Some(query) = &self.query {
-            rows.push(Row::new(group, format!("query over all {} points", query.n_points), query.median_us, "µs"));
+            rows.push(Row::new(
+                group,
+                format!("query over all {} points", query.n_points),
+                query.median_us,
+                "µs",
+            ));
         }
         rows
     }
 }
 
 /// Measures the points of a surface, the ways in turn.
-pub(super) fn measure(what: &str, mesh: &TriangleMesh, surface: Surface, options: Options) -> Result<Points, BenchError> {
+pub(super) fn measure(
+    what: &str,
+    mesh: &TriangleMesh,
+    surface: Surface,
+    options: Options,
+) -> Result<Points, BenchError> {
     let refused = |why: String| BenchError::Prepare { what: what.to_owned(), why };
     let voxel_size_m = surface.grid.voxel_size_m;
     let [mut clamped_s, mut optimised_s, mut shipped_s, mut shell_s] = [const { Vec::new() }; 4];
-    let map_options = voxmap::Options { voxel_size_m, layers: LAYERS, navigation: None, sides: InsideTest::Auto };
-    let map = Volume::build(mesh, &inspect(mesh), &map_options, |_| ()).map_err(|error| refused(error.to_string()))?;
+    let map_options =
+        voxmap::Options { voxel_size_m, layers: LAYERS, navigation: None, sides: InsideTest::Auto };
+    let map = Volume::build(mesh, &inspect(mesh), &map_options, |_| ())
+        .map_err(|error| refused(error.to_string()))?;
     let mut phases = Phases::default();
     let mut placed = Vec::new();
     for _ in 0..options.n_runs {
@@ -121,7 +140,8 @@ pub(super) fn measure(what: &str, mesh: &TriangleMesh, surface: Surface, options
     }
     let spacing = Spacing::of(&surface, &placed);
     drop((placed, surface));
-    let query = (map.surface.n_voxels <= QUERY_POINTS_MAX).then(|| query::measure(mesh, map, options));
+    let query =
+        (map.surface.n_voxels <= QUERY_POINTS_MAX).then(|| query::measure(mesh, map, options));
     let of = |seconds: &[f64]| median(seconds).unwrap_or_default();
     Ok(Points {
         phases,
@@ -147,7 +167,11 @@ pub(super) fn optimised(corners: &[DVec3; 3]) -> impl Fn(DVec3) -> Projection + 
 }
 
 /// The two phases as printed. `prepare` makes a projection onto a triangle, cell coordinates.
-fn two_phases<P: Fn(DVec3) -> Projection>(mesh: &TriangleMesh, surface: &Surface, prepare: impl Fn(&[DVec3; 3]) -> P) -> Phases {
+fn two_phases<P: Fn(DVec3) -> Projection>(
+    mesh: &TriangleMesh,
+    surface: &Surface,
+    prepare: impl Fn(&[DVec3; 3]) -> P,
+) -> Phases {
     let (mut points, mut boundary): (Vec<Vec3>, Vec<(u32, Vec3)>) = (Vec::new(), Vec::new());
     let mut is_projected = vec![false; surface.n_voxels];
     for triangle_idx in 0..mesh.triangles.len() {
@@ -164,7 +188,8 @@ fn two_phases<P: Fn(DVec3) -> Projection>(mesh: &TriangleMesh, surface: &Surface
             }
         });
     }
-    let mut phases = Phases { interior: points.len() as u64, boundary: boundary.len() as u64, recovered: 0 };
+    let mut phases =
+        Phases { interior: points.len() as u64, boundary: boundary.len() as u64, recovered: 0 };
     for (rank, point) in boundary {
         if !is_projected[rank as usize] {
             is_projected[rank as usize] = true;
@@ -184,19 +209,30 @@ mod tests {
     use super::*;
     use vps::voxmap::grid::Grid;
 
-    /// The second phase keeps a point for exactly the voxels to which the shipped way gives one on an edge or a corner.
+    /// The second phase keeps a point for exactly the voxels to which the shipped way gives one on
+    /// an edge or a corner.
     #[test]
     fn both_ways_recover_the_same_voxels() {
         let mesh = StandIn::Brake.mesh(SEED);
         let (low, high) = mesh.bounds().unwrap();
-        let surface = Surface::mark(&mesh, &Grid::around(low, high, 12e-3, 1).unwrap(), Navigation::AUTO);
+        let surface =
+            Surface::mark(&mesh, &Grid::around(low, high, 12e-3, 1).unwrap(), Navigation::AUTO);
         let placed = project(&mesh, &surface);
         let phases = two_phases(&mesh, &surface, optimised);
-        assert_eq!(phases.recovered, placed.iter().filter(|point| point.on_boundary).count() as u64);
-        assert!(phases.points() > placed.len() as u64 && phases.boundary > phases.interior, "{phases:?}");
+        assert_eq!(
+            phases.recovered,
+            placed.iter().filter(|point| point.on_boundary).count() as u64
+        );
+        assert!(
+            phases.points() > placed.len() as u64 && phases.boundary > phases.interior,
+            "{phases:?}"
+        );
         let clamped = two_phases(&mesh, &surface, clamped);
         assert_eq!(clamped.projections(), phases.projections());
         // Rounding decides otherwise only where a projection lies on an edge.
-        assert!(clamped.interior.abs_diff(phases.interior) < phases.interior / 100, "{clamped:?} {phases:?}");
+        assert!(
+            clamped.interior.abs_diff(phases.interior) < phases.interior / 100,
+            "{clamped:?} {phases:?}"
+        );
     }
 }

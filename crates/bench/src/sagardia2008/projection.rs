@@ -1,7 +1,9 @@
-//! The two ways of projecting a point onto a triangle, on triangles and points that know nothing of each other.
+//! The two ways of projecting a point onto a triangle, on triangles and points that know nothing of
+//! each other.
 //!
 //! # Source
-//! Sagardia2008, section 4: the second method takes 37 % of the time of the first, for arbitrary triangles and points.
+//! Sagardia2008, section 4: the second method takes 37 % of the time of the first, for arbitrary
+//! triangles and points.
 
 use std::hint::black_box;
 
@@ -42,7 +44,10 @@ impl Projections {
     pub(super) fn rows(&self) -> Vec<Row> {
         let group = "paper of 2008: one projection, arbitrary triangles and points";
         let [optimised, prepared] = self.percent();
-        let share = |name: &str, percent| Row { paper: Some(PAPER_PERCENT), ..Row::new(group, name, percent, "%") };
+        let share = |name: &str, percent| Row {
+            paper: Some(PAPER_PERCENT),
+            ..Row::new(group, name, percent, "%")
+        };
         vec![
             Row::new(group, "first way", self.clamped_ns, "ns"),
             Row::new(group, "second way, prepared for every point", self.optimised_ns, "ns"),
@@ -56,8 +61,15 @@ impl Projections {
 /// Measures the ways in turn.
 pub(super) fn measure(options: Options) -> Projections {
     let mut random = Random::new(SEED);
-    let mut vector = |size: f64| DVec3::new(random.within(-size, size), random.within(-size, size), random.within(-size, size));
-    let triangles: Vec<[DVec3; 3]> = (0..N_TRIANGLES).map(|_| [vector(1.0), vector(1.0), vector(1.0)]).collect();
+    let mut vector = |size: f64| {
+        DVec3::new(
+            random.within(-size, size),
+            random.within(-size, size),
+            random.within(-size, size),
+        )
+    };
+    let triangles: Vec<[DVec3; 3]> =
+        (0..N_TRIANGLES).map(|_| [vector(1.0), vector(1.0), vector(1.0)]).collect();
     let points: Vec<DVec3> = (0..N_POINTS).map(|_| vector(1.5)).collect();
     let [mut clamped_ns, mut optimised_ns, mut prepared_ns] = [const { Vec::new() }; 3];
     for _ in 0..ROUNDS * options.n_runs {
@@ -72,12 +84,22 @@ pub(super) fn measure(options: Options) -> Projections {
         }));
     }
     let of = |ns: &[f64]| median(ns).unwrap_or_default();
-    Projections { clamped_ns: of(&clamped_ns), optimised_ns: of(&optimised_ns), prepared_ns: of(&prepared_ns) }
+    Projections {
+        clamped_ns: of(&clamped_ns),
+        optimised_ns: of(&optimised_ns),
+        prepared_ns: of(&prepared_ns),
+    }
 }
 
-fn each_ns(triangles: &[[DVec3; 3]], points: &[DVec3], project: impl Fn(&[DVec3; 3], DVec3) -> Projection) -> f64 {
+fn each_ns(
+    triangles: &[[DVec3; 3]],
+    points: &[DVec3],
+    project: impl Fn(&[DVec3; 3], DVec3) -> Projection,
+) -> f64 {
     // A triangle is looked at anew for every point: nothing of it may be computed once and kept.
-    let of = |corners| points.iter().map(|point| project(black_box(corners), *point).distance_squared).sum::<f64>();
+    let of = |corners| {
+        points.iter().map(|point| project(black_box(corners), *point).distance_squared).sum::<f64>()
+    };
     one_ns(|| triangles.iter().map(of).sum())
 }
 

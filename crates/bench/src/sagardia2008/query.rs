@@ -27,13 +27,15 @@ pub struct Query {
     pub median_us: f64,
 }
 
-/// The model against itself, moved by half a voxel along the diagonal: about half of its points touch, far more than in any assembly.
+/// The model against itself, moved by half a voxel along the diagonal: about half of its points
+/// touch, far more than in any assembly.
 pub(super) fn measure(mesh: &TriangleMesh, mut map: Volume, options: Options) -> Query {
     let (shell, _) = pointshell::build(mesh, &map, DVec3::ZERO);
     let aside = DVec3::ONE.normalize() * 0.5 * map.surface.grid.voxel_size_m;
     let obstacles = [Obstacle { field: map.field(mesh, false), world_from_map: Pose::IDENTITY }];
     let mut traversal = Traversal::new(SimdLevel::best(), TraversalMode::Flat, &obstacles, &shell);
-    let mut ask = |pose| ContactSum::of(&mut traversal, &obstacles, &shell, pose, ForceLaw::PLAIN, None);
+    let mut ask =
+        |pose| ContactSum::of(&mut traversal, &obstacles, &shell, pose, ForceLaw::PLAIN, None);
     let n_queries = if options.quick { 20 } else { N_QUERIES * options.n_runs };
     let mut times_us = Vec::with_capacity(n_queries);
     let mut touching = 0;

@@ -6,7 +6,8 @@ use super::super::statistics::quantile;
 use vps::pointshell::project::SurfacePoint;
 use vps::voxmap::surface::Surface;
 
-/// Shares of the points up to which [`Spacing::voxels`] says the distance; the ends are the least and the largest.
+/// Shares of the points up to which [`Spacing::voxels`] says the distance; the ends are the least
+/// and the largest.
 pub const SHARES: [f64; 7] = [0.0, 0.01, 0.1, 0.5, 0.9, 0.99, 1.0];
 /// Points nearer than this to another one, voxels, describe the same place twice.
 const SAME_PLACE: f64 = 0.1;
@@ -27,7 +28,8 @@ pub struct Spacing {
 impl Spacing {
     /// Of points in order of rank.
     pub(super) fn of(surface: &Surface, points: &[SurfacePoint]) -> Self {
-        let mut distances: Vec<f64> = points.iter().map(|point| nearest(surface, points, point)).collect();
+        let mut distances: Vec<f64> =
+            points.iter().map(|point| nearest(surface, points, point)).collect();
         distances.sort_by(f64::total_cmp);
         let n_same = distances.partition_point(|distance| *distance < SAME_PLACE);
         Self {
@@ -86,19 +88,26 @@ mod tests {
     fn the_nearest_is_that_of_a_search_over_all_points() {
         let mesh = Shape::Torus { major_m: 0.02, minor_m: 0.006 }.tessellate(1e-4);
         let (low, high) = mesh.bounds().unwrap();
-        let surface = Surface::mark(&mesh, &Grid::around(low, high, 1.7e-3, 1).unwrap(), Navigation::AUTO);
+        let surface =
+            Surface::mark(&mesh, &Grid::around(low, high, 1.7e-3, 1).unwrap(), Navigation::AUTO);
         let points = project(&mesh, &surface);
         let spacing = Spacing::of(&surface, &points);
         let searched: Vec<f64> = (0..points.len())
             .map(|own| {
                 let others = (0..points.len()).filter(|other| *other != own);
-                others.map(|other| points[other].cells.distance(points[own].cells)).fold(f64::INFINITY, f64::min)
+                others
+                    .map(|other| points[other].cells.distance(points[own].cells))
+                    .fold(f64::INFINITY, f64::min)
             })
             .collect();
         for (point, searched) in points.iter().zip(&searched) {
             assert_eq!(nearest(&surface, &points, point), *searched);
         }
         assert_eq!(spacing.largest(), searched.iter().copied().fold(0.0, f64::max));
-        assert!(spacing.voxels.is_sorted() && spacing.voxels[0] < spacing.median() && spacing.median() < spacing.largest());
+        assert!(
+            spacing.voxels.is_sorted()
+                && spacing.voxels[0] < spacing.median()
+                && spacing.median() < spacing.largest()
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! One model at one voxel size: the grid, the surface by each navigation, the fill; and its points, where they are not too many.
+//! One model at one voxel size: the grid, the surface by each navigation, the fill; and its points,
+//! where they are not too many.
 //!
 //! # Source
 //! Sagardia2008, section 3.1.
@@ -85,23 +86,35 @@ impl Step {
 
     /// Least and largest Δ of single runs.
     pub(super) fn delta_range(&self) -> [f64; 2] {
-        let deltas = self.whole_box.runs_s.iter().zip(&self.two_sided.runs_s).map(|(old_s, new_s)| old_s / new_s);
-        deltas.fold([f64::INFINITY, 0.0], |[least, most], delta| [f64::min(least, delta), f64::max(most, delta)])
+        let deltas = self
+            .whole_box
+            .runs_s
+            .iter()
+            .zip(&self.two_sided.runs_s)
+            .map(|(old_s, new_s)| old_s / new_s);
+        deltas.fold([f64::INFINITY, 0.0], |[least, most], delta| {
+            [f64::min(least, delta), f64::max(most, delta)]
+        })
     }
 
-    /// Time of the first navigation over that of the second: above 1 the second one is the faster one.
+    /// Time of the first navigation over that of the second: above 1 the second one is the faster
+    /// one.
     pub fn first_over_second(&self) -> f64 {
         self.plane_span.median_s() / self.two_sided.median_s()
     }
 
-    /// Every run of the second navigation was faster than every run of the first: a difference of medians alone may be chance.
+    /// Every run of the second navigation was faster than every run of the first: a difference of
+    /// medians alone may be chance.
     pub(super) fn is_second_faster(&self) -> bool {
         let slowest_s = self.two_sided.runs_s.iter().copied().fold(0.0, f64::max);
         self.plane_span.runs_s.iter().all(|first_s| slowest_s < *first_s)
     }
 
     pub(super) fn rows(&self, group: &str) -> Vec<Row> {
-        let mut rows = vec![Row::new(group, "initialise", self.init_s, "s"), Row::new(group, "fill", self.fill_s, "s")];
+        let mut rows = vec![
+            Row::new(group, "initialise", self.init_s, "s"),
+            Row::new(group, "fill", self.fill_s, "s"),
+        ];
         let ways = [
             ("every voxel of each box", &self.whole_box),
             ("first navigation", &self.plane_span),
@@ -126,7 +139,8 @@ pub(super) fn step(
 ) -> Result<Step, BenchError> {
     let what = format!("{} at {size_mm} mm", stand_in.name());
     let mut step = Step::of(stand_in, size_mm);
-    let (mut init_s, mut fill_s) = (Vec::new(), Vec::new());
+    let mut init_s = Vec::new();
+    let mut fill_s = Vec::new();
     let mut marked = None;
     for run in 0..options.n_runs {
         tell(&format!("{what}, run {}", run + 1));
@@ -134,7 +148,8 @@ pub(super) fn step(
             let (low, high) = mesh.bounds().unwrap_or_default();
             Grid::around(low, high, size_mm * 1e-3, 1)
         });
-        let grid = grid.map_err(|error| BenchError::Prepare { what: what.clone(), why: error.to_string() })?;
+        let grid = grid
+            .map_err(|error| BenchError::Prepare { what: what.clone(), why: error.to_string() })?;
         init_s.push(seconds);
         step.voxels = grid.dims.map(|n| u64::from(n) - 2).iter().product();
         step.whole_box.run(mesh, &grid, Navigation::WholeBox);
@@ -158,13 +173,15 @@ mod tests {
     use super::super::SEED;
     use super::*;
 
-    /// In the box of a triangle of any shape there are voxels that it does not touch, and the naïve way asks about each.
+    /// In the box of a triangle of any shape there are voxels that it does not touch, and the naïve
+    /// way asks about each.
     #[test]
     fn the_naive_way_marks_the_same_by_more_tests() {
         let mesh = StandIn::Bracket.mesh(SEED);
         let (low, high) = mesh.bounds().unwrap();
         let grid = Grid::around(low, high, 16e-3, 1).unwrap();
-        let [whole_box, two_sided] = [Navigation::WholeBox, Navigation::TwoSided].map(|way| Surface::mark(&mesh, &grid, way));
+        let [whole_box, two_sided] = [Navigation::WholeBox, Navigation::TwoSided]
+            .map(|way| Surface::mark(&mesh, &grid, way));
         assert!(whole_box.cells().eq(two_sided.cells()));
         let in_boxes = |idx: usize| {
             let [a, b, c] = mesh.corners(idx).map(|corner| grid.to_cells(corner));

@@ -1,4 +1,5 @@
-//! A C-shaped bracket with bores, cut from one block: few, long triangles, most of them across whole faces.
+//! A C-shaped bracket with bores, cut from one block: few, long triangles, most of them across
+//! whole faces.
 
 use glam::{DAffine3, DVec2, DVec3};
 
@@ -13,7 +14,9 @@ const BORE_CORNERS: usize = 64;
 /// One solid of 7,088 triangles.
 pub(super) fn bracket(random: &mut Random) -> TriangleMesh {
     let DVec3 { x: width, y: depth, z: height } = BOX_MM;
-    // The C in the plane of x and z, with no face on a voxel boundary at the sizes of the tables, where it would mark two layers; the radius that rounds each corner, and points on it. Their sum makes the number of triangles.
+    // The C in the plane of x and z, with no face on a voxel boundary at the sizes of the tables,
+    // where it would mark two layers; the radius that rounds each corner, and points on it. Their
+    // sum makes the number of triangles.
     let corners = [
         ((0.0, 0.0), 12.0, 43),
         ((width, 0.0), 12.0, 43),
@@ -34,7 +37,8 @@ pub(super) fn bracket(random: &mut Random) -> TriangleMesh {
 
     let mut bores = Vec::new();
     let mut bore = |center: (f64, f64), jitter: f64, radii: [f64; 2]| {
-        let center = DVec2::from(center) + jitter * DVec2::new(random.within(-1.0, 1.0), random.within(-1.0, 1.0));
+        let center = DVec2::from(center)
+            + jitter * DVec2::new(random.within(-1.0, 1.0), random.within(-1.0, 1.0));
         bores.push(ring(center, random.within(radii[0], radii[1]), BORE_CORNERS));
     };
     for row in 0..9 {
@@ -55,8 +59,13 @@ pub(super) fn bracket(random: &mut Random) -> TriangleMesh {
 }
 
 /// The corner of an outline, rounded by `n` points on a circle that touches both edges.
-fn rounded([before, here, after]: [DVec2; 3], radius: f64, n: usize) -> impl Iterator<Item = DVec2> {
-    let (back, ahead) = ((before - here).normalize(), (after - here).normalize());
+fn rounded(
+    [before, here, after]: [DVec2; 3],
+    radius: f64,
+    n: usize,
+) -> impl Iterator<Item = DVec2> {
+    let back = (before - here).normalize();
+    let ahead = (after - here).normalize();
     // Edges meet at right angles.
     let center = here + radius * (back + ahead);
     (0..n).map(move |k| {

@@ -1,7 +1,9 @@
-//! A ventilated brake disc with hub, caliper, strut and spring: an assembly of some hundred closed parts.
+//! A ventilated brake disc with hub, caliper, strut and spring: an assembly of some hundred closed
+//! parts.
 //!
-//! The paper's brake has 28.5 times the points at a quarter of the voxel size, where a smooth surface has 16 times: much of its
-//! surface is closer together than six units. So the vanes between the friction rings are here.
+//! The paper's brake has 28.5 times the points at a quarter of the voxel size, where a smooth
+//! surface has 16 times: much of its surface is closer together than six units. So the vanes
+//! between the friction rings are here.
 
 use core::f64::consts::TAU;
 
@@ -24,7 +26,12 @@ const N_VANES: usize = 180;
 pub(super) fn brake(random: &mut Random) -> TriangleMesh {
     let mut assembly = Assembly::default();
     // z of the parts is the axis of the disc: x.
-    let axle = DAffine3::from_cols(DVec3::Y, DVec3::Z, DVec3::X, DVec3::new(0.0, DISC_RADIUS, DISC_RADIUS));
+    let axle = DAffine3::from_cols(
+        DVec3::Y,
+        DVec3::Z,
+        DVec3::X,
+        DVec3::new(0.0, DISC_RADIUS, DISC_RADIUS),
+    );
     disc(&mut assembly, axle, random);
     hub(&mut assembly, axle, random);
     caliper(&mut assembly, axle);
@@ -32,7 +39,9 @@ pub(super) fn brake(random: &mut Random) -> TriangleMesh {
     let mut turn = 0.0;
     assembly.rivets_up_to(N_TRIANGLES, 12, 2.5, || {
         turn += 0.4 + random.within(0.0, 0.02);
-        axle.transform_point3((DVec2::from_angle(turn) * random.within(18.0, 43.0)).extend(DISC[0] + 2.0))
+        axle.transform_point3(
+            (DVec2::from_angle(turn) * random.within(18.0, 43.0)).extend(DISC[0] + 2.0),
+        )
     });
     assembly.fitted(BOX_MM)
 }
@@ -45,15 +54,29 @@ fn disc(assembly: &mut Assembly, axle: DAffine3, random: &mut Random) {
         ring(DVec2::from_angle(phase + TAU * k as f64 / 36.0) * radius, random.within(2.6, 3.4), 8)
     }));
     for low in [DISC[0], DISC[1] - RING_THICKNESS] {
-        assembly.plate(axle, &ring(DVec2::ZERO, DISC_RADIUS, 192), &holes, [low, low + RING_THICKNESS]);
+        assembly.plate(
+            axle,
+            &ring(DVec2::ZERO, DISC_RADIUS, 192),
+            &holes,
+            [low, low + RING_THICKNESS],
+        );
     }
     // Vanes reach half a unit into the rings on both sides.
     let middle = 0.5 * (DISC[0] + DISC[1]);
     let half_length = 0.5 * (DISC_RADIUS - RING_INNER_RADIUS) - 1.5;
     for k in 0..N_VANES {
-        let turn = DAffine3::from_rotation_z(TAU * k as f64 / N_VANES as f64 + random.within(-0.002, 0.002));
-        let place = axle * turn * DAffine3::from_translation(DVec3::new(0.5 * (DISC_RADIUS + RING_INNER_RADIUS), 0.0, middle));
-        assembly.cuboid(place, DVec3::new(half_length, 0.75, middle - DISC[0] - RING_THICKNESS + 0.5));
+        let turn = DAffine3::from_rotation_z(
+            TAU * k as f64 / N_VANES as f64 + random.within(-0.002, 0.002),
+        );
+        let place = axle
+            * turn
+            * DAffine3::from_translation(DVec3::new(
+                0.5 * (DISC_RADIUS + RING_INNER_RADIUS),
+                0.0,
+                middle,
+            ));
+        assembly
+            .cuboid(place, DVec3::new(half_length, 0.75, middle - DISC[0] - RING_THICKNESS + 0.5));
     }
 }
 
@@ -92,13 +115,15 @@ fn caliper(assembly: &mut Assembly, axle: DAffine3) {
     ]
     .map(DVec2::from)
     .to_vec();
-    let pins: Vec<Vec<DVec2>> = [low - 24.0, high + 20.0].map(|x| ring(DVec2::new(x, 162.0), 4.0, 24)).to_vec();
+    let pins: Vec<Vec<DVec2>> =
+        [low - 24.0, high + 20.0].map(|x| ring(DVec2::new(x, 162.0), 4.0, 24)).to_vec();
     // Above the axle, along y.
     let center = axle.transform_point3(DVec3::ZERO);
     let place = DAffine3::from_cols(DVec3::X, DVec3::Z, DVec3::NEG_Y, center);
     assembly.plate(place, &outline, &pins, [-38.0, 38.0]);
     for (from, to) in [(low - 13.0, low - 0.4), (high + 0.4, high + 13.0)] {
-        let pad = DAffine3::from_translation(DVec3::new(0.5 * (from + to), center.y, center.z + 128.0));
+        let pad =
+            DAffine3::from_translation(DVec3::new(0.5 * (from + to), center.y, center.z + 128.0));
         assembly.cuboid(pad, DVec3::new(0.5 * (to - from), 32.0, 17.0));
     }
     for y in [-22.0, 22.0] {
@@ -111,7 +136,10 @@ fn strut(assembly: &mut Assembly, random: &mut Random) {
     let foot = DVec3::new(110.0, DISC_RADIUS, DISC_RADIUS);
     let upright = DAffine3::from_translation(foot);
     // The knuckle holds hub and strut.
-    assembly.cuboid(upright * DAffine3::from_translation(DVec3::Z * 20.0), DVec3::new(16.0, 22.0, 45.0));
+    assembly.cuboid(
+        upright * DAffine3::from_translation(DVec3::Z * 20.0),
+        DVec3::new(16.0, 22.0, 45.0),
+    );
     assembly.cylinder(upright, 9.0, [50.0, BOX_MM.z - foot.z], 48);
     assembly.cylinder(upright, 24.0, [175.0, 180.0], 96);
     let turns = 4.5;
@@ -126,7 +154,11 @@ fn strut(assembly: &mut Assembly, random: &mut Random) {
     let hose: Vec<DVec3> = (0..=160)
         .map(|k| {
             let share = f64::from(k) / 160.0;
-            foot + DVec3::new(50.0 - 30.0 * share, 30.0 + sway * (9.0 * share).sin(), 150.0 + 110.0 * share)
+            foot + DVec3::new(
+                50.0 - 30.0 * share,
+                30.0 + sway * (9.0 * share).sin(),
+                150.0 + 110.0 * share,
+            )
         })
         .collect();
     assembly.bar(&hose, 3.0, 12);

@@ -1,8 +1,9 @@
 //! Stand-ins for the models of Sagardia2008, which are private.
 //!
-//! Each fills the box that the paper's voxel counts imply, with the paper's number of triangles and, within a fifth, of points. A
-//! closed mesh has an even number of triangles, so the two odd counts are one below the paper's. One model unit is a
-//! millimetre, which the paper's car models suggest. The same seed gives the same mesh.
+//! Each fills the box that the paper's voxel counts imply, with the paper's number of triangles
+//! and, within a fifth, of points. A closed mesh has an even number of triangles, so the two odd
+//! counts are one below the paper's. One model unit is a millimetre, which the paper's car models
+//! suggest. The same seed gives the same mesh.
 //!
 //! # Source
 //! Sagardia2008, Table 1: triangles, voxel sizes, voxels, points.
@@ -48,8 +49,8 @@ impl StandIn {
         }
     }
 
-    /// The mesh, metres, its lowest corner at the origin. Closed parts, outward, that may touch or enter each other. Cost: linear;
-    /// about a second for the car.
+    /// The mesh, metres, its lowest corner at the origin. Closed parts, outward, that may touch or
+    /// enter each other. Cost: linear; about a second for the car.
     pub fn mesh(self, seed: u64) -> TriangleMesh {
         let mut random = Random::new(seed);
         match self {
@@ -86,10 +87,19 @@ mod tests {
     fn stand_ins_are_sound_and_have_the_papers_triangles() {
         for stand_in in StandIn::ALL {
             let mesh = stand_in.mesh(SEED);
-            assert_eq!(mesh.triangles.len(), stand_in.paper_triangles() / 2 * 2, "{}", stand_in.name());
+            assert_eq!(
+                mesh.triangles.len(),
+                stand_in.paper_triangles() / 2 * 2,
+                "{}",
+                stand_in.name()
+            );
             let report = inspect(&mesh);
             assert!(report.closed, "{}: {:?}", stand_in.name(), report.warnings());
-            let flaws = (report.degenerate_triangles, report.duplicate_triangles, report.inconsistent_edges);
+            let flaws = (
+                report.degenerate_triangles,
+                report.duplicate_triangles,
+                report.inconsistent_edges,
+            );
             assert_eq!(flaws, (0, 0, 0), "{}", stand_in.name());
             assert!(report.signed_volume_m3 > 0.0);
         }
@@ -125,7 +135,9 @@ mod tests {
             let mesh = stand_in.mesh(SEED);
             let (low, high) = mesh.bounds().unwrap();
             assert_eq!(low, DVec3::ZERO);
-            for (_, size_mm, paper_dims, paper_points) in cases.into_iter().filter(|case| case.0 == stand_in) {
+            for (_, size_mm, paper_dims, paper_points) in
+                cases.into_iter().filter(|case| case.0 == stand_in)
+            {
                 let grid = Grid::around(low, high, size_mm * 1e-3, 1).unwrap();
                 if let Some(dims) = paper_dims {
                     assert_eq!(grid.dims.map(|n| n - 2), dims, "{} at {size_mm}", stand_in.name());
@@ -134,7 +146,10 @@ mod tests {
                     let found = Surface::mark(&mesh, &grid, Navigation::PlaneSpan).n_voxels;
                     let share = found as f64 / f64::from(points);
                     if !(0.8..1.2).contains(&share) {
-                        off.push(format!("{} at {size_mm}: {found} points for {points}, {share:.3}", stand_in.name()));
+                        off.push(format!(
+                            "{} at {size_mm}: {found} points for {points}, {share:.3}",
+                            stand_in.name()
+                        ));
                     }
                 }
             }

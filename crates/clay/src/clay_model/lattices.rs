@@ -5,18 +5,24 @@ use glam::DVec3;
 use super::settings::{ClayModelError, NODES_MAX, Settings};
 use vps::density::{Lattice, Raster};
 
-/// Air around all samples in the base raster, in its spacings: room for what is pulled out, beyond what the caller asks for.
+/// Air around all samples in the base raster, in its spacings: room for what is pulled out, beyond
+/// what the caller asks for.
 const AIR_SPACINGS: f64 = 4.0;
-/// A lattice is kept until one as large as the piece needs would be finer than this, in its spacings.
+/// A lattice is kept until one as large as the piece needs would be finer than this, in its
+/// spacings.
 const KEPT_SPACINGS: f64 = 0.75;
 
 /// The lattice of the base, the first node of the region in it, and the lattice of the region.
-pub(super) fn lattices((low, high): (DVec3, DVec3), settings: &Settings) -> Result<(Lattice, [usize; 3], Lattice), ClayModelError> {
+pub(super) fn lattices(
+    (low, high): (DVec3, DVec3),
+    settings: &Settings,
+) -> Result<(Lattice, [usize; 3], Lattice), ClayModelError> {
     let dims = settings.raster;
     if dims.iter().any(|n| *n < 4) {
         return Err(ClayModelError::Raster(dims));
     }
-    let (low, high) = (low - settings.air_m, high + settings.air_m);
+    let low = low - settings.air_m;
+    let high = high + settings.air_m;
     let (region_low, region_high) = settings.region_map.unwrap_or((low, high));
     if !(region_high.cmpgt(region_low).all() && region_low.is_finite() && region_high.is_finite()) {
         return Err(ClayModelError::Region(region_low, region_high));
@@ -36,12 +42,16 @@ pub(super) fn lattices((low, high): (DVec3, DVec3), settings: &Settings) -> Resu
     if !fits {
         return Err(ClayModelError::TooFine { spacing_m, n_nodes });
     }
-    let whole = Lattice { origin_map: origin - nodes_below * spacing_m, spacing_m, dims: nodes.to_array().map(|n| n as usize) };
+    let whole = Lattice {
+        origin_map: origin - nodes_below * spacing_m,
+        spacing_m,
+        dims: nodes.to_array().map(|n| n as usize),
+    };
     Ok((whole, nodes_below.to_array().map(|n| n as usize), region))
 }
 
-/// The lattices of a piece that has become another, for those of `now` (base, region): the same nodes wherever they will do, since densities
-/// that are looked up between nodes lose their edges.
+/// The lattices of a piece that has become another, for those of `now` (base, region): the same
+/// nodes wherever they will do, since densities that are looked up between nodes lose their edges.
 pub(super) fn lattices_after(
     (whole, region): (&Lattice, &Lattice),
     (low, high): (DVec3, DVec3),
@@ -49,8 +59,10 @@ pub(super) fn lattices_after(
 ) -> Result<(Lattice, [usize; 3], Lattice), ClayModelError> {
     let fresh = lattices((low, high), settings)?;
     let (region_low, region_high) = region.bounds();
-    let holds_all = (low - settings.air_m).cmpge(region_low).all() && (high + settings.air_m).cmple(region_high).all();
-    let is_fine = region.dims == settings.raster && KEPT_SPACINGS * region.spacing_m <= fresh.2.spacing_m;
+    let holds_all = (low - settings.air_m).cmpge(region_low).all()
+        && (high + settings.air_m).cmple(region_high).all();
+    let is_fine =
+        region.dims == settings.raster && KEPT_SPACINGS * region.spacing_m <= fresh.2.spacing_m;
     let stays = settings.region_map.is_none() && holds_all && is_fine;
     Ok(if stays { (*whole, first_node(whole, region), *region) } else { fresh })
 }
@@ -63,15 +75,21 @@ pub(super) fn has_room(lattice: &Lattice, (low, high): (DVec3, DVec3)) -> bool {
 }
 
 pub(super) fn first_node(whole: &Lattice, part: &Lattice) -> [usize; 3] {
-    ((part.origin_map - whole.origin_map) / whole.spacing_m).round().to_array().map(|n| n.max(0.0) as usize)
+    ((part.origin_map - whole.origin_map) / whole.spacing_m)
+        .round()
+        .to_array()
+        .map(|n| n.max(0.0) as usize)
 }
 
 /// The nodes of `part` are nodes of `whole`.
 pub(super) fn is_part(whole: &Lattice, part: &Lattice) -> bool {
     let nodes = (part.origin_map - whole.origin_map) / whole.spacing_m;
-    let is_on_nodes = (nodes - nodes.round()).abs().max_element() < 1e-3 && nodes.min_element() > -0.5;
+    let is_on_nodes =
+        (nodes - nodes.round()).abs().max_element() < 1e-3 && nodes.min_element() > -0.5;
     let first = first_node(whole, part);
-    let is_inside = (0..3).all(|axis| first[axis].checked_add(part.dims[axis]).is_some_and(|n| n <= whole.dims[axis]));
+    let is_inside = (0..3).all(|axis| {
+        first[axis].checked_add(part.dims[axis]).is_some_and(|n| n <= whole.dims[axis])
+    });
     (part.spacing_m / whole.spacing_m - 1.0).abs() < 1e-6 && is_on_nodes && is_inside
 }
 

@@ -16,7 +16,8 @@ pub struct Settings {
     pub n_neighbours: usize,
     /// The field meets every sample exactly ([`PointSurface::interpolating`]).
     pub interpolates: bool,
-    /// Lowest and highest corner of the region that deforms, map frame, m; `None`: all of the piece, and air around it.
+    /// Lowest and highest corner of the region that deforms, map frame, m; `None`: all of the
+    /// piece, and air around it.
     pub region_map: Option<(DVec3, DVec3)>,
     /// Mass points along x, y, z.
     pub raster: [usize; 3],
@@ -61,7 +62,8 @@ pub enum ClayModelError {
     #[error("a raster of {0:?} mass points is too small; give at least 4 along every axis")]
     Raster([usize; 3]),
     /// A box without inside.
-    #[error("the region from {} to {} is empty; its first corner is the lowest, its second the highest", Place(*.0), Place(*.1))]
+    #[error("the region from {} to {} is empty; its first corner is the lowest, its second the \
+        highest", Place(*.0), Place(*.1))]
     Region(DVec3, DVec3),
     /// Nothing of the piece is in it.
     #[error("no part of the surface is in the region from {} to {}", Place(*.0), Place(*.1))]

@@ -12,7 +12,11 @@ pub(super) fn settings() -> Settings {
         region_map: Some((DVec3::new(-0.012, -0.012, 0.008), DVec3::new(0.012, 0.012, 0.032))),
         raster: [31; 3],
         air_m: 5e-3,
-        material: Material { creep_s: 0.05, acceleration_max_m_per_s2: f64::INFINITY, ..Material::default() },
+        material: Material {
+            creep_s: 0.05,
+            acceleration_max_m_per_s2: f64::INFINITY,
+            ..Material::default()
+        },
         ..Settings::default()
     }
 }
@@ -54,9 +58,15 @@ fn acceptance_31_a_stroke_moves_the_surface_its_samples_and_its_fits_together() 
         assert!(resample::largest_gap_m(piece.points(), &samples, piece.gap_m()) <= piece.gap_m());
         for (at, normal) in piece.points().positions_map.iter().zip(&piece.points().normals_map) {
             let off = piece.density_m(*at).unwrap();
-            assert!(off.abs() < 0.1 * piece.region().lattice().spacing_m, "{at}: {off} m off in the densities");
+            assert!(
+                off.abs() < 0.1 * piece.region().lattice().spacing_m,
+                "{at}: {off} m off in the densities"
+            );
             let fitted = piece.surface().at(*at).value_m;
-            assert!(fitted.abs() < 0.2 * piece.surface().spacing_m(), "{at}: {fitted} m off in the fits");
+            assert!(
+                fitted.abs() < 0.2 * piece.surface().spacing_m(),
+                "{at}: {fitted} m off in the fits"
+            );
             assert!(normal.is_normalized());
         }
         // Far from the stroke nothing has moved.
@@ -69,8 +79,10 @@ fn acceptance_31_a_stroke_moves_the_surface_its_samples_and_its_fits_together() 
 #[test]
 fn what_a_force_hardly_reaches_stays_to_the_bit() {
     // All of the ball deforms.
-    let mut piece = ClayModel::new(sphere(4000, R), Settings { region_map: None, ..settings() }).unwrap();
-    let (points, base) = (piece.points().clone(), piece.base().clone());
+    let mut piece =
+        ClayModel::new(sphere(4000, R), Settings { region_map: None, ..settings() }).unwrap();
+    let points = piece.points().clone();
+    let base = piece.base().clone();
     stroke(&mut piece, 10.0);
     assert!(top_m(&piece) > R + 1e-3, "{}", top_m(&piece));
     let is_below = |at: &DVec3| at.z < -0.5 * R;
@@ -78,8 +90,11 @@ fn what_a_force_hardly_reaches_stays_to_the_bit() {
         let all = points.positions_map.iter().copied().zip(points.normals_map.iter().copied());
         all.filter(|(at, _)| is_below(at)).collect()
     };
-    let (mut was, mut is) = (below(&points), below(piece.points()));
-    let by_place = |one: &(DVec3, DVec3), other: &(DVec3, DVec3)| one.0.x.total_cmp(&other.0.x).then(one.0.y.total_cmp(&other.0.y));
+    let mut was = below(&points);
+    let mut is = below(piece.points());
+    let by_place = |one: &(DVec3, DVec3), other: &(DVec3, DVec3)| {
+        one.0.x.total_cmp(&other.0.x).then(one.0.y.total_cmp(&other.0.y))
+    };
     was.sort_by(by_place);
     is.sort_by(by_place);
     assert!(was.len() > 900 && was == is, "{} samples, {} samples", was.len(), is.len());
@@ -132,7 +147,11 @@ fn what_can_be_taken_back_is_bounded_by_memory_too() {
     let n_bytes = before.n_bytes(Some(&after)) + after.n_bytes(None);
     assert_eq!(left(vec![before.clone(), after.clone()], n_bytes), 2);
     assert_eq!(left(vec![before.clone(), after.clone()], n_bytes - 1), 1);
-    assert_eq!(left(vec![before.clone(), after.clone()], 0), 1, "the last stroke can be taken back whatever it takes");
+    assert_eq!(
+        left(vec![before.clone(), after.clone()], 0),
+        1,
+        "the last stroke can be taken back whatever it takes"
+    );
     // Material that was painted once is counted once.
     let mut painted = after.clone();
     let mut coat = MaterialCoat::over(
@@ -141,7 +160,12 @@ fn what_can_be_taken_back_is_bounded_by_memory_too() {
         Painted { mass_kg: Some(1.0), ..Painted::default() },
     );
     let dab = Dab { at_map: DVec3::ZERO, normal_map: DVec3::Z, radius_m: R };
-    coat.dab(&mut painted.material_map, (after.base.lattice(), &Material::default()), &Falloff::Constant, dab);
+    coat.dab(
+        &mut painted.material_map,
+        (after.base.lattice(), &Material::default()),
+        &Falloff::Constant,
+        dab,
+    );
     let material_bytes = 4 * after.base.lattice().n_nodes();
     assert_eq!(painted.n_bytes(None), after.n_bytes(None) + material_bytes);
     assert_eq!(painted.n_bytes_in_session(), after.n_bytes_in_session() + material_bytes);
@@ -190,7 +214,11 @@ fn a_bite_is_taken_out_and_an_image_stands_out() {
         assert!(piece.undo().unwrap());
     }
     let white = GreyImage::new(2, 2, vec![1.0; 4]).unwrap();
-    let placement = ImagePlacement::Around { center_map: DVec3::ZERO, north_map: DVec3::Z, front_map: DVec3::X };
+    let placement = ImagePlacement::Around {
+        center_map: DVec3::ZERO,
+        north_map: DVec3::Z,
+        front_map: DVec3::X,
+    };
     assert_eq!(piece.emboss(&white, &placement, 1e-3).unwrap(), 4000);
     assert!((top_m(&piece) - (R + 1e-3)).abs() < 1e-4, "{}", top_m(&piece));
 }
@@ -199,7 +227,11 @@ fn a_bite_is_taken_out_and_an_image_stands_out() {
 fn a_relief_that_is_higher_than_the_air_around_the_piece_gets_a_larger_raster_until_it_is_undone() {
     let mut piece = ball();
     let white = GreyImage::new(2, 2, vec![1.0; 4]).unwrap();
-    let placement = ImagePlacement::Around { center_map: DVec3::ZERO, north_map: DVec3::Z, front_map: DVec3::X };
+    let placement = ImagePlacement::Around {
+        center_map: DVec3::ZERO,
+        north_map: DVec3::Z,
+        front_map: DVec3::X,
+    };
     let lattice = *piece.base().lattice();
     let most_m = lattice.bounds().1.max_element();
     let mut raised_m = 0.0;
@@ -208,7 +240,9 @@ fn a_relief_that_is_higher_than_the_air_around_the_piece_gets_a_larger_raster_un
         raised_m += 3e-3;
     }
     for way in [DVec3::X, -DVec3::Y, DVec3::Z] {
-        let density_m = |away_m: f64| piece.base().at(way * (R + raised_m + away_m)).map(|density| density.value_m);
+        let density_m = |away_m: f64| {
+            piece.base().at(way * (R + raised_m + away_m)).map(|density| density.value_m)
+        };
         assert!(
             density_m(-2e-3).unwrap() > 0.5e-3 && density_m(2e-3).unwrap() < -0.5e-3,
             "{way}: {:?} {:?}",
@@ -225,15 +259,27 @@ fn a_frame_shows_the_region_as_it_is() {
     let mut piece = ball();
     let lattice = Lattice { origin_map: DVec3::ZERO, spacing_m: 1.0, dims: [2; 3] };
     let nothing = Raster::uniform(lattice, 0.0);
-    let mut frame = Frame { sequence: 0, base: Arc::new(nothing.clone()), region: nothing, rope_map: None, is_leap: false };
+    let mut frame = Frame {
+        sequence: 0,
+        base: Arc::new(nothing.clone()),
+        region: nothing,
+        rope_map: None,
+        is_leap: false,
+    };
     for sequence in 1..4 {
         piece.advance(4e-3);
         piece.show(&mut frame);
-        assert_eq!((frame.sequence, frame.region.values_m()), (sequence, piece.region().values_m()));
+        assert_eq!(
+            (frame.sequence, frame.region.values_m()),
+            (sequence, piece.region().values_m())
+        );
         assert!(Arc::ptr_eq(&frame.base, piece.base()));
         // Nodes of the region are nodes of the base, with its densities where nothing moves.
         let corner = frame.region.lattice().position([0, 0, 0]);
-        assert_eq!(frame.region.at(corner).unwrap().value_m, frame.base.at(corner).unwrap().value_m);
+        assert_eq!(
+            frame.region.at(corner).unwrap().value_m,
+            frame.base.at(corner).unwrap().value_m
+        );
     }
 }
 
@@ -245,8 +291,14 @@ fn what_cannot_be_worked_is_refused() {
         ClayModel::new(sphere(500, R), settings).map(drop).unwrap_err()
     };
     assert!(matches!(refused(|settings| settings.raster = [3, 10, 10]), ClayModelError::Raster(_)));
-    assert!(matches!(refused(|settings| settings.region_map = Some((DVec3::ONE, DVec3::ZERO))), ClayModelError::Region(..)));
-    assert!(matches!(refused(|settings| settings.region_map = Some((DVec3::NAN, DVec3::ZERO))), ClayModelError::Region(..)));
+    assert!(matches!(
+        refused(|settings| settings.region_map = Some((DVec3::ONE, DVec3::ZERO))),
+        ClayModelError::Region(..)
+    ));
+    assert!(matches!(
+        refused(|settings| settings.region_map = Some((DVec3::NAN, DVec3::ZERO))),
+        ClayModelError::Region(..)
+    ));
     let fine = refused(|settings| settings.region_map = Some((DVec3::ZERO, DVec3::splat(1e-4))));
     assert!(matches!(fine, ClayModelError::TooFine { .. }), "{fine}");
     let few = ClayModel::new(sphere(3, R), settings()).map(drop).unwrap_err();
@@ -256,22 +308,31 @@ fn what_cannot_be_worked_is_refused() {
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn edges_and_relief_far_from_a_boolean_or_an_image_stay_as_they_are() {
-    let bite = |at: DVec3| PointSurface::build(shapes_at(at), PointSurface::DEFAULT_NEIGHBOURS).unwrap();
+    let bite =
+        |at: DVec3| PointSurface::build(shapes_at(at), PointSurface::DEFAULT_NEIGHBOURS).unwrap();
     for region_map in [None, settings().region_map] {
-        let mut piece = ClayModel::new(sphere(4000, R), Settings { region_map, ..settings() }).unwrap();
+        let mut piece =
+            ClayModel::new(sphere(4000, R), Settings { region_map, ..settings() }).unwrap();
         piece.combine(Boolean::Difference, &bite(DVec3::X * R), true).unwrap();
         let base = piece.base().clone();
         let lattice = *base.lattice();
         // Nodes at the first bite, in its edge among others.
         let [nx, ny, nz] = lattice.dims;
-        let nodes = (0..nx).flat_map(|x| (0..ny).flat_map(move |y| (0..nz).map(move |z| [x, y, z])));
-        let there: Vec<DVec3> =
-            nodes.map(|node| lattice.position(node)).filter(|at| at.x > 0.5 * R && at.length() < 1.2 * R).collect();
+        let nodes =
+            (0..nx).flat_map(|x| (0..ny).flat_map(move |y| (0..nz).map(move |z| [x, y, z])));
+        let there: Vec<DVec3> = nodes
+            .map(|node| lattice.position(node))
+            .filter(|at| at.x > 0.5 * R && at.length() < 1.2 * R)
+            .collect();
         assert!(there.len() > 500, "{}", there.len());
         let is_as_before = |piece: &ClayModel, what: &str| {
             for at in &there {
-                let [was_m, is_m] = [&base, piece.base()].map(|base| f64::from(base.at(*at).unwrap().value_m));
-                assert!((was_m - is_m).abs() < 1e-3 * lattice.spacing_m, "{what}, {region_map:?}: {was_m} became {is_m} m at {at}");
+                let [was_m, is_m] =
+                    [&base, piece.base()].map(|base| f64::from(base.at(*at).unwrap().value_m));
+                assert!(
+                    (was_m - is_m).abs() < 1e-3 * lattice.spacing_m,
+                    "{what}, {region_map:?}: {was_m} became {is_m} m at {at}"
+                );
             }
         };
         piece.combine(Boolean::Difference, &bite(DVec3::X * -R), true).unwrap();
@@ -305,14 +366,27 @@ fn a_stroke_that_moves_nothing_is_none_and_leaves_what_can_be_done_again() {
     let before = (piece.points().clone(), piece.base().clone(), piece.strokes());
     stroke(&mut piece, 1e-4);
     assert_eq!(piece.history(), (0, 1));
-    assert!(*piece.points() == before.0 && **piece.base() == *before.1 && piece.strokes() == before.2);
-    assert!(piece.region().values_m().iter().zip(cut_out(&piece).values_m()).all(|(now, rest)| now == rest));
+    assert!(
+        *piece.points() == before.0 && **piece.base() == *before.1 && piece.strokes() == before.2
+    );
+    assert!(
+        piece
+            .region()
+            .values_m()
+            .iter()
+            .zip(cut_out(&piece).values_m())
+            .all(|(now, rest)| now == rest)
+    );
     assert!(piece.redo().unwrap());
     assert!(top_m(&piece) > R + 1e-3);
 }
 
 fn cut_out(piece: &ClayModel) -> Raster {
-    cut(piece.base(), lattices::first_node(piece.base().lattice(), piece.region().lattice()), *piece.region().lattice())
+    cut(
+        piece.base(),
+        lattices::first_node(piece.base().lattice(), piece.region().lattice()),
+        *piece.region().lattice(),
+    )
 }
 
 #[test]
@@ -325,7 +399,8 @@ fn a_brush_that_covers_no_sample_makes_no_stroke() {
         falloff: Falloff::Gaussian,
         smallest_m: piece.smallest_disc_m(),
     };
-    let (faint, broad) = (brush(1e-9), brush(5e-3));
+    let faint = brush(1e-9);
+    let broad = brush(5e-3);
     assert_eq!(piece.paint(&faint, DVec3::new(1e-4, 2e-4, R), 1.0).unwrap(), 0);
     assert!(!piece.is_stroke());
     assert_eq!((piece.history(), piece.strokes()), ((0, 0), 0));
@@ -353,16 +428,24 @@ fn a_rim_is_split_where_the_brush_has_passed_while_it_is_down() {
         piece.paint(&brush, on_way(k), 10.0).unwrap();
     }
     assert!(piece.is_stroke());
-    let n_near =
-        |piece: &ClayModel, at: DVec3| piece.points().positions_map.iter().filter(|place| place.distance(at) < 3e-3).count();
-    let (n_behind, n_at_work) = (n_near(&piece, on_way(5)), n_near(&piece, on_way(99)));
+    let n_near = |piece: &ClayModel, at: DVec3| {
+        piece.points().positions_map.iter().filter(|place| place.distance(at) < 3e-3).count()
+    };
+    let n_behind = n_near(&piece, on_way(5));
+    let n_at_work = n_near(&piece, on_way(99));
     assert!(n_behind > 2 * n_at_work, "{n_behind} samples behind, {n_at_work} at work");
     let way_m = |at: &DVec3| (0..100).map(|k| at.distance(on_way(k))).fold(f64::INFINITY, f64::min);
     piece.end_stroke().unwrap();
-    assert!(n_near(&piece, on_way(99)) > 2 * n_at_work, "the rest is split when the brush is lifted");
+    assert!(
+        n_near(&piece, on_way(99)) > 2 * n_at_work,
+        "the rest is split when the brush is lifted"
+    );
     // Red is what the brush passed, and nothing else, with finer samples at its rim than anywhere.
     for (at, color) in piece.points().positions_map.iter().zip(&piece.points().colors) {
-        assert!((way_m(at) < 2e-3) == (*color == [255, 0, 0]) || (way_m(at) - 2e-3).abs() < 1e-5, "{at}: {color:?}");
+        assert!(
+            (way_m(at) < 2e-3) == (*color == [255, 0, 0]) || (way_m(at) - 2e-3).abs() < 1e-5,
+            "{at}: {color:?}"
+        );
     }
     assert_eq!(piece.history(), (1, 0));
     assert!(piece.undo().unwrap() && piece.points().len() == ball().points().len());
@@ -381,19 +464,25 @@ fn a_painted_rim_stays_fine_when_the_surface_beside_it_is_worked() {
     let aside = DVec3::new(0.45, 0.0, (1.0_f64 - 0.45 * 0.45).sqrt()) * R;
     piece.paint(&brush, aside, 10.0).unwrap();
     piece.end_stroke().unwrap();
-    let n_rim = |piece: &ClayModel| piece.points().positions_map.iter().filter(|at| at.distance(aside) < 6e-3).count();
+    let n_rim = |piece: &ClayModel| {
+        piece.points().positions_map.iter().filter(|at| at.distance(aside) < 6e-3).count()
+    };
     let painted = n_rim(&piece);
     assert!(painted > 2 * n_rim(&ball()), "{painted} of {}", n_rim(&ball()));
     stroke(&mut piece, -6.0);
     assert!(n_rim(&piece) as f64 > 0.9 * painted as f64, "{} of {painted}", n_rim(&piece));
 }
 
-/// The largest distance of a place of the surface from the nearest sample, m: the radius of the largest empty circle, by the corners of the closed mesh,
-/// which lie densely on the densities. Places near the edge of the region, where the raster of the base ends, count as well.
+/// The largest distance of a place of the surface from the nearest sample, m: the radius of the
+/// largest empty circle, by the corners of the closed mesh, which lie densely on the densities.
+/// Places near the edge of the region, where the raster of the base ends, count as well.
 fn largest_empty_circle_m(piece: &ClayModel) -> f64 {
     let near = crate::Neighbours::new(&piece.points().positions_map);
     let corners = piece.mesh().unwrap().vertices;
-    corners.iter().map(|at| near.nearest(*at).unwrap().distance_squared_m2.sqrt()).fold(0.0, f64::max)
+    corners
+        .iter()
+        .map(|at| near.nearest(*at).unwrap().distance_squared_m2.sqrt())
+        .fold(0.0, f64::max)
 }
 
 #[test]
@@ -407,10 +496,16 @@ fn no_tool_leaves_an_empty_circle_larger_than_the_threshold() {
     };
     let white = |piece: &mut ClayModel, depth_m: f64| {
         let image = GreyImage::new(2, 2, vec![1.0; 4]).unwrap();
-        let placement = ImagePlacement::Flat { middle_map: DVec3::Z * R, right_map: DVec3::X * 4e-3, up_map: DVec3::Y * 4e-3 };
+        let placement = ImagePlacement::Flat {
+            middle_map: DVec3::Z * R,
+            right_map: DVec3::X * 4e-3,
+            up_map: DVec3::Y * 4e-3,
+        };
         assert!(piece.emboss(&image, &placement, depth_m).unwrap() > 30);
     };
-    let ball_at = |middle_map: DVec3| PointSurface::build(shapes_at(middle_map), PointSurface::DEFAULT_NEIGHBOURS).unwrap();
+    let ball_at = |middle_map: DVec3| {
+        PointSurface::build(shapes_at(middle_map), PointSurface::DEFAULT_NEIGHBOURS).unwrap()
+    };
     let join = |piece: &mut ClayModel, boolean: Boolean, is_sharp: bool| {
         piece.combine(boolean, &ball_at(DVec3::new(2e-3, 3e-3, 1.05 * R)), is_sharp).unwrap();
     };
@@ -429,14 +524,22 @@ fn no_tool_leaves_an_empty_circle_larger_than_the_threshold() {
         ("difference", &|piece| join(piece, Boolean::Difference, false)),
         ("sharp difference", &|piece| join(piece, Boolean::Difference, true)),
         ("sharp intersection", &|piece| join(piece, Boolean::Intersection, true)),
-        ("region", &|piece| piece.choose_region(DVec3::new(-8e-3, -8e-3, 0.012), DVec3::new(8e-3, 8e-3, 0.028)).unwrap()),
+        ("region", &|piece| {
+            piece
+                .choose_region(DVec3::new(-8e-3, -8e-3, 0.012), DVec3::new(8e-3, 8e-3, 0.028))
+                .unwrap()
+        }),
     ];
     for (name, work) in tools {
         let mut piece = ball();
         let before_m = largest_empty_circle_m(&piece);
         work(&mut piece);
-        let (after_m, gap_m) = (largest_empty_circle_m(&piece), piece.gap_m());
-        assert!(after_m <= gap_m, "{name}: a circle of {after_m} m is empty, before {before_m} m, threshold {gap_m} m");
+        let after_m = largest_empty_circle_m(&piece);
+        let gap_m = piece.gap_m();
+        assert!(
+            after_m <= gap_m,
+            "{name}: a circle of {after_m} m is empty, before {before_m} m, threshold {gap_m} m"
+        );
     }
 }
 
@@ -453,23 +556,37 @@ fn euler_number(piece: &ClayModel) -> i64 {
     used.len() as i64 - edges.len() as i64 + mesh.triangles.len() as i64
 }
 
-/// Every sample lies on the surface, none in the air or in the material, and the surface has samples everywhere.
+/// Every sample lies on the surface, none in the air or in the material, and the surface has
+/// samples everywhere.
 fn assert_samples_are_on_the_surface(piece: &ClayModel) {
     let spacing_m = piece.base().lattice().spacing_m;
     for at in &piece.points().positions_map {
         let off_m = piece.density_m(*at).unwrap();
         assert!(off_m.abs() < 0.75 * spacing_m, "{at}: {off_m} m off");
     }
-    let (empty_m, gap_m) = (largest_empty_circle_m(piece), piece.gap_m());
+    let empty_m = largest_empty_circle_m(piece);
+    let gap_m = piece.gap_m();
     // Corners of the mesh lie beside the samples' levels where the raster rounds an edge.
-    assert!(empty_m <= gap_m + 0.1 * spacing_m, "a circle of {empty_m} m is empty, threshold {gap_m} m");
+    assert!(
+        empty_m <= gap_m + 0.1 * spacing_m,
+        "a circle of {empty_m} m is empty, threshold {gap_m} m"
+    );
 }
 
-/// Presses or pulls at one place along one direction until the surface is gone there, or for so many updates.
+/// Presses or pulls at one place along one direction until the surface is gone there, or for so
+/// many updates.
 fn work_at(piece: &mut ClayModel, at_map: DVec3, force_n: DVec3, updates: u32) {
     for _ in 0..updates {
         let along_map = vec![piece.onto(at_map, 4e-3).map_or(at_map, |(at, _)| at)];
-        piece.pull(&PullForce { along_map, force_n, reach_m: 3e-3, radius_m: 4e-3, falloff: Falloff::Gaussian }).unwrap();
+        piece
+            .pull(&PullForce {
+                along_map,
+                force_n,
+                reach_m: 3e-3,
+                radius_m: 4e-3,
+                falloff: Falloff::Gaussian,
+            })
+            .unwrap();
         piece.advance(4e-3);
     }
     piece.end_stroke().unwrap();
@@ -482,9 +599,11 @@ fn sampled(shape: &vps::mesh::primitives::Shape, spacing_m: f64) -> PointSet {
 #[test]
 fn a_tool_that_is_pushed_through_a_plate_leaves_a_hole() {
     let plate = vps::mesh::primitives::Shape::Box { size_m: DVec3::new(0.024, 0.024, 4e-3) };
-    let mut piece =
-        ClayModel::new(sampled(&plate, 8e-4), Settings { region_map: None, raster: [44, 44, 22], air_m: 4e-3, ..settings() })
-            .unwrap();
+    let mut piece = ClayModel::new(
+        sampled(&plate, 8e-4),
+        Settings { region_map: None, raster: [44, 44, 22], air_m: 4e-3, ..settings() },
+    )
+    .unwrap();
     assert_eq!(euler_number(&piece), 2);
     // A tip goes down with 8 N until nothing is left below it.
     let mut at_map = DVec3::Z * 2e-3;
@@ -493,7 +612,13 @@ fn a_tool_that_is_pushed_through_a_plate_leaves_a_hole() {
         at_map = there;
         let along_map = vec![at_map];
         piece
-            .pull(&PullForce { along_map, force_n: -DVec3::Z * 8.0, reach_m: 2.4e-3, radius_m: 4e-3, falloff: Falloff::Gaussian })
+            .pull(&PullForce {
+                along_map,
+                force_n: -DVec3::Z * 8.0,
+                reach_m: 2.4e-3,
+                radius_m: 4e-3,
+                falloff: Falloff::Gaussian,
+            })
             .unwrap();
         piece.advance(4e-3);
     }
@@ -513,7 +638,11 @@ fn two_fronts_that_meet_become_one() {
     let mut other = sphere(1500, 8e-3);
     other.positions_map.iter_mut().for_each(|at| at.x += 9.5e-3);
     points.append(&other);
-    let mut piece = ClayModel::new(points, Settings { region_map: None, raster: [60, 34, 34], air_m: 4e-3, ..settings() }).unwrap();
+    let mut piece = ClayModel::new(
+        points,
+        Settings { region_map: None, raster: [60, 34, 34], air_m: 4e-3, ..settings() },
+    )
+    .unwrap();
     assert_eq!(euler_number(&piece), 4);
     work_at(&mut piece, DVec3::X * -1.5e-3, DVec3::X * 12.0, 90);
     assert_eq!(euler_number(&piece), 2, "two balls that have grown together are one");
@@ -523,21 +652,31 @@ fn two_fronts_that_meet_become_one() {
 
 #[test]
 fn a_neck_that_is_pulled_thin_breaks() {
-    // A dumb-bell: two balls and a bar of 2.4 mm between them, pulled from all sides until nothing is left of its middle.
+    // A dumb-bell: two balls and a bar of 2.4 mm between them, pulled from all sides until nothing
+    // is left of its middle.
     let ball = |x: f64| {
         let mut points = sphere(1500, 8e-3);
         points.positions_map.iter_mut().for_each(|at| at.x += x);
         points
     };
-    let mut piece =
-        ClayModel::new(ball(-0.011), Settings { region_map: None, raster: [66, 34, 34], air_m: 4e-3, ..settings() }).unwrap();
+    let mut piece = ClayModel::new(
+        ball(-0.011),
+        Settings { region_map: None, raster: [66, 34, 34], air_m: 4e-3, ..settings() },
+    )
+    .unwrap();
     let bar = vps::mesh::primitives::Shape::Cylinder { radius_m: 1.6e-3, height_m: 0.012 };
     let mut bar = sampled(&bar, 5e-4);
     for (at, normal) in bar.positions_map.iter_mut().zip(&mut bar.normals_map) {
         (*at, *normal) = (DVec3::new(at.z, at.x, at.y), DVec3::new(normal.z, normal.x, normal.y));
     }
     for solid in [bar, ball(0.011)] {
-        piece.combine(Boolean::Union, &PointSurface::build(solid, PointSurface::DEFAULT_NEIGHBOURS).unwrap(), true).unwrap();
+        piece
+            .combine(
+                Boolean::Union,
+                &PointSurface::build(solid, PointSurface::DEFAULT_NEIGHBOURS).unwrap(),
+                true,
+            )
+            .unwrap();
     }
     assert_eq!(euler_number(&piece), 2);
     for n in 0..8 {
@@ -561,34 +700,46 @@ fn bitten_m(at: DVec3) -> f64 {
 
 const BITE_MAP: DVec3 = DVec3::new(0.0, 0.0, R);
 
-/// Places of the bitten ball's surface at a distance from its edge along either face, m; 0: on the edge.
+/// Places of the bitten ball's surface at a distance from its edge along either face, m; 0: on the
+/// edge.
 fn beside_edge(away_m: f64) -> Vec<DVec3> {
     // The edge is where both spheres meet.
-    let (big, small) = (R, 0.4 * R);
+    let big = R;
+    let small = 0.4 * R;
     let z = (2.0 * R * R - small * small) / (2.0 * R);
-    let (on_big, on_small) = ((z / big).acos() + away_m / big, ((R - z) / small).acos() - away_m / small);
+    let on_big = (z / big).acos() + away_m / big;
+    let on_small = ((R - z) / small).acos() - away_m / small;
     let ring = |turn: u32| (f64::from(turn) * core::f64::consts::TAU / 40.0).sin_cos();
-    let around = |radius: f64, z: f64| (0..40).map(move |turn| DVec3::new(radius * ring(turn).1, radius * ring(turn).0, z));
+    let around = |radius: f64, z: f64| {
+        (0..40).map(move |turn| DVec3::new(radius * ring(turn).1, radius * ring(turn).0, z))
+    };
     let outer = around(big * on_big.sin(), big * on_big.cos());
     outer.chain(around(small * on_small.sin(), R - small * on_small.cos())).collect()
 }
 
 fn bitten(is_sharp: bool) -> ClayModel {
-    let mut piece = ClayModel::new(sphere(6000, R), Settings { region_map: None, raster: [56; 3], ..settings() }).unwrap();
+    let mut piece = ClayModel::new(
+        sphere(6000, R),
+        Settings { region_map: None, raster: [56; 3], ..settings() },
+    )
+    .unwrap();
     let bite = PointSurface::build(shapes_at(BITE_MAP), PointSurface::DEFAULT_NEIGHBOURS).unwrap();
     piece.combine(Boolean::Difference, &bite, is_sharp).unwrap();
     piece
 }
 
-/// The farthest that fits, and densities, are off on the exact surface from the edge to 1.5 mm away from it, m.
+/// The farthest that fits, and densities, are off on the exact surface from the edge to 1.5 mm away
+/// from it, m.
 fn edge_deviations_m(piece: &ClayModel) -> [f64; 2] {
     let places = [0.0, 1e-4, 3e-4, 6e-4, 1e-3, 1.5e-3].map(beside_edge).concat();
-    let most = |off_m: &dyn Fn(DVec3) -> f64| places.iter().map(|at| off_m(*at).abs()).fold(0.0, f64::max);
+    let most =
+        |off_m: &dyn Fn(DVec3) -> f64| places.iter().map(|at| off_m(*at).abs()).fold(0.0, f64::max);
     [most(&|at| piece.surface().at(at).value_m), most(&|at| piece.density_m(at).unwrap())]
 }
 
 /// All of the edge, 0.4 mm between mass points; samples are 0.9 mm apart.
-const EDGE_REGION: (DVec3, DVec3) = (DVec3::new(-0.011, -0.011, 4e-3), DVec3::new(0.011, 0.011, 0.026));
+const EDGE_REGION: (DVec3, DVec3) =
+    (DVec3::new(-0.011, -0.011, 4e-3), DVec3::new(0.011, 0.011, 0.026));
 
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
@@ -604,7 +755,9 @@ fn a_sharp_edge_survives_five_strokes_beside_it_and_other_regions() {
             edge_deviations_m(piece)
         };
         deviations_m.push(measure(&mut piece));
-        piece.choose_region(DVec3::new(-0.021, -0.021, -2e-3), DVec3::new(0.021, 0.021, 0.026)).unwrap();
+        piece
+            .choose_region(DVec3::new(-0.021, -0.021, -2e-3), DVec3::new(0.021, 0.021, 0.026))
+            .unwrap();
         for turn in 0..5 {
             // 6 mm below the edge and farther along it each time.
             let (sin, cos) = (f64::from(turn) * 1.2).sin_cos();
@@ -615,24 +768,34 @@ fn a_sharp_edge_survives_five_strokes_beside_it_and_other_regions() {
         deviations_m.push(measure(&mut piece));
         deviations_m.concat()
     };
-    let (sharp_m, blended_m) = (after(true), after(false));
-    // Fits, then densities, which round an edge by a third of the distance between mass points; before the strokes and after them.
+    let sharp_m = after(true);
+    let blended_m = after(false);
+    // Fits, then densities, which round an edge by a third of the distance between mass points;
+    // before the strokes and after them.
     for (off_m, most_m) in sharp_m.iter().zip([0.01e-3, 0.14e-3, 0.1e-3, 0.16e-3]) {
         assert!(*off_m < most_m, "{sharp_m:?} m off");
     }
-    assert!(blended_m.iter().all(|off_m| *off_m > 0.2e-3), "the fits of one patch round the edge by {blended_m:?} m");
+    assert!(
+        blended_m.iter().all(|off_m| *off_m > 0.2e-3),
+        "the fits of one patch round the edge by {blended_m:?} m"
+    );
 }
 
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn sharp_edges_stay_through_other_booleans_an_image_and_a_session() {
     let mut piece = bitten(true);
-    let other = |at: DVec3| PointSurface::build(shapes_at(at), PointSurface::DEFAULT_NEIGHBOURS).unwrap();
+    let other =
+        |at: DVec3| PointSurface::build(shapes_at(at), PointSurface::DEFAULT_NEIGHBOURS).unwrap();
     // A ball joined sharply below, one smoothly aside, an image at the foot.
     piece.combine(Boolean::Union, &other(DVec3::new(0.0, 0.0, -R)), true).unwrap();
     piece.combine(Boolean::Union, &other(DVec3::new(R, 0.0, -5e-3)), false).unwrap();
     let image = GreyImage::new(4, 4, vec![1.0; 16]).unwrap();
-    let placement = ImagePlacement::Flat { middle_map: -DVec3::X * R, right_map: DVec3::Y * 3e-3, up_map: DVec3::Z * 3e-3 };
+    let placement = ImagePlacement::Flat {
+        middle_map: -DVec3::X * R,
+        right_map: DVec3::Y * 3e-3,
+        up_map: DVec3::Z * 3e-3,
+    };
     assert!(piece.emboss(&image, &placement, 1e-3).unwrap() > 10);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("piece.session");
@@ -644,30 +807,39 @@ fn sharp_edges_stay_through_other_booleans_an_image_and_a_session() {
         let [fits_m, densities_m] = edge_deviations_m(piece);
         assert!(fits_m < 0.01e-3 && densities_m < 0.14e-3, "{fits_m} m, {densities_m} m");
     }
-    // The valley of the sharp union, where both balls have their own field: 0.4 R around (0, 0, -R) outside of the ball.
-    let off_m = beside_edge(0.0).into_iter().map(|at| piece.surface().at(-at).value_m.abs()).fold(0.0, f64::max);
+    // The valley of the sharp union, where both balls have their own field: 0.4 R around (0, 0, -R)
+    // outside of the ball.
+    let off_m = beside_edge(0.0)
+        .into_iter()
+        .map(|at| piece.surface().at(-at).value_m.abs())
+        .fold(0.0, f64::max);
     assert!(off_m < 0.1e-3, "{off_m} m");
 }
 
 #[test]
 fn fits_of_two_patches_meet_in_a_sharp_edge_and_those_of_one_round_it() {
-    let [sharp_m, blended_m] = [true, false].map(|is_sharp| edge_deviations_m(&bitten(is_sharp))[0]);
+    let [sharp_m, blended_m] =
+        [true, false].map(|is_sharp| edge_deviations_m(&bitten(is_sharp))[0]);
     assert!(sharp_m < 0.01e-3 && blended_m > 0.2e-3, "{sharp_m} m, {blended_m} m");
 }
 
-/// Where lines along x through a grid of (y, z) are inside of a closed mesh: crossings in ascending order, line by line.
+/// Where lines along x through a grid of (y, z) are inside of a closed mesh: crossings in ascending
+/// order, line by line.
 fn crossings_m(mesh: &vps::mesh::TriangleMesh, grid: &[(f64, f64)]) -> Vec<Vec<f64>> {
     let mut lines = vec![Vec::new(); grid.len()];
     for triangle in 0..mesh.triangles.len() {
         let [a, b, c] = mesh.corners(triangle);
-        let (low, high) = (a.min(b).min(c), a.max(b).max(c));
-        let (u, v) = (b - a, c - a);
+        let low = a.min(b).min(c);
+        let high = a.max(b).max(c);
+        let u = b - a;
+        let v = c - a;
         let twice = u.y * v.z - u.z * v.y;
         for (line, (y, z)) in lines.iter_mut().zip(grid) {
             if *y < low.y || *y > high.y || *z < low.z || *z > high.z || twice == 0.0 {
                 continue;
             }
-            let (s, t) = (((y - a.y) * v.z - (z - a.z) * v.y) / twice, (u.y * (z - a.z) - u.z * (y - a.y)) / twice);
+            let s = ((y - a.y) * v.z - (z - a.z) * v.y) / twice;
+            let t = (u.y * (z - a.z) - u.z * (y - a.y)) / twice;
             if s >= 0.0 && t >= 0.0 && s + t <= 1.0 {
                 line.push(a.x + u.x * s + v.x * t);
             }
@@ -697,12 +869,18 @@ fn length_m(boolean: Boolean, first: &[f64], second: &[f64]) -> f64 {
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn booleans_of_scans_have_the_volume_of_a_count_along_lines_through_both_meshes() {
     // Real meshes are not part of the repository.
-    let Some(folder) = std::env::var_os("HAPTICD_MODELS").map(std::path::PathBuf::from) else { return };
-    // About 100 mm both; the second turned by a quarter about z and moved, so that it crosses the first.
+    let Some(folder) = std::env::var_os("HAPTICD_MODELS").map(std::path::PathBuf::from) else {
+        return;
+    };
+    // About 100 mm both; the second turned by a quarter about z and moved, so that it crosses the
+    // first.
     let turned = |at: DVec3| DVec3::new(-at.y, at.x, at.z) + DVec3::new(4e-3, -3e-3, 6e-3);
     let placed = |file: &str, turns: bool| {
         let mut mesh = vps::mesh::load(&folder.join(file), 1.0).unwrap();
-        let (low, high) = mesh.vertices.iter().fold((mesh.vertices[0], mesh.vertices[0]), |(l, h), at| (l.min(*at), h.max(*at)));
+        let (low, high) = mesh
+            .vertices
+            .iter()
+            .fold((mesh.vertices[0], mesh.vertices[0]), |(l, h), at| (l.min(*at), h.max(*at)));
         let scale = 0.1 / (high - low).max_element();
         for at in &mut mesh.vertices {
             *at = (*at - 0.5 * (low + high)) * scale;
@@ -714,15 +892,23 @@ fn booleans_of_scans_have_the_volume_of_a_count_along_lines_through_both_meshes(
     let step_m = 5e-4;
     let along = |n: usize| (n as f64 - 119.37) * step_m;
     let grid: Vec<(f64, f64)> = (0..240 * 240).map(|n| (along(n / 240), along(n % 240))).collect();
-    for (one, other) in [("rocker-arm.obj", "rocker-arm.obj"), ("stanford-bunny.obj", "rocker-arm.obj")] {
-        let ((first, first_points), (second, second_points)) = (placed(one, false), placed(other, true));
-        let (first_m, second_m) = (crossings_m(&first, &grid), crossings_m(&second, &grid));
+    for (one, other) in
+        [("rocker-arm.obj", "rocker-arm.obj"), ("stanford-bunny.obj", "rocker-arm.obj")]
+    {
+        let ((first, first_points), (second, second_points)) =
+            (placed(one, false), placed(other, true));
+        let first_m = crossings_m(&first, &grid);
+        let second_m = crossings_m(&second, &grid);
         let settings = Settings { region_map: None, raster: [72; 3], air_m: 5e-3, ..settings() };
-        let other_surface = PointSurface::build(second_points, PointSurface::DEFAULT_NEIGHBOURS).unwrap();
+        let other_surface =
+            PointSurface::build(second_points, PointSurface::DEFAULT_NEIGHBOURS).unwrap();
         let piece = |points: PointSet| ClayModel::new(points, settings.clone()).unwrap();
         let whole_m3 = piece(first_points.clone()).volume_m3().unwrap();
         for boolean in [Boolean::Union, Boolean::Intersection, Boolean::Difference] {
-            let lines = first_m.iter().zip(&second_m).map(|(first, second)| length_m(boolean, first, second));
+            let lines = first_m
+                .iter()
+                .zip(&second_m)
+                .map(|(first, second)| length_m(boolean, first, second));
             let expected_m3 = lines.sum::<f64>() * step_m * step_m;
             let mut piece = piece(first_points.clone());
             piece.combine(boolean, &other_surface, true).unwrap();

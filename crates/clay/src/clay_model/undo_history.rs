@@ -11,7 +11,8 @@ use super::lattices::{first_node, is_part};
 use super::{ClayModel, ClayModelError, DynamicRegion, Settings, measured};
 use vps::density::{Lattice, Raster};
 
-/// Strokes that can be taken back, and the memory that they take, bytes: of a large piece there are fewer of them.
+/// Strokes that can be taken back, and the memory that they take, bytes: of a large piece there are
+/// fewer of them.
 const PAST_MAX: usize = 64;
 const PAST_BYTES_MAX: usize = 1 << 30;
 
@@ -72,21 +73,34 @@ impl Snapshot {
     ) -> Option<Self> {
         let material = Material::default();
         let samples = SnapshotSamples::Bare(points);
-        is_part(base.lattice(), &region).then(|| Self { samples, base: measured(base), material_map, region, region_map, material })
+        is_part(base.lattice(), &region).then(|| Self {
+            samples,
+            base: measured(base),
+            material_map,
+            region,
+            region_map,
+            material,
+        })
     }
 
     /// What it takes in a session, bytes.
     pub(in super::super) fn n_bytes_in_session(&self) -> usize {
-        self.samples.points().n_bytes() + size_of_val(self.base.values_m()) + self.material_map.n_bytes()
+        self.samples.points().n_bytes()
+            + size_of_val(self.base.values_m())
+            + self.material_map.n_bytes()
     }
 
-    /// What it takes in memory beside one that is newer, bytes: paint leaves the densities as they are, all but paint leaves the material, and
-    /// what is before it and after it shares them.
+    /// What it takes in memory beside one that is newer, bytes: paint leaves the densities as they
+    /// are, all but paint leaves the material, and what is before it and after it shares them.
     pub(super) fn n_bytes(&self, newer: Option<&Self>) -> usize {
         let is_shared = newer.is_some_and(|newer| Arc::ptr_eq(&newer.base, &self.base));
-        let material_bytes =
-            newer.map_or_else(|| self.material_map.n_bytes(), |newer| self.material_map.n_bytes_beside(&newer.material_map));
-        self.samples.n_bytes() + material_bytes + if is_shared { 0 } else { size_of_val(self.base.values_m()) }
+        let material_bytes = newer.map_or_else(
+            || self.material_map.n_bytes(),
+            |newer| self.material_map.n_bytes_beside(&newer.material_map),
+        );
+        self.samples.n_bytes()
+            + material_bytes
+            + if is_shared { 0 } else { size_of_val(self.base.values_m()) }
     }
 }
 
@@ -108,7 +122,13 @@ impl ClayModel {
             moment.samples.points().check()?;
         }
         let first = first_node(now.base.lattice(), &now.region);
-        let region = DynamicRegion::new(surface.points(), (&now.base, &now.material_map), first, now.region, &settings);
+        let region = DynamicRegion::new(
+            surface.points(),
+            (&now.base, &now.material_map),
+            first,
+            now.region,
+            &settings,
+        );
         Ok(Self {
             surface,
             under_way: None,
@@ -157,7 +177,8 @@ impl ClayModel {
         (self.past.len(), if self.is_stroke() { 0 } else { self.undone.len() })
     }
 
-    /// The stroke under way has never been: what was there before it is there again. Does nothing without a stroke.
+    /// The stroke under way has never been: what was there before it is there again. Does nothing
+    /// without a stroke.
     pub fn cancel_stroke(&mut self) {
         if self.is_stroke() {
             self.take_back();
@@ -202,7 +223,8 @@ impl ClayModel {
         }
     }
 
-    /// The stroke under way has changed nothing: it has never been, and what was undone before it can be done again still.
+    /// The stroke under way has changed nothing: it has never been, and what was undone before it
+    /// can be done again still.
     pub(super) fn forget_stroke(&mut self) {
         (self.under_way, self.press, self.material_coat) = (None, None, None);
         self.strokes = self.strokes.saturating_sub(1);
@@ -224,13 +246,20 @@ impl ClayModel {
     /// The region out of the base, on nodes of it.
     pub(super) fn cut_region(&mut self, lattice: Lattice) {
         let first = first_node(self.base.lattice(), &lattice);
-        self.region = DynamicRegion::new(self.surface.points(), (&self.base, &self.material_map), first, lattice, &self.settings);
+        self.region = DynamicRegion::new(
+            self.surface.points(),
+            (&self.base, &self.material_map),
+            first,
+            lattice,
+            &self.settings,
+        );
     }
 }
 
 /// Leaves the newest, as many as fit, and the last one in any case.
 pub(super) fn forget(past: &mut Vec<Snapshot>, bytes_max: usize) {
-    let (mut n, mut bytes) = (0, 0);
+    let mut n = 0;
+    let mut bytes = 0;
     let mut newer: Option<&Snapshot> = None;
     for moment in past.iter().rev() {
         bytes += moment.n_bytes(newer);

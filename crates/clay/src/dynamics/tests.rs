@@ -49,7 +49,10 @@ fn compliance() -> f64 {
             for y in 1..N - 1 {
                 for z in 1..N - 1 {
                     let node = (x * N + y) * N + z;
-                    let around = [1, N, N * N].into_iter().map(|stride| u[node - stride] + u[node + stride]).sum::<f64>();
+                    let around = [1, N, N * N]
+                        .into_iter()
+                        .map(|stride| u[node - stride] + u[node + stride])
+                        .sum::<f64>();
                     let force = if node == MIDDLE { 1.0 / 100.0 } else { 0.0 };
                     u[node] = (around + force) / 6.0;
                 }
@@ -94,7 +97,10 @@ fn elastic_clay_springs_back_and_settled_clay_stays() {
             let_go(&mut clay);
             let left = f64::from(clay.now().values_m()[MIDDLE] - before.values_m()[MIDDLE]);
             let expected = if settles { moved } else { 0.0 };
-            assert!((left - expected).abs() < 0.01 * moved, "{integrator:?}, {settles}: {left} m of {moved} m");
+            assert!(
+                (left - expected).abs() < 0.01 * moved,
+                "{integrator:?}, {settles}: {left} m of {moved} m"
+            );
         }
     }
 }
@@ -126,7 +132,8 @@ fn the_implicit_step_is_stable_where_the_explicit_one_has_to_be_short() {
 #[test]
 fn explicit_steps_are_halved_where_the_acceleration_is_beyond_the_threshold() {
     let calm = clay(material(), Integrator::Explicit);
-    let mut wild = clay(Material { acceleration_max_m_per_s2: 100.0, ..material() }, Integrator::Explicit);
+    let mut wild =
+        clay(Material { acceleration_max_m_per_s2: 100.0, ..material() }, Integrator::Explicit);
     let steps = |mut clay: Dynamics| {
         clay.forces_n_mut().1[MIDDLE] += 1.0;
         clay.update(1e-3).steps
@@ -140,12 +147,15 @@ fn explicit_steps_are_halved_where_the_acceleration_is_beyond_the_threshold() {
 
 #[test]
 fn steps_below_and_above_the_threshold_are_those_of_the_closed_form() {
-    // A free mass point: an acceleration a of 10⁴ m/s² throughout. Steps h_i move it by a Σ h_i (h_1 + … + h_i) = a (T² + Σ h_i²)/2: one step by a T², steps
-    // that halve down to T/1024, and that one again, by a T² (2/3 + 4^-10/3).
-    let (time_s, a) = (1e-4, 1e4);
-    for (acceleration_max_m_per_s2, steps, expected_m) in
-        [(a * 1.001, 1, a * time_s * time_s), (a * 0.999, 11, a * time_s * time_s * (2.0 + 4.0_f64.powi(-10)) / 3.0)]
-    {
+    // A free mass point: an acceleration a of 10⁴ m/s² throughout. Steps h_i move it by a Σ h_i
+    // (h_1 + … + h_i) = a (T² + Σ h_i²)/2: one step by a T², steps that halve down to T/1024, and
+    // that one again, by a T² (2/3 + 4^-10/3).
+    let time_s = 1e-4;
+    let a = 1e4;
+    for (acceleration_max_m_per_s2, steps, expected_m) in [
+        (a * 1.001, 1, a * time_s * time_s),
+        (a * 0.999, 11, a * time_s * time_s * (2.0 + 4.0_f64.powi(-10)) / 3.0),
+    ] {
         let free = Material {
             damping_n_s_per_m: Quantity::Constant(0.0),
             stiffness_n_per_m: Quantity::Constant(1e-6),
@@ -189,7 +199,9 @@ fn the_outermost_nodes_are_held() {
         clay.forces_n_mut().1.fill(0.01);
         clay.update(4e-3);
     }
-    for node in (0..N * N * N).filter(|node| [node % N, node / N % N, node / N / N].iter().any(|n| *n == 0 || *n == N - 1)) {
+    for node in (0..N * N * N).filter(|node| {
+        [node % N, node / N % N, node / N / N].iter().any(|n| *n == 0 || *n == N - 1)
+    }) {
         assert_eq!(clay.now().values_m()[node], before.values_m()[node]);
     }
     assert_ne!(clay.now().values_m()[MIDDLE], before.values_m()[MIDDLE]);

@@ -44,10 +44,11 @@ impl SculptEngine {
             }
             SculptOrder::Lay { painted, place } => self.lay(painted, &place),
             SculptOrder::Draw(curves) => self.lay_curves(curves),
-            SculptOrder::Pull { curves, force_map, time_s, brush_m } => self.begin_pull(curves, force_map, time_s, brush_m),
-            SculptOrder::SavePoints(path) => {
-                save::save(&path, self.model.points()).map_err(|source| EngineError::write(&path, source))
+            SculptOrder::Pull { curves, force_map, time_s, brush_m } => {
+                self.begin_pull(curves, force_map, time_s, brush_m)
             }
+            SculptOrder::SavePoints(path) => save::save(&path, self.model.points())
+                .map_err(|source| EngineError::write(&path, source)),
             SculptOrder::SaveSession(path) => {
                 self.let_go()?;
                 self.model.save_session(&path)?;
@@ -63,15 +64,17 @@ impl SculptEngine {
     }
 
     fn take(&mut self, tool: ToolSettings) -> Result<(), EngineError> {
-        for (name, value, is_sound) in
-            [("a brush", tool.brush_m, tool.brush_m > 0.0), ("a depth of images", tool.depth_m, tool.depth_m >= 0.0)]
-        {
+        for (name, value, is_sound) in [
+            ("a brush", tool.brush_m, tool.brush_m > 0.0),
+            ("a depth of images", tool.depth_m, tool.depth_m >= 0.0),
+        ] {
             if !(is_sound && value.is_finite()) {
                 return Err(EngineError::Length { name, value });
             }
         }
         check_painted(&tool.painted)?;
-        // The stroke of the tool before; if it made no surface it is taken back, and the new tool is taken all the same.
+        // The stroke of the tool before; if it made no surface it is taken back, and the new tool
+        // is taken all the same.
         let ended = self.let_go();
         self.tool = tool;
         ended
@@ -92,8 +95,15 @@ impl SculptEngine {
         Ok(())
     }
 
-    pub(super) fn combine(&mut self, boolean: Boolean, with: PointSet, is_sharp: bool) -> Result<(), EngineError> {
-        if boolean == Boolean::Difference && !with.bounds().is_some_and(|other| overlap(self.model.surface().bounds(), other)) {
+    pub(super) fn combine(
+        &mut self,
+        boolean: Boolean,
+        with: PointSet,
+        is_sharp: bool,
+    ) -> Result<(), EngineError> {
+        if boolean == Boolean::Difference
+            && !with.bounds().is_some_and(|other| overlap(self.model.surface().bounds(), other))
+        {
             return Err(EngineError::Beside);
         }
         let other = self.model.settings().surface(with)?;
@@ -102,7 +112,12 @@ impl SculptEngine {
         Ok(())
     }
 
-    pub(super) fn emboss(&mut self, image: &GreyImage, placement: &ImagePlacement, depth_m: f64) -> Result<(), EngineError> {
+    pub(super) fn emboss(
+        &mut self,
+        image: &GreyImage,
+        placement: &ImagePlacement,
+        depth_m: f64,
+    ) -> Result<(), EngineError> {
         if !depth_m.is_finite() {
             return Err(EngineError::Length { name: "a depth of images", value: depth_m });
         }
@@ -113,7 +128,9 @@ impl SculptEngine {
 }
 
 fn check_painted(painted: &Painted) -> Result<(), EngineError> {
-    painted.unsound().map_or(Ok(()), |(name, value, unit)| Err(EngineError::Property { name, value, unit }))
+    painted
+        .unsound()
+        .map_or(Ok(()), |(name, value, unit)| Err(EngineError::Property { name, value, unit }))
 }
 
 /// Two boxes have a place in common.

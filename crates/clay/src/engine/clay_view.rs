@@ -8,15 +8,16 @@ use super::super::PointSet;
 use super::super::dynamics::Material;
 use super::ToolSettings;
 
-/// The piece at one moment. Cheap to clone. During a stroke its samples may be older than the rest: they are copied as often as that is
-/// cheap. Without one they are as new as the rest.
+/// The piece at one moment. Cheap to clone. During a stroke its samples may be older than the rest:
+/// they are copied as often as that is cheap. Without one they are as new as the rest.
 #[derive(Clone, Debug)]
 pub struct ClayView {
     /// Counts up whenever `points` is another set than before; begins at 1.
     pub version: u64,
     /// The samples, those of a stroke under way among them, map frame.
     pub points: Arc<PointSet>,
-    /// How far apart samples are around each of them, m: those of the last stroke that ended. Samples that a stroke under way adds have none, and come last.
+    /// How far apart samples are around each of them, m: those of the last stroke that ended.
+    /// Samples that a stroke under way adds have none, and come last.
     pub spacings_m: Arc<[f32]>,
     /// Mean distance of neighbouring samples, m: discs of this diameter cover the surface.
     pub spacing_m: f64,

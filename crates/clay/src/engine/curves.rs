@@ -30,12 +30,16 @@ impl Curves {
     /// The curve and the corner nearest to a place, and how far it is, m.
     pub(super) fn nearest(&self, place_map: DVec3) -> Option<(usize, usize, f64)> {
         let corners = self.map.iter().enumerate().flat_map(|(curve, corners)| {
-            corners.iter().enumerate().map(move |(corner, at)| (curve, corner, at.distance(place_map)))
+            corners
+                .iter()
+                .enumerate()
+                .map(move |(corner, at)| (curve, corner, at.distance(place_map)))
         });
         corners.min_by(|(_, _, one_m), (_, _, other_m)| one_m.total_cmp(other_m))
     }
 
-    /// Every corner goes along with the level that it lies on: along a direction, or along the normal where that runs along the level.
+    /// Every corner goes along with the level that it lies on: along a direction, or along the
+    /// normal where that runs along the level.
     pub(super) fn follow(&mut self, model: &ClayModel, along: DVec3, within_m: f64) {
         for (at, level_m) in self.map.iter_mut().flatten().zip(self.levels_m.iter().flatten()) {
             let there = model.onto_level_along((*at, *level_m), along, within_m);
@@ -53,7 +57,9 @@ impl SculptEngine {
             Activity::PullingCurves { curves, .. } | Activity::Driven { curves, .. } => {
                 self.waiting.map.iter().chain(&curves.map).cloned().collect()
             }
-            Activity::Drawing { curve_map } => self.waiting.map.iter().chain([curve_map]).cloned().collect(),
+            Activity::Drawing { curve_map } => {
+                self.waiting.map.iter().chain([curve_map]).cloned().collect()
+            }
             _ => self.waiting.map.as_slice().into(),
         }
     }
@@ -61,7 +67,11 @@ impl SculptEngine {
     /// [`SculptOrder::Draw`](super::SculptOrder::Draw).
     pub(super) fn lay_curves(&mut self, curves: RopeCurves) -> Result<(), EngineError> {
         self.let_go()?;
-        self.waiting = if curves.curves_map.is_empty() { Curves::default() } else { self.laid(curves, self.tool.brush_m)? };
+        self.waiting = if curves.curves_map.is_empty() {
+            Curves::default()
+        } else {
+            self.laid(curves, self.tool.brush_m)?
+        };
         Ok(())
     }
 
@@ -75,7 +85,9 @@ impl SculptEngine {
     ) -> Result<(), EngineError> {
         let brush_m = brush_m.unwrap_or(self.tool.brush_m);
         let wrong = |what: String| Err(EngineError::Curves { what });
-        let is_force = force_map.is_finite() && force_map.length() > 0.0 && force_map.length() <= RopeCurves::FORCE_MAX_N;
+        let is_force = force_map.is_finite()
+            && force_map.length() > 0.0
+            && force_map.length() <= RopeCurves::FORCE_MAX_N;
         if !is_force {
             return wrong(format!("a pull of {} N", force_map.length()));
         }
@@ -92,47 +104,74 @@ impl SculptEngine {
         Ok(())
     }
 
-    /// How long a pull by order goes on still, s; nothing in its last updates, as orders come between two of them.
+    /// How long a pull by order goes on still, s; nothing in its last updates, as orders come
+    /// between two of them.
     pub(super) fn pull_left_s(&self) -> Option<f64> {
-        if let Activity::Driven { left_s, .. } = self.activity { Some(left_s).filter(|left_s| *left_s > CUT_S) } else { None }
+        if let Activity::Driven { left_s, .. } = self.activity {
+            Some(left_s).filter(|left_s| *left_s > CUT_S)
+        } else {
+            None
+        }
     }
 
     /// One update of a pull by order.
     pub(super) fn drive(&mut self, time_s: f64) -> Result<(), EngineError> {
-        let Activity::Driven { curves, force_map, brush_m, left_s } = &mut self.activity else { return Ok(()) };
+        let Activity::Driven { curves, force_map, brush_m, left_s } = &mut self.activity else {
+            return Ok(());
+        };
         if *left_s <= 0.0 {
             return self.let_go();
         }
         *left_s -= time_s;
-        let (curves, force_map, brush_m) = (curves.clone(), *force_map, *brush_m);
+        let curves = curves.clone();
+        let force_map = *force_map;
+        let brush_m = *brush_m;
         self.pull_curves(&curves, force_map, brush_m)?;
         Ok(())
     }
 
-    /// Corners as close together as mass points are, on the surface or, of free curves, where they are.
-    fn laid(&self, RopeCurves { curves_map, is_free }: RopeCurves, brush_m: f64) -> Result<Curves, EngineError> {
+    /// Corners as close together as mass points are, on the surface or, of free curves, where they
+    /// are.
+    fn laid(
+        &self,
+        RopeCurves { curves_map, is_free }: RopeCurves,
+        brush_m: f64,
+    ) -> Result<Curves, EngineError> {
         let wrong = |what: String| Err(EngineError::Curves { what });
         if curves_map.is_empty() || curves_map.len() > RopeCurves::CURVES_MAX {
             return wrong(format!("{} curves at once", curves_map.len()));
         }
-        if let Some(curve) = curves_map.iter().position(|curve| curve.is_empty() || !curve.iter().all(|at| at.is_finite())) {
+        if let Some(curve) = curves_map
+            .iter()
+            .position(|curve| curve.is_empty() || !curve.iter().all(|at| at.is_finite()))
+        {
             return wrong(format!("curve {} has no place, or one that is no place", curve + 1));
         }
         let apart_m = CORNER_SPACINGS * self.model.region().lattice().spacing_m;
         let (low, high) = self.model.region_map();
-        let (mut laid, mut n_corners) = (Curves { is_free, ..Curves::default() }, 0);
+        let mut laid = Curves { is_free, ..Curves::default() };
+        let mut n_corners = 0;
         for curve in curves_map {
-            let pieces = curve.windows(2).map(|ends| (ends[0].distance(ends[1]) / apart_m).ceil().max(1.0));
+            let pieces =
+                curve.windows(2).map(|ends| (ends[0].distance(ends[1]) / apart_m).ceil().max(1.0));
             n_corners += 1 + pieces.sum::<f64>().min(1e9) as usize;
             if n_corners > RopeCurves::CORNERS_MAX {
                 let n_max = RopeCurves::CORNERS_MAX;
-                return wrong(format!("with a corner for every mass point along them the curves have more than {n_max} corners"));
+                return wrong(format!(
+                    "with a corner for every mass point along them the curves have more than \
+                        {n_max} corners"
+                ));
             }
-            let (mut map, mut levels_m) = (Vec::new(), Vec::new());
+            let mut map = Vec::new();
+            let mut levels_m = Vec::new();
             for at in between(&curve, apart_m) {
-                let there = if is_free { Some(at) } else { self.model.onto_level((at, 0.0), brush_m) };
+                let there =
+                    if is_free { Some(at) } else { self.model.onto_level((at, 0.0), brush_m) };
                 let there = there.ok_or(EngineError::CurveOutOfReach(at))?;
-                let density_m = self.model.density_m(there).filter(|_| there.cmpgt(low).all() && there.cmplt(high).all());
+                let density_m = self
+                    .model
+                    .density_m(there)
+                    .filter(|_| there.cmpgt(low).all() && there.cmplt(high).all());
                 let density_m = density_m.ok_or(EngineError::CurveOutsideRegion(at))?;
                 map.push(there);
                 levels_m.push(if is_free { density_m } else { 0.0 });

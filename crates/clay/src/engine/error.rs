@@ -11,7 +11,8 @@ use super::super::session::SessionFileError;
 use glam::DVec3;
 use vps::spatial::{Metres, Place};
 
-/// Why the engine did not do what it was asked for. The piece is as it was; [`EngineError::hint`] says what would help.
+/// Why the engine did not do what it was asked for. The piece is as it was; [`EngineError::hint`]
+/// says what would help.
 #[derive(Debug, thiserror::Error)]
 pub enum EngineError {
     /// What would come out is no surface.
@@ -111,26 +112,42 @@ impl EngineError {
     pub fn hint(&self) -> &'static str {
         match self {
             Self::Surface(error) | Self::Model(ClayModelError::Surface(error)) => error.hint(),
-            Self::Model(ClayModelError::NothingLeft) => "move or shrink the other solid, and check its unit",
+            Self::Model(ClayModelError::NothingLeft) => {
+                "move or shrink the other solid, and check its unit"
+            }
             Self::Model(_) => "choose another region or another raster",
             Self::Export(_) => "undo the last stroke, or load the piece with more air around it",
-            Self::Session(_) | Self::Write { .. } => "choose a file in a folder that exists and may be written to",
+            Self::Session(_) | Self::Write { .. } => {
+                "choose a file in a folder that exists and may be written to"
+            }
             Self::NothingToUndo => "nothing has changed since the piece was loaded",
-            Self::NothingToRedo => "only what was taken back can be done again, until the next stroke",
-            Self::NoShape => "give the scene's tool a mesh or a shape, or combine with another solid",
+            Self::NothingToRedo => {
+                "only what was taken back can be done again, until the next stroke"
+            }
+            Self::NoShape => {
+                "give the scene's tool a mesh or a shape, or combine with another solid"
+            }
             Self::OutOfReach => "bring the tool nearer to the surface, or take a larger brush",
             Self::OutsideRegion => {
-                "work inside the region (the thin box on the page), or put it elsewhere: `region_mm` in the scene, or the stroke `region`"
+                "work inside the region (the thin box on the page), or put it elsewhere: \
+                    `region_mm` in the scene, or the stroke `region`"
             }
             Self::CurveOutOfReach(_) => {
-                "lay the curve nearer to the surface, take a larger brush, or let the curve be free: then it pulls the clay around it, wherever it lies"
+                "lay the curve nearer to the surface, take a larger brush, or let the curve be \
+                    free: then it pulls the clay around it, wherever it lies"
             }
             Self::CurveOutsideRegion(_) => "draw inside the region, or choose another region first",
             Self::Curves { .. } => {
-                "give 1 to 64 curves of finite places with at most 4096 of them in all, a force above 0 up to 1000 N, a time above 0 up to 60 s"
+                "give 1 to 64 curves of finite places with at most 4096 of them in all, a force \
+                    above 0 up to 1000 N, a time above 0 up to 60 s"
             }
-            Self::Place { .. } => "give finite places and lengths above 0, in the frame of the clay",
-            Self::NothingLaid => "lay another material, or lay it where the piece is: in the frame of the clay, and check the unit",
+            Self::Place { .. } => {
+                "give finite places and lengths above 0, in the frame of the clay"
+            }
+            Self::NothingLaid => {
+                "lay another material, or lay it where the piece is: in the frame of the clay, and \
+                    check the unit"
+            }
             Self::PullUnderWay => "wait until it is over, or undo it",
             Self::NoForce => "enable the arm",
             Self::Nothing(_) => "lay it on the surface, facing out of it",

@@ -1,7 +1,7 @@
 //! The engine of sculpting: a model of clay, and the tool that works it.
 //!
-//! Data in: what the tool does, tick by tick, and [`SculptOrder`]s of people, pages and scripts. Data out: frames for the loop, [`ClayView`]s for those
-//! who look.
+//! Data in: what the tool does, tick by tick, and [`SculptOrder`]s of people, pages and scripts.
+//! Data out: frames for the loop, [`ClayView`]s for those who look.
 //!
 //! ```text
 //!  ToolMotion ──► tool: push, pull, paint, … ──────┐
@@ -132,7 +132,8 @@ impl SculptEngine {
         );
         let pulled_s = self.pull_left_s();
         let result = self.carry_out(order);
-        // An order that fails leaves the samples, but may have changed what else is shown. A stroke that it ends is noted by itself.
+        // An order that fails leaves the samples, but may have changed what else is shown. A stroke
+        // that it ends is noted by itself.
         if changes_samples && result.is_ok() {
             self.note_change();
         } else {
@@ -140,14 +141,17 @@ impl SculptEngine {
         }
         result?;
         self.trouble = self.news(spacing_m);
-        if let Some(left_s) = pulled_s.filter(|_| self.pull_left_s() != pulled_s && self.trouble.is_empty()) {
-            self.trouble = format!("this ended the pull that was under way, {left_s:.2} s early").into();
+        if let Some(left_s) =
+            pulled_s.filter(|_| self.pull_left_s() != pulled_s && self.trouble.is_empty())
+        {
+            self.trouble =
+                format!("this ended the pull that was under way, {left_s:.2} s early").into();
         }
         Ok(())
     }
 
-    /// Lets the hand work, and the material move, for a time. False when nothing has changed since the update before: then there is
-    /// nothing new to show.
+    /// Lets the hand work, and the material move, for a time. False when nothing has changed since
+    /// the update before: then there is nothing new to show.
     pub fn advance(&mut self, time_s: f64) -> bool {
         self.updates += 1;
         let motion = self.motion.take();
@@ -169,7 +173,10 @@ impl SculptEngine {
             self.model.advance(time_s);
             self.follow();
         }
-        if is_stroke || self.model.strokes() != strokes_before || had_rope != self.rope_map().is_some() {
+        if is_stroke
+            || self.model.strokes() != strokes_before
+            || had_rope != self.rope_map().is_some()
+        {
             self.note_change();
         }
         core::mem::take(&mut self.has_changed)
@@ -217,18 +224,26 @@ impl SculptEngine {
         self.is_outdated
     }
 
-    /// From now on [`Self::view`] shows the samples as they are. Cost: a copy of them where they have changed.
+    /// From now on [`Self::view`] shows the samples as they are. Cost: a copy of them where they
+    /// have changed.
     pub fn copy_samples(&mut self) {
         if core::mem::take(&mut self.is_outdated) || self.shown.is_none() {
             self.version += 1;
-            let spacings_m = self.model.surface().spacings_m().iter().map(|spacing_m| *spacing_m as f32).collect();
+            let spacings_m = self
+                .model
+                .surface()
+                .spacings_m()
+                .iter()
+                .map(|spacing_m| *spacing_m as f32)
+                .collect();
             self.shown = Some((Arc::new(self.model.points().clone()), spacings_m));
         }
     }
 
-    /// What clients see: all as it is, but during a stroke the samples are those of the last [`Self::copy_samples`]. Without a stroke they are those of
-    /// now, so that a client which reads that a stroke has ended, or was undone, reads its samples as well. Cost: little; a copy of the samples where
-    /// they have changed without a stroke.
+    /// What clients see: all as it is, but during a stroke the samples are those of the last
+    /// [`Self::copy_samples`]. Without a stroke they are those of now, so that a client which reads
+    /// that a stroke has ended, or was undone, reads its samples as well. Cost: little; a copy of
+    /// the samples where they have changed without a stroke.
     pub fn view(&mut self) -> ClayView {
         if self.shown.is_none() || !self.model.is_stroke() {
             self.copy_samples();
@@ -272,9 +287,11 @@ impl SculptEngine {
         let reconnected = self.model.take_reconnected();
         match (self.coarser_than(before_m), reconnected) {
             (coarser, Some((before, after))) if coarser.is_empty() => format!(
-                "{} (the Euler number of the clay in the region went from {before} to {after}); undo if that was not meant",
+                "{} (the Euler number of the clay in the region went from {before} to {after}); \
+                    undo if that was not meant",
                 if after < before {
-                    "fronts of the clay have met and are one body now, or a hole has gone through it"
+                    "fronts of the clay have met and are one body now, or a hole has gone through \
+                        it"
                 } else {
                     "a part of the clay has come off, or a hole has closed"
                 }
@@ -284,16 +301,18 @@ impl SculptEngine {
         }
     }
 
-    /// What to say of mass points that have come to stand farther apart, such as after a union with something far away; empty: nothing.
+    /// What to say of mass points that have come to stand farther apart, such as after a union with
+    /// something far away; empty: nothing.
     fn coarser_than(&self, before_m: f64) -> Arc<str> {
         let now_m = self.model.region().lattice().spacing_m;
         if now_m <= COARSER * before_m {
             return Arc::from("");
         }
-        let (before, now) = (Metres(before_m), Metres(now_m));
+        let before = Metres(before_m);
+        let now = Metres(now_m);
         format!(
-            "the model has grown, and its mass points are {now} apart instead of {before}: what is finer than that is lost; undo, or choose a region \
-             around what is worked"
+            "the model has grown, and its mass points are {now} apart instead of {before}: what is \
+                finer than that is lost; undo, or choose a region around what is worked"
         )
         .into()
     }

@@ -12,7 +12,8 @@ use super::super::material_map::{MaterialPlace, Painted};
 use super::{ToolChange, ToolSettings};
 use vps::spatial::Pose;
 
-/// What a person, a page or a script asks for. Taken between two updates of the material; what ends a stroke says so.
+/// What a person, a page or a script asks for. Taken between two updates of the material; what ends
+/// a stroke says so.
 #[derive(Clone, Debug)]
 pub enum SculptOrder {
     /// Another craft, or other settings of the same one. Ends a stroke.
@@ -25,7 +26,8 @@ pub enum SculptOrder {
     Undo,
     /// Does again what was taken back last; refused where nothing was.
     Redo,
-    /// Another part of the piece deforms: lowest and highest corner of a box, map frame, m. Ends a stroke.
+    /// Another part of the piece deforms: lowest and highest corner of a box, map frame, m. Ends a
+    /// stroke.
     Region {
         /// Lowest corner.
         low_map: DVec3,
@@ -59,10 +61,12 @@ pub enum SculptOrder {
         /// Where.
         place: MaterialPlace,
     },
-    /// Lays curves for the curve rope, as if they had been drawn: the next hold near one of them pulls all of them. They take the place of those
-    /// that were drawn before; none at all: they are gone. Ends a stroke.
+    /// Lays curves for the curve rope, as if they had been drawn: the next hold near one of them
+    /// pulls all of them. They take the place of those that were drawn before; none at all: they
+    /// are gone. Ends a stroke.
     Draw(RopeCurves),
-    /// Pulls curves, or single places, with a force for a time, whatever the hand does; that is one stroke. Ends the stroke before.
+    /// Pulls curves, or single places, with a force for a time, whatever the hand does; that is one
+    /// stroke. Ends the stroke before.
     Pull {
         /// Along which.
         curves: RopeCurves,
@@ -73,11 +77,13 @@ pub enum SculptOrder {
         /// Radius around the curves; `None`: that of the tool, m.
         brush_m: Option<f64>,
     },
-    /// Writes the samples with normals and colours, a PLY file; those of a stroke under way as they are.
+    /// Writes the samples with normals and colours, a PLY file; those of a stroke under way as they
+    /// are.
     SavePoints(PathBuf),
     /// Writes all that is needed to go on another day. Ends a stroke.
     SaveSession(PathBuf),
-    /// Writes the piece as a closed triangle mesh that a rigid scene can use, a PLY file. Ends a stroke.
+    /// Writes the piece as a closed triangle mesh that a rigid scene can use, a PLY file. Ends a
+    /// stroke.
     Export(PathBuf),
 }
 
@@ -86,8 +92,9 @@ pub enum SculptOrder {
 pub struct RopeCurves {
     /// Corners of each, map frame, m; a curve of one corner is a place.
     pub curves_map: Vec<Vec<DVec3>>,
-    /// They stay where they are given, inside the clay or beside it, and each place pulls the level of density that it lies on; otherwise they are
-    /// laid onto the surface, which is to be within the brush.
+    /// They stay where they are given, inside the clay or beside it, and each place pulls the level
+    /// of density that it lies on; otherwise they are laid onto the surface, which is to be within
+    /// the brush.
     pub is_free: bool,
 }
 

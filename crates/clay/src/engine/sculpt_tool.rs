@@ -18,13 +18,16 @@ pub enum SculptTool {
     /// The force of the hand dents the surface where the tool touches it.
     #[default]
     Push,
-    /// Point rope: while it is held, a rope from the place that was grabbed to the tool pulls the material along.
+    /// Point rope: while it is held, a rope from the place that was grabbed to the tool pulls the
+    /// material along.
     Pull,
-    /// Curve rope: the first hold draws a curve over the surface, the next one pulls all of it along.
+    /// Curve rope: the first hold draws a curve over the surface, the next one pulls all of it
+    /// along.
     PullCurve,
     /// Colours the surface where the tool presses; harder is wider.
     Paint,
-    /// Paints mass, damping and stiffness of the mass points where the tool presses, and colours the surface there; harder is wider.
+    /// Paints mass, damping and stiffness of the mass points where the tool presses, and colours
+    /// the surface there; harder is wider.
     Material,
     /// Raises the surface by an image where it is held.
     Emboss,
@@ -94,13 +97,15 @@ impl fmt::Display for SculptTool {
 pub struct ToolSettings {
     /// What it does.
     pub craft: SculptTool,
-    /// Radius around the tool within which material moves, is coloured (at [`Self::FULL_FORCE_N`]) or embossed, m.
+    /// Radius around the tool within which material moves, is coloured (at [`Self::FULL_FORCE_N`])
+    /// or embossed, m.
     pub brush_m: f64,
     /// How push, pull, paint and material fade towards that radius; constant paint has a sharp rim.
     pub falloff: Falloff,
     /// Of paint, and of the surface where material is painted, sRGB.
     pub color: [u8; 3],
-    /// Of the craft material; where it says nothing, [so many times](Painted::HARDER) as hard as the piece.
+    /// Of the craft material; where it says nothing, [so many times](Painted::HARDER) as hard as
+    /// the piece.
     pub painted: Painted,
     /// Depth of white in an image, m.
     pub depth_m: f64,
@@ -130,7 +135,13 @@ impl ChosenSolid {
         let (low, high) = mesh.bounds().unwrap_or_default();
         mesh.vertices.iter_mut().for_each(|at| *at -= 0.5 * (low + high));
         let size_mm = (high - low) * 1e3;
-        let name = format!("{} triangles, {:.1} x {:.1} x {:.1} mm", mesh.triangles.len(), size_mm.x, size_mm.y, size_mm.z);
+        let name = format!(
+            "{} triangles, {:.1} x {:.1} x {:.1} mm",
+            mesh.triangles.len(),
+            size_mm.x,
+            size_mm.y,
+            size_mm.z
+        );
         let source = Arc::new(SolidSource::Mesh(mesh));
         // As it will be sampled: what makes no surface is refused now, not by the hand.
         source.beside(0.05 * (high - low).max_element())?;

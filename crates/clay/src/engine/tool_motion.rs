@@ -12,7 +12,8 @@ use vps::spatial::Pose;
 pub struct ToolMotion {
     /// Pose of the tool (mesh file frame) in the map frame.
     pub map_from_tool: Pose,
-    /// Force of the surface on the tool, friction and rope apart, map axes, N. On the clay acts the opposite.
+    /// Force of the surface on the tool, friction and rope apart, map axes, N. On the clay acts the
+    /// opposite.
     pub force_map: DVec3,
     /// Force of the rope on the tool, map axes, N.
     pub rope_map: DVec3,
@@ -39,7 +40,8 @@ pub enum HoldOutcome {
 /// The body in the hand, as the engine needs it.
 #[derive(Clone, Debug, Default)]
 pub struct ToolBody {
-    /// Samples of its surface, tool frame (mesh file frame); `None`: a point, which Booleans cannot use.
+    /// Samples of its surface, tool frame (mesh file frame); `None`: a point, which Booleans cannot
+    /// use.
     pub shape: Option<Arc<PointSet>>,
     /// Its centre of mass, tool frame, m: there the rope is tied.
     pub center_of_mass_tool: DVec3,

@@ -7,16 +7,20 @@ use super::super::emboss::{GreyImage, ImagePlacement};
 use super::super::paint::Brush;
 use super::super::pull::{CurvesPull, PullForce};
 use super::curves::Curves;
-use super::{EngineError, HoldOutcome, RopeCurves, SculptEngine, SculptTool, ToolMotion, ToolSettings};
+use super::{
+    EngineError, HoldOutcome, RopeCurves, SculptEngine, SculptTool, ToolMotion, ToolSettings,
+};
 
-/// A stroke of push, paint or material is over when the tool has left for so long, s: a hand that trembles makes one stroke.
+/// A stroke of push, paint or material is over when the tool has left for so long, s: a hand that
+/// trembles makes one stroke.
 const LEFT_S: f64 = 0.2;
 /// Less force does nothing, N: the resolution of a light hand.
 const LEAST_N: f64 = 1e-3;
 /// Length of the force vector in brushes, and in spacings of the raster at least.
 const REACH_BRUSHES: f64 = 0.6;
 const REACH_SPACINGS: f64 = 2.0;
-/// Corners of a drawn curve are so far apart, in spacings of the raster; and there are no more of them than this.
+/// Corners of a drawn curve are so far apart, in spacings of the raster; and there are no more of
+/// them than this.
 pub(super) const CORNER_SPACINGS: f64 = 1.0;
 const CORNERS_MAX: usize = 512;
 /// Samples of the tool that are asked where it touches.
@@ -98,7 +102,8 @@ pub(super) enum Activity {
     Driven { curves: Curves, force_map: DVec3, brush_m: f64, left_s: f64 },
     /// A box for the region is being spanned from here, map frame, m.
     Spanning { from_map: DVec3 },
-    /// The rope is let go; the stroke, whose end takes long, is over with the next update: the hand is not to feel a rope until then.
+    /// The rope is let go; the stroke, whose end takes long, is over with the next update: the hand
+    /// is not to feel a rope until then.
     LettingGo,
 }
 
@@ -107,25 +112,41 @@ impl SculptEngine {
     pub(super) fn work(&mut self, motion: &MotionSummary, time_s: f64) -> Result<(), EngineError> {
         if let Activity::Driven { .. } = self.activity {
             self.drive(time_s)?;
-            return if motion.has_risen && self.tool.craft.is_held() { Err(EngineError::PullUnderWay) } else { Ok(()) };
+            return if motion.has_risen && self.tool.craft.is_held() {
+                Err(EngineError::PullUnderWay)
+            } else {
+                Ok(())
+            };
         }
         if motion.n == 0 {
             return Ok(());
         }
         if !motion.last.has_force {
             self.let_go()?;
-            return if motion.has_risen && self.tool.craft.is_held() { Err(EngineError::NoForce) } else { Ok(()) };
+            return if motion.has_risen && self.tool.craft.is_held() {
+                Err(EngineError::NoForce)
+            } else {
+                Ok(())
+            };
         }
         match self.tool.craft {
             SculptTool::Touch => Ok(()),
-            SculptTool::Push | SculptTool::Paint | SculptTool::Material => self.press(motion, time_s),
+            SculptTool::Push | SculptTool::Paint | SculptTool::Material => {
+                self.press(motion, time_s)
+            }
             SculptTool::Pull | SculptTool::PullCurve => self.rope(motion),
             SculptTool::Region => self.span_region(motion),
             SculptTool::Emboss | SculptTool::Engrave if motion.has_risen => self.stamp(motion),
-            SculptTool::Union | SculptTool::Intersection | SculptTool::Difference if motion.has_risen => self.join(motion),
-            SculptTool::Emboss | SculptTool::Engrave | SculptTool::Union | SculptTool::Intersection | SculptTool::Difference => {
-                Ok(())
+            SculptTool::Union | SculptTool::Intersection | SculptTool::Difference
+                if motion.has_risen =>
+            {
+                self.join(motion)
             }
+            SculptTool::Emboss
+            | SculptTool::Engrave
+            | SculptTool::Union
+            | SculptTool::Intersection
+            | SculptTool::Difference => Ok(()),
         }
     }
 
@@ -154,15 +175,17 @@ impl SculptEngine {
         Ok(())
     }
 
-    /// What was grabbed goes along with the material: along the rope, so that it does not drift off sideways, or along the normal where the
-    /// rope runs along the surface.
+    /// What was grabbed goes along with the material: along the rope, so that it does not drift off
+    /// sideways, or along the normal where the rope runs along the surface.
     pub(super) fn follow(&mut self) {
-        let (model, within_m) = (&self.model, self.tool.brush_m);
+        let model = &self.model;
+        let within_m = self.tool.brush_m;
         let tip_map = self.body.tip_map(&self.motion.last);
         let along = |from: DVec3| (tip_map - from).normalize_or_zero();
         let follow = |at: &mut DVec3, along: DVec3| {
             let there = model.onto_along(*at, along, within_m);
-            if let Some(there) = there.or_else(|| model.onto(*at, within_m).map(|(there, _)| there)) {
+            if let Some(there) = there.or_else(|| model.onto(*at, within_m).map(|(there, _)| there))
+            {
                 *at = there;
             }
         };
@@ -173,7 +196,9 @@ impl SculptEngine {
                 let along = anchor_map.map_or(DVec3::ZERO, |anchor_map| along(*anchor_map));
                 curves.follow(model, along, within_m);
             }
-            Activity::Driven { curves, force_map, brush_m, .. } => curves.follow(model, force_map.normalize_or_zero(), *brush_m),
+            Activity::Driven { curves, force_map, brush_m, .. } => {
+                curves.follow(model, force_map.normalize_or_zero(), *brush_m)
+            }
             _ => {}
         }
     }
@@ -181,7 +206,11 @@ impl SculptEngine {
     /// Push, paint and material: what the hand presses on.
     fn press(&mut self, motion: &MotionSummary, time_s: f64) -> Result<(), EngineError> {
         let force_map = -motion.force_map;
-        let place = if motion.touches && force_map.length() > LEAST_N { self.touched(&motion.last) } else { None };
+        let place = if motion.touches && force_map.length() > LEAST_N {
+            self.touched(&motion.last)
+        } else {
+            None
+        };
         let Some((at_map, normal_map)) = place else {
             if let Activity::Pressing { left_s } = &mut self.activity {
                 *left_s = if motion.touches { 0.0 } else { *left_s + time_s };
@@ -233,7 +262,10 @@ impl SculptEngine {
                     self.activity = Activity::LettingGo;
                     Ok(())
                 }
-                Activity::Nothing | Activity::Pressing { .. } | Activity::Spanning { .. } | Activity::LettingGo => self.let_go(),
+                Activity::Nothing
+                | Activity::Pressing { .. }
+                | Activity::Spanning { .. }
+                | Activity::LettingGo => self.let_go(),
             };
         }
         let force_map = -motion.rope_map;
@@ -275,16 +307,26 @@ impl SculptEngine {
             self.activity = Activity::Pulling { anchor_map };
             return Ok(());
         }
-        let (curves, within_m) = (&mut self.waiting, self.tool.brush_m);
+        let curves = &mut self.waiting;
+        let within_m = self.tool.brush_m;
         // Other strokes may have moved the surface meanwhile.
         curves.follow(&self.model, DVec3::ZERO, within_m);
-        self.activity = match curves.nearest(anchor_map).filter(|(_, _, distance_m)| curves.is_free || *distance_m <= within_m) {
+        self.activity = match curves
+            .nearest(anchor_map)
+            .filter(|(_, _, distance_m)| curves.is_free || *distance_m <= within_m)
+        {
             Some((curve, corner, _)) => {
                 self.model.begin_stroke()?;
-                Activity::PullingCurves { curves: core::mem::take(&mut self.waiting), curve, corner }
+                Activity::PullingCurves {
+                    curves: core::mem::take(&mut self.waiting),
+                    curve,
+                    corner,
+                }
             }
             None if curves.map.len() >= RopeCurves::CURVES_MAX => {
-                return Err(EngineError::Curves { what: format!("{} curves are drawn already", RopeCurves::CURVES_MAX) });
+                return Err(EngineError::Curves {
+                    what: format!("{} curves are drawn already", RopeCurves::CURVES_MAX),
+                });
             }
             None => Activity::Drawing { curve_map: vec![anchor_map] },
         };
@@ -303,15 +345,16 @@ impl SculptEngine {
             return Ok(());
         }
         self.activity = Activity::Nothing;
-        let (low_map, high_map) = (from_map.min(tip_map), from_map.max(tip_map));
+        let low_map = from_map.min(tip_map);
+        let high_map = from_map.max(tip_map);
         self.has_leapt = true;
         // Samples are filled and thinned for the raster of the region.
         self.note_change();
         Ok(self.model.choose_region(low_map, high_map)?)
     }
 
-    /// Emboss and engrave: the image in the tangent plane, as wide as the brush, its upper edge towards +z of the map (+y where the surface
-    /// faces along z).
+    /// Emboss and engrave: the image in the tangent plane, as wide as the brush, its upper edge
+    /// towards +z of the map (+y where the surface faces along z).
     fn stamp(&mut self, motion: &MotionSummary) -> Result<(), EngineError> {
         let place = self.touched(&motion.last);
         let (middle_map, normal_map) = place.ok_or(EngineError::OutOfReach)?;
@@ -325,7 +368,8 @@ impl SculptEngine {
             None => dome().ok_or(EngineError::Nothing("image"))?.into(),
         };
         let half_m = image.half_edges() * *brush_m;
-        let placement = ImagePlacement::Flat { middle_map, right_map: right * half_m.x, up_map: up * half_m.y };
+        let placement =
+            ImagePlacement::Flat { middle_map, right_map: right * half_m.x, up_map: up * half_m.y };
         self.let_go()?;
         self.note_change();
         self.emboss(&image, &placement, depth_m)
@@ -336,7 +380,9 @@ impl SculptEngine {
         let Some(boolean) = self.tool.craft.boolean() else { return Ok(()) };
         let pose = motion.last.map_from_tool;
         let with = match (&self.tool.solid, &self.body.shape) {
-            (Some(solid), _) => solid.source.beside(self.model.surface().spacing_m())?.placed(&pose),
+            (Some(solid), _) => {
+                solid.source.beside(self.model.surface().spacing_m())?.placed(&pose)
+            }
             (None, Some(shape)) => shape.placed(&pose),
             (None, None) => return Err(EngineError::NoShape),
         };
@@ -347,7 +393,11 @@ impl SculptEngine {
 
     fn check_region(&self, at_map: DVec3) -> Result<(), EngineError> {
         let (low, high) = self.model.region_map();
-        if at_map.cmpgt(low).all() && at_map.cmplt(high).all() { Ok(()) } else { Err(EngineError::OutsideRegion) }
+        if at_map.cmpgt(low).all() && at_map.cmplt(high).all() {
+            Ok(())
+        } else {
+            Err(EngineError::OutsideRegion)
+        }
     }
 
     fn pull(&mut self, along_map: Vec<DVec3>, force_n: DVec3) -> Result<(), SurfaceError> {
@@ -355,18 +405,39 @@ impl SculptEngine {
             return Ok(());
         }
         let ToolSettings { brush_m, falloff, .. } = &self.tool;
-        let reach_m = (REACH_BRUSHES * brush_m).max(REACH_SPACINGS * self.model.region().lattice().spacing_m);
-        self.model.pull(&PullForce { along_map, force_n, reach_m, radius_m: *brush_m, falloff: falloff.clone() })
+        let reach_m =
+            (REACH_BRUSHES * brush_m).max(REACH_SPACINGS * self.model.region().lattice().spacing_m);
+        self.model.pull(&PullForce {
+            along_map,
+            force_n,
+            reach_m,
+            radius_m: *brush_m,
+            falloff: falloff.clone(),
+        })
     }
 
-    pub(super) fn pull_curves(&mut self, curves: &Curves, force_n: DVec3, brush_m: f64) -> Result<(), SurfaceError> {
+    pub(super) fn pull_curves(
+        &mut self,
+        curves: &Curves,
+        force_n: DVec3,
+        brush_m: f64,
+    ) -> Result<(), SurfaceError> {
         if force_n.length() <= LEAST_N {
             return Ok(());
         }
-        let reach_m = (REACH_BRUSHES * brush_m).max(REACH_SPACINGS * self.model.region().lattice().spacing_m);
+        let reach_m =
+            (REACH_BRUSHES * brush_m).max(REACH_SPACINGS * self.model.region().lattice().spacing_m);
         let falloff = &self.tool.falloff;
-        let (curves_map, is_free) = (&*curves.map, curves.is_free);
-        self.model.pull_curves(CurvesPull { curves_map, force_n, reach_m, radius_m: brush_m, falloff, is_free })
+        let curves_map = &*curves.map;
+        let is_free = curves.is_free;
+        self.model.pull_curves(CurvesPull {
+            curves_map,
+            force_n,
+            reach_m,
+            radius_m: brush_m,
+            falloff,
+            is_free,
+        })
     }
 
     fn brush(&self) -> Brush {
@@ -380,8 +451,9 @@ impl SculptEngine {
         }
     }
 
-    /// The place of the surface that the tool touches, and the normal there: below the middle of what is inside, deeper samples first; for a
-    /// tool without a shape, or one that only nears, the place nearest to its middle. `None` where none is within the brush.
+    /// The place of the surface that the tool touches, and the normal there: below the middle of
+    /// what is inside, deeper samples first; for a tool without a shape, or one that only nears,
+    /// the place nearest to its middle. `None` where none is within the brush.
     fn touched(&self, handling: &ToolMotion) -> Option<(DVec3, DVec3)> {
         let mut sum = (DVec3::ZERO, 0.0);
         if let Some(shape) = &self.body.shape {
@@ -403,5 +475,6 @@ fn dome() -> Option<GreyImage> {
         let outside = (along(n % DOME_PIXELS).powi(2) + along(n / DOME_PIXELS).powi(2)).min(1.0);
         ((1.0 - outside) * (1.0 - outside)) as f32
     };
-    GreyImage::new(DOME_PIXELS, DOME_PIXELS, (0..DOME_PIXELS * DOME_PIXELS).map(grey).collect()).ok()
+    GreyImage::new(DOME_PIXELS, DOME_PIXELS, (0..DOME_PIXELS * DOME_PIXELS).map(grey).collect())
+        .ok()
 }

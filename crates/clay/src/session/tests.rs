@@ -15,7 +15,15 @@ fn piece() -> ClayModel {
         for _ in 0..10 {
             let along_map = vec![DVec3::Z * R];
             let force_n = DVec3::Z * 5.0;
-            piece.pull(&PullForce { along_map, force_n, reach_m: 4e-3, radius_m: 6e-3, falloff: Falloff::Gaussian }).unwrap();
+            piece
+                .pull(&PullForce {
+                    along_map,
+                    force_n,
+                    reach_m: 4e-3,
+                    radius_m: 6e-3,
+                    falloff: Falloff::Gaussian,
+                })
+                .unwrap();
             piece.advance(4e-3);
         }
         piece.end_stroke().unwrap();
@@ -81,9 +89,15 @@ fn a_session_goes_on_where_it_was_left() {
     let bytes = saved(&before);
     let mut after = loaded(&bytes).unwrap();
     assert!(saved(&after) == bytes, "saved again it has the same bytes");
-    assert_eq!((after.points(), after.base(), after.history()), (before.points(), before.base(), (1, 1)));
+    assert_eq!(
+        (after.points(), after.base(), after.history()),
+        (before.points(), before.base(), (1, 1))
+    );
     assert_eq!(after.region_map(), before.region_map());
-    assert_eq!((&after.settings().material, after.settings().integrator), (&before.settings().material, Integrator::Explicit));
+    assert_eq!(
+        (&after.settings().material, after.settings().integrator),
+        (&before.settings().material, Integrator::Explicit)
+    );
     // Back to the begin, forward to the end, and on.
     assert!(before.redo().unwrap() && after.redo().unwrap());
     assert_eq!((after.points(), after.base()), (before.points(), before.base()));
@@ -104,14 +118,23 @@ fn whatever_material_a_scene_may_have_is_read_again() {
         acceleration_max_m_per_s2: 77.0,
     };
     assert_eq!(loaded(&saved(&piece_of(material.clone()))).unwrap().settings().material, material);
-    for wrong in [Material { mass_kg: 0.0, ..material.clone() }, Material { stiffness_n_per_m: -1.0, ..material }] {
+    for wrong in [
+        Material { mass_kg: 0.0, ..material.clone() },
+        Material { stiffness_n_per_m: -1.0, ..material },
+    ] {
         assert!(matches!(loaded(&saved(&piece_of(wrong))), Err(SessionFileError::Refused { .. })));
     }
 }
 
 #[test]
 fn painted_material_is_kept_with_its_past_and_shared_as_before() {
-    let brush = Brush { color: [9, 9, 9], radius_m_per_n: 4e-3, radius_max_m: 8e-3, falloff: Falloff::Constant, smallest_m: 1e-3 };
+    let brush = Brush {
+        color: [9, 9, 9],
+        radius_m_per_n: 4e-3,
+        radius_max_m: 8e-3,
+        falloff: Falloff::Constant,
+        smallest_m: 1e-3,
+    };
     let mut before = piece();
     let stiff = Painted { stiffness_n_per_m: Some(700.0), ..Painted::default() };
     let heavy = Painted { mass_kg: Some(2e-4), damping_n_s_per_m: Some(0.0), ..Painted::default() };
@@ -167,7 +190,10 @@ fn what_is_damaged_anywhere_is_refused_or_the_same_piece() {
     }
     assert!(n_harmless < 200, "{n_harmless}");
     for n in [0, 1, 63, 64, 400, bytes.len() / 2, bytes.len() - 1] {
-        assert!(matches!(loaded(&bytes[..n]), Err(SessionFileError::Refused { .. })), "cut off behind {n} bytes");
+        assert!(
+            matches!(loaded(&bytes[..n]), Err(SessionFileError::Refused { .. })),
+            "cut off behind {n} bytes"
+        );
     }
     assert!(matches!(
         loaded(b"no session at all, but long enough to be looked at; really, it has more than 64 bytes"),
@@ -179,7 +205,8 @@ fn what_is_damaged_anywhere_is_refused_or_the_same_piece() {
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn what_was_changed_with_its_checksums_makes_no_piece_but_no_panic_either() {
     let bytes = saved(&piece());
-    let (mut n_refused, mut n) = (0, 0);
+    let mut n_refused = 0;
+    let mut n = 0;
     for at in (64..2048.min(bytes.len())).step_by(16).chain((2048..bytes.len()).step_by(16_411)) {
         for value in [0_u8, 0x7f, 0xff] {
             let mut forged = bytes.clone();
@@ -213,7 +240,9 @@ fn the_past_that_is_kept_is_the_nearest() {
     assert_eq!((moments.len(), n_past), (9, 4));
     let mut points = moment.samples.points().clone();
     points.positions_map.resize(MOMENTS_BYTES_MAX / 48, DVec3::ZERO);
-    let large = Snapshot::new(points, (*moment.base).clone(), MaterialMap::default(), moment.region, None).unwrap();
+    let large =
+        Snapshot::new(points, (*moment.base).clone(), MaterialMap::default(), moment.region, None)
+            .unwrap();
     let past = [moment.clone(), large, moment.clone(), moment.clone()];
     let (moments, n_past) = kept(&moment, &past, &[]);
     assert_eq!((moments.len(), n_past), (3, 2));

@@ -12,7 +12,8 @@ use super::Distance;
 /// Sum of weights from which on the fits alone decide.
 const FULL_WEIGHT: f64 = 0.02;
 
-/// How much of what is there counts alone, of a patch with a weight alone, and of what both decide; and how far fits are there then, 0 to 1.
+/// How much of what is there counts alone, of a patch with a weight alone, and of what both decide;
+/// and how far fits are there then, 0 to 1.
 pub(super) fn patch_shares(presence: f64, weight: f64) -> ([f64; 3], f64) {
     let next = (weight / FULL_WEIGHT).min(1.0);
     let both = presence * next;
@@ -53,15 +54,18 @@ impl Blend {
         }
     }
 
-    /// The blends of all patches as one, in the order of the patches. A patch counts as far as its fits do, so that nothing jumps where it ends.
+    /// The blends of all patches as one, in the order of the patches. A patch counts as far as its
+    /// fits do, so that nothing jumps where it ends.
     ///
-    /// The slope is that of the patch which decides; of a change from one to another it says nothing.
+    /// The slope is that of the patch which decides; of a change from one to another it says
+    /// nothing.
     pub(super) fn joined(blends: &[(Patch, Self)]) -> Self {
         if let [(_, blend)] = blends {
             return *blend;
         }
         let mut all = Self::default();
-        let (mut presence, mut now) = (0.0, Distance { value_m: 0.0, gradient: DVec3::ZERO });
+        let mut presence = 0.0;
+        let mut now = Distance { value_m: 0.0, gradient: DVec3::ZERO };
         for (patch, blend) in blends.iter().filter(|(_, blend)| blend.weight > 0.0) {
             all.weight += blend.weight;
             let next = blend.distance();
@@ -90,7 +94,8 @@ impl Blend {
     /// The far field counts the more the less the fits do.
     pub(super) fn fade(mut self, far: Distance) -> Distance {
         let rest = 1.0 - self.weight / FULL_WEIGHT;
-        let (weight, slope) = (FULL_WEIGHT * rest * rest, -2.0 * rest);
+        let weight = FULL_WEIGHT * rest * rest;
+        let slope = -2.0 * rest;
         self.sum_m += weight * far.value_m;
         self.sum_slope += far.gradient * weight + self.weight_slope * (slope * far.value_m);
         self.weight += weight;
@@ -103,7 +108,8 @@ impl Blend {
 mod tests {
     use super::*;
 
-    /// Two constant fields 2 m apart, of domains of 3 m: s = Σ φ_i s_i / Σ φ_i with φ = B(t) (1.5/t)², t = distance/2, B the quadratic B-spline.
+    /// Two constant fields 2 m apart, of domains of 3 m: s = Σ φ_i s_i / Σ φ_i with φ = B(t)
+    /// (1.5/t)², t = distance/2, B the quadratic B-spline.
     #[test]
     fn weights_without_bound_give_the_closed_form_of_equation_3_and_meet_each_sample() {
         let fits = [(0.0, 0.5), (2.0, -1.0)].map(|(x, value_m)| {
@@ -126,16 +132,29 @@ mod tests {
         };
         for x in [0.01, 0.3, 0.9, 1.0, 1.5, 1.99] {
             let expected = (0.5 * phi(x) - phi(2.0 - x)) / (phi(x) + phi(2.0 - x));
-            assert!((at(x).value_m - expected).abs() < 1e-9, "{x}: {:?} instead of {expected}", at(x));
+            assert!(
+                (at(x).value_m - expected).abs() < 1e-9,
+                "{x}: {:?} instead of {expected}",
+                at(x)
+            );
             let slope = (at(x + 1e-6).value_m - at(x - 1e-6).value_m) / 2e-6;
             assert!((at(x).gradient.x - slope).abs() < 1e-6, "{x}: {:?} instead of {slope}", at(x));
         }
-        // At a sample its own value and slope alone, and no jump of the slope beside it: it grows in proportion to the distance.
+        // At a sample its own value and slope alone, and no jump of the slope beside it: it grows
+        // in proportion to the distance.
         for (x, value_m) in [(0.0, 0.5), (2.0, -1.0)] {
-            assert!((at(x).value_m - value_m).abs() < 1e-10 && at(x).gradient.length() < 1e-10, "{x}: {:?}", at(x));
+            assert!(
+                (at(x).value_m - value_m).abs() < 1e-10 && at(x).gradient.length() < 1e-10,
+                "{x}: {:?}",
+                at(x)
+            );
             for away in [1e-3, -1e-3] {
-                let (near, nearer) = (at(x + 2.0 * away).gradient.x, at(x + away).gradient.x);
-                assert!(nearer.abs() < 1e-3 && (near / nearer - 2.0).abs() < 1e-2, "{x}: {near} and {nearer}");
+                let near = at(x + 2.0 * away).gradient.x;
+                let nearer = at(x + away).gradient.x;
+                assert!(
+                    nearer.abs() < 1e-3 && (near / nearer - 2.0).abs() < 1e-2,
+                    "{x}: {near} and {nearer}"
+                );
             }
         }
     }

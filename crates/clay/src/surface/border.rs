@@ -9,12 +9,14 @@ use super::PointSurface;
 
 /// Neighbours up to this distance surround a sample, in spacings.
 const AROUND_SPACINGS: f64 = 2.2;
-/// A sample without neighbours over such an angle is at a border: at a straight one it is half a turn.
+/// A sample without neighbours over such an angle is at a border: at a straight one it is half a
+/// turn.
 const GAP: f64 = 0.37 * TAU;
 
 impl PointSurface {
-    /// Samples at the border of what was sampled, in ascending order. The field goes on there, as a cap of no certain shape over a
-    /// small hole. Sharp edges are no borders. Parallel; costs about as much as a tenth of [`Self::build`].
+    /// Samples at the border of what was sampled, in ascending order. The field goes on there, as a
+    /// cap of no certain shape over a small hole. Sharp edges are no borders. Parallel; costs about
+    /// as much as a tenth of [`Self::build`].
     pub fn border(&self) -> Vec<u32> {
         let samples = (0..self.points.len() as u32).into_par_iter();
         samples
@@ -35,7 +37,8 @@ impl PointSurface {
             let way = self.oriented(other.sample).0 - position_map;
             DVec2::new(way.dot(u), way.dot(v))
         });
-        let mut angles: Vec<f64> = on_plane.filter(|way| *way != DVec2::ZERO).map(|way| way.to_angle()).collect();
+        let mut angles: Vec<f64> =
+            on_plane.filter(|way| *way != DVec2::ZERO).map(|way| way.to_angle()).collect();
         angles.sort_unstable_by(f64::total_cmp);
         let (Some(first), Some(last)) = (angles.first(), angles.last()) else {
             return true;

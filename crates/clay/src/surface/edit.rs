@@ -1,7 +1,7 @@
 //! Samples that move, come and go.
 //!
-//! Look-ups answer for the new samples as soon as a call returns. Cost: the tree is built again (some milliseconds for 67,038
-//! samples); fits are made again where it matters.
+//! Look-ups answer for the new samples as soon as a call returns. Cost: the tree is built again
+//! (some milliseconds for 67,038 samples); fits are made again where it matters.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -11,7 +11,8 @@ use super::super::neighbours::{Neighbour, Neighbours};
 use super::super::{Patch, PointSet, SurfaceError};
 use super::{MOST_OF_MEDIAN, PointSurface, median};
 
-/// Samples nearby that are asked which patch a new one is of; those whose normals are within this cosine first.
+/// Samples nearby that are asked which patch a new one is of; those whose normals are within this
+/// cosine first.
 const ASKED_FOR_PATCH: usize = 12;
 const SAME_FACE: f64 = 0.8;
 
@@ -27,7 +28,8 @@ pub(crate) struct SampleMove {
 }
 
 impl PointSurface {
-    /// Moves samples. Their fits go along, unchanged: [`Self::refresh`] or [`Self::refit`] follows when the movement is over.
+    /// Moves samples. Their fits go along, unchanged: [`Self::refresh`] or [`Self::refit`] follows
+    /// when the movement is over.
     ///
     /// # Errors
     /// [`SurfaceError`] for a place or a normal that cannot be used; nothing has moved then.
@@ -46,15 +48,19 @@ impl PointSurface {
         Ok(())
     }
 
-    /// Takes the fits of samples from a field that has changed, m: values at 27 places each, no least squares. Where the field
-    /// does not cover a domain, neighbours are fitted.
+    /// Takes the fits of samples from a field that has changed, m: values at 27 places each, no
+    /// least squares. Where the field does not cover a domain, neighbours are fitted.
     ///
     /// # Errors
     /// [`SurfaceError::Coincident`] where neighbours would have to be fitted and are at one place.
     ///
     /// # Source
     /// Guo2004, equation 5.
-    pub(crate) fn refresh(&mut self, samples: &[u32], field: impl Fn(DVec3) -> Option<f64> + Sync) -> Result<(), SurfaceError> {
+    pub(crate) fn refresh(
+        &mut self,
+        samples: &[u32],
+        field: impl Fn(DVec3) -> Option<f64> + Sync,
+    ) -> Result<(), SurfaceError> {
         let refreshed: Vec<Option<LocalFit>> = samples
             .par_iter()
             .map_init(Vec::new, |found, sample| {
@@ -62,7 +68,9 @@ impl PointSurface {
                 // The field is as fine as its lattice, and an edge between patches finer.
                 let is_at_edge = self.has_patches && {
                     self.near.within(center_map, half_m, found);
-                    found.iter().any(|other| self.points.patch(other.sample) != self.points.patch(*sample))
+                    found
+                        .iter()
+                        .any(|other| self.points.patch(other.sample) != self.points.patch(*sample))
                 };
                 if is_at_edge { None } else { LocalFit::to_field(center_map, half_m, &field) }
             })
@@ -70,7 +78,9 @@ impl PointSurface {
         let mut left = Vec::new();
         for (sample, fit) in samples.iter().zip(refreshed) {
             match fit {
-                Some(fit) if self.interpolates => self.fits[*sample as usize] = fit.meeting_its_sample(),
+                Some(fit) if self.interpolates => {
+                    self.fits[*sample as usize] = fit.meeting_its_sample()
+                }
                 Some(fit) => self.fits[*sample as usize] = fit,
                 None => left.push(*sample),
             }
@@ -87,8 +97,11 @@ impl PointSurface {
         let known = median(self.domains_m().filter(|half_m| *half_m > 0.0));
         let most_m = if known > 0.0 { MOST_OF_MEDIAN * known } else { f64::INFINITY };
         let domains = self.domains(samples)?;
-        let fits: Vec<LocalFit> =
-            samples.par_iter().zip(&domains).map(|(sample, domain)| self.fit(*sample, domain, most_m)).collect();
+        let fits: Vec<LocalFit> = samples
+            .par_iter()
+            .zip(&domains)
+            .map(|(sample, domain)| self.fit(*sample, domain, most_m))
+            .collect();
         for ((sample, domain), fit) in samples.iter().zip(&domains).zip(fits) {
             self.spacings_m[*sample as usize] = domain.spacing_m;
             self.fits[*sample as usize] = fit;
@@ -117,17 +130,21 @@ impl PointSurface {
         have_one
     }
 
-    /// Moves samples, and fits again those that have where one was or is in their domain: the others stay as they are.
+    /// Moves samples, and fits again those that have where one was or is in their domain: the
+    /// others stay as they are.
     ///
     /// # Errors
-    /// As [`Self::move_samples`]; [`SurfaceError::Coincident`] for samples that have come to one place, and then they have moved.
+    /// As [`Self::move_samples`]; [`SurfaceError::Coincident`] for samples that have come to one
+    /// place, and then they have moved.
     pub(crate) fn move_and_refit(&mut self, moved: &[SampleMove]) -> Result<(), SurfaceError> {
-        let were_map: Vec<DVec3> = moved.iter().map(|moved| self.points.positions_map[moved.sample as usize]).collect();
+        let were_map: Vec<DVec3> =
+            moved.iter().map(|moved| self.points.positions_map[moved.sample as usize]).collect();
         let had_one = self.have_one_of(&were_map);
         self.move_samples(moved)?;
         let are_map: Vec<DVec3> = moved.iter().map(|moved| moved.position_map).collect();
         let have_one = self.have_one_of(&are_map);
-        let touched = had_one.iter().zip(have_one).zip(0_u32..).filter(|((had, has), _)| **had || *has);
+        let touched =
+            had_one.iter().zip(have_one).zip(0_u32..).filter(|((had, has), _)| **had || *has);
         let touched: Vec<u32> = touched.map(|(_, sample)| sample).collect();
         self.refit(&touched)
     }
@@ -140,25 +157,32 @@ impl PointSurface {
         nearest.map_or(Patch::default(), |nearest| self.points.patch(nearest.sample))
     }
 
-    /// Takes samples away and adds others. The new ones are of the patches beside them. Those that stay keep their order and come first, then the new ones. Fits are made for
-    /// the new ones, and for those that have one of either in their domain.
+    /// Takes samples away and adds others. The new ones are of the patches beside them. Those that
+    /// stay keep their order and come first, then the new ones. Fits are made for the new ones, and
+    /// for those that have one of either in their domain.
     ///
     /// # Errors
     /// [`SurfaceError`] when what is left makes no surface; nothing has changed then.
-    pub(crate) fn replace(&mut self, removed: &[u32], added: &PointSet) -> Result<(), SurfaceError> {
+    pub(crate) fn replace(
+        &mut self,
+        removed: &[u32],
+        added: &PointSet,
+    ) -> Result<(), SurfaceError> {
         let mut stays = vec![true; self.points.len()];
         for sample in removed {
             if let Some(stays) = stays.get_mut(*sample as usize) {
                 *stays = false;
             }
         }
-        let kept: Vec<u32> = (0..self.points.len() as u32).filter(|sample| stays[*sample as usize]).collect();
+        let kept: Vec<u32> =
+            (0..self.points.len() as u32).filter(|sample| stays[*sample as usize]).collect();
         let mut points = self.points.select(kept.iter().copied());
         points.append(added);
         if self.has_patches {
             let mut found = Vec::new();
             for sample in kept.len() as u32..points.len() as u32 {
-                let of = (points.positions_map[sample as usize], points.normals_map[sample as usize]);
+                let of =
+                    (points.positions_map[sample as usize], points.normals_map[sample as usize]);
                 points.set_patch(sample, self.patch_of(of, &mut found));
             }
         }
@@ -166,10 +190,15 @@ impl PointSurface {
         let near = Neighbours::new(&points.positions_map);
 
         // Old samples that have a new or a lost one in their domain.
-        let gone = stays.iter().zip(&self.points.positions_map).filter(|(stays, _)| !**stays).map(|(_, position)| *position);
+        let gone = stays
+            .iter()
+            .zip(&self.points.positions_map)
+            .filter(|(stays, _)| !**stays)
+            .map(|(_, position)| *position);
         let changed: Vec<DVec3> = gone.chain(added.positions_map.iter().copied()).collect();
         let is_touched = self.have_one_of(&changed);
-        let touched = kept.iter().zip(0..).filter(|(old, _)| is_touched[**old as usize]).map(|(_, new)| new);
+        let touched =
+            kept.iter().zip(0..).filter(|(old, _)| is_touched[**old as usize]).map(|(_, new)| new);
         let touched: Vec<u32> = touched.chain(kept.len() as u32..points.len() as u32).collect();
 
         // New ones get their fit below.
@@ -177,7 +206,11 @@ impl PointSurface {
         let empty = added.positions_map.iter().map(|position| LocalFit::nothing(*position));
         let mut next = Self {
             fits: fits.chain(empty).collect(),
-            spacings_m: kept.iter().map(|sample| self.spacings_m[*sample as usize]).chain(vec![0.0; added.len()]).collect(),
+            spacings_m: kept
+                .iter()
+                .map(|sample| self.spacings_m[*sample as usize])
+                .chain(vec![0.0; added.len()])
+                .collect(),
             points,
             near,
             interpolates: self.interpolates,

@@ -1,14 +1,15 @@
 //! The surface that goes through the samples: one field, blended from a fit around each of them.
 //!
-//! Sign: greater than 0 inside. In the shell around the samples the field is that of the fits; beyond, the distance to the nearest
-//! sample with the sign of the side of the surface. Between the two it fades over, so it is
-//! continuous everywhere.
+//! Sign: greater than 0 inside. In the shell around the samples the field is that of the fits;
+//! beyond, the distance to the nearest sample with the sign of the side of the surface. Between the
+//! two it fades over, so it is continuous everywhere.
 //!
 //! Invariant: same samples, same bits, on any number of threads.
 //!
 //! # Source
-//! Guo2004, local and global surface distance fields: equations 2, 3 and 5. Ours: the domain of a sample ends before samples that
-//! face the other way (thin walls), and is never much larger than the domains of most samples (strays).
+//! Guo2004, local and global surface distance fields: equations 2, 3 and 5. Ours: the domain of a
+//! sample ends before samples that face the other way (thin walls), and is never much larger than
+//! the domains of most samples (strays).
 
 mod blend;
 mod border;
@@ -29,7 +30,8 @@ use super::{Patch, PointSet, SurfaceError};
 
 /// Nearest others whose mean distance is the spacing: a sample amid even ones has six around it.
 const RING: usize = 6;
-/// Area of a sample over its squared spacing, for samples that are even (0.87) or random with a least distance (0.8).
+/// Area of a sample over its squared spacing, for samples that are even (0.87) or random with a
+/// least distance (0.8).
 const AREA_PER_SPACING: f64 = 0.85;
 /// Cosine of the angle between normals below which two samples belong to different sides of a wall.
 const OPPOSITE_COSINE: f64 = -0.3;
@@ -95,8 +97,8 @@ impl PointSurface {
     /// How many suit most surfaces.
     pub const DEFAULT_NEIGHBOURS: usize = 24;
 
-    /// Fits a field to every sample and its `n_neighbours` nearest, itself among them. Parallel; 67,038 samples take about a second
-    /// on two cores.
+    /// Fits a field to every sample and its `n_neighbours` nearest, itself among them. Parallel;
+    /// 67,038 samples take about a second on two cores.
     ///
     /// # Errors
     /// [`SurfaceError`] for samples that make no surface, naming the first one that is wrong.
@@ -110,14 +112,18 @@ impl PointSurface {
         let samples: Vec<u32> = (0..surface.points.len() as u32).collect();
         let domains = surface.domains(&samples)?;
         let most_m = MOST_OF_MEDIAN * median(domains.iter().map(|domain| domain.half_m));
-        surface.fits = samples.par_iter().zip(&domains).map(|(sample, domain)| surface.fit(*sample, domain, most_m)).collect();
+        surface.fits = samples
+            .par_iter()
+            .zip(&domains)
+            .map(|(sample, domain)| surface.fit(*sample, domain, most_m))
+            .collect();
         surface.spacings_m = domains.iter().map(|domain| domain.spacing_m).collect();
         surface.measure();
         Ok(surface)
     }
 
-    /// The same samples, met exactly: each fit is 0 at its own sample, where its weight grows without bound (φ → ∞). The field then follows the noise
-    /// of a scan as well.
+    /// The same samples, met exactly: each fit is 0 at its own sample, where its weight grows
+    /// without bound (φ → ∞). The field then follows the noise of a scan as well.
     ///
     /// # Source
     /// Guo2004, equation 3.
@@ -143,9 +149,14 @@ impl PointSurface {
         }
     }
 
-    /// How much a fit counts at a squared distance from its sample, and the slope of that over the distance.
+    /// How much a fit counts at a squared distance from its sample, and the slope of that over the
+    /// distance.
     fn weight(&self, fit: &LocalFit, distance_squared_m2: f64) -> (f64, f64) {
-        if self.interpolates { fit.unbounded_weight(distance_squared_m2) } else { fit.weight(distance_squared_m2) }
+        if self.interpolates {
+            fit.unbounded_weight(distance_squared_m2)
+        } else {
+            fit.weight(distance_squared_m2)
+        }
     }
 
     /// What it takes in memory, bytes; trees over the samples count as two samples each.
@@ -232,7 +243,10 @@ impl PointSurface {
         let sign = if self.is_inside(nearest, point_map) { 1.0 } else { -1.0 };
         let (position_map, normal) = self.oriented(nearest);
         let way = point_map - position_map;
-        Distance { value_m: sign * way.length(), gradient: way.try_normalize().map_or(-normal, |way| way * sign) }
+        Distance {
+            value_m: sign * way.length(),
+            gradient: way.try_normalize().map_or(-normal, |way| way * sign),
+        }
     }
 
     fn is_inside(&self, nearest: u32, point_map: DVec3) -> bool {
@@ -240,7 +254,8 @@ impl PointSurface {
         self.side.is_inside(&self.near, point_map, normal.dot(point_map - position_map) <= 0.0)
     }
 
-    /// The point of the surface that steps along the gradient lead to; `None` when they lead nowhere.
+    /// The point of the surface that steps along the gradient lead to; `None` when they lead
+    /// nowhere.
     pub fn project(&self, point_map: DVec3) -> Option<DVec3> {
         let mut at = point_map;
         for _ in 0..PROJECTION_STEPS {
@@ -274,20 +289,28 @@ impl PointSurface {
         if let [first, second, ..] = found[..]
             && second.distance_squared_m2 == 0.0
         {
-            let (first, second) = (first.sample as usize, second.sample as usize);
+            let first = first.sample as usize;
+            let second = second.sample as usize;
             return Err(SurfaceError::Coincident { first, second, position_map });
         }
         let ring = &found[1..(1 + RING).min(found.len())];
-        let spacing_m = ring.iter().map(|other| other.distance_squared_m2.sqrt()).sum::<f64>() / ring.len() as f64;
+        let spacing_m = ring.iter().map(|other| other.distance_squared_m2.sqrt()).sum::<f64>()
+            / ring.len() as f64;
         let farthest_m = found.last().map_or(0.0, |last| last.distance_squared_m2.sqrt());
         // Other patches have fields of their own.
         let patch = self.points.patch(sample);
         let is_beside = |other: &&Neighbour| self.points.patch(other.sample) == patch;
-        let wall = found.iter().filter(is_beside).find(|other| self.is_opposite(sample, other.sample));
-        let wall_m = wall.map_or(f64::INFINITY, |other| WALL_SHARE * other.distance_squared_m2.sqrt());
+        let wall =
+            found.iter().filter(is_beside).find(|other| self.is_opposite(sample, other.sample));
+        let wall_m =
+            wall.map_or(f64::INFINITY, |other| WALL_SHARE * other.distance_squared_m2.sqrt());
         let beside = found.iter().filter(is_beside).map(|other| other.sample);
         let neighbours = beside.filter(|other| !self.is_opposite(sample, *other)).collect();
-        Ok(Domain { spacing_m, half_m: farthest_m.min(wall_m.max(LEAST_SPACINGS * spacing_m)), neighbours })
+        Ok(Domain {
+            spacing_m,
+            half_m: farthest_m.min(wall_m.max(LEAST_SPACINGS * spacing_m)),
+            neighbours,
+        })
     }
 
     /// Spacings, domains and neighbours of samples.
@@ -297,23 +320,39 @@ impl PointSurface {
 
     /// The fit of a sample, in a domain of `most_m` at most.
     fn fit(&self, sample: u32, domain: &Domain, most_m: f64) -> LocalFit {
-        let neighbours = domain.neighbours.iter().map(|other| (self.oriented(*other), 0.0)).collect();
-        let fit = LocalFit::to_neighbours(self.oriented(sample), domain.half_m.min(most_m), domain.spacing_m, neighbours);
+        let neighbours =
+            domain.neighbours.iter().map(|other| (self.oriented(*other), 0.0)).collect();
+        let fit = LocalFit::to_neighbours(
+            self.oriented(sample),
+            domain.half_m.min(most_m),
+            domain.spacing_m,
+            neighbours,
+        );
         if self.interpolates { fit.meeting_its_sample() } else { fit }
     }
 
-    /// The fit of a sample to a distance that its neighbours are to have from the surface, m, its own met exactly; `None` where all of them are 0.
+    /// The fit of a sample to a distance that its neighbours are to have from the surface, m, its
+    /// own met exactly; `None` where all of them are 0.
     ///
     /// # Errors
     /// [`SurfaceError::Coincident`].
-    pub(crate) fn fit_to_distances(&self, sample: u32, distance_m: impl Fn(u32) -> f64) -> Result<Option<LocalFit>, SurfaceError> {
+    pub(crate) fn fit_to_distances(
+        &self,
+        sample: u32,
+        distance_m: impl Fn(u32) -> f64,
+    ) -> Result<Option<LocalFit>, SurfaceError> {
         let domain = self.domain(sample, &mut Vec::new())?;
         if domain.neighbours.iter().all(|other| distance_m(*other) == 0.0) {
             return Ok(None);
         }
         let half_m = self.fits[sample as usize].half_m;
-        let neighbours = domain.neighbours.iter().map(|other| (self.oriented(*other), distance_m(*other))).collect();
-        let fit = LocalFit::to_neighbours(self.oriented(sample), half_m, domain.spacing_m, neighbours);
+        let neighbours = domain
+            .neighbours
+            .iter()
+            .map(|other| (self.oriented(*other), distance_m(*other)))
+            .collect();
+        let fit =
+            LocalFit::to_neighbours(self.oriented(sample), half_m, domain.spacing_m, neighbours);
         let off_m = distance_m(sample) - fit.at(self.oriented(sample).0).0;
         Ok(Some(fit.raised(off_m)))
     }
@@ -321,7 +360,11 @@ impl PointSurface {
     /// What follows from samples, spacings and fits.
     fn measure(&mut self) {
         // Samples that lie at this distance from six others have so much of the surface each.
-        let areas_m2: Vec<f64> = self.spacings_m.iter().map(|spacing_m| AREA_PER_SPACING * spacing_m * spacing_m).collect();
+        let areas_m2: Vec<f64> = self
+            .spacings_m
+            .iter()
+            .map(|spacing_m| AREA_PER_SPACING * spacing_m * spacing_m)
+            .collect();
         self.side = DipoleTree::new(&self.near, &self.points.normals_map, &areas_m2);
         self.spacing_m = median(self.spacings_m.iter().copied());
         self.reach_m = self.domains_m().fold(0.0, f64::max);

@@ -1,7 +1,8 @@
 //! The field at all nodes of a lattice.
 //!
-//! Every sample adds itself to the nodes in its ball, one plane of the lattice after the other; what no ball reaches is filled from
-//! the nearest samples. Cost: proportional to the nodes, and to the nodes in the balls of all samples.
+//! Every sample adds itself to the nodes in its ball, one plane of the lattice after the other;
+//! what no ball reaches is filled from the nearest samples. Cost: proportional to the nodes, and to
+//! the nodes in the balls of all samples.
 
 use rayon::prelude::*;
 
@@ -41,9 +42,12 @@ impl Plane {
 
     /// The sums so far are those of a patch: they are joined with the patches before it.
     fn end_patch(&mut self, patch: Patch) {
-        for ((joined, weight), sum_m) in self.joined.iter_mut().zip(&mut self.weights).zip(&mut self.sums_m) {
+        for ((joined, weight), sum_m) in
+            self.joined.iter_mut().zip(&mut self.weights).zip(&mut self.sums_m)
+        {
             if *weight > 0.0 {
-                let (now_m, next_m) = (joined.value_m, *sum_m / *weight);
+                let now_m = joined.value_m;
+                let next_m = *sum_m / *weight;
                 let ([before, alone, both], presence) = patch_shares(joined.presence, *weight);
                 let decides_m = if is_next(patch, now_m, next_m) { next_m } else { now_m };
                 joined.value_m = before * now_m + alone * next_m + both * decides_m;
@@ -56,15 +60,18 @@ impl Plane {
 
     /// The sums are those of all patches.
     fn end_patches(&mut self) {
-        for ((joined, weight), sum_m) in self.joined.iter().zip(&mut self.weights).zip(&mut self.sums_m) {
+        for ((joined, weight), sum_m) in
+            self.joined.iter().zip(&mut self.weights).zip(&mut self.sums_m)
+        {
             (*weight, *sum_m) = (joined.weight, joined.weight * joined.value_m);
         }
     }
 }
 
 impl PointSurface {
-    /// The field at every node, as [`Self::at`] gives it. Far from the surface it may be off by a small part of the lattice's spacing,
-    /// and there it depends on the lattice: a region is cut out of the raster of the whole, not rasterized by itself.
+    /// The field at every node, as [`Self::at`] gives it. Far from the surface it may be off by a
+    /// small part of the lattice's spacing, and there it depends on the lattice: a region is cut
+    /// out of the raster of the whole, not rasterized by itself.
     pub(crate) fn rasterize(&self, lattice: Lattice) -> Raster {
         let mut raster = Raster::uniform(lattice, f32::NAN);
         let [_, ny, nz] = lattice.dims;
@@ -83,7 +90,9 @@ impl PointSurface {
             self.near_shell(&lattice, x, sums, values_m);
         });
         let slabs = raster.values_m_mut().par_chunks_mut((BLOCK * ny * nz).max(1)).enumerate();
-        slabs.for_each(|(slab, values_m)| self.far_from_shell(&lattice, slab * BLOCK, &nearest, values_m));
+        slabs.for_each(|(slab, values_m)| {
+            self.far_from_shell(&lattice, slab * BLOCK, &nearest, values_m)
+        });
         raster
     }
 
@@ -92,7 +101,8 @@ impl PointSurface {
         let mut planes = vec![Vec::new(); lattice.dims[0]];
         let (low, high) = lattice.bounds();
         for (fit, sample) in self.fits.iter().zip(0..) {
-            let (lowest, highest) = (fit.center_map - fit.half_m, fit.center_map + fit.half_m);
+            let lowest = fit.center_map - fit.half_m;
+            let highest = fit.center_map + fit.half_m;
             if lowest.cmple(high).all() && highest.cmpge(low).all() {
                 let (from, to) = nodes_within(lattice, 0, lowest.x, highest.x);
                 planes[from..to].iter_mut().for_each(|plane| plane.push(sample));
@@ -103,7 +113,8 @@ impl PointSurface {
 
     /// The samples of a plane, patch after patch.
     fn add_patches(&self, samples: &[u32], lattice: &Lattice, x: usize, sums: &mut Plane) {
-        let mut samples: Vec<(Patch, u32)> = samples.iter().map(|sample| (self.points.patch(*sample), *sample)).collect();
+        let mut samples: Vec<(Patch, u32)> =
+            samples.iter().map(|sample| (self.points.patch(*sample), *sample)).collect();
         samples.sort_unstable();
         sums.joined.clear();
         sums.joined.resize(sums.weights.len(), Joined::default());
@@ -116,9 +127,16 @@ impl PointSurface {
         sums.end_patches();
     }
 
-    fn add(&self, sample: u32, lattice: &Lattice, x: usize, Plane { weights, sums_m, .. }: &mut Plane) {
+    fn add(
+        &self,
+        sample: u32,
+        lattice: &Lattice,
+        x: usize,
+        Plane { weights, sums_m, .. }: &mut Plane,
+    ) {
         let fit = &self.fits[sample as usize];
-        let (center, nz) = (fit.center_map, lattice.dims[2]);
+        let center = fit.center_map;
+        let nz = lattice.dims[2];
         let x_map = lattice.origin_map.x + x as f64 * lattice.spacing_m;
         let left = fit.half_m * fit.half_m - (x_map - center.x).powi(2);
         if left <= 0.0 {
@@ -146,9 +164,17 @@ impl PointSurface {
     }
 
     /// Nodes that a ball reaches; all others are left.
-    fn near_shell(&self, lattice: &Lattice, x: usize, Plane { weights, sums_m, .. }: &Plane, values_m: &mut [f32]) {
+    fn near_shell(
+        &self,
+        lattice: &Lattice,
+        x: usize,
+        Plane { weights, sums_m, .. }: &Plane,
+        values_m: &mut [f32],
+    ) {
         let nz = lattice.dims[2];
-        for (place, ((value_m, weight), sum_m)) in values_m.iter_mut().zip(weights).zip(sums_m).enumerate() {
+        for (place, ((value_m, weight), sum_m)) in
+            values_m.iter_mut().zip(weights).zip(sums_m).enumerate()
+        {
             let blend = Blend::of(*weight, *sum_m);
             if blend.is_full() {
                 *value_m = (sum_m / weight) as f32;
@@ -162,15 +188,25 @@ impl PointSurface {
     }
 
     /// Fills what is left in a slab of planes from `from_x` on.
-    fn far_from_shell(&self, lattice: &Lattice, from_x: usize, nearest: &[u32], values_m: &mut [f32]) {
+    fn far_from_shell(
+        &self,
+        lattice: &Lattice,
+        from_x: usize,
+        nearest: &[u32],
+        values_m: &mut [f32],
+    ) {
         let [_, ny, nz] = lattice.dims;
         let n_planes = values_m.len() / (ny * nz);
         let nearest = &nearest[from_x * ny * nz..][..values_m.len()];
         for from_y in (0..ny).step_by(BLOCK) {
             for from_z in (0..nz).step_by(BLOCK) {
-                let (to_y, to_z) = ((from_y + BLOCK).min(ny), (from_z + BLOCK).min(nz));
-                let nodes =
-                    || (0..n_planes).flat_map(move |x| (from_y..to_y).flat_map(move |y| (from_z..to_z).map(move |z| [x, y, z])));
+                let to_y = (from_y + BLOCK).min(ny);
+                let to_z = (from_z + BLOCK).min(nz);
+                let nodes = || {
+                    (0..n_planes).flat_map(move |x| {
+                        (from_y..to_y).flat_map(move |y| (from_z..to_z).map(move |z| [x, y, z]))
+                    })
+                };
                 let place = |[x, y, z]: [usize; 3]| (x * ny + y) * nz + z;
                 let left = nodes().filter(|node| values_m[place(*node)].is_nan()).count();
                 if left == 0 {
@@ -185,8 +221,10 @@ impl PointSurface {
                 for node @ [x, y, z] in nodes() {
                     let place = place(node);
                     if values_m[place].is_nan() {
-                        let (sample, point_map) = (nearest[place], lattice.position([from_x + x, y, z]));
-                        let distance_m = self.points.positions_map[sample as usize].distance(point_map);
+                        let sample = nearest[place];
+                        let point_map = lattice.position([from_x + x, y, z]);
+                        let distance_m =
+                            self.points.positions_map[sample as usize].distance(point_map);
                         let is_inside = side.unwrap_or_else(|| self.is_inside(sample, point_map));
                         values_m[place] = if is_inside { distance_m } else { -distance_m } as f32;
                     }
@@ -196,7 +234,13 @@ impl PointSurface {
     }
 
     /// The side of all nodes of a block, where that is certain from its middle.
-    fn side_of_block(&self, lattice: &Lattice, from_x: usize, [x, y, z]: [usize; 3], nearest: u32) -> Option<bool> {
+    fn side_of_block(
+        &self,
+        lattice: &Lattice,
+        from_x: usize,
+        [x, y, z]: [usize; 3],
+        nearest: u32,
+    ) -> Option<bool> {
         let middle_map = lattice.position([from_x + x, y, z]);
         let (position_map, _) = self.oriented(nearest);
         let radius_m = BLOCK as f64 * 3.0_f64.sqrt() / 2.0 * lattice.spacing_m;

@@ -1,14 +1,15 @@
 //! On which side of the surface a point far from the samples lies.
 //!
-//! The samples with their normals and areas are dipoles, whose sum is the winding number: 1 inside a closed surface, 0 outside. Far
-//! groups of samples count as one dipole. Unlike the tangent plane of the nearest sample it is right beyond sharp edges and thin
-//! walls, and it closes small holes. Only where samples do not go around a body at all (a single sheet) that plane decides.
+//! The samples with their normals and areas are dipoles, whose sum is the winding number: 1 inside
+//! a closed surface, 0 outside. Far groups of samples count as one dipole. Unlike the tangent plane
+//! of the nearest sample it is right beyond sharp edges and thin walls, and it closes small holes.
+//! Only where samples do not go around a body at all (a single sheet) that plane decides.
 //!
 //! Cost: a look-up takes about a microsecond.
 //!
 //! # Source
-//! Ours here; the sum over a tree is that of Barill et al. 2018, "Fast winding numbers for soups and clouds". Guo2004 gives no sign
-//! beyond the shell.
+//! Ours here; the sum over a tree is that of Barill et al. 2018, "Fast winding numbers for soups
+//! and clouds". Guo2004 gives no sign beyond the shell.
 
 use std::f64::consts::PI;
 
@@ -22,7 +23,8 @@ const FAR_RADII: f64 = 2.0;
 const INSIDE: f64 = 0.5;
 /// Winding numbers in the middle of a ball that leave open on which side all of it is.
 const UNSURE: std::ops::Range<f64> = 0.2..0.8;
-/// Winding number just below the samples of a closed surface: it would be 1, and is 1/2 below a large sheet.
+/// Winding number just below the samples of a closed surface: it would be 1, and is 1/2 below a
+/// large sheet.
 const CLOSED: f64 = 0.65;
 /// How many samples are asked whether the surface is closed.
 const ASKED: usize = 256;
@@ -49,20 +51,28 @@ pub(super) struct DipoleTree {
 impl DipoleTree {
     /// `areas_m2` and `normals` are in the order of the samples.
     pub(super) fn new(near: &Neighbours, normals: &[DVec3], areas_m2: &[f64]) -> Self {
-        let moments: Vec<DVec3> =
-            near.samples().iter().map(|sample| normals[*sample as usize] * areas_m2[*sample as usize]).collect();
+        let moments: Vec<DVec3> = near
+            .samples()
+            .iter()
+            .map(|sample| normals[*sample as usize] * areas_m2[*sample as usize])
+            .collect();
         let mut groups = vec![Dipole::default(); near.n_nodes()];
         near.for_each_node(|node, range, low, high| {
             let weights = moments[range.clone()].iter().map(|moment| moment.length());
             let weight: f64 = weights.clone().sum();
-            let sum: DVec3 = near.positions()[range.clone()].iter().zip(weights).map(|(at, weight)| *at * weight).sum();
+            let sum: DVec3 = near.positions()[range.clone()]
+                .iter()
+                .zip(weights)
+                .map(|(at, weight)| *at * weight)
+                .sum();
             let center_map = if weight > 0.0 { sum / weight } else { low };
             let radius_m = (high - center_map).max(center_map - low).length();
             let far_m2 = (FAR_RADII * radius_m).powi(2);
             groups[node] = Dipole { center_map, moment: moments[range].iter().sum(), far_m2 };
         });
         let mut side = Self { groups, moments, is_closed: true };
-        // Half of those asked are enough, so that neither holes nor walls thinner than the spacing decide.
+        // Half of those asked are enough, so that neither holes nor walls thinner than the spacing
+        // decide.
         let step = near.samples().len().div_ceil(ASKED).max(1);
         let below = (0..near.samples().len()).step_by(step).map(|place| {
             let sample = near.samples()[place] as usize;
@@ -82,7 +92,8 @@ impl DipoleTree {
         if self.is_closed { self.winding(near, point_map) > INSIDE } else { plane_says }
     }
 
-    /// On which side all points of a ball are whose nearest sample is far from it: true inside; `None` where each must be asked.
+    /// On which side all points of a ball are whose nearest sample is far from it: true inside;
+    /// `None` where each must be asked.
     pub(super) fn of_ball(&self, near: &Neighbours, center_map: DVec3) -> Option<bool> {
         if !self.is_closed {
             return None;
@@ -109,7 +120,9 @@ impl DipoleTree {
                 return false;
             }
             if near.is_leaf(node) {
-                sum += range.map(|place| of(self.moments[place], near.positions()[place])).sum::<f64>();
+                sum += range
+                    .map(|place| of(self.moments[place], near.positions()[place]))
+                    .sum::<f64>();
             }
             true
         });
@@ -123,7 +136,8 @@ mod tests {
 
     fn spread(n: usize) -> Vec<DVec3> {
         let at = |k: usize| {
-            let (z, angle) = (1.0 - (2 * k + 1) as f64 / n as f64, k as f64 * 2.399_963);
+            let z = 1.0 - (2 * k + 1) as f64 / n as f64;
+            let angle = k as f64 * 2.399_963;
             let radius = (1.0 - z * z).sqrt();
             DVec3::new(radius * angle.cos(), radius * angle.sin(), z)
         };
@@ -140,14 +154,28 @@ mod tests {
             assert_eq!(side.is_closed(), is_closed, "{lowest}");
             if is_closed {
                 for at in spread(500) {
-                    for (radius, inside) in [(0.0, true), (0.5, true), (0.9, true), (1.1, false), (2.0, false), (50.0, false)] {
+                    for (radius, inside) in [
+                        (0.0, true),
+                        (0.5, true),
+                        (0.9, true),
+                        (1.1, false),
+                        (2.0, false),
+                        (50.0, false),
+                    ] {
                         if at.z > lowest + 0.3 {
-                            assert_eq!(side.is_inside(&near, at * radius, !inside), inside, "{at} {radius}");
+                            assert_eq!(
+                                side.is_inside(&near, at * radius, !inside),
+                                inside,
+                                "{at} {radius}"
+                            );
                         }
                     }
                 }
             } else {
-                assert!(side.is_inside(&near, DVec3::ZERO, true) && !side.is_inside(&near, DVec3::ZERO, false));
+                assert!(
+                    side.is_inside(&near, DVec3::ZERO, true)
+                        && !side.is_inside(&near, DVec3::ZERO, false)
+                );
             }
         }
     }

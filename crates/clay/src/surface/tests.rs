@@ -10,7 +10,8 @@ fn build(points: PointSet) -> PointSurface {
     PointSurface::build(points, PointSurface::DEFAULT_NEIGHBOURS).unwrap()
 }
 
-/// Volume inside, m³: a cell around a node counts by how deep the node is, which is exact where the surface is flat and parallel to it.
+/// Volume inside, m³: a cell around a node counts by how deep the node is, which is exact where the
+/// surface is flat and parallel to it.
 fn volume_m3(raster: &Raster) -> f64 {
     let spacing_m = raster.lattice().spacing_m;
     let share = |value_m: &f32| (0.5 + f64::from(*value_m) / spacing_m).clamp(0.0, 1.0);
@@ -19,7 +20,9 @@ fn volume_m3(raster: &Raster) -> f64 {
 
 fn lattice_around(surface: &PointSurface, margin_m: f64, spacing_m: f64) -> Lattice {
     let (low, high) = surface.bounds();
-    let dims = ((high - low + 2.0 * margin_m) / spacing_m).to_array().map(|extent| extent.ceil() as usize + 1);
+    let dims = ((high - low + 2.0 * margin_m) / spacing_m)
+        .to_array()
+        .map(|extent| extent.ceil() as usize + 1);
     Lattice { origin_map: low - margin_m, spacing_m, dims }
 }
 
@@ -27,12 +30,20 @@ fn nodes(raster: &Raster) -> impl Iterator<Item = (DVec3, f64)> {
     let lattice = *raster.lattice();
     let [_, ny, nz] = lattice.dims;
     let node = move |place: usize| lattice.position([place / nz / ny, place / nz % ny, place % nz]);
-    raster.values_m().iter().enumerate().map(move |(place, value_m)| (node(place), f64::from(*value_m)))
+    raster
+        .values_m()
+        .iter()
+        .enumerate()
+        .map(move |(place, value_m)| (node(place), f64::from(*value_m)))
 }
 
 /// Nodes of a raster on the wrong side, of those that are farther from the surface than `near_m`.
 fn n_wrong(raster: &Raster, near_m: f64, depth_m: impl Fn(DVec3) -> f64) -> usize {
-    nodes(raster).filter(|(at, value_m)| depth_m(*at).abs() > near_m && (depth_m(*at) > 0.0) != (*value_m > 0.0)).count()
+    nodes(raster)
+        .filter(|(at, value_m)| {
+            depth_m(*at).abs() > near_m && (depth_m(*at) > 0.0) != (*value_m > 0.0)
+        })
+        .count()
 }
 
 fn depth_in_box(at: DVec3, size_m: DVec3) -> f64 {
@@ -64,7 +75,11 @@ fn acceptance_28_a_plane_is_reproduced_in_the_shell() {
     let mut points = PointSet::default();
     for k in 0..900 {
         let jitter = DVec3::new((f64::from(k) * 7.1).sin(), (f64::from(k) * 3.3).sin(), 0.0) * 0.3;
-        points.push((u * (f64::from(k / 30) + jitter.x) + v * (f64::from(k % 30) + jitter.y)) * 1e-3, normal, [0; 3]);
+        points.push(
+            (u * (f64::from(k / 30) + jitter.x) + v * (f64::from(k % 30) + jitter.y)) * 1e-3,
+            normal,
+            [0; 3],
+        );
     }
     let surface = build(points);
     assert!(!surface.is_closed());
@@ -72,14 +87,18 @@ fn acceptance_28_a_plane_is_reproduced_in_the_shell() {
         for height_m in [-1e-3, -3e-4, 0.0, 7e-4, 1.2e-3] {
             let found = surface.at(at + normal * height_m);
             assert!(
-                (found.value_m + height_m).abs() < 1e-9 && (found.gradient + normal).length() < 1e-6,
+                (found.value_m + height_m).abs() < 1e-9
+                    && (found.gradient + normal).length() < 1e-6,
                 "{found:?} at {height_m}"
             );
         }
     }
     // Far below a sheet is inside, far above it outside.
     let middle = surface.points().positions_map[465];
-    assert!(surface.at(middle - normal * 0.01).value_m > 0.0 && surface.at(middle + normal * 0.01).value_m < 0.0);
+    assert!(
+        surface.at(middle - normal * 0.01).value_m > 0.0
+            && surface.at(middle + normal * 0.01).value_m < 0.0
+    );
 }
 
 #[test]
@@ -90,8 +109,10 @@ fn the_gradient_is_the_slope_of_the_value_wherever_the_field_comes_from() {
         let at = normal * (0.035 + 0.03 * (k % 23) as f64 / 22.0);
         let found = surface.at(at);
         let step_m = 1e-7;
-        let differ =
-            |axis: DVec3| (surface.at(at + axis * step_m).value_m - surface.at(at - axis * step_m).value_m) / (2.0 * step_m);
+        let differ = |axis: DVec3| {
+            (surface.at(at + axis * step_m).value_m - surface.at(at - axis * step_m).value_m)
+                / (2.0 * step_m)
+        };
         let slope = DVec3::new(differ(DVec3::X), differ(DVec3::Y), differ(DVec3::Z));
         n_far += usize::from((found.gradient.length() - 1.0).abs() < 1e-12);
         assert!((slope - found.gradient).length() < 1e-4, "{at}: {slope} {found:?}");
@@ -106,12 +127,22 @@ fn a_field_that_interpolates_goes_through_noisy_samples_and_is_as_steep_there_as
     for (k, (at, normal)) in points.positions_map.iter_mut().zip(&points.normals_map).enumerate() {
         *at += *normal * (0.1 * spacing_m * (k as f64 * 12.9898).sin());
     }
-    let (smooth, exact) = (build(points.clone()), build(points).interpolating());
+    let smooth = build(points.clone());
+    let exact = build(points).interpolating();
     let off = |surface: &PointSurface| {
-        let all = surface.points().positions_map.iter().map(|at| surface.at(*at).value_m.abs() / spacing_m);
+        let all = surface
+            .points()
+            .positions_map
+            .iter()
+            .map(|at| surface.at(*at).value_m.abs() / spacing_m);
         all.fold(0.0, f64::max)
     };
-    assert!(off(&exact) < 1e-9 && off(&smooth) > 0.02, "{} and {} spacings", off(&exact), off(&smooth));
+    assert!(
+        off(&exact) < 1e-9 && off(&smooth) > 0.02,
+        "{} and {} spacings",
+        off(&exact),
+        off(&smooth)
+    );
     for at in exact.points().positions_map.iter().step_by(10) {
         let there = exact.at(*at).gradient;
         for side in [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Z] {
@@ -126,8 +157,11 @@ fn a_field_that_interpolates_goes_through_noisy_samples_and_is_as_steep_there_as
     }
     // Samples that move and come are met as well.
     let mut worked = exact;
-    let moved =
-        SampleMove { sample: 7, position_map: worked.points().positions_map[7] * 1.02, normal_map: worked.points().normals_map[7] };
+    let moved = SampleMove {
+        sample: 7,
+        position_map: worked.points().positions_map[7] * 1.02,
+        normal_map: worked.points().normals_map[7],
+    };
     worked.move_and_refit(&[moved]).unwrap();
     let mut added = PointSet::default();
     let between = 0.5 * (worked.points().positions_map[20] + worked.points().positions_map[33]);
@@ -161,7 +195,10 @@ fn sides_are_right_of_torus_cube_hollow_ball_and_thin_plate() {
 
     let block = build(cube(30, 0.1));
     let raster = block.rasterize(lattice_around(&block, 0.05, 0.004));
-    assert_eq!(n_wrong(&raster, 0.3 * block.spacing_m(), |at| depth_in_box(at, DVec3::splat(0.1))), 0);
+    assert_eq!(
+        n_wrong(&raster, 0.3 * block.spacing_m(), |at| depth_in_box(at, DVec3::splat(0.1))),
+        0
+    );
     let share = volume_m3(&raster) / 1e-3;
     assert!((share - 1.0).abs() < 1e-2, "{share}");
 
@@ -169,16 +206,25 @@ fn sides_are_right_of_torus_cube_hollow_ball_and_thin_plate() {
     let raster = hollow.rasterize(lattice_around(&hollow, 0.01, 0.003));
     assert_eq!(n_wrong(&raster, 1e-4, |at| (0.05 - at.length()).min(at.length() - 0.03)), 0);
 
-    // Twice as thick as the spacing, and thinner than the lattice: far nodes are beyond the other side.
+    // Twice as thick as the spacing, and thinner than the lattice: far nodes are beyond the other
+    // side.
     let size_m = DVec3::new(0.1, 0.08, 0.004);
     let plate = build(sample(&Shape::Box { size_m }.tessellate(1e-3), 0.002).unwrap());
     for spacing_m in [0.001, 0.003, 0.011] {
         let raster = plate.rasterize(lattice_around(&plate, 0.03, spacing_m));
-        assert_eq!(n_wrong(&raster, 0.4 * plate.spacing_m(), |at| depth_in_box(at, size_m)), 0, "{spacing_m}");
+        assert_eq!(
+            n_wrong(&raster, 0.4 * plate.spacing_m(), |at| depth_in_box(at, size_m)),
+            0,
+            "{spacing_m}"
+        );
     }
     for at in &plate.points().positions_map {
         let inner = (at.abs() - size_m / 2.0).cmplt(DVec3::new(-0.006, -0.006, 1.0)).all();
-        assert!(!inner || plate.at(*at).value_m.abs() < 0.05 * plate.spacing_m(), "{at}: {:?}", plate.at(*at));
+        assert!(
+            !inner || plate.at(*at).value_m.abs() < 0.05 * plate.spacing_m(),
+            "{at}: {:?}",
+            plate.at(*at)
+        );
     }
 }
 
@@ -189,11 +235,16 @@ fn beyond_the_edge_of_a_blade_is_air() {
     let mut points = PointSet::default();
     for k in 0..40 {
         for j in 0..60 {
-            let (along, y) = ((f64::from(k) + 0.3) * 1e-3, f64::from(j) * 1e-3);
+            let along = (f64::from(k) + 0.3) * 1e-3;
+            let y = f64::from(j) * 1e-3;
             for side in [1.0, -1.0] {
                 // Not opposite each other.
                 let along = along + if side > 0.0 { 0.0 } else { 4e-4 };
-                points.push(DVec3::new(-along * cos, y, side * along * sin), DVec3::new(sin, 0.0, side * cos), [0; 3]);
+                points.push(
+                    DVec3::new(-along * cos, y, side * along * sin),
+                    DVec3::new(sin, 0.0, side * cos),
+                    [0; 3],
+                );
             }
         }
     }
@@ -235,9 +286,16 @@ fn any_number_of_threads_gives_the_same_bits() {
             surface.replace(&[3, 4, 500], &sphere(200, 0.01)).unwrap();
             let raster = surface.rasterize(lattice_around(&surface, 0.02, 0.004));
             let all: Vec<u32> = (0..500).collect();
-            surface.refresh(&all, |at| raster.at(at).map(|density| f64::from(density.value_m))).unwrap();
+            surface
+                .refresh(&all, |at| raster.at(at).map(|density| f64::from(density.value_m)))
+                .unwrap();
             let again = surface.rasterize(*raster.lattice());
-            raster.values_m().iter().chain(again.values_m()).map(|value| value.to_bits()).collect::<Vec<u32>>()
+            raster
+                .values_m()
+                .iter()
+                .chain(again.values_m())
+                .map(|value| value.to_bits())
+                .collect::<Vec<u32>>()
         })
     };
     assert_eq!(with(1), with(4));
@@ -271,7 +329,8 @@ fn refreshed_fits_follow_the_field_that_they_are_taken_from() {
 fn replaced_samples_give_the_surface_that_is_built_of_all() {
     let points = torus(6000, 0.05, 0.02);
     let mut surface = build(points.clone());
-    let (removed, kept): (Vec<u32>, Vec<u32>) = (0..points.len() as u32).partition(|sample| sample % 11 == 0 && *sample < 3000);
+    let (removed, kept): (Vec<u32>, Vec<u32>) =
+        (0..points.len() as u32).partition(|sample| sample % 11 == 0 && *sample < 3000);
     surface.replace(&removed, &PointSet::default()).unwrap();
     assert_eq!(surface.points(), &points.select(kept.iter().copied()));
     surface.replace(&[], &points.select(removed.iter().copied())).unwrap();
@@ -279,7 +338,8 @@ fn replaced_samples_give_the_surface_that_is_built_of_all() {
     let whole = build(points.select(order.iter().copied()));
     assert_eq!(surface.points(), whole.points());
     for at in points.positions_map.iter().step_by(3) {
-        let (a, b) = (surface.at(*at * 1.001), whole.at(*at * 1.001));
+        let a = surface.at(*at * 1.001);
+        let b = whole.at(*at * 1.001);
         assert!((a.value_m - b.value_m).abs() < 1e-6 * whole.spacing_m(), "{a:?} {b:?}");
     }
     // What cannot be leaves all as it was.
@@ -302,17 +362,24 @@ fn borders_are_found_at_holes_and_nowhere_else() {
     ] {
         let surface = build(points);
         let border = surface.border();
-        assert!(border.is_empty(), "{:?}", surface.points().select(border.into_iter()).positions_map);
+        assert!(
+            border.is_empty(),
+            "{:?}",
+            surface.points().select(border.into_iter()).positions_map
+        );
     }
     let ball = sphere(4500, 0.05);
-    let open = ball.select((0..4500).filter(|sample| ball.positions_map[*sample as usize].z < 0.045));
+    let open =
+        ball.select((0..4500).filter(|sample| ball.positions_map[*sample as usize].z < 0.045));
     let surface = build(open);
     assert!(surface.is_closed());
     let border = surface.border();
     let rim = TAU * (0.05_f64.powi(2) - 0.045_f64.powi(2)).sqrt() / surface.spacing_m();
     assert!((border.len() as f64 / rim - 1.0).abs() < 0.4, "{} of {rim}", border.len());
     for sample in border {
-        assert!(surface.points().positions_map[sample as usize].z > 0.045 - 2.0 * surface.spacing_m());
+        assert!(
+            surface.points().positions_map[sample as usize].z > 0.045 - 2.0 * surface.spacing_m()
+        );
     }
     // A cap closes it: the middle of the ball is inside, what is above the hole is not.
     assert!(surface.at(DVec3::ZERO).value_m > 0.0 && surface.at(DVec3::Z * 0.06).value_m < 0.0);
@@ -344,6 +411,12 @@ fn samples_that_make_no_surface_are_named() {
     let error = refused(&|points| points.normals_map[9] *= 2.0);
     assert!(matches!(error, SurfaceError::BadNormal { sample: 9, .. }), "{error}");
     let error = refused(&|points| points.colors.truncate(4));
-    assert_eq!(error.to_string(), "100 positions, 100 normals and 4 colours: every point needs one of each");
-    assert_eq!(PointSurface::build(ball, 4).unwrap_err().to_string(), "4 neighbours, 8 to 128 are possible");
+    assert_eq!(
+        error.to_string(),
+        "100 positions, 100 normals and 4 colours: every point needs one of each"
+    );
+    assert_eq!(
+        PointSurface::build(ball, 4).unwrap_err().to_string(),
+        "4 neighbours, 8 to 128 are possible"
+    );
 }

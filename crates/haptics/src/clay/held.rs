@@ -1,6 +1,10 @@
-//! The clay that a tick holds: the newest frame and the one before, and what is remembered of forces.
+//! The clay that a tick holds: the newest frame and the one before, and what is remembered of
+//! forces.
 
-#![expect(clippy::disallowed_types, reason = "made and freed on the cold side, exchanged as pointers")]
+#![expect(
+    clippy::disallowed_types,
+    reason = "made and freed on the cold side, exchanged as pointers"
+)]
 
 use glam::DVec3;
 
@@ -13,7 +17,8 @@ use vps::density::{Frame, Probe};
 use vps::pointshell::shell::Shell;
 use vps::spatial::{Pose, Wrench};
 
-/// How long a leap of the surface takes to be felt to nine tenths, s: a hand has to be able to follow.
+/// How long a leap of the surface takes to be felt to nine tenths, s: a hand has to be able to
+/// follow.
 const LEAP_S: f64 = 0.3;
 
 /// What clay does to the tool in a tick, world axes, about its centre of mass.
@@ -67,7 +72,11 @@ impl Held {
         frame.is_leap |= self.is_new && self.newest.is_leap;
         let newest = core::mem::replace(&mut self.newest, frame);
         // One that no tick has touched is nothing to go on from.
-        if core::mem::replace(&mut self.is_new, true) { newest } else { core::mem::replace(&mut self.before, newest) }
+        if core::mem::replace(&mut self.is_new, true) {
+            newest
+        } else {
+            core::mem::replace(&mut self.before, newest)
+        }
     }
 
     /// Number of the newest frame.
@@ -85,26 +94,55 @@ impl Held {
         (self.residual, self.anchor_map) = (Residual::default(), None);
     }
 
-    /// The simulation does not move the anchor of the rope any more: the tool is let go, as at the end of a pull. RT: safe.
+    /// The simulation does not move the anchor of the rope any more: the tool is let go, as at the
+    /// end of a pull. RT: safe.
     pub(crate) fn let_go(&mut self) {
         (self.newest.rope_map, self.before.rope_map) = (None, None);
     }
 
-    /// The tool at this pose would be in the clay, deeper than one that was put down on it. RT: safe; as much work as to touch it.
-    pub(crate) fn is_inside(&mut self, clay: &Clay, shell: &Shell, world_from_body: Pose, p: &Parameters) -> bool {
+    /// The tool at this pose would be in the clay, deeper than one that was put down on it. RT:
+    /// safe; as much work as to touch it.
+    pub(crate) fn is_inside(
+        &mut self,
+        clay: &Clay,
+        shell: &Shell,
+        world_from_body: Pose,
+        p: &Parameters,
+    ) -> bool {
         let probe = Probe::new(&self.newest, clay.world_from_map.inverse() * world_from_body);
         let sums = (&self.faces[..], &mut self.sums);
-        let sum = ContactSum::of_clay(&probe, shell, sums, self.simd_level, world_from_body, p.force_law());
+        let sum = ContactSum::of_clay(
+            &probe,
+            shell,
+            sums,
+            self.simd_level,
+            world_from_body,
+            p.force_law(),
+        );
         sum.contacts > 0 && sum.max_value_m > PUT_DOWN_SPACINGS * f64::from(probe.spacing_m())
     }
 
-    /// What the clay does to the tool at this pose. RT: safe; twice as much work in the first tick with a new frame.
-    pub(crate) fn touch(&mut self, clay: &Clay, shell: &Shell, world_from_body: Pose, p: &Parameters) -> ContactSum {
+    /// What the clay does to the tool at this pose. RT: safe; twice as much work in the first tick
+    /// with a new frame.
+    pub(crate) fn touch(
+        &mut self,
+        clay: &Clay,
+        shell: &Shell,
+        world_from_body: Pose,
+        p: &Parameters,
+    ) -> ContactSum {
         let map_from_body = clay.world_from_map.inverse() * world_from_body;
         let Self { newest, before, is_new, faces, sums, simd_level, .. } = self;
         let mut ask = |frame: &Frame| {
             let probe = Probe::new(frame, map_from_body);
-            ContactSum::of_clay(&probe, shell, (&faces[..], &mut *sums), *simd_level, world_from_body, p.force_law())
+            ContactSum::of_clay(
+                &probe,
+                shell,
+                (&faces[..], &mut *sums),
+                *simd_level,
+                world_from_body,
+                p.force_law(),
+            )
         };
         let mut sum = ask(newest);
         let before = core::mem::take(is_new).then(|| ask(before).wrench);
@@ -112,14 +150,19 @@ impl Held {
             self.residual.leap(Clay::smoothing_between(LEAP_S, p.period_s));
         }
         sum.become_felt(self.residual.felt(before, sum.wrench, clay.smoothing));
-        self.forces = ClayForces { contact_world: sum.wrench, rope_world: DVec3::ZERO, contacts: sum.contacts };
+        self.forces = ClayForces {
+            contact_world: sum.wrench,
+            rope_world: DVec3::ZERO,
+            contacts: sum.contacts,
+        };
         self.anchor_map = self.newest.rope_map.map(|anchor_map| match self.anchor_map {
             // The anchor leaps with every update: it is averaged like the force.
             Some(felt_map) => felt_map * clay.smoothing + anchor_map * (1.0 - clay.smoothing),
             None => anchor_map,
         });
         if let Some(anchor_map) = self.anchor_map {
-            let stretch = clay.world_from_map.transform_point(anchor_map) - world_from_body.translation;
+            let stretch =
+                clay.world_from_map.transform_point(anchor_map) - world_from_body.translation;
             let (pull, stiffness) = clay.rope.pull(stretch);
             self.forces.rope_world = pull.force;
             sum.add_rope(pull, &stiffness);

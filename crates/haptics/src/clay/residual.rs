@@ -1,9 +1,11 @@
 //! Force extrapolation: no step of the force when an update of the clay arrives.
 //!
-//! The paper averages the force exponentially, E_(i+1) = α E_i + (1−α) F_i. That hides the steps between updates, but the tool's own motion
-//! is felt late as well. Here only what the *update* changed is averaged: at the pose of that tick the contact is looked up in the frame
-//! before and in the new one, the difference goes into a residual, and the residual fades by α per tick. For a tool at rest both are the
-//! same numbers; a tool that moves against clay at rest feels it without any lag.
+//! The paper averages the force exponentially, E_(i+1) = α E_i + (1−α) F_i. That hides the steps
+//! between updates, but the tool's own motion is felt late as well. Here only what the *update*
+//! changed is averaged: at the pose of that tick the contact is looked up in the frame before and
+//! in the new one, the difference goes into a residual, and the residual fades by α per tick. For a
+//! tool at rest both are the same numbers; a tool that moves against clay at rest feels it without
+//! any lag.
 //!
 //! # Units and frames
 //! World axes, about the tool's centre of mass.
@@ -35,16 +37,18 @@ struct Leap {
 }
 
 impl Residual {
-    /// The update of this tick is no motion of the material but a leap: it fades by this α. RT: safe.
+    /// The update of this tick is no motion of the material but a leap: it fades by this α. RT:
+    /// safe.
     pub(super) fn leap(&mut self, alpha: f64) {
         self.leap = Leap { alpha, left: 1.0 };
     }
 
-    /// One tick: the wrench that is felt where the newest frame gives `now`. `before`: what the frame before gives at the same pose, in the
-    /// tick in which a new one arrived. RT: safe.
+    /// One tick: the wrench that is felt where the newest frame gives `now`. `before`: what the
+    /// frame before gives at the same pose, in the tick in which a new one arrived. RT: safe.
     ///
-    /// Without contact (`now` is exactly zero) nothing is felt and nothing remembered. The sum never pulls into the clay: as much of the
-    /// residual counts as leaves no force against that of the newest frame.
+    /// Without contact (`now` is exactly zero) nothing is felt and nothing remembered. The sum
+    /// never pulls into the clay: as much of the residual counts as leaves no force against that of
+    /// the newest frame.
     pub(super) fn felt(&mut self, before: Option<Wrench>, now: Wrench, alpha: f64) -> Wrench {
         if now == Wrench::ZERO {
             *self = Self::default();
@@ -62,7 +66,8 @@ impl Residual {
             self.left = Wrench::ZERO;
             return now;
         }
-        let (along, against) = (now.force.length_squared(), -self.left.force.dot(now.force));
+        let along = now.force.length_squared();
+        let against = -self.left.force.dot(now.force);
         let share = if against > along { along / against } else { 1.0 };
         now + self.left * share
     }
@@ -89,9 +94,16 @@ mod tests {
             for n in 1..=n_ticks {
                 let felt = residual.felt((n == 1).then(|| push(1.0)), push(3.0), alpha);
                 averaged = alpha * averaged + (1.0 - alpha) * 3.0;
-                assert!((felt.force.z - averaged).abs() < 1e-12, "α = {alpha}, tick {n}: the paper's average is {averaged}");
+                assert!(
+                    (felt.force.z - averaged).abs() < 1e-12,
+                    "α = {alpha}, tick {n}: the paper's average is {averaged}"
+                );
                 assert!((felt.torque.x - 0.01 * averaged).abs() < 1e-12);
-                assert_eq!(felt.force.z >= 2.8 - 1e-12, n == n_ticks, "α = {alpha}, tick {n}: {felt:?}");
+                assert_eq!(
+                    felt.force.z >= 2.8 - 1e-12,
+                    n == n_ticks,
+                    "α = {alpha}, tick {n}: {felt:?}"
+                );
             }
         }
     }
@@ -152,7 +164,10 @@ mod tests {
     #[test]
     fn what_is_not_a_number_does_not_stay() {
         let mut residual = Residual::default();
-        assert!(!residual.felt(None, push(f64::NAN), 0.5).is_finite(), "the tick's finite check has to see it");
+        assert!(
+            !residual.felt(None, push(f64::NAN), 0.5).is_finite(),
+            "the tick's finite check has to see it"
+        );
         assert!(!residual.felt(Some(push(1.0)), push(f64::NAN), 0.5).is_finite());
         assert_eq!(residual.felt(None, push(1.0), 0.5), push(1.0));
     }

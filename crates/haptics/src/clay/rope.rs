@@ -1,7 +1,8 @@
 //! The rope tool: a spring from the tool to the place of the clay that was grabbed.
 //!
 //! # Source
-//! Guo2004 (point rope, curve rope: the force acts at a picked place); the bounded spring is that of the coupling.
+//! Guo2004 (point rope, curve rope: the force acts at a picked place); the bounded spring is that
+//! of the coupling.
 
 use glam::{DMat3, DVec3};
 
@@ -18,10 +19,12 @@ pub struct Rope {
 }
 
 impl Rope {
-    /// Force on the tool's centre of mass and its secant stiffness, world axes, with the anchor `stretch` away. RT: safe.
+    /// Force on the tool's centre of mass and its secant stiffness, world axes, with the anchor
+    /// `stretch` away. RT: safe.
     pub(super) fn pull(&self, stretch: DVec3) -> (Wrench, Mat6) {
         let (force, stiffness_n_per_m) = saturated(self.stiffness_n_per_m, stretch, self.force_n);
-        let (none, along) = (DMat3::ZERO, DMat3::IDENTITY * stiffness_n_per_m);
+        let none = DMat3::ZERO;
+        let along = DMat3::IDENTITY * stiffness_n_per_m;
         (Wrench::new(force, DVec3::ZERO), Mat6::from_blocks(along, none, none, none))
     }
 }

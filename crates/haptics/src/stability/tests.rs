@@ -47,11 +47,26 @@ struct SimulatedLoop {
 
 impl SimulatedLoop {
     fn new(wall: SampledWall, stiffness: f64) -> Self {
-        Self { wall, stiffness, x: 1e-3, v: 0.0, x_before: 1e-3, filtered: 0.0, underway: vec![0.0; wall.delay_ticks as usize] }
+        Self {
+            wall,
+            stiffness,
+            x: 1e-3,
+            v: 0.0,
+            x_before: 1e-3,
+            filtered: 0.0,
+            underway: vec![0.0; wall.delay_ticks as usize],
+        }
     }
 
     fn step(&mut self) {
-        let SampledWall { mass_kg: m, damping_n_s_per_m: b, wall_damping_n_s_per_m, period_s: t, filter_alpha, .. } = self.wall;
+        let SampledWall {
+            mass_kg: m,
+            damping_n_s_per_m: b,
+            wall_damping_n_s_per_m,
+            period_s: t,
+            filter_alpha,
+            ..
+        } = self.wall;
         let raw = -self.stiffness * self.x - wall_damping_n_s_per_m * (self.x - self.x_before) / t;
         self.x_before = self.x;
         self.filtered = filter_alpha * self.filtered + (1.0 - filter_alpha) * raw;
@@ -110,7 +125,8 @@ impl SimulatedLoop {
         log_norm / 2.0_f64.powi(40)
     }
 
-    /// Envelope after a run of `n_ticks` over envelope before it, once a first such run has let the other modes die out.
+    /// Envelope after a run of `n_ticks` over envelope before it, once a first such run has let the
+    /// other modes die out.
     fn growth(&self, n_ticks: usize) -> f64 {
         const WINDOW: usize = 1000;
         let mut run = self.clone();
@@ -129,17 +145,24 @@ impl SimulatedLoop {
     }
 }
 
-/// The loop decays at 0.98 and grows at 1.02 of that stiffness: by its spectral radius, and in time over the horizon that the
-/// spectral radius gives for a factor of 1000 (up to 7e5 ticks).
+/// The loop decays at 0.98 and grows at 1.02 of that stiffness: by its spectral radius, and in time
+/// over the horizon that the spectral radius gives for a factor of 1000 (up to 7e5 ticks).
 fn assert_boundary(wall: SampledWall, stiffness: f64) {
     for (factor, grows) in [(0.98, false), (1.02, true)] {
         let simulated = SimulatedLoop::new(wall, factor * stiffness);
         let rate = simulated.log_spectral_radius();
-        assert_eq!(rate > 0.0, grows, "{wall:?} at {factor} K_max: ln of the spectral radius {rate}");
+        assert_eq!(
+            rate > 0.0,
+            grows,
+            "{wall:?} at {factor} K_max: ln of the spectral radius {rate}"
+        );
         assert_eq!(wall.is_stable(factor * stiffness), !grows, "{wall:?} at {factor} K_max");
         let n_ticks = (1000.0_f64.ln() / rate.abs()).ceil() as usize;
         let growth = simulated.growth(n_ticks);
-        assert!(if grows { growth > 10.0 } else { growth < 0.1 }, "{wall:?} at {factor} K_max: {growth} in {n_ticks} ticks");
+        assert!(
+            if grows { growth > 10.0 } else { growth < 0.1 },
+            "{wall:?} at {factor} K_max: {growth} in {n_ticks} ticks"
+        );
     }
 }
 
@@ -150,7 +173,11 @@ fn acceptance_20_every_row_of_the_table_is_the_boundary_of_the_simulated_loop() 
         let computed = wall.max_stiffness();
         let tolerance = 0.51 * 10.0_f64.powi(-decimals);
         assert!((computed - k_max).abs() <= tolerance, "{wall:?}: {computed} instead of {k_max}");
-        assert!((wall.linear_rule() - linear).abs() <= 1e-5 * linear, "{wall:?}: linear rule {}", wall.linear_rule());
+        assert!(
+            (wall.linear_rule() - linear).abs() <= 1e-5 * linear,
+            "{wall:?}: linear rule {}",
+            wall.linear_rule()
+        );
         assert_boundary(wall, k_max);
     }
 }
@@ -163,7 +190,11 @@ fn acceptance_20_without_device_damping_the_boundary_is_the_normalised_region() 
         let alpha = 2.0 * beta * (2.0 - beta) / (2.0 + beta);
         let wall = wall(mass_kg, 0.0, beta * mass_kg / PERIOD_S, 0);
         let k_max = alpha * mass_kg / (PERIOD_S * PERIOD_S);
-        assert!((wall.max_stiffness() / k_max - 1.0).abs() < 1e-9, "beta {beta}: {} instead of {k_max}", wall.max_stiffness());
+        assert!(
+            (wall.max_stiffness() / k_max - 1.0).abs() < 1e-9,
+            "beta {beta}: {} instead of {k_max}",
+            wall.max_stiffness()
+        );
         assert_boundary(wall, k_max);
     }
     // The stated points, and the maximum 4 (3 − 2√2) at β = 2√2 − 2.
@@ -178,7 +209,10 @@ fn acceptance_20_without_device_damping_the_boundary_is_the_normalised_region() 
         (best, 4.0 * (3.0 - 8.0_f64.sqrt())),
     ] {
         let wall = wall(mass_kg, 0.0, beta * mass_kg / PERIOD_S, 0);
-        assert!((wall.max_stiffness() * PERIOD_S * PERIOD_S / mass_kg - alpha).abs() < 6e-6, "beta {beta}");
+        assert!(
+            (wall.max_stiffness() * PERIOD_S * PERIOD_S / mass_kg - alpha).abs() < 6e-6,
+            "beta {beta}"
+        );
     }
     assert_eq!(wall(mass_kg, 0.0, 0.0, 0).max_stiffness(), 0.0);
     assert_eq!(wall(mass_kg, 0.0, 2.01 * mass_kg / PERIOD_S, 0).max_stiffness(), 0.0);
@@ -187,16 +221,21 @@ fn acceptance_20_without_device_damping_the_boundary_is_the_normalised_region() 
 #[test]
 fn without_wall_damping_and_delay_the_boundary_is_the_closed_form() {
     for delta in [1e-5, 1e-3, 0.02, 0.0999, 0.1001, 0.5, 3.0, 20.0] {
-        let (m, b) = (0.1, delta * 0.1 / PERIOD_S);
+        let m = 0.1;
+        let b = delta * 0.1 / PERIOD_S;
         let a = f64::exp(-delta);
-        // A heavily damped plant loses stability at z = −1 first, where the closed form of the oscillation does not look.
+        // A heavily damped plant loses stability at z = −1 first, where the closed form of the
+        // oscillation does not look.
         let oscillation = b * b / m * (1.0 - a) / (1.0 - a * (1.0 + delta));
         let alternation = 2.0 * (1.0 + a) * b * b / m / (delta - 2.0 + a * (2.0 + delta));
         let closed = oscillation.min(alternation);
         let series = 2.0 * b / PERIOD_S * (1.0 + delta / 6.0);
         let expected = if delta < 1e-2 { series } else { closed };
         let relative = wall(m, b, 0.0, 0).max_stiffness() / expected - 1.0;
-        assert!(relative.abs() < if delta < 1e-2 { 1e-6 } else { 1e-10 }, "delta {delta}: off by {relative}");
+        assert!(
+            relative.abs() < if delta < 1e-2 { 1e-6 } else { 1e-10 },
+            "delta {delta}: off by {relative}"
+        );
     }
 }
 
@@ -205,7 +244,10 @@ fn the_boundary_holds_for_long_delays() {
     for delay_ticks in [10, 20, 60, MAX_DELAY_TICKS] {
         let wall = wall(0.1, 1.0, 0.0, delay_ticks);
         let k_max = wall.max_stiffness();
-        assert!(k_max > wall.linear_rule() && k_max < 2.0 * wall.linear_rule(), "{delay_ticks}: {k_max}");
+        assert!(
+            k_max > wall.linear_rule() && k_max < 2.0 * wall.linear_rule(),
+            "{delay_ticks}: {k_max}"
+        );
         if delay_ticks <= 20 {
             assert_boundary(wall, k_max);
         }
@@ -222,32 +264,52 @@ fn the_filter_costs_its_delay_and_the_simulated_loop_agrees() {
         (100.0, 1.144, 617.8, 608.4),
         (50.0, 2.709, 321.4, 311.6),
     ] {
-        let wall = SampledWall { filter_alpha: low_pass_alpha(cutoff_hz, PERIOD_S), ..wall(0.1, 1.0, 0.0, 0) };
-        assert!((filter_delay_s(cutoff_hz, PERIOD_S) * 1e3 - delay_ms).abs() < 6e-4, "{cutoff_hz} Hz");
-        assert!((wall.max_stiffness() - stable).abs() < 0.06, "{cutoff_hz} Hz: {}", wall.max_stiffness());
-        assert!((wall.passive_stiffness() - passive).abs() < 0.06, "{cutoff_hz} Hz: {}", wall.passive_stiffness());
+        let wall = SampledWall {
+            filter_alpha: low_pass_alpha(cutoff_hz, PERIOD_S),
+            ..wall(0.1, 1.0, 0.0, 0)
+        };
+        assert!(
+            (filter_delay_s(cutoff_hz, PERIOD_S) * 1e3 - delay_ms).abs() < 6e-4,
+            "{cutoff_hz} Hz"
+        );
+        assert!(
+            (wall.max_stiffness() - stable).abs() < 0.06,
+            "{cutoff_hz} Hz: {}",
+            wall.max_stiffness()
+        );
+        assert!(
+            (wall.passive_stiffness() - passive).abs() < 0.06,
+            "{cutoff_hz} Hz: {}",
+            wall.passive_stiffness()
+        );
         assert!((wall.linear_rule() - passive).abs() < 0.06);
         assert_boundary(wall, wall.max_stiffness());
     }
 }
 
-/// Damping that makes the loop passive by Colgate1997: sup over ω of (T/2)/(1−cos ωT) Re{(1−e^(−jωT)) H(e^(jωT))}.
+/// Damping that makes the loop passive by Colgate1997: sup over ω of (T/2)/(1−cos ωT)
+/// Re{(1−e^(−jωT)) H(e^(jωT))}.
 fn damping_needed(wall: &SampledWall, stiffness: f64) -> f64 {
     let difference = wall.wall_damping_n_s_per_m / PERIOD_S;
-    (1..=20_000).map(|idx| f64::from(idx) / 20_000.0 * core::f64::consts::PI).fold(0.0_f64, |needed, angle| {
-        let delay = f64::from(wall.delay_ticks);
-        let alpha = wall.filter_alpha;
-        // Re{(1−e^(−jθ)) (K + (B/T)(1−e^(−jθ))) e^(−jdθ) (1−α)/(1−αe^(−jθ))} with plain pairs (re, im).
-        let times = |a: (f64, f64), b: (f64, f64)| (a.0 * b.0 - a.1 * b.1, a.0 * b.1 + a.1 * b.0);
-        let step = (1.0 - angle.cos(), angle.sin());
-        let low_pass_inverse = (1.0 - alpha * angle.cos(), alpha * angle.sin());
-        let norm = low_pass_inverse.0.hypot(low_pass_inverse.1).powi(2) / (1.0 - alpha);
-        let low_pass = (low_pass_inverse.0 / norm, -low_pass_inverse.1 / norm);
-        let law = (stiffness + difference * step.0, difference * step.1);
-        let late = ((delay * angle).cos(), -(delay * angle).sin());
-        let product = times(times(step, law), times(late, low_pass));
-        needed.max(0.5 * PERIOD_S / (1.0 - angle.cos()) * product.0)
-    })
+    (1..=20_000).map(|idx| f64::from(idx) / 20_000.0 * core::f64::consts::PI).fold(
+        0.0_f64,
+        |needed, angle| {
+            let delay = f64::from(wall.delay_ticks);
+            let alpha = wall.filter_alpha;
+            // Re{(1−e^(−jθ)) (K + (B/T)(1−e^(−jθ))) e^(−jdθ) (1−α)/(1−αe^(−jθ))} with plain pairs
+            // (re, im).
+            let times =
+                |a: (f64, f64), b: (f64, f64)| (a.0 * b.0 - a.1 * b.1, a.0 * b.1 + a.1 * b.0);
+            let step = (1.0 - angle.cos(), angle.sin());
+            let low_pass_inverse = (1.0 - alpha * angle.cos(), alpha * angle.sin());
+            let norm = low_pass_inverse.0.hypot(low_pass_inverse.1).powi(2) / (1.0 - alpha);
+            let low_pass = (low_pass_inverse.0 / norm, -low_pass_inverse.1 / norm);
+            let law = (stiffness + difference * step.0, difference * step.1);
+            let late = ((delay * angle).cos(), -(delay * angle).sin());
+            let product = times(times(step, law), times(late, low_pass));
+            needed.max(0.5 * PERIOD_S / (1.0 - angle.cos()) * product.0)
+        },
+    )
 }
 
 #[test]
@@ -255,18 +317,24 @@ fn the_passive_stiffness_satisfies_the_frequency_condition_and_is_exact_for_a_sp
     for delay_ticks in [0, 1, 3, 10] {
         for filter_alpha in [0.0, 0.15, 0.5, 0.73, 0.95] {
             for wall_damping in [0.0, 0.3, -0.3, 0.9] {
-                let wall = SampledWall { filter_alpha, ..wall(0.1, 1.0, wall_damping, delay_ticks) };
+                let wall =
+                    SampledWall { filter_alpha, ..wall(0.1, 1.0, wall_damping, delay_ticks) };
                 let needed = damping_needed(&wall, wall.passive_stiffness());
                 assert!(needed <= 1.0 + 1e-6, "{wall:?}: {needed}");
                 if wall_damping == 0.0 {
                     assert!(needed > 1.0 - 1e-3, "{wall:?}: {needed}");
                 }
-                assert!(damping_needed(&wall, 1.0e-9 + 1.2 * wall.passive_stiffness()) > 1.0 || wall_damping != 0.0);
+                assert!(
+                    damping_needed(&wall, 1.0e-9 + 1.2 * wall.passive_stiffness()) > 1.0
+                        || wall_damping != 0.0
+                );
             }
         }
     }
     // The stated examples.
-    let example = |wall_damping, period_s| SampledWall { period_s, ..wall(0.04, 0.8, wall_damping, 0) }.passive_stiffness();
+    let example = |wall_damping, period_s| {
+        SampledWall { period_s, ..wall(0.04, 0.8, wall_damping, 0) }.passive_stiffness()
+    };
     assert!((example(0.0, 1e-3) - 1600.0).abs() < 1e-9);
     assert!((example(0.4, 1e-3) - 800.0).abs() < 1e-9);
     assert!((example(0.0, 5e-3) - 320.0).abs() < 1e-9);
@@ -280,11 +348,19 @@ fn the_auto_limit_is_below_the_exact_boundary_everywhere() {
         for beta in [0.0, 0.01, 0.04, 0.07, 0.10, 0.13, 0.17, 0.22, 0.3, 0.6, 1.0, 1.9, 2.5] {
             for delay_ticks in [0, 1, 2, 3, 4, 5, 7, 10, 15] {
                 for filter_alpha in [0.0, 0.2, 0.5, 0.73] {
-                    let wall = SampledWall { filter_alpha, ..wall(0.1, delta * 100.0, beta * 100.0, delay_ticks) };
-                    let (bound, k_max) = (wall.stiffness_bound(), wall.max_stiffness());
-                    assert!(bound < k_max || bound == 0.0, "{wall:?}: bound {bound}, exact {k_max}");
+                    let wall = SampledWall {
+                        filter_alpha,
+                        ..wall(0.1, delta * 100.0, beta * 100.0, delay_ticks)
+                    };
+                    let bound = wall.stiffness_bound();
+                    let k_max = wall.max_stiffness();
+                    assert!(
+                        bound < k_max || bound == 0.0,
+                        "{wall:?}: bound {bound}, exact {k_max}"
+                    );
                     assert!(k_max == 0.0 || bound > 0.0);
-                    exact_used += u32::from(bound > 0.0 && (bound - MARGIN * k_max).abs() < 1e-9 * bound);
+                    exact_used +=
+                        u32::from(bound > 0.0 && (bound - MARGIN * k_max).abs() < 1e-9 * bound);
                 }
             }
         }
@@ -305,26 +381,30 @@ fn acceptance_22_the_auto_limit_keeps_a_delayed_loop_stable_and_a_stiffer_one_di
     }
 }
 
-/// Largest total stiffness in N/m that a semi-implicit step of the virtual tool takes with that damping: k h²/m + 2 b h/m < 4.
+/// Largest total stiffness in N/m that a semi-implicit step of the virtual tool takes with that
+/// damping: k h²/m + 2 b h/m < 4.
 ///
-/// `damping_n_s_per_m` is the damping in the step itself, not that of the arm; the stiffness is the total, coupling plus
-/// contacts. 0 where the damping alone is too much for the step.
+/// `damping_n_s_per_m` is the damping in the step itself, not that of the arm; the stiffness is the
+/// total, coupling plus contacts. 0 where the damping alone is too much for the step.
 ///
-/// The virtual tool steps implicitly because of this bound: contact of many points exceeds it. Our derivation (Jury's conditions on the
-/// two-by-two step).
+/// The virtual tool steps implicitly because of this bound: contact of many points exceeds it. Our
+/// derivation (Jury's conditions on the two-by-two step).
 fn semi_implicit_max_stiffness(mass_kg: f64, damping_n_s_per_m: f64, period_s: f64) -> f64 {
     positive_or_zero((4.0 * mass_kg / period_s - 2.0 * damping_n_s_per_m) / period_s)
 }
 
-/// The same when the damping is critical for the total stiffness, b = 2 √(m k): k < (2√2 − 2)² m/h².
+/// The same when the damping is critical for the total stiffness, b = 2 √(m k): k < (2√2 − 2)²
+/// m/h².
 fn semi_implicit_max_stiffness_critically_damped(mass_kg: f64, period_s: f64) -> f64 {
     let root = 2.0 * core::f64::consts::SQRT_2 - 2.0;
     root * root * mass_kg / (period_s * period_s)
 }
 
-/// Stiffness and damping of a virtual tool stepped as v' = v + h a, x' = x + h v', with a = −(k x + b v)/m.
+/// Stiffness and damping of a virtual tool stepped as v' = v + h a, x' = x + h v', with a = −(k x +
+/// b v)/m.
 fn semi_implicit_growth(mass_kg: f64, damping: f64, stiffness: f64) -> f64 {
-    let (mut x, mut v) = (1e-3, 0.0);
+    let mut x = 1e-3;
+    let mut v = 0.0;
     for _ in 0..20_000 {
         v += PERIOD_S * (-(stiffness * x + damping * v) / mass_kg);
         x += PERIOD_S * v;
@@ -344,7 +424,10 @@ fn acceptance_23_the_semi_implicit_tool_of_12_grams_is_stable_up_to_8235_newtons
     assert!(semi_implicit_growth(mass_kg, critical(0.98 * k_max), 0.98 * k_max) < 1e-3);
     assert!(semi_implicit_growth(mass_kg, critical(1.02 * k_max), 1.02 * k_max) > 1e3);
     // The closed form is the general inequality at its own damping.
-    assert!((semi_implicit_max_stiffness(mass_kg, critical(k_max), PERIOD_S) / k_max - 1.0).abs() < 1e-12);
+    assert!(
+        (semi_implicit_max_stiffness(mass_kg, critical(k_max), PERIOD_S) / k_max - 1.0).abs()
+            < 1e-12
+    );
     // The general inequality: undamped, and damped for a coupling of 2000 N/m alone.
     assert!((semi_implicit_max_stiffness(mass_kg, 0.0, PERIOD_S) - 48_000.0).abs() < 1e-6);
     let damping = critical(2000.0);

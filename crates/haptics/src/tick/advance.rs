@@ -11,8 +11,15 @@ use vps::spatial::{DeviceSample, SampleStatus};
 /// Braking ends early once the arm is slower than this share of the speed limit.
 const SLOW_SHARE: f64 = 0.1;
 
-/// Follows the supervisor's request and the arm's gates; `faults` are those of this tick's sample and of the loop.
-pub(super) fn advance(scene: &RenderScene, p: &Parameters, state: &mut State, input: &TickInput, faults: Faults) {
+/// Follows the supervisor's request and the arm's gates; `faults` are those of this tick's sample
+/// and of the loop.
+pub(super) fn advance(
+    scene: &RenderScene,
+    p: &Parameters,
+    state: &mut State,
+    input: &TickInput,
+    faults: Faults,
+) {
     let sample = &input.sample;
     state.interlock.see(sample, &p.safety);
     if state.drive.has_force() && fault_with_force(p, state, sample, faults) {
@@ -25,7 +32,10 @@ pub(super) fn advance(scene: &RenderScene, p: &Parameters, state: &mut State, in
         state.interlock.disable();
         return;
     }
-    if state.drive == Drive::Fault && faults.is_empty() && state.interlock.acknowledges(input.request, &p.safety) {
+    if state.drive == Drive::Fault
+        && faults.is_empty()
+        && state.interlock.acknowledges(input.request, &p.safety)
+    {
         state.drive = Drive::Disabled;
         state.faults = Faults::NONE;
     }
@@ -49,7 +59,12 @@ pub(super) fn advance(scene: &RenderScene, p: &Parameters, state: &mut State, in
 }
 
 /// What faults do to a drive with force: nearly all end it. True when it ended.
-fn fault_with_force(p: &Parameters, state: &mut State, sample: &DeviceSample, mut faults: Faults) -> bool {
+fn fault_with_force(
+    p: &Parameters,
+    state: &mut State,
+    sample: &DeviceSample,
+    mut faults: Faults,
+) -> bool {
     if !sample.homed && !sample.status.is_gone() {
         faults |= Faults::NOT_HOMED;
     }
@@ -57,7 +72,8 @@ fn fault_with_force(p: &Parameters, state: &mut State, sample: &DeviceSample, mu
     if state.drive == Drive::Braking {
         state.interlock.brake_ticks = state.interlock.brake_ticks.saturating_add(1);
         // Half a tick of grace for the rounding of the time.
-        let is_over = (f64::from(state.interlock.brake_ticks) + 0.5) * p.period_s > p.safety.brake_s;
+        let is_over =
+            (f64::from(state.interlock.brake_ticks) + 0.5) * p.period_s > p.safety.brake_s;
         let goes_on = (faults | Faults::SPEED) == Faults::SPEED && !is_over && !is_slow(sample, p);
         if !goes_on {
             state.fail(faults | pending);
@@ -65,7 +81,8 @@ fn fault_with_force(p: &Parameters, state: &mut State, sample: &DeviceSample, mu
         return !goes_on;
     }
     if faults == Faults::SPEED && damper::can_brake(&p.arm) && p.safety.brake_s >= p.period_s {
-        // The spring may be what drives the arm: it is gone in this tick, and the damper rises by the slew limit.
+        // The spring may be what drives the arm: it is gone in this tick, and the damper rises by
+        // the slew limit.
         state.at_rest(state.tool.pose());
         state.drive = Drive::Braking;
         state.interlock.leave(OffCause::Velocity, pending | Faults::SPEED, false);
@@ -111,8 +128,13 @@ fn try_to_enable(scene: &RenderScene, state: &mut State, sample: &DeviceSample, 
         state.interlock.cause = OffCause::Stale;
         return;
     }
-    let resume = state.resume.take().filter(|resume| resume.has_room == Some(true)).map(|resume| resume.body);
-    let place = resume.or_else(|| (state.interlock.holds_place && state.has_room).then(|| state.tool.pose()));
+    let resume = state
+        .resume
+        .take()
+        .filter(|resume| resume.has_room == Some(true))
+        .map(|resume| resume.body);
+    let place = resume
+        .or_else(|| (state.interlock.holds_place && state.has_room).then(|| state.tool.pose()));
     state.start = place.unwrap_or(scene.start());
     state.at_rest(state.start);
     state.indexing = Indexing::indexed(sample);

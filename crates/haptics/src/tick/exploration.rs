@@ -1,13 +1,16 @@
-//! Every way of the drive: whatever orders, gates, faults and scene swaps follow on one another, in any order and number.
+//! Every way of the drive: whatever orders, gates, faults and scene swaps follow on one another, in
+//! any order and number.
 //!
-//! The real [`tick`] is driven breadth-first from the first tick on, with every order together with everything that an arm can show, one of
-//! [`ARM`] per tick. Two states count as the same when [`StateKey`] is: the drive and its gates, the steps of every ramp and every counter that
-//! decides on anything. All that is new is gone on from until nothing is, so there is no depth beyond which nothing was
-//! looked at. What the arm has shown is also noted beside the tick ([`History`]), so that the rules are judged by that and not by the tick's own
-//! memory.
+//! The real [`tick`] is driven breadth-first from the first tick on, with every order together with
+//! everything that an arm can show, one of [`ARM`] per tick. Two states count as the same when
+//! [`StateKey`] is: the drive and its gates, the steps of every ramp and every counter that decides
+//! on anything. All that is new is gone on from until nothing is, so there is no depth beyond which
+//! nothing was looked at. What the arm has shown is also noted beside the tick ([`History`]), so
+//! that the rules are judged by that and not by the tick's own memory.
 //!
-//! Left out: `stuck`, `power` and `solver`, which need a motion, and the parameters and obstacles that a client changes. The rules are those
-//! of `docs/reference/safety.md`; the time steps are coarse, so that a ramp has three.
+//! Left out: `stuck`, `power` and `solver`, which need a motion, and the parameters and obstacles
+//! that a client changes. The rules are those of `docs/reference/safety.md`; the time steps are
+//! coarse, so that a ramp has three.
 
 use std::collections::HashMap;
 
@@ -32,8 +35,8 @@ const GARBLED_TICKS: u8 = 2;
 const ENGAGE_TICKS: u32 = 1;
 const SLEW_N: f64 = 2.5;
 const BUTTON: u8 = 2;
-/// K of the spring to a tool that does not move, and where the arm may be: at rest, pulled with 3.9 N, outside, and somewhere else
-/// altogether.
+/// K of the spring to a tool that does not move, and where the arm may be: at rest, pulled with 3.9
+/// N, outside, and somewhere else altogether.
 const K_N_PER_M: f64 = 100.0;
 const PLACES_M: [f64; 4] = [0.0, 0.039, 0.045, 100.0];
 const OUTSIDE: u8 = 2;
@@ -124,7 +127,8 @@ impl Arm {
     }
 }
 
-/// What was shown and ordered until now, as far as rules ask for it. Counters stop where no rule asks any further.
+/// What was shown and ordered until now, as far as rules ask for it. Counters stop where no rule
+/// asks any further.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 struct History {
     place: u8,
@@ -169,7 +173,8 @@ impl History {
         let is_gone = arm.status().is_gone();
         self.late = count(arm == Arm::Late, self.late, LATE_TICKS);
         self.stale = count(arm.status() != SampleStatus::Fresh, self.stale, STALE_FAULT_TICKS + 1);
-        self.since_garbled = if arm == Arm::Garbled { 0 } else { (self.since_garbled + 1).min(GARBLED_TICKS) };
+        self.since_garbled =
+            if arm == Arm::Garbled { 0 } else { (self.since_garbled + 1).min(GARBLED_TICKS) };
         if is_gone {
             (self.since_garbled, self.compared) = (GARBLED_TICKS, None);
         } else if arm.status() == SampleStatus::Fresh && arm != Arm::NotANumber {
@@ -185,7 +190,8 @@ impl History {
         self
     }
 
-    /// Faults other than `speed` that a drive with force has to have after the arm has shown this, at once.
+    /// Faults other than `speed` that a drive with force has to have after the arm has shown this,
+    /// at once.
     fn faults(&self, before: &Self, arm: Arm) -> Faults {
         let jumped = arm.status() == SampleStatus::Fresh
             && arm != Arm::NotANumber
@@ -241,7 +247,8 @@ impl Node {
     }
 }
 
-/// What is explored: an arm on a spring to a tool that nothing moves, and the rule whether a swap may happen.
+/// What is explored: an arm on a spring to a tool that nothing moves, and the rule whether a swap
+/// may happen.
 struct World {
     scene: RenderScene,
     tick: TickFunction,
@@ -251,7 +258,9 @@ struct World {
 
 /// As the loop has it (`swap_at_zero` in `servo/step.rs`).
 fn is_at_zero(output: &TickOutput) -> bool {
-    output.drive == Drive::Disabled && output.command_device == Wrench::ZERO && output.faults.is_empty()
+    output.drive == Drive::Disabled
+        && output.command_device == Wrench::ZERO
+        && output.faults.is_empty()
 }
 
 /// A rule that was broken.
@@ -302,10 +311,13 @@ impl World {
             next.history.is_offered = true;
             return Ok((!node.history.is_offered).then_some(next));
         };
-        // As in the loop: a swap that is due ramps down first, and waits while a stop or a fault goes before it.
-        let swaps =
-            node.history.is_offered && matches!(order, DriveRequest::Enable | DriveRequest::Disable) && node.last.faults.is_empty();
-        let request = if swaps && order == DriveRequest::Enable { DriveRequest::Stop } else { order };
+        // As in the loop: a swap that is due ramps down first, and waits while a stop or a fault
+        // goes before it.
+        let swaps = node.history.is_offered
+            && matches!(order, DriveRequest::Enable | DriveRequest::Disable)
+            && node.last.faults.is_empty();
+        let request =
+            if swaps && order == DriveRequest::Enable { DriveRequest::Stop } else { order };
         next.history = node.history.after(arm, request, self.has_deadman());
         let input = arm.input(request, &next.history);
         let output = (self.tick)(&self.scene, &mut next.state, &input);
@@ -313,13 +325,17 @@ impl World {
         self.judge(node, &next.history, (request, arm), &output)?;
 
         let count = |held: bool, ticks: u8, most: u8| if held { (ticks + 1).min(most) } else { 0 };
-        next.history.enabling = count(output.drive == Drive::Enabling, node.history.enabling, RAMP_TICKS);
-        next.history.stopping = count(output.drive == Drive::Stopping, node.history.stopping, u8::MAX);
+        next.history.enabling =
+            count(output.drive == Drive::Enabling, node.history.enabling, RAMP_TICKS);
+        next.history.stopping =
+            count(output.drive == Drive::Stopping, node.history.stopping, u8::MAX);
         if output.command_device == Wrench::ZERO {
             next.history.down = 0;
         }
         match output.drive {
-            Drive::Enabling if node.last.drive != Drive::Enabling => next.history.zero = next.history.place,
+            Drive::Enabling if node.last.drive != Drive::Enabling => {
+                next.history.zero = next.history.place
+            }
             // Without force nothing pulls.
             drive if !drive.has_force() => next.history.zero = 0,
             _ => {}
@@ -333,9 +349,20 @@ impl World {
                 return Err("a swap under force");
             }
             let mut state = State::new(&self.scene);
-            state.resume_at(&self.scene, Some(output.world_from_tool), (self.hand_over)(&next.state, &self.scene));
-            next =
-                Node { state, history: History { is_offered: false, was_let_go: next.history.was_let_go, ..START }, last: output };
+            state.resume_at(
+                &self.scene,
+                Some(output.world_from_tool),
+                (self.hand_over)(&next.state, &self.scene),
+            );
+            next = Node {
+                state,
+                history: History {
+                    is_offered: false,
+                    was_let_go: next.history.was_let_go,
+                    ..START
+                },
+                last: output,
+            };
             next.history.place = node.history.place;
         }
         Ok(Some(next))
@@ -349,40 +376,67 @@ impl World {
         (request, arm): (DriveRequest, Arm),
         output: &TickOutput,
     ) -> Result<(), Broken> {
-        let (was, is, force_n) = (before.last.drive, output.drive, output.command_device.force.length());
+        let was = before.last.drive;
+        let is = output.drive;
+        let force_n = output.command_device.force.length();
         let before_n = before.last.command_device.force.length();
         let is_zero = output.command_device == Wrench::ZERO;
         let has_deadman = self.has_deadman();
         let rules = [
             ("a command that is not a number", output.command_device.is_finite()),
             ("force in a state without", is.has_force() || is_zero),
-            ("force while a fault is active", output.faults.is_empty() || is_zero && is == Drive::Fault),
-            ("a disable that is not obeyed in its tick", request != DriveRequest::Disable || is_zero && !is.has_force()),
-            ("force too long after it was taken away", is_zero || history.down <= RAMP_TICKS + BRAKE_TICKS + GRACE_TICKS),
-            ("a stop that takes longer than its ramp", is != Drive::Stopping || before.history.stopping < RAMP_TICKS + GRACE_TICKS),
+            (
+                "force while a fault is active",
+                output.faults.is_empty() || is_zero && is == Drive::Fault,
+            ),
+            (
+                "a disable that is not obeyed in its tick",
+                request != DriveRequest::Disable || is_zero && !is.has_force(),
+            ),
+            (
+                "force too long after it was taken away",
+                is_zero || history.down <= RAMP_TICKS + BRAKE_TICKS + GRACE_TICKS,
+            ),
+            (
+                "a stop that takes longer than its ramp",
+                is != Drive::Stopping || before.history.stopping < RAMP_TICKS + GRACE_TICKS,
+            ),
             (
                 "full force without a ramp",
-                is != Drive::Enabled || was == Drive::Enabled || before.history.enabling >= RAMP_TICKS - 1,
+                is != Drive::Enabled
+                    || was == Drive::Enabled
+                    || before.history.enabling >= RAMP_TICKS - 1,
             ),
             ("a step of the force", is_zero || force_n <= before_n + SLEW_N * (1.0 + 1e-9)),
-            ("a ramp that begins with force", is != Drive::Enabling || was == Drive::Enabling || is_zero),
+            (
+                "a ramp that begins with force",
+                is != Drive::Enabling || was == Drive::Enabling || is_zero,
+            ),
         ];
         let broken = rules.into_iter().find(|(_, holds)| !holds);
         broken.map_or(Ok(()), |(rule, _)| Err(rule))?;
 
         let sudden = history.faults(&before.history, arm);
-        if was.has_force() && !sudden.is_empty() && (is != Drive::Fault || !output.faults.contains(sudden)) {
+        if was.has_force()
+            && !sudden.is_empty()
+            && (is != Drive::Fault || !output.faults.contains(sudden))
+        {
             return Err("a fault that does not end the force in its tick");
         }
         if was.has_force() && arm == Arm::Fast && is.renders() {
             return Err("the scene goes on driving an arm that is too fast");
         }
-        let takes_away = request == DriveRequest::Stop || arm == Arm::Overheated || has_deadman && arm == Arm::LetGo;
+        let takes_away = request == DriveRequest::Stop
+            || arm == Arm::Overheated
+            || has_deadman && arm == Arm::LetGo;
         if takes_away && matches!(is, Drive::Enabling | Drive::Enabled) {
             return Err("a drive that goes on although a stop, heat or an open deadman says no");
         }
         if was == Drive::Fault && is != Drive::Fault && request != DriveRequest::Disable {
-            let is_acknowledged = has_deadman && history.was_let_go && arm != Arm::LetGo && request == DriveRequest::Enable;
+            let is_acknowledged = has_deadman
+                && history.was_let_go
+                && arm != Arm::LetGo
+                && request == DriveRequest::Enable;
             // Homing is a gate for a drive without force.
             if !is_acknowledged || !sudden.without(Faults::NOT_HOMED).is_empty() {
                 return Err("a fault is gone without an acknowledgement");
@@ -392,7 +446,8 @@ impl World {
             if !matches!(was, Drive::Disabled | Drive::Fault) || request != DriveRequest::Enable {
                 return Err("enabled out of turn");
             }
-            let is_open = matches!(arm, Arm::At(_) | Arm::Late) || arm == Arm::LetGo && !has_deadman;
+            let is_open =
+                matches!(arm, Arm::At(_) | Arm::Late) || arm == Arm::LetGo && !has_deadman;
             let is_sound = is_open && sudden.is_empty() && history.place < OUTSIDE;
             if !is_sound {
                 return Err("enabled behind a shut gate");
@@ -406,14 +461,16 @@ impl World {
 
     /// Goes every way. What was reached, or the shortest way to a broken rule.
     fn explore(&self) -> Result<Reached, (Broken, Vec<Event>)> {
-        let events: Vec<Event> = ORDERS.into_iter().flat_map(|order| ARM.map(|arm| Event::Tick(order, arm))).collect();
+        let events: Vec<Event> =
+            ORDERS.into_iter().flat_map(|order| ARM.map(|arm| Event::Tick(order, arm))).collect();
         // By number: where it was come from, and how.
         let mut steps: Vec<(usize, Event)> = Vec::new();
         let mut seen = HashMap::new();
         let start = self.start();
         seen.insert(start.seen(), 0);
         let mut reached = Reached::default();
-        let (mut ring, mut number) = (vec![(0, start)], 0);
+        let mut ring = vec![(0, start)];
+        let mut number = 0;
         while !ring.is_empty() {
             reached.depth += 1;
             let mut next_ring = Vec::new();
@@ -428,7 +485,9 @@ impl World {
                     reached.drives |= 1 << next.state.drive as u8;
                     reached.faults |= next.last.faults;
                     reached.most_n = reached.most_n.max(next.last.command_device.force.length());
-                    if let std::collections::hash_map::Entry::Vacant(place) = seen.entry(next.seen()) {
+                    if let std::collections::hash_map::Entry::Vacant(place) =
+                        seen.entry(next.seen())
+                    {
                         number += 1;
                         place.insert(number);
                         steps.push((from, event));
@@ -487,10 +546,20 @@ fn assert_explored(world: &World, drives: &[Drive]) {
     assert_eq!(reached.drives, wanted, "{reached:?}");
     assert!(ALL_FAULTS.into_iter().all(|fault| reached.faults.contains(fault)), "{reached:?}");
     assert!(reached.most_n > 1.0, "no force to speak of: {reached:?}");
-    assert!(reached.depth > usize::from(2 * RAMP_TICKS), "no ramp up and down fits in: {reached:?}");
+    assert!(
+        reached.depth > usize::from(2 * RAMP_TICKS),
+        "no ramp up and down fits in: {reached:?}"
+    );
 }
 
-const ALL: [Drive; 6] = [Drive::Disabled, Drive::Enabling, Drive::Enabled, Drive::Stopping, Drive::Fault, Drive::Braking];
+const ALL: [Drive; 6] = [
+    Drive::Disabled,
+    Drive::Enabling,
+    Drive::Enabled,
+    Drive::Stopping,
+    Drive::Fault,
+    Drive::Braking,
+];
 
 #[test]
 fn no_order_gate_fault_or_swap_leads_to_force_where_none_may_be() {
@@ -517,7 +586,11 @@ fn a_tick_that_breaks_a_rule_is_found_out() {
             |scene, state, input| {
                 let last = state.limiter.last();
                 let output = tick(scene, state, input);
-                if input.request == DriveRequest::Disable { TickOutput { command_device: last, ..output } } else { output }
+                if input.request == DriveRequest::Disable {
+                    TickOutput { command_device: last, ..output }
+                } else {
+                    output
+                }
             },
             "force in a state without",
         ),
@@ -525,21 +598,33 @@ fn a_tick_that_breaks_a_rule_is_found_out() {
             |scene, state, input| {
                 let last = state.limiter.last();
                 let output = tick(scene, state, input);
-                if output.drive == Drive::Fault { TickOutput { command_device: last, ..output } } else { output }
+                if output.drive == Drive::Fault {
+                    TickOutput { command_device: last, ..output }
+                } else {
+                    output
+                }
             },
             "force in a state without",
         ),
         (
             |scene, state, input| {
                 let is_on = state.drive == Drive::Enabled;
-                let request = if is_on && input.request == DriveRequest::Disable { DriveRequest::Stop } else { input.request };
+                let request = if is_on && input.request == DriveRequest::Disable {
+                    DriveRequest::Stop
+                } else {
+                    input.request
+                };
                 tick(scene, state, &TickInput { request, ..*input })
             },
             "a disable that is not obeyed in its tick",
         ),
         (
             |scene, state, input| {
-                let request = if input.request == DriveRequest::Stop { DriveRequest::Enable } else { input.request };
+                let request = if input.request == DriveRequest::Stop {
+                    DriveRequest::Enable
+                } else {
+                    input.request
+                };
                 tick(scene, state, &TickInput { request, ..*input })
             },
             "a drive that goes on although a stop, heat or an open deadman says no",
@@ -547,7 +632,11 @@ fn a_tick_that_breaks_a_rule_is_found_out() {
         (
             |scene, state, input| {
                 if state.drive == Drive::Stopping {
-                    state.enable_gain.advance(true, scene.parameters.limits.ramp_s, scene.parameters.period_s);
+                    state.enable_gain.advance(
+                        true,
+                        scene.parameters.limits.ramp_s,
+                        scene.parameters.period_s,
+                    );
                 }
                 tick(scene, state, input)
             },
@@ -564,7 +653,8 @@ fn a_tick_that_breaks_a_rule_is_found_out() {
         ),
         (
             |scene, state, input| {
-                let device_error = if state.drive.has_force() { 0 } else { input.sample.device_error };
+                let device_error =
+                    if state.drive.has_force() { 0 } else { input.sample.device_error };
                 let sample = DeviceSample { device_error, ..input.sample };
                 tick(scene, state, &TickInput { sample, ..*input })
             },
@@ -591,9 +681,13 @@ fn a_tick_that_breaks_a_rule_is_found_out() {
         let found = World { tick, ..World::new(|_| ()) }.explore();
         assert_eq!(found.map_err(|(rule, _)| rule).err(), Some(rule), "tick {idx}");
     }
-    let forgetful = World { hand_over: |_, scene| State::new(scene).handover(), ..World::new(|_| ()) };
+    let forgetful =
+        World { hand_over: |_, scene| State::new(scene).handover(), ..World::new(|_| ()) };
     let rule = "enabled by a deadman that was not let go since the fault";
     assert_eq!(forgetful.explore().map_err(|(rule, _)| rule).err(), Some(rule));
-    let careless = World { may_swap: |output| output.faults.is_empty() && output.drive != Drive::Fault, ..World::new(|_| ()) };
+    let careless = World {
+        may_swap: |output| output.faults.is_empty() && output.drive != Drive::Fault,
+        ..World::new(|_| ())
+    };
     assert_eq!(careless.explore().map_err(|(rule, _)| rule).err(), Some("a swap under force"));
 }

@@ -1,4 +1,5 @@
-//! The safety table, row by row: samples in, drive and wrench out, ticks counted. `docs/reference/safety.md` names these tests.
+//! The safety table, row by row: samples in, drive and wrench out, ticks counted.
+//! `docs/reference/safety.md` names these tests.
 
 use glam::{DMat3, DVec3};
 
@@ -16,7 +17,8 @@ const PULL_N: f64 = 4.5;
 const RAMP_TICKS: usize = 100;
 const SLEW_N: f64 = 1.0;
 
-/// An arm on a spring to a tool that nothing moves, and a deadman button 2 where `change` asks for it.
+/// An arm on a spring to a tool that nothing moves, and a deadman button 2 where `change` asks for
+/// it.
 struct Rig {
     scene: RenderScene,
     state: State,
@@ -45,7 +47,8 @@ impl Rig {
 
     fn tick(&mut self) -> TickOutput {
         self.sample.sequence += u64::from(self.sample.status == SampleStatus::Fresh);
-        let input = TickInput { sample: self.sample, request: self.request, ..TickInput::default() };
+        let input =
+            TickInput { sample: self.sample, request: self.request, ..TickInput::default() };
         let output = tick(&self.scene, &mut self.state, &input);
         assert!(output.command_device.is_finite());
         // Only a drive with force commands any, or is damped.
@@ -83,13 +86,17 @@ impl Rig {
         self.tick()
     }
 
-    /// The ramp of a stop: from the first tick on lower and lower, straight to zero, in so many ticks.
+    /// The ramp of a stop: from the first tick on lower and lower, straight to zero, in so many
+    /// ticks.
     fn assert_ramp_to_zero(&mut self, start_n: f64) -> TickOutput {
         for n in 1..=RAMP_TICKS {
             let output = self.tick();
             let expected_n = start_n * (1.0 - n as f64 / RAMP_TICKS as f64);
             let force_n = output.command_device.force.length();
-            assert!((force_n - expected_n).abs() < 0.02, "tick {n}: {force_n} N instead of {expected_n} N");
+            assert!(
+                (force_n - expected_n).abs() < 0.02,
+                "tick {n}: {force_n} N instead of {expected_n} N"
+            );
             if n == RAMP_TICKS {
                 assert!(is_zero(&output));
                 return output;
@@ -126,9 +133,13 @@ fn deadman_no_force_until_it_is_held_and_a_ramp_down_when_it_is_let_go() {
 
     rig.sample.buttons = 0;
     let off = rig.assert_ramp_to_zero(held_n);
-    assert_eq!((off.drive, off.off_cause, off.faults), (Drive::Disabled, OffCause::Deadman, Faults::NONE));
+    assert_eq!(
+        (off.drive, off.off_cause, off.faults),
+        (Drive::Disabled, OffCause::Deadman, Faults::NONE)
+    );
 
-    // Wherever the arm goes meanwhile: held again it starts from zero there, and the tool stands where it stood.
+    // Wherever the arm goes meanwhile: held again it starts from zero there, and the tool stands
+    // where it stood.
     let stood = off.world_from_tool;
     for _ in 0..20 {
         rig.move_by(1e-3, 0.0);
@@ -181,7 +192,10 @@ fn deadman_let_go_and_pressed_acknowledges_a_fault_whose_cause_is_gone() {
     assert_eq!(rig.ticks(10).drive, Drive::Fault);
     rig.sample.device_error = 0;
     let again = rig.tick();
-    assert_eq!((again.drive, again.faults, again.off_cause), (Drive::Enabling, Faults::NONE, OffCause::None));
+    assert_eq!(
+        (again.drive, again.faults, again.off_cause),
+        (Drive::Enabling, Faults::NONE, OffCause::None)
+    );
 }
 
 #[test]
@@ -196,7 +210,10 @@ fn without_a_deadman_a_fault_takes_a_disable_then_an_enable() {
     }
     rig.request = DriveRequest::Disable;
     let off = rig.tick();
-    assert_eq!((off.drive, off.faults, off.off_cause), (Drive::Disabled, Faults::NONE, OffCause::Software));
+    assert_eq!(
+        (off.drive, off.faults, off.off_cause),
+        (Drive::Disabled, Faults::NONE, OffCause::Software)
+    );
     rig.request = DriveRequest::Enable;
     assert_eq!(rig.tick().drive, Drive::Enabling);
 }
@@ -208,7 +225,10 @@ fn homing_no_force_before_it_and_a_fault_when_it_is_lost() {
     // Before homing the values may be anything.
     rig.sample.pose.translation.x = f64::NAN;
     let waiting = rig.ticks(50);
-    assert_eq!((waiting.drive, waiting.off_cause, waiting.faults), (Drive::Disabled, OffCause::NotHomed, Faults::NONE));
+    assert_eq!(
+        (waiting.drive, waiting.off_cause, waiting.faults),
+        (Drive::Disabled, OffCause::NotHomed, Faults::NONE)
+    );
     rig.sample.pose.translation.x = 0.0;
     rig.sample.homed = true;
     let homed = rig.tick();
@@ -250,10 +270,15 @@ fn engage_damps_while_the_force_rises_and_leaves_free_space_free() {
     rig.tick();
     rig.sample.twist.linear.x = 0.1;
     let first = rig.move_by(1e-4, 0.1);
-    // 20 N·s/m · 0.1 m/s but for the share that the spring already has, within one step of the slew limit.
+    // 20 N·s/m · 0.1 m/s but for the share that the spring already has, within one step of the slew
+    // limit.
     assert!((first.command_device.force.x + SLEW_N).abs() < 1e-9, "{:?}", first.command_device);
     let second = rig.tick();
-    assert!((second.command_device.force.x + 2.0 * 0.97).abs() < 0.01, "{:?}", second.command_device);
+    assert!(
+        (second.command_device.force.x + 2.0 * 0.97).abs() < 0.01,
+        "{:?}",
+        second.command_device
+    );
     let mut rig = Rig::new(|p| p.coupling.free_space = FreeSpace::Zero);
     rig.sample.twist.linear.x = 0.1;
     assert!(is_zero(&rig.ticks(10)));
@@ -286,7 +311,10 @@ fn stale_ramps_down_after_three_ticks_faults_after_twenty_and_ramps_up_again_bef
 fn speed_brakes_with_a_damper_alone_for_a_tenth_of_a_second_then_faults() {
     let mut rig = Rig::new(|_| ()).pulling();
     let first = rig.move_by(1.2e-3, 1.2);
-    assert_eq!((first.drive, first.off_cause, first.faults), (Drive::Braking, OffCause::Velocity, Faults::NONE));
+    assert_eq!(
+        (first.drive, first.off_cause, first.faults),
+        (Drive::Braking, OffCause::Velocity, Faults::NONE)
+    );
     assert_eq!(first.drive.crtk_name(), "PAUSED");
     // The spring of 4.5 N is gone; the damper has begun to rise.
     assert!((first.command_device.force.x + SLEW_N).abs() < 1e-9, "{:?}", first.command_device);
@@ -295,7 +323,11 @@ fn speed_brakes_with_a_damper_alone_for_a_tenth_of_a_second_then_faults() {
         assert_eq!((output.drive, output.faults), (Drive::Braking, Faults::NONE), "tick {n}");
         if n > 10 {
             // min(10, 20) N·s/m, whatever the spring's stretch is.
-            assert!((output.command_device.force.x + 8.0).abs() < 1e-9, "{:?}", output.command_device);
+            assert!(
+                (output.command_device.force.x + 8.0).abs() < 1e-9,
+                "{:?}",
+                output.command_device
+            );
         }
     }
     assert_fault_at_once(&rig.move_by(0.8e-3, 0.8), Faults::SPEED, OffCause::Velocity);
@@ -314,7 +346,10 @@ fn speed_ends_braking_when_the_arm_is_slow_and_at_once_with_any_other_fault() {
     assert_fault_at_once(&rig.tick(), Faults::SPEED | Faults::DEVICE_LOST, OffCause::Disconnected);
 
     // An arm that takes no damping, or a scene without braking: at once.
-    for change in [|p: &mut Parameters| p.arm = ArmParameters::default(), |p: &mut Parameters| p.safety.brake_s = 0.0] {
+    for change in [
+        |p: &mut Parameters| p.arm = ArmParameters::default(),
+        |p: &mut Parameters| p.safety.brake_s = 0.0,
+    ] {
         let mut rig = Rig::new(change).pulling();
         assert_fault_at_once(&rig.move_by(1.2e-3, 1.2), Faults::SPEED, OffCause::Velocity);
     }
@@ -322,7 +357,8 @@ fn speed_ends_braking_when_the_arm_is_slow_and_at_once_with_any_other_fault() {
 
 #[test]
 fn power_over_a_window_faults_where_the_limiter_does_not_see_the_speed() {
-    // Out slowly, 60 mm, then back with 0.9 m/s: 10 N would give 9 W. The limiter holds it at 5 W while the velocity is right.
+    // Out slowly, 60 mm, then back with 0.9 m/s: 10 N would give 9 W. The limiter holds it at 5 W
+    // while the velocity is right.
     let run = |twist_m_per_s: f64| {
         let mut rig = Rig::new(|p| p.arm = ArmParameters::default());
         rig.ticks(RAMP_TICKS + 3);
@@ -359,7 +395,11 @@ fn stuck_samples_ramp_down_from_the_fifth_repeat_and_fault_after_twenty() {
     for repeat in 1..=20 {
         let output = rig.tick();
         assert_eq!((output.drive, output.faults), (Drive::Enabled, Faults::NONE));
-        assert_eq!(output.off_cause, if repeat < 5 { OffCause::None } else { OffCause::Stale }, "{repeat}");
+        assert_eq!(
+            output.off_cause,
+            if repeat < 5 { OffCause::None } else { OffCause::Stale },
+            "{repeat}"
+        );
     }
     assert!((rig.force_n() - 0.84 * held_n).abs() < 0.05, "{} of {held_n}", rig.force_n());
     assert_fault_at_once(&rig.tick(), Faults::STUCK, OffCause::Stale);
@@ -389,7 +429,11 @@ fn packets_ramp_down_after_five_and_fault_after_ten_in_a_tenth_of_a_second() {
     rig.tick();
     rig.sample.corrupt_packets = 0;
     let output = rig.ticks(99);
-    assert!(is_zero(&output) && output.drive == Drive::Enabled && output.off_cause == OffCause::Protocol);
+    assert!(
+        is_zero(&output)
+            && output.drive == Drive::Enabled
+            && output.off_cause == OffCause::Protocol
+    );
     assert!((rig.ticks(RAMP_TICKS).command_device.force.x + held_n).abs() < 0.01);
 }
 
@@ -432,7 +476,10 @@ fn workspace_force_starts_inside_of_it_fades_outside_and_comes_back() {
     // A parked arm is outside: that is no fault, and no force either.
     rig.sample.pose.translation.z = 0.207;
     let waiting = rig.ticks(50);
-    assert_eq!((waiting.drive, waiting.off_cause, waiting.faults), (Drive::Disabled, OffCause::Workspace, Faults::NONE));
+    assert_eq!(
+        (waiting.drive, waiting.off_cause, waiting.faults),
+        (Drive::Disabled, OffCause::Workspace, Faults::NONE)
+    );
     while rig.sample.pose.translation.z > 1e-3 {
         rig.sample.pose.translation.z -= 1e-3;
         rig.tick();
@@ -458,7 +505,10 @@ fn an_arm_that_sends_no_numbers_is_not_enabled_then_or_later() {
     let mut rig = Rig::new(|p| p.safety.workspace_radius_m = 4e-3);
     rig.sample.pose.translation.y = f64::NAN;
     let refused = rig.tick();
-    assert_eq!((refused.drive, refused.off_cause, refused.faults), (Drive::Fault, OffCause::NonFinite, Faults::NON_FINITE));
+    assert_eq!(
+        (refused.drive, refused.off_cause, refused.faults),
+        (Drive::Fault, OffCause::NonFinite, Faults::NON_FINITE)
+    );
     rig.sample.pose.translation.y = 0.0;
     assert_eq!(rig.ticks(200).drive, Drive::Fault);
 }
@@ -479,7 +529,12 @@ fn lost_non_finite_overrun_and_jump_fault_at_once() {
 
     let mut rig = Rig::new(|p| p.limits.overrun_fault_ticks = 3).pulling();
     let late = |rig: &mut Rig| {
-        let input = TickInput { sample: rig.sample, request: rig.request, overrun: true, ..TickInput::default() };
+        let input = TickInput {
+            sample: rig.sample,
+            request: rig.request,
+            overrun: true,
+            ..TickInput::default()
+        };
         tick(&rig.scene, &mut rig.state, &input)
     };
     assert!((0..2).all(|_| late(&mut rig).drive == Drive::Enabled));
@@ -487,8 +542,17 @@ fn lost_non_finite_overrun_and_jump_fault_at_once() {
 
     // A loop that stood still while the motors made something.
     let mut rig = Rig::new(|_| ()).pulling();
-    let input = TickInput { sample: rig.sample, request: rig.request, stalled: true, ..TickInput::default() };
-    assert_fault_at_once(&tick(&rig.scene, &mut rig.state, &input), Faults::OVERRUN, OffCause::Overrun);
+    let input = TickInput {
+        sample: rig.sample,
+        request: rig.request,
+        stalled: true,
+        ..TickInput::default()
+    };
+    assert_fault_at_once(
+        &tick(&rig.scene, &mut rig.state, &input),
+        Faults::OVERRUN,
+        OffCause::Overrun,
+    );
 }
 
 #[test]

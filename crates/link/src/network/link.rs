@@ -1,4 +1,5 @@
-//! Datagrams over a zenoh session, best effort: the newest frame wins, nothing waits for a congested link.
+//! Datagrams over a zenoh session, best effort: the newest frame wins, nothing waits for a
+//! congested link.
 //!
 //! | key | carries |
 //! |---|---|
@@ -34,7 +35,8 @@ fn key(name: &str, what: &str) -> String {
 
 /// A name becomes part of a key: letters, digits, `-`, `_` and `.`, at most 32 of them.
 pub fn is_name(name: &str) -> bool {
-    (1..=32).contains(&name.len()) && name.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"-_.".contains(&byte))
+    (1..=32).contains(&name.len())
+        && name.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"-_.".contains(&byte))
 }
 
 /// A link of datagrams over a session. RT: `receive` and `send` are safe.
@@ -47,7 +49,11 @@ pub struct ZenohLink {
 struct Packets(Receiver<Frame>);
 
 impl Source for Packets {
-    fn wait(&mut self, buffer: &mut [u8; FRAME_MAX], patience: Duration) -> Result<usize, Disconnected> {
+    fn wait(
+        &mut self,
+        buffer: &mut [u8; FRAME_MAX],
+        patience: Duration,
+    ) -> Result<usize, Disconnected> {
         match self.0.recv_timeout(patience) {
             Ok(packet) => {
                 let bytes = packet.as_slice();
@@ -77,7 +83,11 @@ impl ZenohLink {
     ///
     /// # Errors
     /// The session is closed, or a thread cannot be started.
-    pub fn to_node(session: &Session, name: &str, request: Option<ThreadRequest>) -> Result<Self, NetworkError> {
+    pub fn to_node(
+        session: &Session,
+        name: &str,
+        request: Option<ThreadRequest>,
+    ) -> Result<Self, NetworkError> {
         Self::between(session, name, "state", "command", request)
     }
 
@@ -85,11 +95,21 @@ impl ZenohLink {
     ///
     /// # Errors
     /// As [`Self::to_node`].
-    pub fn to_host(session: &Session, name: &str, request: Option<ThreadRequest>) -> Result<Self, NetworkError> {
+    pub fn to_host(
+        session: &Session,
+        name: &str,
+        request: Option<ThreadRequest>,
+    ) -> Result<Self, NetworkError> {
         Self::between(session, name, "command", "state", request)
     }
 
-    fn between(session: &Session, name: &str, from: &str, to: &str, request: Option<ThreadRequest>) -> Result<Self, NetworkError> {
+    fn between(
+        session: &Session,
+        name: &str,
+        from: &str,
+        to: &str,
+        request: Option<ThreadRequest>,
+    ) -> Result<Self, NetworkError> {
         let failed = |cause: String| NetworkError::Link { name: name.to_owned(), cause };
         let publisher = session
             .declare_publisher(key(name, to))
@@ -111,7 +131,8 @@ impl ZenohLink {
             .wait()
             .map_err(|cause| failed(cause.to_string()))?;
         let outlet = Outlet { publisher, _session: session.clone() };
-        let threads = Threaded::start(Packets(packets), outlet, request).map_err(|cause| failed(cause.to_string()))?;
+        let threads = Threaded::start(Packets(packets), outlet, request)
+            .map_err(|cause| failed(cause.to_string()))?;
         Ok(Self { threads, _subscriber: subscriber })
     }
 }
@@ -138,7 +159,11 @@ impl Transport for ZenohLink {
 ///
 /// # Errors
 /// The session is closed.
-pub fn serve_profile(session: &Session, name: &str, toml: String) -> Result<Queryable<()>, NetworkError> {
+pub fn serve_profile(
+    session: &Session,
+    name: &str,
+    toml: String,
+) -> Result<Queryable<()>, NetworkError> {
     session
         .declare_queryable(key(name, "profile"))
         .callback(move |query| {
@@ -153,13 +178,24 @@ pub fn serve_profile(session: &Session, name: &str, toml: String) -> Result<Quer
 ///
 /// # Errors
 /// No node of that name answers in time.
-pub fn ask_profile(session: &Session, name: &str, within: Duration) -> Result<String, NetworkError> {
+pub fn ask_profile(
+    session: &Session,
+    name: &str,
+    within: Duration,
+) -> Result<String, NetworkError> {
     let begin = std::time::Instant::now();
     while begin.elapsed() < within {
         let asked = session.get(key(name, "profile")).timeout(ASK_AGAIN).wait();
-        let replies = asked.map_err(|cause| NetworkError::Link { name: name.to_owned(), cause: cause.to_string() })?;
+        let replies = asked.map_err(|cause| NetworkError::Link {
+            name: name.to_owned(),
+            cause: cause.to_string(),
+        })?;
         while let Ok(reply) = replies.recv() {
-            if let Some(text) = reply.result().ok().and_then(|sample| sample.payload().try_to_string().ok().map(String::from)) {
+            if let Some(text) = reply
+                .result()
+                .ok()
+                .and_then(|sample| sample.payload().try_to_string().ok().map(String::from))
+            {
                 return Ok(text);
             }
         }

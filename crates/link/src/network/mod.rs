@@ -1,7 +1,7 @@
 //! The network between machines: how this process takes part in it (feature `zenoh`).
 //!
-//! Data in: endpoints of the command line, or a file of zenoh's own. Data out: an open session. The packets of an arm on another machine
-//! ([`arms::remote`]) travel over `link`.
+//! Data in: endpoints of the command line, or a file of zenoh's own. Data out: an open session. The
+//! packets of an arm on another machine ([`arms::remote`]) travel over `link`.
 //!
 //! Invariant: nothing is announced to a network that the user did not name, see `session`.
 
@@ -23,7 +23,8 @@ pub struct Endpoints {
     pub config_file: Option<PathBuf>,
 }
 
-/// Where two processes of one machine meet when no endpoint is given. It cannot be reached from outside of the machine.
+/// Where two processes of one machine meet when no endpoint is given. It cannot be reached from
+/// outside of the machine.
 pub const HERE: &str = "udp/127.0.0.1:7447";
 
 impl Endpoints {
@@ -50,7 +51,8 @@ impl Endpoints {
 pub enum NetworkError {
     /// An endpoint that cannot be read.
     #[error(
-        "endpoint `{endpoint}`: {cause}; expected a protocol, a host and a port, such as udp/192.168.1.10:7447 or tcp/[::1]:7447"
+        "endpoint `{endpoint}`: {cause}; expected a protocol, a host and a port, such as \
+            udp/192.168.1.10:7447 or tcp/[::1]:7447"
     )]
     Endpoint {
         /// As written.
@@ -84,7 +86,8 @@ pub enum NetworkError {
     },
     /// No node of that name.
     #[error(
-        "no device node of the name {name} answered within {waited_s} s; run `hapticd device-node PROFILE --name {name}` beside the arm, and lead --connect to where it listens"
+        "no device node of the name {name} answered within {waited_s} s; run `hapticd device-node \
+            PROFILE --name {name}` beside the arm, and lead --connect to where it listens"
     )]
     NoNode {
         /// Name.
@@ -99,7 +102,10 @@ pub enum NetworkError {
         name: String,
     },
     /// This program was built without it.
-    #[error("this program was built without a network: build with `cargo build --release --features zenoh`")]
+    #[error(
+        "this program was built without a network: build with `cargo build --release --features \
+            zenoh`"
+    )]
     NotBuilt,
 }
 
@@ -109,7 +115,8 @@ mod tests {
 
     #[test]
     fn without_a_word_both_ends_meet_on_this_machine_alone() {
-        let (node, host) = (Endpoints::default().or_listen_here(), Endpoints::default().or_connect_here());
+        let node = Endpoints::default().or_listen_here();
+        let host = Endpoints::default().or_connect_here();
         assert_eq!((node.listen, host.connect), (vec![HERE.to_owned()], vec![HERE.to_owned()]));
         let named = Endpoints { connect: vec!["tcp/host:1".to_owned()], ..Endpoints::default() };
         assert_eq!(named.clone().or_listen_here(), named);

@@ -4,7 +4,8 @@
 //!  run ──newest record and state──► sender ──► topics of ROS 2, states for other viewers
 //!   ▲────────────pose───────────── hand ◄───── a topic of ROS 2, a key for other programs
 //! ```
-//! Data in: the newest record of the run and its state, a hundred times a second, from a closure that the program gives. Data out: messages.
+//! Data in: the newest record of the run and its state, a hundred times a second, from a closure
+//! that the program gives. Data out: messages.
 //!
 //! | file | owns |
 //! |---|---|
@@ -13,8 +14,9 @@
 //! | `ros_topics` | the publishers of a node of ROS 2 |
 //! | `hand` | the subscribers: poses for the hand of a simulated arm |
 //!
-//! Invariant: what comes in is a pose for the hand of a simulated arm, which goes to the closure that takes it. No topic takes a force, sets a
-//! parameter or lets force flow; the loop and the clients of a run are not known here.
+//! Invariant: what comes in is a pose for the hand of a simulated arm, which goes to the closure
+//! that takes it. No topic takes a force, sets a parameter or lets force flow; the loop and the
+//! clients of a run are not known here.
 
 #[cfg(feature = "zenoh")]
 mod hand;

@@ -1,4 +1,5 @@
-//! A node of ROS 2 as `rmw_zenoh` sees it: a token for itself, and for each topic a token and a publisher.
+//! A node of ROS 2 as `rmw_zenoh` sees it: a token for itself, and for each topic a token and a
+//! publisher.
 
 use core::time::Duration;
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
@@ -9,7 +10,9 @@ use zenoh::qos::CongestionControl;
 use zenoh::{Session, Wait};
 
 use super::plan::{PublishError, PublishPlan, refused};
-use crate::{Attachment, Gid, RosNode, Topic, TopicInput, gid, node_token, publisher_token, topic_key};
+use crate::{
+    Attachment, Gid, RosNode, Topic, TopicInput, gid, node_token, publisher_token, topic_key,
+};
 use recording::TickRecord;
 
 /// Name of the node.
@@ -41,17 +44,36 @@ impl RosTopics {
     /// Declares the node and its publishers.
     pub(super) fn open(session: &Session, plan: &PublishPlan) -> Result<Self, PublishError> {
         let PublishPlan { namespace, domain, arm, has_gripper, .. } = plan;
-        let node = RosNode { domain: *domain, session: session.zid().to_string(), namespace: namespace.clone(), name: NAME };
-        let declare = |key: &str| session.liveliness().declare_token(key.to_owned()).wait().map_err(refused(key));
+        let node = RosNode {
+            domain: *domain,
+            session: session.zid().to_string(),
+            namespace: namespace.clone(),
+            name: NAME,
+        };
+        let declare = |key: &str| {
+            session.liveliness().declare_token(key.to_owned()).wait().map_err(refused(key))
+        };
         let token = declare(&node_token(&node))?;
-        let wanted = Topic::ALL.into_iter().filter(|topic| *has_gripper || *topic != Topic::GripperMeasuredJs);
+        let wanted = Topic::ALL
+            .into_iter()
+            .filter(|topic| *has_gripper || *topic != Topic::GripperMeasuredJs);
         let open = |(number, topic): (usize, Topic)| {
             let message_type = topic.message_type();
             let key = topic_key(&node, topic.name(), &message_type);
             let token = publisher_token(&node, number, topic.name(), &message_type);
-            let publisher = session.declare_publisher(key.clone()).congestion_control(CongestionControl::Drop).wait();
+            let publisher = session
+                .declare_publisher(key.clone())
+                .congestion_control(CongestionControl::Drop)
+                .wait();
             let publisher = publisher.map_err(refused(&key))?;
-            Ok(RosTopic { topic, publisher, gid: gid(&token), sent: 0, told: None, _token: declare(&token)? })
+            Ok(RosTopic {
+                topic,
+                publisher,
+                gid: gid(&token),
+                sent: 0,
+                told: None,
+                _token: declare(&token)?,
+            })
         };
         let topics = wanted.enumerate().map(open).collect::<Result<_, PublishError>>()?;
         Ok(Self { arm: arm.clone(), topics, node, _token: token })
@@ -76,7 +98,9 @@ impl RosTopics {
 
 impl RosTopic {
     fn is_due(&self, record: &TickRecord, now: Instant) -> bool {
-        let is_old = |(told, at): (u64, Instant)| told != self.topic.news(record) || now.duration_since(at) >= OCCASION;
+        let is_old = |(told, at): (u64, Instant)| {
+            told != self.topic.news(record) || now.duration_since(at) >= OCCASION
+        };
         !self.topic.is_occasional() || self.told.is_none_or(is_old)
     }
 
@@ -84,7 +108,8 @@ impl RosTopic {
         let Some(message) = self.topic.message(moment) else { return };
         self.sent += 1;
         self.told = Some((self.topic.news(moment.record), now));
-        let attachment = Attachment { sequence_number: self.sent, source_timestamp_ns, source_gid: self.gid };
+        let attachment =
+            Attachment { sequence_number: self.sent, source_timestamp_ns, source_gid: self.gid };
         // A closed session has no subscribers.
         let _ = self.publisher.put(message).attachment(attachment.to_bytes().as_slice()).wait();
     }

@@ -49,12 +49,20 @@ impl OpenedPublisher {
         let session = session::open(&plan.endpoints)?;
         let states = States::open(&session, &plan.namespace)?;
         let ros = RosTopics::open(&session, plan)?;
-        Ok(Self { period: Duration::from_secs_f64(1.0 / plan.rate_hz), states, ros, has_hand: plan.has_hand, session })
+        Ok(Self {
+            period: Duration::from_secs_f64(1.0 / plan.rate_hz),
+            states,
+            ros,
+            has_hand: plan.has_hand,
+            session,
+        })
     }
 
-    /// Begins to send, in a thread of its own. `look` is called once a period with the number of the next state, from 1; it gives `None` when there
-    /// was no record since the last call, and must not wait. `take_pose` gets where the hand of a simulated arm shall bring the tool
-    /// (`world_from_tool`, m; the quaternion as it was written), or why a message has no such pose; it is called on a thread of zenoh and must not wait.
+    /// Begins to send, in a thread of its own. `look` is called once a period with the number of
+    /// the next state, from 1; it gives `None` when there was no record since the last call, and
+    /// must not wait. `take_pose` gets where the hand of a simulated arm shall bring the tool
+    /// (`world_from_tool`, m; the quaternion as it was written), or why a message has no such pose;
+    /// it is called on a thread of zenoh and must not wait.
     ///
     /// # Errors
     /// The session refuses a key, or the thread could not be started.
@@ -72,7 +80,12 @@ impl OpenedPublisher {
         Ok(Sender { stop: Some(stop), thread: Some(thread) })
     }
 
-    fn run(self, hand: Option<HandTopics>, mut look: impl FnMut(u64) -> Option<RunState>, stopped: &channel::Receiver<()>) {
+    fn run(
+        self,
+        hand: Option<HandTopics>,
+        mut look: impl FnMut(u64) -> Option<RunState>,
+        stopped: &channel::Receiver<()>,
+    ) {
         let Self { period, states, mut ros, session, .. } = self;
         let mut next = Instant::now();
         let mut seq = 1;
@@ -100,11 +113,15 @@ struct States {
 impl States {
     fn open(session: &Session, namespace: &Namespace) -> Result<Self, PublishError> {
         let open = |key: String, encoding| {
-            let publisher = session.declare_publisher(key.clone()).congestion_control(CongestionControl::Drop).encoding(encoding);
+            let publisher = session
+                .declare_publisher(key.clone())
+                .congestion_control(CongestionControl::Drop)
+                .encoding(encoding);
             publisher.wait().map_err(refused(&key))
         };
         let text = open(format!("hapticd/{namespace}/state"), Encoding::APPLICATION_JSON)?;
-        let binary = open(format!("hapticd/{namespace}/state/binary"), Encoding::APPLICATION_OCTET_STREAM)?;
+        let binary =
+            open(format!("hapticd/{namespace}/state/binary"), Encoding::APPLICATION_OCTET_STREAM)?;
         Ok(Self { text, binary })
     }
 

@@ -1,4 +1,5 @@
-//! A mesh and what was baked of it, side by side in three dimensions: polygons, surface voxels, points.
+//! A mesh and what was baked of it, side by side in three dimensions: polygons, surface voxels,
+//! points.
 //!
 //! # Source
 //! Sagardia2008, figure 4: the same three, for the models of the paper.
@@ -28,7 +29,8 @@ const CAPTION: i32 = 40;
 const FILLED: f64 = 0.86;
 /// Neighbouring voxels in turn, as on a board: a face of many would be one area otherwise.
 const VOXEL_COLORS: [Rgb; 2] = [[205, 160, 96], [232, 200, 150]];
-/// Of the disc that stands for a point, voxels: a fourth of the distance of most neighbours, so that discs lie apart.
+/// Of the disc that stands for a point, voxels: a fourth of the distance of most neighbours, so
+/// that discs lie apart.
 const DISC_VOXELS: f64 = 0.25;
 /// Discs stand out of the polygons by this, voxels, else both would be seen in turn.
 const RAISED_VOXELS: f64 = 0.05;
@@ -36,11 +38,16 @@ const DISC_CORNERS: usize = 6;
 /// Voxels or points that are made triangles of at a time.
 const AT_A_TIME: usize = 4096;
 
-/// Draws the sheet and writes it as a PNG, 1584 pixels wide. `mesh`: what was baked, in the frame of the map.
+/// Draws the sheet and writes it as a PNG, 1584 pixels wide. `mesh`: what was baked, in the frame
+/// of the map.
 ///
 /// # Errors
 /// Any error of the file system.
-pub fn write_structures(path: &Path, mesh: &TriangleMesh, subject: &BakedObject<'_>) -> io::Result<()> {
+pub fn write_structures(
+    path: &Path,
+    mesh: &TriangleMesh,
+    subject: &BakedObject<'_>,
+) -> io::Result<()> {
     write_bytes(path, &png(mesh, subject)?)
 }
 
@@ -65,14 +72,25 @@ fn png(mesh: &TriangleMesh, subject: &BakedObject<'_>) -> io::Result<Vec<u8>> {
     ];
     for (n, (view, caption)) in [polygons, voxels, points].iter().zip(captions).enumerate() {
         let left = n as i32 * (width + GAP);
-        canvas.image([left, 0], VIEW, &halved(&outlined(view, shade::lit(view, BACKDROP)), fine[0]));
+        canvas.image(
+            [left, 0],
+            VIEW,
+            &halved(&outlined(view, shade::lit(view, BACKDROP)), fine[0]),
+        );
         canvas.scale_bar([left, 0], VIEW, camera.pixels_per_m() / f64::from(FINER));
-        canvas.text([f64::from(left + width / 2), f64::from(height + 26)], 15.0, Align::Middle, INK, &caption);
+        canvas.text(
+            [f64::from(left + width / 2), f64::from(height + 26)],
+            15.0,
+            Align::Middle,
+            INK,
+            &caption,
+        );
     }
     canvas.png()
 }
 
-/// Faces of surface voxels that look towards the viewer and have no other surface voxel in front of them.
+/// Faces of surface voxels that look towards the viewer and have no other surface voxel in front of
+/// them.
 fn put_voxels(view: &mut RenderedView, camera: &Camera, subject: &BakedObject<'_>) {
     let surface = subject.surface;
     let mut meshes = VOXEL_COLORS.map(|_| TriangleMesh::default());
@@ -87,9 +105,18 @@ fn put_voxels(view: &mut RenderedView, camera: &Camera, subject: &BakedObject<'_
             }
             let center = surface.grid.center_map(cell);
             let half_m = 0.5 * surface.grid.voxel_size_m;
-            let [out, along, across] = [0, 1, 2].map(|turn| DVec3::AXES[(axis + turn) % 3] * half_m);
+            let [out, along, across] =
+                [0, 1, 2].map(|turn| DVec3::AXES[(axis + turn) % 3] * half_m);
             let middle = center + out * way;
-            put_quad(mesh, [middle - along - across, middle + along - across, middle + along + across, middle - along + across]);
+            put_quad(
+                mesh,
+                [
+                    middle - along - across,
+                    middle + along - across,
+                    middle + along + across,
+                    middle - along + across,
+                ],
+            );
         }
         if n % AT_A_TIME == AT_A_TIME - 1 {
             flush(view, camera, &mut meshes);
@@ -120,7 +147,8 @@ fn put_points(view: &mut RenderedView, camera: &Camera, subject: &BakedObject<'_
     for (n, (arm, inward)) in subject.shell.points().enumerate() {
         let Some(outward) = (-inward.as_dvec3()).try_normalize() else { continue };
         let (along, across) = outward.any_orthonormal_pair();
-        let middle = subject.center_of_mass_tool + arm.as_dvec3() + outward * RAISED_VOXELS * voxel_size_m;
+        let middle =
+            subject.center_of_mass_tool + arm.as_dvec3() + outward * RAISED_VOXELS * voxel_size_m;
         let first = mesh.vertices.len() as u32;
         let corner = |k: usize| {
             let (sin, cos) = (core::f64::consts::TAU * k as f64 / DISC_CORNERS as f64).sin_cos();
@@ -152,7 +180,9 @@ mod tests {
         let size = [120, 120];
         let camera = Camera::over(TOWARD, mesh.vertices.iter().copied(), size, 0.8);
         let n_of = |view: &RenderedView, color: Rgb| {
-            let is_of = |pixel: &&PixelSample| pixel.height.is_finite() && pixel.color == color.map(to_linear);
+            let is_of = |pixel: &&PixelSample| {
+                pixel.height.is_finite() && pixel.color == color.map(to_linear)
+            };
             view.pixels.iter().filter(is_of).count()
         };
         let mut polygons = RenderedView::empty(size);
@@ -162,7 +192,10 @@ mod tests {
         put_voxels(&mut voxels, &camera, subject);
         // Voxels of the surface stand out of it by a half of them, and none is missing.
         let n_voxels = VOXEL_COLORS.map(|color| n_of(&voxels, color));
-        assert!(n_voxels.iter().all(|n| *n > n_part / 3) && n_voxels[0] + n_voxels[1] > n_part, "{n_voxels:?} over {n_part}");
+        assert!(
+            n_voxels.iter().all(|n| *n > n_part / 3) && n_voxels[0] + n_voxels[1] > n_part,
+            "{n_voxels:?} over {n_part}"
+        );
         let mut points = polygons.clone();
         put_points(&mut points, &camera, subject);
         let n_points = n_of(&points, TOOL_COLOR);

@@ -6,12 +6,14 @@ use super::super::palette::to_linear;
 use super::super::view::{Camera, PixelSample, RenderedView};
 use clay::{Neighbours, PointSet};
 
-/// A sample's disc reaches this much farther than its [`AROUND`]th neighbour, so that discs overlap.
+/// A sample's disc reaches this much farther than its [`AROUND`]th neighbour, so that discs
+/// overlap.
 const REACH: f64 = 1.1;
 const AROUND: usize = 6;
 /// So many neighbours are looked at for a ridge: along one, the nearest are all of one side.
 const AROUND_EDGE: usize = 18;
-/// A radius is at most this many times the usual one, and at least one of its parts: single samples cover no holes.
+/// A radius is at most this many times the usual one, and at least one of its parts: single samples
+/// cover no holes.
 const RADIUS_MOST: f64 = 2.0;
 /// Discs nearer together than this share of the usual radius, along the view, are one surface.
 const ONE_SURFACE: f64 = 0.8;
@@ -19,16 +21,18 @@ const ONE_SURFACE: f64 = 0.8;
 const EDGE: f64 = 0.8;
 /// Discs end at an edge, but for this share of their radius.
 const OVER_EDGE: f64 = 0.05;
-/// Neighbours that turn away less than this are of one face of the surface, and share a normal: samples of a mesh have those of its triangles.
+/// Neighbours that turn away less than this are of one face of the surface, and share a normal:
+/// samples of a mesh have those of its triangles.
 const ONE_FACE: f64 = 0.9;
-/// Discs are seen from the side no flatter than this (cosine): they stand for a surface that bends away.
+/// Discs are seen from the side no flatter than this (cosine): they stand for a surface that bends
+/// away.
 const FLATTEST: f64 = 0.15;
 
 /// Gaps of so many pixels along are closed, where the surface is on so many of eight sides.
 const GAP_PX: usize = 3;
 const MOST_SIDES: usize = 5;
-/// A sample that is drawn for itself reaches half of a spacing, as on the page: this share of the distance to its [`AROUND`]th, which is 1.27 spacings away where
-/// samples are even.
+/// A sample that is drawn for itself reaches half of a spacing, as on the page: this share of the
+/// distance to its [`AROUND`]th, which is 1.27 spacings away where samples are even.
 const SINGLE_REACH: f64 = 0.4;
 
 /// What is drawn of the samples.
@@ -71,7 +75,12 @@ impl<'a> Discs<'a> {
         let mut normals_map = Vec::with_capacity(points.len());
         for (at, normal) in points.positions_map.iter().zip(&points.normals_map) {
             near.nearest_n(*at, AROUND_EDGE + 1, &mut found);
-            let radius_m = reach * found.get(AROUND).or(found.last()).map_or(0.0, |farthest| farthest.distance_squared_m2).sqrt();
+            let radius_m = reach
+                * found
+                    .get(AROUND)
+                    .or(found.last())
+                    .map_or(0.0, |farthest| farthest.distance_squared_m2)
+                    .sqrt();
             radii_m.push(radius_m);
             if !is_surface {
                 normals_map.push(*normal);
@@ -79,18 +88,31 @@ impl<'a> Discs<'a> {
                 continue;
             }
             let is_beyond = |other: &u32| {
-                let (place, way) = (points.positions_map[*other as usize], points.normals_map[*other as usize]);
+                let place = points.positions_map[*other as usize];
+                let way = points.normals_map[*other as usize];
                 way.dot(*normal) < EDGE && way.dot(*at - place) < 0.0
             };
-            let around = found.iter().take(AROUND + 1).map(|other| points.normals_map[other.sample as usize]);
-            normals_map.push(around.filter(|way| way.dot(*normal) > ONE_FACE).sum::<DVec3>().normalize_or(*normal));
-            let within = found.iter().take_while(|other| other.distance_squared_m2 < 4.0 * radius_m * radius_m);
+            let around = found
+                .iter()
+                .take(AROUND + 1)
+                .map(|other| points.normals_map[other.sample as usize]);
+            normals_map.push(
+                around
+                    .filter(|way| way.dot(*normal) > ONE_FACE)
+                    .sum::<DVec3>()
+                    .normalize_or(*normal),
+            );
+            let within = found
+                .iter()
+                .take_while(|other| other.distance_squared_m2 < 4.0 * radius_m * radius_m);
             beyond.push(within.map(|other| other.sample).filter(is_beyond).collect());
         }
         let mut sorted = radii_m.clone();
         sorted.sort_unstable_by(f64::total_cmp);
         let usual_m = sorted.get(sorted.len() / 2).copied().unwrap_or_default();
-        radii_m.iter_mut().for_each(|radius_m| *radius_m = radius_m.clamp(usual_m / RADIUS_MOST, usual_m * RADIUS_MOST));
+        radii_m.iter_mut().for_each(|radius_m| {
+            *radius_m = radius_m.clamp(usual_m / RADIUS_MOST, usual_m * RADIUS_MOST)
+        });
         Self { form, points, radii_m, usual_m, normals_map, beyond }
     }
 }
@@ -102,14 +124,25 @@ impl Discs<'_> {
     }
 }
 
-/// Looks at the discs whose front is towards the viewer: first how near the nearest are, then what they are like.
-pub(super) fn seen(camera: &Camera, discs: &Discs<'_>, [width, height]: [usize; 2]) -> RenderedView {
+/// Looks at the discs whose front is towards the viewer: first how near the nearest are, then what
+/// they are like.
+pub(super) fn seen(
+    camera: &Camera,
+    discs: &Discs<'_>,
+    [width, height]: [usize; 2],
+) -> RenderedView {
     let mut heights = vec![f32::NEG_INFINITY; width * height];
     for sample in 0..discs.points.len() {
-        cover(camera, discs, sample, [width, height], |pixel, height, _, _| heights[pixel] = heights[pixel].max(height));
+        cover(camera, discs, sample, [width, height], |pixel, height, _, _| {
+            heights[pixel] = heights[pixel].max(height)
+        });
     }
     // Of samples that are drawn each for itself, the nearest one is seen.
-    let together = if discs.is_surface() { (ONE_SURFACE * discs.usual_m * camera.pixels_per_m()) as f32 } else { 0.0 };
+    let together = if discs.is_surface() {
+        (ONE_SURFACE * discs.usual_m * camera.pixels_per_m()) as f32
+    } else {
+        0.0
+    };
     let mut sums = vec![(Vec3::ZERO, [0.0; 3], 0.0); width * height];
     for sample in 0..discs.points.len() {
         let color = discs.points.colors[sample].map(to_linear);
@@ -127,15 +160,16 @@ pub(super) fn seen(camera: &Camera, discs: &Discs<'_>, [width, height]: [usize; 
         normal: normals.normalize_or(Vec3::Z),
         color: colors.map(|sum| sum / weights.max(f32::MIN_POSITIVE)),
     };
-    let mut view = RenderedView { width, pixels: heights.into_iter().zip(sums).map(pixel).collect() };
+    let mut view =
+        RenderedView { width, pixels: heights.into_iter().zip(sums).map(pixel).collect() };
     if discs.is_surface() {
         close_gaps(&mut view);
     }
     view
 }
 
-/// Discs end at edges, and leave pixels between them that belong to neither face: one with the surface on most sides of it is of the surface, as its nearest
-/// neighbour is.
+/// Discs end at edges, and leave pixels between them that belong to neither face: one with the
+/// surface on most sides of it is of the surface, as its nearest neighbour is.
 fn close_gaps(view: &mut RenderedView) {
     let [width, height] = view.size();
     for _ in 0..GAP_PX {
@@ -146,7 +180,9 @@ fn close_gaps(view: &mut RenderedView) {
                     continue;
                 }
                 let around = [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
-                let seen = around.map(|(dx, dy)| before[y.wrapping_add_signed(dy) * width + x.wrapping_add_signed(dx)]);
+                let seen = around.map(|(dx, dy)| {
+                    before[y.wrapping_add_signed(dy) * width + x.wrapping_add_signed(dx)]
+                });
                 let covered = seen.iter().filter(|pixel| pixel.height > f32::NEG_INFINITY);
                 if covered.clone().count() >= MOST_SIDES
                     && let Some(nearest) = covered.max_by(|a, b| a.height.total_cmp(&b.height))
@@ -159,7 +195,13 @@ fn close_gaps(view: &mut RenderedView) {
 }
 
 /// Balls among what a view has seen, all of one size and colour.
-pub(super) fn add_balls(camera: &Camera, view: &mut RenderedView, places_map: &[DVec3], radius_m: f64, color: [u8; 3]) {
+pub(super) fn add_balls(
+    camera: &Camera,
+    view: &mut RenderedView,
+    places_map: &[DVec3],
+    radius_m: f64,
+    color: [u8; 3],
+) {
     let [width, height] = view.size();
     let radius = radius_m * camera.pixels_per_m();
     let color = color.map(to_linear);
@@ -185,7 +227,8 @@ fn pixels(middle: f64, reach: f64, n_pixels: usize) -> core::ops::Range<usize> {
     clamped((middle - reach).floor())..clamped((middle + reach).ceil())
 }
 
-/// Calls `on` with each pixel that a sample covers: its number, the height there in pixels, a weight that fades towards the rim, and the normal, camera axes.
+/// Calls `on` with each pixel that a sample covers: its number, the height there in pixels, a
+/// weight that fades towards the rim, and the normal, camera axes.
 fn cover(
     camera: &Camera,
     discs: &Discs<'_>,
@@ -204,13 +247,19 @@ fn cover(
     let radius = discs.radii_m[sample] * camera.pixels_per_m();
     let middle_height = middle_height_m * camera.pixels_per_m();
     let slope = DVec2::new(-normal.x, normal.y) / normal.z.max(FLATTEST);
-    let reach = DVec2::new((1.0 - normal.x * normal.x).max(0.0).sqrt(), (1.0 - normal.y * normal.y).max(0.0).sqrt()) * radius;
-    // The planes of neighbours beyond a ridge, in pixels: normal, and how far this sample is behind them.
+    let reach = DVec2::new(
+        (1.0 - normal.x * normal.x).max(0.0).sqrt(),
+        (1.0 - normal.y * normal.y).max(0.0).sqrt(),
+    ) * radius;
+    // The planes of neighbours beyond a ridge, in pixels: normal, and how far this sample is behind
+    // them.
     let planes: Vec<(DVec3, f64)> = discs.beyond[sample]
         .iter()
         .map(|other| {
-            let (place, way) = (discs.points.positions_map[*other as usize], discs.points.normals_map[*other as usize]);
-            let behind_m = way.dot(place - discs.points.positions_map[sample]) + OVER_EDGE * discs.radii_m[sample];
+            let place = discs.points.positions_map[*other as usize];
+            let way = discs.points.normals_map[*other as usize];
+            let behind_m = way.dot(place - discs.points.positions_map[sample])
+                + OVER_EDGE * discs.radii_m[sample];
             (camera.turned(way), behind_m * camera.pixels_per_m())
         })
         .collect();
@@ -222,9 +271,17 @@ fn cover(
             let on_disc = DVec3::new(away.x, -away.y, rise);
             if share < 1.0 && planes.iter().all(|(way, behind)| way.dot(on_disc) <= *behind) {
                 let up = (1.0 - share).sqrt();
-                let (rise, normal) =
-                    if is_round { (up * radius, (on_disc / radius + DVec3::Z * up).as_vec3()) } else { (rise, lit) };
-                on(y * width + x, (middle_height + rise) as f32, ((1.0 - share) * (1.0 - share)) as f32 + 1e-6, normal);
+                let (rise, normal) = if is_round {
+                    (up * radius, (on_disc / radius + DVec3::Z * up).as_vec3())
+                } else {
+                    (rise, lit)
+                };
+                on(
+                    y * width + x,
+                    (middle_height + rise) as f32,
+                    ((1.0 - share) * (1.0 - share)) as f32 + 1e-6,
+                    normal,
+                );
             }
         }
     }

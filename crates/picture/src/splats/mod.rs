@@ -1,10 +1,12 @@
 //! Pictures of clay: its samples as one surface, or each for itself, from three sides on one sheet.
 //!
-//! [`sheet`](self) lays the views out, `discs` says what each pixel sees, `shade` lights it. Samples cover one another as surfaces do: a
-//! pixel of the surface shows the mean of the discs that are nearest to the viewer there, weighted by how near their middles are; of samples that are drawn each for
-//! itself, the nearest.
+//! [`sheet`](self) lays the views out, `discs` says what each pixel sees, `shade` lights it.
+//! Samples cover one another as surfaces do: a pixel of the surface shows the mean of the discs
+//! that are nearest to the viewer there, weighted by how near their middles are; of samples that
+//! are drawn each for itself, the nearest.
 //!
-//! Invariants: no randomness, one thread: the same picture on every machine. Cost: O(pixels · discs that cover one).
+//! Invariants: no randomness, one thread: the same picture on every machine. Cost: O(pixels · discs
+//! that cover one).
 
 mod discs;
 
@@ -54,10 +56,14 @@ impl MassPoints {
     pub fn beside_surface(region: &Raster) -> Self {
         let lattice = region.lattice();
         let [nx, ny, nz] = lattice.dims;
-        let nodes = (0..nx).flat_map(|x| (0..ny).flat_map(move |y| (0..nz).map(move |z| [x, y, z])));
+        let nodes =
+            (0..nx).flat_map(|x| (0..ny).flat_map(move |y| (0..nz).map(move |z| [x, y, z])));
         let is_near = |value_m: &f32| f64::from(value_m.abs()) < lattice.spacing_m;
         let near = nodes.zip(region.values_m()).filter(|(_, value_m)| is_near(value_m));
-        Self { places_map: near.map(|(node, _)| lattice.position(node)).collect(), spacing_m: lattice.spacing_m }
+        Self {
+            places_map: near.map(|(node, _)| lattice.position(node)).collect(),
+            spacing_m: lattice.spacing_m,
+        }
     }
 }
 
@@ -74,14 +80,16 @@ const BALL: f64 = 0.12;
 /// Share of a view that the piece takes up at most.
 const FILLED: f64 = 0.86;
 
-/// What a view looks at: word, place on the sheet below the header, size, and the way towards the viewer.
+/// What a view looks at: word, place on the sheet below the header, size, and the way towards the
+/// viewer.
 const VIEWS: [(&str, [i32; 2], [i32; 2], DVec3); 3] = [
     ("", [MARGIN, 0], LARGE, DVec3::new(0.45, -0.75, 0.5)),
     ("front", [MARGIN + LARGE[0] + GAP, 0], SMALL, DVec3::NEG_Y),
     ("top", [MARGIN + LARGE[0] + GAP, SMALL[1] + GAP], SMALL, DVec3::Z),
 ];
 
-/// Draws a sheet, 1000 pixels wide, with a row for each subject, all at one scale, and writes it as a PNG.
+/// Draws a sheet, 1000 pixels wide, with a row for each subject, all at one scale, and writes it as
+/// a PNG.
 ///
 /// # Errors
 /// Any error of the file system; a sheet without memory for its pixels.
@@ -95,7 +103,8 @@ fn png(subjects: &[ClaySnapshot<'_>]) -> io::Result<Vec<u8>> {
         .ok()
         .and_then(|height| Canvas::new(WIDTH as u32, height))
         .ok_or_else(|| io::Error::other("no memory for a sheet of pixels"))?;
-    let shown = || subjects.iter().flat_map(|subject| [Some(subject.points), subject.beside]).flatten();
+    let shown =
+        || subjects.iter().flat_map(|subject| [Some(subject.points), subject.beside]).flatten();
     for (n, subject) in subjects.iter().enumerate() {
         let top = n as i32 * row;
         draw_words(&mut canvas, subject, f64::from(top));
@@ -103,7 +112,12 @@ fn png(subjects: &[ClaySnapshot<'_>]) -> io::Result<Vec<u8>> {
         for (word, [left, below], size, toward) in VIEWS {
             let corner = [left, top + HEADER + below];
             let fine = size.map(|edge| (edge * FINER) as usize);
-            let camera = Camera::over(toward, shown().flat_map(|points| points.positions_map.iter().copied()), fine, FILLED);
+            let camera = Camera::over(
+                toward,
+                shown().flat_map(|points| points.positions_map.iter().copied()),
+                fine,
+                FILLED,
+            );
             let mut view = seen(&camera, &discs, fine);
             if subject.form == SampleForm::MassPoints {
                 let MassPoints { places_map, spacing_m } = subject.mass_points;
@@ -124,7 +138,8 @@ fn draw_words(canvas: &mut Canvas, subject: &ClaySnapshot<'_>, top: f64) {
     canvas.text([left, top + 22.0], 17.0, Align::Left, INK, &shortened(subject.name, 90));
     let (low, high) = subject.points.bounds().unwrap_or_default();
     let size_mm = ((high - low) * 1e3).to_array().map(|edge| short((edge * 10.0).round() / 10.0));
-    let facts = format!("{} samples \u{b7} {} mm", grouped(subject.points.len()), size_mm.join(" \u{d7} "));
+    let facts =
+        format!("{} samples \u{b7} {} mm", grouped(subject.points.len()), size_mm.join(" \u{d7} "));
     canvas.text([left, top + 41.0], 13.0, Align::Left, FAINT, &facts);
 }
 

@@ -8,7 +8,11 @@ fn ball(n: usize, radius_m: f64, middle_map: DVec3) -> PointSet {
         let (sin, cos) = (k as f64 * 2.399_963_229_728_653).sin_cos();
         let across = (1.0 - z * z).sqrt();
         let normal = DVec3::new(across * cos, across * sin, z).normalize();
-        points.push(middle_map + normal * radius_m, normal, if normal.x > 0.0 { [200, 60, 40] } else { [190; 3] });
+        points.push(
+            middle_map + normal * radius_m,
+            normal,
+            if normal.x > 0.0 { [200, 60, 40] } else { [190; 3] },
+        );
     }
     points
 }
@@ -17,7 +21,11 @@ fn subject<'a>(points: &'a PointSet, beside: Option<&'a PointSet>) -> ClaySnapsh
     as_form(points, beside, SampleForm::Surface)
 }
 
-fn as_form<'a>(points: &'a PointSet, beside: Option<&'a PointSet>, form: SampleForm) -> ClaySnapshot<'a> {
+fn as_form<'a>(
+    points: &'a PointSet,
+    beside: Option<&'a PointSet>,
+    form: SampleForm,
+) -> ClaySnapshot<'a> {
     static NONE: MassPoints = MassPoints { places_map: Vec::new(), spacing_m: 0.0 };
     ClaySnapshot { name: "ball", points, beside, form, mass_points: &NONE }
 }
@@ -26,7 +34,8 @@ fn decoded(subjects: &[ClaySnapshot<'_>]) -> tiny_skia::Pixmap {
     tiny_skia::Pixmap::decode_png(&png(subjects).unwrap()).unwrap()
 }
 
-/// Width and height of what is not backdrop in one view, pixels; words and bars lie outside of the middle that is looked at.
+/// Width and height of what is not backdrop in one view, pixels; words and bars lie outside of the
+/// middle that is looked at.
 fn extent(sheet: &tiny_skia::Pixmap, [left, top]: [i32; 2], [width, height]: [i32; 2]) -> [i32; 2] {
     let is_piece = |x: i32, y: i32| {
         let pixel = sheet.pixel((left + x) as u32, (top + HEADER + y) as u32).unwrap();
@@ -56,7 +65,8 @@ fn colours_lie_where_they_are_and_light_comes_from_above() {
     let sheet = decoded(&[subject(&points, None)]);
     let (_, [left, top], [width, height], _) = VIEWS[1];
     let color = |u: f64, v: f64| {
-        let at = [left + (u * f64::from(width)) as i32, top + HEADER + (v * f64::from(height)) as i32];
+        let at =
+            [left + (u * f64::from(width)) as i32, top + HEADER + (v * f64::from(height)) as i32];
         let pixel = sheet.pixel(at[0] as u32, at[1] as u32).unwrap();
         [pixel.red(), pixel.green(), pixel.blue()].map(i32::from)
     };
@@ -70,11 +80,15 @@ fn colours_lie_where_they_are_and_light_comes_from_above() {
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn pieces_that_are_beside_each_other_have_one_scale() {
-    let (small, large) = (ball(2000, 0.01, DVec3::ZERO), ball(2000, 0.02, DVec3::ZERO));
+    let small = ball(2000, 0.01, DVec3::ZERO);
+    let large = ball(2000, 0.02, DVec3::ZERO);
     let sheet = decoded(&[subject(&small, Some(&large))]);
     let (_, corner, size, _) = VIEWS[2];
     let [wide, _] = extent(&sheet, corner, size);
-    assert!((f64::from(wide) / (0.5 * FILLED * f64::from(size[1])) - 1.0).abs() < 0.04, "{wide} pixels");
+    assert!(
+        (f64::from(wide) / (0.5 * FILLED * f64::from(size[1])) - 1.0).abs() < 0.04,
+        "{wide} pixels"
+    );
     assert_eq!(decoded(&[subject(&small, Some(&large)), subject(&large, None)]).height(), 2 * 484);
 }
 
@@ -105,7 +119,12 @@ fn samples_are_discs_sprites_or_spheres_too() {
         let (_, [left, top], [width, height], _) = VIEWS[1];
         // Without the word and the bar at the rim.
         let at = |n: i32| {
-            sheet.pixel((left + width / 4 + n % (width / 2)) as u32, (top + HEADER + height / 8 + n / (width / 2)) as u32).unwrap()
+            sheet
+                .pixel(
+                    (left + width / 4 + n % (width / 2)) as u32,
+                    (top + HEADER + height / 8 + n / (width / 2)) as u32,
+                )
+                .unwrap()
         };
         let tones: Vec<_> = (0..width / 2 * (3 * height / 4))
             .map(|n| [at(n).red(), at(n).green(), at(n).blue()])
@@ -114,10 +133,12 @@ fn samples_are_discs_sprites_or_spheres_too() {
         (tones.len() as f64, tones.iter().collect::<std::collections::HashSet<_>>().len())
     };
     let [surface, discs, sprites, spheres] =
-        [SampleForm::Surface, SampleForm::Discs, SampleForm::Sprites, SampleForm::Spheres].map(covered);
+        [SampleForm::Surface, SampleForm::Discs, SampleForm::Sprites, SampleForm::Spheres]
+            .map(covered);
     assert!(
         discs.0 < 0.9 * surface.0,
-        "there are gaps between discs: {discs:?} {surface:?}, sprites {sprites:?}, spheres {spheres:?}"
+        "there are gaps between discs: {discs:?} {surface:?}, sprites {sprites:?}, spheres \
+            {spheres:?}"
     );
     assert!(sprites.0 > 1.1 * discs.0, "sprites face the viewer: {sprites:?} {discs:?}");
     assert!(
@@ -128,10 +149,15 @@ fn samples_are_discs_sprites_or_spheres_too() {
 
 #[test]
 fn mass_points_beside_the_surface_are_those_within_their_distance() {
-    let lattice = vps::density::Lattice { origin_map: DVec3::ZERO, spacing_m: 1e-3, dims: [3, 2, 6] };
+    let lattice =
+        vps::density::Lattice { origin_map: DVec3::ZERO, spacing_m: 1e-3, dims: [3, 2, 6] };
     let mut region = Raster::uniform(lattice, 0.0);
     // A plane at z = 2.4 mm.
-    region.values_m_mut().iter_mut().enumerate().for_each(|(n, value_m)| *value_m = 2.4e-3 - (n % 6) as f32 * 1e-3);
+    region
+        .values_m_mut()
+        .iter_mut()
+        .enumerate()
+        .for_each(|(n, value_m)| *value_m = 2.4e-3 - (n % 6) as f32 * 1e-3);
     let MassPoints { places_map, spacing_m } = MassPoints::beside_surface(&region);
     assert_eq!((places_map.len(), spacing_m), (2 * 3 * 2, 1e-3));
     assert!(places_map.iter().all(|at| (at.z - 2.4e-3).abs() < 1e-3));

@@ -1,13 +1,15 @@
-//! The channels of a recording, and what a message of each holds: `docs/reference/recordings.md` has the same as a table.
+//! The channels of a recording, and what a message of each holds: `docs/reference/recordings.md`
+//! has the same as a table.
 //!
-//! Everything that enters and leaves a tick is in one of them, so that a recording can be run again and compared bit for bit.
+//! Everything that enters and leaves a tick is in one of them, so that a recording can be run again
+//! and compared bit for bit.
 
 use foxglove::Encode as _;
 use prost::Message;
 
 use super::wire::{
-    CommandWrench, ContactWrench, DeviceSample, LoopTiming, ObjectPose, PoseInFrame, RenderedWrench, WireError, WirePart, WireType,
-    schema,
+    CommandWrench, ContactWrench, DeviceSample, LoopTiming, ObjectPose, PoseInFrame,
+    RenderedWrench, WireError, WirePart, WireType, schema,
 };
 use crate::TickRecord;
 use crate::record::StampedRecord;
@@ -78,7 +80,9 @@ impl Channel {
         match self {
             Self::DeviceSample => DeviceSample::of(input).encode_raw(bytes),
             Self::ToolPose => PoseInFrame::of(row).encode_raw(bytes),
-            Self::ObjectPose => ObjectPose::of(&output.object.unwrap_or_default()).encode_raw(bytes),
+            Self::ObjectPose => {
+                ObjectPose::of(&output.object.unwrap_or_default()).encode_raw(bytes)
+            }
             Self::ContactWrench => ContactWrench::of(output).encode_raw(bytes),
             Self::CommandWrench => CommandWrench::of(output).encode_raw(bytes),
             Self::RenderedWrench => RenderedWrench::of(&row.record).encode_raw(bytes),
@@ -101,10 +105,14 @@ impl Channel {
 }
 
 fn ours<T: WireType>() -> (String, Vec<u8>) {
-    (T::NAME.unwrap_or_default().to_owned(), schema::<T>(&foreign(), &["foxglove/Pose.proto", "foxglove/Vector3.proto"]))
+    (
+        T::NAME.unwrap_or_default().to_owned(),
+        schema::<T>(&foreign(), &["foxglove/Pose.proto", "foxglove/Vector3.proto"]),
+    )
 }
 
 /// The files of Foxglove's types.
 fn foreign() -> Vec<u8> {
-    foxglove::messages::PoseInFrame::get_schema().map_or_else(Vec::new, |schema| schema.data.into_owned())
+    foxglove::messages::PoseInFrame::get_schema()
+        .map_or_else(Vec::new, |schema| schema.data.into_owned())
 }

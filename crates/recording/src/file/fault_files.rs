@@ -73,7 +73,11 @@ impl FaultFiles {
     ///
     /// # Errors
     /// There is no thread for it.
-    pub fn watch(recorder: &Recorder, folder: PathBuf, mut handler: FaultFileHandler) -> Result<Self, RecordingError> {
+    pub fn watch(
+        recorder: &Recorder,
+        folder: PathBuf,
+        mut handler: FaultFileHandler,
+    ) -> Result<Self, RecordingError> {
         let (incidents, received) = unbounded::<Incident>();
         let (alive, ended) = bounded(1);
         let left = Arc::new(Mutex::new(Left::default()));
@@ -86,20 +90,27 @@ impl FaultFiles {
                 handler(&FaultFile { faults: incident.faults, file });
             }
         };
-        std::thread::Builder::new().name("fault-files".to_owned()).spawn(run).map_err(RecordingError::Thread)?;
+        std::thread::Builder::new()
+            .name("fault-files".to_owned())
+            .spawn(run)
+            .map_err(RecordingError::Thread)?;
         recorder.subscribers().add(subscriber(incidents.clone(), left.clone()));
         Ok(Self { incidents, ended, left })
     }
 
-    /// When the run is over: if something came that no record shows, such as a panic, writes the last ticks; or what the loop itself has `kept`
-    /// at its first fault, where that was the one and has gone from the last ticks. Waits for the files.
+    /// When the run is over: if something came that no record shows, such as a panic, writes the
+    /// last ticks; or what the loop itself has `kept` at its first fault, where that was the one
+    /// and has gone from the last ticks. Waits for the files.
     pub fn finish<'r>(self, faults: Faults, kept: impl Iterator<Item = &'r TickRecord>) {
         let Self { incidents, ended, left } = self;
-        let Left { covered, records, zero_ns } = core::mem::take(&mut *left.lock().unwrap_or_else(PoisonError::into_inner));
+        let Left { covered, records, zero_ns } =
+            core::mem::take(&mut *left.lock().unwrap_or_else(PoisonError::into_inner));
         let uncovered = faults.without(covered);
         if !uncovered.is_empty() {
             let kept: Vec<TickRecord> = kept.copied().collect();
-            let is_earlier = kept.last().is_some_and(|kept| records.first().is_none_or(|first| kept.tick < first.tick));
+            let is_earlier = kept
+                .last()
+                .is_some_and(|kept| records.first().is_none_or(|first| kept.tick < first.tick));
             let records = if covered.is_empty() && is_earlier { kept } else { records };
             // The writer outlives this sender.
             let _ = incidents.send(Incident { faults: uncovered, records, zero_ns });
@@ -109,7 +120,8 @@ impl FaultFiles {
     }
 }
 
-/// A ring of the last records that is handed over some time after a fault appeared, or when the run is over before.
+/// A ring of the last records that is handed over some time after a fault appeared, or when the run
+/// is over before.
 struct Watch {
     ring: VecDeque<TickRecord>,
     pending: Option<(Faults, usize)>,
@@ -175,7 +187,11 @@ impl Drop for Watch {
 }
 
 /// Writes one file; of one that could not be finished nothing stays.
-fn write(recorder: &Recorder, folder: &Path, incident: &Incident) -> Result<PathBuf, RecordingError> {
+fn write(
+    recorder: &Recorder,
+    folder: &Path,
+    incident: &Incident,
+) -> Result<PathBuf, RecordingError> {
     let create = |source| RecordingError::Create { file: folder.to_owned(), source };
     fs::create_dir_all(folder).map_err(create)?;
     let cause = incident.faults.names().next().unwrap_or("unknown");
@@ -188,7 +204,11 @@ fn write(recorder: &Recorder, folder: &Path, incident: &Incident) -> Result<Path
     Ok(path)
 }
 
-fn fill(recorder: &Recorder, mut file: RecordingFile, incident: &Incident) -> Result<(), RecordingError> {
+fn fill(
+    recorder: &Recorder,
+    mut file: RecordingFile,
+    incident: &Incident,
+) -> Result<(), RecordingError> {
     if let Some(zero_ns) = incident.zero_ns {
         file.begins_at(zero_ns);
     }
@@ -203,9 +223,12 @@ fn fill(recorder: &Recorder, mut file: RecordingFile, incident: &Incident) -> Re
 
 /// Removes the oldest of our files. What cannot be removed stays.
 fn keep_newest(folder: &Path) {
-    let entries = fs::read_dir(folder).into_iter().flatten().filter_map(Result::ok).map(|entry| entry.path());
+    let entries =
+        fs::read_dir(folder).into_iter().flatten().filter_map(Result::ok).map(|entry| entry.path());
     // Names begin with the time.
-    let mut files: Vec<PathBuf> = entries.filter(|path| path.file_name().and_then(OsStr::to_str).is_some_and(is_ours)).collect();
+    let mut files: Vec<PathBuf> = entries
+        .filter(|path| path.file_name().and_then(OsStr::to_str).is_some_and(is_ours))
+        .collect();
     files.sort();
     let n_surplus = files.len().saturating_sub(FILES_KEPT);
     for file in files.iter().take(n_surplus) {
@@ -215,11 +238,15 @@ fn keep_newest(folder: &Path) {
 
 /// A name that [`write`] gives: time, process, fault.
 fn is_ours(name: &str) -> bool {
-    let inner = name.strip_prefix(PREFIX).and_then(|name| name.strip_suffix(".mcap")).unwrap_or_default();
+    let inner =
+        name.strip_prefix(PREFIX).and_then(|name| name.strip_suffix(".mcap")).unwrap_or_default();
     let mut parts = inner.splitn(3, '-');
-    let (time, process) = (parts.next().unwrap_or_default(), parts.next().unwrap_or_default());
+    let time = parts.next().unwrap_or_default();
+    let process = parts.next().unwrap_or_default();
     let is_number = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
-    let is_time = time.len() == now().len() && time.ends_with('Z') && is_number(&time.replace(['T', '.', 'Z'], ""));
+    let is_time = time.len() == now().len()
+        && time.ends_with('Z')
+        && is_number(&time.replace(['T', '.', 'Z'], ""));
     is_time && is_number(process) && parts.next().is_some_and(|cause| !cause.is_empty())
 }
 
@@ -253,20 +280,32 @@ mod tests {
         drop(subscriber);
         let written: Vec<_> = received
             .iter()
-            .map(|Incident { faults, records, .. }| (faults, records.first().map(|r| r.tick), records.last().map(|r| r.tick)))
+            .map(|Incident { faults, records, .. }| {
+                (faults, records.first().map(|r| r.tick), records.last().map(|r| r.tick))
+            })
             .collect();
-        assert_eq!(written, [(Faults::STALE, Some(3000), Some(5499)), (Faults::POWER, Some(3800), Some(5809))]);
+        assert_eq!(
+            written,
+            [(Faults::STALE, Some(3000), Some(5499)), (Faults::POWER, Some(3800), Some(5809))]
+        );
     }
 
-    /// Runs ticks of these faults through a watch, and finishes it: which ticks are in the last file, and of what.
-    fn finished(ticks: u64, acknowledged: Faults, faults: Faults, kept: core::ops::Range<u64>) -> (Faults, [u64; 2]) {
+    /// Runs ticks of these faults through a watch, and finishes it: which ticks are in the last
+    /// file, and of what.
+    fn finished(
+        ticks: u64,
+        acknowledged: Faults,
+        faults: Faults,
+        kept: core::ops::Range<u64>,
+    ) -> (Faults, [u64; 2]) {
         let (incidents, received) = unbounded();
         let (left, (alive, ended)) = (Arc::default(), bounded(1));
         let mut subscriber = subscriber(incidents.clone(), Arc::clone(&left));
         feed(&mut subscriber, 0..100, acknowledged);
         feed(&mut subscriber, 100..ticks, Faults::NONE);
         drop((subscriber, alive));
-        let kept: Vec<TickRecord> = kept.map(|tick| TickRecord { tick, ..TickRecord::default() }).collect();
+        let kept: Vec<TickRecord> =
+            kept.map(|tick| TickRecord { tick, ..TickRecord::default() }).collect();
         FaultFiles { incidents, ended, left }.finish(faults, kept.iter());
         let Incident { faults, records, .. } = received.iter().last().expect("an incident");
         (faults, [&records[0], &records[records.len() - 1]].map(|record| record.tick))
@@ -275,11 +314,18 @@ mod tests {
     #[test]
     fn what_no_record_shows_is_written_with_the_ticks_before_it() {
         let both = Faults::STALE | Faults::PANIC;
-        // An hour after a fault that was acknowledged and has its file: not the ticks before that one.
+        // An hour after a fault that was acknowledged and has its file: not the ticks before that
+        // one.
         assert_eq!(finished(9000, Faults::STALE, both, 0..100), (Faults::PANIC, [7000, 8999]));
-        assert_eq!(finished(9000, Faults::NONE, Faults::PANIC, 8000..9000), (Faults::PANIC, [7000, 8999]));
+        assert_eq!(
+            finished(9000, Faults::NONE, Faults::PANIC, 8000..9000),
+            (Faults::PANIC, [7000, 8999])
+        );
         // The driver's own, with a loop that went on.
-        assert_eq!(finished(9000, Faults::NONE, Faults::NON_FINITE, 0..1000), (Faults::NON_FINITE, [0, 999]));
+        assert_eq!(
+            finished(9000, Faults::NONE, Faults::NON_FINITE, 0..1000),
+            (Faults::NON_FINITE, [0, 999])
+        );
     }
 
     #[test]
@@ -288,23 +334,42 @@ mod tests {
         let recorder = Recorder::new(RecordSubscribers::default(), false);
         recorder.scenes.add(SceneFiles::default());
         let handler = Box::new(|file: &FaultFile| assert!(file.file.is_ok()));
-        let files = FaultFiles::watch(&recorder, folder.path().to_owned(), handler).expect("a thread");
+        let files =
+            FaultFiles::watch(&recorder, folder.path().to_owned(), handler).expect("a thread");
         let (mut producer, consumer) = rtrb::RingBuffer::new(4000);
         for tick in 0..4000 {
             let faults = if tick < 3000 { Faults::NONE } else { Faults::STALE };
             let output = TickOutput { faults, ..TickOutput::default() };
-            producer.push(TickRecord { tick, time_ns: tick as i64 * 1_000_000, output, ..TickRecord::default() }).expect("room");
+            producer
+                .push(TickRecord {
+                    tick,
+                    time_ns: tick as i64 * 1_000_000,
+                    output,
+                    ..TickRecord::default()
+                })
+                .expect("room");
         }
         drop(producer);
         drain(consumer, recorder.subscribers(), |_| ());
         files.finish(Faults::STALE, [].iter());
         let after = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).expect("after 1970");
-        let file = fs::read_dir(folder.path()).expect("a folder").next().expect("a file").expect("an entry").path();
+        let file = fs::read_dir(folder.path())
+            .expect("a folder")
+            .next()
+            .expect("a file")
+            .expect("an entry")
+            .path();
         let bytes = fs::read(file).expect("bytes");
-        let stamps: Vec<u64> =
-            mcap::MessageStream::new(&bytes).expect("mcap").map(|message| message.expect("sound").log_time).collect();
+        let stamps: Vec<u64> = mcap::MessageStream::new(&bytes)
+            .expect("mcap")
+            .map(|message| message.expect("sound").log_time)
+            .collect();
         let last = stamps.iter().max().expect("messages");
-        assert!(u128::from(*last) <= after.as_nanos(), "{} ms in the future", (u128::from(*last) - after.as_nanos()) / 1_000_000);
+        assert!(
+            u128::from(*last) <= after.as_nanos(),
+            "{} ms in the future",
+            (u128::from(*last) - after.as_nanos()) / 1_000_000
+        );
     }
 
     #[test]
@@ -314,10 +379,14 @@ mod tests {
         let (sender, heard) = std::sync::mpsc::channel();
         let watch = || {
             let sender = sender.clone();
-            let handler = move |file: &FaultFile| sender.send((file.faults, file.file.is_ok())).expect("heard");
-            FaultFiles::watch(&recorder, folder.path().join("faults"), Box::new(handler)).expect("a thread")
+            let handler = move |file: &FaultFile| {
+                sender.send((file.faults, file.file.is_ok())).expect("heard")
+            };
+            FaultFiles::watch(&recorder, folder.path().join("faults"), Box::new(handler))
+                .expect("a thread")
         };
-        let kept: Vec<TickRecord> = (0..3).map(|tick| TickRecord { tick, ..TickRecord::default() }).collect();
+        let kept: Vec<TickRecord> =
+            (0..3).map(|tick| TickRecord { tick, ..TickRecord::default() }).collect();
         // The run is over: its subscribers are gone.
         let files = watch();
         let (producer, consumer) = rtrb::RingBuffer::new(1);
@@ -333,10 +402,18 @@ mod tests {
     fn the_oldest_of_our_files_go() {
         let folder = tempfile::tempdir().expect("a folder");
         for n in 0..25 {
-            fs::write(folder.path().join(format!("{PREFIX}20261122T0805{n:02}.123Z-42-device-lost.mcap")), b"").expect("written");
+            fs::write(
+                folder.path().join(format!("{PREFIX}20261122T0805{n:02}.123Z-42-device-lost.mcap")),
+                b"",
+            )
+            .expect("written");
         }
-        let others =
-            ["a-notes.mcap", "fault-first-try.mcap", "fault-20261122-stale.mcap", "fault-20261122T080511.123Z-me-stale.mcap"];
+        let others = [
+            "a-notes.mcap",
+            "fault-first-try.mcap",
+            "fault-20261122-stale.mcap",
+            "fault-20261122T080511.123Z-me-stale.mcap",
+        ];
         others.iter().for_each(|other| fs::write(folder.path().join(other), b"").expect("written"));
         keep_newest(folder.path());
         let mut left: Vec<String> = fs::read_dir(folder.path())
@@ -346,6 +423,9 @@ mod tests {
         left.sort();
         assert_eq!(left.len(), FILES_KEPT + others.len());
         assert!(others.iter().all(|other| left.iter().any(|left| left == other)), "{left:?}");
-        assert!(left.contains(&format!("{PREFIX}20261122T080505.123Z-42-device-lost.mcap")), "{left:?}");
+        assert!(
+            left.contains(&format!("{PREFIX}20261122T080505.123Z-42-device-lost.mcap")),
+            "{left:?}"
+        );
     }
 }

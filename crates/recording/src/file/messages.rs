@@ -1,11 +1,12 @@
-//! What viewers show beside the ticks, in Foxglove's own messages: the parts, the tool's frame, faults.
+//! What viewers show beside the ticks, in Foxglove's own messages: the parts, the tool's frame,
+//! faults.
 
 use std::path::Path;
 use std::time::SystemTime;
 
 use foxglove::messages::{
-    Color, CubePrimitive, CylinderPrimitive, FrameTransform, KeyValuePair, Log, ModelPrimitive, SceneEntity, SceneEntityDeletion,
-    SceneUpdate, SpherePrimitive, scene_entity_deletion,
+    Color, CubePrimitive, CylinderPrimitive, FrameTransform, KeyValuePair, Log, ModelPrimitive,
+    SceneEntity, SceneEntityDeletion, SceneUpdate, SpherePrimitive, scene_entity_deletion,
 };
 use foxglove::{Encode, messages};
 
@@ -64,7 +65,8 @@ pub(super) fn encoded(message: &impl Encode) -> Vec<u8> {
 /// What time the messages of a run bear.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Stamps {
-    /// What a stamp is at loop time zero, ns: of the simulated clock, that the caller has told, or else as the first row is made.
+    /// What a stamp is at loop time zero, ns: of the simulated clock, that the caller has told, or
+    /// else as the first row is made.
     zero_ns: Option<u64>,
 }
 
@@ -73,7 +75,8 @@ impl Stamps {
         Self { zero_ns: is_virtual.then_some(0) }
     }
 
-    /// Notes what the wall clock showed at loop time zero ([`zero_ns`]). Counts before the first row, and not under the virtual clock.
+    /// Notes what the wall clock showed at loop time zero ([`zero_ns`]). Counts before the first
+    /// row, and not under the virtual clock.
     pub(super) fn begin_at(&mut self, zero_ns: u64) {
         self.zero_ns.get_or_insert(zero_ns);
     }
@@ -88,11 +91,16 @@ impl Stamps {
 /// What the wall clock showed at loop time zero, ns since 1970, when this record comes just now.
 pub(super) fn zero_ns(now: &TickRecord) -> u64 {
     let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
-    u64::try_from(since.as_nanos()).unwrap_or(u64::MAX).saturating_sub(now.time_ns.max(0).unsigned_abs())
+    u64::try_from(since.as_nanos())
+        .unwrap_or(u64::MAX)
+        .saturating_sub(now.time_ns.max(0).unsigned_abs())
 }
 
 fn stamp(ns: u64) -> messages::Timestamp {
-    messages::Timestamp::new(u32::try_from(ns / 1_000_000_000).unwrap_or(u32::MAX), (ns % 1_000_000_000) as u32)
+    messages::Timestamp::new(
+        u32::try_from(ns / 1_000_000_000).unwrap_or(u32::MAX),
+        (ns % 1_000_000_000) as u32,
+    )
 }
 
 /// `/tf`: where the tool's frame is.
@@ -111,29 +119,51 @@ pub(super) fn frame(row: &StampedRecord) -> FrameTransform {
 pub(super) fn faults(row: &StampedRecord) -> Log {
     let faults = row.record.output.faults;
     let told = Faults::TABLE.into_iter().filter(|(fault, ..)| faults.contains(*fault));
-    let message = told.map(|(_, name, words)| format!("{name}: {words}")).collect::<Vec<_>>().join("; ");
+    let message =
+        told.map(|(_, name, words)| format!("{name}: {words}")).collect::<Vec<_>>().join("; ");
     let (level, message) = if faults.is_empty() {
         (messages::log::Level::Info, "faults acknowledged".to_owned())
     } else {
         (messages::log::Level::Error, message)
     };
-    Log { timestamp: Some(stamp(row.stamp_ns)), level: level as i32, message, name: "hapticd".to_owned(), ..Log::default() }
+    Log {
+        timestamp: Some(stamp(row.stamp_ns)),
+        level: level as i32,
+        message,
+        name: "hapticd".to_owned(),
+        ..Log::default()
+    }
 }
 
-/// `/scene`: the parts, from a time on, in place of those before. Reads mesh files, so many bytes in all.
-pub(super) fn scene_update(scene: &SceneFiles, scene_idx: u32, stamp_ns: u64, most_bytes: u64) -> SceneUpdate {
+/// `/scene`: the parts, from a time on, in place of those before. Reads mesh files, so many bytes
+/// in all.
+pub(super) fn scene_update(
+    scene: &SceneFiles,
+    scene_idx: u32,
+    stamp_ns: u64,
+    most_bytes: u64,
+) -> SceneUpdate {
     let timestamp = Some(stamp(stamp_ns));
     let r#type = scene_entity_deletion::Type::All as i32;
     let before = SceneEntityDeletion { timestamp, r#type, ..SceneEntityDeletion::default() };
     let mut left_bytes = most_bytes;
-    let with_time = |shown: &DisplayObject| SceneEntity { timestamp, ..entity(shown, scene, scene_idx, &mut left_bytes) };
+    let with_time = |shown: &DisplayObject| SceneEntity {
+        timestamp,
+        ..entity(shown, scene, scene_idx, &mut left_bytes)
+    };
     let entities = scene.shown.iter().map(with_time).collect();
     SceneUpdate { deletions: if scene_idx == 0 { Vec::new() } else { vec![before] }, entities }
 }
 
 /// What viewers show of an object; its mesh file if it fits.
-fn entity(shown: &DisplayObject, scene: &SceneFiles, scene_idx: u32, left_bytes: &mut u64) -> SceneEntity {
-    let (frame_id, origin) = if shown.is_tool { ("tool", Pose::IDENTITY) } else { ("world", shown.pose) };
+fn entity(
+    shown: &DisplayObject,
+    scene: &SceneFiles,
+    scene_idx: u32,
+    left_bytes: &mut u64,
+) -> SceneEntity {
+    let (frame_id, origin) =
+        if shown.is_tool { ("tool", Pose::IDENTITY) } else { ("world", shown.pose) };
     let at = |middle: [f64; 3]| Some(foxglove_pose(origin * Pose::from_translation(middle.into())));
     let color = Some(if shown.is_tool { TOOL_COLOR } else { STATIC_COLOR });
     let pair = |key: &str, value: String| KeyValuePair { key: key.to_owned(), value };
@@ -147,7 +177,11 @@ fn entity(shown: &DisplayObject, scene: &SceneFiles, scene_idx: u32, left_bytes:
     };
     match &shown.form {
         DisplayShape::Box([x, y, z], middle) => {
-            entity.cubes.push(CubePrimitive { pose: at(*middle), size: Some(size(*x, *y, *z)), color });
+            entity.cubes.push(CubePrimitive {
+                pose: at(*middle),
+                size: Some(size(*x, *y, *z)),
+                color,
+            });
         }
         DisplayShape::Ellipsoid([x, y, z]) => {
             let size = Some(size(2.0 * x, 2.0 * y, 2.0 * z));
@@ -155,7 +189,13 @@ fn entity(shown: &DisplayObject, scene: &SceneFiles, scene_idx: u32, left_bytes:
         }
         DisplayShape::Cylinder(radius_m, top_scale, height_m) => {
             let size = Some(size(2.0 * radius_m, 2.0 * radius_m, *height_m));
-            entity.cylinders.push(CylinderPrimitive { pose: at([0.0; 3]), size, bottom_scale: 1.0, top_scale: *top_scale, color });
+            entity.cylinders.push(CylinderPrimitive {
+                pose: at([0.0; 3]),
+                size,
+                bottom_scale: 1.0,
+                top_scale: *top_scale,
+                color,
+            });
         }
         DisplayShape::Mesh(path, metres_per_unit) => {
             let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase());
@@ -197,9 +237,15 @@ fn size(x: f64, y: f64, z: f64) -> messages::Vector3 {
 }
 
 fn foxglove_pose(pose: Pose) -> messages::Pose {
-    let (position, rotation) = (pose.translation, pose.rotation);
+    let position = pose.translation;
+    let rotation = pose.rotation;
     messages::Pose {
         position: Some(size(position.x, position.y, position.z)),
-        orientation: Some(messages::Quaternion { x: rotation.x, y: rotation.y, z: rotation.z, w: rotation.w }),
+        orientation: Some(messages::Quaternion {
+            x: rotation.x,
+            y: rotation.y,
+            z: rotation.z,
+            w: rotation.w,
+        }),
     }
 }

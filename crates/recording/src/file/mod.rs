@@ -1,6 +1,8 @@
-//! Recordings: every tick of a run in an MCAP file that other programs open and that this one can run again.
+//! Recordings: every tick of a run in an MCAP file that other programs open and that this one can
+//! run again.
 //!
-//! Data in: records from a subscriber on the drain, and what the scenes are made of. Data out: files, and entries read back from them.
+//! Data in: records from a subscriber on the drain, and what the scenes are made of. Data out:
+//! files, and entries read back from them.
 //!
 //! | file | owns |
 //! |---|---|
@@ -30,6 +32,8 @@ mod write;
 
 pub use fault_files::{FaultFile, FaultFileHandler, FaultFiles, now};
 pub use read::{Entry, LONGEST_TEXT, ReadError, Recording};
-pub use recorder::{FORCE_LAW_KEY, Facts, FailureHandler, Recorder, RecorderHandle, RecordingSummary};
+pub use recorder::{
+    FORCE_LAW_KEY, Facts, FailureHandler, Recorder, RecorderHandle, RecordingSummary,
+};
 pub use scene_files::{DisplayObject, DisplayShape, NamedFile, SceneFiles, Scenes};
 pub use write::RecordingError;

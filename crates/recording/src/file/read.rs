@@ -19,7 +19,8 @@ use vps::storage::regular;
 const LONGEST_RECORD: usize = (ROOM_BYTES + (1 << 20)) as usize;
 /// The same for a message of a tick. They take some hundred bytes.
 const LONGEST_MESSAGE: usize = 64 << 10;
-/// What an attachment takes beside its name and data, bytes: so many empty ones are no attachments either.
+/// What an attachment takes beside its name and data, bytes: so many empty ones are no attachments
+/// either.
 const LEAST_ATTACHMENT: usize = 40;
 /// Texts that are brought along are not longer, bytes.
 pub const LONGEST_TEXT: usize = 16 << 20;
@@ -76,7 +77,8 @@ pub struct Recording {
     path: PathBuf,
     file: Box<dyn Read>,
     reader: LinearReader,
-    /// Bytes that were read, and bytes that files and values came to: these are never packed, so they cannot be more.
+    /// Bytes that were read, and bytes that files and values came to: these are never packed, so
+    /// they cannot be more.
     n_read: usize,
     n_brought: usize,
     /// By number.
@@ -99,7 +101,11 @@ impl Recording {
         let mut begin = Vec::with_capacity(mcap::MAGIC.len());
         file.by_ref().take(mcap::MAGIC.len() as u64).read_to_end(&mut begin).map_err(refused)?;
         if begin != mcap::MAGIC {
-            let message = if begin.is_empty() { "it is empty" } else { "it does not begin as an MCAP file does" };
+            let message = if begin.is_empty() {
+                "it is empty"
+            } else {
+                "it does not begin as an MCAP file does"
+            };
             return Err(ReadError::Format { file: path.to_owned(), message: message.to_owned() });
         }
         Ok(Self::of(io::Cursor::new(begin).chain(file), path))
@@ -107,7 +113,9 @@ impl Recording {
 
     /// A recording from somewhere else, called so in what is said of it.
     pub fn of(file: impl Read + 'static, path: &Path) -> Self {
-        let options = LinearReaderOptions::default().with_record_length_limit(LONGEST_RECORD).with_validate_chunk_crcs(true);
+        let options = LinearReaderOptions::default()
+            .with_record_length_limit(LONGEST_RECORD)
+            .with_validate_chunk_crcs(true);
         Self {
             path: path.to_owned(),
             file: Box::new(file),
@@ -127,7 +135,8 @@ impl Recording {
         self.is_whole
     }
 
-    /// What the wall clock showed at the first tick, once that was read; the time of the simulated clock for a run under it.
+    /// What the wall clock showed at the first tick, once that was read; the time of the simulated
+    /// clock for a run under it.
     pub fn first_tick_at(&self) -> Option<SystemTime> {
         Some(SystemTime::UNIX_EPOCH + Duration::from_nanos(self.first_stamp_ns?))
     }
@@ -150,30 +159,40 @@ impl Recording {
                 }
                 Some(Err(error)) => {
                     self.is_over = true;
-                    return Err(ReadError::Format { file: self.path.clone(), message: error.to_string() });
+                    return Err(ReadError::Format {
+                        file: self.path.clone(),
+                        message: error.to_string(),
+                    });
                 }
                 Some(Ok(event)) => event,
             };
             match event {
                 LinearReadEvent::ReadRequest(n_bytes) => {
                     let read = self.file.read(self.reader.insert(n_bytes));
-                    let n_read = read.map_err(|source| ReadError::File { file: self.path.clone(), source })?;
+                    let n_read =
+                        read.map_err(|source| ReadError::File { file: self.path.clone(), source })?;
                     self.n_read += n_read;
                     self.reader.notify_read(n_read);
                 }
                 LinearReadEvent::Record { data, opcode } => {
-                    let record = mcap::parse_record(opcode, data)
-                        .map_err(|error| ReadError::Format { file: self.path.clone(), message: error.to_string() })?;
+                    let record = mcap::parse_record(opcode, data).map_err(|error| {
+                        ReadError::Format { file: self.path.clone(), message: error.to_string() }
+                    })?;
                     if let Record::Message { header, .. } = &record {
                         self.first_stamp_ns.get_or_insert(header.log_time);
                     }
                     let taken = take(record, &mut self.channels, &mut self.row, &mut self.is_whole);
                     let taken = taken.and_then(|entry| {
-                        self.n_brought = self.n_brought.saturating_add(entry.as_ref().map_or(0, brought));
+                        self.n_brought =
+                            self.n_brought.saturating_add(entry.as_ref().map_or(0, brought));
                         let is_sound = self.n_brought <= self.n_read;
-                        is_sound.then_some(entry).ok_or_else(|| "it brings along more than it is long".to_owned())
+                        is_sound
+                            .then_some(entry)
+                            .ok_or_else(|| "it brings along more than it is long".to_owned())
                     });
-                    if let Some(entry) = taken.map_err(|message| ReadError::Format { file: self.path.clone(), message })? {
+                    if let Some(entry) = taken
+                        .map_err(|message| ReadError::Format { file: self.path.clone(), message })?
+                    {
                         return Ok(Some(entry));
                     }
                 }
@@ -186,7 +205,9 @@ impl Recording {
 /// Bytes of a file that this entry takes at least, where it is not packed.
 fn brought(entry: &Entry) -> usize {
     match entry {
-        Entry::Metadata { name, values } => name.len() + values.iter().map(|(key, value)| key.len() + value.len()).sum::<usize>(),
+        Entry::Metadata { name, values } => {
+            name.len() + values.iter().map(|(key, value)| key.len() + value.len()).sum::<usize>()
+        }
         Entry::Attachment { name, data } => LEAST_ATTACHMENT + name.len() + data.len(),
         Entry::Tick { .. } => 0,
     }
@@ -211,7 +232,8 @@ fn take(
                 *row = StampedRecord::default();
                 row.record.tick = u64::from(header.sequence);
             }
-            let garbled = |why: String| format!("a message of {} is garbled: {why}", channel.topic());
+            let garbled =
+                |why: String| format!("a message of {} is garbled: {why}", channel.topic());
             if data.len() > LONGEST_MESSAGE {
                 return Err(garbled(format!("it has {} bytes, more than any", data.len())));
             }

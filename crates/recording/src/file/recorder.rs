@@ -31,7 +31,8 @@ const FINISH_PATIENCE: Duration = Duration::from_secs(10);
 /// The files of a scene are added within this time after its first tick.
 const SCENE_PATIENCE: Duration = Duration::from_secs(1);
 
-/// Name of the fact that says which force law ([`haptics::FORCE_LAW`]) gave the forces; version 0.1.0 did not write it.
+/// Name of the fact that says which force law ([`haptics::FORCE_LAW`]) gave the forces; version
+/// 0.1.0 did not write it.
 pub const FORCE_LAW_KEY: &str = "force_law";
 
 /// Facts about a run and its machine, by name, for readers of the recording. Clones share them.
@@ -41,7 +42,10 @@ pub struct Facts(Arc<Mutex<BTreeMap<String, String>>>);
 impl Facts {
     /// Takes note of a fact: a name, and its value as text.
     pub fn note(&self, name: &str, value: impl ToString) {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).insert(name.to_owned(), value.to_string());
+        self.0
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .insert(name.to_owned(), value.to_string());
     }
 
     pub(super) fn all(&self) -> BTreeMap<String, String> {
@@ -52,7 +56,8 @@ impl Facts {
 /// Everything that a recording of this run needs. Clones are cheap.
 #[derive(Clone, Debug)]
 pub struct Recorder {
-    /// What is known of run and machine; a recording takes what is there when its first record comes.
+    /// What is known of run and machine; a recording takes what is there when its first record
+    /// comes.
     pub facts: Facts,
     /// The scenes of the run.
     pub scenes: Scenes,
@@ -78,7 +83,8 @@ pub type FailureHandler = Box<dyn FnOnce(&RecordingError) + Send>;
 
 #[derive(Debug, Default)]
 struct Progress {
-    /// What the wall clock showed at loop time zero; set by the first record before it waits for anything.
+    /// What the wall clock showed at loop time zero; set by the first record before it waits for
+    /// anything.
     zero_ns: OnceLock<u64>,
     records: AtomicU64,
     dropped: AtomicU64,
@@ -98,7 +104,8 @@ pub struct RecorderHandle {
 }
 
 impl Recorder {
-    /// For a run whose records pass these subscribers. `is_virtual`: its time is simulated and waits for the disk, so that nothing is dropped.
+    /// For a run whose records pass these subscribers. `is_virtual`: its time is simulated and
+    /// waits for the disk, so that nothing is dropped.
     pub fn new(subscribers: RecordSubscribers, is_virtual: bool) -> Self {
         let facts = Facts::default();
         facts.note("program", concat!("hapticd ", env!("CARGO_PKG_VERSION")));
@@ -119,27 +126,40 @@ impl Recorder {
         super::messages::Stamps::new(self.is_virtual)
     }
 
-    pub(super) fn create(&self, file: &Path, overwrites: bool) -> Result<RecordingFile, RecordingError> {
+    pub(super) fn create(
+        &self,
+        file: &Path,
+        overwrites: bool,
+    ) -> Result<RecordingFile, RecordingError> {
         RecordingFile::create(file, overwrites, self.is_virtual)
     }
 
-    /// Records from the next tick on. Creates the file before it returns; one that is to be overwritten stays until the first tick.
+    /// Records from the next tick on. Creates the file before it returns; one that is to be
+    /// overwritten stays until the first tick.
     ///
     /// # Errors
-    /// The file cannot be created, or is there already and is not to be overwritten, or there is no thread for it.
-    pub fn start(&self, file: &Path, overwrites: bool, failed: FailureHandler) -> Result<RecorderHandle, RecordingError> {
+    /// The file cannot be created, or is there already and is not to be overwritten, or there is no
+    /// thread for it.
+    pub fn start(
+        &self,
+        file: &Path,
+        overwrites: bool,
+        failed: FailureHandler,
+    ) -> Result<RecorderHandle, RecordingError> {
         let recording = self.create(file, overwrites)?;
         let is_new = recording.is_new();
         let progress = Arc::new(Progress::default());
         let (sender, records) = bounded(QUEUE_RECORDS);
         let (stop, stops) = bounded(1);
         let (alive, ended) = bounded(1);
-        let (recorder, noted) = (self.clone(), progress.clone());
+        let recorder = self.clone();
+        let noted = progress.clone();
         let run = move || {
             let _alive = alive;
             let mut recording = recording;
             let mut is_told_to_stop = false;
-            let result = recorder.run(&mut recording, (&records, &stops, &mut is_told_to_stop), &noted);
+            let result =
+                recorder.run(&mut recording, (&records, &stops, &mut is_told_to_stop), &noted);
             let n_safe = recording.n_safe();
             let result = match result {
                 Ok(()) => recording.finish(),
@@ -152,7 +172,8 @@ impl Recorder {
                 let n_taken = noted.records.swap(n_safe, Ordering::Relaxed);
                 let missing = |n: u64| noted.dropped.fetch_add(n, Ordering::Relaxed);
                 missing(n_taken.saturating_sub(n_safe));
-                *noted.error.lock().unwrap_or_else(PoisonError::into_inner) = Some(error.to_string());
+                *noted.error.lock().unwrap_or_else(PoisonError::into_inner) =
+                    Some(error.to_string());
                 failed(&error);
                 // What still comes is missing too, until the caller ends the recording.
                 while !is_told_to_stop {
@@ -170,8 +191,12 @@ impl Recorder {
                 missing(records.try_iter().count() as u64);
             }
         };
-        std::thread::Builder::new().name("recorder".to_owned()).spawn(run).map_err(RecordingError::Thread)?;
-        let (counted, is_virtual) = (progress.clone(), self.is_virtual);
+        std::thread::Builder::new()
+            .name("recorder".to_owned())
+            .spawn(run)
+            .map_err(RecordingError::Thread)?;
+        let counted = progress.clone();
+        let is_virtual = self.is_virtual;
         self.subscribers.add(Box::new(move |record| {
             counted.zero_ns.get_or_init(|| zero_ns(record));
             let dropped = counted.dropped.load(Ordering::Relaxed);
@@ -201,7 +226,8 @@ impl Recorder {
             if let Some(zero_ns) = progress.zero_ns.get() {
                 file.begins_at(*zero_ns);
             }
-            // Also one that cannot be written: after an error all are taken off again that are not in the file.
+            // Also one that cannot be written: after an error all are taken off again that are not
+            // in the file.
             progress.records.fetch_add(1, Ordering::Relaxed);
             self.record(file, &record, dropped, ROOM_BYTES, &mut before)
         };
@@ -213,7 +239,8 @@ impl Recorder {
                 },
                 recv(stops) -> _ => {
                     *is_told_to_stop = true;
-                    // Those that are there now: under the virtual clock more may come as fast as these go.
+                    // Those that are there now: under the virtual clock more may come as fast as
+                    // these go.
                     records.try_iter().take(records.len()).try_for_each(|message| take(file, message))?;
                     break;
                 }
@@ -221,7 +248,8 @@ impl Recorder {
             }
         }
         let counts = [("records", &progress.records), ("dropped", &progress.dropped)];
-        let counts = counts.map(|(name, count)| (name.to_owned(), count.load(Ordering::Relaxed).to_string()));
+        let counts = counts
+            .map(|(name, count)| (name.to_owned(), count.load(Ordering::Relaxed).to_string()));
         file.metadata("end", BTreeMap::from(counts))
     }
 
@@ -262,7 +290,8 @@ impl Recorder {
 }
 
 impl RecorderHandle {
-    /// Ends a recording to which no tick came: leaves no file behind in which there is nothing, and what was there before as it was.
+    /// Ends a recording to which no tick came: leaves no file behind in which there is nothing, and
+    /// what was there before as it was.
     pub fn abandon(self) {
         let is_new = self.is_new;
         let RecordingSummary { file, records, .. } = self.stop();
@@ -289,7 +318,9 @@ impl RecorderHandle {
         let hangs = self.ended.recv_timeout(FINISH_PATIENCE) == Err(RecvTimeoutError::Timeout);
         let mut summary = self.status();
         if hangs {
-            summary.error.get_or_insert_with(|| RecordingError::Hangs(self.file.clone()).to_string());
+            summary
+                .error
+                .get_or_insert_with(|| RecordingError::Hangs(self.file.clone()).to_string());
         }
         summary
     }

@@ -27,9 +27,11 @@ pub struct SceneFiles {
     pub resolved_json: String,
     /// The arm's profile as written.
     pub profile_toml: String,
-    /// The real-time mode was `enforce`, from the scene or the command line: it decides what an over-run is.
+    /// The real-time mode was `enforce`, from the scene or the command line: it decides what an
+    /// over-run is.
     pub enforce: bool,
-    /// The tool began at its start again, where it stays in place otherwise as one scene takes the place of another.
+    /// The tool began at its start again, where it stays in place otherwise as one scene takes the
+    /// place of another.
     pub starts_anew: bool,
     /// Meshes and hand.
     pub named: Vec<NamedFile>,
@@ -54,7 +56,10 @@ impl NamedFile {
     /// A file as it is now.
     pub fn new(written: String, path: PathBuf, companions: Vec<PathBuf>) -> Self {
         let mut named = Self { written, path, companions, stamps: Vec::new() };
-        named.stamps = named.parts().map(|(path, _)| fs::metadata(path).ok().as_ref().and_then(stamp)).collect();
+        named.stamps = named
+            .parts()
+            .map(|(path, _)| fs::metadata(path).ok().as_ref().and_then(stamp))
+            .collect();
         named
     }
 
@@ -62,11 +67,14 @@ impl NamedFile {
     fn parts(&self) -> impl Iterator<Item = (PathBuf, PathBuf)> {
         let folder = self.path.parent().unwrap_or(Path::new("")).to_owned();
         let own = (self.path.clone(), PathBuf::from(self.path.file_name().unwrap_or_default()));
-        std::iter::once(own).chain(self.companions.iter().map(move |beside| (folder.join(beside), beside.clone())))
+        std::iter::once(own)
+            .chain(self.companions.iter().map(move |beside| (folder.join(beside), beside.clone())))
     }
 
     /// The same, each opened and as it was when the scene was read; or what became of it.
-    pub(super) fn opened(&self) -> impl Iterator<Item = (PathBuf, Result<(File, u64), MissingFile>)> {
+    pub(super) fn opened(
+        &self,
+    ) -> impl Iterator<Item = (PathBuf, Result<(File, u64), MissingFile>)> {
         self.parts().zip(&self.stamps).map(|((path, beside), stamp)| (beside, open(&path, *stamp)))
     }
 }

@@ -11,11 +11,13 @@ use super::*;
 use crate::record::StampedRecord;
 use crate::{RecordSubscribers, TickRecord, drain};
 use haptics::{
-    Drive, DriveRequest, Faults, FrameInUse, LiveParameter, OffCause, ParameterChange, Placement, TickInput, TickOutput,
+    Drive, DriveRequest, Faults, FrameInUse, LiveParameter, OffCause, ParameterChange, Placement,
+    TickInput, TickOutput,
 };
 use vps::spatial::{DeviceSample, Pose, SampleStatus, Twist, Wrench};
 
-/// A record in which every value differs from its neighbours, some of them in ways that are easily lost.
+/// A record in which every value differs from its neighbours, some of them in ways that are easily
+/// lost.
 fn odd_record(tick: u64) -> TickRecord {
     let number = |n: u64| match (tick + n) % 7 {
         0 => f64::from_bits(0x7ff8_0000_0000_0000 | tick << 8 | n),
@@ -25,7 +27,12 @@ fn odd_record(tick: u64) -> TickRecord {
         _ => (tick * 100 + n) as f64 * 0.1,
     };
     let vector = |n: u64| DVec3::new(number(n), number(n + 1), number(n + 2));
-    let pose = |n: u64| Pose::new(DQuat::from_xyzw(number(n), number(n + 1), number(n + 2), number(n + 3)), vector(n + 4));
+    let pose = |n: u64| {
+        Pose::new(
+            DQuat::from_xyzw(number(n), number(n + 1), number(n + 2), number(n + 3)),
+            vector(n + 4),
+        )
+    };
     let wrench = |n: u64| Wrench::new(vector(n), vector(n + 3));
     TickRecord {
         tick,
@@ -41,7 +48,8 @@ fn odd_record(tick: u64) -> TickRecord {
                 grip_rad: number(17),
                 buttons: 0x8000_0001,
                 sequence: u64::MAX - tick,
-                status: [SampleStatus::Fresh, SampleStatus::Stale, SampleStatus::Lost][tick as usize % 3],
+                status: [SampleStatus::Fresh, SampleStatus::Stale, SampleStatus::Lost]
+                    [tick as usize % 3],
                 delay_ticks: 3,
                 homed: tick.is_multiple_of(2),
                 corrupt_packets: u16::MAX,
@@ -49,14 +57,21 @@ fn odd_record(tick: u64) -> TickRecord {
                 device_error: 5,
                 overheated: tick.is_multiple_of(3),
             },
-            request: [DriveRequest::Disable, DriveRequest::Enable, DriveRequest::Stop][tick as usize % 3],
+            request: [DriveRequest::Disable, DriveRequest::Enable, DriveRequest::Stop]
+                [tick as usize % 3],
             overrun: tick.is_multiple_of(5),
             stalled: tick.is_multiple_of(7),
-            place: tick.is_multiple_of(2).then(|| Placement { obstacle_idx: 3, world_from_map: pose(20) }),
-            parameter_change: tick
-                .is_multiple_of(3)
-                .then(|| ParameterChange { parameter: LiveParameter::ALL[tick as usize % 10], value: number(30) }),
-            clay: tick.is_multiple_of(7).then(|| FrameInUse { sequence: u64::MAX - tick, is_last: tick.is_multiple_of(14) }),
+            place: tick
+                .is_multiple_of(2)
+                .then(|| Placement { obstacle_idx: 3, world_from_map: pose(20) }),
+            parameter_change: tick.is_multiple_of(3).then(|| ParameterChange {
+                parameter: LiveParameter::ALL[tick as usize % 10],
+                value: number(30),
+            }),
+            clay: tick.is_multiple_of(7).then(|| FrameInUse {
+                sequence: u64::MAX - tick,
+                is_last: tick.is_multiple_of(14),
+            }),
         },
         output: TickOutput {
             command_device: wrench(31),
@@ -70,11 +85,19 @@ fn odd_record(tick: u64) -> TickRecord {
             energy_j: number(73),
             object_work_j: number(74),
             objects_moving: 9,
-            object: tick.is_multiple_of(4).then(|| Placement { obstacle_idx: 5, world_from_map: pose(80) }),
+            object: tick
+                .is_multiple_of(4)
+                .then(|| Placement { obstacle_idx: 5, world_from_map: pose(80) }),
             passivity_active: tick.is_multiple_of(2),
             delay_ticks: 11,
-            drive: [Drive::Disabled, Drive::Enabling, Drive::Enabled, Drive::Stopping, Drive::Fault, Drive::Braking]
-                [tick as usize % 6],
+            drive: [
+                Drive::Disabled,
+                Drive::Enabling,
+                Drive::Enabled,
+                Drive::Stopping,
+                Drive::Fault,
+                Drive::Braking,
+            ][tick as usize % 6],
             faults: Faults::from_bits((tick % 3) as u32),
             off_cause: OffCause::ALL[tick as usize % 16],
         },
@@ -117,7 +140,9 @@ fn entries(path: &Path) -> (Vec<Entry>, bool) {
 }
 
 fn ticks(entries: &[Entry]) -> Vec<(TickRecord, u64)> {
-    let tick = |entry: &Entry| if let Entry::Tick { record, dropped } = entry { Some((**record, *dropped)) } else { None };
+    let tick = |entry: &Entry| {
+        if let Entry::Tick { record, dropped } = entry { Some((**record, *dropped)) } else { None }
+    };
     entries.iter().filter_map(tick).collect()
 }
 
@@ -160,7 +185,11 @@ fn every_bit_of_every_tick_comes_back_with_the_files_of_its_scene() {
     assert_eq!(read.len(), 20);
     for (tick, (record, dropped)) in (0..).zip(&read) {
         assert_eq!((bits(record), *dropped), (bits(&odd_record(tick)), 0), "{tick}");
-        assert_eq!(format!("{record:?}"), format!("{:?}", odd_record(tick)), "a field that no message holds");
+        assert_eq!(
+            format!("{record:?}"),
+            format!("{:?}", odd_record(tick)),
+            "a field that no message holds"
+        );
     }
     let attachment = |wanted: &str| {
         entries.iter().find_map(|entry| match entry {
@@ -175,10 +204,16 @@ fn every_bit_of_every_tick_comes_back_with_the_files_of_its_scene() {
         _ => None,
     });
     let manifest = manifest.expect("a manifest");
-    assert_eq!((manifest["name"].as_str(), manifest["file.1.written"].as_str()), ("second", "gone.obj"));
+    assert_eq!(
+        (manifest["name"].as_str(), manifest["file.1.written"].as_str()),
+        ("second", "gone.obj")
+    );
     assert!(manifest["file.1.0.missing"].contains("No such file"), "{manifest:?}");
     // Another recording of the same name is not written over.
-    assert!(matches!(recorder.start(&path, false, Box::new(never_fails)), Err(RecordingError::Exists(_))));
+    assert!(matches!(
+        recorder.start(&path, false, Box::new(never_fails)),
+        Err(RecordingError::Exists(_))
+    ));
 }
 
 #[test]
@@ -186,8 +221,12 @@ fn the_meshes_that_viewers_show_share_their_room() {
     let folder = tempfile::tempdir().expect("a folder");
     let mesh = folder.path().join("part.stl");
     std::fs::File::create(&mesh).expect("created").set_len(14 << 20).expect("long");
-    let shown =
-        DisplayObject { name: "part".to_owned(), pose: Pose::IDENTITY, is_tool: false, form: DisplayShape::Mesh(mesh, 1.0) };
+    let shown = DisplayObject {
+        name: "part".to_owned(),
+        pose: Pose::IDENTITY,
+        is_tool: false,
+        form: DisplayShape::Mesh(mesh, 1.0),
+    };
     let recorder = Recorder::new(RecordSubscribers::default(), true);
     recorder.scenes.add(SceneFiles { shown: vec![shown; 5], ..SceneFiles::default() });
     let path = folder.path().join("many.mcap");
@@ -195,15 +234,18 @@ fn the_meshes_that_viewers_show_share_their_room() {
     feed(recorder.subscribers(), [TickRecord::default()]);
     handle.stop();
     let bytes = std::fs::read(&path).expect("bytes");
-    let messages = mcap::MessageStream::new(&bytes).expect("mcap").map(|message| message.expect("sound"));
-    let scene = messages.filter(|message| message.channel.topic == "/scene").last().expect("a scene");
+    let messages =
+        mcap::MessageStream::new(&bytes).expect("mcap").map(|message| message.expect("sound"));
+    let scene =
+        messages.filter(|message| message.channel.topic == "/scene").last().expect("a scene");
     assert_eq!(scene.data.len() >> 20, 28, "two of five");
 }
 
 #[test]
 fn what_was_there_stays_until_there_is_something_to_take_its_place() {
     let folder = tempfile::tempdir().expect("a folder");
-    let [old, link, new, pipe] = ["old.mcap", "link.mcap", "new.mcap", "pipe"].map(|name| folder.path().join(name));
+    let [old, link, new, pipe] =
+        ["old.mcap", "link.mcap", "new.mcap", "pipe"].map(|name| folder.path().join(name));
     std::fs::write(&old, "an old one").expect("written");
     std::os::unix::fs::symlink("old.mcap", &link).expect("linked");
     rustix::fs::mkfifoat(rustix::fs::CWD, &pipe, rustix::fs::Mode::RWXU).expect("a pipe");
@@ -215,12 +257,17 @@ fn what_was_there_stays_until_there_is_something_to_take_its_place() {
         (recorder, handle)
     };
     let names = || {
-        let names = std::fs::read_dir(folder.path()).expect("a folder").map(|entry| entry.expect("an entry").file_name());
-        let mut names: Vec<String> = names.map(|name| name.to_string_lossy().into_owned()).collect();
+        let names = std::fs::read_dir(folder.path())
+            .expect("a folder")
+            .map(|entry| entry.expect("an entry").file_name());
+        let mut names: Vec<String> =
+            names.map(|name| name.to_string_lossy().into_owned()).collect();
         names.sort();
         names
     };
-    for (path, overwrites) in [(&old, true), (&link, true), (&new, false), (&new, true), (&pipe, true)] {
+    for (path, overwrites) in
+        [(&old, true), (&link, true), (&new, false), (&new, true), (&pipe, true)]
+    {
         let (_, handle) = begun(path, overwrites);
         handle.abandon();
         assert_eq!(names(), ["link.mcap", "old.mcap", "pipe"]);
@@ -242,7 +289,10 @@ fn a_recording_that_is_cut_off_anywhere_can_be_read_up_to_there() {
     let recorder = Recorder::new(RecordSubscribers::default(), true);
     recorder.scenes.add(SceneFiles::default());
     let handle = recorder.start(&path, false, Box::new(never_fails)).expect("started");
-    feed(recorder.subscribers(), (0..3000).map(|tick| TickRecord { scene_idx: 0, ..odd_record(tick) }));
+    feed(
+        recorder.subscribers(),
+        (0..3000).map(|tick| TickRecord { scene_idx: 0, ..odd_record(tick) }),
+    );
     assert_eq!(handle.stop().error, None);
     let bytes = std::fs::read(&path).expect("bytes");
     let mut n_before = 3000;
@@ -271,7 +321,10 @@ fn a_recording_that_is_cut_off_anywhere_can_be_read_up_to_there() {
 }
 
 /// A recording of one message in a chunk, packed.
-fn packed(topic: &str, write: impl FnOnce(&mut mcap::Writer<std::io::Cursor<Vec<u8>>>, u16)) -> Vec<u8> {
+fn packed(
+    topic: &str,
+    write: impl FnOnce(&mut mcap::Writer<std::io::Cursor<Vec<u8>>>, u16),
+) -> Vec<u8> {
     let options = mcap::WriteOptions::new().compression(Some(mcap::Compression::Lz4));
     let mut writer = options.create(std::io::Cursor::new(Vec::new())).expect("created");
     let channel = writer.add_channel(0, topic, "protobuf", &Default::default()).expect("added");
@@ -297,7 +350,9 @@ fn garbage_is_refused_and_never_panics() {
             }
         }
     }
-    let why = |channel: Channel, bytes: &[u8]| channel.read(bytes, &mut StampedRecord::default()).expect_err("refused").to_string();
+    let why = |channel: Channel, bytes: &[u8]| {
+        channel.read(bytes, &mut StampedRecord::default()).expect_err("refused").to_string()
+    };
     assert_eq!(why(Channel::CommandWrench, &[5 << 3, 9]), "there is no Drive 9");
     assert_eq!(why(Channel::DeviceSample, &[10 << 3, 0x80, 0x80, 4]), "65536 is above 65535");
     let number_for_a_pose = why(Channel::DeviceSample, &[1 << 3, 1]);
@@ -307,9 +362,12 @@ fn garbage_is_refused_and_never_panics() {
 #[test]
 fn messages_and_schemas_are_those_of_version_0_1_0() {
     for fixture in ["block-on-plane", "lift-with-block"] {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../tests/fixtures/{fixture}.mcap"));
+        let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join(format!("../../tests/fixtures/{fixture}.mcap"));
         let bytes = std::fs::read(path).expect("a fixture");
-        let (mut written, mut described, mut n_messages) = (Vec::new(), Vec::new(), 0);
+        let mut written = Vec::new();
+        let mut described = Vec::new();
+        let mut n_messages = 0;
         for message in mcap::MessageStream::new(&bytes).expect("a recording") {
             let message = message.expect("a message");
             let Some(channel) = Channel::of_topic(&message.channel.topic) else { continue };
@@ -317,7 +375,12 @@ fn messages_and_schemas_are_those_of_version_0_1_0() {
             channel.read(&message.data, &mut row).expect("it was sound");
             channel.write(&row, &mut written);
             // Later versions add fields at the end.
-            assert!(written.starts_with(&message.data), "{fixture}: {}: {written:?} for {:?}", channel.topic(), message.data);
+            assert!(
+                written.starts_with(&message.data),
+                "{fixture}: {}: {written:?} for {:?}",
+                channel.topic(),
+                message.data
+            );
             n_messages += 1;
             if described.contains(&channel) {
                 continue;
@@ -331,7 +394,9 @@ fn messages_and_schemas_are_those_of_version_0_1_0() {
                 set.file.into_iter().flat_map(|file| file.message_type)
             };
             for known in types(&schema.data) {
-                let now = types(&data).find(|now| now.name == known.name).expect("the type is still there");
+                let now = types(&data)
+                    .find(|now| now.name == known.name)
+                    .expect("the type is still there");
                 assert!(now.field.starts_with(&known.field), "{fixture}: {}", known.name());
             }
         }
@@ -345,17 +410,25 @@ fn a_message_that_is_longer_than_any_is_refused() {
         // Field 1, a number, again and again.
         let data = [0x08, 0x00].repeat(n_fields);
         packed("/loop/timing", |writer, channel_id| {
-            let header = mcap::records::MessageHeader { channel_id, sequence: 0, log_time: 0, publish_time: 0 };
+            let header = mcap::records::MessageHeader {
+                channel_id,
+                sequence: 0,
+                log_time: 0,
+                publish_time: 0,
+            };
             writer.write_to_known_channel(&header, &data).expect("written");
         })
     };
-    let first = |bytes: Vec<u8>| Recording::of(std::io::Cursor::new(bytes), Path::new("x.mcap")).next_entry();
+    let first = |bytes: Vec<u8>| {
+        Recording::of(std::io::Cursor::new(bytes), Path::new("x.mcap")).next_entry()
+    };
     assert!(matches!(first(message(100)), Ok(Some(Entry::Tick { .. }))));
     let error = first(message(1 << 20)).expect_err("refused").to_string();
     assert!(error.contains("a message of /loop/timing is garbled"), "{error}");
 }
 
-/// A chunk with a record that begins so and goes on with zeros, packed by hand: an LZ4 frame of one block.
+/// A chunk with a record that begins so and goes on with zeros, packed by hand: an LZ4 frame of one
+/// block.
 fn chunk_of_zeros(head: &[u8], n_zeros: usize) -> Vec<u8> {
     let length = |block: &mut Vec<u8>, more: usize| {
         block.extend(vec![255; more / 255]);
@@ -384,7 +457,8 @@ fn chunk_of_zeros(head: &[u8], n_zeros: usize) -> Vec<u8> {
 #[test]
 fn what_unpacks_to_more_than_the_file_is_refused() {
     // Others would not put an attachment into a chunk.
-    let (name, n_bytes) = (b"scenes/0/scene.toml", 1_usize << 20);
+    let name = b"scenes/0/scene.toml";
+    let n_bytes = 1_usize << 20;
     let mut head = vec![0x09];
     head.extend(((16 + 4 + name.len() + 4 + 8 + n_bytes + 4) as u64).to_le_bytes());
     head.extend([0; 16]);
@@ -405,11 +479,15 @@ fn a_disk_that_takes_nothing_costs_records_and_delays_nothing() {
     let path = folder.path().join("pipe.mcap");
     rustix::fs::mkfifoat(rustix::fs::CWD, &path, rustix::fs::Mode::RWXU).expect("a pipe");
     // Opened by a reader that does not read: the pipe takes 64 KiB and no more.
-    let mut reader = std::fs::OpenOptions::new().read(true).write(true).open(&path).expect("opened");
+    let mut reader =
+        std::fs::OpenOptions::new().read(true).write(true).open(&path).expect("opened");
     let recorder = Recorder::new(RecordSubscribers::default(), false);
     recorder.scenes.add(SceneFiles::default());
     let handle = recorder.start(&path, true, Box::new(never_fails)).expect("started");
-    feed(recorder.subscribers(), (0..30_000).map(|tick| TickRecord { scene_idx: 0, ..odd_record(tick) }));
+    feed(
+        recorder.subscribers(),
+        (0..30_000).map(|tick| TickRecord { scene_idx: 0, ..odd_record(tick) }),
+    );
     let stuck = handle.status();
     assert!(stuck.dropped > 10_000 && stuck.records < 20_000, "{stuck:?}");
     // Now a reader reads, and what was kept arrives with its gap.
@@ -436,19 +514,33 @@ fn a_disk_that_takes_nothing_costs_records_and_delays_nothing() {
 #[test]
 fn an_error_is_told_once_and_ends_the_recording_only() {
     let recorder = Recorder::new(RecordSubscribers::default(), false);
-    assert!(matches!(recorder.start(Path::new("/dev/full"), true, Box::new(never_fails)), Err(RecordingError::Write { .. })));
-    assert!(matches!(recorder.start(Path::new("/proc/f.mcap"), false, Box::new(never_fails)), Err(RecordingError::Create { .. })));
+    assert!(matches!(
+        recorder.start(Path::new("/dev/full"), true, Box::new(never_fails)),
+        Err(RecordingError::Write { .. })
+    ));
+    assert!(matches!(
+        recorder.start(Path::new("/proc/f.mcap"), false, Box::new(never_fails)),
+        Err(RecordingError::Create { .. })
+    ));
     // A reader that goes away in the middle: every write fails from then on.
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("pipe.mcap");
     rustix::fs::mkfifoat(rustix::fs::CWD, &path, rustix::fs::Mode::RWXU).expect("a pipe");
     let reader = std::fs::OpenOptions::new().read(true).write(true).open(&path).expect("opened");
     let (told, heard) = std::sync::mpsc::channel();
-    let handle = recorder.start(&path, true, Box::new(move |error| told.send(error.to_string()).expect("heard"))).expect("started");
+    let handle = recorder
+        .start(&path, true, Box::new(move |error| told.send(error.to_string()).expect("heard")))
+        .expect("started");
     drop(reader);
-    feed(recorder.subscribers(), (0..9000).map(|tick| TickRecord { scene_idx: 0, ..odd_record(tick) }));
+    feed(
+        recorder.subscribers(),
+        (0..9000).map(|tick| TickRecord { scene_idx: 0, ..odd_record(tick) }),
+    );
     let summary = handle.stop();
     let message = heard.recv().expect("reported");
-    assert!(message.contains("cannot write") && summary.error.as_ref() == Some(&message), "{summary:?}");
+    assert!(
+        message.contains("cannot write") && summary.error.as_ref() == Some(&message),
+        "{summary:?}"
+    );
     assert!(heard.recv().is_err(), "reported once");
 }

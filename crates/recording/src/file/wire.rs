@@ -1,13 +1,16 @@
-//! The messages of a tick as protobuf: one line per field gives its name, type and number, for `prost` and for the schema, and its place in a record.
+//! The messages of a tick as protobuf: one line per field gives its name, type and number, for
+//! `prost` and for the schema, and its place in a record.
 //!
-//! Every field that is always there is `required`: `prost` then writes it also where it is zero. Elsewhere it leaves out what compares equal to zero, and minus
-//! zero does. Numbers do not change; a field is only ever added.
+//! Every field that is always there is `required`: `prost` then writes it also where it is zero.
+//! Elsewhere it leaves out what compares equal to zero, and minus zero does. Numbers do not change;
+//! a field is only ever added.
 
 use glam::{DQuat, DVec3};
 use prost::Message;
 use prost_types::field_descriptor_proto::{Label, Type};
 use prost_types::{
-    DescriptorProto, EnumDescriptorProto, EnumValueDescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet,
+    DescriptorProto, EnumDescriptorProto, EnumValueDescriptorProto, FieldDescriptorProto,
+    FileDescriptorProto, FileDescriptorSet,
 };
 
 use crate::TickRecord;
@@ -36,7 +39,8 @@ pub(super) trait WirePart<V>: Message + Default {
     /// Writes the message into its part of the value.
     fn put(self, value: &mut V) -> Result<(), WireError>;
 
-    /// Reads bytes into a value. What they lack stays as it is: they were written before that field existed.
+    /// Reads bytes into a value. What they lack stays as it is: they were written before that field
+    /// existed.
     fn read(bytes: &[u8], value: &mut V) -> Result<(), WireError> {
         let mut message = Self::of(value);
         message.merge(bytes)?;
@@ -139,7 +143,8 @@ impl<T: Enumeration> Wire<i32> for T {
     }
 }
 
-/// Declares messages of a package, as a `.proto` file does, and after `=>` where each field is in the value that a message stands for.
+/// Declares messages of a package, as a `.proto` file does, and after `=>` where each field is in
+/// the value that a message stands for.
 macro_rules! messages {
     (@describe $file:ident, $type:ty) => {{
         <$type>::describe($file);
@@ -325,8 +330,15 @@ pub(super) struct PoseInFrame {
 impl WirePart<StampedRecord> for PoseInFrame {
     fn of(row: &StampedRecord) -> Self {
         const SECOND_NS: u64 = 1_000_000_000;
-        let timestamp = Timestamp { seconds: (row.stamp_ns / SECOND_NS) as i64, nanos: (row.stamp_ns % SECOND_NS) as u32 };
-        Self { timestamp, frame_id: "world".to_owned(), pose: row.record.output.world_from_tool.to_wire() }
+        let timestamp = Timestamp {
+            seconds: (row.stamp_ns / SECOND_NS) as i64,
+            nanos: (row.stamp_ns % SECOND_NS) as u32,
+        };
+        Self {
+            timestamp,
+            frame_id: "world".to_owned(),
+            pose: row.record.output.world_from_tool.to_wire(),
+        }
     }
 
     fn put(self, row: &mut StampedRecord) -> Result<(), WireError> {
@@ -346,10 +358,15 @@ fn describe_enumeration<T: Enumeration>(file: &mut FileDescriptorProto) {
         ..EnumValueDescriptorProto::default()
     };
     let value = (0..).zip(T::ALL).map(value).collect();
-    file.enum_type.push(EnumDescriptorProto { name: Some(T::NAME.to_owned()), value, ..EnumDescriptorProto::default() });
+    file.enum_type.push(EnumDescriptorProto {
+        name: Some(T::NAME.to_owned()),
+        value,
+        ..EnumDescriptorProto::default()
+    });
 }
 
-/// The serialized `FileDescriptorSet` of a message of ours: `known` holds the files of the foreign types that it may name, `imports` their names.
+/// The serialized `FileDescriptorSet` of a message of ours: `known` holds the files of the foreign
+/// types that it may name, `imports` their names.
 pub(super) fn schema<T: WireType>(known: &[u8], imports: &[&str]) -> Vec<u8> {
     let mut file = FileDescriptorProto {
         name: T::NAME.map(|name| format!("{}.proto", name.replace('.', "/"))),

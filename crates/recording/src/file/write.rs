@@ -27,7 +27,8 @@ const MESSAGE_HEAD_BYTES: u64 = 31;
 const CHUNK_AGE: Duration = Duration::from_millis(400);
 /// Viewers get the pose of the tool's frame so often: as often as they draw.
 const TRANSFORM_EVERY_NS: u64 = 16_000_000;
-/// Meshes of a scene are shown in the 3-D panels of viewers too, up to so many bytes together: they make one message.
+/// Meshes of a scene are shown in the 3-D panels of viewers too, up to so many bytes together: they
+/// make one message.
 const SHOWN_BYTES: u64 = 32 << 20;
 
 /// Why a recording cannot be written.
@@ -60,7 +61,8 @@ pub enum RecordingError {
     Hangs(PathBuf),
 }
 
-/// A file that takes the place of another one with the first tick that is in it; without a tick it goes, and the other one stays.
+/// A file that takes the place of another one with the first tick that is in it; without a tick it
+/// goes, and the other one stays.
 struct Replacement {
     written: PathBuf,
     replaced: PathBuf,
@@ -68,7 +70,8 @@ struct Replacement {
 
 impl Drop for Replacement {
     fn drop(&mut self) {
-        // Where it took the other's place it is not there any more; else what cannot be removed stays.
+        // Where it took the other's place it is not there any more; else what cannot be removed
+        // stays.
         let _ = fs::remove_file(&self.written);
     }
 }
@@ -94,18 +97,26 @@ pub(super) struct RecordingFile {
 
 impl RecordingFile {
     /// Creates the file and writes what every recording begins with.
-    pub(super) fn create(path: &Path, overwrites: bool, is_virtual: bool) -> Result<Self, RecordingError> {
+    pub(super) fn create(
+        path: &Path,
+        overwrites: bool,
+        is_virtual: bool,
+    ) -> Result<Self, RecordingError> {
         let is_new = fs::symlink_metadata(path).is_err();
         let (file, replacement) = open(path, overwrites).map_err(|source| match source.kind() {
             io::ErrorKind::AlreadyExists => RecordingError::Exists(path.to_owned()),
             _ => RecordingError::Create { file: path.to_owned(), source },
         })?;
-        let failed = |error: McapError| RecordingError::Write { file: path.to_owned(), message: error.to_string() };
+        let failed = |error: McapError| RecordingError::Write {
+            file: path.to_owned(),
+            message: error.to_string(),
+        };
         let mut mcap = WriteOptions::new()
             .compression(Some(Compression::Lz4))
             // Cut here, where it is known which ticks are in.
             .chunk_size(None)
-            // Chunks are put together in memory and written as a whole: what a killed process leaves behind can be read to the last of them.
+            // Chunks are put together in memory and written as a whole: what a killed process
+            // leaves behind can be read to the last of them.
             .disable_seeking(true)
             .library(concat!("hapticd ", env!("CARGO_PKG_VERSION")))
             .create(NoSeek::new(BufWriter::new(file)))
@@ -153,19 +164,29 @@ impl RecordingFile {
         self.n_safe
     }
 
-    /// Writes what the wall clock showed at loop time zero ([`zero_ns`](super::messages::zero_ns)). Counts before the first row, and not under the virtual clock.
+    /// Writes what the wall clock showed at loop time zero ([`zero_ns`](super::messages::zero_ns)).
+    /// Counts before the first row, and not under the virtual clock.
     pub(super) fn begins_at(&mut self, zero_ns: u64) {
         self.stamps.begin_at(zero_ns);
     }
 
     /// Names and values for readers of the file.
-    pub(super) fn metadata(&mut self, name: &str, values: BTreeMap<String, String>) -> Result<(), RecordingError> {
-        let written = self.mcap.write_metadata(&Metadata { name: name.to_owned(), metadata: values });
+    pub(super) fn metadata(
+        &mut self,
+        name: &str,
+        values: BTreeMap<String, String>,
+    ) -> Result<(), RecordingError> {
+        let written =
+            self.mcap.write_metadata(&Metadata { name: name.to_owned(), metadata: values });
         written.map_err(|error| self.failed(&error))
     }
 
     /// One tick.
-    pub(super) fn record(&mut self, record: &TickRecord, dropped: u64) -> Result<(), RecordingError> {
+    pub(super) fn record(
+        &mut self,
+        record: &TickRecord,
+        dropped: u64,
+    ) -> Result<(), RecordingError> {
         if let Some(Replacement { written, replaced }) = &self.replacement {
             let create = |source| RecordingError::Create { file: replaced.clone(), source };
             fs::rename(written, replaced).map_err(create)?;
@@ -196,7 +217,12 @@ impl RecordingFile {
     }
 
     /// Brings along what a scene is made of, before the first tick of it.
-    pub(super) fn scene(&mut self, scene: &SceneFiles, first: &TickRecord, room_bytes: u64) -> Result<(), RecordingError> {
+    pub(super) fn scene(
+        &mut self,
+        scene: &SceneFiles,
+        first: &TickRecord,
+        room_bytes: u64,
+    ) -> Result<(), RecordingError> {
         let scene_idx = first.scene_idx;
         let folder = format!("scenes/{scene_idx}");
         let mut manifest = BTreeMap::from([
@@ -227,14 +253,18 @@ impl RecordingFile {
                         if self.attach_file(&name, &mut file, n_bytes)? {
                             manifest.insert(key("attachment"), name);
                         } else {
-                            manifest.insert(key("missing"), MissingFile::ChangedMeanwhile.to_string());
+                            manifest
+                                .insert(key("missing"), MissingFile::ChangedMeanwhile.to_string());
                         }
                     }
                     Ok((mut file, _)) => {
-                        let hash =
-                            scene_files::hash(&mut file).map_or_else(|error| error.to_string(), |hash| format!("{hash:032x}"));
+                        let hash = scene_files::hash(&mut file)
+                            .map_or_else(|error| error.to_string(), |hash| format!("{hash:032x}"));
                         manifest.insert(key("xxh3"), hash);
-                        manifest.insert(key("missing"), format!("{} MiB are the most that is brought along", room_bytes >> 20));
+                        manifest.insert(
+                            key("missing"),
+                            format!("{} MiB are the most that is brought along", room_bytes >> 20),
+                        );
                     }
                     Err(gone) => {
                         manifest.insert(key("missing"), gone.to_string());
@@ -244,7 +274,8 @@ impl RecordingFile {
         }
         self.metadata(&folder, manifest)?;
         let row = self.stamps.row(first, 0);
-        let update = messages::scene_update(scene, scene_idx, row.stamp_ns, room_bytes.min(SHOWN_BYTES));
+        let update =
+            messages::scene_update(scene, scene_idx, row.stamp_ns, room_bytes.min(SHOWN_BYTES));
         self.write(Occasion::Scene, &row, &update)?;
         self.flush()
     }
@@ -260,8 +291,14 @@ impl RecordingFile {
         self.mcap.attach(&attachment).map_err(|error| self.failed(&error))
     }
 
-    /// False when the file was written to meanwhile: the attachment is invalid then, as its length had to be written before.
-    fn attach_file(&mut self, name: &str, file: &mut File, n_bytes: u64) -> Result<bool, RecordingError> {
+    /// False when the file was written to meanwhile: the attachment is invalid then, as its length
+    /// had to be written before.
+    fn attach_file(
+        &mut self,
+        name: &str,
+        file: &mut File,
+        n_bytes: u64,
+    ) -> Result<bool, RecordingError> {
         let stamp_now = |file: &File| file.metadata().ok().as_ref().and_then(scene_files::stamp);
         let before = stamp_now(file);
         let mut is_whole = true;
@@ -286,18 +323,28 @@ impl RecordingFile {
             } else {
                 n
             };
-            self.mcap.put_attachment_bytes(part.get(..n).unwrap_or_default()).map_err(|error| self.failed(&error))?;
+            self.mcap
+                .put_attachment_bytes(part.get(..n).unwrap_or_default())
+                .map_err(|error| self.failed(&error))?;
             left -= n as u64;
         }
         self.mcap.finish_attachment().map_err(|error| self.failed(&error))?;
         Ok(is_whole && before.is_some() && stamp_now(file) == before)
     }
 
-    fn write(&mut self, occasion: Occasion, row: &StampedRecord, message: &impl Encode) -> Result<(), RecordingError> {
+    fn write(
+        &mut self,
+        occasion: Occasion,
+        row: &StampedRecord,
+        message: &impl Encode,
+    ) -> Result<(), RecordingError> {
         let bytes = messages::encoded(message);
-        let known = Occasion::ALL.into_iter().zip(self.occasions).find(|(known, _)| *known == occasion);
+        let known =
+            Occasion::ALL.into_iter().zip(self.occasions).find(|(known, _)| *known == occasion);
         if let (Some((_, channel_id)), false) = (known, bytes.is_empty()) {
-            self.mcap.write_to_known_channel(&header(channel_id, row), &bytes).map_err(|error| self.failed(&error))?;
+            self.mcap
+                .write_to_known_channel(&header(channel_id, row), &bytes)
+                .map_err(|error| self.failed(&error))?;
             self.chunk_bytes += bytes.len() as u64 + MESSAGE_HEAD_BYTES;
         }
         Ok(())
@@ -343,18 +390,26 @@ fn open(path: &Path, overwrites: bool) -> io::Result<(File, Option<Replacement>)
         let file = options.create(true).truncate(true).open(&written)?;
         return Ok((file, Some(Replacement { written, replaced })));
     }
-    let file = if overwrites { options.create(true).truncate(true) } else { options.create_new(true) }.open(path)?;
+    let file =
+        if overwrites { options.create(true).truncate(true) } else { options.create_new(true) }
+            .open(path)?;
     Ok((file, None))
 }
 
 fn failed(path: &Path, error: &McapError) -> RecordingError {
-    let message = if let McapError::Io(cause) = error { cause.to_string() } else { error.to_string() };
+    let message =
+        if let McapError::Io(cause) = error { cause.to_string() } else { error.to_string() };
     RecordingError::Write { file: path.to_owned(), message }
 }
 
 fn header(channel_id: u16, row: &StampedRecord) -> MessageHeader {
     // The lowest bits are what a reader needs to find what belongs together.
-    MessageHeader { channel_id, sequence: row.record.tick as u32, log_time: row.stamp_ns, publish_time: row.stamp_ns }
+    MessageHeader {
+        channel_id,
+        sequence: row.record.tick as u32,
+        log_time: row.stamp_ns,
+        publish_time: row.stamp_ns,
+    }
 }
 
 #[cfg(test)]
@@ -366,7 +421,8 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("part.stl");
         fs::write(&path, [1; 5000]).expect("written");
-        let mut recording = RecordingFile::create(&folder.path().join("r.mcap"), false, true).expect("created");
+        let mut recording =
+            RecordingFile::create(&folder.path().join("r.mcap"), false, true).expect("created");
         let open = || File::open(&path).expect("there");
         assert!(recording.attach_file("whole", &mut open(), 5000).expect("written"));
         let mut file = open();

@@ -1,4 +1,5 @@
-//! Forces over a distance: the smallest and the largest of each bin, whatever the distance grows to.
+//! Forces over a distance: the smallest and the largest of each bin, whatever the distance grows
+//! to.
 
 /// Bins at most: about as many as a chart has room for. Where more are needed every two become one.
 const MOST: usize = 480;
@@ -20,7 +21,8 @@ impl Bins {
         Self { width, bins: Vec::new() }
     }
 
-    /// Takes values at a distance; a distance or a force that is no number, or is negative, is left out.
+    /// Takes values at a distance; a distance or a force that is no number, or is negative, is left
+    /// out.
     pub(super) fn add(&mut self, at: f64, forces: Forces) {
         if !at.is_finite() || at < 0.0 || forces.iter().any(|force| !force.is_finite()) {
             return;
@@ -38,7 +40,11 @@ impl Bins {
     /// One of the values: the middle of each bin that has any, least and most.
     pub(super) fn rows(&self, value: usize) -> Vec<[f64; 3]> {
         let filled = self.bins.iter().enumerate().filter_map(|(bin, held)| Some((bin, (*held)?)));
-        filled.map(|(bin, (least, most))| [(bin as f64 + 0.5) * self.width, least[value], most[value]]).collect()
+        filled
+            .map(|(bin, (least, most))| {
+                [(bin as f64 + 0.5) * self.width, least[value], most[value]]
+            })
+            .collect()
     }
 
     fn halve(&mut self) {
@@ -47,9 +53,16 @@ impl Bins {
     }
 }
 
-fn join(one: Option<(Forces, Forces)>, other: Option<(Forces, Forces)>) -> Option<(Forces, Forces)> {
-    let (Some((least, most)), Some((other_least, other_most))) = (one, other) else { return one.or(other) };
-    let each = |a: Forces, b: Forces, choose: fn(f64, f64) -> f64| [choose(a[0], b[0]), choose(a[1], b[1])];
+fn join(
+    one: Option<(Forces, Forces)>,
+    other: Option<(Forces, Forces)>,
+) -> Option<(Forces, Forces)> {
+    let (Some((least, most)), Some((other_least, other_most))) = (one, other) else {
+        return one.or(other);
+    };
+    let each = |a: Forces, b: Forces, choose: fn(f64, f64) -> f64| {
+        [choose(a[0], b[0]), choose(a[1], b[1])]
+    };
     Some((each(least, other_least, f64::min), each(most, other_most, f64::max)))
 }
 
@@ -76,7 +89,10 @@ mod tests {
         for [at, least, most] in &rows {
             assert!((least - 2.0 * at).abs() <= width + 1e-9, "{at}: {least}");
             let is_peak = (at - 123.45).abs() <= 0.5 * width;
-            assert!(if is_peak { *most == 999.0 } else { (most - 2.0 * at).abs() <= width + 1e-9 }, "{at}: {most}");
+            assert!(
+                if is_peak { *most == 999.0 } else { (most - 2.0 * at).abs() <= width + 1e-9 },
+                "{at}: {most}"
+            );
         }
         assert!(bins.rows(1).iter().all(|[_, least, most]| (*least, *most) == (1.0, 1.0)));
     }

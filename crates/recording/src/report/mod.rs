@@ -1,7 +1,9 @@
-//! The page that a lab keeps with its notes: what a recording shows, in one HTML file that needs nothing else.
+//! The page that a lab keeps with its notes: what a recording shows, in one HTML file that needs
+//! nothing else.
 //!
-//! Data in: the entries of a recording, one after another. Data out: the text of the page. It holds no script, loads nothing and prints on two
-//! pages. The picture of its scene is drawn elsewhere and given to it: this crate knows no meshes.
+//! Data in: the entries of a recording, one after another. Data out: the text of the page. It holds
+//! no script, loads nothing and prints on two pages. The picture of its scene is drawn elsewhere
+//! and given to it: this crate knows no meshes.
 //!
 //! | file | owns |
 //! |---|---|
@@ -112,16 +114,21 @@ impl LabReport {
                 self.dropped = dropped.map_or(self.dropped, |dropped| self.dropped.max(dropped));
             }
             Entry::Metadata { name, values } => {
-                if let Some(scene_idx) = name.strip_prefix("scenes/").and_then(|idx| idx.parse().ok()) {
+                if let Some(scene_idx) =
+                    name.strip_prefix("scenes/").and_then(|idx| idx.parse().ok())
+                {
                     self.scenes.entry(scene_idx).or_default().manifest.clone_from(values);
                 }
             }
             Entry::Attachment { name, data } => {
-                let scene = name.strip_prefix("scenes/").and_then(|name| name.strip_suffix("/resolved.json"));
+                let scene = name
+                    .strip_prefix("scenes/")
+                    .and_then(|name| name.strip_suffix("/resolved.json"));
                 if let Some(scene_idx) = scene.and_then(|idx| idx.parse().ok())
                     && data.len() <= LONGEST_TEXT
                 {
-                    self.scenes.entry(scene_idx).or_default().resolved = serde_json::from_slice(data).unwrap_or_default();
+                    self.scenes.entry(scene_idx).or_default().resolved =
+                        serde_json::from_slice(data).unwrap_or_default();
                 }
             }
             Entry::Tick { record, dropped } => self.record(record, *dropped),
@@ -140,8 +147,10 @@ impl LabReport {
 
     fn record(&mut self, of_run: &TickRecord, dropped: u64) {
         let first = *self.first.get_or_insert(*of_run);
-        // A recording may begin in the middle of a run: its page counts from the recording's first tick.
-        let record = &TickRecord { time_ns: of_run.time_ns.saturating_sub(first.time_ns), ..*of_run };
+        // A recording may begin in the middle of a run: its page counts from the recording's first
+        // tick.
+        let record =
+            &TickRecord { time_ns: of_run.time_ns.saturating_sub(first.time_ns), ..*of_run };
         let time_s = record.time_ns as f64 * 1e-9;
         if let Some(last) = &self.last {
             self.missing_ticks += record.tick.saturating_sub(last.tick.saturating_add(1));
@@ -165,7 +174,8 @@ impl LabReport {
         self.last = Some(*record);
     }
 
-    /// What a picture is to show: the moment in which the tool was deepest; the last one if it touched nothing. `None`: there is no tick.
+    /// What a picture is to show: the moment in which the tool was deepest; the last one if it
+    /// touched nothing. `None`: there is no tick.
     pub fn moment(&self) -> Option<&Moment> {
         self.moments.shown.as_ref()
     }
@@ -197,7 +207,8 @@ impl LabReport {
 
     /// Period of a tick, s.
     fn period_s(&self) -> f64 {
-        let rate_hz: f64 = self.run.get("rate_hz").and_then(|rate_hz| rate_hz.parse().ok()).unwrap_or(1000.0);
+        let rate_hz: f64 =
+            self.run.get("rate_hz").and_then(|rate_hz| rate_hz.parse().ok()).unwrap_or(1000.0);
         rate_hz.recip()
     }
 
@@ -237,7 +248,13 @@ mod tests {
             faults,
             ..TickOutput::default()
         };
-        let record = TickRecord { tick, time_ns: tick as i64 * 1_000_000, compute_ns: 7000, output, ..TickRecord::default() };
+        let record = TickRecord {
+            tick,
+            time_ns: tick as i64 * 1_000_000,
+            compute_ns: 7000,
+            output,
+            ..TickRecord::default()
+        };
         Entry::Tick { record: Box::new(record), dropped: 0 }
     }
 
@@ -248,8 +265,11 @@ mod tests {
         report.take(&Entry::Metadata { name: "run".to_owned(), values: begun });
         let values = [("name".to_owned(), "peg & hole <script>".to_owned())].into();
         report.take(&Entry::Metadata { name: "scenes/0".to_owned(), values });
-        let resolved = br#"{"statics": [{"name": "plate"}], "parameters": {"limits": {"force_n": 8.0}}}"#.to_vec();
-        report.take(&Entry::Attachment { name: "scenes/0/resolved.json".to_owned(), data: resolved });
+        let resolved =
+            br#"{"statics": [{"name": "plate"}], "parameters": {"limits": {"force_n": 8.0}}}"#
+                .to_vec();
+        report
+            .take(&Entry::Attachment { name: "scenes/0/resolved.json".to_owned(), data: resolved });
         (0..500).for_each(|n| report.take(&tick(n, Faults::NONE)));
         (510..520).for_each(|n| report.take(&tick(n, Faults::STALE)));
         let page = report.page();
@@ -273,8 +293,10 @@ mod tests {
     fn a_page_begins_with_the_picture_and_the_verdict_and_ends_with_the_keys_folded() {
         let mut report = LabReport::new("f.mcap".to_owned());
         let resolved = br#"{"parameters": {"limits": {"force_n": 8.0}}}"#.to_vec();
-        report.take(&Entry::Attachment { name: "scenes/0/resolved.json".to_owned(), data: resolved });
-        // Down by a micrometre a tick, into a plate after half of the ticks: 2 N/mm of contact, half of it commanded.
+        report
+            .take(&Entry::Attachment { name: "scenes/0/resolved.json".to_owned(), data: resolved });
+        // Down by a micrometre a tick, into a plate after half of the ticks: 2 N/mm of contact,
+        // half of it commanded.
         for n in 0..1000_u64 {
             let depth_m = n.saturating_sub(500) as f64 * 1e-6;
             let force = DVec3::Z * (2e3 * depth_m);
@@ -287,17 +309,25 @@ mod tests {
                 ..TickOutput::default()
             };
             let input = TickInput { overrun: n == 7, ..TickInput::default() };
-            let record = TickRecord { tick: n, time_ns: n as i64 * 1_000_000, input, output, ..TickRecord::default() };
+            let record = TickRecord {
+                tick: n,
+                time_ns: n as i64 * 1_000_000,
+                input,
+                output,
+                ..TickRecord::default()
+            };
             report.take(&Entry::Tick { record: Box::new(record), dropped: 0 });
         }
         assert!(!report.page().contains("<img"));
         report.put_picture(Ok(vec![1, 2, 3]));
         let page = report.page();
-        let after = |fragment: &str| page.find(fragment).unwrap_or_else(|| panic!("{fragment}\n{page}"));
+        let after =
+            |fragment: &str| page.find(fragment).unwrap_or_else(|| panic!("{fragment}\n{page}"));
         let order = [
             "src=\"data:image/png;base64,AQID\"",
             "at its deepest contact (0.499 mm), 0.999 s",
-            "<strong>The tool touched something</strong>, first at 0.501 s, and for 499 of 1000 ticks; at most 0.499 mm deep.",
+            "<strong>The tool touched something</strong>, first at 0.501 s, and for 499 of 1000 \
+                ticks; at most 0.499 mm deep.",
             "<strong>no fault</strong>",
             "<strong>1 tick was late</strong>",
             "contact force</th><td>0.998 N</td><td>0.999 s</td><td>0, 0, \u{2212}0.999 mm",
@@ -315,7 +345,11 @@ mod tests {
         assert_eq!(page.matches("src=").count(), 1);
         assert_eq!(page.matches("<details>").count(), page.matches("</details>").count());
         report.put_picture(Err("`a<b.obj` is <gone>".to_owned()));
-        assert!(report.page().contains("There is no picture of the scene: `a&lt;b.obj` is &lt;gone&gt;."));
+        assert!(
+            report
+                .page()
+                .contains("There is no picture of the scene: `a&lt;b.obj` is &lt;gone&gt;.")
+        );
     }
 
     #[test]
@@ -325,20 +359,36 @@ mod tests {
             let begun = [("begun".to_owned(), "2026-01-31T12:00:00.000Z".to_owned())].into();
             report.take(&Entry::Metadata { name: "run".to_owned(), values: begun });
             report.begun_at(SystemTime::UNIX_EPOCH + Duration::from_secs(1));
-            (first..first + 500).for_each(|n| report.take(&tick(n, if n == first + 7 { Faults::STALE } else { Faults::NONE })));
+            (first..first + 500).for_each(|n| {
+                report.take(&tick(n, if n == first + 7 { Faults::STALE } else { Faults::NONE }))
+            });
             report.page()
         };
-        let (whole, later) = (page_of(0), page_of(170_000));
-        assert!(whole.contains(" · begun 2026-01-31T12:00:00.000Z</p>") && !whole.contains("recording begun"), "{whole}");
+        let whole = page_of(0);
+        let later = page_of(170_000);
+        assert!(
+            whole.contains(" · begun 2026-01-31T12:00:00.000Z</p>")
+                && !whole.contains("recording begun"),
+            "{whole}"
+        );
         let begun = " · recording begun 1970-01-01T00:00:01.000Z, 170.000 s after the first tick of the run · run begun 2026-01-31T12:00:00.000Z</p>";
-        for fragment in
-            [begun, "<td>0.007 s</td><td>170007</td>", "<td>0.499 s</td>", "is 0.500 s long", "with tick 170000, 170.000 s after"]
-        {
+        for fragment in [
+            begun,
+            "<td>0.007 s</td><td>170007</td>",
+            "<td>0.499 s</td>",
+            "is 0.500 s long",
+            "with tick 170000, 170.000 s after",
+        ] {
             assert!(later.contains(fragment), "{fragment}\n{later}");
         }
-        let over_time = |page: &str| page[page.find("Over time").expect("curves")..page.find("Counts").expect("counts")].to_owned();
+        let over_time = |page: &str| {
+            page[page.find("Over time").expect("curves")..page.find("Counts").expect("counts")]
+                .to_owned()
+        };
         // The forces differ, and their time axes do not.
-        let depth = |page: &str| over_time(page)[over_time(page).find("Depth, mm").expect("a plot")..].to_owned();
+        let depth = |page: &str| {
+            over_time(page)[over_time(page).find("Depth, mm").expect("a plot")..].to_owned()
+        };
         assert_eq!(depth(&whole), depth(&later));
     }
 
@@ -353,19 +403,28 @@ mod tests {
                 ..TickOutput::default()
             };
             report.take(&Entry::Tick {
-                record: Box::new(TickRecord { tick: n, time_ns: n as i64 * 1_000_000, output, ..TickRecord::default() }),
+                record: Box::new(TickRecord {
+                    tick: n,
+                    time_ns: n as i64 * 1_000_000,
+                    output,
+                    ..TickRecord::default()
+                }),
                 dropped: 0,
             });
         }
         let end = report.end().expect("another pose");
-        assert_eq!((end.time_s, end.world_from_tool.translation.x, end.depth_m), (2e-3, 2e-3, 1e-5));
+        assert_eq!(
+            (end.time_s, end.world_from_tool.translation.x, end.depth_m),
+            (2e-3, 2e-3, 1e-5)
+        );
         report.put_picture(Ok(vec![1]));
         assert_eq!(report.page().matches("<img").count(), 1);
         report.put_end_picture(vec![2]);
         let page = report.page();
-        for fragment in
-            ["The tool at its deepest contact (0.03 mm), 0.001 s, and the path", "The tool at the end, 0.002 s, 0.01 mm deep."]
-        {
+        for fragment in [
+            "The tool at its deepest contact (0.03 mm), 0.001 s, and the path",
+            "The tool at the end, 0.002 s, 0.01 mm deep.",
+        ] {
             assert!(page.contains(fragment), "{fragment}\n{page}");
         }
         assert_eq!(page.matches("<img").count(), 2);
@@ -376,7 +435,9 @@ mod tests {
         let mut report = LabReport::new("f.mcap".to_owned());
         (0..500).for_each(|n| report.take(&tick(n, Faults::NONE)));
         assert!(!report.page().contains("class=\"warning\""));
-        let values = [("records".to_owned(), "500".to_owned()), ("dropped".to_owned(), "23".to_owned())].into();
+        let values =
+            [("records".to_owned(), "500".to_owned()), ("dropped".to_owned(), "23".to_owned())]
+                .into();
         report.take(&Entry::Metadata { name: "end".to_owned(), values });
         assert!(report.page().contains("23 ticks were dropped"));
         report.cut_off();

@@ -9,7 +9,8 @@ use vps::spatial::Pose;
 
 /// Poses of a path at most. Where there are more every second one goes.
 const MOST_POSES: usize = 2000;
-/// The tool has moved when its origin is this far from where it was counted last, m: noise of a sample at rest is no movement.
+/// The tool has moved when its origin is this far from where it was counted last, m: noise of a
+/// sample at rest is no movement.
 const STEP_M: f64 = 1e-5;
 
 /// Poses nearer than this look the same, m and rad.
@@ -47,7 +48,8 @@ pub struct Moment {
     pub time_s: f64,
     /// The tool.
     pub world_from_tool: Pose,
-    /// Static objects that had moved from where their scene puts them, by their numbers: `world_from_object`.
+    /// Static objects that had moved from where their scene puts them, by their numbers:
+    /// `world_from_object`.
     pub moved: BTreeMap<u32, Pose>,
     /// How deep the tool was, m; 0: it touched nothing.
     pub depth_m: f64,
@@ -113,8 +115,15 @@ impl Moments {
         // Without contact the last moment is shown.
         if self.depth.take(output.max_depth_m, record) || self.depth.value == 0.0 {
             let Self { moved, scene_idx, .. } = self;
-            let (world_from_tool, depth_m) = (output.world_from_tool, output.max_depth_m.max(0.0));
-            self.shown = Some(Moment { scene_idx: *scene_idx, time_s, world_from_tool, moved: moved.clone(), depth_m });
+            let world_from_tool = output.world_from_tool;
+            let depth_m = output.max_depth_m.max(0.0);
+            self.shown = Some(Moment {
+                scene_idx: *scene_idx,
+                time_s,
+                world_from_tool,
+                moved: moved.clone(),
+                depth_m,
+            });
         }
         let place_world = output.world_from_tool.translation;
         let step_m = self.anchor.map_or(0.0, |anchor| anchor.distance(place_world));
@@ -122,7 +131,10 @@ impl Moments {
             self.arc_m += step_m;
             self.anchor = Some(place_world);
         }
-        self.paths.entry(record.scene_idx).or_default().add(PathPose { world_from_tool: output.world_from_tool, touches });
+        self.paths
+            .entry(record.scene_idx)
+            .or_default()
+            .add(PathPose { world_from_tool: output.world_from_tool, touches });
     }
 
     /// The last moment, where the tool or an object was not as in the one that is shown.
@@ -130,13 +142,25 @@ impl Moments {
         let shown = self.shown.as_ref()?;
         let Self { scene_idx, moved, .. } = self;
         let (time_s, world_from_tool, depth_m) = self.last?;
-        let is_near =
-            |a: &Pose, b: &Pose| a.translation.distance(b.translation) < LIKE_M && a.rotation.angle_between(b.rotation) < LIKE_RAD;
-        let are_near = moved.len() == shown.moved.len() && moved.values().zip(shown.moved.values()).all(|(a, b)| is_near(a, b));
-        if *scene_idx == shown.scene_idx && are_near && is_near(&world_from_tool, &shown.world_from_tool) {
+        let is_near = |a: &Pose, b: &Pose| {
+            a.translation.distance(b.translation) < LIKE_M
+                && a.rotation.angle_between(b.rotation) < LIKE_RAD
+        };
+        let are_near = moved.len() == shown.moved.len()
+            && moved.values().zip(shown.moved.values()).all(|(a, b)| is_near(a, b));
+        if *scene_idx == shown.scene_idx
+            && are_near
+            && is_near(&world_from_tool, &shown.world_from_tool)
+        {
             return None;
         }
-        Some(Moment { scene_idx: *scene_idx, time_s, world_from_tool, moved: moved.clone(), depth_m })
+        Some(Moment {
+            scene_idx: *scene_idx,
+            time_s,
+            world_from_tool,
+            moved: moved.clone(),
+            depth_m,
+        })
     }
 
     /// The path of the tool through a scene.
@@ -203,7 +227,10 @@ mod tests {
     fn the_deepest_moment_is_shown_with_what_had_moved_until_then() {
         let mut moments = Moments::default();
         let place = |record: TickRecord, x_m: f64| {
-            let object = Some(Placement { obstacle_idx: 3, world_from_map: Pose::from_translation(DVec3::X * x_m) });
+            let object = Some(Placement {
+                obstacle_idx: 3,
+                world_from_map: Pose::from_translation(DVec3::X * x_m),
+            });
             TickRecord { output: TickOutput { object, ..record.output }, ..record }
         };
         for (tick, record) in [
@@ -222,7 +249,10 @@ mod tests {
             assert_eq!(shown.time_s, tick.min(3) as f64 * 1e-3, "tick {tick}");
         }
         let end = moments.end().expect("another pose");
-        assert_eq!((end.time_s, end.world_from_tool.translation.x, end.moved[&3].translation.x), (5e-3, 0.05, 6.0));
+        assert_eq!(
+            (end.time_s, end.world_from_tool.translation.x, end.moved[&3].translation.x),
+            (5e-3, 0.05, 6.0)
+        );
         let shown = moments.shown.expect("a moment");
         assert_eq!((shown.depth_m, shown.world_from_tool.translation.x), (2e-3, 0.03));
         assert_eq!(shown.moved[&3].translation.x, 5.0);
@@ -234,10 +264,17 @@ mod tests {
     #[test]
     fn noise_at_rest_is_no_movement_and_a_long_path_stays_small() {
         let mut moments = Moments::default();
-        (0..10_000).for_each(|tick| moments.add(&at(tick, if tick.is_multiple_of(2) { 0.0 } else { 8e-6 }, 0.0)));
+        (0..10_000).for_each(|tick| {
+            moments.add(&at(tick, if tick.is_multiple_of(2) { 0.0 } else { 8e-6 }, 0.0))
+        });
         assert_eq!(moments.arc_m, 0.0);
-        (10_000..20_000)
-            .for_each(|tick| moments.add(&at(tick, (tick - 10_000) as f64 * 1e-5, if tick == 12_345 { 1e-6 } else { 0.0 })));
+        (10_000..20_000).for_each(|tick| {
+            moments.add(&at(
+                tick,
+                (tick - 10_000) as f64 * 1e-5,
+                if tick == 12_345 { 1e-6 } else { 0.0 },
+            ))
+        });
         assert!((moments.arc_m - 0.099_99).abs() < 2e-5, "{}", moments.arc_m);
         let path = moments.path(0);
         assert!((MOST_POSES / 3..=MOST_POSES).contains(&path.len()), "{}", path.len());

@@ -9,7 +9,9 @@ use serde_json::Value;
 use super::bins::Bins;
 use super::moments::{Moment, Peak};
 use super::plots::{self, Plot};
-use super::trace::{CLEARANCE, COMMAND_FORCE, COMMAND_TORQUE, COMPUTE, CONTACT_FORCE, CONTACT_TORQUE, DEPTH, WAKEUP};
+use super::trace::{
+    CLEARANCE, COMMAND_FORCE, COMMAND_TORQUE, COMPUTE, CONTACT_FORCE, CONTACT_TORQUE, DEPTH, WAKEUP,
+};
 use super::{FaultSpan, LabReport, SceneFacts};
 use crate::LatencySummary;
 use haptics::Faults;
@@ -21,9 +23,18 @@ const FAULTS_SHOWN: usize = 6;
 
 /// The whole text.
 pub(super) fn page(report: &LabReport) -> String {
-    let scene = report.scenes.values().next().and_then(|scene| scene.manifest.get("name")).map_or("recording", String::as_str);
+    let scene = report
+        .scenes
+        .values()
+        .next()
+        .and_then(|scene| scene.manifest.get("name"))
+        .map_or("recording", String::as_str);
     let begun = begun(report);
-    let mut body = format!("<h1>{}</h1><p class=\"file\">{}{begun}</p>", escaped(scene), escaped(&report.file));
+    let mut body = format!(
+        "<h1>{}</h1><p class=\"file\">{}{begun}</p>",
+        escaped(scene),
+        escaped(&report.file)
+    );
     if report.last.is_some() {
         picture(report, &mut body);
         verdict(report, &mut body);
@@ -39,7 +50,9 @@ pub(super) fn page(report: &LabReport) -> String {
     }
     for (scene_idx, scene) in &report.scenes {
         let name = scene.manifest.get("name").map_or("unknown", String::as_str);
-        folded(&format!("Scene {scene_idx}: {}", escaped(name)), &mut body, |body| scene_facts(*scene_idx, scene, body));
+        folded(&format!("Scene {scene_idx}: {}", escaped(name)), &mut body, |body| {
+            scene_facts(*scene_idx, scene, body)
+        });
     }
     if !report.run.is_empty() {
         folded("Run and machine", &mut body, |body| {
@@ -47,9 +60,11 @@ pub(super) fn page(report: &LabReport) -> String {
         });
     }
     format!(
-        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">\
-         <meta name=\"color-scheme\" content=\"light dark\"><title>{} · hapticd</title><style>{STYLE}</style></head>\n\
-         <body><main>{body}<footer>Made by hapticd {} from the recording alone.</footer></main></body></html>\n",
+        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" \
+            content=\"width=device-width\"><meta name=\"color-scheme\" content=\"light \
+            dark\"><title>{} · \
+            hapticd</title><style>{STYLE}</style></head>\n<body><main>{body}<footer>Made by \
+            hapticd {} from the recording alone.</footer></main></body></html>\n",
         escaped(scene),
         env!("CARGO_PKG_VERSION")
     )
@@ -59,8 +74,14 @@ pub(super) fn page(report: &LabReport) -> String {
 fn begun(report: &LabReport) -> String {
     let run = report.run.get("begun").map(|begun| escaped(begun));
     let later = report.first.filter(|first| first.tick > 0).map(|first| {
-        let at = report.first_tick_at.filter(|_| report.keeps_time()).map_or(String::new(), |at| format!(" {}", timestamp(at)));
-        format!("recording begun{at}, {:.3} s after the first tick of the run", first.time_ns as f64 * 1e-9)
+        let at = report
+            .first_tick_at
+            .filter(|_| report.keeps_time())
+            .map_or(String::new(), |at| format!(" {}", timestamp(at)));
+        format!(
+            "recording begun{at}, {:.3} s after the first tick of the run",
+            first.time_ns as f64 * 1e-9
+        )
     });
     match (run, later) {
         (Some(run), None) => format!(" · begun {run}"),
@@ -99,19 +120,28 @@ fn picture(report: &LabReport, body: &mut String) {
             } else {
                 "at the end".to_owned()
             };
-            let path = "and the path of its middle: <span class=\"key free\">free</span>, \
-                        <span class=\"key touches\">in contact</span>; pale where a part is in front of it.";
+            let path = "and the path of its middle: <span class=\"key free\">free</span>, <span \
+                class=\"key touches\">in contact</span>; pale where a part is in front of it.";
             body.push_str("<div class=\"scenes\">");
             scene_figure(png, &when, &format!("{time_s:.3} s, {path}"), body);
-            if let (Some(png), Some(Moment { time_s, depth_m, .. })) = (&report.end_picture, report.end()) {
-                let depth =
-                    if depth_m > 0.0 { format!("{} mm deep", figures(depth_m * 1e3)) } else { "without contact".to_owned() };
+            if let (Some(png), Some(Moment { time_s, depth_m, .. })) =
+                (&report.end_picture, report.end())
+            {
+                let depth = if depth_m > 0.0 {
+                    format!("{} mm deep", figures(depth_m * 1e3))
+                } else {
+                    "without contact".to_owned()
+                };
                 scene_figure(png, "at the end", &format!("{time_s:.3} s, {depth}."), body);
             }
             body.push_str("</div>");
         }
         Some(Err(why)) => {
-            let _ = write!(body, "<p class=\"warning\">There is no picture of the scene: {}.</p>", escaped(why));
+            let _ = write!(
+                body,
+                "<p class=\"warning\">There is no picture of the scene: {}.</p>",
+                escaped(why)
+            );
         }
         None => {}
     }
@@ -121,23 +151,27 @@ fn scene_figure(png: &[u8], when: &str, caption: &str, body: &mut String) {
     let data = STANDARD.encode(png);
     let _ = write!(
         body,
-        "<figure class=\"scene\"><img alt=\"The parts of the scene and the tool {when}\" src=\"data:image/png;base64,{data}\">\
-         <figcaption>The tool {when}, {caption}</figcaption></figure>"
+        "<figure class=\"scene\"><img alt=\"The parts of the scene and the tool {when}\" \
+            src=\"data:image/png;base64,{data}\"><figcaption>The tool {when}, \
+            {caption}</figcaption></figure>"
     );
 }
 
 /// What happened, in sentences and in one table.
 fn verdict(report: &LabReport, body: &mut String) {
-    let (totals, moments) = (report.totals(), &report.moments);
+    let totals = report.totals();
+    let moments = &report.moments;
     let mut words = Vec::new();
     match moments.first_contact_s {
         Some(first_s) => words.push(format!(
-            "<strong>The tool touched something</strong>, first at {first_s:.3} s, and for {} of {} ticks; at most {} mm deep.",
+            "<strong>The tool touched something</strong>, first at {first_s:.3} s, and for {} of \
+                {} ticks; at most {} mm deep.",
             totals.contact_ticks,
             totals.ticks,
             figures(moments.depth.value * 1e3)
         )),
-        None => words.push(format!("<strong>The tool touched nothing</strong> in {} ticks.", totals.ticks)),
+        None => words
+            .push(format!("<strong>The tool touched nothing</strong> in {} ticks.", totals.ticks)),
     }
     words.push(if totals.faults.is_empty() {
         "There was <strong>no fault</strong>.".to_owned()
@@ -147,20 +181,25 @@ fn verdict(report: &LabReport, body: &mut String) {
     words.push(match (report.keeps_time(), moments.late_ticks) {
         (false, _) => "The clock was virtual: no tick can be late.".to_owned(),
         (true, 0) => "<strong>No tick was late.</strong>".to_owned(),
-        (true, 1) => "<strong>1 tick was late</strong>: it began when the next one was due.".to_owned(),
-        (true, late) => format!("<strong>{late} ticks were late</strong>: they began when the next one was due."),
+        (true, 1) => {
+            "<strong>1 tick was late</strong>: it began when the next one was due.".to_owned()
+        }
+        (true, late) => format!(
+            "<strong>{late} ticks were late</strong>: they began when the next one was due."
+        ),
     });
     let _ = write!(
         body,
-        "<section class=\"verdict\"><p>{} The recording is {:.3} s long, at {} Hz, and the tool went {} mm.</p>",
+        "<section class=\"verdict\"><p>{} The recording is {:.3} s long, at {} Hz, and the tool \
+            went {} mm.</p>",
         words.join(" "),
         totals.duration_s,
         totals.rate_hz,
         figures(moments.arc_m * 1e3)
     );
     body.push_str(
-        "<table><tr><th scope=\"col\">largest</th><th scope=\"col\">value</th><th scope=\"col\">when</th>\
-         <th scope=\"col\">tool at (x, y, z)</th></tr>",
+        "<table><tr><th scope=\"col\">largest</th><th scope=\"col\">value</th><th \
+            scope=\"col\">when</th><th scope=\"col\">tool at (x, y, z)</th></tr>",
     );
     for (name, peak, factor, unit) in [
         ("depth", moments.depth, 1e3, "mm"),
@@ -170,7 +209,8 @@ fn verdict(report: &LabReport, body: &mut String) {
         ("commanded torque", moments.command_torque, 1e3, "mN·m"),
     ] {
         let Peak { value, time_s, place_world } = peak;
-        let [x, y, z] = (place_world * 1e3).to_array().map(|mm| plots::short((mm * 1e3).round() * 1e-3));
+        let [x, y, z] =
+            (place_world * 1e3).to_array().map(|mm| plots::short((mm * 1e3).round() * 1e-3));
         let (when, place) = if value > 0.0 {
             (format!("{time_s:.3} s"), format!("{x}, {y}, {z} mm"))
         } else {
@@ -178,15 +218,25 @@ fn verdict(report: &LabReport, body: &mut String) {
         };
         let _ = write!(
             body,
-            "<tr><th scope=\"row\">{name}</th><td>{} {unit}</td><td>{when}</td><td>{place}</td></tr>",
+            "<tr><th scope=\"row\">{name}</th><td>{} \
+                {unit}</td><td>{when}</td><td>{place}</td></tr>",
             figures(value * factor)
         );
     }
     body.push_str("</table>");
     let lacks = [
-        (report.is_cut_off, "The recording has no end: what recorded it was killed, or is at it still.".to_owned()),
-        (report.missing_ticks > 0, format!("{} ticks are missing from the recording.", report.missing_ticks)),
-        (totals.dropped_records > 0, format!("{} ticks were dropped, as the disk was too slow.", totals.dropped_records)),
+        (
+            report.is_cut_off,
+            "The recording has no end: what recorded it was killed, or is at it still.".to_owned(),
+        ),
+        (
+            report.missing_ticks > 0,
+            format!("{} ticks are missing from the recording.", report.missing_ticks),
+        ),
+        (
+            totals.dropped_records > 0,
+            format!("{} ticks were dropped, as the disk was too slow.", totals.dropped_records),
+        ),
     ];
     for (_, words) in lacks.iter().filter(|(holds, _)| *holds) {
         let _ = write!(body, "<p class=\"warning\">{words}</p>");
@@ -195,11 +245,15 @@ fn verdict(report: &LabReport, body: &mut String) {
         faults(report.faults.get(..FAULTS_SHOWN).unwrap_or(&report.faults), body);
     }
     body.push_str(
-        "<p class=\"note\">Contact: what the parts do to the tool, about its centre of mass, in world axes. Command: what the arm is told, after \
-         filter, coupling, scale and limits, in its own axes. So the command may be above zero where nothing touches: the slew limit lets it fall over \
-         some ticks, and with <code>coupling.free_space = \"drag\"</code> the spring and the damping of the coupling act there as well. And it may be below \
-         the contact force: the spring of the coupling saturates, the control of passivity weakens a force that has given energy, and the limits scale \
-         it back. The place of the tool is that of the origin of its frame. Times count from the first tick of the recording.</p></section>",
+        "<p class=\"note\">Contact: what the parts do to the tool, about its centre of mass, in \
+            world axes. Command: what the arm is told, after filter, coupling, scale and limits, \
+            in its own axes. So the command may be above zero where nothing touches: the slew \
+            limit lets it fall over some ticks, and with <code>coupling.free_space = \
+            \"drag\"</code> the spring and the damping of the coupling act there as well. And it \
+            may be below the contact force: the spring of the coupling saturates, the control of \
+            passivity weakens a force that has given energy, and the limits scale it back. The \
+            place of the tool is that of the origin of its frame. Times count from the first tick \
+            of the recording.</p></section>",
     );
 }
 
@@ -214,25 +268,63 @@ fn counts(report: &LabReport, body: &mut String) {
     let mut rows = vec![
         (
             "duration",
-            format!("{:.3} s, {} ticks at {} Hz, {} clock", totals.duration_s, totals.ticks, totals.rate_hz, totals.clock),
+            format!(
+                "{:.3} s, {} ticks at {} Hz, {} clock",
+                totals.duration_s, totals.ticks, totals.rate_hz, totals.clock
+            ),
         ),
-        ("largest command", format!("{:.3} N, {:.1} mN·m", totals.max_force_n, totals.max_torque_nm * 1e3)),
-        ("contact", format!("{} ticks, deepest {:.4} mm", totals.contact_ticks, totals.max_depth_m * 1e3)),
-        ("passivity", format!("damped {} ticks, lowest energy {:.4} mJ", totals.passivity_ticks, totals.lowest_energy_j * 1e3)),
-        ("samples", format!("{} stale, {} garbled, {} lost", totals.stale_samples, totals.corrupt_packets, totals.lost_packets)),
-        ("faults", if totals.faults.is_empty() { "none".to_owned() } else { totals.faults.join(", ") }),
+        (
+            "largest command",
+            format!("{:.3} N, {:.1} mN·m", totals.max_force_n, totals.max_torque_nm * 1e3),
+        ),
+        (
+            "contact",
+            format!("{} ticks, deepest {:.4} mm", totals.contact_ticks, totals.max_depth_m * 1e3),
+        ),
+        (
+            "passivity",
+            format!(
+                "damped {} ticks, lowest energy {:.4} mJ",
+                totals.passivity_ticks,
+                totals.lowest_energy_j * 1e3
+            ),
+        ),
+        (
+            "samples",
+            format!(
+                "{} stale, {} garbled, {} lost",
+                totals.stale_samples, totals.corrupt_packets, totals.lost_packets
+            ),
+        ),
+        (
+            "faults",
+            if totals.faults.is_empty() { "none".to_owned() } else { totals.faults.join(", ") },
+        ),
     ];
     if let Some(points) = totals.contact_budget_points {
-        rows.push(("contact budget", format!("{points} points a tick, at most {} left out", totals.points_left_out)));
+        rows.push((
+            "contact budget",
+            format!("{points} points a tick, at most {} left out", totals.points_left_out),
+        ));
     }
     if let Some(first) = report.first.filter(|first| first.tick > 0) {
-        rows.push(("begins", format!("with tick {}, {:.3} s after the first one", first.tick, first.time_ns as f64 * 1e-9)));
+        rows.push((
+            "begins",
+            format!(
+                "with tick {}, {:.3} s after the first one",
+                first.tick,
+                first.time_ns as f64 * 1e-9
+            ),
+        ));
     }
     table(body, rows.into_iter());
 }
 
 fn figure(plot: Plot<'_>, keys: &[(&str, &str)], body: &mut String) {
-    let words: String = keys.iter().map(|(class, name)| format!(" <span class=\"key {class}\">{name}</span>")).collect();
+    let words: String = keys
+        .iter()
+        .map(|(class, name)| format!(" <span class=\"key {class}\">{name}</span>"))
+        .collect();
     let title = plot.title.to_owned();
     let svg = plots::plot(plot);
     let _ = write!(body, "<figure><figcaption>{title}{words}</figcaption>{svg}</figure>");
@@ -240,10 +332,17 @@ fn figure(plot: Plot<'_>, keys: &[(&str, &str)], body: &mut String) {
 
 fn forces_over_distances(report: &LabReport, body: &mut String) {
     let keys = [("contact", "contact"), ("command", "command")];
-    body.push_str("<section class=\"distances\"><h2>Force over depth and over the path of the tool</h2>");
+    body.push_str(
+        "<section class=\"distances\"><h2>Force over depth and over the path of the tool</h2>",
+    );
     let mut over = |title: &str, bins: &Bins| {
-        let bands = keys.iter().enumerate().map(|(value, (class, _))| (*class, bins.rows(value))).collect();
-        figure(Plot { title, unit_x: "mm", bands, limit: force_limit(report), marks: &[] }, &keys, body);
+        let bands =
+            keys.iter().enumerate().map(|(value, (class, _))| (*class, bins.rows(value))).collect();
+        figure(
+            Plot { title, unit_x: "mm", bands, limit: force_limit(report), marks: &[] },
+            &keys,
+            body,
+        );
     };
     over("Force over depth, N", &report.over_depth);
     over("Force over the path of the tool, N", &report.over_path);
@@ -273,7 +372,11 @@ fn over_time(report: &LabReport, body: &mut String) {
         ("Contact torque, mN·m, world axes:", CONTACT_TORQUE, None),
         ("Commanded torque, mN·m, axes of the arm:", COMMAND_TORQUE, torque_limit(report)),
     ] {
-        let bands = axes.iter().enumerate().map(|(axis, (class, _))| (*class, report.trace.rows(first + axis))).collect();
+        let bands = axes
+            .iter()
+            .enumerate()
+            .map(|(axis, (class, _))| (*class, report.trace.rows(first + axis)))
+            .collect();
         figure(Plot { title, unit_x: "s", bands, limit, marks: &marks }, &axes, body);
     }
     for (title, value) in [("Depth, mm", DEPTH), ("Clearance, at least, mm", CLEARANCE)] {
@@ -291,7 +394,11 @@ fn latencies(report: &LabReport, body: &mut String) {
         let LatencySummary { p50, p99, p999, max } = latency;
         format!("p50 {p50:.1} · p99 {p99:.1} · p99.9 {p999:.1} · max {max:.1} µs")
     };
-    let rows = [("compute", totals.compute_us), ("device", totals.device_us), ("wake-up", totals.wakeup_us)];
+    let rows = [
+        ("compute", totals.compute_us),
+        ("device", totals.device_us),
+        ("wake-up", totals.wakeup_us),
+    ];
     let histograms = [
         ("Ticks by duration, logarithmic", &totals.histograms_us.compute),
         ("Ticks by lateness of the wake-up, logarithmic", &totals.histograms_us.wakeup),
@@ -311,11 +418,20 @@ fn latencies(report: &LabReport, body: &mut String) {
 }
 
 fn faults(spans: &[FaultSpan], body: &mut String) {
-    body.push_str("<table><tr><th scope=\"col\">time</th><th scope=\"col\">tick</th><th scope=\"col\">what happened</th></tr>");
+    body.push_str(
+        "<table><tr><th scope=\"col\">time</th><th scope=\"col\">tick</th><th \
+        scope=\"col\">what happened</th></tr>",
+    );
     for FaultSpan { tick, time_s, faults, cause } in spans {
         let told = Faults::TABLE.into_iter().filter(|(fault, ..)| faults.contains(*fault));
-        let words = told.map(|(_, name, words)| format!("<strong>{name}</strong>: {words}")).collect::<Vec<_>>().join("; ");
-        let _ = write!(body, "<tr><td>{time_s:.3} s</td><td>{tick}</td><td>{words} (force off: {cause})</td></tr>");
+        let words = told
+            .map(|(_, name, words)| format!("<strong>{name}</strong>: {words}"))
+            .collect::<Vec<_>>()
+            .join("; ");
+        let _ = write!(
+            body,
+            "<tr><td>{time_s:.3} s</td><td>{tick}</td><td>{words} (force off: {cause})</td></tr>"
+        );
     }
     body.push_str("</table>");
 }
@@ -357,8 +473,12 @@ fn shown(value: &Value) -> String {
     match value {
         Value::Null => "–".to_owned(),
         Value::String(text) => text.clone(),
-        Value::Number(number) if number.is_f64() => number.as_f64().map_or_else(|| number.to_string(), six_figures),
-        Value::Array(list) => format!("[{}]", list.iter().map(shown).collect::<Vec<_>>().join(", ")),
+        Value::Number(number) if number.is_f64() => {
+            number.as_f64().map_or_else(|| number.to_string(), six_figures)
+        }
+        Value::Array(list) => {
+            format!("[{}]", list.iter().map(shown).collect::<Vec<_>>().join(", "))
+        }
         other => other.to_string(),
     }
 }
@@ -402,7 +522,10 @@ mod tests {
             ("port.start", "[0.1, -0.2, 1234570]"),
             ("port.sensed", "[x, rx]"),
         ] {
-            assert!(rows.contains(&(key.to_owned(), value.to_owned())), "{key} = {value}: {rows:?}");
+            assert!(
+                rows.contains(&(key.to_owned(), value.to_owned())),
+                "{key} = {value}: {rows:?}"
+            );
         }
     }
 }

@@ -1,4 +1,5 @@
-//! Values over time: the smallest and the largest of each stretch, so that nothing that was there is missing from the picture.
+//! Values over time: the smallest and the largest of each stretch, so that nothing that was there
+//! is missing from the picture.
 
 use crate::TickRecord;
 
@@ -73,7 +74,10 @@ impl Trace {
 
     /// One of the values: when, least and most.
     pub(super) fn rows(&self, value: usize) -> Vec<[f64; 3]> {
-        self.stretches.iter().map(|stretch| [stretch.time_s, stretch.least[value], stretch.most[value]]).collect()
+        self.stretches
+            .iter()
+            .map(|stretch| [stretch.time_s, stretch.least[value], stretch.most[value]])
+            .collect()
     }
 
     /// Joins every two stretches.
@@ -81,7 +85,11 @@ impl Trace {
         let is_odd = !self.stretches.len().is_multiple_of(2);
         let joined = self.stretches.chunks(2).map(|pair| {
             let mut pair = pair.iter().copied();
-            let mut first = pair.next().unwrap_or(Stretch { time_s: 0.0, least: [f64::NAN; N_VALUES], most: [f64::NAN; N_VALUES] });
+            let mut first = pair.next().unwrap_or(Stretch {
+                time_s: 0.0,
+                least: [f64::NAN; N_VALUES],
+                most: [f64::NAN; N_VALUES],
+            });
             pair.for_each(|second| first.join(&second));
             first
         });
@@ -112,13 +120,18 @@ mod tests {
         let mut trace = Trace::default();
         let n_ticks = 10 * MOST as u64 + 37;
         for tick in 0..n_ticks {
-            let mut record = TickRecord { tick, time_ns: tick as i64 * 1_000_000, ..TickRecord::default() };
+            let mut record =
+                TickRecord { tick, time_ns: tick as i64 * 1_000_000, ..TickRecord::default() };
             record.output.max_depth_m = if tick == 12_345 { 7e-3 } else { 1e-3 };
             trace.add(&record);
         }
         assert!(trace.stretches.len() <= MOST && trace.stretches.len() > MOST / 3);
-        let peaks: Vec<f64> =
-            trace.stretches.iter().filter(|stretch| stretch.most[DEPTH] > 6.0).map(|stretch| stretch.time_s).collect();
+        let peaks: Vec<f64> = trace
+            .stretches
+            .iter()
+            .filter(|stretch| stretch.most[DEPTH] > 6.0)
+            .map(|stretch| stretch.time_s)
+            .collect();
         assert!(peaks.len() == 1 && (peaks[0] - 12.345).abs() < 0.1, "{peaks:?}");
         assert!(trace.stretches.iter().all(|stretch| stretch.least[DEPTH] == 1.0));
         assert!(trace.stretches.is_sorted_by(|a, b| a.time_s < b.time_s));

@@ -71,7 +71,10 @@ fn the_json_object_has_the_keys_of_the_contract() {
         keys
     };
     assert_eq!(keys(&object["wakeup_us"]), ["max", "p50", "p99", "p999"]);
-    assert_eq!(keys(&object["realtime"]), ["cpu", "kernel_rt", "memory_locked", "policy", "priority"]);
+    assert_eq!(
+        keys(&object["realtime"]),
+        ["cpu", "kernel_rt", "memory_locked", "policy", "priority"]
+    );
     assert_eq!(keys(&object["final_pose"]), ["qw", "qx", "qy", "qz", "x_m", "y_m", "z_m"]);
 }
 
@@ -80,9 +83,15 @@ fn a_motor_at_its_limit_is_told_from_a_command_that_did_not_go_out() {
     let pushes = |force_n: f64| Wrench::new(DVec3::X * force_n, DVec3::ZERO);
     let mut summary = Summary::new();
     // Whole; at a limit twice; the older one kept; refused; nothing to render.
-    for (command_n, rendered_n) in [(1.0, 1.0), (3.0, 2.0), (4.0, 2.5), (5.0, 2.5), (5.0, 0.0), (0.0, 0.0)] {
+    for (command_n, rendered_n) in
+        [(1.0, 1.0), (3.0, 2.0), (4.0, 2.5), (5.0, 2.5), (5.0, 0.0), (0.0, 0.0)]
+    {
         let output = TickOutput { command_device: pushes(command_n), ..TickOutput::default() };
-        summary.add(&TickRecord { output, rendered_device: pushes(rendered_n), ..TickRecord::default() });
+        summary.add(&TickRecord {
+            output,
+            rendered_device: pushes(rendered_n),
+            ..TickRecord::default()
+        });
     }
     let rendered = summary.totals(counted()).rendered;
     assert_eq!((rendered.weakened_ticks, rendered.unsent_ticks), (2, 2));
@@ -90,16 +99,29 @@ fn a_motor_at_its_limit_is_told_from_a_command_that_did_not_go_out() {
 
 #[test]
 fn what_the_motors_make_beside_the_command_counts_as_rendered() {
-    let pushes = |force_n: f64, torque_nm: f64| Wrench::new(DVec3::X * force_n, DVec3::Z * torque_nm);
+    let pushes =
+        |force_n: f64, torque_nm: f64| Wrench::new(DVec3::X * force_n, DVec3::Z * torque_nm);
     let mut summary = Summary::new();
-    for (rendered, beside) in [((0.0, 0.0), (2.0, 0.1)), ((1.0, 0.0), (1.5, 0.0)), ((1.0, 0.2), (-1.0, 0.0))] {
-        let output = TickOutput { command_device: pushes(rendered.0, rendered.1), ..TickOutput::default() };
-        let (rendered_device, beside_device) = (output.command_device, pushes(beside.0, beside.1));
-        summary.add(&TickRecord { output, rendered_device, beside_device, ..TickRecord::default() });
+    for (rendered, beside) in
+        [((0.0, 0.0), (2.0, 0.1)), ((1.0, 0.0), (1.5, 0.0)), ((1.0, 0.2), (-1.0, 0.0))]
+    {
+        let output =
+            TickOutput { command_device: pushes(rendered.0, rendered.1), ..TickOutput::default() };
+        let rendered_device = output.command_device;
+        let beside_device = pushes(beside.0, beside.1);
+        summary.add(&TickRecord {
+            output,
+            rendered_device,
+            beside_device,
+            ..TickRecord::default()
+        });
     }
     let totals = summary.totals(counted());
     let rendered = totals.rendered;
-    assert_eq!((totals.max_force_n, rendered.max_force_n, rendered.max_beside_force_n), (1.0, 2.5, 2.0));
+    assert_eq!(
+        (totals.max_force_n, rendered.max_force_n, rendered.max_beside_force_n),
+        (1.0, 2.5, 2.0)
+    );
     assert_eq!((rendered.max_torque_nm, rendered.max_beside_torque_nm), (0.2, 0.1));
     assert_eq!((rendered.weakened_ticks, rendered.unsent_ticks), (0, 0));
 }

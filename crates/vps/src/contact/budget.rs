@@ -1,15 +1,17 @@
 //! How much a walk may look at in one tick, and what it does when that is not enough.
 //!
-//! A budget is a **count**, so that a recording replays bit for bit wherever it runs; a caller with a time limit turns it into a
-//! count before the first tick. A point counts 1, a block of eight spheres
-//! 8, or 1 when all of them are still clear since an earlier tick.
+//! A budget is a **count**, so that a recording replays bit for bit wherever it runs; a caller with
+//! a time limit turns it into a count before the first tick. A point counts 1, a block of eight
+//! spheres 8, or 1 when all of them are still clear since an earlier tick.
 //!
-//! Where the budget ends, a node is not refined: its representative stands for all points below it, with their surface as weight, so the
-//! sum stays comparable. The walk refines level by level, so what is left out is left out at the finest levels; of a level that
-//! fits in part, nodes below which something touched in the last tick are refined first, the deepest of them before the others; a quarter is kept for
-//! the others, evenly spread and other ones in the next tick, so that new contacts are found. Of the leaves every one gives some of its points, evenly
-//! spread over it, and those in which something touched as many as the budget allows: a leaf left out as a whole would take a side of a contact
-//! away that another side balances.
+//! Where the budget ends, a node is not refined: its representative stands for all points below it,
+//! with their surface as weight, so the sum stays comparable. The walk refines level by level, so
+//! what is left out is left out at the finest levels; of a level that fits in part, nodes below
+//! which something touched in the last tick are refined first, the deepest of them before the
+//! others; a quarter is kept for the others, evenly spread and other ones in the next tick, so that
+//! new contacts are found. Of the leaves every one gives some of its points, evenly spread over it,
+//! and those in which something touched as many as the budget allows: a leaf left out as a whole
+//! would take a side of a contact away that another side balances.
 
 use crate::pointshell::shell::LANES;
 use crate::pointshell::tree::CHILDREN;
@@ -25,12 +27,15 @@ pub enum Budget {
 }
 
 impl Budget {
-    /// The share of an obstacle when `n_left` obstacles, this one among them, and what is left are to be divided evenly.
+    /// The share of an obstacle when `n_left` obstacles, this one among them, and what is left are
+    /// to be divided evenly.
     #[inline]
     pub(super) fn share(self, n_left: usize) -> Self {
         match self {
             Self::Unlimited => Self::Unlimited,
-            Self::Points(points) => Self::Points(points / u32::try_from(n_left.max(1)).unwrap_or(u32::MAX)),
+            Self::Points(points) => {
+                Self::Points(points / u32::try_from(n_left.max(1)).unwrap_or(u32::MAX))
+            }
         }
     }
 
@@ -43,8 +48,8 @@ impl Budget {
         }
     }
 
-    /// Of `n_open` nodes, how many may be refined, when every other one still costs its representative and every child that a
-    /// refined one may open too.
+    /// Of `n_open` nodes, how many may be refined, when every other one still costs its
+    /// representative and every child that a refined one may open too.
     #[inline]
     pub(super) fn refinable(self, n_open: u32) -> u32 {
         match self {
@@ -53,7 +58,8 @@ impl Budget {
         }
     }
 
-    /// How many points of each of `n_open` leaves may be looked at, a power of two of at most half of them, and of how many leaves twice as many.
+    /// How many points of each of `n_open` leaves may be looked at, a power of two of at most half
+    /// of them, and of how many leaves twice as many.
     #[inline]
     pub(super) fn points_per_leaf(self, n_open: u32) -> (u32, u32) {
         let half = LANES as u32 / 2;
@@ -66,8 +72,8 @@ impl Budget {
     }
 }
 
-/// What refining a node may cost beyond its representative: eight spheres and the representatives of eight children, or sixteen
-/// points, instead of the one point.
+/// What refining a node may cost beyond its representative: eight spheres and the representatives
+/// of eight children, or sixteen points, instead of the one point.
 const WORST_CASE: u32 = 15;
 const _: () = assert!(2 * CHILDREN == LANES && WORST_CASE as usize == LANES - 1);
 
@@ -82,7 +88,11 @@ pub(super) struct Selection {
 impl Selection {
     #[inline]
     pub(super) fn new(n_open: u32, n_refined: u32, turn: u64) -> Self {
-        Self { n_open: u64::from(n_open.max(1)), n_refined: u64::from(n_refined), turn: turn % u64::from(n_open.max(1)) }
+        Self {
+            n_open: u64::from(n_open.max(1)),
+            n_refined: u64::from(n_refined),
+            turn: turn % u64::from(n_open.max(1)),
+        }
     }
 
     /// True for exactly `n_refined` of the `n_open` nodes.
@@ -96,7 +106,8 @@ impl Selection {
     }
 }
 
-/// Which nodes of a level are refined, those that matter most being listed first: most of them from the front, a quarter from the others.
+/// Which nodes of a level are refined, those that matter most being listed first: most of them from
+/// the front, a quarter from the others.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Choice {
     n_first: u32,
@@ -124,7 +135,12 @@ impl Choice {
 }
 
 #[cfg(test)]
-#[expect(clippy::disallowed_types, clippy::disallowed_macros, clippy::indexing_slicing, reason = "test code")]
+#[expect(
+    clippy::disallowed_types,
+    clippy::disallowed_macros,
+    clippy::indexing_slicing,
+    reason = "test code"
+)]
 mod tests {
     use super::*;
 
@@ -177,7 +193,8 @@ mod tests {
     #[test]
     fn a_budget_is_never_exceeded_whatever_opens() {
         for points in [16, 17, 40, 100, 1000, 12345] {
-            let (mut left, mut n_open) = (points, 1);
+            let mut left = points;
+            let mut n_open = 1;
             for _ in 0..8 {
                 let n = Budget::Points(left).refinable(n_open);
                 // All children open.

@@ -1,7 +1,7 @@
 //! What a traversal hands to the contact model: the blocks of the shell that touch, and how deep.
 //!
-//! A contact model reads them as they are, sixteen lanes at a time, or one [`Contact`] after the other; how they were found is not
-//! its concern.
+//! A contact model reads them as they are, sixteen lanes at a time, or one [`Contact`] after the
+//! other; how they were found is not its concern.
 
 use glam::{Mat3, Vec3};
 
@@ -17,12 +17,13 @@ pub struct Contact {
     pub point_idx: u32,
     /// V at the point, m, greater than 0.
     pub depth_m: f32,
-    /// Surface that it stands for, s²; with a budget that of others as well, on an edge of the tool the share that pushes its way.
+    /// Surface that it stands for, s²; with a budget that of others as well, on an edge of the tool
+    /// the share that pushes its way.
     pub weight: f32,
     /// Point about the centre of mass, tool axes, m.
     pub arm_body: Vec3,
-    /// Unit direction that pushes the tool out, tool axes: the point's normal, or −grad V where the point lies on an edge of the tool or the
-    /// obstacle is a thin skin.
+    /// Unit direction that pushes the tool out, tool axes: the point's normal, or −grad V where the
+    /// point lies on an edge of the tool or the obstacle is a thin skin.
     pub normal_body: Vec3,
 }
 
@@ -33,7 +34,8 @@ pub struct ContactBlock {
     pub block: u32,
     /// One bit per lane in contact; never 0.
     pub lanes: u16,
-    /// What of the surface each of them stands for counts; with a budget points stand for others as well.
+    /// What of the surface each of them stands for counts; with a budget points stand for others as
+    /// well.
     pub weight: f32,
     /// V, m, greater than 0 in these lanes.
     pub depths_m: [f32; LANES],
@@ -49,7 +51,8 @@ impl ContactBlock {
     /// The sum of what the lanes in contact are deep, each by its weight, m.
     #[inline]
     pub(super) fn depth_m(&self, weights: &Lanes) -> f64 {
-        let weighted = |lane: usize| Some(f64::from(self.depths_m.get(lane)? * weights.0.get(lane)?));
+        let weighted =
+            |lane: usize| Some(f64::from(self.depths_m.get(lane)? * weights.0.get(lane)?));
         self.lanes().filter_map(weighted).sum()
     }
 
@@ -61,15 +64,19 @@ impl ContactBlock {
 
     /// Lanes in contact whose own normal does not say which way is out, rising.
     #[inline]
-    pub(super) fn bent_lanes(&self, field: &Field, shell: &Shell) -> impl Iterator<Item = usize> + use<> {
+    pub(super) fn bent_lanes(
+        &self,
+        field: &Field,
+        shell: &Shell,
+    ) -> impl Iterator<Item = usize> + use<> {
         lanes_of(self.bent(field, shell))
     }
 
     /// The same, one bit per lane.
     #[inline]
     fn bent(&self, field: &Field, shell: &Shell) -> u16 {
-        // A thin skin pushes away from its middle; an edge has no normal of its own, and the mean of those beside it would push along the
-        // wall.
+        // A thin skin pushes away from its middle; an edge has no normal of its own, and the mean
+        // of those beside it would push along the wall.
         if field.is_thin() {
             return self.lanes;
         }
@@ -78,7 +85,8 @@ impl ContactBlock {
             return 0;
         }
         lanes_of(edges).fold(0, |bent, lane| {
-            let is_shallow = self.depths_m.get(lane).is_some_and(|depth_m| *depth_m < shell.edge_depth_m());
+            let is_shallow =
+                self.depths_m.get(lane).is_some_and(|depth_m| *depth_m < shell.edge_depth_m());
             bent | u16::from(is_shallow) << lane
         })
     }
@@ -89,17 +97,25 @@ impl ContactBlock {
         self.bent(field, shell) != 0
     }
 
-    /// How the lanes of the block push. `gradient` gives [`Wall::gradient`] at the next of [`Self::bent_lanes`], where it is.
+    /// How the lanes of the block push. `gradient` gives [`Wall::gradient`] at the next of
+    /// [`Self::bent_lanes`], where it is.
     #[inline]
-    pub(super) fn pushes(&self, wall: &Wall<'_>, shell: &Shell, mut gradient: impl FnMut(Vec3) -> Option<Vec3>) -> Option<Pushes> {
+    pub(super) fn pushes(
+        &self,
+        wall: &Wall<'_>,
+        shell: &Shell,
+        mut gradient: impl FnMut(Vec3) -> Option<Vec3>,
+    ) -> Option<Pushes> {
         let block = self.block as usize;
-        let (positions, normals) = (*shell.positions().get(block)?, *shell.normals().get(block)?);
+        let positions = *shell.positions().get(block)?;
+        let normals = *shell.normals().get(block)?;
         let weights = self.weights(shell)?;
         let mut pushes = Pushes { positions, normals, areas: weights, weights };
         for lane in self.bent_lanes(wall.field, shell) {
             let depth_m = self.depths_m.get(lane).copied().unwrap_or(0.0);
             let gradient = gradient(positions.get(lane))?;
-            let (direction, share) = wall.push(gradient, normals.get(lane), depth_m / shell.edge_depth_m());
+            let (direction, share) =
+                wall.push(gradient, normals.get(lane), depth_m / shell.edge_depth_m());
             pushes.normals.set(lane, direction);
             if let Some(weight) = pushes.weights.0.get_mut(lane) {
                 *weight *= share;
@@ -110,7 +126,13 @@ impl ContactBlock {
 
     /// Reports each lane in contact.
     #[inline]
-    pub fn contacts(&self, field: &Field, shell: &Shell, map_from_body: Pose, mut touch: impl FnMut(&Contact)) {
+    pub fn contacts(
+        &self,
+        field: &Field,
+        shell: &Shell,
+        map_from_body: Pose,
+        mut touch: impl FnMut(&Contact),
+    ) {
         let wall = Wall::new(field, map_from_body);
         let pushes = self.pushes(&wall, shell, |position| Some(wall.gradient(position)));
         let Some(Pushes { positions, normals, weights, .. }) = pushes else { return };
@@ -163,7 +185,11 @@ pub(super) struct Wall<'a> {
 
 impl<'a> Wall<'a> {
     pub(super) fn new(field: &'a Field, map_from_body: Pose) -> Self {
-        Self { field, map_axes: map_from_body.rotation_matrix().as_mat3(), place: Place::new(field, map_from_body) }
+        Self {
+            field,
+            map_axes: map_from_body.rotation_matrix().as_mat3(),
+            place: Place::new(field, map_from_body),
+        }
     }
 
     /// Unit −grad V in tool axes; `None` where it vanishes, as in the middle of a skin.
@@ -171,15 +197,20 @@ impl<'a> Wall<'a> {
         self.against(self.field.gradient(self.place.cells(position)))
     }
 
-    /// What says which way a point without a normal of its own pushes, m/m, map axes: of a skin the gradient, of a solid its mean over a cell, which
-    /// does not turn in steps.
+    /// What says which way a point without a normal of its own pushes, m/m, map axes: of a skin the
+    /// gradient, of a solid its mean over a cell, which does not turn in steps.
     pub(super) fn gradient(&self, position: Vec3) -> Vec3 {
         let cells = self.place.cells(position);
-        if self.field.is_thin() { self.field.gradient(cells) } else { self.field.mean_gradient(cells) }
+        if self.field.is_thin() {
+            self.field.gradient(cells)
+        } else {
+            self.field.mean_gradient(cells)
+        }
     }
 
-    /// Direction and share with which such a point pushes. A skin pushes along the way out. So does an edge, with the share that its mean
-    /// normal has along it: no more than the faces beside it. Where there is no way out, the point's own normal.
+    /// Direction and share with which such a point pushes. A skin pushes along the way out. So does
+    /// an edge, with the share that its mean normal has along it: no more than the faces beside it.
+    /// Where there is no way out, the point's own normal.
     fn push(&self, gradient_map: Vec3, normal_body: Vec3, depth: f32) -> (Vec3, f32) {
         let Some(out) = self.against(gradient_map) else { return (normal_body, 1.0) };
         if self.field.is_thin() {
@@ -187,7 +218,8 @@ impl<'a> Wall<'a> {
         }
         let across = out.dot(normal_body);
         let fading = smooth(depth);
-        let push = out * (across * fading + across.max(0.0) * (1.0 - fading)) + (normal_body - out * across) * fading;
+        let push = out * (across * fading + across.max(0.0) * (1.0 - fading))
+            + (normal_body - out * across) * fading;
         let share = push.length();
         if share > 0.0 { (push / share, share) } else { (out, 0.0) }
     }

@@ -1,6 +1,7 @@
 //! The field's gradient beside the edges of the tool, sixteen places at a time.
 //!
-//! Edge points lie scattered over the blocks that touch, so they are gathered first: lanes without an edge would be computed for nothing.
+//! Edge points lie scattered over the blocks that touch, so they are gathered first: lanes without
+//! an edge would be computed for nothing.
 
 #![expect(unsafe_code, reason = "look-ups without checks, by the invariant of the bounds")]
 
@@ -30,8 +31,8 @@ impl EdgeGradients {
         Self { lanes: [Lanes3 { x: zero, y: zero, z: zero }; GROUPS], n: 0 }
     }
 
-    /// Looks up the gradient, m/m in map axes, at the bent lanes of the first of these blocks, in their order: of as many blocks as there is room for,
-    /// whose number it gives. RT: safe.
+    /// Looks up the gradient, m/m in map axes, at the bent lanes of the first of these blocks, in
+    /// their order: of as many blocks as there is room for, whose number it gives. RT: safe.
     pub(super) fn look_up(
         &mut self,
         simd_level: SimdLevel,
@@ -52,12 +53,16 @@ impl EdgeGradients {
                 let position = positions.get(lane);
                 if let Some(lanes) = self.lanes.get_mut(self.n / LANES) {
                     // The kernel writes differences where it has read places.
-                    lanes.set(self.n % LANES, if bounds.is_some() { position } else { wall.gradient(position) });
+                    lanes.set(
+                        self.n % LANES,
+                        if bounds.is_some() { position } else { wall.gradient(position) },
+                    );
                 }
                 self.n += 1;
             }
         }
-        if let (Some(bounds), Some(lanes)) = (bounds, self.lanes.get_mut(..self.n.div_ceil(LANES))) {
+        if let (Some(bounds), Some(lanes)) = (bounds, self.lanes.get_mut(..self.n.div_ceil(LANES)))
+        {
             simd_level.run(MeanGradients { bounds, wall, lanes });
         }
         n_blocks
@@ -70,7 +75,8 @@ impl EdgeGradients {
     }
 }
 
-/// [`Field::mean_gradient`](crate::voxmap::field::Field::mean_gradient), bit for bit, at places that it replaces.
+/// [`Field::mean_gradient`](crate::voxmap::field::Field::mean_gradient), bit for bit, at places
+/// that it replaces.
 struct MeanGradients<'a> {
     bounds: &'a BrickBounds,
     wall: &'a Wall<'a>,
@@ -99,45 +105,58 @@ impl<L: F32s<N>, const N: usize> Grid<'_, L, N> {
     /// Along each axis, V half a cell behind a place less V half a cell before it.
     #[inline(always)]
     fn differences(&self, cells: [L; 3]) -> [L; 3] {
-        let (zero, half, one) = (L::Int::splat(0), L::splat(0.5), L::splat(1.0));
+        let zero = L::Int::splat(0);
+        let half = L::splat(0.5);
+        let one = L::splat(1.0);
         let lattice = [cells[0] - half, cells[1] - half, cells[2] - half];
         let base = [lattice[0].truncated(), lattice[1].truncated(), lattice[2].truncated()];
         let t = fractions(lattice, base);
         let off = self.off(eighths(base));
-        // SAFETY: lanes that are not on the grid read entry 0; by the invariant of the bounds there is one entry per brick.
-        let slots = unsafe { L::Int::gather(self.bounds.top(), L::Int::select(off, zero, self.brick(eighths(base)))) };
+        // SAFETY: lanes that are not on the grid read entry 0; by the invariant of the bounds there
+        // is one entry per brick.
+        let slots = unsafe {
+            L::Int::gather(self.bounds.top(), L::Int::select(off, zero, self.brick(eighths(base))))
+        };
         // The two marks are −1 and −2 as signed numbers; slots are not negative.
         let elsewhere = off | zero.gt(slots);
         let seven = L::Int::splat(7);
         let local = [base[0] & seven, base[1] & seven, base[2] & seven];
         let mut differences = [L::splat(0.0); 3];
         for (axis, difference) in differences.iter_mut().enumerate() {
-            let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
+            let b = (axis + 1) % 3;
+            let c = (axis + 2) % 3;
             let is_early = t[axis].lt(half);
             let u = L::select(is_early, t[axis] + half, t[axis] - half);
             // The mask is −1 where it holds.
             let first = local[axis] + is_early;
-            let beyond = elsewhere | zero.gt(first) | first.gt(L::Int::splat(APRON_EDGE as i32 - 3));
+            let beyond =
+                elsewhere | zero.gt(first) | first.gt(L::Int::splat(APRON_EDGE as i32 - 3));
             if beyond.bits() != zero.eq(zero).bits() {
                 let stride = |axis: usize| STRIDES[axis] as i32;
-                let inside =
-                    first * L::Int::splat(stride(axis)) + local[b] * L::Int::splat(stride(b)) + local[c] * L::Int::splat(stride(c));
+                let inside = first * L::Int::splat(stride(axis))
+                    + local[b] * L::Int::splat(stride(b))
+                    + local[c] * L::Int::splat(stride(c));
                 let from = slots * L::Int::splat(APRON_CELLS as i32) + inside;
                 let mut at = [0; N];
                 L::Int::select(beyond, zero, from).store(&mut at);
-                // SAFETY: as one lane is not beyond, there are samples; in its brick a lane reaches to 8 along `axis` and along the others.
-                let rows = unsafe { rows::<L, N>(self.bounds.samples_m().as_flattened(), &at, axis) };
+                // SAFETY: as one lane is not beyond, there are samples; in its brick a lane reaches
+                // to 8 along `axis` and along the others.
+                let rows =
+                    unsafe { rows::<L, N>(self.bounds.samples_m().as_flattened(), &at, axis) };
                 let mut pairs = [L::splat(0.0); 2];
                 for (pair, [near, far]) in pairs.iter_mut().zip(rows) {
-                    *pair = sloped(near, one - u, u) * (one - t[c]) + sloped(far, one - u, u) * t[c];
+                    *pair =
+                        sloped(near, one - u, u) * (one - t[c]) + sloped(far, one - u, u) * t[c];
                 }
                 *difference = pairs[0] * (one - t[b]) + pairs[1] * t[b];
             }
             if beyond.bits() != 0 {
-                let (mut before, mut behind) = (cells, cells);
+                let mut before = cells;
+                let mut behind = cells;
                 before[axis] = before[axis] - half;
                 behind[axis] = behind[axis] + half;
-                *difference = L::select(beyond, self.value(behind) - self.value(before), *difference);
+                *difference =
+                    L::select(beyond, self.value(behind) - self.value(before), *difference);
             }
         }
         differences
@@ -159,12 +178,18 @@ fn sloped<L: F32s<N>, const N: usize>([first, second, third]: [L; 3], early: L, 
     (second - first) * early + (third - second) * late
 }
 
-/// Three samples along an axis at the four corners of the other two, `[b][c]`, b the axis that follows it.
+/// Three samples along an axis at the four corners of the other two, `[b][c]`, b the axis that
+/// follows it.
 ///
 /// # Safety
-/// From each number on, `samples_m` has two more samples along the axis and one more along the others.
+/// From each number on, `samples_m` has two more samples along the axis and one more along the
+/// others.
 #[inline(always)]
-unsafe fn rows<L: F32s<N>, const N: usize>(samples_m: &[f32], at: &[u32; N], axis: usize) -> [[[L; 3]; 2]; 2] {
+unsafe fn rows<L: F32s<N>, const N: usize>(
+    samples_m: &[f32],
+    at: &[u32; N],
+    axis: usize,
+) -> [[[L; 3]; 2]; 2] {
     let [plane, row, _] = STRIDES;
     let mut pairs = [(L::splat(0.0), L::splat(0.0)); 8];
     for (n, pair) in pairs.iter_mut().enumerate().take(if axis == 2 { 8 } else { 6 }) {
@@ -201,23 +226,35 @@ mod tests {
     #[test]
     fn every_kernel_gives_the_bits_of_the_field_on_borders_of_bricks_and_off_the_grid_too() {
         let mesh = Shape::Torus { major_m: 0.012, minor_m: 0.004 }.tessellate(1e-5);
-        let options = Options { voxel_size_m: 5e-4, layers: 4, navigation: None, sides: InsideTest::Auto };
-        let field = Volume::build(&mesh, &inspect(&mesh), &options, |_| ()).expect("a grid that fits").field(&mesh, false);
+        let options =
+            Options { voxel_size_m: 5e-4, layers: 4, navigation: None, sides: InsideTest::Auto };
+        let field = Volume::build(&mesh, &inspect(&mesh), &options, |_| ())
+            .expect("a grid that fits")
+            .field(&mesh, false);
         let bounds = BrickBounds::of(&field).expect("a field that kernels read");
-        let pose = Pose::new(DQuat::from_scaled_axis(DVec3::new(0.3, 1.1, -0.4)), DVec3::new(1e-3, -2e-3, 5e-4));
+        let pose = Pose::new(
+            DQuat::from_scaled_axis(DVec3::new(0.3, 1.1, -0.4)),
+            DVec3::new(1e-3, -2e-3, 5e-4),
+        );
         let wall = Wall::new(&field, pose);
         let mut random = Random(7);
         let mut n_inside = 0;
         for _ in 0..500 {
             let mut places = EdgeGradients::new().lanes;
             for lane in 0..LANES {
-                places[0].set(lane, (random.in_box(-1.0, 1.0) * DVec3::new(0.02, 0.02, 0.01)).as_vec3());
+                places[0]
+                    .set(lane, (random.in_box(-1.0, 1.0) * DVec3::new(0.02, 0.02, 0.01)).as_vec3());
             }
-            let expected: Vec<Vec3> = (0..LANES).map(|lane| wall.gradient(places[0].get(lane))).collect();
+            let expected: Vec<Vec3> =
+                (0..LANES).map(|lane| wall.gradient(places[0].get(lane))).collect();
             n_inside += expected.iter().filter(|gradient| **gradient != Vec3::ZERO).count();
             for level in SimdLevel::available() {
                 let mut found = places[0];
-                level.run(MeanGradients { bounds: &bounds, wall: &wall, lanes: core::slice::from_mut(&mut found) });
+                level.run(MeanGradients {
+                    bounds: &bounds,
+                    wall: &wall,
+                    lanes: core::slice::from_mut(&mut found),
+                });
                 for (lane, expected) in expected.iter().enumerate() {
                     assert_eq!(
                         found.get(lane).to_array().map(f32::to_bits),

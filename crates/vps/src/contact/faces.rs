@@ -1,12 +1,14 @@
 //! Faces of the tool: which way each block of the shell looks.
 //!
-//! Contacts are summed by face, so that what presses against one wall can be told from what presses against another: its stiffness
-//! need not grow with the area that touches, and it has a friction of its own. A block of sixteen points that lie side by side belongs
-//! to one face for good, because normals are constants in tool axes; so nothing jumps from one sum to another while the tool moves.
+//! Contacts are summed by face, so that what presses against one wall can be told from what presses
+//! against another: its stiffness need not grow with the area that touches, and it has a friction
+//! of its own. A block of sixteen points that lie side by side belongs to one face for good,
+//! because normals are constants in tool axes; so nothing jumps from one sum to another while the
+//! tool moves.
 //!
 //! # Source
-//! The idea of clusters on the Gauss map is that of XuBarbic2016, known to us by its abstract; directions fixed in the tool and sums by
-//! block are ours.
+//! The idea of clusters on the Gauss map is that of XuBarbic2016, known to us by its abstract;
+//! directions fixed in the tool and sums by block are ours.
 
 use glam::Vec3;
 
@@ -15,7 +17,8 @@ use crate::pointshell::shell::{LANES, Lanes3};
 /// Directions that are told apart: to the faces, edges and corners of a cube.
 pub const FACES: usize = 26;
 
-/// Number of the face that a block of normals belongs to: the direction nearest to their mean. RT: safe; 26 products.
+/// Number of the face that a block of normals belongs to: the direction nearest to their mean. RT:
+/// safe; 26 products.
 pub fn face_of(normals: &Lanes3) -> u8 {
     let mut mean = Vec3::ZERO;
     for lane in 0..LANES {
@@ -25,10 +28,15 @@ pub fn face_of(normals: &Lanes3) -> u8 {
             mean += normal;
         }
     }
-    let (mut nearest, mut best) = (0, f32::NEG_INFINITY);
+    let mut nearest = 0;
+    let mut best = f32::NEG_INFINITY;
     let mut face = 0;
     for idx in 0..27_u8 {
-        let direction = Vec3::new(f32::from(idx / 9) - 1.0, f32::from(idx / 3 % 3) - 1.0, f32::from(idx % 3) - 1.0);
+        let direction = Vec3::new(
+            f32::from(idx / 9) - 1.0,
+            f32::from(idx / 3 % 3) - 1.0,
+            f32::from(idx % 3) - 1.0,
+        );
         if direction == Vec3::ZERO {
             continue;
         }
@@ -48,7 +56,10 @@ mod tests {
     #[test]
     fn blocks_that_look_the_same_way_are_of_one_face_and_walls_of_a_box_are_not() {
         let block = |normal: Vec3| {
-            let mut lanes = Lanes3 { x: crate::pointshell::shell::Lanes([f32::NAN; LANES]), ..bytemuck::Zeroable::zeroed() };
+            let mut lanes = Lanes3 {
+                x: crate::pointshell::shell::Lanes([f32::NAN; LANES]),
+                ..bytemuck::Zeroable::zeroed()
+            };
             for lane in 0..5 {
                 lanes.set(lane, normal.normalize());
             }

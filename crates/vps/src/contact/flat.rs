@@ -1,4 +1,5 @@
-//! Flat traversal: every point, every tick. The scalar specification that faster siblings are tested against.
+//! Flat traversal: every point, every tick. The scalar specification that faster siblings are
+//! tested against.
 
 use glam::{Mat3, Vec3};
 
@@ -10,11 +11,19 @@ use crate::voxmap::field::{Field, FieldKind};
 
 /// Calls `touch` for every point with V > 0, in the order of the points; returns the largest V, m.
 ///
-/// `map_from_body`: from tool axes about the centre of mass to the obstacle's map frame. A pose that is not finite touches
-/// nothing. RT: safe; O(points), one field look-up each.
+/// `map_from_body`: from tool axes about the centre of mass to the obstacle's map frame. A pose
+/// that is not finite touches nothing. RT: safe; O(points), one field look-up each.
 #[inline]
-pub fn visit(field: &Field, kind: FieldKind, shell: &Shell, map_from_body: Pose, mut touch: impl FnMut(&Contact)) -> f32 {
-    blocks(field, kind, shell, map_from_body, |touched| touched.contacts(field, shell, map_from_body, &mut touch))
+pub fn visit(
+    field: &Field,
+    kind: FieldKind,
+    shell: &Shell,
+    map_from_body: Pose,
+    mut touch: impl FnMut(&Contact),
+) -> f32 {
+    blocks(field, kind, shell, map_from_body, |touched| {
+        touched.contacts(field, shell, map_from_body, &mut touch)
+    })
 }
 
 /// The same, block by block.
@@ -37,9 +46,17 @@ pub(super) fn blocks(
         for (((cells, x), y), z) in cells.iter_mut().zip(x.0).zip(y.0).zip(z.0) {
             *cells = place.cells(Vec3::new(x, y, z));
         }
-        let mut touched = ContactBlock { block: block as u32, lanes: 0, weight: 1.0, depths_m: [f32::NEG_INFINITY; LANES] };
-        for (lane, (cells, depth)) in cells.into_iter().zip(&mut touched.depths_m).enumerate().take(n_left) {
-            let normal_map = if kind == FieldKind::Layers { map_axes * normals.get(lane) } else { Vec3::ZERO };
+        let mut touched = ContactBlock {
+            block: block as u32,
+            lanes: 0,
+            weight: 1.0,
+            depths_m: [f32::NEG_INFINITY; LANES],
+        };
+        for (lane, (cells, depth)) in
+            cells.into_iter().zip(&mut touched.depths_m).enumerate().take(n_left)
+        {
+            let normal_map =
+                if kind == FieldKind::Layers { map_axes * normals.get(lane) } else { Vec3::ZERO };
             let depth_m = field.value(kind, cells, normal_map);
             max_value = max_value.max(depth_m);
             *depth = depth_m;

@@ -1,10 +1,12 @@
 //! Sixteen points, or eight spheres, against a field at once.
 //!
-//! Most points are never interpolated, because the bound of their brick says that they cannot touch.
+//! Most points are never interpolated, because the bound of their brick says that they cannot
+//! touch.
 //!
 //! # Measured
-//! Where one brick holds all points of a block, which is mostly so, it is asked once: its largest depth answers for all of them, or its
-//! samples are read in pairs along z, which lie side by side. What the third cache holds is fetched four blocks before its turn.
+//! Where one brick holds all points of a block, which is mostly so, it is asked once: its largest
+//! depth answers for all of them, or its samples are read in pairs along z, which lie side by side.
+//! What the third cache holds is fetched four blocks before its turn.
 
 #![expect(unsafe_code, reason = "look-ups without checks, by the invariant of the bounds")]
 
@@ -19,12 +21,14 @@ use crate::voxmap::field::{APRON_CELLS, APRON_EDGE, Field};
 
 const ROW: usize = APRON_EDGE;
 const PLANE: usize = APRON_EDGE * APRON_EDGE;
-/// What two interpolations take from a distance: the variance of a corner about the place it is interpolated for is at most ¼ per
-/// axis, and there are three axes and two places; cells².
+/// What two interpolations take from a distance: the variance of a corner about the place it is
+/// interpolated for is at most ¼ per axis, and there are three axes and two places; cells².
 const SPREAD_CELLS_SQUARED: f32 = 1.5;
-/// A ball of this radius about a place in a brick, and what rounding may add, lie in the brick and its 26 neighbours, cells.
+/// A ball of this radius about a place in a brick, and what rounding may add, lie in the brick and
+/// its 26 neighbours, cells.
 const AROUND_CELLS: f32 = 8.0;
-/// 1/√3, a little less: an interpolation of values that grow by no more than their distance is at most √3 times as steep.
+/// 1/√3, a little less: an interpolation of values that grow by no more than their distance is at
+/// most √3 times as steep.
 const LEAST_SLOPE: f32 = 0.577;
 
 /// Where the tool stands on a field's grid: body axes about the centre of mass to cells.
@@ -41,7 +45,10 @@ impl Place {
         let per_metre = 1.0 / f64::from(field.voxel_size_m());
         // The subtraction in f64: what is left is small, whatever the origin.
         let origin = (map_from_body.translation - field.origin_map().as_dvec3()) * per_metre;
-        Self { axes: (map_from_body.rotation_matrix() * per_metre).as_mat3(), origin: origin.as_vec3() }
+        Self {
+            axes: (map_from_body.rotation_matrix() * per_metre).as_mat3(),
+            origin: origin.as_vec3(),
+        }
     }
 
     /// Where a point of the tool is, cells.
@@ -59,7 +66,8 @@ impl Place {
 /// V of the points of a block.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Depths {
-    /// m; of a point that was not interpolated its brick's largest depth instead, which is no more than the floor asked for.
+    /// m; of a point that was not interpolated its brick's largest depth instead, which is no more
+    /// than the floor asked for.
     pub(super) depths_m: Lanes,
     /// One bit per lane: V > 0.
     pub(super) touching: u16,
@@ -67,8 +75,9 @@ pub(super) struct Depths {
     pub(super) max_m: f32,
 }
 
-/// Looks up blocks of points one after the other, and tells what it `found` of each. `floor` gives, from the largest V so far, the
-/// depth up to which a point's own V is of no interest. Gives the largest V. RT: safe; allocates nothing.
+/// Looks up blocks of points one after the other, and tells what it `found` of each. `floor` gives,
+/// from the largest V so far, the depth up to which a point's own V is of no interest. Gives the
+/// largest V. RT: safe; allocates nothing.
 pub(super) struct Blocks<'a, Which, Floor, Found> {
     pub(super) bounds: &'a BrickBounds,
     pub(super) place: &'a Place,
@@ -120,12 +129,14 @@ impl Kernel for Above<'_> {
 
     #[inline(always)]
     fn run<L: F32x8>(self) -> u8 {
-        let Self { bounds, place, spheres: Spheres { x, y, z, radius }, floor_m, margin_cells } = self;
+        let Self { bounds, place, spheres: Spheres { x, y, z, radius }, floor_m, margin_cells } =
+            self;
         let grid = Grid::<L, CHILDREN>::new(bounds, place);
         let lattice = grid.lattice([L::load(x), L::load(y), L::load(z)]);
         let (on_grid, base) = grid.nearest(lattice);
         let extent = L::load(radius) / L::splat(bounds.voxel_size_m()) + L::splat(margin_cells);
-        // SAFETY: each is a brick of the grid, and by the invariant of the bounds there is one entry for it.
+        // SAFETY: each is a brick of the grid, and by the invariant of the bounds there is one
+        // entry for it.
         let around = unsafe { L::gather(bounds.max_depth_nearby_m(), grid.brick(eighths(base))) };
         // One cell more: casts that round towards zero let the first cell reach out of the grid.
         let far = extent + L::splat(1.0);
@@ -139,8 +150,8 @@ impl Kernel for Above<'_> {
     }
 }
 
-/// For each of eight spheres, how far it may move in any way before one of its points can touch, cells; not above 0 when nothing is
-/// proven. RT: safe.
+/// For each of eight spheres, how far it may move in any way before one of its points can touch,
+/// cells; not above 0 when nothing is proven. RT: safe.
 pub(super) struct Clearance<'a> {
     pub(super) bounds: &'a BrickBounds,
     pub(super) place: &'a Place,
@@ -159,7 +170,8 @@ impl Kernel for Clearance<'_> {
         let lattice = grid.lattice([L::load(x), L::load(y), L::load(z)]);
         let (on_grid, base) = grid.nearest(lattice);
         let brick = grid.brick(eighths(base));
-        // SAFETY: each is a brick of the grid, and by the invariant of the bounds there is one entry for it in each array.
+        // SAFETY: each is a brick of the grid, and by the invariant of the bounds there is one
+        // entry for it in each array.
         let (clearance, mut values, slots) = unsafe {
             (
                 L::gather(bounds.clearance_cells(), brick),
@@ -175,9 +187,11 @@ impl Kernel for Clearance<'_> {
             for (first, second) in &mut corners {
                 (*first, *second) = (grid.low.max(*first), grid.low.max(*second));
             }
-            values = L::select(is_slot, mixed(corners, fractions(on_grid, base)) + grid.skin, values);
+            values =
+                L::select(is_slot, mixed(corners, fractions(on_grid, base)) + grid.skin, values);
         }
-        let (zero, size) = (L::splat(0.0), bounds.voxel_size_m());
+        let zero = L::splat(0.0);
+        let size = bounds.voxel_size_m();
         let outside = (values / L::splat(-size) - L::splat(bounds.jump_cells())).max(zero);
         let by_spread = (outside * outside - L::splat(SPREAD_CELLS_SQUARED)).max(zero).sqrt();
         let free = clearance.max(by_spread.max(outside * L::splat(LEAST_SLOPE)));
@@ -196,9 +210,10 @@ impl Kernel for Clearance<'_> {
 /// How far a place with V = −`depth_cells` is from anything with V > 0, cells, by the field itself.
 ///
 /// # Source
-/// Ours. Samples are distances, so they differ by no more than they are apart. V at two places are means of such samples, hence
-/// V(b) − V(a) ≤ E|X − Y| ≤ √(E|X − Y|²) = √(|b − a|² + Var X + Var Y), X and Y the corners with their weights; also
-/// V(b) − V(a) ≤ √3·|b − a|, as no partial derivative exceeds 1. The better of the two counts.
+/// Ours. Samples are distances, so they differ by no more than they are apart. V at two places are
+/// means of such samples, hence V(b) − V(a) ≤ E|X − Y| ≤ √(E|X − Y|²) = √(|b − a|² + Var X + Var
+/// Y), X and Y the corners with their weights; also V(b) − V(a) ≤ √3·|b − a|, as no partial
+/// derivative exceeds 1. The better of the two counts.
 #[inline(always)]
 pub(super) fn free_cells(depth_cells: f32) -> f32 {
     let outside_cells = depth_cells.max(0.0);
@@ -258,11 +273,12 @@ impl<'a, L: F32s<N>, const N: usize> Grid<'a, L, N> {
         (bx * self.dims[1] + by) * self.dims[2] + bz
     }
 
-    /// The place of the grid that is nearest to one on the lattice, and its cell: all that can touch lies there, and the grid is convex.
-    /// What is not a number becomes 0.
+    /// The place of the grid that is nearest to one on the lattice, and its cell: all that can
+    /// touch lies there, and the grid is convex. What is not a number becomes 0.
     #[inline(always)]
     fn nearest(&self, lattice: [L; 3]) -> ([L; 3], [L::Int; 3]) {
-        let (mut on_grid, mut base) = (lattice, self.dims);
+        let mut on_grid = lattice;
+        let mut base = self.dims;
         for (at, base) in on_grid.iter_mut().zip(&mut base) {
             let end = *base * L::Int::splat(8);
             *at = at.max(L::splat(0.0)).min(L::of_int(end));
@@ -286,11 +302,14 @@ impl<'a, L: F32s<N>, const N: usize> Grid<'a, L, N> {
     /// V of points in any bricks.
     #[inline(always)]
     pub(super) fn scattered(&self, lattice: [L; 3], base: [L::Int; 3], floor_m: L) -> L {
-        let (bricks, zero) = (eighths(base), L::Int::splat(0));
+        let bricks = eighths(base);
+        let zero = L::Int::splat(0);
         let off = self.off(bricks);
         let brick = L::Int::select(off, zero, self.brick(bricks));
-        // SAFETY: lanes that are not on the grid read entry 0; by the invariant of the bounds there is one entry per brick.
-        let max_depths = L::select(off, self.outside, unsafe { L::gather(self.bounds.max_depth_m(), brick) });
+        // SAFETY: lanes that are not on the grid read entry 0; by the invariant of the bounds there
+        // is one entry per brick.
+        let max_depths =
+            L::select(off, self.outside, unsafe { L::gather(self.bounds.max_depth_m(), brick) });
         // SAFETY: as above.
         let slots = unsafe { L::Int::gather(self.bounds.top(), brick) };
         self.interpolated(off, slots, max_depths, lattice, base, floor_m)
@@ -298,7 +317,15 @@ impl<'a, L: F32s<N>, const N: usize> Grid<'a, L, N> {
 
     /// V of points whose bricks have these slots and largest depths.
     #[inline(always)]
-    fn interpolated(&self, known: L::Int, slots: L::Int, max_depths: L, lattice: [L; 3], base: [L::Int; 3], floor_m: L) -> L {
+    fn interpolated(
+        &self,
+        known: L::Int,
+        slots: L::Int,
+        max_depths: L,
+        lattice: [L; 3],
+        base: [L::Int; 3],
+        floor_m: L,
+    ) -> L {
         let zero = L::Int::splat(0);
         let all = zero.eq(zero).bits();
         // The two marks are −1 and −2 as signed numbers; slots are not negative.
@@ -318,7 +345,8 @@ impl<'a, L: F32s<N>, const N: usize> Grid<'a, L, N> {
     #[inline(always)]
     unsafe fn corners(&self, slots: L::Int, base: [L::Int; 3]) -> [(L, L); 4] {
         let first = slots * L::Int::splat(APRON_CELLS as i32) + inside::<L, N>(base);
-        // SAFETY: whole bricks, by the caller's word; the sum is an `i32` by the invariant of the bounds.
+        // SAFETY: whole bricks, by the caller's word; the sum is an `i32` by the invariant of the
+        // bounds.
         unsafe { corners(self.bounds.samples_m().as_flattened(), first) }
     }
 
@@ -337,10 +365,13 @@ impl<'a, L: F32s<LANES>> Grid<'a, L, LANES> {
         let Lanes3 { x, y, z } = points;
         let lattice = self.lattice([L::load(&x.0), L::load(&y.0), L::load(&z.0)]);
         let base = [lattice[0].truncated(), lattice[1].truncated(), lattice[2].truncated()];
-        // Points of a block are neighbours: often one brick holds them all, and one load is cheaper than sixteen.
+        // Points of a block are neighbours: often one brick holds them all, and one load is cheaper
+        // than sixteen.
         let values = match only_brick::<L, LANES>(base) {
             None => match self.near(base) {
-                Some((known, slots, max_depths)) => self.interpolated(known, slots, max_depths, lattice, base, L::splat(floor_m)),
+                Some((known, slots, max_depths)) => {
+                    self.interpolated(known, slots, max_depths, lattice, base, L::splat(floor_m))
+                }
                 None => self.scattered(lattice, base, L::splat(floor_m)),
             },
             Some(brick) => match self.alone(brick, floor_m) {
@@ -352,17 +383,24 @@ impl<'a, L: F32s<LANES>> Grid<'a, L, LANES> {
                 }
             },
         };
-        let mut depths = Depths { depths_m: Lanes([0.0; LANES]), touching: L::splat(0.0).lt(values).bits() as u16, max_m: 0.0 };
+        let mut depths = Depths {
+            depths_m: Lanes([0.0; LANES]),
+            touching: L::splat(0.0).lt(values).bits() as u16,
+            max_m: 0.0,
+        };
         depths.max_m = values.max(L::splat(f32::NEG_INFINITY)).max_lane();
         values.store(&mut depths.depths_m.0);
         depths
     }
 
-    /// Slots and largest depths of the bricks of points that lie in two bricks along each axis at most.
+    /// Slots and largest depths of the bricks of points that lie in two bricks along each axis at
+    /// most.
     #[inline(always)]
     fn near(&self, base: [L::Int; 3]) -> Option<(L::Int, L::Int, L)> {
         let zero = L::Int::splat(0);
-        let (mut first, mut which, mut beyond) = ([0; 3], zero, zero);
+        let mut first = [0; 3];
+        let mut which = zero;
+        let mut beyond = zero;
         for (brick, first) in eighths::<L::Int, LANES>(base).into_iter().zip(&mut first) {
             let some = brick.first();
             *first = some - i32::from(L::Int::splat(some).gt(brick).bits() != 0);
@@ -387,7 +425,8 @@ impl<'a, L: F32s<LANES>> Grid<'a, L, LANES> {
         let brick = ((bx * ny + by) * nz + bz) as usize;
         let max_depth_m = bounds.max_depth_m().get(brick).copied().unwrap_or(f32::INFINITY);
         let samples = || bounds.samples_m().get(bounds.top().get(brick).copied()? as usize);
-        if max_depth_m <= floor_m { None } else { samples() }.map_or(Alone::Uniform(max_depth_m), Alone::Samples)
+        if max_depth_m <= floor_m { None } else { samples() }
+            .map_or(Alone::Uniform(max_depth_m), Alone::Samples)
     }
 }
 
@@ -414,7 +453,8 @@ pub(super) fn fractions<L: F32s<N>, const N: usize>(at: [L; 3], base: [L::Int; 3
     [at[0] - L::of_int(base[0]), at[1] - L::of_int(base[1]), at[2] - L::of_int(base[2])]
 }
 
-/// The brick that all points lie in, if there is one. What is too large for a cell is in no brick either.
+/// The brick that all points lie in, if there is one. What is too large for a cell is in no brick
+/// either.
 #[inline(always)]
 fn only_brick<L: F32s<N>, const N: usize>(base: [L::Int; 3]) -> Option<[i32; 3]> {
     let mut differing = L::Int::splat(0);
@@ -429,7 +469,8 @@ fn only_brick<L: F32s<N>, const N: usize>(base: [L::Int; 3]) -> Option<[i32; 3]>
 /// Number of a cell's first sample within its brick: 9·(9·x + y) + z.
 #[inline(always)]
 fn inside<L: F32s<N>, const N: usize>([x, y, z]: [L::Int; 3]) -> L::Int {
-    let (seven, edge) = (L::Int::splat(7), L::Int::splat(APRON_EDGE as i32));
+    let seven = L::Int::splat(7);
+    let edge = L::Int::splat(APRON_EDGE as i32);
     ((x & seven) * edge + (y & seven)) * edge + (z & seven)
 }
 
@@ -441,7 +482,8 @@ fn inside<L: F32s<N>, const N: usize>([x, y, z]: [L::Int; 3]) -> L::Int {
 unsafe fn corners<L: F32s<N>, const N: usize>(samples_m: &[f32], first: L::Int) -> [(L, L); 4] {
     let mut at = [0; N];
     first.store(&mut at);
-    // SAFETY: in a brick x, y, z are at most 7, so the last number read is 7·91 + 91 = 728 of its 729.
+    // SAFETY: in a brick x, y, z are at most 7, so the last number read is 7·91 + 91 = 728 of its
+    // 729.
     unsafe {
         [
             L::gather_pairs(samples_m, &at, 0),

@@ -1,9 +1,10 @@
-//! Contact: which points of the shell are inside which obstacle, and what wrench and stiffness that makes.
+//! Contact: which points of the shell are inside which obstacle, and what wrench and stiffness that
+//! makes.
 //!
 //! # Units and frames
-//! Sums are formed in tool axes about the centre of mass, where normals and arms are constants of the shell, and turned to world
-//! axes once. `f32` per point and over a few blocks, `f64` beyond; always added in the order of the blocks: the same bits on every
-//! machine.
+//! Sums are formed in tool axes about the centre of mass, where normals and arms are constants of
+//! the shell, and turned to world axes once. `f32` per point and over a few blocks, `f64` beyond;
+//! always added in the order of the blocks: the same bits on every machine.
 //!
 //! ```text
 //!   flat (specification) ─┐
@@ -12,7 +13,8 @@
 //! ```
 //!
 //! # Source
-//! Sagardia2008, section 2 (traverse all points, sum penetration × normal); McNeely1999 (wrench about the centre of mass).
+//! Sagardia2008, section 2 (traverse all points, sum penetration × normal); McNeely1999 (wrench
+//! about the centre of mass).
 
 mod budget;
 mod clay;
@@ -63,7 +65,8 @@ pub enum Normalization {
     None,
     /// McNeely's averaging without its steps: F / max(1, N_eff/10).
     Average,
-    /// The same by face of the tool, so that each wall keeps the stiffness of ten points however large the area that touches it.
+    /// The same by face of the tool, so that each wall keeps the stiffness of ten points however
+    /// large the area that touches it.
     Cluster,
 }
 
@@ -82,8 +85,12 @@ pub struct ForceLaw {
 
 impl ForceLaw {
     /// Interpolated depths, 1 N/mm for each point, nothing else.
-    pub const PLAIN: Self =
-        Self { field: FieldKind::Trilinear, stiffness_n_per_m: 1000.0, normalization: Normalization::None, smooth_entry: false };
+    pub const PLAIN: Self = Self {
+        field: FieldKind::Trilinear,
+        stiffness_n_per_m: 1000.0,
+        normalization: Normalization::None,
+        smooth_entry: false,
+    };
 }
 
 /// A static object as a query sees it.
@@ -96,11 +103,20 @@ pub struct Obstacle {
 }
 
 impl Obstacle {
-    /// Unit direction in world axes in which a contact leaves this obstacle fastest, −grad V; the contact's own normal where the gradient
-    /// vanishes. The poses are those at which the contact was found. RT: safe, O(1).
-    pub fn way_out_world(&self, world_from_map: Pose, world_from_body: Pose, contact: &Contact) -> DVec3 {
-        let point_map = world_from_map.inverse().transform_point(world_from_body.transform_point(contact.arm_body.as_dvec3()));
-        let cells = (point_map - self.field.origin_map().as_dvec3()) / f64::from(self.field.voxel_size_m());
+    /// Unit direction in world axes in which a contact leaves this obstacle fastest, −grad V; the
+    /// contact's own normal where the gradient vanishes. The poses are those at which the contact
+    /// was found. RT: safe, O(1).
+    pub fn way_out_world(
+        &self,
+        world_from_map: Pose,
+        world_from_body: Pose,
+        contact: &Contact,
+    ) -> DVec3 {
+        let point_map = world_from_map
+            .inverse()
+            .transform_point(world_from_body.transform_point(contact.arm_body.as_dvec3()));
+        let cells =
+            (point_map - self.field.origin_map().as_dvec3()) / f64::from(self.field.voxel_size_m());
         match (-self.field.gradient(cells.as_vec3())).as_dvec3().try_normalize() {
             Some(normal_map) => world_from_map.transform_vector(normal_map),
             None => world_from_body.transform_vector(contact.normal_body.as_dvec3()),
@@ -130,9 +146,11 @@ pub struct Patch {
 pub struct ContactSum {
     /// Points with V > 0.
     pub contacts: u32,
-    /// Largest V over all points and obstacles, m; −band when everything is far. See [`Self::of`] for what a walk gives.
+    /// Largest V over all points and obstacles, m; −band when everything is far. See [`Self::of`]
+    /// for what a walk gives.
     pub max_value_m: f64,
-    /// Contact wrench on the tool: stiffness times depths, stage S and normalisation applied where they are on.
+    /// Contact wrench on the tool: stiffness times depths, stage S and normalisation applied where
+    /// they are on.
     pub wrench: Wrench,
     /// Symmetric positive semi-definite contact stiffness −dW/dx, N/m, N, N·m/rad.
     pub stiffness: Mat6,
@@ -143,7 +161,8 @@ pub struct ContactSum {
     /// Largest displacement that a point may make in one tick without passing unnoticed through any
     /// obstacle: the proven clearance, or half a voxel near contact, m.
     pub step_limit_m: f64,
-    /// Points and spheres that a walk looked at; 0 of the flat traversal, which looks at all points.
+    /// Points and spheres that a walk looked at; 0 of the flat traversal, which looks at all
+    /// points.
     pub looked_at: u32,
     /// Points that a budget left out: others stood for them.
     pub left_out: u32,
@@ -156,8 +175,8 @@ pub struct ContactSum {
     carried_faces: Option<[ObstacleMotion; FACES]>,
 }
 
-/// A small motion in one tick of what the tool touches: its material at the tool's centre of mass goes by `linear` (m), and turns by
-/// `angular` (rad); world axes.
+/// A small motion in one tick of what the tool touches: its material at the tool's centre of mass
+/// goes by `linear` (m), and turns by `angular` (rad); world axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ObstacleMotion {
     /// m.
@@ -203,12 +222,18 @@ impl ContactSum {
 
     /// Traverses the whole shell against every obstacle, each where it stood at the start.
     ///
-    /// `world_from_body`: tool axes at the centre of mass. Contact stiffness is the Gauss-Newton form K Σ w wᵀ with
-    /// w = (n, r × n): the depth's gradient is taken as −n, which keeps the matrix positive semi-definite, so the implicit step
-    /// can never gain energy from it. The exact Jacobian K n gᵀ differs where the shell's normal and the field's gradient do.
+    /// `world_from_body`: tool axes at the centre of mass. Contact stiffness is the Gauss-Newton
+    /// form K Σ w wᵀ with w = (n, r × n): the depth's gradient is taken as −n, which keeps the
+    /// matrix positive semi-definite, so the implicit step can never gain energy from it. The exact
+    /// Jacobian K n gᵀ differs where the shell's normal and the field's gradient do.
     ///
     /// Allocates; O(obstacles · points).
-    pub fn flat(obstacles: &[Obstacle], shell: &Shell, world_from_body: Pose, law: ForceLaw) -> Self {
+    pub fn flat(
+        obstacles: &[Obstacle],
+        shell: &Shell,
+        world_from_body: Pose,
+        law: ForceLaw,
+    ) -> Self {
         let mut sums = FaceSums::new();
         let mut summing = Summing::new(law, world_from_body, &mut sums);
         for obstacle in obstacles {
@@ -216,24 +241,28 @@ impl ContactSum {
             let by = summing.weighting(obstacle);
             let wall = Wall::new(&obstacle.field, map_from_body);
             let mut n_contacts = 0;
-            let max_value_m = flat::blocks(&obstacle.field, law.field, shell, map_from_body, |touched| {
-                n_contacts += touched.lanes.count_ones();
-                let face = shell.normals().get(touched.block as usize).map_or(0, face_of);
-                let pushes = touched.pushes(&wall, shell, |position| Some(wall.gradient(position)));
-                if let (Some(pushes), Some(sums)) = (pushes, summing.face(face)) {
-                    SimdLevel::Portable.run(Add { sums, touched, pushes: &pushes, by });
-                }
-            });
+            let max_value_m =
+                flat::blocks(&obstacle.field, law.field, shell, map_from_body, |touched| {
+                    n_contacts += touched.lanes.count_ones();
+                    let face = shell.normals().get(touched.block as usize).map_or(0, face_of);
+                    let pushes =
+                        touched.pushes(&wall, shell, |position| Some(wall.gradient(position)));
+                    if let (Some(pushes), Some(sums)) = (pushes, summing.face(face)) {
+                        SimdLevel::Portable.run(Add { sums, touched, pushes: &pushes, by });
+                    }
+                });
             summing.note(obstacle, n_contacts, max_value_m, 0.0);
         }
         summing.finish()
     }
 
-    /// The same by a prepared [`Traversal`], which remembers what cannot touch from one call to the next.
+    /// The same by a prepared [`Traversal`], which remembers what cannot touch from one call to the
+    /// next.
     ///
-    /// While something touches, and the budget suffices, every bit is that of [`Self::flat`]. While nothing touches, −`max_value_m` of a
-    /// walk is the clearance that it has proven, which is less. `obstacles` and `shell` must be those that the traversal was made for.
-    /// `also` gets every contact with the number of its obstacle.
+    /// While something touches, and the budget suffices, every bit is that of [`Self::flat`]. While
+    /// nothing touches, −`max_value_m` of a walk is the clearance that it has proven, which is
+    /// less. `obstacles` and `shell` must be those that the traversal was made for. `also` gets
+    /// every contact with the number of its obstacle.
     ///
     /// RT: safe; allocates nothing.
     pub fn of(
@@ -251,21 +280,28 @@ impl ContactSum {
         let mut edges = None;
         for n in 0..traversal.n_near() {
             let Some(obstacle_idx) = traversal.obstacle_poses().near(n) else { break };
-            let (Some(obstacle), Some(pose)) = (obstacles.get(obstacle_idx), traversal.obstacle_poses().pose(obstacle_idx)) else {
+            let (Some(obstacle), Some(pose)) =
+                (obstacles.get(obstacle_idx), traversal.obstacle_poses().pose(obstacle_idx))
+            else {
                 break;
             };
             let map_from_body = pose.world_from_map.inverse() * world_from_body;
             let reserve_m = pose.reserve_m;
             let center = world_from_body.translation;
-            let carried =
-                (!pose.moved.is_none()).then(|| ObstacleMotion { linear: pose.moved.at(center), angular: pose.moved.angular });
+            let carried = (!pose.moved.is_none()).then(|| ObstacleMotion {
+                linear: pose.moved.at(center),
+                angular: pose.moved.angular,
+            });
             let by = summing.weighting(obstacle);
-            let found = traversal.find((n, obstacle_idx), obstacle, law.field, shell, map_from_body);
+            let found =
+                traversal.find((n, obstacle_idx), obstacle, law.field, shell, map_from_body);
             let wall = Wall::new(&obstacle.field, map_from_body);
             let bounds = traversal.bounds(obstacle_idx).filter(|_| !obstacle.field.is_thin());
             let mut n_contacts = 0;
             // Blocks of one face come mostly one after the other.
-            let kind = |touched: &ContactBlock| (traversal.face(touched.block), touched.bends(&obstacle.field, shell));
+            let kind = |touched: &ContactBlock| {
+                (traversal.face(touched.block), touched.bends(&obstacle.field, shell))
+            };
             for run in traversal.touched().chunk_by(|one, other| kind(one) == kind(other)) {
                 let Some((face, bends)) = run.first().map(kind) else { continue };
                 let Some(sums) = summing.face(face) else { continue };
@@ -275,21 +311,32 @@ impl ContactSum {
                     let edges = edges.get_or_insert_with(EdgeGradients::new);
                     let mut left = run;
                     while !left.is_empty() {
-                        let (these, others) = left.split_at(edges.look_up(simd_level, bounds, &wall, shell, left));
+                        let (these, others) =
+                            left.split_at(edges.look_up(simd_level, bounds, &wall, shell, left));
                         left = others;
                         let mut gradients = edges.iter();
                         for touched in these {
-                            if let Some(pushes) = touched.pushes(&wall, shell, |_| gradients.next()) {
+                            if let Some(pushes) = touched.pushes(&wall, shell, |_| gradients.next())
+                            {
                                 simd_level.run(Add { sums, touched, pushes: &pushes, by });
-                                depth_m += if carried.is_some() { touched.depth_m(&pushes.weights) } else { 0.0 };
+                                depth_m += if carried.is_some() {
+                                    touched.depth_m(&pushes.weights)
+                                } else {
+                                    0.0
+                                };
                             }
                         }
                     }
                 } else {
-                    let (positions, normals, weights) = (shell.positions(), shell.normals(), shell.weights());
+                    let positions = shell.positions();
+                    let normals = shell.normals();
+                    let weights = shell.weights();
                     simd_level.run(AddAll { sums, touched: run, positions, normals, weights, by });
                     if carried.is_some() {
-                        depth_m = run.iter().filter_map(|touched| Some(touched.depth_m(&touched.weights(shell)?))).sum();
+                        depth_m = run
+                            .iter()
+                            .filter_map(|touched| Some(touched.depth_m(&touched.weights(shell)?)))
+                            .sum();
                     }
                 }
                 if let Some(carried) = carried {
@@ -298,12 +345,19 @@ impl ContactSum {
             }
             if let Some(also) = also.as_mut() {
                 for touched in traversal.touched() {
-                    touched.contacts(&obstacle.field, shell, map_from_body, |contact| also(obstacle_idx, contact));
+                    touched.contacts(&obstacle.field, shell, map_from_body, |contact| {
+                        also(obstacle_idx, contact)
+                    });
                 }
             }
             summing.note(obstacle, n_contacts, found.max_value_m, reserve_m);
             if reserve_m > 0.0 {
-                traversal.note_pressed((obstacle_idx, obstacle), shell, (world_from_body, map_from_body), found.max_value_m);
+                traversal.note_pressed(
+                    (obstacle_idx, obstacle),
+                    shell,
+                    (world_from_body, map_from_body),
+                    found.max_value_m,
+                );
             }
             summing.left_out += found.left_out;
             summing.looked_at += found.looked_at;

@@ -1,14 +1,18 @@
-//! Where the obstacles stand now, which of them are near (the broad phase), and how they move from tick to tick.
+//! Where the obstacles stand now, which of them are near (the broad phase), and how they move from
+//! tick to tick.
 //!
-//! An obstacle whose box of samples lies clear of a sphere around the whole tool is not asked in that tick. All that is outside the box
-//! has the same V, so it is known what asking would have given: the broad phase changes no bit of the specification's answer
+//! An obstacle whose box of samples lies clear of a sphere around the whole tool is not asked in
+//! that tick. All that is outside the box has the same V, so it is known what asking would have
+//! given: the broad phase changes no bit of the specification's answer
 //! ([`ContactSum::flat`](super::ContactSum::flat)).
 //!
-//! How long it stays so is remembered: the gap is used up by the way that the tool's centre goes (turning moves no sphere about
-//! it) and by the obstacle's own moves. So an obstacle far away costs one comparison per tick.
+//! How long it stays so is remembered: the gap is used up by the way that the tool's centre goes
+//! (turning moves no sphere about it) and by the obstacle's own moves. So an obstacle far away
+//! costs one comparison per tick.
 //!
 //! # Source
-//! A sphere against boxes is the commonest broad phase; the gap that motion uses up is that of McNeely2006 for points.
+//! A sphere against boxes is the commonest broad phase; the gap that motion uses up is that of
+//! McNeely2006 for points.
 
 #![expect(clippy::disallowed_types, reason = "sized when the scene is made ready, never resized")]
 
@@ -51,17 +55,20 @@ pub struct ObstaclePose {
     pub reach_m: f64,
     /// Voxel edge, m.
     pub voxel_size_m: f64,
-    /// What its points may go in the next tick, m; taken off the tool's step limit. 0 of what stands.
+    /// What its points may go in the next tick, m; taken off the tool's step limit. 0 of what
+    /// stands.
     pub reserve_m: f64,
     /// Largest V of this tick, m.
     pub max_value_m: f64,
-    /// The deepest contact of this tick, in the world, and the unit direction in which it leaves the obstacle; found only while it moves.
+    /// The deepest contact of this tick, in the world, and the unit direction in which it leaves
+    /// the obstacle; found only while it moves.
     pub deepest_world: Option<(DVec3, DVec3)>,
     /// False where the box does not decide it.
     boxed: bool,
 }
 
-/// A small motion of an obstacle in one tick, world axes: its material at a point x goes by `linear` + `angular` × (x − `center`).
+/// A small motion of an obstacle in one tick, world axes: its material at a point x goes by
+/// `linear` + `angular` × (x − `center`).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PoseStep {
     /// The point that moves by `linear`, world axes, m.
@@ -92,7 +99,8 @@ impl ObstaclePose {
 
     /// How far a sphere is from the box, m; negative where they may meet.
     fn gap_m(&self, center_world: DVec3, radius_m: f64) -> f64 {
-        let from_middle = self.world_from_map.inverse().transform_point(center_world) - self.center_map;
+        let from_middle =
+            self.world_from_map.inverse().transform_point(center_world) - self.center_map;
         (from_middle.abs() - self.half_m).max(DVec3::ZERO).length() - radius_m
     }
 }
@@ -112,11 +120,21 @@ pub struct ObstaclePoses {
 
 impl ObstaclePoses {
     /// Cold. `all_bounds`: one per obstacle, `None` where the box does not bound what can touch.
-    pub(super) fn new<'a>(obstacles: &[Obstacle], all_bounds: impl Iterator<Item = Option<&'a BrickBounds>>) -> Self {
-        let poses: Vec<ObstaclePose> =
-            obstacles.iter().zip(all_bounds).map(|(obstacle, bounds)| ObstaclePose::new(obstacle, bounds)).collect();
+    pub(super) fn new<'a>(
+        obstacles: &[Obstacle],
+        all_bounds: impl Iterator<Item = Option<&'a BrickBounds>>,
+    ) -> Self {
+        let poses: Vec<ObstaclePose> = obstacles
+            .iter()
+            .zip(all_bounds)
+            .map(|(obstacle, bounds)| ObstaclePose::new(obstacle, bounds))
+            .collect();
         Self {
-            far: obstacles.iter().zip(&poses).map(|(obstacle, pose)| Far::new(obstacle, pose)).collect(),
+            far: obstacles
+                .iter()
+                .zip(&poses)
+                .map(|(obstacle, pose)| Far::new(obstacle, pose))
+                .collect(),
             near: Vec::with_capacity(poses.len()),
             poses,
             way_m: 0.0,
@@ -140,19 +158,28 @@ impl ObstaclePoses {
         self.poses.get_mut(obstacle_idx)
     }
 
-    /// Puts an obstacle to a pose, of which `moved` is what is new; no point of its box goes by more than `way_m`. RT: safe.
+    /// Puts an obstacle to a pose, of which `moved` is what is new; no point of its box goes by
+    /// more than `way_m`. RT: safe.
     pub fn put(&mut self, obstacle_idx: usize, world_from_map: Pose, moved: PoseStep, way_m: f64) {
-        if let (Some(pose), Some(far)) = (self.poses.get_mut(obstacle_idx), self.far.get_mut(obstacle_idx)) {
+        if let (Some(pose), Some(far)) =
+            (self.poses.get_mut(obstacle_idx), self.far.get_mut(obstacle_idx))
+        {
             pose.world_from_map = world_from_map;
             pose.moved = moved;
             // A way that is not a number leaves nothing known.
-            far.clear_until_m = if way_m >= 0.0 { far.clear_until_m - way_m } else { f64::NEG_INFINITY };
+            far.clear_until_m =
+                if way_m >= 0.0 { far.clear_until_m - way_m } else { f64::NEG_INFINITY };
         }
     }
 
-    /// Finds out which obstacles are near the tool at this pose. Returns what is to be noted of the others all together. RT: safe; one comparison for
-    /// each obstacle that is known to be far.
-    pub(super) fn look_around(&mut self, shell: &Shell, world_from_body: Pose, overstated_voxels: f64) -> FarSum {
+    /// Finds out which obstacles are near the tool at this pose. Returns what is to be noted of the
+    /// others all together. RT: safe; one comparison for each obstacle that is known to be far.
+    pub(super) fn look_around(
+        &mut self,
+        shell: &Shell,
+        world_from_body: Pose,
+        overstated_voxels: f64,
+    ) -> FarSum {
         let center = world_from_body.translation;
         let step_m = self.last.replace(center).map_or(0.0, |last| (center - last).length());
         self.way_m += step_m;
@@ -166,16 +193,23 @@ impl ObstaclePoses {
         for ((obstacle_idx, far), pose) in (0..).zip(&mut self.far).zip(&mut self.poses) {
             if culls && far.clear_until_m <= self.way_m {
                 let gap_m = if pose.boxed { pose.gap_m(center, shell.radius_m()) } else { -1.0 };
-                far.clear_until_m = if gap_m > 0.0 { self.way_m + gap_m } else { f64::NEG_INFINITY };
+                far.clear_until_m =
+                    if gap_m > 0.0 { self.way_m + gap_m } else { f64::NEG_INFINITY };
             }
             if !(culls && far.clear_until_m > self.way_m) {
                 self.near.push(obstacle_idx);
                 continue;
             }
-            let (outside_m, voxel_size_m) = (f64::from(far.outside_m), f64::from(far.voxel_size_m));
+            let outside_m = f64::from(far.outside_m);
+            let voxel_size_m = f64::from(far.voxel_size_m);
             sum.max_value_m = sum.max_value_m.max(outside_m);
             sum.voxel_size_m = sum.voxel_size_m.min(voxel_size_m);
-            sum.step_limit_m = sum.step_limit_m.min(step_limit_m(outside_m, voxel_size_m, overstated_voxels, pose.reserve_m));
+            sum.step_limit_m = sum.step_limit_m.min(step_limit_m(
+                outside_m,
+                voxel_size_m,
+                overstated_voxels,
+                pose.reserve_m,
+            ));
             if pose.reserve_m > 0.0 {
                 (pose.max_value_m, pose.deepest_world) = (outside_m, None);
             }
@@ -204,13 +238,23 @@ pub(super) struct FarSum {
 
 impl Default for FarSum {
     fn default() -> Self {
-        Self { max_value_m: f64::NEG_INFINITY, voxel_size_m: f64::INFINITY, step_limit_m: f64::INFINITY }
+        Self {
+            max_value_m: f64::NEG_INFINITY,
+            voxel_size_m: f64::INFINITY,
+            step_limit_m: f64::INFINITY,
+        }
     }
 }
 
-/// What a point of the tool may go in one tick without passing unnoticed through an obstacle, whose own points may go by up to `reserve_m`
-/// meanwhile, but for half of the clearance (a quarter of a voxel is always theirs), m.
-pub(super) fn step_limit_m(max_value_m: f64, voxel_size_m: f64, overstated_voxels: f64, reserve_m: f64) -> f64 {
+/// What a point of the tool may go in one tick without passing unnoticed through an obstacle, whose
+/// own points may go by up to `reserve_m` meanwhile, but for half of the clearance (a quarter of a
+/// voxel is always theirs), m.
+pub(super) fn step_limit_m(
+    max_value_m: f64,
+    voxel_size_m: f64,
+    overstated_voxels: f64,
+    reserve_m: f64,
+) -> f64 {
     let clearance_m = -max_value_m - overstated_voxels * voxel_size_m;
     (clearance_m - reserve_m.min(OWN_SHARE * clearance_m.max(0.0))).max(0.5 * voxel_size_m)
 }
@@ -222,7 +266,9 @@ impl ObstaclePose {
     fn new(obstacle: &Obstacle, bounds: Option<&BrickBounds>) -> Self {
         let Obstacle { field, world_from_map } = obstacle;
         let voxel_size_m = f64::from(field.voxel_size_m());
-        let size_m = bounds.map_or(DVec3::ZERO, |bounds| DVec3::from_array(bounds.dims().map(f64::from)) * (8.0 * voxel_size_m));
+        let size_m = bounds.map_or(DVec3::ZERO, |bounds| {
+            DVec3::from_array(bounds.dims().map(f64::from)) * (8.0 * voxel_size_m)
+        });
         let grown_m = GROWN_VOXELS * voxel_size_m + GROWN_SHARE * size_m.length();
         let half_m = 0.5 * size_m + DVec3::splat(grown_m);
         Self {

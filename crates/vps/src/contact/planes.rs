@@ -1,12 +1,14 @@
 //! Few contacts that stand for many: the deepest point of each direction and place.
 //!
-//! Data in: contact records, in any number. Data out: at most [`N_BINS`] of them. A record falls into a bin by the direction that it
-//! pushes (26 directions: per axis back, none, forth) and by the octant of the tool in which it lies; each bin keeps its deepest point.
-//! So a face that rests flat is stood for by its outermost points, an edge by its two sides, and the cost does not depend on what is
-//! chosen: O(1) per record, no allocation.
+//! Data in: contact records, in any number. Data out: at most [`N_BINS`] of them. A record falls
+//! into a bin by the direction that it pushes (26 directions: per axis back, none, forth) and by
+//! the octant of the tool in which it lies; each bin keeps its deepest point. So a face that rests
+//! flat is stood for by its outermost points, an edge by its two sides, and the cost does not
+//! depend on what is chosen: O(1) per record, no allocation.
 //!
 //! # Source
-//! Sagardia2014 (few contacts per manifold, deepest first, then far apart) as the idea; the bins are ours.
+//! Sagardia2014 (few contacts per manifold, deepest first, then far apart) as the idea; the bins
+//! are ours.
 
 use glam::Vec3;
 
@@ -15,10 +17,12 @@ use super::Contact;
 /// 3³ directions times 8 octants.
 pub const N_BINS: usize = 27 * 8;
 
-/// A component of a unit normal counts as a direction of its own from tan 22.5° on, less than 1/√3: no normal is without any.
+/// A component of a unit normal counts as a direction of its own from tan 22.5° on, less than 1/√3:
+/// no normal is without any.
 const COUNTS_FROM: f32 = 0.41;
 
-/// Of points equally deep, the outer one stands for the place: its depth counts this much of the lever more.
+/// Of points equally deep, the outer one stands for the place: its depth counts this much of the
+/// lever more.
 const OUTWARD_PER_M: f32 = 1e-3;
 
 /// The deepest contact of every bin.
@@ -35,11 +39,13 @@ impl Default for DeepestContacts {
 }
 
 impl DeepestContacts {
-    /// Takes one record. The result depends on the set of records, and on their order only between points that are equal in depth and
-    /// lever to the last bit. RT: safe, O(1).
+    /// Takes one record. The result depends on the set of records, and on their order only between
+    /// points that are equal in depth and lever to the last bit. RT: safe, O(1).
     #[inline]
     pub fn add(&mut self, obstacle_idx: usize, contact: &Contact) {
-        let Some(slot) = self.bins.get_mut(bin(contact.normal_body, contact.arm_body)) else { return };
+        let Some(slot) = self.bins.get_mut(bin(contact.normal_body, contact.arm_body)) else {
+            return;
+        };
         if slot.is_none_or(|(_, kept)| score(contact) > score(&kept)) {
             *slot = Some((obstacle_idx, *contact));
         }
@@ -56,7 +62,9 @@ fn score(contact: &Contact) -> f32 {
 }
 
 fn bin(normal: Vec3, arm: Vec3) -> usize {
-    let direction = |component: f32| if component > COUNTS_FROM { 2 } else { usize::from(component >= -COUNTS_FROM) };
+    let direction = |component: f32| {
+        if component > COUNTS_FROM { 2 } else { usize::from(component >= -COUNTS_FROM) }
+    };
     let side = |component: f32| usize::from(component > 0.0);
     let directions = (direction(normal.x) * 3 + direction(normal.y)) * 3 + direction(normal.z);
     directions * 8 + side(arm.x) * 4 + side(arm.y) * 2 + side(arm.z)
@@ -85,7 +93,10 @@ mod tests {
         let kept: Vec<Vec3> = deepest.iter().map(|(_, contact)| contact.arm_body * 1e3).collect();
         assert_eq!(kept.len(), 4);
         for (x, y) in [(5.5, 5.5), (-4.5, 5.5), (5.5, -4.5), (-4.5, -4.5)] {
-            assert!(kept.iter().any(|arm| (*arm - Vec3::new(x, y, -5.0)).length() < 1e-3), "{kept:?}");
+            assert!(
+                kept.iter().any(|arm| (*arm - Vec3::new(x, y, -5.0)).length() < 1e-3),
+                "{kept:?}"
+            );
         }
     }
 
@@ -94,8 +105,10 @@ mod tests {
         let contacts: Vec<Contact> = (0..500_u16)
             .map(|n| {
                 let t = f32::from(n);
-                let (arm, normal) =
-                    (Vec3::new((t * 1.3).sin(), (t * 0.7).cos(), (t * 2.1).sin()), Vec3::new(t.sin(), t.cos(), (t * 0.3).sin()));
+                let (arm, normal) = (
+                    Vec3::new((t * 1.3).sin(), (t * 0.7).cos(), (t * 2.1).sin()),
+                    Vec3::new(t.sin(), t.cos(), (t * 0.3).sin()),
+                );
                 contact(u32::from(n), 1e-4 * (2.0 + (t * 5.1).sin()), arm * 1e-2, normal)
             })
             .collect();
@@ -107,7 +120,10 @@ mod tests {
         let forth = kept(&mut contacts.iter());
         assert_eq!(forth, kept(&mut contacts.iter().rev()));
         assert!(forth.len() > 26);
-        let global = contacts.iter().max_by(|a, b| score(a).total_cmp(&score(b))).map(|contact| contact.point_idx);
+        let global = contacts
+            .iter()
+            .max_by(|a, b| score(a).total_cmp(&score(b)))
+            .map(|contact| contact.point_idx);
         assert!(forth.iter().any(|point_idx| Some(*point_idx) == global));
     }
 }

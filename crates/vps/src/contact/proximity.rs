@@ -1,9 +1,11 @@
-//! Points of the tool that are about to touch: within a voxel of an obstacle's surface, not in it yet, and turned to it.
+//! Points of the tool that are about to touch: within a voxel of an obstacle's surface, not in it
+//! yet, and turned to it.
 //!
-//! Turned to it, because the foot of a face that stands upright on a floor is near to it as well, and slides along without ever touching.
+//! Turned to it, because the foot of a face that stands upright on a floor is near to it as well,
+//! and slides along without ever touching.
 //!
-//! The walk that finds contacts, over the bounds of an obstacle that is a voxel thicker, with proofs of its own. It costs what a contact
-//! query costs, and only while something is near.
+//! The walk that finds contacts, over the bounds of an obstacle that is a voxel thicker, with
+//! proofs of its own. It costs what a contact query costs, and only while something is near.
 
 #![expect(clippy::disallowed_types, reason = "sized when the scene is made ready, never resized")]
 
@@ -20,7 +22,8 @@ use crate::voxmap::field::brick_bounds::BrickBounds;
 const LAYER_VOXELS: f32 = 1.0;
 /// A point is turned to a surface when its normal is within 60° of the way out.
 const TURNED_COSINE: f32 = 0.5;
-/// Share of what is known of a field outside its object that the layer may take: beyond, far and near look alike.
+/// Share of what is known of a field outside its object that the layer may take: beyond, far and
+/// near look alike.
 const KNOWN_SHARE: f32 = 0.99;
 
 /// Finds the points ahead of contact, tick after tick. Owns all memory that this takes.
@@ -43,8 +46,10 @@ struct Layer {
 impl Layer {
     fn new(obstacle: &Obstacle, shell: &Shell) -> Option<Self> {
         let field = &obstacle.field;
-        let thickness_m = (LAYER_VOXELS * field.voxel_size_m()).min(KNOWN_SHARE * field.known_outside_m());
-        let bounds = (thickness_m > 0.0).then(|| BrickBounds::thicker(field, thickness_m)).flatten()?;
+        let thickness_m =
+            (LAYER_VOXELS * field.voxel_size_m()).min(KNOWN_SHARE * field.known_outside_m());
+        let bounds =
+            (thickness_m > 0.0).then(|| BrickBounds::thicker(field, thickness_m)).flatten()?;
         Some(Self { walk: TreeTraversal::over(bounds, shell)?, thickness_m })
     }
 }
@@ -53,15 +58,23 @@ impl Proximity {
     /// Prepares the search. Allocates; RT: start-up only.
     pub fn new(simd_level: SimdLevel, obstacles: &[Obstacle], shell: &Shell) -> Self {
         let layers: Vec<_> = obstacles.iter().map(|obstacle| Layer::new(obstacle, shell)).collect();
-        let thickest_m = layers.iter().flatten().map(|layer| f64::from(layer.thickness_m)).fold(0.0, f64::max);
-        Self { simd_level, layers, thickest_m, lists: Lists::new(shell), touched: Vec::with_capacity(shell.positions().len()) }
+        let thickest_m =
+            layers.iter().flatten().map(|layer| f64::from(layer.thickness_m)).fold(0.0, f64::max);
+        Self {
+            simd_level,
+            layers,
+            thickest_m,
+            lists: Lists::new(shell),
+            touched: Vec::with_capacity(shell.positions().len()),
+        }
     }
 
-    /// Calls `near` with every such point as if it touched, its normal the way out. The layer is thinner than a voxel where less than that is
-    /// known of the field outside.
+    /// Calls `near` with every such point as if it touched, its normal the way out. The layer is
+    /// thinner than a voxel where less than that is known of the field outside.
     ///
-    /// `contact`: what `traversal`, which knows where the obstacles stand, found at this pose; where its clearance says that nothing is near,
-    /// nothing is looked at. What its budget left is what this may look at. RT: safe; allocates nothing.
+    /// `contact`: what `traversal`, which knows where the obstacles stand, found at this pose;
+    /// where its clearance says that nothing is near, nothing is looked at. What its budget left is
+    /// what this may look at. RT: safe; allocates nothing.
     pub fn visit(
         &mut self,
         traversal: &Traversal,
@@ -78,19 +91,32 @@ impl Proximity {
         let mut left = traversal.budget().without(contact.looked_at);
         let n_obstacles = layers.len();
         for ((idx, obstacle), layer) in obstacles.iter().enumerate().zip(layers) {
-            let (Some(Layer { walk, thickness_m }), Some(pose)) = (layer, traversal.obstacle_poses().pose(idx)) else { continue };
+            let (Some(Layer { walk, thickness_m }), Some(pose)) =
+                (layer, traversal.obstacle_poses().pose(idx))
+            else {
+                continue;
+            };
             let map_from_body = pose.world_from_map.inverse() * world_from_body;
             let place = Place::new(&obstacle.field, map_from_body);
             if !place.is_finite() {
                 continue;
             }
             touched.clear();
-            let found = walk.find(*simd_level, shell, (&place, map_from_body), left.share(n_obstacles - idx), lists, touched);
+            let found = walk.find(
+                *simd_level,
+                shell,
+                (&place, map_from_body),
+                left.share(n_obstacles - idx),
+                lists,
+                touched,
+            );
             left = left.without(found.looked_at);
             let wall = Wall::new(&obstacle.field, map_from_body);
             for block in touched.iter() {
                 let number = block.block as usize;
-                let (Some(positions), Some(normals)) = (shell.positions().get(number), shell.normals().get(number)) else {
+                let (Some(positions), Some(normals)) =
+                    (shell.positions().get(number), shell.normals().get(number))
+                else {
                     continue;
                 };
                 for lane in block.lanes() {
@@ -100,8 +126,13 @@ impl Proximity {
                         continue;
                     }
                     let arm_body = positions.get(lane);
-                    let weight = block.weights(shell).and_then(|weights| weights.0.get(lane).copied()).unwrap_or(0.0);
-                    let way_out = wall.way_out(arm_body).filter(|out| out.dot(normals.get(lane)) > TURNED_COSINE);
+                    let weight = block
+                        .weights(shell)
+                        .and_then(|weights| weights.0.get(lane).copied())
+                        .unwrap_or(0.0);
+                    let way_out = wall
+                        .way_out(arm_body)
+                        .filter(|out| out.dot(normals.get(lane)) > TURNED_COSINE);
                     if let Some(normal_body) = way_out {
                         let point_idx = block.block * LANES as u32 + lane as u32;
                         near(&Contact { point_idx, depth_m, weight, arm_body, normal_body });

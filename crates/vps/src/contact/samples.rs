@@ -1,6 +1,9 @@
 //! Points that stand for others, looked up by the block.
 
-#![expect(clippy::disallowed_types, reason = "pushes into a list that is sized when the scene is made ready")]
+#![expect(
+    clippy::disallowed_types,
+    reason = "pushes into a list that is sized when the scene is made ready"
+)]
 
 use super::contact_block::ContactBlock;
 use super::kernel::{Blocks, Depths, Place};
@@ -12,7 +15,8 @@ use crate::voxmap::field::brick_bounds::BrickBounds;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Samples {
     positions: Lanes3,
-    /// Points and the surface that they stand for, as a multiple of their own; the same for all of a block.
+    /// Points and the surface that they stand for, as a multiple of their own; the same for all of
+    /// a block.
     points: [(u32, f32); LANES],
     n: usize,
 }
@@ -27,8 +31,13 @@ impl Default for Samples {
 impl Samples {
     /// A point that stands for this multiple of its own surface.
     pub(super) fn push(&mut self, shell: &Shell, point: u32, weight: f32) {
-        let (block, lane) = (point as usize / LANES, point as usize % LANES);
-        let (Some(positions), Some(place)) = (shell.positions().get(block), self.points.get_mut(self.n)) else { return };
+        let block = point as usize / LANES;
+        let lane = point as usize % LANES;
+        let (Some(positions), Some(place)) =
+            (shell.positions().get(block), self.points.get_mut(self.n))
+        else {
+            return;
+        };
         self.positions.set(self.n, positions.get(lane));
         *place = (point, weight);
         self.n += 1;
@@ -38,7 +47,8 @@ impl Samples {
         self.n == LANES
     }
 
-    /// Reports those that touch, points of one block that follow each other as one, and starts anew.
+    /// Reports those that touch, points of one block that follow each other as one, and starts
+    /// anew.
     pub(super) fn look(
         &mut self,
         simd_level: SimdLevel,
@@ -56,19 +66,35 @@ impl Samples {
                 if depths.touching >> lane & 1 == 0 {
                     continue;
                 }
-                let (block, lane_of_block) = (point / LANES as u32, point as usize % LANES);
+                let block = point / LANES as u32;
+                let lane_of_block = point as usize % LANES;
                 if last.is_some_and(|last| last.block != block) {
                     touched.extend(last.take());
                 }
-                let one = last.get_or_insert(ContactBlock { block, lanes: 0, weight, depths_m: [0.0; LANES] });
+                let one = last.get_or_insert(ContactBlock {
+                    block,
+                    lanes: 0,
+                    weight,
+                    depths_m: [0.0; LANES],
+                });
                 one.lanes |= 1 << lane_of_block;
-                if let (Some(depth_m), Some(of_lane)) = (depths.depths_m.0.get(lane), one.depths_m.get_mut(lane_of_block)) {
+                if let (Some(depth_m), Some(of_lane)) =
+                    (depths.depths_m.0.get(lane), one.depths_m.get_mut(lane_of_block))
+                {
                     *of_lane = *depth_m;
                 }
             }
             touched.extend(last);
         };
-        let (positions, floor) = (core::slice::from_ref(&positions), |_| f32::NEG_INFINITY);
-        simd_level.run(Blocks { bounds, place, positions, which: core::iter::once(0), floor, found })
+        let positions = core::slice::from_ref(&positions);
+        let floor = |_| f32::NEG_INFINITY;
+        simd_level.run(Blocks {
+            bounds,
+            place,
+            positions,
+            which: core::iter::once(0),
+            floor,
+            found,
+        })
     }
 }

@@ -1,6 +1,7 @@
 //! The sum over touching blocks, sixteen lanes at a time.
 //!
-//! A few blocks are added up in `f32`, sixteen lane sums per quantity, then these sums in `f64`, every fourth lane together.
+//! A few blocks are added up in `f32`, sixteen lane sums per quantity, then these sums in `f64`,
+//! every fourth lane together.
 
 use glam::DVec3;
 
@@ -11,10 +12,12 @@ use crate::spatial::Mat6;
 
 /// Force, moment, the upper triangle of the stiffness, depth, depth × arm, effective count.
 const QUANTITIES: usize = 3 + 3 + 21 + 1 + 3 + 1;
-/// Blocks that are added up in `f32`: sixteen numbers per lane, which takes no more from them than the rounding of positions does.
+/// Blocks that are added up in `f32`: sixteen numbers per lane, which takes no more from them than
+/// the rounding of positions does.
 const BLOCKS_PER_PART: u32 = 16;
 
-/// What one face adds, tool axes, metres instead of newtons (stiffness is multiplied in later). No vector of it lies in two cache lines.
+/// What one face adds, tool axes, metres instead of newtons (stiffness is multiplied in later). No
+/// vector of it lies in two cache lines.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
 pub(super) struct Sums {
@@ -63,14 +66,22 @@ impl<L: F32s<LANES>> Addends<L> {
         let stands_for = L::load(&weights.0).only(wanted) * L::splat(count);
         let area = L::load(&areas.0).only(wanted) * L::splat(count);
         let depth = L::load(&touched.depths_m).only(wanted);
-        let [nx, ny, nz] =
-            [L::load(&normals.x.0).only(wanted), L::load(&normals.y.0).only(wanted), L::load(&normals.z.0).only(wanted)];
-        let [rx, ry, rz] =
-            [L::load(&positions.x.0).only(wanted), L::load(&positions.y.0).only(wanted), L::load(&positions.z.0).only(wanted)];
+        let [nx, ny, nz] = [
+            L::load(&normals.x.0).only(wanted),
+            L::load(&normals.y.0).only(wanted),
+            L::load(&normals.z.0).only(wanted),
+        ];
+        let [rx, ry, rz] = [
+            L::load(&positions.x.0).only(wanted),
+            L::load(&positions.y.0).only(wanted),
+            L::load(&positions.z.0).only(wanted),
+        ];
         let moment = [ry * nz - rz * ny, rz * nx - rx * nz, rx * ny - ry * nx];
-        // Lanes without contact have a depth of 0, and a normal and an arm of 0: whatever their factors are, they add nothing.
+        // Lanes without contact have a depth of 0, and a normal and an arm of 0: whatever their
+        // factors are, they add nothing.
         let (share, slope) = if by.spatial {
-            // w = t²(3 − 2t), d·w' = 6t²(1 − t), with t = d/(s/2) up to 1: the entry weight of stage S.
+            // w = t²(3 − 2t), d·w' = 6t²(1 − t), with t = d/(s/2) up to 1: the entry weight of
+            // stage S.
             let t = (depth * L::splat(by.per_half_voxel)).min(one);
             let squared = t * t;
             let smooth = squared * (L::splat(3.0) - (t + t));
@@ -85,15 +96,19 @@ impl<L: F32s<LANES>> Addends<L> {
             depth: depth_weighted,
             force: depth_weighted * share,
             stiffness: slope * stands_for,
-            // Our smooth count: what a contact stands for counts fully from a quarter voxel on, so that normalisation has no steps.
+            // Our smooth count: what a contact stands for counts fully from a quarter voxel on, so
+            // that normalisation has no steps.
             effective: (depth * L::splat(by.per_quarter_voxel)).min(one) * area,
         }
     }
 }
 
 impl Sums {
-    pub(super) const ZERO: Self =
-        Self { part: [[0.0; LANES]; QUANTITIES], n_blocks_in_part: 0, lanes: [[0.0; LANES / 4]; QUANTITIES] };
+    pub(super) const ZERO: Self = Self {
+        part: [[0.0; LANES]; QUANTITIES],
+        n_blocks_in_part: 0,
+        lanes: [[0.0; LANES / 4]; QUANTITIES],
+    };
 
     /// Adds the lanes of a block that touch, each by its weight so often.
     #[inline(always)]
@@ -104,7 +119,8 @@ impl Sums {
         (weights, count): ((&Lanes, &Lanes), f32),
         by: Weighting,
     ) {
-        let Addends { columns, arm, depth, force, stiffness, effective } = Addends::<L>::of(touched, at, weights, count, by);
+        let Addends { columns, arm, depth, force, stiffness, effective } =
+            Addends::<L>::of(touched, at, weights, count, by);
         let mut sums = self.part.iter_mut();
         let [a, b, c, d, e, f] = columns;
         put(&mut sums, force, columns);
@@ -146,7 +162,8 @@ impl Sums {
         let mut totals = self.lanes.iter().map(|[a, b, c, d]| (a + b) + (c + d));
         let mut next = || totals.next().unwrap_or(0.0);
         let mut vector = || DVec3::new(next(), next(), next());
-        let (depth_normal, depth_moment) = (vector(), vector());
+        let depth_normal = vector();
+        let depth_moment = vector();
         let mut stiffness = Mat6::ZERO;
         for row in 0..6 {
             for column in row..6 {
@@ -166,7 +183,11 @@ impl Sums {
 
 /// Adds factor · column to the next sums.
 #[inline(always)]
-fn put<'a, L: F32s<LANES>, const N: usize>(sums: &mut impl Iterator<Item = &'a mut [f32; LANES]>, factor: L, columns: [L; N]) {
+fn put<'a, L: F32s<LANES>, const N: usize>(
+    sums: &mut impl Iterator<Item = &'a mut [f32; LANES]>,
+    factor: L,
+    columns: [L; N],
+) {
     for (column, sum) in columns.into_iter().zip(sums) {
         (L::load(sum) + factor * column).store(sum);
     }
@@ -209,7 +230,12 @@ impl Kernel for AddAll<'_> {
                 normals.prefetch();
             }
             if let Some((at, weights)) = geometry(touched) {
-                self.sums.add::<L::Wide>(touched, at, ((weights, weights), touched.weight), self.by);
+                self.sums.add::<L::Wide>(
+                    touched,
+                    at,
+                    ((weights, weights), touched.weight),
+                    self.by,
+                );
             }
         }
     }
@@ -229,6 +255,11 @@ impl Kernel for Add<'_> {
     #[inline(always)]
     fn run<L: F32x8>(self) {
         let Pushes { positions, normals, areas, weights } = self.pushes;
-        self.sums.add::<L::Wide>(self.touched, (positions, normals), ((areas, weights), 1.0), self.by);
+        self.sums.add::<L::Wide>(
+            self.touched,
+            (positions, normals),
+            ((areas, weights), 1.0),
+            self.by,
+        );
     }
 }

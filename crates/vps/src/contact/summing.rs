@@ -9,7 +9,8 @@ use super::{ContactSum, ForceLaw, Normalization, Obstacle, ObstacleMotion, Patch
 use crate::spatial::{Mat6, Pose, Wrench};
 use crate::voxmap::field::FieldKind;
 
-/// Contacts from which an averaged sum stops growing (McNeely1999: F_tot below ten contacts, F_tot/(N/10) from ten on).
+/// Contacts from which an averaged sum stops growing (McNeely1999: F_tot below ten contacts,
+/// F_tot/(N/10) from ten on).
 pub const AVERAGED_CONTACTS: f64 = 10.0;
 
 /// Memory for sums by face: large, so that they are not made on the stack anew in each tick.
@@ -37,7 +38,8 @@ impl Default for FaceSums {
 pub(super) struct Summing<'a> {
     law: ForceLaw,
     world_from_body: Pose,
-    /// Tool axes; of all obstacles together. Of a face that has not touched yet, what an earlier tick left.
+    /// Tool axes; of all obstacles together. Of a face that has not touched yet, what an earlier
+    /// tick left.
     faces: &'a mut FaceSums,
     /// One bit for each face that touches.
     touching: u32,
@@ -70,7 +72,8 @@ impl<'a> Summing<'a> {
         }
     }
 
-    /// Notes that what a face touches has moved; `depth_m`: all depths of these contacts, each with the weight that it has in the sums.
+    /// Notes that what a face touches has moved; `depth_m`: all depths of these contacts, each with
+    /// the weight that it has in the sums.
     pub(super) fn carry(&mut self, face: u8, carried: ObstacleMotion, depth_m: f64) {
         let faces = self.obstacle_motion.get_or_insert_with(|| [ObstacleMotion::default(); FACES]);
         if let Some(sum) = faces.get_mut(usize::from(face)) {
@@ -93,7 +96,8 @@ impl<'a> Summing<'a> {
         Some(sums)
     }
 
-    /// By how much a clearance may be overstated: interpolation by half the diagonal of a cell, the other look-ups by up to two voxels.
+    /// By how much a clearance may be overstated: interpolation by half the diagonal of a cell, the
+    /// other look-ups by up to two voxels.
     pub(super) fn overstated_voxels(&self) -> f64 {
         if self.law.field == FieldKind::Trilinear { 0.5 * 3_f64.sqrt() } else { 2.0 }
     }
@@ -106,15 +110,33 @@ impl<'a> Summing<'a> {
     }
 
     /// Notes what else was found at an obstacle.
-    pub(super) fn note(&mut self, obstacle: &Obstacle, n_contacts: u32, max_value_m: f32, reserve_m: f64) {
+    pub(super) fn note(
+        &mut self,
+        obstacle: &Obstacle,
+        n_contacts: u32,
+        max_value_m: f32,
+        reserve_m: f64,
+    ) {
         let max_value_m = f64::from(max_value_m);
         let voxel_size_m = f64::from(obstacle.field.voxel_size_m());
-        let limit_m = obstacle_poses::step_limit_m(max_value_m, voxel_size_m, self.overstated_voxels(), reserve_m);
+        let limit_m = obstacle_poses::step_limit_m(
+            max_value_m,
+            voxel_size_m,
+            self.overstated_voxels(),
+            reserve_m,
+        );
         self.note_found(voxel_size_m, n_contacts, max_value_m, limit_m);
     }
 
-    /// Notes what was found of something whose voxels are so large, and how far a point of the tool may go.
-    pub(super) fn note_found(&mut self, voxel_size_m: f64, n_contacts: u32, max_value_m: f64, limit_m: f64) {
+    /// Notes what was found of something whose voxels are so large, and how far a point of the tool
+    /// may go.
+    pub(super) fn note_found(
+        &mut self,
+        voxel_size_m: f64,
+        n_contacts: u32,
+        max_value_m: f64,
+        limit_m: f64,
+    ) {
         self.contacts += n_contacts;
         self.max_value_m = self.max_value_m.max(max_value_m);
         self.voxel_size_m = self.voxel_size_m.min(voxel_size_m);
@@ -151,8 +173,11 @@ impl<'a> Summing<'a> {
             patches: [None; FACES],
             carried_faces: self.obstacle_motion,
         };
-        let (mut depth, mut depth_arm) = (0.0, DVec3::ZERO);
-        let (mut force, mut moment, mut stiffness) = (DVec3::ZERO, DVec3::ZERO, Mat6::ZERO);
+        let mut depth = 0.0;
+        let mut depth_arm = DVec3::ZERO;
+        let mut force = DVec3::ZERO;
+        let mut moment = DVec3::ZERO;
+        let mut stiffness = Mat6::ZERO;
         for ((face, total), patch) in totals.iter().enumerate().zip(&mut sum.patches) {
             let Some(total) = total else { continue };
             let share = match self.law.normalization {
@@ -173,7 +198,8 @@ impl<'a> Summing<'a> {
             sum.arm_world = rotation * depth_arm / depth;
         }
         if let Some(faces) = sum.carried_faces.as_mut() {
-            // Points without a share in the sum, such as an edge that has gone past the middle of a wall, have no depth there either.
+            // Points without a share in the sum, such as an edge that has gone past the middle of a
+            // wall, have no depth there either.
             let mean_over = |depth_m: f64| if depth_m > 0.0 { 1.0 / depth_m } else { 0.0 };
             for (carried, total) in faces.iter_mut().zip(&totals) {
                 sum.obstacle_motion.add(mean_over(depth), *carried);
@@ -195,14 +221,16 @@ impl Patch {
         let normal = total.depth_normal.try_normalize()?;
         let arm = total.depth_arm / total.depth;
         let (along, about) = total.stiffness.traces();
-        let squared = if along > 0.0 { about / along - arm.cross(normal).length_squared() } else { 0.0 };
+        let squared =
+            if along > 0.0 { about / along - arm.cross(normal).length_squared() } else { 0.0 };
         arm.is_finite().then(|| Self {
             face,
             force_n: stiffness_n_per_m * total.depth_normal.length(),
             normal_world: rotation * normal,
             arm_world: rotation * arm,
             radius_m: squared.max(0.0).sqrt(),
-            stiffness_n_per_m: stiffness_n_per_m * total.stiffness.mul(normal, DVec3::ZERO).0.dot(normal),
+            stiffness_n_per_m: stiffness_n_per_m
+                * total.stiffness.mul(normal, DVec3::ZERO).0.dot(normal),
         })
     }
 }

@@ -31,8 +31,8 @@ pub enum TraversalMode {
 
 /// Finds the blocks of a shell that touch an obstacle, tick after tick.
 ///
-/// Owns all memory that this takes, and the proofs of earlier ticks. Walks interpolate: with another field than `trilinear` every point
-/// is looked up, as `flat` does.
+/// Owns all memory that this takes, and the proofs of earlier ticks. Walks interpolate: with
+/// another field than `trilinear` every point is looked up, as `flat` does.
 #[derive(Clone, Debug)]
 pub struct Traversal {
     simd_level: SimdLevel,
@@ -53,7 +53,12 @@ pub struct Traversal {
 
 impl Traversal {
     /// Prepares the traversal of a shell against obstacles. Allocates; RT: start-up only.
-    pub fn new(simd_level: SimdLevel, mode: TraversalMode, obstacles: &[Obstacle], shell: &Shell) -> Self {
+    pub fn new(
+        simd_level: SimdLevel,
+        mode: TraversalMode,
+        obstacles: &[Obstacle],
+        shell: &Shell,
+    ) -> Self {
         let walks: Vec<Option<TreeTraversal>> =
             obstacles.iter().map(|obstacle| TreeTraversal::new(&obstacle.field, shell)).collect();
         Self {
@@ -61,7 +66,10 @@ impl Traversal {
             mode,
             budget: Budget::Unlimited,
             left: Budget::Unlimited,
-            obstacle_poses: ObstaclePoses::new(obstacles, walks.iter().map(|walk| walk.as_ref().map(TreeTraversal::bounds))),
+            obstacle_poses: ObstaclePoses::new(
+                obstacles,
+                walks.iter().map(|walk| walk.as_ref().map(TreeTraversal::bounds)),
+            ),
             walks,
             lists: Lists::new(shell),
             touched: Vec::with_capacity(shell.positions().len()),
@@ -85,7 +93,8 @@ impl Traversal {
         self.budget
     }
 
-    /// Whether obstacles far away are passed over. They are, unless it is to be shown that it makes no difference.
+    /// Whether obstacles far away are passed over. They are, unless it is to be shown that it makes
+    /// no difference.
     #[must_use]
     pub fn with_broad_phase(mut self, on: bool) -> Self {
         self.obstacle_poses.set_culling(on);
@@ -112,16 +121,23 @@ impl Traversal {
         self.walks.iter_mut().flatten().for_each(TreeTraversal::forget);
     }
 
-    /// A pose of the shell at which one of its points lies at the surface of an obstacle, another one each `turn`; `None` without a
-    /// surface or a point. Cold.
-    pub fn overlapping_pose(&self, obstacles: &[Obstacle], shell: &Shell, turn: usize) -> Option<Pose> {
+    /// A pose of the shell at which one of its points lies at the surface of an obstacle, another
+    /// one each `turn`; `None` without a surface or a point. Cold.
+    pub fn overlapping_pose(
+        &self,
+        obstacles: &[Obstacle],
+        shell: &Shell,
+        turn: usize,
+    ) -> Option<Pose> {
         let obstacle_idx = turn.checked_rem(obstacles.len())?;
-        let (obstacle, walk) = (obstacles.get(obstacle_idx)?, self.walks.get(obstacle_idx)?.as_ref()?);
+        let obstacle = obstacles.get(obstacle_idx)?;
+        let walk = self.walks.get(obstacle_idx)?.as_ref()?;
         let world_from_map = self.obstacle_poses.pose(obstacle_idx)?.world_from_map;
         // Multiples of the golden ratio: spread evenly, however many turns there are.
         let spread = |stride: f64, n: usize| ((turn as f64 * stride).fract() * n as f64) as usize;
         let cells = walk.bounds().surface_place(spread(0.618_034, walk.bounds().top().len()))?;
-        let place_map = obstacle.field.origin_map().as_dvec3() + cells.as_dvec3() * f64::from(obstacle.field.voxel_size_m());
+        let place_map = obstacle.field.origin_map().as_dvec3()
+            + cells.as_dvec3() * f64::from(obstacle.field.voxel_size_m());
         let point = spread(0.754_878, shell.len());
         let arm = shell.positions().get(point / LANES)?.get(point % LANES).as_dvec3();
         let rotation = DQuat::from_scaled_axis(DVec3::new(1.3, 2.1, 0.7) * turn as f64);
@@ -132,7 +148,8 @@ impl Traversal {
         self.simd_level
     }
 
-    /// Memory for the sums of a query, which brings it back. RT: safe; allocates only where one did not.
+    /// Memory for the sums of a query, which brings it back. RT: safe; allocates only where one did
+    /// not.
     pub(super) fn take_sums(&mut self) -> FaceSums {
         self.sums.take().unwrap_or_default()
     }
@@ -154,14 +171,19 @@ impl Traversal {
     }
 
     /// A new tick begins, with the tool at this pose. Returns what obstacles far away add.
-    pub(super) fn begin(&mut self, shell: &Shell, world_from_body: Pose, overstated_voxels: f64) -> FarSum {
+    pub(super) fn begin(
+        &mut self,
+        shell: &Shell,
+        world_from_body: Pose,
+        overstated_voxels: f64,
+    ) -> FarSum {
         self.left = self.budget;
         self.touched.clear();
         self.obstacle_poses.look_around(shell, world_from_body, overstated_voxels)
     }
 
-    /// Finds what touches an obstacle, the n-th of those that are near; [`Self::touched`] has it until the next call. RT: safe; allocates
-    /// nothing.
+    /// Finds what touches an obstacle, the n-th of those that are near; [`Self::touched`] has it
+    /// until the next call. RT: safe; allocates nothing.
     pub(super) fn find(
         &mut self,
         (n, obstacle_idx): (usize, usize),
@@ -170,7 +192,18 @@ impl Traversal {
         shell: &Shell,
         map_from_body: Pose,
     ) -> Found {
-        let Self { simd_level, mode, budget: _, left, walks, obstacle_poses, lists, touched, faces: _, sums: _ } = self;
+        let Self {
+            simd_level,
+            mode,
+            budget: _,
+            left,
+            walks,
+            obstacle_poses,
+            lists,
+            touched,
+            faces: _,
+            sums: _,
+        } = self;
         touched.clear();
         let n_obstacles_left = obstacle_poses.n_near().saturating_sub(n);
         let place = Place::new(&obstacle.field, map_from_body);
@@ -178,7 +211,14 @@ impl Traversal {
         match walks.get_mut(obstacle_idx).and_then(Option::as_mut) {
             Some(walk) if kind == FieldKind::Trilinear => {
                 if *mode == TraversalMode::Tree && place.is_finite() {
-                    found = walk.find(*simd_level, shell, (&place, map_from_body), left.share(n_obstacles_left), lists, touched);
+                    found = walk.find(
+                        *simd_level,
+                        shell,
+                        (&place, map_from_body),
+                        left.share(n_obstacles_left),
+                        lists,
+                        touched,
+                    );
                     *left = left.without(found.looked_at);
                 } else {
                     found.max_value_m = all(*simd_level, walk, shell, &place, touched);
@@ -192,7 +232,8 @@ impl Traversal {
         found
     }
 
-    /// Notes what was found of an obstacle that is under way, for its next step: its largest V and its deepest contact. RT: safe; O(touched).
+    /// Notes what was found of an obstacle that is under way, for its next step: its largest V and
+    /// its deepest contact. RT: safe; O(touched).
     pub(super) fn note_pressed(
         &mut self,
         (obstacle_idx, obstacle): (usize, &Obstacle),
@@ -202,8 +243,12 @@ impl Traversal {
     ) {
         let mut deepest: Option<Contact> = None;
         for touched in &self.touched {
-            let depth_m =
-                |touched: &ContactBlock| touched.lanes().filter_map(|lane| touched.depths_m.get(lane)).fold(0.0, |a, b| b.max(a));
+            let depth_m = |touched: &ContactBlock| {
+                touched
+                    .lanes()
+                    .filter_map(|lane| touched.depths_m.get(lane))
+                    .fold(0.0, |a, b| b.max(a))
+            };
             if deepest.is_none_or(|deepest| depth_m(touched) > deepest.depth_m) {
                 touched.contacts(&obstacle.field, shell, map_from_body, |contact| {
                     if deepest.is_none_or(|deepest| contact.depth_m > deepest.depth_m) {
@@ -220,32 +265,59 @@ impl Traversal {
         });
     }
 
-    /// What touches the obstacle that was asked for last, in the order of the shell; with a budget, points that stand for others first.
+    /// What touches the obstacle that was asked for last, in the order of the shell; with a budget,
+    /// points that stand for others first.
     pub fn touched(&self) -> &[ContactBlock] {
         &self.touched
     }
 }
 
-/// Every block in turn, past those of which one look at their sphere says that they can neither touch nor hold the highest point so far.
-fn all(simd_level: SimdLevel, walk: &TreeTraversal, shell: &Shell, place: &Place, touched: &mut Vec<ContactBlock>) -> f32 {
+/// Every block in turn, past those of which one look at their sphere says that they can neither
+/// touch nor hold the highest point so far.
+fn all(
+    simd_level: SimdLevel,
+    walk: &TreeTraversal,
+    shell: &Shell,
+    place: &Place,
+    touched: &mut Vec<ContactBlock>,
+) -> f32 {
     let floor = |max_m: f32| if max_m < 0.0 { max_m } else { 0.0 };
-    let (bounds, margin_cells) = (walk.bounds(), walk.margin_cells(place));
+    let bounds = walk.bounds();
+    let margin_cells = walk.margin_cells(place);
     let tree = shell.tree();
     let leaves = tree.n_levels().checked_sub(1).map_or(&[][..], |last| tree.spheres(last));
     let mut highest_m = f32::NEG_INFINITY;
     for (first, spheres) in (0_u32..).step_by(CHILDREN).zip(leaves) {
-        let above = simd_level.run(Above { bounds, place, spheres, floor_m: floor(highest_m), margin_cells });
+        let above = simd_level.run(Above {
+            bounds,
+            place,
+            spheres,
+            floor_m: floor(highest_m),
+            margin_cells,
+        });
         if above == 0 {
             continue;
         }
         let which = (first..).take(CHILDREN).filter(|block| above >> (block - first) & 1 == 1);
         let found = |block, depths: &Depths| {
             if depths.touching != 0 {
-                touched.push(ContactBlock { block, lanes: depths.touching, weight: 1.0, depths_m: depths.depths_m.0 });
+                touched.push(ContactBlock {
+                    block,
+                    lanes: depths.touching,
+                    weight: 1.0,
+                    depths_m: depths.depths_m.0,
+                });
             }
         };
         let floor = |max_m: f32| floor(max_m.max(highest_m));
-        let max_m = simd_level.run(Blocks { bounds, place, positions: shell.positions(), which, floor, found });
+        let max_m = simd_level.run(Blocks {
+            bounds,
+            place,
+            positions: shell.positions(),
+            which,
+            floor,
+            found,
+        });
         highest_m = highest_m.max(max_m);
     }
     highest_m

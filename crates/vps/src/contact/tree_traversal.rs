@@ -1,4 +1,5 @@
-//! The walk over the point-sphere tree: finds what the flat traversal finds, and leaves out what cannot touch.
+//! The walk over the point-sphere tree: finds what the flat traversal finds, and leaves out what
+//! cannot touch.
 //!
 //! ```text
 //!   level by level, in the order of the nodes:
@@ -7,17 +8,20 @@
 //!     budget left?                        ──no───► its representative stands for it
 //!     else                                ───────► its children; of a leaf, its sixteen points, or some of them
 //! ```
-//! - **Clear** is proven, not guessed: a sphere is left out when its centre is farther from all that can touch than its radius (see
-//!   `BrickBounds` and `kernel`), and so are its points, wherever in it they lie.
-//! - **For how long**: the proof holds until the tool has moved by what was to spare. The way that a node's points have gone is at most
-//!   Σ|Δx| + r·Σ|Δθ|, x the centre of mass and r the node's reach about it, both seen from the obstacle. The sums are kept per obstacle, each node
+//! - **Clear** is proven, not guessed: a sphere is left out when its centre is farther from all
+//!   that can touch than its radius (see `BrickBounds` and `kernel`), and so are its points,
+//!   wherever in it they lie.
+//! - **For how long**: the proof holds until the tool has moved by what was to spare. The way that
+//!   a node's points have gone is at most Σ|Δx| + r·Σ|Δθ|, x the centre of mass and r the node's
+//!   reach about it, both seen from the obstacle. The sums are kept per obstacle, each node
 //!   remembers the value of its own at which it is due.
-//! - **The same bits as the flat traversal**: blocks are reported in the order of the shell, and each block is looked up by the same
-//!   kernel. What is not the same is the largest V while nothing touches: the walk gives what it has proven instead.
+//! - **The same bits as the flat traversal**: blocks are reported in the order of the shell, and
+//!   each block is looked up by the same kernel. What is not the same is the largest V while
+//!   nothing touches: the walk gives what it has proven instead.
 //!
 //! # Source
-//! BarbicJames2008 and Sagardia2019 (breadth-first, prune, time-critical levels); the clearance that is used up by motion:
-//! McNeely2006, BarbicJames2008. The bounds are ours.
+//! BarbicJames2008 and Sagardia2019 (breadth-first, prune, time-critical levels); the clearance
+//! that is used up by motion: McNeely2006, BarbicJames2008. The bounds are ours.
 
 #![expect(clippy::disallowed_types, reason = "sized when the scene is made ready, never resized")]
 
@@ -37,7 +41,8 @@ use crate::spatial::Pose;
 use crate::voxmap::field::Field;
 use crate::voxmap::field::brick_bounds::BrickBounds;
 
-/// What rounding may take from a clearance, cells: of the sums of motion up to [`FORGET_CELLS`], of a due value, of a position.
+/// What rounding may take from a clearance, cells: of the sums of motion up to [`FORGET_CELLS`], of
+/// a due value, of a position.
 const MARGIN_CELLS: f32 = 2e-3;
 /// The same of a position as a share of how far it lies from the grid's corner.
 const MARGIN_SHARE: f32 = 1e-6;
@@ -47,17 +52,21 @@ const FORGET_CELLS: f64 = 1024.0;
 const PROOF_CELLS: f32 = 1024.0;
 /// A node of which nothing is known: neither clear nor to be opened unseen.
 const UNKNOWN: f32 = 0.0;
-/// A node that reaches so deep that it stays open is looked at again after a motion of so many cells. Opening one too many costs time only.
+/// A node that reaches so deep that it stays open is looked at again after a motion of so many
+/// cells. Opening one too many costs time only.
 const OPEN_CELLS: f32 = 1.0;
-/// What refining costs is known only afterwards, so a budget that does not suffice in the worst case is asked again.
+/// What refining costs is known only afterwards, so a budget that does not suffice in the worst
+/// case is asked again.
 const ROUNDS: usize = 6;
-/// A ceiling down here is as good a proof as a sample: points below it are not interpolated, voxels.
+/// A ceiling down here is as good a proof as a sample: points below it are not interpolated,
+/// voxels.
 const FLOOR_VOXELS: f32 = 2.0;
 
 /// What a walk found.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Found {
-    /// Largest V, m; while nothing touches, what the tool may move in any way before anything does, negative.
+    /// Largest V, m; while nothing touches, what the tool may move in any way before anything does,
+    /// negative.
     pub(super) max_value_m: f32,
     /// Points and spheres looked at.
     pub(super) looked_at: u32,
@@ -76,7 +85,11 @@ pub(super) struct Lists {
 impl Lists {
     pub(super) fn new(shell: &Shell) -> Self {
         let n_leaves = shell.positions().len().max(CHILDREN);
-        Self { open: Vec::with_capacity(n_leaves), next: Vec::with_capacity(n_leaves), samples: Samples::default() }
+        Self {
+            open: Vec::with_capacity(n_leaves),
+            next: Vec::with_capacity(n_leaves),
+            samples: Samples::default(),
+        }
     }
 }
 
@@ -84,14 +97,16 @@ impl Lists {
 #[derive(Clone, Debug)]
 pub(super) struct TreeTraversal {
     bounds: Arc<BrickBounds>,
-    /// `[n_blocks of the tree]`, cells: farthest point of each node from the centre of mass, at most.
+    /// `[n_blocks of the tree]`, cells: farthest point of each node from the centre of mass, at
+    /// most.
     reaches_cells: Arc<Vec<[f32; CHILDREN]>>,
-    /// `[n_blocks of the tree]`, cells: motion up to which a node is clear; or, negative, up to which it is opened without another look.
+    /// `[n_blocks of the tree]`, cells: motion up to which a node is clear; or, negative, up to
+    /// which it is opened without another look.
     clear_until_cells: Vec<[f32; CHILDREN]>,
     /// First block of each level.
     first_blocks: Arc<Vec<u32>>,
-    /// `[n_blocks of the tree]`, cells: how far each node's centre was outside of what can touch when it was looked at last; kept while a budget
-    /// limits the walk.
+    /// `[n_blocks of the tree]`, cells: how far each node's centre was outside of what can touch
+    /// when it was looked at last; kept while a budget limits the walk.
     outside_cells: Vec<[f32; CHILDREN]>,
     /// `[n_blocks of the tree]`: when something below a node touched last; kept likewise.
     touched_at: Vec<[u32; CHILDREN]>,
@@ -126,7 +141,12 @@ impl Motion {
 
     /// Way of a node's points so far, and after two more ticks like the last, by its reach.
     fn ways(&self) -> [(f32, f32); 2] {
-        [0.0, 2.0].map(|ticks| ((self.along_cells + ticks * self.step.0) as f32, (self.about_rad + ticks * self.step.1) as f32))
+        [0.0, 2.0].map(|ticks| {
+            (
+                (self.along_cells + ticks * self.step.0) as f32,
+                (self.about_rad + ticks * self.step.1) as f32,
+            )
+        })
     }
 }
 
@@ -138,16 +158,21 @@ impl TreeTraversal {
 
     /// The same over bounds that are not just the field's. Cold.
     pub(super) fn over(bounds: BrickBounds, shell: &Shell) -> Option<Self> {
-        let (tree, voxel_size_m) = (shell.tree(), f64::from(bounds.voxel_size_m()));
+        let tree = shell.tree();
+        let voxel_size_m = f64::from(bounds.voxel_size_m());
         let bounds = Arc::new(bounds);
-        let (mut first_blocks, mut reaches_cells) = (Vec::new(), Vec::new());
+        let mut first_blocks = Vec::new();
+        let mut reaches_cells = Vec::new();
         for level in 0..tree.n_levels() {
             first_blocks.push(reaches_cells.len() as u32);
             reaches_cells.extend(tree.spheres(level).iter().map(|spheres| {
                 let centers = spheres.x.iter().zip(&spheres.y).zip(&spheres.z);
                 let mut reaches = [0.0; CHILDREN];
-                for ((reach, ((x, y), z)), radius) in reaches.iter_mut().zip(centers).zip(&spheres.radius) {
-                    let far_m = DVec3::new(f64::from(*x), f64::from(*y), f64::from(*z)).length() + f64::from(*radius);
+                for ((reach, ((x, y), z)), radius) in
+                    reaches.iter_mut().zip(centers).zip(&spheres.radius)
+                {
+                    let far_m = DVec3::new(f64::from(*x), f64::from(*y), f64::from(*z)).length()
+                        + f64::from(*radius);
                     *reach = (far_m.max(0.0) / voxel_size_m) as f32 * (1.0 + MARGIN_SHARE);
                 }
                 reaches
@@ -183,9 +208,11 @@ impl TreeTraversal {
         self.motion = Motion { last: self.motion.last, ..Motion::default() };
     }
 
-    /// Appends the blocks that touch, in the order of the shell; with a budget, single points that stand for others among them.
+    /// Appends the blocks that touch, in the order of the shell; with a budget, single points that
+    /// stand for others among them.
     ///
-    /// `map_from_body` must be finite. RT: safe; allocates nothing as long as `touched` has room for every block of the shell.
+    /// `map_from_body` must be finite. RT: safe; allocates nothing as long as `touched` has room
+    /// for every block of the shell.
     pub(super) fn find(
         &mut self,
         simd_level: SimdLevel,
@@ -196,7 +223,8 @@ impl TreeTraversal {
         touched: &mut Vec<ContactBlock>,
     ) -> Found {
         self.motion.follow(map_from_body, f64::from(self.bounds.voxel_size_m()));
-        let whole_way_cells = self.motion.along_cells + self.motion.about_rad * f64::from(self.reach_cells);
+        let whole_way_cells =
+            self.motion.along_cells + self.motion.about_rad * f64::from(self.reach_cells);
         if whole_way_cells.is_nan() || whole_way_cells >= FORGET_CELLS {
             self.forget();
         }
@@ -235,17 +263,27 @@ impl TreeTraversal {
         }
         let outside_m = self.bounds.skin_m() - self.bounds.band_m();
         let voxel_size_m = self.bounds.voxel_size_m();
-        let bound_m = if query.max_m > 0.0 { query.max_m } else { query.max_m.max(-query.clear_cells.max(0.0) * voxel_size_m) };
-        Found { max_value_m: bound_m.max(outside_m), looked_at: query.looked_at, left_out: query.left_out }
+        let bound_m = if query.max_m > 0.0 {
+            query.max_m
+        } else {
+            query.max_m.max(-query.clear_cells.max(0.0) * voxel_size_m)
+        };
+        Found {
+            max_value_m: bound_m.max(outside_m),
+            looked_at: query.looked_at,
+            left_out: query.left_out,
+        }
     }
 
-    /// Replaces the open nodes by their children that are open, which go to `next`, as far as the budget allows.
+    /// Replaces the open nodes by their children that are open, which go to `next`, as far as the
+    /// budget allows.
     fn refine(&mut self, level: usize, budget: Budget, query: &mut Query<'_>, lists: &mut Lists) {
         lists.next.clear();
         query.spheres = query.shell.tree().spheres(level);
         for round in 0..ROUNDS {
             let n_open = lists.open.len() as u32;
-            let n_refined = budget.without(query.looked_at + lists.next.len() as u32).refinable(n_open);
+            let n_refined =
+                budget.without(query.looked_at + lists.next.len() as u32).refinable(n_open);
             let choice = self.choose(level.checked_sub(1), &mut lists.open, n_refined);
             for (idx, node) in (0_u32..).zip(&lists.open) {
                 if choice.takes(idx) {
@@ -262,12 +300,21 @@ impl TreeTraversal {
         }
     }
 
-    /// Looks at the points of the open leaves as far as the budget allows: at all of those in which something touched in the last tick, and at some of
-    /// each of the others.
-    fn look_at_leaves_within(&mut self, budget: Budget, query: &mut Query<'_>, lists: &mut Lists, touched: &mut Vec<ContactBlock>) {
+    /// Looks at the points of the open leaves as far as the budget allows: at all of those in which
+    /// something touched in the last tick, and at some of each of the others.
+    fn look_at_leaves_within(
+        &mut self,
+        budget: Budget,
+        query: &mut Query<'_>,
+        lists: &mut Lists,
+        touched: &mut Vec<ContactBlock>,
+    ) {
         self.sort_by_depth(self.first_blocks.len().checked_sub(1), &mut lists.open);
         let left = budget.without(query.looked_at);
-        let n_touched = lists.open.partition_point(|leaf| self.is_touched(self.first_blocks.len().checked_sub(1), *leaf)) as u32;
+        let n_touched = lists
+            .open
+            .partition_point(|leaf| self.is_touched(self.first_blocks.len().checked_sub(1), *leaf))
+            as u32;
         let n_others = lists.open.len() as u32 - n_touched;
         // One point of each of the others is always looked at.
         let (per_touched, n_twice) = left.without(n_others).points_per_leaf(n_touched);
@@ -287,13 +334,19 @@ impl TreeTraversal {
             if per_leaf as usize == LANES {
                 query.look_at_leaves(self, these, touched);
             } else {
-                query.look_at_some(&self.bounds, (per_leaf, turn), these, &mut lists.samples, touched);
+                query.look_at_some(
+                    &self.bounds,
+                    (per_leaf, turn),
+                    these,
+                    &mut lists.samples,
+                    touched,
+                );
             }
         }
     }
 
-    /// Chooses what is refined of the open nodes of a level (without one, of the root): where that is not all, those that matter most, which are put
-    /// first, and some of the others.
+    /// Chooses what is refined of the open nodes of a level (without one, of the root): where that
+    /// is not all, those that matter most, which are put first, and some of the others.
     fn choose(&mut self, level: Option<usize>, open: &mut [u32], n_refined: u32) -> Choice {
         let n_open = open.len() as u32;
         if n_refined == n_open {
@@ -304,11 +357,16 @@ impl TreeTraversal {
         Choice::new(n_open, n_refined, self.turn)
     }
 
-    /// Those below which something touched in the last tick first, and of either kind those whose centre lies deepest.
+    /// Those below which something touched in the last tick first, and of either kind those whose
+    /// centre lies deepest.
     fn sort_by_depth(&self, level: Option<usize>, open: &mut [u32]) {
         let outside = |node: u32| {
-            let siblings = level.and_then(|level| self.outside_cells.get(self.at(level, node as usize / CHILDREN)));
-            siblings.and_then(|siblings| siblings.get(node as usize % CHILDREN)).copied().unwrap_or(UNKNOWN)
+            let siblings = level
+                .and_then(|level| self.outside_cells.get(self.at(level, node as usize / CHILDREN)));
+            siblings
+                .and_then(|siblings| siblings.get(node as usize % CHILDREN))
+                .copied()
+                .unwrap_or(UNKNOWN)
         };
         open.sort_unstable_by(|a, b| {
             let [first, second] = [a, b].map(|node| !self.is_touched(level, *node));
@@ -318,16 +376,22 @@ impl TreeTraversal {
 
     /// Whether something below a node touched in the last tick.
     fn is_touched(&self, level: Option<usize>, node: u32) -> bool {
-        let stamps = level.and_then(|level| self.touched_at.get(self.at(level, node as usize / CHILDREN)));
+        let stamps =
+            level.and_then(|level| self.touched_at.get(self.at(level, node as usize / CHILDREN)));
         stamps.and_then(|stamps| stamps.get(node as usize % CHILDREN)) == Some(&self.now)
     }
 
     /// Remembers that something touched in a leaf, and so below all nodes above it.
     fn mark(&mut self, leaf: u32) {
-        let (now, mut node) = (self.now, leaf as usize);
+        let now = self.now;
+        let mut node = leaf as usize;
         for level in (0..self.first_blocks.len()).rev() {
             let at = self.at(level, node / CHILDREN);
-            let Some(stamp) = self.touched_at.get_mut(at).and_then(|stamps| stamps.get_mut(node % CHILDREN)) else { return };
+            let Some(stamp) =
+                self.touched_at.get_mut(at).and_then(|stamps| stamps.get_mut(node % CHILDREN))
+            else {
+                return;
+            };
             if *stamp == now {
                 return;
             }
@@ -353,10 +417,11 @@ fn retain(open: &mut Vec<u32>, choice: Choice) {
 
 const ALL_LANES: [usize; LANES] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 
-/// Lanes that stand for all sixteen. The points of a leaf come in rows, so those lanes are chosen that lie evenly in four rows of four: their mean
-/// place is that of all, or the same side of every leaf would be left out. Eight lanes are Thue's and Morse's, of which the squares and cubes have
-/// the right mean as well.
-/// The exclusive or of all lanes with a number gives other lanes with the same properties.
+/// Lanes that stand for all sixteen. The points of a leaf come in rows, so those lanes are chosen
+/// that lie evenly in four rows of four: their mean place is that of all, or the same side of every
+/// leaf would be left out. Eight lanes are Thue's and Morse's, of which the squares and cubes have
+/// the right mean as well. The exclusive or of all lanes with a number gives other lanes with the
+/// same properties.
 fn spread_lanes(n: u32) -> &'static [usize] {
     match n {
         8.. => &[0, 3, 5, 6, 9, 10, 12, 15],
@@ -393,10 +458,21 @@ struct Query<'a> {
 impl Query<'_> {
     /// Looks at the children of a node, which are a block of the level.
     #[inline]
-    fn open_children(&mut self, walk: &mut TreeTraversal, level: usize, node: u32, open: &mut Vec<u32>) {
+    fn open_children(
+        &mut self,
+        walk: &mut TreeTraversal,
+        level: usize,
+        node: u32,
+        open: &mut Vec<u32>,
+    ) {
         let at = walk.at(level, node as usize);
-        let (Some(clear_until), Some(reaches)) = (walk.clear_until_cells.get_mut(at), walk.reaches_cells.get(at)) else { return };
-        let [now, soon] = self.ways.map(|(along, about)| reaches.map(|reach| along + about * reach));
+        let (Some(clear_until), Some(reaches)) =
+            (walk.clear_until_cells.get_mut(at), walk.reaches_cells.get(at))
+        else {
+            return;
+        };
+        let [now, soon] =
+            self.ways.map(|(along, about)| reaches.map(|reach| along + about * reach));
         let mut n_unclear = 0;
         for ((clear_until, now), soon) in clear_until.iter().zip(now).zip(soon) {
             n_unclear += u32::from(*clear_until <= soon && *clear_until + now >= 0.0);
@@ -405,7 +481,9 @@ impl Query<'_> {
         if n_unclear > 0 {
             self.looked_at += CHILDREN as u32 - 1;
             let Some(spheres) = self.spheres.get(node as usize) else { return };
-            let (bounds, place, margin_cells) = (&walk.bounds, self.place, self.margin_cells);
+            let bounds = &walk.bounds;
+            let place = self.place;
+            let margin_cells = self.margin_cells;
             let rooms = self.simd_level.run(Clearance { bounds, place, spheres, margin_cells });
             if self.is_limited
                 && let Some(outside) = walk.outside_cells.get_mut(at)
@@ -414,9 +492,15 @@ impl Query<'_> {
                     *outside = room + radius * self.per_voxel;
                 }
             }
-            for (((clear_until, room), now), soon) in clear_until.iter_mut().zip(rooms).zip(now).zip(soon) {
+            for (((clear_until, room), now), soon) in
+                clear_until.iter_mut().zip(rooms).zip(now).zip(soon)
+            {
                 if *clear_until <= soon {
-                    *clear_until = if room > 0.0 { now + room.min(PROOF_CELLS) } else { -(now + (-room).min(OPEN_CELLS)) };
+                    *clear_until = if room > 0.0 {
+                        now + room.min(PROOF_CELLS)
+                    } else {
+                        -(now + (-room).min(OPEN_CELLS))
+                    };
                 }
             }
         }
@@ -430,7 +514,12 @@ impl Query<'_> {
     }
 
     /// Looks at all points of some leaves.
-    fn look_at_leaves(&mut self, walk: &mut TreeTraversal, leaves: &[u32], touched: &mut Vec<ContactBlock>) {
+    fn look_at_leaves(
+        &mut self,
+        walk: &mut TreeTraversal,
+        leaves: &[u32],
+        touched: &mut Vec<ContactBlock>,
+    ) {
         let TreeTraversal { bounds, clear_until_cells, reaches_cells, first_blocks, .. } = walk;
         let first = first_blocks.last().map_or(0, |first| *first as usize);
         let per_voxel = 1.0 / bounds.voxel_size_m();
@@ -442,12 +531,19 @@ impl Query<'_> {
         let found = |leaf: u32, depths: &Depths| {
             n_looked_at += LANES as u32;
             if depths.touching != 0 {
-                touched.push(ContactBlock { block: leaf, lanes: depths.touching, weight: 1.0, depths_m: depths.depths_m.0 });
+                touched.push(ContactBlock {
+                    block: leaf,
+                    lanes: depths.touching,
+                    weight: 1.0,
+                    depths_m: depths.depths_m.0,
+                });
                 return;
             }
-            let (block, lane) = (first + leaf as usize / CHILDREN, leaf as usize % CHILDREN);
+            let block = first + leaf as usize / CHILDREN;
+            let lane = leaf as usize % CHILDREN;
             let room = free_cells(-depths.max_m * per_voxel) - margin_cells;
-            let clear_until = clear_until_cells.get_mut(block).and_then(|clear_until| clear_until.get_mut(lane));
+            let clear_until =
+                clear_until_cells.get_mut(block).and_then(|clear_until| clear_until.get_mut(lane));
             let reach = reaches_cells.get(block).and_then(|reaches| reaches.get(lane));
             if let (Some(clear_until), Some(reach)) = (clear_until, reach)
                 && room > 0.0
@@ -455,8 +551,11 @@ impl Query<'_> {
                 *clear_until = along + about * reach + room.min(PROOF_CELLS);
             }
         };
-        let (place, positions, floor) = (self.place, self.shell.positions(), |_| floor_m);
-        let max_m = self.simd_level.run(Blocks { bounds, place, positions, which: leaves, floor, found });
+        let place = self.place;
+        let positions = self.shell.positions();
+        let floor = |_| floor_m;
+        let max_m =
+            self.simd_level.run(Blocks { bounds, place, positions, which: leaves, floor, found });
         self.max_m = self.max_m.max(max_m);
         self.looked_at += n_looked_at;
     }
@@ -473,22 +572,33 @@ impl Query<'_> {
         for leaf in leaves.iter().map(|leaf| *leaf as usize) {
             let n_points = self.shell.len().saturating_sub(leaf * LANES).min(LANES);
             let Some(Lanes(weights)) = self.shell.weights().get(leaf) else { continue };
-            let sum = |lanes: &[usize]| -> f32 { lanes.iter().filter_map(|lane| weights.get(*lane)).sum() };
+            let sum = |lanes: &[usize]| -> f32 {
+                lanes.iter().filter_map(|lane| weights.get(*lane)).sum()
+            };
             let used = ALL_LANES.get(..n_points).unwrap_or(&[]);
             let mut chosen = [0; LANES];
             let mut n_chosen = 0;
             // A last block may be filled in part.
-            for lane in spread_lanes(per_leaf).iter().map(|lane| lane ^ turn).filter(|lane| *lane < n_points) {
+            for lane in spread_lanes(per_leaf)
+                .iter()
+                .map(|lane| lane ^ turn)
+                .filter(|lane| *lane < n_points)
+            {
                 if let Some(place) = chosen.get_mut(n_chosen) {
                     (*place, n_chosen) = (lane, n_chosen + 1);
                 }
             }
-            let lanes = if n_chosen > 0 { chosen.get(..n_chosen).unwrap_or(used) } else { used.get(..1).unwrap_or(used) };
+            let lanes = if n_chosen > 0 {
+                chosen.get(..n_chosen).unwrap_or(used)
+            } else {
+                used.get(..1).unwrap_or(used)
+            };
             let share = sum(used) / sum(lanes).max(f32::MIN_POSITIVE);
             for lane in lanes {
                 samples.push(self.shell, (leaf * LANES + lane) as u32, share);
                 if samples.is_full() {
-                    self.max_m = self.max_m.max(samples.look(self.simd_level, bounds, self.place, touched));
+                    self.max_m =
+                        self.max_m.max(samples.look(self.simd_level, bounds, self.place, touched));
                 }
             }
             self.looked_at += lanes.len() as u32;
@@ -497,8 +607,15 @@ impl Query<'_> {
         self.max_m = self.max_m.max(samples.look(self.simd_level, bounds, self.place, touched));
     }
 
-    /// Lets the representatives of the open nodes of a level stand for the points below them; without a level, of nothing for all.
-    fn represent(&mut self, bounds: &BrickBounds, level: Option<usize>, lists: &mut Lists, touched: &mut Vec<ContactBlock>) {
+    /// Lets the representatives of the open nodes of a level stand for the points below them;
+    /// without a level, of nothing for all.
+    fn represent(
+        &mut self,
+        bounds: &BrickBounds,
+        level: Option<usize>,
+        lists: &mut Lists,
+        touched: &mut Vec<ContactBlock>,
+    ) {
         let tree = self.shell.tree();
         let Some(level) = level else {
             if !lists.open.is_empty() {
@@ -507,22 +624,41 @@ impl Query<'_> {
             return;
         };
         for node in &lists.open {
-            let (block, lane) = (*node as usize / CHILDREN, *node as usize % CHILDREN);
+            let block = *node as usize / CHILDREN;
+            let lane = *node as usize % CHILDREN;
             let point = tree.representatives(level).get(block).and_then(|points| points.get(lane));
             let Range { start, end } = tree.points_below(level, *node as usize, self.shell.len());
-            let weight = tree.weights(level).get(block).and_then(|weights| weights.get(lane)).copied().unwrap_or(0.0);
+            let weight = tree
+                .weights(level)
+                .get(block)
+                .and_then(|weights| weights.get(lane))
+                .copied()
+                .unwrap_or(0.0);
             self.looked_at += 1;
             self.left_out += (end - start).saturating_sub(1) as u32;
             if let Some(point) = point {
                 // As a multiple of its own surface.
-                let (block, lane) = (*point as usize / LANES, *point as usize % LANES);
-                let own = self.shell.weights().get(block).and_then(|weights| weights.0.get(lane)).copied().unwrap_or(1.0);
+                let block = *point as usize / LANES;
+                let lane = *point as usize % LANES;
+                let own = self
+                    .shell
+                    .weights()
+                    .get(block)
+                    .and_then(|weights| weights.0.get(lane))
+                    .copied()
+                    .unwrap_or(1.0);
                 lists.samples.push(self.shell, *point, weight / own.max(f32::MIN_POSITIVE));
             }
             if lists.samples.is_full() {
-                self.max_m = self.max_m.max(lists.samples.look(self.simd_level, bounds, self.place, touched));
+                self.max_m = self.max_m.max(lists.samples.look(
+                    self.simd_level,
+                    bounds,
+                    self.place,
+                    touched,
+                ));
             }
         }
-        self.max_m = self.max_m.max(lists.samples.look(self.simd_level, bounds, self.place, touched));
+        self.max_m =
+            self.max_m.max(lists.samples.look(self.simd_level, bounds, self.place, touched));
     }
 }

@@ -1,9 +1,12 @@
-//! Densities of a material that deforms, as rasters that a query reads while another thread computes the next ones.
+//! Densities of a material that deforms, as rasters that a query reads while another thread
+//! computes the next ones.
 //!
-//! A density is a distance in metres, above 0 inside of the material. Rasters lie in the material's map frame; a [`Probe`] asks one for body axes.
+//! A density is a distance in metres, above 0 inside of the material. Rasters lie in the material's
+//! map frame; a [`Probe`] asks one for body axes.
 //!
 //! # Source
-//! Guo2004, dynamic global volumetric model (density raster), painting tool (direction of the force, virtual contact point).
+//! Guo2004, dynamic global volumetric model (density raster), painting tool (direction of the
+//! force, virtual contact point).
 
 mod probe;
 mod raster;
@@ -20,13 +23,16 @@ pub use raster::{Density, Lattice, Raster};
 pub struct Frame {
     /// Counts up with every update of the simulation.
     pub sequence: u64,
-    /// All of the material at rest, and air around it. To be [measured](Raster::measure) before it is shared.
+    /// All of the material at rest, and air around it. To be [measured](Raster::measure) before it
+    /// is shared.
     pub base: Arc<Raster>,
-    /// The part that deforms: nodes of it are nodes of `base`, and its outermost nodes have the densities of `base`.
+    /// The part that deforms: nodes of it are nodes of `base`, and its outermost nodes have the
+    /// densities of `base`.
     pub region: Raster,
     /// Where a rope pulls, map frame, m; `None`: no rope is taut.
     pub rope_map: Option<DVec3>,
-    /// The surface is elsewhere than in the frame before without having moved there, such as after a Boolean: the force follows slowly.
+    /// The surface is elsewhere than in the frame before without having moved there, such as after
+    /// a Boolean: the force follows slowly.
     pub is_leap: bool,
 }
 
@@ -42,7 +48,10 @@ pub enum FrameError {
         dims: [usize; 3],
     },
     /// No length.
-    #[error("the nodes of the {which} of the clay are {spacing_m} m apart; give a finite distance above 0")]
+    #[error(
+        "the nodes of the {which} of the clay are {spacing_m} m apart; give a finite distance \
+            above 0"
+    )]
     Spacing {
         /// `base` or `region`.
         which: &'static str,
@@ -50,19 +59,28 @@ pub enum FrameError {
         spacing_m: f64,
     },
     /// Two lattices that do not fit.
-    #[error("the region of the clay has its first node at node {node} of the base; take whole nodes of the base, and its spacing")]
+    #[error(
+        "the region of the clay has its first node at node {node} of the base; take whole nodes of \
+            the base, and its spacing"
+    )]
     Lattice {
         /// In nodes of the base.
         node: DVec3,
     },
     /// A simulation that has burst.
-    #[error("a density of the {which} of the clay is not finite; halve the step of the simulation or raise its damping")]
+    #[error(
+        "a density of the {which} of the clay is not finite; halve the step of the simulation or \
+            raise its damping"
+    )]
     NotFinite {
         /// `base` or `region`.
         which: &'static str,
     },
     /// Its distances are unknown.
-    #[error("the base of the clay was changed and not measured; call `Raster::measure` before it is shared")]
+    #[error(
+        "the base of the clay was changed and not measured; call `Raster::measure` before it is \
+            shared"
+    )]
     Unmeasured,
     /// Nowhere.
     #[error("the anchor of the rope is at {anchor_map} m, which is not finite")]
@@ -73,14 +91,15 @@ pub enum FrameError {
 }
 
 impl Frame {
-    /// The density at a point: of the region where it lies in it, of all else otherwise; `None` far away. RT: safe; O(1).
+    /// The density at a point: of the region where it lies in it, of all else otherwise; `None` far
+    /// away. RT: safe; O(1).
     #[inline]
     pub fn at(&self, point_map: DVec3) -> Option<Density> {
         self.region.at(point_map).or_else(|| self.base.at(point_map))
     }
 
-    /// Checks a frame and measures its region: what has to be done before it goes to the tick. The base is looked at only when it is not
-    /// `known`, the one of an earlier frame. Cold; O(nodes).
+    /// Checks a frame and measures its region: what has to be done before it goes to the tick. The
+    /// base is looked at only when it is not `known`, the one of an earlier frame. Cold; O(nodes).
     ///
     /// # Errors
     /// See [`FrameError`].
@@ -94,7 +113,8 @@ impl Frame {
                 return Err(FrameError::Spacing { which, spacing_m });
             }
         }
-        let (base, region) = (self.base.lattice(), self.region.lattice());
+        let base = self.base.lattice();
+        let region = self.region.lattice();
         let node = (region.origin_map - base.origin_map) / base.spacing_m;
         let same_spacing = (region.spacing_m / base.spacing_m - 1.0).abs() < 1e-6;
         if !(same_spacing && (node - node.round()).abs().max_element() < 1e-3) {
@@ -103,7 +123,8 @@ impl Frame {
         if let Some(anchor_map) = self.rope_map.filter(|anchor| !anchor.is_finite()) {
             return Err(FrameError::Anchor { anchor_map });
         }
-        let is_finite = |raster: &Raster| raster.values_m().iter().all(|value_m| value_m.is_finite());
+        let is_finite =
+            |raster: &Raster| raster.values_m().iter().all(|value_m| value_m.is_finite());
         if !known.is_some_and(|known| Arc::ptr_eq(known, &self.base)) {
             if !is_finite(&self.base) {
                 return Err(FrameError::NotFinite { which: "base" });

@@ -1,19 +1,23 @@
-//! Where a point of the tool is in the clay: density, way out, and how far it is to the virtual contact point.
+//! Where a point of the tool is in the clay: density, way out, and how far it is to the virtual
+//! contact point.
 //!
 //! # Units and frames
-//! Points in tool axes about the centre of mass go to node coordinates of the base raster in `f32`, by one affine map made in `f64`. Ways and
-//! lengths inside are in spacings; what comes out is in metres and tool axes.
+//! Points in tool axes about the centre of mass go to node coordinates of the base raster in `f32`,
+//! by one affine map made in `f64`. Ways and lengths inside are in spacings; what comes out is in
+//! metres and tool axes.
 //!
 //! # Source
-//! Guo2004, haptic painting (direction: the gradient interpolated from the eight corners; magnitude: the virtual contact point, where the ray
-//! along it meets the surface); the search along the ray is ours.
+//! Guo2004, haptic painting (direction: the gradient interpolated from the eight corners;
+//! magnitude: the virtual contact point, where the ray along it meets the surface); the search
+//! along the ray is ours.
 
 use glam::{Mat3, Vec3};
 
 use super::{Frame, Raster};
 use crate::spatial::Pose;
 
-/// Times that the search goes on outwards, twice as far each time: from a quarter of a spacing to 64 spacings.
+/// Times that the search goes on outwards, twice as far each time: from a quarter of a spacing to
+/// 64 spacings.
 const STRIDES: u32 = 8;
 /// The surface is looked for up to this many densities away, and so many spacings more.
 const FARTHEST: (f32, f32) = (2.0, 1.0);
@@ -58,7 +62,8 @@ pub struct WayOut {
 impl<'a> Probe<'a> {
     /// RT: safe.
     pub fn new(frame: &'a Frame, map_from_body: Pose) -> Self {
-        let (base, region) = (&*frame.base, &frame.region);
+        let base = &*frame.base;
+        let region = &frame.region;
         let lattice = base.lattice();
         let per_metre = 1.0 / lattice.spacing_m;
         Self {
@@ -89,18 +94,25 @@ impl<'a> Probe<'a> {
     /// The density, m; `None` outside the base.
     #[inline]
     pub fn value_m(&self, nodes: Vec3) -> Option<f32> {
-        self.region.value_at_nodes(nodes - self.region_from).or_else(|| self.base.value_at_nodes(nodes))
+        self.region
+            .value_at_nodes(nodes - self.region_from)
+            .or_else(|| self.base.value_at_nodes(nodes))
     }
 
-    /// How far a place is proven to be from any material, m; 0 where nothing is proven. A place that is not a number is nowhere near.
+    /// How far a place is proven to be from any material, m; 0 where nothing is proven. A place
+    /// that is not a number is nowhere near.
     ///
-    /// A density of −v is at least v / max |∇s| away from one of 0; outside of the base there is nothing.
+    /// A density of −v is at least v / max |∇s| away from one of 0; outside of the base there is
+    /// nothing.
     #[inline]
     pub fn clearance_m(&self, nodes: Vec3) -> f32 {
         match self.value_m(nodes) {
             Some(value_m) => (-value_m).max(0.0) / self.steepest,
             None if nodes.is_nan() => f32::INFINITY,
-            None => ((nodes - nodes.clamp(Vec3::ZERO, self.last)).length() - ROUNDING).max(0.0) * self.spacing_m,
+            None => {
+                ((nodes - nodes.clamp(Vec3::ZERO, self.last)).length() - ROUNDING).max(0.0)
+                    * self.spacing_m
+            }
         }
     }
 
@@ -110,8 +122,8 @@ impl<'a> Probe<'a> {
         self.clearance_m(self.nodes(center_body)) - radius_m - ROUNDING * self.spacing_m
     }
 
-    /// How a place with a density above 0 is pushed out; the `fallback`, unit, tool axes, where the density does not say which way. RT: safe;
-    /// at most `STRIDES` + `CLOSING_STEPS` + 6 look-ups.
+    /// How a place with a density above 0 is pushed out; the `fallback`, unit, tool axes, where the
+    /// density does not say which way. RT: safe; at most `STRIDES` + `CLOSING_STEPS` + 6 look-ups.
     pub fn way_out(&self, nodes: Vec3, value_m: f32, fallback: Vec3) -> WayOut {
         let gradient = self.gradient(nodes, value_m);
         let body_from_map = self.axes.transpose() * self.spacing_m;
@@ -123,24 +135,29 @@ impl<'a> Probe<'a> {
         WayOut { direction_body: body_from_map * outward, depth_m }
     }
 
-    /// ∇s, m/m: central differences at the eight corners, interpolated; where a neighbour is missing, one-sided.
+    /// ∇s, m/m: central differences at the eight corners, interpolated; where a neighbour is
+    /// missing, one-sided.
     ///
-    /// Interpolation commutes with a shift by whole nodes: the mean of the corners' differences is the difference of two interpolations.
+    /// Interpolation commutes with a shift by whole nodes: the mean of the corners' differences is
+    /// the difference of two interpolations.
     fn gradient(&self, nodes: Vec3, value_m: f32) -> Vec3 {
         let along = |axis: Vec3| {
-            let (low, high) = (self.value_m(nodes - axis), self.value_m(nodes + axis));
+            let low = self.value_m(nodes - axis);
+            let high = self.value_m(nodes + axis);
             let spacings = if low.is_some() && high.is_some() { 2.0 } else { 1.0 };
             (high.unwrap_or(value_m) - low.unwrap_or(value_m)) / (spacings * self.spacing_m)
         };
         Vec3::new(along(Vec3::X), along(Vec3::Y), along(Vec3::Z))
     }
 
-    /// Where the ray first gets out of the clay, spacings: outwards until the surface is passed, then regula falsi (Illinois). A ray that is
-    /// still inside far beyond what the density says has lost its way, as from the middle of a ball: then the density counts.
+    /// Where the ray first gets out of the clay, spacings: outwards until the surface is passed,
+    /// then regula falsi (Illinois). A ray that is still inside far beyond what the density says
+    /// has lost its way, as from the middle of a ball: then the density counts.
     fn depth(&self, nodes: Vec3, outward: Vec3, (value_m, slope): (f32, f32)) -> f32 {
         // Beyond the base is air, of which no more is known.
         let value_at = |way: f32| self.value_m(nodes + outward * way).unwrap_or(-value_m);
-        let (mut inside, mut value_inside) = (0.0, value_m);
+        let mut inside = 0.0;
+        let mut value_inside = value_m;
         let mut stride = (value_m / (slope.max(SLOPE_MIN) * self.spacing_m)).max(STRIDE_MIN);
         let straight = value_m / self.spacing_m;
         let farthest = FARTHEST.0 * straight + FARTHEST.1;

@@ -23,7 +23,8 @@ use crate::voxmap::{BakeStage, Options};
 /// Section of a file: sentences for the user, a line each.
 const WARNINGS: &str = "warnings";
 
-/// The part that is touched: signed distances on a sparse grid around its surface, mesh frame. A clone is another handle on the same memory.
+/// The part that is touched: signed distances on a sparse grid around its surface, mesh frame. A
+/// clone is another handle on the same memory.
 #[derive(Clone, Debug)]
 pub struct Voxmap {
     field: Field,
@@ -33,15 +34,17 @@ pub struct Voxmap {
 /// Distance of a point to a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Distance {
-    /// m; greater than 0 outside, less than 0 inside. Never beyond [`Voxmap::band_m`] on either side.
+    /// m; greater than 0 outside, less than 0 inside. Never beyond [`Voxmap::band_m`] on either
+    /// side.
     pub distance_m: f64,
-    /// Its gradient, mesh frame: points away from the surface outside and to it inside, about 1 long; 0 beyond the band.
+    /// Its gradient, mesh frame: points away from the surface outside and to it inside, about 1
+    /// long; 0 beyond the band.
     pub gradient: DVec3,
 }
 
 impl Voxmap {
-    /// Bakes a mesh. Cost: time and memory follow the voxels near the surface (layers × area / voxel size²), on the current rayon pool; the same
-    /// bits for any number of threads.
+    /// Bakes a mesh. Cost: time and memory follow the voxels near the surface (layers × area /
+    /// voxel size²), on the current rayon pool; the same bits for any number of threads.
     ///
     /// # Errors
     /// [`Error::Value`] of an option, [`Error::Grid`] of too many voxels.
@@ -53,13 +56,19 @@ impl Voxmap {
     ///
     /// # Errors
     /// Those of [`Self::bake`], and [`Error::Cancelled`].
-    pub fn bake_with(mesh: &Mesh, options: &Options, watch: impl FnMut(BakeStage) -> ControlFlow<()>) -> Result<Self, Error> {
-        let part = mesh.part_to_bake(options, Products { field: true, gradients: false, shell: false })?;
+    pub fn bake_with(
+        mesh: &Mesh,
+        options: &Options,
+        watch: impl FnMut(BakeStage) -> ControlFlow<()>,
+    ) -> Result<Self, Error> {
+        let part =
+            mesh.part_to_bake(options, Products { field: true, gradients: false, shell: false })?;
         let (field, report) = part.bake_field(options, false, watch)?;
         Ok(Self { field, warnings: report.warnings.into() })
     }
 
-    /// Distance and gradient at a point of the mesh frame, m, interpolated between eight samples. Allocates nothing; some tens of nanoseconds.
+    /// Distance and gradient at a point of the mesh frame, m, interpolated between eight samples.
+    /// Allocates nothing; some tens of nanoseconds.
     ///
     /// # Errors
     /// [`Error::Value`]: a coordinate that is not finite or farther than 10⁹ m from the origin.
@@ -68,7 +77,9 @@ impl Voxmap {
             let wanted = "finite metres, at most 1e9 from the origin";
             check("a coordinate of the point", coordinate, -FARTHEST_M..=FARTHEST_M, wanted)?;
         }
-        let cells = ((point_m - self.field.origin_map().as_dvec3()) / f64::from(self.field.voxel_size_m())).as_vec3();
+        let cells = ((point_m - self.field.origin_map().as_dvec3())
+            / f64::from(self.field.voxel_size_m()))
+        .as_vec3();
         Ok(Distance {
             distance_m: -f64::from(self.field.value(FieldKind::Trilinear, cells, Vec3::ZERO)),
             gradient: -self.field.gradient(cells).as_dvec3(),
@@ -85,7 +96,8 @@ impl Voxmap {
         self.field.known_outside_m().into()
     }
 
-    /// What a user should know of the bake, a sentence each: holes, leaks, skins thinner than a voxel.
+    /// What a user should know of the bake, a sentence each: holes, leaks, skins thinner than a
+    /// voxel.
     pub fn warnings(&self) -> &[String] {
         &self.warnings
     }
@@ -100,19 +112,23 @@ impl Voxmap {
         &self.field
     }
 
-    /// Writes a file that appears whole or not at all; [`Self::load`] gives the same bits. One of a [`PointShell`] is another file.
+    /// Writes a file that appears whole or not at all; [`Self::load`] gives the same bits. One of a
+    /// [`PointShell`] is another file.
     ///
     /// # Errors
     /// [`Error::File`].
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), Error> {
-        let (head, warnings) = (self.field.head(), self.warnings.join("\n"));
+        let head = self.field.head();
+        let warnings = self.warnings.join("\n");
         write(path.as_ref(), &warnings, |file| self.field.store(&head, file))
     }
 
-    /// Reads a file of [`Self::save`], or of hapticd's bake cache. It is checked as a whole: no file gives an index out of range.
+    /// Reads a file of [`Self::save`], or of hapticd's bake cache. It is checked as a whole: no
+    /// file gives an index out of range.
     ///
     /// # Errors
-    /// [`Error::File`]: no such file, one that is damaged or holds something else, or one of another format.
+    /// [`Error::File`]: no such file, one that is damaged or holds something else, or one of
+    /// another format.
     pub fn load(path: impl AsRef<Path>) -> Result<Self, Error> {
         read(path.as_ref(), |file| {
             if !Field::is_in(file) {
@@ -120,14 +136,19 @@ impl Voxmap {
             }
             let field = Field::load(file).map_err(|refusal| remedy(&refusal))?;
             if field.known_outside_m() <= 0.0 {
-                return Err("holds a thin skin with one layer of voxels: bake the part again with two or more".to_owned());
+                return Err(
+                    "holds a thin skin with one layer of voxels: bake the part again with \
+                    two or more"
+                        .to_owned(),
+                );
             }
             Ok(Self { field, warnings: warnings(file) })
         })
     }
 }
 
-/// The part that touches: points on its surface with inward normals, mesh frame. A clone is another handle on the same memory.
+/// The part that touches: points on its surface with inward normals, mesh frame. A clone is another
+/// handle on the same memory.
 #[derive(Clone, Debug)]
 pub struct PointShell {
     shell: Shell,
@@ -136,7 +157,8 @@ pub struct PointShell {
 }
 
 impl PointShell {
-    /// Bakes a mesh: a point for each facet of the surface in each voxel. Cost: as [`Voxmap::bake`].
+    /// Bakes a mesh: a point for each facet of the surface in each voxel. Cost: as
+    /// [`Voxmap::bake`].
     ///
     /// # Errors
     /// As [`Voxmap::bake`].
@@ -148,8 +170,13 @@ impl PointShell {
     ///
     /// # Errors
     /// Those of [`Self::bake`], and [`Error::Cancelled`].
-    pub fn bake_with(mesh: &Mesh, options: &Options, watch: impl FnMut(BakeStage) -> ControlFlow<()>) -> Result<Self, Error> {
-        let part = mesh.part_to_bake(options, Products { field: false, gradients: false, shell: true })?;
+    pub fn bake_with(
+        mesh: &Mesh,
+        options: &Options,
+        watch: impl FnMut(BakeStage) -> ControlFlow<()>,
+    ) -> Result<Self, Error> {
+        let part =
+            mesh.part_to_bake(options, Products { field: false, gradients: false, shell: true })?;
         let (shell, mass, report) = part.bake_shell(options, Points::default(), None, watch)?;
         Ok(Self { shell, mass, warnings: report.warnings.into() })
     }
@@ -164,7 +191,8 @@ impl PointShell {
         self.shell.is_empty()
     }
 
-    /// Volume, m³, centre of mass, m, and inertia per kilogram, m², of a part of even density; mesh frame.
+    /// Volume, m³, centre of mass, m, and inertia per kilogram, m², of a part of even density; mesh
+    /// frame.
     pub fn mass_properties(&self) -> &MassProperties {
         &self.mass
     }
@@ -194,7 +222,9 @@ impl PointShell {
     /// # Errors
     /// [`Error::File`].
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), Error> {
-        let (head, mass, warnings) = (self.shell.head(), self.mass.record(), self.warnings.join("\n"));
+        let head = self.shell.head();
+        let mass = self.mass.record();
+        let warnings = self.warnings.join("\n");
         write(path.as_ref(), &warnings, |file| {
             self.shell.store(&head, file);
             MassProperties::store(&mass, file);
@@ -210,18 +240,24 @@ impl PointShell {
             if !(Shell::is_in(file) && MassProperties::is_in(file)) {
                 return Err("holds no pointshell: give the file that one was saved to".to_owned());
             }
-            let (shell, mass) =
-                Shell::load(file).and_then(|shell| Ok((shell, MassProperties::load(file)?))).map_err(|refusal| remedy(&refusal))?;
+            let (shell, mass) = Shell::load(file)
+                .and_then(|shell| Ok((shell, MassProperties::load(file)?)))
+                .map_err(|refusal| remedy(&refusal))?;
             Ok(Self { shell, mass, warnings: warnings(file) })
         })
     }
 }
 
-fn write<'a>(path: &Path, warnings: &'a str, store: impl FnOnce(&mut Writer<'a>)) -> Result<(), Error> {
+fn write<'a>(
+    path: &Path,
+    warnings: &'a str,
+    store: impl FnOnce(&mut Writer<'a>),
+) -> Result<(), Error> {
     let mut file = Writer::default();
     file.array(WARNINGS, warnings.as_bytes());
     store(&mut file);
-    let failed = |error| Error::File { path: path.to_owned(), what: format!("cannot be written: {error}") };
+    let failed =
+        |error| Error::File { path: path.to_owned(), what: format!("cannot be written: {error}") };
     write_whole(path, |out| file.write_to([0; 16], GENERATION, out)).map_err(failed)
 }
 
@@ -236,11 +272,15 @@ fn read<T>(path: &Path, take: impl FnOnce(&Reader) -> Result<T, String>) -> Resu
 fn remedy(refusal: &Refusal) -> String {
     match refusal {
         Refusal::Io(_) => format!("cannot be read: {refusal}"),
-        _ => format!("{refusal}: give a file that a baked part was saved to, or bake the part again and save it"),
+        _ => format!(
+            "{refusal}: give a file that a baked part was saved to, or bake the part again and \
+                save it"
+        ),
     }
 }
 
 fn warnings(file: &Reader) -> Arc<[String]> {
     let text = file.array::<u8>(WARNINGS).ok();
-    text.map(|text| String::from_utf8_lossy(&text).lines().map(str::to_owned).collect()).unwrap_or_default()
+    text.map(|text| String::from_utf8_lossy(&text).lines().map(str::to_owned).collect())
+        .unwrap_or_default()
 }

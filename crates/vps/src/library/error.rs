@@ -24,7 +24,8 @@ pub enum Error {
         /// What is wrong, where, and what to do.
         what: String,
     },
-    /// Voxels that cannot be baked: too many for one map, or for the memory that the system has left.
+    /// Voxels that cannot be baked: too many for one map, or for the memory that the system has
+    /// left.
     #[error("{mesh}: {source}; {}", grid_hint(source))]
     Grid {
         /// Name of the mesh: its file, or what it was made from.
@@ -81,7 +82,9 @@ fn mesh_hint(error: &MeshError) -> String {
 
 /// What to do, with the voxel size that fits in the unit of `voxel_size_m` too.
 fn grid_hint(error: &GridError) -> String {
-    let fits = error.fitting_voxel_size_m().map(|voxel_size_m| format!(" (voxel_size_m = {})", round_up(voxel_size_m)));
+    let fits = error
+        .fitting_voxel_size_m()
+        .map(|voxel_size_m| format!(" (voxel_size_m = {})", round_up(voxel_size_m)));
     in_own_words(&error.hint()) + &fits.unwrap_or_default()
 }
 

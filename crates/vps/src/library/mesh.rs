@@ -13,57 +13,78 @@ use crate::part::Part;
 use crate::voxmap::Options;
 use crate::voxmap::estimate::Products;
 
-/// Triangles of a part, m, in a frame of their own: the *mesh frame*. They need not be closed; what is wrong with them is in
-/// [`warnings`](Self::warnings).
+/// Triangles of a part, m, in a frame of their own: the *mesh frame*. They need not be closed; what
+/// is wrong with them is in [`warnings`](Self::warnings).
 ///
-/// Vertices are finite and at most 10⁹ m from the origin, indices are in range, and some triangle has an area.
+/// Vertices are finite and at most 10⁹ m from the origin, indices are in range, and some triangle
+/// has an area.
 #[derive(Debug)]
 pub struct Mesh {
     part: Part,
 }
 
 impl Mesh {
-    /// Reads an OBJ, STL or PLY file, with the features `gltf` and `threemf` those formats too, whose numbers count `metres_per_unit`: 1e-3 for mm.
-    /// Cost: linear in the file.
+    /// Reads an OBJ, STL or PLY file, with the features `gltf` and `threemf` those formats too,
+    /// whose numbers count `metres_per_unit`: 1e-3 for mm. Cost: linear in the file.
     ///
     /// # Errors
     /// [`Error::Mesh`], naming the file and where it is known the line; [`Error::Value`].
     pub fn load(path: impl AsRef<Path>, metres_per_unit: f64) -> Result<Self, Error> {
-        check("metres_per_unit", metres_per_unit, 1e-12..=1e6, "the length of one unit of the file: 0.001 for millimetres")?;
+        check(
+            "metres_per_unit",
+            metres_per_unit,
+            1e-12..=1e6,
+            "the length of one unit of the file: 0.001 for millimetres",
+        )?;
         let path = path.as_ref();
         Ok(Self { part: Part::load(&path.display().to_string(), path, metres_per_unit)? })
     }
 
-    /// A mesh of vertices `[n][3]`, m, and triangles `[m][3]`, numbers of vertices from 0, counter-clockwise seen from outside. Cost: linear.
+    /// A mesh of vertices `[n][3]`, m, and triangles `[m][3]`, numbers of vertices from 0,
+    /// counter-clockwise seen from outside. Cost: linear.
     ///
     /// # Errors
-    /// [`Error::Arrays`]: no triangle with an area, an index out of range, a coordinate that is not finite or farther than 10⁹ m from the origin.
+    /// [`Error::Arrays`]: no triangle with an area, an index out of range, a coordinate that is not
+    /// finite or farther than 10⁹ m from the origin.
     pub fn from_arrays(vertices_m: &[[f64; 3]], triangles: &[[u32; 3]]) -> Result<Self, Error> {
         let refused = |what: String| Err(Error::Arrays { what });
         for (idx, vertex) in vertices_m.iter().enumerate() {
             if !vertex.iter().all(|coordinate| coordinate.abs() <= FARTHEST_M) {
                 return refused(format!(
-                    "vertex {idx} is {vertex:?}: give metres, finite and at most {FARTHEST_M:e} from the origin"
+                    "vertex {idx} is {vertex:?}: give metres, finite and at most {FARTHEST_M:e} \
+                        from the origin"
                 ));
             }
         }
         for (idx, triangle) in triangles.iter().enumerate() {
-            if let Some(vertex) = triangle.iter().find(|vertex| **vertex as usize >= vertices_m.len()) {
+            if let Some(vertex) =
+                triangle.iter().find(|vertex| **vertex as usize >= vertices_m.len())
+            {
                 let n_vertices = vertices_m.len();
-                return refused(format!("triangle {idx} names vertex {vertex}, there are {n_vertices}: count vertices from 0"));
+                return refused(format!(
+                    "triangle {idx} names vertex {vertex}, there are {n_vertices}: count vertices \
+                        from 0"
+                ));
             }
         }
         let vertices = vertices_m.iter().map(|vertex| DVec3::from_array(*vertex)).collect();
-        Self::of(Part::new("mesh from arrays", TriangleMesh { vertices, triangles: triangles.to_vec() }))
+        Self::of(Part::new(
+            "mesh from arrays",
+            TriangleMesh { vertices, triangles: triangles.to_vec() },
+        ))
     }
 
-    /// A shape around the origin, its triangles no farther than `tolerance_m` from it; a twentieth of a voxel loses nothing.
+    /// A shape around the origin, its triangles no farther than `tolerance_m` from it; a twentieth
+    /// of a voxel loses nothing.
     ///
     /// # Errors
     /// [`Error::Value`]: a size or the tolerance is not between 1 nm and 10⁶ m.
     pub fn from_shape(shape: &Shape, tolerance_m: f64) -> Result<Self, Error> {
-        for (name, size_m) in
-            shape.sizes_m().into_iter().map(|size_m| ("a size of the shape", size_m)).chain([("tolerance_m", tolerance_m)])
+        for (name, size_m) in shape
+            .sizes_m()
+            .into_iter()
+            .map(|size_m| ("a size of the shape", size_m))
+            .chain([("tolerance_m", tolerance_m)])
         {
             check(name, size_m, 1e-9..=1e6, "metres, from 1 nm to 1000 km")?;
         }
@@ -75,7 +96,11 @@ impl Mesh {
             return Ok(Self { part });
         }
         let n_triangles = part.mesh.triangles.len();
-        Err(Error::Arrays { what: format!("none of the {n_triangles} triangles has an area: give the surface of the part") })
+        Err(Error::Arrays {
+            what: format!(
+                "none of the {n_triangles} triangles has an area: give the surface of the part"
+            ),
+        })
     }
 
     /// `[n]`, m, mesh frame.
@@ -94,7 +119,8 @@ impl Mesh {
         self.part.mesh.bounds().unwrap_or_default()
     }
 
-    /// Volume, m³, centre of mass, m, and inertia per kilogram, m², of a part of even density; mesh frame.
+    /// Volume, m³, centre of mass, m, and inertia per kilogram, m², of a part of even density; mesh
+    /// frame.
     pub fn mass_properties(&self) -> MassProperties {
         self.part.mass_properties()
     }
@@ -105,10 +131,25 @@ impl Mesh {
     }
 
     /// The part, where these options can be baked within the memory that the system has left.
-    pub(super) fn part_to_bake(&self, options: &Options, products: Products) -> Result<&Part, Error> {
-        check("voxel_size_m", options.voxel_size_m, 1e-9..=1e6, "the edge of a voxel in metres, between 1 nm and 1000 km")?;
-        // Normals of points look two layers deep, and one layer of a thin skin, whose surface is a voxel away from its middle, would reach nowhere outside.
-        check("layers", options.layers.into(), 2.0..=126.0, "a number of layers of voxels from 2 to 126")?;
+    pub(super) fn part_to_bake(
+        &self,
+        options: &Options,
+        products: Products,
+    ) -> Result<&Part, Error> {
+        check(
+            "voxel_size_m",
+            options.voxel_size_m,
+            1e-9..=1e6,
+            "the edge of a voxel in metres, between 1 nm and 1000 km",
+        )?;
+        // Normals of points look two layers deep, and one layer of a thin skin, whose surface is a
+        // voxel away from its middle, would reach nowhere outside.
+        check(
+            "layers",
+            options.layers.into(),
+            2.0..=126.0,
+            "a number of layers of voxels from 2 to 126",
+        )?;
         self.part.fits(options, products)?;
         Ok(&self.part)
     }

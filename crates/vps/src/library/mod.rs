@@ -5,8 +5,9 @@
 //!                               └─► PointShell ◄──► file      Voxmap + PointShell ─► ContactQuery ─► wrench, contacts
 //! ```
 //!
-//! Everything is re-exported at the root of the crate. The modules do the work and trust their input; these types check it first, so that no
-//! value, array or file that a caller passes makes a panic.
+//! Everything is re-exported at the root of the crate. The modules do the work and trust their
+//! input; these types check it first, so that no value, array or file that a caller passes makes a
+//! panic.
 
 mod baked;
 mod error;

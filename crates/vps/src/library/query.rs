@@ -6,7 +6,9 @@ use glam::DVec3;
 
 use super::error::check;
 use super::{Error, PointShell, Voxmap};
-use crate::contact::{Also, Contact, ContactSum, ForceLaw, Obstacle, SimdLevel, Traversal, TraversalMode};
+use crate::contact::{
+    Also, Contact, ContactSum, ForceLaw, Obstacle, SimdLevel, Traversal, TraversalMode,
+};
 use crate::mesh::FARTHEST_M;
 use crate::parallel;
 use crate::spatial::{Pose, Wrench};
@@ -19,13 +21,15 @@ const UNIT_TOLERANCE: f64 = 1e-5;
 /// Asks what wrench the voxmap exerts on the shell.
 ///
 /// # Force
-/// Each point of the shell that is inside pushes with stiffness × depth × weight along its normal, where the weight is the surface that it stands
-/// for in squares of the shell's voxel edge s. So a face of area A at depth d pushes with about stiffness · d · A / s²: an elastic foundation of
-/// stiffness / s², N/m³. There is no friction, and nothing is remembered: the same pose gives the same bits, on every machine and thread.
+/// Each point of the shell that is inside pushes with stiffness × depth × weight along its normal,
+/// where the weight is the surface that it stands for in squares of the shell's voxel edge s. So a
+/// face of area A at depth d pushes with about stiffness · d · A / s²: an elastic foundation of
+/// stiffness / s², N/m³. There is no friction, and nothing is remembered: the same pose gives the
+/// same bits, on every machine and thread.
 ///
 /// # Threads
-/// Any number of threads may ask one query at a time. Each takes the memory of its traversal from a pool; a call allocates only where more threads
-/// ask at a time than ever before.
+/// Any number of threads may ask one query at a time. Each takes the memory of its traversal from a
+/// pool; a call allocates only where more threads ask at a time than ever before.
 #[derive(Debug)]
 pub struct ContactQuery {
     obstacle: [Obstacle; 1],
@@ -38,7 +42,8 @@ pub struct ContactQuery {
 /// What a shell feels at one pose.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ContactWrench {
-    /// On the shell: force, N, in axes of the voxmap's mesh frame, and torque, N·m, about the origin of the shell's mesh frame.
+    /// On the shell: force, N, in axes of the voxmap's mesh frame, and torque, N·m, about the
+    /// origin of the shell's mesh frame.
     pub wrench: Wrench,
     /// Points in contact.
     pub contacts: u32,
@@ -64,8 +69,9 @@ pub struct ContactPoint {
 }
 
 impl ContactQuery {
-    /// Prepares queries; `stiffness_n_per_m` is that of one point that stands for a square of the shell's voxel edge. Shares the memory of both
-    /// parts. Cost: milliseconds, and about ten bytes per point for each thread that asks.
+    /// Prepares queries; `stiffness_n_per_m` is that of one point that stands for a square of the
+    /// shell's voxel edge. Shares the memory of both parts. Cost: milliseconds, and about ten bytes
+    /// per point for each thread that asks.
     ///
     /// # Errors
     /// [`Error::Value`]: the stiffness is not between 0 and 10¹² N/m.
@@ -73,12 +79,14 @@ impl ContactQuery {
         check("stiffness_n_per_m", stiffness_n_per_m, 0.0..=1e12, "newtons per metre, 0 to 1e12")?;
         let obstacle = [Obstacle { field: voxmap.field().clone(), world_from_map: Pose::IDENTITY }];
         let law = ForceLaw { stiffness_n_per_m, ..ForceLaw::PLAIN };
-        let query = Self { obstacle, shell: shell.clone(), law, spare: Mutex::new(Vec::with_capacity(64)) };
+        let query =
+            Self { obstacle, shell: shell.clone(), law, spare: Mutex::new(Vec::with_capacity(64)) };
         query.with_traversal(|_| ());
         Ok(query)
     }
 
-    /// Wrench, penetration and clearance at a pose of the shell's mesh frame in the voxmap's mesh frame. Allocates nothing; see [threads](#threads).
+    /// Wrench, penetration and clearance at a pose of the shell's mesh frame in the voxmap's mesh
+    /// frame. Allocates nothing; see [threads](#threads).
     ///
     /// # Errors
     /// [`Error::Pose`].
@@ -91,7 +99,11 @@ impl ContactQuery {
     ///
     /// # Errors
     /// [`Error::Pose`].
-    pub fn contacts(&self, voxmap_from_shell: Pose, mut each: impl FnMut(&ContactPoint)) -> Result<ContactWrench, Error> {
+    pub fn contacts(
+        &self,
+        voxmap_from_shell: Pose,
+        mut each: impl FnMut(&ContactPoint),
+    ) -> Result<ContactWrench, Error> {
         check_pose(0, voxmap_from_shell)?;
         let voxmap_from_body = self.voxmap_from_body(voxmap_from_shell);
         let mut also = |_: usize, contact: &Contact| {
@@ -102,20 +114,27 @@ impl ContactQuery {
                 position_m: voxmap_from_body.transform_point(contact.arm_body.as_dvec3()),
                 normal,
                 depth_m,
-                force_n: normal * (self.law.stiffness_n_per_m * depth_m * f64::from(contact.weight)),
+                force_n: normal
+                    * (self.law.stiffness_n_per_m * depth_m * f64::from(contact.weight)),
             });
         };
         Ok(self.with_traversal(|traversal| self.sum(traversal, voxmap_from_shell, Some(&mut also))))
     }
 
-    /// `[n]`: [`Self::wrench`] of each pose, on the current rayon pool; the same bits as one by one, for any number of threads.
+    /// `[n]`: [`Self::wrench`] of each pose, on the current rayon pool; the same bits as one by
+    /// one, for any number of threads.
     ///
     /// # Errors
     /// [`Error::Pose`] of the first pose that is none.
     pub fn wrenches(&self, voxmap_from_shell: &[Pose]) -> Result<Vec<ContactWrench>, Error> {
-        voxmap_from_shell.iter().enumerate().try_for_each(|(index, pose)| check_pose(index, *pose))?;
+        voxmap_from_shell
+            .iter()
+            .enumerate()
+            .try_for_each(|(index, pose)| check_pose(index, *pose))?;
         Ok(parallel::map_chunks(voxmap_from_shell, POSES_PER_TASK, |poses| {
-            self.with_traversal(|traversal| poses.iter().map(|pose| self.sum(traversal, *pose, None)).collect::<Vec<_>>())
+            self.with_traversal(|traversal| {
+                poses.iter().map(|pose| self.sum(traversal, *pose, None)).collect::<Vec<_>>()
+            })
         })
         .concat())
     }
@@ -124,15 +143,21 @@ impl ContactQuery {
         voxmap_from_shell * Pose::from_translation(self.shell.mass_properties().center_m)
     }
 
-    fn sum(&self, traversal: &mut Traversal, pose: Pose, also: Option<&mut Also<'_>>) -> ContactWrench {
+    fn sum(
+        &self,
+        traversal: &mut Traversal,
+        pose: Pose,
+        also: Option<&mut Also<'_>>,
+    ) -> ContactWrench {
         let body = self.voxmap_from_body(pose);
-        let ask =
-            |traversal: &mut Traversal, also| ContactSum::of(traversal, &self.obstacle, self.shell.shell(), body, self.law, also);
+        let ask = |traversal: &mut Traversal, also| {
+            ContactSum::of(traversal, &self.obstacle, self.shell.shell(), body, self.law, also)
+        };
         let band_m: f64 = self.obstacle[0].field.known_outside_m().into();
         traversal.set_mode(TraversalMode::Tree);
         let mut sum = ask(traversal, also);
-        // What touches is found to the bit. Of what does not, the tree knows only how far it may go before it touches, which is more than its distance
-        // from a surface that nothing can touch.
+        // What touches is found to the bit. Of what does not, the tree knows only how far it may go
+        // before it touches, which is more than its distance from a surface that nothing can touch.
         if sum.contacts == 0 && traversal.n_near() > 0 {
             traversal.set_mode(TraversalMode::Flat);
             sum = ask(traversal, None);
@@ -148,8 +173,14 @@ impl ContactQuery {
     fn with_traversal<T>(&self, ask: impl FnOnce(&mut Traversal) -> T) -> T {
         let spare = || self.spare.lock().unwrap_or_else(PoisonError::into_inner);
         let taken = spare().pop();
-        let mut traversal =
-            taken.unwrap_or_else(|| Traversal::new(SimdLevel::best(), TraversalMode::Tree, &self.obstacle, self.shell.shell()));
+        let mut traversal = taken.unwrap_or_else(|| {
+            Traversal::new(
+                SimdLevel::best(),
+                TraversalMode::Tree,
+                &self.obstacle,
+                self.shell.shell(),
+            )
+        });
         let answer = ask(&mut traversal);
         spare().push(traversal);
         answer
@@ -160,10 +191,16 @@ fn check_pose(index: usize, pose: Pose) -> Result<(), Error> {
     let Pose { rotation, translation } = pose;
     let refused = |what| Err(Error::Pose { index, what });
     if !(translation.is_finite() && translation.abs().max_element() <= FARTHEST_M) {
-        return refused(format!("translation {translation} m: give finite metres, at most {FARTHEST_M:e} from the origin"));
+        return refused(format!(
+            "translation {translation} m: give finite metres, at most {FARTHEST_M:e} from the \
+                origin"
+        ));
     }
     if !(-UNIT_TOLERANCE..=UNIT_TOLERANCE).contains(&(rotation.length_squared() - 1.0)) {
-        return refused(format!("rotation {rotation} of length {}: give a unit quaternion x, y, z, w", rotation.length()));
+        return refused(format!(
+            "rotation {rotation} of length {}: give a unit quaternion x, y, z, w",
+            rotation.length()
+        ));
     }
     Ok(())
 }

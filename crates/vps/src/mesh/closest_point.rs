@@ -1,17 +1,22 @@
-//! Closest point of a triangle to a point, exact, with the feature of the triangle on which it lies.
+//! Closest point of a triangle to a point, exact, with the feature of the triangle on which it
+//! lies.
 //!
 //! Two methods, as in the paper that this crate follows:
-//! - B, [`TriangleProjector`], used everywhere: a constrained quadratic minimum with seven Karush-Kuhn-Tucker candidates;
-//! - A, [`project_by_voronoi_clamp`], kept as an independent reference: projection on the plane, then a clamp to the boundary.
+//! - B, [`TriangleProjector`], used everywhere: a constrained quadratic minimum with seven
+//!   Karush-Kuhn-Tucker candidates;
+//! - A, [`project_by_voronoi_clamp`], kept as an independent reference: projection on the plane,
+//!   then a clamp to the boundary.
 //!
-//! Invariant: neither panics nor gives NaN for finite input, however thin the triangle is. Degenerate triangles (collinear or
-//! coincident corners) have no interior: their points lie on edges and vertices.
+//! Invariant: neither panics nor gives NaN for finite input, however thin the triangle is.
+//! Degenerate triangles (collinear or coincident corners) have no interior: their points lie on
+//! edges and vertices.
 //!
 //! # Source
-//! Sagardia2008, section 4 (pointshell generation, methods A and B). The paper gives the problem; the closed forms of the
-//! candidates, the division-free form of the multiplier signs and the care for thin triangles are ours. With
-//! `T(s,t) = B + s E0 + t E1`, `r = B - P`, `a = E0·E0`, `b = E0·E1`, `c = E1·E1`, `d = E0·r`, `e = E1·r`, `Δ = ac - b²`,
-//! `S = be - cd` and `U = bd - ae`, the candidates and their multipliers are
+//! Sagardia2008, section 4 (pointshell generation, methods A and B). The paper gives the problem;
+//! the closed forms of the candidates, the division-free form of the multiplier signs and the care
+//! for thin triangles are ours. With `T(s,t) = B + s E0 + t E1`, `r = B - P`, `a = E0·E0`, `b =
+//! E0·E1`, `c = E1·E1`, `d = E0·r`, `e = E1·r`, `Δ = ac - b²`, `S = be - cd` and `U = bd - ae`, the
+//! candidates and their multipliers are
 //!
 //! | candidate | s, t | multipliers ≥ 0 |
 //! |---|---|---|
@@ -54,22 +59,26 @@ pub struct Projection {
     pub distance_squared: f64,
 }
 
-/// Squared sine of the angle at the base corner below which the closed forms lose digits and the careful path is taken.
+/// Squared sine of the angle at the base corner below which the closed forms lose digits and the
+/// careful path is taken.
 ///
-/// The rounding error of `S/Δ` grows like ε/sin², so this keeps it near 2e-14. The base corner has the largest angle: only
-/// angles above 174.3° fall below.
+/// The rounding error of `S/Δ` grows like ε/sin², so this keeps it near 2e-14. The base corner has
+/// the largest angle: only angles above 174.3° fall below.
 const THIN_SIN_SQUARED: f64 = 1e-2;
 
-/// Squared sine below which the computed normal of a triangle is rounding noise: the triangle is a segment.
+/// Squared sine below which the computed normal of a triangle is rounding noise: the triangle is a
+/// segment.
 const FLAT_SIN_SQUARED: f64 = 1e-28;
 
-/// Products of four lengths below this are near the underflow of `f64`: the triangle takes the careful path.
+/// Products of four lengths below this are near the underflow of `f64`: the triangle takes the
+/// careful path.
 const TINY_FOURTH_POWER: f64 = 1e-200;
 
 /// Method B: one triangle, prepared so that many points can be projected on it cheaply.
 ///
-/// The base corner B of the parametrisation is the one with the largest angle (opposite the longest edge), which keeps the
-/// two by two system well conditioned for needle-shaped triangles; regions are reported in the caller's corner order.
+/// The base corner B of the parametrisation is the one with the largest angle (opposite the longest
+/// edge), which keeps the two by two system well conditioned for needle-shaped triangles; regions
+/// are reported in the caller's corner order.
 #[derive(Clone, Debug)]
 pub struct TriangleProjector {
     /// B, B + E0, B + E1: the caller's corners, rotated so that the base corner comes first.
@@ -95,7 +104,8 @@ impl TriangleProjector {
     /// Prepares a triangle; any three corners will do, degenerate ones included.
     pub fn new(corners: &[DVec3; 3]) -> Self {
         let edges_squared = [0, 1, 2].map(|k| (corners[(k + 1) % 3] - corners[k]).length_squared());
-        // Edge k + 1 is opposite corner k. Ties keep the lowest corner, so that the result does not depend on the platform.
+        // Edge k + 1 is opposite corner k. Ties keep the lowest corner, so that the result does not
+        // depend on the platform.
         let mut base = 0;
         for k in 1..3 {
             if edges_squared[(k + 1) % 3] > edges_squared[(base + 1) % 3] {
@@ -104,10 +114,14 @@ impl TriangleProjector {
         }
         let order = [base, (base + 1) % 3, (base + 2) % 3];
         let corners = order.map(|k| corners[k]);
-        let (edge0, edge1) = (corners[1] - corners[0], corners[2] - corners[0]);
-        let (a, b, c) = (edge0.length_squared(), edge0.dot(edge1), edge1.length_squared());
+        let edge0 = corners[1] - corners[0];
+        let edge1 = corners[2] - corners[0];
+        let a = edge0.length_squared();
+        let b = edge0.dot(edge1);
+        let c = edge1.length_squared();
         let delta = a * c - b * b;
-        let well_shaped = delta > THIN_SIN_SQUARED * a * c && delta > TINY_FOURTH_POWER && delta.is_finite();
+        let well_shaped =
+            delta > THIN_SIN_SQUARED * a * c && delta > TINY_FOURTH_POWER && delta.is_finite();
         Self {
             corners,
             edge0,
@@ -127,8 +141,8 @@ impl TriangleProjector {
 
     /// Closest point of the triangle to `point`.
     ///
-    /// Cost: no heap, no square root, at most one multiplication by a stored inverse. A non-finite `point` gives a corner and
-    /// a distance that is not a number.
+    /// Cost: no heap, no square root, at most one multiplication by a stored inverse. A non-finite
+    /// `point` gives a corner and a distance that is not a number.
     #[inline]
     pub fn project(&self, point: DVec3) -> Projection {
         if !self.well_shaped {
@@ -136,23 +150,40 @@ impl TriangleProjector {
         }
         let Self { a, b, c, delta, .. } = *self;
         let r = self.corners[0] - point;
-        let (d, e) = (self.edge0.dot(r), self.edge1.dot(r));
-        let (s_delta, t_delta) = (b * e - c * d, b * d - a * e);
+        let d = self.edge0.dot(r);
+        let e = self.edge1.dot(r);
+        let s_delta = b * e - c * d;
+        let t_delta = b * d - a * e;
 
         if s_delta >= 0.0 && t_delta >= 0.0 && s_delta + t_delta <= delta {
-            let (s, t) = (s_delta * self.inverse_delta, t_delta * self.inverse_delta);
-            return finish(point, self.corners[0] + self.edge0 * s + self.edge1 * t, TriangleFeature::Interior);
+            let s = s_delta * self.inverse_delta;
+            let t = t_delta * self.inverse_delta;
+            return finish(
+                point,
+                self.corners[0] + self.edge0 * s + self.edge1 * t,
+                TriangleFeature::Interior,
+            );
         }
         if t_delta <= 0.0 && d < 0.0 && -d < a {
-            return finish(point, self.corners[0] + self.edge0 * (-d * self.inverse_a), TriangleFeature::Edge(self.names[0]));
+            return finish(
+                point,
+                self.corners[0] + self.edge0 * (-d * self.inverse_a),
+                TriangleFeature::Edge(self.names[0]),
+            );
         }
         if s_delta <= 0.0 && e < 0.0 && -e < c {
-            return finish(point, self.corners[0] + self.edge1 * (-e * self.inverse_c), TriangleFeature::Edge(self.names[2]));
+            return finish(
+                point,
+                self.corners[0] + self.edge1 * (-e * self.inverse_c),
+                TriangleFeature::Edge(self.names[2]),
+            );
         }
         // Along the opposite edge the squared distance changes by these amounts at its two ends.
-        let (from_second, from_first) = (c + e - b - d, a + d - b - e);
+        let from_second = c + e - b - d;
+        let from_first = a + d - b - e;
         if s_delta + t_delta >= delta && from_second > 0.0 && from_first > 0.0 {
-            // Counted from the nearer corner, so that the result does not leave the edge by cancellation.
+            // Counted from the nearer corner, so that the result does not leave the edge by
+            // cancellation.
             let s = from_second * self.inverse_opposite;
             return finish(
                 point,
@@ -169,17 +200,24 @@ impl TriangleProjector {
         if c + e <= 0.0 && from_second <= 0.0 {
             return finish(point, self.corners[2], TriangleFeature::Vertex(self.names[2]));
         }
-        // In exact arithmetic one candidate holds. Rounding can refuse all of them on a border between two regions.
+        // In exact arithmetic one candidate holds. Rounding can refuse all of them on a border
+        // between two regions.
         self.project_carefully(point)
     }
 
-    /// The same answer by comparing distances: for thin and degenerate triangles, borders, and overflow.
+    /// The same answer by comparing distances: for thin and degenerate triangles, borders, and
+    /// overflow.
     #[cold]
     fn project_carefully(&self, point: DVec3) -> Projection {
         let mut best = finish(point, self.corners[0], TriangleFeature::Vertex(self.names[0]));
         for k in 0..3 {
             let next = (k + 1) % 3;
-            let candidate = project_on_segment(self.corners[k], self.corners[next], [self.names[k], self.names[next]], point);
+            let candidate = project_on_segment(
+                self.corners[k],
+                self.corners[next],
+                [self.names[k], self.names[next]],
+                point,
+            );
             if candidate.distance_squared < best.distance_squared {
                 best = candidate;
             }
@@ -189,8 +227,11 @@ impl TriangleProjector {
         if normal_squared > FLAT_SIN_SQUARED * self.a * self.c && normal_squared > 0.0 {
             let s_axis = self.edge1.cross(normal) / normal_squared;
             let t_axis = normal.cross(self.edge0) / normal_squared;
-            let (mut s, mut t, mut foot) = (0.0, 0.0, self.corners[0]);
-            // Two steps of iterative refinement: the first solution of a thin triangle is off by ε·length/thickness along it.
+            let mut s = 0.0;
+            let mut t = 0.0;
+            let mut foot = self.corners[0];
+            // Two steps of iterative refinement: the first solution of a thin triangle is off by
+            // ε·length/thickness along it.
             for _ in 0..3 {
                 let rest = point - foot;
                 s += s_axis.dot(rest);
@@ -210,8 +251,9 @@ impl TriangleProjector {
     /// The same problem in units in which nothing overflows.
     #[cold]
     fn project_scaled(&self, point: DVec3) -> Projection {
-        let largest =
-            self.corners.iter().fold(point.abs().max_element(), |largest, corner| largest.max(corner.abs().max_element()));
+        let largest = self.corners.iter().fold(point.abs().max_element(), |largest, corner| {
+            largest.max(corner.abs().max_element())
+        });
         let corner = finish(point, self.corners[0], TriangleFeature::Vertex(self.names[0]));
         // Below this size a squared distance cannot have overflowed: some input was not a number.
         if !largest.is_finite() || largest < 1e100 {
@@ -219,7 +261,8 @@ impl TriangleProjector {
         }
         // Halved before the division: the inverse of the largest numbers is not normal.
         let scale = 0.5 * largest;
-        let mut scaled = Self::new(&self.corners.map(|corner| corner / scale)).project(point / scale);
+        let mut scaled =
+            Self::new(&self.corners.map(|corner| corner / scale)).project(point / scale);
         let names = &self.names;
         scaled.feature = match scaled.feature {
             TriangleFeature::Interior => TriangleFeature::Interior,
@@ -235,18 +278,24 @@ impl TriangleProjector {
     }
 }
 
-/// Method A: projection on the plane of the triangle, then the nearest point of the boundary when that falls outside.
+/// Method A: projection on the plane of the triangle, then the nearest point of the boundary when
+/// that falls outside.
 ///
 /// Kept as a reference for [`TriangleProjector`]; thin triangles lose digits here.
 ///
 /// # Source
 /// Sagardia2008, section 4, method A.
 pub fn project_by_voronoi_clamp(corners: &[DVec3; 3], point: DVec3) -> Projection {
-    let (edge0, edge1) = (corners[1] - corners[0], corners[2] - corners[0]);
+    let edge0 = corners[1] - corners[0];
+    let edge1 = corners[2] - corners[0];
     let normal = edge0.cross(edge1);
     let normal_squared = normal.length_squared();
     let flat = normal_squared <= FLAT_SIN_SQUARED * edge0.length_squared() * edge1.length_squared();
-    let foot = if flat { point } else { point - normal * (normal.dot(point - corners[0]) / normal_squared) };
+    let foot = if flat {
+        point
+    } else {
+        point - normal * (normal.dot(point - corners[0]) / normal_squared)
+    };
 
     let mut best: Option<Projection> = None;
     for k in 0..3_u8 {
@@ -262,7 +311,8 @@ pub fn project_by_voronoi_clamp(corners: &[DVec3; 3], point: DVec3) -> Projectio
     best.unwrap_or_else(|| finish(point, foot, TriangleFeature::Interior))
 }
 
-/// Closest point of a segment; `names` are the numbers of its two corners, the first also names the edge.
+/// Closest point of a segment; `names` are the numbers of its two corners, the first also names the
+/// edge.
 fn project_on_segment(from: DVec3, to: DVec3, names: [u8; 2], point: DVec3) -> Projection {
     let edge = to - from;
     let length_squared = edge.length_squared();
@@ -276,7 +326,8 @@ fn project_on_segment(from: DVec3, to: DVec3, names: [u8; 2], point: DVec3) -> P
     }
 }
 
-/// A projection with its distance measured at the point that is returned, not taken from the quadratic form.
+/// A projection with its distance measured at the point that is returned, not taken from the
+/// quadratic form.
 #[inline]
 fn finish(point: DVec3, foot: DVec3, feature: TriangleFeature) -> Projection {
     Projection { point: foot, feature, distance_squared: (point - foot).length_squared() }

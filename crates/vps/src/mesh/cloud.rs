@@ -26,7 +26,8 @@ pub enum Contents {
     Mesh(TriangleMesh),
 }
 
-/// Reads a file of points or a mesh, the format chosen by its extension (any case), and scales it to metres.
+/// Reads a file of points or a mesh, the format chosen by its extension (any case), and scales it
+/// to metres.
 ///
 /// # Errors
 /// [`MeshError`], naming the path and, where it is known, the line.
@@ -63,7 +64,9 @@ pub fn read(bytes: &[u8], path: &Path, metres_per_unit: f64) -> Result<Contents,
 }
 
 fn is_text(path: &Path) -> bool {
-    path.extension().is_some_and(|extension| EXTENSIONS.iter().any(|known| extension.eq_ignore_ascii_case(known)))
+    path.extension().is_some_and(|extension| {
+        EXTENSIONS.iter().any(|known| extension.eq_ignore_ascii_case(known))
+    })
 }
 
 #[cfg(test)]
@@ -106,23 +109,28 @@ mod tests {
         assert_eq!(cloud(obj.as_bytes(), "a.obj"), expected);
         let header = |encoding: &str, color: &str| {
             format!(
-                "ply\nformat {encoding} 1.0\nelement vertex 2\nproperty double x\nproperty double y\nproperty double z\n\
-                 property {color} red\nproperty {color} green\nproperty {color} blue\nproperty float confidence\n\
-                 property double nx\nproperty double ny\nproperty double nz\nelement face 0\n\
-                 property list uchar int vertex_indices\nend_header\n"
+                "ply\nformat {encoding} 1.0\nelement vertex 2\nproperty double x\nproperty double \
+                    y\nproperty double z\nproperty {color} red\nproperty {color} green\nproperty \
+                    {color} blue\nproperty float confidence\nproperty double nx\nproperty double \
+                    ny\nproperty double nz\nelement face 0\nproperty list uchar int \
+                    vertex_indices\nend_header\n"
             )
         };
-        let text = header("ascii", "uchar") + "1 2 3 255 0 51 0.5 1 0 0\n-4 0.5 6 0 102 255 0.5 0 0.6 -0.8\n";
+        let text = header("ascii", "uchar")
+            + "1 2 3 255 0 51 0.5 1 0 0\n-4 0.5 6 0 102 255 0.5 0 0.6 -0.8\n";
         assert_eq!(cloud(text.as_bytes(), "a.ply"), expected);
-        let text = header("ascii", "float") + "1 2 3 1 0 0.2 0.5 1 0 0\n-4 0.5 6 0 0.4 1 0.5 0 0.6 -0.8\n";
+        let text =
+            header("ascii", "float") + "1 2 3 1 0 0.2 0.5 1 0 0\n-4 0.5 6 0 0.4 1 0.5 0 0.6 -0.8\n";
         assert_eq!(cloud(text.as_bytes(), "a.ply"), expected);
         for encoding in ["binary_little_endian", "binary_big_endian"] {
             let mut bytes = header(encoding, "uchar").into_bytes();
             let is_big = encoding == "binary_big_endian";
-            let double = |value: f64| if is_big { value.to_be_bytes() } else { value.to_le_bytes() };
-            for (at, color, normal) in
-                [([1.0, 2.0, 3.0], [255_u8, 0, 51], [1.0, 0.0, 0.0]), ([-4.0, 0.5, 6.0], [0, 102, 255], [0.0, 0.6, -0.8])]
-            {
+            let double =
+                |value: f64| if is_big { value.to_be_bytes() } else { value.to_le_bytes() };
+            for (at, color, normal) in [
+                ([1.0, 2.0, 3.0], [255_u8, 0, 51], [1.0, 0.0, 0.0]),
+                ([-4.0, 0.5, 6.0], [0, 102, 255], [0.0, 0.6, -0.8]),
+            ] {
                 bytes.extend(at.iter().flat_map(|value| double(*value)));
                 bytes.extend(color);
                 bytes.extend([0; 4]);
@@ -135,7 +143,10 @@ mod tests {
     #[test]
     fn columns_of_text_are_told_apart() {
         let colors = cloud(b"0 0 0 255 255 0\n1 1 1 10 20 30\n", "a.xyz");
-        assert_eq!((colors.normals, colors.colors), (None, Some(vec![[255, 255, 0], [10, 20, 30]])));
+        assert_eq!(
+            (colors.normals, colors.colors),
+            (None, Some(vec![[255, 255, 0], [10, 20, 30]]))
+        );
         let normals = cloud(b"0 0 0 0 0 1\n1 1 1 1 0 0\n", "a.xyz");
         assert_eq!((normals.normals, normals.colors), (Some(vec![DVec3::Z, DVec3::X]), None));
         assert_eq!(cloud(b"0 0 0\n1 1 1\n", "a.xyz").normals, None);
@@ -145,24 +156,43 @@ mod tests {
     #[test]
     fn files_with_faces_are_meshes() {
         let obj = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
-        assert!(matches!(read(obj, Path::new("a.obj"), 1.0), Ok(Contents::Mesh(mesh)) if mesh.triangles.len() == 1));
+        assert!(
+            matches!(read(obj, Path::new("a.obj"), 1.0), Ok(Contents::Mesh(mesh)) if mesh.triangles.len() == 1)
+        );
         let ply =
             b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n\
                     property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
-        assert!(matches!(read(ply, Path::new("a.ply"), 1.0), Ok(Contents::Mesh(mesh)) if mesh.triangles.len() == 1));
+        assert!(
+            matches!(read(ply, Path::new("a.ply"), 1.0), Ok(Contents::Mesh(mesh)) if mesh.triangles.len() == 1)
+        );
     }
 
     #[test]
     fn errors_name_line_and_value() {
         assert_eq!(message(b"0 0 0\n1 x 0\n", "a.xyz"), "a.xyz:2: `x` is no number");
-        assert_eq!(message(b"0 0 0\n1 0\n", "a.xyz"), "a.xyz:2: 2 numbers, the lines before have 3");
-        assert!(message(b"0 0\n", "a.xyz").starts_with("a.xyz:1: 2 columns of numbers found, understood are 3 (x y z), 6 "));
+        assert_eq!(
+            message(b"0 0 0\n1 0\n", "a.xyz"),
+            "a.xyz:2: 2 numbers, the lines before have 3"
+        );
+        assert!(
+            message(b"0 0\n", "a.xyz")
+                .starts_with("a.xyz:1: 2 columns of numbers found, understood are 3 (x y z), 6 ")
+        );
         assert_eq!(message(b"0 0 0\n0 nan 0\n", "a.xyz"), "a.xyz:2: vertex 2 is not finite");
         assert_eq!(message(b"v 0 0 0\nv 0 inf 0\n", "a.obj"), "a.obj:2: vertex 2 is not finite");
-        assert_eq!(message(b"v 0 0 0\nvn 0 0\n", "a.obj"), "a.obj:2: a normal needs three numbers, found `vn 0 0`");
-        assert_eq!(message(b"1e300 0 0\n", "a.xyz"), "a.xyz: vertex 1 is 1.0e300 m away from the origin");
+        assert_eq!(
+            message(b"v 0 0 0\nvn 0 0\n", "a.obj"),
+            "a.obj:2: a normal needs three numbers, found `vn 0 0`"
+        );
+        assert_eq!(
+            message(b"1e300 0 0\n", "a.xyz"),
+            "a.xyz: vertex 1 is 1.0e300 m away from the origin"
+        );
         assert!(message(b"", "a.shape").contains("unknown mesh extension `shape`"));
         let cut = b"ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n1 1";
-        assert_eq!(message(cut, "a.ply"), "a.ply:8: the header announces 2 of `vertex`, the file has room for 1");
+        assert_eq!(
+            message(cut, "a.ply"),
+            "a.ply:8: the header announces 2 of `vertex`, the file has room for 1"
+        );
     }
 }

@@ -1,8 +1,8 @@
 //! Edges and triangles that meet, found by sorting among neighbours in number.
 //!
-//! Data in: welded triangles. Data out: which of them repeat others, and which edges are not shared by two. Neighbours in number are
-//! mostly neighbours in the file, so the pieces are sorted in the cache. Cost: linear, in parallel; the same for any number of
-//! threads.
+//! Data in: welded triangles. Data out: which of them repeat others, and which edges are not shared
+//! by two. Neighbours in number are mostly neighbours in the file, so the pieces are sorted in the
+//! cache. Cost: linear, in parallel; the same for any number of threads.
 
 use super::SUM_TRIANGLES;
 use super::shards::Shards;
@@ -18,11 +18,16 @@ fn by_vertex<T: Copy + Default + Send + Sync, I: Iterator<Item = T>>(
     vertex_of: impl Fn(&T) -> u32 + Sync,
     items_of: impl Fn(usize, [u32; 3]) -> I + Sync,
 ) -> Shards<T> {
-    Shards::new(triangles.len().div_ceil(SUM_TRIANGLES), n_vertices.div_ceil(SHARD_VERTICES), |chunk| {
-        let range = chunk * SUM_TRIANGLES..triangles.len().min((chunk + 1) * SUM_TRIANGLES);
-        let items = range.flat_map(|triangle_idx| items_of(triangle_idx, triangles[triangle_idx]));
-        items.map(|item| (vertex_of(&item) as usize / SHARD_VERTICES, item))
-    })
+    Shards::new(
+        triangles.len().div_ceil(SUM_TRIANGLES),
+        n_vertices.div_ceil(SHARD_VERTICES),
+        |chunk| {
+            let range = chunk * SUM_TRIANGLES..triangles.len().min((chunk + 1) * SUM_TRIANGLES);
+            let items =
+                range.flat_map(|triangle_idx| items_of(triangle_idx, triangles[triangle_idx]));
+            items.map(|item| (vertex_of(&item) as usize / SHARD_VERTICES, item))
+        },
+    )
 }
 
 /// Removes triangles whose corners, in any order, are those of an earlier one; returns how many.
@@ -38,13 +43,15 @@ pub(super) fn drop_duplicates(triangles: &mut Vec<[u32; 3]>, n_vertices: usize) 
     );
     let repeated = parallel::map(shards.n_shards, 1, |shard| {
         let first_vertex = shard * SHARD_VERTICES;
-        let items = shards
-            .shard(shard)
-            .map(|([low, middle, high], triangle_idx)| (low as usize - first_vertex, (middle, high, triangle_idx)));
+        let items = shards.shard(shard).map(|([low, middle, high], triangle_idx)| {
+            (low as usize - first_vertex, (middle, high, triangle_idx))
+        });
         let mut repeated = Vec::new();
-        for bucket in Buckets::new(SHARD_VERTICES.min(n_vertices - first_vertex), items).iter_mut() {
+        for bucket in Buckets::new(SHARD_VERTICES.min(n_vertices - first_vertex), items).iter_mut()
+        {
             bucket.sort_unstable();
-            let pairs = bucket.windows(2).filter(|pair| (pair[0].0, pair[0].1) == (pair[1].0, pair[1].1));
+            let pairs =
+                bucket.windows(2).filter(|pair| (pair[0].0, pair[0].1) == (pair[1].0, pair[1].1));
             repeated.extend(pairs.map(|pair| pair[1].2));
         }
         repeated
@@ -80,10 +87,12 @@ pub(super) fn odd_edges(triangles: &[[u32; 3]], n_vertices: usize) -> OddEdges {
     );
     let odd = parallel::map(shards.n_shards, 1, |shard| {
         let first_vertex = shard * SHARD_VERTICES;
-        let items = shards.shard(shard).map(|[from, to]| (from.min(to) as usize - first_vertex, (from.max(to), from < to)));
+        let items = shards
+            .shard(shard)
+            .map(|[from, to]| (from.min(to) as usize - first_vertex, (from.max(to), from < to)));
         let mut odd = OddEdges::default();
-        for (low, bucket) in
-            (first_vertex as u32..).zip(Buckets::new(SHARD_VERTICES.min(n_vertices - first_vertex), items).iter_mut())
+        for (low, bucket) in (first_vertex as u32..)
+            .zip(Buckets::new(SHARD_VERTICES.min(n_vertices - first_vertex), items).iter_mut())
         {
             bucket.sort_unstable();
             for edge in bucket.chunk_by(|one, other| one.0 == other.0) {
@@ -133,7 +142,8 @@ impl<T: Copy + Default> Buckets<T> {
     fn iter_mut(&mut self) -> impl Iterator<Item = &mut [T]> {
         let mut rest = &mut self.items[..];
         self.starts.windows(2).map(move |range| {
-            let (bucket, later) = std::mem::take(&mut rest).split_at_mut((range[1] - range[0]) as usize);
+            let (bucket, later) =
+                std::mem::take(&mut rest).split_at_mut((range[1] - range[0]) as usize);
             rest = later;
             bucket
         })

@@ -5,7 +5,8 @@ use std::path::PathBuf;
 
 use super::Format;
 
-/// A mesh file that cannot be used. Messages read well after "failed to load the mesh: "; [`MeshError::hint`] says what to do.
+/// A mesh file that cannot be used. Messages read well after "failed to load the mesh: ";
+/// [`MeshError::hint`] says what to do.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum MeshError {
@@ -130,7 +131,8 @@ pub enum MeshError {
         vertices: usize,
     },
     /// The file is shorter than it says.
-    #[error("{}: truncated, {expected_bytes} bytes expected for {triangles} triangles, {found_bytes} found", path.display())]
+    #[error("{}: truncated, {expected_bytes} bytes expected for {triangles} triangles, \
+        {found_bytes} found", path.display())]
     Truncated {
         /// As given.
         path: PathBuf,
@@ -184,21 +186,42 @@ impl MeshError {
     pub fn hint(&self) -> Option<&'static str> {
         match self {
             Self::Missing { .. } => Some("paths in a scene are relative to the scene file"),
-            Self::Unreadable { .. } => Some("check that it is a file and that this user may read it"),
+            Self::Unreadable { .. } => {
+                Some("check that it is a file and that this user may read it")
+            }
             Self::CurvedSurfaces { .. } => Some(super::CAD_HINT),
             Self::UnknownExtension { .. } => Some("export the part as STL or OBJ"),
-            Self::NotBuilt { .. } => Some("build `vps` with its features `gltf` and `threemf`, or export the part as STL or OBJ"),
-            Self::NoBytes { .. } => Some("copy or export it again: the program that wrote it may have failed"),
+            Self::NotBuilt { .. } => Some(
+                "build `vps` with its features `gltf` and `threemf`, or export the part as STL or \
+                    OBJ",
+            ),
+            Self::NoBytes { .. } => {
+                Some("copy or export it again: the program that wrote it may have failed")
+            }
             Self::OtherFormat { found, .. } => Some(found.rename_hint()),
-            Self::NoArea { .. } => Some("export the part as a surface: points and lines written as triangles cannot be felt"),
-            Self::Parse { .. } | Self::Binary { .. } => Some("export the mesh again, or open and save it in a mesh editor"),
-            Self::NonFiniteVertex { .. } | Self::FarVertex { .. } => Some("remove the vertex in a mesh editor, and check `units`"),
-            Self::Empty { .. } => Some("export a surface mesh: points, lines and curves are not rendered"),
+            Self::NoArea { .. } => Some(
+                "export the part as a surface: points and lines written as triangles cannot be felt",
+            ),
+            Self::Parse { .. } | Self::Binary { .. } => {
+                Some("export the mesh again, or open and save it in a mesh editor")
+            }
+            Self::NonFiniteVertex { .. } | Self::FarVertex { .. } => {
+                Some("remove the vertex in a mesh editor, and check `units`")
+            }
+            Self::Empty { .. } => {
+                Some("export a surface mesh: points, lines and curves are not rendered")
+            }
             Self::IndexOutOfRange { .. } => Some("the file is damaged or was cut: export it again"),
             Self::Truncated { .. } => Some("the file was cut: copy or export it again"),
-            Self::UnitConflict { .. } => Some("set `units` to the unit of the file; export micron and foot as millimetres"),
-            Self::TooManyCopies { .. } => Some("export only the part that is to be felt, or a coarser mesh"),
-            Self::TooLarge { .. } => Some("reduce the mesh: triangles smaller than a voxel add nothing that can be felt"),
+            Self::UnitConflict { .. } => {
+                Some("set `units` to the unit of the file; export micron and foot as millimetres")
+            }
+            Self::TooManyCopies { .. } => {
+                Some("export only the part that is to be felt, or a coarser mesh")
+            }
+            Self::TooLarge { .. } => {
+                Some("reduce the mesh: triangles smaller than a voxel add nothing that can be felt")
+            }
             Self::Changed { .. } => Some("wait until the program that writes the file is done"),
         }
     }
@@ -210,7 +233,11 @@ pub fn curved_surfaces(format: &str) -> String {
 }
 
 fn what_extension(extension: &str) -> String {
-    if extension.is_empty() { "no mesh extension".to_owned() } else { format!("unknown mesh extension `{extension}`") }
+    if extension.is_empty() {
+        "no mesh extension".to_owned()
+    } else {
+        format!("unknown mesh extension `{extension}`")
+    }
 }
 
 /// The middle of `path:line: message`.

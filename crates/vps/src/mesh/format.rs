@@ -7,9 +7,10 @@ use super::MeshError;
 /// File name extensions that [`load`](super::load) reads, lower case.
 pub const EXTENSIONS: &[&str] = &["obj", "stl", "ply", "gltf", "glb", "3mf"];
 
-/// What to do with a file of curved surfaces. The length of `-clmax` is in the unit of what gmsh reads: mm.
-pub const CAD_HINT: &str = "convert it: `gmsh PART.step -2 -clmax 1 -o PART.stl` (edges of at most 1 mm), or FreeCAD with File, Export; then name the \
-                            .stl with units \"mm\"";
+/// What to do with a file of curved surfaces. The length of `-clmax` is in the unit of what gmsh
+/// reads: mm.
+pub const CAD_HINT: &str = "convert it: `gmsh PART.step -2 -clmax 1 -o PART.stl` (edges of at most \
+    1 mm), or FreeCAD with File, Export; then name the .stl with units \"mm\"";
 
 /// The name of the format of a file of curved surfaces, by its extension; `None`: it is none.
 pub fn cad_format(path: &Path) -> Option<&'static str> {
@@ -43,7 +44,10 @@ impl Format {
     /// # Errors
     /// [`MeshError::UnknownExtension`].
     pub fn of(path: &Path) -> Result<Self, MeshError> {
-        let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase()).unwrap_or_default();
+        let extension = path
+            .extension()
+            .map(|extension| extension.to_string_lossy().to_lowercase())
+            .unwrap_or_default();
         Ok(match extension.as_str() {
             "obj" => Self::Obj,
             "stl" => Self::Stl,
@@ -60,7 +64,8 @@ impl Format {
         })
     }
 
-    /// What a file is by its first bytes; `None` where they do not say: binary STL begins with free text, OBJ with anything.
+    /// What a file is by its first bytes; `None` where they do not say: binary STL begins with free
+    /// text, OBJ with anything.
     pub(super) fn recognise(bytes: &[u8]) -> Option<Self> {
         let head = &bytes[..bytes.len().min(1024)];
         let has = |word: &[u8]| head.windows(word.len()).any(|window| window == word);
@@ -75,8 +80,12 @@ impl Format {
             Some(Self::Stl)
         } else {
             // Comments may come first.
-            let mut lines = text.split(|byte| *byte == b'\n').filter(|line| !line.trim_ascii().is_empty() && line[0] != b'#');
-            let is_obj = |line: &[u8]| [&b"v "[..], b"o ", b"g ", b"mtllib "].iter().any(|word| line.starts_with(word));
+            let mut lines = text
+                .split(|byte| *byte == b'\n')
+                .filter(|line| !line.trim_ascii().is_empty() && line[0] != b'#');
+            let is_obj = |line: &[u8]| {
+                [&b"v "[..], b"o ", b"g ", b"mtllib "].iter().any(|word| line.starts_with(word))
+            };
             lines.next().is_some_and(is_obj).then_some(Self::Obj)
         }
     }

@@ -11,15 +11,16 @@ use super::threemf;
 use super::{Format, MeshError, TriangleMesh, obj, ply, source, stl};
 use crate::parallel;
 
-/// No part is this far from its origin; squares and fifth powers of what is nearer stay far inside the range of `f64`.
+/// No part is this far from its origin; squares and fifth powers of what is nearer stay far inside
+/// the range of `f64`.
 pub(crate) const FARTHEST_M: f64 = 1e9;
 /// Vertices that are scaled in one go.
 const CHUNK_VERTICES: usize = 4096;
 
 /// Reads a mesh file, the format chosen by its extension (any case), and scales it to metres.
 ///
-/// Groups and objects of a file become one mesh. Materials, normals and texture coordinates are not read: normals of CAD files
-/// are unreliable, and nothing here needs the others.
+/// Groups and objects of a file become one mesh. Materials, normals and texture coordinates are not
+/// read: normals of CAD files are unreliable, and nothing here needs the others.
 ///
 /// # Errors
 /// [`MeshError`], naming the path and, where it is known, the line.
@@ -29,13 +30,20 @@ pub fn load(path: &Path, metres_per_unit: f64) -> Result<TriangleMesh, MeshError
     bytes.confirm(parse(&bytes, format, path, metres_per_unit), path)
 }
 
-/// The same for a file whose bytes are at hand. `path` is for messages, and where files that this one names are looked for.
+/// The same for a file whose bytes are at hand. `path` is for messages, and where files that this
+/// one names are looked for.
 ///
-/// Damaged bytes give an error, never a panic; no allocation is larger than a small multiple of `bytes`.
+/// Damaged bytes give an error, never a panic; no allocation is larger than a small multiple of
+/// `bytes`.
 ///
 /// # Errors
 /// [`MeshError`], naming the path and, where it is known, the line or the byte.
-pub fn parse(bytes: &[u8], format: Format, path: &Path, metres_per_unit: f64) -> Result<TriangleMesh, MeshError> {
+pub fn parse(
+    bytes: &[u8],
+    format: Format,
+    path: &Path,
+    metres_per_unit: f64,
+) -> Result<TriangleMesh, MeshError> {
     if bytes.is_empty() {
         return Err(MeshError::NoBytes { path: path.to_owned() });
     }
@@ -56,7 +64,9 @@ pub fn parse(bytes: &[u8], format: Format, path: &Path, metres_per_unit: f64) ->
     };
     let mut mesh = read.map_err(|error| match Format::recognise(bytes) {
         // Only now: the free text at the head of a binary STL may say anything.
-        Some(found) if found != format => MeshError::OtherFormat { path: path.to_owned(), found, named: format },
+        Some(found) if found != format => {
+            MeshError::OtherFormat { path: path.to_owned(), found, named: format }
+        }
         _ => error,
     })?;
     scale(&mut mesh.vertices, metres_per_unit, path)?;
@@ -64,11 +74,17 @@ pub fn parse(bytes: &[u8], format: Format, path: &Path, metres_per_unit: f64) ->
 }
 
 /// From the unit of the file to metres; refuses what is not finite, and what no part can be.
-pub(super) fn scale(vertices: &mut [DVec3], metres_per_unit: f64, path: &Path) -> Result<(), MeshError> {
+pub(super) fn scale(
+    vertices: &mut [DVec3],
+    metres_per_unit: f64,
+    path: &Path,
+) -> Result<(), MeshError> {
     let mut chunks: Vec<_> = vertices.chunks_mut(CHUNK_VERTICES).collect();
     let wrong = parallel::map_mut(&mut chunks, 1, |chunk_idx, chunk| {
         chunk.iter_mut().for_each(|vertex| *vertex *= metres_per_unit);
-        let wrong = chunk.iter().position(|vertex| !vertex.is_finite() || vertex.abs().max_element() > FARTHEST_M)?;
+        let wrong = chunk
+            .iter()
+            .position(|vertex| !vertex.is_finite() || vertex.abs().max_element() > FARTHEST_M)?;
         Some((chunk_idx * CHUNK_VERTICES + wrong, chunk[wrong]))
     });
     match wrong.into_iter().flatten().next() {
@@ -77,17 +93,22 @@ pub(super) fn scale(vertices: &mut [DVec3], metres_per_unit: f64, path: &Path) -
             let distance_m = vertex.abs().max_element();
             Err(MeshError::FarVertex { path: path.to_owned(), vertex: vertex_idx + 1, distance_m })
         }
-        Some((vertex_idx, _)) => Err(MeshError::NonFiniteVertex { path: path.to_owned(), vertex: vertex_idx + 1, line: None }),
+        Some((vertex_idx, _)) => Err(MeshError::NonFiniteVertex {
+            path: path.to_owned(),
+            vertex: vertex_idx + 1,
+            line: None,
+        }),
     }
 }
 
-/// From now on no mesh file is mapped into memory in this process, only copied: for a process that renders forces. A mapped file that another
-/// program shortens would end it.
+/// From now on no mesh file is mapped into memory in this process, only copied: for a process that
+/// renders forces. A mapped file that another program shortens would end it.
 pub fn copy_only() {
     source::copy_only();
 }
 
-/// Other files that a mesh file takes its triangles from: the buffers that a glTF file names. Every other format has all in one.
+/// Other files that a mesh file takes its triangles from: the buffers that a glTF file names. Every
+/// other format has all in one.
 ///
 /// # Errors
 /// [`MeshError`] of a glTF file that cannot be read, or that names what it must not.

@@ -1,11 +1,13 @@
 //! Mass properties of a mesh of even density.
 //!
-//! Data in: a mesh in metres. Data out: volume, centre and inertia per kilogram, from the divergence theorem over the triangles
-//! when they bound a volume; otherwise those of a thin shell of even thickness, and a flag that says so.
+//! Data in: a mesh in metres. Data out: volume, centre and inertia per kilogram, from the
+//! divergence theorem over the triangles when they bound a volume; otherwise those of a thin shell
+//! of even thickness, and a flag that says so.
 //!
 //! # Source
-//! Ours: sums over the tetrahedra between each triangle and the middle of the bounding box, with the closed form of the second
-//! moment of a tetrahedron, `∫ x xᵀ dV = V/20 (Σ vᵢ vᵢᵀ + (Σ vᵢ)(Σ vᵢ)ᵀ)`.
+//! Ours: sums over the tetrahedra between each triangle and the middle of the bounding box, with
+//! the closed form of the second moment of a tetrahedron, `∫ x xᵀ dV = V/20 (Σ vᵢ vᵢᵀ + (Σ vᵢ)(Σ
+//! vᵢ)ᵀ)`.
 
 mod file;
 
@@ -15,7 +17,8 @@ use super::validate::{MeshReport, inspect};
 use super::{SUM_TRIANGLES, TriangleMesh};
 use crate::parallel;
 
-/// Lids on the holes may change the volume by this part of it at most, by a bound, before a shell is the better guess.
+/// Lids on the holes may change the volume by this part of it at most, by a bound, before a shell
+/// is the better guess.
 const HOLE_SHARE: f64 = 0.1;
 /// A volume below this part of area^1.5 is rounding noise: a sheet of 1 m² and 1 nm.
 const FLAT_SHARE: f64 = 1e-9;
@@ -40,18 +43,30 @@ pub fn mass_properties(mesh: &TriangleMesh) -> MassProperties {
 
 /// The same, with the report at hand.
 ///
-/// Slits between faces that do not match do no harm and leave the volume in use. Holes of which a lid could change the volume by
-/// more than a tenth, and triangles that face opposite ways, do not.
+/// Slits between faces that do not match do no harm and leave the volume in use. Holes of which a
+/// lid could change the volume by more than a tenth, and triangles that face opposite ways, do not.
 pub fn mass_properties_of_inspected(mesh: &TriangleMesh, report: &MeshReport) -> MassProperties {
     let Some((low, high)) = report.bounds_m else {
-        return MassProperties { volume_m3: 0.0, center_m: DVec3::ZERO, inertia_per_mass: DMat3::ZERO, from_surface: true };
+        return MassProperties {
+            volume_m3: 0.0,
+            center_m: DVec3::ZERO,
+            inertia_per_mass: DMat3::ZERO,
+            from_surface: true,
+        };
     };
     let middle = 0.5 * (low + high);
-    let hole_area: f64 = report.boundary_loops.iter().map(|rim| std::f64::consts::FRAC_PI_4 * rim.size_m * rim.size_m).sum();
-    // A lid is the base of a cone whose apex is the middle of the box, at most half a diagonal away.
+    let hole_area: f64 = report
+        .boundary_loops
+        .iter()
+        .map(|rim| std::f64::consts::FRAC_PI_4 * rim.size_m * rim.size_m)
+        .sum();
+    // A lid is the base of a cone whose apex is the middle of the box, at most half a diagonal
+    // away.
     let missing = hole_area * 0.5 * low.distance(high) / 3.0;
     let volume = report.signed_volume_m3.abs();
-    let usable = report.inconsistent_edges == 0 && missing <= HOLE_SHARE * volume && volume > FLAT_SHARE * report.area_m2.powf(1.5);
+    let usable = report.inconsistent_edges == 0
+        && missing <= HOLE_SHARE * volume
+        && volume > FLAT_SHARE * report.area_m2.powf(1.5);
 
     let solid = usable.then(|| {
         let moments = Moments::of(mesh, middle, |[a, b, c]| TriangleContribution {
@@ -60,9 +75,14 @@ pub fn mass_properties_of_inspected(mesh: &TriangleMesh, report: &MeshReport) ->
             center: (a + b + c) / 4.0,
             mean_square: (outer(a) + outer(b) + outer(c) + outer(a + b + c)) * (1.0 / 20.0),
         });
-        MassProperties { volume_m3: moments.amount.abs(), from_surface: false, ..moments.finish(middle) }
+        MassProperties {
+            volume_m3: moments.amount.abs(),
+            from_surface: false,
+            ..moments.finish(middle)
+        }
     });
-    // Patches that face inward without a shared edge can leave a volume whose second moments make no body.
+    // Patches that face inward without a shared edge can leave a volume whose second moments make
+    // no body.
     solid.filter(is_a_body).unwrap_or_else(|| {
         let moments = Moments::of(mesh, middle, |[a, b, c]| TriangleContribution {
             amount: 0.5 * (b - a).cross(c - a).length(),
@@ -73,12 +93,19 @@ pub fn mass_properties_of_inspected(mesh: &TriangleMesh, report: &MeshReport) ->
     })
 }
 
-/// Any principal moment of a body is at most the sum of the other two; on the axes of the file this is necessary.
+/// Any principal moment of a body is at most the sum of the other two; on the axes of the file this
+/// is necessary.
 fn is_a_body(properties: &MassProperties) -> bool {
     let inertia = properties.inertia_per_mass;
     let [x, y, z] = [inertia.x_axis.x, inertia.y_axis.y, inertia.z_axis.z];
     let slack = 1e-9 * (x + y + z);
-    inertia.is_finite() && x > 0.0 && y > 0.0 && z > 0.0 && x <= y + z + slack && y <= z + x + slack && z <= x + y + slack
+    inertia.is_finite()
+        && x > 0.0
+        && y > 0.0
+        && z > 0.0
+        && x <= y + z + slack
+        && y <= z + x + slack
+        && z <= x + y + slack
 }
 
 /// What one triangle adds: an amount (volume or area), its centre, and the mean of `x xᵀ` over it.
@@ -97,7 +124,11 @@ struct Moments {
 }
 
 impl Moments {
-    fn of(mesh: &TriangleMesh, middle: DVec3, contribution: impl Fn([DVec3; 3]) -> TriangleContribution + Sync) -> Self {
+    fn of(
+        mesh: &TriangleMesh,
+        middle: DVec3,
+        contribution: impl Fn([DVec3; 3]) -> TriangleContribution + Sync,
+    ) -> Self {
         let sum_of = |corners: &[[u32; 3]]| {
             let mut sum = Self { second: DMat3::ZERO, ..Default::default() };
             for corners in corners {
@@ -110,17 +141,23 @@ impl Moments {
             sum
         };
         let sums = parallel::map_chunks(&mesh.triangles, SUM_TRIANGLES, sum_of);
-        sums.into_iter().fold(Self { second: DMat3::ZERO, ..Default::default() }, |sum, part| Self {
-            amount: sum.amount + part.amount,
-            first: sum.first + part.first,
-            second: sum.second + part.second,
+        sums.into_iter().fold(Self { second: DMat3::ZERO, ..Default::default() }, |sum, part| {
+            Self {
+                amount: sum.amount + part.amount,
+                first: sum.first + part.first,
+                second: sum.second + part.second,
+            }
         })
     }
 
-    /// Without any amount (every triangle degenerate) the centre is the middle of the box and the inertia zero.
+    /// Without any amount (every triangle degenerate) the centre is the middle of the box and the
+    /// inertia zero.
     fn finish(self, middle: DVec3) -> MassProperties {
-        let (center, mean_square) =
-            if self.amount == 0.0 { (DVec3::ZERO, DMat3::ZERO) } else { (self.first / self.amount, self.second / self.amount) };
+        let (center, mean_square) = if self.amount == 0.0 {
+            (DVec3::ZERO, DMat3::ZERO)
+        } else {
+            (self.first / self.amount, self.second / self.amount)
+        };
         let spread = mean_square - outer(center);
         let trace = spread.x_axis.x + spread.y_axis.y + spread.z_axis.z;
         MassProperties {
@@ -143,20 +180,36 @@ mod tests {
 
     fn assert_inertia(found: DMat3, expected: DVec3, tolerance: f64) {
         let difference = found - DMat3::from_diagonal(expected);
-        let worst = difference.to_cols_array().iter().fold(0.0_f64, |worst, entry| worst.max(entry.abs()));
+        let worst =
+            difference.to_cols_array().iter().fold(0.0_f64, |worst, entry| worst.max(entry.abs()));
         assert!(worst <= tolerance * expected.max_element(), "{found:?} instead of {expected:?}");
     }
 
     #[test]
     fn shapes_have_their_textbook_moments() {
-        let (r, h) = (0.02, 0.05);
+        let r = 0.02;
+        let h = 0.05;
         let cases = [
-            (Shape::Box { size_m: DVec3::new(0.1, 0.2, 0.3) }, DVec3::ZERO, DVec3::new(0.13, 0.10, 0.05) / 12.0, 0.006),
-            (Shape::Sphere { radius_m: r }, DVec3::ZERO, DVec3::splat(0.4 * r * r), 4.0 / 3.0 * std::f64::consts::PI * r * r * r),
+            (
+                Shape::Box { size_m: DVec3::new(0.1, 0.2, 0.3) },
+                DVec3::ZERO,
+                DVec3::new(0.13, 0.10, 0.05) / 12.0,
+                0.006,
+            ),
+            (
+                Shape::Sphere { radius_m: r },
+                DVec3::ZERO,
+                DVec3::splat(0.4 * r * r),
+                4.0 / 3.0 * std::f64::consts::PI * r * r * r,
+            ),
             (
                 Shape::Cone { radius_m: r, height_m: h },
                 DVec3::new(0.0, 0.0, -0.25 * h),
-                DVec3::new(0.15 * r * r + 0.0375 * h * h, 0.15 * r * r + 0.0375 * h * h, 0.3 * r * r),
+                DVec3::new(
+                    0.15 * r * r + 0.0375 * h * h,
+                    0.15 * r * r + 0.0375 * h * h,
+                    0.3 * r * r,
+                ),
                 std::f64::consts::PI * r * r * h / 3.0,
             ),
         ];
@@ -184,7 +237,9 @@ mod tests {
         assert!(!few_missing.from_surface, "a pinhole leaves the volume usable");
         let sphere = Shape::Sphere { radius_m: 0.03 }.tessellate(1e-6);
         let mut half = sphere.clone();
-        half.triangles.retain(|corners| corners.iter().all(|vertex| sphere.vertices[*vertex as usize].z <= 1e-12));
+        half.triangles.retain(|corners| {
+            corners.iter().all(|vertex| sphere.vertices[*vertex as usize].z <= 1e-12)
+        });
         let shell = mass_properties(&half);
         assert!(shell.from_surface && shell.volume_m3 == 0.0);
         assert!((shell.center_m.z + 0.015).abs() < 1e-4, "{shell:?}");

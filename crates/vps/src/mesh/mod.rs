@@ -1,7 +1,7 @@
 //! Triangle meshes: readers, primitive shapes, validation, exact closest points.
 //!
-//! Data in: mesh files, shape parameters. Data out: one [`TriangleMesh`] in metres, a report on it ([`validate::inspect`]) and its
-//! mass properties ([`mass::mass_properties`]).
+//! Data in: mesh files, shape parameters. Data out: one [`TriangleMesh`] in metres, a report on it
+//! ([`validate::inspect`]) and its mass properties ([`mass::mass_properties`]).
 //!
 //! ```text
 //!  file ─► source ─┬─► obj, ply, gltf, 3mf ─┐
@@ -19,13 +19,14 @@
 //!
 //! Points without faces are read by [`cloud`], from PLY, OBJ and plain text.
 //!
-//! Coordinates keep the axes of the file, and are multiplied by `units`, whatever a format says of metres; only 3MF names a unit in
-//! the file, which then must be the same.
+//! Coordinates keep the axes of the file, and are multiplied by `units`, whatever a format says of
+//! metres; only 3MF names a unit in the file, which then must be the same.
 //!
-//! Invariants: cold, nothing here runs while forces are rendered. Nothing here repairs a mesh: what is wrong with it is said,
-//! and generation copes. No file, however damaged, ends the program: numbers that a file announces are checked against the bytes
-//! that are there before memory is allocated for them. Results do not depend on the number of threads. Cost: every step is linear in the
-//! file; binary STL and the inspection run in parallel.
+//! Invariants: cold, nothing here runs while forces are rendered. Nothing here repairs a mesh: what
+//! is wrong with it is said, and generation copes. No file, however damaged, ends the program:
+//! numbers that a file announces are checked against the bytes that are there before memory is
+//! allocated for them. Results do not depend on the number of threads. Cost: every step is linear
+//! in the file; binary STL and the inspection run in parallel.
 //!
 //! # Example
 //! ```

@@ -1,10 +1,12 @@
 //! Wavefront OBJ: every group of a file as one mesh.
 //!
-//! The text is parsed by `tobj`, behind a filter that lets only vertices (`v`) and faces (`f`) through. So materials, texture
-//! coordinates, normals, curves, points and lines cannot make a file unreadable, groups share the vertices of the file, and the
-//! filter knows the line at which the parser stopped. Joined lines (`\` at the end) and text that is not UTF-8 are accepted.
+//! The text is parsed by `tobj`, behind a filter that lets only vertices (`v`) and faces (`f`)
+//! through. So materials, texture coordinates, normals, curves, points and lines cannot make a file
+//! unreadable, groups share the vertices of the file, and the filter knows the line at which the
+//! parser stopped. Joined lines (`\` at the end) and text that is not UTF-8 are accepted.
 //!
-//! Data in: bytes. Data out: triangles over the file's positions, those that faces use, in the order of first use.
+//! Data in: bytes. Data out: triangles over the file's positions, those that faces use, in the
+//! order of first use.
 
 use std::borrow::Cow;
 use std::io::{self, BufRead, Read};
@@ -21,7 +23,12 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError
     let text = String::from_utf8_lossy(bytes);
     let mut lines = GeometryLines::new(&text);
     // Faces keep their corners here: the parser would cut hollow polygons into fans.
-    let options = tobj::LoadOptions { triangulate: false, ignore_points: true, ignore_lines: true, ..Default::default() };
+    let options = tobj::LoadOptions {
+        triangulate: false,
+        ignore_points: true,
+        ignore_lines: true,
+        ..Default::default()
+    };
     let loaded = tobj::load_obj_buf(&mut lines, &options, |_| Err(LoadError::OpenFileFailed));
     if let Some((vertex, line)) = lines.non_finite {
         return Err(MeshError::NonFiniteVertex { path: path.to_owned(), vertex, line: Some(line) });
@@ -34,12 +41,16 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError
 
     let mut mesh = TriangleMesh::default();
     for tobj::Model { mesh: model, .. } in models {
-        // One model at most, as no group passes the filter; the loop costs nothing and does not depend on that.
+        // One model at most, as no group passes the filter; the loop costs nothing and does not
+        // depend on that.
         let base = u32::try_from(mesh.vertices.len()).unwrap_or(u32::MAX);
         mesh.vertices.extend(model.positions.chunks_exact(3).map(DVec3::from_slice));
-        let indices: Vec<u32> = model.indices.iter().map(|index| base.saturating_add(*index)).collect();
+        let indices: Vec<u32> =
+            model.indices.iter().map(|index| base.saturating_add(*index)).collect();
         if model.face_arities.is_empty() {
-            mesh.triangles.extend(indices.chunks_exact(3).map(|corners| [corners[0], corners[1], corners[2]]));
+            mesh.triangles.extend(
+                indices.chunks_exact(3).map(|corners| [corners[0], corners[1], corners[2]]),
+            );
         } else {
             let mut rest = &indices[..];
             for arity in model.face_arities {
@@ -52,12 +63,14 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError
     Ok(mesh)
 }
 
-/// Reads the vertices of an OBJ file as points; `None` when the file has faces. Normals (`vn`) are those of the vertices when there are
-/// as many of them; colours are numbers four to six of a vertex, 0 to 1.
+/// Reads the vertices of an OBJ file as points; `None` when the file has faces. Normals (`vn`) are
+/// those of the vertices when there are as many of them; colours are numbers four to six of a
+/// vertex, 0 to 1.
 pub(super) fn parse_cloud(bytes: &[u8], path: &Path) -> Result<Option<Cloud>, MeshError> {
     let text = String::from_utf8_lossy(bytes);
     let mut cloud = Cloud::default();
-    let (mut normals, mut colors) = (Vec::new(), Vec::new());
+    let mut normals = Vec::new();
+    let mut colors = Vec::new();
     for (number, line) in LogicalLines::new(&text) {
         let line = line.split('#').next().unwrap_or_default();
         let kind = keyword(line);
@@ -67,7 +80,8 @@ pub(super) fn parse_cloud(bytes: &[u8], path: &Path) -> Result<Option<Cloud>, Me
         if kind != "v" && kind != "vn" {
             continue;
         }
-        let numbers: Option<Vec<f64>> = line.split_whitespace().skip(1).map(|word| word.parse().ok()).collect();
+        let numbers: Option<Vec<f64>> =
+            line.split_whitespace().skip(1).map(|word| word.parse().ok()).collect();
         let numbers = numbers.filter(|numbers| numbers.len() >= 3).ok_or_else(|| {
             let what = if kind == "v" { "vertex" } else { "normal" };
             let shown: String = line.trim().chars().take(60).collect();
@@ -81,7 +95,11 @@ pub(super) fn parse_cloud(bytes: &[u8], path: &Path) -> Result<Option<Cloud>, Me
         }
         if !vector.is_finite() {
             let vertex = cloud.positions.len() + 1;
-            return Err(MeshError::NonFiniteVertex { path: path.to_owned(), vertex, line: Some(number) });
+            return Err(MeshError::NonFiniteVertex {
+                path: path.to_owned(),
+                vertex,
+                line: Some(number),
+            });
         }
         cloud.positions.push(vector);
         if let [_, _, _, red, green, blue] = numbers[..] {
@@ -103,18 +121,32 @@ fn bad_index(text: &str, path: &Path) -> MeshError {
             "v" => seen += 1,
             "f" => {
                 let face = line.split('#').next().unwrap_or_default();
-                let corners = face.split_whitespace().skip(1).filter_map(|corner| corner.split('/').next()?.parse::<i64>().ok());
+                let corners = face
+                    .split_whitespace()
+                    .skip(1)
+                    .filter_map(|corner| corner.split('/').next()?.parse::<i64>().ok());
                 for index in corners {
                     let absolute = if index < 0 { seen + index + 1 } else { index };
-                    if absolute < 1 || usize::try_from(absolute).is_ok_and(|absolute| absolute > vertices) {
-                        return MeshError::IndexOutOfRange { path: path.to_owned(), line: Some(number), index, vertices };
+                    if absolute < 1
+                        || usize::try_from(absolute).is_ok_and(|absolute| absolute > vertices)
+                    {
+                        return MeshError::IndexOutOfRange {
+                            path: path.to_owned(),
+                            line: Some(number),
+                            index,
+                            vertices,
+                        };
                     }
                 }
             }
             _ => {}
         }
     }
-    MeshError::Parse { path: path.to_owned(), line: None, what: "a face lacks the number of a vertex".to_owned() }
+    MeshError::Parse {
+        path: path.to_owned(),
+        line: None,
+        what: "a face lacks the number of a vertex".to_owned(),
+    }
 }
 
 #[cold]
@@ -122,7 +154,9 @@ fn parse_error(error: LoadError, lines: &GeometryLines<'_>, path: &Path) -> Mesh
     let shown: String = lines.current.trim().chars().take(60).collect();
     let what = match error {
         LoadError::PositionParseError => format!("a vertex needs three numbers, found `{shown}`"),
-        LoadError::ScalingByZeroError => format!("the fourth number of a vertex must not be zero, found `{shown}`"),
+        LoadError::ScalingByZeroError => {
+            format!("the fourth number of a vertex must not be zero, found `{shown}`")
+        }
         LoadError::FaceParseError => format!("a face is a list of vertex numbers, found `{shown}`"),
         other => format!("{other}, found `{shown}`"),
     };
@@ -183,7 +217,14 @@ struct GeometryLines<'a> {
 
 impl<'a> GeometryLines<'a> {
     fn new(text: &'a str) -> Self {
-        Self { lines: LogicalLines::new(text), current: String::new(), consumed: 0, line: 0, n_vertices: 0, non_finite: None }
+        Self {
+            lines: LogicalLines::new(text),
+            current: String::new(),
+            consumed: 0,
+            line: 0,
+            n_vertices: 0,
+            non_finite: None,
+        }
     }
 
     fn advance(&mut self) {
@@ -196,18 +237,22 @@ impl<'a> GeometryLines<'a> {
             match words.next() {
                 Some("v") => {
                     self.n_vertices += 1;
-                    // Four numbers are a weighted point; five and more are a position and a colour or a measure of trust.
+                    // Four numbers are a weighted point; five and more are a position and a colour
+                    // or a measure of trust.
                     let n_words = if words.clone().count() == 4 { 4 } else { 3 };
                     self.current.push('v');
                     for word in words.take(n_words) {
-                        if self.non_finite.is_none() && word.parse().is_ok_and(|number: f64| !number.is_finite()) {
+                        if self.non_finite.is_none()
+                            && word.parse().is_ok_and(|number: f64| !number.is_finite())
+                        {
                             self.non_finite = Some((self.n_vertices, number));
                         }
                         self.current.push(' ');
                         self.current.push_str(word);
                     }
                 }
-                // A face without a corner would stop the parser at the end of the file, too late to name the line.
+                // A face without a corner would stop the parser at the end of the file, too late to
+                // name the line.
                 Some("f") if words.next().is_some() => self.current.push_str(line),
                 _ => continue,
             }
@@ -249,8 +294,9 @@ mod tests {
 
     #[test]
     fn groups_share_vertices_and_missing_materials_do_not_matter() {
-        let text = "mtllib not-there.mtl\no one\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvn 0 0 1\nusemtl steel\nf 1/1/1 2/1/1 3/1/1\n\
-                    g two\nv 1 1 0.1234567890123456\nusemtl\nf 2//1 4//1 3//1\ng\ns off\n";
+        let text = "mtllib not-there.mtl\no one\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvn 0 0 \
+            1\nusemtl steel\nf 1/1/1 2/1/1 3/1/1\ng two\nv 1 1 0.1234567890123456\nusemtl\nf 2//1 \
+            4//1 3//1\ng\ns off\n";
         let mesh = read(text).unwrap();
         assert_eq!(mesh.triangles, [[0, 1, 2], [1, 3, 2]]);
         assert_eq!(mesh.vertices.len(), 4);
@@ -259,16 +305,25 @@ mod tests {
 
     #[test]
     fn negative_indices_count_back_from_the_face() {
-        let mesh = read("v 0 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2 -1\nv 5 0 0\nv 6 0 0\nv 5 1 0\nf -3/-1 -2/-1 -1/-1\n").unwrap();
-        assert_eq!(mesh.corners(1), [DVec3::new(5.0, 0.0, 0.0), DVec3::new(6.0, 0.0, 0.0), DVec3::new(5.0, 1.0, 0.0)]);
+        let mesh = read(
+            "v 0 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2 -1\nv 5 0 0\nv 6 0 0\nv 5 1 0\nf -3/-1 \
+            -2/-1 -1/-1\n",
+        )
+        .unwrap();
+        assert_eq!(
+            mesh.corners(1),
+            [DVec3::new(5.0, 0.0, 0.0), DVec3::new(6.0, 0.0, 0.0), DVec3::new(5.0, 1.0, 0.0)]
+        );
     }
 
     #[test]
     fn quads_and_polygons_are_cut_points_and_lines_ignored() {
-        let text = "v 0 0 0\nv 2 0 0\nv 2 1 0\nv 1 1 0\nv 1 2 0\nv 0 2 0\np 1\nl 1 2 3\nf 1\nf 1 2\nf\nf 1 2 3 4\nf 1 2 3 4 5 6\n";
+        let text = "v 0 0 0\nv 2 0 0\nv 2 1 0\nv 1 1 0\nv 1 2 0\nv 0 2 0\np 1\nl 1 2 3\nf 1\nf 1 \
+            2\nf\nf 1 2 3 4\nf 1 2 3 4 5 6\n";
         let mesh = read(text).unwrap();
         assert_eq!(mesh.triangles.len(), 2 + 4);
-        let area: f64 = (2..6).map(|k| mesh.corners(k)).map(|[a, b, c]| (b - a).cross(c - a).z / 2.0).sum();
+        let area: f64 =
+            (2..6).map(|k| mesh.corners(k)).map(|[a, b, c]| (b - a).cross(c - a).z / 2.0).sum();
         assert!((area - 3.0).abs() < 1e-15);
     }
 
@@ -279,7 +334,8 @@ mod tests {
 
     #[test]
     fn odd_but_usual_text_is_read() {
-        let text = "\u{feff}# comment\r\nv 0 0 0 0.5 0.5 0.5\r\nv 1 0 0 0.9 12\r\nv 0 2 0 2 # weighted\r\nvt 1\r\nf 1 \\\r\n  2 3 # face\r\n";
+        let text = "\u{feff}# comment\r\nv 0 0 0 0.5 0.5 0.5\r\nv 1 0 0 0.9 12\r\nv 0 2 0 2 # \
+            weighted\r\nvt 1\r\nf 1 \\\r\n  2 3 # face\r\n";
         let mesh = read(text).unwrap();
         assert_eq!(mesh.corners(0), [DVec3::ZERO, DVec3::X, DVec3::Y]);
         let latin1 = b"# pi\xe8ce\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
@@ -289,16 +345,40 @@ mod tests {
     #[test]
     fn errors_name_the_line_and_the_value() {
         let message = |text: &str| read(text).unwrap_err().to_string();
-        assert_eq!(message("v 0 0 0\n\nv 1 x 0\n"), "part.obj:3: a vertex needs three numbers, found `v 1 x 0`");
+        assert_eq!(
+            message("v 0 0 0\n\nv 1 x 0\n"),
+            "part.obj:3: a vertex needs three numbers, found `v 1 x 0`"
+        );
         assert_eq!(message("v 0 0\n"), "part.obj:1: a vertex needs three numbers, found `v 0 0`");
-        assert_eq!(message("v 0 0 0 0\n"), "part.obj:1: the fourth number of a vertex must not be zero, found `v 0 0 0 0`");
-        assert_eq!(message("# c\nf a b c\n"), "part.obj:2: a face is a list of vertex numbers, found `f a b c`");
+        assert_eq!(
+            message("v 0 0 0 0\n"),
+            "part.obj:1: the fourth number of a vertex must not be zero, found `v 0 0 0 0`"
+        );
+        assert_eq!(
+            message("# c\nf a b c\n"),
+            "part.obj:2: a face is a list of vertex numbers, found `f a b c`"
+        );
         let three = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
-        assert_eq!(message(&format!("{three}f 1 2 3 # 8\nf 1 2 9\n")), "part.obj:5: face names vertex 9, the file has 3");
-        assert_eq!(message(&format!("{three}f 1 2 -4\n")), "part.obj:4: face names vertex -4, the file has 3");
-        assert_eq!(message(&format!("{three}f 0 1 2\n")), "part.obj:4: face names vertex 0, the file has 3");
-        assert_eq!(message(&format!("{three}f /1 2 3\n")), "part.obj: a face lacks the number of a vertex");
+        assert_eq!(
+            message(&format!("{three}f 1 2 3 # 8\nf 1 2 9\n")),
+            "part.obj:5: face names vertex 9, the file has 3"
+        );
+        assert_eq!(
+            message(&format!("{three}f 1 2 -4\n")),
+            "part.obj:4: face names vertex -4, the file has 3"
+        );
+        assert_eq!(
+            message(&format!("{three}f 0 1 2\n")),
+            "part.obj:4: face names vertex 0, the file has 3"
+        );
+        assert_eq!(
+            message(&format!("{three}f /1 2 3\n")),
+            "part.obj: a face lacks the number of a vertex"
+        );
         assert_eq!(message("v 0 0 0\nv 0 nan 0\n"), "part.obj:2: vertex 2 is not finite");
-        assert_eq!(message("v 0 0 0\nv 0 0 0\nv 1e999 0 0\nf 1 2 3\n"), "part.obj:3: vertex 3 is not finite");
+        assert_eq!(
+            message("v 0 0 0\nv 0 0 0\nv 1e999 0 0\nf 1 2 3\n"),
+            "part.obj:3: vertex 3 is not finite"
+        );
     }
 }

@@ -1,8 +1,9 @@
 //! Primitive shapes of the scene file, tessellated.
 //!
-//! Data in: a [`Shape`] and how far the triangles may be from it. Data out: a closed [`TriangleMesh`], outward, with shared
-//! vertices. Round shapes are inscribed: vertices lie on the surface, faces inside it (on the inner half of a torus outside), so
-//! the volume is a little too small. Extents along the axes are exact, as every circle has a vertex on each half axis.
+//! Data in: a [`Shape`] and how far the triangles may be from it. Data out: a closed
+//! [`TriangleMesh`], outward, with shared vertices. Round shapes are inscribed: vertices lie on the
+//! surface, faces inside it (on the inner half of a torus outside), so the volume is a little too
+//! small. Extents along the axes are exact, as every circle has a vertex on each half axis.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -79,7 +80,9 @@ impl Shape {
             Self::Box { size_m } => size_m.to_array().to_vec(),
             Self::Sphere { radius_m } => vec![radius_m],
             Self::Ellipsoid { radii_m } => radii_m.to_array().to_vec(),
-            Self::Cylinder { radius_m, height_m } | Self::Cone { radius_m, height_m } | Self::Capsule { radius_m, height_m } => {
+            Self::Cylinder { radius_m, height_m }
+            | Self::Cone { radius_m, height_m }
+            | Self::Capsule { radius_m, height_m } => {
                 vec![radius_m, height_m]
             }
             Self::Torus { major_m, minor_m } => vec![major_m, minor_m],
@@ -87,17 +90,19 @@ impl Shape {
         }
     }
 
-    /// Triangles no farther than `tolerance_m` from the shape, unless that takes more than about two million of them
-    /// (1024 segments in a circle). A tolerance that is not positive asks for that limit.
+    /// Triangles no farther than `tolerance_m` from the shape, unless that takes more than about
+    /// two million of them (1024 segments in a circle). A tolerance that is not positive asks for
+    /// that limit.
     ///
     /// Callers pass a small part of the voxel edge, such as a twentieth.
     pub fn tessellate(&self, tolerance_m: f64) -> TriangleMesh {
         let shape = *self;
         match shape {
             Self::Box { size_m } => slab(-0.5 * size_m, 0.5 * size_m),
-            Self::Plane { x_m, y_m, thickness_m } => {
-                slab(DVec3::new(-0.5 * x_m, -0.5 * y_m, -thickness_m), DVec3::new(0.5 * x_m, 0.5 * y_m, 0.0))
-            }
+            Self::Plane { x_m, y_m, thickness_m } => slab(
+                DVec3::new(-0.5 * x_m, -0.5 * y_m, -thickness_m),
+                DVec3::new(0.5 * x_m, 0.5 * y_m, 0.0),
+            ),
             Self::Sphere { radius_m } => {
                 // Two directions of bending share the tolerance.
                 let n = segments(radius_m, 0.5 * tolerance_m);
@@ -105,7 +110,8 @@ impl Shape {
                 revolve(&profile, n)
             }
             Self::Ellipsoid { radii_m } => {
-                // A sphere around it, pressed: no point of a face goes farther from it than it was from the sphere.
+                // A sphere around it, pressed: no point of a face goes farther from it than it was
+                // from the sphere.
                 let radius_m = radii_m.max_element();
                 let mut mesh = Self::Sphere { radius_m }.tessellate(tolerance_m);
                 mesh.vertices.iter_mut().for_each(|at| *at *= radii_m / radius_m);
@@ -133,7 +139,8 @@ impl Shape {
             }
             Self::Torus { major_m, minor_m } => {
                 let n = segments(minor_m, 0.5 * tolerance_m);
-                let profile: Vec<DVec2> = (0..n).map(|k| DVec2::new(major_m, 0.0) + minor_m * direction(k, n)).collect();
+                let profile: Vec<DVec2> =
+                    (0..n).map(|k| DVec2::new(major_m, 0.0) + minor_m * direction(k, n)).collect();
                 revolve_ring(&profile, segments(major_m + minor_m, 0.5 * tolerance_m))
             }
         }
@@ -150,7 +157,8 @@ fn segments(radius_m: f64, tolerance_m: f64) -> usize {
     wanted.next_multiple_of(4).clamp(MIN_SEGMENTS, MAX_SEGMENTS)
 }
 
-/// Point k of n on the unit circle of a profile (distance from the axis, z), counted from the south pole; exact on the axes.
+/// Point k of n on the unit circle of a profile (distance from the axis, z), counted from the south
+/// pole; exact on the axes.
 fn direction(k: usize, n: usize) -> DVec2 {
     let quarter = n / 4;
     let (sin, cos) = (FRAC_PI_2 * (k % quarter) as f64 / quarter as f64).sin_cos();
@@ -180,7 +188,8 @@ fn band(below: u32, above: u32, n: usize, triangles: &mut Vec<[u32; 3]>) {
     }
 }
 
-/// Turns a profile around z. It begins and ends on the axis, and has the inside of the body on its left.
+/// Turns a profile around z. It begins and ends on the axis, and has the inside of the body on its
+/// left.
 fn revolve(profile: &[DVec2], n: usize) -> TriangleMesh {
     let mut mesh = TriangleMesh::default();
     let [first, middle @ .., last] = profile else { return mesh };
@@ -204,7 +213,8 @@ fn revolve(profile: &[DVec2], n: usize) -> TriangleMesh {
     mesh
 }
 
-/// Turns a closed profile that does not touch the axis around z; counter-clockwise in (distance from the axis, z).
+/// Turns a closed profile that does not touch the axis around z; counter-clockwise in (distance
+/// from the axis, z).
 fn revolve_ring(profile: &[DVec2], n: usize) -> TriangleMesh {
     let mut mesh = TriangleMesh::default();
     mesh.vertices.extend(profile.iter().flat_map(|point| ring(*point, n)));
@@ -217,8 +227,11 @@ fn revolve_ring(profile: &[DVec2], n: usize) -> TriangleMesh {
 
 /// An axis-aligned box.
 fn slab(low: DVec3, high: DVec3) -> TriangleMesh {
-    let vertices = (0..8).map(|k| DVec3::select(glam::BVec3::new(k & 1 != 0, k & 2 != 0, k & 4 != 0), high, low)).collect();
-    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let vertices = (0..8)
+        .map(|k| DVec3::select(glam::BVec3::new(k & 1 != 0, k & 2 != 0, k & 4 != 0), high, low))
+        .collect();
+    let quads =
+        [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
     let triangles = quads.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect();
     TriangleMesh { vertices, triangles }
 }
@@ -243,8 +256,15 @@ mod tests {
                 DVec3::new(-0.05, -0.1, -0.15),
                 DVec3::new(0.05, 0.1, 0.15),
             ),
-            (Shape::Sphere { radius_m: R }, 4.0 / 3.0 * PI * R * R * R, 4.0 * PI * R * R, -tall(R), tall(R)),
-            // Twice as long as wide: an area of 2π (R² + R H / e asin e), with e² = 1 − R²/H² and H half of its length.
+            (
+                Shape::Sphere { radius_m: R },
+                4.0 / 3.0 * PI * R * R * R,
+                4.0 * PI * R * R,
+                -tall(R),
+                tall(R),
+            ),
+            // Twice as long as wide: an area of 2π (R² + R H / e asin e), with e² = 1 − R²/H² and H
+            // half of its length.
             (
                 Shape::Ellipsoid { radii_m: DVec3::new(R, R, 2.0 * R) },
                 8.0 / 3.0 * PI * R * R * R,
@@ -252,7 +272,13 @@ mod tests {
                 -tall(2.0 * R),
                 tall(2.0 * R),
             ),
-            (Shape::Cylinder { radius_m: R, height_m: H }, PI * R * R * H, TAU * R * (R + H), -tall(H / 2.0), tall(H / 2.0)),
+            (
+                Shape::Cylinder { radius_m: R, height_m: H },
+                PI * R * R * H,
+                TAU * R * (R + H),
+                -tall(H / 2.0),
+                tall(H / 2.0),
+            ),
             (
                 Shape::Cone { radius_m: R, height_m: H },
                 PI * R * R * H / 3.0,
@@ -290,14 +316,29 @@ mod tests {
             let report = inspect(&shape.tessellate(1e-6));
             assert!(report.closed, "{shape:?}: {report:?}");
             assert_eq!(
-                (report.degenerate_triangles, report.duplicate_triangles, report.inconsistent_edges),
+                (
+                    report.degenerate_triangles,
+                    report.duplicate_triangles,
+                    report.inconsistent_edges
+                ),
                 (0, 0, 0),
                 "{shape:?}"
             );
-            assert!((report.signed_volume_m3 / volume - 1.0).abs() < 2e-3, "{shape:?}: {} {volume}", report.signed_volume_m3);
-            assert!((report.area_m2 / area - 1.0).abs() < 2e-3, "{shape:?}: {} {area}", report.area_m2);
+            assert!(
+                (report.signed_volume_m3 / volume - 1.0).abs() < 2e-3,
+                "{shape:?}: {} {volume}",
+                report.signed_volume_m3
+            );
+            assert!(
+                (report.area_m2 / area - 1.0).abs() < 2e-3,
+                "{shape:?}: {} {area}",
+                report.area_m2
+            );
             let (found_low, found_high) = report.bounds_m.unwrap();
-            assert!(found_low.distance(low) < 1e-16 && found_high.distance(high) < 1e-16, "{shape:?}: {found_low} {found_high}");
+            assert!(
+                found_low.distance(low) < 1e-16 && found_high.distance(high) < 1e-16,
+                "{shape:?}: {found_low} {found_high}"
+            );
         }
     }
 
@@ -309,21 +350,31 @@ mod tests {
                 let distance = |p: DVec3| match shape {
                     Shape::Sphere { radius_m } => (p.length() - radius_m).abs(),
                     // Of the sphere around it, which is no less.
-                    Shape::Ellipsoid { radii_m } => radii_m.max_element() * ((p / radii_m).length() - 1.0).abs(),
-                    Shape::Capsule { radius_m, height_m } => {
-                        { (p - DVec3::Z * p.z.clamp(-0.5 * height_m, 0.5 * height_m)).length() - radius_m }.abs()
+                    Shape::Ellipsoid { radii_m } => {
+                        radii_m.max_element() * ((p / radii_m).length() - 1.0).abs()
                     }
+                    Shape::Capsule { radius_m, height_m } => {
+                        (p - DVec3::Z * p.z.clamp(-0.5 * height_m, 0.5 * height_m)).length()
+                            - radius_m
+                    }
+                    .abs(),
                     Shape::Torus { major_m, minor_m } => {
                         (DVec2::new(p.truncate().length() - major_m, p.z).length() - minor_m).abs()
                     }
-                    Shape::Cylinder { radius_m, height_m } if p.z.abs() < 0.499 * height_m => radius_m - p.truncate().length(),
+                    Shape::Cylinder { radius_m, height_m } if p.z.abs() < 0.499 * height_m => {
+                        radius_m - p.truncate().length()
+                    }
                     _ => 0.0,
                 };
                 let mesh = shape.tessellate(tolerance);
                 for k in 0..mesh.triangles.len() {
                     let [a, b, c] = mesh.corners(k);
                     for point in [(a + b + c) / 3.0, (a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0] {
-                        assert!(distance(point) <= tolerance, "{shape:?} {tolerance}: {}", distance(point));
+                        assert!(
+                            distance(point) <= tolerance,
+                            "{shape:?} {tolerance}: {}",
+                            distance(point)
+                        );
                     }
                 }
             }
@@ -339,7 +390,10 @@ mod tests {
             }
         }
         let ball = Shape::Capsule { radius_m: R, height_m: 0.0 }.tessellate(1e-4);
-        assert_eq!(ball.triangles.len(), Shape::Sphere { radius_m: R }.tessellate(1e-4).triangles.len());
+        assert_eq!(
+            ball.triangles.len(),
+            Shape::Sphere { radius_m: R }.tessellate(1e-4).triangles.len()
+        );
         assert!(inspect(&ball).closed);
     }
 }

@@ -1,8 +1,10 @@
-//! Items sorted into shards, in parallel and in an order that does not depend on the number of threads.
+//! Items sorted into shards, in parallel and in an order that does not depend on the number of
+//! threads.
 //!
-//! A table of millions of entries misses the cache on every look-up. Items that can meet are therefore brought together first, in
-//! shards small enough for the cache, and each shard is then worked on by itself. Chunks of the input are sorted apart; a shard is
-//! the chain of its pieces of every chunk, so the items of a shard keep the order of the input.
+//! A table of millions of entries misses the cache on every look-up. Items that can meet are
+//! therefore brought together first, in shards small enough for the cache, and each shard is then
+//! worked on by itself. Chunks of the input are sorted apart; a shard is the chain of its pieces of
+//! every chunk, so the items of a shard keep the order of the input.
 
 use crate::parallel;
 
@@ -51,13 +53,18 @@ impl<T: Copy + Default + Send + Sync> Shards<T> {
     pub(super) fn shard(&self, shard: usize) -> impl Iterator<Item = T> + Clone {
         self.chunks
             .iter()
-            .flat_map(move |chunk| &chunk.items[chunk.starts[shard] as usize..chunk.starts[shard + 1] as usize])
+            .flat_map(move |chunk| {
+                &chunk.items[chunk.starts[shard] as usize..chunk.starts[shard + 1] as usize]
+            })
             .copied()
     }
 
     /// How many items a shard has.
     pub(super) fn len_of(&self, shard: usize) -> usize {
-        self.chunks.iter().map(|chunk| (chunk.starts[shard + 1] - chunk.starts[shard]) as usize).sum()
+        self.chunks
+            .iter()
+            .map(|chunk| (chunk.starts[shard + 1] - chunk.starts[shard]) as usize)
+            .sum()
     }
 }
 
@@ -73,7 +80,10 @@ mod tests {
     #[test]
     fn shards_keep_the_order_of_the_input() {
         let items_of = |chunk: usize| {
-            (0..1000_usize).map(move |k| (1000 * chunk + k) * 7 % 13).enumerate().map(move |(k, shard)| (shard, 1000 * chunk + k))
+            (0..1000_usize)
+                .map(move |k| (1000 * chunk + k) * 7 % 13)
+                .enumerate()
+                .map(move |(k, shard)| (shard, 1000 * chunk + k))
         };
         let shards = Shards::new(5, 13, items_of);
         let mut total = 0;

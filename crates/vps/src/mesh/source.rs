@@ -1,10 +1,12 @@
 //! The bytes of a mesh file: large ones mapped into memory, small ones read.
 //!
-//! Invariants: only regular files are read, so no pipe or device can feed bytes for ever; a file that cannot fit into the memory
-//! that is free is refused before any of it is read. What another program does to a file while it is mapped is the one thing that
-//! cannot be checked: shortening it makes the system end this program (SIGBUS), and writing to it changes what is read. So a process
-//! that renders maps nothing ([`copy_only`]): parts are loaded there too, for other scenes and for display. [`Bytes::unchanged`] says
-//! afterwards whether a file kept its size and time. Small files are always copied.
+//! Invariants: only regular files are read, so no pipe or device can feed bytes for ever; a file
+//! that cannot fit into the memory that is free is refused before any of it is read. What another
+//! program does to a file while it is mapped is the one thing that cannot be checked: shortening it
+//! makes the system end this program (SIGBUS), and writing to it changes what is read. So a process
+//! that renders maps nothing ([`copy_only`]): parts are loaded there too, for other scenes and for
+//! display. [`Bytes::unchanged`] says afterwards whether a file kept its size and time. Small files
+//! are always copied.
 #![expect(unsafe_code, reason = "a memory map is only as safe as the file behind it")]
 
 use std::fs::File;
@@ -20,17 +22,20 @@ use crate::storage::{memory, regular};
 /// Smaller files are read: mapping saves nothing there.
 const MAP_FROM_BYTES: u64 = 4 << 20;
 
-/// Set once, by [`copy_only`]. `Relaxed`: it is set before the threads begin that could read it late.
+/// Set once, by [`copy_only`]. `Relaxed`: it is set before the threads begin that could read it
+/// late.
 static COPIES_ONLY: AtomicBool = AtomicBool::new(false);
 
-/// From now on this process copies every file: a file that another program shortens is not to take the loop with it.
+/// From now on this process copies every file: a file that another program shortens is not to take
+/// the loop with it.
 pub(super) fn copy_only() {
     COPIES_ONLY.store(true, Ordering::Relaxed);
 }
 
-/// Memory that a mesh takes while it is read and inspected, per byte of its file: an estimate from the arrays of a closed mesh in
-/// binary STL, the densest format. Of its 50 bytes per triangle 12 become corner numbers and 12 vertices (half a vertex of three
-/// `f64`); the rest is memory for joining equal corners and for the edges of the inspection.
+/// Memory that a mesh takes while it is read and inspected, per byte of its file: an estimate from
+/// the arrays of a closed mesh in binary STL, the densest format. Of its 50 bytes per triangle 12
+/// become corner numbers and 12 vertices (half a vertex of three `f64`); the rest is memory for
+/// joining equal corners and for the edges of the inspection.
 const MEMORY_PER_FILE_BYTE: u64 = 3;
 
 /// The contents of a file.
@@ -64,18 +69,27 @@ impl Bytes {
     }
 
     /// `result`, unless the file changed while it was worked out.
-    pub(super) fn confirm<T>(&self, result: Result<T, MeshError>, path: &Path) -> Result<T, MeshError> {
+    pub(super) fn confirm<T>(
+        &self,
+        result: Result<T, MeshError>,
+        path: &Path,
+    ) -> Result<T, MeshError> {
         if self.unchanged() { result } else { Err(MeshError::Changed { path: path.to_owned() }) }
     }
 }
 
 /// Reads or maps a file.
 pub(super) fn read(path: &Path) -> Result<Bytes, MeshError> {
-    let map_from_bytes = if COPIES_ONLY.load(Ordering::Relaxed) { u64::MAX } else { MAP_FROM_BYTES };
+    let map_from_bytes =
+        if COPIES_ONLY.load(Ordering::Relaxed) { u64::MAX } else { MAP_FROM_BYTES };
     open(path, map_from_bytes, memory::available_bytes()).map_err(|refused| match refused {
-        OpenFailure::System(source) if source.kind() == io::ErrorKind::NotFound => MeshError::Missing { path: path.to_owned() },
+        OpenFailure::System(source) if source.kind() == io::ErrorKind::NotFound => {
+            MeshError::Missing { path: path.to_owned() }
+        }
         OpenFailure::System(source) => MeshError::Unreadable { path: path.to_owned(), source },
-        OpenFailure::TooLarge { file_bytes, free_bytes } => MeshError::TooLarge { path: path.to_owned(), file_bytes, free_bytes },
+        OpenFailure::TooLarge { file_bytes, free_bytes } => {
+            MeshError::TooLarge { path: path.to_owned(), file_bytes, free_bytes }
+        }
     })
 }
 
@@ -104,11 +118,13 @@ fn open(path: &Path, map_from_bytes: u64, free_bytes: Option<u64>) -> Result<Byt
         let changed_meanwhile = !is_still(&file, bytes.len() as u64, metadata.modified().ok());
         return Ok(Bytes { contents: Contents::Read { bytes, changed_meanwhile } });
     }
-    // SAFETY: the map is private and read-only, so this program never writes through it. That no other program changes the file
-    // meanwhile cannot be ensured on this system; the head of this file says what follows from it, and bytes of any value are
-    // sound here, as every reader checks what it finds.
+    // SAFETY: the map is private and read-only, so this program never writes through it. That no
+    // other program changes the file meanwhile cannot be ensured on this system; the head of this
+    // file says what follows from it, and bytes of any value are sound here, as every reader checks
+    // what it finds.
     let map =
-        unsafe { memmap2::MmapOptions::new().len(file_bytes as usize).map_copy_read_only(&file) }.map_err(OpenFailure::System)?;
+        unsafe { memmap2::MmapOptions::new().len(file_bytes as usize).map_copy_read_only(&file) }
+            .map_err(OpenFailure::System)?;
     Ok(Bytes { contents: Contents::Mapped { map, file, modified: metadata.modified().ok() } })
 }
 
@@ -124,10 +140,16 @@ mod tests {
         std::fs::write(&path, &bytes).unwrap();
         for (map_from_bytes, is_mapped) in [(10_001, false), (10_000, true)] {
             let found = open(&path, map_from_bytes, None).ok().unwrap();
-            assert_eq!((&*found, matches!(found.contents, Contents::Mapped { .. })), (&bytes[..], is_mapped));
+            assert_eq!(
+                (&*found, matches!(found.contents, Contents::Mapped { .. })),
+                (&bytes[..], is_mapped)
+            );
             assert_eq!(found.confirm(Ok(7), &path).unwrap(), 7);
         }
-        assert!(matches!(open(&path, 0, Some(29_999)), Err(OpenFailure::TooLarge { file_bytes: 10_000, free_bytes: 29_999 })));
+        assert!(matches!(
+            open(&path, 0, Some(29_999)),
+            Err(OpenFailure::TooLarge { file_bytes: 10_000, free_bytes: 29_999 })
+        ));
     }
 
     #[test]
@@ -148,7 +170,10 @@ mod tests {
         File::create(&path).unwrap().set_len(2 * MAP_FROM_BYTES).unwrap();
         copy_only();
         let found = read(&path).ok().unwrap();
-        assert!(matches!(found.contents, Contents::Read { .. }) && found.len() as u64 == 2 * MAP_FROM_BYTES);
+        assert!(
+            matches!(found.contents, Contents::Read { .. })
+                && found.len() as u64 == 2 * MAP_FROM_BYTES
+        );
         // Shortened while it is used, it is what it was.
         File::create(&path).unwrap();
         assert!(found.iter().all(|byte| *byte == 0));

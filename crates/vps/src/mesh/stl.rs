@@ -1,10 +1,10 @@
 //! STL, binary and text.
 //!
-//! Data in: bytes. Data out: triangles over shared vertices: corners at bitwise equal positions are joined (0 and -0 are equal).
-//! The normals and attributes of the file are not read.
+//! Data in: bytes. Data out: triangles over shared vertices: corners at bitwise equal positions are
+//! joined (0 and -0 are equal). The normals and attributes of the file are not read.
 //!
-//! Which of the two a file is, is decided by its size first: many binary files begin with the word "solid". Cost: linear, binary
-//! files in parallel; text is read by one thread.
+//! Which of the two a file is, is decided by its size first: many binary files begin with the word
+//! "solid". Cost: linear, binary files in parallel; text is read by one thread.
 
 use std::path::Path;
 
@@ -27,12 +27,18 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError
     let expected_bytes = expected_bytes.unwrap_or(HEADER_BYTES as u64);
     let triangles = u64::from(announced.unwrap_or(0));
     if found_bytes < expected_bytes {
-        return Err(MeshError::Truncated { path: path.to_owned(), triangles, expected_bytes, found_bytes });
+        return Err(MeshError::Truncated {
+            path: path.to_owned(),
+            triangles,
+            expected_bytes,
+            found_bytes,
+        });
     }
     // A few bytes of padding are usual; room for more triangles means that the number is wrong.
     if found_bytes - expected_bytes >= TRIANGLE_BYTES as u64 {
         let room = (found_bytes - HEADER_BYTES as u64) / TRIANGLE_BYTES as u64;
-        let what = format!("the header announces {triangles} triangles, the file has room for {room}");
+        let what =
+            format!("the header announces {triangles} triangles, the file has room for {room}");
         return Err(MeshError::Parse { path: path.to_owned(), line: None, what });
     }
     parse_binary(&bytes[HEADER_BYTES..expected_bytes as usize], path)
@@ -50,9 +56,12 @@ fn size_of_triangles(n_triangles: u32) -> u64 {
 fn looks_like_text(bytes: &[u8]) -> bool {
     let head = bytes.trim_ascii_start();
     let head = &head[..head.len().min(1024)];
-    let has = |word: &[u8]| head.windows(word.len()).any(|window| window.eq_ignore_ascii_case(word));
+    let has =
+        |word: &[u8]| head.windows(word.len()).any(|window| window.eq_ignore_ascii_case(word));
     let begins = head.len() >= 5 && head[..5].eq_ignore_ascii_case(b"solid");
-    begins && !head.contains(&0) && (has(b"facet") || has(b"endsolid") || bytes.len() < HEADER_BYTES)
+    begins
+        && !head.contains(&0)
+        && (has(b"facet") || has(b"endsolid") || bytes.len() < HEADER_BYTES)
 }
 
 fn parse_binary(triangles: &[u8], path: &Path) -> Result<TriangleMesh, MeshError> {
@@ -60,14 +69,28 @@ fn parse_binary(triangles: &[u8], path: &Path) -> Result<TriangleMesh, MeshError
     let corners_of = |triangle_idx: usize| {
         let record = &records[triangle_idx];
         // Adding zero turns -0 into 0 and leaves every other number as it is.
-        let number = |at: usize| (f32::from_le_bytes([record[at], record[at + 1], record[at + 2], record[at + 3]]) + 0.0).to_bits();
+        let number = |at: usize| {
+            (f32::from_le_bytes([record[at], record[at + 1], record[at + 2], record[at + 3]]) + 0.0)
+                .to_bits()
+        };
         [12, 24, 36].map(|at| [number(at), number(at + 4), number(at + 8)])
     };
-    let mesh = weld_exact(records.len(), corners_of).ok_or_else(|| too_many(records.len(), path))?;
-    // Vertices are numbered by first use: the first that is not finite belongs to the first such corner.
+    let mesh =
+        weld_exact(records.len(), corners_of).ok_or_else(|| too_many(records.len(), path))?;
+    // Vertices are numbered by first use: the first that is not finite belongs to the first such
+    // corner.
     if let Some(wrong) = mesh.vertices.iter().position(|vertex| !vertex.is_finite()) {
-        let corner = mesh.triangles.as_flattened().iter().position(|vertex| *vertex as usize == wrong).unwrap_or_default();
-        return Err(MeshError::NonFiniteVertex { path: path.to_owned(), vertex: corner + 1, line: None });
+        let corner = mesh
+            .triangles
+            .as_flattened()
+            .iter()
+            .position(|vertex| *vertex as usize == wrong)
+            .unwrap_or_default();
+        return Err(MeshError::NonFiniteVertex {
+            path: path.to_owned(),
+            vertex: corner + 1,
+            line: None,
+        });
     }
     Ok(mesh)
 }
@@ -79,11 +102,17 @@ fn too_many(n_triangles: usize, path: &Path) -> MeshError {
 }
 
 fn parse_text(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError> {
-    let refuse = |line: usize, what: String| MeshError::Parse { path: path.to_owned(), line: Some(line), what };
+    let refuse = |line: usize, what: String| MeshError::Parse {
+        path: path.to_owned(),
+        line: Some(line),
+        what,
+    };
     let mut triangles: Vec<[[u64; 3]; 3]> = Vec::new();
     let mut corners = [[0; 3]; 3];
     let mut n_corners = 0;
-    let (mut in_facet, mut ended, mut last_line) = (false, false, 0);
+    let mut in_facet = false;
+    let mut ended = false;
+    let mut last_line = 0;
     for (line_idx, line) in bytes.split(|byte| *byte == b'\n').enumerate() {
         let line_number = line_idx + 1;
         let mut words = line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
@@ -93,26 +122,43 @@ fn parse_text(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError> {
         if is("vertex") {
             let mut number = || std::str::from_utf8(words.next()?).ok()?.parse::<f64>().ok();
             let (Some(x), Some(y), Some(z)) = (number(), number(), number()) else {
-                return Err(refuse(line_number, format!("a vertex needs three numbers, found `{}`", shown(line))));
+                return Err(refuse(
+                    line_number,
+                    format!("a vertex needs three numbers, found `{}`", shown(line)),
+                ));
             };
             if !in_facet || n_corners == 3 {
-                return Err(refuse(line_number, "a facet has three vertices, found a further one".to_owned()));
+                return Err(refuse(
+                    line_number,
+                    "a facet has three vertices, found a further one".to_owned(),
+                ));
             }
             corners[n_corners] = [x, y, z].map(|number| (number + 0.0).to_bits());
             n_corners += 1;
         } else if is("facet") {
             if in_facet {
-                return Err(refuse(line_number, "a facet begins before the last one has ended".to_owned()));
+                return Err(refuse(
+                    line_number,
+                    "a facet begins before the last one has ended".to_owned(),
+                ));
             }
             (in_facet, n_corners) = (true, 0);
         } else if is("endfacet") {
             if !in_facet || n_corners != 3 {
-                return Err(refuse(line_number, format!("a facet has three vertices, found {n_corners}")));
+                return Err(refuse(
+                    line_number,
+                    format!("a facet has three vertices, found {n_corners}"),
+                ));
             }
-            let is_finite = |corner: &[u64; 3]| corner.iter().all(|bits| f64::from_bits(*bits).is_finite());
+            let is_finite =
+                |corner: &[u64; 3]| corner.iter().all(|bits| f64::from_bits(*bits).is_finite());
             if let Some(k) = corners.iter().position(|corner| !is_finite(corner)) {
                 let vertex = 3 * triangles.len() + k + 1;
-                return Err(MeshError::NonFiniteVertex { path: path.to_owned(), vertex, line: Some(line_number) });
+                return Err(MeshError::NonFiniteVertex {
+                    path: path.to_owned(),
+                    vertex,
+                    line: Some(line_number),
+                });
             }
             triangles.push(corners);
             (in_facet, n_corners) = (false, 0);
@@ -126,9 +172,13 @@ fn parse_text(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError> {
     }
     // A file cut between two facets would be a part with a hole in it.
     if in_facet || !ended {
-        return Err(refuse(last_line, "the text ends without `endsolid`, so the file was cut".to_owned()));
+        return Err(refuse(
+            last_line,
+            "the text ends without `endsolid`, so the file was cut".to_owned(),
+        ));
     }
-    weld_exact(triangles.len(), |triangle_idx| triangles[triangle_idx]).ok_or_else(|| too_many(triangles.len(), path))
+    weld_exact(triangles.len(), |triangle_idx| triangles[triangle_idx])
+        .ok_or_else(|| too_many(triangles.len(), path))
 }
 
 /// The beginning of a line, for messages.
@@ -190,10 +240,16 @@ mod tests {
     fn truncated_binary_names_both_sizes() {
         let bytes = binary("solid part", &TETRAHEDRON);
         let error = read(&bytes[..200]).unwrap_err();
-        assert_eq!(error.to_string(), "part.stl: truncated, 284 bytes expected for 4 triangles, 200 found");
+        assert_eq!(
+            error.to_string(),
+            "part.stl: truncated, 284 bytes expected for 4 triangles, 200 found"
+        );
         let error = read(&bytes[..40]).unwrap_err();
         assert!(error.to_string().contains("cut"), "{error}");
-        assert!(matches!(read(b"\x01\x02"), Err(MeshError::Truncated { expected_bytes: 84, found_bytes: 2, .. })));
+        assert!(matches!(
+            read(b"\x01\x02"),
+            Err(MeshError::Truncated { expected_bytes: 84, found_bytes: 2, .. })
+        ));
         assert!(matches!(read(b""), Err(MeshError::Truncated { .. })));
     }
 
@@ -219,10 +275,19 @@ mod tests {
             message("solid a\nfacet normal 0 0 1\nouter loop\nvertex 1 2\n"),
             "part.stl:4: a vertex needs three numbers, found `vertex 1 2`"
         );
-        assert_eq!(message("solid a\nfacet\nvertex 0 0 0\nendfacet\n"), "part.stl:4: a facet has three vertices, found 1");
-        assert_eq!(message("solid a\nfacet\nfacet\n"), "part.stl:3: a facet begins before the last one has ended");
+        assert_eq!(
+            message("solid a\nfacet\nvertex 0 0 0\nendfacet\n"),
+            "part.stl:4: a facet has three vertices, found 1"
+        );
+        assert_eq!(
+            message("solid a\nfacet\nfacet\n"),
+            "part.stl:3: a facet begins before the last one has ended"
+        );
         assert_eq!(message("solid a\nfacets\n"), "part.stl:2: unknown keyword in `facets`");
-        assert_eq!(message("solid a\nvertex 0 0 0\n"), "part.stl:2: a facet has three vertices, found a further one");
+        assert_eq!(
+            message("solid a\nvertex 0 0 0\n"),
+            "part.stl:2: a facet has three vertices, found a further one"
+        );
     }
 
     #[test]
@@ -231,6 +296,9 @@ mod tests {
         triangles[2][1][0] = f32::NAN;
         let error = read(&binary("part", &triangles)).unwrap_err();
         assert_eq!(error.to_string(), "part.stl: vertex 8 is not finite");
-        assert!(matches!(read(text(&triangles).as_bytes()), Err(MeshError::NonFiniteVertex { vertex: 8, line: Some(22), .. })));
+        assert!(matches!(
+            read(text(&triangles).as_bytes()),
+            Err(MeshError::NonFiniteVertex { vertex: 8, line: Some(22), .. })
+        ));
     }
 }

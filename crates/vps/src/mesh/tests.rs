@@ -24,18 +24,31 @@ fn files_that_cannot_be_used_say_why() {
     };
     assert!(matches!(load(&dir.path().join("none.stl"), 1.0), Err(MeshError::Missing { .. })));
     let error = at("part.dae", "");
-    assert!(error.to_string().ends_with("part.dae: unknown mesh extension `dae`, known: obj, stl, ply, gltf, glb, 3mf"), "{error}");
-    for (name, format) in [("part.step", "STEP"), ("part.STP", "STEP"), ("part.igs", "IGES"), ("part.brep", "BREP")] {
+    assert!(
+        error.to_string().ends_with(
+            "part.dae: unknown mesh extension `dae`, known: obj, stl, ply, gltf, glb, 3mf"
+        ),
+        "{error}"
+    );
+    for (name, format) in
+        [("part.step", "STEP"), ("part.STP", "STEP"), ("part.igs", "IGES"), ("part.brep", "BREP")]
+    {
         let error = at(name, "");
-        let expected = format!("{name}: {format} files hold curved surfaces, and a mesh of triangles is needed");
+        let expected = format!(
+            "{name}: {format} files hold curved surfaces, and a mesh of triangles is needed"
+        );
         assert!(
-            error.to_string().ends_with(&expected) && error.hint().is_some_and(|hint| hint.contains("gmsh PART.step")),
+            error.to_string().ends_with(&expected)
+                && error.hint().is_some_and(|hint| hint.contains("gmsh PART.step")),
             "{error}"
         );
     }
     assert!(matches!(at("part", ""), MeshError::UnknownExtension { .. }));
     assert!(matches!(at("empty.obj", "# nothing\n"), MeshError::Empty { .. }));
-    assert!(matches!(at("empty.stl", "solid nothing\nendsolid nothing\n"), MeshError::Empty { .. }));
+    assert!(matches!(
+        at("empty.stl", "solid nothing\nendsolid nothing\n"),
+        MeshError::Empty { .. }
+    ));
     std::fs::create_dir(dir.path().join("folder.obj")).unwrap();
     let error = load(&dir.path().join("folder.obj"), 1.0).unwrap_err();
     assert!(matches!(error, MeshError::Unreadable { .. }) && error.hint().is_some(), "{error}");
@@ -47,7 +60,8 @@ fn files_that_cannot_be_used_say_why() {
 #[test]
 fn a_wrong_extension_and_an_empty_file_are_named() {
     let refusal = |bytes: &[u8], name: &str| {
-        let error = parse(bytes, Format::of(Path::new(name)).unwrap(), Path::new(name), 1.0).unwrap_err();
+        let error =
+            parse(bytes, Format::of(Path::new(name)).unwrap(), Path::new(name), 1.0).unwrap_err();
         (error.to_string(), error.hint().unwrap())
     };
     let files: [(&[u8], &str, &str); 6] = [
@@ -61,8 +75,12 @@ fn a_wrong_extension_and_an_empty_file_are_named() {
     for (bytes, format, ending) in files {
         let name = if format == "STL" { "part.obj" } else { "part.stl" };
         let says = if format == "STL" { "OBJ" } else { "STL" };
-        let expected = format!("{name}: this is a file of the format {format}, and its name says {says}");
-        assert_eq!(refusal(bytes, name), (expected, &*format!("rename it so that it ends in {ending}")));
+        let expected =
+            format!("{name}: this is a file of the format {format}, and its name says {says}");
+        assert_eq!(
+            refusal(bytes, name),
+            (expected, &*format!("rename it so that it ends in {ending}"))
+        );
     }
     for extension in EXTENSIONS {
         let name = format!("part.{extension}");
@@ -89,12 +107,15 @@ fn the_same_box_in_every_format_is_the_same_box() {
     use std::fmt::Write as _;
     use std::io::Write as _;
     let shape = primitives::Shape::Box { size_m: DVec3::new(10.0, 20.5, 30.25) }.tessellate(1.0);
-    let (vertices, triangles) = (&shape.vertices, &shape.triangles);
+    let vertices = &shape.vertices;
+    let triangles = &shape.triangles;
     let mut files: Vec<(&str, Vec<u8>)> = Vec::new();
 
     let mut obj = String::new();
     vertices.iter().for_each(|v| writeln!(obj, "v {} {} {}", v.x, v.y, v.z).unwrap());
-    triangles.iter().for_each(|t| writeln!(obj, "f {} {} {}", t[0] + 1, t[1] + 1, t[2] + 1).unwrap());
+    triangles
+        .iter()
+        .for_each(|t| writeln!(obj, "f {} {} {}", t[0] + 1, t[1] + 1, t[2] + 1).unwrap());
     files.push(("box.obj", obj.into_bytes()));
 
     let mut stl = [&[0_u8; 80][..], &(triangles.len() as u32).to_le_bytes()].concat();
@@ -111,10 +132,15 @@ fn the_same_box_in_every_format_is_the_same_box() {
     }
     files.extend([("box.stl", stl), ("text.STL", (text + "endsolid\n").into_bytes())]);
 
-    for (name, encoding) in [("big.ply", "binary_big_endian"), ("little.ply", "binary_little_endian"), ("box.ply", "ascii")] {
+    for (name, encoding) in [
+        ("big.ply", "binary_big_endian"),
+        ("little.ply", "binary_little_endian"),
+        ("box.ply", "ascii"),
+    ] {
         let mut ply = format!(
-            "ply\nformat {encoding} 1.0\nelement vertex {}\nproperty double x\nproperty double y\nproperty double z\n\
-             element face {}\nproperty list uchar uint vertex_indices\nend_header\n",
+            "ply\nformat {encoding} 1.0\nelement vertex {}\nproperty double x\nproperty double \
+                y\nproperty double z\nelement face {}\nproperty list uchar uint \
+                vertex_indices\nend_header\n",
             vertices.len(),
             triangles.len()
         )
@@ -123,7 +149,11 @@ fn the_same_box_in_every_format_is_the_same_box() {
         for v in vertices {
             match encoding {
                 "ascii" => ply.extend(format!("{} {} {}\n", v.x, v.y, v.z).bytes()),
-                _ => ply.extend(v.to_array().iter().flat_map(|n| if big { n.to_be_bytes() } else { n.to_le_bytes() })),
+                _ => ply.extend(
+                    v.to_array()
+                        .iter()
+                        .flat_map(|n| if big { n.to_be_bytes() } else { n.to_le_bytes() }),
+                ),
             }
         }
         for t in triangles {
@@ -131,16 +161,20 @@ fn the_same_box_in_every_format_is_the_same_box() {
                 "ascii" => ply.extend(format!("3 {} {} {}\n", t[0], t[1], t[2]).bytes()),
                 _ => {
                     ply.push(3);
-                    ply.extend(t.iter().flat_map(|n| if big { n.to_be_bytes() } else { n.to_le_bytes() }));
+                    ply.extend(
+                        t.iter().flat_map(|n| if big { n.to_be_bytes() } else { n.to_le_bytes() }),
+                    );
                 }
             }
         }
         files.push((name, ply));
     }
 
-    let mut buffer: Vec<u8> = vertices.iter().flat_map(|v| v.as_vec3().to_array()).flat_map(f32::to_le_bytes).collect();
+    let mut buffer: Vec<u8> =
+        vertices.iter().flat_map(|v| v.as_vec3().to_array()).flat_map(f32::to_le_bytes).collect();
     let n_position_bytes = buffer.len();
-    buffer.extend(triangles.as_flattened().iter().flat_map(|corner| (*corner as u16).to_le_bytes()));
+    buffer
+        .extend(triangles.as_flattened().iter().flat_map(|corner| (*corner as u16).to_le_bytes()));
     let document = |uri: serde_json::Value| {
         serde_json::json!({
             "asset": {"version": "2.0"},
@@ -157,15 +191,28 @@ fn the_same_box_in_every_format_is_the_same_box() {
         .into_bytes()
     };
     let json = document(serde_json::Value::Null);
-    let sizes = [12 + 8 + json.len() + 8 + buffer.len(), json.len(), buffer.len()].map(|size| (size as u32).to_le_bytes());
-    let glb = [b"glTF\x02\0\0\0", &sizes[0][..], &sizes[1], b"JSON", &json, &sizes[2], b"BIN\0", &buffer].concat();
-    files.extend([("box.gltf", document("box.bin".into())), ("box.glb", glb), ("box.bin", buffer.clone())]);
+    let sizes = [12 + 8 + json.len() + 8 + buffer.len(), json.len(), buffer.len()]
+        .map(|size| (size as u32).to_le_bytes());
+    let glb =
+        [b"glTF\x02\0\0\0", &sizes[0][..], &sizes[1], b"JSON", &json, &sizes[2], b"BIN\0", &buffer]
+            .concat();
+    files.extend([
+        ("box.gltf", document("box.bin".into())),
+        ("box.glb", glb),
+        ("box.bin", buffer.clone()),
+    ]);
 
-    let mut model = "<model unit=\"millimeter\"><resources><object id=\"1\"><mesh><vertices>".to_owned();
-    vertices.iter().for_each(|v| write!(model, "<vertex x=\"{}\" y=\"{}\" z=\"{}\"/>", v.x, v.y, v.z).unwrap());
+    let mut model =
+        "<model unit=\"millimeter\"><resources><object id=\"1\"><mesh><vertices>".to_owned();
+    vertices.iter().for_each(|v| {
+        write!(model, "<vertex x=\"{}\" y=\"{}\" z=\"{}\"/>", v.x, v.y, v.z).unwrap()
+    });
     model += "</vertices><triangles>";
-    triangles.iter().for_each(|t| write!(model, "<triangle v1=\"{}\" v2=\"{}\" v3=\"{}\"/>", t[0], t[1], t[2]).unwrap());
-    model += "</triangles></mesh></object></resources><build><item objectid=\"1\"/></build></model>";
+    triangles.iter().for_each(|t| {
+        write!(model, "<triangle v1=\"{}\" v2=\"{}\" v3=\"{}\"/>", t[0], t[1], t[2]).unwrap()
+    });
+    model +=
+        "</triangles></mesh></object></resources><build><item objectid=\"1\"/></build></model>";
     let mut archive = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
     archive.start_file("3D/3dmodel.model", zip::write::SimpleFileOptions::default()).unwrap();
     archive.write_all(model.as_bytes()).unwrap();
@@ -175,21 +222,26 @@ fn the_same_box_in_every_format_is_the_same_box() {
     files.iter().for_each(|(name, bytes)| std::fs::write(dir.path().join(name), bytes).unwrap());
     let mut scaled = shape.clone();
     scaled.vertices.iter_mut().for_each(|vertex| *vertex *= 1e-3);
-    let formats: Vec<&str> = files.iter().map(|(name, _)| *name).filter(|name| *name != "box.bin").collect();
+    let formats: Vec<&str> =
+        files.iter().map(|(name, _)| *name).filter(|name| *name != "box.bin").collect();
     for name in &formats {
         let mesh = load(&dir.path().join(name), 1e-3).unwrap();
         assert_eq!(corner_set(&mesh), corner_set(&scaled), "{name}");
     }
     let ending = |name: &&str| name.rsplit('.').next().unwrap().to_lowercase();
-    assert!(EXTENSIONS.iter().all(|extension| formats.iter().any(|name| ending(name) == *extension)));
+    assert!(
+        EXTENSIONS.iter().all(|extension| formats.iter().any(|name| ending(name) == *extension))
+    );
 }
 
 proptest::proptest! {
     /// Damaged files give an error or a mesh with indices in range, never a panic.
     #[test]
-    fn damaged_text_does_no_harm(text in "(v|f|l|solid|facet|vertex|endfacet|endsolid|[-0-9. /#\\\\]|nan|1e999|\n){0,80}") {
+    fn damaged_text_does_no_harm(text in "(v|f|l|solid|facet|vertex|endfacet|endsolid|[-0-9. \
+        /#\\\\]|nan|1e999|\n){0,80}") {
         for parse in [obj::parse, stl::parse] {
-            for text in [text.clone(), format!("solid facet\n{text}"), format!("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 1\n{text}")] {
+            for text in [text.clone(), format!("solid facet\n{text}"), format!("v 0 0 0\nv 1 0 \
+                0\nv 0 1 0\nv 1 1 1\n{text}")] {
                 if let Ok(mesh) = parse(text.as_bytes(), Path::new("damaged")) {
                     let report = validate::inspect(&mesh);
                     mass::mass_properties_of_inspected(&mesh, &report);
@@ -216,7 +268,10 @@ proptest::proptest! {
 }
 
 #[test]
-#[expect(clippy::print_stdout, reason = "the figures are for a reader; a test sets no limit on time")]
+#[expect(
+    clippy::print_stdout,
+    reason = "the figures are for a reader; a test sets no limit on time"
+)]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn millions_of_triangles_go_through() {
     let torus = primitives::Shape::Torus { major_m: 0.05, minor_m: 0.02 }.tessellate(0.0);
@@ -225,7 +280,8 @@ fn millions_of_triangles_go_through() {
     for triangle_idx in 0..torus.triangles.len() {
         bytes.extend([0; 12]);
         for corner in torus.corners(triangle_idx) {
-            bytes.extend(corner.as_vec3().to_array().iter().flat_map(|number| number.to_le_bytes()));
+            bytes
+                .extend(corner.as_vec3().to_array().iter().flat_map(|number| number.to_le_bytes()));
         }
         bytes.extend([0; 2]);
     }
@@ -236,13 +292,20 @@ fn millions_of_triangles_go_through() {
     let mesh = load(&path, 1.0).unwrap();
     let loaded = start.elapsed();
     let report = validate::inspect(&mesh);
-    println!("{} triangles: load {loaded:.2?}, inspect {:.2?}", mesh.triangles.len(), start.elapsed() - loaded);
-    assert_eq!((mesh.vertices.len(), mesh.triangles.len()), (torus.vertices.len(), torus.triangles.len()));
+    println!(
+        "{} triangles: load {loaded:.2?}, inspect {:.2?}",
+        mesh.triangles.len(),
+        start.elapsed() - loaded
+    );
+    assert_eq!(
+        (mesh.vertices.len(), mesh.triangles.len()),
+        (torus.vertices.len(), torus.triangles.len())
+    );
     assert!(report.closed && report.inconsistent_edges == 0, "{:?}", report.warnings());
 }
 
-/// Triangle counts and closedness of real files, which are not part of the project. Closed means: after welding, which also
-/// closes files that repeat the corners of their faces.
+/// Triangle counts and closedness of real files, which are not part of the project. Closed means:
+/// after welding, which also closes files that repeat the corners of their faces.
 #[test]
 #[expect(clippy::print_stdout, reason = "says that it was skipped, and what the files contain")]
 fn real_meshes_load() {
@@ -280,7 +343,8 @@ fn real_meshes_load() {
         let inspected = start.elapsed() - loaded;
         let mass = mass::mass_properties(&mesh);
         println!(
-            "{name}: {} vertices, {report:?}, load {loaded:.1?}, inspect {inspected:.1?}, {mass:?}, {:?}",
+            "{name}: {} vertices, {report:?}, load {loaded:.1?}, inspect {inspected:.1?}, \
+                {mass:?}, {:?}",
             mesh.vertices.len(),
             report.warnings()
         );

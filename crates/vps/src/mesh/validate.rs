@@ -1,8 +1,9 @@
 //! What is wrong with a mesh, counted and said; nothing is repaired.
 //!
-//! Vertices are welded first, within [`WELD_SHARE`] of the diagonal of the bounding box, so that edges are compared as a reader of
-//! the part would: exporters write the same corner once per face. Collapsed and repeated triangles are left out of the count of
-//! edges. Cost: linear, in parallel; edges are matched among neighbours in number, in pieces that the cache holds.
+//! Vertices are welded first, within [`WELD_SHARE`] of the diagonal of the bounding box, so that
+//! edges are compared as a reader of the part would: exporters write the same corner once per face.
+//! Collapsed and repeated triangles are left out of the count of edges. Cost: linear, in parallel;
+//! edges are matched among neighbours in number, in pieces that the cache holds.
 
 use glam::DVec3;
 
@@ -17,8 +18,8 @@ pub const WELD_SHARE: f64 = 1e-6;
 /// A triangle is degenerate when its height over its longest edge is below this part of that edge.
 const FLAT_SHARE: f64 = 1e-6;
 
-/// A rim smaller than this part of the diagonal is called a slit: areas of slits are the rounding of coordinates, and the size
-/// is the root of the area.
+/// A rim smaller than this part of the diagonal is called a slit: areas of slits are the rounding
+/// of coordinates, and the size is the root of the area.
 const SLIT_SHARE: f64 = 1e-4;
 
 /// A part longer than this is more likely a wrong unit.
@@ -29,7 +30,8 @@ const SHORT_M: f64 = 1e-3;
 /// What is said of a closed mesh that is inside out.
 pub const FACES_INWARD: &str = "the triangles face inward";
 
-/// Open edges that follow each other: the rim of a hole, or of a slit between faces that do not match.
+/// Open edges that follow each other: the rim of a hole, or of a slit between faces that do not
+/// match.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BoundaryLoop {
     /// Mean of the edges, weighted by their length, m.
@@ -51,9 +53,11 @@ pub struct MeshReport {
     pub open_edges: usize,
     /// Edges of three triangles or more.
     pub non_manifold_edges: usize,
-    /// Edges whose two triangles run along them in the same direction: one of the two is inside out.
+    /// Edges whose two triangles run along them in the same direction: one of the two is inside
+    /// out.
     pub inconsistent_edges: usize,
-    /// `[open_edges]`: their vertices, in the direction of their triangle; of welded vertices the one that stands for them.
+    /// `[open_edges]`: their vertices, in the direction of their triangle; of welded vertices the
+    /// one that stands for them.
     pub open_edge_vertices: Vec<[u32; 2]>,
     /// Rims of open edges, largest first.
     pub boundary_loops: Vec<BoundaryLoop>,
@@ -85,7 +89,11 @@ impl MeshReport {
         };
         count(self.degenerate_triangles, "triangle has no area", "triangles have no area");
         count(self.duplicate_triangles, "triangle repeats another", "triangles repeat others");
-        count(self.non_manifold_edges, "edge has three or more triangles", "edges have three or more triangles");
+        count(
+            self.non_manifold_edges,
+            "edge has three or more triangles",
+            "edges have three or more triangles",
+        );
         count(
             self.inconsistent_edges,
             "edge lies between triangles that face opposite ways",
@@ -146,8 +154,9 @@ pub fn inspect(mesh: &TriangleMesh) -> MeshReport {
     };
     // Volumes are taken from the middle of the box: far from the part, their sum would lose digits.
     let center = 0.5 * (low + high);
-    let sums =
-        parallel::map_chunks(&mesh.triangles, SUM_TRIANGLES, |triangles| Sums::of(triangles, &mesh.vertices, center, &welded));
+    let sums = parallel::map_chunks(&mesh.triangles, SUM_TRIANGLES, |triangles| {
+        Sums::of(triangles, &mesh.vertices, center, &welded)
+    });
     let mut triangles = Vec::with_capacity(mesh.triangles.len());
     for sums in sums {
         report.area_m2 += sums.area_m2;
@@ -162,7 +171,8 @@ pub fn inspect(mesh: &TriangleMesh) -> MeshReport {
     report.non_manifold_edges = non_manifold;
     report.boundary_loops = boundary_loops(&open, &mesh.vertices);
     report.open_edge_vertices = open;
-    report.closed = !mesh.triangles.is_empty() && report.open_edges == 0 && report.non_manifold_edges == 0;
+    report.closed =
+        !mesh.triangles.is_empty() && report.open_edges == 0 && report.non_manifold_edges == 0;
     report
 }
 
@@ -178,15 +188,18 @@ struct Sums {
 impl Sums {
     fn of(triangles: &[[u32; 3]], vertices: &[DVec3], center: DVec3, welded: &[u32]) -> Self {
         let not_collapsed = Vec::with_capacity(triangles.len());
-        let mut sums = Self { area_m2: 0.0, signed_volume_m3: 0.0, degenerate_triangles: 0, not_collapsed };
+        let mut sums =
+            Self { area_m2: 0.0, signed_volume_m3: 0.0, degenerate_triangles: 0, not_collapsed };
         for numbers in triangles {
             let [a, b, c] = numbers.map(|vertex| vertices[vertex as usize] - center);
             let double_area = (b - a).cross(c - a).length();
             sums.area_m2 += 0.5 * double_area;
             sums.signed_volume_m3 += a.dot(b.cross(c)) / 6.0;
             let numbers = numbers.map(|vertex| welded[vertex as usize]);
-            let collapsed = numbers[0] == numbers[1] || numbers[1] == numbers[2] || numbers[2] == numbers[0];
-            let longest_squared = a.distance_squared(b).max(b.distance_squared(c)).max(c.distance_squared(a));
+            let collapsed =
+                numbers[0] == numbers[1] || numbers[1] == numbers[2] || numbers[2] == numbers[0];
+            let longest_squared =
+                a.distance_squared(b).max(b.distance_squared(c)).max(c.distance_squared(a));
             if collapsed || double_area <= FLAT_SHARE * longest_squared {
                 sums.degenerate_triangles += 1;
             }
@@ -200,9 +213,10 @@ impl Sums {
 
 /// Chains open edges into rims, largest first.
 ///
-/// Where rims touch, the walk takes the edge that turns back most sharply: the two sides of a slit between faces with different
-/// corners then close to a rim without area, instead of two large rims that lie on each other. A walk that meets itself is cut
-/// there, so that holes which touch at a vertex are counted apart; one that ends nowhere is closed by a straight line.
+/// Where rims touch, the walk takes the edge that turns back most sharply: the two sides of a slit
+/// between faces with different corners then close to a rim without area, instead of two large rims
+/// that lie on each other. A walk that meets itself is cut there, so that holes which touch at a
+/// vertex are counted apart; one that ends nowhere is closed by a straight line.
 fn boundary_loops(open: &[[u32; 2]], positions: &[DVec3]) -> Vec<BoundaryLoop> {
     let mut walks = RimWalks::new(open, positions);
     let mut place_on_walk = vec![usize::MAX; walks.positions.len()];
@@ -247,15 +261,20 @@ struct RimWalks {
 }
 
 impl RimWalks {
-    /// Edges compared at a vertex; more meet there only in broken files, which must not take forever.
+    /// Edges compared at a vertex; more meet there only in broken files, which must not take
+    /// forever.
     const MAX_CHOICES: usize = 16;
 
     fn new(open: &[[u32; 2]], positions: &[DVec3]) -> Self {
         let mut vertices: Vec<u32> = open.iter().flatten().copied().collect();
         vertices.sort_unstable();
         vertices.dedup();
-        let edges: Vec<_> = open.iter().map(|edge| edge.map(|vertex| vertices.partition_point(|other| *other < vertex))).collect();
-        let (mut leaving, mut arriving) = (vec![Vec::new(); vertices.len()], vec![Vec::new(); vertices.len()]);
+        let edges: Vec<_> = open
+            .iter()
+            .map(|edge| edge.map(|vertex| vertices.partition_point(|other| *other < vertex)))
+            .collect();
+        let mut leaving = vec![Vec::new(); vertices.len()];
+        let mut arriving = vec![Vec::new(); vertices.len()];
         for (edge_idx, [from, to]) in edges.iter().enumerate() {
             leaving[*from].push(edge_idx);
             arriving[*to].push(edge_idx);
@@ -264,15 +283,20 @@ impl RimWalks {
         Self { positions, used: vec![false; edges.len()], edges, leaving, arriving }
     }
 
-    /// Uses up one edge at `vertex` and returns its other end. Edges that leave come first: they keep the direction of the rim.
+    /// Uses up one edge at `vertex` and returns its other end. Edges that leave come first: they
+    /// keep the direction of the rim.
     fn step(&mut self, previous: usize, vertex: usize) -> Option<usize> {
         let here = self.positions[vertex];
         let back = (self.positions[previous] - here).normalize_or_zero();
         for (edges_at, far_end) in [(&mut self.leaving, 1), (&mut self.arriving, 0)] {
             edges_at[vertex].retain(|edge_idx| !self.used[*edge_idx]);
-            let sharpness = |edge_idx: usize| back.dot((self.positions[self.edges[edge_idx][far_end]] - here).normalize_or_zero());
+            let sharpness = |edge_idx: usize| {
+                back.dot((self.positions[self.edges[edge_idx][far_end]] - here).normalize_or_zero())
+            };
             let choices = edges_at[vertex].iter().take(Self::MAX_CHOICES).copied();
-            if let Some(edge_idx) = choices.max_by(|one, other| sharpness(*one).total_cmp(&sharpness(*other))) {
+            if let Some(edge_idx) =
+                choices.max_by(|one, other| sharpness(*one).total_cmp(&sharpness(*other)))
+            {
                 self.used[edge_idx] = true;
                 return Some(self.edges[edge_idx][far_end]);
             }
@@ -284,7 +308,9 @@ impl RimWalks {
 fn rim(corners: impl Iterator<Item = DVec3> + Clone) -> BoundaryLoop {
     let first = corners.clone().next().unwrap_or_default();
     let ends = corners.clone().cycle().skip(1);
-    let (mut double_area, mut weighted, mut length) = (DVec3::ZERO, DVec3::ZERO, 0.0);
+    let mut double_area = DVec3::ZERO;
+    let mut weighted = DVec3::ZERO;
+    let mut length = 0.0;
     for (from, to) in corners.zip(ends) {
         double_area += (from - first).cross(to - first);
         weighted += (0.5 * (from + to) - first) * from.distance(to);
@@ -308,7 +334,9 @@ mod tests {
     fn sound_cube_has_nothing_to_say() {
         let report = inspect(&cube());
         assert!(report.closed && report.warnings().is_empty(), "{report:?}");
-        assert!((report.signed_volume_m3 - 1e-3).abs() < 1e-15 && (report.area_m2 - 0.06).abs() < 1e-15);
+        assert!(
+            (report.signed_volume_m3 - 1e-3).abs() < 1e-15 && (report.area_m2 - 0.06).abs() < 1e-15
+        );
     }
 
     #[test]
@@ -340,7 +368,8 @@ mod tests {
     #[test]
     fn holes_that_touch_are_counted_apart() {
         let mut mesh = cube();
-        // One triangle of the top and one of the bottom, which meet only across a side; then two that share a corner.
+        // One triangle of the top and one of the bottom, which meet only across a side; then two
+        // that share a corner.
         mesh.triangles.retain(|corners| ![[0, 2, 3], [4, 5, 7]].contains(corners));
         let report = inspect(&mesh);
         assert_eq!((report.open_edges, report.boundary_loops.len()), (6, 2));
@@ -349,14 +378,18 @@ mod tests {
         let report = inspect(&mesh);
         assert_eq!((report.open_edges, report.boundary_loops.len()), (6, 2));
         let size = (4.0 * 0.005 / std::f64::consts::PI).sqrt();
-        assert!(report.boundary_loops.iter().all(|hole| (hole.size_m - size).abs() < 1e-15), "{report:?}");
+        assert!(
+            report.boundary_loops.iter().all(|hole| (hole.size_m - size).abs() < 1e-15),
+            "{report:?}"
+        );
     }
 
     #[test]
     fn a_vertex_on_one_side_of_an_edge_is_a_slit_without_size() {
         let mut mesh = cube();
         let middle = mesh.vertices.len() as u32;
-        let (a, b) = (mesh.vertices[0], mesh.vertices[3]);
+        let a = mesh.vertices[0];
+        let b = mesh.vertices[3];
         mesh.vertices.push(0.5 * (a + b));
         // The diagonal 0-3 of the bottom is split on one of its two sides only.
         let place = mesh.triangles.iter().position(|corners| *corners == [0, 2, 3]).unwrap();
@@ -376,7 +409,8 @@ mod tests {
         let center = mesh.vertices.len() as u32;
         mesh.vertices.push(DVec3::new(0.0, 0.0, 0.05));
         for k in 0..4 {
-            let (from, to) = (around[k], around[(k + 1) % 4]);
+            let from = around[k];
+            let to = around[(k + 1) % 4];
             let middle = mesh.vertices.len() as u32;
             mesh.vertices.push(0.5 * (mesh.vertices[from as usize] + mesh.vertices[to as usize]));
             mesh.triangles.extend([[from, middle, center], [middle, to, center]]);
@@ -395,11 +429,18 @@ mod tests {
         mesh.triangles.push([3, 0, 2]);
         mesh.triangles[11].swap(0, 1);
         let report = inspect(&mesh);
-        assert_eq!((report.degenerate_triangles, report.duplicate_triangles, report.inconsistent_edges), (1, 1, 3));
+        assert_eq!(
+            (report.degenerate_triangles, report.duplicate_triangles, report.inconsistent_edges),
+            (1, 1, 3)
+        );
         assert!(report.closed);
         assert_eq!(
             report.warnings(),
-            ["1 triangle has no area", "1 triangle repeats another", "3 edges lie between triangles that face opposite ways"]
+            [
+                "1 triangle has no area",
+                "1 triangle repeats another",
+                "3 edges lie between triangles that face opposite ways"
+            ]
         );
         // A wall inside: its edges have three triangles, or one where it meets a diagonal's ends.
         let mut mesh = cube();

@@ -1,8 +1,9 @@
 //! Shared corners from equal or near positions.
 //!
-//! Data in: positions. Data out: for each, the number of the vertex that stands for it. First come, first numbered, so that the
-//! result depends on the order of the input only, not on the number of threads. Cost: linear; positions are brought together by
-//! their hash ([`Shards`]), and each shard is a small table in the cache.
+//! Data in: positions. Data out: for each, the number of the vertex that stands for it. First come,
+//! first numbered, so that the result depends on the order of the input only, not on the number of
+//! threads. Cost: linear; positions are brought together by their hash ([`Shards`]), and each shard
+//! is a small table in the cache.
 
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
@@ -52,19 +53,29 @@ impl Bits for [u64; 3] {
     }
 }
 
-/// Triangles over the distinct corners of `corners_of`; `None` when corners or vertices outgrow 32 bits.
+/// Triangles over the distinct corners of `corners_of`; `None` when corners or vertices outgrow 32
+/// bits.
 ///
 /// Vertices are numbered in the order in which corners first use them.
-pub(super) fn weld_exact<B: Bits>(n_triangles: usize, corners_of: impl Fn(usize) -> [B; 3] + Sync) -> Option<TriangleMesh> {
+pub(super) fn weld_exact<B: Bits>(
+    n_triangles: usize,
+    corners_of: impl Fn(usize) -> [B; 3] + Sync,
+) -> Option<TriangleMesh> {
     let n_corners = n_triangles.checked_mul(3)?;
     u32::try_from(n_corners).ok()?;
     let firsts = first_corners(n_triangles, &corners_of);
     let first_of = |corner: usize| firsts[corner].load(Ordering::Relaxed) as usize;
 
-    // The number of a vertex is how many first corners come before its own: bits, with a sum at every word.
+    // The number of a vertex is how many first corners come before its own: bits, with a sum at
+    // every word.
     let mut words: Vec<(u64, u32)> = parallel::map(n_corners.div_ceil(64), 1, |word| {
         let corners = 64 * word..n_corners.min(64 * word + 64);
-        (corners.filter(|corner| first_of(*corner) == *corner).fold(0, |bits, corner| bits | (1 << (corner % 64))), 0)
+        (
+            corners
+                .filter(|corner| first_of(*corner) == *corner)
+                .fold(0, |bits, corner| bits | (1 << (corner % 64))),
+            0,
+        )
     });
     let mut n_vertices = 0;
     for (bits, before) in &mut words {
@@ -76,12 +87,15 @@ pub(super) fn weld_exact<B: Bits>(n_triangles: usize, corners_of: impl Fn(usize)
         before + (bits & ((1 << (corner % 64)) - 1)).count_ones()
     };
 
-    let triangles = parallel::map(n_triangles, 1, |k| [3 * k, 3 * k + 1, 3 * k + 2].map(|corner| number_of(first_of(corner))));
+    let triangles = parallel::map(n_triangles, 1, |k| {
+        [3 * k, 3 * k + 1, 3 * k + 2].map(|corner| number_of(first_of(corner)))
+    });
     let mut vertices = vec![DVec3::ZERO; n_vertices as usize];
     let mut rest = &mut vertices[..];
     let mut pieces = Vec::new();
     for words in words.chunks(CHUNK_TRIANGLES / 64) {
-        let (piece, later) = std::mem::take(&mut rest).split_at_mut(words.iter().map(|(bits, _)| bits.count_ones() as usize).sum());
+        let (piece, later) = std::mem::take(&mut rest)
+            .split_at_mut(words.iter().map(|(bits, _)| bits.count_ones() as usize).sum());
         pieces.push((piece, words));
         rest = later;
     }
@@ -96,7 +110,10 @@ pub(super) fn weld_exact<B: Bits>(n_triangles: usize, corners_of: impl Fn(usize)
 }
 
 /// For each corner, the first corner at the same place (`[3 n_triangles]`).
-fn first_corners<B: Bits>(n_triangles: usize, corners_of: &(impl Fn(usize) -> [B; 3] + Sync)) -> Vec<AtomicU32> {
+fn first_corners<B: Bits>(
+    n_triangles: usize,
+    corners_of: &(impl Fn(usize) -> [B; 3] + Sync),
+) -> Vec<AtomicU32> {
     let n_corners = 3 * n_triangles;
     let n_shards = shards_for(n_corners);
     let shard_of = |hash: u64| (hash >> 40) as usize & (n_shards - 1);
@@ -141,7 +158,8 @@ fn first_corners<B: Bits>(n_triangles: usize, corners_of: &(impl Fn(usize) -> [B
     firsts
 }
 
-/// A multiplicative hash for a few machine words: the default one is built against attackers and costs most of the reading time.
+/// A multiplicative hash for a few machine words: the default one is built against attackers and
+/// costs most of the reading time.
 #[derive(Default)]
 struct WordHasher(u64);
 
@@ -167,7 +185,8 @@ impl Hasher for WordHasher {
 
 type WordMap<K> = HashMap<K, u32, BuildHasherDefault<WordHasher>>;
 
-/// Cells of the search grid are this many tolerances wide: two cells looked at per position on average, few vertices in each.
+/// Cells of the search grid are this many tolerances wide: two cells looked at per position on
+/// average, few vertices in each.
 const CELL_TOLERANCES: f64 = 8.0;
 
 /// The grid in which near positions are looked for.
@@ -180,14 +199,20 @@ struct Cells {
 
 impl Cells {
     fn new(positions: &[DVec3], tolerance: f64) -> Self {
-        let origin = parallel::map_chunks(positions, 1 << 16, |chunk| chunk.iter().copied().reduce(DVec3::min))
-            .into_iter()
-            .flatten()
-            .reduce(DVec3::min)
-            .unwrap_or_default();
+        let origin = parallel::map_chunks(positions, 1 << 16, |chunk| {
+            chunk.iter().copied().reduce(DVec3::min)
+        })
+        .into_iter()
+        .flatten()
+        .reduce(DVec3::min)
+        .unwrap_or_default();
         let per_m = (CELL_TOLERANCES * tolerance).recip();
         // Of zero, and of what is so small that its inverse overflows.
-        if per_m.is_finite() { Self { origin, per_m, tolerance } } else { Self { origin, per_m: 1.0, tolerance: 0.0 } }
+        if per_m.is_finite() {
+            Self { origin, per_m, tolerance }
+        } else {
+            Self { origin, per_m: 1.0, tolerance: 0.0 }
+        }
     }
 
     fn of(self, position: DVec3) -> [i64; 3] {
@@ -198,21 +223,27 @@ impl Cells {
     fn around(self, position: DVec3) -> impl Iterator<Item = [i64; 3]> {
         let local = position - self.origin;
         let cell_of = |local: DVec3| (local * self.per_m).floor().as_i64vec3();
-        let (low, high) = (cell_of(local - self.tolerance), cell_of(local + self.tolerance));
-        (low.x..=high.x).flat_map(move |x| (low.y..=high.y).flat_map(move |y| (low.z..=high.z).map(move |z| [x, y, z])))
+        let low = cell_of(local - self.tolerance);
+        let high = cell_of(local + self.tolerance);
+        (low.x..=high.x).flat_map(move |x| {
+            (low.y..=high.y).flat_map(move |y| (low.z..=high.z).map(move |z| [x, y, z]))
+        })
     }
 }
 
-/// For each position, the index of the first position within `tolerance` of it that stands for itself (`[n_positions]`).
+/// For each position, the index of the first position within `tolerance` of it that stands for
+/// itself (`[n_positions]`).
 ///
-/// Greedy: a position joins the first representative that is near, so that chains of near positions do not collapse into one.
-/// A tolerance of zero joins equal positions only. Positions without a neighbour stand for themselves and for no other, so the
-/// greedy walk, which is sequential, sees only the rest.
+/// Greedy: a position joins the first representative that is near, so that chains of near positions
+/// do not collapse into one. A tolerance of zero joins equal positions only. Positions without a
+/// neighbour stand for themselves and for no other, so the greedy walk, which is sequential, sees
+/// only the rest.
 pub(super) fn weld_within(positions: &[DVec3], tolerance: f64) -> Vec<u32> {
     let cells = Cells::new(positions, tolerance);
     let mut representative: Vec<u32> = (0..positions.len() as u32).collect();
     let crowded = crowded(positions, cells);
-    let mut in_cell: WordMap<[i64; 3]> = WordMap::with_capacity_and_hasher(crowded.len(), BuildHasherDefault::default());
+    let mut in_cell: WordMap<[i64; 3]> =
+        WordMap::with_capacity_and_hasher(crowded.len(), BuildHasherDefault::default());
     // The next representative of the same cell, by place in `crowded`.
     const NONE: u32 = u32::MAX;
     let mut next_in_cell = vec![NONE; crowded.len()];
@@ -223,7 +254,9 @@ pub(super) fn weld_within(positions: &[DVec3], tolerance: f64) -> Vec<u32> {
             let mut candidate = in_cell.get(&cell).copied().unwrap_or(NONE);
             while candidate != NONE {
                 let other = positions[crowded[candidate as usize] as usize];
-                if candidate < found && other.distance_squared(position) <= cells.tolerance * cells.tolerance {
+                if candidate < found
+                    && other.distance_squared(position) <= cells.tolerance * cells.tolerance
+                {
                     found = candidate;
                 }
                 candidate = next_in_cell[candidate as usize];
@@ -240,7 +273,8 @@ pub(super) fn weld_within(positions: &[DVec3], tolerance: f64) -> Vec<u32> {
     representative
 }
 
-/// Positions that may have another within the tolerance: those that share the hash of a cell around them. In rising order.
+/// Positions that may have another within the tolerance: those that share the hash of a cell around
+/// them. In rising order.
 fn crowded(positions: &[DVec3], cells: Cells) -> Vec<u32> {
     const CHUNK: usize = 1 << 16;
     let n_shards = shards_for(2 * positions.len());
@@ -301,12 +335,14 @@ mod tests {
 
     /// The corners, each with its own copy of a position, as a triangle soup of three per triangle.
     fn welded<B: Bits>(corners: &[B]) -> TriangleMesh {
-        weld_exact(corners.len() / 3, |k| [corners[3 * k], corners[3 * k + 1], corners[3 * k + 2]]).unwrap()
+        weld_exact(corners.len() / 3, |k| [corners[3 * k], corners[3 * k + 1], corners[3 * k + 2]])
+            .unwrap()
     }
 
     #[test]
     fn exact_weld_joins_equal_bits_only() {
-        let corners = [1.0, 1.0 + f64::EPSILON, 1.0, f64::MIN_POSITIVE, 0.0, 1.0].map(|x| [x.to_bits(), 0, 0]);
+        let corners = [1.0, 1.0 + f64::EPSILON, 1.0, f64::MIN_POSITIVE, 0.0, 1.0]
+            .map(|x| [x.to_bits(), 0, 0]);
         let mesh = welded(&corners);
         assert_eq!(mesh.triangles, [[0, 1, 0], [2, 3, 0]]);
         assert_eq!(mesh.vertices[2], DVec3::new(f64::MIN_POSITIVE, 0.0, 0.0));
@@ -336,7 +372,12 @@ mod tests {
             let mesh = pool.install(|| welded(&corners));
             assert_eq!(mesh.triangles.as_flattened(), expected);
             assert_eq!(mesh.vertices.len(), numbers.len());
-            assert!(corners.iter().zip(&expected).all(|(bits, number)| mesh.vertices[*number as usize] == bits.position()));
+            assert!(
+                corners
+                    .iter()
+                    .zip(&expected)
+                    .all(|(bits, number)| mesh.vertices[*number as usize] == bits.position())
+            );
         }
     }
 
@@ -357,7 +398,10 @@ mod tests {
 
     #[test]
     fn zero_tolerance_joins_equal_positions_only() {
-        assert_eq!(weld_within(&[DVec3::X, DVec3::X, DVec3::X * (1.0 + f64::EPSILON)], 0.0), [0, 0, 2]);
+        assert_eq!(
+            weld_within(&[DVec3::X, DVec3::X, DVec3::X * (1.0 + f64::EPSILON)], 0.0),
+            [0, 0, 2]
+        );
         assert!(weld_within(&[], 0.0).is_empty());
     }
 }

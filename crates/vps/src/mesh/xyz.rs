@@ -1,7 +1,7 @@
 //! Points as plain text: one in each line.
 //!
-//! Numbers stand between blanks, commas or semicolons. Lines that begin with `#` or `//` are comments; the first line may hold names of
-//! columns, or the number of points.
+//! Numbers stand between blanks, commas or semicolons. Lines that begin with `#` or `//` are
+//! comments; the first line may hold names of columns, or the number of points.
 
 use std::path::Path;
 
@@ -11,14 +11,18 @@ use super::MeshError;
 use super::points::Cloud;
 
 /// Columns that are understood, in words.
-const UNDERSTOOD: &str =
-    "understood are 3 (x y z), 6 (x y z, and a normal or a colour from 0 to 255) and 9 (x y z, normal, colour)";
+const UNDERSTOOD: &str = "understood are 3 (x y z), 6 (x y z, and a normal or a colour from 0 to \
+    255) and 9 (x y z, normal, colour)";
 
 /// Reads the text; `path` is for messages only.
 pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Cloud, MeshError> {
     let text = String::from_utf8_lossy(bytes);
     let text = text.trim_start_matches('\u{feff}');
-    let refuse = |line: usize, what: String| MeshError::Parse { path: path.to_owned(), line: Some(line), what };
+    let refuse = |line: usize, what: String| MeshError::Parse {
+        path: path.to_owned(),
+        line: Some(line),
+        what,
+    };
     let mut cloud = Cloud::default();
     let mut more: Vec<DVec3> = Vec::new();
     let mut last: Vec<DVec3> = Vec::new();
@@ -30,7 +34,8 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Cloud, MeshError> {
             continue;
         }
         let words = || line.split([' ', '\t', ',', ';']).filter(|word| !word.is_empty());
-        let is_heading = may_be_heading && (words().count() == 1 || words().all(|word| word.parse::<f64>().is_err()));
+        let is_heading = may_be_heading
+            && (words().count() == 1 || words().all(|word| word.parse::<f64>().is_err()));
         may_be_heading = false;
         if is_heading {
             continue;
@@ -39,7 +44,10 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Cloud, MeshError> {
         let mut n_numbers = 0;
         for word in words() {
             let Ok(number) = word.parse() else {
-                return Err(refuse(line_idx + 1, format!("`{}` is no number", word.chars().take(60).collect::<String>())));
+                return Err(refuse(
+                    line_idx + 1,
+                    format!("`{}` is no number", word.chars().take(60).collect::<String>()),
+                ));
             };
             if let Some(place) = numbers.get_mut(n_numbers) {
                 *place = number;
@@ -48,17 +56,27 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Cloud, MeshError> {
         }
         match n_columns {
             Some(n_columns) if n_columns != n_numbers => {
-                return Err(refuse(line_idx + 1, format!("{n_numbers} numbers, the lines before have {n_columns}")));
+                return Err(refuse(
+                    line_idx + 1,
+                    format!("{n_numbers} numbers, the lines before have {n_columns}"),
+                ));
             }
             None if !matches!(n_numbers, 3 | 6 | 9) => {
-                return Err(refuse(line_idx + 1, format!("{n_numbers} columns of numbers found, {UNDERSTOOD}")));
+                return Err(refuse(
+                    line_idx + 1,
+                    format!("{n_numbers} columns of numbers found, {UNDERSTOOD}"),
+                ));
             }
             _ => n_columns = Some(n_numbers),
         }
         let position = DVec3::from_slice(&numbers);
         if !position.is_finite() {
             let vertex = cloud.positions.len() + 1;
-            return Err(MeshError::NonFiniteVertex { path: path.to_owned(), vertex, line: Some(line_idx + 1) });
+            return Err(MeshError::NonFiniteVertex {
+                path: path.to_owned(),
+                vertex,
+                line: Some(line_idx + 1),
+            });
         }
         cloud.positions.push(position);
         if n_numbers > 3 {

@@ -1,4 +1,5 @@
-//! Which triangles may touch a brick? A counting sort of triangles by the surface bricks that they pass through.
+//! Which triangles may touch a brick? A counting sort of triangles by the surface bricks that they
+//! pass through.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -18,12 +19,14 @@ pub(super) struct Bins {
 }
 
 impl Bins {
-    /// Sorts the triangles. Runs on the current rayon pool. Cost: two passes over pairs of triangle and brick; 4 bytes per pair.
+    /// Sorts the triangles. Runs on the current rayon pool. Cost: two passes over pairs of triangle
+    /// and brick; 4 bytes per pair.
     pub(super) fn sort(mesh: &TriangleMesh, surface: &Surface) -> Self {
         let for_each_pair = |visit: &(dyn Fn(u32, usize) + Sync)| {
             parallel::for_each_range(mesh.triangles.len(), 256, &|range| {
                 range.for_each(|triangle_idx| {
-                    let corners = mesh.corners(triangle_idx).map(|corner| surface.grid.to_cells(corner));
+                    let corners =
+                        mesh.corners(triangle_idx).map(|corner| surface.grid.to_cells(corner));
                     for_each_brick(&corners, surface.grid.brick_dims(), |brick| {
                         if let Some(slot) = surface.slot(surface.grid.brick_index(brick)) {
                             visit(triangle_idx as u32, slot);
@@ -55,11 +58,14 @@ impl Bins {
 
     /// Triangles that may touch the brick in a slot, in no order.
     pub(super) fn triangles(&self, slot: usize) -> impl Iterator<Item = u32> + '_ {
-        self.triangles[self.firsts[slot]..self.firsts[slot + 1]].iter().map(|triangle| triangle.load(Ordering::Relaxed))
+        self.triangles[self.firsts[slot]..self.firsts[slot + 1]]
+            .iter()
+            .map(|triangle| triangle.load(Ordering::Relaxed))
     }
 }
 
-/// Bricks that may hold a voxel touched by the triangle: those of its box, less those that a plane through it separates.
+/// Bricks that may hold a voxel touched by the triangle: those of its box, less those that a plane
+/// through it separates.
 fn for_each_brick(corners: &[DVec3; 3], brick_dims: [u32; 3], mut visit: impl FnMut([u32; 3])) {
     let edge = BRICK_EDGE as i32;
     let [x, y, z] = [0, 1, 2].map(|axis| {
@@ -70,7 +76,9 @@ fn for_each_brick(corners: &[DVec3; 3], brick_dims: [u32; 3], mut visit: impl Fn
     let separators = is_large.then(|| Separators::new(corners));
     for x in x {
         for y in y.clone() {
-            let z = separators.as_ref().map_or(z.clone(), |separators| separators.column(x, y, z.clone()));
+            let z = separators
+                .as_ref()
+                .map_or(z.clone(), |separators| separators.column(x, y, z.clone()));
             for z in z {
                 if separators.as_ref().is_none_or(|separators| !separators.separates([x, y, z])) {
                     visit([x, y, z]);
@@ -97,17 +105,20 @@ impl Separators {
     fn new(corners: &[DVec3; 3]) -> Self {
         let edges = [corners[1] - corners[0], corners[2] - corners[1], corners[0] - corners[2]];
         let normal = edges[0].cross(edges[1]).normalize_or_zero();
-        // Any axis separates rightly, whatever rounding did to it, because the corners are measured along it too.
-        Self([normal, normal.cross(edges[0]), normal.cross(edges[1]), normal.cross(edges[2])].map(|axis| {
-            let axis = axis.normalize_or_zero();
-            let along = corners.map(|corner| axis.dot(corner));
-            let half_width = HALF_BRICK_CELLS * axis.abs().element_sum();
-            SharedSlice {
-                axis,
-                low: along[0].min(along[1]).min(along[2]) - half_width,
-                high: along[0].max(along[1]).max(along[2]) + half_width,
-            }
-        }))
+        // Any axis separates rightly, whatever rounding did to it, because the corners are measured
+        // along it too.
+        Self([normal, normal.cross(edges[0]), normal.cross(edges[1]), normal.cross(edges[2])].map(
+            |axis| {
+                let axis = axis.normalize_or_zero();
+                let along = corners.map(|corner| axis.dot(corner));
+                let half_width = HALF_BRICK_CELLS * axis.abs().element_sum();
+                SharedSlice {
+                    axis,
+                    low: along[0].min(along[1]).min(along[2]) - half_width,
+                    high: along[0].max(along[1]).max(along[2]) + half_width,
+                }
+            },
+        ))
     }
 
     fn separates(&self, brick: [u32; 3]) -> bool {
@@ -127,7 +138,8 @@ impl Separators {
         }
         let base = axis.dot(center_cells([x, y, 0]));
         let per_brick = axis.z * BRICK_EDGE as f64;
-        let [first, last] = if per_brick > 0.0 { [low, high] } else { [high, low] }.map(|bound| (bound - base) / per_brick);
+        let [first, last] = if per_brick > 0.0 { [low, high] } else { [high, low] }
+            .map(|bound| (bound - base) / per_brick);
         z.start.max(first.floor().max(0.0) as u32)..z.end.min((last.ceil() + 1.0).max(0.0) as u32)
     }
 }
@@ -136,7 +148,8 @@ fn center_cells(brick: [u32; 3]) -> DVec3 {
     (DVec3::new(brick[0].into(), brick[1].into(), brick[2].into()) + 0.5) * BRICK_EDGE as f64
 }
 
-/// First and last cell on an axis whose closed extent meets the triangle's: exactly the box part of the touch test.
+/// First and last cell on an axis whose closed extent meets the triangle's: exactly the box part of
+/// the touch test.
 pub(super) fn cell_range(corners: &[DVec3; 3], axis: usize) -> (i32, i32) {
     let [a, b, c] = [corners[0][axis], corners[1][axis], corners[2][axis]];
     (a.min(b).min(c).ceil() as i32 - 1, a.max(b).max(c).floor() as i32)

@@ -19,18 +19,21 @@ use crate::voxmap::Volume;
 /// Which points a shell has.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Points {
-    /// One for each facet, which is what one face of the mesh leaves in a voxel, with the facet's area and direction; edges and corners have
-    /// points of their own. Force does not depend on how the part lies in its grid.
+    /// One for each facet, which is what one face of the mesh leaves in a voxel, with the facet's
+    /// area and direction; edges and corners have points of their own. Force does not depend on how
+    /// the part lies in its grid.
     #[default]
     Facets,
-    /// One for each surface voxel, all alike, with normals from the layers around it: the way of Sagardia2008. The force of a face grows with
+    /// One for each surface voxel, all alike, with normals from the layers around it: the way of
+    /// Sagardia2008. The force of a face grows with
     /// |n_x| + |n_y| + |n_z|, n its normal in the grid.
     Voxels,
 }
 
 impl Points {
     /// The names of the scene file.
-    pub const NAMES: [(&'static str, Self); 2] = [("facets", Self::Facets), ("voxels", Self::Voxels)];
+    pub const NAMES: [(&'static str, Self); 2] =
+        [("facets", Self::Facets), ("voxels", Self::Voxels)];
 }
 
 /// What was built.
@@ -40,7 +43,8 @@ pub struct ShellReport {
     pub points: usize,
     /// Points whose projection landed inside a triangle; with facets, the others.
     pub phase1_points: usize,
-    /// Points on edges and corners, for voxels that phase 1 left empty; with facets, points of the voxels that hold an edge or a corner.
+    /// Points on edges and corners, for voxels that phase 1 left empty; with facets, points of the
+    /// voxels that hold an edge or a corner.
     pub phase2_points: usize,
     /// Levels of the tree, from coarse to fine; the last holds all points.
     pub tree_levels: Vec<LevelReport>,
@@ -58,17 +62,28 @@ const BRICKS_PER_TASK: usize = 32;
 /// Points in a brick below which its normals are looked up one by one.
 const POINTS_WORTH_SUMS: u32 = 6;
 
-/// Builds the shell of an object about `center_of_mass_tool` (tool frame, m), a point for each surface voxel: the way of the paper.
+/// Builds the shell of an object about `center_of_mass_tool` (tool frame, m), a point for each
+/// surface voxel: the way of the paper.
 ///
-/// Points come in the order of the tree's leaves, so that neighbours in memory are neighbours in space. Runs on the current rayon
-/// pool. Cost: linear in the number of points, but for the ordering, which is n log n.
-pub fn build(mesh: &TriangleMesh, map: &Volume, center_of_mass_tool: DVec3) -> (Shell, ShellReport) {
+/// Points come in the order of the tree's leaves, so that neighbours in memory are neighbours in
+/// space. Runs on the current rayon pool. Cost: linear in the number of points, but for the
+/// ordering, which is n log n.
+pub fn build(
+    mesh: &TriangleMesh,
+    map: &Volume,
+    center_of_mass_tool: DVec3,
+) -> (Shell, ShellReport) {
     build_with(Points::Voxels, mesh, map, center_of_mass_tool)
 }
 
-/// The same with points of either kind. A thin skin has no inside that facets could face: its points are those of voxels, which count with the
-/// area that a voxel of their face stands for.
-pub fn build_with(kind: Points, mesh: &TriangleMesh, map: &Volume, center_of_mass_tool: DVec3) -> (Shell, ShellReport) {
+/// The same with points of either kind. A thin skin has no inside that facets could face: its
+/// points are those of voxels, which count with the area that a voxel of their face stands for.
+pub fn build_with(
+    kind: Points,
+    mesh: &TriangleMesh,
+    map: &Volume,
+    center_of_mass_tool: DVec3,
+) -> (Shell, ShellReport) {
     let mesh = map.mesh(mesh);
     let voxel_size_m = map.surface.grid.voxel_size_m;
     let mut since = Instant::now();
@@ -91,7 +106,8 @@ pub fn build_with(kind: Points, mesh: &TriangleMesh, map: &Volume, center_of_mas
     let spheres_s = lap_s();
 
     // Both are done brick by brick: the time of the pass is shared out as the threads spent it.
-    let normals_s = place_s * tally.in_normals.as_secs_f64() / (tally.in_normals + tally.in_projection).as_secs_f64().max(1e-9);
+    let normals_s = place_s * tally.in_normals.as_secs_f64()
+        / (tally.in_normals + tally.in_projection).as_secs_f64().max(1e-9);
     let report = ShellReport {
         points: sites.len(),
         phase1_points: sites.len() - tally.phase2_points,
@@ -119,17 +135,21 @@ pub(super) struct Placed {
 }
 
 impl Placed {
-    /// Points of voxels with what they stand for: all the same in the paper; else what a face has of area for each voxel that it touches.
+    /// Points of voxels with what they stand for: all the same in the paper; else what a face has
+    /// of area for each voxel that it touches.
     fn weighted(mut self, kind: Points) -> Self {
-        let area = |normal: Vec3| if kind == Points::Voxels { 1.0 } else { 1.0 / normal.abs().element_sum() };
+        let area = |normal: Vec3| {
+            if kind == Points::Voxels { 1.0 } else { 1.0 / normal.abs().element_sum() }
+        };
         self.weights = parallel::map(self.normals.len(), 1 << 12, |idx| area(self.normals[idx]));
         self
     }
 }
 
-/// Least cosine between the normal of a point's surroundings and that of its triangle: further apart, the surroundings are bent, by an
-/// edge or by detail finer than the voxels. Five degrees: flat faces along the grid have none, and what is taken for an edge without being
-/// one costs a look at the obstacle's gradient.
+/// Least cosine between the normal of a point's surroundings and that of its triangle: further
+/// apart, the surroundings are bent, by an edge or by detail finer than the voxels. Five degrees:
+/// flat faces along the grid have none, and what is taken for an edge without being one costs a
+/// look at the obstacle's gradient.
 const EDGE_COSINE: f64 = 0.9962;
 
 /// What every task adds up; no sum depends on its order.
@@ -163,16 +183,23 @@ struct Task<'a> {
 
 /// Projects and turns to a normal every surface voxel, brick by brick while the brick is in cache.
 fn place(mesh: &TriangleMesh, map: &Volume, bins: &Bins, center_of_mass_tool: DVec3) -> Placed {
-    let (surface, grid) = (&map.surface, &map.surface.grid);
+    let surface = &map.surface;
+    let grid = &map.surface.grid;
     let mut sites = parallel::map(surface.n_voxels, 1, |_| Site::default());
     let mut normals = parallel::map(surface.n_voxels, 1, |_| Vec3::ZERO);
     let mut on_edge = vec![false; surface.n_voxels];
     let mut tasks = Vec::with_capacity(surface.bricks.len() / BRICKS_PER_TASK + 1);
-    let (mut sites_left, mut normals_left, mut edges_left) = (&mut sites[..], &mut normals[..], &mut on_edge[..]);
+    let mut sites_left = &mut sites[..];
+    let mut normals_left = &mut normals[..];
+    let mut edges_left = &mut on_edge[..];
     let mut first_idx = 0;
     for first in (0..surface.bricks.len()).step_by(BRICKS_PER_TASK) {
         let slots = first..(first + BRICKS_PER_TASK).min(surface.bricks.len());
-        let n_points: usize = surface.masks[slots.clone()].iter().flatten().map(|word| word.count_ones() as usize).sum();
+        let n_points: usize = surface.masks[slots.clone()]
+            .iter()
+            .flatten()
+            .map(|word| word.count_ones() as usize)
+            .sum();
         let (sites, normals, on_edge);
         (sites, sites_left) = sites_left.split_at_mut(n_points);
         (normals, normals_left) = normals_left.split_at_mut(n_points);
@@ -182,7 +209,12 @@ fn place(mesh: &TriangleMesh, map: &Volume, bins: &Bins, center_of_mass_tool: DV
     }
     let run = |(scratch, sums): &mut (Scratch, BrickSums), _, task: &mut Task<'_>| {
         let mut tally = Tally::default();
-        let mut places = task.sites.iter_mut().zip(&mut *task.normals).zip(&mut *task.on_edge).zip(task.first_idx..);
+        let mut places = task
+            .sites
+            .iter_mut()
+            .zip(&mut *task.normals)
+            .zip(&mut *task.on_edge)
+            .zip(task.first_idx..);
         for slot in task.slots.clone() {
             let start = Instant::now();
             let points = scratch.project(mesh, surface, bins, slot);
@@ -212,19 +244,30 @@ fn place(mesh: &TriangleMesh, map: &Volume, bins: &Bins, center_of_mass_tool: DV
 }
 
 /// Finds the facets of each brick.
-fn place_facets(mesh: &TriangleMesh, map: &Volume, bins: &Bins, center_of_mass_tool: DVec3) -> Placed {
+fn place_facets(
+    mesh: &TriangleMesh,
+    map: &Volume,
+    bins: &Bins,
+    center_of_mass_tool: DVec3,
+) -> Placed {
     let grid = &map.surface.grid;
     let n_bricks = map.surface.bricks.len();
     let since = Instant::now();
-    let found = parallel::map_with(n_bricks.div_ceil(BRICKS_PER_TASK), 1, facets::Scratch::default, |scratch, task| {
-        let mut points: Vec<FacetPoint> = Vec::new();
-        for slot in task * BRICKS_PER_TASK..((task + 1) * BRICKS_PER_TASK).min(n_bricks) {
-            scratch.find(mesh, map, bins, slot, &mut points);
-        }
-        points
-    });
+    let found = parallel::map_with(
+        n_bricks.div_ceil(BRICKS_PER_TASK),
+        1,
+        facets::Scratch::default,
+        |scratch, task| {
+            let mut points: Vec<FacetPoint> = Vec::new();
+            for slot in task * BRICKS_PER_TASK..((task + 1) * BRICKS_PER_TASK).min(n_bricks) {
+                scratch.find(mesh, map, bins, slot, &mut points);
+            }
+            points
+        },
+    );
     let points: Vec<&FacetPoint> = found.iter().flatten().collect();
-    let arm = |point: &FacetPoint| grid.origin_m + point.cells * grid.voxel_size_m - center_of_mass_tool;
+    let arm =
+        |point: &FacetPoint| grid.origin_m + point.cells * grid.voxel_size_m - center_of_mass_tool;
     let tally = Tally {
         phase2_points: points.iter().filter(|point| point.on_edge).count(),
         radius_m: points.iter().map(|point| arm(point).length()).fold(0.0, f64::max),
@@ -232,7 +275,11 @@ fn place_facets(mesh: &TriangleMesh, map: &Volume, bins: &Bins, center_of_mass_t
         in_normals: Duration::ZERO,
     };
     Placed {
-        sites: points.iter().zip(0..).map(|(point, idx)| Site::new(arm(point).as_vec3(), idx)).collect(),
+        sites: points
+            .iter()
+            .zip(0..)
+            .map(|(point, idx)| Site::new(arm(point).as_vec3(), idx))
+            .collect(),
         normals: points.iter().map(|point| point.inward.as_vec3()).collect(),
         weights: points.iter().map(|point| point.weight as f32).collect(),
         on_edge: points.iter().map(|point| point.on_edge).collect(),

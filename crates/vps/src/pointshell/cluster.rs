@@ -1,4 +1,5 @@
-//! The order of a shell: points that are near in space come near in memory, on every scale of the tree.
+//! The order of a shell: points that are near in space come near in memory, on every scale of the
+//! tree.
 
 use glam::Vec3;
 
@@ -9,7 +10,8 @@ use crate::parallel;
 /// A point on its way to its place in the shell.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Site {
-    /// About the centre of mass, m: floats as integers that sort like them, because that is what the ordering compares.
+    /// About the centre of mass, m: floats as integers that sort like them, because that is what
+    /// the ordering compares.
     coded: [u32; 3],
     /// Number before the ordering: the rank of its voxel.
     pub(super) idx: u32,
@@ -35,10 +37,12 @@ impl Site {
 /// Points from which a part is worth a task of its own.
 const PARALLEL: usize = 1 << 14;
 
-/// Reorders points so that each node of a [`super::tree::Tree`] over them is a compact cluster: halves each part across the longest
-/// side of its box, at a multiple of the size of a child, down to blocks of [`LANES`].
+/// Reorders points so that each node of a [`super::tree::Tree`] over them is a compact cluster:
+/// halves each part across the longest side of its box, at a multiple of the size of a child, down
+/// to blocks of [`LANES`].
 ///
-/// The result is unique: ties go by number, and a block is sorted by number. Runs on the current rayon pool. Cost: O(n log n).
+/// The result is unique: ties go by number, and a block is sorted by number. Runs on the current
+/// rayon pool. Cost: O(n log n).
 pub(super) fn arrange(sites: &mut [Site]) {
     let mut child = LANES;
     while child < sites.len() {
@@ -73,7 +77,8 @@ fn halve(sites: &mut [Site], mut child: usize) {
 }
 
 fn longest_axis(sites: &[Site]) -> usize {
-    let (mut low, mut high) = ([u32::MAX; 3], [0; 3]);
+    let mut low = [u32::MAX; 3];
+    let mut high = [0; 3];
     for site in sites {
         for axis in 0..3 {
             low[axis] = low[axis].min(site.coded[axis]);
@@ -126,7 +131,8 @@ mod tests {
                 .zip(0..)
                 .map(|(point, idx)| Site::new(Vec3::from_array(point.map(f32::from)), idx))
                 .collect();
-            let (mut once, mut again) = (sites.clone(), sites);
+            let mut once = sites.clone();
+            let mut again = sites;
             again.reverse();
             arrange(&mut once);
             arrange(&mut again);

@@ -1,20 +1,24 @@
 //! A point for each facet: what one face of the mesh leaves in a voxel, with its area.
 //!
-//! The force of a pointshell, Σ d·n, is an integral over the immersed surface when each point counts with the surface that it stands for:
-//! ∫ d n dA, which the divergence theorem makes that over the volume of the overlap. One point for each surface voxel does not: an
-//! oblique face has up to √3 times as many of them as one along the grid.
+//! The force of a pointshell, Σ d·n, is an integral over the immersed surface when each point
+//! counts with the surface that it stands for: ∫ d n dA, which the divergence theorem makes that
+//! over the volume of the overlap. One point for each surface voxel does not: an oblique face has
+//! up to √3 times as many of them as one along the grid.
 //!
 //! ```text
 //!   triangle ∩ voxel ─► polygons ─► grouped by direction: facets (area vector, centroid)
 //!   convex edges, corners ─► a point there, which takes a small share of the facets around it
 //! ```
-//! - **Exact in the plane**: area vectors of a closed mesh add up to nothing, and a face that is immersed as a whole presses with its area,
-//!   at its centroid, however it lies in the grid.
-//! - **Edges and corners have points** of their own, as the deepest place of a convex body on a wall is one of them. Their share is small,
-//!   and the facets' points move by as much, so that the first moment of the surface stays what it is.
-//! - **Voxels with an edge are cut into eight**, as contact begins at edges, with less than a voxel immersed. Until half a voxel deep, their points push
-//!   along the obstacle's gradient rather than their own normals, see [`EDGE_DEPTH_VOXELS`].
-//! - Detail finer than the voxels is several faces in one voxel: at most [`GROUPS`] of them, each of no more area than a plane can have there.
+//! - **Exact in the plane**: area vectors of a closed mesh add up to nothing, and a face that is
+//!   immersed as a whole presses with its area, at its centroid, however it lies in the grid.
+//! - **Edges and corners have points** of their own, as the deepest place of a convex body on a
+//!   wall is one of them. Their share is small, and the facets' points move by as much, so that the
+//!   first moment of the surface stays what it is.
+//! - **Voxels with an edge are cut into eight**, as contact begins at edges, with less than a voxel
+//!   immersed. Until half a voxel deep, their points push along the obstacle's gradient rather than
+//!   their own normals, see [`EDGE_DEPTH_VOXELS`].
+//! - Detail finer than the voxels is several faces in one voxel: at most [`GROUPS`] of them, each
+//!   of no more area than a plane can have there.
 //!
 //! # Source
 //! Ours. The divergence theorem; polygons are clipped by Sutherland and Hodgman's method.
@@ -48,7 +52,8 @@ const GROUPS: usize = 4;
 const GROUP_COSINE: f64 = 0.866;
 /// Volume that the normals about a corner span at least; those about an edge lie in a plane.
 const CORNER_VOLUME: f64 = 0.2;
-/// What points on edges and corners take of the facets in their voxel: little, but what enters first is felt at once.
+/// What points on edges and corners take of the facets in their voxel: little, but what enters
+/// first is felt at once.
 const EDGE_SHARE: f64 = 1.0 / 16.0;
 /// A facet of no more area joins one beside it, s².
 const SLIVER: f64 = 0.4;
@@ -58,13 +63,16 @@ const JOINED_COSINE: f64 = 0.985;
 const WEIGHT_MAX: f64 = core::f64::consts::SQRT_2;
 /// Area below which rounding decides what is in a voxel, s².
 const AREA_MIN: f64 = 1e-9;
-/// A voxel with a sharp edge is cut into so many parts along each axis: contact begins at edges, and there less than a voxel is immersed.
+/// A voxel with a sharp edge is cut into so many parts along each axis: contact begins at edges,
+/// and there less than a voxel is immersed.
 const PARTS: usize = 2;
-/// Depth from which points beside edges push along their own normals, voxels. Shallower, too little of the surface is immersed for its normals to
-/// add up to the way out; deeper, they do, and another direction of some would unbalance their sum.
+/// Depth from which points beside edges push along their own normals, voxels. Shallower, too little
+/// of the surface is immersed for its normals to add up to the way out; deeper, they do, and
+/// another direction of some would unbalance their sum.
 ///
-/// Measured on a cube and a rod in 40 random attitudes each, 0.1 to 3.2 voxels deep in a plane, worst 95 % of the angles to the law: 38° without, 7.3° with
-/// half a voxel, 7.3° with one, 8.3° with one and a half.
+/// Measured on a cube and a rod in 40 random attitudes each, 0.1 to 3.2 voxels deep in a plane,
+/// worst 95 % of the angles to the law: 38° without, 7.3° with half a voxel, 7.3° with one, 8.3°
+/// with one and a half.
 pub(super) const EDGE_DEPTH_VOXELS: f64 = 0.5;
 /// Corners of one voxel that get a point of their own.
 const CORNERS: usize = 4;
@@ -124,9 +132,17 @@ impl Default for Level {
 
 impl Scratch {
     /// Adds the points of the brick in one slot, in the order of its cells.
-    pub(super) fn find(&mut self, mesh: &TriangleMesh, map: &Volume, bins: &Bins, slot: usize, points: &mut Vec<FacetPoint>) {
+    pub(super) fn find(
+        &mut self,
+        mesh: &TriangleMesh,
+        map: &Volume,
+        bins: &Bins,
+        slot: usize,
+        points: &mut Vec<FacetPoint>,
+    ) {
         let grid = &map.surface.grid;
-        let [x, y, z] = brick_origin(grid.brick_coord(map.surface.bricks[slot] as usize)).map(f64::from);
+        let [x, y, z] =
+            brick_origin(grid.brick_coord(map.surface.bricks[slot] as usize)).map(f64::from);
         let brick = Block { origin: DVec3::new(x, y, z), edge: 1.0, mask: map.surface.masks[slot] };
         // The bins have no order, and sums have one.
         self.triangles.clear();
@@ -136,7 +152,8 @@ impl Scratch {
         whole.faces.clear();
         whole.faces.extend(triangles.iter().map(|triangle_idx| {
             let corners = mesh.corners(*triangle_idx as usize).map(|corner| grid.to_cells(corner));
-            let winding = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
+            let winding =
+                (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
             let outward = winding * map.orientation.sign(*triangle_idx);
             Face { corners, vertices: mesh.triangles[*triangle_idx as usize], outward }
         }));
@@ -149,13 +166,15 @@ impl Scratch {
                     cell.points(false, points);
                     continue;
                 }
-                let origin = brick.origin + DVec3::new(x as f64, (bit >> 3) as f64, (bit & 7) as f64);
+                let origin =
+                    brick.origin + DVec3::new(x as f64, (bit >> 3) as f64, (bit & 7) as f64);
                 let parts = Block::parts(origin);
                 fine.faces.clear();
                 fine.faces.extend(whole.faces.iter().filter(|face| face.reaches(origin)));
                 fine.fill(&parts);
                 for (x, word) in parts.mask.iter().enumerate() {
-                    bits(*word).for_each(|bit| fine.cells[x << 6 | bit as usize].points(true, points));
+                    bits(*word)
+                        .for_each(|bit| fine.cells[x << 6 | bit as usize].points(true, points));
                 }
             }
         }
@@ -178,8 +197,9 @@ impl Level {
         }
     }
 
-    /// Gives what is left of a face in the corner of a voxel to the facet of the same face beside it: half of the points of an oblique face would
-    /// stand for next to nothing. Within a block, in the order of its cells.
+    /// Gives what is left of a face in the corner of a voxel to the facet of the same face beside
+    /// it: half of the points of an oblique face would stand for next to nothing. Within a block,
+    /// in the order of its cells.
     fn join_slivers(&mut self, block: &Block) {
         for (x, word) in block.mask.iter().enumerate() {
             for bit in bits(*word) {
@@ -207,17 +227,28 @@ impl Level {
     }
 
     /// Cells across the sides of one that hold the same face and nothing else, and how much of it.
-    fn beside(&self, inside: usize, block: &Block, of: &Group) -> impl Iterator<Item = (usize, f64)> {
+    fn beside(
+        &self,
+        inside: usize,
+        block: &Block,
+        of: &Group,
+    ) -> impl Iterator<Item = (usize, f64)> {
         let place = [inside >> 6, inside >> 3 & 7, inside & 7];
         let direction = of.area / of.size;
         [(0, 64), (1, 8), (2, 1)].into_iter().flat_map(move |(axis, stride)| {
             let before = (place[axis] > 0).then(|| inside - stride);
             let after = (place[axis] < BRICK_EDGE - 1).then(|| inside + stride);
             [before, after].into_iter().flatten().filter_map(move |at| {
-                let (cell, group) = (&self.cells[at], &self.cells[at].groups[0]);
+                let cell = &self.cells[at];
+                let group = &self.cells[at].groups[0];
                 let is_surface = block.mask[at >> 6] >> (at & 63) & 1 == 1;
-                let is_alike = || cell.n_groups == 1 && !cell.is_sharp() && group.area.dot(direction) > JOINED_COSINE * group.size;
-                (is_surface && is_alike() && group.size + of.size <= WEIGHT_MAX).then_some((at, group.size))
+                let is_alike = || {
+                    cell.n_groups == 1
+                        && !cell.is_sharp()
+                        && group.area.dot(direction) > JOINED_COSINE * group.size
+                };
+                (is_surface && is_alike() && group.size + of.size <= WEIGHT_MAX)
+                    .then_some((at, group.size))
             })
         })
     }
@@ -228,17 +259,23 @@ impl Level {
         shared.clear();
         for (idx, face) in (0..).zip(faces.iter()) {
             let [a, b, c] = face.vertices;
-            shared
-                .extend([[a, b], [b, c], [c, a]].map(|[from, to]| (u64::from(from.min(to)) << 32 | u64::from(from.max(to)), idx)));
+            shared.extend(
+                [[a, b], [b, c], [c, a]].map(|[from, to]| {
+                    (u64::from(from.min(to)) << 32 | u64::from(from.max(to)), idx)
+                }),
+            );
         }
         shared.sort_unstable();
         for edge in shared.chunk_by(|one, other| one.0 == other.0) {
             let &[(ends, one), (_, other)] = edge else { continue };
-            let (one, other) = (&faces[one as usize], &faces[other as usize]);
+            let one = &faces[one as usize];
+            let other = &faces[other as usize];
             if one.outward.dot(other.outward) >= GROUP_COSINE || !is_below(other, one) {
                 continue;
             }
-            if let (Some(from), Some(to)) = (one.place_of((ends >> 32) as u32), one.place_of(ends as u32)) {
+            if let (Some(from), Some(to)) =
+                (one.place_of((ends >> 32) as u32), one.place_of(ends as u32))
+            {
                 add_edge(cells, from, to, block);
             }
         }
@@ -266,7 +303,12 @@ impl Level {
             let own = block.inside(place).filter(|inside| cells[*inside].n_groups > 0);
             let beside = || block.inside(place - mean.normalize_or_zero() * (1e-3 * block.edge));
             let Some(inside) = own.or_else(beside) else { continue };
-            let is_convex = || around.iter().flat_map(|item| of(item).corners).all(|corner| (corner - place).dot(mean) <= 0.0);
+            let is_convex = || {
+                around
+                    .iter()
+                    .flat_map(|item| of(item).corners)
+                    .all(|corner| (corner - place).dot(mean) <= 0.0)
+            };
             if pair.dot(third).abs() >= CORNER_VOLUME && is_convex() {
                 let cell = &mut cells[inside];
                 if cell.n_corners < CORNERS {
@@ -292,12 +334,16 @@ impl Face {
 
 /// True where the second face falls away behind the first: the edge between them is convex.
 fn is_below(face: &Face, of: &Face) -> bool {
-    let beyond = face.corners.iter().zip(face.vertices).filter(|(_, vertex)| !of.vertices.contains(vertex));
+    let beyond =
+        face.corners.iter().zip(face.vertices).filter(|(_, vertex)| !of.vertices.contains(vertex));
     beyond.map(|(corner, _)| (*corner - of.corners[0]).dot(of.outward)).all(|height| height < 0.0)
 }
 
 fn farthest(normals: impl Iterator<Item = DVec3>, by: impl Fn(DVec3) -> f64) -> DVec3 {
-    normals.map(|normal| (by(normal), normal)).fold((-1.0, DVec3::ZERO), |best, next| if next.0 > best.0 { next } else { best }).1
+    normals
+        .map(|normal| (by(normal), normal))
+        .fold((-1.0, DVec3::ZERO), |best, next| if next.0 > best.0 { next } else { best })
+        .1
 }
 
 impl Cell {
@@ -309,9 +355,11 @@ impl Cell {
 
     fn add(&mut self, area: DVec3, size: f64, moment: DVec3) {
         let direction = area / size;
-        let nearness = |group: &Group| group.area.dot(direction) / group.area.length().max(AREA_MIN);
+        let nearness =
+            |group: &Group| group.area.dot(direction) / group.area.length().max(AREA_MIN);
         let used = &mut self.groups[..self.n_groups];
-        let nearest = used.iter_mut().max_by(|one, other| nearness(one).total_cmp(&nearness(other)));
+        let nearest =
+            used.iter_mut().max_by(|one, other| nearness(one).total_cmp(&nearness(other)));
         let is_full = self.n_groups == GROUPS;
         let group = match nearest {
             Some(group) if is_full || nearness(group) >= GROUP_COSINE => group,
@@ -332,7 +380,8 @@ impl Cell {
     }
 
     fn points(&self, on_edge: bool, points: &mut Vec<FacetPoint>) {
-        let groups = || self.groups[..self.n_groups].iter().filter(|group| group.area.length() > AREA_MIN);
+        let groups =
+            || self.groups[..self.n_groups].iter().filter(|group| group.area.length() > AREA_MIN);
         let middle = (self.edge_length > 0.0).then(|| self.edge_moment / self.edge_length);
         let corners = &self.corners[..self.n_corners];
         let on_edges = if corners.is_empty() { middle.as_slice() } else { corners };
@@ -343,7 +392,8 @@ impl Cell {
             let size = group.area.length();
             let centroid = group.moment / group.size;
             // What the points on edges take of the first moment, the rest gives back.
-            let pull = on_edges.iter().map(|place| *place - centroid).sum::<DVec3>() / n_on_edges.max(1.0);
+            let pull =
+                on_edges.iter().map(|place| *place - centroid).sum::<DVec3>() / n_on_edges.max(1.0);
             points.push(FacetPoint {
                 cells: centroid - pull * (taken / (1.0 - taken)),
                 inward: -group.area / size,
@@ -354,7 +404,12 @@ impl Cell {
         }
         if let Some(inward) = (-whole).try_normalize() {
             let weight = whole.length() * taken / n_on_edges.max(1.0);
-            points.extend(on_edges.iter().map(|cells| FacetPoint { cells: *cells, inward, weight, on_edge }));
+            points.extend(on_edges.iter().map(|cells| FacetPoint {
+                cells: *cells,
+                inward,
+                weight,
+                on_edge,
+            }));
         }
     }
 }
@@ -373,7 +428,11 @@ impl Block {
     fn parts(origin: DVec3) -> Self {
         let row = (1_u64 << PARTS) - 1;
         let plane = (0..PARTS).fold(0, |plane, y| plane | row << (8 * y));
-        Self { origin, edge: 1.0 / PARTS as f64, mask: core::array::from_fn(|x| if x < PARTS { plane } else { 0 }) }
+        Self {
+            origin,
+            edge: 1.0 / PARTS as f64,
+            mask: core::array::from_fn(|x| if x < PARTS { plane } else { 0 }),
+        }
     }
 
     /// Cells whose closed extent meets that of these corners.
@@ -385,7 +444,8 @@ impl Block {
 
     /// Number of the surface cell that a place lies in.
     fn inside(&self, place: DVec3) -> Option<usize> {
-        let [x, y, z] = [0, 1, 2].map(|axis| ((place[axis] - self.origin[axis]) / self.edge).floor() as i32 as usize);
+        let [x, y, z] = [0, 1, 2]
+            .map(|axis| ((place[axis] - self.origin[axis]) / self.edge).floor() as i32 as usize);
         let is_own = x < BRICK_EDGE && y < BRICK_EDGE && z < BRICK_EDGE;
         (is_own && self.mask[x] >> (y << 3 | z) & 1 == 1).then_some(x << 6 | y << 3 | z)
     }
@@ -419,7 +479,8 @@ impl Polygon {
         };
         let Some(mut from) = self.corners().last().copied() else { return parts };
         for to in self.corners() {
-            let (before, after) = (from[axis] - at, to[axis] - at);
+            let before = from[axis] - at;
+            let after = to[axis] - at;
             if before * after < 0.0 {
                 let mut crossing = from + (*to - from) * (before / (before - after));
                 crossing[axis] = at;
@@ -438,7 +499,13 @@ impl Polygon {
     }
 
     /// The parts in each cell of a range along an axis.
-    fn sliced(mut self, axis: usize, cells: Range<usize>, block: &Block, mut each: impl FnMut(usize, Self)) {
+    fn sliced(
+        mut self,
+        axis: usize,
+        cells: Range<usize>,
+        block: &Block,
+        mut each: impl FnMut(usize, Self),
+    ) {
         if self.corners().iter().any(|corner| corner[axis] < block.bound(axis, cells.start)) {
             self = self.cut(axis, block.bound(axis, cells.start))[1];
         }
@@ -484,9 +551,13 @@ fn add_face(cells: &mut [Cell], face: &Face, block: &Block) {
 }
 
 fn add_polygon(cell: &mut Cell, polygon: &Polygon, outward: DVec3, block: &Block) {
-    let share = [0, 1, 2].map(|axis| if polygon.is_between(axis, block) { 0.5 } else { 1.0 }).iter().product::<f64>();
+    let share = [0, 1, 2]
+        .map(|axis| if polygon.is_between(axis, block) { 0.5 } else { 1.0 })
+        .iter()
+        .product::<f64>();
     let first = polygon.corners[0];
-    let (mut size, mut moment) = (0.0, DVec3::ZERO);
+    let mut size = 0.0;
+    let mut moment = DVec3::ZERO;
     for pair in polygon.corners()[1..].windows(2) {
         let twice = (pair[0] - first).cross(pair[1] - first).dot(outward).abs();
         size += 0.5 * share * twice;
@@ -508,13 +579,16 @@ fn add_edge(cells: &mut [Cell], from: DVec3, to: DVec3, block: &Block) {
                     continue;
                 }
                 // The interval of the edge in the closed cell.
-                let (mut first, mut last) = (0.0_f64, 1.0_f64);
+                let mut first = 0.0_f64;
+                let mut last = 1.0_f64;
                 for (axis, cell) in [x, y, z].into_iter().enumerate() {
-                    let (low, way) = (block.bound(axis, cell) - from[axis], to[axis] - from[axis]);
+                    let low = block.bound(axis, cell) - from[axis];
+                    let way = to[axis] - from[axis];
                     if way == 0.0 {
                         continue;
                     }
-                    let (enter, leave) = (low / way, (low + block.edge) / way);
+                    let enter = low / way;
+                    let leave = (low + block.edge) / way;
                     first = first.max(enter.min(leave));
                     last = last.min(enter.max(leave));
                 }

@@ -44,7 +44,9 @@ impl Lanes3 {
     /// Replaces the vector in one lane; does nothing beyond the block.
     #[inline]
     pub fn set(&mut self, lane: usize, vector: Vec3) {
-        for (lanes, coordinate) in [&mut self.x, &mut self.y, &mut self.z].into_iter().zip(vector.to_array()) {
+        for (lanes, coordinate) in
+            [&mut self.x, &mut self.y, &mut self.z].into_iter().zip(vector.to_array())
+        {
             if let Some(place) = lanes.0.get_mut(lane) {
                 *place = coordinate;
             }

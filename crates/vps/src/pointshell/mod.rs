@@ -1,11 +1,13 @@
 //! Pointshells: the surface of the moving object as points with inward normals.
 //!
-//! Data in: triangles and their [`Volume`](crate::voxmap::Volume). Data out: a [`Shell`](shell::Shell), one point for each surface voxel, with a
-//! tree of spheres over it. Units and frames: metres and axes of the tool mesh file, positions relative to the centre of mass.
+//! Data in: triangles and their [`Volume`](crate::voxmap::Volume). Data out: a
+//! [`Shell`](shell::Shell), one point for each surface voxel, with a tree of spheres over it. Units
+//! and frames: metres and axes of the tool mesh file, positions relative to the centre of mass.
 //!
-//! The way through: [`project`] (surface voxel → one point on the surface, two phases; triangles sorted into bricks by `bins`) →
-//! `normals` (5×5×5 neighbourhood of the layer values) → `cluster` (ordered so that near points lie near in memory) → [`shell`]
-//! (laid out for the tick in `lanes`) → [`tree`] (spheres over it). [`build`] runs them in order.
+//! The way through: [`project`] (surface voxel → one point on the surface, two phases; triangles
+//! sorted into bricks by `bins`) → `normals` (5×5×5 neighbourhood of the layer values) → `cluster`
+//! (ordered so that near points lie near in memory) → [`shell`] (laid out for the tick in `lanes`)
+//! → [`tree`] (spheres over it). [`build`] runs them in order.
 //!
 //! Invariant: the same points, bit for bit, whatever the number of threads.
 //!

@@ -1,11 +1,14 @@
-//! Inward unit normals from the layer values around a point: what the volume says, not what the file says.
+//! Inward unit normals from the layer values around a point: what the volume says, not what the
+//! file says.
 //!
-//! The sums of a whole brick are formed at once from a copy of its layer values with a rim: a sum over 5³ values is
-//! three sums over five, and the rows are short integers, so that one instruction does eight cells. All sums are exact.
+//! The sums of a whole brick are formed at once from a copy of its layer values with a rim: a sum
+//! over 5³ values is three sums over five, and the rows are short integers, so that one instruction
+//! does eight cells. All sums are exact.
 //!
 //! # Source
-//! Sagardia2008, section 4: n = normalize(Σ v_k (C_k − C_0)) over the 5×5×5 voxels around the voxel that holds the point, v_k the
-//! layer value (negative outside, positive inside), so n points inward. Needs two layers on each side (ours).
+//! Sagardia2008, section 4: n = normalize(Σ v_k (C_k − C_0)) over the 5×5×5 voxels around the voxel
+//! that holds the point, v_k the layer value (negative outside, positive inside), so n points
+//! inward. Needs two layers on each side (ours).
 
 use glam::DVec3;
 
@@ -95,12 +98,14 @@ impl BrickSums {
         (x.max(y).max(z) <= BRICK_EDGE + 1).then(|| self.sum([x, y, z]))
     }
 
-    /// The sum by its definition over the padded copy, whose cell `first` is the window's lowest: for points just outside the brick.
+    /// The sum by its definition over the padded copy, whose cell `first` is the window's lowest:
+    /// for points just outside the brick.
     fn sum(&self, first: [usize; 3]) -> DVec3 {
         let [mut along_x, mut along_y, mut along_z] = [0_i32; 3];
         for x in 0..5_i32 {
             for y in 0..5_i32 {
-                let row: &[i16; 5] = window(&self.values[first[0] + x as usize][first[1] + y as usize], first[2]);
+                let row: &[i16; 5] =
+                    window(&self.values[first[0] + x as usize][first[1] + y as usize], first[2]);
                 let [a, b, c, d, e] = row.map(i32::from);
                 let plain = a + b + c + d + e;
                 along_x += (x - 2) * plain;
@@ -117,7 +122,8 @@ fn window<T>(rows: &[T], first: usize) -> &[T; 5] {
     rows[first..].first_chunk().expect("five values from any place but the last four")
 }
 
-/// Sum of one of the quantities of five rows. Loops here and below, because a closure per lane is not always inlined.
+/// Sum of one of the quantities of five rows. Loops here and below, because a closure per lane is
+/// not always inlined.
 #[inline(always)]
 fn plain<const N: usize>(rows: &[[Row; N]; 5], of: usize) -> Row {
     let mut sums = rows[0][of];
@@ -141,7 +147,8 @@ fn weighted<const N: usize>(rows: &[[Row; N]; 5], of: usize) -> Row {
 fn pad(layers: &Layers, coord: [u32; 3], values: &mut [[[i16; PADDED]; PADDED]; PADDED]) {
     let grid = &layers.grid;
     let beyond = layers.n_layers as i8 + 1;
-    let (outside, inside) = ([-beyond; BRICK_CELLS], [beyond; BRICK_CELLS]);
+    let outside = [-beyond; BRICK_CELLS];
+    let inside = [beyond; BRICK_CELLS];
     let around: [&[i8; BRICK_CELLS]; 27] = core::array::from_fn(|idx| {
         let offset = [idx as i32 / 9 - 1, idx as i32 / 3 % 3 - 1, idx as i32 % 3 - 1];
         match grid.brick_neighbour(coord, offset).map(|neighbour| layers.top[neighbour]) {
@@ -155,7 +162,9 @@ fn pad(layers: &Layers, coord: [u32; 3], values: &mut [[[i16; PADDED]; PADDED]; 
         for (y, row) in plane.iter_mut().enumerate() {
             let (brick_y, in_y) = split(y);
             let first = (in_x * BRICK_EDGE + in_y) * BRICK_EDGE;
-            let part = |brick_z: usize| &around[brick_x * 9 + brick_y * 3 + brick_z][first..first + BRICK_EDGE];
+            let part = |brick_z: usize| {
+                &around[brick_x * 9 + brick_y * 3 + brick_z][first..first + BRICK_EDGE]
+            };
             widen(&mut row[..RIM], &part(0)[BRICK_EDGE - RIM..]);
             widen(&mut row[RIM..RIM + BRICK_EDGE], part(1));
             widen(&mut row[RIM + BRICK_EDGE..], &part(2)[..RIM]);
@@ -202,23 +211,31 @@ fn sum_by_look_up(layers: &Layers, home: [i32; 3]) -> DVec3 {
     sum
 }
 
-/// Inward unit normal of a point, map axes. A sum that vanishes gives the triangle's normal, turned inward by the verdict of
-/// the fill or, where there is none, by the winding; a degenerate triangle then gives +z, never NaN.
+/// Inward unit normal of a point, map axes. A sum that vanishes gives the triangle's normal, turned
+/// inward by the verdict of the fill or, where there is none, by the winding; a degenerate triangle
+/// then gives +z, never NaN.
 ///
 /// `sums` are those of the brick of the point's voxel, or of no brick.
-pub(super) fn normal(mesh: &TriangleMesh, map: &Volume, sums: &BrickSums, point: &SurfacePoint) -> DVec3 {
+pub(super) fn normal(
+    mesh: &TriangleMesh,
+    map: &Volume,
+    sums: &BrickSums,
+    point: &SurfacePoint,
+) -> DVec3 {
     // In a thin skin both sides are outside: what the sum shows is the grid, not the surface.
     if !map.thin {
         let floor = point.cells.floor();
         let home = [floor.x as i32, floor.y as i32, floor.z as i32];
         let sum = sums.get(home).unwrap_or_else(|| sum_by_look_up(&map.layers, home));
-        // A wall thinner than the neighbourhood looks the same from both sides: no direction. All components are integers.
+        // A wall thinner than the neighbourhood looks the same from both sides: no direction. All
+        // components are integers.
         if sum != DVec3::ZERO {
             return sum.normalize();
         }
     }
     let [a, b, c] = mesh.corners(point.triangle_idx as usize);
-    let outward = (b - a).cross(c - a).normalize_or_zero() * map.orientation.sign(point.triangle_idx);
+    let outward =
+        (b - a).cross(c - a).normalize_or_zero() * map.orientation.sign(point.triangle_idx);
     if outward == DVec3::ZERO { DVec3::Z } else { -outward }
 }
 
@@ -236,19 +253,36 @@ mod tests {
             Shape::Torus { major_m: 0.02, minor_m: 0.006 }.tessellate(1e-5),
             Shape::Box { size_m: DVec3::new(0.03, 0.004, 0.0205) }.tessellate(1e-5),
         ];
-        for (mesh, layers) in meshes.iter().flat_map(|mesh| [1, 2, 5].map(|layers| (mesh, layers))) {
-            let options = Options { voxel_size_m: 1e-3, layers, navigation: None, sides: InsideTest::Auto };
-            let map = Volume::build(mesh, &inspect(mesh), &options, |_| ()).expect("a grid that fits");
+        for (mesh, layers) in meshes.iter().flat_map(|mesh| [1, 2, 5].map(|layers| (mesh, layers)))
+        {
+            let options =
+                Options { voxel_size_m: 1e-3, layers, navigation: None, sides: InsideTest::Auto };
+            let map =
+                Volume::build(mesh, &inspect(mesh), &options, |_| ()).expect("a grid that fits");
             let mut sums = BrickSums::default();
             for brick in 0..map.surface.grid.n_bricks() {
                 sums.form(&map.layers, brick);
                 for inside in 0..BRICK_CELLS {
-                    let cell = crate::voxmap::grid::cell_of(map.surface.grid.brick_coord(brick), inside);
-                    assert_eq!(sums.get(cell), Some(sum_by_look_up(&map.layers, cell)), "{layers} layers, {cell:?}");
+                    let cell =
+                        crate::voxmap::grid::cell_of(map.surface.grid.brick_coord(brick), inside);
+                    assert_eq!(
+                        sums.get(cell),
+                        Some(sum_by_look_up(&map.layers, cell)),
+                        "{layers} layers, {cell:?}"
+                    );
                 }
                 let [x, y, z] = sums.origin;
-                for around in [[x - 1, y, z], [x + 8, y - 1, z + 3], [x - 1, y + 8, z + 8], [x + 4, y + 2, z + 8]] {
-                    assert_eq!(sums.get(around), Some(sum_by_look_up(&map.layers, around)), "{layers} layers, {around:?}");
+                for around in [
+                    [x - 1, y, z],
+                    [x + 8, y - 1, z + 3],
+                    [x - 1, y + 8, z + 8],
+                    [x + 4, y + 2, z + 8],
+                ] {
+                    assert_eq!(
+                        sums.get(around),
+                        Some(sum_by_look_up(&map.layers, around)),
+                        "{layers} layers, {around:?}"
+                    );
                 }
                 assert_eq!([sums.get([x - 2, y, z]), sums.get([x, y, z + 9])], [None; 2]);
             }

@@ -1,4 +1,5 @@
-//! Export of a pointshell: binary little-endian PLY, float `x y z nx ny nz`, metres, normals inward.
+//! Export of a pointshell: binary little-endian PLY, float `x y z nx ny nz`, metres, normals
+//! inward.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -19,7 +20,8 @@ pub fn write(path: &Path, shell: &Shell, center_of_mass_tool: DVec3) -> io::Resu
 fn write_to(file: &mut impl Write, shell: &Shell, center_of_mass_tool: DVec3) -> io::Result<()> {
     write!(
         file,
-        "ply\nformat binary_little_endian 1.0\ncomment pointshell, metres, normals inward\nelement vertex {}\n",
+        "ply\nformat binary_little_endian 1.0\ncomment pointshell, metres, normals inward\nelement \
+            vertex {}\n",
         shell.len()
     )?;
     for property in ["x", "y", "z", "nx", "ny", "nz"] {

@@ -13,10 +13,12 @@ use crate::storage::SharedSlice;
 
 /// Points and normals of the tool, and the tree over them.
 ///
-/// Frame: tool axes, origin at the **centre of mass**, so that an arm r_i is the point itself. Units: m. A clone is another handle on the same arrays.
+/// Frame: tool axes, origin at the **centre of mass**, so that an arm r_i is the point itself.
+/// Units: m. A clone is another handle on the same arrays.
 #[derive(Clone, Debug)]
 pub struct Shell {
-    /// `[n_points / 16, rounded up]`, 64-byte aligned: positions, m. Unused lanes of the last block hold NaN, which is no contact.
+    /// `[n_points / 16, rounded up]`, 64-byte aligned: positions, m. Unused lanes of the last block
+    /// hold NaN, which is no contact.
     positions: SharedSlice<Lanes3>,
     /// Same layout: unit normals, pointing **into** the tool.
     normals: SharedSlice<Lanes3>,
@@ -32,13 +34,17 @@ pub struct Shell {
 }
 
 impl Shell {
-    /// Lays out points (about the centre of mass, m) and inward unit normals in the order given, which is also that of the tree's
-    /// leaves; each stands for one s², none lies on an edge. Cold.
+    /// Lays out points (about the centre of mass, m) and inward unit normals in the order given,
+    /// which is also that of the tree's leaves; each stands for one s², none lies on an edge. Cold.
     pub fn new(points: &[(DVec3, DVec3)], voxel_size_m: f64) -> Self {
         let blocks = |of: fn(&(DVec3, DVec3)) -> DVec3| {
-            points.chunks(LANES).map(|chunk| block(chunk, |point| of(point).as_vec3())).collect::<Vec<_>>()
+            points
+                .chunks(LANES)
+                .map(|chunk| block(chunk, |point| of(point).as_vec3()))
+                .collect::<Vec<_>>()
         };
-        let (positions, normals) = (blocks(|point| point.0), blocks(|point| point.1));
+        let positions = blocks(|point| point.0);
+        let normals = blocks(|point| point.1);
         let weights = vec![Lanes([1.0; LANES]); positions.len()];
         let tree = Tree::over(&positions, &weights, points.len());
         let radius_m = points.iter().map(|point| point.0.length()).fold(0.0, f64::max);
@@ -58,13 +64,22 @@ impl Shell {
     /// Lays out arranged sites, and what their numbers name; the tree is still to come. Cold.
     pub(super) fn lay_out(placed: &Placed, voxel_size_m: f64) -> Self {
         let Placed { sites, normals, weights, on_edge, edge_depth_m, tally } = placed;
-        let edges =
-            |chunk: &[Site]| (0..).zip(chunk).fold(0, |edges, (lane, site)| edges | u16::from(on_edge[site.idx as usize]) << lane);
+        let edges = |chunk: &[Site]| {
+            (0..).zip(chunk).fold(0, |edges, (lane, site)| {
+                edges | u16::from(on_edge[site.idx as usize]) << lane
+            })
+        };
         Self {
-            positions: parallel::map_chunks(sites, LANES, |chunk| block(chunk, Site::position)).into(),
-            normals: parallel::map_chunks(sites, LANES, |chunk| block(chunk, |site| normals[site.idx as usize])).into(),
+            positions: parallel::map_chunks(sites, LANES, |chunk| block(chunk, Site::position))
+                .into(),
+            normals: parallel::map_chunks(sites, LANES, |chunk| {
+                block(chunk, |site| normals[site.idx as usize])
+            })
+            .into(),
             weights: parallel::map_chunks(sites, LANES, |chunk| {
-                Lanes(core::array::from_fn(|lane| chunk.get(lane).map_or(0.0, |site| weights[site.idx as usize])))
+                Lanes(core::array::from_fn(|lane| {
+                    chunk.get(lane).map_or(0.0, |site| weights[site.idx as usize])
+                }))
             })
             .into(),
             edges: parallel::map_chunks(sites, LANES, edges).into(),
@@ -103,18 +118,21 @@ impl Shell {
         &self.normals
     }
 
-    /// Surface that each point stands for, s², laid out like [`Self::positions`]; 1 of each in the way of the paper.
+    /// Surface that each point stands for, s², laid out like [`Self::positions`]; 1 of each in the
+    /// way of the paper.
     pub fn weights(&self) -> &[Lanes] {
         &self.weights
     }
 
-    /// Depth from which a point on an edge pushes along its own normal, m. Shallower, too little of the surface around an edge is immersed to
-    /// say which way is out; deeper, all that is immersed pushes the tool along the way that its normals have together.
+    /// Depth from which a point on an edge pushes along its own normal, m. Shallower, too little of
+    /// the surface around an edge is immersed to say which way is out; deeper, all that is immersed
+    /// pushes the tool along the way that its normals have together.
     pub fn edge_depth_m(&self) -> f32 {
         self.edge_depth_m
     }
 
-    /// Points on edges and corners, where no normal says which way is out: one bit per lane of each block.
+    /// Points on edges and corners, where no normal says which way is out: one bit per lane of each
+    /// block.
     pub fn edges(&self) -> &[u16] {
         &self.edges
     }
@@ -127,7 +145,9 @@ impl Shell {
     /// Position (about the centre of mass, m) and inward normal of each point.
     pub fn points(&self) -> impl Iterator<Item = (Vec3, Vec3)> + '_ {
         self.blocks()
-            .flat_map(|(positions, normals)| (0..LANES).map(move |lane| (positions.get(lane), normals.get(lane))))
+            .flat_map(|(positions, normals)| {
+                (0..LANES).map(move |lane| (positions.get(lane), normals.get(lane)))
+            })
             .take(self.n_points)
     }
 
@@ -153,8 +173,22 @@ impl Shell {
 
     /// Size of the arrays, bytes.
     pub fn heap_bytes(&self) -> usize {
-        let Self { positions, normals, weights, edges, tree, n_points: _, radius_m: _, voxel_size_m: _, edge_depth_m: _ } = self;
-        size_of_val(&**positions) + size_of_val(&**normals) + size_of_val(&**weights) + size_of_val(&**edges) + tree.heap_bytes()
+        let Self {
+            positions,
+            normals,
+            weights,
+            edges,
+            tree,
+            n_points: _,
+            radius_m: _,
+            voxel_size_m: _,
+            edge_depth_m: _,
+        } = self;
+        size_of_val(&**positions)
+            + size_of_val(&**normals)
+            + size_of_val(&**weights)
+            + size_of_val(&**edges)
+            + tree.heap_bytes()
     }
 }
 

@@ -1,8 +1,9 @@
 //! Small enclosing spheres.
 //!
 //! # Source
-//! Badoiu2003 ("Smaller core-sets for balls"): step from the centre towards the farthest point by 1/(k + 1) of the way, k = 1, 2, …
-//! Ours: the walk starts at the middle of the box with a later, shorter step, and keeps the best centre that it saw.
+//! Badoiu2003 ("Smaller core-sets for balls"): step from the centre towards the farthest point by
+//! 1/(k + 1) of the way, k = 1, 2, … Ours: the walk starts at the middle of the box with a later,
+//! shorter step, and keeps the best centre that it saw.
 
 use glam::DVec3;
 
@@ -13,10 +14,12 @@ pub(super) struct Ball {
     pub(super) radius: f32,
 }
 
-/// Steps of the walk: the spheres are then within 2 % of the smallest on average (a test measures it).
+/// Steps of the walk: the spheres are then within 2 % of the smallest on average (a test measures
+/// it).
 const STEPS: u32 = 16;
 
-/// Encloses a set of which `farthest` gives the point farthest from a place, with the squared distance.
+/// Encloses a set of which `farthest` gives the point farthest from a place, with the squared
+/// distance.
 pub(super) fn enclose(middle: DVec3, mut farthest: impl FnMut(DVec3) -> (f64, DVec3)) -> Ball {
     // Rounded before it is measured from: the radius belongs to the centre that is stored.
     let stored = |center: DVec3| center.as_vec3().as_dvec3();
@@ -32,7 +35,10 @@ pub(super) fn enclose(middle: DVec3, mut farthest: impl FnMut(DVec3) -> (f64, DV
     // The last bits of the square root and of the sums below it.
     let radius = best.0.sqrt() * (1.0 + 1e-12);
     let rounded = radius as f32;
-    Ball { center: best.1, radius: if f64::from(rounded) < radius { rounded.next_up() } else { rounded } }
+    Ball {
+        center: best.1,
+        radius: if f64::from(rounded) < radius { rounded.next_up() } else { rounded },
+    }
 }
 
 #[cfg(test)]
@@ -49,18 +55,22 @@ mod tests {
     #[expect(clippy::print_stdout, reason = "reports the margin")]
     fn a_ball_holds_its_points_and_is_nearly_the_smallest() {
         let mut random = Random(5);
-        let (mut sum, mut worst) = (0.0, 0.0_f64);
+        let mut sum = 0.0;
+        let mut worst = 0.0_f64;
         const SETS: u32 = 500;
         for set in 0..SETS {
             // Sixteen points on a patch that is bent and slanted, in numbers that `f32` holds.
             let bend = f64::from(set % 5) * 0.1;
             let points: Vec<DVec3> = (0..16)
                 .map(|idx| {
-                    let (u, v) = (f64::from(idx % 4) + 0.7 * random.unit(), f64::from(idx / 4) + 0.7 * random.unit());
+                    let u = f64::from(idx % 4) + 0.7 * random.unit();
+                    let v = f64::from(idx / 4) + 0.7 * random.unit();
                     (DVec3::new(u, v, 0.4 * u + bend * v * v) * 1e-3).as_vec3().as_dvec3()
                 })
                 .collect();
-            let (low, high) = points.iter().fold((points[0], points[0]), |(low, high), p| (low.min(*p), high.max(*p)));
+            let (low, high) = points
+                .iter()
+                .fold((points[0], points[0]), |(low, high), p| (low.min(*p), high.max(*p)));
             let ball = enclose(0.5 * (low + high), |from| farthest(&points, from));
             for point in &points {
                 assert!((*point - ball.center).length() <= f64::from(ball.radius));

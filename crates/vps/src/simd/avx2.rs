@@ -1,6 +1,7 @@
 //! All eight lanes in one register, sixteen in two.
 //!
-//! Invariant of every `unsafe` block: only [`run`], and that of AVX-512, name these types, so nothing of them runs on a processor without AVX2.
+//! Invariant of every `unsafe` block: only [`run`], and that of AVX-512, name these types, so
+//! nothing of them runs on a processor without AVX2.
 
 use core::arch::x86_64::*;
 use core::marker::PhantomData;
@@ -38,8 +39,17 @@ pub(super) fn unzipped(pairs: [&[Pair; 2]; 4]) -> (__m256, __m256) {
             _mm_loadu_ps(pairs[2].as_ptr().cast()),
             _mm_loadu_ps(pairs[3].as_ptr().cast()),
         ];
-        let words = _mm256_set_m128(_mm_shuffle_ps::<0b10_00_10_00>(c, d), _mm_shuffle_ps::<0b10_00_10_00>(a, b));
-        (words, _mm256_set_m128(_mm_shuffle_ps::<0b11_01_11_01>(c, d), _mm_shuffle_ps::<0b11_01_11_01>(a, b)))
+        let words = _mm256_set_m128(
+            _mm_shuffle_ps::<0b10_00_10_00>(c, d),
+            _mm_shuffle_ps::<0b10_00_10_00>(a, b),
+        );
+        (
+            words,
+            _mm256_set_m128(
+                _mm_shuffle_ps::<0b11_01_11_01>(c, d),
+                _mm_shuffle_ps::<0b11_01_11_01>(a, b),
+            ),
+        )
     }
 }
 
@@ -132,7 +142,8 @@ impl<W: Copy> F32s<LANES> for Floats<W> {
         Self::of(unsafe { _mm256_i32gather_ps::<4>(table.as_ptr(), at.0) })
     }
 
-    /// Loads of 64 bits: with gathers the look-ups of points took 1.4 times as long (share of a profile).
+    /// Loads of 64 bits: with gathers the look-ups of points took 1.4 times as long (share of a
+    /// profile).
     #[inline(always)]
     unsafe fn gather_pairs(table: &[f32], at: &[u32; LANES], offset: usize) -> (Self, Self) {
         let [a, b, c, d, e, f, g, h] = at.map(|at| at as usize + offset);

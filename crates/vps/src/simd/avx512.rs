@@ -1,6 +1,7 @@
 //! All sixteen lanes in one register; eight are those of AVX2, with twice as many registers.
 //!
-//! Invariant of every `unsafe` block: only [`run`] names these types, so nothing of them runs on a processor without AVX-512.
+//! Invariant of every `unsafe` block: only [`run`] names these types, so nothing of them runs on a
+//! processor without AVX-512.
 
 use core::arch::x86_64::*;
 
@@ -82,9 +83,16 @@ impl F32s<WIDE> for Floats {
             let [ef, gh] = [_mm_setr_pd(pair(e), pair(f)), _mm_setr_pd(pair(g), pair(h))];
             let [ij, kl] = [_mm_setr_pd(pair(i), pair(j)), _mm_setr_pd(pair(k), pair(l))];
             let [mn, op] = [_mm_setr_pd(pair(m), pair(n)), _mm_setr_pd(pair(o), pair(p))];
-            let early = _mm512_insertf64x4::<1>(_mm512_castpd256_pd512(_mm256_set_m128d(ef, ab)), _mm256_set_m128d(mn, ij));
-            let late = _mm512_insertf64x4::<1>(_mm512_castpd256_pd512(_mm256_set_m128d(gh, cd)), _mm256_set_m128d(op, kl));
-            let (early, late) = (_mm512_castpd_ps(early), _mm512_castpd_ps(late));
+            let early = _mm512_insertf64x4::<1>(
+                _mm512_castpd256_pd512(_mm256_set_m128d(ef, ab)),
+                _mm256_set_m128d(mn, ij),
+            );
+            let late = _mm512_insertf64x4::<1>(
+                _mm512_castpd256_pd512(_mm256_set_m128d(gh, cd)),
+                _mm256_set_m128d(op, kl),
+            );
+            let early = _mm512_castpd_ps(early);
+            let late = _mm512_castpd_ps(late);
             let first = _mm512_shuffle_ps::<0b10_00_10_00>(early, late);
             (Self(first), Self(_mm512_shuffle_ps::<0b11_01_11_01>(early, late)))
         }
@@ -108,7 +116,8 @@ impl I32s<WIDE> for Ints {
 
     #[inline(always)]
     fn shifted<const BY: i32>(self) -> Self {
-        // SAFETY: by the invariant of the module. The same constant as a vector: the instruction wants another type than that of AVX2.
+        // SAFETY: by the invariant of the module. The same constant as a vector: the instruction
+        // wants another type than that of AVX2.
         Self(unsafe { _mm512_srav_epi32(self.0, _mm512_set1_epi32(BY)) })
     }
 

@@ -1,15 +1,21 @@
-//! Eight or sixteen lanes: what the processor can do, and how a kernel is written once for all that it may be able to do.
+//! Eight or sixteen lanes: what the processor can do, and how a kernel is written once for all that
+//! it may be able to do.
 //!
-//! A [`Kernel`] is generic over its lanes. It has one instance that computes lane by lane, one with AVX2 instructions, and one with those of AVX-512; on
-//! aarch64 one with those of NEON.
-//! All do the same operations in the same order with the same rounding (no fused multiply-add), so results do not depend on which of them
-//! ran. Where a register holds eight lanes, sixteen are [two of them](twice).
+//! A [`Kernel`] is generic over its lanes. It has one instance that computes lane by lane, one with
+//! AVX2 instructions, and one with those of AVX-512; on aarch64 one with those of NEON. All do the
+//! same operations in the same order with the same rounding (no fused multiply-add), so results do
+//! not depend on which of them ran. Where a register holds eight lanes, sixteen are [two of
+//! them](twice).
 //!
-//! A kernel and everything generic that it calls is `#[inline(always)]`, so that it becomes part of the one function that is compiled
-//! for these instructions. No operation on lanes stands in a closure: a closure is compiled for any processor, so its instructions would be called
-//! and not inlined.
+//! A kernel and everything generic that it calls is `#[inline(always)]`, so that it becomes part of
+//! the one function that is compiled for these instructions. No operation on lanes stands in a
+//! closure: a closure is compiled for any processor, so its instructions would be called and not
+//! inlined.
 
-#![expect(unsafe_code, reason = "intrinsics, and the call of code compiled for them after asking for it")]
+#![expect(
+    unsafe_code,
+    reason = "intrinsics, and the call of code compiled for them after asking for it"
+)]
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
@@ -28,7 +34,8 @@ use core::ops::{Add, BitAnd, BitOr, BitXor, Div, Mul, Sub};
 pub(crate) const LANES: usize = 8;
 /// Lanes of kernels over blocks of points.
 pub(crate) const WIDE: usize = 16;
-/// Blocks of points that a kernel fetches before their turn: what lies in the third cache is there in time.
+/// Blocks of points that a kernel fetches before their turn: what lies in the third cache is there
+/// in time.
 pub(crate) const AHEAD: usize = 4;
 
 /// Instructions that kernels are computed with.
@@ -39,7 +46,8 @@ pub enum SimdLevel {
     /// AVX2 as well. Made by [`SimdLevel::available`] only, which asks the processor.
     #[cfg(target_arch = "x86_64")]
     Avx2(Has),
-    /// AVX-512 as well (F, VL, BW and DQ). Made by [`SimdLevel::available`] only, which asks the processor.
+    /// AVX-512 as well (F, VL, BW and DQ). Made by [`SimdLevel::available`] only, which asks the
+    /// processor.
     #[cfg(target_arch = "x86_64")]
     Avx512(Has),
     /// Those of NEON.
@@ -59,7 +67,8 @@ fn is_of_intel() -> bool {
 pub struct Has(());
 
 impl SimdLevel {
-    /// The one to use on this processor: its widest, but for AVX-512 of Intel, whose clock goes down with it (docs/reference/measured.md).
+    /// The one to use on this processor: its widest, but for AVX-512 of Intel, whose clock goes
+    /// down with it (docs/reference/measured.md).
     pub fn best() -> Self {
         #[cfg(target_arch = "x86_64")]
         let is_slower = |level: &Self| matches!(level, Self::Avx512(_)) && is_of_intel();
@@ -137,7 +146,8 @@ pub(crate) trait F32s<const N: usize>:
     fn sqrt(self) -> Self;
     /// Greatest lane; no lane may be NaN.
     fn max_lane(self) -> f32;
-    /// Rounded towards zero. NaN becomes 0, what no `i32` holds becomes the largest or the least `i32`, whatever its sign.
+    /// Rounded towards zero. NaN becomes 0, what no `i32` holds becomes the largest or the least
+    /// `i32`, whatever its sign.
     fn truncated(self) -> Self::Int;
     /// A mask: where this is less.
     fn lt(self, other: Self) -> Self::Int;
@@ -163,7 +173,12 @@ pub(crate) trait F32s<const N: usize>:
 
 /// `N` lanes of `i32` that wrap around, or a mask: −1 in lanes where it holds, 0 elsewhere.
 pub(crate) trait I32s<const N: usize>:
-    Copy + Add<Output = Self> + Mul<Output = Self> + BitAnd<Output = Self> + BitOr<Output = Self> + BitXor<Output = Self>
+    Copy
+    + Add<Output = Self>
+    + Mul<Output = Self>
+    + BitAnd<Output = Self>
+    + BitOr<Output = Self>
+    + BitXor<Output = Self>
 {
     fn splat(value: i32) -> Self;
     /// A mask that holds where the lane's bit is set.

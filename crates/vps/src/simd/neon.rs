@@ -1,4 +1,5 @@
-//! Eight lanes in two registers of aarch64, sixteen in four. Every processor of that architecture has these instructions.
+//! Eight lanes in two registers of aarch64, sixteen in four. Every processor of that architecture
+//! has these instructions.
 
 use core::arch::aarch64::*;
 
@@ -92,7 +93,8 @@ impl F32s<LANES> for Floats {
     fn pick(pairs: [&[Pair; 2]; 4], at: Ints) -> (Ints, Self) {
         let mut lanes = [0; LANES];
         at.store(&mut lanes);
-        let (mut words, mut numbers) = ([0; LANES], [0.0; LANES]);
+        let mut words = [0; LANES];
+        let mut numbers = [0.0; LANES];
         for ((lane, word), number) in lanes.into_iter().zip(&mut words).zip(&mut numbers) {
             let [picked, bits] = pairs[lane as usize >> 1 & 3][lane as usize & 1];
             (*word, *number) = (picked, f32::from_bits(bits));
@@ -118,7 +120,10 @@ impl F32s<LANES> for Floats {
             let cd = vcombine_f32(vld1_f32(from.add(c)), vld1_f32(from.add(d)));
             let ef = vcombine_f32(vld1_f32(from.add(e)), vld1_f32(from.add(f)));
             let gh = vcombine_f32(vld1_f32(from.add(g)), vld1_f32(from.add(h)));
-            (Self(vuzp1q_f32(ab, cd), vuzp1q_f32(ef, gh)), Self(vuzp2q_f32(ab, cd), vuzp2q_f32(ef, gh)))
+            (
+                Self(vuzp1q_f32(ab, cd), vuzp1q_f32(ef, gh)),
+                Self(vuzp2q_f32(ab, cd), vuzp2q_f32(ef, gh)),
+            )
         }
     }
 }

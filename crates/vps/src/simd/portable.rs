@@ -23,7 +23,10 @@ impl<T: Copy, const N: usize> Lanes<T, N> {
 
     #[inline(always)]
     fn choose(mask: Ints<N>, yes: Self, no: Self) -> Self {
-        mask.zip(yes.zip(no, |yes, no| (yes, no)), |mask, (yes, no)| if mask.0 < 0 { yes } else { no })
+        mask.zip(
+            yes.zip(no, |yes, no| (yes, no)),
+            |mask, (yes, no)| if mask.0 < 0 { yes } else { no },
+        )
     }
 }
 
@@ -74,7 +77,8 @@ impl<const N: usize> F32s<N> for Lanes<f32, N> {
         fn sqrt(self) -> Self { self.map(f32::sqrt) }
         fn max_lane(self) -> f32 {
             // In halves, as instructions do it: which of 0 and −0 is found depends on the order.
-            let (mut lanes, mut half) = (self.0, N / 2);
+            let mut lanes = self.0;
+            let mut half = N / 2;
             while half > 0 {
                 for lane in 0..half {
                     lanes[lane] = greater(lanes[lane], lanes[lane + half]);

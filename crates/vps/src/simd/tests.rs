@@ -14,7 +14,9 @@ fn floats<L: F32s<N>, const N: usize>(lanes: L, found: &mut Vec<u32>) {
     let mut numbers = [0.0; N];
     lanes.store(&mut numbers);
     // The sign and payload of a NaN are not specified.
-    found.extend(numbers.map(|number| if number.is_nan() { f32::NAN.to_bits() } else { number.to_bits() }));
+    found.extend(
+        numbers.map(|number| if number.is_nan() { f32::NAN.to_bits() } else { number.to_bits() }),
+    );
 }
 
 fn ints<I: I32s<N>, const N: usize>(lanes: I, found: &mut Vec<u32>) {
@@ -25,35 +27,68 @@ fn ints<I: I32s<N>, const N: usize>(lanes: I, found: &mut Vec<u32>) {
 
 /// The operations on `N` lanes.
 #[inline(always)]
-fn all<L: F32s<N>, const N: usize>(a: &[f32; N], b: &[f32; N], words_of_i: &[u32; N], j: &[u32; N], found: &mut Vec<u32>) {
-    let (a, b, bits, i, j) = (L::load(a), L::load(b), words_of_i[0], L::Int::load(words_of_i), L::Int::load(j));
-    for lanes in [a + b, a - b, a * b, a / b, a.min(b), a.max(b), a.sqrt(), L::of_int(i), L::splat(0.1)] {
+fn all<L: F32s<N>, const N: usize>(
+    a: &[f32; N],
+    b: &[f32; N],
+    words_of_i: &[u32; N],
+    j: &[u32; N],
+    found: &mut Vec<u32>,
+) {
+    let a = L::load(a);
+    let b = L::load(b);
+    let bits = words_of_i[0];
+    let i = L::Int::load(words_of_i);
+    let j = L::Int::load(j);
+    for lanes in
+        [a + b, a - b, a * b, a / b, a.min(b), a.max(b), a.sqrt(), L::of_int(i), L::splat(0.1)]
+    {
         floats(lanes, found);
     }
-    let (lt, le) = (a.lt(b), a.le(b));
+    let lt = a.lt(b);
+    let le = a.le(b);
     floats(a.only(lt), found);
     floats(L::select(le, a, b), found);
     // What no `i32` holds may become either end.
     let fits = L::splat(-2e9).lt(a) & a.lt(L::splat(2e9));
     let small = L::Int::mask(bits);
-    for lanes in
-        [lt, le, i + j, i * j, i & j, i | j, i ^ j, i.min(j), i.eq(j), i.gt(j), i.shifted::<3>(), small, a.only(fits).truncated()]
-    {
+    for lanes in [
+        lt,
+        le,
+        i + j,
+        i * j,
+        i & j,
+        i | j,
+        i ^ j,
+        i.min(j),
+        i.eq(j),
+        i.gt(j),
+        i.shifted::<3>(),
+        small,
+        a.only(fits).truncated(),
+    ] {
         ints(lanes, found);
     }
     ints(L::splat(f32::NAN).truncated(), found);
     ints(L::Int::select(i.gt(j), i, j), found);
     found.push(L::select(L::splat(f32::NEG_INFINITY).lt(a), a, L::splat(0.0)).max_lane().to_bits());
-    found.extend([i.first() as u32, lt.bits(), u32::from((i ^ j).is_zero()), u32::from((i ^ L::Int::load(words_of_i)).is_zero())]);
+    found.extend([
+        i.first() as u32,
+        lt.bits(),
+        u32::from((i ^ j).is_zero()),
+        u32::from((i ^ L::Int::load(words_of_i)).is_zero()),
+    ]);
     let table: [f32; 64] = core::array::from_fn(|k| k as f32);
     let words: [u32; 64] = core::array::from_fn(|k| 3 * k as u32);
     let at = i & L::Int::splat(31);
     let mut places = [0; N];
     at.store(&mut places);
     // SAFETY: places below 32 in tables of 64.
-    let (one, pairs, word) = unsafe { (L::gather(&table, at), L::gather_pairs(&table, &places, 17), L::Int::gather(&words, at)) };
-    let eight: [[Pair; 2]; 4] =
-        core::array::from_fn(|k| [[5 * k as u32, (k as f32).to_bits()], [7 * k as u32, (-(k as f32)).to_bits()]]);
+    let (one, pairs, word) = unsafe {
+        (L::gather(&table, at), L::gather_pairs(&table, &places, 17), L::Int::gather(&words, at))
+    };
+    let eight: [[Pair; 2]; 4] = core::array::from_fn(|k| {
+        [[5 * k as u32, (k as f32).to_bits()], [7 * k as u32, (-(k as f32)).to_bits()]]
+    });
     let picked = L::pick(eight.each_ref(), i);
     for lanes in [one, pairs.0, pairs.1, picked.1] {
         floats(lanes, found);
@@ -70,8 +105,10 @@ impl Kernel for Everything {
     fn run<L: F32x8>(self) -> Vec<u32> {
         let Self { a, b, i, j } = &self;
         let mut found = Vec::new();
-        let ([a_low, _], [b_low, _]): (&[[f32; LANES]; 2], &[[f32; LANES]; 2]) = (bytemuck::cast_ref(a), bytemuck::cast_ref(b));
-        let ([i_low, _], [j_low, _]): (&[[u32; LANES]; 2], &[[u32; LANES]; 2]) = (bytemuck::cast_ref(i), bytemuck::cast_ref(j));
+        let ([a_low, _], [b_low, _]): (&[[f32; LANES]; 2], &[[f32; LANES]; 2]) =
+            (bytemuck::cast_ref(a), bytemuck::cast_ref(b));
+        let ([i_low, _], [j_low, _]): (&[[u32; LANES]; 2], &[[u32; LANES]; 2]) =
+            (bytemuck::cast_ref(i), bytemuck::cast_ref(j));
         all::<L, LANES>(a_low, b_low, i_low, j_low, &mut found);
         all::<L::Wide, WIDE>(a, b, i, j, &mut found);
         found
@@ -80,16 +117,34 @@ impl Kernel for Everything {
 
 #[test]
 fn every_operation_gives_the_same_bits_on_every_level() {
-    const NUMBERS: [f32; 14] =
-        [0.0, -0.0, 1.0, -1.5, 7.75, -8.25, 1e-39, 3e9, -3e9, f32::MAX, f32::INFINITY, f32::NEG_INFINITY, f32::NAN, 0.333_333_34];
+    const NUMBERS: [f32; 14] = [
+        0.0,
+        -0.0,
+        1.0,
+        -1.5,
+        7.75,
+        -8.25,
+        1e-39,
+        3e9,
+        -3e9,
+        f32::MAX,
+        f32::INFINITY,
+        f32::NEG_INFINITY,
+        f32::NAN,
+        0.333_333_34,
+    ];
     const WORDS: [u32; 7] = [0, 1, 7, 0x8000_0000, u32::MAX, 0x7fff_ffff, 12_345];
     for shift in 0..NUMBERS.len() * WORDS.len() {
         let everything = |level: SimdLevel| {
             level.run(Everything {
                 a: core::array::from_fn(|lane| NUMBERS[(lane + shift) % NUMBERS.len()]),
-                b: core::array::from_fn(|lane| NUMBERS[(3 * lane + shift / NUMBERS.len()) % NUMBERS.len()]),
+                b: core::array::from_fn(|lane| {
+                    NUMBERS[(3 * lane + shift / NUMBERS.len()) % NUMBERS.len()]
+                }),
                 i: core::array::from_fn(|lane| WORDS[(lane + shift) % WORDS.len()]),
-                j: core::array::from_fn(|lane| WORDS[(5 * lane + shift / WORDS.len()) % WORDS.len()]),
+                j: core::array::from_fn(|lane| {
+                    WORDS[(5 * lane + shift / WORDS.len()) % WORDS.len()]
+                }),
             })
         };
         for level in SimdLevel::available() {

@@ -96,7 +96,8 @@ impl<T: F32x8> F32s<WIDE> for Twice<T> {
 
     #[inline(always)]
     fn pick(pairs: [&[Pair; 2]; 4], at: Self::Int) -> (Self::Int, Self) {
-        let (low, high) = (T::pick(pairs, at.0), T::pick(pairs, at.1));
+        let low = T::pick(pairs, at.0);
+        let high = T::pick(pairs, at.1);
         (Twice(low.0, high.0), Self(low.1, high.1))
     }
 
@@ -115,7 +116,8 @@ impl<T: F32x8> F32s<WIDE> for Twice<T> {
     unsafe fn gather_pairs(table: &[f32], at: &[u32; WIDE], offset: usize) -> (Self, Self) {
         let [low, high] = split(at);
         // SAFETY: by the caller's promise.
-        let (low, high) = unsafe { (T::gather_pairs(table, low, offset), T::gather_pairs(table, high, offset)) };
+        let (low, high) =
+            unsafe { (T::gather_pairs(table, low, offset), T::gather_pairs(table, high, offset)) };
         (Self(low.0, high.0), Self(low.1, high.1))
     }
 }

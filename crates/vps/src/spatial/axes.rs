@@ -60,6 +60,10 @@ impl Axes {
 
     /// Names of the axes in the set.
     pub fn names(self) -> impl Iterator<Item = &'static str> {
-        Self::NAMES.into_iter().enumerate().filter(move |(bit, _)| self.has(*bit)).map(|(_, name)| name)
+        Self::NAMES
+            .into_iter()
+            .enumerate()
+            .filter(move |(bit, _)| self.has(*bit))
+            .map(|(_, name)| name)
     }
 }

@@ -1,4 +1,5 @@
-//! What crosses between an arm and the renderer: a pose sample one way (a wrench goes the other way).
+//! What crosses between an arm and the renderer: a pose sample one way (a wrench goes the other
+//! way).
 
 use super::{Pose, Twist};
 
@@ -38,14 +39,16 @@ pub struct DeviceSample {
     pub sequence: u64,
     /// Whether the sample is new.
     pub status: SampleStatus,
-    /// Measured round trip: ticks from a command to the first sample that can show its force, less the one that every arm takes.
-    /// 0 where the arm does not measure it.
+    /// Measured round trip: ticks from a command to the first sample that can show its force, less
+    /// the one that every arm takes. 0 where the arm does not measure it.
     pub delay_ticks: u32,
     /// The arm knows where its zero is; no force before it does.
     pub homed: bool,
-    /// Reports of this read that were short, garbled or failed their check, and were thrown away; also of a read that gives no fresh sample.
+    /// Reports of this read that were short, garbled or failed their check, and were thrown away;
+    /// also of a read that gives no fresh sample.
     pub corrupt_packets: u16,
-    /// Reports that the arm's own counter says were lost before this one. Means nothing in a stale sample.
+    /// Reports that the arm's own counter says were lost before this one. Means nothing in a stale
+    /// sample.
     pub lost_packets: u16,
     /// Error that the arm itself reports; 0: none.
     pub device_error: u16,

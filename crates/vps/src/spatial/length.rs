@@ -4,7 +4,8 @@ use std::fmt;
 
 use glam::DVec3;
 
-/// A length in metres, shown in the unit in which people say it: µm, mm or m, with four significant digits at most.
+/// A length in metres, shown in the unit in which people say it: µm, mm or m, with four significant
+/// digits at most.
 #[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
 pub struct Metres(pub f64);
 

@@ -11,7 +11,8 @@ impl Mat6 {
     /// All zero.
     pub const ZERO: Self = Self([[0.0; 6]; 6]);
 
-    /// Adds `scale · w wᵀ` with w = (linear, angular): the stiffness of one contact seen at the reduction point.
+    /// Adds `scale · w wᵀ` with w = (linear, angular): the stiffness of one contact seen at the
+    /// reduction point.
     #[inline]
     pub fn add_outer(&mut self, scale: f64, linear: DVec3, angular: DVec3) {
         let w = [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z];
@@ -33,7 +34,8 @@ impl Mat6 {
         self
     }
 
-    /// A matrix from its four 3×3 blocks: linear-linear, linear-angular, angular-linear, angular-angular.
+    /// A matrix from its four 3×3 blocks: linear-linear, linear-angular, angular-linear,
+    /// angular-angular.
     pub fn from_blocks(ll: DMat3, la: DMat3, al: DMat3, aa: DMat3) -> Self {
         let mut matrix = Self::ZERO;
         for row in 0..3 {
@@ -49,7 +51,9 @@ impl Mat6 {
 
     /// The 3×3 block whose first entry is at (`row`, `column`), each 0 or 3.
     fn block(&self, row: usize, column: usize) -> DMat3 {
-        DMat3::from_cols_array_2d(&core::array::from_fn(|j| core::array::from_fn(|i| self.0[row + i][column + j])))
+        DMat3::from_cols_array_2d(&core::array::from_fn(|j| {
+            core::array::from_fn(|i| self.0[row + i][column + j])
+        }))
     }
 
     /// The same matrix seen in turned axes: R A Rᵀ on each block.
@@ -59,9 +63,9 @@ impl Mat6 {
         Self::from_blocks(turned(0, 0), turned(0, 3), turned(3, 0), turned(3, 3))
     }
 
-    /// Upper bounds of the largest eigenvalues of the linear and of the angular block of a positive semi-definite matrix: trace or largest
-    /// absolute row sum, whichever is less. Exact for one direction along an axis or for any single direction, at most √3 of it for all
-    /// three alike.
+    /// Upper bounds of the largest eigenvalues of the linear and of the angular block of a positive
+    /// semi-definite matrix: trace or largest absolute row sum, whichever is less. Exact for one
+    /// direction along an axis or for any single direction, at most √3 of it for all three alike.
     pub fn bounds(&self) -> (f64, f64) {
         let bound = |first: usize| {
             let rows = || self.0[first..first + 3].iter().map(|row| &row[first..first + 3]);
@@ -88,7 +92,8 @@ impl Mat6 {
         (DVec3::new(lx, ly, lz), DVec3::new(ax, ay, az))
     }
 
-    /// Solves `self · x = rhs` for a symmetric positive definite matrix by LDLᵀ; `None` when a pivot is not positive and finite.
+    /// Solves `self · x = rhs` for a symmetric positive definite matrix by LDLᵀ; `None` when a
+    /// pivot is not positive and finite.
     ///
     /// RT: safe; about 100 multiply-adds, no branch on data but the pivot check.
     pub fn solve_spd(&self, rhs: Wrench) -> Option<(DVec3, DVec3)> {
@@ -112,7 +117,8 @@ impl Mat6 {
                 l[i][j] = entry / pivot;
             }
         }
-        let mut x = [rhs.force.x, rhs.force.y, rhs.force.z, rhs.torque.x, rhs.torque.y, rhs.torque.z];
+        let mut x =
+            [rhs.force.x, rhs.force.y, rhs.force.z, rhs.torque.x, rhs.torque.y, rhs.torque.z];
         for i in 0..6 {
             for k in 0..i {
                 x[i] -= l[i][k] * x[k];
@@ -153,11 +159,18 @@ mod tests {
             for (row, bound) in [(0, along), (3, about)] {
                 // The largest eigenvalue by power iteration, from below.
                 let block = matrix.block(row, row);
-                let direction = (0..50).fold(DVec3::new(0.6, 0.5, -0.3), |v, _| (block * v).normalize());
+                let direction =
+                    (0..50).fold(DVec3::new(0.6, 0.5, -0.3), |v, _| (block * v).normalize());
                 let largest = direction.dot(block * direction);
-                assert!((largest * (1.0 - 1e-12)..=largest * 1.7321).contains(&bound), "{largest} {bound}");
+                assert!(
+                    (largest * (1.0 - 1e-12)..=largest * 1.7321).contains(&bound),
+                    "{largest} {bound}"
+                );
             }
-            let x = (DVec3::new(random(), random(), random()), DVec3::new(random(), random(), random()));
+            let x = (
+                DVec3::new(random(), random(), random()),
+                DVec3::new(random(), random(), random()),
+            );
             let (force, torque) = matrix.mul(x.0, x.1);
             let solved = matrix.solve_spd(Wrench { force, torque }).expect("positive definite");
             assert!((solved.0 - x.0).length() + (solved.1 - x.1).length() < 1e-10);

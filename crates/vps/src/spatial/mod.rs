@@ -3,16 +3,19 @@
 //! Invariant: a leaf. Nothing here knows of meshes, devices or threads.
 //!
 //! # Units and frames
-//! SI only (m, kg, s, N, N·m, rad), `f64`. Frames are a closed list: `world`, `device`, `tool` (the pointshell body, the tool
-//! mesh file's own frame), `map` (a voxmap body, that mesh file's own frame), `cell` (integer voxel index). Two names are local
-//! to the device edge: `grip` (the handle in the hand) and `native` (a codec's frame).
-//! - A pose is named `to_from_from`: `world_from_tool * tool_from_grip` reads as a chain and gives `world_from_grip`.
+//! SI only (m, kg, s, N, N·m, rad), `f64`. Frames are a closed list: `world`, `device`, `tool` (the
+//! pointshell body, the tool mesh file's own frame), `map` (a voxmap body, that mesh file's own
+//! frame), `cell` (integer voxel index). Two names are local to the device edge: `grip` (the handle
+//! in the hand) and `native` (a codec's frame).
+//! - A pose is named `to_from_from`: `world_from_tool * tool_from_grip` reads as a chain and gives
+//!   `world_from_grip`.
 //! - A vector ends in its frame: `force_world`.
 //! - A [`Wrench`] names its frame and its reduction point where it is declared.
 //!
 //! # Signs
 //! - Field V: negative outside, 0 on the surface, positive inside (penetration depth).
-//! - Pointshell normals are unit and point **into** the moving object; a penalty force along them pushes the tool out.
+//! - Pointshell normals are unit and point **into** the moving object; a penalty force along them
+//!   pushes the tool out.
 //! - Rotation vectors act on the left: `R ← exp([dθ]×) R`.
 //!
 //! # Example

@@ -18,7 +18,8 @@ pub struct NamedPose {
 
 impl From<Pose> for NamedPose {
     fn from(pose: Pose) -> Self {
-        let ([x_m, y_m, z_m], [qx, qy, qz, qw]) = (pose.translation.to_array(), pose.rotation.to_array());
+        let ([x_m, y_m, z_m], [qx, qy, qz, qw]) =
+            (pose.translation.to_array(), pose.rotation.to_array());
         Self { x_m, y_m, z_m, qx, qy, qz, qw }
     }
 }

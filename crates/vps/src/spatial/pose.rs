@@ -4,10 +4,12 @@ use core::ops::Mul;
 
 use glam::{DMat3, DQuat, DVec3};
 
-/// A rigid transform, named `to_from_from`: maps coordinates of the right-hand frame to the left-hand one.
+/// A rigid transform, named `to_from_from`: maps coordinates of the right-hand frame to the
+/// left-hand one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
-    /// Turns components along the `from` axes into components along the `to` axes; a unit quaternion.
+    /// Turns components along the `from` axes into components along the `to` axes; a unit
+    /// quaternion.
     pub rotation: DQuat,
     /// Origin of the `from` frame in the `to` frame, metres.
     pub translation: DVec3,
@@ -48,10 +50,14 @@ impl Pose {
         DMat3::from_quat(self.rotation)
     }
 
-    /// Moves the frame by a small step given in the `to` frame: translation `linear` (m), rotation vector `angular` (rad) about
-    /// the frame's own origin. The quaternion is normalised, so drift does not build up.
+    /// Moves the frame by a small step given in the `to` frame: translation `linear` (m), rotation
+    /// vector `angular` (rad) about the frame's own origin. The quaternion is normalised, so drift
+    /// does not build up.
     pub fn stepped(self, linear: DVec3, angular: DVec3) -> Self {
-        Self { rotation: (DQuat::from_scaled_axis(angular) * self.rotation).normalize(), translation: self.translation + linear }
+        Self {
+            rotation: (DQuat::from_scaled_axis(angular) * self.rotation).normalize(),
+            translation: self.translation + linear,
+        }
     }
 
     /// Rotation vector (rad, `to` frame) that turns `self` into `target`, of length at most π.
@@ -79,7 +85,10 @@ impl Mul for Pose {
     type Output = Self;
 
     fn mul(self, rhs: Self) -> Self {
-        Self { rotation: self.rotation * rhs.rotation, translation: self.rotation * rhs.translation + self.translation }
+        Self {
+            rotation: self.rotation * rhs.rotation,
+            translation: self.rotation * rhs.translation + self.translation,
+        }
     }
 }
 

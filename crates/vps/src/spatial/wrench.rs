@@ -6,7 +6,8 @@ use glam::DVec3;
 
 use super::Axes;
 
-/// Linear velocity of a reference point and angular velocity; the frame is named where it is declared.
+/// Linear velocity of a reference point and angular velocity; the frame is named where it is
+/// declared.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Twist {
     /// Velocity of the reference point, m/s.
@@ -57,8 +58,9 @@ impl Wrench {
         Self { force, torque }
     }
 
-    /// What an arm with motors on `axes` gives of it: the other components are zero, force (N) and torque (N·m) each shortened to its limit with
-    /// the direction kept. RT: safe; what is not finite stays so.
+    /// What an arm with motors on `axes` gives of it: the other components are zero, force (N) and
+    /// torque (N·m) each shortened to its limit with the direction kept. RT: safe; what is not
+    /// finite stays so.
     pub fn limited_to(self, axes: Axes, force_limit_n: f64, torque_limit_nm: f64) -> Self {
         let limited = |vector: DVec3, limit: f64| {
             let length = vector.length();

@@ -1,12 +1,14 @@
-//! Foreign text on a terminal: a name may hold bytes that move the cursor, recolour what was said, or begin a line of their own.
+//! Foreign text on a terminal: a name may hold bytes that move the cursor, recolour what was said,
+//! or begin a line of their own.
 
 use std::borrow::Cow;
 use std::path::Path;
 
-/// Characters that a terminal, or the eye, takes for more than themselves: control characters, separators of lines, and those that turn the direction
-/// of writing.
+/// Characters that a terminal, or the eye, takes for more than themselves: control characters,
+/// separators of lines, and those that turn the direction of writing.
 pub fn is_control(c: char) -> bool {
-    c.is_control() || matches!(c, '\u{2028}' | '\u{2029}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+    c.is_control()
+        || matches!(c, '\u{2028}' | '\u{2029}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
 
 /// Text of several lines: control characters escaped (`\u{1b}`), but for line breaks and tabs.
@@ -49,7 +51,11 @@ mod tests {
     fn nothing_of_a_name_reaches_a_terminal_but_letters() {
         for (text, several_lines, line) in [
             ("gear Schüssel 歯車", "gear Schüssel 歯車", "gear Schüssel 歯車"),
-            ("a\x1b[2Jb\x07\u{9b}31m", "a\\u{1b}[2Jb\\u{7}\\u{9b}31m", "a\\u{1b}[2Jb\\u{7}\\u{9b}31m"),
+            (
+                "a\x1b[2Jb\x07\u{9b}31m",
+                "a\\u{1b}[2Jb\\u{7}\\u{9b}31m",
+                "a\\u{1b}[2Jb\\u{7}\\u{9b}31m",
+            ),
             ("a\nstate: disabled\tb", "a\nstate: disabled\tb", "a\\nstate: disabled\\tb"),
             ("a\r\u{7f}", "a\\r\\u{7f}", "a\\r\\u{7f}"),
             ("lmo.\u{202e}jbo\u{2028}", "lmo.\\u{202e}jbo\\u{2028}", "lmo.\\u{202e}jbo\\u{2028}"),

@@ -1,16 +1,18 @@
 //! Opening files by foreign names: regular files only.
 //!
-//! To open a pipe waits for its writer, a device may have no end, and to open a serial port already resets the board behind it. So what is no
-//! regular file is refused by its kind before it is opened, and once more afterwards, as the name may have been given to something else meanwhile:
-//! nothing here waits for another program. What is read whole has a bound on its bytes, as a file may have holes and so be larger than any disk.
+//! To open a pipe waits for its writer, a device may have no end, and to open a serial port already
+//! resets the board behind it. So what is no regular file is refused by its kind before it is
+//! opened, and once more afterwards, as the name may have been given to something else meanwhile:
+//! nothing here waits for another program. What is read whole has a bound on its bytes, as a file
+//! may have holes and so be larger than any disk.
 
 use std::fs::{self, File, FileType, OpenOptions};
 use std::io::{self, ErrorKind, Read};
 use std::os::unix::fs::{FileTypeExt as _, OpenOptionsExt as _};
 use std::path::Path;
 
-/// Bytes of a text that a person writes (a scene, a profile, a file of strokes) at most: a hundred times the longest that is known. What a parser
-/// makes of it takes some fifty times as much.
+/// Bytes of a text that a person writes (a scene, a profile, a file of strokes) at most: a hundred
+/// times the longest that is known. What a parser makes of it takes some fifty times as much.
 pub const WRITTEN_BYTES_MAX: u64 = 4 << 20;
 
 /// Opens a regular file for reading; a link to one will do.
@@ -19,8 +21,10 @@ pub const WRITTEN_BYTES_MAX: u64 = 4 << 20;
 /// Those of the operating system, and what is no regular file: its kind is in the message.
 pub fn open(path: &Path) -> io::Result<File> {
     refuse_others(fs::metadata(path)?.file_type())?;
-    // A pipe that took the place of the file would wait for its writer, and a terminal would become ours.
-    let file = OpenOptions::new().read(true).custom_flags(libc::O_NONBLOCK | libc::O_NOCTTY).open(path)?;
+    // A pipe that took the place of the file would wait for its writer, and a terminal would become
+    // ours.
+    let file =
+        OpenOptions::new().read(true).custom_flags(libc::O_NONBLOCK | libc::O_NOCTTY).open(path)?;
     refuse_others(file.metadata()?.file_type())?;
     Ok(file)
 }
@@ -49,7 +53,8 @@ pub fn bytes(path: &Path, max_bytes: u64) -> io::Result<Vec<u8>> {
 /// # Errors
 /// As [`bytes`], and what is no UTF-8.
 pub fn text(path: &Path, max_bytes: u64) -> io::Result<String> {
-    String::from_utf8(bytes(path, max_bytes)?).map_err(|_| io::Error::new(ErrorKind::InvalidData, "it is no text in UTF-8"))
+    String::from_utf8(bytes(path, max_bytes)?)
+        .map_err(|_| io::Error::new(ErrorKind::InvalidData, "it is no text in UTF-8"))
 }
 
 /// A text that a person writes, see [`WRITTEN_BYTES_MAX`].
@@ -95,7 +100,9 @@ mod tests {
             ("/dev/null".into(), "it is a device, not a regular file"),
             (folder.path().to_owned(), "is a directory"),
         ] {
-            for refused in [open(&path).map(drop), bytes(&path, 10).map(drop), written(&path).map(drop)] {
+            for refused in
+                [open(&path).map(drop), bytes(&path, 10).map(drop), written(&path).map(drop)]
+            {
                 assert_eq!(refused.unwrap_err().to_string(), kind, "{}", path.display());
             }
         }
@@ -106,12 +113,16 @@ mod tests {
     #[test]
     fn files_and_links_to_them_are_read_up_to_their_bound() {
         let folder = tempfile::tempdir().unwrap();
-        let (path, link) = (folder.path().join("text"), folder.path().join("link"));
+        let path = folder.path().join("text");
+        let link = folder.path().join("link");
         fs::write(&path, "0123456789").unwrap();
         std::os::unix::fs::symlink(&path, &link).unwrap();
         assert_eq!(text(&link, 10).unwrap(), "0123456789");
         let refused = text(&link, 9).unwrap_err();
-        assert!(refused.kind() == ErrorKind::FileTooLarge && refused.to_string().contains("9 bytes"), "{refused}");
+        assert!(
+            refused.kind() == ErrorKind::FileTooLarge && refused.to_string().contains("9 bytes"),
+            "{refused}"
+        );
         // Holes, which take no room on the disk.
         File::options().write(true).open(&path).unwrap().set_len(1 << 40).unwrap();
         assert_eq!(written(&path).unwrap_err().kind(), ErrorKind::FileTooLarge);
@@ -119,6 +130,9 @@ mod tests {
         assert!(written(&path).unwrap_err().to_string().contains("UTF-8"));
         // Without a length of its own.
         assert!(!bytes(Path::new("/proc/self/status"), 1 << 20).unwrap().is_empty());
-        assert_eq!(bytes(Path::new("/proc/self/status"), 3).unwrap_err().kind(), ErrorKind::FileTooLarge);
+        assert_eq!(
+            bytes(Path::new("/proc/self/status"), 3).unwrap_err().kind(),
+            ErrorKind::FileTooLarge
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! A file of named arrays: magic, version, key, table, checksums; little-endian SI, as the tick reads it.
+//! A file of named arrays: magic, version, key, table, checksums; little-endian SI, as the tick
+//! reads it.
 //!
 //! ```text
 //!   0  magic "HAPTBAKE", units "SI m,kg\n", byte-order mark, format, generation, number of sections, key,
@@ -8,9 +9,10 @@
 //!      sections, each on a multiple of 64, zeros between them
 //! ```
 //!
-//! The first 64 bytes keep their shape in every format, so that an older and a newer program can tell a file that is not theirs from one
-//! that is damaged. Checksums are XXH3 with 64 bits: they find accidents, not forgeries. A forged file gives wrong arrays, never an index
-//! out of range: the reader of an array checks what it indexes.
+//! The first 64 bytes keep their shape in every format, so that an older and a newer program can
+//! tell a file that is not theirs from one that is damaged. Checksums are XXH3 with 64 bits: they
+//! find accidents, not forgeries. A forged file gives wrong arrays, never an index out of range:
+//! the reader of an array checks what it indexes.
 
 use std::io::{self, Read, Write};
 use std::path::Path;
@@ -25,7 +27,8 @@ use super::{MappedFile, SharedSlice, regular};
 /// Format of the file; counts up when the head, the table or the meaning of a section changes.
 pub const FORMAT: u32 = 1;
 
-/// Sections start on a multiple of this: a cache line, and the alignment of the pointshell's blocks.
+/// Sections start on a multiple of this: a cache line, and the alignment of the pointshell's
+/// blocks.
 pub const ALIGNMENT: usize = 64;
 const MAGIC: [u8; 8] = *b"HAPTBAKE";
 const UNITS: [u8; 8] = *b"SI m,kg\n";
@@ -63,7 +66,8 @@ struct Entry {
 
 const HEAD_BYTES: usize = size_of::<Head>();
 /// Where format and generation are, in every format.
-pub const VERSIONS_AT: core::ops::Range<usize> = core::mem::offset_of!(Head, format)..core::mem::offset_of!(Head, n_sections);
+pub const VERSIONS_AT: core::ops::Range<usize> =
+    core::mem::offset_of!(Head, format)..core::mem::offset_of!(Head, n_sections);
 const CHECKSUM_AT: usize = HEAD_BYTES - size_of::<u64>();
 
 /// Why a file is not used.
@@ -105,7 +109,11 @@ pub struct Writer<'a> {
 impl<'a> Writer<'a> {
     /// Adds an array. Names have 1 to 16 bytes and are used once.
     pub fn array<T: Pod>(&mut self, name: &'static str, values: &'a [T]) {
-        debug_assert!((1..=16).contains(&name.len()) && self.sections.iter().all(|(other, ..)| *other != name), "{name}");
+        debug_assert!(
+            (1..=16).contains(&name.len())
+                && self.sections.iter().all(|(other, ..)| *other != name),
+            "{name}"
+        );
         self.sections.push((name, size_of::<T>(), bytemuck::cast_slice(values)));
     }
 
@@ -119,7 +127,8 @@ impl<'a> Writer<'a> {
     /// # Errors
     /// Any error of `out`.
     pub fn write_to(&self, key: Key, generation: u32, out: &mut impl Write) -> io::Result<()> {
-        let mut end = (HEAD_BYTES + self.sections.len() * size_of::<Entry>() + size_of::<u64>()) as u64;
+        let mut end =
+            (HEAD_BYTES + self.sections.len() * size_of::<Entry>() + size_of::<u64>()) as u64;
         let table: Vec<Entry> = self
             .sections
             .iter()
@@ -129,7 +138,14 @@ impl<'a> Writer<'a> {
                 let mut padded = [0; 16];
                 padded.iter_mut().zip(name.bytes()).for_each(|(to, from)| *to = from);
                 let checksum = XxHash3_64::oneshot(bytes);
-                Entry { name: padded, offset, bytes: bytes.len() as u64, checksum, element_bytes: *element_bytes as u32, zero: 0 }
+                Entry {
+                    name: padded,
+                    offset,
+                    bytes: bytes.len() as u64,
+                    checksum,
+                    element_bytes: *element_bytes as u32,
+                    zero: 0,
+                }
             })
             .collect();
         let mut head = Head {
@@ -180,7 +196,8 @@ fn window<T: Pod>(mapped: &Arc<MappedFile>, offset: usize, n: usize) -> Option<S
     SharedSlice::window(mapped, offset..offset.checked_add(n.checked_mul(size_of::<T>())?)?)
 }
 
-/// The key in the head of a file of arrays; `None` for any other file, and for one that cannot be read.
+/// The key in the head of a file of arrays; `None` for any other file, and for one that cannot be
+/// read.
 pub fn key_of(path: &Path) -> Option<Key> {
     let mut bytes = [0; HEAD_BYTES];
     regular::open(path).ok()?.read_exact(&mut bytes).ok()?;
@@ -193,12 +210,22 @@ impl Reader {
     ///
     /// # Errors
     /// See [`Refusal`]: a file of another version, a damaged one, or one of another key.
-    pub fn new(mapped: Arc<MappedFile>, key: Option<Key>, generation: impl Into<Option<u32>>) -> Result<Self, Refusal> {
-        let Some([head]) = window::<Head>(&mapped, 0, 1).as_deref().map(<[Head; 1]>::try_from).and_then(Result::ok) else {
+    pub fn new(
+        mapped: Arc<MappedFile>,
+        key: Option<Key>,
+        generation: impl Into<Option<u32>>,
+    ) -> Result<Self, Refusal> {
+        let Some([head]) = window::<Head>(&mapped, 0, 1)
+            .as_deref()
+            .map(<[Head; 1]>::try_from)
+            .and_then(Result::ok)
+        else {
             return Err(Refusal::Damaged("shorter than its head"));
         };
         // Swapped as a whole, and with a checksum that fits, it is no accident.
-        if (head.byte_order, head.checksum) == (BYTE_ORDER.swap_bytes(), head_checksum(&head).swap_bytes()) {
+        if (head.byte_order, head.checksum)
+            == (BYTE_ORDER.swap_bytes(), head_checksum(&head).swap_bytes())
+        {
             return Err(Refusal::Foreign);
         }
         if head.magic != MAGIC || head.units != UNITS || head.byte_order != BYTE_ORDER {
@@ -207,10 +234,15 @@ impl Reader {
         if head.checksum != head_checksum(&head) {
             return Err(Refusal::Damaged("the head"));
         }
-        let (found, own) = ((head.format, head.generation), (FORMAT, generation.into().unwrap_or(head.generation)));
+        let found = (head.format, head.generation);
+        let own = (FORMAT, generation.into().unwrap_or(head.generation));
         if found != own {
             let (format, generation) = found;
-            return Err(if found < own { Refusal::Older { format, generation } } else { Refusal::Newer { format, generation } });
+            return Err(if found < own {
+                Refusal::Older { format, generation }
+            } else {
+                Refusal::Newer { format, generation }
+            });
         }
         if key.is_some_and(|key| key != head.key) {
             return Err(Refusal::Damaged("it belongs to another object"));
@@ -222,21 +254,29 @@ impl Reader {
         let table = window::<Entry>(&mapped, HEAD_BYTES, n_sections);
         let checksum = window::<u64>(&mapped, HEAD_BYTES + n_sections * size_of::<Entry>(), 1);
         let sound = |table: &SharedSlice<Entry>| {
-            checksum.is_some_and(|checksum| *checksum == [XxHash3_64::oneshot(bytemuck::cast_slice(table))])
+            checksum.is_some_and(|checksum| {
+                *checksum == [XxHash3_64::oneshot(bytemuck::cast_slice(table))]
+            })
         };
         let table = table.filter(sound).ok_or(Refusal::Damaged("the table"))?;
         Ok(Self { mapped, table })
     }
 
     fn entry(&self, name: &str) -> Option<&Entry> {
-        let is_it =
-            |entry: &&Entry| entry.name.strip_prefix(name.as_bytes()).is_some_and(|rest| rest.iter().all(|byte| *byte == 0));
+        let is_it = |entry: &&Entry| {
+            entry
+                .name
+                .strip_prefix(name.as_bytes())
+                .is_some_and(|rest| rest.iter().all(|byte| *byte == 0))
+        };
         self.table.iter().find(is_it)
     }
 
     /// Name and checksum of every section, as the table has them.
     pub fn checksums(&self) -> impl Iterator<Item = (String, u64)> + '_ {
-        self.table.iter().map(|entry| (String::from_utf8_lossy(&entry.name).trim_end_matches('\0').to_owned(), entry.checksum))
+        self.table.iter().map(|entry| {
+            (String::from_utf8_lossy(&entry.name).trim_end_matches('\0').to_owned(), entry.checksum)
+        })
     }
 
     /// True when there is a section of this name.
@@ -247,12 +287,16 @@ impl Reader {
     /// One array, its checksum verified on the memory that is handed out. Cost: one pass over it.
     ///
     /// # Errors
-    /// No such section, one of other elements or beyond the end of the file, or one that does not match its checksum.
+    /// No such section, one of other elements or beyond the end of the file, or one that does not
+    /// match its checksum.
     pub fn array<T: Pod>(&self, name: &'static str) -> Result<SharedSlice<T>, Refusal> {
         let checked = |entry: &Entry| {
-            let (offset, n_bytes) = (usize::try_from(entry.offset).ok()?, usize::try_from(entry.bytes).ok()?);
-            let whole = entry.element_bytes as usize == size_of::<T>() && n_bytes.is_multiple_of(size_of::<T>());
-            let values = window::<T>(&self.mapped, offset, n_bytes / size_of::<T>()).filter(|_| whole)?;
+            let offset = usize::try_from(entry.offset).ok()?;
+            let n_bytes = usize::try_from(entry.bytes).ok()?;
+            let whole = entry.element_bytes as usize == size_of::<T>()
+                && n_bytes.is_multiple_of(size_of::<T>());
+            let values =
+                window::<T>(&self.mapped, offset, n_bytes / size_of::<T>()).filter(|_| whole)?;
             (XxHash3_64::oneshot(bytemuck::cast_slice(&values)) == entry.checksum).then_some(values)
         };
         self.entry(name).and_then(checked).ok_or(Refusal::Damaged(name))
@@ -270,20 +314,26 @@ impl Reader {
     }
 }
 
-/// Makes length and checksums fit what a file says now, as far as it can be understood: for tests and fuzzing, which want to come past
-/// the checksums.
+/// Makes length and checksums fit what a file says now, as far as it can be understood: for tests
+/// and fuzzing, which want to come past the checksums.
 pub fn reseal(bytes: &mut [u8]) {
-    let Some(mut head) = bytes.get(..HEAD_BYTES).map(bytemuck::pod_read_unaligned::<Head>) else { return };
+    let Some(mut head) = bytes.get(..HEAD_BYTES).map(bytemuck::pod_read_unaligned::<Head>) else {
+        return;
+    };
     head.file_bytes = bytes.len() as u64;
     head.checksum = head_checksum(&head);
     bytes[..HEAD_BYTES].copy_from_slice(bytemuck::bytes_of(&head));
-    let table_end = HEAD_BYTES.saturating_add((head.n_sections as usize).saturating_mul(size_of::<Entry>()));
+    let table_end =
+        HEAD_BYTES.saturating_add((head.n_sections as usize).saturating_mul(size_of::<Entry>()));
     if bytes.len() < table_end.saturating_add(size_of::<u64>()) {
         return;
     }
     for at in (HEAD_BYTES..table_end).step_by(size_of::<Entry>()) {
         let mut entry: Entry = bytemuck::pod_read_unaligned(&bytes[at..at + size_of::<Entry>()]);
-        let section = entry.offset.checked_add(entry.bytes).and_then(|end| bytes.get(entry.offset as usize..end as usize));
+        let section = entry
+            .offset
+            .checked_add(entry.bytes)
+            .and_then(|end| bytes.get(entry.offset as usize..end as usize));
         if let Some(section) = section {
             entry.checksum = XxHash3_64::oneshot(section);
             bytes[at..at + size_of::<Entry>()].copy_from_slice(bytemuck::bytes_of(&entry));
@@ -303,7 +353,9 @@ mod tests {
         file.array("numbers", &[1_u32, 2, 3]);
         let mut bytes = Vec::new();
         file.write_to([7; 16], 1, &mut bytes).unwrap();
-        let refusal = |bytes: &[u8]| Reader::new(MappedFile::copy(bytes).unwrap(), None, 1).map(|_| ()).unwrap_err();
+        let refusal = |bytes: &[u8]| {
+            Reader::new(MappedFile::copy(bytes).unwrap(), None, 1).map(|_| ()).unwrap_err()
+        };
         assert!(Reader::new(MappedFile::copy(&bytes).unwrap(), None, 1).is_ok());
         let mut head: Head = bytemuck::pod_read_unaligned(&bytes[..HEAD_BYTES]);
         head.byte_order = head.byte_order.swap_bytes();

@@ -16,24 +16,29 @@ use memmap2::{Advice, Mmap, MmapMut, MmapOptions};
 pub struct MappedFile(Mmap);
 
 impl MappedFile {
-    /// Maps a file: nothing is copied, processes share the memory and the kernel may take it back and read it again. The file must not be
-    /// shortened or written to meanwhile: that ends the process (SIGBUS), or changes what was checked.
+    /// Maps a file: nothing is copied, processes share the memory and the kernel may take it back
+    /// and read it again. The file must not be shortened or written to meanwhile: that ends the
+    /// process (SIGBUS), or changes what was checked.
     ///
     /// # Errors
     /// Any error of the operating system.
     pub fn map(file: &File) -> io::Result<Arc<Self>> {
-        // SAFETY: the pages are read-only here. That no other process writes to the file is a rule of the bake cache: its files are written
-        // once under another name, made read-only, renamed, and from then on only replaced or deleted, which a mapping survives. Only a
-        // copy helps against a process that breaks that rule: what is read while forces are rendered is made by `read`.
+        // SAFETY: the pages are read-only here. That no other process writes to the file is a rule
+        // of the bake cache: its files are written once under another name, made read-only,
+        // renamed, and from then on only replaced or deleted, which a mapping survives. Only a copy
+        // helps against a process that breaks that rule: what is read while forces are rendered is
+        // made by `read`.
         Ok(Arc::new(Self(unsafe { MmapOptions::new().populate().map(file) }?)))
     }
 
-    /// Reads a file into memory that no other process can reach; from then on the file does not matter. Cost: one copy.
+    /// Reads a file into memory that no other process can reach; from then on the file does not
+    /// matter. Cost: one copy.
     ///
     /// # Errors
     /// Any error of the operating system; a file that becomes shorter meanwhile is one.
     pub fn read(file: &File) -> io::Result<Arc<Self>> {
-        let n_bytes = usize::try_from(file.metadata()?.len()).map_err(|_| io::ErrorKind::FileTooLarge)?;
+        let n_bytes =
+            usize::try_from(file.metadata()?.len()).map_err(|_| io::ErrorKind::FileTooLarge)?;
         Self::fill(n_bytes, |memory| file.read_exact_at(memory, 0))
     }
 
@@ -48,10 +53,14 @@ impl MappedFile {
         })
     }
 
-    fn fill(n_bytes: usize, fill: impl FnOnce(&mut [u8]) -> io::Result<()>) -> io::Result<Arc<Self>> {
+    fn fill(
+        n_bytes: usize,
+        fill: impl FnOnce(&mut [u8]) -> io::Result<()>,
+    ) -> io::Result<Arc<Self>> {
         // A mapping of no bytes is none.
         let mut memory = MmapMut::map_anon(n_bytes.max(1))?;
-        // Pages of 2 MiB where the kernel gives them: hundreds of times fewer faults now, and fewer misses of the TLB in each tick.
+        // Pages of 2 MiB where the kernel gives them: hundreds of times fewer faults now, and fewer
+        // misses of the TLB in each tick.
         let _ = memory.advise(Advice::HugePage);
         fill(memory.get_mut(..n_bytes).unwrap_or_default())?;
         Ok(Arc::new(Self(memory.make_read_only()?)))
@@ -63,10 +72,11 @@ impl MappedFile {
     }
 }
 
-/// `[len]` of `T`, immutable: a vector, or a window into a [`MappedFile`], that lives as long as its last handle.
+/// `[len]` of `T`, immutable: a vector, or a window into a [`MappedFile`], that lives as long as
+/// its last handle.
 ///
-/// Reading costs the same either way: pointer and length are at hand, nothing is looked up. A clone is another handle on the same memory.
-/// RT: reading is safe.
+/// Reading costs the same either way: pointer and length are at hand, nothing is looked up. A clone
+/// is another handle on the same memory. RT: reading is safe.
 pub struct SharedSlice<T> {
     first: NonNull<T>,
     len: usize,
@@ -79,22 +89,32 @@ enum Owner<T> {
     MappedFile(Arc<MappedFile>),
 }
 
-// SAFETY: a slab is a shared, immutable slice of T and a reference count that is itself thread-safe.
+// SAFETY: a slab is a shared, immutable slice of T and a reference count that is itself
+// thread-safe.
 unsafe impl<T: Send + Sync> Send for SharedSlice<T> {}
 // SAFETY: as above.
 unsafe impl<T: Send + Sync> Sync for SharedSlice<T> {}
 
 impl<T: Pod> SharedSlice<T> {
-    /// A window; `None` when `range` is not within the region, not aligned for `T`, or not a whole number of `T`.
+    /// A window; `None` when `range` is not within the region, not aligned for `T`, or not a whole
+    /// number of `T`.
     pub fn window(mapped: &Arc<MappedFile>, range: Range<usize>) -> Option<Self> {
         let window: &[T] = bytemuck::try_cast_slice(mapped.bytes().get(range)?).ok()?;
-        Some(Self { first: NonNull::from(window).cast(), len: window.len(), owner: Owner::MappedFile(mapped.clone()) })
+        Some(Self {
+            first: NonNull::from(window).cast(),
+            len: window.len(),
+            owner: Owner::MappedFile(mapped.clone()),
+        })
     }
 }
 
 impl<T> From<Arc<Vec<T>>> for SharedSlice<T> {
     fn from(values: Arc<Vec<T>>) -> Self {
-        Self { first: NonNull::from(values.as_slice()).cast(), len: values.len(), owner: Owner::Vector(values) }
+        Self {
+            first: NonNull::from(values.as_slice()).cast(),
+            len: values.len(),
+            owner: Owner::Vector(values),
+        }
     }
 }
 
@@ -125,8 +145,9 @@ impl<T> Deref for SharedSlice<T> {
 
     #[inline]
     fn deref(&self) -> &[T] {
-        // SAFETY: `first` and `len` are those of a slice that was there when the slab was made, and still is: of a region, which does not
-        // change, or of a vector in an `Arc`, which hands out no exclusive reference while this is one of its owners.
+        // SAFETY: `first` and `len` are those of a slice that was there when the slab was made, and
+        // still is: of a region, which does not change, or of a vector in an `Arc`, which hands out
+        // no exclusive reference while this is one of its owners.
         unsafe { core::slice::from_raw_parts(self.first.as_ptr(), self.len) }
     }
 }

@@ -1,4 +1,5 @@
-//! A file that appears whole or not at all: under its own name there is what was there before, until all of it is written.
+//! A file that appears whole or not at all: under its own name there is what was there before,
+//! until all of it is written.
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
@@ -13,12 +14,15 @@ pub fn write_bytes(path: &Path, bytes: &[u8]) -> io::Result<()> {
     write_whole(path, |file| file.write_all(bytes))
 }
 
-/// Writes beside the file and takes its name at the end: a full disk, or a program that is killed, leaves what was there before. A killed program
-/// leaves the file beside it, `.NAME.PID-N.tmp`.
+/// Writes beside the file and takes its name at the end: a full disk, or a program that is killed,
+/// leaves what was there before. A killed program leaves the file beside it, `.NAME.PID-N.tmp`.
 ///
 /// # Errors
 /// Any error of the file system; then there is nothing beside.
-pub fn write_whole(path: &Path, contents: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> io::Result<()> {
+pub fn write_whole(
+    path: &Path,
+    contents: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
+) -> io::Result<()> {
     static COUNT: AtomicU32 = AtomicU32::new(0);
     match fs::metadata(path) {
         // A device or a pipe is written to; a file in its place would be the end of it.
@@ -34,7 +38,11 @@ pub fn write_whole(path: &Path, contents: impl FnOnce(&mut BufWriter<File>) -> i
     let (beside, file) = loop {
         // Relaxed: only that no two are equal.
         let number = COUNT.fetch_add(1, Ordering::Relaxed);
-        let beside = path.with_file_name(format!(".{}.{}-{number}.tmp", name.to_string_lossy(), std::process::id()));
+        let beside = path.with_file_name(format!(
+            ".{}.{}-{number}.tmp",
+            name.to_string_lossy(),
+            std::process::id()
+        ));
         match File::create_new(&beside) {
             // Left by one that was killed under the same number, as happens in containers.
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
@@ -66,7 +74,9 @@ mod tests {
     #[test]
     fn a_link_stays_a_link_and_what_is_no_file_is_written_to() {
         let folder = tempfile::tempdir().unwrap();
-        let (file, link, pipe) = (folder.path().join("file"), folder.path().join("link"), folder.path().join("pipe"));
+        let file = folder.path().join("file");
+        let link = folder.path().join("link");
+        let pipe = folder.path().join("pipe");
         fs::write(&file, b"first").unwrap();
         std::os::unix::fs::symlink(&file, &link).unwrap();
         write_whole(&link, |file| file.write_all(b"second")).unwrap();
@@ -102,7 +112,11 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("piece.ply");
         for number in 0..1000 {
-            fs::write(folder.path().join(format!(".piece.ply.{}-{number}.tmp", std::process::id())), "half").unwrap();
+            fs::write(
+                folder.path().join(format!(".piece.ply.{}-{number}.tmp", std::process::id())),
+                "half",
+            )
+            .unwrap();
         }
         write_whole(&path, |file| file.write_all(b"whole")).unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"whole");

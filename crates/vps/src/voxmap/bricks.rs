@@ -30,7 +30,8 @@ struct Word {
     before: u32,
 }
 
-/// A set of bricks that knows each member's place in ascending order: a quarter of a byte per brick of the grid.
+/// A set of bricks that knows each member's place in ascending order: a quarter of a byte per brick
+/// of the grid.
 #[derive(Debug, Default)]
 pub(super) struct BrickSet {
     words: Vec<Word>,
@@ -54,7 +55,8 @@ impl BrickSet {
     pub(super) fn slot(&self, brick: usize) -> Option<usize> {
         let Word { bits, before } = self.words[brick / 64];
         let bit = brick % 64;
-        (bits >> bit & 1 == 1).then(|| before as usize + (bits & ((1 << bit) - 1)).count_ones() as usize)
+        (bits >> bit & 1 == 1)
+            .then(|| before as usize + (bits & ((1 << bit) - 1)).count_ones() as usize)
     }
 
     /// Members among the bricks `64·word..64·(word + 1)`, as bits.
@@ -107,8 +109,9 @@ impl Marks {
             slot => slot,
         } as usize
             - 1;
-        &self.segments[slot / SEGMENT].get_or_init(|| (0..SEGMENT).map(|_| [const { AtomicU64::new(0) }; BRICK_EDGE]).collect())
-            [slot % SEGMENT]
+        &self.segments[slot / SEGMENT].get_or_init(|| {
+            (0..SEGMENT).map(|_| [const { AtomicU64::new(0) }; BRICK_EDGE]).collect()
+        })[slot % SEGMENT]
     }
 
     #[cold]
@@ -126,7 +129,8 @@ impl Marks {
         }
     }
 
-    /// The bricks that were marked and their masks, ascending: the order of allocation does not show.
+    /// The bricks that were marked and their masks, ascending: the order of allocation does not
+    /// show.
     pub(super) fn into_masks(self) -> (BrickSet, Vec<u32>, Vec<Mask>) {
         let Self { top, bricks, segments } = self;
         let n_words = top.len().div_ceil(64);
@@ -138,7 +142,9 @@ impl Marks {
             let slot = order[place].1 as usize;
             let segment = segments[slot / SEGMENT].get();
             // Relaxed: the threads that marked have been joined.
-            segment.map_or([0; BRICK_EDGE], |cells| cells[slot % SEGMENT].each_ref().map(|word| word.load(Ordering::Relaxed)))
+            segment.map_or([0; BRICK_EDGE], |cells| {
+                cells[slot % SEGMENT].each_ref().map(|word| word.load(Ordering::Relaxed))
+            })
         });
         let bricks: Vec<u32> = order.into_iter().map(|(brick, _)| brick as u32).collect();
         let mut words = vec![0_u64; n_words];

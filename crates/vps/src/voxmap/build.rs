@@ -35,7 +35,12 @@ impl Options {
 
     /// Voxels of this edge, m, and for the rest what a scene file has where it says nothing.
     pub fn new(voxel_size_m: f64) -> Self {
-        Self { voxel_size_m, layers: Self::DEFAULT_LAYERS, navigation: None, sides: InsideTest::Auto }
+        Self {
+            voxel_size_m,
+            layers: Self::DEFAULT_LAYERS,
+            navigation: None,
+            sides: InsideTest::Auto,
+        }
     }
 }
 
@@ -56,7 +61,8 @@ pub enum BakeStage {
     Pointshell,
 }
 
-/// What the callback for progress may answer when a stage is about to begin: `()` goes on, [`ControlFlow::Break`] ends the bake.
+/// What the callback for progress may answer when a stage is about to begin: `()` goes on,
+/// [`ControlFlow::Break`] ends the bake.
 pub trait Answer {
     /// The bake is to end here.
     fn ends(self) -> bool;
@@ -75,7 +81,10 @@ impl Answer for ControlFlow<()> {
 }
 
 /// Tells that a stage is about to begin.
-pub(crate) fn announce<A: Answer>(watch: &mut impl FnMut(BakeStage) -> A, stage: BakeStage) -> Result<(), GridError> {
+pub(crate) fn announce<A: Answer>(
+    watch: &mut impl FnMut(BakeStage) -> A,
+    stage: BakeStage,
+) -> Result<(), GridError> {
     if watch(stage).ends() { Err(GridError::Cancelled) } else { Ok(()) }
 }
 
@@ -115,7 +124,8 @@ pub struct Volume {
     pub thin_share: f64,
     /// Treated as a thin two-sided skin.
     pub thin: bool,
-    /// Share of the places beside the surface with a clear winding number; `None` where it was not asked.
+    /// Share of the places beside the surface with a clear winding number; `None` where it was not
+    /// asked.
     pub clear_share: Option<f64>,
     /// The mesh with lids on its holes, where they were needed.
     pub capped: Option<CappedMesh>,
@@ -127,7 +137,8 @@ impl Volume {
     /// Classifies the volume of a mesh: surface, fill, leak check, orientation, layers.
     ///
     /// # Errors
-    /// A grid that cannot be built, more surface voxels than can be numbered, or `watch` ended it. The mesh must not be empty (its bounds would be a point at the origin).
+    /// A grid that cannot be built, more surface voxels than can be numbered, or `watch` ended it.
+    /// The mesh must not be empty (its bounds would be a point at the origin).
     pub fn build<A: Answer>(
         mesh: &TriangleMesh,
         report: &MeshReport,
@@ -151,7 +162,10 @@ impl Volume {
             let n_voxels = surface.n_voxels as u64;
             // Surface voxels go with the square of the resolution.
             let coarser = 1.02 * (n_voxels as f64 / SURFACE_VOXELS_MAX as f64).sqrt();
-            return Err(GridError::Surface { n_voxels, voxel_size_m: coarser * options.voxel_size_m });
+            return Err(GridError::Surface {
+                n_voxels,
+                voxel_size_m: coarser * options.voxel_size_m,
+            });
         }
         timings.surface_s = lap();
         announce(&mut watch, BakeStage::Fill)?;
@@ -159,8 +173,11 @@ impl Volume {
         let Verdict { surface, sides, basis, leak, thin_share, clear_share, capped } = verdict;
         let thin = basis == InsideBasis::Thin;
         let mesh = capped.as_ref().map_or(mesh, |capped| &capped.mesh);
-        let orientation =
-            if thin { Orientation::as_filed(mesh.triangles.len()) } else { Orientation::judge(mesh, report, &surface, &sides) };
+        let orientation = if thin {
+            Orientation::as_filed(mesh.triangles.len())
+        } else {
+            Orientation::judge(mesh, report, &surface, &sides)
+        };
         timings.fill_s = lap();
         announce(&mut watch, BakeStage::Layers)?;
         let layers = Layers::grow(&surface, &sides, options.layers);
@@ -181,12 +198,14 @@ impl Volume {
         })
     }
 
-    /// The triangles that the surface voxels are of: `mesh`, which the map was built from, or the one with lids instead.
+    /// The triangles that the surface voxels are of: `mesh`, which the map was built from, or the
+    /// one with lids instead.
     pub fn mesh<'a>(&'a self, mesh: &'a TriangleMesh) -> &'a TriangleMesh {
         self.capped.as_ref().map_or(mesh, |capped| &capped.mesh)
     }
 
-    /// Measures distances and assembles the look-up for the tick. `with_gradients` is needed for `field = "surface-point"`.
+    /// Measures distances and assembles the look-up for the tick. `with_gradients` is needed for
+    /// `field = "surface-point"`.
     pub fn field(&mut self, mesh: &TriangleMesh, with_gradients: bool) -> Field {
         let since = Instant::now();
         let samples = self.samples(mesh, with_gradients);
@@ -202,11 +221,15 @@ impl Volume {
 
     fn samples(&self, mesh: &TriangleMesh, with_gradients: bool) -> Samples {
         let signs = if self.thin { Signs::Thin } else { Signs::Solid(&self.orientation) };
-        let mut samples = Samples::measure(self.mesh(mesh), &self.surface, &self.layers, signs, with_gradients);
+        let mut samples =
+            Samples::measure(self.mesh(mesh), &self.surface, &self.layers, signs, with_gradients);
         // Beside a lid the winding numbers know the side, not the nearest triangle.
         for (cell, is_inside) in self.capped.iter().flat_map(|capped| &capped.near) {
             let (brick, inside) = self.layers.grid.locate(*cell);
-            let Some(slot) = self.layers.slot(brick).filter(|_| self.surface.contains(*cell)) else { continue };
+            let Some(slot) = self.layers.slot(brick).filter(|_| self.surface.contains(*cell))
+            else {
+                continue;
+            };
             let value_m = &mut samples.values_m[slot][sample_of(inside)];
             if (*value_m > 0.0) != *is_inside {
                 *value_m = -*value_m;

@@ -1,24 +1,28 @@
 //! Two navigations through the candidates of one triangle, a column of voxels at a time.
 //!
 //! # Source
-//! Sagardia2008, section 3.1. Both navigations walk columns of voxels: a slab of the first axis, the columns of the slab that the
-//! triangle's outline meets, and in a column the span that the triangle's plane crosses. *Plane-span* tests every voxel of the
-//! span; *two-sided* tests inward from both ends up to the first hit and takes everything between. We deviate in the third
-//! axis: the dominant axis of the normal instead of always z, so that the plane is never steeper than 45°.
+//! Sagardia2008, section 3.1. Both navigations walk columns of voxels: a slab of the first axis,
+//! the columns of the slab that the triangle's outline meets, and in a column the span that the
+//! triangle's plane crosses. *Plane-span* tests every voxel of the span; *two-sided* tests inward
+//! from both ends up to the first hit and takes everything between. We deviate in the third axis:
+//! the dominant axis of the normal instead of always z, so that the plane is never steeper than
+//! 45°.
 //!
 //! # How a test is answered
-//! The specification is [`TriangleSat::hits`]. Each of its 13 axes accepts an interval of a column (see there), and the ends of
-//! an interval are linear in the two coordinates that stay fixed. So they are solved once per row or column instead of summed
-//! up again for every voxel: the three axes across an edge and the column's direction bound the columns of a slab, those across
-//! an edge and another direction bound the heights of a whole row of columns, and the normal bounds one column. Every end comes
-//! with a margin that exceeds all rounding, here and in the specification: a voxel between both margins is a hit, one beyond
-//! them is none, and one *within* a margin is put to the specification itself. The answers are therefore those of the
-//! specification, bit for bit; the price of a test falls to two comparisons. A test is still counted for each voxel that the
+//! The specification is [`TriangleSat::hits`]. Each of its 13 axes accepts an interval of a column
+//! (see there), and the ends of an interval are linear in the two coordinates that stay fixed. So
+//! they are solved once per row or column instead of summed up again for every voxel: the three
+//! axes across an edge and the column's direction bound the columns of a slab, those across an edge
+//! and another direction bound the heights of a whole row of columns, and the normal bounds one
+//! column. Every end comes with a margin that exceeds all rounding, here and in the specification:
+//! a voxel between both margins is a hit, one beyond them is none, and one *within* a margin is put
+//! to the specification itself. The answers are therefore those of the specification, bit for bit;
+//! the price of a test falls to two comparisons. A test is still counted for each voxel that the
 //! navigation asks about.
 //!
-//! Cost, measured in CPU time of marking as a whole on a busy two-core x86-64: 70 ns per surface voxel where a triangle touches
-//! fifty (scanned figure of 1,024 voxels), 350 ns per triangle that is smaller than a voxel; those are not given columns unless a navigation
-//! is asked for.
+//! Cost, measured in CPU time of marking as a whole on a busy two-core x86-64: 70 ns per surface
+//! voxel where a triangle touches fifty (scanned figure of 1,024 voxels), 350 ns per triangle that
+//! is smaller than a voxel; those are not given columns unless a navigation is asked for.
 
 use glam::DVec3;
 
@@ -39,7 +43,8 @@ pub(super) struct Run {
 /// Columns whose rows are solved together.
 const BLOCK: i32 = 8;
 
-/// Margins wider than this, cells, leave too much to the specification: the end is not solved for but bounded.
+/// Margins wider than this, cells, leave too much to the specification: the end is not solved for
+/// but bounded.
 const MARGIN_MAX_CELLS: f64 = 1.0 / 64.0;
 
 /// The columns of one triangle, ready to be walked.
@@ -47,7 +52,8 @@ pub(super) struct Columns<'a> {
     corners: &'a [DVec3; 3],
     /// Slab axis u, row axis v, column axis w.
     axes: [usize; 3],
-    /// Voxels whose closed extent meets the triangle's box, in the order u, v, w, clamped to the grid; inclusive.
+    /// Voxels whose closed extent meets the triangle's box, in the order u, v, w, clamped to the
+    /// grid; inclusive.
     first: [i32; 3],
     last: [i32; 3],
     /// Ends on w over one column, from the normal.
@@ -76,9 +82,11 @@ impl<'a> Columns<'a> {
         };
         let axes = [(w + 1) % 3, (w + 2) % 3, w];
         let [u, v, _] = axes;
-        let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+        let low = a.min(b).min(c);
+        let high = a.max(b).max(c);
         let cells = axes.map(|axis| candidates(low[axis], high[axis], dims[axis]));
-        let (first, last) = (cells.map(|[first, _]| first), cells.map(|[_, last]| last));
+        let first = cells.map(|[first, _]| first);
+        let last = cells.map(|[_, last]| last);
         let largest = low.abs().max(high.abs()).max_element();
         let plane = Plane::new(corners, normal, axes, largest);
         let range = |axis: usize| [first[axis], last[axis]];
@@ -101,11 +109,21 @@ impl<'a> Columns<'a> {
 
     /// Rows of columns that a walk may have to look at.
     pub(super) fn n_columns(&self) -> u64 {
-        (0..2).map(|axis| (i64::from(self.last[axis]) - i64::from(self.first[axis]) + 1).max(0) as u64).product()
+        (0..2)
+            .map(|axis| {
+                (i64::from(self.last[axis]) - i64::from(self.first[axis]) + 1).max(0) as u64
+            })
+            .product()
     }
 
-    /// Calls `visit` for every run of voxels that the triangle touches within these slabs; returns the number of tests.
-    pub(super) fn walk(&self, (first_u, last_u): (i32, i32), navigation: Navigation, mut visit: impl FnMut(Run)) -> u64 {
+    /// Calls `visit` for every run of voxels that the triangle touches within these slabs; returns
+    /// the number of tests.
+    pub(super) fn walk(
+        &self,
+        (first_u, last_u): (i32, i32),
+        navigation: Navigation,
+        mut visit: impl FnMut(Run),
+    ) -> u64 {
         let [u_axis, v_axis, w_axis] = self.axes;
         let mut specification: Option<TriangleSat> = None;
         let mut tests = 0;
@@ -145,13 +163,17 @@ impl<'a> Columns<'a> {
                             return true;
                         }
                         cell[w_axis] = w;
-                        specification.get_or_insert_with(|| TriangleSat::new(self.corners)).hits(cell)
+                        specification
+                            .get_or_insert_with(|| TriangleSat::new(self.corners))
+                            .hits(cell)
                     };
                     let found = match navigation {
-                        Navigation::TwoSided | Navigation::Auto => (span[0]..=span[1]).find(|w| hits(*w)).map(|first| {
-                            let last = (first + 1..=span[1]).rev().find(|w| hits(*w));
-                            (first, last.unwrap_or(first))
-                        }),
+                        Navigation::TwoSided | Navigation::Auto => {
+                            (span[0]..=span[1]).find(|w| hits(*w)).map(|first| {
+                                let last = (first + 1..=span[1]).rev().find(|w| hits(*w));
+                                (first, last.unwrap_or(first))
+                            })
+                        }
                         _ => (span[0]..=span[1]).fold(None, |found, w| match (hits(w), found) {
                             (false, found) => found,
                             (true, None) => Some((w, w)),
@@ -182,22 +204,28 @@ const SMALL_BOX: i32 = 8;
 
 /// Every voxel of one triangle's box, each put to the specification: [`Navigation::WholeBox`].
 pub(super) struct WholeBox {
-    /// `None` where every voxel of the box is a hit: the triangle's own extent along a row, and no more than one voxel across it, leave it no
-    /// way around any of them.
+    /// `None` where every voxel of the box is a hit: the triangle's own extent along a row, and no
+    /// more than one voxel across it, leave it no way around any of them.
     specification: Option<TriangleSat>,
     /// Of each axis, inclusive.
     cells: [[i32; 2]; 3],
 }
 
 impl WholeBox {
-    /// Prepares a triangle given by its corners in cell coordinates; `None` where the navigation takes columns.
+    /// Prepares a triangle given by its corners in cell coordinates; `None` where the navigation
+    /// takes columns.
     #[inline]
-    pub(super) fn of_navigation(corners: &[DVec3; 3], dims: [u32; 3], navigation: Navigation) -> Option<Self> {
+    pub(super) fn of_navigation(
+        corners: &[DVec3; 3],
+        dims: [u32; 3],
+        navigation: Navigation,
+    ) -> Option<Self> {
         if !matches!(navigation, Navigation::Auto | Navigation::WholeBox) {
             return None;
         }
         let [a, b, c] = *corners;
-        let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+        let low = a.min(b).min(c);
+        let high = a.max(b).max(c);
         let cells = [0, 1, 2].map(|axis| candidates(low[axis], high[axis], dims[axis]));
         if navigation == Navigation::WholeBox {
             return Some(Self { specification: Some(TriangleSat::new(corners)), cells });
@@ -217,7 +245,10 @@ impl WholeBox {
 
     /// Columns along z in the box.
     pub(super) fn n_columns(&self) -> u64 {
-        self.cells[..2].iter().map(|[first, last]| (i64::from(*last) - i64::from(*first) + 1).max(0) as u64).product()
+        self.cells[..2]
+            .iter()
+            .map(|[first, last]| (i64::from(*last) - i64::from(*first) + 1).max(0) as u64)
+            .product()
     }
 
     /// As [`Columns::walk`].
@@ -228,7 +259,11 @@ impl WholeBox {
             for y in first_y..=last_y {
                 for z in first_z..=last_z {
                     tests += 1;
-                    if self.specification.as_ref().is_none_or(|specification| specification.hits([x, y, z])) {
+                    if self
+                        .specification
+                        .as_ref()
+                        .is_none_or(|specification| specification.hits([x, y, z]))
+                    {
                         visit(Run { first: [x, y, z], axis: 2, last: z });
                     }
                 }
@@ -238,8 +273,8 @@ impl WholeBox {
     }
 }
 
-/// Where the ends of an accepted interval lie, each half a cell off, so that rounding to the nearest whole number gives the first
-/// or last cell.
+/// Where the ends of an accepted interval lie, each half a cell off, so that rounding to the
+/// nearest whole number gives the first or last cell.
 #[derive(Clone, Copy, Debug)]
 struct Reach {
     first_possible: f64,
@@ -293,13 +328,15 @@ fn lesser(a: f64, b: f64) -> f64 {
 /// The nearest whole number; either one for a tie. Far numbers saturate at ±10⁹.
 #[inline(always)]
 fn nearest(x: f64) -> i32 {
-    // Adding 1.5·2⁵² leaves the whole number in the low bits; baseline x86-64 has no instruction for it.
+    // Adding 1.5·2⁵² leaves the whole number in the low bits; baseline x86-64 has no instruction
+    // for it.
     const SHIFT: f64 = 6_755_399_441_055_744.0;
     (lesser(greater(x, -1e9), 1e9) + SHIFT).to_bits() as i32
 }
 
-/// All that rounding can do to a projection on an axis, here or in the specification: about sixty times the rounding of one
-/// product, half of which is the specification's own allowance. The last term is for products that underflow.
+/// All that rounding can do to a projection on an axis, here or in the specification: about sixty
+/// times the rounding of one product, half of which is the specification's own allowance. The last
+/// term is for products that underflow.
 fn slack(extent: f64, largest: f64) -> f64 {
     32.0 * f64::EPSILON * extent * (2.0 + largest) + 1e-300
 }
@@ -319,7 +356,8 @@ enum Line {
     Free,
     /// An interval of t that depends on s.
     Slanted(Slanted),
-    /// The axis is (almost) perpendicular to t. `low_t` and `high_t`: what t adds to the projection at most.
+    /// The axis is (almost) perpendicular to t. `low_t` and `high_t`: what t adds to the projection
+    /// at most.
     Flat { a_s: f64, low: f64, high: f64, low_t: f64, high_t: f64, slack: f64 },
 }
 
@@ -337,11 +375,22 @@ impl Line {
         let margin = slack * per_a_t.abs();
         if margin > MARGIN_MAX_CELLS {
             let [first, last] = range.map(|t| a_t * (f64::from(t) + 0.5));
-            return Self::Flat { a_s, low, high, low_t: first.min(last), high_t: first.max(last), slack };
+            return Self::Flat {
+                a_s,
+                low,
+                high,
+                low_t: first.min(last),
+                high_t: first.max(last),
+                slack,
+            };
         }
         let ends = [low, high].map(|end| (end - 0.5 * a_s) * per_a_t - 0.5);
-        let (first, last) = (lesser(ends[0], ends[1]), greater(ends[0], ends[1]));
-        Self::Slanted(Slanted { slope: -a_s * per_a_t, at_zero: ends_with_margin(first, last, margin) })
+        let first = lesser(ends[0], ends[1]);
+        let last = greater(ends[0], ends[1]);
+        Self::Slanted(Slanted {
+            slope: -a_s * per_a_t,
+            at_zero: ends_with_margin(first, last, margin),
+        })
     }
 
     /// Takes away from `reach` what the axis does not accept over `s`.
@@ -360,7 +409,8 @@ impl Line {
             }
             Self::Flat { a_s, low, high, low_t, high_t, slack } => {
                 let fixed = a_s * (s + 0.5);
-                let (least, most) = (fixed + low_t, fixed + high_t);
+                let least = fixed + low_t;
+                let most = fixed + high_t;
                 if !(least >= low + slack && most <= high - slack) {
                     reach.first_certain = f64::INFINITY;
                     if most < low - slack || least > high + slack {
@@ -391,12 +441,21 @@ impl Lines {
     #[inline(always)]
     fn new(corners: &[DVec3; 3], [s, t]: [usize; 2], range: [i32; 2], largest: f64) -> Self {
         Self(core::array::from_fn(|idx| {
-            let (from, to, opposite) = (corners[idx], corners[(idx + 1) % 3], corners[(idx + 2) % 3]);
+            let from = corners[idx];
+            let to = corners[(idx + 1) % 3];
+            let opposite = corners[(idx + 2) % 3];
             let axis = [to[t] - from[t], from[s] - to[s]];
             // Both ends of the edge project to the same place.
-            let [on_edge, beside] = [from, opposite].map(|corner| axis[0] * corner[s] + axis[1] * corner[t]);
+            let [on_edge, beside] =
+                [from, opposite].map(|corner| axis[0] * corner[s] + axis[1] * corner[t]);
             let half_width = 0.5 * (axis[0].abs() + axis[1].abs());
-            Line::new(axis, lesser(on_edge, beside) - half_width, greater(on_edge, beside) + half_width, range, largest)
+            Line::new(
+                axis,
+                lesser(on_edge, beside) - half_width,
+                greater(on_edge, beside) + half_width,
+                range,
+                largest,
+            )
         }))
     }
 
@@ -426,9 +485,14 @@ impl Plane {
         let extent = normal.x.abs() + normal.y.abs() + normal.z.abs();
         let per_w = 1.0 / normal[w];
         let margin = slack(extent, largest) * per_w.abs();
-        // The component along w is the largest, so only a normal that underflows is left to the specification.
+        // The component along w is the largest, so only a normal that underflows is left to the
+        // specification.
         if margin > MARGIN_MAX_CELLS {
-            return Self { slope_u: 0.0, slope_v: 0.0, at_zero: Reach { first_certain: f64::INFINITY, ..Reach::EVERYWHERE } };
+            return Self {
+                slope_u: 0.0,
+                slope_v: 0.0,
+                at_zero: Reach { first_certain: f64::INFINITY, ..Reach::EVERYWHERE },
+            };
         }
         let heights = corners.map(|corner| normal.dot(corner));
         let half_width = 0.5 * extent;

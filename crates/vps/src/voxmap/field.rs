@@ -1,9 +1,11 @@
 //! The read-only look-up that the tick uses: depth of a point, and its gradient.
 //!
-//! Data in: a baked map. Data out: V at a point of the map frame (negative outside, 0 on the surface, positive inside).
+//! Data in: a baked map. Data out: V at a point of the map frame (negative outside, 0 on the
+//! surface, positive inside).
 //!
-//! Invariant: immutable, and total: any finite point gives a finite answer, a point that is not a number gives NaN (which is no
-//! contact), nothing panics. Cost: one top-grid read plus 1 to 8 reads in one or two bricks.
+//! Invariant: immutable, and total: any finite point gives a finite answer, a point that is not a
+//! number gives NaN (which is no contact), nothing panics. Cost: one top-grid read plus 1 to 8
+//! reads in one or two bricks.
 
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing)]
 
@@ -28,7 +30,8 @@ use crate::storage::SharedSlice;
 pub enum FieldKind {
     /// V_L: layer value of the voxel plus the tangent-plane term.
     Layers,
-    /// V_S: signed distance to the tangent plane at the surface point closest to the voxel's centre.
+    /// V_S: signed distance to the tangent plane at the surface point closest to the voxel's
+    /// centre.
     SurfacePoint,
     /// V_I: first-order expansion from the voxel centre towards the point's octant.
     Octant,
@@ -39,8 +42,12 @@ pub enum FieldKind {
 
 impl FieldKind {
     /// The names of the scene file.
-    pub const NAMES: [(&'static str, Self); 4] =
-        [("layers", Self::Layers), ("surface-point", Self::SurfacePoint), ("octant", Self::Octant), ("trilinear", Self::Trilinear)];
+    pub const NAMES: [(&'static str, Self); 4] = [
+        ("layers", Self::Layers),
+        ("surface-point", Self::SurfacePoint),
+        ("octant", Self::Octant),
+        ("trilinear", Self::Trilinear),
+    ];
 }
 
 /// The sampled field of one object, map frame. A clone is another handle on the same arrays.
@@ -53,7 +60,8 @@ pub struct Field {
     brick_dims: [i32; 3],
     /// `[n_bricks]`, z fastest: slot, or [`FAR_OUTSIDE`], or [`DEEP_INSIDE`].
     top: SharedSlice<u32>,
-    /// `[n_slots][9³]`, z fastest, m: signed distance at cell centres, with the next bricks' first samples.
+    /// `[n_slots][9³]`, z fastest, m: signed distance at cell centres, with the next bricks' first
+    /// samples.
     distances_m: SharedSlice<[f32; APRON_CELLS]>,
     /// `[n_slots][8³]`, z fastest; of a new field the map's own.
     layers: SharedSlice<[i8; BRICK_CELLS]>,
@@ -70,8 +78,8 @@ impl Field {
     pub(crate) fn new(layers: &Layers, samples: Samples, thin: bool) -> Self {
         let grid: &Grid = &layers.grid;
         let voxel_size_m = grid.voxel_size_m as f32;
-        // Cells on the outermost layer are at least this far away, and so is everything beyond: saturating here makes a brick
-        // without band cells and the cells beside it agree.
+        // Cells on the outermost layer are at least this far away, and so is everything beyond:
+        // saturating here makes a brick without band cells and the cells beside it agree.
         let band_m = (layers.n_layers as f32 - 0.5) * voxel_size_m;
         let Samples { values_m: mut distances_m, gradients } = samples;
         fill_aprons(layers, band_m, &mut distances_m);
@@ -118,24 +126,39 @@ impl Field {
         self.brick_dims.map(|n| n as usize)
     }
 
-    /// `[brick_dims]`, z fastest: number of the brick in [`Self::bricks`], [`FAR_OUTSIDE`] or [`DEEP_INSIDE`].
+    /// `[brick_dims]`, z fastest: number of the brick in [`Self::bricks`], [`FAR_OUTSIDE`] or
+    /// [`DEEP_INSIDE`].
     pub fn top(&self) -> &[u32] {
         &self.top
     }
 
-    /// `[n_bricks][9³]`, z fastest, m: V at cell centres before the skin is added, positive inside; the ninth samples are those of the next bricks.
+    /// `[n_bricks][9³]`, z fastest, m: V at cell centres before the skin is added, positive inside;
+    /// the ninth samples are those of the next bricks.
     pub fn bricks(&self) -> &[[f32; APRON_CELLS]] {
         &self.distances_m
     }
 
     /// Size of the arrays, bytes.
     pub fn heap_bytes(&self) -> usize {
-        let Self { origin: _, voxel_size_m: _, brick_dims: _, top, distances_m, layers, gradients, band_m: _, skin_m: _ } = self;
-        size_of_val(&**top) + size_of_val(&**distances_m) + size_of_val(&**layers) + size_of_val(&**gradients)
+        let Self {
+            origin: _,
+            voxel_size_m: _,
+            brick_dims: _,
+            top,
+            distances_m,
+            layers,
+            gradients,
+            band_m: _,
+            skin_m: _,
+        } = self;
+        size_of_val(&**top)
+            + size_of_val(&**distances_m)
+            + size_of_val(&**layers)
+            + size_of_val(&**gradients)
     }
 
-    /// V at a point, m. `cells`: the point in cell coordinates; `normal`: the pointshell's inward normal in map axes, read by
-    /// [`FieldKind::Layers`] only.
+    /// V at a point, m. `cells`: the point in cell coordinates; `normal`: the pointshell's inward
+    /// normal in map axes, read by [`FieldKind::Layers`] only.
     ///
     /// RT: safe. Saturates at ± the band; −band outside the grid.
     #[inline]
@@ -168,16 +191,20 @@ impl Field {
         }
     }
 
-    /// Gradient of [`FieldKind::Trilinear`], m/m, map axes; zero where the field is uniform. RT: safe.
+    /// Gradient of [`FieldKind::Trilinear`], m/m, map axes; zero where the field is uniform. RT:
+    /// safe.
     pub fn gradient(&self, cells: Vec3) -> Vec3 {
         let lattice = cells - 0.5;
         let base = whole(lattice);
         let t = lattice - to_vec3(base);
         let Corners::Samples(c) = self.corners(base) else { return Vec3::ZERO };
         let mix = |a: f32, b: f32, t: f32| a + (b - a) * t;
-        let along_x = mix(mix(c[4] - c[0], c[5] - c[1], t.z), mix(c[6] - c[2], c[7] - c[3], t.z), t.y);
-        let along_y = mix(mix(c[2] - c[0], c[3] - c[1], t.z), mix(c[6] - c[4], c[7] - c[5], t.z), t.x);
-        let along_z = mix(mix(c[1] - c[0], c[3] - c[2], t.y), mix(c[5] - c[4], c[7] - c[6], t.y), t.x);
+        let along_x =
+            mix(mix(c[4] - c[0], c[5] - c[1], t.z), mix(c[6] - c[2], c[7] - c[3], t.z), t.y);
+        let along_y =
+            mix(mix(c[2] - c[0], c[3] - c[1], t.z), mix(c[6] - c[4], c[7] - c[5], t.z), t.x);
+        let along_z =
+            mix(mix(c[1] - c[0], c[3] - c[2], t.y), mix(c[5] - c[4], c[7] - c[6], t.y), t.x);
         Vec3::new(along_x, along_y, along_z) / self.voxel_size_m
     }
 
@@ -186,7 +213,8 @@ impl Field {
         let cell = whole(cells);
         match self.locate(cell) {
             Located::Cell(slot, inside) => {
-                let layer = self.layers.get(slot).and_then(|brick| brick.get(inside)).copied().unwrap_or(0);
+                let layer =
+                    self.layers.get(slot).and_then(|brick| brick.get(inside)).copied().unwrap_or(0);
                 let to_center = to_vec3(cell) + 0.5 - cells;
                 let value = self.voxel_size_m * (f32::from(layer) + normal.dot(to_center));
                 value.clamp(-self.band_m, self.band_m) + self.skin_m
@@ -200,9 +228,15 @@ impl Field {
         let cell = whole(cells);
         match self.locate(cell) {
             Located::Cell(slot, inside) => {
-                let gradient = self.gradients.get(slot).and_then(|brick| brick.get(inside)).copied().unwrap_or(Vec3::ZERO);
+                let gradient = self
+                    .gradients
+                    .get(slot)
+                    .and_then(|brick| brick.get(inside))
+                    .copied()
+                    .unwrap_or(Vec3::ZERO);
                 let from_center = cells - to_vec3(cell) - 0.5;
-                let value = self.sample(slot, inside) + self.voxel_size_m * gradient.dot(from_center);
+                let value =
+                    self.sample(slot, inside) + self.voxel_size_m * gradient.dot(from_center);
                 value.clamp(-self.band_m, self.band_m) + self.skin_m
             }
             Located::Uniform(value) => value + self.skin_m,
@@ -230,14 +264,19 @@ impl Field {
                 Located::Cell(slot, inside) => self.sample(slot, inside),
                 Located::Uniform(value) => value,
             };
-            // (w_x − w_C)/d_X · along: the sign of d_X and of `along` agree, so the product takes the magnitude.
+            // (w_x − w_C)/d_X · along: the sign of d_X and of `along` agree, so the product takes
+            // the magnitude.
             value += (beside - center) * along.abs();
         }
         value.clamp(-self.band_m, self.band_m) + self.skin_m
     }
 
     fn sample(&self, slot: usize, inside: usize) -> f32 {
-        self.distances_m.get(slot).and_then(|brick| brick.get(sample_of(inside))).copied().unwrap_or(-self.band_m)
+        self.distances_m
+            .get(slot)
+            .and_then(|brick| brick.get(sample_of(inside)))
+            .copied()
+            .unwrap_or(-self.band_m)
     }
 
     /// The eight samples around a lattice cell whose lowest corner is the centre of cell `base`.
@@ -251,7 +290,8 @@ impl Field {
         const PLANE: usize = APRON_EDGE * APRON_EDGE;
         let first = (inside >> 6) * PLANE + (inside >> 3 & 7) * ROW + (inside & 7);
         let brick = self.distances_m.get(slot).and_then(|brick| brick.get(first..));
-        let Some(samples) = brick.and_then(|samples| samples.first_chunk::<{ PLANE + ROW + 2 }>()) else {
+        let Some(samples) = brick.and_then(|samples| samples.first_chunk::<{ PLANE + ROW + 2 }>())
+        else {
             return Corners::Uniform(-self.band_m);
         };
         Corners::Samples([
@@ -269,7 +309,9 @@ impl Field {
     /// Slot and cell number of a cell.
     #[inline]
     fn locate(&self, [x, y, z]: [i32; 3]) -> Located {
-        let (bx, by, bz) = (x >> 3, y >> 3, z >> 3);
+        let bx = x >> 3;
+        let by = y >> 3;
+        let bz = z >> 3;
         let [nx, ny, nz] = self.brick_dims;
         if (bx as u32) >= nx as u32 || (by as u32) >= ny as u32 || (bz as u32) >= nz as u32 {
             return Located::Uniform(-self.band_m);
@@ -283,33 +325,47 @@ impl Field {
     }
 }
 
-/// Bricks whose aprons are filled together: the buffer between reading neighbours and writing stays in the cache.
+/// Bricks whose aprons are filled together: the buffer between reading neighbours and writing stays
+/// in the cache.
 const APRON_CHUNK: usize = 4096;
 /// Samples of a brick that are its neighbours'.
 const BORROWED: usize = APRON_CELLS - BRICK_CELLS;
 
-/// Calls `visit` for every row along z that holds borrowed samples of a brick: with the row's first sample, which of the seven next bricks
-/// owns what lies beside the brick in x or y (bits x, y; 0: only the row's end is borrowed), and the place of the row there.
+/// Calls `visit` for every row along z that holds borrowed samples of a brick: with the row's first
+/// sample, which of the seven next bricks owns what lies beside the brick in x or y (bits x, y; 0:
+/// only the row's end is borrowed), and the place of the row there.
 fn each_apron_row(mut visit: impl FnMut(usize, usize, usize)) {
     for x in 0..APRON_EDGE {
         for y in 0..APRON_EDGE {
             let owner = 4 * (x / BRICK_EDGE) + 2 * (y / BRICK_EDGE);
-            visit((x * APRON_EDGE + y) * APRON_EDGE, owner, ((x % BRICK_EDGE) * APRON_EDGE + y % BRICK_EDGE) * APRON_EDGE);
+            visit(
+                (x * APRON_EDGE + y) * APRON_EDGE,
+                owner,
+                ((x % BRICK_EDGE) * APRON_EDGE + y % BRICK_EDGE) * APRON_EDGE,
+            );
         }
     }
 }
 
 /// Copies the first samples of the next bricks into each brick. Cold.
-#[expect(clippy::indexing_slicing, reason = "start-up: slots of one map index the arrays of the other")]
+#[expect(
+    clippy::indexing_slicing,
+    reason = "start-up: slots of one map index the arrays of the other"
+)]
 fn fill_aprons(layers: &Layers, band_m: f32, distances_m: &mut [[f32; APRON_CELLS]]) {
-    let (outside, inside) = ([-band_m; APRON_CELLS], [band_m; APRON_CELLS]);
+    let outside = [-band_m; APRON_CELLS];
+    let inside = [band_m; APRON_CELLS];
     for first in (0..distances_m.len()).step_by(APRON_CHUNK) {
         let bricks = &layers.bricks[first..layers.bricks.len().min(first + APRON_CHUNK)];
         let borrowed = parallel::map(bricks.len(), 16, |place| {
             let coord = layers.grid.brick_coord(bricks[place] as usize);
             let owners: [&[f32; APRON_CELLS]; 8] = core::array::from_fn(|owner| {
                 let offset = [owner >> 2 & 1, owner >> 1 & 1, owner & 1].map(|i| i as i32);
-                match layers.grid.brick_neighbour(coord, offset).map_or(FAR_OUTSIDE, |neighbour| layers.top[neighbour]) {
+                match layers
+                    .grid
+                    .brick_neighbour(coord, offset)
+                    .map_or(FAR_OUTSIDE, |neighbour| layers.top[neighbour])
+                {
                     FAR_OUTSIDE => &outside,
                     DEEP_INSIDE => &inside,
                     slot => &distances_m[slot as usize],
@@ -319,7 +375,8 @@ fn fill_aprons(layers: &Layers, band_m: f32, distances_m: &mut [[f32; APRON_CELL
             let mut n = 0;
             each_apron_row(|_, owner, there| {
                 if owner != 0 {
-                    borrowed[n..n + BRICK_EDGE].copy_from_slice(&owners[owner][there..there + BRICK_EDGE]);
+                    borrowed[n..n + BRICK_EDGE]
+                        .copy_from_slice(&owners[owner][there..there + BRICK_EDGE]);
                     n += BRICK_EDGE;
                 }
                 borrowed[n] = owners[owner + 1][there];
@@ -328,10 +385,12 @@ fn fill_aprons(layers: &Layers, band_m: f32, distances_m: &mut [[f32; APRON_CELL
             borrowed
         });
         parallel::map_mut(&mut distances_m[first..][..bricks.len()], 16, |place, samples| {
-            let (borrowed, mut n) = (&borrowed[place], 0);
+            let borrowed = &borrowed[place];
+            let mut n = 0;
             each_apron_row(|first, owner, _| {
                 if owner != 0 {
-                    samples[first..first + BRICK_EDGE].copy_from_slice(&borrowed[n..n + BRICK_EDGE]);
+                    samples[first..first + BRICK_EDGE]
+                        .copy_from_slice(&borrowed[n..n + BRICK_EDGE]);
                     n += BRICK_EDGE;
                 }
                 samples[first + BRICK_EDGE] = borrowed[n];
@@ -341,10 +400,12 @@ fn fill_aprons(layers: &Layers, band_m: f32, distances_m: &mut [[f32; APRON_CELL
     }
 }
 
-/// Cell that a point lies in: a truncating cast, which is one instruction where `floor` is a function call.
+/// Cell that a point lies in: a truncating cast, which is one instruction where `floor` is a
+/// function call.
 ///
-/// It differs from `floor` between −1 and 0 only, which lands in cell 0: padding, where everything is far outside. Casts saturate:
-/// far points become indices that the range check refuses, NaN becomes 0.
+/// It differs from `floor` between −1 and 0 only, which lands in cell 0: padding, where everything
+/// is far outside. Casts saturate: far points become indices that the range check refuses, NaN
+/// becomes 0.
 #[inline]
 fn whole(cells: Vec3) -> [i32; 3] {
     [cells.x as i32, cells.y as i32, cells.z as i32]

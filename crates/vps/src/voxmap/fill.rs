@@ -1,9 +1,10 @@
 //! Which cells are outside? A flood from a corner of the grid, eight rows of eight cells at a time.
 //!
 //! # Source
-//! Sagardia2008, section 3: flood fill with a LIFO stack from a corner voxel; what is neither reached nor surface is inside.
-//! Connectivity is ours: 6 neighbours, which a supercover surface stops. We flood bricks, not voxels: bricks without surface by whole
-//! runs along z, 64 to a word; a brick with surface by word-wide shifts until nothing changes. The set reached is the same.
+//! Sagardia2008, section 3: flood fill with a LIFO stack from a corner voxel; what is neither
+//! reached nor surface is inside. Connectivity is ours: 6 neighbours, which a supercover surface
+//! stops. We flood bricks, not voxels: bricks without surface by whole runs along z, 64 to a word;
+//! a brick with surface by word-wide shifts until nothing changes. The set reached is the same.
 
 use super::bricks::BrickSet;
 use super::grid::{BRICK_EDGE, Grid};
@@ -36,9 +37,10 @@ pub enum Side {
 impl Sides {
     /// Floods from the corner cell `[0, 0, 0]`, which the padding keeps free.
     ///
-    /// Free bricks are flooded first; then bricks with surface take in what all their neighbours hold, in rounds: each round asks
-    /// the bricks beside which something changed, on the current rayon pool. Cost: O(runs of free bricks + surface bricks ·
-    /// rounds that touch them); measured 52 ms of CPU time for 1.7 M bricks, 56,000 of them with surface, flooded on both sides.
+    /// Free bricks are flooded first; then bricks with surface take in what all their neighbours
+    /// hold, in rounds: each round asks the bricks beside which something changed, on the current
+    /// rayon pool. Cost: O(runs of free bricks + surface bricks · rounds that touch them); measured
+    /// 52 ms of CPU time for 1.7 M bricks, 56,000 of them with surface, flooded on both sides.
     pub fn flood(surface: &Surface) -> Self {
         let grid = &surface.grid;
         let mut sides = Self {
@@ -76,11 +78,19 @@ impl Sides {
                     let Some(neighbour) = grid.brick_neighbour(coord, offset) else { continue };
                     let crossing = across_face(&outside, axis, direction);
                     match surface.slot(neighbour) {
-                        None if crossing != [0; BRICK_EDGE] => free.flood(&mut sides.outside_bricks, neighbour),
+                        None if crossing != [0; BRICK_EDGE] => {
+                            free.flood(&mut sides.outside_bricks, neighbour)
+                        }
                         None => {}
                         Some(slot) => {
-                            let closed = crossing.iter().zip(&surface.masks[slot]).zip(&sides.outside_masks[slot]);
-                            if closed.into_iter().any(|((cells, surface), outside)| cells & !surface & !outside != 0) {
+                            let closed = crossing
+                                .iter()
+                                .zip(&surface.masks[slot])
+                                .zip(&sides.outside_masks[slot]);
+                            if closed
+                                .into_iter()
+                                .any(|((cells, surface), outside)| cells & !surface & !outside != 0)
+                            {
                                 free.beside.push(neighbour as u32);
                             }
                         }
@@ -142,7 +152,8 @@ impl Sides {
             return Side::Outside;
         }
         let (brick, inside) = grid.locate(cell);
-        let (word, bit) = (inside >> 6, inside & 63);
+        let word = inside >> 6;
+        let bit = inside & 63;
         let set = |mask: &Mask| mask[word] >> bit & 1 == 1;
         match surface.slot(brick) {
             Some(slot) if set(&surface.masks[slot]) => Side::Surface,
@@ -157,11 +168,17 @@ impl Sides {
         let grid = &surface.grid;
         let cells = super::grid::BRICK_CELLS as u64;
         let words = self.outside_bricks.iter().enumerate();
-        let held: u64 = words.map(|(word, outside)| u64::from((outside | surface.brick_set().word(word)).count_ones())).sum();
+        let held: u64 = words
+            .map(|(word, outside)| {
+                u64::from((outside | surface.brick_set().word(word)).count_ones())
+            })
+            .sum();
         let uniform = grid.n_bricks() as u64 - held;
         let words = surface.masks.as_flattened().iter().zip(self.outside_masks.as_flattened());
-        let mixed: u64 = words.map(|(surface, outside)| u64::from((!(surface | outside)).count_ones())).sum();
-        // The padding keeps cells beyond `dims` in the last bricks outside, so no clipping is needed.
+        let mixed: u64 =
+            words.map(|(surface, outside)| u64::from((!(surface | outside)).count_ones())).sum();
+        // The padding keeps cells beyond `dims` in the last bricks outside, so no clipping is
+        // needed.
         uniform * cells + mixed
     }
 }
@@ -181,15 +198,22 @@ struct FreeBricks<'a> {
 
 impl<'a> FreeBricks<'a> {
     fn new(grid: &Grid, surface: &'a BrickSet) -> Self {
-        Self { brick_dims: grid.brick_dims().map(|n| n as usize), surface, stack: Vec::new(), beside: Vec::new() }
+        Self {
+            brick_dims: grid.brick_dims().map(|n| n as usize),
+            surface,
+            stack: Vec::new(),
+            beside: Vec::new(),
+        }
     }
 
-    /// Adds to `outside` every free brick that is connected with `seed`, and notes the surface bricks on the way.
+    /// Adds to `outside` every free brick that is connected with `seed`, and notes the surface
+    /// bricks on the way.
     fn flood(&mut self, outside: &mut [u64], seed: usize) {
         self.take_run(outside, seed);
         let [nx, ny, nz] = self.brick_dims;
         while let Some(run) = self.stack.pop() {
-            let (x, y) = (run.start / (ny * nz), run.start / nz % ny);
+            let x = run.start / (ny * nz);
+            let y = run.start / nz % ny;
             if x > 0 {
                 self.enter(outside, run.start - ny * nz..run.end - ny * nz);
             }
@@ -210,7 +234,8 @@ impl<'a> FreeBricks<'a> {
         self.note(range.clone());
         for word in range.start / 64..=(range.end - 1) / 64 {
             // Again and again: a run that was taken may cover more of this word.
-            while let free @ 1.. = !(outside[word] | self.surface.word(word)) & within(word, &range) {
+            while let free @ 1.. = !(outside[word] | self.surface.word(word)) & within(word, &range)
+            {
                 self.take_run(outside, 64 * word + free.trailing_zeros() as usize);
             }
         }
@@ -218,7 +243,8 @@ impl<'a> FreeBricks<'a> {
 
     /// Takes the run of free bricks around a brick; nothing if that is not free.
     fn take_run(&mut self, outside: &mut [u64], brick: usize) {
-        let row = brick - brick % self.brick_dims[2]..brick - brick % self.brick_dims[2] + self.brick_dims[2];
+        let row = brick - brick % self.brick_dims[2]
+            ..brick - brick % self.brick_dims[2] + self.brick_dims[2];
         let taken = |outside: &[u64], word: usize| outside[word] | self.surface.word(word);
         if taken(outside, brick / 64) >> (brick % 64) & 1 == 1 {
             return;
@@ -239,7 +265,9 @@ impl<'a> FreeBricks<'a> {
                 break;
             }
         }
-        for (word, bricks) in outside.iter_mut().enumerate().take((end - 1) / 64 + 1).skip(start / 64) {
+        for (word, bricks) in
+            outside.iter_mut().enumerate().take((end - 1) / 64 + 1).skip(start / 64)
+        {
             *bricks |= within(word, &(start..end));
         }
         self.note(start.max(row.start + 1) - 1..(end + 1).min(row.end));
@@ -249,7 +277,10 @@ impl<'a> FreeBricks<'a> {
     /// Notes the surface bricks of a range within a row.
     fn note(&mut self, range: core::ops::Range<usize>) {
         for word in range.start / 64..=(range.end - 1) / 64 {
-            self.beside.extend(bits(self.surface.word(word) & within(word, &range)).map(|bit| 64 * word as u32 + bit));
+            self.beside.extend(
+                bits(self.surface.word(word) & within(word, &range))
+                    .map(|bit| 64 * word as u32 + bit),
+            );
         }
     }
 }
@@ -277,7 +308,8 @@ fn spread(outside: &mut Mask, entering: &Mask, surface: &Mask) -> bool {
         let mut changed = false;
         for x in 0..BRICK_EDGE {
             let row = outside[x];
-            let mut grown = row | (row << 8) | (row >> 8) | ((row << 1) & !FIRST_Z) | ((row & !FIRST_Z) >> 1);
+            let mut grown =
+                row | (row << 8) | (row >> 8) | ((row << 1) & !FIRST_Z) | ((row & !FIRST_Z) >> 1);
             if x > 0 {
                 grown |= outside[x - 1];
             }

@@ -1,7 +1,7 @@
 //! Index arithmetic: metres ↔ cells ↔ bricks.
 //!
-//! A voxel (cell) `[i, j, k]` covers `origin + s·[i..i+1, j..j+1, k..k+1]`. Eight cells on an edge make a brick; bricks are
-//! numbered with z fastest, like the cells of a NumPy array in C order.
+//! A voxel (cell) `[i, j, k]` covers `origin + s·[i..i+1, j..j+1, k..k+1]`. Eight cells on an edge
+//! make a brick; bricks are numbered with z fastest, like the cells of a NumPy array in C order.
 
 use glam::DVec3;
 use thiserror::Error;
@@ -24,11 +24,13 @@ pub const SURFACE_VOXELS_MAX: u64 = u32::MAX as u64;
 #[derive(Debug, Error, PartialEq)]
 pub enum GridError {
     /// Too many voxels for one map.
-    #[error("a grid of {} x {} x {} voxels is too large (at most {CELLS_PER_AXIS_MAX} per axis and {BRICKS_MAX} bricks of 8³)", dims[0], dims[1], dims[2])]
+    #[error("a grid of {} x {} x {} voxels is too large (at most {CELLS_PER_AXIS_MAX} per axis and \
+        {BRICKS_MAX} bricks of 8³)", dims[0], dims[1], dims[2])]
     TooLarge {
         /// Voxels per axis that the voxel size asks for.
         dims: [u64; 3],
-        /// Smallest voxel size that fits, m: into one map, and into the memory where the caller judged that.
+        /// Smallest voxel size that fits, m: into one map, and into the memory where the caller
+        /// judged that.
         voxel_size_m: f64,
     },
     /// More surface voxels than can be numbered.
@@ -65,7 +67,9 @@ impl GridError {
     /// A voxel size that fits, m, where there is one.
     pub fn fitting_voxel_size_m(&self) -> Option<f64> {
         match self {
-            Self::TooLarge { voxel_size_m, .. } | Self::Surface { voxel_size_m, .. } => Some(*voxel_size_m),
+            Self::TooLarge { voxel_size_m, .. } | Self::Surface { voxel_size_m, .. } => {
+                Some(*voxel_size_m)
+            }
             Self::Memory { voxel_size_m, .. } => *voxel_size_m,
             Self::VoxelSize(_) | Self::Cancelled => None,
         }
@@ -75,11 +79,20 @@ impl GridError {
     pub fn hint(&self) -> String {
         match self {
             Self::TooLarge { voxel_size_m, .. } => {
-                format!("use a voxel size of at least {} mm, or check `units`", round_up(voxel_size_m * 1e3))
+                format!(
+                    "use a voxel size of at least {} mm, or check `units`",
+                    round_up(voxel_size_m * 1e3)
+                )
             }
-            Self::Surface { voxel_size_m, .. } => format!("use a voxel size of at least {} mm", round_up(voxel_size_m * 1e3)),
+            Self::Surface { voxel_size_m, .. } => {
+                format!("use a voxel size of at least {} mm", round_up(voxel_size_m * 1e3))
+            }
             Self::Memory { voxel_size_m: Some(voxel_size_m), limit, .. } => {
-                format!("use a voxel size of at least {} mm, fewer layers, or {}", round_up(voxel_size_m * 1e3), limit.remedy())
+                format!(
+                    "use a voxel size of at least {} mm, fewer layers, or {}",
+                    round_up(voxel_size_m * 1e3),
+                    limit.remedy()
+                )
             }
             Self::Memory { voxel_size_m: None, limit: MemoryLimit::Given(_), .. } => {
                 "coarser voxels alone do not help: use a larger --max-memory".to_owned()
@@ -87,14 +100,20 @@ impl GridError {
             Self::Memory { voxel_size_m: None, limit: MemoryLimit::Left(_), .. } => {
                 "coarser voxels alone do not help: end programs that hold memory".to_owned()
             }
-            Self::VoxelSize(_) => "give the edge of a voxel in millimetres, for example 0.5".to_owned(),
+            Self::VoxelSize(_) => {
+                "give the edge of a voxel in millimetres, for example 0.5".to_owned()
+            }
             Self::Cancelled => "bake it again".to_owned(),
         }
     }
 }
 
 fn kept_text(kept_bytes: u64) -> String {
-    if kept_bytes == 0 { String::new() } else { format!(", of which the parts before it keep {}", show_bytes(kept_bytes)) }
+    if kept_bytes == 0 {
+        String::new()
+    } else {
+        format!(", of which the parts before it keep {}", show_bytes(kept_bytes))
+    }
 }
 
 /// A voxel edge, m, with which a box fits; within a few per cent of the smallest.
@@ -103,7 +122,11 @@ fn smallest_size(extent: DVec3, pad: f64) -> f64 {
     let around = 2.0 * pad + 2.0;
     let mut size = extent.max_element() / (CELLS_PER_AXIS_MAX as f64 - around);
     // At most a factor of eight from there; the padding forbids the cube root.
-    while extent.to_array().iter().map(|edge| ((edge / size + around) / BRICK_EDGE as f64).ceil()).product::<f64>()
+    while extent
+        .to_array()
+        .iter()
+        .map(|edge| ((edge / size + around) / BRICK_EDGE as f64).ceil())
+        .product::<f64>()
         > BRICKS_MAX as f64
     {
         size *= 1.01;
@@ -133,17 +156,24 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// The grid around a box, padded by `layers + 1` cells on every side so that an outside corner exists for the fill and the
-    /// band never leaves the grid.
+    /// The grid around a box, padded by `layers + 1` cells on every side so that an outside corner
+    /// exists for the fill and the band never leaves the grid.
     ///
-    /// The low face of the box lies half a voxel inside its cell, so that an axis-aligned face of the model never lies on a
-    /// voxel boundary, where it would mark two layers. When the box's extent makes the *high* face land on a boundary
-    /// (fraction of extent/s within 10⁻³ of ½) the offset is a quarter voxel instead. Per axis, with e the extent:
-    /// `o = s/2 or s/4`, `origin = low − o − (layers + 1)·s`, `dims = ⌊(e + o)/s⌋ + 1 + 2·(layers + 1)`.
+    /// The low face of the box lies half a voxel inside its cell, so that an axis-aligned face of
+    /// the model never lies on a voxel boundary, where it would mark two layers. When the box's
+    /// extent makes the *high* face land on a boundary (fraction of extent/s within 10⁻³ of ½) the
+    /// offset is a quarter voxel instead. Per axis, with e the extent: `o = s/2 or s/4`, `origin =
+    /// low − o − (layers + 1)·s`, `dims = ⌊(e + o)/s⌋ + 1 + 2·(layers + 1)`.
     ///
     /// # Errors
-    /// A voxel size that is not positive, or a grid beyond [`CELLS_PER_AXIS_MAX`] or [`BRICKS_MAX`].
-    pub fn around(low_m: DVec3, high_m: DVec3, voxel_size_m: f64, layers: u32) -> Result<Self, GridError> {
+    /// A voxel size that is not positive, or a grid beyond [`CELLS_PER_AXIS_MAX`] or
+    /// [`BRICKS_MAX`].
+    pub fn around(
+        low_m: DVec3,
+        high_m: DVec3,
+        voxel_size_m: f64,
+        layers: u32,
+    ) -> Result<Self, GridError> {
         let s = voxel_size_m;
         if !(s > 0.0 && s.is_finite()) {
             return Err(GridError::VoxelSize(s));
@@ -158,7 +188,8 @@ impl Grid {
             let offset = if on_boundary { 0.25 } else { 0.5 };
             origin_m[axis] = low_m[axis] - (offset + pad) * s;
             // Saturates: an absurd size is refused below.
-            dims[axis] = ((in_voxels + offset).floor() as u64).saturating_add(1 + 2 * u64::from(layers + 1));
+            dims[axis] =
+                ((in_voxels + offset).floor() as u64).saturating_add(1 + 2 * u64::from(layers + 1));
         }
         // Exact where it matters: the limit is far below 2⁵³.
         let bricks: f64 = dims.iter().map(|n| n.div_ceil(BRICK_EDGE as u64) as f64).product();
@@ -168,14 +199,16 @@ impl Grid {
         Ok(Self { origin_m, voxel_size_m, dims: dims.map(|n| n as u32) })
     }
 
-    /// Continuous cell coordinates of a point of the map frame: cell `[i, j, k]` covers `[i..i+1, j..j+1, k..k+1]`.
+    /// Continuous cell coordinates of a point of the map frame: cell `[i, j, k]` covers `[i..i+1,
+    /// j..j+1, k..k+1]`.
     pub fn to_cells(&self, point_map: DVec3) -> DVec3 {
         (point_map - self.origin_m) / self.voxel_size_m
     }
 
     /// Centre of a cell in the map frame, m.
     pub fn center_map(&self, cell: [i32; 3]) -> DVec3 {
-        self.origin_m + self.voxel_size_m * (DVec3::new(cell[0].into(), cell[1].into(), cell[2].into()) + 0.5)
+        self.origin_m
+            + self.voxel_size_m * (DVec3::new(cell[0].into(), cell[1].into(), cell[2].into()) + 0.5)
     }
 
     /// Cells in the box.
@@ -245,7 +278,11 @@ pub fn brick_origin(brick: [u32; 3]) -> [i32; 3] {
 /// Cell of a brick by its number inside.
 pub fn cell_of(brick: [u32; 3], inside: usize) -> [i32; 3] {
     let origin = brick_origin(brick);
-    [origin[0] + (inside >> 6) as i32, origin[1] + (inside >> 3 & 7) as i32, origin[2] + (inside & 7) as i32]
+    [
+        origin[0] + (inside >> 6) as i32,
+        origin[1] + (inside >> 3 & 7) as i32,
+        origin[2] + (inside & 7) as i32,
+    ]
 }
 
 #[cfg(test)]
@@ -285,21 +322,37 @@ mod tests {
         for extent in [0.5, 7.4995, 10.5, 10.5004, 299.5] {
             let grid = Grid::around(DVec3::ZERO, DVec3::splat(extent), 1.0, 2).expect("small grid");
             let face = grid.to_cells(DVec3::splat(extent)).x;
-            assert!((face - face.round()).abs() > 0.2, "extent {extent} puts its high face at {face}");
+            assert!(
+                (face - face.round()).abs() > 0.2,
+                "extent {extent} puts its high face at {face}"
+            );
             assert_eq!(grid.to_cells(DVec3::ZERO).x, 3.25);
         }
-        assert_eq!(Grid::around(DVec3::ZERO, DVec3::splat(10.4), 1.0, 2).expect("small grid").to_cells(DVec3::ZERO).x, 3.5);
+        assert_eq!(
+            Grid::around(DVec3::ZERO, DVec3::splat(10.4), 1.0, 2)
+                .expect("small grid")
+                .to_cells(DVec3::ZERO)
+                .x,
+            3.5
+        );
     }
 
     #[test]
     fn an_absurd_grid_is_refused_with_a_voxel_size_that_fits() {
         let boxes = [DVec3::ONE, DVec3::new(1.0, 0.01, 0.01), DVec3::new(0.124, 0.1, 0.02)];
-        for (extent, size) in boxes.into_iter().flat_map(|extent| [1e-7, 1e-12, 1e-300].map(|size| (extent, size))) {
-            let error = Grid::around(DVec3::ZERO, extent, size, 8).expect_err("10^7 voxels wide at least");
+        for (extent, size) in
+            boxes.into_iter().flat_map(|extent| [1e-7, 1e-12, 1e-300].map(|size| (extent, size)))
+        {
+            let error =
+                Grid::around(DVec3::ZERO, extent, size, 8).expect_err("10^7 voxels wide at least");
             let hint = error.hint();
-            let millimetres = hint.strip_prefix("use a voxel size of at least ").and_then(|hint| hint.split(' ').next());
-            let size_mm: f64 = millimetres.and_then(|word| word.parse().ok()).unwrap_or_else(|| panic!("{hint}"));
-            Grid::around(DVec3::ZERO, extent, size_mm * 1e-3, 8).unwrap_or_else(|error| panic!("{hint}: {error}"));
+            let millimetres = hint
+                .strip_prefix("use a voxel size of at least ")
+                .and_then(|hint| hint.split(' ').next());
+            let size_mm: f64 =
+                millimetres.and_then(|word| word.parse().ok()).unwrap_or_else(|| panic!("{hint}"));
+            Grid::around(DVec3::ZERO, extent, size_mm * 1e-3, 8)
+                .unwrap_or_else(|error| panic!("{hint}: {error}"));
         }
         assert!(Grid::around(DVec3::ZERO, DVec3::ONE, 0.0, 8).is_err());
     }

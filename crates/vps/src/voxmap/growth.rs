@@ -1,10 +1,11 @@
 //! Chebyshev distances within one brick, from the marked cells of the 27 bricks around it.
 //!
-//! A cell's Chebyshev distance to a set is at most q when the set, widened by q along x, then y, then z, holds the cell. Widening
-//! works on 64 cells at a time; along x it is done incrementally, one more layer on either side per step. Only marked cells up to
-//! [`REACH`] cells away are seen.
+//! A cell's Chebyshev distance to a set is at most q when the set, widened by q along x, then y,
+//! then z, holds the cell. Widening works on 64 cells at a time; along x it is done incrementally,
+//! one more layer on either side per step. Only marked cells up to [`REACH`] cells away are seen.
 //!
-//! Cost: about 2 µs of CPU time per brick of the band for eight layers, memory traffic included (measured on 168,001 bricks).
+//! Cost: about 2 µs of CPU time per brick of the band for eight layers, memory traffic included
+//! (measured on 168,001 bricks).
 
 use super::grid::{BRICK_CELLS, BRICK_EDGE};
 use super::surface::{FIRST_Z, Mask};
@@ -23,7 +24,8 @@ const fn low_z(n: usize) -> u64 {
     FIRST_Z * ((1 << n) - 1)
 }
 
-/// Offsets of the bricks that lie within `n_cells` (at most 8) of a marked cell, the brick itself included.
+/// Offsets of the bricks that lie within `n_cells` (at most 8) of a marked cell, the brick itself
+/// included.
 pub(super) fn bricks_within(mask: &Mask, n_cells: u32) -> impl Iterator<Item = [i32; 3]> + use<> {
     let n = n_cells as usize;
     let all = mask.iter().fold(0, |all, word| all | word);
@@ -31,16 +33,19 @@ pub(super) fn bricks_within(mask: &Mask, n_cells: u32) -> impl Iterator<Item = [
     let above = mask[BRICK_EDGE - n..].iter().fold(0, |all, word| all | word);
     (0..27).map(offset).filter(move |[x, y, z]| {
         let near_x = [below, all, above][(x + 1) as usize];
-        let near_y = [u64::MAX >> (64 - 8 * n), u64::MAX, u64::MAX << (64 - 8 * n)][(y + 1) as usize];
+        let near_y =
+            [u64::MAX >> (64 - 8 * n), u64::MAX, u64::MAX << (64 - 8 * n)][(y + 1) as usize];
         let near_z = [low_z(n), u64::MAX, low_z(n) << (8 - n)][(z + 1) as usize];
         near_x & near_y & near_z != 0
     })
 }
 
-/// Distance of every cell to the nearest marked cell: 0 for a marked one, `n_layers + 1` for one further than `n_layers` (at
-/// most 8). `around` holds the marked cells of the bricks at [`offset`]; `None` where nothing is marked.
+/// Distance of every cell to the nearest marked cell: 0 for a marked one, `n_layers + 1` for one
+/// further than `n_layers` (at most 8). `around` holds the marked cells of the bricks at
+/// [`offset`]; `None` where nothing is marked.
 pub(super) fn distances(around: &[Option<&Mask>; 27], n_layers: u32) -> [i8; BRICK_CELLS] {
-    // wide[by·3 + bz][x]: marked cells of the bricks across the brick's x-layer, widened along x so far.
+    // wide[by·3 + bz][x]: marked cells of the bricks across the brick's x-layer, widened along x so
+    // far.
     let mut wide = [[0_u64; BRICK_EDGE]; 9];
     for (column, own) in wide.iter_mut().zip(&around[9..18]) {
         if let Some(own) = own {
@@ -60,8 +65,10 @@ pub(super) fn distances(around: &[Option<&Mask>; 27], n_layers: u32) -> [i8; BRI
             widen_x(column, [around[idx], around[9 + idx], around[18 + idx]], layer);
         }
         let in_row = |y: usize| {
-            let [before, own, behind] = [0, 1, 2].map(|z| held[3 * y + z].then_some(&wide[3 * y + z]));
-            (before.is_some() || own.is_some() || behind.is_some()).then(|| widen_z([before, own, behind], layer))
+            let [before, own, behind] =
+                [0, 1, 2].map(|z| held[3 * y + z].then_some(&wide[3 * y + z]));
+            (before.is_some() || own.is_some() || behind.is_some())
+                .then(|| widen_z([before, own, behind], layer))
         };
         let now = widen_y(&[in_row(0), in_row(1), in_row(2)], layer);
         spread_rows(&mut rows, &now, &reached, layer as u8);
@@ -74,7 +81,8 @@ pub(super) fn distances(around: &[Option<&Mask>; 27], n_layers: u32) -> [i8; BRI
 /// Adds the x-layers `layer` before and behind each of a brick's eight.
 #[inline(always)]
 fn widen_x(column: &mut Mask, [before, own, behind]: [Option<&Mask>; 3], layer: usize) {
-    // Layer x sees x − layer and x + layer: of its own brick as far as that goes, else of a neighbour.
+    // Layer x sees x − layer and x + layer: of its own brick as far as that goes, else of a
+    // neighbour.
     if let Some(own) = own {
         for x in layer..BRICK_EDGE {
             column[x] |= own[x - layer];
@@ -93,8 +101,8 @@ fn widen_x(column: &mut Mask, [before, own, behind]: [Option<&Mask>; 3], layer: 
     }
 }
 
-/// Shifts that widen a row of eight by `layer` on both sides. Each is at most one more than the width so far: what a shift pushed over
-/// the end of the row does not come back with the next one.
+/// Shifts that widen a row of eight by `layer` on both sides. Each is at most one more than the
+/// width so far: what a shift pushed over the end of the row does not come back with the next one.
 fn steps(layer: usize) -> impl Iterator<Item = usize> {
     // Two cells of a row are at most seven apart.
     let width = layer.min(BRICK_EDGE - 1);
@@ -105,20 +113,23 @@ fn steps(layer: usize) -> impl Iterator<Item = usize> {
     })
 }
 
-/// Widens by `layer` along z: a byte of a word is a row of eight cells, its neighbours' rows are those before and behind.
+/// Widens by `layer` along z: a byte of a word is a row of eight cells, its neighbours' rows are
+/// those before and behind.
 #[inline(always)]
 fn widen_z([before, own, behind]: [Option<&Mask>; 3], layer: usize) -> Mask {
     let mut wide = [0; BRICK_EDGE];
     if let Some(own) = own {
         wide = *own;
         for step in steps(layer) {
-            let (low, high) = (low_z(BRICK_EDGE - step), low_z(BRICK_EDGE - step) << step);
+            let low = low_z(BRICK_EDGE - step);
+            let high = low_z(BRICK_EDGE - step) << step;
             for word in &mut wide {
                 *word |= (*word & low) << step | (*word & high) >> step;
             }
         }
     }
-    // A cell sees the last or the first cells of the neighbour's row: the marks are drawn towards that cell first.
+    // A cell sees the last or the first cells of the neighbour's row: the marks are drawn towards
+    // that cell first.
     if let Some(before) = before {
         for (word, mut up) in wide.iter_mut().zip(*before) {
             up |= up >> 1 & low_z(7);
@@ -220,12 +231,21 @@ pub(super) fn negate(cells: &mut [i8; BRICK_CELLS], mask: &Mask) {
 
 /// Cells with a value of at most `layer`.
 pub(super) fn up_to(cells: &[i8; BRICK_CELLS], layer: i8) -> Mask {
-    core::array::from_fn(|x| cells[64 * x..64 * (x + 1)].iter().rev().fold(0, |mask, value| mask << 1 | u64::from(*value <= layer)))
+    core::array::from_fn(|x| {
+        cells[64 * x..64 * (x + 1)]
+            .iter()
+            .rev()
+            .fold(0, |mask, value| mask << 1 | u64::from(*value <= layer))
+    })
 }
 
-/// Makes distances to the cells reached after `n_layers` distances to the surface: the earlier layers are in `before`, `None` where
-/// nothing was reached.
-pub(super) fn stack(cells: &mut [i8; BRICK_CELLS], before: Option<&[i8; BRICK_CELLS]>, n_layers: i8) {
+/// Makes distances to the cells reached after `n_layers` distances to the surface: the earlier
+/// layers are in `before`, `None` where nothing was reached.
+pub(super) fn stack(
+    cells: &mut [i8; BRICK_CELLS],
+    before: Option<&[i8; BRICK_CELLS]>,
+    n_layers: i8,
+) {
     for (idx, value) in cells.iter_mut().enumerate() {
         *value = match before {
             Some(before) if *value == 0 => before[idx],

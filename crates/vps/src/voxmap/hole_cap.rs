@@ -1,20 +1,26 @@
-//! Lids over holes: where inside and outside meet without a surface between them, triangles are put in.
+//! Lids over holes: where inside and outside meet without a surface between them, triangles are put
+//! in.
 //!
-//! With them the mesh is closed as far as voxels go: the fill stops there, distances are measured to them, points lie on them. So
-//! the field is as continuous over a hole as anywhere else, and a lid is felt like the rest of the surface.
+//! With them the mesh is closed as far as voxels go: the fill stops there, distances are measured
+//! to them, points lie on them. So the field is as continuous over a hole as anywhere else, and a
+//! lid is felt like the rest of the surface.
 //!
-//! Winding numbers are whole apart from what the rims of holes add, so the boundary between inside and outside that is not on the
-//! surface begins at the rims. It is followed from there, cell by cell; the rest of the volume is not looked at.
+//! Winding numbers are whole apart from what the rims of holes add, so the boundary between inside
+//! and outside that is not on the surface begins at the rims. It is followed from there, cell by
+//! cell; the rest of the volume is not looked at.
 //!
 //! # Source
-//! Ours. Inside is |winding number| ≥ ½, so that parts may face inward and may overlap. The boundary is drawn as a dual surface:
-//! one corner per lattice cell between eight voxel centres (the mean of the crossings on its edges), one quadrilateral per pair of
-//! neighbours that differ. Such a quadrilateral always cuts the line between the two centres, hence one of the two voxels becomes
-//! surface, and a fill over 6 neighbours cannot pass. Where a lid ends at the surface, two voxels that differ may still touch in
-//! an edge or a corner; a small patch between them makes one of them surface, as layers need it.
+//! Ours. Inside is |winding number| ≥ ½, so that parts may face inward and may overlap. The
+//! boundary is drawn as a dual surface: one corner per lattice cell between eight voxel centres
+//! (the mean of the crossings on its edges), one quadrilateral per pair of neighbours that differ.
+//! Such a quadrilateral always cuts the line between the two centres, hence one of the two voxels
+//! becomes surface, and a fill over 6 neighbours cannot pass. Where a lid ends at the surface, two
+//! voxels that differ may still touch in an edge or a corner; a small patch between them makes one
+//! of them surface, as layers need it.
 //!
-//! Centres often lie on faces exactly, as parts and grids have the same axes and round sizes. There the winding number is halfway
-//! between the two sides, and rounding would tell which. So it is asked some thousandths of a voxel beside each centre.
+//! Centres often lie on faces exactly, as parts and grids have the same axes and round sizes. There
+//! the winding number is halfway between the two sides, and rounding would tell which. So it is
+//! asked some thousandths of a voxel beside each centre.
 
 mod known;
 
@@ -33,38 +39,45 @@ use crate::parallel;
 /// A mesh whose holes are closed.
 #[derive(Debug)]
 pub struct CappedMesh {
-    /// The triangles of the mesh and then those of the lids, over the vertices of the mesh and then those of the lids.
+    /// The triangles of the mesh and then those of the lids, over the vertices of the mesh and then
+    /// those of the lids.
     pub mesh: TriangleMesh,
     /// Connected lids.
     pub n_lids: usize,
     /// Area of the lids, m².
     pub area_m2: f64,
-    /// Cells near lids and rims, and whether their centres are inside: what the nearest triangle says at an edge of a lid is chance.
+    /// Cells near lids and rims, and whether their centres are inside: what the nearest triangle
+    /// says at an edge of a lid is chance.
     pub(super) near: Vec<([i32; 3], bool)>,
 }
 
 /// |winding number| from which a point is inside.
 const INSIDE: f64 = 0.5;
-/// Cells around a rim in which the search for its lid begins: a hole that is closed by the voxels of its rim has none to find.
+/// Cells around a rim in which the search for its lid begins: a hole that is closed by the voxels
+/// of its rim has none to find.
 const SEED_CELLS: i32 = 2;
-/// Halvings of the way between two centres, of which one is in a surface voxel, to tell a boundary from the surface: at the surface
-/// the winding number jumps by 1, however short the way.
+/// Halvings of the way between two centres, of which one is in a surface voxel, to tell a boundary
+/// from the surface: at the surface the winding number jumps by 1, however short the way.
 const BISECTIONS: u32 = 4;
 /// Change over the shortest way that counts as a jump.
 const JUMP: f64 = 0.6;
 
-/// Closes the holes of a mesh, and marks the lids on its surface; `None` where there is nothing to close.
+/// Closes the holes of a mesh, and marks the lids on its surface; `None` where there is nothing to
+/// close.
 ///
-/// The same result whatever the number of threads. Cost: some four winding numbers per cell of the lids, and a hundred per cell
-/// of the rims.
+/// The same result whatever the number of threads. Cost: some four winding numbers per cell of the
+/// lids, and a hundred per cell of the rims.
 pub(super) fn close(
     mesh: &TriangleMesh,
     report: &MeshReport,
     surface: &Surface,
     winding: &WindingTree,
 ) -> Option<(CappedMesh, Surface)> {
-    let rims: Vec<[DVec3; 2]> =
-        report.open_edge_vertices.iter().map(|edge| edge.map(|vertex| mesh.vertices[vertex as usize])).collect();
+    let rims: Vec<[DVec3; 2]> = report
+        .open_edge_vertices
+        .iter()
+        .map(|edge| edge.map(|vertex| mesh.vertices[vertex as usize]))
+        .collect();
     let boundary = Boundary::follow(surface, winding, &rims);
     if boundary.crossings.is_empty() {
         return None;
@@ -90,26 +103,37 @@ pub(super) fn close(
         with_lids = with_lids.with(&patches);
         append(&mut lids, patches);
     }
-    let n_all = [mesh.vertices.len() + lids.vertices.len(), mesh.triangles.len() + lids.triangles.len()];
-    let mut closed = TriangleMesh { vertices: Vec::with_capacity(n_all[0]), triangles: Vec::with_capacity(n_all[1]) };
+    let n_all =
+        [mesh.vertices.len() + lids.vertices.len(), mesh.triangles.len() + lids.triangles.len()];
+    let mut closed = TriangleMesh {
+        vertices: Vec::with_capacity(n_all[0]),
+        triangles: Vec::with_capacity(n_all[1]),
+    };
     closed.vertices.extend(&mesh.vertices);
     closed.triangles.extend(&mesh.triangles);
     append(&mut closed, lids);
-    let near = boundary.known.cells().map(|(cell, winding)| (cell, f64::from(winding.abs()) >= INSIDE)).collect();
+    let near = boundary
+        .known
+        .cells()
+        .map(|(cell, winding)| (cell, f64::from(winding.abs()) >= INSIDE))
+        .collect();
     Some((CappedMesh { mesh: closed, n_lids: pieces.len(), area_m2, near }, with_lids))
 }
 
 fn append(mesh: &mut TriangleMesh, other: TriangleMesh) {
     let first = mesh.vertices.len() as u32;
     mesh.vertices.extend(other.vertices);
-    mesh.triangles.extend(other.triangles.into_iter().map(|triangle| triangle.map(|vertex| vertex + first)));
+    mesh.triangles
+        .extend(other.triangles.into_iter().map(|triangle| triangle.map(|vertex| vertex + first)));
 }
 
-/// Where the winding number of a point is asked, in voxels beside it: along no axis or diagonal, further than single precision blurs
-/// triangles of thousands of voxels, and nearer than any distance that is felt.
+/// Where the winding number of a point is asked, in voxels beside it: along no axis or diagonal,
+/// further than single precision blurs triangles of thousands of voxels, and nearer than any
+/// distance that is felt.
 const BESIDE_CELLS: DVec3 = DVec3::new(4.1e-3, 2.7e-3, 3.5e-3);
 
-/// The point just beside the centre of a cell, or further along an axis, voxels, at which the winding number is asked.
+/// The point just beside the centre of a cell, or further along an axis, voxels, at which the
+/// winding number is asked.
 fn asked_at(grid: &Grid, cell: [i32; 3], further_cells: DVec3) -> DVec3 {
     grid.center_map(cell) + (further_cells + BESIDE_CELLS) * grid.voxel_size_m
 }
@@ -143,12 +167,17 @@ impl Boundary {
         rim_cells.sort_unstable();
         rim_cells.dedup();
         let n_around = 2 * SEED_CELLS + 1;
-        let around = (0..n_around.pow(3))
-            .map(|idx| [idx / (n_around * n_around), idx / n_around % n_around, idx % n_around].map(|step| step - SEED_CELLS));
+        let around = (0..n_around.pow(3)).map(|idx| {
+            [idx / (n_around * n_around), idx / n_around % n_around, idx % n_around]
+                .map(|step| step - SEED_CELLS)
+        });
         let mut boundary = Self { known: WindingCache::new(grid), crossings: Vec::new() };
-        let mut wave = boundary.known.ask(rim_cells.iter().flat_map(|cell| around.clone().map(|step| moved(*cell, step))));
+        let mut wave = boundary
+            .known
+            .ask(rim_cells.iter().flat_map(|cell| around.clone().map(|step| moved(*cell, step))));
         while !wave.is_empty() {
-            let points: Vec<DVec3> = wave.iter().map(|cell| asked_at(grid, *cell, DVec3::ZERO)).collect();
+            let points: Vec<DVec3> =
+                wave.iter().map(|cell| asked_at(grid, *cell, DVec3::ZERO)).collect();
             let mut differing: Vec<Step> = Vec::new();
             for (cell, winding) in wave.iter().zip(winding.at(&points)) {
                 boundary.known.set(*cell, winding as f32);
@@ -167,7 +196,8 @@ impl Boundary {
     fn dual(&self, grid: &Grid) -> TriangleMesh {
         // Lattice cells around each crossing, counter-clockwise around its axis.
         let lattice_cells = |((low, axis), _): &(Step, f64)| {
-            let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+            let u = (axis + 1) % 3;
+            let v = (axis + 2) % 3;
             [(0, 0), (1, 0), (1, 1), (0, 1)].map(|(back_u, back_v)| {
                 let mut lattice_cell = *low;
                 lattice_cell[u] -= back_u;
@@ -179,7 +209,9 @@ impl Boundary {
             .crossings
             .iter()
             .enumerate()
-            .flat_map(|(crossing_idx, crossing)| lattice_cells(crossing).into_iter().zip(4 * crossing_idx..))
+            .flat_map(|(crossing_idx, crossing)| {
+                lattice_cells(crossing).into_iter().zip(4 * crossing_idx..)
+            })
             .collect();
         users.par_sort_unstable();
         let mut vertices = Vec::new();
@@ -187,7 +219,8 @@ impl Boundary {
         for users in users.chunk_by(|(one, _), (other, _)| one == other) {
             let points = users.iter().map(|(_, corner_idx)| {
                 let ((low, axis), share) = self.crossings[corner_idx / 4];
-                grid.center_map(low) + (DVec3::AXES[axis] * share + BESIDE_CELLS) * grid.voxel_size_m
+                grid.center_map(low)
+                    + (DVec3::AXES[axis] * share + BESIDE_CELLS) * grid.voxel_size_m
             });
             for (_, corner_idx) in users {
                 quads[corner_idx / 4][corner_idx % 4] = vertices.len() as u32;
@@ -199,16 +232,19 @@ impl Boundary {
                 quad.reverse();
             }
         }
-        let triangles = quads.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect();
+        let triangles =
+            quads.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect();
         TriangleMesh { vertices, triangles }
     }
 
-    /// Neighbours over an edge or a corner, inside and outside, with surface beside them: the boundary may end between them and
-    /// leave the way free. Those that a lid has made surface are not free. Ascending.
+    /// Neighbours over an edge or a corner, inside and outside, with surface beside them: the
+    /// boundary may end between them and leave the way free. Those that a lid has made surface are
+    /// not free. Ascending.
     fn diagonals(&self, surface: &Surface, with_lids: &Surface) -> Vec<([i32; 3], [i32; 3])> {
         let around = self.crossings.iter().flat_map(|(step, _)| around_step(*step));
-        let mut near: Vec<[i32; 3]> =
-            around.filter(|cell| self.is_inside(*cell) == Some(true) && !with_lids.contains(*cell)).collect();
+        let mut near: Vec<[i32; 3]> = around
+            .filter(|cell| self.is_inside(*cell) == Some(true) && !with_lids.contains(*cell))
+            .collect();
         near.sort_unstable();
         near.dedup();
         let beside = |cell: [i32; 3]| {
@@ -216,7 +252,10 @@ impl Boundary {
                 let offset = [idx / 9 - 1, idx / 3 % 3 - 1, idx % 3 - 1];
                 let other = moved(cell, offset);
                 let is_surface = |part: usize| {
-                    let kept = core::array::from_fn(|axis| if part >> axis & 1 == 1 { offset[axis] } else { 0 });
+                    let kept =
+                        core::array::from_fn(
+                            |axis| if part >> axis & 1 == 1 { offset[axis] } else { 0 },
+                        );
                     surface.contains(moved(cell, kept))
                 };
                 let is_free = self.is_inside(other) == Some(false) && !with_lids.contains(other);
@@ -237,16 +276,25 @@ impl Boundary {
         self.is_inside(low).zip(self.is_inside(high)).is_some_and(|(low, high)| low != high)
     }
 
-    /// Of steps between cells that differ those that cross the boundary, and where on the way; the others cross the surface itself.
-    fn cross(&self, surface: &Surface, winding: &WindingTree, differing: &[Step]) -> Vec<(Step, f64)> {
+    /// Of steps between cells that differ those that cross the boundary, and where on the way; the
+    /// others cross the surface itself.
+    fn cross(
+        &self,
+        surface: &Surface,
+        winding: &WindingTree,
+        differing: &[Step],
+    ) -> Vec<(Step, f64)> {
         let way = |step: &Step| {
-            let (from, to) = (self.known.get(step.0)?, self.known.get(next(step.0, step.1))?);
+            let from = self.known.get(step.0)?;
+            let to = self.known.get(next(step.0, step.1))?;
             let on_surface = surface.contains(step.0) || surface.contains(next(step.0, step.1));
             Some(Way { step: *step, on_surface, windings: [from, to], ends: [0.0, 1.0] })
         };
         let mut ways: Vec<Way> = differing.iter().filter_map(way).collect();
         for _ in 0..BISECTIONS {
-            let middle = |way: &Way| asked_at(&surface.grid, way.step.0, DVec3::AXES[way.step.1] * way.middle());
+            let middle = |way: &Way| {
+                asked_at(&surface.grid, way.step.0, DVec3::AXES[way.step.1] * way.middle())
+            };
             let points: Vec<DVec3> = ways.iter().filter(|way| way.on_surface).map(middle).collect();
             let halved = ways.iter_mut().filter(|way| way.on_surface);
             halved.zip(winding.at(&points)).for_each(|(way, winding)| way.halve(winding));
@@ -288,7 +336,8 @@ impl Way {
     }
 }
 
-/// A small face between two cells that touch in an edge or a corner, just within the first and facing the other.
+/// A small face between two cells that touch in an edge or a corner, just within the first and
+/// facing the other.
 fn patch(grid: &Grid, from: [i32; 3], to: [i32; 3]) -> [DVec3; 3] {
     let [from, to] = [from, to].map(|cell| grid.center_map(cell));
     let way = to - from;

@@ -1,7 +1,9 @@
-//! What distinguishes inside from outside: the fill where it holds, winding numbers where it leaks and they are clear, else nothing.
+//! What distinguishes inside from outside: the fill where it holds, winding numbers where it leaks
+//! and they are clear, else nothing.
 //!
-//! What the fill does not reach is inside, also the hollow of a nested shell and the space between parts that touch: nothing can
-//! get there. So the fill alone makes one solid of parts that overlap, touch or repeat, whichever way their faces point.
+//! What the fill does not reach is inside, also the hollow of a nested shell and the space between
+//! parts that touch: nothing can get there. So the fill alone makes one solid of parts that
+//! overlap, touch or repeat, whichever way their faces point.
 
 use super::fill::Sides;
 use super::hole_cap::{self, CappedMesh};
@@ -14,8 +16,8 @@ use crate::mesh::validate::MeshReport;
 /// How to distinguish inside and outside.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum InsideTest {
-    /// By the fill; where it leaks by winding numbers if they are clear, else a thin skin. A thin skin too where most of the
-    /// surface is thinner than its voxels.
+    /// By the fill; where it leaks by winding numbers if they are clear, else a thin skin. A thin
+    /// skin too where most of the surface is thinner than its voxels.
     #[default]
     Auto,
     /// Only what the fill leaves is inside, whatever is left.
@@ -28,8 +30,12 @@ pub enum InsideTest {
 
 impl InsideTest {
     /// The names of the scene file and of the command line.
-    pub const NAMES: [(&'static str, Self); 4] =
-        [("auto", Self::Auto), ("flood", Self::Flood), ("winding", Self::Winding), ("thin", Self::Thin)];
+    pub const NAMES: [(&'static str, Self); 4] = [
+        ("auto", Self::Auto),
+        ("flood", Self::Flood),
+        ("winding", Self::Winding),
+        ("thin", Self::Thin),
+    ];
 }
 
 /// How inside and outside were distinguished.
@@ -54,11 +60,13 @@ impl InsideBasis {
     }
 }
 
-/// Share of the places beside the surface whose winding number must be near a whole number before it is trusted unasked.
+/// Share of the places beside the surface whose winding number must be near a whole number before
+/// it is trusted unasked.
 ///
-/// A hole spoils the places from which it is seen large. Measured: spheres with a hole of a quarter of their radius are above this,
-/// the Stanford bunny, open at the bottom, has 99 %; a tube of three diameters, closed at one end, has 89 %, a cube without one
-/// of its faces 61 %, half a sphere 3 %.
+/// A hole spoils the places from which it is seen large. Measured: spheres with a hole of a quarter
+/// of their radius are above this, the Stanford bunny, open at the bottom, has 99 %; a tube of
+/// three diameters, closed at one end, has 89 %, a cube without one of its faces 61 %, half a
+/// sphere 3 %.
 const CLEAR_SHARE: f64 = 0.95;
 
 /// Inside and outside of one object, and how they were found.
@@ -77,8 +85,14 @@ pub(super) struct Verdict {
 }
 
 impl Verdict {
-    /// Fills, looks for leaks and closes them. Winding numbers are asked only where the fill leaks, or on demand.
-    pub(super) fn reach(mesh: &TriangleMesh, report: &MeshReport, surface: Surface, rule: InsideTest) -> Self {
+    /// Fills, looks for leaks and closes them. Winding numbers are asked only where the fill leaks,
+    /// or on demand.
+    pub(super) fn reach(
+        mesh: &TriangleMesh,
+        report: &MeshReport,
+        surface: Surface,
+        rule: InsideTest,
+    ) -> Self {
         let sides = Sides::flood(&surface);
         let samples = FaceSamples::draw(mesh);
         let FaceProbe { leak, thin_share, winding } = samples.probe(report, &surface, &sides);
@@ -87,11 +101,20 @@ impl Verdict {
             InsideTest::Auto => winding.filter(|_| leak.is_some()),
             InsideTest::Flood | InsideTest::Thin => None,
         };
-        let clear_share = winding.as_ref().map(|winding| samples.clear_share(&surface, &sides, winding));
+        let clear_share =
+            winding.as_ref().map(|winding| samples.clear_share(&surface, &sides, winding));
         let closed = winding
             .filter(|_| rule == InsideTest::Winding || clear_share >= Some(CLEAR_SHARE))
             .and_then(|winding| Closed::new(&samples, mesh, report, &surface, &winding));
-        let mut verdict = Self { surface, sides, basis: InsideBasis::Flood, leak, thin_share, clear_share, capped: None };
+        let mut verdict = Self {
+            surface,
+            sides,
+            basis: InsideBasis::Flood,
+            leak,
+            thin_share,
+            clear_share,
+            capped: None,
+        };
         match (rule, closed) {
             (InsideTest::Winding, closed) => {
                 if let Some(closed) = closed {
@@ -100,7 +123,9 @@ impl Verdict {
                 verdict.basis = InsideBasis::Winding;
             }
             (InsideTest::Auto, Some(closed)) if closed.holds => verdict.adopt(closed),
-            (InsideTest::Auto, _) if leak.is_some() || thin_share > MOSTLY_THIN => verdict.become_thin(),
+            (InsideTest::Auto, _) if leak.is_some() || thin_share > MOSTLY_THIN => {
+                verdict.become_thin()
+            }
             (InsideTest::Thin, _) => verdict.become_thin(),
             (InsideTest::Auto | InsideTest::Flood, _) => {}
         }
@@ -143,6 +168,12 @@ impl Closed {
         let (capped, surface) = hole_cap::close(mesh, report, open, winding)?;
         let sides = Sides::flood(&surface);
         let (flooded_share, thin_share) = samples.flooded_and_thin(&surface, &sides, winding);
-        Some(Self { surface, sides, capped, thin_share, holds: flooded_share < LEAKING && thin_share <= MOSTLY_THIN })
+        Some(Self {
+            surface,
+            sides,
+            capped,
+            thin_share,
+            holds: flooded_share < LEAKING && thin_share <= MOSTLY_THIN,
+        })
     }
 }

@@ -1,9 +1,10 @@
 //! Layers: how many voxels is a cell away from the surface?
 //!
 //! # Source
-//! Sagardia2008: values grow by one per layer, negative outside, positive inside, 0 on the surface, up to a chosen number of
-//! layers. The metric is ours: 26 neighbours, so a cell on layer q is at least (q − ½)·s away from the surface (its Chebyshev
-//! distance in cells is exactly q), which is the bound that culling needs.
+//! Sagardia2008: values grow by one per layer, negative outside, positive inside, 0 on the surface,
+//! up to a chosen number of layers. The metric is ours: 26 neighbours, so a cell on layer q is at
+//! least (q − ½)·s away from the surface (its Chebyshev distance in cells is exactly q), which is
+//! the bound that culling needs.
 
 use std::sync::Arc;
 
@@ -24,11 +25,13 @@ pub const DEEP_INSIDE: u32 = u32::MAX - 1;
 pub struct Layers {
     /// The grid of the map.
     pub grid: Grid,
-    /// `[n_bricks of the grid]`: slot in `bricks` and `values`, or [`FAR_OUTSIDE`], or [`DEEP_INSIDE`].
+    /// `[n_bricks of the grid]`: slot in `bricks` and `values`, or [`FAR_OUTSIDE`], or
+    /// [`DEEP_INSIDE`].
     pub top: Vec<u32>,
     /// `[n_slots]`, ascending: number of the brick in the grid.
     pub bricks: Vec<u32>,
-    /// `[n_slots][512]`, z fastest: 0 surface, −q outside, +q inside, ±(n_layers + 1) beyond the band. Shared with the field.
+    /// `[n_slots][512]`, z fastest: 0 surface, −q outside, +q inside, ±(n_layers + 1) beyond the
+    /// band. Shared with the field.
     pub values: Arc<Vec<[i8; BRICK_CELLS]>>,
     /// Layers on each side.
     pub n_layers: u32,
@@ -37,9 +40,10 @@ pub struct Layers {
 impl Layers {
     /// Grows `n_layers` (at most 126) on both sides of the surface.
     ///
-    /// Each brick of the band is worked out by itself from the 27 bricks around it, on the current rayon pool; the result does
-    /// not depend on the number of threads. A brick looks no further than eight cells, so more layers take further rounds.
-    /// Cost: O(band bricks) per round of eight layers.
+    /// Each brick of the band is worked out by itself from the 27 bricks around it, on the current
+    /// rayon pool; the result does not depend on the number of threads. A brick looks no further
+    /// than eight cells, so more layers take further rounds. Cost: O(band bricks) per round of
+    /// eight layers.
     pub fn grow(surface: &Surface, sides: &Sides, n_layers: u32) -> Self {
         let grid = surface.grid;
         let negate = |brick: u32, cells: &mut [i8; BRICK_CELLS]| {
@@ -49,9 +53,15 @@ impl Layers {
         for first_layer in (1..=n_layers).step_by(growth::REACH) {
             let n_before = first_layer - 1;
             let n_more = (n_layers - n_before).min(growth::REACH as u32);
-            let masks = parallel::map(reached.values.len(), 1, |slot| growth::up_to(&reached.values[slot], n_before as i8));
+            let masks = parallel::map(reached.values.len(), 1, |slot| {
+                growth::up_to(&reached.values[slot], n_before as i8)
+            });
             let seen = match n_before {
-                0 => Seen { index: surface.brick_set(), bricks: &surface.bricks, masks: &surface.masks },
+                0 => Seen {
+                    index: surface.brick_set(),
+                    bricks: &surface.bricks,
+                    masks: &surface.masks,
+                },
                 _ => Seen { index: &reached.index, bricks: &reached.bricks, masks: &masks },
             };
             let last = n_before + n_more == n_layers;
@@ -63,7 +73,9 @@ impl Layers {
         }
         let Reached { index: _, bricks, values } = reached;
         let is_outside = |brick: usize| sides.outside_bricks(brick / 64) >> (brick % 64) & 1 == 1;
-        let mut top = parallel::map(grid.n_bricks(), 64, |brick| if is_outside(brick) { FAR_OUTSIDE } else { DEEP_INSIDE });
+        let mut top = parallel::map(grid.n_bricks(), 64, |brick| {
+            if is_outside(brick) { FAR_OUTSIDE } else { DEEP_INSIDE }
+        });
         for (slot, brick) in bricks.iter().enumerate() {
             top[*brick as usize] = slot as u32;
         }
@@ -107,10 +119,15 @@ struct Reached {
 
 impl Reached {
     fn none(grid: &Grid) -> Self {
-        Self { index: BrickSet::new((0..grid.n_bricks().div_ceil(64)).map(|_| 0)), bricks: Vec::new(), values: Vec::new() }
+        Self {
+            index: BrickSet::new((0..grid.n_bricks().div_ceil(64)).map(|_| 0)),
+            bricks: Vec::new(),
+            values: Vec::new(),
+        }
     }
 
-    /// `n_more` layers on top of `n_before`, grown from the cells that were `seen`; `finish` has the last word on a brick's values.
+    /// `n_more` layers on top of `n_before`, grown from the cells that were `seen`; `finish` has
+    /// the last word on a brick's values.
     fn grown(
         &self,
         grid: &Grid,
@@ -166,7 +183,8 @@ mod tests {
             for [x, y, z] in core::mem::take(&mut front) {
                 for i in 0..27 {
                     let next = [x + i / 9 - 1, y + i / 3 % 3 - 1, z + i % 3 - 1];
-                    let inside = (0..3).all(|axis| next[axis] >= 0 && next[axis] < [nx, ny, nz][axis]);
+                    let inside =
+                        (0..3).all(|axis| next[axis] >= 0 && next[axis] < [nx, ny, nz][axis]);
                     if inside && values[index(next)] == n_layers as i8 + 1 {
                         values[index(next)] = layer as i8;
                         front.push(next);
@@ -174,8 +192,12 @@ mod tests {
                 }
             }
         }
-        for (brick, cells) in (0..surface.grid.n_bricks()).map(|brick| (brick, sides.outside_mask(surface, brick))) {
-            for inside in (0..BRICK_CELLS).filter(|inside| cells[inside >> 6] >> (inside & 63) & 1 == 1) {
+        for (brick, cells) in
+            (0..surface.grid.n_bricks()).map(|brick| (brick, sides.outside_mask(surface, brick)))
+        {
+            for inside in
+                (0..BRICK_CELLS).filter(|inside| cells[inside >> 6] >> (inside & 63) & 1 == 1)
+            {
                 let cell = crate::voxmap::grid::cell_of(surface.grid.brick_coord(brick), inside);
                 values[index(cell)] *= -1;
             }
@@ -193,8 +215,15 @@ mod tests {
                 let shift = glam::DVec3::new(at, at * 0.4, at * 0.7) * f64::from(k);
                 mesh.vertices.extend_from_within(..n as usize);
                 mesh.vertices.iter_mut().rev().take(n as usize).for_each(|vertex| *vertex += shift);
-                let added: Vec<_> = mesh.triangles.iter().take(mesh.triangles.len() / k as usize).copied().collect();
-                mesh.triangles.extend(added.into_iter().map(|triangle| triangle.map(|vertex| vertex + k * n)));
+                let added: Vec<_> = mesh
+                    .triangles
+                    .iter()
+                    .take(mesh.triangles.len() / k as usize)
+                    .copied()
+                    .collect();
+                mesh.triangles.extend(
+                    added.into_iter().map(|triangle| triangle.map(|vertex| vertex + k * n)),
+                );
             }
             mesh
         };
@@ -212,17 +241,29 @@ mod tests {
                     let coord = grid.brick_coord(brick);
                     let cells: Vec<i8> = (0..BRICK_CELLS)
                         .map(|inside| {
-                            let [x, y, z] = crate::voxmap::grid::cell_of(coord, inside).map(|i| i as usize);
+                            let [x, y, z] =
+                                crate::voxmap::grid::cell_of(coord, inside).map(|i| i as usize);
                             expected[(x * dims[1] + y) * dims[2] + z]
                         })
                         .collect();
                     let beyond = n_layers as i8 + 1;
                     match layers.top[brick] {
-                        FAR_OUTSIDE => assert!(cells.iter().all(|value| *value == -beyond), "{coord:?}"),
-                        DEEP_INSIDE => assert!(cells.iter().all(|value| *value == beyond), "{coord:?}"),
+                        FAR_OUTSIDE => {
+                            assert!(cells.iter().all(|value| *value == -beyond), "{coord:?}")
+                        }
+                        DEEP_INSIDE => {
+                            assert!(cells.iter().all(|value| *value == beyond), "{coord:?}")
+                        }
                         slot => {
-                            assert_eq!(layers.values[slot as usize].as_slice(), cells, "{coord:?}, {n_layers} layers");
-                            assert!(cells.iter().any(|value| value.abs() < beyond), "{coord:?} holds no band cell");
+                            assert_eq!(
+                                layers.values[slot as usize].as_slice(),
+                                cells,
+                                "{coord:?}, {n_layers} layers"
+                            );
+                            assert!(
+                                cells.iter().any(|value| value.abs() < beyond),
+                                "{coord:?} holds no band cell"
+                            );
                             assert_eq!(layers.bricks[slot as usize] as usize, brick);
                         }
                     }

@@ -1,7 +1,8 @@
 //! Voxmaps: the sampled volume of one object.
 //!
-//! Data in: triangles and what [`inspect`](crate::mesh::validate::inspect) says of them, a voxel size, a number of layers. Data out: a
-//! [`Volume`], and from it the [`Field`](field::Field) that the tick reads.
+//! Data in: triangles and what [`inspect`](crate::mesh::validate::inspect) says of them, a voxel
+//! size, a number of layers. Data out: a [`Volume`], and from it the [`Field`](field::Field) that
+//! the tick reads.
 //!
 //! The way through, which [`Volume::build`] runs in order:
 //!
@@ -20,12 +21,14 @@
 //! | field | [`field`] | what the tick reads |
 //! | | [`npy`] | layers and distances as files |
 //!
-//! Storage is sparse on two levels: a top grid with one entry per brick of 8³ cells, and bricks only where the band passes; a
-//! brick without band cells only knows whether it is far outside or deep inside.
+//! Storage is sparse on two levels: a top grid with one entry per brick of 8³ cells, and bricks
+//! only where the band passes; a brick without band cells only knows whether it is far outside or
+//! deep inside.
 //!
 //! Invariant: results do not depend on the number of threads.
 //!
-//! Units and frames: the map frame is the mesh file's own frame in metres; *cells* are continuous grid coordinates.
+//! Units and frames: the map frame is the mesh file's own frame in metres; *cells* are continuous
+//! grid coordinates.
 //!
 //! # Example
 //! ```

@@ -1,4 +1,5 @@
-//! Dense exports for NumPy: `.npy`, C order, written slab by slab so that memory follows the surface and not the box.
+//! Dense exports for NumPy: `.npy`, C order, written slab by slab so that memory follows the
+//! surface and not the box.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -28,19 +29,29 @@ pub fn write_distances(path: &Path, layers: &Layers, distances: &Distances) -> i
     write(path, &layers.grid, "<f4", |cell| {
         let (brick, inside) = layers.grid.locate(cell);
         let value = match layers.slot(brick) {
-            Some(slot) if layers.values[slot][inside].abs() < beyond => distances.values_m[slot][inside],
+            Some(slot) if layers.values[slot][inside].abs() < beyond => {
+                distances.values_m[slot][inside]
+            }
             _ => f32::NAN,
         };
         value.to_le_bytes()
     })
 }
 
-fn write<const N: usize>(path: &Path, grid: &Grid, dtype: &str, value: impl Fn([i32; 3]) -> [u8; N]) -> io::Result<()> {
+fn write<const N: usize>(
+    path: &Path,
+    grid: &Grid,
+    dtype: &str,
+    value: impl Fn([i32; 3]) -> [u8; N],
+) -> io::Result<()> {
     if grid.n_cells() > DENSE_CELLS_MAX {
         let [nx, ny, nz] = grid.dims;
         return Err(io::Error::new(
             io::ErrorKind::InvalidInput,
-            format!("a dense export of {nx} x {ny} x {nz} voxels is above the limit of 2^32; use larger voxels"),
+            format!(
+                "a dense export of {nx} x {ny} x {nz} voxels is above the limit of 2^32; use \
+                    larger voxels"
+            ),
         ));
     }
     write_whole(path, |file| write_to(file, grid, dtype, value))
@@ -53,7 +64,8 @@ fn write_to<const N: usize>(
     value: impl Fn([i32; 3]) -> [u8; N],
 ) -> io::Result<()> {
     let [nx, ny, nz] = grid.dims;
-    let mut header = format!("{{'descr': '{dtype}', 'fortran_order': False, 'shape': ({nx}, {ny}, {nz}), }}");
+    let mut header =
+        format!("{{'descr': '{dtype}', 'fortran_order': False, 'shape': ({nx}, {ny}, {nz}), }}");
     // Magic, version and length take 10 bytes; the data starts at a multiple of 64.
     let padded = (10 + header.len() + 1).next_multiple_of(64) - 10;
     while header.len() + 1 < padded {

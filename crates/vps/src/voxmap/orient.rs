@@ -1,8 +1,9 @@
 //! Which side of a triangle is out? Asked of the fill, not of the file.
 //!
-//! CAD exports turn single faces or whole parts inside out (Sagardia2008, section 4). The fill knows better: a probe on either
-//! side of a triangle meets an outside and an inside cell. Where it cannot say (a wall thinner than a voxel, a face inside
-//! solid material) the winding of the file stands, turned by the verdict of the object's other faces.
+//! CAD exports turn single faces or whole parts inside out (Sagardia2008, section 4). The fill
+//! knows better: a probe on either side of a triangle meets an outside and an inside cell. Where it
+//! cannot say (a wall thinner than a voxel, a face inside solid material) the winding of the file
+//! stands, turned by the verdict of the object's other faces.
 
 use glam::DVec3;
 
@@ -27,12 +28,19 @@ impl Orientation {
         Self { signs: vec![1; n_triangles], n_inverted: 0 }
     }
 
-    /// Probes both sides of every triangle. Where the mesh is consistently wound, the parts of a connected piece outvote those
-    /// whose probe went astray in a groove or a thin rib. Cost: O(triangles).
-    pub(super) fn judge(mesh: &TriangleMesh, report: &MeshReport, surface: &Surface, sides: &Sides) -> Self {
+    /// Probes both sides of every triangle. Where the mesh is consistently wound, the parts of a
+    /// connected piece outvote those whose probe went astray in a groove or a thin rib. Cost:
+    /// O(triangles).
+    pub(super) fn judge(
+        mesh: &TriangleMesh,
+        report: &MeshReport,
+        surface: &Surface,
+        sides: &Sides,
+    ) -> Self {
         let verdicts: Vec<i8> = parallel::map(mesh.triangles.len(), 1, |triangle_idx| {
             let corners = mesh.corners(triangle_idx).map(|corner| surface.grid.to_cells(corner));
-            let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
+            let normal =
+                (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
             let center = (corners[0] + corners[1] + corners[2]) / 3.0;
             match (probe(surface, sides, center, normal), probe(surface, sides, center, -normal)) {
                 (Some(Side::Outside), Some(Side::Inside)) => 1,
@@ -45,7 +53,8 @@ impl Orientation {
             balance => balance.signum() as i8,
         };
         let count = |sign: i8| verdicts.iter().filter(|verdict| **verdict == sign).count() as i64;
-        let (n_outward, n_inward) = (count(1), count(-1));
+        let n_outward = count(1);
+        let n_inward = count(-1);
         let default = majority(n_outward - n_inward, 1);
         let signs: Vec<i8> = if n_outward == 0 || n_inward == 0 {
             // No triangle differs, so there is nothing to vote on.
@@ -64,13 +73,15 @@ impl Orientation {
         Self { signs, n_inverted }
     }
 
-    /// +1 when the winding's normal of this triangle points out of the material, −1 when it points in.
+    /// +1 when the winding's normal of this triangle points out of the material, −1 when it points
+    /// in.
     pub fn sign(&self, triangle_idx: u32) -> f64 {
         f64::from(self.signs[triangle_idx as usize])
     }
 }
 
-/// For each triangle the number of a vertex that stands for its connected piece (union-find over shared vertices).
+/// For each triangle the number of a vertex that stands for its connected piece (union-find over
+/// shared vertices).
 pub(super) fn connected_pieces(n_vertices: usize, triangles: &[[u32; 3]]) -> Vec<u32> {
     let mut parent: Vec<u32> = (0..n_vertices as u32).collect();
     fn root(parent: &mut [u32], mut vertex: u32) -> u32 {
@@ -91,7 +102,8 @@ pub(super) fn connected_pieces(n_vertices: usize, triangles: &[[u32; 3]]) -> Vec
     triangles.iter().map(|triangle| root(&mut parent, triangle[0])).collect()
 }
 
-/// First cell that is not surface on the way from a point along a direction, up to three voxels away.
+/// First cell that is not surface on the way from a point along a direction, up to three voxels
+/// away.
 fn probe(surface: &Surface, sides: &Sides, from: DVec3, direction: DVec3) -> Option<Side> {
     let mut asked = None;
     (1..=6).map(|half_voxels| from + direction * (0.5 * f64::from(half_voxels))).find_map(|point| {

@@ -22,7 +22,8 @@ fn sphere(radius_in_voxels: f64, shift_in_voxels: DVec3) -> TriangleMesh {
     mesh
 }
 
-/// A sphere with a distant fleck in one corner of its box, so that the grid's offset relative to the sphere varies.
+/// A sphere with a distant fleck in one corner of its box, so that the grid's offset relative to
+/// the sphere varies.
 fn sphere_at_offset(radius_in_voxels: f64, offset: DVec3) -> TriangleMesh {
     let mut mesh = sphere(radius_in_voxels, DVec3::ZERO);
     let corner = -(DVec3::splat(radius_in_voxels + 3.0) + offset) * S;
@@ -38,7 +39,8 @@ fn on_threads<T: Send>(n_threads: usize, work: impl FnOnce() -> T + Send) -> T {
 
 fn grid_for(mesh: &TriangleMesh, cells_on_longest_axis: f64) -> Grid {
     let (low, high) = mesh.bounds().expect("not empty");
-    Grid::around(low, high, (high - low).max_element() / cells_on_longest_axis, 2).expect("a grid that fits")
+    Grid::around(low, high, (high - low).max_element() / cells_on_longest_axis, 2)
+        .expect("a grid that fits")
 }
 
 #[test]
@@ -55,7 +57,12 @@ fn acceptance_2_navigations_and_brute_force_mark_the_same_voxels() {
 fn acceptance_2_over_fine_grids_and_real_meshes() {
     navigations_mark_the_same(primitives_at(151.3));
     for cells in [60.0, 151.3] {
-        navigations_mark_the_same(models::all().into_iter().map(|(name, mesh)| in_grid(name.to_owned(), mesh, cells)).collect());
+        navigations_mark_the_same(
+            models::all()
+                .into_iter()
+                .map(|(name, mesh)| in_grid(name.to_owned(), mesh, cells))
+                .collect(),
+        );
     }
 }
 
@@ -71,12 +78,16 @@ fn primitives_at(cells: f64) -> Vec<(String, TriangleMesh, Grid)> {
         Shape::Cone { radius_m: 0.01, height_m: 0.02 },
         Shape::Torus { major_m: 0.02, minor_m: 0.005 },
     ];
-    shapes.iter().map(|shape| in_grid(format!("{shape:?}"), shape.tessellate(1e-5), cells)).collect()
+    shapes
+        .iter()
+        .map(|shape| in_grid(format!("{shape:?}"), shape.tessellate(1e-5), cells))
+        .collect()
 }
 
 fn navigations_mark_the_same(meshes: Vec<(String, TriangleMesh, Grid)>) {
     for (name, mesh, grid) in meshes {
-        let (mut hit, mut tests) = (BTreeSet::new(), 0);
+        let mut hit = BTreeSet::new();
+        let mut tests = 0;
         for triangle_idx in 0..mesh.triangles.len() {
             let corners = mesh.corners(triangle_idx).map(|corner| grid.to_cells(corner));
             tests += visit_hits_by_brute_force(&corners, grid.dims, |cell| {
@@ -84,8 +95,9 @@ fn navigations_mark_the_same(meshes: Vec<(String, TriangleMesh, Grid)>) {
             });
         }
         assert!(hit.len() > 1000, "{name}");
-        let [plane, two, auto, whole] = [Navigation::PlaneSpan, Navigation::TwoSided, Navigation::Auto, Navigation::WholeBox]
-            .map(|navigation| Surface::mark(&mesh, &grid, navigation));
+        let [plane, two, auto, whole] =
+            [Navigation::PlaneSpan, Navigation::TwoSided, Navigation::Auto, Navigation::WholeBox]
+                .map(|navigation| Surface::mark(&mesh, &grid, navigation));
         for marked in [&plane, &two, &auto, &whole] {
             assert!(
                 marked.n_voxels == hit.len() && marked.cells().all(|cell| hit.contains(&cell)),
@@ -93,18 +105,25 @@ fn navigations_mark_the_same(meshes: Vec<(String, TriangleMesh, Grid)>) {
                 marked.navigation
             );
         }
-        assert!(two.sat_tests <= plane.sat_tests && plane.sat_tests <= whole.sat_tests && whole.sat_tests <= tests, "{name}");
+        assert!(
+            two.sat_tests <= plane.sat_tests
+                && plane.sat_tests <= whole.sat_tests
+                && whole.sat_tests <= tests,
+            "{name}"
+        );
     }
 }
 
-/// A box around a smaller one whose faces lie exactly on voxel boundaries: touching from both sides counts.
+/// A box around a smaller one whose faces lie exactly on voxel boundaries: touching from both sides
+/// counts.
 fn faces_on_voxel_boundaries() -> (TriangleMesh, f64) {
     const S: f64 = 1.0 / 1024.0;
     let mut mesh = Shape::Box { size_m: DVec3::splat(32.0 * S) }.tessellate(1e-5);
     let inner = Shape::Box { size_m: DVec3::splat(8.0 * S) }.tessellate(1e-5);
     let first = mesh.vertices.len() as u32;
     mesh.vertices.extend(inner.vertices.iter().map(|vertex| *vertex + 0.5 * S));
-    mesh.triangles.extend(inner.triangles.iter().map(|triangle| triangle.map(|vertex| vertex + first)));
+    mesh.triangles
+        .extend(inner.triangles.iter().map(|triangle| triangle.map(|vertex| vertex + first)));
     (mesh, S)
 }
 
@@ -156,8 +175,10 @@ fn each_cell(grid: &Grid) -> impl Iterator<Item = [i32; 3]> {
 
 #[test]
 fn acceptance_3_brick_fill_equals_the_voxelwise_fill_and_is_6_connected() {
-    let mut meshes =
-        vec![("torus", Shape::Torus { major_m: 0.02, minor_m: 0.006 }.tessellate(1e-5)), ("sphere", sphere(16.0, DVec3::ZERO))];
+    let mut meshes = vec![
+        ("torus", Shape::Torus { major_m: 0.02, minor_m: 0.006 }.tessellate(1e-5)),
+        ("sphere", sphere(16.0, DVec3::ZERO)),
+    ];
     meshes.extend(models::all());
     for (name, mesh) in &meshes {
         let grid = grid_for(mesh, 90.0);
@@ -175,7 +196,10 @@ fn acceptance_3_brick_fill_equals_the_voxelwise_fill_and_is_6_connected() {
 #[test]
 fn acceptance_4_layers_are_chebyshev_distances_with_the_right_sign() {
     const LAYERS: i32 = 5;
-    for mesh in [sphere(9.0, DVec3::ZERO), Shape::Box { size_m: DVec3::new(0.018, 0.011, 0.025) }.tessellate(1e-5)] {
+    for mesh in [
+        sphere(9.0, DVec3::ZERO),
+        Shape::Box { size_m: DVec3::new(0.018, 0.011, 0.025) }.tessellate(1e-5),
+    ] {
         let map = build(&mesh, S, LAYERS as u32);
         let grid = &map.surface.grid;
         let surface: Vec<[i32; 3]> = map.surface.cells().collect();
@@ -185,7 +209,9 @@ fn acceptance_4_layers_are_chebyshev_distances_with_the_right_sign() {
             seen[(value + LAYERS + 1) as usize] = true;
             let nearest = surface
                 .iter()
-                .map(|other| (0..3).map(|axis| (other[axis] - cell[axis]).abs()).max().expect("three axes"))
+                .map(|other| {
+                    (0..3).map(|axis| (other[axis] - cell[axis]).abs()).max().expect("three axes")
+                })
                 .min()
                 .expect("some surface");
             assert_eq!(value.abs(), nearest.min(LAYERS + 1), "{cell:?}");
@@ -196,22 +222,34 @@ fn acceptance_4_layers_are_chebyshev_distances_with_the_right_sign() {
             }
             for neighbour in neighbours_26(cell).filter(|neighbour| grid.contains(*neighbour)) {
                 let other = i32::from(map.layers.value(neighbour));
-                assert!((other - value).abs() <= 1, "{cell:?} {value} beside {neighbour:?} {other}");
+                assert!(
+                    (other - value).abs() <= 1,
+                    "{cell:?} {value} beside {neighbour:?} {other}"
+                );
             }
         }
-        assert!(seen[1..=2 * LAYERS as usize].iter().all(|seen| *seen), "every layer on both sides");
+        assert!(
+            seen[1..=2 * LAYERS as usize].iter().all(|seen| *seen),
+            "every layer on both sides"
+        );
     }
 }
 
 fn neighbours_26([x, y, z]: [i32; 3]) -> impl Iterator<Item = [i32; 3]> {
-    (0..27).map(move |i| [x + i / 9 - 1, y + i / 3 % 3 - 1, z + i % 3 - 1]).filter(move |cell| *cell != [x, y, z])
+    (0..27)
+        .map(move |i| [x + i / 9 - 1, y + i / 3 % 3 - 1, z + i % 3 - 1])
+        .filter(move |cell| *cell != [x, y, z])
 }
 
 #[test]
 fn distances_are_exact_on_a_sphere_and_a_box_and_signed_in_surface_voxels() {
     let shift = DVec3::new(0.21, 0.37, 0.43);
     for (name, mesh, exact) in [
-        ("sphere", sphere_at_offset(14.0, shift), Box::new(|p: DVec3| 14.0 * S - p.length()) as Box<dyn Fn(DVec3) -> f64>),
+        (
+            "sphere",
+            sphere_at_offset(14.0, shift),
+            Box::new(|p: DVec3| 14.0 * S - p.length()) as Box<dyn Fn(DVec3) -> f64>,
+        ),
         (
             "box",
             Shape::Box { size_m: DVec3::new(0.018, 0.011, 0.025) }.tessellate(1e-5),
@@ -223,14 +261,18 @@ fn distances_are_exact_on_a_sphere_and_a_box_and_signed_in_surface_voxels() {
     ] {
         let map = build(&mesh, S, 4);
         let distances = map.distances(&mesh, false);
-        let (mut errors, mut fleck) = (Vec::new(), 0);
+        let mut errors = Vec::new();
+        let mut fleck = 0;
         for (slot, brick) in map.layers.bricks.iter().enumerate() {
             for inside in 0..512 {
                 let layer = map.layers.values[slot][inside];
                 if layer.abs() > 4 {
                     continue;
                 }
-                let cell = vps::voxmap::grid::cell_of(map.surface.grid.brick_coord(*brick as usize), inside);
+                let cell = vps::voxmap::grid::cell_of(
+                    map.surface.grid.brick_coord(*brick as usize),
+                    inside,
+                );
                 let center = map.surface.grid.center_map(cell);
                 let expected = exact(center) / S;
                 if expected < -8.0 {
@@ -241,59 +283,103 @@ fn distances_are_exact_on_a_sphere_and_a_box_and_signed_in_surface_voxels() {
             }
         }
         errors.sort_by(f64::total_cmp);
-        let (worst, p99) = (errors[errors.len() - 1], errors[errors.len() * 99 / 100]);
-        assert!(errors.len() > 10_000 && fleck < 2000, "{name}: {} cells, {fleck} of the fleck", errors.len());
+        let worst = errors[errors.len() - 1];
+        let p99 = errors[errors.len() * 99 / 100];
+        assert!(
+            errors.len() > 10_000 && fleck < 2000,
+            "{name}: {} cells, {fleck} of the fleck",
+            errors.len()
+        );
         assert!(p99 < 0.02 && worst < 0.1, "{name}: p99 {p99}, worst {worst} voxels");
     }
 }
 
 #[test]
 fn acceptance_6_every_surface_voxel_owns_one_point_on_the_mesh() {
-    let mut meshes =
-        vec![("sphere", sphere(16.0, DVec3::ZERO)), ("box", Shape::Box { size_m: DVec3::splat(0.02) }.tessellate(1e-5))];
+    let mut meshes = vec![
+        ("sphere", sphere(16.0, DVec3::ZERO)),
+        ("box", Shape::Box { size_m: DVec3::splat(0.02) }.tessellate(1e-5)),
+    ];
     meshes.extend(models::all());
     for (name, mesh) in &meshes {
         let grid = grid_for(mesh, 80.0);
         let surface = Surface::mark(mesh, &grid, Navigation::PlaneSpan);
         let points = on_threads(1, || project(mesh, &surface));
-        assert_eq!(points, on_threads(2, || project(mesh, &surface)), "{name}: same points on one and two threads");
+        assert_eq!(
+            points,
+            on_threads(2, || project(mesh, &surface)),
+            "{name}: same points on one and two threads"
+        );
         let cells: Vec<[i32; 3]> = surface.cells().collect();
-        assert_eq!(points.iter().map(|point| point.cell).collect::<Vec<_>>(), cells, "{name}: one point per voxel");
+        assert_eq!(
+            points.iter().map(|point| point.cell).collect::<Vec<_>>(),
+            cells,
+            "{name}: one point per voxel"
+        );
         let mut phase2 = 0;
         for point in &points {
-            let center = DVec3::new(point.cell[0].into(), point.cell[1].into(), point.cell[2].into()) + 0.5;
-            assert!((point.cells - center).length() <= 0.5 * 3_f64.sqrt() + 1e-9, "{name} {point:?}");
-            let corners = mesh.corners(point.triangle_idx as usize).map(|corner| grid.to_cells(corner));
+            let center =
+                DVec3::new(point.cell[0].into(), point.cell[1].into(), point.cell[2].into()) + 0.5;
+            assert!(
+                (point.cells - center).length() <= 0.5 * 3_f64.sqrt() + 1e-9,
+                "{name} {point:?}"
+            );
+            let corners =
+                mesh.corners(point.triangle_idx as usize).map(|corner| grid.to_cells(corner));
             let (projection, _) = nearest_by_search(&corners, point.cells);
-            assert!((projection - point.cells).length() <= 1e-6, "{name} {point:?}: not on its triangle");
+            assert!(
+                (projection - point.cells).length() <= 1e-6,
+                "{name} {point:?}: not on its triangle"
+            );
             phase2 += usize::from(point.on_boundary);
         }
-        eprintln!("{name}: {} points, phase 2: {:.2} %", points.len(), 100.0 * phase2 as f64 / points.len() as f64);
+        eprintln!(
+            "{name}: {} points, phase 2: {:.2} %",
+            points.len(),
+            100.0 * phase2 as f64 / points.len() as f64
+        );
     }
 }
 
 /// Distance of each point to the nearest other one, by a search over all of them.
 fn nearest_distances(points: &[DVec3], of: impl Fn(DVec3) -> bool) -> Vec<f64> {
-    let others = |own: usize| points.iter().enumerate().filter(move |(idx, _)| *idx != own).map(|(_, other)| *other);
-    let nearest = |own: usize| others(own).map(|other| other.distance(points[own])).fold(f64::INFINITY, f64::min);
+    let others = |own: usize| {
+        points.iter().enumerate().filter(move |(idx, _)| *idx != own).map(|(_, other)| *other)
+    };
+    let nearest = |own: usize| {
+        others(own).map(|other| other.distance(points[own])).fold(f64::INFINITY, f64::min)
+    };
     (0..points.len()).filter(|own| of(points[*own])).map(nearest).collect()
 }
 
-/// In voxels, from what a plane does to the lattice of centres: a touched voxel has a touched neighbour across one of its sides, whose centre is one
-/// voxel away and projects no farther; and no two touched voxels are nearer than the shortest projection of a step between them.
+/// In voxels, from what a plane does to the lattice of centres: a touched voxel has a touched
+/// neighbour across one of its sides, whose centre is one voxel away and projects no farther; and
+/// no two touched voxels are nearer than the shortest projection of a step between them.
 #[test]
-fn acceptance_6_neighbours_on_a_flat_face_are_at_most_a_voxel_apart_and_no_nearer_than_the_lattice_allows() {
+fn acceptance_6_neighbours_on_a_flat_face_are_at_most_a_voxel_apart_and_no_nearer_than_the_lattice_allows()
+ {
     let steps = |reach: i32| {
         let edge = move || -reach..=reach;
-        let all = edge().flat_map(move |x| edge().flat_map(move |y| edge().map(move |z| DVec3::new(x.into(), y.into(), z.into()))));
+        let all = edge().flat_map(move |x| {
+            edge().flat_map(move |y| edge().map(move |z| DVec3::new(x.into(), y.into(), z.into())))
+        });
         all.filter(|step| *step != DVec3::ZERO)
     };
-    for normal in [DVec3::new(0.1, 0.2, 1.0), DVec3::new(-0.4, 0.9, 0.7), DVec3::new(1.0, 0.9, 1.1), DVec3::new(0.02, -1.0, 0.3)] {
+    for normal in [
+        DVec3::new(0.1, 0.2, 1.0),
+        DVec3::new(-0.4, 0.9, 0.7),
+        DVec3::new(1.0, 0.9, 1.1),
+        DVec3::new(0.02, -1.0, 0.3),
+    ] {
         let normal = normal.normalize();
         let (along, across) = normal.any_orthonormal_pair();
         let middle = DVec3::new(0.31, 0.77, 0.13);
-        let corners = [-0.9, 1.2, 3.3].map(|angle: f64| middle + 40.0 * (angle.cos() * along + angle.sin() * across));
-        let mesh = TriangleMesh { vertices: corners.map(|corner| corner * S).to_vec(), triangles: vec![[0, 1, 2]] };
+        let corners = [-0.9, 1.2, 3.3]
+            .map(|angle: f64| middle + 40.0 * (angle.cos() * along + angle.sin() * across));
+        let mesh = TriangleMesh {
+            vertices: corners.map(|corner| corner * S).to_vec(),
+            triangles: vec![[0, 1, 2]],
+        };
         let (low, high) = mesh.bounds().expect("not empty");
         let grid = Grid::around(low, high, S, 1).expect("a grid that fits");
         let surface = Surface::mark(&mesh, &grid, Navigation::AUTO);
@@ -308,7 +394,10 @@ fn acceptance_6_neighbours_on_a_flat_face_are_at_most_a_voxel_apart_and_no_neare
             .fold(f64::INFINITY, f64::min);
         assert!(distances.len() > 1000, "{normal}: {} points", distances.len());
         for distance in distances {
-            assert!(distance <= 1.0 + 1e-9 && distance >= shortest - 1e-9, "{normal}: {distance}, at least {shortest}");
+            assert!(
+                distance <= 1.0 + 1e-9 && distance >= shortest - 1e-9,
+                "{normal}: {distance}, at least {shortest}"
+            );
         }
     }
 }
@@ -328,13 +417,18 @@ fn acceptance_6_neighbours_on_curved_and_edged_parts_are_some_half_a_voxel_to_a_
     ];
     for (name, mesh) in meshes {
         let (low, high) = mesh.bounds().expect("not empty");
-        let surface = Surface::mark(&mesh, &Grid::around(low, high, S, 1).expect("a grid that fits"), Navigation::AUTO);
+        let surface = Surface::mark(
+            &mesh,
+            &Grid::around(low, high, S, 1).expect("a grid that fits"),
+            Navigation::AUTO,
+        );
         let points: Vec<DVec3> = project(&mesh, &surface).iter().map(|point| point.cells).collect();
         let mut distances = nearest_distances(&points, |_| true);
         distances.sort_by(f64::total_cmp);
         let at = |share: f64| distances[(share * (distances.len() - 1) as f64) as usize];
         eprintln!(
-            "{name}: {} points, neighbours at {:.3} {:.3} {:.3} {:.3} {:.3} voxels (least, 1 %, half, 99 %, largest)",
+            "{name}: {} points, neighbours at {:.3} {:.3} {:.3} {:.3} {:.3} voxels (least, 1 %, \
+                half, 99 %, largest)",
             points.len(),
             at(0.0),
             at(0.01),
@@ -342,11 +436,15 @@ fn acceptance_6_neighbours_on_curved_and_edged_parts_are_some_half_a_voxel_to_a_
             at(0.99),
             at(1.0)
         );
-        assert!(at(0.01) > 0.1 && (0.4..0.8).contains(&at(0.5)) && at(0.99) < 1.05 && at(1.0) < 1.3, "{name}");
+        assert!(
+            at(0.01) > 0.1 && (0.4..0.8).contains(&at(0.5)) && at(0.99) < 1.05 && at(1.0) < 1.3,
+            "{name}"
+        );
     }
 }
 
-/// In general position no voxel's centre projects on an edge by symmetry, so the phases are beyond doubt.
+/// In general position no voxel's centre projects on an edge by symmetry, so the phases are beyond
+/// doubt.
 #[test]
 fn acceptance_6_phase_2_serves_only_voxels_without_a_projection_inside_a_triangle() {
     let coarse = |offset| {
@@ -356,7 +454,9 @@ fn acceptance_6_phase_2_serves_only_voxels_without_a_projection_inside_a_triangl
         mesh
     };
     let mut phase2 = 0;
-    for mesh in [coarse(DVec3::new(3.13e-4, 1.71e-4, 4.37e-4)), coarse(DVec3::new(1.1e-4, 7.7e-4, 2.9e-4))] {
+    for mesh in
+        [coarse(DVec3::new(3.13e-4, 1.71e-4, 4.37e-4)), coarse(DVec3::new(1.1e-4, 7.7e-4, 2.9e-4))]
+    {
         let grid = grid_for(&mesh, 61.7);
         let surface = Surface::mark(&mesh, &grid, Navigation::TwoSided);
         let points = project(&mesh, &surface);
@@ -366,8 +466,9 @@ fn acceptance_6_phase_2_serves_only_voxels_without_a_projection_inside_a_triangl
     assert!(phase2 > 10, "both phases must occur: {phase2}");
 }
 
-/// The two phases by their definition, with a search of its own: a voxel that any touching triangle projects into has the nearest
-/// such point; only the others have the nearest point of an edge or corner.
+/// The two phases by their definition, with a search of its own: a voxel that any touching triangle
+/// projects into has the nearest such point; only the others have the nearest point of an edge or
+/// corner.
 fn assert_phases(name: &str, mesh: &TriangleMesh, surface: &Surface, points: &[SurfacePoint]) {
     let mut best = vec![[f64::INFINITY; 2]; points.len()];
     for triangle_idx in 0..mesh.triangles.len() {
@@ -382,19 +483,28 @@ fn assert_phases(name: &str, mesh: &TriangleMesh, surface: &Surface, points: &[S
         });
     }
     for (point, [interior, boundary]) in points.iter().zip(best) {
-        let center = DVec3::new(point.cell[0].into(), point.cell[1].into(), point.cell[2].into()) + 0.5;
+        let center =
+            DVec3::new(point.cell[0].into(), point.cell[1].into(), point.cell[2].into()) + 0.5;
         let distance_squared = (point.cells - center).length_squared();
         let expected = if point.on_boundary { boundary } else { interior };
-        assert!((distance_squared - expected).abs() < 1e-6, "{name} {point:?}: {distance_squared} for {expected}");
-        assert!(!point.on_boundary || interior.is_infinite(), "{name} {point:?}: phase 1 had a point");
+        assert!(
+            (distance_squared - expected).abs() < 1e-6,
+            "{name} {point:?}: {distance_squared} for {expected}"
+        );
+        assert!(
+            !point.on_boundary || interior.is_infinite(),
+            "{name} {point:?}: phase 1 had a point"
+        );
     }
 }
 
 fn distance_to_rim(corners: &[DVec3; 3], point: DVec3) -> f64 {
     (0..3)
         .map(|idx| {
-            let (u, v) = (corners[idx], corners[(idx + 1) % 3]);
-            let along = ((point - u).dot(v - u) / (v - u).length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+            let u = corners[idx];
+            let v = corners[(idx + 1) % 3];
+            let along = ((point - u).dot(v - u) / (v - u).length_squared().max(f64::MIN_POSITIVE))
+                .clamp(0.0, 1.0);
             (u + (v - u) * along - point).length()
         })
         .fold(f64::INFINITY, f64::min)
@@ -403,14 +513,17 @@ fn distance_to_rim(corners: &[DVec3; 3], point: DVec3) -> f64 {
 /// Closest point of a triangle by search over its features, independent of the project's projector.
 fn nearest_by_search([a, b, c]: &[DVec3; 3], p: DVec3) -> (DVec3, f64) {
     let on_segment = |u: DVec3, v: DVec3| {
-        let along = ((p - u).dot(v - u) / (v - u).length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+        let along =
+            ((p - u).dot(v - u) / (v - u).length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
         u + (v - u) * along
     };
     let normal = (*b - *a).cross(*c - *a);
     let mut candidates = vec![on_segment(*a, *b), on_segment(*b, *c), on_segment(*c, *a)];
     if normal.length_squared() > 0.0 {
         let foot = p - normal * (p - *a).dot(normal) / normal.length_squared();
-        let inside = [(*a, *b), (*b, *c), (*c, *a)].iter().all(|(u, v)| (*v - *u).cross(foot - *u).dot(normal) >= 0.0);
+        let inside = [(*a, *b), (*b, *c), (*c, *a)]
+            .iter()
+            .all(|(u, v)| (*v - *u).cross(foot - *u).dot(normal) >= 0.0);
         if inside {
             candidates.push(foot);
         }
@@ -425,7 +538,9 @@ fn nearest_by_search([a, b, c]: &[DVec3; 3], p: DVec3) -> (DVec3, f64) {
 #[test]
 fn acceptance_7_normals_on_a_sphere_are_inward_and_close() {
     for (radius, mean_max, worst_max) in [(16.0, 3.0, 12.0), (8.0, 4.0, 15.0)] {
-        for offset in [DVec3::ZERO, DVec3::new(0.3, 0.7, 0.1), DVec3::splat(0.5), DVec3::new(0.25, 0.5, 0.75)] {
+        for offset in
+            [DVec3::ZERO, DVec3::new(0.3, 0.7, 0.1), DVec3::splat(0.5), DVec3::new(0.25, 0.5, 0.75)]
+        {
             // The tessellation's own facets must not show: it is 100 times finer than a voxel.
             let mesh = sphere_at_offset(radius, offset);
             let map = build(&mesh, S, 4);
@@ -443,7 +558,10 @@ fn acceptance_7_normals_on_a_sphere_are_inward_and_close() {
             angles.sort_by(f64::total_cmp);
             let mean = angles.iter().sum::<f64>() / angles.len() as f64;
             let worst = angles[angles.len() - 1];
-            assert!(mean <= mean_max && worst <= worst_max, "R = {radius} s, offset {offset}: mean {mean}°, worst {worst}°");
+            assert!(
+                mean <= mean_max && worst <= worst_max,
+                "R = {radius} s, offset {offset}: mean {mean}°, worst {worst}°"
+            );
         }
     }
 }
@@ -457,7 +575,9 @@ fn acceptance_7_normals_do_not_depend_on_the_winding_of_the_file() {
     }
     let mut inverted = mesh.clone();
     inverted.triangles.iter_mut().for_each(|triangle| triangle.swap(0, 1));
-    let shell_of = |mesh: &TriangleMesh| pointshell::build(mesh, &build(mesh, S, 4), DVec3::ZERO).0.points().collect::<Vec<_>>();
+    let shell_of = |mesh: &TriangleMesh| {
+        pointshell::build(mesh, &build(mesh, S, 4), DVec3::ZERO).0.points().collect::<Vec<_>>()
+    };
     let expected = shell_of(&mesh);
     for other in [shell_of(&flipped), shell_of(&inverted)] {
         for (a, b) in expected.iter().zip(&other) {
@@ -490,7 +610,9 @@ fn baking_gives_the_same_bits_on_one_and_two_threads() {
 fn an_open_box_leaks_and_becomes_a_thin_skin_but_a_slit_does_not() {
     let mut open = Shape::Box { size_m: DVec3::splat(0.02) }.tessellate(1e-5);
     // Drop the two triangles of the top face.
-    let top = |vertices: &[DVec3], triangle: &[u32; 3]| triangle.iter().all(|v| vertices[*v as usize].z > 0.0099);
+    let top = |vertices: &[DVec3], triangle: &[u32; 3]| {
+        triangle.iter().all(|v| vertices[*v as usize].z > 0.0099)
+    };
     let vertices = open.vertices.clone();
     open.triangles.retain(|triangle| !top(&vertices, triangle));
     let map = build(&open, S, 3);
@@ -519,16 +641,25 @@ fn acceptance_8_half_the_voxel_size_gives_four_times_the_points_and_eight_times_
         ("torus".to_owned(), Shape::Torus { major_m: 0.04, minor_m: 0.012 }.tessellate(1e-5)),
     ];
     let wanted = ["factory_gear_medium_space_5e-4.obj", "rocker-arm.obj", "suzanne.obj"];
-    meshes.extend(models::all().into_iter().filter(|(name, _)| wanted.contains(name)).map(|(name, mesh)| (name.to_owned(), mesh)));
+    meshes.extend(
+        models::all()
+            .into_iter()
+            .filter(|(name, _)| wanted.contains(name))
+            .map(|(name, mesh)| (name.to_owned(), mesh)),
+    );
     for (name, mesh) in &meshes {
         let (low, high) = mesh.bounds().expect("not empty");
         let coarse_m = (high - low).max_element() / 150.0;
-        let [coarse, fine] = [coarse_m, 0.5 * coarse_m].map(|voxel_size_m| build(mesh, voxel_size_m, 2));
+        let [coarse, fine] =
+            [coarse_m, 0.5 * coarse_m].map(|voxel_size_m| build(mesh, voxel_size_m, 2));
         let points = |map: &Volume| pointshell::build(mesh, map, DVec3::ZERO).1.points as f64;
         let ratio = points(&fine) / points(&coarse);
         assert!((ratio / 4.0 - 1.0).abs() <= 0.1, "{name}: {ratio} times the points");
-        // The padding is a matter of layers, not of the object: its volume is what the voxels measure.
-        let voxels = |map: &Volume| map.sides.count_inside(&map.surface) as f64 + 0.5 * map.surface.n_voxels as f64;
+        // The padding is a matter of layers, not of the object: its volume is what the voxels
+        // measure.
+        let voxels = |map: &Volume| {
+            map.sides.count_inside(&map.surface) as f64 + 0.5 * map.surface.n_voxels as f64
+        };
         let ratio = voxels(&fine) / voxels(&coarse);
         assert!((ratio / 8.0 - 1.0).abs() <= 0.05, "{name}: {ratio} times the voxels");
     }

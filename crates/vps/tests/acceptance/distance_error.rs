@@ -1,4 +1,5 @@
-//! How far are the distances from an exact search over all triangles? On real meshes and on meshes much finer than the voxels.
+//! How far are the distances from an exact search over all triangles? On real meshes and on meshes
+//! much finer than the voxels.
 
 use glam::DVec3;
 use vps::mesh::TriangleMesh;
@@ -11,7 +12,8 @@ use super::{build, models};
 /// Cells that are searched per mesh.
 const SAMPLES: usize = 20_000;
 
-/// Boxes in boxes, for a search that shares nothing with the code under test but the distance to one triangle.
+/// Boxes in boxes, for a search that shares nothing with the code under test but the distance to
+/// one triangle.
 struct Tree {
     nodes: Vec<Node>,
     triangles: Vec<[DVec3; 3]>,
@@ -27,8 +29,12 @@ struct Node {
 
 impl Tree {
     fn new(mesh: &TriangleMesh) -> Self {
-        let triangles = (0..mesh.triangles.len()).map(|triangle_idx| mesh.corners(triangle_idx)).collect();
-        let mut tree = Self { nodes: vec![Node { low: DVec3::ZERO, high: DVec3::ZERO, first: 0, n_triangles: 0 }], triangles };
+        let triangles =
+            (0..mesh.triangles.len()).map(|triangle_idx| mesh.corners(triangle_idx)).collect();
+        let mut tree = Self {
+            nodes: vec![Node { low: DVec3::ZERO, high: DVec3::ZERO, first: 0, n_triangles: 0 }],
+            triangles,
+        };
         tree.split(0, 0, mesh.triangles.len());
         tree
     }
@@ -41,10 +47,13 @@ impl Tree {
         if last - first <= 8 {
             return;
         }
-        let axis = (0..3).max_by(|a, b| (high - low)[*a].total_cmp(&(high - low)[*b])).expect("three axes");
+        let axis = (0..3)
+            .max_by(|a, b| (high - low)[*a].total_cmp(&(high - low)[*b]))
+            .expect("three axes");
         let middle = (last - first) / 2;
         let sum = |corners: &[DVec3; 3]| corners[0][axis] + corners[1][axis] + corners[2][axis];
-        self.triangles[first..last].select_nth_unstable_by(middle, |a, b| sum(a).total_cmp(&sum(b)));
+        self.triangles[first..last]
+            .select_nth_unstable_by(middle, |a, b| sum(a).total_cmp(&sum(b)));
         let children = self.nodes.len();
         for _ in 0..2 {
             self.nodes.push(Node { low, high, first: 0, n_triangles: 0 });
@@ -65,11 +74,13 @@ impl Tree {
             let node: &Node = &self.nodes[node_idx];
             if node.n_triangles > 0 {
                 for corners in &self.triangles[node.first..node.first + node.n_triangles] {
-                    best = best.min(TriangleProjector::new(corners).project(point).distance_squared);
+                    best =
+                        best.min(TriangleProjector::new(corners).project(point).distance_squared);
                 }
                 continue;
             }
-            let mut children = [node.first, node.first + 1].map(|child| (child, to_box(&self.nodes[child])));
+            let mut children =
+                [node.first, node.first + 1].map(|child| (child, to_box(&self.nodes[child])));
             children.sort_by(|a, b| b.1.total_cmp(&a.1));
             stack.extend(children);
         }
@@ -98,9 +109,11 @@ fn errors(name: &str, mesh: &TriangleMesh, cells_on_longest_axis: f64, layers: u
     let mut errors: Vec<f64> = all()
         .step_by(stride)
         .map(|(cell, _)| {
-            let (slot, inside) = (cell / 512, cell % 512);
+            let slot = cell / 512;
+            let inside = cell % 512;
             let grid = &map.surface.grid;
-            let center = grid.center_map(cell_of(grid.brick_coord(map.layers.bricks[slot] as usize), inside));
+            let center = grid
+                .center_map(cell_of(grid.brick_coord(map.layers.bricks[slot] as usize), inside));
             let measured = f64::from(distances.values_m[slot][inside]).abs();
             assert!(measured.is_finite(), "{name}: {measured} at {center}");
             (measured - tree.distance(center)).abs() / voxel_size_m
@@ -115,7 +128,8 @@ fn errors(name: &str, mesh: &TriangleMesh, cells_on_longest_axis: f64, layers: u
     };
     let Errors { mean, p99, worst, cells } = found;
     println!(
-        "{name}, {} triangles, {cells_on_longest_axis} voxels, {layers} layers: mean {mean:.6}, p99 {p99:.6}, worst {worst:.4} voxel over {cells} cells",
+        "{name}, {} triangles, {cells_on_longest_axis} voxels, {layers} layers: mean {mean:.6}, \
+            p99 {p99:.6}, worst {worst:.4} voxel over {cells} cells",
         mesh.triangles.len()
     );
     found
@@ -125,7 +139,13 @@ fn errors(name: &str, mesh: &TriangleMesh, cells_on_longest_axis: f64, layers: u
 const MEAN: f64 = 0.002;
 const P99: f64 = 0.02;
 
-fn check_within(p99_max: f64, name: &str, mesh: &TriangleMesh, cells_on_longest_axis: f64, layers: u32) {
+fn check_within(
+    p99_max: f64,
+    name: &str,
+    mesh: &TriangleMesh,
+    cells_on_longest_axis: f64,
+    layers: u32,
+) {
     let Errors { mean, p99, worst, cells } = errors(name, mesh, cells_on_longest_axis, layers);
     assert!(cells > 1000, "{name}: {cells} cells");
     assert!(mean <= MEAN && p99 <= p99_max, "{name}: mean {mean}, p99 {p99}, worst {worst} voxel");
@@ -151,9 +171,16 @@ fn distances_hold_on_meshes_finer_and_coarser_than_the_voxels() {
     let cone = Shape::Cone { radius_m: 0.01, height_m: 0.02 };
     for (name, shape) in [("torus", torus), ("cone", cone)] {
         for chord_m in [1e-7, 1e-6, 1e-4] {
-            // Facets of several voxels that meet at small angles have ties everywhere inside the torus.
+            // Facets of several voxels that meet at small angles have ties everywhere inside the
+            // torus.
             let p99_max = if chord_m > 1e-5 { 0.03 } else { P99 };
-            check_within(p99_max, &format!("{name}, chord {chord_m} m"), &shape.tessellate(chord_m), 60.0, 8);
+            check_within(
+                p99_max,
+                &format!("{name}, chord {chord_m} m"),
+                &shape.tessellate(chord_m),
+                60.0,
+                8,
+            );
         }
     }
     // Triangles that are cut: sixty voxels and more, and a deep band.
@@ -169,7 +196,9 @@ fn distances_hold_on_a_soup() {
     let mut soup = TriangleMesh::default();
     for triangle_idx in 0..shape.triangles.len() {
         let first = soup.vertices.len() as u32;
-        let shake = DVec3::new(triangle_idx as f64, (triangle_idx * 7) as f64, (triangle_idx * 13) as f64).map(|x| x.sin() * 2e-5);
+        let shake =
+            DVec3::new(triangle_idx as f64, (triangle_idx * 7) as f64, (triangle_idx * 13) as f64)
+                .map(|x| x.sin() * 2e-5);
         soup.vertices.extend(shape.corners(triangle_idx).map(|corner| corner + shake));
         soup.triangles.push([first, first + 1, first + 2]);
     }

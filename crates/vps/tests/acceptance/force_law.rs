@@ -1,5 +1,6 @@
-//! The force of facets against the law that it approximates: K/s² times the integral of depth over the immersed surface, which over a plane is
-//! K/s² times the volume of the overlap, along the plane's normal.
+//! The force of facets against the law that it approximates: K/s² times the integral of depth over
+//! the immersed surface, which over a plane is K/s² times the volume of the overlap, along the
+//! plane's normal.
 
 use glam::{DQuat, DVec3};
 use vps::contact::{ContactSum, ForceLaw, Obstacle};
@@ -67,8 +68,15 @@ struct Errors {
 }
 
 /// The mesh pressed `depth_m` deep in random orientations.
-fn errors(mesh: &TriangleMesh, voxel_size_m: f64, depth_m: f64, points: Points, n: usize) -> Errors {
-    let (obstacles, mut random) = (plane(), Random(7));
+fn errors(
+    mesh: &TriangleMesh,
+    voxel_size_m: f64,
+    depth_m: f64,
+    points: Points,
+    n: usize,
+) -> Errors {
+    let obstacles = plane();
+    let mut random = Random(7);
     let mut found = Errors { angle_deg: Vec::new(), ratio: Vec::new() };
     for _ in 0..n {
         let mesh = turned(mesh, rotation(&mut random));
@@ -94,10 +102,12 @@ fn at(sorted: &[f64], share: f64) -> f64 {
 #[test]
 fn a_face_presses_with_its_area_however_it_lies_in_its_grid() {
     const S: f64 = 5e-4;
-    let (obstacles, mut random) = (plane(), Random(150));
+    let obstacles = plane();
+    let mut random = Random(150);
     let cube = Shape::Box { size_m: DVec3::splat(0.01) }.tessellate(0.0);
     let depth_m = 0.25 * S;
-    let (mut least, mut most) = (f64::INFINITY, 0.0_f64);
+    let mut least = f64::INFINITY;
+    let mut most = 0.0_f64;
     for _ in 0..150 {
         let turn = rotation(&mut random);
         let shell = shell_of(&turned(&cube, turn), S, Points::Facets);
@@ -105,7 +115,11 @@ fn a_face_presses_with_its_area_however_it_lies_in_its_grid() {
         let sum = ContactSum::flat(&obstacles, &shell, pose, ForceLaw::PLAIN);
         let ratio = sum.wrench.force.z / (K * 1e-4 * depth_m / (S * S));
         (least, most) = (least.min(ratio), most.max(ratio));
-        assert!(sum.wrench.force.angle_between(DVec3::Z) < 1e-3 && sum.arm_world.truncate().length() < 1e-5, "{turn}: {sum:?}");
+        assert!(
+            sum.wrench.force.angle_between(DVec3::Z) < 1e-3
+                && sum.arm_world.truncate().length() < 1e-5,
+            "{turn}: {sum:?}"
+        );
     }
     eprintln!("a face in 150 attitudes: {least:.4} to {most:.4} of the law");
     assert!(least > 0.98 && most < 1.02, "{least} to {most}");
@@ -114,7 +128,8 @@ fn a_face_presses_with_its_area_however_it_lies_in_its_grid() {
 #[test]
 fn a_corner_is_felt_at_a_fiftieth_of_a_voxel() {
     const S: f64 = 5e-4;
-    let (obstacles, mut random) = (plane(), Random(25));
+    let obstacles = plane();
+    let mut random = Random(25);
     let cube = Shape::Box { size_m: DVec3::splat(0.01) }.tessellate(0.0);
     for _ in 0..25 {
         let turn = rotation(&mut random);
@@ -137,7 +152,12 @@ fn the_force_on_round_parts_comes_to_the_law_with_the_voxel() {
         let Errors { angle_deg, ratio } = errors(&ball, voxel_size_m, 4e-4, Points::Facets, 4);
         let worst = (at(&ratio, 0.0) - 1.0).abs().max((at(&ratio, 1.0) - 1.0).abs());
         let found = [worst, at(&angle_deg, 1.0)];
-        eprintln!("ball, voxels of {:.2} mm: {:.1} % and {:.2}° off the law", 1e3 * voxel_size_m, 100.0 * worst, found[1]);
+        eprintln!(
+            "ball, voxels of {:.2} mm: {:.1} % and {:.2}° off the law",
+            1e3 * voxel_size_m,
+            100.0 * worst,
+            found[1]
+        );
         if let Some([was, was_deg]) = last.replace(found) {
             assert!(worst < 0.5 * was && found[1] < 0.5 * was_deg, "{found:?} after {last:?}");
         }
@@ -146,39 +166,56 @@ fn the_force_on_round_parts_comes_to_the_law_with_the_voxel() {
     assert!(worst < 0.01 && angle_deg < 0.1, "{worst} {angle_deg}");
 }
 
-/// Less than a voxel of an edge or a corner in a wall: the direction is that of the wall nevertheless, and right where more is immersed.
+/// Less than a voxel of an edge or a corner in a wall: the direction is that of the wall
+/// nevertheless, and right where more is immersed.
 #[test]
 fn the_force_on_edges_and_corners_points_out_of_the_wall_and_comes_to_the_law() {
     let cube = Shape::Box { size_m: DVec3::splat(0.01) }.tessellate(0.0);
     let rod = Shape::Cylinder { radius_m: 0.004, height_m: 0.012 }.tessellate(1e-6);
     for (name, mesh) in [("cube", &cube), ("rod", &rod)] {
-        for (voxel_size_m, angle_max_deg, ratio_least) in [(1e-3, 11.0, 0.7), (5e-4, 6.0, 0.8), (1.25e-4, 1.0, 0.97)] {
+        for (voxel_size_m, angle_max_deg, ratio_least) in
+            [(1e-3, 11.0, 0.7), (5e-4, 6.0, 0.8), (1.25e-4, 1.0, 0.97)]
+        {
             let Errors { angle_deg, ratio } = errors(mesh, voxel_size_m, 4e-4, Points::Facets, 4);
-            let (middle, most) = (at(&ratio, 0.5), at(&ratio, 1.0));
+            let middle = at(&ratio, 0.5);
+            let most = at(&ratio, 1.0);
             eprintln!(
                 "{name}, voxels of {:.3} mm, 0.4 mm deep: at most {:.2}°, {middle:.3} of the law",
                 1e3 * voxel_size_m,
                 at(&angle_deg, 1.0)
             );
-            assert!(at(&angle_deg, 1.0) < angle_max_deg && middle > ratio_least && most < 1.01, "{name}: {angle_deg:?} {ratio:?}");
+            assert!(
+                at(&angle_deg, 1.0) < angle_max_deg && middle > ratio_least && most < 1.01,
+                "{name}: {angle_deg:?} {ratio:?}"
+            );
         }
     }
 }
 
-/// Nothing of the surface is lost or counted twice, also where faces lie on the boundaries of voxels.
+/// Nothing of the surface is lost or counted twice, also where faces lie on the boundaries of
+/// voxels.
 #[test]
 fn areas_add_up_to_the_surface_and_area_vectors_to_nothing() {
     let aligned = Shape::Box { size_m: DVec3::new(0.01, 0.006, 0.008) }.tessellate(0.0);
     let torus = Shape::Torus { major_m: 0.008, minor_m: 0.002 }.tessellate(2e-6);
     let mut random = Random(3);
-    let meshes = [aligned.clone(), turned(&aligned, rotation(&mut random)), turned(&torus, rotation(&mut random)), stepped()];
+    let meshes = [
+        aligned.clone(),
+        turned(&aligned, rotation(&mut random)),
+        turned(&torus, rotation(&mut random)),
+        stepped(),
+    ];
     for (idx, mesh) in meshes.iter().enumerate() {
         let voxel_size_m = 5e-4;
         let shell = shell_of(mesh, voxel_size_m, Points::Facets);
         let weights = shell.weights().iter().flat_map(|weights| weights.0);
-        let (mut area, mut sum) = (0.0, DVec3::ZERO);
+        let mut area = 0.0;
+        let mut sum = DVec3::ZERO;
         for ((_, normal), weight) in shell.points().zip(weights) {
-            assert!((normal.length() - 1.0).abs() < 1e-5 && weight > 0.0, "mesh {idx}: {normal} {weight}");
+            assert!(
+                (normal.length() - 1.0).abs() < 1e-5 && weight > 0.0,
+                "mesh {idx}: {normal} {weight}"
+            );
             area += f64::from(weight);
             sum += normal.as_dvec3() * f64::from(weight);
         }
@@ -189,19 +226,24 @@ fn areas_add_up_to_the_surface_and_area_vectors_to_nothing() {
             })
             .sum();
         // Bent facets and the points on edges have a little less area than their polygons.
-        assert!(area < truth * (1.0 + 1e-6) && area > truth * 0.98, "mesh {idx}: {area} of {truth}");
+        assert!(
+            area < truth * (1.0 + 1e-6) && area > truth * 0.98,
+            "mesh {idx}: {area} of {truth}"
+        );
         assert!(sum.length() < 1e-4 * area, "mesh {idx}: {sum} of {area}");
     }
 }
 
-/// A box with a step whose faces lie on the boundaries of voxels: those of its grid start at its lowest corner less a padding of whole voxels.
+/// A box with a step whose faces lie on the boundaries of voxels: those of its grid start at its
+/// lowest corner less a padding of whole voxels.
 fn stepped() -> TriangleMesh {
     let profile = [[0.0, 0.0], [4e-3, 0.0], [4e-3, 2e-3], [2e-3, 2e-3], [2e-3, 4e-3], [0.0, 4e-3]];
     let n = profile.len() as u32;
     let at = |height: f64| profile.map(|[x, z]| DVec3::new(x, height, z));
     let vertices = [at(0.0), at(3e-3)].concat();
-    let mut triangles: Vec<[u32; 3]> =
-        (0..n).flat_map(|k| [[k, n + k, n + (k + 1) % n], [k, n + (k + 1) % n, (k + 1) % n]]).collect();
+    let mut triangles: Vec<[u32; 3]> = (0..n)
+        .flat_map(|k| [[k, n + k, n + (k + 1) % n], [k, n + (k + 1) % n, (k + 1) % n]])
+        .collect();
     for [a, b, c] in [[0, 1, 3], [1, 2, 3], [0, 3, 5], [3, 4, 5]] {
         triangles.push([a, b, c]);
         triangles.push([n + c, n + b, n + a]);

@@ -1,4 +1,5 @@
-//! Inside and outside of meshes that are not one closed, outward shell: what a user expects from a solid.
+//! Inside and outside of meshes that are not one closed, outward shell: what a user expects from a
+//! solid.
 
 use glam::{DQuat, DVec3};
 use vps::mesh::primitives::Shape;
@@ -38,7 +39,9 @@ fn joined(parts: &[TriangleMesh]) -> TriangleMesh {
     for part in parts {
         let first = whole.vertices.len() as u32;
         whole.vertices.extend(&part.vertices);
-        whole.triangles.extend(part.triangles.iter().map(|triangle| triangle.map(|vertex| vertex + first)));
+        whole
+            .triangles
+            .extend(part.triangles.iter().map(|triangle| triangle.map(|vertex| vertex + first)));
     }
     whole
 }
@@ -60,7 +63,9 @@ fn holed_sphere(radius: f64, hole: f64) -> TriangleMesh {
     let mut mesh = turned(sphere(radius));
     let top = DVec3::Z * radius * S;
     let vertices = mesh.vertices.clone();
-    mesh.triangles.retain(|corners| corners.iter().any(|vertex| vertices[*vertex as usize].distance(top) > hole * S));
+    mesh.triangles.retain(|corners| {
+        corners.iter().any(|vertex| vertices[*vertex as usize].distance(top) > hole * S)
+    });
     mesh
 }
 
@@ -73,13 +78,15 @@ fn each_band_cell(map: &Volume) -> impl Iterator<Item = ([i32; 3], usize, usize)
     })
 }
 
-/// Neighbours differ by one layer, signs are those of the sides, and next to the surface, where forces begin, the field changes
-/// by no more than the way between two cells. Where a lid meets the rim a gap of less than a voxel may remain.
+/// Neighbours differ by one layer, signs are those of the sides, and next to the surface, where
+/// forces begin, the field changes by no more than the way between two cells. Where a lid meets the
+/// rim a gap of less than a voxel may remain.
 fn assert_continuous(name: &str, map: &Volume, mesh: &TriangleMesh) {
     let distances = map.distances(mesh, false);
     let mut worst = 0.0_f64;
     for (cell, slot, inside) in each_band_cell(map) {
-        let (layer, value) = (map.layers.values[slot][inside], f64::from(distances.values_m[slot][inside]) / S);
+        let layer = map.layers.values[slot][inside];
+        let value = f64::from(distances.values_m[slot][inside]) / S;
         match map.sides.side(&map.surface, cell) {
             Side::Surface => assert_eq!(layer, 0),
             Side::Inside => assert!(layer > 0 && value > 0.0, "{name} {cell:?}: {layer} {value}"),
@@ -93,7 +100,8 @@ fn assert_continuous(name: &str, map: &Volume, mesh: &TriangleMesh) {
             assert!((next - layer).abs() <= 1, "{name} {cell:?}: {layer} beside {next}");
             if layer.abs() <= 1 && next.abs() <= 1 {
                 let way = f64::from(offset.iter().map(|step| step * step).sum::<i32>()).sqrt();
-                worst = worst.max((f64::from(distances.values_m[slot][there]) / S - value).abs() - way);
+                worst =
+                    worst.max((f64::from(distances.values_m[slot][there]) / S - value).abs() - way);
             }
         }
     }
@@ -107,7 +115,8 @@ fn volume(map: &Volume) -> f64 {
     map.sides.count_inside(&map.surface) as f64 + 0.5 * map.surface.n_voxels as f64
 }
 
-/// The points of the shell that lie on the outer hull of a box, and whether their normals point into it.
+/// The points of the shell that lie on the outer hull of a box, and whether their normals point
+/// into it.
 fn assert_box_normals(name: &str, map: &Volume, mesh: &TriangleMesh, half: DVec3, center: DVec3) {
     let mut on_hull = 0;
     for (position, normal) in pointshell::build(mesh, map, DVec3::ZERO).0.points() {
@@ -116,7 +125,9 @@ fn assert_box_normals(name: &str, map: &Volume, mesh: &TriangleMesh, half: DVec3
         // Faces, away from edges, where the inward normal is known.
         let axis = (0..3).find(|axis| arm[*axis].abs() == outermost).expect("an axis");
         let others = [(axis + 1) % 3, (axis + 2) % 3];
-        if outermost < 0.999 || others.iter().any(|other| (1.0 - arm[*other].abs()) * half[*other] < 4.0) {
+        if outermost < 0.999
+            || others.iter().any(|other| (1.0 - arm[*other].abs()) * half[*other] < 4.0)
+        {
             continue;
         }
         on_hull += 1;
@@ -135,9 +146,19 @@ fn parts_that_face_anyhow_overlap_touch_or_repeat_are_one_solid() {
     repeated.triangles.extend(one().triangles.iter().step_by(2));
     let mut both_ways = one();
     both_ways.triangles.extend(inverted(one()).triangles);
-    let twice = |second: TriangleMesh| joined(&[cuboid([12.0, 14.0, 16.0], [-4.0, 0.0, 0.0]), second]);
+    let twice =
+        |second: TriangleMesh| joined(&[cuboid([12.0, 14.0, 16.0], [-4.0, 0.0, 0.0]), second]);
     let hundred: Vec<TriangleMesh> = (0..100)
-        .map(|i| cuboid([4.0; 3], [f64::from(i / 20 - 2) * 4.0, f64::from(i / 5 % 4) * 4.0 - 6.0, f64::from(i % 5 - 2) * 4.0]))
+        .map(|i| {
+            cuboid(
+                [4.0; 3],
+                [
+                    f64::from(i / 20 - 2) * 4.0,
+                    f64::from(i / 5 % 4) * 4.0 - 6.0,
+                    f64::from(i % 5 - 2) * 4.0,
+                ],
+            )
+        })
         .collect();
     let cases = [
         ("a box", one(), [20.0, 14.0, 16.0]),
@@ -145,21 +166,46 @@ fn parts_that_face_anyhow_overlap_touch_or_repeat_are_one_solid() {
         ("some faces inside out", every_third, [20.0, 14.0, 16.0]),
         ("some faces twice", repeated, [20.0, 14.0, 16.0]),
         ("all faces twice, both ways", both_ways, [20.0, 14.0, 16.0]),
-        ("two that overlap", twice(cuboid([12.0, 14.0, 16.0], [4.0, 0.0, 0.0])), [20.0, 14.0, 16.0]),
-        ("two that overlap, one inside out", twice(inverted(cuboid([12.0, 14.0, 16.0], [4.0, 0.0, 0.0]))), [20.0, 14.0, 16.0]),
-        ("two that share a face", twice(cuboid([8.0, 14.0, 16.0], [6.0, 0.0, 0.0])), [20.0, 14.0, 16.0]),
-        ("one within another", joined(&[one(), cuboid([8.0, 4.0, 6.0], [0.0; 3])]), [20.0, 14.0, 16.0]),
-        ("hollow", joined(&[one(), inverted(cuboid([12.0, 6.0, 8.0], [0.0; 3]))]), [20.0, 14.0, 16.0]),
+        (
+            "two that overlap",
+            twice(cuboid([12.0, 14.0, 16.0], [4.0, 0.0, 0.0])),
+            [20.0, 14.0, 16.0],
+        ),
+        (
+            "two that overlap, one inside out",
+            twice(inverted(cuboid([12.0, 14.0, 16.0], [4.0, 0.0, 0.0]))),
+            [20.0, 14.0, 16.0],
+        ),
+        (
+            "two that share a face",
+            twice(cuboid([8.0, 14.0, 16.0], [6.0, 0.0, 0.0])),
+            [20.0, 14.0, 16.0],
+        ),
+        (
+            "one within another",
+            joined(&[one(), cuboid([8.0, 4.0, 6.0], [0.0; 3])]),
+            [20.0, 14.0, 16.0],
+        ),
+        (
+            "hollow",
+            joined(&[one(), inverted(cuboid([12.0, 6.0, 8.0], [0.0; 3]))]),
+            [20.0, 14.0, 16.0],
+        ),
         ("a hundred that touch", joined(&hundred), [20.0, 16.0, 20.0]),
     ];
     for (name, mesh, edges) in cases {
         let map = build(&mesh);
-        assert_eq!((map.watertight, map.basis, map.capped.is_none()), (true, InsideBasis::Flood, true), "{name}");
+        assert_eq!(
+            (map.watertight, map.basis, map.capped.is_none()),
+            (true, InsideBasis::Flood, true),
+            "{name}"
+        );
         assert_continuous(name, &map, &mesh);
         // Walls within the solid are surface voxels, counted half; so compare what is enclosed.
         let hull = map.sides.count_inside(&map.surface) + map.surface.n_voxels as u64;
         let expected = build(&cuboid(edges, [0.0; 3]));
-        let filled = expected.sides.count_inside(&expected.surface) + expected.surface.n_voxels as u64;
+        let filled =
+            expected.sides.count_inside(&expected.surface) + expected.surface.n_voxels as u64;
         assert_eq!(hull, filled, "{name}");
         let low = mesh.bounds().expect("triangles").0 / S;
         let half = DVec3::from_array(edges) / 2.0;
@@ -169,7 +215,8 @@ fn parts_that_face_anyhow_overlap_touch_or_repeat_are_one_solid() {
             let [a, b, c] = mesh.corners(triangle_idx).map(|corner| corner / S - low - half);
             let normal = (b - a).cross(c - a).normalize();
             let middle = (a + b + c) / 3.0;
-            let on_hull = (0..3).any(|axis| normal[axis].abs() > 0.5 && middle[axis].abs() > half[axis] - 1e-6);
+            let on_hull = (0..3)
+                .any(|axis| normal[axis].abs() > 0.5 && middle[axis].abs() > half[axis] - 1e-6);
             if on_hull && name != "a hundred that touch" {
                 let sign = map.orientation.sign(triangle_idx as u32);
                 assert!(sign * normal.dot(middle) > 0.0, "{name}: triangle {triangle_idx}");
@@ -182,10 +229,18 @@ fn parts_that_face_anyhow_overlap_touch_or_repeat_are_one_solid() {
 fn a_hole_of_several_voxels_gets_a_lid() {
     for (radius, hole) in [(16.0, 3.0), (20.0, 5.0), (16.0, 2.0)] {
         for invert in [false, true] {
-            let mesh = if invert { inverted(holed_sphere(radius, hole)) } else { holed_sphere(radius, hole) };
+            let mesh = if invert {
+                inverted(holed_sphere(radius, hole))
+            } else {
+                holed_sphere(radius, hole)
+            };
             let name = format!("radius {radius}, hole {hole}, inverted {invert}");
             let map = build(&mesh);
-            assert!(!map.watertight && map.leak.is_some() && !map.thin, "{name}: {:?}", map.clear_share);
+            assert!(
+                !map.watertight && map.leak.is_some() && !map.thin,
+                "{name}: {:?}",
+                map.clear_share
+            );
             assert_eq!(map.basis, InsideBasis::Winding, "{name}");
             let capped = map.capped.as_ref().expect("a lid");
             let disc_mm2 = core::f64::consts::PI * hole * hole;
@@ -200,7 +255,8 @@ fn a_hole_of_several_voxels_gets_a_lid() {
             assert_continuous(&name, &map, &mesh);
             // The lid has points like the rest, and all normals point inward.
             let shell = pointshell::build(&mesh, &map, DVec3::ZERO).0;
-            let near_top = |position: DVec3| position.distance(DVec3::Z * radius * S) < 0.5 * hole * S;
+            let near_top =
+                |position: DVec3| position.distance(DVec3::Z * radius * S) < 0.5 * hole * S;
             assert!(shell.points().any(|(position, _)| near_top(position.as_dvec3())), "{name}");
             for (position, normal) in shell.points() {
                 let angle = normal.as_dvec3().angle_between(-position.as_dvec3()).to_degrees();
@@ -220,17 +276,24 @@ fn a_box_of_loose_faces_with_gaps_is_closed() {
             let first = mesh.vertices.len() as u32;
             mesh.vertices.extend(sheet.map(|[u, v]| {
                 let mut corner = DVec3::ZERO;
-                (corner[axis], corner[(axis + 1) % 3], corner[(axis + 2) % 3]) = (16.0 * side, 14.0 * u * side, 14.0 * v);
+                (corner[axis], corner[(axis + 1) % 3], corner[(axis + 2) % 3]) =
+                    (16.0 * side, 14.0 * u * side, 14.0 * v);
                 S * corner
             }));
-            mesh.triangles.extend([[0, 1, 2], [0, 2, 3]].map(|triangle| triangle.map(|vertex: u32| vertex + first)));
+            mesh.triangles.extend(
+                [[0, 1, 2], [0, 2, 3]].map(|triangle| triangle.map(|vertex: u32| vertex + first)),
+            );
         }
     }
     let mesh = turned(mesh);
     let map = build_as(&mesh, InsideTest::Winding);
     assert_eq!((map.watertight, map.basis), (false, InsideBasis::Winding));
     assert_continuous("loose faces", &map, &mesh);
-    assert!((volume(&map) / 32.0_f64.powi(3) - 1.0).abs() < 0.05, "{}", volume(&map) / 32.0_f64.powi(3));
+    assert!(
+        (volume(&map) / 32.0_f64.powi(3) - 1.0).abs() < 0.05,
+        "{}",
+        volume(&map) / 32.0_f64.powi(3)
+    );
     assert_eq!(map.sides.side(&map.surface, cell_at(&map, DVec3::ZERO)), Side::Inside);
 }
 
@@ -242,20 +305,30 @@ fn cell_at(map: &Volume, point: DVec3) -> [i32; 3] {
 fn what_is_not_clear_becomes_a_thin_skin_and_says_how_unclear_it_is() {
     let mut tray = cuboid([20.0; 3], [0.0; 3]);
     let vertices = tray.vertices.clone();
-    tray.triangles.retain(|corners| corners.iter().any(|vertex| vertices[*vertex as usize].z < 0.0));
+    tray.triangles
+        .retain(|corners| corners.iter().any(|vertex| vertices[*vertex as usize].z < 0.0));
     let mut bowl = turned(sphere(16.0));
     let vertices = bowl.vertices.clone();
-    bowl.triangles.retain(|corners| corners.iter().any(|vertex| vertices[*vertex as usize].z < 0.0));
+    bowl.triangles
+        .retain(|corners| corners.iter().any(|vertex| vertices[*vertex as usize].z < 0.0));
     // Closed at one end, three diameters long.
     let mut tube = Shape::Cylinder { radius_m: 8.0 * S, height_m: 48.0 * S }.tessellate(0.02 * S);
     let vertices = tube.vertices.clone();
-    tube.triangles.retain(|corners| corners.iter().any(|vertex| vertices[*vertex as usize].z < 23.9 * S));
+    tube.triangles
+        .retain(|corners| corners.iter().any(|vertex| vertices[*vertex as usize].z < 23.9 * S));
     let mut flipped = holed_sphere(16.0, 4.0);
     flipped.triangles.iter_mut().step_by(3).for_each(|triangle| triangle.swap(0, 1));
-    for (name, mesh) in [("tray", tray), ("bowl", bowl), ("tube", tube), ("faces that contradict", flipped)] {
+    for (name, mesh) in
+        [("tray", tray), ("bowl", bowl), ("tube", tube), ("faces that contradict", flipped)]
+    {
         let map = build(&mesh);
         eprintln!("{name}: clear {:?}", map.clear_share);
-        assert!(map.thin && !map.watertight && map.capped.is_none(), "{name}: {:?} {:?}", map.basis, map.clear_share);
+        assert!(
+            map.thin && !map.watertight && map.capped.is_none(),
+            "{name}: {:?} {:?}",
+            map.basis,
+            map.clear_share
+        );
         assert!(map.clear_share.is_some_and(|share| share < 0.95), "{name}: {:?}", map.clear_share);
     }
 }
@@ -279,7 +352,8 @@ fn every_rule_does_what_it_says() {
     // A bowl on demand: filled to the brim.
     let mut bowl = turned(sphere(16.0));
     let vertices = bowl.vertices.clone();
-    bowl.triangles.retain(|corners| corners.iter().any(|vertex| vertices[*vertex as usize].z < 0.0));
+    bowl.triangles
+        .retain(|corners| corners.iter().any(|vertex| vertices[*vertex as usize].z < 0.0));
     let map = build_as(&bowl, InsideTest::Winding);
     assert_continuous("bowl", &map, &bowl);
     assert_eq!(map.sides.side(&map.surface, cell_at(&map, DVec3::Z * -4.0 * S)), Side::Inside);
@@ -308,11 +382,15 @@ fn a_scan_that_is_open_at_the_bottom_is_a_solid() {
         let (low, high) = mesh.bounds().expect("triangles");
         let extent = (high - low).max_element();
         let voxel_size_m = extent / 100.0;
-        let options = Options { voxel_size_m, layers: LAYERS, navigation: None, sides: InsideTest::Auto };
+        let options =
+            Options { voxel_size_m, layers: LAYERS, navigation: None, sides: InsideTest::Auto };
         let report = validate::inspect(&mesh);
         let map = Volume::build(&mesh, &report, &options, |_| ()).expect("a grid that fits");
         let area_mm2 = map.capped.as_ref().map(|capped| capped.area_m2 * 1e6);
-        eprintln!("{name}: {:?}, clear {:?}, lids {area_mm2:?} mm², leak {:?}", map.basis, map.clear_share, map.leak);
+        eprintln!(
+            "{name}: {:?}, clear {:?}, lids {area_mm2:?} mm², leak {:?}",
+            map.basis, map.clear_share, map.leak
+        );
         assert!(!name.contains("bunny") || map.basis != InsideBasis::Thin, "{name}");
     }
 }
@@ -321,7 +399,8 @@ fn a_scan_that_is_open_at_the_bottom_is_a_solid() {
 fn tray() -> TriangleMesh {
     let mut tray = cuboid([20.0; 3], [0.0; 3]);
     let vertices = tray.vertices.clone();
-    tray.triangles.retain(|corners| corners.iter().any(|vertex| vertices[*vertex as usize].z < 0.0));
+    tray.triangles
+        .retain(|corners| corners.iter().any(|vertex| vertices[*vertex as usize].z < 0.0));
     tray
 }
 
@@ -329,20 +408,34 @@ fn tray() -> TriangleMesh {
 fn a_lid_is_as_large_as_its_hole() {
     for voxel_size_mm in [2.0, 1.0, 0.75, 0.5, 0.4, 0.3] {
         for (pose, mesh) in [("along the grid", tray()), ("turned", turned(tray()))] {
-            let options =
-                Options { voxel_size_m: voxel_size_mm * 1e-3, layers: LAYERS, navigation: None, sides: InsideTest::Winding };
-            let map = Volume::build(&mesh, &validate::inspect(&mesh), &options, |_| ()).expect("a grid that fits");
+            let options = Options {
+                voxel_size_m: voxel_size_mm * 1e-3,
+                layers: LAYERS,
+                navigation: None,
+                sides: InsideTest::Winding,
+            };
+            let map = Volume::build(&mesh, &validate::inspect(&mesh), &options, |_| ())
+                .expect("a grid that fits");
             let capped = map.capped.as_ref().expect("a lid");
             let area_mm2 = capped.area_m2 * 1e6;
-            eprintln!("{pose}, voxels of {voxel_size_mm} mm: {} lids, {area_mm2:.1} mm²", capped.n_lids);
+            eprintln!(
+                "{pose}, voxels of {voxel_size_mm} mm: {} lids, {area_mm2:.1} mm²",
+                capped.n_lids
+            );
             assert_eq!(capped.n_lids, 1, "{pose}, {voxel_size_mm} mm");
             // The rim's own voxels need no lid: they are a larger part of a hole of ten voxels.
             let least = if voxel_size_mm > 1.0 { 0.7 } else { 0.8 };
-            assert!((least..1.2).contains(&(area_mm2 / 400.0)), "{pose}, {voxel_size_mm} mm: {area_mm2} mm²");
+            assert!(
+                (least..1.2).contains(&(area_mm2 / 400.0)),
+                "{pose}, {voxel_size_mm} mm: {area_mm2} mm²"
+            );
             // Nothing stands out of the lid: no voxel lies wholly above the rim.
             let rim = map.surface.grid.to_cells(DVec3::Z * 10e-3).z;
             let stands_out = |cell: &[i32; 3]| pose == "along the grid" && f64::from(cell[2]) > rim;
-            assert!(!map.surface.cells().any(|cell| stands_out(&cell)), "{pose}, {voxel_size_mm} mm: a nub");
+            assert!(
+                !map.surface.cells().any(|cell| stands_out(&cell)),
+                "{pose}, {voxel_size_mm} mm: a nub"
+            );
         }
     }
 }

@@ -1,4 +1,5 @@
-//! Acceptance tests of generation and contact, under the numbers of the mission; over real meshes where `HAPTICD_MODELS` names their folder.
+//! Acceptance tests of generation and contact, under the numbers of the mission; over real meshes
+//! where `HAPTICD_MODELS` names their folder.
 #![expect(clippy::print_stderr, reason = "tests say what they skip and measure")]
 
 mod data_structures;

@@ -38,7 +38,8 @@ pub(crate) fn all() -> Vec<(&'static str, TriangleMesh)> {
     MODELS
         .into_iter()
         .map(|(name, metres_per_unit)| {
-            let mesh = mesh::load(&folder.join(name), metres_per_unit).unwrap_or_else(|error| panic!("{name}: {error}"));
+            let mesh = mesh::load(&folder.join(name), metres_per_unit)
+                .unwrap_or_else(|error| panic!("{name}: {error}"));
             (name, mesh)
         })
         .collect()

@@ -1,8 +1,11 @@
-//! Kernels and tree walk against the scalar flat traversal; acceptance tests 16 and 17 under their numbers.
+//! Kernels and tree walk against the scalar flat traversal; acceptance tests 16 and 17 under their
+//! numbers.
 
 use glam::{DQuat, DVec3};
 use vps::contact::Normalization;
-use vps::contact::{self, Budget, ContactSum, ForceLaw, Obstacle, SimdLevel, Traversal, TraversalMode};
+use vps::contact::{
+    self, Budget, ContactSum, ForceLaw, Obstacle, SimdLevel, Traversal, TraversalMode,
+};
 use vps::mesh::TriangleMesh;
 use vps::mesh::primitives::Shape;
 use vps::pointshell::{self, shell::Shell};
@@ -13,8 +16,12 @@ use vps::voxmap::inside_test::InsideTest;
 
 use super::{build_as, models};
 
-const LAW: ForceLaw =
-    ForceLaw { stiffness_n_per_m: 1000.0, normalization: Normalization::Average, smooth_entry: true, ..ForceLaw::PLAIN };
+const LAW: ForceLaw = ForceLaw {
+    stiffness_n_per_m: 1000.0,
+    normalization: Normalization::Average,
+    smooth_entry: true,
+    ..ForceLaw::PLAIN
+};
 
 /// Poses, of seeded numbers.
 struct Poses(Random);
@@ -57,7 +64,11 @@ impl Pair {
     ) -> Self {
         let field = build_as(obstacle, obstacle_voxel_m, 8, sides).field(obstacle, false);
         let (low, high) = tool.bounds().expect("not empty");
-        let (shell, _) = pointshell::build(tool, &build_as(tool, tool_voxel_m, 3, InsideTest::Auto), 0.5 * (low + high));
+        let (shell, _) = pointshell::build(
+            tool,
+            &build_as(tool, tool_voxel_m, 3, InsideTest::Auto),
+            0.5 * (low + high),
+        );
         let (low, high) = obstacle.bounds().expect("not empty");
         Self {
             name: name.to_owned(),
@@ -84,9 +95,15 @@ impl Pair {
     fn contacts(&self, pose: Pose) -> Vec<(u32, u32)> {
         let mut contacts = Vec::new();
         let obstacle = &self.obstacles[0];
-        contact::visit(&obstacle.field, FieldKind::Trilinear, &self.shell, obstacle.world_from_map.inverse() * pose, |contact| {
-            contacts.push((contact.point_idx, contact.depth_m.to_bits()));
-        });
+        contact::visit(
+            &obstacle.field,
+            FieldKind::Trilinear,
+            &self.shell,
+            obstacle.world_from_map.inverse() * pose,
+            |contact| {
+                contacts.push((contact.point_idx, contact.depth_m.to_bits()));
+            },
+        );
         contacts
     }
 
@@ -95,9 +112,14 @@ impl Pair {
         let mut contacts = Vec::new();
         let obstacle = &self.obstacles[0];
         for touched in traversal.touched() {
-            touched.contacts(&obstacle.field, &self.shell, obstacle.world_from_map.inverse() * pose, |contact| {
-                contacts.push((contact.point_idx, contact.depth_m.to_bits()));
-            });
+            touched.contacts(
+                &obstacle.field,
+                &self.shell,
+                obstacle.world_from_map.inverse() * pose,
+                |contact| {
+                    contacts.push((contact.point_idx, contact.depth_m.to_bits()));
+                },
+            );
         }
         contacts
     }
@@ -105,7 +127,10 @@ impl Pair {
     /// A pose somewhere around the obstacle, in it or just beside it.
     fn pose(&self, random: &mut Poses) -> Pose {
         let reach = if random.number() > 0.0 { 1.2 } else { 0.4 };
-        Pose::new(random.rotation(), self.middle + random.vector() * (reach * self.size_m + 0.5 * self.shell.radius_m()))
+        Pose::new(
+            random.rotation(),
+            self.middle + random.vector() * (reach * self.size_m + 0.5 * self.shell.radius_m()),
+        )
     }
 }
 
@@ -124,10 +149,13 @@ fn primitives() -> Vec<Pair> {
     ]
 }
 
-/// Every shipped part of the real meshes as an obstacle, each with the next one as the tool, coarse.
+/// Every shipped part of the real meshes as an obstacle, each with the next one as the tool,
+/// coarse.
 fn real() -> Vec<Pair> {
     let meshes = models::all();
-    let voxel_m = |mesh: &TriangleMesh, n: f64| mesh.bounds().map(|(low, high)| (high - low).max_element() / n).expect("not empty");
+    let voxel_m = |mesh: &TriangleMesh, n: f64| {
+        mesh.bounds().map(|(low, high)| (high - low).max_element() / n).expect("not empty")
+    };
     (0..meshes.len())
         .map(|idx| {
             let ((name, mesh), (_, tool)) = (&meshes[idx], &meshes[(idx + 1) % meshes.len()]);
@@ -149,9 +177,32 @@ fn sum_bits(sum: &ContactSum) -> Vec<u64> {
 /// Poses at which nothing may go wrong, and nothing can be found.
 fn absurd() -> Vec<Pose> {
     let at = |x: f64, y: f64, z: f64| Pose::from_translation(DVec3::new(x, y, z));
-    let mut poses = vec![at(f64::NAN, f64::NAN, f64::NAN), Pose::new(DQuat::from_xyzw(f64::NAN, 0.0, 0.0, 1.0), DVec3::ZERO)];
-    for far in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, f64::MAX, f64::MIN, 1e30, -1e30, 3e9, -3e9, 2e6, -2e6, 1e3, -1e3] {
-        poses.extend([at(far, 0.0, 0.0), at(0.0, far, 0.0), at(0.0, 0.0, far), at(far, far, far), at(far, -far, 0.0)]);
+    let mut poses = vec![
+        at(f64::NAN, f64::NAN, f64::NAN),
+        Pose::new(DQuat::from_xyzw(f64::NAN, 0.0, 0.0, 1.0), DVec3::ZERO),
+    ];
+    for far in [
+        f64::NAN,
+        f64::INFINITY,
+        f64::NEG_INFINITY,
+        f64::MAX,
+        f64::MIN,
+        1e30,
+        -1e30,
+        3e9,
+        -3e9,
+        2e6,
+        -2e6,
+        1e3,
+        -1e3,
+    ] {
+        poses.extend([
+            at(far, 0.0, 0.0),
+            at(0.0, far, 0.0),
+            at(0.0, 0.0, far),
+            at(far, far, far),
+            at(far, -far, 0.0),
+        ]);
     }
     poses
 }
@@ -162,16 +213,23 @@ fn every_kernel_gives_the_bits_of_the_scalar_traversal() {
     let mut random = Poses::new(4);
     let mut n_touching = 0;
     for pair in primitives().into_iter().chain(real()) {
-        let mut traversals = [SimdLevel::Portable, SimdLevel::best()].map(|level| pair.traversal(level, TraversalMode::Flat));
+        let mut traversals = [SimdLevel::Portable, SimdLevel::best()]
+            .map(|level| pair.traversal(level, TraversalMode::Flat));
         let poses: Vec<Pose> = (0..40).map(|_| pair.pose(&mut random)).chain(absurd()).collect();
         for pose in poses {
-            let (expected, contacts) = (pair.flat(pose), pair.contacts(pose));
+            let expected = pair.flat(pose);
+            let contacts = pair.contacts(pose);
             n_touching += usize::from(!contacts.is_empty());
             for traversal in &mut traversals {
                 let sum = pair.by(traversal, pose);
                 let what = format!("{}, {traversal:?}, {pose:?}", pair.name);
                 assert!(pair.found(traversal, pose) == contacts, "{}", pair.name);
-                assert_eq!(sum.max_value_m.to_bits(), expected.max_value_m.to_bits(), "{} {pose:?}", pair.name);
+                assert_eq!(
+                    sum.max_value_m.to_bits(),
+                    expected.max_value_m.to_bits(),
+                    "{} {pose:?}",
+                    pair.name
+                );
                 assert_eq!(sum.step_limit_m.to_bits(), expected.step_limit_m.to_bits());
                 assert_eq!(sum_bits(&sum), sum_bits(&expected), "{}", &what[..80]);
             }
@@ -182,11 +240,17 @@ fn every_kernel_gives_the_bits_of_the_scalar_traversal() {
 
 /// What an unlimited walk must give; `sum` is that of the walk.
 fn assert_same(pair: &Pair, traversal: &Traversal, sum: &ContactSum, pose: Pose, when: &str) {
-    let (expected, contacts) = (pair.flat(pose), pair.contacts(pose));
+    let expected = pair.flat(pose);
+    let contacts = pair.contacts(pose);
     assert!(pair.found(traversal, pose) == contacts, "{}, {when}: another contact set", pair.name);
     assert_eq!(sum_bits(sum), sum_bits(&expected), "{}, {when}", pair.name);
     if sum.contacts > 0 {
-        assert_eq!(sum.max_value_m.to_bits(), expected.max_value_m.to_bits(), "{}, {when}", pair.name);
+        assert_eq!(
+            sum.max_value_m.to_bits(),
+            expected.max_value_m.to_bits(),
+            "{}, {when}",
+            pair.name
+        );
     } else if pose.is_finite() {
         assert!(sum.max_value_m <= 0.0 && sum.step_limit_m > 0.0, "{}, {when}", pair.name);
     }
@@ -197,10 +261,13 @@ fn assert_same(pair: &Pair, traversal: &Traversal, sum: &ContactSum, pose: Pose,
 fn the_walk_finds_what_the_flat_traversal_finds_at_any_pose() {
     let mut random = Poses::new(16);
     for pair in primitives().into_iter().chain(real()) {
-        let mut walks = [SimdLevel::Portable, SimdLevel::best()].map(|level| pair.traversal(level, TraversalMode::Tree));
-        let (mut n_touching, mut looked_at) = (0, 0);
+        let mut walks = [SimdLevel::Portable, SimdLevel::best()]
+            .map(|level| pair.traversal(level, TraversalMode::Tree));
+        let mut n_touching = 0;
+        let mut looked_at = 0;
         const POSES: usize = 60;
-        let mut poses: Vec<Pose> = (0..POSES).map(|_| pair.pose(&mut random)).chain(absurd()).collect();
+        let mut poses: Vec<Pose> =
+            (0..POSES).map(|_| pair.pose(&mut random)).chain(absurd()).collect();
         // Nothing of the absurd must stay behind.
         poses.push(pair.pose(&mut random));
         for (idx, pose) in poses.into_iter().enumerate() {
@@ -224,7 +291,8 @@ fn the_walk_finds_what_the_flat_traversal_finds_at_any_pose() {
     }
 }
 
-/// A walk that stays where the tool touches now and then: steps of all sizes up to a few voxels, drawn back towards a pose in contact.
+/// A walk that stays where the tool touches now and then: steps of all sizes up to a few voxels,
+/// drawn back towards a pose in contact.
 struct Wander {
     home: Pose,
     pose: Pose,
@@ -248,7 +316,8 @@ impl Wander {
         let size_m = self.voxel_m * 10_f64.powf(1.5 * self.random.number() - 1.0);
         let back = (self.home.translation - self.pose.translation) * 2e-3;
         let turn_back = self.pose.rotation_to(self.home) * 2e-3;
-        let (along, about) = (self.random.vector() * size_m + back, self.random.vector() * (size_m / self.radius_m) + turn_back);
+        let along = self.random.vector() * size_m + back;
+        let about = self.random.vector() * (size_m / self.radius_m) + turn_back;
         self.pose = self.pose.stepped(along, about);
         self.pose
     }
@@ -257,7 +326,8 @@ impl Wander {
 #[test]
 fn acceptance_16_a_budget_is_kept_and_costs_accuracy_in_order() {
     let pairs = primitives();
-    // The solid ones: on the thin skin half the budget errs by more than the force itself, so the bound does not hold there.
+    // The solid ones: on the thin skin half the budget errs by more than the force itself, so the
+    // bound does not hold there.
     for (pair, seed) in pairs.iter().zip(0..).take(2) {
         let mut wander = Wander::new(pair, seed);
         let poses: Vec<Pose> = (0..400).map(|_| wander.step()).collect();
@@ -277,10 +347,17 @@ fn acceptance_16_a_budget_is_kept_and_costs_accuracy_in_order() {
         assert!(scale > 0.0);
         let mut last_error = 0.0;
         for share in [1.0, 0.5, 0.25, 0.1] {
-            let budgets: Vec<u32> = full.iter().map(|sum| ((f64::from(sum.looked_at) * share) as u32).max(16)).collect();
-            let sums = sums_of(&budgets.iter().map(|points| Budget::Points(*points)).collect::<Vec<_>>());
-            let again = sums_of(&budgets.iter().map(|points| Budget::Points(*points)).collect::<Vec<_>>());
-            let (mut difference, mut left_out, mut excess) = (0.0, 0_u64, 0.0_f64);
+            let budgets: Vec<u32> = full
+                .iter()
+                .map(|sum| ((f64::from(sum.looked_at) * share) as u32).max(16))
+                .collect();
+            let sums =
+                sums_of(&budgets.iter().map(|points| Budget::Points(*points)).collect::<Vec<_>>());
+            let again =
+                sums_of(&budgets.iter().map(|points| Budget::Points(*points)).collect::<Vec<_>>());
+            let mut difference = 0.0;
+            let mut left_out = 0_u64;
+            let mut excess = 0.0_f64;
             for (((sum, again), full), points) in sums.iter().zip(&again).zip(&full).zip(&budgets) {
                 difference += (sum.wrench.force - full.wrench.force).length();
                 left_out += u64::from(sum.left_out);
@@ -290,7 +367,8 @@ fn acceptance_16_a_budget_is_kept_and_costs_accuracy_in_order() {
             }
             let error = difference / scale;
             eprintln!(
-                "{}: budget {:.0} %: force error {:.3} %, {:.0} of {} points left out, at most {:.2} of the budget spent",
+                "{}: budget {:.0} %: force error {:.3} %, {:.0} of {} points left out, at most \
+                    {:.2} of the budget spent",
                 pair.name,
                 100.0 * share,
                 100.0 * error,
@@ -301,7 +379,11 @@ fn acceptance_16_a_budget_is_kept_and_costs_accuracy_in_order() {
             assert!(excess <= 1.1, "{}: {excess} of the budget", pair.name);
             assert!(error < 1.0, "{}: {error} at {share} of the points", pair.name);
             assert!(error >= last_error, "{}: {error} after {last_error}", pair.name);
-            assert!(share > 0.5 || (left_out > 0 && error > 0.0), "{}: what was left out is reported", pair.name);
+            assert!(
+                share > 0.5 || (left_out > 0 && error > 0.0),
+                "{}: what was left out is reported",
+                pair.name
+            );
             last_error = error;
         }
     }
@@ -327,12 +409,15 @@ fn what_is_skipped_never_touches(n_steps: usize) {
     pairs.push(Pair::new("small torus on block", &block, 4e-4, &small, 4e-4, InsideTest::Auto));
     let n_steps = n_steps / pairs.len();
     for (pair, seed) in pairs.iter().zip(100..) {
-        let (mut walk, mut wander) = (pair.traversal(SimdLevel::best(), TraversalMode::Tree), Wander::new(pair, seed));
-        let (mut n_touching, mut looked_at) = (0, 0_u64);
+        let mut walk = pair.traversal(SimdLevel::best(), TraversalMode::Tree);
+        let mut wander = Wander::new(pair, seed);
+        let mut n_touching = 0;
+        let mut looked_at = 0_u64;
         for step in 0..n_steps {
             let pose = wander.step();
             let sum = pair.by(&mut walk, pose);
-            // All of the scalar traversal's contacts, and no other: whatever was skipped does not touch.
+            // All of the scalar traversal's contacts, and no other: whatever was skipped does not
+            // touch.
             assert_same(pair, &walk, &sum, pose, &format!("step {step}"));
             n_touching += usize::from(sum.contacts > 0);
             looked_at += u64::from(sum.looked_at);

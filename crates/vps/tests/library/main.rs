@@ -17,7 +17,9 @@ use std::cell::Cell;
 use std::ops::ControlFlow;
 
 use vps::contact::{ContactSum, ForceLaw, Obstacle};
-use vps::{BakeStage, ContactQuery, DQuat, DVec3, Error, Mesh, Options, PointShell, Pose, Shape, Voxmap};
+use vps::{
+    BakeStage, ContactQuery, DQuat, DVec3, Error, Mesh, Options, PointShell, Pose, Shape, Voxmap,
+};
 
 /// Counts what each thread allocates.
 struct CountingAllocator;
@@ -55,7 +57,8 @@ fn ball() -> Mesh {
 
 fn ball_on_block() -> ContactQuery {
     let options = Options::new(0.5e-3);
-    let (block, ball) = (Voxmap::bake(&block(), &options).unwrap(), PointShell::bake(&ball(), &options).unwrap());
+    let block = Voxmap::bake(&block(), &options).unwrap();
+    let ball = PointShell::bake(&ball(), &options).unwrap();
     ContactQuery::new(&block, &ball, 1000.0).unwrap()
 }
 
@@ -63,8 +66,12 @@ fn ball_on_block() -> ContactQuery {
 fn poses(n: usize) -> Vec<Pose> {
     let pose = |k: usize| {
         let t = k as f64;
-        let direction = DVec3::new((1.3 * t).sin(), (2.1 * t).cos(), (0.7 * t).sin()).normalize_or(DVec3::X);
-        Pose::new(DQuat::from_scaled_axis(direction * t), direction * (0.032 + 0.014 * (0.37 * t).sin()))
+        let direction =
+            DVec3::new((1.3 * t).sin(), (2.1 * t).cos(), (0.7 * t).sin()).normalize_or(DVec3::X);
+        Pose::new(
+            DQuat::from_scaled_axis(direction * t),
+            direction * (0.032 + 0.014 * (0.37 * t).sin()),
+        )
     };
     (0..n).map(pose).collect()
 }
@@ -79,18 +86,32 @@ fn examples_run() {
 
 #[test]
 fn a_ball_in_a_block_is_pushed_out_as_an_elastic_foundation_says() {
-    // The force of a foundation of K / s² under a sphere of radius r at depth d: K/s² · π r d² (1 − d / 3r), and no torque.
-    let (query, depth_m, radius_m) = (ball_on_block(), 2e-3_f64, 10e-3_f64);
+    // The force of a foundation of K / s² under a sphere of radius r at depth d: K/s² · π r d² (1 −
+    // d / 3r), and no torque.
+    let query = ball_on_block();
+    let depth_m = 2e-3_f64;
+    let radius_m = 10e-3_f64;
     let felt = query.wrench(Pose::from_translation(DVec3::Z * (30e-3 - depth_m))).unwrap();
-    let expected_n = 1000.0 / 0.5e-3_f64.powi(2) * std::f64::consts::PI * depth_m.powi(2) * (radius_m - depth_m / 3.0);
-    // The normals of a sphere point aside, by which the depth along z shortens: less than the foundation by up to d / r.
-    assert!((0.8..1.05).contains(&(felt.wrench.force.z / expected_n)), "{} N of {expected_n} N", felt.wrench.force.z);
+    let expected_n = 1000.0 / 0.5e-3_f64.powi(2)
+        * std::f64::consts::PI
+        * depth_m.powi(2)
+        * (radius_m - depth_m / 3.0);
+    // The normals of a sphere point aside, by which the depth along z shortens: less than the
+    // foundation by up to d / r.
+    assert!(
+        (0.8..1.05).contains(&(felt.wrench.force.z / expected_n)),
+        "{} N of {expected_n} N",
+        felt.wrench.force.z
+    );
     assert!(felt.wrench.force.truncate().length() < 0.01 * expected_n, "{felt:?}");
     assert!(felt.wrench.torque.length() < 0.01 * expected_n * radius_m, "{felt:?}");
     assert!((felt.penetration_m - depth_m).abs() < 0.1e-3 && felt.clearance_m == 0.0, "{felt:?}");
     // Free of the block, by a millimetre and by more than the band.
     let free = query.wrench(Pose::from_translation(DVec3::Z * 31e-3)).unwrap();
-    assert!(free.contacts == 0 && free.penetration_m == 0.0 && (free.clearance_m - 1e-3).abs() < 0.1e-3, "{free:?}");
+    assert!(
+        free.contacts == 0 && free.penetration_m == 0.0 && (free.clearance_m - 1e-3).abs() < 0.1e-3,
+        "{free:?}"
+    );
     let far = query.wrench(Pose::from_translation(DVec3::Z * 0.5)).unwrap();
     assert_eq!((far.contacts, far.clearance_m), (0, f64::from(7.5_f32 * 0.5e-3_f32)));
 }
@@ -98,17 +119,23 @@ fn a_ball_in_a_block_is_pushed_out_as_an_elastic_foundation_says() {
 #[test]
 fn a_query_is_the_specification_bit_for_bit_and_its_contacts_add_up() {
     let options = Options::new(0.5e-3);
-    let (block, ball) = (Voxmap::bake(&block(), &options).unwrap(), PointShell::bake(&ball(), &options).unwrap());
+    let block = Voxmap::bake(&block(), &options).unwrap();
+    let ball = PointShell::bake(&ball(), &options).unwrap();
     let query = ContactQuery::new(&block, &ball, 1000.0).unwrap();
     let obstacles = [Obstacle { field: block.field().clone(), world_from_map: Pose::IDENTITY }];
     let mut touching = 0;
     for pose in poses(200) {
         let body = pose * Pose::from_translation(ball.mass_properties().center_m);
         let sum = ContactSum::flat(&obstacles, ball.shell(), body, ForceLaw::PLAIN);
-        let (mut force_n, mut torque_nm, mut n) = (DVec3::ZERO, DVec3::ZERO, 0);
+        let mut force_n = DVec3::ZERO;
+        let mut torque_nm = DVec3::ZERO;
+        let mut n = 0;
         let felt = query
             .contacts(pose, |contact| {
-                assert!((contact.normal.length() - 1.0).abs() < 1e-5 && contact.depth_m > 0.0, "{contact:?}");
+                assert!(
+                    (contact.normal.length() - 1.0).abs() < 1e-5 && contact.depth_m > 0.0,
+                    "{contact:?}"
+                );
                 force_n += contact.force_n;
                 torque_nm += (contact.position_m - pose.translation).cross(contact.force_n);
                 n += 1;
@@ -120,19 +147,28 @@ fn a_query_is_the_specification_bit_for_bit_and_its_contacts_add_up() {
         assert_eq!(felt.clearance_m, (-sum.max_value_m).max(0.0), "{felt:?}");
         assert_eq!(n, felt.contacts);
         let size_n = felt.wrench.force.length();
-        assert!((force_n - felt.wrench.force).length() <= 1e-5 * size_n + 1e-9, "{force_n} and {felt:?}");
-        assert!((torque_nm - felt.wrench.torque).length() <= 1e-6 * size_n + 1e-9, "{torque_nm} and {felt:?}");
+        assert!(
+            (force_n - felt.wrench.force).length() <= 1e-5 * size_n + 1e-9,
+            "{force_n} and {felt:?}"
+        );
+        assert!(
+            (torque_nm - felt.wrench.torque).length() <= 1e-6 * size_n + 1e-9,
+            "{torque_nm} and {felt:?}"
+        );
         touching += u32::from(n > 0);
     }
     assert!((20..180).contains(&touching), "{touching} of 200 poses touch");
 }
 
-/// Found with random input: a part that is smaller than a voxel has no inside, nothing can touch it, and the walk down the tree calls that far.
+/// Found with random input: a part that is smaller than a voxel has no inside, nothing can touch
+/// it, and the walk down the tree calls that far.
 #[test]
 fn a_clearance_is_a_distance_also_where_nothing_can_touch() {
     let options = Options { sides: vps::InsideTest::Winding, ..Options::new(15.26e-3) };
-    let needle = Mesh::from_shape(&Shape::Cone { radius_m: 1e-3, height_m: 18.58e-3 }, 1e-4).unwrap();
-    let (voxmap, shell) = (Voxmap::bake(&needle, &options).unwrap(), PointShell::bake(&needle, &options).unwrap());
+    let needle =
+        Mesh::from_shape(&Shape::Cone { radius_m: 1e-3, height_m: 18.58e-3 }, 1e-4).unwrap();
+    let voxmap = Voxmap::bake(&needle, &options).unwrap();
+    let shell = PointShell::bake(&needle, &options).unwrap();
     assert!(voxmap.warnings()[0].contains("nothing is inside"), "{:?}", voxmap.warnings());
     let query = ContactQuery::new(&voxmap, &shell, 1e3).unwrap();
     let obstacles = [Obstacle { field: voxmap.field().clone(), world_from_map: Pose::IDENTITY }];
@@ -150,7 +186,11 @@ fn a_batch_gives_the_same_bits_on_any_number_of_threads_and_in_any_order() {
     let one_by_one: Vec<_> = poses.iter().map(|pose| query.wrench(*pose).unwrap()).collect();
     for n_threads in [1, 2, 5] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().unwrap();
-        assert_eq!(pool.install(|| query.wrenches(&poses)).unwrap(), one_by_one, "{n_threads} threads");
+        assert_eq!(
+            pool.install(|| query.wrenches(&poses)).unwrap(),
+            one_by_one,
+            "{n_threads} threads"
+        );
     }
     let backwards: Vec<Pose> = poses.iter().rev().copied().collect();
     assert!(query.wrenches(&backwards).unwrap().iter().rev().eq(&one_by_one));
@@ -206,20 +246,27 @@ fn what_was_saved_is_loaded_bit_for_bit() {
     let whole = block();
     let vertices: Vec<[f64; 3]> = whole.vertices().iter().map(|vertex| vertex.to_array()).collect();
     let open = Mesh::from_arrays(&vertices, &whole.triangles()[1..]).unwrap();
-    let (block, ball) = (Voxmap::bake(&open, &options).unwrap(), PointShell::bake(&ball(), &options).unwrap());
+    let block = Voxmap::bake(&open, &options).unwrap();
+    let ball = PointShell::bake(&ball(), &options).unwrap();
     block.save(path("block")).unwrap();
     ball.save(path("ball")).unwrap();
-    let (block_again, ball_again) = (Voxmap::load(path("block")).unwrap(), PointShell::load(path("ball")).unwrap());
+    let block_again = Voxmap::load(path("block")).unwrap();
+    let ball_again = PointShell::load(path("ball")).unwrap();
     assert!(!block.warnings().is_empty() && block.warnings() == block_again.warnings());
     assert_eq!(ball.mass_properties(), ball_again.mass_properties());
-    let asked = |block, ball| ContactQuery::new(block, ball, 1e3).unwrap().wrenches(&poses(100)).unwrap();
+    let asked =
+        |block, ball| ContactQuery::new(block, ball, 1e3).unwrap().wrenches(&poses(100)).unwrap();
     assert_eq!(asked(&block, &ball), asked(&block_again, &ball_again));
-    assert!((block.heap_bytes(), ball.heap_bytes()) == (block_again.heap_bytes(), ball_again.heap_bytes()));
+    assert!(
+        (block.heap_bytes(), ball.heap_bytes())
+            == (block_again.heap_bytes(), ball_again.heap_bytes())
+    );
 }
 
 #[test]
 fn a_bake_ends_where_its_callback_says_so() {
-    let (mesh, options) = (block(), Options::new(2e-3));
+    let mesh = block();
+    let options = Options::new(2e-3);
     let ends_at = |last: BakeStage| {
         let mut heard = Vec::new();
         let watch = |stage| {
@@ -227,8 +274,10 @@ fn a_bake_ends_where_its_callback_says_so() {
             if stage == last { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
         let cancelled = match last {
-            BakeStage::Pointshell => PointShell::bake_with(&mesh, &options, watch).is_err_and(|e| matches!(e, Error::Cancelled)),
-            _ => Voxmap::bake_with(&mesh, &options, watch).is_err_and(|e| matches!(e, Error::Cancelled)),
+            BakeStage::Pointshell => PointShell::bake_with(&mesh, &options, watch)
+                .is_err_and(|e| matches!(e, Error::Cancelled)),
+            _ => Voxmap::bake_with(&mesh, &options, watch)
+                .is_err_and(|e| matches!(e, Error::Cancelled)),
         };
         (cancelled, heard)
     };

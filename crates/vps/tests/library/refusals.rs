@@ -21,14 +21,24 @@ fn arrays_that_are_no_mesh() {
         said(Mesh::from_arrays(&[], &[])),
         "mesh from arrays: none of the 0 triangles has an area: give the surface of the part"
     );
-    assert!(said(Mesh::from_arrays(&CORNERS, &[[0, 1, 1], [2, 2, 2]])).contains("none of the 2 triangles"));
+    assert!(
+        said(Mesh::from_arrays(&CORNERS, &[[0, 1, 1], [2, 2, 2]]))
+            .contains("none of the 2 triangles")
+    );
     let beyond = said(Mesh::from_arrays(&CORNERS, &[[0, 1, 2], [1, 2, 4]]));
-    assert_eq!(beyond, "mesh from arrays: triangle 1 names vertex 4, there are 4: count vertices from 0");
+    assert_eq!(
+        beyond,
+        "mesh from arrays: triangle 1 names vertex 4, there are 4: count vertices from 0"
+    );
     assert!(said(Mesh::from_arrays(&[], &[[u32::MAX; 3]])).contains("names vertex 4294967295"));
     for wrong in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e10, -1e300] {
         let mut corners = CORNERS;
         corners[2][1] = wrong;
-        assert!(said(Mesh::from_arrays(&corners, &FACES)).starts_with("mesh from arrays: vertex 2 is [0.0, "), "{wrong}");
+        assert!(
+            said(Mesh::from_arrays(&corners, &FACES))
+                .starts_with("mesh from arrays: vertex 2 is [0.0, "),
+            "{wrong}"
+        );
     }
 }
 
@@ -39,26 +49,47 @@ fn files_that_are_no_mesh() {
     assert_eq!(said(Mesh::load(&missing, 1.0)), format!("{}: no such file", missing.display()));
     let text = folder.path().join("part.obj");
     std::fs::write(&text, "v 0 0 0\nv 1 0 zero\n").unwrap();
-    assert!(said(Mesh::load(&text, 1.0)).contains("part.obj:2"), "{}", said(Mesh::load(&text, 1.0)));
+    assert!(
+        said(Mesh::load(&text, 1.0)).contains("part.obj:2"),
+        "{}",
+        said(Mesh::load(&text, 1.0))
+    );
     for wrong in [f64::NAN, 0.0, -1e-3, f64::INFINITY] {
         assert!(said(Mesh::load(&missing, wrong)).starts_with("metres_per_unit is "), "{wrong}");
     }
     assert!(said(Mesh::from_shape(&Shape::Sphere { radius_m: f64::NAN }, 1e-5)).contains("NaN"));
-    assert!(said(Mesh::from_shape(&Shape::Box { size_m: DVec3::new(1.0, 0.0, 1.0) }, 1e-5)).contains("is 0: give metres"));
+    assert!(
+        said(Mesh::from_shape(&Shape::Box { size_m: DVec3::new(1.0, 0.0, 1.0) }, 1e-5))
+            .contains("is 0: give metres")
+    );
 }
 
 #[test]
 fn voxels_that_cannot_be() {
     let mesh = Mesh::from_arrays(&CORNERS, &FACES).unwrap();
     for wrong in [0.0, -1e-3, f64::NAN, f64::INFINITY, 1e-300] {
-        assert!(said(Voxmap::bake(&mesh, &Options::new(wrong))).starts_with("voxel_size_m is "), "{wrong}");
-        assert!(said(PointShell::bake(&mesh, &Options::new(wrong))).starts_with("voxel_size_m is "), "{wrong}");
+        assert!(
+            said(Voxmap::bake(&mesh, &Options::new(wrong))).starts_with("voxel_size_m is "),
+            "{wrong}"
+        );
+        assert!(
+            said(PointShell::bake(&mesh, &Options::new(wrong))).starts_with("voxel_size_m is "),
+            "{wrong}"
+        );
     }
     for layers in [0, 1, 127, u32::MAX] {
-        assert!(said(Voxmap::bake(&mesh, &Options { layers, ..Options::new(1e-3) })).starts_with("layers is "), "{layers}");
+        assert!(
+            said(Voxmap::bake(&mesh, &Options { layers, ..Options::new(1e-3) }))
+                .starts_with("layers is "),
+            "{layers}"
+        );
     }
     let fine = said(Voxmap::bake(&mesh, &Options::new(1e-8)));
-    assert!(fine.starts_with("mesh from arrays: a grid of ") && fine.contains("use a voxel size of at least"), "{fine}");
+    assert!(
+        fine.starts_with("mesh from arrays: a grid of ")
+            && fine.contains("use a voxel size of at least"),
+        "{fine}"
+    );
     assert!(fine.contains("voxel_size_m = ") && !fine.contains("`units`"), "{fine}");
     // Larger than the part is coarse, not wrong.
     Voxmap::bake(&mesh, &Options::new(1.0)).unwrap();
@@ -69,7 +100,8 @@ fn voxels_that_cannot_be() {
 fn poses_and_points_that_are_none() {
     let mesh = Mesh::from_arrays(&CORNERS, &FACES).unwrap();
     let options = Options::new(2e-3);
-    let (voxmap, shell) = (Voxmap::bake(&mesh, &options).unwrap(), PointShell::bake(&mesh, &options).unwrap());
+    let voxmap = Voxmap::bake(&mesh, &options).unwrap();
+    let shell = PointShell::bake(&mesh, &options).unwrap();
     let query = ContactQuery::new(&voxmap, &shell, 1e3).unwrap();
     let turned = |x, y, z, w| Pose::new(DQuat::from_xyzw(x, y, z, w), DVec3::ZERO);
     for wrong in [
@@ -82,22 +114,40 @@ fn poses_and_points_that_are_none() {
     }
     for wrong in [f64::NAN, f64::INFINITY, 1e10] {
         let at = DVec3::new(0.0, wrong, 0.0);
-        assert!(said(query.contacts(Pose::from_translation(at), |_| ())).starts_with("pose 0: translation "), "{wrong}");
-        assert!(said(query.wrenches(&[Pose::IDENTITY, Pose::from_translation(at)])).starts_with("pose 1: translation "), "{wrong}");
+        assert!(
+            said(query.contacts(Pose::from_translation(at), |_| ()))
+                .starts_with("pose 0: translation "),
+            "{wrong}"
+        );
+        assert!(
+            said(query.wrenches(&[Pose::IDENTITY, Pose::from_translation(at)]))
+                .starts_with("pose 1: translation "),
+            "{wrong}"
+        );
         assert!(said(voxmap.distance(at)).starts_with("a coordinate of the point is "), "{wrong}");
     }
     for wrong in [f64::NAN, -1.0, f64::INFINITY] {
-        assert!(said(ContactQuery::new(&voxmap, &shell, wrong)).starts_with("stiffness_n_per_m is "), "{wrong}");
+        assert!(
+            said(ContactQuery::new(&voxmap, &shell, wrong)).starts_with("stiffness_n_per_m is "),
+            "{wrong}"
+        );
     }
     // As far as it may be, and rotations as `f32` rounds them, are answered.
-    assert_eq!(query.wrench(Pose::from_translation(DVec3::splat(1e9))).unwrap().clearance_m, voxmap.band_m());
+    assert_eq!(
+        query.wrench(Pose::from_translation(DVec3::splat(1e9))).unwrap().clearance_m,
+        voxmap.band_m()
+    );
     let rounded = DQuat::from_scaled_axis(DVec3::new(0.3, -1.2, 0.7)).as_quat().as_dquat();
     query.wrench(Pose::new(rounded, DVec3::ZERO)).unwrap();
 }
 
 fn obj(folder: &tempfile::TempDir) -> std::path::PathBuf {
     let path = folder.path().join("part.obj");
-    std::fs::write(&path, "v 0 0 0\nv 0.03 0 0\nv 0 0.03 0\nv 0 0 0.03\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n").unwrap();
+    std::fs::write(
+        &path,
+        "v 0 0 0\nv 0.03 0 0\nv 0 0.03 0\nv 0 0 0.03\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n",
+    )
+    .unwrap();
     path
 }
 
@@ -109,21 +159,36 @@ fn files_that_hold_no_part() {
     let options = Options { layers: 2, ..Options::new(10e-3) };
     Voxmap::bake(&mesh, &options).unwrap().save(path("voxmap")).unwrap();
     PointShell::bake(&mesh, &options).unwrap().save(path("shell")).unwrap();
-    assert!(said(Voxmap::load(path("shell"))).ends_with("holds no voxmap: give the file that one was saved to"));
-    assert!(said(PointShell::load(path("voxmap"))).ends_with("holds no pointshell: give the file that one was saved to"));
+    assert!(
+        said(Voxmap::load(path("shell")))
+            .ends_with("holds no voxmap: give the file that one was saved to")
+    );
+    assert!(
+        said(PointShell::load(path("voxmap")))
+            .ends_with("holds no pointshell: give the file that one was saved to")
+    );
     assert!(said(Voxmap::load(path("none"))).contains("none: cannot be read"));
     assert!(said(Voxmap::load(folder.path())).contains("cannot be read"));
     let unwritable = Voxmap::load(path("voxmap")).unwrap().save(path("no/such/folder"));
     assert!(said(unwritable).contains("cannot be written"));
     // What the bake cache may hold, and no query can answer.
     let thin = Options { layers: 1, sides: vps::InsideTest::Thin, ..Options::new(10e-3) };
-    let (field, _) = vps::part::Part::load("skin", &obj(&folder), 1.0).unwrap().bake_field(&thin, false, |_| ()).unwrap();
+    let (field, _) = vps::part::Part::load("skin", &obj(&folder), 1.0)
+        .unwrap()
+        .bake_field(&thin, false, |_| ())
+        .unwrap();
     let mut file = vps::storage::sections::Writer::default();
     let head = field.head();
     field.store(&head, &mut file);
-    file.write_to([0; 16], vps::part::GENERATION, &mut std::fs::File::create(path("thin")).unwrap()).unwrap();
+    file.write_to(
+        [0; 16],
+        vps::part::GENERATION,
+        &mut std::fs::File::create(path("thin")).unwrap(),
+    )
+    .unwrap();
     assert!(said(Voxmap::load(path("thin"))).contains("two or more"));
-    // Every bit of a file that is read is covered by a checksum: a changed or shorter file is refused, but for the zeros between sections.
+    // Every bit of a file that is read is covered by a checksum: a changed or shorter file is
+    // refused, but for the zeros between sections.
     let bytes = std::fs::read(path("voxmap")).unwrap();
     let mut refused = 0;
     for at in (0..bytes.len()).step_by(bytes.len() / 200) {

@@ -9,7 +9,8 @@ use vps::spatial::Axes;
 
 const T: f64 = 1e-3;
 const TORQUE_MAX_NM: f64 = 0.01;
-const PUSH: Push = Push { force_n: SIGN_FORCE_N, torque_nm: 0.006, moved: [SIGN_MOVED_M, SIGN_TURNED_RAD] };
+const PUSH: Push =
+    Push { force_n: SIGN_FORCE_N, torque_nm: 0.006, moved: [SIGN_MOVED_M, SIGN_TURNED_RAD] };
 static NEVER: AtomicBool = AtomicBool::new(false);
 
 fn trial() -> Trial<'static, VirtualClock> {
@@ -17,8 +18,11 @@ fn trial() -> Trial<'static, VirtualClock> {
 }
 
 fn arm(fault: Option<&str>) -> SimArm {
-    let mut parameters =
-        SimParameters { hand: None, fault: fault.map(|text| fault::parse(text).expect("grammar")), ..SimParameters::ideal(T) };
+    let mut parameters = SimParameters {
+        hand: None,
+        fault: fault.map(|text| fault::parse(text).expect("grammar")),
+        ..SimParameters::ideal(T)
+    };
     parameters.plant.mass_kg = 0.25;
     parameters.plant.damping_n_s_per_m = 1.6;
     parameters.plant.encoder_step_m = 5e-5;
@@ -34,7 +38,10 @@ fn an_arm_is_listened_to() {
         (answers, ended.err())
     };
     let (sound, ended) = listen(None);
-    assert_eq!((sound.ticks, sound.fresh, sound.round_trip_ticks, sound.longest_silence_ticks), (1000, 1000, 2, 0));
+    assert_eq!(
+        (sound.ticks, sound.fresh, sound.round_trip_ticks, sound.longest_silence_ticks),
+        (1000, 1000, 2, 0)
+    );
     assert!(sound.homed && sound.spread_m < 5e-5 && ended.is_none());
     let (late, _) = listen(Some("slow=4ms"));
     assert!(late.fresh == 200 && late.longest_silence_ticks == 4, "{late:?}");
@@ -43,7 +50,10 @@ fn an_arm_is_listened_to() {
     assert_eq!((until_then.fresh, ended), (500, Some(ProbeEnd::Device(DeviceError::Lost))));
 }
 
-fn signs(arm: &mut dyn Device, trial: &mut Trial<'_, VirtualClock>) -> ([Option<Sign>; 6], Option<ProbeEnd>) {
+fn signs(
+    arm: &mut dyn Device,
+    trial: &mut Trial<'_, VirtualClock>,
+) -> ([Option<Sign>; 6], Option<ProbeEnd>) {
     let mut signs = [None; 6];
     let ended = check_signs(arm, trial, &PUSH, &mut signs);
     (signs, ended.err())
@@ -56,13 +66,15 @@ fn a_motor_that_pushes_or_turns_the_wrong_way_is_found() {
     assert_eq!(signs(Some("sign-flip")), ([Some(Sign::Wrong); 6], None));
     assert_eq!(signs(Some("stuck")), ([Some(Sign::Still); 6], None));
     // An arm that cannot turn is not said to.
-    let mut parameters = SimParameters { hand: None, actuated: Axes::TRANSLATION, ..SimParameters::ideal(T) };
+    let mut parameters =
+        SimParameters { hand: None, actuated: Axes::TRANSLATION, ..SimParameters::ideal(T) };
     parameters.plant.mass_kg = 0.25;
     let (found, _) = self::signs(&mut SimArm::new(parameters).expect("valid"), &mut trial());
     assert_eq!(found, [Some(Sign::Right), Some(Sign::Right), Some(Sign::Right), None, None, None]);
 }
 
-/// Only one rotation is wired the wrong way round, and the arm remembers the largest wrench that it was commanded.
+/// Only one rotation is wired the wrong way round, and the arm remembers the largest wrench that it
+/// was commanded.
 struct Miswired(SimArm, Wrench);
 
 impl Device for Miswired {
@@ -75,7 +87,10 @@ impl Device for Miswired {
     }
 
     fn write(&mut self, wrench: &Wrench) -> Result<Wrench, DeviceError> {
-        self.1 = Wrench::new(self.1.force.max(wrench.force.abs()), self.1.torque.max(wrench.torque.abs()));
+        self.1 = Wrench::new(
+            self.1.force.max(wrench.force.abs()),
+            self.1.torque.max(wrench.torque.abs()),
+        );
         self.0.write(&Wrench::new(wrench.force, wrench.torque * DVec3::new(1.0, -1.0, 1.0)))
     }
 
@@ -90,11 +105,22 @@ fn a_rotation_of_the_wrong_sign_is_found_with_a_harmless_torque() {
     let (found, ended) = signs(&mut arm, &mut trial());
     let right = Some(Sign::Right);
     assert_eq!((found, ended), ([right, right, right, right, Some(Sign::Wrong), right], None));
-    assert!(arm.1.force.max_element() <= SIGN_FORCE_N && arm.1.torque.max_element() <= PUSH.torque_nm);
+    assert!(
+        arm.1.force.max_element() <= SIGN_FORCE_N && arm.1.torque.max_element() <= PUSH.torque_nm
+    );
     // No plan can ask for more than the trial allows.
     arm.1 = Wrench::ZERO;
-    let _ = check_signs(&mut arm, &mut trial(), &Push { force_n: 3.0, torque_nm: 3.0, ..PUSH }, &mut [None; 6]);
-    assert!(arm.1.force.max_element() <= FORCE_MAX_N && arm.1.torque.max_element() <= TORQUE_MAX_NM, "{:?}", arm.1);
+    let _ = check_signs(
+        &mut arm,
+        &mut trial(),
+        &Push { force_n: 3.0, torque_nm: 3.0, ..PUSH },
+        &mut [None; 6],
+    );
+    assert!(
+        arm.1.force.max_element() <= FORCE_MAX_N && arm.1.torque.max_element() <= TORQUE_MAX_NM,
+        "{:?}",
+        arm.1
+    );
 }
 
 #[test]
@@ -111,9 +137,11 @@ fn torque_is_in_proportion_to_the_force_of_unverified_signs() {
 fn what_was_found_before_the_end_is_kept() {
     // Told to end after the second axis: 2 s of listening, 2 s before force, 0.4 s for each.
     static QUIT: AtomicBool = AtomicBool::new(false);
-    let mut trial = Trial::new(Says(VirtualClock::default(), 4_900_000_000, &QUIT), T, &QUIT).with_torque(TORQUE_MAX_NM);
+    let mut trial = Trial::new(Says(VirtualClock::default(), 4_900_000_000, &QUIT), T, &QUIT)
+        .with_torque(TORQUE_MAX_NM);
     let plan = ProbePlan { listen: Duration::from_secs(2), push: Some(PUSH), identify: true };
-    let (mut found, mut steps) = (ProbeResult::default(), Vec::new());
+    let mut found = ProbeResult::default();
+    let mut steps = Vec::new();
     let ended = try_out(&mut arm(None), &mut trial, &plan, &mut found, |step| steps.push(step));
     assert_eq!((ended, steps.as_slice()), (Err(ProbeEnd::Interrupted), &[ProbeStep::Signs][..]));
     assert_eq!(found.answers.fresh, 2000);
@@ -145,7 +173,9 @@ fn nothing_is_pushed_before_a_person_says_so() {
     let plan = ProbePlan { listen: Duration::from_millis(100), push: Some(PUSH), identify: false };
     let says = |at_ns, flag| {
         let mut arm = Miswired(arm(None), Wrench::ZERO);
-        let mut trial = Trial::new(Says(VirtualClock::default(), at_ns, flag), T, &QUIT).with_torque(TORQUE_MAX_NM).asking(&GO);
+        let mut trial = Trial::new(Says(VirtualClock::default(), at_ns, flag), T, &QUIT)
+            .with_torque(TORQUE_MAX_NM)
+            .asking(&GO);
         // An answer to an earlier question is none to this one.
         GO.store(true, Ordering::Relaxed);
         let ended = try_out(&mut arm, &mut trial, &plan, &mut ProbeResult::default(), |_| {}).err();
@@ -153,7 +183,10 @@ fn nothing_is_pushed_before_a_person_says_so() {
     };
     let (ended, is_pushed, end_ns) = says(30_000_000_000, &GO);
     // Half a minute, two seconds, and six axes of 0.4 s at most.
-    assert!(ended.is_none() && is_pushed && (32_000_000_000..35_000_000_000).contains(&end_ns), "{ended:?}, {end_ns} ns");
+    assert!(
+        ended.is_none() && is_pushed && (32_000_000_000..35_000_000_000).contains(&end_ns),
+        "{ended:?}, {end_ns} ns"
+    );
     let (ended, is_pushed, _) = says(10_000_000_000, &QUIT);
     assert_eq!((ended, is_pushed), (Some(ProbeEnd::Interrupted), false));
 }
@@ -206,7 +239,10 @@ fn an_arm_without_its_zero_is_not_pushed() {
     for (push, identify) in [(Some(PUSH), false), (None, true)] {
         let plan = ProbePlan { listen: Duration::from_millis(100), push, identify };
         let mut found = ProbeResult::default();
-        assert_eq!(try_out(&mut arm, &mut trial(), &plan, &mut found, |_| {}), Err(ProbeEnd::NotHomed));
+        assert_eq!(
+            try_out(&mut arm, &mut trial(), &plan, &mut found, |_| {}),
+            Err(ProbeEnd::NotHomed)
+        );
         assert_eq!((found.signs, found.made, arm.1), ([None; 6], [None; 3], Wrench::ZERO));
     }
 }
@@ -235,9 +271,18 @@ fn what_an_axis_is_made_of_is_found_in_spite_of_steps_and_dry_friction() {
         identify(&mut arm, &mut trial(), &mut made).expect("there");
         let made = made[0].expect("moved");
         let bound = made.damping_bound_n_s_per_m;
-        assert!(bound <= 1.02 * damping && bound >= 0.6 * damping, "{mass_kg} {damping} {coulomb_n}: {made:?}");
-        assert!((made.mass_kg / mass_kg - 1.0).abs() < 0.05, "{mass_kg} {damping} {coulomb_n}: {made:?}");
-        assert!((made.coulomb_n - coulomb_n).abs() < 0.02, "{mass_kg} {damping} {coulomb_n}: {made:?}");
+        assert!(
+            bound <= 1.02 * damping && bound >= 0.6 * damping,
+            "{mass_kg} {damping} {coulomb_n}: {made:?}"
+        );
+        assert!(
+            (made.mass_kg / mass_kg - 1.0).abs() < 0.05,
+            "{mass_kg} {damping} {coulomb_n}: {made:?}"
+        );
+        assert!(
+            (made.coulomb_n - coulomb_n).abs() < 0.02,
+            "{mass_kg} {damping} {coulomb_n}: {made:?}"
+        );
     }
     let mut made = [None; 3];
     identify(&mut arm(Some("stuck")), &mut trial(), &mut made).expect("there");

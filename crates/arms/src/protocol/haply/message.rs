@@ -11,7 +11,8 @@ use super::{HaplyService, Trouble};
 use crate::protocol::StartError;
 
 /// Buttons in the order of their bits.
-pub(super) const BUTTONS: [&str; 10] = ["a", "b", "c", "d", "e", "f", "up", "down", "left", "right"];
+pub(super) const BUTTONS: [&str; 10] =
+    ["a", "b", "c", "d", "e", "f", "up", "down", "left", "right"];
 
 /// A version of the service: major and minor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -53,7 +54,9 @@ impl Dialect {
         match version {
             Version(3, 1..=4) => Ok(Self::Values),
             Version(3, 5..) => Ok(Self::Vector),
-            _ => Err(StartError::Refused(format!("the service is version {version}; this program speaks 3.1 to 3.5"))),
+            _ => Err(StartError::Refused(format!(
+                "the service is version {version}; this program speaks 3.1 to 3.5"
+            ))),
         }
     }
 
@@ -67,7 +70,8 @@ impl Dialect {
     /// The version in the answer to `GET /version`, which comes bare or in an envelope.
     pub(crate) fn version_in(body: &str) -> Option<Version> {
         let answer: Value = serde_json::from_str(body).ok()?;
-        let version = answer.get("project_version").or_else(|| answer.get("data")?.get("project_version"))?;
+        let version =
+            answer.get("project_version").or_else(|| answer.get("data")?.get("project_version"))?;
         version.as_str()?.parse().ok()
     }
 }
@@ -76,7 +80,8 @@ impl Dialect {
 pub(crate) fn command_text(record: &[u8], arm: &str, dialect: Dialect) -> Option<String> {
     let [x, y, z] = record::force_of(record)?;
     let key = dialect.key();
-    // `{:?}`: an id may hold a quotation mark, and Rust's escapes of printable text are those of JSON.
+    // `{:?}`: an id may hold a quotation mark, and Rust's escapes of printable text are those of
+    // JSON.
     Some(format!(
         r#"{{"inverse3":[{{"device_id":{arm:?},"commands":{{"set_cursor_force":{{"{key}":{{"x":{x},"y":{y},"z":{z}}}}}}}}}]}}"#
     ))
@@ -207,7 +212,11 @@ impl Inventory {
                 grips.push(grip.device_id.clone());
             }
         }
-        let arms = frame.inverse3.into_iter().map(|arm| ArmOfService::of(arm.device_id, &arm.config.unwrap_or_default())).collect();
+        let arms = frame
+            .inverse3
+            .into_iter()
+            .map(|arm| ArmOfService::of(arm.device_id, &arm.config.unwrap_or_default()))
+            .collect();
         Some(Self { arms, grips })
     }
 
@@ -215,41 +224,65 @@ impl Inventory {
     ///
     /// # Errors
     /// None, or several, or one in a frame that is not its own.
-    pub(crate) fn choose(&self, wanted: &HaplyService) -> Result<(&ArmOfService, Option<&String>), StartError> {
+    pub(crate) fn choose(
+        &self,
+        wanted: &HaplyService,
+    ) -> Result<(&ArmOfService, Option<&String>), StartError> {
         let ids: Vec<&String> = self.arms.iter().map(|arm| &arm.id).collect();
         let arm_idx = one_of(&ids, wanted.arm.as_ref(), "arm", "protocol.arm")?;
         let arm = &self.arms[arm_idx];
         if let Some(what) = arm.frame.first() {
-            let text = format!("the service turns or moves the frame of {}: {what}; set it back in the service", arm.id);
+            let text = format!(
+                "the service turns or moves the frame of {}: {what}; set it back in the service",
+                arm.id
+            );
             return Err(StartError::Refused(text));
         }
         let grips: Vec<&String> = self.grips.iter().collect();
         let grip = match wanted.has_grip {
-            true => Some(&self.grips[one_of(&grips, wanted.grip.as_ref(), "grip", "protocol.grip")?]),
+            true => {
+                Some(&self.grips[one_of(&grips, wanted.grip.as_ref(), "grip", "protocol.grip")?])
+            }
             false => None,
         };
         Ok((arm, grip))
     }
 }
 
-fn one_of(ids: &[&String], wanted: Option<&String>, what: &str, key: &str) -> Result<usize, StartError> {
+fn one_of(
+    ids: &[&String],
+    wanted: Option<&String>,
+    what: &str,
+    key: &str,
+) -> Result<usize, StartError> {
     let listed = || ids.iter().map(|id| id.as_str()).collect::<Vec<_>>().join(", ");
     let refuse = |text: String| Err(StartError::Refused(text));
     match (wanted, ids) {
-        (_, []) => refuse(format!("the service knows no {what}: plug it in, switch it on and look at the service's own page")),
+        (_, []) => refuse(format!(
+            "the service knows no {what}: plug it in, switch it on and look at the service's own \
+                page"
+        )),
         (Some(wanted), _) => match ids.iter().position(|id| *id == wanted) {
             Some(idx) => Ok(idx),
-            None => refuse(format!("the service knows no {what} {wanted}; it knows {}: name one of them in {key}", listed())),
+            None => refuse(format!(
+                "the service knows no {what} {wanted}; it knows {}: name one of them in {key}",
+                listed()
+            )),
         },
         (None, [_]) => Ok(0),
-        (None, _) => refuse(format!("the service knows several: {}; name one in {key} of a profile of your own", listed())),
+        (None, _) => refuse(format!(
+            "the service knows several: {}; name one in {key} of a profile of your own",
+            listed()
+        )),
     }
 }
 
 impl ArmOfService {
     fn of(id: String, config: &Config) -> Self {
         let info = |key: &str| config.device_info.get(key).and_then(Value::as_u64);
-        let firmware = info("major_version").zip(info("minor_version")).map(|(major, minor)| format!("{major}.{minor}"));
+        let firmware = info("major_version")
+            .zip(info("minor_version"))
+            .map(|(major, minor)| format!("{major}.{minor}"));
         let at = |path: &str| {
             path.split('.')
                 .try_fold(None, |at: Option<&Value>, key| {
@@ -263,17 +296,22 @@ impl ArmOfService {
         };
         let mut filters = Vec::new();
         // Each with the value at which it changes nothing.
-        for (key, neutral) in
-            [("filters.force_gate.gain", 0.0), ("filters.damping.scalar", 0.0), ("gravity_compensation.scaling_factor", 1.0)]
-        {
+        for (key, neutral) in [
+            ("filters.force_gate.gain", 0.0),
+            ("filters.damping.scalar", 0.0),
+            ("gravity_compensation.scaling_factor", 1.0),
+        ] {
             if let Some(value) = at(key).and_then(Value::as_f64).filter(|value| *value != neutral) {
                 filters.push(format!("{key} is {value}"));
             }
         }
-        for (key, neutral) in
-            [("gravity_compensation.enabled", true), ("home_return.enabled", false), ("torque_scaling.enabled", false)]
-        {
-            if let Some(value) = at(key).and_then(Value::as_bool).filter(|value| *value != neutral) {
+        for (key, neutral) in [
+            ("gravity_compensation.enabled", true),
+            ("home_return.enabled", false),
+            ("torque_scaling.enabled", false),
+        ] {
+            if let Some(value) = at(key).and_then(Value::as_bool).filter(|value| *value != neutral)
+            {
                 filters.push(format!("{key} is {value}"));
             }
         }
@@ -284,7 +322,8 @@ impl ArmOfService {
                 .filter(|basis| *basis != "XYZ")
                 .map(|basis| format!("basis.permutation is {basis}")),
         );
-        let is_unit = |path: &str, unit: f64| at(path).is_none_or(|value| value.as_f64() == Some(unit));
+        let is_unit =
+            |path: &str, unit: f64| at(path).is_none_or(|value| value.as_f64() == Some(unit));
         let is_mounted = ["x", "y", "z"].iter().any(|axis| {
             !is_unit(&format!("mount.position.{axis}"), 0.0)
                 || !is_unit(&format!("mount.rotation.{axis}"), 0.0)
@@ -297,7 +336,11 @@ impl ArmOfService {
 
     /// A line for people, then what changes the force that is felt.
     pub(crate) fn greeting(&self, version: Version, grip: Option<&String>) -> String {
-        let mut text = format!("Inverse service {version}, {} {}", if self.kind.is_empty() { "arm" } else { &self.kind }, self.id);
+        let mut text = format!(
+            "Inverse service {version}, {} {}",
+            if self.kind.is_empty() { "arm" } else { &self.kind },
+            self.id
+        );
         if let Some(firmware) = &self.firmware {
             text += &format!(", firmware {firmware}");
         }
@@ -337,28 +380,46 @@ impl Reader {
     /// The record of a message.
     pub(crate) fn record(&mut self, text: &[u8]) -> Vec<u8> {
         let Ok(frame) = serde_json::from_slice::<Frame>(text) else { return record::garbled() };
-        let Some(arm) = frame.inverse3.iter().find(|arm| arm.device_id == self.arm) else { return record::gone() };
-        let Some(position) = arm.state.as_ref().and_then(|state| state.cursor_position) else { return record::garbled() };
+        let Some(arm) = frame.inverse3.iter().find(|arm| arm.device_id == self.arm) else {
+            return record::gone();
+        };
+        let Some(position) = arm.state.as_ref().and_then(|state| state.cursor_position) else {
+            return record::garbled();
+        };
         self.arm_status = arm.status.or(self.arm_status);
         let grip_trouble = self.hear_grip(&frame);
         let or_nan = |number: Option<f64>| number.unwrap_or(f64::NAN);
-        let mut pose = [or_nan(position.x), or_nan(position.y), or_nan(position.z), 0.0, 0.0, 0.0, 0.0];
+        let mut pose =
+            [or_nan(position.x), or_nan(position.y), or_nan(position.z), 0.0, 0.0, 0.0, 0.0];
         pose[3..].copy_from_slice(&self.orientation.unwrap_or([0.0, 0.0, 0.0, 1.0]));
-        // Of an arm whose status was never heard nothing is good; a flag that a service does not have is.
-        let is = |flag: fn(&ArmStatus) -> Option<bool>| self.arm_status.as_ref().is_some_and(|status| flag(status) != Some(false));
+        // Of an arm whose status was never heard nothing is good; a flag that a service does not
+        // have is.
+        let is = |flag: fn(&ArmStatus) -> Option<bool>| {
+            self.arm_status.as_ref().is_some_and(|status| flag(status) != Some(false))
+        };
         let trouble = match () {
             () if self.arm_status.is_none() => Some(Trouble::NotReady),
             () if !is(|status| status.power_supply) => Some(Trouble::NoPower),
-            () if !is(|status| status.ready) || !is(|status| status.started) => Some(Trouble::NotReady),
+            () if !is(|status| status.ready) || !is(|status| status.started) => {
+                Some(Trouble::NotReady)
+            }
             () => grip_trouble,
         };
         let homed = is(|status| status.calibrated);
-        State { pose, buttons: self.buttons, homed, error: trouble.map_or(0, |trouble| trouble as u8) }.record()
+        State {
+            pose,
+            buttons: self.buttons,
+            homed,
+            error: trouble.map_or(0, |trouble| trouble as u8),
+        }
+        .record()
     }
 
     fn hear_grip(&mut self, frame: &Frame) -> Option<Trouble> {
         let wanted = self.grip.as_ref()?;
-        let Some(grip) = frame.grips().find(|grip| grip.device_id == *wanted) else { return Some(Trouble::GripGone) };
+        let Some(grip) = frame.grips().find(|grip| grip.device_id == *wanted) else {
+            return Some(Trouble::GripGone);
+        };
         self.grip_status = grip.status.or(self.grip_status);
         if self.grip_status.is_some_and(GripStatus::sleeps) {
             return Some(Trouble::GripAsleep);
@@ -367,8 +428,13 @@ impl Reader {
             if let Some(Quaternion { x, y, z, w }) = state.orientation {
                 self.orientation = Some([x, y, z, w].map(|part| part.unwrap_or(f64::NAN)));
             }
-            let is_held = |name: &&str| state.buttons.get(*name).and_then(Value::as_bool) == Some(true);
-            self.buttons = BUTTONS.iter().enumerate().filter(|(_, name)| is_held(name)).fold(0, |bits, (bit, _)| bits | 1 << bit);
+            let is_held =
+                |name: &&str| state.buttons.get(*name).and_then(Value::as_bool) == Some(true);
+            self.buttons = BUTTONS
+                .iter()
+                .enumerate()
+                .filter(|(_, name)| is_held(name))
+                .fold(0, |bits, (bit, _)| bits | 1 << bit);
         }
         // A grip without a direction has not begun to send.
         self.orientation.is_none().then_some(Trouble::GripAsleep)

@@ -1,12 +1,15 @@
-//! `haply-service`: the Inverse service of Haply, versions 3.1 to 3.5, which drives an Inverse3 and hears its grip.
+//! `haply-service`: the Inverse service of Haply, versions 3.1 to 3.5, which drives an Inverse3 and
+//! hears its grip.
 //!
 //! ```text
 //!   loop ── record ── link-write ── JSON ──► WebSocket ──► service ──► arm        one message, one state
 //!   loop ◄─ record ── link-read ◄── JSON ◄── WebSocket ◄── service ◄── arm, grip
 //! ```
-//! Messages are JSON over a WebSocket. Threads of the link read and write them, so that the loop exchanges short records of fixed length.
+//! Messages are JSON over a WebSocket. Threads of the link read and write them, so that the loop
+//! exchanges short records of fixed length.
 //!
-//! Sources: the pages docs.haply.co/inverseSDK/service and the types of the crate `haply` 1.3.1; no code of theirs was read for ours.
+//! Sources: the pages docs.haply.co/inverseSDK/service and the types of the crate `haply` 1.3.1; no
+//! code of theirs was read for ours.
 //!
 //! | file | owns |
 //! |---|---|
@@ -57,10 +60,19 @@ enum Trouble {
 /// What the error code of a sample means.
 pub(super) fn error_text(error: u16) -> String {
     let text = match error {
-        1 => "the service says that the arm is not ready: look at its lamp and at the service's own page",
+        1 => {
+            "the service says that the arm is not ready: look at its lamp and at the service's own \
+                page"
+        }
         2 => "the arm has no power supply: plug its adapter in",
-        3 => "the grip sleeps, and its orientation stands still: take it in the hand or press a button",
-        4 => "the service does not hear the grip any more: switch it on, and look at the battery and the dongle",
+        3 => {
+            "the grip sleeps, and its orientation stands still: take it in the hand or press a \
+                button"
+        }
+        4 => {
+            "the service does not hear the grip any more: switch it on, and look at the battery \
+                and the dongle"
+        }
         _ => return format!("error {error} of the service"),
     };
     text.to_owned()

@@ -1,4 +1,5 @@
-//! What crosses between the loop and the threads of the link: little-endian, of fixed length, told apart by the first byte.
+//! What crosses between the loop and the threads of the link: little-endian, of fixed length, told
+//! apart by the first byte.
 //!
 //! | record | bytes |
 //! |---|---|
@@ -32,7 +33,10 @@ pub(super) struct State {
 }
 
 fn f64_at(record: &[u8], at: usize) -> f64 {
-    record.get(at..).and_then(|rest| rest.first_chunk()).map_or(f64::NAN, |bytes| f64::from_le_bytes(*bytes))
+    record
+        .get(at..)
+        .and_then(|rest| rest.first_chunk())
+        .map_or(f64::NAN, |bytes| f64::from_le_bytes(*bytes))
 }
 
 /// What a record says to the loop.
@@ -85,7 +89,8 @@ pub(super) fn put_command(force_n: [f64; 3], frame: &mut Frame) {
 
 /// The force of a command, N; `None` for another record.
 pub(super) fn force_of(record: &[u8]) -> Option<[f64; 3]> {
-    (record.len() == COMMAND_LEN && record[0] == COMMAND).then(|| [0, 1, 2].map(|idx| f64_at(record, 1 + 8 * idx)))
+    (record.len() == COMMAND_LEN && record[0] == COMMAND)
+        .then(|| [0, 1, 2].map(|idx| f64_at(record, 1 + 8 * idx)))
 }
 
 /// Reads what came from the link. RT: safe.
@@ -94,7 +99,12 @@ pub(super) fn heard(record: &[u8]) -> Heard<'_> {
         [STATE, ..] if record.len() == STATE_LEN => {
             let [homed, error] = [record[STATE_LEN - 2], record[STATE_LEN - 1]];
             let pose = core::array::from_fn(|idx| f64_at(record, 1 + 8 * idx));
-            Heard::State(State { pose, buttons: i32_at(record, 57).cast_unsigned(), homed: homed != 0, error })
+            Heard::State(State {
+                pose,
+                buttons: i32_at(record, 57).cast_unsigned(),
+                homed: homed != 0,
+                error,
+            })
         }
         [GREETING, text @ ..] => str::from_utf8(text).map_or(Heard::Garbled, Heard::Greeting),
         _ => Heard::Garbled,

@@ -1,7 +1,8 @@
-//! The other end: what the service answers over a simulated arm. JSON as its clients get it; [`Adapted`] puts records in its place.
+//! The other end: what the service answers over a simulated arm. JSON as its clients get it;
+//! [`Adapted`] puts records in its place.
 //!
-//! It takes both dialects, as the service of 3.5 does. How long the service waits for the next message before it lets the arm go is not published; here it is
-//! [`IDLE_S`].
+//! It takes both dialects, as the service of 3.5 does. How long the service waits for the next
+//! message before it lets the arm go is not published; here it is [`IDLE_S`].
 
 use core::time::Duration;
 
@@ -52,8 +53,11 @@ impl Service {
             }
         };
         let control_mode = if self.fed_s.is_finite() { "force" } else { "idle" };
-        let buttons: serde_json::Map<String, Value> =
-            BUTTONS.iter().enumerate().map(|(bit, name)| ((*name).to_owned(), (arm.buttons >> bit & 1 == 1).into())).collect();
+        let buttons: serde_json::Map<String, Value> = BUTTONS
+            .iter()
+            .enumerate()
+            .map(|(bit, name)| ((*name).to_owned(), (arm.buttons >> bit & 1 == 1).into()))
+            .collect();
         let zero = vector(&[0.0; 3]);
         let still = json!({ "a0": 0.0, "a1": 0.0, "a2": 0.0 });
         let upright = json!({ "w": 1.0, "x": 0.0, "y": 0.0, "z": 0.0 });
@@ -99,8 +103,7 @@ impl Service {
                 "port": "mock", "type": "wireless_verse_grip", "major_version": 2, "minor_version": 2, "hardware_version": 1,
                 "streaming_mode": "Radio", "preset": "defaults", "basis": { "permutation": "XYZ" }, "mount": {},
             });
-            frame["session"] =
-                json!({ "session_id": 1, "config": { "profile": { "name": "default" } }, "started_time": "2026-01-01 00:00:00" });
+            frame["session"] = json!({ "session_id": 1, "config": { "profile": { "name": "default" } }, "started_time": "2026-01-01 00:00:00" });
         }
         frame["inverse3"] = json!([inverse3]);
         frame["verse_grip"] = json!([]);
@@ -109,10 +112,16 @@ impl Service {
         frame.to_string()
     }
 
-    /// The force that a message asks for; `None`: it asks for none. Versions before 3.5 know one dialect.
+    /// The force that a message asks for; `None`: it asks for none. Versions before 3.5 know one
+    /// dialect.
     fn asked(&self, message: &Value) -> Option<[f64; 3]> {
-        let arm = message["inverse3"].as_array()?.iter().find(|arm| arm["device_id"] == self.arm.as_str())?;
-        let command = arm["commands"].get("set_cursor_force").filter(|command| command["execute"] != false)?;
+        let arm = message["inverse3"]
+            .as_array()?
+            .iter()
+            .find(|arm| arm["device_id"] == self.arm.as_str())?;
+        let command = arm["commands"]
+            .get("set_cursor_force")
+            .filter(|command| command["execute"] != false)?;
         let vector = command.get(Dialect::Vector.key()).filter(|_| self.version >= Version(3, 5));
         let force = vector.or_else(|| command.get(Dialect::Values.key()))?;
         Some(["x", "y", "z"].map(|axis| force[axis].as_f64().unwrap_or(0.0)))
@@ -146,7 +155,8 @@ impl Firmware for Service {
     }
 }
 
-/// The same as the loop has it: records in the place of messages, by the code that the threads of the link run.
+/// The same as the loop has it: records in the place of messages, by the code that the threads of
+/// the link run.
 pub(in crate::protocol) struct Adapted {
     service: Service,
     reader: Reader,

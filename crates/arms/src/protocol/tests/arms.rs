@@ -11,20 +11,34 @@ use crate::protocol::layout::*;
 
 /// Layouts of every framing, checksum and role.
 pub(super) fn layouts() -> Vec<PacketLayout> {
-    let numbers = |number: Number, step: usize, n: usize, scale: f64, role: fn(usize) -> Role| -> Vec<Field> {
+    let numbers = |number: Number,
+                   step: usize,
+                   n: usize,
+                   scale: f64,
+                   role: fn(usize) -> Role|
+     -> Vec<Field> {
         (0..n).map(|idx| Field { scale, ..Field::new(role(idx), step * idx, number) }).collect()
     };
     let check = |kind| Some(Checksum { kind, big_endian: false });
     let packet = |framing, checksum, fields: Vec<Field>| Packet { framing, checksum, fields };
-    let layout =
-        |report, command, pacing| PacketLayout { report, command: Some(command), kick: None, pacing, watchdog_ms: Some(100) };
+    let layout = |report, command, pacing| PacketLayout {
+        report,
+        command: Some(command),
+        kick: None,
+        pacing,
+        watchdog_ms: Some(100),
+    };
 
     let mut hid = numbers(Number::I16, 2, 3, 1.0, Role::Reading);
     hid.iter_mut().for_each(|field| field.wraps = true);
     hid.push(Field::new(Role::Counter, 6, Number::U16));
     let hid = layout(
         packet(Framing::Report { id: None, len: 8 }, None, hid),
-        packet(Framing::Report { id: None, len: 8 }, None, numbers(Number::I16, 2, 3, 1.0, Role::Motor)),
+        packet(
+            Framing::Report { id: None, len: 8 },
+            None,
+            numbers(Number::I16, 2, 3, 1.0, Role::Motor),
+        ),
         Pacing::Stream,
     );
 
@@ -37,7 +51,11 @@ pub(super) fn layouts() -> Vec<PacketLayout> {
         Field::new(Role::Error, 9, Number::U8),
     ]);
     let numbered = layout(
-        packet(Framing::Report { id: Some(7), len: 12 }, check(ChecksumKind::Crc16Modbus), numbered),
+        packet(
+            Framing::Report { id: Some(7), len: 12 },
+            check(ChecksumKind::Crc16Modbus),
+            numbered,
+        ),
         packet(
             Framing::Report { id: Some(8), len: 8 },
             check(ChecksumKind::Xor8),
@@ -56,25 +74,51 @@ pub(super) fn layouts() -> Vec<PacketLayout> {
     let crc = Some(Checksum { kind: ChecksumKind::Crc16Ccitt, big_endian: true });
     let synced = layout(
         packet(sync(26, true), crc, rates),
-        packet(sync(10, false), check(ChecksumKind::Crc8), numbers(Number::I16, 2, 4, 1.0, Role::Motor)),
+        packet(
+            sync(10, false),
+            check(ChecksumKind::Crc8),
+            numbers(Number::I16, 2, 4, 1.0, Role::Motor),
+        ),
         Pacing::PingPong,
     );
     let cobs = layout(
-        packet(Framing::Cobs { len: 36 }, check(ChecksumKind::Crc32), numbers(Number::F64, 8, 4, 1.0, Role::Reading)),
-        packet(Framing::Cobs { len: 12 }, check(ChecksumKind::Crc32), numbers(Number::F32, 4, 2, 1.0, Role::Motor)),
+        packet(
+            Framing::Cobs { len: 36 },
+            check(ChecksumKind::Crc32),
+            numbers(Number::F64, 8, 4, 1.0, Role::Reading),
+        ),
+        packet(
+            Framing::Cobs { len: 12 },
+            check(ChecksumKind::Crc32),
+            numbers(Number::F32, 4, 2, 1.0, Role::Motor),
+        ),
         Pacing::PingPong,
     );
     let slip = layout(
-        packet(Framing::Slip { len: 5 }, check(ChecksumKind::Sum8), numbers(Number::I16, 2, 2, 1.0, Role::Reading)),
-        packet(Framing::Slip { len: 3 }, check(ChecksumKind::Sum8), numbers(Number::I16, 2, 1, 1.0, Role::Motor)),
+        packet(
+            Framing::Slip { len: 5 },
+            check(ChecksumKind::Sum8),
+            numbers(Number::I16, 2, 2, 1.0, Role::Reading),
+        ),
+        packet(
+            Framing::Slip { len: 3 },
+            check(ChecksumKind::Sum8),
+            numbers(Number::I16, 2, 1, 1.0, Role::Motor),
+        ),
         Pacing::PingPong,
     );
 
     let line = |open: &str, separator, close: &str, pad| {
-        Framing::Line(LineFraming { open: open.to_owned(), separator, close: close.to_owned(), pad })
+        Framing::Line(LineFraming {
+            open: open.to_owned(),
+            separator,
+            close: close.to_owned(),
+            pad,
+        })
     };
     let whole = Number::Text { places: 0 };
-    let mut brackets = vec![Field::new(Role::Constant(3), 0, whole), Field::new(Role::Error, 7, whole)];
+    let mut brackets =
+        vec![Field::new(Role::Constant(3), 0, whole), Field::new(Role::Error, 7, whole)];
     brackets.extend((0..6).map(|idx| Field::new(Role::Reading(idx), idx + 1, whole)));
     let brackets = PacketLayout {
         kick: Some(hex("5B 30 2C 30 2C 30 5D 00 00 00 00 00 00 00 00 00")),
@@ -127,7 +171,8 @@ fn what_goes_in_comes_out_at_the_other_end() {
     for (protocol, carriage) in every_protocol() {
         protocol.check().expect("sound");
         let (reading_step, motor_step) = steps(&protocol);
-        let (n_readings, n_motors) = (protocol.n_readings(), protocol.n_motors());
+        let n_readings = protocol.n_readings();
+        let n_motors = protocol.n_motors();
         let mut codec = protocol.codec(carriage);
         let mut link = Linked::new(protocol.firmware(carriage), carriage, arm_at(&[1.0; 6]));
         if matches!(protocol, Protocol::Open6(_)) {
@@ -137,11 +182,16 @@ fn what_goes_in_comes_out_at_the_other_end() {
         link.take();
         codec.resume();
         let state = RefCell::new((codec, link));
-        let values = (proptest::array::uniform8(-900..=900_i32), proptest::array::uniform8(-900..=900_i32), 0..4_u32);
+        let values = (
+            proptest::array::uniform8(-900..=900_i32),
+            proptest::array::uniform8(-900..=900_i32),
+            0..4_u32,
+        );
         let case = |(readings, motors, buttons): ([i32; 8], [i32; 8], u32)| {
             let (codec, link) = &mut *state.borrow_mut();
             for (idx, reading) in link.arm.readings.iter_mut().enumerate() {
-                *reading = if idx < n_readings { f64::from(readings[idx]) * reading_step } else { 0.0 };
+                *reading =
+                    if idx < n_readings { f64::from(readings[idx]) * reading_step } else { 0.0 };
             }
             let mut want_motors = [0.0; MAX_AXES];
             for (motor, count) in want_motors[..n_motors].iter_mut().zip(motors) {
@@ -161,11 +211,16 @@ fn what_goes_in_comes_out_at_the_other_end() {
             }
             let report = codec.newest();
             for (found, want) in report.readings.iter().zip(link.arm.readings) {
-                prop_assert!((found - want).abs() <= 1e-6 * (1.0 + want.abs()), "{}: reading {found} for {want}", protocol.name());
+                prop_assert!(
+                    (found - want).abs() <= 1e-6 * (1.0 + want.abs()),
+                    "{}: reading {found} for {want}",
+                    protocol.name()
+                );
             }
             for (found, want) in link.firmware.motors().iter().zip(want_motors) {
                 // Toward zero, and at most one step.
-                let near = (found - want).abs() <= motor_step.min(1e-4) + 1e-7 && found.abs() <= want.abs() + 1e-7;
+                let near = (found - want).abs() <= motor_step.min(1e-4) + 1e-7
+                    && found.abs() <= want.abs() + 1e-7;
                 prop_assert!(near, "{}: motor {found} for {want}", protocol.name());
             }
             prop_assert_eq!(report.echo, codec.sequence());
@@ -175,7 +230,8 @@ fn what_goes_in_comes_out_at_the_other_end() {
             .run(&values, case)
             .unwrap_or_else(|error| panic!("{}: {error}", protocol.name()));
         let (codec, link) = &mut *state.borrow_mut();
-        // The zero command is zero, and force stays off without enable where the arm knows such a thing.
+        // The zero command is zero, and force stays off without enable where the arm knows such a
+        // thing.
         link.exchange(&mut **codec, &[], false);
         assert_eq!(link.firmware.motors(), [0.0; MAX_AXES], "{}", protocol.name());
     }
@@ -183,8 +239,14 @@ fn what_goes_in_comes_out_at_the_other_end() {
 
 #[test]
 fn streams_may_be_cut_anywhere() {
-    for (protocol, carriage) in every_protocol().into_iter().filter(|(_, carriage)| *carriage == Carriage::Stream) {
-        let mut link = Linked::new(protocol.firmware(carriage), carriage, arm_at(&[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]));
+    for (protocol, carriage) in
+        every_protocol().into_iter().filter(|(_, carriage)| *carriage == Carriage::Stream)
+    {
+        let mut link = Linked::new(
+            protocol.firmware(carriage),
+            carriage,
+            arm_at(&[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]),
+        );
         let mut codec = protocol.codec(carriage);
         codec.start(&mut link).expect("an arm");
         link.take();
@@ -202,11 +264,20 @@ fn streams_may_be_cut_anywhere() {
             let fed = codec.feed(&stream);
             (fed.reports, fed.corrupt, *codec.newest())
         };
-        assert!(whole.0 == 20 && whole.1 == 0 && whole.2.readings[0] == 20.0, "{}: {whole:?}", protocol.name());
+        assert!(
+            whole.0 == 20 && whole.1 == 0 && whole.2.readings[0] == 20.0,
+            "{}: {whole:?}",
+            protocol.name()
+        );
         for size in [1, 2, 3, 5, 7, 11, 13, 31, 64, 100] {
             let mut codec = protocol.codec(carriage);
             let reports: u32 = stream.chunks(size).map(|chunk| codec.feed(chunk).reports).sum();
-            assert_eq!((reports, codec.newest()), (20, &whole.2), "{} in pieces of {size}", protocol.name());
+            assert_eq!(
+                (reports, codec.newest()),
+                (20, &whole.2),
+                "{} in pieces of {size}",
+                protocol.name()
+            );
         }
     }
 }
@@ -219,7 +290,8 @@ proptest! {
         // Text protocols come further on text.
         let bytes: Vec<u8> = if letters { bytes.iter().map(|byte| b"[]<>PrmA0123456789,- \n\x00\xFF\xFD"[usize::from(*byte) % 25]).collect() } else { bytes };
         for (protocol, carriage) in every_protocol() {
-            let (mut codec, mut firmware) = (protocol.codec(carriage), protocol.firmware(carriage));
+            let mut codec = protocol.codec(carriage);
+            let mut firmware = protocol.firmware(carriage);
             let mut out = Outbox::new();
             for chunk in bytes.chunks(size) {
                 codec.feed(chunk);
@@ -238,7 +310,11 @@ proptest! {
 fn watchdogs_of_the_arms_are_theirs() {
     for (protocol, carriage) in every_protocol() {
         let Some(watchdog) = protocol.watchdog() else { continue };
-        let mut link = Linked::new(protocol.firmware(carriage), carriage, arm_at(&[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]));
+        let mut link = Linked::new(
+            protocol.firmware(carriage),
+            carriage,
+            arm_at(&[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]),
+        );
         let mut codec = protocol.codec(carriage);
         codec.start(&mut link).expect("an arm");
         link.take();
@@ -270,7 +346,11 @@ fn watchdogs_of_the_arms_are_theirs() {
         codec.resume();
         link.exchange(&mut *codec, &[], false);
         link.exchange(&mut *codec, &motors, true);
-        assert!(link.firmware.motors()[0] > 0.2 && codec.newest().error == 0, "{}: awake again", protocol.name());
+        assert!(
+            link.firmware.motors()[0] > 0.2 && codec.newest().error == 0,
+            "{}: awake again",
+            protocol.name()
+        );
     }
 }
 
@@ -278,22 +358,28 @@ fn watchdogs_of_the_arms_are_theirs() {
 fn described_frames_are_those_that_were_described() {
     let layouts = layouts();
     // As the Rust codec of the same arm says it.
-    for (layout, protocol) in
-        [(&layouts[0], Protocol::WoodenhapticsHid8), (&layouts[5], Protocol::HaptikfabrikenBrackets { model: 3 })]
-    {
+    for (layout, protocol) in [
+        (&layouts[0], Protocol::WoodenhapticsHid8),
+        (&layouts[5], Protocol::HaptikfabrikenBrackets { model: 3 }),
+    ] {
         let carriage = protocol.carriages()[0];
-        let mut codecs = [Protocol::Declarative(layout.clone()).codec(carriage), protocol.codec(carriage)];
+        let mut codecs =
+            [Protocol::Declarative(layout.clone()).codec(carriage), protocol.codec(carriage)];
         let frames = codecs.each_mut().map(|codec| encode(&mut **codec, &[250.9, -250.9, 1000.0]));
         assert_eq!(show(&frames[0]), show(&frames[1]), "{}", protocol.name());
         let mut out = [Outbox::new(), Outbox::new()];
-        for (out, mut firmware) in
-            out.iter_mut().zip([Protocol::Declarative(layout.clone()).firmware(carriage), protocol.firmware(carriage)])
-        {
+        for (out, mut firmware) in out.iter_mut().zip([
+            Protocol::Declarative(layout.clone()).firmware(carriage),
+            protocol.firmware(carriage),
+        ]) {
             firmware.receive(&frames[1], 0.0, &arm_at(&[100.0, -200.0, 70_000.0]), out);
             firmware.advance(0.0, &arm_at(&[100.0, -200.0, 70_000.0]), out);
         }
         // The one ends at its bracket, the other after the line.
-        assert_eq!(String::from_utf8_lossy(&out[0][0]).trim_end(), String::from_utf8_lossy(&out[1][0]).trim_end());
+        assert_eq!(
+            String::from_utf8_lossy(&out[0][0]).trim_end(),
+            String::from_utf8_lossy(&out[1][0]).trim_end()
+        );
     }
     let golden = |idx: usize, motors: &[f64], command: &str, readings: &[f64], report: &str| {
         let protocol = Protocol::Declarative(layouts[idx].clone());
@@ -318,7 +404,13 @@ fn described_frames_are_those_that_were_described() {
         }
     };
     // Checks computed with another program.
-    golden(1, &[258.0, -2.0], "08 02 01 00 00 FE FF 01 03", &[258.0, -2.0], "07 00 00 01 02 FF FF FF FE DA 00 98 94");
+    golden(
+        1,
+        &[258.0, -2.0],
+        "08 02 01 00 00 FE FF 01 03",
+        &[258.0, -2.0],
+        "07 00 00 01 02 FF FF FF FE DA 00 98 94",
+    );
     golden(
         2,
         &[258.0, -2.0],
@@ -331,7 +423,8 @@ fn described_frames_are_those_that_were_described() {
         &[1.0],
         "01 01 03 80 3F 01 01 01 05 E6 E4 E3 58 00",
         &[1.0, -2.0],
-        "01 01 01 01 01 01 03 F0 3F 01 01 01 01 01 01 02 C0 01 01 01 01 01 01 01 01 01 01 01 01 01 01 01 05 F1 B9 3A 47 00",
+        "01 01 01 01 01 01 03 F0 3F 01 01 01 01 01 01 02 C0 01 01 01 01 01 01 01 01 01 01 01 01 01 \
+            01 01 05 F1 B9 3A 47 00",
     );
     golden(4, &[-16_192.0], "DB DC DB DC 80 C0", &[192.0, 219.0], "DB DC 00 DB DD 00 9B C0");
 }
@@ -357,11 +450,19 @@ fn layouts_that_cannot_be_spoken_are_refused_with_the_reason() {
     refused(&|layout| layout.report.fields[0].offset = usize::MAX, 0, "behind the body");
     refused(&|layout| layout.report.fields[0].scale = 0.0, 0, "other than 0");
     refused(&|layout| layout.report.fields[0].scale = f64::NAN, 0, "other than 0");
-    refused(&|layout| layout.report.fields[0].number = Number::Text { places: 0 }, 0, "text is for lines");
+    refused(
+        &|layout| layout.report.fields[0].number = Number::Text { places: 0 },
+        0,
+        "text is for lines",
+    );
     refused(&|layout| layout.report.fields[3].number = Number::I16, 0, "a counter is u8");
     refused(&|layout| layout.report.fields[3].wraps = true, 0, "only a reading");
     refused(&|layout| layout.report.framing = Framing::Slip { len: 8 }, 0, "one link");
-    refused(&|layout| layout.report.framing = Framing::Report { id: None, len: 121 }, 0, "at most 120");
+    refused(
+        &|layout| layout.report.framing = Framing::Report { id: None, len: 121 },
+        0,
+        "at most 120",
+    );
     refused(&|layout| layout.kick = Some(vec![]), 0, "kick");
     let pushing = |layout: &mut PacketLayout| {
         let mut codec = Protocol::Declarative(layout.clone()).codec(Carriage::Stream);
@@ -372,11 +473,19 @@ fn layouts_that_cannot_be_spoken_are_refused_with_the_reason() {
     refused(&|layout| layout.report.fields[2].mask = Some(0x05), 1, "has a hole");
     refused(&|layout| layout.report.fields[4].role = Role::Constant(8), 1, "does not fit its mask");
     refused(&|layout| layout.report.fields[2].role = Role::Buttons(32), 1, "the largest is 31");
-    refused(&|layout| layout.report.framing = Framing::Sync { sync: vec![], len: 26, covers_sync: false }, 2, "0 sync bytes");
+    refused(
+        &|layout| {
+            layout.report.framing = Framing::Sync { sync: vec![], len: 26, covers_sync: false }
+        },
+        2,
+        "0 sync bytes",
+    );
     refused(&|layout| layout.report.fields[3].role = Role::Rate(7), 2, "no such reading");
     refused(&|layout| layout.report.fields[0].role = Role::Error, 2, "whole number");
     refused(
-        &|layout| layout.report.checksum = Some(Checksum { kind: ChecksumKind::Sum8, big_endian: false }),
+        &|layout| {
+            layout.report.checksum = Some(Checksum { kind: ChecksumKind::Sum8, big_endian: false })
+        },
         5,
         "lines have none",
     );
@@ -389,14 +498,24 @@ fn layouts_that_cannot_be_spoken_are_refused_with_the_reason() {
         Framing::Line(line)
     };
     refused(&|layout| layout.report.framing = with(&|line| line.close.clear()), 5, "close");
-    refused(&|layout| layout.report.framing = with(&|line| line.separator = b'1'), 5, "cannot be told apart");
+    refused(
+        &|layout| layout.report.framing = with(&|line| line.separator = b'1'),
+        5,
+        "cannot be told apart",
+    );
     refused(&|layout| layout.report.framing = with(&|line| line.open = "«".to_owned()), 5, "ASCII");
 
     for (protocol, expected) in [
         (Protocol::HaptikfabrikenBrackets { model: 4 }, "model 4"),
         (Protocol::Dynamixel2 { servos: vec![] }, "0 servos"),
-        (Protocol::Dynamixel2 { servos: vec![Servo { id: 1, model: ServoModel::Xc330T288 }; 2] }, "there twice"),
-        (Protocol::HapiF32(HapiBoard { device_id: 5, motors: vec![], encoders: vec![] }), "0 motors"),
+        (
+            Protocol::Dynamixel2 { servos: vec![Servo { id: 1, model: ServoModel::Xc330T288 }; 2] },
+            "there twice",
+        ),
+        (
+            Protocol::HapiF32(HapiBoard { device_id: 5, motors: vec![], encoders: vec![] }),
+            "0 motors",
+        ),
         (Protocol::Open6(Open6Arm { watchdog_ms: 0, ..open6_arm() }), "watchdog of 0"),
     ] {
         let text = protocol.check().expect_err(expected).to_string();

@@ -6,7 +6,8 @@ use super::*;
 #[test]
 fn woodenhaptics_hid8() {
     let protocol = Protocol::WoodenhapticsHid8;
-    let (mut host, mut arm) = (protocol.codec(Carriage::Reports), protocol.firmware(Carriage::Reports));
+    let mut host = protocol.codec(Carriage::Reports);
+    let mut arm = protocol.firmware(Carriage::Reports);
     let a1 = hex("64 00 38 FF 2C 01 07 00");
     assert_eq!(host.feed(&a1), fed(1, 0));
     assert_eq!(host.newest().readings[..4], [100.0, -200.0, 300.0, 0.0]);
@@ -29,16 +30,27 @@ fn woodenhaptics_hid8() {
             assert_eq!(arm.motors()[..3], motors.map(f64::trunc));
         }
     }
-    assert_eq!(encode(&mut *host, &[f64::NAN, 1e9, f64::NEG_INFINITY]), hex("00 00 00 FF 7F 01 80 00 00"));
+    assert_eq!(
+        encode(&mut *host, &[f64::NAN, 1e9, f64::NEG_INFINITY]),
+        hex("00 00 00 FF 7F 01 80 00 00")
+    );
 
     assert_eq!(host.feed(&a1[..7]), fed(0, 1));
     assert_eq!(host.feed(&[&a1[..], &[0]].concat()), fed(0, 1));
     assert_eq!(host.feed(&a1), FeedCounts { reports: 1, repeated: 1, ..FeedCounts::default() });
-    assert_eq!(host.feed(&hex("64 00 38 FF 2C 01 0A 00")), FeedCounts { reports: 1, gap: 2, ..FeedCounts::default() });
+    assert_eq!(
+        host.feed(&hex("64 00 38 FF 2C 01 0A 00")),
+        FeedCounts { reports: 1, gap: 2, ..FeedCounts::default() }
+    );
     // Over the end of 16 bits, there and back.
-    for (count, low) in
-        [(30_000, "30 75"), (40_000, "40 9C"), (30_000, "30 75"), (0, "00 00"), (-30_000, "D0 8A"), (-40_000, "C0 63")]
-    {
+    for (count, low) in [
+        (30_000, "30 75"),
+        (40_000, "40 9C"),
+        (30_000, "30 75"),
+        (0, "00 00"),
+        (-30_000, "D0 8A"),
+        (-40_000, "C0 63"),
+    ] {
         host.feed(&hex(&format!("{low} 00 00 00 00 00 00")));
         assert_eq!(host.newest().readings[0], f64::from(count));
     }
@@ -48,7 +60,8 @@ fn woodenhaptics_hid8() {
 #[test]
 fn haptikfabriken_hid14() {
     let protocol = Protocol::HaptikfabrikenHid14 { carrier: Hid14Carrier::Mbed };
-    let (mut host, mut firmware) = (protocol.codec(Carriage::Reports), protocol.firmware(Carriage::Reports));
+    let mut host = protocol.codec(Carriage::Reports);
+    let mut firmware = protocol.firmware(Carriage::Reports);
     let b1 = hex("64 00 38 FF 2C 01 04 00 FB FF 06 00 00 00");
     let b2 = hex("64 00 38 FF 2C 01 14 27 FB FF 06 00 01 00");
     // D ← f, E ← e, F ← d.
@@ -75,7 +88,10 @@ fn haptikfabriken_hid14() {
     out.clear();
     firmware.receive(frame.as_slice(), 0.003, &arm, &mut out);
     host.feed(&out[0]);
-    assert_eq!((&host.newest().readings[..6], host.newest().buttons), (&[0.0, 0.0, 6000.0, 0.0, 0.0, 0.0][..], 0));
+    assert_eq!(
+        (&host.newest().readings[..6], host.newest().buttons),
+        (&[0.0, 0.0, 6000.0, 0.0, 0.0, 0.0][..], 0)
+    );
     assert_eq!(firmware.motors(), [0.0; MAX_AXES]);
 
     assert_eq!(host.feed(&b1[..13]), fed(0, 1));
@@ -92,7 +108,8 @@ fn haptikfabriken_hid14() {
 #[test]
 fn polhem_ascii64() {
     let protocol = |cartesian| Protocol::PolhemAscii64 { cartesian };
-    let (mut counts, mut pose) = (protocol(false).codec(Carriage::Stream), protocol(true).codec(Carriage::Stream));
+    let mut counts = protocol(false).codec(Carriage::Stream);
+    let mut pose = protocol(true).codec(Carriage::Stream);
     let line = |text: &str, blanks: usize| format!("{text}{}\n", " ".repeat(blanks)).into_bytes();
     let c1 = line("0 0 0 0 0 0 0", 50);
     let c2 = line("0 0 1500 2 0 0 0", 47);
@@ -101,8 +118,10 @@ fn polhem_ascii64() {
     assert_eq!([c1.len(), c2.len(), c3.len(), c4.len()], [64, 64, 64, 63]);
     assert_eq!(encode(&mut *counts, &[0.0; 3]), c1);
     assert_eq!(encode(&mut *pose, &[0.0, 0.0, 1.5]), c2);
-    let (home, at) =
-        ([8298.0, -10771.0, 19756.0, 0.0, 30.0, 0.0], [-0.059276, 0.013383, -0.148002, 0.0919, -1.8483, 1.0370, -1.9512]);
+    let (home, at) = (
+        [8298.0, -10771.0, 19756.0, 0.0, 30.0, 0.0],
+        [-0.059276, 0.013383, -0.148002, 0.0919, -1.8483, 1.0370, -1.9512],
+    );
     assert_eq!(counts.feed(&c3), fed(1, 0));
     assert_eq!(counts.newest().readings[..6], home);
     assert_eq!(pose.feed(&c4), fed(1, 0));
@@ -127,10 +146,17 @@ fn polhem_ascii64() {
     malformed_lines(
         &mut *counts,
         &c3,
-        &["8298 -10771 19756 0 30 0\n", "1 2 3 4 5 6 7 8\n", "a b c d e f g\n", "1 2 3 4 5 6 4294967296\n"],
+        &[
+            "8298 -10771 19756 0 30 0\n",
+            "1 2 3 4 5 6 7 8\n",
+            "a b c d e f g\n",
+            "1 2 3 4 5 6 4294967296\n",
+        ],
     );
     let mut frame = Frame::default();
-    assert!(counts.set_readings(&arm_at(&[1e12, -1e12, 1e12, -1e12, 1e12, -1e12]).readings, &mut frame));
+    assert!(
+        counts.set_readings(&arm_at(&[1e12, -1e12, 1e12, -1e12, 1e12, -1e12]).readings, &mut frame)
+    );
     assert_eq!(frame.as_slice().len(), 64);
     counts.set_readings(&arm_at(&home).readings, &mut frame);
     out.clear();
@@ -187,15 +213,25 @@ fn haptikfabriken_brackets() {
         let mut out = Outbox::new();
         // A frame after NULs of padding, as they come from one write after another.
         firmware.receive(wake.as_slice(), 0.0, &arm_at(&readings), &mut out);
-        firmware.receive(&encode(&mut *host, &[1.0, -2.0, 3.0]), 1000.0, &arm_at(&readings), &mut out);
+        firmware.receive(
+            &encode(&mut *host, &[1.0, -2.0, 3.0]),
+            1000.0,
+            &arm_at(&readings),
+            &mut out,
+        );
         firmware.advance(2000.0, &arm_at(&readings), &mut out);
         assert_eq!(firmware.motors()[..3], [1.0, -2.0, 3.0], "no watchdog");
         if error == 0 {
             assert_eq!(out, [bytes.clone(), bytes.clone()]);
         }
     }
-    let bad =
-        ["3,1,2,3,4,5,6,0]\n", "[3,1,2,3,4,5,6]\n", "[3,1,2,3,4,5,6,7,8]\n", "[3,a,2,3,4,5,6,7]\n", "[3,2147483649,2,3,4,5,6,7]\n"];
+    let bad = [
+        "3,1,2,3,4,5,6,0]\n",
+        "[3,1,2,3,4,5,6]\n",
+        "[3,1,2,3,4,5,6,7,8]\n",
+        "[3,a,2,3,4,5,6,7]\n",
+        "[3,2147483649,2,3,4,5,6,7]\n",
+    ];
     malformed_lines(&mut *host, &d5, &bad);
     // A lost `]` costs its own frame and not the next one.
     assert_eq!(host.feed(&[b"[3,1,2,3,4,5,6,0\n", &d5[..]].concat()), fed(1, 1));
@@ -205,7 +241,9 @@ fn hapi(motors: [Turn; 2], encoders: [(Turn, f32); 2], counts_per_rev: f32) -> P
     Protocol::HapiF32(HapiBoard {
         device_id: 5,
         motors: motors.to_vec(),
-        encoders: encoders.map(|(direction, start_deg)| HapiEncoder { direction, start_deg, counts_per_rev }).to_vec(),
+        encoders: encoders
+            .map(|(direction, start_deg)| HapiEncoder { direction, start_deg, counts_per_rev })
+            .to_vec(),
     })
 }
 
@@ -231,7 +269,10 @@ fn hapi_f32() {
     for (protocol, setup) in &boards {
         let (mut here, mut there) = loopback(Carriage::Stream);
         // No board answers: what was sent is there to be read.
-        assert!(matches!(protocol.codec(Carriage::Stream).start(&mut here), Err(StartError::Silent { .. })));
+        assert!(matches!(
+            protocol.codec(Carriage::Stream).start(&mut here),
+            Err(StartError::Silent { .. })
+        ));
         let mut buffer = [0; 128];
         let n = there.receive(&mut buffer).expect("open");
         let once = format!("{setup} 02 05 00 00 00 00 00 00 00 00");
@@ -240,7 +281,8 @@ fn hapi_f32() {
     let protocol = &boards[0].0;
     let mut host = protocol.codec(Carriage::Stream);
     let mut firmware = protocol.firmware(Carriage::Stream);
-    let (e4, e5) = (encode(&mut *host, &[0.0, 0.0]), encode(&mut *host, &[0.05, -0.025]));
+    let e4 = encode(&mut *host, &[0.0, 0.0]);
+    let e5 = encode(&mut *host, &[0.05, -0.025]);
     assert_eq!(show(&e4), "02 05 00 00 00 00 00 00 00 00");
     assert_eq!(show(&e5), "02 05 CD CC 4C 3D CD CC CC BC");
     let e6 = hex("05 00 00 16 43 00 00 20 42");
@@ -261,29 +303,47 @@ fn hapi_f32() {
 
     // Wrong id: nothing more is sent until there was silence.
     assert_eq!(host.feed(&hex("06 00 00 16 43 00 00 20 42")), fed(0, 1));
-    assert_eq!((host.silence(), encode(&mut *host, &[0.0, 0.0])), (Some(Duration::from_millis(1200)), vec![]));
+    assert_eq!(
+        (host.silence(), encode(&mut *host, &[0.0, 0.0])),
+        (Some(Duration::from_millis(1200)), vec![])
+    );
     assert_eq!(host.feed(&e6), fed(0, 0), "what comes then is thrown away");
     host.resume();
     assert_eq!((host.silence(), encode(&mut *host, &[0.0, 0.0])), (None, e4.clone()));
-    assert_eq!(host.feed(&hex("05 00 00 C0 7F 00 00 20 42")), fed(1, 0), "an angle that is no number is reported");
+    assert_eq!(
+        host.feed(&hex("05 00 00 C0 7F 00 00 20 42")),
+        fed(1, 0),
+        "an angle that is no number is reported"
+    );
     assert!(host.newest().readings[0].is_nan() && host.newest().readings[1] == 40.0);
     // 8 of 9 bytes when the next command is due.
     assert_eq!(host.feed(&e6[..8]), fed(0, 0));
     assert!(encode(&mut *host, &[0.1, 0.1]).is_empty());
     assert!(host.silence().is_some());
     host.resume();
-    assert_eq!([host.feed(&e6[..2]), host.feed(&e6[2..8]), host.feed(&e6[8..])], [fed(0, 0), fed(0, 0), fed(1, 0)]);
+    assert_eq!(
+        [host.feed(&e6[..2]), host.feed(&e6[2..8]), host.feed(&e6[8..])],
+        [fed(0, 0), fed(0, 0), fed(1, 0)]
+    );
 }
 
 /// H1, H2.
 #[test]
 fn hapkit_ascii() {
-    let (mut host, mut firmware) =
-        (Protocol::HapkitAscii.codec(Carriage::Stream), Protocol::HapkitAscii.firmware(Carriage::Stream));
-    let h1 = hex("50 72 6D 20 30 2E 30 31 32 33 34 20 2D 30 2E 30 35 30 30 30 20 30 2E 30 30 30 30 30 20 31 0A");
+    let (mut host, mut firmware) = (
+        Protocol::HapkitAscii.codec(Carriage::Stream),
+        Protocol::HapkitAscii.firmware(Carriage::Stream),
+    );
+    let h1 = hex(
+        "50 72 6D 20 30 2E 30 31 32 33 34 20 2D 30 2E 30 35 30 30 30 20 30 2E 30 30 30 30 30 20 31 \
+            0A",
+    );
     assert_eq!(host.feed(&h1), fed(1, 0));
     let report = host.newest();
-    assert_eq!((report.readings[0], report.rates.map(|rates| rates[0]), report.buttons), (0.01234, Some(-0.05), 1));
+    assert_eq!(
+        (report.readings[0], report.rates.map(|rates| rates[0]), report.buttons),
+        (0.01234, Some(-0.05), 1)
+    );
     let h2 = encode(&mut *host, &[0.5]);
     assert_eq!(show(&h2), "50 31 20 30 2E 35 0A");
     let mut arm = arm_at(&[0.01234]);
@@ -296,7 +356,11 @@ fn hapkit_ascii() {
     assert_eq!(encode(&mut *host, &[-1e-9]), b"P1 0\n");
     assert_eq!(encode(&mut *host, &[f64::NAN]), b"P1 0\n");
     assert_eq!(host.feed(b"Ok\n"), fed(0, 0));
-    malformed_lines(&mut *host, &h1, &["Prm 1 2 3\n", "Prm 1 2 3 4 5\n", "Prm a 2 3 4\n", "1 2 3 4\n"]);
+    malformed_lines(
+        &mut *host,
+        &h1,
+        &["Prm 1 2 3\n", "Prm 1 2 3 4 5\n", "Prm a 2 3 4\n", "1 2 3 4\n"],
+    );
 }
 
 /// A report with NaN is whole: the tick has to get it.
@@ -328,13 +392,19 @@ fn hapkit_says_how_long_it_has_heard_nothing() {
     assert_eq!(host.unheard(), Some(0));
 }
 
-/// What a zero does to a board whose place in the stream is unknown, for every number of bytes of a command that it has.
+/// What a zero does to a board whose place in the stream is unknown, for every number of bytes of a
+/// command that it has.
 #[test]
 fn a_hapi_board_takes_a_zero_wherever_it_stands() {
     use Turn::Clockwise as Cw;
     let encoder = HapiEncoder { direction: Cw, start_deg: 0.0, counts_per_rev: 13824.0 };
-    let protocol = Protocol::HapiF32(HapiBoard { device_id: 5, motors: vec![Cw; 2], encoders: vec![encoder; 2] });
-    let setup = hex("01 05 03 01 01 03 01 01 00 00 00 00 34 43 00 00 58 46 00 00 00 00 00 00 58 46");
+    let protocol = Protocol::HapiF32(HapiBoard {
+        device_id: 5,
+        motors: vec![Cw; 2],
+        encoders: vec![encoder; 2],
+    });
+    let setup =
+        hex("01 05 03 01 01 03 01 01 00 00 00 00 34 43 00 00 58 46 00 00 00 00 00 00 58 46");
     let push = encode(&mut *protocol.codec(Carriage::Stream), &[0.1, 0.1]);
     let zero = encode(&mut *protocol.codec(Carriage::Stream), &[0.0, 0.0]);
     let mut host = protocol.codec(Carriage::Stream);
@@ -350,11 +420,19 @@ fn a_hapi_board_takes_a_zero_wherever_it_stands() {
             firmware.receive(&push[..push.len() - missing], 0.001, &arm_at(&[]), &mut out);
         }
         for turn in 0..2 {
-            firmware.receive(frame.as_slice(), 0.002 + 0.001 * f64::from(turn), &arm_at(&[]), &mut out);
+            firmware.receive(
+                frame.as_slice(),
+                0.002 + 0.001 * f64::from(turn),
+                &arm_at(&[]),
+                &mut out,
+            );
         }
         let left = firmware.motors();
         // What was whole before stays; nothing gets larger, and in step everything goes.
-        assert!(left[..2].iter().all(|motor| *motor == 0.0 || (0.09..0.11).contains(motor)), "{missing}: {left:?}");
+        assert!(
+            left[..2].iter().all(|motor| *motor == 0.0 || (0.09..0.11).contains(motor)),
+            "{missing}: {left:?}"
+        );
         assert!(missing != 0 || left == [0.0; MAX_AXES]);
         assert!(!(1..=4).contains(&missing) || left[1] == 0.0, "{missing}: {left:?}");
         // After the silence it still receives: it was not reset.
@@ -371,7 +449,8 @@ fn a_hapi_board_takes_a_zero_wherever_it_stands() {
 #[test]
 fn space_mouse() {
     let mut host = Protocol::SpaceMouse { dead_band: 0 }.codec(Carriage::Reports);
-    let (i1, i2) = (hex("01 5E 01 51 FF 46 00"), hex("02 00 00 23 00 A2 FE"));
+    let i1 = hex("01 5E 01 51 FF 46 00");
+    let i2 = hex("02 00 00 23 00 A2 FE");
     let i3 = hex("01 5E 01 51 FF 46 00 00 00 23 00 A2 FE");
     let all = [350.0, -175.0, 70.0, 0.0, 35.0, -350.0];
     assert_eq!(host.feed(&i1), fed(1, 0));
@@ -400,13 +479,25 @@ fn space_mouse() {
     assert_eq!(encode_enabled(&mut *host, &[], true), hex("04 01"));
     assert!(encode_enabled(&mut *host, &[], true).is_empty(), "the lamp is on already");
     assert_eq!(encode_enabled(&mut *host, &[], false), hex("04 00"));
-    for short in [&i1[..6], &[&i1[..], &[0]].concat(), &i2[..6], &[&i2[..], &[0]].concat(), &i3[..12], &[3], &[], &[1; 8]] {
+    for short in [
+        &i1[..6],
+        &[&i1[..], &[0]].concat(),
+        &i2[..6],
+        &[&i2[..], &[0]].concat(),
+        &i3[..12],
+        &[3],
+        &[],
+        &[1; 8],
+    ] {
         assert_eq!(host.feed(short), fed(0, 1), "{short:?}");
     }
     assert_eq!(host.feed(&hex("17 64")), fed(0, 0), "battery");
 
     let mut host = Protocol::Spacenav.codec(Carriage::Stream);
-    let i6 = hex("00 00 00 00 5E 01 00 00 51 FF FF FF 46 00 00 00 00 00 00 00 23 00 00 00 A2 FE FF FF 10 00 00 00");
+    let i6 = hex(
+        "00 00 00 00 5E 01 00 00 51 FF FF FF 46 00 00 00 00 00 00 00 23 00 00 00 A2 FE FF FF 10 00 \
+            00 00",
+    );
     assert_eq!(host.feed(&i6), fed(1, 0));
     assert_eq!(host.newest().readings[..6], all);
     let mut out = Outbox::new();
@@ -429,14 +520,22 @@ fn falcon_nibble16() {
         assert_eq!(show(frame.as_slice()), golden);
     }
     let protocol = Protocol::FalconNibble16 { image: None };
-    let (mut host, mut firmware) = (protocol.codec(Carriage::Stream), protocol.firmware(Carriage::Stream));
-    assert_eq!(show(&encode(&mut *host, &[0.0; 3])), "3C 41 41 41 41 41 41 41 41 41 41 41 41 4A 41 3E", "red: not homed");
+    let mut host = protocol.codec(Carriage::Stream);
+    let mut firmware = protocol.firmware(Carriage::Stream);
+    assert_eq!(
+        show(&encode(&mut *host, &[0.0; 3])),
+        "3C 41 41 41 41 41 41 41 41 41 41 41 41 4A 41 3E",
+        "red: not homed"
+    );
     let g4 = encode_enabled(&mut *host, &[256.0, -256.0, 1e9], true);
     assert_eq!(show(&g4), "3C 41 41 42 41 41 41 50 50 41 41 41 42 44 41 3E", "never above 4096");
     let g5 = hex("3C 45 47 41 41 49 44 50 50 4D 43 42 41 B5 41 3E");
     assert_eq!(host.feed(&g5), fed(1, 0));
     let report = *host.newest();
-    assert_eq!((&report.readings[..3], report.buttons, report.homed), (&[100.0, -200.0, 300.0][..], 4, Some(true)));
+    assert_eq!(
+        (&report.readings[..3], report.buttons, report.homed),
+        (&[100.0, -200.0, 300.0][..], 4, Some(true))
+    );
     let mut arm = arm_at(&[100.0, -200.0, 300.0]);
     arm.buttons = 4;
     let mut out = Outbox::new();
@@ -444,7 +543,8 @@ fn falcon_nibble16() {
     assert_eq!(out, std::slice::from_ref(&g5));
     assert_eq!(firmware.motors()[..3], [256.0, -256.0, 4096.0]);
 
-    // `<` inside garbage, a broken word, and what does not belong there; each time the next frame is found.
+    // `<` inside garbage, a broken word, and what does not belong there; each time the next frame
+    // is found.
     let with = |at: usize, byte: u8| {
         let mut frame = g5.clone();
         frame[at] = byte;
@@ -453,7 +553,9 @@ fn falcon_nibble16() {
     assert_eq!(host.feed(&[b"x<yz<", &g5[..]].concat()), fed(1, 1));
     assert_eq!(host.feed(&with(13, 0xC0)), fed(1, 0));
     assert_eq!((host.newest().buttons, host.newest().homed), (15, Some(true)));
-    for bad in [with(3, 0x40), with(9, 0x51), with(13, 0xC1), with(13, 0x40), with(15, b'x'), hex("01 60")] {
+    for bad in
+        [with(3, 0x40), with(9, 0x51), with(13, 0xC1), with(13, 0x40), with(15, b'x'), hex("01 60")]
+    {
         assert_eq!(host.feed(&bad).reports, 0, "{}", show(&bad));
         let fed = host.feed(&g5);
         assert_eq!(fed.reports, 1, "after {}", show(&bad));
@@ -483,7 +585,8 @@ fn dynamixel2() {
     let servos = |n: u8, model| -> Vec<Servo> { (1..=n).map(|id| Servo { id, model }).collect() };
     let protocol = |n, model| Protocol::Dynamixel2 { servos: servos(n, model) };
     let j5 = "FF FF FD 00 FE 0E 00 82 7E 00 0A 00 01 02 03 04 05 06 07 A0 98";
-    let j9 = "FF FF FD 00 FE 1C 00 83 66 00 02 00 01 00 00 02 00 00 03 00 00 04 00 00 05 00 00 06 00 00 07 00 00 F1 90";
+    let j9 = "FF FF FD 00 FE 1C 00 83 66 00 02 00 01 00 00 02 00 00 03 00 00 04 00 00 05 00 00 06 \
+        00 00 07 00 00 F1 90";
     let mut seven = protocol(7, ServoModel::Xc330T288).codec(Carriage::Stream);
     assert_eq!(show(&encode(&mut *seven, &[0.0; 7])), format!("{j9} {j5}"));
     let mut two = protocol(2, ServoModel::Xm430W210).codec(Carriage::Stream);
@@ -509,10 +612,17 @@ fn dynamixel2() {
     let unit = super::super::dynamixel::VELOCITY_UNIT;
     for (bytes, position, velocity) in [(&j6, 2148.0, -3.0), (&j7, 253.0, -1.0)] {
         assert_eq!(one.feed(bytes), fed(1, 0));
-        assert_eq!((one.newest().readings[0], one.newest().rates.map(|rates| rates[0])), (position, Some(velocity * unit)));
+        assert_eq!(
+            (one.newest().readings[0], one.newest().rates.map(|rates| rates[0])),
+            (position, Some(velocity * unit))
+        );
         // Whole again wherever it is cut, within the stuffing too.
         for at in 1..bytes.len() {
-            assert_eq!([one.feed(&bytes[..at]), one.feed(&bytes[at..])], [fed(0, 0), fed(1, 0)], "cut at {at}");
+            assert_eq!(
+                [one.feed(&bytes[..at]), one.feed(&bytes[at..])],
+                [fed(0, 0), fed(1, 0)],
+                "cut at {at}"
+            );
         }
     }
     let mut servo = Arm::new(&servos(1, ServoModel::Xc330T288));
@@ -531,7 +641,8 @@ fn dynamixel2() {
     assert_eq!(one.feed(&read), fed(0, 0));
     // Wrong order, a missing servo, an alert.
     let status = |id: u8, error: u8| packet(id, STATUS, &[error, 0, 0, 0, 0, 0, 0, id, 0, 0, 0]);
-    let (first, second) = (status(1, 0), status(2, 0));
+    let first = status(1, 0);
+    let second = status(2, 0);
     assert_eq!(two.feed(&[&first[..], &second].concat()), fed(1, 0));
     assert_eq!(two.feed(&[&second[..], &first].concat()).reports, 0);
     assert_eq!(two.feed(&second), fed(1, 0), "the round that the first one began");
@@ -539,7 +650,8 @@ fn dynamixel2() {
     assert_eq!(two.feed(&first), fed(0, 0));
     encode(&mut *two, &[0.0, 0.0]);
     assert_eq!(two.feed(&[&first[..], &second].concat()), fed(1, 1), "the second one was missing");
-    // A host that reads late has the rest of a round after its next command, every time; but not after two.
+    // A host that reads late has the rest of a round after its next command, every time; but not
+    // after two.
     assert_eq!(two.feed(&first), fed(0, 0));
     for _ in 0..3 {
         encode(&mut *two, &[0.0, 0.0]);

@@ -6,7 +6,10 @@ const PAGE: &str = include_str!("../../../../../docs/reference/protocol.md");
 
 /// The frame of that name on the page: its packet, and what of it goes over a serial line.
 fn frame(name: &str) -> (Vec<u8>, Vec<u8>) {
-    let row = PAGE.lines().find(|line| line.starts_with(&format!("| {name} |"))).unwrap_or_else(|| panic!("no frame {name}"));
+    let row = PAGE
+        .lines()
+        .find(|line| line.starts_with(&format!("| {name} |")))
+        .unwrap_or_else(|| panic!("no frame {name}"));
     let mut cells = row.split('`').skip(1).step_by(2).map(hex);
     (cells.next().expect("a packet"), cells.next().expect("as serial"))
 }
@@ -43,7 +46,12 @@ fn frames_are_those_of_the_page() {
         host.start(&mut link).expect("an arm");
         let hello = on_wire("hello", true);
         assert_eq!(
-            show(link.sent[0].strip_prefix(&[0][..]).filter(|_| carriage == Carriage::Stream).unwrap_or(&link.sent[0])),
+            show(
+                link.sent[0]
+                    .strip_prefix(&[0][..])
+                    .filter(|_| carriage == Carriage::Stream)
+                    .unwrap_or(&link.sent[0])
+            ),
             show(&hello)
         );
         let mut firmware = protocol.firmware(carriage);
@@ -67,7 +75,10 @@ fn frames_are_those_of_the_page() {
             for (found, want) in report.readings.iter().zip(pose().readings) {
                 assert!((found - want).abs() < 1e-7);
             }
-            assert_eq!((report.rates, report.buttons, report.homed, report.error), (Some(pose().rates), 5, Some(true), 0));
+            assert_eq!(
+                (report.rates, report.buttons, report.homed, report.error),
+                (Some(pose().rates), 5, Some(true), 0)
+            );
             assert_eq!(report.echo, host.sequence());
         }
         assert!((firmware.motors()[2] - 2.0).abs() < 1e-6);
@@ -85,7 +96,8 @@ fn frames_are_those_of_the_page() {
 fn what_is_not_sound_is_dropped_and_counted() {
     let (packet, serial) = frame("state, enabled");
     let protocol = Protocol::Open6(open6_arm());
-    let (mut hid, mut stream) = (protocol.codec(Carriage::Reports), protocol.codec(Carriage::Stream));
+    let mut hid = protocol.codec(Carriage::Reports);
+    let mut stream = protocol.codec(Carriage::Stream);
     let good = report(&packet);
     for at in 0..packet.len() {
         let mut bad = good.clone();
@@ -106,7 +118,10 @@ fn what_is_not_sound_is_dropped_and_counted() {
     // The later one of the page, after one that was lost: 1, then 3.
     let mut host = protocol.codec(Carriage::Reports);
     assert_eq!(host.feed(&report(&frame("state, disabled").0)), fed(1, 0));
-    assert_eq!(host.feed(&report(&frame("state, stopped").0)), FeedCounts { reports: 1, gap: 1, ..FeedCounts::default() });
+    assert_eq!(
+        host.feed(&report(&frame("state, stopped").0)),
+        FeedCounts { reports: 1, gap: 1, ..FeedCounts::default() }
+    );
 }
 
 #[test]
@@ -122,7 +137,10 @@ fn motors_are_driven_in_one_state_alone() {
     link.take();
     link.arm.homed = false;
     link.exchange(&mut *host, &push, true);
-    assert_eq!((link.firmware.motors()[0], host.newest().error, host.newest().homed), (0.0, 1, Some(false)));
+    assert_eq!(
+        (link.firmware.motors()[0], host.newest().error, host.newest().homed),
+        (0.0, 1, Some(false))
+    );
     link.arm.homed = true;
     link.exchange(&mut *host, &push, true);
     assert_eq!(link.firmware.motors()[0], 1.0);

@@ -30,7 +30,12 @@ fn a_lost_link_ends_every_start() {
         let result = protocol.codec(carriage).start(&mut link.here);
         // An arm that reports on change is not waited for.
         if protocol.pacing() != crate::Pacing::Event {
-            assert_eq!(result, Err(StartError::Transport(TransportError::Lost)), "{}", protocol.name());
+            assert_eq!(
+                result,
+                Err(StartError::Transport(TransportError::Lost)),
+                "{}",
+                protocol.name()
+            );
         }
     }
 }
@@ -38,9 +43,16 @@ fn a_lost_link_ends_every_start() {
 #[test]
 fn an_arm_that_only_babbles_is_given_up() {
     let falcon = Protocol::FalconNibble16 { image: None };
-    let mut link = Linked::new(Protocol::HapkitAscii.firmware(Carriage::Stream), Carriage::Stream, arm_at(&[]));
+    let mut link = Linked::new(
+        Protocol::HapkitAscii.firmware(Carriage::Stream),
+        Carriage::Stream,
+        arm_at(&[]),
+    );
     let result = falcon.codec(Carriage::Stream).start(&mut link);
-    assert!(matches!(&result, Err(StartError::Refused(text)) if text.contains("answers no run frames")), "{result:?}");
+    assert!(
+        matches!(&result, Err(StartError::Refused(text)) if text.contains("answers no run frames")),
+        "{result:?}"
+    );
 }
 
 #[test]
@@ -50,7 +62,11 @@ fn boards_with_the_same_usb_ids_are_told_apart() {
         (&Protocol::WoodenhapticsHid8, &hid14, "haptikfabriken-hid14"),
         (&hid14, &Protocol::WoodenhapticsHid8, "woodenhaptics-hid8"),
         (&hid14, &Protocol::HaptikfabrikenHid14 { carrier: Hid14Carrier::TeensyRawHid }, "64"),
-        (&Protocol::HaptikfabrikenBrackets { model: 3 }, &Protocol::HaptikfabrikenBrackets { model: 2 }, "model 2 (vintage)"),
+        (
+            &Protocol::HaptikfabrikenBrackets { model: 3 },
+            &Protocol::HaptikfabrikenBrackets { model: 2 },
+            "model 2 (vintage)",
+        ),
     ] {
         let carriage = host.carriages()[0];
         let (result, ..) = started(host, carriage, arm.firmware(carriage));
@@ -61,9 +77,11 @@ fn boards_with_the_same_usb_ids_are_told_apart() {
 
 #[test]
 fn servos_are_checked_before_they_are_switched_on() {
-    let servos = |model| vec![Servo { id: 1, model: ServoModel::Xc330T288 }, Servo { id: 9, model }];
+    let servos =
+        |model| vec![Servo { id: 1, model: ServoModel::Xc330T288 }, Servo { id: 9, model }];
     let wanted = Protocol::Dynamixel2 { servos: servos(ServoModel::Xm430W210) };
-    let (result, mut codec, mut link) = started(&wanted, Carriage::Stream, wanted.firmware(Carriage::Stream));
+    let (result, mut codec, mut link) =
+        started(&wanted, Carriage::Stream, wanted.firmware(Carriage::Stream));
     assert_eq!(result, Ok(()));
     assert_eq!(codec.identity().as_deref(), Some("servos 1 XC330-T288, 9 XM430-W210"));
     // The first exchange winds the watchdogs up anew, however late it comes.
@@ -80,7 +98,10 @@ fn servos_are_checked_before_they_are_switched_on() {
 
     let other = Protocol::Dynamixel2 { servos: servos(ServoModel::Xc330T288) };
     let (result, ..) = started(&wanted, Carriage::Stream, other.firmware(Carriage::Stream));
-    assert!(matches!(&result, Err(StartError::Refused(text)) if text.contains("servo 9 is model 1220 (XC330-T288)")), "{result:?}");
+    assert!(
+        matches!(&result, Err(StartError::Refused(text)) if text.contains("servo 9 is model 1220 (XC330-T288)")),
+        "{result:?}"
+    );
     let alone = Protocol::Dynamixel2 { servos: servos(ServoModel::Xm430W210)[..1].to_vec() };
     let (result, ..) = started(&wanted, Carriage::Stream, alone.firmware(Carriage::Stream));
     assert!(
@@ -92,7 +113,8 @@ fn servos_are_checked_before_they_are_switched_on() {
 #[test]
 fn a_hapi_board_is_set_up_once_and_left_without_torque() {
     let protocol = hapi();
-    let (result, mut codec, mut link) = started(&protocol, Carriage::Stream, protocol.firmware(Carriage::Stream));
+    let (result, mut codec, mut link) =
+        started(&protocol, Carriage::Stream, protocol.firmware(Carriage::Stream));
     assert_eq!(result, Ok(()));
     let setups = |link: &Linked| link.sent.iter().filter(|frame| frame[0] == 1).count();
     assert_eq!((setups(&link), codec.start(&mut link), setups(&link)), (1, Ok(()), 1));
@@ -105,12 +127,14 @@ fn a_hapi_board_is_set_up_once_and_left_without_torque() {
     assert_eq!(link.sent[before..], [zero.clone(), zero, hex("00 00")], "zero, reply, zero, reset");
 }
 
-/// The plug was never out: another setup would make a home pose of wherever the arm is when it wakes.
+/// The plug was never out: another setup would make a home pose of wherever the arm is when it
+/// wakes.
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_hapi_board_that_only_fell_silent_is_not_set_up_again() {
     let protocol = hapi();
-    let mut link = Linked::new(protocol.firmware(Carriage::Stream), Carriage::Stream, arm_at(&[150.0, 45.0]));
+    let mut link =
+        Linked::new(protocol.firmware(Carriage::Stream), Carriage::Stream, arm_at(&[150.0, 45.0]));
     let mut codec = protocol.codec(Carriage::Stream);
     codec.start(&mut link).expect("it answers");
     link.exchange(&mut *codec, &[0.1, 0.1], true);
@@ -136,20 +160,27 @@ fn a_hapi_board_that_only_fell_silent_is_not_set_up_again() {
 }
 
 fn hapi() -> Protocol {
-    let (protocol, _) = every_protocol().into_iter().find(|(protocol, _)| matches!(protocol, Protocol::HapiF32(_))).expect("there");
+    let (protocol, _) = every_protocol()
+        .into_iter()
+        .find(|(protocol, _)| matches!(protocol, Protocol::HapiF32(_)))
+        .expect("there");
     protocol
 }
 
 #[test]
 fn a_hapi_board_that_is_opened_again_says_the_same() {
     let protocol = hapi();
-    let mut link = Linked::new(protocol.firmware(Carriage::Stream), Carriage::Stream, arm_at(&[150.0, 45.0]));
+    let mut link =
+        Linked::new(protocol.firmware(Carriage::Stream), Carriage::Stream, arm_at(&[150.0, 45.0]));
     for _ in 0..3 {
         let mut codec = protocol.codec(Carriage::Stream);
         codec.start(&mut link).expect("it answers");
         link.exchange(&mut *codec, &[0.0, 0.0], false);
         let readings = codec.newest().readings;
-        assert!((readings[0] - 150.0).abs() < 0.1 && (readings[1] - 45.0).abs() < 0.1, "{readings:?}");
+        assert!(
+            (readings[0] - 150.0).abs() < 0.1 && (readings[1] - 45.0).abs() < 0.1,
+            "{readings:?}"
+        );
         codec.finish(&mut link);
     }
 }
@@ -158,13 +189,25 @@ fn a_hapi_board_that_is_opened_again_says_the_same() {
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_hapi_board_that_was_spoken_to_in_another_protocol_is_found_again() {
     let protocol = hapi();
-    for foreign in ["00 03 01 08 01 06 6F 70 36 64 01 02 64 03 F4 76 00", "02 05 00", "FF FF FD 00 01 07 00 02 84 00 0A 00 15"] {
-        let mut link = Linked::new(protocol.firmware(Carriage::Stream), Carriage::Stream, arm_at(&[150.0, 45.0]));
+    for foreign in [
+        "00 03 01 08 01 06 6F 70 36 64 01 02 64 03 F4 76 00",
+        "02 05 00",
+        "FF FF FD 00 01 07 00 02 84 00 0A 00 15",
+    ] {
+        let mut link = Linked::new(
+            protocol.firmware(Carriage::Stream),
+            Carriage::Stream,
+            arm_at(&[150.0, 45.0]),
+        );
         link.send(&hex(foreign)).expect("open");
         let mut codec = protocol.codec(Carriage::Stream);
         assert_eq!(codec.start(&mut link), Ok(()), "{foreign}");
         link.exchange(&mut *codec, &[0.0, 0.0], false);
-        assert!((codec.newest().readings[0] - 150.0).abs() < 0.1, "{foreign}: {:?}", codec.newest());
+        assert!(
+            (codec.newest().readings[0] - 150.0).abs() < 0.1,
+            "{foreign}: {:?}",
+            codec.newest()
+        );
     }
 }
 
@@ -175,11 +218,24 @@ fn a_cold_falcon_is_loaded_with_the_users_image() {
     std::fs::write(file.path(), &image).expect("a file");
     let cold = || Box::new(super::super::falcon::Arm::switched_on(image.len()));
     let protocol = |image| Protocol::FalconNibble16 { image };
-    let (result, _, link) = started(&protocol(Some(file.path().to_owned())), Carriage::Stream, cold());
+    let (result, _, link) =
+        started(&protocol(Some(file.path().to_owned())), Carriage::Stream, cold());
     assert_eq!(result, Ok(()));
-    let loaded: Vec<u8> = link.sent.iter().skip_while(|frame| frame[..] != [0x41]).skip(1).take(17).flatten().copied().collect();
+    let loaded: Vec<u8> = link
+        .sent
+        .iter()
+        .skip_while(|frame| frame[..] != [0x41])
+        .skip(1)
+        .take(17)
+        .flatten()
+        .copied()
+        .collect();
     assert_eq!(loaded, image, "17 chunks of at most 62 bytes");
-    let bauds: Vec<_> = link.lines.iter().filter_map(|line| if let Line::Baud(baud) = line { Some(*baud) } else { None }).collect();
+    let bauds: Vec<_> = link
+        .lines
+        .iter()
+        .filter_map(|line| if let Line::Baud(baud) = line { Some(*baud) } else { None })
+        .collect();
     assert_eq!(bauds, [1_500_000, 9600, 142_857, 1_500_000]);
     assert!(link.lines.contains(&Line::LatencyMs(16)) && link.lines.contains(&Line::Dtr(true)));
 
@@ -191,7 +247,8 @@ fn a_cold_falcon_is_loaded_with_the_users_image() {
     assert!(refused(None).contains("name the image"));
     assert!(refused(Some("/nowhere/falcon.bin")).contains("/nowhere/falcon.bin"));
     // One that is running already needs none.
-    let (result, ..) = started(&protocol(None), Carriage::Stream, protocol(None).firmware(Carriage::Stream));
+    let (result, ..) =
+        started(&protocol(None), Carriage::Stream, protocol(None).firmware(Carriage::Stream));
     assert_eq!(result, Ok(()));
 }
 
@@ -208,7 +265,10 @@ fn an_open6_arm_that_cannot_do_what_the_profile_says_is_refused() {
             (Open6Arm { actuated: Axes::TRANSLATION, ..open6_arm() }, "drives x y z"),
         ] {
             let (result, ..) = started(&wanted, carriage, Protocol::Open6(arm).firmware(carriage));
-            assert!(matches!(&result, Err(StartError::Refused(text)) if text.contains(says)), "{result:?}");
+            assert!(
+                matches!(&result, Err(StartError::Refused(text)) if text.contains(says)),
+                "{result:?}"
+            );
         }
     }
 }
@@ -216,7 +276,8 @@ fn an_open6_arm_that_cannot_do_what_the_profile_says_is_refused() {
 #[test]
 fn an_open6_arm_says_what_it_can_and_a_state_that_makes_no_sense_is_told_from_a_garbled_one() {
     let protocol = Protocol::Open6(open6_arm());
-    let (result, mut codec, mut link) = started(&protocol, Carriage::Stream, protocol.firmware(Carriage::Stream));
+    let (result, mut codec, mut link) =
+        started(&protocol, Carriage::Stream, protocol.firmware(Carriage::Stream));
     assert_eq!(result, Ok(()));
     let declared = codec.declared().expect("it said so");
     assert_eq!((declared.rate_hz, declared.force_n, declared.torque_nm), (1000, 12.0, 0.5));

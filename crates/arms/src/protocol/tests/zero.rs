@@ -1,4 +1,5 @@
-//! The frame of the guard: made without the codec that speaks with the arm, and sent whenever that one no longer can.
+//! The frame of the guard: made without the codec that speaks with the arm, and sent whenever that
+//! one no longer can.
 
 use std::path::Path;
 
@@ -7,9 +8,15 @@ use crate::profile;
 
 /// Each arm that is shipped, with motors, and how its bytes travel.
 fn every_arm_with_motors() -> Vec<(&'static str, Protocol, Carriage)> {
-    let arms = profile::names().filter_map(|name| Some((name, profile::find(name, Path::new("")).expect(name).real?.protocol)));
+    let arms = profile::names().filter_map(|name| {
+        Some((name, profile::find(name, Path::new("")).expect(name).real?.protocol))
+    });
     let ways = arms.flat_map(|(name, protocol)| {
-        protocol.carriages().iter().map(|carriage| (name, protocol.clone(), *carriage)).collect::<Vec<_>>()
+        protocol
+            .carriages()
+            .iter()
+            .map(|carriage| (name, protocol.clone(), *carriage))
+            .collect::<Vec<_>>()
     });
     ways.filter(|(_, protocol, _)| protocol.n_motors() > 0).collect()
 }
@@ -17,7 +24,11 @@ fn every_arm_with_motors() -> Vec<(&'static str, Protocol, Carriage)> {
 /// An arm that was exchanged with for a while, force on.
 fn pressed(protocol: &Protocol, carriage: Carriage) -> (Box<dyn Codec>, Linked) {
     let mut codec = protocol.codec(carriage);
-    let mut link = Linked::new(protocol.firmware(carriage), carriage, arm_at(&[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]));
+    let mut link = Linked::new(
+        protocol.firmware(carriage),
+        carriage,
+        arm_at(&[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]),
+    );
     codec.start(&mut link).expect("an arm");
     link.take();
     codec.resume();
@@ -57,10 +68,11 @@ fn the_frame_of_the_guard_stops_the_motors_of_every_shipped_arm() {
 
 #[test]
 fn behind_half_a_frame_the_second_one_does() {
-    // A board without marks between frames is not among them: what follows half a command of it is the other half.
-    let marked = every_arm_with_motors()
-        .into_iter()
-        .filter(|(_, protocol, carriage)| *carriage == Carriage::Stream && !matches!(protocol, Protocol::HapiF32(_)));
+    // A board without marks between frames is not among them: what follows half a command of it is
+    // the other half.
+    let marked = every_arm_with_motors().into_iter().filter(|(_, protocol, carriage)| {
+        *carriage == Carriage::Stream && !matches!(protocol, Protocol::HapiF32(_))
+    });
     for (name, protocol, carriage) in marked {
         let zero = protocol.zero_frame(carriage);
         let (mut codec, mut link) = pressed(&protocol, carriage);
@@ -70,7 +82,12 @@ fn behind_half_a_frame_the_second_one_does() {
             hears(&mut link, &whole[..n]);
             hears(&mut link, zero.as_slice());
             hears(&mut link, zero.as_slice());
-            assert_eq!(link.firmware.motors(), [0.0; MAX_AXES], "{name}: {n} of {} bytes", whole.len());
+            assert_eq!(
+                link.firmware.motors(),
+                [0.0; MAX_AXES],
+                "{name}: {n} of {} bytes",
+                whole.len()
+            );
             link.take();
             codec.resume();
         }

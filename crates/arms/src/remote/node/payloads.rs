@@ -1,10 +1,14 @@
-//! What a node says, byte by byte: CAPABILITIES when it is greeted, STATE in every period (`docs/reference/protocol.md`, sections 5 and 11).
+//! What a node says, byte by byte: CAPABILITIES when it is greeted, STATE in every period
+//! (`docs/reference/protocol.md`, sections 5 and 11).
 
 use super::NodeParameters;
-use crate::protocol::open6::{ANGULAR_STEPS, CAPABILITIES_LEN, ENABLED, HOMED, LINEAR_STEPS, MAJOR, TRIPPED, bits_of};
+use crate::protocol::open6::{
+    ANGULAR_STEPS, CAPABILITIES_LEN, ENABLED, HOMED, LINEAR_STEPS, MAJOR, TRIPPED, bits_of,
+};
 use crate::remote::figures::LinkPhase;
 use crate::remote::packets::{
-    CAPABILITIES_1_1_LEN, CAPABILITIES_TOKEN, HostToken, MINOR, NO_AGE, STATE_1_1_LEN, STATE_AGE, put_timing,
+    CAPABILITIES_1_1_LEN, CAPABILITIES_TOKEN, HostToken, MINOR, NO_AGE, STATE_1_1_LEN, STATE_AGE,
+    put_timing,
 };
 use vps::spatial::DeviceSample;
 
@@ -12,9 +16,21 @@ use vps::spatial::DeviceSample;
 const BUTTONS: u8 = 16;
 
 /// What the arm is, and which host is listened to.
-pub(super) fn capabilities(parameters: &NodeParameters, listens_to: HostToken) -> [u8; CAPABILITIES_1_1_LEN] {
-    let NodeParameters { name, sensed, actuated, period_s, force_limit_n, torque_limit_nm, workspace_radius_m, timing, .. } =
-        parameters;
+pub(super) fn capabilities(
+    parameters: &NodeParameters,
+    listens_to: HostToken,
+) -> [u8; CAPABILITIES_1_1_LEN] {
+    let NodeParameters {
+        name,
+        sensed,
+        actuated,
+        period_s,
+        force_limit_n,
+        torque_limit_nm,
+        workspace_radius_m,
+        timing,
+        ..
+    } = parameters;
     let mut payload = [0; CAPABILITIES_1_1_LEN];
     payload[..4].copy_from_slice(&[MAJOR, MINOR, bits_of(*sensed), bits_of(*actuated)]);
     payload[4..6].copy_from_slice(&((1.0 / period_s).round() as u16).to_le_bytes());
@@ -43,7 +59,8 @@ pub(super) struct StateContent<'n> {
 /// Where the arm is, and what became of the commands.
 pub(super) fn state(content: &StateContent<'_>) -> [u8; STATE_1_1_LEN] {
     let StateContent { sample, now_s, echo, echo_age_s, mode, error } = *content;
-    let (place, turn) = (sample.pose.translation, sample.pose.rotation);
+    let place = sample.pose.translation;
+    let turn = sample.pose.rotation;
     let numbers = [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w, sample.grip_rad];
     let mut payload = [0; STATE_1_1_LEN];
     for (four, number) in payload.as_chunks_mut::<4>().0.iter_mut().zip(numbers) {
@@ -53,7 +70,9 @@ pub(super) fn state(content: &StateContent<'_>) -> [u8; STATE_1_1_LEN] {
     payload[36..38].copy_from_slice(&echo.to_le_bytes());
     payload[38..40].copy_from_slice(&(sample.buttons as u16).to_le_bytes());
     let flag = |bit: u8, is_set: bool| if is_set { bit } else { 0 };
-    payload[40] = flag(HOMED, sample.homed) | flag(ENABLED, mode == LinkPhase::Enabled) | flag(TRIPPED, mode == LinkPhase::Tripped);
+    payload[40] = flag(HOMED, sample.homed)
+        | flag(ENABLED, mode == LinkPhase::Enabled)
+        | flag(TRIPPED, mode == LinkPhase::Tripped);
     payload[41] = error;
     let rates = [(sample.twist.linear, LINEAR_STEPS), (sample.twist.angular, ANGULAR_STEPS)];
     for (idx, (vector, steps)) in rates.into_iter().enumerate() {

@@ -1,5 +1,5 @@
-//! The node beside the arm, packet by packet: what a host may ask of it, and what it does when the host falls silent, repeats itself, is not the one it
-//! listens to, or wants too much.
+//! The node beside the arm, packet by packet: what a host may ask of it, and what it does when the
+//! host falls silent, repeats itself, is not the one it listens to, or wants too much.
 
 use std::sync::{Arc, Mutex};
 
@@ -7,7 +7,9 @@ use crate::protocol::{Codec, MotorCommand, StartError};
 use crate::remote::command_hold::HoldTiming;
 use crate::remote::figures::{LinkPhase, NodeReport};
 use crate::remote::{Host, LinkFigures, Node, NodeFigures, NodeParameters};
-use crate::transport::{Frame, LinkQuality, NetworkEnd, SimulatedNetwork, Transport, TransportError};
+use crate::transport::{
+    Frame, LinkQuality, NetworkEnd, SimulatedNetwork, Transport, TransportError,
+};
 use crate::{Capabilities, Device, DeviceError};
 use glam::DVec3;
 use vps::spatial::{Axes, DeviceSample, SampleStatus, Wrench};
@@ -121,7 +123,8 @@ impl Bench {
         let figures = node.figures();
         let sample = DeviceSample { status: SampleStatus::Fresh, ..DeviceSample::default() };
         let arm = Arm { sample, is_gone: false, told: Wrench::ZERO };
-        let far = Arc::new(Mutex::new(Far { network: network.clone(), node, arm, next_s: 0.5 * T }));
+        let far =
+            Arc::new(Mutex::new(Far { network: network.clone(), node, arm, next_s: 0.5 * T }));
         let mut host = host(0x1234_0000);
         host.start(&mut Waiting { end: end.clone(), far: far.clone() }).expect("greeted");
         Self { far, end, host, figures, now_s: network.now_s(), copies: 1 }
@@ -146,7 +149,10 @@ impl Bench {
     fn tick(&mut self, enabled: bool, force_n: f64) -> DVec3 {
         let told = self.silent_tick();
         let mut frame = Frame::default();
-        self.host.encode(&MotorCommand::of([force_n, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], enabled), &mut frame);
+        self.host.encode(
+            &MotorCommand::of([force_n, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], enabled),
+            &mut frame,
+        );
         for _ in 0..self.copies {
             self.end.send(frame.as_slice()).expect("open");
         }
@@ -174,12 +180,22 @@ impl Bench {
 fn a_host_that_falls_silent_gets_its_force_back_only_after_it_has_disabled() {
     let mut bench = Bench::new(None);
     assert_eq!(bench.ticks(20, false, 2.0), DVec3::ZERO, "not enabled");
-    assert!((bench.ticks(60, true, 2.0).x - 2.0).abs() < 1e-6 && bench.phase() == LinkPhase::Enabled);
+    assert!(
+        (bench.ticks(60, true, 2.0).x - 2.0).abs() < 1e-6 && bench.phase() == LinkPhase::Enabled
+    );
     let silence: Vec<f64> = (0..60).map(|_| bench.silent_tick().x).collect();
     assert!(silence[..9].iter().all(|force| (force - 2.0).abs() < 1e-6), "held: {silence:?}");
-    assert!(silence.windows(2).all(|pair| pair[1] <= pair[0]) && silence[30..].iter().all(|force| *force == 0.0), "{silence:?}");
+    assert!(
+        silence.windows(2).all(|pair| pair[1] <= pair[0])
+            && silence[30..].iter().all(|force| *force == 0.0),
+        "{silence:?}"
+    );
     assert_eq!((bench.phase(), bench.report().link_losses), (LinkPhase::Tripped, 1));
-    assert!((28.0..=30.0).contains(&bench.report().zero_after_ms), "{} ms", bench.report().zero_after_ms);
+    assert!(
+        (28.0..=30.0).contains(&bench.report().zero_after_ms),
+        "{} ms",
+        bench.report().zero_after_ms
+    );
     assert!(bench.host.is_cut(), "the host gets it");
     // It comes back and goes on as if nothing had been.
     assert_eq!(bench.ticks(50, true, 2.0), DVec3::ZERO);
@@ -197,7 +213,10 @@ fn no_host_gets_more_than_the_arm_may_give_nor_faster() {
     for n in 0..200 {
         let force = bench.tick(true, if n % 40 < 20 { 1e6 } else { -1e6 }).x;
         assert!(force.abs() <= LIMIT_N * (1.0 + 1e-12), "tick {n}: {force} N");
-        assert!((force - before).abs() <= 0.1 * LIMIT_N * (1.0 + 1e-9), "tick {n}: from {before} to {force} N in a ms");
+        assert!(
+            (force - before).abs() <= 0.1 * LIMIT_N * (1.0 + 1e-9),
+            "tick {n}: from {before} to {force} N in a ms"
+        );
         before = force;
     }
     assert!(bench.report().commands > 190);
@@ -210,7 +229,8 @@ fn packets_that_come_twice_or_late_change_nothing() {
     assert!((bench.ticks(100, true, 1.0).x - 1.0).abs() < 1e-6);
     let NodeReport { commands, old_packets, lost_packets, .. } = bench.report();
     assert!(old_packets >= 198 && lost_packets == 0, "{old_packets} old of {commands}");
-    // One of before, kept back on its way while force was on: it must not bring force back after a disable.
+    // One of before, kept back on its way while force was on: it must not bring force back after a
+    // disable.
     let mut kept = Frame::default();
     bench.host.encode(&MotorCommand::of([4.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], true), &mut kept);
     bench.copies = 1;
@@ -226,7 +246,10 @@ fn a_node_listens_to_one_host_until_that_one_has_been_silent_for_a_second() {
     let mut second = host(0x4321_0000);
     let mut link = Waiting { end: bench.end.clone(), far: bench.far.clone() };
     let refused = second.start(&mut link).expect_err("another one is there");
-    assert!(matches!(&refused, StartError::Refused(text) if text.contains("listens to another host")), "{refused}");
+    assert!(
+        matches!(&refused, StartError::Refused(text) if text.contains("listens to another host")),
+        "{refused}"
+    );
     // A command of its own does nothing either.
     let mut frame = Frame::default();
     second.encode(&MotorCommand::of([3.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], true), &mut frame);
@@ -260,7 +283,11 @@ fn an_arm_that_is_gone_silent_hot_or_without_its_zero_takes_no_force() {
         assert!(bench.ticks(50, true, 1.0).x > 0.9, "{name}");
         bench.arm(harm);
         assert_eq!(bench.ticks(30, true, 1.0), DVec3::ZERO, "{name}");
-        assert_eq!((bench.phase(), bench.host.newest().error), (LinkPhase::Refusing, error), "{name}");
+        assert_eq!(
+            (bench.phase(), bench.host.newest().error),
+            (LinkPhase::Refusing, error),
+            "{name}"
+        );
         bench.arm(|arm| {
             arm.is_gone = false;
             arm.sample = DeviceSample { status: SampleStatus::Fresh, ..DeviceSample::default() };

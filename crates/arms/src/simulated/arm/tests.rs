@@ -21,7 +21,9 @@ fn arm(parameters: SimParameters) -> SimArm {
 }
 
 fn x_at(offset_m: f64) -> GripPath {
-    GripPath::in_device_frame(HandPath::fixed(Pose::from_translation(DVec3::new(offset_m, 0.0, 0.0))))
+    GripPath::in_device_frame(HandPath::fixed(Pose::from_translation(DVec3::new(
+        offset_m, 0.0, 0.0,
+    ))))
 }
 
 #[test]
@@ -30,7 +32,10 @@ fn a_free_motion_decays_as_viscous_friction_says() {
     parameters.plant.damping_n_s_per_m = 2.5;
     parameters.plant.damping_nm_s_per_rad = 2e-3;
     let mut arm = arm(parameters);
-    arm.set_true_twist(Twist { linear: DVec3::new(0.1, 0.0, 0.0), angular: DVec3::new(0.0, 0.0, 2.0) });
+    arm.set_true_twist(Twist {
+        linear: DVec3::new(0.1, 0.0, 0.0),
+        angular: DVec3::new(0.0, 0.0, 2.0),
+    });
     for n in 1..=400 {
         arm.read().expect("sample");
         let time_s = f64::from(n) * T;
@@ -49,14 +54,19 @@ fn a_step_of_the_hand_rings_as_a_mass_on_a_spring_does() {
     parameters.plant.mass_kg = 0.15;
     parameters.hand = Some(HandParameters { path: Some(x_at(0.01)), ..HandParameters::default() });
     let mut arm = arm(parameters);
-    let (m, b, k) = (0.3, 5.0, 500.0);
+    let m = 0.3;
+    let b = 5.0;
+    let k = 500.0;
     let decay = b / (2.0 * m);
     let ringing = f64::sqrt(k / m - decay * decay);
     for n in 1..=600 {
         arm.read().expect("sample");
         let time_s = f64::from(n) * T;
         let envelope = (-decay * time_s).exp();
-        let x = 0.01 * (1.0 - envelope * ((ringing * time_s).cos() + decay / ringing * (ringing * time_s).sin()));
+        let x = 0.01
+            * (1.0
+                - envelope
+                    * ((ringing * time_s).cos() + decay / ringing * (ringing * time_s).sin()));
         assert!((arm.true_pose().translation.x - x).abs() < 0.01 * 0.01, "{n}");
     }
 }
@@ -65,8 +75,10 @@ fn a_step_of_the_hand_rings_as_a_mass_on_a_spring_does() {
 fn a_turn_of_the_hand_turns_the_grip() {
     let mut parameters = SimParameters::ideal(T);
     let goal = Pose::new(DQuat::from_scaled_axis(DVec3::new(0.3, -0.4, 0.2)), DVec3::ZERO);
-    parameters.hand =
-        Some(HandParameters { path: Some(GripPath::in_device_frame(HandPath::fixed(goal))), ..HandParameters::default() });
+    parameters.hand = Some(HandParameters {
+        path: Some(GripPath::in_device_frame(HandPath::fixed(goal))),
+        ..HandParameters::default()
+    });
     let mut arm = arm(parameters);
     for _ in 0..2000 {
         arm.read().expect("sample");
@@ -81,7 +93,8 @@ fn static_friction_holds_to_the_last_bit_and_lets_go_above() {
     parameters.plant.coulomb_nm = 0.01;
     let mut arm = arm(parameters);
     for _ in 0..1000 {
-        arm.write(&Wrench::new(DVec3::new(0.1, 0.1, 0.1), DVec3::new(0.0, 0.009, 0.0))).expect("written");
+        arm.write(&Wrench::new(DVec3::new(0.1, 0.1, 0.1), DVec3::new(0.0, 0.009, 0.0)))
+            .expect("written");
         arm.read().expect("sample");
     }
     assert_eq!(arm.true_pose(), Pose::IDENTITY);
@@ -133,12 +146,19 @@ fn positions_come_in_encoder_steps() {
     parameters.plant.encoder_step_m = 4e-5;
     parameters.plant.encoder_step_rad = 6e-3;
     let mut arm = arm(parameters);
-    arm.set_true_twist(Twist { linear: DVec3::new(0.0123, -0.02, 0.003), angular: DVec3::new(0.5, 0.1, -0.3) });
+    arm.set_true_twist(Twist {
+        linear: DVec3::new(0.0123, -0.02, 0.003),
+        angular: DVec3::new(0.5, 0.1, -0.3),
+    });
     for _ in 0..500 {
         let sample = arm.read().expect("sample");
         for (measured, exact, step) in [
             (sample.pose.translation, arm.true_pose().translation, 4e-5),
-            (Pose::IDENTITY.rotation_to(sample.pose), Pose::IDENTITY.rotation_to(arm.true_pose()), 6e-3),
+            (
+                Pose::IDENTITY.rotation_to(sample.pose),
+                Pose::IDENTITY.rotation_to(arm.true_pose()),
+                6e-3,
+            ),
         ] {
             let steps = measured / step;
             assert!((steps - steps.round()).length() < 1e-6);
@@ -147,8 +167,12 @@ fn positions_come_in_encoder_steps() {
     }
     // Far into a steady motion the window smooths the steps: at most one step per window.
     let sample = arm.read().expect("sample");
-    assert!((sample.twist.linear - arm.true_twist().linear).abs().max_element() <= 4e-5 / 0.015 + 1e-12);
-    assert!((sample.twist.angular - arm.true_twist().angular).abs().max_element() <= 2.0 * 6e-3 / 0.030);
+    assert!(
+        (sample.twist.linear - arm.true_twist().linear).abs().max_element() <= 4e-5 / 0.015 + 1e-12
+    );
+    assert!(
+        (sample.twist.angular - arm.true_twist().angular).abs().max_element() <= 2.0 * 6e-3 / 0.030
+    );
 }
 
 #[test]
@@ -183,7 +207,8 @@ fn the_motors_limit_the_magnitude_and_keep_the_direction() {
     parameters.force_limit_n = 5.0;
     parameters.torque_limit_nm = 0.1;
     let mut arm = arm(parameters);
-    arm.write(&Wrench::new(DVec3::new(30.0, 40.0, 0.0), DVec3::new(0.0, 0.0, -7.0))).expect("written");
+    arm.write(&Wrench::new(DVec3::new(30.0, 40.0, 0.0), DVec3::new(0.0, 0.0, -7.0)))
+        .expect("written");
     assert!((arm.command().force - DVec3::new(3.0, 4.0, 0.0)).length() < 1e-12);
     assert!((arm.command().torque - DVec3::new(0.0, 0.0, -0.1)).length() < 1e-12);
     let refused = arm.write(&Wrench::new(DVec3::new(f64::NAN, 0.0, 0.0), DVec3::ZERO));
@@ -215,7 +240,10 @@ fn run(parameters: SimParameters, n: usize) -> Vec<Result<DeviceSample, DeviceEr
             let sample = arm.read();
             if let Ok(sample) = sample {
                 // A feedback loop, so that every bit of the sample matters.
-                let _ = arm.write(&Wrench::new(-200.0 * sample.pose.translation, -0.5 * sample.twist.angular));
+                let _ = arm.write(&Wrench::new(
+                    -200.0 * sample.pose.translation,
+                    -0.5 * sample.twist.angular,
+                ));
             }
             sample
         })
@@ -245,8 +273,14 @@ fn faults_begin_on_their_tick() {
     let at = 200; // 200 ms
     let clean = run(lively(None), 400);
     for (spec, check) in [
-        ("nan@200ms", (|s, _| s.is_ok_and(|s| !s.pose.is_finite())) as fn(Result<DeviceSample, DeviceError>, DeviceSample) -> bool),
-        ("jump@200ms", |s, clean| s.is_ok_and(|s| s.pose.translation.x - clean.pose.translation.x > 0.04)),
+        (
+            "nan@200ms",
+            (|s, _| s.is_ok_and(|s| !s.pose.is_finite()))
+                as fn(Result<DeviceSample, DeviceError>, DeviceSample) -> bool,
+        ),
+        ("jump@200ms", |s, clean| {
+            s.is_ok_and(|s| s.pose.translation.x - clean.pose.translation.x > 0.04)
+        }),
         ("unplug@200ms", |s, _| s == Err(DeviceError::Lost)),
         ("stall@200ms", |s, _| s.is_ok_and(|s| s.status == SampleStatus::Stale)),
     ] {
@@ -274,12 +308,17 @@ fn faults_of_the_wire_and_of_the_motors_have_their_likeness_here() {
     // Four late ticks, then what was measured at the first of them.
     let slow = run(lively(Some("slow=4ms@200ms")), 400);
     assert!(slow[200..204].iter().all(|s| s.is_ok_and(|s| s.status == SampleStatus::Stale)));
-    let (late, measured) = (slow[204].expect("late"), clean[200].expect("clean"));
+    let late = slow[204].expect("late");
+    let measured = clean[200].expect("clean");
     assert_eq!((late.status, late.pose), (SampleStatus::Fresh, measured.pose));
-    let fresh = slow[200..].iter().filter(|s| s.is_ok_and(|s| s.status == SampleStatus::Fresh)).count();
+    let fresh =
+        slow[200..].iter().filter(|s| s.is_ok_and(|s| s.status == SampleStatus::Fresh)).count();
     assert_eq!(fresh, 40, "one in five");
     for spec in ["repeat@200ms", "reorder@200ms"] {
-        let fresh = run(lively(Some(spec)), 400)[200..].iter().filter(|s| s.is_ok_and(|s| s.status == SampleStatus::Fresh)).count();
+        let fresh = run(lively(Some(spec)), 400)[200..]
+            .iter()
+            .filter(|s| s.is_ok_and(|s| s.status == SampleStatus::Fresh))
+            .count();
         assert_eq!(fresh, 100, "{spec}: one in two");
     }
     // 1 N of 2 N: a quarter of the limit of 2 N acts, 0.5 N.
@@ -317,19 +356,26 @@ fn a_deaf_arm_speaks_and_does_not_hear() {
 #[test]
 fn a_fault_that_ends_leaves_a_sound_arm() {
     let clean = run(lively(None), 400);
-    for spec in ["unplug@20ms+5ms", "stuck@20ms+5ms", "stall@20ms+5ms", "nan@20ms+5ms", "jump@20ms+5ms"] {
+    for spec in
+        ["unplug@20ms+5ms", "stuck@20ms+5ms", "stall@20ms+5ms", "nan@20ms+5ms", "jump@20ms+5ms"]
+    {
         let samples = run(lively(Some(spec)), 400);
         assert_ne!(samples[24], clean[24], "{spec}");
         let after = samples[25].expect(spec);
         assert!(after.status == SampleStatus::Fresh && after.pose.is_finite(), "{spec}");
-        assert!((after.pose.translation - clean[25].expect("clean").pose.translation).length() < 1e-3, "{spec}");
+        assert!(
+            (after.pose.translation - clean[25].expect("clean").pose.translation).length() < 1e-3,
+            "{spec}"
+        );
     }
 }
 
 #[test]
 fn samples_are_dropped_about_as_often_as_asked() {
-    let stale =
-        run(lively(Some("drop=10%")), 10_000).into_iter().filter(|s| s.is_ok_and(|s| s.status == SampleStatus::Stale)).count();
+    let stale = run(lively(Some("drop=10%")), 10_000)
+        .into_iter()
+        .filter(|s| s.is_ok_and(|s| s.status == SampleStatus::Stale))
+        .count();
     assert!((900..1100).contains(&stale), "{stale}");
 }
 
@@ -337,7 +383,12 @@ fn samples_are_dropped_about_as_often_as_asked() {
 fn values_that_cannot_be_simulated_are_refused_by_name() {
     let mut parameters = free_arm();
     parameters.plant.mass_kg = 0.0;
-    assert!(SimArm::new(parameters).expect_err("no mass").to_string().contains("mass_kg = 0 must be above zero"));
+    assert!(
+        SimArm::new(parameters)
+            .expect_err("no mass")
+            .to_string()
+            .contains("mass_kg = 0 must be above zero")
+    );
     let mut parameters = SimParameters::ideal(T);
     parameters.hand = Some(HandParameters { stiffness_n_per_m: 1e9, ..HandParameters::default() });
     assert!(SimArm::new(parameters).expect_err("too stiff").to_string().contains("too stiff"));

@@ -35,11 +35,21 @@ impl InsertionFigures {
         let rest = &records[records.len().saturating_sub(900)..];
         Self {
             depth_mm: records.last().map_or(0.0, |record| -height(record) * 1e3),
-            inserted_s: records.iter().position(|record| height(record) < Self::NEARLY_DOWN_M).map(|tick| tick as f64 / RATE_HZ),
+            inserted_s: records
+                .iter()
+                .position(|record| height(record) < Self::NEARLY_DOWN_M)
+                .map(|tick| tick as f64 / RATE_HZ),
             peak_n: records.iter().map(|record| commanded(record).length()).fold(0.0, f64::max),
-            ripple_n: ripple_over(&windows(records), &records.iter().map(commanded).collect::<Vec<_>>()),
+            ripple_n: ripple_over(
+                &windows(records),
+                &records.iter().map(commanded).collect::<Vec<_>>(),
+            ),
             changes_at_rest: changes(rest),
-            faults: if played.faults.is_empty() { String::new() } else { format!("{:?}", played.faults) },
+            faults: if played.faults.is_empty() {
+                String::new()
+            } else {
+                format!("{:?}", played.faults)
+            },
         }
     }
 }
@@ -47,17 +57,35 @@ impl InsertionFigures {
 impl InsertionResult {
     pub(super) fn rows(&self) -> Vec<Row> {
         const GROUP: &str = "peg in hole, simulated sigma.7-class arm";
-        let name = format!("{}, spatial {}", self.coupling, if self.spatial { "on" } else { "off" });
+        let name =
+            format!("{}, spatial {}", self.coupling, if self.spatial { "on" } else { "off" });
         match &self.figures {
             Err(why) => vec![Row::new(GROUP, format!("{name}: skipped: {why}"), None, "")],
             Ok(figures) => {
-                let InsertionFigures { depth_mm, inserted_s, peak_n, ripple_n, changes_at_rest, faults } = figures;
+                let InsertionFigures {
+                    depth_mm,
+                    inserted_s,
+                    peak_n,
+                    ripple_n,
+                    changes_at_rest,
+                    faults,
+                } = figures;
                 let mut rows = vec![
                     Row::new(GROUP, format!("{name}: depth reached of 20 mm"), *depth_mm, "mm"),
                     Row::new(GROUP, format!("{name}: time to 19.5 mm"), *inserted_s, "s"),
                     Row::new(GROUP, format!("{name}: largest force on the hand"), *peak_n, "N"),
-                    Row::new(GROUP, format!("{name}: ripple above 10 Hz in contact, RMS"), *ripple_n, "N"),
-                    Row::new(GROUP, format!("{name}: contact came or went, last 0.9 s"), *changes_at_rest as f64, ""),
+                    Row::new(
+                        GROUP,
+                        format!("{name}: ripple above 10 Hz in contact, RMS"),
+                        *ripple_n,
+                        "N",
+                    ),
+                    Row::new(
+                        GROUP,
+                        format!("{name}: contact came or went, last 0.9 s"),
+                        *changes_at_rest as f64,
+                        "",
+                    ),
                 ];
                 if !faults.is_empty() {
                     rows.push(Row::new(GROUP, format!("{name}: ended by {faults}"), None, ""));
@@ -70,20 +98,38 @@ impl InsertionResult {
 
 impl Bench<'_> {
     pub(super) fn insertions(&mut self) -> Result<Vec<InsertionResult>, BenchError> {
-        let Some(scene) = scenes::shipped(&self.options.scenes).into_iter().find(|path| scenes::name(path) == "peg-in-hole") else {
-            return Ok(vec![InsertionResult { coupling: "-", spatial: true, figures: Err(self.no_scenes()) }]);
+        let Some(scene) = scenes::shipped(&self.options.scenes)
+            .into_iter()
+            .find(|path| scenes::name(path) == "peg-in-hole")
+        else {
+            return Ok(vec![InsertionResult {
+                coupling: "-",
+                spatial: true,
+                figures: Err(self.no_scenes()),
+            }]);
         };
         if self.options.quick {
-            return Ok(vec![InsertionResult { coupling: "-", spatial: true, figures: Err("--quick".to_owned()) }]);
+            return Ok(vec![InsertionResult {
+                coupling: "-",
+                spatial: true,
+                figures: Err("--quick".to_owned()),
+            }]);
         }
         let mut insertions = Vec::new();
         for coupling in COUPLINGS {
             for spatial in [true, false] {
                 self.tell(&format!("peg in hole, {coupling}, spatial {spatial}"));
-                let edits = self.as_stiff_as_allowed(&scene, vec![coupled(coupling), ("filter.spatial", Value::Boolean(spatial))]);
+                let edits = self.as_stiff_as_allowed(
+                    &scene,
+                    vec![coupled(coupling), ("filter.spatial", Value::Boolean(spatial))],
+                );
                 let played = self.played(&scene, &edits)?;
                 let lacking = played.is_err();
-                insertions.push(InsertionResult { coupling, spatial, figures: played.map(|played| InsertionFigures::of(&played)) });
+                insertions.push(InsertionResult {
+                    coupling,
+                    spatial,
+                    figures: played.map(|played| InsertionFigures::of(&played)),
+                });
                 if lacking {
                     break;
                 }

@@ -1,4 +1,5 @@
-//! Forces on the hand: Q1 through the couplings, a peg that is inserted, slides over the shipped scenes; and what to choose.
+//! Forces on the hand: Q1 through the couplings, a peg that is inserted, slides over the shipped
+//! scenes; and what to choose.
 
 mod choice;
 mod insertion;
@@ -27,7 +28,11 @@ const COUPLINGS: [&str; 3] = ["implicit", "static", "direct"];
 
 /// The force of 2008: the plane through the voxel, no entry weight, no filter.
 fn raw() -> Vec<Edit> {
-    vec![("rendering.field", "layers".into()), ("filter.spatial", false.into()), ("filter.cutoff_hz", "off".into())]
+    vec![
+        ("rendering.field", "layers".into()),
+        ("filter.spatial", false.into()),
+        ("filter.cutoff_hz", "off".into()),
+    ]
 }
 
 fn coupled(coupling: &str) -> Edit {
@@ -98,14 +103,19 @@ impl Bench<'_> {
         }
     }
 
-    /// In `direct` the arm feels each point: a scene for another coupling gets the stiffest point that the arm takes.
+    /// In `direct` the arm feels each point: a scene for another coupling gets the stiffest point
+    /// that the arm takes.
     fn as_stiff_as_allowed(&self, scene: &Path, mut edits: Vec<Edit>) -> Vec<Edit> {
         const KEY: &str = "contact.stiffness_n_per_mm";
         if scenes::load(scene, &edits, self.folder).is_err() {
-            let soft: Vec<Edit> = edits.iter().cloned().chain([(KEY, Value::Float(1e-3))]).collect();
+            let soft: Vec<Edit> =
+                edits.iter().cloned().chain([(KEY, Value::Float(1e-3))]).collect();
             if let Ok(config) = scenes::load(scene, &soft, self.folder) {
                 // Rounded down: the text holds fewer digits than the bound.
-                edits.push((KEY, Value::Float(config.parameters.coupling.bound_n_per_m.floor() * 1e-3)));
+                edits.push((
+                    KEY,
+                    Value::Float(config.parameters.coupling.bound_n_per_m.floor() * 1e-3),
+                ));
             }
         }
         edits
@@ -126,7 +136,8 @@ fn commanded(record: &TickRecord) -> DVec3 {
     record.output.commanded_device.force
 }
 
-/// Contacts that last long enough to be called rough or smooth, without the moments in which they come and go.
+/// Contacts that last long enough to be called rough or smooth, without the moments in which they
+/// come and go.
 fn windows(records: &[TickRecord]) -> Vec<(usize, usize)> {
     const EDGE_TICKS: usize = 50;
     let mut windows = Vec::new();
@@ -136,7 +147,8 @@ fn windows(records: &[TickRecord]) -> Vec<(usize, usize)> {
         match (from, touches) {
             (None, true) => from = Some(tick),
             (Some(begin), false) => {
-                let (inside, end) = (begin + EDGE_TICKS, tick.saturating_sub(EDGE_TICKS));
+                let inside = begin + EDGE_TICKS;
+                let end = tick.saturating_sub(EDGE_TICKS);
                 if end > inside && (end - inside) as f64 >= SHORTEST_S * RATE_HZ {
                     windows.push((inside, end));
                 }
@@ -150,7 +162,8 @@ fn windows(records: &[TickRecord]) -> Vec<(usize, usize)> {
 
 /// RMS over all windows together, N; `None` without any.
 fn ripple_over(windows: &[(usize, usize)], forces: &[DVec3]) -> Option<f64> {
-    let (mut squares, mut n) = (0.0, 0);
+    let mut squares = 0.0;
+    let mut n = 0;
     for (from, to) in windows {
         if let Some(rms_n) = ripple_rms(&forces[*from..*to], RATE_HZ) {
             squares += rms_n * rms_n * (to - from) as f64;

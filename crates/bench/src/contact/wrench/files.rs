@@ -1,4 +1,5 @@
-//! What other programs read and write: a folder for each scene, and a CSV of wrenches for each program and scene.
+//! What other programs read and write: a folder for each scene, and a CSV of wrenches for each
+//! program and scene.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -67,7 +68,11 @@ fn obj(mesh: &TriangleMesh) -> String {
 }
 
 /// Writes meshes, poses and closed forms of a scene, and adds them to a hash.
-pub(super) fn write_scene(folder: &Path, scene: &Scene, hash: &mut XxHash3_64) -> Result<(), BenchError> {
+pub(super) fn write_scene(
+    folder: &Path,
+    scene: &Scene,
+    hash: &mut XxHash3_64,
+) -> Result<(), BenchError> {
     make_folder(folder)?;
     let mut pose_lines = poses::HEADER.to_owned() + "\n";
     let mut law_lines = "t_s,trajectory,depth_m,fx_n,fy_n,fz_n,px_m,py_m,pz_m\n".to_owned();
@@ -75,9 +80,13 @@ pub(super) fn write_scene(folder: &Path, scene: &Scene, hash: &mut XxHash3_64) -
     for trajectory in &scene.trajectories {
         for tick in &trajectory.ticks {
             let time_s = f64::from(n) * 1e-3;
-            let (at, q) = (tick.pose.translation, tick.pose.rotation);
-            let _ =
-                writeln!(pose_lines, "{time_s:.3},{:.9},{:.9},{:.9},{:.9},{:.9},{:.9},{:.9}", at.x, at.y, at.z, q.x, q.y, q.z, q.w);
+            let at = tick.pose.translation;
+            let q = tick.pose.rotation;
+            let _ = writeln!(
+                pose_lines,
+                "{time_s:.3},{:.9},{:.9},{:.9},{:.9},{:.9},{:.9},{:.9}",
+                at.x, at.y, at.z, q.x, q.y, q.z, q.w
+            );
             let _ = write!(law_lines, "{time_s:.3},{},{:.9}", trajectory.name, tick.depth_m);
             let of_law = tick.law.map_or([DVec3::NAN; 2], |law| [law.force, law.point]);
             for value in of_law.into_iter().flat_map(|vector| vector.to_array()) {
@@ -87,7 +96,8 @@ pub(super) fn write_scene(folder: &Path, scene: &Scene, hash: &mut XxHash3_64) -
             n += 1;
         }
     }
-    let files = [(PART, obj(&scene.part)), (TOOL, obj(&scene.tool)), (POSES, pose_lines), (LAW, law_lines)];
+    let files =
+        [(PART, obj(&scene.part)), (TOOL, obj(&scene.tool)), (POSES, pose_lines), (LAW, law_lines)];
     for (name, text) in files {
         hash.write(text.as_bytes());
         write(folder.join(name), &text)?;
@@ -97,7 +107,8 @@ pub(super) fn write_scene(folder: &Path, scene: &Scene, hash: &mut XxHash3_64) -
 
 /// Reads wrenches of one scene, and what stands beside them. No file, no wrenches.
 pub(super) fn read_answer(path: &Path, n_poses: usize) -> Result<Answer, BenchError> {
-    let refused = |path: &Path, why: String| BenchError::Prepare { what: path.display().to_string(), why };
+    let refused =
+        |path: &Path, why: String| BenchError::Prepare { what: path.display().to_string(), why };
     let read = |path: &Path| match fs::read_to_string(path) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
         other => other.map(Some).map_err(|error| refused(path, error.to_string())),
@@ -105,7 +116,8 @@ pub(super) fn read_answer(path: &Path, n_poses: usize) -> Result<Answer, BenchEr
     let mut answer = Answer::default();
     let beside = path.with_extension("json");
     if let Some(text) = read(&beside)? {
-        answer.about = serde_json::from_str(&text).map_err(|error| refused(&beside, error.to_string()))?;
+        answer.about =
+            serde_json::from_str(&text).map_err(|error| refused(&beside, error.to_string()))?;
     }
     let Some(text) = read(path)? else { return Ok(answer) };
     let refused = |why: String| refused(path, why);
@@ -114,8 +126,9 @@ pub(super) fn read_answer(path: &Path, n_poses: usize) -> Result<Answer, BenchEr
     let column = |name: &str| header.iter().position(|column| *column == name);
     let mut places = [0; 6];
     for (place, name) in places.iter_mut().zip(COLUMNS) {
-        *place =
-            column(name).ok_or_else(|| refused(format!("no column {name} in the first line; wanted: {}", COLUMNS.join(","))))?;
+        *place = column(name).ok_or_else(|| {
+            refused(format!("no column {name} in the first line; wanted: {}", COLUMNS.join(",")))
+        })?;
     }
     let query = column("query_ns");
     for (idx, line) in lines.enumerate() {
@@ -123,7 +136,13 @@ pub(super) fn read_answer(path: &Path, n_poses: usize) -> Result<Answer, BenchEr
         let number = |place: usize| {
             let field = fields.get(place).copied().unwrap_or_default().trim();
             let value = field.parse::<f64>().ok().filter(|value| value.is_finite());
-            value.ok_or_else(|| refused(format!("line {}: `{field}` in column {} is not a finite number", idx + 2, header[place])))
+            value.ok_or_else(|| {
+                refused(format!(
+                    "line {}: `{field}` in column {} is not a finite number",
+                    idx + 2,
+                    header[place]
+                ))
+            })
         };
         let mut values = [0.0; 6];
         for (value, place) in values.iter_mut().zip(places) {
@@ -156,7 +175,10 @@ mod tests {
         };
         // Columns by name, in any order; the rest is left out.
         let found = read("fy_n,fx_n,fz_n,tx_nm,ty_nm,tz_nm,t_s\n2,1,3,4,5,6,0\n", 1).unwrap();
-        assert_eq!(found.wrenches, [Wrench::new(DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.0))]);
+        assert_eq!(
+            found.wrenches,
+            [Wrench::new(DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.0))]
+        );
         assert!(found.query_ns.is_empty() && found.about.bake_s.is_none());
         let header = "t_s,fx_n,fy_n,fz_n,tx_nm,ty_nm,tz_nm\n";
         for (text, n, why) in [
@@ -169,7 +191,8 @@ mod tests {
             assert!(said.contains(why) && said.contains("scene.csv"), "{said}");
         }
         assert!(read_answer(&folder.path().join("none.csv"), 1).unwrap().wrenches.is_empty());
-        fs::write(folder.path().join("scene.json"), r#"{"settings": "none", "bake_s": 0.5}"#).unwrap();
+        fs::write(folder.path().join("scene.json"), r#"{"settings": "none", "bake_s": 0.5}"#)
+            .unwrap();
         assert_eq!(read(header, 0).unwrap().about.bake_s, Some(0.5));
     }
 }

@@ -1,4 +1,5 @@
-//! The benchmark of 6-DoF contact wrenches: what a program makes of given poses, beside closed forms, and whether it is smooth, consistent and fast.
+//! The benchmark of 6-DoF contact wrenches: what a program makes of given poses, beside closed
+//! forms, and whether it is smooth, consistent and fast.
 //!
 //! | file | owns |
 //! |---|---|
@@ -85,13 +86,16 @@ struct AnsweredTrajectory<'a> {
 /// Cost: half an hour with all peers; quick, some seconds.
 ///
 /// # Errors
-/// A file that cannot be written or read, a CSV that does not fit its poses, a scene that `hapticd` cannot bake. A peer that is not there is skipped.
+/// A file that cannot be written or read, a CSV that does not fit its poses, a scene that `hapticd`
+/// cannot bake. A peer that is not there is skipped.
 pub fn run(options: &Options, mut tell: impl FnMut(&str)) -> Result<Figures, BenchError> {
-    let temporary = TemporaryFolder::create().map_err(|source| BenchError::Write { path: std::env::temp_dir(), source })?;
+    let temporary = TemporaryFolder::create()
+        .map_err(|source| BenchError::Write { path: std::env::temp_dir(), source })?;
     let folder = options.folder.clone().unwrap_or_else(|| temporary.path().to_owned());
     files::make_folder(&folder)?;
     // As programs in folders of their own find it.
-    let folder = folder.canonicalize().map_err(|source| BenchError::Write { path: folder, source })?;
+    let folder =
+        folder.canonicalize().map_err(|source| BenchError::Write { path: folder, source })?;
     let mut skipped = Vec::new();
     let mut scenes = scenes::closed_forms();
     let mut hash = XxHash3_64::new();
@@ -117,9 +121,12 @@ pub fn run(options: &Options, mut tell: impl FnMut(&str)) -> Result<Figures, Ben
     }
     let wrenches = folder.join("wrenches");
     files::make_folder(&wrenches)?;
-    let answer_of = |name: &str, scene: &Scene| wrenches.join(name).join(format!("{}.csv", scene.name));
+    let answer_of =
+        |name: &str, scene: &Scene| wrenches.join(name).join(format!("{}.csv", scene.name));
     let answers = |name: &str| {
-        let all = scenes.iter().map(|scene| files::read_answer(&answer_of(name, scene), scene.ticks().count()));
+        let all = scenes
+            .iter()
+            .map(|scene| files::read_answer(&answer_of(name, scene), scene.ticks().count()));
         all.collect::<Result<Vec<Answer>, BenchError>>()
     };
     let (known, others) = names(&wrenches)?;
@@ -132,14 +139,24 @@ pub fn run(options: &Options, mut tell: impl FnMut(&str)) -> Result<Figures, Ben
     for setting in if options.quick { &SETTINGS[..1] } else { &SETTINGS[..] } {
         for scene in &scenes {
             tell(&format!("{}: {}", setting.name, scene.name));
-            programs::ask_hapticd(setting, &options.program, &scene_folder(scene), &answer_of(setting.name, scene))?;
+            programs::ask_hapticd(
+                setting,
+                &options.program,
+                &scene_folder(scene),
+                &answer_of(setting.name, scene),
+            )?;
         }
     }
     // Without peers at hand, what they answered before is judged.
     for (name, script) in PEERS.into_iter().filter(|_| !options.quick && options.peers.is_some()) {
         for scene in &scenes {
             tell(&format!("{name}: {}", scene.name));
-            programs::ask_peer(script, options.peers.clone(), &scene_folder(scene), &answer_of(name, scene))?;
+            programs::ask_peer(
+                script,
+                options.peers.clone(),
+                &scene_folder(scene),
+                &answer_of(name, scene),
+            )?;
         }
     }
     let mut answered = Vec::new();
@@ -149,23 +166,38 @@ pub fn run(options: &Options, mut tell: impl FnMut(&str)) -> Result<Figures, Ben
     let mut programs = Vec::new();
     for (name, answers) in answered.into_iter().chain(joined) {
         for (scene, answer) in scenes.iter().zip(&answers) {
-            skipped.extend(answer.about.not_measured.iter().map(|why| format!("{name}, {}: {why}", scene.name)));
+            skipped.extend(
+                answer
+                    .about
+                    .not_measured
+                    .iter()
+                    .map(|why| format!("{name}, {}: {why}", scene.name)),
+            );
         }
         if answers.iter().all(|answer| answer.wrenches.is_empty()) {
-            skipped.push(format!("{name}: no answers; its adapter needs HAPTICD_PEERS, and no --quick"));
+            skipped.push(format!(
+                "{name}: no answers; its adapter needs HAPTICD_PEERS, and no --quick"
+            ));
             continue;
         }
-        let scale = metrics::scale(pieces(&scenes, &answers).map(|piece| (piece.trajectory, piece.wrenches)));
+        let scale = metrics::scale(
+            pieces(&scenes, &answers).map(|piece| (piece.trajectory, piece.wrenches)),
+        );
         programs.push(Program { name, scale, answers });
     }
     Ok(Figures { programs, scenes, hash, skipped })
 }
 
-/// Programs that are asked here, and folders of the wrenches of others, in which a file of no scene is refused.
+/// Programs that are asked here, and folders of the wrenches of others, in which a file of no scene
+/// is refused.
 fn names(wrenches: &Path) -> Result<(Vec<&'static str>, BTreeSet<String>), BenchError> {
-    let refused = |error: std::io::Error| BenchError::Prepare { what: wrenches.display().to_string(), why: error.to_string() };
+    let refused = |error: std::io::Error| BenchError::Prepare {
+        what: wrenches.display().to_string(),
+        why: error.to_string(),
+    };
     let scenes = wrenches.with_file_name("scenes");
-    let known: Vec<&str> = SETTINGS.iter().map(|setting| setting.name).chain(PEERS.map(|(name, _)| name)).collect();
+    let known: Vec<&str> =
+        SETTINGS.iter().map(|setting| setting.name).chain(PEERS.map(|(name, _)| name)).collect();
     let mut others = BTreeSet::new();
     for entry in wrenches.read_dir().map_err(refused)? {
         let name = entry.map_err(refused)?.file_name().to_string_lossy().into_owned();
@@ -174,9 +206,13 @@ fn names(wrenches: &Path) -> Result<(Vec<&'static str>, BTreeSet<String>), Bench
         }
         for entry in wrenches.join(&name).read_dir().map_err(refused)? {
             let file = entry.map_err(refused)?.path();
-            let is_answer = file.extension().is_some_and(|extension| extension == "csv" || extension == "json");
+            let is_answer =
+                file.extension().is_some_and(|extension| extension == "csv" || extension == "json");
             if is_answer && !scenes.join(file.file_stem().unwrap_or_default()).is_dir() {
-                let why = format!("there is no scene of this name: name it after a folder of {}", scenes.display());
+                let why = format!(
+                    "there is no scene of this name: name it after a folder of {}",
+                    scenes.display()
+                );
                 return Err(BenchError::Prepare { what: file.display().to_string(), why });
             }
         }
@@ -186,7 +222,10 @@ fn names(wrenches: &Path) -> Result<(Vec<&'static str>, BTreeSet<String>), Bench
 }
 
 /// Trajectories of a scene lie one behind the other.
-fn pieces<'a>(scenes: &'a [Scene], answers: &'a [Answer]) -> impl Iterator<Item = AnsweredTrajectory<'a>> {
+fn pieces<'a>(
+    scenes: &'a [Scene],
+    answers: &'a [Answer],
+) -> impl Iterator<Item = AnsweredTrajectory<'a>> {
     let answered = scenes.iter().zip(answers).filter(|(_, answer)| !answer.wrenches.is_empty());
     answered.flat_map(|(scene, Answer { wrenches, query_ns, about })| {
         scene.trajectories.iter().enumerate().map(move |(n, trajectory)| {
@@ -198,28 +237,50 @@ fn pieces<'a>(scenes: &'a [Scene], answers: &'a [Answer]) -> impl Iterator<Item 
 }
 
 impl Figures {
-    /// Figures of a program, over the trajectories that are wanted, in the order of [`FIGURES`]; `None` where it answered none of them.
-    fn of(&self, program: &Program, wanted: impl Fn(&Scene, &Trajectory) -> bool) -> Option<[Option<f64>; FIGURES.len()]> {
+    /// Figures of a program, over the trajectories that are wanted, in the order of [`FIGURES`];
+    /// `None` where it answered none of them.
+    fn of(
+        &self,
+        program: &Program,
+        wanted: impl Fn(&Scene, &Trajectory) -> bool,
+    ) -> Option<[Option<f64>; FIGURES.len()]> {
         let mut samples = Samples::default();
         let mut is_answered = false;
-        for piece in pieces(&self.scenes, &program.answers).filter(|piece| wanted(piece.scene, piece.trajectory)) {
+        for piece in pieces(&self.scenes, &program.answers)
+            .filter(|piece| wanted(piece.scene, piece.trajectory))
+        {
             is_answered = true;
-            samples.add(piece.trajectory, piece.wrenches, piece.query_ns, program.scale.unwrap_or(1.0));
+            samples.add(
+                piece.trajectory,
+                piece.wrenches,
+                piece.query_ns,
+                program.scale.unwrap_or(1.0),
+            );
             samples.peak_mb.extend(piece.about.peak_mb);
             samples.bake_s.extend(piece.about.bake_s);
         }
         is_answered.then(|| samples.figures())
     }
 
-    /// Of the first contact of each scene that is held, for plots: its name, force after scaling in % of the closed form, and angle to it, °.
+    /// Of the first contact of each scene that is held, for plots: its name, force after scaling in
+    /// % of the closed form, and angle to it, °.
     pub fn held(&self, program: &Program) -> Vec<(String, Vec<[f64; 2]>)> {
         let is_held = |of: &Trajectory| of.kind == Kind::Steady && of.ticks[0].law.is_some();
         let mut found: Vec<(String, Vec<[f64; 2]>)> = Vec::new();
-        for AnsweredTrajectory { scene, trajectory, wrenches, .. } in pieces(&self.scenes, &program.answers) {
-            if scene.trajectories.iter().find(|of| is_held(of)).is_some_and(|first| first.name == trajectory.name) {
+        for AnsweredTrajectory { scene, trajectory, wrenches, .. } in
+            pieces(&self.scenes, &program.answers)
+        {
+            if scene
+                .trajectories
+                .iter()
+                .find(|of| is_held(of))
+                .is_some_and(|first| first.name == trajectory.name)
+            {
                 let scale = program.scale.unwrap_or(1.0);
                 let ticks = trajectory.ticks.iter().zip(wrenches);
-                let values = ticks.map(|(tick, wrench)| metrics::beside(tick.law, wrench, scale).unwrap_or([f64::NAN; 2]));
+                let values = ticks.map(|(tick, wrench)| {
+                    metrics::beside(tick.law, wrench, scale).unwrap_or([f64::NAN; 2])
+                });
                 found.push((format!("{}, {}", scene.name, trajectory.name), values.collect()));
             }
         }
@@ -231,7 +292,9 @@ impl Figures {
         let mut rows = Vec::new();
         for program in &self.programs {
             let group = format!("wrench: {}, scenes with closed forms", program.name);
-            for (value, (name, unit)) in self.of(program, Scene::has_law).into_iter().flatten().zip(FIGURES) {
+            for (value, (name, unit)) in
+                self.of(program, Scene::has_law).into_iter().flatten().zip(FIGURES)
+            {
                 let row = Row::new(&group, name, value, unit);
                 rows.push(if program.name == SETTINGS[0].name { asked(name, row) } else { row });
             }
@@ -241,7 +304,8 @@ impl Figures {
     }
 }
 
-/// What is asked of hapticd: what was measured, with room for another processor's rounding and for other scenes.
+/// What is asked of hapticd: what was measured, with room for another processor's rounding and for
+/// other scenes.
 fn asked(name: &str, row: Row) -> Row {
     let most = match name {
         "angle, p95" => 1.0,

@@ -1,4 +1,5 @@
-//! The page of results, as Markdown. Its prose holds for any machine: what depends on it is a figure.
+//! The page of results, as Markdown. Its prose holds for any machine: what depends on it is a
+//! figure.
 
 use core::fmt::Write as _;
 
@@ -9,50 +10,86 @@ use crate::report::figure;
 
 /// Figures of the tables of single scenes.
 const OF_A_SCENE: [&str; 3] = ["angle, p95", "size off, p95", "ripple above 10 Hz"];
-const WITHOUT_LAW: [&str; 6] = ["ripple above 10 Hz", "ripple above 50 Hz", "largest step", "work of a loop", "query, p50", "bake"];
+const WITHOUT_LAW: [&str; 6] = [
+    "ripple above 10 Hz",
+    "ripple above 50 Hz",
+    "largest step",
+    "work of a loop",
+    "query, p50",
+    "bake",
+];
 
-/// The page, with links to the plots in `../pictures`. `machine`: a line about where it was measured.
+/// The page, with links to the plots in `../pictures`. `machine`: a line about where it was
+/// measured.
 pub fn page(figures: &Figures, machine: &str) -> String {
     let mut text = String::from("# Measured: contact wrenches of several programs\n\n");
-    text.push_str("`cargo run --release -p bench -- wrench --docs docs` wrote this page and its plots, on one machine:\n\n");
+    text.push_str(
+        "`cargo run --release -p bench -- wrench --docs docs` wrote this page and its \
+        plots, on one machine:\n\n",
+    );
     let with = |has_law: bool| {
         let scenes = figures.scenes.iter();
-        let there = scenes.filter(move |scene| scene.trajectories.iter().any(|of| scene.has_law(of) == has_law));
+        let there = scenes
+            .filter(move |scene| scene.trajectories.iter().any(|of| scene.has_law(of) == has_law));
         there.map(|scene| scene.name)
     };
     // Writing to a string cannot fail, here and below.
     let _ = write!(text, "{machine}\n\n");
     text.push_str(
-        "What is compared, the closed forms, the meaning of each figure and how to join: [wrench-benchmark.md](wrench-benchmark.md).\n\
-         Every query runs on one processor.\n",
+        "What is compared, the closed forms, the meaning of each figure and how to join: \
+            [wrench-benchmark.md](wrench-benchmark.md).\nEvery query runs on one processor.\n",
     );
-    let _ = writeln!(text, "Hash of the scenes with closed forms (XXH3 of their files): `{:016x}`.", figures.hash);
+    let _ = writeln!(
+        text,
+        "Hash of the scenes with closed forms (XXH3 of their files): `{:016x}`.",
+        figures.hash
+    );
     text.push_str("\n## All scenes with closed forms\n\n");
     table(&mut text, figures, &FIGURES.map(|(name, _)| name), Scene::has_law);
     text.push_str(
-        "\n## Settings\n\nForces are multiplied by the scale, one number for each program, before sizes are compared.\n\n",
+        "\n## Settings\n\nForces are multiplied by the scale, one number for each program, before \
+            sizes are compared.\n\n",
     );
     text.push_str("| program | scale | settings |\n|---|---:|---|\n");
     for program in &figures.programs {
-        let settings = program.answers.iter().map(|answer| &answer.about.settings).find(|settings| !settings.is_empty());
+        let settings = program
+            .answers
+            .iter()
+            .map(|answer| &answer.about.settings)
+            .find(|settings| !settings.is_empty());
         let settings = settings.map_or_else(String::new, |settings| settings.replace('|', "/"));
         let _ = writeln!(text, "| {} | {} | {settings} |", program.name, number(program.scale));
     }
     text.push_str(
-        "\n## Plots\n\nThe first contact of each scene that is held: force after scaling, and angle to the closed form.\n",
+        "\n## Plots\n\nThe first contact of each scene that is held: force after scaling, and \
+            angle to the closed form.\n",
     );
-    for (file, what) in [("size", "Force after scaling, % of the closed form"), ("angle", "Angle to the closed form, °")] {
+    for (file, what) in [
+        ("size", "Force after scaling, % of the closed form"),
+        ("angle", "Angle to the closed form, °"),
+    ] {
         let _ = write!(text, "\n![{what}](../pictures/wrench-{file}.svg)\n");
     }
     text.push_str("\n## Scene by scene\n");
     for name in with(true) {
         let _ = write!(text, "\n### {name}\n\n");
-        table(&mut text, figures, &OF_A_SCENE, |scene, trajectory| scene.name == name && scene.has_law(trajectory));
+        table(&mut text, figures, &OF_A_SCENE, |scene, trajectory| {
+            scene.name == name && scene.has_law(trajectory)
+        });
     }
-    text.push_str("\n## Without a closed form\n\nRipple and steps are those of the force itself, in % of its mean.\n");
+    text.push_str(
+        "\n## Without a closed form\n\nRipple and steps are those of the force itself, \
+        in % of its mean.\n",
+    );
     for name in with(false) {
-        let _ = write!(text, "\n### {name}{}\n\n", if with(true).any(|other| other == name) { ": insertion and jam" } else { "" });
-        table(&mut text, figures, &WITHOUT_LAW, |scene, trajectory| scene.name == name && !scene.has_law(trajectory));
+        let _ = write!(
+            text,
+            "\n### {name}{}\n\n",
+            if with(true).any(|other| other == name) { ": insertion and jam" } else { "" }
+        );
+        table(&mut text, figures, &WITHOUT_LAW, |scene, trajectory| {
+            scene.name == name && !scene.has_law(trajectory)
+        });
     }
     if !figures.skipped.is_empty() {
         text.push_str("\n## Not measured\n\n");
@@ -70,10 +107,18 @@ fn number(value: Option<f64>) -> String {
 }
 
 /// A line for each program that answered, a column for each figure.
-fn table(text: &mut String, figures: &Figures, wanted: &[&str], trajectories: impl Fn(&Scene, &Trajectory) -> bool) {
-    let columns: Vec<usize> = (0..FIGURES.len()).filter(|idx| wanted.contains(&FIGURES[*idx].0)).collect();
+fn table(
+    text: &mut String,
+    figures: &Figures,
+    wanted: &[&str],
+    trajectories: impl Fn(&Scene, &Trajectory) -> bool,
+) {
+    let columns: Vec<usize> =
+        (0..FIGURES.len()).filter(|idx| wanted.contains(&FIGURES[*idx].0)).collect();
     text.push_str("| program |");
-    columns.iter().for_each(|idx| text.push_str(&format!(" {}, {} |", FIGURES[*idx].0, FIGURES[*idx].1)));
+    columns
+        .iter()
+        .for_each(|idx| text.push_str(&format!(" {}, {} |", FIGURES[*idx].0, FIGURES[*idx].1)));
     let _ = write!(text, "\n|---|{}\n", "---:|".repeat(columns.len()));
     for program in &figures.programs {
         let Some(values) = figures.of(program, &trajectories) else { continue };
@@ -84,7 +129,11 @@ fn table(text: &mut String, figures: &Figures, wanted: &[&str], trajectories: im
             .filter(|(scene, _)| scene.trajectories.iter().any(|of| trajectories(scene, of)));
         let there: Vec<bool> = wanted.map(|(_, answer)| !answer.wrenches.is_empty()).collect();
         let n_there = there.iter().filter(|is_there| **is_there).count();
-        let note = if n_there < there.len() { format!(" ({n_there} of {} scenes)", there.len()) } else { String::new() };
+        let note = if n_there < there.len() {
+            format!(" ({n_there} of {} scenes)", there.len())
+        } else {
+            String::new()
+        };
         let _ = write!(text, "| {}{note} |", program.name);
         columns.iter().for_each(|idx| text.push_str(&format!(" {} |", number(values[*idx]))));
         text.push('\n');

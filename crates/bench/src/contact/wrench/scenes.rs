@@ -1,4 +1,5 @@
-//! Parts, trajectories and closed forms of the benchmark. Lengths in metres; the part stands at the origin of the scene.
+//! Parts, trajectories and closed forms of the benchmark. Lengths in metres; the part stands at the
+//! origin of the scene.
 
 use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -71,13 +72,18 @@ impl Trajectory {
         Self { name, kind, ticks: (0..TICKS).map(|n| at(n as f64 / (TICKS - 1) as f64)).collect() }
     }
 
-    /// Around a closed path in contact: `aside` to each side and a turn of half a degree, while the depth goes from a third to five thirds.
+    /// Around a closed path in contact: `aside` to each side and a turn of half a degree, while the
+    /// depth goes from a third to five thirds.
     fn around(middle: Tick, into_part: DVec3, aside: DVec3) -> Self {
         let at = |share: f64| {
             let (sin, cos) = (TAU * share).sin_cos();
             let depth_m = middle.depth_m * (1.0 + 2.0 / 3.0 * sin);
-            let turn = DQuat::from_axis_angle(into_part.any_orthonormal_vector(), 0.5_f64.to_radians() * cos);
-            let moved = middle.pose.translation + aside * cos + into_part * (depth_m - middle.depth_m);
+            let turn = DQuat::from_axis_angle(
+                into_part.any_orthonormal_vector(),
+                0.5_f64.to_radians() * cos,
+            );
+            let moved =
+                middle.pose.translation + aside * cos + into_part * (depth_m - middle.depth_m);
             Tick { pose: Pose::new(turn * middle.pose.rotation, moved), depth_m, law: None }
         };
         Self { kind: Kind::Loop, ..Self::new("loop", at) }
@@ -100,20 +106,24 @@ impl Scene {
     /// Whether a trajectory is judged with the closed form of its scene: the loop is, for its work.
     pub(super) fn has_law(&self, trajectory: &Trajectory) -> bool {
         let is_known = |of: &Trajectory| of.ticks[0].law.is_some();
-        is_known(trajectory) || trajectory.kind == Kind::Loop && self.trajectories.iter().any(is_known)
+        is_known(trajectory)
+            || trajectory.kind == Kind::Loop && self.trajectories.iter().any(is_known)
     }
 
-    /// Both meshes turned at random about their origins and the poses with them: no grid lies along a face.
+    /// Both meshes turned at random about their origins and the poses with them: no grid lies along
+    /// a face.
     fn turned(mut self, seed: u64) -> Self {
         let mut random = Random::new(seed);
-        let (of_part, of_tool) = (curved::turn(&mut random), curved::turn(&mut random));
+        let of_part = curved::turn(&mut random);
+        let of_tool = curved::turn(&mut random);
         self.part = fixture::turned(self.part, of_part);
         self.tool = fixture::turned(self.tool, of_tool);
         let world_from_scene = Pose::new(of_part, DVec3::ZERO);
         let tool_from_turned = Pose::new(of_tool.inverse(), DVec3::ZERO);
         for tick in self.trajectories.iter_mut().flat_map(|trajectory| &mut trajectory.ticks) {
             tick.pose = world_from_scene * tick.pose * tool_from_turned;
-            tick.law = tick.law.map(|law| Law { force: of_part * law.force, point: of_part * law.point });
+            tick.law =
+                tick.law.map(|law| Law { force: of_part * law.force, point: of_part * law.point });
         }
         self
     }
@@ -121,7 +131,14 @@ impl Scene {
 
 /// Every scene with a closed form.
 pub(super) fn closed_forms() -> Vec<Scene> {
-    let scenes = [cone_in_pit(), cylinder_in_slot(), ball_in_half_pipe(), box_on_edge(), pin_in_bore(), ball_on_ball()];
+    let scenes = [
+        cone_in_pit(),
+        cylinder_in_slot(),
+        ball_in_half_pipe(),
+        box_on_edge(),
+        pin_in_bore(),
+        ball_on_ball(),
+    ];
     scenes.into_iter().zip(2024..).map(|(scene, seed)| scene.turned(seed)).collect()
 }
 
@@ -135,9 +152,15 @@ fn cone_in_pit() -> Scene {
     const HEIGHT: f64 = 8e-3;
     const BOTTOM: f64 = 3e-3;
     let radius = |z: f64| BOTTOM + z * HALF_ANGLE.tan();
-    // The flank of the pit is longer than that of the cone at both ends, and the apex is cut off: depth is that of the flank.
-    let tube =
-        Tube { inner_m: 4e-3, outer_m: 0.012, height_m: 0.012, sides: Tube::sides_for(radius(HEIGHT), FINE_M), pieces: [1, 1] };
+    // The flank of the pit is longer than that of the cone at both ends, and the apex is cut off:
+    // depth is that of the flank.
+    let tube = Tube {
+        inner_m: 4e-3,
+        outer_m: 0.012,
+        height_m: 0.012,
+        sides: Tube::sides_for(radius(HEIGHT), FINE_M),
+        pieces: [1, 1],
+    };
     let mut part = tube.mesh();
     for vertex in part.vertices.iter_mut() {
         vertex.z += 0.5 * HEIGHT;
@@ -146,15 +169,23 @@ fn cone_in_pit() -> Scene {
             *vertex = (around.normalize() * radius(vertex.z)).extend(vertex.z);
         }
     }
-    let mut tool = fixture::tessellated(Shape::Cylinder { radius_m: radius(HEIGHT), height_m: HEIGHT }, FINE_M);
+    let mut tool = fixture::tessellated(
+        Shape::Cylinder { radius_m: radius(HEIGHT), height_m: HEIGHT },
+        FINE_M,
+    );
     for vertex in &mut tool.vertices {
-        *vertex = (vertex.truncate() * radius(vertex.z + 0.5 * HEIGHT) / radius(HEIGHT)).extend(vertex.z);
+        *vertex =
+            (vertex.truncate() * radius(vertex.z + 0.5 * HEIGHT) / radius(HEIGHT)).extend(vertex.z);
     }
     let at = |lowered: f64, angle: f64| {
         let volume = laws::frustum_in_hole([BOTTOM, radius(HEIGHT)], HALF_ANGLE, lowered);
         let middle = DVec3::Z * (0.5 * HEIGHT);
         let pose = Pose::new(DQuat::from_rotation_z(angle), middle - DVec3::Z * lowered);
-        Tick { pose, depth_m: lowered * HALF_ANGLE.sin(), law: Some(Law::new(volume, DVec3::Z, middle)) }
+        Tick {
+            pose,
+            depth_m: lowered * HALF_ANGLE.sin(),
+            law: Some(Law::new(volume, DVec3::Z, middle)),
+        }
     };
     let trajectories = vec![
         Trajectory::new("press", |share| at(0.6e-3 * there_and_back(share), 0.3)),
@@ -180,13 +211,17 @@ fn cylinder_in_slot() -> Scene {
     let lying = DQuat::from_rotation_x(FRAC_PI_2);
     let at = |[in_floor, in_wall]: [f64; 2], along: f64, angle: f64| {
         let axis = DVec3::new(HALF_WIDTH - RADIUS + in_wall, along, FLOOR + RADIUS - in_floor);
-        let push = DVec3::new(-laws::segment(RADIUS, in_wall), 0.0, laws::segment(RADIUS, in_floor)) * LENGTH;
+        let push =
+            DVec3::new(-laws::segment(RADIUS, in_wall), 0.0, laws::segment(RADIUS, in_floor))
+                * LENGTH;
         let pose = Pose::new(DQuat::from_rotation_y(angle) * lying, axis);
         Tick { pose, depth_m: in_floor.max(in_wall), law: Some(Law::new(1.0, push, axis)) }
     };
     let depths = [1.5e-4, 1e-4];
     let trajectories = vec![
-        Trajectory::new("press", |share| at([2e-4 * there_and_back(share), 1e-4 * there_and_back(share)], 0.0, 0.3)),
+        Trajectory::new("press", |share| {
+            at([2e-4 * there_and_back(share), 1e-4 * there_and_back(share)], 0.0, 0.3)
+        }),
         Trajectory::new("slide", |share| at(depths, 0.015 * (share - 0.5), 0.7)),
         Trajectory::new("spin", |share| at(depths, 1e-3, PI * share)),
         Trajectory::around(at(depths, 0.0, 0.0), DVec3::NEG_Z, DVec3::X * 8e-5),
@@ -200,8 +235,9 @@ fn ball_in_half_pipe() -> Scene {
     const PIPE: f64 = 6.5e-3;
     const OUTER: f64 = 0.01;
     let n = Tube::sides_for(PIPE, FINE_M) / 2;
-    let arc =
-        |radius: f64| -> Vec<DVec2> { (0..=n).map(|k| DVec2::from_angle(PI * (1.0 + k as f64 / n as f64)) * radius).collect() };
+    let arc = |radius: f64| -> Vec<DVec2> {
+        (0..=n).map(|k| DVec2::from_angle(PI * (1.0 + k as f64 / n as f64)) * radius).collect()
+    };
     let part = channel(&arc(PIPE), &arc(OUTER), 0.04);
     let at = |depth: f64, along: f64, angle: f64, rotation: DQuat| {
         let into_wall = DVec3::new(angle.sin(), 0.0, -angle.cos());
@@ -212,10 +248,14 @@ fn ball_in_half_pipe() -> Scene {
         Tick { pose: Pose::new(rotation, center), depth_m: depth, law: Some(law) }
     };
     let trajectories = vec![
-        Trajectory::new("press", |share| at(2e-4 * there_and_back(share), 0.0, 0.2, DQuat::IDENTITY)),
+        Trajectory::new("press", |share| {
+            at(2e-4 * there_and_back(share), 0.0, 0.2, DQuat::IDENTITY)
+        }),
         Trajectory::new("slide", |share| at(1.5e-4, 0.015 * (share - 0.5), 0.2, DQuat::IDENTITY)),
         Trajectory::new("spin", |share| at(1.5e-4, 1e-3, 0.0, DQuat::from_rotation_z(PI * share))),
-        Trajectory::new("tumble", |share| at(1.5e-4, 1e-3, 1.2 * (share - 0.5), oblique(PI * share))),
+        Trajectory::new("tumble", |share| {
+            at(1.5e-4, 1e-3, 1.2 * (share - 0.5), oblique(PI * share))
+        }),
         Trajectory::around(at(1.5e-4, 0.0, 0.0, DQuat::IDENTITY), DVec3::NEG_Z, DVec3::X * 2e-4),
     ];
     Scene { name: "sphere-in-half-pipe", part, tool: ball(BALL), trajectories }
@@ -242,10 +282,17 @@ fn box_on_edge() -> Scene {
         Trajectory::new("press", |share| at(4e-4 * there_and_back(share), angle, DVec3::ZERO, 0.2)),
         Trajectory::new("slide", |share| at(3e-4, angle, slid(share), 0.2)),
         Trajectory::new("spin", |share| at(3e-4, angle, DVec3::ZERO, PI * share)),
-        Trajectory::new("tumble", |share| at(3e-4, (20.0 + 50.0 * share).to_radians(), DVec3::ZERO, 0.2)),
+        Trajectory::new("tumble", |share| {
+            at(3e-4, (20.0 + 50.0 * share).to_radians(), DVec3::ZERO, 0.2)
+        }),
         Trajectory::around(at(3e-4, angle, DVec3::ZERO, 0.2), DVec3::NEG_Z, DVec3::Y * 3e-4),
     ];
-    Scene { name: "box-on-edge", part, tool: Shape::Box { size_m: SIZE }.tessellate(0.0), trajectories }
+    Scene {
+        name: "box-on-edge",
+        part,
+        tool: Shape::Box { size_m: SIZE }.tessellate(0.0),
+        trajectories,
+    }
 }
 
 fn pin_in_bore() -> Scene {
@@ -253,7 +300,14 @@ fn pin_in_bore() -> Scene {
     const BORE: f64 = 4.2e-3;
     const LENGTH: f64 = 0.014;
     const HEIGHT: f64 = 0.024;
-    let part = Tube { inner_m: BORE, outer_m: 9e-3, height_m: HEIGHT, sides: Tube::sides_for(BORE, FINE_M), pieces: [1, 1] }.mesh();
+    let part = Tube {
+        inner_m: BORE,
+        outer_m: 9e-3,
+        height_m: HEIGHT,
+        sides: Tube::sides_for(BORE, FINE_M),
+        pieces: [1, 1],
+    }
+    .mesh();
     let at = |depth: f64, along: f64, toward: f64, angle: f64| {
         let into_wall = DQuat::from_rotation_z(toward) * DVec3::X;
         let offset = BORE - PIN + depth;
@@ -266,7 +320,10 @@ fn pin_in_bore() -> Scene {
         }
     };
     let tilted = |aside: f64, along: f64, tilt_deg: f64| Tick {
-        pose: Pose::new(DQuat::from_rotation_y(tilt_deg.to_radians()), DVec3::new(aside, 0.0, along)),
+        pose: Pose::new(
+            DQuat::from_rotation_y(tilt_deg.to_radians()),
+            DVec3::new(aside, 0.0, along),
+        ),
         depth_m: f64::NAN,
         law: None,
     };
@@ -289,11 +346,19 @@ fn ball_on_ball() -> Scene {
     const OTHER: f64 = 0.01;
     let at = |depth: f64, outward: DVec3, rotation: DQuat| {
         let law = Law::new(laws::ball_in_ball(BALL, OTHER, depth), outward, outward * OTHER);
-        Tick { pose: Pose::new(rotation, outward * (BALL + OTHER - depth)), depth_m: depth, law: Some(law) }
+        Tick {
+            pose: Pose::new(rotation, outward * (BALL + OTHER - depth)),
+            depth_m: depth,
+            law: Some(law),
+        }
     };
     let trajectories = vec![
-        Trajectory::new("press", |share| at(2.5e-4 * there_and_back(share), DVec3::Z, DQuat::IDENTITY)),
-        Trajectory::new("slide", |share| at(1.5e-4, oblique(1.3 * share) * DVec3::Z, DQuat::IDENTITY)),
+        Trajectory::new("press", |share| {
+            at(2.5e-4 * there_and_back(share), DVec3::Z, DQuat::IDENTITY)
+        }),
+        Trajectory::new("slide", |share| {
+            at(1.5e-4, oblique(1.3 * share) * DVec3::Z, DQuat::IDENTITY)
+        }),
         Trajectory::new("spin", |share| at(1.5e-4, DVec3::Z, DQuat::from_rotation_z(PI * share))),
         Trajectory::new("tumble", |share| at(1.5e-4, DVec3::Z, oblique(PI * share))),
         Trajectory::around(at(1.5e-4, DVec3::Z, DQuat::IDENTITY), DVec3::NEG_Z, DVec3::X * 3e-4),
@@ -314,16 +379,21 @@ fn oblique(angle: f64) -> DQuat {
 fn channel(inner: &[DVec2], outer: &[DVec2], length: f64) -> TriangleMesh {
     let ring: Vec<DVec2> = inner.iter().chain(outer.iter().rev()).copied().collect();
     let n = ring.len() as u32;
-    let vertices = [-0.5, 0.5].into_iter().flat_map(|side| ring.iter().map(move |at| DVec3::new(at.x, side * length, at.y)));
+    let vertices = [-0.5, 0.5]
+        .into_iter()
+        .flat_map(|side| ring.iter().map(move |at| DVec3::new(at.x, side * length, at.y)));
     let mut mesh = TriangleMesh { vertices: vertices.collect(), triangles: Vec::new() };
     for k in 0..n {
         let next = (k + 1) % n;
         mesh.triangles.extend([[k, next, n + next], [k, n + next, n + k]]);
         // Of the ends: the quadrilaterals between the polylines.
         if k + 1 < inner.len() as u32 {
-            let (far, far_next) = (n - 1 - k, n - 2 - k);
+            let far = n - 1 - k;
+            let far_next = n - 2 - k;
             mesh.triangles.extend([[k, far_next, next], [k, far, far_next]]);
-            mesh.triangles.extend([[k, next, far_next], [k, far_next, far]].map(|corners| corners.map(|idx| idx + n)));
+            mesh.triangles.extend(
+                [[k, next, far_next], [k, far_next, far]].map(|corners| corners.map(|idx| idx + n)),
+            );
         }
     }
     if validate::inspect(&mesh).signed_volume_m3 < 0.0 {
@@ -335,13 +405,15 @@ fn channel(inner: &[DVec2], outer: &[DVec2], length: f64) -> TriangleMesh {
 /// Scenes of real parts, without a closed form, and why some are missing.
 pub(super) fn real_parts(models: &std::path::Path) -> Vec<Result<Scene, String>> {
     let load = |name: &str, unit_m: f64| {
-        let mesh = vps::mesh::load(&models.join(name), unit_m).map_err(|error| error.to_string())?;
+        let mesh =
+            vps::mesh::load(&models.join(name), unit_m).map_err(|error| error.to_string())?;
         let (low, high) = mesh.bounds().ok_or_else(|| format!("{name}: no vertices"))?;
         Ok::<_, String>((mesh, 0.5 * (low + high)))
     };
     let free = |pose: Pose, depth_m: f64| Tick { pose, depth_m, law: None };
     let peg = || {
-        let (hole, peg) = (load("factory_round_hole_8mm_subdiv_3x.obj", 1.0)?.0, load("factory_round_peg_8mm_tight.obj", 1.0)?.0);
+        let hole = load("factory_round_hole_8mm_subdiv_3x.obj", 1.0)?.0;
+        let peg = load("factory_round_peg_8mm_tight.obj", 1.0)?.0;
         let at = |aside: f64, along: f64, tilt_deg: f64| {
             let tilt = DQuat::from_rotation_y(tilt_deg.to_radians());
             free(Pose::new(tilt, DVec3::new(aside, 0.0, along)), aside)
@@ -356,10 +428,12 @@ pub(super) fn real_parts(models: &std::path::Path) -> Vec<Result<Scene, String>>
         Ok(Scene { name: "factory-peg-in-hole", part: hole, tool: peg, trajectories })
     };
     let nut = || {
-        let (bolt, nut) = (load("factory_bolt_m16_tight.obj", 1.0)?.0, load("factory_nut_m16_tight_subdiv_3x.obj", 1.0)?.0);
+        let bolt = load("factory_bolt_m16_tight.obj", 1.0)?.0;
+        let nut = load("factory_nut_m16_tight_subdiv_3x.obj", 1.0)?.0;
         // The thread of M16 rises by 2 mm a turn; lifted by 0.2 mm its flanks touch.
         let at = |lift: f64, angle: f64| {
-            let pose = Pose::new(DQuat::from_rotation_z(angle), DVec3::Z * (lift + 2e-3 * angle / TAU));
+            let pose =
+                Pose::new(DQuat::from_rotation_z(angle), DVec3::Z * (lift + 2e-3 * angle / TAU));
             free(pose, lift)
         };
         let trajectories = vec![
@@ -372,7 +446,9 @@ pub(super) fn real_parts(models: &std::path::Path) -> Vec<Result<Scene, String>>
     let rocker_arm = || {
         let (mut mesh, middle) = load("rocker-arm.obj", 0.04)?;
         mesh.vertices.iter_mut().for_each(|vertex| *vertex -= middle);
-        let (solid, tool, depth) = (Solid::new(&mesh), ball(4e-3), 1.5e-4);
+        let solid = Solid::new(&mesh);
+        let tool = ball(4e-3);
+        let depth = 1.5e-4;
         let surface = Surface::new(tool.clone());
         let mut random = Random::new(24);
         let nodes = (0..8).find_map(|_| curved::path(&solid, &surface, depth, 0.04, &mut random));
@@ -382,13 +458,18 @@ pub(super) fn real_parts(models: &std::path::Path) -> Vec<Result<Scene, String>>
         let into_part = -surface.way_out(nodes[1], &solid, &deepest);
         let aside = into_part.any_orthonormal_vector() * 2e-4;
         let trajectories = vec![
-            Trajectory::new("slide", |share| free(poses[(share * (poses.len() - 1) as f64).round() as usize], depth)),
+            Trajectory::new("slide", |share| {
+                free(poses[(share * (poses.len() - 1) as f64).round() as usize], depth)
+            }),
             Trajectory::around(free(nodes[1], depth), into_part, aside),
         ];
         Ok(Scene { name: "ball-on-rocker-arm", part: mesh, tool, trajectories })
     };
-    let scenes: [(&str, Result<Scene, String>); 3] =
-        [("factory-peg-in-hole", peg()), ("factory-nut-on-bolt", nut()), ("ball-on-rocker-arm", rocker_arm())];
+    let scenes: [(&str, Result<Scene, String>); 3] = [
+        ("factory-peg-in-hole", peg()),
+        ("factory-nut-on-bolt", nut()),
+        ("ball-on-rocker-arm", rocker_arm()),
+    ];
     let turned = scenes.into_iter().zip(3024..).map(|((name, scene), seed)| match scene {
         Ok(scene) => Ok(scene.turned(seed)),
         Err(why) => Err(format!("{name}: {why}")),
@@ -408,14 +489,24 @@ mod tests {
         for scene in closed_forms() {
             for mesh in [&scene.part, &scene.tool] {
                 let report = validate::inspect(mesh);
-                assert!(report.closed && report.signed_volume_m3 > 0.0, "{}: {report:?}", scene.name);
+                assert!(
+                    report.closed && report.signed_volume_m3 > 0.0,
+                    "{}: {report:?}",
+                    scene.name
+                );
             }
-            let (solid, surface) = (Solid::new(&scene.part), Surface::new(scene.tool.clone()));
+            let solid = Solid::new(&scene.part);
+            let surface = Surface::new(scene.tool.clone());
             // All trajectories of a scene are made by one function.
-            let held = scene.trajectories.iter().rfind(|of| of.kind == Kind::Steady && of.ticks[0].law.is_some()).unwrap();
+            let held = scene
+                .trajectories
+                .iter()
+                .rfind(|of| of.kind == Kind::Steady && of.ticks[0].law.is_some())
+                .unwrap();
             let Tick { pose, law, .. } = held.ticks[TICKS / 3];
             let law = law.unwrap();
-            let found = surface.integral(pose, 2e-3, &|at| solid.at(at).depth_m) * PRESSURE_N_PER_M3;
+            let found =
+                surface.integral(pose, 2e-3, &|at| solid.at(at).depth_m) * PRESSURE_N_PER_M3;
             let error = (found - law.force).length() / law.force.length();
             assert!(error < ALLOWED, "{}, {}: {found} {}", scene.name, held.name, law.force);
         }
@@ -426,9 +517,11 @@ mod tests {
         for scene in closed_forms() {
             for Trajectory { name, kind, ticks } in &scene.trajectories {
                 assert_eq!(ticks.len(), TICKS);
-                assert!(ticks.iter().all(|tick| tick.pose.is_finite() && tick.law.is_none_or(|law| law.force.is_finite())));
+                assert!(ticks.iter().all(|tick| tick.pose.is_finite()
+                    && tick.law.is_none_or(|law| law.force.is_finite())));
                 let moved = ticks[0].pose.inverse() * ticks[TICKS - 1].pose;
-                let is_closed = moved.translation.length() < 1e-12 && moved.rotation.angle_between(DQuat::IDENTITY) < 1e-7;
+                let is_closed = moved.translation.length() < 1e-12
+                    && moved.rotation.angle_between(DQuat::IDENTITY) < 1e-7;
                 assert!(is_closed || *kind == Kind::Steady, "{}, {name}", scene.name);
             }
         }

@@ -6,7 +6,13 @@ use crate::falloff::Falloff;
 use crate::shapes::sphere;
 
 fn brush(radius_m: f64) -> Brush {
-    Brush { color: [0, 0, 200], radius_m_per_n: radius_m, radius_max_m: radius_m, falloff: Falloff::Constant, smallest_m: 1e-3 }
+    Brush {
+        color: [0, 0, 200],
+        radius_m_per_n: radius_m,
+        radius_max_m: radius_m,
+        falloff: Falloff::Constant,
+        smallest_m: 1e-3,
+    }
 }
 
 fn stiff(value: f32) -> Painted {
@@ -16,20 +22,35 @@ fn stiff(value: f32) -> Painted {
 #[test]
 fn painted_material_is_a_stroke_of_its_own_that_moves_nothing() {
     let mut piece = ball();
-    let (before, clay) = (piece.points().clone(), piece.settings().material.clone());
+    let before = piece.points().clone();
+    let clay = piece.settings().material.clone();
     let n_painted = piece.paint_material(&brush(4e-3), stiff(700.0), DVec3::Z * R, 1.0).unwrap();
     assert!(n_painted > 100, "{n_painted}");
     assert!(piece.is_stroke());
-    assert_eq!(piece.paint_material(&brush(4e-3), stiff(700.0), DVec3::Z * R, 1.0).unwrap(), 0, "twice in one press is once");
+    assert_eq!(
+        piece.paint_material(&brush(4e-3), stiff(700.0), DVec3::Z * R, 1.0).unwrap(),
+        0,
+        "twice in one press is once"
+    );
     // Another material is another press.
     assert!(piece.paint_material(&brush(2e-3), stiff(80.0), DVec3::Z * R, 1.0).unwrap() > 10);
     piece.end_stroke().unwrap();
     assert_eq!((piece.history(), piece.strokes()), ((2, 0), 2));
-    let stiffness = |piece: &ClayModel, away_m: f64| piece.material_at(DVec3::Z * (R - away_m)).stiffness_n_per_m;
-    assert_eq!([0.0, 3e-3, 6e-3].map(|away_m| stiffness(&piece, away_m)), [80.0, 700.0, clay.stiffness_n_per_m]);
+    let stiffness = |piece: &ClayModel, away_m: f64| {
+        piece.material_at(DVec3::Z * (R - away_m)).stiffness_n_per_m
+    };
+    assert_eq!(
+        [0.0, 3e-3, 6e-3].map(|away_m| stiffness(&piece, away_m)),
+        [80.0, 700.0, clay.stiffness_n_per_m]
+    );
     assert_eq!(piece.material_at(DVec3::ONE), clay, "far from the piece");
     assert_eq!(piece.density_m(DVec3::Z * R * 0.9), ball().density_m(DVec3::Z * R * 0.9));
-    let blue = piece.points().positions_map.iter().zip(&piece.points().colors).filter(|(_, color)| **color == [0, 0, 200]);
+    let blue = piece
+        .points()
+        .positions_map
+        .iter()
+        .zip(&piece.points().colors)
+        .filter(|(_, color)| **color == [0, 0, 200]);
     let farthest_m = blue.map(|(at, _)| at.distance(DVec3::Z * R)).fold(0.0, f64::max);
     assert!((3.5e-3..4.1e-3).contains(&farthest_m), "{farthest_m}");
 
@@ -42,7 +63,11 @@ fn painted_material_is_a_stroke_of_its_own_that_moves_nothing() {
     piece.paint_material(&brush(4e-3), stiff(9.0), DVec3::Z * R, 1.0).unwrap();
     piece.cancel_stroke();
     assert_eq!(stiffness(&piece, 0.0), 700.0);
-    assert_eq!(piece.paint_material(&brush(4e-3), stiff(9.0), DVec3::Z, 1.0).unwrap(), 0, "out of reach");
+    assert_eq!(
+        piece.paint_material(&brush(4e-3), stiff(9.0), DVec3::Z, 1.0).unwrap(),
+        0,
+        "out of reach"
+    );
     assert!(!piece.is_stroke());
 }
 
@@ -72,15 +97,24 @@ fn painted_material_goes_along_to_another_region_and_through_a_boolean() {
     let mut piece = ball();
     piece.paint_material(&brush(4e-3), stiff(700.0), DVec3::Z * R, 1.0).unwrap();
     piece.end_stroke().unwrap();
-    let stiffness = |piece: &ClayModel, away_m: f64| piece.material_at(DVec3::Z * (R - away_m)).stiffness_n_per_m;
+    let stiffness = |piece: &ClayModel, away_m: f64| {
+        piece.material_at(DVec3::Z * (R - away_m)).stiffness_n_per_m
+    };
     // Away from it, and back with mass points half as far apart.
-    piece.choose_region(DVec3::new(-0.03, -0.012, -0.012), DVec3::new(-0.006, 0.012, 0.012)).unwrap();
+    piece
+        .choose_region(DVec3::new(-0.03, -0.012, -0.012), DVec3::new(-0.006, 0.012, 0.012))
+        .unwrap();
     assert_eq!([stiffness(&piece, 2e-3), stiffness(&piece, 8e-3)], [700.0, 50.0]);
-    piece.choose_region(DVec3::new(-0.006, -0.006, 0.014), DVec3::new(0.006, 0.006, 0.026)).unwrap();
+    piece
+        .choose_region(DVec3::new(-0.006, -0.006, 0.014), DVec3::new(0.006, 0.006, 0.026))
+        .unwrap();
     assert!((stiffness(&piece, 2e-3) - 700.0).abs() < 0.1, "{}", stiffness(&piece, 2e-3));
     assert_eq!(stiffness(&piece, 8e-3), 50.0);
     let dynamics = piece.region.dynamics.material_mut().clone();
-    assert!(matches!(dynamics.stiffness_n_per_m, Quantity::PerNode(_)) && matches!(dynamics.mass_kg, Quantity::Constant(_)));
+    assert!(
+        matches!(dynamics.stiffness_n_per_m, Quantity::PerNode(_))
+            && matches!(dynamics.mass_kg, Quantity::Constant(_))
+    );
 
     let mut bite = sphere(2000, 0.01);
     bite.positions_map.iter_mut().for_each(|at| *at += DVec3::X * R);

@@ -19,7 +19,8 @@ use haptics::Faults;
 const EVERY: Duration = Duration::from_millis(10);
 /// Meshes of a scene that are shown, bytes in all.
 const SHOWN_BYTES: u64 = 16 << 20;
-/// A client is shown the scene so often when it asks again and again: each time it may wait in memory.
+/// A client is shown the scene so often when it asks again and again: each time it may wait in
+/// memory.
 const MOST_SCENES: u32 = 8;
 /// Clients of which is known how often they were shown it; more than can be there at once.
 const MOST_KNOWN: usize = 64;
@@ -39,7 +40,9 @@ impl Channels {
             context.channel_builder(topic).message_encoding("protobuf").schema(schema).build_raw()
         };
         let on = |occasion: Occasion| open(occasion.topic(), occasion.schema());
-        let ticks = Channel::ALL.into_iter().map(|channel| Ok((channel, open(channel.topic(), channel.schema())?)));
+        let ticks = Channel::ALL
+            .into_iter()
+            .map(|channel| Ok((channel, open(channel.topic(), channel.schema())?)));
         Ok(Self {
             ticks: ticks.collect::<Result<_, FoxgloveError>>()?,
             faults: on(Occasion::Faults)?,
@@ -86,8 +89,22 @@ pub(super) struct Feed {
 }
 
 impl Feed {
-    pub(super) fn new(rows: Consumer<StampedRecord>, scenes: Scenes, channels: Channels, newcomers: Arc<PendingClients>) -> Self {
-        Self { rows, scenes, channels, newcomers, faults: Faults::NONE, shown: None, greeted: BTreeMap::new(), message: Vec::new() }
+    pub(super) fn new(
+        rows: Consumer<StampedRecord>,
+        scenes: Scenes,
+        channels: Channels,
+        newcomers: Arc<PendingClients>,
+    ) -> Self {
+        Self {
+            rows,
+            scenes,
+            channels,
+            newcomers,
+            faults: Faults::NONE,
+            shown: None,
+            greeted: BTreeMap::new(),
+            message: Vec::new(),
+        }
     }
 
     /// For ever.
@@ -101,7 +118,8 @@ impl Feed {
     }
 
     fn turn(&mut self) {
-        let (mut newest, mut moved) = (None, BTreeMap::new());
+        let mut newest = None;
+        let mut moved = BTreeMap::new();
         while let Ok(row) = self.rows.pop() {
             let faults = row.record.output.faults;
             if faults != self.faults {
@@ -117,7 +135,9 @@ impl Feed {
             self.show_scene(row);
         }
         // Before the tick that they belong to, or an earlier one.
-        moved.values().for_each(|row| self.log_ticks(row, |channel| channel == Channel::ObjectPose));
+        moved
+            .values()
+            .for_each(|row| self.log_ticks(row, |channel| channel == Channel::ObjectPose));
         if let Some(row) = &newest {
             self.log_ticks(row, |channel| channel != Channel::ObjectPose);
             log(&self.channels.frame, row.stamp_ns, || encoded(&messages::frame(row)));
@@ -134,14 +154,16 @@ impl Feed {
         }
     }
 
-    /// All clients get another scene when its first tick has come. Its files may be added a little later.
+    /// All clients get another scene when its first tick has come. Its files may be added a little
+    /// later.
     fn show_scene(&mut self, row: &StampedRecord) {
         let scene_idx = row.record.scene_idx;
         if self.shown.as_ref().is_some_and(|(shown_idx, ..)| *shown_idx == scene_idx) {
             return;
         }
         if let Some(scene) = self.scenes.get(scene_idx) {
-            let message = encoded(&messages::scene_update(&scene, scene_idx, row.stamp_ns, SHOWN_BYTES));
+            let message =
+                encoded(&messages::scene_update(&scene, scene_idx, row.stamp_ns, SHOWN_BYTES));
             log(&self.channels.scene, row.stamp_ns, || message.clone());
             self.shown = Some((scene_idx, row.stamp_ns, message));
             // They have it, or will be shown it now.

@@ -1,19 +1,22 @@
-//! The messages of a recording for connected clients: a server of the Foxglove WebSocket protocol (`foxglove.sdk.v1`).
+//! The messages of a recording for connected clients: a server of the Foxglove WebSocket protocol
+//! (`foxglove.sdk.v1`).
 //!
 //! ```text
 //!  drain ──ring──► feed ──► channels ──► queues of the crate's server ──► proxy ──► clients
 //!             └ full: dropped and counted
 //! ```
-//! Data in: every record, through a subscriber. Data out: a hundred times a second the newest of them, and what must not be missed of those between:
-//! other faults, other scenes, objects that moved.
+//! Data in: every record, through a subscriber. Data out: a hundred times a second the newest of
+//! them, and what must not be missed of those between: other faults, other scenes, objects that
+//! moved.
 //!
 //! | file | owns |
 //! |---|---|
 //! | `feed` | which messages leave, and when |
 //! | `proxy` | which clients may connect, how many, and how much they may send |
 //!
-//! Invariants: the drain never waits, and the loop is not even known. Everything is on one thread, with one tokio runtime of its own. Clients
-//! can only look: the server takes no messages, no parameters and no services.
+//! Invariants: the drain never waits, and the loop is not even known. Everything is on one thread,
+//! with one tokio runtime of its own. Clients can only look: the server takes no messages, no
+//! parameters and no services.
 
 mod feed;
 mod proxy;
@@ -82,8 +85,8 @@ impl BoundLiveServer {
         self.address
     }
 
-    /// Begins to answer; what is to be seen comes with the ticks. `origins`: web pages that are welcome beside those of this machine and
-    /// Foxglove's own.
+    /// Begins to answer; what is to be seen comes with the ticks. `origins`: web pages that are
+    /// welcome beside those of this machine and Foxglove's own.
     ///
     /// # Errors
     /// There is no thread or no port for the server.
@@ -118,8 +121,11 @@ impl BoundLiveServer {
             drop(server.stop());
             drop(context);
         };
-        let thread = std::thread::Builder::new().name("foxglove".to_owned()).spawn(move || runtime.block_on(work))?;
-        let (noted, mut stamps) = (counts.clone(), recorder.stamps());
+        let thread = std::thread::Builder::new()
+            .name("foxglove".to_owned())
+            .spawn(move || runtime.block_on(work))?;
+        let noted = counts.clone();
+        let mut stamps = recorder.stamps();
         recorder.subscribers().add(Box::new(move |record| {
             let dropped = noted.records.load(Ordering::Relaxed);
             if ring.push(stamps.row(record, dropped)).is_err() {
@@ -131,8 +137,9 @@ impl BoundLiveServer {
     }
 }
 
-/// A loopback address that is not published: the crate's server behind the proxy asks no page where it is from, so none may find it. With the port
-/// that the kernel chooses there are some 10¹¹ places to look at. Which it is stands in `/proc/net/tcp` for programs of this machine, which may
+/// A loopback address that is not published: the crate's server behind the proxy asks no page where
+/// it is from, so none may find it. With the port that the kernel chooses there are some 10¹¹
+/// places to look at. Which it is stands in `/proc/net/tcp` for programs of this machine, which may
 /// watch anyway.
 fn hidden_loopback() -> Ipv4Addr {
     // The keys of a `RandomState` are random.
@@ -164,7 +171,11 @@ impl LiveServer {
     pub fn status(&self) -> LiveSummary {
         let count = |count: &AtomicU64| count.load(Ordering::Relaxed);
         let Counts { records, turned_away, cut_off } = &*self.counts;
-        LiveSummary { dropped: count(records), turned_away: count(turned_away), cut_off: count(cut_off) }
+        LiveSummary {
+            dropped: count(records),
+            turned_away: count(turned_away),
+            cut_off: count(cut_off),
+        }
     }
 }
 

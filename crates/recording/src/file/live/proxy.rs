@@ -1,4 +1,5 @@
-//! Which clients may connect, how many, and how much they may send: the server of the `foxglove` crate bounds none of these.
+//! Which clients may connect, how many, and how much they may send: the server of the `foxglove`
+//! crate bounds none of these.
 //!
 //! Bytes are passed on to the server behind, which listens at an address that only the proxy knows.
 
@@ -28,7 +29,8 @@ pub(super) const BUFFER_BYTES: u32 = 64 << 10;
 /// A request for a WebSocket is this long at most, bytes, and comes within this time.
 const MOST_HEAD_BYTES: usize = 8 << 10;
 const HEAD_PATIENCE: Duration = Duration::from_secs(5);
-/// What a client may send on one connection in all, bytes: a subscription takes fifty. So no message of it is longer either.
+/// What a client may send on one connection in all, bytes: a subscription takes fifty. So no
+/// message of it is longer either.
 const MOST_SAID_BYTES: u64 = 1 << 20;
 /// A client that takes nothing for so long is cut off.
 const STALLED: Duration = Duration::from_secs(10);
@@ -37,8 +39,10 @@ const AFTER_ERROR: Duration = Duration::from_millis(50);
 /// The page of the Foxglove app.
 const FOXGLOVE_APP: &str = "https://app.foxglove.dev";
 
-const NO_SLOT: &[u8] = b"HTTP/1.1 503 Service Unavailable\r\nConnection: close\r\nContent-Length: 0\r\n\r\n";
-const NOT_WELCOME: &[u8] = b"HTTP/1.1 403 Forbidden\r\nConnection: close\r\nContent-Length: 0\r\n\r\n";
+const NO_SLOT: &[u8] =
+    b"HTTP/1.1 503 Service Unavailable\r\nConnection: close\r\nContent-Length: 0\r\n\r\n";
+const NOT_WELCOME: &[u8] =
+    b"HTTP/1.1 403 Forbidden\r\nConnection: close\r\nContent-Length: 0\r\n\r\n";
 
 #[derive(Clone)]
 pub(super) struct Proxy {
@@ -52,7 +56,8 @@ pub(super) struct Proxy {
 impl Proxy {
     /// For ever.
     pub(super) async fn run(self, listener: TcpListener) {
-        let (proxy, slots) = (Arc::new(self), Arc::new(Semaphore::new(MOST_CLIENTS)));
+        let proxy = Arc::new(self);
+        let slots = Arc::new(Semaphore::new(MOST_CLIENTS));
         loop {
             let Ok((client, _)) = listener.accept().await else {
                 tokio::time::sleep(AFTER_ERROR).await;
@@ -100,11 +105,14 @@ impl Proxy {
         }
     }
 
-    /// A web page that the operator has open can connect too. It betrays itself by its `Origin`; programs send none, or none of the web.
+    /// A web page that the operator has open can connect too. It betrays itself by its `Origin`;
+    /// programs send none, or none of the web.
     fn welcomes(&self, head: &[u8]) -> bool {
         let head = String::from_utf8_lossy(head);
         let headers = head.lines().filter_map(|line| line.split_once(':'));
-        let origins = headers.filter(|(name, _)| name.trim().eq_ignore_ascii_case("origin")).map(|(_, origin)| origin.trim());
+        let origins = headers
+            .filter(|(name, _)| name.trim().eq_ignore_ascii_case("origin"))
+            .map(|(_, origin)| origin.trim());
         origins.into_iter().all(|origin| self.welcomes_page(origin))
     }
 
@@ -114,9 +122,9 @@ impl Proxy {
         }
         let lower = origin.to_lowercase();
         match lower.strip_prefix("http://").or(lower.strip_prefix("https://")) {
-            Some(host) => ["localhost", "127.0.0.1", "[::1]"]
-                .iter()
-                .any(|ours| host.strip_prefix(ours).is_some_and(|rest| rest.is_empty() || rest.starts_with(':'))),
+            Some(host) => ["localhost", "127.0.0.1", "[::1]"].iter().any(|ours| {
+                host.strip_prefix(ours).is_some_and(|rest| rest.is_empty() || rest.starts_with(':'))
+            }),
             // A page without a name of its own says `null`; `file:` and the like are programs.
             None => lower != "null",
         }
@@ -137,7 +145,10 @@ async fn read_head(client: &mut TcpStream) -> io::Result<Vec<u8>> {
     }
 }
 
-async fn pass_on(mut from: impl AsyncRead + Unpin, to: &mut (impl AsyncWrite + Unpin)) -> io::Result<()> {
+async fn pass_on(
+    mut from: impl AsyncRead + Unpin,
+    to: &mut (impl AsyncWrite + Unpin),
+) -> io::Result<()> {
     let mut buffer = vec![0; BUFFER_BYTES as usize];
     loop {
         let n = from.read(&mut buffer).await?;
@@ -159,15 +170,33 @@ mod tests {
     #[test]
     fn web_pages_of_others_do_not_come_in() {
         let counts = Arc::default();
-        let proxy = Proxy { inner: ([127, 0, 0, 1], 1).into(), origins: vec!["https://lab.example".to_owned()], counts };
-        let welcomes = |origin: &str| proxy.welcomes(format!("GET / HTTP/1.1\r\nHost: x\r\norigin: {origin}\r\n\r\n").as_bytes());
-        for origin in
-            ["http://localhost:8080", "http://127.0.0.1", "https://[::1]:1", FOXGLOVE_APP, "https://lab.example", "file://"]
-        {
+        let proxy = Proxy {
+            inner: ([127, 0, 0, 1], 1).into(),
+            origins: vec!["https://lab.example".to_owned()],
+            counts,
+        };
+        let welcomes = |origin: &str| {
+            proxy.welcomes(
+                format!("GET / HTTP/1.1\r\nHost: x\r\norigin: {origin}\r\n\r\n").as_bytes(),
+            )
+        };
+        for origin in [
+            "http://localhost:8080",
+            "http://127.0.0.1",
+            "https://[::1]:1",
+            FOXGLOVE_APP,
+            "https://lab.example",
+            "file://",
+        ] {
             assert!(welcomes(origin), "{origin}");
         }
-        for origin in ["http://evil.example", "null", "http://localhost.evil.example", "https://127.0.0.1.evil.example", "HTTP://x"]
-        {
+        for origin in [
+            "http://evil.example",
+            "null",
+            "http://localhost.evil.example",
+            "https://127.0.0.1.evil.example",
+            "HTTP://x",
+        ] {
             assert!(!welcomes(origin), "{origin}");
         }
         assert!(proxy.welcomes(b"GET / HTTP/1.1\r\nHost: x\r\n\r\n"), "a program");

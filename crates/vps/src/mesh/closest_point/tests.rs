@@ -37,7 +37,11 @@ fn random_triangle(random: &mut Random, kind: u64) -> [DVec3; 3] {
     let along = random.vector();
     let mut corners = match kind % 8 {
         // Caps: three corners almost on one line, down to a thickness of 1e-14.
-        0 => [first, first + along, first + along * (0.5 + 0.4 * random.signed()) + random.vector() * random.small(14.0)],
+        0 => [
+            first,
+            first + along,
+            first + along * (0.5 + 0.4 * random.signed()) + random.vector() * random.small(14.0),
+        ],
         // Needles: one edge far shorter than the others.
         1 => [first, first + along, first + along + random.vector() * random.small(14.0)],
         // Collinear up to the last bit, two equal corners, one point.
@@ -54,7 +58,8 @@ fn random_triangle(random: &mut Random, kind: u64) -> [DVec3; 3] {
 }
 
 fn random_point(random: &mut Random, corners: &[DVec3; 3]) -> DVec3 {
-    let (s, t) = (random.signed() * 1.5 + 0.5, random.signed() * 1.5 + 0.5);
+    let s = random.signed() * 1.5 + 0.5;
+    let t = random.signed() * 1.5 + 0.5;
     let in_plane = corners[0] + (corners[1] - corners[0]) * s + (corners[2] - corners[0]) * t;
     match random.bits() % 6 {
         0 => random.vector() * 1e3,
@@ -66,22 +71,27 @@ fn random_point(random: &mut Random, corners: &[DVec3; 3]) -> DVec3 {
     }
 }
 
-/// The smallest distance over the seven candidates, each made feasible first; nothing is shared with the tested code.
+/// The smallest distance over the seven candidates, each made feasible first; nothing is shared
+/// with the tested code.
 fn exhaustive_distance(corners: &[DVec3; 3], point: DVec3) -> f64 {
     let mut smallest = f64::INFINITY;
     for k in 0..3 {
-        let (from, to) = (corners[k], corners[(k + 1) % 3]);
+        let from = corners[k];
+        let to = corners[(k + 1) % 3];
         smallest = smallest.min(point.distance(from));
-        let (edge, length) = (to - from, from.distance(to));
+        let edge = to - from;
+        let length = from.distance(to);
         if length > 0.0 {
             let share = ((edge / length).dot(point - from) / length).clamp(0.0, 1.0);
             smallest = smallest.min(point.distance(from + edge * share));
         }
     }
-    // Interior, from an orthonormal frame of the plane at every corner in turn: the best of three is good for any shape.
+    // Interior, from an orthonormal frame of the plane at every corner in turn: the best of three
+    // is good for any shape.
     for k in 0..3 {
         let [p, q, r] = [0, 1, 2].map(|j| corners[(k + j) % 3]);
-        let (e0, e1) = (q - p, r - p);
+        let e0 = q - p;
+        let e1 = r - p;
         let x = e0.normalize_or_zero();
         let height = e1 - x * x.dot(e1);
         let height = height - x * x.dot(height);
@@ -91,7 +101,8 @@ fn exhaustive_distance(corners: &[DVec3; 3], point: DVec3) -> f64 {
         }
         let y = height / tall;
         let mut foot = p;
-        let (mut s, mut t) = (0.0, 0.0);
+        let mut s = 0.0;
+        let mut t = 0.0;
         for _ in 0..3 {
             let rest = point - foot;
             let dt = y.dot(rest) / tall;
@@ -126,7 +137,11 @@ fn acceptance_5_agrees_with_exhaustive_search_and_covers_all_regions() {
         let expected = exhaustive_distance(&corners, point);
         let error = (distance - expected).abs() / scale_of(&corners, expected);
         worst = worst.max(error);
-        assert!(error <= 1e-12, "{corners:?} {point:?}: {distance:e} instead of {expected:e}, {:?}", found.feature);
+        assert!(
+            error <= 1e-12,
+            "{corners:?} {point:?}: {distance:e} instead of {expected:e}, {:?}",
+            found.feature
+        );
         if kind % 8 > 4 {
             seen[match found.feature {
                 TriangleFeature::Interior => 0,
@@ -135,7 +150,9 @@ fn acceptance_5_agrees_with_exhaustive_search_and_covers_all_regions() {
             }] += 1;
         }
     }
-    println!("worst relative error {worst:.2e}, interior/edges/vertices of ordinary triangles {seen:?}");
+    println!(
+        "worst relative error {worst:.2e}, interior/edges/vertices of ordinary triangles {seen:?}"
+    );
     assert!(seen.iter().all(|count| *count > 1000), "{seen:?}");
 }
 
@@ -145,12 +162,16 @@ fn region_names_the_feature_that_holds_the_point() {
     for kind in 0..100_000 {
         let corners = random_triangle(&mut random, kind);
         let point = random_point(&mut random, &corners);
-        for found in [TriangleProjector::new(&corners).project(point), project_by_voronoi_clamp(&corners, point)] {
+        for found in [
+            TriangleProjector::new(&corners).project(point),
+            project_by_voronoi_clamp(&corners, point),
+        ] {
             match found.feature {
                 TriangleFeature::Vertex(k) => assert_eq!(found.point, corners[usize::from(k)]),
                 TriangleFeature::Edge(k) => {
                     let (from, to) = (corners[usize::from(k)], corners[usize::from((k + 1) % 3)]);
-                    let gap = found.point.distance(from) + found.point.distance(to) - from.distance(to);
+                    let gap =
+                        found.point.distance(from) + found.point.distance(to) - from.distance(to);
                     assert!(gap.abs() < 1e-14, "{gap:e}");
                 }
                 TriangleFeature::Interior => {}
@@ -165,11 +186,15 @@ fn both_methods_agree_on_ordinary_triangles() {
     for _ in 0..100_000 {
         let corners = random_triangle(&mut random, 5);
         let point = random_point(&mut random, &corners);
-        let (b, a) = (TriangleProjector::new(&corners).project(point), project_by_voronoi_clamp(&corners, point));
+        let b = TriangleProjector::new(&corners).project(point);
+        let a = project_by_voronoi_clamp(&corners, point);
         let scale = scale_of(&corners, b.distance_squared.sqrt());
         let thin = (corners[1] - corners[0]).cross(corners[2] - corners[0]).length();
         if thin > 1e-3 {
-            assert!(a.point.distance(b.point) <= 1e-9 * scale, "{corners:?} {point:?}: {a:?} {b:?}");
+            assert!(
+                a.point.distance(b.point) <= 1e-9 * scale,
+                "{corners:?} {point:?}: {a:?} {b:?}"
+            );
         }
     }
 }
@@ -205,10 +230,14 @@ fn huge_and_tiny_finite_input_never_gives_nan() {
     for size in sizes {
         for distance in sizes {
             for kind in 0..64 {
-                let corners = random_triangle(&mut random, kind).map(|corner| (corner * 0.5).clamp(-DVec3::ONE, DVec3::ONE) * size);
+                let corners = random_triangle(&mut random, kind)
+                    .map(|corner| (corner * 0.5).clamp(-DVec3::ONE, DVec3::ONE) * size);
                 let point = random.vector() * distance;
                 let found = TriangleProjector::new(&corners).project(point);
-                assert!(found.point.is_finite() && !found.distance_squared.is_nan(), "{corners:?} {point:?}: {found:?}");
+                assert!(
+                    found.point.is_finite() && !found.distance_squared.is_nan(),
+                    "{corners:?} {point:?}: {found:?}"
+                );
             }
         }
     }
@@ -262,15 +291,22 @@ fn acceptance_5_reports_the_time_of_method_b_relative_to_method_a() {
         });
         runs.fold(f64::INFINITY, f64::min)
     };
-    let a = time(&|corners| points.iter().map(|point| project_by_voronoi_clamp(corners, *point).distance_squared).sum());
+    let a = time(&|corners| {
+        points.iter().map(|point| project_by_voronoi_clamp(corners, *point).distance_squared).sum()
+    });
     let b = time(&|corners| {
         let projector = TriangleProjector::new(corners);
         points.iter().map(|point| projector.project(*point).distance_squared).sum()
     });
-    let b_alone =
-        time(&|corners| points.iter().map(|point| TriangleProjector::new(corners).project(*point).distance_squared).sum());
+    let b_alone = time(&|corners| {
+        points
+            .iter()
+            .map(|point| TriangleProjector::new(corners).project(*point).distance_squared)
+            .sum()
+    });
     println!(
-        "closest point, method B over method A: {:.2} prepared once per triangle, {:.2} prepared for every point ({:.1} ns per point)",
+        "closest point, method B over method A: {:.2} prepared once per triangle, {:.2} prepared \
+            for every point ({:.1} ns per point)",
         b / a,
         b_alone / a,
         b * 1e9 / (triangles.len() * points.len()) as f64

@@ -1,4 +1,5 @@
-//! The numbers of a glTF file: from the binary part, from base64 text, or from a file beside it, checked before they are read.
+//! The numbers of a glTF file: from the binary part, from base64 text, or from a file beside it,
+//! checked before they are read.
 
 use std::cell::{Cell, OnceCell};
 use std::ops::Deref;
@@ -49,7 +50,12 @@ pub(super) struct Buffers<'a> {
 }
 
 impl<'a> Buffers<'a> {
-    pub(super) fn new(document: &'a Document, binary: Option<&'a [u8]>, file_bytes: usize, path: &'a Path) -> Self {
+    pub(super) fn new(
+        document: &'a Document,
+        binary: Option<&'a [u8]>,
+        file_bytes: usize,
+        path: &'a Path,
+    ) -> Self {
         Self {
             document,
             path,
@@ -67,16 +73,31 @@ impl<'a> Buffers<'a> {
     }
 
     /// The numbers of an accessor, flattened: `n_components` per element.
-    pub(super) fn numbers(&self, accessor_idx: u32, n_components: usize) -> Result<Vec<f64>, MeshError> {
-        let refuse = |what: String| refusal(self.path, format!("accessors[{accessor_idx}]: {what}"));
-        let accessor = self.document.accessors.get(accessor_idx as usize).ok_or_else(|| refuse("is not there".to_owned()))?;
+    pub(super) fn numbers(
+        &self,
+        accessor_idx: u32,
+        n_components: usize,
+    ) -> Result<Vec<f64>, MeshError> {
+        let refuse =
+            |what: String| refusal(self.path, format!("accessors[{accessor_idx}]: {what}"));
+        let accessor = self
+            .document
+            .accessors
+            .get(accessor_idx as usize)
+            .ok_or_else(|| refuse("is not there".to_owned()))?;
         let wanted = if n_components == 1 { "SCALAR" } else { "VEC3" };
         if accessor.kind != wanted {
-            return Err(refuse(format!("type {wanted} is needed here, found `{:.40}`", accessor.kind)));
+            return Err(refuse(format!(
+                "type {wanted} is needed here, found `{:.40}`",
+                accessor.kind
+            )));
         }
-        let kind = ComponentKind::of(accessor.component_type).ok_or_else(|| refuse(unknown_kind(accessor.component_type)))?;
+        let kind = ComponentKind::of(accessor.component_type)
+            .ok_or_else(|| refuse(unknown_kind(accessor.component_type)))?;
         let mut numbers = match accessor.buffer_view {
-            Some(view) => self.read(view, accessor.byte_offset, accessor.count, n_components, kind, &refuse)?,
+            Some(view) => {
+                self.read(view, accessor.byte_offset, accessor.count, n_components, kind, &refuse)?
+            }
             // Without a view they are zero, and the number of them rests on the file's word.
             None if accessor.count <= (self.file_bytes + self.read_bytes.get()) as u64 => {
                 vec![0.0; accessor.count as usize * n_components]
@@ -87,12 +108,29 @@ impl<'a> Buffers<'a> {
             let index_kind = ComponentKind::of(sparse.indices.component_type)
                 .filter(|kind| kind.is_index())
                 .ok_or_else(|| refuse(unknown_kind(sparse.indices.component_type)))?;
-            let (places, values) = (&sparse.indices, &sparse.values);
-            let places = self.read(places.buffer_view, places.byte_offset, sparse.count, 1, index_kind, &refuse)?;
-            let values = self.read(values.buffer_view, values.byte_offset, sparse.count, n_components, kind, &refuse)?;
+            let places = &sparse.indices;
+            let values = &sparse.values;
+            let places = self.read(
+                places.buffer_view,
+                places.byte_offset,
+                sparse.count,
+                1,
+                index_kind,
+                &refuse,
+            )?;
+            let values = self.read(
+                values.buffer_view,
+                values.byte_offset,
+                sparse.count,
+                n_components,
+                kind,
+                &refuse,
+            )?;
             for (place, value) in places.into_iter().zip(values.chunks_exact(n_components)) {
                 let element = numbers.chunks_exact_mut(n_components).nth(place as usize);
-                element.ok_or_else(|| refuse(format!("sparse element {place} of {}", accessor.count)))?.copy_from_slice(value);
+                element
+                    .ok_or_else(|| refuse(format!("sparse element {place} of {}", accessor.count)))?
+                    .copy_from_slice(value);
             }
         }
         if accessor.normalized {
@@ -116,36 +154,56 @@ impl<'a> Buffers<'a> {
         let buffer = self.buffer(view.buffer)?;
         let bytes = part_of(buffer, view.byte_offset, view.byte_length).ok_or_else(|| {
             let end = view.byte_offset.saturating_add(view.byte_length);
-            refuse(format!("bufferViews[{view_idx}] ends at byte {end}, buffers[{}] has {}", view.buffer, buffer.len()))
+            refuse(format!(
+                "bufferViews[{view_idx}] ends at byte {end}, buffers[{}] has {}",
+                view.buffer,
+                buffer.len()
+            ))
         })?;
         let size = (kind.size_bytes() * n_components) as u64;
         let stride = view.byte_stride.unwrap_or(size);
         if stride < size {
-            return Err(refuse(format!("bufferViews[{view_idx}]: byteStride {stride} is below {size}, the size of an element")));
+            return Err(refuse(format!(
+                "bufferViews[{view_idx}]: byteStride {stride} is below {size}, the size of an \
+                    element"
+            )));
         }
         let Some(last) = count.checked_sub(1) else { return Ok(Vec::new()) };
-        let end =
-            last.checked_mul(stride).and_then(|bytes| bytes.checked_add(size)).and_then(|bytes| bytes.checked_add(byte_offset));
+        let end = last
+            .checked_mul(stride)
+            .and_then(|bytes| bytes.checked_add(size))
+            .and_then(|bytes| bytes.checked_add(byte_offset));
         if end.is_none_or(|end| end > bytes.len() as u64) {
-            return Err(refuse(format!("{count} elements announced, bufferViews[{view_idx}] has {} bytes", bytes.len())));
+            return Err(refuse(format!(
+                "{count} elements announced, bufferViews[{view_idx}] has {} bytes",
+                bytes.len()
+            )));
         }
         let elements = bytes[byte_offset as usize..].chunks(stride as usize).take(count as usize);
         let mut numbers = Vec::with_capacity(count as usize * n_components);
         for element in elements {
-            numbers.extend(element[..size as usize].chunks_exact(kind.size_bytes()).map(|bytes| kind.number(bytes)));
+            numbers.extend(
+                element[..size as usize]
+                    .chunks_exact(kind.size_bytes())
+                    .map(|bytes| kind.number(bytes)),
+            );
         }
         Ok(numbers)
     }
 
     fn buffer(&self, buffer_idx: u32) -> Result<&[u8], MeshError> {
         let refuse = |what: String| refusal(self.path, format!("buffers[{buffer_idx}]: {what}"));
-        let cell = self.loaded.get(buffer_idx as usize).ok_or_else(|| refuse("is not there".to_owned()))?;
+        let cell = self
+            .loaded
+            .get(buffer_idx as usize)
+            .ok_or_else(|| refuse("is not there".to_owned()))?;
         if cell.get().is_none() {
             let buffer = &self.document.buffers[buffer_idx as usize];
             let bytes = match &buffer.uri {
-                None if buffer_idx == 0 => {
-                    Loaded::Part(self.binary.ok_or_else(|| refuse("has no uri and no binary part".to_owned()))?)
-                }
+                None if buffer_idx == 0 => Loaded::Part(
+                    self.binary
+                        .ok_or_else(|| refuse("has no uri and no binary part".to_owned()))?,
+                ),
                 None => return Err(refuse("has no uri".to_owned())),
                 Some(uri) => match uri.strip_prefix("data:") {
                     Some(data) => Loaded::Inline(inline(data).map_err(refuse)?),
@@ -153,7 +211,11 @@ impl<'a> Buffers<'a> {
                 },
             };
             if (bytes.len() as u64) < buffer.byte_length {
-                return Err(refuse(format!("cut, {} bytes announced, {} found", buffer.byte_length, bytes.len())));
+                return Err(refuse(format!(
+                    "cut, {} bytes announced, {} found",
+                    buffer.byte_length,
+                    bytes.len()
+                )));
             }
             if let Loaded::File(bytes) = &bytes {
                 self.read_bytes.set(self.read_bytes.get().saturating_add(bytes.len()));
@@ -170,16 +232,23 @@ impl<'a> Buffers<'a> {
 /// # Errors
 /// What is wrong with the first one that may not be read.
 pub(super) fn files(document: &Document, path: &Path) -> Result<Vec<PathBuf>, MeshError> {
-    let uris = document.buffers.iter().filter_map(|buffer| buffer.uri.as_deref()).filter(|uri| !uri.starts_with("data:"));
+    let uris = document
+        .buffers
+        .iter()
+        .filter_map(|buffer| buffer.uri.as_deref())
+        .filter(|uri| !uri.starts_with("data:"));
     uris.map(|uri| beside(path, uri).map_err(|what| refusal(path, what))).collect()
 }
 
 /// A file in the folder of `path`, or below.
 fn beside(path: &Path, uri: &str) -> Result<PathBuf, String> {
     let shown = || uri.chars().take(60).collect::<String>();
-    let name = percent_encoding::percent_decode_str(uri).decode_utf8().map_err(|_| format!("uri `{}` is not UTF-8", shown()))?;
+    let name = percent_encoding::percent_decode_str(uri)
+        .decode_utf8()
+        .map_err(|_| format!("uri `{}` is not UTF-8", shown()))?;
     let name = PathBuf::from(name.as_ref());
-    let is_below = name.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
+    let is_below =
+        name.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
     if !is_below || uri.contains("://") {
         return Err(format!("uri `{}` must name a file beside this one", shown()));
     }
@@ -264,5 +333,6 @@ impl ComponentKind {
 
 /// True for numbers that may stand in a list of vertices.
 pub(super) fn is_index(accessor: &Accessor) -> bool {
-    ComponentKind::of(accessor.component_type).is_some_and(ComponentKind::is_index) && !accessor.normalized
+    ComponentKind::of(accessor.component_type).is_some_and(ComponentKind::is_index)
+        && !accessor.normalized
 }

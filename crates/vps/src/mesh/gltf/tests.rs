@@ -3,7 +3,8 @@ use serde_json::{Value, json};
 use super::*;
 use crate::mesh::primitives::Shape;
 
-const VERTICES: [[f32; 3]; 4] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 3.0]];
+const VERTICES: [[f32; 3]; 4] =
+    [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 3.0]];
 const FACES: [u32; 12] = [0, 2, 1, 0, 1, 3, 1, 2, 3, 2, 0, 3];
 
 fn read(bytes: &[u8]) -> Result<TriangleMesh, MeshError> {
@@ -20,7 +21,10 @@ fn message(document: &Value) -> String {
 
 fn embedded(buffer: &[u8]) -> String {
     use base64::Engine;
-    format!("data:application/octet-stream;base64,{}", base64::engine::general_purpose::STANDARD.encode(buffer))
+    format!(
+        "data:application/octet-stream;base64,{}",
+        base64::engine::general_purpose::STANDARD.encode(buffer)
+    )
 }
 
 fn positions() -> Vec<u8> {
@@ -38,7 +42,8 @@ fn indices(component_type: u32, corners: &[u32]) -> Vec<u8> {
 
 /// A document with one mesh; the buffer has its positions and then its indices.
 fn document(component_type: u32, mode: u32, corners: &[u32]) -> (Value, Vec<u8>) {
-    let (positions, indices) = (positions(), indices(component_type, corners));
+    let positions = positions();
+    let indices = indices(component_type, corners);
     let buffer = [positions.clone(), indices.clone()].concat();
     let document = json!({
         "asset": {"version": "2.0", "generator": "a test"},
@@ -96,7 +101,11 @@ fn every_index_type_and_container_gives_the_same_mesh() {
         std::fs::write(dir.path().join("data/part 1.bin"), &buffer[1..]).unwrap();
         let error = parse(document.to_string().as_bytes(), &path).unwrap_err().to_string();
         assert!(
-            error.ends_with(&format!("buffers[0]: cut, {} bytes announced, {} found", buffer.len(), buffer.len() - 1)),
+            error.ends_with(&format!(
+                "buffers[0]: cut, {} bytes announced, {} found",
+                buffer.len(),
+                buffer.len() - 1
+            )),
             "{error}"
         );
     }
@@ -104,7 +113,8 @@ fn every_index_type_and_container_gives_the_same_mesh() {
 
 #[test]
 fn strips_fans_and_bare_vertices_are_triangles() {
-    let triangles = |mode, corners: &[u32]| read_value(&document(5121, mode, corners).0).unwrap().triangles;
+    let triangles =
+        |mode, corners: &[u32]| read_value(&document(5121, mode, corners).0).unwrap().triangles;
     assert_eq!(triangles(5, &[0, 1, 2, 3, 3, 0]), [[0, 1, 2], [2, 1, 3]]);
     assert_eq!(triangles(6, &[3, 0, 1, 2]), [[3, 0, 1], [3, 1, 2]]);
     assert!(triangles(1, &[0, 1, 2, 3]).is_empty(), "lines are left out");
@@ -135,10 +145,19 @@ fn nodes_place_meshes_and_mirrors_turn_triangles() {
     }
     assert!(mesh.vertices[5].distance(DVec3::new(5.0, 1.0, 0.0)) < 1e-12);
     let report = crate::mesh::validate::inspect(&mesh);
-    assert!(report.closed && report.inconsistent_edges == 0 && (report.signed_volume_m3 - 4.0).abs() < 1e-12, "{report:?}");
+    assert!(
+        report.closed
+            && report.inconsistent_edges == 0
+            && (report.signed_volume_m3 - 4.0).abs() < 1e-12,
+        "{report:?}"
+    );
     placed.as_object_mut().unwrap().remove("scene");
     placed.as_object_mut().unwrap().remove("scenes");
-    assert_eq!(read_value(&placed).unwrap().triangles.len(), 12, "every node without a parent begins");
+    assert_eq!(
+        read_value(&placed).unwrap().triangles.len(),
+        12,
+        "every node without a parent begins"
+    );
     placed["nodes"] = json!([]);
     same_as_tetrahedron(&read_value(&placed).unwrap());
 }
@@ -146,23 +165,40 @@ fn nodes_place_meshes_and_mirrors_turn_triangles() {
 #[test]
 fn sparse_and_quantized_positions_are_read() {
     let mut sparse = tetrahedron();
-    let changes = [&[1_u8, 0, 3, 0][..], &[7.0_f32, 8.0, 9.0, 0.0, 0.0, 4.0].map(f32::to_le_bytes).concat()].concat();
-    sparse["buffers"].as_array_mut().unwrap().push(json!({"byteLength": 28, "uri": embedded(&changes)}));
+    let changes =
+        [&[1_u8, 0, 3, 0][..], &[7.0_f32, 8.0, 9.0, 0.0, 0.0, 4.0].map(f32::to_le_bytes).concat()]
+            .concat();
+    sparse["buffers"]
+        .as_array_mut()
+        .unwrap()
+        .push(json!({"byteLength": 28, "uri": embedded(&changes)}));
     let views = sparse["bufferViews"].as_array_mut().unwrap();
-    views.extend([json!({"buffer": 1, "byteLength": 4}), json!({"buffer": 1, "byteOffset": 4, "byteLength": 24})]);
-    sparse["accessors"][0]["sparse"] =
-        json!({"count": 2, "indices": {"bufferView": 2, "componentType": 5123}, "values": {"bufferView": 3}});
+    views.extend([
+        json!({"buffer": 1, "byteLength": 4}),
+        json!({"buffer": 1, "byteOffset": 4, "byteLength": 24}),
+    ]);
+    sparse["accessors"][0]["sparse"] = json!({"count": 2, "indices": {"bufferView": 2, "componentType": 5123}, "values": {"bufferView": 3}});
     let mesh = read_value(&sparse).unwrap();
-    assert_eq!(mesh.vertices[1..], [DVec3::new(7.0, 8.0, 9.0), DVec3::new(0.0, 2.0, 0.0), DVec3::new(0.0, 0.0, 4.0)]);
+    assert_eq!(
+        mesh.vertices[1..],
+        [DVec3::new(7.0, 8.0, 9.0), DVec3::new(0.0, 2.0, 0.0), DVec3::new(0.0, 0.0, 4.0)]
+    );
     sparse["accessors"][0].as_object_mut().unwrap().remove("bufferView");
     assert_eq!(read_value(&sparse).unwrap().vertices[2], DVec3::ZERO);
 
     // Signed bytes, four apart, as parts of 127.
     let mut quantized = tetrahedron();
-    let bytes: Vec<u8> = VERTICES.iter().flat_map(|[x, y, z]| [*x as u8 * 127, *y as u8, *z as u8, 99]).collect();
+    let bytes: Vec<u8> =
+        VERTICES.iter().flat_map(|[x, y, z]| [*x as u8 * 127, *y as u8, *z as u8, 99]).collect();
     quantized["extensionsRequired"] = json!(["KHR_mesh_quantization", "KHR_materials_unlit"]);
-    quantized["buffers"].as_array_mut().unwrap().push(json!({"byteLength": 16, "uri": embedded(&bytes)}));
-    quantized["bufferViews"].as_array_mut().unwrap().push(json!({"buffer": 1, "byteLength": 16, "byteStride": 4}));
+    quantized["buffers"]
+        .as_array_mut()
+        .unwrap()
+        .push(json!({"byteLength": 16, "uri": embedded(&bytes)}));
+    quantized["bufferViews"]
+        .as_array_mut()
+        .unwrap()
+        .push(json!({"buffer": 1, "byteLength": 16, "byteStride": 4}));
     quantized["accessors"][0] = json!({"bufferView": 2, "componentType": 5120, "normalized": true, "count": 4, "type": "VEC3"});
     let mesh = read_value(&quantized).unwrap();
     assert_eq!(mesh.vertices[1], DVec3::X);
@@ -173,8 +209,14 @@ fn sparse_and_quantized_positions_are_read() {
 #[test]
 fn a_box_survives_the_journey() {
     let shape = Shape::Box { size_m: DVec3::new(0.1, 0.2, 0.3) }.tessellate(1.0);
-    let positions: Vec<u8> = shape.vertices.iter().flat_map(|v| v.as_vec3().to_array()).flat_map(f32::to_le_bytes).collect();
-    let indices: Vec<u8> = shape.triangles.as_flattened().iter().flat_map(|corner| corner.to_le_bytes()).collect();
+    let positions: Vec<u8> = shape
+        .vertices
+        .iter()
+        .flat_map(|v| v.as_vec3().to_array())
+        .flat_map(f32::to_le_bytes)
+        .collect();
+    let indices: Vec<u8> =
+        shape.triangles.as_flattened().iter().flat_map(|corner| corner.to_le_bytes()).collect();
     let mut document = document(5125, 4, &[0, 1, 2]).0;
     document["accessors"][0]["count"] = json!(shape.vertices.len());
     document["accessors"][1]["count"] = json!(3 * shape.triangles.len());
@@ -185,7 +227,12 @@ fn a_box_survives_the_journey() {
     ]);
     let mesh = read_value(&document).unwrap();
     assert_eq!(mesh.triangles, shape.triangles);
-    assert!(mesh.vertices.iter().zip(&shape.vertices).all(|(found, vertex)| found.distance(*vertex) < 1e-8));
+    assert!(
+        mesh.vertices
+            .iter()
+            .zip(&shape.vertices)
+            .all(|(found, vertex)| found.distance(*vertex) < 1e-8)
+    );
 }
 
 #[test]
@@ -196,25 +243,46 @@ fn errors_name_the_key_and_the_value() {
         message(&document)
     };
     let file = "folder/part.gltf";
-    assert_eq!(with("/asset/version", json!("1.0")), format!("{file}: version 2 of the format is read, found `1.0`"));
+    assert_eq!(
+        with("/asset/version", json!("1.0")),
+        format!("{file}: version 2 of the format is read, found `1.0`")
+    );
     assert_eq!(with("/scene", json!(1)), format!("{file}: scenes[1] is not there"));
     assert_eq!(with("/scenes/0/nodes", json!([4])), format!("{file}: nodes[4] is not there"));
-    assert_eq!(with("/scenes/0/nodes", json!([0, 0])), format!("{file}: nodes[0] stands in the scene twice, or in a loop"));
-    assert_eq!(with("/nodes", json!([{"children": [0]}])), format!("{file}: nodes[0] stands in the scene twice, or in a loop"));
+    assert_eq!(
+        with("/scenes/0/nodes", json!([0, 0])),
+        format!("{file}: nodes[0] stands in the scene twice, or in a loop")
+    );
+    assert_eq!(
+        with("/nodes", json!([{"children": [0]}])),
+        format!("{file}: nodes[0] stands in the scene twice, or in a loop")
+    );
     assert_eq!(with("/nodes/0/mesh", json!(2)), format!("{file}: meshes[2] is not there"));
     assert_eq!(
         with("/accessors/0/count", json!(u64::MAX)),
-        format!("{file}: accessors[0]: 18446744073709551615 elements announced, bufferViews[0] has 48 bytes")
+        format!(
+            "{file}: accessors[0]: 18446744073709551615 elements announced, bufferViews[0] has 48 \
+                bytes"
+        )
     );
     assert_eq!(
         with("/accessors/1/count", json!(11)),
         format!("{file}: meshes[0].primitives[0]: 11 corners are no whole number of triangles")
     );
-    assert_eq!(with("/accessors/0/type", json!("VEC4")), format!("{file}: accessors[0]: type VEC3 is needed here, found `VEC4`"));
-    assert_eq!(with("/accessors/0/componentType", json!(9)), format!("{file}: accessors[0]: componentType 9 cannot be used here"));
+    assert_eq!(
+        with("/accessors/0/type", json!("VEC4")),
+        format!("{file}: accessors[0]: type VEC3 is needed here, found `VEC4`")
+    );
+    assert_eq!(
+        with("/accessors/0/componentType", json!(9)),
+        format!("{file}: accessors[0]: componentType 9 cannot be used here")
+    );
     assert_eq!(
         with("/accessors/1/componentType", json!(5122)),
-        format!("{file}: meshes[0].primitives[0]: accessors[1] has no unsigned integers, as indices must be")
+        format!(
+            "{file}: meshes[0].primitives[0]: accessors[1] has no unsigned integers, as indices \
+                must be"
+        )
     );
     assert_eq!(
         with("/accessors/0/count", json!(3)),
@@ -224,22 +292,34 @@ fn errors_name_the_key_and_the_value() {
         with("/bufferViews/1/byteLength", json!(100)),
         format!("{file}: accessors[1]: bufferViews[1] ends at byte 148, buffers[0] has 72")
     );
-    assert_eq!(with("/buffers/0/byteLength", json!(73)), format!("{file}: buffers[0]: cut, 73 bytes announced, 72 found"));
+    assert_eq!(
+        with("/buffers/0/byteLength", json!(73)),
+        format!("{file}: buffers[0]: cut, 73 bytes announced, 72 found")
+    );
     assert_eq!(
         with("/buffers/0/uri", json!("../part.bin")),
         format!("{file}: buffers[0]: uri `../part.bin` must name a file beside this one")
     );
     assert_eq!(with("/buffers/0/uri", json!("none.bin")), "folder/none.bin: no such file");
-    assert_eq!(with("/buffers/0/uri", json!("data:text/plain,abc")), format!("{file}: buffers[0]: a data uri must be base64"));
+    assert_eq!(
+        with("/buffers/0/uri", json!("data:text/plain,abc")),
+        format!("{file}: buffers[0]: a data uri must be base64")
+    );
     let mut compressed = tetrahedron();
     compressed["extensionsRequired"] = json!(["KHR_draco_mesh_compression"]);
     assert!(message(&compressed).contains("KHR_draco_mesh_compression"));
     let mut nowhere = tetrahedron();
     nowhere["accessors"][0].as_object_mut().unwrap().remove("bufferView");
     nowhere["accessors"][0]["count"] = json!(4_000_000_000_u32);
-    assert_eq!(message(&nowhere), format!("{file}: accessors[0]: 4000000000 elements without a buffer"));
+    assert_eq!(
+        message(&nowhere),
+        format!("{file}: accessors[0]: 4000000000 elements without a buffer")
+    );
     let error = read(b"{\"asset\":\n{\"version\": 2}}").unwrap_err().to_string();
-    assert_eq!(error, format!("{file}:2: not a glTF document: invalid type: integer `2`, expected a string"));
+    assert_eq!(
+        error,
+        format!("{file}:2: not a glTF document: invalid type: integer `2`, expected a string")
+    );
 }
 
 #[test]
@@ -259,7 +339,11 @@ fn every_cut_of_a_binary_file_is_an_error() {
     }
     assert_eq!(
         read(&whole[..whole.len() - 1]).unwrap_err().to_string(),
-        format!("folder/part.gltf: byte 8: cut, {} bytes announced, {} found", whole.len(), whole.len() - 1)
+        format!(
+            "folder/part.gltf: byte 8: cut, {} bytes announced, {} found",
+            whole.len(),
+            whole.len() - 1
+        )
     );
 }
 
@@ -270,7 +354,8 @@ fn copies_beyond_all_measure_are_refused() {
     let positions = vec![0_u8; 300 * 12];
     many["buffers"] = json!([{"byteLength": positions.len(), "uri": embedded(&positions)}]);
     many["bufferViews"] = json!([{"buffer": 0, "byteLength": positions.len()}]);
-    many["accessors"] = json!([{"bufferView": 0, "componentType": 5126, "count": 300, "type": "VEC3"}]);
+    many["accessors"] =
+        json!([{"bufferView": 0, "componentType": 5126, "count": 300, "type": "VEC3"}]);
     many["meshes"] = json!([{"primitives": [{"attributes": {"POSITION": 0}}]}]);
     many["nodes"] = json!(vec![json!({"mesh": 0}); 60_000]);
     many["scenes"][0]["nodes"] = json!((0..60_000).collect::<Vec<_>>());

@@ -85,11 +85,16 @@ pub(super) struct Element {
 impl Element {
     /// Where single numbers of these names are among the properties.
     pub(super) fn places(&self, names: [&str; 3]) -> Option<[usize; 3]> {
-        let place = |name: &str| self.properties.iter().position(|property| property.name == name && property.count.is_none());
+        let place = |name: &str| {
+            self.properties
+                .iter()
+                .position(|property| property.name == name && property.count.is_none())
+        };
         Some([place(names[0])?, place(names[1])?, place(names[2])?])
     }
 
-    /// Fewest bytes that one of them takes: every list may be empty, every number of text needs a digit and a blank.
+    /// Fewest bytes that one of them takes: every list may be empty, every number of text needs a
+    /// digit and a blank.
     pub(super) fn least_bytes(&self, encoding: Encoding) -> usize {
         let least = |property: &Property| match encoding {
             Encoding::Text => 2,
@@ -112,7 +117,10 @@ pub(super) struct Header {
 
 impl Header {
     /// Reads the header; `refuse` makes the error for a line.
-    pub(super) fn parse(bytes: &[u8], refuse: impl Fn(usize, String) -> MeshError) -> Result<Self, MeshError> {
+    pub(super) fn parse(
+        bytes: &[u8],
+        refuse: impl Fn(usize, String) -> MeshError,
+    ) -> Result<Self, MeshError> {
         let mut lines = Lines::new(bytes);
         if lines.next().is_none_or(|(_, line)| line.trim() != "ply") {
             return Err(refuse(1, "a PLY file begins with the line `ply`".to_owned()));
@@ -121,11 +129,22 @@ impl Header {
         let mut elements: Vec<Element> = Vec::new();
         while let Some((number, line)) = lines.next() {
             let words: Vec<&str> = line.split_whitespace().collect();
-            let wrong = || refuse(number, format!("wrong header line `{}`", line.trim().chars().take(60).collect::<String>()));
+            let wrong = || {
+                refuse(
+                    number,
+                    format!(
+                        "wrong header line `{}`",
+                        line.trim().chars().take(60).collect::<String>()
+                    ),
+                )
+            };
             match words[..] {
                 ["format", kind, version] => {
                     if version != "1.0" {
-                        return Err(refuse(number, format!("version 1.0 of the format is read, found `{version}`")));
+                        return Err(refuse(
+                            number,
+                            format!("version 1.0 of the format is read, found `{version}`"),
+                        ));
                     }
                     encoding = Some(match kind {
                         "ascii" => Encoding::Text,
@@ -143,28 +162,48 @@ impl Header {
                 }
                 ["property", "list", count, scalar, name] => {
                     let element = elements.last_mut().ok_or_else(wrong)?;
-                    let count = Scalar::of(count).filter(|count| count.is_integer()).ok_or_else(wrong)?;
+                    let count =
+                        Scalar::of(count).filter(|count| count.is_integer()).ok_or_else(wrong)?;
                     let scalar = Scalar::of(scalar).ok_or_else(wrong)?;
-                    element.properties.push(Property { name: name.to_owned(), scalar, count: Some(count) });
+                    element.properties.push(Property {
+                        name: name.to_owned(),
+                        scalar,
+                        count: Some(count),
+                    });
                 }
                 ["property", scalar, name] => {
                     let element = elements.last_mut().ok_or_else(wrong)?;
                     let scalar = Scalar::of(scalar).ok_or_else(wrong)?;
-                    element.properties.push(Property { name: name.to_owned(), scalar, count: None });
+                    element.properties.push(Property {
+                        name: name.to_owned(),
+                        scalar,
+                        count: None,
+                    });
                 }
                 ["end_header"] => {
-                    let encoding = encoding.ok_or_else(|| refuse(number, "the header has no line `format`".to_owned()))?;
-                    return Ok(Self { encoding, elements, body_at: lines.at, body_line: number + 1 });
+                    let encoding = encoding.ok_or_else(|| {
+                        refuse(number, "the header has no line `format`".to_owned())
+                    })?;
+                    return Ok(Self {
+                        encoding,
+                        elements,
+                        body_at: lines.at,
+                        body_line: number + 1,
+                    });
                 }
                 [] | ["comment" | "obj_info", ..] => {}
                 _ => return Err(wrong()),
             }
         }
-        Err(refuse(lines.number, "the header ends without `end_header`, so the file was cut".to_owned()))
+        Err(refuse(
+            lines.number,
+            "the header ends without `end_header`, so the file was cut".to_owned(),
+        ))
     }
 }
 
-/// Lines of the header. The first line shows how lines end: numbers follow at once, and they may look like an end of line.
+/// Lines of the header. The first line shows how lines end: numbers follow at once, and they may
+/// look like an end of line.
 struct Lines<'a> {
     bytes: &'a [u8],
     at: usize,

@@ -1,11 +1,14 @@
 //! PLY, text and binary of both byte orders.
 //!
-//! Data in: bytes. Data out: the vertices of the file, with normals and colours where it has no faces, and triangles from its polygons (`face`) and strips (`tristrips`, where -1
-//! begins the next strip). Numbers of any type are read; other elements and properties are skipped. Invariant: no allocation is
-//! larger than what the bytes at hand can fill, whatever the header announces. Cost: linear.
+//! Data in: bytes. Data out: the vertices of the file, with normals and colours where it has no
+//! faces, and triangles from its polygons (`face`) and strips (`tristrips`, where -1 begins the
+//! next strip). Numbers of any type are read; other elements and properties are skipped. Invariant:
+//! no allocation is larger than what the bytes at hand can fill, whatever the header announces.
+//! Cost: linear.
 //!
 //! # Source
-//! Greg Turk, "The PLY Polygon File Format" (1994); `tristrips` as in the files of the Stanford 3D Scanning Repository.
+//! Greg Turk, "The PLY Polygon File Format" (1994); `tristrips` as in the files of the Stanford 3D
+//! Scanning Repository.
 
 mod header;
 
@@ -19,8 +22,13 @@ use super::{MeshError, TriangleMesh, polygon};
 
 /// Reads a PLY file; `path` is for messages only.
 pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError> {
-    let header = Header::parse(bytes, |line, what| MeshError::Parse { path: path.to_owned(), line: Some(line), what })?;
-    let mut body = Body { bytes, at: header.body_at, line: header.body_line, encoding: header.encoding, path };
+    let header = Header::parse(bytes, |line, what| MeshError::Parse {
+        path: path.to_owned(),
+        line: Some(line),
+        what,
+    })?;
+    let mut body =
+        Body { bytes, at: header.body_at, line: header.body_line, encoding: header.encoding, path };
     let mut vertices = Vec::new();
     let mut faces = Faces::default();
     for element in &header.elements {
@@ -35,13 +43,23 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError
     faces.into_mesh(vertices, path, header.encoding)
 }
 
-/// Reads the vertices of a PLY file as points, with normals and colours where the file has them; `None` when the file has faces.
+/// Reads the vertices of a PLY file as points, with normals and colours where the file has them;
+/// `None` when the file has faces.
 pub(super) fn parse_cloud(bytes: &[u8], path: &Path) -> Result<Option<Cloud>, MeshError> {
-    let header = Header::parse(bytes, |line, what| MeshError::Parse { path: path.to_owned(), line: Some(line), what })?;
-    if header.elements.iter().any(|element| matches!(element.name.as_str(), "face" | "tristrips") && element.count > 0) {
+    let header = Header::parse(bytes, |line, what| MeshError::Parse {
+        path: path.to_owned(),
+        line: Some(line),
+        what,
+    })?;
+    if header
+        .elements
+        .iter()
+        .any(|element| matches!(element.name.as_str(), "face" | "tristrips") && element.count > 0)
+    {
         return Ok(None);
     }
-    let mut body = Body { bytes, at: header.body_at, line: header.body_line, encoding: header.encoding, path };
+    let mut body =
+        Body { bytes, at: header.body_at, line: header.body_line, encoding: header.encoding, path };
     let mut cloud = Cloud::default();
     for element in &header.elements {
         body.check_room(element)?;
@@ -70,7 +88,12 @@ struct List {
 }
 
 impl Faces {
-    fn into_mesh(self, vertices: Vec<DVec3>, path: &Path, encoding: Encoding) -> Result<TriangleMesh, MeshError> {
+    fn into_mesh(
+        self,
+        vertices: Vec<DVec3>,
+        path: &Path,
+        encoding: Encoding,
+    ) -> Result<TriangleMesh, MeshError> {
         let mut triangles = Vec::with_capacity(self.lists.len());
         let mut corners: Vec<u32> = Vec::new();
         let mut begin = 0;
@@ -84,7 +107,10 @@ impl Faces {
                         corners.clear();
                     }
                     _ => {
-                        let what = format!("a face names vertex {index} (counted from 0), the file has {}", vertices.len());
+                        let what = format!(
+                            "a face names vertex {index} (counted from 0), the file has {}",
+                            vertices.len()
+                        );
                         return Err(refusal(path, encoding, place, what));
                     }
                 }
@@ -100,10 +126,15 @@ impl Faces {
     }
 }
 
-/// Triangles of a strip, every second one turned round; those that only lead on to the next piece have no area and are left out.
+/// Triangles of a strip, every second one turned round; those that only lead on to the next piece
+/// have no area and are left out.
 pub(super) fn strip(corners: &[u32], triangles: &mut Vec<[u32; 3]>) {
     for (k, corner) in corners.windows(3).enumerate() {
-        let (a, b, c) = if k % 2 == 0 { (corner[0], corner[1], corner[2]) } else { (corner[1], corner[0], corner[2]) };
+        let (a, b, c) = if k % 2 == 0 {
+            (corner[0], corner[1], corner[2])
+        } else {
+            (corner[1], corner[0], corner[2])
+        };
         if a != b && b != c && c != a {
             triangles.push([a, b, c]);
         }
@@ -141,7 +172,12 @@ impl Body<'_> {
 
     #[cold]
     fn cut(&self, element: &Element, number: u64) -> MeshError {
-        self.refuse(format!("the file ends in `{}` {} of {}, so it was cut", element.name, number + 1, element.count))
+        self.refuse(format!(
+            "the file ends in `{}` {} of {}, so it was cut",
+            element.name,
+            number + 1,
+            element.count
+        ))
     }
 
     /// Refuses a number of elements for which the rest of the file has no room.
@@ -150,8 +186,12 @@ impl Body<'_> {
         // The last number of a text needs no blank behind it.
         let room = (self.bytes.len() - self.at) as u64 + u64::from(self.encoding == Encoding::Text);
         if element.count.checked_mul(least).is_none_or(|needed| needed > room) {
-            let what =
-                format!("the header announces {} of `{}`, the file has room for {}", element.count, element.name, room / least);
+            let what = format!(
+                "the header announces {} of `{}`, the file has room for {}",
+                element.count,
+                element.name,
+                room / least
+            );
             return Err(self.refuse(what));
         }
         Ok(())
@@ -173,7 +213,11 @@ impl Body<'_> {
             return Err(self.refuse("`vertex` needs the properties x, y and z".to_owned()));
         };
         if u32::try_from(element.count).is_err() {
-            return Err(self.refuse(format!("{} vertices, at most {} can be used", element.count, u32::MAX)));
+            return Err(self.refuse(format!(
+                "{} vertices, at most {} can be used",
+                element.count,
+                u32::MAX
+            )));
         }
         Ok(places)
     }
@@ -189,7 +233,8 @@ impl Body<'_> {
         let ([nx, ny, nz], [red, green, blue]) = (normal_at_or, color_at_or);
         let n = element.count as usize;
         let mut cloud = Cloud { positions: Vec::with_capacity(n), normals: None, colors: None };
-        let (mut normals, mut colors) = (Vec::new(), Vec::new());
+        let mut normals = Vec::new();
+        let mut colors = Vec::new();
         for number in 0..element.count {
             let row = self.row(element, number, [x, y, z, nx, ny, nz, red, green, blue])?;
             let [x, y, z, nx, ny, nz, red, green, blue] = row;
@@ -206,8 +251,14 @@ impl Body<'_> {
         Ok(cloud)
     }
 
-    /// The numbers of the next element that are at these places among its properties; the first three are its coordinates.
-    fn row<const N: usize>(&mut self, element: &Element, number: u64, places: [usize; N]) -> Result<[f64; N], MeshError> {
+    /// The numbers of the next element that are at these places among its properties; the first
+    /// three are its coordinates.
+    fn row<const N: usize>(
+        &mut self,
+        element: &Element,
+        number: u64,
+        places: [usize; N],
+    ) -> Result<[f64; N], MeshError> {
         let mut row = [0.0; N];
         let line = (self.encoding == Encoding::Text).then(|| self.next_line());
         for (place, property) in element.properties.iter().enumerate() {
@@ -223,7 +274,11 @@ impl Body<'_> {
             }
         }
         if row[..3].iter().any(|coordinate| !coordinate.is_finite()) {
-            return Err(MeshError::NonFiniteVertex { path: self.path.to_owned(), vertex: number as usize + 1, line });
+            return Err(MeshError::NonFiniteVertex {
+                path: self.path.to_owned(),
+                vertex: number as usize + 1,
+                line,
+            });
         }
         Ok(row)
     }
@@ -231,13 +286,18 @@ impl Body<'_> {
     fn lists(&mut self, element: &Element, faces: &mut Faces) -> Result<(), MeshError> {
         let names = ["vertex_indices", "vertex_index"];
         let ours = element.properties.iter().position(|property| {
-            names.contains(&property.name.as_str()) && property.count.is_some() && property.scalar.is_integer()
+            names.contains(&property.name.as_str())
+                && property.count.is_some()
+                && property.scalar.is_integer()
         });
         let Some(ours) = ours else {
             if element.count == 0 {
                 return Ok(());
             }
-            return Err(self.refuse(format!("`{}` needs a list of integers named vertex_indices", element.name)));
+            return Err(self.refuse(format!(
+                "`{}` needs a list of integers named vertex_indices",
+                element.name
+            )));
         };
         let is_strip = element.name == "tristrips";
         for number in 0..element.count {
@@ -245,10 +305,14 @@ impl Body<'_> {
             for (k, property) in element.properties.iter().enumerate() {
                 match property.count {
                     None => _ = self.number(property.scalar, element, number)?,
-                    Some(count) if k != ours => self.skip_list(count, property.scalar, element, number)?,
+                    Some(count) if k != ours => {
+                        self.skip_list(count, property.scalar, element, number)?
+                    }
                     Some(count) => {
                         for _ in 0..self.list_length(count, property.scalar, element, number)? {
-                            faces.corners.push(self.number(property.scalar, element, number)? as i64);
+                            faces
+                                .corners
+                                .push(self.number(property.scalar, element, number)? as i64);
                         }
                     }
                 }
@@ -274,7 +338,13 @@ impl Body<'_> {
         Ok(())
     }
 
-    fn skip_list(&mut self, count: Scalar, scalar: Scalar, element: &Element, number: u64) -> Result<(), MeshError> {
+    fn skip_list(
+        &mut self,
+        count: Scalar,
+        scalar: Scalar,
+        element: &Element,
+        number: u64,
+    ) -> Result<(), MeshError> {
         for _ in 0..self.list_length(count, scalar, element, number)? {
             self.number(scalar, element, number)?;
         }
@@ -282,12 +352,20 @@ impl Body<'_> {
     }
 
     /// How many numbers follow; never more than the file has room for.
-    fn list_length(&mut self, count: Scalar, scalar: Scalar, element: &Element, number: u64) -> Result<usize, MeshError> {
+    fn list_length(
+        &mut self,
+        count: Scalar,
+        scalar: Scalar,
+        element: &Element,
+        number: u64,
+    ) -> Result<usize, MeshError> {
         let length = self.number(count, element, number)?;
         let size = if self.encoding == Encoding::Text { 2 } else { scalar.size_bytes() };
         let room = (self.bytes.len() - self.at + 1) / size;
         if !(0.0..=room as f64).contains(&length) {
-            return Err(self.refuse(format!("a list of {length} numbers, the file has room for {room}")));
+            return Err(
+                self.refuse(format!("a list of {length} numbers, the file has room for {room}"))
+            );
         }
         Ok(length as usize)
     }
@@ -303,12 +381,24 @@ impl Body<'_> {
         let value = match scalar {
             Scalar::I8 => rest.first().map(|byte| f64::from(byte.cast_signed())),
             Scalar::U8 => rest.first().map(|byte| f64::from(*byte)),
-            Scalar::I16 => rest.first_chunk().map(|b| f64::from(if big { i16::from_be_bytes(*b) } else { i16::from_le_bytes(*b) })),
-            Scalar::U16 => rest.first_chunk().map(|b| f64::from(if big { u16::from_be_bytes(*b) } else { u16::from_le_bytes(*b) })),
-            Scalar::I32 => rest.first_chunk().map(|b| f64::from(if big { i32::from_be_bytes(*b) } else { i32::from_le_bytes(*b) })),
-            Scalar::U32 => rest.first_chunk().map(|b| f64::from(if big { u32::from_be_bytes(*b) } else { u32::from_le_bytes(*b) })),
-            Scalar::F32 => rest.first_chunk().map(|b| f64::from(if big { f32::from_be_bytes(*b) } else { f32::from_le_bytes(*b) })),
-            Scalar::F64 => rest.first_chunk().map(|b| if big { f64::from_be_bytes(*b) } else { f64::from_le_bytes(*b) }),
+            Scalar::I16 => rest.first_chunk().map(|b| {
+                f64::from(if big { i16::from_be_bytes(*b) } else { i16::from_le_bytes(*b) })
+            }),
+            Scalar::U16 => rest.first_chunk().map(|b| {
+                f64::from(if big { u16::from_be_bytes(*b) } else { u16::from_le_bytes(*b) })
+            }),
+            Scalar::I32 => rest.first_chunk().map(|b| {
+                f64::from(if big { i32::from_be_bytes(*b) } else { i32::from_le_bytes(*b) })
+            }),
+            Scalar::U32 => rest.first_chunk().map(|b| {
+                f64::from(if big { u32::from_be_bytes(*b) } else { u32::from_le_bytes(*b) })
+            }),
+            Scalar::F32 => rest.first_chunk().map(|b| {
+                f64::from(if big { f32::from_be_bytes(*b) } else { f32::from_le_bytes(*b) })
+            }),
+            Scalar::F64 => rest
+                .first_chunk()
+                .map(|b| if big { f64::from_be_bytes(*b) } else { f64::from_le_bytes(*b) }),
         };
         match value {
             Some(value) => {
@@ -322,7 +412,8 @@ impl Body<'_> {
     /// Line of the next word.
     fn next_line(&mut self) -> usize {
         while let Some(byte) = self.bytes.get(self.at).filter(|byte| byte.is_ascii_whitespace()) {
-            let is_end = *byte == b'\n' || (*byte == b'\r' && self.bytes.get(self.at + 1) != Some(&b'\n'));
+            let is_end =
+                *byte == b'\n' || (*byte == b'\r' && self.bytes.get(self.at + 1) != Some(&b'\n'));
             self.line += usize::from(is_end);
             self.at += 1;
         }
@@ -337,11 +428,17 @@ impl Body<'_> {
             return Err(self.cut(element, number));
         }
         let word = std::str::from_utf8(&rest[..length]).ok();
-        let value = word.and_then(|word| word.parse::<f64>().ok()).filter(|value| !scalar.is_integer() || value.fract() == 0.0);
+        let value = word
+            .and_then(|word| word.parse::<f64>().ok())
+            .filter(|value| !scalar.is_integer() || value.fract() == 0.0);
         let Some(value) = value else {
             let shown: String = String::from_utf8_lossy(&rest[..length.min(60)]).into_owned();
             let kind = if scalar.is_integer() { "an integer" } else { "a number" };
-            return Err(self.refuse(format!("`{}` {} needs {kind}, found `{shown}`", element.name, number + 1)));
+            return Err(self.refuse(format!(
+                "`{}` {} needs {kind}, found `{shown}`",
+                element.name,
+                number + 1
+            )));
         };
         self.at += length;
         Ok(value)

@@ -1,15 +1,18 @@
 //! 3MF: the objects that the package builds, with the transforms of items and components.
 //!
-//! Data in: bytes of the package (a ZIP archive of XML parts). Data out: one mesh. Parts of the production extension are followed;
-//! colours, materials and textures are skipped; an extension that changes the shape (beam lattices, slices, boolean operations) and
-//! that the package requires is refused. Invariants: what is unpacked is bounded by the size of the package, and copies of objects
-//! are counted ([`CopyBudget`]).
+//! Data in: bytes of the package (a ZIP archive of XML parts). Data out: one mesh. Parts of the
+//! production extension are followed; colours, materials and textures are skipped; an extension
+//! that changes the shape (beam lattices, slices, boolean operations) and that the package requires
+//! is refused. Invariants: what is unpacked is bounded by the size of the package, and copies of
+//! objects are counted ([`CopyBudget`]).
 //!
 //! # Units and frames
-//! The file names its own unit. It must be the one of `units`: a part that is 25.4 times too large is a danger, not a detail.
+//! The file names its own unit. It must be the one of `units`: a part that is 25.4 times too large
+//! is a danger, not a detail.
 //!
 //! # Source
-//! 3MF Consortium, "3D Manufacturing Format, Core Specification" 1.3, sections 3 and 4; "Production Extension" 1.1.
+//! 3MF Consortium, "3D Manufacturing Format, Core Specification" 1.3, sections 3 and 4; "Production
+//! Extension" 1.1.
 
 mod package;
 
@@ -29,7 +32,11 @@ use super::{MeshError, TriangleMesh};
 const MOST_LEVELS: usize = 32;
 
 /// Reads a 3MF package; `path` is for messages only.
-pub(super) fn parse(bytes: &[u8], path: &Path, metres_per_unit: f64) -> Result<TriangleMesh, MeshError> {
+pub(super) fn parse(
+    bytes: &[u8],
+    path: &Path,
+    metres_per_unit: f64,
+) -> Result<TriangleMesh, MeshError> {
     let mut package = Package::open(bytes, path)?;
     let root = package.model_name()?;
     let mut parts = HashMap::new();
@@ -43,9 +50,19 @@ pub(super) fn parse(bytes: &[u8], path: &Path, metres_per_unit: f64) -> Result<T
     }
     let (unit, file_metres_per_unit) = parts[&root].unit;
     if (file_metres_per_unit / metres_per_unit - 1.0).abs() > 1e-9 {
-        return Err(MeshError::UnitConflict { path: path.to_owned(), unit, file_metres_per_unit, metres_per_unit });
+        return Err(MeshError::UnitConflict {
+            path: path.to_owned(),
+            unit,
+            file_metres_per_unit,
+            metres_per_unit,
+        });
     }
-    let mut build = Build { parts: &parts, path, budget: CopyBudget::of_file(bytes.len()), mesh: TriangleMesh::default() };
+    let mut build = Build {
+        parts: &parts,
+        path,
+        budget: CopyBudget::of_file(bytes.len()),
+        mesh: TriangleMesh::default(),
+    };
     for item in &parts[&root].items {
         build.place(item, &root, DMat4::IDENTITY, 0)?;
     }
@@ -95,25 +112,45 @@ impl Part {
                     ("object", None) => object = Some((number(&element, "id")?, Object::default())),
                     ("object", Some(_)) => return Err("an object inside another".to_owned()),
                     ("vertex", Some((_, object))) => {
-                        let vertex = DVec3::new(number(&element, "x")?, number(&element, "y")?, number(&element, "z")?);
+                        let vertex = DVec3::new(
+                            number(&element, "x")?,
+                            number(&element, "y")?,
+                            number(&element, "z")?,
+                        );
                         if !vertex.is_finite() {
-                            return Err(format!("vertex {} is not finite", object.mesh.vertices.len()));
+                            return Err(format!(
+                                "vertex {} is not finite",
+                                object.mesh.vertices.len()
+                            ));
                         }
                         object.mesh.vertices.push(vertex);
                     }
                     ("triangle", Some((_, object))) => {
-                        object.mesh.triangles.push([number(&element, "v1")?, number(&element, "v2")?, number(&element, "v3")?]);
+                        object.mesh.triangles.push([
+                            number(&element, "v1")?,
+                            number(&element, "v2")?,
+                            number(&element, "v3")?,
+                        ]);
                     }
-                    ("component", Some((_, object))) => object.components.push(Placement::read(&element)?),
+                    ("component", Some((_, object))) => {
+                        object.components.push(Placement::read(&element)?)
+                    }
                     ("item", None) => part.items.push(Placement::read(&element)?),
                     _ => {}
                 },
                 Element::End("object") => {
                     if let Some((id, object)) = object.take() {
                         let n_vertices = object.mesh.vertices.len();
-                        if let Some(wrong) = object.mesh.triangles.as_flattened().iter().find(|v| **v as usize >= n_vertices) {
+                        if let Some(wrong) = object
+                            .mesh
+                            .triangles
+                            .as_flattened()
+                            .iter()
+                            .find(|v| **v as usize >= n_vertices)
+                        {
                             return Err(format!(
-                                "object {id}: a triangle names vertex {wrong} (counted from 0), it has {n_vertices}"
+                                "object {id}: a triangle names vertex {wrong} (counted from 0), it \
+                                    has {n_vertices}"
                             ));
                         }
                         if part.objects.insert(id, object).is_some() {
@@ -135,8 +172,14 @@ impl Part {
 }
 
 /// Names of the standard; the first is meant where none is given.
-const UNITS: [(&str, f64); 6] =
-    [("millimeter", 1e-3), ("meter", 1.0), ("centimeter", 1e-2), ("inch", 0.0254), ("foot", 0.3048), ("micron", 1e-6)];
+const UNITS: [(&str, f64); 6] = [
+    ("millimeter", 1e-3),
+    ("meter", 1.0),
+    ("centimeter", 1e-2),
+    ("inch", 0.0254),
+    ("foot", 0.3048),
+    ("micron", 1e-6),
+];
 
 /// Refuses extensions that the package requires and that may change the shape.
 fn refuse_unknown_extensions(model: &BytesStart<'_>) -> Result<(), String> {
@@ -148,11 +191,16 @@ fn refuse_unknown_extensions(model: &BytesStart<'_>) -> Result<(), String> {
         for declared in model.attributes() {
             let declared = declared.map_err(|error| error.to_string())?;
             if declared.key.as_ref().strip_prefix("xmlns:") == Some(prefix) {
-                namespace = declared.normalized_value(XmlVersion::Implicit1_0).map_err(|error| error.to_string())?.into_owned();
+                namespace = declared
+                    .normalized_value(XmlVersion::Implicit1_0)
+                    .map_err(|error| error.to_string())?
+                    .into_owned();
             }
         }
         if !HARMLESS.iter().any(|harmless| namespace.contains(harmless)) {
-            return Err(format!("needs the extension `{namespace:.80}`, which is not read; export plain meshes"));
+            return Err(format!(
+                "needs the extension `{namespace:.80}`, which is not read; export plain meshes"
+            ));
         }
     }
     Ok(())
@@ -169,12 +217,21 @@ impl Placement {
         let mut parent_from_object = DMat4::IDENTITY;
         if let Some(text) = attribute(element, "transform")? {
             let wrong = || format!("`transform` must be twelve numbers, found `{text:.80}`");
-            let numbers: Vec<f64> = text.split_whitespace().map(str::parse).collect::<Result<_, _>>().map_err(|_| wrong())?;
+            let numbers: Vec<f64> = text
+                .split_whitespace()
+                .map(str::parse)
+                .collect::<Result<_, _>>()
+                .map_err(|_| wrong())?;
             let [columns @ .., origin] = numbers.as_chunks::<3>().0 else { return Err(wrong()) };
             let ([x, y, z], 12) = (columns, numbers.len()) else { return Err(wrong()) };
             // The standard writes row vectors: its rows are our columns.
             let column = |column: &[f64; 3], w: f64| DVec4::new(column[0], column[1], column[2], w);
-            parent_from_object = DMat4::from_cols(column(x, 0.0), column(y, 0.0), column(z, 0.0), column(origin, 1.0));
+            parent_from_object = DMat4::from_cols(
+                column(x, 0.0),
+                column(y, 0.0),
+                column(z, 0.0),
+                column(origin, 1.0),
+            );
         }
         let part = attribute(element, "path")?.map(|name| part_name(&name));
         Ok(Self { object: number(element, "objectid")?, part, parent_from_object })
@@ -190,13 +247,23 @@ struct Build<'a> {
 }
 
 impl Build<'_> {
-    fn place(&mut self, placement: &Placement, part: &str, world_from_parent: DMat4, level: usize) -> Result<(), MeshError> {
+    fn place(
+        &mut self,
+        placement: &Placement,
+        part: &str,
+        world_from_parent: DMat4,
+        level: usize,
+    ) -> Result<(), MeshError> {
         let part = placement.part.as_deref().unwrap_or(part);
         let id = placement.object;
         let object = self.parts.get(part).and_then(|part| part.objects.get(&id));
-        let object = object.ok_or_else(|| refusal(self.path, format!("{part:.80}: object {id} is not there")))?;
+        let object = object
+            .ok_or_else(|| refusal(self.path, format!("{part:.80}: object {id} is not there")))?;
         if level > MOST_LEVELS {
-            return Err(refusal(self.path, format!("{part:.80}: object {id} is {MOST_LEVELS} levels down, or in a loop")));
+            return Err(refusal(
+                self.path,
+                format!("{part:.80}: object {id} is {MOST_LEVELS} levels down, or in a loop"),
+            ));
         }
         let world_from_object = world_from_parent * placement.parent_from_object;
         let base = self.mesh.vertices.len() as u32;
@@ -204,7 +271,10 @@ impl Build<'_> {
         for vertex in &object.mesh.vertices {
             let vertex = world_from_object.transform_point3(*vertex);
             if !vertex.is_finite() {
-                return Err(refusal(self.path, format!("{part:.80}: object {id} has a vertex that is not finite")));
+                return Err(refusal(
+                    self.path,
+                    format!("{part:.80}: object {id} has a vertex that is not finite"),
+                ));
             }
             self.mesh.vertices.push(vertex);
         }
@@ -213,7 +283,10 @@ impl Build<'_> {
             let [a, b, c] = corners.map(|corner| base + corner);
             if mirrors { [a, c, b] } else { [a, b, c] }
         }));
-        object.components.iter().try_for_each(|component| self.place(component, part, world_from_object, level + 1))
+        object
+            .components
+            .iter()
+            .try_for_each(|component| self.place(component, part, world_from_object, level + 1))
     }
 }
 

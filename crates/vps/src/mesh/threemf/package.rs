@@ -1,4 +1,5 @@
-//! The parts of a 3MF package: a ZIP archive, unpacked a piece at a time and never further than its size makes likely.
+//! The parts of a 3MF package: a ZIP archive, unpacked a piece at a time and never further than its
+//! size makes likely.
 
 use std::cell::Cell;
 use std::io::{self, BufRead, BufReader, Cursor, Read};
@@ -11,7 +12,8 @@ use zip::ZipArchive;
 
 use crate::mesh::MeshError;
 
-/// Unpacked bytes per byte of the archive. Coordinates as text come out at four to thirty; a bomb at a thousand.
+/// Unpacked bytes per byte of the archive. Coordinates as text come out at four to thirty; a bomb
+/// at a thousand.
 const MOST_UNPACKED_PER_BYTE: u64 = 100;
 
 pub(super) struct Package<'a> {
@@ -52,13 +54,21 @@ impl<'a> Package<'a> {
         Ok(found.map_or(USUAL.to_owned(), |name| part_name(&name)))
     }
 
-    /// Shows every element of an XML part, and where it ends, to `visit`; its errors get their place added.
-    pub(super) fn read(&mut self, part: &str, mut visit: impl FnMut(Element<'_>) -> Result<(), String>) -> Result<(), MeshError> {
+    /// Shows every element of an XML part, and where it ends, to `visit`; its errors get their
+    /// place added.
+    pub(super) fn read(
+        &mut self,
+        part: &str,
+        mut visit: impl FnMut(Element<'_>) -> Result<(), String>,
+    ) -> Result<(), MeshError> {
         let path = self.path;
         let refuse = |what: String| refusal(path, format!("{:.80}: {what}", part));
         let file = self.archive.by_name(part).map_err(|error| refuse(error.to_string()))?;
-        let mut reader =
-            Reader::from_reader(BufReader::new(Bounded { inner: file, room: Rc::clone(&self.room), archive_bytes: self.n_bytes }));
+        let mut reader = Reader::from_reader(BufReader::new(Bounded {
+            inner: file,
+            room: Rc::clone(&self.room),
+            archive_bytes: self.n_bytes,
+        }));
         let mut buffer = Vec::new();
         loop {
             buffer.clear();
@@ -80,7 +90,10 @@ impl<'a> Package<'a> {
     }
 }
 
-fn next<'b>(reader: &mut Reader<impl BufRead>, buffer: &'b mut Vec<u8>) -> Result<Event<'b>, quick_xml::Error> {
+fn next<'b>(
+    reader: &mut Reader<impl BufRead>,
+    buffer: &'b mut Vec<u8>,
+) -> Result<Event<'b>, quick_xml::Error> {
     reader.read_event_into(buffer)
 }
 
@@ -96,7 +109,9 @@ pub(super) fn attribute(element: &BytesStart<'_>, name: &str) -> Result<Option<S
     for attribute in element.attributes() {
         let attribute = attribute.map_err(|error| error.to_string())?;
         if attribute.key.local_name().as_ref() == name {
-            let value = attribute.normalized_value(XmlVersion::Implicit1_0).map_err(|error| error.to_string())?;
+            let value = attribute
+                .normalized_value(XmlVersion::Implicit1_0)
+                .map_err(|error| error.to_string())?;
             return Ok(Some(value.trim().to_owned()));
         }
     }
@@ -128,8 +143,8 @@ impl<R: Read> Read for Bounded<R> {
         self.room.set(rest.ok_or_else(|| {
             let archive_bytes = self.archive_bytes;
             io::Error::other(format!(
-                "the package unpacks to far more than its size, as no model does: the limit is {MOST_UNPACKED_PER_BYTE} times its \
-                 {archive_bytes} bytes"
+                "the package unpacks to far more than its size, as no model does: the limit is \
+                    {MOST_UNPACKED_PER_BYTE} times its {archive_bytes} bytes"
             ))
         })?);
         Ok(n_bytes)

@@ -4,9 +4,11 @@ use zip::write::SimpleFileOptions;
 
 use super::*;
 
-const TETRAHEDRON: &str = "<mesh><vertices><vertex x=\"0\" y=\"0\" z=\"0\"/><vertex x=\"1\" y=\"0\" z=\"0\"/><vertex x=\"0\" y=\"2\" z=\"0\"/>\
-    <vertex x=\"0\" y=\"0\" z=\"3\"/></vertices><triangles><triangle v1=\"0\" v2=\"2\" v3=\"1\"/><triangle v1=\"0\" v2=\"1\" v3=\"3\"/>\
-    <triangle v1=\"1\" v2=\"2\" v3=\"3\" pid=\"4\"/><triangle v1=\"2\" v2=\"0\" v3=\"3\"></triangle></triangles></mesh>";
+const TETRAHEDRON: &str = "<mesh><vertices><vertex x=\"0\" y=\"0\" z=\"0\"/><vertex x=\"1\" \
+    y=\"0\" z=\"0\"/><vertex x=\"0\" y=\"2\" z=\"0\"/><vertex x=\"0\" y=\"0\" \
+    z=\"3\"/></vertices><triangles><triangle v1=\"0\" v2=\"2\" v3=\"1\"/><triangle v1=\"0\" \
+    v2=\"1\" v3=\"3\"/><triangle v1=\"1\" v2=\"2\" v3=\"3\" pid=\"4\"/><triangle v1=\"2\" v2=\"0\" \
+    v3=\"3\"></triangle></triangles></mesh>";
 
 fn package(parts: &[(&str, &str)]) -> Vec<u8> {
     let mut archive = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
@@ -19,8 +21,10 @@ fn package(parts: &[(&str, &str)]) -> Vec<u8> {
 
 fn model(head: &str, resources: &str, build: &str) -> String {
     format!(
-        "<?xml version=\"1.0\" encoding=\"UTF-8\"?><model {head} xmlns=\"http://schemas.microsoft.com/3dmanufacturing/core/2015/02\">\
-         <metadata name=\"Title\">a &lt;part&gt;</metadata><resources>{resources}</resources><build>{build}</build></model>"
+        "<?xml version=\"1.0\" encoding=\"UTF-8\"?><model {head} \
+            xmlns=\"http://schemas.microsoft.com/3dmanufacturing/core/2015/02\"><metadata \
+            name=\"Title\">a \
+            &lt;part&gt;</metadata><resources>{resources}</resources><build>{build}</build></model>"
     )
 }
 
@@ -48,32 +52,55 @@ fn what_is_built_is_read_and_the_rest_is_not() {
 fn transforms_of_items_and_components_are_chained_and_mirrors_turn_triangles() {
     // The component moves by x, the item then turns a quarter about z; the second item mirrors.
     let resources = object(1, TETRAHEDRON)
-        + &object(2, "<components><component objectid=\"1\" transform=\"1 0 0 0 1 0 0 0 1 10 0 0\"/></components>");
-    let build = "<item objectid=\"2\" transform=\"0 1 0 -1 0 0 0 0 1 0 0 5\"/><item objectid=\"1\" transform=\"-1 0 0 0 1 0 0 0 1 0 0 0\"/>";
+        + &object(
+            2,
+            "<components><component objectid=\"1\" transform=\"1 0 0 0 1 0 0 0 1 10 0 \
+                0\"/></components>",
+        );
+    let build = "<item objectid=\"2\" transform=\"0 1 0 -1 0 0 0 0 1 0 0 5\"/><item objectid=\"1\" \
+        transform=\"-1 0 0 0 1 0 0 0 1 0 0 0\"/>";
     let mesh = read_model("", &resources, build).unwrap();
     assert_eq!(
         mesh.vertices[..4],
-        [[0.0, 10.0, 5.0], [0.0, 11.0, 5.0], [-2.0, 10.0, 5.0], [0.0, 10.0, 8.0]].map(DVec3::from_array)
+        [[0.0, 10.0, 5.0], [0.0, 11.0, 5.0], [-2.0, 10.0, 5.0], [0.0, 10.0, 8.0]]
+            .map(DVec3::from_array)
     );
     assert_eq!(mesh.vertices[5], -DVec3::X);
     let report = crate::mesh::validate::inspect(&mesh);
-    assert!(report.closed && report.inconsistent_edges == 0 && (report.signed_volume_m3 - 2.0).abs() < 1e-12, "{report:?}");
+    assert!(
+        report.closed
+            && report.inconsistent_edges == 0
+            && (report.signed_volume_m3 - 2.0).abs() < 1e-12,
+        "{report:?}"
+    );
 }
 
 #[test]
 fn parts_of_the_production_extension_are_followed() {
-    let relations = "<Relationships xmlns=\"http://schemas.openxmlformats.org/package/2006/relationships\"><Relationship Id=\"rel0\" \
-                     Target=\"/3D/main.model\" Type=\"http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel\"/></Relationships>";
-    let head = "xmlns:p=\"http://schemas.microsoft.com/3dmanufacturing/production/2015/06\" requiredextensions=\"p\"";
+    let relations = "<Relationships \
+        xmlns=\"http://schemas.openxmlformats.org/package/2006/relationships\"><Relationship \
+        Id=\"rel0\" Target=\"/3D/main.model\" \
+        Type=\"http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel\"/></Relationships>";
+    let head = "xmlns:p=\"http://schemas.microsoft.com/3dmanufacturing/production/2015/06\" \
+        requiredextensions=\"p\"";
     let main = model(
         head,
-        &object(7, "<components><component p:path=\"/3D/Objects/one.model\" objectid=\"1\"/></components>"),
+        &object(
+            7,
+            "<components><component p:path=\"/3D/Objects/one.model\" objectid=\"1\"/></components>",
+        ),
         "<item objectid=\"7\"/>",
     );
     let one = model("", &object(1, TETRAHEDRON), "");
-    let bytes = package(&[("_rels/.rels", relations), ("3D/main.model", &main), ("3D/Objects/one.model", &one)]);
+    let bytes = package(&[
+        ("_rels/.rels", relations),
+        ("3D/main.model", &main),
+        ("3D/Objects/one.model", &one),
+    ]);
     assert_eq!(read(&bytes).unwrap().triangles.len(), 4);
-    let error = read(&package(&[("_rels/.rels", relations), ("3D/main.model", &main)])).unwrap_err().to_string();
+    let error = read(&package(&[("_rels/.rels", relations), ("3D/main.model", &main)]))
+        .unwrap_err()
+        .to_string();
     assert!(error.starts_with("part.3mf: 3D/Objects/one.model: "), "{error}");
 }
 
@@ -81,41 +108,69 @@ fn parts_of_the_production_extension_are_followed() {
 fn units_must_agree() {
     let resources = object(1, TETRAHEDRON);
     for (unit, metres) in UNITS {
-        let bytes = package(&[("3D/3dmodel.model", &model(&format!("unit=\"{unit}\""), &resources, "<item objectid=\"1\"/>"))]);
+        let bytes = package(&[(
+            "3D/3dmodel.model",
+            &model(&format!("unit=\"{unit}\""), &resources, "<item objectid=\"1\"/>"),
+        )]);
         assert_eq!(parse(&bytes, Path::new("part.3mf"), metres).unwrap().triangles.len(), 4);
         let error = parse(&bytes, Path::new("part.3mf"), 0.5).unwrap_err();
-        assert_eq!(error.to_string(), format!("part.3mf: the file says {unit} ({metres} m), `units` says 0.5 m"));
+        assert_eq!(
+            error.to_string(),
+            format!("part.3mf: the file says {unit} ({metres} m), `units` says 0.5 m")
+        );
         assert!(error.hint().is_some());
     }
 }
 
 #[test]
 fn errors_name_the_part_and_the_value() {
-    let message = |resources: &str, build: &str| read_model("", resources, build).unwrap_err().to_string();
+    let message =
+        |resources: &str, build: &str| read_model("", resources, build).unwrap_err().to_string();
     let place = "part.3mf: 3D/3dmodel.model: ";
     assert_eq!(message("", "<item objectid=\"3\"/>"), format!("{place}object 3 is not there"));
     let text = message(&object(1, &TETRAHEDRON.replace("z=\"3\"", "z=\"3mm\"")), "");
-    assert!(text.starts_with(&format!("{place}byte ")) && text.ends_with("`z` must be a number, found `3mm`"), "{text}");
+    assert!(
+        text.starts_with(&format!("{place}byte "))
+            && text.ends_with("`z` must be a number, found `3mm`"),
+        "{text}"
+    );
     let text = message(&object(1, &TETRAHEDRON.replace("z=\"3\"", "z=\"nan\"")), "");
     assert!(text.ends_with("vertex 3 is not finite"), "{text}");
     let text = message(&object(1, &TETRAHEDRON.replace("v3=\"1\"", "v3=\"4\"")), "");
-    assert!(text.ends_with("object 1: a triangle names vertex 4 (counted from 0), it has 4"), "{text}");
+    assert!(
+        text.ends_with("object 1: a triangle names vertex 4 (counted from 0), it has 4"),
+        "{text}"
+    );
     let text = message(&(object(1, TETRAHEDRON) + &object(1, TETRAHEDRON)), "");
     assert!(text.ends_with("object 1 stands there twice"), "{text}");
     let text = message(&object(1, TETRAHEDRON), "<item objectid=\"1\" transform=\"1 2 3\"/>");
     assert!(text.ends_with("`transform` must be twelve numbers, found `1 2 3`"), "{text}");
-    let text = message(&object(1, "<components><component objectid=\"1\"/></components>"), "<item objectid=\"1\"/>");
+    let text = message(
+        &object(1, "<components><component objectid=\"1\"/></components>"),
+        "<item objectid=\"1\"/>",
+    );
     assert!(text.ends_with("object 1 is 32 levels down, or in a loop"), "{text}");
-    let lattice = "xmlns:b=\"http://schemas.microsoft.com/3dmanufacturing/beamlattice/2017/02\" requiredextensions=\"b\"";
+    let lattice = "xmlns:b=\"http://schemas.microsoft.com/3dmanufacturing/beamlattice/2017/02\" \
+        requiredextensions=\"b\"";
     let text = read_model(lattice, "", "").unwrap_err().to_string();
     assert!(text.contains("beamlattice") && text.ends_with("export plain meshes"), "{text}");
-    assert!(read_model("unit=\"furlong\"", "", "").unwrap_err().to_string().ends_with("unknown unit `furlong`"));
-    assert!(read(b"PK\x03\x04").unwrap_err().to_string().starts_with("part.3mf: not a 3MF package"));
+    assert!(
+        read_model("unit=\"furlong\"", "", "")
+            .unwrap_err()
+            .to_string()
+            .ends_with("unknown unit `furlong`")
+    );
+    assert!(
+        read(b"PK\x03\x04").unwrap_err().to_string().starts_with("part.3mf: not a 3MF package")
+    );
 }
 
 #[test]
 fn every_cut_is_an_error() {
-    let whole = package(&[("3D/3dmodel.model", &model("", &object(1, TETRAHEDRON), "<item objectid=\"1\"/>"))]);
+    let whole = package(&[(
+        "3D/3dmodel.model",
+        &model("", &object(1, TETRAHEDRON), "<item objectid=\"1\"/>"),
+    )]);
     assert_eq!(read(&whole).unwrap().triangles.len(), 4);
     for length in 0..whole.len() {
         assert!(read(&whole[..length]).is_err(), "{length}");

@@ -30,7 +30,17 @@ impl Shell {
 
     /// Adds the shell to a file.
     pub fn store<'a>(&'a self, head: &'a ShellHead, to: &mut Writer<'a>) {
-        let Self { positions, normals, weights, edges, tree, n_points: _, radius_m: _, voxel_size_m: _, edge_depth_m: _ } = self;
+        let Self {
+            positions,
+            normals,
+            weights,
+            edges,
+            tree,
+            n_points: _,
+            radius_m: _,
+            voxel_size_m: _,
+            edge_depth_m: _,
+        } = self;
         to.record("shell", head);
         to.array("shell positions", positions);
         to.array("shell normals", normals);
@@ -67,14 +77,29 @@ impl Shell {
     }
 
     fn is_consistent(&self) -> bool {
-        let Self { positions, normals, weights, edges, tree: _, n_points, radius_m, voxel_size_m, edge_depth_m } = self;
+        let Self {
+            positions,
+            normals,
+            weights,
+            edges,
+            tree: _,
+            n_points,
+            radius_m,
+            voxel_size_m,
+            edge_depth_m,
+        } = self;
         let unused = (n_points % LANES..LANES).filter(|_| n_points % LANES > 0);
         positions.len() == n_points.div_ceil(LANES)
             && normals.len() == positions.len()
             && weights.len() == positions.len()
-            && weights.iter().flat_map(|weights| weights.0).all(|weight| weight >= 0.0 && weight.is_finite())
+            && weights
+                .iter()
+                .flat_map(|weights| weights.0)
+                .all(|weight| weight >= 0.0 && weight.is_finite())
             && edges.len() == positions.len()
-            && positions.last().is_none_or(|last| unused.into_iter().all(|lane| last.get(lane).is_nan()))
+            && positions
+                .last()
+                .is_none_or(|last| unused.into_iter().all(|lane| last.get(lane).is_nan()))
             && *radius_m >= 0.0
             && radius_m.is_finite()
             && *voxel_size_m > 0.0

@@ -12,8 +12,8 @@ impl Tree {
         to.array("tree weights", weights);
     }
 
-    /// Takes the tree over `n_points` points from a file. Shape, spheres and point numbers are checked; that the spheres are where the
-    /// points are is not.
+    /// Takes the tree over `n_points` points from a file. Shape, spheres and point numbers are
+    /// checked; that the spheres are where the points are is not.
     ///
     /// # Errors
     /// A section that is missing or damaged, or arrays that do not belong to so many points.
@@ -28,7 +28,8 @@ impl Tree {
     }
 
     fn is_consistent(&self, n_points: usize) -> bool {
-        let n_blocks = self.levels.last().map_or(0, |last| last.first_block as usize + last.n_blocks());
+        let n_blocks =
+            self.levels.last().map_or(0, |last| last.first_block as usize + last.n_blocks());
         self.spheres.len() == n_blocks
             && self.representatives.len() == n_blocks
             && self.weights.len() == n_blocks

@@ -1,20 +1,23 @@
 //! Sixty-four cells that look for their nearest patches together.
 //!
-//! Cells side by side have few patches to choose from, and mostly the same: the list is kept once for a block of 4³, which takes the search
-//! for repetitions off the single cell, and a patch is measured against eight cells at a time. Where it is the nearest so far and the
-//! closest point lies on one of its edges, the patch across that edge is next.
+//! Cells side by side have few patches to choose from, and mostly the same: the list is kept once
+//! for a block of 4³, which takes the search for repetitions off the single cell, and a patch is
+//! measured against eight cells at a time. Where it is the nearest so far and the closest point
+//! lies on one of its edges, the patch across that edge is next.
 
 use super::kernel::{Cube, NearestOfEight, WidePatch, offsets};
 use super::patches::{NONE, Patches};
 use crate::simd::{F32x8, I32s, LANES};
 
-/// Patches that a block looks at, at most. More are worth a search: the mesh is much finer than the voxels, or made of slivers. Half as many
-/// cut the walks beside the lids of the Stanford bunny short at 1,024 voxels, and the searches in their place took 7 % of the distances' time.
+/// Patches that a block looks at, at most. More are worth a search: the mesh is much finer than the
+/// voxels, or made of slivers. Half as many cut the walks beside the lids of the Stanford bunny
+/// short at 1,024 voxels, and the searches in their place took 7 % of the distances' time.
 const TRIED_MAX: usize = 128;
 /// Cubes of eight cells in a block.
 pub(super) const CUBES: usize = 8;
 
-/// A block of eight cubes and what their cells have found. One serves many blocks, as it is too large to be made anew for each.
+/// A block of eight cubes and what their cells have found. One serves many blocks, as it is too
+/// large to be made anew for each.
 pub(super) struct Block<L: F32x8> {
     /// The first cell.
     base: [i32; 3],
@@ -27,7 +30,8 @@ pub(super) struct Block<L: F32x8> {
     n_measured: usize,
     /// `[n_measured][CUBES]`: squared distances to the patches, cells².
     squared: [[L; CUBES]; TRIED_MAX],
-    /// `[n_measured][3][CUBES]`: cells whose closest point of the patch lies on an edge of it, one bit each.
+    /// `[n_measured][3][CUBES]`: cells whose closest point of the patch lies on an edge of it, one
+    /// bit each.
     on_edge: [[[u8; CUBES]; 3]; TRIED_MAX],
     /// Cubes for which a patch could not be looked at, one bit each.
     cut_short: u8,
@@ -49,7 +53,8 @@ impl<L: F32x8> Block<L> {
         }
     }
 
-    /// Turns to the 4³ cells from `base` on and forgets everything. `wanted`: cells that count, by cube.
+    /// Turns to the 4³ cells from `base` on and forgets everything. `wanted`: cells that count, by
+    /// cube.
     #[inline(always)]
     pub(super) fn restart(&mut self, base: [i32; 3], wanted: [u8; CUBES]) {
         (self.base, self.wanted) = (base, wanted);
@@ -57,20 +62,26 @@ impl<L: F32x8> Block<L> {
         (self.n_tried, self.n_measured, self.cut_short) = (0, 0, 0);
     }
 
-    /// Leaves the cells of a cube that do not count as they are, so that no search goes on for their sake.
+    /// Leaves the cells of a cube that do not count as they are, so that no search goes on for
+    /// their sake.
     #[inline(always)]
     pub(super) fn only_wanted(&mut self, cube: usize) {
-        self.nearest[cube].squared = self.nearest[cube].squared.only(L::Int::mask(self.wanted[cube].into()));
+        self.nearest[cube].squared =
+            self.nearest[cube].squared.only(L::Int::mask(self.wanted[cube].into()));
     }
 
     /// Cube x·4 + y·2 + z of the block.
     #[inline(always)]
     pub(super) fn cube(&self, cube: usize) -> Cube {
         let along = [cube >> 2, cube >> 1 & 1, cube & 1];
-        Cube { base: core::array::from_fn(|axis| self.base[axis] + 2 * along[axis] as i32), step: 1 }
+        Cube {
+            base: core::array::from_fn(|axis| self.base[axis] + 2 * along[axis] as i32),
+            step: 1,
+        }
     }
 
-    /// Puts those patches on the list for which a bit is set, in order; [`NONE`] and known ones are let pass.
+    /// Puts those patches on the list for which a bit is set, in order; [`NONE`] and known ones are
+    /// let pass.
     #[inline(always)]
     pub(super) fn consider(&mut self, patches: &[u32; LANES], which: u8) {
         let all = L::Int::load(patches);
@@ -97,11 +108,13 @@ impl<L: F32x8> Block<L> {
         }
     }
 
-    /// Measures the patches on the list, and those to which they lead. Returns the cubes of which a way ended early, one bit each: at an
-    /// edge with nothing known across, or because there were too many patches.
+    /// Measures the patches on the list, and those to which they lead. Returns the cubes of which a
+    /// way ended early, one bit each: at an edge with nothing known across, or because there were
+    /// too many patches.
     #[inline(always)]
     pub(super) fn settle(&mut self, patches: &Patches) -> u8 {
-        let (first_cube, cubes) = (offsets::<L::Int>(1), offsets::<L::Int>(2));
+        let first_cube = offsets::<L::Int>(1);
+        let cubes = offsets::<L::Int>(2);
         while self.n_measured < self.n_tried {
             let round = self.n_measured..self.n_tried;
             self.n_measured = self.n_tried;
@@ -110,7 +123,10 @@ impl<L: F32x8> Block<L> {
                 let patch = WidePatch::<L>::new(&patches.all[patch_idx as usize]);
                 let first = patch.place(self.base, first_cube);
                 let steps = patch.steps(cubes);
-                #[expect(clippy::needless_range_loop, reason = "four arrays are read or written at the same place")]
+                #[expect(
+                    clippy::needless_range_loop,
+                    reason = "four arrays are read or written at the same place"
+                )]
                 for cube in 0..CUBES {
                     let mut places = first;
                     for axis in 0..3 {
@@ -130,7 +146,8 @@ impl<L: F32x8> Block<L> {
             for idx in round {
                 let mut near = [0; CUBES];
                 for cube in 0..CUBES {
-                    near[cube] = self.squared[idx][cube].le(plateau[cube]).byte() & self.wanted[cube];
+                    near[cube] =
+                        self.squared[idx][cube].le(plateau[cube]).byte() & self.wanted[cube];
                 }
                 let near = u64::from_ne_bytes(near);
                 if near == 0 {
@@ -142,7 +159,11 @@ impl<L: F32x8> Block<L> {
                     if leads_on == 0 || self.tried[..self.n_tried].contains(&across) {
                         continue;
                     }
-                    let cubes = leads_on.to_ne_bytes().iter().rev().fold(0, |cubes, cells| cubes << 1 | u8::from(*cells != 0));
+                    let cubes = leads_on
+                        .to_ne_bytes()
+                        .iter()
+                        .rev()
+                        .fold(0, |cubes, cells| cubes << 1 | u8::from(*cells != 0));
                     if across == NONE {
                         self.cut_short |= cubes;
                     } else {

@@ -1,9 +1,10 @@
 //! Signed distance from cell centres to the true surface, in the band.
 //!
-//! In the surface voxels every triangle nearby is measured. Elsewhere the nearest triangle is searched exactly for every fourth cell per
-//! axis; a block of cells between them takes the choices of the lattice points at its corners, and of the surface voxels beside it, and
-//! walks across edges to closer ones. What is handed on is a choice, not a value: every value is an exact point-triangle distance,
-//! so no error builds up, and no block waits for another.
+//! In the surface voxels every triangle nearby is measured. Elsewhere the nearest triangle is
+//! searched exactly for every fourth cell per axis; a block of cells between them takes the choices
+//! of the lattice points at its corners, and of the surface voxels beside it, and walks across
+//! edges to closer ones. What is handed on is a choice, not a value: every value is an exact
+//! point-triangle distance, so no error builds up, and no block waits for another.
 //!
 //! ```text
 //! mesh ─► patches ─┬─► near (surface voxels) ─────────┬───────────┬─► Samples ─► field
@@ -11,9 +12,11 @@
 //!                        kernel
 //! ```
 //!
-//! Cost, measured in CPU time on the Stanford bunny at 1,024 voxels (169,469 bricks; a patch against eight cells takes 7 ns): 1.95 s, of which
-//! patches 0.07, near 0.2, the search of the lattice 0.4, blocks 1.2, aprons 0.1. With a list for every eight cells it was 3.2 s. Tried and taken
-//! back: pages of 2 MiB for the samples (1.97 to 2.86 s in place of 2.23, slower in seven runs of eight).
+//! Cost, measured in CPU time on the Stanford bunny at 1,024 voxels (169,469 bricks; a patch
+//! against eight cells takes 7 ns): 1.95 s, of which patches 0.07, near 0.2, the search of the
+//! lattice 0.4, blocks 1.2, aprons 0.1. With a list for every eight cells it was 3.2 s. Tried and
+//! taken back: pages of 2 MiB for the samples (1.97 to 2.86 s in place of 2.23, slower in seven
+//! runs of eight).
 
 mod block;
 mod kernel;
@@ -37,8 +40,8 @@ use crate::mesh::closest_point::TriangleProjector;
 use crate::parallel;
 use crate::simd::{F32x8, I32s, Kernel, LANES, SimdLevel};
 
-/// Samples on a brick's edge: its own eight and the next brick's first, so that all corners of an interpolation cell lie in one
-/// brick.
+/// Samples on a brick's edge: its own eight and the next brick's first, so that all corners of an
+/// interpolation cell lie in one brick.
 pub const APRON_EDGE: usize = BRICK_EDGE + 1;
 /// Samples of a brick.
 pub const APRON_CELLS: usize = APRON_EDGE * APRON_EDGE * APRON_EDGE;
@@ -51,16 +54,18 @@ pub(crate) const fn sample_of(inside: usize) -> usize {
 /// Distances in the bricks of a [`Layers`] map, same slots.
 #[derive(Debug)]
 pub struct Distances {
-    /// `[n_slots][512]`, m: negative outside, positive inside; ±(n_layers + ½)·s beyond the band, which no true distance there
-    /// falls below.
+    /// `[n_slots][512]`, m: negative outside, positive inside; ±(n_layers + ½)·s beyond the band,
+    /// which no true distance there falls below.
     pub values_m: Vec<[f32; BRICK_CELLS]>,
-    /// `[n_slots][512]`, unit: direction in which the distance grows, at the closest surface point; empty unless asked for.
+    /// `[n_slots][512]`, unit: direction in which the distance grows, at the closest surface point;
+    /// empty unless asked for.
     pub gradients: Vec<[Vec3; BRICK_CELLS]>,
 }
 
 impl From<Samples> for Distances {
     fn from(Samples { values_m, gradients }: Samples) -> Self {
-        let own = |brick: &[f32; APRON_CELLS]| core::array::from_fn(|inside| brick[sample_of(inside)]);
+        let own =
+            |brick: &[f32; APRON_CELLS]| core::array::from_fn(|inside| brick[sample_of(inside)]);
         Self { values_m: parallel::map(values_m.len(), 1, |slot| own(&values_m[slot])), gradients }
     }
 }
@@ -68,7 +73,8 @@ impl From<Samples> for Distances {
 /// What decides the sign of a distance.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Signs<'a> {
-    /// A solid: layers give the side, and the orientation of the nearest triangle decides in surface voxels.
+    /// A solid: layers give the side, and the orientation of the nearest triangle decides in
+    /// surface voxels.
     Solid(&'a Orientation),
     /// A thin skin: everything is outside.
     Thin,
@@ -85,9 +91,16 @@ pub(crate) struct Samples {
 impl Samples {
     /// Measures every cell of the band.
     ///
-    /// Deterministic whatever the number of threads and the processor. Cost: O(triangles + band cells), a few triangle distances
-    /// per cell; memory beside the result: a cache line per triangle and a choice for every 64 cells.
-    pub(super) fn measure(mesh: &TriangleMesh, surface: &Surface, layers: &Layers, signs: Signs<'_>, with_gradients: bool) -> Self {
+    /// Deterministic whatever the number of threads and the processor. Cost: O(triangles + band
+    /// cells), a few triangle distances per cell; memory beside the result: a cache line per
+    /// triangle and a choice for every 64 cells.
+    pub(super) fn measure(
+        mesh: &TriangleMesh,
+        surface: &Surface,
+        layers: &Layers,
+        signs: Signs<'_>,
+        with_gradients: bool,
+    ) -> Self {
         Self::measure_on(SimdLevel::best(), mesh, surface, layers, signs, with_gradients)
     }
 
@@ -113,9 +126,11 @@ impl Samples {
             lattice: Lattice::new(&patches, layers, surface.n_voxels, simd_level),
             patches: &patches,
         };
-        // Fresh pages of the system, which are zero: `vec!` clears arrays of this length once more, on one thread.
+        // Fresh pages of the system, which are zero: `vec!` clears arrays of this length once more,
+        // on one thread.
         let mut values_m = bytemuck::zeroed_vec(layers.bricks.len());
-        let mut gradients = vec![[Vec3::ZERO; BRICK_CELLS]; if with_gradients { layers.bricks.len() } else { 0 }];
+        let mut gradients =
+            vec![[Vec3::ZERO; BRICK_CELLS]; if with_gradients { layers.bricks.len() } else { 0 }];
         let gradients_of = gradients.iter_mut().map(Some).chain(core::iter::repeat_with(|| None));
         let mut bricks: Vec<_> = values_m.iter_mut().zip(gradients_of).collect();
         let mut runs: Vec<_> = bricks.chunks_mut(MEASURED_TOGETHER).collect();
@@ -156,7 +171,8 @@ impl Kernel for Bricks<'_, '_> {
 
     #[inline(always)]
     fn run<L: F32x8>(self) {
-        let (mut block, mut around) = (Block::<L>::new(), Around::new());
+        let mut block = Block::<L>::new();
+        let mut around = Around::new();
         for (slot, (samples, gradients)) in (self.first_slot..).zip(self.bricks) {
             self.inputs.measure(&mut block, &mut around, slot, samples, gradients.as_deref_mut());
         }
@@ -175,8 +191,10 @@ impl DistanceInputs<'_> {
         mut gradients: Option<&mut [Vec3; BRICK_CELLS]>,
     ) {
         let Self { surface, layers, patches, lattice, near, .. } = self;
-        let (brick, values) = (layers.bricks[slot] as usize, &layers.values[slot]);
-        let (voxel_size_m, is_solid) = (surface.grid.voxel_size_m as f32, matches!(self.signs, Signs::Solid(_)));
+        let brick = layers.bricks[slot] as usize;
+        let values = &layers.values[slot];
+        let voxel_size_m = surface.grid.voxel_size_m as f32;
+        let is_solid = matches!(self.signs, Signs::Solid(_));
         let beyond = layers.n_layers as u8 + 1;
         let beyond_m = (layers.n_layers as f32 + 0.5) * voxel_size_m;
         let origin = brick_origin(surface.grid.brick_coord(brick));
@@ -184,14 +202,22 @@ impl DistanceInputs<'_> {
             around.gather(near, surface, brick);
         }
         let points = lattice.points(slot);
-        for corner in (0..8).map(|idx| [idx >> 2, idx >> 1 & 1, idx & 1].map(|half| half * BLOCK_EDGE)) {
+        for corner in
+            (0..8).map(|idx| [idx >> 2, idx >> 1 & 1, idx & 1].map(|half| half * BLOCK_EDGE))
+        {
             let first = (corner[0] * BRICK_EDGE + corner[1]) * BRICK_EDGE + corner[2];
-            let first_of = |cube: usize| first + (cube >> 2 << 7) + (cube >> 1 & 1) * 16 + (cube & 1) * 2;
-            let of_cubes: [CubeLayers; CUBES] = core::array::from_fn(|cube| CubeLayers::of(values, first_of(cube)));
+            let first_of =
+                |cube: usize| first + (cube >> 2 << 7) + (cube >> 1 & 1) * 16 + (cube & 1) * 2;
+            let of_cubes: [CubeLayers; CUBES] =
+                core::array::from_fn(|cube| CubeLayers::of(values, first_of(cube)));
             let is_beyond = of_cubes.map(|layers| layers.are(beyond));
-            let wanted: [u8; CUBES] = core::array::from_fn(|cube| !(is_beyond[cube] | of_cubes[cube].are(0)));
+            let wanted: [u8; CUBES] =
+                core::array::from_fn(|cube| !(is_beyond[cube] | of_cubes[cube].are(0)));
             if wanted != [0; CUBES] {
-                block.restart(core::array::from_fn(|axis| origin[axis] + corner[axis] as i32), wanted);
+                block.restart(
+                    core::array::from_fn(|axis| origin[axis] + corner[axis] as i32),
+                    wanted,
+                );
                 block.consider(&points.around(corner.map(|cell| cell / BLOCK_EDGE)), u8::MAX);
                 // What hands feel most is not left to the lattice alone.
                 if of_cubes.iter().any(|layers| layers.are(1) != 0) {
@@ -206,7 +232,12 @@ impl DistanceInputs<'_> {
                 // Surface voxels get theirs below.
                 let measured_m = sign * L::splat(voxel_size_m) * block.nearest[cube].squared.sqrt();
                 let mut signed_m = [0.0; LANES];
-                L::select(L::Int::mask(is_beyond[cube].into()), sign * L::splat(beyond_m), measured_m).store(&mut signed_m);
+                L::select(
+                    L::Int::mask(is_beyond[cube].into()),
+                    sign * L::splat(beyond_m),
+                    measured_m,
+                )
+                .store(&mut signed_m);
                 for (row, pair) in signed_m.as_chunks::<2>().0.iter().enumerate() {
                     let first = sample_of(first + (row >> 1 << 6) + (row & 1) * 8);
                     samples[first..first + 2].copy_from_slice(pair);
@@ -216,17 +247,24 @@ impl DistanceInputs<'_> {
                     block.nearest[cube].patch_idx.store(&mut patch_idx);
                     for lane in bits(wanted[cube].into()).map(|lane| lane as usize) {
                         let cell = first + (lane >> 2 << 6) + (lane >> 1 & 1) * 8 + (lane & 1);
-                        gradients[cell] = self.gradient(slot, cell, patch_idx[lane], inside >> lane & 1 == 1);
+                        gradients[cell] =
+                            self.gradient(slot, cell, patch_idx[lane], inside >> lane & 1 == 1);
                     }
                 }
             }
         }
         if let Some(surface_slot) = surface.slot(brick) {
-            for (inside, voxel) in near::cells(&surface.masks[surface_slot]).zip(near.voxels(surface, surface_slot)) {
-                let signed_cells = if is_solid { voxel.signed_cells } else { -voxel.signed_cells.abs() };
+            for (inside, voxel) in
+                near::cells(&surface.masks[surface_slot]).zip(near.voxels(surface, surface_slot))
+            {
+                let signed_cells =
+                    if is_solid { voxel.signed_cells } else { -voxel.signed_cells.abs() };
                 samples[sample_of(inside)] = signed_cells * voxel_size_m;
-                if let Some(gradients) = gradients.as_deref_mut().filter(|_| voxel.patch_idx != NONE) {
-                    gradients[inside] = self.gradient(slot, inside, voxel.patch_idx, signed_cells > 0.0);
+                if let Some(gradients) =
+                    gradients.as_deref_mut().filter(|_| voxel.patch_idx != NONE)
+                {
+                    gradients[inside] =
+                        self.gradient(slot, inside, voxel.patch_idx, signed_cells > 0.0);
                 }
             }
         }
@@ -245,8 +283,10 @@ impl DistanceInputs<'_> {
         let away = if distance > f64::from(ON_SURFACE_CELLS) {
             offset / distance
         } else {
-            // On the surface itself the offset has no direction; a sign of −1 there means "outward".
-            let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
+            // On the surface itself the offset has no direction; a sign of −1 there means
+            // "outward".
+            let normal =
+                (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
             match self.signs {
                 Signs::Solid(orientation) => normal * orientation.sign(triangle_idx),
                 Signs::Thin => normal,
@@ -256,7 +296,8 @@ impl DistanceInputs<'_> {
     }
 }
 
-/// Layer values of the eight cells of a cube, a byte each, about which one question is answered for all at once.
+/// Layer values of the eight cells of a cube, a byte each, about which one question is answered for
+/// all at once.
 #[derive(Clone, Copy)]
 struct CubeLayers(u64);
 
@@ -266,7 +307,9 @@ impl CubeLayers {
     /// Those of the 2³ cells from number `first` of a brick on.
     #[inline(always)]
     fn of(values: &[i8; BRICK_CELLS], first: usize) -> Self {
-        let pair = |inside: usize| u64::from(u16::from_le_bytes([values[inside] as u8, values[inside + 1] as u8]));
+        let pair = |inside: usize| {
+            u64::from(u16::from_le_bytes([values[inside] as u8, values[inside + 1] as u8]))
+        };
         Self(pair(first) | pair(first + 8) << 16 | pair(first + 64) << 32 | pair(first + 72) << 48)
     }
 
@@ -274,7 +317,8 @@ impl CubeLayers {
     #[inline(always)]
     fn are(self, n_layers: u8) -> u8 {
         let negative = self.0 >> 7 & Self::ONES;
-        // Two's complement, byte by byte: a negative number is never 0, so nothing is carried. Below, 127 + 127 is not carried either.
+        // Two's complement, byte by byte: a negative number is never 0, so nothing is carried.
+        // Below, 127 + 127 is not carried either.
         let layers = (self.0 ^ (negative * 0xff)) + negative;
         Self::packed(!((layers ^ (Self::ONES * u64::from(n_layers))) + Self::ONES * 0x7f))
     }
@@ -304,13 +348,24 @@ mod tests {
     fn every_simd_level_measures_the_same_bits() {
         let torus = Shape::Torus { major_m: 8e-3, minor_m: 3e-3 }.tessellate(1e-4);
         let plate = Shape::Box { size_m: DVec3::new(0.04, 0.03, 0.002) }.tessellate(1e-4);
-        for (mesh, sides) in [(&torus, InsideTest::Auto), (&plate, InsideTest::Auto), (&plate, InsideTest::Thin)] {
+        for (mesh, sides) in
+            [(&torus, InsideTest::Auto), (&plate, InsideTest::Auto), (&plate, InsideTest::Thin)]
+        {
             let options = Options { voxel_size_m: 4e-4, layers: 5, navigation: None, sides };
             let map = Volume::build(mesh, &inspect(mesh), &options, |_| ()).expect("a small grid");
             let signs = if map.thin { Signs::Thin } else { Signs::Solid(&map.orientation) };
-            let measure = |level| Samples::measure_on(level, mesh, &map.surface, &map.layers, signs, true);
-            let (portable, best) = (measure(SimdLevel::Portable), measure(SimdLevel::best()));
-            let bits = |samples: &Samples| samples.values_m.as_flattened().iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+            let measure =
+                |level| Samples::measure_on(level, mesh, &map.surface, &map.layers, signs, true);
+            let portable = measure(SimdLevel::Portable);
+            let best = measure(SimdLevel::best());
+            let bits = |samples: &Samples| {
+                samples
+                    .values_m
+                    .as_flattened()
+                    .iter()
+                    .map(|value| value.to_bits())
+                    .collect::<Vec<_>>()
+            };
             assert_eq!(bits(&portable), bits(&best));
             assert_eq!(portable.gradients, best.gradients);
         }

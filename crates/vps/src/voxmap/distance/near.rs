@@ -1,5 +1,5 @@
-//! The surface voxels: every triangle that is near one is measured, so nothing is left to chance where it matters most. The cells
-//! next to them take their choices.
+//! The surface voxels: every triangle that is near one is measured, so nothing is left to chance
+//! where it matters most. The cells next to them take their choices.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -11,15 +11,18 @@ use crate::simd::{F32x8, Kernel, LANES, SimdLevel};
 use crate::voxmap::grid::{BRICK_CELLS, BRICK_EDGE, brick_origin};
 use crate::voxmap::surface::{FIRST_Z, Mask, Surface, bits};
 
-/// Below this distance a centre counts as lying on the surface, where an offset has no direction; cells.
+/// Below this distance a centre counts as lying on the surface, where an offset has no direction;
+/// cells.
 pub(super) const ON_SURFACE_CELLS: f32 = 1e-6;
 
-/// A triangle that touches a voxel comes at least this close to its centre (√3/2), and the nearest does; cells.
+/// A triangle that touches a voxel comes at least this close to its centre (√3/2), and the nearest
+/// does; cells.
 const REACH_CELLS: f32 = 0.8661;
-/// Distances whose squares differ by less than this share, or this much, count as equal: the closest point lies on an edge or
-/// corner that the triangles have in common. Cells² the second.
+/// Distances whose squares differ by less than this share, or this much, count as equal: the
+/// closest point lies on an edge or corner that the triangles have in common. Cells² the second.
 const TIE: (f32, f32) = (1.0 + 3e-5, 1e-8);
-/// By so much more squarely must a centre face the plane of a triangle to prefer it to one that ties, cells.
+/// By so much more squarely must a centre face the plane of a triangle to prefer it to one that
+/// ties, cells.
 const FACING_CELLS: f32 = 1e-4;
 
 /// Which patches come near the surface voxels of which brick.
@@ -35,7 +38,11 @@ impl Bins {
         let counts: Vec<AtomicU32> = surface.bricks.iter().map(|_| AtomicU32::new(0)).collect();
         let each = |visit: &(dyn Fn(usize, u32) + Sync)| {
             parallel::for_each_range(patches.all.len(), 256, &|range| {
-                range.for_each(|patch_idx| each_brick(&patches.all[patch_idx], surface, |slot| visit(slot, patch_idx as u32)));
+                range.for_each(|patch_idx| {
+                    each_brick(&patches.all[patch_idx], surface, |slot| {
+                        visit(slot, patch_idx as u32)
+                    })
+                });
             });
         };
         // Relaxed, here and below: counters need no order among each other; the joins publish them.
@@ -47,7 +54,8 @@ impl Bins {
         for count in &counts {
             starts.push(total);
             // A wrap would mix up bricks; 2³² pairs would be 16 GiB of them.
-            total = u32::checked_add(total, count.swap(0, Ordering::Relaxed)).expect("fewer than 2^32 pairs of triangle and brick");
+            total = u32::checked_add(total, count.swap(0, Ordering::Relaxed))
+                .expect("fewer than 2^32 pairs of triangle and brick");
         }
         starts.push(total);
         let filled: Vec<AtomicU32> = (0..total).map(|_| AtomicU32::new(NONE)).collect();
@@ -60,7 +68,9 @@ impl Bins {
 
     /// Patches near a brick, ascending: the order in which threads came does not show.
     fn sorted(&self, surface_slot: usize) -> Vec<u32> {
-        let mut near = self.patches[self.starts[surface_slot] as usize..self.starts[surface_slot + 1] as usize].to_vec();
+        let mut near = self.patches
+            [self.starts[surface_slot] as usize..self.starts[surface_slot + 1] as usize]
+            .to_vec();
         near.sort_unstable();
         near
     }
@@ -72,7 +82,8 @@ fn each_brick(patch: &Patch, surface: &Surface, mut visit: impl FnMut(usize)) {
     let edge = BRICK_EDGE as i32;
     let cells = patch.cells_near(REACH_CELLS);
     let [xs, ys, zs] = [0, 1, 2].map(|axis| {
-        let (low, high) = (cells[axis].start().div_euclid(edge), cells[axis].end().div_euclid(edge));
+        let low = cells[axis].start().div_euclid(edge);
+        let high = cells[axis].end().div_euclid(edge);
         low.max(0)..=high.min(dims[axis] as i32 - 1)
     });
     let is_one = xs.start() == xs.end() && ys.start() == ys.end() && zs.start() == zs.end();
@@ -80,8 +91,13 @@ fn each_brick(patch: &Patch, surface: &Surface, mut visit: impl FnMut(usize)) {
     for x in xs {
         for y in ys.clone() {
             for z in zs.clone() {
-                let Some(slot) = surface.slot(surface.grid.brick_index([x as u32, y as u32, z as u32])) else { continue };
-                let middle = glam::IVec3::new(x, y, z).as_vec3() * edge as f32 + 0.5 * (edge - 1) as f32;
+                let Some(slot) =
+                    surface.slot(surface.grid.brick_index([x as u32, y as u32, z as u32]))
+                else {
+                    continue;
+                };
+                let middle =
+                    glam::IVec3::new(x, y, z).as_vec3() * edge as f32 + 0.5 * (edge - 1) as f32;
                 if is_one || patch.height_of(middle).abs() <= reach {
                     visit(slot);
                 }
@@ -109,26 +125,38 @@ pub(super) struct NearVoxel {
 const MEASURED_TOGETHER: usize = 64;
 
 impl Near {
-    /// Measures all surface voxels. `outward`: 1 for a patch whose winding normal points out, −1 for one where it points in.
+    /// Measures all surface voxels. `outward`: 1 for a patch whose winding normal points out, −1
+    /// for one where it points in.
     ///
     /// Cost: O(pairs of a patch and a surface voxel near it).
-    pub(super) fn new(simd_level: SimdLevel, patches: &Patches, surface: &Surface, outward: impl Fn(u32) -> f32 + Sync) -> Self {
+    pub(super) fn new(
+        simd_level: SimdLevel,
+        patches: &Patches,
+        surface: &Surface,
+        outward: impl Fn(u32) -> f32 + Sync,
+    ) -> Self {
         let bins = Bins::new(patches, surface);
         let slots: Vec<usize> = (0..surface.bricks.len()).collect();
-        let list = |slots: &[usize]| simd_level.run(NearBricks { patches, bins: &bins, surface, slots, outward: &outward });
+        let list = |slots: &[usize]| {
+            simd_level.run(NearBricks { patches, bins: &bins, surface, slots, outward: &outward })
+        };
         Self { bricks: parallel::map_chunks(&slots, MEASURED_TOGETHER, list) }
     }
 
     /// The surface voxels of a brick, in order of rank.
     pub(super) fn voxels(&self, surface: &Surface, surface_slot: usize) -> &[NearVoxel] {
-        let first = (surface.ranks(surface_slot)[0] - surface.ranks(surface_slot - surface_slot % MEASURED_TOGETHER)[0]) as usize;
-        &self.bricks[surface_slot / MEASURED_TOGETHER][first..first + n_cells(&surface.masks[surface_slot])]
+        let first = (surface.ranks(surface_slot)[0]
+            - surface.ranks(surface_slot - surface_slot % MEASURED_TOGETHER)[0])
+            as usize;
+        &self.bricks[surface_slot / MEASURED_TOGETHER]
+            [first..first + n_cells(&surface.masks[surface_slot])]
     }
 }
 
 /// The choices of the surface voxels in a brick and one cell around it.
 pub(super) struct Around {
-    /// `[10³]`, z fastest: their patches; [`NONE`] where there is no surface voxel, and behind the last.
+    /// `[10³]`, z fastest: their patches; [`NONE`] where there is no surface voxel, and behind the
+    /// last.
     patches: [u32; AROUND_EDGE * AROUND_EDGE * AROUND_EDGE + LANES],
 }
 
@@ -146,8 +174,12 @@ impl Around {
         let coord = surface.grid.brick_coord(brick);
         for offset in (0..27).map(|idx| [idx / 9 - 1, idx / 3 % 3 - 1, idx % 3 - 1]) {
             let neighbour = surface.grid.brick_neighbour(coord, offset);
-            let Some(slot) = neighbour.and_then(|neighbour| surface.slot(neighbour)) else { continue };
-            let (mask, ranks, voxels) = (&surface.masks[slot], surface.ranks(slot), near.voxels(surface, slot));
+            let Some(slot) = neighbour.and_then(|neighbour| surface.slot(neighbour)) else {
+                continue;
+            };
+            let mask = &surface.masks[slot];
+            let ranks = surface.ranks(slot);
+            let voxels = near.voxels(surface, slot);
             let xs = match offset[0] {
                 -1 => BRICK_EDGE - 1..BRICK_EDGE,
                 0 => 0..BRICK_EDGE,
@@ -155,25 +187,31 @@ impl Around {
             };
             let rows = [0xff << 56, u64::MAX, 0xff][(offset[1] + 1) as usize];
             let columns = [FIRST_Z << 7, u64::MAX, FIRST_Z][(offset[2] + 1) as usize];
-            let place = |axis: usize, inside: usize| (inside as i32 + offset[axis] * BRICK_EDGE as i32 + 1) as usize;
+            let place = |axis: usize, inside: usize| {
+                (inside as i32 + offset[axis] * BRICK_EDGE as i32 + 1) as usize
+            };
             for x in xs {
                 for bit in bits(mask[x] & rows & columns) {
                     let before = (mask[x] & ((1 << bit) - 1)).count_ones();
                     let voxel = voxels[(ranks[x] - ranks[0] + before) as usize];
                     let row = place(0, x) * AROUND_EDGE + place(1, (bit >> 3) as usize);
-                    self.patches[row * AROUND_EDGE + place(2, (bit & 7) as usize)] = voxel.patch_idx;
+                    self.patches[row * AROUND_EDGE + place(2, (bit & 7) as usize)] =
+                        voxel.patch_idx;
                 }
             }
         }
     }
 
-    /// Offers a block of 4³ cells, which begins at cell `first` of the brick, what surface voxels inside and next to it chose.
+    /// Offers a block of 4³ cells, which begins at cell `first` of the brick, what surface voxels
+    /// inside and next to it chose.
     #[inline(always)]
     pub(super) fn offer<L: F32x8>(&self, [x, y, z]: [usize; 3], block: &mut Block<L>) {
         for x in x..x + 6 {
             for y in y..y + 6 {
                 // Six count; a copy of them would have to wait for its own bytes.
-                if let Some(row) = self.patches[(x * AROUND_EDGE + y) * AROUND_EDGE + z..].first_chunk() {
+                if let Some(row) =
+                    self.patches[(x * AROUND_EDGE + y) * AROUND_EDGE + z..].first_chunk()
+                {
                     block.consider(row, 0b11_1111);
                 }
             }
@@ -196,7 +234,8 @@ impl<O: Fn(u32) -> f32> Kernel for NearBricks<'_, O> {
     #[inline(always)]
     fn run<L: F32x8>(self) -> Self::Output {
         let Self { patches, bins, surface, slots, outward } = self;
-        let mut voxels = Vec::with_capacity(slots.iter().map(|slot| n_cells(&surface.masks[*slot])).sum());
+        let mut voxels =
+            Vec::with_capacity(slots.iter().map(|slot| n_cells(&surface.masks[*slot])).sum());
         for slot in slots {
             let found = Nearby::measure::<L>(patches, bins, surface, *slot, outward);
             voxels.extend(cells(&surface.masks[*slot]).map(|inside| found.voxel(inside)));
@@ -210,8 +249,8 @@ struct Nearby {
     patch_idx: [u32; BRICK_CELLS],
     /// Cells².
     squared: [f32; BRICK_CELLS],
-    /// Along the outward normal of the patch that the centre faces most squarely, cells. Where two faces lie on each other, inside of
-    /// one is inside: parts that touch are one solid.
+    /// Along the outward normal of the patch that the centre faces most squarely, cells. Where two
+    /// faces lie on each other, inside of one is inside: parts that touch are one solid.
     height: [f32; BRICK_CELLS],
 }
 
@@ -227,26 +266,36 @@ impl Nearby {
     ) -> Self {
         let origin = brick_origin(surface.grid.brick_coord(surface.bricks[surface_slot] as usize));
         let mask = &surface.masks[surface_slot];
-        let mut best = Self { patch_idx: [NONE; BRICK_CELLS], squared: [f32::INFINITY; BRICK_CELLS], height: [0.0; BRICK_CELLS] };
+        let mut best = Self {
+            patch_idx: [NONE; BRICK_CELLS],
+            squared: [f32::INFINITY; BRICK_CELLS],
+            height: [0.0; BRICK_CELLS],
+        };
         let mut cells = [0; BRICK_CELLS];
         for patch_idx in bins.sorted(surface_slot) {
             let patch = &patches.all[patch_idx as usize];
             let outward = outward(patch_idx);
             let n_cells = gather(patch, mask, origin, &mut cells);
             let patch = WidePatch::<L>::new(patch);
-            for batch in cells[..n_cells.next_multiple_of(LANES)].as_chunks::<LANES>().0.iter().enumerate() {
+            for batch in
+                cells[..n_cells.next_multiple_of(LANES)].as_chunks::<LANES>().0.iter().enumerate()
+            {
                 let (batch_idx, batch) = batch;
                 let (all_squared, heights) = patch.measure_cells(origin, batch);
                 for (lane, cell) in batch.iter().enumerate().take(n_cells - batch_idx * LANES) {
                     let cell = *cell as usize;
-                    let (squared, height) = (all_squared[lane], heights[lane] * outward);
+                    let squared = all_squared[lane];
+                    let height = heights[lane] * outward;
                     let so_far = best.squared[cell];
                     if squared > so_far * TIE.0 + TIE.1 {
                         continue;
                     }
                     let is_tie = so_far <= squared * TIE.0 + TIE.1;
                     let facing = height.abs() - best.height[cell].abs();
-                    if !is_tie || facing > FACING_CELLS || (facing >= -FACING_CELLS && height < best.height[cell]) {
+                    if !is_tie
+                        || facing > FACING_CELLS
+                        || (facing >= -FACING_CELLS && height < best.height[cell])
+                    {
                         (best.patch_idx[cell], best.height[cell]) = (patch_idx, height);
                     }
                     best.squared[cell] = so_far.min(squared);
@@ -280,13 +329,17 @@ pub(super) fn cells(mask: &Mask) -> impl Iterator<Item = usize> + '_ {
 fn gather(patch: &Patch, mask: &Mask, origin: [i32; 3], cells: &mut [u32; BRICK_CELLS]) -> usize {
     let near = patch.cells_near(REACH_CELLS);
     let last = BRICK_EDGE as i32 - 1;
-    let local = |axis: usize| ((near[axis].start() - origin[axis]).max(0), (near[axis].end() - origin[axis]).min(last));
+    let local = |axis: usize| {
+        ((near[axis].start() - origin[axis]).max(0), (near[axis].end() - origin[axis]).min(last))
+    };
     let [xs, ys, zs] = [local(0), local(1), local(2)];
     if ys.0 > ys.1 || zs.0 > zs.1 {
         return 0;
     }
     let row = (0xff_u64 >> (last - zs.1)) & (0xff << zs.0);
-    let plane = (row * 0x0101_0101_0101_0101) & (u64::MAX >> (8 * (last - ys.1))) & (u64::MAX << (8 * ys.0));
+    let plane = (row * 0x0101_0101_0101_0101)
+        & (u64::MAX >> (8 * (last - ys.1)))
+        & (u64::MAX << (8 * ys.0));
     let mut n_cells = 0;
     for x in xs.0..=xs.1 {
         for bit in bits(mask[x as usize] & plane) {

@@ -1,8 +1,9 @@
 //! Triangles as the kernel reads them: one cache line each, in cells, in a frame of their own.
 //!
-//! The longest edge is the first axis, the height over it the second. There the closest point is a question in the plane that
-//! needs no division and stays well conditioned however thin the triangle is. Lengths are `f32`: the anchor is a whole cell, so
-//! the way from it to a cell centre is exact, and triangles longer than [`EDGE_MAX_CELLS`] are cut, so that rounding stays below
+//! The longest edge is the first axis, the height over it the second. There the closest point is a
+//! question in the plane that needs no division and stays well conditioned however thin the
+//! triangle is. Lengths are `f32`: the anchor is a whole cell, so the way from it to a cell centre
+//! is exact, and triangles longer than [`EDGE_MAX_CELLS`] are cut, so that rounding stays below
 //! 10⁻⁵ cells on any grid.
 
 use core::ops::RangeInclusive;
@@ -20,7 +21,8 @@ pub(super) const NONE: u32 = u32::MAX;
 const CURVE_STEPS: f32 = 4.0;
 /// Longest edge of a patch, cells.
 const EDGE_MAX_CELLS: f64 = 32.0;
-/// Height over the longest edge below which a triangle is a segment, cells; cell coordinates are rounded to a hundredth of it.
+/// Height over the longest edge below which a triangle is a segment, cells; cell coordinates are
+/// rounded to a hundredth of it.
 const FLAT_CELLS: f64 = 1e-9;
 
 /// A triangle, or a piece of a large one.
@@ -45,7 +47,11 @@ impl Patch {
     /// Prepares three corners given in cells; any will do.
     fn new(corners: &[DVec3; 3]) -> Self {
         let edge_squared = |k: usize| (corners[(k + 1) % 3] - corners[k]).length_squared();
-        let longest = (1..3).fold(0, |longest, k| if edge_squared(k) > edge_squared(longest) { k } else { longest });
+        let longest =
+            (1..3).fold(
+                0,
+                |longest, k| if edge_squared(k) > edge_squared(longest) { k } else { longest },
+            );
         let [first, second, apex] = [0, 1, 2].map(|k| corners[(longest + k) % 3]);
         let base = second - first;
         let length = base.length();
@@ -60,7 +66,8 @@ impl Patch {
         let offset = first - anchor - 0.5;
         // Of the rounded numbers, from which the kernel makes unit vectors.
         let inverse_length = |from: f64| {
-            let (along, height) = (along as f32 - from as f32, height as f32);
+            let along = along as f32 - from as f32;
+            let height = height as f32;
             let squared = along * along + height * height;
             if squared > (FLAT_CELLS * FLAT_CELLS) as f32 { squared.sqrt().recip() } else { 0.0 }
         };
@@ -103,15 +110,19 @@ impl Patch {
         self.vector(5).cross(self.vector(8))
     }
 
-    /// Cells, per axis, whose centres lie in the patch's box padded by `pad_cells`; may leave the grid.
+    /// Cells, per axis, whose centres lie in the patch's box padded by `pad_cells`; may leave the
+    /// grid.
     #[inline(always)]
     pub(super) fn cells_near(&self, pad_cells: f32) -> [RangeInclusive<i32>; 3] {
         let (low, high) = self.box_at_anchor(pad_cells);
         let anchor = self.anchor();
-        [0, 1, 2].map(|axis| anchor[axis] + low[axis].ceil() as i32..=anchor[axis] + high[axis].floor() as i32)
+        [0, 1, 2].map(|axis| {
+            anchor[axis] + low[axis].ceil() as i32..=anchor[axis] + high[axis].floor() as i32
+        })
     }
 
-    /// Lowest and highest corner of the patch's box padded by `pad_cells`, relative to the centre of cell 0, cells.
+    /// Lowest and highest corner of the patch's box padded by `pad_cells`, relative to the centre
+    /// of cell 0, cells.
     pub(super) fn bounds(&self, pad_cells: f32) -> ([f32; 3], [f32; 3]) {
         let (low, high) = self.box_at_anchor(pad_cells);
         let anchor = Vec3::from_array(self.anchor().map(|i| i as f32));
@@ -121,36 +132,43 @@ impl Patch {
     /// The same relative to the centre of the anchor.
     #[inline(always)]
     fn box_at_anchor(&self, pad_cells: f32) -> (Vec3, Vec3) {
-        let (first, right) = (self.vector(2), self.vector(5));
+        let first = self.vector(2);
+        let right = self.vector(5);
         let second = first + right * self.number(11);
         let apex = first + right * self.number(12) + self.vector(8) * self.number(13);
         (first.min(second).min(apex) - pad_cells, first.max(second).max(apex) + pad_cells)
     }
 
-    /// Signed distance of a point (cells, relative to the centre of cell 0) to the patch's plane, cells; for culling.
+    /// Signed distance of a point (cells, relative to the centre of cell 0) to the patch's plane,
+    /// cells; for culling.
     pub(super) fn height_of(&self, point: Vec3) -> f32 {
         let anchor = Vec3::from_array(self.anchor().map(|i| i as f32));
         self.normal().dot(point - anchor - self.vector(2))
     }
 }
 
-/// All patches of a mesh, in the order of a space-filling curve: what is near in space is near in memory.
+/// All patches of a mesh, in the order of a space-filling curve: what is near in space is near in
+/// memory.
 pub(super) struct Patches {
     /// One per triangle, and more for those that are cut.
     pub(super) all: Vec<Patch>,
     /// `[n_patches]`: the triangle that a patch is or belongs to.
     triangles: Vec<u32>,
-    /// `[n_patches]`: patch across each edge, counted from the longest; [`NONE`] where there is none.
+    /// `[n_patches]`: patch across each edge, counted from the longest; [`NONE`] where there is
+    /// none.
     across: Vec<[u32; 3]>,
 }
 
 impl Patches {
-    /// Cost: O(triangles) and a parallel sort of them, plus the pieces of those that are longer than [`EDGE_MAX_CELLS`].
+    /// Cost: O(triangles) and a parallel sort of them, plus the pieces of those that are longer
+    /// than [`EDGE_MAX_CELLS`].
     pub(super) fn new(mesh: &TriangleMesh, grid: &Grid) -> Self {
         let ((pieces, order), neighbours) = rayon::join(
             || {
                 let pieces = Pieces::new(mesh, grid);
-                let mut keyed = parallel::map(pieces.all.len(), 1, |piece| (curve(&pieces.all[piece]), piece as u32));
+                let mut keyed = parallel::map(pieces.all.len(), 1, |piece| {
+                    (curve(&pieces.all[piece]), piece as u32)
+                });
                 keyed.par_sort_unstable();
                 (pieces, keyed)
             },
@@ -196,13 +214,20 @@ struct Pieces {
 impl Pieces {
     /// Cuts at the middle of the longest edge until none is longer than [`EDGE_MAX_CELLS`].
     ///
-    /// Whether an edge is cut depends on its length alone, so pieces on both sides of one meet edge to edge.
+    /// Whether an edge is cut depends on its length alone, so pieces on both sides of one meet edge
+    /// to edge.
     fn new(mesh: &TriangleMesh, grid: &Grid) -> Self {
         let is_cut = |corners: &[DVec3; 3]| longest_edge(corners).1 > EDGE_MAX_CELLS;
-        let mut all = parallel::map(mesh.triangles.len(), 1, |triangle_idx| Patch::new(&in_cells(mesh, grid, triangle_idx)));
-        let is_long = parallel::map(all.len(), 1, |triangle_idx| is_cut(&in_cells(mesh, grid, triangle_idx)));
-        let long = (0..).zip(is_long).filter_map(|(triangle_idx, is_long)| is_long.then_some(triangle_idx));
-        let (mut triangles, mut cut) = (Vec::new(), Vec::new());
+        let mut all = parallel::map(mesh.triangles.len(), 1, |triangle_idx| {
+            Patch::new(&in_cells(mesh, grid, triangle_idx))
+        });
+        let is_long =
+            parallel::map(all.len(), 1, |triangle_idx| is_cut(&in_cells(mesh, grid, triangle_idx)));
+        let long = (0..)
+            .zip(is_long)
+            .filter_map(|(triangle_idx, is_long)| is_long.then_some(triangle_idx));
+        let mut triangles = Vec::new();
+        let mut cut = Vec::new();
         for triangle_idx in long {
             let mut rest = vec![in_cells(mesh, grid, triangle_idx as usize)];
             let mut is_first = true;
@@ -214,7 +239,8 @@ impl Pieces {
                     rest.extend([[from, middle, apex], [middle, to, apex]]);
                     continue;
                 }
-                let piece = if core::mem::take(&mut is_first) { triangle_idx } else { all.len() as u32 };
+                let piece =
+                    if core::mem::take(&mut is_first) { triangle_idx } else { all.len() as u32 };
                 if piece == triangle_idx {
                     all[triangle_idx as usize] = Patch::new(&corners);
                 } else {
@@ -247,14 +273,18 @@ impl Pieces {
         let mut is_cut: Vec<u32> = self.cut.iter().map(|(piece, _)| *piece).collect();
         is_cut.sort_unstable();
         beside.retain(|triangle_idx| is_cut.binary_search(triangle_idx).is_err());
-        let whole = beside.iter().map(|triangle_idx| (*triangle_idx, in_cells(mesh, grid, *triangle_idx as usize)));
+        let whole = beside
+            .iter()
+            .map(|triangle_idx| (*triangle_idx, in_cells(mesh, grid, *triangle_idx as usize)));
         // Both ends of an edge, the smaller first; then whose edge it is, and which.
-        let mut edges: Vec<([[u64; 3]; 2], u32, u8)> = Vec::with_capacity(3 * (self.cut.len() + beside.len()));
+        let mut edges: Vec<([[u64; 3]; 2], u32, u8)> =
+            Vec::with_capacity(3 * (self.cut.len() + beside.len()));
         for (piece, corners) in self.cut.iter().copied().chain(whole) {
             // Zeros have one sign here: coordinates in cells are not negative.
             let ends = corners.map(|corner| corner.to_array().map(f64::to_bits));
             for k in 0..3 {
-                let (a, b) = (ends[k], ends[(k + 1) % 3]);
+                let a = ends[k];
+                let b = ends[(k + 1) % 3];
                 edges.push(([a.min(b), a.max(b)], piece, k as u8));
             }
         }
@@ -279,7 +309,9 @@ fn in_cells(mesh: &TriangleMesh, grid: &Grid, triangle_idx: usize) -> [DVec3; 3]
 /// Place of a patch's middle on a space-filling curve (Morton 1966).
 fn curve(patch: &Patch) -> u64 {
     let (low, high) = patch.bounds(0.0);
-    [0, 1, 2].iter().fold(0, |key, axis| key | spread(((low[*axis] + high[*axis]) * 0.5 * CURVE_STEPS) as u32) << axis)
+    [0, 1, 2].iter().fold(0, |key, axis| {
+        key | spread(((low[*axis] + high[*axis]) * 0.5 * CURVE_STEPS) as u32) << axis
+    })
 }
 
 /// Puts two zero bits between the lowest 21 bits of a number.
@@ -300,16 +332,19 @@ fn spread(number: u32) -> u64 {
 /// Which edge is the longest, and its length.
 fn longest_edge(corners: &[DVec3; 3]) -> (usize, f64) {
     let length = |k: usize| (corners[(k + 1) % 3] - corners[k]).length();
-    (1..3).map(|k| (k, length(k))).fold((0, length(0)), |longest, edge| if edge.1 > longest.1 { edge } else { longest })
+    (1..3)
+        .map(|k| (k, length(k)))
+        .fold((0, length(0)), |longest, edge| if edge.1 > longest.1 { edge } else { longest })
 }
 
-/// Matches the edges of a mesh: edges are put in buckets by their lower vertex and sorted there by the other. Where more than two
-/// triangles share an edge they pair up in order.
+/// Matches the edges of a mesh: edges are put in buckets by their lower vertex and sorted there by
+/// the other. Where more than two triangles share an edge they pair up in order.
 fn neighbours(mesh: &TriangleMesh) -> Vec<[u32; 3]> {
     let edges = || {
         mesh.triangles.iter().enumerate().flat_map(|(triangle_idx, corners)| {
             (0..3).map(move |k| {
-                let (a, b) = (corners[k], corners[(k + 1) % 3]);
+                let a = corners[k];
+                let b = corners[(k + 1) % 3];
                 (a.min(b), a.max(b), (triangle_idx * 3 + k) as u64)
             })
         })
@@ -319,7 +354,8 @@ fn neighbours(mesh: &TriangleMesh) -> Vec<[u32; 3]> {
     for vertex in 1..ends.len() {
         ends[vertex] += ends[vertex - 1];
     }
-    // The higher vertex above, three times the triangle plus the edge below; each bucket starts where the one before it ends.
+    // The higher vertex above, three times the triangle plus the edge below; each bucket starts
+    // where the one before it ends.
     let mut sorted = vec![(0_u32, 0_u64); mesh.triangles.len() * 3];
     for (low, high, edge) in edges() {
         let place = &mut ends[low as usize];
@@ -357,11 +393,18 @@ mod tests {
         let (low, high) = mesh.bounds().expect("a box has triangles");
         let grid = Grid::around(low, high, 1e-3, 3).expect("a small grid");
         let patches = Patches::new(&mesh, &grid);
-        assert!(patches.all.len() > 4 * mesh.triangles.len(), "nothing was cut: {} patches", patches.all.len());
+        assert!(
+            patches.all.len() > 4 * mesh.triangles.len(),
+            "nothing was cut: {} patches",
+            patches.all.len()
+        );
         for (patch_idx, across) in patches.across.iter().enumerate() {
             for neighbour in across {
                 assert_ne!(*neighbour, NONE, "patch {patch_idx} of a closed mesh ends in nothing");
-                assert!(patches.across(*neighbour).contains(&(patch_idx as u32)), "{patch_idx} and {neighbour}");
+                assert!(
+                    patches.across(*neighbour).contains(&(patch_idx as u32)),
+                    "{patch_idx} and {neighbour}"
+                );
             }
         }
     }

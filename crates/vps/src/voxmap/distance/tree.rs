@@ -11,7 +11,8 @@ const SLACK_CELLS: f32 = 0.02;
 /// Nodes that can wait at most: seven siblings on each of the levels that 2³² patches make.
 const WAITING_MAX: usize = 7 * 11 + 1;
 
-/// Eight boxes, coordinate by coordinate, in centre coordinates (the centre of cell `[i, j, k]` is (i, j, k)).
+/// Eight boxes, coordinate by coordinate, in centre coordinates (the centre of cell `[i, j, k]` is
+/// (i, j, k)).
 #[derive(Clone, Copy, Debug)]
 struct Boxes {
     low: [[f32; LANES]; 3],
@@ -20,29 +21,44 @@ struct Boxes {
 
 impl Boxes {
     /// Boxes that nothing is in, infinitely far from everything.
-    const EMPTY: Self = Self { low: [[f32::INFINITY; LANES]; 3], high: [[f32::NEG_INFINITY; LANES]; 3] };
+    const EMPTY: Self =
+        Self { low: [[f32::INFINITY; LANES]; 3], high: [[f32::NEG_INFINITY; LANES]; 3] };
 
     /// The box around all eight.
     fn hull(&self) -> ([f32; 3], [f32; 3]) {
-        let fold = |lanes: &[f32; LANES], start: f32, choose: fn(f32, f32) -> f32| lanes.iter().copied().fold(start, choose);
+        let fold = |lanes: &[f32; LANES], start: f32, choose: fn(f32, f32) -> f32| {
+            lanes.iter().copied().fold(start, choose)
+        };
         (
             self.low.each_ref().map(|lanes| fold(lanes, f32::INFINITY, f32::min)),
             self.high.each_ref().map(|lanes| fold(lanes, f32::NEG_INFINITY, f32::max)),
         )
     }
 
-    /// For each box the least squared distance of a point that comes closer to it than to its own nearest patch, cells²; infinite
-    /// where none does, and no bit is set. `nearest`: of each point, cells².
+    /// For each box the least squared distance of a point that comes closer to it than to its own
+    /// nearest patch, cells²; infinite where none does, and no bit is set. `nearest`: of each
+    /// point, cells².
     #[inline(always)]
-    fn bounds<L: F32x8>(&self, points: &[[f32; LANES]; 3], nearest: &[f32; LANES], bounds: &mut [f32; LANES]) -> u8 {
-        let (zero, infinite) = (L::splat(0.0), L::splat(f32::INFINITY));
+    fn bounds<L: F32x8>(
+        &self,
+        points: &[[f32; LANES]; 3],
+        nearest: &[f32; LANES],
+        bounds: &mut [f32; LANES],
+    ) -> u8 {
+        let zero = L::splat(0.0);
+        let infinite = L::splat(f32::INFINITY);
         let mut least = infinite;
         for lane in 0..LANES {
             let mut squared = zero;
-            #[expect(clippy::needless_range_loop, reason = "three arrays are read at the same place")]
+            #[expect(
+                clippy::needless_range_loop,
+                reason = "three arrays are read at the same place"
+            )]
             for axis in 0..3 {
                 let point = L::splat(points[axis][lane]);
-                let away = (L::load(&self.low[axis]) - point).max(point - L::load(&self.high[axis])).max(zero);
+                let away = (L::load(&self.low[axis]) - point)
+                    .max(point - L::load(&self.high[axis]))
+                    .max(zero);
                 squared = squared + away * away;
             }
             least = L::select(squared.lt(L::splat(nearest[lane])), squared, infinite).min(least);
@@ -58,7 +74,8 @@ impl Boxes {
     }
 }
 
-/// A complete tree of eight children a node over patches that are in the order of a space-filling curve.
+/// A complete tree of eight children a node over patches that are in the order of a space-filling
+/// curve.
 pub(super) struct PatchTree<'a> {
     patches: &'a [Patch],
     /// Boxes of the patches, eight in a row a node; then of those nodes, and so on up to one node.
@@ -66,9 +83,11 @@ pub(super) struct PatchTree<'a> {
 }
 
 impl<'a> PatchTree<'a> {
-    /// `patches` in the order of [`Patches`](super::patches::Patches), and not empty. Cost: O(patches); memory 28 bytes per patch.
+    /// `patches` in the order of [`Patches`](super::patches::Patches), and not empty. Cost:
+    /// O(patches); memory 28 bytes per patch.
     pub(super) fn new(patches: &'a [Patch]) -> Self {
-        let mut below = parallel::map(patches.len(), 1, |patch_idx| patches[patch_idx].bounds(SLACK_CELLS));
+        let mut below =
+            parallel::map(patches.len(), 1, |patch_idx| patches[patch_idx].bounds(SLACK_CELLS));
         let mut levels = Vec::new();
         loop {
             let level = parallel::map_chunks(&below, LANES, |children| {
@@ -110,7 +129,8 @@ impl<'a> PatchTree<'a> {
             let mut squared = [0.0; LANES];
             nearest.squared.store(&mut squared);
             let mut bounds = [0.0; LANES];
-            let hits = self.levels[level][node as usize].bounds::<L>(&points, &squared, &mut bounds);
+            let hits =
+                self.levels[level][node as usize].bounds::<L>(&points, &squared, &mut bounds);
             let first = n_waiting;
             for lane in bits(hits.into()) {
                 let bound = bounds[lane as usize];

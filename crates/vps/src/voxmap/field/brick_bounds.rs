@@ -1,18 +1,21 @@
-//! A field as the contact kernels read it: the same samples, and for each brick what can be said of it without them.
+//! A field as the contact kernels read it: the same samples, and for each brick what can be said of
+//! it without them.
 //!
-//! - **Ceiling**: no interpolated value of the brick is above it. Points whose brick cannot touch are answered without a sample.
+//! - **Ceiling**: no interpolated value of the brick is above it. Points whose brick cannot touch
+//!   are answered without a sample.
 //! - **Ceiling around**: the same of the brick and its 26 neighbours, for whole blocks of points.
-//! - **Clearance**: how far every place of the brick is from all that can touch, at least. It reaches where the band does not.
+//! - **Clearance**: how far every place of the brick is from all that can touch, at least. It
+//!   reaches where the band does not.
 //!
-//! Built once per field when a scene is made ready, from the samples alone. Cost: one pass over them, and O(16) per brick of the
-//! grid. Reading is RT: safe.
+//! Built once per field when a scene is made ready, from the samples alone. Cost: one pass over
+//! them, and O(16) per brick of the grid. Reading is RT: safe.
 //!
-//! Coordinates are those of the lattice of cell centres: cells minus ½. Brick b of an axis covers 8b … 8b + 8 there, so the eight
-//! samples around a place are always those of its own brick.
+//! Coordinates are those of the lattice of cell centres: cells minus ½. Brick b of an axis covers
+//! 8b … 8b + 8 there, so the eight samples around a place are always those of its own brick.
 //!
 //! # Source
-//! Ours. The clearances are an exact distance transform by one axis after the other (Felzenszwalb2012's decomposition), its range cut
-//! short.
+//! Ours. The clearances are an exact distance transform by one axis after the other
+//! (Felzenszwalb2012's decomposition), its range cut short.
 
 use glam::Vec3;
 
@@ -26,15 +29,16 @@ use crate::voxmap::grid::BRICK_EDGE;
 const ROOM_BRICKS: u32 = 16;
 /// What rounding may add to an interpolated value, as a share of the band.
 const ROUNDING: f32 = 1e-6;
-/// Neighbouring samples of opposite sides that differ by this much more than they are apart have no surface between them: the side
-/// changes there by itself, cells.
+/// Neighbouring samples of opposite sides that differ by this much more than they are apart have no
+/// surface between them: the side changes there by itself, cells.
 const JUMP_CELLS: f32 = 0.05;
-/// How much of a distance that was found too large no step shows: that to the neighbour nearest to the surface, which true distances come nearer by 1/√3 of a
-/// cell at least, cells.
+/// How much of a distance that was found too large no step shows: that to the neighbour nearest to
+/// the surface, which true distances come nearer by 1/√3 of a cell at least, cells.
 const UNSEEN_CELLS: f32 = 0.4227;
 
-/// See the module page. Invariant: `dims` are positive, `top`, `max_depth_m`, `max_depth_nearby_m` and `clearance_cells` have one entry per brick, every slot
-/// of `top` is one of `samples_m`, and all samples can be counted by an `i32`.
+/// See the module page. Invariant: `dims` are positive, `top`, `max_depth_m`, `max_depth_nearby_m`
+/// and `clearance_cells` have one entry per brick, every slot of `top` is one of `samples_m`, and
+/// all samples can be counted by an `i32`.
 #[derive(Debug)]
 pub(crate) struct BrickBounds {
     dims: [i32; 3],
@@ -51,19 +55,24 @@ pub(crate) struct BrickBounds {
 }
 
 impl BrickBounds {
-    /// Looks a field over; `None` for one that is too large for the kernels' 32-bit indices, or whose outside is inside (a thin skin
-    /// that is thicker than its band). Cold.
+    /// Looks a field over; `None` for one that is too large for the kernels' 32-bit indices, or
+    /// whose outside is inside (a thin skin that is thicker than its band). Cold.
     pub(crate) fn of(field: &Field) -> Option<Self> {
         Self::thicker(field, 0.0)
     }
 
-    /// The same with every value higher by `by_m`: what is that far from the object touches it. Cold.
+    /// The same with every value higher by `by_m`: what is that far from the object touches it.
+    /// Cold.
     pub(crate) fn thicker(field: &Field, by_m: f32) -> Option<Self> {
-        let Field { brick_dims: dims, top, distances_m: samples_m, band_m, voxel_size_m, .. } = field;
+        let Field { brick_dims: dims, top, distances_m: samples_m, band_m, voxel_size_m, .. } =
+            field;
         let skin_m = &(field.skin_m + by_m);
-        let n_bricks = dims.iter().try_fold(1_usize, |n, dim| n.checked_mul(usize::try_from(*dim).ok().filter(|dim| *dim > 0)?));
+        let n_bricks = dims.iter().try_fold(1_usize, |n, dim| {
+            n.checked_mul(usize::try_from(*dim).ok().filter(|dim| *dim > 0)?)
+        });
         let n_slots = samples_m.len();
-        let known = |slot: u32| matches!(slot, FAR_OUTSIDE | DEEP_INSIDE) || (slot as usize) < n_slots;
+        let known =
+            |slot: u32| matches!(slot, FAR_OUTSIDE | DEEP_INSIDE) || (slot as usize) < n_slots;
         let fits = n_bricks == Some(top.len())
             && i32::try_from(top.len()).is_ok()
             && n_slots.checked_mul(APRON_CELLS).is_some_and(|n| i32::try_from(n).is_ok())
@@ -71,27 +80,39 @@ impl BrickBounds {
         if !fits || skin_m - band_m > 0.0 {
             return None;
         }
-        let look_at = |bricks: &[_]| bricks.iter().map(|brick| Look::at(brick, *band_m, *voxel_size_m)).collect::<Vec<Look>>();
-        let looks: Vec<Look> = parallel::map_chunks(samples_m, 64, look_at).into_iter().flatten().collect();
+        let look_at = |bricks: &[_]| {
+            bricks
+                .iter()
+                .map(|brick| Look::at(brick, *band_m, *voxel_size_m))
+                .collect::<Vec<Look>>()
+        };
+        let looks: Vec<Look> =
+            parallel::map_chunks(samples_m, 64, look_at).into_iter().flatten().collect();
         let margin_m = ROUNDING * (band_m + skin_m);
         let mut max_depth_m: Vec<f32> = top
             .iter()
             .map(|slot| match *slot {
                 FAR_OUTSIDE => skin_m - band_m,
                 DEEP_INSIDE => skin_m + band_m,
-                slot => looks.get(slot as usize).map_or(f32::INFINITY, |look| look.highest_m + skin_m + margin_m),
+                slot => looks
+                    .get(slot as usize)
+                    .map_or(f32::INFINITY, |look| look.highest_m + skin_m + margin_m),
             })
             .collect();
         let clearance_cells = clearance_cells(&max_depth_m, *dims);
-        // Casts that round towards zero let the first cell reach one cell out of the grid, where it extrapolates.
+        // Casts that round towards zero let the first cell reach one cell out of the grid, where it
+        // extrapolates.
         for (brick, (ceiling_m, slot)) in max_depth_m.iter_mut().zip(top.iter()).enumerate() {
             if *slot < DEEP_INSIDE && coord_of(brick, *dims).contains(&0) {
                 *ceiling_m = f32::INFINITY;
             }
         }
         let max_depth_nearby_m = max_nearby(&max_depth_m, *dims, skin_m - band_m);
-        let most = |of: fn(&Look) -> f32| looks.iter().map(|look| of(look) / voxel_size_m - 1.0).fold(0.0, f32::max);
-        let (jump_cells, flip_cells) = (most(|look| look.steepest_m), most(|look| look.flipped_m));
+        let most = |of: fn(&Look) -> f32| {
+            looks.iter().map(|look| of(look) / voxel_size_m - 1.0).fold(0.0, f32::max)
+        };
+        let jump_cells = most(|look| look.steepest_m);
+        let flip_cells = most(|look| look.flipped_m);
         Some(Self {
             dims: *dims,
             top: top.clone(),
@@ -103,8 +124,9 @@ impl BrickBounds {
             band_m: *band_m,
             skin_m: *skin_m,
             voxel_size_m: *voxel_size_m,
-            // A side that changes at a distance h shows as a step of at least 2h less two cells. On one side there are only distances that the search for
-            // the nearest triangle has found too large.
+            // A side that changes at a distance h shows as a step of at least 2h less two cells. On
+            // one side there are only distances that the search for the nearest triangle has found
+            // too large.
             jump_cells: jump_cells
                 + match (flip_cells > JUMP_CELLS, jump_cells > JUMP_CELLS) {
                     (true, _) => 2.0,
@@ -132,14 +154,15 @@ impl BrickBounds {
         &self.samples_m
     }
 
-    /// `[n_bricks]`, m: no value in the brick is higher; the value itself where the brick has no samples.
+    /// `[n_bricks]`, m: no value in the brick is higher; the value itself where the brick has no
+    /// samples.
     #[inline]
     pub(crate) fn max_depth_m(&self) -> &[f32] {
         &self.max_depth_m
     }
 
-    /// Slots and largest depths of eight bricks, two along each axis from `first` on, z fastest; `None` where `first` is two bricks or more off the
-    /// grid, or beyond its last one. RT: safe.
+    /// Slots and largest depths of eight bricks, two along each axis from `first` on, z fastest;
+    /// `None` where `first` is two bricks or more off the grid, or beyond its last one. RT: safe.
     #[inline(always)]
     pub(crate) fn eight(&self, first: [i32; 3]) -> Option<[&[Pair; 2]; 4]> {
         let [nx, ny, nz] = self.dims;
@@ -147,13 +170,15 @@ impl BrickBounds {
         if x as u32 > nx as u32 || y as u32 > ny as u32 || z as u32 > nz as u32 {
             return None;
         }
-        let (row, plane) = (nz as usize + 2, (nz as usize + 2) * (ny as usize + 2));
+        let row = nz as usize + 2;
+        let plane = (nz as usize + 2) * (ny as usize + 2);
         let at = (x as usize) * plane + y as usize * row + z as usize;
         let pairs = |at: usize| self.padded.get(at..at + 2)?.first_chunk();
         Some([pairs(at)?, pairs(at + row)?, pairs(at + plane)?, pairs(at + plane + row)?])
     }
 
-    /// `[n_bricks]`, m: no value in the brick or in one of its 26 neighbours, on the grid or not, is higher.
+    /// `[n_bricks]`, m: no value in the brick or in one of its 26 neighbours, on the grid or not,
+    /// is higher.
     #[inline]
     pub(crate) fn max_depth_nearby_m(&self) -> &[f32] {
         &self.max_depth_nearby_m
@@ -165,19 +190,24 @@ impl BrickBounds {
         &self.clearance_cells
     }
 
-    /// The middle of the first brick from this one on that the surface may run through, cells; `None` when none does. Cold.
+    /// The middle of the first brick from this one on that the surface may run through, cells;
+    /// `None` when none does. Cold.
     pub(crate) fn surface_place(&self, from_brick: usize) -> Option<Vec3> {
         let n_bricks = self.top.len();
         let runs_through = |brick: &usize| {
             let slot = self.top.get(*brick).filter(|slot| **slot < DEEP_INSIDE);
             let samples = slot.and_then(|slot| self.samples_m.get(*slot as usize));
             let side = |of: fn(&f32, &f32) -> bool| {
-                samples.is_some_and(|samples| samples.iter().any(|sample| of(&(sample + self.skin_m), &0.0)))
+                samples.is_some_and(|samples| {
+                    samples.iter().any(|sample| of(&(sample + self.skin_m), &0.0))
+                })
             };
             side(f32::gt) && side(f32::lt)
         };
         let brick = (0..n_bricks).map(|step| (from_brick + step) % n_bricks).find(runs_through)?;
-        Some(Vec3::from_array(coord_of(brick, self.dims).map(|coord| (BRICK_EDGE * coord + BRICK_EDGE / 2) as f32)))
+        Some(Vec3::from_array(
+            coord_of(brick, self.dims).map(|coord| (BRICK_EDGE * coord + BRICK_EDGE / 2) as f32),
+        ))
     }
 
     /// Where the field saturates on both sides, m.
@@ -198,8 +228,8 @@ impl BrickBounds {
         self.voxel_size_m
     }
 
-    /// By how much two values may differ beyond their distance, cells: next to nothing for a sound mesh, more where the side changes
-    /// without a surface between.
+    /// By how much two values may differ beyond their distance, cells: next to nothing for a sound
+    /// mesh, more where the side changes without a surface between.
     #[inline]
     pub(crate) fn jump_cells(&self) -> f32 {
         self.jump_cells
@@ -209,7 +239,8 @@ impl BrickBounds {
 /// Slots and largest depths of a grid with a layer of bricks around it, which are outside.
 fn padded(top: &[u32], max_depth_m: &[f32], dims: [i32; 3], outside_m: f32) -> Vec<Pair> {
     let [_, ny, nz] = dims.map(|n| n as usize);
-    let (row, plane) = (nz + 2, (nz + 2) * (ny + 2));
+    let row = nz + 2;
+    let plane = (nz + 2) * (ny + 2);
     let mut padded = vec![[FAR_OUTSIDE, outside_m.to_bits()]; (dims[0] as usize + 2) * plane];
     for ((line, slots), depths_m) in (0..).zip(top.chunks(nz)).zip(max_depth_m.chunks(nz)) {
         let first = (line / ny + 1) * plane + (line % ny + 1) * row + 1;
@@ -235,18 +266,24 @@ impl Look {
         let clamped = brick.map(|sample| sample.clamp(-band_m, band_m));
         let (rows, _) = clamped.as_chunks::<APRON_EDGE>();
         // Lane by lane along a row, which vectorises.
-        let (mut highest_m, mut steepest_m) = ([f32::NEG_INFINITY; APRON_EDGE], [voxel_size_m; APRON_EDGE]);
+        let mut highest_m = [f32::NEG_INFINITY; APRON_EDGE];
+        let mut steepest_m = [voxel_size_m; APRON_EDGE];
         let mut flipped_m = steepest_m;
         let greater = |a: f32, b: f32| if a > b { a } else { b };
         let mut compare = |one: &[f32], other: &[f32]| {
-            for (((steepest, flipped), a), b) in steepest_m.iter_mut().zip(&mut flipped_m).zip(one).zip(other) {
+            for (((steepest, flipped), a), b) in
+                steepest_m.iter_mut().zip(&mut flipped_m).zip(one).zip(other)
+            {
                 let step = (a - b).abs();
                 *steepest = greater(step, *steepest);
                 *flipped = greater(if (*a > 0.0) == (*b > 0.0) { 0.0 } else { step }, *flipped);
             }
         };
         for (at, row) in rows.iter().enumerate() {
-            highest_m.iter_mut().zip(row).for_each(|(best, sample)| *best = greater(*sample, *best));
+            highest_m
+                .iter_mut()
+                .zip(row)
+                .for_each(|(best, sample)| *best = greater(*sample, *best));
             compare(row, row.get(1..).unwrap_or(&[]));
             if let Some(next) = rows.get(at + 1).filter(|_| at % APRON_EDGE != APRON_EDGE - 1) {
                 compare(row, next);
@@ -256,12 +293,17 @@ impl Look {
             }
         }
         let most = |lanes: [f32; APRON_EDGE]| lanes.into_iter().fold(f32::NEG_INFINITY, greater);
-        Self { highest_m: most(highest_m), steepest_m: most(steepest_m), flipped_m: most(flipped_m) }
+        Self {
+            highest_m: most(highest_m),
+            steepest_m: most(steepest_m),
+            flipped_m: most(flipped_m),
+        }
     }
 }
 
 fn coord_of(brick: usize, [_, ny, nz]: [i32; 3]) -> [usize; 3] {
-    let (ny, nz) = (ny as usize, nz as usize);
+    let ny = ny as usize;
+    let nz = nz as usize;
     [brick / (ny * nz), brick / nz % ny, brick % nz]
 }
 
@@ -271,7 +313,8 @@ fn axes(dims: [i32; 3]) -> [(usize, usize); 3] {
     [(nz, 1), (ny, nz), (nx, ny * nz)]
 }
 
-/// Largest ceiling among each brick and its 26 neighbours; that of what is not on the grid counts everywhere.
+/// Largest ceiling among each brick and its 26 neighbours; that of what is not on the grid counts
+/// everywhere.
 fn max_nearby(max_depth_m: &[f32], dims: [i32; 3], outside_m: f32) -> Vec<f32> {
     let mut max_depth_nearby_m = max_depth_m.to_vec();
     for (n, stride) in axes(dims) {
@@ -283,12 +326,14 @@ fn max_nearby(max_depth_m: &[f32], dims: [i32; 3], outside_m: f32) -> Vec<f32> {
     max_depth_nearby_m
 }
 
-/// Gaps between the cube of each brick and those that can touch, cells. As the gap along an axis is one brick less than the difference of the
-/// numbers, it is measured to the bricks that can touch and their 26 neighbours.
+/// Gaps between the cube of each brick and those that can touch, cells. As the gap along an axis is
+/// one brick less than the difference of the numbers, it is measured to the bricks that can touch
+/// and their 26 neighbours.
 fn clearance_cells(max_depth_m: &[f32], dims: [i32; 3]) -> Vec<f32> {
     const FAR: u32 = ROOM_BRICKS * ROOM_BRICKS;
     let axes = axes(dims);
-    let mut squares: Vec<u32> = max_depth_m.iter().map(|ceiling| if *ceiling > 0.0 { 0 } else { FAR }).collect();
+    let mut squares: Vec<u32> =
+        max_depth_m.iter().map(|ceiling| if *ceiling > 0.0 { 0 } else { FAR }).collect();
     for (n, stride) in axes {
         along(&mut squares, n, stride, |line, k| {
             let beside = |k: usize| line.get(k).copied().unwrap_or(FAR);
@@ -313,7 +358,12 @@ fn clearance_cells(max_depth_m: &[f32], dims: [i32; 3]) -> Vec<f32> {
 }
 
 /// Replaces every line along an axis by a function of itself.
-fn along<T: Copy + Default>(values: &mut [T], n: usize, stride: usize, of: impl Fn(&[T], usize) -> T) {
+fn along<T: Copy + Default>(
+    values: &mut [T],
+    n: usize,
+    stride: usize,
+    of: impl Fn(&[T], usize) -> T,
+) {
     let mut line = vec![T::default(); n];
     let firsts = (0..values.len()).filter(|at| (at / stride).is_multiple_of(n)).collect::<Vec<_>>();
     for first in firsts {
@@ -341,10 +391,15 @@ mod tests {
     fn fields() -> Vec<Field> {
         let ring = Shape::Torus { major_m: 0.02, minor_m: 0.006 }.tessellate(1e-5);
         let ball = Shape::Sphere { radius_m: 0.015 }.tessellate(1e-5);
-        let built = [(ring, InsideTest::Auto), (ball.clone(), InsideTest::Auto), (ball, InsideTest::Thin)].map(|(mesh, sides)| {
-            let options = Options { voxel_size_m: 5e-4, layers: 6, navigation: None, sides };
-            Volume::build(&mesh, &inspect(&mesh), &options, |_| ()).expect("a grid that fits").field(&mesh, false)
-        });
+        let built =
+            [(ring, InsideTest::Auto), (ball.clone(), InsideTest::Auto), (ball, InsideTest::Thin)]
+                .map(|(mesh, sides)| {
+                    let options =
+                        Options { voxel_size_m: 5e-4, layers: 6, navigation: None, sides };
+                    Volume::build(&mesh, &inspect(&mesh), &options, |_| ())
+                        .expect("a grid that fits")
+                        .field(&mesh, false)
+                });
         built.into()
     }
 
@@ -352,7 +407,9 @@ mod tests {
     fn places(field: &Field, n: usize) -> Vec<Vec3> {
         let mut random = Random(17);
         let [x, y, z] = field.brick_dims.map(|n| (8 * n) as f32);
-        (0..n).map(|_| random.in_box(0.0, 1.0).as_vec3() * (Vec3::new(x, y, z) + 8.0) - 4.0).collect()
+        (0..n)
+            .map(|_| random.in_box(0.0, 1.0).as_vec3() * (Vec3::new(x, y, z) + 8.0) - 4.0)
+            .collect()
     }
 
     /// The brick that a place's samples are of, if it is on the grid.
@@ -360,7 +417,9 @@ mod tests {
         let lattice = cells - 0.5;
         let coord = [lattice.x, lattice.y, lattice.z].map(|at| at as i32 >> 3);
         let on_grid = coord.iter().zip(bounds.dims()).all(|(at, n)| (0..n).contains(at));
-        on_grid.then(|| ((coord[0] * bounds.dims()[1] + coord[1]) * bounds.dims()[2] + coord[2]) as usize)
+        on_grid.then(|| {
+            ((coord[0] * bounds.dims()[1] + coord[1]) * bounds.dims()[2] + coord[2]) as usize
+        })
     }
 
     #[test]
@@ -388,13 +447,17 @@ mod tests {
         for field in fields() {
             let bounds = BrickBounds::of(&field).expect("bounds");
             let places = places(&field, 6000);
-            let touching: Vec<Vec3> = places.iter().copied().filter(|place| field.trilinear(*place) > 0.0).collect();
+            let touching: Vec<Vec3> =
+                places.iter().copied().filter(|place| field.trilinear(*place) > 0.0).collect();
             let mut largest = 0.0_f32;
             for place in places {
                 let Some(brick) = brick_at(&bounds, place) else { continue };
                 let clearance = bounds.clearance_cells()[brick];
                 largest = largest.max(clearance);
-                let nearest = touching.iter().map(|other| place.distance(*other)).fold(f32::INFINITY, f32::min);
+                let nearest = touching
+                    .iter()
+                    .map(|other| place.distance(*other))
+                    .fold(f32::INFINITY, f32::min);
                 assert!(clearance <= nearest, "{place}: {clearance} to {nearest}");
             }
             assert!(largest >= 8.0, "some brick is clear: {largest}");
@@ -407,7 +470,12 @@ mod tests {
             let bounds = BrickBounds::of(&field).expect("bounds");
             let n_bricks = bounds.dims().iter().product::<i32>() as usize;
             assert_eq!(
-                [bounds.top().len(), bounds.max_depth_m().len(), bounds.max_depth_nearby_m().len(), bounds.clearance_cells().len()],
+                [
+                    bounds.top().len(),
+                    bounds.max_depth_m().len(),
+                    bounds.max_depth_nearby_m().len(),
+                    bounds.clearance_cells().len()
+                ],
                 [n_bricks; 4]
             );
             assert!(bounds.top().iter().all(|slot| *slot >= DEEP_INSIDE || (*slot as usize) < bounds.samples_m().len()));
@@ -424,15 +492,19 @@ mod tests {
         let field = fields().swap_remove(0);
         let jump_with = |change: fn(f32) -> f32| {
             let mut samples = field.bricks().to_vec();
-            // One and a half cells outside, where neighbours are outside as well, and within the band with a cell more.
+            // One and a half cells outside, where neighbours are outside as well, and within the
+            // band with a cell more.
             let far = |sample: &f32| (*sample / field.voxel_size_m + 1.5).abs() < 0.1;
             let (brick, cell) = samples
                 .iter()
                 .enumerate()
                 .find_map(|(brick, samples)| Some((brick, samples.iter().position(far)?)))
                 .expect("a sample there");
-            samples[brick][cell] = change(samples[brick][cell] / field.voxel_size_m) * field.voxel_size_m;
-            BrickBounds::of(&Field { distances_m: samples.into(), ..field.clone() }).expect("bounds").jump_cells()
+            samples[brick][cell] =
+                change(samples[brick][cell] / field.voxel_size_m) * field.voxel_size_m;
+            BrickBounds::of(&Field { distances_m: samples.into(), ..field.clone() })
+                .expect("bounds")
+                .jump_cells()
         };
         assert!(jump_with(|cells| cells) < JUMP_CELLS);
         // No less than what is wrong.

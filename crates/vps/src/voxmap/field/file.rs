@@ -26,7 +26,17 @@ impl Field {
 
     /// Adds the field to a file.
     pub fn store<'a>(&'a self, head: &'a FieldHead, to: &mut Writer<'a>) {
-        let Self { origin: _, voxel_size_m: _, brick_dims: _, band_m: _, skin_m: _, top, distances_m, layers, gradients } = self;
+        let Self {
+            origin: _,
+            voxel_size_m: _,
+            brick_dims: _,
+            band_m: _,
+            skin_m: _,
+            top,
+            distances_m,
+            layers,
+            gradients,
+        } = self;
         to.record("field", head);
         to.array("field top", top);
         to.array("field distances", distances_m);
@@ -39,12 +49,14 @@ impl Field {
         from.has("field")
     }
 
-    /// Takes the field from a file. Every index in it is checked; distances, layers and gradients may be any numbers.
+    /// Takes the field from a file. Every index in it is checked; distances, layers and gradients
+    /// may be any numbers.
     ///
     /// # Errors
     /// A section that is missing or damaged, or arrays that do not belong together.
     pub fn load(from: &Reader) -> Result<Self, Refusal> {
-        let FieldHead { origin, voxel_size_m, brick_dims, band_m, skin_m } = from.record("field")?;
+        let FieldHead { origin, voxel_size_m, brick_dims, band_m, skin_m } =
+            from.record("field")?;
         let field = Self {
             origin: Vec3::from_array(origin),
             voxel_size_m,
@@ -60,9 +72,20 @@ impl Field {
     }
 
     fn is_consistent(&self) -> bool {
-        let Self { origin, voxel_size_m, brick_dims, top, distances_m, layers, gradients, band_m, skin_m } = self;
-        let n_bricks =
-            brick_dims.iter().try_fold(1_usize, |n, dim| n.checked_mul(usize::try_from(*dim).ok().filter(|dim| *dim > 0)?));
+        let Self {
+            origin,
+            voxel_size_m,
+            brick_dims,
+            top,
+            distances_m,
+            layers,
+            gradients,
+            band_m,
+            skin_m,
+        } = self;
+        let n_bricks = brick_dims.iter().try_fold(1_usize, |n, dim| {
+            n.checked_mul(usize::try_from(*dim).ok().filter(|dim| *dim > 0)?)
+        });
         let n_slots = distances_m.len();
         let positive = |length_m: f32| length_m > 0.0 && length_m.is_finite();
         origin.is_finite()
@@ -72,6 +95,8 @@ impl Field {
             && n_bricks == Some(top.len())
             && layers.len() == n_slots
             && (gradients.is_empty() || gradients.len() == n_slots)
-            && top.iter().all(|slot| matches!(*slot, FAR_OUTSIDE | DEEP_INSIDE) || (*slot as usize) < n_slots)
+            && top.iter().all(|slot| {
+                matches!(*slot, FAR_OUTSIDE | DEEP_INSIDE) || (*slot as usize) < n_slots
+            })
     }
 }

@@ -12,16 +12,18 @@ const STRIDES: [usize; 3] = [APRON_EDGE * APRON_EDGE, APRON_EDGE, 1];
 const LAST: usize = APRON_EDGE - 1;
 
 impl Field {
-    /// Mean of [`Self::gradient`] over one cell along each axis, m/m, map axes: central differences of the trilinear field, which change
-    /// steadily. RT: safe; about twice the time of the gradient, more where the cells lie in two bricks.
+    /// Mean of [`Self::gradient`] over one cell along each axis, m/m, map axes: central differences
+    /// of the trilinear field, which change steadily. RT: safe; about twice the time of the
+    /// gradient, more where the cells lie in two bricks.
     pub fn mean_gradient(&self, cells: Vec3) -> Vec3 {
         let lattice = cells - 0.5;
         let base = whole(lattice);
         let t = (lattice - to_vec3(base)).to_array();
         let near = match self.locate(base) {
-            Located::Cell(slot, inside) => {
-                self.distances_m.get(slot).map(|samples| (&samples[..], [inside >> 6, inside >> 3 & 7, inside & 7]))
-            }
+            Located::Cell(slot, inside) => self
+                .distances_m
+                .get(slot)
+                .map(|samples| (&samples[..], [inside >> 6, inside >> 3 & 7, inside & 7])),
             Located::Uniform(_) => None,
         };
         let mut differences = [0.0; 3];
@@ -36,19 +38,22 @@ impl Field {
     }
 }
 
-/// The difference along an axis from half a cell before the place to half a cell behind it, from the samples of one brick; `None` where these
-/// do not reach so far. `local`: the cell of the lattice; `t`: the place in it.
+/// The difference along an axis from half a cell before the place to half a cell behind it, from
+/// the samples of one brick; `None` where these do not reach so far. `local`: the cell of the
+/// lattice; `t`: the place in it.
 ///
-/// Of three samples in a row, the place half a cell before lies between the first two and the one behind between the last two, as far
-/// from the first as from the second.
+/// Of three samples in a row, the place half a cell before lies between the first two and the one
+/// behind between the last two, as far from the first as from the second.
 #[inline]
 fn along(samples: &[f32], local: [usize; 3], t: [f32; 3], axis: usize) -> Option<f32> {
     let (later, u) = if t[axis] < 0.5 { (0, t[axis] + 0.5) } else { (1, t[axis] - 0.5) };
     let first = (local[axis] + later).checked_sub(1).filter(|first| first + 2 <= LAST)?;
-    let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
+    let b = (axis + 1) % 3;
+    let c = (axis + 2) % 3;
     let start = first * STRIDES[axis] + local[b] * STRIDES[b] + local[c] * STRIDES[c];
     let row = |from: usize| {
-        let [before, middle, behind] = [0, 1, 2].map(|n| samples.get(from + n * STRIDES[axis]).copied().unwrap_or(f32::NAN));
+        let [before, middle, behind] =
+            [0, 1, 2].map(|n| samples.get(from + n * STRIDES[axis]).copied().unwrap_or(f32::NAN));
         (middle - before) * (1.0 - u) + (behind - middle) * u
     };
     let pair = |from: usize| row(from) * (1.0 - t[c]) + row(from + STRIDES[c]) * t[c];
@@ -68,17 +73,25 @@ mod tests {
     #[test]
     fn it_is_the_central_difference_everywhere_and_steady() {
         let ball = Shape::Sphere { radius_m: 0.015 }.tessellate(1e-5);
-        let options = Options { voxel_size_m: 5e-4, layers: 6, navigation: None, sides: InsideTest::Auto };
-        let field = Volume::build(&ball, &inspect(&ball), &options, |_| ()).expect("a grid that fits").field(&ball, false);
+        let options =
+            Options { voxel_size_m: 5e-4, layers: 6, navigation: None, sides: InsideTest::Auto };
+        let field = Volume::build(&ball, &inspect(&ball), &options, |_| ())
+            .expect("a grid that fits")
+            .field(&ball, false);
         let mut random = Random(9);
         let mut steepest = 0.0_f32;
         for _ in 0..20_000 {
             let outward = random.in_box(-1.0, 1.0).as_vec3().normalize();
-            let cells = (outward * (0.015 + 0.001 * random.signed() as f32) - field.origin_map()) / field.voxel_size_m();
+            let cells = (outward * (0.015 + 0.001 * random.signed() as f32) - field.origin_map())
+                / field.voxel_size_m();
             let mean = field.mean_gradient(cells);
             for (axis, along) in Vec3::AXES.into_iter().zip(mean.to_array()) {
-                let difference = field.trilinear(cells + 0.5 * axis) - field.trilinear(cells - 0.5 * axis);
-                assert!((along - difference / field.voxel_size_m()).abs() < 1e-4, "{cells}: {along}");
+                let difference =
+                    field.trilinear(cells + 0.5 * axis) - field.trilinear(cells - 0.5 * axis);
+                assert!(
+                    (along - difference / field.voxel_size_m()).abs() < 1e-4,
+                    "{cells}: {along}"
+                );
             }
             assert!((mean + outward).length() < 0.05, "{cells}: {mean}, outward {outward}");
             let beside = cells + random.in_box(-1.0, 1.0).as_vec3() * 1e-2;

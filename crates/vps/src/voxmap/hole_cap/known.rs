@@ -19,7 +19,12 @@ impl WindingCache {
 
     /// Cost: 4 bytes per brick of the grid.
     pub(super) fn new(grid: &Grid) -> Self {
-        Self { grid: *grid, slots: vec![0; grid.n_bricks()], bricks: Vec::new(), windings: Vec::new() }
+        Self {
+            grid: *grid,
+            slots: vec![0; grid.n_bricks()],
+            bricks: Vec::new(),
+            windings: Vec::new(),
+        }
     }
 
     pub(super) fn get(&self, cell: [i32; 3]) -> Option<f64> {

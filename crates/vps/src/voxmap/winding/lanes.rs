@@ -1,4 +1,5 @@
-//! What sixteen points see of a node and of a triangle, in single precision. Lanes do not depend on the processor.
+//! What sixteen points see of a node and of a triangle, in single precision. Lanes do not depend on
+//! the processor.
 
 use core::f32::consts::{FRAC_PI_2, PI};
 
@@ -26,7 +27,8 @@ fn plus<L: F32s<WIDE>>(place: Vec3, [x, y, z]: Vec3s<L>) -> Vec3s<L> {
     [L::splat(place.x) + x, L::splat(place.y) + y, L::splat(place.z) + z]
 }
 
-/// The Taylor expansion of the solid angle of a node, as polynomials of the direction in which it is seen.
+/// The Taylor expansion of the solid angle of a node, as polynomials of the direction in which it
+/// is seen.
 #[derive(Clone)]
 pub(super) struct Expansion {
     /// x, y, z.
@@ -40,14 +42,23 @@ pub(super) struct Expansion {
 impl Expansion {
     pub(super) const ZERO: Self = Self { first: [0.0; 3], second: [0.0; 6], third: [0.0; 10] };
 
-    /// ∫ n·x/|x|³ to third order: with u the direction and r the distance of the centre, N, M and S the moments and t the trace of S
-    /// `N·u/r² + (tr M − 3 uMu)/r³ + ½(15 Suuu − 9 t·u)/r⁴`. As uu = 1, traces go into the coefficients of the highest power.
+    /// ∫ n·x/|x|³ to third order: with u the direction and r the distance of the centre, N, M and S
+    /// the moments and t the trace of S `N·u/r² + (tr M − 3 uMu)/r³ + ½(15 Suuu − 9 t·u)/r⁴`. As uu
+    /// = 1, traces go into the coefficients of the highest power.
     pub(super) fn new(moments: &Moments) -> Self {
         let Moments { dipole, second: [mxx, myy, mzz, mxy, mxz, myz], third } = *moments;
         let trace = mxx + myy + mzz;
-        let second = [trace - 3.0 * mxx, trace - 3.0 * myy, trace - 3.0 * mzz, -6.0 * mxy, -6.0 * mxz, -6.0 * myz];
+        let second = [
+            trace - 3.0 * mxx,
+            trace - 3.0 * myy,
+            trace - 3.0 * mzz,
+            -6.0 * mxy,
+            -6.0 * mxz,
+            -6.0 * myz,
+        ];
         let [xxx, yyy, zzz, xxy, xxz, xyy, yyz, xzz, yzz, xyz] = third;
-        let [x, y, z] = [xxx + xyy + xzz, xxy + yyy + yzz, xxz + yyz + zzz].map(|trace| 4.5 * trace);
+        let [x, y, z] =
+            [xxx + xyy + xzz, xxy + yyy + yzz, xxz + yyz + zzz].map(|trace| 4.5 * trace);
         let third = [
             7.5 * xxx - x,
             7.5 * yyy - y,
@@ -103,15 +114,23 @@ impl Triangle {
     pub(super) const EMPTY: Self = Self { corners: [Vec3::ZERO; 3], normal: Vec3::ZERO };
 
     pub(super) fn new([a, b, c]: [DVec3; 3]) -> Self {
-        Self { corners: [a.as_vec3(), b.as_vec3(), c.as_vec3()], normal: (b - a).cross(c - a).as_vec3() }
+        Self {
+            corners: [a.as_vec3(), b.as_vec3(), c.as_vec3()],
+            normal: (b - a).cross(c - a).as_vec3(),
+        }
     }
 
-    /// Signed solid angles, `offset` from the points to the centre of the leaf; 0 from a point in the plane of the triangle.
+    /// Signed solid angles, `offset` from the points to the centre of the leaf; 0 from a point in
+    /// the plane of the triangle.
     #[inline(always)]
     pub(super) fn solid_angles<L: F32s<WIDE>>(&self, offset: Vec3s<L>) -> L {
         let [a, b, c] = self.corners;
-        let (a, b, c) = (plus(a, offset), plus(b, offset), plus(c, offset));
-        let (la, lb, lc) = (dot(a, a).sqrt(), dot(b, b).sqrt(), dot(c, c).sqrt());
+        let a = plus(a, offset);
+        let b = plus(b, offset);
+        let c = plus(c, offset);
+        let la = dot(a, a).sqrt();
+        let lb = dot(b, b).sqrt();
+        let lc = dot(c, c).sqrt();
         let denominator = la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb;
         let normal = splat::<L, 3>(&self.normal.to_array());
         L::splat(2.0) * atan2(dot(a, normal), denominator)
@@ -131,13 +150,21 @@ fn abs<L: F32s<WIDE>>(number: L) -> L {
 #[inline(always)]
 fn atan2<L: F32s<WIDE>>(y: L, x: L) -> L {
     let zero = L::splat(0.0);
-    let (opposite, adjacent) = (abs(y), abs(x));
+    let opposite = abs(y);
+    let adjacent = abs(x);
     let t = opposite.min(adjacent) / opposite.max(adjacent);
     let s = t * t;
     let mut sum = L::splat(0.002_866_225_7);
-    for coefficient in
-        [-0.016_165_737, 0.042_909_614, -0.075_289_64, 0.106_562_64, -0.142_089, 0.199_935_51, -0.333_331_45, 1.0_f32]
-    {
+    for coefficient in [
+        -0.016_165_737,
+        0.042_909_614,
+        -0.075_289_64,
+        0.106_562_64,
+        -0.142_089,
+        0.199_935_51,
+        -0.333_331_45,
+        1.0_f32,
+    ] {
         sum = sum * s + L::splat(coefficient);
     }
     let angle = t * sum;
@@ -170,7 +197,8 @@ mod tests {
         for k in 0..3600 {
             for radius in [1e-6, 1.0, 1e6] {
                 let (sin, cos) = (0.1 * f64::from(k) + 0.01).to_radians().sin_cos();
-                let (y, x) = ((radius * sin) as f32, (radius * cos) as f32);
+                let y = (radius * sin) as f32;
+                let x = (radius * cos) as f32;
                 let angle = of(y, x);
                 assert!((angle - y.atan2(x)).abs() < 1e-6, "{y} {x}: {angle}");
             }

@@ -1,22 +1,27 @@
 //! How often does a surface wind around a point? Exact near by, by expansion far away.
 //!
-//! The generalised winding number is 1 inside a closed surface and 0 outside; where the surface has holes it goes smoothly from one
-//! to the other across them. It asks nothing of the mesh: triangles may be unconnected, repeat or cut each other.
+//! The generalised winding number is 1 inside a closed surface and 0 outside; where the surface has
+//! holes it goes smoothly from one to the other across them. It asks nothing of the mesh: triangles
+//! may be unconnected, repeat or cut each other.
 //!
-//! `moments` builds what a node knows of its triangles, `lanes` asks a node or a triangle for sixteen points at once: points that are asked for together lie
-//! beside each other, so they go down the same way.
+//! `moments` builds what a node knows of its triangles, `lanes` asks a node or a triangle for
+//! sixteen points at once: points that are asked for together lie beside each other, so they go
+//! down the same way.
 //!
 //! # Source
-//! Barill, Dickson, Schmidt, Levin and Jacobson 2018, "Fast winding numbers for soups and clouds": a tree over the triangles,
-//! a Taylor expansion about the area-weighted centre of each node (we use the dipole and two orders more), and the rule that a
-//! node serves from two radii on. Near by: the solid angle of a triangle after van Oosterom and Strackee 1983.
-//! Ours: a tree of four children per node, halved twice at the median of the longest axis, whose layout follows from the number of
-//! triangles; expansions kept as polynomials of the direction.
+//! Barill, Dickson, Schmidt, Levin and Jacobson 2018, "Fast winding numbers for soups and clouds":
+//! a tree over the triangles, a Taylor expansion about the area-weighted centre of each node (we
+//! use the dipole and two orders more), and the rule that a node serves from two radii on. Near by:
+//! the solid angle of a triangle after van Oosterom and Strackee 1983. Ours: a tree of four
+//! children per node, halved twice at the median of the longest axis, whose layout follows from the
+//! number of triangles; expansions kept as polynomials of the direction.
 //!
 //! # Measured
-//! Over 0.7 M triangles, on one thread with the test profile and AVX-512: one point after the other, four nodes at once, took 3.7 µs beside the surface; sixteen
-//! in a row take 0.6 µs each. Points that are scattered took 0.44 µs and take 0.7; nothing asks for many of these. With that, lids and their search take 30 ms
-//! in place of 46 of a bunny of 256 voxels, 185 in place of 320 of one of 1,024.
+//! Over 0.7 M triangles, on one thread with the test profile and AVX-512: one point after the
+//! other, four nodes at once, took 3.7 µs beside the surface; sixteen in a row take 0.6 µs each.
+//! Points that are scattered took 0.44 µs and take 0.7; nothing asks for many of these. With that,
+//! lids and their search take 30 ms in place of 46 of a bunny of 256 voxels, 185 in place of 320 of
+//! one of 1,024.
 
 mod lanes;
 mod moments;
@@ -47,7 +52,8 @@ const STACK: usize = 64;
 ///
 /// Memory: 48 bytes per triangle, and 416 bytes per fork, one fork per 12 to 48 triangles.
 pub(super) struct WindingTree {
-    /// `[(4^levels − 1) / 3]`, each fork before those below it; coordinates about `center_m`, in units of the half box.
+    /// `[(4^levels − 1) / 3]`, each fork before those below it; coordinates about `center_m`, in
+    /// units of the half box.
     forks: Vec<[Node; WIDTH]>,
     /// Triangles of the leaves.
     triangles: Vec<Triangle>,
@@ -79,13 +85,16 @@ struct Item {
 }
 
 impl WindingTree {
-    /// Builds the tree. Runs on the current rayon pool, with the same result whatever its size. Cost: O(n log n) for n triangles.
+    /// Builds the tree. Runs on the current rayon pool, with the same result whatever its size.
+    /// Cost: O(n log n) for n triangles.
     pub(super) fn new(mesh: &TriangleMesh) -> Self {
         let (low, high) = mesh.bounds().unwrap_or_default();
         let center_m = 0.5 * (low + high);
         let half_m = 0.5 * (high - low).max_element();
         let per_metre = if half_m > 0.0 { half_m.recip() } else { 1.0 };
-        let local = |triangle_idx: u32| mesh.corners(triangle_idx as usize).map(|corner| (corner - center_m) * per_metre);
+        let local = |triangle_idx: u32| {
+            mesh.corners(triangle_idx as usize).map(|corner| (corner - center_m) * per_metre)
+        };
         let mut items = parallel::map(mesh.triangles.len(), 1, |triangle_idx| {
             let triangle_idx = triangle_idx as u32;
             let [a, b, c] = local(triangle_idx);
@@ -99,19 +108,32 @@ impl WindingTree {
         let n_forks = ((1 << (2 * levels)) - 1) / 3;
         let mut forks = vec![[const { Node::EMPTY }; WIDTH]; n_forks];
         let mut triangles = vec![Triangle::EMPTY; items.len()];
-        Subtree { forks: &mut forks, first_fork: 0, triangles: &mut triangles, first: 0, items: &items }.fill(&local);
+        Subtree {
+            forks: &mut forks,
+            first_fork: 0,
+            triangles: &mut triangles,
+            first: 0,
+            items: &items,
+        }
+        .fill(&local);
         Self { forks, triangles, center_m, per_metre }
     }
 
-    /// `[n_points]`: the winding numbers at points of the mesh frame, m. On a triangle: the mean of both sides.
+    /// `[n_points]`: the winding numbers at points of the mesh frame, m. On a triangle: the mean of
+    /// both sides.
     ///
-    /// Runs on the current rayon pool, with the same bits whatever its size, the processor and the other points. Error against the exact sum, by the tests
-    /// below: at most 0.01, typically 10⁻³. Cost, on one thread over 0.7 M triangles with the test profile: 0.7 µs each anywhere in the box, 0.6 µs in rows beside
-    /// the surface; a third more over 2 M.
+    /// Runs on the current rayon pool, with the same bits whatever its size, the processor and the
+    /// other points. Error against the exact sum, by the tests below: at most 0.01, typically 10⁻³.
+    /// Cost, on one thread over 0.7 M triangles with the test profile: 0.7 µs each anywhere in the
+    /// box, 0.6 µs in rows beside the surface; a third more over 2 M.
     pub(super) fn at(&self, points: &[DVec3]) -> Vec<f64> {
         let level = SimdLevel::best();
-        let groups = parallel::map_chunks(points, WIDE, |points| level.run(Group { tree: self, points }));
-        groups.as_flattened()[..points.len()].iter().map(|angle| f64::from(*angle) / (4.0 * PI)).collect()
+        let groups =
+            parallel::map_chunks(points, WIDE, |points| level.run(Group { tree: self, points }));
+        groups.as_flattened()[..points.len()]
+            .iter()
+            .map(|angle| f64::from(*angle) / (4.0 * PI))
+            .collect()
     }
 }
 
@@ -135,7 +157,8 @@ impl Group<'_> {
     fn solid_angles<L: F32s<WIDE>>(self) -> [f32; WIDE] {
         let Self { tree, points } = self;
         let all = (1_u32 << points.len()) - 1;
-        // Coordinates in double: beside a small triangle the digits of single precision are not enough.
+        // Coordinates in double: beside a small triangle the digits of single precision are not
+        // enough.
         let mut local = [[0.0; WIDE]; 3];
         let mut place = [L::splat(0.0); 3];
         for axis in 0..3 {
@@ -146,7 +169,8 @@ impl Group<'_> {
             }
             place[axis] = L::load(&single);
         }
-        // Of expansions and of triangles, each in four sums: what is baked rests on the order in which these are added up.
+        // Of expansions and of triangles, each in four sums: what is baked rests on the order in
+        // which these are added up.
         let mut sums = [[L::splat(0.0); WIDTH]; 2];
         // Forks, and for which points.
         let mut waiting = [(0, 0); STACK];
@@ -160,7 +184,11 @@ impl Group<'_> {
                 let distance_squared = dot(offset, offset);
                 let far = L::splat(node.far_squared).lt(distance_squared).bits() & asked;
                 if far != 0 {
-                    sums[0][k] = sums[0][k] + node.expansion.solid_angles(offset, distance_squared).only(L::Int::mask(far));
+                    sums[0][k] = sums[0][k]
+                        + node
+                            .expansion
+                            .solid_angles(offset, distance_squared)
+                            .only(L::Int::mask(far));
                 }
                 let near = asked & !far;
                 if near == 0 {
@@ -181,8 +209,11 @@ impl Group<'_> {
                             offset[axis] = L::load(&single);
                         }
                         let near = L::Int::mask(near);
-                        for (k, triangle) in tree.triangles[first as usize..(first + n) as usize].iter().enumerate() {
-                            sums[1][k % WIDTH] = sums[1][k % WIDTH] + triangle.solid_angles(offset).only(near);
+                        for (k, triangle) in
+                            tree.triangles[first as usize..(first + n) as usize].iter().enumerate()
+                        {
+                            sums[1][k % WIDTH] =
+                                sums[1][k % WIDTH] + triangle.solid_angles(offset).only(near);
                         }
                     }
                 }
@@ -197,8 +228,12 @@ impl Group<'_> {
 
 impl Node {
     /// No triangles: near to everything, and nothing there.
-    const EMPTY: Self =
-        Self { center: Vec3::ZERO, far_squared: f32::INFINITY, expansion: Expansion::ZERO, below: Below::Leaf { first: 0, n: 0 } };
+    const EMPTY: Self = Self {
+        center: Vec3::ZERO,
+        far_squared: f32::INFINITY,
+        expansion: Expansion::ZERO,
+        below: Below::Leaf { first: 0, n: 0 },
+    };
 }
 
 /// How many of `n` triangles go to the lower side: as many in each sum.
@@ -213,11 +248,15 @@ fn sort(items: &mut [Item], halvings: u32) {
         return;
     }
     let (low, high) =
-        items.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), item| (low.min(item.middle), high.max(item.middle)));
+        items.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), item| {
+            (low.min(item.middle), high.max(item.middle))
+        });
     let axis = (high - low).max_position();
     // A total order, so that which triangles are below does not depend on chance.
     items.select_nth_unstable_by(n_lower, |one, other| {
-        one.middle[axis].total_cmp(&other.middle[axis]).then(one.triangle_idx.cmp(&other.triangle_idx))
+        one.middle[axis]
+            .total_cmp(&other.middle[axis])
+            .then(one.triangle_idx.cmp(&other.triangle_idx))
     });
     let (lower, upper) = items.split_at_mut(n_lower);
     if lower.len() > SERIAL_TRIANGLES {
@@ -242,7 +281,8 @@ impl<'a> Subtree<'a> {
         let Self { forks, first_fork, triangles, first, items } = self;
         let Some((fork, forks)) = forks.split_first_mut() else {
             // A leaf, whose triangles wait for its centre.
-            let summary = SubtreeSummary::of_triangles(items.iter().map(|item| local(item.triangle_idx)));
+            let summary =
+                SubtreeSummary::of_triangles(items.iter().map(|item| local(item.triangle_idx)));
             let center = summary.center.as_vec3().as_dvec3();
             for (triangle, item) in triangles.iter_mut().zip(items) {
                 *triangle = Triangle::new(local(item.triangle_idx).map(|corner| corner - center));
@@ -261,8 +301,11 @@ impl<'a> Subtree<'a> {
         // As one range, or as four.
         let grain = if is_serial { WIDTH } else { 1 };
         let fill = |_, part: &mut Option<Self>| part.take().map(|part| part.fill(local));
-        let summaries: Vec<_> = parallel::map_mut(&mut parts.map(Some), grain, fill).into_iter().flatten().collect();
-        for (node, summary) in fork.iter_mut().zip(&summaries).filter(|(_, summary)| summary.n_triangles > 0) {
+        let summaries: Vec<_> =
+            parallel::map_mut(&mut parts.map(Some), grain, fill).into_iter().flatten().collect();
+        for (node, summary) in
+            fork.iter_mut().zip(&summaries).filter(|(_, summary)| summary.n_triangles > 0)
+        {
             node.center = summary.center.as_vec3();
             node.far_squared = (BETA * summary.radius).powi(2) as f32;
             node.expansion = Expansion::new(&summary.moments);
@@ -285,8 +328,20 @@ impl<'a> Subtree<'a> {
         let (lower_forks, forks) = self.forks.split_at_mut(n_forks);
         let Self { first_fork, first, .. } = self;
         (
-            Self { forks: lower_forks, first_fork, triangles: lower_triangles, first, items: lower_items },
-            Self { forks, first_fork: first_fork + n_forks as u32, triangles, first: first + n_lower as u32, items },
+            Self {
+                forks: lower_forks,
+                first_fork,
+                triangles: lower_triangles,
+                first,
+                items: lower_items,
+            },
+            Self {
+                forks,
+                first_fork: first_fork + n_forks as u32,
+                triangles,
+                first: first + n_lower as u32,
+                items,
+            },
         )
     }
 }
@@ -303,7 +358,9 @@ mod tests {
         let solid_angles: f64 = (0..mesh.triangles.len())
             .map(|triangle_idx| {
                 let [a, b, c] = mesh.corners(triangle_idx).map(|corner| corner - point);
-                let (la, lb, lc) = (a.length(), b.length(), c.length());
+                let la = a.length();
+                let lb = b.length();
+                let lc = c.length();
                 let denominator = la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb;
                 2.0 * a.dot(b.cross(c)).atan2(denominator)
             })
@@ -329,7 +386,8 @@ mod tests {
         let tree = WindingTree::new(mesh);
         let (low, high) = mesh.bounds().expect("triangles");
         let mut random = Random(7);
-        let (mut worst, mut sum) = (0.0_f64, 0.0);
+        let mut worst = 0.0_f64;
+        let mut sum = 0.0;
         let mut anywhere = || 0.5 * (low + high) + 0.6 * (high - low) * random.in_box(-1.0, 1.0);
         let points: Vec<DVec3> = (0..n_points).map(|_| anywhere()).collect();
         for (point, winding) in points.iter().zip(tree.at(&points)) {
@@ -367,7 +425,10 @@ mod tests {
         for shape in shapes {
             let mut mesh = shape.tessellate(2e-5);
             let (worst, mean) = errors(&mesh, 500);
-            println!("{shape:?}: {} triangles, worst {worst:.1e}, mean {mean:.1e}", mesh.triangles.len());
+            println!(
+                "{shape:?}: {} triangles, worst {worst:.1e}, mean {mean:.1e}",
+                mesh.triangles.len()
+            );
             assert!(worst < 1e-2 && mean < 1e-3, "{shape:?}: {worst} {mean}");
             // Open as well: half of the triangles missing, here and there.
             mesh.triangles = mesh.triangles.chunks(64).step_by(2).flatten().copied().collect();
@@ -381,7 +442,10 @@ mod tests {
     fn trees_of_few_or_flat_triangles_do_no_harm() {
         assert_eq!(WindingTree::new(&TriangleMesh::default()).at(&[DVec3::X]), [0.0]);
         let point = TriangleMesh { vertices: vec![DVec3::X; 3], triangles: vec![[0, 1, 2]; 40] };
-        assert_eq!(WindingTree::new(&point).at(&[DVec3::ZERO, DVec3::X, DVec3::NAN])[..2], [0.0; 2]);
+        assert_eq!(
+            WindingTree::new(&point).at(&[DVec3::ZERO, DVec3::X, DVec3::NAN])[..2],
+            [0.0; 2]
+        );
         assert!(WindingTree::new(&point).at(&[]).is_empty());
         let one = soup(1, 0.5, 3);
         let near = one.corners(0).iter().sum::<DVec3>() / 3.0 + 1e-9;
@@ -394,7 +458,8 @@ mod tests {
         let mut random = Random(5);
         let points: Vec<DVec3> = (0..100).map(|_| random.in_box(-1.0, 1.0)).collect();
         let on = |n_threads: usize| {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().expect("a pool");
+            let pool =
+                rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().expect("a pool");
             pool.install(|| WindingTree::new(&mesh).at(&points))
         };
         let windings = on(1);
@@ -402,7 +467,9 @@ mod tests {
         let tree = WindingTree::new(&mesh);
         let alone: Vec<f64> = points.iter().flat_map(|point| tree.at(&[*point])).collect();
         assert_eq!(windings, alone);
-        let angles = |level: SimdLevel| level.run(Group { tree: &tree, points: &points[..WIDE] }).map(f32::to_bits);
+        let angles = |level: SimdLevel| {
+            level.run(Group { tree: &tree, points: &points[..WIDE] }).map(f32::to_bits)
+        };
         for level in SimdLevel::available() {
             assert_eq!(angles(level), angles(SimdLevel::Portable), "{level:?}");
         }
@@ -422,7 +489,11 @@ mod tests {
             let points: Vec<DVec3> = (0..20_000).map(|_| 0.07 * random.in_box(-1.0, 1.0)).collect();
             let since = std::time::Instant::now();
             let sum: f64 = tree.at(&points).iter().sum();
-            println!("{} triangles: build {build:.1?}, {:.2?} each, {sum}", mesh.triangles.len(), since.elapsed() / 20_000);
+            println!(
+                "{} triangles: build {build:.1?}, {:.2?} each, {sum}",
+                mesh.triangles.len(),
+                since.elapsed() / 20_000
+            );
             // Rows of sixteen beside the surface, as a wave of cells asks for them.
             let beside = |k: usize| {
                 let [a, b, c] = mesh.corners((k / WIDE * 7919) % mesh.triangles.len());

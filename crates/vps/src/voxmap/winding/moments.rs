@@ -27,8 +27,12 @@ pub(super) struct SubtreeSummary {
 
 impl SubtreeSummary {
     pub(super) fn of_triangles(triangles: impl Iterator<Item = [DVec3; 3]> + Clone) -> Self {
-        let (mut area, mut weighted, mut n_triangles) = (0.0, DVec3::ZERO, 0);
-        let (mut low, mut high, mut middle) = (DVec3::INFINITY, DVec3::NEG_INFINITY, DVec3::ZERO);
+        let mut area = 0.0;
+        let mut weighted = DVec3::ZERO;
+        let mut n_triangles = 0;
+        let mut low = DVec3::INFINITY;
+        let mut high = DVec3::NEG_INFINITY;
+        let mut middle = DVec3::ZERO;
         for [a, b, c] in triangles.clone() {
             let double_area = (b - a).cross(c - a).length();
             area += 0.5 * double_area;
@@ -39,11 +43,16 @@ impl SubtreeSummary {
             high = high.max(a).max(b).max(c);
         }
         // Triangles without area have a place but no weight.
-        let center = if area > 0.0 { weighted / area } else { middle / f64::from(n_triangles.max(1)) };
-        let (mut radius_squared, mut moments) = (0.0_f64, Moments::default());
+        let center =
+            if area > 0.0 { weighted / area } else { middle / f64::from(n_triangles.max(1)) };
+        let mut radius_squared = 0.0_f64;
+        let mut moments = Moments::default();
         for corners in triangles {
             let [a, b, c] = corners.map(|corner| corner - center);
-            radius_squared = radius_squared.max(a.length_squared()).max(b.length_squared()).max(c.length_squared());
+            radius_squared = radius_squared
+                .max(a.length_squared())
+                .max(b.length_squared())
+                .max(c.length_squared());
             let normal = 0.5 * (b - a).cross(c - a);
             let sum = a + b + c;
             let spread: [f64; 6] = {
@@ -52,16 +61,27 @@ impl SubtreeSummary {
             };
             moments.add(normal, product(sum / 3.0, normal), triple(normal, &spread));
         }
-        Self { n_triangles: n_triangles as usize, area, center, radius: radius_squared.sqrt(), low, high, moments }
+        Self {
+            n_triangles: n_triangles as usize,
+            area,
+            center,
+            radius: radius_squared.sqrt(),
+            low,
+            high,
+            moments,
+        }
     }
 
     pub(super) fn of_parts(parts: &[Self]) -> Self {
         let n_triangles = parts.iter().map(|part| part.n_triangles).sum();
         let area: f64 = parts.iter().map(|part| part.area).sum();
         let by_count = n_triangles as f64;
-        let share = |part: &Self| if area > 0.0 { part.area / area } else { part.n_triangles as f64 / by_count.max(1.0) };
+        let share = |part: &Self| {
+            if area > 0.0 { part.area / area } else { part.n_triangles as f64 / by_count.max(1.0) }
+        };
         let center: DVec3 = parts.iter().map(|part| share(part) * part.center).sum();
-        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        let mut low = DVec3::INFINITY;
+        let mut high = DVec3::NEG_INFINITY;
         let mut moments = Moments::default();
         let mut radius = 0.0_f64;
         for part in parts.iter().filter(|part| part.n_triangles > 0) {
@@ -72,7 +92,8 @@ impl SubtreeSummary {
             let dipole = DVec3::from_array(dipole);
             let moved = product(shift, dipole);
             let doubled = second.map(|entry| 2.0 * entry);
-            let (mixed, far) = (triple(shift, &doubled), triple(dipole, &square(shift)));
+            let mixed = triple(shift, &doubled);
+            let far = triple(dipole, &square(shift));
             moments.add(
                 dipole,
                 core::array::from_fn(|k| second[k] + moved[k]),
@@ -106,7 +127,8 @@ fn product(u: DVec3, v: DVec3) -> [f64; 6] {
 /// Symmetric part of u ⊗ c for a symmetric c.
 fn triple(u: DVec3, c: &[f64; 6]) -> [f64; 10] {
     let [xx, yy, zz, xy, xz, yz] = *c;
-    let twice = |one: f64, mixed: f64, other: f64, square: f64| (2.0 * one * mixed + other * square) / 3.0;
+    let twice =
+        |one: f64, mixed: f64, other: f64, square: f64| (2.0 * one * mixed + other * square) / 3.0;
     [
         u.x * xx,
         u.y * yy,
