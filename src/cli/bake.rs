@@ -210,9 +210,9 @@ fn bake_scene(args: &Args, output: OutputOptions) -> Result<Exit, Failure> {
     drop(means);
     progress.finish();
     cache::tell(&mut cache, output);
-    let Built { objects: reports, piece, .. } =
+    let Built { objects: reports, model, .. } =
         baked.map_err(|error| Failure::Scene(PrepareError::of_scene(&config, error)))?;
-    let clay = piece.map(|piece| piece.report);
+    let clay = model.map(|model| model.report);
     let total_s = since.elapsed().as_secs_f64();
     report::bake_warnings(&reports, output);
     if let Some(clay) = &clay {

@@ -353,7 +353,7 @@ pub(super) fn summary(config: &SceneConfig) -> String {
         parts.push(format!(
             "{raster} updated at {} Hz, {} in the hand",
             show(update_hz),
-            sculpt.tool.craft
+            sculpt.tool.kind
         ));
         parts.extend(sculpt.strokes.as_ref().map(|file| format!("strokes of {}", shown(file))));
     }

@@ -54,7 +54,7 @@ fn clay_order(line: &str) -> Option<Result<SculptOrder, String>> {
         ("undo", "") => Ok(SculptOrder::Undo),
         ("redo", "") => Ok(SculptOrder::Redo),
         ("tool", name) => match SculptTool::of(name) {
-            Some(craft) => change(ToolChange { craft: Some(craft), ..ToolChange::default() }),
+            Some(kind) => change(ToolChange { kind: Some(kind), ..ToolChange::default() }),
             None => Err(format!(
                 "no tool is called `{name}`; known: {}",
                 SculptTool::NAMES.map(|(name, _)| name).join(", ")
@@ -193,7 +193,7 @@ mod tests {
             Some(Ok(SculptOrder::Adjust(change))) => change,
             other => panic!("{line}: {other:?}"),
         };
-        assert_eq!(changed("tool emboss").craft, Some(SculptTool::Emboss));
+        assert_eq!(changed("tool emboss").kind, Some(SculptTool::Emboss));
         assert_eq!(
             (changed("image none").image, changed("solid none").solid),
             (Some(None), Some(None))

@@ -84,12 +84,12 @@ impl FoxgloveServer {
     /// After the last tick: reports what reached no client.
     pub(crate) fn end(self) {
         let summary = self.server.status();
-        let told = [
+        let reported = [
             ("ticks dropped before they could be shown", summary.dropped),
             ("connections turned away", summary.turned_away),
             ("clients cut off because they took nothing", summary.cut_off),
         ];
-        for (what, count) in told {
+        for (what, count) in reported {
             if count > 0 {
                 report::note(&format!("foxglove: {what}: {count}"), self.output);
             }

@@ -1,4 +1,4 @@
-//! `hapticd init`: a first scene for a folder of meshes, or for a piece of clay.
+//! `hapticd init`: a first scene for a folder of meshes, or for a clay model of clay.
 
 mod clay;
 mod place;
@@ -25,7 +25,7 @@ pub(crate) struct Args {
     /// searched. Or one file of points or a mesh, with --clay.
     #[arg(value_name = "FOLDER|FILE")]
     folder: PathBuf,
-    /// Make the file a piece of clay, for `hapticd sculpt`.
+    /// Make the file a clay model of clay, for `hapticd sculpt`.
     #[arg(long)]
     clay: bool,
     /// Scene file to write, or - for stdout, to be kept in the working directory [default:
@@ -195,12 +195,12 @@ fn init(args: &Args, output: OutputOptions) -> Result<(), ReportedExit> {
     let hand = place.hand();
     let named = hand.as_deref().and_then(Path::file_name).and_then(OsStr::to_str);
     let text = draft.text(&place.named(), &why, named);
-    let mut told = summary(&draft);
+    let mut reported = summary(&draft);
     if let (Some(hand), Some(named)) = (&hand, named) {
         write_bytes(hand, draft.hand_csv().as_bytes()).map_err(|error| {
             refuse(Exit::Asset, &format!("cannot write {}: {error}", hand.display()), None)
         })?;
-        told += &match draft.path() {
+        reported += &match draft.path() {
             DraftPath::Assembly => {
                 format!(
                     "hand    {named}: into the place where its file puts {}, and out again\n",
@@ -212,7 +212,7 @@ fn init(args: &Args, output: OutputOptions) -> Result<(), ReportedExit> {
             }
         };
     }
-    place.write(&text, &told, ("run", "renders"), output)
+    place.write(&text, &reported, ("run", "renders"), output)
 }
 
 fn tool_name(draft: &Draft) -> &str {

@@ -8,7 +8,7 @@ use crate::daemon::{RecordedScene, UnpackError, Unpacked};
 use crate::error::Exit;
 use picture::parts::{SceneSnapshot, sheet};
 use recording::file::{Entry, ReadError, Recording};
-use recording::report::{LabReport, Moment};
+use recording::report::{KeyFrame, LabReport};
 use vps::storage::printable::one_line;
 use vps::storage::whole_file::write_bytes;
 
@@ -121,7 +121,7 @@ fn unpack(mut files: Unpacked, entry: Entry) -> Result<Unpacked, UnpackError> {
 }
 
 /// The scene in a moment of the page.
-fn picture(page: &LabReport, files: &Unpacked, moment: &Moment) -> Result<Vec<u8>, String> {
+fn picture(page: &LabReport, files: &Unpacked, moment: &KeyFrame) -> Result<Vec<u8>, String> {
     let RecordedScene { config, .. } =
         files.scene(moment.scene_idx).map_err(|problem| problem.to_string())?;
     let parts = drawn_parts(&config).map_err(|problem| problem.to_string())?;

@@ -93,7 +93,7 @@ pub(crate) enum When {
 enum Command {
     /// Bake a scene and render it on its arm until Ctrl-C.
     Run(run::Args),
-    /// Work a piece of clay with the arm, by hand, by script or from the monitor page.
+    /// Work a clay model of clay with the arm, by hand, by script or from the monitor page.
     Sculpt(sculpt::Args),
     /// Generate voxmaps and pointshells only, with figures.
     Bake(bake::Args),

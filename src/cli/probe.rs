@@ -218,7 +218,7 @@ fn probe(args: &Args, output: OutputOptions) -> Result<Exit, Exit> {
 }
 
 /// Tells what becomes of the link while the arm is tried out, until the arm is closed. What is a
-/// finding at the end (`notice`) is not told twice.
+/// finding at the end (`notice`) is not reported twice.
 fn tell_news(news: Receiver<LinkNews>, notice: Option<String>, output: OutputOptions) {
     std::thread::spawn(move || {
         for news in news {

@@ -155,7 +155,7 @@ impl OpenedPublisher {
     }
 
     /// Begins to send what the hub shows, and moves the hand of a simulated arm. What is refused is
-    /// told once, until something else is.
+    /// reported once, until something else is.
     pub(crate) fn serve(
         self,
         hub: &Arc<Hub>,
@@ -172,17 +172,17 @@ impl OpenedPublisher {
             })
         };
         let session = session.clone();
-        let told = Mutex::new(String::new());
+        let reported = Mutex::new(String::new());
         let take_pose = move |pose: Result<Pose, String>| {
             let moved = pose.and_then(|pose| {
                 session.hand(HandOrder::MoveTo(pose)).map_err(|refusal| format!("hand: {refusal}"))
             });
-            let mut told = told.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut reported = reported.lock().unwrap_or_else(PoisonError::into_inner);
             if let Err(refusal) = moved
-                && *told != refusal
+                && *reported != refusal
             {
                 report::note(&format!("publishing: {refusal}"), output);
-                *told = refusal;
+                *reported = refusal;
             }
         };
         Ok((self.0.serve(look, take_pose)?, subscriber))
@@ -243,14 +243,14 @@ mod tests {
             (removed("--publish"), removed("--world bench --own a,b --own c"), removed("--own")),
             (None, Some("--world"), Some("--own"))
         );
-        for (line, told) in [
+        for (line, reported) in [
             ("--publish scene.toml", "no namespace"),
             ("--publish-hz 0", "from 1 to 1000 Hz"),
             ("--publish-hz nan", "from 1 to 1000 Hz"),
             ("--ros-domain 1", "--publish"),
         ] {
             let error = args(line).expect_err(line).to_string();
-            assert!(error.contains(told), "{line}: {error}");
+            assert!(error.contains(reported), "{line}: {error}");
         }
     }
 }

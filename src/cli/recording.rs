@@ -74,14 +74,14 @@ impl RecordingArgs {
             self.record.as_ref().map(|file| recorder.start(file, overwrite, failed(output)));
         let recording = recording.transpose().map_err(refused)?;
         let fault_files = self.fault_folder(clock).map(|folder| {
-            let told = move |file: &FaultFile| match &file.file {
+            let reported = move |file: &FaultFile| match &file.file {
                 Ok(path) if !output.quiet => {
                     output::message(format_args!("flight recorder: {}\n", shown(path)))
                 }
                 Ok(_) => {}
                 Err(error) => report::warning(&format!("flight recorder: {error}"), output),
             };
-            FaultFiles::watch(&recorder, folder, Box::new(told))
+            FaultFiles::watch(&recorder, folder, Box::new(reported))
         });
         let fault_files = fault_files.transpose().map_err(refused)?;
         let session = Arc::new(Session::of(recording));

@@ -213,7 +213,7 @@ pub(crate) fn main(
         let link = prepared.attached.as_ref().and_then(|attached| attached.link.clone());
         figures.replace(link);
         report::bake_warnings(&reports, output);
-        let clay = prepared.piece.as_ref().map(|piece| &piece.report);
+        let clay = prepared.model.as_ref().map(|model| &model.report);
         clay.inspect(|clay| report::clay_warnings(clay, output));
         if output.verbose > 0 {
             clay.inspect(|clay| output::message(format_args!("{}", bake::clay_text(clay))));
@@ -406,9 +406,9 @@ fn run(
     });
     let prepared = supervisor.bake(bake).map_err(Refusal::Prepare)?;
     let scene = Arc::new(prepared.scene);
-    if let (Some(sculpt_run), Some(piece)) = (sculpt_run, prepared.piece) {
-        sculpt_run.fit(&piece, output).map_err(Refusal::Strokes)?;
-        sculpt_run.open(piece, &scene, &mut live).map_err(|error| Refusal::Run(error.into()))?;
+    if let (Some(sculpt_run), Some(model)) = (sculpt_run, prepared.model) {
+        sculpt_run.fit(&model, output).map_err(Refusal::Strokes)?;
+        sculpt_run.open(model, &scene, &mut live).map_err(|error| Refusal::Run(error.into()))?;
         services.sculpts(sculpt_run.handle(), sculpt_run.for_clients(&scene));
     }
     live.commands = session.begin(&scene, prepared.attached.is_none()).with_paths(paths);

@@ -1,4 +1,5 @@
-//! `hapticd sculpt`: a piece of clay, worked with the arm, by script and from the monitor page.
+//! `hapticd sculpt`: a clay model of clay, worked with the arm, by script and from the monitor
+//! page.
 
 use super::render::{self, CommandOptions, LoopArgs};
 use super::sculpt_run::ClayArgs;
@@ -39,14 +40,14 @@ impl RigidArgs {
         if self.swap.is_some() {
             Some((
                 "--swap",
-                "the piece is worked until the run ends; save a session and begin the other scene",
+                "the clay is worked until the run ends; save a session and begin the other scene",
             ))
         } else if self.moves.is_some() {
             Some(("--move", "parts beside the clay can be moved from the monitor page"))
         } else if self.watch {
             Some(("--watch", "SIGHUP reads the parameters of the scene again"))
         } else if self.video.is_some() {
-            Some(("--video", "--pictures draws the piece as it was and as it is at the end"))
+            Some(("--video", "--pictures draws the clay as it was and as it is at the end"))
         } else {
             None
         }

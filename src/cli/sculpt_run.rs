@@ -46,10 +46,10 @@ pub(crate) struct ClayArgs {
     /// it.
     #[arg(long, help_heading = HEADING, value_name = "FILE")]
     session: Option<PathBuf>,
-    /// At the end, write the piece as a closed mesh that `bake` and rigid scenes take.
+    /// At the end, write the clay as a closed mesh that `bake` and rigid scenes take.
     #[arg(long, help_heading = HEADING, value_name = "FILE.ply")]
     export: Option<PathBuf>,
-    /// At the end, draw the piece as it was and as it is: SCENE-before.png and SCENE-after.png in
+    /// At the end, draw the clay as it was and as it is: SCENE-before.png and SCENE-after.png in
     /// this folder.
     #[arg(long, help_heading = HEADING, value_name = "DIR")]
     pictures: Option<PathBuf>,
@@ -156,7 +156,7 @@ impl SculptRun {
         if script.is_none() && config.device.profile.real.is_none() && config.device.hand.is_none()
         {
             let hint = "`hand` under [device] leads it along a path, --strokes FILE works the \
-                piece without it";
+                model without it";
             report::note(
                 &format!("no path moves the simulated arm, only a client such as the page: {hint}"),
                 output,
@@ -195,39 +195,39 @@ impl SculptRun {
         }))
     }
 
-    /// Holds the solids of the strokes against the piece: whether their units can be right.
+    /// Holds the solids of the strokes against the clay: whether their units can be right.
     pub(crate) fn fit(
         &self,
-        piece: &LoadedClay,
+        model: &LoadedClay,
         output: OutputOptions,
     ) -> Result<(), ConfigErrors> {
         let odd = self
             .script
             .as_ref()
-            .map(|script| script.fit(piece.workpiece.surface().bounds()))
+            .map(|script| script.fit(model.clay.surface().bounds()))
             .transpose()?;
         odd.into_iter().flatten().for_each(|problem| report::warning(&problem.to_string(), output));
         Ok(())
     }
 
-    /// Begins to work the piece: the loop gets its clay.
+    /// Begins to work the clay: the loop gets its clay.
     pub(crate) fn open(
         &mut self,
-        piece: LoadedClay,
+        model: LoadedClay,
         scene: &RenderScene,
         live: &mut LiveChannels,
     ) -> std::io::Result<()> {
-        let Some(clay) = &scene.clay else { return Ok(()) };
-        let LoadedClay { workpiece, tool_shape, report } = piece;
+        let Some(rendered) = &scene.clay else { return Ok(()) };
+        let LoadedClay { clay, tool_shape, report } = model;
         if let Some(pictures) = &mut self.pictures {
-            pictures.before = workpiece.points().clone();
-            pictures.mass_before = MassPoints::beside_surface(workpiece.region());
+            pictures.before = clay.points().clone();
+            pictures.mass_before = MassPoints::beside_surface(clay.region());
         }
         let body = ToolBody {
             shape: Some(tool_shape),
             center_of_mass_tool: scene.tool.center_of_mass_tool,
         };
-        let engine = SculptEngine::new(workpiece, self.sculpt.tool.clone(), body);
+        let engine = SculptEngine::new(clay, self.sculpt.tool.clone(), body);
         let due = |TimedOrder { at, order, line, .. }: TimedOrder| ScriptedOrder {
             tick: (at.as_secs_f64() / self.plan.tick_s).round() as u64,
             order,
@@ -240,7 +240,7 @@ impl SculptRun {
             .unwrap_or_default();
         let plan =
             SculptPlan { script: orders.into_iter().map(due).collect(), ..self.plan.clone() };
-        let (slot, handle, thread) = sculpting::begin(engine, clay, plan)?;
+        let (slot, handle, thread) = sculpting::begin(engine, rendered, plan)?;
         live.clay = Some(slot);
         self.open = Some(Open { thread, handle, volume_before_m3: report.volume_m3 });
         Ok(())
@@ -256,7 +256,7 @@ impl SculptRun {
         Some(ClayParts {
             access: Box::new(self.open.as_ref()?.handle.clone()),
             world_from_map: scene.clay.as_ref()?.world_from_map,
-            craft: self.sculpt.tool.craft,
+            kind: self.sculpt.tool.kind,
             folder: recording::state_folder().map(|state| state.join("clay")),
             session_at_end: self.outputs.iter().find_map(session_of),
         })

@@ -307,7 +307,7 @@ mod tests {
     use vps::spatial::DeviceSample;
 
     #[test]
-    fn an_error_of_the_arm_is_told_with_its_number_and_its_words() {
+    fn an_error_of_the_arm_is_reported_with_its_number_and_its_words() {
         let line = |name: &str, device_error: u16| {
             let profile = profile::find(name, std::path::Path::new("")).expect(name);
             let record = TickRecord {

@@ -102,7 +102,7 @@ pub struct StaticConfig {
     pub voxel_size_m: f64,
     /// Layers on each side of the surface.
     pub layers: u32,
-    /// How inside and outside are told.
+    /// How inside and outside are reported.
     pub sides: InsideTest,
     /// `world_from_map`; of a movable one where it stands at the start.
     pub pose: Pose,
@@ -119,7 +119,7 @@ pub struct ToolConfig {
     pub voxel_size_m: f64,
     /// Layers on each side (at least 2, for normals).
     pub layers: u32,
-    /// How inside and outside are told.
+    /// How inside and outside are reported.
     pub sides: InsideTest,
     /// Which points it has.
     pub points: Points,

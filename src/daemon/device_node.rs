@@ -187,7 +187,7 @@ fn watch<T>(
     notify: &mut impl FnMut(NodeNotice<'_>),
 ) {
     let begin = Instant::now();
-    let mut told = LinkPhase::Silent;
+    let mut reported = LinkPhase::Silent;
     let mut losses = 0;
     while !thread.is_finished() && duration.is_none_or(|duration| begin.elapsed() < duration) {
         let phase = figures.phase();
@@ -196,8 +196,8 @@ fn watch<T>(
         if report.link_losses > losses && phase != LinkPhase::Tripped {
             notify(NodeNotice::Phase(LinkPhase::Tripped, report));
         }
-        if phase != told || report.link_losses > losses {
-            (told, losses) = (phase, report.link_losses);
+        if phase != reported || report.link_losses > losses {
+            (reported, losses) = (phase, report.link_losses);
             notify(NodeNotice::Phase(phase, report));
         }
         for news in news.into_iter().flat_map(Receiver::try_iter) {

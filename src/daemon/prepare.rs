@@ -27,8 +27,8 @@ use rt::schedule::{self, ThreadRequest};
 pub struct Prepared {
     /// Baked, immutable.
     pub scene: RenderScene,
-    /// Its clay as a piece that can be worked, where it has some.
-    pub piece: Option<LoadedClay>,
+    /// Its clay as a clay model that can be worked, where it has some.
+    pub model: Option<LoadedClay>,
     /// The opened arm.
     pub device: Box<dyn Device>,
     /// The node of a real arm.
@@ -173,7 +173,7 @@ pub fn prepare_on(
     if let (Some(options), None) = (&to_open, remote) {
         open::look_for(profile, options)?;
     }
-    let Built { scene, objects: mut reports, piece } = scene::build_all(config, means, watch)
+    let Built { scene, objects: mut reports, model } = scene::build_all(config, means, watch)
         .map_err(|error| PrepareError::of_scene(config, error))?;
     if let Some(tool) = reports.last_mut() {
         tool.warnings.extend(warnings.iter().map(HandProblem::with_remedy));
@@ -206,7 +206,7 @@ pub fn prepare_on(
         }
     };
     let SceneConfig { realtime, rate_hz, time_budget_s, .. } = *config;
-    Ok((Prepared { scene, piece, device, attached, realtime, rate_hz, time_budget_s }, reports))
+    Ok((Prepared { scene, model, device, attached, realtime, rate_hz, time_budget_s }, reports))
 }
 
 fn open_options(config: &SceneConfig, guard: Option<PathBuf>) -> OpenOptions {

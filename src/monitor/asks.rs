@@ -79,13 +79,13 @@ pub(super) enum ClientCommand {
         #[serde(default)]
         timeout_ms: Option<f64>,
     },
-    /// Another craft of the tool on clay, or other settings.
+    /// Another tool of the tool on clay, or other settings.
     ClayTake(TakeAsked),
     /// Curves wait for the next hold of the curve rope.
     ClayDraw(DrawAsked),
     /// Curves are pulled.
     ClayPull(PullAsked),
-    /// Another part of the piece deforms.
+    /// Another part of the clay deforms.
     ClayRegion(RegionAsked),
     /// Material is laid at once.
     ClayLay(LayAsked),
@@ -278,12 +278,12 @@ fn hand(hub: &Hub, scene_idx: Option<u32>, order: HandOrder) -> Result<Completio
 }
 
 fn switch(hub: &Arc<Hub>, scene: String, reply: Reply) {
-    let told = hub.clone();
+    let reported = hub.clone();
     let name = scene.clone();
     let answer = move |result: Result<(), SessionError>| {
         // Every client got the event that it is being baked.
         if let Err(error @ (SessionError::Scene(_) | SessionError::Over)) = &result {
-            told.scene_refused(&name, &error.to_string());
+            reported.scene_refused(&name, &error.to_string());
         }
         reply(done(result));
     };

@@ -240,8 +240,8 @@ impl AsyncWrite for ClientConnection {
 
 impl Drop for ClientConnection {
     /// A socket that is closed over unread bytes takes back what was sent last: the answer that
-    /// says why. A connection that gave way is told nothing, and one that was never let in keeps no
-    /// slot for that.
+    /// says why. A connection that gave way is reported nothing, and one that was never let in
+    /// keeps no slot for that.
     fn drop(&mut self) {
         let (Some((stream, slot)), Ok(runtime)) = (self.stream.take(), Handle::try_current())
         else {

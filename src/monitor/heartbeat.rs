@@ -29,7 +29,7 @@ struct Timers {
     clients: Vec<ClientTimer>,
     hold: Option<HoldTimer>,
     has_force: bool,
-    is_told: bool,
+    is_reported: bool,
     is_over: bool,
 }
 
@@ -179,7 +179,7 @@ impl HeartbeatWatchdog {
     pub(super) fn note_force(&self, has_force: bool) {
         let mut timers = self.timers();
         timers.has_force = has_force;
-        timers.is_told &= has_force;
+        timers.is_reported &= has_force;
         self.changed.notify_all();
     }
 
@@ -222,7 +222,7 @@ impl HeartbeatWatchdog {
                 && timers.has_force
                 && timers.clients.iter().all(|timer| timer.has_lapsed)
             {
-                (Timeout::NoClient, !core::mem::replace(&mut timers.is_told, true))
+                (Timeout::NoClient, !core::mem::replace(&mut timers.is_reported, true))
             } else {
                 let next = timers.clients.iter().filter_map(until).chain(held_until).min();
                 let patience = next
@@ -257,7 +257,7 @@ mod tests {
     use super::*;
 
     /// What a watchdog reports while `then` happens.
-    fn told(watchdog: &HeartbeatWatchdog, then: impl FnOnce(&dyn Fn() -> (Timeout, bool))) {
+    fn reported(watchdog: &HeartbeatWatchdog, then: impl FnOnce(&dyn Fn() -> (Timeout, bool))) {
         let (sender, said) = channel();
         std::thread::scope(|scope| {
             scope.spawn(|| {
@@ -274,7 +274,7 @@ mod tests {
     fn silence_a_closed_connection_and_no_client_take_the_force_away() {
         let watchdog = HeartbeatWatchdog::new(None);
         assert!(watchdog.lets_enable(None) && watchdog.lets_enable(Some(3)));
-        told(&watchdog, |next| {
+        reported(&watchdog, |next| {
             assert_eq!(watchdog.beat(3, Some(SHORTEST)), SHORTEST);
             assert_eq!(next(), (Timeout::Of(SHORTEST), true));
             watchdog.beat(4, Some(LONGEST));
@@ -292,7 +292,7 @@ mod tests {
     #[test]
     fn who_was_silent_is_on_guard_again_with_its_next_sign_of_life() {
         let watchdog = HeartbeatWatchdog::new(Some(LONGEST));
-        told(&watchdog, |next| {
+        reported(&watchdog, |next| {
             watchdog.beat(1, Some(SHORTEST));
             for say in [&|| watchdog.note_message(1), &|| _ = watchdog.beat(1, None), &|| {
                 watchdog.note_message(1)
@@ -314,7 +314,7 @@ mod tests {
     #[test]
     fn a_hold_ends_with_the_client_and_takes_no_force_with_it() {
         let watchdog = HeartbeatWatchdog::new(None);
-        told(&watchdog, |next| {
+        reported(&watchdog, |next| {
             assert!(watchdog.hold(1) && watchdog.hold(1) && !watchdog.hold(2));
             assert!(
                 !watchdog.let_go(2) && watchdog.holds() && watchdog.let_go(1) && !watchdog.holds()
@@ -344,7 +344,7 @@ mod tests {
         let needed = Duration::from_millis(200);
         let watchdog = HeartbeatWatchdog::new(Some(needed));
         assert!(!watchdog.lets_enable(None));
-        told(&watchdog, |next| {
+        reported(&watchdog, |next| {
             watchdog.note_force(true);
             assert_eq!(next(), (Timeout::NoClient, true));
             assert_eq!(next(), (Timeout::NoClient, false), "again, until it is off");

@@ -160,7 +160,7 @@ impl Hub {
 
     /// From now on clients see this clay and work on it. Once in a run.
     pub fn sculpts(&self, parts: ClayParts) {
-        // A run has one piece.
+        // A run has one model.
         let _ = self.clay.set(Arc::new(ClayService::new(parts)));
     }
 

@@ -149,11 +149,11 @@ mod tests {
             outbox.say(format!("word {tick}"));
             outbox.show(Arc::new(EncodedState::Text(format!("{{\"tick\":{tick}}}"))), 60.0, 0);
         }
-        let told = words(outbox.take());
-        assert_eq!(told[..5], ["word 0", "word 1", "word 2", "word 3", "word 4"]);
-        assert_eq!(told[5], r#"{"type":"state","seq":1,"dropped":2,"tick":2}"#);
+        let reported = words(outbox.take());
+        assert_eq!(reported[..5], ["word 0", "word 1", "word 2", "word 3", "word 4"]);
+        assert_eq!(reported[5], r#"{"type":"state","seq":1,"dropped":2,"tick":2}"#);
         assert_eq!(
-            (told.len(), &told[7][..]),
+            (reported.len(), &reported[7][..]),
             (8, r#"{"type":"state","seq":3,"dropped":2,"tick":4}"#)
         );
         assert!(outbox.take().is_none());

@@ -629,9 +629,9 @@ async fn done(state: &Arc<AppState>, asked: ClientCommand) -> Result<Response, R
 }
 
 async fn answered(ask: impl FnOnce(Reply)) -> Result<Response, RequestError> {
-    let (sender, told) = oneshot::channel();
+    let (sender, reported) = oneshot::channel();
     ask(Box::new(move |result| drop(sender.send(result))));
-    match tokio::time::timeout(PATIENCE, told).await {
+    match tokio::time::timeout(PATIENCE, reported).await {
         Ok(Ok(Ok(done))) => {
             let mut answer = json!({ "ok": true });
             done.tell(&mut answer);

@@ -270,14 +270,14 @@ impl StatePublisher {
             self.points_at = now + POINTS_EVERY;
             return;
         }
-        let (told, sought) = oneshot::channel();
+        let (reported, sought) = oneshot::channel();
         let poses = self.tracker.poses().to_vec();
         let world_from_tool = record.output.world_from_tool;
         self.apart.post(move || {
             let began = Instant::now();
             let (found, n_all) = points(&scene, &poses, world_from_tool);
             // The client that asked may have gone.
-            let _ = told.send((found, n_all, began.elapsed()));
+            let _ = reported.send((found, n_all, began.elapsed()));
         });
         self.sought = Some(sought);
     }

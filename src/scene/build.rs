@@ -60,7 +60,7 @@ pub struct Built {
     /// A report on each object, the tool last.
     pub objects: Vec<ObjectReport>,
     /// The clay, where the scene has some.
-    pub piece: Option<LoadedClay>,
+    pub model: Option<LoadedClay>,
 }
 
 /// The same with the clay, for commands that sculpt it.
@@ -91,7 +91,7 @@ pub fn build_all(
     let (Some(shell), Some(mass)) = (shell, mass) else {
         unreachable!("a tool has a shell and a mass")
     };
-    let mut piece = None;
+    let mut model = None;
     if let Some(sculpt) = &config.sculpt {
         watch(BakeEvent {
             name: "clay",
@@ -101,7 +101,7 @@ pub fn build_all(
         });
         let built = LoadedClay::build(config, sculpt, &means.memory)?;
         builder.set_clay(built.clay(config, sculpt)?);
-        piece = Some(built);
+        model = Some(built);
     }
     let options = ToolOptions {
         mass_kg: *mass_kg,
@@ -115,7 +115,7 @@ pub fn build_all(
     if let Some(tool) = objects.last_mut() {
         tool.warnings.extend(warnings);
     }
-    Ok(Built { scene, objects, piece })
+    Ok(Built { scene, objects, model })
 }
 
 /// Looks at every part of a scene as [`build_all`] does before its work: reads it, judges its grid

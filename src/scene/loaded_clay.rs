@@ -1,4 +1,4 @@
-//! The clay of a scene: from its source to a piece that can be worked, and to what the tick
+//! The clay of a scene: from its source to a clay model that can be worked, and to what the tick
 //! touches.
 
 use std::collections::VecDeque;
@@ -66,7 +66,7 @@ impl ClayError {
                     .to_owned(),
             ),
             Self::Piece(ClayModelError::Beside(..)) => Some(
-                "give `sculpt.region_mm` in the frame of the piece's file, and check \
+                "give `sculpt.region_mm` in the frame of the clay's file, and check \
                     `sculpt.units`"
                     .to_owned(),
             ),
@@ -80,11 +80,11 @@ impl ClayError {
     }
 }
 
-/// A piece of clay, ready to be worked.
+/// A clay model, ready to be worked.
 #[derive(Debug)]
 pub struct LoadedClay {
-    /// The piece.
-    pub workpiece: ClayModel,
+    /// The clay.
+    pub clay: ClayModel,
     /// The tool as a solid, tool frame: what Booleans of the tool join and cut.
     pub tool_shape: Arc<PointSet>,
     /// What it was made of.
@@ -100,7 +100,7 @@ pub struct BorderReport {
     pub length_m: f64,
 }
 
-/// What a piece was made of.
+/// What a clay model was made of.
 #[derive(Clone, Debug, Serialize)]
 pub struct ClayReport {
     /// Samples.
@@ -119,7 +119,7 @@ pub struct ClayReport {
     pub raster: [usize; 3],
     /// Between mass points, m.
     pub raster_spacing_m: f64,
-    /// Nodes of the raster over the whole piece.
+    /// Nodes of the raster over the whole model.
     pub nodes: usize,
     /// What is inside, m³; `None` where the surface is not closed in its raster.
     pub volume_m3: Option<f64>,
@@ -141,30 +141,30 @@ impl LoadedClay {
         memory: &MemoryPlan<'_>,
     ) -> Result<Self, ClayError> {
         let since = Instant::now();
-        let (workpiece, normals, merged) = match &sculpt.source {
+        let (clay, normals, merged) = match &sculpt.source {
             ClaySource::Solid(solid) => {
                 if memory.is_limited() {
                     let (n_samples, bounds) = solid.look()?;
                     memory.judge_clay(MemoryEstimate::of(n_samples, bounds, &sculpt.settings)?)?;
                 }
                 let loaded = solid.load()?;
-                let workpiece = ClayModel::new(loaded.points, sculpt.settings.clone())?;
-                (workpiece, name(loaded.normals), loaded.merged)
+                let clay = ClayModel::new(loaded.points, sculpt.settings.clone())?;
+                (clay, name(loaded.normals), loaded.merged)
             }
             ClaySource::Session(path) => {
-                let workpiece = ClayModel::load_session(path)?;
-                let surface = workpiece.surface();
-                let settings = workpiece.settings();
+                let clay = ClayModel::load_session(path)?;
+                let surface = clay.surface();
+                let settings = clay.settings();
                 memory.judge_clay(MemoryEstimate::of(
                     surface.points().len() as u64,
                     surface.bounds(),
                     settings,
                 )?)?;
-                (workpiece, "session", 0)
+                (clay, "session", 0)
             }
         };
-        let surface = workpiece.surface();
-        let lattice = *workpiece.region().lattice();
+        let surface = clay.surface();
+        let lattice = *clay.region().lattice();
         let mut report = ClayReport {
             samples: surface.points().len(),
             spacing_m: surface.spacing_m(),
@@ -174,8 +174,8 @@ impl LoadedClay {
             borders: borders(surface),
             raster: lattice.dims,
             raster_spacing_m: lattice.spacing_m,
-            nodes: workpiece.base().lattice().n_nodes(),
-            volume_m3: workpiece.volume_m3(),
+            nodes: clay.base().lattice().n_nodes(),
+            volume_m3: clay.volume_m3(),
             seconds: 0.0,
             warnings: Vec::new(),
         };
@@ -183,15 +183,14 @@ impl LoadedClay {
         let across_m =
             surface.points().bounds().map_or(0.0, |(low, high)| (high - low).max_element());
         if has_unit && !HANDY_M.contains(&across_m) {
-            report.warnings.push(format!(
-                "the piece is {} across; is `sculpt.units` right?",
-                Metres(across_m)
-            ));
+            report
+                .warnings
+                .push(format!("the clay is {} across; is `sculpt.units` right?", Metres(across_m)));
         }
         report.warnings.extend(warnings(&report, &lattice));
         let tool_shape = tool_shape(&config.tool.source, report.spacing_m)?;
         report.seconds = since.elapsed().as_secs_f64();
-        Ok(Self { workpiece, tool_shape, report })
+        Ok(Self { clay, tool_shape, report })
     }
 
     /// What the tick touches before the first update.
@@ -200,7 +199,7 @@ impl LoadedClay {
         config: &SceneConfig,
         sculpt: &SculptConfig,
     ) -> Result<Clay, ClayError> {
-        let frame = self.workpiece.frame()?;
+        let frame = self.clay.frame()?;
         let update_period_s = sculpt.update_ticks as f64 * config.parameters.period_s;
         let clay = Clay::new(sculpt.world_from_map, frame, update_period_s, &config.parameters);
         Ok(Clay { smoothing: sculpt.smoothing.unwrap_or(clay.smoothing), ..clay })

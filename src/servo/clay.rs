@@ -24,7 +24,7 @@ use super::waiting::Waiting;
 use haptics::clay::Clay;
 use haptics::{FrameInUse, State, TickOutput};
 use rt::clock::ClockKind;
-use vps::density::{Frame, FrameError, Raster};
+use vps::density::{DensityFrame, FrameError, Raster};
 use vps::spatial::Pose;
 
 /// Frames made for the simulation, next to the two that the tick holds: one that is filled, one
@@ -80,8 +80,8 @@ pub enum FramePublishError {
 /// The simulation's end.
 #[derive(Debug)]
 pub struct ClayFeed {
-    frames: Producer<Box<Frame>>,
-    spares: Consumer<Box<Frame>>,
+    frames: Producer<Box<DensityFrame>>,
+    spares: Consumer<Box<DensityFrame>>,
     states: Consumer<ToolState>,
     /// The base of the last frame, which needs no second check.
     base: Option<Arc<Raster>>,
@@ -90,7 +90,7 @@ pub struct ClayFeed {
 impl ClayFeed {
     /// A frame that no tick touches any more, to be filled: it has some earlier content. `None`
     /// while all are under way. Wait-free.
-    pub fn spare(&mut self) -> Option<Box<Frame>> {
+    pub fn spare(&mut self) -> Option<Box<DensityFrame>> {
         self.spares.pop().ok()
     }
 
@@ -101,8 +101,8 @@ impl ClayFeed {
     /// See [`FramePublishError`]; the frame comes back.
     pub fn publish(
         &mut self,
-        mut frame: Box<Frame>,
-    ) -> Result<(), (FramePublishError, Box<Frame>)> {
+        mut frame: Box<DensityFrame>,
+    ) -> Result<(), (FramePublishError, Box<DensityFrame>)> {
         if self.is_over() {
             return Err((FramePublishError::Over, frame));
         }
@@ -129,8 +129,8 @@ impl ClayFeed {
 /// The loop's end.
 #[derive(Debug)]
 pub struct ClaySlot {
-    frames: Consumer<Box<Frame>>,
-    spares: Producer<Box<Frame>>,
+    frames: Consumer<Box<DensityFrame>>,
+    spares: Producer<Box<DensityFrame>>,
     states: Producer<ToolState>,
     map_from_world: Pose,
     update_ticks: u64,
@@ -225,7 +225,7 @@ impl ClaySlot {
         clock: ClockKind,
     ) {
         let forces = state.clay_forces();
-        let mut told = ToolState {
+        let mut reported = ToolState {
             tick,
             map_from_tool: self.map_from_world * output.world_from_tool,
             force_map: self.map_from_world.transform_vector(forces.contact_world.force),
@@ -237,12 +237,12 @@ impl ClaySlot {
             dropped: self.dropped,
         };
         let waiting = Waiting::new();
-        while let Err(PushError::Full(back)) = self.states.push(told) {
+        while let Err(PushError::Full(back)) = self.states.push(reported) {
             if clock == ClockKind::Real || self.states.is_abandoned() {
                 self.dropped += 1;
                 return;
             }
-            told = back;
+            reported = back;
             waiting.pause();
         }
     }
@@ -255,7 +255,7 @@ pub(super) fn frame_in_use(slot: Option<&ClaySlot>, state: &State) -> Option<Fra
         .map(|sequence| FrameInUse { sequence, is_last: slot.is_none_or(ClaySlot::is_abandoned) })
 }
 
-fn give_back(spares: &mut Producer<Box<Frame>>, frame: Box<Frame>) {
+fn give_back(spares: &mut Producer<Box<DensityFrame>>, frame: Box<DensityFrame>) {
     if let Err(PushError::Full(frame)) = spares.push(frame) {
         // Cannot be: there was a free place, and only this side fills it. Kept rather than freed.
         core::mem::forget(frame);

@@ -494,9 +494,9 @@ pub struct CommandQueue {
     changes: [Option<f64>; LiveParameter::ALL.len()],
     /// Limits that a person lowered.
     kept: [Option<f64>; LiveParameter::LIMITS.len()],
-    /// What the hand has not been told yet, and what it was told since the arm was read.
+    /// What the hand has not been reported yet, and what it was ordered since the arm was read.
     hand: Option<(HandOrder, Sent)>,
-    told: Option<Sent>,
+    reported: Option<Sent>,
     hand_use: NewestUse,
     next_scene: Option<Box<LoadedScene>>,
     paths: ObjectPaths,
@@ -521,7 +521,7 @@ impl CommandQueue {
             changes: [None; LiveParameter::ALL.len()],
             kept: [None; LiveParameter::LIMITS.len()],
             hand: None,
-            told: None,
+            reported: None,
             hand_use: NewestUse::default(),
             next_scene: None,
             paths: ObjectPaths::default(),
@@ -625,7 +625,7 @@ impl CommandQueue {
         let order = self.hand.take();
         let Some(hand) = hand else { return };
         if let Some((order, sent)) = order {
-            self.told = Some(sent);
+            self.reported = Some(sent);
             match order {
                 HandOrder::MoveTo(pose) => hand.move_to(pose),
                 HandOrder::Restart => hand.restart(world_from_tool),
@@ -634,10 +634,10 @@ impl CommandQueue {
         hand.see(world_from_tool);
     }
 
-    /// The arm has been read at `now_ns` of the stopwatch: what the hand was told has moved it. RT:
+    /// The arm has been read at `now_ns` of the stopwatch: what the hand was sent has moved it. RT:
     /// safe.
     pub(super) fn note_read(&mut self, now_ns: i64) {
-        if let Some(sent) = self.told.take() {
+        if let Some(sent) = self.reported.take() {
             self.hand_use.set(sent, now_ns);
         }
     }

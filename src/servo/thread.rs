@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn over_runs_are_counted_told_to_the_tick_and_skipped() {
+    fn over_runs_are_counted_ordered_to_the_tick_and_skipped() {
         let mut bench = bench(
             ScriptedClock::late_by(&[0, 2_500_000, 0, 0]),
             CountingArm::default(),
@@ -309,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn a_machine_that_stood_still_is_told_to_the_tick_by_time_whatever_the_number_of_ticks() {
+    fn a_machine_that_stood_still_is_ordered_to_the_tick_by_time_whatever_the_number_of_ticks() {
         let limit_ns = 50_000_000;
         for (late_ns, is_stall) in [(limit_ns - 1_000_000, false), (limit_ns, true)] {
             let mut bench = bench(

@@ -98,7 +98,7 @@ def stopped(fault):
 
 
 def recovered(run, _):
-    assert (run.code, run.faults) == (7, ["disconnected"]), "disconnected, and told at the end"
+    assert (run.code, run.faults) == (7, ["disconnected"]), "disconnected, and reported at the end"
     assert run.said.count("state: enabled") == 2 and "device: back" in run.said, "enabled again"
     felt = run.arm["faults"][0]
     assert felt["force_before_n"] > PUSHED_N, "it pushed before"

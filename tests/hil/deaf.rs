@@ -41,11 +41,11 @@ impl Behind {
         let serving = Serving { period_s: parameters.period_s, ..Serving::default() };
         let mut tty = Pty::new(link).expect("a pty");
         let quit = Arc::new(AtomicBool::new(false));
-        let told = quit.clone();
+        let reported = quit.clone();
         let thread = std::thread::spawn(move || {
             let mut arm =
                 MockArm::new(parameters, protocol.firmware(Carriage::Stream)).expect("valid");
-            serve(&mut arm, &mut tty, serving, None, || told.load(Ordering::Relaxed))
+            serve(&mut arm, &mut tty, serving, None, || reported.load(Ordering::Relaxed))
                 .expect("served");
             arm.report()
         });
@@ -58,7 +58,7 @@ impl Behind {
     }
 }
 
-/// Plays the servo with its rules for late samples: pushes while samples come and until it is told
+/// Plays the servo with its rules for late samples: pushes while samples come and until it is sent
 /// otherwise.
 fn play(arm: &mut WiredArm, n: u32, mut pushes: bool) -> u32 {
     let mut stale = 0;
@@ -148,7 +148,7 @@ fn an_arm_that_was_deaf_reads_a_zero_and_comes_back() {
             let has_watchdog = profile.link.device_watchdog_ms.is_some();
             assert!(
                 has_watchdog || again.is_some(),
-                "{name} pushes again when it is told to: {felt:?} {host:?} {report:?}"
+                "{name} pushes again when it is ordered to: {felt:?} {host:?} {report:?}"
             );
             assert_eq!([report.last_command.fx_n, report.last_command.fy_n], [0.0; 2], "{name}");
         })

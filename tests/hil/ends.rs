@@ -243,7 +243,7 @@ struct Ticks {
 /// A tick that waited for a process which is stopped or gone would do so until that was killed,
 /// half a second later. The longest that waited for anything took 0.12 ms in the trials of
 /// docs/reference/measured.md. A tick that a busy machine interrupts does not wait, so its length
-/// is told and decides nothing.
+/// is reported and decides nothing.
 const WAIT_MAX: Duration = Duration::from_millis(20);
 
 impl Ticks {

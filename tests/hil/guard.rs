@@ -99,11 +99,11 @@ fn pressed_then(
             // One that stands still, too.
             host.signal("KILL");
         }
-        let told = host.ended().stderr;
+        let reported = host.ended().stderr;
         // A run that ended before it was killed had a fault: these arms have no other than lateness
         // here, whatever they call it.
-        let is_late = told.contains("fault: ");
-        assert!(guard.is_some() || is_late, "a run without a guard:\n{told}");
+        let is_late = reported.contains("fault: ");
+        assert!(guard.is_some() || is_late, "a run without a guard:\n{reported}");
         ((mock, guard.is_some_and(ends)), is_late)
     })
 }
@@ -282,7 +282,7 @@ fn beats_keep_a_guard_quiet_and_their_absence_counts_under_force_only() {
         let zero = heard(&mut far, HUNG, BOTH.len());
         let took = begin.elapsed();
         assert!(zero == BOTH && took >= Duration::from_millis(50), "{zero:?} {took:?}");
-        assert!(guard.has_acted() && !guard.has_acted(), "told once");
+        assert!(guard.has_acted() && !guard.has_acted(), "reported once");
         // Not again before the loop has gone on.
         assert!(heard(&mut far, SOON, 1).is_empty());
         guard.beat(false);
@@ -394,9 +394,10 @@ fn a_driver_that_slept_sends_nothing_that_it_computed_before() {
     let mut mock = MockArm::new(parameters, protocol.firmware(Carriage::Stream)).expect("valid");
     let mut pty = Pty::new(&node).expect("a terminal");
     let quit = Arc::new(AtomicBool::new(false));
-    let told = quit.clone();
+    let reported = quit.clone();
     let arm_side = std::thread::spawn(move || {
-        serve(&mut mock, &mut pty, serving, None, || told.load(Ordering::Relaxed)).expect("served");
+        serve(&mut mock, &mut pty, serving, None, || reported.load(Ordering::Relaxed))
+            .expect("served");
         mock.report()
     });
     let options = OpenOptions {

@@ -197,7 +197,7 @@ impl Bench {
         self.folder.path().join("arm").display().to_string()
     }
 
-    /// The arm, ready for a host, until that has gone or it is told a duration. The hand is that of
+    /// The arm, ready for a host, until that has gone or it is sent a duration. The hand is that of
     /// block-on-plane.
     pub(crate) fn mock(&self, args: &[&str]) -> Running {
         let hung: &[&str] = if args.contains(&"--duration") { &[] } else { &["--duration", "60s"] };

@@ -167,11 +167,13 @@ impl Arm {
         let mut mock = MockArm::new(parameters, firmware).expect("valid");
         let mut trace = TraceFile::create(&folder.path().join("trace")).expect("written");
         let quit = Arc::new(AtomicBool::new(false));
-        let told = quit.clone();
+        let reported = quit.clone();
         let thread = std::thread::spawn(move || {
             keep_time(ARM_PRIORITY);
-            serve(&mut mock, &mut link, serving, Some(&mut trace), || told.load(Ordering::Relaxed))
-                .expect("served");
+            serve(&mut mock, &mut link, serving, Some(&mut trace), || {
+                reported.load(Ordering::Relaxed)
+            })
+            .expect("served");
             mock.report()
         });
         Self { folder, quit, thread: Some(thread) }

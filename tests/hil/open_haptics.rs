@@ -41,7 +41,7 @@ fn a_push_moves_the_arm_its_way() {
 
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
-fn an_arm_that_does_not_open_is_told_why() {
+fn an_arm_that_does_not_open_is_reported_why() {
     let _turn = turn();
     let locked = Library::new("touch", &[]);
     locked.goes_wrong("no-device");
@@ -72,10 +72,10 @@ fn an_arm_that_is_not_calibrated_says_what_to_do_and_is_homed_afterwards() {
         was_unhomed |= homed == Some(false);
         homed == Some(true)
     });
-    let told = opened.news.recv_timeout(HUNG).expect("told");
+    let reported = opened.news.recv_timeout(HUNG).expect("told");
     assert!(
-        matches!(&told, LinkNews::Told(text) if text.contains("inkwell") || text.contains("calibrated")),
-        "{told:?}"
+        matches!(&reported, LinkNews::Told(text) if text.contains("inkwell") || text.contains("calibrated")),
+        "{reported:?}"
     );
 }
 

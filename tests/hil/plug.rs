@@ -43,10 +43,10 @@ fn killed(bench: &Bench, signal: &str) -> serde_json::Value {
         // The hand begins after one second and presses from 1.2 s of its own time on.
         std::thread::sleep(Duration::from_millis(2600));
         host.signal(signal);
-        // A host that is killed has no summary, but has told its faults.
-        let told = host.ended().stderr;
+        // A host that is killed has no summary, but has reported its faults.
+        let reported = host.ended().stderr;
         let is_late = !is_enabled
-            || told
+            || reported
                 .lines()
                 .filter_map(|line| line.strip_prefix("fault: ")?.split(' ').next())
                 .any(is_lateness);
@@ -64,7 +64,7 @@ fn force_n(felt: &serde_json::Value) -> f64 {
 
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
-fn a_host_that_is_told_to_end_leaves_no_force() {
+fn a_host_that_is_ordered_to_end_leaves_no_force() {
     for signal in ["TERM", "INT"] {
         let felt = killed(&Bench::verified("polhem-2022"), signal);
         assert!(

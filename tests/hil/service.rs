@@ -114,11 +114,11 @@ fn a_service_that_goes_is_a_lost_arm_and_is_found_again() {
     }
     let (sample, _) = pushed(&mut arm, 50, DVec3::ZERO).expect("back");
     assert_eq!(sample.status, SampleStatus::Fresh);
-    let told: Vec<LinkNews> = news.try_iter().collect();
+    let reported: Vec<LinkNews> = news.try_iter().collect();
     assert!(
-        told.contains(&LinkNews::Lost)
-            && told.iter().any(|news| matches!(news, LinkNews::Back { .. })),
-        "{told:?}"
+        reported.contains(&LinkNews::Lost)
+            && reported.iter().any(|news| matches!(news, LinkNews::Back { .. })),
+        "{reported:?}"
     );
     drop(arm);
     let felt = served.arm.ended();

@@ -121,7 +121,7 @@ fn found<'j>(json: &'j Value, name: &str) -> &'j str {
 }
 
 #[test]
-fn a_library_that_is_missing_is_told_as_a_list_and_other_wrong_ones_by_what_they_are() {
+fn a_library_that_is_missing_is_reported_as_a_list_and_other_wrong_ones_by_what_they_are() {
     let home = tempfile::tempdir().expect("a folder");
     let said = |variables: &[(&str, &str)], more: &[&str]| {
         let args = [&["devices", "probe", "omega7"], more].concat();
@@ -352,7 +352,7 @@ fn listed_and_probed(codec: &str, identity: &str, priority: u8, new_arm: impl Fn
 
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
-fn why_the_motors_make_less_or_nothing_is_told_by_name() {
+fn why_the_motors_make_less_or_nothing_is_reported_by_name() {
     let _turn = turn();
     let mut arm = Arm::new("omega6", "saturated");
     let (_, _, said) = arm.probe(&["--sign-check", "--yes"]);

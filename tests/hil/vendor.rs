@@ -49,7 +49,7 @@ fn an_arm_behind_a_makers_library_is_felt_and_let_go() {
 }
 
 #[test]
-fn what_stands_in_the_way_of_a_makers_library_is_told() {
+fn what_stands_in_the_way_of_a_makers_library_is_reported() {
     let _turn = turn();
     let bench = Library::new("omega6", &[]);
     for (fault, words) in [
@@ -59,8 +59,8 @@ fn what_stands_in_the_way_of_a_makers_library_is_told() {
         ("no-wrist", "has no wrist, and the profile says that it measures rx ry rz"),
     ] {
         bench.goes_wrong(fault);
-        let told = bench.try_open().err().expect("refused").to_string();
-        assert!(told.contains(words), "{fault}: {told}");
+        let reported = bench.try_open().err().expect("refused").to_string();
+        assert!(reported.contains(words), "{fault}: {reported}");
     }
     let library = |path: &str| {
         let options = OpenOptions {
@@ -72,10 +72,13 @@ fn what_stands_in_the_way_of_a_makers_library_is_told() {
         let error = open::open(&bench.profile, &options).err().expect("refused");
         format!("{error}\n{}", error.hint().unwrap_or_default())
     };
-    let told = library("/no/such/libdrd.so");
-    assert!(told.contains("there is no /no/such/libdrd.so") && told.contains("install"), "{told}");
-    let told = library(root("Cargo.toml").to_str().expect("text"));
-    assert!(told.contains("is no library"), "{told}");
+    let reported = library("/no/such/libdrd.so");
+    assert!(
+        reported.contains("there is no /no/such/libdrd.so") && reported.contains("install"),
+        "{reported}"
+    );
+    let reported = library(root("Cargo.toml").to_str().expect("text"));
+    assert!(reported.contains("is no library"), "{reported}");
     assert!(
         Command::new(HAPTICD)
             .args(["vendor-arm", "{}"])
@@ -157,8 +160,8 @@ fn goes_wrong(library: &Library, arm: &mut open::OpenedArm, fault: &str, shows: 
     // As the tick does after a fault.
     arm.arm.set_enabled(false);
     if let Shows::Error(words) = shows {
-        let told = library.error_text(last.device_error());
-        assert!(told.contains(words), "{fault}: {told}");
+        let reported = library.error_text(last.device_error());
+        assert!(reported.contains(words), "{fault}: {reported}");
     }
     play(arm, &Wrench::ZERO, n_ticks(20));
     library.goes_wrong("");

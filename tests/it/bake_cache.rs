@@ -314,7 +314,7 @@ fn damages(bytes: &[u8]) -> Vec<Damage> {
 }
 
 #[test]
-fn a_damaged_file_is_told_baked_anew_and_replaced() {
+fn a_damaged_file_is_reported_baked_anew_and_replaced() {
     let dir = tempfile::tempdir().unwrap();
     let config = small_scene(dir.path(), "");
     let cache = dir.path().join("cache");
@@ -386,7 +386,7 @@ fn of_version(sound: &[u8], format: u32, generation: u32) -> Vec<u8> {
 }
 
 #[test]
-fn other_versions_are_told_the_older_is_replaced_the_newer_left_alone() {
+fn other_versions_are_reported_the_older_is_replaced_the_newer_left_alone() {
     let dir = tempfile::tempdir().unwrap();
     let config = small_scene(dir.path(), "");
     let cache = dir.path().join("cache");

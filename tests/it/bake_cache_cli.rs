@@ -397,7 +397,7 @@ fn with_mounts(dir: &Path, script: &str) -> Option<Output> {
 }
 
 #[test]
-fn a_full_disk_is_told_and_the_work_goes_on() {
+fn a_full_disk_is_reported_and_the_work_goes_on() {
     let dir = folder();
     let script = "mkdir full && mount -t tmpfs -o size=600k tmpfs full
         \"$HAPTICD\" bake scene.toml --json --cache full
@@ -437,7 +437,7 @@ fn a_full_disk_is_told_and_the_work_goes_on() {
 }
 
 #[test]
-fn a_folder_that_cannot_be_written_is_told_and_what_is_in_it_still_serves() {
+fn a_folder_that_cannot_be_written_is_reported_and_what_is_in_it_still_serves() {
     let dir = folder();
     fs::write(dir.path().join("file"), "").unwrap();
     assert_goes_on(
@@ -471,7 +471,7 @@ fn a_folder_that_cannot_be_written_is_told_and_what_is_in_it_still_serves() {
 }
 
 #[test]
-fn a_damaged_or_foreign_file_is_told_on_stderr_and_baked_anew() {
+fn a_damaged_or_foreign_file_is_reported_on_stderr_and_baked_anew() {
     let dir = folder();
     let line = "bake scene.toml --json --cache cache";
     assert!(hapticd(dir.path(), line).status.success());

@@ -121,7 +121,7 @@ fn a_hand_that_may_be_meant_is_warned_of_and_one_in_millimetres_is_refused() {
 }
 
 #[test]
-fn open_meshes_and_wrong_units_are_told_before_the_bake() {
+fn open_meshes_and_wrong_units_are_reported_before_the_bake() {
     let dir = tempfile::tempdir().unwrap();
     // A tetrahedron without its largest face, 30 units long.
     fs::write(
@@ -198,26 +198,27 @@ fn a_stiffness_that_no_client_could_set_is_warned_of_and_accepted() {
                 to 20; is the unit right? 1 N/mm is 1000 N/m"
         )
     };
-    for (value, is_told) in
+    for (value, is_reported) in
         [("0.24", true), ("0.25", false), ("20", false), ("20.1", true), ("500000", true)]
     {
         write(&format!("[contact]\nstiffness_n_per_mm = {value}\n"));
-        let expected = if is_told { vec![warning(value)] } else { Vec::new() };
+        let expected = if is_reported { vec![warning(value)] } else { Vec::new() };
         assert_eq!(said(dir.path(), "warning: ", 0), expected);
     }
     let json = hapticd(dir.path(), "check scene.toml --json").json();
-    let told = &json["files"][0]["problems"][0];
+    let reported = &json["files"][0]["problems"][0];
     for (key, value) in [
         ("severity", "warning"),
         ("key", "contact.stiffness_n_per_mm"),
         ("value", "500000"),
         ("file", "scene.toml"),
     ] {
-        assert_eq!(told[key], value, "{told}");
+        assert_eq!(reported[key], value, "{reported}");
     }
     assert!(
-        told["line"] == 14 && told["hint"].as_str().unwrap().starts_with("write 0.25 to 20"),
-        "{told}"
+        reported["line"] == 14
+            && reported["hint"].as_str().unwrap().starts_with("write 0.25 to 20"),
+        "{reported}"
     );
     // There it does nothing.
     write("[contact]\nstiffness_n_per_mm = 500000\n[rendering]\ncoupling = \"constraint\"\n");
@@ -305,7 +306,7 @@ fn every_shipped_scene_is_checked_without_a_warning() {
 }
 
 #[test]
-fn a_part_is_told_its_own_memory_and_a_voxel_size_that_the_memory_holds() {
+fn a_part_is_reported_its_own_memory_and_a_voxel_size_that_the_memory_holds() {
     let dir = tempfile::tempdir().unwrap();
     let plate = "shape = { box_mm = [60.0, 60.0, 60.0] }\nvoxel_size_mm = 0.25";
     fs::write(dir.path().join("scene.toml"), scene(plate, "")).unwrap();

@@ -16,7 +16,7 @@ use recording::file::Recorder;
 use recording::{RecordSubscribers, TickRecord, drain};
 use rt::clock::{Clock, RealClock, VirtualClock};
 use vps::contact::Obstacle;
-use vps::density::{Frame, FrameError, Lattice, Raster};
+use vps::density::{DensityFrame, FrameError, Lattice, Raster};
 use vps::pointshell::shell::Shell;
 use vps::spatial::{DeviceSample, Pose, SampleStatus, Wrench};
 
@@ -40,11 +40,11 @@ fn raster(lattice: Lattice, density_m: impl Fn(DVec3) -> f64) -> Raster {
 }
 
 /// The same density in the base and in a region of 10 mm around the origin.
-fn frame(density_m: impl Fn(DVec3) -> f64) -> Frame {
+fn frame(density_m: impl Fn(DVec3) -> f64) -> DensityFrame {
     let region = Lattice { origin_map: LATTICE.position([15; 3]), dims: [11; 3], ..LATTICE };
     let base = Arc::new(raster(LATTICE, &density_m));
     let region = raster(region, &density_m);
-    let mut frame = Frame { sequence: 0, base, region, rope_map: None, is_leap: false };
+    let mut frame = DensityFrame { sequence: 0, base, region, rope_map: None, is_leap: false };
     frame.make_ready(None).expect("a sound frame");
     frame
 }
@@ -67,7 +67,7 @@ fn ball(radius_m: f64) -> Shell {
 }
 
 /// A tool that stands where the hand is, with the force as it is: no filter between.
-fn scene(frame: Frame, shell: Shell) -> RenderScene {
+fn scene(frame: DensityFrame, shell: Shell) -> RenderScene {
     let mut parameters = rig::unlimited();
     parameters.coupling.mode = CouplingMode::Direct;
     parameters.filter = FilterParameters { spatial: false, cutoff_hz: [f64::INFINITY; 2] };
@@ -211,7 +211,7 @@ fn clearance_is_never_more_than_there_is_and_depth_never_less() {
     let clay_m = 7e-3;
     let tool_m = 4e-3;
     let scene = scene(frame(|place| 1.7 * (clay_m - place.length())), ball(tool_m));
-    let mut told_something = 0;
+    let mut reported_something = 0;
     for n in 0..200_u32 {
         let t = f64::from(n);
         let way = DVec3::new((1.3 * t).sin(), (0.7 * t).cos(), (2.1 * t).sin()).normalize();
@@ -232,7 +232,7 @@ fn clearance_is_never_more_than_there_is_and_depth_never_less() {
                 "{} m of {gap_m} m",
                 output.clearance_m
             );
-            told_something += u32::from(output.clearance_m > 0.1 * gap_m);
+            reported_something += u32::from(output.clearance_m > 0.1 * gap_m);
         } else {
             assert!(
                 (output.max_depth_m + gap_m).abs() < 0.08 * H,
@@ -241,7 +241,7 @@ fn clearance_is_never_more_than_there_is_and_depth_never_less() {
             );
         }
     }
-    assert!(told_something > 100, "{told_something} times more than next to nothing");
+    assert!(reported_something > 100, "{reported_something} times more than next to nothing");
 }
 
 #[test]
@@ -302,8 +302,10 @@ fn friction_holds_the_contact_point_up_to_the_cone() {
 fn a_rope_pulls_towards_its_anchor_and_is_no_contact() {
     let anchor = DVec3::new(2e-3, 1e-3, -5e-3);
     for mode in [CouplingMode::Direct, CouplingMode::Implicit, CouplingMode::Static] {
-        let mut scene =
-            scene(Frame { rope_map: Some(anchor), ..frame(|place| -0.015 - place.z) }, point());
+        let mut scene = scene(
+            DensityFrame { rope_map: Some(anchor), ..frame(|place| -0.015 - place.z) },
+            point(),
+        );
         scene.parameters.coupling.mode = mode;
         let mut hand = Hand::new(&scene);
         let place = DVec3::new(2e-3, 1e-3, 0.0);
@@ -323,7 +325,8 @@ fn a_rope_pulls_towards_its_anchor_and_is_no_contact() {
             output.command_device
         );
         assert!(hand.state.clay_forces().rope_world.distance(force) < 1e-12);
-        hand.state.exchange(Box::new(Frame { rope_map: None, ..frame(|place| -0.015 - place.z) }));
+        hand.state
+            .exchange(Box::new(DensityFrame { rope_map: None, ..frame(|place| -0.015 - place.z) }));
         let output = hand.at(place);
         assert_eq!(
             (output.contact_world, output.command_device),
@@ -341,10 +344,10 @@ fn a_surface_that_leaps_over_the_tool_pushes_it_out_slowly() {
     let felt_n = |is_leap: bool, is_overtaken: bool| {
         let mut hand = Hand::new(&scene);
         hand.go(DVec3::ZERO);
-        hand.state.exchange(Box::new(Frame { sequence: 1, is_leap, ..around.clone() }));
+        hand.state.exchange(Box::new(DensityFrame { sequence: 1, is_leap, ..around.clone() }));
         if is_overtaken {
             // No tick has touched the frame that leapt.
-            hand.state.exchange(Box::new(Frame { sequence: 2, ..around.clone() }));
+            hand.state.exchange(Box::new(DensityFrame { sequence: 2, ..around.clone() }));
         }
         (0..1000).map(|_| hand.at(DVec3::ZERO).contact_world.force.z).collect::<Vec<_>>()
     };
@@ -436,31 +439,37 @@ fn a_frame_that_cannot_be_touched_is_refused_and_comes_back() {
     let clay = scene.clay.as_ref().expect("clay");
     let (mut feed, slot) = ClaySlot::new(clay, 4);
     let mut refused =
-        |frame: Frame| feed.publish(Box::new(frame)).expect_err("refused").0.to_string();
+        |frame: DensityFrame| feed.publish(Box::new(frame)).expect_err("refused").0.to_string();
     let shifted = Lattice { origin_map: DVec3::splat(-4.7e-3), dims: [11; 3], ..LATTICE };
     let thin = Lattice { dims: [11, 1, 11], ..LATTICE };
     for (frame, says) in [
-        (Frame { region: raster(shifted, |_| 0.0), ..sound() }, "whole nodes of the base"),
+        (DensityFrame { region: raster(shifted, |_| 0.0), ..sound() }, "whole nodes of the base"),
         (
-            Frame { region: raster(Lattice { spacing_m: 2.0 * H, ..shifted }, |_| 0.0), ..sound() },
+            DensityFrame {
+                region: raster(Lattice { spacing_m: 2.0 * H, ..shifted }, |_| 0.0),
+                ..sound()
+            },
             "its spacing",
         ),
-        (Frame { region: raster(thin, |_| 0.0), ..sound() }, "at least 2"),
+        (DensityFrame { region: raster(thin, |_| 0.0), ..sound() }, "at least 2"),
         (
-            Frame { region: raster(Lattice { spacing_m: 0.0, ..shifted }, |_| 0.0), ..sound() },
+            DensityFrame {
+                region: raster(Lattice { spacing_m: 0.0, ..shifted }, |_| 0.0),
+                ..sound()
+            },
             "above 0",
         ),
         (
-            Frame { region: raster(*sound().region.lattice(), |_| f64::NAN), ..sound() },
+            DensityFrame { region: raster(*sound().region.lattice(), |_| f64::NAN), ..sound() },
             "halve the step",
         ),
-        (Frame { rope_map: Some(DVec3::NAN), ..sound() }, "anchor"),
+        (DensityFrame { rope_map: Some(DVec3::NAN), ..sound() }, "anchor"),
         (
-            Frame { base: Arc::new(Raster::uniform(LATTICE, f32::INFINITY)), ..sound() },
+            DensityFrame { base: Arc::new(Raster::uniform(LATTICE, f32::INFINITY)), ..sound() },
             "not finite",
         ),
         (
-            Frame {
+            DensityFrame {
                 base: Arc::new({
                     let mut base = raster(LATTICE, |_| 0.0);
                     base.values_m_mut()[0] = 1.0;
@@ -474,8 +483,9 @@ fn a_frame_that_cannot_be_touched_is_refused_and_comes_back() {
         let message = refused(frame);
         assert!(message.contains(says), "{message}");
     }
-    let error =
-        Frame { region: raster(thin, |_| 0.0), ..sound() }.make_ready(None).expect_err("refused");
+    let error = DensityFrame { region: raster(thin, |_| 0.0), ..sound() }
+        .make_ready(None)
+        .expect_err("refused");
     assert_eq!(error, FrameError::Dims { which: "region", dims: [11, 1, 11] });
     // All that may be under way, then no more.
     while let Some(spare) = feed.spare() {

@@ -39,9 +39,9 @@ fn plate() -> PointSet {
     points
 }
 
-fn tool(craft: SculptTool, brush_m: f64, falloff: Falloff) -> ToolSettings {
+fn tool(kind: SculptTool, brush_m: f64, falloff: Falloff) -> ToolSettings {
     let painted = Painted { stiffness_n_per_m: Some(STIFF_N_PER_M as f32), ..Painted::default() };
-    ToolSettings { craft, brush_m, falloff, painted, ..ToolSettings::default() }
+    ToolSettings { kind, brush_m, falloff, painted, ..ToolSettings::default() }
 }
 
 /// A force straight down at a place of the upper side, for some updates.
@@ -89,9 +89,9 @@ fn the_half_of_a_plate_that_is_ten_times_as_stiff_dents_as_the_springs_say() {
         },
         ..Settings::default()
     };
-    let piece = ClayModel::new(plate(), settings).expect("a piece");
+    let model = ClayModel::new(plate(), settings).expect("a clay model");
     let mut engine = SculptEngine::new(
-        piece,
+        model,
         tool(SculptTool::Material, 0.02, Falloff::Constant),
         ToolBody::default(),
     );

@@ -1,4 +1,4 @@
-//! Every craft as a scripted scene, held against what is known in closed form; and the clay scenes
+//! Every tool as a scripted scene, held against what is known in closed form; and the clay scenes
 //! that are shipped.
 //!
 //! A ball of clay with a radius of 15 mm stands at the origin, the ball in the hand comes from
@@ -20,7 +20,7 @@ use tempfile::TempDir;
 const RADIUS_MM: f64 = 15.0;
 const SPACING_MM: f64 = 0.7;
 
-/// One craft at work.
+/// One tool at work.
 struct SculptTool<'a> {
     /// Lines under `[sculpt]`, beside what all have.
     sculpt: &'a str,
@@ -95,10 +95,10 @@ fn samples(path: &Path) -> PointSet {
     clay::load(path, 1.0, None).unwrap().points
 }
 
-fn worked(craft: &SculptTool<'_>) -> Worked {
+fn worked(kind: &SculptTool<'_>) -> Worked {
     let dir = tempfile::tempdir().unwrap();
     let write = |name: &str, text: &str| fs::write(dir.path().join(name), text).unwrap();
-    let SculptTool { sculpt, tool_mm, contact, hand, strokes } = craft;
+    let SculptTool { sculpt, tool_mm, contact, hand, strokes } = kind;
     let (_, [x, y, z]) = hand[0];
     let name = sculpt.split('"').nth(1).unwrap_or("script");
     let scene = format!(
@@ -548,11 +548,11 @@ fn shipped_of(name: &str, duration: &str) -> (Value, PointSet, i64) {
     }
     // Strokes of the logo's characters grow together.
     let troubles = first["sculpt"]["troubles"].as_array().unwrap();
-    let told = |words: &str| {
+    let reported = |words: &str| {
         troubles.iter().filter(|trouble| trouble.as_str().unwrap().contains(words)).count()
     };
     assert_eq!(
-        (troubles.len(), told("fronts of the clay have met")),
+        (troubles.len(), reported("fronts of the clay have met")),
         if name == "logo" { (1, 1) } else { (0, 0) },
         "{name}: {first}"
     );

@@ -600,7 +600,7 @@ fn a_gear_of_twelve_metres_is_asked_about() {
 }
 
 #[test]
-fn an_output_that_cannot_be_written_is_told_by_name() {
+fn an_output_that_cannot_be_written_is_reported_by_name() {
     let dir = folder();
     for (flag, path, fragment) in [
         ("--voxmap-out", "/nonexistent/x.npy", "hint: the folder must exist"),
@@ -1297,8 +1297,9 @@ fn a_bake_beyond_max_memory_is_refused_before_the_work_with_a_size_that_fits() {
         .concat(),
     );
     // The advice works when it is copied, and its bake really stays near the limit.
-    let told = hapticd(dir.path(), fine).stderr;
-    let size_mm = told.split("at least ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap();
+    let reported = hapticd(dir.path(), fine).stderr;
+    let size_mm =
+        reported.split("at least ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap();
     let ended = hapticd(
         dir.path(),
         &format!("bake peg.obj --units mm --voxel-size-mm {size_mm} --max-memory 20MB --json"),
@@ -1309,8 +1310,8 @@ fn a_bake_beyond_max_memory_is_refused_before_the_work_with_a_size_that_fits() {
     assert!(kept < 20_000_000 && kept > 4_000_000, "{kept}");
     let in_voxels = "bake peg.obj --longest-axis-voxels 3000 --max-memory 20MB";
     refuses(dir.path(), in_voxels, 3, &["use at most --longest-axis-voxels "]);
-    let told = hapticd(dir.path(), in_voxels).stderr;
-    let n = told
+    let reported = hapticd(dir.path(), in_voxels).stderr;
+    let n = reported
         .split("--longest-axis-voxels ")
         .nth(1)
         .and_then(|rest| rest.split(',').next())

@@ -141,7 +141,7 @@ mistakes! {
   hint: known here: name, mesh, shape, units, voxel_size_mm, layers, position_mm, orientation_xyzw, movable, sides";
     unknown_key_like_no_other: with("[rendering]", "[rendering]\ncolour = \"red\"") => r#"error: scene.toml:4: rendering.colour = "red": unknown key
   hint: known here: rate_hz, coupling, field, gravity_m_per_s2, allow_unstable"#;
-    files_that_are_not_there_are_told_beside_unknown_keys: with("layers = 8", "laiers = 8").replace("base.obj", "gone.obj").replace("sim-sigma7", "sim-sigma") => r#"error: scene.toml:8: static[0].mesh = "gone.obj": no such file: gone.obj
+    files_that_are_not_there_are_reported_beside_unknown_keys: with("layers = 8", "laiers = 8").replace("base.obj", "gone.obj").replace("sim-sigma7", "sim-sigma") => r#"error: scene.toml:8: static[0].mesh = "gone.obj": no such file: gone.obj
   hint: paths are relative to the file that names them
 error: scene.toml:11: static[0].laiers = 8: unknown key; did you mean `layers`?
   hint: known here: name, mesh, shape, units, voxel_size_mm, layers, position_mm, orientation_xyzw, movable, sides
@@ -247,7 +247,7 @@ error: scene.toml:25: device.profil = "sim-sigma7": unknown key; did you mean `p
 }
 
 #[test]
-fn sides_are_told_as_written() {
+fn sides_are_reported_as_written() {
     for (word, rule) in InsideTest::NAMES {
         let sides = format!("sides = \"{word}\"");
         let scene = with("layers = 8", &sides).replace("[tool]", &format!("[tool]\n{sides}"));

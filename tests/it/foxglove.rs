@@ -10,11 +10,11 @@ fn only_this_machine_can_watch() {
         let folder = folder("");
         let output =
             command(folder.path(), &format!("press.toml --foxglove {address}")).output().unwrap();
-        let told = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert_eq!(output.status.code(), Some(2), "{told}");
+        let reported = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{reported}");
         assert!(
-            told.contains("only this machine can reach") && told.contains("127.0.0.1:8765"),
-            "{told}"
+            reported.contains("only this machine can reach") && reported.contains("127.0.0.1:8765"),
+            "{reported}"
         );
     }
 }
@@ -24,31 +24,31 @@ fn a_scene_that_lets_others_watch_is_refused() {
     let folder = folder("[monitor]\nfoxglove = \"0.0.0.0:8765\"\n");
     let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_hapticd"));
     let output = command.args(["check", "press.toml"]).current_dir(folder.path()).output().unwrap();
-    let told = String::from_utf8_lossy(&output.stdout).into_owned()
+    let reported = String::from_utf8_lossy(&output.stdout).into_owned()
         + &String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(3), "{told}");
+    assert_eq!(output.status.code(), Some(3), "{reported}");
     for wanted in ["monitor.foxglove", "0.0.0.0:8765", "only this machine can reach", "press.toml"]
     {
-        assert!(told.contains(wanted), "{wanted}: {told}");
+        assert!(reported.contains(wanted), "{wanted}: {reported}");
     }
 }
 
 #[test]
-fn what_cannot_be_served_is_told_before_anything_is_baked() {
+fn what_cannot_be_served_is_reported_before_anything_is_baked() {
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let folder = folder("");
     let address = taken.local_addr().unwrap();
     let line = format!("press.toml --duration 100ms --record r.mcap --foxglove {address}");
     let output = command(folder.path(), &line).output().unwrap();
-    let told = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(2), "{told}");
+    let reported = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{reported}");
     let remedy = if cfg!(feature = "foxglove-live") {
         "--foxglove, such as 127.0.0.1:0"
     } else {
         "--no-default-features"
     };
-    assert!(told.contains(&address.to_string()) && told.contains(remedy), "{told}");
-    assert!(!told.contains("state: baking"), "{told}");
+    assert!(reported.contains(&address.to_string()) && reported.contains(remedy), "{reported}");
+    assert!(!reported.contains("state: baking"), "{reported}");
     assert!(!folder.path().join("r.mcap").exists(), "an empty recording stayed behind");
 }
 
@@ -82,7 +82,7 @@ mod live {
         (daemon, address)
     }
 
-    /// A client with what it was told first.
+    /// A client with what it was ordered first.
     struct Viewer {
         socket: WebSocket<TcpStream>,
         /// What a server says of itself.
@@ -199,9 +199,9 @@ mod live {
         ];
         assert_eq!(topics, wanted);
         let channel = &viewer.channels["/tool/pose"];
-        let told =
+        let reported =
             ["encoding", "schemaName", "schemaEncoding"].map(|key| channel[key].as_str().unwrap());
-        assert_eq!(told, ["protobuf", "foxglove.PoseInFrame", "protobuf"]);
+        assert_eq!(reported, ["protobuf", "foxglove.PoseInFrame", "protobuf"]);
         let schema = BASE64_STANDARD.decode(channel["schema"].as_str().unwrap()).unwrap();
         assert_eq!(schema, PoseInFrame::get_schema().unwrap().data.as_ref());
         assert_eq!(viewer.channels["/wrench/contact"]["schemaName"], "hapticd.ContactWrench");

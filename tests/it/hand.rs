@@ -226,7 +226,7 @@ fn no_client_drags_the_peg_through_the_block_at_any_speed() {
         }
     });
     assert!(run.tool_mm().x < 0.6 && run.deepest_m < 1e-3, "{} {}", run.tool_mm(), run.deepest_m);
-    // It stays where it was told to be, also when no client says anything any more.
+    // It stays where it was ordered to be, also when no client says anything any more.
     run.go(2000, |session, n| {
         if n == 0 {
             order(session, at(0.0, 0.0, 30.0))

@@ -376,7 +376,7 @@ fn a_folder_of_meshes_becomes_a_scene_that_runs() {
 }
 
 #[test]
-fn init_writes_elsewhere_and_over_nothing_unless_told() {
+fn init_writes_elsewhere_and_over_nothing_unless_reported() {
     let dir = parts();
     fs::create_dir_all(dir.path().join("scenes/mine")).unwrap();
     let line = "init parts -o scenes/mine/a.toml --tool block-hole.obj --units cm";
@@ -673,7 +673,7 @@ fn a_hangup_reads_the_scene_again() {
 }
 
 #[test]
-fn a_hangup_takes_parameters_of_a_scene_with_clay_and_leaves_the_piece() {
+fn a_hangup_takes_parameters_of_a_scene_with_clay_and_leaves_the_clay() {
     if is_hangup_ignored() {
         return;
     }

@@ -227,7 +227,7 @@ fn an_arm_that_cannot_move_as_it_says_is_doubted() {
 }
 
 #[test]
-fn a_profile_and_a_scene_in_each_others_place_are_told_apart() {
+fn a_profile_and_a_scene_in_each_others_place_are_reported_apart() {
     let said = |errors: config::ConfigErrors| {
         errors.problems().iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")
     };

@@ -339,7 +339,7 @@ fn what_a_killed_run_leaves_behind_replays_to_its_last_chunk() {
 
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
-fn a_folder_or_disk_that_takes_nothing_is_told_and_never_ends_a_run() {
+fn a_folder_or_disk_that_takes_nothing_is_reported_and_never_ends_a_run() {
     let dir = folder();
     for (line, code, fragments) in [
         (
@@ -358,7 +358,10 @@ fn a_folder_or_disk_that_takes_nothing_is_told_and_never_ends_a_run() {
         for fragment in fragments {
             assert!(ended.stderr.contains(fragment), "{line}: no `{fragment}` in {}", ended.stderr);
         }
-        assert!(!ended.stderr.contains("state: baking"), "{line}: told before anything is baked");
+        assert!(
+            !ended.stderr.contains("state: baking"),
+            "{line}: reported before anything is baked"
+        );
     }
     // A disk that is full in the middle: here a limit on the size of files.
     let exe = env!("CARGO_BIN_EXE_hapticd");
@@ -409,7 +412,7 @@ fn a_folder_or_disk_that_takes_nothing_is_told_and_never_ends_a_run() {
 }
 
 #[test]
-fn what_cannot_be_replayed_is_told() {
+fn what_cannot_be_replayed_is_reported() {
     let dir = folder();
     fs::write(dir.path().join("empty.mcap"), b"").expect("written");
     fs::write(dir.path().join("begun.mcap"), b"\x89MCAP0\r\n").expect("written");

@@ -114,7 +114,7 @@ profile = "sim-sigma7"
         let (by_file, file_reports) = hapticd::scene::build(&config, |_| ()).unwrap();
         let (by_code, code_reports) = in_code(&config, mesh::load(&file, 1e-3).unwrap());
         assert_eq!(thousand_ticks(&by_file), thousand_ticks(&by_code), "{field}");
-        let told = |reports: &[vps::part::ObjectReport]| -> Vec<_> {
+        let reported = |reports: &[vps::part::ObjectReport]| -> Vec<_> {
             reports
                 .iter()
                 .map(|report| {
@@ -127,6 +127,6 @@ profile = "sim-sigma7"
                 })
                 .collect()
         };
-        assert_eq!(told(&file_reports), told(&code_reports), "{field}");
+        assert_eq!(reported(&file_reports), reported(&code_reports), "{field}");
     }
 }

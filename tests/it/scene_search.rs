@@ -331,7 +331,7 @@ fn most_owed_j(config: &SceneConfig) -> f64 {
 }
 
 /// A line for every tick: what was measured, where the tool stands, what it touches and what the
-/// arm is told.
+/// arm is sent.
 struct Trace(String);
 
 impl Trace {

@@ -1,4 +1,4 @@
-//! A piece of clay from samples to a rigid part that is touched.
+//! A clay model from samples to a rigid part that is touched.
 
 use std::fs;
 use std::path::Path;
@@ -70,10 +70,10 @@ fn contacts(folder: &Path, places: &[DVec3]) -> Vec<u32> {
 
 #[test]
 fn what_was_pulled_out_is_baked_and_touched_as_a_rigid_part() {
-    let mut piece = ball();
+    let mut model = ball();
     for _ in 0..60 {
-        let top = piece.onto(DVec3::Z * RADIUS_M, 0.01).map_or(DVec3::Z * RADIUS_M, |(at, _)| at);
-        piece
+        let top = model.onto(DVec3::Z * RADIUS_M, 0.01).map_or(DVec3::Z * RADIUS_M, |(at, _)| at);
+        model
             .pull(&PullForce {
                 along_map: vec![top],
                 force_n: DVec3::Z * 10.0,
@@ -82,14 +82,14 @@ fn what_was_pulled_out_is_baked_and_touched_as_a_rigid_part() {
                 falloff: Falloff::Gaussian,
             })
             .unwrap();
-        piece.advance(4e-3);
+        model.advance(4e-3);
     }
-    piece.end_stroke().unwrap();
-    let top_m = piece.points().positions_map.iter().map(|at| at.z).fold(0.0, f64::max);
+    model.end_stroke().unwrap();
+    let top_m = model.points().positions_map.iter().map(|at| at.z).fold(0.0, f64::max);
     assert!(top_m > RADIUS_M + 1e-3, "{top_m}");
 
     let folder = tempfile::tempdir().unwrap();
-    write_mesh(&folder.path().join("piece.ply"), &piece.mesh().unwrap()).unwrap();
+    write_mesh(&folder.path().join("piece.ply"), &model.mesh().unwrap()).unwrap();
     let scene = "version = 1\n[[static]]\nname = \"piece\"\nmesh = \"piece.ply\"\nunits = \
         \"m\"\nvoxel_size_mm = 0.5\n[tool]\nshape = { sphere_mm = 5.0 }\nvoxel_size_mm = \
         0.5\n[device]\nprofile = \"sim-sigma7\"\n";

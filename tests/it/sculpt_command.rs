@@ -72,7 +72,7 @@ fn refused(dir: &Path, sculpt: &str, code: i32, fragments: &[&str]) {
 const VIRTUAL: &str = "--clock virtual --duration 1600ms --json";
 
 #[test]
-fn a_piece_is_pressed_joined_saved_and_gone_on_with() {
+fn a_clay_model_is_pressed_joined_saved_and_gone_on_with() {
     let dir = folder();
     let line = format!(
         "sculpt ball.toml {VIRTUAL} --strokes strokes.toml --save end.ply --session end.session \
@@ -244,7 +244,7 @@ fn check_knows_clay_and_its_strokes() {
         dir.path(),
         "sculpt ball.toml --clock virtual --strokes none.toml",
         3,
-        &["none.toml: no such file; it would hold the strokes of the piece"],
+        &["none.toml: no such file; it would hold the strokes of the clay"],
     );
     fs::write(dir.path().join("bad.toml"), "[[stroke]]\nat_s = 1\n").unwrap();
     refuses(dir.path(), "check scene.toml", 3, &["bad.toml: version: missing"]);
@@ -670,7 +670,7 @@ fn a_hold_that_grabs_nothing_is_a_stroke_that_failed() {
 }
 
 #[test]
-fn a_solid_without_a_spacing_is_as_dense_as_the_piece() {
+fn a_solid_without_a_spacing_is_as_dense_as_the_clay() {
     let dir = folder();
     let strokes = "version = 1\n[[stroke]]\nat_s = 0.01\ndo = \"union\"\nshape = { sphere_mm = 8 \
         }\nposition_mm = [15, 0, 0]\n";
@@ -698,21 +698,21 @@ fn solids_of_a_wrong_unit_are_refused_before_the_loop() {
     let line = "sculpt ball.toml --clock virtual --duration 50ms --strokes strokes.toml";
     fs::write(dir.path().join("strokes.toml"), strokes("m")).unwrap();
     let message = "strokes.toml:6: stroke at 0.01 s (line 2): units = \"m\": the solid is 29.99 m \
-        across, the piece 29.98 mm";
+        across, the clay 29.98 mm";
     refuses(dir.path(), line, 3, &[message, "is this unit right"]);
     fs::write(dir.path().join("strokes.toml"), strokes("mm")).unwrap();
     says(dir.path(), line, 0, &[]);
 }
 
 #[test]
-fn a_piece_of_a_wrong_unit_is_told_by_its_size() {
+fn a_clay_model_of_a_wrong_unit_is_reported_by_its_size() {
     let dir = folder();
     fs::write(dir.path().join("scan.xyz"), sphere(2000, |_, _, _| true)).unwrap();
     let scan =
         |units: &str| scene(&format!("points = \"scan.xyz\"\nunits = \"{units}\"\n{WORKED}"));
     fs::write(dir.path().join("scene.toml"), scan("m")).unwrap();
     let bake = "bake scene.toml --json";
-    says(dir.path(), bake, 0, &["clay: the piece is 29.99 m across; is `sculpt.units` right?"]);
+    says(dir.path(), bake, 0, &["clay: the clay is 29.99 m across; is `sculpt.units` right?"]);
     fs::write(dir.path().join("scene.toml"), scan("mm")).unwrap();
     assert!(!says(dir.path(), bake, 0, &[]).stderr.contains("sculpt.units"));
     fs::write(
@@ -749,7 +749,7 @@ fn a_tool_that_starts_in_the_clay_works_nothing_before_it_was_outside() {
             .unwrap()
             .replace("[0, 0, 22]", &format!("[0, 0, {z_mm}]"))
     };
-    // A tool that is let alone is pushed out, of a large piece from far inside too: the hand is
+    // A tool that is let alone is pushed out, of a large model from far inside too: the hand is
     // inside still.
     for (z_mm, radius_mm) in [(0, 15.0), (5, 15.0), (12, 15.0), (16, 15.0), (25, 300.0)] {
         let ball =
@@ -846,13 +846,17 @@ fn files_that_are_no_scene_say_what_they_are_for() {
     );
     refuses(dir.path(), "init Schüssel.xyz", 2, &["not a folder", "--clay"]);
     refuses(dir.path(), "init . --clay", 2, &["--clay takes one file"]);
-    let told = says(
+    let reported = says(
         dir.path(),
         "init --clay Schüssel.xyz",
         0,
-        &["units are taken as mm: the piece is then 29.9"],
+        &["units are taken as mm: the clay is then 29.9"],
     );
-    assert!(told.stdout.contains("`hapticd sculpt Schüssel.toml` works it"), "{}", told.stdout);
+    assert!(
+        reported.stdout.contains("`hapticd sculpt Schüssel.toml` works it"),
+        "{}",
+        reported.stdout
+    );
     refuses(dir.path(), "init --clay Schüssel.xyz", 2, &["Schüssel.toml is there already"]);
     let line =
         "sculpt Schüssel.toml --clock virtual --duration 20ms --json --session Übung.session";

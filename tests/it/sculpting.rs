@@ -28,16 +28,16 @@ fn ball() -> PointSet {
     sample(&Shape::Sphere { radius_m: R }.tessellate(2e-5), 1.2e-3).expect("a spacing that fits")
 }
 
-fn engine(craft: SculptTool) -> SculptEngine {
+fn engine(kind: SculptTool) -> SculptEngine {
     let settings = Settings {
         region_map: Some((DVec3::new(-0.012, -0.012, 0.008), DVec3::new(0.012, 0.012, 0.032))),
         raster: [21; 3],
         ..Settings::default()
     };
-    let piece = ClayModel::new(ball(), settings).expect("a piece");
+    let model = ClayModel::new(ball(), settings).expect("a clay model");
     SculptEngine::new(
-        piece,
-        ToolSettings { craft, brush_m: 5e-3, ..ToolSettings::default() },
+        model,
+        ToolSettings { kind, brush_m: 5e-3, ..ToolSettings::default() },
         ToolBody::default(),
     )
 }
@@ -111,7 +111,7 @@ impl Device for Led {
 
 fn pull() -> SculptOrder {
     SculptOrder::Take(ToolSettings {
-        craft: SculptTool::Pull,
+        kind: SculptTool::Pull,
         brush_m: 5e-3,
         ..ToolSettings::default()
     })
@@ -142,8 +142,8 @@ fn run(
     while servo.step() == Step::Continue {}
     drop(servo);
     let ended = thread.join().expect("joined");
-    let (told, hears) = mpsc::channel();
-    handle.ask(SculptOrder::Undo, Box::new(move |result| told.send(result).expect("heard")));
+    let (reported, hears) = mpsc::channel();
+    handle.ask(SculptOrder::Undo, Box::new(move |result| reported.send(result).expect("heard")));
     assert!(matches!(hears.recv(), Ok(Err(OrderError::Over))), "asked behind the end");
     let last = handle.view().expect("a view");
     assert_eq!(
@@ -221,10 +221,10 @@ fn a_hand_pushes_and_pulls_clay_through_the_loop_the_same_way_twice() {
 
 #[test]
 fn painting_material_is_felt_no_more_than_touching_is() {
-    let take = |craft| {
+    let take = |kind| {
         vec![(
             0,
-            SculptOrder::Take(ToolSettings { craft, brush_m: 5e-3, ..ToolSettings::default() }),
+            SculptOrder::Take(ToolSettings { kind, brush_m: 5e-3, ..ToolSettings::default() }),
         )]
     };
     let (touched, _) = run(VirtualClock::default(), 1100, take(SculptTool::Touch));
@@ -233,12 +233,12 @@ fn painting_material_is_felt_no_more_than_touching_is() {
         assert_eq!(one.output, other.output, "tick {}", one.tick);
     }
     assert!(touched[700].output.command_device.force.z > 0.2);
-    let piece = ended.engine.model();
-    assert_eq!(piece.history(), (1, 0));
-    let top = piece.material_at(DVec3::Z * R);
-    let far = piece.material_at(-DVec3::Z * R);
+    let model = ended.engine.model();
+    assert_eq!(model.history(), (1, 0));
+    let top = model.material_at(DVec3::Z * R);
+    let far = model.material_at(-DVec3::Z * R);
     assert!(top.stiffness_n_per_m > 5.0 * far.stiffness_n_per_m, "{top:?} {far:?}");
-    assert_eq!(far, piece.settings().material);
+    assert_eq!(far, model.settings().material);
 }
 
 #[test]
@@ -251,7 +251,7 @@ fn in_real_time_the_loop_goes_on_and_updates_that_are_late_are_counted() {
 }
 
 #[test]
-fn a_studio_ends_when_it_is_told_to_though_the_loop_keeps_its_slot() {
+fn a_studio_ends_when_it_is_ordered_to_though_the_loop_keeps_its_slot() {
     for clock in [VirtualClock::default().kind(), RealClock.kind()] {
         let engine = engine(SculptTool::Push);
         let scene = scene(&engine);
@@ -267,11 +267,11 @@ fn a_studio_ends_when_it_is_told_to_though_the_loop_keeps_its_slot() {
 }
 
 #[test]
-fn a_studio_that_breaks_lets_go_of_the_hand_and_leaves_the_loop_and_the_piece() {
+fn a_studio_that_breaks_lets_go_of_the_hand_and_leaves_the_loop_and_the_clay() {
     // A table that no constructor gives: the engine panics when it is pulled with.
     let broken = || {
         let tool = ToolSettings {
-            craft: SculptTool::Pull,
+            kind: SculptTool::Pull,
             brush_m: 5e-3,
             falloff: Falloff::Table(Vec::new()),
             ..ToolSettings::default()

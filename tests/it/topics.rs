@@ -11,25 +11,31 @@ fn refused(line: &str) -> (Option<i32>, String) {
 }
 
 #[test]
-fn what_makes_no_sense_is_told_before_anything_is_baked() {
+fn what_makes_no_sense_is_reported_before_anything_is_baked() {
     for (line, wanted) in [
         ("--world w --own plate", "PUT /api/v1/objects/OBJECT/pose"),
         ("--connect tcp/127.0.0.1:1", "nothing is published"),
         ("--publish-hz 50", "nothing is published"),
         ("--publish 2d", "begins with a digit"),
     ] {
-        let (code, told) = refused(line);
-        assert_eq!(code, Some(2), "{line}: {told}");
-        assert!(told.contains(wanted) && !told.contains("state: baking"), "{line}: {told}");
+        let (code, reported) = refused(line);
+        assert_eq!(code, Some(2), "{line}: {reported}");
+        assert!(
+            reported.contains(wanted) && !reported.contains("state: baking"),
+            "{line}: {reported}"
+        );
     }
 }
 
 #[cfg(not(feature = "zenoh"))]
 #[test]
 fn a_program_without_a_network_says_how_to_build_one() {
-    let (code, told) = refused("--publish");
-    assert_eq!(code, Some(2), "{told}");
-    assert!(told.contains("--features zenoh") && !told.contains("state: baking"), "{told}");
+    let (code, reported) = refused("--publish");
+    assert_eq!(code, Some(2), "{reported}");
+    assert!(
+        reported.contains("--features zenoh") && !reported.contains("state: baking"),
+        "{reported}"
+    );
 }
 
 #[cfg(feature = "zenoh")]
@@ -188,7 +194,7 @@ mod live {
         }
 
         // A pose of ROS 2 is that of a state, bit for bit.
-        let told: BTreeSet<_> = states
+        let reported: BTreeSet<_> = states
             .try_iter()
             .map(|sample| {
                 bits(serde_json::from_value(state(&sample)["measured_cp"]["p"].clone()).unwrap())
@@ -198,7 +204,7 @@ mod live {
             seen.iter().find(|(key, _)| key.starts_with("7/left/arm/measured_cp/")).unwrap().1;
         let found = poses
             .iter()
-            .filter(|sample| told.contains(&bits(position(&sample.payload().to_bytes()))))
+            .filter(|sample| reported.contains(&bits(position(&sample.payload().to_bytes()))))
             .count();
         assert!(found > 4, "{found} of {}", poses.len());
 

@@ -160,7 +160,7 @@ struct Played {
     faults: Faults,
     ending: Ending,
     /// Commands to the node's arm.
-    told: Vec<(f64, Wrench)>,
+    reported: Vec<(f64, Wrench)>,
     report: NodeReport,
     phase: LinkPhase,
     link: Arc<LinkFigures>,
@@ -304,7 +304,7 @@ impl TwoMachines {
             records,
             faults: report.faults,
             ending: report.ending,
-            told: core::mem::take(&mut world.arm.log),
+            reported: core::mem::take(&mut world.arm.log),
             report: figures.report(),
             phase: figures.phase(),
             link,
@@ -330,7 +330,7 @@ struct Playing {
 }
 
 impl Playing {
-    /// So many ticks under an order; what each gave, and the largest force that the arm was told
+    /// So many ticks under an order; what each gave, and the largest force that the arm was sent
     /// meanwhile, N.
     fn ticks(&mut self, n: usize, order: Order) -> (Vec<TickOutput>, f64) {
         match order {
@@ -382,10 +382,11 @@ fn quality(delay_ms: f64) -> LinkQuality {
 
 /// How much the force at the arm goes up and down over some of its writes, N: the standard
 /// deviation.
-fn unrest_n(told: &[(f64, Wrench)]) -> f64 {
-    let n = told.len() as f64;
-    let mean = told.iter().map(|(_, wrench)| wrench.force).sum::<glam::DVec3>() / n;
-    (told.iter().map(|(_, wrench)| (wrench.force - mean).length_squared()).sum::<f64>() / n).sqrt()
+fn unrest_n(reported: &[(f64, Wrench)]) -> f64 {
+    let n = reported.len() as f64;
+    let mean = reported.iter().map(|(_, wrench)| wrench.force).sum::<glam::DVec3>() / n;
+    (reported.iter().map(|(_, wrench)| (wrench.force - mean).length_squared()).sum::<f64>() / n)
+        .sqrt()
 }
 
 #[test]
@@ -396,18 +397,18 @@ fn a_peg_goes_into_its_hole_over_every_delay_as_stiff_as_that_delay_allows() {
     let n_ticks = ((rig::hand_end_s(&stage.config) + HAND_DELAY_S + 1.0) / T).round() as u64;
     let mut stiffness_before = f64::INFINITY;
     for delay_ms in [0.0, 2.0, 10.0, 50.0] {
-        let Played { records, faults, ending, told, report, link, .. } =
+        let Played { records, faults, ending, reported, report, link, .. } =
             stage.play(quality(delay_ms), n_ticks, 0.37, None);
         let name = format!("{delay_ms} ms each way");
         let at_end = &records[n_ticks as usize - 1].output;
         let ticks = at_end.delay_ticks;
         let stiffness = (arm.stiffness_lag_n_s_per_m / ((0.5 + f64::from(ticks)) * T))
             .min(stage.scene.parameters.coupling.stiffness_n_per_m);
-        let largest = told.iter().map(|(_, wrench)| wrench.force.length()).fold(0.0, f64::max);
+        let largest = reported.iter().map(|(_, wrench)| wrench.force.length()).fold(0.0, f64::max);
         // The last second in the hole, and the second before.
-        let stop = told.len() - 250;
-        let early = unrest_n(&told[stop - 1000..stop - 500]);
-        let late = unrest_n(&told[stop - 500..stop]);
+        let stop = reported.len() - 250;
+        let early = unrest_n(&reported[stop - 1000..stop - 500]);
+        let late = unrest_n(&reported[stop - 500..stop]);
         let ways = link.report();
         let mm = at_end.world_from_tool.translation * 1e3;
         eprintln!(
@@ -455,9 +456,9 @@ fn a_peg_goes_into_its_hole_over_every_delay_as_stiff_as_that_delay_allows() {
 /// it goes up and down, N.
 fn pressed_unrest_n(change: impl FnOnce(&mut Parameters)) -> f64 {
     let stage = TwoMachines::with(rig::load(&rig::shipped("block-on-plane")), change);
-    let told = stage.play(quality(10.0), 2900, 0.37, None).told;
+    let reported = stage.play(quality(10.0), 2900, 0.37, None).reported;
     let pressing =
-        told.iter().rev().skip_while(|(_, wrench)| *wrench == Wrench::ZERO).skip(100).take(300);
+        reported.iter().rev().skip_while(|(_, wrench)| *wrench == Wrench::ZERO).skip(100).take(300);
     unrest_n(&pressing.copied().collect::<Vec<_>>())
 }
 
@@ -493,10 +494,10 @@ fn a_cut_cable_is_zero_at_the_arm_within_hold_and_fade_and_a_fault_of_the_link_a
             let name = format!("{delay_ms} ms each way, cut at {cut_s:.4} s");
             let cut_s = played.begin_s + cut_s;
             let before =
-                played.told.iter().rev().find(|(at_s, _)| *at_s <= cut_s).expect("writes").1;
+                played.reported.iter().rev().find(|(at_s, _)| *at_s <= cut_s).expect("writes").1;
             assert!(before.force.length() > 0.1, "{name}: {} N in contact", before.force.length());
             let last_force_s = played
-                .told
+                .reported
                 .iter()
                 .rev()
                 .find(|(_, wrench)| *wrench != Wrench::ZERO)

@@ -29,7 +29,7 @@ use haptics::clay::{Clay, Rope};
 use haptics::{Faults, RenderScene};
 use rt::clock::VirtualClock;
 use vps::contact::{Budget, ContactSum, SimdLevel, Traversal, TraversalMode};
-use vps::density::{Frame, Lattice, Raster};
+use vps::density::{DensityFrame, Lattice, Raster};
 use vps::spatial::Pose;
 
 /// Counts what the thread under test does; other threads (and the harness) allocate as they like.
@@ -371,7 +371,7 @@ fn moving_objects_turning_knobs_and_swapping_scenes_allocate_nothing() {
 }
 
 /// A slab of clay whose top is at a height, with a rope in it every other time.
-fn slab_of_clay(sequence: u64, top_m: f64) -> Frame {
+fn slab_of_clay(sequence: u64, top_m: f64) -> DensityFrame {
     let base = Lattice { origin_map: DVec3::splat(-0.05), spacing_m: 2e-3, dims: [51, 51, 41] };
     let region = Lattice { origin_map: base.position([5, 5, 15]), dims: [41, 41, 20], ..base };
     let raster = |lattice: Lattice| {
@@ -383,7 +383,7 @@ fn slab_of_clay(sequence: u64, top_m: f64) -> Frame {
         raster
     };
     let rope_map = (sequence % 2 == 1).then_some(DVec3::new(0.01, 0.0, -0.01));
-    let mut frame = Frame {
+    let mut frame = DensityFrame {
         sequence,
         base: Arc::new(raster(base)),
         region: raster(region),

@@ -7,7 +7,7 @@ use std::time::Duration;
 use arms::protocol::{Codec as _, MotorCommand};
 use arms::remote::command_hold::HoldTiming;
 use arms::remote::figures::LinkPhase;
-use arms::remote::{Host, LinkFigures, Node, NodeParameters};
+use arms::remote::{LinkFigures, Node, NodeParameters, RemoteHost};
 use arms::simulated::{SimArm, SimParameters};
 use arms::transport::{Frame, Transport, TransportError};
 use rtrb::{Consumer, Producer, RingBuffer};
@@ -73,7 +73,8 @@ fn both_ends_of_a_network_allocate_nothing() {
         }
         (node, arm, n)
     });
-    let mut host = Host::new(Axes::SIX, Axes::SIX, T, 7 << 16, Arc::new(LinkFigures::default()));
+    let mut host =
+        RemoteHost::new(Axes::SIX, Axes::SIX, T, 7 << 16, Arc::new(LinkFigures::default()));
     host.start(&mut end).expect("greeted");
     greeted.store(true, Ordering::Relaxed);
     let (mut node, mut arm, first) = beside.join().expect("no panic");

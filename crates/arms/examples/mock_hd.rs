@@ -62,7 +62,7 @@ struct Arm {
     errors: Vec<c_uint>,
     calibrated: bool,
     started: Option<Instant>,
-    told: Vec<c_uint>,
+    reported: Vec<c_uint>,
 }
 
 #[derive(Default)]
@@ -102,7 +102,7 @@ impl Arm {
             errors: Vec::new(),
             calibrated: !has_fault("uncalibrated") && !has_fault("encoder-reset"),
             started: None,
-            told: Vec::new(),
+            reported: Vec::new(),
         })
     }
 
@@ -125,12 +125,12 @@ impl Arm {
             (self.mock.fault("velocity"), 0x203),
             (is_gone, 0x302),
         ] {
-            // Each is told once, as long as it lasts.
-            if is_so && !self.told.contains(&code) {
+            // Each is reported once, as long as it lasts.
+            if is_so && !self.reported.contains(&code) {
                 self.errors.push(code);
-                self.told.push(code);
+                self.reported.push(code);
             } else if !is_so {
-                self.told.retain(|told| *told != code);
+                self.reported.retain(|reported| *reported != code);
             }
         }
         self.calibrated |= !has_fault("encoder-reset")

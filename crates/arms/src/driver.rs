@@ -67,7 +67,7 @@ pub enum DeviceError {
     /// place.
     #[error("the command was not finite, and zero was sent in its place")]
     NonFinite,
-    /// The loop stood still with force on, and the guard of the arm has told it zero meanwhile;
+    /// The loop stood still with force on, and the guard of the arm has reported it zero meanwhile;
     /// zero was sent again in place of the command.
     #[error("the loop stood still with force on, and the arm was sent zero meanwhile")]
     Stalled,

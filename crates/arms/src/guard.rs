@@ -11,7 +11,7 @@
 //! |---|---|
 //! | the pipe closes, or hapticd has begun to die (`has_died`) | zero; ends |
 //! | no beat for `STALL` while force is on | zero, once; goes on watching |
-//! | it is told to stand aside | ends; while force is on, zero first |
+//! | it is ordered to stand aside | ends; while force is on, zero first |
 //!
 //! Invariant: between [`watch`]'s first and last look the guard allocates nothing, takes no lock,
 //! and calls nothing that can wait but the link of the arm.

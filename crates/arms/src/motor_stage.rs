@@ -42,8 +42,8 @@ pub const POWER_MAX_W: f64 = 5.0;
 /// profile's limits. To hold their links at home the shipped arms take 23 % (Polhem) and 63 %
 /// (leader-arm-6).
 pub(super) const BESIDE_SHARE: f64 = 0.75;
-/// Time in which they come in after an enable, s. They go at once: an arm is not told whether force
-/// is switched off in order or by a fault.
+/// Time in which they come in after an enable, s. They go at once: an arm is not reported whether
+/// force is switched off in order or by a fault.
 pub(super) const RISE_S: f64 = 0.1;
 /// From zero to the limits, s (devices reference, safety rule 7).
 const FULL_SLEW_S: f64 = 0.01;

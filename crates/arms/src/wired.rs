@@ -89,7 +89,7 @@ pub struct WiredArm {
     thermal: Thermal,
     round_trip: RoundTrip,
     last: DeviceSample,
-    /// What the motors were last told, and what it amounts to.
+    /// What the motors were last reported, and what it amounts to.
     sent: MotorCommand,
     rendered: Wrench,
     /// What it makes beside the command.
@@ -616,11 +616,11 @@ impl Device for WiredArm {
         {
             // What was computed before that goes nowhere; and a frame that a thread of the link
             // still held may have come after the guard's zero.
-            let told = connection.send_last_zero();
+            let reported = connection.send_last_zero();
             self.sent = MotorCommand::default();
             self.rendered = Wrench::ZERO;
             self.stage.begin();
-            return Err(if told.is_ok() || told == Err(TransportError::Full) {
+            return Err(if reported.is_ok() || reported == Err(TransportError::Full) {
                 DeviceError::Stalled
             } else {
                 self.lose()

@@ -82,7 +82,7 @@ enum Group {
     Loop,
     /// A million points in a violent hand: ten minutes of simulated time, two of real time. Only
     /// when asked for.
-    Torture,
+    Stress,
     /// Parts inserted at several voxel sizes, clearances and errors of the hand. Only when asked
     /// for.
     Insertions,
@@ -99,7 +99,7 @@ impl Args {
     fn wants(&self, group: Group) -> bool {
         let is_on_request = matches!(
             group,
-            Group::Torture | Group::Insertions | Group::Sagardia2008 | Group::Wrench
+            Group::Stress | Group::Insertions | Group::Sagardia2008 | Group::Wrench
         );
         if self.group.is_empty() { !is_on_request } else { self.group.contains(&group) }
     }
@@ -189,7 +189,7 @@ fn measure(
     n_threads: usize,
     machine: &str,
 ) -> Result<(Vec<Row>, String), BenchError> {
-    let told = |what: &str| {
+    let reported = |what: &str| {
         if !args.quiet {
             eprintln!("{what}");
         }
@@ -214,7 +214,7 @@ fn measure(
         let peers = peers.clone();
         rows.extend(generation::run(
             &generation::Options { n_runs, n_threads, quick: args.quick, models, peers, program },
-            told,
+            reported,
         )?);
     }
     let options = contact::Options {
@@ -227,21 +227,21 @@ fn measure(
     };
     if wanted(Group::Contact) {
         if args.quality {
-            let quality = contact::quality(&options, told)?;
+            let quality = contact::quality(&options, reported)?;
             if let Some(folder) = &args.plots {
                 plots::draw(folder, &quality)?;
             }
             rows.extend(quality.rows);
             table = quality.choice;
         } else {
-            rows.extend(contact::speed(&options, told)?);
+            rows.extend(contact::speed(&options, reported)?);
         }
     }
-    if wanted(Group::Torture) {
-        rows.extend(contact::torture(&options, told)?);
+    if wanted(Group::Stress) {
+        rows.extend(contact::stress(&options, reported)?);
     }
     if wanted(Group::Insertions) {
-        let (found, markdown) = contact::insertions(&options, told)?;
+        let (found, markdown) = contact::insertions(&options, reported)?;
         rows.extend(found);
         table.push_str(&markdown);
     }
@@ -252,18 +252,19 @@ fn measure(
                 quick: args.quick,
                 scenes: args.scenes.clone(),
             },
-            told,
+            reported,
         )?);
     }
     if wanted(Group::Sculpt) {
-        let figures = sculpt::run(&sculpt::Options { n_runs, quick: args.quick }, told)?;
+        let figures = sculpt::run(&sculpt::Options { n_runs, quick: args.quick }, reported)?;
         if let Some(folder) = &args.plots {
             plots::draw_receding(folder, &figures.receding)?;
         }
         rows.extend(figures.rows);
     }
     if wanted(Group::Sagardia2008) {
-        let figures = sagardia2008::run(sagardia2008::Options { n_runs, quick: args.quick }, told)?;
+        let figures =
+            sagardia2008::run(sagardia2008::Options { n_runs, quick: args.quick }, reported)?;
         if let Some(docs) = &args.docs {
             plots::draw_paper_of_2008(&docs.join(PICTURES), &figures)?;
             sagardia2008::draw_models(&docs.join(PICTURES), &figures)?;
@@ -279,7 +280,7 @@ fn measure(
         let peers = options.peers.clone();
         let figures = wrench::run(
             &wrench::Options { quick: args.quick, folder, models, peers, program: program.clone() },
-            told,
+            reported,
         )?;
         if let Some(docs) = &args.docs {
             plots::draw_wrenches(&docs.join(PICTURES), &figures)?;

@@ -1,5 +1,5 @@
-//! Sculpting: how long a surface takes to be built and a piece to be updated, beside the paper, and
-//! how steady the force stays meanwhile.
+//! Sculpting: how long a surface takes to be built and a clay model to be updated, beside the
+//! paper, and how steady the force stays meanwhile.
 //!
 //! The paper's two tables (Guo2004, tables 2 and 3) are of models that are not public: here the
 //! samples are those of a sphere, as many. As in the paper an update is one step of the mass points
@@ -64,7 +64,7 @@ const BUILD_TARGET_S: f64 = 2.0;
 const UPDATE_TARGET_MS: f64 = 4.0;
 /// Radius of the sphere, m.
 const RADIUS_M: f64 = 0.03;
-/// Updates that are timed, after some that bring the piece into motion.
+/// Updates that are timed, after some that bring the clay into motion.
 const TIMED: usize = 60;
 const BEFORE: usize = 10;
 /// Time of an update, s.
@@ -78,7 +78,7 @@ const TICKS: u64 = 400;
 /// Measures. `tell` is called with each step. Cost: some seconds.
 ///
 /// # Errors
-/// A piece that cannot be built, which a sphere can.
+/// A clay model that cannot be built, which a sphere can.
 pub fn run(options: &Options, mut tell: impl FnMut(&str)) -> Result<Figures, BenchError> {
     let mut figures = Figures::default();
     let cases = |n: usize| if options.quick { 1 } else { n };
@@ -105,7 +105,7 @@ pub fn run(options: &Options, mut tell: impl FnMut(&str)) -> Result<Figures, Ben
         for (name, integrator, interpolates) in ways {
             let times_ms = update_ms(edge, n_samples, integrator, interpolates)?;
             let what = format!("{edge}³ mass points, {n_samples} samples, {name}");
-            let row = Row::new("updating a piece", what, statistics::median(&times_ms), "ms");
+            let row = Row::new("updating a clay model", what, statistics::median(&times_ms), "ms");
             let row = if let Some(paper_ms) = paper_ms { row.beside_paper(paper_ms) } else { row };
             figures.rows.push(if (edge, n_samples) == (40, 16_071) && !interpolates {
                 row.at_most(UPDATE_TARGET_MS)
@@ -166,10 +166,10 @@ fn update_ms(
     interpolates: bool,
 ) -> Result<Vec<f64>, BenchError> {
     let settings = Settings { raster: [edge; 3], integrator, interpolates, ..Settings::default() };
-    let mut piece = ClayModel::new(sphere(n_samples), settings).map_err(refused)?;
+    let mut model = ClayModel::new(sphere(n_samples), settings).map_err(refused)?;
     let mut times_ms = Vec::with_capacity(TIMED);
     for n in 0..BEFORE + TIMED {
-        piece
+        model
             .pull(&PullForce {
                 along_map: vec![DVec3::Z * RADIUS_M],
                 force_n: DVec3::Z * 2.0,
@@ -179,7 +179,7 @@ fn update_ms(
             })
             .map_err(refused)?;
         let begin = Instant::now();
-        core::hint::black_box(piece.advance(UPDATE_S));
+        core::hint::black_box(model.advance(UPDATE_S));
         if n >= BEFORE {
             times_ms.push(begin.elapsed().as_secs_f64() * 1e3);
         }

@@ -210,16 +210,16 @@ fn a_quick_bench_of_insertions_lets_in_what_fits_and_nothing_else() {
 }
 
 #[test]
-fn a_quick_torture_judges_every_tick() {
+fn a_quick_stress_judges_every_tick() {
     let folder = tempfile::tempdir().unwrap();
-    let rows = rows_of(folder.path(), &["torture", "--quick"]);
+    let rows = rows_of(folder.path(), &["stress", "--quick"]);
     assert!(rows.len() > 30, "{} rows", rows.len());
-    assert!(find(&rows, "torture", "ticks")["value"].as_f64() >= Some(20_000.0));
+    assert!(find(&rows, "stress", "ticks")["value"].as_f64() >= Some(20_000.0));
     assert!(
-        find(&rows, "torture", "ticks in contact")["value"].as_f64() > Some(1000.0),
+        find(&rows, "stress", "ticks in contact")["value"].as_f64() > Some(1000.0),
         "it is violent"
     );
-    assert!(find(&rows, "torture", "largest force")["value"].as_f64() > Some(4.0), "it is violent");
+    assert!(find(&rows, "stress", "largest force")["value"].as_f64() > Some(4.0), "it is violent");
     // Times of a busy machine aside.
     for row in rows.iter().filter(|row| row["unit"] != "µs") {
         assert_ne!(row["met"], false, "{row}");

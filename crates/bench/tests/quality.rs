@@ -130,7 +130,7 @@ fn acceptance_19_forces_beside_analytic_ones() {
     }
 }
 
-fn told(name: &str, errors: &[FieldErrors]) -> [bench::Spread; 4] {
+fn reported(name: &str, errors: &[FieldErrors]) -> [bench::Spread; 4] {
     for FieldErrors { field, voxels } in errors {
         eprintln!("{name}, {field:?}: {voxels:.4?} voxels");
     }
@@ -162,7 +162,7 @@ fn acceptance_19_fields_of_shapes_beside_exact_distances() {
     ];
     for (name, shape) in shapes {
         let mesh = shape.tessellate(2e-5);
-        let errors = told(name, &field_errors(name, &mesh, 1e-3, 1000).expect("baked"));
+        let errors = reported(name, &field_errors(name, &mesh, 1e-3, 1000).expect("baked"));
         assert_sane(name, errors);
         if ["sphere", "torus"].contains(&name) {
             let [_, surface_point, octant, trilinear] = errors;
@@ -189,7 +189,7 @@ fn acceptance_19_fields_of_real_meshes_beside_exact_distances() {
         let (low, high) = mesh.bounds().expect("not empty");
         assert_sane(
             name,
-            told(
+            reported(
                 name,
                 &field_errors(name, &mesh, (high - low).max_element() / 118.0, 1000)
                     .expect("baked"),

@@ -1,9 +1,9 @@
 //! Samples that go with the surface when the densities change.
 //!
-//! A sample stays on its level set: ∇s·ẋ + ∂s/∂t = 0. No tangential motion can be told from that,
-//! so it moves along the normal alone (Guo2004, equations 6 and 7): n = −∇s/|∇s| out of the
-//! material, v_n = (∂s/∂t)/|∇s|, x ← x + T v_n n. What the step leaves over is taken back along the
-//! same line, so a long stroke does not add up what each step is short of.
+//! A sample stays on its level set: ∇s·ẋ + ∂s/∂t = 0. No tangential motion can be distinguished
+//! from that, so it moves along the normal alone (Guo2004, equations 6 and 7): n = −∇s/|∇s| out of
+//! the material, v_n = (∂s/∂t)/|∇s|, x ← x + T v_n n. What the step leaves over is taken back along
+//! the same line, so a long stroke does not add up what each step is short of.
 
 use glam::DVec3;
 use rayon::prelude::*;

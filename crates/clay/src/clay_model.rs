@@ -1,4 +1,4 @@
-//! The piece that is worked on: its samples, its densities, and every stroke so far.
+//! The clay that is worked on: its samples, its densities, and every stroke so far.
 //!
 //! ```text
 //!  samples ─► PointSurface ─► base raster ─┬─► region: Dynamics ◄── pulls
@@ -36,7 +36,7 @@ use super::pull::{CurvesPull, PullForce, add_pull};
 use super::redistance::redistance;
 use super::topology::{euler_number, forget_unsampled};
 use super::{PointSet, PointSurface, SurfaceError, advect, resample};
-use vps::density::{Density, Frame, FrameError, Lattice, Raster};
+use vps::density::{Density, DensityFrame, FrameError, Lattice, Raster};
 
 /// Largest empty circle and closest pair of samples in a region, in spacings of the samples at the
 /// start.
@@ -61,7 +61,7 @@ struct DynamicRegion {
     afloat: AdvectedSamples,
 }
 
-/// A piece of clay.
+/// A clay model.
 #[derive(Debug)]
 pub struct ClayModel {
     /// Shared with what undo goes back to.
@@ -91,7 +91,8 @@ pub struct ClayModel {
 }
 
 impl ClayModel {
-    /// A piece from samples. Parallel; cost: a fit per sample, and the nodes of the base raster.
+    /// A clay model from samples. Parallel; cost: a fit per sample, and the nodes of the base
+    /// raster.
     ///
     /// # Errors
     /// [`ClayModelError`].
@@ -223,7 +224,7 @@ impl ClayModel {
         )
     }
 
-    /// The density at a point now, m, greater than 0 inside; `None` far from the piece.
+    /// The density at a point now, m, greater than 0 inside; `None` far from the clay.
     pub fn density_m(&self, point_map: DVec3) -> Option<f64> {
         self.density_at(point_map).map(|density| f64::from(density.value_m))
     }
@@ -435,7 +436,7 @@ impl ClayModel {
         Ok(moved.len())
     }
 
-    /// Joins the piece with another solid, or cuts one by the other: one stroke.
+    /// Joins the clay with another solid, or cuts one by the other: one stroke.
     ///
     /// `is_sharp`: the edge between both stays, as far as the raster holds it; otherwise one smooth
     /// surface goes over it.
@@ -510,7 +511,7 @@ impl ClayModel {
     }
 
     /// Writes the densities into a frame for the tick. Cost: a copy of the region.
-    pub(super) fn show(&self, frame: &mut Frame) {
+    pub(super) fn show(&self, frame: &mut DensityFrame) {
         frame.sequence = self.updates;
         frame.base = self.base.clone();
         let now = self.region.dynamics.now();
@@ -524,9 +525,9 @@ impl ClayModel {
     /// A frame of its own, such as a scene begins with. Allocates; `show` fills it again.
     ///
     /// # Errors
-    /// [`FrameError`], which no piece gives that could be made.
-    pub fn frame(&self) -> Result<Frame, FrameError> {
-        let mut frame = Frame {
+    /// [`FrameError`], which no clay model gives that could be made.
+    pub fn frame(&self) -> Result<DensityFrame, FrameError> {
+        let mut frame = DensityFrame {
             sequence: self.updates,
             base: self.base.clone(),
             region: self.region().clone(),

@@ -3,7 +3,7 @@
 //! M d̈ + D ḋ + K (d − d₀) = f over the nodes of the region (Guo2004, dynamic global volumetric
 //! model). The masses do not move in space: a spring between two neighbours pulls on the
 //! *difference of their densities*, back to what it was at rest. The outermost nodes are held, so
-//! the region stays of one piece with the material around it.
+//! the region stays of one model with the material around it.
 //!
 //! Units: densities m, mass kg, damping N·s/m, stiffness N/m, forces N. Cost: O(nodes) per step, 7
 //! reads each; parallel, with the same bits on any number of threads.
@@ -22,8 +22,8 @@ const EXPLICIT_MARGIN: f64 = 0.8;
 const NODES: usize = 8192;
 /// Planes that a thread takes at once.
 const PLANES: usize = 4;
-/// Explicit steps in one update at most: the material is slower than told rather than the update
-/// late.
+/// Explicit steps in one update at most: the material is slower than reported rather than the
+/// update late.
 const STEPS_MAX: u32 = 64;
 
 /// How the equation of motion is stepped.

@@ -1,4 +1,4 @@
-//! The piece as a closed triangle mesh, for rigid scenes.
+//! The clay as a closed triangle mesh, for rigid scenes.
 //!
 //! Naive surface nets (the crate `fast-surface-nets`; Gibson 1998): one corner per cell that the
 //! surface crosses, at the mean of the crossings on its edges. The mesh is closed wherever the
@@ -36,7 +36,7 @@ pub enum ExportError {
     /// The surface leaves the raster.
     #[error(
         "the material reaches the faces of its raster, and a mesh of it would be open; leave more \
-            air around the piece"
+            air around the clay"
     )]
     Open,
     /// Too many nodes for the numbers of corners.
@@ -45,7 +45,7 @@ pub enum ExportError {
 }
 
 impl ClayModel {
-    /// The piece as a closed mesh, map frame, with normals outward. A stroke under way is not part
+    /// The clay as a closed mesh, map frame, with normals outward. A stroke under way is not part
     /// of it. Cost: O(nodes of the base).
     ///
     /// # Errors
@@ -165,7 +165,7 @@ pub fn write_mesh(path: &Path, mesh: &TriangleMesh) -> io::Result<()> {
         let n_triangles = mesh.triangles.len();
         write!(
             file,
-            "ply\nformat binary_little_endian 1.0\ncomment a piece of clay, metres\nelement vertex \
+            "ply\nformat binary_little_endian 1.0\ncomment a clay model of clay, metres\nelement vertex \
                 {n_vertices}\n"
         )?;
         write!(

@@ -1,7 +1,7 @@
 //! Clay: a dynamic implicit point-set surface that a tool pulls, paints, cuts and embosses.
 //!
 //! ```text
-//!  scan, mesh, shape ─► PointSet ─► PointSurface ─► ClayModel ─► Frame (vps::density) ─► tick
+//!  scan, mesh, shape ─► PointSet ─► PointSurface ─► ClayModel ─► DensityFrame (vps::density) ─► tick
 //!    load, sample                   surface           ▲    └───► files: points, mesh, session
 //!               motions of the tool, orders ─► engine ┘
 //! ```
@@ -22,14 +22,14 @@
 //! # use clay::{ClayModel, clay_model::Settings, falloff::Falloff, pull::PullForce, sample};
 //! // A ball of clay with a radius of 20 mm, pulled at its top for a tenth of a second.
 //! let ball = sample(&Shape::Sphere { radius_m: 20e-3 }.tessellate(2e-5), 2e-3)?;
-//! let mut piece = ClayModel::new(ball, Settings { raster: [24; 3], ..Settings::default() })?;
-//! let before_m = piece.density_m(DVec3::Z * 20.5e-3);
+//! let mut model = ClayModel::new(ball, Settings { raster: [24; 3], ..Settings::default() })?;
+//! let before_m = model.density_m(DVec3::Z * 20.5e-3);
 //! for _ in 0..25 {
 //!     let (along_map, force_n) = (vec![DVec3::Z * 20e-3], DVec3::Z * 10.0);
-//!     piece.pull(&PullForce { along_map, force_n, reach_m: 3e-3, radius_m: 8e-3, falloff: Falloff::Gaussian })?;
-//!     piece.advance(4e-3);
+//!     model.pull(&PullForce { along_map, force_n, reach_m: 3e-3, radius_m: 8e-3, falloff: Falloff::Gaussian })?;
+//!     model.advance(4e-3);
 //! }
-//! assert!(piece.density_m(DVec3::Z * 20.5e-3) > before_m, "there is more of it now");
+//! assert!(model.density_m(DVec3::Z * 20.5e-3) > before_m, "there is more of it now");
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!

@@ -10,7 +10,7 @@
 //! the fall-off at the distance of the node from the middle of the brush: a ball, so what is
 //! painted has depth. While the brush is pressed a node keeps the largest I that it was given.
 //!
-//! Invariant: a node that was never painted has the constants of the piece, to the bit. Nodes stay
+//! Invariant: a node that was never painted has the constants of the clay, to the bit. Nodes stay
 //! where they are in space, as mass points of the paper do: clay that is pulled away leaves its
 //! properties behind.
 
@@ -51,7 +51,7 @@ impl Painted {
         a stiffness above 0 up to 1e6 N/m";
 
     /// Itself; where it says nothing, [so many times](Self::HARDER) the stiffness and damping of
-    /// the piece.
+    /// the clay.
     #[must_use]
     pub fn or_harder(self, clay: &Material) -> Self {
         if self != Self::default() {
@@ -92,7 +92,7 @@ impl Painted {
 /// distributions "directly", and not how.
 #[derive(Clone, Debug, PartialEq)]
 pub enum MaterialPlace {
-    /// What all of the piece is made of where nothing was painted or laid.
+    /// What all of the clay is made of where nothing was painted or laid.
     Everywhere,
     /// Mass points in a box, map frame, m.
     Box {

@@ -44,8 +44,8 @@ pub(super) fn estimate(positions_map: &[DVec3]) -> Result<Vec<DVec3>, SurfaceErr
             found
         })
         .collect();
-    let planes: Vec<Plane> =
-        around.par_iter().map(|found| Plane::through(positions_map, found)).collect();
+    let planes: Vec<FittedPlane> =
+        around.par_iter().map(|found| FittedPlane::through(positions_map, found)).collect();
     let lines = planes.iter().filter(|plane| plane.is_line).count();
     if 2 * lines > found {
         return Err(SurfaceError::Lines { samples: lines, of: found });
@@ -55,13 +55,13 @@ pub(super) fn estimate(positions_map: &[DVec3]) -> Result<Vec<DVec3>, SurfaceErr
     Ok(orient(positions_map, normals, &spacings_m, &around))
 }
 
-struct Plane {
+struct FittedPlane {
     normal: DVec3,
     spacing_m: f64,
     is_line: bool,
 }
 
-impl Plane {
+impl FittedPlane {
     /// Equation 1 for the first of `found`.
     fn through(positions_map: &[DVec3], found: &[Neighbour]) -> Self {
         let ring = found.iter().filter(|other| other.distance_squared_m2 > 0.0).take(RING);

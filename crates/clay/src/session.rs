@@ -1,4 +1,5 @@
-//! A session as a file: samples, densities, settings and the past of a piece, to go on another day.
+//! A session as a file: samples, densities, settings and the past of a clay model, to go on another
+//! day.
 //!
 //! The container is [`vps::storage::sections`]: versions, little-endian SI, a checksum for each
 //! array. Every moment (now, those that undo goes back to, those that redo goes on to) is one row
@@ -56,8 +57,8 @@ pub enum SessionFileError {
         /// Why.
         reason: Refusal,
     },
-    /// Checksums fit, and yet it makes no piece.
-    #[error("the session {path} makes no piece: {source}")]
+    /// Checksums fit, and yet it makes no clay model.
+    #[error("the session {path} makes no clay model: {source}")]
     Piece {
         /// The file.
         path: PathBuf,
@@ -159,7 +160,7 @@ fn kept<'m>(
 }
 
 impl ClayModel {
-    /// Writes the piece with its past. A stroke under way is not part of it. What was there under
+    /// Writes the clay with its past. A stroke under way is not part of it. What was there under
     /// that name stays until all is written.
     ///
     /// # Errors
@@ -230,7 +231,7 @@ impl ClayModel {
         file.array("positions_m", &positions);
         file.array("normals", &normals);
         file.array("colors", &colors);
-        // A piece without sharp edges needs none.
+        // A clay model without sharp edges needs none.
         if patches.iter().any(|patch| *patch != Patch::default()) {
             file.array("patches", &patches);
         }
@@ -245,8 +246,8 @@ impl ClayModel {
             .map_err(|source| SessionFileError::Io { what: "write", path: path.to_owned(), source })
     }
 
-    /// Reads a piece that [`Self::save_session`] wrote, with the settings and the material that it
-    /// had.
+    /// Reads a clay model that [`Self::save_session`] wrote, with the settings and the material
+    /// that it had.
     ///
     /// # Errors
     /// [`SessionFileError`].

@@ -1,4 +1,4 @@
-//! Solids that work a piece or become one: read, and sampled as densely as they are needed.
+//! Solids that work a clay model or become one: read, and sampled as densely as they are needed.
 
 use std::path::PathBuf;
 
@@ -12,7 +12,7 @@ use vps::mesh::TriangleMesh;
 use vps::mesh::primitives::Shape;
 use vps::spatial::Pose;
 
-/// Samples of a solid that is to work a piece, whatever the spacing of the piece: fewer make no
+/// Samples of a solid that is to work a clay model, whatever the spacing of the clay: fewer make no
 /// surface, more take too long.
 const BESIDE_SAMPLES: (f64, f64) = (500.0, 500_000.0);
 /// How far a shape that is cut into triangles may be off, over the spacing of its samples.
@@ -29,7 +29,7 @@ pub enum Solid {
         metres_per_unit: f64,
         /// Stretched so much along x, y and z; above 0.
         scale: DVec3,
-        /// Between samples of a mesh, m; `None`: about 20,000 samples, or as a piece has them.
+        /// Between samples of a mesh, m; `None`: about 20,000 samples, or as a clay model has them.
         spacing_m: Option<f64>,
     },
     /// A primitive shape.
@@ -38,7 +38,7 @@ pub enum Solid {
         shape: Shape,
         /// Stretched so much along x, y and z; above 0.
         scale: DVec3,
-        /// Between samples, m; `None`: about 20,000 samples, or as a piece has them.
+        /// Between samples, m; `None`: about 20,000 samples, or as a clay model has them.
         spacing_m: Option<f64>,
     },
 }
@@ -92,7 +92,7 @@ impl Solid {
         Ok((n_samples, body.bounds_map(&Pose::IDENTITY).unwrap_or_default()))
     }
 
-    /// The same, not sampled yet where it names no spacing of its own: a piece does
+    /// The same, not sampled yet where it names no spacing of its own: a clay model does
     /// ([`SolidSource::beside`]).
     ///
     /// # Errors
@@ -123,8 +123,8 @@ impl Solid {
         *spacing_m
     }
 
-    /// Its samples, as far apart as those of a piece ([`SolidSource::beside`]), whatever its own
-    /// spacing.
+    /// Its samples, as far apart as those of a clay model ([`SolidSource::beside`]), whatever its
+    /// own spacing.
     ///
     /// # Errors
     /// [`LoadError`].
@@ -137,9 +137,9 @@ impl Solid {
 }
 
 impl SolidSource {
-    /// Its samples: those it has, or as far apart as those of a piece that it is to join or cut;
-    /// nearer where it is so small that it would have hardly any, farther where it would have more
-    /// than half a million.
+    /// Its samples: those it has, or as far apart as those of a clay model that it is to join or
+    /// cut; nearer where it is so small that it would have hardly any, farther where it would have
+    /// more than half a million.
     ///
     /// # Errors
     /// [`SurfaceError`] for a mesh without area.
@@ -190,7 +190,7 @@ mod tests {
 
     #[test]
     #[ignore = "takes long: `cargo test -- --include-ignored`"]
-    fn a_solid_beside_a_piece_has_its_spacing_unless_that_makes_too_few_samples_or_too_many() {
+    fn a_solid_beside_a_clay_model_has_its_spacing_unless_that_makes_too_few_samples_or_too_many() {
         let ball = |radius_m: f64| Solid::Shape {
             shape: Shape::Sphere { radius_m },
             scale: DVec3::ONE,

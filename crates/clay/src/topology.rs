@@ -1,7 +1,7 @@
 //! Pieces of material and of air that no sample bounds, and how the material hangs together.
 //!
 //! Densities may part and join as they like: a tool that pushes through a plate leaves a hole, two
-//! fronts that meet become one, a neck that is pulled thin breaks. What the piece is, the samples
+//! fronts that meet become one, a neck that is pulled thin breaks. What the clay is, the samples
 //! say: connected material without a sample on it (a crumb finer than the samples), and connected
 //! air without one (a bubble), are taken away; samples that no level is left for go as well
 //! ([`AdvectedSamples::lost`](super::advect::AdvectedSamples::lost)).

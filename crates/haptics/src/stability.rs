@@ -132,7 +132,7 @@ impl SampledWall {
     /// Our derivation, see [`is_stable`](Self::is_stable).
     pub fn max_stiffness(&self) -> f64 {
         // Far enough below the boundary to lie in the stable interval, far enough from K = 0 to be
-        // told from it.
+        // distinguished from it.
         let mut stable = 1e-6 * self.linear_rule();
         if !(stable > 0.0 && self.is_stable(stable)) {
             return 0.0;

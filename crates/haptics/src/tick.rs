@@ -22,7 +22,7 @@ use super::stability::filter_delay_s;
 use super::virtual_tool::{Pull, Touch, VirtualTool, squared_share};
 use super::{Drive, DriveRequest, Faults, OffCause, Parameters, RenderScene};
 use vps::contact::{Budget, ContactSum, SimdLevel, Traversal, TraversalMode};
-use vps::density::Frame;
+use vps::density::DensityFrame;
 use vps::spatial::{DeviceSample, Pose, Twist, Wrench};
 
 /// Everything that enters one tick from outside.
@@ -230,7 +230,7 @@ impl State {
         clippy::disallowed_types,
         reason = "made and freed on the cold side, exchanged as a pointer"
     )]
-    pub fn exchange(&mut self, frame: Box<Frame>) -> Box<Frame> {
+    pub fn exchange(&mut self, frame: Box<DensityFrame>) -> Box<DensityFrame> {
         match &mut self.clay {
             Some(held) => held.exchange(frame),
             None => frame,

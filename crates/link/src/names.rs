@@ -286,8 +286,8 @@ mod tests {
             ("größe", "another character"),
             (&long, "200 bytes"),
         ] {
-            let told = text.parse::<Namespace>().expect_err(text).to_string();
-            assert!(told.contains(why) && told.contains("left/arm"), "{text}: {told}");
+            let reported = text.parse::<Namespace>().expect_err(text).to_string();
+            assert!(reported.contains(why) && reported.contains("left/arm"), "{text}: {reported}");
         }
     }
 }

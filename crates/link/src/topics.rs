@@ -263,8 +263,8 @@ mod tests {
     }
 
     #[test]
-    fn a_fault_and_its_cause_are_told_in_names_and_words() {
-        let told = text(Topic::Diagnostics, &record());
+    fn a_fault_and_its_cause_are_reported_in_names_and_words() {
+        let reported = text(Topic::Diagnostics, &record());
         for wanted in [
             "hapticd: faults",
             "speed\0",
@@ -274,7 +274,7 @@ mod tests {
             "velocity\0",
             "sim-sigma7",
         ] {
-            assert!(told.contains(wanted), "{wanted}: {told}");
+            assert!(reported.contains(wanted), "{wanted}: {reported}");
         }
         assert!(text(Topic::OperatingState, &record()).contains("FAULT\0"));
         let calm = text(Topic::Diagnostics, &TickRecord::default());

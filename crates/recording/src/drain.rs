@@ -92,7 +92,7 @@ mod tests {
     use haptics::{Faults, TickOutput};
 
     #[test]
-    fn every_record_is_taken_and_changes_are_told() {
+    fn every_record_is_taken_and_changes_are_reported() {
         let (mut producer, consumer) = rtrb::RingBuffer::new(16);
         for tick in 0..10 {
             let mut output = TickOutput::default();
@@ -106,17 +106,17 @@ mod tests {
             producer.push(TickRecord { tick, output, ..TickRecord::default() }).expect("room");
         }
         drop(producer);
-        let mut told = Vec::new();
+        let mut reported = Vec::new();
         let subscribers = RecordSubscribers::default();
         let (sender, tapped) = std::sync::mpsc::channel();
         subscribers
             .add(Box::new(move |record| record.tick < 5 && sender.send(record.tick).is_ok()));
         let drained = drain(consumer, &subscribers, |watch| match watch {
-            Watch::Drive(record) => told.push((record.tick, "drive")),
-            Watch::Fault(record) => told.push((record.tick, "fault")),
+            Watch::Drive(record) => reported.push((record.tick, "drive")),
+            Watch::Fault(record) => reported.push((record.tick, "fault")),
             Watch::Scene(_) | Watch::Snapshot(_) => {}
         });
-        assert_eq!(told, [(3, "drive"), (7, "drive"), (7, "fault")]);
+        assert_eq!(reported, [(3, "drive"), (7, "drive"), (7, "fault")]);
         assert_eq!(drained.last.map(|record| record.tick), Some(9));
         assert_eq!(drained.summary.ticks(), 10);
         assert_eq!(tapped.iter().collect::<Vec<_>>(), [0, 1, 2, 3, 4], "until it wants no more");

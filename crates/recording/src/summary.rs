@@ -7,7 +7,7 @@ use super::TickRecord;
 use haptics::Faults;
 use vps::spatial::{NamedPose, Pose, SampleStatus, Wrench};
 
-/// Largest latency that is told apart, ns: ten seconds. Longer ones count as this long.
+/// Largest latency that is distinguished, ns: ten seconds. Longer ones count as this long.
 const LONGEST_NS: u64 = 10_000_000_000;
 /// Significant digits of a latency.
 const LATENCY_DIGITS: u8 = 3;

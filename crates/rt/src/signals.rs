@@ -70,7 +70,7 @@ const IGNORED: [libc::c_int; 3] = [libc::SIGXFSZ, libc::SIGTTOU, libc::SIGTTIN];
 
 /// From now on signals end what `control` runs. Once per process.
 ///
-/// A SIGHUP that the caller has told the program to ignore (`nohup`) stays ignored. An ignored
+/// A SIGHUP that the caller has reported the program to ignore (`nohup`) stays ignored. An ignored
 /// SIGINT does not: a shell without job control ignores it for everything in the background, and a
 /// program that moves an arm stops when it is asked to.
 ///
@@ -83,7 +83,7 @@ pub fn end_by_signals(control: &Arc<Control>) -> Result<(), SignalError> {
 }
 
 /// Until signals are caught, an interrupt ends the program at once, also where a shell without job
-/// control has told it to ignore interrupts: for what waits long while an arm moves by itself.
+/// control has reported it to ignore interrupts: for what waits long while an arm moves by itself.
 pub fn interrupt_ends() {
     // SAFETY: SIG_DFL is a valid disposition and runs no code of ours.
     unsafe { libc::signal(libc::SIGINT, libc::SIG_DFL) };
@@ -179,7 +179,7 @@ pub struct Hangups {
 }
 
 /// SIGHUP ends the program from now on only when the terminal has gone, and is counted else; call
-/// it after [`end_by_signals`]. One that the program was told to ignore (`nohup`) stays ignored.
+/// it after [`end_by_signals`]. One that the program was ordered to ignore (`nohup`) stays ignored.
 pub fn hangups() -> Hangups {
     HAD_TERMINAL.store(has_terminal(), Ordering::Relaxed);
     if !is_hangup_ignored() {

@@ -9,7 +9,7 @@ use hdrhistogram::Histogram;
 use super::clock::{Clock, RealClock};
 use super::schedule::{self, MemoryLockRefusal, ThreadRequest, ThreadStanding};
 
-/// Longest lateness that is told apart, ns; anything longer counts as this.
+/// Longest lateness that is distinguished, ns; anything longer counts as this.
 const LONGEST_NS: u64 = 10_000_000_000;
 
 /// Lateness of wake-ups.

@@ -18,11 +18,11 @@ pub(crate) fn main() -> Result<(), Error> {
 
     // Progress: each stage says that it begins, and `Break` would end the bake.
     let ring = Mesh::from_shape(&Shape::Torus { major_m: 14e-3, minor_m: 4e-3 }, 2e-5)?;
-    let told = |stage: BakeStage| {
+    let reported = |stage: BakeStage| {
         println!("ring: {stage:?}");
         ControlFlow::Continue(())
     };
-    Voxmap::bake_with(&ring, &options, told)?.save(folder.join("ring.bake"))?;
+    Voxmap::bake_with(&ring, &options, reported)?.save(folder.join("ring.bake"))?;
     PointShell::bake(
         &Mesh::from_shape(&Shape::Cylinder { radius_m: 9.8e-3, height_m: 30e-3 }, 2e-5)?,
         &options,

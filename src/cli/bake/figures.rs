@@ -77,7 +77,7 @@ pub(in crate::cli) fn clay_text(clay: &ClayReport) -> String {
     format!(
         "clay ({} samples)\n  surface     {} mm between samples, normals: {}, {}, {borders}, \
             {volume}\n  raster      {nx} x {ny} x {nz} mass points {} mm apart, {} nodes over the \
-            whole piece\n  seconds     {:.3}\n",
+            whole model\n  seconds     {:.3}\n",
         clay.samples,
         show(clay.spacing_m * 1e3),
         clay.normals,

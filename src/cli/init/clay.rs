@@ -14,7 +14,7 @@ use vps::mesh::cloud::{self, Contents};
 use vps::mesh::{Format, MeshError};
 use vps::spatial::Metres;
 
-/// What a file has of a piece, in units of the file; in metres where it names its own.
+/// What a file has of a clay model, in units of the file; in metres where it names its own.
 struct InputMesh {
     is_mesh: bool,
     bounds: Option<(DVec3, DVec3)>,
@@ -48,7 +48,7 @@ pub(super) fn init(args: &Args, output: OutputOptions) -> Result<(), ReportedExi
     let (unit, why) = match (args.units, own_unit) {
         (_, Some(own)) => (own, "of the file, which names it itself".to_owned()),
         (Some(unit), None) => (unit.into(), "of the file".to_owned()),
-        (None, None) => guessed(longest, "the piece", output),
+        (None, None) => guessed(longest, "the clay", output),
     };
     let metres = if own_unit.is_some() { 1.0 } else { unit.metres() };
     let folder = place.folder();

@@ -14,7 +14,7 @@ struct Command {
 }
 
 /// What is said of an arm of which that was found.
-fn told(
+fn reported(
     line: &str,
     found: &ProbeResult,
     ended: Option<ProbeEnd>,
@@ -54,7 +54,7 @@ fn at(position_m: DVec3) -> ProbeResult {
 #[test]
 fn a_place_beyond_the_workspace_is_not_ok() {
     let position =
-        |profile, x_m| row(&told(profile, &at(DVec3::X * x_m), None, None), "position").clone();
+        |profile, x_m| row(&reported(profile, &at(DVec3::X * x_m), None, None), "position").clone();
     assert_eq!(position("open6-serial", 0.1).standing, Standing::Good);
     let far = position("open6-serial", 374.0);
     assert_eq!(far.standing, Standing::Bad);
@@ -73,7 +73,7 @@ fn what_no_sample_said_is_not_known() {
         answers: Answers { ticks: 1000, ..Answers::default() },
         ..ProbeResult::default()
     };
-    let findings = told("open6-serial", &nothing, None, None);
+    let findings = reported("open6-serial", &nothing, None, None);
     let standing = |name| row(&findings, name).standing;
     assert_eq!(
         (standing("answers"), standing("arm"), standing("position")),
@@ -86,7 +86,7 @@ fn all_is_right_when_every_axis_was_pushed() {
     let mut found = at(DVec3::ZERO);
     found.signs[..3].fill(Some(Sign::Right));
     let is_all = |profile: &str, found: &ProbeResult| {
-        let findings = told(&format!("{profile} --sign-check"), found, None, None);
+        let findings = reported(&format!("{profile} --sign-check"), found, None, None);
         findings.iter().any(|finding| finding.found.contains("signs_verified = true"))
     };
     assert!(
@@ -102,7 +102,8 @@ fn all_is_right_when_every_axis_was_pushed() {
 #[test]
 fn why_nothing_was_pushed_is_said() {
     let end = |ended, name: &str| {
-        row(&told("leader-arm-6 --sign-check", &at(DVec3::ZERO), Some(ended), None), name).clone()
+        row(&reported("leader-arm-6 --sign-check", &at(DVec3::ZERO), Some(ended), None), name)
+            .clone()
     };
     let not_homed = end(ProbeEnd::NotHomed, "not homed");
     assert_eq!((not_homed.standing, not_homed.found.as_str()), (Standing::Bad, "nothing pushed"));
@@ -125,20 +126,24 @@ fn why_nothing_was_pushed_is_said() {
 }
 
 #[test]
-fn a_profile_that_asks_for_more_than_the_arm_has_is_told() {
+fn a_profile_that_asks_for_more_than_the_arm_has_is_reported() {
     let has = DeclaredLimits {
         rate_hz: 1000,
         force_n: 4.0,
         torque_nm: f64::from(0.2_f32),
         workspace_radius_m: f64::from(0.12_f32),
     };
-    let findings = told("open6-serial", &at(DVec3::ZERO), None, Some(has));
+    let findings = reported("open6-serial", &at(DVec3::ZERO), None, Some(has));
     assert_eq!(
         row(&findings, "profile asks more").found,
         "limits.force_n = 8, the arm has 4.0000 N"
     );
-    let enough =
-        told("open6-serial", &at(DVec3::ZERO), None, Some(DeclaredLimits { force_n: 8.0, ..has }));
+    let enough = reported(
+        "open6-serial",
+        &at(DVec3::ZERO),
+        None,
+        Some(DeclaredLimits { force_n: 8.0, ..has }),
+    );
     assert!(enough.iter().all(|finding| finding.name != "profile asks more"));
 }
 

@@ -26,7 +26,7 @@ fn args(line: &str) -> Result<LoopArgs, clap::Error> {
 fn synthetic() -> Prepared {
     Prepared {
         scene: Arc::try_unwrap(empty_scene()).expect("not shared"),
-        piece: None,
+        model: None,
         device: Box::new(SimArm::new(SimParameters::ideal(1e-3)).expect("valid")),
         attached: None,
         realtime: RealtimeConfig { enforce: true, cpu: None, priority: 80 },

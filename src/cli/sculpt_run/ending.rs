@@ -43,7 +43,7 @@ pub(super) fn wait(
         }
         std::thread::sleep(LOOK);
     }
-    thread.join().map_err(|why| (why, "this is a bug of hapticd: the piece is lost"))
+    thread.join().map_err(|why| (why, "this is a bug of hapticd: the clay is lost"))
 }
 
 /// An order after the last tick; `None`: the engine panicked. What else there is to be written is

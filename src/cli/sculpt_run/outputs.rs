@@ -1,4 +1,4 @@
-//! What is to be written of a piece, and whether it can be: looked at before the work.
+//! What is to be written of a clay model, and whether it can be: looked at before the work.
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -12,9 +12,9 @@ use clay::{ClayModel, PointSet};
 use picture::splats::{self, ClaySnapshot, MassPoints, SampleForm};
 use vps::mesh;
 
-/// Drawings of the piece at the start and at the end.
+/// Drawings of the clay at the start and at the end.
 pub(super) struct Pictures {
-    /// Above the piece.
+    /// Above the clay.
     pub(super) title: String,
     /// What the files' names begin with.
     pub(super) name: String,

@@ -1,5 +1,5 @@
-//! A first scene for a piece of clay: how large the brush and the ball in the hand are, and where
-//! it begins.
+//! A first scene for a clay model of clay: how large the brush and the ball in the hand are, and
+//! where it begins.
 
 use std::fmt::Write as _;
 
@@ -7,7 +7,7 @@ use glam::DVec3;
 
 use super::{Unit, arm_scale, quoted, remarked, shown, two_digits, write_head};
 
-/// Radius of the ball in the hand, of the brush, and the air around the piece, as shares of its
+/// Radius of the ball in the hand, of the brush, and the air around the clay, as shares of its
 /// longest edge.
 const BALL_SHARE: f64 = 0.08;
 const BRUSH_SHARE: f64 = 0.15;
@@ -17,7 +17,7 @@ const MOST_M: f64 = 1.0;
 /// Voxels of the ball along its radius.
 const BALL_VOXELS: f64 = 6.0;
 
-/// What a piece is made of.
+/// What a clay model is made of.
 #[derive(Clone, Debug)]
 pub struct ClayDraft {
     /// Path as the scene is to name it: relative to the scene file.
@@ -78,7 +78,7 @@ impl ClayDraft {
         remarked(
             text,
             &format!("air_mm = {}", mm(share(AIR_SHARE))),
-            "around the piece, for what is pulled out of it",
+            "around the clay, for what is pulled out of it",
         )?;
         remarked(
             text,
@@ -93,7 +93,7 @@ impl ClayDraft {
             "spacing of its points",
         )?;
         let [x, y, z] = start_m.to_array().map(mm);
-        remarked(text, &format!("start_position_mm = [{x}, {y}, {z}]"), "above the piece")?;
+        remarked(text, &format!("start_position_mm = [{x}, {y}, {z}]"), "above the clay")?;
         writeln!(text, "\n[device]")?;
         remarked(
             text,
@@ -107,7 +107,7 @@ impl ClayDraft {
         )?;
         let scale = arm_scale(0.5 * longest_m + 2.0 * ball_m);
         if scale != 1.0 {
-            writeln!(text, "# The piece is larger than the space in which the arm's grip moves.")?;
+            writeln!(text, "# The clay is larger than the space in which the arm's grip moves.")?;
         }
         remarked(
             text,

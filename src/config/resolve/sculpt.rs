@@ -43,7 +43,7 @@ const DAMPING_N_S_PER_M: Interval = Interval::from(*Material::DAMPING_N_S_PER_M.
     .unit("N·s/m");
 const STIFFNESS_N_PER_M: Interval = POSITIVE.to(Material::STIFFNESS_MAX_N_PER_M).unit("N/m");
 
-/// What a session does not bring: how the piece stands, its tool, and how it is worked.
+/// What a session does not bring: how the clay stands, its tool, and how it is worked.
 const BESIDE_SESSION: [&str; 14] = [
     "session",
     "position_mm",
@@ -75,7 +75,7 @@ impl Resolve<'_> {
         }
         let source = self.clay_source(written);
         let region_map = self.region_m("sculpt.region_mm", written.region_mm.as_deref());
-        let settings = self.piece(written, region_map);
+        let settings = self.model(written, region_map);
         SculptConfig {
             source,
             world_from_map: self.pose("sculpt", written.position_mm, written.orientation_xyzw),
@@ -112,7 +112,7 @@ impl Resolve<'_> {
         ClaySource::Session(path.unwrap_or_default())
     }
 
-    fn piece(&mut self, written: &schema::Sculpt, region_map: Option<(DVec3, DVec3)>) -> Settings {
+    fn model(&mut self, written: &schema::Sculpt, region_map: Option<(DVec3, DVec3)>) -> Settings {
         let own = Settings::default();
         let Material {
             mass_kg,
@@ -352,7 +352,7 @@ impl Resolve<'_> {
         let key = |name: &str| format!("{table}.{name}");
         let length = |most_mm: f64| POSITIVE.to(most_mm).unit("mm");
         ToolSettings {
-            craft: written.tool.map_or(before.craft, Into::into),
+            kind: written.tool.map_or(before.kind, Into::into),
             brush_m: self.checks.number(
                 &key("brush_mm"),
                 written.brush_mm,
@@ -462,7 +462,7 @@ mod tests {
     use clay::engine::SculptTool;
 
     #[test]
-    fn a_craft_has_the_word_of_the_scene() {
+    fn a_tool_has_the_word_of_the_scene() {
         use schema::CraftWord::*;
         for word in [
             Touch,

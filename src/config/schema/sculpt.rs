@@ -1,4 +1,4 @@
-//! `[sculpt]` of a scene, and files of strokes: what both say of a piece of clay, its tool and
+//! `[sculpt]` of a scene, and files of strokes: what both say of a clay model of clay, its tool and
 //! other solids.
 
 use schemars::JsonSchema;
@@ -260,7 +260,7 @@ impl Deed {
     ];
 }
 
-/// `painted`: what the craft material paints.
+/// `painted`: what the tool material paints.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, expecting = "a table such as { stiffness = 500.0 }")]
 #[schemars(rename = "Painted")]

@@ -1,4 +1,4 @@
-//! Whether the solids of strokes fit the piece that they join and cut: a wrong unit is a factor of
+//! Whether the solids of strokes fit the clay that they join and cut: a wrong unit is a factor of
 //! a thousand.
 
 use std::path::Path;
@@ -13,8 +13,8 @@ use clay::engine::SculptOrder;
 use document::{ConfigErrors, Document, Problem, ProblemKind};
 use vps::spatial::Metres;
 
-/// A solid so many times as large as the piece, or the piece as the solid, is a wrong unit: what is
-/// that much larger has hardly a sample where the piece is, and what is that much smaller is finer
+/// A solid so many times as large as the clay, or the clay as the solid, is a wrong unit: what is
+/// that much larger has hardly a sample where the clay is, and what is that much smaller is finer
 /// than its samples.
 const LARGEST: f64 = 100.0;
 
@@ -53,18 +53,18 @@ impl Size {
 }
 
 impl Script {
-    /// Holds the solids against a piece, by the boxes around both (map frame, m). What cannot be
-    /// meant is an error; gives what looks odd: solids that stand away from the piece and from all
-    /// that was joined with it before.
+    /// Holds the solids against a clay model, by the boxes around both (map frame, m). What cannot
+    /// be meant is an error; gives what looks odd: solids that stand away from the clay and from
+    /// all that was joined with it before.
     ///
     /// # Errors
-    /// Solids a hundred times as large or as small as the piece.
-    pub fn fit(&self, piece: (DVec3, DVec3)) -> Result<Vec<Problem>, ConfigErrors> {
+    /// Solids a hundred times as large or as small as the clay.
+    pub fn fit(&self, model: (DVec3, DVec3)) -> Result<Vec<Problem>, ConfigErrors> {
         let longest = |(low, high): (DVec3, DVec3)| (high - low).max_element();
-        let piece_m = longest(piece);
+        let clay_m = longest(model);
         let mut wrong = Vec::new();
         let mut odd = Vec::new();
-        let (mut low, mut high) = piece;
+        let (mut low, mut high) = model;
         for timed in &self.orders {
             let (SculptOrder::Combine { boolean, with, map_from_body, .. }, Some(size)) =
                 (&timed.order, &timed.size)
@@ -73,19 +73,19 @@ impl Script {
             };
             let Some(solid) = with.bounds_map(map_from_body) else { continue };
             let solid_m = longest(solid);
-            let ratio = solid_m / piece_m;
+            let ratio = solid_m / clay_m;
             if !(1.0 / LARGEST..=LARGEST).contains(&ratio) {
                 let right = if size.has_unit {
-                    "is this unit right, and that of the piece?"
+                    "is this unit right, and that of the clay?"
                 } else {
                     "shapes are in mm: are these?"
                 };
                 wrong.push(size.problem(
                     &self.file,
                     format!(
-                        "the solid is {} across, the piece {}; {right}",
+                        "the solid is {} across, the clay {}; {right}",
                         Metres(solid_m),
-                        Metres(piece_m)
+                        Metres(clay_m)
                     ),
                 ));
                 continue;
@@ -93,9 +93,9 @@ impl Script {
             let away_m = (solid.0 - high).max(low - solid.1).max(DVec3::ZERO).length();
             if away_m > longest((low, high)) {
                 let found = format!(
-                    "the solid stands {} away from the piece, which is {} across",
+                    "the solid stands {} away from the clay, which is {} across",
                     Metres(away_m),
-                    Metres(piece_m)
+                    Metres(clay_m)
                 );
                 odd.push(size.problem(
                     &self.file,

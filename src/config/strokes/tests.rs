@@ -33,7 +33,7 @@ fn strokes_come_in_the_order_of_their_times() {
     let seconds: Vec<f64> = orders.iter().map(|timed| timed.at.as_secs_f64()).collect();
     assert_eq!(seconds, [0.5, 1.0, 2.0, 2.0, 2.0]);
     let SculptOrder::Take(tool) = &orders[0].order else { panic!("{orders:?}") };
-    assert_eq!((tool.craft, tool.brush_m, tool.color), (SculptTool::Pull, 4e-3, [1, 2, 255]));
+    assert_eq!((tool.kind, tool.brush_m, tool.color), (SculptTool::Pull, 4e-3, [1, 2, 255]));
     assert_eq!(tool.falloff, Falloff::Table(vec![1.0, 0.5, 0.0]));
     assert_eq!(tool.depth_m, ToolSettings::default().depth_m);
     assert!(matches!(orders[1].order, SculptOrder::Hold(true)));
@@ -51,7 +51,7 @@ fn a_material_is_taken_as_a_whole_and_stays_where_none_is_written() {
             read(&format!("[[stroke]]\nat_s = 0\ndo = \"take\"\ntool = \"material\"\n{written}\n"))
                 .unwrap();
         let SculptOrder::Take(tool) = &orders[0].order else { panic!("{orders:?}") };
-        assert_eq!(tool.craft, SculptTool::Material);
+        assert_eq!(tool.kind, SculptTool::Material);
         tool.painted
     };
     let stiff = Painted { stiffness_n_per_m: Some(300.0), ..Painted::default() };
@@ -348,8 +348,8 @@ fn every_mistake_is_named_with_its_line_and_what_would_do() {
 }
 
 #[test]
-fn solids_of_a_wrong_unit_are_told_from_those_that_fit_a_piece() {
-    let piece = (DVec3::splat(-0.018), DVec3::splat(0.018));
+fn solids_of_a_wrong_unit_are_distinguished_from_those_that_fit_a_clay_model() {
+    let model = (DVec3::splat(-0.018), DVec3::splat(0.018));
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("s.toml");
     let corner = "v 0 0 0\nv 10 0 0\nv 0 10 0\nv 0 0 10\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
@@ -357,28 +357,28 @@ fn solids_of_a_wrong_unit_are_told_from_those_that_fit_a_piece() {
     let fitted = |text: &str| {
         fs::write(&path, format!("version = 1\n[[stroke]]\nat_s = 1\n{text}\n")).unwrap();
         let script = load(&path, &ToolSettings::default()).unwrap();
-        let told =
+        let reported =
             |problems: &[Problem]| problems.iter().map(Problem::to_string).collect::<String>();
-        script.fit(piece).map(|odd| told(&odd)).map_err(|errors| told(errors.problems()))
+        script.fit(model).map(|odd| reported(&odd)).map_err(|errors| reported(errors.problems()))
     };
     assert_eq!(fitted("do = \"union\"\nmesh = \"corner.obj\"\nunits = \"mm\""), Ok(String::new()));
     let wrong = fitted("do = \"union\"\nmesh = \"corner.obj\"\nunits = \"m\"").unwrap_err();
     let expected = "s.toml:6: stroke at 1 s (line 2): units = \"m\": the solid is 10 m across, the \
-        piece 36 mm; is this unit right, and that of the piece?";
+        model 36 mm; is this unit right, and that of the clay?";
     assert!(wrong.ends_with(expected), "{wrong}");
     let wrong = fitted("do = \"difference\"\nshape = { sphere_mm = 0.1 }").unwrap_err();
     assert!(
         wrong.contains("s.toml:5:")
-            && wrong.contains("0.2 mm across, the piece 36 mm; shapes are in mm"),
+            && wrong.contains("0.2 mm across, the clay 36 mm; shapes are in mm"),
         "{wrong}"
     );
     let odd = fitted("do = \"union\"\nshape = { box_mm = [2, 2, 2] }\nposition_mm = [100, 0, 0]")
         .unwrap();
     assert!(
-        odd.contains("the solid stands 81 mm away from the piece, which is 36 mm across"),
+        odd.contains("the solid stands 81 mm away from the clay, which is 36 mm across"),
         "{odd}"
     );
-    // What was joined before is of the piece.
+    // What was joined before is of the clay.
     let bridge = "do = \"union\"\nshape = { box_mm = [80, 4, 4] }\nposition_mm = [50, 0, \
         0]\n[[stroke]]\nat_s = 2\n";
     assert_eq!(

@@ -129,7 +129,7 @@ impl ClayHandle {
 
     /// The newest view of the clay; `None` before the first one. Views are made while a client
     /// looks, some tens of times a second: the one after a long silence is as old as that. During a
-    /// stroke the samples of a large piece come less often: copying them takes at most a tenth of
+    /// stroke the samples of a large model come less often: copying them takes at most a tenth of
     /// the thread's time.
     pub fn view(&self) -> Option<Arc<ClayView>> {
         // Relaxed: one view sooner or later makes no difference.

@@ -1,7 +1,7 @@
 //! Sculpting: the thread of the clay, beside the loop.
 //!
 //! ```text
-//!  servo ──ToolState──► thread `clay`: SculptEngine ──Frame──► servo
+//!  servo ──ToolState──► thread `clay`: SculptEngine ──DensityFrame──► servo
 //!                           ▲               │
 //!  page ──► ClayHandle ─────┤               └──► ClayView ──► ClayHandle ──► page
 //!  script ──────────────────┘
@@ -10,7 +10,7 @@
 //! time: one update, and one frame, for every so many states; two runs give the same bits.
 //!
 //! An engine that panics takes nothing along: its slot is abandoned, the tick goes on with the last
-//! frame and lets go of the rope, and the piece comes back with what had been done until then.
+//! frame and lets go of the rope, and the clay comes back with what had been done until then.
 
 mod duty_cycle;
 mod handle;
@@ -90,7 +90,7 @@ pub struct SculptReport {
     pub strokes: u64,
     /// Strokes that stand taken back at the end, and could be done again.
     pub taken_back: usize,
-    /// Samples of the piece at the start.
+    /// Samples of the clay at the start.
     pub samples_before: usize,
     /// And at the end.
     pub samples: usize,
@@ -114,7 +114,7 @@ pub struct SculptReport {
 pub struct SculptOutcome {
     /// What it has to say.
     pub report: SculptReport,
-    /// The piece, the tool and the past, for saving: [`SculptEngine::order`] still works.
+    /// The clay, the tool and the past, for saving: [`SculptEngine::order`] still works.
     pub engine: SculptEngine,
 }
 

@@ -17,7 +17,7 @@ use crate::servo::{ClayFeed, FramePublishError, ToolState, Waiting};
 use clay::boolean::Boolean;
 use clay::engine::{EngineError, HoldOutcome, SculptEngine, SculptOrder, ToolMotion};
 use rt::clock::ClockKind;
-use vps::density::Frame;
+use vps::density::DensityFrame;
 
 /// Time from one view to the next, at least.
 const VIEW_PERIOD: Duration = Duration::from_micros(33_333);
@@ -43,7 +43,7 @@ struct Worker<'s> {
     report: &'s mut SculptReport,
     feed: ClayFeed,
     /// The caller that waits for the thread has given the loop up.
-    is_told_over: Arc<AtomicBool>,
+    is_reported_over: Arc<AtomicBool>,
     orders: Receiver<WaitingOrder>,
     view: Arc<ViewCell>,
     plan: SculptPlan,
@@ -79,7 +79,7 @@ pub(super) fn spawn(
                 engine: &mut engine,
                 report: &mut report,
                 feed,
-                is_told_over: is_over,
+                is_reported_over: is_over,
                 orders,
                 view,
                 plan,
@@ -104,7 +104,7 @@ pub(super) fn spawn(
                 .filter(|left| !matches!(left.order, SculptOrder::Hold(false)))
                 .count();
             worker.engine.finish();
-            worker.note_trouble();
+            worker.note_problem();
             result
         });
         // The feed goes with the closure: the loop learns at once that there will be no more
@@ -144,7 +144,7 @@ fn words_of(panic: &(dyn Any + Send)) -> String {
 
 impl Worker<'_> {
     fn is_over(&self) -> bool {
-        self.feed.is_over() || self.is_told_over.load(Ordering::Relaxed)
+        self.feed.is_over() || self.is_reported_over.load(Ordering::Relaxed)
     }
 
     fn period_s(&self) -> f64 {
@@ -167,7 +167,7 @@ impl Worker<'_> {
                     n_heard = 0;
                     self.take_orders();
                     self.engine.advance(self.period_s());
-                    self.note_trouble();
+                    self.note_problem();
                     self.show_and_wait()?;
                     self.look();
                 }
@@ -205,7 +205,7 @@ impl Worker<'_> {
             self.take_orders();
             let begin = Instant::now();
             let has_changed = self.engine.advance(self.period_s());
-            self.note_trouble();
+            self.note_problem();
             // A frame that finds no spare waits for the next update: what it would have shown is in
             // that one as well.
             if has_changed {
@@ -320,7 +320,7 @@ impl Worker<'_> {
 
     /// What went wrong by itself; where a hold of the script took hold of nothing, that stroke has
     /// failed.
-    fn note_trouble(&mut self) {
+    fn note_problem(&mut self) {
         let grip = self.engine.grip();
         let missed = if grip == HoldOutcome::None { None } else { self.hold.take() }
             .filter(|_| grip == HoldOutcome::Missed);
@@ -337,14 +337,14 @@ impl Worker<'_> {
     }
 
     /// A stroke whose densities cannot be touched has never been; what was there before it can.
-    fn show(&mut self, mut frame: Box<Frame>) -> Result<(), Unshowable> {
+    fn show(&mut self, mut frame: Box<DensityFrame>) -> Result<(), Unshowable> {
         self.engine.show(&mut frame);
         let (error, mut frame) = match self.feed.publish(frame) {
             Err((FramePublishError::Frame(error), frame)) => (error, frame),
             _ => return Ok(()),
         };
         self.engine.give_up_stroke(&error.to_string());
-        self.note_trouble();
+        self.note_problem();
         self.engine.show(&mut frame);
         match self.feed.publish(frame) {
             Err((error @ FramePublishError::Frame(_), _)) => Err(Unshowable(error)),

@@ -9,9 +9,9 @@
 
 mod files;
 mod requests;
+mod select_tool;
 mod shaping;
 mod splats;
-mod take;
 mod uploads;
 
 use core::time::Duration;
@@ -26,9 +26,9 @@ use serde_json::{Value, json};
 pub use files::plain_name;
 pub(super) use files::{SaveKind, save};
 pub(super) use requests::{hold, order, step, take};
+pub(super) use select_tool::TakeAsked;
 pub(super) use shaping::{CombineAsked, DrawAsked, LayAsked, PullAsked, RegionAsked};
 pub(super) use splats::Splats;
-pub(super) use take::TakeAsked;
 pub(super) use uploads::{
     IMAGE_BYTES_MAX, SOLID_BYTES_MAX, SolidAsked, VALUES_BYTES_MAX, ValuesAsked, image_of,
     solid_of, values_of,
@@ -71,7 +71,7 @@ pub struct ClayParts {
     /// Where it stands.
     pub world_from_map: Pose,
     /// What the tool does at the start.
-    pub craft: SculptTool,
+    pub kind: SculptTool,
     /// Where clients may save; `None`: nowhere.
     pub folder: Option<PathBuf>,
     /// The session that is written when the run ends, if one is.
@@ -94,14 +94,14 @@ pub(super) struct ClayService {
 }
 
 struct LastView {
-    craft: SculptTool,
+    kind: SculptTool,
     trouble: Option<Arc<str>>,
 }
 
 impl ClayService {
     pub(super) fn new(parts: ClayParts) -> Self {
-        let ClayParts { access, world_from_map, craft, folder, session_at_end } = parts;
-        let last_view = LastView { craft, trouble: None };
+        let ClayParts { access, world_from_map, kind, folder, session_at_end } = parts;
+        let last_view = LastView { kind, trouble: None };
         Self {
             access,
             world_from_map,
@@ -143,7 +143,7 @@ impl ClayService {
     pub(super) fn facts(&self, view: &ClayView, is_held: bool) -> Value {
         let tool = &view.tool;
         let (low, high) = view.region_map;
-        let (least_m, most_m) = take::brush_range(view);
+        let (least_m, most_m) = select_tool::brush_range(view);
         json!({
             "version": view.version,
             "samples": view.points.len(),
@@ -152,12 +152,12 @@ impl ClayService {
             "region_map": { "min": low.to_array(), "max": high.to_array() },
             "raster": view.raster,
             "curves_map": view.curves_map.iter().map(|curve| curve.iter().map(DVec3::to_array).collect()).collect::<Vec<Vec<_>>>(),
-            "craft": tool.craft.name(),
+            "craft": tool.kind.name(),
             "crafts": SculptTool::NAMES.map(|(name, _)| name),
             "brush_m": tool.brush_m,
             "brush_range_m": [least_m, most_m],
             "falloff": tool.falloff.to_string(),
-            "color": take::color_text(tool.color),
+            "color": select_tool::color_text(tool.color),
             "painted": properties(tool.painted),
             "paints": properties(tool.painted.or_harder(&view.material)),
             "material": properties(Painted {

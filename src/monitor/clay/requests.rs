@@ -9,7 +9,7 @@ use super::{ClayService, TakeAsked};
 use crate::daemon::sculpting::OrderError;
 use clay::engine::{ClayView, SculptOrder};
 
-/// Another craft or other settings. What the hand feels of that goes through the same limits as all
+/// Another tool or other settings. What the hand feels of that goes through the same limits as all
 /// else.
 pub(in crate::monitor) fn take(hub: &Arc<Hub>, asked: TakeAsked, reply: Reply) {
     order(hub, |view| asked.checked(view).map(SculptOrder::Adjust), reply);
@@ -102,22 +102,22 @@ impl ClayService {
         let Some(view) = (!hub.clients().is_empty()).then(|| self.access.view()).flatten() else {
             return;
         };
-        let (craft, trouble) = {
+        let (kind, trouble) = {
             let mut last_view = self.last_view.lock().unwrap_or_else(PoisonError::into_inner);
-            let before = core::mem::replace(&mut last_view.craft, view.tool.craft);
-            let craft = (before != view.tool.craft).then_some(view.tool.craft);
+            let before = core::mem::replace(&mut last_view.kind, view.tool.kind);
+            let kind = (before != view.tool.kind).then_some(view.tool.kind);
             let before = last_view.trouble.replace(view.trouble.clone()).unwrap_or_default();
             (
-                craft,
+                kind,
                 (before != view.trouble && !view.trouble.is_empty()).then(|| view.trouble.clone()),
             )
         };
-        if let Some(craft) = craft {
+        if let Some(kind) = kind {
             hub.tell(
                 "clay",
                 None,
-                &format!("the tool is for `{craft}` now"),
-                &["took", craft.name()],
+                &format!("the tool is for `{kind}` now"),
+                &["took", kind.name()],
             );
         }
         if let Some(trouble) = trouble {

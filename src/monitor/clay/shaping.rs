@@ -9,7 +9,7 @@ use serde_json::Value;
 
 use super::super::asks::PoseAsked;
 use super::super::problem::RequestError;
-use super::take::{PaintedAsked, falloff_of, painted_of};
+use super::select_tool::{PaintedAsked, falloff_of, painted_of};
 use clay::SolidSource;
 use clay::boolean::Boolean;
 use clay::engine::{ClayView, RopeCurves, SculptOrder};
@@ -358,7 +358,7 @@ mod tests {
     }
 
     #[test]
-    fn a_boolean_takes_a_shape_of_the_size_of_the_piece_or_the_chosen_solid() {
+    fn a_boolean_takes_a_shape_of_the_size_of_the_clay_or_the_chosen_solid() {
         let view = view_of(PointSet::default(), 1);
         let ask = |asked: Value| read::<CombineAsked>(asked).checked(&view);
         assert!(matches!(

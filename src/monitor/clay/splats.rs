@@ -21,19 +21,19 @@ const HEAD_BYTES: usize = 32;
 const SAMPLE_BYTES: usize = 20;
 /// Samples on a page: 2 MB.
 const MOST_SAMPLES: usize = 100_000;
-/// The spacing around each sample is told in units of which the mean one has this many, or up to
-/// twice as many.
+/// The spacing around each sample is reported in units of which the mean one has this many, or up
+/// to twice as many.
 const MEAN_PARTS: f64 = 32.0;
 /// By how much cells grow until few enough samples are left.
 const GROWTH: f64 = 1.15;
 
 /// What making samples ready may take of the time of its thread.
 const SHARE: f64 = 0.2;
-/// Each client gets at most so much of a piece that changes all the time.
+/// Each client gets at most so much of a clay model that changes all the time.
 const MOST_BYTES_PER_S: f64 = 10e6;
 
 /// The newest samples that a client asked for. During a stroke they are as new as making and
-/// sending them is cheap: those of a large piece are older than its newest view.
+/// sending them is cheap: those of a large model are older than its newest view.
 #[derive(Clone, Debug)]
 pub(in crate::monitor) struct Splats {
     made: Arc<Mutex<Made>>,
@@ -115,7 +115,7 @@ fn encoded(view: &ClayView, most: usize) -> Vec<u8> {
     let kept = thinned(points, view.spacing_m, most);
     let n_kept = kept.as_ref().map_or(points.len(), Vec::len);
     let spacing_m = view.spacing_m * (points.len() as f64 / n_kept.max(1) as f64).sqrt();
-    // A power of two: where the mean changes a little, no sample is told anew.
+    // A power of two: where the mean changes a little, no sample is reported anew.
     let unit_m =
         if spacing_m.is_normal() { spacing_m.log2().floor().exp2() / MEAN_PARTS } else { 0.0 };
     let mut bytes = Vec::with_capacity(HEAD_BYTES + SAMPLE_BYTES * n_kept);
@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn every_sample_is_told_as_it_is() {
+    fn every_sample_is_reported_as_it_is() {
         let view = view_of(ball(500), 3);
         let bytes = encoded(&view, 500);
         assert_eq!(bytes.len(), HEAD_BYTES + 500 * SAMPLE_BYTES);
@@ -228,22 +228,25 @@ mod tests {
     }
 
     #[test]
-    fn the_spacing_around_each_sample_is_told_in_a_unit_that_rarely_changes() {
+    fn the_spacing_around_each_sample_is_reported_in_a_unit_that_rarely_changes() {
         let mut view = view_of(ball(6), 1);
         view.spacings_m = [1e-3, 0.25e-3, 2e-3, 9e-3, 0.0].into();
-        let told = |view: &ClayView| {
+        let reported = |view: &ClayView| {
             (0..6).map(|n| encoded(view, 6)[HEAD_BYTES + n * SAMPLE_BYTES + 15]).collect::<Vec<_>>()
         };
         let unit_m = |view: &ClayView| f32::from_bits(word(&encoded(view, 6), 28));
         // 1 mm is 32.768 of 2⁻¹⁵ m; the last sample has no spacing of its own.
-        assert_eq!((unit_m(&view), told(&view)), (2.0_f32.powi(-15), vec![33, 8, 66, 255, 1, 33]));
+        assert_eq!(
+            (unit_m(&view), reported(&view)),
+            (2.0_f32.powi(-15), vec![33, 8, 66, 255, 1, 33])
+        );
         view.spacing_m = 1.2e-3;
         assert_eq!(
-            (unit_m(&view), told(&view)[..5].to_vec()),
+            (unit_m(&view), reported(&view)[..5].to_vec()),
             (2.0_f32.powi(-15), vec![33, 8, 66, 255, 1])
         );
         view.is_stroke = true;
-        assert_eq!(told(&view), [39, 39, 66, 255, 39, 39]);
+        assert_eq!(reported(&view), [39, 39, 66, 255, 39, 39]);
     }
 
     #[test]

@@ -108,7 +108,7 @@ fn bench() -> Bench {
     hub.sculpts(ClayParts {
         access,
         world_from_map: Pose::IDENTITY,
-        craft: SculptTool::default(),
+        kind: SculptTool::default(),
         folder: folder_of_clay,
         session_at_end: Some("/there/ball.session".into()),
     });
@@ -179,12 +179,12 @@ fn a_scene_without_clay_says_so() {
 }
 
 #[test]
-fn settings_are_asked_for_as_a_change_and_told_as_the_view_has_them() {
+fn settings_are_asked_for_as_a_change_and_reported_as_the_view_has_them() {
     let bench = bench();
     let asked = json!({ "craft": "paint", "brush_m": 0.003, "color": "#102030" });
     assert_eq!(answer_of(|reply| take(&bench.hub, took(asked), reply)), Ok(Completion::Nothing));
     let expected = ToolChange {
-        craft: Some(SculptTool::Paint),
+        kind: Some(SculptTool::Paint),
         brush_m: Some(0.003),
         color: Some([0x10, 0x20, 0x30]),
         ..ToolChange::default()
@@ -224,7 +224,7 @@ fn settings_are_asked_for_as_a_change_and_told_as_the_view_has_them() {
 }
 
 #[test]
-fn what_is_not_saved_and_what_will_be_is_told() {
+fn what_is_not_saved_and_what_will_be_is_reported() {
     let bench = bench();
     assert_eq!(
         ["is_unsaved", "session_at_end", "is_over"].map(|key| bench.facts()[key].clone()),

@@ -208,9 +208,9 @@ fn what_a_person_lowered_holds_until_a_person_raises_it() {
             .set("contact_stiffness_n_per_m", 0.5 * parameters().contact.stiffness_n_per_m)
             .expect("room");
         queue.receive(&mut scene, rendered_idx);
-        let told = [queue.next_change(), queue.next_change()];
+        let reported = [queue.next_change(), queue.next_change()];
         assert!(controls.take_replaced().is_some() && controls.scene_idx() == rendered_idx);
-        (told, setting(controls, LiveParameter::ForceLimit).value)
+        (reported, setting(controls, LiveParameter::ForceLimit).value)
     };
     // The value of the scene is not lowered.
     controls.set(name, all_n).expect("room");
@@ -258,7 +258,7 @@ fn the_newest_order_for_the_hand_counts_from_the_read_after_it() {
     assert_eq!((controls.hand(HandOrder::Restart), controls.hand_use()), (Ok(1), None));
     assert_eq!(controls.hand(HandOrder::MoveTo(at(0.1))), Ok(2));
     assert!(controls.hand(HandOrder::MoveTo(at(f64::NAN))).is_err());
-    // Nothing has been told yet when the arm is read in the tick that takes them.
+    // Nothing has been reported yet when the arm is read in the tick that takes them.
     queue.receive(&mut scene, 0);
     queue.note_read(monotonic_ns());
     assert_eq!(controls.hand_use(), None);

@@ -398,7 +398,7 @@ fn every_command_says_what_is_wrong_with_it_and_what_would_do() {
     let after = daemon.get("/api/v1/clay");
     for key in [
         "version",
-        "craft",
+        "kind",
         "brush_m",
         "falloff",
         "color",
@@ -426,7 +426,7 @@ fn every_command_says_what_is_wrong_with_it_and_what_would_do() {
 }
 
 #[test]
-fn what_no_session_has_is_told_until_one_has_it() {
+fn what_no_session_has_is_reported_until_one_has_it() {
     let daemon = Daemon::sculpting(SCENE, STILL);
     let mut client = daemon.connect();
     let facts = daemon.get("/api/v1/clay");
@@ -445,7 +445,7 @@ fn what_no_session_has_is_told_until_one_has_it() {
 }
 
 #[test]
-fn another_craft_in_the_middle_of_a_pull_takes_the_force_away_within_the_slew_limit() {
+fn another_tool_in_the_middle_of_a_pull_takes_the_force_away_within_the_slew_limit() {
     let daemon = Daemon::sculpting(SCENE, PULLING);
     let mut client = daemon.connect();
     client.subscribe(1000.0);

@@ -327,7 +327,7 @@ fn a_thousand_connections_find_what_places_there_are() {
     let tick = client.state()["tick"].as_u64().unwrap();
     client.state_where(|state| state["tick"].as_u64() > Some(tick + 500));
     // A client that connects then gets the reason; of a crowd only some get it.
-    let told = (0..1000).find_map(|_| {
+    let reported = (0..1000).find_map(|_| {
         let mut last = TcpStream::connect(daemon.address).unwrap();
         last.set_read_timeout(Some(HUNG)).unwrap();
         let mut answer = String::new();
@@ -335,7 +335,7 @@ fn a_thousand_connections_find_what_places_there_are() {
         std::thread::sleep(std::time::Duration::from_millis(20));
         (!answer.is_empty()).then_some(answer)
     });
-    let answer = told.unwrap();
+    let answer = reported.unwrap();
     assert!(
         answer.starts_with("HTTP/1.1 503 ") && answer.contains("too many connections"),
         "{answer}"

@@ -170,7 +170,7 @@ fn the_hand_goes_where_it_is_asked_to_and_a_run_with_a_reset_is_replayed() {
 }
 
 #[test]
-fn another_scene_takes_over_and_is_told() {
+fn another_scene_takes_over_and_is_reported() {
     let folder = super::folder("");
     scene_file(&folder, "other.toml", "[contact]\nstiffness_n_per_mm = 2.0\n");
     scene_file(&folder, "faster.toml", "[rendering]\nrate_hz = 500\n");
@@ -315,7 +315,7 @@ fn a_limit_that_a_client_lowered_stays_lowered_in_every_scene_until_a_client_rai
 }
 
 #[test]
-fn a_scene_that_is_refused_when_it_is_read_again_is_told_with_the_reason() {
+fn a_scene_that_is_refused_when_it_is_read_again_is_reported_with_the_reason() {
     let mut daemon = Daemon::start("", "--watch");
     daemon.wait_for("state: enabled");
     let mut client = daemon.connect();

@@ -61,19 +61,19 @@ fn who_reads_late_hears_the_good_bye_too() {
     // The kernel's buffers fill: what comes after them waits in the server.
     std::thread::sleep(Duration::from_secs(3));
     assert_eq!(daemon.http("POST", "/api/v1/stop", &[], "").0, 200);
-    let mut is_told = false;
+    let mut is_reported = false;
     let mut code = None;
     while let Ok(message) = slow.socket.read() {
         match message {
             Message::Text(text) => {
-                is_told |= text.contains("\"event\":\"state\"") && text.contains("stopped")
+                is_reported |= text.contains("\"event\":\"state\"") && text.contains("stopped")
             }
             Message::Close(frame) => code = frame.map(|frame| u16::from(frame.code)),
             _ => {}
         }
         std::thread::sleep(Duration::from_millis(8));
     }
-    assert_eq!((is_told, code), (true, Some(1001)));
+    assert_eq!((is_reported, code), (true, Some(1001)));
     assert_eq!(daemon.ended().code, Some(0));
 }
 

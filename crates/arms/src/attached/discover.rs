@@ -246,7 +246,7 @@ pub fn findings(attached: &AttachedNode, root: &Root) -> Vec<Finding> {
     findings
 }
 
-/// FTDI adapters collect bytes for 16 ms unless told otherwise.
+/// FTDI adapters collect bytes for 16 ms unless reported otherwise.
 fn latency_timer(node: &DeviceFile, root: &Root) -> Option<Finding> {
     let name = node.path.file_name()?.to_str()?;
     let file = format!("/sys/bus/usb-serial/devices/{name}/latency_timer");
@@ -374,7 +374,7 @@ mod tests {
     }
 
     #[test]
-    fn adapters_and_buses_that_wait_are_told() {
+    fn adapters_and_buses_that_wait_are_reported() {
         let node = DeviceFile::at(Path::new("/dev/ttyUSB0"));
         let files = [
             ("/sys/bus/usb-serial/devices/ttyUSB0/latency_timer", "16\n"),

@@ -258,9 +258,11 @@ pub fn findings(
             profiles: vec![family.name().to_owned()],
             beside: Vec::new(),
         };
-        // Who has an arm of 3D Systems is told below, with other advice.
-        let is_told = |finding: &Finding| family != Family::OpenHaptics || finding.name != "holder";
-        findings.extend(discover::findings(&attached, machine.root).into_iter().filter(is_told));
+        // Who has an arm of 3D Systems is reported below, with other advice.
+        let is_reported =
+            |finding: &Finding| family != Family::OpenHaptics || finding.name != "holder";
+        findings
+            .extend(discover::findings(&attached, machine.root).into_iter().filter(is_reported));
     }
     match family {
         Family::ForceDimension => {}
@@ -299,7 +301,7 @@ fn missing_needs(machine: &SystemView<'_>, family: Family, library: &Path) -> Ve
             }
         }
     }
-    let told = |need: &Need| {
+    let reported = |need: &Need| {
         let finding = Finding::bad(
             need.title,
             format!("{}, which the library needs, is not installed", need.file),
@@ -307,7 +309,7 @@ fn missing_needs(machine: &SystemView<'_>, family: Family, library: &Path) -> Ve
         );
         if need.by_hand { finding.by_hand() } else { finding }
     };
-    missing.into_iter().map(told).collect()
+    missing.into_iter().map(reported).collect()
 }
 
 /// A library holds the names of those that it needs, each with a zero byte behind it.

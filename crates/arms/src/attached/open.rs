@@ -280,7 +280,7 @@ pub(crate) trait ConnectMethod: Send + 'static {
     fn homing(&self) -> Option<String>;
 
     /// What there is to know of it since the last call.
-    fn told(&self) -> Option<String> {
+    fn reported(&self) -> Option<String> {
         None
     }
 
@@ -617,8 +617,8 @@ impl ConnectMethod for Connector {
         homing.instruction.clone().filter(|_| homing.mode == HomingMode::PowerOnPose)
     }
 
-    fn told(&self) -> Option<String> {
-        self.words.lock().ok()?.as_mut()?.told()
+    fn reported(&self) -> Option<String> {
+        self.words.lock().ok()?.as_mut()?.reported()
     }
 
     fn is_absent(&self, error: &OpenError) -> bool {
@@ -644,13 +644,13 @@ fn reconnect_loop(
     mut from_arm: Consumer<Connection>,
     teller: &Sender<LinkNews>,
 ) {
-    let mut told: Option<LinkNews> = None;
+    let mut reported: Option<LinkNews> = None;
     let mut looks_for: Option<PreviousLink> = None;
     let mut tell = |news: LinkNews| {
-        if told.as_ref() != Some(&news) {
+        if reported.as_ref() != Some(&news) {
             // The receiver may be gone or slow: news are for display only.
             let _ = teller.try_send(news.clone());
-            told = Some(news);
+            reported = Some(news);
         }
     };
     while !to_arm.is_abandoned() {
@@ -662,7 +662,7 @@ fn reconnect_loop(
         }
         // Before the next connection, whose words take the place of those of the lost one: why it
         // was lost is among them.
-        while let Some(text) = connector.told() {
+        while let Some(text) = connector.reported() {
             tell(LinkNews::Told(text));
         }
         if let Some(before) = looks_for {

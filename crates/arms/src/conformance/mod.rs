@@ -308,10 +308,10 @@ fn a_lost_arm_stays_lost_until_it_is_plugged_in_again() {
             let (mut sound, _) = ticks(&mut *rig, 50, wrench);
             if cut_before_write && rig.profile().real.is_some() && actuated != Axes::NONE {
                 sound = rig.device().read().expect("there");
-                rig.begin_trouble();
+                rig.raise_fault();
                 assert_eq!(rig.device().write(&wrench), Err(DeviceError::Lost), "{name}");
             } else {
-                rig.begin_trouble();
+                rig.raise_fault();
             }
             for _ in 0..50 {
                 assert_eq!(rig.device().read(), Err(DeviceError::Lost), "{name}");
@@ -366,7 +366,7 @@ fn what_is_garbled_is_counted_and_got_over() {
             continue;
         }
         ticks(&mut *rig, 50, Wrench::ZERO);
-        rig.begin_trouble();
+        rig.raise_fault();
         let mut corrupt = 0;
         let mut n_fresh = 0;
         for n in 0..20 {
@@ -376,7 +376,7 @@ fn what_is_garbled_is_counted_and_got_over() {
             // What was under way before is whole.
             n_fresh += u32::from(n > 0 && sample.status == SampleStatus::Fresh);
         }
-        rig.end_trouble();
+        rig.clear_fault();
         let mut last = SampleStatus::Stale;
         for _ in 0..1500 {
             let (sample, _) =
@@ -404,7 +404,7 @@ fn one_command_is_under_way_however_late_the_answer_is() {
             continue;
         }
         ticks(&mut *rig, 50, Wrench::ZERO);
-        rig.begin_trouble();
+        rig.raise_fault();
         let before = rig.n_sent();
         let mut n_fresh = 0;
         for _ in 0..100 {

@@ -335,7 +335,7 @@ fn a_link_ten_times_too_heavy_does_not_push_beyond_the_profile() {
 }
 
 #[test]
-fn what_is_beside_the_command_comes_in_slowly_and_is_told() {
+fn what_is_beside_the_command_comes_in_slowly_and_is_reported() {
     for profile in arms() {
         let profile = verified(&profile, true);
         let name = &profile.name;
@@ -349,10 +349,10 @@ fn what_is_beside_the_command_comes_in_slowly_and_is_told() {
         let step_nm = 0.02 * made.torque_nm + rig.rounding().1;
         assert!(made.step_n <= step_n && made.step_nm <= step_nm, "{name}: {made:?}");
         assert!(step_n <= 0.1 * limits.force_n, "{name}: {step_n}");
-        let told = expected.force - made.last.force;
+        let reported = expected.force - made.last.force;
         let rounding = rig.rounding().0;
         assert!(
-            told.length() <= 0.02 * made.force_n + rounding,
+            reported.length() <= 0.02 * made.force_n + rounding,
             "{name}: {expected:?}, the motors make {:?}",
             made.last
         );

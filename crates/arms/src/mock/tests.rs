@@ -378,7 +378,7 @@ fn a_plug_that_is_pulled_in_memory_is_out() {
 }
 
 #[test]
-fn a_deaf_arm_leaves_what_it_is_told_in_the_tty_and_hears_it_when_it_wakes() {
+fn a_deaf_arm_leaves_what_it_is_reported_in_the_tty_and_hears_it_when_it_wakes() {
     let folder = tempfile::tempdir().expect("folder");
     let path = link_path(&folder);
     let traced = folder.path().join("trace.csv");

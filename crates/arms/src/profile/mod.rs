@@ -72,8 +72,8 @@ pub struct Profile {
 }
 
 impl Profile {
-    /// Lets the arm find its zero when it is opened, in the way that is told: it moves by itself,
-    /// or takes the place where it is held. `None` for an arm that needs neither.
+    /// Lets the arm find its zero when it is opened, in the way that is reported: it moves by
+    /// itself, or takes the place where it is held. `None` for an arm that needs neither.
     pub fn let_find_zero(&mut self) -> Option<&'static str> {
         let Some(Protocol::Vendor(vendor)) = self.real.as_mut().map(|real| &mut real.protocol)
         else {

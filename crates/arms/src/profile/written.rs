@@ -26,7 +26,7 @@ pub(super) struct ProfileFile {
     pub(super) matching: Option<Match>,
     pub(super) protocol: Option<Protocol>,
     pub(super) link: Link,
-    pub(super) frame: Option<Frame>,
+    pub(super) frame: Option<WrittenFrame>,
     pub(super) homing: Option<Homing>,
     pub(super) geometry: Option<Geometry>,
     /// Joints of a chain, from base to grip.
@@ -90,7 +90,7 @@ pub(super) struct Match {
     pub(super) baud: Option<u32>,
 }
 
-/// What the protocol has to be told.
+/// What the protocol has to be reported.
 #[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, expecting = "a table, written [protocol]")]
 pub(super) struct Protocol {
@@ -152,7 +152,7 @@ pub(super) struct Link {
 /// Native frame.
 #[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, expecting = "a table, written [frame]")]
-pub(super) struct Frame {
+pub(super) struct WrittenFrame {
     /// Native axis along each of the device axes x (toward the operator), y (right), z (up).
     #[schemars(extend("items" = {"enum": ["+x", "-x", "+y", "-y", "+z", "-z"]}, "minItems" = 3, "maxItems" = 3))]
     pub(super) device_from_native: Option<Vec<String>>,

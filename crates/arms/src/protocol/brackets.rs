@@ -31,13 +31,13 @@ fn model_name(model: i32) -> &'static str {
 
 /// The host's side.
 #[derive(Debug)]
-pub(super) struct Host {
+pub(super) struct HostCodec {
     model: u8,
     gather: Gather<128>,
     report: Report,
 }
 
-impl Host {
+impl HostCodec {
     pub(super) fn new(model: u8) -> Self {
         Self { model, gather: Gather::default(), report: Report::default() }
     }
@@ -53,7 +53,7 @@ impl Host {
     }
 }
 
-impl Codec for Host {
+impl Codec for HostCodec {
     fn start(&mut self, link: &mut dyn Transport) -> Result<(), StartError> {
         *self = Self::new(self.model);
         let mut wake = Frame::default();
@@ -149,19 +149,19 @@ impl Codec for Host {
 
 /// The arm's side. No watchdog: the last currents stay on.
 #[derive(Debug)]
-pub(super) struct Arm {
+pub(super) struct ArmFirmware {
     model: u8,
     gather: Gather<128>,
     motors: [f64; MAX_AXES],
 }
 
-impl Arm {
+impl ArmFirmware {
     pub(super) fn new(model: u8) -> Self {
         Self { model, gather: Gather::default(), motors: [0.0; MAX_AXES] }
     }
 }
 
-impl Firmware for Arm {
+impl Firmware for ArmFirmware {
     fn receive(&mut self, bytes: &[u8], _: f64, arm: &ArmReadings, out: &mut Outbox) {
         for byte in bytes {
             if self.gather.until(b']', *byte) != Some(true) {

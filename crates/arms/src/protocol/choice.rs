@@ -258,42 +258,42 @@ impl Protocol {
     /// The host's side. `carriage`: one of [`Self::carriages`]; only `open6` has a choice.
     pub fn codec(&self, carriage: Carriage) -> Box<dyn Codec> {
         match self {
-            Self::WoodenhapticsHid8 => Box::new(woodenhaptics::Host::default()),
-            Self::HaptikfabrikenHid14 { carrier } => Box::new(hid14::Host::new(*carrier)),
-            Self::PolhemAscii64 { cartesian } => Box::new(polhem::Host::new(*cartesian)),
-            Self::HaptikfabrikenBrackets { model } => Box::new(brackets::Host::new(*model)),
-            Self::HapiF32(board) => Box::new(hapi::Host::new(board.clone())),
-            Self::FalconNibble16 { image } => Box::new(falcon::Host::new(image.clone())),
-            Self::HapkitAscii => Box::new(hapkit::Host::default()),
-            Self::SpaceMouse { dead_band } => Box::new(space_mouse::Host::new(*dead_band)),
+            Self::WoodenhapticsHid8 => Box::new(woodenhaptics::HostCodec::default()),
+            Self::HaptikfabrikenHid14 { carrier } => Box::new(hid14::HostCodec::new(*carrier)),
+            Self::PolhemAscii64 { cartesian } => Box::new(polhem::HostCodec::new(*cartesian)),
+            Self::HaptikfabrikenBrackets { model } => Box::new(brackets::HostCodec::new(*model)),
+            Self::HapiF32(board) => Box::new(hapi::HostCodec::new(board.clone())),
+            Self::FalconNibble16 { image } => Box::new(falcon::HostCodec::new(image.clone())),
+            Self::HapkitAscii => Box::new(hapkit::HostCodec::default()),
+            Self::SpaceMouse { dead_band } => Box::new(space_mouse::HostCodec::new(*dead_band)),
             Self::Spacenav => Box::new(space_mouse::SocketHost::default()),
-            Self::Dynamixel2 { servos } => Box::new(dynamixel::Host::new(servos)),
+            Self::Dynamixel2 { servos } => Box::new(dynamixel::HostCodec::new(servos)),
             Self::Open6(arm) | Self::Vendor(VendorProtocol { arm, .. }) => {
-                Box::new(open6::Host::new(arm.clone(), carriage))
+                Box::new(open6::HostCodec::new(arm.clone(), carriage))
             }
-            Self::HaplyService(_) => Box::new(haply::Host::default()),
-            Self::Declarative(layout) => Box::new(declarative::Host::new(layout.clone())),
+            Self::HaplyService(_) => Box::new(haply::HostCodec::default()),
+            Self::Declarative(layout) => Box::new(declarative::HostCodec::new(layout.clone())),
         }
     }
 
     /// The arm's side: what a simulated arm answers with.
     pub fn firmware(&self, carriage: Carriage) -> Box<dyn Firmware> {
         match self {
-            Self::WoodenhapticsHid8 => Box::new(woodenhaptics::Arm::default()),
-            Self::HaptikfabrikenHid14 { carrier } => Box::new(hid14::Arm::new(*carrier)),
-            Self::PolhemAscii64 { .. } => Box::new(polhem::Arm::default()),
-            Self::HaptikfabrikenBrackets { model } => Box::new(brackets::Arm::new(*model)),
-            Self::HapiF32(_) => Box::new(hapi::Arm::default()),
-            Self::FalconNibble16 { .. } => Box::new(falcon::Arm::default()),
-            Self::HapkitAscii => Box::new(hapkit::Arm::default()),
+            Self::WoodenhapticsHid8 => Box::new(woodenhaptics::ArmFirmware::default()),
+            Self::HaptikfabrikenHid14 { carrier } => Box::new(hid14::ArmFirmware::new(*carrier)),
+            Self::PolhemAscii64 { .. } => Box::new(polhem::ArmFirmware::default()),
+            Self::HaptikfabrikenBrackets { model } => Box::new(brackets::ArmFirmware::new(*model)),
+            Self::HapiF32(_) => Box::new(hapi::ArmFirmware::default()),
+            Self::FalconNibble16 { .. } => Box::new(falcon::ArmFirmware::default()),
+            Self::HapkitAscii => Box::new(hapkit::ArmFirmware::default()),
             Self::SpaceMouse { .. } => Box::new(space_mouse::Puck::new(true)),
             Self::Spacenav => Box::new(space_mouse::SocketPuck::default()),
-            Self::Dynamixel2 { servos } => Box::new(dynamixel_bus::Arm::new(servos)),
+            Self::Dynamixel2 { servos } => Box::new(dynamixel_bus::ArmFirmware::new(servos)),
             Self::Open6(arm) | Self::Vendor(VendorProtocol { arm, .. }) => {
-                Box::new(open6_arm::Arm::new(arm.clone(), carriage))
+                Box::new(open6_arm::ArmFirmware::new(arm.clone(), carriage))
             }
             Self::HaplyService(service) => Box::new(haply::Adapted::new(service)),
-            Self::Declarative(layout) => Box::new(declarative::Arm::new(layout.clone())),
+            Self::Declarative(layout) => Box::new(declarative::ArmFirmware::new(layout.clone())),
         }
     }
 

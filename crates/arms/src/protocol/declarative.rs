@@ -253,7 +253,7 @@ fn encode(packet: &Packet, values: &Values, from_host: bool, frame: &mut Frame) 
 
 /// The host's side.
 #[derive(Debug)]
-pub(super) struct Host {
+pub(super) struct HostCodec {
     layout: PacketLayout,
     reader: FrameReader,
     values: Values,
@@ -261,7 +261,7 @@ pub(super) struct Host {
     first_within: Duration,
 }
 
-impl Host {
+impl HostCodec {
     pub(super) fn new(layout: PacketLayout) -> Self {
         Self {
             layout,
@@ -273,7 +273,7 @@ impl Host {
     }
 }
 
-impl Codec for Host {
+impl Codec for HostCodec {
     fn start(&mut self, link: &mut dyn Transport) -> Result<(), StartError> {
         *self = Self { first_within: self.first_within, ..Self::new(self.layout.clone()) };
         hush(link, Duration::from_millis(10))?;
@@ -355,7 +355,7 @@ impl Codec for Host {
 
 /// The arm's side.
 #[derive(Debug)]
-pub(super) struct Arm {
+pub(super) struct ArmFirmware {
     layout: PacketLayout,
     reader: FrameReader,
     command: CommandValues,
@@ -377,7 +377,7 @@ pub(super) fn moves(command: &Packet, bytes: &[u8]) -> bool {
     moves
 }
 
-impl Arm {
+impl ArmFirmware {
     pub(super) fn new(layout: PacketLayout) -> Self {
         Self {
             layout,
@@ -404,7 +404,7 @@ impl Arm {
     }
 }
 
-impl Firmware for Arm {
+impl Firmware for ArmFirmware {
     fn receive(&mut self, bytes: &[u8], now_s: f64, arm: &ArmReadings, out: &mut Outbox) {
         let mut asked = 0;
         // A kick frame is often no frame of the layout, so it is looked for first.
@@ -452,10 +452,10 @@ impl Firmware for Arm {
 
     fn motors(&self) -> [f64; MAX_AXES] {
         // An arm that gets a bit for force on keeps still while it is off.
-        let told =
+        let reported =
             self.layout.command.as_ref().is_some_and(|packet| {
                 packet.fields.iter().any(|field| field.role == Role::Enabled)
             });
-        if told && !self.command.enabled { [0.0; MAX_AXES] } else { self.command.motors }
+        if reported && !self.command.enabled { [0.0; MAX_AXES] } else { self.command.motors }
     }
 }

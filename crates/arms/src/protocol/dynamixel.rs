@@ -173,7 +173,7 @@ impl Chain {
 
 /// The host's side.
 #[derive(Debug)]
-pub(super) struct Host {
+pub(super) struct HostCodec {
     chain: Chain,
     packets: Packets,
     /// Which servo answers next; `None`: the round is spoilt, up to the first one.
@@ -189,7 +189,7 @@ pub(super) struct Host {
     answer_within: Duration,
 }
 
-impl Host {
+impl HostCodec {
     pub(super) fn new(servos: &[Servo]) -> Self {
         let n = servos.len().min(MAX_AXES);
         let mut chain =
@@ -398,7 +398,7 @@ fn error_text(error: u8) -> String {
     format!("error {error}, {what}")
 }
 
-impl Codec for Host {
+impl Codec for HostCodec {
     fn start(&mut self, link: &mut dyn Transport) -> Result<(), StartError> {
         *self = Self { answer_within: self.answer_within, ..Self::new(self.chain.as_slice()) };
         hush(link, Duration::from_millis(5))?;

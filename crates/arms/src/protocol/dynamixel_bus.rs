@@ -65,13 +65,13 @@ impl ServoState {
 
 /// The arm's side: servos that share a bus, each with a watchdog of its own that latches.
 #[derive(Debug, Default)]
-pub(super) struct Arm {
+pub(super) struct ArmFirmware {
     packets: Packets,
     servos: Vec<ServoState>,
     fed_s: f64,
 }
 
-impl Arm {
+impl ArmFirmware {
     pub(super) fn new(servos: &[Servo]) -> Self {
         // As the maker ships them: position mode, torque off, watchdog off.
         let state = |servo: &Servo| ServoState {
@@ -162,7 +162,7 @@ impl Arm {
     }
 }
 
-impl Firmware for Arm {
+impl Firmware for ArmFirmware {
     fn receive(&mut self, bytes: &[u8], now_s: f64, arm: &ArmReadings, out: &mut Outbox) {
         for byte in bytes {
             let mut found = Vec::new();

@@ -80,7 +80,7 @@ fn align(gather: &mut Gather<64>, dropped: &mut u32) -> bool {
 
 /// The host's side.
 #[derive(Debug)]
-pub(super) struct Host {
+pub(super) struct HostCodec {
     image: Option<PathBuf>,
     /// How often a firmware load is tried.
     loads: u32,
@@ -90,7 +90,7 @@ pub(super) struct Host {
     report: Report,
 }
 
-impl Host {
+impl HostCodec {
     pub(super) fn new(image: Option<PathBuf>) -> Self {
         Self { image, loads: 10, hellos: 100, gather: Gather::default(), report: Report::default() }
     }
@@ -219,7 +219,7 @@ fn read_image_file(path: &Path) -> Result<Vec<u8>, StartError> {
     }
 }
 
-impl Codec for Host {
+impl Codec for HostCodec {
     fn start(&mut self, link: &mut dyn Transport) -> Result<(), StartError> {
         for line in [
             Line::LatencyMs(1),
@@ -292,7 +292,7 @@ impl Codec for Host {
 
 /// The arm's side. Holds its last command: what the device does without a host is not published.
 #[derive(Debug, Default)]
-pub(super) struct Arm {
+pub(super) struct ArmFirmware {
     gather: Gather<64>,
     motors: [f64; MAX_AXES],
     /// What is missing before run frames are understood.
@@ -308,7 +308,7 @@ struct Boot {
     left: usize,
 }
 
-impl Arm {
+impl ArmFirmware {
     /// One that waits for an image of that size.
     #[cfg(test)]
     pub(super) fn switched_on(image_len: usize) -> Self {
@@ -338,7 +338,7 @@ impl Arm {
     }
 }
 
-impl Firmware for Arm {
+impl Firmware for ArmFirmware {
     fn receive(&mut self, bytes: &[u8], _: f64, arm: &ArmReadings, out: &mut Outbox) {
         if self.boot.is_some() {
             return self.load(bytes, out);

@@ -30,7 +30,7 @@ const TORQUE_STEP_NM: f64 = 1e-9;
 
 /// The host's side.
 #[derive(Debug)]
-pub(super) struct Host {
+pub(super) struct HostCodec {
     board: HapiBoard,
     gather: Gather<32>,
     report: Report,
@@ -40,7 +40,7 @@ pub(super) struct Host {
     lost: bool,
 }
 
-impl Host {
+impl HostCodec {
     pub(super) fn new(board: HapiBoard) -> Self {
         Self {
             board,
@@ -93,7 +93,7 @@ impl Host {
     }
 }
 
-impl Codec for Host {
+impl Codec for HostCodec {
     fn start(&mut self, link: &mut dyn Transport) -> Result<(), StartError> {
         hush(link, Duration::from_millis(50))?;
         if self.is_set_up && self.exchange_zero(link, Duration::from_millis(200)).is_ok() {
@@ -169,8 +169,8 @@ impl Codec for Host {
     }
 
     fn encode(&mut self, command: &MotorCommand, frame: &mut Frame) {
-        // Half a reply when the next command is due: whatever comes now cannot be told apart from
-        // its other half.
+        // Half a reply when the next command is due: whatever comes now cannot be distinguished
+        // from its other half.
         self.lost |= !self.gather.as_slice().is_empty();
         frame.clear();
         if self.lost {
@@ -239,7 +239,7 @@ impl Codec for Host {
 /// The arm's side. Clamps torques at 0.123 N·m and keeps the last ones for ever; a reset forgets
 /// the motors and leaves them on.
 #[derive(Debug, Default)]
-pub(super) struct Arm {
+pub(super) struct ArmFirmware {
     gather: Gather<64>,
     motors: [f64; MAX_AXES],
     device_id: u8,
@@ -250,7 +250,7 @@ pub(super) struct Arm {
     heard_s: f64,
 }
 
-impl Arm {
+impl ArmFirmware {
     /// Bytes of the command that begins the buffer, as far as they are known yet.
     fn needed(&self) -> usize {
         let bytes = self.gather.as_slice();
@@ -319,7 +319,7 @@ impl Arm {
     }
 }
 
-impl Firmware for Arm {
+impl Firmware for ArmFirmware {
     fn receive(&mut self, bytes: &[u8], now_s: f64, arm: &ArmReadings, out: &mut Outbox) {
         // A host of another protocol may have left half a command behind.
         if now_s - self.heard_s >= SILENCE.as_secs_f64() {

@@ -16,14 +16,14 @@ const FORCE_MAX_N: f64 = 1000.0;
 
 /// The host's side.
 #[derive(Debug, Default)]
-pub(super) struct Host {
+pub(super) struct HostCodec {
     gather: Gather<128>,
     report: Report,
     /// Commands since the last `Ok`; `None`: there was none yet. A board need not answer.
     unheard: Option<u32>,
 }
 
-impl Host {
+impl HostCodec {
     /// `None`: not a report, and nothing wrong with it.
     fn read_line(&mut self) -> Option<bool> {
         let line = self.gather.as_slice();
@@ -58,7 +58,7 @@ impl Host {
     }
 }
 
-impl Codec for Host {
+impl Codec for HostCodec {
     fn start(&mut self, link: &mut dyn Transport) -> Result<(), StartError> {
         *self = Self::default();
         // A board that was not reset holds the last commanded force, also while it sends nothing.
@@ -130,12 +130,12 @@ impl Codec for Host {
 /// The arm's side, as a board would be that takes forces at its own rate: the published example has
 /// that switched off. No watchdog.
 #[derive(Debug, Default)]
-pub(super) struct Arm {
+pub(super) struct ArmFirmware {
     gather: Gather<64>,
     motors: [f64; MAX_AXES],
 }
 
-impl Firmware for Arm {
+impl Firmware for ArmFirmware {
     fn receive(&mut self, bytes: &[u8], _: f64, _: &ArmReadings, out: &mut Outbox) {
         for byte in bytes {
             if self.gather.until(b'\n', *byte) != Some(true) {

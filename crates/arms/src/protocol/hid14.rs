@@ -19,13 +19,13 @@ const READING_OF: [usize; 6] = [0, 1, 2, 5, 4, 3];
 
 /// The host's side.
 #[derive(Debug)]
-pub(super) struct Host {
+pub(super) struct HostCodec {
     carrier: Hid14Carrier,
     whole: [Whole; 6],
     report: Report,
 }
 
-impl Host {
+impl HostCodec {
     pub(super) fn new(carrier: Hid14Carrier) -> Self {
         Self { carrier, whole: Default::default(), report: Report::default() }
     }
@@ -35,7 +35,7 @@ impl Host {
     }
 }
 
-impl Codec for Host {
+impl Codec for HostCodec {
     fn start(&mut self, link: &mut dyn Transport) -> Result<(), StartError> {
         *self = Self::new(self.carrier);
         let mut zero = Frame::default();
@@ -116,7 +116,7 @@ impl Codec for Host {
 /// The arm's side. Speaks first once, then when spoken to; watchdog of 0.5 s, not latched; does not
 /// clamp.
 #[derive(Debug)]
-pub(super) struct Arm {
+pub(super) struct ArmFirmware {
     carrier: Hid14Carrier,
     motors: [f64; MAX_AXES],
     offsets: [f64; 6],
@@ -125,7 +125,7 @@ pub(super) struct Arm {
     fed_s: f64,
 }
 
-impl Arm {
+impl ArmFirmware {
     pub(super) fn new(carrier: Hid14Carrier) -> Self {
         Self {
             carrier,
@@ -155,7 +155,7 @@ impl Arm {
     }
 }
 
-impl Firmware for Arm {
+impl Firmware for ArmFirmware {
     fn receive(&mut self, bytes: &[u8], now_s: f64, arm: &ArmReadings, out: &mut Outbox) {
         let payload = match bytes {
             [0, payload @ ..] if payload.len() == self.carrier.report_len() => payload,

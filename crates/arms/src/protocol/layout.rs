@@ -352,7 +352,7 @@ impl LineFraming {
         {
             return Err(format!(
                 "{name}: a separator or an end of a line that is part of a number or of the other \
-                    cannot be told apart"
+                    cannot be distinguished"
             ));
         }
         match self.pad {

@@ -232,8 +232,8 @@ pub trait Codec: Send {
         false
     }
 
-    /// What time it is, s, told before frames are taken or made: for protocols that compare clocks.
-    /// It never goes back.
+    /// What time it is, s, reported before frames are taken or made: for protocols that compare
+    /// clocks. It never goes back.
     fn tell_time(&mut self, now_s: f64) {
         let _ = now_s;
     }

@@ -178,7 +178,7 @@ pub(crate) fn list(axes: Axes) -> String {
 
 /// The host's side.
 #[derive(Debug)]
-pub(super) struct Host {
+pub(super) struct HostCodec {
     arm: Open6Arm,
     carriage: Carriage,
     packets: Packets,
@@ -189,7 +189,7 @@ pub(super) struct Host {
     hello_within: Duration,
 }
 
-impl Host {
+impl HostCodec {
     pub(super) fn new(arm: Open6Arm, carriage: Carriage) -> Self {
         Self {
             arm,
@@ -316,7 +316,7 @@ pub(crate) fn report_of(payload: &[u8]) -> Option<Report> {
     })
 }
 
-impl Codec for Host {
+impl Codec for HostCodec {
     fn start(&mut self, link: &mut dyn Transport) -> Result<(), StartError> {
         *self =
             Self { hello_within: self.hello_within, ..Self::new(self.arm.clone(), self.carriage) };

@@ -38,7 +38,7 @@ enum Mode {
 
 /// The arm's side.
 #[derive(Debug)]
-pub(crate) struct Arm {
+pub(crate) struct ArmFirmware {
     arm: Open6Arm,
     carriage: Carriage,
     packets: Packets,
@@ -51,7 +51,7 @@ pub(crate) struct Arm {
     error: u8,
 }
 
-impl Arm {
+impl ArmFirmware {
     pub(crate) fn new(arm: Open6Arm, carriage: Carriage) -> Self {
         let watchdog_ms = arm.watchdog_ms;
         let packets = Packets::new(carriage);
@@ -222,7 +222,7 @@ impl Arm {
     }
 }
 
-impl Firmware for Arm {
+impl Firmware for ArmFirmware {
     fn receive(&mut self, bytes: &[u8], now_s: f64, arm: &ArmReadings, out: &mut Outbox) {
         for (kind, sequence, payload) in self.packets_of(bytes) {
             if self.take(Packet { kind, sequence, payload: &payload }, now_s, arm.homed, out) {

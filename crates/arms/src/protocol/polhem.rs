@@ -23,13 +23,13 @@ const FORCE_MAX_MN: u32 = 100_000;
 
 /// The host's side.
 #[derive(Debug)]
-pub(super) struct Host {
+pub(super) struct HostCodec {
     cartesian: bool,
     gather: Gather<128>,
     report: Report,
 }
 
-impl Host {
+impl HostCodec {
     pub(super) fn new(cartesian: bool) -> Self {
         Self { cartesian, gather: Gather::default(), report: Report::default() }
     }
@@ -65,7 +65,7 @@ fn end_line(frame: &mut Frame) {
     frame.push(b'\n');
 }
 
-impl Codec for Host {
+impl Codec for HostCodec {
     fn start(&mut self, link: &mut dyn Transport) -> Result<(), StartError> {
         *self = Self::new(self.cartesian);
         hush(link, Duration::from_millis(20))?;
@@ -130,7 +130,7 @@ impl Codec for Host {
 /// is zero, not clamped. Its kinematics are not modelled: after a Cartesian command, `motors` is
 /// the force.
 #[derive(Debug, Default)]
-pub(super) struct Arm {
+pub(super) struct ArmFirmware {
     gather: Gather<64>,
     motors: [f64; MAX_AXES],
     offsets: [f64; 6],
@@ -138,7 +138,7 @@ pub(super) struct Arm {
     fed_s: f64,
 }
 
-impl Arm {
+impl ArmFirmware {
     fn take(&mut self, now_s: f64, arm: &ArmReadings, out: &mut Outbox) {
         self.motors = [0.0; MAX_AXES];
         if let Some(numbers) = integers::<7>(self.gather.as_slice(), b' ') {
@@ -181,7 +181,7 @@ impl Arm {
     }
 }
 
-impl Firmware for Arm {
+impl Firmware for ArmFirmware {
     fn receive(&mut self, bytes: &[u8], now_s: f64, arm: &ArmReadings, out: &mut Outbox) {
         for byte in bytes {
             // Of a longer line the first 64 bytes are dropped and the rest is a line of its own.

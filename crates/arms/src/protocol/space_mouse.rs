@@ -1,5 +1,5 @@
-//! `3dconnexion-hid`: the SpaceMouse family, split or combined reports, told apart by their length;
-//! and the same through the socket of spacenavd. Rates, not a pose; no motors.
+//! `3dconnexion-hid`: the SpaceMouse family, split or combined reports, distinguished by their
+//! length; and the same through the socket of spacenavd. Rates, not a pose; no motors.
 
 use super::gather::Gather;
 use super::number::{i16_at, i32_at};
@@ -14,14 +14,14 @@ const LAMP: u8 = 4;
 
 /// The host's side over HID.
 #[derive(Debug)]
-pub(super) struct Host {
+pub(super) struct HostCodec {
     dead_band: u16,
     /// What the lamp shows; `None`: not known.
     lamp: Option<bool>,
     report: Report,
 }
 
-impl Host {
+impl HostCodec {
     pub(super) fn new(dead_band: u16) -> Self {
         Self { dead_band, lamp: None, report: Report::default() }
     }
@@ -34,7 +34,7 @@ impl Host {
     }
 }
 
-impl Codec for Host {
+impl Codec for HostCodec {
     fn feed(&mut self, bytes: &[u8]) -> FeedCounts {
         match (bytes.first(), bytes.len()) {
             // One byte more or less is a report that was cut.

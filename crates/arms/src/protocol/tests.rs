@@ -116,7 +116,7 @@ struct Linked {
     arm: ArmReadings,
     now_s: f64,
     looked: Instant,
-    /// Everything that the host sent, and everything that the adapter was told.
+    /// Everything that the host sent, and everything that the adapter was reported.
     sent: Vec<Vec<u8>>,
     lines: Vec<Line>,
 }

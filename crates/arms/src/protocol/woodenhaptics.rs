@@ -14,13 +14,13 @@ const LEN: usize = 8;
 
 /// The host's side.
 #[derive(Debug, Default)]
-pub(super) struct Host {
+pub(super) struct HostCodec {
     whole: [Whole; 3],
     counter: Option<u16>,
     report: Report,
 }
 
-impl Codec for Host {
+impl Codec for HostCodec {
     fn start(&mut self, link: &mut dyn Transport) -> Result<(), StartError> {
         *self = Self::default();
         let question = Question {
@@ -84,13 +84,13 @@ impl Codec for Host {
 
 /// The arm's side. Watchdog of 0.5 s, not latched; currents above 3 A are 3 A.
 #[derive(Debug, Default)]
-pub(super) struct Arm {
+pub(super) struct ArmFirmware {
     motors: [f64; MAX_AXES],
     fed_s: f64,
     counter: u16,
 }
 
-impl Firmware for Arm {
+impl Firmware for ArmFirmware {
     fn receive(&mut self, bytes: &[u8], now_s: f64, _: &ArmReadings, _: &mut Outbox) {
         let payload = match bytes.len() {
             LEN => bytes,

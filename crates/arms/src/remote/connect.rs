@@ -8,7 +8,7 @@ use std::sync::{Arc, OnceLock};
 
 use glam::DQuat;
 
-use super::{Host, LinkFigures};
+use super::{LinkFigures, RemoteHost};
 use crate::attached::open::{ConnectMethod, OpenError, OpenedArm, PreviousLink, open_with};
 use crate::kinematics::Kinematics;
 use crate::mock::builder::cartesian;
@@ -53,7 +53,7 @@ impl ConnectMethod for RemoteConnector {
         // Relaxed: only one thread at a time connects.
         let token = self.token.fetch_add(1, Ordering::Relaxed);
         let mut codec =
-            Host::new(sensed, actuated, self.options.period_s, token, self.figures.clone());
+            RemoteHost::new(sensed, actuated, self.options.period_s, token, self.figures.clone());
         if let Err(cause) = codec.start(&mut *link) {
             codec.finish(&mut *link);
             return Err(OpenError::Start { path, cause });
@@ -149,7 +149,7 @@ mod tests {
     use crate::profile;
 
     #[test]
-    fn an_arm_that_counts_from_where_it_was_switched_on_is_told_so_when_its_node_is_back() {
+    fn an_arm_that_counts_from_where_it_was_switched_on_is_reported_so_when_its_node_is_back() {
         let homing = |name: &str| {
             let connector = RemoteConnector {
                 profile: profile::find(name, std::path::Path::new("")).expect(name),

@@ -51,7 +51,7 @@ struct Said {
 }
 
 /// The host's side.
-pub struct Host {
+pub struct RemoteHost {
     sensed: Axes,
     actuated: Axes,
     period_s: f64,
@@ -74,7 +74,7 @@ pub struct Host {
     figures: Arc<LinkFigures>,
 }
 
-impl Host {
+impl RemoteHost {
     /// For an arm that senses and drives at least this. `token` names the sender; each host process
     /// has its own.
     pub fn new(
@@ -257,7 +257,7 @@ impl Host {
     }
 }
 
-impl Codec for Host {
+impl Codec for RemoteHost {
     fn start(&mut self, link: &mut dyn Transport) -> Result<(), StartError> {
         let Self { sensed, actuated, period_s, token, .. } = *self;
         *self = Self::new(sensed, actuated, period_s, token.next().0, self.figures.clone());
@@ -386,7 +386,7 @@ mod tests {
         put_timing(&HoldTiming { hold_s: hold_ms * 1e-3, fade_s: fade_ms * 1e-3 }, &mut payload);
         payload[22..26].copy_from_slice(b"left");
         payload[CAPABILITIES_TOKEN..].copy_from_slice(&TOKEN.to_le_bytes());
-        Host::new(Axes::SIX, Axes::SIX, 1e-3, TOKEN, Arc::default()).greet(&payload)
+        RemoteHost::new(Axes::SIX, Axes::SIX, 1e-3, TOKEN, Arc::default()).greet(&payload)
     }
 
     #[test]

@@ -39,5 +39,5 @@ mod packets;
 
 pub use connect::{Dial, RemoteOptions, open};
 pub use figures::{LinkFigures, NodeFigures};
-pub use host::Host;
+pub use host::RemoteHost;
 pub use node::{Node, NodeParameters};

@@ -153,7 +153,7 @@ impl Node {
         self.figures.clone()
     }
 
-    /// What the motors were last told.
+    /// What the motors were last reported.
     pub fn written(&self) -> Wrench {
         self.written
     }

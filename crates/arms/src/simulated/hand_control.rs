@@ -324,7 +324,7 @@ mod tests {
     }
 
     #[test]
-    fn a_hand_that_is_told_nothing_follows_its_path_to_the_bit() {
+    fn a_hand_that_is_reported_nothing_follows_its_path_to_the_bit() {
         let mut hand = HandControl::new(Some(down()));
         for n in 1..20_000 {
             let time_s = f64::from(n) * H;

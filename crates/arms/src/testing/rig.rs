@@ -55,8 +55,8 @@ pub trait Rig: Send {
     /// Force and torque that one step of every motor amounts to.
     fn rounding(&self) -> (f64, f64);
     fn is_rate_input(&self) -> bool;
-    fn begin_trouble(&mut self);
-    fn end_trouble(&mut self);
+    fn raise_fault(&mut self);
+    fn clear_fault(&mut self);
     /// A fault of the arm that stays, of those that a mock arm has; an arm without a wire has none
     /// here.
     fn fail(&mut self, _: FaultKind, _: &str) {}
@@ -220,13 +220,13 @@ impl Rig for SimRig {
         false
     }
 
-    fn begin_trouble(&mut self) {
+    fn raise_fault(&mut self) {
         for _ in 0..self.n_reads_left {
             self.arm.read().expect("sound so far");
         }
     }
 
-    fn end_trouble(&mut self) {}
+    fn clear_fault(&mut self) {}
 
     fn reconnect(&mut self) -> bool {
         false
@@ -502,7 +502,7 @@ impl Rig for WiredRig {
         self.is_rate_input
     }
 
-    fn begin_trouble(&mut self) {
+    fn raise_fault(&mut self) {
         let mut side = self.side();
         match self.trouble {
             InjectedFault::Cut => side.there.cut(),
@@ -511,7 +511,7 @@ impl Rig for WiredRig {
         }
     }
 
-    fn end_trouble(&mut self) {
+    fn clear_fault(&mut self) {
         let mut side = self.side();
         side.is_cropped = false;
         side.is_late = false;

@@ -257,7 +257,7 @@ impl ServiceLink {
 struct States {
     web_socket: WebSocket<Half>,
     reader: Reader,
-    /// What the socket was told last.
+    /// What the socket was reported last.
     patience: Option<Duration>,
 }
 

@@ -87,8 +87,8 @@ mod tests {
             (b"[package]".to_vec(), "is no library"),
             (Vec::new(), "is empty"),
         ] {
-            let told = unsuitable(&bytes).expect("refused");
-            assert!(told.contains(words), "{words}: {told}");
+            let reported = unsuitable(&bytes).expect("refused");
+            assert!(reported.contains(words), "{words}: {reported}");
         }
     }
 }

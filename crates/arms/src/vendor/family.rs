@@ -263,7 +263,7 @@ impl Family {
         lines.join("\n")
     }
 
-    /// How an arm finds its zero that was told to; `None` where its maker's controller knows it.
+    /// How an arm finds its zero that was ordered to; `None` where its maker's controller knows it.
     pub(crate) fn way_to_zero(self) -> Option<&'static str> {
         match self {
             Self::ForceDimension => Some(
@@ -334,7 +334,7 @@ mod tests {
     }
 
     #[test]
-    fn a_library_that_is_nowhere_is_told_as_a_list_of_folders_and_what_to_do() {
+    fn a_library_that_is_nowhere_is_reported_as_a_list_of_folders_and_what_to_do() {
         let family = Family::ForceDimension;
         let places = family.places(None, |name| (name == "HOME").then(|| "/home/a".into()));
         assert_eq!(family.missing_text(&places), "its library is in none of 4 folders");

@@ -4,7 +4,7 @@
 //! Calls of one arm come from one thread, since the library keeps its last error per thread.
 //!
 //! What the library and the firmware do for safety stays as it is: velocity threshold, watchdog and
-//! gravity compensation are read and told, never changed.
+//! gravity compensation are read and reported, never changed.
 //!
 //! # Source
 //! Facts of the header `dhdc.h` 3.17.5 and of the published documentation of the SDK; order of the
@@ -56,7 +56,7 @@ pub(super) fn fault_text(fault: u16) -> Option<&'static str> {
 }
 
 /// An open arm.
-pub(super) struct Arm {
+pub(super) struct LibraryArm {
     dhd: Dhd,
     id: c_char,
     identity: String,
@@ -65,13 +65,13 @@ pub(super) struct Arm {
     has_gripper: bool,
     homed: bool,
     last: VendorSample,
-    /// Force was asked for, as the library was last told.
+    /// Force was asked for, as the library was last reported.
     has_force: bool,
     turns: u32,
     off_looks: u32,
     repeats: u32,
     saturated: u64,
-    told_saturated: bool,
+    reported_saturated: bool,
     news: Option<String>,
 }
 
@@ -87,12 +87,15 @@ impl Dhd {
 }
 
 /// Opens the arm of an assignment. Moves it only where it says `home`.
-pub(super) fn open(assignment: &Assignment, host: &mut HostLine) -> Result<Arm, VendorFault> {
+pub(super) fn open(
+    assignment: &Assignment,
+    host: &mut HostLine,
+) -> Result<LibraryArm, VendorFault> {
     let dhd =
         Dhd::load(Library::open(Family::ForceDimension, assignment.library.as_deref(), false)?)?;
     let id = find(&dhd, assignment.serial.as_deref())?;
     match start(&dhd, id, assignment, host) {
-        Ok(homed) => Arm::new(dhd, id, assignment, homed),
+        Ok(homed) => LibraryArm::new(dhd, id, assignment, homed),
         Err(fault) => {
             dhd.dhdStop(id);
             dhd.dhdClose(id);
@@ -178,7 +181,7 @@ fn start(
     Ok(homed.unwrap_or(true))
 }
 
-impl Arm {
+impl LibraryArm {
     fn new(
         dhd: Dhd,
         id: c_char,
@@ -234,7 +237,7 @@ impl Arm {
             off_looks: 0,
             repeats: 0,
             saturated: 0,
-            told_saturated: false,
+            reported_saturated: false,
             news: None,
         })
     }
@@ -259,7 +262,7 @@ impl Arm {
     }
 }
 
-impl VendorArm for Arm {
+impl VendorArm for LibraryArm {
     fn identity(&self) -> String {
         self.identity.clone()
     }
@@ -279,10 +282,10 @@ impl VendorArm for Arm {
         );
         if self.dhd.done("it takes no force", answer)? == SATURATED {
             self.saturated += 1;
-            if !self.told_saturated {
-                self.told_saturated = true;
+            if !self.reported_saturated {
+                self.reported_saturated = true;
                 self.news = Some(
-                    "its motors are at their limits: it makes less than it was told, in the \
+                    "its motors are at their limits: it makes less than it was ordered, in the \
                         same direction"
                         .to_owned(),
                 );

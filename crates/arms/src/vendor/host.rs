@@ -98,7 +98,7 @@ pub(crate) fn look_for(protocol: &VendorProtocol) -> Result<(), VendorError> {
 pub(crate) struct Words {
     socket: UnixStream,
     bytes: Vec<u8>,
-    /// Lines that came while the arm was opened, and were not told yet.
+    /// Lines that came while the arm was opened, and were not reported yet.
     early: VecDeque<String>,
 }
 
@@ -114,8 +114,8 @@ impl Words {
         Some(String::from_utf8_lossy(&line[..end]).into_owned())
     }
 
-    /// What there is to be told, if anything.
-    pub(crate) fn told(&mut self) -> Option<String> {
+    /// What there is to be reported, if anything.
+    pub(crate) fn reported(&mut self) -> Option<String> {
         let line = self.early.pop_front().or_else(|| self.next())?;
         line.split_once(' ')
             .filter(|(word, _)| matches!(*word, "told" | "lost"))

@@ -127,8 +127,8 @@ pub(crate) trait VendorArm {
     /// The arm is lost.
     fn sample(&mut self) -> Result<VendorSample, VendorFault>;
 
-    /// What there is to be told since the last call, if anything: what a person has to do, or what
-    /// the library has changed. Called by the worker's clock alone.
+    /// What there is to be reported since the last call, if anything: what a person has to do, or
+    /// what the library has changed. Called by the worker's clock alone.
     fn news(&mut self) -> Option<String> {
         None
     }

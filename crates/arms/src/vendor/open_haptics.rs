@@ -80,7 +80,7 @@ const TURN_MAX: Duration = Duration::from_millis(20);
 const SETTLE: Duration = Duration::from_millis(300);
 /// How long the zero of the end may wait for a turn of the scheduler.
 const ZERO_PATIENCE: Duration = Duration::from_millis(50);
-/// Share of its limit at which a motor is told of.
+/// Share of its limit at which a motor is reported of.
 const WARM: f64 = 0.8;
 /// Errors that one tick takes off the library's stack.
 const ERRORS: usize = 8;
@@ -284,7 +284,7 @@ impl Hd {
 }
 
 /// An open arm.
-pub(super) struct Arm {
+pub(super) struct LibraryArm {
     handle: c_ulong,
     identity: String,
     instruction: Option<&'static str>,
@@ -292,13 +292,16 @@ pub(super) struct Arm {
     ticked: Instant,
     looked: Instant,
     silent: Duration,
-    told_warm: bool,
+    reported_warm: bool,
     news: Option<String>,
 }
 
 /// Opens the arm of an assignment, whose serial number is the name that the maker's setup gave it.
 /// Nothing moves by itself.
-pub(super) fn open(assignment: &Assignment, host: &mut HostLine) -> Result<Arm, VendorFault> {
+pub(super) fn open(
+    assignment: &Assignment,
+    host: &mut HostLine,
+) -> Result<LibraryArm, VendorFault> {
     let library = Library::open(Family::OpenHaptics, assignment.library.as_deref(), true)?;
     let hd = Hd::load(library)?;
     let hd = HD.get_or_init(|| hd);
@@ -391,7 +394,7 @@ pub(super) fn open(assignment: &Assignment, host: &mut HostLine) -> Result<Arm, 
     }
     std::thread::sleep(SETTLE);
     let now = Instant::now();
-    let mut arm = Arm {
+    let mut arm = LibraryArm {
         handle,
         identity,
         instruction,
@@ -399,7 +402,7 @@ pub(super) fn open(assignment: &Assignment, host: &mut HostLine) -> Result<Arm, 
         ticked: now,
         looked: now,
         silent: Duration::ZERO,
-        told_warm: false,
+        reported_warm: false,
         news: None,
     };
     if shared().as_ref().is_none_or(|shared| shared.ticks == 0) {
@@ -410,7 +413,7 @@ pub(super) fn open(assignment: &Assignment, host: &mut HostLine) -> Result<Arm, 
     Ok(arm)
 }
 
-impl VendorArm for Arm {
+impl VendorArm for LibraryArm {
     fn identity(&self) -> String {
         self.identity.clone()
     }
@@ -447,14 +450,14 @@ impl VendorArm for Arm {
         if shared.sample.homed && self.instruction.take().is_some() {
             self.news = Some("it is calibrated now".to_owned());
         }
-        if shared.heat >= WARM && !self.told_warm {
-            self.told_warm = true;
+        if shared.heat >= WARM && !self.reported_warm {
+            self.reported_warm = true;
             self.news = Some(format!(
                 "a motor is at {:.0} % of the heat that it may have",
                 shared.heat * 1e2
             ));
         }
-        self.told_warm &= shared.heat > 0.9 * WARM;
+        self.reported_warm &= shared.heat > 0.9 * WARM;
         Ok(VendorSample { is_repeat, ..shared.sample })
     }
 
@@ -467,8 +470,8 @@ impl VendorArm for Arm {
         if let Some(shared) = shared().as_mut() {
             (shared.command, shared.is_over) = (VendorCommand::default(), true);
         }
-        // It waits for the scheduler, which may be what is broken: the tick has been told to make
-        // zero, and the stop must come.
+        // It waits for the scheduler, which may be what is broken: the tick has been ordered to
+        // make zero, and the stop must come.
         let (done, has_done) = std::sync::mpsc::channel();
         let zeroes = move || {
             hd.hdScheduleSynchronous(zero, core::ptr::null_mut(), PRIORITY);

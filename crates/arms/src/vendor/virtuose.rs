@@ -37,7 +37,7 @@ const OVERHEAT: u8 = 131;
 const OVERRUN: u8 = 132;
 const POSITION: u8 = 133;
 const ALARMS: [(c_uint, u8); 3] = [(0x4000, OVERHEAT), (0x2_0000, OVERRUN), (0x4_0000, POSITION)];
-/// Its motors make less than they are told.
+/// Its motors make less than they are sent.
 const SATURATE: c_uint = 0x8000;
 
 pub(super) fn fault_text(fault: u16) -> Option<&'static str> {
@@ -60,15 +60,15 @@ pub(super) fn fault_text(fault: u16) -> Option<&'static str> {
 }
 
 /// An open arm.
-pub(super) struct Arm {
+pub(super) struct LibraryArm {
     library: Virtuose,
     context: Context,
     identity: String,
     last: VendorSample,
     is_powered: bool,
     turns: u32,
-    told_saturated: bool,
-    told_dead_man: bool,
+    reported_saturated: bool,
+    reported_dead_man: bool,
     news: Option<String>,
 }
 
@@ -88,7 +88,7 @@ fn done(
 }
 
 /// Opens the arm of an assignment. It does not move.
-pub(super) fn open(assignment: &Assignment, _: &mut HostLine) -> Result<Arm, VendorFault> {
+pub(super) fn open(assignment: &Assignment, _: &mut HostLine) -> Result<LibraryArm, VendorFault> {
     let library =
         Virtuose::load(Library::open(Family::Virtuose, assignment.library.as_deref(), false)?)?;
     // The address stands where other arms have their serial number.
@@ -116,15 +116,15 @@ pub(super) fn open(assignment: &Assignment, _: &mut HostLine) -> Result<Arm, Ven
     };
     let identity = format!("{model} at {address}, {}", library.library.path.display());
     let last = VendorSample { homed: true, ..VendorSample::default() };
-    Ok(Arm {
+    Ok(LibraryArm {
         library,
         context,
         identity,
         last,
         is_powered: false,
         turns: 0,
-        told_saturated: false,
-        told_dead_man: false,
+        reported_saturated: false,
+        reported_dead_man: false,
         news: None,
     })
 }
@@ -157,7 +157,7 @@ fn start(library: &Virtuose, context: Context, assignment: &Assignment) -> Resul
     Ok(())
 }
 
-impl Arm {
+impl LibraryArm {
     fn done(&self, what: &str, answer: c_int) -> Result<(), VendorFault> {
         done(&self.library, Some(self.context), what, answer)
     }
@@ -196,13 +196,14 @@ impl Arm {
             () if self.is_powered && power == 0 => POWER_OFF,
             () => alarm,
         };
-        if alarms & SATURATE != 0 && !self.told_saturated {
-            self.told_saturated = true;
-            self.news =
-                Some("its motors are at their limits: it makes less than it was told".to_owned());
+        if alarms & SATURATE != 0 && !self.reported_saturated {
+            self.reported_saturated = true;
+            self.news = Some(
+                "its motors are at their limits: it makes less than it was ordered".to_owned(),
+            );
         }
-        if self.is_powered && dead_man == 0 && !self.told_dead_man {
-            self.told_dead_man = true;
+        if self.is_powered && dead_man == 0 && !self.reported_dead_man {
+            self.reported_dead_man = true;
             self.news = Some(
                 "its dead-man's switch is open: it makes no force before the grip is held"
                     .to_owned(),
@@ -212,7 +213,7 @@ impl Arm {
     }
 }
 
-impl VendorArm for Arm {
+impl VendorArm for LibraryArm {
     fn identity(&self) -> String {
         self.identity.clone()
     }
@@ -225,7 +226,7 @@ impl VendorArm for Arm {
             let answer = self.library.virtSetPowerOn(self.context, command.enabled.into());
             self.done("its motors cannot be switched", answer)?;
             self.is_powered = command.enabled;
-            self.told_dead_man = false;
+            self.reported_dead_man = false;
         }
         if !self.is_powered {
             return Ok(());

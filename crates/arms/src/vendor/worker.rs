@@ -43,7 +43,7 @@ const HANG_PATIENCE: Duration = Duration::from_secs(2);
 /// Between two looks for that.
 const SLOW_LOOK: Duration = Duration::from_millis(500);
 
-/// What a worker is told on its command line, as JSON.
+/// What a worker is given on its command line, as JSON.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Assignment {
     pub(super) family: Family,
@@ -195,7 +195,7 @@ impl HostLine {
 /// motors and sensors a [`VendorArm`] has.
 pub(crate) struct Exchange {
     page: Page,
-    firmware: open6_arm::Arm,
+    firmware: open6_arm::ArmFirmware,
     readings: ArmReadings,
     fault: u8,
     /// The host is owed a state, which waits for a sample.
@@ -208,7 +208,7 @@ impl Exchange {
     fn new(page: Page, arm: Open6Arm) -> Self {
         Self {
             page,
-            firmware: open6_arm::Arm::new(arm, Carriage::Reports),
+            firmware: open6_arm::ArmFirmware::new(arm, Carriage::Reports),
             readings: readings_of(&VendorSample::default()),
             fault: 0,
             owes: false,

@@ -7,7 +7,7 @@
 
 /// Exchanges that are remembered: a quarter of a second at 1 kHz.
 const WINDOW: usize = 256;
-/// Longest round trip that is told apart, ticks.
+/// Longest round trip that is distinguished, ticks.
 const LONGEST: usize = 255;
 /// Share of the exchanges that may be later.
 const LATE_SHARE: f64 = 0.05;

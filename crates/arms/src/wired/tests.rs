@@ -212,7 +212,7 @@ fn a_zero_finds_room_in_a_line_that_is_full() {
 }
 
 #[test]
-fn an_arm_that_says_nothing_is_looked_for_and_told_zero() {
+fn an_arm_that_says_nothing_is_looked_for_and_reported_zero() {
     for name in ["hapkit", "haply-2diy", "polhem-2022", "polhem-2019"] {
         let (mut arm, mut board, mut lost) = attached(name, Timebase::Counted);
         arm.set_enabled(true);

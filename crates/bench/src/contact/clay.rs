@@ -15,7 +15,7 @@ use haptics::{
     CouplingMode, CouplingParameters, DriveRequest, FilterParameters, Inertia, Parameters,
     RenderScene, State, TickInput, TickOutput, Tool, tick,
 };
-use vps::density::{Frame, FrameError, Lattice, Raster};
+use vps::density::{DensityFrame, FrameError, Lattice, Raster};
 use vps::pointshell::shell::Shell;
 use vps::spatial::{DeviceSample, Pose, SampleStatus, Twist};
 
@@ -114,7 +114,7 @@ impl Receding {
                 let at_tick = due as f64 / (self.update_hz * PERIOD_S);
                 let late_m =
                     self.speed_m_per_s * PERIOD_S * (at_tick - MOVES_FROM_TICK as f64).max(0.0);
-                state.exchange(Box::new(Frame {
+                state.exchange(Box::new(DensityFrame {
                     sequence: due,
                     ..frame(lattice, &plane(TOP_M - late_m))?
                 }));
@@ -214,7 +214,7 @@ fn ball(radius_m: f64, n_points: u32) -> Shell {
 }
 
 /// A frame whose region is all of it.
-fn frame(lattice: Lattice, density_m: &dyn Fn(DVec3) -> f64) -> Result<Frame, FrameError> {
+fn frame(lattice: Lattice, density_m: &dyn Fn(DVec3) -> f64) -> Result<DensityFrame, FrameError> {
     let mut raster = Raster::uniform(lattice, 0.0);
     let [nx, ny, nz] = lattice.dims;
     let nodes = (0..nx).flat_map(|x| (0..ny).flat_map(move |y| (0..nz).map(move |z| [x, y, z])));
@@ -222,7 +222,7 @@ fn frame(lattice: Lattice, density_m: &dyn Fn(DVec3) -> f64) -> Result<Frame, Fr
         *value_m = density_m(lattice.position(node)) as f32;
     }
     raster.measure();
-    let mut frame = Frame {
+    let mut frame = DensityFrame {
         sequence: 0,
         base: Arc::new(raster.clone()),
         region: raster,
@@ -234,7 +234,7 @@ fn frame(lattice: Lattice, density_m: &dyn Fn(DVec3) -> f64) -> Result<Frame, Fr
 }
 
 /// A tool and a piece of clay, nothing between the contact and the hand that would hide a step.
-fn scene(frame: &Frame, shell: Shell) -> RenderScene {
+fn scene(frame: &DensityFrame, shell: Shell) -> RenderScene {
     let least_kg_m2 = 1e-6;
     RenderScene {
         parameters: Parameters {

@@ -13,7 +13,7 @@
 //! | `speed`, `nut` | time against points, contact share, triangles; the nut on its bolt beside other programs |
 //! | `many` | time against the number of objects |
 //! | `insertions` | which voxel size an insertion needs |
-//! | `torture` | a million points in a violent hand, every tick judged |
+//! | `stress` | a million points in a violent hand, every tick judged |
 //! | [`wrench`] | contact wrenches of several programs, beside closed forms |
 //! | [`clay`] | steps of the force between updates of clay; what a tick on clay costs |
 //! | `accuracy` | fields of real meshes beside exact distances |
@@ -38,7 +38,7 @@ pub mod scenarios;
 mod scenes;
 pub mod sliding;
 mod speed;
-mod torture;
+mod stress;
 pub mod wrench;
 
 use std::path::PathBuf;
@@ -144,6 +144,6 @@ pub fn insertions(
 ///
 /// # Errors
 /// A scene that cannot be baked or played. A folder without scenes is a row that says so.
-pub fn torture(options: &Options, mut tell: impl FnMut(&str)) -> Result<Vec<Row>, BenchError> {
-    torture::rows(options, &mut tell)
+pub fn stress(options: &Options, mut tell: impl FnMut(&str)) -> Result<Vec<Row>, BenchError> {
+    stress::rows(options, &mut tell)
 }

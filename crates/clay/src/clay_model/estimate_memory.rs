@@ -1,4 +1,4 @@
-//! What a piece takes in memory, before it is made.
+//! What a clay model takes in memory, before it is made.
 
 use glam::DVec3;
 
@@ -9,27 +9,27 @@ use super::{ClayModelError, Settings};
 /// 27 coefficients, its share of the search trees; and what it is chosen from where a mesh is
 /// sampled. Measured: 1,450 with one stroke on a ball of 2,000 to 20,000.
 const PER_SAMPLE: u64 = 1500;
-/// Of each node of the whole piece, bytes: its density, twice while a stroke ends, and in the
+/// Of each node of the whole model, bytes: its density, twice while a stroke ends, and in the
 /// frames.
 const PER_NODE: u64 = 12;
 /// Of each mass point of the region, bytes: eleven numbers of its motion, and its density in the
 /// frames that go round.
 const PER_MASS_POINT: u64 = 64;
 
-/// About what a piece takes while it is made and worked; strokes that can be taken back apart,
+/// About what a clay model takes while it is made and worked; strokes that can be taken back apart,
 /// which are bounded by themselves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MemoryEstimate {
     /// Samples.
     pub samples: u64,
-    /// Nodes of the raster over the whole piece.
+    /// Nodes of the raster over the whole model.
     pub nodes: u64,
     /// All of it.
     pub bytes: u64,
 }
 
 impl MemoryEstimate {
-    /// Of a piece of so many samples in a box (map frame, m).
+    /// Of a clay model of so many samples in a box (map frame, m).
     ///
     /// # Errors
     /// [`ClayModelError`] of a raster that cannot be.

@@ -8,7 +8,7 @@ use vps::density::{Lattice, Raster};
 /// Air around all samples in the base raster, in its spacings: room for what is pulled out, beyond
 /// what the caller asks for.
 const AIR_SPACINGS: f64 = 4.0;
-/// A lattice is kept until one as large as the piece needs would be finer than this, in its
+/// A lattice is kept until one as large as the clay needs would be finer than this, in its
 /// spacings.
 const KEPT_SPACINGS: f64 = 0.75;
 
@@ -50,8 +50,9 @@ pub(super) fn lattices(
     Ok((whole, nodes_below.to_array().map(|n| n as usize), region))
 }
 
-/// The lattices of a piece that has become another, for those of `now` (base, region): the same
-/// nodes wherever they will do, since densities that are looked up between nodes lose their edges.
+/// The lattices of a clay model that has become another, for those of `now` (base, region): the
+/// same nodes wherever they will do, since densities that are looked up between nodes lose their
+/// edges.
 pub(super) fn lattices_after(
     (whole, region): (&Lattice, &Lattice),
     (low, high): (DVec3, DVec3),

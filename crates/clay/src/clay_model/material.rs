@@ -114,7 +114,7 @@ impl ClayModel {
         &self.material_map
     }
 
-    /// What the mass point nearest to a place is made of; far from the piece, what all of it is
+    /// What the mass point nearest to a place is made of; far from the clay, what all of it is
     /// made of at first.
     pub fn material_at(&self, point_map: DVec3) -> Material {
         let lattice = self.base.lattice();

@@ -11,7 +11,7 @@ use super::{AdvectedSamples, ClayModel};
 /// Radius of a sample's disc, in its spacings: neighbouring discs overlap.
 const DISC_SPACINGS: f64 = 0.75;
 /// Smallest disc that the rim of a brush leaves, in spacings at the start; and pixels across a
-/// picture of the piece.
+/// picture of the clay.
 const SPLIT_SPACINGS: f64 = 0.125;
 const PICTURE_PIXELS: f64 = 1000.0;
 /// Dabs that the brush has left behind before what is around them is split: the tree of samples is
@@ -131,7 +131,7 @@ impl ClayModel {
         Ok(())
     }
 
-    /// The smallest disc that the rim of a brush leaves, m: a pixel of a picture that the piece and
+    /// The smallest disc that the rim of a brush leaves, m: a pixel of a picture that the clay and
     /// the air around it fill, or an eighth of a spacing if that is more, because each sample is
     /// fitted and kept.
     pub(crate) fn smallest_disc_m(&self) -> f64 {

@@ -1,4 +1,4 @@
-//! How a piece is worked, and why one cannot be.
+//! How a clay model is worked, and why one cannot be.
 
 use glam::DVec3;
 
@@ -9,7 +9,7 @@ use vps::spatial::{Metres, Place};
 /// Nodes of the base raster at most: 128 MiB.
 pub(super) const NODES_MAX: usize = 1 << 25;
 
-/// How a piece is worked.
+/// How a clay model is worked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
     /// Samples that a local fit takes into account.
@@ -17,11 +17,11 @@ pub struct Settings {
     /// The field meets every sample exactly ([`PointSurface::interpolating`]).
     pub interpolates: bool,
     /// Lowest and highest corner of the region that deforms, map frame, m; `None`: all of the
-    /// piece, and air around it.
+    /// model, and air around it.
     pub region_map: Option<(DVec3, DVec3)>,
     /// Mass points along x, y, z.
     pub raster: [usize; 3],
-    /// Air around the piece that clay may be pulled into, m.
+    /// Air around the clay that clay may be pulled into, m.
     pub air_m: f64,
     /// What it is made of where nothing else was painted.
     pub material: Material,
@@ -30,7 +30,7 @@ pub struct Settings {
 }
 
 impl Default for Settings {
-    /// The paper's largest raster over the whole piece, a centimetre of air, soft clay.
+    /// The paper's largest raster over the whole model, a centimetre of air, soft clay.
     fn default() -> Self {
         Self {
             n_neighbours: PointSurface::DEFAULT_NEIGHBOURS,
@@ -52,7 +52,7 @@ impl Settings {
     }
 }
 
-/// Why a piece cannot be worked.
+/// Why a clay model cannot be worked.
 #[derive(Debug, thiserror::Error)]
 pub enum ClayModelError {
     /// Samples that make no surface.
@@ -65,22 +65,22 @@ pub enum ClayModelError {
     #[error("the region from {} to {} is empty; its first corner is the lowest, its second the \
         highest", Place(*.0), Place(*.1))]
     Region(DVec3, DVec3),
-    /// Nothing of the piece is in it.
+    /// Nothing of the clay is in it.
     #[error("no part of the surface is in the region from {} to {}", Place(*.0), Place(*.1))]
     Beside(DVec3, DVec3),
     /// A Boolean that leaves no solid.
-    #[error("nothing would be left of the piece")]
+    #[error("nothing would be left of the clay")]
     NothingLeft,
     /// The base would be too large.
     #[error(
-        "mass points {} apart make {n_nodes} of them over the whole piece, more than {NODES_MAX}; \
+        "mass points {} apart make {n_nodes} of them over the whole model, more than {NODES_MAX}; \
          take fewer in `sculpt.raster`, or a larger `sculpt.region_mm`",
         Metres(*spacing_m)
     )]
     TooFine {
         /// Between mass points, m.
         spacing_m: f64,
-        /// Over the whole piece.
+        /// Over the whole model.
         n_nodes: f64,
     },
 }

@@ -11,7 +11,7 @@ use super::lattices::{first_node, is_part};
 use super::{ClayModel, ClayModelError, DynamicRegion, Settings, measured};
 use vps::density::{Lattice, Raster};
 
-/// Strokes that can be taken back, and the memory that they take, bytes: of a large piece there are
+/// Strokes that can be taken back, and the memory that they take, bytes: of a large model there are
 /// fewer of them.
 const PAST_MAX: usize = 64;
 const PAST_BYTES_MAX: usize = 1 << 30;
@@ -104,7 +104,7 @@ impl Snapshot {
     }
 }
 
-/// A piece with its past, as a file keeps it.
+/// A clay model with its past, as a file keeps it.
 pub(in super::super) struct Session {
     pub(in super::super) now: Snapshot,
     pub(in super::super) past: Vec<Snapshot>,
@@ -114,7 +114,7 @@ pub(in super::super) struct Session {
 }
 
 impl ClayModel {
-    /// The piece of a session.
+    /// The clay of a session.
     pub(in super::super) fn resume(session: Session) -> Result<Self, ClayModelError> {
         let Session { now, past, undone, settings, gap_m } = session;
         let surface = now.samples.fitted(&settings)?;
@@ -208,7 +208,7 @@ impl ClayModel {
         forget(&mut self.past, PAST_BYTES_MAX);
     }
 
-    /// The stroke is part of the piece: what was undone before it cannot be done again.
+    /// The stroke is part of the clay: what was undone before it cannot be done again.
     pub(super) fn settle(&mut self) {
         self.undone.clear();
     }

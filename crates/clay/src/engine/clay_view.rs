@@ -8,7 +8,7 @@ use super::super::PointSet;
 use super::super::dynamics::Material;
 use super::ToolSettings;
 
-/// The piece at one moment. Cheap to clone. During a stroke its samples may be older than the rest:
+/// The clay at one moment. Cheap to clone. During a stroke its samples may be older than the rest:
 /// they are copied as often as that is cheap. Without one they are as new as the rest.
 #[derive(Clone, Debug)]
 pub struct ClayView {
@@ -29,7 +29,7 @@ pub struct ClayView {
     pub curves_map: Arc<[Vec<DVec3>]>,
     /// What the tool does, and how.
     pub tool: ToolSettings,
-    /// What the piece is made of where nothing was painted.
+    /// What the clay is made of where nothing was painted.
     pub material: Material,
     /// A stroke is under way.
     pub is_stroke: bool,

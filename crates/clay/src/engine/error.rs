@@ -11,7 +11,7 @@ use super::super::session::SessionFileError;
 use glam::DVec3;
 use vps::spatial::{Metres, Place};
 
-/// Why the engine did not do what it was asked for. The piece is as it was; [`EngineError::hint`]
+/// Why the engine did not do what it was asked for. The clay is as it was; [`EngineError::hint`]
 /// says what would help.
 #[derive(Debug, thiserror::Error)]
 pub enum EngineError {
@@ -41,13 +41,13 @@ pub enum EngineError {
     /// Nothing was taken back since the last stroke.
     #[error("there is no stroke to do again")]
     NothingToRedo,
-    /// A craft needs a shape that the tool does not have.
-    #[error("the tool has no shape that could be joined with the piece")]
+    /// A tool needs a shape that the tool does not have.
+    #[error("the tool has no shape that could be joined with the clay")]
     NoShape,
-    /// The tool is too far from the piece.
+    /// The tool is too far from the clay.
     #[error("there is no surface within the brush")]
     OutOfReach,
-    /// The tool works where the piece is stiff.
+    /// The tool works where the clay is stiff.
     #[error("the tool is outside of the region that deforms")]
     OutsideRegion,
     /// The hand does not feel what it does.
@@ -71,17 +71,17 @@ pub enum EngineError {
         /// What is wrong with it.
         what: String,
     },
-    /// Material that was laid beside the piece, or that it has already.
+    /// Material that was laid beside the clay, or that it has already.
     #[error("no mass point has become another one")]
     NothingLaid,
     /// Curves are pulled by an order, and the hand has to wait.
     #[error("curves are being pulled by an order")]
     PullUnderWay,
     /// The tool touches none of the samples that it could work on.
-    #[error("nothing of the piece lies under the {0}")]
+    #[error("nothing of the clay lies under the {0}")]
     Nothing(&'static str),
     /// A difference that cuts nothing off.
-    #[error("the other solid is beside the piece and cuts nothing off")]
+    #[error("the other solid is beside the clay and cuts nothing off")]
     Beside,
     /// A property that no mass point may have.
     #[error("{name} of {value} {unit}")]
@@ -116,11 +116,11 @@ impl EngineError {
                 "move or shrink the other solid, and check its unit"
             }
             Self::Model(_) => "choose another region or another raster",
-            Self::Export(_) => "undo the last stroke, or load the piece with more air around it",
+            Self::Export(_) => "undo the last stroke, or load the clay with more air around it",
             Self::Session(_) | Self::Write { .. } => {
                 "choose a file in a folder that exists and may be written to"
             }
-            Self::NothingToUndo => "nothing has changed since the piece was loaded",
+            Self::NothingToUndo => "nothing has changed since the clay was loaded",
             Self::NothingToRedo => {
                 "only what was taken back can be done again, until the next stroke"
             }
@@ -145,7 +145,7 @@ impl EngineError {
                 "give finite places and lengths above 0, in the frame of the clay"
             }
             Self::NothingLaid => {
-                "lay another material, or lay it where the piece is: in the frame of the clay, and \
+                "lay another material, or lay it where the clay is: in the frame of the clay, and \
                     check the unit"
             }
             Self::PullUnderWay => "wait until it is over, or undo it",

@@ -5,7 +5,7 @@
 //!
 //! ```text
 //!  ToolMotion ──► tool: push, pull, paint, … ──────┐
-//!  SculptOrder ─► undo, emboss, combine, save, … ──┴─► ClayModel ─► Frame (to the loop), ClayView (to clients)
+//!  SculptOrder ─► undo, emboss, combine, save, … ──┴─► ClayModel ─► DensityFrame (to the loop), ClayView (to clients)
 //! ```
 //! Pure: no clock and no thread of its own; the same calls give the same bits.
 
@@ -29,7 +29,7 @@ pub use tool_motion::{HoldOutcome, ToolBody, ToolMotion};
 use self::curves::Curves;
 use self::work::{Activity, MotionSummary};
 use super::{ClayModel, PointSet};
-use vps::density::Frame;
+use vps::density::DensityFrame;
 use vps::spatial::Metres;
 
 /// Strokes that were made, and how many can be taken back and done again.
@@ -69,7 +69,7 @@ pub struct SculptEngine {
 }
 
 impl SculptEngine {
-    /// A piece, the craft to begin with, and the body in the hand.
+    /// A clay model, the tool to begin with, and the body in the hand.
     pub fn new(model: ClayModel, tool: ToolSettings, body: ToolBody) -> Self {
         Self {
             saved: past_of(&model),
@@ -119,7 +119,7 @@ impl SculptEngine {
     /// Carries out an order.
     ///
     /// # Errors
-    /// [`EngineError`]; the piece is as it was, but that a stroke may have ended.
+    /// [`EngineError`]; the clay is as it was, but that a stroke may have ended.
     pub fn order(&mut self, order: SculptOrder) -> Result<(), EngineError> {
         let spacing_m = self.model.region().lattice().spacing_m;
         let changes_samples = matches!(
@@ -159,7 +159,7 @@ impl SculptEngine {
         let strokes_before = self.model.strokes();
         let spacing_m = self.model.region().lattice().spacing_m;
         let worked = self.work(&motion, time_s);
-        self.grip = motion.grip(worked.is_ok() || !self.tool.craft.is_held());
+        self.grip = motion.grip(worked.is_ok() || !self.tool.kind.is_held());
         if let Err(error) = worked {
             self.complain(&error);
         } else {
@@ -212,7 +212,7 @@ impl SculptEngine {
     }
 
     /// Writes what there is into a frame for the loop. Cost: a copy of the region.
-    pub fn show(&mut self, frame: &mut Frame) {
+    pub fn show(&mut self, frame: &mut DensityFrame) {
         self.model.show(frame);
         frame.sequence = self.updates;
         frame.rope_map = self.rope_map();

@@ -16,7 +16,7 @@ use vps::spatial::Pose;
 /// a stroke says so.
 #[derive(Clone, Debug)]
 pub enum SculptOrder {
-    /// Another craft, or other settings of the same one. Ends a stroke.
+    /// Another tool, or other settings of the same one. Ends a stroke.
     Take(ToolSettings),
     /// Some of the settings. Ends a stroke.
     Adjust(ToolChange),
@@ -26,7 +26,7 @@ pub enum SculptOrder {
     Undo,
     /// Does again what was taken back last; refused where nothing was.
     Redo,
-    /// Another part of the piece deforms: lowest and highest corner of a box, map frame, m. Ends a
+    /// Another part of the clay deforms: lowest and highest corner of a box, map frame, m. Ends a
     /// stroke.
     Region {
         /// Lowest corner.
@@ -34,11 +34,11 @@ pub enum SculptOrder {
         /// Highest corner.
         high_map: DVec3,
     },
-    /// Joins the piece with another solid, or cuts it by one. Ends a stroke.
+    /// Joins the clay with another solid, or cuts it by one. Ends a stroke.
     Combine {
         /// Which way.
         boolean: Boolean,
-        /// The other solid; what is not sampled yet gets the spacing that the piece has then.
+        /// The other solid; what is not sampled yet gets the spacing that the clay has then.
         with: Arc<SolidSource>,
         /// Where it stands.
         map_from_body: Pose,
@@ -82,7 +82,7 @@ pub enum SculptOrder {
     SavePoints(PathBuf),
     /// Writes all that is needed to go on another day. Ends a stroke.
     SaveSession(PathBuf),
-    /// Writes the piece as a closed triangle mesh that a rigid scene can use, a PLY file. Ends a
+    /// Writes the clay as a closed triangle mesh that a rigid scene can use, a PLY file. Ends a
     /// stroke.
     Export(PathBuf),
 }

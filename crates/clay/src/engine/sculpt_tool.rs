@@ -60,14 +60,14 @@ impl SculptTool {
         ("region", Self::Region),
     ];
 
-    /// The craft of a word.
+    /// The tool of a word.
     pub fn of(word: &str) -> Option<Self> {
-        Self::NAMES.iter().find(|(name, _)| *name == word).map(|(_, craft)| *craft)
+        Self::NAMES.iter().find(|(name, _)| *name == word).map(|(_, kind)| *kind)
     }
 
     /// The word for it in scenes and orders.
     pub fn name(self) -> &'static str {
-        Self::NAMES.iter().find(|(_, craft)| *craft == self).map_or("touch", |(name, _)| name)
+        Self::NAMES.iter().find(|(_, kind)| *kind == self).map_or("touch", |(name, _)| name)
     }
 
     /// It works while the tool is held, or when it is taken hold of; the others work by touch.
@@ -75,7 +75,7 @@ impl SculptTool {
         !matches!(self, Self::Touch | Self::Push | Self::Paint | Self::Material)
     }
 
-    /// What becomes of the tool's shape and the piece, for those three crafts.
+    /// What becomes of the tool's shape and the clay, for those three tools.
     pub(crate) fn boolean(self) -> Option<Boolean> {
         match self {
             Self::Union => Some(Boolean::Union),
@@ -92,11 +92,11 @@ impl fmt::Display for SculptTool {
     }
 }
 
-/// A craft with its settings.
+/// A tool with its settings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ToolSettings {
     /// What it does.
-    pub craft: SculptTool,
+    pub kind: SculptTool,
     /// Radius around the tool within which material moves, is coloured (at [`Self::FULL_FORCE_N`])
     /// or embossed, m.
     pub brush_m: f64,
@@ -104,14 +104,14 @@ pub struct ToolSettings {
     pub falloff: Falloff,
     /// Of paint, and of the surface where material is painted, sRGB.
     pub color: [u8; 3],
-    /// Of the craft material; where it says nothing, [so many times](Painted::HARDER) as hard as
-    /// the piece.
+    /// Of the tool material; where it says nothing, [so many times](Painted::HARDER) as hard as
+    /// the clay.
     pub painted: Painted,
     /// Depth of white in an image, m.
     pub depth_m: f64,
     /// What is embossed and engraved; without one, a round dome.
     pub image: Option<Arc<GreyImage>>,
-    /// What is joined with the piece, or cuts it; without one, the tool's own shape.
+    /// What is joined with the clay, or cuts it; without one, the tool's own shape.
     pub solid: Option<ChosenSolid>,
     /// Edges of Booleans stay sharp, as far as the raster holds them.
     pub is_sharp: bool,
@@ -120,7 +120,7 @@ pub struct ToolSettings {
 /// A solid in the place of the tool's own shape, in the tool's frame.
 #[derive(Clone, Debug)]
 pub struct ChosenSolid {
-    /// The solid; sampled as densely as the piece is then.
+    /// The solid; sampled as densely as the clay is then.
     pub source: Arc<SolidSource>,
     /// What to call it.
     pub name: Arc<str>,
@@ -164,8 +164,8 @@ impl ToolSettings {
 /// Settings of the tool that change; what is `None` stays.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ToolChange {
-    /// [`ToolSettings::craft`].
-    pub craft: Option<SculptTool>,
+    /// [`ToolSettings::tool`].
+    pub kind: Option<SculptTool>,
     /// [`ToolSettings::brush_m`], m.
     pub brush_m: Option<f64>,
     /// [`ToolSettings::falloff`].
@@ -188,7 +188,7 @@ impl ToolChange {
     /// The settings with this change.
     pub fn onto(self, tool: &ToolSettings) -> ToolSettings {
         ToolSettings {
-            craft: self.craft.unwrap_or(tool.craft),
+            kind: self.kind.unwrap_or(tool.kind),
             brush_m: self.brush_m.unwrap_or(tool.brush_m),
             falloff: self.falloff.unwrap_or_else(|| tool.falloff.clone()),
             color: self.color.unwrap_or(tool.color),
@@ -205,7 +205,7 @@ impl Default for ToolSettings {
     /// A soft push, 5 mm wide.
     fn default() -> Self {
         Self {
-            craft: SculptTool::default(),
+            kind: SculptTool::default(),
             brush_m: 5e-3,
             falloff: Falloff::default(),
             color: [200, 60, 40],

@@ -30,8 +30,8 @@ fn model() -> ClayModel {
     ClayModel::new(sphere(4000, R), settings).unwrap()
 }
 
-fn tool(craft: SculptTool) -> ToolSettings {
-    ToolSettings { craft, brush_m: 4e-3, ..ToolSettings::default() }
+fn tool(kind: SculptTool) -> ToolSettings {
+    ToolSettings { kind, brush_m: 4e-3, ..ToolSettings::default() }
 }
 
 /// A point in a hand, with the springs of the tick.
@@ -43,8 +43,8 @@ struct Hand {
 }
 
 impl Hand {
-    fn with(craft: SculptTool) -> Self {
-        Self::of(SculptEngine::new(model(), tool(craft), ToolBody::default()))
+    fn with(kind: SculptTool) -> Self {
+        Self::of(SculptEngine::new(model(), tool(kind), ToolBody::default()))
     }
 
     fn of(engine: SculptEngine) -> Self {
@@ -196,9 +196,9 @@ fn curves_that_are_given_wait_for_a_hold_near_one_of_them_and_rise_together() {
     );
     let over = |x: f64, y: f64| DVec3::new(x, y, (R * R - x * x - y * y).sqrt() + 0.5e-3);
     // Another tool in between does not lose them.
-    let takes = |hand: &mut Hand, craft| {
+    let takes = |hand: &mut Hand, kind| {
         hand.engine
-            .order(SculptOrder::Adjust(ToolChange { craft: Some(craft), ..ToolChange::default() }))
+            .order(SculptOrder::Adjust(ToolChange { kind: Some(kind), ..ToolChange::default() }))
             .unwrap()
     };
     takes(&mut hand, SculptTool::Paint);
@@ -524,11 +524,11 @@ fn paint_is_as_wide_as_the_force_and_one_press_is_one_stroke() {
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn an_image_is_raised_and_sunk_by_its_depth_where_the_tool_is() {
-    for (craft, sign) in [(SculptTool::Emboss, 1.0), (SculptTool::Engrave, -1.0)] {
+    for (kind, sign) in [(SculptTool::Emboss, 1.0), (SculptTool::Engrave, -1.0)] {
         let white = Arc::new(GreyImage::new(2, 2, vec![1.0; 4]).unwrap());
         let depth_m = 0.8e-3;
         for (image, depth_of_middle_m) in [(Some(white), depth_m), (None, depth_m)] {
-            let settings = ToolSettings { image, depth_m, brush_m: 8e-3, ..tool(craft) };
+            let settings = ToolSettings { image, depth_m, brush_m: 8e-3, ..tool(kind) };
             let mut hand = Hand::of(SculptEngine::new(model(), settings, ToolBody::default()));
             hand.go(DVec3::Z * (R + 1e-3), 5);
             hand.is_held = true;
@@ -536,7 +536,7 @@ fn an_image_is_raised_and_sunk_by_its_depth_where_the_tool_is() {
             assert_eq!(hand.history(), (1, 0), "once for each hold");
             assert!(
                 (hand.top_m() - R - sign * depth_of_middle_m).abs() < 0.1e-3,
-                "{craft}: {}",
+                "{kind}: {}",
                 hand.top_m() - R
             );
             let side = hand.engine.model().onto(DVec3::X * R, 0.01).unwrap().0.x;
@@ -557,7 +557,7 @@ fn the_tools_own_shape_is_joined_and_cut_out_with_the_volume_of_a_lens() {
     let lens =
         PI * (R + r - away).powi(2) * (away * away + 2.0 * away * (R + r) - 3.0 * (R - r).powi(2))
             / (12.0 * away);
-    for (craft, expected) in [
+    for (kind, expected) in [
         (SculptTool::Union, ball(R) + ball(r) - lens),
         (SculptTool::Intersection, lens),
         (SculptTool::Difference, ball(R) - lens),
@@ -568,20 +568,20 @@ fn the_tools_own_shape_is_joined_and_cut_out_with_the_volume_of_a_lens() {
             let before = model.base().values_m().to_vec();
             let mut hand = Hand::of(SculptEngine::new(
                 model,
-                ToolSettings { is_sharp, ..tool(craft) },
+                ToolSettings { is_sharp, ..tool(kind) },
                 body.clone(),
             ));
             hand.at = DVec3::X * away;
             hand.go(hand.at, 1);
             hand.is_held = true;
             hand.go(hand.at, 3);
-            assert_eq!(hand.history(), (1, 0), "{craft}: {}", hand.engine.trouble());
+            assert_eq!(hand.history(), (1, 0), "{kind}: {}", hand.engine.trouble());
             let volume = hand.volume_m3();
             assert!(
                 (volume / expected - 1.0).abs() < 0.03,
-                "{craft}, sharp {is_sharp}: {volume} of {expected}"
+                "{kind}, sharp {is_sharp}: {volume} of {expected}"
             );
-            // The region has become another one with the piece, and comes back as it was.
+            // The region has become another one with the clay, and comes back as it was.
             hand.engine.order(SculptOrder::Undo).unwrap();
             assert_eq!(hand.engine.model().base().values_m(), before);
             assert!((hand.volume_m3() / ball(R) - 1.0).abs() < 0.02);
@@ -594,24 +594,24 @@ fn the_tools_own_shape_is_joined_and_cut_out_with_the_volume_of_a_lens() {
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn what_the_hand_does_not_feel_does_nothing() {
-    for (_, craft) in SculptTool::NAMES {
-        let mut hand = Hand::with(craft);
+    for (_, kind) in SculptTool::NAMES {
+        let mut hand = Hand::with(kind);
         let before = hand.engine.model().points().clone();
         hand.has_force = false;
         hand.go(DVec3::Z * (R - 1e-3), 20);
         hand.is_held = true;
         hand.go(DVec3::Z * (R - 1e-3), 20);
-        assert_eq!((hand.engine.model().points(), hand.history()), (&before, (0, 0)), "{craft}");
+        assert_eq!((hand.engine.model().points(), hand.history()), (&before, (0, 0)), "{kind}");
         assert_eq!(
             hand.engine.trouble().contains("no force"),
-            craft.is_held(),
-            "{craft}: {}",
+            kind.is_held(),
+            "{kind}: {}",
             hand.engine.trouble()
         );
         // Force alone takes hold of nothing: that takes a new press.
         hand.has_force = true;
         hand.go(DVec3::Z * (R + 1e-3), 5);
-        assert_eq!(hand.engine.rope_map(), None, "{craft}");
+        assert_eq!(hand.engine.rope_map(), None, "{kind}");
     }
     // And force that goes lets go.
     let mut hand = Hand::with(SculptTool::Pull);
@@ -625,25 +625,25 @@ fn what_the_hand_does_not_feel_does_nothing() {
 }
 
 #[test]
-fn outside_of_the_region_the_piece_is_stiff_and_says_so() {
-    for craft in [SculptTool::Push, SculptTool::Pull] {
-        let mut hand = Hand::with(craft);
+fn outside_of_the_region_the_clay_is_stiff_and_says_so() {
+    for kind in [SculptTool::Push, SculptTool::Pull] {
+        let mut hand = Hand::with(kind);
         hand.at = DVec3::X * (R + 1e-3);
-        hand.is_held = craft == SculptTool::Pull;
+        hand.is_held = kind == SculptTool::Pull;
         hand.go(DVec3::X * (R - 1e-3), 10);
         assert!(
             hand.engine.trouble().contains("outside of the region"),
-            "{craft}: {}",
+            "{kind}: {}",
             hand.engine.trouble()
         );
-        assert_eq!((hand.history(), hand.engine.rope_map()), ((0, 0), None), "{craft}");
+        assert_eq!((hand.history(), hand.engine.rope_map()), ((0, 0), None), "{kind}");
         // The next stroke that works takes the complaint back.
         hand.is_held = false;
         hand.at = DVec3::Z * (R + 1e-3);
         hand.go(hand.at, 1);
-        hand.is_held = craft == SculptTool::Pull;
+        hand.is_held = kind == SculptTool::Pull;
         hand.go(DVec3::Z * (R - 0.5e-3), 10);
-        assert_eq!((&**hand.engine.trouble(), hand.history()), ("", (1, 0)), "{craft}");
+        assert_eq!((&**hand.engine.trouble(), hand.history()), ("", (1, 0)), "{kind}");
     }
 }
 
@@ -745,7 +745,7 @@ fn a_view_has_new_points_only_when_there_are_some() {
     hand.engine.copy_samples();
     let third = hand.engine.view();
     assert!(third.version == 2 && third.is_stroke && third.points != first.points);
-    assert_eq!((third.n_undo, third.tool.craft, third.updates), (1, SculptTool::Push, 26));
+    assert_eq!((third.n_undo, third.tool.kind, third.updates), (1, SculptTool::Push, 26));
     hand.engine.copy_samples();
     assert!(!hand.engine.has_new_samples() && hand.engine.view().version == 2, "nothing is new");
     // A client that reads that a stroke was undone reads its samples as well, and so where it has
@@ -838,7 +838,7 @@ fn a_solid_is_joined_where_it_is_already() {
 }
 
 #[test]
-fn a_piece_that_grows_beyond_its_mass_points_is_told_of() {
+fn a_clay_model_that_grows_beyond_its_mass_points_is_reported_of() {
     let model =
         ClayModel::new(sphere(1000, 0.01), Settings { raster: [25; 3], ..Settings::default() })
             .unwrap();
@@ -855,7 +855,7 @@ fn a_piece_that_grows_beyond_its_mass_points_is_told_of() {
 fn changes_of_the_tool_add_up_and_one_that_is_refused_changes_nothing() {
     let mut engine = SculptEngine::new(model(), tool(SculptTool::Push), ToolBody::default());
     for change in [
-        ToolChange { craft: Some(SculptTool::Paint), ..ToolChange::default() },
+        ToolChange { kind: Some(SculptTool::Paint), ..ToolChange::default() },
         ToolChange { color: Some([1, 2, 3]), ..ToolChange::default() },
         ToolChange { is_sharp: Some(true), ..ToolChange::default() },
     ] {
@@ -864,7 +864,7 @@ fn changes_of_the_tool_add_up_and_one_that_is_refused_changes_nothing() {
     let expected = ToolSettings { color: [1, 2, 3], is_sharp: true, ..tool(SculptTool::Paint) };
     assert_eq!(engine.view().tool, expected);
     let refused = ToolChange {
-        craft: Some(SculptTool::Push),
+        kind: Some(SculptTool::Push),
         depth_m: Some(f64::NAN),
         ..ToolChange::default()
     };

@@ -1,4 +1,4 @@
-//! What the hand does to the piece: one function per kind of craft.
+//! What the hand does to the clay: one function per kind of tool.
 
 use glam::DVec3;
 
@@ -112,7 +112,7 @@ impl SculptEngine {
     pub(super) fn work(&mut self, motion: &MotionSummary, time_s: f64) -> Result<(), EngineError> {
         if let Activity::Driven { .. } = self.activity {
             self.drive(time_s)?;
-            return if motion.has_risen && self.tool.craft.is_held() {
+            return if motion.has_risen && self.tool.kind.is_held() {
                 Err(EngineError::PullUnderWay)
             } else {
                 Ok(())
@@ -123,13 +123,13 @@ impl SculptEngine {
         }
         if !motion.last.has_force {
             self.let_go()?;
-            return if motion.has_risen && self.tool.craft.is_held() {
+            return if motion.has_risen && self.tool.kind.is_held() {
                 Err(EngineError::NoForce)
             } else {
                 Ok(())
             };
         }
-        match self.tool.craft {
+        match self.tool.kind {
             SculptTool::Touch => Ok(()),
             SculptTool::Push | SculptTool::Paint | SculptTool::Material => {
                 self.press(motion, time_s)
@@ -222,7 +222,7 @@ impl SculptEngine {
         };
         self.activity = Activity::Pressing { left_s: 0.0 };
         let force_n = force_map.length();
-        match self.tool.craft {
+        match self.tool.kind {
             SculptTool::Paint => {
                 self.model.paint(&self.brush(), at_map, force_n)?;
                 return Ok(());
@@ -302,7 +302,7 @@ impl SculptEngine {
             None => Err(EngineError::OutOfReach),
         };
         let anchor_map = anchor_map?;
-        if self.tool.craft == SculptTool::Pull {
+        if self.tool.kind == SculptTool::Pull {
             self.model.begin_stroke()?;
             self.activity = Activity::Pulling { anchor_map };
             return Ok(());
@@ -361,8 +361,8 @@ impl SculptEngine {
         let upward = if normal_map.z.abs() < 0.9 { DVec3::Z } else { DVec3::Y };
         let up = upward.reject_from_normalized(normal_map).normalize_or_zero();
         let right = up.cross(normal_map);
-        let ToolSettings { image, brush_m, depth_m, craft, .. } = &self.tool;
-        let depth_m = if *craft == SculptTool::Engrave { -depth_m } else { *depth_m };
+        let ToolSettings { image, brush_m, depth_m, kind, .. } = &self.tool;
+        let depth_m = if *kind == SculptTool::Engrave { -depth_m } else { *depth_m };
         let image = match image {
             Some(image) => image.clone(),
             None => dome().ok_or(EngineError::Nothing("image"))?.into(),
@@ -377,7 +377,7 @@ impl SculptEngine {
 
     /// Union, intersection, difference with the tool's own shape.
     fn join(&mut self, motion: &MotionSummary) -> Result<(), EngineError> {
-        let Some(boolean) = self.tool.craft.boolean() else { return Ok(()) };
+        let Some(boolean) = self.tool.kind.boolean() else { return Ok(()) };
         let pose = motion.last.map_from_tool;
         let with = match (&self.tool.solid, &self.body.shape) {
             (Some(solid), _) => {

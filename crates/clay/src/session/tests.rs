@@ -8,14 +8,14 @@ use vps::storage::sections::reseal;
 
 const R: f64 = 0.02;
 
-/// A piece with two strokes, one of them taken back.
-fn piece() -> ClayModel {
-    let mut piece = piece_of(Material::default());
+/// A clay model with two strokes, one of them taken back.
+fn model() -> ClayModel {
+    let mut model = model_of(Material::default());
     for _ in 0..2 {
         for _ in 0..10 {
             let along_map = vec![DVec3::Z * R];
             let force_n = DVec3::Z * 5.0;
-            piece
+            model
                 .pull(&PullForce {
                     along_map,
                     force_n,
@@ -24,16 +24,16 @@ fn piece() -> ClayModel {
                     falloff: Falloff::Gaussian,
                 })
                 .unwrap();
-            piece.advance(4e-3);
+            model.advance(4e-3);
         }
-        piece.end_stroke().unwrap();
+        model.end_stroke().unwrap();
     }
-    assert!(piece.undo().unwrap());
-    piece
+    assert!(model.undo().unwrap());
+    model
 }
 
-/// A piece without strokes.
-fn piece_of(material: Material) -> ClayModel {
+/// A clay model without strokes.
+fn model_of(material: Material) -> ClayModel {
     let settings = Settings {
         material,
         region_map: Some((DVec3::new(-0.01, -0.01, 0.01), DVec3::new(0.01, 0.01, 0.03))),
@@ -44,10 +44,10 @@ fn piece_of(material: Material) -> ClayModel {
     ClayModel::new(sphere(300, R), settings).unwrap()
 }
 
-fn saved(piece: &ClayModel) -> Vec<u8> {
+fn saved(model: &ClayModel) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("clay.session");
-    piece.save_session(&path).unwrap();
+    model.save_session(&path).unwrap();
     std::fs::read(&path).unwrap()
 }
 
@@ -61,21 +61,21 @@ fn loaded(bytes: &[u8]) -> Result<ClayModel, SessionFileError> {
 #[test]
 fn a_field_that_interpolates_is_one_again() {
     let settings = Settings { interpolates: true, raster: [9; 3], ..Settings::default() };
-    let piece = ClayModel::new(sphere(300, R), settings).unwrap();
-    let after = loaded(&saved(&piece)).unwrap();
-    assert_eq!(after.settings(), piece.settings());
+    let model = ClayModel::new(sphere(300, R), settings).unwrap();
+    let after = loaded(&saved(&model)).unwrap();
+    assert_eq!(after.settings(), model.settings());
     for at in after.points().positions_map.iter().step_by(10) {
         assert!(after.surface().at(*at).value_m.abs() < 1e-12, "{at}");
     }
-    assert!(!loaded(&saved(&piece_of(Material::default()))).unwrap().settings().interpolates);
+    assert!(!loaded(&saved(&model_of(Material::default()))).unwrap().settings().interpolates);
 }
 
 #[test]
 fn a_material_that_was_laid_everywhere_is_kept_with_what_it_was_before() {
-    let mut piece = piece_of(Material::default());
+    let mut model = model_of(Material::default());
     let hard = Painted { stiffness_n_per_m: Some(777.0), ..Painted::default() };
-    piece.lay_material(hard, &MaterialPlace::Everywhere).unwrap();
-    let mut after = loaded(&saved(&piece)).unwrap();
+    model.lay_material(hard, &MaterialPlace::Everywhere).unwrap();
+    let mut after = loaded(&saved(&model)).unwrap();
     assert_eq!((after.settings().material.stiffness_n_per_m, after.history()), (777.0, (1, 0)));
     assert!(after.undo().unwrap());
     assert_eq!(after.settings().material, Material::default());
@@ -85,7 +85,7 @@ fn a_material_that_was_laid_everywhere_is_kept_with_what_it_was_before() {
 
 #[test]
 fn a_session_goes_on_where_it_was_left() {
-    let mut before = piece();
+    let mut before = model();
     let bytes = saved(&before);
     let mut after = loaded(&bytes).unwrap();
     assert!(saved(&after) == bytes, "saved again it has the same bytes");
@@ -117,12 +117,12 @@ fn whatever_material_a_scene_may_have_is_read_again() {
         creep_s: f64::INFINITY,
         acceleration_max_m_per_s2: 77.0,
     };
-    assert_eq!(loaded(&saved(&piece_of(material.clone()))).unwrap().settings().material, material);
+    assert_eq!(loaded(&saved(&model_of(material.clone()))).unwrap().settings().material, material);
     for wrong in [
         Material { mass_kg: 0.0, ..material.clone() },
         Material { stiffness_n_per_m: -1.0, ..material },
     ] {
-        assert!(matches!(loaded(&saved(&piece_of(wrong))), Err(SessionFileError::Refused { .. })));
+        assert!(matches!(loaded(&saved(&model_of(wrong))), Err(SessionFileError::Refused { .. })));
     }
 }
 
@@ -135,7 +135,7 @@ fn painted_material_is_kept_with_its_past_and_shared_as_before() {
         falloff: Falloff::Constant,
         smallest_m: 1e-3,
     };
-    let mut before = piece();
+    let mut before = model();
     let stiff = Painted { stiffness_n_per_m: Some(700.0), ..Painted::default() };
     let heavy = Painted { mass_kg: Some(2e-4), damping_n_s_per_m: Some(0.0), ..Painted::default() };
     for painted in [stiff, heavy] {
@@ -171,8 +171,8 @@ fn painted_material_is_kept_with_its_past_and_shared_as_before() {
 
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
-fn what_is_damaged_anywhere_is_refused_or_the_same_piece() {
-    let bytes = saved(&piece());
+fn what_is_damaged_anywhere_is_refused_or_the_same_model() {
+    let bytes = saved(&model());
     let mut n_harmless = 0;
     // Every third byte of head and table, and some of every array.
     for at in (0..1024).step_by(3).chain((1024..bytes.len()).step_by(1021)) {
@@ -203,8 +203,8 @@ fn what_is_damaged_anywhere_is_refused_or_the_same_piece() {
 
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
-fn what_was_changed_with_its_checksums_makes_no_piece_but_no_panic_either() {
-    let bytes = saved(&piece());
+fn what_was_changed_with_its_checksums_makes_no_model_but_no_panic_either() {
+    let bytes = saved(&model());
     let mut n_refused = 0;
     let mut n = 0;
     for at in (64..2048.min(bytes.len())).step_by(16).chain((2048..bytes.len()).step_by(16_411)) {
@@ -221,7 +221,7 @@ fn what_was_changed_with_its_checksums_makes_no_piece_but_no_panic_either() {
 
 #[test]
 fn a_file_of_another_version_says_so() {
-    let mut bytes = saved(&piece());
+    let mut bytes = saved(&model());
     let at = vps::storage::sections::VERSIONS_AT.end - 4;
     bytes[at] += 1;
     reseal(&mut bytes);
@@ -233,8 +233,8 @@ fn a_file_of_another_version_says_so() {
 
 #[test]
 fn the_past_that_is_kept_is_the_nearest() {
-    let piece = piece();
-    let moment = piece.moment();
+    let model = model();
+    let moment = model.moment();
     let many = vec![moment.clone(); 4];
     let (moments, n_past) = kept(&moment, &many, &many);
     assert_eq!((moments.len(), n_past), (9, 4));

@@ -17,7 +17,7 @@ const BLOCK: usize = 4;
 
 /// Sums of equation 3 over one plane of the lattice.
 #[derive(Default)]
-struct Plane {
+struct PlaneSums {
     weights: Vec<f64>,
     sums_m: Vec<f64>,
     /// What the patches before this one have made, where there are several.
@@ -32,7 +32,7 @@ struct Joined {
     presence: f64,
 }
 
-impl Plane {
+impl PlaneSums {
     fn clear(&mut self, n: usize) {
         for sums in [&mut self.weights, &mut self.sums_m] {
             sums.clear();
@@ -78,7 +78,7 @@ impl PointSurface {
         let by_plane = self.samples_by_plane(&lattice);
         let nearest = nearest_samples(&lattice, &self.points.positions_map, &self.near);
         let planes = raster.values_m_mut().par_chunks_mut((ny * nz).max(1)).enumerate();
-        planes.for_each_init(Plane::default, |sums, (x, values_m)| {
+        planes.for_each_init(PlaneSums::default, |sums, (x, values_m)| {
             sums.clear(ny * nz);
             if self.has_patches {
                 self.add_patches(&by_plane[x], &lattice, x, sums);
@@ -112,7 +112,7 @@ impl PointSurface {
     }
 
     /// The samples of a plane, patch after patch.
-    fn add_patches(&self, samples: &[u32], lattice: &Lattice, x: usize, sums: &mut Plane) {
+    fn add_patches(&self, samples: &[u32], lattice: &Lattice, x: usize, sums: &mut PlaneSums) {
         let mut samples: Vec<(Patch, u32)> =
             samples.iter().map(|sample| (self.points.patch(*sample), *sample)).collect();
         samples.sort_unstable();
@@ -132,7 +132,7 @@ impl PointSurface {
         sample: u32,
         lattice: &Lattice,
         x: usize,
-        Plane { weights, sums_m, .. }: &mut Plane,
+        PlaneSums { weights, sums_m, .. }: &mut PlaneSums,
     ) {
         let fit = &self.fits[sample as usize];
         let center = fit.center_map;
@@ -168,7 +168,7 @@ impl PointSurface {
         &self,
         lattice: &Lattice,
         x: usize,
-        Plane { weights, sums_m, .. }: &Plane,
+        PlaneSums { weights, sums_m, .. }: &PlaneSums,
         values_m: &mut [f32],
     ) {
         let nz = lattice.dims[2];

@@ -13,7 +13,7 @@ use super::{Clay, PUT_DOWN_SPACINGS};
 use crate::Parameters;
 use vps::contact::faces::face_of;
 use vps::contact::{ContactSum, FaceSums, SimdLevel};
-use vps::density::{Frame, Probe};
+use vps::density::{DensityFrame, Probe};
 use vps::pointshell::shell::Shell;
 use vps::spatial::{Pose, Wrench};
 
@@ -35,8 +35,8 @@ pub struct ClayForces {
 /// Frames and memory.
 #[derive(Clone, Debug)]
 pub(crate) struct Held {
-    newest: Box<Frame>,
-    before: Box<Frame>,
+    newest: Box<DensityFrame>,
+    before: Box<DensityFrame>,
     /// The newest frame has not been touched yet.
     is_new: bool,
     residual: Residual,
@@ -67,7 +67,7 @@ impl Held {
     }
 
     /// Takes a newer frame and gives one that is not needed any more. RT: safe; pointers.
-    pub(crate) fn exchange(&mut self, mut frame: Box<Frame>) -> Box<Frame> {
+    pub(crate) fn exchange(&mut self, mut frame: Box<DensityFrame>) -> Box<DensityFrame> {
         // A leap in a frame that no tick has touched is still to come.
         frame.is_leap |= self.is_new && self.newest.is_leap;
         let newest = core::mem::replace(&mut self.newest, frame);
@@ -133,7 +133,7 @@ impl Held {
     ) -> ContactSum {
         let map_from_body = clay.world_from_map.inverse() * world_from_body;
         let Self { newest, before, is_new, faces, sums, simd_level, .. } = self;
-        let mut ask = |frame: &Frame| {
+        let mut ask = |frame: &DensityFrame| {
             let probe = Probe::new(frame, map_from_body);
             ContactSum::of_clay(
                 &probe,

@@ -1,7 +1,7 @@
 //! Clay: material that deforms while it is touched, as the tick sees it.
 //!
-//! Data in: the newest [`Frame`] of a simulation that runs elsewhere, at its own rate. Data out:
-//! contacts, added to those with rigid obstacles, and the pull of a rope.
+//! Data in: the newest [`DensityFrame`] of a simulation that runs elsewhere, at its own rate. Data
+//! out: contacts, added to those with rigid obstacles, and the pull of a rope.
 //!
 //! ```text
 //!  frame ──► probe: density, way out, virtual contact point ──► sum over the shell ──► residual ──► wrench of the clay
@@ -21,7 +21,7 @@ pub(crate) use held::Held;
 pub use rope::Rope;
 
 use super::{CouplingMode, CouplingParameters, Parameters};
-use vps::density::Frame;
+use vps::density::DensityFrame;
 use vps::spatial::Pose;
 
 /// Material in a scene.
@@ -29,8 +29,8 @@ use vps::spatial::Pose;
 pub struct Clay {
     /// Where it stands.
     pub world_from_map: Pose,
-    /// As it is before the first update, [made ready](Frame::make_ready).
-    pub frame: Frame,
+    /// As it is before the first update, [made ready](DensityFrame::make_ready).
+    pub frame: DensityFrame,
     /// α of the force extrapolation: share of the step at an update that is left one tick later,
     /// 0..1; 0 passes steps through.
     pub smoothing: f64,
@@ -56,7 +56,7 @@ impl Clay {
     /// unstable and always leaves force for the contact.
     pub fn new(
         world_from_map: Pose,
-        frame: Frame,
+        frame: DensityFrame,
         update_period_s: f64,
         parameters: &Parameters,
     ) -> Self {

@@ -86,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn two_sessions_meet_where_they_were_told_to_and_nowhere_else() {
+    fn two_sessions_meet_where_they_were_ordered_to_and_nowhere_else() {
         let free = std::net::UdpSocket::bind("127.0.0.1:0")
             .and_then(|socket| socket.local_addr())
             .expect("a port");

@@ -106,7 +106,7 @@ mod tests {
         assert_eq!(pose_of_message(&message("")), Ok(pose));
         assert_eq!(pose_of_json(br#"{"q": [0, 0, 0.6, 0.8], "p": [0.01, -0.02, 0.03]}"#), Ok(pose));
         let whole = message("world");
-        for (read, told) in [
+        for (read, reported) in [
             (pose_of_message(&message("device")), "poses of the tool in `world`"),
             (pose_of_message(&whole[..whole.len() - 1]), "no geometry_msgs/PoseStamped"),
             (pose_of_message(b""), "no geometry_msgs/PoseStamped"),
@@ -118,8 +118,8 @@ mod tests {
             ),
             (pose_of_json(b"0 0 0"), "send a pose such as"),
         ] {
-            let said = read.expect_err(told);
-            assert!(said.contains(told), "{said}");
+            let said = read.expect_err(reported);
+            assert!(said.contains(reported), "{said}");
         }
     }
 }

@@ -35,7 +35,7 @@ struct RosTopic {
     gid: Gid,
     sent: i64,
     /// What was sent last, and when.
-    told: Option<(u64, Instant)>,
+    reported: Option<(u64, Instant)>,
     /// The publisher is there for as long.
     _token: LivelinessToken,
 }
@@ -71,7 +71,7 @@ impl RosTopics {
                 publisher,
                 gid: gid(&token),
                 sent: 0,
-                told: None,
+                reported: None,
                 _token: declare(&token)?,
             })
         };
@@ -98,16 +98,16 @@ impl RosTopics {
 
 impl RosTopic {
     fn is_due(&self, record: &TickRecord, now: Instant) -> bool {
-        let is_old = |(told, at): (u64, Instant)| {
-            told != self.topic.news(record) || now.duration_since(at) >= OCCASION
+        let is_old = |(reported, at): (u64, Instant)| {
+            reported != self.topic.news(record) || now.duration_since(at) >= OCCASION
         };
-        !self.topic.is_occasional() || self.told.is_none_or(is_old)
+        !self.topic.is_occasional() || self.reported.is_none_or(is_old)
     }
 
     fn send(&mut self, moment: &TopicInput<'_>, source_timestamp_ns: i64, now: Instant) {
         let Some(message) = self.topic.message(moment) else { return };
         self.sent += 1;
-        self.told = Some((self.topic.news(moment.record), now));
+        self.reported = Some((self.topic.news(moment.record), now));
         let attachment =
             Attachment { sequence_number: self.sent, source_timestamp_ns, source_gid: self.gid };
         // A closed session has no subscribers.

@@ -27,14 +27,14 @@ use recording::report::plots::short;
 use vps::density::Raster;
 use vps::storage::whole_file::write_bytes;
 
-/// A piece of clay at one moment.
+/// A clay model at one moment.
 #[derive(Clone, Copy, Debug)]
 pub struct ClaySnapshot<'a> {
     /// Above its row.
     pub name: &'a str,
     /// Its samples, map frame.
     pub points: &'a PointSet,
-    /// The same piece at another moment, in another picture: both are drawn at one scale.
+    /// The same model at another moment, in another picture: both are drawn at one scale.
     pub beside: Option<&'a PointSet>,
     /// What is drawn of the samples.
     pub form: SampleForm,
@@ -77,7 +77,7 @@ const SMALL: [i32; 2] = [356, 204];
 const GAP: i32 = 12;
 /// Radius of the ball of a mass point, as a share of the distance of neighbours.
 const BALL: f64 = 0.12;
-/// Share of a view that the piece takes up at most.
+/// Share of a view that the clay takes up at most.
 const FILLED: f64 = 0.86;
 
 /// What a view looks at: word, place on the sheet below the header, size, and the way towards the

@@ -37,12 +37,12 @@ fn decoded(subjects: &[ClaySnapshot<'_>]) -> tiny_skia::Pixmap {
 /// Width and height of what is not backdrop in one view, pixels; words and bars lie outside of the
 /// middle that is looked at.
 fn extent(sheet: &tiny_skia::Pixmap, [left, top]: [i32; 2], [width, height]: [i32; 2]) -> [i32; 2] {
-    let is_piece = |x: i32, y: i32| {
+    let is_clay = |x: i32, y: i32| {
         let pixel = sheet.pixel((left + x) as u32, (top + HEADER + y) as u32).unwrap();
         [pixel.red(), pixel.green(), pixel.blue()] != BACKDROP
     };
-    let wide = (0..width).filter(|x| is_piece(*x, height / 2)).count();
-    let tall = (0..height).filter(|y| is_piece(width / 2, *y)).count();
+    let wide = (0..width).filter(|x| is_clay(*x, height / 2)).count();
+    let tall = (0..height).filter(|y| is_clay(width / 2, *y)).count();
     [wide as i32, tall as i32]
 }
 
@@ -94,7 +94,7 @@ fn pieces_that_are_beside_each_other_have_one_scale() {
 
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
-fn the_same_piece_gives_the_same_bytes() {
+fn the_same_model_gives_the_same_bytes() {
     let points = ball(500, 0.02, DVec3::ZERO);
     let folder = tempfile::tempdir().unwrap();
     let [one, other] = ["one.png", "other.png"].map(|name| folder.path().join(name));

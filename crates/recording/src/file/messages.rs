@@ -65,8 +65,8 @@ pub(super) fn encoded(message: &impl Encode) -> Vec<u8> {
 /// What time the messages of a run bear.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Stamps {
-    /// What a stamp is at loop time zero, ns: of the simulated clock, that the caller has told, or
-    /// else as the first row is made.
+    /// What a stamp is at loop time zero, ns: of the simulated clock, that the caller has reported,
+    /// or else as the first row is made.
     zero_ns: Option<u64>,
 }
 
@@ -118,9 +118,9 @@ pub(super) fn frame(row: &StampedRecord) -> FrameTransform {
 /// `/faults`: those of a tick, in words.
 pub(super) fn faults(row: &StampedRecord) -> Log {
     let faults = row.record.output.faults;
-    let told = Faults::TABLE.into_iter().filter(|(fault, ..)| faults.contains(*fault));
+    let reported = Faults::TABLE.into_iter().filter(|(fault, ..)| faults.contains(*fault));
     let message =
-        told.map(|(_, name, words)| format!("{name}: {words}")).collect::<Vec<_>>().join("; ");
+        reported.map(|(_, name, words)| format!("{name}: {words}")).collect::<Vec<_>>().join("; ");
     let (level, message) = if faults.is_empty() {
         (messages::log::Level::Info, "faults acknowledged".to_owned())
     } else {

@@ -157,9 +157,9 @@ impl Recorder {
         let run = move || {
             let _alive = alive;
             let mut recording = recording;
-            let mut is_told_to_stop = false;
+            let mut is_ordered_to_stop = false;
             let result =
-                recorder.run(&mut recording, (&records, &stops, &mut is_told_to_stop), &noted);
+                recorder.run(&mut recording, (&records, &stops, &mut is_ordered_to_stop), &noted);
             let n_safe = recording.n_safe();
             let result = match result {
                 Ok(()) => recording.finish(),
@@ -176,14 +176,14 @@ impl Recorder {
                     Some(error.to_string());
                 failed(&error);
                 // What still comes is missing too, until the caller ends the recording.
-                while !is_told_to_stop {
+                while !is_ordered_to_stop {
                     select! {
                         recv(records) -> message => match message {
                             Ok(_) => missing(1),
                             Err(_) => break,
                         },
                         recv(stops) -> _ => {
-                            is_told_to_stop = true;
+                            is_ordered_to_stop = true;
                             0
                         }
                     };
@@ -218,7 +218,11 @@ impl Recorder {
     fn run(
         &self,
         file: &mut RecordingFile,
-        (records, stops, is_told_to_stop): (&Receiver<(TickRecord, u64)>, &Receiver<()>, &mut bool),
+        (records, stops, is_ordered_to_stop): (
+            &Receiver<(TickRecord, u64)>,
+            &Receiver<()>,
+            &mut bool,
+        ),
         progress: &Progress,
     ) -> Result<(), RecordingError> {
         let mut before = None;
@@ -238,7 +242,7 @@ impl Recorder {
                     Err(_) => break,
                 },
                 recv(stops) -> _ => {
-                    *is_told_to_stop = true;
+                    *is_ordered_to_stop = true;
                     // Those that are there now: under the virtual clock more may come as fast as
                     // these go.
                     records.try_iter().take(records.len()).try_for_each(|message| take(file, message))?;

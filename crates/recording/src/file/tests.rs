@@ -512,7 +512,7 @@ fn a_disk_that_takes_nothing_costs_records_and_delays_nothing() {
 }
 
 #[test]
-fn an_error_is_told_once_and_ends_the_recording_only() {
+fn an_error_is_reported_once_and_ends_the_recording_only() {
     let recorder = Recorder::new(RecordSubscribers::default(), false);
     assert!(matches!(
         recorder.start(Path::new("/dev/full"), true, Box::new(never_fails)),
@@ -527,9 +527,9 @@ fn an_error_is_told_once_and_ends_the_recording_only() {
     let path = folder.path().join("pipe.mcap");
     rustix::fs::mkfifoat(rustix::fs::CWD, &path, rustix::fs::Mode::RWXU).expect("a pipe");
     let reader = std::fs::OpenOptions::new().read(true).write(true).open(&path).expect("opened");
-    let (told, heard) = std::sync::mpsc::channel();
+    let (reported, heard) = std::sync::mpsc::channel();
     let handle = recorder
-        .start(&path, true, Box::new(move |error| told.send(error.to_string()).expect("heard")))
+        .start(&path, true, Box::new(move |error| reported.send(error.to_string()).expect("heard")))
         .expect("started");
     drop(reader);
     feed(

@@ -14,7 +14,7 @@
 //! | `page` | HTML |
 
 mod bins;
-mod moments;
+mod key_frames;
 mod page;
 pub mod plots;
 mod trace;
@@ -28,10 +28,10 @@ use super::file::{Entry, LONGEST_TEXT};
 use super::{LoopCounts, RealtimeSummary, Summary, TickRecord, Totals};
 use bins::Bins;
 use haptics::Faults;
-use moments::Moments;
+use key_frames::KeyFrames;
 use trace::Trace;
 
-pub use moments::{Moment, PathPose};
+pub use key_frames::{KeyFrame, PathPose};
 
 /// A page in the making.
 #[derive(Debug)]
@@ -44,7 +44,7 @@ pub struct LabReport {
     summary: Summary,
     faults: Vec<FaultSpan>,
     trace: Trace,
-    moments: Moments,
+    moments: KeyFrames,
     over_depth: Bins,
     over_path: Bins,
     picture: Option<Result<Vec<u8>, String>>,
@@ -84,7 +84,7 @@ impl LabReport {
             summary: Summary::new(),
             faults: Vec::new(),
             trace: Trace::default(),
-            moments: Moments::default(),
+            moments: KeyFrames::default(),
             // Widths at first: a micrometre and a hundredth of a millimetre.
             over_depth: Bins::new(1e-3),
             over_path: Bins::new(1e-2),
@@ -176,12 +176,12 @@ impl LabReport {
 
     /// What a picture is to show: the moment in which the tool was deepest; the last one if it
     /// touched nothing. `None`: there is no tick.
-    pub fn moment(&self) -> Option<&Moment> {
+    pub fn moment(&self) -> Option<&KeyFrame> {
         self.moments.shown.as_ref()
     }
 
     /// How it ended, where that is another pose than that of [`Self::moment`].
-    pub fn end(&self) -> Option<Moment> {
+    pub fn end(&self) -> Option<KeyFrame> {
         self.moments.end()
     }
 

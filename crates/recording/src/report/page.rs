@@ -7,7 +7,7 @@ use base64::engine::general_purpose::STANDARD;
 use serde_json::Value;
 
 use super::bins::Bins;
-use super::moments::{Moment, Peak};
+use super::key_frames::{KeyFrame, Peak};
 use super::plots::{self, Plot};
 use super::trace::{
     CLEARANCE, COMMAND_FORCE, COMMAND_TORQUE, COMPUTE, CONTACT_FORCE, CONTACT_TORQUE, DEPTH, WAKEUP,
@@ -112,7 +112,7 @@ fn table<'t>(body: &mut String, rows: impl Iterator<Item = (&'t str, String)>) {
 }
 
 fn picture(report: &LabReport, body: &mut String) {
-    let Some(Moment { time_s, depth_m, .. }) = report.moment() else { return };
+    let Some(KeyFrame { time_s, depth_m, .. }) = report.moment() else { return };
     match &report.picture {
         Some(Ok(png)) => {
             let when = if *depth_m > 0.0 {
@@ -124,7 +124,7 @@ fn picture(report: &LabReport, body: &mut String) {
                 class=\"key touches\">in contact</span>; pale where a part is in front of it.";
             body.push_str("<div class=\"scenes\">");
             scene_figure(png, &when, &format!("{time_s:.3} s, {path}"), body);
-            if let (Some(png), Some(Moment { time_s, depth_m, .. })) =
+            if let (Some(png), Some(KeyFrame { time_s, depth_m, .. })) =
                 (&report.end_picture, report.end())
             {
                 let depth = if depth_m > 0.0 {
@@ -246,7 +246,7 @@ fn verdict(report: &LabReport, body: &mut String) {
     }
     body.push_str(
         "<p class=\"note\">Contact: what the parts do to the tool, about its centre of mass, in \
-            world axes. Command: what the arm is told, after filter, coupling, scale and limits, \
+            world axes. Command: what the arm is reported, after filter, coupling, scale and limits, \
             in its own axes. So the command may be above zero where nothing touches: the slew \
             limit lets it fall over some ticks, and with <code>coupling.free_space = \
             \"drag\"</code> the spring and the damping of the coupling act there as well. And it \
@@ -423,8 +423,8 @@ fn faults(spans: &[FaultSpan], body: &mut String) {
         scope=\"col\">what happened</th></tr>",
     );
     for FaultSpan { tick, time_s, faults, cause } in spans {
-        let told = Faults::TABLE.into_iter().filter(|(fault, ..)| faults.contains(*fault));
-        let words = told
+        let reported = Faults::TABLE.into_iter().filter(|(fault, ..)| faults.contains(*fault));
+        let words = reported
             .map(|(_, name, words)| format!("<strong>{name}</strong>: {words}"))
             .collect::<Vec<_>>()
             .join("; ");
@@ -496,7 +496,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_scene_is_told_in_paths_and_in_figures_that_can_be_read() {
+    fn a_scene_is_reported_in_paths_and_in_figures_that_can_be_read() {
         let resolved = json!({
             "name": "MyScene",
             "tool": { "sides": "flood", "mass_kg": 0.1, "inertia_kg_m2": null },

@@ -79,7 +79,7 @@ fn the_json_object_has_the_keys_of_the_contract() {
 }
 
 #[test]
-fn a_motor_at_its_limit_is_told_from_a_command_that_did_not_go_out() {
+fn a_motor_at_its_limit_is_distinguished_from_a_command_that_did_not_go_out() {
     let pushes = |force_n: f64| Wrench::new(DVec3::X * force_n, DVec3::ZERO);
     let mut summary = Summary::new();
     // Whole; at a limit twice; the older one kept; refused; nothing to render.

@@ -10,7 +10,7 @@
 
 use glam::Vec3;
 
-use super::contact_block::{ContactBlock, Pushes};
+use super::contact_block::{ContactBlock, ContactDirections};
 use super::sum::{Add, Weighting};
 use super::summing::Summing;
 use super::{ContactSum, FaceSums, ForceLaw, Patch, SimdLevel};
@@ -52,7 +52,7 @@ impl ContactSum {
                     max_value_m = max_value_m.max(-clearance_m);
                     continue;
                 }
-                let found = Found::of(probe, positions, normals);
+                let found = QueryResult::of(probe, positions, normals);
                 max_value_m = max_value_m.max(found.max_value_m);
                 if found.lanes == 0 {
                     continue;
@@ -63,7 +63,7 @@ impl ContactSum {
                     weight: 1.0,
                     depths_m: found.depths_m,
                 };
-                let pushes = Pushes {
+                let pushes = ContactDirections {
                     positions: *positions,
                     normals: found.directions,
                     areas: *weights,
@@ -214,14 +214,14 @@ fn leaves(shell: &Shell) -> impl Iterator<Item = (Vec3, f32)> + '_ {
 }
 
 /// What is found of a block.
-struct Found {
+struct QueryResult {
     lanes: u16,
     depths_m: [f32; LANES],
     directions: Lanes3,
     max_value_m: f32,
 }
 
-impl Found {
+impl QueryResult {
     fn of(probe: &Probe<'_>, positions: &Lanes3, normals: &Lanes3) -> Self {
         let mut found = Self {
             lanes: 0,

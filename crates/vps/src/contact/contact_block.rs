@@ -105,12 +105,12 @@ impl ContactBlock {
         wall: &Wall<'_>,
         shell: &Shell,
         mut gradient: impl FnMut(Vec3) -> Option<Vec3>,
-    ) -> Option<Pushes> {
+    ) -> Option<ContactDirections> {
         let block = self.block as usize;
         let positions = *shell.positions().get(block)?;
         let normals = *shell.normals().get(block)?;
         let weights = self.weights(shell)?;
-        let mut pushes = Pushes { positions, normals, areas: weights, weights };
+        let mut pushes = ContactDirections { positions, normals, areas: weights, weights };
         for lane in self.bent_lanes(wall.field, shell) {
             let depth_m = self.depths_m.get(lane).copied().unwrap_or(0.0);
             let gradient = gradient(positions.get(lane))?;
@@ -135,7 +135,7 @@ impl ContactBlock {
     ) {
         let wall = Wall::new(field, map_from_body);
         let pushes = self.pushes(&wall, shell, |position| Some(wall.gradient(position)));
-        let Some(Pushes { positions, normals, weights, .. }) = pushes else { return };
+        let Some(ContactDirections { positions, normals, weights, .. }) = pushes else { return };
         for lane in self.lanes() {
             touch(&Contact {
                 point_idx: self.block * LANES as u32 + lane as u32,
@@ -149,7 +149,7 @@ impl ContactBlock {
 }
 
 /// How the sixteen points of a block push.
-pub(super) struct Pushes {
+pub(super) struct ContactDirections {
     /// Tool axes, m.
     pub(super) positions: Lanes3,
     /// Unit directions, tool axes.

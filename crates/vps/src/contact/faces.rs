@@ -1,10 +1,10 @@
 //! Faces of the tool: which way each block of the shell looks.
 //!
-//! Contacts are summed by face, so that what presses against one wall can be told from what presses
-//! against another: its stiffness need not grow with the area that touches, and it has a friction
-//! of its own. A block of sixteen points that lie side by side belongs to one face for good,
-//! because normals are constants in tool axes; so nothing jumps from one sum to another while the
-//! tool moves.
+//! Contacts are summed by face, so that what presses against one wall can be distinguished from
+//! what presses against another: its stiffness need not grow with the area that touches, and it has
+//! a friction of its own. A block of sixteen points that lie side by side belongs to one face for
+//! good, because normals are constants in tool axes; so nothing jumps from one sum to another while
+//! the tool moves.
 //!
 //! # Source
 //! The idea of clusters on the Gauss map is that of XuBarbic2016, known to us by its abstract;
@@ -14,7 +14,7 @@ use glam::Vec3;
 
 use crate::pointshell::shell::{LANES, Lanes3};
 
-/// Directions that are told apart: to the faces, edges and corners of a cube.
+/// Directions that are distinguished: to the faces, edges and corners of a cube.
 pub const FACES: usize = 26;
 
 /// Number of the face that a block of normals belongs to: the direction nearest to their mean. RT:

@@ -5,7 +5,7 @@
 
 use glam::DVec3;
 
-use super::contact_block::{ContactBlock, Pushes};
+use super::contact_block::{ContactBlock, ContactDirections};
 use crate::pointshell::shell::{LANES, Lanes, Lanes3};
 use crate::simd::{AHEAD, F32s, F32x8, I32s, Kernel};
 use crate::spatial::Mat6;
@@ -245,7 +245,7 @@ impl Kernel for AddAll<'_> {
 pub(super) struct Add<'a> {
     pub(super) sums: &'a mut Sums,
     pub(super) touched: &'a ContactBlock,
-    pub(super) pushes: &'a Pushes,
+    pub(super) pushes: &'a ContactDirections,
     pub(super) by: Weighting,
 }
 
@@ -254,7 +254,7 @@ impl Kernel for Add<'_> {
 
     #[inline(always)]
     fn run<L: F32x8>(self) {
-        let Pushes { positions, normals, areas, weights } = self.pushes;
+        let ContactDirections { positions, normals, areas, weights } = self.pushes;
         self.sums.add::<L::Wide>(
             self.touched,
             (positions, normals),

@@ -10,7 +10,7 @@ use super::faces::face_of;
 use super::kernel::{Above, Blocks, Depths, Place};
 use super::obstacle_poses::{FarSum, ObstaclePoses};
 use super::summing::FaceSums;
-use super::tree_traversal::{Found, Lists, TreeTraversal};
+use super::tree_traversal::{Lists, QueryResult, TreeTraversal};
 use super::{Obstacle, flat};
 use crate::pointshell::shell::{LANES, Shell};
 use crate::pointshell::tree::CHILDREN;
@@ -191,7 +191,7 @@ impl Traversal {
         kind: FieldKind,
         shell: &Shell,
         map_from_body: Pose,
-    ) -> Found {
+    ) -> QueryResult {
         let Self {
             simd_level,
             mode,
@@ -207,7 +207,7 @@ impl Traversal {
         touched.clear();
         let n_obstacles_left = obstacle_poses.n_near().saturating_sub(n);
         let place = Place::new(&obstacle.field, map_from_body);
-        let mut found = Found { max_value_m: f32::NEG_INFINITY, looked_at: 0, left_out: 0 };
+        let mut found = QueryResult { max_value_m: f32::NEG_INFINITY, looked_at: 0, left_out: 0 };
         match walks.get_mut(obstacle_idx).and_then(Option::as_mut) {
             Some(walk) if kind == FieldKind::Trilinear => {
                 if *mode == TraversalMode::Tree && place.is_finite() {

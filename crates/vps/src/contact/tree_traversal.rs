@@ -64,7 +64,7 @@ const FLOOR_VOXELS: f32 = 2.0;
 
 /// What a walk found.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Found {
+pub(super) struct QueryResult {
     /// Largest V, m; while nothing touches, what the tool may move in any way before anything does,
     /// negative.
     pub(super) max_value_m: f32,
@@ -221,7 +221,7 @@ impl TreeTraversal {
         budget: Budget,
         lists: &mut Lists,
         touched: &mut Vec<ContactBlock>,
-    ) -> Found {
+    ) -> QueryResult {
         self.motion.follow(map_from_body, f64::from(self.bounds.voxel_size_m()));
         let whole_way_cells =
             self.motion.along_cells + self.motion.about_rad * f64::from(self.reach_cells);
@@ -268,7 +268,7 @@ impl TreeTraversal {
         } else {
             query.max_m.max(-query.clear_cells.max(0.0) * voxel_size_m)
         };
-        Found {
+        QueryResult {
             max_value_m: bound_m.max(outside_m),
             looked_at: query.looked_at,
             left_out: query.left_out,

@@ -20,7 +20,7 @@ pub use raster::{Density, Lattice, Raster};
 
 /// The material at one moment of its simulation.
 #[derive(Clone, Debug)]
-pub struct Frame {
+pub struct DensityFrame {
     /// Counts up with every update of the simulation.
     pub sequence: u64,
     /// All of the material at rest, and air around it. To be [measured](Raster::measure) before it
@@ -90,7 +90,7 @@ pub enum FrameError {
     },
 }
 
-impl Frame {
+impl DensityFrame {
     /// The density at a point: of the region where it lies in it, of all else otherwise; `None` far
     /// away. RT: safe; O(1).
     #[inline]

@@ -13,7 +13,7 @@
 
 use glam::{Mat3, Vec3};
 
-use super::{Frame, Raster};
+use super::{DensityFrame, Raster};
 use crate::spatial::Pose;
 
 /// Times that the search goes on outwards, twice as far each time: from a quarter of a spacing to
@@ -61,7 +61,7 @@ pub struct WayOut {
 
 impl<'a> Probe<'a> {
     /// RT: safe.
-    pub fn new(frame: &'a Frame, map_from_body: Pose) -> Self {
+    pub fn new(frame: &'a DensityFrame, map_from_body: Pose) -> Self {
         let base = &*frame.base;
         let region = &frame.region;
         let lattice = base.lattice();

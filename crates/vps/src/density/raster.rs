@@ -1,7 +1,7 @@
 //! Densities on a regular lattice of mass points, and their look-up between them.
 //!
-//! Frame: map, the frame of the point set. Sign: outside negative, inside positive (Guo2004, table
-//! 1). A density starts as a signed distance in metres; after deformation it is one near the
+//! DensityFrame: map, the frame of the point set. Sign: outside negative, inside positive (Guo2004,
+//! table 1). A density starts as a signed distance in metres; after deformation it is one near the
 //! surface only, but its zero-level set is the surface always.
 
 use glam::{DVec3, Vec3};

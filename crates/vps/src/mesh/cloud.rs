@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn columns_of_text_are_told_apart() {
+    fn columns_of_text_are_reported_apart() {
         let colors = cloud(b"0 0 0 255 255 0\n1 1 1 10 20 30\n", "a.xyz");
         assert_eq!(
             (colors.normals, colors.colors),

@@ -46,7 +46,7 @@ pub(super) struct FacetPoint {
     pub(super) on_edge: bool,
 }
 
-/// Faces of one voxel that are told apart; others join the one they are nearest to in direction.
+/// Faces of one voxel that are distinguished; others join the one they are nearest to in direction.
 const GROUPS: usize = 4;
 /// Directions within 30° are one face; an edge between faces further apart is sharp.
 const GROUP_COSINE: f64 = 0.866;

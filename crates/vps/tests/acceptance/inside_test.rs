@@ -337,18 +337,18 @@ fn what_is_not_clear_becomes_a_thin_skin_and_says_how_unclear_it_is() {
 fn every_rule_does_what_it_says() {
     let ball = turned(sphere(12.0));
     let holed = holed_sphere(16.0, 4.0);
-    let told = |mesh: &TriangleMesh, rule| {
+    let reported = |mesh: &TriangleMesh, rule| {
         let map = build_as(mesh, rule);
         (map.basis, map.sides.count_inside(&map.surface) > 0, map.watertight)
     };
-    assert_eq!(told(&ball, InsideTest::Auto), (InsideBasis::Flood, true, true));
-    assert_eq!(told(&ball, InsideTest::Flood), (InsideBasis::Flood, true, true));
-    assert_eq!(told(&ball, InsideTest::Winding), (InsideBasis::Winding, true, true));
-    assert_eq!(told(&ball, InsideTest::Thin), (InsideBasis::Thin, false, true));
-    assert_eq!(told(&holed, InsideTest::Auto), (InsideBasis::Winding, true, false));
-    assert_eq!(told(&holed, InsideTest::Flood), (InsideBasis::Flood, false, false));
-    assert_eq!(told(&holed, InsideTest::Winding), (InsideBasis::Winding, true, false));
-    assert_eq!(told(&holed, InsideTest::Thin), (InsideBasis::Thin, false, false));
+    assert_eq!(reported(&ball, InsideTest::Auto), (InsideBasis::Flood, true, true));
+    assert_eq!(reported(&ball, InsideTest::Flood), (InsideBasis::Flood, true, true));
+    assert_eq!(reported(&ball, InsideTest::Winding), (InsideBasis::Winding, true, true));
+    assert_eq!(reported(&ball, InsideTest::Thin), (InsideBasis::Thin, false, true));
+    assert_eq!(reported(&holed, InsideTest::Auto), (InsideBasis::Winding, true, false));
+    assert_eq!(reported(&holed, InsideTest::Flood), (InsideBasis::Flood, false, false));
+    assert_eq!(reported(&holed, InsideTest::Winding), (InsideBasis::Winding, true, false));
+    assert_eq!(reported(&holed, InsideTest::Thin), (InsideBasis::Thin, false, false));
     // A bowl on demand: filled to the brim.
     let mut bowl = turned(sphere(16.0));
     let vertices = bowl.vertices.clone();

@@ -30,7 +30,7 @@ fn machine(files: &[(&str, &str)]) -> (tempfile::TempDir, Root) {
 }
 
 /// Findings of a family on a machine with these files and this environment.
-fn told(
+fn reported(
     family: Family,
     files: &[(&str, &str)],
     variables: &[(&str, &str)],
@@ -87,7 +87,7 @@ const HOME: [(&str, &str); 2] = [("HOME", "/home/a"), ("GTDD_HOME", "/home/a/.3d
 fn a_touch_that_is_set_up_has_nothing_in_its_way() {
     let lib = library(&["libPhantomIOLib42.so"]);
     let findings =
-        told(Family::OpenHaptics, &touch(&lib, "ModelType=OMNI\nChannel=0\n"), &HOME, true);
+        reported(Family::OpenHaptics, &touch(&lib, "ModelType=OMNI\nChannel=0\n"), &HOME, true);
     assert!(findings.iter().all(|finding| finding.standing <= Standing::Unknown), "{findings:#?}");
     assert_eq!(
         row(&findings, "configuration folder").found,
@@ -102,7 +102,7 @@ fn a_touch_that_is_set_up_has_nothing_in_its_way() {
 fn what_the_library_of_3d_systems_needs_is_named_when_it_is_not_there() {
     let lib = library(&["libPhantomIOLib42.so", "libncurses.so.5"]);
     let all = touch(&lib, "Channel=0");
-    let ncurses = told(Family::OpenHaptics, &all, &HOME, true);
+    let ncurses = reported(Family::OpenHaptics, &all, &HOME, true);
     assert!(
         row(&ncurses, "ncurses 5").found.contains("libncurses.so.5")
             && row(&ncurses, "ncurses 5").advice.contains("apt install")
@@ -110,7 +110,7 @@ fn what_the_library_of_3d_systems_needs_is_named_when_it_is_not_there() {
     let without = |part: &str| {
         all.iter().filter(|(path, _)| !path.contains(part)).copied().collect::<Vec<_>>()
     };
-    let driver = told(Family::OpenHaptics, &without("Phantom"), &HOME, true);
+    let driver = reported(Family::OpenHaptics, &without("Phantom"), &HOME, true);
     assert!(row(&driver, "driver of the arm").advice.contains("TouchDriver"));
     // What the driver itself needs counts as well.
     let older = library(&["libPHANToMIO.so.4"]);
@@ -119,7 +119,7 @@ fn what_the_library_of_3d_systems_needs_is_named_when_it_is_not_there() {
         ("/opt/oh/libPHANToMIO.so.4", &lib),
         ("/etc/ld.so.conf.d/oh.conf", "/opt/oh\n"),
     ];
-    let chained = told(Family::OpenHaptics, &files, &HOME, true);
+    let chained = reported(Family::OpenHaptics, &files, &HOME, true);
     assert!(
         row(&chained, "ncurses 5").standing == Standing::Bad
             && row(&chained, "driver of the arm").found.contains("libPhantomIOLib42.so")
@@ -131,7 +131,7 @@ fn the_configuration_of_a_touch_is_looked_for_where_its_library_does() {
     let lib = library(&[]);
     let all = touch(&lib, "Channel=0");
     let configuration = |files: &[(&str, &str)], variables: &[(&str, &str)]| {
-        row(&told(Family::OpenHaptics, files, variables, true), "configuration folder").clone()
+        row(&reported(Family::OpenHaptics, files, variables, true), "configuration folder").clone()
     };
     let unset = configuration(&all, &HOME[..1]);
     assert_eq!(
@@ -167,7 +167,8 @@ fn the_configuration_of_a_touch_is_looked_for_where_its_library_does() {
 fn a_touch_in_another_socket_has_another_port() {
     let lib = library(&[]);
     let port = |config| {
-        row(&told(Family::OpenHaptics, &touch(&lib, config), &HOME, true), "port number").clone()
+        row(&reported(Family::OpenHaptics, &touch(&lib, config), &HOME, true), "port number")
+            .clone()
     };
     let moved = port("ModelType=OMNI\nChannel=2\n");
     assert_eq!(moved.standing, Standing::Bad);
@@ -180,7 +181,7 @@ fn a_touch_in_another_socket_has_another_port() {
     let mut hid = touch(&lib, "Channel=2");
     hid.retain(|(path, _)| !path.contains("ttyACM"));
     hid.push(("/sys/devices/usb1/1-2/1-2:1.0/hidraw3", ""));
-    let findings = told(Family::OpenHaptics, &hid, &HOME, false);
+    let findings = reported(Family::OpenHaptics, &hid, &HOME, false);
     assert!(findings.iter().all(|finding| finding.name != "port number"), "{findings:?}");
     assert!(row(&findings, "permission").found.contains("/dev/hidraw3 may not be opened"));
 }
@@ -193,7 +194,7 @@ fn a_program_that_has_a_touch_is_named_and_not_to_be_killed() {
         ("/proc/42/comm", "Touch_Diagnostic\n"),
         ("/proc/42/maps", "7f00-7f01 r-xp 0 08:01 1 /usr/lib/libHD.so.3.4.0\n"),
     ]);
-    let lock = row(&told(Family::OpenHaptics, &files, &HOME, true), "lock").clone();
+    let lock = row(&reported(Family::OpenHaptics, &files, &HOME, true), "lock").clone();
     assert_eq!(lock.standing, Standing::Bad);
     assert!(
         lock.found.contains("Touch_Diagnostic (process 42)")
@@ -234,13 +235,13 @@ fn force_dimensions_library_is_judged_by_its_name_and_by_what_it_needs() {
 
 #[test]
 fn a_library_that_is_nowhere_or_none_is_a_finding_with_a_list() {
-    let nowhere = told(Family::ForceDimension, &[], &[("HOME", "/home/a")], true);
+    let nowhere = reported(Family::ForceDimension, &[], &[("HOME", "/home/a")], true);
     let missing = row(&nowhere, "maker's library");
     assert!(
         missing.standing == Standing::Bad && missing.by_hand && missing.advice_lines().count() == 7,
         "{missing:?}"
     );
-    let text = told(Family::OpenHaptics, &[("/usr/lib/libHD.so", "# a script\n")], &[], true);
+    let text = reported(Family::OpenHaptics, &[("/usr/lib/libHD.so", "# a script\n")], &[], true);
     assert!(
         row(&text, "maker's library").found.contains("/usr/lib/libHD.so is no library"),
         "{text:?}"
@@ -252,7 +253,7 @@ fn the_service_of_haption_is_looked_for_where_it_listens() {
     let lib = library(&[]);
     let with = |table: &str| {
         let files = [("/usr/lib/libVirtuoseAPI.so", lib.as_str()), ("/proc/net/udp", table)];
-        row(&told(Family::Virtuose, &files, &[], true), "maker's service").clone()
+        row(&reported(Family::Virtuose, &files, &[], true), "maker's service").clone()
     };
     assert_eq!(
         with("  sl  local_address\n   1: 0100007F:CFDA 00000000:0000 07\n").standing,

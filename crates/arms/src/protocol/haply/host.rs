@@ -12,12 +12,12 @@ const PATIENCE: Duration = Duration::from_secs(2);
 
 /// The host's side.
 #[derive(Debug, Default)]
-pub(in crate::protocol) struct Host {
+pub(in crate::protocol) struct HostCodec {
     report: Report,
     greeting: String,
 }
 
-impl Host {
+impl HostCodec {
     fn take(&mut self, record: &[u8]) -> FeedCounts {
         let state = match heard(record) {
             Heard::State(state) => state,
@@ -32,7 +32,7 @@ impl Host {
     }
 }
 
-impl Codec for Host {
+impl Codec for HostCodec {
     /// A zero command, until the service answers with a state.
     fn start(&mut self, link: &mut dyn Transport) -> Result<(), StartError> {
         let mut zero = Frame::default();

@@ -88,7 +88,7 @@ pub(crate) fn command_text(record: &[u8], arm: &str, dialect: Dialect) -> Option
 }
 
 #[derive(Deserialize)]
-struct Frame {
+struct ServiceMessage {
     #[serde(default)]
     inverse3: Vec<ArmEntry>,
     #[serde(default)]
@@ -99,7 +99,7 @@ struct Frame {
     custom_verse_grip: Vec<GripEntry>,
 }
 
-impl Frame {
+impl ServiceMessage {
     /// A grip may be in two lists: those of the first come first.
     fn grips(&self) -> impl Iterator<Item = &GripEntry> {
         self.verse_grip.iter().chain(&self.wireless_verse_grip).chain(&self.custom_verse_grip)
@@ -205,7 +205,7 @@ pub(crate) struct Inventory {
 impl Inventory {
     /// Reads it; `None` for another message.
     pub(crate) fn read(text: &str) -> Option<Self> {
-        let frame: Frame = serde_json::from_str(text).ok()?;
+        let frame: ServiceMessage = serde_json::from_str(text).ok()?;
         let mut grips: Vec<String> = Vec::new();
         for grip in frame.grips() {
             if !grips.contains(&grip.device_id) {
@@ -379,7 +379,9 @@ impl Reader {
 
     /// The record of a message.
     pub(crate) fn record(&mut self, text: &[u8]) -> Vec<u8> {
-        let Ok(frame) = serde_json::from_slice::<Frame>(text) else { return record::garbled() };
+        let Ok(frame) = serde_json::from_slice::<ServiceMessage>(text) else {
+            return record::garbled();
+        };
         let Some(arm) = frame.inverse3.iter().find(|arm| arm.device_id == self.arm) else {
             return record::gone();
         };
@@ -415,7 +417,7 @@ impl Reader {
         .record()
     }
 
-    fn hear_grip(&mut self, frame: &Frame) -> Option<Trouble> {
+    fn hear_grip(&mut self, frame: &ServiceMessage) -> Option<Trouble> {
         let wanted = self.grip.as_ref()?;
         let Some(grip) = frame.grips().find(|grip| grip.device_id == *wanted) else {
             return Some(Trouble::GripGone);

@@ -24,7 +24,7 @@ mod message;
 mod record;
 pub(crate) mod service;
 
-pub(super) use host::Host;
+pub(super) use host::HostCodec;
 pub use message::Version;
 pub(crate) use message::{ArmOfService, Dialect, Inventory, Reader, command_text};
 pub(crate) use record::{COMMAND, greeting, is_gone};

@@ -1,5 +1,5 @@
-//! What crosses between the loop and the threads of the link: little-endian, of fixed length, told
-//! apart by the first byte.
+//! What crosses between the loop and the threads of the link: little-endian, of fixed length,
+//! reported apart by the first byte.
 //!
 //! | record | bytes |
 //! |---|---|

@@ -83,7 +83,7 @@ fn the_published_first_message_is_read() {
 }
 
 #[test]
-fn an_older_message_is_read_and_a_grip_that_sleeps_keeps_its_orientation_and_is_told() {
+fn an_older_message_is_read_and_a_grip_that_sleeps_keeps_its_orientation_and_is_reported() {
     let inventory = Inventory::read(OLDER).expect("read");
     assert_eq!(inventory.grips, ["1102", "1272"]);
     let several = refusal(OLDER, &wanted());

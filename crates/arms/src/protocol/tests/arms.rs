@@ -501,7 +501,7 @@ fn layouts_that_cannot_be_spoken_are_refused_with_the_reason() {
     refused(
         &|layout| layout.report.framing = with(&|line| line.separator = b'1'),
         5,
-        "cannot be told apart",
+        "cannot be distinguished",
     );
     refused(&|layout| layout.report.framing = with(&|line| line.open = "«".to_owned()), 5, "ASCII");
 

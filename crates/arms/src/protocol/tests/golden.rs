@@ -568,7 +568,7 @@ fn falcon_nibble16() {
 #[test]
 fn dynamixel2() {
     use super::super::dynamixel::{PING, STATUS, WRITE, put_packet};
-    use super::super::dynamixel_bus::Arm;
+    use super::super::dynamixel_bus::ArmFirmware;
     let packet = |id: u8, instruction: u8, parameters: &[u8]| {
         let mut bytes = Vec::new();
         put_packet(id, instruction, parameters.iter().copied(), &mut |byte| bytes.push(byte));
@@ -595,7 +595,7 @@ fn dynamixel2() {
     assert_eq!(frame[..j8.len()], j8);
     // Never beyond the table of the servo.
     assert_eq!(encode(&mut *two, &[1e9, f64::NAN])[13..18], [0xA9, 0x04, 2, 0, 0]);
-    let mut firmware = Arm::new(&servos(2, ServoModel::Xm430W210));
+    let mut firmware = ArmFirmware::new(&servos(2, ServoModel::Xm430W210));
     let mut out = Outbox::new();
     let idle = arm_at(&[]);
     for id in [1, 2] {
@@ -625,7 +625,7 @@ fn dynamixel2() {
             );
         }
     }
-    let mut servo = Arm::new(&servos(1, ServoModel::Xc330T288));
+    let mut servo = ArmFirmware::new(&servos(1, ServoModel::Xc330T288));
     let read = packet(0xFE, 0x82, &[126, 0, 10, 0, 1]);
     let mut turning = arm_at(&[253.0]);
     turning.rates[0] = -unit;
@@ -664,7 +664,7 @@ fn dynamixel2() {
     assert_eq!(two.feed(&packet(1, STATUS, &[0])), fed(0, 1), "an answer without numbers");
     assert_eq!(two.feed(&[&first[..], &status(2, 0x80)].concat()).reports, 1);
     assert_eq!(two.newest().error, 0x0280);
-    let mut firmware = Arm::new(&servos(2, ServoModel::Xc330T288));
+    let mut firmware = ArmFirmware::new(&servos(2, ServoModel::Xc330T288));
     firmware.alert(1);
     out.clear();
     firmware.receive(&packet(0xFE, 0x82, &[126, 0, 10, 0, 1, 2]), 0.0, &idle, &mut out);

@@ -56,7 +56,7 @@ fn an_arm_that_only_babbles_is_given_up() {
 }
 
 #[test]
-fn boards_with_the_same_usb_ids_are_told_apart() {
+fn boards_with_the_same_usb_ids_are_reported_apart() {
     let hid14 = Protocol::HaptikfabrikenHid14 { carrier: Hid14Carrier::Mbed };
     for (host, arm, says) in [
         (&Protocol::WoodenhapticsHid8, &hid14, "haptikfabriken-hid14"),
@@ -216,7 +216,7 @@ fn a_cold_falcon_is_loaded_with_the_users_image() {
     let image: Vec<u8> = (0..1000_u32).map(|at| (at * 7) as u8).collect();
     let file = tempfile::NamedTempFile::new().expect("a file");
     std::fs::write(file.path(), &image).expect("a file");
-    let cold = || Box::new(super::super::falcon::Arm::switched_on(image.len()));
+    let cold = || Box::new(super::super::falcon::ArmFirmware::switched_on(image.len()));
     let protocol = |image| Protocol::FalconNibble16 { image };
     let (result, _, link) =
         started(&protocol(Some(file.path().to_owned())), Carriage::Stream, cold());
@@ -274,7 +274,8 @@ fn an_open6_arm_that_cannot_do_what_the_profile_says_is_refused() {
 }
 
 #[test]
-fn an_open6_arm_says_what_it_can_and_a_state_that_makes_no_sense_is_told_from_a_garbled_one() {
+fn an_open6_arm_says_what_it_can_and_a_state_that_makes_no_sense_is_distinguished_from_a_garbled_one()
+ {
     let protocol = Protocol::Open6(open6_arm());
     let (result, mut codec, mut link) =
         started(&protocol, Carriage::Stream, protocol.firmware(Carriage::Stream));

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 use crate::protocol::{Codec, MotorCommand, StartError};
 use crate::remote::command_hold::HoldTiming;
 use crate::remote::figures::{LinkPhase, NodeReport};
-use crate::remote::{Host, LinkFigures, Node, NodeFigures, NodeParameters};
+use crate::remote::{LinkFigures, Node, NodeFigures, NodeParameters, RemoteHost};
 use crate::transport::{
     Frame, LinkQuality, NetworkEnd, SimulatedNetwork, Transport, TransportError,
 };
@@ -21,7 +21,7 @@ const LIMIT_N: f64 = 5.0;
 struct Arm {
     sample: DeviceSample,
     is_gone: bool,
-    told: Wrench,
+    reported: Wrench,
 }
 
 impl Device for Arm {
@@ -35,12 +35,12 @@ impl Device for Arm {
     }
 
     fn write(&mut self, wrench_device: &Wrench) -> Result<Wrench, DeviceError> {
-        self.told = *wrench_device;
+        self.reported = *wrench_device;
         Ok(*wrench_device)
     }
 
     fn stop(&mut self) {
-        self.told = Wrench::ZERO;
+        self.reported = Wrench::ZERO;
     }
 }
 
@@ -91,15 +91,15 @@ impl Transport for Waiting {
 struct Bench {
     far: Arc<Mutex<Far>>,
     end: NetworkEnd,
-    host: Host,
+    host: RemoteHost,
     figures: Arc<NodeFigures>,
     now_s: f64,
     /// Each packet is sent so often.
     copies: usize,
 }
 
-fn host(token: u32) -> Host {
-    Host::new(Axes::SIX, Axes::SIX, T, token, Arc::new(LinkFigures::default()))
+fn host(token: u32) -> RemoteHost {
+    RemoteHost::new(Axes::SIX, Axes::SIX, T, token, Arc::new(LinkFigures::default()))
 }
 
 impl Bench {
@@ -122,7 +122,7 @@ impl Bench {
         let node = Node::new(parameters, Box::new(arm_end));
         let figures = node.figures();
         let sample = DeviceSample { status: SampleStatus::Fresh, ..DeviceSample::default() };
-        let arm = Arm { sample, is_gone: false, told: Wrench::ZERO };
+        let arm = Arm { sample, is_gone: false, reported: Wrench::ZERO };
         let far =
             Arc::new(Mutex::new(Far { network: network.clone(), node, arm, next_s: 0.5 * T }));
         let mut host = host(0x1234_0000);
@@ -135,19 +135,19 @@ impl Bench {
         self.now_s += T;
         let mut far = self.far.lock().expect("no panic");
         far.advance_to(self.now_s);
-        let told = far.arm.told.force;
+        let reported = far.arm.reported.force;
         drop(far);
         let mut buffer = [0; 256];
         self.host.tell_time(self.now_s);
         while let n @ 1.. = self.end.receive(&mut buffer).expect("open") {
             self.host.feed(&buffer[..n]);
         }
-        told
+        reported
     }
 
     /// A ms in which it asks for a force along x.
     fn tick(&mut self, enabled: bool, force_n: f64) -> DVec3 {
-        let told = self.silent_tick();
+        let reported = self.silent_tick();
         let mut frame = Frame::default();
         self.host.encode(
             &MotorCommand::of([force_n, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], enabled),
@@ -156,7 +156,7 @@ impl Bench {
         for _ in 0..self.copies {
             self.end.send(frame.as_slice()).expect("open");
         }
-        told
+        reported
     }
 
     fn ticks(&mut self, n: usize, enabled: bool, force_n: f64) -> DVec3 {

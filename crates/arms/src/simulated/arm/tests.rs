@@ -327,8 +327,8 @@ fn faults_of_the_wire_and_of_the_motors_have_their_likeness_here() {
     parameters.fault = Some(fault::parse("saturate").expect("grammar"));
     let mut arm = arm(parameters);
     for _ in 0..100 {
-        let told = arm.write(&Wrench::new(DVec3::X, DVec3::ZERO)).expect("written");
-        assert_eq!(told.force, DVec3::X, "the arm does not say so");
+        let reported = arm.write(&Wrench::new(DVec3::X, DVec3::ZERO)).expect("written");
+        assert_eq!(reported.force, DVec3::X, "the arm does not say so");
         arm.read().expect("sample");
     }
     assert!((arm.true_twist().linear.x - 0.1 * 0.5 / 0.3).abs() < 1e-9);
@@ -349,7 +349,7 @@ fn a_deaf_arm_speaks_and_does_not_hear() {
         if is_deaf {
             arm.stop();
         }
-        assert_eq!(arm.command(), push, "what it is told meanwhile is lost: {tick}");
+        assert_eq!(arm.command(), push, "what it is sent meanwhile is lost: {tick}");
     }
 }
 

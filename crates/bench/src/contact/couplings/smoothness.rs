@@ -20,14 +20,14 @@ pub(super) struct Smooth {
 
 pub(super) struct SmoothFigures {
     /// On the hand, as shipped, N and % of the mean.
-    felt: Rough,
+    felt: Roughness,
     /// Raw force at the same poses of the tool.
-    same_poses: Rough,
+    same_poses: Roughness,
     /// On the hand, raw field through the shipped coupling.
-    through_coupling: Tried<Rough>,
+    through_coupling: Tried<Roughness>,
     /// On the hand, raw field, no virtual tool, the stiffest point that the arm takes: the loop
     /// of 2008. None on an arm that takes every stiffness.
-    direct: Option<Tried<Rough>>,
+    direct: Option<Tried<Roughness>>,
     /// The most that the shipped filter delays a slow force, s.
     stated_delay_s: f64,
     /// How often contact came or went in the whole run.
@@ -36,13 +36,13 @@ pub(super) struct SmoothFigures {
 
 /// Roughness of a force in contact.
 #[derive(Clone, Copy)]
-struct Rough {
+struct Roughness {
     ripple_n: Option<f64>,
     mean_n: f64,
     faulted: bool,
 }
 
-impl Rough {
+impl Roughness {
     fn of(windows: &[(usize, usize)], forces: &[DVec3], faulted: bool) -> Self {
         let inside: Vec<f64> = windows
             .iter()
@@ -73,7 +73,11 @@ impl Rough {
 }
 
 impl SmoothFigures {
-    fn of(default: &Played, through_coupling: Tried<Rough>, direct: Option<Tried<Rough>>) -> Self {
+    fn of(
+        default: &Played,
+        through_coupling: Tried<Roughness>,
+        direct: Option<Tried<Roughness>>,
+    ) -> Self {
         let records = default.before_stop();
         let parameters = &default.scene.parameters;
         let law = ForceLaw {
@@ -91,8 +95,8 @@ impl SmoothFigures {
             })
             .collect();
         Self {
-            felt: Rough::within(&windows(records), default),
-            same_poses: Rough::of(&windows(records), &at_poses, false),
+            felt: Roughness::within(&windows(records), default),
+            same_poses: Roughness::of(&windows(records), &at_poses, false),
             through_coupling,
             direct,
             changes: changes(records),
@@ -135,7 +139,7 @@ impl Smooth {
             let faulted = raw.as_ref().is_ok_and(|raw| raw.faulted);
             let name =
                 if faulted { format!("{name}, which ends in a fault") } else { name.to_owned() };
-            let peer = |of: fn(Rough) -> Option<f64>| {
+            let peer = |of: fn(Roughness) -> Option<f64>| {
                 raw.clone().and_then(|raw| of(raw).ok_or_else(|| "too short a contact".to_owned()))
             };
             let row = |what: &str, value, unit, raw: &Result<f64, String>| {
@@ -148,7 +152,7 @@ impl Smooth {
                 "ripple on the hand, share of the mean force",
                 felt.percent(),
                 "%",
-                &peer(Rough::percent),
+                &peer(Roughness::percent),
             ));
         }
         rows
@@ -178,13 +182,14 @@ impl Bench<'_> {
             // too.
             let ticks =
                 default.as_ref().map(|default| windows(default.before_stop())).unwrap_or_default();
-            let through_coupling = raw_played.map(|played| Rough::within(&ticks, &played));
+            let through_coupling = raw_played.map(|played| Roughness::within(&ticks, &played));
             let direct = self.as_stiff_as_allowed(
                 &scene,
                 raw().into_iter().chain([coupled("direct")]).collect(),
             );
-            let direct =
-                Some(self.played(&scene, &direct)?.map(|played| Rough::within(&ticks, &played)));
+            let direct = Some(
+                self.played(&scene, &direct)?.map(|played| Roughness::within(&ticks, &played)),
+            );
             let figures =
                 default.map(|default| SmoothFigures::of(&default, through_coupling, direct));
             found.push(Smooth { scene: name.clone(), figures });
@@ -197,7 +202,8 @@ impl Bench<'_> {
                 self.played(&scene, &raw().into_iter().chain(ideal()).collect::<Vec<_>>())?;
             let ticks =
                 default.as_ref().map(|default| windows(default.before_stop())).unwrap_or_default();
-            let through_coupling = through_coupling.map(|played| Rough::within(&ticks, &played));
+            let through_coupling =
+                through_coupling.map(|played| Roughness::within(&ticks, &played));
             let figures =
                 default.map(|default| SmoothFigures::of(&default, through_coupling, None));
             found.push(Smooth { scene: format!("{name}, ideal arm"), figures });

@@ -17,13 +17,13 @@ const BASE64: GeneralPurpose = GeneralPurpose::new(
     GeneralPurposeConfig::new().with_decode_padding_mode(DecodePaddingMode::Indifferent),
 );
 
-enum Loaded<'a> {
+enum BufferSource<'a> {
     Part(&'a [u8]),
     Inline(Vec<u8>),
     File(source::Bytes),
 }
 
-impl Deref for Loaded<'_> {
+impl Deref for BufferSource<'_> {
     type Target = [u8];
 
     fn deref(&self) -> &[u8] {
@@ -43,7 +43,7 @@ pub(super) struct Buffers<'a> {
     binary: Option<&'a [u8]>,
     /// Size of the file itself.
     file_bytes: usize,
-    loaded: Vec<OnceCell<Loaded<'a>>>,
+    loaded: Vec<OnceCell<BufferSource<'a>>>,
     /// Bytes of other files that were read.
     read_bytes: Cell<usize>,
     new_bytes: Cell<usize>,
@@ -200,14 +200,16 @@ impl<'a> Buffers<'a> {
         if cell.get().is_none() {
             let buffer = &self.document.buffers[buffer_idx as usize];
             let bytes = match &buffer.uri {
-                None if buffer_idx == 0 => Loaded::Part(
+                None if buffer_idx == 0 => BufferSource::Part(
                     self.binary
                         .ok_or_else(|| refuse("has no uri and no binary part".to_owned()))?,
                 ),
                 None => return Err(refuse("has no uri".to_owned())),
                 Some(uri) => match uri.strip_prefix("data:") {
-                    Some(data) => Loaded::Inline(inline(data).map_err(refuse)?),
-                    None => Loaded::File(source::read(&beside(self.path, uri).map_err(refuse)?)?),
+                    Some(data) => BufferSource::Inline(inline(data).map_err(refuse)?),
+                    None => {
+                        BufferSource::File(source::read(&beside(self.path, uri).map_err(refuse)?)?)
+                    }
                 },
             };
             if (bytes.len() as u64) < buffer.byte_length {
@@ -217,7 +219,7 @@ impl<'a> Buffers<'a> {
                     bytes.len()
                 )));
             }
-            if let Loaded::File(bytes) = &bytes {
+            if let BufferSource::File(bytes) = &bytes {
                 self.read_bytes.set(self.read_bytes.get().saturating_add(bytes.len()));
                 self.new_bytes.set(self.new_bytes.get().saturating_add(bytes.len()));
             }

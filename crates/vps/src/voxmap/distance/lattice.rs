@@ -28,7 +28,7 @@ const SEARCHED_TOGETHER: usize = 32;
 const PATCHES_PER_VOXEL: usize = 3;
 
 /// Nearest patch of every fourth cell per axis.
-pub(super) struct Lattice<'a> {
+pub(super) struct DistanceLattice<'a> {
     tree: PatchTree<'a>,
     /// Every block is searched, none walks.
     searches_all: bool,
@@ -39,7 +39,7 @@ pub(super) struct Lattice<'a> {
     after: Vec<[u32; 8]>,
 }
 
-impl<'a> Lattice<'a> {
+impl<'a> DistanceLattice<'a> {
     /// Cost: one exact search of eight points per brick of the band.
     pub(super) fn new(
         patches: &'a Patches,

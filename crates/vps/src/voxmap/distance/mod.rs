@@ -28,7 +28,7 @@ mod tree;
 use glam::{DVec3, Vec3};
 
 use self::block::{Block, CUBES};
-use self::lattice::Lattice;
+use self::lattice::DistanceLattice;
 use self::near::{Around, Near, ON_SURFACE_CELLS};
 use self::patches::{NONE, Patches};
 use super::grid::{BRICK_CELLS, BRICK_EDGE, brick_origin, cell_of};
@@ -123,7 +123,7 @@ impl Samples {
             layers,
             signs,
             near: Near::new(simd_level, &patches, surface, outward),
-            lattice: Lattice::new(&patches, layers, surface.n_voxels, simd_level),
+            lattice: DistanceLattice::new(&patches, layers, surface.n_voxels, simd_level),
             patches: &patches,
         };
         // Fresh pages of the system, which are zero: `vec!` clears arrays of this length once more,
@@ -150,7 +150,7 @@ struct DistanceInputs<'a> {
     signs: Signs<'a>,
     patches: &'a Patches,
     near: Near,
-    lattice: Lattice<'a>,
+    lattice: DistanceLattice<'a>,
 }
 
 /// Cells on the edge of a block, which has one list of patches.

@@ -415,7 +415,7 @@ mod tests {
     #[test]
     #[expect(clippy::print_stdout, reason = "the figures are for a reader")]
     #[ignore = "takes long: `cargo test -- --include-ignored`"]
-    fn solids_are_told_to_a_thousandth() {
+    fn solids_are_right_to_a_thousandth() {
         let shapes = [
             Shape::Box { size_m: DVec3::new(0.1, 0.2, 0.3) },
             Shape::Sphere { radius_m: 0.05 },

@@ -46,14 +46,14 @@ const STIFF_HAND: [(&str, f64); 3] = [
     ("device.sim.hand_mass_g", 200.0),
 ];
 
-/// Plays the torture. `tell` is called with each step. Cost: ten minutes of ticks as fast as they
+/// Plays the stress. `tell` is called with each step. Cost: ten minutes of ticks as fast as they
 /// go, then two minutes; quick, some seconds.
 pub(super) fn rows(options: &Options, tell: &mut dyn FnMut(&str)) -> Result<Vec<Row>, BenchError> {
     let Some(scene) =
         scenes::shipped(&options.scenes).into_iter().find(|path| scenes::name(path) == SCENE)
     else {
         let why = format!("skipped: no {SCENE} in {} (--scenes)", options.scenes.display());
-        return Ok(vec![Row::new("torture", why, None, "")]);
+        return Ok(vec![Row::new("stress", why, None, "")]);
     };
     let folder = TemporaryFolder::create()
         .map_err(|source| BenchError::Write { path: std::env::temp_dir(), source })?;
@@ -73,7 +73,7 @@ pub(super) fn rows(options: &Options, tell: &mut dyn FnMut(&str)) -> Result<Vec<
         let config = scenes::load(&scene, &edits, folder.path())
             .map_err(|why| BenchError::Prepare { what: scene.display().to_string(), why })?;
         tell(&format!(
-            "torture: {long_s} s on the {} clock",
+            "stress: {long_s} s on the {} clock",
             if is_real { "real" } else { "virtual" }
         ));
         let (judge, report, n_points) = if is_real {

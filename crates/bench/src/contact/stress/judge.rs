@@ -1,4 +1,4 @@
-//! What every tick of a torture is held against.
+//! What every tick of a stress is held against.
 
 use super::super::super::Row;
 use hapticd::servo::LoopReport;
@@ -87,7 +87,7 @@ impl Judge {
     ) -> Vec<Row> {
         let clock = if is_real { "real" } else { "virtual" };
         let group = format!(
-            "torture: a nut of {n_points} points on its bolt, {long_s} s on the {clock} clock"
+            "stress: a nut of {n_points} points on its bolt, {long_s} s on the {clock} clock"
         );
         let count = |what: &str, n: u64| Row::new(&group, what, n as f64, "");
         let totals = self.summary.totals(LoopCounts {

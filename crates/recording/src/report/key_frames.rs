@@ -41,7 +41,7 @@ impl Peak {
 
 /// Where everything stood at one moment.
 #[derive(Clone, Debug)]
-pub struct Moment {
+pub struct KeyFrame {
     /// Number of the scene.
     pub scene_idx: u32,
     /// Loop time, s.
@@ -66,7 +66,7 @@ pub struct PathPose {
 
 /// What stands out of a run.
 #[derive(Debug, Default)]
-pub(super) struct Moments {
+pub(super) struct KeyFrames {
     pub(super) depth: Peak,
     pub(super) contact_force: Peak,
     pub(super) command_force: Peak,
@@ -77,7 +77,7 @@ pub(super) struct Moments {
     /// Ticks that began after their deadline.
     pub(super) late_ticks: u64,
     /// The deepest moment, else the last.
-    pub(super) shown: Option<Moment>,
+    pub(super) shown: Option<KeyFrame>,
     /// How far the tool's origin went, m.
     pub(super) arc_m: f64,
     moved: BTreeMap<u32, Pose>,
@@ -88,7 +88,7 @@ pub(super) struct Moments {
     paths: BTreeMap<u32, Path>,
 }
 
-impl Moments {
+impl KeyFrames {
     pub(super) fn add(&mut self, record: &TickRecord) {
         let output = &record.output;
         let time_s = record.time_ns as f64 * 1e-9;
@@ -117,7 +117,7 @@ impl Moments {
             let Self { moved, scene_idx, .. } = self;
             let world_from_tool = output.world_from_tool;
             let depth_m = output.max_depth_m.max(0.0);
-            self.shown = Some(Moment {
+            self.shown = Some(KeyFrame {
                 scene_idx: *scene_idx,
                 time_s,
                 world_from_tool,
@@ -138,7 +138,7 @@ impl Moments {
     }
 
     /// The last moment, where the tool or an object was not as in the one that is shown.
-    pub(super) fn end(&self) -> Option<Moment> {
+    pub(super) fn end(&self) -> Option<KeyFrame> {
         let shown = self.shown.as_ref()?;
         let Self { scene_idx, moved, .. } = self;
         let (time_s, world_from_tool, depth_m) = self.last?;
@@ -154,7 +154,7 @@ impl Moments {
         {
             return None;
         }
-        Some(Moment {
+        Some(KeyFrame {
             scene_idx: *scene_idx,
             time_s,
             world_from_tool,
@@ -225,7 +225,7 @@ mod tests {
 
     #[test]
     fn the_deepest_moment_is_shown_with_what_had_moved_until_then() {
-        let mut moments = Moments::default();
+        let mut moments = KeyFrames::default();
         let place = |record: TickRecord, x_m: f64| {
             let object = Some(Placement {
                 obstacle_idx: 3,
@@ -263,7 +263,7 @@ mod tests {
 
     #[test]
     fn noise_at_rest_is_no_movement_and_a_long_path_stays_small() {
-        let mut moments = Moments::default();
+        let mut moments = KeyFrames::default();
         (0..10_000).for_each(|tick| {
             moments.add(&at(tick, if tick.is_multiple_of(2) { 0.0 } else { 8e-6 }, 0.0))
         });

@@ -1,4 +1,4 @@
-//! Another craft, or other settings of the tool on clay, as clients ask for them.
+//! Another tool, or other settings of the tool on clay, as clients ask for them.
 
 use serde::Deserialize;
 use serde_json::Value;
@@ -12,6 +12,7 @@ use clay::material_map::Painted;
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(in crate::monitor) struct TakeAsked {
+    /// The word of the API of version 1 for the kind of tool.
     craft: Option<String>,
     brush_m: Option<f64>,
     /// A word or weights.
@@ -56,9 +57,9 @@ impl TakeAsked {
             let error = format!("`depth_m` goes above 0 up to {most_m:.2e}, not to {depth_m}");
             return Err(RequestError::bad(error, "engraving sinks by it, embossing raises"));
         }
-        let craft = |word: String| {
+        let kind = |word: String| {
             SculptTool::of(&word).ok_or_else(|| {
-                RequestError::bad(format!("no craft is called `{word}`"), known_crafts())
+                RequestError::bad(format!("no tool is called `{word}`"), known_tools())
             })
         };
         let color = |text: String| {
@@ -67,7 +68,7 @@ impl TakeAsked {
             })
         };
         Ok(ToolChange {
-            craft: self.craft.map(craft).transpose()?,
+            kind: self.craft.map(kind).transpose()?,
             brush_m: self.brush_m,
             falloff: self.falloff.as_ref().map(falloff_of).transpose()?,
             color: self.color.map(color).transpose()?,
@@ -137,7 +138,7 @@ pub(super) fn falloff_of(asked: &Value) -> Result<Falloff, RequestError> {
     }
 }
 
-fn known_crafts() -> String {
+fn known_tools() -> String {
     let names: Vec<_> = SculptTool::NAMES.iter().map(|(name, _)| *name).collect();
     format!("known: {}", names.join(", "))
 }
@@ -168,7 +169,7 @@ mod tests {
         let before = ToolSettings::default();
         assert_eq!(
             taken(json!({ "craft": "pull-curve" })),
-            Ok(ToolSettings { craft: SculptTool::PullCurve, ..before.clone() })
+            Ok(ToolSettings { kind: SculptTool::PullCurve, ..before.clone() })
         );
         assert_eq!(
             taken(
