@@ -6,7 +6,7 @@
 //! `haptics` alone.
 //!
 //! ```text
-//!  scene.toml ─► config ─► scene ─► RenderScene ─► servo: wait ─► read ─► tick ─► write ─► ring of TickRecords
+//!  scene.toml ─► config ─► scene ─► RenderScene ─► engine: wait ─► read ─► tick ─► write ─► ring of TickRecords
 //!                          (bake cache)              ▲  ▲                                            │
 //!  signals, heartbeats ─► control word (rt) ─────────┘  │ ring of commands                           ▼
 //!  clients ◄─► monitor ─► daemon::session ──────────────┘                               recording ─► monitor, publish, files
@@ -49,6 +49,7 @@
 //! | [`haptics`] | one tick: friction, damping, filter, couplings, passivity, limits of force and torque, faults |
 //! | [`clay`] | clay that a tool deforms |
 //! | [`arms`] | profiles, protocols, transports, kinematics, motor bounds, simulated arms |
+//! | [`engine`] | the 1 kHz loop and its thread, a run from its first tick to rest, zero force on every way out |
 //! | [`recording`] | records, the threads that write recordings, reading, reports, metrics |
 //! | [`link`] | other machines: messages of ROS 2, sessions, what a run publishes |
 //! | [`rt`] | clocks, scheduling, signals, the control word |
@@ -59,8 +60,7 @@
 //! |---|---|
 //! | [`config`] | the keys of a scene: read, checked, in SI |
 //! | [`scene`] | a checked scene → what the tick reads, through the bake cache |
-//! | [`servo`] | the 1 kHz loop and its thread; commands into it; zero force on every way out |
-//! | [`daemon`] | a run from start to rest: preflight, enabling, stop; the session that changes what is rendered; replay |
+//! | [`daemon`] | preparing a run, and the session that changes what is rendered; replay |
 //! | [`monitor`] | HTTP, WebSocket and the page; `monitor::heartbeat` takes the force away when a client that drives falls silent |
 //! | `cli` | one file for each command; the only module that prints |
 //! | [`error`] | exit codes |
@@ -72,4 +72,3 @@ pub mod daemon;
 pub mod error;
 pub mod monitor;
 pub mod scene;
-pub mod servo;

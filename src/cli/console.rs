@@ -7,12 +7,12 @@ use std::sync::{Arc, OnceLock};
 use crossbeam::channel::{Sender, unbounded};
 
 use super::output;
-use crate::daemon::Enable;
 use crate::daemon::sculpting::ClayHandle;
 use crate::daemon::session::{HandOrder, SessionError, SessionHandle};
-use crate::servo::Control;
 use clay::emboss::GreyImage;
 use clay::engine::{ChosenSolid, SculptOrder, SculptTool, ToolChange};
+use engine::servo::Control;
+use engine::supervisor::Enable;
 
 /// What may be typed.
 const WORDS: &str = "enable, disable, stop, restart (the hand), reset (the scene); for clay: tool \
@@ -150,7 +150,7 @@ mod tests {
     use super::*;
     use crate::config::LoadOptions;
     use crate::daemon::testing::{SCENE, scene};
-    use crate::servo::Order;
+    use engine::servo::Order;
     use rt::clock::ClockKind;
 
     #[test]

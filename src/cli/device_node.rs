@@ -96,13 +96,13 @@ mod over_network {
     use crate::daemon::device_node::{
         NodeJob, NodeNotice, NodeOutcome, node_parameters, open_arm, run_node,
     };
-    use crate::servo::Control;
     use arms::attached::open::LinkNews;
     use arms::profile::{self, Profile, ProfileError};
     use arms::remote::Node;
     use arms::remote::command_hold::HoldTiming;
     use arms::remote::figures::{LinkPhase, NodeReport};
     use arms::simulated::hand::GripPath;
+    use engine::servo::Control;
     use link::network::link::{ZenohLink, is_name, serve_profile};
     use link::network::{NetworkError, session};
     use rt::schedule::{self, ThreadRequest};

@@ -9,7 +9,7 @@ use crate::config::{LoadOptions, SceneConfig};
 use crate::daemon::scene_files;
 use crate::error::Exit;
 use crate::monitor::{self, MadeRecording, RecorderError, RecorderStatus};
-use crate::servo::LoopReport;
+use engine::servo::LoopReport;
 use recording::RecordSubscribers;
 use recording::file::{
     FailureHandler, FaultFile, FaultFiles, Recorder, RecorderHandle, RecordingError,

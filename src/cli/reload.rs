@@ -7,8 +7,8 @@ use super::{OutputOptions, report};
 use crate::daemon::reload::{Cause, ReloadNotice, Reloaded};
 use crate::daemon::service;
 use crate::daemon::session::SessionError;
-use crate::servo::FileChange;
 use document::show;
+use engine::servo::FileChange;
 use vps::storage::printable::shown;
 
 /// Reports to the user, and to a service manager, how a reload goes.

@@ -23,18 +23,16 @@ use crate::daemon::drawing::{self as drawing_thread, Drawing};
 use crate::daemon::remote::RemoteArm;
 use crate::daemon::service::Service;
 use crate::daemon::session::SessionHandle;
-use crate::daemon::{
-    LiveChannels, Notice, PrepareError, Prepared, RealArmNode, RenderJob, RunError, RunOutcome,
-    Supervisor, prepare_on,
-};
+use crate::daemon::{self, PrepareError, Prepared, RealArmNode, RunSummary, exit_of, prepare_on};
 use crate::error::Exit;
 use crate::scene::BakeOptions;
 use crate::scene::cache::CachePolicy;
-use crate::servo::{Control, ObjectPaths};
 use ::recording::RecordSubscribers;
 use ::recording::file::Recorder;
 use arms::mock::builder;
 use arms::protocol::Protocol;
+use engine::servo::{Control, ObjectPaths};
+use engine::supervisor::{LiveChannels, Notice, RenderJob, RunError, Supervisor};
 use rt::clock::{ClockKind, monotonic_ns};
 use rt::signals::{self, SignalError};
 use vps::mesh;
@@ -341,7 +339,7 @@ pub(crate) fn main(
                 _ => None,
             };
             report::error(&error.to_string(), hint, output);
-            error.exit()
+            exit_of(&error)
         }
         Refusal::Signals(error) => {
             report::error(&error.to_string(), None, output);
@@ -379,7 +377,7 @@ fn run(
     control: &Arc<Control>,
     end_by_signals: impl FnOnce(&Arc<Control>) -> Result<(), SignalError>,
     bake: impl FnOnce() -> Result<Prepared, PrepareError>,
-) -> Result<RunOutcome, Refusal> {
+) -> Result<RunSummary, Refusal> {
     let Beside {
         mut live,
         paths,
@@ -434,7 +432,6 @@ fn run(
         scene,
         device: prepared.device,
         realtime: prepared.realtime,
-        rate_hz: prepared.rate_hz,
         time_budget_s: prepared.time_budget_s,
         clock: args.clock.kind(),
         duration: args.duration,
@@ -446,7 +443,7 @@ fn run(
     if reloads {
         services.reload(session, watches, output);
     }
-    supervisor.render_live(job, live, control).map_err(Refusal::Run)
+    daemon::render(&mut supervisor, job, prepared.rate_hz, live, control).map_err(Refusal::Run)
 }
 
 #[cfg(test)]

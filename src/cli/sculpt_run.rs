@@ -16,7 +16,6 @@ use super::{OutputOptions, destination, output, recording, report};
 use crate::config::scene::SculptConfig;
 use crate::config::strokes::{self, Script, TimedOrder};
 use crate::config::{ConfigErrors, SceneConfig};
-use crate::daemon::LiveChannels;
 use crate::daemon::sculpting::{
     self, ClayHandle, ScriptedOrder, SculptOutcome, SculptPlan, SculptReport, SculptThread,
 };
@@ -25,6 +24,7 @@ use crate::monitor::ClayParts;
 use crate::scene::LoadedClay;
 use clay::PointSet;
 use clay::engine::{SculptEngine, SculptOrder, ToolBody};
+use engine::supervisor::LiveChannels;
 use haptics::RenderScene;
 use picture::splats::{MassPoints, SampleForm};
 use rt::clock::ClockKind;

@@ -12,6 +12,7 @@ use arms::profile::Profile;
 use clay::engine::ToolSettings;
 use clay::{Solid, clay_model};
 use haptics::Parameters;
+use rt::schedule::RealtimeConfig;
 use vps::mesh::primitives::Shape;
 use vps::pointshell::Points;
 use vps::spatial::Pose;
@@ -190,15 +191,4 @@ pub struct SimConfig {
     pub delay_ticks: Option<u32>,
     /// Fault to inject, as written (`nan@2s`); `None`: none.
     pub fault: Option<String>,
-}
-
-/// What the loop asks of the operating system.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct RealtimeConfig {
-    /// Refuse to run when a preflight check fails.
-    pub enforce: bool,
-    /// Processor to pin to; `None`: the last one that this process may use.
-    pub cpu: Option<usize>,
-    /// SCHED_FIFO priority, 1 to 99.
-    pub priority: u8,
 }

@@ -14,7 +14,6 @@ use std::time::Instant;
 use crossbeam::channel::Receiver;
 
 use super::{PrepareError, RealArmNode};
-use crate::servo::{Control, DeadlineGrid, StopGuard};
 use arms::Device;
 use arms::attached::nodes::Selector;
 use arms::attached::open::{self, LinkNews, OpenOptions};
@@ -23,6 +22,7 @@ use arms::remote::command_hold::HoldTiming;
 use arms::remote::figures::{LinkPhase, NodeReport};
 use arms::remote::{Node, NodeFigures, NodeParameters};
 use arms::simulated::{HandParameters, SimArm, SimParameters};
+use engine::servo::{Control, DeadlineGrid, StopGuard};
 use rt::clock::{Clock as _, RealClock};
 use rt::schedule::{self, ThreadRequest, ThreadStanding};
 

@@ -9,7 +9,7 @@ use thiserror::Error;
 
 use super::hand_checks::{self, HandProblem};
 use super::remote::RemoteArm;
-use crate::config::scene::{DeviceConfig, RealtimeConfig};
+use crate::config::scene::DeviceConfig;
 use crate::config::{ConfigErrors, SceneConfig};
 use crate::scene::cache::Cache;
 use crate::scene::{self, BakeEvent, BakeOptions, Built, LoadedClay, ObjectReport, SceneError};
@@ -21,7 +21,7 @@ use arms::simulated::hand::{GripPath, HandMapping, HandPath};
 use arms::simulated::{HandParameters, Reach, SimArm, SimError, SimParameters};
 use document::poses::{self, PoseFileError};
 use haptics::{DeviceMapping, RenderScene};
-use rt::schedule::{self, ThreadRequest};
+use rt::schedule::{self, RealtimeConfig, ThreadRequest};
 
 /// A scene that is ready to be rendered.
 pub struct Prepared {

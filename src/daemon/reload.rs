@@ -18,7 +18,7 @@ use super::scene_keys::{fixed, unlike_at_the_arm};
 use super::session::{Baker, SceneView, SessionError, SessionHandle};
 use crate::config::scene::MeshSource;
 use crate::config::{self, SceneConfig};
-use crate::servo::FileChange;
+use engine::servo::FileChange;
 use rt::signals::{Hangup, Hangups};
 use vps::mesh;
 

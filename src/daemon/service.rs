@@ -13,7 +13,7 @@ use std::time::Instant;
 use crossbeam::channel::{Sender, bounded};
 use sd_notify::NotifyState;
 
-use super::{Notice, Phase};
+use engine::supervisor::{Notice, Phase};
 use haptics::Faults;
 
 /// A watchdog is fed this many times within its time.

@@ -21,13 +21,13 @@ use super::reload::Reloader;
 use super::scene_keys::{path_of, unlike};
 use crate::config::{self, ConfigErrors, LoadOptions, SceneConfig};
 use crate::scene::SceneError;
-use crate::servo::{CommandQueue, FileChange, LoadedScene, Objects, SceneControls};
+use engine::servo::{CommandQueue, FileChange, LoadedScene, Objects, SceneControls};
 use haptics::RenderScene;
 use recording::file::{Recorder, SceneFiles};
 use rt::clock::ClockKind;
 use vps::spatial::Pose;
 
-pub use crate::servo::{ControlError, HandOrder, HandUse, ParameterSetting};
+pub use engine::servo::{ControlError, HandOrder, HandUse, ParameterSetting};
 
 /// How often the thread of scenes looks for a scene that the loop gave back, while one is to be
 /// sent.

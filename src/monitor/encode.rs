@@ -6,8 +6,8 @@ use serde::ser::SerializeStruct as _;
 use serde::{Serialize, Serializer};
 
 use super::rows::HistoryRow;
-use crate::daemon::Phase;
 use crate::daemon::session::HandUse;
+use engine::supervisor::Phase;
 use haptics::{Faults, OffCause};
 use recording::TickRecord;
 use vps::spatial::{Pose, Wrench};

@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use super::encode::LastFault;
 use crate::config::SceneConfig;
-use crate::daemon::Phase;
+use engine::supervisor::Phase;
 use haptics::Faults;
 use rt::preflight::PreflightReport;
 use vps::spatial::Axes;

@@ -4,9 +4,9 @@
 use std::sync::Arc;
 
 use arms::{Capabilities, Device, DeviceError};
+use engine::servo::{ClayFeed, ClaySlot, Control, FramePublishError, RunPlan, ServoLoop, Step};
 use glam::{DMat3, DQuat, DVec3};
 use hapticd::daemon::{ReplayError, replay};
-use hapticd::servo::{ClayFeed, ClaySlot, Control, FramePublishError, RunPlan, ServoLoop, Step};
 use haptics::clay::{Clay, Rope};
 use haptics::{
     CouplingMode, DriveRequest, Faults, FilterParameters, FrameInUse, FrictionParameters, Inertia,

@@ -3,12 +3,12 @@
 use std::sync::Arc;
 use std::sync::mpsc::channel;
 
+use engine::servo::{Control, RunPlan, ServoLoop, Step};
 use glam::{DQuat, DVec3};
 use hapticd::config::{LoadOptions, SceneConfig};
 use hapticd::daemon::prepare;
 use hapticd::daemon::session::{ControlError, HandOrder, SessionError, SessionHandle};
 use hapticd::scene::{BakeOptions, build_with, cache::Cache};
-use hapticd::servo::{Control, RunPlan, ServoLoop, Step};
 use haptics::{Drive, Faults, TickOutput};
 use recording::TickRecord;
 use rt::clock::{ClockKind, VirtualClock};

@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
+use engine::servo::{Control, RunPlan, SceneControls, ServoLoop, Step};
 use hapticd::config::SceneConfig;
 use hapticd::daemon::prepare;
 use hapticd::daemon::session::objects;
-use hapticd::servo::{Control, RunPlan, SceneControls, ServoLoop, Step};
 use haptics::{Faults, LiveParameter, Parameters};
 use recording::TickRecord;
 use rt::clock::VirtualClock;

@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
+use engine::servo::{Control, Ending, LoadedScene, RunPlan, SceneControls, ServoLoop, Step};
 use glam::{DMat3, DQuat, DVec3};
 use hapticd::daemon::prepare;
-use hapticd::servo::{Control, Ending, LoadedScene, RunPlan, SceneControls, ServoLoop, Step};
 use haptics::{
     CouplingMode, Drive, DriveRequest, Faults, FrictionParameters, Inertia, LimitParameters,
     Parameters, Placement, RenderScene, State, TickInput, TickOutput, Tool, tick,

@@ -10,13 +10,12 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use base64::Engine as _;
+use engine::servo::{Control, SceneControls};
+use engine::supervisor::{LiveChannels, RenderJob, Supervisor};
 use glam::DVec3;
 use hapticd::config::LoadOptions;
 use hapticd::daemon::session::objects;
-use hapticd::daemon::{
-    LiveChannels, RenderJob, ReplayError, Replayed, Supervisor, prepare, replay, scene_files,
-};
-use hapticd::servo::{Control, SceneControls};
+use hapticd::daemon::{ReplayError, Replayed, prepare, replay, scene_files};
 use haptics::{Faults, LiveParameter};
 use recording::file::{Entry, FORCE_LAW_KEY, Facts, Recorder, Recording, SceneFiles};
 use recording::{RecordSubscribers, TickRecord, drain};
@@ -208,7 +207,6 @@ fn record_with(
         scene: Arc::new(prepared.scene),
         device: prepared.device,
         realtime: prepared.realtime,
-        rate_hz: prepared.rate_hz,
         time_budget_s: prepared.time_budget_s,
         clock: ClockKind::Virtual,
         duration: Some(duration),

@@ -10,7 +10,7 @@ use arms::mock::FaultReport;
 use arms::simulated::fault::FaultKind;
 use arms::testing::rig::{InjectedFault, Make, every_arm};
 use arms::testing::{HELD_M, TimedRig};
-use hapticd::servo::{Control, RunPlan, ServoLoop};
+use engine::servo::{Control, RunPlan, ServoLoop};
 use haptics::testing::empty_scene;
 use haptics::{self, Drive, RenderScene, State, TickInput, TickOutput};
 use vps::spatial::{Axes, Wrench};

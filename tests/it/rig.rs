@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use arms::simulated::hand::HandPath;
+use engine::servo::{CommandQueue, Control, Ending, ObjectPaths, RunPlan, ServoLoop, Step};
 use hapticd::config::{self, SceneConfig};
 use hapticd::daemon::prepare_with;
 use hapticd::scene::cache::Cache;
 use hapticd::scene::{BakeOptions, ObjectReport};
-use hapticd::servo::{CommandQueue, Control, Ending, ObjectPaths, RunPlan, ServoLoop, Step};
 use haptics::{Faults, Parameters, RenderScene};
 use recording::TickRecord;
 use rt::clock::VirtualClock;

@@ -5,11 +5,11 @@
 use std::sync::Arc;
 
 use arms::profile;
+use engine::servo::{Control, Ending, RunPlan, ServoLoop, Step};
 use hapticd::config::{LoadOptions, SceneConfig, load_with};
 use hapticd::daemon::prepare_with;
 use hapticd::scene::BakeOptions;
 use hapticd::scene::cache::Cache;
-use hapticd::servo::{Control, Ending, RunPlan, ServoLoop, Step};
 use haptics::{Drive, Faults, OffCause, Parameters};
 use recording::TickRecord;
 use rt::clock::VirtualClock;

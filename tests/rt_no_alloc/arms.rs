@@ -5,12 +5,12 @@ use std::time::{Duration, Instant};
 
 use arms::attached::open::OpenedArm;
 use arms::{Device, DeviceError};
+use engine::servo::{Control, RunPlan, ServoLoop, Step};
 use glam::DVec3;
 use hapticd::config::SceneConfig;
 use hapticd::daemon::prepare_with;
 use hapticd::scene::BakeOptions;
 use hapticd::scene::cache::Cache;
-use hapticd::servo::{Control, RunPlan, ServoLoop, Step};
 use haptics::{Faults, OffCause, Parameters};
 use rt::clock::VirtualClock;
 use vps::spatial::{DeviceSample, SampleStatus, Wrench};

@@ -17,14 +17,14 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use engine::servo::{
+    ClayFeed, ClaySlot, Control, LoadedScene, RunPlan, SceneControls, ServoLoop, Step,
+};
 use glam::{DQuat, DVec3};
 use hapticd::config::{self, SceneConfig};
 use hapticd::daemon::prepare_with;
 use hapticd::scene::BakeOptions;
 use hapticd::scene::cache::{Cache, CachePolicy};
-use hapticd::servo::{
-    ClayFeed, ClaySlot, Control, LoadedScene, RunPlan, SceneControls, ServoLoop, Step,
-};
 use haptics::clay::{Clay, Rope};
 use haptics::{Faults, RenderScene};
 use rt::clock::VirtualClock;

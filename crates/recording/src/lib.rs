@@ -42,19 +42,14 @@
 //! | [`report`] | a page of a recording, with charts |
 #![forbid(unsafe_code)]
 
-mod drain;
 pub mod file;
-mod flight;
 pub mod metrics;
-mod record;
 pub mod report;
-mod subscribers;
+mod stamped_record;
 mod summary;
 
-pub use drain::{Drained, Watch, drain};
-pub use flight::FlightRecorder;
-pub use record::TickRecord;
-pub use subscribers::{RecordSubscribers, Subscriber};
+pub use engine::record::{FlightRecorder, RecordSubscribers, Subscriber, TickRecord, Watch, drain};
 pub use summary::{
-    Histograms, LatencySummary, LoopCounts, RealtimeSummary, Rendered, Summary, SwapSummary, Totals,
+    Histograms, LatencySummary, LoopCounts, RealtimeSummary, Rendered, SharedSummary, Summary,
+    SwapSummary, Totals, summary_subscriber,
 };

@@ -335,7 +335,9 @@ mod tests {
     use std::collections::{BTreeMap, BTreeSet};
 
     use super::*;
+    use engine::servo::DeadlineGrid;
     use haptics::TickOutput;
+    use rt::clock::{Clock, ClockKind};
 
     /// One sample: name, labels as written, value.
     type Sample = (String, String, f64);
@@ -535,5 +537,48 @@ mod tests {
         ] {
             assert_eq!(value(&metrics, series), expected);
         }
+    }
+
+    /// A clock whose n-th sleep ends late by the n-th entry.
+    struct LateClock {
+        now_ns: i64,
+        late_ns: std::vec::IntoIter<i64>,
+    }
+
+    impl Clock for LateClock {
+        fn kind(&self) -> ClockKind {
+            ClockKind::Real
+        }
+
+        fn now_ns(&mut self) -> i64 {
+            self.now_ns
+        }
+
+        fn sleep_until(&mut self, deadline_ns: i64) {
+            self.now_ns = self.now_ns.max(deadline_ns) + self.late_ns.next().unwrap_or(0);
+        }
+    }
+
+    #[test]
+    fn missed_deadlines_of_the_metrics_are_those_that_the_grid_counts() {
+        const T: i64 = 1_000_000;
+        let (metrics, mut subscriber) = metrics_subscriber(1000);
+        let late_ns = vec![0, 2 * T + T / 2, 70_000, 0, 0].into_iter();
+        let mut clock = LateClock { now_ns: 0, late_ns };
+        let mut grid = DeadlineGrid::new(0, T);
+        let mut missed = 0;
+        for (tick, busy_ns) in (0..).zip([0, 300_000, 0, T + T / 2, 0]) {
+            clock.now_ns += busy_ns;
+            let due = grid.wait(&mut clock);
+            missed += due.missed;
+            subscriber(&TickRecord {
+                tick,
+                time_ns: due.now_ns,
+                wakeup_ns: due.late_ns,
+                ..TickRecord::default()
+            });
+        }
+        assert_eq!(missed, 3);
+        assert!(metrics.text().lines().any(|line| line == "hapticd_missed_deadlines_total 3"));
     }
 }

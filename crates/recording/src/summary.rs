@@ -1,9 +1,11 @@
 //! What a run came to: latency histograms and extremes, and their JSON form.
 
+use std::sync::{Arc, Mutex, PoisonError};
+
 use hdrhistogram::Histogram;
 use serde::Serialize;
 
-use super::TickRecord;
+use super::{Subscriber, TickRecord};
 use haptics::Faults;
 use vps::spatial::{NamedPose, Pose, SampleStatus, Wrench};
 
@@ -166,6 +168,28 @@ impl Default for Summary {
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "as serde asks")]
 fn is_zero(value: &f64) -> bool {
     *value == 0.0
+}
+
+/// The summary of one run while it goes on.
+#[derive(Debug, Default)]
+pub struct SharedSummary(Arc<Mutex<Summary>>);
+
+impl SharedSummary {
+    /// What has come in; empty from then on.
+    pub fn take(&self) -> Summary {
+        core::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+/// The summary of one run, and the subscriber that fills it.
+pub fn summary_subscriber() -> (SharedSummary, Subscriber) {
+    let summary = SharedSummary::default();
+    let filled = summary.0.clone();
+    let subscriber = Box::new(move |record: &TickRecord| {
+        filled.lock().unwrap_or_else(PoisonError::into_inner).add(record);
+        true
+    });
+    (summary, subscriber)
 }
 
 /// One scene that took the place of another.

@@ -19,6 +19,17 @@ const BACKGROUND_NICE: i32 = 10;
 /// `CAP_IPC_LOCK` in the capability masks of `/proc/self/status`.
 const CAP_IPC_LOCK_BIT: u32 = 14;
 
+/// What the loop asks of the operating system.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RealtimeConfig {
+    /// Refuse to run when a preflight check fails.
+    pub enforce: bool,
+    /// Processor to pin to; `None`: the last one that this process may use.
+    pub cpu: Option<usize>,
+    /// SCHED_FIFO priority, 1 to 99.
+    pub priority: u8,
+}
+
 /// What a thread asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ThreadRequest {

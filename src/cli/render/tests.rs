@@ -6,11 +6,11 @@ use super::args::RealtimeMode;
 use super::*;
 use crate::cli::When;
 use crate::cli::output::LogFormat;
-use crate::config::scene::RealtimeConfig;
 use crate::daemon::testing;
 use ::recording::Totals;
 use arms::simulated::{SimArm, SimParameters};
 use haptics::testing::empty_scene;
+use rt::schedule::RealtimeConfig;
 
 #[derive(Debug, Parser)]
 struct Command {
@@ -40,7 +40,7 @@ fn run(
     args: &LoopArgs,
     output: OutputOptions,
     bake: impl FnOnce() -> Result<Prepared, PrepareError>,
-) -> Result<RunOutcome, Refusal> {
+) -> Result<RunSummary, Refusal> {
     let session = testing::session(args.clock.kind());
     let beside = Beside {
         live: LiveChannels::default(),

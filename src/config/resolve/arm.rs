@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::super::bound::StiffnessBound;
-use super::super::scene::{RealtimeConfig, SimConfig, StabilityConfig};
+use super::super::scene::{SimConfig, StabilityConfig};
 use super::super::schema::{self, Deadman, Overrun};
 use super::{LoadOptions, MM, Resolve};
 use arms::attached::nodes::Selector;
@@ -13,6 +13,7 @@ use document::{Interval, POSITIVE, ProblemKind, nearest, show};
 use haptics::stability::SampledWall;
 use haptics::stuck;
 use haptics::{ArmParameters, LimitParameters, SafetyParameters};
+use rt::schedule::RealtimeConfig;
 use vps::spatial::Axes;
 
 const DEFAULT_PROFILE: &str = "sim-sigma7";

@@ -26,8 +26,8 @@ use serde::Serialize;
 pub use duty_cycle::DutyCycle;
 pub use handle::{ClayHandle, OrderError, Reply};
 
-use crate::servo::ClaySlot;
 use clay::engine::{SculptEngine, SculptOrder};
+use engine::servo::ClaySlot;
 use haptics::clay::Clay;
 use rt::clock::ClockKind;
 
@@ -148,7 +148,7 @@ impl SculptThread {
     }
 }
 
-/// Begins to work the clay of a scene: the slot goes to the loop ([`super::LiveChannels::clay`]),
+/// Begins to work the clay of a scene: the slot goes to the loop ([`engine::supervisor::LiveChannels::clay`]),
 /// the handle to clients.
 ///
 /// `clay.frame` is to show the clay of the engine as it is (`ClayModel::frame`).

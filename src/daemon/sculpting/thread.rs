@@ -13,9 +13,9 @@ use crossbeam::channel::Receiver;
 
 use super::handle::{ViewCell, WaitingOrder};
 use super::{DutyCycle, FailedOrder, ScriptedOrder, SculptOutcome, SculptPlan, SculptReport};
-use crate::servo::{ClayFeed, FramePublishError, ToolState, Waiting};
 use clay::boolean::Boolean;
 use clay::engine::{EngineError, HoldOutcome, SculptEngine, SculptOrder, ToolMotion};
+use engine::servo::{ClayFeed, FramePublishError, ToolState, Waiting};
 use rt::clock::ClockKind;
 use vps::density::DensityFrame;
 

@@ -2,8 +2,8 @@ use std::sync::mpsc::{Receiver, channel};
 
 use super::super::testing::{self, SCENE, scene};
 use super::*;
-use crate::servo::testing::CountingArm;
-use crate::servo::{Control, RunPlan, ServoLoop, Step};
+use arms::simulated::{SimArm, SimParameters};
+use engine::servo::{Control, RunPlan, ServoLoop, Step};
 use haptics::testing::empty_scene;
 use recording::RecordSubscribers;
 use rt::clock::VirtualClock;
@@ -11,7 +11,7 @@ use rt::clock::VirtualClock;
 /// A loop over an empty scene, and the session that changes it. Of a real run but for the clock.
 struct Run {
     session: SessionHandle,
-    servo: ServoLoop<CountingArm, VirtualClock>,
+    servo: ServoLoop<SimArm, VirtualClock>,
 }
 
 impl Run {
@@ -22,7 +22,7 @@ impl Run {
         let control = Arc::new(Control::enabled());
         let servo = ServoLoop::new(
             first,
-            CountingArm::default(),
+            SimArm::new(SimParameters::ideal(1e-3)).expect("valid"),
             VirtualClock::default(),
             control,
             RunPlan::default(),

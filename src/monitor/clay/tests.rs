@@ -7,10 +7,11 @@ use super::super::hub::{Hub, HubParts};
 use super::super::worker::Worker;
 use super::*;
 use crate::daemon::sculpting::OrderError;
-use crate::daemon::{Notice, Phase, testing};
+use crate::daemon::testing;
 use clay::PointSet;
 use clay::dynamics::Material;
 use clay::engine::{EngineError, ToolChange, ToolSettings};
+use engine::supervisor::{Notice, Phase};
 use rt::clock::ClockKind;
 use rt::control::Control;
 

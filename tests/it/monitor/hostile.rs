@@ -7,9 +7,9 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use crossbeam::channel::{Receiver, Sender, unbounded};
+use engine::supervisor::{Notice, Phase};
 use hapticd::config::{self, LoadOptions};
 use hapticd::daemon::session::SessionHandle;
-use hapticd::daemon::{Notice, Phase};
 use hapticd::monitor::{
     BoundMonitor, Hub, HubParts, MadeRecording, RecorderError, RecorderStatus, RecordingControl,
 };

@@ -7,11 +7,11 @@ use toml::{Table, Value};
 
 use super::super::BenchError;
 use document::poses;
+use engine::servo::{Control, RunPlan, ServoLoop, run_to_end};
 use hapticd::config::{self, SceneConfig};
 use hapticd::daemon::prepare_with;
 use hapticd::scene::BakeOptions;
 use hapticd::scene::cache::Cache;
-use hapticd::servo::{Control, RunPlan, ServoLoop, run_to_end};
 use haptics::{Faults, RenderScene};
 use recording::TickRecord;
 use rt::clock::VirtualClock;

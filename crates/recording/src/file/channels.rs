@@ -12,7 +12,7 @@ use super::wire::{
     RenderedWrench, WireError, WirePart, WireType, schema,
 };
 use crate::TickRecord;
-use crate::record::StampedRecord;
+use crate::stamped_record::StampedRecord;
 
 /// A topic with one message per tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

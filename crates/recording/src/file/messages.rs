@@ -12,7 +12,7 @@ use foxglove::{Encode, messages};
 
 use super::scene_files::{DisplayObject, DisplayShape, SceneFiles};
 use crate::TickRecord;
-use crate::record::StampedRecord;
+use crate::stamped_record::StampedRecord;
 use haptics::Faults;
 use vps::spatial::Pose;
 use vps::storage::regular;

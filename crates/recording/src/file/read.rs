@@ -12,7 +12,7 @@ use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use super::channels::Channel;
 use super::scene_files::ROOM_BYTES;
 use crate::TickRecord;
-use crate::record::StampedRecord;
+use crate::stamped_record::StampedRecord;
 use vps::storage::regular;
 
 /// A longer record is a mistake: the longest that is written is an attachment, with its name.

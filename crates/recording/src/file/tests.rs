@@ -8,7 +8,7 @@ use prost::Message as _;
 
 use super::channels::Channel;
 use super::*;
-use crate::record::StampedRecord;
+use crate::stamped_record::StampedRecord;
 use crate::{RecordSubscribers, TickRecord, drain};
 use haptics::{
     Drive, DriveRequest, Faults, FrameInUse, LiveParameter, OffCause, ParameterChange, Placement,

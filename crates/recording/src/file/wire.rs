@@ -14,7 +14,7 @@ use prost_types::{
 };
 
 use crate::TickRecord;
-use crate::record::StampedRecord;
+use crate::stamped_record::StampedRecord;
 use haptics::{Drive, DriveRequest, Faults, LiveParameter, OffCause, TickInput, TickOutput};
 use vps::spatial::{self, SampleStatus};
 

@@ -16,7 +16,7 @@ use super::channels::Channel;
 use super::messages::{self, Occasion, Stamps};
 use super::scene_files::{self, MissingFile, SceneFiles};
 use crate::TickRecord;
-use crate::record::StampedRecord;
+use crate::stamped_record::StampedRecord;
 use haptics::Faults;
 
 /// A chunk is cut when it holds so many bytes before compression: less than a second at 1 kHz.

@@ -1,7 +1,7 @@
 //! What every tick of a stress is held against.
 
 use super::super::super::Row;
-use hapticd::servo::LoopReport;
+use engine::servo::LoopReport;
 use haptics::{LimitParameters, TickOutput};
 use recording::{LoopCounts, RealtimeSummary, Summary, TickRecord};
 use vps::spatial::SampleStatus;

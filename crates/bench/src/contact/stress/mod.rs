@@ -19,11 +19,11 @@ use self::judge::Judge;
 use super::super::export::TemporaryFolder;
 use super::super::{BenchError, Row};
 use super::{Options, scenes};
+use engine::servo::{Control, LoopReport, RunPlan, ServoLoop, run_to_end};
 use hapticd::config::SceneConfig;
 use hapticd::daemon::prepare_with;
 use hapticd::scene::BakeOptions;
 use hapticd::scene::cache::{Cache, CachePolicy};
-use hapticd::servo::{Control, LoopReport, RunPlan, ServoLoop, run_to_end};
 use rt::clock::{Clock, RealClock, VirtualClock};
 use rt::schedule::{self, ThreadRequest};
 

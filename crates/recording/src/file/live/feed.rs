@@ -12,7 +12,7 @@ use tokio::time::MissedTickBehavior;
 use super::super::channels::Channel;
 use super::super::messages::{self, Occasion, encoded};
 use super::super::scene_files::Scenes;
-use crate::record::StampedRecord;
+use crate::stamped_record::StampedRecord;
 use haptics::Faults;
 
 /// Messages of one topic leave so often at most.

@@ -37,7 +37,7 @@ use tokio::sync::oneshot;
 use self::feed::{Channels, Feed, PendingClients};
 use self::proxy::{Counts, Proxy};
 use super::recorder::Recorder;
-use crate::record::StampedRecord;
+use crate::stamped_record::StampedRecord;
 
 /// Records under way: two seconds at 1 kHz.
 const RING_RECORDS: usize = 2048;

@@ -7,9 +7,9 @@ use rtrb::{Producer, PushError};
 use super::clay::frame_in_use;
 use super::waiting::Waiting;
 use super::{ClaySlot, CommandQueue, Control, DeadlineGrid, LoadedScene, Order, StopGuard};
+use crate::record::{FlightRecorder, TickRecord};
 use arms::{Device, DeviceError};
 use haptics::{self, Drive, DriveRequest, Faults, RenderScene, State, TickInput, TickOutput};
-use recording::{FlightRecorder, TickRecord};
 use rt::clock::{Clock, ClockKind};
 use vps::spatial::{DeviceSample, SampleStatus, Wrench};
 

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use rtrb::Consumer;
 
-use super::{RecordSubscribers, Summary, TickRecord};
+use super::{RecordSubscribers, TickRecord};
 use haptics::Drive;
 
 /// How long the drain rests when the ring is empty: a ring of some seconds never fills in that
@@ -28,22 +28,13 @@ pub enum Watch {
     Snapshot(TickRecord),
 }
 
-/// What is left when the servo has gone.
-#[derive(Debug)]
-pub struct Drained {
-    /// Statistics over every record that arrived.
-    pub summary: Summary,
-    /// The last record.
-    pub last: Option<TickRecord>,
-}
-
-/// Takes records until the producer is gone and the ring is empty. Blocks; for a thread of its own.
+/// Takes records until the producer is gone and the ring is empty, and gives the last one. Blocks;
+/// for a thread of its own.
 pub fn drain(
     mut records: Consumer<TickRecord>,
     subscribers: &RecordSubscribers,
     mut watch: impl FnMut(Watch),
-) -> Drained {
-    let mut summary = Summary::new();
+) -> Option<TickRecord> {
     let mut last: Option<TickRecord> = None;
     let mut next_snapshot = Instant::now() + SNAPSHOT_EVERY;
     loop {
@@ -52,7 +43,6 @@ pub fn drain(
         let producer_gone = records.is_abandoned();
         let mut n_taken = 0u32;
         while let Ok(record) = records.pop() {
-            summary.add(&record);
             subscribers.pass(&record);
             let drive_before = last.map_or(Drive::Disabled, |record| record.output.drive);
             let faults_before = last.is_some_and(|record| !record.output.faults.is_empty());
@@ -78,7 +68,7 @@ pub fn drain(
         }
         if producer_gone {
             subscribers.close();
-            return Drained { summary, last };
+            return last;
         }
         if n_taken == 0 {
             std::thread::sleep(REST);
@@ -111,14 +101,13 @@ mod tests {
         let (sender, tapped) = std::sync::mpsc::channel();
         subscribers
             .add(Box::new(move |record| record.tick < 5 && sender.send(record.tick).is_ok()));
-        let drained = drain(consumer, &subscribers, |watch| match watch {
+        let last = drain(consumer, &subscribers, |watch| match watch {
             Watch::Drive(record) => reported.push((record.tick, "drive")),
             Watch::Fault(record) => reported.push((record.tick, "fault")),
             Watch::Scene(_) | Watch::Snapshot(_) => {}
         });
         assert_eq!(reported, [(3, "drive"), (7, "drive"), (7, "fault")]);
-        assert_eq!(drained.last.map(|record| record.tick), Some(9));
-        assert_eq!(drained.summary.ticks(), 10);
+        assert_eq!(last.map(|record| record.tick), Some(9));
         assert_eq!(tapped.iter().collect::<Vec<_>>(), [0, 1, 2, 3, 4], "until it wants no more");
         subscribers.add(Box::new(|_| panic!("the run is over")));
     }

@@ -1,4 +1,30 @@
-//! One task owns all state changes.
+//! The supervisor: takes an arm from its first tick to rest. One task owns all state changes.
+//!
+//! ```text
+//!  ┌──────┐  file read  ┌────────┐  baked  ┌──────────┐  enable  ┌──────────┐  ramp up  ┌─────────┐
+//!  │ Init ├────────────►│ Baking ├────────►│ Disabled ├─────────►│ Enabling ├──────────►│ Enabled │
+//!  └──┬───┘             └───┬────┘         └────┬─────┘          └────┬─────┘           └────┬────┘
+//!     │ 3 configuration     │ 3, 4 asset        │ 5 no operator       │ stop, signal,        │
+//!     │                     │                   │ 6 refused           │ duration             │
+//!     ▼                     ▼                   ▼                     ▼                      ▼
+//!   exit                  exit                exit              ┌──────────┐ ◄───────────────┤
+//!                                                               │ Stopping │ ramp down       │
+//!                                                               └────┬─────┘                 │ any fault, from
+//!                                                                    ▼                       ▼ any state above
+//!                                                               ┌─────────┐             ┌───────┐
+//!                                                  exit 0 ◄─────┤ Stopped │             │ Fault ├──► exit 7
+//!                                                               └─────────┘             └───────┘
+//! ```
+//!
+//! While it renders, movable objects take poses and a swap goes once around: Enabled, Stopping,
+//! Disabled with zero force, where the scenes are exchanged, Enabling, Enabled. The phases tell it
+//! as it is.
+//!
+//! Force flows in Enabling, Enabled and Stopping only. Every way out, drawn or not, passes the
+//! servo's stop guard: the last thing that the arm gets is a zero command.
+//!
+//! Data in: a prepared [`RenderJob`]. Data out: [`Notice`]s while it runs, one [`RunOutcome`] at
+//! the end. Invariant: prints nothing.
 
 mod job;
 mod phase;
@@ -16,10 +42,10 @@ use rtrb::RingBuffer;
 pub use self::job::{Enable, LiveChannels, Operator, RenderJob, RunError, RunOutcome};
 pub use self::phase::{Notice, Phase};
 use self::threads::{MemoryLock, ServoThread, spawn_drain, spawn_servo, with_live};
-use crate::servo::{Control, Ending, LoopReport, Order, Permit, RunPlan, ServoLoop, StopGuard};
+use crate::record::Watch;
+use crate::servo::{Control, Ending, Order, Permit, RunPlan, ServoLoop, StopGuard};
 use arms::attached::open::LinkNews;
 use haptics::{Drive, OffCause};
-use recording::{LoopCounts, RealtimeSummary, Watch};
 use rt::clock::{ClockKind, RealClock, VirtualClock};
 use rt::preflight::{KernelFacts, PreflightReport};
 use rt::schedule::{self, ThreadRequest};
@@ -196,7 +222,7 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
         )?;
         let report =
             servo.thread.join().ok().flatten().ok_or(RunError::Servo("ended without a report"))?;
-        let drained = drain_thread.join().map_err(|_| {
+        drain_thread.join().map_err(|_| {
             RunError::Servo("ended, and the thread that drains its records panicked")
         })?;
         for event in events.try_iter() {
@@ -206,8 +232,7 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
         let at_fault = matches!(report.ending, Ending::Faulted | Ending::Panicked)
             || report.last.drive == Drive::Fault;
         self.enter(if at_fault { Phase::Fault } else { Phase::Stopped });
-        let totals = drained.summary.totals(counted(&report, &preflight, job.rate_hz, job.clock));
-        Ok(RunOutcome { swaps: drained.summary.swaps().to_vec(), totals, report, preflight })
+        Ok(RunOutcome { report, preflight })
     }
 
     /// Passes on notices, lets force flow when asked to, and watches over the end, until the servo
@@ -315,29 +340,5 @@ impl Drop for QuitOnUnwind<'_> {
             self.control.quit();
             let _ = self.ended.recv_timeout(QUIT_PATIENCE);
         }
-    }
-}
-
-fn counted(
-    report: &LoopReport,
-    preflight: &PreflightReport,
-    rate_hz: u32,
-    clock: ClockKind,
-) -> LoopCounts {
-    LoopCounts {
-        ticks: report.ticks,
-        rate_hz,
-        clock: clock.name(),
-        missed_deadlines: report.missed_deadlines,
-        dropped_records: report.dropped_records,
-        contact_budget_points: report.contact_budget_points,
-        faults: report.faults,
-        realtime: RealtimeSummary {
-            policy: if preflight.standing.fifo { "fifo" } else { "other" },
-            priority: preflight.standing.priority,
-            cpu: preflight.standing.cpu,
-            memory_locked: preflight.memory_locked,
-            kernel_rt: preflight.kernel_rt,
-        },
     }
 }

@@ -5,9 +5,9 @@ use std::thread::JoinHandle;
 use crossbeam::channel::{Receiver, Sender, bounded};
 
 use super::job::LiveChannels;
+use crate::record::{RecordSubscribers, TickRecord, Watch, drain};
 use crate::servo::{LoopReport, ServoLoop, run_to_end};
 use arms::Device;
-use recording::{Drained, RecordSubscribers, TickRecord, Watch, drain};
 use rt::clock::{Clock, ClockKind};
 use rt::schedule::{self, ThreadRequest, ThreadStanding};
 
@@ -57,12 +57,12 @@ pub(super) fn spawn_drain(
     records: rtrb::Consumer<TickRecord>,
     subscribers: RecordSubscribers,
     events: Sender<Watch>,
-) -> Result<JoinHandle<Drained>, std::io::Error> {
+) -> Result<JoinHandle<()>, std::io::Error> {
     std::thread::Builder::new().name("drain".to_owned()).spawn(move || {
         drain(records, &subscribers, |watch| {
             // The supervisor outlives the drain; if it has given up, the message is dropped.
             let _ = events.send(watch);
-        })
+        });
     })
 }
 

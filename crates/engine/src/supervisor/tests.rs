@@ -3,20 +3,18 @@
 use crossbeam::channel::bounded;
 
 use super::*;
-use crate::config::scene::RealtimeConfig;
-use crate::error::Exit;
 use crate::servo::testing::CountingArm;
 use arms::simulated::{SimArm, SimParameters};
 use arms::{Capabilities, Device};
 use haptics::Faults;
 use haptics::testing::empty_scene;
+use rt::schedule::RealtimeConfig;
 
 fn job(device: Box<dyn Device>, clock: ClockKind, duration_ms: u64) -> RenderJob {
     RenderJob {
         scene: empty_scene(),
         device,
         realtime: RealtimeConfig { enforce: false, cpu: None, priority: 10 },
-        rate_hz: 1000,
         time_budget_s: None,
         clock,
         duration: Some(Duration::from_millis(duration_ms)),
@@ -41,10 +39,8 @@ fn a_virtual_run_ends_by_itself_and_gives_a_summary() {
     let outcome = supervisor
         .render(prepared.expect("prepared"), &Arc::new(Control::new()))
         .expect("an outcome");
-    assert_eq!(outcome.exit(), Exit::Ok);
-    assert!(outcome.totals.ticks > 20_000);
-    assert_eq!((outcome.totals.missed_deadlines, outcome.totals.dropped_records), (0, 0));
-    assert!((outcome.totals.duration_s - outcome.totals.ticks as f64 * 1e-3).abs() < 1e-9);
+    assert!(outcome.report.faults.is_empty() && outcome.report.ticks > 20_000);
+    assert_eq!((outcome.report.missed_deadlines, outcome.report.dropped_records), (0, 0));
     assert_eq!(outcome.report.ending, Ending::Stopped);
     assert_eq!(preflights, 1);
     assert_eq!(phases.first(), Some(&Phase::Baking));
@@ -63,7 +59,7 @@ fn two_virtual_runs_agree_in_every_bit_but_the_measured_times() {
             .records()
             .map(|r| (r.tick, r.time_ns, r.wakeup_ns, r.input, r.output))
             .collect();
-        (outcome.totals.ticks, outcome.totals.final_pose, outcome.report.last, flight)
+        (outcome.report.ticks, outcome.report.last, flight)
     };
     assert_eq!(run(), run());
 }
@@ -73,8 +69,8 @@ fn a_real_run_of_a_fifth_of_a_second_comes_to_its_end() {
     let outcome = Supervisor::new(|_| {})
         .render(job(ideal(), ClockKind::Real, 200), &Arc::new(Control::new()))
         .expect("an outcome");
-    assert_eq!(outcome.exit(), Exit::Ok);
-    assert!(outcome.totals.ticks > 200);
+    assert_eq!(outcome.report.ending, Ending::Stopped);
+    assert!(outcome.report.faults.is_empty() && outcome.report.ticks > 200);
     assert_eq!(outcome.report.packet_errors, 0);
     assert!(outcome.preflight.rows.len() > 1);
 }
@@ -178,7 +174,7 @@ fn after_a_fault_force_waits_for_the_operator_and_the_run_still_counts_as_faulte
     });
     let outcome = supervisor.render_live(job, live, &control).expect("an outcome");
     operator.join().expect("no panic");
-    assert_eq!((outcome.exit(), outcome.report.ending), (Exit::Fault, Ending::Stopped));
+    assert_eq!(outcome.report.ending, Ending::Stopped);
     assert_eq!(outcome.report.faults, Faults::DEVICE_LOST);
     let of_interest: Vec<_> =
         phases.iter().filter(|phase| !matches!(phase, Phase::Stopping)).collect();
@@ -211,7 +207,7 @@ fn an_interrupt_is_a_safe_stop() {
     });
     let outcome = Supervisor::new(|_| {}).render(job, &control).expect("an outcome");
     interrupter.join().expect("no panic");
-    assert_eq!((outcome.exit(), outcome.report.ending), (Exit::Ok, Ending::Stopped));
+    assert_eq!((outcome.report.faults, outcome.report.ending), (Faults::NONE, Ending::Stopped));
     assert!(log.stops.load(core::sync::atomic::Ordering::SeqCst) >= 1);
 }
 
@@ -227,7 +223,7 @@ fn enforce_refuses_a_machine_that_fails_a_check_before_any_tick() {
     job.realtime = RealtimeConfig { enforce: true, cpu: Some(1_000_000), priority: 10 };
     let error =
         Supervisor::new(|_| {}).render(job, &Arc::new(Control::new())).expect_err("refused");
-    assert_eq!(error.exit(), Exit::RealtimeRefused);
+    assert!(matches!(error, RunError::Refused(_)), "{error}");
     assert_eq!(log.reads.load(core::sync::atomic::Ordering::SeqCst), 0);
     assert!(
         log.stops.load(core::sync::atomic::Ordering::SeqCst) >= 1,
@@ -284,7 +280,6 @@ fn a_panic_of_the_driver_is_a_fault_with_its_exit_code() {
         .render(job(Box::new(arm), ClockKind::Virtual, 1000), &Arc::new(Control::new()))
         .expect("an outcome");
     assert_eq!(supervisor.phase(), Phase::Fault);
-    assert_eq!(outcome.exit(), Exit::Fault);
-    assert_eq!(outcome.totals.faults, ["panic"]);
+    assert_eq!((outcome.report.faults, outcome.report.ending), (Faults::PANIC, Ending::Panicked));
     assert_eq!(outcome.report.flight.records().count(), 49);
 }

@@ -36,12 +36,12 @@ mod tests {
     use rtrb::{Consumer, RingBuffer};
 
     use super::*;
+    use crate::record::TickRecord;
     use crate::servo::testing::{ArmLog, CountingArm, ScriptedClock};
     use crate::servo::{Control, Ending, LoadedScene, RunPlan, SceneControls, TickFunction};
     use arms::simulated::{SimArm, SimParameters};
     use haptics::testing::empty_scene;
     use haptics::{Drive, DriveRequest, Faults, RenderScene, State, TickInput, TickOutput};
-    use recording::TickRecord;
     use rt::clock::{RealClock, VirtualClock};
     use vps::spatial::{SampleStatus, Wrench};
 

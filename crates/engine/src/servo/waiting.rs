@@ -8,10 +8,12 @@ const PAUSE: Duration = Duration::from_micros(50);
 
 /// A wait of simulated time for another thread of the run: by turns at first, then asleep, so that
 /// the other one has the processor.
-pub(crate) struct Waiting(Backoff);
+#[derive(Debug, Default)]
+pub struct Waiting(Backoff);
 
 impl Waiting {
-    pub(crate) fn new() -> Self {
+    /// A wait that begins.
+    pub fn new() -> Self {
         Self(Backoff::new())
     }
 
@@ -20,12 +22,12 @@ impl Waiting {
         clippy::disallowed_methods,
         reason = "simulated time: nothing is due at a time of the clock"
     )]
-    pub(crate) fn pause(&self) {
+    pub fn pause(&self) {
         if self.0.is_completed() { std::thread::sleep(PAUSE) } else { self.0.snooze() }
     }
 
     /// It has.
-    pub(crate) fn reset(&self) {
+    pub fn reset(&self) {
         self.0.reset();
     }
 }

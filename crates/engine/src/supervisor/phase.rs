@@ -1,11 +1,11 @@
 //! What the supervisor reports while it works.
 
+use crate::record::TickRecord;
 use arms::attached::open::LinkNews;
 use haptics::{Drive, OffCause};
-use recording::TickRecord;
 use rt::preflight::PreflightReport;
 
-/// Where the program stands; see the picture in [`crate::daemon`].
+/// Where the program stands; see the picture in [`crate::supervisor`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Phase {
     /// Nothing read yet.

@@ -5,16 +5,15 @@ use std::sync::Arc;
 
 use crossbeam::channel::Receiver;
 
-use crate::config::scene::RealtimeConfig;
-use crate::error::Exit;
-use crate::servo::{ClaySlot, CommandQueue, Ending, LoopReport};
+use crate::record::RecordSubscribers;
+use crate::servo::{ClaySlot, CommandQueue, LoopReport};
 use arms::Device;
 use arms::attached::open::LinkNews;
 use haptics::RenderScene;
-use recording::{RecordSubscribers, SwapSummary, Totals};
 use rt::clock::ClockKind;
 use rt::control::Permit;
 use rt::preflight::PreflightReport;
+use rt::schedule::RealtimeConfig;
 
 /// Everything that rendering takes.
 pub struct RenderJob {
@@ -24,8 +23,6 @@ pub struct RenderJob {
     pub device: Box<dyn Device>,
     /// What to ask of the operating system.
     pub realtime: RealtimeConfig,
-    /// Ticks per second, for the summary.
-    pub rate_hz: u32,
     /// What a contact query may take, s; `None`: as long as it takes.
     pub time_budget_s: Option<f64>,
     /// Which time the run follows.
@@ -37,11 +34,10 @@ pub struct RenderJob {
 /// What may change while a run goes on.
 #[derive(Debug, Default)]
 pub struct LiveChannels {
-    /// Parameters, poses of movable objects and other scenes; the cold end is the
-    /// [session](crate::daemon::session)'s.
+    /// Parameters, poses of movable objects and other scenes; the cold end is
+    /// [`SceneControls`](crate::servo::SceneControls).
     pub commands: CommandQueue,
-    /// Frames of the scene's clay; the cold end is the thread of
-    /// [sculpting](crate::daemon::sculpting).
+    /// Frames of the scene's clay; the cold end is [`ClayFeed`](crate::servo::ClayFeed).
     pub clay: Option<ClaySlot>,
     /// The source that says when force may flow.
     pub operator: Operator,
@@ -75,27 +71,10 @@ pub struct Operator {
 /// How a run ended.
 #[derive(Debug)]
 pub struct RunOutcome {
-    /// When scenes were swapped.
-    pub swaps: Vec<SwapSummary>,
-    /// The result, as `--json` has it.
-    pub totals: Totals,
     /// What the servo had to say, with the flight recorder.
     pub report: LoopReport,
     /// What the machine offered.
     pub preflight: PreflightReport,
-}
-
-impl RunOutcome {
-    /// The exit code of the run.
-    pub fn exit(&self) -> Exit {
-        if !self.report.faults.is_empty() {
-            Exit::Fault
-        } else if self.report.ending == Ending::StopTimedOut {
-            Exit::Internal
-        } else {
-            Exit::Ok
-        }
-    }
 }
 
 /// Why a run did not come to an outcome.
@@ -114,15 +93,4 @@ pub enum RunError {
     /// resort.
     #[error("the servo thread {0}")]
     Servo(&'static str),
-}
-
-impl RunError {
-    /// The exit code.
-    pub const fn exit(&self) -> Exit {
-        match self {
-            Self::Refused(_) => Exit::RealtimeRefused,
-            Self::NoOperator => Exit::Device,
-            Self::Thread(_) | Self::Servo(_) => Exit::Internal,
-        }
-    }
 }

@@ -10,7 +10,7 @@
 //!
 //! Invariant: whichever way the loop ends, the last command that the arm gets is zero.
 //!
-//! [`TickRecord`]: recording::TickRecord
+//! [`TickRecord`]: crate::record::TickRecord
 #![deny(
     clippy::disallowed_methods,
     clippy::disallowed_macros,
@@ -46,4 +46,4 @@ pub use rt::control::{Control, Order, Permit};
 pub use step::{Ending, LoopReport, RunPlan, ServoLoop, Step, TickFunction};
 pub use stop_guard::StopGuard;
 pub use thread::run_to_end;
-pub(crate) use waiting::Waiting;
+pub use waiting::Waiting;
