@@ -4,30 +4,19 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use clap::CommandFactory as _;
 use clap::error::ErrorKind;
-use clap::{CommandFactory as _, Parser};
 
-use arms::guard::{self, ZeroFrame};
-
-#[derive(Debug, Parser)]
-#[command(name = "hapticd guard", about = "Part of a run, which starts it beside a real arm.")]
-struct Args {
-    /// The zero frame of the arm, as hex.
-    frame: ZeroFrame,
-    /// Of SCHED_FIFO.
-    #[arg(long)]
-    priority: Option<u8>,
-}
+use super::Cli;
+use arms::guard;
 
 /// Watches, where the command line says so.
 pub(super) fn main() -> Option<ExitCode> {
-    let mut words = std::env::args_os().skip(1);
-    words.next().filter(|word| word == "guard")?;
-    let args = Args::parse_from(std::iter::once("hapticd guard".into()).chain(words));
-    if guard::watch(&args.frame, args.priority).is_err() {
+    let watched = guard::watch_if_asked()?;
+    if watched.is_err() {
         let message = "this is a part of a run, which starts it beside a real arm: see \
             docs/reference/safety.md";
-        Args::command().error(ErrorKind::MissingRequiredArgument, message).exit();
+        Cli::command().error(ErrorKind::MissingRequiredArgument, message).exit();
     }
     Some(ExitCode::SUCCESS)
 }

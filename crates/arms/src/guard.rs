@@ -78,12 +78,23 @@ impl FromStr for ZeroFrame {
     }
 }
 
+/// Watches where the command line says `guard FRAME [--priority=N]`, as [`Guard::start`] writes it;
+/// `None`: it says something else. The first call of a program that is its own guard
+/// (`/proc/self/exe`).
+pub fn watch_if_asked() -> Option<io::Result<()>> {
+    let mut words = std::env::args().skip(1);
+    words.next().filter(|word| word == "guard")?;
+    let zero = words.next().and_then(|word| word.parse().ok());
+    let priority = words.next().and_then(|word| word.strip_prefix("--priority=")?.parse().ok());
+    Some(zero.ok_or(io::ErrorKind::InvalidInput.into()).and_then(|zero| watch(&zero, priority)))
+}
+
 /// The guard's half, with its three descriptors in the place of the standard ones. Returns when
 /// there is nothing left to watch.
 ///
 /// # Errors
 /// It was not started by a [`Guard`].
-pub fn watch(zero: &ZeroFrame, priority: Option<u8>) -> io::Result<()> {
+fn watch(zero: &ZeroFrame, priority: Option<u8>) -> io::Result<()> {
     let pipe = stdio::stdin();
     let arm = stdio::stdout();
     let page = SharedPage::of(stdio::stderr())?;

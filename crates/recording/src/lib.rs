@@ -1,4 +1,4 @@
-//! What leaves a haptic loop: records of ticks, and all that is made of them.
+//! What is made of the records that leave a haptic loop ([`engine::record`]).
 //!
 //! ```text
 //!  loop ─► ring of TickRecords ─► drain thread ─┬─► Summary, metrics
@@ -33,10 +33,6 @@
 //!
 //! | module | owns |
 //! |---|---|
-//! | `record` | the record of one tick |
-//! | `drain` | the reading end of the ring; the program runs it on its thread `drain` (`src/daemon/supervisor/threads.rs`) |
-//! | `subscribers` | what else gets every record: recorders, monitors, viewers |
-//! | `flight` | the last ticks before a fault, kept by the loop itself |
 //! | [`mod@file`] | MCAP files: written by the thread `recorder`, read, live for the Foxglove app; files of faults |
 //! | `summary`, [`metrics`] | latency histograms and extremes as JSON, as text for Prometheus |
 //! | [`report`] | a page of a recording, with charts |

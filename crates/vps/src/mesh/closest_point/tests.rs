@@ -1,6 +1,3 @@
-use std::hint::black_box;
-use std::time::Instant;
-
 use proptest::prelude::*;
 
 use super::*;
@@ -274,41 +271,4 @@ proptest! {
         let found = projector.project(DVec3::from_array(point));
         prop_assert!(projector.project(found.point).distance_squared <= 1e-24);
     }
-}
-
-/// Prints the ratio that the paper gives as 0.37; judges nothing, as machines differ.
-#[test]
-#[expect(clippy::print_stdout, reason = "the figure is the purpose")]
-fn acceptance_5_reports_the_time_of_method_b_relative_to_method_a() {
-    let mut random = Random(11);
-    let triangles: Vec<_> = (0..1000).map(|_| random_triangle(&mut random, 5)).collect();
-    let points: Vec<_> = (0..100).map(|_| random.vector() * 1.5).collect();
-    let time = |work: &dyn Fn(&[DVec3; 3]) -> f64| {
-        let runs = (0..5).map(|_| {
-            let start = Instant::now();
-            black_box(triangles.iter().map(work).sum::<f64>());
-            start.elapsed().as_secs_f64()
-        });
-        runs.fold(f64::INFINITY, f64::min)
-    };
-    let a = time(&|corners| {
-        points.iter().map(|point| project_by_voronoi_clamp(corners, *point).distance_squared).sum()
-    });
-    let b = time(&|corners| {
-        let projector = TriangleProjector::new(corners);
-        points.iter().map(|point| projector.project(*point).distance_squared).sum()
-    });
-    let b_alone = time(&|corners| {
-        points
-            .iter()
-            .map(|point| TriangleProjector::new(corners).project(*point).distance_squared)
-            .sum()
-    });
-    println!(
-        "closest point, method B over method A: {:.2} prepared once per triangle, {:.2} prepared \
-            for every point ({:.1} ns per point)",
-        b / a,
-        b_alone / a,
-        b * 1e9 / (triangles.len() * points.len()) as f64
-    );
 }

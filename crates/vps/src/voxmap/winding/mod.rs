@@ -474,35 +474,4 @@ mod tests {
             assert_eq!(angles(level), angles(SimdLevel::Portable), "{level:?}");
         }
     }
-
-    /// For a reader who wants to know the cost: `--ignored --nocapture`.
-    #[test]
-    #[ignore = "measures time"]
-    #[expect(clippy::print_stdout, reason = "the figures are for a reader")]
-    fn cost() {
-        for chord_m in [1e-6, 6e-8] {
-            let mesh = Shape::Torus { major_m: 0.05, minor_m: 0.02 }.tessellate(chord_m);
-            let since = std::time::Instant::now();
-            let tree = WindingTree::new(&mesh);
-            let build = since.elapsed();
-            let mut random = Random(5);
-            let points: Vec<DVec3> = (0..20_000).map(|_| 0.07 * random.in_box(-1.0, 1.0)).collect();
-            let since = std::time::Instant::now();
-            let sum: f64 = tree.at(&points).iter().sum();
-            println!(
-                "{} triangles: build {build:.1?}, {:.2?} each, {sum}",
-                mesh.triangles.len(),
-                since.elapsed() / 20_000
-            );
-            // Rows of sixteen beside the surface, as a wave of cells asks for them.
-            let beside = |k: usize| {
-                let [a, b, c] = mesh.corners((k / WIDE * 7919) % mesh.triangles.len());
-                (a + b + c) / 3.0 + 1e-4 * DVec3::new(1.0, 1.0, (k % WIDE) as f64)
-            };
-            let points: Vec<DVec3> = (0..20_000).map(beside).collect();
-            let since = std::time::Instant::now();
-            let sum: f64 = tree.at(&points).iter().sum();
-            println!("  beside the surface {:.2?} each, {sum}", since.elapsed() / 20_000);
-        }
-    }
 }
