@@ -20,7 +20,6 @@ use core::time::Duration;
 
 use glam::{DQuat, DVec3};
 
-use self::connection::LINGER;
 pub(super) use self::connection::{Connection, Replacements};
 pub use self::parameters::Timebase;
 pub(super) use self::parameters::WiredParameters;
@@ -55,6 +54,8 @@ const DEAF_S: f64 = 0.5;
 const DEAF_KICKS: f64 = 4.0;
 /// How long an arm may receive nothing while it sends until its samples count as stale, s.
 const UNHEARD_S: f64 = 20e-3;
+/// How long force may go on without a look of the guard, s: forty of its looks.
+const UNWATCHED_S: f64 = 0.2;
 /// Ticks in a row in which the link takes no frame before the arm counts as lost: the time in which
 /// a silent one does.
 const FULL_TICKS_MAX: u32 = 20;
@@ -193,6 +194,10 @@ impl WiredArm {
     /// packets too.
     pub fn refused(&self) -> u64 {
         self.refused
+    }
+
+    fn ticks_of(&self, time_s: f64) -> u32 {
+        (time_s / self.parameters.period_s).ceil() as u32
     }
 
     fn now_s(&self) -> f64 {
@@ -627,7 +632,9 @@ impl Device for WiredArm {
             });
         }
         let now_s = self.now_s();
+        let most_unwatched = self.ticks_of(UNWATCHED_S);
         let Some(connection) = &mut self.connection else { return Err(self.gone()) };
+        let is_unwatched = connection.is_unwatched(most_unwatched);
         connection.codec.tell_time(now_s);
         let motion = Motion {
             configuration: &self.configuration,
@@ -642,6 +649,9 @@ impl Device for WiredArm {
             self.enabled,
             self.sent.moves_nothing(),
         );
+        if is_unwatched && !command.moves_nothing() {
+            return Err(self.lose());
+        }
         // One command in flight, but for the one that takes force away: it never waits for a reply
         // that may be lost.
         let waits = self.parameters.capabilities.pacing == Pacing::PingPong && self.owes_reply;
@@ -650,6 +660,10 @@ impl Device for WiredArm {
             now_s - self.last_sent_s >= self.parameters.kick_s.unwrap_or(REPLY_PATIENCE_S);
         let may_send = self.quiet_until_s.is_none() && (!waits || takes_force_away || given_up);
         if may_send {
+            if !command.moves_nothing() {
+                // The guard hears of a force before the arm does.
+                connection.beat(true);
+            }
             self.send(command, made, now_s)?;
         }
         let has_force = !self.sent.moves_nothing();
@@ -719,13 +733,14 @@ impl Device for WiredArm {
 impl Drop for WiredArm {
     fn drop(&mut self) {
         self.stop();
-        match self.connection.take() {
-            Some(connection) => connection.close(),
-            // What was commanded to the lost one.
-            None => std::thread::sleep(LINGER),
-        }
         if let Some(unused) = self.replacements.take() {
             unused.close();
+        }
+        match self.connection.take() {
+            Some(connection) => connection.close(),
+            // What was commanded to the lost one, and what holds its arm: a process must not outlive
+            // the program.
+            None => self.replacements.wait_for_end(),
         }
     }
 }

@@ -27,6 +27,8 @@ use rt::schedule::ThreadRequest;
 const LOOK_AGAIN: Duration = Duration::from_millis(200);
 /// News of an arm that the receiver has not taken yet; more are dropped.
 const NEWS: usize = 16;
+/// Why an arm is lost whose guard is missing while force flows.
+const NO_GUARD: &str = "its guard was stopped or has ended, and no force flows without it";
 
 /// What an open arm should be like.
 #[derive(Clone, Debug)]
@@ -657,6 +659,9 @@ fn reconnect_loop(
         if let Ok(lost) = from_arm.pop() {
             // Once: an arm that is there and does not start is not lost again with each try.
             tell(LinkNews::Lost);
+            if lost.has_lost_guard() {
+                tell(LinkNews::Told(NO_GUARD.to_owned()));
+            }
             looks_for =
                 Some(if lost.let_go() { PreviousLink::Silent } else { PreviousLink::Unplugged });
         }

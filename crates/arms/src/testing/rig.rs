@@ -312,12 +312,13 @@ pub struct WiredRig {
     protocol: Protocol,
     carriage: Carriage,
     side: Arc<Mutex<Side>>,
+    /// Before the arm: its end waits until the lost connection has no place to be any more.
+    spent: Consumer<Connection>,
     arm: Option<WiredArm>,
     linkage: Linkage,
     trouble: InjectedFault,
     is_rate_input: bool,
     to_arm: Producer<Connection>,
-    spent: Consumer<Connection>,
 }
 
 impl WiredRig {
