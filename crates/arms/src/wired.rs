@@ -52,7 +52,8 @@ const BACKLOG_S: f64 = 5e-3;
 /// Silence after which an arm counts as lost, s, and in kicks: it is looked for again.
 const DEAF_S: f64 = 0.5;
 const DEAF_KICKS: f64 = 4.0;
-/// How long an arm may receive nothing while it sends until its samples count as stale, s.
+/// How long an arm may receive nothing while it sends until its samples count as stale, s. What is
+/// sent in this time is also the most that may lie unread before the arm counts as lost.
 const UNHEARD_S: f64 = 20e-3;
 /// How long force may go on without a look of the guard, s: forty of its looks.
 const UNWATCHED_S: f64 = 0.2;
@@ -392,7 +393,12 @@ impl WiredArm {
     ) -> Result<(), DeviceError> {
         let takes_force_away = command.moves_nothing() && !self.sent.moves_nothing();
         let may_lie_unread = self.may_lie_unread(now_s);
+        let most_unread = self.ticks_of(UNHEARD_S);
         let Some(connection) = &mut self.connection else { return Err(self.gone()) };
+        // Whatever it says meanwhile: an arm that wakes obeys what it has not read.
+        if connection.link.unread() > most_unread as usize {
+            return Err(self.lose());
+        }
         self.frame.clear();
         connection.codec.encode(&command, &mut self.frame);
         if self.frame.is_empty() {

@@ -305,6 +305,10 @@ impl Transport for WireEnd {
         self.side.lock().expect("no panic").n_sent += 1;
         self.here.send_now(frame)
     }
+
+    fn unread(&mut self) -> usize {
+        self.here.unread()
+    }
 }
 
 pub struct WiredRig {
