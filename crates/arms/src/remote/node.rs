@@ -284,13 +284,22 @@ impl Node {
 
     fn command(&mut self, payload: &[u8], sequence: u16, now_s: f64) {
         self.figures.commands.fetch_add(1, Relaxed);
+        let mut is_after_stall = false;
         if let (LinkPhase::Enabled, Some(before_s)) = (self.mode, self.newest.at_s) {
             self.figures.longest_gap_us.fetch_max(((now_s - before_s) * 1e6) as u32, Relaxed);
+            let HoldTiming { hold_s, fade_s } = self.parameters.timing;
+            is_after_stall = now_s - before_s > hold_s + fade_s;
         }
         self.newest = Taken { sequence, at_s: Some(now_s) };
         if payload[28] & 1 == 0 {
             self.disable();
             return;
+        }
+        if is_after_stall {
+            // The node stood still, or it would have let go. What lay unread meanwhile is as old.
+            self.mode = LinkPhase::Tripped;
+            self.hold.clear();
+            self.figures.link_losses.fetch_add(1, Relaxed);
         }
         if !matches!(self.mode, LinkPhase::Disabled | LinkPhase::Enabled) {
             return;
