@@ -11,6 +11,7 @@
 //! hard limits of the profile, because it is the last code before the motors (devices reference,
 //! section 3.4).
 
+mod arm_limits;
 mod connection;
 mod parameters;
 mod round_trip;
@@ -20,6 +21,8 @@ use core::time::Duration;
 
 use glam::{DQuat, DVec3};
 
+use self::arm_limits::ArmLimits;
+pub(super) use self::arm_limits::{judge_declared, lower};
 pub(super) use self::connection::{Connection, Replacements};
 pub use self::parameters::Timebase;
 pub(super) use self::parameters::WiredParameters;
@@ -79,7 +82,8 @@ pub struct WiredArm {
     replacements: Replacements,
     /// Of the connection that is, or was last.
     io: IoPlacement,
-    watchdog_ms: Option<u32>,
+    /// Of the profile; those in `parameters` hold, the lower of these and of what the arm declares.
+    of_profile: ArmLimits,
     parameters: WiredParameters,
     is_rate_input: bool,
 
@@ -130,17 +134,19 @@ impl WiredArm {
     pub(super) fn new(
         connection: Connection,
         replacements: Replacements,
-        parameters: WiredParameters,
+        mut parameters: WiredParameters,
     ) -> Self {
         let [window_linear_s, window_angular_s] = parameters.velocity_window_s;
         let home = parameters.kinematics.home();
         let configuration =
             parameters.kinematics.solve(&home, &Configuration::default()).unwrap_or_default();
         let is_rate_input = matches!(parameters.kinematics, Kinematics::Rate(_));
+        let of_profile = ArmLimits::of(&parameters);
+        parameters.hold_to(of_profile.lowered_by(&*connection.codec));
         Self {
             round_trip: connection.round_trip(&parameters),
             io: connection.link.io(),
-            watchdog_ms: connection.codec.watchdog_ms(),
+            of_profile,
             connection: Some(connection),
             replacements,
             is_rate_input,
@@ -256,7 +262,7 @@ impl WiredArm {
     fn is_back(&mut self) -> bool {
         let Some(connection) = self.replacements.take() else { return false };
         self.io = connection.link.io();
-        self.watchdog_ms = connection.codec.watchdog_ms();
+        self.parameters.hold_to(self.of_profile.lowered_by(&*connection.codec));
         self.round_trip = connection.round_trip(&self.parameters);
         self.connection = Some(connection);
         self.full_ticks = 0;
@@ -524,12 +530,7 @@ impl WiredArm {
 
 impl Device for WiredArm {
     fn capabilities(&self) -> Capabilities {
-        let capabilities = self.parameters.capabilities;
-        Capabilities {
-            io: self.io,
-            watchdog_ms: self.watchdog_ms.or(capabilities.watchdog_ms),
-            ..capabilities
-        }
+        Capabilities { io: self.io, ..self.parameters.capabilities }
     }
 
     fn read(&mut self) -> Result<DeviceSample, DeviceError> {
