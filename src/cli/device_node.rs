@@ -144,7 +144,7 @@ mod over_network {
 
         let endpoints = args.network.endpoints().or_listen_here();
         let session = session::open(&endpoints).map_err(no_network)?;
-        let (arm, attached) =
+        let (arm, attached, declared) =
             open_arm(&profile, hand, args.selector.clone(), period_s, request, guard::program())
                 .map_err(|error| (report::prepare_error(&error, output), String::new(), None))?;
         let io_request =
@@ -153,7 +153,8 @@ mod over_network {
         let control = Arc::new(Control::new());
         signals::end_by_signals(&control)
             .map_err(|error| (Exit::Internal, error.to_string(), None))?;
-        let node = Node::new(node_parameters(&profile, &name, period_s, timing), Box::new(link));
+        let parameters = node_parameters(&profile, &name, period_s, timing).lowered_by(declared);
+        let node = Node::new(parameters, Box::new(link));
         // From here on hosts find it.
         let toml = profile::text(&args.profile, &here).unwrap_or_default();
         let _profile = serve_profile(&session, &name, toml).map_err(no_network)?;

@@ -18,6 +18,7 @@ use arms::Device;
 use arms::attached::nodes::Selector;
 use arms::attached::open::{self, LinkNews, OpenOptions};
 use arms::profile::Profile;
+use arms::protocol::DeclaredLimits;
 use arms::remote::command_hold::HoldTiming;
 use arms::remote::figures::{LinkPhase, NodeReport};
 use arms::remote::{Node, NodeFigures, NodeParameters};
@@ -93,7 +94,7 @@ pub fn node_parameters(
 }
 
 /// Opens the arm of a profile, with that program as its [guard](arms::guard), or makes the
-/// simulated one with that hand.
+/// simulated one with that hand; and what it declares, where it does.
 ///
 /// # Errors
 /// The arm cannot be opened, or not be simulated.
@@ -104,7 +105,7 @@ pub fn open_arm(
     period_s: f64,
     request: ThreadRequest,
     guard: Option<PathBuf>,
-) -> Result<(Box<dyn Device>, Option<RealArmNode>), PrepareError> {
+) -> Result<(Box<dyn Device>, Option<RealArmNode>, Option<DeclaredLimits>), PrepareError> {
     if profile.real.is_some() {
         let io_request =
             ThreadRequest { priority: request.priority.saturating_sub(1).max(1), ..request };
@@ -112,12 +113,14 @@ pub fn open_arm(
             profile,
             &OpenOptions { selector, io_request: Some(io_request), period_s, guard },
         )?;
+        let declared = opened.arm.declared();
         return Ok((
             Box::new(opened.arm),
             Some(RealArmNode { node: opened.path, news: opened.news, link: None }),
+            declared,
         ));
     }
-    Ok((Box::new(SimArm::new(SimParameters::of(profile, hand, period_s))?), None))
+    Ok((Box::new(SimArm::new(SimParameters::of(profile, hand, period_s))?), None, None))
 }
 
 /// Runs the loop until `control` or its time ends it. The arm gets zero last, whatever happens.

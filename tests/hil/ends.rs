@@ -34,7 +34,7 @@ enum End {
     Crash,
 }
 
-fn signal(name: &str, pid: u32) {
+pub(crate) fn signal(name: &str, pid: u32) {
     assert!(
         Command::new("kill")
             .args([format!("-{name}"), pid.to_string()])

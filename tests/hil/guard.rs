@@ -7,24 +7,26 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use arms::attached::nodes::Selector;
-use arms::attached::open::{self, OpenOptions};
+use arms::attached::open::{self, LinkNews, OpenOptions, OpenedArm};
 use arms::guard::{Guard, ZeroFrame};
-use arms::mock::MockArm;
 use arms::mock::builder::{self, MockSettings};
 use arms::mock::pty::Pty;
 use arms::mock::serve::{Serving, serve};
+use arms::mock::{MockArm, MockReport};
 use arms::transport::Carriage;
 use arms::{Device, DeviceError, profile};
 use glam::DVec3;
 use rustix::fs::{Mode, OFlags};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
+use tempfile::TempDir;
 use vps::spatial::Wrench;
 
-use super::link::{Bench, Ended, Running, is_lateness, repeat};
+use super::link::{Bench, Ended, Running, is_lateness, repeat, turn};
 
 /// Longer than any guard takes to end on a machine that computes something else.
 const HUNG: Duration = Duration::from_secs(10);
@@ -156,9 +158,9 @@ fn without_a_guard_an_arm_with_a_watchdog_lets_go_of_a_dead_host() {
 
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
-fn signals_of_a_terminal_do_not_reach_the_guard_and_its_death_does_not_disturb_the_run() {
+fn signals_of_a_terminal_do_not_reach_the_guard() {
     let bench = Bench::viscous();
-    let (host, guards) = repeat(|| {
+    let (host, has_outlived) = repeat(|| {
         let _mock = bench.mock(&[]);
         let mut host = bench.host(&["--enable", "--duration", "4s"]);
         host.comes_to("state: enabled");
@@ -169,16 +171,14 @@ fn signals_of_a_terminal_do_not_reach_the_guard_and_its_death_does_not_disturb_t
         ];
         signals.into_iter().for_each(|name| signal(name, guard));
         std::thread::sleep(Duration::from_millis(100));
-        let outlived = is_alive(guard);
-        signal("KILL", guard);
-        let has_gone = ends(guard);
+        let has_outlived = is_alive(guard);
         let host = host.ended();
         let is_late = host.faults().into_iter().any(is_lateness);
-        ((host, [outlived, has_gone]), is_late)
+        ((host, has_outlived), is_late)
     });
     assert_eq!(
-        (host.code(), host.faults(), guards),
-        (Some(0), Vec::new(), [true, true]),
+        (host.code(), host.faults(), has_outlived),
+        (Some(0), Vec::new(), true),
         "{}",
         host.stderr
     );
@@ -381,49 +381,127 @@ fn a_program_that_is_no_guard_is_an_error_in_words() {
     assert!(other.contains("/bin/false guard") && other.contains("exit status: 1"), "{other}");
 }
 
+/// A mock arm in a thread, and the driver of it in this process.
+struct Driven {
+    _folder: TempDir,
+    node: PathBuf,
+    quit: Arc<AtomicBool>,
+    arm_side: JoinHandle<MockReport>,
+    opened: OpenedArm,
+}
+
+impl Driven {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        let node: PathBuf = folder.path().join("arm");
+        let profile = profile::find("polhem-2022", Path::new("")).expect("shipped");
+        let settings =
+            MockSettings { hand: None, hand_delay: Duration::ZERO, faults: Vec::new(), seed: 1 };
+        let (parameters, protocol) = builder::parameters(&profile, settings);
+        let serving =
+            Serving { period_s: parameters.period_s, duration: None, until_host_gone: false };
+        let mut mock =
+            MockArm::new(parameters, protocol.firmware(Carriage::Stream)).expect("valid");
+        let mut pty = Pty::new(&node).expect("a terminal");
+        let quit = Arc::new(AtomicBool::new(false));
+        let reported = quit.clone();
+        let arm_side = std::thread::spawn(move || {
+            serve(&mut mock, &mut pty, serving, None, || reported.load(Ordering::Relaxed))
+                .expect("served");
+            mock.report()
+        });
+        let options = OpenOptions {
+            selector: Some(Selector::Path(node.clone())),
+            io_request: None,
+            period_s: 1e-3,
+            guard: Some(GUARD.into()),
+        };
+        let opened = open::open(&profile, &options).expect("an arm");
+        assert!(opened.news.try_recv().is_err(), "it has a guard");
+        Self { _folder: folder, node, quit, arm_side, opened }
+    }
+
+    /// Pushes for 200 ticks.
+    fn push(&mut self) {
+        let arm = &mut self.opened.arm;
+        arm.set_enabled(true);
+        let mut rendered = Wrench::ZERO;
+        for _ in 0..200 {
+            arm.read().expect("an arm");
+            rendered = arm.write(&PUSH).expect("an arm");
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        assert!(rendered.force.length() > 0.1, "{rendered:?}");
+    }
+
+    /// The guard that holds the port of this arm.
+    fn guard(&self) -> Option<u32> {
+        let port = std::fs::canonicalize(&self.node).ok()?;
+        let pids = std::fs::read_dir("/proc").expect("proc");
+        pids.filter_map(|entry| entry.ok()?.file_name().to_str()?.parse().ok()).find(|pid| {
+            let holds = std::fs::read_link(format!("/proc/{pid}/fd/1"));
+            is_alive(*pid) && holds.is_ok_and(|file| file == port)
+        })
+    }
+
+    /// What the arm felt until now.
+    fn ended(self) -> MockReport {
+        self.quit.store(true, Ordering::Relaxed);
+        self.arm_side.join().expect("no panic")
+    }
+}
+
+const PUSH: Wrench = Wrench { force: DVec3::new(0.0, 0.0, 0.3), torque: DVec3::ZERO };
+
+#[test]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
+fn a_guard_that_is_stopped_or_dies_ends_the_force_and_another_one_takes_its_place() {
+    let _turn = turn();
+    for name in ["STOP", "KILL"] {
+        let mut driven = Driven::new();
+        driven.push();
+        let guard = driven.guard().expect("a guard");
+        signal(name, guard);
+        let begin = Instant::now();
+        let error = loop {
+            let arm = &mut driven.opened.arm;
+            if let Err(error) = arm.read().and_then(|_| arm.write(&PUSH)) {
+                break error;
+            }
+            assert!(begin.elapsed() < HUNG, "{name}: the force goes on without a guard");
+            std::thread::sleep(Duration::from_millis(1));
+        };
+        assert_eq!(error, DeviceError::Lost, "{name}");
+        driven.opened.arm.set_enabled(false);
+        let mut reported = Vec::new();
+        while !reported.iter().any(|news| matches!(news, LinkNews::Back { .. })) {
+            let arm = &mut driven.opened.arm;
+            let _ = arm.read().and_then(|_| arm.write(&Wrench::ZERO));
+            reported.extend(driven.opened.news.try_iter());
+            assert!(begin.elapsed() < 2 * HUNG, "{name}: the arm does not come back");
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        let told = reported.iter().any(
+            |news| matches!(news, LinkNews::Told(text) if text.contains("its guard was stopped")),
+        );
+        assert!(told, "{name}: {reported:?}");
+        assert!(!is_alive(guard), "{name}: the old one is gone");
+        assert!(driven.guard().is_some_and(|other| other != guard), "{name}");
+        let felt = driven.ended().last_command;
+        assert_eq!([felt.fx_n, felt.fy_n, felt.fz_n], [0.0; 3], "{name}");
+    }
+}
+
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_driver_that_slept_sends_nothing_that_it_computed_before() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let node: PathBuf = folder.path().join("arm");
-    let profile = profile::find("polhem-2022", Path::new("")).expect("shipped");
-    let settings =
-        MockSettings { hand: None, hand_delay: Duration::ZERO, faults: Vec::new(), seed: 1 };
-    let (parameters, protocol) = builder::parameters(&profile, settings);
-    let serving = Serving { period_s: parameters.period_s, duration: None, until_host_gone: false };
-    let mut mock = MockArm::new(parameters, protocol.firmware(Carriage::Stream)).expect("valid");
-    let mut pty = Pty::new(&node).expect("a terminal");
-    let quit = Arc::new(AtomicBool::new(false));
-    let reported = quit.clone();
-    let arm_side = std::thread::spawn(move || {
-        serve(&mut mock, &mut pty, serving, None, || reported.load(Ordering::Relaxed))
-            .expect("served");
-        mock.report()
-    });
-    let options = OpenOptions {
-        selector: Some(Selector::Path(node)),
-        io_request: None,
-        period_s: 1e-3,
-        guard: Some(GUARD.into()),
-    };
-    let mut opened = open::open(&profile, &options).expect("an arm");
-    assert!(opened.news.try_recv().is_err(), "it has a guard");
-    let arm = &mut opened.arm;
-    arm.set_enabled(true);
-    let push = Wrench::new(DVec3::new(0.0, 0.0, 0.3), DVec3::ZERO);
-    let mut rendered = Wrench::ZERO;
-    for _ in 0..200 {
-        arm.read().expect("an arm");
-        rendered = arm.write(&push).expect("an arm");
-        std::thread::sleep(Duration::from_millis(1));
-    }
-    assert!(rendered.force.length() > 0.1, "{rendered:?}");
+    let mut driven = Driven::new();
+    driven.push();
     std::thread::sleep(Duration::from_millis(200));
     // Between the tick and its write.
-    assert_eq!(arm.write(&push), Err(DeviceError::Stalled));
+    assert_eq!(driven.opened.arm.write(&PUSH), Err(DeviceError::Stalled));
     std::thread::sleep(Duration::from_millis(50));
-    quit.store(true, Ordering::Relaxed);
-    let report = arm_side.join().expect("no panic");
+    let report = driven.ended();
     assert!(report.largest_force_n > 0.1, "{report:?}");
     let felt = report.last_command;
     assert_eq!([felt.fx_n, felt.fy_n, felt.fz_n], [0.0; 3], "the guard's zero stands");

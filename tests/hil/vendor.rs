@@ -11,6 +11,7 @@ use rt::clock::monotonic_ns;
 use std::time::{Duration, Instant};
 use vps::spatial::{SampleStatus, Wrench};
 
+use super::ends::signal;
 use super::link::{repeat, root, turn};
 use super::maker::{
     Felt, LATENESS_MS, Library, PUSH, Serial, Service, Ticked, n_ticks, play, push,
@@ -45,6 +46,24 @@ fn an_arm_behind_a_makers_library_is_felt_and_let_go() {
             before_n > 0.3 && (is_late || zero_ms < LATENESS_MS),
             "{profile}: {before_n} N, zero after {zero_ms} ms"
         );
+    }
+}
+
+#[test]
+fn a_worker_that_is_stopped_does_not_outlive_its_arm() {
+    let _turn = turn();
+    for is_lost in [false, true] {
+        let library = Library::new("omega6", &[]);
+        let mut opened = library.open();
+        play(&mut opened, &Wrench::ZERO, Ticked::is_fresh);
+        push(&mut opened);
+        let worker = library.worker().expect("a worker");
+        signal("STOP", worker);
+        if is_lost {
+            play(&mut opened, &PUSH, |ticked| ticked.error == Some(DeviceError::Lost));
+        }
+        drop(opened);
+        assert!(!Path::new(&format!("/proc/{worker}")).exists(), "lost: {is_lost}");
     }
 }
 

@@ -119,6 +119,10 @@ impl Transport for HostEnd {
         self.end.send(frame)
     }
 
+    fn unread(&mut self) -> usize {
+        self.end.unread()
+    }
+
     fn now_ns(&self) -> i64 {
         self.end.now_ns()
     }

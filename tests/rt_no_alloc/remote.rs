@@ -36,6 +36,10 @@ impl Transport for RingEnd {
         sent.extend(frame);
         self.to.push(sent).map_err(|_| TransportError::Full)
     }
+
+    fn unread(&mut self) -> usize {
+        0
+    }
 }
 
 fn ends() -> (RingEnd, RingEnd) {

@@ -4,7 +4,7 @@
 //! ```text
 //!   hapticd                                 guard (`ps`: haptic-guard)
 //!   Guard ── pipe ────────────────────────► stdin    the other end closes: hapticd is dead; a byte: stand aside
-//!    beat ── page of memory ──────────────► stderr   count of beats, force is on │ times that the guard acted │ it is ready
+//!    beat ── page of memory ──────────────► stderr   count of beats, force is on │ times that the guard acted │ its looks
 //!   link ─── arm ◄────────────────────────── stdout   the same port, or the same HID node
 //! ```
 //! | what happens | what the guard does |
@@ -12,6 +12,9 @@
 //! | the pipe closes, or hapticd has begun to die (`has_died`) | zero; ends |
 //! | no beat for `STALL` while force is on | zero, once; goes on watching |
 //! | it is ordered to stand aside | ends; while force is on, zero first |
+//! | it was stopped (SIGSTOP), and hapticd ends | goes on, and does the above |
+//!
+//! The host hears of a guard that looks no more, and lets no force flow without it.
 //!
 //! Invariant: between [`watch`]'s first and last look the guard allocates nothing, takes no lock,
 //! and calls nothing that can wait but the link of the arm.
@@ -26,6 +29,8 @@ use std::os::fd::{BorrowedFd, OwnedFd};
 use std::os::unix::fs::FileExt as _;
 use std::os::unix::process::{CommandExt as _, parent_id};
 use std::path::Path;
+#[cfg(test)]
+use std::process::Stdio;
 use std::process::{Child, Command};
 use std::thread::sleep;
 
@@ -34,7 +39,7 @@ use rustix::stdio;
 use rustix::termios::{QueueSelector, tcflush};
 
 use rt::clock::monotonic_ns;
-use rt::process::{SharedPage, stand_apart};
+use rt::process::{self, SharedPage, stand_apart};
 use rt::schedule;
 
 /// No beat for so long while force is on: the loop stands still.
@@ -48,7 +53,7 @@ const AGAIN: Duration = Duration::from_millis(3);
 const LINGER: Duration = Duration::from_millis(50);
 /// How long a guard may take to be there.
 const START_PATIENCE: Duration = Duration::from_secs(5);
-/// How long it may take to end, before and after it is killed.
+/// How long it may take to end before it is killed.
 const END_PATIENCE: Duration = Duration::from_millis(200);
 /// Force is on: the lowest bit of the count of beats.
 const FORCE: u64 = 1;
@@ -107,14 +112,13 @@ fn watch(zero: &ZeroFrame, priority: Option<u8>) -> io::Result<()> {
     let _ = schedule::lock_memory();
     let _ = priority.map(schedule::enter_fifo);
     let host = File::open(format!("/proc/{}/statm", parent_id())).ok();
-    let [beats, acted, ready, ..] = page.words();
-    // Relaxed: each word says all that it says by itself.
-    ready.store(1, Ordering::Relaxed);
-
+    let [beats, acted, looks, ..] = page.words();
     let mut last = beats.load(Ordering::Relaxed);
     let mut since_ns = monotonic_ns();
     let mut has_acted = false;
     loop {
+        // Relaxed: each word says all that it says by itself.
+        looks.fetch_add(1, Ordering::Relaxed);
         let order = listen(pipe);
         let beat = beats.load(Ordering::Relaxed);
         let has_force = beat & FORCE != 0;
@@ -192,6 +196,10 @@ pub struct Guard {
     page: SharedPage,
     beats: u64,
     seen: u64,
+    /// Looks of the guard so far, and ticks in which there was no other one.
+    looks: u64,
+    unwatched_ticks: u32,
+    was_missing: bool,
 }
 
 impl Guard {
@@ -215,10 +223,10 @@ impl Guard {
         let process = command.stdin(orders).stdout(arm).stderr(shared).spawn()?;
         // Its ends of all three are closed here, so that ours of the pipe is the only one.
         drop(command);
-        let mut guard = Self { process, pipe, page, beats: 0, seen: 0 };
-        let [_, _, ready, ..] = guard.page.words();
+        let mut guard = Self::of(process, pipe, page);
+        let [_, _, looks, ..] = guard.page.words();
         let begin_ns = monotonic_ns();
-        while ready.load(Ordering::Relaxed) == 0 {
+        while looks.load(Ordering::Relaxed) == 0 {
             if let Some(status) = guard.process.try_wait()? {
                 return Err(io::Error::other(format!("{} guard: {status}", program.display())));
             }
@@ -228,6 +236,19 @@ impl Guard {
             sleep(Duration::from_millis(1));
         }
         Ok(guard)
+    }
+
+    fn of(process: Child, pipe: PipeWriter, page: SharedPage) -> Self {
+        Self {
+            process,
+            pipe,
+            page,
+            beats: 0,
+            seen: 0,
+            looks: 0,
+            unwatched_ticks: 0,
+            was_missing: false,
+        }
     }
 
     /// Says that the loop turns, and whether any force was commanded. RT: safe; one store.
@@ -243,15 +264,30 @@ impl Guard {
         core::mem::replace(&mut self.seen, acted) != acted
     }
 
-    fn ends_in_time(&mut self) -> bool {
-        let begin_ns = monotonic_ns();
-        while monotonic_ns() - begin_ns < END_PATIENCE.as_nanos() as i64 {
-            if !matches!(self.process.try_wait(), Ok(None)) {
-                return true;
-            }
-            sleep(Duration::from_millis(1));
-        }
-        false
+    /// The guard has not looked for more than so many ticks: it was stopped or has ended. Called once
+    /// a tick. Ticks and not time: a machine that stands still lets both wait. RT: safe.
+    pub fn is_missing(&mut self, most_ticks: u32) -> bool {
+        let looks = self.page.words()[2].load(Ordering::Relaxed);
+        let has_looked = core::mem::replace(&mut self.looks, looks) != looks;
+        self.unwatched_ticks = if has_looked { 0 } else { self.unwatched_ticks.saturating_add(1) };
+        self.was_missing = self.unwatched_ticks > most_ticks;
+        self.was_missing
+    }
+
+    /// What [`Self::is_missing`] said last.
+    pub(crate) fn was_missing(&self) -> bool {
+        self.was_missing
+    }
+
+    /// One whose other end is the test: its page is that of a guard.
+    #[cfg(test)]
+    pub(crate) fn of_test() -> (Self, SharedPage) {
+        let (page, shared) = SharedPage::new().expect("memory");
+        let (orders, pipe) = io::pipe().expect("a pipe");
+        let mut command = Command::new("head");
+        command.arg("-c1").stdin(orders).stdout(Stdio::null());
+        let process = command.spawn().expect("a program");
+        (Self::of(process, pipe, page), SharedPage::of(shared).expect("a page"))
     }
 }
 
@@ -259,10 +295,7 @@ impl Drop for Guard {
     fn drop(&mut self) {
         // It may have been killed; then there is no reader.
         let _ = self.pipe.write(&[0]);
-        if !self.ends_in_time() {
-            let _ = self.process.kill();
-            self.ends_in_time();
-        }
+        process::end(&mut self.process, END_PATIENCE);
     }
 }
 

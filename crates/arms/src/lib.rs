@@ -77,5 +77,5 @@ mod wired;
 
 pub use driver::{Capabilities, Device, DeviceError, IoPlacement, Pacing};
 pub use motor_stage::POWER_MAX_W;
-use wired::{Connection, Replacements, Thermal, WiredParameters};
+use wired::{Connection, Replacements, Thermal, WiredParameters, judge_declared, lower};
 pub use wired::{Timebase, WiredArm};

@@ -11,6 +11,7 @@
 //! hard limits of the profile, because it is the last code before the motors (devices reference,
 //! section 3.4).
 
+mod arm_limits;
 mod connection;
 mod parameters;
 mod round_trip;
@@ -20,7 +21,8 @@ use core::time::Duration;
 
 use glam::{DQuat, DVec3};
 
-use self::connection::LINGER;
+use self::arm_limits::ArmLimits;
+pub(super) use self::arm_limits::{judge_declared, lower};
 pub(super) use self::connection::{Connection, Replacements};
 pub use self::parameters::Timebase;
 pub(super) use self::parameters::WiredParameters;
@@ -53,8 +55,11 @@ const BACKLOG_S: f64 = 5e-3;
 /// Silence after which an arm counts as lost, s, and in kicks: it is looked for again.
 const DEAF_S: f64 = 0.5;
 const DEAF_KICKS: f64 = 4.0;
-/// How long an arm may receive nothing while it sends until its samples count as stale, s.
+/// How long an arm may receive nothing while it sends until its samples count as stale, s. What is
+/// sent in this time is also the most that may lie unread before the arm counts as lost.
 const UNHEARD_S: f64 = 20e-3;
+/// How long force may go on without a look of the guard, s: forty of its looks.
+const UNWATCHED_S: f64 = 0.2;
 /// Ticks in a row in which the link takes no frame before the arm counts as lost: the time in which
 /// a silent one does.
 const FULL_TICKS_MAX: u32 = 20;
@@ -77,7 +82,8 @@ pub struct WiredArm {
     replacements: Replacements,
     /// Of the connection that is, or was last.
     io: IoPlacement,
-    watchdog_ms: Option<u32>,
+    /// Of the profile; those in `parameters` hold, the lower of these and of what the arm declares.
+    of_profile: ArmLimits,
     parameters: WiredParameters,
     is_rate_input: bool,
 
@@ -128,17 +134,19 @@ impl WiredArm {
     pub(super) fn new(
         connection: Connection,
         replacements: Replacements,
-        parameters: WiredParameters,
+        mut parameters: WiredParameters,
     ) -> Self {
         let [window_linear_s, window_angular_s] = parameters.velocity_window_s;
         let home = parameters.kinematics.home();
         let configuration =
             parameters.kinematics.solve(&home, &Configuration::default()).unwrap_or_default();
         let is_rate_input = matches!(parameters.kinematics, Kinematics::Rate(_));
+        let of_profile = ArmLimits::of(&parameters);
+        parameters.hold_to(of_profile.lowered_by(&*connection.codec));
         Self {
             round_trip: connection.round_trip(&parameters),
             io: connection.link.io(),
-            watchdog_ms: connection.codec.watchdog_ms(),
+            of_profile,
             connection: Some(connection),
             replacements,
             is_rate_input,
@@ -193,6 +201,10 @@ impl WiredArm {
     /// packets too.
     pub fn refused(&self) -> u64 {
         self.refused
+    }
+
+    fn ticks_of(&self, time_s: f64) -> u32 {
+        (time_s / self.parameters.period_s).ceil() as u32
     }
 
     fn now_s(&self) -> f64 {
@@ -250,7 +262,7 @@ impl WiredArm {
     fn is_back(&mut self) -> bool {
         let Some(connection) = self.replacements.take() else { return false };
         self.io = connection.link.io();
-        self.watchdog_ms = connection.codec.watchdog_ms();
+        self.parameters.hold_to(self.of_profile.lowered_by(&*connection.codec));
         self.round_trip = connection.round_trip(&self.parameters);
         self.connection = Some(connection);
         self.full_ticks = 0;
@@ -387,7 +399,12 @@ impl WiredArm {
     ) -> Result<(), DeviceError> {
         let takes_force_away = command.moves_nothing() && !self.sent.moves_nothing();
         let may_lie_unread = self.may_lie_unread(now_s);
+        let most_unread = self.ticks_of(UNHEARD_S);
         let Some(connection) = &mut self.connection else { return Err(self.gone()) };
+        // Whatever it says meanwhile: an arm that wakes obeys what it has not read.
+        if connection.link.unread() > most_unread as usize {
+            return Err(self.lose());
+        }
         self.frame.clear();
         connection.codec.encode(&command, &mut self.frame);
         if self.frame.is_empty() {
@@ -513,12 +530,7 @@ impl WiredArm {
 
 impl Device for WiredArm {
     fn capabilities(&self) -> Capabilities {
-        let capabilities = self.parameters.capabilities;
-        Capabilities {
-            io: self.io,
-            watchdog_ms: self.watchdog_ms.or(capabilities.watchdog_ms),
-            ..capabilities
-        }
+        Capabilities { io: self.io, ..self.parameters.capabilities }
     }
 
     fn read(&mut self) -> Result<DeviceSample, DeviceError> {
@@ -627,7 +639,9 @@ impl Device for WiredArm {
             });
         }
         let now_s = self.now_s();
+        let most_unwatched = self.ticks_of(UNWATCHED_S);
         let Some(connection) = &mut self.connection else { return Err(self.gone()) };
+        let is_unwatched = connection.is_unwatched(most_unwatched);
         connection.codec.tell_time(now_s);
         let motion = Motion {
             configuration: &self.configuration,
@@ -642,6 +656,9 @@ impl Device for WiredArm {
             self.enabled,
             self.sent.moves_nothing(),
         );
+        if is_unwatched && !command.moves_nothing() {
+            return Err(self.lose());
+        }
         // One command in flight, but for the one that takes force away: it never waits for a reply
         // that may be lost.
         let waits = self.parameters.capabilities.pacing == Pacing::PingPong && self.owes_reply;
@@ -650,6 +667,10 @@ impl Device for WiredArm {
             now_s - self.last_sent_s >= self.parameters.kick_s.unwrap_or(REPLY_PATIENCE_S);
         let may_send = self.quiet_until_s.is_none() && (!waits || takes_force_away || given_up);
         if may_send {
+            if !command.moves_nothing() {
+                // The guard hears of a force before the arm does.
+                connection.beat(true);
+            }
             self.send(command, made, now_s)?;
         }
         let has_force = !self.sent.moves_nothing();
@@ -719,13 +740,14 @@ impl Device for WiredArm {
 impl Drop for WiredArm {
     fn drop(&mut self) {
         self.stop();
-        match self.connection.take() {
-            Some(connection) => connection.close(),
-            // What was commanded to the lost one.
-            None => std::thread::sleep(LINGER),
-        }
         if let Some(unused) = self.replacements.take() {
             unused.close();
+        }
+        match self.connection.take() {
+            Some(connection) => connection.close(),
+            // What was commanded to the lost one, and what holds its arm: a process must not outlive
+            // the program.
+            None => self.replacements.wait_for_end(),
         }
     }
 }

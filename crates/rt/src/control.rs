@@ -9,8 +9,8 @@
 //! ```text
 //!  disable()   offs += 1                     order() = Quit     if end = 2
 //!  permit()    Permit(offs)                          Stop       if end = 1
-//!  renew(p)    offs = p + 1 if offs = p, else no     Enable     if allowed = offs
-//!  enable(p)   allowed = p                           Disable    else
+//!  renew(p)    offs = p + 1 if offs = p, else no     Enable     if allowed = offs + 1
+//!  enable(p)   allowed = max(allowed, p + 1)         Disable    else
 //!  stop()      end = max(end, 1)
 //! ```
 //! All operations are `Relaxed`: each word is the whole message and publishes no other memory. A
@@ -41,8 +41,6 @@ impl Permit {
     pub const FIRST: Self = Self(0);
 }
 
-/// No permit has this number: force was never allowed.
-const NEVER: u64 = u64::MAX;
 const STOP: u8 = 1;
 const QUIT: u8 = 2;
 
@@ -52,7 +50,8 @@ const QUIT: u8 = 2;
 pub struct Control {
     /// How often force was taken away.
     offs: AtomicU64,
-    /// The number of `offs` for which force is allowed.
+    /// The number of `offs` for which force is allowed, plus 1; 0: force was never allowed. It only
+    /// grows.
     allowed: AtomicU64,
     /// How the loop is to end; it only grows.
     end: AtomicU8,
@@ -67,7 +66,7 @@ impl Default for Control {
 impl Control {
     /// A control without force.
     pub fn new() -> Self {
-        Self { offs: AtomicU64::new(0), allowed: AtomicU64::new(NEVER), end: AtomicU8::new(0) }
+        Self { offs: AtomicU64::new(0), allowed: AtomicU64::new(0), end: AtomicU8::new(0) }
     }
 
     /// A control under which force flows at once: for runs without a person.
@@ -116,9 +115,10 @@ impl Control {
         renewed.is_ok().then_some(Permit(next))
     }
 
-    /// Lets force flow, unless it was taken away since the permit was drawn.
+    /// Lets force flow, unless it was taken away since the permit was drawn. A permit that is older
+    /// than the one that counts has no effect.
     pub fn enable(&self, permit: Permit) {
-        self.allowed.store(permit.0, Ordering::Relaxed);
+        self.allowed.fetch_max(permit.0.saturating_add(1), Ordering::Relaxed);
     }
 
     /// What the loop is to do now. RT: safe.
@@ -133,7 +133,8 @@ impl Control {
 
     /// Force was not taken away since it was allowed: a stop may end in a ramp. RT: safe.
     pub fn allows_force(&self) -> bool {
-        self.allowed.load(Ordering::Relaxed) == self.offs.load(Ordering::Relaxed)
+        let allowed = self.allowed.load(Ordering::Relaxed);
+        allowed.checked_sub(1) == Some(self.offs.load(Ordering::Relaxed))
     }
 
     /// The loop is to end.

@@ -17,6 +17,16 @@ fn force_flows_only_by_a_permit_that_is_still_worth_something() {
 }
 
 #[test]
+fn a_permit_that_is_stored_late_does_not_replace_a_newer_one() {
+    let control = Control::new();
+    let old = control.permit();
+    control.disable();
+    control.enable(control.permit());
+    control.enable(old);
+    assert_eq!(control.order(), Order::Enable);
+}
+
+#[test]
 fn an_end_is_never_taken_back() {
     let control = Control::enabled();
     control.interrupt();

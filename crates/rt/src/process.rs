@@ -1,13 +1,16 @@
-//! What a process beside this one needs: words that both of them see, and to be left alone by what
-//! ends the other one.
+//! What a process beside this one needs: words that both of them see, to be left alone by what ends
+//! the other one, and an end of its own that a stop does not prevent.
 #![expect(
     unsafe_code,
     reason = "a page of two processes is reached by a pointer; signals and sessions are libc calls"
 )]
 
 use core::sync::atomic::AtomicU64;
+use core::time::Duration;
 use std::io;
 use std::os::fd::{AsFd, AsRawFd, OwnedFd};
+use std::process::Child;
+use std::time::Instant;
 
 use memmap2::{MmapOptions, MmapRaw};
 use rustix::fs::{MemfdFlags, fstat, ftruncate, memfd_create};
@@ -16,6 +19,8 @@ use rustix::fs::{MemfdFlags, fstat, ftruncate, memfd_create};
 const PAGE: usize = 4096;
 /// Words of it.
 const WORDS: usize = PAGE / 8;
+/// How long the system may take to end a process that is killed.
+const KILL_PATIENCE: Duration = Duration::from_millis(200);
 
 /// Some words of memory that this process has in common with another one.
 #[derive(Debug)]
@@ -53,7 +58,8 @@ impl SharedPage {
 }
 
 /// Leaves the terminal, the session and the name of the parent process, and ignores every signal
-/// that can be ignored. RT: start-up only.
+/// that can be ignored. When the parent ends, whatever has stopped this process (SIGSTOP) is undone,
+/// so that it sees that end. RT: start-up only.
 pub fn stand_apart(name: &str) {
     for signal in 1..=64 {
         // SAFETY: SIG_IGN is a valid disposition and runs no code of ours; the system refuses
@@ -63,13 +69,46 @@ pub fn stand_apart(name: &str) {
     // SAFETY: takes no arguments; refused to a process that leads a session already, which is as
     // good.
     unsafe { libc::setsid() };
+    // SAFETY: sets an attribute of this process; it is refused for numbers alone that are no signal.
+    // Not SIGKILL: a process that holds an arm has a zero to send first.
+    unsafe { libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGCONT) };
     // A name is worth no failure.
     let _ = std::fs::write("/proc/self/comm", name);
+}
+
+/// Waits at most `patience` for a child that was asked to end, and then kills it. One that a signal
+/// has stopped (SIGSTOP) goes on first, and ends in order if it can. One that hangs in a driver
+/// stays, and is not waited for. Cold.
+pub fn end(child: &mut Child, patience: Duration) {
+    // A child that has ended and was not waited for keeps its number, which then belongs to no other
+    // process.
+    if let (Ok(None), Ok(pid)) = (child.try_wait(), libc::pid_t::try_from(child.id())) {
+        // SAFETY: takes numbers only.
+        unsafe { libc::kill(pid, libc::SIGCONT) };
+    }
+    if !ends_within(child, patience) {
+        let _ = child.kill();
+        ends_within(child, KILL_PATIENCE);
+    }
+}
+
+fn ends_within(child: &mut Child, patience: Duration) -> bool {
+    let begin = Instant::now();
+    while matches!(child.try_wait(), Ok(None)) {
+        if begin.elapsed() > patience {
+            return false;
+        }
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    true
 }
 
 #[cfg(test)]
 mod tests {
     use core::sync::atomic::Ordering;
+    use std::io::Read as _;
+    use std::os::unix::process::ExitStatusExt as _;
+    use std::process::{Command, Stdio};
 
     use super::*;
 
@@ -80,6 +119,30 @@ mod tests {
         here.words()[1].store(7, Ordering::Relaxed);
         let [first, second, .., last] = there.words();
         assert_eq!([first, second, last].map(|word| word.load(Ordering::Relaxed)), [0, 7, 0]);
+    }
+
+    #[test]
+    fn a_child_that_is_stopped_goes_on_to_its_end_or_is_killed() {
+        let stopped = |script: &str| {
+            let mut child = Command::new("sh")
+                .args(["-c", script])
+                .stdin(Stdio::piped())
+                .stdout(Stdio::piped())
+                .spawn()
+                .expect("a shell");
+            let mut ready = [0; 1];
+            child.stdout.as_mut().expect("piped").read_exact(&mut ready).expect("it says so");
+            Command::new("kill").args(["-STOP", &child.id().to_string()]).status().expect("kill");
+            // The end of its input asks it to end.
+            drop(child.stdin.take());
+            child
+        };
+        let mut willing = stopped("echo; read line; exit 3");
+        end(&mut willing, Duration::from_secs(20));
+        assert_eq!(willing.try_wait().expect("ours").and_then(|status| status.code()), Some(3));
+        let mut deaf = stopped("trap '' TERM; echo; while :; do sleep 0.1; done");
+        end(&mut deaf, Duration::from_millis(50));
+        assert_eq!(deaf.wait().expect("ours").signal(), Some(libc::SIGKILL));
     }
 
     #[test]

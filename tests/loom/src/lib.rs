@@ -74,6 +74,24 @@ fn offs_of_two_clients_and_an_enable_end_without_force() {
     });
 }
 
+/// Two enables are under way, with a disable between their permits: the newer one counts, whichever
+/// of them is stored last.
+#[test]
+fn an_enable_with_an_older_permit_does_not_take_back_a_newer_one() {
+    loom::model(|| {
+        let control = Arc::new(Control::new());
+        let old = control.permit();
+        let late = {
+            let control = control.clone();
+            thread::spawn(move || control.enable(old))
+        };
+        control.disable();
+        control.enable(control.permit());
+        late.join().unwrap();
+        assert_eq!(control.order(), Order::Enable);
+    });
+}
+
 /// Ends only grow, whatever asks for them, and no enable takes one back.
 #[test]
 fn an_end_is_kept_beside_everything_else() {

@@ -11,6 +11,7 @@ use rtrb::{Consumer, Producer, RingBuffer};
 use super::discover::{Holder, holders};
 use super::nodes::{self, DeviceFile, NodeKind, Selector};
 use crate::guard::{Guard, ZeroFrame};
+use crate::motor_stage::MotorLimits;
 use crate::profile::{HomingMode, Match, Profile, RealArm, TransportKind};
 use crate::protocol::{Protocol, StartError};
 use crate::transport::{
@@ -19,6 +20,7 @@ use crate::transport::{
 use crate::vendor::{self, VendorError, VendorProtocol, Words};
 use crate::{
     Capabilities, Connection, IoPlacement, Replacements, Timebase, WiredArm, WiredParameters,
+    judge_declared,
 };
 use rt::finding::Root;
 use rt::schedule::ThreadRequest;
@@ -27,6 +29,8 @@ use rt::schedule::ThreadRequest;
 const LOOK_AGAIN: Duration = Duration::from_millis(200);
 /// News of an arm that the receiver has not taken yet; more are dropped.
 const NEWS: usize = 16;
+/// Why an arm is lost whose guard is missing while force flows.
+const NO_GUARD: &str = "its guard was stopped or has ended, and no force flows without it";
 
 /// What an open arm should be like.
 #[derive(Clone, Debug)]
@@ -257,7 +261,9 @@ pub fn open(profile: &Profile, options: &OpenOptions) -> Result<OpenedArm, OpenE
         .as_ref()
         .ok_or_else(|| OpenError::Simulated { profile: profile.name.clone() })?;
     let connector = Connector::new(profile, real, options);
-    open_with(connector, |io| wired_parameters(profile, real, options.period_s, io))
+    // Where bytes are moved is known of the link alone, and the driver asks it.
+    let io = IoPlacement::default();
+    open_with(connector, wired_parameters(profile, real, options.period_s, io))
 }
 
 /// What was before a connection.
@@ -291,16 +297,18 @@ pub(crate) trait ConnectMethod: Send + 'static {
 /// Opens the arm at the end of a way, and keeps a thread that finds it again.
 pub(crate) fn open_with(
     connector: impl ConnectMethod,
-    parameters: impl FnOnce(IoPlacement) -> WiredParameters,
+    parameters: WiredParameters,
 ) -> Result<OpenedArm, OpenError> {
-    let (path, connection) = connector.connect(PreviousLink::Nothing)?;
+    let connector =
+        Agreeing { connector, limits: parameters.limits, period_s: parameters.period_s };
+    let (path, connection, lower) = connector.connect(PreviousLink::Nothing)?;
     let (to_arm, fresh) = RingBuffer::new(1);
     let (spent, from_arm) = RingBuffer::new(1);
     let (teller, news) = bounded(NEWS);
     if let Err(cause) = &connection.guard {
         let _ = teller.try_send(LinkNews::Unguarded(cause.to_string()));
     }
-    if let Some(notice) = connection.codec.notice() {
+    for notice in [connection.codec.notice(), lower].into_iter().flatten() {
         let _ = teller.try_send(LinkNews::Told(notice));
     }
     let replacements = Replacements { fresh, spent };
@@ -308,9 +316,34 @@ pub(crate) fn open_with(
         .name("reconnect".to_owned())
         .spawn(move || reconnect_loop(&connector, to_arm, from_arm, &teller))
         .map_err(OpenError::Thread)?;
-    let io = connection.link.io();
-    let arm = WiredArm::new(connection, replacements, parameters(io));
+    let arm = WiredArm::new(connection, replacements, parameters);
     Ok(OpenedArm { arm, path, news })
+}
+
+/// The same for arms that declare no less than the loop needs.
+struct Agreeing<C> {
+    connector: C,
+    /// Of the profile.
+    limits: MotorLimits,
+    /// One tick, s.
+    period_s: f64,
+}
+
+impl<C: ConnectMethod> Agreeing<C> {
+    /// The connection, and what the arm declares below its profile.
+    fn connect(
+        &self,
+        before: PreviousLink,
+    ) -> Result<(PathBuf, Connection, Option<String>), OpenError> {
+        let (path, connection) = self.connector.connect(before)?;
+        match judge_declared(&*connection.codec, self.limits, self.period_s) {
+            Ok(lower) => Ok((path, connection, lower)),
+            Err(cause) => {
+                connection.close();
+                Err(OpenError::Start { path, cause })
+            }
+        }
+    }
 }
 
 /// What the driver needs of a profile.
@@ -639,7 +672,7 @@ fn resolved(path: &Path) -> PathBuf {
 /// Brings a lost arm back, until the driver has gone. The lost connection comes first: its arm may
 /// still make the last force, and its port is held by ourselves until it is closed.
 fn reconnect_loop(
-    connector: &dyn ConnectMethod,
+    connector: &Agreeing<impl ConnectMethod>,
     mut to_arm: Producer<Connection>,
     mut from_arm: Consumer<Connection>,
     teller: &Sender<LinkNews>,
@@ -657,19 +690,22 @@ fn reconnect_loop(
         if let Ok(lost) = from_arm.pop() {
             // Once: an arm that is there and does not start is not lost again with each try.
             tell(LinkNews::Lost);
+            if lost.has_lost_guard() {
+                tell(LinkNews::Told(NO_GUARD.to_owned()));
+            }
             looks_for =
                 Some(if lost.let_go() { PreviousLink::Silent } else { PreviousLink::Unplugged });
         }
         // Before the next connection, whose words take the place of those of the lost one: why it
         // was lost is among them.
-        while let Some(text) = connector.reported() {
+        while let Some(text) = connector.connector.reported() {
             tell(LinkNews::Told(text));
         }
         if let Some(before) = looks_for {
             match connector.connect(before) {
                 // The driver has gone meanwhile.
-                Ok((_, connection)) if to_arm.is_abandoned() => connection.close(),
-                Ok((path, connection)) => {
+                Ok((_, connection, _)) if to_arm.is_abandoned() => connection.close(),
+                Ok((path, connection, _)) => {
                     let unguarded = connection
                         .guard
                         .as_ref()
@@ -677,10 +713,10 @@ fn reconnect_loop(
                         .map(|cause| LinkNews::Unguarded(cause.to_string()));
                     let _ = to_arm.push(connection);
                     looks_for = None;
-                    tell(LinkNews::Back { node: path, homing: connector.homing() });
+                    tell(LinkNews::Back { node: path, homing: connector.connector.homing() });
                     unguarded.map(&mut tell);
                 }
-                Err(error) if connector.is_absent(&error) => {
+                Err(error) if connector.connector.is_absent(&error) => {
                     looks_for = Some(PreviousLink::Unplugged)
                 }
                 Err(error) => tell(LinkNews::Fails(error.to_string())),

@@ -54,6 +54,18 @@ pub trait ArmLink {
     /// The node cannot be made again.
     fn replug(&mut self) -> Result<(), LinkError>;
 
+    /// Told in every period whether the arm receives nothing. A program that serves an arm leaves
+    /// its sockets unread then, and may go on sending.
+    fn set_deaf(&mut self, is_deaf: bool) {
+        let _ = is_deaf;
+    }
+
+    /// Bytes that an arm which wakes takes of a backlog per period: some frames, obeyed one after
+    /// the other. A link of whole messages gives one of them.
+    fn backlog_share(&self) -> usize {
+        128
+    }
+
     /// True after a host has been there and has gone.
     fn is_host_gone(&self) -> bool;
 }

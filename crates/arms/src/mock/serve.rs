@@ -8,9 +8,7 @@ use super::trace::TraceFile;
 use rt::clock::monotonic_ns;
 
 /// Longest frame of a host: a message to a service may hold settings.
-const BUFFER: usize = 4096;
-/// What an arm that wakes takes of a backlog per period: some frames, obeyed one after the other.
-const SHARE: usize = 128;
+pub(super) const BUFFER: usize = 4096;
 
 /// How long to serve.
 #[derive(Clone, Copy, Debug, Default)]
@@ -100,8 +98,9 @@ pub fn serve(
             }
         }
         let is_deaf = arm.is_deaf(now_s);
+        link.set_deaf(is_deaf);
         has_backlog |= is_deaf;
-        let most = if has_backlog { SHARE } else { BUFFER };
+        let most = if has_backlog { link.backlog_share() } else { BUFFER };
         loop {
             let n = if is_deaf { 0 } else { link.receive(&mut buffer[..most]) };
             has_backlog &= is_deaf || n > 0;

@@ -1,6 +1,7 @@
 //! A WebSocket server: what the Inverse service is to its clients. Each client has a thread; the
 //! arm answers one after the other.
 
+use core::sync::atomic::{AtomicBool, Ordering};
 use core::time::Duration;
 use std::collections::VecDeque;
 use std::io::{self, BufRead, BufReader, Write};
@@ -11,6 +12,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use tungstenite::{Message, WebSocket};
 
 use super::link::{ArmLink, LinkError};
+use super::serve::BUFFER;
 use crate::protocol::Firmware;
 use crate::protocol::haply::HaplyService;
 use crate::protocol::haply::service::{HELLO, Service};
@@ -53,6 +55,10 @@ pub struct ServiceServer {
     next: Option<Said>,
     /// Whom the next answers are for.
     asked: VecDeque<Arc<Client>>,
+    /// The last answer, and whose it was.
+    last: Option<(Arc<Client>, Message)>,
+    /// Nothing is read; the last answer goes out again and again.
+    is_deaf: Arc<AtomicBool>,
     gone: bool,
 }
 
@@ -91,6 +97,8 @@ impl ServiceServer {
             to_said,
             next: None,
             asked,
+            last: None,
+            is_deaf: Arc::default(),
             gone: false,
         };
         server.replug()?;
@@ -106,9 +114,10 @@ impl ServiceServer {
             self.sockets.push(kept);
             let version = self.version.clone();
             let said = self.to_said.clone();
+            let is_deaf = self.is_deaf.clone();
             std::thread::spawn(move || {
                 // A client that does not speak HTTP has gone already.
-                let _ = talk(socket, &version, &said);
+                let _ = talk(socket, &version, &said, &is_deaf);
             });
         }
     }
@@ -120,7 +129,12 @@ impl ServiceServer {
 }
 
 /// One client, from its first line to its end.
-fn talk(socket: TcpStream, version: &str, said: &Sender<Said>) -> io::Result<()> {
+fn talk(
+    socket: TcpStream,
+    version: &str,
+    said: &Sender<Said>,
+    is_deaf: &AtomicBool,
+) -> io::Result<()> {
     socket.set_nonblocking(false)?;
     socket.set_nodelay(true)?;
     socket.set_read_timeout(Some(ENTER_PATIENCE))?;
@@ -150,6 +164,9 @@ fn talk(socket: TcpStream, version: &str, said: &Sender<Said>) -> io::Result<()>
         |what| said.send((client.clone(), what)).map_err(|_| other("the arm has ended".to_owned()));
     tell(Some(HELLO.to_vec()))?;
     loop {
+        while is_deaf.load(Ordering::Relaxed) {
+            std::thread::sleep(Duration::from_millis(1));
+        }
         match reader.read() {
             Ok(Message::Text(text)) => tell(Some(text.as_bytes().to_vec()))?,
             Ok(Message::Close(_)) | Err(_) => return tell(None),
@@ -220,7 +237,20 @@ impl ArmLink for ServiceServer {
 
     fn send(&mut self, frame: &[u8]) -> bool {
         let Some(client) = self.asked.pop_front() else { return false };
-        client.write(Message::text(String::from_utf8_lossy(frame).into_owned()))
+        let answer = Message::text(String::from_utf8_lossy(frame).into_owned());
+        self.last = Some((client.clone(), answer.clone()));
+        client.write(answer)
+    }
+
+    fn set_deaf(&mut self, is_deaf: bool) {
+        self.is_deaf.store(is_deaf, Ordering::Relaxed);
+        if let Some((client, answer)) = self.last.as_ref().filter(|_| is_deaf) {
+            client.write(answer.clone());
+        }
+    }
+
+    fn backlog_share(&self) -> usize {
+        BUFFER
     }
 
     fn unplug(&mut self) -> Result<(), LinkError> {
@@ -229,6 +259,7 @@ impl ArmLink for ServiceServer {
             let _ = socket.shutdown(std::net::Shutdown::Both);
         }
         self.asked.clear();
+        self.last = None;
         self.next = None;
         Ok(())
     }

@@ -259,12 +259,12 @@ pub trait Codec: Send {
         None
     }
 
-    /// What the arm declared at the start, where its protocol lets it. Cold.
+    /// What the arm declared at the start, where its protocol lets it. RT: safe.
     fn declared(&self) -> Option<DeclaredLimits> {
         None
     }
 
-    /// Silence after which the arm said that it has let go, ms, where no profile knows. RT: safe.
+    /// Silence after which the arm said that it lets go, ms. RT: safe.
     fn watchdog_ms(&self) -> Option<u32> {
         None
     }

@@ -176,6 +176,14 @@ pub(crate) fn list(axes: Axes) -> String {
     axes.names().collect::<Vec<_>>().join(" ")
 }
 
+/// What an arm said of itself.
+#[derive(Debug)]
+struct Said {
+    text: String,
+    declared: DeclaredLimits,
+    watchdog_ms: u16,
+}
+
 /// The host's side.
 #[derive(Debug)]
 pub(super) struct HostCodec {
@@ -185,7 +193,7 @@ pub(super) struct HostCodec {
     sequence: u16,
     state_sequence: Option<u16>,
     report: Report,
-    said: Option<(String, DeclaredLimits)>,
+    said: Option<Said>,
     hello_within: Duration,
 }
 
@@ -204,7 +212,7 @@ impl HostCodec {
     }
 
     /// What an arm says of itself, held against what the profile says.
-    fn greet(&self, payload: &[u8]) -> Result<(String, DeclaredLimits), StartError> {
+    fn greet(&self, payload: &[u8]) -> Result<Said, StartError> {
         let refuse = |text: String| Err(StartError::Refused(text));
         let major = payload.first().copied().unwrap_or(0);
         let minor = payload.get(1).copied().unwrap_or(0);
@@ -259,7 +267,7 @@ impl HostCodec {
             list(sensed),
             list(actuated),
         );
-        Ok((text, declared))
+        Ok(Said { text, declared, watchdog_ms })
     }
 }
 
@@ -407,11 +415,15 @@ impl Codec for HostCodec {
     }
 
     fn identity(&self) -> Option<String> {
-        self.said.as_ref().map(|(text, _)| text.clone())
+        self.said.as_ref().map(|said| said.text.clone())
     }
 
     fn declared(&self) -> Option<DeclaredLimits> {
-        self.said.as_ref().map(|(_, declared)| *declared)
+        self.said.as_ref().map(|said| said.declared)
+    }
+
+    fn watchdog_ms(&self) -> Option<u32> {
+        self.said.as_ref().map(|said| said.watchdog_ms.into())
     }
 
     fn finish(&mut self, link: &mut dyn Transport) {

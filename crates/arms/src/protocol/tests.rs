@@ -189,6 +189,10 @@ impl Transport for Linked {
         Ok(())
     }
 
+    fn unread(&mut self) -> usize {
+        self.here.unread()
+    }
+
     fn line(&mut self, line: Line) -> Result<(), TransportError> {
         self.lines.push(line);
         Ok(())

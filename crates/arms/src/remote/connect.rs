@@ -102,17 +102,12 @@ pub fn open(
         declared: OnceLock::new(),
         figures: figures.clone(),
     };
-    let parameters = |io| parameters(profile, options, io);
-    Ok((open_with(connector, parameters)?, figures))
+    Ok((open_with(connector, parameters(profile, options))?, figures))
 }
 
 /// What the driver needs: an arm that reports the pose of its grip and takes a wrench, whatever is
 /// behind the node.
-pub(super) fn parameters(
-    profile: &Profile,
-    options: &RemoteOptions,
-    io: IoPlacement,
-) -> WiredParameters {
+fn parameters(profile: &Profile, options: &RemoteOptions) -> WiredParameters {
     WiredParameters {
         kinematics: Kinematics::Cartesian,
         transmission: cartesian(profile),
@@ -122,7 +117,7 @@ pub(super) fn parameters(
             sensed: profile.sensed,
             actuated: profile.actuated,
             pacing: Pacing::Stream,
-            io,
+            io: IoPlacement::OwnThread,
             // The node says it itself.
             watchdog_ms: None,
             watchdog_latched: true,

@@ -29,12 +29,13 @@ use super::packets::{
     COMMAND_1_1_LEN, COMMAND_TOKEN, HELLO_1_1_LEN, HELLO_TOKEN, HostToken, STOP_TOKEN, put, reader,
     steps_ahead, token_at,
 };
+use crate::protocol::DeclaredLimits;
 use crate::protocol::number::f32_at;
 use crate::protocol::open6::{
     CAPABILITIES, COMMAND, HELLO, MAGIC, MAJOR, Packet, Packets, STATE, STOP,
 };
 use crate::transport::{FRAME_MAX, Frame, Transport};
-use crate::{Device, DeviceError};
+use crate::{Device, DeviceError, lower};
 use vps::spatial::{Axes, DeviceSample, SampleStatus, Wrench};
 
 /// Packets of one period. More would let a flood keep the loop.
@@ -80,6 +81,17 @@ pub struct NodeParameters {
     /// The arm lives only from the first greeting on: a simulated one, whose hand waits for the
     /// host.
     pub starts_with_host: bool,
+}
+
+impl NodeParameters {
+    /// The same with the limits that the arm declares itself, where those are lower.
+    pub fn lowered_by(mut self, declared: Option<DeclaredLimits>) -> Self {
+        if let Some(declared) = declared {
+            self.force_limit_n = lower(self.force_limit_n, declared.force_n);
+            self.torque_limit_nm = lower(self.torque_limit_nm, declared.torque_nm);
+        }
+        self
+    }
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -284,13 +296,22 @@ impl Node {
 
     fn command(&mut self, payload: &[u8], sequence: u16, now_s: f64) {
         self.figures.commands.fetch_add(1, Relaxed);
+        let mut is_after_stall = false;
         if let (LinkPhase::Enabled, Some(before_s)) = (self.mode, self.newest.at_s) {
             self.figures.longest_gap_us.fetch_max(((now_s - before_s) * 1e6) as u32, Relaxed);
+            let HoldTiming { hold_s, fade_s } = self.parameters.timing;
+            is_after_stall = now_s - before_s > hold_s + fade_s;
         }
         self.newest = Taken { sequence, at_s: Some(now_s) };
         if payload[28] & 1 == 0 {
             self.disable();
             return;
+        }
+        if is_after_stall {
+            // The node stood still, or it would have let go. What lay unread meanwhile is as old.
+            self.mode = LinkPhase::Tripped;
+            self.hold.clear();
+            self.figures.link_losses.fetch_add(1, Relaxed);
         }
         if !matches!(self.mode, LinkPhase::Disabled | LinkPhase::Enabled) {
             return;

@@ -305,6 +305,10 @@ impl Transport for WireEnd {
         self.side.lock().expect("no panic").n_sent += 1;
         self.here.send_now(frame)
     }
+
+    fn unread(&mut self) -> usize {
+        self.here.unread()
+    }
 }
 
 pub struct WiredRig {
@@ -312,12 +316,13 @@ pub struct WiredRig {
     protocol: Protocol,
     carriage: Carriage,
     side: Arc<Mutex<Side>>,
+    /// Before the arm: its end waits until the lost connection has no place to be any more.
+    spent: Consumer<Connection>,
     arm: Option<WiredArm>,
     linkage: Linkage,
     trouble: InjectedFault,
     is_rate_input: bool,
     to_arm: Producer<Connection>,
-    spent: Consumer<Connection>,
 }
 
 impl WiredRig {

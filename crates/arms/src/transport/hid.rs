@@ -132,6 +132,11 @@ impl Transport for HidLink {
         self.threads.send_now(frame)
     }
 
+    /// The newest frame wins: but for one on the bus there is no older one.
+    fn unread(&mut self) -> usize {
+        0
+    }
+
     fn io(&self) -> IoPlacement {
         IoPlacement::OwnThread
     }

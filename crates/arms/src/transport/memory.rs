@@ -12,6 +12,8 @@ struct Wire {
     cut: bool,
     /// Bytes that the way to the arm holds; `None`: all.
     room: Option<usize>,
+    /// The host sees what the arm has not read. The system shows it of some links only.
+    shows_unread: bool,
 }
 
 /// One end of a link in memory, for tests and for simulated arms that speak a real protocol. Not
@@ -38,6 +40,14 @@ impl LoopbackEnd {
     pub(crate) fn limit(&self, room: usize) {
         if let Ok(mut wire) = self.wire.lock() {
             wire.room = Some(room);
+        }
+    }
+
+    /// Lets the host see from now on what the arm has not read.
+    #[cfg(test)]
+    pub(crate) fn show_unread(&self) {
+        if let Ok(mut wire) = self.wire.lock() {
+            wire.shows_unread = true;
         }
     }
 
@@ -96,6 +106,10 @@ impl Transport for LoopbackEnd {
             if self.is_arm { wire.to_host.clear() } else { wire.to_arm.clear() }
         }
         self.send(frame)
+    }
+
+    fn unread(&mut self) -> usize {
+        self.wire.lock().map_or(0, |wire| if wire.shows_unread { wire.to_arm.len() } else { 0 })
     }
 }
 

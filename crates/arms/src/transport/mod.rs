@@ -7,6 +7,9 @@
 //! and never allocate. Where the system call behind a write can block (HID), a thread of the
 //! transport's own makes it.
 //!
+//! Invariant: no frame waits unseen. [`Transport::unread`] has no default: each transport says how
+//! many of its frames the other end has not taken, or keeps none but the newest.
+//!
 //! | file | owns |
 //! |---|---|
 //! | `mod` | the trait, and the frame that encoders fill |
@@ -165,6 +168,11 @@ pub trait Transport: Send {
         self.send(frame)
     }
 
+    /// Frames that were sent and that the other end has not taken, as far as the system or the
+    /// protocol of the link shows; 0 where the newest frame takes the place of the others. An arm
+    /// obeys what is unread when it reads again, however late. RT: at most one system call.
+    fn unread(&mut self) -> usize;
+
     /// Sets a line. Cold.
     ///
     /// # Errors
@@ -209,6 +217,10 @@ impl<T: Transport + ?Sized> Transport for Box<T> {
 
     fn send_now(&mut self, frame: &[u8]) -> Result<(), TransportError> {
         (**self).send_now(frame)
+    }
+
+    fn unread(&mut self) -> usize {
+        (**self).unread()
     }
 
     fn line(&mut self, line: Line) -> Result<(), TransportError> {

@@ -3,7 +3,7 @@
 //! `serialport` opens the port, takes it for itself and sets it to raw bytes. From then on only its
 //! file descriptor is used, with non-blocking reads and writes: the crate's own read waits with a
 //! timeout and allocates.
-#![expect(unsafe_code, reason = "one ioctl, and a descriptor that changes its owner")]
+#![expect(unsafe_code, reason = "three ioctls, and a descriptor that changes its owner")]
 
 use core::time::Duration;
 use std::os::fd::{AsRawFd, FromRawFd, IntoRawFd, OwnedFd};
@@ -65,6 +65,7 @@ pub(crate) struct SerialLink {
     fd: OwnedFd,
     /// Kept open while the descriptor works: it sets lines, and its drop gives the port free.
     port: serialport::TTYPort,
+    backlog: Backlog,
 }
 
 impl SerialLink {
@@ -105,7 +106,7 @@ impl SerialLink {
         termios::tcsetattr(&fd, OptionalActions::Now, &attributes)?;
         termios::tcflush(&fd, QueueSelector::IOFlush)?;
         ask_for_low_latency(&fd);
-        Ok(Self { fd, port })
+        Ok(Self { fd, port, backlog: Backlog::default() })
     }
 }
 
@@ -122,7 +123,10 @@ impl Transport for SerialLink {
 
     fn send(&mut self, frame: &[u8]) -> Result<(), TransportError> {
         match rustix::io::write(&self.fd, frame) {
-            Ok(n) if n == frame.len() => Ok(()),
+            Ok(n) if n == frame.len() => {
+                self.backlog.sent(n, || waiting(&self.fd));
+                Ok(())
+            }
             // A part of a frame is on its way and the arm will find it garbled. Sending the rest
             // later would only move the harm.
             Ok(_) => Err(TransportError::Full),
@@ -135,6 +139,11 @@ impl Transport for SerialLink {
         // Drivers that keep no queue refuse, which is fine.
         let _ = termios::tcflush(&self.fd, QueueSelector::OFlush);
         self.send(frame)
+    }
+
+    /// As far as the driver knows: a pseudo-terminal knows nothing of what its other end has read.
+    fn unread(&mut self) -> usize {
+        self.backlog.frames(waiting(&self.fd))
     }
 
     fn line(&mut self, line: Line) -> Result<(), TransportError> {
@@ -177,6 +186,40 @@ fn lost_or(errno: Errno) -> TransportError {
     match errno {
         Errno::IO | Errno::NODEV | Errno::NXIO | Errno::PIPE | Errno::BADF => TransportError::Lost,
         errno => TransportError::Os(errno.raw_os_error()),
+    }
+}
+
+/// Bytes that the driver has not passed on, as it counts them; 0 from one that does not count. RT:
+/// safe; one system call.
+fn waiting(fd: &OwnedFd) -> usize {
+    let mut waiting: libc::c_int = 0;
+    // SAFETY: the descriptor is open; the kernel writes one int.
+    let done = unsafe { libc::ioctl(fd.as_raw_fd(), libc::TIOCOUTQ, &raw mut waiting) };
+    if done == 0 { usize::try_from(waiting).unwrap_or(0) } else { 0 }
+}
+
+/// How many frames wait in a driver, which counts in a unit of its own: `cdc-acm` counts whole
+/// buffers, however little is in them.
+#[derive(Debug, Default)]
+struct Backlog {
+    /// Nothing waited just before the next frame.
+    is_empty: bool,
+    /// Most that one frame has taken in an empty queue.
+    of_a_frame: usize,
+}
+
+impl Backlog {
+    /// Frames in a queue in which so much waits.
+    fn frames(&mut self, waiting: usize) -> usize {
+        self.is_empty = waiting == 0;
+        waiting.div_ceil(self.of_a_frame.max(1))
+    }
+
+    /// A frame of so many bytes was sent; `waiting` looks again.
+    fn sent(&mut self, n_bytes: usize, waiting: impl FnOnce() -> usize) {
+        if core::mem::take(&mut self.is_empty) {
+            self.of_a_frame = self.of_a_frame.max(n_bytes).max(waiting());
+        }
     }
 }
 
@@ -273,6 +316,36 @@ mod tests {
         // The kernel keeps one page for the reader, which cannot be taken back.
         assert!(lines.len() <= 4096 / 8 + 2, "{} of {n_waiting} lines", lines.len());
         assert_eq!(lines.last(), Some(&&b"P1 0\n"[..]));
+    }
+
+    /// Drivers that count bytes, and one that counts whole buffers; in each of them one frame may
+    /// still be on its way when the next one is due.
+    #[test]
+    fn frames_that_wait_are_counted_in_the_unit_of_the_driver() {
+        for of_a_frame in [8, 64, 1280] {
+            let mut backlog = Backlog::default();
+            let mut waiting = 0;
+            for n in 0..40 {
+                let frames = backlog.frames(waiting);
+                assert!(frames <= 1, "an arm that reads: {frames} after {n}");
+                waiting += of_a_frame;
+                backlog.sent(8, || waiting);
+                // One of them is taken late.
+                waiting = if n == 20 { of_a_frame } else { 0 };
+            }
+            for n in 0..40 {
+                assert_eq!(backlog.frames(waiting), n, "{of_a_frame} bytes a frame");
+                waiting += of_a_frame;
+                backlog.sent(8, || waiting);
+            }
+        }
+        // A fast driver has passed a frame on before it is asked.
+        let mut backlog = Backlog::default();
+        for _ in 0..40 {
+            assert_eq!(backlog.frames(0), 0);
+            backlog.sent(8, || 0);
+        }
+        assert_eq!(backlog.frames(24), 3);
     }
 
     #[test]

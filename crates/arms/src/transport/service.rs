@@ -3,7 +3,12 @@
 //!
 //! The loop exchanges records; only what `descriptor` gives away carries what is on the wire, and
 //! [`Transport::on_wire`] makes it.
+//!
+//! Behind each command goes a ping. The service answers it when it has read the command (RFC 6455,
+//! 5.5.2), and so shows what it has not read. The system cannot: it takes bytes in the name of a
+//! program that does not read them.
 
+use core::sync::atomic::{AtomicU32, Ordering};
 use core::time::Duration;
 use std::io::{self, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
@@ -36,6 +41,8 @@ const MESSAGE_MAX: usize = 1 << 20;
 /// the length of the first.
 const ENTRY_PATIENCE: Duration = Duration::from_secs(5);
 const VERSION_MAX: usize = 1 << 16;
+/// What the first ping carries; those behind commands carry a number.
+const ENTRY_PING: &[u8] = b"enter";
 
 /// Why a service cannot be used. Cold.
 #[derive(Debug, thiserror::Error)]
@@ -97,10 +104,18 @@ impl Write for Half {
     }
 }
 
+/// How many commands were sent, and how many the service has read.
+#[derive(Debug, Default)]
+struct CommandCounts {
+    sent: AtomicU32,
+    read: AtomicU32,
+}
+
 /// An open service.
 #[derive(Debug)]
 pub(crate) struct ServiceLink {
     threads: Threaded,
+    counts: Arc<CommandCounts>,
     /// Said once, before everything else.
     greeting: Option<Vec<u8>>,
     socket: TcpStream,
@@ -182,22 +197,32 @@ fn enter(address: &str) -> Result<(WebSocket<Half>, Inventory, String), ServiceE
     let (mut web_socket, _) =
         tungstenite::client::client_with_config(format!("ws://{address}/"), half, Some(config))
             .map_err(|error| foreign(error.to_string()))?;
+    web_socket
+        .send(Message::Ping(ENTRY_PING.into()))
+        .map_err(|error| foreign(format!("it takes no ping: {error}")))?;
     let end = Instant::now() + ENTRY_PATIENCE;
+    let mut first = None;
+    let mut is_answered = false;
     loop {
+        if let Some((inventory, text)) = first.take_if(|_| is_answered) {
+            return Ok((web_socket, inventory, text));
+        }
+        let missing = match first {
+            None => "no list of devices",
+            Some(_) => "no answer to a ping, which shows what the service has read",
+        };
         if Instant::now() > end {
-            return Err(foreign(format!(
-                "no list of devices within {} s",
-                ENTRY_PATIENCE.as_secs()
-            )));
+            return Err(foreign(format!("{missing} within {} s", ENTRY_PATIENCE.as_secs())));
         }
         match web_socket.read() {
-            Ok(Message::Text(text)) => {
+            Ok(Message::Text(text)) if first.is_none() => {
                 let inventory = Inventory::read(&text)
                     .ok_or_else(|| foreign("its first message is no list of devices".to_owned()))?;
-                return Ok((web_socket, inventory, text.to_string()));
+                first = Some((inventory, text.to_string()));
             }
+            Ok(Message::Pong(payload)) => is_answered |= payload.as_ref() == ENTRY_PING,
             Ok(_) => {}
-            Err(error) => return Err(foreign(format!("no list of devices: {error}"))),
+            Err(error) => return Err(foreign(format!("{missing}: {error}"))),
         }
     }
 }
@@ -247,10 +272,12 @@ impl ServiceLink {
         // What later messages leave out was said in it.
         let _ = reader.record(first.as_bytes());
         let greeting = greeting(&arm.greeting(version, grip));
-        let source = States { web_socket, reader, patience: None };
-        let sink = Commands { writer, arm: arm.id.clone(), dialect, n_sent: 0 };
+        let counts = Arc::new(CommandCounts::default());
+        let source = States { web_socket, reader, patience: None, counts: counts.clone() };
+        let sink = Commands { writer, arm: arm.id.clone(), dialect, counts: counts.clone() };
         let threads = Threaded::start(source, sink, request).map_err(ServiceError::Thread)?;
-        Ok(Self { threads, greeting: Some(greeting), socket, arm: arm.id.clone(), dialect })
+        let arm = arm.id.clone();
+        Ok(Self { threads, counts, greeting: Some(greeting), socket, arm, dialect })
     }
 }
 
@@ -259,6 +286,7 @@ struct States {
     reader: Reader,
     /// What the socket was reported last.
     patience: Option<Duration>,
+    counts: Arc<CommandCounts>,
 }
 
 impl Source for States {
@@ -277,6 +305,13 @@ impl Source for States {
         }
         let record = match self.web_socket.read() {
             Ok(Message::Text(text)) => self.reader.record(text.as_bytes()),
+            Ok(Message::Pong(payload)) => {
+                if let Some(number) = payload.first_chunk() {
+                    // Relaxed: the number is the whole message.
+                    self.counts.read.store(u32::from_be_bytes(*number), Ordering::Relaxed);
+                }
+                return Ok(0);
+            }
             // Questions of the web socket itself are answered by it.
             Ok(_) => return Ok(0),
             Err(tungstenite::Error::Io(error))
@@ -304,35 +339,41 @@ struct Commands {
     writer: Half,
     arm: String,
     dialect: Dialect,
-    n_sent: u32,
+    counts: Arc<CommandCounts>,
 }
 
 impl Sink for Commands {
     fn put(&mut self, frame: &[u8]) -> Result<(), Disconnected> {
         let text = command_text(frame, &self.arm, self.dialect).ok_or(Disconnected)?;
+        // Before it leaves: what is being sent is not read yet.
+        let number = self.counts.sent.fetch_add(1, Ordering::Relaxed).wrapping_add(1);
         // The mask keeps caches on the way from reading commands; between two programs of one
         // machine it only has to change.
-        self.n_sent = self.n_sent.wrapping_add(0x9E37_79B9);
-        self.writer
-            .write_all(&masked(text.as_bytes(), self.n_sent.to_le_bytes()))
-            .map_err(|_| Disconnected)
+        let mask = number.wrapping_mul(0x9E37_79B9).to_le_bytes();
+        let mut bytes = masked(TEXT, text.as_bytes(), mask);
+        bytes.extend(masked(PING, &number.to_be_bytes(), mask));
+        self.writer.write_all(&bytes).map_err(|_| Disconnected)
     }
 }
 
-/// A text frame as a client sends it (RFC 6455, 5.2): of at most 65,535 bytes.
-fn masked(text: &[u8], mask: [u8; 4]) -> Vec<u8> {
-    let mut frame = vec![0x81];
-    match u16::try_from(text.len()) {
+/// First bytes of whole frames.
+const TEXT: u8 = 0x81;
+const PING: u8 = 0x89;
+
+/// A frame as a client sends it (RFC 6455, 5.2): of at most 65,535 bytes.
+fn masked(kind: u8, payload: &[u8], mask: [u8; 4]) -> Vec<u8> {
+    let mut frame = vec![kind];
+    match u16::try_from(payload.len()) {
         Ok(len @ ..126) => frame.push(0x80 | len as u8),
         Ok(len) => {
             frame.push(0x80 | 126);
             frame.extend(len.to_be_bytes());
         }
         // An id that long is none; an empty message asks for nothing.
-        Err(_) => return masked(b"{}", mask),
+        Err(_) => return masked(kind, b"{}", mask),
     }
     frame.extend(mask);
-    frame.extend(text.iter().zip(mask.iter().cycle()).map(|(byte, mask)| byte ^ mask));
+    frame.extend(payload.iter().zip(mask.iter().cycle()).map(|(byte, mask)| byte ^ mask));
     frame
 }
 
@@ -358,16 +399,157 @@ impl Transport for ServiceLink {
         self.threads.send_now(frame)
     }
 
+    fn unread(&mut self) -> usize {
+        let read = self.counts.read.load(Ordering::Relaxed);
+        let unread = self.counts.sent.load(Ordering::Relaxed).wrapping_sub(read).cast_signed();
+        // Of two counts that change meanwhile the later one may be seen first.
+        usize::try_from(unread).unwrap_or(0)
+    }
+
     fn descriptor(&self) -> io::Result<OwnedFd> {
         Ok(self.socket.try_clone()?.into())
     }
 
     fn on_wire(&self, frame: &[u8]) -> Vec<u8> {
         command_text(frame, &self.arm, self.dialect)
-            .map_or_else(Vec::new, |text| masked(text.as_bytes(), [0x5A, 0xC3, 0x96, 0x3C]))
+            .map_or_else(Vec::new, |text| masked(TEXT, text.as_bytes(), [0x5A, 0xC3, 0x96, 0x3C]))
     }
 
     fn io(&self) -> IoPlacement {
         IoPlacement::OwnThread
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use core::sync::atomic::AtomicBool;
+    use std::net::TcpListener;
+    use std::path::Path;
+    use std::thread::JoinHandle;
+
+    use glam::DVec3;
+    use vps::spatial::Wrench;
+
+    use super::*;
+    use crate::attached::open::{self, OpenOptions};
+    use crate::profile::Profile;
+    use crate::protocol::haply::service::{HELLO, Service};
+    use crate::protocol::{ArmReadings, Firmware as _, MAX_AXES, Outbox, Protocol, ServiceVersion};
+    use crate::{Device as _, DeviceError};
+
+    /// Longer than anything here takes on a busy machine.
+    const HUNG: Duration = Duration::from_secs(60);
+    const READINGS: ArmReadings = ArmReadings {
+        readings: [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0],
+        rates: [0.0; MAX_AXES],
+        buttons: 0,
+        homed: true,
+        asleep: false,
+    };
+
+    /// A service of which the test says when it reads. It sends a state in every millisecond.
+    struct Served {
+        profile: Profile,
+        reads: Arc<AtomicBool>,
+        has_woken: Arc<AtomicBool>,
+        /// Forces that it obeys after it has woken.
+        thread: JoinHandle<u32>,
+    }
+
+    fn serve() -> Served {
+        let mut profile = crate::profile::find("inverse3", Path::new("")).expect("shipped");
+        let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+        let Some(Protocol::HaplyService(wanted)) =
+            profile.real.as_mut().map(|real| &mut real.protocol)
+        else {
+            panic!("an arm behind a service")
+        };
+        wanted.address = listener.local_addr().expect("bound").to_string();
+        wanted.version = Some(ServiceVersion(3, 5));
+        let service = Service::new(wanted, ServiceVersion(3, 5));
+        let reads = Arc::new(AtomicBool::new(true));
+        let has_woken = Arc::new(AtomicBool::new(false));
+        let thread = {
+            let (reads, has_woken) = (reads.clone(), has_woken.clone());
+            std::thread::spawn(move || exchange(&listener, service, &reads, &has_woken))
+        };
+        Served { profile, reads, has_woken, thread }
+    }
+
+    fn exchange(
+        listener: &TcpListener,
+        mut service: Service,
+        reads: &AtomicBool,
+        has_woken: &AtomicBool,
+    ) -> u32 {
+        let (socket, _) = listener.accept().expect("a client");
+        let mut client = tungstenite::accept(socket).expect("a web socket");
+        client.get_ref().set_read_timeout(Some(Duration::from_millis(1))).expect("set");
+        let mut hears = |bytes: &[u8], client: &mut WebSocket<TcpStream>| {
+            let mut out = Outbox::new();
+            service.receive(bytes, 0.0, &READINGS, &mut out);
+            for frame in out {
+                let _ = client.send(Message::text(String::from_utf8(frame).expect("text")));
+            }
+            service.motors() != [0.0; MAX_AXES]
+        };
+        hears(HELLO, &mut client);
+        let begin = Instant::now();
+        let mut n_forced = 0;
+        while begin.elapsed() < HUNG {
+            if !reads.load(Ordering::Relaxed) {
+                hears(br#"{"session": {}}"#, &mut client);
+                std::thread::sleep(Duration::from_millis(1));
+                continue;
+            }
+            match client.read() {
+                Ok(Message::Text(text)) => {
+                    let is_forced = hears(text.as_bytes(), &mut client);
+                    n_forced += u32::from(is_forced && has_woken.load(Ordering::Relaxed));
+                }
+                Ok(_) => {}
+                Err(tungstenite::Error::Io(error))
+                    if matches!(
+                        error.kind(),
+                        io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut
+                    ) => {}
+                Err(_) => break,
+            }
+        }
+        n_forced
+    }
+
+    /// The bytes lie with the system, which takes them in the name of the service: 900 commands were
+    /// obeyed late before each was followed by a ping.
+    #[test]
+    fn a_service_that_sends_and_does_not_read_is_a_lost_arm_and_obeys_few_old_forces() {
+        for pushes in [1, 40, 300] {
+            let Served { profile, reads, has_woken, thread } = serve();
+            let options =
+                OpenOptions { selector: None, io_request: None, period_s: 1e-3, guard: None };
+            let mut arm = open::open(&profile, &options).expect("it is there").arm;
+            arm.set_enabled(true);
+            let push = Wrench::new(DVec3::Z * 0.3, DVec3::ZERO);
+            let begin = Instant::now();
+            let mut ticks = 0;
+            let lost = loop {
+                if ticks == pushes {
+                    reads.store(false, Ordering::Relaxed);
+                }
+                ticks += 1;
+                if let Err(error) = arm.read().and_then(|_| arm.write(&push)) {
+                    break error;
+                }
+                assert!(begin.elapsed() < HUNG, "it is never lost");
+                std::thread::sleep(Duration::from_millis(1));
+            };
+            assert_eq!(lost, DeviceError::Lost);
+            assert!(ticks > pushes, "{ticks}");
+            has_woken.store(true, Ordering::Relaxed);
+            reads.store(true, Ordering::Relaxed);
+            drop(arm);
+            let n_forced = thread.join().expect("no panic");
+            assert!(n_forced <= 24, "{n_forced} old forces after {pushes} pushes");
+        }
     }
 }

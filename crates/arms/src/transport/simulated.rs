@@ -131,6 +131,11 @@ impl Transport for NetworkEnd {
         Ok(())
     }
 
+    /// A network drops what is late, and a node judges the age of what comes.
+    fn unread(&mut self) -> usize {
+        0
+    }
+
     fn now_ns(&self) -> i64 {
         (self.network.now_s() * 1e9).round() as i64
     }

@@ -170,6 +170,11 @@ impl Transport for UsbLink {
         self.threads.send_now(frame)
     }
 
+    /// The newest frame wins: but for one on the bus there is no older one.
+    fn unread(&mut self) -> usize {
+        0
+    }
+
     fn line(&mut self, line: Line) -> Result<(), TransportError> {
         for (request, value) in requests_of(line) {
             let control = ControlOut {

@@ -14,6 +14,7 @@ use std::time::Instant;
 use super::page::Page;
 use super::{Assignment, NAME, VendorProtocol, unsuitable_file};
 use crate::transport::{Transport, TransportError};
+use rt::process;
 use rt::schedule::ThreadRequest;
 
 /// How long a maker's library may take to open its arm, and to find its zero by moving.
@@ -21,9 +22,6 @@ const OPEN_PATIENCE: Duration = Duration::from_secs(20);
 const HOME_PATIENCE: Duration = Duration::from_secs(120);
 /// How long a worker may take to end by itself: zero, the library's stop and its close.
 const END_PATIENCE: Duration = Duration::from_millis(1500);
-/// How long the system may take to end a process that is killed. One that hangs in a driver stays,
-/// and is not waited for.
-const KILL_PATIENCE: Duration = Duration::from_millis(200);
 
 /// Why there is no worker, or no arm behind it.
 #[derive(Debug, thiserror::Error)]
@@ -212,18 +210,10 @@ impl Transport for PageLink {
             Err(_) => Err(TransportError::Lost),
         }
     }
-}
 
-impl PageLink {
-    fn ends_within(&mut self, patience: Duration) -> bool {
-        let begin = Instant::now();
-        while matches!(self.process.try_wait(), Ok(None)) {
-            if begin.elapsed() > patience {
-                return false;
-            }
-            sleep(Duration::from_millis(1));
-        }
-        true
+    /// Each frame takes the place of the one before.
+    fn unread(&mut self) -> usize {
+        0
     }
 }
 
@@ -231,9 +221,6 @@ impl Drop for PageLink {
     fn drop(&mut self) {
         // A second descriptor of it is with what reads its words.
         let _ = self.socket.shutdown(std::net::Shutdown::Write);
-        if !self.ends_within(END_PATIENCE) {
-            let _ = self.process.kill();
-            self.ends_within(KILL_PATIENCE);
-        }
+        process::end(&mut self.process, END_PATIENCE);
     }
 }

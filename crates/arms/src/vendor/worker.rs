@@ -120,9 +120,12 @@ impl HostLine {
     pub(crate) fn wait(&mut self, timeout: Duration) -> bool {
         let timeout =
             Timespec { tv_sec: timeout.as_secs() as i64, tv_nsec: timeout.subsec_nanos().into() };
-        match poll(&mut [PollFd::new(&self.0, PollFlags::IN)], Some(&timeout)) {
+        let mut polled = [PollFd::new(&self.0, PollFlags::IN | PollFlags::RDHUP)];
+        match poll(&mut polled, Some(&timeout)) {
             // A signal ends a wait early, which is allowed.
             Ok(0) | Err(_) => true,
+            // What the host wrote before it went is not obeyed any more.
+            Ok(_) if polled[0].revents().intersects(PollFlags::RDHUP | PollFlags::HUP) => false,
             Ok(_) => match self.0.read(&mut [0; 64]) {
                 Ok(n) => n > 0,
                 Err(error) => {

@@ -2,8 +2,9 @@
 
 use core::time::Duration;
 use std::io;
+use std::time::Instant;
 
-use rtrb::{Consumer, Producer, PushError};
+use rtrb::{Consumer, Producer, PushError, RingBuffer};
 
 use super::{RoundTrip, WiredParameters};
 use crate::guard::Guard;
@@ -17,7 +18,10 @@ const BETWEEN_ZEROS: Duration = Duration::from_millis(2);
 /// How long a link stays open after its last frame: bytes of a tty pass through a worker of the
 /// kernel, and a close may overtake them. An arm that did not get its zero would hold its force
 /// until its watchdog lets go.
-pub(super) const LINGER: Duration = Duration::from_millis(10);
+const LINGER: Duration = Duration::from_millis(10);
+/// How long the end of a program may wait until a lost link is closed: as long as that may take with
+/// the process behind it.
+const END_PATIENCE: Duration = Duration::from_secs(3);
 
 /// An opened link with a codec that has been through its start.
 pub(crate) struct Connection {
@@ -54,6 +58,20 @@ impl Connection {
     /// True, once, after the guard took the force away because the loop stood still. RT: safe.
     pub(super) fn has_guard_acted(&mut self) -> bool {
         if let Ok(Some(guard)) = &mut self.guard { guard.has_acted() } else { false }
+    }
+
+    /// The guard has not looked for more ticks than these: it was stopped or has ended. Once a tick.
+    /// RT: safe.
+    pub(super) fn is_unwatched(&mut self, most_ticks: u32) -> bool {
+        match &mut self.guard {
+            Ok(Some(guard)) => guard.is_missing(most_ticks),
+            Ok(None) | Err(_) => false,
+        }
+    }
+
+    /// It was lost because its guard was missing.
+    pub(crate) fn has_lost_guard(&self) -> bool {
+        matches!(&self.guard, Ok(Some(guard)) if guard.was_missing())
     }
 
     /// What is known of the way to the arm before it is used.
@@ -116,6 +134,16 @@ impl Replacements {
     /// place. RT: safe.
     pub(super) fn give_away(&mut self, connection: Connection) -> Option<Connection> {
         self.spent.push(connection).err().map(|PushError::Full(connection)| connection)
+    }
+
+    /// Lets the reconnect thread end, and waits until it has closed what it holds. Cold.
+    pub(super) fn wait_for_end(&mut self) {
+        // Without this end of the queue it looks for no arm any more.
+        self.fresh = RingBuffer::new(1).1;
+        let begin = Instant::now();
+        while !self.spent.is_abandoned() && begin.elapsed() < END_PATIENCE {
+            std::thread::sleep(Duration::from_millis(1));
+        }
     }
 
     /// The next connection, if there is one. RT: safe.

@@ -1,11 +1,17 @@
 //! The driver at a link in memory.
 
+use core::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+
+use proptest::prelude::*;
+use rt::process::SharedPage;
 use rtrb::RingBuffer;
 
 use super::*;
 use crate::attached::open::wired_parameters;
-use crate::profile::{self, TransportKind};
-use crate::protocol::{ArmReadings, Firmware, Outbox};
+use crate::guard::Guard;
+use crate::profile::{self, Profile, TransportKind};
+use crate::protocol::{ArmReadings, Codec, Firmware, Outbox, Protocol};
 use crate::transport::{Carriage, LoopbackEnd, Transport, loopback};
 
 const PERIOD_S: f64 = 1e-3;
@@ -69,6 +75,17 @@ struct Lost {
 /// `timebase`: counted time passes with the reads of the arm alone.
 fn attached(name: &str, timebase: Timebase) -> (WiredArm, ControllerBoard, Lost) {
     let profile = profile::find(name, std::path::Path::new("")).expect(name);
+    attached_with(&profile, timebase, |host| Box::new(host), None)
+}
+
+/// The same with what `wrap` makes of the host's end, and a guard.
+fn attached_with(
+    profile: &Profile,
+    timebase: Timebase,
+    wrap: impl FnOnce(LoopbackEnd) -> Box<dyn Transport>,
+    guard: Option<Guard>,
+) -> (WiredArm, ControllerBoard, Lost) {
+    let name = profile.name.as_str();
     let real = profile.real.as_ref().expect("a real arm");
     let carriage = if real.matching.transport == TransportKind::Hid {
         Carriage::Reports
@@ -79,10 +96,10 @@ fn attached(name: &str, timebase: Timebase) -> (WiredArm, ControllerBoard, Lost)
     let firmware = real.protocol.firmware(carriage);
     let mut board = ControllerBoard { firmware, end, now_s: 0.0, reading: 0.0, crop: usize::MAX };
     let connection =
-        Connection { link: Box::new(host), codec: real.protocol.codec(carriage), guard: Ok(None) };
+        Connection { link: wrap(host), codec: real.protocol.codec(carriage), guard: Ok(guard) };
     let parameters = WiredParameters {
         timebase,
-        ..wired_parameters(&profile, real, PERIOD_S, IoPlacement::InLoop)
+        ..wired_parameters(profile, real, PERIOD_S, IoPlacement::InLoop)
     };
     let ((fresh, to_arm), (spent, from_arm)) = (RingBuffer::new(1), RingBuffer::new(1));
     let lost = Lost { spent: from_arm, _fresh: fresh };
@@ -363,4 +380,238 @@ fn what_cannot_be_read_to_its_end_is_no_sample() {
     }
     assert_eq!(arm.read().expect("there").status, SampleStatus::Stale);
     assert_eq!(arm.read().expect("there").status, SampleStatus::Fresh);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    /// Whatever the arm goes on to say: what it has not read when it wakes is bounded, it is reported
+    /// lost, and the last thing that it reads is a zero.
+    #[test]
+    fn an_arm_that_sends_and_does_not_read_is_lost_with_a_bounded_number_of_forces_unread(
+        name in prop::sample::select(vec!["hapkit", "woodenhaptics-v15", "polhem-2022"]),
+        pushes_for in 1_u32..80,
+        forces_n in prop::collection::vec(0.1..0.4, 1..8),
+    ) {
+        let (mut arm, mut board, mut lost) = attached(name, Timebase::Counted);
+        board.end.show_unread();
+        arm.set_enabled(true);
+        for _ in 0..pushes_for {
+            exchange(&mut arm, &mut board, &PUSH).expect(name);
+        }
+        let mut ticks = 0;
+        let error = loop {
+            ticks += 1;
+            // A link that brings reports which no command asked for.
+            arm.owes_reply = false;
+            board.advance(true);
+            let ended = arm.read().and_then(|_| {
+                let force_n = forces_n[ticks % forces_n.len()];
+                arm.write(&Wrench::new(DVec3::new(force_n, force_n, 0.0), DVec3::ZERO))
+            });
+            if let Err(error) = ended {
+                break error;
+            }
+            prop_assert!(ticks < 1000, "{} is never lost", name);
+        };
+        prop_assert_eq!(error, DeviceError::Lost);
+        let mut frames = Vec::new();
+        let mut buffer = [0; 256];
+        while let Ok(n @ 1..) = board.end.receive(&mut buffer) {
+            frames.push(buffer[..n].to_vec());
+        }
+        // 20 ms of commands, and the zeros of the loss; a stream comes in one piece.
+        let n_bytes: usize = frames.iter().map(Vec::len).sum();
+        prop_assert!(frames.len() <= 23 && n_bytes <= 23 * 70, "{} frames", frames.len());
+        for frame in frames {
+            board.firmware.receive(&frame, board.now_s, &board.readings(), &mut Outbox::new());
+        }
+        prop_assert!(!board.is_driven());
+        prop_assert!(lost.spent.pop().is_ok(), "the reconnect thread has the link");
+    }
+
+    /// Each frame that moves something leaves after the guard was told that force is on.
+    #[test]
+    fn the_guard_hears_of_a_force_before_the_arm_does(
+        name in prop::sample::select(vec!["hapkit", "polhem-2022", "woodenhaptics-v15"]),
+        forces in prop::collection::vec(prop::sample::select(vec![0.0, 0.0, 0.3, -0.2]), 1..60),
+    ) {
+        let profile = profile::find(name, std::path::Path::new("")).expect(name);
+        let (guard, page) = Guard::of_test();
+        let page = Arc::new(page);
+        let sent = Arc::new(Mutex::new(Vec::new()));
+        let witness = |host| -> Box<dyn Transport> {
+            Box::new(Witness { host, page: page.clone(), sent: sent.clone() })
+        };
+        let (mut arm, mut board, _lost) =
+            attached_with(&profile, Timebase::Counted, witness, Some(guard));
+        let mut judge = profile.real.as_ref().expect("real").protocol.firmware(
+            profile.real.as_ref().expect("real").matching.transport.carriage(),
+        );
+        arm.set_enabled(true);
+        for force in &forces {
+            let push = Wrench::new(DVec3::new(*force, *force, 0.0), DVec3::ZERO);
+            exchange(&mut arm, &mut board, &push).expect(name);
+            page.words()[2].fetch_add(1, Ordering::Relaxed);
+        }
+        let mut n_forced = 0;
+        for (frame, beats) in sent.lock().expect("no panic").iter() {
+            judge.receive(frame, 0.0, &board.readings(), &mut Outbox::new());
+            if judge.motors() != [0.0; MAX_AXES] {
+                n_forced += 1;
+                prop_assert_eq!(beats & 1, 1, "{}: a force that the guard has not heard of", name);
+            }
+        }
+        prop_assert!(n_forced > 0 || forces.iter().all(|force| *force == 0.0));
+    }
+}
+
+/// The host's end of a link that writes down what its guard had been told when a frame left.
+struct Witness {
+    host: LoopbackEnd,
+    page: Arc<SharedPage>,
+    sent: Arc<Mutex<Vec<(Vec<u8>, u64)>>>,
+}
+
+impl Transport for Witness {
+    fn receive(&mut self, buffer: &mut [u8]) -> Result<usize, TransportError> {
+        self.host.receive(buffer)
+    }
+
+    fn send(&mut self, frame: &[u8]) -> Result<(), TransportError> {
+        let beats: &AtomicU64 = &self.page.words()[0];
+        let entry = (frame.to_vec(), beats.load(Ordering::Relaxed));
+        self.sent.lock().expect("no panic").push(entry);
+        self.host.send(frame)
+    }
+
+    fn unread(&mut self) -> usize {
+        self.host.unread()
+    }
+}
+
+#[test]
+fn force_ends_when_its_guard_looks_no_more_and_does_not_begin_without_one() {
+    let profile = profile::find("hapkit", std::path::Path::new("")).expect("shipped");
+    let guarded = || {
+        let (guard, page) = Guard::of_test();
+        let (mut arm, board, lost) =
+            attached_with(&profile, Timebase::Counted, |host| Box::new(host), Some(guard));
+        arm.set_enabled(true);
+        (arm, board, lost, page)
+    };
+    let (mut arm, mut board, mut lost, page) = guarded();
+    for tick in 0..1000 {
+        // Every fifth tick, and once it comes late.
+        if tick % 5 == 0 && !(300..480).contains(&tick) {
+            page.words()[2].fetch_add(1, Ordering::Relaxed);
+        }
+        exchange(&mut arm, &mut board, &PUSH).expect("it is watched");
+    }
+    assert!(board.is_driven());
+    let ends = (0..1000).find(|_| exchange(&mut arm, &mut board, &PUSH).is_err());
+    assert!((190..=205).contains(&ends.expect("it is not watched any more")), "{ends:?}");
+    board.listen();
+    assert!(!board.is_driven(), "a zero is the last that it reads");
+    assert!(lost.spent.pop().expect("given away").has_lost_guard());
+    // One that was missing before force was on.
+    let (mut arm, mut board, _lost, _page) = guarded();
+    for _ in 0..500 {
+        exchange(&mut arm, &mut board, &Wrench::ZERO).expect("no force needs no guard");
+    }
+    assert_eq!(exchange(&mut arm, &mut board, &PUSH), Err(DeviceError::Lost));
+    board.listen();
+    assert!(!board.is_driven());
+}
+
+/// An open6 arm that declares its own limits.
+fn declares(change: impl FnOnce(&mut crate::protocol::Open6Arm)) -> Box<dyn Codec> {
+    let profile = profile::find("open6-serial", std::path::Path::new("")).expect("shipped");
+    let mut declared = crate::mock::builder::open6(&profile);
+    change(&mut declared);
+    let (mut host, mut end) = loopback(Carriage::Stream);
+    let arm = std::thread::spawn(move || {
+        let mut firmware = Protocol::Open6(declared).firmware(Carriage::Stream);
+        let readings = ArmReadings {
+            readings: [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0],
+            rates: [0.0; MAX_AXES],
+            buttons: 0,
+            homed: true,
+            asleep: false,
+        };
+        let mut buffer = [0; 256];
+        let mut out = Outbox::new();
+        while out.is_empty() {
+            let n = end.receive(&mut buffer).expect("open");
+            firmware.receive(&buffer[..n], 0.0, &readings, &mut out);
+            std::thread::sleep(Duration::from_micros(100));
+        }
+        end.send(&out[0]).expect("open");
+    });
+    let mut codec = profile.real.as_ref().expect("real").protocol.codec(Carriage::Stream);
+    codec.start(&mut host).expect("it answers");
+    arm.join().expect("no panic");
+    codec
+}
+
+#[test]
+fn of_the_profile_and_what_an_arm_declares_the_lower_number_holds() {
+    let profile = profile::find("open6-serial", std::path::Path::new("")).expect("shipped");
+    let real = profile.real.as_ref().expect("real");
+    let parameters = wired_parameters(&profile, real, PERIOD_S, IoPlacement::InLoop);
+    let held = |codec: &dyn Codec| {
+        let mut held = parameters.clone();
+        held.hold_to(ArmLimits::of(&parameters).lowered_by(codec));
+        held
+    };
+    let [force_n, torque_nm] = [profile.limits.force_n, profile.limits.torque_nm];
+    let unverified = profile.unverified_limits();
+
+    let less = declares(|arm| {
+        arm.force_n = 0.25;
+        arm.torque_nm = 0.001;
+        arm.watchdog_ms = 20;
+    });
+    let lower = held(&*less);
+    assert_eq!([lower.limits.force_n, lower.unverified_limits.force_n], [0.25; 2]);
+    assert!((lower.limits.torque_nm - 0.001).abs() < 1e-9);
+    assert_eq!(lower.capabilities.watchdog_ms, Some(20));
+    let notice = judge_declared(&*less, parameters.limits, PERIOD_S).expect("can be met");
+    let notice = notice.expect("it is said");
+    assert!(
+        notice.contains(&format!("limits.force_n = {force_n}, the arm declares 0.2500 N")),
+        "{notice}"
+    );
+
+    let more = declares(|arm| {
+        arm.force_n = 40.0;
+        arm.torque_nm = 4.0;
+    });
+    let same = held(&*more);
+    assert_eq!([same.limits.force_n, same.limits.torque_nm], [force_n, torque_nm]);
+    assert_eq!(same.unverified_limits.force_n, unverified.force_n);
+    assert_eq!(judge_declared(&*more, parameters.limits, PERIOD_S), Ok(None));
+    // What the wire rounds is not lower.
+    let rounded = declares(|arm| arm.force_n = f32::from_bits((force_n as f32).to_bits() - 1));
+    assert_eq!(held(&*rounded).limits.force_n, force_n);
+}
+
+#[test]
+fn an_arm_that_declares_what_the_loop_cannot_meet_is_refused_with_both_numbers() {
+    let profile = profile::find("open6-serial", std::path::Path::new("")).expect("shipped");
+    let limits = profile.limits.of_motors();
+    let refused = |codec: Box<dyn Codec>, rate_hz: f64| {
+        judge_declared(&*codec, limits, 1.0 / rate_hz).expect_err("refused").to_string()
+    };
+    let slow = refused(declares(|arm| arm.rate_hz = 500), 1000.0);
+    assert!(slow.contains("500 Hz") && slow.contains("1000 Hz"), "{slow}");
+    assert!(slow.contains("write 500 or less as rendering.rate_hz"), "{slow}");
+    assert!(judge_declared(&*declares(|arm| arm.rate_hz = 500), limits, 2e-3).is_ok());
+    let short = refused(declares(|arm| arm.watchdog_ms = 3), 500.0);
+    assert!(
+        short.contains("3 ms") && short.contains("500 Hz") && short.contains("4.0 ms"),
+        "{short}"
+    );
+    let none = refused(declares(|arm| arm.force_n = f32::NAN), 1000.0);
+    assert!(none.contains("NaN N"), "{none}");
 }

@@ -83,6 +83,10 @@ impl Transport for Waiting {
         self.end.send(frame)
     }
 
+    fn unread(&mut self) -> usize {
+        self.end.unread()
+    }
+
     fn now_ns(&self) -> i64 {
         self.end.now_ns()
     }
@@ -204,6 +208,30 @@ fn a_host_that_falls_silent_gets_its_force_back_only_after_it_has_disabled() {
     assert!(bench.phase() == LinkPhase::Disabled && !bench.host.is_cut());
     assert!((bench.ticks(60, true, 2.0).x - 2.0).abs() < 1e-6);
     assert_eq!(bench.ticks(3, false, 0.0), DVec3::ZERO, "disabled is zero at once");
+}
+
+/// What came while the node stood still is as old as the stop, and more of it than is read at once.
+#[test]
+fn a_node_that_stood_still_obeys_no_force_that_lay_unread() {
+    for stop_ms in [31, 100, 500] {
+        let mut bench = Bench::new(None);
+        assert!((bench.ticks(60, true, 2.0).x - 2.0).abs() < 1e-6);
+        let mut frame = Frame::default();
+        for _ in 0..stop_ms {
+            bench.now_s += T;
+            bench.host.tell_time(bench.now_s);
+            let push = MotorCommand::of([2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], true);
+            bench.host.encode(&push, &mut frame);
+            bench.end.send(frame.as_slice()).expect("open");
+        }
+        bench.far.lock().expect("no panic").next_s = bench.now_s + 0.5 * T;
+        let forces: Vec<f64> = (0..100).map(|_| bench.tick(true, 2.0).x).collect();
+        // The first period is over before it.
+        assert!(forces[1..].iter().all(|force| *force == 0.0), "{stop_ms} ms: {forces:?}");
+        assert_eq!(bench.phase(), LinkPhase::Tripped, "{stop_ms} ms");
+        bench.ticks(3, false, 0.0);
+        assert!((bench.ticks(60, true, 2.0).x - 2.0).abs() < 1e-6, "{stop_ms} ms");
+    }
 }
 
 #[test]
