@@ -52,13 +52,14 @@
 //! | [`simulated`], [`mock`] | the simulated arm (plant, hand, encoder, faults); the same behind a real link |
 //! | [`vendor`] | arms behind a library of their maker: a worker process, its two ends, one file for each maker |
 //! | [`remote`] | an arm on another machine: both ends, force between commands, clocks |
-//! | `conformance` | tests that every arm passes |
+//!
+//! Tests that every arm passes are in `crates/arms-testing`.
 
 pub mod attached;
-#[cfg(test)]
-mod conformance;
 mod driver;
 pub mod guard;
+#[doc(hidden)]
+pub mod inspection;
 mod kinematics;
 pub mod mock;
 mod motor_stage;
@@ -66,9 +67,6 @@ pub mod profile;
 pub mod protocol;
 pub mod remote;
 pub mod simulated;
-#[cfg(any(test, feature = "testing"))]
-#[doc(hidden)]
-pub mod testing;
 mod transmission;
 pub mod transport;
 mod velocity;

@@ -139,7 +139,7 @@ impl Protocol {
     }
 
     /// Step of motor commands on the wire, in their units; 0 where it is too fine to matter.
-    pub(crate) fn motor_step(&self) -> f64 {
+    pub fn motor_step(&self) -> f64 {
         match self {
             Self::HapiF32(_)
             | Self::HapkitAscii

@@ -123,8 +123,7 @@ impl SimArm {
 
     /// The last command as the motors take it: projected and limited, before the delay. Device
     /// axes, at the grip point.
-    #[cfg(any(test, feature = "testing"))]
-    pub(crate) fn command(&self) -> Wrench {
+    pub fn command(&self) -> Wrench {
         self.command
     }
 
