@@ -507,11 +507,7 @@ impl Rig for WiredRig {
     }
 
     fn reconnect(&mut self) -> bool {
-        assert!(
-            self.plug.take_lost(),
-            "{}: the lost connection was not handed over",
-            self.name()
-        );
+        assert!(self.plug.take_lost(), "{}: the lost connection was not handed over", self.name());
         let (link, codec) = plugged(&self.side, &self.protocol, self.carriage, true);
         assert!(self.plug.connect(link, codec), "{}: the last one was not taken", self.name());
         true
