@@ -5,9 +5,10 @@
 use rtrb::{Consumer, Producer, RingBuffer};
 
 use crate::attached::open::wired_parameters;
+use crate::axes::MAX_AXES;
 use crate::kinematics::Configuration;
 use crate::profile::{Profile, RealArm};
-use crate::protocol::{Codec, MAX_AXES};
+use crate::protocol::Codec;
 use crate::transport::Transport;
 use crate::wired::{Connection, Replacements};
 use crate::{IoPlacement, Timebase, WiredArm};

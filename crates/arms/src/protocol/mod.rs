@@ -50,12 +50,9 @@ pub use supplied::{
     HapiBoard, HapiEncoder, Hid14Carrier, Open6Arm, ProtocolError, Servo, ServoModel, Turn,
 };
 
+pub use super::axes::MAX_AXES;
 pub use super::motor_stage::MotorCommand;
 use super::transport::{Frame, Transport, TransportError};
-
-/// Most readings and motors that an arm can have: seven joints and a gripper; a Cartesian pose
-/// takes seven.
-pub const MAX_AXES: usize = 8;
 
 /// What one report says, before kinematics.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -5,8 +5,9 @@ use std::io;
 
 use rtrb::{Consumer, Producer, PushError};
 
-use super::{RoundTrip, WiredParameters};
+use super::RoundTrip;
 use crate::guard::Guard;
+use crate::parameters::WiredParameters;
 use crate::protocol::{Codec, MotorCommand};
 use crate::transport::{Frame, Transport, TransportError};
 
