@@ -50,6 +50,7 @@
 //! | [`guard`] | the process that takes the force away when this one dies or stands still |
 //! | [`attached`] | arms on this machine: found, opened, probed, identified |
 //! | [`simulated`], [`mock`] | the simulated arm (plant, hand, encoder, faults); the same behind a real link |
+//! | `split_mix` | chance for simulated arms and networks |
 //! | [`vendor`] | arms behind a library of their maker: a worker process, its two ends, one file for each maker |
 //! | [`remote`] | an arm on another machine: both ends, force between commands, clocks |
 //!
@@ -69,6 +70,7 @@ pub mod profile;
 pub mod protocol;
 pub mod remote;
 pub mod simulated;
+mod split_mix;
 mod thermal;
 mod transmission;
 pub mod transport;

@@ -13,8 +13,8 @@ use crate::motor_stage::RISE_S;
 use crate::profile::Plant;
 use crate::protocol::{ArmReadings, Firmware, MAX_AXES, Outbox};
 use crate::simulated::fault::{FaultKind, FaultPlan, JUMP_M};
-use crate::simulated::split_mix::SplitMix64;
 use crate::simulated::{GripPlant, HandParameters, SimError, saturated};
+use crate::split_mix::SplitMix64;
 use crate::transmission::Transmission;
 use vps::spatial::{Axes, Wrench};
 

@@ -481,12 +481,13 @@ impl ArmFirmware {
 
 impl Firmware for ArmFirmware {
     fn receive(&mut self, bytes: &[u8], now_s: f64, arm: &ArmReadings, out: &mut Outbox) {
+        let is_kick = self.layout.kick.as_deref() == Some(bytes);
         let mut asked = 0;
-        // A kick frame is often no frame of the layout, so it is looked for first.
-        if self.layout.kick.as_deref() == Some(bytes) {
-            asked += 1;
-        } else if let Some(packet) = &self.layout.command {
+        if let Some(packet) = &self.layout.command {
             let Self { reader, command, fed_s, .. } = self;
+            // A kick is often no frame of the layout; where it is one, it is a command.
+            let mut apart = FrameReader::default();
+            let reader = if is_kick { &mut apart } else { reader };
             reader.feed(packet, bytes, false, |body| {
                 let Some(values) = decode(packet, body, &Values::default()) else { return false };
                 *command = values.command;
@@ -494,6 +495,9 @@ impl Firmware for ArmFirmware {
                 asked += 1;
                 true
             });
+        }
+        if is_kick {
+            asked = 1;
         }
         if self.layout.pacing == Pacing::PingPong {
             for _ in 0..asked {

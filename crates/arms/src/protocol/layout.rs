@@ -279,7 +279,7 @@ impl Number {
     fn step(self) -> f64 {
         match self {
             Self::F32 | Self::F64 => 0.0,
-            Self::Text { places } => 0.1_f64.powi(i32::from(places)),
+            Self::Text { places } => 10_f64.powi(places.into()).recip(),
             _ => 1.0,
         }
     }

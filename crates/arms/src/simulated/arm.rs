@@ -23,7 +23,7 @@ use super::fault::{FaultKind, FaultPlan, JUMP_M, SATURATED_SHARE};
 use super::hand_control::HandControl;
 use super::parameters::{SimError, SimParameters, check_windows};
 use super::plant::GripPlant;
-use super::split_mix::SplitMix64;
+use crate::split_mix::SplitMix64;
 use crate::velocity::VelocityWindow;
 use crate::{Capabilities, Device, DeviceError, IoPlacement, Pacing};
 use vps::spatial::{DeviceSample, Pose, SampleStatus, Twist, Wrench};

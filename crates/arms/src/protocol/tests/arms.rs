@@ -357,6 +357,15 @@ fn watchdogs_of_the_arms_are_theirs() {
 #[test]
 fn described_frames_are_those_that_were_described() {
     let layouts = layouts();
+    // Whole numbers, singles, four places; scaled, and of two sizes.
+    let steps = [0, 3, 6].map(|idx: usize| layouts[idx].motor_step());
+    assert_eq!(steps, [1.0, 0.0, 1e-4]);
+    let mut scaled = layouts[0].clone();
+    for (n_scaled, expected) in [(2, 0.0), (3, 0.25)] {
+        let command = scaled.command.as_mut().expect("there");
+        command.fields[..n_scaled].iter_mut().for_each(|field| field.scale = -0.25);
+        assert_eq!(scaled.motor_step(), expected);
+    }
     let golden = |idx: usize, motors: &[f64], command: &str, readings: &[f64], report: &str| {
         let protocol = Protocol::Declarative(layouts[idx].clone());
         let carriage = protocol.carriages()[0];

@@ -190,6 +190,10 @@ fn haptikfabriken_brackets() {
         );
         firmware.advance(2000.0, &arm_at(&readings), &mut out);
         assert_eq!(firmware.motors()[..3], [1.0, -2.0, 3.0], "no watchdog");
+        let n_answers = out.len();
+        firmware.receive(wake.as_slice(), 3000.0, &arm_at(&readings), &mut out);
+        assert_eq!(firmware.motors(), [0.0; MAX_AXES], "what wakes it is a zero");
+        out.truncate(n_answers);
         if error == 0 {
             assert_eq!(out, [bytes.clone(), bytes.clone()]);
         }
