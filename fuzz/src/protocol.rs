@@ -1,6 +1,9 @@
 //! What the target of the protocols does with its bytes. The tests of the program include this file
 //! and replay the corpus.
 
+use std::path::Path;
+use std::sync::OnceLock;
+
 use arms::Pacing;
 use arms::protocol::layout::{
     Checksum, ChecksumKind, Field, Framing, LineFraming, LinePad, Number, Packet, Role,
@@ -22,12 +25,10 @@ pub(crate) fn protocol(number: u8) -> (Protocol, Carriage) {
     let reports = Carriage::Reports;
     let stream = Carriage::Stream;
     match number % N {
-        0 => (Protocol::WoodenhapticsHid8, reports),
+        0 => (shipped(0), reports),
         1 => (Protocol::HaptikfabrikenHid14 { carrier: Hid14Carrier::Mbed }, reports),
         2 => (Protocol::HaptikfabrikenHid14 { carrier: Hid14Carrier::TeensyRawHid }, reports),
-        3 => (Protocol::PolhemAscii64 { cartesian: false }, stream),
-        4 => (Protocol::PolhemAscii64 { cartesian: true }, stream),
-        5 => (Protocol::HaptikfabrikenBrackets { model: 3 }, stream),
+        3..=5 => (shipped(usize::from(number % N) - 2), stream),
         6 => (
             Protocol::HapiF32(HapiBoard {
                 device_id: 5,
@@ -69,6 +70,17 @@ pub(crate) fn protocol(number: u8) -> (Protocol, Carriage) {
             (Protocol::Declarative(layout), carriage)
         }
     }
+}
+
+/// What a shipped arm speaks whose codec is described as data.
+fn shipped(idx: usize) -> Protocol {
+    static PROTOCOLS: OnceLock<[Protocol; 4]> = OnceLock::new();
+    let names = ["woodenhaptics-v15", "polhem-2020", "polhem-2022", "woodenhaptics-2022"];
+    let read = |name| {
+        let profile = arms::profile::find(name, Path::new("")).expect(name);
+        profile.real.expect("real").protocol
+    };
+    PROTOCOLS.get_or_init(|| names.map(read))[idx].clone()
 }
 
 fn layout(number: u8) -> PacketLayout {
@@ -129,6 +141,7 @@ fn layout(number: u8) -> PacketLayout {
         Field::new(Role::Constant(-1), 9, Number::I8),
     ]);
     PacketLayout {
+        name: "declarative",
         report: Packet { framing: framing.clone(), checksum, fields: report },
         command: Some(Packet { framing, checksum, fields: command }),
         kick: None,

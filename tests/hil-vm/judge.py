@@ -125,7 +125,7 @@ CHECKS = {
     "woodenhaptics": unverified,
     "polhem-mbed": unverified,
     "polhem-rawhid": unverified,
-    "not-woodenhaptics": refused("haptikfabriken-hid14"),
+    "not-woodenhaptics": refused("another profile"),
     "not-polhem": refused("woodenhaptics-hid8"),
     "spacemouse": steered,
     "nan": stopped("non-finite"),

@@ -411,7 +411,7 @@ pub(crate) fn free_address() -> String {
 /// A file that `cargo test` makes of an example of `arms`.
 pub(crate) fn built_example(name: &str) -> PathBuf {
     let path = Path::new(HAPTICD).with_file_name("examples").join(name);
-    assert!(path.exists(), "{} is missing: cargo build -p arms --examples", path.display());
+    assert!(path.exists(), "{} is missing: cargo build -p arms-testing --examples", path.display());
     path
 }
 

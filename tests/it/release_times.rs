@@ -8,8 +8,8 @@ use rtrb::RingBuffer;
 
 use arms::mock::FaultReport;
 use arms::simulated::fault::FaultKind;
-use arms::testing::rig::{InjectedFault, Make, every_arm};
-use arms::testing::{HELD_M, TimedRig};
+use arms_testing::rig::{InjectedFault, Make, every_arm};
+use arms_testing::{HELD_M, TimedRig};
 use engine::servo::{Control, RunPlan, ServoLoop};
 use haptics::testing::empty_scene;
 use haptics::{self, Drive, RenderScene, State, TickInput, TickOutput};

@@ -46,29 +46,32 @@
 //! | [`transport`] | how bytes travel: serial, HID, USB, datagrams |
 //! | `wired` | the driver of every arm on a wire, which joins these; round trips, temperatures |
 //! | `kinematics`, `transmission`, `velocity` | joint angles ↔ pose and torques; readings ↔ joint angles; how fast the grip is |
-//! | `motor_stage` | the last bounds before a motor: caps of torque, slew, power |
+//! | `motor_stage`, `parameters`, `thermal` | the last bounds before a motor: caps of torque, slew, power; what they rest on; heat of the motors |
 //! | [`guard`] | the process that takes the force away when this one dies or stands still |
 //! | [`attached`] | arms on this machine: found, opened, probed, identified |
 //! | [`simulated`], [`mock`] | the simulated arm (plant, hand, encoder, faults); the same behind a real link |
+//! | `split_mix` | chance for simulated arms and networks |
 //! | [`vendor`] | arms behind a library of their maker: a worker process, its two ends, one file for each maker |
 //! | [`remote`] | an arm on another machine: both ends, force between commands, clocks |
-//! | `conformance` | tests that every arm passes |
+//!
+//! Tests that every arm passes are in `crates/arms-testing`.
 
 pub mod attached;
-#[cfg(test)]
-mod conformance;
+mod axes;
 mod driver;
 pub mod guard;
+#[doc(hidden)]
+pub mod inspection;
 mod kinematics;
 pub mod mock;
 mod motor_stage;
+mod parameters;
 pub mod profile;
 pub mod protocol;
 pub mod remote;
 pub mod simulated;
-#[cfg(any(test, feature = "testing"))]
-#[doc(hidden)]
-pub mod testing;
+mod split_mix;
+mod thermal;
 mod transmission;
 pub mod transport;
 mod velocity;
@@ -77,5 +80,8 @@ mod wired;
 
 pub use driver::{Capabilities, Device, DeviceError, IoPlacement, Pacing};
 pub use motor_stage::POWER_MAX_W;
-use wired::{Connection, Replacements, Thermal, WiredParameters, judge_declared, lower};
-pub use wired::{Timebase, WiredArm};
+pub use parameters::Timebase;
+use parameters::WiredParameters;
+use thermal::Thermal;
+pub use wired::WiredArm;
+use wired::{Connection, Replacements, judge_declared, lower};

@@ -29,10 +29,10 @@
 //! stage, which count everything, and it is written into the record of the tick
 //! ([`Device::beside_device`](super::Device::beside_device)).
 
+use super::axes::MAX_AXES;
 use super::kinematics::Configuration;
-use super::protocol::MAX_AXES;
+use super::parameters::{MotorLimits, WiredParameters};
 use super::transmission::Transmission;
-use super::wired::WiredParameters;
 use vps::spatial::{Twist, Wrench};
 
 /// Most power that the motors may put into the grip, W: what a scene has by default (devices
@@ -291,15 +291,6 @@ impl MotorStage {
         }
         parts
     }
-}
-
-/// Most that the motors may make at the grip.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct MotorLimits {
-    /// Largest |F|, N.
-    pub(super) force_n: f64,
-    /// Largest |τ|, N·m.
-    pub(super) torque_nm: f64,
 }
 
 impl MotorLimits {

@@ -12,7 +12,7 @@
 
 use core::f64::consts::TAU;
 
-use super::protocol::MAX_AXES;
+use super::axes::MAX_AXES;
 
 /// The sensor of a joint: θ = `rad_per_unit` · (reading + `home`) + `offset_rad`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -13,9 +13,7 @@
 
 mod arm_limits;
 mod connection;
-mod parameters;
 mod round_trip;
-mod thermal;
 
 use core::time::Duration;
 
@@ -24,13 +22,13 @@ use glam::{DQuat, DVec3};
 use self::arm_limits::ArmLimits;
 pub(super) use self::arm_limits::{judge_declared, lower};
 pub(super) use self::connection::{Connection, Replacements};
-pub use self::parameters::Timebase;
-pub(super) use self::parameters::WiredParameters;
 pub(super) use self::round_trip::RoundTrip;
-pub(super) use self::thermal::Thermal;
+use super::axes::MAX_AXES;
 use super::kinematics::{Configuration, Kinematics};
 use super::motor_stage::{Motion, MotorCommand, MotorStage, MotorWrenches};
-use super::protocol::{DeclaredLimits, FeedCounts, MAX_AXES};
+use super::parameters::{Timebase, WiredParameters};
+use super::protocol::{DeclaredLimits, FeedCounts};
+use super::thermal::Thermal;
 use super::transport::{FRAME_MAX, Frame, TransportError};
 use super::velocity::VelocityWindow;
 use super::{Capabilities, Device, DeviceError, IoPlacement, Pacing};

@@ -395,7 +395,7 @@ impl<C> Drop for Bench<'_, '_, C> {
 ///
 /// # Errors
 /// The arm was lost, or the caller asked for an end; `answers` holds what came until then.
-pub(crate) fn listen(
+pub fn listen(
     device: &mut dyn Device,
     trial: &mut Trial<'_, impl Clock>,
     duration: Duration,
@@ -477,7 +477,7 @@ pub fn round_trips(
 ///
 /// # Errors
 /// The trial ended before its time; `signs` holds the axes that were pushed until then.
-pub(crate) fn check_signs(
+pub fn check_signs(
     device: &mut dyn Device,
     trial: &mut Trial<'_, impl Clock>,
     push: &Push,
@@ -531,7 +531,7 @@ pub(crate) fn check_signs(
 ///
 /// # Errors
 /// The trial ended before its time; `made` holds the axes that were shaken until then.
-pub(crate) fn identify(
+pub fn identify(
     device: &mut dyn Device,
     trial: &mut Trial<'_, impl Clock>,
     made: &mut [Option<AxisDynamics>; 3],

@@ -14,7 +14,7 @@ use glam::{DQuat, DVec3};
 
 use super::gimbal::Gimbal;
 use super::{Configuration, GRAVITY_M_PER_S2};
-use crate::protocol::MAX_AXES;
+use crate::axes::MAX_AXES;
 use vps::spatial::{Pose, Twist};
 
 /// Geometry of a serial capstan arm.

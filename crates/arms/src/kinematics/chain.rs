@@ -7,7 +7,7 @@
 use glam::{DQuat, DVec3};
 
 use super::Configuration;
-use crate::protocol::MAX_AXES;
+use crate::axes::MAX_AXES;
 use vps::spatial::{Pose, Twist};
 
 /// One joint, and the link that it carries.

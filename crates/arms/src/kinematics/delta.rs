@@ -10,7 +10,7 @@
 use glam::{DMat3, DVec3};
 
 use super::Configuration;
-use crate::protocol::MAX_AXES;
+use crate::axes::MAX_AXES;
 use vps::spatial::Pose;
 
 /// Steps after which a search that has not converged is given up.

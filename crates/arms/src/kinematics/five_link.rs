@@ -12,7 +12,7 @@ use glam::{DQuat, DVec2, DVec3};
 
 use super::gimbal::Gimbal;
 use super::{Configuration, GRAVITY_M_PER_S2};
-use crate::protocol::MAX_AXES;
+use crate::axes::MAX_AXES;
 use vps::spatial::{Pose, Twist};
 
 /// Smallest sine of the angle at which the two bars of a closed loop may meet. Below it the loop

@@ -11,7 +11,7 @@ use core::f64::consts::TAU;
 use glam::{DMat3, DQuat, DVec3};
 
 use super::Configuration;
-use crate::protocol::MAX_AXES;
+use crate::axes::MAX_AXES;
 use vps::spatial::Twist;
 
 /// About which axis of the last link the first wrist joint turns.

@@ -6,7 +6,7 @@
 use glam::DVec3;
 
 use super::{Configuration, Gimbal, Kinematics};
-use crate::protocol::MAX_AXES;
+use crate::axes::MAX_AXES;
 use vps::spatial::{Axes, Pose};
 
 /// Position counts as reached, m.

@@ -43,7 +43,7 @@ pub(super) use inverse::M_PER_RAD;
 pub(super) use pantograph::Pantograph;
 pub(super) use plain::{OneAxis, Rate};
 
-use super::protocol::MAX_AXES;
+use super::axes::MAX_AXES;
 use vps::spatial::{Axes, Mat6, Pose, Twist, Wrench};
 
 /// Standard gravity for compensation torques, m/s².

@@ -8,7 +8,7 @@ use glam::{DVec2, DVec3};
 
 use super::Configuration;
 use super::five_link::MEETING_SINE_MIN;
-use crate::protocol::MAX_AXES;
+use crate::axes::MAX_AXES;
 use vps::spatial::Pose;
 
 /// Geometry of the five-bar.

@@ -3,7 +3,7 @@
 use glam::{DQuat, DVec3};
 
 use super::Configuration;
-use crate::protocol::MAX_AXES;
+use crate::axes::MAX_AXES;
 use vps::spatial::{Pose, Twist};
 
 /// The pose in the readings of an arm that reports one; its commands are the components of a

@@ -13,8 +13,8 @@ use crate::motor_stage::RISE_S;
 use crate::profile::Plant;
 use crate::protocol::{ArmReadings, Firmware, MAX_AXES, Outbox};
 use crate::simulated::fault::{FaultKind, FaultPlan, JUMP_M};
-use crate::simulated::split_mix::SplitMix64;
 use crate::simulated::{GripPlant, HandParameters, SimError, saturated};
+use crate::split_mix::SplitMix64;
 use crate::transmission::Transmission;
 use vps::spatial::{Axes, Wrench};
 
@@ -118,28 +118,32 @@ impl MockArm {
     }
 
     /// Something goes wrong from now on.
-    #[cfg(any(test, feature = "testing"))]
-    pub(crate) fn fail(&mut self, fault: FaultKind, name: &str, now_s: f64) {
+    pub fn fail(&mut self, fault: FaultKind, name: &str, now_s: f64) {
         let plan = FaultPlan::from(fault, self.time_s(now_s));
         self.parameters.faults.push((name.to_owned(), plan));
     }
 
     /// True grip pose, `device_from_grip`.
-    #[cfg(any(test, feature = "testing"))]
-    pub(crate) fn pose(&self) -> vps::spatial::Pose {
+    pub fn pose(&self) -> vps::spatial::Pose {
         self.plant.pose()
     }
 
     /// What its encoders say, not yet cut to the wire.
-    #[cfg(any(test, feature = "testing"))]
-    pub(crate) fn readings(&self) -> &ArmReadings {
+    pub fn readings(&self) -> &ArmReadings {
         &self.readings
     }
 
     /// What the firmware drives the motors with now, as in [`Firmware::motors`].
-    #[cfg(any(test, feature = "testing"))]
-    pub(crate) fn motors(&self) -> [f64; MAX_AXES] {
+    pub fn motors(&self) -> [f64; MAX_AXES] {
         self.firmware.motors()
+    }
+
+    /// What motors that are driven with this would do to the grip where it is: device axes, at the
+    /// grip point, the weight of the links included.
+    pub fn wrench_of(&self, motors: &[f64; MAX_AXES]) -> Wrench {
+        let mut linkage = self.linkage.clone();
+        linkage.follow(self.plant.pose(), vps::spatial::Twist::ZERO, 1.0);
+        linkage.wrench(motors, 0.0)
     }
 
     /// Time since the host's first frame, s; 0 before it.
@@ -178,7 +182,7 @@ impl MockArm {
     }
 
     /// Takes bytes of the host.
-    pub(crate) fn receive(&mut self, bytes: &[u8], now_s: f64) {
+    pub fn receive(&mut self, bytes: &[u8], now_s: f64) {
         self.first_frame_s.get_or_insert(now_s);
         self.tally.frame(bytes.len(), now_s, self.parameters.period_s);
         self.skip(now_s, |firmware, readings, lost| firmware.receive(bytes, now_s, readings, lost));
@@ -187,7 +191,7 @@ impl MockArm {
     }
 
     /// One period of the plant and of the firmware, which ends at `now_s`.
-    pub(crate) fn advance(&mut self, now_s: f64) {
+    pub fn advance(&mut self, now_s: f64) {
         let MockParameters { period_s, limits, .. } = self.parameters;
         let time_s = self.time_s(now_s);
 
@@ -300,7 +304,7 @@ impl MockArm {
     }
 
     /// The next frame that is due, if any.
-    pub(crate) fn next_frame(&mut self, now_s: f64) -> Option<Vec<u8>> {
+    pub fn next_frame(&mut self, now_s: f64) -> Option<Vec<u8>> {
         let is_due = self.outgoing.front().is_some_and(|(due_s, _)| *due_s <= now_s);
         if is_due { self.outgoing.pop_front().map(|(_, frame)| frame) } else { None }
     }

@@ -120,7 +120,6 @@ pub fn identity(profile: &Profile, protocol: &Protocol) -> HidIdentity {
         matching.and_then(|matching| matching.usage).unwrap_or(OPEN6_USAGE.1),
     );
     let descriptor = match protocol {
-        Protocol::WoodenhapticsHid8 => vendor_descriptor(usage, (None, 8), (None, 8)),
         Protocol::HaptikfabrikenHid14 { carrier } => {
             let report = (None, carrier.report_len());
             vendor_descriptor(usage, report, report)

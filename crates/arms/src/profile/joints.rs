@@ -7,11 +7,12 @@ use glam::{DQuat, DVec2, DVec3};
 use super::written::{Geometry, Joint as WrittenJoint, KinematicsWord, ProfileFile};
 use super::{Profile, ceilings};
 use crate::Thermal;
+use crate::axes::MAX_AXES;
 use crate::kinematics::{
     Capstan, CapstanLinks, Chain, ChainJoint, Delta, FiveLink, GRAVITY_M_PER_S2, Gimbal,
     Kinematics, OneAxis, Pantograph, PlaneLink, Rate,
 };
-use crate::protocol::{MAX_AXES, ServoModel};
+use crate::protocol::ServoModel;
 use crate::transmission::{Joint, Motor, Sensor, Transmission};
 use document::{Checks, FINITE, Interval, NOT_NEGATIVE, Numbers, POSITIVE, show};
 use vps::spatial::{Axes, Pose};

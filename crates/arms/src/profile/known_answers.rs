@@ -6,8 +6,8 @@ use glam::DVec3;
 use super::packet::hex_bytes;
 use super::written::ProfileFile;
 use super::{Check, RealArm};
+use crate::axes::MAX_AXES;
 use crate::kinematics::{Configuration, Kinematics};
-use crate::protocol::MAX_AXES;
 use document::{Checks, FINITE, POSITIVE, ProblemKind};
 
 /// Tolerance of a check where it gives none, mm.

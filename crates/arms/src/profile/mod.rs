@@ -35,7 +35,7 @@ pub(crate) use real::{Check, Identified, Saturation};
 pub use real::{Homing, HomingMode, Match, RealArm, TransportKind, UsbId};
 
 use crate::Pacing;
-use crate::motor_stage::MotorLimits;
+use crate::parameters::MotorLimits;
 use crate::protocol::Protocol;
 use document::{ConfigErrors, Document, Problem, ProblemKind, nearest};
 use vps::spatial::Axes;

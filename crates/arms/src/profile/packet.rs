@@ -1,37 +1,80 @@
-//! Frames described as data: `[packet]` into a [`PacketLayout`]. What fits together is checked by
-//! the layout itself.
+//! Frames described as data: `[packet]`, and the files in `packets` for codecs that several profiles
+//! share, into a [`PacketLayout`]. What fits together is checked by the layout itself.
 
 use super::Profile;
 use super::written::{
-    Field as WrittenField, FramingWord, NumberWord, Packet as WrittenPacket, ProfileFile, RoleWord,
+    CodecWord, Field as WrittenField, FramingWord, NumberWord, Packet as WrittenPacket, Packets,
+    ProfileFile, RoleWord,
 };
+use crate::Pacing;
 use crate::protocol::PacketLayout;
 use crate::protocol::layout::{
     Checksum, Field, Framing, LineFraming, LinePad, Number, Packet, Role,
 };
 use document::Checks;
 
-/// The layout as written; `None` when a packet could not be made of it.
-pub(super) fn layout(
+/// The layout that a profile describes; `None` when a packet could not be made of it.
+pub(super) fn written(
     checks: &mut Checks<'_>,
     written: &ProfileFile,
     profile: &Profile,
 ) -> Option<PacketLayout> {
     let accepted = "tables [packet.report] and [packet.command] that describe the frames";
     let packets = checks.given("packet", written.packet.as_ref(), accepted)?;
+    layout(checks, packets, "declarative", profile.link.pacing, profile)
+}
+
+/// The layout of a codec that is described beside this file; `constant`: of the field that leaves
+/// it open.
+pub(super) fn known(
+    checks: &mut Checks<'_>,
+    codec: CodecWord,
+    constant: Option<u32>,
+    profile: &Profile,
+) -> Option<PacketLayout> {
+    let (name, pacing, text) = match codec {
+        CodecWord::WoodenhapticsHid8 => {
+            ("woodenhaptics-hid8", Pacing::Stream, include_str!("packets/woodenhaptics-hid8.toml"))
+        }
+        CodecWord::PolhemAscii64 => {
+            ("polhem-ascii64", Pacing::PingPong, include_str!("packets/polhem-ascii64.toml"))
+        }
+        CodecWord::HaptikfabrikenBrackets => (
+            "haptikfabriken-brackets",
+            Pacing::PingPong,
+            include_str!("packets/haptikfabriken-brackets.toml"),
+        ),
+        _ => return None,
+    };
+    let mut packets: Packets = toml::from_str(text).unwrap_or_default();
+    let fields = packets.report.iter_mut().flat_map(|report| &mut report.fields);
+    for field in fields.filter(|field| field.role == Some(RoleWord::Constant)) {
+        field.value = field.value.or(constant.map(i64::from));
+    }
+    layout(checks, &packets, name, pacing, profile)
+}
+
+fn layout(
+    checks: &mut Checks<'_>,
+    packets: &Packets,
+    name: &'static str,
+    pacing: Pacing,
+    profile: &Profile,
+) -> Option<PacketLayout> {
     let accepted = "a table [packet.report] that describes what the arm sends";
     let report = checks.given("packet.report", packets.report.as_ref(), accepted)?;
     let report = packet(checks, "packet.report", report);
     let command = packets.command.as_ref().map(|command| packet(checks, "packet.command", command));
     let kick = packets.kick_hex.as_ref().map(|hex| hex_bytes(checks, "packet.kick_hex", hex));
     Some(PacketLayout {
+        name,
         report: report?,
         command: match command {
             Some(command) => Some(command?),
             None => None,
         },
         kick: kick.flatten(),
-        pacing: profile.link.pacing,
+        pacing,
         watchdog_ms: profile.link.device_watchdog_ms,
     })
 }
@@ -179,6 +222,7 @@ fn field(checks: &mut Checks<'_>, at: &str, written: &WrittenField) -> Option<Fi
         scale: written.scale.unwrap_or(1.0),
         mask: written.mask,
         wraps: written.wraps.unwrap_or(false),
+        limit: written.limit,
     })
 }
 

@@ -4,9 +4,9 @@
 use core::array::from_fn;
 
 use super::{Profile, ProfileLimits, RealArm, TransportKind};
+use crate::axes::MAX_AXES;
 use crate::kinematics::{Configuration, Kinematics, M_PER_RAD};
 use crate::motor_stage::{BESIDE_SHARE, at_grip};
-use crate::protocol::MAX_AXES;
 use vps::spatial::{Axes, Wrench};
 
 /// A joint that moves the grip this little off the way of the joints before it, as a share of its

@@ -20,12 +20,12 @@ pub struct RealArm {
     /// Readings into joints, joint torques into commands.
     pub(crate) transmission: Transmission,
     /// Turns native vectors into device vectors: a permutation of axes with signs.
-    pub(crate) device_from_native: DQuat,
+    pub device_from_native: DQuat,
     /// How it finds its zero.
     pub homing: Homing,
     /// A test on such an arm has shown that every motor pushes the way its encoder counts. Without
     /// it force stays below 0.5 N.
-    pub(crate) signs_verified: bool,
+    pub signs_verified: bool,
     /// After its watchdog tripped, the next command does not enable the motors by itself.
     pub(crate) watchdog_latched: bool,
     /// What the arm does with a command that is too large.
@@ -70,7 +70,7 @@ pub enum TransportKind {
 
 impl TransportKind {
     /// One report at a time, or a stream of bytes.
-    pub(crate) const fn carriage(self) -> Carriage {
+    pub const fn carriage(self) -> Carriage {
         match self {
             Self::Hid | Self::Service | Self::Library => Carriage::Reports,
             Self::Serial | Self::Usb | Self::Socket => Carriage::Stream,

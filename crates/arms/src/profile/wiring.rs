@@ -195,19 +195,21 @@ fn protocol(
     }
     Some(match codec {
         CodecWord::Sim => return None,
-        CodecWord::WoodenhapticsHid8 => Protocol::WoodenhapticsHid8,
+        CodecWord::WoodenhapticsHid8 | CodecWord::PolhemAscii64 => {
+            Protocol::Declarative(packet::known(checks, codec, None, profile)?)
+        }
         CodecWord::HaptikfabrikenHid14 => {
             let accepted = "\"mbed\" (reports of 14 bytes) or \"teensy-rawhid\" (of 64)";
             Protocol::HaptikfabrikenHid14 {
                 carrier: checks.given("protocol.carrier", given.carrier, accepted)?.into(),
             }
         }
-        CodecWord::PolhemAscii64 => Protocol::PolhemAscii64 { cartesian: false },
         CodecWord::HaptikfabrikenBrackets => {
             let accepted =
                 "1 (Polhem 2022), 2 (vintage) or 3 (WoodenHaptics): what the arm calls itself";
             let model = checks.given("protocol.model", given.model, accepted)?;
-            Protocol::HaptikfabrikenBrackets { model: u8::try_from(model).unwrap_or(u8::MAX) }
+            let model = checks.whole("protocol.model", Some(model), 0, 1, 3);
+            Protocol::Declarative(packet::known(checks, codec, Some(model), profile)?)
         }
         CodecWord::HapiF32 => Protocol::HapiF32(board(checks, given)?),
         CodecWord::FalconNibble16 => {
@@ -232,7 +234,7 @@ fn protocol(
         CodecWord::OpenHaptics => {
             Protocol::Vendor(vendor(checks, dir, written, profile, Family::OpenHaptics)?)
         }
-        CodecWord::Declarative => Protocol::Declarative(packet::layout(checks, written, profile)?),
+        CodecWord::Declarative => Protocol::Declarative(packet::written(checks, written, profile)?),
     })
 }
 

@@ -431,6 +431,8 @@ pub(super) struct Field {
     pub(super) wraps: Option<bool>,
     /// constant: always this number.
     pub(super) value: Option<i64>,
+    /// motor: largest number, either way. More is never sent.
+    pub(super) limit: Option<f64>,
 }
 
 /// A report, or readings, and where the grip is then.

@@ -6,8 +6,8 @@ use std::path::PathBuf;
 
 use super::{
     Codec, Firmware, HapiBoard, HapiEncoder, HaplyService, Hid14Carrier, MAX_AXES, MotorCommand,
-    Open6Arm, PacketLayout, ProtocolError, Servo, brackets, declarative, dynamixel, dynamixel_bus,
-    falcon, hapi, hapkit, haply, hid14, open6, open6_arm, polhem, space_mouse, woodenhaptics,
+    Open6Arm, PacketLayout, ProtocolError, Servo, declarative, dynamixel, dynamixel_bus, falcon,
+    hapi, hapkit, haply, hid14, open6, open6_arm, space_mouse,
 };
 use crate::Pacing;
 use crate::transport::{Carriage, Frame};
@@ -20,9 +20,6 @@ use crate::vendor::VendorProtocol;
 /// [`MotorCommand::motors`]: super::MotorCommand::motors
 #[derive(Clone, Debug, PartialEq)]
 pub enum Protocol {
-    /// WoodenHaptics 1.5, HID, the arm sends by itself.
-    /// Readings 0–2: encoders a, b, c, counts, unwrapped. Motors 0–2: a, b, c, mA.
-    WoodenhapticsHid8,
     /// Haptikfabriken boards of 2019, HID, one reply per command, kick-start. Readings 0–2:
     /// encoders a, b, c; 3–5: gimbal joints D, E, F (on the wire in the reverse order, as f, e, d);
     /// counts, unwrapped. Motors 0–2: a, b, c, mA. Button bit 0: grip; bit 1: the calibration
@@ -30,19 +27,6 @@ pub enum Protocol {
     HaptikfabrikenHid14 {
         /// Size of the reports.
         carrier: Hid14Carrier,
-    },
-    /// Polhem of 2020–21, lines of text, one reply per command. Readings 0–5: encoders a to f,
-    /// counts. Motors 0–2: a, b, c, mA. With `cartesian`, the arm computes: readings 0–2: x, y, z,
-    /// m; 3–6: tA, lambda, tD, tE, rad. Motors 0–2: force x, y, z, N.
-    PolhemAscii64 {
-        /// Let the arm compute its kinematics (command 2).
-        cartesian: bool,
-    },
-    /// Haptikfabriken boards of 2022 and later, lines in brackets, one reply per command.
-    /// Readings 0–5: encoders 0 to 5, counts. Motors 0–2: mA.
-    HaptikfabrikenBrackets {
-        /// What the arm has to call itself: 1 Polhem 2022, 2 vintage, 3 WoodenHaptics.
-        model: u8,
     },
     /// Haply 2DIY and other boards with the hAPI firmware, one reply per command.
     /// Readings: one per encoder in port order, degrees. Motors: one per motor in port order, N·m.
@@ -93,10 +77,7 @@ impl Protocol {
     /// Name in profiles.
     pub const fn name(&self) -> &'static str {
         match self {
-            Self::WoodenhapticsHid8 => "woodenhaptics-hid8",
             Self::HaptikfabrikenHid14 { .. } => "haptikfabriken-hid14",
-            Self::PolhemAscii64 { .. } => "polhem-ascii64",
-            Self::HaptikfabrikenBrackets { .. } => "haptikfabriken-brackets",
             Self::HapiF32(_) => "hapi-f32",
             Self::FalconNibble16 { .. } => "falcon-nibble16",
             Self::HapkitAscii => "hapkit-ascii",
@@ -105,7 +86,7 @@ impl Protocol {
             Self::Dynamixel2 { .. } => "dynamixel2",
             Self::Open6(_) => "open6",
             Self::HaplyService(_) => "haply-service",
-            Self::Declarative(_) => "declarative",
+            Self::Declarative(layout) => layout.name,
             Self::Vendor(vendor) => vendor.family.name(),
         }
     }
@@ -139,21 +120,17 @@ impl Protocol {
     }
 
     /// Step of motor commands on the wire, in their units; 0 where it is too fine to matter.
-    pub(crate) fn motor_step(&self) -> f64 {
+    pub fn motor_step(&self) -> f64 {
         match self {
             Self::HapiF32(_)
             | Self::HapkitAscii
             | Self::Open6(_)
             | Self::HaplyService(_)
-            | Self::Declarative(_)
+            | Self::SpaceMouse { .. }
+            | Self::Spacenav
             | Self::Vendor(_) => 0.0,
-            Self::PolhemAscii64 { cartesian: true } | Self::SpaceMouse { .. } | Self::Spacenav => {
-                0.0
-            }
-            Self::WoodenhapticsHid8
-            | Self::HaptikfabrikenHid14 { .. }
-            | Self::PolhemAscii64 { cartesian: false }
-            | Self::HaptikfabrikenBrackets { .. }
+            Self::Declarative(layout) => layout.motor_step(),
+            Self::HaptikfabrikenHid14 { .. }
             | Self::FalconNibble16 { .. }
             | Self::Dynamixel2 { .. } => 1.0,
         }
@@ -162,12 +139,8 @@ impl Protocol {
     /// How many readings a report has.
     pub(crate) fn n_readings(&self) -> usize {
         match self {
-            Self::WoodenhapticsHid8 | Self::FalconNibble16 { .. } => 3,
-            Self::PolhemAscii64 { cartesian: true } => 7,
-            Self::HaptikfabrikenHid14 { .. }
-            | Self::PolhemAscii64 { .. }
-            | Self::HaptikfabrikenBrackets { .. } => 6,
-            Self::SpaceMouse { .. } | Self::Spacenav => 6,
+            Self::FalconNibble16 { .. } => 3,
+            Self::HaptikfabrikenHid14 { .. } | Self::SpaceMouse { .. } | Self::Spacenav => 6,
             Self::HapiF32(board) => board.encoders.len(),
             Self::HapkitAscii => 1,
             Self::Dynamixel2 { servos } => servos.len(),
@@ -180,10 +153,7 @@ impl Protocol {
     /// How many motors a command has.
     pub(crate) fn n_motors(&self) -> usize {
         match self {
-            Self::WoodenhapticsHid8
-            | Self::HaptikfabrikenHid14 { .. }
-            | Self::PolhemAscii64 { .. } => 3,
-            Self::HaptikfabrikenBrackets { .. } | Self::FalconNibble16 { .. } => 3,
+            Self::HaptikfabrikenHid14 { .. } | Self::FalconNibble16 { .. } => 3,
             Self::SpaceMouse { .. } | Self::Spacenav => 0,
             Self::HapiF32(board) => board.motors.len(),
             Self::HapkitAscii => 1,
@@ -211,15 +181,14 @@ impl Protocol {
     /// How its bytes may travel.
     pub fn carriages(&self) -> &'static [Carriage] {
         match self {
-            Self::WoodenhapticsHid8
-            | Self::HaptikfabrikenHid14 { .. }
-            | Self::SpaceMouse { .. }
-            | Self::HaplyService(_) => &[Carriage::Reports],
-            Self::PolhemAscii64 { .. }
-            | Self::HaptikfabrikenBrackets { .. }
-            | Self::HapiF32(_)
-            | Self::FalconNibble16 { .. } => &[Carriage::Stream],
-            Self::HapkitAscii | Self::Spacenav | Self::Dynamixel2 { .. } => &[Carriage::Stream],
+            Self::HaptikfabrikenHid14 { .. } | Self::SpaceMouse { .. } | Self::HaplyService(_) => {
+                &[Carriage::Reports]
+            }
+            Self::HapiF32(_)
+            | Self::FalconNibble16 { .. }
+            | Self::HapkitAscii
+            | Self::Spacenav
+            | Self::Dynamixel2 { .. } => &[Carriage::Stream],
             Self::Open6(_) | Self::Vendor(_) => &[Carriage::Reports, Carriage::Stream],
             Self::Declarative(layout) => layout.carriages(),
         }
@@ -228,7 +197,7 @@ impl Protocol {
     /// Who sets the rate.
     pub(crate) fn pacing(&self) -> Pacing {
         match self {
-            Self::WoodenhapticsHid8 | Self::HapkitAscii => Pacing::Stream,
+            Self::HapkitAscii => Pacing::Stream,
             Self::SpaceMouse { .. } | Self::Spacenav => Pacing::Event,
             Self::Declarative(layout) => layout.pacing,
             _ => Pacing::PingPong,
@@ -239,10 +208,7 @@ impl Protocol {
     #[cfg(test)]
     pub(super) fn watchdog(&self) -> Option<Duration> {
         match self {
-            Self::WoodenhapticsHid8 | Self::HaptikfabrikenHid14 { .. } => {
-                Some(Duration::from_millis(500))
-            }
-            Self::PolhemAscii64 { .. } => Some(Duration::from_millis(100)),
+            Self::HaptikfabrikenHid14 { .. } => Some(Duration::from_millis(500)),
             Self::Dynamixel2 { .. } => Some(Duration::from_millis(40)),
             Self::Open6(arm) | Self::Vendor(VendorProtocol { arm, .. }) => {
                 Some(Duration::from_millis(arm.watchdog_ms.into()))
@@ -258,10 +224,7 @@ impl Protocol {
     /// The host's side. `carriage`: one of [`Self::carriages`]; only `open6` has a choice.
     pub fn codec(&self, carriage: Carriage) -> Box<dyn Codec> {
         match self {
-            Self::WoodenhapticsHid8 => Box::new(woodenhaptics::HostCodec::default()),
             Self::HaptikfabrikenHid14 { carrier } => Box::new(hid14::HostCodec::new(*carrier)),
-            Self::PolhemAscii64 { cartesian } => Box::new(polhem::HostCodec::new(*cartesian)),
-            Self::HaptikfabrikenBrackets { model } => Box::new(brackets::HostCodec::new(*model)),
             Self::HapiF32(board) => Box::new(hapi::HostCodec::new(board.clone())),
             Self::FalconNibble16 { image } => Box::new(falcon::HostCodec::new(image.clone())),
             Self::HapkitAscii => Box::new(hapkit::HostCodec::default()),
@@ -279,10 +242,7 @@ impl Protocol {
     /// The arm's side: what a simulated arm answers with.
     pub fn firmware(&self, carriage: Carriage) -> Box<dyn Firmware> {
         match self {
-            Self::WoodenhapticsHid8 => Box::new(woodenhaptics::ArmFirmware::default()),
             Self::HaptikfabrikenHid14 { carrier } => Box::new(hid14::ArmFirmware::new(*carrier)),
-            Self::PolhemAscii64 { .. } => Box::new(polhem::ArmFirmware::default()),
-            Self::HaptikfabrikenBrackets { model } => Box::new(brackets::ArmFirmware::new(*model)),
             Self::HapiF32(_) => Box::new(hapi::ArmFirmware::default()),
             Self::FalconNibble16 { .. } => Box::new(falcon::ArmFirmware::default()),
             Self::HapkitAscii => Box::new(hapkit::ArmFirmware::default()),
@@ -304,9 +264,6 @@ impl Protocol {
     pub(crate) fn check(&self) -> Result<(), ProtocolError> {
         let refuse = |text: String| Err(ProtocolError(text));
         match self {
-            Self::HaptikfabrikenBrackets { model } if !(1..=3).contains(model) => refuse(format!(
-                "model {model} is not known: 1 (Polhem 2022), 2 (vintage) or 3 (WoodenHaptics)"
-            )),
             Self::HapiF32(board) => {
                 let n_motors = board.motors.len();
                 let n_encoders = board.encoders.len();

@@ -131,7 +131,11 @@ impl Values {
             Role::Counter => self.counter = Some(raw as u32),
             Role::Error => self.report.error = raw.abs() as u32,
             Role::Homed => self.report.homed = Some(raw != 0.0),
-            Role::Motor(idx) => slot(&mut self.command.motors, idx, raw * field.scale),
+            Role::Motor(idx) => {
+                let is_beyond = field.limit.is_some_and(|limit| raw.abs() > limit);
+                let motor = if is_beyond { 0.0 } else { raw * field.scale };
+                slot(&mut self.command.motors, idx, motor);
+            }
             Role::Enabled => self.command.enabled = raw != 0.0,
             Role::Constant(value) => return raw == value as f64,
             Role::Ignored => {}
@@ -163,6 +167,8 @@ impl Values {
             Role::Constant(value) => (value as f64, Rounding::Nearest),
             Role::Ignored => (0.0, Rounding::Nearest),
         };
+        let limit = field.limit.unwrap_or(f64::INFINITY);
+        let raw = raw.clamp(-limit, limit);
         let Some((low, high)) = field.number.range() else {
             let fits = raw.is_finite()
                 && (!matches!(field.number, Number::F32) || (raw as f32).is_finite());
@@ -181,17 +187,41 @@ impl Values {
             let cut = whole as i64 & ((1 << bits) - 1);
             return if low < 0 && cut > high { (cut - (1 << bits)) as f64 } else { cut as f64 };
         }
+        // A motor can be asked for as much one way as the other.
+        let low = if matches!(field.role, Role::Motor(_)) { low.max(-high) } else { low };
         whole.clamp(low as f64, high as f64)
     }
+}
+
+/// Bytes without a check may be anything, words and reports are whole.
+fn is_meant(packet: &Packet) -> bool {
+    packet.checksum.is_some() || matches!(packet.framing, Framing::Line(_) | Framing::Report { .. })
+}
+
+/// A constant that is another one, of a packet whose form is right.
+fn other_constant(packet: &Packet, body: &[u8]) -> Option<(i64, f64)> {
+    let mut words: Vec<&str> = Vec::new();
+    if let Framing::Line(line) = &packet.framing {
+        words.extend(self::words(body, line.separator));
+        if words.len() != packet.fields.len() {
+            return None;
+        }
+    }
+    packet.fields.iter().find_map(|field| {
+        let Role::Constant(expected) = field.role else { return None };
+        let found = match words.get(field.offset) {
+            Some(word) => word.parse().ok(),
+            None => raw_of(field, body),
+        };
+        found.filter(|found| *found != expected as f64).map(|found| (expected, found))
+    })
 }
 
 /// What a packet holds, on top of what was known: the counts that wrap. `None` when it is not
 /// sound.
 fn decode(packet: &Packet, body: &[u8], known: &Values) -> Option<Values> {
     let mut values = Values { whole: known.whole, ..Values::default() };
-    // Bytes without a check may be anything, words and reports are whole.
-    let is_meant = packet.checksum.is_some()
-        || matches!(packet.framing, Framing::Line(_) | Framing::Report { .. });
+    let is_meant = is_meant(packet);
     if let Framing::Line(line) = &packet.framing {
         let mut n = 0;
         for (idx, word) in words(body, line.separator).enumerate() {
@@ -258,39 +288,84 @@ pub(super) struct HostCodec {
     reader: FrameReader,
     values: Values,
     counter: Option<u32>,
-    first_within: Duration,
 }
+
+/// For how long the first report is waited for.
+const FIRST_WITHIN: Duration = Duration::from_millis(3000);
 
 impl HostCodec {
     pub(super) fn new(layout: PacketLayout) -> Self {
-        Self {
-            layout,
-            reader: FrameReader::default(),
-            values: Values::default(),
-            counter: None,
-            first_within: Duration::from_millis(3000),
+        Self { layout, reader: FrameReader::default(), values: Values::default(), counter: None }
+    }
+
+    /// Why these bytes are not of the arm that the layout describes, where they say so. Cold.
+    fn why_other(&self, bytes: &[u8]) -> Option<StartError> {
+        let report = &self.layout.report;
+        if let Framing::Report { id: None, len } = report.framing
+            && bytes.len() != len
+        {
+            return Some(StartError::Refused(format!(
+                "reports of {} bytes, and the profile describes {len}: this board, with the same \
+                    USB ids, needs another profile",
+                bytes.len()
+            )));
         }
+        let mut other = None;
+        FrameReader::default().feed(report, bytes, true, |body| {
+            other = other.or(other_constant(report, body));
+            true
+        });
+        let (expected, found) = other.filter(|_| is_meant(report))?;
+        Some(StartError::Refused(format!(
+            "the arm reports {found} where its profile has {expected}: this arm needs another \
+                profile"
+        )))
     }
 }
 
 impl Codec for HostCodec {
     fn start(&mut self, link: &mut dyn Transport) -> Result<(), StartError> {
-        *self = Self { first_within: self.first_within, ..Self::new(self.layout.clone()) };
-        hush(link, Duration::from_millis(10))?;
-        if self.layout.pacing == Pacing::Event {
-            return Ok(());
+        *self = Self::new(self.layout.clone());
+        match self.layout.pacing {
+            Pacing::Event => return hush(link, Duration::from_millis(10)).map_err(Into::into),
+            // Answers to another host. What an arm sends by itself tells another arm apart.
+            Pacing::PingPong => hush(link, Duration::from_millis(10))?,
+            Pacing::Stream => {}
         }
         let mut kick = Frame::default();
         self.kick(&mut kick);
         // An arm that sends by itself is asked for nothing but its kick frame.
         let asks = self.layout.pacing == Pacing::PingPong || self.layout.kick.is_some();
         let question = Question {
-            step: "waiting for the first report",
+            step: if asks {
+                "waiting for the first report"
+            } else {
+                "waiting for the first report, which the arm sends by itself (a board that waits \
+                    for the host needs another profile)"
+            },
             frame: if asks { kick.as_slice() } else { &[] },
             every: Duration::from_millis(100),
-            within: self.first_within,
+            within: FIRST_WITHIN,
         };
-        ask(link, &question, |bytes| (self.feed(bytes).reports > 0).then_some(Ok(())))
+        ask(link, &question, |bytes| {
+            if self.feed(bytes).reports > 0 {
+                return Some(Ok(()));
+            }
+            self.why_other(bytes).map(Err)
+        })?;
+        match self.layout.pacing {
+            // What is late of the answers to several questions.
+            Pacing::PingPong => hush(link, Duration::from_millis(20))?,
+            // Until its watchdog trips the arm holds what a host before us asked for.
+            _ => {
+                self.encode(&MotorCommand::default(), &mut kick);
+                if !kick.is_empty() {
+                    link.send(kick.as_slice())?;
+                }
+            }
+        }
+        self.reader.clear();
+        Ok(())
     }
 
     fn feed(&mut self, bytes: &[u8]) -> FeedCounts {
@@ -406,12 +481,13 @@ impl ArmFirmware {
 
 impl Firmware for ArmFirmware {
     fn receive(&mut self, bytes: &[u8], now_s: f64, arm: &ArmReadings, out: &mut Outbox) {
+        let is_kick = self.layout.kick.as_deref() == Some(bytes);
         let mut asked = 0;
-        // A kick frame is often no frame of the layout, so it is looked for first.
-        if self.layout.kick.as_deref() == Some(bytes) {
-            asked += 1;
-        } else if let Some(packet) = &self.layout.command {
+        if let Some(packet) = &self.layout.command {
             let Self { reader, command, fed_s, .. } = self;
+            // A kick is often no frame of the layout; where it is one, it is a command.
+            let mut apart = FrameReader::default();
+            let reader = if is_kick { &mut apart } else { reader };
             reader.feed(packet, bytes, false, |body| {
                 let Some(values) = decode(packet, body, &Values::default()) else { return false };
                 *command = values.command;
@@ -419,6 +495,9 @@ impl Firmware for ArmFirmware {
                 asked += 1;
                 true
             });
+        }
+        if is_kick {
+            asked = 1;
         }
         if self.layout.pacing == Pacing::PingPong {
             for _ in 0..asked {

@@ -152,7 +152,12 @@ impl FrameReader {
                 unslip(frame).is_some_and(|n| accept(&frame[..n]))
             }),
             Framing::Line(line) => {
-                let Some((end, rest)) = line.close.as_bytes().split_last() else { return 0 };
+                // Blanks behind the end belong to what is between frames.
+                let close = match line.close.as_bytes().trim_ascii_end() {
+                    [] => line.close.as_bytes(),
+                    close => close,
+                };
+                let Some((end, rest)) = close.split_last() else { return 0 };
                 let mut corrupt = 0;
                 for byte in bytes {
                     corrupt += match self.gather.until(*end, *byte) {

@@ -94,23 +94,6 @@ impl Codec for HostCodec {
         }
         self.finish_frame(frame);
     }
-
-    fn set_readings(&mut self, readings: &[f64; MAX_AXES], frame: &mut Frame) -> bool {
-        frame.clear();
-        frame.push(0);
-        // Encoders d to f take the place of the currents, a to c follow the command word.
-        for idx in [3, 4, 5] {
-            frame.extend(&low_16(readings[READING_OF[idx]]).to_le_bytes());
-        }
-        frame.extend(&1_i16.to_le_bytes());
-        for idx in [0, 1, 2] {
-            frame.extend(&low_16(readings[READING_OF[idx]]).to_le_bytes());
-        }
-        self.finish_frame(frame);
-        // The jump that follows is no motion.
-        self.whole = Default::default();
-        true
-    }
 }
 
 /// The arm's side. Speaks first once, then when spoken to; watchdog of 0.5 s, not latched; does not
@@ -119,29 +102,19 @@ impl Codec for HostCodec {
 pub(super) struct ArmFirmware {
     carrier: Hid14Carrier,
     motors: [f64; MAX_AXES],
-    offsets: [f64; 6],
-    calibration: bool,
     has_spoken: bool,
     fed_s: f64,
 }
 
 impl ArmFirmware {
     pub(super) fn new(carrier: Hid14Carrier) -> Self {
-        Self {
-            carrier,
-            motors: [0.0; MAX_AXES],
-            offsets: [0.0; 6],
-            calibration: false,
-            has_spoken: false,
-            fed_s: 0.0,
-        }
+        Self { carrier, motors: [0.0; MAX_AXES], has_spoken: false, fed_s: 0.0 }
     }
 
     fn report(&mut self, arm: &ArmReadings, out: &mut Outbox) {
-        self.calibration |= arm.buttons & 2 != 0;
         let mut report = Vec::with_capacity(self.carrier.report_len());
-        for (idx, (reading_idx, offset)) in READING_OF.iter().zip(self.offsets).enumerate() {
-            let count = low_16(arm.readings[*reading_idx] + offset);
+        for (idx, reading_idx) in READING_OF.iter().enumerate() {
+            let count = low_16(arm.readings[*reading_idx]);
             let folded = if idx == 3 && arm.buttons & 1 != 0 {
                 count.wrapping_add(BUTTON_ADDS)
             } else {
@@ -149,7 +122,7 @@ impl ArmFirmware {
             };
             report.extend(folded.to_le_bytes());
         }
-        report.extend(i16::from(self.calibration).to_le_bytes());
+        report.extend(i16::from(arm.buttons & 2 != 0).to_le_bytes());
         report.resize(self.carrier.report_len(), 0);
         out.push(report);
     }
@@ -164,17 +137,7 @@ impl Firmware for ArmFirmware {
         };
         self.fed_s = now_s;
         let word = |idx: usize| f64::from(i16_at(payload, 2 * idx));
-        self.motors = [0.0; MAX_AXES];
-        if i16_at(payload, 6) == 1 {
-            for (idx, (reading_idx, offset)) in READING_OF.iter().zip(&mut self.offsets).enumerate()
-            {
-                let target = if idx < 3 { word(4 + idx) } else { word(idx - 3) };
-                *offset = target - arm.readings[*reading_idx].round();
-            }
-            self.calibration = false;
-        } else {
-            self.motors[..3].copy_from_slice(&[word(0), word(1), word(2)]);
-        }
+        self.motors[..3].copy_from_slice(&[word(0), word(1), word(2)]);
         self.report(arm, out);
     }
 

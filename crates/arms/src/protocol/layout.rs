@@ -18,6 +18,8 @@ const FIELDS_MAX: usize = 40;
 /// Both packets of an arm.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PacketLayout {
+    /// Name of the codec in profiles.
+    pub name: &'static str,
     /// What the arm sends.
     pub report: Packet,
     /// Host → arm; `None` for an arm that takes no command.
@@ -82,8 +84,9 @@ pub struct LineFraming {
     pub open: String,
     /// Between numbers, such as `,`. Runs of blanks count as one when it is a blank.
     pub separator: u8,
-    /// After the last number, such as `]` or a line feed. Its last byte ends the frame. Blanks and
-    /// NULs between frames are ignored.
+    /// After the last number, such as `]` or a line feed. The last byte of it that is no blank ends
+    /// the frame, where there is one, else its last byte. Blanks and NULs between frames are
+    /// ignored.
     pub close: String,
     /// Padding of a frame that is sent.
     pub pad: Option<LinePad>,
@@ -182,12 +185,24 @@ pub struct Field {
     /// The number is the low end of a longer count: made whole again from step to step. Of whole
     /// numbers up to 32 bits, for readings.
     pub wraps: bool,
+    /// Largest number of a motor, either way: more is never sent, and moves no arm. `None`: what
+    /// the wire holds.
+    pub limit: Option<f64>,
 }
 
 impl Field {
     /// A field with scale 1, low byte first, no mask.
     pub const fn new(role: Role, offset: usize, number: Number) -> Self {
-        Self { role, offset, number, big_endian: false, scale: 1.0, mask: None, wraps: false }
+        Self {
+            role,
+            offset,
+            number,
+            big_endian: false,
+            scale: 1.0,
+            mask: None,
+            wraps: false,
+            limit: None,
+        }
     }
 }
 
@@ -257,6 +272,15 @@ impl Number {
             Self::I32 | Self::Text { places: 0 } => Some((i32::MIN as i64, i32::MAX as i64)),
             Self::U32 => Some((0, u32::MAX as i64)),
             Self::F32 | Self::F64 | Self::Text { .. } => None,
+        }
+    }
+
+    /// What two neighbours are apart; 0 for floating point.
+    fn step(self) -> f64 {
+        match self {
+            Self::F32 | Self::F64 => 0.0,
+            Self::Text { places } => 10_f64.powi(places.into()).recip(),
+            _ => 1.0,
         }
     }
 
@@ -424,6 +448,11 @@ impl Field {
                 "{at}: only a reading that is a whole binary number without a mask wraps"
             ));
         }
+        if let Some(limit) = self.limit
+            && !(matches!(self.role, Role::Motor(_)) && limit.is_finite() && limit > 0.0)
+        {
+            return Err(format!("{at}: limit {limit}: a number above 0, and only for motors"));
+        }
         match (self.role, range) {
             (Role::Counter, _) if !self.number.is_unsigned() || self.mask.is_some() => {
                 Err(format!("{at}: a counter is u8, u16 or u32, without a mask"))
@@ -467,6 +496,16 @@ impl PacketLayout {
     pub(crate) fn n_motors(&self) -> usize {
         let motor = |role| if let Role::Motor(idx) = role { Some(idx) } else { None };
         self.command.as_ref().map_or(0, |command| command.indices(motor).1)
+    }
+
+    /// The step of motor commands, in their units, where all motors have the same; else 0.
+    pub(super) fn motor_step(&self) -> f64 {
+        let motors = self.command.iter().flat_map(|command| &command.fields);
+        let mut steps = motors
+            .filter(|field| matches!(field.role, Role::Motor(_)))
+            .map(|field| field.number.step() * field.scale.abs());
+        let first = steps.next().unwrap_or(0.0);
+        if steps.all(|step| step == first) { first } else { 0.0 }
     }
 
     /// How its bytes travel.

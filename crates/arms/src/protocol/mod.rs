@@ -15,14 +15,13 @@
 //! | [`Protocol`] in `choice` | which protocol, with what a profile supplies |
 //! | `haply` | the service of another program |
 //! | [`layout`], `declarative`, `framing` | frames described as data, what speaks them |
-//! | `woodenhaptics`, `hid14`, `polhem`, `brackets`, `hapi`, `falcon`, `hapkit`, `space_mouse`, `dynamixel` | one protocol each, both sides |
+//! | `hid14`, `hapi`, `falcon`, `hapkit`, `space_mouse`, `dynamixel` | one protocol each, both sides |
 //! | `open6`, `open6_arm` | our own protocol, both sides |
 //! | `dynamixel_bus` | the servos of a leader arm |
 //! | `number`, `gather`, `dialogue` | numbers on the wire, unfinished frames, waiting for answers |
 
 use core::time::Duration;
 
-pub(crate) mod brackets;
 mod choice;
 mod declarative;
 pub(crate) mod dialogue;
@@ -39,12 +38,10 @@ pub mod layout;
 pub(crate) mod number;
 pub(crate) mod open6;
 pub(crate) mod open6_arm;
-mod polhem;
 mod space_mouse;
 mod supplied;
 #[cfg(test)]
 mod tests;
-mod woodenhaptics;
 
 pub use choice::Protocol;
 pub use haply::{HaplyService, Version as ServiceVersion};
@@ -53,12 +50,9 @@ pub use supplied::{
     HapiBoard, HapiEncoder, Hid14Carrier, Open6Arm, ProtocolError, Servo, ServoModel, Turn,
 };
 
+pub use super::axes::MAX_AXES;
 pub use super::motor_stage::MotorCommand;
 use super::transport::{Frame, Transport, TransportError};
-
-/// Most readings and motors that an arm can have: seven joints and a gripper; a Cartesian pose
-/// takes seven.
-pub const MAX_AXES: usize = 8;
 
 /// What one report says, before kinematics.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -224,13 +218,6 @@ pub trait Codec: Send {
 
     /// Forgets unfinished frames: after [`Self::silence`], and after bytes were thrown away.
     fn resume(&mut self) {}
-
-    /// Frame that sets the arm's counters; `false` when the protocol has none. Motors are off in
-    /// that exchange.
-    fn set_readings(&mut self, readings: &[f64; MAX_AXES], frame: &mut Frame) -> bool {
-        let _ = (readings, frame);
-        false
-    }
 
     /// What time it is, s, reported before frames are taken or made: for protocols that compare
     /// clocks. It never goes back.

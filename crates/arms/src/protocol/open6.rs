@@ -400,11 +400,6 @@ impl Codec for HostCodec {
         put_packet(self.carriage, true, COMMAND, self.sequence, &payload, frame);
     }
 
-    fn kick(&mut self, frame: &mut Frame) -> bool {
-        self.encode(&MotorCommand::default(), frame);
-        true
-    }
-
     fn sequence(&self) -> Option<u16> {
         Some(self.sequence)
     }

@@ -177,10 +177,6 @@ impl Codec for SocketHost {
         frame.clear();
     }
 
-    fn kick(&mut self, _: &mut Frame) -> bool {
-        false
-    }
-
     fn resume(&mut self) {
         self.gather.clear();
     }

@@ -2,8 +2,10 @@
 //! malformed; host against arm.
 
 use super::*;
+use crate::profile;
 use crate::transport::{Carriage, Line, LoopbackEnd, loopback};
 use core::time::Duration;
+use std::path::Path;
 use std::time::Instant;
 use vps::spatial::Axes;
 
@@ -50,6 +52,11 @@ fn fed(reports: u32, corrupt: u32) -> FeedCounts {
     FeedCounts { reports, corrupt, ..FeedCounts::default() }
 }
 
+/// What a shipped arm speaks.
+fn shipped(name: &str) -> Protocol {
+    profile::find(name, Path::new("")).expect(name).real.expect("real").protocol
+}
+
 /// One of each, with the carriage it is tried on.
 fn every_protocol() -> Vec<(Protocol, Carriage)> {
     let servos = (1..=7).map(|id| Servo { id, model: ServoModel::Xc330T288 }).collect();
@@ -61,12 +68,11 @@ fn every_protocol() -> Vec<(Protocol, Carriage)> {
         encoders: vec![encoder(180.0), encoder(0.0)],
     };
     let mut all = vec![
-        (Protocol::WoodenhapticsHid8, Carriage::Reports),
+        (shipped("woodenhaptics-v15"), Carriage::Reports),
         (Protocol::HaptikfabrikenHid14 { carrier: Hid14Carrier::Mbed }, Carriage::Reports),
         (Protocol::HaptikfabrikenHid14 { carrier: Hid14Carrier::TeensyRawHid }, Carriage::Reports),
-        (Protocol::PolhemAscii64 { cartesian: false }, Carriage::Stream),
-        (Protocol::PolhemAscii64 { cartesian: true }, Carriage::Stream),
-        (Protocol::HaptikfabrikenBrackets { model: 3 }, Carriage::Stream),
+        (shipped("polhem-2020"), Carriage::Stream),
+        (shipped("woodenhaptics-2022"), Carriage::Stream),
         (Protocol::HapiF32(board), Carriage::Stream),
         (Protocol::FalconNibble16 { image: None }, Carriage::Stream),
         (Protocol::HapkitAscii, Carriage::Stream),

@@ -129,7 +129,7 @@ impl LinkClock {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simulated::split_mix::SplitMix64;
+    use crate::split_mix::SplitMix64;
 
     /// Exchanges every ms with these ways and that offset of the clocks.
     fn play(

@@ -23,7 +23,7 @@ use super::fault::{FaultKind, FaultPlan, JUMP_M, SATURATED_SHARE};
 use super::hand_control::HandControl;
 use super::parameters::{SimError, SimParameters, check_windows};
 use super::plant::GripPlant;
-use super::split_mix::SplitMix64;
+use crate::split_mix::SplitMix64;
 use crate::velocity::VelocityWindow;
 use crate::{Capabilities, Device, DeviceError, IoPlacement, Pacing};
 use vps::spatial::{DeviceSample, Pose, SampleStatus, Twist, Wrench};
@@ -123,8 +123,7 @@ impl SimArm {
 
     /// The last command as the motors take it: projected and limited, before the delay. Device
     /// axes, at the grip point.
-    #[cfg(any(test, feature = "testing"))]
-    pub(crate) fn command(&self) -> Wrench {
+    pub fn command(&self) -> Wrench {
         self.command
     }
 

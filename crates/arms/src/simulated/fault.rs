@@ -114,8 +114,7 @@ pub struct FaultPlan {
 
 impl FaultPlan {
     /// A fault that stays.
-    #[cfg(any(test, feature = "testing"))]
-    pub(crate) fn from(kind: FaultKind, start_s: f64) -> Self {
+    pub fn from(kind: FaultKind, start_s: f64) -> Self {
         Self { kind, start_s, end_s: f64::INFINITY }
     }
 

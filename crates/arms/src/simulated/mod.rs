@@ -8,7 +8,7 @@
 //! | `parameters` | what both are made of |
 //! | [`hand`] | where the hand wants to be, over time |
 //! | `hand_control` | what moves the hand: its path, or a client |
-//! | [`fault`], `split_mix` | what goes wrong and when; chance from a seed |
+//! | [`fault`] | what goes wrong and when |
 //!
 //! The same arm behind a real link, as a process of its own, is [`mock`](super::mock).
 
@@ -18,7 +18,6 @@ pub mod hand;
 mod hand_control;
 mod parameters;
 mod plant;
-pub(super) mod split_mix;
 
 pub use arm::SimArm;
 pub(crate) use arm::saturated;

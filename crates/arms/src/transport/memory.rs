@@ -19,14 +19,14 @@ struct Wire {
 /// One end of a link in memory, for tests and for simulated arms that speak a real protocol. Not
 /// for a real-time loop: it locks.
 #[derive(Clone, Debug)]
-pub(crate) struct LoopbackEnd {
+pub struct LoopbackEnd {
     wire: Arc<Mutex<Wire>>,
     carriage: Carriage,
     is_arm: bool,
 }
 
 /// Two ends of one link: the host's and the arm's.
-pub(crate) fn loopback(carriage: Carriage) -> (LoopbackEnd, LoopbackEnd) {
+pub fn loopback(carriage: Carriage) -> (LoopbackEnd, LoopbackEnd) {
     let wire = Arc::new(Mutex::new(Wire::default()));
     (
         LoopbackEnd { wire: wire.clone(), carriage, is_arm: false },
@@ -52,7 +52,7 @@ impl LoopbackEnd {
     }
 
     /// Pulls the plug: both ends are lost from now on.
-    pub(crate) fn cut(&self) {
+    pub fn cut(&self) {
         if let Ok(mut wire) = self.wire.lock() {
             wire.cut = true;
         }

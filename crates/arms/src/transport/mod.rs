@@ -22,7 +22,6 @@
 //! | `simulated` | the same as a network: delay, jitter, loss, a cut |
 
 mod hid;
-#[cfg(any(test, feature = "testing"))]
 mod memory;
 mod serial;
 mod service;
@@ -33,8 +32,7 @@ mod usb;
 
 pub(crate) use hid::HidLink;
 pub use hid::HidOpenError;
-#[cfg(any(test, feature = "testing"))]
-pub(crate) use memory::{LoopbackEnd, loopback};
+pub use memory::{LoopbackEnd, loopback};
 pub use serial::SerialError;
 pub(crate) use serial::SerialLink;
 pub(crate) use service::ServiceLink;

@@ -4,7 +4,7 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::{Transport, TransportError};
-use crate::simulated::split_mix::SplitMix64;
+use crate::split_mix::SplitMix64;
 
 /// What becomes of a datagram.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

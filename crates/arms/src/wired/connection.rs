@@ -6,8 +6,9 @@ use std::time::Instant;
 
 use rtrb::{Consumer, Producer, PushError, RingBuffer};
 
-use super::{RoundTrip, WiredParameters};
+use super::RoundTrip;
 use crate::guard::Guard;
+use crate::parameters::WiredParameters;
 use crate::protocol::{Codec, MotorCommand};
 use crate::transport::{Frame, Transport, TransportError};
 

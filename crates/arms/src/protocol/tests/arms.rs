@@ -22,6 +22,7 @@ pub(super) fn layouts() -> Vec<PacketLayout> {
     let check = |kind| Some(Checksum { kind, big_endian: false });
     let packet = |framing, checksum, fields: Vec<Field>| Packet { framing, checksum, fields };
     let layout = |report, command, pacing| PacketLayout {
+        name: "declarative",
         report,
         command: Some(command),
         kick: None,
@@ -158,7 +159,6 @@ pub(super) fn layouts() -> Vec<PacketLayout> {
 /// What a step of a reading and of a motor is, so that the wire carries it exactly or nearly.
 fn steps(protocol: &Protocol) -> (f64, f64) {
     match protocol {
-        Protocol::PolhemAscii64 { cartesian: true } => (1e-3, 1e-3),
         Protocol::HapiF32(_) => (360.0 / 13824.0, 1e-4),
         Protocol::HapkitAscii => (1e-5, 1e-5),
         Protocol::Open6(_) => (1e-5, 1e-4),
@@ -357,29 +357,14 @@ fn watchdogs_of_the_arms_are_theirs() {
 #[test]
 fn described_frames_are_those_that_were_described() {
     let layouts = layouts();
-    // As the Rust codec of the same arm says it.
-    for (layout, protocol) in [
-        (&layouts[0], Protocol::WoodenhapticsHid8),
-        (&layouts[5], Protocol::HaptikfabrikenBrackets { model: 3 }),
-    ] {
-        let carriage = protocol.carriages()[0];
-        let mut codecs =
-            [Protocol::Declarative(layout.clone()).codec(carriage), protocol.codec(carriage)];
-        let frames = codecs.each_mut().map(|codec| encode(&mut **codec, &[250.9, -250.9, 1000.0]));
-        assert_eq!(show(&frames[0]), show(&frames[1]), "{}", protocol.name());
-        let mut out = [Outbox::new(), Outbox::new()];
-        for (out, mut firmware) in out.iter_mut().zip([
-            Protocol::Declarative(layout.clone()).firmware(carriage),
-            protocol.firmware(carriage),
-        ]) {
-            firmware.receive(&frames[1], 0.0, &arm_at(&[100.0, -200.0, 70_000.0]), out);
-            firmware.advance(0.0, &arm_at(&[100.0, -200.0, 70_000.0]), out);
-        }
-        // The one ends at its bracket, the other after the line.
-        assert_eq!(
-            String::from_utf8_lossy(&out[0][0]).trim_end(),
-            String::from_utf8_lossy(&out[1][0]).trim_end()
-        );
+    // Whole numbers, singles, four places; scaled, and of two sizes.
+    let steps = [0, 3, 6].map(|idx: usize| layouts[idx].motor_step());
+    assert_eq!(steps, [1.0, 0.0, 1e-4]);
+    let mut scaled = layouts[0].clone();
+    for (n_scaled, expected) in [(2, 0.0), (3, 0.25)] {
+        let command = scaled.command.as_mut().expect("there");
+        command.fields[..n_scaled].iter_mut().for_each(|field| field.scale = -0.25);
+        assert_eq!(scaled.motor_step(), expected);
     }
     let golden = |idx: usize, motors: &[f64], command: &str, readings: &[f64], report: &str| {
         let protocol = Protocol::Declarative(layouts[idx].clone());
@@ -450,6 +435,16 @@ fn layouts_that_cannot_be_spoken_are_refused_with_the_reason() {
     refused(&|layout| layout.report.fields[0].offset = usize::MAX, 0, "behind the body");
     refused(&|layout| layout.report.fields[0].scale = 0.0, 0, "other than 0");
     refused(&|layout| layout.report.fields[0].scale = f64::NAN, 0, "other than 0");
+    refused(&|layout| layout.report.fields[0].limit = Some(1.0), 0, "only for motors");
+    let limited = |limit| {
+        move |layout: &mut PacketLayout| {
+            let command = layout.command.as_mut().expect("there");
+            command.fields[0].limit = Some(limit);
+        }
+    };
+    for limit in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        refused(&limited(limit), 0, "a number above 0");
+    }
     refused(
         &|layout| layout.report.fields[0].number = Number::Text { places: 0 },
         0,
@@ -506,7 +501,6 @@ fn layouts_that_cannot_be_spoken_are_refused_with_the_reason() {
     refused(&|layout| layout.report.framing = with(&|line| line.open = "«".to_owned()), 5, "ASCII");
 
     for (protocol, expected) in [
-        (Protocol::HaptikfabrikenBrackets { model: 4 }, "model 4"),
         (Protocol::Dynamixel2 { servos: vec![] }, "0 servos"),
         (
             Protocol::Dynamixel2 { servos: vec![Servo { id: 1, model: ServoModel::Xc330T288 }; 2] },

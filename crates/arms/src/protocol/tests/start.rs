@@ -59,13 +59,13 @@ fn an_arm_that_only_babbles_is_given_up() {
 fn boards_with_the_same_usb_ids_are_reported_apart() {
     let hid14 = Protocol::HaptikfabrikenHid14 { carrier: Hid14Carrier::Mbed };
     for (host, arm, says) in [
-        (&Protocol::WoodenhapticsHid8, &hid14, "haptikfabriken-hid14"),
-        (&hid14, &Protocol::WoodenhapticsHid8, "woodenhaptics-hid8"),
+        (&shipped("woodenhaptics-v15"), &hid14, "reports of 14 bytes, and the profile describes 8"),
+        (&hid14, &shipped("woodenhaptics-v15"), "woodenhaptics-hid8"),
         (&hid14, &Protocol::HaptikfabrikenHid14 { carrier: Hid14Carrier::TeensyRawHid }, "64"),
         (
-            &Protocol::HaptikfabrikenBrackets { model: 3 },
-            &Protocol::HaptikfabrikenBrackets { model: 2 },
-            "model 2 (vintage)",
+            &shipped("woodenhaptics-2022"),
+            &shipped("vintage-2022"),
+            "the arm reports 2 where its profile has 3",
         ),
     ] {
         let carriage = host.carriages()[0];

@@ -1,10 +1,7 @@
 //! The frame of the guard: made without the codec that speaks with the arm, and sent whenever that
 //! one no longer can.
 
-use std::path::Path;
-
 use super::*;
-use crate::profile;
 
 /// Each arm that is shipped, with motors, and how its bytes travel.
 fn every_arm_with_motors() -> Vec<(&'static str, Protocol, Carriage)> {

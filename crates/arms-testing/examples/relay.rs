@@ -2,7 +2,7 @@
 //! service whose arm lives on.
 //!
 //! ```sh
-//! cargo run -p arms --example relay -- 127.0.0.1:4000 127.0.0.1:10001
+//! cargo run -p arms-testing --example relay -- 127.0.0.1:4000 127.0.0.1:10001
 //! ```
 
 use std::io::{Error, Read, Write};

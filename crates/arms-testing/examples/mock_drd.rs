@@ -7,7 +7,7 @@
 //! Programs that were written for the library run against a simulated arm with it, in CI as well:
 //!
 //! ```sh
-//! cargo build -p arms --example mock_drd
+//! cargo build -p arms-testing --example mock_drd
 //! hapticd mock omega6 --pty /tmp/arm &
 //! HAPTICD_MOCK_ARM=/tmp/arm LD_PRELOAD=target/debug/examples/libmock_drd.so ./my-program
 //! ```

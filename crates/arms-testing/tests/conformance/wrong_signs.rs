@@ -4,16 +4,16 @@
 use core::sync::atomic::AtomicBool;
 use std::path::Path;
 
+use arms::attached::probe::{self, Push, Trial};
+use arms::inspection;
+use arms::profile::{self, Profile};
+use arms::{Capabilities, Device, DeviceError};
+use arms_testing::rig::{Rig, WiredRig};
 use glam::DVec3;
-
-use super::{HELD_M, mask, tick};
-use crate::attached::probe::{self, Push, Trial};
-use crate::profile::{self, Profile};
-use crate::protocol::MAX_AXES;
-use crate::testing::rig::{Rig, WiredRig};
-use crate::{Capabilities, Device, DeviceError};
 use rt::clock::VirtualClock;
 use vps::spatial::{Axes, DeviceSample, Wrench};
+
+use super::{HELD_M, mask, tick};
 
 /// What the grip may move from the sample that a command was made of until it acts.
 const LATE: f64 = 1.01;
@@ -26,14 +26,8 @@ const WALL_N_PER_M: f64 = 400.0;
 /// with the masses that its profile names.
 fn arms() -> Vec<Profile> {
     let shipped = |name: &str| profile::find(name, Path::new("")).expect("shipped");
-    let makes_something = |profile: &Profile| {
-        profile.real.as_ref().is_some_and(|real| {
-            real.kinematics
-                .extra_torques(&real.kinematics.home(), &[1.0; MAX_AXES])
-                .iter()
-                .any(|torque| *torque != 0.0)
-        })
-    };
+    let makes_something =
+        |profile: &Profile| profile.real.as_ref().is_some_and(inspection::compensates);
     let mut arms: Vec<Profile> = profile::names().map(shipped).filter(makes_something).collect();
     let names: Vec<&str> = arms.iter().map(|profile| profile.name.as_str()).collect();
     assert_eq!(names, ["leader-arm-6", "polhem-2019", "polhem-2020", "polhem-2022"]);
@@ -68,20 +62,13 @@ fn verified(profile: &Profile, is_verified: bool) -> Profile {
 /// The arm with these of its motors wired the wrong way round.
 fn reversed(profile: &Profile, motors: &[usize]) -> Profile {
     let mut profile = profile.clone();
-    for joint in &mut profile.real.as_mut().expect("real").transmission.joints {
-        if let Some(motor) = joint.motor.as_mut().filter(|motor| motors.contains(&motor.motor_idx))
-        {
-            motor.units_per_nm = -motor.units_per_nm;
-        }
-    }
+    inspection::reverse_motors(profile.real.as_mut().expect("real"), motors);
     profile
 }
 
 /// None, each by itself, all.
 fn choices(profile: &Profile) -> Vec<Vec<usize>> {
-    let joints = &profile.real.as_ref().expect("real").transmission.joints;
-    let motors: Vec<usize> =
-        joints.iter().filter_map(|joint| Some(joint.motor?.motor_idx)).collect();
+    let motors = inspection::motors(profile.real.as_ref().expect("real"));
     let mut choices = vec![Vec::new()];
     choices.extend(motors.iter().map(|motor| vec![*motor]));
     choices.push(motors);

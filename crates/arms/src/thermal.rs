@@ -4,7 +4,7 @@
 //! temperature rise, in units of the allowed one, and comes there with its time constant: θ' =
 //! ((I/I_c)² − θ) / τ. At θ = 1 it is too hot.
 
-use crate::protocol::MAX_AXES;
+use crate::axes::MAX_AXES;
 
 /// Below this share of the allowed rise a motor that was too hot may be used again.
 const COOLED: f64 = 0.9;

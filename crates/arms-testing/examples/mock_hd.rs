@@ -2,7 +2,7 @@
 //! mock`.
 //!
 //! ```sh
-//! cargo build -p arms --example mock_hd
+//! cargo build -p arms-testing --example mock_hd
 //! hapticd mock touch --pty /tmp/arm &
 //! HAPTICD_MOCK_ARM=/tmp/arm LD_PRELOAD=target/debug/examples/libmock_hd.so ./my-program
 //! ```

@@ -1,16 +1,19 @@
 //! Arms for tests: every shipped profile over a link in memory against its mock, and a clock that
 //! steps with it.
+//!
+//! What every arm has to do is in `tests/conformance/`; `examples/` has stand-ins for libraries of
+//! makers.
 
 pub mod rig;
 
 use std::sync::{Arc, Mutex, MutexGuard};
 
+use arms::{Capabilities, Device, DeviceError};
 use glam::DVec3;
 use rt::clock::{Clock, ClockKind};
 use vps::spatial::{DeviceSample, Wrench};
 
 use self::rig::Rig;
-use crate::{Capabilities, Device, DeviceError};
 
 /// Where a hand holds the grip.
 pub const HELD_M: DVec3 = DVec3::new(0.008, -0.012, 0.006);
@@ -20,10 +23,15 @@ pub const HELD_M: DVec3 = DVec3::new(0.008, -0.012, 0.006);
 pub struct TimedRig(Arc<Mutex<Box<dyn Rig>>>, i64);
 
 impl TimedRig {
+    /// At time 0.
     pub fn of(rig: Box<dyn Rig>) -> Self {
         Self(Arc::new(Mutex::new(rig)), 0)
     }
 
+    /// The arm, for a look at it.
+    ///
+    /// # Panics
+    /// Where another thread panicked while it had the arm.
     pub fn rig(&self) -> MutexGuard<'_, Box<dyn Rig>> {
         self.0.lock().expect("no panic")
     }

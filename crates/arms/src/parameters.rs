@@ -2,10 +2,9 @@
 
 use glam::DQuat;
 
-use super::Thermal;
 use crate::Capabilities;
 use crate::kinematics::Kinematics;
-use crate::motor_stage::MotorLimits;
+use crate::thermal::Thermal;
 use crate::transmission::Transmission;
 
 /// Where the time of samples comes from.
@@ -16,6 +15,15 @@ pub enum Timebase {
     Monotonic,
     /// One period per read, for arms that are simulated in the same loop.
     Counted,
+}
+
+/// Most that the motors may make at the grip.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct MotorLimits {
+    /// Largest |F|, N.
+    pub(super) force_n: f64,
+    /// Largest |τ|, N·m.
+    pub(super) torque_nm: f64,
 }
 
 /// Everything that a profile says of a wired arm.

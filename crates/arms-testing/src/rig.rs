@@ -4,21 +4,17 @@ use std::collections::VecDeque;
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard};
 
+use arms::inspection::{self, Plug};
+use arms::mock::builder::{self, MockSettings};
+use arms::mock::{FaultReport, MockArm};
+use arms::profile::{self, Profile, RealArm};
+use arms::protocol::{Codec, MAX_AXES, Protocol};
+use arms::simulated::fault::{self, FaultKind};
+use arms::simulated::hand::{GripPath, HandPath};
+use arms::simulated::{HandParameters, SimArm, SimParameters};
+use arms::transport::{Carriage, LoopbackEnd, Transport, TransportError, loopback};
+use arms::{Device, WiredArm};
 use glam::{DQuat, DVec3};
-use rtrb::{Consumer, Producer, RingBuffer};
-
-use crate::attached::open::wired_parameters;
-use crate::kinematics::{Configuration, Kinematics};
-use crate::mock::builder::{self, MockSettings};
-use crate::mock::linkage::Linkage;
-use crate::mock::{FaultReport, MockArm};
-use crate::profile::{self, Profile, RealArm};
-use crate::protocol::{MAX_AXES, Protocol};
-use crate::simulated::fault::{self, FaultKind};
-use crate::simulated::hand::{GripPath, HandPath};
-use crate::simulated::{HandParameters, SimArm, SimParameters};
-use crate::transport::{Carriage, LoopbackEnd, Transport, TransportError, loopback};
-use crate::{Connection, Device, IoPlacement, Replacements, Timebase, WiredArm};
 use vps::spatial::{Pose, Wrench};
 
 /// What goes wrong on command.
@@ -39,7 +35,9 @@ const LATE_TICKS: f64 = 4.0;
 
 /// An arm as the servo has it, and the truth about it.
 pub trait Rig: Send {
+    /// What the host knows of it.
     fn profile(&self) -> &Profile;
+    /// The driver.
     fn device(&mut self) -> &mut dyn Device;
     /// The arm's side of a period.
     fn advance(&mut self);
@@ -51,11 +49,15 @@ pub trait Rig: Send {
     }
     /// True while any motor has a command.
     fn is_driven(&self) -> bool;
+    /// True pose, `device_from_grip`.
     fn pose(&self) -> Pose;
     /// Force and torque that one step of every motor amounts to.
     fn rounding(&self) -> (f64, f64);
+    /// Whether it reports rates and no pose.
     fn is_rate_input(&self) -> bool;
+    /// Begins the injected fault.
     fn raise_fault(&mut self);
+    /// Ends it, where it can end.
     fn clear_fault(&mut self);
     /// A fault of the arm that stays, of those that a mock arm has; an arm without a wire has none
     /// here.
@@ -74,6 +76,7 @@ pub trait Rig: Send {
     /// The end of the arm.
     fn close(&mut self);
 
+    /// Name of the profile.
     fn name(&self) -> String {
         self.profile().name.clone()
     }
@@ -311,18 +314,17 @@ impl Transport for WireEnd {
     }
 }
 
+/// An arm on a wire and its mock at the other end.
 pub struct WiredRig {
     profile: Profile,
     protocol: Protocol,
     carriage: Carriage,
     side: Arc<Mutex<Side>>,
     /// Before the arm: its end waits until the lost connection has no place to be any more.
-    spent: Consumer<Connection>,
+    plug: Plug,
     arm: Option<WiredArm>,
-    linkage: Linkage,
     trouble: InjectedFault,
     is_rate_input: bool,
-    to_arm: Producer<Connection>,
 }
 
 impl WiredRig {
@@ -351,12 +353,6 @@ impl WiredRig {
         let (parameters, protocol) = builder::parameters(arm, settings);
         let carriage = real.matching.transport.carriage();
         let period_s = parameters.period_s;
-        let linkage = Linkage::new(
-            parameters.kinematics,
-            parameters.transmission,
-            parameters.device_from_native,
-            parameters.actuated,
-        );
         let mock = MockArm::new(parameters, protocol.firmware(carriage)).expect("valid");
         let there = loopback(carriage).1;
         let side = Arc::new(Mutex::new(Side {
@@ -370,23 +366,17 @@ impl WiredRig {
             late: VecDeque::new(),
             n_sent: 0,
         }));
-        let connection = plugged(&side, &protocol, carriage, false);
-        let (to_arm, fresh) = RingBuffer::new(1);
-        let (spent, from_arm) = RingBuffer::new(1);
-        let replacements = Replacements { fresh, spent };
-        let mut wired = wired_parameters(profile, real, period_s, IoPlacement::InLoop);
-        wired.timebase = Timebase::Counted;
+        let (link, codec) = plugged(&side, &protocol, carriage, false);
+        let (wired, plug) = inspection::wired(profile, real, period_s, link, codec);
         Self {
             profile: profile.clone(),
             protocol,
             carriage,
             side,
-            arm: Some(WiredArm::new(connection, replacements, wired)),
-            linkage,
+            arm: Some(wired),
             trouble,
-            is_rate_input: matches!(real.kinematics, Kinematics::Rate(_)),
-            to_arm,
-            spent: from_arm,
+            is_rate_input: real.is_rate_input(),
+            plug,
         }
     }
 
@@ -409,7 +399,7 @@ fn plugged(
     protocol: &Protocol,
     carriage: Carriage,
     again: bool,
-) -> Connection {
+) -> (Box<dyn Transport>, Box<dyn Codec>) {
     let (here, there) = loopback(carriage);
     {
         let mut side = side.lock().expect("no panic");
@@ -425,7 +415,7 @@ fn plugged(
     side.lock().expect("no panic").is_in_dialogue = false;
     let mut buffer = [0; 256];
     while link.receive(&mut buffer).expect("plugged") > 0 {}
-    Connection { link: Box::new(link), codec, guard: Ok(None) }
+    (Box::new(link), codec)
 }
 
 impl Rig for WiredRig {
@@ -451,9 +441,7 @@ impl Rig for WiredRig {
 
     fn made_by_motors(&self) -> Wrench {
         let side = self.side();
-        let mut linkage = self.linkage.clone();
-        linkage.follow(side.mock.pose(), vps::spatial::Twist::ZERO, 1.0);
-        linkage.wrench(&side.mock.motors(), 0.0)
+        side.mock.wrench_of(&side.mock.motors())
     }
 
     fn is_driven(&self) -> bool {
@@ -465,14 +453,13 @@ impl Rig for WiredRig {
     }
 
     fn rounding(&self) -> (f64, f64) {
-        let mut linkage = self.linkage.clone();
-        linkage.follow(self.pose(), vps::spatial::Twist::ZERO, 1.0);
+        let side = self.side();
         let motors = [1.0; MAX_AXES];
-        let base = linkage.wrench(&motors, 0.0);
+        let base = side.mock.wrench_of(&motors);
         (0..MAX_AXES).fold((0.0, 0.0), |(force_n, torque_nm), idx| {
             let mut stepped = motors;
             stepped[idx] += self.motor_step();
-            let wrench = linkage.wrench(&stepped, 0.0);
+            let wrench = side.mock.wrench_of(&stepped);
             (
                 force_n + (wrench.force - base.force).length(),
                 torque_nm + (wrench.torque - base.torque).length(),
@@ -481,21 +468,13 @@ impl Rig for WiredRig {
     }
 
     fn torques(&self, wrench: &Wrench) -> Vec<(f64, f64, f64)> {
-        let RealArm { kinematics, transmission, device_from_native, .. } =
-            self.profile.real.as_ref().expect("real");
-        let back = device_from_native.conjugate();
-        let joints = transmission.angles(&self.side().mock.readings().readings);
-        let Some(configuration) = kinematics.solve(&joints, &Configuration::default()) else {
-            return Vec::new();
-        };
-        let torques =
-            configuration.torques(&Wrench::new(back * wrench.force, back * wrench.torque));
-        let weights = kinematics.extra_torques(&joints, &[0.0; MAX_AXES]);
-        let motors = torques.iter().zip(weights).zip(&transmission.joints);
-        motors
-            .filter_map(|((torque, weight), joint)| {
-                Some((*torque, self.motor_step() / joint.motor?.units_per_nm.abs(), weight))
-            })
+        let real = self.profile.real.as_ref().expect("real");
+        let readings = self.side().mock.readings().readings;
+        let loads = inspection::motor_loads(real, &readings, wrench);
+        let step = self.motor_step();
+        loads
+            .iter()
+            .map(|load| (load.torque_nm, step / load.units_per_nm.abs(), load.weight_nm))
             .collect()
     }
 
@@ -533,17 +512,9 @@ impl Rig for WiredRig {
     }
 
     fn reconnect(&mut self) -> bool {
-        assert!(
-            self.spent.pop().is_ok(),
-            "{}: the lost connection was not handed over",
-            self.name()
-        );
-        let connection = plugged(&self.side, &self.protocol, self.carriage, true);
-        assert!(
-            self.to_arm.push(connection).is_ok(),
-            "{}: the last one was not taken",
-            self.name()
-        );
+        assert!(self.plug.take_lost(), "{}: the lost connection was not handed over", self.name());
+        let (link, codec) = plugged(&self.side, &self.protocol, self.carriage, true);
+        assert!(self.plug.connect(link, codec), "{}: the last one was not taken", self.name());
         true
     }
 

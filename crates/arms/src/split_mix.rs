@@ -1,4 +1,4 @@
-//! Chance for simulated arms: the same seed, the same run.
+//! Chance for simulated arms and networks: the same seed, the same run.
 
 /// splitmix64 (Steele, Lea, Flood 2014). RT: safe.
 #[derive(Clone, Copy, Debug)]

@@ -2,7 +2,7 @@
 //! mock arm of `hapticd mock`.
 //!
 //! ```sh
-//! cargo build -p arms --example mock_virtuose
+//! cargo build -p arms-testing --example mock_virtuose
 //! hapticd mock virtuose-6d --pty /tmp/arm &
 //! HAPTICD_MOCK_ARM=/tmp/arm LD_PRELOAD=target/debug/examples/libmock_virtuose.so ./my-program
 //! ```

@@ -4,9 +4,9 @@ use core::sync::atomic::AtomicBool;
 use core::time::Duration;
 
 use super::wrong_signs::InStep;
-use crate::attached::probe::{self, Answers, ProbeEnd, ProbePlan, ProbeResult, Push, Sign, Trial};
-use crate::testing::TimedRig;
-use crate::testing::rig::{InjectedFault, every_arm_as_shipped};
+use arms::attached::probe::{self, Answers, ProbeEnd, ProbePlan, ProbeResult, Push, Sign, Trial};
+use arms_testing::TimedRig;
+use arms_testing::rig::{InjectedFault, every_arm_as_shipped};
 use rt::clock::{Clock, VirtualClock};
 use vps::spatial::Axes;
 

@@ -5,11 +5,10 @@
 mod trials;
 mod wrong_signs;
 
+use arms::{DeviceError, Pacing};
+use arms_testing::HELD_M;
+use arms_testing::rig::{InjectedFault, Rig, every_arm, turned_arm};
 use glam::DVec3;
-
-use crate::testing::HELD_M;
-use crate::testing::rig::{InjectedFault, Rig, every_arm, turned_arm};
-use crate::{DeviceError, Pacing};
 use vps::spatial::{Axes, DeviceSample, SampleStatus, Wrench};
 
 /// A force that every arm can make and no dry friction holds, N.
