@@ -406,7 +406,9 @@ fn run(
     let scene = Arc::new(prepared.scene);
     if let (Some(sculpt_run), Some(model)) = (sculpt_run, prepared.model) {
         sculpt_run.fit(&model, output).map_err(Refusal::Strokes)?;
-        sculpt_run.open(model, &scene, &mut live).map_err(|error| Refusal::Run(error.into()))?;
+        sculpt_run
+            .open(model, &scene, &mut live, control)
+            .map_err(|error| Refusal::Run(error.into()))?;
         services.sculpts(sculpt_run.handle(), sculpt_run.for_clients(&scene));
     }
     live.commands = session.begin(&scene, prepared.attached.is_none()).with_paths(paths);

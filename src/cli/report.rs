@@ -49,9 +49,7 @@ fn scene_exit(problem: &SceneError) -> Exit {
             | ClayError::Piece(ClayModelError::Surface(_)),
         ) => Exit::Asset,
         SceneError::Part(PartError::Grid { .. })
-        | SceneError::Clay(ClayError::Piece(_) | ClayError::Memory { .. } | ClayError::Frame(_)) => {
-            Exit::Configuration
-        }
+        | SceneError::Clay(ClayError::Piece(_) | ClayError::Frame(_)) => Exit::Configuration,
     }
 }
 

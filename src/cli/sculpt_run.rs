@@ -6,6 +6,7 @@ mod outputs;
 mod summary;
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 pub(crate) use self::summary::SculptSummary;
 
@@ -28,6 +29,7 @@ use engine::supervisor::LiveChannels;
 use haptics::RenderScene;
 use picture::splats::{MassPoints, SampleForm};
 use rt::clock::ClockKind;
+use rt::control::Control;
 use vps::mesh::{self, cloud};
 
 /// Where `--help` lists it.
@@ -100,7 +102,7 @@ pub(crate) struct SculptRun {
     sculpt: SculptConfig,
     /// The stem of the scene's name.
     name: String,
-    /// What is written at the end.
+    /// What is written at the end, the session first.
     outputs: Vec<SculptOrder>,
     pictures: Option<Pictures>,
     open: Option<Open>,
@@ -216,6 +218,7 @@ impl SculptRun {
         model: LoadedClay,
         scene: &RenderScene,
         live: &mut LiveChannels,
+        control: &Arc<Control>,
     ) -> std::io::Result<()> {
         let Some(rendered) = &scene.clay else { return Ok(()) };
         let LoadedClay { clay, tool_shape, report } = model;
@@ -240,7 +243,7 @@ impl SculptRun {
             .unwrap_or_default();
         let plan =
             SculptPlan { script: orders.into_iter().map(due).collect(), ..self.plan.clone() };
-        let (slot, handle, thread) = sculpting::begin(engine, rendered, plan)?;
+        let (slot, handle, thread) = sculpting::begin(engine, rendered, plan, control.clone())?;
         live.clay = Some(slot);
         self.open = Some(Open { thread, handle, volume_before_m3: report.volume_m3 });
         Ok(())
@@ -352,7 +355,7 @@ impl ClayArgs {
     fn outputs(&self) -> Vec<SculptOrder> {
         let save = self.save.clone().map(SculptOrder::SavePoints);
         let session = self.session.clone().map(SculptOrder::SaveSession);
-        [save, session, self.export.clone().map(SculptOrder::Export)]
+        [session, save, self.export.clone().map(SculptOrder::Export)]
             .into_iter()
             .flatten()
             .collect()

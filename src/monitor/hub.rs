@@ -283,6 +283,9 @@ impl Hub {
             }
             // Before anything that takes a lock.
             self.control.disable();
+            if let Some(clay) = self.clay.get() {
+                clay.cancel();
+            }
             if has_force(self.phase()) {
                 self.fell_silent.store(true, Ordering::Relaxed);
             }

@@ -19,7 +19,6 @@ use clay::{ClayModel, LoadError, Neighbours, NormalSource, PointSet, PointSurfac
 use haptics::clay::Clay;
 use vps::density::{FrameError, Lattice};
 use vps::spatial::Metres;
-use vps::voxmap::memory_limit::MemoryLimit;
 
 /// Few things that are felt with an arm are shorter, or longer.
 const HANDY_M: RangeInclusive<f64> = 2e-3..=2.0;
@@ -38,14 +37,6 @@ pub enum ClayError {
     /// The clay itself.
     #[error(transparent)]
     Piece(#[from] ClayModelError),
-    /// It would take too much memory.
-    #[error("{} samples and {} nodes of the raster take about {}", foreseen.samples, foreseen.nodes, limit.exceeded_by(foreseen.bytes))]
-    Memory {
-        /// What it would take, with what objects keep.
-        foreseen: MemoryEstimate,
-        /// What may be taken.
-        limit: MemoryLimit,
-    },
     /// A session that was saved.
     #[error(transparent)]
     Session(#[from] SessionFileError),
@@ -70,7 +61,7 @@ impl ClayError {
                     `sculpt.units`"
                     .to_owned(),
             ),
-            Self::Memory { limit, .. } => Some(format!(
+            Self::Piece(ClayModelError::Memory { limit, .. }) => Some(format!(
                 "take fewer mass points in `sculpt.raster`, a larger \
                     `sculpt.spacing_mm`, or {}",
                 limit.remedy()

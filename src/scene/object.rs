@@ -5,7 +5,7 @@ use thiserror::Error;
 use super::cache::{Baked, Cache, Lookup, Request, Spacing};
 use super::loaded_clay::ClayError;
 use crate::config::scene::MeshSource;
-use clay::clay_model::MemoryEstimate;
+use clay::clay_model::{ClayModelError, MemoryEstimate};
 use vps::part::{Part, PartError, PartRole};
 use vps::storage::memory::available_bytes;
 use vps::voxmap::estimate::{Estimate, MeshMeasures, Products, voxel_size_within};
@@ -159,12 +159,12 @@ impl<'a> MemoryPlan<'a> {
     }
 
     /// Judges the clay, beside what the objects before it keep.
-    pub(super) fn judge_clay(&self, mut foreseen: MemoryEstimate) -> Result<(), ClayError> {
-        let Some((limit, _)) = self.exceeded_by(foreseen.bytes) else { return Ok(()) };
+    pub(super) fn judge_clay(&self, mut estimate: MemoryEstimate) -> Result<(), ClayModelError> {
+        let Some((limit, _)) = self.exceeded_by(estimate.bytes) else { return Ok(()) };
         if let MemoryLimit::Given(_) = limit {
-            foreseen.bytes = foreseen.bytes.saturating_add(self.kept_bytes);
+            estimate.bytes = estimate.bytes.saturating_add(self.kept_bytes);
         }
-        Err(ClayError::Memory { foreseen, limit })
+        Err(ClayModelError::Memory { estimate, limit })
     }
 }
 

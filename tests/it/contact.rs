@@ -5,13 +5,13 @@ use haptics::FilterParameters;
 use haptics::filter::{ShapingFilter, Slide};
 use vps::contact::{ContactSum, Obstacle};
 use vps::contact::{ForceLaw, Normalization};
+use vps::mesh::TriangleMesh;
 use vps::mesh::primitives::Shape;
-use vps::mesh::{TriangleMesh, validate};
 use vps::pointshell::{self, shell::Shell};
 use vps::spatial::{Pose, Wrench};
 use vps::voxmap::field::FieldKind;
-use vps::voxmap::inside_test::InsideTest;
-use vps::voxmap::{Options, Volume};
+
+use super::rig;
 
 const STIFFNESS_N_PER_M: f64 = 1000.0;
 
@@ -19,15 +19,10 @@ fn contact(field: FieldKind) -> ForceLaw {
     ForceLaw { field, stiffness_n_per_m: STIFFNESS_N_PER_M, ..ForceLaw::PLAIN }
 }
 
-fn build(mesh: &TriangleMesh, voxel_size_m: f64, layers: u32) -> Volume {
-    let options = Options { voxel_size_m, layers, navigation: None, sides: InsideTest::Auto };
-    Volume::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
-}
-
 /// An obstacle with its origin at the world's, and the height of the plane through the centres of
 /// its top surface voxels.
 fn obstacle(mesh: &TriangleMesh, voxel_size_m: f64) -> (Obstacle, f64) {
-    let mut map = build(mesh, voxel_size_m, 8);
+    let mut map = rig::volume(mesh, voxel_size_m, 8);
     let grid = map.surface.grid;
     let (_, high) = mesh.bounds().expect("not empty");
     let center_plane_m = grid.origin_m.z + (grid.to_cells(high).z.floor() + 0.5) * voxel_size_m;
@@ -35,7 +30,7 @@ fn obstacle(mesh: &TriangleMesh, voxel_size_m: f64) -> (Obstacle, f64) {
 }
 
 fn shell(mesh: &TriangleMesh, voxel_size_m: f64) -> Shell {
-    pointshell::build(mesh, &build(mesh, voxel_size_m, 4), DVec3::ZERO).0
+    pointshell::build(mesh, &rig::volume(mesh, voxel_size_m, 4), DVec3::ZERO).0
 }
 
 fn block(edge_m: f64) -> TriangleMesh {
@@ -300,7 +295,7 @@ fn a_thin_skin_pushes_out_on_the_side_that_it_was_entered_from() {
         vertices: corners.iter().map(|(x, y)| DVec3::new(*x, *y, 0.0)).collect(),
         triangles: vec![[0, 1, 2], [0, 2, 3]],
     };
-    let mut map = build(&sheet, S, 4);
+    let mut map = rig::volume(&sheet, S, 4);
     assert!(map.thin && !map.watertight);
     let obstacles = [Obstacle { field: map.field(&sheet, false), world_from_map: Pose::IDENTITY }];
     for (height_m, normal) in [(0.6 * S, DVec3::Z), (-0.6 * S, DVec3::NEG_Z)] {
@@ -328,7 +323,7 @@ fn a_closed_plate_thinner_than_a_voxel_is_felt_as_a_skin() {
     let shell = Shell::new(&[(DVec3::ZERO, DVec3::Z)], S);
     for thickness_m in [1e-4, 3e-4, 5e-4] {
         let plate = Shape::Box { size_m: DVec3::new(0.02, 0.02, thickness_m) }.tessellate(1e-5);
-        let mut map = build(&plate, S, 4);
+        let mut map = rig::volume(&plate, S, 4);
         assert!(map.thin && map.watertight && map.leak.is_none(), "{thickness_m} m");
         let obstacles =
             [Obstacle { field: map.field(&plate, false), world_from_map: Pose::IDENTITY }];
@@ -343,7 +338,7 @@ fn a_closed_plate_thinner_than_a_voxel_is_felt_as_a_skin() {
     }
     // Thick enough for cells inside: a solid as before.
     let plate = Shape::Box { size_m: DVec3::new(0.02, 0.02, 2e-3) }.tessellate(1e-5);
-    assert!(!build(&plate, S, 4).thin);
+    assert!(!rig::volume(&plate, S, 4).thin);
 }
 
 /// A contact as the Jacobian of its wrench needs it, world axes, about the centre of mass.

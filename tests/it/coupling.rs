@@ -10,13 +10,9 @@ use haptics::{
     SpringClamp, State, TickInput, TickOutput, Tool, tick,
 };
 use vps::contact::Obstacle;
-use vps::mesh::TriangleMesh;
 use vps::mesh::primitives::Shape;
-use vps::mesh::validate;
 use vps::pointshell::{self, shell::Shell};
 use vps::spatial::{Axes, DeviceSample, Pose, SampleStatus, Twist, Wrench};
-use vps::voxmap::inside_test::InsideTest;
-use vps::voxmap::{Options, Volume};
 
 use super::rig;
 
@@ -48,21 +44,16 @@ fn coupling_with(change: impl FnOnce(&mut Parameters)) -> Parameters {
     parameters
 }
 
-fn build(mesh: &TriangleMesh, voxel_size_m: f64) -> Volume {
-    let options = Options { voxel_size_m, layers: 8, navigation: None, sides: InsideTest::Auto };
-    Volume::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
-}
-
 fn cube() -> Shell {
     let mesh = Shape::Box { size_m: DVec3::splat(2.0 * HALF) }.tessellate(1e-5);
-    pointshell::build(&mesh, &build(&mesh, 1e-3), DVec3::ZERO).0
+    pointshell::build(&mesh, &rig::volume(&mesh, 1e-3, 8), DVec3::ZERO).0
 }
 
 /// A tool over a slab whose top is z = 0, its start at a height.
 fn scene(mut parameters: Parameters, shell: Shell, start_z_m: f64) -> RenderScene {
     parameters.mapping.start = at(0.0, 0.0, start_z_m);
     let slab = Shape::Plane { x_m: 0.06, y_m: 0.06, thickness_m: 0.03 }.tessellate(1e-5);
-    let field = build(&slab, S).field(&slab, false);
+    let field = rig::volume(&slab, S, 8).field(&slab, false);
     let least_kg_m2 = 1.7e-6;
     let inertia = Inertia { mass_kg: 0.1, body_kg_m2: DMat3::IDENTITY * least_kg_m2, least_kg_m2 };
     RenderScene {

@@ -8,14 +8,10 @@ use haptics::{
 };
 use vps::contact::Normalization;
 use vps::contact::{ContactSum, Obstacle};
-use vps::mesh::TriangleMesh;
 use vps::mesh::primitives::Shape;
-use vps::mesh::validate;
 use vps::pointshell::{self, shell::Shell};
 use vps::spatial::{DeviceSample, Pose, SampleStatus, Twist};
 use vps::voxmap::field::FieldKind;
-use vps::voxmap::inside_test::InsideTest;
-use vps::voxmap::{Options, Volume};
 
 use super::rig;
 
@@ -29,20 +25,15 @@ const STIFFNESS_N_PER_M: f64 = 2000.0;
 /// Half the edge of the block, m.
 pub(super) const HALF_M: f64 = 5e-3;
 
-fn build(mesh: &TriangleMesh, voxel_size_m: f64) -> Volume {
-    let options = Options { voxel_size_m, layers: 8, navigation: None, sides: InsideTest::Auto };
-    Volume::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
-}
-
 fn block(size_m: DVec3) -> Shell {
     let mesh = Shape::Box { size_m }.tessellate(1e-5);
-    pointshell::build(&mesh, &build(&mesh, 1e-3), DVec3::ZERO).0
+    pointshell::build(&mesh, &rig::volume(&mesh, 1e-3, 8), DVec3::ZERO).0
 }
 
 /// A slab whose top goes through the origin, turned about y.
 fn slope(angle_rad: f64) -> Obstacle {
     let slab = Shape::Plane { x_m: 0.08, y_m: 0.08, thickness_m: 0.03 }.tessellate(1e-5);
-    let field = build(&slab, S).field(&slab, false);
+    let field = rig::volume(&slab, S, 8).field(&slab, false);
     Obstacle { field, world_from_map: Pose::new(DQuat::from_rotation_y(angle_rad), DVec3::ZERO) }
 }
 

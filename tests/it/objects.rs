@@ -12,15 +12,11 @@ use haptics::{
 use recording::TickRecord;
 use rt::clock::VirtualClock;
 use vps::contact::{ContactSum, ForceLaw, Obstacle, SimdLevel, Traversal, TraversalMode};
-use vps::mesh::TriangleMesh;
 use vps::mesh::primitives::Shape;
-use vps::mesh::validate;
 use vps::pointshell::{self, shell::Shell};
 use vps::spatial::testing::Random;
 use vps::spatial::{DeviceSample, Pose, SampleStatus, Wrench};
 use vps::voxmap::field::FieldKind;
-use vps::voxmap::inside_test::InsideTest;
-use vps::voxmap::{Options, Volume};
 
 use super::rig;
 
@@ -31,19 +27,14 @@ const BALL_M: f64 = 6e-3;
 const MODES: [CouplingMode; 4] =
     [CouplingMode::Implicit, CouplingMode::Static, CouplingMode::Constraint, CouplingMode::Direct];
 
-fn build(mesh: &TriangleMesh, voxel_size_m: f64) -> Volume {
-    let options = Options { voxel_size_m, layers: 8, navigation: None, sides: InsideTest::Auto };
-    Volume::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
-}
-
 fn obstacle(shape: Shape, world_from_map: Pose) -> Obstacle {
     let mesh = shape.tessellate(1e-5);
-    Obstacle { field: build(&mesh, S).field(&mesh, false), world_from_map }
+    Obstacle { field: rig::volume(&mesh, S, 8).field(&mesh, false), world_from_map }
 }
 
 fn ball() -> Shell {
     let mesh = Shape::Sphere { radius_m: BALL_M }.tessellate(1e-5);
-    pointshell::build(&mesh, &build(&mesh, S), DVec3::ZERO).0
+    pointshell::build(&mesh, &rig::volume(&mesh, S, 8), DVec3::ZERO).0
 }
 
 /// Three voxels thick, and so wide that no way leads around it.
@@ -401,7 +392,7 @@ fn what_lies_on_a_plate_goes_with_it_by_friction() {
             Pose::from_translation(DVec3::Z * 0.013),
         );
         let block = Shape::Box { size_m: DVec3::new(0.01, 0.01, 0.01) }.tessellate(1e-5);
-        let shell = pointshell::build(&block, &build(&block, S), DVec3::ZERO).0;
+        let shell = pointshell::build(&block, &rig::volume(&block, S, 8), DVec3::ZERO).0;
         let mut scene = scene(CouplingMode::Implicit, vec![slab], shell);
         scene.parameters.contact.friction = friction;
         // A soft hand that presses: 3 mm at 400 N/m.

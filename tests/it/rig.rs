@@ -12,10 +12,19 @@ use hapticd::scene::{BakeOptions, ObjectReport};
 use haptics::{Faults, Parameters, RenderScene};
 use recording::TickRecord;
 use rt::clock::VirtualClock;
+use vps::mesh::{TriangleMesh, validate};
 use vps::spatial::{Pose, Wrench};
+use vps::voxmap::inside_test::InsideTest;
+use vps::voxmap::{Options, Volume};
 
 /// One tick may round a limit up by this share.
 const ROUNDING: f64 = 1.0 + 1e-12;
+
+/// The volume of a mesh.
+pub(crate) fn volume(mesh: &TriangleMesh, voxel_size_m: f64, layers: u32) -> Volume {
+    let options = Options { voxel_size_m, layers, navigation: None, sides: InsideTest::Auto };
+    Volume::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
+}
 
 /// Parameters of a virtual tool in an implicit coupling, every limit out of the way.
 pub(crate) fn unlimited() -> Parameters {

@@ -109,7 +109,7 @@ fn a_clay_model_is_pressed_joined_saved_and_gone_on_with() {
         .map(|saved| saved["kind"].as_str().unwrap())
         .collect();
     // What strokes wrote comes first.
-    assert_eq!(kinds, ["points", "points", "session", "mesh"]);
+    assert_eq!(kinds, ["points", "session", "points", "mesh"]);
     assert_eq!(
         (&sculpt["saved"][0]["file"], &sculpt["taken_back"]),
         (&"mid.ply".into(), &0.into())

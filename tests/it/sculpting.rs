@@ -3,10 +3,12 @@
 use std::sync::{Arc, mpsc};
 
 use arms::{Capabilities, Device, DeviceError};
+use clay::boolean::Boolean;
 use clay::clay_model::{ClayModel, Settings};
 use clay::engine::{SculptEngine, SculptOrder, SculptTool, ToolBody, ToolSettings};
 use clay::falloff::Falloff;
-use clay::{PointSet, sample};
+use clay::material_map::{MaterialPlace, Painted};
+use clay::{PointSet, SolidSource, sample};
 use engine::servo::{Control, RunPlan, ServoLoop, Step};
 use glam::{DMat3, DVec3};
 use hapticd::daemon::sculpting::{OrderError, SculptOutcome, SculptPlan, begin};
@@ -14,6 +16,7 @@ use haptics::clay::{Clay, Rope};
 use haptics::{CouplingMode, Faults, Inertia, RenderScene, Tool};
 use recording::TickRecord;
 use rt::clock::{Clock, RealClock, VirtualClock};
+use vps::mesh::primitives::Shape;
 use vps::pointshell::shell::Shell;
 use vps::spatial::{DeviceSample, Pose, SampleStatus, Wrench};
 
@@ -24,7 +27,6 @@ const UPDATE_TICKS: u64 = 4;
 const SLEW_N_PER_S: f64 = 500.0;
 
 fn ball() -> PointSet {
-    use vps::mesh::primitives::Shape;
     sample(&Shape::Sphere { radius_m: R }.tessellate(2e-5), 1.2e-3).expect("a spacing that fits")
 }
 
@@ -130,11 +132,11 @@ fn run(
         clock: clock.kind(),
         script: script.into_iter().map(Into::into).collect(),
     };
+    let control = Arc::new(Control::enabled());
     let (slot, handle, thread) =
-        begin(engine, scene.clay.as_ref().expect("clay"), plan).expect("a thread");
+        begin(engine, scene.clay.as_ref().expect("clay"), plan, control.clone()).expect("a thread");
     assert!(handle.view().is_none_or(|view| view.version == 1));
     let (producer, mut consumer) = rtrb::RingBuffer::new(n_ticks as usize + 400);
-    let control = Arc::new(Control::enabled());
     let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };
     let mut servo = ServoLoop::new(Arc::new(scene), Led::default(), clock, control, plan, producer)
         .with_clay(slot);
@@ -257,12 +259,67 @@ fn a_studio_ends_when_it_is_ordered_to_though_the_loop_keeps_its_slot() {
         let scene = scene(&engine);
         let plan =
             SculptPlan { tick_s: 1e-3, update_ticks: UPDATE_TICKS, clock, script: Vec::new() };
+        let control = Arc::new(Control::enabled());
         let (slot, _door, thread) =
-            begin(engine, scene.clay.as_ref().expect("clay"), plan).expect("a thread");
+            begin(engine, scene.clay.as_ref().expect("clay"), plan, control).expect("a thread");
         assert!(!thread.has_ended());
         thread.end();
         assert!(thread.join().expect("joined").report.broken.is_none());
         drop(slot);
+    }
+}
+
+#[test]
+fn an_end_cancels_a_boolean_and_the_session_is_whole() {
+    for is_by_order in [true, false] {
+        let engine = engine(SculptTool::Push);
+        let scene = scene(&engine);
+        let plan = SculptPlan {
+            tick_s: 1e-3,
+            update_ticks: UPDATE_TICKS,
+            clock: RealClock.kind(),
+            script: Vec::new(),
+        };
+        let control = Arc::new(Control::enabled());
+        let (slot, handle, thread) =
+            begin(engine, scene.clay.as_ref().expect("clay"), plan, control.clone())
+                .expect("a thread");
+        let (reported, hears) = mpsc::channel();
+        let ask = |order| {
+            let reported = reported.clone();
+            let answer = move |result: Result<(), OrderError>| {
+                reported.send(result).expect("the test listens");
+            };
+            handle.ask(order, Box::new(answer));
+        };
+        let painted = Painted { mass_kg: Some(3e-4), ..Painted::default() };
+        ask(SculptOrder::Lay { painted, place: MaterialPlace::Everywhere });
+        // Work of ten seconds and more; the order before it is answered when its turn comes.
+        let ball = Shape::Sphere { radius_m: 0.09 };
+        ask(SculptOrder::Combine {
+            boolean: Boolean::Union,
+            with: Arc::new(SolidSource::Shape(ball, DVec3::ONE)),
+            map_from_body: Pose::IDENTITY,
+            is_sharp: true,
+        });
+        assert!(matches!(hears.recv(), Ok(Ok(()))));
+        if is_by_order {
+            control.stop();
+        } else {
+            thread.end();
+        }
+        let Ok(Err(error)) = hears.recv() else { panic!("it was carried out") };
+        assert!(error.to_string().contains("the work was cancelled"), "{error}");
+        thread.end();
+        let SculptOutcome { report, mut engine } = thread.join().expect("joined");
+        assert!(report.broken.is_none() && report.strokes == 1, "{report:?}");
+        drop(slot);
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("clay.session");
+        engine.order(SculptOrder::SaveSession(path.clone())).expect("saved");
+        let model = ClayModel::load_session(&path).expect("a whole session");
+        assert_eq!((model.points().len(), model.history()), (ball().len(), (1, 0)));
+        assert_eq!(model.settings().material.mass_kg, 3e-4);
     }
 }
 

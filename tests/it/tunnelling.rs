@@ -6,14 +6,10 @@ use haptics::{
     Tool, tick,
 };
 use vps::contact::Obstacle;
-use vps::mesh::TriangleMesh;
 use vps::mesh::primitives::Shape;
-use vps::mesh::validate;
 use vps::pointshell;
 use vps::spatial::testing::Random;
 use vps::spatial::{DeviceSample, Pose, SampleStatus, Twist};
-use vps::voxmap::inside_test::InsideTest;
-use vps::voxmap::{Options, Volume};
 
 use super::rig;
 
@@ -23,16 +19,11 @@ const S: f64 = 1e-3;
 const PLATE_M: f64 = 3.0 * S;
 const RADIUS_M: f64 = 6e-3;
 
-fn build(mesh: &TriangleMesh) -> Volume {
-    let options = Options { voxel_size_m: S, layers: 8, navigation: None, sides: InsideTest::Auto };
-    Volume::build(mesh, &validate::inspect(mesh), &options, |_| ()).expect("a grid that fits")
-}
-
 /// A ball above a plate of three voxels, which is so wide that no way leads around it.
 fn scene(mode: CouplingMode) -> RenderScene {
     let plate = Shape::Box { size_m: DVec3::new(0.16, 0.16, PLATE_M) }.tessellate(1e-5);
     let ball = Shape::Sphere { radius_m: RADIUS_M }.tessellate(1e-5);
-    let shell = pointshell::build(&ball, &build(&ball), DVec3::ZERO).0;
+    let shell = pointshell::build(&ball, &rig::volume(&ball, S, 8), DVec3::ZERO).0;
     let least_kg_m2 = 1e-6;
     let mut parameters = rig::unlimited();
     parameters.coupling.mode = mode;
@@ -47,7 +38,7 @@ fn scene(mode: CouplingMode) -> RenderScene {
     RenderScene {
         parameters,
         obstacles: vec![Obstacle {
-            field: build(&plate).field(&plate, false),
+            field: rig::volume(&plate, S, 8).field(&plate, false),
             world_from_map: Pose::IDENTITY,
         }],
         clay: None,

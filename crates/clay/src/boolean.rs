@@ -22,7 +22,8 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::{Patch, PointSet, PointSurface};
+use super::work_meter::TREE_STEPS;
+use super::{Patch, PointSet, PointSurface, WorkError, WorkMeter};
 use vps::density::Raster;
 
 /// Rings of added samples around a sample at the edge, and how far out, in its spacings.
@@ -82,14 +83,16 @@ impl Boolean {
         first: &PointSurface,
         second: &PointSurface,
         is_sharp: bool,
-    ) -> PointSet {
+        meter: &WorkMeter,
+    ) -> Result<PointSet, WorkError> {
         let mut of_first =
-            kept(first, second, |density_m| self.keeps_of_first(density_m), is_sharp);
+            kept(first, second, |density_m| self.keeps_of_first(density_m), is_sharp, meter)?;
         let mut of_second =
-            kept(second, first, |density_m| self.keeps_of_second(density_m), is_sharp);
+            kept(second, first, |density_m| self.keeps_of_second(density_m), is_sharp, meter)?;
         if self == Self::Difference {
             of_second.normals_map.iter_mut().for_each(|normal| *normal = -*normal);
         }
+        meter.take(2 * TREE_STEPS * (of_first.len() + of_second.len()) as u64)?;
         let patch = if is_sharp {
             of_first.last_patch().next(self != Self::Union)
         } else {
@@ -109,7 +112,7 @@ impl Boolean {
         let apart = (0..of_second.len() as u32)
             .filter(|sample| taken.is_free(of_second.positions_map[*sample as usize]));
         of_first.append(&of_second.select(apart));
-        of_first
+        Ok(of_first)
     }
 
     /// The densities of what is left, node by node, with both on one lattice. The edge is as sharp
@@ -181,10 +184,16 @@ fn kept(
     other: &PointSurface,
     keeps: impl Fn(f64) -> bool + Sync,
     is_sharp: bool,
-) -> PointSet {
+    meter: &WorkMeter,
+) -> Result<PointSet, WorkError> {
     let points = surface.points();
+    let of_place = |at: &DVec3| {
+        let mut steps = 0;
+        let value_m = other.at_counted(*at, &mut steps).value_m;
+        meter.take(steps).map(|()| value_m)
+    };
     let of_other: Vec<f64> =
-        points.positions_map.par_iter().map(|at| other.at(*at).value_m).collect();
+        points.positions_map.par_iter().map(of_place).collect::<Result<_, _>>()?;
     let mut left =
         points.select((0..points.len() as u32).filter(|sample| keeps(of_other[*sample as usize])));
     if is_sharp {
@@ -194,12 +203,15 @@ fn kept(
                 <= EDGE_SPACINGS * surface.spacings_m()[*sample as usize]
         };
         let at_edge: Vec<u32> = (0..points.len() as u32).filter(at_edge).collect();
-        let added: Vec<PointSet> =
-            at_edge.par_iter().map(|sample| around(surface, other, *sample, &keeps)).collect();
+        let added: Vec<PointSet> = at_edge
+            .par_iter()
+            .map(|sample| around(surface, other, *sample, &keeps, meter))
+            .collect::<Result<_, _>>()?;
         let apart_m = APART_SPACINGS * surface.spacing_m();
         let mut taken = super::resample::OccupiedPlaces::new(apart_m);
         left.positions_map.iter().for_each(|at| taken.take(*at));
         for added in &added {
+            meter.take(added.len() as u64)?;
             for n in 0..added.len() {
                 if taken.is_free(added.positions_map[n]) {
                     taken.take(added.positions_map[n]);
@@ -208,7 +220,7 @@ fn kept(
             }
         }
     }
-    left
+    Ok(left)
 }
 
 /// More samples in the disc of one, on its surface, where the other field keeps them.
@@ -217,7 +229,8 @@ fn around(
     other: &PointSurface,
     sample: u32,
     keeps: &impl Fn(f64) -> bool,
-) -> PointSet {
+    meter: &WorkMeter,
+) -> Result<PointSet, WorkError> {
     let points = surface.points();
     let (at, normal, color) = (
         points.positions_map[sample as usize],
@@ -227,20 +240,22 @@ fn around(
     let spacing_m = surface.spacings_m()[sample as usize];
     let (u, v) = normal.any_orthonormal_pair();
     let mut added = PointSet::default();
+    let mut steps = 0;
     for (n_on_ring, share) in EDGE_RINGS {
         for n in 0..n_on_ring {
             let (sin, cos) =
                 (core::f64::consts::TAU * f64::from(n) / f64::from(n_on_ring)).sin_cos();
             let place = at + (u * cos + v * sin) * (share * spacing_m);
-            let Some(on_surface) = surface.project(place) else { continue };
-            let normal = surface.at(on_surface).normal();
-            if keeps(other.at(on_surface).value_m) && normal.is_normalized() {
+            let Some(on_surface) = surface.project_counted(place, &mut steps) else { continue };
+            let normal = surface.at_counted(on_surface, &mut steps).normal();
+            if keeps(other.at_counted(on_surface, &mut steps).value_m) && normal.is_normalized() {
                 added.push(on_surface, normal, color);
                 added.set_patch(added.len() as u32 - 1, points.patch(sample));
             }
         }
     }
-    added
+    meter.take(steps)?;
+    Ok(added)
 }
 
 #[cfg(test)]
@@ -299,7 +314,7 @@ mod tests {
         let of_first = |at: DVec3| R - at.length();
         let of_second = |at: DVec3| R - at.distance(DVec3::X * R);
         for (boolean, _) in volumes() {
-            let left = boolean.samples(&first, &second, false);
+            let left = boolean.samples(&first, &second, false, &WorkMeter::unlimited()).unwrap();
             let expected_first = first
                 .points()
                 .positions_map
@@ -326,17 +341,17 @@ mod tests {
     fn acceptance_27_volumes_are_those_of_the_spheres() {
         let first = sphere(DVec3::ZERO);
         let second = sphere(DVec3::X * R);
-        let first_m = first.rasterize(lattice());
-        let second_m = second.rasterize(lattice());
+        let first_m = first.rasterize(lattice(), &WorkMeter::unlimited()).unwrap();
+        let second_m = second.rasterize(lattice(), &WorkMeter::unlimited()).unwrap();
         for (boolean, expected) in volumes() {
             let sharp = volume(&boolean.densities(&first_m, &second_m));
             assert!((sharp / expected - 1.0).abs() < 0.02, "{boolean:?}: {sharp} of {expected}");
             let blended = PointSurface::build(
-                boolean.samples(&first, &second, false),
+                boolean.samples(&first, &second, false, &WorkMeter::unlimited()).unwrap(),
                 PointSurface::DEFAULT_NEIGHBOURS,
             )
             .unwrap();
-            let blended = volume(&blended.rasterize(lattice()));
+            let blended = volume(&blended.rasterize(lattice(), &WorkMeter::unlimited()).unwrap());
             assert!(
                 (blended / expected - 1.0).abs() < 0.02,
                 "{boolean:?}, blended: {blended} of {expected}"
@@ -365,8 +380,12 @@ mod tests {
             }
             worst
         };
-        let blunt = nearest(&Boolean::Union.samples(&first, &second, false));
-        let sharp = nearest(&Boolean::Union.samples(&first, &second, true));
+        let blunt = nearest(
+            &Boolean::Union.samples(&first, &second, false, &WorkMeter::unlimited()).unwrap(),
+        );
+        let sharp = nearest(
+            &Boolean::Union.samples(&first, &second, true, &WorkMeter::unlimited()).unwrap(),
+        );
         assert!(
             sharp < 0.4 * spacing && sharp < 0.7 * blunt,
             "{sharp} against {blunt}, spacing {spacing}"

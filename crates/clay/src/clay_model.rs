@@ -9,7 +9,7 @@
 //! A stroke works on copies; what a look-up of [`ClayModel::surface`] gives changes when it ends.
 
 mod adopt;
-mod estimate_memory;
+mod estimate;
 mod lattices;
 mod material;
 mod painting;
@@ -22,7 +22,8 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use self::adopt::{adopt, faint_m, forget_faint, make_even, moved_by, near_to};
-pub use self::estimate_memory::MemoryEstimate;
+pub(super) use self::estimate::SolidSize;
+pub use self::estimate::{MemoryEstimate, WorkEstimate};
 use self::lattices::{copy_into, cut, has_room, lattices, lattices_after};
 use self::painting::Press;
 pub use self::settings::{ClayModelError, Settings};
@@ -35,7 +36,8 @@ use super::material_map::{MaterialCoat, MaterialMap};
 use super::pull::{CurvesPull, PullForce, add_pull};
 use super::redistance::redistance;
 use super::topology::{euler_number, forget_unsampled};
-use super::{PointSet, PointSurface, SurfaceError, advect, resample};
+use super::work_meter::TREE_STEPS;
+use super::{Cancel, PointSet, PointSurface, SurfaceError, WorkError, WorkMeter, advect, resample};
 use vps::density::{Density, DensityFrame, FrameError, Lattice, Raster};
 
 /// Largest empty circle and closest pair of samples in a region, in spacings of the samples at the
@@ -85,6 +87,8 @@ pub struct ClayModel {
     undone: Vec<Snapshot>,
     strokes: u64,
     updates: u64,
+    /// Ends what takes longer than a touch of the brush.
+    cancel: Cancel,
     /// Euler numbers of the region before and after the last stroke that deformed, where they
     /// differ; until they are taken.
     reconnected: Option<(i64, i64)>,
@@ -97,9 +101,10 @@ impl ClayModel {
     /// # Errors
     /// [`ClayModelError`].
     pub fn new(points: PointSet, settings: Settings) -> Result<Self, ClayModelError> {
-        let surface = settings.surface(points)?;
+        let meter = WorkMeter::unlimited();
+        let surface = settings.surface(points, &meter)?;
         let (whole, first, region) = lattices(surface.bounds(), &settings)?;
-        let base = measured(surface.rasterize(whole));
+        let base = measured(surface.rasterize(whole, &meter)?);
         let material_map = MaterialMap::default();
         let region =
             DynamicRegion::new(surface.points(), (&base, &material_map), first, region, &settings);
@@ -120,8 +125,15 @@ impl ClayModel {
             undone: Vec::new(),
             strokes: 0,
             updates: 0,
+            cancel: Cancel::default(),
             reconnected: None,
         })
+    }
+
+    /// From now on this ends Booleans, images, other regions and the like before they are done, and
+    /// the clay is as it was. The end of a stroke is not ended: it costs no more than to save it.
+    pub fn cancel_when(&mut self, cancel: Cancel) {
+        self.cancel = cancel;
     }
 
     /// The surface as the last stroke left it.
@@ -246,13 +258,21 @@ impl ClayModel {
         self.end_stroke()?;
         let settings = Settings { region_map: Some((low_map, high_map)), ..self.settings.clone() };
         let (whole, first, region) = lattices(self.surface.bounds(), &settings)?;
-        let base = measured(self.surface.rasterize(whole));
+        let meter = self.meter(self.estimate_region(&whole, &settings)?)?;
+        let base = measured(self.surface.rasterize(whole, &meter)?);
         let material_map = self.material_map.onto(self.base.lattice(), &whole, &settings.material);
         let mut surface = self.surface.clone();
         let inside = AdvectedSamples::new(surface.points(), &cut(&base, first, region), 0.0);
         if !inside.samples().is_empty() {
             let points = surface.points().clone();
-            make_even(Arc::make_mut(&mut surface), &points, inside.samples(), &base, self.gap_m)?;
+            make_even(
+                Arc::make_mut(&mut surface),
+                &points,
+                inside.samples(),
+                &base,
+                self.gap_m,
+                &meter,
+            )?;
         }
         let region =
             DynamicRegion::new(surface.points(), (&base, &material_map), first, region, &settings);
@@ -311,7 +331,9 @@ impl ClayModel {
                 self.went_m = 0.0;
                 let moved =
                     moved_by(points, self.surface.points(), afloat, faint_m(dynamics.lattice()));
-                resample::fill(points, afloat, &moved, dynamics.now(), self.gap_m);
+                let meter = WorkMeter::unlimited();
+                // Without a limit it does not fail.
+                let _ = resample::fill(points, afloat, &moved, dynamics.now(), self.gap_m, &meter);
             }
         }
         progress
@@ -352,10 +374,12 @@ impl ClayModel {
                 core::mem::replace(&mut points.positions_map[*n as usize], 3.0 * high - 2.0 * low)
             })
             .collect();
-        resample::fill(&mut points, afloat, &moved, &now, self.gap_m);
+        let meter = WorkMeter::unlimited();
+        resample::fill(&mut points, afloat, &moved, &now, self.gap_m, &meter)?;
         lost.iter().zip(aside).for_each(|(n, at)| points.positions_map[*n as usize] = at);
         let close_m = CLOSE_SPACINGS * self.surface.spacing_m();
-        let mut kept = resample::thinned(&points, self.surface.points(), afloat.samples(), close_m);
+        let before = self.surface.points();
+        let mut kept = resample::thinned(&points, before, afloat.samples(), close_m, &meter)?;
         kept.retain(|sample| !is_lost(sample));
         let mut base = (*self.base).clone();
         copy_into(&mut base, &now, *first);
@@ -395,17 +419,19 @@ impl ClayModel {
         depth_m: f64,
     ) -> Result<usize, ClayModelError> {
         self.end_stroke()?;
+        let meter = self.meter(self.estimate_emboss(image, placement, depth_m)?)?;
         let mut surface = (*self.surface).clone();
-        surface.replace(&[], &between_steep(&surface, image, placement, depth_m))?;
-        let moved = embossed(&surface, image, placement, depth_m)?;
+        let between = between_steep(&surface, image, placement, depth_m, &meter);
+        surface.replace(&[], &between?, &meter)?;
+        let moved = embossed(&surface, image, placement, depth_m, &meter)?;
         if moved.is_empty() {
             return Ok(0);
         }
         let earlier = surface.clone();
-        let cliffs = cliffs(surface.points(), &moved, surface.spacing_m(), self.gap_m);
+        let cliffs = cliffs(surface.points(), &moved, surface.spacing_m(), self.gap_m, &meter)?;
         let flat = surface.points().clone();
-        surface.move_and_refit(&moved)?;
-        surface.replace(&[], &cliffs)?;
+        surface.move_and_refit(&moved, &meter)?;
+        surface.replace(&[], &cliffs, &meter)?;
         let now = *self.base.lattice();
         let larger = if has_room(&now, surface.bounds()) {
             None
@@ -414,16 +440,16 @@ impl ClayModel {
         };
         let lattice = larger.map_or(now, |(whole, ..)| whole);
         let mut base = changed(
-            &self.densities_on(lattice),
-            &earlier.rasterize(lattice),
-            &surface.rasterize(lattice),
+            &self.densities_on(lattice, &meter)?,
+            &earlier.rasterize(lattice, &meter)?,
+            &surface.rasterize(lattice, &meter)?,
         );
         forget_unsampled(&mut base, &surface.points().positions_map);
         let base = measured(base);
         let n_cliffs =
             (surface.points().len() - cliffs.len()) as u32..surface.points().len() as u32;
         let looked_at: Vec<u32> = moved.iter().map(|moved| moved.sample).chain(n_cliffs).collect();
-        make_even(&mut surface, &flat, &looked_at, &base, self.gap_m)?;
+        make_even(&mut surface, &flat, &looked_at, &base, self.gap_m, &meter)?;
         self.remember();
         self.surface = Arc::new(surface);
         self.material_map = self.material_map.onto(&now, &lattice, &self.settings.material);
@@ -450,23 +476,31 @@ impl ClayModel {
         is_sharp: bool,
     ) -> Result<(), ClayModelError> {
         self.end_stroke()?;
-        let points = boolean.samples(&self.surface, other, is_sharp);
+        let solid = SolidSize {
+            samples: other.points().len() as u64,
+            spacing_m: other.spacing_m(),
+            bounds: other.bounds(),
+        };
+        let meter = self.meter(self.estimate_combine(boolean, solid, is_sharp)?)?;
+        let points = boolean.samples(&self.surface, other, is_sharp, &meter)?;
         if points.len() < PointSet::LEAST {
             return Err(ClayModelError::NothingLeft);
         }
-        let mut surface = self.settings.surface(points)?;
+        let mut surface = self.settings.surface(points, &meter)?;
         let now = (self.base.lattice(), self.region.dynamics.lattice());
         let (whole, first, region) = lattices_after(now, surface.bounds(), &self.settings)?;
-        let of_first = self.densities_on(whole);
-        let of_second = other.rasterize(whole);
+        let of_first = self.densities_on(whole, &meter)?;
+        let of_second = other.rasterize(whole, &meter)?;
         let mut left = boolean.densities(&of_first, &of_second);
         if !is_sharp {
             let width_m = BLEND_SPACINGS
                 * self.surface.spacing_m().max(other.spacing_m()).max(whole.spacing_m);
-            boolean::blend(&mut left, [&of_first, &of_second], &surface.rasterize(whole), width_m);
+            let smooth = surface.rasterize(whole, &meter)?;
+            boolean::blend(&mut left, [&of_first, &of_second], &smooth, width_m);
         }
         forget_unsampled(&mut left, &surface.points().positions_map);
         let base = measured(left);
+        meter.take(2 * TREE_STEPS * surface.points().len() as u64)?;
         // Near both, where the seam is; what each was elsewhere it stays.
         let [near_first, near_second] = [self.surface.neighbours(), other.neighbours()]
             .map(|tree| near_to(surface.points(), tree, SEAM_GAPS * self.gap_m));
@@ -475,7 +509,7 @@ impl ClayModel {
             .filter(|sample| near_second.binary_search(sample).is_ok())
             .collect();
         let cut = surface.points().clone();
-        make_even(&mut surface, &cut, &beside, &base, self.gap_m)?;
+        make_even(&mut surface, &cut, &beside, &base, self.gap_m, &meter)?;
         self.remember();
         self.surface = Arc::new(surface);
         self.material_map =
@@ -493,12 +527,12 @@ impl ClayModel {
     }
 
     /// The densities on another lattice: those that are known, and beyond them what fits say.
-    fn densities_on(&self, lattice: Lattice) -> Raster {
+    fn densities_on(&self, lattice: Lattice, meter: &WorkMeter) -> Result<Raster, WorkError> {
         let known = |node| self.base.at(lattice.position(node)).map(|density| density.value_m);
         if *self.base.lattice() == lattice {
-            return (*self.base).clone();
+            return Ok((*self.base).clone());
         }
-        let mut raster = self.surface.rasterize(lattice);
+        let mut raster = self.surface.rasterize(lattice, meter)?;
         let [nx, ny, nz] = lattice.dims;
         raster.values_m_mut().par_chunks_mut(ny * nz).enumerate().take(nx).for_each(
             |(x, plane)| {
@@ -507,7 +541,7 @@ impl ClayModel {
                 }
             },
         );
-        raster
+        Ok(raster)
     }
 
     /// Writes the densities into a frame for the tick. Cost: a copy of the region.

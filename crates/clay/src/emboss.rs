@@ -17,7 +17,10 @@ use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use super::resample::OccupiedPlaces;
-use super::{Neighbour, Neighbours, PointSet, PointSurface, SampleMove, SurfaceError};
+use super::work_meter::{FIT_STEPS, TREE_STEPS};
+use super::{
+    Neighbour, Neighbours, PointSet, PointSurface, SampleMove, SurfaceError, WorkError, WorkMeter,
+};
 use vps::storage::regular;
 
 /// Bytes of an image file at most.
@@ -209,6 +212,38 @@ impl ImagePlacement {
     }
 }
 
+/// How many samples lie under an image, and about how many it adds where it is steep. Cost: the
+/// neighbours of those samples.
+pub(super) fn samples_under(
+    surface: &PointSurface,
+    image: &GreyImage,
+    placement: &ImagePlacement,
+    depth_m: f64,
+    gap_m: f64,
+) -> (u64, u64) {
+    let points = surface.points();
+    let heights_m: Vec<Option<f64>> = points
+        .positions_map
+        .par_iter()
+        .zip(&points.normals_map)
+        .map(|(at, normal)| placement.place(*at, *normal).map(|place| depth_m * image.at(place)))
+        .collect();
+    let added = |found: &mut Vec<Neighbour>, sample: usize| {
+        let Some(height_m) = heights_m[sample] else { return 0.0 };
+        let seen_m = SEEN_SPACINGS * surface.spacing_m();
+        surface.neighbours().within(points.positions_map[sample], seen_m, found);
+        let of_other = |other: &Neighbour| {
+            let along_m = other.distance_squared_m2.sqrt();
+            let up_m = (heights_m[other.sample as usize].unwrap_or(0.0) - height_m).abs();
+            if up_m > STEEP * along_m { 1.0 + up_m / (WALL_GAPS * gap_m) } else { 0.0 }
+        };
+        found.iter().map(of_other).sum()
+    };
+    let n_added: f64 =
+        (0..points.len()).into_par_iter().map_init(Vec::new, |found, n| added(found, n)).sum();
+    (heights_m.iter().flatten().count() as u64, n_added as u64)
+}
+
 /// Samples to be added between those whose heights under the image differ so much that the relief
 /// would tear them apart; on the surface as it is, in rounds that halve their distance. Cost: a
 /// look-up of the image per sample, and the neighbours of those at a slope.
@@ -217,7 +252,8 @@ pub(super) fn between_steep(
     image: &GreyImage,
     placement: &ImagePlacement,
     depth_m: f64,
-) -> PointSet {
+    meter: &WorkMeter,
+) -> Result<PointSet, WorkError> {
     let spacing_m = surface.spacing_m();
     let height_m = |at: DVec3, normal: DVec3| {
         placement.place(at, normal).map_or(0.0, |place| depth_m * image.at(place))
@@ -234,11 +270,13 @@ pub(super) fn between_steep(
     points.positions_map.iter().for_each(|at| taken.take(*at));
     let mut looked_at: Vec<u32> = (0..n_before).collect();
     for _ in 0..ROUNDS {
+        meter.take(TREE_STEPS * points.len() as u64)?;
         let near = Neighbours::new(&points.positions_map);
-        let middles = |found: &mut Vec<Neighbour>, sample: &u32| -> Vec<(DVec3, u32)> {
+        let middles = |found: &mut Vec<Neighbour>, sample: &u32| {
             let at = points.positions_map[*sample as usize];
             let height = heights_m[*sample as usize];
             near.within(at, SEEN_SPACINGS * spacing_m, found);
+            meter.take(1 + found.len() as u64)?;
             let is_torn = |other: &&Neighbour| {
                 let along_m = other.distance_squared_m2.sqrt();
                 let up_m = (heights_m[other.sample as usize] - height).abs();
@@ -250,20 +288,23 @@ pub(super) fn between_steep(
                     && up_m > STEEP * along_m
                     && along_m.hypot(up_m) > TORN_SPACINGS * spacing_m
             };
-            found
-                .iter()
-                .filter(is_torn)
-                .map(|other| (0.5 * (at + points.positions_map[other.sample as usize]), *sample))
-                .collect()
+            let torn = found.iter().filter(is_torn);
+            let middle = |other: &Neighbour| {
+                (0.5 * (at + points.positions_map[other.sample as usize]), *sample)
+            };
+            Ok(torn.map(middle).collect())
         };
-        let middles: Vec<(DVec3, u32)> =
-            looked_at.par_iter().map_init(Vec::new, middles).flatten().collect();
+        let middles: Vec<Vec<(DVec3, u32)>> =
+            looked_at.par_iter().map_init(Vec::new, middles).collect::<Result<_, WorkError>>()?;
         let first_new = points.len() as u32;
-        for (middle_map, sample) in middles {
+        for (middle_map, sample) in middles.into_iter().flatten() {
             if !taken.is_free(middle_map) {
                 continue;
             }
-            let Some(at) = surface.project(middle_map) else { continue };
+            let mut steps = 0;
+            let on_surface = surface.project_counted(middle_map, &mut steps);
+            meter.take(steps)?;
+            let Some(at) = on_surface else { continue };
             let normal = surface.at(at).normal();
             if taken.is_free(at) && normal.is_normalized() {
                 taken.take(at);
@@ -289,7 +330,7 @@ pub(super) fn between_steep(
         looked_at.sort_unstable();
         looked_at.dedup();
     }
-    points.select(n_before..points.len() as u32)
+    Ok(points.select(n_before..points.len() as u32))
 }
 
 /// Samples on the walls of a relief that is so steep that nothing was left between the samples
@@ -300,14 +341,17 @@ pub(super) fn cliffs(
     moved: &[SampleMove],
     spacing_m: f64,
     gap_m: f64,
-) -> PointSet {
+    meter: &WorkMeter,
+) -> Result<PointSet, WorkError> {
     let mut after_map = points.positions_map.clone();
     moved.iter().for_each(|moved| after_map[moved.sample as usize] = moved.position_map);
+    meter.take(TREE_STEPS * points.len() as u64)?;
     let near = Neighbours::new(&points.positions_map);
     let on_walls = |found: &mut Vec<Neighbour>, moved: &SampleMove| {
         let at = points.positions_map[moved.sample as usize];
         let after = moved.position_map;
         near.within(at, spacing_m, found);
+        meter.take(1 + found.len() as u64)?;
         let mut walls = PointSet::default();
         for other in found.iter().map(|other| other.sample as usize) {
             let along = points.positions_map[other] - at;
@@ -325,6 +369,8 @@ pub(super) fn cliffs(
                 -along
             };
             let Some(normal) = high_to_low.reject_from(up).try_normalize() else { continue };
+            // Before they are there: a wall is as high as the depth that was asked for.
+            meter.take(n.into())?;
             for k in 1..n {
                 walls.push(
                     after + up * (f64::from(k) / f64::from(n)),
@@ -333,13 +379,15 @@ pub(super) fn cliffs(
                 );
             }
         }
-        walls
+        Ok(walls)
     };
-    let walls: Vec<PointSet> = moved.par_iter().map_init(Vec::new, on_walls).collect();
+    let walls: Vec<PointSet> =
+        moved.par_iter().map_init(Vec::new, on_walls).collect::<Result<_, WorkError>>()?;
     let mut taken = OccupiedPlaces::new(WALL_APART_GAPS * gap_m);
     after_map.iter().for_each(|at| taken.take(*at));
     let mut kept = PointSet::default();
     for walls in &walls {
+        meter.take(walls.len() as u64)?;
         for (n, at) in walls.positions_map.iter().enumerate() {
             if taken.is_free(*at) {
                 taken.take(*at);
@@ -347,7 +395,7 @@ pub(super) fn cliffs(
             }
         }
     }
-    kept
+    Ok(kept)
 }
 
 /// Where the samples go when white lies `depth_m` above the surface (below: engraving), and their
@@ -361,6 +409,7 @@ pub(super) fn embossed(
     image: &GreyImage,
     placement: &ImagePlacement,
     depth_m: f64,
+    meter: &WorkMeter,
 ) -> Result<Vec<SampleMove>, SurfaceError> {
     let points = surface.points();
     let reach_m = SLOPE_SPACINGS * surface.spacing_m();
@@ -376,6 +425,7 @@ pub(super) fn embossed(
     let distance_m = |sample: u32| heights_m[sample as usize].unwrap_or(0.0);
     let moved = |sample: u32| -> Result<Option<SampleMove>, SurfaceError> {
         let Some(height_m) = heights_m[sample as usize] else { return Ok(None) };
+        meter.take(FIT_STEPS * surface.n_neighbours() as u64)?;
         let Some(fit) = surface.fit_to_distances(sample, distance_m)? else { return Ok(None) };
         let at = points.positions_map[sample as usize];
         let normal = points.normals_map[sample as usize];
@@ -464,10 +514,11 @@ mod tests {
     fn white_stands_out_by_the_depth_and_is_sunk_in_by_engraving() {
         for depth in [1e-3, -1e-3] {
             let mut surface = sphere(0.02);
-            let moved = embossed(&surface, &step_image(), &GLOBE, depth).unwrap();
+            let moved =
+                embossed(&surface, &step_image(), &GLOBE, depth, &WorkMeter::unlimited()).unwrap();
             surface.move_samples(&moved).unwrap();
             let all: Vec<u32> = (0..surface.points().len() as u32).collect();
-            surface.refit(&all).unwrap();
+            surface.refit(&all, &WorkMeter::unlimited()).unwrap();
             // White is the half towards +y, away from the step.
             for n in 0..100 {
                 let turn = 0.6 + 1.9 * f64::from(n) / 100.0;
@@ -494,7 +545,7 @@ mod tests {
         let surface = sphere(0.02);
         let mut n_steep = 0;
         for SampleMove { sample, normal_map, .. } in
-            embossed(&surface, &hills, &GLOBE, depth_m).unwrap()
+            embossed(&surface, &hills, &GLOBE, depth_m, &WorkMeter::unlimited()).unwrap()
         {
             let out = surface.points().normals_map[sample as usize];
             let east = DVec3::Z.cross(out);
@@ -521,8 +572,14 @@ mod tests {
             right_map: DVec3::X * 5e-3,
             up_map: DVec3::Y * 5e-3,
         };
-        let moved =
-            embossed(&surface, &GreyImage::new(2, 2, vec![1.0; 4]).unwrap(), &stamp, 1e-3).unwrap();
+        let moved = embossed(
+            &surface,
+            &GreyImage::new(2, 2, vec![1.0; 4]).unwrap(),
+            &stamp,
+            1e-3,
+            &WorkMeter::unlimited(),
+        )
+        .unwrap();
         assert!(!moved.is_empty());
         for SampleMove { sample, position_map, normal_map } in moved {
             let before = surface.points().positions_map[sample as usize];
@@ -549,9 +606,13 @@ mod tests {
             up_map: DVec3::Y * 4e-3,
         };
         if is_refined {
-            surface.replace(&[], &between_steep(&surface, image, &stamp, depth_m)).unwrap();
+            let meter = WorkMeter::unlimited();
+            let between = between_steep(&surface, image, &stamp, depth_m, &meter).unwrap();
+            surface.replace(&[], &between, &meter).unwrap();
         }
-        surface.move_and_refit(&embossed(&surface, image, &stamp, depth_m).unwrap()).unwrap();
+        let meter = WorkMeter::unlimited();
+        let moved = embossed(&surface, image, &stamp, depth_m, &meter).unwrap();
+        surface.move_and_refit(&moved, &meter).unwrap();
         surface
     }
 

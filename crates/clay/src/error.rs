@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 
+use super::WorkError;
 use vps::spatial::{Metres, Place};
 
 /// Samples that no surface can be made of. Messages read well after "failed to build the surface:
@@ -9,6 +10,9 @@ use vps::spatial::{Metres, Place};
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SurfaceError {
+    /// The work ended before it was done.
+    #[error(transparent)]
+    Work(#[from] WorkError),
     /// Not enough samples to go around a body.
     #[error("{found} points, at least {} are needed", super::PointSet::LEAST)]
     TooFew {
@@ -101,6 +105,7 @@ impl SurfaceError {
     /// What to do about it.
     pub fn hint(&self) -> &'static str {
         match self {
+            Self::Work(error) => error.hint(),
             Self::TooFew { .. } => {
                 "scan or sample the surface more densely; a sphere takes some hundreds of points"
             }

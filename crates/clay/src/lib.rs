@@ -45,6 +45,7 @@
 //! | [`dynamics`], [`pull`], [`falloff`] | densities as masses on springs, and the forces of a tool on them |
 //! | `advect`, `resample`, `redistance`, `topology` | samples and densities after a change of shape |
 //! | [`boolean`], [`emboss`], `paint`, [`material_map`] | the other tools: solids that join and cut, images, colour, painted material |
+//! | `work_meter` | how much work an order may be, and how it is cancelled |
 //! | [`engine`] | what the tool does in a tick → strokes; orders of clients; views |
 //! | [`session`], [`export`] | clay as a file, as a closed mesh |
 //!
@@ -80,6 +81,7 @@ mod solid;
 mod spline;
 mod surface;
 mod topology;
+mod work_meter;
 
 pub use clay_model::ClayModel;
 pub use error::SurfaceError;
@@ -92,6 +94,7 @@ pub use save::{save, write};
 pub use solid::{Solid, SolidSource};
 use surface::SampleMove;
 pub use surface::{Distance, PointSurface};
+pub use work_meter::{Cancel, WorkError, WorkMeter};
 
 #[cfg(test)]
 mod shapes;

@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use super::sample::{GREY, sample};
-use super::{Neighbour, Neighbours, PointSet, SurfaceError, normals};
+use super::sample::{GREY, sample_within};
+use super::{Neighbour, Neighbours, PointSet, SurfaceError, WorkMeter, normals};
 use vps::mesh::cloud::{self, Cloud, Contents};
 use vps::mesh::{self, MeshError, TriangleMesh};
 
@@ -115,7 +115,7 @@ pub(super) fn load_scaled(
     match open(path, metres_per_unit, scale)? {
         FileContents::Mesh(mesh) => {
             let spacing_m = mesh_spacing_m.unwrap_or_else(|| spacing_of(&mesh, DEFAULT_SAMPLES));
-            let points = sample_of(&mesh, spacing_m)
+            let points = sample_of(&mesh, spacing_m, &WorkMeter::unlimited())
                 .map_err(|source| LoadError::Surface { path: path.to_owned(), source })?;
             Ok(LoadedPoints { points, merged: 0, normals: NormalSource::Faces })
         }
@@ -170,8 +170,12 @@ pub(super) fn scaled(mut mesh: TriangleMesh, factors: DVec3) -> TriangleMesh {
 
 /// Samples of a mesh that can make a surface; errors name the size of the mesh, which a wrong unit
 /// makes wrong.
-pub(super) fn sample_of(mesh: &TriangleMesh, spacing_m: f64) -> Result<PointSet, SurfaceError> {
-    let points = sample(mesh, spacing_m)?;
+pub(super) fn sample_of(
+    mesh: &TriangleMesh,
+    spacing_m: f64,
+    meter: &WorkMeter,
+) -> Result<PointSet, SurfaceError> {
+    let points = sample_within(mesh, spacing_m, meter)?;
     if points.len() < PointSet::LEAST {
         let across_m = mesh.bounds().map_or(0.0, |(low, high)| (high - low).max_element());
         return Err(SurfaceError::TooCoarse { found: points.len(), spacing_m, across_m });

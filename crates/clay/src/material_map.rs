@@ -23,6 +23,8 @@ use super::dynamics::{Material, Quantity};
 use super::falloff::Falloff;
 use super::paint::Dab;
 use super::pull::nodes_within;
+use super::work_meter::TREE_STEPS;
+use super::{WorkError, WorkMeter};
 use vps::density::Lattice;
 
 /// A node that was not painted.
@@ -341,16 +343,20 @@ impl MaterialMap {
         &mut self,
         (lattice, clay): (&Lattice, &Material),
         of_place: impl Fn(DVec3) -> Option<(Painted, f32)> + Sync,
-    ) -> usize {
-        let [_, ny, nz] = lattice.dims;
-        let place = |node: usize| lattice.position([node / (ny * nz), node / nz % ny, node % nz]);
-        let reached: Vec<(usize, Painted, f32)> = (0..lattice.n_nodes())
-            .into_par_iter()
-            .filter_map(|node| {
-                let (painted, weight) = of_place(place(node))?;
-                (weight > 0.0).then_some((node, painted, weight))
-            })
-            .collect();
+        meter: &WorkMeter,
+    ) -> Result<usize, WorkError> {
+        let [nx, ny, nz] = lattice.dims;
+        let of_node = |x: usize, yz: usize| {
+            let (painted, weight) = of_place(lattice.position([x, yz / nz, yz % nz]))?;
+            (weight > 0.0).then_some((x * ny * nz + yz, painted, weight))
+        };
+        let of_plane = |x: usize| {
+            meter.take(TREE_STEPS * (ny * nz) as u64)?;
+            Ok((0..ny * nz).filter_map(|yz| of_node(x, yz)).collect())
+        };
+        let planes: Vec<Vec<(usize, Painted, f32)>> =
+            (0..nx).into_par_iter().map(of_plane).collect::<Result<_, WorkError>>()?;
+        let reached = planes.concat();
         let under = self.clone();
         for (property, layer) in self.layers.iter_mut().enumerate() {
             let given = || {
@@ -367,7 +373,7 @@ impl MaterialMap {
                 values[node] = value * weight + under.values(node, clay)[property] * (1.0 - weight);
             }
         }
-        reached.len()
+        Ok(reached.len())
     }
 
     /// The same on another lattice, interpolated between eight nodes, bare ones among them with the

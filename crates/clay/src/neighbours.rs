@@ -135,6 +135,31 @@ impl Neighbours {
         found.sort_unstable_by_key(|neighbour| neighbour.sample);
     }
 
+    /// Every sample whose ball has the point in it, and some others, in ascending order of their
+    /// numbers. `reaches_m`: of each node, the largest radius of a ball of its samples. `found` is
+    /// emptied first. Cost: that of the balls around the point, whatever the others are.
+    pub(super) fn covering(&self, point: DVec3, reaches_m: &[f64], found: &mut Vec<Neighbour>) {
+        found.clear();
+        if !point.is_finite() {
+            return;
+        }
+        self.descend(|node, range| {
+            let most_m2 = reaches_m[node] * reaches_m[node];
+            let is_reached =
+                !range.is_empty() && self.boxes[node].distance_squared(point) <= most_m2;
+            if is_reached && self.is_leaf(node) {
+                let near = self.positions[range.clone()].iter().zip(&self.samples[range]);
+                let near = near.map(|(position, sample)| Neighbour {
+                    sample: *sample,
+                    distance_squared_m2: position.distance_squared(point),
+                });
+                found.extend(near.filter(|near| near.distance_squared_m2 <= most_m2));
+            }
+            is_reached
+        });
+        found.sort_unstable_by_key(|neighbour| neighbour.sample);
+    }
+
     /// Numbers of the samples in the order of the leaves.
     pub(super) fn samples(&self) -> &[u32] {
         &self.samples

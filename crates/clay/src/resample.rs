@@ -14,9 +14,10 @@ use delaunator::{Point, triangulate};
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
-use super::PointSet;
 use super::advect::{AdvectedSamples, onto_level};
 use super::neighbours::{Neighbour, Neighbours};
+use super::work_meter::TREE_STEPS;
+use super::{PointSet, WorkError, WorkMeter};
 use vps::density::Raster;
 
 /// Neighbours are looked for as far as this many thresholds: what is further bounds no circle that
@@ -29,6 +30,8 @@ const SEEN_LEAST: usize = 16;
 const FILLED_GAPS: f64 = 1.5;
 /// Neighbours whose normals are further apart than this (cosine) are the other side of a thin part.
 const SAME_SIDE: f64 = 0.3;
+/// Steps of a neighbour in the triangles around a sample.
+const TRIANGLE_STEPS: u64 = 4;
 /// Rounds of filling at most.
 const ROUNDS: u32 = 12;
 /// Two samples were squeezed together if a stroke left this share of their distance, or less.
@@ -141,26 +144,29 @@ pub(super) fn fill(
     moved: &[u32],
     now: &Raster,
     gap_m: f64,
-) -> usize {
+    meter: &WorkMeter,
+) -> Result<usize, WorkError> {
     let before = points.len();
     let mut level_of: HashMap<u32, f64> =
         afloat.samples().iter().copied().zip(afloat.levels_m().iter().copied()).collect();
     let mut looked_at = moved.to_vec();
     for _ in 0..ROUNDS {
+        meter.take(TREE_STEPS * points.len() as u64)?;
         let neighbours = Neighbours::new(&points.positions_map);
-        let mut gaps: Vec<Gap> = looked_at
-            .par_iter()
-            .map_init(Seen::default, |seen, sample| {
-                gap_at(points, &neighbours, *sample, SEEN_GAPS * gap_m, seen)
-            })
-            .flatten()
-            .filter(|gap| gap.radius_m > gap_m)
-            .collect();
+        let gap = |seen: &mut Seen, sample: &u32| {
+            let gap = gap_at(points, &neighbours, *sample, SEEN_GAPS * gap_m, seen);
+            meter.take(TRIANGLE_STEPS * seen.neighbours.len() as u64)?;
+            Ok(gap.filter(|gap| gap.radius_m > gap_m))
+        };
+        let gaps: Vec<Option<Gap>> =
+            looked_at.par_iter().map_init(Seen::default, gap).collect::<Result<_, WorkError>>()?;
+        let mut gaps: Vec<Gap> = gaps.into_iter().flatten().collect();
         // The worst first; the same gap is seen by all three samples around it.
         gaps.sort_by(|a, b| b.radius_m.total_cmp(&a.radius_m).then(a.around.cmp(&b.around)));
         let mut taken = OccupiedPlaces::new(APART * gap_m);
         let first_new = points.len() as u32;
         for gap in gaps {
+            meter.take(TREE_STEPS)?;
             let [seer, ..] = gap.around;
             let from = points.positions_map[seer as usize];
             let middle =
@@ -208,6 +214,7 @@ pub(super) fn fill(
         let mut near: Vec<u32> = Vec::new();
         for sample in new {
             neighbours.within(points.positions_map[sample as usize], SEEN_GAPS * gap_m, &mut found);
+            meter.take(found.len() as u64)?;
             near.extend(
                 found
                     .iter()
@@ -219,7 +226,7 @@ pub(super) fn fill(
         near.dedup();
         looked_at = near;
     }
-    points.len() - before
+    Ok(points.len() - before)
 }
 
 /// The samples to keep, ascending: without those of `looked_at` (ascending) that were squeezed
@@ -231,7 +238,8 @@ pub(super) fn thinned(
     before: &PointSet,
     looked_at: &[u32],
     close_m: f64,
-) -> Vec<u32> {
+    meter: &WorkMeter,
+) -> Result<Vec<u32>, WorkError> {
     let neighbours = Neighbours::new(&points.positions_map);
     let was_apart = |one: u32, other: u32, apart_m: f64| {
         let (Some(one), Some(other)) =
@@ -252,6 +260,7 @@ pub(super) fn thinned(
         let at = points.positions_map[*sample as usize];
         let normal = points.normals_map[*sample as usize];
         neighbours.within(at, close_m, &mut found);
+        meter.take(1 + found.len() as u64)?;
         let crowds = |other: u32| {
             // Of two that may go the later one does.
             let stays = is_kept[other as usize] && (other < *sample || !may_go[other as usize]);
@@ -265,7 +274,7 @@ pub(super) fn thinned(
             is_kept[*sample as usize] = false;
         }
     }
-    (0..points.len() as u32).filter(|sample| is_kept[*sample as usize]).collect()
+    Ok((0..points.len() as u32).filter(|sample| is_kept[*sample as usize]).collect())
 }
 
 /// Places that are taken, in cells of the distance that they keep.
@@ -346,7 +355,7 @@ mod tests {
         let mut points = spiral(100, 0.01);
         let mut afloat = AdvectedSamples::new(&points, &now, 0.0);
         let all = afloat.samples().to_vec();
-        let n = fill(&mut points, &mut afloat, &all, &now, GAP_M);
+        let n = fill(&mut points, &mut afloat, &all, &now, GAP_M, &WorkMeter::unlimited()).unwrap();
         assert!(n > 200, "{n}");
         assert!(largest_gap_m(&points, afloat.samples(), GAP_M) <= GAP_M);
         for (at, normal) in points.positions_map.iter().zip(&points.normals_map) {
@@ -369,11 +378,18 @@ mod tests {
         let before = points.clone();
         let mut afloat = AdvectedSamples::new(&points, &now, 0.0);
         let all = afloat.samples().to_vec();
-        assert_eq!(fill(&mut points, &mut afloat, &all, &now, GAP_M), 0);
+        assert_eq!(
+            fill(&mut points, &mut afloat, &all, &now, GAP_M, &WorkMeter::unlimited()),
+            Ok(0)
+        );
         assert_eq!(points, before);
         let mut sparse = spiral(100, 0.01);
         let mut afloat = AdvectedSamples::new(&sparse, &now, 0.0);
-        assert_eq!(fill(&mut sparse, &mut afloat, &[], &now, GAP_M), 0, "none has moved");
+        assert_eq!(
+            fill(&mut sparse, &mut afloat, &[], &now, GAP_M, &WorkMeter::unlimited()),
+            Ok(0),
+            "none has moved"
+        );
     }
 
     #[test]
@@ -381,22 +397,48 @@ mod tests {
         let before = spiral(4000, 0.02);
         let points = spiral(4000, 0.01);
         let afloat = AdvectedSamples::new(&points, &ball(0.01), 0.0);
-        let kept = thinned(&points, &before, afloat.samples(), 0.6 * GAP_M);
+        let kept =
+            thinned(&points, &before, afloat.samples(), 0.6 * GAP_M, &WorkMeter::unlimited())
+                .unwrap();
         assert!(kept.len() < 3000, "{}", kept.len());
         let left = points.select(kept.iter().copied());
         let all: Vec<u32> = (0..left.len() as u32).collect();
         assert!(largest_gap_m(&left, &all, GAP_M) <= GAP_M);
-        assert_eq!(thinned(&points, &before, &[], 0.6 * GAP_M).len(), 4000);
+        assert_eq!(
+            thinned(&points, &before, &[], 0.6 * GAP_M, &WorkMeter::unlimited()).unwrap().len(),
+            4000
+        );
         // Samples that came with the stroke crowd as well.
-        assert!(thinned(&points, &PointSet::default(), afloat.samples(), 0.6 * GAP_M).len() < 3000);
+        assert!(
+            thinned(
+                &points,
+                &PointSet::default(),
+                afloat.samples(),
+                0.6 * GAP_M,
+                &WorkMeter::unlimited()
+            )
+            .unwrap()
+            .len()
+                < 3000
+        );
     }
 
     #[test]
     fn what_was_as_fine_before_stays_unless_samples_all_but_meet() {
         let points = spiral(4000, 0.01);
         let afloat = AdvectedSamples::new(&points, &ball(0.01), 0.0);
-        assert_eq!(thinned(&points, &points, afloat.samples(), 0.6 * GAP_M).len(), 4000);
-        assert!(thinned(&points, &points, afloat.samples(), 10.0 * GAP_M).len() < 500);
+        assert_eq!(
+            thinned(&points, &points, afloat.samples(), 0.6 * GAP_M, &WorkMeter::unlimited())
+                .unwrap()
+                .len(),
+            4000
+        );
+        assert!(
+            thinned(&points, &points, afloat.samples(), 10.0 * GAP_M, &WorkMeter::unlimited())
+                .unwrap()
+                .len()
+                < 500
+        );
     }
 
     #[test]
@@ -417,7 +459,15 @@ mod tests {
         }
         let afloat = AdvectedSamples::new(&points, &ball(0.01), 0.0);
         assert_eq!(
-            thinned(&points, &PointSet::default(), afloat.samples(), 0.6 * GAP_M).len(),
+            thinned(
+                &points,
+                &PointSet::default(),
+                afloat.samples(),
+                0.6 * GAP_M,
+                &WorkMeter::unlimited()
+            )
+            .unwrap()
+            .len(),
             points.len()
         );
     }

@@ -2,9 +2,11 @@
 
 use glam::DVec3;
 
-use super::{Neighbours, PointSet, SurfaceError};
+use super::{Neighbours, PointSet, SurfaceError, WorkMeter};
 use vps::mesh::TriangleMesh;
 
+/// Steps of a candidate.
+const CANDIDATE_STEPS: u64 = 4;
 /// Candidates for each sample that stays.
 const CANDIDATES: f64 = 8.0;
 /// Least distance of samples over the spacing: with it so many of the candidates stay that each has
@@ -22,6 +24,15 @@ pub(super) const GREY: [u8; 3] = [190, 190, 190];
 /// [`SurfaceError::Spacing`] for a spacing that is not above zero, or makes more than four million
 /// samples.
 pub fn sample(mesh: &TriangleMesh, spacing_m: f64) -> Result<PointSet, SurfaceError> {
+    sample_within(mesh, spacing_m, &WorkMeter::unlimited())
+}
+
+/// The same, with steps from a meter.
+pub(super) fn sample_within(
+    mesh: &TriangleMesh,
+    spacing_m: f64,
+    meter: &WorkMeter,
+) -> Result<PointSet, SurfaceError> {
     let area_of = |[a, b, c]: [DVec3; 3]| 0.5 * (b - a).cross(c - a).length();
     let areas_m2: Vec<f64> =
         (0..mesh.triangles.len()).map(|triangle| area_of(mesh.corners(triangle))).collect();
@@ -35,6 +46,7 @@ pub fn sample(mesh: &TriangleMesh, spacing_m: f64) -> Result<PointSet, SurfaceEr
         return Err(SurfaceError::Spacing { across_m, spacing_m, least_m });
     }
 
+    meter.take(mesh.triangles.len() as u64 + steps_of(n_samples as u64) / 2)?;
     // A sequence that fills a square evenly, cut into pieces, one for each triangle.
     let mut candidates = PointSet::default();
     let mut covered = 0.0;
@@ -71,6 +83,7 @@ pub fn sample(mesh: &TriangleMesh, spacing_m: f64) -> Result<PointSet, SurfaceEr
             LEAST_DISTANCE * spacing_m,
             &mut found,
         );
+        meter.take(found.len() as u64)?;
         for other in &found {
             // The far side of a thin wall keeps its own.
             if candidates.normals_map[other.sample as usize].dot(normal) > -0.5 {
@@ -80,6 +93,11 @@ pub fn sample(mesh: &TriangleMesh, spacing_m: f64) -> Result<PointSet, SurfaceEr
     }
     kept.sort_unstable();
     Ok(candidates.select(kept.into_iter()))
+}
+
+/// Steps for so many samples of a mesh.
+pub(super) fn steps_of(n_samples: u64) -> u64 {
+    n_samples.saturating_mul(2 * CANDIDATE_STEPS * CANDIDATES as u64)
 }
 
 /// The bits of a number, well mixed (the finalizer of MurmurHash3).

@@ -7,7 +7,7 @@ use glam::DVec3;
 use super::load::{
     DEFAULT_SAMPLES, FileContents, area_m2, load_scaled, open, sample_of, scaled, spacing_of,
 };
-use super::{LoadError, LoadedPoints, NormalSource, PointSet, SurfaceError};
+use super::{LoadError, LoadedPoints, NormalSource, PointSet, SurfaceError, WorkMeter};
 use vps::mesh::TriangleMesh;
 use vps::mesh::primitives::Shape;
 use vps::spatial::Pose;
@@ -67,7 +67,8 @@ impl Solid {
             Self::Shape { shape, scale, spacing_m } => {
                 let spacing_m =
                     spacing_m.unwrap_or_else(|| spacing_of(&rough(shape, *scale), DEFAULT_SAMPLES));
-                let points = sampled(shape, *scale, spacing_m).map_err(LoadError::Shape)?;
+                let points = sampled(shape, *scale, spacing_m, &WorkMeter::unlimited())
+                    .map_err(LoadError::Shape)?;
                 Ok(LoadedPoints { points, merged: 0, normals: NormalSource::Faces })
             }
         }
@@ -129,7 +130,8 @@ impl Solid {
     /// # Errors
     /// [`LoadError`].
     pub fn load_beside(&self, spacing_m: f64) -> Result<PointSet, LoadError> {
-        self.source()?.beside(spacing_m).map_err(|source| match self {
+        let points = self.source()?.beside(spacing_m, &WorkMeter::unlimited());
+        points.map_err(|source| match self {
             Self::File { path, .. } => LoadError::Surface { path: path.clone(), source },
             Self::Shape { .. } => LoadError::Shape(source),
         })
@@ -143,15 +145,29 @@ impl SolidSource {
     ///
     /// # Errors
     /// [`SurfaceError`] for a mesh without area.
-    pub fn beside(&self, spacing_m: f64) -> Result<PointSet, SurfaceError> {
-        let (least, most) = BESIDE_SAMPLES;
-        let clamped = |mesh: &TriangleMesh| {
-            spacing_m.min(spacing_of(mesh, least)).max(spacing_of(mesh, most))
-        };
+    pub fn beside(&self, spacing_m: f64, meter: &WorkMeter) -> Result<PointSet, SurfaceError> {
+        let (_, spacing_m) = self.samples_beside(spacing_m);
         match self {
             Self::Samples(points) => Ok(points.clone()),
-            Self::Mesh(mesh) => sample_of(mesh, clamped(mesh)),
-            Self::Shape(shape, scale) => sampled(shape, *scale, clamped(&rough(shape, *scale))),
+            Self::Mesh(mesh) => sample_of(mesh, spacing_m, meter),
+            Self::Shape(shape, scale) => sampled(shape, *scale, spacing_m, meter),
+        }
+    }
+
+    /// About how many samples [`Self::beside`] gives, and how far apart they are, m. Cost:
+    /// O(triangles).
+    pub(super) fn samples_beside(&self, spacing_m: f64) -> (u64, f64) {
+        let (least, most) = BESIDE_SAMPLES;
+        let of_area = |area_m2: f64| {
+            let spacing_of = |n_samples: f64| (area_m2 / n_samples).sqrt();
+            let spacing_m = spacing_m.min(spacing_of(least)).max(spacing_of(most));
+            ((area_m2 / (spacing_m * spacing_m)) as u64, spacing_m)
+        };
+        match self {
+            // Those of a file are as far apart as they are: few are farther than the clay's.
+            Self::Samples(points) => (points.len() as u64, spacing_m),
+            Self::Mesh(mesh) => of_area(area_m2(mesh)),
+            Self::Shape(shape, scale) => of_area(area_m2(&rough(shape, *scale))),
         }
     }
 
@@ -176,10 +192,16 @@ fn rough(shape: &Shape, scale: DVec3) -> TriangleMesh {
     scaled(shape.tessellate(f64::INFINITY), scale)
 }
 
-fn sampled(shape: &Shape, scale: DVec3, spacing_m: f64) -> Result<PointSet, SurfaceError> {
+fn sampled(
+    shape: &Shape,
+    scale: DVec3,
+    spacing_m: f64,
+    meter: &WorkMeter,
+) -> Result<PointSet, SurfaceError> {
     sample_of(
         &scaled(shape.tessellate(CHORD_SHARE * spacing_m / scale.max_element()), scale),
         spacing_m,
+        meter,
     )
 }
 

@@ -72,7 +72,7 @@ fn solids_are_sampled_where_they_stand() {
     else {
         panic!("{orders:?}")
     };
-    let with = with.beside(1.0).unwrap().placed(map_from_body);
+    let with = with.beside(1.0, &clay::WorkMeter::unlimited()).unwrap().placed(map_from_body);
     for (at, normal) in with.positions_map.iter().zip(&with.normals_map) {
         let way = *at - DVec3::X * 0.01;
         assert!(

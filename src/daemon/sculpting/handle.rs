@@ -1,7 +1,7 @@
 //! The way to the clay for pages, consoles and scripts.
 
 use std::fmt;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crossbeam::channel::{Receiver, Sender, TrySendError, bounded};
@@ -43,6 +43,8 @@ impl OrderError {
 /// An order that waits. Dropped without an answer, it calls its reply with that.
 pub(super) struct WaitingOrder {
     pub(super) order: SculptOrder,
+    /// Cancels before it was given.
+    pub(super) cancels: u64,
     reply: Option<Reply>,
 }
 
@@ -107,6 +109,8 @@ impl ViewCell {
 #[derive(Clone)]
 pub struct ClayHandle {
     orders: Sender<WaitingOrder>,
+    /// How often work was cancelled.
+    cancels: Arc<AtomicU64>,
     view: Arc<ViewCell>,
 }
 
@@ -120,11 +124,19 @@ impl ClayHandle {
     /// Asks for something; `reply` is called once with what became of it. Never blocks; refused
     /// while too many wait, and when the clay takes no more orders.
     pub fn ask(&self, order: SculptOrder, reply: Reply) {
-        match self.orders.try_send(WaitingOrder { order, reply: Some(reply) }) {
+        let cancels = self.cancels.load(Ordering::Relaxed);
+        match self.orders.try_send(WaitingOrder { order, cancels, reply: Some(reply) }) {
             Ok(()) => {}
             Err(TrySendError::Full(waiting)) => waiting.answer(Err(OrderError::Busy)),
             Err(TrySendError::Disconnected(waiting)) => waiting.answer(Err(OrderError::Over)),
         }
+    }
+
+    /// Cancels what takes long, of the order that is carried out and of those that wait: the clay
+    /// is as it was before. Never blocks.
+    pub fn cancel(&self) {
+        // Relaxed: no other data depends on it.
+        self.cancels.fetch_add(1, Ordering::Relaxed);
     }
 
     /// The newest view of the clay; `None` before the first one. Views are made while a client
@@ -138,9 +150,17 @@ impl ClayHandle {
     }
 }
 
-/// The handle, and the end of the thread: orders in, views out.
-pub(super) fn pair() -> (ClayHandle, (Receiver<WaitingOrder>, Arc<ViewCell>)) {
+/// The thread's end of a handle: orders in, views out.
+pub(super) struct HandleEnd {
+    pub(super) orders: Receiver<WaitingOrder>,
+    pub(super) cancels: Arc<AtomicU64>,
+    pub(super) view: Arc<ViewCell>,
+}
+
+pub(super) fn pair() -> (ClayHandle, HandleEnd) {
     let (orders, waiting) = bounded(WAITING_MAX);
     let view = Arc::new(ViewCell::default());
-    (ClayHandle { orders, view: view.clone() }, (waiting, view))
+    let cancels = Arc::new(AtomicU64::new(0));
+    let end = HandleEnd { orders: waiting, cancels: cancels.clone(), view: view.clone() };
+    (ClayHandle { orders, cancels, view }, end)
 }

@@ -9,6 +9,9 @@
 //! Real time: an update every so many milliseconds, late ones are left out and counted. Simulated
 //! time: one update, and one frame, for every so many states; two runs give the same bits.
 //!
+//! An order may take long: the loop goes on with the frames that it has. The end of the run cancels
+//! it, and so does a client that controls the run and is lost; the clay is as it was before.
+//!
 //! An engine that panics takes nothing along: its slot is abandoned, the tick goes on with the last
 //! frame and lets go of the rope, and the clay comes back with what had been done until then.
 
@@ -30,6 +33,7 @@ use clay::engine::{SculptEngine, SculptOrder};
 use engine::servo::ClaySlot;
 use haptics::clay::Clay;
 use rt::clock::ClockKind;
+use rt::control::Control;
 
 /// How the clay is worked.
 #[derive(Clone, Debug)]
@@ -127,8 +131,9 @@ pub struct SculptThread {
 }
 
 impl SculptThread {
-    /// Orders the thread to end, as it does by itself when the loop is over. One that works
-    /// finishes what it does first.
+    /// Orders the thread to end, as it does by itself when the loop is over. In real time an order
+    /// that is carried out is cancelled; in simulated time it is finished, so that two runs are the
+    /// same, unless the run was ended from outside.
     pub fn end(&self) {
         // Relaxed: no other data depends on it.
         self.is_over.store(true, Ordering::Relaxed);
@@ -151,7 +156,8 @@ impl SculptThread {
 /// Begins to work the clay of a scene: the slot goes to the loop ([`engine::supervisor::LiveChannels::clay`]),
 /// the handle to clients.
 ///
-/// `clay.frame` is to show the clay of the engine as it is (`ClayModel::frame`).
+/// `clay.frame` is to show the clay of the engine as it is (`ClayModel::frame`). Once `control`
+/// says that the run ends, an order that is carried out is cancelled.
 ///
 /// # Errors
 /// The thread could not be started.
@@ -159,15 +165,15 @@ pub fn begin(
     engine: SculptEngine,
     clay: &Clay,
     plan: SculptPlan,
+    control: Arc<Control>,
 ) -> std::io::Result<(ClaySlot, ClayHandle, SculptThread)> {
     let update_ticks = plan.update_ticks.max(1);
     let (feed, slot) = ClaySlot::new(clay, update_ticks);
-    let (handle, orders) = handle::pair();
+    let (handle, handle_end) = handle::pair();
     let is_over = Arc::new(AtomicBool::new(false));
     let thread = thread::spawn(
         engine,
-        (feed, is_over.clone()),
-        orders,
+        thread::Ends { feed, is_over: is_over.clone(), control, handle: handle_end },
         SculptPlan { update_ticks, ..plan },
     )?;
     Ok((slot, handle, SculptThread { thread, is_over }))

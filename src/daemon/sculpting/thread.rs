@@ -5,18 +5,20 @@ use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
 use crossbeam::channel::Receiver;
 
-use super::handle::{ViewCell, WaitingOrder};
+use super::handle::{HandleEnd, ViewCell, WaitingOrder};
 use super::{DutyCycle, FailedOrder, ScriptedOrder, SculptOutcome, SculptPlan, SculptReport};
+use clay::Cancel;
 use clay::boolean::Boolean;
 use clay::engine::{EngineError, HoldOutcome, SculptEngine, SculptOrder, ToolMotion};
 use engine::servo::{ClayFeed, FramePublishError, ToolState, Waiting};
 use rt::clock::ClockKind;
+use rt::control::Control;
 use vps::density::DensityFrame;
 
 /// Time from one view to the next, at least.
@@ -45,6 +47,9 @@ struct Worker<'s> {
     /// The caller that waits for the thread has given the loop up.
     is_reported_over: Arc<AtomicBool>,
     orders: Receiver<WaitingOrder>,
+    /// How often work was cancelled, and how often it had been when what is done now began.
+    cancels: Arc<AtomicU64>,
+    cancels_before: Arc<AtomicU64>,
     view: Arc<ViewCell>,
     plan: SculptPlan,
     /// The next of the script.
@@ -60,12 +65,33 @@ struct Worker<'s> {
     has_viewed: bool,
 }
 
+/// What the thread shares with others.
+pub(super) struct Ends {
+    pub(super) feed: ClayFeed,
+    /// The caller that waits for the thread has given the loop up.
+    pub(super) is_over: Arc<AtomicBool>,
+    pub(super) control: Arc<Control>,
+    pub(super) handle: HandleEnd,
+}
+
 pub(super) fn spawn(
     mut engine: SculptEngine,
-    (feed, is_over): (ClayFeed, Arc<AtomicBool>),
-    (orders, view): (Receiver<WaitingOrder>, Arc<ViewCell>),
+    ends: Ends,
     mut plan: SculptPlan,
 ) -> std::io::Result<JoinHandle<SculptOutcome>> {
+    let Ends { feed, is_over, control, handle: HandleEnd { orders, cancels, view } } = ends;
+    let cancels_before = Arc::new(AtomicU64::new(0));
+    engine.cancel_when({
+        let is_over = is_over.clone();
+        let cancels = cancels.clone();
+        let before = cancels_before.clone();
+        let clock = plan.clock;
+        Cancel::when(move || {
+            control.is_ending()
+                || clock == ClockKind::Real && is_over.load(Ordering::Relaxed)
+                || cancels.load(Ordering::Relaxed) != before.load(Ordering::Relaxed)
+        })
+    });
     // Stable: equal ticks keep their order.
     plan.script.sort_by_key(|scripted| scripted.tick);
     std::thread::Builder::new().name("clay".to_owned()).spawn(move || {
@@ -81,6 +107,8 @@ pub(super) fn spawn(
                 feed,
                 is_reported_over: is_over,
                 orders,
+                cancels,
+                cancels_before,
                 view,
                 plan,
                 next: 0,
@@ -114,6 +142,8 @@ pub(super) fn spawn(
             Ok(Err(Unshowable(error))) => Some(error.to_string()),
             Err(panic) => Some(words_of(&*panic)),
         };
+        // What is saved behind the end is finished.
+        engine.cancel_when(Cancel::default());
         if let Some(why) = &report.broken {
             shown.end(why);
             rescue_stroke(&mut engine);
@@ -166,6 +196,7 @@ impl Worker<'_> {
                 if n_heard == self.plan.update_ticks {
                     n_heard = 0;
                     self.take_orders();
+                    self.begin_work(self.cancels.load(Ordering::Relaxed));
                     self.engine.advance(self.period_s());
                     self.note_problem();
                     self.show_and_wait()?;
@@ -204,6 +235,7 @@ impl Worker<'_> {
             }
             self.take_orders();
             let begin = Instant::now();
+            self.begin_work(self.cancels.load(Ordering::Relaxed));
             let has_changed = self.engine.advance(self.period_s());
             self.note_problem();
             // A frame that finds no spare waits for the next update: what it would have shown is in
@@ -245,6 +277,7 @@ impl Worker<'_> {
             if let SculptOrder::Hold(true) = order {
                 self.hold = Some(asker);
             }
+            self.begin_work(self.cancels.load(Ordering::Relaxed));
             // The report names it.
             let _ = self.carry_out(order, asker);
         }
@@ -258,10 +291,16 @@ impl Worker<'_> {
         });
     }
 
+    /// What is done from now on ends when work is cancelled once more than so often.
+    fn begin_work(&self, cancels: u64) {
+        self.cancels_before.store(cancels, Ordering::Relaxed);
+    }
+
     fn take_orders(&mut self) {
         // Those that are there now: a client that asks without end holds nothing up.
         for _ in 0..self.orders.len() {
             let Ok(waiting) = self.orders.try_recv() else { return };
+            self.begin_work(waiting.cancels);
             let result = self.carry_out(
                 waiting.order.clone(),
                 Asker { tick: self.tick, is_scripted: false, line: None },

@@ -52,6 +52,9 @@ pub trait ClayAccess: Send + Sync {
 
     /// Asks for something; the answer comes from another thread, or at once. Never waits.
     fn ask(&self, order: SculptOrder, reply: Reply);
+
+    /// Cancels what is carried out and what waits.
+    fn cancel(&self);
 }
 
 impl ClayAccess for ClayHandle {
@@ -61,6 +64,10 @@ impl ClayAccess for ClayHandle {
 
     fn ask(&self, order: SculptOrder, reply: Reply) {
         self.ask(order, reply);
+    }
+
+    fn cancel(&self) {
+        self.cancel();
     }
 }
 

@@ -125,6 +125,11 @@ impl ClayService {
         }
     }
 
+    /// A client that controls the run is lost: what takes long is not finished for it.
+    pub(in crate::monitor) fn cancel(&self) {
+        self.access.cancel();
+    }
+
     /// Lets go for a client that does not do so itself. The watchdog repeats an order that found
     /// the queue full.
     pub(in crate::monitor) fn let_go(&self, hub: &Arc<Hub>) {

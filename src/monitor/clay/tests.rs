@@ -1,3 +1,4 @@
+use core::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 
 use glam::DVec3;
@@ -51,6 +52,7 @@ struct Fake {
     before: Before,
     refuses: Refuses,
     view: Arc<Mutex<Option<Arc<ClayView>>>>,
+    cancels: Arc<AtomicU64>,
 }
 
 impl ClayAccess for Fake {
@@ -65,6 +67,10 @@ impl ClayAccess for Fake {
         let refuses = *self.refuses.lock().unwrap();
         reply(refuses.map_or(Ok(()), |refused| Err(refused())));
     }
+
+    fn cancel(&self) {
+        self.cancels.fetch_add(1, Ordering::Relaxed);
+    }
 }
 
 struct Bench {
@@ -74,6 +80,7 @@ struct Bench {
     before: Before,
     refuses: Refuses,
     view: Arc<Mutex<Option<Arc<ClayView>>>>,
+    cancels: Arc<AtomicU64>,
     folder: tempfile::TempDir,
 }
 
@@ -99,11 +106,13 @@ fn bench() -> Bench {
     let before = Before::default();
     let refuses = Refuses::default();
     let view = Arc::new(Mutex::new(Some(Arc::new(view_of(PointSet::default(), 1)))));
+    let cancels = Arc::new(AtomicU64::new(0));
     let access = Box::new(Fake {
         orders: sender,
         before: before.clone(),
         refuses: refuses.clone(),
         view: view.clone(),
+        cancels: cancels.clone(),
     });
     let folder_of_clay = Some(folder.path().join("clay"));
     hub.sculpts(ClayParts {
@@ -114,7 +123,16 @@ fn bench() -> Bench {
         session_at_end: Some("/there/ball.session".into()),
     });
     hub.notice(&Notice::Phase(Phase::Enabled));
-    Bench { hub, files: Worker::new("files").unwrap(), orders, before, refuses, view, folder }
+    Bench {
+        hub,
+        files: Worker::new("files").unwrap(),
+        orders,
+        before,
+        refuses,
+        view,
+        cancels,
+        folder,
+    }
 }
 
 /// What a request comes to.
@@ -348,4 +366,24 @@ fn files_go_to_one_folder_and_never_over_others() {
     assert!(
         matches!(bench.next_order(), SculptOrder::SaveSession(file) if file == dated && dated.to_string_lossy().ends_with(".session"))
     );
+}
+
+#[test]
+fn a_controlling_client_that_is_lost_cancels_what_takes_long_and_one_that_only_holds_does_not() {
+    let bench = bench();
+    let hub = bench.hub.clone();
+    let watch = std::thread::spawn(move || hub.watch_heartbeats());
+    let cancels = || bench.cancels.load(Ordering::Relaxed);
+    assert!(bench.hub.watchdog.hold(3));
+    bench.hub.watchdog.lose(3);
+    let SculptOrder::Hold(false) = bench.orders.recv().unwrap() else { panic!("it is let go") };
+    assert_eq!(cancels(), 0);
+    bench.hub.watchdog.beat(4, Some(Duration::from_secs(10)));
+    bench.hub.watchdog.lose(4);
+    while cancels() == 0 {
+        std::thread::yield_now();
+    }
+    bench.hub.end();
+    watch.join().unwrap();
+    assert_eq!(cancels(), 1);
 }

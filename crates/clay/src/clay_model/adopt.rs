@@ -4,7 +4,9 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::super::advect::AdvectedSamples;
-use super::super::{Neighbours, PointSet, PointSurface, SampleMove, SurfaceError, resample};
+use super::super::{
+    Neighbours, PointSet, PointSurface, SampleMove, SurfaceError, WorkMeter, resample,
+};
 use super::CLOSE_SPACINGS;
 use vps::density::{Lattice, Raster};
 
@@ -76,13 +78,15 @@ pub(super) fn make_even(
     looked_at: &[u32],
     base: &Raster,
     gap_m: f64,
+    meter: &WorkMeter,
 ) -> Result<(), SurfaceError> {
     let mut points = surface.points().clone();
     let n_before = points.len() as u32;
     let mut afloat = AdvectedSamples::new(&points, base, 0.0);
-    resample::fill(&mut points, &mut afloat, looked_at, base, gap_m);
+    resample::fill(&mut points, &mut afloat, looked_at, base, gap_m, meter)?;
     let may_go: Vec<u32> = looked_at.iter().copied().chain(n_before..points.len() as u32).collect();
-    let kept = resample::thinned(&points, before, &may_go, CLOSE_SPACINGS * surface.spacing_m());
+    let close_m = CLOSE_SPACINGS * surface.spacing_m();
+    let kept = resample::thinned(&points, before, &may_go, close_m, meter)?;
     if kept.len() == n_before as usize && points.len() == kept.len() {
         return Ok(());
     }
@@ -92,6 +96,7 @@ pub(super) fn make_even(
     surface.replace(
         &removed,
         &points.select(kept.iter().copied().filter(|sample| *sample >= n_before)),
+        meter,
     )
 }
 
@@ -128,7 +133,8 @@ pub(super) fn adopt(
         (0..n_before as u32).filter(|sample| !stays[*sample as usize]).collect();
     let added = points.select(kept.iter().copied().filter(|sample| *sample as usize >= n_before));
     surface.move_samples(&moved)?;
-    surface.replace(&removed, &added)?;
+    let meter = WorkMeter::unlimited();
+    surface.replace(&removed, &added, &meter)?;
     // Those that moved have numbers of their own now: those that stay kept their order.
     let mut number = 0;
     let mut refreshed = Vec::new();
@@ -142,5 +148,6 @@ pub(super) fn adopt(
             number += 1;
         }
     }
-    surface.refresh(&refreshed, |at| base.at(at).map(|density| f64::from(density.value_m)))
+    let field = |at| base.at(at).map(|density| f64::from(density.value_m));
+    surface.refresh(&refreshed, field, &meter)
 }

@@ -7,8 +7,9 @@ use super::super::dynamics::Material;
 use super::super::material_map::MaterialMap;
 use super::super::material_map::{MaterialCoat, MaterialPlace, Painted};
 use super::super::paint::{Brush, Dab};
+use super::super::work_meter::TREE_STEPS;
 use super::super::{Neighbours, SurfaceError};
-use super::ClayModel;
+use super::{ClayModel, ClayModelError};
 
 impl ClayModel {
     /// Paints colour and material under a brush that is pressed near a place of the surface with a
@@ -55,14 +56,15 @@ impl ClayModel {
     /// many mass points it reached; 0: nothing has changed. Cost: O(mass points).
     ///
     /// # Errors
-    /// [`SurfaceError`] where another stroke had to end first, and made no surface; that is taken
-    /// back then.
+    /// Another stroke had to end first, and made no surface: that is taken back then. Or it was
+    /// cancelled, or takes too much work.
     pub(crate) fn lay_material(
         &mut self,
         painted: Painted,
         place: &MaterialPlace,
-    ) -> Result<usize, SurfaceError> {
+    ) -> Result<usize, ClayModelError> {
         self.end_stroke()?;
+        let meter = self.meter(self.estimate_nodes(TREE_STEPS))?;
         let clay = self.settings.material.clone();
         let painted = painted.or_harder(&clay);
         let lattice = *self.base.lattice();
@@ -77,26 +79,28 @@ impl ClayModel {
                     painted.stiffness_n_per_m.unwrap_or(clay.stiffness_n_per_m);
                 if after == clay { 0 } else { lattice.n_nodes() }
             }
-            MaterialPlace::Box { low_map, high_map } => map.lay((&lattice, &clay), |at| {
-                (at.cmpge(*low_map).all() && at.cmple(*high_map).all()).then_some((painted, 1.0))
-            }),
-            MaterialPlace::Ball { center_map, radius_m, falloff } => map
-                .lay((&lattice, &clay), |at| {
-                    Some((painted, falloff.weight(at.distance(*center_map) / radius_m) as f32))
-                }),
+            MaterialPlace::Box { low_map, high_map } => {
+                let is_in = |at: DVec3| at.cmpge(*low_map).all() && at.cmple(*high_map).all();
+                map.lay((&lattice, &clay), |at| is_in(at).then_some((painted, 1.0)), &meter)?
+            }
+            MaterialPlace::Ball { center_map, radius_m, falloff } => {
+                let weight = |at: DVec3| falloff.weight(at.distance(*center_map) / radius_m) as f32;
+                map.lay((&lattice, &clay), |at| Some((painted, weight(at))), &meter)?
+            }
             MaterialPlace::Gradient { from_map, to_map } => {
                 let way = *to_map - *from_map;
                 let share =
                     |at: DVec3| ((at - *from_map).dot(way) / way.length_squared()).clamp(0.0, 1.0);
-                map.lay((&lattice, &clay), |at| Some((painted, share(at) as f32)))
+                map.lay((&lattice, &clay), |at| Some((painted, share(at) as f32)), &meter)?
             }
             MaterialPlace::Values { places_map, painted, within_m } => {
                 let near = Neighbours::new(places_map);
-                map.lay((&lattice, &clay), |at| {
+                let nearest = |at: DVec3| {
                     let nearest = near.nearest(at)?;
                     let sample = nearest.sample as usize;
                     (places_map[sample].distance(at) <= *within_m).then(|| (painted[sample], 1.0))
-                })
+                };
+                map.lay((&lattice, &clay), nearest, &meter)?
             }
         };
         if n_reached > 0 {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::super::paint::{Brush, Coat, Dab, Surfel};
-use super::super::{PointSurface, SurfaceError};
+use super::super::{PointSurface, SurfaceError, WorkMeter};
 use super::{AdvectedSamples, ClayModel};
 
 /// Radius of a sample's disc, in its spacings: neighbouring discs overlap.
@@ -91,7 +91,11 @@ impl ClayModel {
         let added =
             coat.refined(surface.points(), &self.discs(&samples), brush, |at| onto(surface, at));
         if !added.points.is_empty() {
-            Arc::make_mut(&mut self.surface).replace(&[], &added.points)?;
+            Arc::make_mut(&mut self.surface).replace(
+                &[],
+                &added.points,
+                &WorkMeter::unlimited(),
+            )?;
         }
         if let Some(Press { coat, .. }) = &mut self.press {
             coat.has_refined(n_dabs);
@@ -120,7 +124,8 @@ impl ClayModel {
             .refined(surface.points(), &self.discs(&all), &brush, |at| onto(surface, at))
             .points;
         if !added.is_empty()
-            && let Err(error) = Arc::make_mut(&mut self.surface).replace(&[], &added)
+            && let Err(error) =
+                Arc::make_mut(&mut self.surface).replace(&[], &added, &WorkMeter::unlimited())
         {
             self.take_back();
             return Err(error);

@@ -3,8 +3,10 @@
 use glam::DVec3;
 
 use super::super::dynamics::{Integrator, Material};
-use super::super::{PointSet, PointSurface, SurfaceError};
+use super::super::{PointSet, PointSurface, SurfaceError, WorkError, WorkMeter};
+use super::{MemoryEstimate, WorkEstimate};
 use vps::spatial::{Metres, Place};
+use vps::voxmap::memory_limit::MemoryLimit;
 
 /// Nodes of the base raster at most: 128 MiB.
 pub(super) const NODES_MAX: usize = 1 << 25;
@@ -46,9 +48,19 @@ impl Default for Settings {
 
 impl Settings {
     /// The surface through samples.
-    pub(crate) fn surface(&self, points: PointSet) -> Result<PointSurface, SurfaceError> {
-        let surface = PointSurface::build(points, self.n_neighbours)?;
+    pub(crate) fn surface(
+        &self,
+        points: PointSet,
+        meter: &WorkMeter,
+    ) -> Result<PointSurface, SurfaceError> {
+        let surface = PointSurface::build_within(points, self.n_neighbours, meter)?;
         Ok(if self.interpolates { surface.interpolating() } else { surface })
+    }
+}
+
+impl From<WorkError> for ClayModelError {
+    fn from(error: WorkError) -> Self {
+        Self::Surface(error.into())
     }
 }
 
@@ -71,6 +83,25 @@ pub enum ClayModelError {
     /// A Boolean that leaves no solid.
     #[error("nothing would be left of the clay")]
     NothingLeft,
+    /// More work than a change of this clay may be.
+    #[error(
+        "it takes {} samples and {} nodes of the raster, {} steps of work, and {most} are possible \
+            with this clay", estimate.memory.samples, estimate.memory.nodes, estimate.steps
+    )]
+    TooMuchWork {
+        /// What it takes.
+        estimate: WorkEstimate,
+        /// Steps that are possible.
+        most: u64,
+    },
+    /// More memory than there is.
+    #[error("{} samples and {} nodes of the raster take about {}", estimate.samples, estimate.nodes, limit.exceeded_by(estimate.bytes))]
+    Memory {
+        /// What it takes.
+        estimate: MemoryEstimate,
+        /// What may be taken.
+        limit: MemoryLimit,
+    },
     /// The base would be too large.
     #[error(
         "mass points {} apart make {n_nodes} of them over the whole model, more than {NODES_MAX}; \

@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::super::dynamics::Material;
 use super::super::material_map::MaterialMap;
-use super::super::{PointSet, PointSurface, SurfaceError};
+use super::super::{Cancel, PointSet, PointSurface, SurfaceError, WorkMeter};
 use super::lattices::{first_node, is_part};
 use super::{ClayModel, ClayModelError, DynamicRegion, Settings, measured};
 use vps::density::{Lattice, Raster};
@@ -46,10 +46,22 @@ impl SnapshotSamples {
         }
     }
 
-    fn fitted(self, settings: &Settings) -> Result<Arc<PointSurface>, SurfaceError> {
+    fn fitted(
+        &self,
+        settings: &Settings,
+        meter: &WorkMeter,
+    ) -> Result<Arc<PointSurface>, SurfaceError> {
         match self {
-            Self::Fitted(surface) => Ok(surface),
-            Self::Bare(points) => settings.surface(points).map(Arc::new),
+            Self::Fitted(surface) => Ok(surface.clone()),
+            Self::Bare(points) => settings.surface(points.clone(), meter).map(Arc::new),
+        }
+    }
+
+    /// Samples that have no fits yet.
+    pub(super) fn n_bare(&self) -> usize {
+        match self {
+            Self::Fitted(_) => 0,
+            Self::Bare(points) => points.len(),
         }
     }
 
@@ -117,7 +129,7 @@ impl ClayModel {
     /// The clay of a session.
     pub(in super::super) fn resume(session: Session) -> Result<Self, ClayModelError> {
         let Session { now, past, undone, settings, gap_m } = session;
-        let surface = now.samples.fitted(&settings)?;
+        let surface = now.samples.fitted(&settings, &WorkMeter::unlimited())?;
         for moment in past.iter().chain(&undone) {
             moment.samples.points().check()?;
         }
@@ -144,6 +156,7 @@ impl ClayModel {
             undone,
             strokes: 0,
             updates: 0,
+            cancel: Cancel::default(),
             reconnected: None,
         })
     }
@@ -151,12 +164,13 @@ impl ClayModel {
     /// Takes the last stroke back; false when there is none.
     ///
     /// # Errors
-    /// [`SurfaceError`]; what was a surface is one again, so this is a defect of the program.
-    pub fn undo(&mut self) -> Result<bool, SurfaceError> {
+    /// It was cancelled, or was longer than a change of this clay may be: nothing has changed then.
+    pub fn undo(&mut self) -> Result<bool, ClayModelError> {
         self.end_stroke()?;
-        let Some(past) = self.past.pop() else { return Ok(false) };
+        let surface = self.past.last().map(|past| self.fits_of(past)).transpose()?;
+        let (Some(surface), Some(past)) = (surface, self.past.pop()) else { return Ok(false) };
         self.undone.push(self.moment());
-        self.go_to(past)?;
+        self.go_to(past, surface);
         Ok(true)
     }
 
@@ -164,12 +178,18 @@ impl ClayModel {
     ///
     /// # Errors
     /// As [`Self::undo`].
-    pub fn redo(&mut self) -> Result<bool, SurfaceError> {
+    pub fn redo(&mut self) -> Result<bool, ClayModelError> {
         self.end_stroke()?;
-        let Some(next) = self.undone.pop() else { return Ok(false) };
+        let surface = self.undone.last().map(|next| self.fits_of(next)).transpose()?;
+        let (Some(surface), Some(next)) = (surface, self.undone.pop()) else { return Ok(false) };
         self.past.push(self.moment());
-        self.go_to(next)?;
+        self.go_to(next, surface);
         Ok(true)
+    }
+
+    fn fits_of(&self, moment: &Snapshot) -> Result<Arc<PointSurface>, ClayModelError> {
+        let meter = self.meter(self.estimate_fits(moment))?;
+        Ok(moment.samples.fitted(&self.settings, &meter)?)
     }
 
     /// Strokes that can be taken back, and those that can be done again.
@@ -217,9 +237,11 @@ impl ClayModel {
     pub(super) fn take_back(&mut self) {
         (self.under_way, self.press, self.material_coat) = (None, None, None);
         self.strokes = self.strokes.saturating_sub(1);
-        if let Some(moment) = self.past.pop() {
-            // It was a surface before.
-            let _ = self.go_to(moment);
+        // It was a surface before.
+        if let Some(moment) = self.past.pop()
+            && let Ok(surface) = moment.samples.fitted(&self.settings, &WorkMeter::unlimited())
+        {
+            self.go_to(moment, surface);
         }
     }
 
@@ -232,15 +254,14 @@ impl ClayModel {
         self.cut_region(*self.region.dynamics.lattice());
     }
 
-    fn go_to(&mut self, moment: Snapshot) -> Result<(), SurfaceError> {
-        let Snapshot { samples, base, material_map, region, region_map, material } = moment;
-        self.surface = samples.fitted(&self.settings)?;
+    fn go_to(&mut self, moment: Snapshot, surface: Arc<PointSurface>) {
+        let Snapshot { samples: _, base, material_map, region, region_map, material } = moment;
+        self.surface = surface;
         (self.base, self.material_map) = (base, material_map);
         (self.settings.region_map, self.settings.material) = (region_map, material);
         self.cut_region(region);
         // What met or parted is as it was.
         self.reconnected = None;
-        Ok(())
     }
 
     /// The region out of the base, on nodes of it.

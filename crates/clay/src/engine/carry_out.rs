@@ -3,10 +3,12 @@
 use glam::DVec3;
 
 use super::super::boolean::Boolean;
+use super::super::clay_model::SolidSize;
 use super::super::emboss::{GreyImage, ImagePlacement};
 use super::super::material_map::{MaterialPlace, Painted};
-use super::super::{PointSet, export, save};
+use super::super::{SolidSource, export, save};
 use super::{EngineError, SculptEngine, SculptOrder, ToolSettings};
+use vps::spatial::Pose;
 
 impl SculptEngine {
     pub(super) fn carry_out(&mut self, order: SculptOrder) -> Result<(), EngineError> {
@@ -35,8 +37,7 @@ impl SculptEngine {
             }
             SculptOrder::Combine { boolean, with, map_from_body, is_sharp } => {
                 self.let_go()?;
-                let with = with.beside(self.model.surface().spacing_m())?.placed(&map_from_body);
-                self.combine(boolean, with, is_sharp)
+                self.combine(boolean, &with, &map_from_body, is_sharp)
             }
             SculptOrder::Emboss { image, placement, depth_m } => {
                 self.let_go()?;
@@ -98,15 +99,20 @@ impl SculptEngine {
     pub(super) fn combine(
         &mut self,
         boolean: Boolean,
-        with: PointSet,
+        with: &SolidSource,
+        map_from_body: &Pose,
         is_sharp: bool,
     ) -> Result<(), EngineError> {
-        if boolean == Boolean::Difference
-            && !with.bounds().is_some_and(|other| overlap(self.model.surface().bounds(), other))
-        {
+        let bounds = with.bounds_map(map_from_body).unwrap_or_default();
+        if boolean == Boolean::Difference && !overlap(self.model.surface().bounds(), bounds) {
             return Err(EngineError::Beside);
         }
-        let other = self.model.settings().surface(with)?;
+        let clay_spacing_m = self.model.surface().spacing_m();
+        let (samples, spacing_m) = with.samples_beside(clay_spacing_m);
+        let solid = SolidSize { samples, spacing_m, bounds };
+        let meter = self.model.meter(self.model.estimate_combine(boolean, solid, is_sharp)?)?;
+        let points = with.beside(clay_spacing_m, &meter)?.placed(map_from_body);
+        let other = self.model.settings().surface(points, &meter)?;
         self.has_leapt = true;
         self.model.combine(boolean, &other, is_sharp)?;
         Ok(())

@@ -115,6 +115,11 @@ impl EngineError {
             Self::Model(ClayModelError::NothingLeft) => {
                 "move or shrink the other solid, and check its unit"
             }
+            Self::Model(ClayModelError::TooMuchWork { .. }) => {
+                "take a smaller or a coarser solid, a lower relief, or fewer mass points in \
+                    `sculpt.raster`"
+            }
+            Self::Model(ClayModelError::Memory { limit, .. }) => limit.remedy(),
             Self::Model(_) => "choose another region or another raster",
             Self::Export(_) => "undo the last stroke, or load the clay with more air around it",
             Self::Session(_) | Self::Write { .. } => {

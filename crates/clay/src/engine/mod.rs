@@ -28,7 +28,7 @@ pub use tool_motion::{HoldOutcome, ToolBody, ToolMotion};
 
 use self::curves::Curves;
 use self::work::{Activity, MotionSummary};
-use super::{ClayModel, PointSet};
+use super::{Cancel, ClayModel, PointSet};
 use vps::density::DensityFrame;
 use vps::spatial::Metres;
 
@@ -89,6 +89,11 @@ impl SculptEngine {
             has_leapt: false,
             trouble: Arc::from(""),
         }
+    }
+
+    /// [`ClayModel::cancel_when`].
+    pub fn cancel_when(&mut self, cancel: Cancel) {
+        self.model.cancel_when(cancel);
     }
 
     /// The model.
@@ -335,5 +340,7 @@ fn past_of(model: &ClayModel) -> History {
     (model.strokes(), model.history())
 }
 
+#[cfg(test)]
+mod limits;
 #[cfg(test)]
 mod tests;

@@ -7,7 +7,7 @@ use super::super::boolean::Boolean;
 use super::super::emboss::GreyImage;
 use super::super::falloff::Falloff;
 use super::super::material_map::Painted;
-use super::super::{SolidSource, SurfaceError};
+use super::super::{SolidSource, SurfaceError, WorkMeter};
 use vps::mesh::TriangleMesh;
 
 /// What the tool does to the clay. Whatever it does, the hand feels the surface.
@@ -144,7 +144,7 @@ impl ChosenSolid {
         );
         let source = Arc::new(SolidSource::Mesh(mesh));
         // As it will be sampled: what makes no surface is refused now, not by the hand.
-        source.beside(0.05 * (high - low).max_element())?;
+        source.beside(0.05 * (high - low).max_element(), &WorkMeter::unlimited())?;
         Ok(Self { source, name: name.into() })
     }
 }

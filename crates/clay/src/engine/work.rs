@@ -1,11 +1,13 @@
 //! What the hand does to the clay: one function per kind of tool.
 
+use std::sync::Arc;
+
 use glam::DVec3;
 
-use super::super::SurfaceError;
 use super::super::emboss::{GreyImage, ImagePlacement};
 use super::super::paint::Brush;
 use super::super::pull::{CurvesPull, PullForce};
+use super::super::{SolidSource, SurfaceError};
 use super::curves::Curves;
 use super::{
     EngineError, HoldOutcome, RopeCurves, SculptEngine, SculptTool, ToolMotion, ToolSettings,
@@ -380,15 +382,13 @@ impl SculptEngine {
         let Some(boolean) = self.tool.kind.boolean() else { return Ok(()) };
         let pose = motion.last.map_from_tool;
         let with = match (&self.tool.solid, &self.body.shape) {
-            (Some(solid), _) => {
-                solid.source.beside(self.model.surface().spacing_m())?.placed(&pose)
-            }
-            (None, Some(shape)) => shape.placed(&pose),
+            (Some(solid), _) => solid.source.clone(),
+            (None, Some(shape)) => Arc::new(SolidSource::Samples((**shape).clone())),
             (None, None) => return Err(EngineError::NoShape),
         };
         self.let_go()?;
         self.note_change();
-        self.combine(boolean, with, self.tool.is_sharp)
+        self.combine(boolean, &with, &pose, self.tool.is_sharp)
     }
 
     fn check_region(&self, at_map: DVec3) -> Result<(), EngineError> {

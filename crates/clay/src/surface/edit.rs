@@ -8,7 +8,8 @@ use rayon::prelude::*;
 
 use super::super::local_fit::{LocalFit, OrientedPoint};
 use super::super::neighbours::{Neighbour, Neighbours};
-use super::super::{Patch, PointSet, SurfaceError};
+use super::super::work_meter::TREE_STEPS;
+use super::super::{Patch, PointSet, SurfaceError, WorkError, WorkMeter};
 use super::{MOST_OF_MEDIAN, PointSurface, median};
 
 /// Samples nearby that are asked which patch a new one is of; those whose normals are within this
@@ -60,6 +61,7 @@ impl PointSurface {
         &mut self,
         samples: &[u32],
         field: impl Fn(DVec3) -> Option<f64> + Sync,
+        meter: &WorkMeter,
     ) -> Result<(), SurfaceError> {
         let refreshed: Vec<Option<LocalFit>> = samples
             .par_iter()
@@ -85,23 +87,23 @@ impl PointSurface {
                 None => left.push(*sample),
             }
         }
-        self.refit(&left)
+        self.refit(&left, meter)
     }
 
     /// Fits samples to their neighbours again.
     ///
     /// # Errors
     /// [`SurfaceError::Coincident`] for samples at one place; no fit has changed then.
-    pub(crate) fn refit(&mut self, samples: &[u32]) -> Result<(), SurfaceError> {
+    pub(crate) fn refit(&mut self, samples: &[u32], meter: &WorkMeter) -> Result<(), SurfaceError> {
         // New samples have no domain yet.
         let known = median(self.domains_m().filter(|half_m| *half_m > 0.0));
         let most_m = if known > 0.0 { MOST_OF_MEDIAN * known } else { f64::INFINITY };
-        let domains = self.domains(samples)?;
+        let domains = self.domains(samples, meter)?;
         let fits: Vec<LocalFit> = samples
             .par_iter()
             .zip(&domains)
-            .map(|(sample, domain)| self.fit(*sample, domain, most_m))
-            .collect();
+            .map(|(sample, domain)| self.fit(*sample, domain, most_m, meter))
+            .collect::<Result<_, _>>()?;
         for ((sample, domain), fit) in samples.iter().zip(&domains).zip(fits) {
             self.spacings_m[*sample as usize] = domain.spacing_m;
             self.fits[*sample as usize] = fit;
@@ -113,21 +115,27 @@ impl PointSurface {
     }
 
     /// Which samples have one of these places in their domain.
-    fn have_one_of(&self, positions_map: &[DVec3]) -> Vec<bool> {
+    fn have_one_of(
+        &self,
+        positions_map: &[DVec3],
+        meter: &WorkMeter,
+    ) -> Result<Vec<bool>, WorkError> {
         let reached: Vec<Vec<u32>> = positions_map
             .par_iter()
             .map_init(Vec::new, |found, position_map| {
-                self.near.within(*position_map, self.reach_m, found);
+                self.near.covering(*position_map, &self.reaches_m, found);
+                meter.take(1 + found.len() as u64)?;
                 let has_it = |sample: u32| {
                     let fit = &self.fits[sample as usize];
                     fit.center_map.distance_squared(*position_map) <= fit.half_m * fit.half_m
                 };
-                found.iter().map(|other| other.sample).filter(|sample| has_it(*sample)).collect()
+                let found = found.iter().map(|other| other.sample);
+                Ok(found.filter(|sample| has_it(*sample)).collect())
             })
-            .collect();
+            .collect::<Result<_, _>>()?;
         let mut have_one = vec![false; self.points.len()];
         reached.iter().flatten().for_each(|sample| have_one[*sample as usize] = true);
-        have_one
+        Ok(have_one)
     }
 
     /// Moves samples, and fits again those that have where one was or is in their domain: the
@@ -136,17 +144,21 @@ impl PointSurface {
     /// # Errors
     /// As [`Self::move_samples`]; [`SurfaceError::Coincident`] for samples that have come to one
     /// place, and then they have moved.
-    pub(crate) fn move_and_refit(&mut self, moved: &[SampleMove]) -> Result<(), SurfaceError> {
+    pub(crate) fn move_and_refit(
+        &mut self,
+        moved: &[SampleMove],
+        meter: &WorkMeter,
+    ) -> Result<(), SurfaceError> {
         let were_map: Vec<DVec3> =
             moved.iter().map(|moved| self.points.positions_map[moved.sample as usize]).collect();
-        let had_one = self.have_one_of(&were_map);
+        let had_one = self.have_one_of(&were_map, meter)?;
         self.move_samples(moved)?;
         let are_map: Vec<DVec3> = moved.iter().map(|moved| moved.position_map).collect();
-        let have_one = self.have_one_of(&are_map);
+        let have_one = self.have_one_of(&are_map, meter)?;
         let touched =
             had_one.iter().zip(have_one).zip(0_u32..).filter(|((had, has), _)| **had || *has);
         let touched: Vec<u32> = touched.map(|(_, sample)| sample).collect();
-        self.refit(&touched)
+        self.refit(&touched, meter)
     }
 
     /// The patch of the nearest sample that faces the same way.
@@ -167,6 +179,7 @@ impl PointSurface {
         &mut self,
         removed: &[u32],
         added: &PointSet,
+        meter: &WorkMeter,
     ) -> Result<(), SurfaceError> {
         let mut stays = vec![true; self.points.len()];
         for sample in removed {
@@ -187,6 +200,7 @@ impl PointSurface {
             }
         }
         points.check()?;
+        meter.take(TREE_STEPS * (points.len() + added.len()) as u64)?;
         let near = Neighbours::new(&points.positions_map);
 
         // Old samples that have a new or a lost one in their domain.
@@ -196,7 +210,7 @@ impl PointSurface {
             .filter(|(stays, _)| !**stays)
             .map(|(_, position)| *position);
         let changed: Vec<DVec3> = gone.chain(added.positions_map.iter().copied()).collect();
-        let is_touched = self.have_one_of(&changed);
+        let is_touched = self.have_one_of(&changed, meter)?;
         let touched =
             kept.iter().zip(0..).filter(|(old, _)| is_touched[**old as usize]).map(|(_, new)| new);
         let touched: Vec<u32> = touched.chain(kept.len() as u32..points.len() as u32).collect();
@@ -216,7 +230,7 @@ impl PointSurface {
             interpolates: self.interpolates,
             ..Self::nothing(self.n_neighbours)
         };
-        next.refit(&touched)?;
+        next.refit(&touched, meter)?;
         if touched.is_empty() {
             next.measure();
         }

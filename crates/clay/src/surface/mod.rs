@@ -23,10 +23,12 @@ use rayon::prelude::*;
 
 use self::blend::Blend;
 pub(super) use self::edit::SampleMove;
+pub(super) use self::rasterize::NODE_STEPS;
 use self::side::DipoleTree;
 use super::local_fit::{LocalFit, OrientedPoint};
 use super::neighbours::{Neighbour, Neighbours};
-use super::{Patch, PointSet, SurfaceError};
+use super::work_meter::{FIT_STEPS, SIDE_STEPS, TREE_STEPS};
+use super::{Patch, PointSet, SurfaceError, WorkError, WorkMeter};
 
 /// Nearest others whose mean distance is the spacing: a sample amid even ones has six around it.
 const RING: usize = 6;
@@ -77,6 +79,8 @@ pub struct PointSurface {
     spacing_m: f64,
     /// The largest domain.
     reach_m: f64,
+    /// Of each node of the tree, m: the largest domain of its samples.
+    reaches_m: Vec<f64>,
     /// Not all samples are of one patch.
     has_patches: bool,
     /// The field is 0 at every sample.
@@ -103,20 +107,30 @@ impl PointSurface {
     /// # Errors
     /// [`SurfaceError`] for samples that make no surface, naming the first one that is wrong.
     pub fn build(points: PointSet, n_neighbours: usize) -> Result<Self, SurfaceError> {
+        Self::build_within(points, n_neighbours, &WorkMeter::unlimited())
+    }
+
+    /// The same, with steps from a meter.
+    pub(super) fn build_within(
+        points: PointSet,
+        n_neighbours: usize,
+        meter: &WorkMeter,
+    ) -> Result<Self, SurfaceError> {
         if !Self::NEIGHBOURS.contains(&n_neighbours) {
             return Err(SurfaceError::Neighbours { found: n_neighbours });
         }
         points.check()?;
+        meter.take(TREE_STEPS * points.len() as u64)?;
         let near = Neighbours::new(&points.positions_map);
         let mut surface = Self { points, near, ..Self::nothing(n_neighbours) };
         let samples: Vec<u32> = (0..surface.points.len() as u32).collect();
-        let domains = surface.domains(&samples)?;
+        let domains = surface.domains(&samples, meter)?;
         let most_m = MOST_OF_MEDIAN * median(domains.iter().map(|domain| domain.half_m));
         surface.fits = samples
             .par_iter()
             .zip(&domains)
-            .map(|(sample, domain)| surface.fit(*sample, domain, most_m))
-            .collect();
+            .map(|(sample, domain)| surface.fit(*sample, domain, most_m, meter))
+            .collect::<Result<_, _>>()?;
         surface.spacings_m = domains.iter().map(|domain| domain.spacing_m).collect();
         surface.measure();
         Ok(surface)
@@ -144,6 +158,7 @@ impl PointSurface {
             fits: Vec::new(),
             spacing_m: 0.0,
             reach_m: 0.0,
+            reaches_m: Vec::new(),
             has_patches: false,
             interpolates: false,
         }
@@ -174,6 +189,11 @@ impl PointSurface {
     pub(super) fn colors_mut(&mut self) -> (&[DVec3], &[DVec3], &mut [[u8; 3]]) {
         let PointSet { positions_map, normals_map, colors, .. } = &mut self.points;
         (positions_map, normals_map, colors)
+    }
+
+    /// Samples that a fit takes into account.
+    pub(super) fn n_neighbours(&self) -> usize {
+        self.n_neighbours
     }
 
     /// Where the samples are.
@@ -208,8 +228,14 @@ impl PointSurface {
 
     /// The field at a point: equation 3. NaN gives NaN.
     pub fn at(&self, point_map: DVec3) -> Distance {
+        self.at_counted(point_map, &mut 0)
+    }
+
+    /// The same; adds the steps that it takes.
+    pub(super) fn at_counted(&self, point_map: DVec3, steps: &mut u64) -> Distance {
         let mut found = Vec::with_capacity(4 * self.n_neighbours);
-        self.near.within(point_map, self.reach_m, &mut found);
+        self.near.covering(point_map, &self.reaches_m, &mut found);
+        *steps += 1 + found.len() as u64;
         let mut blend = Blend::default();
         if self.has_patches {
             let mut blends: Vec<(Patch, Blend)> = Vec::new();
@@ -232,6 +258,7 @@ impl PointSurface {
         if blend.is_full() {
             return blend.distance();
         }
+        *steps += SIDE_STEPS;
         match self.near.nearest(point_map) {
             Some(nearest) => blend.fade(self.far(nearest.sample, point_map)),
             None => Distance { value_m: f64::NAN, gradient: DVec3::NAN },
@@ -257,9 +284,14 @@ impl PointSurface {
     /// The point of the surface that steps along the gradient lead to; `None` when they lead
     /// nowhere.
     pub fn project(&self, point_map: DVec3) -> Option<DVec3> {
+        self.project_counted(point_map, &mut 0)
+    }
+
+    /// The same; adds the steps that it takes.
+    pub(super) fn project_counted(&self, point_map: DVec3, steps: &mut u64) -> Option<DVec3> {
         let mut at = point_map;
         for _ in 0..PROJECTION_STEPS {
-            let Distance { value_m, gradient } = self.at(at);
+            let Distance { value_m, gradient } = self.at_counted(at, steps);
             if value_m.abs() <= PROJECTION_TOLERANCE * self.spacing_m {
                 return Some(at);
             }
@@ -314,12 +346,23 @@ impl PointSurface {
     }
 
     /// Spacings, domains and neighbours of samples.
-    fn domains(&self, samples: &[u32]) -> Result<Vec<Domain>, SurfaceError> {
-        samples.par_iter().map_init(Vec::new, |found, sample| self.domain(*sample, found)).collect()
+    fn domains(&self, samples: &[u32], meter: &WorkMeter) -> Result<Vec<Domain>, SurfaceError> {
+        let domain = |found: &mut Vec<Neighbour>, sample: &u32| {
+            meter.take(self.n_neighbours as u64)?;
+            self.domain(*sample, found)
+        };
+        samples.par_iter().map_init(Vec::new, domain).collect()
     }
 
     /// The fit of a sample, in a domain of `most_m` at most.
-    fn fit(&self, sample: u32, domain: &Domain, most_m: f64) -> LocalFit {
+    fn fit(
+        &self,
+        sample: u32,
+        domain: &Domain,
+        most_m: f64,
+        meter: &WorkMeter,
+    ) -> Result<LocalFit, WorkError> {
+        meter.take(FIT_STEPS * domain.neighbours.len() as u64)?;
         let neighbours =
             domain.neighbours.iter().map(|other| (self.oriented(*other), 0.0)).collect();
         let fit = LocalFit::to_neighbours(
@@ -328,7 +371,7 @@ impl PointSurface {
             domain.spacing_m,
             neighbours,
         );
-        if self.interpolates { fit.meeting_its_sample() } else { fit }
+        Ok(if self.interpolates { fit.meeting_its_sample() } else { fit })
     }
 
     /// The fit of a sample to a distance that its neighbours are to have from the surface, m, its
@@ -368,6 +411,13 @@ impl PointSurface {
         self.side = DipoleTree::new(&self.near, &self.points.normals_map, &areas_m2);
         self.spacing_m = median(self.spacings_m.iter().copied());
         self.reach_m = self.domains_m().fold(0.0, f64::max);
+        let mut reaches_m = vec![0.0; self.near.n_nodes()];
+        self.near.for_each_node(|node, range, _, _| {
+            let domains_m =
+                self.near.samples()[range].iter().map(|sample| self.fits[*sample as usize].half_m);
+            reaches_m[node] = domains_m.fold(0.0, f64::max);
+        });
+        self.reaches_m = reaches_m;
         self.has_patches = self.points.patches.iter().any(|patch| *patch != self.points.patch(0));
     }
 }

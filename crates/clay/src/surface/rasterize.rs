@@ -6,12 +6,17 @@
 
 use rayon::prelude::*;
 
-use super::super::Patch;
+use super::super::local_fit::LocalFit;
+use super::super::work_meter::SIDE_STEPS;
+use super::super::{Patch, WorkError, WorkMeter};
 use super::PointSurface;
 use super::blend::{Blend, is_next, patch_shares};
 use super::voronoi::nearest_samples;
 use vps::density::{Lattice, Raster};
 
+/// Steps of a node: it is looked at six times, and few are asked by themselves on which side they
+/// are.
+pub(crate) const NODE_STEPS: u64 = 6 + SIDE_STEPS / 2;
 /// Nodes along the edge of a block beyond the shell, which is on one side as a whole.
 const BLOCK: usize = 4;
 
@@ -20,6 +25,8 @@ const BLOCK: usize = 4;
 struct PlaneSums {
     weights: Vec<f64>,
     sums_m: Vec<f64>,
+    /// Nodes to which samples were added.
+    steps: u64,
     /// What the patches before this one have made, where there are several.
     joined: Vec<Joined>,
 }
@@ -34,6 +41,7 @@ struct Joined {
 
 impl PlaneSums {
     fn clear(&mut self, n: usize) {
+        self.steps = 0;
         for sums in [&mut self.weights, &mut self.sums_m] {
             sums.clear();
             sums.resize(n, 0.0);
@@ -72,13 +80,17 @@ impl PointSurface {
     /// The field at every node, as [`Self::at`] gives it. Far from the surface it may be off by a
     /// small part of the lattice's spacing, and there it depends on the lattice: a region is cut
     /// out of the raster of the whole, not rasterized by itself.
-    pub(crate) fn rasterize(&self, lattice: Lattice) -> Raster {
+    pub(crate) fn rasterize(
+        &self,
+        lattice: Lattice,
+        meter: &WorkMeter,
+    ) -> Result<Raster, WorkError> {
         let mut raster = Raster::uniform(lattice, f32::NAN);
         let [_, ny, nz] = lattice.dims;
         let by_plane = self.samples_by_plane(&lattice);
-        let nearest = nearest_samples(&lattice, &self.points.positions_map, &self.near);
+        let nearest = nearest_samples(&lattice, &self.points.positions_map, &self.near, meter)?;
         let planes = raster.values_m_mut().par_chunks_mut((ny * nz).max(1)).enumerate();
-        planes.for_each_init(PlaneSums::default, |sums, (x, values_m)| {
+        planes.try_for_each_init(PlaneSums::default, |sums, (x, values_m)| {
             sums.clear(ny * nz);
             if self.has_patches {
                 self.add_patches(&by_plane[x], &lattice, x, sums);
@@ -87,13 +99,29 @@ impl PointSurface {
                     self.add(*sample, &lattice, x, sums);
                 }
             }
+            meter.take(sums.steps + (ny * nz) as u64)?;
             self.near_shell(&lattice, x, sums, values_m);
-        });
+            Ok(())
+        })?;
         let slabs = raster.values_m_mut().par_chunks_mut((BLOCK * ny * nz).max(1)).enumerate();
-        slabs.for_each(|(slab, values_m)| {
-            self.far_from_shell(&lattice, slab * BLOCK, &nearest, values_m)
-        });
-        raster
+        slabs.try_for_each(|(slab, values_m)| {
+            let n_asked = self.far_from_shell(&lattice, slab * BLOCK, &nearest, values_m);
+            meter.take(SIDE_STEPS * n_asked + values_m.len() as u64)
+        })?;
+        Ok(raster)
+    }
+
+    /// About how many steps [`Self::rasterize`] takes. Cost: O(samples).
+    pub(crate) fn steps_of_raster(&self, lattice: &Lattice) -> u64 {
+        let n_nodes = |fit: &LocalFit| -> u64 {
+            let n = [0, 1, 2].map(|axis| {
+                let low_map = fit.center_map[axis] - fit.half_m;
+                let (from, to) = nodes_within(lattice, axis, low_map, low_map + 2.0 * fit.half_m);
+                (to - from) as u64
+            });
+            n.iter().product()
+        };
+        NODE_STEPS * lattice.n_nodes() as u64 + self.fits.iter().map(n_nodes).sum::<u64>()
     }
 
     /// The samples whose ball reaches into each plane x, in ascending order.
@@ -132,7 +160,7 @@ impl PointSurface {
         sample: u32,
         lattice: &Lattice,
         x: usize,
-        PlaneSums { weights, sums_m, .. }: &mut PlaneSums,
+        PlaneSums { weights, sums_m, steps, .. }: &mut PlaneSums,
     ) {
         let fit = &self.fits[sample as usize];
         let center = fit.center_map;
@@ -154,6 +182,7 @@ impl PointSurface {
             let reach_z = left.sqrt();
             let (from_z, to_z) = nodes_within(lattice, 2, center.z - reach_z, center.z + reach_z);
             let line = fit.along_z(x_map, y_map);
+            *steps += (to_z - from_z) as u64;
             for z in from_z..to_z {
                 let off = lattice.origin_map.z + z as f64 * lattice.spacing_m - center.z;
                 let (weight, _) = self.weight(fit, off_squared + off * off);
@@ -187,14 +216,16 @@ impl PointSurface {
         }
     }
 
-    /// Fills what is left in a slab of planes from `from_x` on.
+    /// Fills what is left in a slab of planes from `from_x` on. Gives how often it was asked on
+    /// which side a place is.
     fn far_from_shell(
         &self,
         lattice: &Lattice,
         from_x: usize,
         nearest: &[u32],
         values_m: &mut [f32],
-    ) {
+    ) -> u64 {
+        let mut n_asked = 0;
         let [_, ny, nz] = lattice.dims;
         let n_planes = values_m.len() / (ny * nz);
         let nearest = &nearest[from_x * ny * nz..][..values_m.len()];
@@ -214,6 +245,7 @@ impl PointSurface {
                 }
                 let middle = [n_planes / 2, (from_y + to_y) / 2, (from_z + to_z) / 2];
                 let side = if left == nodes().count() {
+                    n_asked += 1;
                     self.side_of_block(lattice, from_x, middle, nearest[place(middle)])
                 } else {
                     None
@@ -225,12 +257,16 @@ impl PointSurface {
                         let point_map = lattice.position([from_x + x, y, z]);
                         let distance_m =
                             self.points.positions_map[sample as usize].distance(point_map);
-                        let is_inside = side.unwrap_or_else(|| self.is_inside(sample, point_map));
+                        let is_inside = side.unwrap_or_else(|| {
+                            n_asked += 1;
+                            self.is_inside(sample, point_map)
+                        });
                         values_m[place] = if is_inside { distance_m } else { -distance_m } as f32;
                     }
                 }
             }
         }
+        n_asked
     }
 
     /// The side of all nodes of a block, where that is certain from its middle.

@@ -151,7 +151,8 @@ fn a_field_that_interpolates_goes_through_noisy_samples_and_is_as_steep_there_as
         }
     }
     // The raster has the same field.
-    let raster = exact.rasterize(lattice_around(&exact, 0.01, 0.005));
+    let raster =
+        exact.rasterize(lattice_around(&exact, 0.01, 0.005), &WorkMeter::unlimited()).unwrap();
     for (at, value_m) in nodes(&raster).filter(|(at, _)| (at.length() - 0.05).abs() < spacing_m) {
         assert!((exact.at(at).value_m - value_m).abs() < 1e-7, "{at}");
     }
@@ -162,18 +163,19 @@ fn a_field_that_interpolates_goes_through_noisy_samples_and_is_as_steep_there_as
         position_map: worked.points().positions_map[7] * 1.02,
         normal_map: worked.points().normals_map[7],
     };
-    worked.move_and_refit(&[moved]).unwrap();
+    worked.move_and_refit(&[moved], &WorkMeter::unlimited()).unwrap();
     let mut added = PointSet::default();
     let between = 0.5 * (worked.points().positions_map[20] + worked.points().positions_map[33]);
     added.push(between, between.normalize(), [0; 3]);
-    worked.replace(&[3], &added).unwrap();
+    worked.replace(&[3], &added, &WorkMeter::unlimited()).unwrap();
     assert!(off(&worked) < 1e-9, "{} spacings", off(&worked));
 }
 
 #[test]
 fn a_rasterized_sphere_has_its_volume_and_the_values_of_the_field() {
     let surface = build(sphere(4500, 0.05));
-    let raster = surface.rasterize(lattice_around(&surface, 0.01, 0.0025));
+    let raster =
+        surface.rasterize(lattice_around(&surface, 0.01, 0.0025), &WorkMeter::unlimited()).unwrap();
     let share = volume_m3(&raster) / (4.0 / 3.0 * PI * 0.05_f64.powi(3));
     assert!((share - 1.0).abs() < 2e-3, "{share}");
     assert_eq!(n_wrong(&raster, 1e-4, |at| 0.05 - at.length()), 0);
@@ -188,13 +190,15 @@ fn a_rasterized_sphere_has_its_volume_and_the_values_of_the_field() {
 #[test]
 fn sides_are_right_of_torus_cube_hollow_ball_and_thin_plate() {
     let ring = build(torus(6000, 0.05, 0.02));
-    let raster = ring.rasterize(lattice_around(&ring, 0.02, 0.003));
+    let raster =
+        ring.rasterize(lattice_around(&ring, 0.02, 0.003), &WorkMeter::unlimited()).unwrap();
     assert_eq!(n_wrong(&raster, 1e-4, |at| depth_in_torus(at, 0.05, 0.02)), 0);
     let share = volume_m3(&raster) / (2.0 * PI * PI * 0.05 * 0.02 * 0.02);
     assert!((share - 1.0).abs() < 5e-3, "{share}");
 
     let block = build(cube(30, 0.1));
-    let raster = block.rasterize(lattice_around(&block, 0.05, 0.004));
+    let raster =
+        block.rasterize(lattice_around(&block, 0.05, 0.004), &WorkMeter::unlimited()).unwrap();
     assert_eq!(
         n_wrong(&raster, 0.3 * block.spacing_m(), |at| depth_in_box(at, DVec3::splat(0.1))),
         0
@@ -203,7 +207,8 @@ fn sides_are_right_of_torus_cube_hollow_ball_and_thin_plate() {
     assert!((share - 1.0).abs() < 1e-2, "{share}");
 
     let hollow = build(shell_between(4000, 0.05, 0.03));
-    let raster = hollow.rasterize(lattice_around(&hollow, 0.01, 0.003));
+    let raster =
+        hollow.rasterize(lattice_around(&hollow, 0.01, 0.003), &WorkMeter::unlimited()).unwrap();
     assert_eq!(n_wrong(&raster, 1e-4, |at| (0.05 - at.length()).min(at.length() - 0.03)), 0);
 
     // Twice as thick as the spacing, and thinner than the lattice: far nodes are beyond the other
@@ -211,7 +216,9 @@ fn sides_are_right_of_torus_cube_hollow_ball_and_thin_plate() {
     let size_m = DVec3::new(0.1, 0.08, 0.004);
     let plate = build(sample(&Shape::Box { size_m }.tessellate(1e-3), 0.002).unwrap());
     for spacing_m in [0.001, 0.003, 0.011] {
-        let raster = plate.rasterize(lattice_around(&plate, 0.03, spacing_m));
+        let raster = plate
+            .rasterize(lattice_around(&plate, 0.03, spacing_m), &WorkMeter::unlimited())
+            .unwrap();
         assert_eq!(
             n_wrong(&raster, 0.4 * plate.spacing_m(), |at| depth_in_box(at, size_m)),
             0,
@@ -283,13 +290,19 @@ fn any_number_of_threads_gives_the_same_bits() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().unwrap();
         pool.install(|| {
             let mut surface = build(torus(9000, 0.05, 0.02));
-            surface.replace(&[3, 4, 500], &sphere(200, 0.01)).unwrap();
-            let raster = surface.rasterize(lattice_around(&surface, 0.02, 0.004));
+            surface.replace(&[3, 4, 500], &sphere(200, 0.01), &WorkMeter::unlimited()).unwrap();
+            let raster = surface
+                .rasterize(lattice_around(&surface, 0.02, 0.004), &WorkMeter::unlimited())
+                .unwrap();
             let all: Vec<u32> = (0..500).collect();
             surface
-                .refresh(&all, |at| raster.at(at).map(|density| f64::from(density.value_m)))
+                .refresh(
+                    &all,
+                    |at| raster.at(at).map(|density| f64::from(density.value_m)),
+                    &WorkMeter::unlimited(),
+                )
                 .unwrap();
-            let again = surface.rasterize(*raster.lattice());
+            let again = surface.rasterize(*raster.lattice(), &WorkMeter::unlimited()).unwrap();
             raster
                 .values_m()
                 .iter()
@@ -313,7 +326,7 @@ fn refreshed_fits_follow_the_field_that_they_are_taken_from() {
         .collect();
     surface.move_samples(&moved).unwrap();
     let all: Vec<u32> = (0..4500).collect();
-    surface.refresh(&all, |at| Some(0.051 - at.length())).unwrap();
+    surface.refresh(&all, |at| Some(0.051 - at.length()), &WorkMeter::unlimited()).unwrap();
     for at in surface.points().positions_map.iter().step_by(10) {
         let found = surface.at(*at);
         assert!(found.value_m.abs() < 1e-3 * surface.spacing_m(), "{found:?}");
@@ -321,7 +334,7 @@ fn refreshed_fits_follow_the_field_that_they_are_taken_from() {
     }
     // A field that ends leaves it to the neighbours.
     let before = surface.at(DVec3::X * 0.0512).value_m;
-    surface.refresh(&all, |_| None).unwrap();
+    surface.refresh(&all, |_| None, &WorkMeter::unlimited()).unwrap();
     assert!((surface.at(DVec3::X * 0.0512).value_m - before).abs() < 1e-5);
 }
 
@@ -331,9 +344,9 @@ fn replaced_samples_give_the_surface_that_is_built_of_all() {
     let mut surface = build(points.clone());
     let (removed, kept): (Vec<u32>, Vec<u32>) =
         (0..points.len() as u32).partition(|sample| sample % 11 == 0 && *sample < 3000);
-    surface.replace(&removed, &PointSet::default()).unwrap();
+    surface.replace(&removed, &PointSet::default(), &WorkMeter::unlimited()).unwrap();
     assert_eq!(surface.points(), &points.select(kept.iter().copied()));
-    surface.replace(&[], &points.select(removed.iter().copied())).unwrap();
+    surface.replace(&[], &points.select(removed.iter().copied()), &WorkMeter::unlimited()).unwrap();
     let order: Vec<u32> = kept.into_iter().chain(removed).collect();
     let whole = build(points.select(order.iter().copied()));
     assert_eq!(surface.points(), whole.points());
@@ -344,10 +357,16 @@ fn replaced_samples_give_the_surface_that_is_built_of_all() {
     }
     // What cannot be leaves all as it was.
     let twice = points.select([7].into_iter());
-    assert!(matches!(surface.replace(&[], &twice), Err(SurfaceError::Coincident { .. })));
+    assert!(matches!(
+        surface.replace(&[], &twice, &WorkMeter::unlimited()),
+        Err(SurfaceError::Coincident { .. })
+    ));
     assert_eq!(surface.points().len(), points.len());
     let all: Vec<u32> = (0..points.len() as u32).collect();
-    assert_eq!(surface.replace(&all, &PointSet::default()), Err(SurfaceError::TooFew { found: 0 }));
+    assert_eq!(
+        surface.replace(&all, &PointSet::default(), &WorkMeter::unlimited()),
+        Err(SurfaceError::TooFew { found: 0 })
+    );
 }
 
 #[test]

@@ -10,7 +10,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use crate::Neighbours;
+use crate::{Neighbours, WorkError, WorkMeter};
 use vps::density::Lattice;
 
 const NONE: u32 = u32::MAX;
@@ -20,16 +20,17 @@ pub(super) fn nearest_samples(
     lattice: &Lattice,
     positions_map: &[DVec3],
     near: &Neighbours,
-) -> Vec<u32> {
+    meter: &WorkMeter,
+) -> Result<Vec<u32>, WorkError> {
     let mut map = Map { lattice, positions_map, nearest: vec![NONE; lattice.n_nodes()] };
     if !map.seed() {
         map.seed_faces(near);
     }
     for _ in 0..2 {
-        map.pass(false);
-        map.pass(true);
+        map.pass(false, meter)?;
+        map.pass(true, meter)?;
     }
-    map.nearest
+    Ok(map.nearest)
 }
 
 struct Map<'a> {
@@ -97,7 +98,7 @@ impl Map<'_> {
     }
 
     /// Every node looks at the 13 neighbours before it; backwards, at those behind it.
-    fn pass(&mut self, backwards: bool) {
+    fn pass(&mut self, backwards: bool, meter: &WorkMeter) -> Result<(), WorkError> {
         let dims = self.lattice.dims;
         let sign = if backwards { -1 } else { 1 };
         let before: [[isize; 3]; 13] =
@@ -107,6 +108,7 @@ impl Map<'_> {
             (0..dims[axis]).map(move |n| if backwards { dims[axis] - 1 - n } else { n })
         };
         for (x, y) in in_turn(0).flat_map(|x| in_turn(1).map(move |y| (x, y))) {
+            meter.take(dims[2] as u64)?;
             for z in in_turn(2) {
                 let node = [x, y, z];
                 let place = self.lattice.index(node);
@@ -133,6 +135,7 @@ impl Map<'_> {
                 self.nearest[place] = best.1;
             }
         }
+        Ok(())
     }
 }
 
@@ -156,7 +159,8 @@ mod tests {
             [(DVec3::splat(-1.2), 0.1), (DVec3::new(-0.3, 0.1, 0.2), 0.03)]
         {
             let lattice = Lattice { origin_map, spacing_m, dims: [25, 24, 23] };
-            let found = nearest_samples(&lattice, &positions, &near);
+            let found =
+                nearest_samples(&lattice, &positions, &near, &WorkMeter::unlimited()).unwrap();
             let mut n_same = 0;
             for (place, sample) in found.iter().enumerate() {
                 let at = lattice.position([place / 23 / 24, place / 23 % 24, place % 23]);
