@@ -318,7 +318,7 @@ fn an_end_cancels_a_boolean_and_the_session_is_whole() {
         let path = folder.path().join("clay.session");
         engine.order(SculptOrder::SaveSession(path.clone())).expect("saved");
         let model = ClayModel::load_session(&path).expect("a whole session");
-        assert_eq!((model.points().len(), model.history()), (ball().len(), (1, 0)));
+        assert_eq!((model.points().len(), model.history()), (self::ball().len(), (1, 0)));
         assert_eq!(model.settings().material.mass_kg, 3e-4);
     }
 }

@@ -11,7 +11,7 @@ use rtrb::{Consumer, Producer, RingBuffer};
 use super::discover::{Holder, holders};
 use super::nodes::{self, DeviceFile, NodeKind, Selector};
 use crate::guard::{Guard, ZeroFrame};
-use crate::motor_stage::MotorLimits;
+use crate::parameters::MotorLimits;
 use crate::profile::{HomingMode, Match, Profile, RealArm, TransportKind};
 use crate::protocol::{Protocol, StartError};
 use crate::transport::{

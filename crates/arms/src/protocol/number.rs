@@ -104,17 +104,6 @@ pub(super) fn pad(frame: &mut Frame, byte: u8, len: usize) {
     while frame.as_slice().len() < len && frame.push(byte) {}
 }
 
-/// Exactly `N` whole numbers of 32 bits, apart by `separator`; `None` for anything else. Blanks
-/// count as one when they separate.
-pub(super) fn integers<const N: usize>(line: &[u8], separator: u8) -> Option<[i32; N]> {
-    let mut numbers = [0; N];
-    let mut words = words(line, separator);
-    for number in &mut numbers {
-        *number = words.next()?.parse().ok()?;
-    }
-    words.next().is_none().then_some(numbers)
-}
-
 /// The words of a line; a word that is not text is empty, which no number is.
 pub(super) fn words(line: &[u8], separator: u8) -> impl Iterator<Item = &str> {
     line.split(move |byte| *byte == separator)
@@ -145,17 +134,6 @@ mod tests {
         ];
         for count in steps {
             assert_eq!(whole.take_16(count as i16), count as f64);
-        }
-    }
-
-    #[test]
-    fn only_so_many_numbers_are_so_many_numbers() {
-        assert_eq!(integers::<3>(b"1,-2,3", b','), Some([1, -2, 3]));
-        assert_eq!(integers::<2>(b"  7   -8 ", b' '), Some([7, -8]));
-        for wrong in
-            ["1,2", "1,2,3,4", "1,x,3", "1,,3", "1,2,4294967296", "1 ,2,3", "1,2,3\u{fffd}"]
-        {
-            assert_eq!(integers::<3>(wrong.as_bytes(), b','), None, "{wrong}");
         }
     }
 }

@@ -1,7 +1,7 @@
 //! What an arm is held to: the lower of what its profile says and of what it declares itself.
 
 use super::WiredParameters;
-use crate::motor_stage::MotorLimits;
+use crate::parameters::MotorLimits;
 use crate::protocol::{Codec, DeclaredLimits, StartError};
 
 /// Share by which a number that was rounded for the wire may be lower, and counts as the same.
