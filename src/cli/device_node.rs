@@ -141,6 +141,13 @@ mod over_network {
         };
 
         let endpoints = args.network.endpoints().or_listen_here();
+        if let Some(endpoint) = endpoints.unprotected() {
+            let hint = "give --key-file FILE here and on the other machine, with the same key; \
+                `openssl rand -hex 24` prints one";
+            let message =
+                format!("any program that meets this node at {endpoint} could drive the arm");
+            return Err((Exit::Usage, message, Some(hint)));
+        }
         let session = session::open(&endpoints).map_err(no_network)?;
         let (arm, attached) =
             open_arm(&profile, hand, args.selector.clone(), period_s, request, guard::program())
