@@ -1,40 +1,6 @@
-//! Files that are yet to be written: what can be known of them before the work, and what to do when
-//! it fails.
+//! What to do about files that cannot be written.
 
-use std::fs::{self, File};
 use std::io::{Error, ErrorKind};
-use std::path::Path;
-
-/// What can be known of a file that is yet to be written: its folder is there and takes a file of
-/// this name, which is made and taken away again, and a file that is there may be written to.
-pub(super) fn check(path: &Path) -> Result<(), Error> {
-    let folder =
-        path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    if path.is_dir() {
-        return Err(Error::new(ErrorKind::IsADirectory, "it is a folder"));
-    } else if !folder.exists() {
-        return Err(Error::new(
-            ErrorKind::NotFound,
-            format!("there is no folder {}", folder.display()),
-        ));
-    } else if !folder.is_dir() {
-        return Err(Error::new(
-            ErrorKind::NotADirectory,
-            format!("{} is no folder", folder.display()),
-        ));
-    }
-    match fs::metadata(path) {
-        Ok(there) if there.is_file() => File::options().write(true).open(path).map(drop),
-        // A device or a pipe: opening it may be felt at its other end.
-        Ok(_) => Ok(()),
-        // A link to nothing yet.
-        Err(_) if path.is_symlink() => Ok(()),
-        Err(_) => {
-            drop(File::create_new(path)?);
-            fs::remove_file(path)
-        }
-    }
-}
 
 /// What to do about a file that cannot be written.
 pub(super) fn hint(error: &Error) -> Option<&'static str> {

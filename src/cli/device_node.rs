@@ -35,7 +35,7 @@ pub(crate) struct Args {
     network: NetworkArgs,
     #[command(flatten)]
     hand: HandArgs,
-    /// Processor to pin the loop to [default: the last one that this process may use].
+    /// Processor to pin the loop to [default: the last one that no other loop is pinned to].
     #[arg(long, value_name = "CPU")]
     cpu: Option<usize>,
     /// Priority of the loop under SCHED_FIFO, where the system allows it.
@@ -91,6 +91,7 @@ mod over_network {
     use serde_json::json;
 
     use super::super::network::exit_of;
+    use super::super::status_line::{FAILED, report_lines};
     use super::super::{guard, output, probe};
     use super::*;
     use crate::daemon::device_node::{
@@ -132,10 +133,7 @@ mod over_network {
                     hand.path.map(|path: GripPath| path.delayed(args.hand.delay().as_secs_f64()));
                 hand
             });
-        let request = ThreadRequest {
-            cpu: args.cpu.unwrap_or_else(schedule::default_cpu),
-            priority: args.priority,
-        };
+        let request = ThreadRequest { cpu: schedule::loop_cpu(args.cpu), priority: args.priority };
         let period_s = 1.0 / f64::from(profile.link.rate_hz);
         let timing = HoldTiming {
             hold_s: f64::from(args.hold_ms) * 1e-3,
@@ -143,13 +141,19 @@ mod over_network {
         };
 
         let endpoints = args.network.endpoints().or_listen_here();
+        if let Some(endpoint) = endpoints.unprotected() {
+            let hint = "give --key-file FILE here and on the other machine, with the same key; \
+                `openssl rand -hex 24` prints one";
+            let message =
+                format!("any program that meets this node at {endpoint} could drive the arm");
+            return Err((Exit::Usage, message, Some(hint)));
+        }
         let session = session::open(&endpoints).map_err(no_network)?;
         let (arm, attached, declared) =
             open_arm(&profile, hand, args.selector.clone(), period_s, request, guard::program())
                 .map_err(|error| (report::prepare_error(&error, output), String::new(), None))?;
-        let io_request =
-            ThreadRequest { priority: args.priority.saturating_sub(1).max(1), ..request };
-        let link = ZenohLink::to_host(&session, &name, Some(io_request)).map_err(no_network)?;
+        let link =
+            ZenohLink::to_host(&session, &name, Some(request.below())).map_err(no_network)?;
         let control = Arc::new(Control::new());
         signals::end_by_signals(&control)
             .map_err(|error| (Exit::Internal, error.to_string(), None))?;
@@ -237,6 +241,11 @@ mod over_network {
                     &[("phase", phase.name().into())],
                 );
             }
+            NodeNotice::Preflight(report) => {
+                for line in report_lines(report, true, FAILED) {
+                    output::event(output::Level::Warning, "preflight", &line, &[]);
+                }
+            }
             NodeNotice::Link(LinkNews::Lost) => {
                 output::event(output::Level::Warning, "arm", "device: gone; looking for it", &[])
             }
@@ -261,8 +270,9 @@ mod over_network {
     }
 
     fn result(outcome: &NodeOutcome, profile: &Profile, name: &str, as_json: bool) {
-        let NodeOutcome { report, periods, missed_periods, panicked, standing } = outcome;
+        let NodeOutcome { report, periods, missed_periods, panicked, entered } = outcome;
         if as_json {
+            let standing = entered.map(|entered| entered.standing).unwrap_or_default();
             let object = json!({
                 "name": name, "profile": profile.name, "periods": periods, "missed_periods": missed_periods, "panicked": panicked,
                 "fifo": standing.fifo, "cpu": standing.cpu, "link": report,

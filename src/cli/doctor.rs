@@ -3,7 +3,7 @@
 
 use core::sync::atomic::AtomicBool;
 use core::time::Duration;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
@@ -22,6 +22,7 @@ use arms::transport::ServiceError;
 use arms::vendor::VendorError;
 use rt::clock::RealClock;
 use rt::finding::{Finding, Root, Standing};
+use rt::realtime;
 use rt::schedule::{self, ThreadRequest};
 use rt::wakeup::{self, WakeupTest};
 use rt::{duration, machine, signals};
@@ -45,8 +46,7 @@ pub(crate) struct Args {
     udev_rules: bool,
 }
 
-/// Priority and rate where no scene names them: the defaults of scenes.
-const DEFAULT_PRIORITY: u8 = 80;
+/// Rate where no scene names it: the default of scenes.
 const DEFAULT_RATE_HZ: u32 = 1000;
 
 /// Upper bounds of the printed histogram, µs.
@@ -70,14 +70,22 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
     let arm = match (&config, &args.device) {
         (Some(config), _) => {
             let DeviceConfig { profile, selector, .. } = &config.device;
-            Some(NamedArm { profile: profile.clone(), selector: selector.clone(), rate_hz })
+            Some(NamedArm {
+                profile: profile.clone(),
+                selector: selector.clone(),
+                rate_hz,
+                is_asked_for: args.device.is_some(),
+            })
         }
         (None, None) => None,
         (None, Some(name)) => {
             match profile::find(name, &std::env::current_dir().unwrap_or_default()) {
-                Ok(profile) => {
-                    Some(NamedArm { rate_hz: profile.link.rate_hz, profile, selector: None })
-                }
+                Ok(profile) => Some(NamedArm {
+                    rate_hz: profile.link.rate_hz,
+                    profile,
+                    selector: None,
+                    is_asked_for: true,
+                }),
                 Err(ProfileError::Invalid(errors)) => {
                     return report::config_errors(&errors, output);
                 }
@@ -113,14 +121,14 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
     };
     let program = std::env::current_exe()
         .map_or_else(|_| "hapticd".to_owned(), |path| path.display().to_string());
-    let mut rights = machine::rights(request, test.standing, test.memory, &program);
+    let mut rights = machine::rights(&test.entered, &program);
     rights.push(lateness(&test, rate_hz));
 
     let mut devices = devices;
     let mut trips_us = Vec::new();
     if let Some(arm) = arm.as_ref().filter(|arm| arm.profile.real.is_some()) {
         devices.extend(arm_findings(arm));
-        match exchange(arm, args.duration, quit, output) {
+        match exchange(arm, request, args.duration, quit, output) {
             Ok(trips) => {
                 devices.extend(answers(&trips, rate_hz));
                 trips_us = trips;
@@ -150,12 +158,18 @@ struct NamedArm {
     profile: Profile,
     selector: Option<Selector>,
     rate_hz: u32,
+    /// The command line names it, and not only the scene.
+    is_asked_for: bool,
 }
 
 /// What is not known of it.
 fn arm_findings(arm: &NamedArm) -> Vec<Finding> {
-    let NamedArm { profile, selector, .. } = arm;
+    let NamedArm { profile, selector, rate_hz, .. } = arm;
     let mut findings = Vec::new();
+    if let Err(slow) = profile.link_carries(*rate_hz) {
+        let advice = "write another `rate_hz` or `baud`, if the port is not one on USB";
+        findings.push(Finding::advice("link", slow.to_string(), advice).by_hand());
+    }
     if profile.has_unverified_signs() {
         let found =
             format!("not verified: force stays below {} N", profile.unverified_limits().force_n);
@@ -179,15 +193,26 @@ fn arm_findings(arm: &NamedArm) -> Vec<Finding> {
 /// Exchanges zero commands for samples with it.
 fn exchange(
     arm: &NamedArm,
+    request: ThreadRequest,
     duration: Duration,
     quit: &AtomicBool,
     output: OutputOptions,
 ) -> Result<Vec<u64>, Finding> {
-    let NamedArm { profile, selector, rate_hz } = arm;
+    let NamedArm { profile, selector, rate_hz, is_asked_for } = arm;
+    if profile.names_library() && !is_asked_for {
+        let found = format!(
+            "not measured: the profile {} of the scene names a library, and to load one runs its \
+                code",
+            profile.given()
+        );
+        let file = output::quoted(Path::new(&profile.given()));
+        let advice = format!("hapticd doctor --device {file}   # if you trust it");
+        return Err(Finding::advice("round trip", found, advice));
+    }
     let period_s = 1.0 / f64::from(*rate_hz);
     let options = OpenOptions {
         selector: selector.clone(),
-        io_request: None,
+        io_request: Some(request.below()),
         period_s,
         guard: guard::program(),
     };
@@ -211,8 +236,12 @@ fn exchange(
         ),
         output,
     );
-    let trial = &mut Trial::new(RealClock, period_s, quit);
-    probe::round_trips(&mut opened.arm, trial, duration).map_err(|ended| match ended {
+    let mut trial = Trial::new(RealClock, period_s, quit);
+    // What the system refuses is said of the wake-ups already, which ask for the same.
+    let exchange = |_| probe::round_trips(&mut opened.arm, &mut trial, duration);
+    let exchanged = realtime::beside("probe", request, exchange, || {})
+        .map_err(|error| Finding::unknown("round trip", format!("not measured: {error}")))?;
+    exchanged.map_err(|ended| match ended {
         ProbeEnd::Interrupted => Finding::unknown("round trip", "not measured: it was interrupted"),
         ended => Finding::bad("round trip", format!("the arm went away: {ended:?}"), again),
     })
@@ -251,8 +280,8 @@ fn bins_of(trips_us: &[u64]) -> [u64; BOUNDS_US.len() + 1] {
 
 fn wanted(config: Option<&SceneConfig>) -> (ThreadRequest, u32) {
     let realtime = config.map(|config| config.realtime);
-    let cpu = realtime.and_then(|realtime| realtime.cpu).unwrap_or_else(schedule::default_cpu);
-    let priority = realtime.map_or(DEFAULT_PRIORITY, |realtime| realtime.priority);
+    let cpu = schedule::loop_cpu(realtime.and_then(|realtime| realtime.cpu));
+    let priority = realtime.map_or(super::probe::PRIORITY, |realtime| realtime.priority);
     (ThreadRequest { cpu, priority }, config.map_or(DEFAULT_RATE_HZ, |config| config.rate_hz))
 }
 

@@ -9,6 +9,7 @@ use crate::daemon::drawing::{DrawingPlan, DrawnSummary, PicturesPlan};
 use crate::error::Exit;
 use rt::duration;
 use vps::storage::printable::one_line;
+use vps::storage::whole_file;
 
 /// Where `--help` lists it.
 const HEADING: &str = "Pictures";
@@ -69,7 +70,7 @@ impl DrawingArgs {
             }
             let name = config.path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
             let pictures = PicturesPlan { folder: folder.clone(), name, every: self.picture_every };
-            if let Err(error) = destination::check(&pictures.file(0)) {
+            if let Err(error) = whole_file::check(&pictures.file(0)) {
                 return refuse(
                     Exit::Asset,
                     format!("cannot write to {shown}: {error}"),
@@ -108,7 +109,7 @@ impl DrawingArgs {
                     Some(hint),
                 );
             }
-            if let Err(error) = destination::check(file) {
+            if let Err(error) = whole_file::check(file) {
                 return refuse(
                     Exit::Asset,
                     format!("cannot write {shown}: {error}"),

@@ -22,7 +22,7 @@ use vps::contact::{
 };
 use vps::parallel;
 use vps::spatial::Pose;
-use vps::storage::whole_file::write_whole;
+use vps::storage::whole_file::{self, Access, write_whole};
 use vps::voxmap::field::FieldKind;
 
 /// Poses that one task looks at: enough that its memory is soon paid for.
@@ -110,7 +110,7 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
         .flatten()
         .filter(|path| !is_stdout(path));
     for path in files {
-        if let Err(error) = destination::check(path) {
+        if let Err(error) = whole_file::check(path) {
             return cannot_write(path, &error, output);
         }
     }
@@ -173,7 +173,7 @@ fn write_to(
     contents: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> io::Result<()> {
     if !is_stdout(path) {
-        return write_whole(path, |file| contents(file));
+        return write_whole(path, Access::Shared, |file| contents(file));
     }
     let mut stdout = BufWriter::new(io::stdout().lock());
     match contents(&mut stdout).and_then(|()| stdout.flush()) {

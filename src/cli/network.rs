@@ -20,21 +20,26 @@ pub(crate) struct NetworkArgs {
     /// Zenoh's own settings, JSON5.
     #[arg(long, help_heading = HEADING, value_name = "FILE")]
     zenoh_config: Option<PathBuf>,
+    /// File with the key that every peer has to know; a device-node that other machines reach needs
+    /// one.
+    #[arg(long, help_heading = HEADING, value_name = "FILE")]
+    key_file: Option<PathBuf>,
 }
 
 impl NetworkArgs {
     pub(crate) fn endpoints(&self) -> Endpoints {
-        let Self { connect, listen, zenoh_config } = self.clone();
-        Endpoints { listen, connect, config_file: zenoh_config }
+        let Self { connect, listen, zenoh_config, key_file } = self.clone();
+        Endpoints { listen, connect, config_file: zenoh_config, key_file }
     }
 }
 
 /// The exit code of a network that fails.
 pub(crate) fn exit_of(error: &NetworkError) -> Exit {
     match error {
-        NetworkError::Endpoint { .. } | NetworkError::Name { .. } | NetworkError::NotBuilt => {
-            Exit::Usage
-        }
+        NetworkError::Endpoint { .. }
+        | NetworkError::Key { .. }
+        | NetworkError::Name { .. }
+        | NetworkError::NotBuilt => Exit::Usage,
         NetworkError::ConfigFile { .. } => Exit::Configuration,
         NetworkError::Open { .. } | NetworkError::Link { .. } | NetworkError::NoNode { .. } => {
             Exit::Device

@@ -8,6 +8,10 @@
 //! `time` (UTC), `level`, `event`, `message` (the text without decoration), and the fields of that
 //! event.
 //!
+//! Nothing but text leaves: what control characters a name, a file or an arm has brought along are
+//! escaped here, in what is for people and in JSON. The few that a terminal is steered with are
+//! constants of this file.
+//!
 //! While force may flow no thread waits for a reader: from [`detach`] to [`attach`] a thread of its
 //! own writes, behind a queue that drops the oldest lines and says how many. A terminal that is
 //! stopped, or a program that reads no more, costs words and nothing else.
@@ -87,7 +91,7 @@ fn panicked(info: &PanicHookInfo<'_>) {
     let mut text = format!("thread '{}' {info}", thread.name().unwrap_or("unnamed"));
     // A trace is looked up in the file of the program, which takes long: not while an arm waits for
     // its zero.
-    let has_arm = matches!(thread.name(), Some("servo" | "device-node"));
+    let has_arm = matches!(thread.name(), Some("servo" | "device-node" | "probe"));
     let trace = if has_arm { Backtrace::disabled() } else { Backtrace::capture() };
     if trace.status() == BacktraceStatus::Captured {
         text += &format!("\n{trace}");
@@ -102,7 +106,7 @@ const FLUSH: Duration = Duration::from_secs(1);
 
 /// Lines on their way to stderr.
 struct Queue {
-    lines: ArrayQueue<String>,
+    lines: ArrayQueue<Shown>,
     /// Lines that were dropped for newer ones and are not reported yet.
     lost: AtomicU64,
     /// Lines that were queued and neither written nor dropped.
@@ -153,7 +157,7 @@ pub(crate) fn attach() {
 
 impl Queue {
     /// Never blocks.
-    fn push(&self, text: String) {
+    fn push(&self, text: Shown) {
         self.waiting.fetch_add(1, Ordering::Relaxed);
         if self.lines.force_push(text).is_some() {
             self.lost.fetch_add(1, Ordering::Relaxed);
@@ -199,11 +203,69 @@ pub(crate) fn quoted(file: &Path) -> String {
     }
 }
 
+/// The word before a message, in its colour.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Lead {
+    /// What it says.
+    pub(crate) word: &'static str,
+    /// Its colour on a terminal; empty: none.
+    pub(crate) colour: &'static str,
+}
+
+/// Colours of leads.
+pub(crate) const RED: &str = "\x1b[1;31m";
+pub(crate) const YELLOW: &str = "\x1b[1;33m";
+pub(crate) const CYAN: &str = "\x1b[1;36m";
+const PLAIN: &str = "\x1b[0m";
+/// Begins the line anew, and cuts what follows at the edge of the terminal: a line that wraps could
+/// not be written over.
+const OVER: &str = "\r\x1b[2K\x1b[?7l";
+const WRAP_AGAIN: &str = "\x1b[?7h";
+
+/// What may go to a terminal.
+struct Shown(String);
+
+impl Shown {
+    /// Text, its control characters escaped but for line breaks and tabs.
+    fn text(text: &str) -> Self {
+        Self(printable(text).into_owned())
+    }
+
+    /// One message: where it has several lines, none but the first begins at the edge, so that no
+    /// text from outside looks like a message of this program.
+    fn message(text: &str) -> Self {
+        Self(format!("{}\n", printable(text.trim_end()).replace('\n', "\n  ")))
+    }
+
+    /// Between constants of this file.
+    fn between(before: &'static str, text: &str, after: &'static str) -> Self {
+        Self([before, &printable(text), after].concat())
+    }
+
+    /// A message behind its lead.
+    fn led(lead: Lead, text: &str) -> Self {
+        let plain = if lead.colour.is_empty() { "" } else { PLAIN };
+        let Self(text) = Self::message(text);
+        Self([lead.colour, lead.word, plain, " ", &text].concat())
+    }
+}
+
 /// Writes a result to stdout.
 pub(crate) fn result(text: fmt::Arguments<'_>) {
-    if let Err(error) = io::stdout().write_all(text.to_string().as_bytes()) {
+    let Shown(text) = Shown::text(&text.to_string());
+    if let Err(error) = io::stdout().write_all(text.as_bytes()) {
         let _ = LOST_RESULT.set(error);
     }
+}
+
+/// Writes a message behind its lead to stderr.
+pub(crate) fn led(lead: Lead, text: &str) {
+    write(Shown::led(lead, text));
+}
+
+/// Writes a line of a terminal over.
+pub(crate) fn write_over(text: &str) {
+    write(Shown::between(OVER, text, WRAP_AGAIN));
 }
 
 /// Writes messages to stderr at once: text as it is, or its lines as events without fields.
@@ -214,7 +276,7 @@ pub(crate) fn message(text: fmt::Arguments<'_>) {
             .filter(|line| !line.trim().is_empty())
             .for_each(|line| event(Level::Info, "message", line, &[]));
     } else {
-        write(text.to_string());
+        write(Shown::text(&text.to_string()));
     }
 }
 
@@ -223,23 +285,22 @@ pub(crate) fn event(level: Level, name: &str, text: &str, fields: Fields<'_>) {
     write(line_of(level, name, text, fields));
 }
 
-fn line_of(level: Level, name: &str, text: &str, fields: Fields<'_>) -> String {
+fn line_of(level: Level, name: &str, text: &str, fields: Fields<'_>) -> Shown {
     if !is_json() {
-        return format!("{}\n", printable(text));
+        return Shown::message(text);
     }
     let line = Line { time: &timestamp(SystemTime::now()), level, name, text: text.trim(), fields };
-    // True invariant: names and plain values.
-    format!("{}\n", serde_json::to_string(&line).unwrap_or_default())
+    line.shown()
 }
 
-fn write(text: String) {
+fn write(shown: Shown) {
     match QUEUE.get().filter(|_| IS_DETACHED.load(Ordering::Relaxed)) {
-        Some(queue) => queue.push(text),
-        None => write_now(&text),
+        Some(queue) => queue.push(shown),
+        None => write_now(&shown),
     }
 }
 
-fn write_now(text: &str) {
+fn write_now(Shown(text): &Shown) {
     // One write, so that lines of other processes do not cut in. If it fails, there is no other
     // output to report it on.
     let _ = io::stderr().write_all(text.as_bytes());
@@ -252,6 +313,13 @@ struct Line<'a> {
     name: &'a str,
     text: &'a str,
     fields: Fields<'a>,
+}
+
+impl Line<'_> {
+    fn shown(&self) -> Shown {
+        // True invariant: names and plain values.
+        Shown::message(&serde_json::to_string(self).unwrap_or_default())
+    }
 }
 
 impl Serialize for Line<'_> {
@@ -280,6 +348,63 @@ pub(crate) fn lost_result() -> Option<&'static io::Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Texts of characters that steer a terminal, end a line or turn the direction of writing,
+    /// between others.
+    fn foreign_texts() -> impl Iterator<Item = String> {
+        let controls = (0..0x20).chain(0x7f..0xa0).chain([0x61c, 0x200e, 0x200f]);
+        let controls = controls.chain(0x2028..0x202f).chain(0x2066..0x206a);
+        let controls: Vec<char> = controls.filter_map(char::from_u32).collect();
+        let others = ['a', '[', ']', '2', ';', 'm', 'K', 'é', '歯', '\\', '"', ' '];
+        let mut seed = 1_u64;
+        let mut next = move |n: usize| {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (seed >> 33) as usize % n
+        };
+        (0..2000).map(move |_| {
+            let length = next(40);
+            let mut letter = || match next(2) {
+                0 => controls[next(controls.len())],
+                _ => others[next(others.len())],
+            };
+            (0..length).map(|_| letter()).collect()
+        })
+    }
+
+    #[test]
+    fn no_character_that_steers_a_terminal_leaves_but_ours() {
+        let steers = |text: &str| {
+            let text = text.replace(['\n', '\t'], "");
+            text.contains(vps::storage::printable::is_control)
+        };
+        let is_one_message = |text: &str| {
+            let mut lines = text.strip_suffix('\n').expect("ended").split('\n');
+            lines.next();
+            lines.all(|line| line.starts_with("  "))
+        };
+        for foreign in foreign_texts() {
+            let Shown(text) = Shown::text(&foreign);
+            let Shown(message) = Shown::message(&foreign);
+            let Shown(led) = Shown::led(Lead { word: "error:", colour: RED }, &foreign);
+            let led = led.strip_prefix("\x1b[1;31merror:\x1b[0m ").expect("its lead");
+            let Shown(over) = Shown::between(OVER, &foreign, WRAP_AGAIN);
+            let over = over.strip_prefix(OVER).and_then(|text| text.strip_suffix(WRAP_AGAIN));
+            for text in [&text, &message, led, over.expect("ours")] {
+                assert!(!steers(text), "{text:?}");
+            }
+            assert!(is_one_message(&message) && is_one_message(led), "{message:?}");
+            let fields = [("said", Value::from(foreign.as_str()))];
+            let line =
+                Line { time: "t", level: Level::Info, name: "n", text: &foreign, fields: &fields };
+            let Shown(json) = line.shown();
+            assert!(!steers(&json) && json.lines().count() == 1, "{json:?}");
+            let read: Value = serde_json::from_str(&json).expect("JSON");
+            assert_eq!(
+                (read["message"].as_str(), read["said"].as_str()),
+                (Some(&*foreign), Some(&*foreign))
+            );
+        }
+    }
 
     #[test]
     fn a_line_is_one_object_with_its_keys_in_order() {

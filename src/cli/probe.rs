@@ -5,11 +5,11 @@ use core::time::Duration;
 use std::io::IsTerminal as _;
 use std::sync::Arc;
 
-use crossbeam::channel::Receiver;
+use crossbeam::channel::{Receiver, unbounded};
 use serde_json::{Value, json};
 
 use super::findings::{self, finding_json};
-use super::status_line::error_text;
+use super::status_line::{FAILED, error_text, report_lines};
 use super::{OutputOptions, guard, output, report};
 use crate::error::Exit;
 use arms::attached::identify::AxisDynamics;
@@ -23,6 +23,8 @@ use arms::protocol::DeclaredLimits;
 use arms::{Device as _, Pacing};
 use rt::clock::RealClock;
 use rt::finding::{Finding, Standing};
+use rt::realtime::{self, Entered};
+use rt::schedule::{self, ThreadRequest};
 use rt::{duration, signals};
 use vps::spatial::Axes;
 
@@ -75,6 +77,22 @@ const PARKED: f64 = 3.0;
 
 /// Number of the gripper among the axes.
 const GRIPPER: usize = 6;
+
+/// Priority of the loop under SCHED_FIFO: the default of scenes.
+pub(super) const PRIORITY: u8 = 80;
+
+/// What the loop says while it tries the arm out.
+enum Said {
+    /// What its thread got of the system.
+    Entered(Entered),
+    /// What comes next.
+    Step(ProbeStep),
+}
+
+/// What the system refused to the loop.
+pub(super) fn tell_refused(entered: &Entered, output: OutputOptions) {
+    report_lines(&entered.judge(), true, FAILED).iter().for_each(|line| report::line(line, output));
+}
 
 /// What there is to say at the end.
 struct ProbeReport<'a> {
@@ -131,9 +149,10 @@ fn probe(args: &Args, output: OutputOptions) -> Result<Exit, Exit> {
         Exit::Device
     };
     let period_s = 1.0 / f64::from(profile.link.rate_hz);
+    let request = ThreadRequest { cpu: schedule::loop_cpu(None), priority: PRIORITY };
     let options = OpenOptions {
         selector: args.selector.clone(),
-        io_request: None,
+        io_request: Some(request.below()),
         period_s,
         guard: guard::program(),
     };
@@ -174,15 +193,33 @@ fn probe(args: &Args, output: OutputOptions) -> Result<Exit, Exit> {
         identify: args.identify,
     };
     let mut found = ProbeResult::default();
-    let tell = |step| {
-        report::note(step_text(step, &profile), output);
-        if asks {
-            ask(&go, quit);
+    let (sender, said) = unbounded();
+    let try_out = |entered| {
+        // The channel has room without end: this thread waits for no reader.
+        let _ = sender.send(Said::Entered(entered));
+        let tell = |step| drop(sender.send(Said::Step(step)));
+        let ended = probe::try_out(arm, &mut trial, &plan, &mut found, tell).err();
+        arm.stop();
+        drop(sender);
+        ended
+    };
+    let listen = || {
+        for said in said {
+            match said {
+                Said::Entered(entered) => tell_refused(&entered, output),
+                Said::Step(step) => {
+                    report::note(step_text(step, &profile), output);
+                    if asks {
+                        ask(&go, quit);
+                    }
+                }
+            }
         }
     };
-    let ended = probe::try_out(arm, &mut trial, &plan, &mut found, tell).err();
-    arm.stop();
+    let ended = realtime::beside("probe", request, try_out, listen)
+        .map_err(|error| fail(Exit::Internal, format!("cannot try the arm out: {error}")))?;
     output::attach();
+    found.fit(period_s);
     let report = ProbeReport {
         profile: &profile,
         real,
@@ -581,7 +618,7 @@ impl ProbeReport<'_> {
     }
 
     fn json(&self, path: &str, findings: &[Finding]) -> Value {
-        let ProbeResult { answers, signs, made } = self.found;
+        let ProbeResult { answers, signs, made, .. } = self.found;
         let sign_name = |sign: Sign| match sign {
             Sign::Right => "right",
             Sign::Wrong => "wrong",

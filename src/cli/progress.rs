@@ -7,6 +7,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{OutputOptions, output};
 use crate::scene::BakeEvent;
+use vps::storage::printable::one_line;
 use vps::voxmap::BakeStage;
 
 /// A line on stderr that says which object is at which stage; silent on a pipe and with `--quiet`.
@@ -37,7 +38,7 @@ impl BakeProgress {
         };
         bar.set_message(format!(
             "{} ({} of {}): {stage}",
-            event.name,
+            one_line(event.name),
             event.object_idx + 1,
             event.n_objects
         ));

@@ -2,7 +2,7 @@
 
 use std::io::IsTerminal;
 
-use super::output::{self, Level};
+use super::output::{self, Lead, Level};
 use super::{OutputOptions, When};
 use crate::config::{self, ConfigErrors, Problem, SceneConfig};
 use crate::daemon::{PrepareError, service};
@@ -10,7 +10,7 @@ use crate::error::Exit;
 use crate::scene::{ClayError, ClayReport, ObjectReport, SceneError};
 use clay::clay_model::ClayModelError;
 use vps::part::PartError;
-use vps::storage::printable::{one_line, printable};
+use vps::storage::printable::one_line;
 
 /// Prints every problem of a scene on stderr and gives the exit code for it.
 pub(crate) fn config_errors(errors: &ConfigErrors, output: OutputOptions) -> Exit {
@@ -112,40 +112,45 @@ pub(crate) fn error(message: &str, hint: Option<&str>, output: OutputOptions) {
         let hint = hint.map(|hint| ("hint", hint.into()));
         return output::event(Level::Error, "error", message, hint.as_slice());
     }
-    let [red, cyan, plain] =
-        if is_coloured(output) { ["\x1b[1;31m", "\x1b[1;36m", "\x1b[0m"] } else { [""; 3] };
-    output::message(format_args!("{red}error:{plain} {}\n", printable(message)));
+    let colour = |colour| if is_coloured(output) { colour } else { "" };
+    output::led(Lead { word: "error:", colour: colour(output::RED) }, message);
     for (n, line) in hint.iter().flat_map(|hint| hint.lines()).enumerate() {
-        let lead = if n == 0 { "hint:" } else { "     " };
-        output::message(format_args!("  {cyan}{lead}{plain} {}\n", one_line(line)));
+        let word = if n == 0 { "  hint:" } else { "       " };
+        output::led(Lead { word, colour: colour(output::CYAN) }, line);
     }
 }
 
 /// Prints one warning, unless `--quiet` is given.
 pub(crate) fn warning(message: &str, output: OutputOptions) {
-    remark(Level::Warning, "warning", "\x1b[1;33m", message, output);
+    remark(
+        Level::Warning,
+        "warning",
+        Lead { word: "warning:", colour: output::YELLOW },
+        message,
+        output,
+    );
 }
 
 /// Prints what was assumed, unless `--quiet` is given.
 pub(crate) fn note(message: &str, output: OutputOptions) {
-    remark(Level::Info, "note", "\x1b[1;36m", message, output);
+    remark(Level::Info, "note", Lead { word: "note:", colour: output::CYAN }, message, output);
 }
 
-fn remark(level: Level, word: &str, colour: &str, message: &str, output: OutputOptions) {
+fn remark(level: Level, name: &str, lead: Lead, message: &str, output: OutputOptions) {
     if output.quiet {
         return;
     }
     if output::is_json() {
-        return output::event(level, word, message, &[]);
+        return output::event(level, name, message, &[]);
     }
-    let [colour, plain] = if is_coloured(output) { [colour, "\x1b[0m"] } else { [""; 2] };
-    output::message(format_args!("{colour}{word}:{plain} {}\n", printable(message)));
+    let lead = if is_coloured(output) { lead } else { Lead { colour: "", ..lead } };
+    output::led(lead, message);
 }
 
 /// Prints a line as it is, unless `--quiet` is given.
 pub(crate) fn line(text: &str, output: OutputOptions) {
     if !output.quiet {
-        output::message(format_args!("{}\n", printable(text)));
+        output::message(format_args!("{text}\n"));
     }
 }
 

@@ -13,7 +13,17 @@ const N_PER_M: f64 = 1e3;
 
 /// What is likely wrong with a scene that was read.
 pub fn plausibility_warnings(config: &SceneConfig) -> Vec<Problem> {
-    contact_stiffness(config).into_iter().chain(late_force(config)).collect()
+    [contact_stiffness(config), late_force(config), slow_line(config)]
+        .into_iter()
+        .flatten()
+        .collect()
+}
+
+/// A serial line that is too slow, if it is one of a UART.
+fn slow_line(config: &SceneConfig) -> Option<Problem> {
+    let why = config.device.profile.link_carries(config.rate_hz).err()?.to_string();
+    let kind = ProblemKind::Refused { why, hint: None };
+    Some(problem_at(&config.path, "rendering.rate_hz", kind))
 }
 
 /// A spring that is felt late gives energy at K · lag · v²; a damper of K · lag takes it. An arm

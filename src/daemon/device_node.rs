@@ -11,7 +11,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
-use crossbeam::channel::Receiver;
+use crossbeam::channel::{Receiver, Sender, bounded};
 
 use super::{PrepareError, RealArmNode};
 use arms::Device;
@@ -25,7 +25,9 @@ use arms::remote::{Node, NodeFigures, NodeParameters};
 use arms::simulated::{HandParameters, SimArm, SimParameters};
 use engine::servo::{Control, DeadlineGrid, StopGuard};
 use rt::clock::{Clock as _, RealClock};
-use rt::schedule::{self, ThreadRequest, ThreadStanding};
+use rt::preflight::PreflightReport;
+use rt::realtime::{self, Entered};
+use rt::schedule::ThreadRequest;
 
 /// How often the loop is looked at.
 const LOOK: Duration = Duration::from_millis(20);
@@ -35,6 +37,8 @@ const LOOK: Duration = Duration::from_millis(20);
 pub enum NodeNotice<'a> {
     /// A new phase, with what was counted so far.
     Phase(LinkPhase, NodeReport),
+    /// What the machine offers the loop.
+    Preflight(&'a PreflightReport),
     /// What became of the link of a real arm.
     Link(&'a LinkNews),
 }
@@ -66,8 +70,8 @@ pub struct NodeOutcome {
     pub missed_periods: u64,
     /// The loop stopped on an internal error; the arm got zero.
     pub panicked: bool,
-    /// What the thread obtained.
-    pub standing: ThreadStanding,
+    /// What the thread obtained; `None`: it panicked.
+    pub entered: Option<Entered>,
 }
 
 /// What the node reports of its arm to a host, and holds the host to. A real arm with unverified
@@ -107,12 +111,8 @@ pub fn open_arm(
     guard: Option<PathBuf>,
 ) -> Result<(Box<dyn Device>, Option<RealArmNode>, Option<DeclaredLimits>), PrepareError> {
     if profile.real.is_some() {
-        let io_request =
-            ThreadRequest { priority: request.priority.saturating_sub(1).max(1), ..request };
-        let opened = open::open(
-            profile,
-            &OpenOptions { selector, io_request: Some(io_request), period_s, guard },
-        )?;
+        let io_request = Some(request.below());
+        let opened = open::open(profile, &OpenOptions { selector, io_request, period_s, guard })?;
         let declared = opened.arm.declared();
         return Ok((
             Box::new(opened.arm),
@@ -134,33 +134,36 @@ pub fn run_node(
 ) -> io::Result<NodeOutcome> {
     let NodeJob { node, arm, news, period_s, request, duration } = job;
     let figures = node.figures();
-    let locked = schedule::lock_memory();
+    let (entered_sender, entered) = bounded(1);
     let thread = {
         let control = control.clone();
         std::thread::Builder::new()
             .name("device-node".to_owned())
-            .spawn(move || turn(node, arm, period_s, request, &control))?
+            .spawn(move || turn(node, arm, period_s, request, &entered_sender, &control))?
     };
+    let entered = entered.recv().ok();
+    if let Some(entered) = entered {
+        notify(NodeNotice::Preflight(&entered.judge()));
+    }
     watch(&figures, news.as_ref(), duration, &thread, &mut notify);
     control.stop();
-    let (periods, missed_periods, panicked, standing) =
-        thread.join().unwrap_or((0, 0, true, ThreadStanding::default()));
-    if locked.is_ok() {
-        schedule::unlock_memory();
-    }
-    Ok(NodeOutcome { report: figures.report(), periods, missed_periods, panicked, standing })
+    let (periods, missed_periods, panicked) = thread.join().unwrap_or((0, 0, true));
+    Ok(NodeOutcome { report: figures.report(), periods, missed_periods, panicked, entered })
 }
 
-type Turned = (u64, u64, bool, ThreadStanding);
+type Turned = (u64, u64, bool);
 
 fn turn(
     mut node: Node,
     arm: Box<dyn Device>,
     period_s: f64,
     request: ThreadRequest,
+    entered: &Sender<Entered>,
     control: &Control,
 ) -> Turned {
-    let standing = schedule::enter_realtime(request);
+    let realtime = realtime::enter(request);
+    // Who started this thread waits for it.
+    let _ = entered.send(realtime.entered());
     // Writes zero while a panic unwinds, too.
     let mut arm = StopGuard::new(arm);
     let mut periods = 0;
@@ -168,17 +171,19 @@ fn turn(
     let outcome = catch_unwind(AssertUnwindSafe(|| {
         let mut clock = RealClock;
         let start_ns = clock.now_ns();
+        let begin_ns = clock.elapsed_ns();
         let mut deadlines = DeadlineGrid::new(start_ns, (period_s * 1e9).round() as i64);
         // A node has no ramp of its own: the first order to end is the last period.
         while !control.is_ending() {
             let due = deadlines.wait(&mut clock);
             missed += due.missed;
             periods += 1;
-            node.step((due.now_ns - start_ns) as f64 * 1e-9, &mut **arm);
+            // A suspend of this machine is silence of the host.
+            node.step((clock.elapsed_ns() - begin_ns) as f64 * 1e-9, &mut **arm);
         }
     }));
     node.stop(&mut **arm);
-    (periods, missed, outcome.is_err(), standing)
+    (periods, missed, outcome.is_err())
 }
 
 /// Reports what changes until it is time to end.

@@ -9,8 +9,8 @@
 //! or of the drain, and under the real clock neither waits; a film has its name when it is whole.
 
 use std::collections::BTreeMap;
-use std::fs::Permissions;
-use std::io::{self, BufWriter};
+use std::fs::File;
+use std::io::{self, BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -19,7 +19,6 @@ use std::time::Duration;
 
 use crossbeam::channel::{Receiver, Sender, TrySendError, bounded};
 use serde::Serialize;
-use tempfile::NamedTempFile;
 
 use super::session::SessionHandle;
 use crate::config::SceneConfig;
@@ -31,7 +30,7 @@ use rt::clock::ClockKind;
 use rt::schedule::enter_background;
 use vps::mesh::{self, MeshError, TriangleMesh};
 use vps::spatial::Pose;
-use vps::storage::whole_file::write_bytes;
+use vps::storage::whole_file::{Access, NewFile, write_bytes};
 
 /// How finely round shapes are cut for a picture, voxels.
 const CHORD_VOXELS: f64 = 0.25;
@@ -265,7 +264,7 @@ struct DrawingThread {
     session: SessionHandle,
     /// `None` before the first one is loaded.
     scene: Option<DrawnScene>,
-    film: Option<Film<BufWriter<NamedTempFile>>>,
+    film: Option<(Film<BufWriter<File>>, NewFile)>,
     drawn: DrawnSummary,
 }
 
@@ -276,13 +275,12 @@ impl DrawingThread {
         for due in ticks {
             self.draw(&due);
         }
-        if let (Some(film), Some(file)) = (self.film.take(), &self.plan.video) {
-            let written =
-                film.finish().and_then(|(file, n_frames)| Ok((file.into_inner()?, n_frames)));
-            let placed = written.and_then(|(temporary, n_frames)| {
-                temporary.persist(file)?;
+        if let (Some((film, new)), Some(file)) = (self.film.take(), &self.plan.video) {
+            let written = film.finish().and_then(|(mut file, n_frames)| {
+                file.flush()?;
                 Ok(n_frames)
             });
+            let placed = written.and_then(|n_frames| new.place().map(|()| n_frames));
             match placed {
                 Ok(n_frames) => {
                     (self.drawn.video, self.drawn.frames) = (Some(file.clone()), n_frames.into())
@@ -334,11 +332,12 @@ impl DrawingThread {
         if let Some(file) = self.plan.video.as_ref().filter(|_| *is_frame) {
             let film = match self.film.take() {
                 Some(film) => Ok(film),
-                None => temporary(file).map(|file| Film::new(BufWriter::new(file))),
+                None => NewFile::beside(file, Access::Shared)
+                    .map(|(new, file)| (Film::new(BufWriter::new(file)), new)),
             };
-            let added = film.and_then(|mut film| {
+            let added = film.and_then(|(mut film, new)| {
                 film.add(record.time_ns, frame)?;
-                Ok(film)
+                Ok((film, new))
             });
             match added {
                 Ok(film) => self.film = Some(film),
@@ -353,14 +352,6 @@ impl DrawingThread {
 
 fn fail(drawn: &mut DrawnSummary, file: &Path, error: &io::Error) {
     drawn.error.get_or_insert(format!("cannot write {}: {error}", file.display()));
-}
-
-/// Beside the film, with the rights of any new file.
-fn temporary(file: &Path) -> io::Result<NamedTempFile> {
-    let folder =
-        file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let rights: Permissions = std::os::unix::fs::PermissionsExt::from_mode(0o666);
-    tempfile::Builder::new().permissions(rights).tempfile_in(folder)
 }
 
 /// The meshes of a scene, as they are drawn: reads the files that it names.

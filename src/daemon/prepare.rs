@@ -213,12 +213,7 @@ fn open_options(config: &SceneConfig, guard: Option<PathBuf>) -> OpenOptions {
     let RealtimeConfig { cpu, priority, .. } = config.realtime;
     OpenOptions {
         selector: config.device.selector.clone(),
-        // Below the servo on its processor: bytes are moved while it sleeps, and never keep it from
-        // waking.
-        io_request: Some(ThreadRequest {
-            cpu: cpu.unwrap_or_else(schedule::default_cpu),
-            priority: priority.saturating_sub(1).max(1),
-        }),
+        io_request: Some(ThreadRequest { cpu: schedule::loop_cpu(cpu), priority }.below()),
         period_s: config.parameters.period_s,
         guard,
     }

@@ -559,8 +559,15 @@ fn files_are_looked_at_before_the_work_and_nothing_is_written_over_unasked() {
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_session_that_cannot_be_written_is_kept_elsewhere() {
     let dir = folder();
-    // A link to a disk that is full.
-    std::os::unix::fs::symlink("/dev/full", dir.path().join("full.ply")).unwrap();
+    // What is written breaks off: a pipe whose reader goes away each time.
+    let pipe = dir.path().join("full.ply");
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    std::thread::spawn(move || {
+        while let Ok(reader) = fs::File::open(&pipe) {
+            drop(reader);
+            std::thread::sleep(std::time::Duration::from_millis(100));
+        }
+    });
     let sculpt = |output: &str| {
         format!("sculpt ball.toml --clock virtual --duration 1300ms --json --overwrite {output}")
     };

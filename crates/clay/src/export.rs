@@ -20,7 +20,7 @@ use glam::DVec3;
 use super::ClayModel;
 use vps::density::{Lattice, Raster};
 use vps::mesh::TriangleMesh;
-use vps::storage::whole_file::write_whole;
+use vps::storage::whole_file::{Access, write_whole};
 
 /// Density of a node that has changed sides, in spacings.
 const SIDE_SPACINGS: f64 = 0.05;
@@ -160,7 +160,7 @@ fn take_sides(lattice: &Lattice, values_m: &mut [f32]) {
 /// # Errors
 /// Any error of the file system; what was there under that name is there still.
 pub fn write_mesh(path: &Path, mesh: &TriangleMesh) -> io::Result<()> {
-    write_whole(path, |file| {
+    write_whole(path, Access::Shared, |file| {
         let n_vertices = mesh.vertices.len();
         let n_triangles = mesh.triangles.len();
         write!(

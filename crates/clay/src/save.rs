@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use super::PointSet;
-use vps::storage::whole_file::write_whole;
+use vps::storage::whole_file::{Access, write_whole};
 
 /// Writes samples. [`super::load()`] reads them back: positions and colours bit for bit, normals as
 /// 32-bit numbers.
@@ -13,7 +13,7 @@ use vps::storage::whole_file::write_whole;
 /// # Errors
 /// Any error of the file system; what was there under that name is there still.
 pub fn save(path: &Path, points: &PointSet) -> io::Result<()> {
-    write_whole(path, |file| write(file, points))
+    write_whole(path, Access::Shared, |file| write(file, points))
 }
 
 /// The same to any writer.

@@ -21,7 +21,7 @@ use super::material_map::{Layer, MaterialMap};
 use super::{Patch, PointSet};
 use vps::density::{Lattice, Raster};
 use vps::storage::sections::{Key, Reader, Refusal, Writer, key_of};
-use vps::storage::whole_file::write_whole;
+use vps::storage::whole_file::{Access, write_whole};
 use vps::storage::{MappedFile, regular};
 
 /// Counts up when the meaning of a section changes.
@@ -242,7 +242,7 @@ impl ClayModel {
         file.array("densities_m", &densities);
         file.array("painted", &layers.values);
         file.array("clays", &clays);
-        write_whole(path, |out| file.write_to(KEY, GENERATION, out))
+        write_whole(path, Access::Private, |out| file.write_to(KEY, GENERATION, out))
             .map_err(|source| SessionFileError::Io { what: "write", path: path.to_owned(), source })
     }
 

@@ -503,8 +503,8 @@ mod tests {
         let accepted = "must be without control characters, such as an escape or a line break: \
             names are shown to people";
         let expected = format!(
-            "error: x\\u{{1b}}.toml:2: name = \"gear\\u001b[2J\": {accepted}\nerror: \
-                x\\u{{1b}}.toml:3: a\\u{{7}}: {accepted}\nerror: x\\u{{1b}}.toml:5: static[0].mesh \
+            "error: x\\u001b.toml:2: name = \"gear\\u001b[2J\": {accepted}\nerror: \
+                x\\u001b.toml:3: a\\u0007: {accepted}\nerror: x\\u001b.toml:5: static[0].mesh \
                 = \"\"\" a state: disabled\"\"\": {accepted}"
         );
         assert_eq!(errors, expected);

@@ -41,7 +41,7 @@ use rtrb::RingBuffer;
 
 pub use self::job::{Enable, LiveChannels, Operator, RenderJob, RunError, RunOutcome};
 pub use self::phase::{Notice, Phase};
-use self::threads::{MemoryLock, ServoThread, spawn_drain, spawn_servo, with_live};
+use self::threads::{ServoThread, spawn_drain, spawn_servo, with_live};
 use crate::record::Watch;
 use crate::servo::{Control, Ending, Order, Permit, RunPlan, ServoLoop, StopGuard};
 use arms::attached::open::LinkNews;
@@ -159,11 +159,6 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
         } + Duration::try_from_secs_f64(job.scene.parameters.limits.ramp_s)
             .unwrap_or_default();
 
-        let request = ThreadRequest {
-            cpu: job.realtime.cpu.unwrap_or_else(schedule::default_cpu),
-            priority: job.realtime.priority,
-        };
-        let memory_lock = MemoryLock::take(job.clock);
         let (producer, consumer) = RingBuffer::new(RING_RECORDS);
         let (events_sender, events) = unbounded();
         let servo = match job.clock {
@@ -176,6 +171,10 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
                     plan,
                     producer,
                 );
+                let request = ThreadRequest {
+                    cpu: schedule::loop_cpu(job.realtime.cpu),
+                    priority: job.realtime.priority,
+                };
                 spawn_servo(
                     with_live(servo.with_time_budget(job.time_budget_s), live),
                     Some(request),
@@ -195,13 +194,11 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
         };
 
         let _quit_on_unwind = QuitOnUnwind { control, ended: servo.ended.clone() };
-        let standing =
-            servo.standing.recv().map_err(|_| RunError::Servo("ended before it began"))?;
-        let kernel = KernelFacts::read(request.cpu);
-        let preflight = match &memory_lock.outcome {
-            Some(outcome) => PreflightReport::judge(&kernel, request, standing, *outcome),
-            None => PreflightReport::virtual_clock(&kernel),
-        };
+        let entered = servo.entered.recv().map_err(|_| RunError::Servo("ended before it began"))?;
+        let preflight = entered.map_or_else(
+            || PreflightReport::virtual_clock(&KernelFacts::read(0)),
+            |entered| entered.judge(),
+        );
         (self.notify)(Notice::Preflight(&preflight));
         if job.realtime.enforce && !preflight.passed() {
             drop(servo.go);

@@ -32,6 +32,11 @@ pub trait Clock: Send {
     fn kind(&self) -> ClockKind;
     /// Loop time, ns from an arbitrary zero.
     fn now_ns(&mut self) -> i64;
+    /// The same, and it goes on while the machine is suspended, where loop time stands still: the
+    /// age of a command is measured with it. Its zero is another one.
+    fn elapsed_ns(&mut self) -> i64 {
+        self.now_ns()
+    }
     /// Returns at or after the loop time `deadline_ns`; at once when that has passed.
     fn sleep_until(&mut self, deadline_ns: i64);
     /// Stopwatch time, ns from an arbitrary zero.
@@ -51,6 +56,10 @@ impl Clock for RealClock {
 
     fn now_ns(&mut self) -> i64 {
         monotonic_ns()
+    }
+
+    fn elapsed_ns(&mut self) -> i64 {
+        read_ns(libc::CLOCK_BOOTTIME)
     }
 
     fn sleep_until(&mut self, deadline_ns: i64) {
@@ -82,25 +91,24 @@ const NS_PER_S: i64 = 1_000_000_000;
 
 /// `CLOCK_MONOTONIC` in ns. RT: safe; a vDSO read, no system call on the usual clock sources.
 pub fn monotonic_ns() -> i64 {
-    let mut now = libc::timespec { tv_sec: 0, tv_nsec: 0 };
-    // SAFETY: `now` is a valid, exclusive timespec; CLOCK_MONOTONIC exists on every Linux, so the
-    // call cannot fail.
-    unsafe {
-        libc::clock_gettime(libc::CLOCK_MONOTONIC, &raw mut now);
-    }
-    now.tv_sec * NS_PER_S + now.tv_nsec
+    read_ns(libc::CLOCK_MONOTONIC)
 }
 
 /// Processor time that the calling thread has used, ns: without the time in which others ran. RT:
 /// safe; one system call.
 pub fn thread_cpu_ns() -> i64 {
-    let mut used = libc::timespec { tv_sec: 0, tv_nsec: 0 };
-    // SAFETY: `used` is a valid, exclusive timespec; CLOCK_THREAD_CPUTIME_ID exists on every Linux,
+    read_ns(libc::CLOCK_THREAD_CPUTIME_ID)
+}
+
+/// One of the three clocks of this file, ns. RT: safe.
+fn read_ns(clock: libc::clockid_t) -> i64 {
+    let mut now = libc::timespec { tv_sec: 0, tv_nsec: 0 };
+    // SAFETY: `now` is a valid, exclusive timespec; the clocks of this file exist on every Linux,
     // so the call cannot fail.
     unsafe {
-        libc::clock_gettime(libc::CLOCK_THREAD_CPUTIME_ID, &raw mut used);
+        libc::clock_gettime(clock, &raw mut now);
     }
-    used.tv_sec * NS_PER_S + used.tv_nsec
+    now.tv_sec * NS_PER_S + now.tv_nsec
 }
 
 /// Sleeps until `CLOCK_MONOTONIC` shows `deadline_ns`. RT: safe; one system call. Absolute, so that
@@ -150,6 +158,17 @@ mod tests {
         sleep_until_monotonic_ns(begin_ns + 20_000_000);
         let used_ns = thread_cpu_ns() - begin_used_ns;
         assert!(used_ns > 0 && used_ns < monotonic_ns() - begin_ns, "{used_ns} ns");
+    }
+
+    #[test]
+    fn elapsed_time_goes_as_fast_as_loop_time_while_the_machine_is_awake() {
+        let mut clock = RealClock;
+        let begin_ns = clock.now_ns();
+        let begin_elapsed_ns = clock.elapsed_ns();
+        sleep_until_monotonic_ns(begin_ns + 20_000_000);
+        let elapsed_ns = clock.elapsed_ns() - begin_elapsed_ns;
+        let before_ns = clock.now_ns() - begin_ns;
+        assert!((19_000_000..=before_ns).contains(&elapsed_ns), "{elapsed_ns} {before_ns}");
     }
 
     #[test]

@@ -33,6 +33,7 @@
 //! |---|---|
 //! | [`control`] | the control word of a loop: whether force may flow, whether it is to end |
 //! | [`clock`] | `CLOCK_MONOTONIC`, absolute sleep; real and virtual time behind one trait |
+//! | [`realtime`] | the one entrance of a loop that commands an arm into real time |
 //! | [`schedule`] | policy, priority, processor, memory lock, stack prefault of one thread |
 //! | [`signals`] | what each signal does to the control word; what SIGHUP means |
 //! | [`preflight`], [`machine`], [`finding`] | what the machine offers and lacks, row by row, and what to type |
@@ -51,6 +52,7 @@ pub mod finding;
 pub mod machine;
 pub mod preflight;
 pub mod process;
+pub mod realtime;
 pub mod schedule;
 pub mod signals;
 pub mod utc;

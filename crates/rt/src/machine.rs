@@ -4,7 +4,9 @@
 //! Data out: [`Finding`]s, each with what to type.
 
 use super::finding::{Finding, Root};
-use super::schedule::{MemoryLockRefusal, ThreadRequest, ThreadStanding};
+use super::preflight::affinity_text;
+use super::realtime::Entered;
+use super::schedule::{CpuSharing, MemoryLockRefusal};
 
 /// What gives an ordinary user the rights of a real-time loop: what to type. `program` is the path
 /// of this one.
@@ -177,12 +179,8 @@ fn swap(root: &Root) -> Option<Finding> {
 }
 
 /// What a thread that asked for its place got: the rights that count.
-pub fn rights(
-    request: ThreadRequest,
-    standing: ThreadStanding,
-    memory: Result<(), MemoryLockRefusal>,
-    program: &str,
-) -> Vec<Finding> {
+pub fn rights(entered: &Entered, program: &str) -> Vec<Finding> {
+    let Entered { request, standing, memory } = *entered;
     let errno = |errno: i32| std::io::Error::from_raw_os_error(errno).to_string();
     let scheduling = if standing.fifo {
         Finding::good("scheduling", format!("SCHED_FIFO, priority {}", standing.priority))
@@ -193,11 +191,18 @@ pub fn rights(
         );
         Finding::bad("scheduling", found, rights_advice(program))
     };
-    let affinity = match standing.cpu {
-        Some(cpu) => Finding::good("affinity", format!("pinned to processor {cpu}")),
-        None => Finding::bad(
+    let text = affinity_text(request, standing);
+    let affinity = match (standing.cpu, standing.sharing) {
+        (Some(_), CpuSharing::Own | CpuSharing::InsteadOf(_)) => Finding::good("affinity", text),
+        (Some(_), CpuSharing::Shared) => Finding::advice(
             "affinity",
-            format!("processor {} was refused ({})", request.cpu, errno(standing.affinity_errno)),
+            text,
+            "end the other program, or name another processor as [realtime] cpu of the scene",
+        )
+        .by_hand(),
+        (None, _) => Finding::bad(
+            "affinity",
+            text,
             "name a processor that this process may use as [realtime] cpu of the scene; `taskset \
                 -pc $$` lists them",
         )
@@ -226,6 +231,7 @@ pub fn rights(
 mod tests {
     use super::*;
     use crate::finding::{Standing, tree};
+    use crate::schedule::{ThreadRequest, ThreadStanding};
 
     fn standing(findings: &[Finding], name: &str) -> (Standing, String, String) {
         let found = findings.iter().find(|finding| finding.name == name).expect(name);
@@ -296,21 +302,20 @@ mod tests {
     #[test]
     fn refused_rights_say_how_to_get_them() {
         let request = ThreadRequest { cpu: 1, priority: 80 };
-        let refused =
+        let standing =
             ThreadStanding { schedule_errno: 1, affinity_errno: 22, ..ThreadStanding::default() };
-        let rows = rights(
-            request,
-            refused,
-            Err(MemoryLockRefusal::Limit { bytes: 65536 }),
-            "/opt/hapticd",
-        );
+        let memory = Err(MemoryLockRefusal::Limit { bytes: 65536 });
+        let rows = rights(&Entered { request, standing, memory }, "/opt/hapticd");
         assert!(rows.iter().all(|row| row.standing == Standing::Bad));
         assert!(rows[0].advice.contains("setcap cap_sys_nice,cap_ipc_lock=ep /opt/hapticd"));
         assert!(rows[0].advice.contains("limits.d") && rows[2].found.contains("64 KiB"));
-        let granted =
+        let standing =
             ThreadStanding { fifo: true, priority: 80, cpu: Some(1), ..ThreadStanding::default() };
-        assert!(
-            rights(request, granted, Ok(()), "x").iter().all(|row| row.standing == Standing::Good)
-        );
+        let granted = Entered { request, standing, memory: Ok(()) };
+        assert!(rights(&granted, "x").iter().all(|row| row.standing == Standing::Good));
+        let sharing = CpuSharing::Shared;
+        let shared = Entered { standing: ThreadStanding { sharing, ..standing }, ..granted };
+        let rows = rights(&shared, "x");
+        assert!(rows[1].standing == Standing::Advice && rows[1].found.contains("another program"));
     }
 }

@@ -5,7 +5,7 @@
 
 use std::path::Path;
 
-use super::schedule::{MemoryLockRefusal, ThreadRequest, ThreadStanding};
+use super::schedule::{CpuSharing, MemoryLockRefusal, ThreadRequest, ThreadStanding};
 
 /// How a check ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -170,20 +170,35 @@ fn policy_row(request: ThreadRequest, standing: ThreadStanding) -> CheckRow {
 }
 
 fn affinity_row(request: ThreadRequest, standing: ThreadStanding) -> CheckRow {
-    let found = match standing.cpu {
-        Some(cpu) => format!("pinned to processor {cpu}"),
-        None => format!(
-            "processor {} was refused ({})",
-            request.cpu,
-            errno_text(standing.affinity_errno)
-        ),
-    };
+    let is_shared = standing.sharing == CpuSharing::Shared;
     row(
         "affinity",
-        standing.cpu.is_some(),
-        found,
-        "name a processor that exists and that this process may use in [realtime] cpu",
+        standing.cpu.is_some() && !is_shared,
+        affinity_text(request, standing),
+        if is_shared {
+            "end the other program, or name another processor in [realtime] cpu"
+        } else {
+            "name a processor that exists and that this process may use in [realtime] cpu"
+        },
     )
+}
+
+/// Which processor the thread is pinned to, and who else is.
+pub(super) fn affinity_text(request: ThreadRequest, standing: ThreadStanding) -> String {
+    let Some(cpu) = standing.cpu else {
+        let why = errno_text(standing.affinity_errno);
+        return format!("processor {} was refused ({why})", request.cpu);
+    };
+    match standing.sharing {
+        CpuSharing::Own => format!("pinned to processor {cpu}"),
+        CpuSharing::InsteadOf(other) => format!(
+            "pinned to processor {cpu}, because the loop of another program has processor {other}"
+        ),
+        CpuSharing::Shared => format!(
+            "pinned to processor {cpu}, and so is the loop of another program: they delay each \
+                other"
+        ),
+    }
 }
 
 fn memory_row(memory: Result<(), MemoryLockRefusal>) -> CheckRow {
@@ -297,6 +312,20 @@ mod tests {
     fn what_the_machine_does_not_say_is_not_held_against_it() {
         let kernel = KernelFacts { governor: None, clocksource: None, ..tuned() };
         assert!(PreflightReport::judge(&kernel, REQUEST, obtained(), Ok(())).passed());
+    }
+
+    #[test]
+    fn a_processor_that_two_loops_have_is_a_failure_and_another_one_is_said() {
+        let judged = |sharing| {
+            let standing = ThreadStanding { sharing, ..obtained() };
+            let report = PreflightReport::judge(&tuned(), REQUEST, standing, Ok(()));
+            let row = report.rows.into_iter().find(|row| row.name == "affinity").expect("a row");
+            (row.outcome, row.found)
+        };
+        let (outcome, found) = judged(CpuSharing::Shared);
+        assert!(outcome == CheckOutcome::Failed && found.contains("processor 1"), "{found}");
+        let (outcome, found) = judged(CpuSharing::InsteadOf(3));
+        assert!(outcome == CheckOutcome::Passed && found.contains("processor 3"), "{found}");
     }
 
     #[test]

@@ -3,6 +3,10 @@
 #![expect(unsafe_code, reason = "affinity, memory lock and resource limits are libc calls")]
 
 use core::mem::{MaybeUninit, size_of};
+use std::io;
+use std::os::linux::net::SocketAddrExt as _;
+use std::os::unix::net::{SocketAddr, UnixDatagram};
+use std::sync::{Mutex, PoisonError};
 
 use thread_priority::{
     RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityValue, ThreadSchedulePolicy,
@@ -39,6 +43,15 @@ pub struct ThreadRequest {
     pub priority: u8,
 }
 
+impl ThreadRequest {
+    /// For a thread that moves the bytes of a loop: below it, so that it never keeps the loop from
+    /// waking, and on its processor, which is free while the loop sleeps.
+    #[must_use]
+    pub fn below(self) -> Self {
+        Self { priority: self.priority.saturating_sub(1).max(1), ..self }
+    }
+}
+
 /// What a thread got.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ThreadStanding {
@@ -52,6 +65,20 @@ pub struct ThreadStanding {
     pub schedule_errno: i32,
     /// errno of the refused affinity call; 0: not refused.
     pub affinity_errno: i32,
+    /// Who else uses the processor.
+    pub sharing: CpuSharing,
+}
+
+/// Whether a loop of another process is pinned to the processor that [`loop_cpu`] gave.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum CpuSharing {
+    /// None that is known.
+    #[default]
+    Own,
+    /// None; but one is pinned to this one, which would have been the choice.
+    InsteadOf(usize),
+    /// One is.
+    Shared,
 }
 
 /// Pins the calling thread, puts it under SCHED_FIFO and touches its stack; says what was obtained.
@@ -67,6 +94,7 @@ pub fn enter_realtime(request: ThreadRequest) -> ThreadStanding {
         cpu: affinity.is_ok().then_some(request.cpu),
         schedule_errno: schedule.err().unwrap_or(0),
         affinity_errno: affinity.err().unwrap_or(0),
+        sharing: sharing(request.cpu),
     }
 }
 
@@ -125,10 +153,53 @@ pub fn allowed_cpus() -> Vec<usize> {
     (0..libc::CPU_SETSIZE as usize).filter(|&cpu| unsafe { libc::CPU_ISSET(cpu, &set) }).collect()
 }
 
-/// The processor to use when the scene names none: the last one allowed, as low numbers usually
-/// take the interrupts.
-pub fn default_cpu() -> usize {
-    allowed_cpus().last().copied().unwrap_or(0)
+/// Processors that loops of this process are pinned to, each with the name that says so to other
+/// processes for as long as this one lives.
+static CLAIMS: Mutex<Vec<Claim>> = Mutex::new(Vec::new());
+
+struct Claim {
+    cpu: usize,
+    sharing: CpuSharing,
+    /// No processor was named for it.
+    is_default: bool,
+    _name: Option<UnixDatagram>,
+}
+
+/// The processor for the loop of this process: `named`, or the last one allowed that no loop of
+/// another process is pinned to, as low numbers usually take the interrupts. Where each is taken,
+/// the last one. RT: start-up only.
+pub fn loop_cpu(named: Option<usize>) -> usize {
+    let mut claims = CLAIMS.lock().unwrap_or_else(PoisonError::into_inner);
+    let known = claims.iter().find(|claim| named.map_or(claim.is_default, |cpu| cpu == claim.cpu));
+    if let Some(claim) = known {
+        return claim.cpu;
+    }
+    let candidates = named.map_or_else(allowed_cpus, |cpu| vec![cpu]);
+    let first_choice = candidates.last().copied().unwrap_or(0);
+    let own = |cpu| claims.iter().any(|claim| claim.cpu == cpu);
+    let free = candidates.into_iter().rev().find_map(|cpu| match cpu_name(cpu) {
+        Ok(name) => Some((cpu, Some(name))),
+        Err(error) if error.kind() == io::ErrorKind::AddrInUse && !own(cpu) => None,
+        Err(_) => Some((cpu, None)),
+    });
+    let (cpu, sharing, name) = match free {
+        Some((cpu, name)) if cpu == first_choice => (cpu, CpuSharing::Own, name),
+        Some((cpu, name)) => (cpu, CpuSharing::InsteadOf(first_choice), name),
+        None => (first_choice, CpuSharing::Shared, None),
+    };
+    claims.push(Claim { cpu, sharing, is_default: named.is_none(), _name: name });
+    cpu
+}
+
+/// The name of a processor that a loop is pinned to, in the abstract namespace of sockets: it goes
+/// with the process, however that ends.
+fn cpu_name(cpu: usize) -> io::Result<UnixDatagram> {
+    UnixDatagram::bind_addr(&SocketAddr::from_abstract_name(format!("hapticd-cpu-{cpu}"))?)
+}
+
+fn sharing(cpu: usize) -> CpuSharing {
+    let claims = CLAIMS.lock().unwrap_or_else(PoisonError::into_inner);
+    claims.iter().find(|claim| claim.cpu == cpu).map_or(CpuSharing::Own, |claim| claim.sharing)
 }
 
 fn pin_to(cpu: usize) -> Result<(), i32> {
@@ -223,12 +294,12 @@ mod tests {
     fn at_least_one_processor_is_allowed() {
         let cpus = allowed_cpus();
         assert!(!cpus.is_empty());
-        assert!(cpus.contains(&default_cpu()));
+        assert!(cpus.contains(&loop_cpu(None)));
     }
 
     #[test]
     fn a_thread_says_what_it_got() {
-        let cpu = default_cpu();
+        let cpu = loop_cpu(None);
         let standing =
             std::thread::spawn(move || enter_realtime(ThreadRequest { cpu, priority: 1 }))
                 .join()
@@ -238,6 +309,18 @@ mod tests {
         // consistent does not.
         assert_eq!(standing.fifo, standing.schedule_errno == 0);
         assert_eq!(standing.priority, u8::from(standing.fifo));
+    }
+
+    #[test]
+    fn a_processor_that_another_loop_holds_is_shared_and_said_so() {
+        // No machine has so many, and nothing else claims them.
+        let held = cpu_name(70_001).expect("free");
+        let free = loop_cpu(Some(70_000));
+        let taken = loop_cpu(Some(70_001));
+        assert_eq!((sharing(free), sharing(taken)), (CpuSharing::Own, CpuSharing::Shared));
+        drop(held);
+        assert!(cpu_name(70_000).is_err(), "it is held for as long as this process lives");
+        assert!(cpu_name(70_001).is_ok(), "and this one goes with its process");
     }
 
     #[test]

@@ -7,7 +7,8 @@ use core::time::Duration;
 use hdrhistogram::Histogram;
 
 use super::clock::{Clock, RealClock};
-use super::schedule::{self, MemoryLockRefusal, ThreadRequest, ThreadStanding};
+use super::realtime::{self, Entered};
+use super::schedule::ThreadRequest;
 
 /// Longest lateness that is distinguished, ns; anything longer counts as this.
 const LONGEST_NS: u64 = 10_000_000_000;
@@ -16,9 +17,7 @@ const LONGEST_NS: u64 = 10_000_000_000;
 #[derive(Clone, Debug)]
 pub struct WakeupTest {
     /// What the thread got.
-    pub standing: ThreadStanding,
-    /// Whether memory could be locked.
-    pub memory: Result<(), MemoryLockRefusal>,
+    pub entered: Entered,
     /// Deadlines that were kept, or not.
     pub wakeups: u64,
     /// Deadlines that passed before the thread was awake: ticks that a servo would have missed.
@@ -74,8 +73,7 @@ pub fn measure(
         let thread = std::thread::Builder::new().name("wake-up test".to_owned()).spawn_scoped(
             scope,
             || {
-                let memory = schedule::lock_memory();
-                let standing = schedule::enter_realtime(request);
+                let thread = realtime::enter(request);
                 let period_ns = (period.as_nanos() as i64).max(1);
                 let n = duration.as_nanos() as i64 / period_ns;
                 let mut late_ns = histogram();
@@ -94,10 +92,7 @@ pub fn measure(
                     missed += skipped.unsigned_abs();
                     k += 1 + skipped;
                 }
-                if memory.is_ok() {
-                    schedule::unlock_memory();
-                }
-                WakeupTest { standing, memory, wakeups, missed, late_ns }
+                WakeupTest { entered: thread.entered(), wakeups, missed, late_ns }
             },
         )?;
         thread.join().map_err(|_| std::io::Error::other("the thread of the wake-up test died"))
@@ -110,7 +105,7 @@ mod tests {
 
     #[test]
     fn every_deadline_is_kept_or_counted() {
-        let request = ThreadRequest { cpu: schedule::default_cpu(), priority: 1 };
+        let request = ThreadRequest { cpu: crate::schedule::loop_cpu(None), priority: 1 };
         let quit = AtomicBool::new(false);
         let test = measure(request, Duration::from_millis(1), Duration::from_millis(50), &quit)
             .expect("thread");

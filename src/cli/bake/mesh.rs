@@ -5,7 +5,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::super::progress::BakeProgress;
-use super::super::{OutputOptions, cache, destination, output, report};
+use super::super::{OutputOptions, cache, output, report};
 use super::figures::{peak_rss_bytes, print_json, report_text};
 use super::{Args, Failure, NavigationChoice};
 use crate::config::scene::MeshSource;
@@ -16,6 +16,7 @@ use picture::BakedObject;
 use vps::mesh::MeshError;
 use vps::part::PartError;
 use vps::pointshell::{self, Points, ply};
+use vps::storage::whole_file;
 use vps::voxmap::grid::GridError;
 use vps::voxmap::inside_test::InsideTest;
 use vps::voxmap::surface::Navigation;
@@ -84,7 +85,7 @@ pub(super) fn bake_mesh(args: &Args, output: OutputOptions) -> Result<(), Failur
     let outputs =
         [&args.voxmap_out, &args.field_out, &args.pointshell_out, &args.picture, &args.picture_3d];
     for path in outputs.into_iter().flatten() {
-        destination::check(path).map_err(|error| Failure::Write(path.clone(), error))?;
+        whole_file::check(path).map_err(|error| Failure::Write(path.clone(), error))?;
         // Both exist, or one is no file yet: then there is nothing to lose.
         if let (Ok(output), Ok(input)) = (path.canonicalize(), args.input.canonicalize())
             && output == input

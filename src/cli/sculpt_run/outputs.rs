@@ -11,6 +11,7 @@ use clay::engine::SculptOrder;
 use clay::{ClayModel, PointSet};
 use picture::splats::{self, ClaySnapshot, MassPoints, SampleForm};
 use vps::mesh;
+use vps::storage::whole_file;
 
 /// Drawings of the clay at the start and at the end.
 pub(super) struct Pictures {
@@ -138,7 +139,7 @@ impl OutputFiles<'_> {
                     Some(hint),
                 );
             }
-            if is_clay && let Err(error) = destination::check(file) {
+            if is_clay && let Err(error) = whole_file::check(file) {
                 let message = format!("cannot write {}: {error}", file.display());
                 return refuse(Exit::Asset, message, destination::hint(&error));
             }

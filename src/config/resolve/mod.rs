@@ -16,7 +16,7 @@ pub(crate) use self::monitor::{FOXGLOVE_ACCEPTED, LISTEN_ACCEPTED, parse_foxglov
 use super::scene::{DeviceConfig, SceneConfig};
 use super::schema;
 use arms::attached::nodes::Selector;
-use arms::profile::is_profile;
+use arms::profile::{SlowLink, is_profile};
 use clay::session::is_session;
 use document::{Checks, ConfigErrors, Document, GoneKey, Interval, Problem, ProblemKind};
 use haptics::filter::low_pass_alpha;
@@ -183,6 +183,13 @@ impl Resolve<'_> {
             .as_deref()
             .and_then(|hand| self.checks.file("device.hand", hand, self.dir));
         let profile = self.profile(&scene.device, options);
+        if let Some(slow @ SlowLink::Rate { most_hz, .. }) =
+            profile.as_ref().and_then(|profile| profile.link_carries(rate_hz).err())
+        {
+            let hint = Some(format!("write {most_hz} or less"));
+            let why = slow.to_string();
+            self.checks.refuse("rendering.rate_hz", ProblemKind::Refused { why, hint });
+        }
         let selector = self.selector(&scene.device, options);
         let port_scale = self.scale(&scene.device.world_from_device);
         let world_from_device = Pose::new(

@@ -46,7 +46,7 @@ pub struct AxisDynamics {
 }
 
 /// One trial: a force and a position per tick.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Record {
     /// Force that was written in the tick, N.
     pub forces_n: Vec<f64>,

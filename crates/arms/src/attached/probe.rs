@@ -162,10 +162,14 @@ impl<'a, C: Clock> Trial<'a, C> {
     }
 
     fn commanded(&mut self) {
-        let now_ns = self.clock.now_ns();
-        let gap_ns = self.last_command_ns.map_or(0, |last_ns| now_ns - last_ns);
-        self.longest_gap_ns = self.longest_gap_ns.max(gap_ns);
-        self.last_command_ns = Some(now_ns);
+        self.longest_gap_ns = self.longest_gap_ns.max(self.gap_ns());
+        self.last_command_ns = Some(self.clock.elapsed_ns());
+    }
+
+    /// Since the last command, a suspend of the machine included.
+    fn gap_ns(&mut self) -> i64 {
+        let now_ns = self.clock.elapsed_ns();
+        self.last_command_ns.map_or(0, |last_ns| now_ns - last_ns)
     }
 }
 
@@ -187,8 +191,18 @@ pub struct ProbeResult {
     pub answers: Answers,
     /// Where x, y, z, rx, ry and rz go when they are pushed; `None`: not pushed.
     pub signs: [Option<Sign>; 6],
-    /// What x, y and z are made of.
+    /// What x, y and z are made of, after [`Self::fit`].
     pub made: [Option<AxisDynamics>; 3],
+    /// How they moved when they were shaken.
+    pub shakes: [Vec<Record>; 3],
+}
+
+impl ProbeResult {
+    /// Finds out what the axes that were shaken are made of. It takes long, so it is no work for
+    /// the thread of [`try_out`]: threads below that one carry the last zero to the arm.
+    pub fn fit(&mut self, period_s: f64) {
+        fit(&self.shakes, period_s, &mut self.made);
+    }
 }
 
 /// What comes next, and wants hands on the grip or off it: nothing is pushed until the person who
@@ -223,7 +237,7 @@ pub fn try_out(
         trial.hold_back();
         tell(ProbeStep::Identify);
         stand_by(device, trial)?;
-        identify(device, trial, &mut found.made)?;
+        shake_all(device, trial, &mut found.shakes)?;
     }
     Ok(())
 }
@@ -308,8 +322,7 @@ impl<'a, 'q, C: Clock> Bench<'a, 'q, C> {
         if self.trial.quit.load(Ordering::Relaxed) {
             return Err(ProbeEnd::Interrupted);
         }
-        let gap_ns =
-            self.trial.last_command_ns.map_or(0, |last_ns| self.trial.clock.now_ns() - last_ns);
+        let gap_ns = self.trial.gap_ns();
         if gap_ns > STALL_NS && self.made != Wrench::ZERO {
             return Err(ProbeEnd::Stalled(gap_ns.unsigned_abs() / 1_000_000));
         }
@@ -538,13 +551,16 @@ pub fn identify(
 ) -> Result<(), ProbeEnd> {
     let mut records: [Vec<Record>; 3] = Default::default();
     let ended = shake_all(device, trial, &mut records);
-    // Only now: a fit takes longer than the watchdog of some arms waits.
-    for (made, records) in
-        made.iter_mut().zip(&records).filter(|(_, records)| records.len() == SHAKES)
-    {
-        *made = made_of(records, trial.period_s);
-    }
+    fit(&records, trial.period_s, made);
     ended
+}
+
+fn fit(records: &[Vec<Record>; 3], period_s: f64, made: &mut [Option<AxisDynamics>; 3]) {
+    for (made, records) in
+        made.iter_mut().zip(records).filter(|(_, records)| records.len() == SHAKES)
+    {
+        *made = made_of(records, period_s);
+    }
 }
 
 fn shake_all(

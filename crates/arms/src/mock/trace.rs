@@ -8,6 +8,8 @@ use std::fs::File;
 use std::io::{self, Write};
 use std::path::Path;
 
+use vps::storage::whole_file::{Access, NewFile, growing};
+
 /// Lines after which a trace ends: ten minutes in which every millisecond has another force.
 const MOST_LINES: u64 = 600_000;
 
@@ -41,12 +43,13 @@ pub struct TraceFile {
 }
 
 impl TraceFile {
-    /// Makes the file, or empties it.
+    /// Makes the file, in the place of one that is there.
     ///
     /// # Errors
     /// It cannot be written.
     pub fn create(path: &Path) -> io::Result<Self> {
-        let mut file = File::create(path)?;
+        let (mut file, new) = growing(path, Access::Private, true)?;
+        new.map_or(Ok(()), NewFile::place)?;
         file.write_all(b"t_ns,force_n,torque_nm,frames,late,faults\n")?;
         Ok(Self { file, last: None, quiet: 0, left: MOST_LINES, ended: None })
     }

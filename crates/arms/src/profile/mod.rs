@@ -31,6 +31,7 @@ mod written;
 
 use std::path::{Path, PathBuf};
 
+pub use plausibility::SlowLink;
 pub(crate) use real::{Check, Identified, Saturation};
 pub use real::{Homing, HomingMode, Match, RealArm, TransportKind, UsbId};
 
@@ -113,6 +114,13 @@ impl Profile {
             Some(path) => path.display().to_string(),
             None => self.name.clone(),
         }
+    }
+
+    /// True for an arm behind a library of its maker, where a file of the user's says so, and no
+    /// profile of this program.
+    pub fn names_library(&self) -> bool {
+        let is_library = |real: &RealArm| matches!(real.protocol, Protocol::Vendor(_));
+        self.source.is_some() && self.real.as_ref().is_some_and(is_library)
     }
 
     /// True for a real arm on which no test has shown that the motors push the way they are

@@ -5,6 +5,7 @@ use core::array::from_fn;
 
 use super::{Profile, ProfileLimits, RealArm, TransportKind};
 use crate::axes::MAX_AXES;
+use crate::Pacing;
 use crate::kinematics::{Configuration, Kinematics, M_PER_RAD};
 use crate::motor_stage::{BESIDE_SHARE, at_grip};
 use vps::spatial::{Axes, Wrench};
@@ -20,6 +21,39 @@ const BITS_PER_BYTE: f64 = 10.0;
 /// Poses that are looked at beside home.
 const N_POSES: u32 = 16;
 
+/// Why a link does not carry the rate of a loop.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SlowLink {
+    /// The arm exchanges fewer packets.
+    #[error(
+        "the link of {profile} carries {most_hz} exchanges per second (`link.rate_hz`), the loop \
+            asks for {rate_hz}"
+    )]
+    Rate {
+        /// Of the loop, Hz.
+        rate_hz: u32,
+        /// Nominal rate of the link, Hz.
+        most_hz: u32,
+        /// Whose link.
+        profile: String,
+    },
+    /// A UART of this baud rate would not carry the bytes; a port on USB has no such limit.
+    #[error(
+        "match.baud = {baud} does not carry {rate_hz} exchanges of {n_bytes} bytes per second: a \
+            UART needs {needed_baud:.0} or more, a lower `rate_hz` less; a port on USB ignores it"
+    )]
+    Line {
+        /// Of the profile.
+        baud: u32,
+        /// Of the loop, Hz.
+        rate_hz: u32,
+        /// Of a command and its answer.
+        n_bytes: usize,
+        /// What carries them.
+        needed_baud: f64,
+    },
+}
+
 impl Profile {
     /// What deserves a second look, each as a sentence. Nothing for simulated arms; geometry is not
     /// looked at of those that report a pose.
@@ -27,30 +61,41 @@ impl Profile {
     /// Cold: some 20 configurations are solved.
     pub fn plausibility_warnings(&self) -> Vec<String> {
         let Some(real) = &self.real else { return Vec::new() };
-        let mut plausibility_warnings: Vec<String> = self.slow_line(real).into_iter().collect();
+        let mut plausibility_warnings: Vec<String> = self
+            .link_carries(self.link.rate_hz)
+            .err()
+            .map(|slow| slow.to_string())
+            .into_iter()
+            .collect();
         if !matches!(real.kinematics, Kinematics::Cartesian | Kinematics::Rate(_)) {
             plausibility_warnings.extend(self.of_geometry(real));
         }
         plausibility_warnings
     }
 
-    /// A baud rate that does not carry the nominal rate.
-    fn slow_line(&self, real: &RealArm) -> Option<String> {
-        let n_bytes = real
-            .protocol
-            .exchange_bytes()
-            .filter(|_| real.matching.transport == TransportKind::Serial)?;
-        let rate_hz = self.link.rate_hz;
+    /// Whether the link of the arm carries a loop of this rate. A simulated arm has none, and one
+    /// that sends on change sets no rate.
+    ///
+    /// # Errors
+    /// Why not, in numbers.
+    pub fn link_carries(&self, rate_hz: u32) -> Result<(), SlowLink> {
+        let Some(real) = self.real.as_ref().filter(|_| self.link.pacing != Pacing::Event) else {
+            return Ok(());
+        };
+        let most_hz = self.link.rate_hz;
+        if rate_hz > most_hz {
+            return Err(SlowLink::Rate { rate_hz, most_hz, profile: self.name.clone() });
+        }
+        let is_serial = real.matching.transport == TransportKind::Serial;
+        let Some(n_bytes) = real.protocol.exchange_bytes().filter(|_| is_serial) else {
+            return Ok(());
+        };
         let baud = real.matching.baud;
         let needed_baud = BITS_PER_BYTE * n_bytes as f64 * f64::from(rate_hz) / LINE_SHARE;
-        (f64::from(baud) < needed_baud).then(|| {
-            format!(
-                "match.baud = {baud} does not carry {rate_hz} exchanges of {n_bytes} bytes per \
-                    second: a UART needs {:.0} or more, a lower `rate_hz` less; a port on USB \
-                    ignores it",
-                needed_baud
-            )
-        })
+        if f64::from(baud) < needed_baud {
+            return Err(SlowLink::Line { baud, rate_hz, n_bytes, needed_baud });
+        }
+        Ok(())
     }
 
     fn of_geometry(&self, real: &RealArm) -> Vec<String> {

@@ -24,7 +24,8 @@ use crate::transport::Carriage;
 use glam::DVec3;
 use rt::clock::monotonic_ns;
 use rt::process::stand_apart;
-use rt::schedule::{self, ThreadRequest};
+use rt::realtime;
+use rt::schedule::ThreadRequest;
 
 /// Longest time between two turns: a host at 1 kHz is never so late without reason, and the maker's
 /// own watchdog is fed meanwhile.
@@ -290,14 +291,8 @@ pub fn work(assignment: &Assignment) -> io::Result<ExitCode> {
     stand_apart(NAME);
     let mut host = HostLine(socket);
     host.end_after_host()?;
-    // As far as each is allowed.
-    let _ = schedule::lock_memory();
-    if let Some(priority) = assignment.priority {
-        match assignment.cpu {
-            Some(cpu) => drop(schedule::enter_realtime(ThreadRequest { cpu, priority })),
-            None => drop(schedule::enter_fifo(priority)),
-        }
-    }
+    let request = assignment.cpu.zip(assignment.priority);
+    let _realtime = request.map(|(cpu, priority)| realtime::enter(ThreadRequest { cpu, priority }));
     let opened: Result<Box<dyn VendorArm>, VendorFault> = match assignment.family {
         Family::ForceDimension => force_dimension::open(assignment, &mut host)
             .map(|arm| Box::new(arm) as Box<dyn VendorArm>),

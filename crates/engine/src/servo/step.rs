@@ -142,7 +142,7 @@ pub struct ServoLoop<D: Device, C: Clock> {
     first_tick_ns: Option<i64>,
     ending: Ending,
     last: TickOutput,
-    /// When the last command was written, clock time, ns.
+    /// When the last command was written, elapsed time of the clock, ns.
     commanded_ns: Option<i64>,
     /// The motors were commanded to make something then, if only to hold the links of the arm.
     has_force: bool,
@@ -253,7 +253,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
                 &mut rehearsal,
                 &input,
             ));
-            core::hint::black_box((self.clock.now_ns(), self.clock.stopwatch_ns()));
+            core::hint::black_box((self.clock.elapsed_ns(), self.clock.stopwatch_ns()));
         }
         self.flight.note(&TickRecord::default());
         self.flight.clear();
@@ -276,8 +276,10 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
 
         let due = self.deadlines.wait(&mut self.clock);
         self.missed_deadlines += due.missed;
+        // A suspend of the machine does not show in loop time, and is a stall.
+        let woken_ns = self.clock.elapsed_ns();
         let stall_ns = (self.rendered.scene.parameters.limits.stall_s * 1e9) as i64;
-        let is_late = |last_ns: i64| due.now_ns - last_ns > stall_ns;
+        let is_late = |last_ns: i64| woken_ns - last_ns > stall_ns;
         let stalled = self.clock.kind() == ClockKind::Real
             && self.has_force
             && self.commanded_ns.is_some_and(is_late);
@@ -325,9 +327,9 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         self.commands.guide_hand(self.device.hand(), output.world_from_tool);
         // The machine may have stood still since the sample was read: what it asked for then is not
         // for now. The arm gets zero, and the next tick the fault.
-        self.commanded_ns = Some(due.now_ns);
+        self.commanded_ns = Some(woken_ns);
         let is_old =
-            self.clock.kind() == ClockKind::Real && self.clock.now_ns() - due.now_ns > stall_ns;
+            self.clock.kind() == ClockKind::Real && self.clock.elapsed_ns() - woken_ns > stall_ns;
         let rendered_device =
             self.write(if is_old { &Wrench::ZERO } else { &output.command_device });
         let written_ns = self.clock.stopwatch_ns();

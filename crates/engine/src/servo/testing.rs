@@ -73,12 +73,20 @@ impl Device for CountingArm {
 pub(crate) struct ScriptedClock {
     pub(crate) now_ns: i64,
     late_ns: Vec<i64>,
+    /// How long the machine is suspended during each sleep, the last one first.
+    suspends_ns: Vec<i64>,
+    suspended_ns: i64,
 }
 
 impl ScriptedClock {
     /// The n-th sleep ends this much late; later ones in time.
     pub(crate) fn late_by(late_ns: &[i64]) -> Self {
-        Self { now_ns: 0, late_ns: late_ns.iter().rev().copied().collect() }
+        Self { late_ns: late_ns.iter().rev().copied().collect(), ..Self::default() }
+    }
+
+    /// The machine is suspended for so long during the n-th sleep.
+    pub(crate) fn suspended_for(suspends_ns: &[i64]) -> Self {
+        Self { suspends_ns: suspends_ns.iter().rev().copied().collect(), ..Self::default() }
     }
 }
 
@@ -91,7 +99,12 @@ impl Clock for ScriptedClock {
         self.now_ns
     }
 
+    fn elapsed_ns(&mut self) -> i64 {
+        self.now_ns + self.suspended_ns
+    }
+
     fn sleep_until(&mut self, deadline_ns: i64) {
         self.now_ns = self.now_ns.max(deadline_ns) + self.late_ns.pop().unwrap_or(0);
+        self.suspended_ns += self.suspends_ns.pop().unwrap_or(0);
     }
 }

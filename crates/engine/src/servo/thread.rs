@@ -330,6 +330,23 @@ mod tests {
     }
 
     #[test]
+    fn after_a_suspend_of_the_machine_the_first_command_is_zero_and_the_fault_has_a_name() {
+        const HOUR_NS: i64 = 3_600_000_000_000;
+        let clock = || ScriptedClock::suspended_for(&[0, 0, HOUR_NS]);
+        let mut bench =
+            bench(clock(), CountingArm::default(), Some(99), 256, faulting_when_stalled);
+        bench.servo.warm_up();
+        assert!((0..2).all(|_| bench.servo.step() == Step::Continue));
+        assert!(bench.log.held_force_x() > 0.0, "it pushes when the machine is suspended");
+        assert_eq!(bench.servo.step(), Step::End);
+        assert!(bench.log.held_force_x() == 0.0);
+        let report = bench.servo.finish();
+        // Loop time does not show it: no deadline is missed.
+        assert_eq!((report.faults, report.missed_deadlines), (Faults::OVERRUN, 0));
+        assert_eq!(report.first_fault_tick, Some(2));
+    }
+
+    #[test]
     fn a_command_that_took_too_long_to_compute_is_replaced_by_zero() {
         fn slow(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOutput {
             if input.sample.sequence == 12 {

@@ -8,14 +8,15 @@ use super::job::LiveChannels;
 use crate::record::{RecordSubscribers, TickRecord, Watch, drain};
 use crate::servo::{LoopReport, ServoLoop, run_to_end};
 use arms::Device;
-use rt::clock::{Clock, ClockKind};
-use rt::schedule::{self, ThreadRequest, ThreadStanding};
+use rt::clock::Clock;
+use rt::realtime::{self, Entered};
+use rt::schedule::ThreadRequest;
 
 /// The servo thread, ready or running.
 pub(super) struct ServoThread {
     pub(super) thread: JoinHandle<Option<LoopReport>>,
-    /// What the thread obtained; sent once.
-    pub(super) standing: Receiver<ThreadStanding>,
+    /// What the thread obtained, if it asked for anything; sent once.
+    pub(super) entered: Receiver<Option<Entered>>,
     /// A message starts the loop; dropping the sender ends the thread without a tick.
     pub(super) go: Sender<()>,
     /// Never sends: it disconnects when the thread has ended, however it did.
@@ -39,18 +40,18 @@ pub(super) fn spawn_servo<C: Clock + 'static>(
     servo: ServoLoop<Box<dyn Device>, C>,
     request: Option<ThreadRequest>,
 ) -> Result<ServoThread, std::io::Error> {
-    let (standing_sender, standing) = bounded(1);
+    let (entered_sender, entered) = bounded(1);
     let (go, go_receiver) = bounded(1);
     let (ended_sender, ended) = bounded(1);
     let thread = std::thread::Builder::new().name("servo".to_owned()).spawn(move || {
         let _ended_sender = ended_sender;
-        let obtained = request.map_or_else(ThreadStanding::default, schedule::enter_realtime);
+        let realtime = request.map(realtime::enter);
         // Channels end here: from `run_to_end` on, the thread only touches atomics and the ring.
-        standing_sender.send(obtained).ok()?;
+        entered_sender.send(realtime.as_ref().map(|thread| thread.entered())).ok()?;
         go_receiver.recv().ok()?;
         Some(run_to_end(servo))
     })?;
-    Ok(ServoThread { thread, standing, go, ended })
+    Ok(ServoThread { thread, entered, go, ended })
 }
 
 pub(super) fn spawn_drain(
@@ -64,24 +65,4 @@ pub(super) fn spawn_drain(
             let _ = events.send(watch);
         });
     })
-}
-
-/// Locked memory for the length of a run.
-pub(super) struct MemoryLock {
-    /// `None`: not asked for.
-    pub(super) outcome: Option<Result<(), schedule::MemoryLockRefusal>>,
-}
-
-impl MemoryLock {
-    pub(super) fn take(clock: ClockKind) -> Self {
-        Self { outcome: (clock == ClockKind::Real).then(schedule::lock_memory) }
-    }
-}
-
-impl Drop for MemoryLock {
-    fn drop(&mut self) {
-        if matches!(self.outcome, Some(Ok(()))) {
-            schedule::unlock_memory();
-        }
-    }
 }

@@ -10,6 +10,7 @@ pub mod link;
 #[cfg(feature = "zenoh")]
 pub mod session;
 
+use std::net::IpAddr;
 use std::path::PathBuf;
 
 /// Where a process meets others.
@@ -21,7 +22,14 @@ pub struct Endpoints {
     pub connect: Vec<String>,
     /// A zenoh configuration, JSON5, for everything else: interfaces, certificates, scouting.
     pub config_file: Option<PathBuf>,
+    /// A file with the key that every peer has to know.
+    pub key_file: Option<PathBuf>,
 }
+
+/// Characters of a key, at least and at most: no person types them, and a file that is something
+/// else is noticed.
+const KEY_LEAST: usize = 16;
+const KEY_MOST: usize = 512;
 
 /// Where two processes of one machine meet when no endpoint is given. It cannot be reached from
 /// outside of the machine.
@@ -44,6 +52,24 @@ impl Endpoints {
     pub fn or_connect_here(self) -> Self {
         if self.is_empty() { Self { connect: vec![HERE.to_owned()], ..self } } else { self }
     }
+
+    /// An endpoint through which other machines are met, where neither a key nor settings of
+    /// zenoh's own say which of them are let in.
+    pub fn unprotected(&self) -> Option<&str> {
+        if self.key_file.is_some() || self.config_file.is_some() {
+            return None;
+        }
+        self.listen.iter().chain(&self.connect).map(String::as_str).find(|at| !is_here(at))
+    }
+}
+
+/// Whether an endpoint is one of this machine alone.
+fn is_here(endpoint: &str) -> bool {
+    let address = endpoint.split_once('/').map_or(endpoint, |(_, address)| address);
+    let address = address.split(['?', '#']).next().unwrap_or_default();
+    let host = address.rsplit_once(':').map_or(address, |(host, _)| host);
+    let ip = host.trim_start_matches('[').trim_end_matches(']').parse::<IpAddr>();
+    host == "localhost" || ip.is_ok_and(|ip| ip.is_loopback())
 }
 
 /// Why there is no session.
@@ -66,6 +92,18 @@ pub enum NetworkError {
         /// Which.
         path: PathBuf,
         /// What zenoh says.
+        cause: String,
+    },
+    /// The file of the key.
+    #[error(
+        "key file {}: {cause}; write {KEY_LEAST} to {KEY_MOST} printable ASCII characters without \
+            spaces into it, as `openssl rand -hex 24` prints them",
+        .path.display()
+    )]
+    Key {
+        /// Which.
+        path: PathBuf,
+        /// Why.
         cause: String,
     },
     /// The session did not open.
@@ -120,5 +158,32 @@ mod tests {
         assert_eq!((node.listen, host.connect), (vec![HERE.to_owned()], vec![HERE.to_owned()]));
         let named = Endpoints { connect: vec!["tcp/host:1".to_owned()], ..Endpoints::default() };
         assert_eq!(named.clone().or_listen_here(), named);
+    }
+
+    #[test]
+    fn an_endpoint_that_others_reach_wants_a_key() {
+        let listens = |endpoint: &str| Endpoints {
+            listen: vec![HERE.to_owned(), endpoint.to_owned()],
+            ..Endpoints::default()
+        };
+        for here in ["udp/127.0.0.1:7447", "tcp/[::1]:7447", "tcp/localhost:1", "udp/127.3.2.1:9"] {
+            assert_eq!(listens(here).unprotected(), None, "{here}");
+        }
+        for there in [
+            "udp/0.0.0.0:7447",
+            "tcp/[::]:7447",
+            "udp/192.168.1.10:7447",
+            "tcp/localhost.example.org:1",
+            "udp/0.0.0.0:7447#iface=lo",
+            "tcp/127.0.0.1.example.org:1",
+        ] {
+            assert_eq!(listens(there).unprotected(), Some(there));
+            let connect = vec![there.to_owned()];
+            let connects = Endpoints { connect, ..Endpoints::default() };
+            assert_eq!(connects.unprotected(), Some(there));
+            let key_file = Some(PathBuf::from("key"));
+            assert_eq!(Endpoints { key_file, ..connects }.unprotected(), None);
+        }
+        assert_eq!(Endpoints::default().or_listen_here().unprotected(), None);
     }
 }

@@ -1,6 +1,7 @@
 //! Whole recordings, without a program around them.
 
 use std::io::Read as _;
+use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
 
 use glam::{DQuat, DVec3};
@@ -265,20 +266,25 @@ fn what_was_there_stays_until_there_is_something_to_take_its_place() {
         names.sort();
         names
     };
-    for (path, overwrites) in
-        [(&old, true), (&link, true), (&new, false), (&new, true), (&pipe, true)]
-    {
+    for (path, overwrites) in [(&old, true), (&new, false), (&new, true), (&pipe, true)] {
         let (_, handle) = begun(path, overwrites);
         handle.abandon();
         assert_eq!(names(), ["link.mcap", "old.mcap", "pipe"]);
         assert_eq!(std::fs::read(&old).expect("there"), b"an old one");
     }
-    let (recorder, handle) = begun(&link, true);
+    // What it leads to may be anything of this user's.
+    let recorder = Recorder::new(RecordSubscribers::default(), true);
+    for overwrites in [true, false] {
+        let refused = recorder.start(&link, overwrites, Box::new(never_fails));
+        assert!(refused.err().expect("refused").to_string().contains("it is a link to old.mcap"));
+    }
+    let (recorder, handle) = begun(&old, true);
     feed(recorder.subscribers(), [TickRecord::default()]);
     assert_eq!(handle.stop().records, 1);
     assert_eq!(names(), ["link.mcap", "old.mcap", "pipe"]);
     assert_eq!(ticks(&entries(&old).0).len(), 1);
-    assert!(std::fs::symlink_metadata(&link).expect("there").is_symlink());
+    let mode = std::fs::metadata(&old).expect("there").permissions().mode();
+    assert_eq!(mode & 0o777, 0o600, "only its owner reads it");
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, File};
 use std::io::{self, BufWriter, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -18,6 +18,7 @@ use super::scene_files::{self, MissingFile, SceneFiles};
 use crate::TickRecord;
 use crate::stamped_record::StampedRecord;
 use haptics::Faults;
+use vps::storage::whole_file::{Access, NewFile, growing};
 
 /// A chunk is cut when it holds so many bytes before compression: less than a second at 1 kHz.
 const CHUNK_BYTES: u64 = 512 << 10;
@@ -61,25 +62,12 @@ pub enum RecordingError {
     Hangs(PathBuf),
 }
 
-/// A file that takes the place of another one with the first tick that is in it; without a tick it
-/// goes, and the other one stays.
-struct Replacement {
-    written: PathBuf,
-    replaced: PathBuf,
-}
-
-impl Drop for Replacement {
-    fn drop(&mut self) {
-        // Where it took the other's place it is not there any more; else what cannot be removed
-        // stays.
-        let _ = fs::remove_file(&self.written);
-    }
-}
-
 /// An open recording.
 pub(super) struct RecordingFile {
     path: PathBuf,
-    replacement: Option<Replacement>,
+    /// It takes the place of another one with the first tick that is in it; without a tick it goes,
+    /// and the other one stays.
+    replacement: Option<NewFile>,
     is_new: bool,
     mcap: Writer<NoSeek<BufWriter<File>>>,
     channels: Vec<(Channel, u16)>,
@@ -103,7 +91,8 @@ impl RecordingFile {
         is_virtual: bool,
     ) -> Result<Self, RecordingError> {
         let is_new = fs::symlink_metadata(path).is_err();
-        let (file, replacement) = open(path, overwrites).map_err(|source| match source.kind() {
+        let opened = growing(path, Access::Private, overwrites);
+        let (file, replacement) = opened.map_err(|source| match source.kind() {
             io::ErrorKind::AlreadyExists => RecordingError::Exists(path.to_owned()),
             _ => RecordingError::Create { file: path.to_owned(), source },
         })?;
@@ -187,10 +176,9 @@ impl RecordingFile {
         record: &TickRecord,
         dropped: u64,
     ) -> Result<(), RecordingError> {
-        if let Some(Replacement { written, replaced }) = &self.replacement {
-            let create = |source| RecordingError::Create { file: replaced.clone(), source };
-            fs::rename(written, replaced).map_err(create)?;
-            self.replacement = None;
+        if let Some(new) = self.replacement.take() {
+            let create = |source| RecordingError::Create { file: self.path.clone(), source };
+            new.place().map_err(create)?;
         }
         let row = self.stamps.row(record, dropped);
         for (channel, id) in &self.channels {
@@ -377,25 +365,6 @@ impl RecordingFile {
     }
 }
 
-/// Opens a file to write. A regular file that may be replaced stays until then.
-fn open(path: &Path, overwrites: bool) -> io::Result<(File, Option<Replacement>)> {
-    let mut options = OpenOptions::new();
-    options.write(true);
-    let replaced = fs::canonicalize(path).ok().filter(|path| overwrites && path.is_file());
-    if let Some(replaced) = replaced {
-        // One that may not be written to is not replaced either.
-        options.open(&replaced)?;
-        let name = replaced.file_name().unwrap_or_default().to_string_lossy();
-        let written = replaced.with_file_name(format!(".{name}.new"));
-        let file = options.create(true).truncate(true).open(&written)?;
-        return Ok((file, Some(Replacement { written, replaced })));
-    }
-    let file =
-        if overwrites { options.create(true).truncate(true) } else { options.create_new(true) }
-            .open(path)?;
-    Ok((file, None))
-}
-
 fn failed(path: &Path, error: &McapError) -> RecordingError {
     let message =
         if let McapError::Io(cause) = error { cause.to_string() } else { error.to_string() };
@@ -426,7 +395,7 @@ mod tests {
         let open = || File::open(&path).expect("there");
         assert!(recording.attach_file("whole", &mut open(), 5000).expect("written"));
         let mut file = open();
-        OpenOptions::new().write(true).open(&path).expect("there").set_len(10).expect("shorter");
+        File::options().write(true).open(&path).expect("there").set_len(10).expect("shorter");
         assert!(!recording.attach_file("short", &mut file, 5000).expect("written"));
         recording.finish().expect("finished");
     }

@@ -14,7 +14,7 @@ use crate::part::GENERATION;
 use crate::pointshell::Points;
 use crate::pointshell::shell::Shell;
 use crate::storage::sections::{Reader, Refusal, Writer};
-use crate::storage::whole_file::write_whole;
+use crate::storage::whole_file::{Access, write_whole};
 use crate::storage::{MappedFile, regular};
 use crate::voxmap::estimate::Products;
 use crate::voxmap::field::{Field, FieldKind};
@@ -258,7 +258,7 @@ fn write<'a>(
     store(&mut file);
     let failed =
         |error| Error::File { path: path.to_owned(), what: format!("cannot be written: {error}") };
-    write_whole(path, |out| file.write_to([0; 16], GENERATION, out)).map_err(failed)
+    write_whole(path, Access::Shared, |out| file.write_to([0; 16], GENERATION, out)).map_err(failed)
 }
 
 fn read<T>(path: &Path, take: impl FnOnce(&Reader) -> Result<T, String>) -> Result<T, Error> {

@@ -7,14 +7,14 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::shell::Shell;
-use crate::storage::whole_file::write_whole;
+use crate::storage::whole_file::{Access, write_whole};
 
 /// Writes the shell in the mesh file's own frame.
 ///
 /// # Errors
 /// Any error of the file system.
 pub fn write(path: &Path, shell: &Shell, center_of_mass_tool: DVec3) -> io::Result<()> {
-    write_whole(path, |file| write_to(file, shell, center_of_mass_tool))
+    write_whole(path, Access::Shared, |file| write_to(file, shell, center_of_mass_tool))
 }
 
 fn write_to(file: &mut impl Write, shell: &Shell, center_of_mass_tool: DVec3) -> io::Result<()> {

@@ -8,10 +8,14 @@ use std::path::Path;
 /// separators of lines, and those that turn the direction of writing.
 pub fn is_control(c: char) -> bool {
     c.is_control()
-        || matches!(c, '\u{2028}' | '\u{2029}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+        || matches!(
+            c,
+            '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}'
+        )
 }
 
-/// Text of several lines: control characters escaped (`\u{1b}`), but for line breaks and tabs.
+/// Text of several lines: control characters escaped (`\u001b`), but for line breaks and tabs. In
+/// a text of JSON the escapes mean the same characters.
 pub fn printable(text: &str) -> Cow<'_, str> {
     escaped(text, |c| is_control(c) && !matches!(c, '\n' | '\t'))
 }
@@ -34,10 +38,13 @@ fn escaped(text: &str, is_escaped: impl Fn(char) -> bool) -> Cow<'_, str> {
     for c in text.chars() {
         if !is_escaped(c) {
             escaped.push(c);
-        } else if c.is_control() {
-            escaped.extend(c.escape_default());
-        } else {
-            escaped.extend(c.escape_unicode());
+            continue;
+        }
+        match c {
+            '\n' => escaped.push_str("\\n"),
+            '\r' => escaped.push_str("\\r"),
+            '\t' => escaped.push_str("\\t"),
+            _ => escaped += &format!("\\u{:04x}", u32::from(c)),
         }
     }
     Cow::Owned(escaped)
@@ -53,12 +60,12 @@ mod tests {
             ("gear Schüssel 歯車", "gear Schüssel 歯車", "gear Schüssel 歯車"),
             (
                 "a\x1b[2Jb\x07\u{9b}31m",
-                "a\\u{1b}[2Jb\\u{7}\\u{9b}31m",
-                "a\\u{1b}[2Jb\\u{7}\\u{9b}31m",
+                "a\\u001b[2Jb\\u0007\\u009b31m",
+                "a\\u001b[2Jb\\u0007\\u009b31m",
             ),
             ("a\nstate: disabled\tb", "a\nstate: disabled\tb", "a\\nstate: disabled\\tb"),
-            ("a\r\u{7f}", "a\\r\\u{7f}", "a\\r\\u{7f}"),
-            ("lmo.\u{202e}jbo\u{2028}", "lmo.\\u{202e}jbo\\u{2028}", "lmo.\\u{202e}jbo\\u{2028}"),
+            ("a\r\u{7f}", "a\\r\\u007f", "a\\r\\u007f"),
+            ("lmo.\u{202e}jbo\u{2028}", "lmo.\\u202ejbo\\u2028", "lmo.\\u202ejbo\\u2028"),
         ] {
             assert_eq!((&*printable(text), &*one_line(text)), (several_lines, line));
         }

@@ -7,7 +7,7 @@ use std::path::Path;
 use super::distance::Distances;
 use super::grid::{BRICK_EDGE, Grid};
 use super::layers::Layers;
-use crate::storage::whole_file::write_whole;
+use crate::storage::whole_file::{Access, write_whole};
 
 /// Voxels up to which a dense export is written.
 pub const DENSE_CELLS_MAX: u64 = 1 << 32;
@@ -54,7 +54,7 @@ fn write<const N: usize>(
             ),
         ));
     }
-    write_whole(path, |file| write_to(file, grid, dtype, value))
+    write_whole(path, Access::Shared, |file| write_to(file, grid, dtype, value))
 }
 
 fn write_to<const N: usize>(

@@ -99,7 +99,7 @@ fn play<C: Clock + Send>(
     let n_points = prepared.scene.tool.shell.len();
     let parameters = prepared.scene.parameters;
     let request = ThreadRequest {
-        cpu: prepared.realtime.cpu.unwrap_or_else(schedule::default_cpu),
+        cpu: schedule::loop_cpu(prepared.realtime.cpu),
         priority: prepared.realtime.priority,
     };
     let is_real = clock.kind() == rt::clock::ClockKind::Real;
