@@ -491,7 +491,7 @@ async fn clay(State(state): State<Arc<AppState>>) -> Result<Json<Value>, Request
     let clay = state.hub.clay()?;
     let is_watched = !state.hub.clients().is_empty();
     let view = clay.fresh_view(is_watched).await?;
-    Ok(Json(clay.facts(&view, state.hub.watchdog.holds())))
+    Ok(Json(clay.facts(&view, state.hub.hold.holds())))
 }
 
 async fn clay_files(State(state): State<Arc<AppState>>) -> Result<Json<Value>, RequestError> {

@@ -4,6 +4,7 @@ mod access;
 pub(crate) mod clay;
 mod heartbeat;
 mod hostile;
+mod off;
 mod orders;
 mod streams;
 

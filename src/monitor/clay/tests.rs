@@ -146,7 +146,7 @@ impl Bench {
     }
 
     fn is_held(&self) -> bool {
-        self.hub.watchdog.holds()
+        self.hub.hold.holds()
     }
 
     fn hold(&self, client: u64, is_held: bool) -> Result<Completion, RequestError> {
@@ -268,7 +268,7 @@ fn a_hold_ends_with_force_with_the_client_and_when_it_is_let_go() {
 
     bench.hub.notice(&Notice::Phase(Phase::Enabled));
     let watched = bench.hub.clone();
-    let watching = std::thread::spawn(move || watched.watch_heartbeats());
+    let watching = std::thread::spawn(move || watched.watch_hold());
     bench.hold(1, true).unwrap();
     assert!(matches!(bench.next_order(), SculptOrder::Hold(true)));
     // The first order to let go is not taken.
