@@ -1,10 +1,10 @@
 //! Slots for connections: which have one, and which give way.
 //!
-//! A WebSocket keeps its slot. Every other connection gives way when all slots are taken and another
-//! connection comes: first the oldest of those without an accepted request (half a request, a wrong
-//! token, a reader of the page), except the newest of these, then the one on which nothing moved for
-//! longest. There are more slots than WebSockets may have. So an order to switch force off finds a
-//! slot however many other connections are open.
+//! A WebSocket keeps its slot. Every other connection gives way when all slots are taken and
+//! another connection comes: first the oldest of those without an accepted request (half a request,
+//! a wrong token, a reader of the page), except the newest of these, then the one on which nothing
+//! moved for longest. There are more slots than WebSockets may have. So an order to switch force
+//! off finds a slot however many other connections are open.
 
 use core::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use core::task::Context;

@@ -1,8 +1,8 @@
 //! The drive watchdog: force goes off when a client that drives falls silent or is lost.
 //!
-//! A client drives from its first heartbeat on, until it ends its watch. Data in: the times at which
-//! bytes of clients came, the ends of connections, and whether force may flow. Data out: a disable
-//! in the control word, and reports for people.
+//! A client drives from its first heartbeat on, until it ends its watch. Data in: the times at
+//! which bytes of clients came, the ends of connections, and whether force may flow. Data out: a
+//! disable in the control word, and reports for people.
 //!
 //! Invariants: [`DriveWatchdog::watch`] has a thread of its own, so that a server that stands still
 //! counts as silence. It calls nothing but the control word, and it does so before it writes a
