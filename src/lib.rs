@@ -61,7 +61,7 @@
 //! | [`config`] | the keys of a scene: read, checked, in SI |
 //! | [`scene`] | a checked scene → what the tick reads, through the bake cache |
 //! | [`daemon`] | preparing a run, and the session that changes what is rendered; replay |
-//! | [`monitor`] | HTTP, WebSocket and the page; `monitor::heartbeat` takes the force away when a client that drives falls silent |
+//! | [`monitor`] | HTTP, WebSocket and the page |
 //! | `cli` | one file for each command; the only module that prints |
 //! | [`error`] | exit codes |
 

@@ -22,7 +22,7 @@ pub(crate) struct MonitorArgs {
     #[arg(long, value_name = "ADDR|off", value_parser = parse)]
     monitor: Option<Listen>,
     /// File with the token that clients of the monitor have to know [default: that of
-    /// HAPTICD_TOKEN, else of the scene].
+    /// HAPTICD_TOKEN, else of the scene, else for a real arm a new one, which is printed].
     #[arg(long, value_name = "FILE")]
     monitor_token: Option<PathBuf>,
 }
@@ -62,11 +62,12 @@ impl MonitorArgs {
             }
             return Ok(None);
         };
-        let token = self.token(config).map_err(|error| {
+        let refused = |error: TokenError| {
             let hint = "`openssl rand -hex 24 > monitor.token` makes one";
             report::error(&error.to_string(), Some(hint), output);
             Exit::Usage
-        })?;
+        };
+        let token = self.token(config).map_err(refused)?;
         if !Access::is_safe(address, token.as_ref()) {
             let hint = "give --monitor-token FILE, or set HAPTICD_TOKEN: any machine that reaches \
                 this address could drive the arm";
@@ -79,9 +80,13 @@ impl MonitorArgs {
             );
             return Err(if self.monitor.is_some() { Exit::Usage } else { Exit::Configuration });
         }
-        match BoundMonitor::bind(address, token, config.monitor.origins.clone()) {
+        // Every account of this machine reaches a loopback address.
+        let is_open = token.is_none() && config.device.profile.real.is_some();
+        let made = is_open.then(Token::random).transpose().map_err(refused)?;
+        let secret = made.as_ref().map_or(String::new(), |made| format!("#token={}", made.text()));
+        match BoundMonitor::bind(address, token.or(made), config.monitor.origins.clone()) {
             Ok(bound) => {
-                report::line(&format!("monitor: http://{}/", bound.address()), output);
+                report::line(&format!("monitor: http://{}/{secret}", bound.address()), output);
                 Ok(Some(bound))
             }
             Err(error) if self.monitor.is_none() && !needed => {

@@ -260,11 +260,10 @@ fn fault_words(
 
 /// What an arm says is wrong with it, with the words of its protocol.
 pub(super) fn error_text(error: u16, protocol: Option<&Protocol>) -> String {
-    let words = protocol.and_then(|protocol| protocol.error_text(error));
-    format!(
-        "the arm reports error {error}{}",
-        words.map_or(String::new(), |words| format!(" ({words})"))
-    )
+    match protocol.and_then(|protocol| protocol.error_text(error)) {
+        Some(words) => format!("the arm reports error {error}: {words}"),
+        None => format!("the arm reports error {error}: see its manual"),
+    }
 }
 
 fn status_text(record: &TickRecord) -> String {
@@ -319,13 +318,19 @@ mod tests {
             lines.collect::<Vec<_>>().join("\n")
         };
         let lead = "fault: device-error at 0.000 s (tick 0): the arm reports error";
-        assert_eq!(line("open6-serial", 3), format!("{lead} 3 (too hot)"));
-        assert_eq!(line("open6-serial", 0x100), format!("{lead} 256 (its watchdog has tripped)"));
-        assert_eq!(line("open6-hid", 200), format!("{lead} 200 (the maker's own)"));
+        assert_eq!(line("open6-serial", 3), format!("{lead} 3: it is too hot"));
+        assert_eq!(
+            line("open6-serial", 0x100),
+            format!("{lead} 256: its watchdog has tripped: it got no command in time")
+        );
+        assert_eq!(
+            line("open6-hid", 200),
+            format!("{lead} 200: its maker defines this number: see its manual")
+        );
         assert!(
             line("leader-arm-6", 0x0380)
-                .starts_with(&format!("{lead} 896 (servo 3: hardware alert"))
+                .starts_with(&format!("{lead} 896: servo 3: hardware alert"))
         );
-        assert_eq!(line("sim-sigma7", 7), format!("{lead} 7"));
+        assert_eq!(line("sim-sigma7", 7), format!("{lead} 7: see its manual"));
     }
 }

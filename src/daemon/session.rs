@@ -86,7 +86,7 @@ pub enum SessionError {
     #[error("{0}")]
     Scene(#[from] SceneError),
     /// One scene at a time.
-    #[error("a scene is on its way already")]
+    #[error("another scene is being baked or exchanged; ask again when it is rendered")]
     Busy,
     /// The first scene is not rendered yet.
     #[error("the scene is being baked: nothing is rendered yet")]

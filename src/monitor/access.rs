@@ -1,4 +1,5 @@
-//! Access of clients: loopback unless there is a token, and no page of another server.
+//! Who may do what: every client that reaches the server may switch force off; all else takes the
+//! token, where there is one; and no page of another server may do anything.
 //!
 //! A web page that the operator has open can send requests to this machine too. It betrays itself
 //! by its `Origin`; and where its name was bent to point here (DNS rebinding), by the `Host` that
@@ -19,6 +20,10 @@ const LEAST_TOKEN: usize = 16;
 const MOST_TOKEN: usize = 512;
 /// Bytes of a file with a token at most: there may be blanks around it.
 const LONGEST_TOKEN_FILE: u64 = 4096;
+/// 122 random bits of the kernel, as text; others with every reading.
+const RANDOM: &str = "/proc/sys/kernel/random/uuid";
+/// Name of this machine.
+const HOST_NAME: &str = "/proc/sys/kernel/hostname";
 
 /// A secret that lets a client in.
 #[derive(Clone, PartialEq, Eq)]
@@ -78,6 +83,19 @@ impl Token {
         Self::new(&text, &path.display().to_string())
     }
 
+    /// A new token that nothing else knows.
+    ///
+    /// # Errors
+    /// [`TokenError::Unreadable`]: the kernel gives no random bits.
+    pub fn random() -> Result<Self, TokenError> {
+        Self::read(Path::new(RANDOM))
+    }
+
+    /// The token, for the person who starts the run.
+    pub fn text(&self) -> &str {
+        &self.0
+    }
+
     /// In a time that says nothing of how much of it was right.
     fn is(&self, other: &str) -> bool {
         let ours = self.0.as_bytes();
@@ -96,13 +114,24 @@ pub struct Access {
     address: SocketAddr,
     token: Option<Token>,
     origins: Vec<String>,
+    /// Names by which clients may ask for this server.
+    names: Vec<String>,
 }
 
 impl Access {
     /// For a server that listens at `address`. `origins`: pages of other servers that are welcome,
-    /// such as `http://localhost:8000`.
+    /// such as `http://localhost:8000`; their names are names of this server, too.
     pub fn new(address: SocketAddr, token: Option<Token>, origins: Vec<String>) -> Self {
-        Self { address, token, origins }
+        let mut names = vec!["localhost".to_owned()];
+        names.extend(
+            origins.iter().filter_map(|origin| Some(split_port(host_of(origin)?).0.to_owned())),
+        );
+        if !address.ip().is_loopback() {
+            // A machine without a name is asked for by its address.
+            let own = regular::text(Path::new(HOST_NAME), LONGEST_TOKEN_FILE).unwrap_or_default();
+            names.push(own.trim().to_owned());
+        }
+        Self { address, token, origins, names }
     }
 
     /// True when every address but the loopback ones is out of reach, or a token is asked for.
@@ -115,14 +144,19 @@ impl Access {
         self.host(headers)
     }
 
+    /// May the client that sent this switch force off? That takes no token.
+    pub(super) fn may_switch_off(&self, headers: &HeaderMap) -> Result<(), RequestError> {
+        self.host(headers)?;
+        self.origin(headers)
+    }
+
     /// May the client that sent this use the API?
     pub(super) fn may_ask(
         &self,
         headers: &HeaderMap,
         query: Option<&str>,
     ) -> Result<(), RequestError> {
-        self.host(headers)?;
-        self.origin(headers)?;
+        self.may_switch_off(headers)?;
         let Some(token) = &self.token else { return Ok(()) };
         match given_token(headers, query) {
             Some(given) if token.is(&given) => Ok(()),
@@ -135,17 +169,15 @@ impl Access {
         }
     }
 
-    /// On loopback only the names of this machine: no name that others made point here.
+    /// Only names and addresses of this server: no name that others made point here.
     fn host(&self, headers: &HeaderMap) -> Result<(), RequestError> {
-        if !self.address.ip().is_loopback() {
-            return Ok(());
-        }
         let host = text(headers, header::HOST).unwrap_or_default();
         if self.is_own_host(host) {
             return Ok(());
         }
         let hint = format!(
-            "this server answers as localhost:{port} and {}",
+            "this server answers as localhost:{port} and {}; another name of it stands in \
+                `monitor.origins` of the scene, such as \"http://arm.example:{port}\"",
             self.address,
             port = self.address.port()
         );
@@ -158,14 +190,14 @@ impl Access {
 
     fn is_own_host(&self, host: &str) -> bool {
         let (name, port) = split_port(host);
-        let is_loopback = name.eq_ignore_ascii_case("localhost")
-            || name
-                .trim_start_matches('[')
-                .trim_end_matches(']')
-                .parse::<IpAddr>()
-                .is_ok_and(|ip| ip.is_loopback());
+        let is_own = match name.trim_start_matches('[').trim_end_matches(']').parse::<IpAddr>() {
+            // An address is no name that others could bend. Where only this machine comes in, it
+            // has no other addresses.
+            Ok(ip) => ip.is_loopback() || !self.address.ip().is_loopback(),
+            Err(_) => self.names.iter().any(|own| own.eq_ignore_ascii_case(name)),
+        };
         // Port 80 goes without saying; a forwarded port (ssh -L) has another number.
-        is_loopback && port.is_none_or(|port| port.parse::<u16>().is_ok())
+        is_own && !name.is_empty() && port.is_none_or(|port| port.parse::<u16>().is_ok())
     }
 
     /// Programs send no origin; pages always do.
@@ -173,10 +205,7 @@ impl Access {
         let Some(origin) = headers.get(header::ORIGIN) else { return Ok(()) };
         let origin = origin.to_str().unwrap_or_default();
         let own = text(headers, header::HOST).is_some_and(|host| {
-            origin
-                .strip_prefix("http://")
-                .or(origin.strip_prefix("https://"))
-                .is_some_and(|asked| asked.eq_ignore_ascii_case(host))
+            host_of(origin).is_some_and(|asked| asked.eq_ignore_ascii_case(host))
         });
         if own || self.origins.iter().any(|welcome| welcome == origin) {
             return Ok(());
@@ -198,6 +227,11 @@ fn text(headers: &HeaderMap, name: header::HeaderName) -> Option<&str> {
 /// What others wrote, short and harmless.
 fn shown(text: &str) -> String {
     text.chars().filter(|c| !c.is_control()).take(80).collect()
+}
+
+/// Host of an origin, with its port.
+fn host_of(origin: &str) -> Option<&str> {
+    origin.strip_prefix("http://").or(origin.strip_prefix("https://"))
 }
 
 fn split_port(host: &str) -> (&str, Option<&str>) {
@@ -255,6 +289,8 @@ mod tests {
             ("[::1]:7878", Some("http://[::1]:7878"), 200),
             ("localhost:9000", Some("http://localhost:9000"), 200),
             ("localhost:7878", Some("http://lab:8000"), 200),
+            ("lab:7878", None, 200),
+            ("Lab:7878", Some("http://lab:7878"), 200),
             ("localhost:7878", Some("http://localhost:8000"), 403),
             ("localhost:7878", Some("null"), 403),
             ("localhost:7878", Some("http://evil.example"), 403),
@@ -274,15 +310,21 @@ mod tests {
     #[test]
     fn a_token_is_asked_for_and_compared_whole() {
         let token = Token::new(SECRET, "here").expect("a token");
-        let access =
-            Access::new("192.0.2.1:7878".parse().expect("an address"), Some(token), Vec::new());
+        let access = Access::new(
+            "192.0.2.1:7878".parse().expect("an address"),
+            Some(token),
+            vec!["http://arm:7878".to_owned()],
+        );
         use header::{AUTHORIZATION, HOST, ORIGIN};
         let bearer = |token: &str| format!("Bearer {token}");
         assert_eq!(status(&access, &[(HOST, "arm:7878")], None), 401);
-        assert_eq!(status(&access, &[(AUTHORIZATION, &bearer(SECRET))], None), 200);
-        assert_eq!(status(&access, &[(AUTHORIZATION, &bearer(&SECRET[1..]))], None), 401);
-        assert_eq!(status(&access, &[(AUTHORIZATION, &bearer(&format!("{SECRET}0")))], None), 401);
-        assert_eq!(status(&access, &[(AUTHORIZATION, &bearer(""))], None), 401);
+        let given = |token: &str| {
+            status(&access, &[(HOST, "192.0.2.1:7878"), (AUTHORIZATION, &bearer(token))], None)
+        };
+        assert_eq!(given(SECRET), 200);
+        assert_eq!(given(&SECRET[1..]), 401);
+        assert_eq!(given(&format!("{SECRET}0")), 401);
+        assert_eq!(given(""), 401);
         assert_eq!(
             status(&access, &[(HOST, "arm:7878")], Some(&format!("a=b&token={SECRET}"))),
             200
@@ -303,6 +345,26 @@ mod tests {
             ),
             403
         );
+    }
+
+    #[test]
+    fn a_bent_name_stays_out_of_every_address_and_off_takes_no_token() {
+        let token = Token::random().expect("a kernel with random bits");
+        assert_ne!(token, Token::random().expect("again"));
+        let wide = Access::new("0.0.0.0:7878".parse().expect("an address"), Some(token), vec![]);
+        let own = regular::text(Path::new(HOST_NAME), 256).expect("a machine with a name");
+        use header::{HOST, ORIGIN};
+        let off = |pairs: &[(header::HeaderName, &str)]| {
+            wide.may_switch_off(&headers(pairs)).map_err(|problem| problem.status.as_u16())
+        };
+        for host in ["localhost:7878", "10.0.0.7:7878", "[fe80::1]:7878", own.trim()] {
+            assert_eq!(off(&[(HOST, host)]), Ok(()), "{host}");
+            assert_eq!(status(&wide, &[(HOST, host)], None), 401, "{host}");
+        }
+        assert_eq!(off(&[(HOST, "evil.example:7878")]), Err(403));
+        assert_eq!(off(&[(HOST, "10.0.0.7:7878"), (ORIGIN, "http://evil.example")]), Err(403));
+        let evil = [(HOST, "evil.example:7878"), (ORIGIN, "http://evil.example:7878")];
+        assert_eq!((off(&evil), status(&wide, &evil, None)), (Err(403), 403));
     }
 
     #[test]

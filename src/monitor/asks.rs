@@ -13,13 +13,13 @@ use super::clay::{
 use super::client::{Client, Subscription};
 use super::encode::WirePose;
 use super::forms::{read, such_as};
-use super::heartbeat::{LONGEST, SHORTEST};
 use super::hub::Hub;
 use super::problem::RequestError;
 use super::recorder::{RecorderError, RecorderStatus};
 use super::worker::Worker;
 use crate::daemon::session::{HandOrder, SessionError};
 use ::clay::engine::SculptOrder;
+use engine::drive_watchdog::{LONGEST, SHORTEST};
 use vps::spatial::Pose;
 
 /// Fastest and slowest stream.
@@ -140,16 +140,15 @@ impl From<PoseAsked> for Pose {
 const LONGEST_ID: usize = 256;
 
 impl ClientCommand {
-    /// True for what takes force away or is a sign of life: carried out however much else waits.
+    /// True for what switches force off, and is done on a connection that is being closed, too.
+    pub(super) fn is_off(&self) -> bool {
+        matches!(self, Self::Disable {} | Self::Stop {})
+    }
+
+    /// True for what switches force off or is a sign of life: done however much else waits.
     pub(super) fn is_always_heard(&self) -> bool {
-        matches!(
-            self,
-            Self::Disable {}
-                | Self::Stop {}
-                | Self::Heartbeat { .. }
-                | Self::ClayHold { held: false }
-                | Self::Ping {}
-        )
+        matches!(self, Self::Heartbeat { .. } | Self::ClayHold { held: false } | Self::Ping {})
+            || self.is_off()
     }
 
     /// Takes a message apart: its `id`, whatever that is, and the request.
@@ -240,7 +239,7 @@ pub(super) fn perform(
         }),
         ClientCommand::Heartbeat { timeout_ms } => reply(match client {
             Some(client) => longest(timeout_ms).map(|longest| {
-                hub.watchdog.beat(client.id, longest);
+                hub.drive.beat(client.id, longest, client.heard());
                 Completion::Nothing
             }),
             None => Err(needs_connection()),

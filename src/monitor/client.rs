@@ -1,10 +1,13 @@
 //! A client with a connection, and what it wants to see.
 
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
 
 use tokio::sync::Semaphore;
 
+use super::connection_slots::ConnectionState;
 use super::outbox::ClientQueue;
+use engine::drive_watchdog::DriveWatchdog;
 
 /// Requests of one client that wait to be answered.
 const MOST_UNANSWERED: usize = 64;
@@ -17,6 +20,7 @@ pub(super) struct Client {
     /// Places for requests that wait for an answer, which may be slow.
     pub(super) unanswered: Arc<Semaphore>,
     wants: Mutex<Option<Subscription>>,
+    connection: Arc<ConnectionState>,
 }
 
 /// What a client wants to see.
@@ -30,13 +34,28 @@ pub(super) struct Subscription {
 
 impl Client {
     /// One that was sent nothing yet, and wants to see nothing.
-    pub(super) fn new(id: u64) -> Self {
+    pub(super) fn new(
+        id: u64,
+        drive: Arc<DriveWatchdog>,
+        connection: Arc<ConnectionState>,
+    ) -> Self {
         Self {
             id,
-            outbox: ClientQueue::default(),
+            outbox: ClientQueue::new(drive),
             unanswered: Arc::new(Semaphore::new(MOST_UNANSWERED)),
             wants: Mutex::default(),
+            connection,
         }
+    }
+
+    /// When its bytes came last.
+    pub(super) fn heard(&self) -> Instant {
+        self.connection.heard()
+    }
+
+    /// It has closed its connection, or is gone.
+    pub(super) fn has_left(&self) -> bool {
+        self.connection.has_left()
     }
 
     /// What it wants to see, if anything.

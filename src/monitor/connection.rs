@@ -11,7 +11,7 @@ use std::time::Instant;
 
 use axum::extract::connect_info::Connected;
 use axum::serve::{IncomingStream, Listener};
-use tokio::io::{AsyncRead, AsyncWrite, AsyncWriteExt as _, ReadBuf};
+use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::runtime::Handle;
 use tokio::sync::OwnedSemaphorePermit;
@@ -21,7 +21,7 @@ use super::connection_slots::{ConnectionSlot, ConnectionSlots, ConnectionState};
 
 /// Connections at the same time, WebSockets among them.
 const MOST_CONNECTIONS: usize = 192;
-/// Connections that are just being answered that there is no slot, or why they were shut out.
+/// Connections that are just being closed, with the reason as their last answer.
 const MOST_LEAVING: usize = 64;
 /// A connection whose first request is not whole, or was refused, by then is closed.
 const FIRST_REQUEST: Duration = Duration::from_secs(5);
@@ -34,10 +34,6 @@ const LINGER: Duration = Duration::from_secs(1);
 const LINGER_BYTES: usize = 4 << 20;
 /// Rest after an error that is not the fault of one connection, such as too many open files.
 const AFTER_ERROR: Duration = Duration::from_millis(50);
-
-const NO_SLOT: &[u8] =
-    b"HTTP/1.1 503 Service Unavailable\r\nContent-Type: application/json\r\nConnection: close\r\nContent-Length: 72\r\n\r\n\
-    {\"error\":\"too many connections\",\"hint\":\"close some, or try again later\"}";
 
 /// Accepts connections for axum.
 pub(super) struct ConnectionListener {
@@ -64,15 +60,9 @@ impl Listener for ConnectionListener {
                         // socket: that is read before a slot is taken away.
                         tokio::task::yield_now().await;
                     }
-                    if let Some(slot) = self.slots.take() {
-                        // Small messages leave at once; if that cannot be had they come a little
-                        // later.
-                        let _ = stream.set_nodelay(true);
-                        return (ClientConnection::new(stream, slot), peer);
-                    }
-                    if let Ok(slot) = self.slots.leaving.clone().try_acquire_owned() {
-                        tokio::spawn(turn_away(stream, slot));
-                    }
+                    // Small messages leave at once; if that cannot be had they come a little later.
+                    let _ = stream.set_nodelay(true);
+                    return (ClientConnection::new(stream, self.slots.take()), peer);
                 }
                 Err(error) if error.kind() == io::ErrorKind::ConnectionAborted => {}
                 Err(_) => tokio::time::sleep(AFTER_ERROR).await,
@@ -89,23 +79,24 @@ impl Listener for ConnectionListener {
 #[derive(Clone, Debug)]
 pub(super) struct Peer {
     pub(super) address: SocketAddr,
-    state: Arc<ConnectionState>,
+    pub(super) state: Arc<ConnectionState>,
     slots: Arc<ConnectionSlots>,
 }
 
 impl Peer {
-    /// It has sent a whole request for the page, which needs no token.
+    /// It has sent a whole request that needs no token.
     pub(super) fn looks(&self) {
         self.state.asks();
     }
 
-    /// It may use the API: from now on its slot is its own.
+    /// It may use the API.
     pub(super) fn let_in(&self) {
-        self.slots.let_in(&self.state);
+        self.slots.accept(&self.state);
     }
 
+    /// It keeps its slot from now on.
     pub(super) fn become_web_socket(&self) {
-        self.state.become_web_socket();
+        self.slots.become_web_socket(&self.state);
     }
 }
 
@@ -122,8 +113,6 @@ pub(super) struct ClientConnection {
     stream: Option<(TcpStream, ConnectionSlot)>,
     state: Arc<ConnectionState>,
     slots: Arc<ConnectionSlots>,
-    opened: Instant,
-    heard: Instant,
     silent: Pin<Box<Sleep>>,
 }
 
@@ -131,9 +120,8 @@ impl ClientConnection {
     fn new(stream: TcpStream, slot: ConnectionSlot) -> Self {
         let state = slot.state.clone();
         let slots = slot.slots.clone();
-        let now = Instant::now();
         let silent = Box::pin(tokio::time::sleep(FIRST_REQUEST));
-        Self { stream: Some((stream, slot)), state, slots, opened: now, heard: now, silent }
+        Self { stream: Some((stream, slot)), state, slots, silent }
     }
 
     fn with<T>(
@@ -160,10 +148,7 @@ impl ClientConnection {
         if written.is_pending() {
             return self.poll_patience(cx);
         }
-        // A long answer that is being taken is no silence.
-        if !self.state.is_web_socket() {
-            self.heard = Instant::now();
-        }
+        self.state.moves(Instant::now());
         written
     }
 
@@ -175,10 +160,13 @@ impl ClientConnection {
     /// Ready when nothing came for too long.
     fn poll_silent(&mut self, cx: &mut Context<'_>) -> Poll<()> {
         while self.silent.as_mut().poll(cx).is_ready() {
-            let since_heard = self.heard.elapsed();
-            let since_opened = self.opened.elapsed();
+            // A long answer that is being taken is no silence.
+            let is_web_socket = self.state.is_web_socket();
+            let last = if is_web_socket { self.state.heard() } else { self.state.moved() };
+            let since_heard = last.elapsed();
+            let since_opened = self.state.opened().elapsed();
             let longest = if self.state.has_asked() { LONGEST } else { FIRST_REQUEST };
-            if since_heard >= SILENT || !self.state.is_web_socket() && since_opened >= longest {
+            if since_heard >= SILENT || !is_web_socket && since_opened >= longest {
                 return Poll::Ready(());
             }
             let left = (SILENT - since_heard).max(Duration::from_millis(10));
@@ -194,12 +182,16 @@ impl AsyncRead for ClientConnection {
         cx: &mut Context<'_>,
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
+        let before = buffer.filled().len();
         let read = self.with(cx, |stream, cx| stream.poll_read(cx, buffer));
-        if read.is_ready() {
-            self.heard = Instant::now();
-            return read;
+        match read {
+            Poll::Pending => return self.poll_patience(cx),
+            Poll::Ready(Ok(())) if buffer.filled().len() > before => {
+                self.state.hear(Instant::now())
+            }
+            Poll::Ready(_) => self.state.leave(),
         }
-        self.poll_patience(cx)
+        read
     }
 }
 
@@ -240,16 +232,10 @@ impl AsyncWrite for ClientConnection {
 
 impl Drop for ClientConnection {
     /// A socket that is closed over unread bytes takes back what was sent last: the answer that
-    /// says why. A connection that gave way is reported nothing, and one that was never let in
-    /// keeps no slot for that.
+    /// says why. A connection that gave way gets no answer.
     fn drop(&mut self) {
-        let (Some((stream, slot)), Ok(runtime)) = (self.stream.take(), Handle::try_current())
-        else {
-            return;
-        };
-        if slot.is_kept() {
-            runtime.spawn(linger(stream, slot));
-        } else if !slot.is_gone()
+        if let (Some((stream, slot)), Ok(runtime)) = (self.stream.take(), Handle::try_current())
+            && !slot.is_gone()
             && let Ok(leaving) = self.slots.leaving.clone().try_acquire_owned()
         {
             runtime.spawn(linger(stream, leaving));
@@ -257,15 +243,8 @@ impl Drop for ClientConnection {
     }
 }
 
-/// Says that there is no slot.
-async fn turn_away(mut stream: TcpStream, slot: OwnedSemaphorePermit) {
-    // A client that does not take so little is not there any more.
-    let _ = tokio::time::timeout(LINGER, stream.write_all(NO_SLOT)).await;
-    linger(stream, slot).await;
-}
-
 /// Closes a connection after its other end has.
-async fn linger<T>(mut stream: TcpStream, _place: T) {
+async fn linger(mut stream: TcpStream, _leaving: OwnedSemaphorePermit) {
     let _ = core::future::poll_fn(|cx| Pin::new(&mut stream).poll_shutdown(cx)).await;
     let rest = async {
         let mut scratch = [0; 4096];
@@ -298,7 +277,10 @@ mod tests {
                 .await
                 .expect("it listens");
             let (stream, _) = listener.accept().await.expect("a connection");
-            let slot = ConnectionSlots::new(1, 1).take().expect("a slot");
+            let mut slot = ConnectionSlots::new(1, 1).take();
+            let long_ago =
+                Instant::now().checked_sub(SILENT).expect("a machine that is up for longer");
+            slot.state = Arc::new(ConnectionState::new(long_ago));
             slot.state.asks();
             let mut connection = ClientConnection::new(stream, slot);
             let write = |connection: &mut ClientConnection, cx: &mut Context<'_>| {
@@ -309,8 +291,7 @@ mod tests {
             };
             while !poll_fn(|cx| Poll::Ready(is_full(&mut connection, cx))).await {}
             // As if all of its patience had passed.
-            connection.heard =
-                Instant::now().checked_sub(SILENT).expect("a machine that is up for longer");
+            connection.state.moves(long_ago);
             connection.silent.as_mut().reset(tokio::time::Instant::now());
             let written =
                 tokio::time::timeout(SILENT, poll_fn(|cx| write(&mut connection, cx))).await;

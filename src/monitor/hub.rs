@@ -8,19 +8,20 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use crossbeam::channel::Sender;
 use serde_json::{Value, json};
 
-use super::clay::{ClayParts, ClayService, no_clay};
+use super::clay::{ClayParts, ClayService, HoldWatchdog, no_clay};
 use super::client::Client;
+use super::connection_slots::ConnectionState;
 use super::encode::{
     self, At, EncodedState, Extras, LastFault, MonitorEvent, StateInput, WireObject,
 };
 use super::feed::FeedRecord;
-use super::heartbeat::{HeartbeatWatchdog, Timeout};
 use super::info::{API, RunInfo, has_force};
 use super::outbox::AWAY;
 use super::problem::RequestError;
 use super::recorder::RecordingControl;
 use crate::daemon::session::{SceneView, SessionError, SessionHandle};
 use arms::attached::open::LinkNews;
+use engine::drive_watchdog::{DriveWatchdog, OffReason, OffReport};
 use engine::supervisor::{Enable, Notice, Phase};
 use recording::metrics::{Metrics, RecordingCounts};
 use rt::clock::ClockKind;
@@ -56,7 +57,10 @@ pub(super) struct NewestState {
 /// Everything that the clients of a run share.
 pub struct Hub {
     pub(super) session: SessionHandle,
-    pub(super) watchdog: HeartbeatWatchdog,
+    /// Clients that drive: their silence switches force off.
+    pub(super) drive: Arc<DriveWatchdog>,
+    /// The client that holds the clay.
+    pub(super) hold: HoldWatchdog,
     pub(super) clock: ClockKind,
     pub(super) recorder: Option<Arc<dyn RecordingControl>>,
     clay: OnceLock<Arc<ClayService>>,
@@ -81,7 +85,8 @@ impl Hub {
         let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
         Arc::new(Self {
             session,
-            watchdog: HeartbeatWatchdog::new(heartbeat),
+            drive: Arc::new(DriveWatchdog::new(control.clone(), heartbeat)),
+            hold: HoldWatchdog::default(),
             clock,
             recorder: recorder.map(Arc::from),
             clay: OnceLock::new(),
@@ -101,15 +106,17 @@ impl Hub {
     pub fn notice(self: &Arc<Self>, notice: &Notice<'_>) {
         match notice {
             Notice::Phase(phase) => {
+                self.drive.note_force(has_force(*phase));
                 self.facts().phase = *phase;
-                if !has_force(*phase) && self.watchdog.let_all_go() {
+                if !has_force(*phase) && self.hold.let_all_go() {
                     self.let_clay_go("no force flows: the clay was let go");
                 }
                 if *phase == Phase::Enabling {
+                    // What was switched off before this is news of before.
+                    self.tell_silences();
                     self.facts().last_fault = None;
                     self.fell_silent.store(false, Ordering::Relaxed);
                 }
-                self.watchdog.note_force(has_force(*phase));
                 self.tell("state", None, phase.name(), &[phase.name()]);
             }
             Notice::Preflight(report) => self.facts().checked(report),
@@ -201,9 +208,9 @@ impl Hub {
     }
 
     /// A new client, greeted.
-    pub(super) fn join(&self) -> Arc<Client> {
+    pub(super) fn join(&self, connection: Arc<ConnectionState>) -> Arc<Client> {
         let id = self.next_client.fetch_add(1, Ordering::Relaxed);
-        let client = Arc::new(Client::new(id));
+        let client = Arc::new(Client::new(id, self.drive.clone(), connection));
         let view = self.session.view();
         client.outbox.say(encode::json(&json!({
             "type": "hello",
@@ -219,8 +226,17 @@ impl Hub {
 
     /// The connection of a client has ended.
     pub(super) fn part(&self, id: u64) {
+        // First: it may switch force off.
+        self.drive.lose(id);
+        self.hold.lose(id);
         self.clients().retain(|client| client.id != id);
-        self.watchdog.lose(id);
+    }
+
+    /// A client sent a message: a sign of life.
+    pub(super) fn note_message(&self, client: &Client) {
+        let heard = client.heard();
+        self.drive.note_message(client.id, heard);
+        self.hold.note_message(client.id, heard);
     }
 
     /// The run in the text format of Prometheus; `None`: it has no figures.
@@ -242,7 +258,8 @@ impl Hub {
 
     /// Says good-bye.
     pub(super) fn end(&self) {
-        self.watchdog.end();
+        self.drive.end();
+        self.hold.end();
         for client in self.clients().iter() {
             client.outbox.end(AWAY, "the run is over");
         }
@@ -252,11 +269,11 @@ impl Hub {
     pub(super) fn enable(&self, client: Option<u64>) -> Result<(), RequestError> {
         // First: a heartbeat that ends from now on counts for more.
         let permit = self.control.permit();
-        if !self.watchdog.lets_enable(client) {
-            let hint = "send {\"do\":\"heartbeat\"} over a WebSocket, again and again, then enable";
+        if !self.drive.lets_enable(client) {
             return Err(RequestError::conflict(
-                "this scene wants a client with a heartbeat, and none beats",
-                hint,
+                "this scene needs a client that sends heartbeats (`safety.heartbeat_ms`), and this \
+                    client sends none",
+                "send {\"do\":\"heartbeat\"} over a WebSocket, again and again, then enable",
             ));
         }
         if self.is_baking() {
@@ -268,42 +285,43 @@ impl Hub {
         self.enables.send(Enable(permit)).map_err(|_| RequestError::from(SessionError::Over))
     }
 
-    /// Watches the heartbeats; for a thread of its own, which no lock of the session can hold up.
-    pub(super) fn watch_heartbeats(self: &Arc<Self>) {
-        self.watchdog.watch(|timeout, is_news| {
-            match timeout {
-                Timeout::Holding => {
-                    return self
-                        .let_clay_go("the client that held the clay fell silent: it was let go");
-                }
-                Timeout::StillHolding => {
-                    return self.clay.get().map_or((), |clay| clay.let_go(self));
-                }
-                Timeout::Of(_) | Timeout::Gone | Timeout::NoClient => {}
+    /// Watches the client that holds the clay; for a thread of its own.
+    pub(super) fn watch_hold(self: &Arc<Self>) {
+        self.hold.watch(|is_news| {
+            if is_news {
+                self.let_clay_go("the client that held the clay fell silent: it was let go");
+            } else if let Some(clay) = self.clay.get() {
+                clay.let_go(self);
             }
-            // Before anything that takes a lock.
-            self.control.disable();
+        });
+    }
+
+    /// Tells clients what the watchdog has switched off since the last call.
+    pub(super) fn tell_silences(&self) {
+        for OffReport { reason, had_force } in self.drive.take_reports() {
+            // Its orders for clay end with the client.
             if let Some(clay) = self.clay.get() {
                 clay.cancel();
             }
-            if has_force(self.phase()) {
+            if had_force {
                 self.fell_silent.store(true, Ordering::Relaxed);
             }
-            if is_news {
-                let text = match timeout {
-                    Timeout::Holding | Timeout::StillHolding => return,
-                    Timeout::Of(longest) => format!(
-                        "a controlling client was silent for {} ms: force off",
-                        longest.as_millis()
-                    ),
-                    Timeout::Gone => "a controlling client has gone: force off".to_owned(),
-                    Timeout::NoClient => {
-                        "no client beats, and this scene wants one: force off".to_owned()
-                    }
-                };
-                self.tell("heartbeat", None, &text, &[]);
-            }
-        });
+            let text = match reason {
+                OffReason::Silent(longest) => format!(
+                    "a controlling client was silent for {} ms: force off",
+                    longest.as_millis()
+                ),
+                OffReason::Lost => "a controlling client has gone: force off".to_owned(),
+                OffReason::NoClient => {
+                    "no client sends heartbeats, and this scene needs one that does: force off"
+                        .to_owned()
+                }
+                OffReason::Expelled(why) => {
+                    format!("the connection of a client was closed ({why}): force off")
+                }
+            };
+            self.tell("heartbeat", None, &text, &[]);
+        }
     }
 
     /// Where the run stands.

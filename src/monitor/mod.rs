@@ -4,7 +4,7 @@
 //!  drain ──ring──► state publisher ──► groups of clients (one encoding per rate and format) ──► outboxes ──► WebSockets
 //!  supervisor ──notices──► hub ──events──► outboxes
 //!  clients ──asks──► hub ──► session (daemon), orders (supervisor)
-//!  clients ──heartbeats──► watchdog (thread): silence ──► disable
+//!  clients ──heartbeats──► drive watchdog (thread): silence ──► disable
 //! ```
 //! Data in: every record of the run, notices, what the session shows. Data out: state streams,
 //! events, replies, and what clients ask for.
@@ -17,7 +17,8 @@
 //! | thread | does |
 //! |---|---|
 //! | `monitor` | everything on the wire; one tokio runtime of one thread, not pinned, of normal priority |
-//! | `heartbeat` | notes that a controlling client, or one that holds clay, fell silent, even when `monitor` stands still |
+//! | `drive-watchdog` | switches force off when a client that drives falls silent, even when `monitor` stands still |
+//! | `hold-watchdog` | lets clay go when the client that holds it falls silent |
 //! | `monitor-mesh`, `monitor-points`, `monitor-file`, `monitor-upload` | meshes, structures and samples for display (structures are baked in a pool of threads that give way); points in contact; recordings that begin and end, files of clay; files that clients send |
 
 pub mod access;
@@ -35,7 +36,6 @@ mod download;
 mod encode;
 mod feed;
 mod forms;
-mod heartbeat;
 mod hub;
 mod index_origin;
 mod info;

@@ -8,6 +8,7 @@ use axum::extract::ws::Message;
 use tokio::sync::Notify;
 
 use super::encode::EncodedState;
+use engine::drive_watchdog::DriveWatchdog;
 
 /// Messages under way; a client that lets more of them pile up does not read.
 const MOST_WORDS: usize = 1024;
@@ -19,12 +20,16 @@ const STATES_S: f64 = 0.05;
 pub(super) const AWAY: u16 = 1001;
 /// The client does not do its part.
 const POLICY: u16 = 1008;
+/// Why a client is expelled that takes nothing.
+const DEAF: &str = "does not read";
 
 /// The queue of one client.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct ClientQueue {
     waiting: Mutex<Waiting>,
     changed: Notify,
+    /// Switches force off when the client is expelled.
+    drive: Arc<DriveWatchdog>,
 }
 
 #[derive(Debug, Default)]
@@ -50,6 +55,10 @@ pub(super) enum OutboxAction {
 }
 
 impl ClientQueue {
+    pub(super) fn new(drive: Arc<DriveWatchdog>) -> Self {
+        Self { waiting: Mutex::default(), changed: Notify::new(), drive }
+    }
+
     /// Words, in order.
     pub(super) fn say(&self, words: String) {
         let mut waiting = self.waiting();
@@ -57,11 +66,11 @@ impl ClientQueue {
             return;
         }
         if waiting.words.len() >= MOST_WORDS || waiting.n_bytes + words.len() > MOST_WORD_BYTES {
-            waiting.ends.get_or_insert((POLICY, "does not read"));
-        } else {
-            waiting.n_bytes += words.len();
-            waiting.words.push_back(words);
+            drop(waiting);
+            return self.expel_deaf();
         }
+        waiting.n_bytes += words.len();
+        waiting.words.push_back(words);
         drop(waiting);
         self.changed.notify_one();
     }
@@ -85,13 +94,35 @@ impl ClientQueue {
         self.changed.notify_one();
     }
 
-    /// Nothing more.
+    /// Nothing more: the client or the run ends the connection.
     pub(super) fn end(&self, code: u16, reason: &'static str) {
-        self.waiting().ends.get_or_insert((code, reason));
-        self.changed.notify_one();
+        self.close(code, reason);
     }
 
-    /// True from [`Self::end`] on: whatever is asked now finds no answer.
+    /// Nothing more: the server ends the connection for what the client did. An order to switch
+    /// force off may be on its way, so that is done here.
+    pub(super) fn expel(&self, code: u16, reason: &'static str) {
+        if self.close(code, reason) {
+            self.drive.expel(reason);
+        }
+    }
+
+    /// The same for a client that takes nothing.
+    pub(super) fn expel_deaf(&self) {
+        self.expel(POLICY, DEAF);
+    }
+
+    /// False where the connection was ending already.
+    fn close(&self, code: u16, reason: &'static str) -> bool {
+        let mut waiting = self.waiting();
+        let is_first = waiting.ends.is_none();
+        waiting.ends.get_or_insert((code, reason));
+        drop(waiting);
+        self.changed.notify_one();
+        is_first
+    }
+
+    /// True when the connection is ending: whatever is asked now finds no answer.
     pub(super) fn has_ended(&self) -> bool {
         self.waiting().ends.is_some()
     }
@@ -131,6 +162,12 @@ impl ClientQueue {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rt::control::{Control, Order};
+
+    fn queue() -> (ClientQueue, Arc<Control>) {
+        let control = Arc::new(Control::enabled());
+        (ClientQueue::new(Arc::new(DriveWatchdog::new(control.clone(), None))), control)
+    }
 
     fn words(next: Option<OutboxAction>) -> Vec<String> {
         match next {
@@ -143,7 +180,7 @@ mod tests {
 
     #[test]
     fn states_make_room_for_newer_ones_and_words_do_not() {
-        let outbox = ClientQueue::default();
+        let (outbox, _) = queue();
         assert!(outbox.take().is_none());
         for tick in 0..5 {
             outbox.say(format!("word {tick}"));
@@ -167,10 +204,13 @@ mod tests {
 
     #[test]
     fn nothing_more_comes_between_a_client_and_its_end() {
-        let outbox = ClientQueue::default();
-        for _ in 0..=MOST_WORDS {
+        let (outbox, control) = queue();
+        for _ in 0..MOST_WORDS {
             outbox.say(String::new());
         }
+        assert_eq!(control.order(), Order::Enable);
+        outbox.say(String::new());
+        assert_eq!(control.order(), Order::Disable, "what it asked for last may be lost");
         assert_eq!(words(outbox.take()).len(), MOST_WORDS);
         outbox.say("late".to_owned());
         outbox.show(Arc::new(EncodedState::Text("{}".to_owned())), 60.0, 0);
@@ -179,16 +219,25 @@ mod tests {
 
     #[test]
     fn who_never_reads_is_closed_at_the_end_of_what_is_there() {
-        let outbox = ClientQueue::default();
+        let (outbox, _) = queue();
         for _ in 0..=MOST_WORDS {
             outbox.say(String::new());
         }
         outbox.end(AWAY, "later");
         assert_eq!(words(outbox.take()).len(), MOST_WORDS);
         assert!(matches!(outbox.take(), Some(OutboxAction::Close(POLICY, _))));
-        let outbox = ClientQueue::default();
+        let (outbox, _) = queue();
         (0..3).for_each(|_| outbox.say("x".repeat(MOST_WORD_BYTES / 2)));
         assert_eq!(words(outbox.take()).len(), 2);
         assert!(matches!(outbox.take(), Some(OutboxAction::Close(POLICY, _))));
+    }
+
+    #[test]
+    fn the_end_of_a_run_and_of_a_client_leave_force_as_it_is() {
+        let (outbox, control) = queue();
+        outbox.end(AWAY, "the run is over");
+        outbox.expel(POLICY, "too late");
+        assert_eq!(control.order(), Order::Enable);
+        assert!(matches!(outbox.take(), Some(OutboxAction::Close(AWAY, _))));
     }
 }

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use axum::body::Bytes;
 use axum::extract::rejection::QueryRejection;
 use axum::extract::{ConnectInfo, DefaultBodyLimit, Path, Query, Request, State};
-use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::middleware::{self, Next};
 use axum::response::{IntoResponse, Redirect, Response};
 use axum::routing::{MethodRouter, delete, get, post, put};
@@ -152,13 +152,21 @@ async fn let_in(
         return RequestError::new(StatusCode::URI_TOO_LONG, "the address is too long", "")
             .into_response();
     }
-    match state.access.may_ask(request.headers(), request.uri().query()) {
-        Ok(()) => {
-            peer.let_in();
-            next.run(request).await
-        }
+    let allowed = if is_off(&request) {
+        state.access.may_switch_off(request.headers()).map(|()| peer.looks())
+    } else {
+        state.access.may_ask(request.headers(), request.uri().query()).map(|()| peer.let_in())
+    };
+    match allowed {
+        Ok(()) => next.run(request).await,
         Err(problem) => problem.into_response(),
     }
+}
+
+/// It switches force off.
+fn is_off(request: &Request) -> bool {
+    request.method() == Method::POST
+        && matches!(request.uri().path(), "/api/v1/disable" | "/api/v1/stop")
 }
 
 async fn show(
@@ -176,15 +184,14 @@ async fn show(
     }
 }
 
-/// A client that asks too often gets that answer; what takes force away is always carried out.
+/// A client that asks too often gets that answer; what switches force off is always done.
 async fn paced(
     State(state): State<Arc<AppState>>,
     ConnectInfo(peer): ConnectInfo<Peer>,
     request: Request,
     next: Next,
 ) -> Response {
-    let is_rescue = matches!(request.uri().path(), "/api/v1/disable" | "/api/v1/stop");
-    if is_rescue || state.rate_limiter.allows(peer.address.ip()) {
+    if is_off(&request) || state.rate_limiter.allows(peer.address.ip()) {
         return next.run(request).await;
     }
     RequestError::new(
@@ -491,7 +498,7 @@ async fn clay(State(state): State<Arc<AppState>>) -> Result<Json<Value>, Request
     let clay = state.hub.clay()?;
     let is_watched = !state.hub.clients().is_empty();
     let view = clay.fresh_view(is_watched).await?;
-    Ok(Json(clay.facts(&view, state.hub.watchdog.holds())))
+    Ok(Json(clay.facts(&view, state.hub.hold.holds())))
 }
 
 async fn clay_files(State(state): State<Arc<AppState>>) -> Result<Json<Value>, RequestError> {

@@ -28,6 +28,9 @@ const MOST_WEB_SOCKETS: usize = 64;
 const BACKLOG: u32 = 1024;
 /// What the kernel keeps for a client that reads slowly, bytes: states in there are old ones.
 const SEND_BUFFER_BYTES: u32 = 64 << 10;
+/// What it keeps of a client that sends faster than this server reads, bytes: an order waits behind
+/// no more than that.
+const RECEIVE_BUFFER_BYTES: u32 = 64 << 10;
 /// How long good-byes may take at the end of a run: for the rest of what a slow page has not read
 /// yet.
 const GOOD_BYE: Duration = Duration::from_secs(3);
@@ -57,6 +60,7 @@ impl BoundMonitor {
             socket.set_reuseaddr(true)?;
             // Connections inherit it.
             socket.set_send_buffer_size(SEND_BUFFER_BYTES)?;
+            socket.set_recv_buffer_size(RECEIVE_BUFFER_BYTES)?;
             socket.bind(address)?;
             socket.listen(BACKLOG)?
         };
@@ -91,10 +95,14 @@ impl BoundMonitor {
         });
         let (subscriber, fed) = feed();
         let (end, mut ended) = watch::channel(());
-        let watched = hub.clone();
-        let heartbeat = std::thread::Builder::new()
-            .name("heartbeat".to_owned())
-            .spawn(move || watched.watch_heartbeats())?;
+        let drive = hub.drive.clone();
+        let drive = std::thread::Builder::new()
+            .name("drive-watchdog".to_owned())
+            .spawn(move || drive.watch())?;
+        let held = hub.clone();
+        let hold = std::thread::Builder::new()
+            .name("hold-watchdog".to_owned())
+            .spawn(move || held.watch_hold())?;
         let states = StatePublisher::new(hub.clone(), Worker::new("monitor-points")?);
         let work = async move {
             tokio::spawn(states.run(fed));
@@ -121,7 +129,7 @@ impl BoundMonitor {
         let thread = std::thread::Builder::new()
             .name("monitor".to_owned())
             .spawn(move || runtime.block_on(work))?;
-        Ok((Monitor { hub, end: Some(end), threads: vec![thread, heartbeat] }, subscriber))
+        Ok((Monitor { hub, end: Some(end), threads: vec![thread, drive, hold] }, subscriber))
     }
 }
 

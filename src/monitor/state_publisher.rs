@@ -144,6 +144,7 @@ impl StatePublisher {
 
     fn turn(&mut self, fed: &mut Consumer<FeedRecord>) {
         let now = Instant::now();
+        self.hub.tell_silences();
         if now >= self.session_at {
             self.session_at = now + SESSION_EVERY;
             self.look_at_session();

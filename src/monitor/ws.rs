@@ -25,9 +25,12 @@ use super::rate_limiter::TokenBucket;
 
 /// Largest message of a client, bytes.
 const MOST_BYTES: usize = 64 << 10;
-/// Requests of one client a second, and at once. More are read later.
+/// Requests of one client a second, and at once. More are refused.
 const MOST_PER_S: f64 = 2000.0;
 const MOST_AT_ONCE: f64 = 2000.0;
+/// Messages of one client after which all other work of this thread gets its turn, replies to this
+/// client among it. Messages that were read together come without a pause.
+const MOST_IN_A_TURN: u32 = 64;
 /// A client that takes nothing for so long is disconnected.
 const STALLED: Duration = Duration::from_secs(5);
 /// A WebSocket on which nothing else happens.
@@ -69,12 +72,12 @@ pub(super) async fn open(
         .write_buffer_size(0);
     upgrade.on_upgrade(move |socket| async move {
         peer.become_web_socket();
-        serve(&state, socket, seat).await;
+        serve(&state, socket, peer, seat).await;
     })
 }
 
-async fn serve(state: &Arc<AppState>, socket: WebSocket, _seat: OwnedSemaphorePermit) {
-    let client = state.hub.join();
+async fn serve(state: &Arc<AppState>, socket: WebSocket, peer: Peer, _seat: OwnedSemaphorePermit) {
+    let client = state.hub.join(peer.state);
     let _parted = Parted { state, id: client.id };
     let (sink, stream) = socket.split();
     let sending = send_all(sink, &client);
@@ -129,60 +132,81 @@ async fn send_all(mut sink: SplitSink<WebSocket, Message>, client: &Client) {
             }
             sink.flush().await
         };
+        // Nothing that could be said after an error would arrive.
         match tokio::time::timeout(STALLED, sent).await {
             Ok(Ok(())) => {}
-            // It is gone, or does not read: nothing that could be said would arrive.
-            Ok(Err(_)) | Err(_) => return,
+            Ok(Err(_)) => return,
+            Err(_) => return client.outbox.expel_deaf(),
         }
     }
 }
 
 async fn take_all(mut stream: SplitStream<WebSocket>, state: &Arc<AppState>, client: &Arc<Client>) {
     let mut bucket = TokenBucket::new(MOST_PER_S, MOST_AT_ONCE);
+    let mut in_turn = 0;
     while let Some(message) = stream.next().await {
-        if let Some(wait) = bucket.take() {
-            tokio::time::sleep(wait).await;
-        }
         match message {
-            Ok(Message::Text(_)) if client.outbox.has_ended() => {}
-            Ok(Message::Text(text)) => {
-                state.hub.watchdog.note_message(client.id);
-                let (id, asked) = ClientCommand::parse(text.as_bytes());
-                let place = client.unanswered.clone().try_acquire_owned().ok();
-                match asked {
-                    Ok(asked) if place.is_none() && !asked.is_always_heard() => {
-                        client.outbox.say(reply(
-                            &id,
-                            Err(RequestError::too_many("too many requests wait for their answers")),
-                        ));
-                    }
-                    Ok(asked) => {
-                        let to = client.clone();
-                        let reply = Box::new(move |result| {
-                            to.outbox.say(reply(&id, result));
-                            drop(place);
-                        });
-                        perform(&state.hub, &state.files, Some(client), asked, reply);
-                    }
-                    Err(problem) => client.outbox.say(reply(&id, Err(problem))),
-                }
-            }
-            Ok(Message::Binary(_)) => return client.outbox.end(UNSUPPORTED, "requests are text"),
+            Ok(Message::Text(text)) => take(&text, state, client, &mut bucket),
+            // What comes behind it may be an order.
+            Ok(Message::Binary(_)) => client.outbox.expel(UNSUPPORTED, "requests are text"),
             // Pings are answered below, and a close is the end of the stream.
             Ok(Message::Ping(_) | Message::Pong(_) | Message::Close(_)) => {}
+            Err(_) if client.has_left() => break,
             Err(error) => {
                 // The only word that the library has for it.
                 let is_too_large = error.to_string().contains("too long");
                 let (code, reason) = if is_too_large {
                     (TOO_LARGE, "a message has at most 65536 bytes")
                 } else {
-                    (PROTOCOL, "not the WebSocket protocol")
+                    (PROTOCOL, "not the WebSocket protocol, or silent for 30 s")
                 };
-                return client.outbox.end(code, reason);
+                return client.outbox.expel(code, reason);
             }
+        }
+        in_turn += 1;
+        if in_turn == MOST_IN_A_TURN {
+            in_turn = 0;
+            tokio::task::yield_now().await;
         }
     }
     client.outbox.end(NORMAL, "");
+}
+
+/// One message. It is parsed before it is paced: what switches force off waits for nothing, and is
+/// done where no answer can arrive any more, too.
+fn take(text: &str, state: &Arc<AppState>, client: &Arc<Client>, bucket: &mut TokenBucket) {
+    let (id, asked) = ClientCommand::parse(text.as_bytes());
+    if client.outbox.has_ended() {
+        if let Ok(asked) = asked
+            && asked.is_off()
+        {
+            perform(&state.hub, &state.files, Some(client), asked, Box::new(|_| ()));
+        }
+        return;
+    }
+    state.hub.note_message(client);
+    let place = client.unanswered.clone().try_acquire_owned().ok();
+    let asked = match asked {
+        Ok(asked) if asked.is_always_heard() => Ok(asked),
+        _ if !bucket.try_take() => Err(RequestError::too_many(format!(
+            "more than {MOST_PER_S} requests a second over one WebSocket"
+        ))),
+        Ok(_) if place.is_none() => {
+            Err(RequestError::too_many("too many requests wait for their answers"))
+        }
+        asked => asked,
+    };
+    match asked {
+        Ok(asked) => {
+            let to = client.clone();
+            let reply = Box::new(move |result| {
+                to.outbox.say(reply(&id, result));
+                drop(place);
+            });
+            perform(&state.hub, &state.files, Some(client), asked, reply);
+        }
+        Err(problem) => client.outbox.say(reply(&id, Err(problem))),
+    }
 }
 
 /// The answer to one request.

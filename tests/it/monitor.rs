@@ -4,6 +4,7 @@ mod access;
 pub(crate) mod clay;
 mod heartbeat;
 mod hostile;
+mod off;
 mod orders;
 mod streams;
 
@@ -49,6 +50,8 @@ const HAND: &str = "t_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0,0,0.012,0,0,0,1\n0.2,0,0,0.
 pub(crate) struct Daemon {
     child: Child,
     pub(crate) address: SocketAddr,
+    /// That the run has made.
+    token: Option<String>,
     stderr: Receiver<String>,
     said: String,
     folder: TempDir,
@@ -131,12 +134,15 @@ impl Daemon {
         let mut daemon = Self {
             child,
             address: ([127, 0, 0, 1], 0).into(),
+            token: None,
             stderr,
             said: String::new(),
             folder,
         };
         let line = daemon.wait_for("monitor: http://");
-        daemon.address = line["monitor: http://".len()..].trim_end_matches('/').parse().unwrap();
+        let (address, rest) = line["monitor: http://".len()..].split_once('/').unwrap();
+        daemon.address = address.parse().unwrap();
+        daemon.token = rest.strip_prefix("#token=").map(str::to_owned);
         daemon
     }
 

@@ -343,7 +343,7 @@ fn a_name_that_no_node_has_is_an_error_with_a_remedy() {
     let (code, _, said) = Running::start(dir.path(), &line).end();
     assert_eq!(code, Some(5), "{said}");
     assert!(
-        said.contains("no device node of the name absent")
+        said.contains("no device node named absent")
             && said.contains("device-node PROFILE --name absent"),
         "{said}"
     );

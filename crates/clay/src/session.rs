@@ -50,7 +50,7 @@ pub enum SessionFileError {
         source: io::Error,
     },
     /// No session, another version's, or a damaged one.
-    #[error("{path} is no session that can be gone on with: {reason}")]
+    #[error("cannot open the session {path}: {reason}")]
     Refused {
         /// The file.
         path: PathBuf,

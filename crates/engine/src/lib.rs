@@ -29,10 +29,12 @@
 //! | module | owns |
 //! |---|---|
 //! | [`servo`] | the 1 kHz loop and its thread; commands into it; zero force on every way out |
+//! | [`drive_watchdog`] | force goes off when a client that drives falls silent or is lost |
 //! | [`supervisor`] | a run from the first tick to rest: preflight, enabling, faults, stop |
 //! | [`record`] | what leaves the loop: records, the ticks before a fault, subscribers |
 #![forbid(unsafe_code)]
 
+pub mod drive_watchdog;
 pub mod record;
 pub mod servo;
 pub mod supervisor;

@@ -186,7 +186,9 @@ fn forced_after(source: Source, blocked: Blocked, scene: &Arc<RenderScene>) -> (
             });
         }
         let before = if blocked == Blocked::All { RING_AND_MORE } else { 0 };
-        wait_until("no force", || log.forced.load(SeqCst) > 100 && log.writes.load(SeqCst) > before);
+        wait_until("no force", || {
+            log.forced.load(SeqCst) > 100 && log.writes.load(SeqCst) > before
+        });
         match source {
             Source::Disable => control.disable(),
             Source::Stop => control.stop(),
@@ -222,10 +224,7 @@ fn forced_after(source: Source, blocked: Blocked, scene: &Arc<RenderScene>) -> (
 
 /// Under these the loop writes no more after a moment.
 fn has_gone(log: &Log, source: Source) -> bool {
-    let ends = matches!(
-        source,
-        Source::Stop | Source::Quit | Source::LostArm | Source::WildSample
-    );
+    let ends = matches!(source, Source::Stop | Source::Quit | Source::LostArm | Source::WildSample);
     let writes = log.writes.load(SeqCst);
     std::thread::sleep(Duration::from_millis(100));
     ends && log.writes.load(SeqCst) == writes
@@ -244,8 +243,7 @@ fn every_source_of_off_acts_while_every_other_consumer_is_blocked() {
                         .map(|_| forced_after(source, blocked, &scene))
                         .find(|(_, outcome)| !outcome.report.faults.contains(Faults::OVERRUN))
                         .expect("a machine that keeps time for a second");
-                    let most =
-                        if source == Source::Stop { WRITES_OF_RAMP } else { WRITES_AT_ONCE };
+                    let most = if source == Source::Stop { WRITES_OF_RAMP } else { WRITES_AT_ONCE };
                     assert!(after <= most, "{source:?}, {blocked:?}: {after} forced writes");
                     let is_fault = matches!(source, Source::LostArm | Source::WildSample);
                     assert_eq!(

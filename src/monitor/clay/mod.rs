@@ -8,6 +8,7 @@
 //! longer than force flows.
 
 mod files;
+mod hold_watchdog;
 mod requests;
 mod select_tool;
 mod shaping;
@@ -25,6 +26,7 @@ use serde_json::{Value, json};
 
 pub use files::plain_name;
 pub(super) use files::{SaveKind, save};
+pub(super) use hold_watchdog::HoldWatchdog;
 pub(super) use requests::{hold, order, step, take};
 pub(super) use select_tool::TakeAsked;
 pub(super) use shaping::{CombineAsked, DrawAsked, LayAsked, PullAsked, RegionAsked};

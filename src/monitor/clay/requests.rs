@@ -60,12 +60,12 @@ pub(in crate::monitor) fn hold(hub: &Arc<Hub>, client: u64, is_held: bool, reply
     };
     if !is_held {
         // Where it was let go already, by the end of force or after a silence, that is done.
-        if hub.watchdog.let_go(client) {
+        if hub.hold.let_go(client) {
             clay.let_go(hub);
         }
         return reply(Ok(Completion::Nothing));
     }
-    if !hub.watchdog.hold(client) {
+    if !hub.hold.hold(client) {
         return reply(Err(RequestError::conflict(
             "another client holds the clay",
             "wait until it lets go",
@@ -73,7 +73,7 @@ pub(in crate::monitor) fn hold(hub: &Arc<Hub>, client: u64, is_held: bool, reply
     }
     // In this order: the handler of "no force" looks for a hold after that.
     if !hub.has_force() {
-        hub.watchdog.let_go(client);
+        hub.hold.let_go(client);
         return reply(Err(RequestError::conflict(
             "no force flows: nothing can be held",
             "enable first",
@@ -83,14 +83,14 @@ pub(in crate::monitor) fn hold(hub: &Arc<Hub>, client: u64, is_held: bool, reply
     let held = clay.clone();
     let answer = Box::new(move |result: Result<(), OrderError>| {
         // It may have been held before: what is not watched any more is let go.
-        if result.is_err() && holder.watchdog.let_go(client) {
+        if result.is_err() && holder.hold.let_go(client) {
             held.let_go(&holder);
         }
         reply(answer_of(result));
     });
     clay.access.ask(SculptOrder::Hold(true), answer);
     // An order to let go that came meanwhile was sent before this one.
-    if !hub.watchdog.holds() {
+    if !hub.hold.holds() {
         clay.let_go(hub);
     }
 }
@@ -136,7 +136,7 @@ impl ClayService {
         let hub = hub.clone();
         let answer = Box::new(move |result: Result<(), OrderError>| {
             if let Err(OrderError::Busy) = result {
-                hub.watchdog.still_held();
+                hub.hold.still_held();
             }
         });
         self.access.ask(SculptOrder::Hold(false), answer);

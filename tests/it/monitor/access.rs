@@ -1,8 +1,9 @@
 //! Which clients have access, and at which address.
 
 use std::net::TcpListener;
+use std::time::{Duration, Instant};
 
-use super::{Client, Daemon, command, folder};
+use super::{Client, Daemon, HUNG, SCENE, command, command_to, folder};
 
 const TOKEN: &str = "0123456789abcdef0123456789abcdef";
 
@@ -57,6 +58,12 @@ fn with_a_token_only_who_knows_it_comes_in() {
             "{path}: {body}"
         );
     }
+    // Off takes none, but for pages of other servers.
+    let disable = |headers: &[(&str, &str)]| daemon.http("POST", "/api/v1/disable", headers, "").0;
+    assert_eq!(disable(&[]), 200);
+    assert_eq!(disable(&[("Authorization", "Bearer wrong")]), 200);
+    assert_eq!(disable(&[("Origin", "http://evil.example")]), 403);
+    assert_eq!(disable(&[("Host", "evil.example")]), 403);
     let connect = |query: &str| Client::connect(daemon.address, query, &[]).map(|_| ());
     assert_eq!(connect(""), Err("401".to_owned()));
     assert_eq!(connect("?token=wrong"), Err("401".to_owned()));
@@ -70,6 +77,42 @@ fn with_a_token_only_who_knows_it_comes_in() {
     std::fs::write(folder.path().join("token"), TOKEN).unwrap();
     let daemon = Daemon::of(folder, "", &[]);
     assert_eq!(daemon.http("GET", "/api/v1/info", &[], "").0, 401);
+}
+
+#[test]
+fn a_run_on_a_real_arm_has_a_token() {
+    let folder = folder("");
+    let real = SCENE.replace("\"sim-sigma7\"\nhand = \"hand.csv\"", "\"open6-serial\"");
+    std::fs::write(folder.path().join("press.toml"), real).unwrap();
+    let arm = folder.path().join("arm");
+    let mut mock =
+        command_to("mock", folder.path(), "open6-serial --pty arm --no-hand --duration 90s")
+            .spawn()
+            .unwrap();
+    let began = Instant::now();
+    while !arm.exists() {
+        assert!(began.elapsed() < HUNG, "the mock arm does not start");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let mut daemon = Daemon::of(folder, &format!("--selector {}", arm.display()), &[]);
+    let token = daemon.token.clone().expect("it is printed");
+    daemon.wait_for("state: disabled");
+    let bearer = format!("Bearer {token}");
+    for (path, headers, expected) in [
+        ("enable", &[][..], 401),
+        ("enable", &[("Authorization", "Bearer 0123456789abcdef")], 401),
+        ("enable", &[("Authorization", &bearer[..])], 200),
+        ("disable", &[], 200),
+        ("stop", &[], 200),
+    ] {
+        let (status, body) = daemon.http("POST", &format!("/api/v1/{path}"), headers, "");
+        assert_eq!(status, expected, "{path}: {body}");
+    }
+    let ended = daemon.ended();
+    assert!(ended.json["ticks"].as_u64() > Some(0), "{}", ended.stderr);
+    // Gone already, where the run took it along.
+    let _ = mock.kill();
+    mock.wait().unwrap();
 }
 
 #[test]

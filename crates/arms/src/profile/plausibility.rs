@@ -4,8 +4,8 @@
 use core::array::from_fn;
 
 use super::{Profile, ProfileLimits, RealArm, TransportKind};
-use crate::axes::MAX_AXES;
 use crate::Pacing;
+use crate::axes::MAX_AXES;
 use crate::kinematics::{Configuration, Kinematics, M_PER_RAD};
 use crate::motor_stage::{BESIDE_SHARE, at_grip};
 use vps::spatial::{Axes, Wrench};

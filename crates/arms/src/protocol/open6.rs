@@ -274,17 +274,17 @@ impl HostCodec {
 /// What an error code of a state means.
 pub(super) fn error_text(error: u16) -> String {
     if u32::from(error) & WATCHDOG_TRIPPED != 0 {
-        return "its watchdog has tripped".to_owned();
+        return "its watchdog has tripped: it got no command in time".to_owned();
     }
     let words = match error {
-        1 => "not homed",
-        2 => "a command that was no number",
-        3 => "too hot",
-        4 => "a motor driver",
-        5 => "a sensor",
+        1 => "it is not homed",
+        2 => "it got a command that is not a number",
+        3 => "it is too hot",
+        4 => "a motor driver has failed",
+        5 => "a sensor has failed",
         6 => "the arm behind its node is gone",
-        128.. => "the maker's own",
-        _ => "unknown",
+        128.. => "its maker defines this number: see its manual",
+        _ => "open6 does not define this number",
     };
     words.to_owned()
 }

@@ -124,8 +124,8 @@ pub enum NetworkError {
     },
     /// No node of that name.
     #[error(
-        "no device node of the name {name} answered within {waited_s} s; run `hapticd device-node \
-            PROFILE --name {name}` beside the arm, and lead --connect to where it listens"
+        "no device node named {name} answered within {waited_s} s; run `hapticd device-node \
+            PROFILE --name {name}` beside the arm, and give --connect the address at which it listens"
     )]
     NoNode {
         /// Name.
@@ -134,7 +134,7 @@ pub enum NetworkError {
         waited_s: u64,
     },
     /// A name that cannot be part of a key.
-    #[error("`{name}` is no name of a device node: 1 to 32 letters, digits, `-`, `_` and `.`")]
+    #[error("`{name}` cannot name a device node: write 1 to 32 letters, digits, `-`, `_` and `.`")]
     Name {
         /// As written.
         name: String,
