@@ -11,7 +11,7 @@ use glam::{DMat3, DVec3};
 use hapticd::daemon::sculpting::{OrderError, SculptOutcome, SculptPlan, begin};
 use hapticd::servo::{Control, RunPlan, ServoLoop, Step};
 use haptics::clay::{Clay, Rope};
-use haptics::{CouplingMode, Faults, Inertia, RenderScene, Tool};
+use haptics::{CouplingMode, Faults, Inertia, LimitParameters, RenderScene, Tool};
 use recording::TickRecord;
 use rt::clock::{Clock, RealClock, VirtualClock};
 use vps::pointshell::shell::Shell;
@@ -21,7 +21,9 @@ use super::rig;
 
 const R: f64 = 0.02;
 const UPDATE_TICKS: u64 = 4;
-const SLEW_N_PER_S: f64 = 500.0;
+const FORCE_N: f64 = 6.0;
+/// The force limit within 10 ms, which is how fast a force may fall.
+const SLEW_N_PER_S: f64 = FORCE_N / LimitParameters::FALL_S;
 
 fn ball() -> PointSet {
     use vps::mesh::primitives::Shape;
@@ -46,7 +48,7 @@ fn scene(engine: &SculptEngine) -> RenderScene {
     let mut parameters = rig::unlimited();
     parameters.coupling.mode = CouplingMode::Direct;
     parameters.limits.slew_n_per_s = SLEW_N_PER_S;
-    parameters.limits.force_n = 6.0;
+    parameters.limits.force_n = FORCE_N;
     parameters.mapping.start = Pose::from_translation(DVec3::Z * (R + 6e-3));
     let clay = Clay {
         world_from_map: Pose::IDENTITY,
