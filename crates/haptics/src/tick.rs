@@ -492,7 +492,7 @@ fn render(
     let damped =
         state.passivity.damped((trusted, held_j), sample.twist, arm, &p.limits, p.period_s);
     let mut ramped = p.mapping.actuated_part(damped) * gain;
-    if state.drive == Drive::Enabling && engages && actuated != Wrench::ZERO {
+    if state.drive == Drive::Enabling && up && actuated != Wrench::ZERO {
         // While the force rises the hand is steadied. Free space stays free.
         ramped = ramped + p.mapping.actuated_part(damper::strongest(sample.twist, arm, 1.0 - gain));
     }
