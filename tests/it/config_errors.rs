@@ -556,7 +556,8 @@ fn no_number_switches_a_rule_off_and_the_message_names_the_ceiling() {
             "greater than 0 and at most 5000 mm/s",
             "no hand that holds an arm is faster",
         ),
-        ("safety", "slew_n_per_s", "1e30", "greater than 0 and at most 12000 N/s", "within 1 ms"),
+        ("safety", "slew_n_per_s", "1e30", "from 120 to 12000 N/s", "within 1 ms"),
+        ("safety", "slew_n_per_s", "119", "from 120 to 12000 N/s", "dampers come too late"),
         ("safety", "power_w", "1e9", "greater than 0 and at most 12 W", force),
         ("safety", "power_w", "12.001", "greater than 0 and at most 12 W", force),
         ("safety", "ramp_ms", "1e-9", "from 10 to 10000 ms", "a shorter one is a blow"),
@@ -604,11 +605,16 @@ fn no_number_switches_a_rule_off_and_the_message_names_the_ceiling() {
     assert!(refusal(&unstable).contains("at most 12 W"));
     let small = with("sim-sigma7", "sim-touch") + most;
     let refused = refusal(&small);
-    assert!(refused.contains("at most 3300 N/s") && refused.contains("at most 5 W"), "{refused}");
+    assert!(
+        refused.contains("from 33 to 3300 N/s") && refused.contains("at most 5 W"),
+        "{refused}"
+    );
     // A limit that the scene lowers takes the slew along: no force steps within a tick.
-    let low = load(&(SCENE.to_owned() + "[safety]\nslew_n_per_s = 12000\n[limits]\nforce_n = 2\n"))
-        .unwrap_or_else(|errors| panic!("{errors}"));
-    assert_eq!((low.parameters.limits.force_n, low.parameters.limits.slew_n_per_s), (2.0, 2000.0));
+    for (slew, expected) in [("12000", 2000.0), ("20", 20.0)] {
+        let low = format!("{SCENE}[safety]\nslew_n_per_s = {slew}\n[limits]\nforce_n = 2\n");
+        let limits = load(&low).unwrap_or_else(|errors| panic!("{errors}")).parameters.limits;
+        assert_eq!((limits.force_n, limits.slew_n_per_s), (2.0, expected));
+    }
 }
 
 #[test]

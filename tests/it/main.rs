@@ -18,6 +18,7 @@ mod determinism;
 mod device_node;
 mod docs;
 mod drawing;
+mod falls;
 mod foxglove;
 mod friction;
 mod fuzz_corpus;

@@ -13,7 +13,7 @@ use engine::servo::{Control, RunPlan, ServoLoop, Step};
 use glam::{DMat3, DVec3};
 use hapticd::daemon::sculpting::{OrderError, SculptOutcome, SculptPlan, begin};
 use haptics::clay::{Clay, Rope};
-use haptics::{CouplingMode, Faults, Inertia, RenderScene, Tool};
+use haptics::{CouplingMode, Faults, Inertia, LimitParameters, RenderScene, Tool};
 use recording::TickRecord;
 use rt::clock::{Clock, RealClock, VirtualClock};
 use vps::mesh::primitives::Shape;
@@ -24,7 +24,9 @@ use super::rig;
 
 const R: f64 = 0.02;
 const UPDATE_TICKS: u64 = 4;
-const SLEW_N_PER_S: f64 = 500.0;
+const FORCE_N: f64 = 6.0;
+/// The force limit within 10 ms, which is how fast a force may fall.
+const SLEW_N_PER_S: f64 = FORCE_N / LimitParameters::FALL_S;
 
 fn ball() -> PointSet {
     sample(&Shape::Sphere { radius_m: R }.tessellate(2e-5), 1.2e-3).expect("a spacing that fits")
@@ -48,7 +50,7 @@ fn scene(engine: &SculptEngine) -> RenderScene {
     let mut parameters = rig::unlimited();
     parameters.coupling.mode = CouplingMode::Direct;
     parameters.limits.slew_n_per_s = SLEW_N_PER_S;
-    parameters.limits.force_n = 6.0;
+    parameters.limits.force_n = FORCE_N;
     parameters.mapping.start = Pose::from_translation(DVec3::Z * (R + 6e-3));
     let clay = Clay {
         world_from_map: Pose::IDENTITY,

@@ -156,7 +156,7 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
         let stop_patience = match job.clock {
             ClockKind::Real => STOP_PATIENCE,
             ClockKind::Virtual => STOP_PATIENCE_VIRTUAL,
-        } + Duration::try_from_secs_f64(job.scene.parameters.limits.ramp_s)
+        } + Duration::try_from_secs_f64(job.scene.parameters.limits.ramp_down_s())
             .unwrap_or_default();
 
         let (producer, consumer) = RingBuffer::new(RING_RECORDS);

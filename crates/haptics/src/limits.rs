@@ -1,5 +1,5 @@
-//! Output stage: the last thing between the renderer and the arm, in the order power → slew →
-//! magnitude → finite.
+//! Output stage: the last thing between the renderer and the arm, steps 10 to 13 of the
+//! [tick](crate::tick).
 //!
 //! Data in: the wrench that coupling and passivity want on the hand. Data out: a wrench that an arm
 //! may be given. Force and torque have limits of their own and keep their directions.
@@ -7,6 +7,11 @@
 //! Slew before magnitude is safe: both outputs lie in the ball of the magnitude limit, and scaling
 //! a vector back into a ball never moves it further from a point inside, so the clamp cannot turn
 //! an allowed step into a larger one.
+//!
+//! A slew limit shapes rises and delays no fall. Let c be the largest force that the earlier rules
+//! ask for from some tick on, and F the command: √(F² − c²) falls by the limit · T/10 ms in every
+//! tick, or faster. So 10 ms later no more than c is left, whatever the slew limit is and however
+//! the direction changes meanwhile; with c = 0 the command itself falls at that rate.
 
 use glam::DVec3;
 
@@ -34,9 +39,10 @@ impl Limiter {
     ///
     /// - Power: with W·V > P (the wrench drives the hand along its own motion) force and torque are
     ///   scaled by P/(W·V).
-    /// - Slew: the output moves straight towards the wanted force by at most R T per tick, so a
-    ///   wanted zero is reached within
-    ///   |F|/R. It comes after the power limit and wins over it: a drop of the force is a step in the hand like any other.
+    /// - Slew: the output moves straight towards the wanted force by R T per tick. Where R is less
+    ///   than the limit within [`FALL_S`](LimitParameters::FALL_S), what is not wanted any more goes
+    ///   at that rate all the same. It comes after the power limit and wins over it: a drop of the
+    ///   force is a step in the hand like any other.
     /// - Magnitude: |F| and |τ| are scaled back to their limits. A limit lowered below the last
     ///   output acts at once, before slew.
     /// - Finite: anything else gives zero, and the state starts again from zero.
@@ -51,11 +57,17 @@ impl Limiter {
     ) -> Limited {
         let powered = wanted * power_scale(wanted.power(twist), limits.power_w);
         let slewed = Wrench {
-            force: stepped_towards(self.last.force, powered.force, limits.slew_n_per_s * period_s),
-            torque: stepped_towards(
+            force: slewed(
+                self.last.force,
+                powered.force,
+                limits.slew_n_per_s * period_s,
+                limits.force_n / LimitParameters::FALL_S * period_s,
+            ),
+            torque: slewed(
                 self.last.torque,
                 powered.torque,
                 limits.slew_nm_per_s * period_s,
+                limits.torque_nm / LimitParameters::FALL_S * period_s,
             ),
         };
         let bounded = Wrench {
@@ -126,6 +138,25 @@ impl Ramp {
 fn power_scale(power_w: f64, limit_w: f64) -> f64 {
     // `max` drops the NaN; a negative limit takes all of the force.
     if power_w <= limit_w { 1.0 } else { (limit_w / power_w).max(0.0) }
+}
+
+/// `last` moved straight towards `wanted` by `step`. Where that is less than `fall`, the rest of it
+/// takes away what is not wanted any more: it moves the result towards the nearest part of `wanted`,
+/// which is a share of it from 0 to 1.
+fn slewed(last: DVec3, wanted: DVec3, step: f64, fall: f64) -> DVec3 {
+    let stepped = stepped_towards(last, wanted, step);
+    if fall > step {
+        stepped_towards(stepped, nearest_part(stepped, wanted), fall - step)
+    } else {
+        stepped
+    }
+}
+
+/// The point nearest to `vector` between zero and `whole`.
+fn nearest_part(vector: DVec3, whole: DVec3) -> DVec3 {
+    let share = vector.dot(whole) / whole.length_squared();
+    // A NaN, of a `whole` without length, is no share.
+    if share > 0.0 { whole * share.min(1.0) } else { DVec3::ZERO }
 }
 
 /// `from` moved straight towards `to` by at most `step`; `to` itself, bit for bit, when that is
@@ -254,21 +285,114 @@ mod tests {
             }
         }
 
+        /// Whatever the slew limit is and whatever is wanted of at most c: √(F² − c²) falls by the
+        /// limit · T/10 ms, no step is larger than that or the slew, no rise larger than the slew.
+        /// And no more work than that of an even fall in 10 ms is done on a hand that goes along.
         #[test]
-        fn a_wanted_zero_is_reached_within_force_over_slew(start in wrench(5.0)) {
-            let limits = LimitParameters { torque_nm: 1.0, ..typical() };
-            let mut limiter = Limiter { last: start };
-            let ticks = |length: f64, slew: f64| (length / (slew * PERIOD_S)).ceil() as usize;
-            let n_ticks = ticks(start.force.length(), limits.slew_n_per_s).max(ticks(start.torque.length(), limits.slew_nm_per_s));
-            let mut force_before = start.force.length();
-            for _ in 0..n_ticks {
-                limiter.apply(Wrench::ZERO, Twist::ZERO, &limits, PERIOD_S);
-                prop_assert!(limiter.last.force.length() <= force_before);
-                force_before = limiter.last.force.length();
+        fn no_slew_limit_delays_a_fall(
+            start in wrench(1.0),
+            share in -9.0_f64..2.0,
+            most in 0.0_f64..1.0,
+            turns in prop::collection::vec((wrench(1.0), 0.0_f64..=1.0), 1..30),
+            rate_hz in prop::sample::select(vec![100.0, 1000.0, 10_000.0]),
+        ) {
+            let period_s: f64 = 1.0 / rate_hz;
+            let share = 10.0_f64.powf(share);
+            let typical = typical();
+            let limits = LimitParameters {
+                slew_n_per_s: share * typical.force_n / 0.01,
+                slew_nm_per_s: share * typical.torque_nm / 0.01,
+                ..typical
+            };
+            let parts = |wrench: Wrench| [(wrench.force, 10.0), (wrench.torque, 0.2)];
+            let sized = |wrench: Wrench, share: f64| {
+                let [force, torque] = parts(wrench).map(|(part, limit)| {
+                    part.normalize_or_zero() * (limit * share)
+                });
+                Wrench::new(force, torque)
+            };
+            let mut limiter = Limiter { last: sized(start, 1.0) };
+            let n_ticks = f64::ceil(0.01 * rate_hz) as usize;
+            for (turn, of_most) in turns.iter().cycle().take(n_ticks.max(turns.len())) {
+                let before = limiter.last;
+                let wanted = sized(*turn, most * of_most);
+                let now = limiter.apply(wanted, Twist::ZERO, &limits, period_s).wrench;
+                for ((before, limit), (now, _)) in parts(before).into_iter().zip(parts(now)) {
+                    let c = most * limit;
+                    let fall = limit / 0.01 * period_s;
+                    let beyond = |part: DVec3| (part.length_squared() - c * c).max(0.0).sqrt();
+                    // The root of what rounding leaves.
+                    prop_assert!(beyond(now) <= (beyond(before) - fall).max(0.0) + 1e-7 * limit);
+                    prop_assert!(now.length() <= before.length() + share * fall + 1e-12 * limit);
+                    prop_assert!((now - before).length() <= fall.max(share * fall) + 1e-12 * limit);
+                }
             }
+            for (part, limit) in parts(limiter.last) {
+                prop_assert!(part.length() <= (most + 1e-6) * limit);
+            }
+
+            // From here on nothing is wanted.
+            let [(force, force_n), _] = parts(limiter.last);
+            let along = Twist { linear: force.normalize_or_zero() * 0.2, angular: DVec3::ZERO };
+            let most_j = 0.5 * force.length_squared() / force_n * 0.01 * 0.2;
+            let mut given_j = 0.0;
+            for _ in 0..n_ticks {
+                let limited = limiter.apply(Wrench::ZERO, along, &limits, period_s);
+                given_j += limited.wrench.power(along) * period_s;
+            }
+            prop_assert!(given_j <= most_j * (1.0 + 1e-9) + 1e-15, "{given_j} of {most_j} J");
             // One tick of grace for the rounding of n equal steps.
-            limiter.apply(Wrench::ZERO, Twist::ZERO, &limits, PERIOD_S);
+            limiter.apply(Wrench::ZERO, along, &limits, period_s);
             prop_assert_eq!(bits(limiter.last), [0; 6]);
+        }
+
+        /// What is wanted no more in another direction goes too: within 20 ms only a share of what
+        /// is wanted is left.
+        #[test]
+        fn an_old_direction_is_gone_within_twice_the_fall(
+            start in wrench(1.0),
+            wanted in wrench(10.0),
+            share in -9.0_f64..0.0,
+        ) {
+            let share = 10.0_f64.powf(share);
+            let slew_n_per_s = share * 1000.0;
+            let limits = LimitParameters { slew_n_per_s, ..typical() };
+            let wanted = Wrench::new(wanted.force.clamp_length_max(10.0), DVec3::ZERO);
+            let start = Wrench::new(start.force.normalize_or_zero() * 10.0, DVec3::ZERO);
+            let mut limiter = Limiter { last: start };
+            for _ in 0..21 {
+                limiter.apply(wanted, Twist::ZERO, &limits, PERIOD_S);
+            }
+            let force = limiter.last.force;
+            let share = force.dot(wanted.force) / wanted.force.length_squared();
+            prop_assert!((0.0..=1.0 + 1e-9).contains(&share), "{share}");
+            prop_assert!((force - wanted.force * share).length() < 1e-6, "{force}");
+        }
+
+        /// With the slew limit that scenes have by default the command goes straight to what is
+        /// wanted, as it did in version 0.1.0, bit for bit.
+        #[test]
+        fn the_default_slew_moves_straight(
+            force_n in 0.01_f64..100.0,
+            wanted in prop::collection::vec(wrench(100.0), 1..40),
+        ) {
+            let slew_n_per_s = force_n / 0.01;
+            let limits = LimitParameters { force_n, slew_n_per_s, ..free() };
+            let mut limiter = Limiter::default();
+            let mut straight = DVec3::ZERO;
+            for wanted in wanted {
+                let change = wanted.force - straight;
+                let step = slew_n_per_s * PERIOD_S;
+                let length = change.length();
+                straight =
+                    if length <= step { wanted.force } else { straight + change * (step / length) };
+                let length = straight.length();
+                if length > force_n {
+                    straight *= force_n / length;
+                }
+                let now = limiter.apply(wanted, Twist::ZERO, &limits, PERIOD_S).wrench.force;
+                prop_assert_eq!(now.to_array().map(f64::to_bits), straight.to_array().map(f64::to_bits));
+            }
         }
 
         #[test]

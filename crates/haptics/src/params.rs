@@ -163,6 +163,10 @@ pub struct FilterParameters {
     pub cutoff_hz: [f64; 2],
 }
 
+/// Longest fall on a stop, a released deadman and every other ramp down, s: a person who lets go
+/// does not wait for a slow rise that a scene asks for.
+const MOST_RAMP_DOWN_S: f64 = 0.1;
+
 /// Safety limits on what is written to the arm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LimitParameters {
@@ -172,13 +176,13 @@ pub struct LimitParameters {
     pub torque_nm: f64,
     /// Speed of the grip above which the tick faults, m/s.
     pub speed_m_per_s: f64,
-    /// Largest change of |F|, N/s.
+    /// Largest rise of |F|, N/s. A fall is at least as fast as [`Self::FALL_S`] says.
     pub slew_n_per_s: f64,
-    /// Largest change of |τ|, N·m/s.
+    /// Largest rise of |τ|, N·m/s.
     pub slew_nm_per_s: f64,
     /// Largest power put into the hand, W.
     pub power_w: f64,
-    /// Rise time from zero on enable, and fall time on stop, s.
+    /// Rise time from zero on enable, s. A fall takes [`Self::ramp_down_s`].
     pub ramp_s: f64,
     /// Ticks without a fresh sample before the wrench ramps down.
     pub stale_ticks_max: u32,
@@ -192,6 +196,15 @@ pub struct LimitParameters {
 }
 
 impl LimitParameters {
+    /// Longest time in which the output stage lets a command fall from its limit to zero, s.
+    pub const FALL_S: f64 = 0.010;
+
+    /// Fall time of the whole wrench when force is taken away by a ramp, s: that of the rise, and
+    /// never longer than a tenth of a second.
+    pub fn ramp_down_s(&self) -> f64 {
+        self.ramp_s.min(MOST_RAMP_DOWN_S)
+    }
+
     /// Nothing is held back. For figures and tests: the parameters of a scene file always have
     /// limits.
     #[doc(hidden)]

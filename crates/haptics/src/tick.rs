@@ -1,6 +1,23 @@
-//! The one step, in one place: sample check → encoder hold → indexing → contact sum → friction,
-//! damping → shaping filter → coupling → passivity → enable ramp → power → slew → magnitude →
-//! finite check.
+//! The one step, in one place. This is the order; other pages refer to it:
+//!
+//! 1. sample check: faults and gates move the drive ([`drive`](crate::drive))
+//! 2. encoder hold
+//! 3. indexing
+//! 4. contact sum
+//! 5. friction and damping of faces
+//! 6. shaping filter
+//! 7. coupling
+//! 8. passivity: a damper, and a share of the wrench while energy is owed
+//! 9. ramp: rises over `ramp_s`, falls over
+//!    [`ramp_down_s`](crate::LimitParameters::ramp_down_s). A disable and a fault never come so far:
+//!    zero at once
+//! 10. power
+//! 11. slew: holds rises back. What the steps before it do not ask for any more goes from the limit
+//!     to zero within [`FALL_S`](crate::LimitParameters::FALL_S) or faster, whatever the parameters are
+//! 12. magnitude
+//! 13. finite check
+//!
+//! No step after the ramp adds force.
 
 mod advance;
 
@@ -463,7 +480,8 @@ fn render(
     };
     let engages = state.interlock.engages(actuated, is_in_clay, &p.limits, &p.safety);
     let up = state.drive != Drive::Stopping && ramp_down == OffCause::None && engages;
-    let gain = state.enable_gain.advance(up, p.limits.ramp_s, p.period_s);
+    let ramp_s = if up { p.limits.ramp_s } else { p.limits.ramp_down_s() };
+    let gain = state.enable_gain.advance(up, ramp_s, p.period_s);
     let share = state.passivity.trusted_share(arm);
     let trusted = actuated * share;
     // Of the spring's energy what the motors will give back.
@@ -474,7 +492,7 @@ fn render(
     let damped =
         state.passivity.damped((trusted, held_j), sample.twist, arm, &p.limits, p.period_s);
     let mut ramped = p.mapping.actuated_part(damped) * gain;
-    if state.drive == Drive::Enabling && engages && actuated != Wrench::ZERO {
+    if state.drive == Drive::Enabling && up && actuated != Wrench::ZERO {
         // While the force rises the hand is steadied. Free space stays free.
         ramped = ramped + p.mapping.actuated_part(damper::strongest(sample.twist, arm, 1.0 - gain));
     }

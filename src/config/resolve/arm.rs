@@ -25,10 +25,10 @@ const UNACTUATED_FORCE_N: f64 = 10.0;
 const DEFAULT_SPEED_MM_PER_S: f64 = 1000.0;
 /// No hand that holds an arm is faster, mm/s: a throw has 10 m/s without one.
 const MOST_SPEED_MM_PER_S: f64 = 5000.0;
-/// Slew: from zero to the limit in 10 ms (devices reference, safety rule 7).
-const FULL_SLEW_S: f64 = 0.010;
 /// Shortest time from zero to the limit: a tick at 1 kHz. Faster, the force would step.
-const LEAST_SLEW_S: f64 = 0.001;
+const LEAST_RISE_S: f64 = 0.001;
+/// Longest: dampers rise by the same limit, and braking after too much speed is over by then.
+const MOST_RISE_S: f64 = 0.1;
 const DEFAULT_POWER_W: f64 = 5.0;
 /// A hand that moves at 1 m/s goes 5 cm meanwhile, and the guard acts after as long. Less than a
 /// few periods would fault on a healthy machine.
@@ -48,6 +48,8 @@ const ENGAGE_TICKS: u32 = 3;
 const DEFAULT_RAMP_MS: f64 = 100.0;
 /// The shortest ramp, ms: ten ticks at 1 kHz. A shorter one is a blow.
 const LEAST_RAMP_MS: f64 = 10.0;
+/// The longest rise, ms: after a longer one a person takes the arm for one without force.
+const MOST_RAMP_MS: f64 = 10_000.0;
 /// Over-runs that make a fault, as a time of them without a tick in time, s.
 const MOST_OVERRUN_S: u32 = 1;
 const STALE_TICKS_MAX: u32 = 3;
@@ -198,9 +200,9 @@ impl Resolve<'_> {
         let checks = &mut self.checks;
         let of_profiles = "no arm's profile has more, and the lower of profile and scene counts";
         let range = POSITIVE.to(ceilings::FORCE_N).unit("N");
-        let force_n = checks
-            .rule("limits.force_n", limits.force_n, force_max, range, of_profiles)
-            .min(force_max);
+        let scene_n =
+            checks.rule("limits.force_n", limits.force_n, arm_n, range, of_profiles).min(arm_n);
+        let force_n = scene_n.min(force_max);
         let range = POSITIVE.to(ceilings::TORQUE_NM).unit("N·m");
         let torque_nm = checks
             .rule("limits.torque_nm", limits.torque_nm, torque_max, range, of_profiles)
@@ -240,12 +242,17 @@ impl Resolve<'_> {
                 .rule(
                     "safety.slew_n_per_s",
                     safety.slew_n_per_s,
-                    force_n / FULL_SLEW_S,
-                    POSITIVE.to(show(arm_n / LEAST_SLEW_S)).unit("N/s"),
-                    &format!("the arm's largest force of {arm_n} N within 1 ms"),
+                    force_n / LimitParameters::FALL_S,
+                    Interval::from(show(scene_n / MOST_RISE_S))
+                        .to(show(arm_n / LEAST_RISE_S))
+                        .unit("N/s"),
+                    &format!(
+                        "at least {scene_n} N within 100 ms, else dampers come too late; at most \
+                            the arm's largest force of {arm_n} N within 1 ms"
+                    ),
                 )
-                .min(force_n / LEAST_SLEW_S),
-            slew_nm_per_s: torque_nm / FULL_SLEW_S,
+                .min(force_n / LEAST_RISE_S),
+            slew_nm_per_s: torque_nm / LimitParameters::FALL_S,
             power_w: checks.rule(
                 "safety.power_w",
                 safety.power_w,
@@ -257,7 +264,7 @@ impl Resolve<'_> {
                 "safety.ramp_ms",
                 safety.ramp_ms,
                 DEFAULT_RAMP_MS,
-                Interval::from(LEAST_RAMP_MS).to(10_000.0).unit("ms"),
+                Interval::from(LEAST_RAMP_MS).to(MOST_RAMP_MS).unit("ms"),
                 "a shorter one is a blow",
             ) * 1e-3,
             stale_ticks_max: STALE_TICKS_MAX,

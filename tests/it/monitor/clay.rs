@@ -20,12 +20,13 @@ tool = "touch"
 shape = { sphere_mm = 3 }
 voxel_size_mm = 1.0
 start_position_mm = [0, 0, 20]
-[safety]
-slew_n_per_s = 400
+[limits]
+force_n = 4
 [device]
 profile = "sim-sigma7"
 hand = "hand.csv"
 "#;
+/// The force limit within 10 ms.
 const SLEW_N_PER_S: f64 = 400.0;
 /// Just over the ball, so that it is within the brush.
 pub(crate) const STILL: &str =

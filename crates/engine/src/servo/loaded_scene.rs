@@ -99,6 +99,6 @@ impl LoadedScene {
     /// Ticks that a stop may take.
     pub(super) fn stop_ticks(&self) -> u64 {
         let p = &self.scene.parameters;
-        ((p.limits.ramp_s + STOP_GRACE_S) / p.period_s).ceil() as u64
+        ((p.limits.ramp_down_s() + STOP_GRACE_S) / p.period_s).ceil() as u64
     }
 }

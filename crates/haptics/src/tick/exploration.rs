@@ -27,6 +27,8 @@ const RAMP_TICKS: u8 = 3;
 const BRAKE_TICKS: u8 = 2;
 /// What the slew limit and rounding may add to a ramp.
 const GRACE_TICKS: u8 = 2;
+/// Steps of the gain that both ramps meet: three up, and two down in a tenth of a second.
+const GAIN_STEPS: u8 = 6;
 const STALE_TICKS: u8 = 1;
 const STALE_FAULT_TICKS: u8 = 3;
 const LATE_TICKS: u8 = 2;
@@ -239,7 +241,7 @@ impl Node {
         StateKey {
             drive: state.drive as u8,
             interlock: state.interlock.decides(ENGAGE_TICKS + 1),
-            gain_steps: (state.enable_gain.gain() * f64::from(RAMP_TICKS)).round() as u8,
+            gain_steps: (state.enable_gain.gain() * f64::from(GAIN_STEPS)).round() as u8,
             force_steps: (state.limiter.last().force.length() / SLEW_N).ceil() as u8,
             resume: state.resume.map(|resume| resume.has_room),
             history: *history,
@@ -634,7 +636,7 @@ fn a_tick_that_breaks_a_rule_is_found_out() {
                 if state.drive == Drive::Stopping {
                     state.enable_gain.advance(
                         true,
-                        scene.parameters.limits.ramp_s,
+                        scene.parameters.limits.ramp_down_s(),
                         scene.parameters.period_s,
                     );
                 }

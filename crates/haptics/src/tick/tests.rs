@@ -152,6 +152,23 @@ fn deadman_no_force_until_it_is_held_and_a_ramp_down_when_it_is_let_go() {
 }
 
 #[test]
+fn a_rise_of_ten_seconds_does_not_delay_a_fall() {
+    let mut rig = Rig::new(|p| {
+        p.safety.deadman = Some(2);
+        p.limits.ramp_s = 10.0;
+    });
+    rig.sample.buttons = 1 << 2;
+    assert_eq!(rig.ticks(9_900).drive, Drive::Enabling);
+    assert_eq!(rig.ticks(103).drive, Drive::Enabled);
+    rig.sample.pose.translation.x = X_M;
+    rig.ticks(20);
+    let held_n = rig.force_n();
+    assert!((held_n - PULL_N).abs() < 0.5, "{held_n}");
+    rig.sample.buttons = 0;
+    assert_eq!(rig.assert_ramp_to_zero(held_n).drive, Drive::Disabled);
+}
+
+#[test]
 fn deadman_let_go_during_the_ramp_up_ends_it_and_a_press_during_the_ramp_down_waits_for_zero() {
     let mut rig = Rig::with_deadman();
     rig.sample.buttons = 0b100;
