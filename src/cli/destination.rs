@@ -5,6 +5,9 @@ use std::fs::{self, File};
 use std::io::{Error, ErrorKind};
 use std::path::Path;
 
+use super::error::CliError;
+use super::{OutputOptions, report};
+
 /// What can be known of a file that is yet to be written: its folder is there and takes a file of
 /// this name, which is made and taken away again, and a file that is there may be written to.
 pub(super) fn check(path: &Path) -> Result<(), Error> {
@@ -48,4 +51,23 @@ pub(super) fn hint(error: &Error) -> Option<&'static str> {
         }
         _ => None,
     }
+}
+
+/// Refuses to write over a file.
+pub(super) fn is_there(file: &Path) -> CliError {
+    CliError::usage(format_args!("{} is there already", file.display()))
+        .hint("name another file, or give --overwrite")
+}
+
+/// Makes a folder for pictures where there is none.
+pub(super) fn make_picture_folder(folder: &Path, output: OutputOptions) -> Result<(), CliError> {
+    let shown = folder.display();
+    let is_new = !folder.exists();
+    fs::create_dir_all(folder).map_err(|error| {
+        CliError::asset(format_args!("cannot make the folder {shown}: {error}")).hint(hint(&error))
+    })?;
+    if is_new {
+        report::note(&format!("made the folder {shown} for pictures"), output);
+    }
+    Ok(())
 }

@@ -90,6 +90,7 @@ mod over_network {
 
     use serde_json::json;
 
+    use super::super::error::CliError;
     use super::super::network::exit_of;
     use super::super::{guard, output, probe};
     use super::*;
@@ -126,8 +127,11 @@ mod over_network {
             return Err(no_network(NetworkError::Name { name }));
         }
         may_push(args, &profile, output)?;
-        let hand =
-            args.hand.hand(output).map_err(|exit| (exit, String::new(), None))?.map(|mut hand| {
+        let hand = args
+            .hand
+            .hand(output)
+            .map_err(|error| (error.report(output), String::new(), None))?
+            .map(|mut hand| {
                 hand.path =
                     hand.path.map(|path: GripPath| path.delayed(args.hand.delay().as_secs_f64()));
                 hand
@@ -146,7 +150,7 @@ mod over_network {
         let session = session::open(&endpoints).map_err(no_network)?;
         let (arm, attached) =
             open_arm(&profile, hand, args.selector.clone(), period_s, request, guard::program())
-                .map_err(|error| (report::prepare_error(&error, output), String::new(), None))?;
+                .map_err(|error| (CliError::from(error).report(output), String::new(), None))?;
         let io_request =
             ThreadRequest { priority: args.priority.saturating_sub(1).max(1), ..request };
         let link = ZenohLink::to_host(&session, &name, Some(io_request)).map_err(no_network)?;

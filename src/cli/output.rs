@@ -218,6 +218,12 @@ pub(crate) fn message(text: fmt::Arguments<'_>) {
     }
 }
 
+/// Writes a line over the one that stands on the terminal, cut at its edge: a line that wraps could
+/// not be written over.
+pub(crate) fn overwrite(line: &str) {
+    write(format!("\r\x1b[2K\x1b[?7l{}\x1b[?7h", printable(line)));
+}
+
 /// Writes one event to stderr: its text in a line, or an object with its fields.
 pub(crate) fn event(level: Level, name: &str, text: &str, fields: Fields<'_>) {
     write(line_of(level, name, text, fields));

@@ -156,11 +156,7 @@ impl<'a> StatusLine<'a> {
             }
             Notice::Status(record) => {
                 if self.live {
-                    // Cut at the edge of the terminal: a line that wraps could not be written over.
-                    output::message(format_args!(
-                        "\r\x1b[2K\x1b[?7l{}\x1b[?7h",
-                        status_text(record)
-                    ));
+                    output::overwrite(&status_text(record));
                     self.status_on = true;
                 }
                 if self.next_status.is_some_and(|due| Instant::now() >= due) {
@@ -206,7 +202,7 @@ impl<'a> StatusLine<'a> {
 
     fn clear_status(&mut self) {
         if self.status_on {
-            output::message(format_args!("\r\x1b[2K"));
+            output::overwrite("");
             self.status_on = false;
         }
     }
