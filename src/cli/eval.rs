@@ -28,6 +28,8 @@ use vps::voxmap::field::FieldKind;
 
 /// Poses that one task looks at: enough that its memory is soon paid for.
 const POSES_PER_TASK: usize = 16;
+/// Contacts that are listed for each pose at most.
+const MOST_CONTACTS: usize = 1000;
 /// Poses that are looked at before their lines are written.
 const POSES_AT_A_TIME: usize = 4096;
 
@@ -46,16 +48,10 @@ pub(crate) struct Args {
     /// Field look-up instead of the scene's.
     #[arg(long, value_name = "FIELD")]
     field: Option<FieldChoice>,
-    /// Apply the scene's contact normalisation.
-    #[arg(long)]
-    normalize: bool,
-    /// List single contacts in a file, or - for stdout: CSV of points, normals, depths and weights,
-    /// world axes.
+    /// List up to 1000 contacts of each pose in a file, or - for stdout: CSV of points, normals,
+    /// depths and weights, world axes.
     #[arg(long, value_name = "F.csv")]
     contacts_out: Option<PathBuf>,
-    /// Contacts to list for each pose at most.
-    #[arg(long, value_name = "N", default_value_t = 1000, requires = "contacts_out")]
-    max_contacts: usize,
     #[command(flatten)]
     cache: cache::CacheArgs,
 }
@@ -110,12 +106,10 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Outcome {
     report::bake_warnings(&reports, output);
 
     let mut law = scene.parameters.contact.force_law(false);
-    if !args.normalize {
-        law.normalization = Normalization::None;
-    }
+    law.normalization = Normalization::None;
     write_to(&args.out, |file| write_wrenches(file, &scene, law, &poses))?;
     if let Some(path) = &args.contacts_out {
-        write_to(path, |file| write_contacts(file, &config, &scene, &poses, args.max_contacts))?;
+        write_to(path, |file| write_contacts(file, &config, &scene, &poses))?;
     }
     Ok(Exit::Ok)
 }
@@ -223,7 +217,6 @@ fn write_contacts(
     config: &SceneConfig,
     scene: &RenderScene,
     poses: &[TimedPose],
-    most: usize,
 ) -> io::Result<()> {
     writeln!(file, "t_s,object,point,x_m,y_m,z_m,nx,ny,nz,depth_m,weight")?;
     let mut lines = Vec::new();
@@ -239,7 +232,7 @@ fn write_contacts(
                 &scene.tool.shell,
                 map_from_body,
                 |touching| {
-                    if lines.len() < most {
+                    if lines.len() < MOST_CONTACTS {
                         let [x, y, z] = world_from_body
                             .transform_point(touching.arm_body.as_dvec3())
                             .to_array();

@@ -50,13 +50,11 @@ impl FoxgloveArgs {
 }
 
 /// The server for connected Foxglove apps.
-#[cfg(feature = "foxglove-live")]
 pub(crate) struct FoxgloveServer {
     server: recording::file::live::LiveServer,
     output: OutputOptions,
 }
 
-#[cfg(feature = "foxglove-live")]
 impl FoxgloveServer {
     fn open(
         address: SocketAddr,
@@ -92,31 +90,5 @@ impl FoxgloveServer {
                 report::note(&format!("foxglove: {what}: {count}"), self.output);
             }
         }
-    }
-}
-
-/// Empty: the program was built without the server.
-#[cfg(not(feature = "foxglove-live"))]
-pub(crate) enum FoxgloveServer {}
-
-#[cfg(not(feature = "foxglove-live"))]
-impl FoxgloveServer {
-    fn open(
-        address: SocketAddr,
-        _: &SceneConfig,
-        _: &Recorder,
-        _: OutputOptions,
-    ) -> Result<Self, CliError> {
-        Err(CliError::usage(format_args!(
-            "nothing can listen for Foxglove at {address}: the program was built without its server"
-        ))
-        .hint(
-            "build without `--no-default-features`, or record with --record and open the file in \
-                Foxglove",
-        ))
-    }
-
-    pub(crate) fn end(self) {
-        match self {}
     }
 }

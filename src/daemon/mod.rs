@@ -38,6 +38,7 @@ mod scene_keys;
 pub mod sculpting;
 pub mod service;
 pub mod session;
+mod session_error;
 mod supervisor;
 #[cfg(test)]
 pub(crate) mod testing;
