@@ -255,7 +255,7 @@ pub enum ProblemKind {
         cause: io::Error,
     },
     /// A file of strokes that is not there.
-    #[error("no such file; it would hold the strokes")]
+    #[error("no such file; it would hold the strokes of the clay")]
     StrokesMissing,
     /// A file of strokes where a scene must be.
     #[error("this is a file of strokes, not a scene")]
