@@ -12,15 +12,16 @@ use serde::Serialize;
 pub(super) use self::figures::{clay_text, print_json, report_text};
 
 use self::figures::peak_rss_bytes;
-use self::mesh::{bake_mesh, mesh_error};
-use super::progress::BakeProgress;
-use super::{OutputOptions, cache, check, destination, memory, output, report};
+use self::mesh::bake_mesh;
+use super::error::{CliError, Outcome};
+use super::memory::MemoryRule;
+use super::units::UnitArg;
+use super::{OutputOptions, cache, check, memory, output, report};
 use crate::config;
 use crate::daemon::PrepareError;
 use crate::error::Exit;
 use crate::scene::cache::CachePolicy;
-use crate::scene::{self, BakeOptions, Built, ClayReport, ObjectReport};
-use vps::part::PartError;
+use crate::scene::{self, Built, ClayReport, ObjectReport};
 use vps::voxmap::inside_test::InsideTest;
 
 /// Arguments of `hapticd bake`.
@@ -43,7 +44,7 @@ pub(crate) struct Args {
     /// Unit of the numbers in the mesh file; required with --voxel-size-mm, else metres (mesh
     /// only).
     #[arg(long, value_name = "UNIT")]
-    units: Option<Unit>,
+    units: Option<UnitArg>,
     /// Layers on each side of the surface (mesh only).
     #[arg(long, value_name = "L", value_parser = clap::value_parser!(u32).range(2..=60))]
     layers: Option<u32>,
@@ -85,25 +86,6 @@ pub(crate) struct Args {
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
-enum Unit {
-    M,
-    Mm,
-    Cm,
-    In,
-}
-
-impl Unit {
-    fn metres(self) -> f64 {
-        match self {
-            Self::M => 1.0,
-            Self::Mm => 1e-3,
-            Self::Cm => 1e-2,
-            Self::In => 0.0254,
-        }
-    }
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
 enum NavigationChoice {
     PlaneSpan,
     TwoSided,
@@ -129,22 +111,7 @@ impl From<InsideTestChoice> for InsideTest {
     }
 }
 
-/// Why baking ended early.
-enum Failure {
-    Usage(String),
-    Scene(PrepareError),
-    /// Of a mesh on its own.
-    Part(PartError),
-    Write(PathBuf, std::io::Error),
-}
-
-impl From<PartError> for Failure {
-    fn from(error: PartError) -> Self {
-        Self::Part(error)
-    }
-}
-
-pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
+pub(crate) fn main(args: &Args, output: OutputOptions) -> Outcome {
     if let Some(n_threads) = args.threads {
         // The pool of the process: nothing has used it before.
         let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads as usize).build_global();
@@ -152,31 +119,11 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
     }
     let is_scene =
         args.input.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml"));
-    let outcome = if is_scene {
-        bake_scene(args, output)
-    } else {
-        bake_mesh(args, output).map(|()| Exit::Ok)
-    };
-    match outcome {
-        Ok(exit) => exit,
-        Err(Failure::Usage(message)) => {
-            report::error(&message, None, output);
-            Exit::Usage
-        }
-        Err(Failure::Scene(error)) => report::prepare_error(&error, output),
-        Err(Failure::Part(error)) => mesh_error(args, &error, output),
-        Err(Failure::Write(path, error)) => {
-            report::error(
-                &format!("cannot write {}: {error}", path.display()),
-                destination::hint(&error),
-                output,
-            );
-            Exit::Asset
-        }
-    }
+    if is_scene { bake_scene(args, output) } else { bake_mesh(args, output) }?;
+    Ok(Exit::Ok)
 }
 
-fn bake_scene(args: &Args, output: OutputOptions) -> Result<Exit, Failure> {
+fn bake_scene(args: &Args, output: OutputOptions) -> Result<(), CliError> {
     let mesh_only = [
         ("--voxel-size-mm", args.voxel_size_mm.is_some()),
         ("--longest-axis-voxels", args.longest_axis_voxels.is_some()),
@@ -191,27 +138,20 @@ fn bake_scene(args: &Args, output: OutputOptions) -> Result<Exit, Failure> {
         ("--picture-3d", args.picture_3d.is_some()),
     ];
     if let Some((flag, _)) = mesh_only.iter().find(|(_, given)| *given) {
-        return Err(Failure::Usage(format!(
-            "{flag} goes with a mesh; a scene says it in its file"
-        )));
+        let message = format!("{flag} goes with a mesh; a scene says it in its file");
+        return Err(CliError::usage(message));
     }
-    let config = match config::load(&args.input) {
-        Ok(config) => config,
-        Err(errors) => return Ok(report::config_errors(&errors, output)),
-    };
+    let config = config::load(&args.input)?;
     if output.verbose > 0 {
         output::message(format_args!("{}\n", check::summary(&config)));
     }
     let since = Instant::now();
-    let mut cache = args.cache.open(CachePolicy::Mapped, output);
-    let progress = BakeProgress::new(output);
-    let mut means = BakeOptions { cache: &mut cache, memory: args.memory.plan(&progress, output) };
-    let baked = scene::build_all(&config, &mut means, |event| progress.tell(&event));
-    drop(means);
-    progress.finish();
-    cache::tell(&mut cache, output);
+    let memory = MemoryRule::Given(&args.memory);
+    let baked = args.cache.bake(CachePolicy::Mapped, memory, output, |options, progress| {
+        scene::build_all(&config, options, |event| progress.tell(&event))
+    });
     let Built { objects: reports, model, .. } =
-        baked.map_err(|error| Failure::Scene(PrepareError::of_scene(&config, error)))?;
+        baked.map_err(|error| PrepareError::of_scene(&config, error))?;
     let clay = model.map(|model| model.report);
     let total_s = since.elapsed().as_secs_f64();
     report::bake_warnings(&reports, output);
@@ -248,5 +188,5 @@ fn bake_scene(args: &Args, output: OutputOptions) -> Result<Exit, Failure> {
             reports.len() + usize::from(clay.is_some())
         ));
     }
-    Ok(Exit::Ok)
+    Ok(())
 }

@@ -2,7 +2,10 @@
 
 use std::path::PathBuf;
 
+use super::memory::MemoryRule;
+use super::progress::BakeProgress;
 use super::{OutputOptions, output, report};
+use crate::scene::BakeOptions;
 use crate::scene::cache::{Cache, CachePolicy};
 
 /// Where baked objects are kept.
@@ -14,6 +17,11 @@ pub(crate) struct CacheArgs {
 }
 
 impl CacheArgs {
+    /// No cache.
+    pub(crate) fn off() -> Self {
+        Self { cache: Some("off".into()) }
+    }
+
     /// Turned off on the command line.
     pub(crate) fn is_off(&self) -> bool {
         self.cache.as_ref().is_some_and(|folder| folder.as_os_str() == "off")
@@ -59,6 +67,26 @@ fn user_folder() -> Option<PathBuf> {
     folder("XDG_CACHE_HOME")
         .or_else(|| Some(folder("HOME")?.join(".cache")))
         .map(|folder| folder.join("hapticd"))
+}
+
+impl CacheArgs {
+    /// Bakes through the cache: shows how the work goes, and says what the cache has to say.
+    pub(crate) fn bake<T>(
+        &self,
+        residence: CachePolicy,
+        memory: MemoryRule<'_>,
+        output: OutputOptions,
+        work: impl FnOnce(&mut BakeOptions<'_>, &BakeProgress) -> T,
+    ) -> T {
+        let mut cache = self.open(residence, output);
+        let progress = BakeProgress::new(output);
+        let mut options = BakeOptions { cache: &mut cache, memory: memory.plan(&progress, output) };
+        let done = work(&mut options, &progress);
+        drop(options);
+        drop(progress);
+        tell(&mut cache, output);
+        done
+    }
 }
 
 /// Prints what the cache has to say.

@@ -41,6 +41,7 @@ struct Checked {
 }
 
 /// One thing that is wrong, or likely to be.
+#[derive(Default)]
 struct Finding {
     is_error: bool,
     /// All of it in one line, as `run` says it.
@@ -154,10 +155,7 @@ impl Checked {
                 is_error: true,
                 text: error.to_string(),
                 hint: report::prepare_hint(error),
-                file: None,
-                line: None,
-                key: None,
-                value: None,
+                ..Finding::default()
             }),
         }
         Self { kind, summary: None, findings, exit: report::prepare_exit(error) }
@@ -190,25 +188,15 @@ impl Checked {
 
 impl Finding {
     fn warning(text: String, file: &Path) -> Self {
-        Self {
-            is_error: false,
-            text,
-            hint: None,
-            file: Some(file.to_owned()),
-            line: None,
-            key: None,
-            value: None,
-        }
+        Self { text, file: Some(file.to_owned()), ..Self::default() }
     }
 
     fn of_config(problem: &Problem) -> Self {
         let Problem { file, line, key, value, .. } = problem;
-        let text = problem.to_string();
-        let hint = problem.hint();
         Self {
             is_error: true,
-            text,
-            hint,
+            text: problem.to_string(),
+            hint: problem.hint(),
             file: Some(file.clone()),
             line: *line,
             key: key.clone(),

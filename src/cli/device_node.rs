@@ -90,6 +90,7 @@ mod over_network {
 
     use serde_json::json;
 
+    use super::super::error::CliError;
     use super::super::network::exit_of;
     use super::super::status_line::{FAILED, report_lines};
     use super::super::{guard, output, probe};
@@ -127,8 +128,11 @@ mod over_network {
             return Err(no_network(NetworkError::Name { name }));
         }
         may_push(args, &profile, output)?;
-        let hand =
-            args.hand.hand(output).map_err(|exit| (exit, String::new(), None))?.map(|mut hand| {
+        let hand = args
+            .hand
+            .hand(output)
+            .map_err(|error| (error.report(output), String::new(), None))?
+            .map(|mut hand| {
                 hand.path =
                     hand.path.map(|path: GripPath| path.delayed(args.hand.delay().as_secs_f64()));
                 hand
@@ -151,7 +155,7 @@ mod over_network {
         let session = session::open(&endpoints).map_err(no_network)?;
         let (arm, attached, declared) =
             open_arm(&profile, hand, args.selector.clone(), period_s, request, guard::program())
-                .map_err(|error| (report::prepare_error(&error, output), String::new(), None))?;
+                .map_err(|error| (CliError::from(error).report(output), String::new(), None))?;
         let link =
             ZenohLink::to_host(&session, &name, Some(request.below())).map_err(no_network)?;
         let control = Arc::new(Control::new());

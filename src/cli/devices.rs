@@ -5,6 +5,7 @@ use std::path::Path;
 use clap::Subcommand;
 use serde_json::{Value, json};
 
+use super::error::{CliError, Outcome};
 use super::findings::finding_json;
 use super::{OutputOptions, output, probe, report};
 use crate::error::Exit;
@@ -43,11 +44,11 @@ enum DevicesCommand {
     },
 }
 
-pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
+pub(crate) fn main(args: &Args, output: OutputOptions) -> Outcome {
     match &args.command {
-        Some(DevicesCommand::Probe(args)) => return probe::main(args, output),
+        Some(DevicesCommand::Probe(args)) => return Ok(probe::main(args, output)),
         Some(DevicesCommand::Profiles { name }) => {
-            return profiles(name.as_deref(), args.json, output);
+            return profiles(name.as_deref(), args.json);
         }
         Some(DevicesCommand::List { .. }) | None => {}
     }
@@ -69,7 +70,7 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
             "{}\n",
             json!({ "nodes": nodes, "libraries": libraries, "services": services })
         ));
-        return Exit::Ok;
+        return Ok(Exit::Ok);
     }
     for found in &libraries {
         output::result(format_args!("{}\n", one_line(&library_line(found))));
@@ -80,7 +81,7 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
                 doctor` looks further",
             output,
         );
-        return Exit::Ok;
+        return Ok(Exit::Ok);
     }
     for found in &attached {
         // What devices call themselves.
@@ -95,24 +96,20 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
     for service in &services {
         output::result(format_args!("{}\n", one_line(&service_line(service))));
     }
-    Exit::Ok
+    Ok(Exit::Ok)
 }
 
 /// What is known of each built-in profile, or one of them as it is written.
-fn profiles(name: Option<&str>, as_json: bool, output: OutputOptions) -> Exit {
+fn profiles(name: Option<&str>, as_json: bool) -> Outcome {
     let here = Path::new("");
     let names: Vec<&str> = name.map_or_else(|| profile::names().collect(), |name| vec![name]);
-    let mut found = Vec::new();
-    for name in names {
-        match profile::find(name, here) {
-            Ok(profile) => found.push(profile),
-            Err(ProfileError::Invalid(errors)) => return report::config_errors(&errors, output),
-            Err(error) => {
-                report::error(&format!("{name}: {error}"), None, output);
-                return Exit::Configuration;
-            }
-        }
-    }
+    let find = |name: &str| {
+        profile::find(name, here).map_err(|error| match error {
+            ProfileError::Invalid(errors) => errors.into(),
+            error => CliError::configuration(format_args!("{name}: {error}")),
+        })
+    };
+    let found: Vec<Profile> = names.into_iter().map(find).collect::<Result<_, _>>()?;
     let text = name.and_then(|name| profile::text(name, here));
     match (text, as_json) {
         (Some(text), false) => output::result(format_args!("{text}")),
@@ -126,7 +123,7 @@ fn profiles(name: Option<&str>, as_json: bool, output: OutputOptions) -> Exit {
             }
         }
     }
-    Exit::Ok
+    Ok(Exit::Ok)
 }
 
 fn library_json(found: &MakersLibrary) -> Value {

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
+use super::error::CliError;
 use super::{OutputOptions, destination, report};
 use crate::config::SceneConfig;
 use crate::daemon::drawing::{DrawingPlan, DrawnSummary, PicturesPlan};
@@ -49,50 +50,23 @@ impl DrawingArgs {
         config: &SceneConfig,
         overwrite: bool,
         output: OutputOptions,
-    ) -> Result<Option<DrawingPlan>, Exit> {
-        let refuse = |exit: Exit, message: String, hint: Option<&str>| {
-            report::error(&message, hint, output);
-            Err(exit)
-        };
+    ) -> Result<Option<DrawingPlan>, CliError> {
         let mut plan = DrawingPlan::default();
         if let Some(folder) = &self.pictures {
-            let shown = folder.display();
-            let is_new = !folder.exists();
-            if let Err(error) = std::fs::create_dir_all(folder) {
-                return refuse(
-                    Exit::Asset,
-                    format!("cannot make the folder {shown}: {error}"),
-                    destination::hint(&error),
-                );
-            }
-            if is_new {
-                report::note(&format!("made the folder {shown} for pictures"), output);
-            }
+            destination::make_picture_folder(folder, output)?;
             let name = config.path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
             let pictures = PicturesPlan { folder: folder.clone(), name, every: self.picture_every };
-            if let Err(error) = whole_file::check(&pictures.file(0)) {
-                return refuse(
-                    Exit::Asset,
-                    format!("cannot write to {shown}: {error}"),
-                    destination::hint(&error),
-                );
-            }
-            let names = std::fs::read_dir(folder)
-                .into_iter()
-                .flatten()
-                .flatten()
-                .map(|entry| entry.file_name());
+            whole_file::check(&pictures.file(0)).map_err(|error| {
+                CliError::write(format_args!("to {}", folder.display()), &error)
+            })?;
+            let names = std::fs::read_dir(folder).into_iter().flatten().flatten();
             let earlier = names
-                .map(|name| name.to_string_lossy().into_owned())
+                .map(|entry| entry.file_name().to_string_lossy().into_owned())
                 .find(|name| pictures.is_own(name));
             if let Some(earlier) = earlier.filter(|_| !overwrite) {
                 let hint = "name another folder, or give --overwrite; pictures of times that this \
                     run does not reach stay";
-                return refuse(
-                    Exit::Usage,
-                    format!("{} is there already", folder.join(earlier).display()),
-                    Some(hint),
-                );
+                return Err(destination::is_there(&folder.join(earlier)).hint(hint));
             }
             plan.pictures = Some(pictures);
         }
@@ -103,29 +77,17 @@ impl DrawingArgs {
             };
             if !file.extension().is_some_and(is_film) {
                 let hint = "name it .apng; `ffmpeg -i FILE.apng FILE.mp4` makes other films of it";
-                return refuse(
-                    Exit::Usage,
-                    format!("{shown}: a film is an animated PNG"),
-                    Some(hint),
+                return Err(
+                    CliError::usage(format_args!("{shown}: a film is an animated PNG")).hint(hint)
                 );
             }
-            if let Err(error) = whole_file::check(file) {
-                return refuse(
-                    Exit::Asset,
-                    format!("cannot write {shown}: {error}"),
-                    destination::hint(&error),
-                );
-            }
+            whole_file::check(file).map_err(|error| CliError::write(&shown, &error))?;
             if file.exists() && !file.is_file() {
-                return refuse(
-                    Exit::Usage,
-                    format!("{shown}: a film is a file, and this is none"),
-                    None,
-                );
+                let message = format!("{shown}: a film is a file, and this is none");
+                return Err(CliError::usage(message));
             }
             if file.exists() && !overwrite {
-                let hint = "name another file, or give --overwrite";
-                return refuse(Exit::Usage, format!("{shown} is there already"), Some(hint));
+                return Err(destination::is_there(file));
             }
             plan.video = Some(file.clone());
         }

@@ -8,13 +8,14 @@ use std::time::Instant;
 
 use clap::ValueEnum;
 
-use super::progress::BakeProgress;
-use super::{OutputOptions, cache, destination, output, report};
+use super::error::{CliError, Outcome};
+use super::memory::MemoryRule;
+use super::{OutputOptions, cache, output, report};
 use crate::config::{self, SceneConfig};
 use crate::daemon::PrepareError;
 use crate::error::Exit;
+use crate::scene;
 use crate::scene::cache::CachePolicy;
-use crate::scene::{self, BakeOptions};
 use document::poses::{self, TimedPose};
 use haptics::RenderScene;
 use vps::contact::{
@@ -27,6 +28,8 @@ use vps::voxmap::field::FieldKind;
 
 /// Poses that one task looks at: enough that its memory is soon paid for.
 const POSES_PER_TASK: usize = 16;
+/// Contacts that are listed for each pose at most.
+const MOST_CONTACTS: usize = 1000;
 /// Poses that are looked at before their lines are written.
 const POSES_AT_A_TIME: usize = 4096;
 
@@ -45,16 +48,10 @@ pub(crate) struct Args {
     /// Field look-up instead of the scene's.
     #[arg(long, value_name = "FIELD")]
     field: Option<FieldChoice>,
-    /// Apply the scene's contact normalisation.
-    #[arg(long)]
-    normalize: bool,
-    /// List single contacts in a file, or - for stdout: CSV of points, normals, depths and weights,
-    /// world axes.
+    /// List up to 1000 contacts of each pose in a file, or - for stdout: CSV of points, normals,
+    /// depths and weights, world axes.
     #[arg(long, value_name = "F.csv")]
     contacts_out: Option<PathBuf>,
-    /// Contacts to list for each pose at most.
-    #[arg(long, value_name = "N", default_value_t = 1000, requires = "contacts_out")]
-    max_contacts: usize,
     #[command(flatten)]
     cache: cache::CacheArgs,
 }
@@ -78,88 +75,51 @@ impl From<FieldChoice> for FieldKind {
     }
 }
 
-pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
-    let mut config = match config::load(&args.scene) {
-        Ok(config) => config,
-        Err(errors) => return report::config_errors(&errors, output),
-    };
+pub(crate) fn main(args: &Args, output: OutputOptions) -> Outcome {
+    let mut config = config::load(&args.scene)?;
     if config.sculpt.is_some() {
         let path = args.scene.display();
-        let hint = format!(
-            "clay has a force while it is worked: `hapticd sculpt {}`",
-            output::quoted(&args.scene)
-        );
-        report::error(
-            &format!("{path}: [sculpt]: `eval` knows rigid parts only"),
-            Some(&hint),
-            output,
-        );
-        return Exit::Configuration;
+        let scene = output::quoted(&args.scene);
+        return Err(CliError::configuration(format_args!(
+            "{path}: [sculpt]: `eval` knows rigid parts only"
+        ))
+        .hint(&*format!("clay has a force while it is worked: `hapticd sculpt {scene}`")));
     }
     if is_stdout(&args.out) && args.contacts_out.as_deref().is_some_and(is_stdout) {
-        report::error(
-            "--out - and --contacts-out -: stdout takes one of the two",
-            Some("name a file for the other one"),
-            output,
-        );
-        return Exit::Usage;
+        return Err(CliError::usage("--out - and --contacts-out -: stdout takes one of the two")
+            .hint("name a file for the other one"));
     }
     // Before the work, not after it.
-    let files = [Some(&args.out), args.contacts_out.as_ref()]
-        .into_iter()
-        .flatten()
-        .filter(|path| !is_stdout(path));
-    for path in files {
-        if let Err(error) = whole_file::check(path) {
-            return cannot_write(path, &error, output);
-        }
+    let files = [Some(&args.out), args.contacts_out.as_ref()].into_iter().flatten();
+    for path in files.filter(|path| !is_stdout(path)) {
+        whole_file::check(path).map_err(|error| cannot_write(path, &error))?;
     }
-    let poses = match poses::read(&args.poses) {
-        Ok(poses) => poses,
-        Err(error) => {
-            report::error(&error.to_string(), None, output);
-            return Exit::Asset;
-        }
-    };
+    let poses = poses::read(&args.poses).map_err(CliError::asset)?;
     if let Some(field) = args.field {
         config.parameters.contact.field = field.into();
     }
-    let mut cache = args.cache.open(CachePolicy::Mapped, output);
-    let progress = BakeProgress::new(output);
-    let baked = scene::build_with(&config, &mut BakeOptions::from(&mut cache), |event| {
-        progress.tell(&event)
+    let memory = MemoryRule::Unlimited;
+    let baked = args.cache.bake(CachePolicy::Mapped, memory, output, |options, progress| {
+        scene::build_with(&config, options, |event| progress.tell(&event))
     });
-    progress.finish();
-    cache::tell(&mut cache, output);
-    let (scene, reports) = match baked {
-        Ok(baked) => baked,
-        Err(error) => {
-            return report::prepare_error(&PrepareError::of_scene(&config, error), output);
-        }
-    };
+    let (scene, reports) = baked.map_err(|error| PrepareError::of_scene(&config, error))?;
     report::bake_warnings(&reports, output);
 
     let mut law = scene.parameters.contact.force_law(false);
-    if !args.normalize {
-        law.normalization = Normalization::None;
+    law.normalization = Normalization::None;
+    write_to(&args.out, |file| write_wrenches(file, &scene, law, &poses))?;
+    if let Some(path) = &args.contacts_out {
+        write_to(path, |file| write_contacts(file, &config, &scene, &poses))?;
     }
-    let written = write_to(&args.out, |file| write_wrenches(file, &scene, law, &poses))
-        .map_err(|error| (&args.out, error));
-    let written = written.and_then(|()| {
-        let Some(path) = &args.contacts_out else { return Ok(()) };
-        write_to(path, |file| write_contacts(file, &config, &scene, &poses, args.max_contacts))
-            .map_err(|error| (path, error))
-    });
-    match written {
-        Ok(()) => Exit::Ok,
-        Err((path, error)) => cannot_write(path, &error, output),
-    }
+    Ok(Exit::Ok)
 }
 
-fn cannot_write(path: &Path, error: &io::Error, output: OutputOptions) -> Exit {
-    let path = if is_stdout(path) { "to stdout".to_owned() } else { path.display().to_string() };
-    report::error(&format!("cannot write {path}: {error}"), destination::hint(error), output);
-    Exit::Asset
+fn cannot_write(path: &Path, error: &io::Error) -> CliError {
+    if is_stdout(path) {
+        CliError::write("to stdout", error)
+    } else {
+        CliError::write(path.display(), error)
+    }
 }
 
 fn is_stdout(path: &Path) -> bool {
@@ -171,14 +131,18 @@ fn is_stdout(path: &Path) -> bool {
 fn write_to(
     path: &Path,
     contents: impl FnOnce(&mut dyn Write) -> io::Result<()>,
-) -> io::Result<()> {
-    if !is_stdout(path) {
-        return write_whole(path, Access::Shared, |file| contents(file));
-    }
-    let mut stdout = BufWriter::new(io::stdout().lock());
-    match contents(&mut stdout).and_then(|()| stdout.flush()) {
-        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
-        written => written,
+) -> Result<(), CliError> {
+    let written = if is_stdout(path) {
+        let mut stdout = BufWriter::new(io::stdout().lock());
+        contents(&mut stdout).and_then(|()| stdout.flush())
+    } else {
+        write_whole(path, Access::Shared, |file| contents(file))
+    };
+    match written {
+        Err(error) if !(is_stdout(path) && error.kind() == io::ErrorKind::BrokenPipe) => {
+            Err(cannot_write(path, &error))
+        }
+        _ => Ok(()),
     }
 }
 
@@ -253,7 +217,6 @@ fn write_contacts(
     config: &SceneConfig,
     scene: &RenderScene,
     poses: &[TimedPose],
-    most: usize,
 ) -> io::Result<()> {
     writeln!(file, "t_s,object,point,x_m,y_m,z_m,nx,ny,nz,depth_m,weight")?;
     let mut lines = Vec::new();
@@ -269,7 +232,7 @@ fn write_contacts(
                 &scene.tool.shell,
                 map_from_body,
                 |touching| {
-                    if lines.len() < most {
+                    if lines.len() < MOST_CONTACTS {
                         let [x, y, z] = world_from_body
                             .transform_point(touching.arm_body.as_dvec3())
                             .to_array();

@@ -2,6 +2,7 @@
 
 use std::net::SocketAddr;
 
+use super::error::CliError;
 use super::{OutputOptions, report};
 use crate::config::SceneConfig;
 use crate::config::{FOXGLOVE_ACCEPTED, parse_foxglove};
@@ -34,7 +35,7 @@ impl FoxgloveArgs {
         clock: ClockKind,
         recorder: &Recorder,
         output: OutputOptions,
-    ) -> Result<Option<FoxgloveServer>, Exit> {
+    ) -> Result<Option<FoxgloveServer>, CliError> {
         let listen = match (self.foxglove, clock) {
             (Some(Listen(listen)), _) => listen,
             (None, ClockKind::Virtual) => None,
@@ -42,40 +43,35 @@ impl FoxgloveArgs {
         };
         let Some(address) = listen else { return Ok(None) };
         let exit = if self.foxglove.is_some() { Exit::Usage } else { Exit::Configuration };
-        FoxgloveServer::open(address, config, recorder, output).map(Some).map_err(
-            |(message, hint)| {
-                report::error(&message, Some(hint), output);
-                exit
-            },
-        )
+        FoxgloveServer::open(address, config, recorder, output)
+            .map(Some)
+            .map_err(|error| error.exit(exit))
     }
 }
 
 /// The server for connected Foxglove apps.
-#[cfg(feature = "foxglove-live")]
 pub(crate) struct FoxgloveServer {
     server: recording::file::live::LiveServer,
     output: OutputOptions,
 }
 
-#[cfg(feature = "foxglove-live")]
 impl FoxgloveServer {
     fn open(
         address: SocketAddr,
         config: &SceneConfig,
         recorder: &Recorder,
         output: OutputOptions,
-    ) -> Result<Self, (String, &'static str)> {
-        use recording::file::live::BoundLiveServer;
-
-        let served = BoundLiveServer::bind(address).and_then(|bound| {
+    ) -> Result<Self, CliError> {
+        let bound = recording::file::live::BoundLiveServer::bind(address);
+        let served = bound.and_then(|bound| {
             let address = bound.address();
             Ok((address, bound.serve(recorder, config.monitor.origins.clone())?))
         });
         let (address, server) = served.map_err(|error| {
-            let hint =
-                "give another one with --foxglove, such as 127.0.0.1:0 for any port that is free";
-            (format!("the server for Foxglove cannot listen at {address}: {error}"), hint)
+            CliError::usage(format_args!(
+                "the server for Foxglove cannot listen at {address}: {error}"
+            ))
+            .hint("give another one with --foxglove, such as 127.0.0.1:0 for any port that is free")
         })?;
         report::line(&format!("foxglove: ws://{address}"), output);
         Ok(Self { server, output })
@@ -94,33 +90,5 @@ impl FoxgloveServer {
                 report::note(&format!("foxglove: {what}: {count}"), self.output);
             }
         }
-    }
-}
-
-/// Empty: the program was built without the server.
-#[cfg(not(feature = "foxglove-live"))]
-pub(crate) enum FoxgloveServer {}
-
-#[cfg(not(feature = "foxglove-live"))]
-impl FoxgloveServer {
-    fn open(
-        address: SocketAddr,
-        _: &SceneConfig,
-        _: &Recorder,
-        _: OutputOptions,
-    ) -> Result<Self, (String, &'static str)> {
-        let hint = "build without `--no-default-features`, or record with --record and open the \
-            file in Foxglove";
-        Err((
-            format!(
-                "nothing can listen for Foxglove at {address}: the program was built without its \
-                    server"
-            ),
-            hint,
-        ))
-    }
-
-    pub(crate) fn end(self) {
-        match self {}
     }
 }

@@ -3,13 +3,13 @@
 use core::time::Duration;
 use std::path::PathBuf;
 
+use super::OutputOptions;
 use super::cache::CacheArgs;
-use super::progress::BakeProgress;
-use super::{OutputOptions, cache, report};
+use super::error::CliError;
+use super::memory::MemoryRule;
 use crate::config::{self, SceneConfig};
-use crate::error::Exit;
+use crate::scene;
 use crate::scene::cache::CachePolicy;
-use crate::scene::{self, BakeOptions};
 use arms::simulated::HandParameters;
 use arms::simulated::hand::{HandMapping, HandPath};
 use rt::duration;
@@ -44,11 +44,8 @@ impl HandArgs {
     }
 
     /// The hand that the arguments ask for.
-    pub(crate) fn hand(&self, output: OutputOptions) -> Result<Option<HandParameters>, Exit> {
-        let config = match self.scene.as_deref().map(config::load).transpose() {
-            Ok(config) => config,
-            Err(errors) => return Err(report::config_errors(&errors, output)),
-        };
+    pub(crate) fn hand(&self, output: OutputOptions) -> Result<Option<HandParameters>, CliError> {
+        let config = self.scene.as_deref().map(config::load).transpose()?;
         let is_held = config.as_ref().is_none_or(|config| config.device.sim.hand_present);
         if self.no_hand || !is_held {
             return Ok(None);
@@ -57,13 +54,8 @@ impl HandArgs {
             .hand
             .clone()
             .or_else(|| config.as_ref().and_then(|config| config.device.hand.clone()));
-        let path = match file.as_deref().map(HandPath::read).transpose() {
-            Ok(path) => path,
-            Err(error) => {
-                report::error(&error.to_string(), None, output);
-                return Err(Exit::Configuration);
-            }
-        };
+        let path = file.as_deref().map(HandPath::read).transpose();
+        let path = path.map_err(CliError::configuration)?;
         let mut hand = HandParameters::default();
         if let Some(SceneConfig { device, .. }) = &config {
             hand.stiffness_n_per_m = device.sim.hand_stiffness_n_per_m;
@@ -90,15 +82,12 @@ impl HandArgs {
         &self,
         config: &SceneConfig,
         output: OutputOptions,
-    ) -> Result<HandMapping, Exit> {
-        let mut cache = self.cache.open(CachePolicy::Mapped, output);
-        let progress = BakeProgress::new(output);
-        let baked = scene::build_with(config, &mut BakeOptions::from(&mut cache), |event| {
-            progress.tell(&event)
+    ) -> Result<HandMapping, CliError> {
+        let memory = MemoryRule::Unlimited;
+        let baked = self.cache.bake(CachePolicy::Mapped, memory, output, |options, progress| {
+            scene::build_with(config, options, |event| progress.tell(&event))
         });
-        progress.finish();
-        cache::tell(&mut cache, output);
-        let (scene, _) = baked.map_err(|error| report::scene_error(&error, output))?;
+        let (scene, _) = baked?;
         let port = &config.parameters.mapping;
         Ok(HandMapping {
             world_from_device: port.world_from_device,

@@ -7,9 +7,9 @@ use std::ffi::OsStr;
 use std::fs;
 use std::path::{Component, Path, PathBuf};
 
-use clap::ValueEnum;
-
 use self::place::SceneDestination;
+use super::error::{CliError, Outcome};
+use super::units::UnitArg;
 use super::{OutputOptions, report};
 use crate::config::draft::{self, Draft, DraftPart, DraftPath, DraftTool};
 use crate::error::Exit;
@@ -38,29 +38,10 @@ pub(crate) struct Args {
     /// Unit of the numbers in the mesh files, except 3MF, which names its own [default: guessed
     /// from their size].
     #[arg(long, value_name = "UNIT")]
-    units: Option<Unit>,
+    units: Option<UnitArg>,
     /// Write over a scene that is there.
     #[arg(long, alias = "force")]
     overwrite: bool,
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum Unit {
-    M,
-    Mm,
-    Cm,
-    In,
-}
-
-impl From<Unit> for draft::Unit {
-    fn from(unit: Unit) -> Self {
-        match unit {
-            Unit::M => Self::M,
-            Unit::Mm => Self::Mm,
-            Unit::Cm => Self::Cm,
-            Unit::In => Self::In,
-        }
-    }
 }
 
 /// A mesh file as it was read.
@@ -72,55 +53,27 @@ struct InputMesh {
     mesh: TriangleMesh,
 }
 
-/// What ends the command, said already.
-struct ReportedExit(Exit);
-
-pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
-    init(args, output).map_or_else(|ReportedExit(exit)| exit, |()| Exit::Ok)
+pub(crate) fn main(args: &Args, output: OutputOptions) -> Outcome {
+    if args.clay || args.folder.is_file() { clay::init(args, output) } else { init(args, output) }?;
+    Ok(Exit::Ok)
 }
 
-fn init(args: &Args, output: OutputOptions) -> Result<(), ReportedExit> {
-    let refuse = |exit: Exit, message: &str, hint: Option<&str>| {
-        report::error(message, hint, output);
-        ReportedExit(exit)
-    };
-    if args.clay || args.folder.is_file() {
-        if !args.folder.is_file() {
-            let hint = "name the file of points or the mesh that is to be clay";
-            return Err(refuse(
-                Exit::Usage,
-                &format!("{}: --clay takes one file", args.folder.display()),
-                Some(hint),
-            ));
-        }
-        if !args.clay {
-            let hint = "give its folder, or --clay to sculpt this file";
-            return Err(refuse(
-                Exit::Usage,
-                &format!("{}: not a folder", args.folder.display()),
-                Some(hint),
-            ));
-        }
-        return clay::init(args, output);
-    }
-    let place = SceneDestination::of(args, || args.folder.join("scene.toml"), output)?;
+fn init(args: &Args, output: OutputOptions) -> Result<(), CliError> {
+    let shown = args.folder.display();
+    let place = SceneDestination::of(args, || args.folder.join("scene.toml"))?;
     let files = mesh_files(&args.folder).map_err(|error| {
-        refuse(
-            Exit::Asset,
-            &format!("{}: cannot be read: {error}", args.folder.display()),
-            Some("name a folder with mesh files"),
-        )
+        CliError::asset(format_args!("{shown}: cannot be read: {error}"))
+            .hint("name a folder with mesh files")
     })?;
     if files.is_empty() {
-        let message = format!("{}: no mesh files here", args.folder.display());
         let hint = if has_cad(&args.folder) {
             mesh::CAD_HINT.to_owned()
         } else {
             format!("files that end in {} are read", EXTENSIONS.join(", "))
         };
-        return Err(refuse(Exit::Asset, &message, Some(&hint)));
+        return Err(CliError::asset(format_args!("{shown}: no mesh files here")).hint(&*hint));
     }
-    place.check_free(args, output)?;
+    place.check_free(args)?;
     let mut found = Vec::new();
     for path in &files {
         match read(path) {
@@ -130,58 +83,38 @@ fn init(args: &Args, output: OutputOptions) -> Result<(), ReportedExit> {
         }
     }
     if found.is_empty() {
-        return Err(refuse(
-            Exit::Asset,
-            &format!("{}: none of its meshes can be read", args.folder.display()),
-            None,
-        ));
+        let message = format!("{shown}: none of its meshes can be read");
+        return Err(CliError::asset(message));
     }
-    let tool_idx = match &args.tool {
-        Some(tool) => Some(index_of(tool, &args.folder, &found).ok_or_else(|| {
+    let index = |tool: &PathBuf| {
+        index_of(tool, &args.folder, &found).ok_or_else(|| {
             let known: Vec<_> =
                 found.iter().map(|found| found.path.display().to_string()).collect();
             let hint = format!("meshes that can be read: {}", known.join(", "));
-            refuse(
-                Exit::Usage,
-                &format!("--tool {}: no mesh of the folder", tool.display()),
-                Some(&hint),
-            )
-        })?),
-        None => None,
+            CliError::usage(format_args!("--tool {}: no mesh of the folder", tool.display()))
+                .hint(&*hint)
+        })
     };
+    let tool_idx = args.tool.as_ref().map(index).transpose()?;
     if tool_idx.is_some() && found.len() == 1 {
-        let hint = "without --tool the part stands, and a ball touches it";
-        return Err(refuse(
-            Exit::Usage,
+        return Err(CliError::usage(
             "the folder has one part only: nothing is left for it to touch",
-            Some(hint),
-        ));
+        )
+        .hint("without --tool the part stands, and a ball touches it"));
     }
     let (unit, why) = unit(args, &found, output);
     let folder = place.folder();
     let mut parts = Vec::new();
     for InputMesh { path, own_unit, mut mesh } in found {
-        let (Some(file), Some(stem)) =
-            (relative(&path, folder), path.file_stem().and_then(OsStr::to_str))
-        else {
-            let message = format!(
-                "{}: a scene in {} cannot name this file",
-                path.display(),
-                folder.display()
-            );
-            return Err(refuse(
-                Exit::Asset,
-                &message,
-                Some("the folder of the scene must exist, and names must be UTF-8"),
-            ));
-        };
+        let file = relative(&path, folder)?;
+        let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         if own_unit.is_none() {
             mesh.vertices.iter_mut().for_each(|vertex| *vertex *= unit.metres());
         }
         for warning in inspect(&mesh).warnings() {
             report::warning(&format!("{}: {warning}", path.display()), output);
         }
-        parts.push(DraftPart::new(file, stem.to_owned(), own_unit.unwrap_or(unit), &mesh));
+        parts.push(DraftPart::new(file, stem, own_unit.unwrap_or(unit), &mesh));
     }
     let name = args
         .folder
@@ -197,9 +130,8 @@ fn init(args: &Args, output: OutputOptions) -> Result<(), ReportedExit> {
     let text = draft.text(&place.named(), &why, named);
     let mut reported = summary(&draft);
     if let (Some(hand), Some(named)) = (&hand, named) {
-        write_bytes(hand, draft.hand_csv().as_bytes()).map_err(|error| {
-            refuse(Exit::Asset, &format!("cannot write {}: {error}", hand.display()), None)
-        })?;
+        write_bytes(hand, draft.hand_csv().as_bytes())
+            .map_err(|error| CliError::write(hand.display(), &error))?;
         reported += &match draft.path() {
             DraftPath::Assembly => {
                 format!(
@@ -306,8 +238,8 @@ fn read(path: &Path) -> Result<InputMesh, MeshError> {
 
 /// The unit of all files that do not say it, and why, as a comment.
 fn unit(args: &Args, found: &[InputMesh], output: OutputOptions) -> (draft::Unit, String) {
-    if let Some(unit) = args.units {
-        return (unit.into(), "of the mesh file".to_owned());
+    if let Some(UnitArg(unit)) = args.units {
+        return (unit, "of the mesh file".to_owned());
     }
     let longest = found.iter().filter(|found| found.own_unit.is_none()).filter_map(|found| {
         let (low, high) = found.mesh.bounds()?;
@@ -344,8 +276,16 @@ fn index_of(tool: &Path, folder: &Path, found: &[InputMesh]) -> Option<usize> {
     })
 }
 
-/// A file as a scene in `folder` names it: relative to it. `None` when the name is not UTF-8.
-fn relative(file: &Path, folder: &Path) -> Option<String> {
+/// A file as a scene in `folder` names it: relative to it, in UTF-8.
+fn relative(file: &Path, folder: &Path) -> Result<String, CliError> {
+    relative_path(file, folder).ok_or_else(|| {
+        let (file, folder) = (file.display(), folder.display());
+        CliError::asset(format_args!("{file}: a scene in {folder} cannot name this file"))
+            .hint("the folder of the scene must exist, and names must be UTF-8")
+    })
+}
+
+fn relative_path(file: &Path, folder: &Path) -> Option<String> {
     let parent = file
         .parent()
         .filter(|parent| !parent.as_os_str().is_empty())

@@ -2,7 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{OutputOptions, output, report};
+use super::error::{CliError, Outcome};
+use super::{OutputOptions, report};
 use crate::daemon::drawing::drawn_parts;
 use crate::daemon::{RecordedScene, UnpackError, Unpacked};
 use crate::error::Exit;
@@ -26,41 +27,24 @@ pub(crate) struct Args {
     overwrite: bool,
 }
 
-pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
+pub(crate) fn main(args: &Args, output: OutputOptions) -> Outcome {
     let out = args.out.clone().unwrap_or_else(|| args.recording.with_extension("html"));
+    let shown = out.display();
     // Before the recording is read, which may take a while.
-    if let Err(problem) = may_write(args, &out) {
-        report::error(
-            &format!("{} {problem}", out.display()),
-            Some("give another name, or --overwrite"),
-            output,
-        );
-        return Exit::Usage;
-    }
-    let page = match read(args) {
-        Ok(page) => page,
-        Err(problem) => {
-            report::error(&problem.to_string(), super::replay::read_hint(&problem), output);
-            return Exit::Asset;
-        }
-    };
+    may_write(args, &out).map_err(|problem| {
+        CliError::usage(format_args!("{shown} {problem}")).hint("give another name, or --overwrite")
+    })?;
+    let page = read(args)
+        .map_err(|problem| CliError::asset(&problem).hint(super::replay::read_hint(&problem)))?;
     let n_ticks = page.ticks();
     if n_ticks == 0 {
-        report::error(
-            &format!("{} ends before its first tick", args.recording.display()),
-            None,
-            output,
-        );
-        return Exit::Asset;
+        let recording = args.recording.display();
+        return Err(CliError::asset(format_args!("{recording} ends before its first tick")));
     }
-    if let Err(error) = write_bytes(&out, page.page().as_bytes()) {
-        report::error(&format!("cannot write {}: {error}", out.display()), None, output);
-        return Exit::Asset;
-    }
-    if !output.quiet {
-        output::message(format_args!("{}: {n_ticks} ticks\n", out.display()));
-    }
-    Exit::Ok
+    write_bytes(&out, page.page().as_bytes())
+        .map_err(|error| CliError::asset(format_args!("cannot write {shown}: {error}")))?;
+    report::line(&format!("{shown}: {n_ticks} ticks"), output);
+    Ok(Exit::Ok)
 }
 
 /// What a recording shows, for a page that is not written to a file.

@@ -7,22 +7,21 @@ use std::time::Duration;
 use serde::Serialize;
 
 use super::cache::CacheArgs;
-use super::memory::MemoryArgs;
-use super::progress::BakeProgress;
-use super::{OutputOptions, cache, report};
+use super::error::CliError;
+use super::memory::{MemoryArgs, MemoryRule};
+use super::{OutputOptions, report};
 use crate::config::{self, LoadOptions, SceneConfig};
 use crate::daemon::session::{PlannedScene, SessionHandle, objects};
 use crate::daemon::unlike;
 use crate::error::Exit;
 use crate::scene::cache::CachePolicy;
-use crate::scene::{self, BakeOptions, SceneError};
+use crate::scene::{self, SceneError};
 use arms::simulated::hand::HandPath;
 use document::poses::PoseFileError;
 use engine::servo::{ControlError, ObjectPaths};
 use haptics::RenderScene;
 use recording::SwapSummary;
 use rt::duration;
-use vps::storage::memory::available_bytes;
 use vps::storage::printable::shown;
 
 /// Arguments that change a run while it goes on.
@@ -100,59 +99,46 @@ pub(crate) struct Changes {
 pub(crate) struct PlannedSwaps(Vec<(PathBuf, Duration)>);
 
 impl LiveArgs {
-    /// Reads and checks what the arguments name; says what is wrong with it.
+    /// Reads and checks what the arguments name.
     pub(crate) fn check(
         &self,
         scene: &SceneConfig,
         options: &LoadOptions,
         ends: Option<Duration>,
-        output: OutputOptions,
-    ) -> Result<Changes, Exit> {
+    ) -> Result<Changes, CliError> {
+        let path = scene.path.display();
         let mut paths = Vec::new();
         for (name, file) in &self.moves {
             let path = HandPath::read(file).map_err(|problem| {
                 let remedy = matches!(problem, PoseFileError::Read { .. })
                     .then_some("--move NAME=FILE takes a CSV file of poses");
-                report::error(&format!("--move {name}: {problem}"), remedy, output);
-                Exit::Configuration
+                CliError::configuration(format_args!("--move {name}: {problem}")).hint(remedy)
             })?;
             paths.push((name.clone(), path));
         }
         let paths = ObjectPaths::new(&objects(scene), paths).map_err(|problem| {
-            let remedy = match &problem {
-                ControlError::UnknownObject { known, .. } if known.is_empty() => {
-                    Some("no object of the scene is movable; set `movable = true`")
-                }
-                _ => None,
-            };
-            report::error(&format!("--move: {}: {problem}", scene.path.display()), remedy, output);
-            Exit::Configuration
+            let is_none_movable = matches!(
+                &problem,
+                ControlError::UnknownObject { known, .. } if known.is_empty()
+            );
+            let remedy = is_none_movable
+                .then_some("no object of the scene is movable; set `movable = true`");
+            CliError::configuration(format_args!("--move: {path}: {problem}")).hint(remedy)
         })?;
         let mut swaps = Vec::new();
         for (file, at) in &self.swaps {
-            let config = config::load_with(file, options)
-                .map_err(|errors| report::config_errors(&errors, output))?;
-            let refusal = unlike(&config, scene);
-            if let Some((key, its, ours)) = refusal {
-                let message = format!(
-                    "{}: {key} = {its}, but {} has {ours}",
-                    file.display(),
-                    scene.path.display()
-                );
-                report::error(
-                    &message,
-                    Some("this counts from the start of a run on; write the same in both"),
-                    output,
-                );
-                return Err(Exit::Configuration);
+            let config = config::load_with(file, options)?;
+            let file = file.display();
+            if let Some((key, its, ours)) = unlike(&config, scene) {
+                let message = format!("{file}: {key} = {its}, but {path} has {ours}");
+                return Err(CliError::configuration(message)
+                    .hint("this counts from the start of a run on; write the same in both"));
             }
             if let Some(ends) = ends.filter(|ends| at >= ends) {
-                let message = format!(
-                    "--swap {}: at {at:?}, but the run ends after {ends:?}",
-                    file.display()
+                let message = format!("--swap {file}: at {at:?}, but the run ends after {ends:?}");
+                return Err(
+                    CliError::usage(message).hint("give a time before the end of --duration")
                 );
-                report::error(&message, Some("give a time before the end of --duration"), output);
-                return Err(Exit::Usage);
             }
             let at_tick = (at.as_secs_f64() / scene.parameters.period_s).round() as u64;
             swaps.push((*at, PlannedScene { config, at_tick }));
@@ -193,17 +179,11 @@ fn bake(
     memory: &MemoryArgs,
     output: OutputOptions,
 ) -> Result<RenderScene, SceneError> {
-    let mut cache = cache.open(CachePolicy::Copy, output);
-    // Quiet: the screen belongs to the run.
-    let progress = BakeProgress::new(OutputOptions { quiet: true, verbose: 0, ..output });
-    let mut means = BakeOptions {
-        cache: &mut cache,
-        memory: memory.plan_within(available_bytes, &progress, output),
-    };
-    let built = scene::build_with(config, &mut means, |_| ());
-    drop(means);
-    cache::tell(&mut cache, output);
-    let (scene, reports) = built?;
+    let memory = MemoryRule::Left(memory);
+    // Without progress: the screen belongs to the run.
+    let (scene, reports) = cache.bake(CachePolicy::Copy, memory, output, |options, _| {
+        scene::build_with(config, options, |_| ())
+    })?;
     report::bake_warnings_of(&format!("{}: ", config.path.display()), &reports, output);
     Ok(scene)
 }
@@ -211,12 +191,9 @@ fn bake(
 /// Says which planned scenes could not be baked, if any; the exit code of the first.
 pub(crate) fn failure(session: &SessionHandle, output: OutputOptions) -> Option<Exit> {
     let say = |(path, problem): (PathBuf, SceneError)| {
-        report::error(
-            &format!("{} was not rendered: it cannot be baked", path.display()),
-            None,
-            output,
-        );
-        report::scene_error(&problem, output)
+        let message = format!("{} was not rendered: it cannot be baked", path.display());
+        report::error(&message, None, output);
+        CliError::from(problem).report(output)
     };
     session.take_failed().into_iter().map(say).reduce(|first, _| first)
 }

@@ -8,7 +8,8 @@ use std::path::{Path, PathBuf};
 use clap::CommandFactory as _;
 use clap_mangen::Man;
 
-use super::{Cli, OutputOptions, output, report};
+use super::error::{CliError, Outcome};
+use super::{Cli, output};
 use crate::error::Exit;
 use document::PACKAGED;
 
@@ -20,7 +21,7 @@ pub(crate) struct Args {
     folder: Option<PathBuf>,
 }
 
-pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
+pub(crate) fn main(args: &Args) -> Outcome {
     // `help` is no command of ours.
     let command = Cli::command().disable_help_subcommand(true);
     let Some(folder) = &args.folder else {
@@ -28,19 +29,13 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
         // True invariant: writing to memory does not fail.
         let _ = Man::new(command).render(&mut page);
         output::result(format_args!("{}{}", String::from_utf8_lossy(&page), main_sections()));
-        return Exit::Ok;
+        return Ok(Exit::Ok);
     };
-    match write_pages(command, folder) {
-        Ok(()) => Exit::Ok,
-        Err(error) => {
-            report::error(
-                &format!("cannot write to {}: {error}", folder.display()),
-                Some("name a folder that this user may write to"),
-                output,
-            );
-            Exit::Asset
-        }
-    }
+    write_pages(command, folder).map_err(|error| {
+        CliError::write(format_args!("to {}", folder.display()), &error)
+            .hint("name a folder that this user may write to")
+    })?;
+    Ok(Exit::Ok)
 }
 
 fn write_pages(command: clap::Command, folder: &Path) -> io::Result<()> {

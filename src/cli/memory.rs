@@ -18,11 +18,7 @@ pub(crate) struct MemoryArgs {
 
 impl MemoryArgs {
     /// The limit, and what is said of each object before its work begins.
-    pub(crate) fn plan<'a>(
-        &self,
-        progress: &'a BakeProgress,
-        output: OutputOptions,
-    ) -> MemoryPlan<'a> {
+    fn plan<'a>(&self, progress: &'a BakeProgress, output: OutputOptions) -> MemoryPlan<'a> {
         let max_bytes = self.max_bytes;
         MemoryPlan::new(max_bytes, move |name, estimate| {
             tell(name, estimate, progress, output);
@@ -33,7 +29,7 @@ impl MemoryArgs {
     /// The same, and what may not fit into the machine's memory is refused, not only warned of:
     /// beside force, as to be ended by the system leaves the last command to an arm; and for scenes
     /// that come from elsewhere.
-    pub(crate) fn plan_within<'a>(
+    fn plan_within<'a>(
         &self,
         left: fn() -> Option<u64>,
         progress: &'a BakeProgress,
@@ -43,6 +39,31 @@ impl MemoryArgs {
             tell(name, estimate, progress, output)
         })
         .within(left)
+    }
+}
+
+/// What a bake may take.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum MemoryRule<'a> {
+    /// All that it takes.
+    Unlimited,
+    /// What `--max-memory` says, see [`MemoryArgs::plan`].
+    Given(&'a MemoryArgs),
+    /// That, and no more than the machine has left, see [`MemoryArgs::plan_within`].
+    Left(&'a MemoryArgs),
+}
+
+impl MemoryRule<'_> {
+    pub(super) fn plan<'p>(
+        self,
+        progress: &'p BakeProgress,
+        output: OutputOptions,
+    ) -> MemoryPlan<'p> {
+        match self {
+            Self::Unlimited => MemoryPlan::unlimited(),
+            Self::Given(args) => args.plan(progress, output),
+            Self::Left(args) => args.plan_within(available_bytes, progress, output),
+        }
     }
 }
 

@@ -9,6 +9,7 @@ use std::path::PathBuf;
 use clap::ArgGroup;
 use serde_json::json;
 
+use super::error::{CliError, Outcome};
 use super::hand::HandArgs;
 use super::{OutputOptions, output, report};
 use crate::error::Exit;
@@ -20,7 +21,7 @@ use arms::mock::service::{self, ServiceServer};
 use arms::mock::trace::TraceFile;
 use arms::mock::uhid::Uhid;
 use arms::mock::{ArmLink, LinkError, MockArm, MockReport};
-use arms::profile::{self, Profile, ProfileError};
+use arms::profile::{self, Profile};
 use arms::protocol::Protocol;
 use arms::simulated::fault::{self, FaultPlan};
 use arms::transport::Carriage;
@@ -80,34 +81,17 @@ fn parse_fault(text: &str) -> Result<(String, FaultPlan), fault::FaultError> {
     fault::parse(text).map(|plan| (text.to_owned(), plan))
 }
 
-pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
-    match mock(args, output) {
-        Ok(()) => Exit::Ok,
-        Err(exit) => exit,
-    }
-}
-
-fn mock(args: &Args, output: OutputOptions) -> Result<(), Exit> {
-    let fail = |exit: Exit, message: &str, hint: Option<&str>| {
-        report::error(message, hint, output);
-        exit
-    };
+pub(crate) fn main(args: &Args, output: OutputOptions) -> Outcome {
     let here = std::env::current_dir().unwrap_or_default();
-    let profile = profile::find(&args.profile, &here).map_err(|error| match error {
-        ProfileError::Invalid(errors) => report::config_errors(&errors, output),
-        error => fail(Exit::Configuration, &error.to_string(), None),
-    })?;
+    let profile = profile::find(&args.profile, &here)?;
+    let name = &profile.name;
     let carriage =
         if args.pty.is_some() { Carriage::Stream } else { gadget_carriage(args.gadget.as_deref()) };
     if args.gadget.is_some()
         && args.faults.iter().any(|(_, plan)| plan.kind == fault::FaultKind::Unplug)
     {
-        let hint = "write an empty line to the UDC file of the gadget, or use --pty or --uhid";
-        return Err(fail(
-            Exit::Usage,
-            "the plug of a gadget cannot be pulled from its own side",
-            Some(hint),
-        ));
+        return Err(CliError::usage("the plug of a gadget cannot be pulled from its own side")
+            .hint("write an empty line to the UDC file of the gadget, or use --pty or --uhid"));
     }
     let settings = MockSettings {
         hand: args.hand.hand(output)?,
@@ -116,56 +100,42 @@ fn mock(args: &Args, output: OutputOptions) -> Result<(), Exit> {
         seed: 0,
     };
     let (parameters, protocol) = builder::parameters(&profile, settings);
-    let is_served = matches!(protocol, Protocol::HaplyService(_));
-    if is_served != args.service.is_some() {
-        let (message, hint) = match is_served {
-            true => (
-                format!("{} is behind the Inverse service", profile.name),
-                "use --service 127.0.0.1:10001",
-            ),
-            false => (
-                format!("{} is not behind the Inverse service", profile.name),
-                "use --pty LINK, --uhid or --gadget NODE",
-            ),
-        };
-        return Err(fail(Exit::Usage, &message, Some(hint)));
-    }
-    if !protocol.carriages().contains(&carriage) {
-        let (message, hint) = match carriage {
-            Carriage::Stream => (
-                format!("{} speaks HID reports", profile.name),
-                "use --uhid, or --gadget /dev/hidg0",
-            ),
-            Carriage::Reports => (
-                format!("{} speaks over a serial port", profile.name),
-                "use --pty LINK, or --gadget /dev/ttyGS0",
-            ),
-        };
-        return Err(fail(Exit::Usage, &message, Some(hint)));
+    let is_behind_service = matches!(protocol, Protocol::HaplyService(_));
+    let mismatch = if is_behind_service != args.service.is_some() {
+        Some(match is_behind_service {
+            true => ("is behind the Inverse service", "use --service 127.0.0.1:10001"),
+            false => {
+                ("is not behind the Inverse service", "use --pty LINK, --uhid or --gadget NODE")
+            }
+        })
+    } else if !protocol.carriages().contains(&carriage) {
+        Some(match carriage {
+            Carriage::Stream => ("speaks HID reports", "use --uhid, or --gadget /dev/hidg0"),
+            Carriage::Reports => {
+                ("speaks over a serial port", "use --pty LINK, or --gadget /dev/ttyGS0")
+            }
+        })
+    } else {
+        None
+    };
+    if let Some((what, hint)) = mismatch {
+        return Err(CliError::usage(format_args!("{name} {what}")).hint(hint));
     }
     let period_s = parameters.period_s;
     let firmware = match args.service {
-        Some(_) => service::firmware(&protocol, &args.service_version)
-            .map_err(|message| fail(Exit::Usage, message, None))?,
+        Some(_) => service::firmware(&protocol, &args.service_version).map_err(CliError::usage)?,
         None => protocol.firmware(carriage),
     };
-    let mut arm = MockArm::new(parameters, firmware)
-        .map_err(|error| fail(Exit::Configuration, &error.to_string(), None))?;
-    let mut trace = match args.trace.as_deref().map(|path| (path, TraceFile::create(path))) {
-        Some((path, Err(error))) => {
-            return Err(fail(
-                Exit::Usage,
-                &format!("cannot write {}: {error}", path.display()),
-                None,
-            ));
-        }
-        Some((_, Ok(trace))) => Some(trace),
-        None => None,
-    };
-    let interrupted =
-        signals::interrupted().map_err(|error| fail(Exit::Internal, &error.to_string(), None))?;
+    let mut arm = MockArm::new(parameters, firmware).map_err(CliError::configuration)?;
+    let trace = args.trace.as_ref().map(|path| {
+        TraceFile::create(path).map_err(|error| {
+            CliError::usage(format_args!("cannot write {}: {error}", path.display()))
+        })
+    });
+    let mut trace = trace.transpose()?;
+    let interrupted = signals::interrupted().map_err(CliError::internal)?;
     let (mut link, name) = open(args, &profile, &protocol)
-        .map_err(|error| fail(Exit::Device, &error.to_string(), link_hint(args)))?;
+        .map_err(|error| CliError::device(error).hint(link_hint(args)))?;
 
     let ready = format!("ready {name}\n");
     if args.json {
@@ -182,14 +152,14 @@ fn mock(args: &Args, output: OutputOptions) -> Result<(), Exit> {
     let ended = serve(&mut arm, &mut *link, serving, trace.as_mut(), || {
         interrupted.load(Ordering::Relaxed)
     })
-    .map_err(|error| fail(Exit::Device, &error.to_string(), None))?;
+    .map_err(CliError::device)?;
     // The node goes away before the output comes: its reader may check that.
     drop(link);
     if let (Some(path), Some(cause)) = (&args.trace, trace.as_ref().and_then(TraceFile::ended)) {
         report::warning(&format!("{} does not go to the end: {cause}", path.display()), output);
     }
     tell(&arm.report(), &profile, protocol.name(), &name, ended, args.json, output);
-    Ok(())
+    Ok(Exit::Ok)
 }
 
 fn gadget_carriage(node: Option<&std::path::Path>) -> Carriage {

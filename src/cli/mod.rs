@@ -11,6 +11,7 @@ mod device_node;
 mod devices;
 mod doctor;
 mod drawing;
+mod error;
 mod eval;
 mod findings;
 mod foxglove;
@@ -39,6 +40,7 @@ mod sculpt;
 mod sculpt_run;
 mod services;
 mod status_line;
+mod units;
 mod vendor_arm;
 
 use std::process::ExitCode;
@@ -47,7 +49,7 @@ use clap::builder::StyledStr;
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{CommandFactory as _, Parser, Subcommand, ValueEnum};
 
-use crate::error::Exit;
+use self::error::CliError;
 use rt::clock::monotonic_ns;
 
 /// Open, device-agnostic, 6-DoF haptic rendering server.
@@ -138,26 +140,24 @@ pub fn main() -> ExitCode {
         Command::Run(args) => run::main(&args, output, started_ns),
         Command::Sculpt(args) => sculpt::main(&args, output, started_ns),
         Command::Bake(args) => bake::main(&args, output),
-        Command::Check(args) => check::main(&args, output),
+        Command::Check(args) => Ok(check::main(&args, output)),
         Command::Eval(args) => eval::main(&args, output),
         Command::Replay(args) => replay::main(&args, output),
         Command::Report(args) => lab_report::main(&args, output),
         Command::Mock(args) => mock::main(&args, output),
-        Command::DeviceNode(args) => device_node::main(&args, output),
+        Command::DeviceNode(args) => Ok(device_node::main(&args, output)),
         Command::Devices(args) => devices::main(&args, output),
-        Command::Doctor(args) => doctor::main(&args, output),
+        Command::Doctor(args) => Ok(doctor::main(&args, output)),
         Command::Init(args) => init::main(&args, output),
-        Command::Completions(args) => completions::main(&args),
-        Command::Man(args) => man::main(&args, output),
+        Command::Completions(args) => Ok(completions::main(&args)),
+        Command::Man(args) => man::main(&args),
     });
-    let exit = dispatched.unwrap_or_else(|_| {
-        report::error(
+    let bug = |_| {
+        Err(CliError::internal(
             "this is a bug of hapticd: please report it with the lines above and the command line",
-            None,
-            output,
-        );
-        Exit::Internal
-    });
+        ))
+    };
+    let exit = dispatched.unwrap_or_else(bug).unwrap_or_else(|error| error.report(output));
     report::finish(exit, output).into()
 }
 

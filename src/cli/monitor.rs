@@ -3,6 +3,7 @@
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
+use super::error::CliError;
 use super::{OutputOptions, report};
 use crate::config::SceneConfig;
 use crate::config::{LISTEN_ACCEPTED, parse_listen};
@@ -43,7 +44,7 @@ impl MonitorArgs {
         config: &SceneConfig,
         clock: ClockKind,
         output: OutputOptions,
-    ) -> Result<Option<BoundMonitor>, Exit> {
+    ) -> Result<Option<BoundMonitor>, CliError> {
         let listen = match (self.monitor, clock) {
             (Some(Listen(listen)), _) => listen,
             (None, ClockKind::Virtual) => None,
@@ -52,33 +53,26 @@ impl MonitorArgs {
         let needed = config.heartbeat.is_some();
         let Some(address) = listen else {
             if needed {
-                let hint = "give --monitor 127.0.0.1:7878, or leave out `safety.heartbeat_ms`";
-                report::error(
+                return Err(CliError::usage(
                     "the scene wants a client with a heartbeat, and the monitor is off",
-                    Some(hint),
-                    output,
-                );
-                return Err(Exit::Usage);
+                )
+                .hint("give --monitor 127.0.0.1:7878, or leave out `safety.heartbeat_ms`"));
             }
             return Ok(None);
         };
         let refused = |error: TokenError| {
-            let hint = "`openssl rand -hex 24 > monitor.token` makes one";
-            report::error(&error.to_string(), Some(hint), output);
-            Exit::Usage
+            CliError::usage(error).hint("`openssl rand -hex 24 > monitor.token` makes one")
         };
         let token = self.token(config).map_err(refused)?;
         if !Access::is_safe(address, token.as_ref()) {
-            let hint = "give --monitor-token FILE, or set HAPTICD_TOKEN: any machine that reaches \
-                this address could drive the arm";
-            report::error(
-                &format!(
-                    "the monitor at {address} can be reached from other machines, and has no token"
-                ),
-                Some(hint),
-                output,
+            let exit = if self.monitor.is_some() { Exit::Usage } else { Exit::Configuration };
+            let message = format_args!(
+                "the monitor at {address} can be reached from other machines, and has no token"
             );
-            return Err(if self.monitor.is_some() { Exit::Usage } else { Exit::Configuration });
+            return Err(CliError::new(exit, message).hint(
+                "give --monitor-token FILE, or set HAPTICD_TOKEN: any machine that reaches this \
+                    address could drive the arm",
+            ));
         }
         // Every account of this machine reaches a loopback address.
         let is_open = token.is_none() && config.device.profile.real.is_some();
@@ -90,25 +84,18 @@ impl MonitorArgs {
                 Ok(Some(bound))
             }
             Err(error) if self.monitor.is_none() && !needed => {
-                report::warning(
-                    &format!(
-                        "no monitor: cannot listen at {address}: {error} (--monitor ADDR takes \
-                            another)"
-                    ),
-                    output,
+                let message = format!(
+                    "no monitor: cannot listen at {address}: {error} (--monitor ADDR takes another)"
                 );
+                report::warning(&message, output);
                 Ok(None)
             }
-            Err(error) => {
-                let hint = "give another one with --monitor, such as 127.0.0.1:0 for any port that \
-                    is free";
-                report::error(
-                    &format!("the monitor cannot listen at {address}: {error}"),
-                    Some(hint),
-                    output,
-                );
-                Err(Exit::Usage)
-            }
+            Err(error) => Err(CliError::usage(format_args!(
+                "the monitor cannot listen at {address}: {error}"
+            ))
+            .hint(
+                "give another one with --monitor, such as 127.0.0.1:0 for any port that is free",
+            )),
         }
     }
 

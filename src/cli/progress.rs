@@ -1,9 +1,7 @@
 //! Progress of long baking, on a terminal only.
 
+use std::cell::RefCell;
 use std::io::IsTerminal;
-use std::time::Duration;
-
-use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{OutputOptions, output};
 use crate::scene::BakeEvent;
@@ -11,23 +9,19 @@ use vps::storage::printable::one_line;
 use vps::voxmap::BakeStage;
 
 /// A line on stderr that says which object is at which stage; silent on a pipe and with `--quiet`.
-pub(crate) struct BakeProgress(Option<ProgressBar>);
+/// It goes when this is dropped.
+pub(crate) struct BakeProgress {
+    is_shown: bool,
+    line: RefCell<String>,
+}
 
 impl BakeProgress {
     pub(crate) fn new(output: OutputOptions) -> Self {
-        let shown = !output.quiet && !output::is_json() && std::io::stderr().is_terminal();
-        Self(shown.then(|| {
-            let bar = ProgressBar::new_spinner();
-            if let Ok(style) = ProgressStyle::with_template("{spinner} baking {msg} ({elapsed})") {
-                bar.set_style(style);
-            }
-            bar.enable_steady_tick(Duration::from_millis(100));
-            bar
-        }))
+        let is_shown = !output.quiet && !output::is_json() && std::io::stderr().is_terminal();
+        Self { is_shown, line: RefCell::default() }
     }
 
     pub(crate) fn tell(&self, event: &BakeEvent<'_>) {
-        let Some(bar) = &self.0 else { return };
         let stage = match event.stage {
             BakeStage::Load => "mesh",
             BakeStage::Surface => "surface voxels",
@@ -36,25 +30,32 @@ impl BakeProgress {
             BakeStage::Distance => "distances",
             BakeStage::Pointshell => "pointshell",
         };
-        bar.set_message(format!(
-            "{} ({} of {}): {stage}",
-            one_line(event.name),
-            event.object_idx + 1,
-            event.n_objects
+        let BakeEvent { name, object_idx, n_objects, .. } = event;
+        self.show(format!(
+            "baking {} ({} of {n_objects}): {stage}",
+            one_line(name),
+            object_idx + 1
         ));
     }
 
-    /// Lets someone else write to stderr.
+    /// Lets `write` write to stderr.
     pub(crate) fn aside(&self, write: impl FnOnce()) {
-        match &self.0 {
-            Some(bar) => bar.suspend(write),
-            None => write(),
-        }
+        let line = self.line.borrow().clone();
+        self.show(String::new());
+        write();
+        self.show(line);
     }
 
-    pub(crate) fn finish(self) {
-        if let Some(bar) = self.0 {
-            bar.finish_and_clear();
+    fn show(&self, line: String) {
+        if self.is_shown && (!line.is_empty() || !self.line.borrow().is_empty()) {
+            output::write_over(&line);
         }
+        self.line.replace(line);
+    }
+}
+
+impl Drop for BakeProgress {
+    fn drop(&mut self) {
+        self.show(String::new());
     }
 }

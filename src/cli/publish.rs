@@ -4,13 +4,13 @@ use std::sync::Arc;
 #[cfg(feature = "zenoh")]
 use std::sync::{Mutex, PoisonError};
 
+use super::error::CliError;
 use super::network::HEADING;
 use super::{OutputOptions, report};
 use crate::config::SceneConfig;
 #[cfg(feature = "zenoh")]
 use crate::daemon::session::HandOrder;
 use crate::daemon::session::SessionHandle;
-use crate::error::Exit;
 use crate::monitor::Hub;
 #[cfg(feature = "zenoh")]
 use crate::monitor::Observer;
@@ -27,13 +27,8 @@ use vps::spatial::Pose;
 /// Variable of the environment that says which domain is meant.
 const DOMAIN_VARIABLE: &str = "ROS_DOMAIN_ID";
 /// How often states can be sent, Hz.
-const DEFAULT_HZ: f64 = 100.0;
 const LEAST_HZ: f64 = 1.0;
 const MOST_HZ: f64 = 1000.0;
-
-/// What a run does instead of sharing a world.
-const NO_WORLD: &str = "leave it out; a client of each run's monitor can send the same pose to all \
-    of them: PUT /api/v1/objects/OBJECT/pose";
 
 /// Arguments of what is published.
 #[derive(Debug, clap::Args)]
@@ -47,14 +42,9 @@ pub(crate) struct PublishArgs {
     /// Domain of the topics [default: that of ROS_DOMAIN_ID, else 0].
     #[arg(long, help_heading = HEADING, value_name = "N", requires = "publish")]
     ros_domain: Option<Domain>,
-    /// How often messages are sent, Hz [default: 100].
-    #[arg(long, help_heading = HEADING, value_name = "HZ", value_parser = parse_hz)]
-    publish_hz: Option<f64>,
-    /// What 0.1.0 took, refused in words.
-    #[arg(long, hide = true, num_args = 0..)]
-    world: Option<Vec<String>>,
-    #[arg(long, hide = true, num_args = 0..)]
-    own: Option<Vec<String>>,
+    /// How often messages are sent, Hz.
+    #[arg(long, help_heading = HEADING, value_name = "HZ", value_parser = parse_hz, default_value = "100", requires = "publish")]
+    publish_hz: f64,
 }
 
 fn parse_hz(text: &str) -> Result<f64, String> {
@@ -69,12 +59,6 @@ impl PublishArgs {
         self.publish.is_some()
     }
 
-    /// A flag that 0.1.0 took.
-    fn removed(&self) -> Option<&'static str> {
-        let given = [("--world", &self.world), ("--own", &self.own)];
-        given.into_iter().find_map(|(flag, values)| values.is_some().then_some(flag))
-    }
-
     /// Opens a session and announces the topics, before anything takes long. `None`: nothing was
     /// asked for.
     pub(crate) fn open(
@@ -82,59 +66,35 @@ impl PublishArgs {
         endpoints: Endpoints,
         config: &SceneConfig,
         output: OutputOptions,
-    ) -> Result<Option<OpenedPublisher>, Exit> {
-        let refuse = |message: &str, hint: &str| {
-            report::error(message, Some(hint), output);
-            Err(Exit::Usage)
-        };
-        if let Some(flag) = self.removed() {
-            return refuse(
-                &format!("{flag}: runs do not share a world of objects any more"),
-                NO_WORLD,
-            );
-        }
-        let Some(namespace) = &self.publish else {
-            return match self.publish_hz {
-                Some(_) => refuse("--publish-hz: nothing is published", "give --publish beside it"),
-                None => Ok(None),
-            };
-        };
-        let domain = match self.domain() {
-            Ok(domain) => domain,
-            Err(text) => {
-                return refuse(
-                    &format!("{DOMAIN_VARIABLE}=`{text}` is no number of a domain"),
-                    "write one such as 0, or give --ros-domain 0",
-                );
-            }
-        };
+    ) -> Result<Option<OpenedPublisher>, CliError> {
+        let Some(namespace) = &self.publish else { return Ok(None) };
+        let domain = self.domain()?;
         let profile = &config.device.profile;
         let plan = PublishPlan {
             endpoints: endpoints.or_listen_here(),
-            rate_hz: self.publish_hz.unwrap_or(DEFAULT_HZ),
+            rate_hz: self.publish_hz,
             namespace: namespace.clone(),
             domain,
             arm: profile.name.clone(),
             has_gripper: Axes::from_name("grip").is_some_and(|grip| profile.sensed.contains(grip)),
             has_hand: profile.real.is_none(),
         };
-        match OpenedPublisher::open(&plan) {
-            Ok(opened) => {
-                report::line(&format!("publishing: /{namespace} in domain {domain}"), output);
-                Ok(Some(opened))
-            }
-            Err(problem) => refuse(
-                &problem.to_string(),
+        let opened = OpenedPublisher::open(&plan).map_err(|problem| {
+            CliError::usage(problem).hint(
                 "docs/how-to/ros2.md says how endpoints are written and which side has to listen",
-            ),
-        }
+            )
+        })?;
+        report::line(&format!("publishing: /{namespace} in domain {domain}"), output);
+        Ok(Some(opened))
     }
 
-    /// The domain; what the variable says when that is none.
-    fn domain(&self) -> Result<Domain, String> {
+    fn domain(&self) -> Result<Domain, CliError> {
         match (self.ros_domain, std::env::var(DOMAIN_VARIABLE)) {
             (Some(domain), _) => Ok(domain),
-            (None, Ok(text)) if !text.is_empty() => text.parse().map_err(|_| text),
+            (None, Ok(text)) if !text.is_empty() => text.parse().map_err(|_| {
+                CliError::usage(format_args!("{DOMAIN_VARIABLE}=`{text}` is no number of a domain"))
+                    .hint("write one such as 0, or give --ros-domain 0")
+            }),
             (None, _) => Ok(0),
         }
     }
@@ -238,16 +198,12 @@ mod tests {
             (publish(""), publish("--publish"), publish("--publish /left/arm")),
             (None, Some("hapticd".to_owned()), Some("left/arm".to_owned()))
         );
-        let removed = |line: &str| args(line).expect(line).removed();
-        assert_eq!(
-            (removed("--publish"), removed("--world bench --own a,b --own c"), removed("--own")),
-            (None, Some("--world"), Some("--own"))
-        );
         for (line, reported) in [
             ("--publish scene.toml", "no namespace"),
             ("--publish-hz 0", "from 1 to 1000 Hz"),
             ("--publish-hz nan", "from 1 to 1000 Hz"),
             ("--ros-domain 1", "--publish"),
+            ("--publish-hz 10", "--publish"),
         ] {
             let error = args(line).expect_err(line).to_string();
             assert!(error.contains(reported), "{line}: {error}");

@@ -4,6 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use super::error::CliError;
 use super::{OutputOptions, lab_report, output, report};
 use crate::config::{LoadOptions, SceneConfig};
 use crate::daemon::scene_files;
@@ -49,26 +50,24 @@ impl RecordingArgs {
         clock: ClockKind,
         subscribers: RecordSubscribers,
         output: OutputOptions,
-    ) -> Result<Recordings, Exit> {
+    ) -> Result<Recordings, CliError> {
         let recorder = Recorder::new(subscribers, clock == ClockKind::Virtual);
         recorder.facts.note("rate_hz", config.rate_hz);
         recorder.facts.note("device", &config.device.profile.name);
         recorder.facts.note("processor", processor());
         recorder.scenes.add(scene_files(config, options));
         let refused = |error: RecordingError| {
-            let hint = match &error {
-                RecordingError::Exists(_) => Some("name another file, or give --overwrite"),
-                RecordingError::Create { .. } => {
-                    Some("--record takes a file in a folder that can be written to")
+            let (exit, hint) = match &error {
+                RecordingError::Exists(_) => {
+                    (Exit::Usage, Some("name another file, or give --overwrite"))
                 }
-                _ => None,
+                RecordingError::Create { .. } => {
+                    (Exit::Asset, Some("--record takes a file in a folder that can be written to"))
+                }
+                RecordingError::Thread(_) => (Exit::Internal, None),
+                _ => (Exit::Asset, None),
             };
-            report::error(&format!("--record: {error}"), hint, output);
-            match error {
-                RecordingError::Exists(_) => Exit::Usage,
-                RecordingError::Thread(_) => Exit::Internal,
-                _ => Exit::Asset,
-            }
+            CliError::new(exit, format_args!("--record: {error}")).hint(hint)
         };
         let recording =
             self.record.as_ref().map(|file| recorder.start(file, overwrite, failed(output)));
@@ -178,8 +177,8 @@ impl Recordings {
     }
 
     /// After the last tick: ends the files. What the last recording came to.
-    pub(crate) fn end(self, last: &LoopReport) -> Option<RecordingSummary> {
-        if let Some(fault_files) = self.fault_files {
+    pub(crate) fn end(mut self, last: &LoopReport) -> Option<RecordingSummary> {
+        if let Some(fault_files) = self.fault_files.take() {
             fault_files.finish(last.faults, last.flight.records());
         }
         let _turn = self.session.turn();
@@ -188,9 +187,11 @@ impl Recordings {
             .map(RecorderHandle::stop)
             .or_else(|| self.session.now().ended.pop().map(|(_, last)| last))
     }
+}
 
-    /// Instead of a first tick.
-    pub(crate) fn abandon(self) {
+/// Where nothing was rendered no empty file stays.
+impl Drop for Recordings {
+    fn drop(&mut self) {
         let _turn = self.session.turn();
         if let Some(recording) = self.session.take() {
             recording.abandon();

@@ -2,6 +2,7 @@
 
 use serde_json::Value;
 
+use super::error::CliError;
 use super::output::{self, Level};
 use super::{OutputOptions, report};
 use crate::daemon::reload::{Cause, ReloadNotice, Reloaded};
@@ -75,7 +76,7 @@ fn say_why(refusal: &SessionError, output: OutputOptions) {
             report::config_errors(errors, output);
         }
         SessionError::Scene(problem) => {
-            report::scene_error(problem, output);
+            CliError::from(problem).report(output);
         }
         SessionError::Unlike { .. } => report::error(
             &refusal.to_string(),

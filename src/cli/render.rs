@@ -10,22 +10,21 @@ pub(crate) use self::args::{CommandOptions, LoopArgs};
 
 use self::args::ClockArg;
 use self::arm::tell_of_arm;
+use super::error::{CliError, Outcome};
+use super::memory::MemoryRule;
 use super::outcome::{RunExtras, StartTimes, lets_go_text, result_text};
-use super::progress::BakeProgress;
 use super::sculpt_run::{self, SculptRun};
 use super::services::{ServiceOptions, Services};
 use super::status_line::{FAILED, StatusLine, report_lines};
-use super::{
-    OutputOptions, bake, cache, check, drawing, guard, live, network, output, recording, report,
-};
-use crate::config::{self, ConfigErrors};
+use super::{OutputOptions, bake, check, drawing, guard, live, output, recording, report};
+use crate::config::{self, SceneConfig};
 use crate::daemon::drawing::{self as drawing_thread, Drawing};
 use crate::daemon::remote::RemoteArm;
 use crate::daemon::service::Service;
 use crate::daemon::session::SessionHandle;
 use crate::daemon::{self, PrepareError, Prepared, RealArmNode, RunSummary, exit_of, prepare_on};
 use crate::error::Exit;
-use crate::scene::BakeOptions;
+use crate::scene::ObjectReport;
 use crate::scene::cache::CachePolicy;
 use ::recording::RecordSubscribers;
 use ::recording::file::Recorder;
@@ -37,188 +36,74 @@ use rt::clock::{ClockKind, monotonic_ns};
 use rt::signals::{self, SignalError};
 use vps::mesh;
 
-/// Why a run ended before it began.
-#[derive(Debug)]
-enum Refusal {
-    Prepare(PrepareError),
-    Run(RunError),
-    Strokes(ConfigErrors),
-    Signals(SignalError),
-}
-
 /// Renders; `own` is what the command adds.
 pub(crate) fn main(
     args: &LoopArgs,
     own: &CommandOptions<'_>,
     output: OutputOptions,
     started_ns: i64,
-) -> Exit {
+) -> Outcome {
     // Before any thread that loads parts begins: some of them do while force flows.
     mesh::copy_only();
     // From the first word on: no thread that takes orders or renders waits for a reader.
-    if let Err(error) = output::detach() {
-        report::error(&format!("cannot start a thread: {error}"), None, output);
-        return Exit::Internal;
-    }
+    output::detach().map_err(CliError::thread)?;
     let since_start_s = |ns: i64| (ns - started_ns) as f64 * 1e-9;
     let baked_s = Cell::new(0.0);
     let figures = RefCell::new(None);
     let names_node =
         args.device.as_deref().is_some_and(|device| RemoteArm::name_in(device).is_some());
     if names_node && args.clock == ClockArg::Virtual {
-        let hint = "leave out --clock virtual, or name a simulated arm with --device";
-        report::error("an arm on another machine needs `--clock real`", Some(hint), output);
-        return Exit::Usage;
+        return Err(needs_real_clock("an arm on another machine"));
     }
-    let remote = match args.remote() {
-        Ok(remote) => remote,
-        Err(error) => {
-            report::error(&error.to_string(), None, output);
-            return network::exit_of(&error);
-        }
-    };
+    let remote = args.remote()?;
     let overrides = args.overrides(remote.as_ref());
     if own.clay.is_some() && args.scene.is_file() && sculpt_run::is_source(&args.scene) {
-        report::error(
-            &format!("{}: this is a file of points or a mesh, not a scene", args.scene.display()),
-            Some(&format!(
-                "`hapticd init --clay {}` writes a scene that sculpts it",
-                output::quoted(&args.scene)
-            )),
-            output,
-        );
-        return Exit::Configuration;
+        let message =
+            format!("{}: this is a file of points or a mesh, not a scene", args.scene.display());
+        let file = output::quoted(&args.scene);
+        let hint = format!("`hapticd init --clay {file}` writes a scene that sculpts it");
+        return Err(CliError::configuration(message).hint(&*hint));
     }
     // Before anything is announced: a scene that cannot be read bakes nothing.
-    let config = match config::load_with(&args.scene, &overrides) {
-        Ok(config) => config,
-        Err(errors) => return report::config_errors(&errors, output),
-    };
+    let config = config::load_with(&args.scene, &overrides)?;
     report::scene_warnings(&config, output);
     let clock = args.clock.kind();
-    let mut sculpt_run = match SculptRun::plan(
-        &config,
-        own.clay,
-        own.overwrite,
-        clock,
-        args.recording.file(),
-        output,
-    ) {
-        Ok(sculpt_run) => sculpt_run,
-        Err(exit) => return exit,
-    };
-    if let (Some(remote), Some(selector)) = (&remote, &args.selector) {
-        let message = format!(
-            "--selector {selector}: the arm is attached to the machine of zenoh:{}",
-            remote.name()
-        );
-        report::error(&message, Some("give it to `hapticd device-node`"), output);
-        return Exit::Usage;
-    }
-    if let (Some(selector), None) = (&args.selector, &config.device.profile.real) {
-        let message = format!(
-            "--selector {selector}: {} is simulated in this process and has no node",
-            config.device.profile.name
-        );
-        report::error(&message, Some("name the profile of a real arm with --device"), output);
-        return Exit::Usage;
-    }
-    if args.has_unused_endpoints() {
-        let message = "--connect, --listen and --zenoh-config say where to meet others, and \
-            nothing is published";
-        report::error(message, Some("give --publish beside them"), output);
-        return Exit::Usage;
-    }
-    let changes = match own.live.check(&config, &overrides, args.duration, output) {
-        Ok(changes) => changes,
-        Err(exit) => return exit,
-    };
-    let drawn = own.drawing.map(|drawing| drawing.plan(&config, own.overwrite, output)).transpose();
-    let drawn = match drawn {
-        Ok(drawn) => drawn.flatten(),
-        Err(exit) => return exit,
-    };
-    let bound = match args.monitor.open(&config, clock, output) {
-        Ok(bound) => bound,
-        Err(exit) => return exit,
-    };
+    let mut sculpt_run =
+        SculptRun::plan(&config, own.clay, own.overwrite, clock, args.recording.file(), output)?;
+    args.check(&config, remote.as_ref())?;
+    let changes = own.live.check(&config, &overrides, args.duration)?;
+    let drawn = own.drawing.map(|drawing| drawing.plan(&config, own.overwrite, output));
+    let drawn = drawn.transpose()?.flatten();
+    let bound = args.monitor.open(&config, clock, output)?;
     if let Some(real) = &config.device.profile.real {
-        if args.clock == ClockArg::Virtual {
-            let hint = "leave out --clock virtual, or name a simulated arm with --device";
-            report::error("a real arm needs `--clock real`", Some(hint), output);
-            return Exit::Usage;
-        }
-        if !args.enables_at_start(&config) && !args.console && bound.is_none() {
-            report::error(&RunError::NoOperator.to_string(), Some(HOW_TO_ENABLE), output);
-            return Exit::Device;
-        }
-        if !args.enables_at_start(&config) {
-            let by = if args.console {
-                "you type `enable`"
-            } else {
-                "it is enabled on the monitor page or by a client"
-            };
-            report::note(
-                &format!("no force until {by}; with --enable it flows from the start"),
-                output,
-            );
-        }
+        check_operator(args, &config, bound.is_some(), output)?;
         tell_of_arm(&config, real, output);
     }
     if output.verbose > 0 {
         output::message(format_args!("{}\n", check::summary(&config)));
     }
     let subscribers = RecordSubscribers::default();
-    let recordings = match args.recording.begin(
+    let recordings = args.recording.begin(
         &config,
         &overrides,
         own.overwrite,
         clock,
         subscribers.clone(),
         output,
-    ) {
-        Ok(recordings) => recordings,
-        Err(exit) => return exit,
-    };
-    let audience = match args.foxglove.begin(&config, clock, &recordings.recorder, output) {
-        Ok(audience) => audience,
-        Err(exit) => {
-            recordings.abandon();
-            return exit;
-        }
-    };
-    let opened = match args.publish.open(args.network.endpoints(), &config, output) {
-        Ok(opened) => opened,
-        Err(exit) => {
-            recordings.abandon();
-            return exit;
-        }
-    };
+    )?;
+    let audience = args.foxglove.begin(&config, clock, &recordings.recorder, output)?;
+    let opened = args.publish.open(args.network.endpoints(), &config, output)?;
     let bake = || {
+        let memory = MemoryRule::Given(&args.memory);
         // A copy: no other program may take memory away from the loop.
-        let mut cache = args.cache.open(CachePolicy::Copy, output);
-        let progress = BakeProgress::new(output);
-        let mut means =
-            BakeOptions { cache: &mut cache, memory: args.memory.plan(&progress, output) };
-        let prepared =
-            prepare_on(&config, &mut means, remote.as_ref(), guard::program(), |event| {
+        let prepared = args.cache.bake(CachePolicy::Copy, memory, output, |options, progress| {
+            prepare_on(&config, options, remote.as_ref(), guard::program(), |event| {
                 progress.tell(&event)
-            });
-        drop(means);
-        progress.finish();
-        cache::tell(&mut cache, output);
+            })
+        });
         let (prepared, reports) = prepared?;
-        let link = prepared.attached.as_ref().and_then(|attached| attached.link.clone());
-        figures.replace(link);
-        report::bake_warnings(&reports, output);
-        let clay = prepared.model.as_ref().map(|model| &model.report);
-        clay.inspect(|clay| report::clay_warnings(clay, output));
-        if output.verbose > 0 {
-            clay.inspect(|clay| output::message(format_args!("{}", bake::clay_text(clay))));
-            reports
-                .iter()
-                .for_each(|object| output::message(format_args!("{}", bake::report_text(object))));
-        }
+        figures.replace(prepared.attached.as_ref().and_then(|attached| attached.link.clone()));
+        tell_of_bake(&prepared, &reports, output);
         baked_s.set(since_start_s(monotonic_ns()));
         Ok(prepared)
     };
@@ -231,35 +116,25 @@ pub(crate) fn main(
         clock,
         Some(recordings.recorder.clone()),
     );
-    let begun = changes.begin(&session, &args.cache, &args.memory, is_open, output).and_then(
-        |(paths, swaps)| {
-            let mut live = LiveChannels { subscribers, ..LiveChannels::default() };
-            let options = ServiceOptions {
-                config: &config,
-                session: &session,
-                clock,
-                bound,
-                opened,
-                control: &control,
-                has_console: args.console,
-                enables_at_start: args.enables_at_start(&config),
-                recorder: Some(Box::new(recordings.for_clients(output))),
-                output,
-            };
-            let services = Services::open(options, &mut live)?;
-            let draw =
-                |plan| drawing_thread::begin(plan, session.clone(), &live.subscribers, clock);
-            let drawing = drawn.map(draw).transpose()?;
-            Ok((services, live, paths, swaps, drawing))
-        },
-    );
-    let (mut services, live, paths, swaps, drawing) = match begun {
-        Ok(begun) => begun,
-        Err(error) => {
-            report::error(&format!("cannot start a thread: {error}"), None, output);
-            return Exit::Internal;
-        }
+    let (paths, swaps) = changes
+        .begin(&session, &args.cache, &args.memory, is_open, output)
+        .map_err(CliError::thread)?;
+    let mut live = LiveChannels { subscribers, ..LiveChannels::default() };
+    let options = ServiceOptions {
+        config: &config,
+        session: &session,
+        clock,
+        bound,
+        opened,
+        control: &control,
+        has_console: args.console,
+        enables_at_start: args.enables_at_start(&config),
+        recorder: Some(Box::new(recordings.for_clients(output))),
+        output,
     };
+    let mut services = Services::open(options, &mut live).map_err(CliError::thread)?;
+    let draw = |plan| drawing_thread::begin(plan, session.clone(), &live.subscribers, clock);
+    let drawing = drawn.map(draw).transpose().map_err(CliError::thread)?;
     // The node sends the text for its arm.
     let spoken = remote.as_ref().map(|_| Protocol::Open6(builder::open6(&config.device.profile)));
     let protocol =
@@ -282,70 +157,91 @@ pub(crate) fn main(
     // Whatever became of the loop: what hands made is not lost with it.
     let clay = sculpt_run.and_then(|sculpt_run| sculpt_run.close(output));
     let drawn = drawing.map(Drawing::end);
-    let refusal = match rendered {
-        Ok(outcome) => {
-            let first_tick = outcome.report.first_tick_ns.map_or(0.0, since_start_s);
-            let start_s = StartTimes { baked: baked_s.get(), first_tick };
-            if let Some(audience) = audience {
-                audience.end();
-            }
-            let swaps = swaps.reports(&session, &outcome.swaps);
-            let recording = recordings.end(&outcome.report);
-            let link = figures.borrow().as_ref().map(|figures| figures.report());
-            let more = RunExtras {
-                swaps: &swaps,
-                recording: recording.as_ref(),
-                sculpt: clay.as_ref(),
-                drawn: drawn.as_ref(),
-                link,
-            };
-            if args.json || !output.quiet {
-                output::result(format_args!(
-                    "{}",
-                    result_text(&outcome.totals, start_s, &more, args.json)
-                ));
-            }
-            let not_drawn = drawn.and_then(|drawn| drawing::failure(&drawn, output));
-            let failures = [
-                Some(outcome.exit()),
-                live::failure(&session, output),
-                clay.map(|clay| clay.exit()),
-                not_drawn,
-            ];
-            return failures
-                .into_iter()
-                .flatten()
-                .find(|exit| *exit != Exit::Ok)
-                .unwrap_or(Exit::Ok);
-        }
-        Err(refusal) => refusal,
+    let outcome = rendered?;
+    let first_tick = outcome.report.first_tick_ns.map_or(0.0, since_start_s);
+    let start_s = StartTimes { baked: baked_s.get(), first_tick };
+    if let Some(audience) = audience {
+        audience.end();
+    }
+    let swaps = swaps.reports(&session, &outcome.swaps);
+    let recording = recordings.end(&outcome.report);
+    let link = figures.borrow().as_ref().map(|figures| figures.report());
+    let more = RunExtras {
+        swaps: &swaps,
+        recording: recording.as_ref(),
+        sculpt: clay.as_ref(),
+        drawn: drawn.as_ref(),
+        link,
     };
-    recordings.abandon();
-    match refusal {
-        Refusal::Strokes(errors) => report::config_errors(&errors, output),
-        Refusal::Prepare(error) => report::prepare_error(&error, output),
-        Refusal::Run(error) => {
-            let refused = if let RunError::Refused(checks) = &error { Some(checks) } else { None };
-            if let Some(checks) = refused.filter(|_| output.quiet) {
+    if args.json || !output.quiet {
+        let text = result_text(&outcome.totals, start_s, &more, args.json);
+        output::result(format_args!("{text}"));
+    }
+    let not_drawn = drawn.and_then(|drawn| drawing::failure(&drawn, output));
+    let failures = [
+        Some(outcome.exit()),
+        live::failure(&session, output),
+        clay.map(|clay| clay.exit()),
+        not_drawn,
+    ];
+    Ok(failures.into_iter().flatten().find(|exit| *exit != Exit::Ok).unwrap_or(Exit::Ok))
+}
+
+fn needs_real_clock(arm: &str) -> CliError {
+    CliError::usage(format_args!("{arm} needs `--clock real`"))
+        .hint("leave out --clock virtual, or name a simulated arm with --device")
+}
+
+/// Refuses a real arm that could never get force, and says who gives it.
+fn check_operator(
+    args: &LoopArgs,
+    config: &SceneConfig,
+    has_monitor: bool,
+    output: OutputOptions,
+) -> Result<(), CliError> {
+    if args.clock == ClockArg::Virtual {
+        return Err(needs_real_clock("a real arm"));
+    }
+    if args.enables_at_start(config) {
+        return Ok(());
+    }
+    let by = match (args.console, has_monitor) {
+        (true, _) => "you type `enable`",
+        (false, true) => "it is enabled on the monitor page or by a client",
+        (false, false) => return Err(not_run(RunError::NoOperator, output)),
+    };
+    report::note(&format!("no force until {by}; with --enable it flows from the start"), output);
+    Ok(())
+}
+
+/// Says what there is to know of what was baked.
+fn tell_of_bake(prepared: &Prepared, reports: &[ObjectReport], output: OutputOptions) {
+    report::bake_warnings(reports, output);
+    let clay = prepared.model.as_ref().map(|model| &model.report);
+    clay.inspect(|clay| report::clay_warnings(clay, output));
+    if output.verbose > 0 {
+        clay.inspect(|clay| output::message(format_args!("{}", bake::clay_text(clay))));
+        for object in reports {
+            output::message(format_args!("{}", bake::report_text(object)));
+        }
+    }
+}
+
+/// Why a scene that is ready was not rendered.
+fn not_run(error: RunError, output: OutputOptions) -> CliError {
+    let hint = match &error {
+        RunError::Refused(checks) => {
+            if output.quiet {
                 for row in report_lines(checks, true, FAILED) {
                     output::message(format_args!("{row}\n"));
                 }
             }
-            let hint = match &error {
-                RunError::Refused(_) => Some(
-                    "--realtime best-effort runs anyway, with the latency that this machine gives",
-                ),
-                RunError::NoOperator => Some(HOW_TO_ENABLE),
-                _ => None,
-            };
-            report::error(&error.to_string(), hint, output);
-            exit_of(&error)
+            Some("--realtime best-effort runs anyway, with the latency that this machine gives")
         }
-        Refusal::Signals(error) => {
-            report::error(&error.to_string(), None, output);
-            Exit::Internal
-        }
-    }
+        RunError::NoOperator => Some(HOW_TO_ENABLE),
+        _ => None,
+    };
+    CliError::new(exit_of(&error), &error).hint(hint)
 }
 
 const HOW_TO_ENABLE: &str = "give --enable to let force flow from the start, --console to type \
@@ -377,7 +273,7 @@ fn run(
     control: &Arc<Control>,
     end_by_signals: impl FnOnce(&Arc<Control>) -> Result<(), SignalError>,
     bake: impl FnOnce() -> Result<Prepared, PrepareError>,
-) -> Result<RunSummary, Refusal> {
+) -> Result<RunSummary, CliError> {
     let Beside {
         mut live,
         paths,
@@ -402,13 +298,13 @@ fn run(
         service.report(&notice);
         screen.show(&notice);
     });
-    let prepared = supervisor.bake(bake).map_err(Refusal::Prepare)?;
+    let prepared = supervisor.bake(bake)?;
     let scene = Arc::new(prepared.scene);
     if let (Some(sculpt_run), Some(model)) = (sculpt_run, prepared.model) {
-        sculpt_run.fit(&model, output).map_err(Refusal::Strokes)?;
+        sculpt_run.fit(&model, output)?;
         sculpt_run
             .open(model, &scene, &mut live, control)
-            .map_err(|error| Refusal::Run(error.into()))?;
+            .map_err(|error| not_run(error.into(), output))?;
         services.sculpts(sculpt_run.handle(), sculpt_run.for_clients(&scene));
     }
     live.commands = session.begin(&scene, prepared.attached.is_none()).with_paths(paths);
@@ -440,12 +336,13 @@ fn run(
     };
     // Only now: until here no force can flow, and Ctrl-C ends a long bake at once as it does
     // everywhere.
-    end_by_signals(control).map_err(Refusal::Signals)?;
+    end_by_signals(control).map_err(CliError::internal)?;
     signals::suspend_without_force();
     if reloads {
         services.reload(session, watches, output);
     }
-    daemon::render(&mut supervisor, job, prepared.rate_hz, live, control).map_err(Refusal::Run)
+    daemon::render(&mut supervisor, job, prepared.rate_hz, live, control)
+        .map_err(|error| not_run(error, output))
 }
 
 #[cfg(test)]

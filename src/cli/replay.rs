@@ -4,17 +4,17 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
-use super::memory::MemoryArgs;
-use super::progress::BakeProgress;
+use super::bake::print_json;
+use super::error::{CliError, Outcome};
+use super::memory::{MemoryArgs, MemoryRule};
 use super::{OutputOptions, cache, output, report};
 use crate::config::SceneConfig;
 use crate::daemon::{ReplayError, Replayed, UnpackError, replay};
 use crate::error::Exit;
 use crate::scene::cache::CachePolicy;
-use crate::scene::{self, BakeOptions, SceneError};
+use crate::scene::{self, SceneError};
 use haptics::RenderScene;
 use recording::file::ReadError;
-use vps::storage::memory::available_bytes;
 use vps::storage::printable::one_line;
 
 /// Arguments of `hapticd replay`.
@@ -39,12 +39,9 @@ struct ReplayReport<'r> {
     replayed: &'r Replayed,
 }
 
-pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
+pub(crate) fn main(args: &Args, output: OutputOptions) -> Outcome {
     let bake = |config: &SceneConfig| bake(config, args, output);
-    let replayed = match replay(&args.recording, bake) {
-        Ok(replayed) => replayed,
-        Err(problem) => return refuse(&problem, output),
-    };
+    let replayed = replay(&args.recording, bake).map_err(refused)?;
     for changed in &replayed.changed {
         report::warning(
             &format!("this version reads the scene in another way: {}", one_line(changed)),
@@ -58,18 +55,11 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
         );
     }
     if args.json {
-        match serde_json::to_string(&ReplayReport {
-            identical: replayed.is_identical(),
-            replayed: &replayed,
-        }) {
-            Ok(text) => output::result(format_args!("{text}\n")),
-            // True invariant: numbers and names, no map with odd keys.
-            Err(error) => unreachable!("plain data: {error}"),
-        }
+        print_json(&ReplayReport { identical: replayed.is_identical(), replayed: &replayed });
     } else {
         output::result(format_args!("{}\n", verdict(&replayed)));
     }
-    if replayed.is_identical() { Exit::Ok } else { Exit::Asset }
+    Ok(if replayed.is_identical() { Exit::Ok } else { Exit::Asset })
 }
 
 fn verdict(replayed: &Replayed) -> String {
@@ -99,24 +89,19 @@ fn bake(
     args: &Args,
     output: OutputOptions,
 ) -> Result<RenderScene, SceneError> {
-    let mut cache = args.cache.open(CachePolicy::Copy, output);
-    let progress = BakeProgress::new(output);
     // The scene comes with the recording: it must not end this program.
-    let memory = args.memory.plan_within(available_bytes, &progress, output);
-    let mut means = BakeOptions { cache: &mut cache, memory };
-    let built = scene::build_with(config, &mut means, |event| progress.tell(&event));
-    drop(means);
-    progress.finish();
-    cache::tell(&mut cache, output);
+    let memory = MemoryRule::Left(&args.memory);
+    let built = args.cache.bake(CachePolicy::Copy, memory, output, |options, progress| {
+        scene::build_with(config, options, |event| progress.tell(&event))
+    });
     built.map(|(scene, _)| scene)
 }
 
-fn refuse(problem: &ReplayError, output: OutputOptions) -> Exit {
-    let hint = match problem {
-        ReplayError::Scene(problem) => return report::scene_error(problem, output),
+fn refused(problem: ReplayError) -> CliError {
+    let hint = match &problem {
+        ReplayError::Scene(problem) => return problem.into(),
         ReplayError::Unpack(UnpackError::Config(errors)) => {
-            report::config_errors(errors, output);
-            return Exit::Asset;
+            return CliError::from(errors).exit(Exit::Asset);
         }
         ReplayError::BeganLate(_) => Some(
             "only one from the start of a run can be run again (`run --record`); `hapticd report` \
@@ -131,8 +116,7 @@ fn refuse(problem: &ReplayError, output: OutputOptions) -> Exit {
         ReplayError::Unpack(_) | ReplayError::Empty { .. } => None,
     };
     // Names in a recording are not ours.
-    report::error(&one_line(&problem.to_string()), hint, output);
-    Exit::Asset
+    CliError::asset(one_line(&problem.to_string())).hint(hint)
 }
 
 /// What to do about a recording that cannot be read.

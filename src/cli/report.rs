@@ -2,6 +2,7 @@
 
 use std::io::IsTerminal;
 
+use super::error::CliError;
 use super::output::{self, Lead, Level};
 use super::{OutputOptions, When};
 use crate::config::{self, ConfigErrors, Problem, SceneConfig};
@@ -14,10 +15,7 @@ use vps::storage::printable::one_line;
 
 /// Prints every problem of a scene on stderr and gives the exit code for it.
 pub(crate) fn config_errors(errors: &ConfigErrors, output: OutputOptions) -> Exit {
-    for problem in errors.problems() {
-        error(&one_line(&problem.to_string()), problem.hint().as_deref(), output);
-    }
-    Exit::Configuration
+    CliError::from(errors).report(output)
 }
 
 /// Prints what is likely wrong with a scene.
@@ -32,15 +30,8 @@ pub(super) fn warning_text(problem: &Problem) -> String {
     problem.hint().map_or_else(|| problem.to_string(), |hint| format!("{problem}; {hint}"))
 }
 
-/// Prints why an object cannot be built and gives the exit code for it.
-pub(crate) fn scene_error(problem: &SceneError, output: OutputOptions) -> Exit {
-    // What a mesh file says of itself may be in it.
-    error(&one_line(&problem.to_string()), problem.hint().as_deref(), output);
-    scene_exit(problem)
-}
-
 /// An asset, or a grid that the configuration asks for.
-fn scene_exit(problem: &SceneError) -> Exit {
+pub(super) fn scene_exit(problem: &SceneError) -> Exit {
     match problem {
         SceneError::Part(PartError::Mesh { .. })
         | SceneError::Clay(
@@ -51,15 +42,6 @@ fn scene_exit(problem: &SceneError) -> Exit {
         SceneError::Part(PartError::Grid { .. })
         | SceneError::Clay(ClayError::Piece(_) | ClayError::Frame(_)) => Exit::Configuration,
     }
-}
-
-/// Prints why a scene cannot be rendered and gives the exit code for it.
-pub(crate) fn prepare_error(problem: &PrepareError, output: OutputOptions) -> Exit {
-    if let PrepareError::Config(errors) = problem {
-        return config_errors(errors, output);
-    }
-    error(&one_line(&problem.to_string()), prepare_hint(problem).as_deref(), output);
-    prepare_exit(problem)
 }
 
 /// What to do about it.

@@ -1,8 +1,8 @@
 //! `hapticd run`: bake a scene and render it on its arm.
 
+use super::error::Outcome;
 use super::render::{self, CommandOptions, LoopArgs};
 use super::{OutputOptions, drawing, live};
-use crate::error::Exit;
 
 /// Arguments of `hapticd run`.
 #[derive(Debug, clap::Args)]
@@ -19,7 +19,7 @@ pub(crate) struct Args {
     overwrite: bool,
 }
 
-pub(crate) fn main(args: &Args, output: OutputOptions, started_ns: i64) -> Exit {
+pub(crate) fn main(args: &Args, output: OutputOptions, started_ns: i64) -> Outcome {
     let own = CommandOptions {
         live: &args.live,
         drawing: Some(&args.drawing),

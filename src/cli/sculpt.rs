@@ -1,10 +1,10 @@
 //! `hapticd sculpt`: a clay model of clay, worked with the arm, by script and from the monitor
 //! page.
 
+use super::error::{CliError, Outcome};
 use super::render::{self, CommandOptions, LoopArgs};
 use super::sculpt_run::ClayArgs;
-use super::{OutputOptions, live, report};
-use crate::error::Exit;
+use super::{OutputOptions, live};
 
 /// Arguments of `hapticd sculpt`.
 #[derive(Debug, clap::Args)]
@@ -54,14 +54,10 @@ impl RigidArgs {
     }
 }
 
-pub(crate) fn main(args: &Args, output: OutputOptions, started_ns: i64) -> Exit {
+pub(crate) fn main(args: &Args, output: OutputOptions, started_ns: i64) -> Outcome {
     if let Some((flag, hint)) = args.rigid.given() {
-        report::error(
-            &format!("{flag} is for rigid scenes, which `hapticd run` renders"),
-            Some(hint),
-            output,
-        );
-        return Exit::Usage;
+        let message = format!("{flag} is for rigid scenes, which `hapticd run` renders");
+        return Err(CliError::usage(message).hint(hint));
     }
     let own = CommandOptions {
         live: &live::LiveArgs::default(),

@@ -13,6 +13,7 @@ pub(crate) use self::summary::SculptSummary;
 use self::ending::{carry_out, hint, rescue, wait};
 use self::outputs::{OutputFiles, Pictures, destination_of, session_of};
 use self::summary::SavedFile;
+use super::error::CliError;
 use super::{OutputOptions, destination, output, recording, report};
 use crate::config::scene::SculptConfig;
 use crate::config::strokes::{self, Script, TimedOrder};
@@ -20,7 +21,6 @@ use crate::config::{ConfigErrors, SceneConfig};
 use crate::daemon::sculpting::{
     self, ClayHandle, ScriptedOrder, SculptOutcome, SculptPlan, SculptReport, SculptThread,
 };
-use crate::error::Exit;
 use crate::monitor::ClayParts;
 use crate::scene::LoadedClay;
 use clay::PointSet;
@@ -125,36 +125,29 @@ impl SculptRun {
         clock: ClockKind,
         recording: Option<&Path>,
         output: OutputOptions,
-    ) -> Result<Option<Self>, Exit> {
+    ) -> Result<Option<Self>, CliError> {
         let path = config.path.display();
+        let file = output::quoted(&config.path);
         let (sculpt, args) = match (&config.sculpt, args) {
             (None, None) => return Ok(None),
             (Some(sculpt), Some(args)) => (sculpt.clone(), args),
             (Some(_), None) => {
-                let hint = format!("`hapticd sculpt {}` works it", output::quoted(&config.path));
-                report::error(
-                    &format!("{path}: [sculpt]: this scene has clay, and `run` is for rigid ones"),
-                    Some(&hint),
-                    output,
-                );
-                return Err(Exit::Configuration);
+                return Err(CliError::configuration(format_args!(
+                    "{path}: [sculpt]: this scene has clay, and `run` is for rigid ones"
+                ))
+                .hint(&*format!("`hapticd sculpt {file}` works it")));
             }
             (None, Some(_)) => {
-                let hint = format!(
-                    "`hapticd run {}` renders it; a [sculpt] table would give it clay",
-                    output::quoted(&config.path)
-                );
-                report::error(
-                    &format!("{path}: this scene has no clay to sculpt"),
-                    Some(&hint),
-                    output,
-                );
-                return Err(Exit::Configuration);
+                return Err(CliError::configuration(format_args!(
+                    "{path}: this scene has no clay to sculpt"
+                ))
+                .hint(&*format!(
+                    "`hapticd run {file}` renders it; a [sculpt] table would give it clay"
+                )));
             }
         };
         let file = args.strokes.as_ref().or(sculpt.strokes.as_ref());
-        let script = file.map(|file| strokes::load(file, &sculpt.tool)).transpose();
-        let script = script.map_err(|errors| report::config_errors(&errors, output))?;
+        let script = file.map(|file| strokes::load(file, &sculpt.tool)).transpose()?;
         if script.is_none() && config.device.profile.real.is_none() && config.device.hand.is_none()
         {
             let hint = "`hand` under [device] leads it along a path, --strokes FILE works the \

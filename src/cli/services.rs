@@ -140,7 +140,7 @@ impl Services {
                 );
             }
         });
-        session.reload_with(Reloader::new(hangups(), watches, known, tell));
+        Reloader::new(hangups(), watches, known, tell).begin(session);
     }
 
     /// Passes on notices of the supervisor.

@@ -16,6 +16,7 @@ mod scene_keys;
 pub mod sculpting;
 pub mod service;
 pub mod session;
+mod session_error;
 #[cfg(test)]
 pub(crate) mod testing;
 mod unpacked;

@@ -15,7 +15,8 @@ use std::path::{Path, PathBuf};
 use std::time::{Instant, SystemTime};
 
 use super::scene_keys::{fixed, unlike_at_the_arm};
-use super::session::{Baker, SceneView, SessionError, SessionHandle};
+use super::session::{Baker, SceneView, SessionHandle};
+use super::session_error::SessionError;
 use crate::config::scene::MeshSource;
 use crate::config::{self, SceneConfig};
 use engine::servo::FileChange;
@@ -86,9 +87,16 @@ impl Reloader {
         Self { hangups, watches, known, tell, next_listen: now, next_look: now, pending: None }
     }
 
+    /// Begins to read the scene of this session again when it is asked for.
+    pub fn begin(mut self, session: &SessionHandle) {
+        session.watch_with(Box::new(move |session, is_free, baker| {
+            self.turn(session, is_free, baker)
+        }));
+    }
+
     /// Looks whether there is something to do, and does it. `is_free`: no other scene is on its
     /// way; what is asked for meanwhile is done afterwards.
-    pub(super) fn turn(&mut self, session: &SessionHandle, is_free: bool, baker: &mut Baker) {
+    fn turn(&mut self, session: &SessionHandle, is_free: bool, baker: &mut Baker) {
         let now = Instant::now();
         if now < self.next_listen {
             return;

@@ -4,7 +4,7 @@
 use core::time::Duration;
 use std::path::{Path, PathBuf};
 
-use super::session::SessionError;
+use super::session_error::SessionError;
 use crate::config::SceneConfig;
 
 /// The file of a scene beside the one that is rendered, by its name without the ending.

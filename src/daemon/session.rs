@@ -17,9 +17,8 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
 use super::prepare::hand_of;
 use super::recorded::scene_files;
-use super::reload::Reloader;
 use super::scene_keys::{path_of, unlike};
-use crate::config::{self, ConfigErrors, LoadOptions, SceneConfig};
+use crate::config::{self, LoadOptions, SceneConfig};
 use crate::scene::SceneError;
 use engine::servo::{CommandQueue, FileChange, LoadedScene, Objects, SceneControls};
 use haptics::RenderScene;
@@ -27,6 +26,7 @@ use recording::file::{Recorder, SceneFiles};
 use rt::clock::ClockKind;
 use vps::spatial::Pose;
 
+pub use super::session_error::SessionError;
 pub use engine::servo::{ControlError, HandOrder, HandUse, ParameterSetting};
 
 /// How often the thread of scenes looks for a scene that the loop gave back, while one is to be
@@ -38,63 +38,13 @@ const IDLE: Duration = Duration::from_millis(10);
 /// Bakes a scene in a way that the caller chooses: with its cache, its limits, its progress.
 pub type Baker = Box<dyn FnMut(&SceneConfig) -> Result<RenderScene, SceneError> + Send>;
 
+/// Called again and again on the thread of scenes, between two bakes; whether no other scene is on
+/// its way.
+pub(super) type SceneWatcher = Box<dyn FnMut(&SessionHandle, bool, &mut Baker) + Send>;
+
 /// Called once with what became of a scene: it is baked and sent to the loop, or why not. Called on
 /// the thread of scenes; must not block.
 pub type Reply = Box<dyn FnOnce(Result<(), SessionError>) + Send>;
-
-/// Why something was not done.
-#[derive(Debug, thiserror::Error)]
-pub enum SessionError {
-    /// A parameter or a pose.
-    #[error("{0}")]
-    Control(#[from] ControlError),
-    /// The file of a scene's hand.
-    #[error("{0}")]
-    Hand(String),
-    /// Clay has no beginning to go back to but its strokes.
-    #[error("clay is not reset: undo its strokes")]
-    ClayStays,
-    /// No such scene.
-    #[error("no scene is called `{name}`; known here: {}", known.join(", "))]
-    UnknownScene {
-        /// As asked for.
-        name: String,
-        /// What is there.
-        known: Vec<String>,
-    },
-    /// The scene file is wrong.
-    #[error("{0}")]
-    Config(ConfigErrors),
-    /// The scene differs in a key that counts from the start of a run on.
-    #[error("{key} = {its}, but the scene that is rendered has {ours}")]
-    Unlike {
-        /// The key.
-        key: &'static str,
-        /// What the scene has.
-        its: String,
-        /// What is rendered.
-        ours: String,
-    },
-    /// Something else than parameters of a scene with clay has changed.
-    #[error("the clay is worked until the run ends: of its scene only parameters are taken \
-        meanwhile ({}), and more than those has changed", .taken.join(", "))]
-    Clay {
-        /// The parameters.
-        taken: Vec<&'static str>,
-    },
-    /// The scene cannot be baked.
-    #[error("{0}")]
-    Scene(#[from] SceneError),
-    /// One scene at a time.
-    #[error("another scene is being baked or exchanged; ask again when it is rendered")]
-    Busy,
-    /// The first scene is not rendered yet.
-    #[error("the scene is being baked: nothing is rendered yet")]
-    Baking,
-    /// The run has ended, or has no part that could do it.
-    #[error("the run cannot do this any more")]
-    Over,
-}
 
 /// What is rendered, and what can be changed in it.
 #[derive(Clone, Debug)]
@@ -169,7 +119,7 @@ struct SessionState {
     failed: Vec<(PathBuf, SceneError)>,
     /// Scenes that were rendered before, for the thread of scenes to free.
     replaced: Vec<Box<LoadedScene>>,
-    reloader: Option<Reloader>,
+    watcher: Option<SceneWatcher>,
     /// The thread of scenes takes no more jobs.
     has_ended: bool,
 }
@@ -257,7 +207,7 @@ impl SessionHandle {
             sent: Vec::new(),
             failed: Vec::new(),
             replaced: Vec::new(),
-            reloader: None,
+            watcher: None,
             has_ended: true,
         };
         Self(Arc::new(Shared {
@@ -406,10 +356,9 @@ impl SessionHandle {
         job.refuse(refusal);
     }
 
-    /// Begins to read the scene again when it is asked for. Without [`Self::begin_baking`] it never
-    /// is.
-    pub fn reload_with(&self, reloader: Reloader) {
-        self.state().reloader = Some(reloader);
+    /// Begins to call `watcher`. Without [`Self::begin_baking`] it is never called.
+    pub(super) fn watch_with(&self, watcher: SceneWatcher) {
+        self.state().watcher = Some(watcher);
     }
 
     /// The file of a scene, by its number; `None`: there is no such scene, or it is the first one.
@@ -502,12 +451,12 @@ impl SessionHandle {
             if let Some(job) = state.jobs.pop_front() {
                 drop(state);
                 self.carry_out(job, baker);
-            } else if let Some(mut reloader) = state.reloader.take() {
+            } else if let Some(mut watcher) = state.watcher.take() {
                 let is_free = !state.is_switching;
                 drop(state);
                 // A panic there ends reloading and nothing else.
-                let turned = catch_unwind(AssertUnwindSafe(|| reloader.turn(self, is_free, baker)));
-                self.state().reloader = turned.is_ok().then_some(reloader);
+                let turned = catch_unwind(AssertUnwindSafe(|| watcher(self, is_free, baker)));
+                self.state().watcher = turned.is_ok().then_some(watcher);
                 self.rest(IDLE);
             } else {
                 drop(state);

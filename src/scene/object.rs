@@ -46,7 +46,7 @@ pub struct BakeOptions<'a> {
 impl<'a> From<&'a mut Cache> for BakeOptions<'a> {
     /// All the memory that it takes.
     fn from(cache: &'a mut Cache) -> Self {
-        Self { cache, memory: MemoryPlan::new(None, |_, _| ()) }
+        Self { cache, memory: MemoryPlan::unlimited() }
     }
 }
 
@@ -68,6 +68,11 @@ type Left<'a> = dyn Fn() -> Option<u64> + 'a;
 type Tell<'a> = dyn FnMut(&str, &Estimate) + 'a;
 
 impl<'a> MemoryPlan<'a> {
+    /// All the memory that it takes.
+    pub fn unlimited() -> Self {
+        Self::new(None, |_, _| ())
+    }
+
     /// A limit, if any, and what to do with each object's name and estimate before its work begins.
     /// The estimate is of this object alone, without what the objects before it keep.
     pub fn new(max_bytes: Option<u64>, tell: impl FnMut(&str, &Estimate) + 'a) -> Self {

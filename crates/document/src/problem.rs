@@ -85,18 +85,15 @@ impl Problem {
     pub fn hint(&self) -> Option<String> {
         let key = self.key.as_deref().unwrap_or_default();
         match &self.kind {
-            ProblemKind::VersionMissing { supported } => Some(format!(
-                "write `version = \
-                {supported}` as the first line"
-            )),
+            ProblemKind::VersionMissing { supported } => {
+                Some(format!("write `version = {supported}` as the first line"))
+            }
             ProblemKind::UnknownKey { known, .. } => {
                 Some(format!("known here: {}", known.join(", ")))
             }
-            ProblemKind::WrongType { .. } if key == "static" => Some(
-                "write each static object as \
-                its own [[static]] table"
-                    .into(),
-            ),
+            ProblemKind::WrongType { .. } if key == "static" => {
+                Some("write each static object as its own [[static]] table".into())
+            }
             ProblemKind::Missing { .. } if key.ends_with("units") => {
                 Some("a mesh file does not say its unit; a wrong guess is a factor of 1000".into())
             }
@@ -120,26 +117,20 @@ impl Problem {
                     to --device"
                     .into(),
             ),
-            ProblemKind::IsScene => Some(
-                "a profile describes an arm: its name, or a file of \
-                devices/"
-                    .into(),
-            ),
+            ProblemKind::IsScene => {
+                Some("a profile describes an arm: its name, or a file of devices/".into())
+            }
             ProblemKind::IsStrokes => Some(
                 "a scene names it as `strokes` under [sculpt], or `hapticd sculpt SCENE \
                     --strokes FILE` takes it"
                     .into(),
             ),
             ProblemKind::IsNoStrokes => Some(
-                "a file of strokes has `version` and [[stroke]] \
-                tables, and nothing else"
-                    .into(),
+                "a file of strokes has `version` and [[stroke]] tables, and nothing else".into(),
             ),
-            ProblemKind::IsSession => Some(
-                "a scene goes on from it: `session` under [sculpt] \
-                names it"
-                    .into(),
-            ),
+            ProblemKind::IsSession => {
+                Some("a scene goes on from it: `session` under [sculpt] names it".into())
+            }
             ProblemKind::IsMesh => Some(
                 "`hapticd bake` takes it as it is; a scene (.toml) names it as `mesh` under \
                     [[static]] or [tool]"
@@ -157,12 +148,8 @@ impl Problem {
                 let of_package = packaged(&self.file)
                     .map(|file| format!("the package has one of that name: {}", file.display()));
                 let near = || {
-                    near_file(&self.file).map(|name| {
-                        format!(
-                            "did you mean `{name}`? \
-                    {TO_WORKING_DIRECTORY}"
-                        )
-                    })
+                    near_file(&self.file)
+                        .map(|name| format!("did you mean `{name}`? {TO_WORKING_DIRECTORY}"))
                 };
                 of_package.or_else(near).or_else(|| Some(TO_WORKING_DIRECTORY.into()))
             }
@@ -268,7 +255,7 @@ pub enum ProblemKind {
         cause: io::Error,
     },
     /// A file of strokes that is not there.
-    #[error("no such file; it would hold the strokes of the piece")]
+    #[error("no such file; it would hold the strokes of the clay")]
     StrokesMissing,
     /// A file of strokes where a scene must be.
     #[error("this is a file of strokes, not a scene")]
@@ -276,7 +263,7 @@ pub enum ProblemKind {
     /// A scene where a file of strokes must be.
     #[error("this is a scene, not a file of strokes")]
     IsNoStrokes,
-    /// A saved piece of clay where a scene must be.
+    /// A saved session of clay where a scene must be.
     #[error("this is a saved session of clay, not a scene")]
     IsSession,
     /// A mesh where a scene must be.

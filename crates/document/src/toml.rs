@@ -384,23 +384,16 @@ fn remove(root: &mut Value<'_>, steps: &[Step]) -> Option<()> {
 /// Turns serde's sentence into one of our kinds. `word` is the key or value that it complains
 /// about.
 fn kind_of(message: &str, word: &str) -> ProblemKind {
-    if let Some((_, expected)) =
-        message.strip_prefix("unknown field ").and_then(|rest| rest.split_once(", expected "))
-    {
+    let listed = |start: &str| {
+        let (_, expected) = message.strip_prefix(start)?.split_once(", expected ")?;
         let known = in_backticks(expected);
-        return ProblemKind::UnknownKey {
-            nearest: nearest(word, known.iter().map(String::as_str)),
-            known,
-        };
+        Some((nearest(word, known.iter().map(String::as_str)), known))
+    };
+    if let Some((nearest, known)) = listed("unknown field ") {
+        return ProblemKind::UnknownKey { nearest, known };
     }
-    if let Some((_, expected)) =
-        message.strip_prefix("unknown variant ").and_then(|rest| rest.split_once(", expected "))
-    {
-        let known = in_backticks(expected);
-        return ProblemKind::UnknownWord {
-            nearest: nearest(word, known.iter().map(String::as_str)),
-            known,
-        };
+    if let Some((nearest, known)) = listed("unknown variant ") {
+        return ProblemKind::UnknownWord { nearest, known };
     }
     if let Some((_, expected)) =
         message.strip_prefix("invalid ").and_then(|rest| rest.rsplit_once(", expected "))

@@ -4,13 +4,15 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::super::progress::BakeProgress;
-use super::super::{OutputOptions, cache, output, report};
+use super::super::cache::CacheArgs;
+use super::super::error::CliError;
+use super::super::memory::MemoryRule;
+use super::super::units::UnitArg;
+use super::super::{OutputOptions, output, report};
 use super::figures::{peak_rss_bytes, print_json, report_text};
-use super::{Args, Failure, NavigationChoice};
+use super::{Args, NavigationChoice};
 use crate::config::scene::MeshSource;
-use crate::error::Exit;
-use crate::scene::cache::{Baked, Cache, CachePolicy, Lookup, Request, Spacing};
+use crate::scene::cache::{Baked, CachePolicy, Lookup, Request, Spacing};
 use crate::scene::{self, BakeEvent, MemoryPlan, ObjectReport, PartRole};
 use picture::BakedObject;
 use vps::mesh::MeshError;
@@ -26,21 +28,17 @@ use vps::voxmap::{BakeStage, Options, npy};
 const VOXEL_SIZE_MAX_MM: f64 = 1000.0;
 
 /// A mesh of the command line: no scene that it could be relative to, and flags instead of keys.
-pub(super) fn mesh_error(args: &Args, error: &PartError, output: OutputOptions) -> Exit {
+fn mesh_error(args: &Args, error: &PartError) -> CliError {
+    let (input, n) = (args.input.display(), args.longest_axis_voxels);
     match error {
         PartError::Mesh { source, .. } => {
-            let hint =
-                if matches!(source, MeshError::Missing { .. }) { None } else { source.hint() };
-            report::error(&source.to_string(), hint, output);
-            Exit::Asset
+            let is_missing = matches!(source, MeshError::Missing { .. });
+            CliError::asset(source).hint(if is_missing { None } else { source.hint() })
         }
         PartError::Grid { source, .. } => {
-            let hint = match (source, args.longest_axis_voxels) {
+            let hint = match (source, n) {
                 (GridError::TooLarge { .. } | GridError::Surface { .. }, Some(_)) => {
                     "ask for fewer --longest-axis-voxels".to_owned()
-                }
-                (GridError::TooLarge { .. } | GridError::Surface { .. }, None) => {
-                    source.hint().replace("`units`", "--units")
                 }
                 (GridError::Memory { asked_m, voxel_size_m: Some(fits_m), limit, .. }, Some(n)) => {
                     let n_fits = (f64::from(n) * asked_m / fits_m).floor();
@@ -49,35 +47,32 @@ pub(super) fn mesh_error(args: &Args, error: &PartError, output: OutputOptions) 
                         limit.remedy()
                     )
                 }
-                (GridError::Memory { .. } | GridError::VoxelSize(_) | GridError::Cancelled, _) => {
-                    source.hint()
-                }
+                _ => source.hint().replace("`units`", "--units"),
             };
-            report::error(&format!("{}: {source}", args.input.display()), Some(&hint), output);
-            Exit::Configuration
+            CliError::configuration(format_args!("{input}: {source}")).hint(&*hint)
         }
     }
 }
 
-pub(super) fn bake_mesh(args: &Args, output: OutputOptions) -> Result<(), Failure> {
+pub(super) fn bake_mesh(args: &Args, output: OutputOptions) -> Result<(), CliError> {
     let metres_per_unit = match (args.units, args.voxel_size_mm, args.longest_axis_voxels) {
         (_, None, None) => {
-            return Err(Failure::Usage(
-                "a mesh needs --voxel-size-mm S or --longest-axis-voxels N".into(),
+            return Err(CliError::usage(
+                "a mesh needs --voxel-size-mm S or --longest-axis-voxels N",
             ));
         }
         (None, Some(_), _) => {
-            return Err(Failure::Usage(
-                "--voxel-size-mm needs --units m|mm|cm|in of the mesh file".into(),
+            return Err(CliError::usage(
+                "--voxel-size-mm needs --units m|mm|cm|in of the mesh file",
             ));
         }
-        (Some(unit), ..) => unit.metres(),
+        (Some(UnitArg(unit)), ..) => unit.metres(),
         (None, None, Some(_)) => 1.0,
     };
     if let Some(size_mm) =
         args.voxel_size_mm.filter(|size_mm| !(*size_mm > 0.0 && *size_mm <= VOXEL_SIZE_MAX_MM))
     {
-        return Err(Failure::Usage(format!(
+        return Err(CliError::usage(format_args!(
             "--voxel-size-mm {size_mm}: must be greater than 0 and at most {VOXEL_SIZE_MAX_MM} mm"
         )));
     }
@@ -85,22 +80,22 @@ pub(super) fn bake_mesh(args: &Args, output: OutputOptions) -> Result<(), Failur
     let outputs =
         [&args.voxmap_out, &args.field_out, &args.pointshell_out, &args.picture, &args.picture_3d];
     for path in outputs.into_iter().flatten() {
-        whole_file::check(path).map_err(|error| Failure::Write(path.clone(), error))?;
+        let shown = path.display();
+        whole_file::check(path).map_err(|error| CliError::write(&shown, &error))?;
         // Both exist, or one is no file yet: then there is nothing to lose.
         if let (Ok(output), Ok(input)) = (path.canonicalize(), args.input.canonicalize())
             && output == input
         {
-            return Err(Failure::Usage(format!(
-                "{} is the mesh itself: name another file to write",
-                path.display()
-            )));
+            let message = format!("{shown} is the mesh itself: name another file to write");
+            return Err(CliError::usage(message));
         }
     }
     for (flag, path) in [("--picture", &args.picture), ("--picture-3d", &args.picture_3d)] {
         if let Some(path) = path
             && !path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"))
         {
-            return Err(Failure::Usage(format!("{flag} {}: a picture is a .png", path.display())));
+            let shown = path.display();
+            return Err(CliError::usage(format_args!("{flag} {shown}: a picture is a .png")));
         }
     }
     let name = args.input.file_stem().unwrap_or_default().to_string_lossy().into_owned();
@@ -129,8 +124,8 @@ pub(super) fn bake_mesh(args: &Args, output: OutputOptions) -> Result<(), Failur
         Some(NavigationChoice::Auto) | None => None,
     };
     let needs_more = navigation.is_some() || outputs.iter().any(|output| output.is_some());
-    let mut cache =
-        if needs_more { Cache::off() } else { args.cache.open(CachePolicy::Mapped, output) };
+    let off = CacheArgs::off();
+    let cache = if needs_more { &off } else { &args.cache };
     if args.units.is_none() {
         report::note(
             "the numbers of the mesh file are taken as metres; --units m|mm|cm|in says otherwise",
@@ -145,24 +140,22 @@ pub(super) fn bake_mesh(args: &Args, output: OutputOptions) -> Result<(), Failur
             output,
         );
     }
-    let progress = BakeProgress::new(output);
-    let tell =
-        |stage| progress.tell(&BakeEvent { name: &name, object_idx: 0, n_objects: 1, stage });
-    tell(BakeStage::Load);
-    let baked = match cache.look_up(&request, u64::MAX) {
-        Lookup::Hit(baked) => *baked,
-        Lookup::Bake(slot) => {
-            let mut memory = args.memory.plan(&progress, output);
-            let mut baked = generate(args, &request, navigation, &mut memory, tell)?;
-            baked.report.cache = slot.cache;
-            cache.store(&slot, &request, &baked);
-            baked
-        }
-    };
-    progress.finish();
-    cache::tell(&mut cache, output);
-
-    let Baked { field, shell, report: object, .. } = baked;
+    let memory = MemoryRule::Given(&args.memory);
+    let baked = cache.bake(CachePolicy::Mapped, memory, output, |options, progress| {
+        let tell =
+            |stage| progress.tell(&BakeEvent { name: &name, object_idx: 0, n_objects: 1, stage });
+        tell(BakeStage::Load);
+        Ok::<Baked, CliError>(match options.cache.look_up(&request, u64::MAX) {
+            Lookup::Hit(baked) => *baked,
+            Lookup::Bake(slot) => {
+                let mut baked = generate(args, &request, navigation, &mut options.memory, tell)?;
+                baked.report.cache = slot.cache;
+                options.cache.store(&slot, &request, &baked);
+                baked
+            }
+        })
+    });
+    let Baked { field, shell, report: object, .. } = baked?;
     report::bake_warnings(core::slice::from_ref(&object), output);
     if args.json {
         #[derive(Serialize)]
@@ -193,11 +186,12 @@ fn generate(
     navigation: Option<Navigation>,
     memory: &mut MemoryPlan<'_>,
     tell: impl Fn(BakeStage),
-) -> Result<Baked, Failure> {
-    let part = scene::load(request.name, request.source, request.spacing)?;
+) -> Result<Baked, CliError> {
+    let refused = |error: PartError| mesh_error(args, &error);
+    let part = scene::load(request.name, request.source, request.spacing).map_err(refused)?;
     let options = Options { navigation, ..request.options(&part) };
-    memory.judge(&part, &options, request.products())?;
-    let mut map = part.voxmap(&options, &tell)?;
+    memory.judge(&part, &options, request.products()).map_err(refused)?;
+    let mut map = part.voxmap(&options, &tell).map_err(refused)?;
     tell(BakeStage::Distance);
     if let Some(path) = &args.field_out {
         let distances = map.distances(&part.mesh, false);
@@ -233,6 +227,6 @@ fn generate(
     Ok(Baked { field: Some(field), shell: Some(shell), mass: Some(mass), report })
 }
 
-fn write(path: &Path, export: impl FnOnce(&Path) -> std::io::Result<()>) -> Result<(), Failure> {
-    export(path).map_err(|error| Failure::Write(path.to_owned(), error))
+fn write(path: &Path, export: impl FnOnce(&Path) -> std::io::Result<()>) -> Result<(), CliError> {
+    export(path).map_err(|error| CliError::write(path.display(), &error))
 }

@@ -5,11 +5,12 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::super::{OutputOptions, report};
+use super::super::OutputOptions;
+use super::super::error::CliError;
+use super::super::units::UnitArg;
 use super::place::SceneDestination;
-use super::{Args, ReportedExit, guessed, read, relative};
+use super::{Args, guessed, read, relative};
 use crate::config::draft::{ClayDraft, Unit};
-use crate::error::Exit;
 use vps::mesh::cloud::{self, Contents};
 use vps::mesh::{Format, MeshError};
 use vps::spatial::Metres;
@@ -22,45 +23,35 @@ struct InputMesh {
 }
 
 /// Writes the scene.
-pub(super) fn init(args: &Args, output: OutputOptions) -> Result<(), ReportedExit> {
-    let refuse = |exit: Exit, message: &str, hint: Option<&str>| {
-        report::error(message, hint, output);
-        ReportedExit(exit)
-    };
+pub(super) fn init(args: &Args, output: OutputOptions) -> Result<(), CliError> {
     let file = &args.folder;
-    let place = SceneDestination::of(args, || file.with_extension("toml"), output)?;
-    if args.tool.is_some() {
-        return Err(refuse(Exit::Usage, "--tool goes with a folder: a ball works the clay", None));
+    let shown = file.display();
+    if !file.is_file() {
+        return Err(CliError::usage(format_args!("{shown}: --clay takes one file"))
+            .hint("name the file of points or the mesh that is to be clay"));
     }
-    place.check_free(args, output)?;
-    let InputMesh { is_mesh, bounds, own_unit } = look(file).map_err(|error| {
-        report::error(&error.to_string(), error.hint(), output);
-        ReportedExit(Exit::Asset)
-    })?;
+    if !args.clay {
+        return Err(CliError::usage(format_args!("{shown}: not a folder"))
+            .hint("give its folder, or --clay to sculpt this file"));
+    }
+    let place = SceneDestination::of(args, || file.with_extension("toml"))?;
+    if args.tool.is_some() {
+        return Err(CliError::usage("--tool goes with a folder: a ball works the clay"));
+    }
+    place.check_free(args)?;
+    let InputMesh { is_mesh, bounds, own_unit } =
+        look(file).map_err(|error| CliError::asset(&error).hint(error.hint()))?;
     let Some((low, high)) = bounds.filter(|(low, high)| (*high - *low).max_element() > 0.0) else {
-        return Err(refuse(
-            Exit::Asset,
-            &format!("{}: nothing in it has a size", file.display()),
-            None,
-        ));
+        return Err(CliError::asset(format_args!("{shown}: nothing in it has a size")));
     };
     let longest = (high - low).max_element();
     let (unit, why) = match (args.units, own_unit) {
         (_, Some(own)) => (own, "of the file, which names it itself".to_owned()),
-        (Some(unit), None) => (unit.into(), "of the file".to_owned()),
+        (Some(UnitArg(unit)), None) => (unit, "of the file".to_owned()),
         (None, None) => guessed(longest, "the clay", output),
     };
     let metres = if own_unit.is_some() { 1.0 } else { unit.metres() };
-    let folder = place.folder();
-    let Some(named) = relative(file, folder) else {
-        let message =
-            format!("{}: a scene in {} cannot name this file", file.display(), folder.display());
-        return Err(refuse(
-            Exit::Asset,
-            &message,
-            Some("the folder of the scene must exist, and names must be UTF-8"),
-        ));
-    };
+    let named = relative(file, place.folder())?;
     let name = file.file_stem().and_then(OsStr::to_str).unwrap_or("clay").to_owned();
     let draft =
         ClayDraft { file: named, name, is_mesh, unit, bounds_m: (low * metres, high * metres) };

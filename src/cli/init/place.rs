@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use super::super::{OutputOptions, output, report};
-use super::{Args, ReportedExit};
+use super::super::error::CliError;
+use super::super::{OutputOptions, destination, output, report};
+use super::Args;
 use crate::config;
-use crate::error::Exit;
 use vps::storage::whole_file::write_bytes;
 
 /// Where the scene goes.
@@ -17,11 +17,7 @@ pub(super) enum SceneDestination {
 
 impl SceneDestination {
     /// What the command line says, or the default.
-    pub(super) fn of(
-        args: &Args,
-        default: impl FnOnce() -> PathBuf,
-        output: OutputOptions,
-    ) -> Result<Self, ReportedExit> {
+    pub(super) fn of(args: &Args, default: impl FnOnce() -> PathBuf) -> Result<Self, CliError> {
         let file = match &args.out {
             Some(out) if out.as_os_str() == "-" => return Ok(Self::Stdout),
             Some(out) => out.clone(),
@@ -30,33 +26,17 @@ impl SceneDestination {
         if file.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("toml")) {
             return Ok(Self::File(file));
         }
-        report::error(&format!("{}: a scene is a .toml file", file.display()), None, output);
-        Err(ReportedExit(Exit::Usage))
+        Err(CliError::usage(format_args!("{}: a scene is a .toml file", file.display())))
     }
 
     /// Refuses a file that is there and is to be kept.
-    pub(super) fn check_free(
-        &self,
-        args: &Args,
-        output: OutputOptions,
-    ) -> Result<(), ReportedExit> {
-        match self {
-            Self::File(file)
-                if !args.overwrite
-                    && (file.exists()
-                        || self.hand().is_some_and(|hand| hand.exists() && !args.clay)) =>
-            {
-                let there =
-                    if file.exists() { file.clone() } else { self.hand().unwrap_or_default() };
-                let message = format!("{} is there already", there.display());
-                report::error(
-                    &message,
-                    Some("--overwrite writes over it, -o names another file"),
-                    output,
-                );
-                Err(ReportedExit(Exit::Usage))
-            }
-            _ => Ok(()),
+    pub(super) fn check_free(&self, args: &Args) -> Result<(), CliError> {
+        let Self::File(file) = self else { return Ok(()) };
+        let files = [Some(file.clone()), self.hand().filter(|_| !args.clay)];
+        match files.into_iter().flatten().find(|file| file.exists() && !args.overwrite) {
+            Some(file) => Err(destination::is_there(&file)
+                .hint("--overwrite writes over it, -o names another file")),
+            None => Ok(()),
         }
     }
 
@@ -93,18 +73,15 @@ impl SceneDestination {
         summary: &str,
         next: (&str, &str),
         output: OutputOptions,
-    ) -> Result<(), ReportedExit> {
+    ) -> Result<(), CliError> {
         let Self::File(file) = self else {
             output::result(format_args!("{text}"));
             report::line(summary.trim_end(), output);
             return Ok(());
         };
-        write_bytes(file, text.as_bytes()).map_err(|error| {
-            report::error(&format!("cannot write {}: {error}", file.display()), None, output);
-            ReportedExit(Exit::Asset)
-        })?;
-        config::load(file)
-            .map_err(|errors| ReportedExit(report::config_errors(&errors, output)))?;
+        write_bytes(file, text.as_bytes())
+            .map_err(|error| CliError::write(file.display(), &error))?;
+        config::load(file)?;
         let (command, does) = next;
         output::result(format_args!(
             "{summary}wrote   {}: `hapticd {command} {}` {does} it\n",

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use clap::ValueEnum;
 
+use super::super::error::CliError;
 use super::super::sculpt_run::ClayArgs;
 use super::super::{cache, drawing, foxglove, live, memory, monitor, network, publish, recording};
 use crate::config::{LoadOptions, SceneConfig};
@@ -123,10 +124,37 @@ impl LoopArgs {
         }
     }
 
-    /// Endpoints are given, and nothing uses them.
-    pub(super) fn has_unused_endpoints(&self) -> bool {
-        let is_remote = self.device.as_ref().is_some_and(|device| device.starts_with("zenoh:"));
-        !self.network.endpoints().is_empty() && !self.publish.is_wanted() && !is_remote
+    /// Refuses what does not go with the arm, and endpoints that nothing uses.
+    pub(super) fn check(
+        &self,
+        config: &SceneConfig,
+        remote: Option<&RemoteArm>,
+    ) -> Result<(), CliError> {
+        let profile = &config.device.profile;
+        if let Some(selector) = &self.selector {
+            let selector = format_args!("--selector {selector}");
+            if let Some(remote) = remote {
+                let at =
+                    format_args!("the arm is attached to the machine of zenoh:{}", remote.name());
+                return Err(CliError::usage(format_args!("{selector}: {at}"))
+                    .hint("give it to `hapticd device-node`"));
+            }
+            if profile.real.is_none() {
+                let name = &profile.name;
+                return Err(CliError::usage(format_args!(
+                    "{selector}: {name} is simulated in this process and has no node"
+                ))
+                .hint("name the profile of a real arm with --device"));
+            }
+        }
+        if !self.network.endpoints().is_empty() && !self.publish.is_wanted() && remote.is_none() {
+            return Err(CliError::usage(
+                "--connect, --listen and --zenoh-config say where to meet others, and nothing is \
+                    published",
+            )
+            .hint("give --publish beside them"));
+        }
+        Ok(())
     }
 
     /// A deadman is an enable in the operator's hand.

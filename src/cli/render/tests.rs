@@ -40,7 +40,7 @@ fn run(
     args: &LoopArgs,
     output: OutputOptions,
     bake: impl FnOnce() -> Result<Prepared, PrepareError>,
-) -> Result<RunSummary, Refusal> {
+) -> Result<RunSummary, CliError> {
     let session = testing::session(args.clock.kind());
     let beside = Beside {
         live: LiveChannels::default(),

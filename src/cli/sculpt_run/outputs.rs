@@ -3,10 +3,10 @@
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
-use super::super::{OutputOptions, destination, report};
+use super::super::error::CliError;
+use super::super::{OutputOptions, destination};
 use crate::config::SceneConfig;
 use crate::config::strokes::Script;
-use crate::error::Exit;
 use clay::engine::SculptOrder;
 use clay::{ClayModel, PointSet};
 use picture::splats::{self, ClaySnapshot, MassPoints, SampleForm};
@@ -76,37 +76,19 @@ impl OutputFiles<'_> {
         config: &SceneConfig,
         overwrite: bool,
         output: OutputOptions,
-    ) -> Result<(), Exit> {
+    ) -> Result<(), CliError> {
         let Self { own, script, pictures, recording } = self;
-        let refuse = |exit: Exit, message: String, hint: Option<&str>| {
-            report::error(&message, hint, output);
-            Err(exit)
-        };
         let own = own.iter().map(destination_of);
         if let Some((_, file)) =
             own.clone().find(|(kind, file)| *kind != "session" && !is_ply(file))
         {
-            return refuse(
-                Exit::Usage,
-                format!("{}: samples and meshes are .ply files", file.display()),
-                None,
-            );
+            let file = file.display();
+            return Err(CliError::usage(format_args!("{file}: samples and meshes are .ply files")));
         }
         let mut files: Vec<PathBuf> = own.map(|(_, file)| file).collect();
         files.extend(script.iter().flat_map(|script| script.writes()).map(Path::to_owned));
         if let Some(pictures) = pictures {
-            let folder = pictures.folder.display();
-            let is_new = !pictures.folder.exists();
-            if let Err(error) = std::fs::create_dir_all(&pictures.folder) {
-                return refuse(
-                    Exit::Asset,
-                    format!("cannot make the folder {folder}: {error}"),
-                    destination::hint(&error),
-                );
-            }
-            if is_new {
-                report::note(&format!("made the folder {folder} for pictures"), output);
-            }
+            destination::make_picture_folder(&pictures.folder, output)?;
             files.extend(pictures.files());
         }
         let read: HashSet<PathBuf> =
@@ -116,32 +98,21 @@ impl OutputFiles<'_> {
         for (file, is_clay) in
             files.iter().map(|file| (&**file, true)).chain(recording.map(|file| (file, false)))
         {
+            let shown = file.display();
             if !places.insert(place_of(file)) {
-                let hint = "give each its own name";
-                return refuse(
-                    Exit::Usage,
-                    format!("{} would be written twice", file.display()),
-                    Some(hint),
-                );
+                return Err(CliError::usage(format_args!("{shown} would be written twice"))
+                    .hint("give each its own name"));
             }
             if file.canonicalize().is_ok_and(|file| read.contains(&file)) {
-                let message = format!(
-                    "{} is what the scene is read from: name another file to write",
-                    file.display()
-                );
-                return refuse(Exit::Usage, message, None);
+                return Err(CliError::usage(format_args!(
+                    "{shown} is what the scene is read from: name another file to write"
+                )));
             }
             if is_clay && file.exists() && !file.is_dir() && !overwrite {
-                let hint = "name another file, or give --overwrite";
-                return refuse(
-                    Exit::Usage,
-                    format!("{} is there already", file.display()),
-                    Some(hint),
-                );
+                return Err(destination::is_there(file));
             }
-            if is_clay && let Err(error) = whole_file::check(file) {
-                let message = format!("cannot write {}: {error}", file.display());
-                return refuse(Exit::Asset, message, destination::hint(&error));
+            if is_clay {
+                whole_file::check(file).map_err(|error| CliError::write(&shown, &error))?;
             }
         }
         Ok(())

@@ -4,9 +4,9 @@
 //! Everything that enters and leaves a tick is in one of them, so that a recording can be run again
 //! and compared bit for bit.
 
-use foxglove::Encode as _;
 use prost::Message;
 
+use super::foxglove::POSE_IN_FRAME;
 use super::wire::{
     CommandWrench, ContactWrench, DeviceSample, LoopTiming, ObjectPose, PoseInFrame,
     RenderedWrench, WireError, WirePart, WireType, schema,
@@ -64,7 +64,7 @@ impl Channel {
     pub(super) fn schema(self) -> (String, Vec<u8>) {
         match self {
             Self::DeviceSample => ours::<DeviceSample>(),
-            Self::ToolPose => ("foxglove.PoseInFrame".to_owned(), foreign()),
+            Self::ToolPose => ("foxglove.PoseInFrame".to_owned(), POSE_IN_FRAME.to_owned()),
             Self::ObjectPose => ours::<ObjectPose>(),
             Self::ContactWrench => ours::<ContactWrench>(),
             Self::CommandWrench => ours::<CommandWrench>(),
@@ -107,12 +107,6 @@ impl Channel {
 fn ours<T: WireType>() -> (String, Vec<u8>) {
     (
         T::NAME.unwrap_or_default().to_owned(),
-        schema::<T>(&foreign(), &["foxglove/Pose.proto", "foxglove/Vector3.proto"]),
+        schema::<T>(POSE_IN_FRAME, &["foxglove/Pose.proto", "foxglove/Vector3.proto"]),
     )
-}
-
-/// The files of Foxglove's types.
-fn foreign() -> Vec<u8> {
-    foxglove::messages::PoseInFrame::get_schema()
-        .map_or_else(Vec::new, |schema| schema.data.into_owned())
 }

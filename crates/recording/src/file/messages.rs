@@ -4,13 +4,14 @@
 use std::path::Path;
 use std::time::SystemTime;
 
-use foxglove::messages::{
-    Color, CubePrimitive, CylinderPrimitive, FrameTransform, KeyValuePair, Log, ModelPrimitive,
-    SceneEntity, SceneEntityDeletion, SceneUpdate, SpherePrimitive, scene_entity_deletion,
-};
-use foxglove::{Encode, messages};
+use glam::DVec3;
 
+use super::foxglove::{
+    self, Color, CubePrimitive, CylinderPrimitive, FrameTransform, KeyValuePair, Log,
+    ModelPrimitive, SceneEntity, SceneEntityDeletion, SceneUpdate, SpherePrimitive,
+};
 use super::scene_files::{DisplayObject, DisplayShape, SceneFiles};
+use super::wire::{self, Quaternion, Timestamp, Vector3, WirePart as _};
 use crate::TickRecord;
 use crate::stamped_record::StampedRecord;
 use haptics::Faults;
@@ -41,25 +42,13 @@ impl Occasion {
 
     /// Name and bytes of the schema.
     pub(super) fn schema(self) -> (String, Vec<u8>) {
-        match self {
-            Self::Faults => schema::<Log>("foxglove.Log"),
-            Self::Scene => schema::<SceneUpdate>("foxglove.SceneUpdate"),
-            Self::Frame => schema::<FrameTransform>("foxglove.FrameTransform"),
-        }
+        let (name, schema) = match self {
+            Self::Faults => ("foxglove.Log", foxglove::LOG),
+            Self::Scene => ("foxglove.SceneUpdate", foxglove::SCENE_UPDATE),
+            Self::Frame => ("foxglove.FrameTransform", foxglove::FRAME_TRANSFORM),
+        };
+        (name.to_owned(), schema.to_owned())
     }
-}
-
-fn schema<T: Encode>(name: &str) -> (String, Vec<u8>) {
-    (name.to_owned(), T::get_schema().map_or_else(Vec::new, |schema| schema.data.into_owned()))
-}
-
-/// The bytes of a message; none when it cannot be written, which a buffer that grows rules out.
-pub(super) fn encoded(message: &impl Encode) -> Vec<u8> {
-    let mut bytes = Vec::with_capacity(message.encoded_len().unwrap_or(0));
-    if message.encode(&mut bytes).is_err() {
-        bytes.clear();
-    }
-    bytes
 }
 
 /// What time the messages of a run bear.
@@ -96,22 +85,15 @@ pub(super) fn zero_ns(now: &TickRecord) -> u64 {
         .saturating_sub(now.time_ns.max(0).unsigned_abs())
 }
 
-fn stamp(ns: u64) -> messages::Timestamp {
-    messages::Timestamp::new(
-        u32::try_from(ns / 1_000_000_000).unwrap_or(u32::MAX),
-        (ns % 1_000_000_000) as u32,
-    )
-}
-
 /// `/tf`: where the tool's frame is.
 pub(super) fn frame(row: &StampedRecord) -> FrameTransform {
-    let pose = foxglove_pose(row.record.output.world_from_tool);
+    let pose = row.record.output.world_from_tool;
     FrameTransform {
-        timestamp: Some(stamp(row.stamp_ns)),
+        timestamp: Timestamp::of(row.stamp_ns),
         parent_frame_id: "world".to_owned(),
         child_frame_id: "tool".to_owned(),
-        translation: pose.position,
-        rotation: pose.orientation,
+        translation: Vector3::of(&pose.translation),
+        rotation: Quaternion::of(&pose.rotation),
     }
 }
 
@@ -122,17 +104,11 @@ pub(super) fn faults(row: &StampedRecord) -> Log {
     let message =
         reported.map(|(_, name, words)| format!("{name}: {words}")).collect::<Vec<_>>().join("; ");
     let (level, message) = if faults.is_empty() {
-        (messages::log::Level::Info, "faults acknowledged".to_owned())
+        (foxglove::LEVEL_INFO, "faults acknowledged".to_owned())
     } else {
-        (messages::log::Level::Error, message)
+        (foxglove::LEVEL_ERROR, message)
     };
-    Log {
-        timestamp: Some(stamp(row.stamp_ns)),
-        level: level as i32,
-        message,
-        name: "hapticd".to_owned(),
-        ..Log::default()
-    }
+    Log { timestamp: Timestamp::of(row.stamp_ns), level, message, name: "hapticd".to_owned() }
 }
 
 /// `/scene`: the parts, from a time on, in place of those before. Reads mesh files, so many bytes
@@ -143,12 +119,11 @@ pub(super) fn scene_update(
     stamp_ns: u64,
     most_bytes: u64,
 ) -> SceneUpdate {
-    let timestamp = Some(stamp(stamp_ns));
-    let r#type = scene_entity_deletion::Type::All as i32;
-    let before = SceneEntityDeletion { timestamp, r#type, ..SceneEntityDeletion::default() };
+    let timestamp = Timestamp::of(stamp_ns);
+    let before = SceneEntityDeletion { timestamp: timestamp.clone(), kind: foxglove::DELETE_ALL };
     let mut left_bytes = most_bytes;
     let with_time = |shown: &DisplayObject| SceneEntity {
-        timestamp,
+        timestamp: timestamp.clone(),
         ..entity(shown, scene, scene_idx, &mut left_bytes)
     };
     let entities = scene.shown.iter().map(with_time).collect();
@@ -164,8 +139,8 @@ fn entity(
 ) -> SceneEntity {
     let (frame_id, origin) =
         if shown.is_tool { ("tool", Pose::IDENTITY) } else { ("world", shown.pose) };
-    let at = |middle: [f64; 3]| Some(foxglove_pose(origin * Pose::from_translation(middle.into())));
-    let color = Some(if shown.is_tool { TOOL_COLOR } else { STATIC_COLOR });
+    let at = |middle: [f64; 3]| wire::Pose::of(&(origin * Pose::from_translation(middle.into())));
+    let color = if shown.is_tool { TOOL_COLOR } else { STATIC_COLOR };
     let pair = |key: &str, value: String| KeyValuePair { key: key.to_owned(), value };
     let mut entity = SceneEntity {
         frame_id: frame_id.to_owned(),
@@ -177,18 +152,14 @@ fn entity(
     };
     match &shown.form {
         DisplayShape::Box([x, y, z], middle) => {
-            entity.cubes.push(CubePrimitive {
-                pose: at(*middle),
-                size: Some(size(*x, *y, *z)),
-                color,
-            });
+            entity.cubes.push(CubePrimitive { pose: at(*middle), size: size(*x, *y, *z), color });
         }
         DisplayShape::Ellipsoid([x, y, z]) => {
-            let size = Some(size(2.0 * x, 2.0 * y, 2.0 * z));
+            let size = size(2.0 * x, 2.0 * y, 2.0 * z);
             entity.spheres.push(SpherePrimitive { pose: at([0.0; 3]), size, color });
         }
         DisplayShape::Cylinder(radius_m, top_scale, height_m) => {
-            let size = Some(size(2.0 * radius_m, 2.0 * radius_m, *height_m));
+            let size = size(2.0 * radius_m, 2.0 * radius_m, *height_m);
             entity.cylinders.push(CylinderPrimitive {
                 pose: at([0.0; 3]),
                 size,
@@ -208,12 +179,11 @@ fn entity(
             if let Some(data) = contents(path, left_bytes) {
                 entity.models.push(ModelPrimitive {
                     pose: at([0.0; 3]),
-                    scale: Some(size(*metres_per_unit, *metres_per_unit, *metres_per_unit)),
+                    scale: Vector3::of(&DVec3::splat(*metres_per_unit)),
                     color,
                     override_color: true,
                     media_type: media_type.to_owned(),
-                    data: data.into(),
-                    ..ModelPrimitive::default()
+                    data,
                 });
             }
         }
@@ -232,20 +202,6 @@ fn contents(path: &Path, left_bytes: &mut u64) -> Option<Vec<u8>> {
 const STATIC_COLOR: Color = Color { r: 0.6, g: 0.65, b: 0.7, a: 1.0 };
 const TOOL_COLOR: Color = Color { r: 0.95, g: 0.6, b: 0.2, a: 1.0 };
 
-fn size(x: f64, y: f64, z: f64) -> messages::Vector3 {
-    messages::Vector3 { x, y, z }
-}
-
-fn foxglove_pose(pose: Pose) -> messages::Pose {
-    let position = pose.translation;
-    let rotation = pose.rotation;
-    messages::Pose {
-        position: Some(size(position.x, position.y, position.z)),
-        orientation: Some(messages::Quaternion {
-            x: rotation.x,
-            y: rotation.y,
-            z: rotation.z,
-            w: rotation.w,
-        }),
-    }
+fn size(x: f64, y: f64, z: f64) -> Vector3 {
+    Vector3::of(&DVec3::new(x, y, z))
 }

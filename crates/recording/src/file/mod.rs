@@ -8,18 +8,19 @@
 //! |---|---|
 //! | `channels` | topics |
 //! | `wire` | one description of a message → its bytes and back, its schema |
-//! | `messages` | Foxglove's own messages: parts, the tool's frame, faults |
+//! | `foxglove` | the form of Foxglove's own messages, and their schemas |
+//! | `messages` | what they say: parts, the tool's frame, faults |
 //! | `scene_files` | what a scene was made of |
 //! | `write`, `read` | one file |
 //! | `recorder` | recordings that start and stop while a run goes on |
-//! | `live` | the same messages for connected clients (feature `foxglove-live`) |
+//! | `live` | the same messages for connected clients |
 //! | `fault_files` | the flight recorder's files |
 //!
 //! Invariant: a disk that is slow or full costs records, which are counted, and nothing else.
 
 mod channels;
 mod fault_files;
-#[cfg(feature = "foxglove-live")]
+mod foxglove;
 pub mod live;
 mod messages;
 mod read;

@@ -121,7 +121,6 @@ impl Recorder {
     }
 
     /// What time the messages of this run bear, from the next record on.
-    #[cfg(feature = "foxglove-live")]
     pub(super) fn stamps(&self) -> super::messages::Stamps {
         super::messages::Stamps::new(self.is_virtual)
     }

@@ -309,11 +309,19 @@ messages! { "hapticd"
 
 /// `google.protobuf.Timestamp`.
 #[derive(Clone, PartialEq, prost::Message)]
-struct Timestamp {
+pub(super) struct Timestamp {
     #[prost(int64, required, tag = 1)]
     seconds: i64,
     #[prost(uint32, required, tag = 2)]
     nanos: u32,
+}
+
+impl Timestamp {
+    /// Of ns since 1970.
+    pub(super) fn of(ns: u64) -> Self {
+        const SECOND_NS: u64 = 1_000_000_000;
+        Self { seconds: (ns / SECOND_NS) as i64, nanos: (ns % SECOND_NS) as u32 }
+    }
 }
 
 /// `foxglove.PoseInFrame`, of the tool.
@@ -329,13 +337,8 @@ pub(super) struct PoseInFrame {
 
 impl WirePart<StampedRecord> for PoseInFrame {
     fn of(row: &StampedRecord) -> Self {
-        const SECOND_NS: u64 = 1_000_000_000;
-        let timestamp = Timestamp {
-            seconds: (row.stamp_ns / SECOND_NS) as i64,
-            nanos: (row.stamp_ns % SECOND_NS) as u32,
-        };
         Self {
-            timestamp,
+            timestamp: Timestamp::of(row.stamp_ns),
             frame_id: "world".to_owned(),
             pose: row.record.output.world_from_tool.to_wire(),
         }

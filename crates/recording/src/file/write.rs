@@ -7,7 +7,6 @@ use std::io::{self, BufWriter, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use foxglove::Encode;
 use mcap::records::{AttachmentHeader, MessageHeader, Metadata};
 use mcap::write::{NoSeek, WriteOptions};
 use mcap::{Attachment, Compression, McapError, Writer};
@@ -324,9 +323,9 @@ impl RecordingFile {
         &mut self,
         occasion: Occasion,
         row: &StampedRecord,
-        message: &impl Encode,
+        message: &impl prost::Message,
     ) -> Result<(), RecordingError> {
-        let bytes = messages::encoded(message);
+        let bytes = message.encode_to_vec();
         let known =
             Occasion::ALL.into_iter().zip(self.occasions).find(|(known, _)| *known == occasion);
         if let (Some((_, channel_id)), false) = (known, bytes.is_empty()) {

@@ -2,8 +2,8 @@
 //! (`foxglove.sdk.v1`).
 //!
 //! ```text
-//!  drain ──ring──► feed ──► channels ──► queues of the crate's server ──► proxy ──► clients
-//!             └ full: dropped and counted
+//!  drain ──ring──► feed ──queue of each client──► client
+//!             └ full: dropped and counted  └ full: the oldest go
 //! ```
 //! Data in: every record, through a subscriber. Data out: a hundred times a second the newest of
 //! them, and what must not be missed of those between: other faults, other scenes, objects that
@@ -12,32 +12,35 @@
 //! | file | owns |
 //! |---|---|
 //! | `feed` | which messages leave, and when |
-//! | `proxy` | which clients may connect, how many, and how much they may send |
+//! | `client` | which clients may connect, how many, and what each of them is sent |
 //!
 //! Invariants: the drain never waits, and the loop is not even known. Everything is on one thread,
 //! with one tokio runtime of its own. Clients can only look: the server takes no messages, no
 //! parameters and no services.
 
+mod client;
 mod feed;
-mod proxy;
 
 use core::sync::atomic::{AtomicU64, Ordering};
-use std::hash::{BuildHasher as _, RandomState};
+use core::time::Duration;
 use std::io;
-use std::net::{Ipv4Addr, SocketAddr};
+use std::net::SocketAddr;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 
-use foxglove::{Context, FoxgloveError};
 use rtrb::RingBuffer;
 use tokio::net::{TcpListener, TcpSocket};
 use tokio::runtime::{Builder, Runtime};
-use tokio::sync::oneshot;
+use tokio::sync::{Semaphore, broadcast, oneshot, watch};
+use tokio::time::timeout;
 
-use self::feed::{Channels, Feed, PendingClients};
-use self::proxy::{Counts, Proxy};
+use self::client::{Gate, MOST_CLIENTS};
+use self::feed::Feed;
+use super::channels::Channel;
+use super::messages::Occasion;
 use super::recorder::Recorder;
 use crate::stamped_record::StampedRecord;
+use haptics::Faults;
 
 /// Records under way: two seconds at 1 kHz.
 const RING_RECORDS: usize = 2048;
@@ -45,6 +48,36 @@ const RING_RECORDS: usize = 2048;
 const BACKLOG_MESSAGES: usize = 256;
 /// Connections that wait to be taken in.
 const BACKLOG_CONNECTIONS: u32 = 64;
+/// What the kernel keeps for a client that reads slowly, bytes: states in there are old ones.
+const BUFFER_BYTES: u32 = 64 << 10;
+/// How long the end of a run waits for sockets that take a close frame.
+const CLOSE_PATIENCE: Duration = Duration::from_millis(200);
+
+/// A message of a topic.
+#[derive(Clone, Debug)]
+struct LiveMessage {
+    channel_id: u32,
+    stamp_ns: u64,
+    bytes: Arc<Vec<u8>>,
+}
+
+/// The number of a topic of ticks.
+fn channel_id(channel: Channel) -> u32 {
+    1 + channel as u32
+}
+
+/// The number of another topic.
+fn occasion_id(occasion: Occasion) -> u32 {
+    1 + Channel::ALL.len() as u32 + occasion as u32
+}
+
+/// What reached no client. All `Relaxed`: each number stands for itself.
+#[derive(Debug, Default)]
+struct Counts {
+    records: AtomicU64,
+    turned_away: AtomicU64,
+    cut_off: AtomicU64,
+}
 
 /// An address that is bound, before the server answers any client there.
 #[derive(Debug)]
@@ -72,7 +105,7 @@ impl BoundLiveServer {
             let socket = if address.is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
             socket.set_reuseaddr(true)?;
             // Connections inherit it.
-            socket.set_send_buffer_size(proxy::BUFFER_BYTES)?;
+            socket.set_send_buffer_size(BUFFER_BYTES)?;
             socket.bind(address)?;
             socket.listen(BACKLOG_CONNECTIONS)?
         };
@@ -89,37 +122,33 @@ impl BoundLiveServer {
     /// welcome beside those of this machine and Foxglove's own.
     ///
     /// # Errors
-    /// There is no thread or no port for the server.
+    /// There is no thread for the server.
     pub fn serve(self, recorder: &Recorder, origins: Vec<String>) -> io::Result<LiveServer> {
         let Self { runtime, listener, .. } = self;
-        let context = Context::new();
-        let channels = Channels::open(&context).map_err(io::Error::other)?;
-        let newcomers = Arc::new(PendingClients::default());
-        let inner = hidden_loopback();
-        let server = context
-            .websocket_server()
-            .name("hapticd")
-            .bind(inner.to_string(), 0)
-            .message_backlog_size(BACKLOG_MESSAGES)
-            .listener(newcomers.clone());
-        let server = runtime.block_on(server.start()).map_err(|error| match error {
-            FoxgloveError::Bind(error) => error,
-            error => io::Error::other(error),
-        })?;
         let counts = Arc::new(Counts::default());
-        let proxy = Proxy { inner: (inner, server.port()).into(), origins, counts: counts.clone() };
+        let (messages, _) = broadcast::channel(BACKLOG_MESSAGES);
+        let (scene, shown) = watch::channel(None);
+        let gate =
+            Gate { messages: messages.clone(), scene: shown, origins, counts: counts.clone() };
         let (mut ring, rows) = RingBuffer::<StampedRecord>::new(RING_RECORDS);
-        let feed = Feed::new(rows, recorder.scenes.clone(), channels, newcomers);
+        let feed = Feed {
+            rows,
+            scenes: recorder.scenes.clone(),
+            messages,
+            scene,
+            scene_idx: None,
+            faults: Faults::NONE,
+        };
+        let slots = Arc::new(Semaphore::new(MOST_CLIENTS));
         let (end, ended) = oneshot::channel::<()>();
         let work = async move {
             tokio::select! {
-                () = proxy.run(listener) => {}
+                () = gate.run(listener, slots.clone()) => {}
                 () = feed.run() => {}
                 _ = ended => {}
             }
-            // Close frames go into sockets that take them at once, or are left out.
-            drop(server.stop());
-            drop(context);
+            // Their queue has ended: clients are closed, those that take nothing are left.
+            let _ = timeout(CLOSE_PATIENCE, slots.acquire_many(MOST_CLIENTS as u32)).await;
         };
         let thread = std::thread::Builder::new()
             .name("foxglove".to_owned())
@@ -135,16 +164,6 @@ impl BoundLiveServer {
         }));
         Ok(LiveServer { counts, end: Some(end), thread: Some(thread) })
     }
-}
-
-/// A loopback address that is not published: the crate's server behind the proxy asks no page where
-/// it is from, so none may find it. With the port that the kernel chooses there are some 10¹¹
-/// places to look at. Which it is stands in `/proc/net/tcp` for programs of this machine, which may
-/// watch anyway.
-fn hidden_loopback() -> Ipv4Addr {
-    // The keys of a `RandomState` are random.
-    let [.., b, c, d] = RandomState::new().hash_one(std::process::id()).to_be_bytes();
-    Ipv4Addr::new(127, 1 + b % 254, c, d)
 }
 
 /// What reached no client.
