@@ -89,7 +89,8 @@ pub(crate) fn judge_declared(
     }
     let Some(declared) = codec.declared() else { return Ok(None) };
     let DeclaredLimits { rate_hz, force_n, torque_nm, workspace_radius_m } = declared;
-    if [force_n, torque_nm, workspace_radius_m].iter().any(|limit| !(*limit >= 0.0)) {
+    let is_none = |limit: &f64| !limit.is_finite() || *limit < 0.0;
+    if [force_n, torque_nm, workspace_radius_m].iter().any(is_none) {
         return refuse(format!(
             "the arm declares limits that are none: {force_n} N, {torque_nm} N·m, a workspace of \
                 {workspace_radius_m} m; its firmware has to be corrected"

@@ -455,8 +455,8 @@ proptest! {
             page.words()[2].fetch_add(1, Ordering::Relaxed);
         }
         let mut n_forced = 0;
-        for (frame, beats) in sent.lock().expect("no panic").iter() {
-            judge.receive(frame, 0.0, &board.readings(), &mut Outbox::new());
+        for SentFrame { bytes, beats } in sent.lock().expect("no panic").iter() {
+            judge.receive(bytes, 0.0, &board.readings(), &mut Outbox::new());
             if judge.motors() != [0.0; MAX_AXES] {
                 n_forced += 1;
                 prop_assert_eq!(beats & 1, 1, "{}: a force that the guard has not heard of", name);
@@ -470,7 +470,13 @@ proptest! {
 struct Witness {
     host: LoopbackEnd,
     page: Arc<SharedPage>,
-    sent: Arc<Mutex<Vec<(Vec<u8>, u64)>>>,
+    sent: Arc<Mutex<Vec<SentFrame>>>,
+}
+
+struct SentFrame {
+    bytes: Vec<u8>,
+    /// What the guard had been told.
+    beats: u64,
 }
 
 impl Transport for Witness {
@@ -480,8 +486,8 @@ impl Transport for Witness {
 
     fn send(&mut self, frame: &[u8]) -> Result<(), TransportError> {
         let beats: &AtomicU64 = &self.page.words()[0];
-        let entry = (frame.to_vec(), beats.load(Ordering::Relaxed));
-        self.sent.lock().expect("no panic").push(entry);
+        let sent = SentFrame { bytes: frame.to_vec(), beats: beats.load(Ordering::Relaxed) };
+        self.sent.lock().expect("no panic").push(sent);
         self.host.send(frame)
     }
 
