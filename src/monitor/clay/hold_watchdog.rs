@@ -38,7 +38,9 @@ impl HoldWatchdog {
     /// A client holds the clay from now on; false: another one does.
     pub(super) fn hold(&self, client: u64) -> bool {
         let mut watched = self.watched();
-        let is_free = watched.hold.is_none_or(|hold| hold.client == Some(client));
+        // A new hold takes the place of an order to let go that waits.
+        let holder = watched.hold.and_then(|hold| hold.client);
+        let is_free = holder.is_none_or(|holder| holder == client);
         if is_free {
             let until = Instant::now() + LONGEST;
             watched.hold = Some(Hold { client: Some(client), until });
@@ -154,7 +156,9 @@ mod tests {
             // The order was not taken.
             watchdog.still_held();
             assert!(!next(), "no news");
-            assert!(watchdog.hold(3) && watchdog.let_all_go() && !watchdog.holds());
+            watchdog.still_held();
+            assert!(watchdog.hold(3) && !watchdog.hold(4));
+            assert!(watchdog.let_all_go() && !watchdog.holds());
             watchdog.end();
         });
     }
