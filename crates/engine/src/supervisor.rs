@@ -153,12 +153,11 @@ impl<N: FnMut(Notice<'_>)> Supervisor<N> {
         let news = live.news.unwrap_or_else(never);
         let subscribers = live.subscribers.clone();
         let live = LiveChannels { operator: Operator::default(), news: None, ..live };
-        let stop_patience =
-            match job.clock {
-                ClockKind::Real => STOP_PATIENCE,
-                ClockKind::Virtual => STOP_PATIENCE_VIRTUAL,
-            } + Duration::try_from_secs_f64(job.scene.parameters.limits.ramp_down_s())
-                .unwrap_or_default();
+        let ramp_down_s = job.scene.parameters.limits.ramp_down_s();
+        let stop_patience = match job.clock {
+            ClockKind::Real => STOP_PATIENCE,
+            ClockKind::Virtual => STOP_PATIENCE_VIRTUAL,
+        } + Duration::try_from_secs_f64(ramp_down_s).unwrap_or_default();
 
         let (producer, consumer) = RingBuffer::new(RING_RECORDS);
         let (events_sender, events) = unbounded();

@@ -181,6 +181,7 @@ mod tests {
     use super::*;
 
     const PERIOD_S: f64 = 1e-3;
+    const RATES_HZ: &[f64] = &[100.0, 1000.0, 10_000.0];
 
     fn free() -> LimitParameters {
         LimitParameters { speed_m_per_s: 1.0, overrun_fault_ticks: 10, ..LimitParameters::NONE }
@@ -294,7 +295,7 @@ mod tests {
             share in -9.0_f64..2.0,
             most in 0.0_f64..1.0,
             turns in prop::collection::vec((wrench(1.0), 0.0_f64..=1.0), 1..30),
-            rate_hz in prop::sample::select(vec![100.0, 1000.0, 10_000.0]),
+            rate_hz in prop::sample::select(RATES_HZ),
         ) {
             let period_s: f64 = 1.0 / rate_hz;
             let share = 10.0_f64.powf(share);
