@@ -86,10 +86,11 @@ pub fn map_mut_with<I: Send, S, T: Send>(
     value: impl Fn(&mut S, usize, &mut I) -> T + Sync,
 ) -> Vec<T> {
     let first = DisjointItems(items.as_mut_ptr());
-    // SAFETY: `idx` is below the length, `map_with` asks for each once, and the slice is borrowed
-    // until it returns.
     map_with(items.len(), grain, scratch, |scratch, idx| {
-        value(scratch, idx, unsafe { &mut *first.at(idx) })
+        // SAFETY: `idx` is below the length, `map_with` asks for each once, and the slice is
+        // borrowed until it returns.
+        let item = unsafe { &mut *first.at(idx) };
+        value(scratch, idx, item)
     })
 }
 
