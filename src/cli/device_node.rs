@@ -96,7 +96,7 @@ mod over_network {
     use super::super::{guard, output, probe};
     use super::*;
     use crate::daemon::device_node::{
-        NodeJob, NodeNotice, NodeOutcome, node_parameters, open_arm, run_node,
+        NodeArm, NodeJob, NodeNotice, NodeOutcome, node_parameters, open_arm, run_node,
     };
     use arms::attached::open::LinkNews;
     use arms::profile::{self, Profile, ProfileError};
@@ -153,7 +153,7 @@ mod over_network {
             return Err((Exit::Usage, message, Some(hint)));
         }
         let session = session::open(&endpoints).map_err(no_network)?;
-        let (arm, attached, declared) =
+        let NodeArm { device: arm, attached, declared } =
             open_arm(&profile, hand, args.selector.clone(), period_s, request, guard::program())
                 .map_err(|error| (CliError::from(error).report(output), String::new(), None))?;
         let link =

@@ -237,7 +237,7 @@ impl SculptRun {
         let plan =
             SculptPlan { script: orders.into_iter().map(due).collect(), ..self.plan.clone() };
         let (slot, handle, thread) = sculpting::begin(engine, rendered, plan, control.clone())?;
-        live.clay = Some(slot);
+        live.density = Some(slot);
         self.open = Some(Open { thread, handle, volume_before_m3: report.volume_m3 });
         Ok(())
     }

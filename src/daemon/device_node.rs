@@ -97,8 +97,18 @@ pub fn node_parameters(
     }
 }
 
+/// The arm of a device node.
+pub struct NodeArm {
+    /// Ready for the loop.
+    pub device: Box<dyn Device>,
+    /// Of a real one.
+    pub attached: Option<RealArmNode>,
+    /// The limits that it declares itself.
+    pub declared: Option<DeclaredLimits>,
+}
+
 /// Opens the arm of a profile, with that program as its [guard](arms::guard), or makes the
-/// simulated one with that hand; and what it declares, where it does.
+/// simulated one with that hand.
 ///
 /// # Errors
 /// The arm cannot be opened, or not be simulated.
@@ -109,18 +119,16 @@ pub fn open_arm(
     period_s: f64,
     request: ThreadRequest,
     guard: Option<PathBuf>,
-) -> Result<(Box<dyn Device>, Option<RealArmNode>, Option<DeclaredLimits>), PrepareError> {
+) -> Result<NodeArm, PrepareError> {
     if profile.real.is_some() {
         let io_request = Some(request.below());
         let opened = open::open(profile, &OpenOptions { selector, io_request, period_s, guard })?;
         let declared = opened.arm.declared();
-        return Ok((
-            Box::new(opened.arm),
-            Some(RealArmNode { node: opened.path, news: opened.news, link: None }),
-            declared,
-        ));
+        let attached = RealArmNode { node: opened.path, news: opened.news, link: None };
+        return Ok(NodeArm { device: Box::new(opened.arm), attached: Some(attached), declared });
     }
-    Ok((Box::new(SimArm::new(SimParameters::of(profile, hand, period_s))?), None, None))
+    let device = Box::new(SimArm::new(SimParameters::of(profile, hand, period_s))?);
+    Ok(NodeArm { device, attached: None, declared: None })
 }
 
 /// Runs the loop until `control` or its time ends it. The arm gets zero last, whatever happens.

@@ -4,7 +4,9 @@
 use std::sync::Arc;
 
 use arms::{Capabilities, Device, DeviceError};
-use engine::servo::{ClayFeed, ClaySlot, Control, FramePublishError, RunPlan, ServoLoop, Step};
+use engine::servo::{
+    Control, DensityFeed, DensitySlot, FramePublishError, RunPlan, ServoLoop, Step,
+};
 use glam::{DMat3, DQuat, DVec3};
 use hapticd::daemon::{ReplayError, replay};
 use haptics::clay::{Clay, Rope};
@@ -437,7 +439,7 @@ fn a_frame_that_cannot_be_touched_is_refused_and_comes_back() {
     let sound = || frame(|place| -place.z);
     let scene = scene(sound(), point());
     let clay = scene.clay.as_ref().expect("clay");
-    let (mut feed, slot) = ClaySlot::new(clay, 4);
+    let (mut feed, slot) = DensitySlot::new(clay, 4);
     let mut refused =
         |frame: DensityFrame| feed.publish(Box::new(frame)).expect_err("refused").0.to_string();
     let shifted = Lattice { origin_map: DVec3::splat(-4.7e-3), dims: [11; 3], ..LATTICE };
@@ -536,7 +538,7 @@ impl Device for Circling {
 const UPDATE_TICKS: u64 = 4;
 
 /// Clay that gives way by what presses on it: one frame for every so many states.
-fn simulate(mut feed: ClayFeed) -> u64 {
+fn simulate(mut feed: DensityFeed) -> u64 {
     let mut top_m = 0.0;
     let mut n_states = 0_u64;
     let mut n_frames = 0_u64;
@@ -578,7 +580,7 @@ fn simulate(mut feed: ClayFeed) -> u64 {
 fn sculpting(
     clock: impl Clock,
     n_ticks: u64,
-) -> (ServoLoop<Circling, impl Clock>, ClayFeed, rtrb::Consumer<TickRecord>) {
+) -> (ServoLoop<Circling, impl Clock>, DensityFeed, rtrb::Consumer<TickRecord>) {
     smoothed(clock, n_ticks, Clay::smoothing_between(UPDATE_TICKS as f64 * 1e-3, 1e-3))
 }
 
@@ -586,17 +588,17 @@ fn smoothed<C: Clock>(
     clock: C,
     n_ticks: u64,
     alpha: f64,
-) -> (ServoLoop<Circling, C>, ClayFeed, rtrb::Consumer<TickRecord>) {
+) -> (ServoLoop<Circling, C>, DensityFeed, rtrb::Consumer<TickRecord>) {
     let mut scene = scene(frame(|place| -place.z), point());
     let clay = scene.clay.as_mut().expect("clay");
     clay.smoothing = alpha;
-    let (feed, slot) = ClaySlot::new(clay, UPDATE_TICKS);
+    let (feed, slot) = DensitySlot::new(clay, UPDATE_TICKS);
     let (producer, consumer) = rtrb::RingBuffer::new(n_ticks as usize + 200);
     let control = Arc::new(Control::enabled());
     let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };
     let mut servo =
         ServoLoop::new(Arc::new(scene), Circling::default(), clock, control, plan, producer)
-            .with_clay(slot);
+            .with_density(slot);
     servo.warm_up();
     (servo, feed, consumer)
 }

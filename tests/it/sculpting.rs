@@ -141,7 +141,7 @@ fn run(
     let (producer, mut consumer) = rtrb::RingBuffer::new(n_ticks as usize + 400);
     let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };
     let mut servo = ServoLoop::new(Arc::new(scene), Led::default(), clock, control, plan, producer)
-        .with_clay(slot);
+        .with_density(slot);
     servo.warm_up();
     while servo.step() == Step::Continue {}
     drop(servo);

@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use engine::servo::{
-    ClayFeed, ClaySlot, Control, LoadedScene, RunPlan, SceneControls, ServoLoop, Step,
+    Control, DensityFeed, DensitySlot, LoadedScene, RunPlan, SceneControls, ServoLoop, Step,
 };
 use glam::{DQuat, DVec3};
 use hapticd::config::{self, SceneConfig};
@@ -395,7 +395,7 @@ fn slab_of_clay(sequence: u64, top_m: f64) -> DensityFrame {
 }
 
 /// One frame for every four ticks, up and down.
-fn knead(mut feed: ClayFeed) -> u64 {
+fn knead(mut feed: DensityFeed) -> u64 {
     let mut n_states = 0_u64;
     let mut n_frames = 0_u64;
     while !feed.is_over() {
@@ -453,7 +453,7 @@ fn frames_of_clay_that_come_and_go_allocate_nothing() {
         let rope = Rope { stiffness_n_per_m: 100.0, force_n: 1.0 };
         let clay =
             Clay { world_from_map: Pose::IDENTITY, frame: slab_of_clay(0, 0.0), smoothing, rope };
-        let (feed, slot) = ClaySlot::new(&clay, 4);
+        let (feed, slot) = DensitySlot::new(&clay, 4);
         scene.clay = Some(clay);
         let (producer, mut consumer) = rtrb::RingBuffer::new(STRIDE);
         let control = Arc::new(Control::enabled());
@@ -466,7 +466,7 @@ fn frames_of_clay_that_come_and_go_allocate_nothing() {
             plan,
             producer,
         )
-        .with_clay(slot);
+        .with_density(slot);
         servo.warm_up();
         let simulation = std::thread::spawn(|| knead(feed));
         let mut ticks = 0;

@@ -119,6 +119,9 @@ fn arms(signs_verified: bool) -> Vec<Box<Make>> {
 }
 
 /// The same with another frame: no shipped arm with a wrist has one of its own.
+///
+/// # Panics
+/// The profile is not the one that is shipped.
 pub fn turned_arm() -> Box<dyn Rig> {
     let mut profile = profile::find("polhem-2022", Path::new("")).expect("shipped");
     if let Some(real) = &mut profile.real {
@@ -333,6 +336,9 @@ impl WiredRig {
     }
 
     /// An arm that is another one than the profile of its host says.
+    ///
+    /// # Panics
+    /// The profile is that of a simulated arm.
     pub fn miswired(profile: &Profile, arm: &Profile, hand: Option<DVec3>) -> Self {
         Self::unlike(profile, profile.real.as_ref().expect("real"), arm, hand, InjectedFault::None)
     }

@@ -30,7 +30,7 @@ pub use duty_cycle::DutyCycle;
 pub use handle::{ClayHandle, OrderError, Reply};
 
 use clay::engine::{SculptEngine, SculptOrder};
-use engine::servo::ClaySlot;
+use engine::servo::DensitySlot;
 use haptics::clay::Clay;
 use rt::clock::ClockKind;
 use rt::control::Control;
@@ -153,7 +153,7 @@ impl SculptThread {
     }
 }
 
-/// Begins to work the clay of a scene: the slot goes to the loop ([`engine::supervisor::LiveChannels::clay`]),
+/// Begins to work the clay of a scene: the slot goes to the loop ([`engine::supervisor::LiveChannels::density`]),
 /// the handle to clients.
 ///
 /// `clay.frame` is to show the clay of the engine as it is (`ClayModel::frame`). Once `control`
@@ -166,9 +166,9 @@ pub fn begin(
     clay: &Clay,
     plan: SculptPlan,
     control: Arc<Control>,
-) -> std::io::Result<(ClaySlot, ClayHandle, SculptThread)> {
+) -> std::io::Result<(DensitySlot, ClayHandle, SculptThread)> {
     let update_ticks = plan.update_ticks.max(1);
-    let (feed, slot) = ClaySlot::new(clay, update_ticks);
+    let (feed, slot) = DensitySlot::new(clay, update_ticks);
     let (handle, handle_end) = handle::pair();
     let is_over = Arc::new(AtomicBool::new(false));
     let thread = thread::spawn(

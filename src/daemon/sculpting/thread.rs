@@ -16,7 +16,7 @@ use super::{DutyCycle, FailedOrder, ScriptedOrder, SculptOutcome, SculptPlan, Sc
 use clay::Cancel;
 use clay::boolean::Boolean;
 use clay::engine::{EngineError, HoldOutcome, SculptEngine, SculptOrder, ToolMotion};
-use engine::servo::{ClayFeed, FramePublishError, ToolState, Waiting};
+use engine::servo::{DensityFeed, FramePublishError, ToolState, Waiting};
 use rt::clock::ClockKind;
 use rt::control::Control;
 use vps::density::DensityFrame;
@@ -43,7 +43,7 @@ struct Asker {
 struct Worker<'s> {
     engine: &'s mut SculptEngine,
     report: &'s mut SculptReport,
-    feed: ClayFeed,
+    feed: DensityFeed,
     /// The caller that waits for the thread has given the loop up.
     is_reported_over: Arc<AtomicBool>,
     orders: Receiver<WaitingOrder>,
@@ -67,7 +67,7 @@ struct Worker<'s> {
 
 /// What the thread shares with others.
 pub(super) struct Ends {
-    pub(super) feed: ClayFeed,
+    pub(super) feed: DensityFeed,
     /// The caller that waits for the thread has given the loop up.
     pub(super) is_over: Arc<AtomicBool>,
     pub(super) control: Arc<Control>,

@@ -49,16 +49,26 @@ fn stamp(half_m: f64, depth_m: f64, image: Arc<GreyImage>) -> SculptOrder {
 }
 
 /// All that is worth keeping of clay.
-fn state(engine: &SculptEngine) -> (PointSet, Vec<f32>, Vec<f32>, [usize; 3], (usize, usize), u64) {
+#[derive(Debug, PartialEq)]
+struct Kept {
+    points: PointSet,
+    base_m: Vec<f32>,
+    region_m: Vec<f32>,
+    dims: [usize; 3],
+    history: (usize, usize),
+    strokes: u64,
+}
+
+fn state(engine: &SculptEngine) -> Kept {
     let model = engine.model();
-    (
-        model.points().clone(),
-        model.base().values_m().to_vec(),
-        model.region().values_m().to_vec(),
-        model.region().lattice().dims,
-        model.history(),
-        model.strokes(),
-    )
+    Kept {
+        points: model.points().clone(),
+        base_m: model.base().values_m().to_vec(),
+        region_m: model.region().values_m().to_vec(),
+        dims: model.region().lattice().dims,
+        history: model.history(),
+        strokes: model.strokes(),
+    }
 }
 
 fn is_cancelled(error: &EngineError) -> bool {

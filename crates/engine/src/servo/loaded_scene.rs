@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use super::{ClaySlot, calibration};
+use super::{DensitySlot, calibration};
 use arms::simulated::hand::GripPath;
 use haptics::{RenderScene, State};
 use rt::clock::{Clock, ClockKind, RealClock, VirtualClock};
@@ -19,7 +19,7 @@ const STOP_GRACE_S: f64 = 0.25;
 pub struct LoadedScene {
     pub(super) scene: Arc<RenderScene>,
     pub(super) state: State,
-    pub(super) clay: Option<ClaySlot>,
+    pub(super) density: Option<DensitySlot>,
     /// Where clients asked its objects to go and the tick has not got yet.
     pub(super) asked_poses: Box<[Option<Pose>]>,
     /// First tick in which it may be rendered.
@@ -38,7 +38,7 @@ impl LoadedScene {
         Self {
             state: State::new(&scene),
             scene,
-            clay: None,
+            density: None,
             asked_poses,
             at_tick: 0,
             hand: None,

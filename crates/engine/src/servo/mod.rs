@@ -1,7 +1,7 @@
 //! The loop: wait → read → tick → write → publish, in a thread of its own.
 //!
 //! Data in: an immutable scene (exchanged as a whole when another is offered), one ring of
-//! commands, frames of clay, an arm, a clock, one atomic request. Data out: one [`TickRecord`] per
+//! commands, frames of densities, an arm, a clock, one atomic request. Data out: one [`TickRecord`] per
 //! tick through a wait-free ring, and one [`LoopReport`] at the end.
 //!
 //! Invariant: between the first and the last [`ServoLoop::step`] nothing here allocates, locks,
@@ -22,9 +22,9 @@
 )]
 
 mod calibration;
-mod clay;
 mod commands;
 mod deadlines;
+mod density;
 mod loaded_scene;
 mod paths;
 mod step;
@@ -34,12 +34,12 @@ pub(crate) mod testing;
 mod thread;
 mod waiting;
 
-pub use clay::{ClayFeed, ClaySlot, FramePublishError, ToolState};
 pub use commands::{
     CommandQueue, ControlError, FileChange, HandOrder, HandUse, Objects, ParameterSetting,
     SceneControls, SwapError,
 };
 pub use deadlines::{DeadlineGrid, TickTiming};
+pub use density::{DensityFeed, DensitySlot, FramePublishError, ToolState};
 pub use loaded_scene::LoadedScene;
 pub use paths::ObjectPaths;
 pub use rt::control::{Control, Order, Permit};

@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use rtrb::{Producer, PushError};
 
-use super::clay::frame_in_use;
+use super::density::frame_in_use;
 use super::waiting::Waiting;
-use super::{ClaySlot, CommandQueue, Control, DeadlineGrid, LoadedScene, Order, StopGuard};
+use super::{CommandQueue, Control, DeadlineGrid, DensitySlot, LoadedScene, Order, StopGuard};
 use crate::record::{FlightRecorder, TickRecord};
 use arms::{Device, DeviceError};
 use haptics::{self, Drive, DriveRequest, Faults, RenderScene, State, TickInput, TickOutput};
@@ -218,10 +218,10 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         self
     }
 
-    /// The same loop with a slot for frames of its scene's clay.
+    /// The same loop with a slot for frames of densities.
     #[must_use]
-    pub fn with_clay(mut self, clay: ClaySlot) -> Self {
-        self.rendered.clay = Some(clay);
+    pub fn with_density(mut self, density: DensitySlot) -> Self {
+        self.rendered.density = Some(density);
         self
     }
 
@@ -286,7 +286,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         self.commands.receive(&mut self.rendered, self.scene_idx);
         // Before the clock of the tick starts: simulated time may wait here for a bake.
         let swaps = self.swap_is_due(wanted);
-        self.exchange_clay();
+        self.exchange_density();
 
         let begin_ns = self.clock.stopwatch_ns();
         self.first_tick_ns.get_or_insert(begin_ns);
@@ -301,7 +301,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         let time_s = self.tick as f64 * self.rendered.scene.parameters.period_s;
         let place = self.commands.next_placement(&mut self.rendered, time_s);
         let parameter_change = self.commands.next_change();
-        let clay = frame_in_use(self.rendered.clay.as_ref(), &self.rendered.state);
+        let clay = frame_in_use(self.rendered.density.as_ref(), &self.rendered.state);
         let input = TickInput {
             sample,
             request,
@@ -352,8 +352,8 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             beside_device,
             contact_budget_points: self.rendered.budget_points(),
         });
-        if let LoadedScene { clay: Some(clay), state, .. } = &mut *self.rendered {
-            clay.tell(self.tick, sample.buttons, state, &output, self.clock.kind());
+        if let LoadedScene { density: Some(density), state, .. } = &mut *self.rendered {
+            density.tell(self.tick, sample.buttons, state, &output, self.clock.kind());
         }
         let step = self.conclude(wanted, &output);
         if swaps && step == Step::Continue {
@@ -362,12 +362,12 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         step
     }
 
-    /// Takes the newest frame of the clay. An end of the loop from outside does not wait for one.
-    fn exchange_clay(&mut self) {
+    /// Takes the newest frame of densities. An end of the loop from outside does not wait for one.
+    fn exchange_density(&mut self) {
         let control = &self.control;
         let clock = self.clock.kind();
-        if let LoadedScene { clay: Some(clay), state, .. } = &mut *self.rendered {
-            clay.exchange(state, clock, || control.is_ending());
+        if let LoadedScene { density: Some(density), state, .. } = &mut *self.rendered {
+            density.exchange(state, clock, || control.is_ending());
         }
     }
 

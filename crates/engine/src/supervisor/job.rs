@@ -6,7 +6,7 @@ use std::sync::Arc;
 use crossbeam::channel::Receiver;
 
 use crate::record::RecordSubscribers;
-use crate::servo::{ClaySlot, CommandQueue, LoopReport};
+use crate::servo::{CommandQueue, DensitySlot, LoopReport};
 use arms::Device;
 use arms::attached::open::LinkNews;
 use haptics::RenderScene;
@@ -37,8 +37,8 @@ pub struct LiveChannels {
     /// Parameters, poses of movable objects and other scenes; the cold end is
     /// [`SceneControls`](crate::servo::SceneControls).
     pub commands: CommandQueue,
-    /// Frames of the scene's clay; the cold end is [`ClayFeed`](crate::servo::ClayFeed).
-    pub clay: Option<ClaySlot>,
+    /// Frames of densities; the cold end is [`DensityFeed`](crate::servo::DensityFeed).
+    pub density: Option<DensitySlot>,
     /// The source that says when force may flow.
     pub operator: Operator,
     /// What becomes of the link of a real arm.

@@ -29,8 +29,8 @@ pub(super) fn with_live<C: Clock>(
     live: LiveChannels,
 ) -> ServoLoop<Box<dyn Device>, C> {
     let servo = servo.with_commands(live.commands);
-    match live.clay {
-        Some(clay) => servo.with_clay(clay),
+    match live.density {
+        Some(density) => servo.with_density(density),
         None => servo,
     }
 }

@@ -276,7 +276,8 @@ fn what_was_there_stays_until_there_is_something_to_take_its_place() {
     let recorder = Recorder::new(RecordSubscribers::default(), true);
     for overwrites in [true, false] {
         let refused = recorder.start(&link, overwrites, Box::new(never_fails));
-        assert!(refused.err().expect("refused").to_string().contains("it is a link to old.mcap"));
+        let Err(refused) = refused else { panic!("refused") };
+        assert!(refused.to_string().contains("it is a link to old.mcap"), "{refused}");
     }
     let (recorder, handle) = begun(&old, true);
     feed(recorder.subscribers(), [TickRecord::default()]);

@@ -121,6 +121,7 @@ async fn accepted(client: TcpStream, origins: &[String], counts: &Counts) -> Opt
         *response.status_mut() = status;
         response
     };
+    #[expect(clippy::result_large_err, reason = "tungstenite's callback has this type")]
     let check = |request: &Request, mut response: Response| {
         if !welcomes(request.headers(), origins) {
             counts.turned_away.fetch_add(1, Ordering::Relaxed);

@@ -1,10 +1,10 @@
-//! Frames of clay into the loop, and where the tool is out of it.
+//! Frames of densities into the loop, and where the tool is out of it.
 //!
 //! ```text
 //!  simulation                              servo
-//!  ClayFeed::spare, fill, publish ──ring──► newest one ──► State::exchange ──► tick
-//!  ClayFeed::spare ◄──────────────────ring── older ones, and the one before the last
-//!  ClayFeed::next_state ◄─────────────ring── one ToolState per tick
+//!  DensityFeed::spare, fill, publish ──ring──► newest one ──► State::exchange ──► tick
+//!  DensityFeed::spare ◄──────────────────ring── older ones, and the one before the last
+//!  DensityFeed::next_state ◄─────────────ring── one ToolState per tick
 //! ```
 //! Frames are boxes that go round: the servo moves pointers, and nothing is allocated, freed or
 //! copied there.
@@ -68,18 +68,18 @@ pub enum FramePublishError {
     Frame(#[from] FrameError),
     /// More frames than the loop has looked at.
     #[error(
-        "{RING_FRAMES} frames of clay are waiting for the loop; publish fewer, or wait for a spare \
+        "{RING_FRAMES} frames are waiting for the loop; publish fewer, or wait for a spare \
             one"
     )]
     Full,
     /// The loop has ended, or renders another scene now.
-    #[error("the clay is not rendered any more")]
+    #[error("the density is not rendered any more")]
     Over,
 }
 
 /// The simulation's end.
 #[derive(Debug)]
-pub struct ClayFeed {
+pub struct DensityFeed {
     frames: Producer<Box<DensityFrame>>,
     spares: Consumer<Box<DensityFrame>>,
     states: Consumer<ToolState>,
@@ -87,7 +87,7 @@ pub struct ClayFeed {
     base: Option<Arc<Raster>>,
 }
 
-impl ClayFeed {
+impl DensityFeed {
     /// A frame that no tick touches any more, to be filled: it has some earlier content. `None`
     /// while all are under way. Wait-free.
     pub fn spare(&mut self) -> Option<Box<DensityFrame>> {
@@ -128,22 +128,22 @@ impl ClayFeed {
 
 /// The loop's end.
 #[derive(Debug)]
-pub struct ClaySlot {
+pub struct DensitySlot {
     frames: Consumer<Box<DensityFrame>>,
     spares: Producer<Box<DensityFrame>>,
     states: Producer<ToolState>,
     map_from_world: Pose,
     update_ticks: u64,
-    /// Ticks in which this clay was rendered.
+    /// Ticks in which it was rendered.
     ticks: u64,
     dropped: u64,
 }
 
-impl ClaySlot {
+impl DensitySlot {
     /// Both ends for the clay of a scene. `update_ticks` (at least 1): ticks from one frame to the
     /// next under simulated time, where the simulation owes one frame for so many states.
     /// Allocates.
-    pub fn new(clay: &Clay, update_ticks: u64) -> (ClayFeed, Self) {
+    pub fn new(clay: &Clay, update_ticks: u64) -> (DensityFeed, Self) {
         let (frames_in, frames) = RingBuffer::new(RING_FRAMES);
         let (mut spares, spares_out) = RingBuffer::new(RING_FRAMES);
         let (states, states_out) = RingBuffer::new(RING_STATES.max(2 * update_ticks as usize));
@@ -161,7 +161,7 @@ impl ClaySlot {
             ticks: 0,
             dropped: 0,
         };
-        (ClayFeed { frames: frames_in, spares: spares_out, states: states_out, base }, slot)
+        (DensityFeed { frames: frames_in, spares: spares_out, states: states_out, base }, slot)
     }
 
     /// Before a tick: gives it the newest frame, and those that it does not need back. Simulated
@@ -249,10 +249,11 @@ impl ClaySlot {
 }
 
 /// What the record of a tick says of the clay.
-pub(super) fn frame_in_use(slot: Option<&ClaySlot>, state: &State) -> Option<FrameInUse> {
-    state
-        .frame_sequence()
-        .map(|sequence| FrameInUse { sequence, is_last: slot.is_none_or(ClaySlot::is_abandoned) })
+pub(super) fn frame_in_use(slot: Option<&DensitySlot>, state: &State) -> Option<FrameInUse> {
+    state.frame_sequence().map(|sequence| FrameInUse {
+        sequence,
+        is_last: slot.is_none_or(DensitySlot::is_abandoned),
+    })
 }
 
 fn give_back(spares: &mut Producer<Box<DensityFrame>>, frame: Box<DensityFrame>) {
