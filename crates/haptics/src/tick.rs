@@ -548,3 +548,7 @@ mod tests;
     reason = "test code"
 )]
 mod exploration;
+
+#[cfg(test)]
+#[expect(clippy::disallowed_types, clippy::expect_used, reason = "test code")]
+mod every_key;
