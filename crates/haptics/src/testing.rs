@@ -58,11 +58,15 @@ pub(crate) fn skew_start(raised_m: f64) -> vps::spatial::Pose {
 #[cfg(test)]
 #[expect(clippy::expect_used, reason = "test code")]
 pub(crate) fn skew_scene(parameters: Parameters) -> RenderScene {
-    use vps::{contact::Obstacle, mesh::primitives::Shape, part::Part, voxmap::Options};
+    use std::sync::LazyLock;
+    use vps::voxmap::{Options, field::Field};
+    use vps::{contact::Obstacle, mesh::primitives::Shape, part::Part};
 
-    let shape = Shape::Box { size_m: DVec3::splat(40e-3) };
-    let part = Part::of_shape("block", &shape, 1e-3);
-    let (field, _) = part.bake_field(&Options::new(1e-3), false, |_| ()).expect("a small grid");
+    static FIELD: LazyLock<Field> = LazyLock::new(|| {
+        let shape = Shape::Box { size_m: DVec3::splat(40e-3) };
+        let part = Part::of_shape("block", &shape, 1e-3);
+        part.bake_field(&Options::new(1e-3), false, |_| ()).expect("a small grid").0
+    });
     let rows = [-4.0, -4.0 / 3.0, 4.0 / 3.0, 4.0];
     let points: Vec<_> = [-6.0, -3.6, -1.2, 1.2, 3.6, 6.0]
         .into_iter()
@@ -75,6 +79,6 @@ pub(crate) fn skew_scene(parameters: Parameters) -> RenderScene {
     let body_kg_m2 = DMat3::from_diagonal(DVec3::new(2e-5, 5e-5, 9e-5));
     let inertia = Inertia { mass_kg: 0.3, body_kg_m2, least_kg_m2: 2e-5 };
     let tool = Tool { shell: Shell::new(&points, 1e-3), inertia, center_of_mass_tool: DVec3::ZERO };
-    let obstacles = vec![Obstacle { field, world_from_map: skew_block() }];
+    let obstacles = vec![Obstacle { field: FIELD.clone(), world_from_map: skew_block() }];
     RenderScene { parameters, obstacles, clay: None, tool }
 }

@@ -154,3 +154,19 @@ fn a_pose_is_sound_when_it_can_be_gone_to() {
     assert!(!sound(turn, DVec3::Y * 1001.0) && !sound(turn, DVec3::Z * -1001.0));
     assert!(!sound(turn, DVec3::NAN) && !sound(DQuat::NAN, DVec3::ONE));
 }
+
+#[test]
+fn an_obstacle_arrives_when_a_ten_thousandth_of_a_voxel_is_left() {
+    for (way_m, arrives) in [(0.9e-7, true), (1.1e-7, false)] {
+        let mut rig = Rig::new();
+        let to = away(&rig, DVec3::Y * way_m, DVec3::ZERO);
+        rig.advance(Some(to), true);
+        rig.advance(None, true);
+        let gone = rig.pose().moved.linear.length();
+        assert!((gone - if arrives { way_m } else { way_m * 0.01 / 1.21 }).abs() < 1e-12, "{gone}");
+        // It stands there for a tick before it is no longer under way.
+        assert_eq!(rig.moving.n_under_way(), 1);
+        rig.advance(None, true);
+        assert_eq!(rig.moving.n_under_way(), u32::from(!arrives));
+    }
+}

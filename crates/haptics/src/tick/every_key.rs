@@ -293,7 +293,9 @@ fn account(p: &Parameters) -> Wrench {
         let normal = contact.wrench.force.normalize_or_zero();
         let at = twist.linear + twist.angular.cross(contact.arm_world);
         let speed = (at - normal * normal.dot(at)).length();
-        let cutoff_hz = (0.3 * speed / contact.voxel_size_m).max(p.filter.cutoff_hz[0]).min(p.filter.cutoff_hz[1]);
+        let cutoff_hz = (0.3 * speed / contact.voxel_size_m)
+            .max(p.filter.cutoff_hz[0])
+            .min(p.filter.cutoff_hz[1]);
         let in_steps =
             (along / inertia.mass_kg).max(about / inertia.least_kg_m2) * period_s.powi(2);
         let in_steps = if is_direct { 0.0 } else { in_steps };
@@ -516,4 +518,175 @@ fn what_the_arm_cannot_actuate_is_dropped_and_reported() {
     assert_eq!(output.command_device, Wrench::new(whole.force, DVec3::ZERO));
     assert!((output.commanded_device - whole).torque.length() < 1e-12);
     assert!(whole.torque.length() > 1e-3);
+}
+
+/// A tool that nothing moves, on a spring to a scaled arm that is turned.
+fn anchored(injected_n_s_per_m: f64) -> RenderScene {
+    let mut p = generic();
+    p.gravity_m_per_s2 = DVec3::ZERO;
+    p.coupling.felt_damping_n_s_per_m = 0.0;
+    p.coupling.felt_damping_nm_s_per_rad = 0.0;
+    p.limits.force_n = f64::INFINITY;
+    p.limits.torque_nm = f64::INFINITY;
+    p.mapping.start = skew_start(0.1);
+    p.arm.injected_n_s_per_m = injected_n_s_per_m;
+    let mut scene = skew_scene(p);
+    scene.tool.inertia.mass_kg = 1e9;
+    scene.tool.inertia.body_kg_m2 = DMat3::IDENTITY * 1e6;
+    scene.tool.inertia.least_kg_m2 = 1e6;
+    scene
+}
+
+/// Energies count at the arm, whose ways are shorter than those of the tool by the scale.
+#[test]
+fn a_scaled_arm_is_pulled_pays_and_counts_by_its_own_way() {
+    let injected = 30.0;
+    let scene = anchored(injected);
+    let mut state = State::new(&scene);
+    let [sample, ..] = samples();
+    let request = DriveRequest::Enable;
+    let mut input = TickInput { sample, request, ..TickInput::default() };
+    tick(&scene, &mut state, &input);
+    // One leap of the grip: its spring holds energy that no hand has put in.
+    let way = DVec3::new(1e-3, -2e-3, 0.5e-3);
+    input.sample.pose.translation += way;
+    input.sample.twist = Twist { linear: way / 1e-3, angular: DVec3::ZERO };
+    let first = tick(&scene, &mut state, &input);
+    let pull = way * (-1300.0 * 2.5);
+    let held_j = 0.5 * 1300.0 * 2.5 * way.length_squared();
+    let damper = input.sample.twist.linear * -injected;
+    let takes_j = 1e-3 * injected * input.sample.twist.linear.length_squared();
+    let share = (held_j - 2.5e-4) / takes_j;
+    assert!(share > 0.01 && share < 1.0, "{share}");
+    let expected = pull + damper * share;
+    let differs = first.command_device.force - expected;
+    assert!(first.passivity_active && differs.length() < 1e-4, "{first:?} {expected}");
+    // The command acts over the next way of the grip.
+    let next = DVec3::new(-0.3e-3, 0.2e-3, 0.4e-3);
+    input.sample.pose.translation += next;
+    let second = tick(&scene, &mut state, &input);
+    let energy_j = -first.command_device.force.dot(next);
+    assert!((second.energy_j - energy_j).abs() < 1e-15, "{} {energy_j}", second.energy_j);
+}
+
+/// What an obstacle that moves does to the hand is counted apart, at the arm.
+#[test]
+fn an_obstacle_under_way_works_on_a_scaled_arm_by_its_way_over_the_scale() {
+    let mut p = generic();
+    p.coupling.mode = CouplingMode::Direct;
+    p.limits.speed_m_per_s = 2.0;
+    let scene = skew_scene(p);
+    let mut state = State::new(&scene);
+    let [sample, ..] = samples();
+    let block = skew_block();
+    let to =
+        block.stepped(block.transform_vector(DVec3::new(1e-3, 2e-3, -0.2e-3)), DVec3::splat(0.02));
+    let place = Some(Placement { obstacle_idx: 0, world_from_map: to });
+    let request = DriveRequest::Enable;
+    let mut input = TickInput { sample, request, place, ..TickInput::default() };
+    let mut before = tick(&scene, &mut state, &input);
+    assert!(before.command_device.force.length() > 0.1, "{before:?}");
+    input.place = None;
+    let back = p.mapping.world_from_device.rotation.conjugate();
+    let mut work_j = 0.0;
+    for _ in 0..5 {
+        let output = tick(&scene, &mut state, &input);
+        let pose = state.traversal.obstacle_poses().pose(0).expect("one");
+        let center = skew_start(0.0).translation;
+        let linear = back * pose.moved.at(center) / 2.5;
+        let angular = back * pose.moved.angular;
+        work_j +=
+            before.command_device.force.dot(linear) + before.command_device.torque.dot(angular);
+        assert!((output.object_work_j - work_j).abs() < 1e-12, "{} {work_j}", output.object_work_j);
+        assert_eq!(output.objects_moving, 1);
+        before = output;
+    }
+    assert!(work_j.abs() > 1e-9, "{work_j}");
+}
+
+#[test]
+fn a_tick_reports_what_it_found_and_what_it_gave() {
+    let p = generic();
+    let scene = skew_scene(p);
+    let mut state = State::new(&scene);
+    let [sample, ..] = samples();
+    let mut input = TickInput { sample, ..TickInput::default() };
+    let found =
+        ContactSum::flat(&scene.obstacles, &scene.tool.shell, skew_start(0.0), p.force_law());
+    let disabled = tick(&scene, &mut state, &input);
+    assert_eq!((disabled.contacts, disabled.points_left_out), (24, 0));
+    assert_eq!(disabled.contact_world, found.wrench);
+    assert_eq!(
+        (disabled.max_depth_m, disabled.clearance_m),
+        (found.max_value_m, -found.max_value_m)
+    );
+    assert_eq!(disabled.world_from_tool.translation, skew_start(0.0).translation);
+    assert_eq!(disabled.commanded_device, Wrench::ZERO);
+    input.request = DriveRequest::Enable;
+    input.sample.delay_ticks = 3;
+    let mut before = TickOutput::default();
+    for sample in samples() {
+        input.sample = DeviceSample { delay_ticks: 3, ..sample };
+        before = tick(&scene, &mut state, &input);
+        assert_eq!((before.delay_ticks, before.off_cause), (3, OffCause::None));
+    }
+    let at = state.indexed(&scene);
+    assert_eq!(at.0, samples()[0].pose);
+    assert!((at.1.translation - skew_start(0.0).translation).length() < 1e-15);
+    assert_eq!((before.objects_moving, before.object), (0, None));
+    // Sliding: what is reported is the contact with its friction.
+    let shell = &scene.tool.shell;
+    let stood = before.world_from_tool;
+    let next = tick(&scene, &mut state, &input);
+    let found = ContactSum::flat(&scene.obstacles, shell, stood, p.force_law());
+    let friction = next.contact_world - found.wrench;
+    let normal = found.wrench.force.normalize();
+    assert!(friction.force.length() > 0.01, "{friction:?}");
+    assert!(friction.force.dot(normal).abs() < 1e-3 * friction.force.length(), "{friction:?}");
+    let center =
+        crate::Tool { center_of_mass_tool: DVec3::new(1e-3, 2e-3, 3e-3), ..skew_scene(p).tool };
+    let off_center = RenderScene { tool: center, ..skew_scene(p) };
+    let mut state = State::new(&off_center);
+    let output = tick(&off_center, &mut state, &TickInput::default());
+    // The tool's own frame stands where the scene says, its axes' middle beside it.
+    assert!((output.world_from_tool.translation - skew_start(0.0).translation).length() < 1e-12);
+    let (_, indexed) = state.indexed(&off_center);
+    assert!((indexed.translation - skew_start(0.0).translation).length() < 1e-12);
+}
+
+/// Deadman let go with the tool in the block by so much, and held again.
+#[test]
+fn a_tool_stays_where_the_deadman_left_it_unless_it_stands_in_an_obstacle() {
+    for (raised_m, stays) in [(0.3e-3, true), (-0.4e-3, false)] {
+        let mut p = generic();
+        p.coupling.mode = CouplingMode::Direct;
+        p.safety.deadman = Some(2);
+        p.mapping.scale = 1.5;
+        let scene = skew_scene(p);
+        let mut state = State::new(&scene);
+        let [mut sample, ..] = samples();
+        let back = p.mapping.world_from_device.rotation.conjugate();
+        let mut run = |buttons: u32, moved: DVec3, n_ticks: u32| {
+            let mut output = TickOutput::default();
+            for _ in 0..n_ticks {
+                sample.buttons = buttons;
+                sample.sequence += 1;
+                sample.pose.translation += back * moved / (1.5 * f64::from(n_ticks));
+                let request = DriveRequest::Enable;
+                let input = TickInput { sample, request, ..TickInput::default() };
+                output = tick(&scene, &mut state, &input);
+            }
+            output
+        };
+        let moved = skew_block().transform_vector(DVec3::new(2e-3, 1e-3, raised_m));
+        assert_eq!(run(0b100, DVec3::ZERO, 3).drive, Drive::Enabled);
+        run(0b100, moved, 10);
+        let off = run(0, DVec3::ZERO, 20);
+        assert_eq!((off.drive, off.off_cause), (Drive::Disabled, OffCause::Deadman));
+        let again = run(0b100, DVec3::ZERO, 1);
+        assert_eq!(again.drive, Drive::Enabled, "{again:?}");
+        let expected = skew_start(0.0).translation + if stays { moved } else { DVec3::ZERO };
+        let differs = again.world_from_tool.translation - expected;
+        assert!(differs.length() < 1e-6, "{raised_m}: {differs}");
+    }
 }
