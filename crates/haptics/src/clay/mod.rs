@@ -285,4 +285,36 @@ mod tests {
         let sum = held.touch(&clay, &shell, away, &p);
         assert!(held.forces().rope_world == DVec3::ZERO && !sum.acts());
     }
+
+    #[test]
+    fn a_state_tells_of_its_clay_and_of_whether_it_is_felt() {
+        let mut p = scene_parameters();
+        p.mapping.start = body(0.3e-3);
+        let mut scene = crate::testing::skew_scene(p);
+        scene.obstacles.clear();
+        scene.tool.shell = shell();
+        assert_eq!(crate::State::new(&scene).frame_sequence(), None);
+        let mut builder = crate::SceneBuilder::new(p);
+        builder.set_clay(clay());
+        let built = vps::part::Part::of_shape(
+            "tool",
+            &vps::mesh::primitives::Shape::Sphere { radius_m: 5e-3 },
+            2e-3,
+        );
+        let options = crate::ToolOptions::new(0.1);
+        let (with_clay, _) =
+            builder.finish(&built, &vps::voxmap::Options::new(2e-3), &options).expect("small");
+        scene.clay = with_clay.clay;
+        let mut state = crate::State::new(&scene);
+        assert_eq!((state.frame_sequence(), state.feels_clay()), (Some(1), false));
+        let mut input = crate::TickInput::default();
+        crate::tick(&scene, &mut state, &input);
+        assert_eq!((state.clay_forces().contacts, state.feels_clay()), (1, false));
+        input.request = crate::DriveRequest::Enable;
+        input.sample.status = vps::spatial::SampleStatus::Fresh;
+        crate::tick(&scene, &mut state, &input);
+        assert!(state.feels_clay());
+        assert_eq!(state.exchange(Box::new(frame(7, 0.0))).sequence, 1);
+        assert_eq!(state.frame_sequence(), Some(7));
+    }
 }

@@ -551,9 +551,11 @@ fn a_scaled_arm_is_pulled_pays_and_counts_by_its_own_way() {
     let way = DVec3::new(1e-3, -2e-3, 0.5e-3);
     input.sample.pose.translation += way;
     input.sample.twist = Twist { linear: way / 1e-3, angular: DVec3::ZERO };
+    let turned = DVec3::new(0.05, -0.02, 0.04);
+    input.sample.pose.rotation = DQuat::from_scaled_axis(turned) * input.sample.pose.rotation;
     let first = tick(&scene, &mut state, &input);
     let pull = way * (-1300.0 * 2.5);
-    let held_j = 0.5 * 1300.0 * 2.5 * way.length_squared();
+    let held_j = 0.5 * 1300.0 * 2.5 * way.length_squared() + 0.5 * 0.45 * turned.length_squared();
     let damper = input.sample.twist.linear * -injected;
     let takes_j = 1e-3 * injected * input.sample.twist.linear.length_squared();
     let share = (held_j - 2.5e-4) / takes_j;
@@ -567,6 +569,15 @@ fn a_scaled_arm_is_pulled_pays_and_counts_by_its_own_way() {
     let second = tick(&scene, &mut state, &input);
     let energy_j = -first.command_device.force.dot(next);
     assert!((second.energy_j - energy_j).abs() < 1e-15, "{} {energy_j}", second.energy_j);
+}
+
+#[test]
+fn a_scaled_arm_gets_back_less_of_the_spring_at_its_force_limit() {
+    let mut p = generic();
+    p.limits.force_n = 6.0;
+    // 6 N over 1300 N/m stretch by 4.6 mm in the world, and by 1.8 mm at the arm.
+    let stretch_m = 6.0 / 1300.0 / 2.5;
+    assert!((spring_at_limit_j(&p) - 0.5 * 6.0 * stretch_m).abs() < 1e-15);
 }
 
 /// What an obstacle that moves does to the hand is counted apart, at the arm.
