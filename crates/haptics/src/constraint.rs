@@ -251,7 +251,12 @@ pub(super) fn step(
 }
 
 #[cfg(test)]
-#[expect(clippy::indexing_slicing, clippy::expect_used, reason = "test code")]
+#[expect(
+    clippy::disallowed_types,
+    clippy::indexing_slicing,
+    clippy::expect_used,
+    reason = "test code"
+)]
 mod tests {
     use glam::DQuat;
 
@@ -461,5 +466,32 @@ mod tests {
         pace.take((-way, -turn), &coupling);
         let (linear, _) = pace.take((-way, -turn), &coupling);
         assert!((linear + way * 0.7).length() < 1e-12, "{linear}");
+    }
+
+    #[test]
+    fn one_plane_takes_the_step_back_along_what_the_coupling_gives() {
+        let coupling = CouplingParameters {
+            stiffness_n_per_m: 1300.0,
+            stiffness_nm_per_rad: 0.45,
+            ..CouplingParameters::PLAIN
+        };
+        let body = Pose::new(DQuat::from_scaled_axis(DVec3::new(0.3, 0.9, -0.4)), DVec3::ONE);
+        let arm_body = DVec3::new(0.02, -0.01, 0.03).as_vec3();
+        let mut contacts = DeepestContacts::default();
+        let normal_body = DVec3::Z.as_vec3();
+        contacts
+            .add(0, &Contact { point_idx: 0, depth_m: 3e-4, weight: 1.0, arm_body, normal_body });
+        let normal = DVec3::new(2.0, -1.0, 2.0) / 3.0;
+        let free = (DVec3::new(-1e-3, 2e-3, -2e-3), DVec3::new(0.02, -0.03, 0.01));
+        let taken = step(free, body, &coupling, &contacts, |_, _| normal, SLOP_M).expect("finite");
+        let moment = (body.rotation * arm_body.as_dvec3()).cross(normal);
+        let needed_m = 0.5 * (f64::from(3e-4_f32) - SLOP_M);
+        let gives = 1.0 / 1300.0 + moment.length_squared() / 0.45;
+        let short_m = needed_m - normal.dot(free.0) - moment.dot(free.1);
+        // The plane is ten thousand times as stiff as the coupling along it.
+        let force_n = short_m / gives / (1.0 + 1e-4);
+        assert!(force_n > 0.1, "{force_n}");
+        assert!((taken.0 - free.0 - normal * (force_n / 1300.0)).length() < 1e-11);
+        assert!((taken.1 - free.1 - moment * (force_n / 0.45)).length() < 1e-9);
     }
 }

@@ -98,7 +98,12 @@ pub(super) fn damped(
 }
 
 #[cfg(test)]
-#[expect(clippy::disallowed_types, clippy::expect_used, reason = "test code")]
+#[expect(
+    clippy::disallowed_types,
+    clippy::disallowed_macros,
+    clippy::expect_used,
+    reason = "test code"
+)]
 mod tests {
     use glam::DMat3;
 

@@ -393,4 +393,16 @@ mod tests {
         assert!((slides.force.x + 3.01 * 4.0 / load).abs() < 1e-9, "{slides:?}");
         assert!((slides.torque.z + 4.02 * 0.02 * 4.0 / load).abs() < 1e-9, "{slides:?}");
     }
+
+    #[test]
+    fn a_face_that_is_thrown_from_end_to_end_of_its_turn_is_as_stiff_as_one_that_holds() {
+        let mut friction = Friction::default();
+        let patch = Patch { arm_world: DVec3::ZERO, ..floor(10.0) };
+        let mut turn = |rad| friction.update([&patch].into_iter(), at(0.0, rad), &PARAMS);
+        turn(0.0);
+        let about = |held: FrictionWrench| held.stiffness.mul(DVec3::ZERO, DVec3::Z).1.z;
+        assert!(about(turn(0.5)).abs() < 1e-9, "it turns on");
+        assert!((about(turn(-0.5)) - 1e4 * 4e-4).abs() < 1e-9);
+        assert!(about(turn(-0.9)).abs() < 1e-9, "it turns back");
+    }
 }

@@ -686,4 +686,28 @@ mod tests {
         owes.damped((push(-2.0), 2e-4), along(0.0), &arm, &free(), PERIOD_S);
         assert!(owes.is_paid(&arm), "so little is lent whatever is owed");
     }
+
+    #[test]
+    fn an_arm_is_watched_that_takes_damping_in_either_half() {
+        let none = ArmParameters::default();
+        assert!(!is_watched(&none));
+        assert!(is_watched(&ArmParameters { injected_n_s_per_m: 2.0, ..none }));
+        assert!(is_watched(&ArmParameters { injected_nm_s_per_rad: 0.02, ..none }));
+    }
+
+    #[test]
+    fn an_obstacle_pushes_with_what_the_coupling_wants_and_not_with_what_was_injected() {
+        let mut controller = PassivityController::default();
+        controller.observe(at(0.0), 0, PERIOD_S);
+        controller.hold(push(10.0));
+        controller.observe(at(0.01), 0, PERIOD_S);
+        let limits = LimitParameters { force_n: 0.7, ..free() };
+        let damped =
+            controller.damped((push(2.0), 0.0), along(0.5), &injecting(5.0), &limits, PERIOD_S);
+        // 2.5 N of damping, of which the limit leaves 0.7 N.
+        assert!((damped.force.x - 1.3).abs() < 1e-12, "{damped:?}");
+        controller.hold(damped);
+        controller.carry(DVec3::X * 3e-3, DVec3::ZERO, 0, 1.0);
+        assert!((controller.carried_j() - 6e-3).abs() < 1e-15, "{}", controller.carried_j());
+    }
 }

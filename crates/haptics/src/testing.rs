@@ -56,7 +56,7 @@ pub(crate) fn skew_start(raised_m: f64) -> vps::spatial::Pose {
 /// A tool of 24 points above a face of a block of 40 mm; no axis of the world is one of the
 /// block's or of the tool's.
 #[cfg(test)]
-#[expect(clippy::expect_used, reason = "test code")]
+#[expect(clippy::disallowed_macros, clippy::expect_used, reason = "test code")]
 pub(crate) fn skew_scene(parameters: Parameters) -> RenderScene {
     use std::sync::LazyLock;
     use vps::voxmap::{Options, field::Field};

@@ -555,5 +555,5 @@ mod tests;
 mod exploration;
 
 #[cfg(test)]
-#[expect(clippy::disallowed_types, clippy::expect_used, reason = "test code")]
-mod every_key;
+#[expect(clippy::disallowed_macros, clippy::expect_used, reason = "test code")]
+mod key_tests;

@@ -467,5 +467,5 @@ fn slide_speed(contact: &ContactSum, tool: Twist) -> f64 {
 }
 
 #[cfg(test)]
-#[expect(clippy::disallowed_types, clippy::expect_used, reason = "test code")]
+#[expect(clippy::expect_used, reason = "test code")]
 pub(crate) mod tests;

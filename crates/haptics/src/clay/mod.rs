@@ -90,7 +90,12 @@ impl CouplingMode {
 }
 
 #[cfg(test)]
-#[expect(clippy::disallowed_types, clippy::expect_used, reason = "test code")]
+#[expect(
+    clippy::disallowed_types,
+    clippy::expect_used,
+    clippy::indexing_slicing,
+    reason = "test code"
+)]
 mod tests {
     use std::sync::Arc;
 

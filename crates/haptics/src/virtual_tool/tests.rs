@@ -216,6 +216,7 @@ fn what_was_not_felt_in_free_space_comes_in_over_five_ticks_once_it_is_paid() {
     let mut rig = Rig::new(p, 0.0);
     let unfelt = Wrench::new(DVec3::new(0.5, -0.4, 0.8), DVec3::new(0.01, 0.02, -0.03));
     rig.tool.unfelt = unfelt;
+    rig.tool.tracks = true;
     let (target_pose, target_twist) = target();
     for (is_paid, kept) in [
         (false, 1.0),
@@ -356,12 +357,13 @@ fn the_constraint_coupling_stands_a_tool_on_a_face_that_moves() {
     p.coupling.mode = CouplingMode::Constraint;
     let motion = ObstacleMotion { linear: DVec3::new(2e-5, -1e-5, 3e-5), angular: DVec3::ZERO };
     let sag = p.gravity_m_per_s2 * (0.3 / 1300.0);
+    let turning = ObstacleMotion { angular: DVec3::new(1e-3, -2e-3, 3e-3), ..motion };
     // In free space it is where the arm is, whatever moves.
     let mut rig = Rig::new(p, 4e-3);
     let target =
         rig.tool.pose().stepped(DVec3::new(1e-4, 2e-4, -1e-4), DVec3::new(2e-3, 0.0, 1e-3));
     let mut touch = rig.touch();
-    touch.contact.obstacle_motion = motion;
+    touch.contact.obstacle_motion = turning;
     let pull = rig.follow(&touch, &FrictionWrench::ZERO, true, (target, Twist::ZERO));
     assert!((rig.tool.pose().translation - target.translation - sag).length() < 1e-12);
     assert!(rig.tool.pose().rotation_to(target).length() < 1e-9);

@@ -31,10 +31,11 @@ enum Proof {
 use Proof::{Directly, InContact, InFreeSpace, Nothing, Test};
 
 /// The keys of `[contact]`, `[coupling]` and `[filter]`, and those of `world_from_device`.
-const PROOFS: [(&str, Proof); 25] = [
+const PROOFS: [(&str, Proof); 26] = [
     ("contact.stiffness_n_per_mm", InContact(|p| p.contact.stiffness_n_per_m *= 1.1)),
     ("contact.damping_ratio", InContact(|p| p.contact.damping_ratio = 0.45)),
     ("contact.damping_n_s_per_m", InContact(|p| p.contact.damping_n_s_per_m = 60.0)),
+    ("contact.damping_n_s_per_m", InContact(|p| p.contact.damping_n_s_per_m = 3e3)),
     ("contact.braking", Test(virtual_tool::a_brake_acts_along_the_way_out_of_what_is_ahead)),
     ("contact.geometric_awareness", Test(a_tool_that_knows_no_edges_has_none)),
     ("contact.normalize", InContact(|p| p.contact.normalization = Normalization::Average)),
@@ -174,7 +175,7 @@ fn every_key_of_the_default_file_has_a_row() {
             assert!(PROOFS.iter().any(|(known, _)| *known == name), "{name} has no row");
         }
         if let Some(table) = line.strip_prefix("world_from_device = {") {
-            let keys = table.split(" = ").filter_map(|part| part.split([' ', ',']).last());
+            let keys = table.split(" = ").filter_map(|part| part.split([' ', ',']).next_back());
             for key in keys.filter(|key| key.chars().all(|c| c == '_' || c.is_ascii_lowercase())) {
                 let name = format!("world_from_device.{key}");
                 assert!(
@@ -516,7 +517,8 @@ fn what_the_arm_cannot_actuate_is_dropped_and_reported() {
         output = tick(&scene, &mut state, &TickInput { sample, request, ..TickInput::default() });
     }
     assert_eq!(output.command_device, Wrench::new(whole.force, DVec3::ZERO));
-    assert!((output.commanded_device - whole).torque.length() < 1e-12);
+    let differs = output.commanded_device - whole;
+    assert!(differs.torque.length() < 1e-12 && differs.force.length() < 1e-12);
     assert!(whole.torque.length() > 1e-3);
 }
 
@@ -653,6 +655,8 @@ fn a_tick_reports_what_it_found_and_what_it_gave() {
     let friction = next.contact_world - found.wrench;
     let normal = found.wrench.force.normalize();
     assert!(friction.force.length() > 0.01, "{friction:?}");
+    let slides = next.world_from_tool.translation - skew_start(0.0).translation;
+    assert!(friction.force.dot(slides) < 0.0, "{friction:?} {slides}");
     assert!(friction.force.dot(normal).abs() < 1e-3 * friction.force.length(), "{friction:?}");
     let center =
         crate::Tool { center_of_mass_tool: DVec3::new(1e-3, 2e-3, 3e-3), ..skew_scene(p).tool };
@@ -700,4 +704,49 @@ fn a_tool_stays_where_the_deadman_left_it_unless_it_stands_in_an_obstacle() {
         let differs = again.world_from_tool.translation - expected;
         assert!(differs.length() < 1e-6, "{raised_m}: {differs}");
     }
+}
+
+/// A scene that takes the place of another goes on where the tool stood, if it has room there.
+#[test]
+fn a_tool_resumes_where_it_stood_unless_an_obstacle_of_the_new_scene_is_there() {
+    for (raised_m, resumes) in [(2e-3, true), (-0.5e-3, false)] {
+        let scene = skew_scene(generic());
+        let mut state = State::new(&scene);
+        assert_eq!(state.world_from_map(0), Some(skew_block()));
+        assert_eq!(state.world_from_map(1), None);
+        let stood = skew_start(raised_m);
+        state.resume_at(&scene, Some(stood), Handover { must_release: false });
+        let request = DriveRequest::Enable;
+        let [sample, ..] = samples();
+        let input = TickInput { sample, request, ..TickInput::default() };
+        let tries = tick(&scene, &mut state, &input);
+        assert_eq!((tries.drive, tries.contacts), (Drive::Disabled, 0));
+        let output = tick(&scene, &mut state, &input);
+        assert!(output.drive.renders(), "{output:?}");
+        let (_, started) = state.indexed(&scene);
+        let expected = if resumes { stood } else { skew_start(0.0) };
+        assert!((started.translation - expected.translation).length() < 1e-12, "{raised_m}");
+    }
+}
+
+/// The velocity of a component at rest is that of its steps, none.
+#[test]
+fn a_hand_at_rest_feels_no_damper_from_the_noise_of_its_velocity() {
+    let mut p = generic();
+    p.mapping.start = skew_start(0.1);
+    p.gravity_m_per_s2 = DVec3::ZERO;
+    p.arm.encoder_step_m = 4e-5;
+    p.arm.encoder_step_rad = 1e-3;
+    let scene = skew_scene(p);
+    let mut state = State::new(&scene);
+    let [mut sample, ..] = samples();
+    sample.twist = Twist { linear: DVec3::new(0.1, -0.2, 0.1), angular: DVec3::ONE };
+    let mut output = TickOutput::default();
+    for n in 0..600 {
+        sample.sequence = 1 + n;
+        let request = DriveRequest::Enable;
+        output = tick(&scene, &mut state, &TickInput { sample, request, ..TickInput::default() });
+        assert!(n != 50 || output.command_device.force.length() > 0.5, "{output:?}");
+    }
+    assert!(output.command_device.force.length() < 1e-6, "{output:?}");
 }
