@@ -225,4 +225,22 @@ mod tests {
         interlock.fail(Faults::SPEED);
         assert_eq!((interlock.must_release(), interlock.cause), (true, OffCause::Velocity));
     }
+
+    #[test]
+    fn a_start_forgets_all_but_the_deadman() {
+        let safety = SafetyParameters { deadman: Some(3), ..SafetyParameters::default() };
+        let sample = DeviceSample {
+            buttons: 0b1000,
+            status: SampleStatus::Fresh,
+            ..DeviceSample::default()
+        };
+        let mut interlock = Interlock::default();
+        interlock.see(&sample, &safety);
+        interlock.leave(OffCause::Thermal, Faults::THERMAL, true);
+        interlock.start();
+        assert!(interlock.is_held() && interlock.pending.is_empty() && !interlock.holds_place);
+        assert_eq!((interlock.cause, interlock.must_clear()), (OffCause::None, false));
+        interlock.start_anew();
+        assert!(interlock.must_clear() && interlock.is_held());
+    }
 }

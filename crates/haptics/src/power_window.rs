@@ -128,4 +128,13 @@ mod tests {
         assert!(!window.exceeds(1.25, 4.0, 0.5, 0.25) && !window.exceeds(1.25, 4.0, 0.5, 0.25));
         assert!(window.exceeds(1.26, 4.0, 0.5, 0.25));
     }
+
+    #[test]
+    fn a_reset_forgets_what_was_given() {
+        let mut window = PowerWindow::default();
+        assert!(!window.exceeds(0.2, 5.0, 0.05, 1e-3));
+        window.reset();
+        assert!(!window.exceeds(0.2, 5.0, 0.05, 1e-3));
+        assert!(window.exceeds(0.2, 5.0, 0.05, 1e-3));
+    }
 }

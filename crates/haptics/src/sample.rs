@@ -434,4 +434,14 @@ mod tests {
             ));
         }
     }
+
+    #[test]
+    fn a_turn_is_judged_whatever_the_length_of_the_quaternions() {
+        let turned = |rad: f64| {
+            let rotation = glam::DQuat::from_rotation_y(rad) * 1.0004;
+            Pose::new(rotation, glam::DVec3::ZERO)
+        };
+        let jumps = |rad: f64| is_jump(turned(0.0), turned(rad), 1.0, &limits(), 1e-3);
+        assert!(!jumps(0.4999) && jumps(0.5001));
+    }
 }

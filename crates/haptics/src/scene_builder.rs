@@ -223,4 +223,13 @@ mod tests {
         let named = ToolOptions { inertia_kg_m2: Some(DMat3::IDENTITY * 3e-5), ..options };
         assert_eq!(inertia(&named, &mass, 0.2, about).body_kg_m2, DMat3::IDENTITY * 3e-5);
     }
+
+    #[test]
+    fn gradients_are_baked_for_the_field_that_reads_them() {
+        for (field, needs) in [(FieldKind::SurfacePoint, true), (FieldKind::Trilinear, false)] {
+            let mut p = crate::testing::parameters();
+            p.contact.field = field;
+            assert_eq!(SceneBuilder::new(p).needs_gradients(), needs);
+        }
+    }
 }

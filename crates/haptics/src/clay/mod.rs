@@ -251,7 +251,11 @@ mod tests {
             assert_near(felt, pushed(0.3e-3) - step * slow.powi(n));
         }
         // Touched, so the next one goes on from it.
-        assert_eq!(held.exchange(Box::new(frame(5, 0.0))).sequence, 2);
+        assert_eq!(held.exchange(Box::new(frame(5, 1e-3))).sequence, 2);
+        // And as usual: a leap that was touched is over.
+        held.at_rest();
+        let felt = held.touch(&clay, &shell, body(0.3e-3), &p).wrench;
+        assert_near(felt, now + step * clay.smoothing);
     }
 
     #[test]
@@ -275,6 +279,11 @@ mod tests {
             assert!((held.forces().rope_world - pull(one)).length() < 1e-12);
             assert!((sum.wrench.force - pull(one)).length() < 1e-12 && sum.acts());
             assert_eq!((sum.wrench.torque, sum.contacts), (DVec3::ZERO, 0));
+            let stretch = world_from_map().transform_point(one) - away.translation;
+            let secant = pull(one).length() / stretch.length();
+            let (force, torque) = sum.stiffness.mul(DVec3::new(1.0, -2.0, 3.0), DVec3::ONE);
+            assert!((force - DVec3::new(1.0, -2.0, 3.0) * secant).length() < 1e-9);
+            assert_eq!(torque, DVec3::ZERO);
         }
         held.exchange(Box::new(roped(3, other)));
         let mut felt = one;

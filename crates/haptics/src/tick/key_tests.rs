@@ -499,6 +499,8 @@ fn a_budget_bounds_what_a_tick_looks_at() {
         assert_eq!(state.budget(), budget);
         tick(&scene, &mut state, &TickInput::default()).points_left_out
     };
+    let scene = skew_scene(generic());
+    assert!(State::new(&scene).rehearse(&scene, 0) > 1);
     assert_eq!(looked_at(Budget::default()), 0);
     assert!(looked_at(Budget::Points(4)) > 0);
 }
@@ -523,8 +525,9 @@ fn what_the_arm_cannot_actuate_is_dropped_and_reported() {
 }
 
 /// A tool that nothing moves, on a spring to a scaled arm that is turned.
-fn anchored(injected_n_s_per_m: f64) -> RenderScene {
+fn anchored(injected_n_s_per_m: f64, actuated: Axes) -> RenderScene {
     let mut p = generic();
+    p.mapping.actuated = actuated;
     p.gravity_m_per_s2 = DVec3::ZERO;
     p.coupling.felt_damping_n_s_per_m = 0.0;
     p.coupling.felt_damping_nm_s_per_rad = 0.0;
@@ -542,8 +545,15 @@ fn anchored(injected_n_s_per_m: f64) -> RenderScene {
 /// Energies count at the arm, whose ways are shorter than those of the tool by the scale.
 #[test]
 fn a_scaled_arm_is_pulled_pays_and_counts_by_its_own_way() {
+    for names in [&["x", "y", "z", "rx", "ry", "rz"][..], &["x", "y", "rx", "rz"]] {
+        let axes = names.iter().filter_map(|name| Axes::from_name(name));
+        pulls_and_pays(axes.fold(Axes::NONE, Axes::union));
+    }
+}
+
+fn pulls_and_pays(actuated: Axes) {
     let injected = 30.0;
-    let scene = anchored(injected);
+    let scene = anchored(injected, actuated);
     let mut state = State::new(&scene);
     let [sample, ..] = samples();
     let request = DriveRequest::Enable;
@@ -557,12 +567,19 @@ fn a_scaled_arm_is_pulled_pays_and_counts_by_its_own_way() {
     input.sample.pose.rotation = DQuat::from_scaled_axis(turned) * input.sample.pose.rotation;
     let first = tick(&scene, &mut state, &input);
     let pull = way * (-1300.0 * 2.5);
-    let held_j = 0.5 * 1300.0 * 2.5 * way.length_squared() + 0.5 * 0.45 * turned.length_squared();
+    // Of both energies the share that the motors give back.
+    let share = |masked: DVec3, whole: DVec3| masked.length_squared() / whole.length_squared();
+    let held_j = 0.5
+        * 1300.0
+        * 2.5
+        * way.length_squared()
+        * share(way * actuated.linear_mask(), way)
+        + 0.5 * 0.45 * turned.length_squared() * share(turned * actuated.angular_mask(), turned);
     let damper = input.sample.twist.linear * -injected;
     let takes_j = 1e-3 * injected * input.sample.twist.linear.length_squared();
     let share = (held_j - 2.5e-4) / takes_j;
     assert!(share > 0.01 && share < 1.0, "{share}");
-    let expected = pull + damper * share;
+    let expected = (pull + damper * share) * actuated.linear_mask();
     let differs = first.command_device.force - expected;
     assert!(first.passivity_active && differs.length() < 1e-4, "{first:?} {expected}");
     // The command acts over the next way of the grip.
@@ -612,6 +629,8 @@ fn an_obstacle_under_way_works_on_a_scaled_arm_by_its_way_over_the_scale() {
             before.command_device.force.dot(linear) + before.command_device.torque.dot(angular);
         assert!((output.object_work_j - work_j).abs() < 1e-12, "{} {work_j}", output.object_work_j);
         assert_eq!(output.objects_moving, 1);
+        let reported = output.object.expect("it is under way");
+        assert_eq!((reported.obstacle_idx, reported.world_from_map), (0, pose.world_from_map));
         before = output;
     }
     assert!(work_j.abs() > 1e-9, "{work_j}");

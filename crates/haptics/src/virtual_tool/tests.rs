@@ -22,7 +22,7 @@ fn generic() -> Parameters {
     p.coupling.felt_damping_n_s_per_m = 3.7;
     p.coupling.felt_damping_nm_s_per_rad = 0.013;
     p.coupling.free_space = FreeSpace::Drag;
-    p.filter = FilterParameters { spatial: true, cutoff_hz: [60.0, 220.0] };
+    p.filter = FilterParameters { spatial: true, cutoff_hz: [3.0, 220.0] };
     p.limits = LimitParameters { force_n: 9.0, torque_nm: 0.25, ..p.limits };
     p
 }
@@ -137,7 +137,7 @@ fn the_tool_s_momentum_changes_by_the_sum_of_all_that_acts_at_the_end_of_the_tic
         let against = before.twist - ground;
         let slides = against.linear + against.angular.cross(contact.arm_world);
         let speed = (slides - normal * normal.dot(slides)).length();
-        let cutoff_hz = (0.3 * speed / 1e-3).clamp(60.0, 220.0);
+        let cutoff_hz = (0.3 * speed / contact.voxel_size_m).clamp(3.0, 220.0);
         let (along, about) = contact.stiffness.bounds();
         let in_steps = (along / 0.3).max(about / 2e-5) * PERIOD_S * PERIOD_S;
         let alpha = (-core::f64::consts::TAU * cutoff_hz * PERIOD_S).exp() / (1.0 + in_steps);
