@@ -363,4 +363,16 @@ mod tests {
         assert!((steps.y - 399.0).abs() < 1e-9 && (steps.z - 5.0).abs() < 1e-12, "{steps}");
         assert!(steps.x > 0.0 && steps.x < 1.0, "{steps}");
     }
+
+    #[test]
+    fn a_reset_follows_the_next_pose_as_it_is() {
+        let mut hold = EncoderHold::default();
+        let at = |steps: f64| (Pose::from_translation(DVec3::X * (STEP_M * steps)), Twist::ZERO);
+        for _ in 0..300 {
+            hold.steady(&sample(at(0.0)), &arm(), PERIOD_S);
+        }
+        assert!(hold.steady(&sample(at(1.0)), &arm(), PERIOD_S).0.translation.x < 0.1 * STEP_M);
+        hold.reset();
+        assert_eq!(hold.steady(&sample(at(1.0)), &arm(), PERIOD_S).0, at(1.0).0);
+    }
 }

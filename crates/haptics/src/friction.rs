@@ -405,4 +405,11 @@ mod tests {
         assert!((about(turn(-0.5)) - 1e4 * 4e-4).abs() < 1e-9);
         assert!(about(turn(-0.9)).abs() < 1e-9, "it turns back");
     }
+
+    #[test]
+    fn friction_takes_a_coefficient_and_a_stiffness() {
+        assert!(PARAMS.acts());
+        assert!(!FrictionParameters { r#static: 0.0, ..PARAMS }.acts());
+        assert!(!FrictionParameters { stiffness_n_per_m: 0.0, ..PARAMS }.acts());
+    }
 }

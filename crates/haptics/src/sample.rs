@@ -444,4 +444,13 @@ mod tests {
         let jumps = |rad: f64| is_jump(turned(0.0), turned(rad), 1.0, &limits(), 1e-3);
         assert!(!jumps(0.4999) && jumps(0.5001));
     }
+
+    #[test]
+    fn a_turn_of_more_than_half_a_radian_per_tick_is_too_fast() {
+        for (rad_per_s, faults) in [(499.0, Faults::NONE), (501.0, Faults::SPEED)] {
+            let mut sample = fresh(0.0);
+            sample.twist.angular = glam::DVec3::new(0.6, 0.0, -0.8) * rad_per_s;
+            assert_eq!(faults_of(&sample), faults, "{rad_per_s}");
+        }
+    }
 }
