@@ -208,4 +208,45 @@ mod tests {
         assert!((before - 1.2 / 6.5e-3).abs() < 1e-9);
         assert_eq!(delay.worst_ticks(), 6);
     }
+
+    #[test]
+    fn every_gain_bound_and_damper_is_limited_by_what_the_arm_takes_at_that_delay() {
+        let arm = ArmParameters {
+            delay_ticks: 1,
+            stiffness_lag_n_s_per_m: 1.2,
+            stiffness_lag_nm_s_per_rad: 2e-3,
+            injected_n_s_per_m: 19.0,
+            injected_nm_s_per_rad: 0.047,
+            stable_damping_n_s_per_m: 20.0,
+            stable_damping_nm_s_per_rad: 0.05,
+            velocity_age_ticks: [8, 5],
+            ..ArmParameters::default()
+        };
+        let coupling = CouplingParameters {
+            stiffness_n_per_m: 1e4,
+            stiffness_nm_per_rad: 5.0,
+            felt_damping_n_s_per_m: 18.0,
+            felt_damping_nm_s_per_rad: 0.045,
+            bound_n_per_m: 2e4,
+            bound_nm_per_rad: 7.0,
+            ..CouplingParameters::PLAIN
+        };
+        // Five ticks later than stated: a velocity that is so much older damps so much less.
+        let reach = |ticks: f64| (core::f64::consts::PI / (4.0 * ticks + 2.0)).sin();
+        let linear = 20.0 * reach(13.0) / reach(8.0);
+        let angular = 0.05 * reach(10.0) / reach(5.0);
+        let near = |one: f64, other: f64| (one / other - 1.0).abs() < 1e-12;
+        let delay = LoopDelay::starting_at(6);
+        let damped = delay.damped(&arm);
+        assert!(near(damped.stable_damping_n_s_per_m, linear), "{damped:?}");
+        assert!(near(damped.stable_damping_nm_s_per_rad, angular), "{damped:?}");
+        assert!(near(damped.injected_n_s_per_m, linear), "{damped:?}");
+        assert!(near(damped.injected_nm_s_per_rad, angular), "{damped:?}");
+        // 6.5 ticks and 1.5 ms of the filter.
+        let limited = delay.limited(&coupling, &arm, 1.5e-3, PERIOD_S);
+        assert!(near(limited.stiffness_n_per_m, 150.0) && near(limited.bound_n_per_m, 150.0));
+        assert!(near(limited.stiffness_nm_per_rad, 0.25) && near(limited.bound_nm_per_rad, 0.25));
+        assert!(near(limited.felt_damping_n_s_per_m, linear), "{limited:?}");
+        assert!(near(limited.felt_damping_nm_s_per_rad, angular), "{limited:?}");
+    }
 }

@@ -214,4 +214,25 @@ mod tests {
         }
         assert!(n_braked > 500, "{n_braked}");
     }
+
+    #[test]
+    fn points_count_by_what_they_stand_for() {
+        let light = Contact { weight: 0.5, ..point(DVec3::Z, DVec3::X * 0.01) };
+        let heavy = Contact { weight: 3.0, ..point(DVec3::new(0.6, 0.0, 0.8), DVec3::Y * 0.02) };
+        let linear = DVec3::new(-0.02, 0.0, -0.05);
+        let twist = Twist { linear, angular: DVec3::new(3.0, 4.0, 0.0) };
+        let brake = brake(&[light, heavy], twist).unwrap_or_else(|| unreachable!("it approaches"));
+        let speed = |point: &Contact| {
+            let normal = point.normal_body.as_dvec3();
+            (-normal.dot(twist.linear + twist.angular.cross(point.arm_body.as_dvec3())), normal)
+        };
+        let ((one, first), (other, second)) = (speed(&light), speed(&heavy));
+        let along = first * (0.5 * one) + second * (3.0 * other);
+        let squares = 0.5 * one * one + 3.0 * other * other;
+        let approach = -along.normalize().dot(twist.linear);
+        let share = 0.5 * approach * along.length() / squares;
+        assert!(one > 0.0 && other > 0.0 && share < 0.5, "{one} {other} {share}");
+        assert!((brake.share - share).abs() < 1e-9, "{brake:?} {share}");
+        assert!((brake.direction - along.normalize()).length() < 1e-9);
+    }
 }

@@ -251,7 +251,12 @@ pub(super) fn step(
 }
 
 #[cfg(test)]
-#[expect(clippy::indexing_slicing, clippy::expect_used, reason = "test code")]
+#[expect(
+    clippy::disallowed_types,
+    clippy::indexing_slicing,
+    clippy::expect_used,
+    reason = "test code"
+)]
 mod tests {
     use glam::DQuat;
 
@@ -380,5 +385,113 @@ mod tests {
         let taken =
             step(free, Pose::IDENTITY, &parameters().coupling, &none, |_, _| DVec3::Z, SLOP_M);
         assert_eq!(taken, Some(free));
+    }
+
+    #[test]
+    fn the_step_is_the_one_of_least_energy() {
+        let mut random = vps::spatial::testing::Random(5);
+        for n in 0..300 {
+            let mut vector = |length: f64| random.in_box(-length, length);
+            let planes: Vec<_> = (0..1 + n % 8)
+                .map(|_| {
+                    let normal = vector(1.0).normalize();
+                    let needed_m = vector(1e-3).x;
+                    let moment = vector(0.03);
+                    Plane { normal, moment, needed_m, stiffness_n_per_m: 1e7 }
+                })
+                .collect();
+            let free = (vector(2e-3), vector(0.1));
+            let programme = Programme {
+                free,
+                stiffness_n_per_m: 1300.0,
+                stiffness_nm_per_rad: 0.45,
+                planes: &planes,
+            };
+            let energy = |(linear, angular): (DVec3, DVec3)| {
+                let springs = 1300.0 * (linear - free.0).length_squared()
+                    + 0.45 * (angular - free.1).length_squared();
+                let pressed = |plane: &Plane| {
+                    let gone_m = plane.normal.dot(linear) + plane.moment.dot(angular);
+                    plane.stiffness_n_per_m * (plane.needed_m - gone_m).max(0.0).powi(2)
+                };
+                0.5 * (springs + planes.iter().map(pressed).sum::<f64>())
+            };
+            let step = programme.solve().expect("finite");
+            let least = energy(step);
+            for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
+                for by in [-1.0, 1.0] {
+                    let linear = energy((step.0 + axis * (by * 1e-6), step.1));
+                    let angular = energy((step.0, step.1 + axis * (by * 3e-5)));
+                    assert!(linear > least && angular > least, "{n}: {least} {linear} {angular}");
+                }
+            }
+            // Away from it, what pulls is minus the slope of that energy.
+            let at = (free.0 + vector(1e-3), free.1 + vector(0.05));
+            let pull = programme.pull(at);
+            for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
+                let h = 1e-9;
+                let ahead = energy((at.0 + axis * h, at.1));
+                let behind = energy((at.0 - axis * h, at.1));
+                let slope = (ahead - behind) / (2.0 * h);
+                assert!((pull.force.dot(axis) + slope).abs() < 1e-3 * pull.force.length() + 1e-3);
+                let h = 1e-7;
+                let ahead = energy((at.0, at.1 + axis * h));
+                let behind = energy((at.0, at.1 - axis * h));
+                let slope = (ahead - behind) / (2.0 * h);
+                assert!((pull.torque.dot(axis) + slope).abs() < 1e-3 * pull.torque.length() + 1e-4);
+            }
+        }
+    }
+
+    #[test]
+    fn a_turn_round_counts_in_energies_of_the_coupling() {
+        let coupling = CouplingParameters {
+            stiffness_n_per_m: 1300.0,
+            stiffness_nm_per_rad: 0.45,
+            ..CouplingParameters::PLAIN
+        };
+        let way = DVec3::new(1e-3, 2e-3, -1e-3);
+        let turn = DVec3::new(0.1, -0.2, 0.3);
+        let taken = |second: (DVec3, DVec3)| {
+            let mut pace = Pace::default();
+            assert_eq!(pace.take((way, turn), &coupling), (way, turn));
+            pace.take(second, &coupling)
+        };
+        // 7.8 mJ of the way against 63 mJ of the turn.
+        assert_eq!(taken((-way, turn)), (-way, turn));
+        assert_eq!(taken((way, -turn)), (way * 0.5, turn * -0.5));
+        assert_eq!(taken((-way * 9.0, turn)), (way * -4.5, turn * 0.5));
+        let mut pace = Pace::default();
+        pace.take((way, turn), &coupling);
+        pace.take((-way, -turn), &coupling);
+        let (linear, _) = pace.take((-way, -turn), &coupling);
+        assert!((linear + way * 0.7).length() < 1e-12, "{linear}");
+    }
+
+    #[test]
+    fn one_plane_takes_the_step_back_along_what_the_coupling_gives() {
+        let coupling = CouplingParameters {
+            stiffness_n_per_m: 1300.0,
+            stiffness_nm_per_rad: 0.45,
+            ..CouplingParameters::PLAIN
+        };
+        let body = Pose::new(DQuat::from_scaled_axis(DVec3::new(0.3, 0.9, -0.4)), DVec3::ONE);
+        let arm_body = DVec3::new(0.02, -0.01, 0.03).as_vec3();
+        let mut contacts = DeepestContacts::default();
+        let normal_body = DVec3::Z.as_vec3();
+        contacts
+            .add(0, &Contact { point_idx: 0, depth_m: 3e-4, weight: 1.0, arm_body, normal_body });
+        let normal = DVec3::new(2.0, -1.0, 2.0) / 3.0;
+        let free = (DVec3::new(-1e-3, 2e-3, -2e-3), DVec3::new(0.02, -0.03, 0.01));
+        let taken = step(free, body, &coupling, &contacts, |_, _| normal, SLOP_M).expect("finite");
+        let moment = (body.rotation * arm_body.as_dvec3()).cross(normal);
+        let needed_m = 0.5 * (f64::from(3e-4_f32) - SLOP_M);
+        let gives = 1.0 / 1300.0 + moment.length_squared() / 0.45;
+        let short_m = needed_m - normal.dot(free.0) - moment.dot(free.1);
+        // The plane is ten thousand times as stiff as the coupling along it.
+        let force_n = short_m / gives / (1.0 + 1e-4);
+        assert!(force_n > 0.1, "{force_n}");
+        assert!((taken.0 - free.0 - normal * (force_n / 1300.0)).length() < 1e-11);
+        assert!((taken.1 - free.1 - moment * (force_n / 0.45)).length() < 1e-9);
     }
 }

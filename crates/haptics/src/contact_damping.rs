@@ -98,7 +98,12 @@ pub(super) fn damped(
 }
 
 #[cfg(test)]
-#[expect(clippy::disallowed_types, clippy::expect_used, reason = "test code")]
+#[expect(
+    clippy::disallowed_types,
+    clippy::disallowed_macros,
+    clippy::expect_used,
+    reason = "test code"
+)]
 mod tests {
     use glam::DMat3;
 
@@ -259,5 +264,67 @@ mod tests {
         // that it loses.
         let (undamped, after) = with(0.1);
         assert!(after > 0.0999 && after < undamped, "{after}");
+    }
+
+    #[test]
+    fn a_face_is_damped_by_what_it_still_presses_with_as_it_recedes() {
+        let patch = Patch {
+            face: 0,
+            force_n: 0.5,
+            normal_world: DVec3::new(2.0, -1.0, 2.0) / 3.0,
+            arm_world: DVec3::new(0.02, 0.03, -0.01),
+            radius_m: 0.0,
+            stiffness_n_per_m: 1e3,
+        };
+        let moment = patch.arm_world.cross(patch.normal_world);
+        let twist =
+            Twist { linear: DVec3::new(0.1, 0.05, 0.02), angular: DVec3::new(1.0, 2.0, -3.0) };
+        let with = |twist: Twist, most: f64| {
+            let mut used = Mat6::ZERO;
+            let after = damped([patch].into_iter(), most, 2e-3, twist, |damping| {
+                used = *damping;
+                Some(twist)
+            });
+            assert_eq!(after, Some(twist));
+            let (force, torque) = used.mul(patch.normal_world, DVec3::ZERO);
+            let coefficient = force.dot(patch.normal_world);
+            assert!((force - patch.normal_world * coefficient).length() < 1e-12);
+            assert!((torque - moment * coefficient).length() < 1e-12);
+            coefficient
+        };
+        // The speed of the contact point away from the wall, and what is left of 0.5 N there.
+        let point = twist.linear + twist.angular.cross(patch.arm_world);
+        let speed = point.dot(patch.normal_world);
+        assert!(speed > 0.01 && speed < 0.2, "{speed}");
+        let presses_n = 0.5 - 1e3 * 2e-3 * speed;
+        assert!((with(twist, 500.0) - presses_n / speed).abs() < 1e-9);
+        assert!((with(twist, 0.7) - 0.7).abs() < 1e-12);
+        let towards = Twist { linear: -twist.linear, angular: -twist.angular };
+        assert!((with(towards, 500.0) - 500.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn dampers_that_pull_are_halved_until_none_does() {
+        let patch = Patch {
+            face: 0,
+            force_n: 0.5,
+            normal_world: DVec3::Z,
+            arm_world: DVec3::ZERO,
+            radius_m: 0.0,
+            stiffness_n_per_m: 0.0,
+        };
+        let at = |speed: f64| Twist { linear: DVec3::Z * speed, angular: DVec3::ZERO };
+        let with = |speed: f64| {
+            let mut coefficients = Vec::new();
+            let after = damped([patch].into_iter(), 100.0, 0.0, at(-0.1), |damping| {
+                coefficients.push(damping.0[2][2]);
+                Some(at(speed))
+            });
+            (after, coefficients)
+        };
+        // 0.5 N hold 100 N·s/m up to 5 mm/s, 25 N·s/m up to 20 mm/s.
+        assert_eq!(with(4.9e-3), (Some(at(4.9e-3)), vec![100.0]));
+        assert_eq!(with(19.9e-3), (Some(at(19.9e-3)), vec![100.0, 50.0, 25.0]));
+        assert_eq!(with(1.0), (Some(at(-0.1)), vec![100.0, 50.0, 25.0, 12.5, 6.25]));
     }
 }

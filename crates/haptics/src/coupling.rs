@@ -233,3 +233,207 @@ impl Body {
         Self { pose: self.pose.stepped(way * share, turn * share), twist }
     }
 }
+
+#[cfg(test)]
+#[expect(clippy::expect_used, reason = "test code")]
+mod tests {
+    use glam::DQuat;
+
+    use super::*;
+
+    const K: f64 = 1300.0;
+    const K_TURN: f64 = 0.45;
+    const VOXEL_M: f64 = 1e-3;
+    const RADIUS_M: f64 = 0.02;
+    const PERIOD_S: f64 = 1e-3;
+
+    fn coupling() -> CouplingParameters {
+        CouplingParameters {
+            stiffness_n_per_m: K,
+            stiffness_nm_per_rad: K_TURN,
+            ..CouplingParameters::PLAIN
+        }
+    }
+
+    fn limits(force_n: f64, torque_nm: f64) -> LimitParameters {
+        LimitParameters { force_n, torque_nm, ..LimitParameters::NONE }
+    }
+
+    fn along() -> DVec3 {
+        DVec3::new(2.0, -1.0, 3.0).normalize()
+    }
+
+    fn about() -> DVec3 {
+        DVec3::new(-1.0, 2.0, 0.5).normalize()
+    }
+
+    fn body() -> Pose {
+        let rotation = DQuat::from_scaled_axis(DVec3::new(0.3, -0.7, 1.1));
+        Pose::new(rotation, DVec3::new(0.1, 0.2, -0.3))
+    }
+
+    fn stretched(
+        way_m: f64,
+        turn_rad: f64,
+        coupling: &CouplingParameters,
+        limits: &LimitParameters,
+        voxel_size_m: f64,
+    ) -> Spring {
+        let body = body();
+        let rotation = DQuat::from_scaled_axis(about() * turn_rad) * body.rotation;
+        let target = Pose::new(rotation, body.translation + along() * way_m);
+        Spring::between(body, target, coupling, limits, voxel_size_m, RADIUS_M)
+    }
+
+    /// The work of F_max tanh(k x / F_max) up to `end`, by Simpson's rule.
+    fn work_j(stiffness: f64, end: f64, limit: f64) -> f64 {
+        let n = 2000;
+        let step = end / f64::from(n);
+        let force = |i: i32| limit * (stiffness * step * f64::from(i) / limit).tanh();
+        (0..n / 2)
+            .map(|i| (force(2 * i) + 4.0 * force(2 * i + 1) + force(2 * i + 2)) * step / 3.0)
+            .sum()
+    }
+
+    #[test]
+    fn a_spring_saturates_along_its_stretch_and_holds_the_work_that_stretched_it() {
+        for (way_m, turn_rad) in [(1e-3, 0.1), (4e-3, 0.5), (2e-2, 1.5), (0.5, 3.0)] {
+            let spring = stretched(way_m, turn_rad, &coupling(), &limits(7.0, 0.3), VOXEL_M);
+            let force_n = 7.0 * (K * way_m / 7.0).tanh();
+            let torque_nm = 0.3 * (K_TURN * turn_rad / 0.3).tanh();
+            assert!((spring.wrench.force - along() * force_n).length() < 1e-9);
+            assert!((spring.wrench.torque - about() * torque_nm).length() < 1e-9);
+            assert!((spring.stiffness_n_per_m * way_m - force_n).abs() < 1e-9);
+            assert!((spring.stiffness_nm_per_rad * turn_rad - torque_nm).abs() < 1e-9);
+            let [linear_j, angular_j] = spring.stored_j;
+            assert!((linear_j / work_j(K, way_m, 7.0) - 1.0).abs() < 1e-6, "{way_m}: {linear_j}");
+            let expected_j = work_j(K_TURN, turn_rad, 0.3);
+            assert!((angular_j / expected_j - 1.0).abs() < 1e-6, "{turn_rad}: {angular_j}");
+        }
+    }
+
+    #[test]
+    fn a_spring_without_a_limit_is_linear() {
+        for limit in [0.0, f64::INFINITY] {
+            let spring = stretched(0.02, 1.5, &coupling(), &limits(limit, limit), VOXEL_M);
+            assert!((spring.wrench.force - along() * (K * 0.02)).length() < 1e-9);
+            assert!((spring.wrench.torque - about() * (K_TURN * 1.5)).length() < 1e-9);
+            let [linear_j, angular_j] = spring.stored_j;
+            assert!((linear_j - 0.5 * K * 0.02 * 0.02).abs() < 1e-9);
+            assert!((angular_j - 0.5 * K_TURN * 1.5 * 1.5).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn the_half_voxel_clamp_bounds_a_spring_by_half_a_voxel_unless_the_limit_is_lower() {
+        let coupling = CouplingParameters { clamp: SpringClamp::HalfVoxel, ..coupling() };
+        let clamped = stretched(0.5, 3.0, &coupling, &limits(7.0, 0.3), VOXEL_M).wrench;
+        assert!((clamped.force.length() - K * 0.5 * VOXEL_M).abs() < 1e-9);
+        assert!((clamped.torque.length() - K_TURN * 0.5 * VOXEL_M / RADIUS_M).abs() < 1e-9);
+        let limited = stretched(0.5, 3.0, &coupling, &limits(7.0, 0.3), 0.1).wrench;
+        assert!((limited.force.length() - 7.0).abs() < 1e-9);
+        let torque_nm = 0.3 * (K_TURN * 3.0 / 0.3_f64).tanh();
+        assert!((limited.torque.length() - torque_nm).abs() < 1e-9);
+    }
+
+    fn inertia() -> Inertia {
+        Inertia {
+            mass_kg: 0.3,
+            body_kg_m2: DMat3::from_diagonal(DVec3::new(2e-5, 5e-5, 9e-5)),
+            least_kg_m2: 2e-5,
+        }
+    }
+
+    #[test]
+    fn the_damper_of_the_coupling_is_critical() {
+        let (linear, angular) = StepInput::critical_damping(&coupling(), &inertia());
+        assert!((linear * linear / (4.0 * K * 0.3) - 1.0).abs() < 1e-12);
+        assert!((angular * angular / (4.0 * K_TURN * 2e-5) - 1.0).abs() < 1e-12);
+    }
+
+    /// Newton's law at the end of the tick: M (v' − v)/h is what spring, dampers, weight and
+    /// contact give at v' and after its step.
+    #[test]
+    fn an_implicit_step_ends_where_all_forces_balance_the_change_of_momentum() {
+        let body = Body {
+            pose: body(),
+            twist: Twist {
+                linear: DVec3::new(0.3, -0.2, 0.1),
+                angular: DVec3::new(2.0, 3.0, -5.0),
+            },
+        };
+        let spring = stretched(4e-3, 0.5, &coupling(), &limits(7.0, 0.3), VOXEL_M);
+        let pull = StepInput {
+            spring,
+            target_twist: Twist {
+                linear: DVec3::new(-0.2, 0.5, 0.4),
+                angular: DVec3::new(-3.0, 1.0, 2.0),
+            },
+            weight: DVec3::new(0.4, -1.1, -2.9),
+            damping: (21.0, 4e-3),
+            period_s: PERIOD_S,
+        };
+        let mut stiffness = Mat6::ZERO;
+        stiffness.add_outer(9e3, along(), DVec3::new(0.01, 0.02, -0.03));
+        stiffness.add_outer(7e3, about(), DVec3::new(-0.02, 0.01, 0.01));
+        let mut dampers = Mat6::ZERO;
+        dampers.add_outer(60.0, about(), DVec3::new(0.03, -0.01, 0.02));
+        for damping in [Some(dampers), None] {
+            let contact = LinearContact {
+                wrench: Wrench::new(DVec3::new(3.0, 2.0, 5.0), DVec3::new(0.05, -0.08, 0.03)),
+                stiffness,
+                damping_s: 4e-3,
+                damping,
+            };
+            let after = body.step_implicit(&pull, &contact, &inertia()).expect("finite");
+            let axes = body.pose.rotation_matrix();
+            let changed = after - body.twist;
+            let momentum = Wrench::new(
+                changed.linear * (0.3 / PERIOD_S),
+                axes * inertia().body_kg_m2 * axes.transpose() * changed.angular / PERIOD_S,
+            );
+            let product = |matrix: &Mat6, twist: Twist| {
+                let (force, torque) = matrix.mul(twist.linear, twist.angular);
+                Wrench::new(force, torque)
+            };
+            let slip = pull.target_twist - after;
+            let coupled = Wrench::new(
+                slip.linear * 21.0 - after.linear * (PERIOD_S * spring.stiffness_n_per_m),
+                slip.angular * 4e-3 - after.angular * (PERIOD_S * spring.stiffness_nm_per_rad),
+            );
+            let damped = damping.map_or(Wrench::ZERO, |matrix| product(&matrix, after));
+            let forces =
+                spring.wrench + coupled + Wrench::new(pull.weight, DVec3::ZERO) + contact.wrench
+                    - product(&stiffness, after) * (PERIOD_S + 4e-3)
+                    - damped;
+            assert!((forces - momentum).force.length() < 1e-9, "{forces:?} {momentum:?}");
+            assert!((forces - momentum).torque.length() < 1e-11, "{forces:?} {momentum:?}");
+        }
+    }
+
+    #[test]
+    fn no_point_of_the_tool_goes_further_than_a_tick_may() {
+        let body = Body { pose: body(), twist: Twist::ZERO };
+        let twist = Twist { linear: along() * 0.3, angular: about() * 10.0 };
+        // 0.3 mm and 0.2 mm at the radius.
+        let free = body.moved(twist, PERIOD_S, RADIUS_M, 0.6e-3);
+        assert_eq!(free.twist, twist);
+        assert_eq!(free.pose, body.pose.stepped(along() * 0.3e-3, about() * 0.01));
+        let cut = body.moved(twist, PERIOD_S, RADIUS_M, 0.2e-3);
+        assert!((cut.twist.linear - along() * 0.12).length() < 1e-12);
+        assert!((cut.twist.angular - about() * 4.0).length() < 1e-12);
+        let way = cut.pose.translation - body.pose.translation;
+        assert!((way - along() * 0.12e-3).length() < 1e-15);
+        assert!((body.pose.rotation_to(cut.pose) - about() * 4e-3).length() < 1e-12);
+
+        let target = body.pose.stepped(along() * 0.3e-3, about() * 0.01);
+        let followed = |most_m| body.followed((target, twist), RADIUS_M, most_m);
+        assert_eq!(followed(0.6e-3), Body { pose: target, twist });
+        let part = followed(0.2e-3);
+        assert_eq!(part.twist, twist);
+        assert!((part.pose.translation - cut.pose.translation).length() < 1e-15);
+        assert!(part.pose.rotation_to(cut.pose).length() < 1e-12);
+        let lost = Pose { translation: DVec3::NAN, ..target };
+        assert!(!body.followed((lost, twist), RADIUS_M, 0.2e-3).pose.is_finite());
+    }
+}

@@ -74,4 +74,26 @@ mod tests {
         assert!(!can_brake(&ArmParameters::default()) && can_brake(&arm(0.0)));
         assert!(brake(Twist { linear: DVec3::NAN, ..twist }, &arm(1.0)).force.is_nan());
     }
+
+    #[test]
+    fn the_strongest_damper_resists_force_and_torque_by_its_share() {
+        let arm = ArmParameters {
+            injected_n_s_per_m: 30.0,
+            injected_nm_s_per_rad: 0.07,
+            velocity_step_m_per_s: 0.1,
+            velocity_step_rad_per_s: 0.2,
+            ..ArmParameters::default()
+        };
+        let linear = DVec3::new(0.6, -1.1, 0.05);
+        let angular = DVec3::new(-1.2, 0.1, 2.2);
+        let wrench = strongest(Twist { linear, angular }, &arm, 0.4);
+        let force = DVec3::new(0.5, -1.0, 0.0) * (-30.0 * 0.4);
+        let torque = DVec3::new(-1.0, 0.0, 2.0) * (-0.07 * 0.4);
+        assert!((wrench.force - force).length() < 1e-12, "{wrench:?}");
+        assert!((wrench.torque - torque).length() < 1e-12, "{wrench:?}");
+        let turns = ArmParameters { injected_n_s_per_m: 0.0, ..arm };
+        assert!(can_brake(&turns) && can_brake(&arm));
+        let slides = ArmParameters { injected_nm_s_per_rad: 0.0, ..arm };
+        assert!(can_brake(&slides));
+    }
 }

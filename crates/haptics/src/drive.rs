@@ -86,3 +86,27 @@ impl Drive {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn states_are_those_of_crtk() {
+        for (drive, name, renders, has_force, is_busy) in [
+            (Drive::Disabled, "DISABLED", false, false, false),
+            (Drive::Enabling, "ENABLED", true, true, true),
+            (Drive::Enabled, "ENABLED", true, true, false),
+            (Drive::Stopping, "ENABLED", true, true, true),
+            (Drive::Braking, "PAUSED", false, true, false),
+            (Drive::Fault, "FAULT", false, false, false),
+        ] {
+            assert_eq!(drive.crtk_name(), name);
+            assert_eq!(
+                (drive.renders(), drive.has_force(), drive.is_busy()),
+                (renders, has_force, is_busy),
+                "{name}"
+            );
+        }
+    }
+}

@@ -309,4 +309,70 @@ mod tests {
         let (pose, twist) = hold.steady(&sample(still), &arm(), PERIOD_S);
         assert_eq!((pose, twist.linear), (still.0, still.1.linear), "and it leaves no trace");
     }
+
+    #[test]
+    fn a_rest_that_is_left_by_two_steps_is_followed_from_where_it_was_held() {
+        for steps in [2, -2] {
+            let path = (0..300).map(|n| if n < 200 { 0 } else { steps });
+            let outputs: Vec<_> = steadied(path).collect();
+            let sign = f64::from(steps.signum());
+            for (n, (x, turn, twist)) in outputs[200..240].iter().enumerate() {
+                // A step in 20 ms.
+                let expected = (sign * 0.05 * (n as f64 + 1.0), f64::from(steps));
+                let expected = expected.0.clamp(expected.1.min(0.0), expected.1.max(0.0));
+                assert!((x - expected).abs() < 1e-9, "tick {n}: {x} and not {expected}");
+                assert!((turn - expected).abs() < 1e-6, "tick {n}: {turn} and not {expected}");
+                assert_eq!((twist.linear, twist.angular), (DVec3::X, DVec3::Z));
+            }
+        }
+    }
+
+    #[test]
+    fn a_step_at_rest_is_crept_to_within_a_tenth_of_a_second_and_later_ones_more_slowly() {
+        let path = (0..420).map(|n| i32::from((200..300).contains(&n)));
+        let outputs: Vec<_> = steadied(path).collect();
+        let mut held = 0.0;
+        for (n, (x, ..)) in outputs[200..300].iter().enumerate() {
+            held += (1.0 - held) * 0.01;
+            assert!((x - held).abs() < 1e-9, "tick {n}: {x} and not {held}");
+        }
+        for (n, (x, ..)) in outputs[300..400].iter().enumerate() {
+            held -= held * 0.01 / 4.0;
+            assert!((x - held).abs() < 1e-9, "tick {n}: {x} and not {held}");
+        }
+    }
+
+    #[test]
+    fn each_component_is_held_on_its_own() {
+        let mut hold = EncoderHold::default();
+        let mut last = (Pose::IDENTITY, Twist::ZERO);
+        let measured = |n: u32| {
+            let trembles = f64::from(n / 7 % 2);
+            let goes = f64::from(n);
+            let translation = DVec3::new(trembles, goes, 5.0) * STEP_M;
+            let turn = DVec3::new(0.0, trembles, goes) * (0.1 * STEP_RAD);
+            Pose::new(DQuat::from_scaled_axis(turn), translation)
+        };
+        for n in 0..400 {
+            let twist = Twist { linear: DVec3::ONE, angular: DVec3::ONE };
+            last = hold.steady(&sample((measured(n), twist)), &arm(), PERIOD_S);
+        }
+        let (pose, twist) = last;
+        assert_eq!(twist, Twist { linear: DVec3::Y, angular: DVec3::ONE });
+        let steps = pose.translation / STEP_M;
+        assert!((steps.y - 399.0).abs() < 1e-9 && (steps.z - 5.0).abs() < 1e-12, "{steps}");
+        assert!(steps.x > 0.0 && steps.x < 1.0, "{steps}");
+    }
+
+    #[test]
+    fn a_reset_follows_the_next_pose_as_it_is() {
+        let mut hold = EncoderHold::default();
+        let at = |steps: f64| (Pose::from_translation(DVec3::X * (STEP_M * steps)), Twist::ZERO);
+        for _ in 0..300 {
+            hold.steady(&sample(at(0.0)), &arm(), PERIOD_S);
+        }
+        assert!(hold.steady(&sample(at(1.0)), &arm(), PERIOD_S).0.translation.x < 0.1 * STEP_M);
+        hold.reset();
+        assert_eq!(hold.steady(&sample(at(1.0)), &arm(), PERIOD_S).0, at(1.0).0);
+    }
 }

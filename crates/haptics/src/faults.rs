@@ -122,3 +122,20 @@ impl BitOrAssign for Faults {
         self.0 |= rhs.0;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_set_with_a_fault_that_it_has_is_the_same_set() {
+        let both = Faults::SPEED | Faults::STALE;
+        assert_eq!(both | Faults::SPEED, both);
+        assert_eq!(both.without(Faults::STALE), Faults::SPEED);
+        let mut more = both;
+        more |= Faults::STALE;
+        assert_eq!(more, both);
+        assert!(both.contains(Faults::SPEED) && !both.contains(Faults::LINK));
+        assert!(both.names().eq(["speed", "stale"]));
+    }
+}

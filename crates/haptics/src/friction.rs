@@ -298,4 +298,118 @@ mod tests {
             );
         }
     }
+
+    const HOLDS: FrictionParameters = FrictionParameters { r#static: 50.0, ..PARAMS };
+
+    /// A wall and a contact that lie askew.
+    fn wall() -> Patch {
+        Patch {
+            normal_world: DVec3::new(1.0, -2.0, 2.0) / 3.0,
+            arm_world: DVec3::new(0.02, 0.01, -0.03),
+            ..floor(10.0)
+        }
+    }
+
+    fn carried(motion: ObstacleMotion) -> [ObstacleMotion; FACES] {
+        let mut faces = [ObstacleMotion::default(); FACES];
+        faces[3] = motion;
+        faces
+    }
+
+    #[test]
+    fn only_what_the_tool_moves_against_a_moving_wall_stretches() {
+        let patch = wall();
+        let normal = patch.normal_world;
+        let arm = patch.arm_world;
+        let motion = ObstacleMotion {
+            linear: DVec3::new(2e-5, 3e-5, -1e-5),
+            angular: DVec3::new(1e-3, -2e-3, 4e-3),
+        };
+        let moved = DVec3::new(-1e-5, 4e-5, 3e-5);
+        let turned = DVec3::new(-3e-3, 1e-3, 2e-3);
+        let start = Pose::new(DQuat::from_scaled_axis(DVec3::new(0.3, 0.9, -0.4)), DVec3::ONE);
+        let mut friction = Friction::default();
+        friction.update([&patch].into_iter(), start, &HOLDS);
+        friction.carry(&carried(motion));
+        let held = friction.update([&patch].into_iter(), start.stepped(moved, turned), &HOLDS);
+        // The material at the contact goes by this against the wall; along the wall it stretches.
+        let slid = moved - motion.linear + (turned - motion.angular).cross(arm);
+        let along = slid - normal * slid.dot(normal);
+        let force = along * -PARAMS.stiffness_n_per_m;
+        let about = PARAMS.stiffness_n_per_m * patch.radius_m * patch.radius_m;
+        let turn = (turned - motion.angular).dot(normal);
+        let torque = arm.cross(force) - normal * (about * turn);
+        assert!((held.wrench.force - force).length() < 1e-9, "{held:?} {force}");
+        assert!((held.wrench.torque - torque).length() < 1e-11, "{held:?} {torque}");
+        // As stiff as the element, across the wall not at all.
+        let (push, _) = held.stiffness.mul(normal, DVec3::ZERO);
+        assert!(push.length() < 1e-9, "{push}");
+        let (push, twist) = held.stiffness.mul(along, DVec3::ZERO);
+        assert!((push - along * 1e4).length() < 1e-9);
+        assert!((twist - arm.cross(along) * 1e4).length() < 1e-9);
+        let (_, twist) = held.stiffness.mul(DVec3::ZERO, normal);
+        let across = normal.cross(arm);
+        let expected = normal * about + arm.cross(across - normal * across.dot(normal)) * 1e4;
+        assert!((twist - expected).length() < 1e-9, "{twist} {expected}");
+    }
+
+    #[test]
+    fn what_is_held_turns_with_a_wall_that_carries_the_tool() {
+        let patch = wall();
+        let start = Pose::IDENTITY;
+        let stretched = start.stepped(DVec3::new(4e-5, 6e-5, 4e-5), DVec3::ZERO);
+        let mut friction = Friction::default();
+        friction.update([&patch].into_iter(), start, &HOLDS);
+        let before = friction.update([&patch].into_iter(), stretched, &HOLDS).wrench.force;
+        assert!(before.length() > 0.5, "{before}");
+        // Wall and tool go and turn together.
+        let angular = DVec3::new(2e-4, -1e-4, 3e-4);
+        let linear = DVec3::new(1e-3, 2e-3, -5e-4);
+        let turn = DQuat::from_scaled_axis(angular);
+        friction.carry(&carried(ObstacleMotion { linear, angular }));
+        let carried = Patch {
+            normal_world: turn * patch.normal_world,
+            arm_world: turn * patch.arm_world,
+            ..patch
+        };
+        let after = friction
+            .update([&carried].into_iter(), stretched.stepped(linear, angular), &HOLDS)
+            .wrench
+            .force;
+        let turned = (turn * before - before).length();
+        assert!((after - turn * before).length() < 0.01 * turned, "{before} {after}");
+    }
+
+    #[test]
+    fn sliding_and_turning_share_one_cone() {
+        let patch = Patch { arm_world: DVec3::ZERO, ..floor(10.0) };
+        let mut friction = Friction::default();
+        friction.update([&patch].into_iter(), at(0.0, 0.0), &PARAMS);
+        // 3 N of stretch and 4 N of turn at the radius are the cone's 5 N; just above it slides.
+        let held = friction.update([&patch].into_iter(), at(2.99e-4, 0.0199), &PARAMS).wrench;
+        assert!((held.force.x + 2.99).abs() < 1e-9 && (held.torque.z + 0.0796).abs() < 1e-9);
+        let slides = friction.update([&patch].into_iter(), at(3.01e-4, 0.0201), &PARAMS).wrench;
+        let load = 3.01_f64.hypot(4.02);
+        assert!((slides.force.x + 3.01 * 4.0 / load).abs() < 1e-9, "{slides:?}");
+        assert!((slides.torque.z + 4.02 * 0.02 * 4.0 / load).abs() < 1e-9, "{slides:?}");
+    }
+
+    #[test]
+    fn a_face_that_is_thrown_from_end_to_end_of_its_turn_is_as_stiff_as_one_that_holds() {
+        let mut friction = Friction::default();
+        let patch = Patch { arm_world: DVec3::ZERO, ..floor(10.0) };
+        let mut turn = |rad| friction.update([&patch].into_iter(), at(0.0, rad), &PARAMS);
+        turn(0.0);
+        let about = |held: FrictionWrench| held.stiffness.mul(DVec3::ZERO, DVec3::Z).1.z;
+        assert!(about(turn(0.5)).abs() < 1e-9, "it turns on");
+        assert!((about(turn(-0.5)) - 1e4 * 4e-4).abs() < 1e-9);
+        assert!(about(turn(-0.9)).abs() < 1e-9, "it turns back");
+    }
+
+    #[test]
+    fn friction_takes_a_coefficient_and_a_stiffness() {
+        assert!(PARAMS.acts());
+        assert!(!FrictionParameters { r#static: 0.0, ..PARAMS }.acts());
+        assert!(!FrictionParameters { stiffness_n_per_m: 0.0, ..PARAMS }.acts());
+    }
 }

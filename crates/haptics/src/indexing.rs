@@ -80,3 +80,110 @@ fn keep(vector: DVec3, axes: Axes, first: usize) -> DVec3 {
     let one = |component: f64, idx: usize| if axes.has(first + idx) { component } else { 0.0 };
     DVec3::new(one(vector.x, 0), one(vector.y, 1), one(vector.z, 2))
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::DMat3;
+
+    use super::*;
+
+    fn turn(x: f64, y: f64, z: f64) -> DQuat {
+        DQuat::from_scaled_axis(DVec3::new(x, y, z))
+    }
+
+    fn axes(names: &[&str]) -> Axes {
+        names.iter().filter_map(|name| Axes::from_name(name)).fold(Axes::NONE, Axes::union)
+    }
+
+    fn mapping() -> DeviceMapping {
+        DeviceMapping {
+            world_from_device: Pose::new(turn(0.4, -0.9, 0.6), DVec3::new(0.5, -0.2, 0.3)),
+            scale: 2.5,
+            ..DeviceMapping::PLAIN
+        }
+    }
+
+    /// The world's axes of the device, as a matrix.
+    fn device_axes() -> DMat3 {
+        DMat3::from_quat(mapping().world_from_device.rotation)
+    }
+
+    const MOVED: DVec3 = DVec3::new(3e-3, -2e-3, 5e-3);
+    const TURNED: DVec3 = DVec3::new(0.1, -0.2, 0.15);
+
+    fn grip_at_enable() -> Pose {
+        Pose::new(turn(0.8, 0.3, -0.5), DVec3::new(0.02, -0.01, 0.03))
+    }
+
+    fn start() -> Pose {
+        Pose::new(turn(-0.2, 1.1, 0.4), DVec3::new(-0.3, 0.2, 0.1))
+    }
+
+    /// A grip that has moved and turned in the device's axes since enable.
+    fn sample() -> DeviceSample {
+        let zero = grip_at_enable();
+        let pose =
+            Pose::new(DQuat::from_scaled_axis(TURNED) * zero.rotation, zero.translation + MOVED);
+        let linear = DVec3::new(0.1, 0.2, -0.3);
+        let angular = DVec3::new(1.0, -2.0, 0.5);
+        DeviceSample { pose, twist: Twist { linear, angular }, ..DeviceSample::default() }
+    }
+
+    fn target(mapping: &DeviceMapping) -> (Pose, Twist) {
+        let at_enable = DeviceSample { pose: grip_at_enable(), ..DeviceSample::default() };
+        let indexing = Indexing::indexed(&at_enable);
+        assert_eq!(indexing.zero(), grip_at_enable());
+        indexing.target(&sample(), mapping, start())
+    }
+
+    fn assert_turned(pose: Pose, device_turn: DVec3) {
+        let axes = device_axes();
+        let turn = DMat3::from_quat(DQuat::from_scaled_axis(device_turn));
+        let expected = axes * turn * axes.transpose() * DMat3::from_quat(start().rotation);
+        let differs = DMat3::from_quat(pose.rotation) - expected;
+        assert!(differs.to_cols_array().iter().all(|entry| entry.abs() < 1e-12), "{differs}");
+    }
+
+    #[test]
+    fn a_grip_that_is_turned_at_enable_turns_and_moves_the_tool_along_the_axes_of_the_world() {
+        let (pose, twist) = target(&mapping());
+        let axes = device_axes();
+        assert_turned(pose, TURNED);
+        let translation = start().translation + axes * MOVED * 2.5;
+        assert!((pose.translation - translation).length() < 1e-15);
+        let Twist { linear, angular } = sample().twist;
+        assert!((twist.linear - axes * linear * 2.5).length() < 1e-15);
+        assert!((twist.angular - axes * angular).length() < 1e-15);
+    }
+
+    #[test]
+    fn axes_that_are_not_sensed_move_nothing_and_axes_that_are_not_actuated_get_nothing() {
+        let some = axes(&["x", "z", "ry"]);
+        let mapping = DeviceMapping { sensed: some, actuated: some, ..mapping() };
+        let (pose, twist) = target(&mapping);
+        assert_turned(pose, DVec3::Y * TURNED.y);
+        let moved = DVec3::new(MOVED.x, 0.0, MOVED.z);
+        let translation = start().translation + device_axes() * moved * 2.5;
+        assert!((pose.translation - translation).length() < 1e-15);
+        let linear = device_axes() * DVec3::new(0.1, 0.0, -0.3) * 2.5;
+        assert!((twist.linear - linear).length() < 1e-15);
+        assert!((twist.angular - device_axes() * DVec3::new(0.0, -2.0, 0.0)).length() < 1e-15);
+        let wrench = Wrench::new(DVec3::new(1.5, 2.5, 3.5), DVec3::new(4.5, 5.5, 6.5));
+        let part = Wrench::new(DVec3::new(1.5, 0.0, 3.5), DVec3::new(0.0, 5.5, 0.0));
+        assert_eq!(mapping.actuated_part(wrench), part);
+    }
+
+    #[test]
+    fn wrenches_go_back_by_the_rotation_and_ways_by_the_scale_too() {
+        let mapping = mapping();
+        let back = device_axes().transpose();
+        let one = DVec3::new(1.5, -2.5, 0.5);
+        let other = DVec3::new(-0.2, 0.7, 0.3);
+        let wrench = mapping.wrench_device(Wrench::new(one, other));
+        assert!((wrench.force - back * one).length() < 1e-15);
+        assert!((wrench.torque - back * other).length() < 1e-15);
+        let (linear, angular) = mapping.way_device(one, other);
+        assert!((linear - back * one / 2.5).length() < 1e-15);
+        assert!((angular - back * other).length() < 1e-15);
+    }
+}

@@ -200,4 +200,47 @@ mod tests {
         interlock.start();
         assert!((0..1000).any(|_| engages(&mut interlock, true)));
     }
+
+    #[test]
+    fn force_and_torque_have_to_be_small_for_as_many_ticks_as_the_scene_says() {
+        let limits = LimitParameters { force_n: 8.0, torque_nm: 0.4, ..parameters().limits };
+        let safety =
+            SafetyParameters { engage_share: 0.25, engage_ticks: 2, ..SafetyParameters::default() };
+        let wrench =
+            |force_n, torque_nm| Wrench::new(glam::DVec3::X * force_n, glam::DVec3::Y * torque_nm);
+        for (wanted, is_small) in
+            [(wrench(1.99, 0.099), true), (wrench(2.01, 0.05), false), (wrench(0.5, 0.101), false)]
+        {
+            let mut interlock = Interlock::default();
+            let mut engaged = [false; 4];
+            for engages in &mut engaged {
+                *engages = interlock.engages(wanted, false, &limits, &safety);
+            }
+            assert_eq!(engaged, [false, false, is_small, is_small], "{wanted:?}");
+        }
+        let mut interlock = Interlock::default();
+        assert!(!interlock.must_release());
+        interlock.take_over(true);
+        assert!(interlock.must_release());
+        interlock.fail(Faults::SPEED);
+        assert_eq!((interlock.must_release(), interlock.cause), (true, OffCause::Velocity));
+    }
+
+    #[test]
+    fn a_start_forgets_all_but_the_deadman() {
+        let safety = SafetyParameters { deadman: Some(3), ..SafetyParameters::default() };
+        let sample = DeviceSample {
+            buttons: 0b1000,
+            status: SampleStatus::Fresh,
+            ..DeviceSample::default()
+        };
+        let mut interlock = Interlock::default();
+        interlock.see(&sample, &safety);
+        interlock.leave(OffCause::Thermal, Faults::THERMAL, true);
+        interlock.start();
+        assert!(interlock.is_held() && interlock.pending.is_empty() && !interlock.holds_place);
+        assert_eq!((interlock.cause, interlock.must_clear()), (OffCause::None, false));
+        interlock.start_anew();
+        assert!(interlock.must_clear() && interlock.is_held());
+    }
 }

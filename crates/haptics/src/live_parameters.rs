@@ -487,4 +487,66 @@ mod tests {
         );
         assert_eq!(LiveParameter::ForceLimit.range(&p).expect("acts").most, p.limits.force_n);
     }
+
+    #[test]
+    fn ranges_are_those_of_the_reference() {
+        let mut p = rubbing();
+        p.contact.stiffness_n_per_m = 600.0;
+        p.contact.damping_ratio = 0.7;
+        p.coupling.stiffness_n_per_m = 800.0;
+        p.coupling.bound_n_per_m = 3000.0;
+        p.coupling.stiffness_nm_per_rad = 0.6;
+        p.coupling.bound_nm_per_rad = 5.0;
+        p.limits.force_n = 8.0;
+        p.limits.torque_nm = 0.4;
+        let bounds = |parameter: LiveParameter, p: &Parameters| {
+            parameter.range(p).map(|range| (range.least, range.most))
+        };
+        for (parameter, expected) in [
+            (LiveParameter::ContactStiffness, (30.0, 2400.0)),
+            (LiveParameter::ContactDampingRatio, (0.0, 2.0)),
+            (LiveParameter::FrictionStatic, (0.0, 1.5)),
+            (LiveParameter::FrictionDynamic, (0.0, 1.5)),
+            (LiveParameter::CutoffLow, (1.0, 450.0)),
+            (LiveParameter::CutoffHigh, (1.0, 450.0)),
+            (LiveParameter::CouplingTranslation, (40.0, 3000.0)),
+            (LiveParameter::CouplingRotation, (0.03, 2.4)),
+            (LiveParameter::ForceLimit, (0.05, 8.0)),
+            (LiveParameter::TorqueLimit, (1e-3, 0.4)),
+        ] {
+            let (least, most) = bounds(parameter, &p).expect("acts");
+            assert!((least / expected.0 - 1.0).abs() < 1e-12 || least == expected.0);
+            assert!((most / expected.1 - 1.0).abs() < 1e-12, "{parameter:?}: {most}");
+        }
+        p.limits.force_n = 0.4;
+        p.limits.torque_nm = 0.01;
+        assert_eq!(bounds(LiveParameter::ForceLimit, &p), Some((0.4 / 20.0, 0.4)));
+        assert_eq!(bounds(LiveParameter::TorqueLimit, &p), Some((0.01 / 20.0, 0.01)));
+        p.limits.torque_nm = 0.0;
+        assert_eq!(bounds(LiveParameter::TorqueLimit, &p), None);
+        let acts = |parameter: LiveParameter, p: &Parameters| parameter.range(p).is_some();
+        let mut smooth = p;
+        smooth.contact.friction.stiffness_n_per_m = 0.0;
+        assert!(!acts(LiveParameter::FrictionStatic, &smooth));
+        for cutoff_hz in [[f64::INFINITY, 300.0], [50.0, f64::INFINITY]] {
+            p.filter.cutoff_hz = cutoff_hz;
+            let [low, high] = cutoff_hz.map(f64::is_finite);
+            assert_eq!(acts(LiveParameter::CutoffLow, &p), low, "{cutoff_hz:?}");
+            assert_eq!(acts(LiveParameter::CutoffHigh, &p), low && high, "{cutoff_hz:?}");
+        }
+        for (mode, acting) in [
+            (CouplingMode::Implicit, [true, true, true]),
+            (CouplingMode::Static, [false, true, true]),
+            (CouplingMode::Constraint, [false, false, false]),
+            (CouplingMode::Direct, [false, true, true]),
+        ] {
+            p.coupling.mode = mode;
+            let parameters = [
+                LiveParameter::ContactDampingRatio,
+                LiveParameter::FrictionStatic,
+                LiveParameter::ContactStiffness,
+            ];
+            assert_eq!(parameters.map(|parameter| acts(parameter, &p)), acting, "{mode:?}");
+        }
+    }
 }

@@ -172,3 +172,7 @@ fn step(
     obstacle_poses.put(obstacle_idx, pose, moved, moved_m);
     true
 }
+
+#[cfg(test)]
+#[expect(clippy::expect_used, reason = "test code")]
+mod tests;

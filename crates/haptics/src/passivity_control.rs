@@ -639,4 +639,75 @@ mod tests {
         controller.observe(at(f64::NAN), 0, PERIOD_S);
         assert_eq!(controller.energy_j(), 0.0);
     }
+
+    #[test]
+    fn a_turn_that_gave_energy_is_damped_against_its_direction() {
+        let about = DVec3::new(1.0, -2.0, 2.0) / 3.0;
+        let turned = |rad: f64| Pose::new(glam::DQuat::from_scaled_axis(about * rad), DVec3::ZERO);
+        let mut controller = PassivityController::default();
+        controller.observe(turned(0.0), 0, PERIOD_S);
+        controller.hold(Wrench::new(DVec3::ZERO, about * 0.05));
+        // 0.05 N·m drove it by 0.02 rad: 1 mJ is owed.
+        let given_j = controller.observe(turned(0.02), 0, PERIOD_S);
+        assert!((given_j - 1e-3).abs() < 1e-12 && (controller.energy_j() + 1e-3).abs() < 1e-12);
+        let wanted = Wrench::new(DVec3::ZERO, about * 0.01);
+        let twist = Twist { linear: DVec3::ZERO, angular: about * 20.0 };
+        let arm = ArmParameters { injected_nm_s_per_rad: 0.01, ..ArmParameters::default() };
+        let damped = controller.damped((wanted, 0.0), twist, &arm, &free(), PERIOD_S);
+        // 0.2 mJ that the tick would give besides; 0.01 N·m·s/rad take 4 mJ in it.
+        let share = (1e-3 + 0.01 * 20.0 * PERIOD_S) / (0.01 * 400.0 * PERIOD_S);
+        let torque = about * (0.01 - 0.01 * 20.0 * share);
+        assert!((damped.torque - torque).length() < 1e-9, "{damped:?} {torque}");
+        assert!(controller.is_active() && (controller.trusted_share(&arm) - 0.25).abs() < 1e-9);
+        controller.reset();
+        assert_eq!((controller.energy_j(), controller.is_active()), (0.0, false));
+        assert_eq!(controller.trusted_share(&arm), 1.0);
+    }
+
+    #[test]
+    fn what_a_spring_holds_is_paid_when_the_hand_has_put_it_in() {
+        let arm = injecting(5.0);
+        let mut controller = PassivityController::default();
+        controller.observe(at(0.0), 0, PERIOD_S);
+        controller.hold(push(-2.0));
+        // The hand puts 2 mJ in, and a quarter of a millijoule is lent.
+        controller.observe(at(1e-3), 0, PERIOD_S);
+        for (held_j, is_paid) in [(2.2e-3, true), (2.3e-3, false)] {
+            controller.damped((push(-2.0), held_j), along(0.0), &arm, &free(), PERIOD_S);
+            assert_eq!(controller.is_paid(&arm), is_paid, "{held_j}");
+            assert!(controller.is_paid(&injecting(0.0)), "an arm that is not watched");
+            let turns = ArmParameters { injected_n_s_per_m: 0.0, ..arm };
+            assert_eq!(controller.is_paid(&turns), is_paid, "{held_j}");
+        }
+        let mut owes = PassivityController::default();
+        owes.observe(at(0.0), 0, PERIOD_S);
+        owes.hold(push(2.0));
+        owes.observe(at(1e-3), 0, PERIOD_S);
+        owes.damped((push(-2.0), 2e-4), along(0.0), &arm, &free(), PERIOD_S);
+        assert!(owes.is_paid(&arm), "so little is lent whatever is owed");
+    }
+
+    #[test]
+    fn an_arm_is_watched_that_takes_damping_in_either_half() {
+        let none = ArmParameters::default();
+        assert!(!is_watched(&none));
+        assert!(is_watched(&ArmParameters { injected_n_s_per_m: 2.0, ..none }));
+        assert!(is_watched(&ArmParameters { injected_nm_s_per_rad: 0.02, ..none }));
+    }
+
+    #[test]
+    fn an_obstacle_pushes_with_what_the_coupling_wants_and_not_with_what_was_injected() {
+        let mut controller = PassivityController::default();
+        controller.observe(at(0.0), 0, PERIOD_S);
+        controller.hold(push(10.0));
+        controller.observe(at(0.01), 0, PERIOD_S);
+        let limits = LimitParameters { force_n: 0.7, ..free() };
+        let damped =
+            controller.damped((push(2.0), 0.0), along(0.5), &injecting(5.0), &limits, PERIOD_S);
+        // 2.5 N of damping, of which the limit leaves 0.7 N.
+        assert!((damped.force.x - 1.3).abs() < 1e-12, "{damped:?}");
+        controller.hold(damped);
+        controller.carry(DVec3::X * 3e-3, DVec3::ZERO, 0, 1.0);
+        assert!((controller.carried_j() - 6e-3).abs() < 1e-15, "{}", controller.carried_j());
+    }
 }

@@ -105,4 +105,36 @@ mod tests {
         let mut window = PowerWindow::default();
         assert!((0..600).any(|_| window.exceeds(1.0, 5.0, 1e9, 1e-3)));
     }
+
+    #[test]
+    fn energy_counts_for_exactly_as_many_ticks_as_the_window_has() {
+        // Together 0.4 J, where 0.3125 J are allowed.
+        for first in 0..120 {
+            for (apart, trips) in [(1, true), (49, true), (50, false), (51, false)] {
+                let mut window = PowerWindow::default();
+                let tripped = (0..300).any(|n| {
+                    let is_pulse = n == first || n == first + apart;
+                    window.exceeds(if is_pulse { 0.2 } else { 0.0 }, 5.0, 0.05, 1e-3)
+                });
+                assert_eq!(tripped, trips, "pulses at {first} and {apart} later");
+            }
+        }
+    }
+
+    #[test]
+    fn as_much_as_is_allowed_is_no_fault() {
+        // Two ticks of a quarter of a second at 4 W and a quarter more: 2.5 J.
+        let mut window = PowerWindow::default();
+        assert!(!window.exceeds(1.25, 4.0, 0.5, 0.25) && !window.exceeds(1.25, 4.0, 0.5, 0.25));
+        assert!(window.exceeds(1.26, 4.0, 0.5, 0.25));
+    }
+
+    #[test]
+    fn a_reset_forgets_what_was_given() {
+        let mut window = PowerWindow::default();
+        assert!(!window.exceeds(0.2, 5.0, 0.05, 1e-3));
+        window.reset();
+        assert!(!window.exceeds(0.2, 5.0, 0.05, 1e-3));
+        assert!(window.exceeds(0.2, 5.0, 0.05, 1e-3));
+    }
 }

@@ -190,4 +190,46 @@ mod tests {
             }
         }
     }
+
+    #[test]
+    fn inertia_counts_about_the_centre_that_the_options_name() {
+        // Two points of half the mass each, as far from the middle as the box's turning asks for:
+        // I/m about the middle is that of the mass's spread.
+        let spread = DVec3::new(0.01, 0.02, 0.03);
+        let outer = |v: DVec3| DMat3::from_cols(v * v.x, v * v.y, v * v.z);
+        let of_points = |at: &[DVec3]| {
+            let n = at.len() as f64;
+            at.iter().fold(DMat3::ZERO, |sum, v| {
+                sum + (DMat3::IDENTITY * v.length_squared() - outer(*v)) * (1.0 / n)
+            })
+        };
+        let center_m = DVec3::new(-0.1, 0.2, 0.05);
+        let mass = MassProperties {
+            center_m,
+            inertia_per_mass: of_points(&[spread, -spread]),
+            volume_m3: 1e-5,
+            from_surface: false,
+        };
+        let options = ToolOptions::new(0.4);
+        let about = DVec3::new(0.02, -0.03, 0.01);
+        let made = inertia(&options, &mass, 0.2, about);
+        let arms = [center_m + spread - about, center_m - spread - about];
+        let floor = DMat3::IDENTITY * (0.05_f64 * 0.2).powi(2);
+        let expected = (of_points(&arms) + floor) * 0.4;
+        let differs = made.body_kg_m2 - expected;
+        assert!(differs.to_cols_array().iter().all(|entry| entry.abs() < 1e-15), "{differs}");
+        assert_eq!(made.mass_kg, 0.4);
+        assert_eq!(made.least_kg_m2, least_eigenvalue(made.body_kg_m2));
+        let named = ToolOptions { inertia_kg_m2: Some(DMat3::IDENTITY * 3e-5), ..options };
+        assert_eq!(inertia(&named, &mass, 0.2, about).body_kg_m2, DMat3::IDENTITY * 3e-5);
+    }
+
+    #[test]
+    fn gradients_are_baked_for_the_field_that_reads_them() {
+        for (field, needs) in [(FieldKind::SurfacePoint, true), (FieldKind::Trilinear, false)] {
+            let mut p = crate::testing::parameters();
+            p.contact.field = field;
+            assert_eq!(SceneBuilder::new(p).needs_gradients(), needs);
+        }
+    }
 }

@@ -247,4 +247,15 @@ mod tests {
             prop_assert_eq!(worst(poses, thresholds(step_m, 6e-3, T)), 0);
         }
     }
+
+    #[test]
+    fn the_least_move_is_the_largest_of_the_three() {
+        // d > e + a T²/2 + T √(2 a e), with 100 m/s²; 0.1 m/s; three steps.
+        let natural = 1e-5 + 5e-5 + 1e-3 * (2.0 * 100.0 * 1e-5_f64).sqrt();
+        assert!((least_move_m(1e-5, T) - natural).abs() < 1e-15 && natural > 1e-4);
+        assert!((least_move_m(1e-7, T) - 1e-4).abs() < 1e-15);
+        assert!((least_move_m(1e-3, T) - 3e-3).abs() < 1e-15);
+        let natural = 1e-4 + 0.5 * 2500.0 * 1e-6 + 1e-3 * (2.0 * 2500.0 * 1e-4_f64).sqrt();
+        assert!((least_turn_rad(1e-4, T) - natural).abs() < 1e-15 && natural > 1e-3);
+    }
 }

@@ -443,8 +443,7 @@ fn render(
     let (moved, turned) = p
         .mapping
         .way_device(touch.contact.obstacle_motion.linear, touch.contact.obstacle_motion.angular);
-    let spring_j = 0.5 * p.limits.force_n * p.limits.force_n / p.coupling.stiffness_n_per_m;
-    state.passivity.carry(moved, turned, delay_ticks, spring_j);
+    state.passivity.carry(moved, turned, delay_ticks, spring_at_limit_j(p));
     let filter_lag_s = match p.coupling.mode {
         CouplingMode::Direct => filter_delay_s(p.filter.cutoff_hz[0], p.period_s),
         _ => 0.0,
@@ -484,11 +483,12 @@ fn render(
     let gain = state.enable_gain.advance(up, ramp_s, p.period_s);
     let share = state.passivity.trusted_share(arm);
     let trusted = actuated * share;
-    // Of the spring's energy what the motors will give back.
+    // Of the spring's energy what the motors will give back; the arm's ways are shorter than the
+    // tool's by the scale, its turns are the same.
     let [along, about] = stored_j;
-    let held = along * squared_share(actuated.force, wanted.force)
+    let held = along * squared_share(actuated.force, wanted.force) / p.mapping.scale
         + about * squared_share(actuated.torque, wanted.torque);
-    let held_j = held * share * gain / p.mapping.scale;
+    let held_j = held * share * gain;
     let damped =
         state.passivity.damped((trusted, held_j), sample.twist, arm, &p.limits, p.period_s);
     let mut ramped = p.mapping.actuated_part(damped) * gain;
@@ -515,6 +515,11 @@ fn render(
         commanded_device: limited.wrench + (wanted - actuated) * gain,
         friction_world: rubbing.wrench,
     })
+}
+
+/// What the coupling spring holds at the force limit, J, as the arm gets it back: it feels scale · K.
+fn spring_at_limit_j(p: &Parameters) -> f64 {
+    0.5 * p.limits.force_n * p.limits.force_n / (p.coupling.stiffness_n_per_m * p.mapping.scale)
 }
 
 /// A damper on the arm, without a scene, until [`advance`] ends it with a fault.
@@ -566,3 +571,7 @@ mod tests;
     reason = "test code"
 )]
 mod exploration;
+
+#[cfg(test)]
+#[expect(clippy::disallowed_macros, clippy::expect_used, reason = "test code")]
+mod key_tests;

@@ -465,3 +465,7 @@ fn slide_speed(contact: &ContactSum, tool: Twist) -> f64 {
     let velocity = tool.linear + tool.angular.cross(contact.arm_world);
     (velocity - normal * velocity.dot(normal)).length()
 }
+
+#[cfg(test)]
+#[expect(clippy::expect_used, reason = "test code")]
+pub(crate) mod tests;

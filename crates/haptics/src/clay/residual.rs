@@ -171,4 +171,17 @@ mod tests {
         assert!(!residual.felt(Some(push(1.0)), push(f64::NAN), 0.5).is_finite());
         assert_eq!(residual.felt(None, push(1.0), 0.5), push(1.0));
     }
+
+    #[test]
+    fn a_change_of_force_alone_and_of_torque_alone_both_come_in_by_the_average() {
+        for (before, now) in [
+            (Wrench::new(DVec3::Z, DVec3::X), Wrench::new(DVec3::Z * 3.0, DVec3::X)),
+            (Wrench::new(DVec3::Z, DVec3::X), Wrench::new(DVec3::Z, DVec3::X * 3.0)),
+        ] {
+            let felt = Residual::default().felt(Some(before), now, 0.75);
+            let expected = before * 0.75 + now * 0.25;
+            assert!((felt - expected).force.length() < 1e-12, "{felt:?}");
+            assert!((felt - expected).torque.length() < 1e-12, "{felt:?}");
+        }
+    }
 }

@@ -454,3 +454,14 @@ fn senseless_parameters_allow_no_stiffness() {
     }
     assert!(!sound.is_stable(0.0) && !sound.is_stable(-1.0) && !sound.is_stable(f64::NAN));
 }
+
+#[test]
+fn what_the_tick_reads_is_what_the_rules_say() {
+    let wall = wall(0.3, 1.5, 0.0, 3);
+    assert!((wall.stiffness_lag() - 0.8 * 1.5).abs() < 1e-15);
+    assert!((wall.stiffness_bound() - 1.2 / 3.5e-3).abs() < 1e-9);
+    // Half a window of 15 ms rounded up, and the delay.
+    assert_eq!(wall.velocity_age_ticks(15e-3), 11);
+    let reach = (core::f64::consts::PI / 46.0).sin();
+    assert!((wall.injectable_damping(15e-3) - reach * 0.3 / 1e-3).abs() < 1e-9);
+}

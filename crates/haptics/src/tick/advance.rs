@@ -147,3 +147,28 @@ fn try_to_enable(scene: &RenderScene, state: &mut State, sample: &DeviceSample, 
     }
     state.drive = Drive::Enabling;
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+    use crate::testing::parameters;
+    use vps::spatial::Twist;
+
+    #[test]
+    fn an_arm_is_slow_below_a_tenth_of_what_it_may() {
+        let mut p = parameters();
+        p.limits.speed_m_per_s = 3.0;
+        p.period_s = 2e-3;
+        for (speed_m_per_s, turns_rad_per_s, slow) in
+            [(0.29, 24.0, true), (0.31, 24.0, false), (0.29, 26.0, false)]
+        {
+            let linear = DVec3::new(0.6, 0.0, -0.8) * speed_m_per_s;
+            let angular = DVec3::new(0.0, 0.8, 0.6) * turns_rad_per_s;
+            let twist = Twist { linear, angular };
+            let sample = DeviceSample { twist, ..DeviceSample::default() };
+            assert_eq!(is_slow(&sample, &p), slow, "{speed_m_per_s} {turns_rad_per_s}");
+        }
+    }
+}

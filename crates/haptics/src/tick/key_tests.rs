@@ -1,0 +1,771 @@
+//! Every key that says how a scene feels reaches the hand, in the amount that a second, slower
+//! account of a tick says: at values that are neither 0 nor 1, about axes that are skew, from a
+//! start and a grip that are turned.
+
+use glam::{DMat3, DQuat, DVec3};
+
+use super::*;
+use crate::testing::{parameters, skew_block, skew_scene, skew_start};
+use crate::virtual_tool::tests as virtual_tool;
+use crate::{
+    ContactParameters, CouplingParameters, DeviceMapping, FilterParameters, FreeSpace,
+    FrictionParameters, SceneBuilder, SpringClamp, ToolOptions,
+};
+use vps::contact::Normalization;
+use vps::spatial::{Axes, Mat6, SampleStatus};
+use vps::voxmap::field::FieldKind;
+
+/// What proves that a key does what it says.
+enum Proof {
+    /// A tick in contact, with this change, gives what the account says, and other than without.
+    InContact(fn(&mut Parameters)),
+    /// The same in free space.
+    InFreeSpace(fn(&mut Parameters)),
+    /// The same in contact without a virtual tool.
+    Directly(fn(&mut Parameters)),
+    /// With this change every tick is the same.
+    Nothing(fn(&mut Parameters)),
+    /// A test of its own.
+    Test(fn()),
+}
+use Proof::{Directly, InContact, InFreeSpace, Nothing, Test};
+
+/// The keys of `[contact]`, `[coupling]` and `[filter]`, and those of `world_from_device`.
+const PROOFS: [(&str, Proof); 26] = [
+    ("contact.stiffness_n_per_mm", InContact(|p| p.contact.stiffness_n_per_m *= 1.1)),
+    ("contact.damping_ratio", InContact(|p| p.contact.damping_ratio = 0.45)),
+    ("contact.damping_n_s_per_m", InContact(|p| p.contact.damping_n_s_per_m = 60.0)),
+    ("contact.damping_n_s_per_m", InContact(|p| p.contact.damping_n_s_per_m = 3e3)),
+    ("contact.braking", Test(virtual_tool::a_brake_acts_along_the_way_out_of_what_is_ahead)),
+    ("contact.geometric_awareness", Test(a_tool_that_knows_no_edges_has_none)),
+    ("contact.normalize", InContact(|p| p.contact.normalization = Normalization::Average)),
+    ("contact.time_budget_us", Test(a_budget_bounds_what_a_tick_looks_at)),
+    ("contact.field", InContact(|p| p.contact.field = FieldKind::Layers)),
+    ("contact.friction", InContact(|p| p.contact.friction.r#static = 5.0)),
+    ("contact.friction", InContact(|p| p.contact.friction.dynamic = 0.05)),
+    ("contact.friction", InContact(|p| p.contact.friction.stiffness_n_per_m *= 1.2)),
+    ("coupling.translation_n_per_mm", InContact(|p| p.coupling.stiffness_n_per_m *= 1.1)),
+    ("coupling.rotation_nm_per_rad", InContact(|p| p.coupling.stiffness_nm_per_rad *= 1.1)),
+    ("coupling.translation_n_per_mm", Directly(|p| p.coupling.bound_n_per_m = 900.0)),
+    ("coupling.rotation_nm_per_rad", Directly(|p| p.coupling.bound_nm_per_rad = 0.03)),
+    ("coupling.damping_n_s_per_m", InContact(|p| p.coupling.felt_damping_n_s_per_m *= 1.5)),
+    ("coupling.damping_nm_s_per_rad", InContact(|p| p.coupling.felt_damping_nm_s_per_rad *= 1.5)),
+    ("coupling.clamp", InContact(|p| p.coupling.clamp = SpringClamp::HalfVoxel)),
+    ("coupling.free_space", InFreeSpace(|p| p.coupling.free_space = FreeSpace::Zero)),
+    ("filter.spatial", InContact(|p| p.filter.spatial = false)),
+    ("filter.cutoff_hz", InContact(|p| p.filter.cutoff_hz[0] = 150.0)),
+    ("filter.cutoff_hz", InContact(|p| p.filter.cutoff_hz = [20.0, 25.0])),
+    ("world_from_device.position_mm", Nothing(|p| p.mapping.world_from_device.translation.y = 3.0)),
+    (
+        "world_from_device.orientation_xyzw",
+        InContact(|p| p.mapping.world_from_device.rotation *= turn(0.1, -0.2, 0.3)),
+    ),
+    ("world_from_device.scale", InContact(|p| p.mapping.scale = 2.8)),
+];
+
+fn turn(x: f64, y: f64, z: f64) -> DQuat {
+    DQuat::from_scaled_axis(DVec3::new(x, y, z))
+}
+
+/// Parameters of which none is 0, 1 or unbounded where it says how a scene feels.
+fn generic() -> Parameters {
+    let mut p = parameters();
+    p.gravity_m_per_s2 = DVec3::new(1.5, -2.5, -9.0);
+    p.contact = ContactParameters {
+        field: FieldKind::Trilinear,
+        stiffness_n_per_m: 440.0,
+        damping_ratio: 0.35,
+        normalization: Normalization::None,
+        friction: FrictionParameters { r#static: 0.06, dynamic: 0.04, stiffness_n_per_m: 9e3 },
+        damping_n_s_per_m: 45.0,
+        braking: false,
+    };
+    p.coupling = CouplingParameters {
+        mode: CouplingMode::Implicit,
+        stiffness_n_per_m: 1300.0,
+        stiffness_nm_per_rad: 0.45,
+        felt_damping_n_s_per_m: 3.7,
+        felt_damping_nm_s_per_rad: 0.013,
+        clamp: SpringClamp::Saturate,
+        free_space: FreeSpace::Drag,
+        bound_n_per_m: 2e3,
+        bound_nm_per_rad: 0.07,
+    };
+    p.filter = FilterParameters { spatial: true, cutoff_hz: [60.0, 220.0] };
+    p.mapping = DeviceMapping {
+        world_from_device: Pose::new(turn(-0.5, 0.8, 0.3), DVec3::new(0.2, 0.3, -0.1)),
+        scale: 2.5,
+        start: skew_start(0.0),
+        ..DeviceMapping::PLAIN
+    };
+    p.limits = crate::LimitParameters {
+        force_n: 40.0,
+        torque_nm: 0.6,
+        ramp_s: 1e-3,
+        ..crate::LimitParameters::NONE
+    };
+    p
+}
+
+/// A new parameter does not compile here before it is named, and so is asked for its row.
+#[test]
+fn the_account_starts_from_values_that_are_neither_0_nor_1_and_from_skew_rotations() {
+    let p = generic();
+    let ContactParameters {
+        field: _,
+        stiffness_n_per_m: contact,
+        damping_ratio,
+        normalization: _,
+        friction: FrictionParameters { r#static, dynamic, stiffness_n_per_m: rubs },
+        damping_n_s_per_m,
+        braking: _,
+    } = p.contact;
+    let CouplingParameters {
+        mode: _,
+        stiffness_n_per_m: linear,
+        stiffness_nm_per_rad: angular,
+        felt_damping_n_s_per_m,
+        felt_damping_nm_s_per_rad,
+        clamp: _,
+        free_space: _,
+        bound_n_per_m,
+        bound_nm_per_rad,
+    } = p.coupling;
+    let FilterParameters { spatial: _, cutoff_hz: [low, high] } = p.filter;
+    let DeviceMapping { world_from_device, scale, sensed: _, actuated: _, start } = p.mapping;
+    for value in [
+        contact,
+        damping_ratio,
+        r#static,
+        dynamic,
+        rubs,
+        damping_n_s_per_m,
+        linear,
+        angular,
+        felt_damping_n_s_per_m,
+        felt_damping_nm_s_per_rad,
+        bound_n_per_m,
+        bound_nm_per_rad,
+        low,
+        high,
+        scale,
+    ] {
+        assert!(value.is_finite() && value != 0.0 && value != 1.0, "{value}");
+    }
+    for pose in [world_from_device, start, samples()[0].pose] {
+        let axis = pose.rotation.to_scaled_axis();
+        assert!(axis.abs().min_element() > 0.05, "{axis}");
+    }
+}
+
+#[test]
+fn every_key_of_the_default_file_has_a_row() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/default.toml");
+    let text = std::fs::read_to_string(path).expect("the file of defaults");
+    let mut section = "";
+    for line in text.lines() {
+        if let Some(head) = line.strip_prefix('[') {
+            section = head.split(']').next().expect("a part");
+        }
+        let key = line.trim_start_matches("# ").split(" = ").next().expect("a part");
+        let is_key =
+            line.contains(" = ") && key.chars().all(|c| c == '_' || c.is_ascii_lowercase());
+        if is_key && ["contact", "coupling", "filter"].contains(&section) {
+            let name = format!("{section}.{key}");
+            assert!(PROOFS.iter().any(|(known, _)| *known == name), "{name} has no row");
+        }
+        if let Some(table) = line.strip_prefix("world_from_device = {") {
+            let keys = table.split(" = ").filter_map(|part| part.split([' ', ',']).next_back());
+            for key in keys.filter(|key| key.chars().all(|c| c == '_' || c.is_ascii_lowercase())) {
+                let name = format!("world_from_device.{key}");
+                assert!(
+                    key.is_empty() || PROOFS.iter().any(|(known, _)| *known == name),
+                    "{name} has no row"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn every_key_reaches_the_hand_as_the_account_says() {
+    let base = |change: fn(&mut Parameters), scenario: fn(&mut Parameters)| {
+        let mut p = generic();
+        scenario(&mut p);
+        change(&mut p);
+        p
+    };
+    let nothing: fn(&mut Parameters) = |_| ();
+    let free_space: fn(&mut Parameters) = |p| p.mapping.start = skew_start(4e-3);
+    let directly: fn(&mut Parameters) = |p| p.coupling.mode = CouplingMode::Direct;
+    for (key, proof) in &PROOFS {
+        let (change, scenario, differs) = match proof {
+            InContact(change) => (*change, nothing, true),
+            InFreeSpace(change) => (*change, free_space, true),
+            Directly(change) => (*change, directly, true),
+            Nothing(change) => (*change, nothing, false),
+            Test(test) => {
+                test();
+                continue;
+            }
+        };
+        let without = commanded(&base(nothing, scenario));
+        let with = commanded(&base(change, scenario));
+        let expected = account(&base(change, scenario));
+        let off = |one: Wrench, other: Wrench| {
+            let differs = one - other;
+            differs.force.length() + 50.0 * differs.torque.length()
+        };
+        assert!(off(with, expected) < 1e-8, "{key}: {with:?}, by the account {expected:?}");
+        let changes = off(with, without) > 1e-3;
+        assert_eq!(changes, differs, "{key}: {with:?}, without the change {without:?}");
+    }
+}
+
+/// Enabled askew, then pressed into the face while it slides and turns.
+fn samples() -> [DeviceSample; 4] {
+    let zero = Pose::new(turn(0.8, 0.3, -0.5), DVec3::new(0.02, -0.01, 0.03));
+    let axes = generic().mapping.world_from_device.rotation.conjugate() * skew_block().rotation;
+    core::array::from_fn(|n| {
+        let n = n as f64;
+        let moved = axes * DVec3::new(0.3e-3, -0.2e-3, -0.1e-3) * n;
+        let pose = Pose::new(
+            turn(0.01 * n, -0.02 * n, 0.03 * n) * zero.rotation,
+            zero.translation + moved,
+        );
+        let twist = Twist {
+            linear: DVec3::new(0.03, -0.02, 0.05) * n,
+            angular: DVec3::new(0.4, 0.7, -0.5) * n,
+        };
+        DeviceSample {
+            pose,
+            twist,
+            sequence: 1 + n as u64,
+            status: SampleStatus::Fresh,
+            ..DeviceSample::default()
+        }
+    })
+}
+
+/// What the tick commands for the last of the samples.
+fn commanded(p: &Parameters) -> Wrench {
+    let scene = skew_scene(*p);
+    let mut state = State::new(&scene);
+    let mut output = TickOutput::default();
+    for sample in samples() {
+        let request = DriveRequest::Enable;
+        output = tick(&scene, &mut state, &TickInput { sample, request, ..TickInput::default() });
+        assert!(output.faults.is_empty() && output.drive == Drive::Enabled, "{output:?}");
+    }
+    output.command_device
+}
+
+/// The same by another account: the state at the end of a tick is solved for, contact is summed
+/// point by point, rotations are matrices.
+fn account(p: &Parameters) -> Wrench {
+    let scene = skew_scene(*p);
+    let shell = &scene.tool.shell;
+    let inertia = &scene.tool.inertia;
+    let period_s = p.period_s;
+    let axes = DMat3::from_quat(p.mapping.world_from_device.rotation);
+    let start = p.mapping.start;
+    let zero = samples()[0].pose;
+    let mut body = start;
+    let mut twist = Twist::ZERO;
+    let mut filtered: Option<Wrench> = None;
+    let mut rubs = Rubs::default();
+    let mut felt = Wrench::ZERO;
+    for sample in samples() {
+        let moved = axes * (sample.pose.translation - zero.translation) * p.mapping.scale;
+        let turned =
+            DMat3::from_quat(sample.pose.rotation) * DMat3::from_quat(zero.rotation).transpose();
+        let rotation = axes * turned * axes.transpose() * DMat3::from_quat(start.rotation);
+        let target = Pose::new(DQuat::from_mat3(&rotation).normalize(), start.translation + moved);
+        let target_twist = Twist {
+            linear: axes * sample.twist.linear * p.mapping.scale,
+            angular: axes * sample.twist.angular,
+        };
+        let is_direct = p.coupling.mode == CouplingMode::Direct;
+        if is_direct {
+            (body, twist) = (target, target_twist);
+        }
+        let contact = ContactSum::flat(&scene.obstacles, shell, body, p.force_law());
+        let (along, about) = contact.stiffness.bounds();
+        let normal = contact.wrench.force.normalize_or_zero();
+        let at = twist.linear + twist.angular.cross(contact.arm_world);
+        let speed = (at - normal * normal.dot(at)).length();
+        let cutoff_hz = (0.3 * speed / contact.voxel_size_m)
+            .max(p.filter.cutoff_hz[0])
+            .min(p.filter.cutoff_hz[1]);
+        let in_steps =
+            (along / inertia.mass_kg).max(about / inertia.least_kg_m2) * period_s.powi(2);
+        let in_steps = if is_direct { 0.0 } else { in_steps };
+        let alpha = match filtered {
+            Some(_) => (-core::f64::consts::TAU * cutoff_hz * period_s).exp() / (1.0 + in_steps),
+            None => 0.0,
+        };
+        let rubbing = rubs.tick(&contact, body, &p.contact.friction);
+        if is_direct {
+            let (along, about) = contact.stiffness.plus_scaled(1.0, &rubbing.1).bounds();
+            let share = (p.coupling.bound_n_per_m / along)
+                .min(p.coupling.bound_nm_per_rad / about)
+                .min(1.0);
+            let now = contact.wrench * share;
+            let shaped = filtered.unwrap_or(now) * alpha + now * (1.0 - alpha);
+            filtered = Some(shaped);
+            felt = shaped + rubbing.0 * share;
+            continue;
+        }
+        let shaped = filtered.unwrap_or(contact.wrench) * alpha + contact.wrench * (1.0 - alpha);
+        filtered = (contact.contacts > 0).then_some(shaped);
+        let held =
+            Mat6::ZERO.plus_scaled(1.0 - alpha, &contact.stiffness).plus_scaled(1.0, &rubbing.1);
+        let damping_s = if along > 0.0 {
+            2.0 * p.contact.damping_ratio * (inertia.mass_kg / along).sqrt()
+        } else {
+            0.0
+        };
+        let spring = spring(p, shell.radius_m(), body, target);
+        let critical = |mass: f64, stiffness: f64| 2.0 * (mass * stiffness).sqrt();
+        let damper = Mat6::from_blocks(
+            DMat3::IDENTITY * critical(inertia.mass_kg, p.coupling.stiffness_n_per_m),
+            DMat3::ZERO,
+            DMat3::ZERO,
+            DMat3::IDENTITY * critical(inertia.least_kg_m2, p.coupling.stiffness_nm_per_rad),
+        );
+        let tool_axes = body.rotation_matrix();
+        let mass = Mat6::from_blocks(
+            DMat3::IDENTITY * (inertia.mass_kg / period_s),
+            DMat3::ZERO,
+            DMat3::ZERO,
+            tool_axes * inertia.body_kg_m2 * tool_axes.transpose() * (1.0 / period_s),
+        );
+        let weight = Wrench::new(p.gravity_m_per_s2 * inertia.mass_kg, DVec3::ZERO);
+        let pushes = product(&mass, twist)
+            + spring.0
+            + product(&damper, target_twist)
+            + weight
+            + shaped
+            + rubbing.0;
+        let solved = |faces: &Mat6| {
+            let (linear, angular) = mass
+                .plus_scaled(1.0, &damper)
+                .plus_scaled(period_s, &spring.1)
+                .plus_scaled(period_s + damping_s, &held)
+                .plus_scaled(1.0, faces)
+                .solve_spd(pushes)
+                .expect("positive definite");
+            Twist { linear, angular }
+        };
+        // A face that leaves is damped by no more than what it still presses with.
+        let undamped = solved(&Mat6::ZERO);
+        let mut faces = Mat6::ZERO;
+        for patch in contact.patches() {
+            let point = undamped.linear + undamped.angular.cross(patch.arm_world);
+            let leaves = point.dot(patch.normal_world);
+            let gives_way_n = (period_s + damping_s) * patch.stiffness_n_per_m * leaves;
+            let most = if leaves > 0.0 {
+                (patch.force_n - gives_way_n).max(0.0) / leaves
+            } else {
+                f64::INFINITY
+            };
+            let moment = patch.arm_world.cross(patch.normal_world);
+            faces.add_outer(p.contact.damping_n_s_per_m.min(most), patch.normal_world, moment);
+        }
+        twist = solved(&faces);
+        let Twist { linear, angular } = twist;
+        let reach_m = (linear.length() + angular.length() * shell.radius_m()) * period_s;
+        assert!(reach_m < contact.step_limit_m);
+        body = body.stepped(linear * period_s, angular * period_s);
+        let slip = twist - target_twist;
+        felt = Wrench::new(
+            slip.linear * p.coupling.felt_damping_n_s_per_m,
+            slip.angular * p.coupling.felt_damping_nm_s_per_rad,
+        ) - self::spring(p, shell.radius_m(), body, target).0;
+        if contact.contacts == 0 && p.coupling.free_space == FreeSpace::Zero {
+            felt = Wrench::ZERO;
+        }
+    }
+    Wrench::new(axes.transpose() * felt.force, axes.transpose() * felt.torque)
+}
+
+fn product(matrix: &Mat6, twist: Twist) -> Wrench {
+    let (force, torque) = matrix.mul(twist.linear, twist.angular);
+    Wrench::new(force, torque)
+}
+
+/// The spring on the tool and its secant stiffness.
+fn spring(p: &Parameters, radius_m: f64, body: Pose, target: Pose) -> (Wrench, Mat6) {
+    // Voxels are kept in single precision.
+    let half_voxel_m = 0.5 * f64::from(1e-3_f32);
+    let mut bounds = [p.limits.force_n, p.limits.torque_nm];
+    if p.coupling.clamp == SpringClamp::HalfVoxel {
+        bounds[0] = bounds[0].min(p.coupling.stiffness_n_per_m * half_voxel_m);
+        bounds[1] = bounds[1].min(p.coupling.stiffness_nm_per_rad * half_voxel_m / radius_m);
+    }
+    let saturated = |stiffness: f64, stretch: DVec3, most: f64| {
+        let length = stretch.length();
+        if length < 1e-12 { stiffness } else { most * (stiffness * length / most).tanh() / length }
+    };
+    let way = target.translation - body.translation;
+    let turn = (target.rotation * body.rotation.conjugate()).to_scaled_axis();
+    let linear = saturated(p.coupling.stiffness_n_per_m, way, bounds[0]);
+    let angular = saturated(p.coupling.stiffness_nm_per_rad, turn, bounds[1]);
+    let stiffness = Mat6::from_blocks(
+        DMat3::IDENTITY * linear,
+        DMat3::ZERO,
+        DMat3::ZERO,
+        DMat3::IDENTITY * angular,
+    );
+    (Wrench::new(way * linear, turn * angular), stiffness)
+}
+
+/// Friction of the one face of the tool.
+#[derive(Default)]
+struct Rubs {
+    before: Option<Pose>,
+    stretch: DVec3,
+    turned: f64,
+    slips: bool,
+}
+
+impl Rubs {
+    fn tick(
+        &mut self,
+        contact: &ContactSum,
+        body: Pose,
+        friction: &FrictionParameters,
+    ) -> (Wrench, Mat6) {
+        let before = self.before.replace(body);
+        let mut stiffness = Mat6::ZERO;
+        let Some(patch) = contact.patches().next() else { return (Wrench::ZERO, stiffness) };
+        assert_eq!(contact.patches().count(), 1);
+        let (normal, arm, radius_m) = (patch.normal_world, patch.arm_world, patch.radius_m);
+        let old = (self.stretch, self.turned * radius_m);
+        if let Some(before) = before {
+            let turn = (body.rotation * before.rotation.conjugate()).to_scaled_axis();
+            self.stretch += body.translation - before.translation + turn.cross(arm);
+            self.turned += turn.dot(normal);
+        }
+        self.stretch -= normal * normal.dot(self.stretch);
+        let k = friction.stiffness_n_per_m;
+        let load_n = k * self.stretch.length().hypot(radius_m * self.turned);
+        let most = if self.slips { friction.dynamic } else { friction.r#static };
+        self.slips = load_n > most * patch.force_n;
+        let share = if self.slips { friction.dynamic * patch.force_n / load_n } else { 1.0 };
+        self.stretch *= share;
+        self.turned *= share;
+        // Two ways along the wall and the turn about its normal, as a length; sliding takes the
+        // direction of the slide out of it.
+        let one = normal.any_orthonormal_vector();
+        for along in [one, normal.cross(one)] {
+            stiffness.add_outer(k * share, along, arm.cross(along));
+        }
+        stiffness.add_outer(k * share, DVec3::ZERO, normal * radius_m);
+        let turns_m = self.turned * radius_m;
+        let goes_on = old.0.dot(self.stretch) + old.1 * turns_m >= 0.0;
+        if self.slips {
+            assert!(goes_on, "it slides on");
+            let length = self.stretch.length().hypot(turns_m);
+            let along = self.stretch / length;
+            let moment = arm.cross(along) + normal * (turns_m / length * radius_m);
+            stiffness.add_outer(-k * share, along, moment);
+        }
+        let force = self.stretch * -k;
+        let torque = arm.cross(force) - normal * (k * radius_m * turns_m);
+        (Wrench::new(force, torque), stiffness)
+    }
+}
+
+/// A key of the tool, which the scene's builder reads.
+fn a_tool_that_knows_no_edges_has_none() {
+    use vps::{mesh::primitives::Shape, part::Part, voxmap::Options};
+    let tool = Part::of_shape("tool", &Shape::Box { size_m: DVec3::splat(8e-3) }, 1e-3);
+    let built = |knows_edges| {
+        let options = ToolOptions { knows_edges, ..ToolOptions::new(0.1) };
+        let builder = SceneBuilder::new(parameters());
+        let (scene, _) = builder.finish(&tool, &Options::new(1e-3), &options).expect("small");
+        scene.tool.shell.edges().iter().any(|lanes| *lanes != 0)
+    };
+    assert!(built(true) && !built(false));
+}
+
+/// A key of the loop, which gives it to the state.
+fn a_budget_bounds_what_a_tick_looks_at() {
+    let looked_at = |budget: Budget| {
+        let scene = skew_scene(generic());
+        let mut state = State::new(&scene);
+        state.set_budget(budget);
+        assert_eq!(state.budget(), budget);
+        tick(&scene, &mut state, &TickInput::default()).points_left_out
+    };
+    let scene = skew_scene(generic());
+    assert!(State::new(&scene).rehearse(&scene, 0) > 1);
+    assert_eq!(looked_at(Budget::default()), 0);
+    assert!(looked_at(Budget::Points(4)) > 0);
+}
+
+/// An arm with these motors gets its part of the same wrench.
+#[test]
+fn what_the_arm_cannot_actuate_is_dropped_and_reported() {
+    let mut p = generic();
+    let whole = commanded(&p);
+    p.mapping.actuated = Axes::TRANSLATION;
+    let scene = skew_scene(p);
+    let mut state = State::new(&scene);
+    let mut output = TickOutput::default();
+    for sample in samples() {
+        let request = DriveRequest::Enable;
+        output = tick(&scene, &mut state, &TickInput { sample, request, ..TickInput::default() });
+    }
+    assert_eq!(output.command_device, Wrench::new(whole.force, DVec3::ZERO));
+    let differs = output.commanded_device - whole;
+    assert!(differs.torque.length() < 1e-12 && differs.force.length() < 1e-12);
+    assert!(whole.torque.length() > 1e-3);
+}
+
+/// A tool that nothing moves, on a spring to a scaled arm that is turned.
+fn anchored(injected_n_s_per_m: f64, actuated: Axes) -> RenderScene {
+    let mut p = generic();
+    p.mapping.actuated = actuated;
+    p.gravity_m_per_s2 = DVec3::ZERO;
+    p.coupling.felt_damping_n_s_per_m = 0.0;
+    p.coupling.felt_damping_nm_s_per_rad = 0.0;
+    p.limits.force_n = f64::INFINITY;
+    p.limits.torque_nm = f64::INFINITY;
+    p.mapping.start = skew_start(0.1);
+    p.arm.injected_n_s_per_m = injected_n_s_per_m;
+    let mut scene = skew_scene(p);
+    scene.tool.inertia.mass_kg = 1e9;
+    scene.tool.inertia.body_kg_m2 = DMat3::IDENTITY * 1e6;
+    scene.tool.inertia.least_kg_m2 = 1e6;
+    scene
+}
+
+/// Energies count at the arm, whose ways are shorter than those of the tool by the scale.
+#[test]
+fn a_scaled_arm_is_pulled_pays_and_counts_by_its_own_way() {
+    for names in [&["x", "y", "z", "rx", "ry", "rz"][..], &["x", "y", "rx", "rz"]] {
+        let axes = names.iter().filter_map(|name| Axes::from_name(name));
+        pulls_and_pays(axes.fold(Axes::NONE, Axes::union));
+    }
+}
+
+fn pulls_and_pays(actuated: Axes) {
+    let injected = 30.0;
+    let scene = anchored(injected, actuated);
+    let mut state = State::new(&scene);
+    let [sample, ..] = samples();
+    let request = DriveRequest::Enable;
+    let mut input = TickInput { sample, request, ..TickInput::default() };
+    tick(&scene, &mut state, &input);
+    // One leap of the grip: its spring holds energy that no hand has put in.
+    let way = DVec3::new(1e-3, -2e-3, 0.5e-3);
+    input.sample.pose.translation += way;
+    input.sample.twist = Twist { linear: way / 1e-3, angular: DVec3::ZERO };
+    let turned = DVec3::new(0.05, -0.02, 0.04);
+    input.sample.pose.rotation = DQuat::from_scaled_axis(turned) * input.sample.pose.rotation;
+    let first = tick(&scene, &mut state, &input);
+    let pull = way * (-1300.0 * 2.5);
+    // Of both energies the share that the motors give back.
+    let share = |masked: DVec3, whole: DVec3| masked.length_squared() / whole.length_squared();
+    let held_j = 0.5
+        * 1300.0
+        * 2.5
+        * way.length_squared()
+        * share(way * actuated.linear_mask(), way)
+        + 0.5 * 0.45 * turned.length_squared() * share(turned * actuated.angular_mask(), turned);
+    let damper = input.sample.twist.linear * -injected;
+    let takes_j = 1e-3 * injected * input.sample.twist.linear.length_squared();
+    let share = (held_j - 2.5e-4) / takes_j;
+    assert!(share > 0.01 && share < 1.0, "{share}");
+    let expected = (pull + damper * share) * actuated.linear_mask();
+    let differs = first.command_device.force - expected;
+    assert!(first.passivity_active && differs.length() < 1e-4, "{first:?} {expected}");
+    // The command acts over the next way of the grip.
+    let next = DVec3::new(-0.3e-3, 0.2e-3, 0.4e-3);
+    input.sample.pose.translation += next;
+    let second = tick(&scene, &mut state, &input);
+    let energy_j = -first.command_device.force.dot(next);
+    assert!((second.energy_j - energy_j).abs() < 1e-15, "{} {energy_j}", second.energy_j);
+}
+
+#[test]
+fn a_scaled_arm_gets_back_less_of_the_spring_at_its_force_limit() {
+    let mut p = generic();
+    p.limits.force_n = 6.0;
+    // 6 N over 1300 N/m stretch by 4.6 mm in the world, and by 1.8 mm at the arm.
+    let stretch_m = 6.0 / 1300.0 / 2.5;
+    assert!((spring_at_limit_j(&p) - 0.5 * 6.0 * stretch_m).abs() < 1e-15);
+}
+
+/// What an obstacle that moves does to the hand is counted apart, at the arm.
+#[test]
+fn an_obstacle_under_way_works_on_a_scaled_arm_by_its_way_over_the_scale() {
+    let mut p = generic();
+    p.coupling.mode = CouplingMode::Direct;
+    p.limits.speed_m_per_s = 2.0;
+    let scene = skew_scene(p);
+    let mut state = State::new(&scene);
+    let [sample, ..] = samples();
+    let block = skew_block();
+    let to =
+        block.stepped(block.transform_vector(DVec3::new(1e-3, 2e-3, -0.2e-3)), DVec3::splat(0.02));
+    let place = Some(Placement { obstacle_idx: 0, world_from_map: to });
+    let request = DriveRequest::Enable;
+    let mut input = TickInput { sample, request, place, ..TickInput::default() };
+    let mut before = tick(&scene, &mut state, &input);
+    assert!(before.command_device.force.length() > 0.1, "{before:?}");
+    input.place = None;
+    let back = p.mapping.world_from_device.rotation.conjugate();
+    let mut work_j = 0.0;
+    for _ in 0..5 {
+        let output = tick(&scene, &mut state, &input);
+        let pose = state.traversal.obstacle_poses().pose(0).expect("one");
+        let center = skew_start(0.0).translation;
+        let linear = back * pose.moved.at(center) / 2.5;
+        let angular = back * pose.moved.angular;
+        work_j +=
+            before.command_device.force.dot(linear) + before.command_device.torque.dot(angular);
+        assert!((output.object_work_j - work_j).abs() < 1e-12, "{} {work_j}", output.object_work_j);
+        assert_eq!(output.objects_moving, 1);
+        let reported = output.object.expect("it is under way");
+        assert_eq!((reported.obstacle_idx, reported.world_from_map), (0, pose.world_from_map));
+        before = output;
+    }
+    assert!(work_j.abs() > 1e-9, "{work_j}");
+}
+
+#[test]
+fn a_tick_reports_what_it_found_and_what_it_gave() {
+    let p = generic();
+    let scene = skew_scene(p);
+    let mut state = State::new(&scene);
+    let [sample, ..] = samples();
+    let mut input = TickInput { sample, ..TickInput::default() };
+    let found =
+        ContactSum::flat(&scene.obstacles, &scene.tool.shell, skew_start(0.0), p.force_law());
+    let disabled = tick(&scene, &mut state, &input);
+    assert_eq!((disabled.contacts, disabled.points_left_out), (24, 0));
+    assert_eq!(disabled.contact_world, found.wrench);
+    assert_eq!(
+        (disabled.max_depth_m, disabled.clearance_m),
+        (found.max_value_m, -found.max_value_m)
+    );
+    assert_eq!(disabled.world_from_tool.translation, skew_start(0.0).translation);
+    assert_eq!(disabled.commanded_device, Wrench::ZERO);
+    input.request = DriveRequest::Enable;
+    input.sample.delay_ticks = 3;
+    let mut before = TickOutput::default();
+    for sample in samples() {
+        input.sample = DeviceSample { delay_ticks: 3, ..sample };
+        before = tick(&scene, &mut state, &input);
+        assert_eq!((before.delay_ticks, before.off_cause), (3, OffCause::None));
+    }
+    let at = state.indexed(&scene);
+    assert_eq!(at.0, samples()[0].pose);
+    assert!((at.1.translation - skew_start(0.0).translation).length() < 1e-15);
+    assert_eq!((before.objects_moving, before.object), (0, None));
+    // Sliding: what is reported is the contact with its friction.
+    let shell = &scene.tool.shell;
+    let stood = before.world_from_tool;
+    let next = tick(&scene, &mut state, &input);
+    let found = ContactSum::flat(&scene.obstacles, shell, stood, p.force_law());
+    let friction = next.contact_world - found.wrench;
+    let normal = found.wrench.force.normalize();
+    assert!(friction.force.length() > 0.01, "{friction:?}");
+    let slides = next.world_from_tool.translation - skew_start(0.0).translation;
+    assert!(friction.force.dot(slides) < 0.0, "{friction:?} {slides}");
+    assert!(friction.force.dot(normal).abs() < 1e-3 * friction.force.length(), "{friction:?}");
+    let center =
+        crate::Tool { center_of_mass_tool: DVec3::new(1e-3, 2e-3, 3e-3), ..skew_scene(p).tool };
+    let off_center = RenderScene { tool: center, ..skew_scene(p) };
+    let mut state = State::new(&off_center);
+    let output = tick(&off_center, &mut state, &TickInput::default());
+    // The tool's own frame stands where the scene says, its axes' middle beside it.
+    assert!((output.world_from_tool.translation - skew_start(0.0).translation).length() < 1e-12);
+    let (_, indexed) = state.indexed(&off_center);
+    assert!((indexed.translation - skew_start(0.0).translation).length() < 1e-12);
+}
+
+/// Deadman let go with the tool in the block by so much, and held again.
+#[test]
+fn a_tool_stays_where_the_deadman_left_it_unless_it_stands_in_an_obstacle() {
+    for (raised_m, stays) in [(0.3e-3, true), (-0.4e-3, false)] {
+        let mut p = generic();
+        p.coupling.mode = CouplingMode::Direct;
+        p.safety.deadman = Some(2);
+        p.mapping.scale = 1.5;
+        let scene = skew_scene(p);
+        let mut state = State::new(&scene);
+        let [mut sample, ..] = samples();
+        let back = p.mapping.world_from_device.rotation.conjugate();
+        let mut run = |buttons: u32, moved: DVec3, n_ticks: u32| {
+            let mut output = TickOutput::default();
+            for _ in 0..n_ticks {
+                sample.buttons = buttons;
+                sample.sequence += 1;
+                sample.pose.translation += back * moved / (1.5 * f64::from(n_ticks));
+                let request = DriveRequest::Enable;
+                let input = TickInput { sample, request, ..TickInput::default() };
+                output = tick(&scene, &mut state, &input);
+            }
+            output
+        };
+        let moved = skew_block().transform_vector(DVec3::new(2e-3, 1e-3, raised_m));
+        assert_eq!(run(0b100, DVec3::ZERO, 3).drive, Drive::Enabled);
+        run(0b100, moved, 10);
+        let off = run(0, DVec3::ZERO, 20);
+        assert_eq!((off.drive, off.off_cause), (Drive::Disabled, OffCause::Deadman));
+        let again = run(0b100, DVec3::ZERO, 1);
+        assert_eq!(again.drive, Drive::Enabled, "{again:?}");
+        let expected = skew_start(0.0).translation + if stays { moved } else { DVec3::ZERO };
+        let differs = again.world_from_tool.translation - expected;
+        assert!(differs.length() < 1e-6, "{raised_m}: {differs}");
+    }
+}
+
+/// A scene that takes the place of another goes on where the tool stood, if it has room there.
+#[test]
+fn a_tool_resumes_where_it_stood_unless_an_obstacle_of_the_new_scene_is_there() {
+    for (raised_m, resumes) in [(2e-3, true), (-0.5e-3, false)] {
+        let scene = skew_scene(generic());
+        let mut state = State::new(&scene);
+        assert_eq!(state.world_from_map(0), Some(skew_block()));
+        assert_eq!(state.world_from_map(1), None);
+        let stood = skew_start(raised_m);
+        state.resume_at(&scene, Some(stood), Handover { must_release: false });
+        let request = DriveRequest::Enable;
+        let [sample, ..] = samples();
+        let input = TickInput { sample, request, ..TickInput::default() };
+        let tries = tick(&scene, &mut state, &input);
+        assert_eq!((tries.drive, tries.contacts), (Drive::Disabled, 0));
+        let output = tick(&scene, &mut state, &input);
+        assert!(output.drive.renders(), "{output:?}");
+        let (_, started) = state.indexed(&scene);
+        let expected = if resumes { stood } else { skew_start(0.0) };
+        assert!((started.translation - expected.translation).length() < 1e-12, "{raised_m}");
+    }
+}
+
+/// The velocity of a component at rest is that of its steps, none.
+#[test]
+fn a_hand_at_rest_feels_no_damper_from_the_noise_of_its_velocity() {
+    let mut p = generic();
+    p.mapping.start = skew_start(0.1);
+    p.gravity_m_per_s2 = DVec3::ZERO;
+    p.arm.encoder_step_m = 4e-5;
+    p.arm.encoder_step_rad = 1e-3;
+    let scene = skew_scene(p);
+    let mut state = State::new(&scene);
+    let [mut sample, ..] = samples();
+    sample.twist = Twist { linear: DVec3::new(0.1, -0.2, 0.1), angular: DVec3::ONE };
+    let mut output = TickOutput::default();
+    for n in 0..600 {
+        sample.sequence = 1 + n;
+        let request = DriveRequest::Enable;
+        output = tick(&scene, &mut state, &TickInput { sample, request, ..TickInput::default() });
+        assert!(n != 50 || output.command_device.force.length() > 0.5, "{output:?}");
+    }
+    assert!(output.command_device.force.length() < 1e-6, "{output:?}");
+}

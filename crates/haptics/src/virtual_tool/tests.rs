@@ -1,0 +1,473 @@
+//! What a tick of the virtual tool gives, against the laws that it is to follow.
+
+use glam::{DMat3, DQuat};
+
+use super::*;
+use crate::testing::{parameters, skew_block, skew_scene, skew_start};
+use crate::{FilterParameters, LimitParameters};
+use vps::contact::obstacle_poses::PoseStep;
+use vps::contact::{SimdLevel, TraversalMode};
+
+const PERIOD_S: f64 = 1e-3;
+
+/// No value of the coupling, of damping and of the filter is 0 or 1.
+fn generic() -> Parameters {
+    let mut p = parameters();
+    p.gravity_m_per_s2 = DVec3::new(0.3, -0.5, -1.8);
+    p.contact.stiffness_n_per_m = 440.0;
+    p.contact.damping_ratio = 0.35;
+    p.contact.damping_n_s_per_m = 45.0;
+    p.coupling.stiffness_n_per_m = 1300.0;
+    p.coupling.stiffness_nm_per_rad = 0.45;
+    p.coupling.felt_damping_n_s_per_m = 3.7;
+    p.coupling.felt_damping_nm_s_per_rad = 0.013;
+    p.coupling.free_space = FreeSpace::Drag;
+    p.filter = FilterParameters { spatial: true, cutoff_hz: [3.0, 220.0] };
+    p.limits = LimitParameters { force_n: 9.0, torque_nm: 0.25, ..p.limits };
+    p
+}
+
+struct Rig {
+    scene: RenderScene,
+    traversal: Traversal,
+    tool: VirtualTool,
+}
+
+impl Rig {
+    fn new(p: Parameters, raised_m: f64) -> Self {
+        let scene = skew_scene(p);
+        let traversal = Traversal::new(
+            SimdLevel::best(),
+            TraversalMode::Tree,
+            &scene.obstacles,
+            &scene.tool.shell,
+        );
+        Self { traversal, tool: VirtualTool::at(skew_start(raised_m)), scene }
+    }
+
+    fn touch(&mut self) -> Touch {
+        let p = self.scene.parameters;
+        self.tool.touch(&mut self.traversal, None, None, &self.scene, &p, false)
+    }
+
+    fn follow(
+        &mut self,
+        touch: &Touch,
+        rubbing: &FrictionWrench,
+        is_paid: bool,
+        target: (Pose, Twist),
+    ) -> Pull {
+        let p = &self.scene.parameters;
+        let poses = self.traversal.obstacle_poses();
+        self.tool
+            .follow((&self.scene, p), poses, touch, rubbing, (&p.coupling, is_paid), target)
+            .expect("finite")
+    }
+}
+
+/// Friction that no contact made.
+fn rubbing() -> FrictionWrench {
+    let mut stiffness = Mat6::ZERO;
+    stiffness.add_outer(900.0, DVec3::new(0.6, 0.8, 0.0), DVec3::new(0.01, -0.02, 0.03));
+    let wrench = Wrench::new(DVec3::new(0.3, -0.2, 0.1), DVec3::new(2e-3, 1e-3, -3e-3));
+    FrictionWrench { wrench, stiffness }
+}
+
+fn target() -> (Pose, Twist) {
+    let moved = skew_start(0.0).stepped(DVec3::new(1e-3, -2e-3, -1e-3), DVec3::new(0.1, -0.2, 0.3));
+    let twist =
+        Twist { linear: DVec3::new(0.02, 0.01, -0.03), angular: DVec3::new(0.5, 0.3, -0.4) };
+    (moved, twist)
+}
+
+/// Into the block.
+fn approach() -> Twist {
+    let out = skew_block().transform_vector(DVec3::Z);
+    Twist { linear: out * -0.05 + DVec3::new(0.01, 0.02, 0.0), angular: DVec3::new(0.2, 0.1, 0.3) }
+}
+
+fn product(matrix: &Mat6, twist: Twist) -> Wrench {
+    let (force, torque) = matrix.mul(twist.linear, twist.angular);
+    Wrench::new(force, torque)
+}
+
+fn times(twist: Twist, factor: f64) -> Twist {
+    Twist { linear: twist.linear * factor, angular: twist.angular * factor }
+}
+
+fn assert_near(one: Wrench, other: Wrench, share: f64) {
+    let differs = one - other;
+    assert!(
+        differs.force.length() <= share * other.force.length()
+            && differs.torque.length() <= share * other.torque.length(),
+        "{one:?} {other:?}"
+    );
+}
+
+/// Two ticks in contact with a block that moves: what the tool's momentum changes by is what
+/// spring, dampers, weight, contact, friction and the dampers of the faces give at its end.
+#[test]
+fn the_tool_s_momentum_changes_by_the_sum_of_all_that_acts_at_the_end_of_the_tick() {
+    let mut rig = Rig::new(generic(), 0.0);
+    let p = rig.scene.parameters;
+    let motion = ObstacleMotion {
+        linear: DVec3::new(2e-5, -1e-5, 3e-5),
+        angular: DVec3::new(1e-4, 2e-4, -1e-4),
+    };
+    let ground = motion.over(PERIOD_S);
+    rig.tool.body.twist = approach();
+    let mut filtered = Wrench::ZERO;
+    for tick_idx in 0..2 {
+        let before = rig.tool.body;
+        let mut touch = rig.touch();
+        touch.contact.obstacle_motion = motion;
+        let contact = &touch.contact;
+        assert_eq!(contact.contacts, 24);
+        let (target_pose, target_twist) = target();
+        let spring = Spring::between(
+            before.pose,
+            target_pose,
+            &p.coupling,
+            &p.limits,
+            contact.voxel_size_m,
+            rig.scene.tool.shell.radius_m(),
+        );
+        // The filter follows the speed along the face, and less where the contact is stiff.
+        let normal = contact.wrench.force.normalize();
+        let against = before.twist - ground;
+        let slides = against.linear + against.angular.cross(contact.arm_world);
+        let speed = (slides - normal * normal.dot(slides)).length();
+        let cutoff_hz = (0.3 * speed / contact.voxel_size_m).clamp(3.0, 220.0);
+        let (along, about) = contact.stiffness.bounds();
+        let in_steps = (along / 0.3).max(about / 2e-5) * PERIOD_S * PERIOD_S;
+        let alpha = (-core::f64::consts::TAU * cutoff_hz * PERIOD_S).exp() / (1.0 + in_steps);
+        let alpha = if tick_idx == 0 { 0.0 } else { alpha };
+        filtered = filtered * alpha + contact.wrench * (1.0 - alpha);
+
+        let pull = rig.follow(&touch, &rubbing(), true, target());
+        let contact = &touch.contact;
+        let after = rig.tool.body.twist;
+        let inertia = rig.scene.tool.inertia;
+        let changed = after - before.twist;
+        let axes = before.pose.rotation_matrix();
+        let momentum = Wrench::new(
+            changed.linear * (0.3 / PERIOD_S),
+            axes * inertia.body_kg_m2 * axes.transpose() * changed.angular / PERIOD_S,
+        );
+        let step = times(after, PERIOD_S);
+        let slip = target_twist - after;
+        let linear_damping = 2.0 * (0.3_f64 * 1300.0).sqrt();
+        let angular_damping = 2.0 * (2e-5_f64 * 0.45).sqrt();
+        let coupled = spring.wrench
+            + Wrench::new(
+                slip.linear * linear_damping - step.linear * spring.stiffness_n_per_m,
+                slip.angular * angular_damping - step.angular * spring.stiffness_nm_per_rad,
+            );
+        let weight = Wrench::new(p.gravity_m_per_s2 * 0.3, DVec3::ZERO);
+        // What gives way within the tick, and by how much longer contact damping makes it.
+        let held = Mat6::ZERO
+            .plus_scaled(1.0 - alpha, &contact.stiffness)
+            .plus_scaled(1.0, &rubbing().stiffness);
+        let damping_s = 2.0 * 0.35 * (0.3 / along).sqrt();
+        let relative = after - ground;
+        let mut faces = Mat6::ZERO;
+        for patch in contact.patches() {
+            let moment = patch.arm_world.cross(patch.normal_world);
+            let leaves = patch.normal_world.dot(relative.linear) + moment.dot(relative.angular);
+            assert!(leaves < 0.0, "it presses, so its damper is whole");
+            faces.add_outer(45.0, patch.normal_world, moment);
+        }
+        let forces = coupled + weight + filtered + rubbing().wrench
+            - product(&held, relative) * (PERIOD_S + damping_s)
+            - product(&faces, relative);
+        assert_near(forces, momentum, 1e-9);
+
+        // The arm feels the spring after the step, and a damper of its own.
+        let stretched = Spring::between(
+            rig.tool.body.pose,
+            target_pose,
+            &p.coupling,
+            &p.limits,
+            contact.voxel_size_m,
+            rig.scene.tool.shell.radius_m(),
+        );
+        let felt = Wrench::new(
+            (after.linear - target_twist.linear) * 3.7,
+            (after.angular - target_twist.angular) * 0.013,
+        ) - stretched.wrench;
+        assert_near(pull.wrench, felt, 1e-12);
+        let share = |one: DVec3, whole: DVec3| (one.length() / whole.length()).powi(2).min(1.0);
+        let [linear_j, angular_j] = stretched.stored_j;
+        let pressed_j = 0.5 * contact.wrench.force.length() * contact.max_value_m;
+        let expected_j = [
+            pressed_j + linear_j * share(felt.force, stretched.wrench.force),
+            angular_j * share(felt.torque, stretched.wrench.torque),
+        ];
+        for (stored, expected) in pull.stored_j.into_iter().zip(expected_j) {
+            assert!((stored / expected - 1.0).abs() < 1e-12, "{stored} J, {expected} J");
+        }
+    }
+}
+
+#[test]
+fn what_was_not_felt_in_free_space_comes_in_over_five_ticks_once_it_is_paid() {
+    let mut p = generic();
+    p.coupling.free_space = FreeSpace::Zero;
+    let mut rig = Rig::new(p, 0.0);
+    let unfelt = Wrench::new(DVec3::new(0.5, -0.4, 0.8), DVec3::new(0.01, 0.02, -0.03));
+    rig.tool.unfelt = unfelt;
+    rig.tool.tracks = true;
+    let (target_pose, target_twist) = target();
+    for (is_paid, kept) in [
+        (false, 1.0),
+        (true, 0.8),
+        (true, 0.6),
+        (false, 0.6),
+        (true, 0.4),
+        (true, 0.2),
+        (true, 0.0),
+    ] {
+        let touch = rig.touch();
+        assert!(touch.contact.contacts > 0);
+        let pull = rig.follow(&touch, &FrictionWrench::ZERO, is_paid, target());
+        let twist = rig.tool.body.twist - target_twist;
+        let spring = Spring::between(
+            rig.tool.body.pose,
+            target_pose,
+            &p.coupling,
+            &p.limits,
+            1e-3,
+            rig.scene.tool.shell.radius_m(),
+        );
+        let felt =
+            Wrench::new(twist.linear * 3.7, twist.angular * 0.013) - spring.wrench - unfelt * kept;
+        assert_near(pull.wrench, felt, 1e-9);
+    }
+}
+
+#[test]
+fn in_free_space_the_tool_stands_where_the_arm_is_lower_by_its_weight_and_nothing_is_felt() {
+    let mut p = generic();
+    p.coupling.free_space = FreeSpace::Zero;
+    let mut rig = Rig::new(p, 4e-3);
+    let sag = p.gravity_m_per_s2 * (0.3 / 1300.0);
+    let first =
+        skew_start(4e-3).stepped(DVec3::new(1e-4, 2e-4, -1e-4), DVec3::new(2e-3, 0.0, 1e-3));
+    let second = first.stepped(DVec3::new(2e-4, -1e-4, 3e-4), DVec3::new(-1e-3, 2e-3, 3e-3));
+    for (n, target) in [first, second].into_iter().enumerate() {
+        rig.tool.keep_tracking(target, &rig.scene, &p);
+        let touch = rig.touch();
+        let pull = rig.follow(&touch, &FrictionWrench::ZERO, true, (target, Twist::ZERO));
+        assert_eq!((pull.wrench, pull.stored_j), (Wrench::ZERO, [0.0; 2]));
+        assert!(rig.tool.tracks);
+        let body = rig.tool.body;
+        assert!((body.pose.translation - target.translation - sag).length() < 1e-15, "{n}");
+        assert!(body.pose.rotation_to(target).length() < 1e-12, "{n}");
+        // The sag is what will be missing when contact comes: the spring that it stretches.
+        let spring = Spring::between(body.pose, target, &p.coupling, &p.limits, 1e-3, 1e-2);
+        assert_near(rig.tool.unfelt, spring.wrench * -1.0, 1e-9);
+    }
+    let twist = rig.tool.body.twist;
+    assert!((twist.linear - DVec3::new(0.2, -0.1, 0.3)).length() < 1e-9, "{twist:?}");
+    assert!((twist.angular - DVec3::new(-1.0, 2.0, 3.0)).length() < 1e-6, "{twist:?}");
+    // One that is asked to leap comes by itself.
+    let leap = second.stepped(DVec3::X * 0.1, DVec3::ZERO);
+    rig.tool.keep_tracking(leap, &rig.scene, &p);
+    assert!(!rig.tool.tracks && rig.tool.body.twist == twist);
+}
+
+#[test]
+fn a_tool_tracks_no_further_than_it_may() {
+    let start = skew_start(0.0);
+    let target = start.stepped(DVec3::new(3e-3, 0.0, 4e-3), DVec3::new(0.0, 0.3, 0.0));
+    let sag = DVec3::new(0.0, 0.0, -1e-3);
+    let way_m = DVec3::new(3.0, 0.0, 3.0).length() * 1e-3;
+    for (most_m, stands) in [(way_m + 0.3 * 0.02 + 1e-6, true), (way_m + 0.3 * 0.02 - 1e-6, false)]
+    {
+        let mut tool = VirtualTool::at(start);
+        assert_eq!(tool.track(target, sag, (0.02, most_m), PERIOD_S), stands);
+        let expected = if stands { target.translation + sag } else { start.translation };
+        assert_eq!(tool.pose().translation, expected);
+        let speed = if stands { DVec3::new(3.0, 0.0, 3.0) } else { DVec3::ZERO };
+        assert!((tool.body.twist.linear - speed).length() < 1e-9);
+        let turns = if stands { DVec3::Y * 300.0 } else { DVec3::ZERO };
+        assert!((tool.body.twist.angular - turns).length() < 1e-6);
+    }
+}
+
+#[test]
+pub(crate) fn without_a_virtual_tool_the_arm_gets_the_contact_as_stiff_as_it_can_take() {
+    let mut p = generic();
+    p.coupling.mode = CouplingMode::Direct;
+    p.filter.cutoff_hz = [f64::INFINITY; 2];
+    for (bound_n_per_m, bound_nm_per_rad) in [(700.0, 1e9), (1e9, 0.03), (1e9, 1e9)] {
+        p.coupling.bound_n_per_m = bound_n_per_m;
+        p.coupling.bound_nm_per_rad = bound_nm_per_rad;
+        let mut rig = Rig::new(p, 0.0);
+        let touch = rig.touch();
+        let (along, about) =
+            touch.contact.stiffness.plus_scaled(1.0, &rubbing().stiffness).bounds();
+        let share = (bound_n_per_m / along).min(bound_nm_per_rad / about).min(1.0);
+        let pull = rig.follow(&touch, &rubbing(), true, target());
+        let expected = (touch.contact.wrench + rubbing().wrench) * share;
+        assert_near(pull.wrench, expected, 1e-12);
+        assert_eq!(pull.stored_j, [0.0; 2]);
+        assert_eq!(rig.tool.pose(), skew_start(0.0));
+    }
+}
+
+#[test]
+fn the_static_coupling_steps_to_the_balance_of_spring_contact_and_weight() {
+    let mut p = generic();
+    p.coupling.mode = CouplingMode::Static;
+    let mut rig = Rig::new(p, 0.25e-3);
+    let before = rig.tool.pose();
+    let target = before.stepped(DVec3::new(1e-5, -2e-5, -3e-5), DVec3::new(1e-3, -2e-3, 3e-3));
+    let motion = ObstacleMotion {
+        linear: DVec3::new(2e-5, -1e-5, 3e-5),
+        angular: DVec3::new(1e-4, 2e-4, -1e-4),
+    };
+    let mut touch = rig.touch();
+    touch.contact.obstacle_motion = motion;
+    rig.follow(&touch, &rubbing(), true, (target, Twist::ZERO));
+    let after = rig.tool.pose();
+    let step = Twist {
+        linear: after.translation - before.translation,
+        angular: before.rotation_to(after),
+    };
+    let met = touch.contact.stiffness.plus_scaled(1.0, &rubbing().stiffness);
+    let spring = Spring::between(before, target, &p.coupling, &p.limits, 1e-3, 1e-2);
+    let moved = Twist { linear: motion.linear, angular: motion.angular };
+    // What was met is remembered by half.
+    let held = Wrench::new(
+        step.linear * spring.stiffness_n_per_m,
+        step.angular * spring.stiffness_nm_per_rad,
+    ) + product(&met, step) * 1.5;
+    let pushes = spring.wrench
+        + touch.contact.wrench
+        + rubbing().wrench
+        + product(&met, moved)
+        + Wrench::new(p.gravity_m_per_s2 * 0.3, DVec3::ZERO);
+    assert_near(held, pushes, 1e-6);
+}
+
+#[test]
+fn the_constraint_coupling_stands_a_tool_on_a_face_that_moves() {
+    let mut p = generic();
+    p.coupling.mode = CouplingMode::Constraint;
+    let motion = ObstacleMotion { linear: DVec3::new(2e-5, -1e-5, 3e-5), angular: DVec3::ZERO };
+    let sag = p.gravity_m_per_s2 * (0.3 / 1300.0);
+    let turning = ObstacleMotion { angular: DVec3::new(1e-3, -2e-3, 3e-3), ..motion };
+    // In free space it is where the arm is, whatever moves.
+    let mut rig = Rig::new(p, 4e-3);
+    let target =
+        rig.tool.pose().stepped(DVec3::new(1e-4, 2e-4, -1e-4), DVec3::new(2e-3, 0.0, 1e-3));
+    let mut touch = rig.touch();
+    touch.contact.obstacle_motion = turning;
+    let pull = rig.follow(&touch, &FrictionWrench::ZERO, true, (target, Twist::ZERO));
+    assert!((rig.tool.pose().translation - target.translation - sag).length() < 1e-12);
+    assert!(rig.tool.pose().rotation_to(target).length() < 1e-9);
+    assert!(pull.stored_j[0] > 0.0, "of the spring alone");
+    // Pressed straight down, it goes with the face, and a tick takes half of what it is too deep.
+    let mut rig = Rig::new(p, 0.0);
+    let out = skew_block().transform_vector(DVec3::Z);
+    let down = rig.tool.pose().stepped(out * -1e-3 - sag, DVec3::ZERO);
+    let before = rig.tool.pose();
+    let mut touch = rig.touch();
+    touch.contact.obstacle_motion = motion;
+    let depth_m = touch.contact.max_value_m;
+    rig.follow(&touch, &FrictionWrench::ZERO, true, (down, Twist::ZERO));
+    let after = rig.tool.pose();
+    let shell_arms = [(-6.0, -4.0), (6.0, -4.0), (-6.0, 4.0), (6.0, 4.0)]
+        .map(|(x, y)| DVec3::new(x, y, -5.0) * 1e-3);
+    let deepest = |pose: Pose| {
+        let depth = |arm: &DVec3| {
+            20e-3 - skew_block().inverse().transform_point(pose.transform_point(*arm)).z
+        };
+        shell_arms.iter().map(depth).fold(0.0, f64::max)
+    };
+    assert!((deepest(before) - depth_m).abs() < 1e-6, "{} {depth_m}", deepest(before));
+    let left_m = deepest(after) + motion.linear.dot(out) - depth_m;
+    let removed_m = 0.5 * (depth_m - 1e-4);
+    assert!((left_m + removed_m).abs() < 2e-6, "{left_m} m and not {} m", -removed_m);
+}
+
+#[test]
+fn a_face_that_moves_drags_a_tool_that_stands() {
+    let mut p = generic();
+    p.contact.friction =
+        crate::FrictionParameters { r#static: 5.0, dynamic: 0.4, stiffness_n_per_m: 2300.0 };
+    let mut rig = Rig::new(p, 0.0);
+    let touch = rig.touch();
+    assert_eq!(rig.tool.rub(&touch, &p).wrench, Wrench::ZERO);
+    let linear = DVec3::new(2e-5, -1e-5, 3e-5);
+    let moved = PoseStep { center: DVec3::ZERO, linear, angular: DVec3::ZERO };
+    rig.traversal.obstacle_poses_mut().pose_mut(0).expect("one").moved = moved;
+    let touch = rig.touch();
+    let normal = touch.contact.patches().next().expect("it touches").normal_world;
+    let force = (linear - normal * normal.dot(linear)) * 2300.0;
+    assert!((rig.tool.rub(&touch, &p).wrench.force - force).length() < 1e-9);
+}
+
+#[test]
+pub(crate) fn a_brake_acts_along_the_way_out_of_what_is_ahead() {
+    let mut p = generic();
+    p.contact.braking = true;
+    let mut rig = Rig::new(p, 0.6e-3);
+    let mut braking = Braking::of(&rig.scene).expect("asked for");
+    rig.tool.body.twist = Twist { angular: DVec3::ZERO, ..approach() };
+    let touch = rig.tool.touch(&mut rig.traversal, None, Some(&mut braking), &rig.scene, &p, false);
+    assert_eq!(touch.contact.contacts, 0);
+    let damping = touch.brake.expect("it approaches").damping(0.3, PERIOD_S);
+    // Half of the speed towards the face goes in a tick: (m + T b) v' = m v.
+    let out = skew_block().transform_vector(DVec3::Z);
+    let (force, _) = damping.mul(out, DVec3::ZERO);
+    assert!((force - out * (0.3 / PERIOD_S)).length() < 1e-3 * force.length(), "{force}");
+    rig.tool.body.twist = Twist { linear: out * 0.05, angular: DVec3::ZERO };
+    let touch = rig.tool.touch(&mut rig.traversal, None, Some(&mut braking), &rig.scene, &p, false);
+    assert!(touch.brake.is_none(), "it recedes");
+}
+
+#[test]
+fn a_tick_is_bounded_by_what_the_contact_query_can_see() {
+    let mut rig = Rig::new(generic(), 0.0);
+    let p = rig.scene.parameters;
+    rig.touch();
+    assert!((rig.tool.step_limit_m - 2.9e-3).abs() < 1e-9, "{}", rig.tool.step_limit_m);
+    rig.tool.touch(&mut rig.traversal, None, None, &rig.scene, &p, true);
+    assert!((rig.tool.step_limit_m - 2.65e-3).abs() < 1e-9, "{}", rig.tool.step_limit_m);
+    let far = skew_start(0.0).stepped(DVec3::Z * 0.1, DVec3::ZERO);
+    let twist = Twist { linear: DVec3::X, angular: DVec3::Y };
+    rig.tool.stand_at((far, twist), &rig.scene);
+    let went_m = (rig.tool.pose().translation - skew_start(0.0).translation).length();
+    assert!((went_m - 2.65e-3).abs() < 1e-9, "{went_m} m");
+}
+
+#[test]
+fn shares_energies_and_speeds_are_those_of_their_formulas() {
+    let whole = DVec3::new(3.0, 0.0, -4.0);
+    assert_eq!(squared_share(DVec3::ZERO, DVec3::ZERO), 0.0);
+    assert!((squared_share(DVec3::Y * 2.0, whole) - 4.0 / 25.0).abs() < 1e-15);
+    assert_eq!(squared_share(whole * 2.0, whole), 1.0);
+    assert_eq!(within((100.0, 1.0), (200.0, 2.0)), 1.0);
+    assert_eq!(within((400.0, 1.0), (200.0, 2.0)), 0.5);
+    assert_eq!(within((400.0, 8.0), (200.0, 2.0)), 0.25);
+    let mut rig = Rig::new(generic(), 0.0);
+    let mut contact = rig.touch().contact;
+    let half = contact.wrench.force.length() * contact.max_value_m / 2.0;
+    assert!((pressed(&contact) - half).abs() < 1e-15);
+    contact.max_value_m = -1.0;
+    assert_eq!(pressed(&contact), 0.0);
+    let turn = DMat3::from_quat(DQuat::from_scaled_axis(DVec3::new(0.5, 0.2, -0.7)));
+    contact.wrench.force = turn * DVec3::Z * 7.0;
+    contact.arm_world = turn * DVec3::new(0.03, 0.01, -0.02);
+    // In the wall's own axes: 0.3 + 2 · (−0.02) along x, −1 · (−0.02) … along y, z does not count.
+    let linear = DVec3::new(0.3, -0.1, 5.0);
+    let angular = DVec3::new(1.0, 2.0, 3.0);
+    let at = linear + angular.cross(DVec3::new(0.03, 0.01, -0.02));
+    let twist = Twist { linear: turn * linear, angular: turn * angular };
+    let expected = DVec3::new(at.x, at.y, 0.0).length();
+    assert!((slide_speed(&contact, twist) - expected).abs() < 1e-12);
+    contact.wrench.force = DVec3::ZERO;
+    assert_eq!(slide_speed(&contact, twist), 0.0);
+}
