@@ -340,7 +340,7 @@ fn moving_objects_turning_knobs_and_swapping_scenes_allocate_nothing() {
                 .expect("room");
         }
         let setting = controls.settings()[round as usize % controls.settings().len()];
-        let value = if round % 2 == 0 { setting.range.least } else { setting.range.most };
+        let value = if round.is_multiple_of(2) { setting.range.least } else { setting.range.most };
         controls.set(setting.parameter.name(), value).expect("room");
         if round % 4 == 1 {
             // Refused while the one before waits.
@@ -404,7 +404,7 @@ fn knead(mut feed: DensityFeed) -> u64 {
             continue;
         };
         n_states += 1;
-        if n_states % 4 > 0 {
+        if !n_states.is_multiple_of(4) {
             continue;
         }
         let mut next = loop {

@@ -213,7 +213,7 @@ fn act(source: &str, server: &Server, mut driver: Client) -> Box<dyn Any> {
 struct Busy(Arc<AtomicBool>, Option<JoinHandle<()>>);
 
 impl Busy {
-    fn new(mut work: impl FnMut() + Send + 'static) -> Box<dyn Any> {
+    fn begin(mut work: impl FnMut() + Send + 'static) -> Box<dyn Any> {
         let is_over = Arc::new(AtomicBool::new(false));
         let over = is_over.clone();
         let work = move || {
@@ -265,7 +265,7 @@ const BLOCKS: [(&str, Block); 10] = [
     }),
     ("a flood of another client", |server, _| {
         let mut client = server.connect();
-        Busy::new(move || {
+        Busy::begin(move || {
             // What is asked too often is refused, and the answers are read.
             (0..100).for_each(|_| client.send(&json!({ "do": "ping" })));
             (0..100).for_each(|_| _ = client.json());
@@ -375,7 +375,7 @@ fn a_flood_does_not_hold_up_its_own_disable() {
     let mut other = server.connect();
     let done = Arc::new(AtomicUsize::new(0));
     let counted = done.clone();
-    let counting = Busy::new(move || {
+    let counting = Busy::begin(move || {
         other.does(json!({ "do": "ping" }));
         counted.fetch_add(1, Ordering::Relaxed);
     });
