@@ -297,7 +297,7 @@ fn an_end_cancels_a_boolean_and_the_session_is_whole() {
         let painted = Painted { mass_kg: Some(3e-4), ..Painted::default() };
         ask(SculptOrder::Lay { painted, place: MaterialPlace::Everywhere });
         // Work of ten seconds and more; the order before it is answered when its turn comes.
-        let ball = Shape::Sphere { radius_m: 0.09 };
+        let ball = Shape::Sphere { radius_m: 0.08 };
         ask(SculptOrder::Combine {
             boolean: Boolean::Union,
             with: Arc::new(SolidSource::Shape(ball, DVec3::ONE)),

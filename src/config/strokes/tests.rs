@@ -363,8 +363,8 @@ fn solids_of_a_wrong_unit_are_distinguished_from_those_that_fit_a_clay_model() {
     };
     assert_eq!(fitted("do = \"union\"\nmesh = \"corner.obj\"\nunits = \"mm\""), Ok(String::new()));
     let wrong = fitted("do = \"union\"\nmesh = \"corner.obj\"\nunits = \"m\"").unwrap_err();
-    let expected = "s.toml:6: stroke at 1 s (line 2): units = \"m\": the solid is 10 m across, the \
-        model 36 mm; is this unit right, and that of the clay?";
+    let expected = "s.toml:6: stroke at 1 s (line 2): units = \"m\": the solid is 10 m across, the clay \
+        36 mm; is this unit right, and that of the clay?";
     assert!(wrong.ends_with(expected), "{wrong}");
     let wrong = fitted("do = \"difference\"\nshape = { sphere_mm = 0.1 }").unwrap_err();
     assert!(

@@ -164,7 +164,7 @@ impl ToolSettings {
 /// Settings of the tool that change; what is `None` stays.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ToolChange {
-    /// [`ToolSettings::tool`].
+    /// [`ToolSettings::kind`].
     pub kind: Option<SculptTool>,
     /// [`ToolSettings::brush_m`], m.
     pub brush_m: Option<f64>,
