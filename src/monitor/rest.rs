@@ -37,6 +37,7 @@ use crate::daemon::session::SceneView;
 use ::clay::engine::{SculptOrder, ToolChange};
 use arms::simulated::hand::HandPath;
 use recording::metrics;
+use rt::process::give_back_memory;
 
 /// Largest body of a request, bytes.
 const MOST_BYTES: usize = 64 << 10;
@@ -589,6 +590,7 @@ async fn uploaded(
         turn.map_err(|_| RequestError::too_many("another file for the clay is being read"))?;
     let read = move || {
         let order = read();
+        give_back_memory();
         drop(turn);
         order
     };

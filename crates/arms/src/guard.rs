@@ -16,7 +16,7 @@
 //!
 //! The host hears of a guard that looks no more, and lets no force flow without it.
 //!
-//! Invariant: between [`watch`]'s first and last look the guard allocates nothing, takes no lock,
+//! Invariant: between `watch`'s first and last look the guard allocates nothing, takes no lock,
 //! and calls nothing that can wait but the link of the arm.
 
 use core::fmt;

@@ -22,6 +22,16 @@ const WORDS: usize = PAGE / 8;
 /// How long the system may take to end a process that is killed.
 const KILL_PATIENCE: Duration = Duration::from_millis(200);
 
+/// Gives memory that was freed back to the system, after work that took much of it: glibc keeps what
+/// a thread of its own has freed. Cold.
+pub fn give_back_memory() {
+    #[cfg(target_env = "gnu")]
+    // SAFETY: it takes the allocator's own locks, and moves nothing that is in use.
+    unsafe {
+        libc::malloc_trim(0);
+    }
+}
+
 /// Some words of memory that this process has in common with another one.
 #[derive(Debug)]
 pub struct SharedPage(MmapRaw);

@@ -539,7 +539,7 @@ pub fn check_signs(
     Ok(())
 }
 
-/// Shakes each of x, y and z that has a motor [`SHAKES`] times and finds out what it is made of. No
+/// Shakes each of x, y and z that has a motor `SHAKES` times and finds out what it is made of. No
 /// hand may hold the grip. `None`: no axis, or it did not move.
 ///
 /// # Errors
