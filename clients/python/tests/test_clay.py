@@ -64,6 +64,7 @@ def test_what_is_pulled_comes_back(state_home: Path) -> None:
 
 def test_curves_material_region_image_and_solid_are_chosen(state_home: Path) -> None:
     with Run(BALL, "--cache", "off", "--realtime", "best-effort", command="sculpt") as run, run.connect(timeout_s=HUNG_S) as arm:
+        arm.wait_until(lambda state: state.phase == "enabled")
         before = points(arm)
         top = [0.0, 0.0, 0.015]
         arm.clay.take("pull-curve", brush_m=0.004)
