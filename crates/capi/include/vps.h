@@ -10,7 +10,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
-// Counts up with every change after which a program has to be compiled anew; also the number in the name libvps.so.1.
+// Counts up with every change after which a program has to be compiled anew; also the number in
+// the name libvps.so.1.
 #define VPS_ABI_VERSION 1
 
 // How a call ended. Later versions may have more.
@@ -97,8 +98,8 @@ typedef struct vps_options {
   uint32_t inside_test;
 } vps_options;
 
-// Hears of each stage before it begins, on the thread that bakes; anything but 0 ends the bake there with VPS_ERROR_CANCELLED. It must return:
-// no exception, no longjmp.
+// Hears of each stage before it begins, on the thread that bakes; anything but 0 ends the bake
+// there with VPS_ERROR_CANCELLED. It must return: no exception, no longjmp.
 typedef int (*vps_progress)(enum vps_stage stage, void *user);
 
 // What a voxmap is like.
@@ -173,14 +174,15 @@ typedef struct vps_contact {
 extern "C" {
 #endif // __cplusplus
 
-// VPS_ABI_VERSION of the library that runs; that of the header is the one that the program was compiled with. They have to be equal.
+// VPS_ABI_VERSION of the library that runs; that of the header is the one that the program was
+// compiled with. They have to be equal.
 uint32_t vps_abi_version(void);
 
 // Voxels of this edge, m, and for the rest what suits most parts.
 struct vps_options vps_options_default(double voxel_size_m);
 
-// Bakes the part that is touched, on all processors (RAYON_NUM_THREADS in the environment: on so many threads), to the same bits for any number of
-// threads. progress may be null.
+// Bakes the part that is touched, on all processors (RAYON_NUM_THREADS in the environment: on so
+// many threads), to the same bits for any number of threads. progress may be null.
 //
 // # Safety
 // `progress` may be called with `user`.
@@ -190,7 +192,8 @@ enum vps_status vps_voxmap_bake(const struct vps_mesh *mesh,
                                 void *user,
                                 struct vps_voxmap **out);
 
-// Reads a file of vps_voxmap_save. It is checked as a whole; one that is damaged or of another format is refused.
+// Reads a file of vps_voxmap_save. It is checked as a whole; one that is damaged or of another
+// format is refused.
 //
 // # Safety
 // `file_name`: null, or ends with a zero byte.
@@ -202,20 +205,19 @@ enum vps_status vps_voxmap_load(const char *file_name, struct vps_voxmap **out);
 // `file_name`: null, or ends with a zero byte.
 enum vps_status vps_voxmap_save(const struct vps_voxmap *voxmap, const char *file_name);
 
-// Distance of a point of the mesh frame to the surface, m: greater than 0 outside, less than 0 inside, never beyond band_m on either side. Its
-// gradient points away from the surface outside and to it inside; 0 beyond the band. Either place may be null. Allocates nothing.
+// Distance of a point of the mesh frame to the surface, m: greater than 0 outside, less than 0
+// inside, never beyond band_m on either side. Its gradient points away from the surface outside
+// and to it inside; 0 beyond the band. Either place may be null. Allocates nothing.
 //
 // # Safety
 // `point_m` has three elements, and `gradient` room for three, or is null.
-enum vps_status vps_voxmap_distance(const struct vps_voxmap *voxmap,
-                                    const double *point_m,
-                                    double *distance_m,
-                                    double *gradient);
+enum vps_status vps_voxmap_distance(const struct vps_voxmap *voxmap, const double *point_m, double *distance_m, double *gradient);
 
 // What a voxmap is like.
 enum vps_status vps_voxmap_describe(const struct vps_voxmap *voxmap, struct vps_voxmap_info *out);
 
-// What a user should know of the bake, a line each: holes, leaks, skins thinner than a voxel. Lives as long as the voxmap.
+// What a user should know of the bake, a line each: holes, leaks, skins thinner than a voxel.
+// Lives as long as the voxmap.
 const char *vps_voxmap_warnings(const struct vps_voxmap *voxmap);
 
 // Frees a voxmap; queries that were made of it stay.
@@ -258,17 +260,19 @@ const char *vps_shell_warnings(const struct vps_shell *shell);
 // Null, or a shell that nothing uses any more.
 void vps_shell_free(struct vps_shell *shell);
 
-// Text of the last call of this thread that failed: what is wrong, where, and what to do, in UTF-8; empty before. It stays until the next call of
-// this thread that fails.
+// Text of the last call of this thread that failed: what is wrong, where, and what to do, in
+// UTF-8; empty before. It stays until the next call of this thread that fails.
 const char *vps_last_error(void);
 
-// Reads an OBJ, STL, PLY, glTF or 3MF file whose numbers count metres_per_unit: 0.001 for millimetres.
+// Reads an OBJ, STL, PLY, glTF or 3MF file whose numbers count metres_per_unit: 0.001 for
+// millimetres.
 //
 // # Safety
 // `file_name`: null, or ends with a zero byte.
 enum vps_status vps_mesh_load(const char *file_name, double metres_per_unit, struct vps_mesh **out);
 
-// A mesh of vertices `[n_vertices][3]`, m, and triangles `[n_triangles][3]`, numbers of vertices from 0, counter-clockwise seen from outside.
+// A mesh of vertices `[n_vertices][3]`, m, and triangles `[n_triangles][3]`, numbers of vertices
+// from 0, counter-clockwise seen from outside.
 //
 // # Safety
 // The arrays have so many elements.
@@ -288,15 +292,13 @@ enum vps_status vps_mesh_from_f32(const float *vertices_m,
                                   size_t n_triangles,
                                   struct vps_mesh **out);
 
-// A shape, its triangles no farther than tolerance_m from it: a twentieth of a voxel loses nothing. shape is a vps_shape; sizes_m has three elements,
-// and those that the shape lacks may have any value.
+// A shape, its triangles no farther than tolerance_m from it: a twentieth of a voxel loses
+// nothing. shape is a vps_shape; sizes_m has three elements, and those that the shape lacks may
+// have any value.
 //
 // # Safety
 // `sizes_m` has three elements.
-enum vps_status vps_mesh_shape(int shape,
-                               const double *sizes_m,
-                               double tolerance_m,
-                               struct vps_mesh **out);
+enum vps_status vps_mesh_shape(int shape, const double *sizes_m, double tolerance_m, struct vps_mesh **out);
 
 // Number of vertices and of triangles; either place may be null.
 enum vps_status vps_mesh_counts(const struct vps_mesh *mesh, size_t *n_vertices, size_t *n_triangles);
@@ -319,20 +321,20 @@ const char *vps_mesh_warnings(const struct vps_mesh *mesh);
 // Null, or a mesh that nothing uses any more.
 void vps_mesh_free(struct vps_mesh *mesh);
 
-// Prepares queries, which share the memory of both parts: these may be freed. stiffness_n_per_m is that of one point, which stands for a square of
-// the shell's voxel edge s: a face of area A at depth d pushes with stiffness d A / s².
+// Prepares queries, which share the memory of both parts: these may be freed. stiffness_n_per_m is
+// that of one point, which stands for a square of the shell's voxel edge s: a face of area A at
+// depth d pushes with stiffness d A / s².
 enum vps_status vps_query_new(const struct vps_voxmap *voxmap,
                               const struct vps_shell *shell,
                               double stiffness_n_per_m,
                               struct vps_query **out);
 
-// Wrench, penetration and clearance at a pose: the same bits on every thread. Allocates only where more threads ask at a time than ever before.
-enum vps_status vps_query_wrench(const struct vps_query *query,
-                                 const struct vps_pose *pose,
-                                 struct vps_wrench *out);
+// Wrench, penetration and clearance at a pose: the same bits on every thread. Allocates only where
+// more threads ask at a time than ever before.
+enum vps_status vps_query_wrench(const struct vps_query *query, const struct vps_pose *pose, struct vps_wrench *out);
 
-// The same, and the contacts in the order of the points: at most `capacity` of them; out->n_contacts says how many there are. Allocates as
-// vps_query_wrench.
+// The same, and the contacts in the order of the points: at most `capacity` of them;
+// out->n_contacts says how many there are. Allocates as vps_query_wrench.
 //
 // # Safety
 // There is room for `capacity` contacts.
@@ -342,7 +344,8 @@ enum vps_status vps_query_contacts(const struct vps_query *query,
                                    size_t capacity,
                                    struct vps_wrench *out);
 
-// The wrenches of n poses, on all processors: the same bits as one by one. Where a pose is none, nothing is written.
+// The wrenches of n poses, on all processors: the same bits as one by one. Where a pose is none,
+// nothing is written.
 //
 // # Safety
 // There are `n` poses, and room for as many wrenches.
