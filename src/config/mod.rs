@@ -30,7 +30,6 @@ mod resolve;
 pub mod scene;
 pub mod strokes;
 
-pub use bound::StiffnessBound;
 pub use plausibility::{plausibility_warnings, problem_at};
 pub(crate) use resolve::{FOXGLOVE_ACCEPTED, LISTEN_ACCEPTED, parse_foxglove, parse_listen};
 pub use resolve::{LoadOptions, load, load_with};

@@ -6,11 +6,11 @@ use std::time::Duration;
 
 use glam::{DMat3, DVec3};
 
-use super::bound::StiffnessBound;
 use arms::attached::nodes::Selector;
 use arms::profile::Profile;
 use clay::engine::ToolSettings;
 use clay::{Solid, clay_model};
+use engine::arm_rules::StabilityBounds;
 use haptics::Parameters;
 use rt::schedule::RealtimeConfig;
 use vps::mesh::primitives::Shape;
@@ -46,7 +46,7 @@ pub struct SceneConfig {
     /// What the loop asks of the operating system.
     pub realtime: RealtimeConfig,
     /// What the arm can take.
-    pub stability: StabilityConfig,
+    pub stability: StabilityBounds,
     /// Access of clients.
     pub monitor: MonitorConfig,
     /// Longest silence of the client that drives: without a client that beats no force flows.
@@ -65,17 +65,6 @@ pub struct MonitorConfig {
     pub origins: Vec<String>,
     /// Where the Foxglove app finds the run, on this machine alone; `None`: off.
     pub foxglove: Option<SocketAddr>,
-}
-
-/// The stability bounds that the scene was held against.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct StabilityConfig {
-    /// Translational stiffness that the arm may feel, N/m; the world's stiffness times `scale`.
-    pub translation: StiffnessBound,
-    /// Rotational stiffness that the arm may feel, N·m/rad.
-    pub rotation: StiffnessBound,
-    /// The scene overrides the bounds: nothing is refused and the tick's own bounds are infinite.
-    pub allow_unstable: bool,
 }
 
 /// Where a triangle mesh comes from.

@@ -102,6 +102,35 @@ fn every_key_of_a_shipped_profile_has_a_comment_or_names_itself() {
     }
 }
 
+/// A program that embeds the loop holds an arm to what this one holds it to.
+#[test]
+fn a_scene_that_says_nothing_of_an_arm_has_the_rules_of_the_engine() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.toml");
+    for profile in shipped() {
+        let rate_hz = profile.link.rate_hz.min(1000);
+        let text = format!(
+            "version = 1\nname = \"plain\"\n[rendering]\nrate_hz = {rate_hz}\n[tool]\n\
+             shape = {{ sphere_mm = 10.0 }}\nvoxel_size_mm = 1.0\nmass_g = 100.0\n\
+             [device]\nprofile = \"{}\"\n",
+            profile.name
+        );
+        fs::write(&path, text).unwrap();
+        let scene = config::load(&path).unwrap_or_else(|errors| panic!("{errors}")).parameters;
+        let rules = engine::arm_rules::parameters(&profile, 1.0 / f64::from(rate_hz));
+        let name = &profile.name;
+        assert_eq!(scene.limits, rules.limits, "{name}");
+        assert_eq!(scene.safety, rules.safety, "{name}");
+        assert_eq!(scene.coupling, rules.coupling, "{name}");
+        assert_eq!(scene.arm, rules.arm, "{name}");
+        assert_eq!(
+            (scene.mapping.sensed, scene.mapping.actuated),
+            (rules.mapping.sensed, rules.mapping.actuated),
+            "{name}"
+        );
+    }
+}
+
 #[test]
 fn a_profile_is_found_by_path_from_the_scene() {
     let found = profile::find("devices/sim-touch.toml", Path::new(ROOT)).unwrap();

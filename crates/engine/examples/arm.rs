@@ -1,6 +1,7 @@
 //! A whole loop on an arm, with every gate, limit and fault of the program:
 //! `cargo run -p engine --example arm -- [PROFILE [NODE]]`, without words a simulated arm. A real arm
-//! gets its force by the word `enable` on standing input, and Ctrl-C ends the run with zero force.
+//! gets its force by the word `enable` on standard input. Ctrl-C and the end of standard input end
+//! the run with zero force.
 #![expect(clippy::print_stdout, reason = "what an example is for")]
 
 use std::error::Error;
@@ -8,20 +9,25 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use arms::attached::open::{OpenOptions, open};
+use arms::simulated::hand::{HandMapping, HandPath};
 use arms::simulated::{HandParameters, SimArm, SimParameters};
 use arms::{Device, profile};
 use crossbeam::channel::{Receiver, unbounded};
+use document::poses::TimedPose;
+use engine::arm_rules;
 use engine::servo::LoopReport;
 use engine::supervisor::{Enable, LiveChannels, Notice, Operator, RenderJob, Supervisor};
-use haptics::{LimitParameters, Parameters, SceneBuilder, ToolOptions};
+use haptics::{SceneBuilder, ToolOptions};
 use rt::clock::ClockKind;
 use rt::control::Control;
-use rt::schedule::RealtimeConfig;
+use rt::schedule::{RealtimeConfig, ThreadRequest, loop_cpu};
 use vps::{DVec3, Options, Pose, Shape, part::Part};
 
+const RATE_HZ: u32 = 1000;
 const PERIOD_S: f64 = 1e-3;
+const PRIORITY: u8 = 80;
 
-/// Renders a ball at the grip, two millimetres deep in a block, until `control` or the time ends it.
+/// Renders a ball at the grip, two millimetres above a block, until `control` or the time ends it.
 pub(crate) fn run(
     [profile, node]: [Option<&str>; 2],
     clock: ClockKind,
@@ -30,29 +36,37 @@ pub(crate) fn run(
     enables: Receiver<Enable>,
 ) -> Result<LoopReport, Box<dyn Error>> {
     let profile = profile::find(profile.unwrap_or("sim-sigma7"), ".".as_ref())?;
-    let most = profile.limits_now();
-    let limits = LimitParameters {
-        force_n: most.force_n,
-        torque_nm: most.torque_nm,
-        slew_n_per_s: 500.0,
-        slew_nm_per_s: 20.0,
-        power_w: 5.0,
-        ..LimitParameters::NONE
-    };
-    let mut builder = SceneBuilder::new(Parameters { limits, ..Parameters::unlimited(PERIOD_S) });
+    profile.link_carries(RATE_HZ)?;
+    let mut builder = SceneBuilder::new(arm_rules::parameters(&profile, PERIOD_S));
     let block = Part::of_shape("block", &Shape::Box { size_m: DVec3::splat(40e-3) }, 1e-3);
-    builder.add_part(&block, &Options::new(1e-3), Pose::from_translation(DVec3::Z * -28e-3))?;
+    builder.add_part(&block, &Options::new(1e-3), Pose::from_translation(DVec3::Z * -32e-3))?;
     let ball = Part::of_shape("ball", &Shape::Sphere { radius_m: 10e-3 }, 1e-3);
     let (scene, _) = builder.finish(&ball, &Options::new(1e-3), &ToolOptions::new(0.1))?;
 
     let (device, news): (Box<dyn Device>, _) = if profile.real.is_some() {
         let selector = node.map(str::parse).transpose()?;
         let guard = Some("/proc/self/exe".into());
-        let options = OpenOptions { selector, io_request: None, period_s: PERIOD_S, guard };
+        let servo = ThreadRequest { cpu: loop_cpu(None), priority: PRIORITY };
+        let io_request = Some(servo.below());
+        let options = OpenOptions { selector, io_request, period_s: PERIOD_S, guard };
         let opened = open(&profile, &options)?;
         (Box::new(opened.arm), Some(opened.news))
     } else {
-        let hand = Some(HandParameters::default());
+        // After half a second it wants to be two millimetres deep.
+        let down = |time_s, z_m| TimedPose {
+            time_s,
+            pose: Pose::from_translation(DVec3::Z * z_m),
+            line: 0,
+        };
+        let poses = [down(0.5, 0.0), down(1.0, -4e-3)];
+        let mapping = HandMapping {
+            world_from_device: Pose::IDENTITY,
+            scale: 1.0,
+            start: Pose::IDENTITY,
+            grip_tool: DVec3::ZERO,
+        };
+        let path = HandPath::from_poses(&poses, "the example".as_ref())?.to_device(mapping);
+        let hand = Some(HandParameters { path: Some(path), ..HandParameters::default() });
         (Box::new(SimArm::new(SimParameters::of(&profile, hand, PERIOD_S))?), None)
     };
     let operator =
@@ -68,7 +82,7 @@ pub(crate) fn run(
         }
         true
     }));
-    let realtime = RealtimeConfig { enforce: false, cpu: None, priority: 80 };
+    let realtime = RealtimeConfig { enforce: false, cpu: None, priority: PRIORITY };
     let job = RenderJob {
         scene: Arc::new(scene),
         device,
@@ -105,6 +119,7 @@ fn main() -> Result<(), Box<dyn Error>> {
                 _ => asked.disable(),
             }
         }
+        asked.stop();
     });
     let words = [0, 1].map(|word| words.get(word).map(String::as_str));
     let report = run(words, ClockKind::Real, Duration::from_secs(10), &control, enables)?;

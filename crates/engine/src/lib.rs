@@ -13,7 +13,7 @@
 //!
 //! The crate knows no network, no file, no format, and none of the programs that bake or deform
 //! what it renders. What takes force away is one atomic operation on the
-//! [`Control`](rt::control::Control), and shares no queue, lock, branch or sleep with anything else.
+//! [`Control`](rt::control::Control), and waits for nothing before it.
 //!
 //! # Units and frames
 //! SI; the frames of [`vps::spatial`].
@@ -28,12 +28,14 @@
 //!
 //! | module | owns |
 //! |---|---|
+//! | [`arm_rules`] | what an arm is held to: stiffness bounds, limits, gates and rules at their defaults |
 //! | [`servo`] | the 1 kHz loop and its thread; commands into it; zero force on every way out |
 //! | [`drive_watchdog`] | force goes off when a client that drives falls silent or is lost |
 //! | [`supervisor`] | a run from the first tick to rest: preflight, enabling, faults, stop |
 //! | [`record`] | what leaves the loop: records, the ticks before a fault, subscribers |
 #![forbid(unsafe_code)]
 
+pub mod arm_rules;
 pub mod drive_watchdog;
 pub mod record;
 pub mod servo;

@@ -2,26 +2,18 @@
 
 use std::path::Path;
 
-use super::super::bound::StiffnessBound;
-use super::super::scene::{SimConfig, StabilityConfig};
+use super::super::scene::SimConfig;
 use super::super::schema::{self, Deadman, Overrun};
 use super::{LoadOptions, MM, Resolve};
 use arms::attached::nodes::Selector;
-use arms::profile::{self, Plant, Profile, ProfileError, ceilings};
+use arms::profile::{self, Profile, ProfileError, ceilings};
 use arms::simulated::fault;
 use document::{Interval, POSITIVE, ProblemKind, nearest, show};
-use haptics::stability::SampledWall;
-use haptics::stuck;
-use haptics::{ArmParameters, LimitParameters, SafetyParameters};
+use engine::arm_rules;
+use haptics::{LimitParameters, SafetyParameters};
 use rt::schedule::RealtimeConfig;
-use vps::spatial::Axes;
 
 const DEFAULT_PROFILE: &str = "sim-sigma7";
-/// Torque limit of the virtual tool where the arm renders no torque at all, N·m: the coupling still
-/// has to turn the tool.
-const UNACTUATED_TORQUE_NM: f64 = 1.0;
-/// Force limit of the virtual tool where the arm renders no force at all, N.
-const UNACTUATED_FORCE_N: f64 = 10.0;
 const DEFAULT_SPEED_MM_PER_S: f64 = 1000.0;
 /// No hand that holds an arm is faster, mm/s: a throw has 10 m/s without one.
 const MOST_SPEED_MM_PER_S: f64 = 5000.0;
@@ -37,14 +29,8 @@ const STALL_MS: Interval = Interval::from(5.0).to(50.0);
 /// The power limit goes up to what the arm's largest force does at this speed, m/s: that of a hand
 /// that moves fast.
 const POWER_SPEED_M_PER_S: f64 = 1.0;
-/// Window of the fault for power (rule 9).
-const POWER_WINDOW_S: f64 = 0.050;
 /// Longest braking after too much speed, and the default.
 const MOST_BRAKE_MS: f64 = 100.0;
-/// The ramp begins once the wrench was below this share of its limits for more than so many ticks
-/// (rule 4).
-const ENGAGE_SHARE: f64 = 0.1;
-const ENGAGE_TICKS: u32 = 3;
 const DEFAULT_RAMP_MS: f64 = 100.0;
 /// The shortest ramp, ms: ten ticks at 1 kHz. A shorter one is a blow.
 const LEAST_RAMP_MS: f64 = 10.0;
@@ -52,8 +38,6 @@ const LEAST_RAMP_MS: f64 = 10.0;
 const MOST_RAMP_MS: f64 = 10_000.0;
 /// Over-runs that make a fault, as a time of them without a tick in time, s.
 const MOST_OVERRUN_S: u32 = 1;
-const STALE_TICKS_MAX: u32 = 3;
-const STALE_FAULT_S: f64 = 0.020;
 const ENFORCED_OVERRUN_TICKS: u32 = 20;
 const DEFAULT_PRIORITY: u32 = 80;
 const DEFAULT_HAND_N_PER_M: f64 = 500.0;
@@ -180,23 +164,10 @@ impl Resolve<'_> {
         rate_hz: u32,
         enforce: bool,
     ) -> LimitParameters {
-        let actuated = profile.map_or(Axes::SIX, |profile| profile.actuated);
-        let declared = profile.map(|profile| profile.limits);
-        let force_max = declared
-            .filter(|_| has_any(actuated, Axes::TRANSLATION))
-            .map_or(UNACTUATED_FORCE_N, |limits| limits.force_n);
-        let torque_max = declared
-            .filter(|_| has_any(actuated, Axes::ROTATION))
-            .map_or(UNACTUATED_TORQUE_NM, |limits| limits.torque_nm);
         // What rules are measured by, whether the signs are verified or not: a scene does not
         // change with that.
-        let arm_n = force_max;
-        let (force_max, torque_max) = if profile.is_some_and(Profile::has_unverified_signs) {
-            let capped = force_max.min(profile::UNVERIFIED_SIGNS_FORCE_N);
-            (capped, torque_max * capped / force_max)
-        } else {
-            (force_max, torque_max)
-        };
+        let [arm_n, _] = arm_rules::largest(profile);
+        let [force_max, torque_max] = arm_rules::largest_now(profile);
         let checks = &mut self.checks;
         let of_profiles = "no arm's profile has more, and the lower of profile and scene counts";
         let range = POSITIVE.to(ceilings::FORCE_N).unit("N");
@@ -226,11 +197,7 @@ impl Resolve<'_> {
             None if enforce => ENFORCED_OVERRUN_TICKS,
             None => 0,
         };
-        let stale_fault_ticks =
-            ((STALE_FAULT_S * f64::from(rate_hz)).round() as u32).max(STALE_TICKS_MAX + 1);
         LimitParameters {
-            force_n,
-            torque_nm,
             speed_m_per_s: checks.rule(
                 "limits.speed_mm_per_s",
                 limits.speed_mm_per_s,
@@ -252,7 +219,6 @@ impl Resolve<'_> {
                     ),
                 )
                 .min(force_n / LEAST_RISE_S),
-            slew_nm_per_s: torque_nm / LimitParameters::FALL_S,
             power_w: checks.rule(
                 "safety.power_w",
                 safety.power_w,
@@ -267,8 +233,6 @@ impl Resolve<'_> {
                 Interval::from(LEAST_RAMP_MS).to(MOST_RAMP_MS).unit("ms"),
                 "a shorter one is a blow",
             ) * 1e-3,
-            stale_ticks_max: STALE_TICKS_MAX,
-            stale_fault_ticks,
             overrun_fault_ticks,
             stall_s: checks.number(
                 "safety.stall_ms",
@@ -276,6 +240,7 @@ impl Resolve<'_> {
                 DEFAULT_STALL_MS,
                 STALL_MS.unit("ms"),
             ) * 1e-3,
+            ..arm_rules::limits(force_n, torque_nm, 1.0 / f64::from(rate_hz))
         }
     }
 
@@ -285,11 +250,10 @@ impl Resolve<'_> {
         profile: Option<&Profile>,
         period_s: f64,
     ) -> SafetyParameters {
+        let rules = arm_rules::safety(profile, period_s);
         let deadman = match written.deadman {
             Some(Deadman::Off(_)) => None,
-            None => profile
-                .and_then(|profile| profile.real.as_ref())
-                .and_then(|real| real.deadman_button),
+            None => rules.deadman,
             Some(Deadman::Button(number)) => {
                 let button =
                     u8::try_from(number).ok().filter(|button| u32::from(*button) < u32::BITS);
@@ -303,121 +267,11 @@ impl Resolve<'_> {
             }
         };
         let brake = Interval::from(0.0).to(MOST_BRAKE_MS).unit("ms");
-        let steps = profile.map_or((0.0, 0.0), |profile| {
-            (profile.plant.encoder_step_m, profile.plant.encoder_step_rad)
-        });
         SafetyParameters {
             deadman,
-            workspace_radius_m: profile
-                .map_or(f64::INFINITY, |profile| profile.limits.workspace_radius_m),
             brake_s: self.checks.number("safety.brake_ms", written.brake_ms, MOST_BRAKE_MS, brake)
                 * 1e-3,
-            engage_share: ENGAGE_SHARE,
-            engage_ticks: ENGAGE_TICKS,
-            power_window_s: POWER_WINDOW_S,
-            stuck_move_m: stuck::least_move_m(steps.0, period_s),
-            stuck_turn_rad: stuck::least_turn_rad(steps.1, period_s),
+            ..rules
         }
     }
-}
-
-/// The bounds of an arm. Axes that render nothing cannot become unstable, so they have none.
-pub(super) fn stability(
-    profile: Option<&Profile>,
-    period_s: f64,
-    delay_ticks: Option<u32>,
-    filter_alpha: f64,
-    allow_unstable: bool,
-) -> StabilityConfig {
-    let bound = |axes: Axes,
-                 plant: fn(&Plant) -> (f64, f64),
-                 declared: fn(&Profile) -> Option<f64>| match profile {
-        Some(profile) if has_any(profile.actuated, axes) => {
-            let judged = profile.bound_plant();
-            let (mass_kg, damping_n_s_per_m) = plant(&judged);
-            let wall = SampledWall {
-                mass_kg,
-                damping_n_s_per_m,
-                wall_damping_n_s_per_m: 0.0,
-                period_s,
-                delay_ticks: delay_ticks.unwrap_or(judged.delay_ticks),
-                filter_alpha,
-            };
-            StiffnessBound { wall, declared: declared(profile) }
-        }
-        _ => StiffnessBound::none(period_s),
-    };
-    StabilityConfig {
-        translation: bound(
-            Axes::TRANSLATION,
-            |p| (p.mass_kg, p.damping_n_s_per_m),
-            |p| p.limits.stiffness_n_per_m,
-        ),
-        rotation: bound(
-            Axes::ROTATION,
-            |p| (p.inertia_kg_m2, p.damping_nm_s_per_rad),
-            |p| p.limits.stiffness_nm_per_rad,
-        ),
-        allow_unstable,
-    }
-}
-
-/// What the tick knows of the arm: how its stiffness bound falls with delay, and how much damping
-/// may be injected.
-pub(super) fn arm_parameters(
-    profile: &Profile,
-    stability: &StabilityConfig,
-    scale: f64,
-) -> ArmParameters {
-    let StabilityConfig { translation, rotation, allow_unstable } = *stability;
-    let stiffness_lag = |bound: &StiffnessBound| {
-        if bound.declared.is_none() || allow_unstable {
-            f64::INFINITY
-        } else {
-            bound.wall.stiffness_lag()
-        }
-    };
-    let [window_s, window_angular_s] = profile.velocity_window_ms.map(|window_ms| window_ms * 1e-3);
-    let period_s = translation.wall.period_s;
-    // No more than the profile can render, and no more than keeps still an arm without a hand: the
-    // velocity that it is made of is as old as half its window.
-    let injected = |bound: &StiffnessBound, declared: Option<f64>, window_s: f64| match declared {
-        Some(declared) if bound.declared.is_some() => {
-            declared.min(bound.wall.injectable_damping(window_s))
-        }
-        _ => 0.0,
-    };
-    let stable = |bound: &StiffnessBound, window_s: f64| match bound.declared {
-        Some(_) => bound.wall.injectable_damping(window_s),
-        None => f64::INFINITY,
-    };
-    ArmParameters {
-        delay_ticks: translation.wall.delay_ticks.max(rotation.wall.delay_ticks),
-        stiffness_lag_n_s_per_m: stiffness_lag(&translation) / scale,
-        stiffness_lag_nm_s_per_rad: stiffness_lag(&rotation),
-        injected_n_s_per_m: injected(&translation, profile.limits.damping_n_s_per_m, window_s),
-        injected_nm_s_per_rad: injected(
-            &rotation,
-            profile.limits.damping_nm_s_per_rad,
-            window_angular_s,
-        ),
-        stable_damping_n_s_per_m: stable(&translation, window_s),
-        stable_damping_nm_s_per_rad: stable(&rotation, window_angular_s),
-        velocity_age_ticks: [
-            translation.wall.velocity_age_ticks(window_s),
-            rotation.wall.velocity_age_ticks(window_angular_s),
-        ],
-        velocity_step_m_per_s: profile.plant.encoder_step_m / window_s.max(period_s),
-        velocity_step_rad_per_s: profile.plant.encoder_step_rad / window_angular_s.max(period_s),
-        encoder_step_m: profile.plant.encoder_step_m,
-        encoder_step_rad: profile.plant.encoder_step_rad,
-    }
-}
-
-fn has_any(axes: Axes, of: Axes) -> bool {
-    (0..7).any(|axis_idx| axes.has(axis_idx) && of.has(axis_idx))
-}
-
-pub(super) fn or_if_infinite(number: f64, default: f64) -> f64 {
-    if number.is_finite() { number } else { default }
 }

@@ -1,12 +1,13 @@
 //! Contact, filter and coupling.
 
-use super::super::bound::StiffnessBound;
-use super::super::scene::StabilityConfig;
+use super::super::bound;
 use super::super::schema::{self, Cutoff};
-use super::arm::or_if_infinite;
 use super::{MM, Resolve};
 use arms::profile::Profile;
 use document::{Interval, POSITIVE, ProblemKind};
+use engine::arm_rules::{
+    StabilityBounds, StiffnessBound, UNBOUNDED_N_PER_M, UNBOUNDED_NM_PER_RAD, or_if_infinite,
+};
 use haptics::{
     ContactParameters, CouplingMode, CouplingParameters, FilterParameters, FreeSpace,
     FrictionParameters, SpringClamp,
@@ -17,9 +18,6 @@ use vps::voxmap::field::FieldKind;
 
 pub(in crate::config) const DEFAULT_CONTACT_N_PER_MM: f64 = 5.0;
 const DEFAULT_DAMPING_RATIO: f64 = 0.7;
-/// Coupling of an arm that bounds nothing: as stiff as the stiffest common arm.
-const UNBOUNDED_N_PER_M: f64 = 4000.0;
-const UNBOUNDED_NM_PER_RAD: f64 = 4.0;
 const DEFAULT_CUTOFF_HZ: [f64; 2] = [50.0, 300.0];
 
 impl Resolve<'_> {
@@ -46,11 +44,11 @@ impl Resolve<'_> {
         &mut self,
         written: &schema::Coupling,
         mode: CouplingMode,
-        stability: &StabilityConfig,
+        stability: &StabilityBounds,
         scale: f64,
         profile: Option<&Profile>,
     ) -> CouplingParameters {
-        let StabilityConfig { translation, rotation, allow_unstable } = *stability;
+        let StabilityBounds { translation, rotation, allow_unstable } = *stability;
         let stiffness_n_per_m = match self.checks.optional(
             "coupling.translation_n_per_mm",
             written.translation_n_per_mm,
@@ -130,7 +128,7 @@ impl Resolve<'_> {
             felt,
             felt_unit: units.si,
             bound: bound.value(),
-            rule: bound.to_string(),
+            rule: bound::rule(bound),
             accepted,
             unit: units.key,
         };
@@ -162,7 +160,7 @@ impl Resolve<'_> {
         written: &schema::Contact,
         field: FieldKind,
         mode: CouplingMode,
-        stability: &StabilityConfig,
+        stability: &StabilityBounds,
         scale: f64,
     ) -> ContactParameters {
         let key = "contact.stiffness_n_per_mm";

@@ -10,7 +10,6 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use self::arm::{arm_parameters, stability};
 pub(super) use self::forces::DEFAULT_CONTACT_N_PER_MM;
 pub(crate) use self::monitor::{FOXGLOVE_ACCEPTED, LISTEN_ACCEPTED, parse_foxglove, parse_listen};
 use super::scene::{DeviceConfig, SceneConfig};
@@ -19,6 +18,7 @@ use arms::attached::nodes::Selector;
 use arms::profile::{SlowLink, is_profile};
 use clay::session::is_session;
 use document::{Checks, ConfigErrors, Document, GoneKey, Interval, Problem, ProblemKind};
+use engine::arm_rules::{StabilityBounds, arm_parameters};
 use haptics::filter::low_pass_alpha;
 use haptics::{CouplingMode, DeviceMapping, Parameters};
 use vps::mesh::{self, Format};
@@ -232,8 +232,13 @@ impl Resolve<'_> {
         } else {
             0.0
         };
-        let stability =
-            stability(profile.as_ref(), period_s, sim.delay_ticks, filter_alpha, allow_unstable);
+        let stability = StabilityBounds::of(
+            profile.as_ref(),
+            period_s,
+            sim.delay_ticks,
+            filter_alpha,
+            allow_unstable,
+        );
         let coupling =
             self.coupling(&scene.coupling, mode, &stability, port_scale, profile.as_ref());
         let field = scene.rendering.field.map_or(FieldKind::Trilinear, Into::into);

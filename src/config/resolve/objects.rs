@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
 
+use super::super::draft::Unit;
 use super::super::scene::{MeshSource, StaticConfig, ToolConfig};
 use super::super::schema;
 use super::{MM, Resolve, SIZE_MM};
@@ -188,10 +189,7 @@ impl Resolve<'_> {
         of: &str,
     ) -> f64 {
         match written {
-            Some(schema::UnitWord::Metre) => 1.0,
-            Some(schema::UnitWord::Millimetre) => 1e-3,
-            Some(schema::UnitWord::Centimetre) => 1e-2,
-            Some(schema::UnitWord::Inch) => 0.0254,
+            Some(word) => Unit::from(word).metres(),
             None => {
                 let accepted = format!("the unit {of}: \"m\", \"mm\", \"cm\" or \"in\"");
                 self.checks.missing(&format!("{table}.units"), accepted);
