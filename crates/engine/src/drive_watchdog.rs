@@ -1,12 +1,13 @@
 //! The drive watchdog: force goes off when a client that drives falls silent or is lost.
 //!
 //! A client drives from its first heartbeat on, until it ends its watch. Data in: the times at
-//! which bytes of clients came, the ends of connections, and whether force may flow. Data out: a
-//! disable in the control word, and reports for people.
+//! which bytes of clients came, the ends of connections, and the control word. Data out: a disable
+//! in the control word, and reports for people.
 //!
 //! Invariants: [`DriveWatchdog::watch`] has a thread of its own, so that a server that stands still
 //! counts as silence. It calls nothing but the control word, and it does so before it writes a
-//! report. Reports wait until they are fetched, so no reader of them delays the next disable.
+//! report. Whether force may flow it reads there too, so nothing that hears of the loop late delays
+//! it. Reports wait until they are fetched, so no reader of them delays the next disable.
 
 use core::time::Duration;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -20,8 +21,8 @@ pub const SHORTEST: Duration = Duration::from_millis(20);
 pub const LONGEST: Duration = Duration::from_secs(10);
 /// That of a client that gives none.
 const DEFAULT: Duration = Duration::from_millis(500);
-/// How often a loop that still has force gets the order again.
-const AGAIN: Duration = Duration::from_millis(50);
+/// How often the control word is read while force may not flow for want of a client.
+const UNWATCHED: Duration = Duration::from_millis(20);
 /// Sleep while there is nothing to watch; every change ends it.
 const IDLE: Duration = Duration::from_secs(3600);
 
@@ -38,9 +39,8 @@ pub struct DriveWatchdog {
 #[derive(Debug, Default)]
 struct Timers {
     clients: Vec<ClientTimer>,
+    /// For reports alone.
     has_force: bool,
-    /// When force without any client was last switched off; `None`: it does not flow.
-    unwatched_off: Option<Instant>,
     reports: Vec<OffReport>,
     is_over: bool,
 }
@@ -97,7 +97,8 @@ impl DriveWatchdog {
     }
 
     /// A client sends a heartbeat, whose bytes came at `at`. From now on its longest silence is
-    /// `longest`, where it gives one; zero ends its watch. Gives the silence that holds.
+    /// `longest`, where it gives one, from [`SHORTEST`] to [`LONGEST`] and no longer than the scene
+    /// allows; zero ends its watch. Gives the silence that holds.
     pub fn beat(&self, client: u64, longest: Option<Duration>, at: Instant) -> Duration {
         let mut timers = self.timers();
         let known = timers.clients.iter().position(|timer| timer.client == client);
@@ -108,7 +109,9 @@ impl DriveWatchdog {
             self.changed.notify_all();
             return Duration::ZERO;
         }
-        let cut = |longest: Duration| longest.min(self.needed.unwrap_or(longest));
+        let cut = |longest: Duration| {
+            longest.clamp(SHORTEST, LONGEST).min(self.needed.unwrap_or(LONGEST))
+        };
         let longest = match known.and_then(|known| timers.clients.get_mut(known)) {
             Some(timer) => {
                 timer.longest = longest.map_or(timer.longest, cut);
@@ -166,14 +169,9 @@ impl DriveWatchdog {
         self.needed.is_none() || timers.clients.iter().any(is_watched)
     }
 
-    /// Whether force may flow now.
+    /// Whether force flows, for the reports.
     pub fn note_force(&self, has_force: bool) {
-        let mut timers = self.timers();
-        timers.has_force = has_force;
-        if !has_force {
-            timers.unwatched_off = None;
-        }
-        self.changed.notify_all();
+        self.timers().has_force = has_force;
     }
 
     /// What was switched off since the last call, oldest first.
@@ -187,8 +185,9 @@ impl DriveWatchdog {
         self.changed.notify_all();
     }
 
-    /// Watches until the end; for a thread of its own.
+    /// Watches until the end; for a thread of its own. Where it panics, the run stops.
     pub fn watch(&self) {
+        let _unwatched = StopOnPanic(&self.control);
         let mut timers = self.timers();
         while !timers.is_over {
             let now = Instant::now();
@@ -206,11 +205,9 @@ impl DriveWatchdog {
     fn look(&self, timers: &mut Timers, now: Instant) -> Option<Instant> {
         let is_silent = timers.clients.iter().any(|timer| timer.is_due(now));
         let is_unwatched = self.needed.is_some()
-            && timers.has_force
             && timers.clients.iter().all(|timer| timer.has_lapsed || timer.is_due(now));
-        let again = |off: Instant| off + AGAIN;
-        let is_time = timers.unwatched_off.is_none_or(|off| again(off) <= now);
-        if is_silent || is_unwatched && is_time {
+        let is_wrong = is_unwatched && self.control.allows_force();
+        if is_silent || is_wrong {
             self.control.disable();
         }
         let had_force = timers.has_force;
@@ -219,13 +216,10 @@ impl DriveWatchdog {
             timer.has_lapsed = true;
             reports.push(OffReport { reason: OffReason::Silent(timer.longest), had_force });
         }
-        if is_unwatched && is_time {
-            let before = timers.unwatched_off.replace(now);
-            if before.is_none() && !is_silent {
-                timers.reports.push(OffReport { reason: OffReason::NoClient, had_force });
-            }
+        if is_wrong && !is_silent {
+            reports.push(OffReport { reason: OffReason::NoClient, had_force });
         }
-        let unwatched = timers.unwatched_off.filter(|_| is_unwatched).map(again);
+        let unwatched = is_unwatched.then(|| now + UNWATCHED);
         timers.clients.iter().filter_map(ClientTimer::until).chain(unwatched).min()
     }
 
@@ -239,6 +233,16 @@ impl DriveWatchdog {
     fn timers(&self) -> MutexGuard<'_, Timers> {
         // Every statement above leaves a list that holds together.
         self.timers.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+struct StopOnPanic<'c>(&'c Control);
+
+impl Drop for StopOnPanic<'_> {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            self.0.stop();
+        }
     }
 }
 
@@ -277,13 +281,18 @@ mod tests {
         }
     }
 
-    /// Waits until force is off, lets it flow again, and gives the reports.
-    fn off(watchdog: &DriveWatchdog, control: &Control) -> Vec<OffReason> {
+    /// Waits until force is off, and gives the reports.
+    fn reasons(watchdog: &DriveWatchdog, control: &Control) -> Vec<OffReason> {
         wait_until(|| control.order() == Order::Disable);
         // The report is written after the disable, under the same lock.
-        let reports = watchdog.take_reports();
+        watchdog.take_reports().iter().map(|report| report.reason).collect()
+    }
+
+    /// The same, and lets force flow again.
+    fn off(watchdog: &DriveWatchdog, control: &Control) -> Vec<OffReason> {
+        let reasons = reasons(watchdog, control);
         control.enable(control.permit());
-        reports.iter().map(|report| report.reason).collect()
+        reasons
     }
 
     #[test]
@@ -317,26 +326,55 @@ mod tests {
             watchdog.note_message(1, long_ago);
             assert_eq!(off(watchdog, control), [OffReason::Silent(LONGEST)], "worked off late");
             watchdog.note_message(1, Instant::now());
+            // The thread has looked meanwhile.
+            std::thread::sleep(5 * UNWATCHED);
             assert_eq!(control.order(), Order::Enable);
         });
     }
 
     #[test]
+    fn a_silence_is_within_its_bounds_whatever_a_client_asks_for() {
+        watched(None, |watchdog, control| {
+            assert_eq!(watchdog.beat(1, Some(Duration::MAX), Instant::now()), LONGEST);
+            assert_eq!(watchdog.beat(2, Some(Duration::from_nanos(1)), Instant::now()), SHORTEST);
+            assert_eq!(off(watchdog, control), [OffReason::Silent(SHORTEST)]);
+        });
+    }
+
+    #[test]
+    fn a_run_stops_where_its_watchdog_panics() {
+        let control = Control::enabled();
+        let panicked = std::thread::scope(|scope| {
+            let watch = scope.spawn(|| {
+                let _unwatched = StopOnPanic(&control);
+                assert!(control.is_ending(), "a panic on purpose");
+            });
+            watch.join().is_err()
+        });
+        assert!(panicked && control.order() == Order::Stop);
+    }
+
+    #[test]
     fn a_client_that_was_silent_guards_again_from_its_next_message_on() {
         watched(Some(LONGEST), |watchdog, control| {
+            // No client was there at the beginning.
+            assert_eq!(reasons(watchdog, control), [OffReason::NoClient]);
             watchdog.beat(1, Some(SHORTEST), Instant::now());
             let note = || watchdog.note_message(1, Instant::now());
             let beat = || _ = watchdog.beat(1, None, Instant::now());
             for say in [&note, &beat, &note] as [&dyn Fn(); 3] {
-                assert_eq!(off(watchdog, control), [OffReason::Silent(SHORTEST)]);
-                assert!(!watchdog.lets_enable(None), "no client counts while it is silent");
                 say();
+                control.enable(control.permit());
+                // On a busy machine it was silent before force was let flow, and that is off again.
+                let reasons = reasons(watchdog, control);
+                assert_eq!(reasons.first(), Some(&OffReason::Silent(SHORTEST)));
+                assert!(!watchdog.lets_enable(None), "no client counts while it is silent");
             }
-            assert_eq!(off(watchdog, control), [OffReason::Silent(SHORTEST)]);
             watchdog.beat(1, Some(LONGEST), Instant::now());
+            control.enable(control.permit());
             assert!(watchdog.lets_enable(Some(1)));
             watchdog.lose(1);
-            assert_eq!(off(watchdog, control), [OffReason::Lost]);
+            assert_eq!(reasons(watchdog, control), [OffReason::Lost]);
             assert!(!watchdog.lets_enable(Some(1)));
         });
     }
@@ -346,10 +384,9 @@ mod tests {
         let needed = Duration::from_millis(200);
         watched(Some(needed), |watchdog, control| {
             assert!(!watchdog.lets_enable(None));
-            watchdog.note_force(true);
+            // Also without any word from the loop that force flows.
             assert_eq!(off(watchdog, control), [OffReason::NoClient]);
-            assert_eq!(off(watchdog, control), [], "again, until force is off, and no news");
-            watchdog.note_force(false);
+            assert_eq!(off(watchdog, control), [OffReason::NoClient], "at each enable");
             let longest = watchdog.beat(1, Some(LONGEST), Instant::now());
             assert_eq!(longest, needed, "no longer than the scene allows");
             assert!(

@@ -20,7 +20,7 @@
 //! Disabled with zero force, where the scenes are exchanged, Enabling, Enabled. The phases tell it
 //! as it is.
 //!
-//! Force flows in Enabling, Enabled and Stopping only. Every way out, drawn or not, passes the
+//! Force flows in Enabling, Enabled and Stopping only, and in Braking that of a damper. Every way out, drawn or not, passes the
 //! servo's stop guard: the last thing that the arm gets is a zero command.
 //!
 //! Data in: a prepared [`RenderJob`]. Data out: [`Notice`]s while it runs, one [`RunOutcome`] at
@@ -61,8 +61,9 @@ const STOP_PATIENCE: Duration = Duration::from_secs(2);
 const STOP_PATIENCE_VIRTUAL: Duration = Duration::from_secs(60);
 /// How long an enable stays a disable first, so that the loop has seen it: some tens of ticks.
 const ACKNOWLEDGE: Duration = Duration::from_millis(50);
-/// How long it may take to quit before it is given up.
-const QUIT_PATIENCE: Duration = Duration::from_secs(2);
+/// How long it may take to quit before it is given up: an arm may take three seconds to close a link
+/// that was lost, long after its zero.
+const QUIT_PATIENCE: Duration = Duration::from_secs(4);
 /// How often the control word is looked at for ends that others asked for.
 const LOOK: Duration = Duration::from_millis(20);
 /// How long the process goes on after Ctrl-Z: the zero command has left by then, as a disable takes

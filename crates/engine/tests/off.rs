@@ -11,7 +11,7 @@ use engine::drive_watchdog::DriveWatchdog;
 use engine::servo::{Ending, SceneControls};
 use engine::supervisor::{LiveChannels, Notice, Phase, RenderJob, RunOutcome, Supervisor};
 use glam::DVec3;
-use haptics::{Faults, LimitParameters, Parameters, RenderScene, SceneBuilder, ToolOptions};
+use haptics::{Drive, Faults, LimitParameters, Parameters, RenderScene, SceneBuilder, ToolOptions};
 use rt::clock::ClockKind;
 use rt::control::Control;
 use rt::schedule::RealtimeConfig;
@@ -77,7 +77,8 @@ impl Device for LoggedArm {
 
 /// A ball at the grip, two millimetres deep in a block.
 fn scene() -> RenderScene {
-    let limits = LimitParameters { force_n: 10.0, torque_nm: 1.0, ..LimitParameters::NONE };
+    let limits =
+        LimitParameters { force_n: 10.0, torque_nm: 1.0, stall_s: 0.05, ..LimitParameters::NONE };
     let parameters = Parameters { limits, ..Parameters::unlimited(PERIOD_S) };
     let mut builder = SceneBuilder::new(parameters);
     let block = Part::of_shape("block", &Shape::Box { size_m: DVec3::splat(40e-3) }, 1e-3);
@@ -113,17 +114,20 @@ enum Source {
     SilentDriver,
     LostDriver,
     ExpelledClient,
+    /// The scene needs a client that sends heartbeats, and the last one signs off.
+    NoClient,
     LostArm,
     WildSample,
 }
 
-const SOURCES: [Source; 8] = [
+const SOURCES: [Source; 9] = [
     Source::Disable,
     Source::Stop,
     Source::Quit,
     Source::SilentDriver,
     Source::LostDriver,
     Source::ExpelledClient,
+    Source::NoClient,
     Source::LostArm,
     Source::WildSample,
 ];
@@ -146,7 +150,15 @@ fn forced_after(source: Source, blocked: Blocked, scene: &Arc<RenderScene>) -> (
     let parameters = SimParameters { hand, ..SimParameters::ideal(PERIOD_S) };
     let arm = SimArm::new(parameters).expect("a sound arm");
     let control = Arc::new(Control::new());
-    let watchdog = DriveWatchdog::new(control.clone(), None);
+    let is_needed = source == Source::NoClient;
+    let watchdog = DriveWatchdog::new(control.clone(), is_needed.then_some(HUNG));
+    if is_needed {
+        watchdog.beat(2, Some(HUNG), Instant::now());
+    }
+    let is_alive = || {
+        watchdog.note_message(2, Instant::now());
+        true
+    };
     let (mut controls, commands) = SceneControls::new(&scene.parameters, Vec::new());
     let live = LiveChannels { commands, ..LiveChannels::default() };
     // Whoever holds the gate keeps the consumers from going on.
@@ -154,7 +166,14 @@ fn forced_after(source: Source, blocked: Blocked, scene: &Arc<RenderScene>) -> (
     let blocks = |one: Blocked| blocked == one || blocked == Blocked::All;
     if blocks(Blocked::Records) {
         let gate = gate.clone();
-        live.subscribers.add(Box::new(move |_| gate.lock().is_ok()));
+        let mut is_enabled = false;
+        live.subscribers.add(Box::new(move |record| {
+            // The supervisor is to hear of the force.
+            if core::mem::replace(&mut is_enabled, record.output.drive == Drive::Enabled) {
+                drop(gate.lock());
+            }
+            true
+        }));
     }
     let job = RenderJob {
         scene: scene.clone(),
@@ -165,11 +184,14 @@ fn forced_after(source: Source, blocked: Blocked, scene: &Arc<RenderScene>) -> (
         duration: None,
     };
     let has_ended = AtomicBool::new(false);
+    let is_stuck = AtomicBool::new(false);
+    let n_refused = AtomicU64::new(0);
     std::thread::scope(|scope| {
         let held = gate.lock().expect("no panic");
         let run = scope.spawn(|| {
             let mut supervisor = Supervisor::new(|notice| {
                 if blocks(Blocked::Notices) && matches!(notice, Notice::Phase(Phase::Enabled)) {
+                    is_stuck.store(true, SeqCst);
                     drop(gate.lock());
                 }
             });
@@ -179,23 +201,33 @@ fn forced_after(source: Source, blocked: Blocked, scene: &Arc<RenderScene>) -> (
         if blocks(Blocked::Commands) {
             scope.spawn(|| {
                 while !has_ended.load(SeqCst) {
-                    // Refused where the ring is full.
-                    let _ = controls.set("contact_stiffness_n_per_m", 1000.0);
-                    std::thread::sleep(Duration::from_micros(1));
+                    for _ in 0..200 {
+                        let asked = controls.set("contact_stiffness_n_per_m", 1000.0);
+                        n_refused.fetch_add(u64::from(asked.is_err()), SeqCst);
+                    }
+                    std::thread::sleep(Duration::from_micros(50));
                 }
             });
         }
-        let before = if blocked == Blocked::All { RING_AND_MORE } else { 0 };
-        wait_until("no force", || {
-            log.forced.load(SeqCst) > 100 && log.writes.load(SeqCst) > before
+        wait_until("no force", || is_alive() && log.forced.load(SeqCst) > 100);
+        wait_until("nothing is blocked", || {
+            is_alive()
+                && (!blocks(Blocked::Notices) || is_stuck.load(SeqCst))
+                && (!blocks(Blocked::Commands) || n_refused.load(SeqCst) > 0)
         });
+        if blocked == Blocked::All {
+            let before = log.writes.load(SeqCst);
+            wait_until("no ticks", || {
+                is_alive() && log.writes.load(SeqCst) > before + RING_AND_MORE
+            });
+        }
+        let permit = control.permit();
         match source {
             Source::Disable => control.disable(),
             Source::Stop => control.stop(),
             Source::Quit => control.quit(),
             Source::SilentDriver => {
                 watchdog.beat(1, Some(Duration::from_millis(20)), Instant::now());
-                let permit = control.permit();
                 wait_until("the watchdog sleeps", || control.permit() != permit);
             }
             Source::LostDriver => {
@@ -203,6 +235,10 @@ fn forced_after(source: Source, blocked: Blocked, scene: &Arc<RenderScene>) -> (
                 watchdog.lose(1);
             }
             Source::ExpelledClient => watchdog.expel("a test"),
+            Source::NoClient => {
+                watchdog.beat(2, Some(Duration::ZERO), Instant::now());
+                wait_until("the watchdog sleeps", || control.permit() != permit);
+            }
             Source::LostArm => log.is_lost.store(true, SeqCst),
             Source::WildSample => log.is_wild.store(true, SeqCst),
         }
