@@ -146,7 +146,7 @@ impl Hub {
                         )
                     }
                     LinkNews::Fails(why) => ("fails", why.clone()),
-                    LinkNews::Told(text) => ("up", text.clone()),
+                    LinkNews::Reported(text) => ("up", text.clone()),
                     LinkNews::Unguarded(why) => ("up", format!("the arm has no guard: {why}")),
                 };
                 self.facts().link = word;

@@ -111,7 +111,7 @@ fn an_arm_that_was_deaf_reads_a_zero_and_comes_back() {
                 match news.try_recv() {
                     Ok(LinkNews::Back { .. }) => break,
                     // It is there, and does not receive.
-                    Ok(LinkNews::Fails(_) | LinkNews::Told(_) | LinkNews::Unguarded(_))
+                    Ok(LinkNews::Fails(_) | LinkNews::Reported(_) | LinkNews::Unguarded(_))
                     | Err(_) => {}
                     Ok(LinkNews::Lost) => panic!("{name}: lost once"),
                 }

@@ -482,7 +482,7 @@ fn a_guard_that_is_stopped_or_dies_ends_the_force_and_another_one_takes_its_plac
             std::thread::sleep(Duration::from_millis(1));
         }
         let told = reported.iter().any(
-            |news| matches!(news, LinkNews::Told(text) if text.contains("its guard was stopped")),
+            |news| matches!(news, LinkNews::Reported(text) if text.contains("its guard was stopped")),
         );
         assert!(told, "{name}: {reported:?}");
         assert!(!is_alive(guard), "{name}: the old one is gone");

@@ -74,7 +74,7 @@ fn an_arm_that_is_not_calibrated_says_what_to_do_and_is_homed_afterwards() {
     });
     let reported = opened.news.recv_timeout(HUNG).expect("told");
     assert!(
-        matches!(&reported, LinkNews::Told(text) if text.contains("inkwell") || text.contains("calibrated")),
+        matches!(&reported, LinkNews::Reported(text) if text.contains("inkwell") || text.contains("calibrated")),
         "{reported:?}"
     );
 }
@@ -96,7 +96,7 @@ fn an_encoder_is_reset_only_where_a_person_said_that_the_arm_is_held_there() {
             is_homed || !home && begin.elapsed() > Duration::from_millis(400)
         });
         assert_eq!(last.sample.is_some_and(|sample| sample.homed), home);
-        let is_asked = |news: &LinkNews| matches!(news, LinkNews::Told(text) if text.contains("reset position") && text.contains("--home") != home);
+        let is_asked = |news: &LinkNews| matches!(news, LinkNews::Reported(text) if text.contains("reset position") && text.contains("--home") != home);
         assert!(
             core::iter::from_fn(|| opened.news.recv_timeout(HUNG).ok()).any(|news| is_asked(&news)),
             "{home}: not asked for"

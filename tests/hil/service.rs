@@ -42,7 +42,7 @@ fn the_force_arrives_in_both_dialects_and_the_arm_says_who_it_is() {
                     .as_str()
             )
         );
-        let Ok(LinkNews::Told(notice)) = news.try_recv() else {
+        let Ok(LinkNews::Reported(notice)) = news.try_recv() else {
             panic!("the filters are not neutral, and it is not said")
         };
         assert!(notice.contains("filters.force_gate.gain is 0.3"), "{notice}");

@@ -9,7 +9,7 @@ use arms::profile;
 use serde_json::Value;
 
 use super::link::{root, turn};
-use super::maker::{self, LOOP_PRIORITY, built_example, keep_time, shipped, worker_of};
+use super::maker::{self, built_example, shipped, worker_of};
 
 const HAPTICD: &str = env!("CARGO_BIN_EXE_hapticd");
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -281,31 +281,21 @@ fn a_library_that_hangs_ends_soon_after_the_program_that_was_killed() {
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn every_makers_arm_is_listed_and_passes_the_sign_check_and_the_identification() {
     let _turn = turn();
-    // What moved is fitted at the priority of the trial, for seconds: arms whose trials end later
-    // go first.
+    // Each probe enters real time by itself, for its trials alone: what moved is fitted at the
+    // priority of this test.
     std::thread::scope(|scope| {
         scope.spawn(|| {
-            listed_and_probed("force-dimension", "omega.7 (mock)", LOOP_PRIORITY, || {
-                Arm::new("omega7", "")
-            })
+            listed_and_probed("force-dimension", "omega.7 (mock)", || Arm::new("omega7", ""))
         });
-        scope.spawn(|| listed_and_probed("haply-service", "", LOOP_PRIORITY + 1, Arm::served));
+        scope.spawn(|| listed_and_probed("haply-service", "", Arm::served));
+        scope.spawn(|| listed_and_probed("open-haptics", "Mock Touch", || Arm::new("touch", "")));
         scope.spawn(|| {
-            listed_and_probed("open-haptics", "Mock Touch", LOOP_PRIORITY + 2, || {
-                Arm::new("touch", "")
-            })
-        });
-        scope.spawn(|| {
-            listed_and_probed("virtuose", "Virtuose of type 0", LOOP_PRIORITY + 3, || {
-                Arm::new("virtuose-6d", "")
-            })
+            listed_and_probed("virtuose", "Virtuose of type 0", || Arm::new("virtuose-6d", ""))
         });
     });
 }
 
-fn listed_and_probed(codec: &str, identity: &str, priority: u8, new_arm: impl Fn() -> Arm) {
-    // What this thread starts inherits it.
-    keep_time(priority);
+fn listed_and_probed(codec: &str, identity: &str, new_arm: impl Fn() -> Arm) {
     let arm = new_arm();
     if arm.library.is_some() {
         let listed = arm.command(&["devices", "--json", "list"]).output().expect("runs");

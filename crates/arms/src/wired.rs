@@ -32,7 +32,7 @@ use super::thermal::Thermal;
 use super::transport::{FRAME_MAX, Frame, TransportError};
 use super::velocity::VelocityWindow;
 use super::{Capabilities, Device, DeviceError, IoPlacement, Pacing};
-use rt::clock::monotonic_ns;
+use rt::clock::elapsed_ns;
 use vps::spatial::{DeviceSample, Pose, SampleStatus, Twist, Wrench};
 
 /// Ticks with reports after an arm was opened in which a gap of its count is none: what came before
@@ -160,7 +160,7 @@ impl WiredArm {
             beside: Wrench::ZERO,
             stage: MotorStage::default(),
             n_reads: 0,
-            start_ns: monotonic_ns(),
+            start_ns: elapsed_ns(),
             last_read_s: 0.0,
             old_until_s: None,
             last_report_s: 0.0,
@@ -207,7 +207,7 @@ impl WiredArm {
 
     fn now_s(&self) -> f64 {
         match self.parameters.timebase {
-            Timebase::Monotonic => (monotonic_ns() - self.start_ns) as f64 * 1e-9,
+            Timebase::Monotonic => (elapsed_ns() - self.start_ns) as f64 * 1e-9,
             Timebase::Counted => self.n_reads as f64 * self.parameters.period_s,
         }
     }
@@ -715,8 +715,8 @@ impl Device for WiredArm {
                 // Arms without a frame mark read a second command as part of the first one until
                 // they have answered.
                 in_step = false;
-                let begin_ns = monotonic_ns();
-                while !in_step && (monotonic_ns() - begin_ns) < STOP_PATIENCE.as_nanos() as i64 {
+                let begin_ns = elapsed_ns();
+                while !in_step && (elapsed_ns() - begin_ns) < STOP_PATIENCE.as_nanos() as i64 {
                     match self.drain(READS_MAX) {
                         Ok((fed, _)) if fed.reports == 0 => {
                             std::thread::sleep(Duration::from_micros(100))

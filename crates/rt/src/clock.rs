@@ -23,8 +23,9 @@ impl ClockKind {
 
 /// Time as the servo loop sees it. RT: every method is safe in the loop.
 ///
-/// There are two times on purpose. *Loop time* decides when a tick is due and whether it is late;
-/// under the virtual clock it is simulated and exact. *Stopwatch time* only measures how long
+/// There are three times on purpose. *Loop time* decides when a tick is due and whether it is late;
+/// under the virtual clock it is simulated and exact. *Elapsed time* goes on in a suspend of the
+/// machine: the age of a command. *Stopwatch time* only measures how long
 /// things took and never enters a tick; it is the machine's own clock under both kinds, so the
 /// compute times of a virtual run are real measurements.
 pub trait Clock: Send {
@@ -59,7 +60,7 @@ impl Clock for RealClock {
     }
 
     fn elapsed_ns(&mut self) -> i64 {
-        read_ns(libc::CLOCK_BOOTTIME)
+        elapsed_ns()
     }
 
     fn sleep_until(&mut self, deadline_ns: i64) {
@@ -92,6 +93,11 @@ const NS_PER_S: i64 = 1_000_000_000;
 /// `CLOCK_MONOTONIC` in ns. RT: safe; a vDSO read, no system call on the usual clock sources.
 pub fn monotonic_ns() -> i64 {
     read_ns(libc::CLOCK_MONOTONIC)
+}
+
+/// `CLOCK_BOOTTIME` in ns, which goes on while the machine is suspended. RT: safe, likewise.
+pub fn elapsed_ns() -> i64 {
+    read_ns(libc::CLOCK_BOOTTIME)
 }
 
 /// Processor time that the calling thread has used, ns: without the time in which others ran. RT:

@@ -8,10 +8,10 @@
 //! ```
 //!
 //! # Units and frames
-//! Nanoseconds of `CLOCK_MONOTONIC` in the loop, [`Duration`](core::time::Duration) elsewhere.
+//! Nanoseconds of `CLOCK_MONOTONIC` and `CLOCK_BOOTTIME` in the loop, [`Duration`](core::time::Duration) elsewhere.
 //!
 //! # Cost
-//! Reading the control word is two atomic loads, and a sleep is one system call. Everything else
+//! Reading the control word is three atomic loads, and a sleep is one system call. Everything else
 //! runs before the loop or beside it. Nothing here prints: results are data.
 //!
 //! # Example

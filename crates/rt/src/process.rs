@@ -1,5 +1,5 @@
 //! What a process beside this one needs: words that both of them see, to be left alone by what ends
-//! the other one, and an end of its own that a stop does not prevent.
+//! the other one, and to end after it even where it was stopped.
 #![expect(
     unsafe_code,
     reason = "a page of two processes is reached by a pointer; signals and sessions are libc calls"
@@ -68,8 +68,9 @@ impl SharedPage {
 }
 
 /// Leaves the terminal, the session and the name of the parent process, and ignores every signal
-/// that can be ignored. When the parent ends, whatever has stopped this process (SIGSTOP) is undone,
-/// so that it sees that end. RT: start-up only.
+/// that can be ignored. The kernel sends SIGCONT when the thread that started this process ends, so a
+/// stopped process runs again and sees that its host has gone; where only that thread has gone, it
+/// has no effect. RT: start-up only.
 pub fn stand_apart(name: &str) {
     for signal in 1..=64 {
         // SAFETY: SIG_IGN is a valid disposition and runs no code of ours; the system refuses

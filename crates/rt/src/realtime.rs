@@ -3,6 +3,8 @@
 //! `run`, `devices probe`, `doctor`, `device-node` and the worker of a maker's library enter here,
 //! each in a thread of the loop's own, and say what they got by [`Entered::judge`].
 
+use std::sync::{Mutex, PoisonError};
+
 use super::preflight::{KernelFacts, PreflightReport};
 use super::schedule::{self, MemoryLockRefusal, ThreadRequest, ThreadStanding};
 
@@ -25,7 +27,7 @@ impl Entered {
     }
 }
 
-/// A thread in real time. At its drop the memory of the process is unlocked, so that the process
+/// A thread in real time. At the drop of the last one the memory of the process is unlocked, so that the process
 /// of a library's user goes back to what it was; the thread keeps its schedule, and is to end.
 #[derive(Debug)]
 pub struct RealtimeThread(Entered);
@@ -37,10 +39,17 @@ impl RealtimeThread {
     }
 }
 
+/// Threads of this process that rely on its locked memory.
+static RELYING: Mutex<usize> = Mutex::new(0);
+
 impl Drop for RealtimeThread {
     fn drop(&mut self) {
         if self.0.memory.is_ok() {
-            schedule::unlock_memory();
+            let mut relying = RELYING.lock().unwrap_or_else(PoisonError::into_inner);
+            *relying -= 1;
+            if *relying == 0 {
+                schedule::unlock_memory();
+            }
         }
     }
 }
@@ -50,20 +59,23 @@ impl Drop for RealtimeThread {
 /// schedule. RT: start-up only.
 #[must_use = "at the drop the memory is unlocked"]
 pub fn enter(request: ThreadRequest) -> RealtimeThread {
+    let mut relying = RELYING.lock().unwrap_or_else(PoisonError::into_inner);
     let memory = schedule::lock_memory();
+    *relying += usize::from(memory.is_ok());
+    drop(relying);
     RealtimeThread(Entered { request, standing: schedule::enter_realtime(request), memory })
 }
 
-/// Runs `work` in a thread of its own that has entered real time, and `beside` in the calling one
+/// Runs `work` in a thread of its own that has entered real time, and `meanwhile` in the calling one
 /// meanwhile. Cold.
 ///
 /// # Errors
 /// The thread cannot be started, or has panicked.
-pub fn beside<T: Send>(
+pub fn run<T: Send>(
     name: &str,
     request: ThreadRequest,
     work: impl FnOnce(Entered) -> T + Send,
-    beside: impl FnOnce(),
+    meanwhile: impl FnOnce(),
 ) -> std::io::Result<T> {
     std::thread::scope(|scope| {
         let thread =
@@ -71,7 +83,7 @@ pub fn beside<T: Send>(
                 let thread = enter(request);
                 work(thread.entered())
             })?;
-        beside();
+        meanwhile();
         thread.join().map_err(|_| std::io::Error::other(format!("the thread {name} panicked")))
     })
 }
@@ -85,7 +97,7 @@ mod tests {
     fn a_loop_enters_in_a_thread_of_its_own_and_says_what_it_got() {
         let request = ThreadRequest { cpu: schedule::loop_cpu(None), priority: 1 };
         let mut has_looked = false;
-        let (name, entered) = beside(
+        let (name, entered) = run(
             "loop",
             request,
             |entered| (std::thread::current().name().map(str::to_owned), entered),
@@ -105,7 +117,7 @@ mod tests {
     #[test]
     fn a_loop_that_panics_is_an_error_of_its_thread() {
         let request = ThreadRequest { cpu: schedule::loop_cpu(None), priority: 1 };
-        let ended = beside("loop", request, |_| assert!(request.priority > 1), || {});
+        let ended = run("loop", request, |_| assert!(request.priority > 1), || {});
         assert!(ended.is_err_and(|error| error.to_string().contains("loop")));
     }
 }

@@ -214,7 +214,7 @@ pub enum LinkNews {
     /// It is there, and does not start.
     Fails(String),
     /// What there is to know of it, or to do.
-    Told(String),
+    Reported(String),
     /// It has no guard: the force stays when this process is killed or stands still.
     Unguarded(String),
 }
@@ -299,8 +299,11 @@ pub(crate) fn open_with(
     connector: impl ConnectMethod,
     parameters: WiredParameters,
 ) -> Result<OpenedArm, OpenError> {
-    let connector =
-        Agreeing { connector, limits: parameters.limits, period_s: parameters.period_s };
+    let connector = CheckedConnector {
+        inner: connector,
+        limits: parameters.limits,
+        period_s: parameters.period_s,
+    };
     let (path, connection, lower) = connector.connect(PreviousLink::Nothing)?;
     let (to_arm, fresh) = RingBuffer::new(1);
     let (spent, from_arm) = RingBuffer::new(1);
@@ -309,7 +312,7 @@ pub(crate) fn open_with(
         let _ = teller.try_send(LinkNews::Unguarded(cause.to_string()));
     }
     for notice in [connection.codec.notice(), lower].into_iter().flatten() {
-        let _ = teller.try_send(LinkNews::Told(notice));
+        let _ = teller.try_send(LinkNews::Reported(notice));
     }
     let replacements = Replacements { fresh, spent };
     std::thread::Builder::new()
@@ -321,21 +324,21 @@ pub(crate) fn open_with(
 }
 
 /// The same for arms that declare no less than the loop needs.
-struct Agreeing<C> {
-    connector: C,
+struct CheckedConnector<C> {
+    inner: C,
     /// Of the profile.
     limits: MotorLimits,
     /// One tick, s.
     period_s: f64,
 }
 
-impl<C: ConnectMethod> Agreeing<C> {
+impl<C: ConnectMethod> CheckedConnector<C> {
     /// The connection, and what the arm declares below its profile.
     fn connect(
         &self,
         before: PreviousLink,
     ) -> Result<(PathBuf, Connection, Option<String>), OpenError> {
-        let (path, connection) = self.connector.connect(before)?;
+        let (path, connection) = self.inner.connect(before)?;
         match judge_declared(&*connection.codec, self.limits, self.period_s) {
             Ok(lower) => Ok((path, connection, lower)),
             Err(cause) => {
@@ -672,7 +675,7 @@ fn resolved(path: &Path) -> PathBuf {
 /// Brings a lost arm back, until the driver has gone. The lost connection comes first: its arm may
 /// still make the last force, and its port is held by ourselves until it is closed.
 fn reconnect_loop(
-    connector: &Agreeing<impl ConnectMethod>,
+    connector: &CheckedConnector<impl ConnectMethod>,
     mut to_arm: Producer<Connection>,
     mut from_arm: Consumer<Connection>,
     teller: &Sender<LinkNews>,
@@ -691,21 +694,21 @@ fn reconnect_loop(
             // Once: an arm that is there and does not start is not lost again with each try.
             tell(LinkNews::Lost);
             if lost.has_lost_guard() {
-                tell(LinkNews::Told(NO_GUARD.to_owned()));
+                tell(LinkNews::Reported(NO_GUARD.to_owned()));
             }
             looks_for =
                 Some(if lost.let_go() { PreviousLink::Silent } else { PreviousLink::Unplugged });
         }
         // Before the next connection, whose words take the place of those of the lost one: why it
         // was lost is among them.
-        while let Some(text) = connector.connector.reported() {
-            tell(LinkNews::Told(text));
+        while let Some(text) = connector.inner.reported() {
+            tell(LinkNews::Reported(text));
         }
         if let Some(before) = looks_for {
             match connector.connect(before) {
                 // The driver has gone meanwhile.
                 Ok((_, connection, _)) if to_arm.is_abandoned() => connection.close(),
-                Ok((path, connection, _)) => {
+                Ok((path, connection, lower)) => {
                     let unguarded = connection
                         .guard
                         .as_ref()
@@ -713,10 +716,11 @@ fn reconnect_loop(
                         .map(|cause| LinkNews::Unguarded(cause.to_string()));
                     let _ = to_arm.push(connection);
                     looks_for = None;
-                    tell(LinkNews::Back { node: path, homing: connector.connector.homing() });
+                    tell(LinkNews::Back { node: path, homing: connector.inner.homing() });
                     unguarded.map(&mut tell);
+                    lower.map(LinkNews::Reported).map(&mut tell);
                 }
-                Err(error) if connector.connector.is_absent(&error) => {
+                Err(error) if connector.inner.is_absent(&error) => {
                     looks_for = Some(PreviousLink::Unplugged)
                 }
                 Err(error) => tell(LinkNews::Fails(error.to_string())),

@@ -26,7 +26,7 @@ const ANSWER_PATIENCE: Duration = Duration::from_secs(1);
 const LINE_MAX: u64 = 8192;
 
 /// What a client said; `None`: it has gone.
-type Said = (Arc<Client>, Option<Vec<u8>>);
+type ClientMessage = (Arc<Client>, Option<Vec<u8>>);
 
 #[derive(Debug)]
 struct Client {
@@ -49,10 +49,10 @@ pub struct ServiceServer {
     listener: Option<TcpListener>,
     /// Every client that has come.
     sockets: Vec<TcpStream>,
-    said: Receiver<Said>,
-    to_said: Sender<Said>,
+    said: Receiver<ClientMessage>,
+    to_said: Sender<ClientMessage>,
     /// What came while the arm waited.
-    next: Option<Said>,
+    next: Option<ClientMessage>,
     /// Whom the next answers are for.
     asked: VecDeque<Arc<Client>>,
     /// The last answer, and whose it was.
@@ -132,7 +132,7 @@ impl ServiceServer {
 fn talk(
     socket: TcpStream,
     version: &str,
-    said: &Sender<Said>,
+    said: &Sender<ClientMessage>,
     is_deaf: &AtomicBool,
 ) -> io::Result<()> {
     socket.set_nonblocking(false)?;

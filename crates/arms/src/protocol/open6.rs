@@ -178,7 +178,7 @@ pub(crate) fn list(axes: Axes) -> String {
 
 /// What an arm said of itself.
 #[derive(Debug)]
-struct Said {
+struct Greeting {
     text: String,
     declared: DeclaredLimits,
     watchdog_ms: u16,
@@ -193,7 +193,7 @@ pub(super) struct HostCodec {
     sequence: u16,
     state_sequence: Option<u16>,
     report: Report,
-    said: Option<Said>,
+    said: Option<Greeting>,
     hello_within: Duration,
 }
 
@@ -212,7 +212,7 @@ impl HostCodec {
     }
 
     /// What an arm says of itself, held against what the profile says.
-    fn greet(&self, payload: &[u8]) -> Result<Said, StartError> {
+    fn greet(&self, payload: &[u8]) -> Result<Greeting, StartError> {
         let refuse = |text: String| Err(StartError::Refused(text));
         let major = payload.first().copied().unwrap_or(0);
         let minor = payload.get(1).copied().unwrap_or(0);
@@ -267,7 +267,7 @@ impl HostCodec {
             list(sensed),
             list(actuated),
         );
-        Ok(Said { text, declared, watchdog_ms })
+        Ok(Greeting { text, declared, watchdog_ms })
     }
 }
 

@@ -41,7 +41,7 @@ const LOOK: Duration = Duration::from_micros(200);
 const SENT: usize = 1024;
 
 /// What a node said of itself.
-struct Said {
+struct Greeting {
     text: String,
     declared: DeclaredLimits,
     /// It holds the last force for so long, ms,
@@ -62,7 +62,7 @@ pub struct RemoteHost {
     report: Report,
     /// The node took the force away because it received nothing.
     is_cut: bool,
-    said: Option<Said>,
+    said: Option<Greeting>,
     now_s: f64,
     /// `[SENT]`, by sequence: when a command left, s; NaN: before the clock that runs now.
     sent_at_s: Box<[f64]>,
@@ -106,7 +106,7 @@ impl RemoteHost {
     }
 
     /// What a node says of itself, held against what the profile says.
-    fn greet(&self, payload: &[u8]) -> Result<Said, StartError> {
+    fn greet(&self, payload: &[u8]) -> Result<Greeting, StartError> {
         let refuse = |text: String| Err(StartError::Refused(text));
         let major = payload.first().copied().unwrap_or(0);
         let minor = payload.get(1).copied().unwrap_or(0);
@@ -167,7 +167,7 @@ impl RemoteHost {
             declared.force_n,
             declared.torque_nm,
         );
-        Ok(Said { text, declared, hold_ms: hold_ms.into(), all_ms: all_ms.into() })
+        Ok(Greeting { text, declared, hold_ms: hold_ms.into(), all_ms: all_ms.into() })
     }
 
     /// Exchanges commands without enable for as long as it takes to know how far away the arm is.
@@ -380,7 +380,7 @@ mod tests {
     const TOKEN: u32 = 7 << 16;
 
     /// What the greeted node says, with this minor version and these times.
-    fn greeted(minor: u8, hold_ms: f64, fade_ms: f64) -> Result<Said, StartError> {
+    fn greeted(minor: u8, hold_ms: f64, fade_ms: f64) -> Result<Greeting, StartError> {
         let mut payload = [0; CAPABILITIES_1_1_LEN];
         payload[..4].copy_from_slice(&[MAJOR, minor, bits_of(Axes::SIX), bits_of(Axes::SIX)]);
         put_timing(&HoldTiming { hold_s: hold_ms * 1e-3, fade_s: fade_ms * 1e-3 }, &mut payload);

@@ -204,20 +204,25 @@ fn waiting(fd: &OwnedFd) -> usize {
 struct Backlog {
     /// Nothing waited just before the next frame.
     is_empty: bool,
-    /// Most that one frame has taken in an empty queue.
+    /// Most that one frame has taken in an empty queue; 0: none was sent into one.
     of_a_frame: usize,
+    n_measured: u32,
 }
+
+/// Frames after which the unit of a driver is known: to ask for it is a system call.
+const MEASURED: u32 = 100;
 
 impl Backlog {
     /// Frames in a queue in which so much waits.
     fn frames(&mut self, waiting: usize) -> usize {
         self.is_empty = waiting == 0;
-        waiting.div_ceil(self.of_a_frame.max(1))
+        waiting.checked_div(self.of_a_frame).map_or(0, |_| waiting.div_ceil(self.of_a_frame))
     }
 
     /// A frame of so many bytes was sent; `waiting` looks again.
     fn sent(&mut self, n_bytes: usize, waiting: impl FnOnce() -> usize) {
-        if core::mem::take(&mut self.is_empty) {
+        if core::mem::take(&mut self.is_empty) && self.n_measured < MEASURED {
+            self.n_measured += 1;
             self.of_a_frame = self.of_a_frame.max(n_bytes).max(waiting());
         }
     }
