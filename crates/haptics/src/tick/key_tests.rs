@@ -2,6 +2,8 @@
 //! account of a tick says: at values that are neither 0 nor 1, about axes that are skew, from a
 //! start and a grip that are turned.
 
+use std::collections::BTreeSet;
+
 use glam::{DMat3, DQuat, DVec3};
 
 use super::*;
@@ -30,7 +32,7 @@ enum Proof {
 }
 use Proof::{Directly, InContact, InFreeSpace, Nothing, Test};
 
-/// The keys of `[contact]`, `[coupling]` and `[filter]`, and those of `world_from_device`.
+/// The keys of `[contact]`, `[coupling]` and `[filter]`, those of `world_from_device`, and the field.
 const PROOFS: [(&str, Proof); 26] = [
     ("contact.stiffness_n_per_mm", InContact(|p| p.contact.stiffness_n_per_m *= 1.1)),
     ("contact.damping_ratio", InContact(|p| p.contact.damping_ratio = 0.45)),
@@ -40,7 +42,7 @@ const PROOFS: [(&str, Proof); 26] = [
     ("contact.geometric_awareness", Test(a_tool_that_knows_no_edges_has_none)),
     ("contact.normalize", InContact(|p| p.contact.normalization = Normalization::Average)),
     ("contact.time_budget_us", Test(a_budget_bounds_what_a_tick_looks_at)),
-    ("contact.field", InContact(|p| p.contact.field = FieldKind::Layers)),
+    ("rendering.field", InContact(|p| p.contact.field = FieldKind::Layers)),
     ("contact.friction", InContact(|p| p.contact.friction.r#static = 5.0)),
     ("contact.friction", InContact(|p| p.contact.friction.dynamic = 0.05)),
     ("contact.friction", InContact(|p| p.contact.friction.stiffness_n_per_m *= 1.2)),
@@ -162,29 +164,31 @@ fn the_account_starts_from_values_that_are_neither_0_nor_1_and_from_skew_rotatio
 fn every_key_of_the_default_file_has_a_row() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/default.toml");
     let text = std::fs::read_to_string(path).expect("the file of defaults");
+    let is_word = |key: &str| key.chars().all(|c| c == '_' || c.is_ascii_lowercase());
     let mut section = "";
+    let mut found = BTreeSet::new();
     for line in text.lines() {
         if let Some(head) = line.strip_prefix('[') {
             section = head.split(']').next().expect("a part");
         }
-        let key = line.trim_start_matches("# ").split(" = ").next().expect("a part");
-        let is_key =
-            line.contains(" = ") && key.chars().all(|c| c == '_' || c.is_ascii_lowercase());
-        if is_key && ["contact", "coupling", "filter"].contains(&section) {
-            let name = format!("{section}.{key}");
-            assert!(PROOFS.iter().any(|(known, _)| *known == name), "{name} has no row");
-        }
         if let Some(table) = line.strip_prefix("world_from_device = {") {
             let keys = table.split(" = ").filter_map(|part| part.split([' ', ',']).next_back());
-            for key in keys.filter(|key| key.chars().all(|c| c == '_' || c.is_ascii_lowercase())) {
-                let name = format!("world_from_device.{key}");
-                assert!(
-                    key.is_empty() || PROOFS.iter().any(|(known, _)| *known == name),
-                    "{name} has no row"
-                );
-            }
+            found.extend(
+                keys.filter(|key| is_word(key) && !key.is_empty())
+                    .map(|key| format!("world_from_device.{key}")),
+            );
+        }
+        let Some((key, _)) = line.trim_start_matches("# ").split_once('=') else { continue };
+        if is_word(key.trim()) && ["contact", "coupling", "filter"].contains(&section) {
+            found.insert(format!("{section}.{}", key.trim()));
         }
     }
+    let proven: BTreeSet<_> = PROOFS
+        .iter()
+        .map(|(name, _)| *name)
+        .filter(|name| !name.starts_with("rendering."))
+        .collect();
+    assert!(found.iter().map(|name| &**name).eq(proven.iter().copied()), "{found:?}, {proven:?}");
 }
 
 #[test]
