@@ -28,7 +28,7 @@ impl CacheArgs {
     }
 
     /// The cache that is asked for, or the user's own.
-    pub(crate) fn open(&self, residence: CachePolicy, output: OutputOptions) -> Cache {
+    pub(crate) fn open(&self, policy: CachePolicy, output: OutputOptions) -> Cache {
         if self.is_off() {
             return Cache::off();
         }
@@ -49,7 +49,7 @@ impl CacheArgs {
             }
         };
         if let Some(folder) = folder {
-            return Cache::at(folder, residence);
+            return Cache::at(folder, policy);
         }
         if output.verbose > 0 {
             output::message(format_args!(
@@ -73,12 +73,12 @@ impl CacheArgs {
     /// Bakes through the cache: shows how the work goes, and says what the cache has to say.
     pub(crate) fn bake<T>(
         &self,
-        residence: CachePolicy,
+        policy: CachePolicy,
         memory: MemoryRule<'_>,
         output: OutputOptions,
         work: impl FnOnce(&mut BakeOptions<'_>, &BakeProgress) -> T,
     ) -> T {
-        let mut cache = self.open(residence, output);
+        let mut cache = self.open(policy, output);
         let progress = BakeProgress::new(output);
         let mut options = BakeOptions { cache: &mut cache, memory: memory.plan(&progress, output) };
         let done = work(&mut options, &progress);

@@ -7,6 +7,7 @@ use std::sync::{Arc, OnceLock};
 use crossbeam::channel::{Sender, unbounded};
 
 use super::output;
+use crate::config::draft::Unit;
 use crate::daemon::sculpting::ClayHandle;
 use crate::daemon::session::{HandOrder, SessionError, SessionHandle};
 use clay::emboss::GreyImage;
@@ -77,16 +78,12 @@ fn clay_order(line: &str) -> Option<Result<SculptOrder, String>> {
 }
 
 fn chosen_solid(rest: &str) -> Result<ChosenSolid, String> {
-    let unit = |word: &str| {
-        [("m", 1.0), ("cm", 1e-2), ("mm", 1e-3), ("in", 0.0254)]
-            .into_iter()
-            .find(|(known, _)| *known == word)
-    };
-    let split = rest.rsplit_once(' ').and_then(|(file, word)| Some((file.trim(), unit(word)?.1)));
-    let (file, metres_per_unit) = split
+    let split =
+        rest.rsplit_once(' ').and_then(|(file, word)| Some((file.trim(), Unit::named(word)?)));
+    let (file, unit) = split
         .ok_or_else(|| "give a mesh file and its unit, such as `solid wing.stl mm`".to_owned())?;
     let mesh =
-        vps::mesh::load(Path::new(file), metres_per_unit).map_err(|error| error.to_string())?;
+        vps::mesh::load(Path::new(file), unit.metres()).map_err(|error| error.to_string())?;
     ChosenSolid::centered(mesh).map_err(|error| format!("{file}: {error}"))
 }
 

@@ -2,10 +2,10 @@
 
 use core::time::Duration;
 
+use super::OutputOptions;
+use super::error::Outcome;
 use super::hand::HandArgs;
 use super::network::NetworkArgs;
-use super::{OutputOptions, report};
-use crate::error::Exit;
 use arms::attached::nodes::Selector;
 use rt::duration;
 
@@ -49,27 +49,16 @@ pub(crate) struct Args {
     json: bool,
 }
 
-pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
-    match over_network::node(args, output) {
-        Ok(exit) => exit,
-        Err((exit, message, hint)) => {
-            if !message.is_empty() {
-                report::error(&message, hint, output);
-            }
-            exit
-        }
-    }
+pub(crate) fn main(args: &Args, output: OutputOptions) -> Outcome {
+    over_network::node(args, output)
 }
-
-/// The exit code, with what is still to be said, and what to do about it.
-type Failure = (Exit, String, Option<&'static str>);
 
 #[cfg(not(feature = "zenoh"))]
 mod over_network {
     use super::*;
     use link::network::NetworkError;
 
-    pub(super) fn node(args: &Args, _: OutputOptions) -> Result<Exit, Failure> {
+    pub(super) fn node(args: &Args, _: OutputOptions) -> Outcome {
         let Args {
             profile: _,
             name: _,
@@ -80,7 +69,7 @@ mod over_network {
             network: _,
             ..
         } = args;
-        Err((Exit::Usage, NetworkError::NotBuilt.to_string(), None))
+        Err(NetworkError::NotBuilt.into())
     }
 }
 
@@ -91,15 +80,14 @@ mod over_network {
     use serde_json::json;
 
     use super::super::error::CliError;
-    use super::super::network::exit_of;
-    use super::super::status_line::{FAILED, report_lines};
-    use super::super::{guard, output, probe};
+    use super::super::status_line::{FAILED, link_line, report_lines};
+    use super::super::{guard, output, probe, report};
     use super::*;
     use crate::daemon::device_node::{
         NodeArm, NodeJob, NodeNotice, NodeOutcome, node_parameters, open_arm, run_node,
     };
-    use arms::attached::open::LinkNews;
-    use arms::profile::{self, Profile, ProfileError};
+    use crate::error::Exit;
+    use arms::profile::{self, Profile};
     use arms::remote::Node;
     use arms::remote::command_hold::HoldTiming;
     use arms::remote::figures::{LinkPhase, NodeReport};
@@ -111,32 +99,19 @@ mod over_network {
     use rt::signals;
     use vps::spatial::Axes;
 
-    fn no_network(error: NetworkError) -> Failure {
-        (exit_of(&error), error.to_string(), None)
-    }
-
-    pub(super) fn node(args: &Args, output: OutputOptions) -> Result<Exit, Failure> {
+    pub(super) fn node(args: &Args, output: OutputOptions) -> Outcome {
         let here = std::env::current_dir().unwrap_or_default();
-        let profile = profile::find(&args.profile, &here).map_err(|error| match error {
-            ProfileError::Invalid(errors) => {
-                (report::config_errors(&errors, output), String::new(), None)
-            }
-            error => (Exit::Configuration, error.to_string(), None),
-        })?;
+        let profile = profile::find(&args.profile, &here)?;
         let name = args.name.clone().unwrap_or_else(|| profile.name.clone());
         if !is_name(&name) {
-            return Err(no_network(NetworkError::Name { name }));
+            return Err(NetworkError::Name { name }.into());
         }
         may_push(args, &profile, output)?;
-        let hand = args
-            .hand
-            .hand(output)
-            .map_err(|error| (error.report(output), String::new(), None))?
-            .map(|mut hand| {
-                hand.path =
-                    hand.path.map(|path: GripPath| path.delayed(args.hand.delay().as_secs_f64()));
-                hand
-            });
+        let hand = args.hand.hand(output)?.map(|mut hand| {
+            hand.path =
+                hand.path.map(|path: GripPath| path.delayed(args.hand.delay().as_secs_f64()));
+            hand
+        });
         let request = ThreadRequest { cpu: schedule::loop_cpu(args.cpu), priority: args.priority };
         let period_s = 1.0 / f64::from(profile.link.rate_hz);
         let timing = HoldTiming {
@@ -146,26 +121,29 @@ mod over_network {
 
         let endpoints = args.network.endpoints().or_listen_here();
         if let Some(endpoint) = endpoints.unprotected() {
-            let hint = "give --key-file FILE here and on the other machine, with the same key; \
-                `openssl rand -hex 24` prints one";
-            let message =
-                format!("any program that meets this node at {endpoint} could drive the arm");
-            return Err((Exit::Usage, message, Some(hint)));
+            let hint = if endpoints.connect.iter().any(|known| known == endpoint) {
+                "a key proves who comes in, not who is met: let the node listen, with --listen and \
+                    --key-file FILE, or give --zenoh-config FILE with certificates"
+            } else {
+                "give --key-file FILE here and on the other machine, with the same key; `openssl \
+                    rand -hex 24` prints one"
+            };
+            return Err(CliError::usage(format_args!(
+                "any program that meets this node at {endpoint} could drive the arm"
+            ))
+            .hint(hint));
         }
-        let session = session::open(&endpoints).map_err(no_network)?;
+        let session = session::open(&endpoints)?;
         let NodeArm { device: arm, attached, declared } =
-            open_arm(&profile, hand, args.selector.clone(), period_s, request, guard::program())
-                .map_err(|error| (CliError::from(error).report(output), String::new(), None))?;
-        let link =
-            ZenohLink::to_host(&session, &name, Some(request.below())).map_err(no_network)?;
+            open_arm(&profile, hand, args.selector.clone(), period_s, request, guard::program())?;
+        let link = ZenohLink::to_host(&session, &name, Some(request.below()))?;
         let control = Arc::new(Control::new());
-        signals::end_by_signals(&control)
-            .map_err(|error| (Exit::Internal, error.to_string(), None))?;
+        signals::end_by_signals(&control).map_err(CliError::internal)?;
         let parameters = node_parameters(&profile, &name, period_s, timing).lowered_by(declared);
         let node = Node::new(parameters, Box::new(link));
         // From here on hosts find it.
         let toml = profile::text(&args.profile, &here).unwrap_or_default();
-        let _profile = serve_profile(&session, &name, toml).map_err(no_network)?;
+        let _profile = serve_profile(&session, &name, toml)?;
 
         let meets = [endpoints.listen.join(", "), endpoints.connect.join(", ")].join(" ");
         let ready = format!("ready zenoh:{name} on {}\n", meets.trim());
@@ -177,34 +155,27 @@ mod over_network {
         }
         let news = attached.map(|attached| attached.news);
         let job = NodeJob { node, arm, news, period_s, request, duration: args.duration };
-        let no_thread = |error: std::io::Error| {
-            (Exit::Internal, format!("cannot start a thread: {error}"), None)
-        };
-        output::detach().map_err(no_thread)?;
-        let outcome = run_node(job, &control, |notice| tell(&notice, output)).map_err(no_thread)?;
+        output::detach().map_err(CliError::thread)?;
+        let outcome =
+            run_node(job, &control, |notice| tell(&notice, output)).map_err(CliError::thread)?;
         output::attach();
         result(&outcome, &profile, &name, args.json);
         if outcome.panicked {
-            return Err((
-                Exit::Internal,
-                "the loop of the node stopped on an internal error; the arm got zero".to_owned(),
-                None,
+            return Err(CliError::internal(
+                "the loop of the node stopped on an internal error; the arm got zero",
             ));
         }
         Ok(Exit::Ok)
     }
 
     /// A real arm needs an explicit permission on this side too.
-    fn may_push(args: &Args, profile: &Profile, output: OutputOptions) -> Result<(), Failure> {
+    fn may_push(args: &Args, profile: &Profile, output: OutputOptions) -> Result<(), CliError> {
         let Some(real) = &profile.real else { return Ok(()) };
         if profile.actuated != Axes::NONE && !args.enable && real.deadman_button.is_none() {
             let hint =
                 "give --enable to let hosts put force on it; a profile with a deadman needs none";
-            return Err((
-                Exit::Device,
-                "this is a real arm, and no operator can let force flow".to_owned(),
-                Some(hint),
-            ));
+            let error = CliError::device("this is a real arm, and no operator can let force flow");
+            return Err(error.hint(hint));
         }
         if let Some(instruction) = &real.homing.instruction {
             report::note(&format!("homing: {instruction}"), output);
@@ -250,25 +221,9 @@ mod over_network {
                     output::event(output::Level::Warning, "preflight", &line, &[]);
                 }
             }
-            NodeNotice::Link(LinkNews::Lost) => {
-                output::event(output::Level::Warning, "arm", "device: gone; looking for it", &[])
-            }
-            NodeNotice::Link(LinkNews::Back { node, .. }) => {
-                output::event(
-                    output::Level::Info,
-                    "arm",
-                    &format!("device: back at {}", node.display()),
-                    &[],
-                );
-            }
-            NodeNotice::Link(LinkNews::Fails(why)) => {
-                output::event(output::Level::Warning, "arm", &format!("device: {why}"), &[])
-            }
-            NodeNotice::Link(LinkNews::Told(text)) => {
-                output::event(output::Level::Warning, "arm", &format!("device: {text}"), &[])
-            }
-            NodeNotice::Link(LinkNews::Unguarded(why)) => {
-                output::event(output::Level::Warning, "arm", &guard::missing_text(why), &[])
+            NodeNotice::Link(news) => {
+                let (level, state, text) = link_line(news);
+                output::event(level, "arm", &text, &[("link", state.into())]);
             }
         }
     }

@@ -46,7 +46,7 @@ enum DevicesCommand {
 
 pub(crate) fn main(args: &Args, output: OutputOptions) -> Outcome {
     match &args.command {
-        Some(DevicesCommand::Probe(args)) => return Ok(probe::main(args, output)),
+        Some(DevicesCommand::Probe(args)) => return probe::main(args, output),
         Some(DevicesCommand::Profiles { name }) => {
             return profiles(name.as_deref(), args.json);
         }

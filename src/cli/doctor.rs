@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
+use super::error::{CliError, Outcome};
 use super::findings::{self, finding_json};
 use super::{OutputOptions, guard, output, report};
 use crate::config::scene::DeviceConfig;
@@ -17,7 +18,7 @@ use arms::attached::libraries::{self, SystemView};
 use arms::attached::nodes::{self, Selector};
 use arms::attached::open::{self, OpenError, OpenOptions};
 use arms::attached::probe::{self, ProbeEnd, Trial};
-use arms::profile::{self, Profile, ProfileError};
+use arms::profile::{self, Profile};
 use arms::transport::ServiceError;
 use arms::vendor::VendorError;
 use rt::clock::RealClock;
@@ -55,17 +56,14 @@ const BOUNDS_US: [u64; 8] = [10, 20, 50, 100, 200, 500, 1000, 10_000];
 /// Share of missed ticks from which a machine is no good.
 const MISSED_SHARE: f64 = 1e-3;
 
-pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
+pub(crate) fn main(args: &Args, output: OutputOptions) -> Outcome {
     if args.udev_rules {
         output::result(format_args!("{}", discover::UDEV_RULES));
-        return Exit::Ok;
+        return Ok(Exit::Ok);
     }
     let load = LoadOptions { device: args.device.clone(), ..LoadOptions::default() };
-    let config =
-        match args.scene.as_deref().map(|scene| config::load_with(scene, &load)).transpose() {
-            Ok(config) => config,
-            Err(errors) => return report::config_errors(&errors, output),
-        };
+    let scene = args.scene.as_deref();
+    let config = scene.map(|scene| config::load_with(scene, &load)).transpose()?;
     let (request, rate_hz) = wanted(config.as_ref());
     let arm = match (&config, &args.device) {
         (Some(config), _) => {
@@ -79,21 +77,9 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
         }
         (None, None) => None,
         (None, Some(name)) => {
-            match profile::find(name, &std::env::current_dir().unwrap_or_default()) {
-                Ok(profile) => Some(NamedArm {
-                    rate_hz: profile.link.rate_hz,
-                    profile,
-                    selector: None,
-                    is_asked_for: true,
-                }),
-                Err(ProfileError::Invalid(errors)) => {
-                    return report::config_errors(&errors, output);
-                }
-                Err(error) => {
-                    report::error(&error.to_string(), None, output);
-                    return Exit::Configuration;
-                }
-            }
+            let profile = profile::find(name, &std::env::current_dir().unwrap_or_default())?;
+            let rate_hz = profile.link.rate_hz;
+            Some(NamedArm { profile, selector: None, rate_hz, is_asked_for: true })
         }
     };
     let root = Root::default();
@@ -111,14 +97,9 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
     static NEVER: AtomicBool = AtomicBool::new(false);
     // Without a handler Ctrl-C ends the program, which is what it does elsewhere.
     let quit = signals::interrupted().unwrap_or(&NEVER);
-    let test = match wakeup::measure(request, Duration::from_secs(1) / rate_hz, args.duration, quit)
-    {
-        Ok(test) => test,
-        Err(error) => {
-            report::error(&format!("cannot measure wake-ups: {error}"), None, output);
-            return Exit::Internal;
-        }
-    };
+    let period = Duration::from_secs(1) / rate_hz;
+    let test = wakeup::measure(request, period, args.duration, quit)
+        .map_err(|error| CliError::internal(format_args!("cannot measure wake-ups: {error}")))?;
     let program = std::env::current_exe()
         .map_or_else(|_| "hapticd".to_owned(), |path| path.display().to_string());
     let mut rights = machine::rights(&test.entered, &program);
@@ -150,7 +131,7 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Exit {
             &sentence,
         );
     }
-    exit
+    Ok(exit)
 }
 
 /// The arm that a scene or `--device` names.
@@ -239,7 +220,7 @@ fn exchange(
     let mut trial = Trial::new(RealClock, period_s, quit);
     // What the system refuses is said of the wake-ups already, which ask for the same.
     let exchange = |_| probe::round_trips(&mut opened.arm, &mut trial, duration);
-    let exchanged = realtime::beside("probe", request, exchange, || {})
+    let exchanged = realtime::run("probe", request, exchange, || {})
         .map_err(|error| Finding::unknown("round trip", format!("not measured: {error}")))?;
     exchanged.map_err(|ended| match ended {
         ProbeEnd::Interrupted => Finding::unknown("round trip", "not measured: it was interrupted"),

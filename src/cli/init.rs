@@ -1,4 +1,4 @@
-//! `hapticd init`: a first scene for a folder of meshes, or for a clay model of clay.
+//! `hapticd init`: a first scene for a folder of meshes, or for clay.
 
 mod clay;
 mod place;
@@ -25,7 +25,7 @@ pub(crate) struct Args {
     /// searched. Or one file of points or a mesh, with --clay.
     #[arg(value_name = "FOLDER|FILE")]
     folder: PathBuf,
-    /// Make the file a clay model of clay, for `hapticd sculpt`.
+    /// Make the file clay, for `hapticd sculpt`.
     #[arg(long)]
     clay: bool,
     /// Scene file to write, or - for stdout, to be kept in the working directory [default:

@@ -41,8 +41,7 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Outcome {
         let recording = args.recording.display();
         return Err(CliError::asset(format_args!("{recording} ends before its first tick")));
     }
-    write_bytes(&out, page.page().as_bytes())
-        .map_err(|error| CliError::asset(format_args!("cannot write {shown}: {error}")))?;
+    write_bytes(&out, page.page().as_bytes()).map_err(|error| CliError::write(&shown, &error))?;
     report::line(&format!("{shown}: {n_ticks} ticks"), output);
     Ok(Exit::Ok)
 }

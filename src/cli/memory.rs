@@ -179,12 +179,12 @@ mod tests {
             let progress = BakeProgress::new(output);
             let mut cache = Cache::at(folder.path().join("cache"), CachePolicy::Copy);
             let args = MemoryArgs { max_bytes };
-            let mut means = BakeOptions {
+            let mut options = BakeOptions {
                 cache: &mut cache,
                 memory: args.plan_within(left, &progress, output),
             };
             let mut n_baked = 0;
-            let built = scene::build_with(&config, &mut means, |event| {
+            let built = scene::build_with(&config, &mut options, |event| {
                 n_baked += usize::from(event.stage == vps::voxmap::BakeStage::Surface)
             });
             (built.map(drop), n_baked)

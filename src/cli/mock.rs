@@ -128,9 +128,7 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Outcome {
     };
     let mut arm = MockArm::new(parameters, firmware).map_err(CliError::configuration)?;
     let trace = args.trace.as_ref().map(|path| {
-        TraceFile::create(path).map_err(|error| {
-            CliError::usage(format_args!("cannot write {}: {error}", path.display()))
-        })
+        TraceFile::create(path).map_err(|error| CliError::write(path.display(), &error))
     });
     let mut trace = trace.transpose()?;
     let interrupted = signals::interrupted().map_err(CliError::internal)?;

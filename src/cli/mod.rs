@@ -95,7 +95,7 @@ pub(crate) enum When {
 enum Command {
     /// Bake a scene and render it on its arm until Ctrl-C.
     Run(run::Args),
-    /// Work a clay model of clay with the arm, by hand, by script or from the monitor page.
+    /// Sculpt clay with the arm, by script or from the monitor page.
     Sculpt(sculpt::Args),
     /// Generate voxmaps and pointshells only, with figures.
     Bake(bake::Args),
@@ -145,9 +145,9 @@ pub fn main() -> ExitCode {
         Command::Replay(args) => replay::main(&args, output),
         Command::Report(args) => lab_report::main(&args, output),
         Command::Mock(args) => mock::main(&args, output),
-        Command::DeviceNode(args) => Ok(device_node::main(&args, output)),
+        Command::DeviceNode(args) => device_node::main(&args, output),
         Command::Devices(args) => devices::main(&args, output),
-        Command::Doctor(args) => Ok(doctor::main(&args, output)),
+        Command::Doctor(args) => doctor::main(&args, output),
         Command::Init(args) => init::main(&args, output),
         Command::Completions(args) => Ok(completions::main(&args)),
         Command::Man(args) => man::main(&args),

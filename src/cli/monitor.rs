@@ -80,6 +80,8 @@ impl MonitorArgs {
         let secret = made.as_ref().map_or(String::new(), |made| format!("#token={}", made.text()));
         match BoundMonitor::bind(address, token.or(made), config.monitor.origins.clone()) {
             Ok(bound) => {
+                // Without this line no operator would know the token that was made.
+                let output = OutputOptions { quiet: output.quiet && secret.is_empty(), ..output };
                 report::line(&format!("monitor: http://{}/{secret}", bound.address()), output);
                 Ok(Some(bound))
             }

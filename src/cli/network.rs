@@ -20,8 +20,8 @@ pub(crate) struct NetworkArgs {
     /// Zenoh's own settings, JSON5.
     #[arg(long, help_heading = HEADING, value_name = "FILE")]
     zenoh_config: Option<PathBuf>,
-    /// File with the key that every peer has to know; a device-node that other machines reach needs
-    /// one.
+    /// File with the key that a peer that connects has to know; a device-node that listens to other
+    /// machines needs one.
     #[arg(long, help_heading = HEADING, value_name = "FILE")]
     key_file: Option<PathBuf>,
 }

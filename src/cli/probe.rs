@@ -8,17 +8,19 @@ use std::sync::Arc;
 use crossbeam::channel::{Receiver, unbounded};
 use serde_json::{Value, json};
 
+use super::error::{CliError, Outcome};
 use super::findings::{self, finding_json};
 use super::status_line::{FAILED, error_text, report_lines};
 use super::{OutputOptions, guard, output, report};
+use crate::daemon::PrepareError;
 use crate::error::Exit;
 use arms::attached::identify::AxisDynamics;
 use arms::attached::nodes::Selector;
-use arms::attached::open::{self, LinkNews, OpenError, OpenOptions};
+use arms::attached::open::{self, LinkNews, OpenOptions};
 use arms::attached::probe::{
     self, Answers, ProbeEnd, ProbePlan, ProbeResult, ProbeStep, Push, Sign, Trial,
 };
-use arms::profile::{self, Homing, HomingMode, Profile, ProfileError, RealArm};
+use arms::profile::{self, Homing, HomingMode, Profile, RealArm};
 use arms::protocol::DeclaredLimits;
 use arms::{Device as _, Pacing};
 use rt::clock::RealClock;
@@ -108,46 +110,24 @@ struct ProbeReport<'a> {
     refused: u64,
 }
 
-pub(super) fn main(args: &Args, output: OutputOptions) -> Exit {
-    probe(args, output).unwrap_or_else(|exit| exit)
-}
-
-fn probe(args: &Args, output: OutputOptions) -> Result<Exit, Exit> {
-    let fail = |exit: Exit, message: String| {
-        report::error(&message, None, output);
-        exit
-    };
+pub(super) fn main(args: &Args, output: OutputOptions) -> Outcome {
     let here = std::env::current_dir().unwrap_or_default();
-    let mut profile = profile::find(&args.profile, &here).map_err(|error| match error {
-        ProfileError::Invalid(errors) => report::config_errors(&errors, output),
-        error => fail(Exit::Configuration, error.to_string()),
-    })?;
+    let mut profile = profile::find(&args.profile, &here)?;
     let way_to_zero = if args.home { profile.let_find_zero() } else { None };
     if args.home && way_to_zero.is_none() {
         let message = format!("--home: {} finds its zero without it", profile.name);
-        report::error(
-            &message,
-            Some("leave it out; [homing] of the profile says how it is homed"),
-            output,
-        );
-        return Err(Exit::Usage);
+        return Err(CliError::usage(message)
+            .hint("leave it out; [homing] of the profile says how it is homed"));
     }
     let has_terminal = std::io::stdin().is_terminal();
     if let Some(flag) = args.pushes().filter(|_| !args.yes && !has_terminal) {
         let message = format!(
             "{flag} pushes the grip and asks before that, and standard input is no terminal"
         );
-        report::error(
-            &message,
-            Some("run it on a terminal, or give --yes and watch the arm"),
-            output,
+        return Err(
+            CliError::usage(message).hint("run it on a terminal, or give --yes and watch the arm")
         );
-        return Err(Exit::Usage);
     }
-    let cannot_open = |error: &OpenError| {
-        report::error(&error.to_string(), error.hint(), output);
-        Exit::Device
-    };
     let period_s = 1.0 / f64::from(profile.link.rate_hz);
     let request = ThreadRequest { cpu: schedule::loop_cpu(None), priority: PRIORITY };
     let options = OpenOptions {
@@ -158,14 +138,14 @@ fn probe(args: &Args, output: OutputOptions) -> Result<Exit, Exit> {
     };
     if let Some(real) = &profile.real {
         // An arm that is not there is not waited for.
-        open::look_for(&profile, &options).map_err(|error| cannot_open(&error))?;
+        open::look_for(&profile, &options).map_err(PrepareError::from)?;
         home(&real.homing, output);
         if let Some(way) = way_to_zero {
             signals::interrupt_ends();
             report::note(way, output);
         }
     }
-    let mut opened = open::open(&profile, &options).map_err(|error| cannot_open(&error))?;
+    let mut opened = open::open(&profile, &options).map_err(PrepareError::from)?;
     // True invariant: what was opened has a profile of metal.
     let Some(real) = &profile.real else { unreachable!("a simulated arm is not opened") };
     let notice = opened.arm.notice();
@@ -176,9 +156,8 @@ fn probe(args: &Args, output: OutputOptions) -> Result<Exit, Exit> {
         output,
     );
     // From here on Ctrl-C takes the force off first.
-    let quit = signals::interrupted().map_err(|error| fail(Exit::Internal, error.to_string()))?;
-    output::detach()
-        .map_err(|error| fail(Exit::Internal, format!("cannot start a thread: {error}")))?;
+    let quit = signals::interrupted().map_err(CliError::internal)?;
+    output::detach().map_err(CliError::thread)?;
     let arm = &mut opened.arm;
     let go = Arc::new(AtomicBool::new(false));
     let mut trial =
@@ -216,8 +195,8 @@ fn probe(args: &Args, output: OutputOptions) -> Result<Exit, Exit> {
             }
         }
     };
-    let ended = realtime::beside("probe", request, try_out, listen)
-        .map_err(|error| fail(Exit::Internal, format!("cannot try the arm out: {error}")))?;
+    let ended = realtime::run("probe", request, try_out, listen)
+        .map_err(|error| CliError::internal(format_args!("cannot try the arm out: {error}")))?;
     output::attach();
     found.fit(period_s);
     let report = ProbeReport {
@@ -243,10 +222,10 @@ fn probe(args: &Args, output: OutputOptions) -> Result<Exit, Exit> {
         }
     }
     match ended {
-        Some(ProbeEnd::Interrupted) => report::error("interrupted: not finished", None, output),
+        Some(ProbeEnd::Interrupted) => return Err(CliError::device("interrupted: not finished")),
         Some(ProbeEnd::Device(_)) => {
-            let hint = "is its plug loose? `hapticd devices` lists what there is";
-            report::error(&format!("the arm at {path} went away"), Some(hint), output);
+            return Err(CliError::device(format_args!("the arm at {path} went away"))
+                .hint("is its plug loose? `hapticd devices` lists what there is"));
         }
         _ => {}
     }
@@ -261,12 +240,14 @@ fn tell_news(news: Receiver<LinkNews>, notice: Option<String>, output: OutputOpt
         for news in news {
             match news {
                 LinkNews::Unguarded(why) => report::warning(&guard::missing_text(&why), output),
-                LinkNews::Told(text) if notice.as_ref() != Some(&text) => {
+                LinkNews::Reported(text) if notice.as_ref() != Some(&text) => {
                     report::note(&format!("device: {text}"), output)
                 }
                 // A lost arm ends the trial.
-                LinkNews::Told(_) | LinkNews::Lost | LinkNews::Back { .. } | LinkNews::Fails(_) => {
-                }
+                LinkNews::Reported(_)
+                | LinkNews::Lost
+                | LinkNews::Back { .. }
+                | LinkNews::Fails(_) => {}
             }
         }
     });

@@ -5,12 +5,13 @@ use std::sync::Arc;
 use std::sync::{Mutex, PoisonError};
 
 use super::error::CliError;
-use super::network::HEADING;
+use super::network::{HEADING, exit_of};
 use super::{OutputOptions, report};
 use crate::config::SceneConfig;
 #[cfg(feature = "zenoh")]
 use crate::daemon::session::HandOrder;
 use crate::daemon::session::SessionHandle;
+use crate::error::Exit;
 use crate::monitor::Hub;
 #[cfg(feature = "zenoh")]
 use crate::monitor::Observer;
@@ -79,8 +80,12 @@ impl PublishArgs {
             has_gripper: Axes::from_name("grip").is_some_and(|grip| profile.sensed.contains(grip)),
             has_hand: profile.real.is_none(),
         };
-        let opened = OpenedPublisher::open(&plan).map_err(|problem| {
-            CliError::usage(problem).hint(
+        let opened = OpenedPublisher::open(&plan).map_err(|error| {
+            let exit = match &error {
+                PublishError::Network(error) => exit_of(error),
+                PublishError::Refused { .. } => Exit::Device,
+            };
+            CliError::new(exit, error).hint(
                 "docs/how-to/ros2.md says how endpoints are written and which side has to listen",
             )
         })?;

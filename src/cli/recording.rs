@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::error::CliError;
-use super::{OutputOptions, lab_report, output, report};
+use super::{OutputOptions, destination, lab_report, output, report};
 use crate::config::{LoadOptions, SceneConfig};
 use crate::daemon::scene_files;
 use crate::error::Exit;
@@ -61,9 +61,7 @@ impl RecordingArgs {
                 RecordingError::Exists(_) => {
                     (Exit::Usage, Some("name another file, or give --overwrite"))
                 }
-                RecordingError::Create { .. } => {
-                    (Exit::Asset, Some("--record takes a file in a folder that can be written to"))
-                }
+                RecordingError::Create { source, .. } => (Exit::Asset, destination::hint(source)),
                 RecordingError::Thread(_) => (Exit::Internal, None),
                 _ => (Exit::Asset, None),
             };

@@ -73,7 +73,7 @@ fn outcome(done: &Reloaded) -> (&'static str, String) {
 fn say_why(refusal: &SessionError, output: OutputOptions) {
     match refusal {
         SessionError::Config(errors) => {
-            report::config_errors(errors, output);
+            CliError::from(errors).report(output);
         }
         SessionError::Scene(problem) => {
             CliError::from(problem).report(output);

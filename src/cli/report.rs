@@ -2,21 +2,15 @@
 
 use std::io::IsTerminal;
 
-use super::error::CliError;
 use super::output::{self, Lead, Level};
 use super::{OutputOptions, When};
-use crate::config::{self, ConfigErrors, Problem, SceneConfig};
+use crate::config::{self, Problem, SceneConfig};
 use crate::daemon::{PrepareError, service};
 use crate::error::Exit;
 use crate::scene::{ClayError, ClayReport, ObjectReport, SceneError};
 use clay::clay_model::ClayModelError;
 use vps::part::PartError;
 use vps::storage::printable::one_line;
-
-/// Prints every problem of a scene on stderr and gives the exit code for it.
-pub(crate) fn config_errors(errors: &ConfigErrors, output: OutputOptions) -> Exit {
-    CliError::from(errors).report(output)
-}
 
 /// Prints what is likely wrong with a scene.
 pub(crate) fn scene_warnings(config: &SceneConfig, output: OutputOptions) {
@@ -37,10 +31,10 @@ pub(super) fn scene_exit(problem: &SceneError) -> Exit {
         | SceneError::Clay(
             ClayError::Load(_)
             | ClayError::Session(_)
-            | ClayError::Piece(ClayModelError::Surface(_)),
+            | ClayError::Model(ClayModelError::Surface(_)),
         ) => Exit::Asset,
         SceneError::Part(PartError::Grid { .. })
-        | SceneError::Clay(ClayError::Piece(_) | ClayError::Frame(_)) => Exit::Configuration,
+        | SceneError::Clay(ClayError::Model(_) | ClayError::Frame(_)) => Exit::Configuration,
     }
 }
 

@@ -1,5 +1,4 @@
-//! `hapticd sculpt`: a clay model of clay, worked with the arm, by script and from the monitor
-//! page.
+//! `hapticd sculpt`: clay, worked with the arm, by script and from the monitor page.
 
 use super::error::{CliError, Outcome};
 use super::render::{self, CommandOptions, LoopArgs};

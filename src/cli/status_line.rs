@@ -110,29 +110,7 @@ impl<'a> StatusLine<'a> {
                 }
             }
             Notice::Link(news) => {
-                let (level, state, text) = match news {
-                    LinkNews::Lost => {
-                        (Level::Warning, "lost", "device: gone; looking for it".to_owned())
-                    }
-                    LinkNews::Back { node, homing } => {
-                        let homing = homing.as_ref().map_or(String::new(), |text| {
-                            format!(" It counts from where it was switched on, and a wrong place turns the force. {text}")
-                        });
-                        (
-                            Level::Info,
-                            "back",
-                            format!(
-                                "device: back at {}; it waits for `enable`.{homing}",
-                                node.display()
-                            ),
-                        )
-                    }
-                    LinkNews::Fails(why) => (Level::Warning, "fails", format!("device: {why}")),
-                    LinkNews::Told(text) => (Level::Warning, "told", format!("device: {text}")),
-                    LinkNews::Unguarded(why) => {
-                        (Level::Warning, "unguarded", guard::missing_text(why))
-                    }
-                };
+                let (level, state, text) = link_line(news);
                 self.line(level, "link", &text, &[("link", state.into())]);
             }
             Notice::Waiting(cause) => {
@@ -205,6 +183,26 @@ impl<'a> StatusLine<'a> {
             output::write_over("");
             self.status_on = false;
         }
+    }
+}
+
+/// What became of the link of an arm: how much it matters, its word, and the line that tells of it.
+pub(super) fn link_line(news: &LinkNews) -> (Level, &'static str, String) {
+    match news {
+        LinkNews::Lost => (Level::Warning, "lost", "device: gone; looking for it".to_owned()),
+        LinkNews::Back { node, homing } => {
+            let homing = homing.as_ref().map_or(String::new(), |text| {
+                format!(
+                    " It counts from where it was switched on, and a wrong place turns the force. \
+                        {text}"
+                )
+            });
+            let node = node.display();
+            (Level::Info, "back", format!("device: back at {node}; it waits for `enable`.{homing}"))
+        }
+        LinkNews::Fails(why) => (Level::Warning, "fails", format!("device: {why}")),
+        LinkNews::Reported(text) => (Level::Warning, "told", format!("device: {text}")),
+        LinkNews::Unguarded(why) => (Level::Warning, "unguarded", guard::missing_text(why)),
     }
 }
 

@@ -11,6 +11,7 @@ mod clay;
 use std::fmt::Write as _;
 
 use glam::DVec3;
+use serde::Deserialize;
 
 pub use self::clay::ClayDraft;
 
@@ -57,7 +58,8 @@ const MATED_SHARE: f64 = 0.02;
 const MOST_SCALE: f64 = 1000.0;
 
 /// A unit of length of a mesh file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Unit {
     /// Metre.
     M,
@@ -72,6 +74,11 @@ pub enum Unit {
 impl Unit {
     /// All of them.
     pub const ALL: [Self; 4] = [Self::Mm, Self::M, Self::Cm, Self::In];
+
+    /// The unit of a name.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|unit| unit.name() == name)
+    }
 
     /// The word that scenes write: `mm`, `m`, `cm` or `in`.
     pub const fn name(self) -> &'static str {

@@ -9,6 +9,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
+use super::draft::Unit;
 use document::{Numbers, words};
 use haptics::{CouplingMode, FreeSpace, SpringClamp};
 use vps::contact::Normalization;
@@ -224,7 +225,7 @@ pub(super) struct Monitor {
 words! {
     CouplingWord for CouplingMode { Implicit = "implicit", Static = "static", Constraint = "constraint", Direct = "direct" }
     FieldWord for FieldKind { Layers = "layers", SurfacePoint = "surface-point", Octant = "octant", Trilinear = "trilinear" }
-    UnitWord { Metre = "m", Millimetre = "mm", Centimetre = "cm", Inch = "in" }
+    UnitWord for Unit { M = "m", Mm = "mm", Cm = "cm", In = "in" }
     SidesWord for InsideTest { Auto = "auto", Flood = "flood", Winding = "winding", Thin = "thin" }
     PointsWord for Points { Facets = "facets", Voxels = "voxels" }
     AwarenessWord { Edges = "edges", Off = "off" }

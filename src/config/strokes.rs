@@ -1,4 +1,4 @@
-//! Files of strokes: what is done to a clay model of clay, and when.
+//! Files of strokes: what is done to clay, and when.
 //!
 //! TOML, `version = 1`, then a `[[stroke]]` table for each, with `at_s` (loop time, s) and `do`;
 //! `docs/reference/clay.md` lists the keys. Files that are read are relative to the file of

@@ -148,10 +148,10 @@ pub fn prepare(
 /// memory.
 pub fn prepare_with(
     config: &SceneConfig,
-    means: &mut BakeOptions<'_>,
+    options: &mut BakeOptions<'_>,
     watch: impl FnMut(BakeEvent<'_>),
 ) -> Result<(Prepared, Vec<ObjectReport>), PrepareError> {
-    prepare_on(config, means, None, None, watch)
+    prepare_on(config, options, None, None, watch)
 }
 
 /// The same with an arm on another machine, if there is one: the scene's profile is that of its
@@ -162,7 +162,7 @@ pub fn prepare_with(
 /// As [`prepare_with`].
 pub fn prepare_on(
     config: &SceneConfig,
-    means: &mut BakeOptions<'_>,
+    options: &mut BakeOptions<'_>,
     remote: Option<&RemoteArm>,
     guard: Option<PathBuf>,
     watch: impl FnMut(BakeEvent<'_>),
@@ -173,7 +173,7 @@ pub fn prepare_on(
     if let (Some(options), None) = (&to_open, remote) {
         open::look_for(profile, options)?;
     }
-    let Built { scene, objects: mut reports, model } = scene::build_all(config, means, watch)
+    let Built { scene, objects: mut reports, model } = scene::build_all(config, options, watch)
         .map_err(|error| PrepareError::of_scene(config, error))?;
     if let Some(tool) = reports.last_mut() {
         tool.warnings.extend(warnings.iter().map(HandProblem::with_remedy));

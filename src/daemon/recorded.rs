@@ -3,7 +3,7 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 
 use crate::config::scene::{MeshSource, StaticConfig, ToolConfig};
 use crate::config::{LoadOptions, SceneConfig};
@@ -186,114 +186,57 @@ fn pose(pose: Pose) -> Value {
     json!({ "position_m": pose.translation.to_array(), "orientation_xyzw": pose.rotation.to_array() })
 }
 
-/// Every parameter of the tick, by name, so that none is forgotten.
-fn parameters(p: &Parameters) -> Value {
-    let Parameters {
-        period_s,
-        gravity_m_per_s2,
-        contact,
-        coupling,
-        filter,
-        limits,
-        safety,
-        mapping,
-        arm,
-    } = p;
-    let ContactParameters {
-        field,
-        stiffness_n_per_m,
-        damping_ratio,
-        normalization,
-        friction,
-        damping_n_s_per_m,
-        braking,
-    } = contact;
-    let FrictionParameters { r#static, dynamic, stiffness_n_per_m: friction_stiffness_n_per_m } =
-        friction;
-    let contact = json!({
-        "field": scene_word(field), "stiffness_n_per_m": stiffness_n_per_m, "damping_ratio": damping_ratio,
-        "normalization": scene_word(normalization), "damping_n_s_per_m": damping_n_s_per_m, "braking": braking,
-        "friction": { "static": r#static, "dynamic": dynamic, "stiffness_n_per_m": friction_stiffness_n_per_m },
-    });
-    let CouplingParameters {
-        mode,
-        stiffness_n_per_m,
-        stiffness_nm_per_rad,
-        felt_damping_n_s_per_m,
-        felt_damping_nm_s_per_rad,
-        clamp,
-        free_space,
-        bound_n_per_m,
-        bound_nm_per_rad,
-    } = coupling;
-    let coupling = json!({
-        "mode": scene_word(mode), "stiffness_n_per_m": stiffness_n_per_m, "stiffness_nm_per_rad": stiffness_nm_per_rad,
-        "felt_damping_n_s_per_m": felt_damping_n_s_per_m, "felt_damping_nm_s_per_rad": felt_damping_nm_s_per_rad,
-        "clamp": scene_word(clamp), "free_space": scene_word(free_space),
-        "bound_n_per_m": bound_n_per_m, "bound_nm_per_rad": bound_nm_per_rad,
-    });
-    let FilterParameters { spatial, cutoff_hz } = filter;
-    let LimitParameters {
-        force_n,
-        torque_nm,
-        speed_m_per_s,
-        slew_n_per_s,
-        slew_nm_per_s,
-        power_w,
-        ramp_s,
-        stale_ticks_max,
-        stale_fault_ticks,
-        overrun_fault_ticks,
-        stall_s,
-    } = limits;
-    let limits = json!({
-        "force_n": force_n, "torque_nm": torque_nm, "speed_m_per_s": speed_m_per_s, "slew_n_per_s": slew_n_per_s,
-        "slew_nm_per_s": slew_nm_per_s, "power_w": power_w, "ramp_s": ramp_s, "stale_ticks_max": stale_ticks_max,
-        "stale_fault_ticks": stale_fault_ticks, "overrun_fault_ticks": overrun_fault_ticks, "stall_s": stall_s,
-    });
-    let SafetyParameters {
-        deadman,
-        workspace_radius_m,
-        brake_s,
-        engage_share,
-        engage_ticks,
-        power_window_s,
-        stuck_move_m,
-        stuck_turn_rad,
-    } = safety;
-    let safety = json!({
-        "deadman": deadman, "workspace_radius_m": workspace_radius_m, "brake_s": brake_s, "engage_share": engage_share,
-        "engage_ticks": engage_ticks, "power_window_s": power_window_s, "stuck_move_m": stuck_move_m, "stuck_turn_rad": stuck_turn_rad,
-    });
-    let DeviceMapping { world_from_device, scale, sensed, actuated, start } = mapping;
-    let port = json!({
-        "world_from_device": pose(*world_from_device), "scale": scale,
-        "sensed": sensed.names().collect::<Vec<_>>(), "actuated": actuated.names().collect::<Vec<_>>(), "start": pose(*start),
-    });
-    let ArmParameters {
-        delay_ticks,
-        stiffness_lag_n_s_per_m,
-        stiffness_lag_nm_s_per_rad,
-        injected_n_s_per_m,
-        injected_nm_s_per_rad,
-        stable_damping_n_s_per_m,
-        stable_damping_nm_s_per_rad,
-        velocity_age_ticks,
-        velocity_step_m_per_s,
-        velocity_step_rad_per_s,
-        encoder_step_m,
-        encoder_step_rad,
-    } = arm;
-    let arm = json!({
-        "delay_ticks": delay_ticks, "stiffness_lag_n_s_per_m": stiffness_lag_n_s_per_m,
-        "stiffness_lag_nm_s_per_rad": stiffness_lag_nm_s_per_rad, "injected_n_s_per_m": injected_n_s_per_m,
-        "injected_nm_s_per_rad": injected_nm_s_per_rad,
-        "stable_damping_n_s_per_m": stable_damping_n_s_per_m, "stable_damping_nm_s_per_rad": stable_damping_nm_s_per_rad,
-        "velocity_age_ticks": velocity_age_ticks, "velocity_step_m_per_s": velocity_step_m_per_s,
-        "velocity_step_rad_per_s": velocity_step_rad_per_s, "encoder_step_m": encoder_step_m, "encoder_step_rad": encoder_step_rad,
-    });
-    json!({
-        "period_s": period_s, "gravity_m_per_s2": gravity_m_per_s2.to_array(), "contact": contact, "coupling": coupling,
-        "filter": { "spatial": spatial, "cutoff_hz": cutoff_hz }, "limits": limits, "safety": safety, "port": port, "arm": arm,
-    })
+/// Every field of a group of parameters by its name, so that none is forgotten. `=` says what
+/// stands for a value that JSON does not have.
+macro_rules! object {
+    ($group:ident($value:expr): $($field:ident $(= $shown:expr)?),+) => {{
+        let $group { $($field),+ } = $value;
+        $($(let $field = $shown;)?)+
+        let name = |field: &str| field.trim_start_matches("r#").to_owned();
+        Map::from_iter([$((name(stringify!($field)), json!($field))),+])
+    }};
+}
+
+/// Every parameter of the tick.
+fn parameters(p: &Parameters) -> Map<String, Value> {
+    let mut parameters = object! { Parameters(p):
+        period_s, gravity_m_per_s2 = gravity_m_per_s2.to_array(),
+        contact = object! { ContactParameters(contact):
+            field = scene_word(field), stiffness_n_per_m, damping_ratio,
+            normalization = scene_word(normalization),
+            friction = object! { FrictionParameters(friction):
+                r#static, dynamic, stiffness_n_per_m
+            },
+            damping_n_s_per_m, braking
+        },
+        coupling = object! { CouplingParameters(coupling):
+            mode = scene_word(mode), stiffness_n_per_m, stiffness_nm_per_rad,
+            felt_damping_n_s_per_m, felt_damping_nm_s_per_rad, clamp = scene_word(clamp),
+            free_space = scene_word(free_space), bound_n_per_m, bound_nm_per_rad
+        },
+        filter = object! { FilterParameters(filter): spatial, cutoff_hz },
+        limits = object! { LimitParameters(limits):
+            force_n, torque_nm, speed_m_per_s, slew_n_per_s, slew_nm_per_s, power_w, ramp_s,
+            stale_ticks_max, stale_fault_ticks, overrun_fault_ticks, stall_s
+        },
+        safety = object! { SafetyParameters(safety):
+            deadman, workspace_radius_m, brake_s, engage_share, engage_ticks, power_window_s,
+            stuck_move_m, stuck_turn_rad
+        },
+        mapping = object! { DeviceMapping(mapping):
+            world_from_device = pose(*world_from_device), scale,
+            sensed = sensed.names().collect::<Vec<_>>(),
+            actuated = actuated.names().collect::<Vec<_>>(), start = pose(*start)
+        },
+        arm = object! { ArmParameters(arm):
+            delay_ticks, stiffness_lag_n_s_per_m, stiffness_lag_nm_s_per_rad, injected_n_s_per_m,
+            injected_nm_s_per_rad, stable_damping_n_s_per_m, stable_damping_nm_s_per_rad,
+            velocity_age_ticks, velocity_step_m_per_s, velocity_step_rad_per_s, encoder_step_m,
+            encoder_step_rad
+        }
+    };
+    // Its name in recordings of every version.
+    let port = parameters.remove("mapping").map(|port| ("port".to_owned(), port));
+    parameters.extend(port);
+    parameters
 }

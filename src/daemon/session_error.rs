@@ -38,8 +38,8 @@ pub enum SessionError {
         ours: String,
     },
     /// Something else than parameters of a scene with clay has changed.
-    #[error("the clay is worked until the run ends: of its scene only parameters are taken \
-        meanwhile ({}), and more than those has changed", .taken.join(", "))]
+    #[error("a run with clay takes only changes of parameters ({}), and the scene file has other \
+        changes", .taken.join(", "))]
     Clay {
         /// The parameters.
         taken: Vec<&'static str>,

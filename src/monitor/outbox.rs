@@ -19,7 +19,7 @@ const STATES_S: f64 = 0.05;
 /// Going away (RFC 6455).
 pub(super) const AWAY: u16 = 1001;
 /// The client does not do its part.
-const POLICY: u16 = 1008;
+pub(super) const POLICY: u16 = 1008;
 /// Why a client is expelled that takes nothing.
 const DEAF: &str = "does not read";
 

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use axum::body::Bytes;
-use axum::extract::rejection::QueryRejection;
-use axum::extract::{ConnectInfo, DefaultBodyLimit, Path, Query, Request, State};
+use axum::extract::rejection::{BytesRejection, QueryRejection};
+use axum::extract::{ConnectInfo, DefaultBodyLimit, FromRequest, Path, Query, Request, State};
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::middleware::{self, Next};
 use axum::response::{IntoResponse, Redirect, Response};
@@ -47,6 +47,9 @@ const LONGEST_URI: usize = 2048;
 const LONGEST_REFUSAL: usize = 1024;
 /// A request that takes longer goes on; its outcome is sent as an event.
 const PATIENCE: Duration = Duration::from_secs(2);
+/// A file for the clay that is not whole after so long is refused: others wait behind it. A
+/// connection on which nothing comes is closed later, so that this can be answered.
+const UPLOAD: Duration = Duration::from_secs(20);
 
 /// Type of what is no text.
 const BYTES: &str = "application/octet-stream";
@@ -537,9 +540,9 @@ async fn clay_file(
 /// What is embossed from now on.
 async fn clay_image(
     State(state): State<Arc<AppState>>,
-    bytes: Bytes,
+    request: Request,
 ) -> Result<Response, RequestError> {
-    uploaded(&state, move || image_of(&bytes)).await
+    uploaded(&state, request, |bytes| image_of(&bytes)).await
 }
 
 async fn no_clay_image(State(state): State<Arc<AppState>>) -> Result<Response, RequestError> {
@@ -551,12 +554,12 @@ async fn no_clay_image(State(state): State<Arc<AppState>>) -> Result<Response, R
 async fn clay_solid(
     State(state): State<Arc<AppState>>,
     asked: Result<Query<SolidAsked>, QueryRejection>,
-    bytes: Bytes,
+    request: Request,
 ) -> Result<Response, RequestError> {
     let Query(asked) = asked.map_err(|refused| {
         RequestError::bad(refused.body_text(), "such as PUT /api/v1/clay/solid?format=stl&units=mm")
     })?;
-    uploaded(&state, move || solid_of(&bytes, asked)).await
+    uploaded(&state, request, move |bytes| solid_of(&bytes, asked)).await
 }
 
 async fn no_clay_solid(State(state): State<Arc<AppState>>) -> Result<Response, RequestError> {
@@ -568,36 +571,62 @@ async fn no_clay_solid(State(state): State<Arc<AppState>>) -> Result<Response, R
 async fn clay_values(
     State(state): State<Arc<AppState>>,
     asked: Result<Query<ValuesAsked>, QueryRejection>,
-    bytes: Bytes,
+    request: Request,
 ) -> Result<Response, RequestError> {
     let Query(asked) = asked.map_err(|refused| {
         RequestError::bad(refused.body_text(), "such as PUT /api/v1/clay/values?within_m=0.001")
     })?;
-    uploaded(&state, move || values_of(&bytes, asked)).await
+    uploaded(&state, request, move |bytes| values_of(&bytes, asked)).await
 }
 
-/// Read on a thread that may take its time, then given to the clay.
+/// Takes the file of a client, reads it on a thread that may take its time, and gives it to the
+/// clay.
 async fn uploaded(
     state: &Arc<AppState>,
-    read: impl FnOnce() -> Result<SculptOrder, RequestError> + Send + 'static,
+    request: Request,
+    read: impl FnOnce(Bytes) -> Result<SculptOrder, RequestError> + Send + 'static,
 ) -> Result<Response, RequestError> {
     // Before the work: a scene without clay says so.
     state.hub.clay()?;
-    // One file after the other, also where a client has gone away meanwhile: each may take seconds,
-    // and as much memory as many of its size.
+    // One file after the other, from its first byte on, also where a client has gone away
+    // meanwhile: each may take seconds, and as much memory as many of its size.
     let turn = state.upload_turn.clone().try_acquire_owned();
     let turn =
         turn.map_err(|_| RequestError::too_many("another file for the clay is being read"))?;
+    let bytes = match whole_body(request, UPLOAD).await? {
+        Ok(bytes) => bytes,
+        Err(refused) => return Ok(refused.into_response()),
+    };
     let read = move || {
-        let order = read();
+        let order = read(bytes);
         give_back_memory();
         drop(turn);
         order
     };
     let order = state.uploads.run(read).await;
-    let order = order
-        .unwrap_or_else(|| Err(RequestError::bad("the file came to grief", "send another one")))?;
+    let order = order.unwrap_or_else(|| {
+        Err(RequestError::new(
+            StatusCode::INTERNAL_SERVER_ERROR,
+            "reading the file failed inside hapticd",
+            "the log has more",
+        ))
+    })?;
     answered(|reply| super::clay::order(&state.hub, |_| Ok(order), reply)).await
+}
+
+/// The body of a request, where all of it comes within this time. What the framework refuses is
+/// put into our words by [`in_our_words`].
+async fn whole_body(
+    request: Request,
+    within: Duration,
+) -> Result<Result<Bytes, BytesRejection>, RequestError> {
+    tokio::time::timeout(within, Bytes::from_request(request, &())).await.map_err(|_| {
+        RequestError::new(
+            StatusCode::REQUEST_TIMEOUT,
+            format!("the file did not arrive within {} s", within.as_secs()),
+            "send it again, over a faster network",
+        )
+    })
 }
 
 /// Beside it there may be a token.
@@ -651,5 +680,26 @@ async fn answered(ask: impl FnOnce(Reply)) -> Result<Response, RequestError> {
         Err(_) => {
             Ok((StatusCode::ACCEPTED, Json(json!({ "ok": true, "goes_on": true }))).into_response())
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use axum::body::Body;
+    use futures_util::stream;
+
+    use super::*;
+
+    #[test]
+    fn a_body_that_does_not_arrive_is_not_waited_for() {
+        let runtime =
+            tokio::runtime::Builder::new_current_thread().enable_time().build().expect("a runtime");
+        let body = Body::from_stream(stream::pending::<std::io::Result<Bytes>>());
+        let asked = whole_body(Request::new(body), Duration::from_millis(1));
+        let refused = runtime.block_on(asked).expect_err("it never comes");
+        assert_eq!(refused.status, StatusCode::REQUEST_TIMEOUT);
+        let whole = whole_body(Request::new(Body::from("all")), UPLOAD);
+        let whole = runtime.block_on(whole).expect("in time").expect("short enough");
+        assert_eq!(whole, "all");
     }
 }

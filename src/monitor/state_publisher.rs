@@ -258,7 +258,7 @@ impl StatePublisher {
                 self.points = Points { number: self.points.number + 1, found, n_all };
                 self.points_at = now + (took * POINTS_SHARE).max(POINTS_EVERY);
             }
-            // Nothing touches any more, or the search has come to grief.
+            // Nothing touches any more, or the search panicked.
             Some(Err(_)) | None => {}
         }
         self.sought = None;

@@ -30,7 +30,7 @@ impl Worker {
         let _ = self.0.send(Box::new(work));
     }
 
-    /// Does `work` there; `None` when the thread or the work came to grief.
+    /// Does `work` there; `None` where the work panicked, or the thread is gone.
     pub(super) async fn run<T: Send + 'static>(
         &self,
         work: impl FnOnce() -> T + Send + 'static,

@@ -1,6 +1,8 @@
 //! One WebSocket: requests in, words and states out.
 
 use core::time::Duration;
+use std::error::Error;
+use std::io;
 use std::sync::Arc;
 
 use axum::extract::ws::rejection::WebSocketUpgradeRejection;
@@ -19,7 +21,7 @@ use super::asks::{ClientCommand, perform};
 use super::client::Client;
 use super::connection::Peer;
 use super::encode;
-use super::outbox::OutboxAction;
+use super::outbox::{OutboxAction, POLICY};
 use super::problem::RequestError;
 use super::rate_limiter::TokenBucket;
 
@@ -153,13 +155,7 @@ async fn take_all(mut stream: SplitStream<WebSocket>, state: &Arc<AppState>, cli
             Ok(Message::Ping(_) | Message::Pong(_) | Message::Close(_)) => {}
             Err(_) if client.has_left() => break,
             Err(error) => {
-                // The only word that the library has for it.
-                let is_too_large = error.to_string().contains("too long");
-                let (code, reason) = if is_too_large {
-                    (TOO_LARGE, "a message has at most 65536 bytes")
-                } else {
-                    (PROTOCOL, "not the WebSocket protocol, or silent for 30 s")
-                };
+                let (code, reason) = reason_of(&error);
                 return client.outbox.expel(code, reason);
             }
         }
@@ -170,6 +166,25 @@ async fn take_all(mut stream: SplitStream<WebSocket>, state: &Arc<AppState>, cli
         }
     }
     client.outbox.end(NORMAL, "");
+}
+
+/// Why a connection that fails is closed: a code, and the words for its client.
+fn reason_of(error: &axum::Error) -> (u16, &'static str) {
+    let first: &(dyn Error + 'static) = error;
+    let mut causes = core::iter::successors(Some(first), |&cause| cause.source());
+    let is_silent = causes.any(|cause| {
+        cause
+            .downcast_ref::<io::Error>()
+            .is_some_and(|error| error.kind() == io::ErrorKind::TimedOut)
+    });
+    if is_silent {
+        (POLICY, "silent for 30 s")
+    } else if error.to_string().contains("too long") {
+        // The library has no other word for it.
+        (TOO_LARGE, "a message has at most 65536 bytes")
+    } else {
+        (PROTOCOL, "not the WebSocket protocol")
+    }
 }
 
 /// One message. It is parsed before it is paced: what switches force off waits for nothing, and is
@@ -226,4 +241,18 @@ fn reply(id: &Value, result: Result<Completion, RequestError>) -> String {
             "hint": said.hint,
         }),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn silence_and_what_is_no_protocol_are_told_apart() {
+        let silent = axum::Error::new(axum::Error::new(io::Error::from(io::ErrorKind::TimedOut)));
+        assert_eq!(reason_of(&silent), (POLICY, "silent for 30 s"));
+        assert_eq!(reason_of(&axum::Error::new("Message too long: 70000 > 65536")).0, TOO_LARGE);
+        let broken = axum::Error::new(io::Error::from(io::ErrorKind::InvalidData));
+        assert_eq!(reason_of(&broken), (PROTOCOL, "not the WebSocket protocol"));
+    }
 }

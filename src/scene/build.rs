@@ -46,10 +46,10 @@ pub fn build(
 /// As [`build`], and an object that would take too much memory; the cache adds none.
 pub fn build_with(
     config: &SceneConfig,
-    means: &mut BakeOptions<'_>,
+    options: &mut BakeOptions<'_>,
     watch: impl FnMut(BakeEvent<'_>),
 ) -> Result<(RenderScene, Vec<ObjectReport>), SceneError> {
-    build_all(config, means, watch).map(|Built { scene, objects, .. }| (scene, objects))
+    build_all(config, options, watch).map(|Built { scene, objects, .. }| (scene, objects))
 }
 
 /// A scene with all that was made for it.
@@ -69,7 +69,7 @@ pub struct Built {
 /// As [`build_with`], and clay that cannot be read or makes no surface.
 pub fn build_all(
     config: &SceneConfig,
-    means: &mut BakeOptions<'_>,
+    options: &mut BakeOptions<'_>,
     mut watch: impl FnMut(BakeEvent<'_>),
 ) -> Result<Built, SceneError> {
     let n_objects = config.statics.len() + 1 + usize::from(config.sculpt.is_some());
@@ -77,7 +77,7 @@ pub fn build_all(
     for (object_idx, object) in config.statics.iter().enumerate() {
         let tell = |stage| watch(BakeEvent { name: &object.name, object_idx, n_objects, stage });
         let request = static_request(object, builder.needs_gradients());
-        let Baked { field, report, .. } = object::obtain(&request, means, tell)?;
+        let Baked { field, report, .. } = object::obtain(&request, options, tell)?;
         let Some(field) = field else { unreachable!("a static object has a field") };
         builder.add_baked_part(field, report, object.pose);
     }
@@ -87,7 +87,7 @@ pub fn build_all(
         watch(BakeEvent { name: "tool", object_idx: config.statics.len(), n_objects, stage })
     };
     let request = tool_request(&config.tool);
-    let Baked { shell, mass, report, .. } = object::obtain(&request, means, tell)?;
+    let Baked { shell, mass, report, .. } = object::obtain(&request, options, tell)?;
     let (Some(shell), Some(mass)) = (shell, mass) else {
         unreachable!("a tool has a shell and a mass")
     };
@@ -99,7 +99,7 @@ pub fn build_all(
             n_objects,
             stage: BakeStage::Surface,
         });
-        let built = LoadedClay::build(config, sculpt, &means.memory)?;
+        let built = LoadedClay::build(config, sculpt, &options.memory)?;
         builder.set_clay(built.clay(config, sculpt)?);
         model = Some(built);
     }

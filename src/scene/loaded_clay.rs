@@ -36,7 +36,7 @@ pub enum ClayError {
     Load(#[from] LoadError),
     /// The clay itself.
     #[error(transparent)]
-    Piece(#[from] ClayModelError),
+    Model(#[from] ClayModelError),
     /// A session that was saved.
     #[error(transparent)]
     Session(#[from] SessionFileError),
@@ -50,23 +50,23 @@ impl ClayError {
     pub fn hint(&self) -> Option<String> {
         match self {
             Self::Load(problem) => problem.hint().map(str::to_owned),
-            Self::Piece(ClayModelError::Surface(problem)) => Some(problem.hint().to_owned()),
+            Self::Model(ClayModelError::Surface(problem)) => Some(problem.hint().to_owned()),
             Self::Session(_) => Some(
                 "give a file of `hapticd sculpt --session`, or another source \
                 of clay"
                     .to_owned(),
             ),
-            Self::Piece(ClayModelError::Beside(..)) => Some(
+            Self::Model(ClayModelError::Beside(..)) => Some(
                 "give `sculpt.region_mm` in the frame of the clay's file, and check \
                     `sculpt.units`"
                     .to_owned(),
             ),
-            Self::Piece(ClayModelError::Memory { limit, .. }) => Some(format!(
+            Self::Model(ClayModelError::Memory { limit, .. }) => Some(format!(
                 "take fewer mass points in `sculpt.raster`, a larger \
                     `sculpt.spacing_mm`, or {}",
                 limit.remedy()
             )),
-            Self::Piece(_) | Self::Frame(_) => None,
+            Self::Model(_) | Self::Frame(_) => None,
         }
     }
 }

@@ -6,10 +6,9 @@ use super::cache::{Baked, Cache, Lookup, Request, Spacing};
 use super::loaded_clay::ClayError;
 use crate::config::scene::MeshSource;
 use clay::clay_model::{ClayModelError, MemoryEstimate};
-use vps::part::{Part, PartError, PartRole};
+use vps::part::{ExceededLimit, Part, PartError, PartRole};
 use vps::storage::memory::available_bytes;
-use vps::voxmap::estimate::{Estimate, MeshMeasures, Products, voxel_size_within};
-use vps::voxmap::grid::{Grid, GridError};
+use vps::voxmap::estimate::{Estimate, Products};
 use vps::voxmap::memory_limit::MemoryLimit;
 use vps::voxmap::{BakeStage, Options};
 
@@ -126,41 +125,16 @@ impl<'a> MemoryPlan<'a> {
         options: &Options,
         products: Products,
     ) -> Result<(), PartError> {
-        let measures = MeshMeasures::of(&part.mesh);
-        let (low, high) = measures.bounds_m;
-        let grid = |source| PartError::Grid { name: part.name().to_owned(), source };
-        let fits = |from_m, most_bytes| {
-            voxel_size_within(&measures, from_m, options.layers, products, most_bytes)
-        };
-        let around =
-            Grid::around(low, high, options.voxel_size_m, options.layers).map_err(|error| {
-                match error {
-                    // The finest voxels of one map may take a hundred times the memory that there
-                    // is.
-                    GridError::TooLarge { dims, voxel_size_m } => {
-                        let voxel_size_m = self
-                            .most_bytes()
-                            .and_then(|most| fits(voxel_size_m, most))
-                            .unwrap_or(voxel_size_m);
-                        grid(GridError::TooLarge { dims, voxel_size_m })
-                    }
-                    error => grid(error),
-                }
-            })?;
-        let estimate = Estimate::new(&measures, &around, options.layers, products);
-        let exceeded = self.exceeded_by(estimate.peak_bytes);
-        let kept_bytes = self.kept_bytes;
-        self.kept_bytes += estimate.kept_bytes;
-        (self.tell)(part.name(), &estimate);
-        let Some((limit, most_bytes)) = exceeded else { return Ok(()) };
-        let kept_bytes = if let MemoryLimit::Given(_) = limit { kept_bytes } else { 0 };
-        Err(grid(GridError::Memory {
-            needed_bytes: estimate.peak_bytes.saturating_add(kept_bytes),
-            kept_bytes,
-            limit,
-            asked_m: options.voxel_size_m,
-            voxel_size_m: fits(options.voxel_size_m, most_bytes),
-        }))
+        let most_bytes = self.most_bytes();
+        part.judge(options, products, most_bytes, |estimate| {
+            let exceeded = self.exceeded_by(estimate.peak_bytes);
+            let kept_bytes = self.kept_bytes;
+            self.kept_bytes += estimate.kept_bytes;
+            (self.tell)(part.name(), estimate);
+            let (limit, most_bytes) = exceeded?;
+            let kept_bytes = if let MemoryLimit::Given(_) = limit { kept_bytes } else { 0 };
+            Some(ExceededLimit { limit, most_bytes, kept_bytes })
+        })
     }
 
     /// Judges the clay, beside what the objects before it keep.

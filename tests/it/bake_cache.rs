@@ -63,12 +63,8 @@ const CORNER: &str =
     "v 0 0 0\nv 11.3 0 0\nv 0 9.7 0\nv 1 2 8.1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n";
 
 /// Bakes a scene through the cache; what the cache did for each object, and what it said.
-fn bake(
-    config: &SceneConfig,
-    folder: &Path,
-    residence: CachePolicy,
-) -> (Vec<CacheUse>, Vec<String>) {
-    let mut cache = Cache::at(folder.to_owned(), residence);
+fn bake(config: &SceneConfig, folder: &Path, policy: CachePolicy) -> (Vec<CacheUse>, Vec<String>) {
+    let mut cache = Cache::at(folder.to_owned(), policy);
     let (_, reports) =
         scene::build_with(config, &mut BakeOptions::from(&mut cache), |_| ()).unwrap();
     (reports.iter().map(|report| report.cache).collect(), cache.take_notes())
@@ -117,10 +113,10 @@ fn a_hit_is_a_bake(what: &str, config: &SceneConfig, n_ticks: u64) {
     let uses =
         |reports: &[ObjectReport]| reports.iter().map(|report| report.cache).collect::<Vec<_>>();
     assert!(uses(&fresh.reports).iter().all(|cache| *cache == CacheUse::Off));
-    for (residence, expected) in
+    for (policy, expected) in
         [(BOTH[0], CacheUse::Miss), (BOTH[0], CacheUse::Hit), (BOTH[1], CacheUse::Hit)]
     {
-        let mut cache = Cache::at(dir.path().to_owned(), residence);
+        let mut cache = Cache::at(dir.path().to_owned(), policy);
         let run = rig::run_ticks_with(config, &mut cache, n_ticks);
         assert_eq!(cache.take_notes(), [""; 0]);
         assert!(
@@ -133,7 +129,7 @@ fn a_hit_is_a_bake(what: &str, config: &SceneConfig, n_ticks: u64) {
         assert_eq!(
             (differs, run.records.len()),
             (None, fresh.records.len()),
-            "{what}, {residence:?}: first tick that differs"
+            "{what}, {policy:?}: first tick that differs"
         );
     }
 }
@@ -393,12 +389,12 @@ fn other_versions_are_reported_the_older_is_replaced_the_newer_left_alone() {
     bake(&config, &cache, CachePolicy::Copy);
     let file = files(&cache).remove(0);
     let sound = fs::read(&file).unwrap();
-    for residence in BOTH {
+    for policy in BOTH {
         for (format, generation) in
             [(FORMAT - 1, GENERATION), (FORMAT, GENERATION - 1), (FORMAT - 1, GENERATION + 1)]
         {
             put(&file, &of_version(&sound, format, generation));
-            let (uses, notes) = bake(&config, &cache, residence);
+            let (uses, notes) = bake(&config, &cache, policy);
             assert!(uses.contains(&CacheUse::Rebaked) && notes.len() == 1, "{notes:?}");
             assert!(
                 notes[0].contains(&format!(
@@ -406,7 +402,7 @@ fn other_versions_are_reported_the_older_is_replaced_the_newer_left_alone() {
                 )),
                 "{notes:?}"
             );
-            assert_eq!(bake(&config, &cache, residence), (vec![CacheUse::Hit; 2], vec![]));
+            assert_eq!(bake(&config, &cache, policy), (vec![CacheUse::Hit; 2], vec![]));
         }
         for (format, generation) in
             [(FORMAT + 1, GENERATION), (FORMAT, GENERATION + 1), (FORMAT + 1, 0)]
@@ -414,7 +410,7 @@ fn other_versions_are_reported_the_older_is_replaced_the_newer_left_alone() {
             let newer = of_version(&sound, format, generation);
             put(&file, &newer);
             for _ in 0..2 {
-                let (uses, notes) = bake(&config, &cache, residence);
+                let (uses, notes) = bake(&config, &cache, policy);
                 assert!(uses.contains(&CacheUse::Rebaked) && notes.len() == 1, "{notes:?}");
                 assert!(
                     notes[0].contains(&format!(

@@ -439,7 +439,7 @@ fn a_frame_that_cannot_be_touched_is_refused_and_comes_back() {
     let sound = || frame(|place| -place.z);
     let scene = scene(sound(), point());
     let clay = scene.clay.as_ref().expect("clay");
-    let (mut feed, slot) = DensitySlot::new(clay, 4);
+    let (mut feed, slot) = DensitySlot::new(&clay.frame, &clay.world_from_map, 4);
     let mut refused =
         |frame: DensityFrame| feed.publish(Box::new(frame)).expect_err("refused").0.to_string();
     let shifted = Lattice { origin_map: DVec3::splat(-4.7e-3), dims: [11; 3], ..LATTICE };
@@ -592,7 +592,7 @@ fn smoothed<C: Clock>(
     let mut scene = scene(frame(|place| -place.z), point());
     let clay = scene.clay.as_mut().expect("clay");
     clay.smoothing = alpha;
-    let (feed, slot) = DensitySlot::new(clay, UPDATE_TICKS);
+    let (feed, slot) = DensitySlot::new(&clay.frame, &clay.world_from_map, UPDATE_TICKS);
     let (producer, consumer) = rtrb::RingBuffer::new(n_ticks as usize + 200);
     let control = Arc::new(Control::enabled());
     let plan = RunPlan { stop_at_tick: Some(n_ticks), ..RunPlan::default() };

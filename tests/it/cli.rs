@@ -614,6 +614,8 @@ fn an_output_that_cannot_be_written_is_reported_by_name() {
         let line = format!("bake peg.obj --units mm --voxel-size-mm 1 {flag} {path}");
         refuses(dir.path(), &line, 4, &[&format!("error: cannot write {path}: "), fragment]);
     }
+    let line = "mock open6-serial --pty arm --no-hand --trace none/t.csv";
+    refuses(dir.path(), line, 4, &["error: cannot write none/t.csv: ", "the folder must exist"]);
 }
 
 #[test]

@@ -332,6 +332,21 @@ fn a_node_that_is_started_again_is_found_and_waits_for_the_operator() {
 }
 
 #[test]
+fn a_node_that_a_stranger_could_command_does_not_start() {
+    let dir = tempfile::tempdir().expect("a folder");
+    for (endpoints, remedy) in [
+        ("--listen udp/0.0.0.0:7447", "openssl rand -hex 24"),
+        ("--connect udp/192.0.2.1:7447", "not who is met"),
+        ("--connect udp/192.0.2.1:7447 --key-file arm.key", "not who is met"),
+    ] {
+        let line = format!("device-node sim-sigma7 --no-hand {endpoints}");
+        let mut node = Running::start(dir.path(), &line);
+        assert!(node.hears(remedy), "{endpoints}: {}", node.talk);
+        assert_eq!(node.end().0, Some(2), "{endpoints}");
+    }
+}
+
+#[test]
 fn a_name_that_no_node_has_is_an_error_with_a_remedy() {
     let dir = tempfile::tempdir().expect("a folder");
     let scene = rig::shipped("block-on-plane");

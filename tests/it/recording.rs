@@ -147,12 +147,13 @@ fn a_run_with_a_moving_part_and_other_scenes_replays_bit_for_bit_without_its_fil
     let ended = hapticd(elsewhere.path(), "report r.mcap -o r.html");
     assert_eq!(ended.code, Some(0), "{}", ended.stderr);
     // A page that is there is kept, and the recording is never written over.
-    for (line, fragment) in [
-        ("report r.mcap -o r.html", "r.html exists already"),
-        ("report r.mcap --out ./r.mcap --overwrite", "is the recording itself"),
+    for (line, code, fragment) in [
+        ("report r.mcap -o r.html", 2, "r.html exists already"),
+        ("report r.mcap --out ./r.mcap --overwrite", 2, "is the recording itself"),
+        ("report r.mcap -o none/r.html", 4, "hint: the folder must exist"),
     ] {
         let refused = hapticd(elsewhere.path(), line);
-        assert_eq!(refused.code, Some(2), "{line}: {}", refused.stderr);
+        assert_eq!(refused.code, Some(code), "{line}: {}", refused.stderr);
         assert!(refused.stderr.contains(fragment), "{line}: {}", refused.stderr);
     }
     let ended = hapticd(elsewhere.path(), "report r.mcap -o r.html --overwrite");
@@ -340,12 +341,8 @@ fn what_a_killed_run_leaves_behind_replays_to_its_last_chunk() {
 fn a_folder_or_disk_that_takes_nothing_is_reported_and_never_ends_a_run() {
     let dir = folder();
     for (line, code, fragments) in [
-        (
-            "--record /proc/r.mcap",
-            4,
-            &["--record: cannot create /proc/r.mcap", "can be written to"][..],
-        ),
-        ("--record none/r.mcap", 4, &["cannot create none/r.mcap"]),
+        ("--record /proc/r.mcap", 4, &["--record: cannot create /proc/r.mcap"][..]),
+        ("--record none/r.mcap", 4, &["cannot create none/r.mcap", "the folder must exist"]),
         ("--record /dev/full --overwrite", 4, &["cannot write /dev/full: No space left"]),
         ("--record a.toml", 2, &["a.toml exists already", "--overwrite"]),
         ("--overwrite", 2, &["--record"]),

@@ -515,11 +515,7 @@ fn files_are_looked_at_before_the_work_and_nothing_is_written_over_unasked() {
         ("--pictures there.ply/pictures", 4, "cannot make the folder there.ply/pictures"),
         ("--save there.ply/end.ply", 4, "cannot write there.ply/end.ply"),
         ("--save /proc/end.ply", 4, "cannot write /proc/end.ply"),
-        (
-            "--record no/such/clay.mcap",
-            4,
-            "hint: --record takes a file in a folder that can be written to",
-        ),
+        ("--record no/such/clay.mcap", 4, "hint: the folder must exist"),
         ("--session same --record same", 2, "same would be written twice"),
         ("--session press.csv --overwrite", 2, "press.csv is what the scene is read from"),
         ("--record press.csv --overwrite", 2, "press.csv is what the scene is read from"),

@@ -262,7 +262,7 @@ fn a_studio_ends_when_it_is_ordered_to_though_the_loop_keeps_its_slot() {
         let plan =
             SculptPlan { tick_s: 1e-3, update_ticks: UPDATE_TICKS, clock, script: Vec::new() };
         let control = Arc::new(Control::enabled());
-        let (slot, _door, thread) =
+        let (slot, _handle, thread) =
             begin(engine, scene.clay.as_ref().expect("clay"), plan, control).expect("a thread");
         assert!(!thread.has_ended());
         thread.end();

@@ -453,7 +453,7 @@ fn frames_of_clay_that_come_and_go_allocate_nothing() {
         let rope = Rope { stiffness_n_per_m: 100.0, force_n: 1.0 };
         let clay =
             Clay { world_from_map: Pose::IDENTITY, frame: slab_of_clay(0, 0.0), smoothing, rope };
-        let (feed, slot) = DensitySlot::new(&clay, 4);
+        let (feed, slot) = DensitySlot::new(&clay.frame, &clay.world_from_map, 4);
         scene.clay = Some(clay);
         let (producer, mut consumer) = rtrb::RingBuffer::new(STRIDE);
         let control = Arc::new(Control::enabled());

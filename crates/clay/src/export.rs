@@ -165,7 +165,7 @@ pub fn write_mesh(path: &Path, mesh: &TriangleMesh) -> io::Result<()> {
         let n_triangles = mesh.triangles.len();
         write!(
             file,
-            "ply\nformat binary_little_endian 1.0\ncomment a clay model of clay, metres\nelement vertex \
+            "ply\nformat binary_little_endian 1.0\ncomment clay, metres\nelement vertex \
                 {n_vertices}\n"
         )?;
         write!(

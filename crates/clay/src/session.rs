@@ -59,7 +59,7 @@ pub enum SessionFileError {
     },
     /// Checksums fit, and yet it makes no clay model.
     #[error("the session {path} makes no clay model: {source}")]
-    Piece {
+    Model {
         /// The file.
         path: PathBuf,
         /// Why.
@@ -257,7 +257,7 @@ impl ClayModel {
         let session = decode(region)
             .map_err(|reason| SessionFileError::Refused { path: path.to_owned(), reason })?;
         Self::resume(session)
-            .map_err(|source| SessionFileError::Piece { path: path.to_owned(), source })
+            .map_err(|source| SessionFileError::Model { path: path.to_owned(), source })
     }
 }
 

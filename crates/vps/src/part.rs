@@ -69,6 +69,17 @@ impl PartError {
     }
 }
 
+/// A limit that a bake exceeds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ExceededLimit {
+    /// Which.
+    pub limit: MemoryLimit,
+    /// What it leaves to this bake, bytes.
+    pub most_bytes: u64,
+    /// What the parts before this one keep, where the limit counts them, bytes.
+    pub kept_bytes: u64,
+}
+
 /// A rigid part on its way through the stages.
 #[derive(Debug)]
 pub struct Part {
@@ -181,24 +192,52 @@ impl Part {
     /// # Errors
     /// What does not fit into one map, or into the memory that the system has left.
     pub fn fits(&self, options: &Options, products: Products) -> Result<(), PartError> {
+        let left = available_bytes().map(MemoryLimit::Left);
+        let most_bytes = left.map(MemoryLimit::max_bytes);
+        self.judge(options, products, most_bytes, |estimate| {
+            let limit = left.filter(|limit| estimate.peak_bytes > limit.max_bytes())?;
+            Some(ExceededLimit { limit, most_bytes: limit.max_bytes(), kept_bytes: 0 })
+        })
+    }
+
+    /// Whether it can be baked within the limits of the caller. `exceeded` gets what baking takes,
+    /// and gives the limit that this exceeds; `most_bytes` is what a bake may take under all of
+    /// them, for the voxel size that an error advises.
+    ///
+    /// # Errors
+    /// What does not fit into one map, or exceeds a limit.
+    pub fn judge(
+        &self,
+        options: &Options,
+        products: Products,
+        most_bytes: Option<u64>,
+        exceeded: impl FnOnce(&Estimate) -> Option<ExceededLimit>,
+    ) -> Result<(), PartError> {
         let measures = MeshMeasures::of(&self.mesh);
         let (low, high) = measures.bounds_m;
-        let grid = Grid::around(low, high, options.voxel_size_m, options.layers)
-            .map_err(|source| self.refused(source))?;
-        let needed_bytes = Estimate::new(&measures, &grid, options.layers, products).peak_bytes;
-        let limit = available_bytes()
-            .map(MemoryLimit::Left)
-            .filter(|limit| needed_bytes > limit.max_bytes());
-        let Some(limit) = limit else { return Ok(()) };
-        let asked_m = options.voxel_size_m;
-        let voxel_size_m =
-            voxel_size_within(&measures, asked_m, options.layers, products, limit.max_bytes());
+        let &Options { voxel_size_m: asked_m, layers, .. } = options;
+        let fitting =
+            |from_m, most_bytes| voxel_size_within(&measures, from_m, layers, products, most_bytes);
+        let grid = Grid::around(low, high, asked_m, layers).map_err(|error| {
+            self.refused(match error {
+                // The finest voxels of one map may take a hundred times the memory that there is.
+                GridError::TooLarge { dims, voxel_size_m: finest_m } => {
+                    let fitting_m = most_bytes.and_then(|most_bytes| fitting(finest_m, most_bytes));
+                    GridError::TooLarge { dims, voxel_size_m: fitting_m.unwrap_or(finest_m) }
+                }
+                error => error,
+            })
+        })?;
+        let estimate = Estimate::new(&measures, &grid, layers, products);
+        let Some(ExceededLimit { limit, most_bytes, kept_bytes }) = exceeded(&estimate) else {
+            return Ok(());
+        };
         Err(self.refused(GridError::Memory {
-            needed_bytes,
-            kept_bytes: 0,
+            needed_bytes: estimate.peak_bytes.saturating_add(kept_bytes),
+            kept_bytes,
             limit,
             asked_m,
-            voxel_size_m,
+            voxel_size_m: fitting(asked_m, most_bytes),
         }))
     }
 

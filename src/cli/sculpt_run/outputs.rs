@@ -26,25 +26,25 @@ pub(super) struct Pictures {
 }
 
 impl Pictures {
-    fn file(&self, moment: &str) -> PathBuf {
-        self.folder.join(format!("{}-{moment}.png", self.name))
+    fn file(&self, when: &str) -> PathBuf {
+        self.folder.join(format!("{}-{when}.png", self.name))
     }
 
     fn files(&self) -> [PathBuf; 2] {
-        ["before", "after"].map(|moment| self.file(moment))
+        ["before", "after"].map(|when| self.file(when))
     }
 
     /// Draws both at one scale.
     pub(super) fn draw(&self, after: &ClayModel) -> [(PathBuf, std::io::Result<()>); 2] {
         let mass_after = MassPoints::beside_surface(after.region());
         let after = after.points();
-        let moments = [
+        let drawn = [
             ("before", &self.before, after, &self.mass_before),
             ("after", after, &self.before, &mass_after),
         ];
-        moments.map(|(moment, points, beside, mass_points)| {
-            let name = format!("{}, {moment}", self.title);
-            let file = self.file(moment);
+        drawn.map(|(when, points, beside, mass_points)| {
+            let name = format!("{}, {when}", self.title);
+            let file = self.file(when);
             let written = splats::write(
                 &file,
                 &[ClaySnapshot {

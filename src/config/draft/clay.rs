@@ -1,5 +1,4 @@
-//! A first scene for a clay model of clay: how large the brush and the ball in the hand are, and
-//! where it begins.
+//! A first scene for clay: how large the brush and the ball in the hand are, and where it begins.
 
 use std::fmt::Write as _;
 

@@ -1,5 +1,4 @@
-//! `[sculpt]` of a scene, and files of strokes: what both say of a clay model of clay, its tool and
-//! other solids.
+//! `[sculpt]` of a scene, and files of strokes: what both say of clay, its tool and other solids.
 
 use schemars::JsonSchema;
 use serde::Deserialize;

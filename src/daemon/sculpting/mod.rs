@@ -168,7 +168,7 @@ pub fn begin(
     control: Arc<Control>,
 ) -> std::io::Result<(DensitySlot, ClayHandle, SculptThread)> {
     let update_ticks = plan.update_ticks.max(1);
-    let (feed, slot) = DensitySlot::new(clay, update_ticks);
+    let (feed, slot) = DensitySlot::new(&clay.frame, &clay.world_from_map, update_ticks);
     let (handle, handle_end) = handle::pair();
     let is_over = Arc::new(AtomicBool::new(false));
     let thread = thread::spawn(

@@ -129,13 +129,25 @@ mod tests {
 
     use super::*;
 
+    const HUNG: Duration = Duration::from_secs(60);
+
+    /// A test that fails must not leave the thread behind.
+    struct End<'w>(&'w HoldWatchdog);
+
+    impl Drop for End<'_> {
+        fn drop(&mut self) {
+            self.0.end();
+        }
+    }
+
     #[test]
     fn a_hold_ends_with_its_client() {
         let watchdog = HoldWatchdog::default();
         let (sender, lapsed) = channel();
         std::thread::scope(|scope| {
             scope.spawn(|| watchdog.watch(move |is_news| sender.send(is_news).unwrap_or_default()));
-            let next = || lapsed.recv().expect("it watches");
+            let _end = End(&watchdog);
+            let next = || lapsed.recv_timeout(HUNG).expect("it watches");
             assert!(watchdog.hold(1) && watchdog.hold(1) && !watchdog.hold(2));
             assert!(
                 !watchdog.let_go(2) && watchdog.holds() && watchdog.let_go(1) && !watchdog.holds()
@@ -159,7 +171,6 @@ mod tests {
             watchdog.still_held();
             assert!(watchdog.hold(3) && !watchdog.hold(4));
             assert!(watchdog.let_all_go() && !watchdog.holds());
-            watchdog.end();
         });
     }
 }

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use serde::Deserialize;
 
 use super::super::problem::RequestError;
+use crate::config::draft::Unit;
 use clay::emboss::GreyImage;
 use clay::engine::{ChosenSolid, SculptOrder, ToolChange};
 use clay::material_map::{MaterialPlace, Painted};
@@ -30,21 +31,11 @@ pub(in crate::monitor) enum SolidFormat {
     Ply,
 }
 
-/// Its unit.
-#[derive(Clone, Copy, Debug, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub(in crate::monitor) enum SolidUnit {
-    M,
-    Cm,
-    Mm,
-    In,
-}
-
 /// What stands beside a solid in the address; a token may, too.
 #[derive(Clone, Copy, Debug, Deserialize)]
 pub(in crate::monitor) struct SolidAsked {
     format: SolidFormat,
-    units: SolidUnit,
+    units: Unit,
 }
 
 /// An image for the tool.
@@ -85,16 +76,10 @@ pub(in crate::monitor) fn solid_of(
         SolidFormat::Obj => (Format::Obj, "a solid.obj"),
         SolidFormat::Ply => (Format::Ply, "a solid.ply"),
     };
-    let metres_per_unit = match asked.units {
-        SolidUnit::M => 1.0,
-        SolidUnit::Cm => 1e-2,
-        SolidUnit::Mm => 1e-3,
-        SolidUnit::In => 0.0254,
-    };
     let hint = "a closed mesh as STL, OBJ or PLY of at most 16 MiB, with its `format` and `units` \
         (m, cm, mm, in) in the address";
     let refused = |error: &dyn core::fmt::Display| RequestError::bad(error.to_string(), hint);
-    let mesh = mesh::parse(bytes, format, Path::new(name), metres_per_unit)
+    let mesh = mesh::parse(bytes, format, Path::new(name), asked.units.metres())
         .map_err(|error| refused(&error))?;
     let solid = ChosenSolid::centered(mesh).map_err(|error| refused(&error))?;
     Ok(SculptOrder::Adjust(ToolChange { solid: Some(Some(solid)), ..ToolChange::default() }))
@@ -131,7 +116,7 @@ mod tests {
         "v 10 0 0\nv 20 0 0\nv 10 10 0\nv 10 0 10\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
 
     fn asked(format: SolidFormat) -> SolidAsked {
-        SolidAsked { format, units: SolidUnit::Mm }
+        SolidAsked { format, units: Unit::Mm }
     }
 
     #[test]

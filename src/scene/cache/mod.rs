@@ -51,7 +51,7 @@ pub enum CachePolicy {
 pub struct Cache {
     /// `None`: off.
     folder: Option<PathBuf>,
-    residence: CachePolicy,
+    policy: CachePolicy,
     /// One refusal is enough for a process.
     may_write: bool,
     notes: Vec<String>,
@@ -78,12 +78,12 @@ pub struct CacheSlot {
 impl Cache {
     /// A cache that finds nothing and keeps nothing.
     pub fn off() -> Self {
-        Self { folder: None, residence: CachePolicy::Copy, may_write: false, notes: Vec::new() }
+        Self { folder: None, policy: CachePolicy::Copy, may_write: false, notes: Vec::new() }
     }
 
     /// The cache in a folder, which need not exist yet.
-    pub fn at(folder: PathBuf, residence: CachePolicy) -> Self {
-        Self { folder: Some(folder), residence, may_write: true, ..Self::off() }
+    pub fn at(folder: PathBuf, policy: CachePolicy) -> Self {
+        Self { folder: Some(folder), policy, may_write: true, ..Self::off() }
     }
 
     /// What a user should know, in plain words; empties the list.
@@ -149,7 +149,7 @@ impl Cache {
             )));
         }
         folder::touch(&file);
-        let region = match self.residence {
+        let region = match self.policy {
             // An empty file cannot be mapped; a copy of it says what is wrong.
             CachePolicy::Mapped if file.metadata()?.len() > 0 => MappedFile::map(&file)?,
             CachePolicy::Mapped | CachePolicy::Copy => MappedFile::read(&file)?,

@@ -85,6 +85,16 @@ fn a_run_on_a_real_arm_has_a_token() {
     let real = SCENE.replace("\"sim-sigma7\"\nhand = \"hand.csv\"", "\"open6-serial\"");
     std::fs::write(folder.path().join("press.toml"), real).unwrap();
     let arm = folder.path().join("arm");
+    // The arm is not there yet. The token is printed to the quiet, too: they could not enable.
+    let line = format!("press.toml -q --monitor 127.0.0.1:0 --selector {}", arm.display());
+    let ended = command(folder.path(), &line).output().unwrap();
+    let said = String::from_utf8_lossy(&ended.stderr);
+    assert!(
+        ended.status.code() == Some(5)
+            && said.starts_with("monitor: http://127.0.0.1:")
+            && said.contains("/#token="),
+        "{said}"
+    );
     let mut mock =
         command_to("mock", folder.path(), "open6-serial --pty arm --no-hand --duration 90s")
             .spawn()

@@ -170,6 +170,30 @@ fn requests_that_wait_for_an_answer_are_counted_and_what_takes_force_away_is_not
     assert_eq!(server.control.order(), Order::Stop);
 }
 
+#[test]
+fn the_bytes_of_one_file_for_the_clay_are_taken_at_a_time() {
+    let server = Server::new(None);
+    let mut slow = TcpStream::connect(server.address).unwrap();
+    let request =
+        b"PUT /api/v1/clay/values HTTP/1.1\r\nHost: localhost\r\nContent-Length: 9000000\r\n\r\nx";
+    slow.write_all(request).unwrap();
+    let wait_for = |expected: u16| {
+        let began = Instant::now();
+        loop {
+            let (status, _) =
+                http(server.address, "PUT", "/api/v1/clay/image", &[], b"no PNG").unwrap();
+            if status == expected {
+                return;
+            }
+            assert!(began.elapsed() < HUNG, "{status} and not {expected}");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    };
+    wait_for(429);
+    drop(slow);
+    wait_for(400);
+}
+
 /// Connections that never say a whole request, as many as this process may have.
 fn half_open(address: SocketAddr, most: usize) -> Vec<TcpStream> {
     // This end may have no more of them.

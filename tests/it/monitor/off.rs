@@ -2,7 +2,7 @@
 //! the server does is blocked, full, asleep or closing.
 //!
 //! The sources are those of the table *Off* in docs/reference/safety.md that are reachable over the
-//! monitor. A block stays until force is off, so no test here measures time.
+//! monitor. A block stays until force is off, so no test here measures how quick a source is.
 
 use std::any::Any;
 use std::io::{Read as _, Write as _};
@@ -163,6 +163,10 @@ impl ClayAccess for StuckClay {
     fn cancel(&self) {}
 }
 
+/// Within this time a source acts. Later a rule of the server would have done it: it expels a
+/// client that takes nothing after 5 s, and one that sends nothing after 30 s.
+const BEFORE_THE_SERVER: Duration = Duration::from_secs(4);
+
 fn wait_until(what: &str, mut is_it: impl FnMut() -> bool) {
     let began = Instant::now();
     while !is_it() {
@@ -282,17 +286,22 @@ const BLOCKS: [(&str, Block); 10] = [
         Box::new(crowd(server.address, request, true))
     }),
     ("uploads under way in all slots", |server, _| {
-        let request = b"PUT /api/v1/clay/values HTTP/1.1\r\nHost: localhost\r\n\
-            Content-Length: 1000000\r\n\r\n0,0,0";
+        // Of files for the clay only one is under way at a time.
+        let request =
+            b"POST /api/v1/hand HTTP/1.1\r\nHost: localhost\r\nContent-Length: 60000\r\n\r\n{";
         Box::new(crowd(server.address, request, false))
     }),
     ("WebSockets in all seats", |server, _| {
         Box::new((0..63).map(|_| server.connect()).collect::<Vec<_>>())
     }),
     ("a lapsed hold of clay whose queue is full", |server, driver| {
-        driver.does(json!({ "do": "clay_hold", "held": true }));
-        // Of another client it has lapsed, and the thread that watches it is stuck.
-        Box::new(server.connect())
+        let hold = json!({ "do": "clay_hold", "held": true });
+        let mut holder = server.connect();
+        holder.does(hold.clone());
+        drop(holder);
+        // It has lapsed when the driver may hold: the thread that lets go for it is stuck.
+        wait_until("the hold has lapsed", || driver.ask(hold.clone())["ok"] == true);
+        Box::new(())
     }),
     ("a scene that is being baked, and 200 requests for others", |_, driver| {
         for _ in 0..200 {
@@ -313,8 +322,11 @@ fn every_source_switches_force_off_whatever_else_is_blocked() {
             let mut driver = server.connect();
             let blocked = block(&server, &mut driver);
             server.enable();
+            let began = Instant::now();
             let acting = act(source, &server, driver);
             wait_until(&format!("{source}, with {name}"), || {
+                let is_in_time = began.elapsed() < BEFORE_THE_SERVER;
+                assert!(is_in_time, "{source}, with {name}: it did not act");
                 server.control.order() != Order::Enable
             });
             let ends = source.ends_with("stop");

@@ -49,7 +49,7 @@ pub struct ToolBody {
 
 impl ToolBody {
     /// Where the tool takes hold, map frame.
-    pub(super) fn tip_map(&self, handling: &ToolMotion) -> DVec3 {
-        handling.map_from_tool.transform_point(self.center_of_mass_tool)
+    pub(super) fn tip_map(&self, motion: &ToolMotion) -> DVec3 {
+        motion.map_from_tool.transform_point(self.center_of_mass_tool)
     }
 }

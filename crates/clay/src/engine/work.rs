@@ -45,13 +45,13 @@ pub(super) struct MotionSummary {
 }
 
 impl MotionSummary {
-    pub(super) fn add(&mut self, handling: &ToolMotion, is_held_by_order: bool) {
+    pub(super) fn add(&mut self, motion: &ToolMotion, is_held_by_order: bool) {
         self.n += 1;
-        self.force_map += handling.force_map;
-        self.rope_map += handling.rope_map;
-        self.touches |= handling.touches;
-        self.last = *handling;
-        self.set_held(handling.is_held || is_held_by_order);
+        self.force_map += motion.force_map;
+        self.rope_map += motion.rope_map;
+        self.touches |= motion.touches;
+        self.last = *motion;
+        self.set_held(motion.is_held || is_held_by_order);
     }
 
     pub(super) fn hold(&mut self, is_held_by_order: bool) {
@@ -454,16 +454,16 @@ impl SculptEngine {
     /// The place of the surface that the tool touches, and the normal there: below the middle of
     /// what is inside, deeper samples first; for a tool without a shape, or one that only nears,
     /// the place nearest to its middle. `None` where none is within the brush.
-    fn touched(&self, handling: &ToolMotion) -> Option<(DVec3, DVec3)> {
+    fn touched(&self, motion: &ToolMotion) -> Option<(DVec3, DVec3)> {
         let mut sum = (DVec3::ZERO, 0.0);
         if let Some(shape) = &self.body.shape {
             for at in shape.positions_map.iter().step_by(shape.len().div_ceil(ASKED_MAX).max(1)) {
-                let at = handling.map_from_tool.transform_point(*at);
+                let at = motion.map_from_tool.transform_point(*at);
                 let depth_m = self.model.density_m(at).unwrap_or(0.0).max(0.0);
                 sum = (sum.0 + at * depth_m, sum.1 + depth_m);
             }
         }
-        let middle = if sum.1 > 0.0 { sum.0 / sum.1 } else { self.body.tip_map(handling) };
+        let middle = if sum.1 > 0.0 { sum.0 / sum.1 } else { self.body.tip_map(motion) };
         self.model.onto(middle, self.tool.brush_m)
     }
 }

@@ -21,7 +21,6 @@ use glam::DVec3;
 use rtrb::{Consumer, Producer, PushError, RingBuffer};
 
 use super::waiting::Waiting;
-use haptics::clay::Clay;
 use haptics::{FrameInUse, State, TickOutput};
 use rt::clock::ClockKind;
 use vps::density::{DensityFrame, FrameError, Raster};
@@ -41,14 +40,14 @@ const RING_STATES: usize = 1024;
 pub struct ToolState {
     /// Tick of the loop, counted from 0.
     pub tick: u64,
-    /// Pose of the tool (mesh file frame) in the map frame of the clay, after the tick.
+    /// Pose of the tool (mesh file frame) in the map frame of the densities, after the tick.
     pub map_from_tool: Pose,
-    /// Force of the clay's surface on the tool as it is felt, friction and rope apart, map axes, N.
-    /// On the clay acts the opposite.
+    /// Force of their surface on the tool as it is felt, friction and rope apart, map axes, N.
+    /// On them acts the opposite.
     pub force_map: DVec3,
     /// Force of the rope on the tool, map axes, N.
     pub rope_map: DVec3,
-    /// Points of the tool in the clay.
+    /// Points of the tool in them.
     pub contacts: u32,
     /// Buttons of the arm, bit 0 first.
     pub buttons: u32,
@@ -140,18 +139,22 @@ pub struct DensitySlot {
 }
 
 impl DensitySlot {
-    /// Both ends for the clay of a scene. `update_ticks` (at least 1): ticks from one frame to the
+    /// Both ends, for frames like this one in a map that stands there. `update_ticks` (at least 1): ticks from one frame to the
     /// next under simulated time, where the simulation owes one frame for so many states.
     /// Allocates.
-    pub fn new(clay: &Clay, update_ticks: u64) -> (DensityFeed, Self) {
+    pub fn new(
+        frame: &DensityFrame,
+        world_from_map: &Pose,
+        update_ticks: u64,
+    ) -> (DensityFeed, Self) {
         let (frames_in, frames) = RingBuffer::new(RING_FRAMES);
         let (mut spares, spares_out) = RingBuffer::new(RING_FRAMES);
         let (states, states_out) = RingBuffer::new(RING_STATES.max(2 * update_ticks as usize));
         for _ in 0..SPARES {
-            give_back(&mut spares, Box::new(clay.frame.clone()));
+            give_back(&mut spares, Box::new(frame.clone()));
         }
-        let base = Some(clay.frame.base.clone());
-        let map_from_world = clay.world_from_map.inverse();
+        let base = Some(frame.base.clone());
+        let map_from_world = world_from_map.inverse();
         let slot = Self {
             frames,
             spares,
@@ -248,7 +251,7 @@ impl DensitySlot {
     }
 }
 
-/// What the record of a tick says of the clay.
+/// What the record of a tick says of them.
 pub(super) fn frame_in_use(slot: Option<&DensitySlot>, state: &State) -> Option<FrameInUse> {
     state.frame_sequence().map(|sequence| FrameInUse {
         sequence,

@@ -92,7 +92,7 @@ pub struct LoopReport {
     pub flight: FlightRecorder,
 }
 
-/// The loop. Runs in a thread of its own (`daemon`), or step by step in a test.
+/// The loop. Runs in a thread of its own (`supervisor`), or step by step in a test.
 ///
 /// ```text
 ///        ┌────────────────────────────────────────────────────────────────┐
@@ -301,7 +301,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         let time_s = self.tick as f64 * self.rendered.scene.parameters.period_s;
         let place = self.commands.next_placement(&mut self.rendered, time_s);
         let parameter_change = self.commands.next_change();
-        let clay = frame_in_use(self.rendered.density.as_ref(), &self.rendered.state);
+        let frame = frame_in_use(self.rendered.density.as_ref(), &self.rendered.state);
         let input = TickInput {
             sample,
             request,
@@ -309,7 +309,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
             stalled,
             place,
             parameter_change,
-            clay,
+            clay: frame,
         };
         let output = (self.tick_function)(&self.rendered.scene, &mut self.rendered.state, &input);
         let computed_ns = self.clock.stopwatch_ns();

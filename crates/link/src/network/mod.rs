@@ -22,7 +22,7 @@ pub struct Endpoints {
     pub connect: Vec<String>,
     /// A zenoh configuration, JSON5, for everything else: interfaces, certificates, scouting.
     pub config_file: Option<PathBuf>,
-    /// A file with the key that every peer has to know.
+    /// A file with the key that every peer that connects has to know.
     pub key_file: Option<PathBuf>,
 }
 
@@ -53,13 +53,15 @@ impl Endpoints {
         if self.is_empty() { Self { connect: vec![HERE.to_owned()], ..self } } else { self }
     }
 
-    /// An endpoint through which other machines are met, where neither a key nor settings of
-    /// zenoh's own say which of them are let in.
+    /// An endpoint through which a program on another machine could command an arm of this one. A
+    /// key protects what is listened on alone: only the side that listens asks for it. Settings of
+    /// zenoh's own are taken for the protection that the user wants.
     pub fn unprotected(&self) -> Option<&str> {
-        if self.key_file.is_some() || self.config_file.is_some() {
+        if self.config_file.is_some() {
             return None;
         }
-        self.listen.iter().chain(&self.connect).map(String::as_str).find(|at| !is_here(at))
+        let listen = self.listen.iter().filter(|_| self.key_file.is_none());
+        listen.chain(&self.connect).map(String::as_str).find(|at| !is_here(at))
     }
 }
 
@@ -178,11 +180,15 @@ mod tests {
             "tcp/127.0.0.1.example.org:1",
         ] {
             assert_eq!(listens(there).unprotected(), Some(there));
-            let connect = vec![there.to_owned()];
-            let connects = Endpoints { connect, ..Endpoints::default() };
-            assert_eq!(connects.unprotected(), Some(there));
             let key_file = Some(PathBuf::from("key"));
-            assert_eq!(Endpoints { key_file, ..connects }.unprotected(), None);
+            let with_key = Endpoints { key_file: key_file.clone(), ..listens(there) };
+            assert_eq!(with_key.unprotected(), None);
+            // The key does not say who answers there.
+            let connect = vec![there.to_owned()];
+            let connects = Endpoints { connect, key_file, ..Endpoints::default() };
+            assert_eq!(connects.unprotected(), Some(there));
+            let config_file = Some(PathBuf::from("zenoh.json5"));
+            assert_eq!(Endpoints { config_file, ..connects }.unprotected(), None);
         }
         assert_eq!(Endpoints::default().or_listen_here().unprotected(), None);
     }

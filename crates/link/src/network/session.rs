@@ -1,6 +1,9 @@
 //! Opening a zenoh session.
 //!
-//! A key lets in: zenoh's own exchange of a challenge and its HMAC, before a peer is heard. Two rules differ from what zenoh does by itself. Nothing is looked for by multicast or gossip: a
+//! A peer that connects to us proves that it has the key (zenoh's challenge and HMAC); a peer to
+//! which we connect proves nothing.
+//!
+//! Two rules differ from what zenoh does by itself. Nothing is looked for by multicast or gossip: a
 //! program that moves an arm connects only to the endpoints it was given, and two test runs on one
 //! machine never find each other. And a session listens only at the endpoints it was given.
 

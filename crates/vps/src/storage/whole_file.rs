@@ -2,7 +2,8 @@
 //! private where they show what a person did.
 //!
 //! Under its own name there is what was there before, until all of a new file is written. A link is
-//! refused: in a folder that others may write to it may lead to any file of this user.
+//! refused: in a folder that others may write to it may lead to any file of this user. The links of
+//! the system to open files of this process, such as /dev/stdout, are written to.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, ErrorKind, Write};
@@ -36,6 +37,13 @@ enum Target {
     Device,
 }
 
+/// A link of the system to an open file of this process: it leads where the user has led it.
+fn is_open_file(path: &Path) -> bool {
+    let folder = path.parent();
+    ["/dev/stdout", "/dev/stderr"].into_iter().any(|link| path == Path::new(link))
+        || ["/dev/fd", "/proc/self/fd"].into_iter().any(|own| folder == Some(Path::new(own)))
+}
+
 impl Target {
     fn of(path: &Path) -> io::Result<Self> {
         let there = match fs::symlink_metadata(path) {
@@ -43,9 +51,10 @@ impl Target {
             Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Self::Nothing),
             Err(error) => return Err(error),
         };
-        // Those of the system, such as /dev/stdout, lead where the user has led them.
-        let is_system = path.starts_with("/dev") || path.starts_with("/proc");
-        if there.is_symlink() && !is_system {
+        if there.is_symlink() && is_open_file(path) {
+            return Ok(Self::Device);
+        }
+        if there.is_symlink() {
             let to = fs::read_link(path)?;
             let text = format!("it is a link to {}: name that file itself", to.display());
             return Err(io::Error::new(ErrorKind::InvalidInput, text));
@@ -224,6 +233,28 @@ mod tests {
         }
         assert_eq!(fs::read(at("file")).unwrap(), b"first");
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 4);
+    }
+
+    #[test]
+    fn only_links_to_open_files_of_this_process_are_written_to() {
+        for link in ["/dev/stdout", "/dev/stderr", "/dev/fd/7", "/proc/self/fd/1"] {
+            assert!(is_open_file(Path::new(link)), "{link}");
+        }
+        for link in [
+            "/dev/shm/scene.toml",
+            "/dev/fd/../shm/scene.toml",
+            "/dev/disk/by-id/disk",
+            "/proc/1/fd/1",
+            "stdout",
+        ] {
+            assert!(!is_open_file(Path::new(link)), "{link}");
+        }
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let number = std::os::fd::AsRawFd::as_raw_fd(file.as_file());
+        let link = PathBuf::from(format!("/proc/self/fd/{number}"));
+        check(&link).unwrap();
+        write_bytes(&link, b"first").unwrap();
+        assert_eq!(fs::read(file.path()).unwrap(), b"first");
     }
 
     #[test]

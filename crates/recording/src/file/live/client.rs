@@ -34,6 +34,8 @@ const MOST_SAID_BYTES: usize = 1 << 20;
 const STALLED: Duration = Duration::from_secs(10);
 /// Rest after an error that is not the fault of one connection, such as too many open files.
 const AFTER_ERROR: Duration = Duration::from_millis(50);
+/// Subscriptions of one client: every message of a topic is sent once for each.
+const MOST_SUBSCRIPTIONS: usize = 64;
 /// A client is shown the scene so often when it asks again and again: it may be long.
 const MOST_SCENES: u32 = 8;
 /// The page of the Foxglove app.
@@ -215,7 +217,9 @@ impl Client {
         match serde_json::from_str(text) {
             Ok(Asked::Subscribe { subscriptions }) => {
                 for Subscription { id, channel_id } in subscriptions {
-                    self.subscriptions.insert(id, channel_id);
+                    if !subscribe(&mut self.subscriptions, id, channel_id) {
+                        continue;
+                    }
                     let asks_for_scene = channel_id == occasion_id(Occasion::Scene);
                     let scene = self.scene.borrow_and_update().clone();
                     if let Some(scene) =
@@ -251,6 +255,15 @@ impl Client {
     }
 }
 
+/// False where the client has as many subscriptions as it may: a new one is ignored.
+fn subscribe(subscriptions: &mut BTreeMap<u32, u32>, id: u32, channel_id: u32) -> bool {
+    let has_room = subscriptions.len() < MOST_SUBSCRIPTIONS || subscriptions.contains_key(&id);
+    if has_room {
+        subscriptions.insert(id, channel_id);
+    }
+    has_room
+}
+
 /// A message of a subscription.
 fn data(subscription_id: u32, LiveMessage { stamp_ns, bytes, .. }: &LiveMessage) -> Message {
     let mut frame = Vec::with_capacity(13 + bytes.len());
@@ -283,6 +296,14 @@ fn advertised() -> Vec<Value> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_client_has_so_many_subscriptions_and_no_more() {
+        let mut subscriptions = BTreeMap::new();
+        let taken = (0..1000).filter(|id| subscribe(&mut subscriptions, *id, 1)).count();
+        assert_eq!((taken, subscriptions.len()), (MOST_SUBSCRIPTIONS, MOST_SUBSCRIPTIONS));
+        assert!(subscribe(&mut subscriptions, 0, 2) && subscriptions[&0] == 2, "one that it has");
+    }
 
     #[test]
     fn web_pages_of_others_do_not_come_in() {
