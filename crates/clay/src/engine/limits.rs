@@ -252,6 +252,7 @@ impl Random {
 }
 
 #[test]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn work_is_refused_by_its_estimate_or_within_four_times_of_it() {
     let mut random = Random(39);
     let mut n_done = 0;
