@@ -278,15 +278,23 @@ impl State {
     /// if nothing were known from earlier ones; returns what it looked at. To learn what queries
     /// cost before the first tick; use a copy of the state.
     pub fn rehearse(&mut self, scene: &RenderScene, turn: usize) -> u32 {
-        let p = &scene.parameters;
+        let pose = self.move_into_contact(scene, turn);
+        let law = scene.parameters.force_law();
         let shell = &scene.tool.shell;
+        ContactSum::of(&mut self.traversal, &scene.obstacles, shell, pose, law, None).looked_at
+    }
+
+    /// Puts the virtual tool where it overlaps an obstacle, if there is one, at another place each
+    /// `turn`, and gives its pose. To run a tick in contact before the first one; use a copy of the
+    /// state.
+    pub fn move_into_contact(&mut self, scene: &RenderScene, turn: usize) -> Pose {
         let pose = self
             .traversal
-            .overlapping_pose(&scene.obstacles, shell, turn)
+            .overlapping_pose(&scene.obstacles, &scene.tool.shell, turn)
             .unwrap_or(self.tool.pose());
         self.traversal.forget();
-        ContactSum::of(&mut self.traversal, &scene.obstacles, shell, pose, p.force_law(), None)
-            .looked_at
+        self.tool = VirtualTool::at(pose);
+        pose
     }
 
     /// Forgets all motion and force; the drive state is the caller's.

@@ -230,7 +230,7 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
         &mut self.device
     }
 
-    /// Runs the tick on a copy of the state, without the arm, then sets the first deadline one
+    /// Runs the tick on a copy of the state, in free space and in contact, without the arm, then sets the first deadline one
     /// period from now. Call once, in the thread of the loop, before the first step.
     pub fn warm_up(&mut self) {
         if let Some(time_budget_s) = self.time_budget_s {
@@ -248,6 +248,10 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
                 ..DeviceSample::default()
             };
             let input = TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() };
+            // What the first contact needs is not to be fetched in it.
+            if n % 2 == 1 {
+                rehearsal.move_into_contact(&self.rendered.scene, n as usize);
+            }
             core::hint::black_box((self.tick_function)(
                 &self.rendered.scene,
                 &mut rehearsal,
