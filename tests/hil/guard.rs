@@ -38,9 +38,13 @@ fn guard_of(host: u32) -> Option<u32> {
     let pids = std::fs::read_dir("/proc")
         .expect("proc")
         .filter_map(|entry| entry.ok()?.file_name().to_str()?.parse().ok());
-    // Number (name) state parent …
+    let host = host.to_string();
     pids.into_iter().find(|pid| {
-        stat(*pid).is_some_and(|stat| stat.contains(&format!("(haptic-guard) S {host} ")))
+        // Number (name) state parent …: it may just be looking.
+        stat(*pid).is_some_and(|stat| {
+            let rest = stat.split_once("(haptic-guard) ").map(|(_, rest)| rest);
+            rest.and_then(|rest| rest.split(' ').nth(1)) == Some(&*host)
+        })
     })
 }
 
