@@ -56,8 +56,9 @@ const DEAF_KICKS: f64 = 4.0;
 /// How long an arm may receive nothing while it sends until its samples count as stale, s. What is
 /// sent in this time is also the most that may lie unread before the arm counts as lost.
 const UNHEARD_S: f64 = 20e-3;
-/// How long force may go on without a look of the guard, s: forty of its looks.
-const UNWATCHED_S: f64 = 0.2;
+/// How long force may go on without a look of the guard, s, counted in ticks: within 200 ms where ten
+/// of them are missed.
+const UNWATCHED_S: f64 = 0.19;
 /// Ticks in a row in which the link takes no frame before the arm counts as lost: the time in which
 /// a silent one does.
 const FULL_TICKS_MAX: u32 = 20;
