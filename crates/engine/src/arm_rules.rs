@@ -283,4 +283,79 @@ mod tests {
         assert_eq!(StiffnessBound::none(1e-3).value(), f64::INFINITY);
         assert!(StiffnessBound::none(1e-3).admits(1e12));
     }
+
+    fn profile(name: &str) -> Profile {
+        arms::profile::find(name, std::path::Path::new("")).expect("shipped")
+    }
+
+    fn near(value: f64, expected: f64) {
+        assert!((value / expected - 1.0).abs() < 1e-3, "{value} in place of {expected}");
+    }
+
+    /// Numbers of devices/sim-sigma7.toml, by hand: 0.8 b, sin(π/(4n + 2)) m/T with n = 9 and 16.
+    #[test]
+    fn an_arm_takes_what_its_plant_and_its_windows_allow() {
+        let sigma7 = profile("sim-sigma7");
+        let bounds = StabilityBounds::of(Some(&sigma7), 1e-3, None, 0.0, false);
+        near(bounds.translation.value(), 4000.0);
+        near(bounds.rotation.value(), 1.0);
+        let arm = arm_parameters(&sigma7, &bounds, 2.0);
+        assert_eq!((arm.delay_ticks, arm.velocity_age_ticks), (1, [9, 16]));
+        near(arm.stiffness_lag_n_s_per_m, 3.0);
+        near(arm.stiffness_lag_nm_s_per_rad, 1.5e-3);
+        near(arm.injected_n_s_per_m, 24.77);
+        near(arm.stable_damping_n_s_per_m, 24.77);
+        near(arm.injected_nm_s_per_rad, 9.516e-3);
+        near(arm.stable_damping_nm_s_per_rad, 9.516e-3);
+        near(arm.velocity_step_m_per_s, 2.6667e-3);
+        near(arm.velocity_step_rad_per_s, 0.2);
+        near(arm.encoder_step_m, 4e-5);
+        near(arm.encoder_step_rad, 6e-3);
+        let longer = StabilityBounds::of(Some(&sigma7), 1e-3, Some(3), 0.0, true);
+        near(longer.translation.value(), 0.8 * 7.5 / 3.5e-3);
+        let free = arm_parameters(&sigma7, &longer, 2.0);
+        assert_eq!((free.delay_ticks, free.velocity_age_ticks), (3, [11, 18]));
+        assert!(free.stiffness_lag_n_s_per_m.is_infinite());
+        let none = StabilityBounds::of(None, 1e-3, None, 0.0, false);
+        assert!(none.translation.value().is_infinite() && none.rotation.value().is_infinite());
+    }
+
+    /// devices/polhem-2022.toml: 5 N, no torque, signs that nobody has checked.
+    #[test]
+    fn an_arm_without_torque_and_with_unchecked_signs_has_the_rules_for_both() {
+        let polhem = profile("polhem-2022");
+        assert_eq!(largest(None), [10.0, 1.0]);
+        assert_eq!(largest(Some(&polhem)), [5.0, 1.0]);
+        assert_eq!(largest_now(Some(&polhem)), [0.5, 0.1]);
+        assert_eq!(largest_now(Some(&profile("sim-sigma7"))), [12.0, 0.2]);
+        let p = parameters(&polhem, 1e-3);
+        assert_eq!((p.limits.force_n, p.limits.torque_nm), (0.5, 0.1));
+        let translation = StabilityBounds::of(Some(&polhem), 1e-3, None, 0.0, false).translation;
+        assert!(translation.value() > 100.0 && translation.value() <= 2000.0);
+        assert_eq!(p.coupling.stiffness_n_per_m, translation.value());
+        assert_eq!(p.coupling.bound_n_per_m, translation.value());
+        assert_eq!(p.coupling.stiffness_nm_per_rad, UNBOUNDED_NM_PER_RAD);
+        assert!(p.coupling.bound_nm_per_rad.is_infinite());
+        assert_eq!((p.mapping.sensed, p.mapping.actuated), (polhem.sensed, polhem.actuated));
+        assert_eq!((p.arm.injected_n_s_per_m, p.arm.injected_nm_s_per_rad), (1.0, 0.0));
+        assert!(p.arm.stable_damping_nm_s_per_rad.is_infinite());
+        assert_eq!(or_if_infinite(3.0, 4.0), 3.0);
+    }
+
+    #[test]
+    fn limits_and_rules_are_those_of_the_defaults() {
+        let limits = limits(10.0, 2.0, 2e-3);
+        assert_eq!((limits.force_n, limits.torque_nm), (10.0, 2.0));
+        near(limits.slew_n_per_s, 1000.0);
+        near(limits.slew_nm_per_s, 200.0);
+        assert_eq!((limits.stale_ticks_max, limits.stale_fault_ticks), (3, 10));
+        assert_eq!(super::limits(10.0, 2.0, 1e-2).stale_fault_ticks, 4);
+        let safety = safety(Some(&profile("sim-sigma7")), 1e-3);
+        near(safety.workspace_radius_m, 0.075);
+        assert_eq!((safety.engage_share, safety.engage_ticks), (0.1, 3));
+        assert_eq!((safety.deadman, safety.brake_s, safety.power_window_s), (None, 0.1, 0.05));
+        assert_eq!(safety.stuck_move_m, stuck::least_move_m(4e-5, 1e-3));
+        assert_eq!(safety.stuck_turn_rad, stuck::least_turn_rad(6e-3, 1e-3));
+        assert!(super::safety(None, 1e-3).workspace_radius_m.is_infinite());
+    }
 }
