@@ -2,9 +2,10 @@
 //! `cargo run -p engine --example arm -- [PROFILE [NODE]]`, without words a simulated arm. A real arm
 //! gets its force by the word `enable` on standard input. Ctrl-C and the end of standard input end
 //! the run with zero force.
-#![expect(clippy::print_stdout, reason = "what an example is for")]
+#![expect(clippy::print_stdout, clippy::print_stderr, reason = "what an example is for")]
 
 use std::error::Error;
+use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -102,7 +103,17 @@ pub(crate) fn run(
 }
 
 #[cfg_attr(test, expect(dead_code, reason = "a test runs it under another clock"))]
-fn main() -> Result<(), Box<dyn Error>> {
+fn main() -> ExitCode {
+    match press() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn press() -> Result<(), Box<dyn Error>> {
     // This program is its own guard: it starts itself beside a real arm.
     if let Some(watched) = arms::guard::watch_if_asked() {
         return Ok(watched?);

@@ -73,7 +73,7 @@ pub struct StabilityBounds {
     pub translation: StiffnessBound,
     /// Rotational stiffness that the arm may feel, N·m/rad.
     pub rotation: StiffnessBound,
-    /// Somebody overrides the bounds: the tick's own ones are infinite.
+    /// The scene overrides the bounds: those of the tick are infinite.
     pub allow_unstable: bool,
 }
 
@@ -320,7 +320,7 @@ mod tests {
         assert!(none.translation.value().is_infinite() && none.rotation.value().is_infinite());
     }
 
-    /// devices/polhem-2022.toml: 5 N, no torque, signs that nobody has checked.
+    /// devices/polhem-2022.toml: 5 N, no torque, unverified signs.
     #[test]
     fn an_arm_without_torque_and_with_unchecked_signs_has_the_rules_for_both() {
         let polhem = profile("polhem-2022");

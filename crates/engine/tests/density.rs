@@ -40,6 +40,15 @@ fn half_space() -> DensityFrame {
     frame
 }
 
+/// Moves the surface of the region.
+fn set_top(frame: &mut DensityFrame, top_m: f64) {
+    let lattice = *frame.region.lattice();
+    let [_, ny, nz] = lattice.dims;
+    for (n, value_m) in frame.region.values_m_mut().iter_mut().enumerate() {
+        *value_m = (top_m - lattice.position([n / (ny * nz), n / nz % ny, n % nz]).z) as f32;
+    }
+}
+
 /// A point that stands where the hand is, with the force as it is: no filter between.
 fn scene(smoothing: f64) -> RenderScene {
     let mut parameters = Parameters::unlimited(1e-3);
@@ -186,12 +195,7 @@ fn simulate(mut feed: DensityFeed) -> u64 {
                 }
             };
             n_frames += 1;
-            let lattice = *next.region.lattice();
-            let [_, ny, nz] = lattice.dims;
-            for (n, value_m) in next.region.values_m_mut().iter_mut().enumerate() {
-                let node = [n / (ny * nz), n / nz % ny, n % nz];
-                *value_m = (top_m - lattice.position(node).z) as f32;
-            }
+            set_top(&mut next, top_m);
             next.sequence = n_frames;
             if let Err((error, _)) = feed.publish(next) {
                 assert_eq!(error, FramePublishError::Over);
@@ -321,11 +325,7 @@ fn a_leap_in_a_frame_that_came_with_the_next_one_is_still_felt_slowly() {
         (0..200).for_each(|_| _ = servo.step());
         for (sequence, is_leap) in (1..).zip(leaps) {
             let mut next = feed.spare().expect("a spare");
-            let lattice = *next.region.lattice();
-            let [_, ny, nz] = lattice.dims;
-            for (n, value_m) in next.region.values_m_mut().iter_mut().enumerate() {
-                *value_m = (2e-3 - lattice.position([n / (ny * nz), n / nz % ny, n % nz]).z) as f32;
-            }
+            set_top(&mut next, 2e-3);
             (next.sequence, next.is_leap) = (sequence, is_leap);
             feed.publish(next).expect("room");
         }
