@@ -275,6 +275,8 @@ mod tests {
             assert_eq!(bound.value(), declared);
             assert!(bound.admits(declared));
             assert!(!bound.admits(declared * 1.001));
+            bound.wall.damping_n_s_per_m *= 2.0;
+            assert_eq!(bound.value(), declared, "however much its plant takes");
         }
     }
 
@@ -340,6 +342,34 @@ mod tests {
         assert_eq!((p.arm.injected_n_s_per_m, p.arm.injected_nm_s_per_rad), (1.0, 0.0));
         assert!(p.arm.stable_damping_nm_s_per_rad.is_infinite());
         assert_eq!(or_if_infinite(3.0, 4.0), 3.0);
+    }
+
+    /// K = 0.8 b / (T/2 + delay): of sim-sigma7 0.8 · 7.5 / 1.5e-3 and 0.8 · 1.875e-3 / 1.5e-3,
+    /// which is what it declares.
+    #[test]
+    fn the_coupling_of_an_arm_is_as_stiff_as_its_bounds_allow() {
+        let sigma7 = profile("sim-sigma7");
+        let p = parameters(&sigma7, 1e-3);
+        assert_eq!((p.coupling.stiffness_n_per_m, p.coupling.bound_n_per_m), (4000.0, 4000.0));
+        assert_eq!((p.coupling.stiffness_nm_per_rad, p.coupling.bound_nm_per_rad), (1.0, 1.0));
+        assert_eq!(p.mapping.sensed, sigma7.sensed, "with the grip");
+        assert_eq!(p.safety, safety(Some(&sigma7), 1e-3));
+        let ideal = parameters(&profile("sim-ideal"), 1e-3).coupling;
+        assert_eq!((ideal.stiffness_n_per_m, ideal.stiffness_nm_per_rad), (4000.0, 4.0));
+        assert!(ideal.bound_n_per_m.is_infinite() && ideal.bound_nm_per_rad.is_infinite());
+    }
+
+    #[test]
+    fn axes_that_render_nothing_have_no_bound_and_no_damping_whatever_is_declared() {
+        let mut sigma7 = profile("sim-sigma7");
+        sigma7.actuated = Axes::TRANSLATION;
+        let bounds = StabilityBounds::of(Some(&sigma7), 1e-3, None, 0.0, false);
+        assert_eq!(bounds.rotation, StiffnessBound::none(1e-3));
+        near(bounds.translation.value(), 4000.0);
+        let arm = arm_parameters(&sigma7, &bounds, 1.0);
+        near(arm.injected_n_s_per_m, 24.77);
+        assert_eq!(arm.injected_nm_s_per_rad, 0.0);
+        assert!(arm.stiffness_lag_nm_s_per_rad.is_infinite());
     }
 
     #[test]

@@ -419,4 +419,27 @@ mod tests {
             });
         });
     }
+
+    #[test]
+    fn a_client_that_was_silent_is_none_and_where_one_is_needed_the_next_look_is_soon() {
+        let begin = Instant::now();
+        let end = begin + SHORTEST;
+        for needed in [None, Some(LONGEST)] {
+            let control = Arc::new(Control::enabled());
+            let watchdog = DriveWatchdog::new(control.clone(), needed);
+            let look = |now: Instant| watchdog.look(&mut watchdog.timers(), now);
+            watchdog.beat(1, Some(SHORTEST), begin);
+            assert_eq!(look(begin), Some(end));
+            assert_eq!((control.order(), watchdog.take_reports()), (Order::Enable, vec![]));
+            let soon = needed.map(|_| end + UNWATCHED);
+            assert_eq!(look(end), soon);
+            assert_eq!(off(&watchdog, &control), [OffReason::Silent(SHORTEST)]);
+            // Force flows again, and nobody has said anything.
+            assert_eq!(look(end), soon);
+            let is_off = control.order() == Order::Disable;
+            let reports = watchdog.take_reports();
+            assert_eq!((is_off, reports.len()), (needed.is_some(), usize::from(is_off)));
+            assert!(reports.iter().all(|report| report.reason == OffReason::NoClient));
+        }
+    }
 }

@@ -1,5 +1,6 @@
 //! Frames of densities through the loop: from a simulation into the ticks, and back.
 
+use core::time::Duration;
 use std::sync::Arc;
 
 use arms::{Capabilities, Device, DeviceError};
@@ -305,7 +306,7 @@ fn in_real_time_the_newest_frame_wins_and_all_others_come_back() {
             .iter()
             .all(|record| record.input.clay == Some(FrameInUse { sequence: 3, is_last: false }))
     );
-    let states: Vec<_> = std::iter::from_fn(|| feed.next_state()).collect();
+    let states: Vec<_> = std::iter::from_fn(|| feed.next_state()).take(1000).collect();
     assert_eq!(states.len(), records.len());
     for (state, record) in states.iter().zip(&records) {
         assert_eq!(
@@ -316,6 +317,84 @@ fn in_real_time_the_newest_frame_wins_and_all_others_come_back() {
         assert!((state.force_map - record.output.contact_world.force).length() < 1e-12);
         assert_eq!(state.has_force, record.output.drive.has_force());
     }
+}
+
+/// Frames 1 to 8, which the simulation has made itself: it needs no spares.
+fn publish_own(feed: &mut DensityFeed) {
+    let frame = half_space();
+    for sequence in 1..=8 {
+        let own = DensityFrame { sequence, ..frame.clone() };
+        feed.publish(Box::new(own)).expect("room");
+    }
+}
+
+#[test]
+fn in_real_time_a_frame_waits_for_a_place_for_what_it_sends_back() {
+    let (mut servo, mut feed, mut consumer) = sculpting(RealClock, 40);
+    publish_own(&mut feed);
+    servo.step();
+    servo.step();
+    // Next to the spares of the beginning there was room for five.
+    let back = |feed: &mut DensityFeed| -> Vec<u64> {
+        std::iter::from_fn(|| feed.spare()).map(|frame| frame.sequence).collect()
+    };
+    assert_eq!(back(&mut feed), [0, 0, 0, 1, 2, 3, 4, 0]);
+    servo.step();
+    assert_eq!(back(&mut feed), [6, 7, 0]);
+    let touched: Vec<_> = records(&mut consumer)
+        .iter()
+        .filter_map(|record| record.input.clay)
+        .map(|frame| frame.sequence)
+        .collect();
+    assert_eq!(touched, [5, 5, 8]);
+}
+
+#[test]
+fn simulated_time_waits_for_a_place_for_what_comes_back_while_there_is_a_simulation() {
+    for is_gone in [false, true] {
+        let (mut servo, mut feed, mut consumer) = sculpting(VirtualClock::default(), 60);
+        publish_own(&mut feed);
+        let simulation = std::thread::spawn(move || {
+            if is_gone {
+                return;
+            }
+            // Five frames fill the ring; the tick after this one is owed the sixth.
+            let last = 6 * UPDATE_TICKS - 1;
+            while feed.next_state().is_none_or(|state| state.tick < last) {
+                std::thread::yield_now();
+            }
+            std::thread::sleep(Duration::from_millis(20));
+            assert_eq!(feed.next_state(), None, "it waits");
+            while feed.spare().is_some() {}
+        });
+        while servo.step() == Step::Continue {}
+        simulation.join().expect("no panic");
+        let most = if is_gone { 5 } else { 8 };
+        let records = records(&mut consumer);
+        assert!(records.last().is_some_and(|record| {
+            record.input.clay.is_some_and(|frame| frame.is_last) && record.tick > 8 * UPDATE_TICKS
+        }));
+        for record in records {
+            assert_eq!(
+                record.input.clay.map(|frame| frame.sequence),
+                Some((record.tick / UPDATE_TICKS).min(most)),
+                "tick {}",
+                record.tick
+            );
+        }
+    }
+}
+
+#[test]
+fn a_feed_knows_the_base_of_its_last_frame_and_no_other() {
+    let first = half_space();
+    let (mut feed, _slot) = DensitySlot::new(&first, &Pose::IDENTITY, UPDATE_TICKS);
+    let before = Arc::strong_count(&first.base);
+    let second = half_space();
+    let base = second.base.clone();
+    feed.publish(Box::new(second)).expect("room");
+    assert_eq!(Arc::strong_count(&base), 3, "here, in the frame, and known to the feed");
+    assert_eq!(Arc::strong_count(&first.base), before - 1);
 }
 
 #[test]
@@ -375,7 +454,7 @@ fn states_that_are_not_taken_are_dropped_and_counted() {
     for _ in 0..1100 {
         servo.step();
     }
-    let kept: Vec<_> = std::iter::from_fn(|| feed.next_state()).collect();
+    let kept: Vec<_> = std::iter::from_fn(|| feed.next_state()).take(1100).collect();
     assert!(kept.len() < 1100 && kept.iter().all(|state| state.dropped == 0));
     servo.step();
     let next = feed.next_state().expect("room again");

@@ -129,6 +129,8 @@ impl Brake {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::CouplingMode;
+    use crate::testing::{parameters, skew_scene};
 
     fn point(normal: DVec3, arm: DVec3) -> Contact {
         let arm_body = arm.as_vec3();
@@ -234,5 +236,19 @@ mod tests {
         assert!(one > 0.0 && other > 0.0 && share < 0.5, "{one} {other} {share}");
         assert!((brake.share - share).abs() < 1e-9, "{brake:?} {share}");
         assert!((brake.direction - along.normalize()).length() < 1e-9);
+    }
+
+    #[test]
+    fn only_a_scene_that_asks_for_it_brakes_and_only_a_tool_with_mass() {
+        for (braking, mode, brakes) in [
+            (true, CouplingMode::Implicit, true),
+            (false, CouplingMode::Implicit, false),
+            (true, CouplingMode::Static, false),
+        ] {
+            let mut p = parameters();
+            p.contact.braking = braking;
+            p.coupling.mode = mode;
+            assert_eq!(Braking::of(&skew_scene(p)).is_some(), brakes, "{braking} {mode:?}");
+        }
     }
 }

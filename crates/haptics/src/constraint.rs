@@ -262,6 +262,7 @@ mod tests {
 
     use super::*;
     use crate::testing::parameters;
+    use vps::{mesh::primitives::Shape, part::Part, voxmap::Options};
 
     const SLOP_M: f64 = 5e-5;
 
@@ -493,5 +494,48 @@ mod tests {
         assert!(force_n > 0.1, "{force_n}");
         assert!((taken.0 - free.0 - normal * (force_n / 1300.0)).length() < 1e-11);
         assert!((taken.1 - free.1 - moment * (force_n / 0.45)).length() < 1e-9);
+    }
+
+    #[test]
+    fn a_step_of_ten_nanometres_ends_at_the_plane_as_one_of_a_millimetre_does() {
+        for needed_m in [1e-3, 1e-8] {
+            let (normal, moment) = (DVec3::Z, DVec3::ZERO);
+            let planes = [Plane { normal, moment, needed_m, stiffness_n_per_m: 1.3e7 }];
+            let programme = Programme {
+                free: (DVec3::ZERO, DVec3::ZERO),
+                stiffness_n_per_m: 1300.0,
+                stiffness_nm_per_rad: 0.45,
+                planes: &planes,
+            };
+            let (linear, _) = programme.solve().expect("finite");
+            // K x = k (needed − x) with k = 10⁴ K.
+            let expected_m = needed_m * 1e4 / (1e4 + 1.0);
+            assert!((linear.z / expected_m - 1.0).abs() < 1e-9, "{needed_m}: {linear}");
+        }
+    }
+
+    #[test]
+    fn the_way_out_of_a_ball_is_away_from_its_middle() {
+        let ball = Part::of_shape("ball", &Shape::Sphere { radius_m: 10e-3 }, 1e-3);
+        let (field, _) = ball.bake_field(&Options::new(1e-3), false, |_| ()).expect("a small grid");
+        let obstacle = Obstacle { field, world_from_map: Pose::IDENTITY };
+        let pose = |turn: DVec3, at: DVec3| Pose::new(DQuat::from_scaled_axis(turn), at);
+        let stands = pose(DVec3::new(0.4, -0.9, 0.6), DVec3::new(0.05, -0.02, 0.03));
+        let body = pose(DVec3::new(-0.2, 0.3, 0.7), DVec3::new(0.06, -0.01, 0.02));
+        for away_map in [DVec3::new(2.0, -1.0, 2.0) / 3.0, DVec3::new(-1.0, 2.0, -2.0) / 3.0] {
+            let point = stands.transform_point(away_map * 9.8e-3);
+            let contact = Contact {
+                point_idx: 0,
+                depth_m: 2e-4,
+                weight: 1.0,
+                arm_body: body.inverse().transform_point(point).as_vec3(),
+                // What counts where the obstacle says nothing.
+                normal_body: DVec3::ZERO.as_vec3(),
+            };
+            let found = way_out(&obstacle, stands, body, &contact);
+            let expected = stands.transform_vector(away_map);
+            // The voxels of 1 mm turn it by a hundredth or so.
+            assert!((found - expected).length() < 0.05, "{found}, expected {expected}");
+        }
     }
 }

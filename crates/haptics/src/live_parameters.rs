@@ -390,6 +390,18 @@ mod tests {
     }
 
     #[test]
+    fn a_copy_takes_the_stiffness_of_friction_along_with_that_of_contact_alone() {
+        let p = rubbing();
+        for parameter in LiveParameter::ALL {
+            let mut other = p;
+            other.contact.friction.stiffness_n_per_m = 7e3;
+            parameter.copy(&p, &mut other);
+            let expected = if parameter == LiveParameter::ContactStiffness { 1e4 } else { 7e3 };
+            assert_eq!(other.contact.friction.stiffness_n_per_m, expected, "{parameter:?}");
+        }
+    }
+
+    #[test]
     fn pairs_hold_each_other_and_friction_stiffness_follows() {
         let p = rubbing();
         let mut ramps = ParameterRamps::default();

@@ -515,6 +515,19 @@ mod tests {
     }
 
     #[test]
+    fn the_way_of_the_last_six_ticks_says_where_the_hand_goes() {
+        let mut controller = PassivityController::default();
+        controller.observe(at(0.0), 0, PERIOD_S);
+        controller.observe(at(10e-3), 0, PERIOD_S);
+        // Back by 1 mm a tick: 10 − n mm out over six ticks, and −6 mm once the 10 mm are older.
+        for n in 1..=6 {
+            controller.observe(at(1e-3 * f64::from(10 - n)), 0, PERIOD_S);
+            controller.damped((push(1.0), 10e-3), along(0.2), &injecting(5.0), &free(), PERIOD_S);
+            assert_eq!(controller.is_active(), n <= 5, "{n}");
+        }
+    }
+
+    #[test]
     fn the_command_that_acted_is_the_one_that_had_arrived() {
         for delay_ticks in [0, 1, 5, MAX_DELAY_TICKS] {
             let mut controller = PassivityController::default();

@@ -321,6 +321,21 @@ mod tests {
     }
 
     #[test]
+    fn ticks_without_an_arm_count_as_those_without_a_fresh_sample_do() {
+        let mut monitor = SampleMonitor::default();
+        check(&mut monitor, &fresh(0.0));
+        for (status, stale_ticks) in [
+            (SampleStatus::Stale, 1),
+            (SampleStatus::Lost, 2),
+            (SampleStatus::LinkLost, 3),
+            (SampleStatus::Stale, 4),
+        ] {
+            let found = check(&mut monitor, &DeviceSample { status, ..fresh(0.0) });
+            assert_eq!(found.stale_ticks, stale_ticks);
+        }
+    }
+
+    #[test]
     fn samples_that_the_arm_counts_as_lost_are_stale_ticks_and_many_are_a_fault() {
         for (lost_packets, ramp_down, faults) in [
             (3, OffCause::None, Faults::NONE),

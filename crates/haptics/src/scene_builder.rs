@@ -173,6 +173,7 @@ mod tests {
     use glam::DQuat;
 
     use super::*;
+    use vps::mesh::primitives::Shape;
 
     #[test]
     fn the_least_principal_moment_does_not_depend_on_the_axes() {
@@ -231,5 +232,16 @@ mod tests {
             p.contact.field = field;
             assert_eq!(SceneBuilder::new(p).needs_gradients(), needs);
         }
+    }
+
+    #[test]
+    fn a_part_that_is_added_stands_where_it_was_put_and_is_reported() {
+        let part = Part::of_shape("block", &Shape::Box { size_m: DVec3::splat(8e-3) }, 1e-3);
+        let stands = Pose::from_translation(DVec3::new(0.1, -0.2, 0.3));
+        let mut builder = SceneBuilder::new(crate::testing::parameters());
+        assert!(builder.add_part(&part, &Options::new(1e-3), stands).is_ok());
+        let poses = builder.obstacles.iter().map(|obstacle| obstacle.world_from_map);
+        assert!(poses.eq([stands]));
+        assert_eq!(builder.reports.len(), 1);
     }
 }

@@ -171,6 +171,19 @@ mod tests {
     }
 
     #[test]
+    fn a_tick_without_a_sample_between_motion_and_repeats_changes_nothing() {
+        let (move_m, turn_rad) = thresholds(4e-5, 6e-3, T);
+        let mut watch = StuckWatch::default();
+        for [from_m, to_m] in [[0.0, 2e-4], [2e-4, 4e-4], [4e-4, 6e-4]] {
+            assert_eq!(watch.fresh(at(from_m), at(to_m), 1.0, move_m, turn_rad), 0);
+        }
+        assert_eq!(watch.stale(), 0);
+        let frozen = at(6e-4);
+        let counts = [(); 6].map(|()| watch.fresh(frozen, frozen, 1.0, move_m, turn_rad));
+        assert_eq!(counts, [0, 0, 0, 0, 5, 6]);
+    }
+
+    #[test]
     fn rest_teleports_and_slow_motion_are_not_suspicious() {
         let thresholds = thresholds(4e-5, 6e-3, T);
         assert_eq!(worst([at(1.0); 1000], thresholds), 0);

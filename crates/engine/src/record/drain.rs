@@ -81,6 +81,8 @@ mod tests {
     use super::*;
     use haptics::{Faults, TickOutput};
 
+    const HUNG: Duration = Duration::from_secs(60);
+
     #[test]
     fn every_record_is_taken_and_changes_are_reported() {
         let (mut producer, consumer) = rtrb::RingBuffer::new(16);
@@ -93,7 +95,9 @@ mod tests {
                 output.drive = Drive::Fault;
                 output.faults = Faults::STALE;
             }
-            producer.push(TickRecord { tick, output, ..TickRecord::default() }).expect("room");
+            let scene_idx = u32::from(tick >= 5);
+            let record = TickRecord { tick, scene_idx, output, ..TickRecord::default() };
+            producer.push(record).expect("room");
         }
         drop(producer);
         let mut reported = Vec::new();
@@ -104,11 +108,47 @@ mod tests {
         let last = drain(consumer, &subscribers, |watch| match watch {
             Watch::Drive(record) => reported.push((record.tick, "drive")),
             Watch::Fault(record) => reported.push((record.tick, "fault")),
-            Watch::Scene(_) | Watch::Snapshot(_) => {}
+            Watch::Scene(record) => reported.push((record.tick, "scene")),
+            Watch::Snapshot(_) => {}
         });
-        assert_eq!(reported, [(3, "drive"), (7, "drive"), (7, "fault")]);
+        assert_eq!(reported, [(3, "drive"), (5, "scene"), (7, "drive"), (7, "fault")]);
         assert_eq!(last.map(|record| record.tick), Some(9));
         assert_eq!(tapped.iter().collect::<Vec<_>>(), [0, 1, 2, 3, 4], "until it wants no more");
         subscribers.add(Box::new(|_| panic!("the run is over")));
+        assert_eq!(format!("{subscribers:?}"), "RecordSubscribers(0)", "none is taken any more");
+    }
+
+    #[test]
+    fn a_snapshot_shows_a_new_record_and_comes_at_most_ten_times_a_second() {
+        let (mut producer, consumer) = rtrb::RingBuffer::new(256);
+        let (sender, snapshots) = std::sync::mpsc::channel();
+        let begin = Instant::now();
+        let draining = std::thread::spawn(move || {
+            drain(consumer, &RecordSubscribers::default(), |watch| {
+                if let Watch::Snapshot(record) = watch {
+                    let _ = sender.send((record.tick, begin.elapsed()));
+                }
+            })
+        });
+        let mut seen: Vec<(u64, Duration)> = Vec::new();
+        let mut tick = 0;
+        while seen.len() < 3 {
+            assert!(begin.elapsed() < HUNG, "{seen:?}");
+            // A record that finds the ring full is dropped.
+            let _ = producer.push(TickRecord { tick, ..TickRecord::default() });
+            tick += 1;
+            std::thread::sleep(REST);
+            seen.extend(snapshots.try_iter());
+        }
+        // Nothing comes for a while, and nothing is shown a second time.
+        std::thread::sleep(4 * SNAPSHOT_EVERY);
+        drop(producer);
+        draining.join().expect("no panic");
+        seen.extend(snapshots.iter());
+        assert!(seen.is_sorted_by(|one, next| one.0 < next.0), "{seen:?}");
+        // A busy machine makes them later, never earlier.
+        for (n, (_, at)) in (1_u32..).zip(&seen) {
+            assert!(*at >= n * SNAPSHOT_EVERY, "{seen:?}");
+        }
     }
 }

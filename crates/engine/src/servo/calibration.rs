@@ -58,10 +58,67 @@ pub(super) fn budget<C: Clock>(
 }
 
 #[cfg(test)]
+#[expect(clippy::disallowed_types, reason = "test code outside the loop")]
 mod tests {
+    use core::cell::Cell;
+    use core::cmp::Ordering;
+
     use super::*;
+    use crate::servo::testing::blocks_and_plate;
     use haptics::testing::empty_scene;
     use rt::clock::{RealClock, VirtualClock};
+
+    /// A machine on which each query takes what it is told.
+    struct Machine {
+        takes_ns: Vec<i64>,
+        n_looks: Cell<usize>,
+        now_ns: Cell<i64>,
+    }
+
+    impl Clock for Machine {
+        fn kind(&self) -> ClockKind {
+            ClockKind::Real
+        }
+
+        fn now_ns(&mut self) -> i64 {
+            self.now_ns.get()
+        }
+
+        fn sleep_until(&mut self, _: i64) {}
+
+        fn stopwatch_ns(&self) -> i64 {
+            // Before and after each query.
+            let n_looks = self.n_looks.replace(self.n_looks.get() + 1);
+            if n_looks % 2 == 1 {
+                let took_ns = self.takes_ns.get(n_looks / 2).copied().unwrap_or(0);
+                self.now_ns.set(self.now_ns.get() + took_ns);
+            }
+            self.now_ns.get()
+        }
+    }
+
+    /// A point costs 10 ns, but 100 ns in a tenth of the queries that look at much, 25 ns in one
+    /// that is slower than all others of them, and 1000 ns in those that look at little.
+    fn takes_ns(looked_at: &[u32]) -> Vec<i64> {
+        let most = looked_at.iter().copied().max().unwrap_or(0).max(1);
+        let is_large = |looked_at: u32| looked_at >= most / 4;
+        let n_large = looked_at.iter().filter(|looked_at| is_large(**looked_at)).count();
+        let mut n_before = 0_usize;
+        let ns_per_point = |looked_at: u32| -> i64 {
+            if is_large(looked_at) {
+                n_before += 1;
+                match n_before.cmp(&(n_large / 10 + 1)) {
+                    Ordering::Less => 100,
+                    Ordering::Equal => 25,
+                    Ordering::Greater => 10,
+                }
+            } else {
+                1000
+            }
+        };
+        let costs_ns = looked_at.iter().copied().map(ns_per_point);
+        costs_ns.zip(looked_at).map(|(ns, looked_at)| ns * i64::from(*looked_at).max(1)).collect()
+    }
 
     #[test]
     fn simulated_time_has_a_fixed_rate() {
@@ -74,5 +131,28 @@ mod tests {
         assert_eq!(budget(&scene, &state, &VirtualClock::default(), 1e-9), Budget::Points(64));
         // With nothing to query it still is a count.
         assert!(matches!(budget(&scene, &state, &RealClock, 300e-6), Budget::Points(64..)));
+    }
+
+    #[test]
+    fn the_count_is_what_the_slow_ones_of_the_large_queries_manage() {
+        // Without small ones, and with more of them than of the others.
+        for n_small in [0, 2] {
+            let scene = blocks_and_plate(n_small);
+            let state = State::new(&scene);
+            let mut rehearsal = state.clone();
+            // What a query looks at depends on the count: the nominal one first, then what the
+            // first round gives.
+            let mut all_ns = Vec::new();
+            for (turns, points) in [(0..QUERIES, 100_000), (QUERIES..2 * QUERIES, 40_000)] {
+                rehearsal.set_budget(Budget::Points(points));
+                let looked_at: Vec<u32> =
+                    turns.map(|turn| rehearsal.rehearse(&scene, turn)).collect();
+                all_ns.extend(takes_ns(&looked_at));
+            }
+            let machine =
+                Machine { takes_ns: all_ns, n_looks: Cell::new(0), now_ns: Cell::new(1_000_000) };
+            // 1 ms of 25 ns.
+            assert_eq!(budget(&scene, &state, &machine, 1e-3), Budget::Points(40_000));
+        }
     }
 }

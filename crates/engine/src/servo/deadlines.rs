@@ -84,6 +84,15 @@ mod tests {
     }
 
     #[test]
+    fn a_tick_that_ends_on_the_next_deadline_has_not_missed_it() {
+        let mut clock = ScriptedClock::default();
+        let mut grid = DeadlineGrid::new(0, T);
+        grid.wait(&mut clock);
+        clock.now_ns += T;
+        assert_eq!(grid.wait(&mut clock), TickTiming { now_ns: 2 * T, late_ns: 0, missed: 0 });
+    }
+
+    #[test]
     fn a_small_lateness_is_measured_and_not_counted_as_a_miss() {
         let mut clock = ScriptedClock::late_by(&[70_000, 0]);
         let mut grid = DeadlineGrid::new(0, T);

@@ -212,9 +212,10 @@ impl DensitySlot {
         }
     }
 
-    /// The simulation has gone, and no frame is waiting. RT: safe.
+    /// The simulation has gone, and no frame is waiting, or none can be taken for want of a place
+    /// for what it sends back. RT: safe.
     pub(super) fn is_abandoned(&self) -> bool {
-        self.frames.is_abandoned() && self.frames.is_empty()
+        self.frames.is_abandoned() && (self.frames.is_empty() || self.spares.slots() == 0)
     }
 
     /// After a tick: sends its state to the simulation. RT: safe; simulated time waits for a free

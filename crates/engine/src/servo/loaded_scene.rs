@@ -102,3 +102,19 @@ impl LoadedScene {
         ((p.limits.ramp_down_s() + STOP_GRACE_S) / p.period_s).ceil() as u64
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use haptics::testing::empty_scene;
+
+    #[test]
+    fn a_query_is_limited_by_a_count_where_there_is_a_limit() {
+        let points = |time_budget_s: Option<f64>| {
+            LoadedScene::new(empty_scene())
+                .with_time_budget(time_budget_s, ClockKind::Virtual)
+                .budget_points()
+        };
+        assert_eq!((points(None), points(Some(300e-6))), (None, Some(30_000)));
+    }
+}

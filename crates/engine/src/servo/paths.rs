@@ -55,3 +55,20 @@ impl ObjectPaths {
         Some(Placement { obstacle_idx: *obstacle_idx, world_from_map: path.sample(time_s) })
     }
 }
+
+#[cfg(test)]
+#[expect(clippy::expect_used, reason = "test code")]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn objects_of_another_scene_do_not_follow_them() {
+        let objects = [("plate".to_owned(), true)];
+        let path = HandPath::fixed(Pose::IDENTITY);
+        let mut paths = ObjectPaths::new(&objects, [("plate".to_owned(), path)]).expect("sound");
+        let there = Placement { obstacle_idx: 0, world_from_map: Pose::IDENTITY };
+        assert_eq!((paths.next(0.0), paths.next(1.0)), (Some(there), Some(there)));
+        paths.stop();
+        assert_eq!(paths.next(2.0), None);
+    }
+}

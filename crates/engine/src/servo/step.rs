@@ -557,3 +557,6 @@ impl<D: Device, C: Clock> ServoLoop<D, C> {
 fn elapsed_ns(from_ns: i64, to_ns: i64) -> u64 {
     (to_ns - from_ns).max(0).unsigned_abs()
 }
+
+#[cfg(test)]
+mod tests;

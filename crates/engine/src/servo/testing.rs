@@ -4,9 +4,17 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use glam::{DMat3, DVec3};
+
 use arms::{Capabilities, Device, DeviceError};
+use haptics::testing::parameters;
+use haptics::{Inertia, RenderScene, Tool};
 use rt::clock::{Clock, ClockKind};
-use vps::spatial::{DeviceSample, SampleStatus, Wrench};
+use vps::contact::Obstacle;
+use vps::part::Part;
+use vps::pointshell::shell::Shell;
+use vps::spatial::{DeviceSample, Pose, SampleStatus, Wrench};
+use vps::{Options, Shape};
 
 /// What happened to a [`CountingArm`]; outlives it.
 #[derive(Debug, Default)]
@@ -107,4 +115,36 @@ impl Clock for ScriptedClock {
         self.now_ns = self.now_ns.max(deadline_ns) + self.late_ns.pop().unwrap_or(0);
         self.suspended_ns += self.suspends_ns.pop().unwrap_or(0);
     }
+}
+
+/// A plate of points, and what it may touch: a block that is larger, and so many small ones, each
+/// of them a metre from the one before.
+#[expect(clippy::expect_used, reason = "shapes of a known size")]
+pub(crate) fn blocks_and_plate(n_small: u32) -> Arc<RenderScene> {
+    let block = |edge_m: f64, voxel_size_m: f64| {
+        let shape = Shape::Box { size_m: DVec3::splat(edge_m) };
+        let part = Part::of_shape("block", &shape, voxel_size_m);
+        part.bake_field(&Options::new(voxel_size_m), false, |_| ()).expect("a small grid").0
+    };
+    let small = block(4e-3, 1e-3);
+    let fields = std::iter::once(block(0.2, 5e-3)).chain((0..n_small).map(|_| small.clone()));
+    let obstacles = fields
+        .zip(0_u32..)
+        .map(|(field, n)| Obstacle {
+            field,
+            world_from_map: Pose::from_translation(DVec3::X * f64::from(n)),
+        })
+        .collect();
+    // In Z-order: a leaf of the tree of points is a small square.
+    let every_second_bit =
+        |n: u32| -> u32 { (0..6_u32).map(|bit| ((n >> (2 * bit)) & 1) << bit).sum() };
+    let points: Vec<_> = (0..64 * 64_u32)
+        .map(|n| {
+            let [x, y] = [n, n >> 1].map(|n| f64::from(every_second_bit(n)) - 31.5);
+            (DVec3::new(x, y, 0.0) * 2e-3, DVec3::Z)
+        })
+        .collect();
+    let inertia = Inertia { mass_kg: 0.1, body_kg_m2: DMat3::IDENTITY * 1e-5, least_kg_m2: 1e-5 };
+    let tool = Tool { shell: Shell::new(&points, 2e-3), inertia, center_of_mass_tool: DVec3::ZERO };
+    Arc::new(RenderScene { parameters: parameters(), obstacles, clay: None, tool })
 }

@@ -31,3 +31,17 @@ impl Waiting {
         self.0.reset();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_long_wait_is_spent_asleep_and_the_next_one_begins_awake() {
+        let waiting = Waiting::new();
+        (0..20).for_each(|_| waiting.pause());
+        assert!(waiting.0.is_completed());
+        waiting.reset();
+        assert!(!waiting.0.is_completed());
+    }
+}

@@ -1,14 +1,32 @@
 //! Runs with arms that count, and what they tell.
 
-use crossbeam::channel::bounded;
+use core::sync::atomic::Ordering::SeqCst;
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::process::{Child, Command, Stdio};
+
+use crossbeam::channel::{Sender, bounded};
 
 use super::*;
+use crate::record::TickRecord;
 use crate::servo::testing::CountingArm;
 use arms::simulated::{SimArm, SimParameters};
-use arms::{Capabilities, Device};
-use haptics::Faults;
+use arms::{Capabilities, Device, DeviceError};
 use haptics::testing::empty_scene;
+use haptics::{Faults, TickOutput};
 use rt::schedule::RealtimeConfig;
+use vps::spatial::{DeviceSample, Wrench};
+
+const HUNG: Duration = Duration::from_secs(60);
+/// Says to a program of these tests that it is the one that is suspended.
+const IS_SUSPENDED: &str = "HAPTICD_TEST_SUSPENDED";
+
+fn wait_until(mut is_it: impl FnMut() -> bool) {
+    let began = Instant::now();
+    while !is_it() {
+        assert!(began.elapsed() < HUNG, "it did not come to that");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
 
 fn job(device: Box<dyn Device>, clock: ClockKind, duration_ms: u64) -> RenderJob {
     RenderJob {
@@ -259,15 +277,12 @@ fn a_panic_of_the_driver_is_a_fault_with_its_exit_code() {
         fn capabilities(&self) -> Capabilities {
             self.0.capabilities()
         }
-        fn read(&mut self) -> Result<vps::spatial::DeviceSample, arms::DeviceError> {
+        fn read(&mut self) -> Result<DeviceSample, DeviceError> {
             let sample = self.0.read()?;
             assert!(sample.sequence < 50, "a driver that panics on purpose");
             Ok(sample)
         }
-        fn write(
-            &mut self,
-            wrench: &vps::spatial::Wrench,
-        ) -> Result<vps::spatial::Wrench, arms::DeviceError> {
+        fn write(&mut self, wrench: &Wrench) -> Result<Wrench, DeviceError> {
             self.0.write(wrench)
         }
         fn stop(&mut self) {
@@ -282,4 +297,199 @@ fn a_panic_of_the_driver_is_a_fault_with_its_exit_code() {
     assert_eq!(supervisor.phase(), Phase::Fault);
     assert_eq!((outcome.report.faults, outcome.report.ending), (Faults::PANIC, Ending::Panicked));
     assert_eq!(outcome.report.flight.records().count(), 49);
+}
+
+#[test]
+fn a_check_that_fails_is_told_and_refuses_nothing_where_none_is_enforced() {
+    let mut job = job(ideal(), ClockKind::Real, 20);
+    // No machine has this processor.
+    job.realtime.cpu = Some(1_000_000);
+    let mut passed = Vec::new();
+    let outcome = Supervisor::new(|notice| {
+        if let Notice::Preflight(report) = notice {
+            passed.push(report.passed());
+        }
+    })
+    .render(job, &Arc::new(Control::new()))
+    .expect("an outcome");
+    assert_eq!((passed.as_slice(), outcome.preflight.passed()), (&[false][..], false));
+    assert!(outcome.report.ticks > 20);
+}
+
+#[test]
+fn what_an_operator_can_mend_is_told_when_it_begins() {
+    use OffCause::{Deadman, Software, Workspace};
+    let mut told = Vec::new();
+    let mut supervisor = Supervisor::new(|notice| match notice {
+        Notice::Waiting(cause) => told.push(Some(cause)),
+        Notice::Status(_) => told.push(None),
+        _ => {}
+    });
+    for off_cause in [OffCause::None, Deadman, Deadman, Software, Workspace, Workspace, Deadman] {
+        let output = TickOutput { off_cause, ..TickOutput::default() };
+        supervisor.tell(&Watch::Snapshot(TickRecord { output, ..TickRecord::default() }));
+    }
+    let [deadman, workspace] = [Deadman, Workspace].map(Some);
+    // Nobody can do anything about software.
+    assert_eq!(
+        told,
+        [None, deadman, None, None, None, workspace, None, None, deadman, None],
+        "each before the status that shows it"
+    );
+}
+
+#[test]
+fn phases_have_the_names_that_people_read() {
+    use Phase::{Baking, Braking, Disabled, Enabled, Enabling, Fault, Init, Stopped, Stopping};
+    let phases = [Init, Baking, Disabled, Enabling, Enabled, Stopping, Braking, Fault, Stopped];
+    let names = [
+        "init", "baking", "disabled", "enabling", "enabled", "stopping", "braking", "fault",
+        "stopped",
+    ];
+    assert_eq!(phases.map(Phase::name), names);
+}
+
+/// An arm that stops the run in its first read, and does not come back when it is told to quit.
+struct Stuck {
+    control: Arc<Control>,
+    /// When the run was stopped, when no quit had come yet, and when one had.
+    seen: Sender<[Instant; 3]>,
+    /// Disconnects at the end of the test.
+    released: Receiver<()>,
+}
+
+impl Device for Stuck {
+    fn capabilities(&self) -> Capabilities {
+        Capabilities { simulated: true, ..Capabilities::default() }
+    }
+
+    fn read(&mut self) -> Result<DeviceSample, DeviceError> {
+        let stopped = Instant::now();
+        self.control.stop();
+        let mut before_quit = stopped;
+        while stopped.elapsed() < HUNG {
+            let now = Instant::now();
+            if self.control.order() == Order::Quit {
+                let _ = self.seen.send([stopped, before_quit, Instant::now()]);
+                let _ = self.released.recv_timeout(HUNG);
+                break;
+            }
+            before_quit = now;
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        Err(DeviceError::Lost)
+    }
+
+    fn write(&mut self, wrench: &Wrench) -> Result<Wrench, DeviceError> {
+        Ok(*wrench)
+    }
+
+    fn stop(&mut self) {}
+}
+
+#[test]
+fn an_arm_that_does_not_come_back_has_its_time_to_stop_and_to_quit_and_is_given_up() {
+    let control = Arc::new(Control::new());
+    let (sender, seen) = bounded(1);
+    let (_release, released) = bounded(1);
+    let arm = Stuck { control: control.clone(), seen: sender, released };
+    let job = RenderJob { duration: None, ..job(Box::new(arm), ClockKind::Real, 0) };
+    let ramp_s = job.scene.parameters.limits.ramp_down_s();
+    let error = Supervisor::new(|_| {}).render(job, &control).expect_err("given up");
+    let given_up = Instant::now();
+    assert!(matches!(error, RunError::Servo(why) if why.starts_with("did not end")), "{error}");
+    let [stopped, before_quit, quit] = seen.recv_timeout(HUNG).expect("a quit");
+    // A busy machine makes it later, never earlier.
+    assert!(quit - stopped >= STOP_PATIENCE + Duration::from_secs_f64(ramp_s));
+    assert!(given_up - before_quit >= QUIT_PATIENCE);
+}
+
+/// The run of a simulated arm that has an operator. It is suspended meanwhile.
+fn suspended_run() {
+    let control = Arc::new(Control::new());
+    signals::end_by_signals(&control).expect("the first call");
+    signals::suspend_without_force();
+    let arm = CountingArm {
+        capabilities: Capabilities { simulated: true, ..Capabilities::default() },
+        ..CountingArm::default()
+    };
+    let log = arm.log.clone();
+    let looked_at = control.clone();
+    let look = std::thread::spawn(move || {
+        let wait_for = |n_reads: u64| {
+            let first = log.reads.load(SeqCst);
+            wait_until(|| log.reads.load(SeqCst) >= first + n_reads);
+        };
+        wait_for(20);
+        let before = looked_at.order();
+        std::io::stderr().write_all(b"running\n").expect("a pipe");
+        // The line comes when it goes on.
+        std::io::stdin().read_line(&mut String::new()).expect("a pipe");
+        wait_for(100);
+        let after = looked_at.order();
+        looked_at.stop();
+        [before, after]
+    });
+    let (_enable, enables) = bounded(1);
+    let live = LiveChannels {
+        operator: Operator {
+            enables_at_start: false,
+            waits_after_fault: true,
+            holds_back: false,
+            enables: Some(enables),
+        },
+        ..LiveChannels::default()
+    };
+    let job = job(Box::new(arm), ClockKind::Real, 60_000);
+    Supervisor::new(|_| {}).render_live(job, live, &control).expect("an outcome");
+    assert_eq!(look.join().expect("no panic"), [Order::Enable, Order::Disable]);
+}
+
+/// A program that does not outlive the test.
+struct Program(Child);
+
+impl Drop for Program {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+#[test]
+fn ctrl_z_stops_the_process_once_its_zero_has_left_and_force_waits_for_the_operator() {
+    if std::env::var_os(IS_SUSPENDED).is_some() {
+        return suspended_run();
+    }
+    let this = "supervisor::tests::\
+                ctrl_z_stops_the_process_once_its_zero_has_left_and_force_waits_for_the_operator";
+    let child = Command::new(std::env::current_exe().expect("this program"))
+        .args(["--exact", this])
+        .env(IS_SUSPENDED, "1")
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("starts");
+    let pid = child.id().to_string();
+    let mut program = Program(child);
+    let lines = BufReader::new(program.0.stderr.take().expect("piped")).lines();
+    assert!(lines.map_while(Result::ok).any(|line| line == "running"), "it does not run");
+    let signal = |name: &str| {
+        let status = Command::new("kill").args([name, pid.as_str()]).status().expect("kill");
+        assert!(status.success(), "{name}");
+    };
+    let begin = Instant::now();
+    signal("-TSTP");
+    wait_until(|| {
+        let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).expect("a process");
+        stat.rsplit_once(") ").is_some_and(|(_, rest)| rest.starts_with('T'))
+    });
+    let took = begin.elapsed();
+    signal("-CONT");
+    program.0.stdin.take().expect("piped").write_all(b"\n").expect("it reads");
+    let mut said = String::new();
+    program.0.stdout.take().expect("piped").read_to_string(&mut said).expect("text");
+    assert!(program.0.wait().expect("a child").success(), "{said}");
+    // A busy machine makes it later, never earlier.
+    assert!(took >= BEFORE_SUSPEND, "{took:?}");
 }

@@ -184,4 +184,12 @@ mod tests {
             assert!((felt - expected).torque.length() < 1e-12, "{felt:?}");
         }
     }
+
+    #[test]
+    fn less_than_a_nanonewton_that_is_left_is_forgotten() {
+        let mut residual = Residual::default();
+        // 0.1 nN of which half would be left.
+        assert_eq!(residual.felt(Some(push(1.0 + 1e-10)), push(1.0), 0.5), push(1.0));
+        assert_eq!(residual, Residual::default());
+    }
 }

@@ -5,7 +5,7 @@ use glam::DQuat;
 use super::*;
 use crate::RenderScene;
 use crate::testing::{parameters, skew_block, skew_scene};
-use vps::contact::{SimdLevel, Traversal, TraversalMode};
+use vps::contact::{Obstacle, SimdLevel, Traversal, TraversalMode};
 
 /// 2 m/s at 1 kHz: what an obstacle may go in a tick, m.
 const RESERVE_M: f64 = 2e-3;
@@ -168,5 +168,32 @@ fn an_obstacle_arrives_when_a_ten_thousandth_of_a_voxel_is_left() {
         assert_eq!(rig.moving.n_under_way(), 1);
         rig.advance(None, true);
         assert_eq!(rig.moving.n_under_way(), u32::from(!arrives));
+    }
+}
+
+#[test]
+fn obstacles_under_way_are_reported_turn_by_turn_and_each_has_one_target() {
+    let mut scene = skew_scene(parameters());
+    let field = scene.obstacles.first().expect("one").field.clone();
+    scene.obstacles.push(Obstacle { field, world_from_map: Pose::from_translation(DVec3::X) });
+    let RenderScene { obstacles, tool, parameters: p, .. } = &scene;
+    let mut traversal =
+        Traversal::new(SimdLevel::best(), TraversalMode::Tree, obstacles, &tool.shell);
+    let mut moving = MovingObstacles::new(2);
+    let to = |obstacle_idx: u32, z_m: f64| {
+        Some(Placement { obstacle_idx, world_from_map: Pose::from_translation(DVec3::Z * z_m) })
+    };
+    // A command is followed from the next tick on; none of them arrives.
+    for (command, n_under_way, reported) in [
+        (to(0, 0.5), 1, None),
+        (to(1, 0.5), 2, Some(0)),
+        (None, 2, Some(1)),
+        (to(1, 0.7), 2, Some(0)),
+        (None, 2, Some(1)),
+        (None, 2, Some(0)),
+    ] {
+        moving.advance(traversal.obstacle_poses_mut(), command, false, p);
+        let found = moving.reported().map(|placement| placement.obstacle_idx);
+        assert_eq!((moving.n_under_way(), found), (n_under_way, reported));
     }
 }

@@ -371,6 +371,17 @@ fn the_auto_limit_is_below_the_exact_boundary_everywhere() {
 }
 
 #[test]
+fn the_auto_limit_is_that_of_the_linear_rule_as_far_as_this_reaches() {
+    // Without delay up to B T/m = 0.22: of B = 20 N·s/m it is 0.20, of 25 N·s/m 0.25.
+    let within = wall(0.1, 0.1, 20.0, 0);
+    let linear = (0.1 + 20.0) / 0.5e-3;
+    assert!((within.stiffness_bound() / (0.8 * linear) - 1.0).abs() < 1e-12);
+    assert!(within.max_stiffness() < 0.9 * linear);
+    let beyond = wall(0.1, 0.1, 25.0, 0);
+    assert!((beyond.stiffness_bound() / (0.8 * beyond.max_stiffness()) - 1.0).abs() < 1e-12);
+}
+
+#[test]
 fn acceptance_22_the_auto_limit_keeps_a_delayed_loop_stable_and_a_stiffer_one_diverges() {
     for delay_ticks in [1, 2, 5] {
         let wall = wall(0.1, 1.0, 0.0, delay_ticks);

@@ -773,3 +773,120 @@ fn a_hand_at_rest_feels_no_damper_from_the_noise_of_its_velocity() {
     }
     assert!(output.command_device.force.length() < 1e-6, "{output:?}");
 }
+
+/// What has to be paid of a spring is the part of it that the hand gets, while the force rises and
+/// while energy is owed.
+#[test]
+fn a_spring_is_paid_by_the_share_of_it_that_is_felt() {
+    let injected = 30.0;
+    let mut scene = anchored(injected, Axes::SIX);
+    scene.parameters.limits.ramp_s = 4e-3;
+    let mut state = State::new(&scene);
+    let [sample, ..] = samples();
+    let request = DriveRequest::Enable;
+    let mut input = TickInput { sample, request, ..TickInput::default() };
+    tick(&scene, &mut state, &input);
+    let way = DVec3::new(1e-3, -2e-3, 0.5e-3);
+    input.sample.pose.translation += way;
+    let pulls = tick(&scene, &mut state, &input).command_device.force;
+    // The spring draws the hand back by so much: that energy is owed.
+    let back = way * -0.09;
+    input.sample.pose.translation += back;
+    let velocity = way * 500.0;
+    input.sample.twist.linear = velocity;
+    let output = tick(&scene, &mut state, &input);
+    // All of the wrench up to half a millijoule, none of it at twice as much; the third of the
+    // ramp's four ticks.
+    let owed_j = pulls.dot(back);
+    let share = 1.0 - (owed_j - 5e-4) / 5e-4;
+    let gain = 0.75;
+    assert!(share > 0.3 && share < 0.7, "{share}");
+    let stretch = way * 0.91;
+    let held_j = 0.5 * 1300.0 * 2.5 * stretch.length_squared() * share * gain;
+    let takes_j = 1e-3 * injected * velocity.length_squared();
+    let damps = (held_j - 2.5e-4 + owed_j) / takes_j;
+    assert!(damps > 0.01 && damps < 1.0, "{damps}");
+    let pull = stretch * (-1300.0 * 2.5 * share);
+    let damper = velocity * -injected;
+    // The hand is steadied by what the ramp still keeps from it.
+    let expected = (pull + damper * damps) * gain + damper * (1.0 - gain);
+    let differs = output.command_device.force - expected;
+    assert!(differs.length() < 1e-3, "{:?}, expected {expected}", output.command_device);
+}
+
+/// K (T/2 + t_d + t_f) is what the arm can take, with the filter's lag t_f = T α/(1 − α).
+#[test]
+fn without_a_virtual_tool_the_lag_of_the_filter_counts_as_delay() {
+    let mut p = generic();
+    p.coupling.mode = CouplingMode::Direct;
+    p.coupling.bound_nm_per_rad = f64::INFINITY;
+    p.contact.friction = FrictionParameters::NONE;
+    p.arm.stiffness_lag_n_s_per_m = 2.0;
+    let scene = skew_scene(p);
+    let [sample, ..] = samples();
+    let sample = DeviceSample { delay_ticks: 3, ..sample };
+    let request = DriveRequest::Enable;
+    let input = TickInput { sample, request, ..TickInput::default() };
+    let output = tick(&scene, &mut State::new(&scene), &input);
+    let found =
+        ContactSum::flat(&scene.obstacles, &scene.tool.shell, skew_start(0.0), p.force_law());
+    let alpha = (-core::f64::consts::TAU * 60.0 * 1e-3).exp();
+    let bound_n_per_m = 2.0 / (3.5e-3 + 1e-3 * alpha / (1.0 - alpha));
+    let (along, _) = found.stiffness.bounds();
+    assert!(bound_n_per_m < 0.5 * along, "{bound_n_per_m} {along}");
+    let share = output.command_device.force.length() / found.wrench.force.length();
+    assert!((share / (bound_n_per_m / along) - 1.0).abs() < 1e-6, "{share}");
+}
+
+/// Of two steps of the encoder, between which a hand rests, one is followed.
+#[test]
+fn a_tool_does_not_go_back_and_forth_with_one_step_of_the_encoder() {
+    let mut p = generic();
+    p.mapping.start = skew_start(0.1);
+    p.coupling.mode = CouplingMode::Direct;
+    p.arm.encoder_step_m = 4e-5;
+    let scene = skew_scene(p);
+    let mut state = State::new(&scene);
+    let [mut sample, ..] = samples();
+    let mut stood = DVec3::ZERO;
+    let mut went_m = 0.0;
+    for n in 0..300 {
+        sample.sequence = 1 + n;
+        sample.pose.translation.x += if n % 2 == 0 { 4e-5 } else { -4e-5 };
+        let request = DriveRequest::Enable;
+        let output =
+            tick(&scene, &mut state, &TickInput { sample, request, ..TickInput::default() });
+        assert!(output.drive.renders(), "{output:?}");
+        let stands = output.world_from_tool.translation;
+        went_m = (stands - stood).length();
+        stood = stands;
+    }
+    assert!(went_m < 1e-12, "{went_m} m");
+}
+
+/// 2.9 voxels, less the quarter that an obstacle under way may always go.
+#[test]
+fn a_tool_without_mass_goes_less_far_in_a_tick_while_an_obstacle_is_under_way() {
+    let block = skew_block();
+    let out = block.transform_vector(DVec3::Z);
+    let to = block.stepped(out * -0.1, DVec3::ZERO);
+    let under_way = Some(Placement { obstacle_idx: 0, world_from_map: to });
+    for (place, most_m) in [(None, 2.9e-3), (under_way, 2.65e-3)] {
+        let mut p = generic();
+        p.coupling.mode = CouplingMode::Direct;
+        let scene = skew_scene(p);
+        let mut state = State::new(&scene);
+        let [sample, ..] = samples();
+        let request = DriveRequest::Enable;
+        let mut input = TickInput { sample, request, place, ..TickInput::default() };
+        tick(&scene, &mut state, &input);
+        input.place = None;
+        // Away from the face, by 50 mm in the world.
+        let back = p.mapping.world_from_device.rotation.conjugate();
+        input.sample.pose.translation += back * out * 20e-3;
+        let output = tick(&scene, &mut state, &input);
+        assert!(output.drive.renders(), "{output:?}");
+        let went_m = (output.world_from_tool.translation - skew_start(0.0).translation).length();
+        assert!((went_m - most_m).abs() < 1e-9, "{went_m} m");
+    }
+}

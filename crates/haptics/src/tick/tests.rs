@@ -169,6 +169,15 @@ fn a_rise_of_ten_seconds_does_not_delay_a_fall() {
 }
 
 #[test]
+fn a_stop_of_a_drive_without_force_becomes_the_cause_of_there_being_none() {
+    let mut rig = Rig::with_deadman();
+    assert_eq!(rig.ticks(5).off_cause, OffCause::Deadman);
+    rig.request = DriveRequest::Stop;
+    let stopped = rig.tick();
+    assert_eq!((stopped.drive, stopped.off_cause), (Drive::Disabled, OffCause::Software));
+}
+
+#[test]
 fn deadman_let_go_during_the_ramp_up_ends_it_and_a_press_during_the_ramp_down_waits_for_zero() {
     let mut rig = Rig::with_deadman();
     rig.sample.buttons = 0b100;
@@ -282,6 +291,18 @@ fn engage_the_ramp_waits_for_four_ticks_of_small_force_and_as_long_as_it_takes()
 }
 
 #[test]
+fn clay_is_felt_from_when_the_force_may_rise_until_it_is_gone() {
+    let mut rig = Rig::new(|p| (p.safety.engage_share, p.safety.engage_ticks) = (0.1, 3));
+    assert_eq!(rig.ticks(3).drive, Drive::Enabling);
+    assert!(!rig.state.feels_clay());
+    rig.tick();
+    assert!(rig.state.feels_clay());
+    rig.request = DriveRequest::Stop;
+    assert_eq!(rig.tick().drive, Drive::Disabled);
+    assert!(!rig.state.feels_clay());
+}
+
+#[test]
 fn engage_damps_while_the_force_rises_and_leaves_free_space_free() {
     let mut rig = Rig::new(|_| ());
     rig.tick();
@@ -370,6 +391,19 @@ fn speed_ends_braking_when_the_arm_is_slow_and_at_once_with_any_other_fault() {
         let mut rig = Rig::new(change).pulling();
         assert_fault_at_once(&rig.move_by(1.2e-3, 1.2), Faults::SPEED, OffCause::Velocity);
     }
+}
+
+#[test]
+fn speed_a_disable_ends_braking_in_its_tick() {
+    let mut rig = Rig::new(|_| ()).pulling();
+    assert_eq!(rig.move_by(1.2e-3, 1.2).drive, Drive::Braking);
+    rig.request = DriveRequest::Disable;
+    let off = rig.move_by(0.8e-3, 0.8);
+    assert_eq!(
+        (off.drive, off.off_cause, off.faults),
+        (Drive::Disabled, OffCause::Software, Faults::NONE)
+    );
+    assert!(is_zero(&off));
 }
 
 #[test]

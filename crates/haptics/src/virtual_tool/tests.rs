@@ -471,3 +471,83 @@ fn shares_energies_and_speeds_are_those_of_their_formulas() {
     contact.wrench.force = DVec3::ZERO;
     assert_eq!(slide_speed(&contact, twist), 0.0);
 }
+
+/// In free space, a hand that was so far from the tool in the tick before, and where it is now: some
+/// 0.4 mm and 4 mrad on.
+fn hand_ahead(lag: DVec3) -> (Rig, Pose) {
+    let mut p = generic();
+    p.coupling.free_space = FreeSpace::Zero;
+    let mut rig = Rig::new(p, 4e-3);
+    let before = rig.tool.pose().stepped(lag, DVec3::ZERO);
+    rig.tool.target = Some(before);
+    (rig, before.stepped(DVec3::new(2e-4, -1e-4, 3e-4), DVec3::new(-1e-3, 2e-3, 3e-3)))
+}
+
+#[test]
+fn a_tool_that_catches_up_in_free_space_has_the_velocity_of_the_hand_s_way() {
+    let (mut rig, target) = hand_ahead(DVec3::new(1e-4, 1e-4, 0.0));
+    let touch = rig.touch();
+    rig.follow(&touch, &FrictionWrench::ZERO, true, (target, Twist::ZERO));
+    assert!(rig.tool.tracks);
+    let Twist { linear, angular } = rig.tool.body.twist;
+    assert!((linear - DVec3::new(0.2, -0.1, 0.3)).length() < 1e-9, "{linear}");
+    assert!((angular - DVec3::new(-1.0, 2.0, 3.0)).length() < 1e-6, "{angular}");
+}
+
+#[test]
+fn a_tool_that_lags_in_free_space_is_damped_by_the_hand_s_way_and_not_felt() {
+    let (mut rig, target) = hand_ahead(DVec3::X * 0.1);
+    let p = rig.scene.parameters;
+    let touch = rig.touch();
+    let late = Twist { linear: DVec3::splat(9.0), angular: DVec3::splat(9.0) };
+    let pull = rig.follow(&touch, &FrictionWrench::ZERO, true, (target, late));
+    assert_eq!((pull.wrench, pull.stored_j), (Wrench::ZERO, [0.0; 2]));
+    assert!(!rig.tool.tracks);
+    let Twist { linear, angular } = rig.tool.body.twist;
+    let damper = Wrench::new(
+        (linear - DVec3::new(0.2, -0.1, 0.3)) * 3.7,
+        (angular - DVec3::new(-1.0, 2.0, 3.0)) * 0.013,
+    );
+    let spring =
+        Spring::between(rig.tool.body.pose, target, &p.coupling, &p.limits, 1e-3, 1e-2).wrench;
+    assert_near(rig.tool.unfelt, damper - spring, 1e-5);
+}
+
+#[test]
+fn a_tool_is_finite_in_its_pose_and_in_its_velocity() {
+    let tool = VirtualTool::at(skew_start(0.0));
+    assert!(tool.is_finite());
+    let mut lost = tool.clone();
+    lost.body.pose.translation.y = f64::NAN;
+    let mut wild = tool;
+    wild.body.twist.angular.z = f64::INFINITY;
+    assert!(!lost.is_finite() && !wild.is_finite());
+}
+
+/// The damper c of one face acts on w · v, where v is the velocity as seen from the block. With S,
+/// which resists velocities without it, w · v = w · v₀/(1 + T c w · S⁻¹ w): its inverse grows in
+/// proportion to c.
+#[test]
+fn a_face_that_a_block_comes_towards_is_damped_by_the_speed_between_them() {
+    let out = skew_block().transform_vector(DVec3::Z);
+    let closes = |damping_n_s_per_m: f64| {
+        let mut p = generic();
+        p.contact.damping_n_s_per_m = damping_n_s_per_m;
+        let mut rig = Rig::new(p, 0.0);
+        let mut touch = rig.touch();
+        // The tool is at rest, the block comes with 0.1 m/s.
+        let linear = out * 1e-4;
+        touch.contact.obstacle_motion = ObstacleMotion { linear, angular: DVec3::ZERO };
+        let target = (rig.tool.pose(), Twist::ZERO);
+        rig.follow(&touch, &FrictionWrench::ZERO, true, target);
+        assert_eq!(touch.contact.patches().count(), 1);
+        let patch = touch.contact.patches().next().expect("it touches");
+        let moment = patch.arm_world.cross(patch.normal_world);
+        let Twist { linear, angular } = rig.tool.body.twist;
+        patch.normal_world.dot(linear - out * 0.1) + moment.dot(angular)
+    };
+    let [free, damped, twice] = [0.0, 300.0, 600.0].map(closes);
+    assert!(free < 0.0 && damped / free < 0.7, "{free} {damped}");
+    let grows = (1.0 / twice - 1.0 / damped) / (1.0 / damped - 1.0 / free);
+    assert!((grows - 1.0).abs() < 1e-6, "{free} {damped} {twice}");
+}

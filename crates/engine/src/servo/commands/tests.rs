@@ -6,6 +6,8 @@
     reason = "test code; values that are copied"
 )]
 
+use core::cell::Cell;
+
 use glam::{DQuat, DVec3};
 
 use super::*;
@@ -280,4 +282,97 @@ fn the_newest_order_for_the_hand_counts_from_the_read_after_it() {
     queue.guide_hand(None, Pose::IDENTITY);
     queue.note_read(monotonic_ns());
     assert_eq!(controls.hand_use().map(|used| used.number), Some(2));
+}
+
+#[test]
+fn only_objects_that_may_move_are_named_as_movable() {
+    let (controls, _queue, _scene) = ends();
+    assert_eq!(controls.movable().collect::<Vec<_>>(), ["plate"]);
+}
+
+#[test]
+fn a_file_with_one_value_out_of_its_range_is_not_followed() {
+    let (controls, _queue, _scene) = ends();
+    let ParameterSetting { range, .. } = setting(&controls, LiveParameter::ContactStiffness);
+    let is_followed = |value: f64| {
+        let mut file = parameters();
+        file.contact.stiffness_n_per_m = value;
+        controls.file_changes(&file).is_some()
+    };
+    assert!(is_followed(range.least) && is_followed(range.most));
+    assert!(!is_followed(0.999 * range.least) && !is_followed(1.001 * range.most));
+}
+
+#[test]
+fn a_file_needs_a_place_for_each_change_and_no_more() {
+    let (mut controls, _queue, _scene) = ends();
+    let mut file = parameters();
+    file.contact.stiffness_n_per_m *= 0.5;
+    file.limits.force_n *= 0.5;
+    let changes = controls.file_changes(&file).expect("in range");
+    let ParameterSetting { parameter, value, .. } = controls.settings()[0];
+    for _ in changes.len()..RING_COMMANDS {
+        assert_eq!(controls.set(parameter.name(), value), Ok(()));
+    }
+    assert_eq!(controls.follow_file(&file, &changes), Ok(()));
+    assert_eq!(controls.set(parameter.name(), value), Err(ControlError::Full));
+    assert_eq!(controls.follow_file(&file, &[]), Ok(()), "nothing is sent");
+}
+
+/// True when simulated time would wait for a scene: whether it is hurried is what it asks last.
+fn waits(queue: &mut CommandQueue, scene: &mut LoadedScene, tick: u64) -> bool {
+    let has_asked = Cell::new(false);
+    let is_hurried = || {
+        has_asked.set(true);
+        true
+    };
+    assert!(!queue.is_scene_due(scene, (tick, 0), ClockKind::Virtual, is_hurried));
+    has_asked.get()
+}
+
+#[test]
+fn a_scene_that_has_come_and_one_that_will_not_take_the_place_of_one_promise_each() {
+    let (mut controls, queue, mut scene) = ends();
+    let mut queue = queue.with_promised(Box::new([10, 20, 30]));
+    assert!(!waits(&mut queue, &mut scene, 9) && waits(&mut queue, &mut scene, 10));
+    controls.skip().expect("room");
+    queue.receive(&mut scene, 0);
+    assert!(!waits(&mut queue, &mut scene, 19) && waits(&mut queue, &mut scene, 20));
+    controls.offer(loaded(), objects()).map_err(|(error, _)| error).expect("room");
+    queue.receive(&mut scene, 0);
+    assert!(queue.exchange(&mut scene));
+    assert!(!waits(&mut queue, &mut scene, 29) && waits(&mut queue, &mut scene, 30));
+}
+
+#[test]
+fn a_scene_that_was_sent_before_its_sender_went_is_taken() {
+    let (mut controls, queue, mut scene) = ends();
+    let mut queue = queue.with_promised(Box::new([0]));
+    controls.offer(loaded(), objects()).map_err(|(error, _)| error).expect("room");
+    drop(controls);
+    assert!(queue.is_scene_due(&mut scene, (0, 0), ClockKind::Virtual, || false));
+}
+
+#[test]
+fn a_scene_waits_until_there_is_a_place_for_the_one_before() {
+    let (mut controls, mut queue, mut scene) = ends();
+    queue.replaced.push(loaded()).expect("room");
+    controls.offer(loaded(), objects()).map_err(|(error, _)| error).expect("room");
+    queue.receive(&mut scene, 0);
+    assert!(!queue.is_scene_due(&mut scene, (0, 0), ClockKind::Real, || false));
+    assert!(controls.replaced.pop().is_ok());
+    assert!(queue.is_scene_due(&mut scene, (0, 0), ClockKind::Real, || false));
+}
+
+#[test]
+fn how_long_an_order_has_waited_is_kept_within_what_is_reported_of_it() {
+    let used = |at_ns: i64, now_ns: i64| {
+        let newest = NewestUse::default();
+        newest.set(Sent { number: 7, at_ns }, now_ns);
+        newest.get()
+    };
+    let waited = |waited_us: u32| Some(HandUse { number: 7, waited_us });
+    assert_eq!(used(1_000_000, 4_000_999), waited(3000));
+    assert_eq!(used(1_000_000, 0), waited(0), "read before it came");
+    assert_eq!(used(0, i64::MAX), waited(u32::MAX));
 }
