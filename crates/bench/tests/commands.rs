@@ -255,7 +255,7 @@ fn a_quick_bench_of_sculpting_times_builds_and_updates_and_draws_the_force() {
     let rows = rows_of(folder.path(), &["sculpt", "--quick", "--plots", "pictures"]);
     assert!(find(&rows, "building a surface", "4500 samples")["paper"].as_f64() == Some(8.177_936));
     assert!(
-        find(&rows, "updating a piece", "20³ mass points, 6060 samples, implicit")["value"]
+        find(&rows, "updating a clay model", "20³ mass points, 6060 samples, implicit")["value"]
             .as_f64()
             > Some(0.0)
     );
