@@ -134,7 +134,7 @@ fn open_meshes_and_wrong_units_are_reported_before_the_bake() {
     let warnings = said(dir.path(), "warning: ", 0);
     assert_eq!(warnings.len(), 1, "{warnings:?}");
     assert!(
-        warnings[0].starts_with("warning: base: 3 edges are open, the largest hole is "),
+        warnings[0].starts_with("warning: base: 3 edges are open, the widest hole is "),
         "{warnings:?}"
     );
     let scaled = plate.replace("open.obj", "small.obj").replace("2.0", "0.002");

@@ -688,7 +688,7 @@ fn check_prints_results_on_stdout_and_problems_on_stderr() {
     assert_eq!(output.status.code(), Some(0));
     assert_eq!(String::from_utf8_lossy(&output.stdout), ok);
     // One triangle by itself.
-    let open = "warning: base: 3 edges are open, the largest hole is 7.18 mm wide\n";
+    let open = "warning: base: 3 edges are open, the widest hole is 5.11 mm wide\n";
     assert_eq!(String::from_utf8_lossy(&output.stderr), open);
 
     let output = hapticd(dir.path(), &["check", "wrong.toml", "scene.toml", "none.toml"]);

@@ -47,9 +47,9 @@ pub enum PartRole {
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct LeakReport {
-    /// Centre of the largest hole, mesh frame, m.
+    /// Centre of the widest hole, mesh frame, m.
     pub position_m: [f64; 3],
-    /// Diameter of a disc of its area, m.
+    /// Its width, m, however long it is.
     pub size_m: f64,
 }
 

@@ -38,6 +38,9 @@ pub struct BoundaryLoop {
     pub center_m: DVec3,
     /// Diameter of the circle with the same (vector) area, m: about 0 for a slit.
     pub size_m: f64,
+    /// How wide it is, m, however long: of a crack the distance of its two sides, of a round hole
+    /// its diameter.
+    pub width_m: f64,
 }
 
 /// The state of a mesh.
@@ -72,6 +75,13 @@ pub struct MeshReport {
 }
 
 impl MeshReport {
+    /// The hole that lets most through: a long crack may have more area and let less through.
+    pub fn widest_hole(&self) -> Option<&BoundaryLoop> {
+        self.boundary_loops
+            .iter()
+            .reduce(|best, rim| if rim.width_m > best.width_m { rim } else { best })
+    }
+
     /// One sentence per thing that a user should look at; empty for a sound part of usual size.
     pub fn warnings(&self) -> Vec<String> {
         let mut warnings = Vec::new();
@@ -100,12 +110,11 @@ impl MeshReport {
             "edges lie between triangles that face opposite ways",
         );
         if self.open_edges > 0 {
-            let largest = self.boundary_loops.first().map_or(0.0, |rim| rim.size_m);
             let edges = if self.open_edges == 1 { "edge is" } else { "edges are" };
-            let width = if largest > SLIT_SHARE * low.distance(high) {
-                format!("the largest hole is {} wide", length_text(largest))
-            } else {
-                "all along slits without width".to_owned()
+            let is_hole = |rim: &&BoundaryLoop| rim.size_m > SLIT_SHARE * low.distance(high);
+            let width = match self.widest_hole().filter(is_hole) {
+                Some(rim) => format!("the widest hole is {} wide", length_text(rim.width_m)),
+                None => "all along slits without width".to_owned(),
             };
             warnings.push(format!("{} {edges} open, {width}", self.open_edges));
         } else if self.closed && self.signed_volume_m3 < 0.0 {
@@ -116,7 +125,7 @@ impl MeshReport {
 }
 
 /// Three significant digits, in the unit in which the length reads best.
-fn length_text(length_m: f64) -> String {
+pub(super) fn length_text(length_m: f64) -> String {
     let (value, unit) = match length_m {
         l if l >= 1.0 => (l, "m"),
         l if l >= 1e-3 => (l * 1e3, "mm"),
@@ -311,18 +320,57 @@ fn rim(corners: impl Iterator<Item = DVec3> + Clone) -> BoundaryLoop {
     let mut double_area = DVec3::ZERO;
     let mut weighted = DVec3::ZERO;
     let mut length = 0.0;
-    for (from, to) in corners.zip(ends) {
+    for (from, to) in corners.clone().zip(ends) {
         double_area += (from - first).cross(to - first);
         weighted += (0.5 * (from + to) - first) * from.distance(to);
         length += from.distance(to);
     }
     let center_m = if length > 0.0 { first + weighted / length } else { first };
-    // Diameter of the circle of that area: sqrt(4 A / pi).
-    BoundaryLoop { center_m, size_m: (2.0 * double_area.length() / std::f64::consts::PI).sqrt() }
+    let area = 0.5 * double_area.length();
+    // Diameter of the circle of that area.
+    let size_m = (4.0 * area / std::f64::consts::PI).sqrt();
+    BoundaryLoop { center_m, size_m, width_m: width(corners, area, size_m) }
+}
+
+/// How wide a rim of this area is. A compact hole has 4 A / L, L its length: right for circle,
+/// square and every triangle, as for all whose sides touch one circle. A crack has the short side
+/// of the rectangle of its area and length, which is half of that. Between them are shapes from
+/// the equilateral triangle on, whose L² is 16 · 1.3 A, to rectangles of 14 : 1.
+///
+/// Teeth of a torn rim make it longer and the hole no narrower: of the rim only corners count that
+/// are a part of `size_m` from the last one that counted. The two sides of a crack stay as long as
+/// they are.
+fn width(corners: impl Iterator<Item = DVec3>, area: f64, size_m: f64) -> f64 {
+    const TOOTH_SHARE: f64 = 0.25;
+    const COMPACT: f64 = 1.3;
+    const CRACK: f64 = 4.0;
+    let mut ends: Option<(DVec3, DVec3)> = None;
+    let mut length = 0.0;
+    for corner in corners {
+        let (first, last) = ends.unwrap_or((corner, corner));
+        let step = corner.distance(last);
+        if step > TOOTH_SHARE * size_m {
+            length += step;
+            ends = Some((first, corner));
+        } else {
+            ends = Some((first, last));
+        }
+    }
+    let half = 0.5 * (length + ends.map_or(0.0, |(first, last)| first.distance(last)));
+    if half <= 0.0 {
+        return size_m;
+    }
+    let slenderness = half * half / (4.0 * area);
+    // Also of no area: that is as slender as can be.
+    let share = ((slenderness - COMPACT) / (CRACK - COMPACT)).clamp(0.0, 1.0);
+    let difference = (half * half - 4.0 * area).max(0.0).sqrt();
+    (2.0 * area / (half + share * difference)).min(size_m)
 }
 
 #[cfg(test)]
 mod tests {
+    use glam::DVec2;
+
     use super::super::primitives::Shape;
     use super::*;
 
@@ -362,7 +410,93 @@ mod tests {
         let hole = report.boundary_loops[0];
         assert!(hole.center_m.distance(DVec3::new(0.0, 0.0, 0.05)) < 1e-15);
         assert!((hole.size_m - (4.0 * 0.01 / std::f64::consts::PI).sqrt()).abs() < 1e-15);
-        assert_eq!(report.warnings(), ["4 edges are open, the largest hole is 113 mm wide"]);
+        assert!((hole.width_m - 0.1).abs() < 1e-9);
+        assert_eq!(report.warnings(), ["4 edges are open, the widest hole is 100 mm wide"]);
+    }
+
+    /// A hole with these corners, m.
+    fn hole(corners: &[DVec2]) -> BoundaryLoop {
+        rim(corners.iter().map(|corner| DVec3::new(corner.x, 0.3, corner.y)))
+    }
+
+    /// So many corners around the origin, their distances from it in turn.
+    fn around(n: usize, radii: [f64; 2]) -> Vec<DVec2> {
+        let angle = |k: usize| k as f64 * std::f64::consts::TAU / n as f64;
+        (0..n).map(|k| DVec2::from_angle(angle(k)) * radii[k % 2]).collect()
+    }
+
+    #[test]
+    fn a_crack_is_as_wide_as_its_sides_are_apart_however_long_it_is() {
+        let (length, apart) = (0.1, 0.2e-3);
+        // Straight, with corners at every millimetre.
+        let side = |y: f64| (0..=100).map(move |k| DVec2::new(1e-3 * f64::from(k), y));
+        let straight: Vec<_> = side(0.0).chain(side(apart).rev()).collect();
+        // The same around the corner of a box: an L of two arms.
+        let arm = 0.5 * length;
+        let bent = [
+            DVec2::ZERO,
+            DVec2::new(arm, 0.0),
+            DVec2::new(arm, apart),
+            DVec2::new(apart, apart),
+            DVec2::new(apart, arm),
+            DVec2::new(0.0, arm),
+        ];
+        // Along a bow of half a circle.
+        let bow = |radius: f64| {
+            (0..=90).map(move |k| DVec2::from_angle((2.0 * f64::from(k)).to_radians()) * radius)
+        };
+        let bowed: Vec<_> = bow(0.03).chain(bow(0.03 - apart).rev()).collect();
+        for crack in [&straight[..], &bent, &bowed] {
+            let found = hole(crack);
+            assert!((found.width_m / apart - 1.0).abs() < 0.02, "{found:?}");
+            assert!(found.size_m > 20.0 * apart, "its area is that of a large hole: {found:?}");
+        }
+        // A wedge is as wide as it is in the middle.
+        let wedge = hole(&[DVec2::ZERO, DVec2::new(0.1, 0.0), DVec2::new(0.1, 2.0 * apart)]);
+        assert!((wedge.width_m / apart - 1.0).abs() < 0.02, "{wedge:?}");
+    }
+
+    #[test]
+    fn a_hole_is_as_wide_as_it_is_across_however_torn_its_rim_is() {
+        for (corners, expected) in [
+            (around(64, [5e-3; 2]), 10e-3),
+            // Teeth of a tenth of the radius, as torn scans have them.
+            (around(200, [5e-3, 4.5e-3]), 9.5e-3),
+            (around(4, [5e-3; 2]), 5e-3 * std::f64::consts::SQRT_2),
+            // The circle within a triangle: half of the one around it, and less where it has a
+            // right angle.
+            (around(3, [5e-3; 2]), 5e-3),
+            (vec![DVec2::ZERO, DVec2::X * 1e-2, DVec2::Y * 1e-2], (2.0 - 2.0_f64.sqrt()) * 1e-2),
+        ] {
+            let found = hole(&corners);
+            assert!((found.width_m / expected - 1.0).abs() < 0.08, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn the_widest_hole_is_told_and_not_the_one_of_most_area() {
+        // A lid of a box that leaves a crack of 0.2 mm along one side, and a hole of 2 mm.
+        let mut mesh = cube();
+        mesh.triangles.retain(|corners| ![[4, 5, 7], [4, 7, 6]].contains(corners));
+        let [a, b, c, d] = [4, 5, 7, 6].map(|k: usize| mesh.vertices[k]);
+        let inward = (d - a).normalize() * 0.2e-3;
+        let base = mesh.vertices.len() as u32;
+        mesh.vertices.extend([a + inward, b + inward]);
+        let hole = 0.002_f64;
+        let (x, y) = ((b - a).normalize() * hole, (d - a).normalize() * hole);
+        let middle = 0.25 * (a + b + c + d);
+        mesh.vertices.extend([middle, middle + x, middle + x + y, middle + y]);
+        let ring = [base, base + 1, 7, 6];
+        let inner = [base + 2, base + 3, base + 4, base + 5];
+        for k in 0..4 {
+            let next = (k + 1) % 4;
+            mesh.triangles
+                .extend([[ring[k], ring[next], inner[next]], [ring[k], inner[next], inner[k]]]);
+        }
+        let report = inspect(&mesh);
+        assert_eq!(report.boundary_loops.len(), 2, "{:?}", report.boundary_loops);
+        assert!(report.boundary_loops[0].size_m > 5e-3, "the crack has more area");
+        assert_eq!(report.warnings(), ["10 edges are open, the widest hole is 2.00 mm wide"]);
     }
 
     #[test]

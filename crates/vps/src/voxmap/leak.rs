@@ -20,9 +20,9 @@ use crate::parallel;
 /// Where the fill got in.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Leak {
-    /// Centre of the largest hole, mesh frame, m.
+    /// Centre of the widest hole, mesh frame, m.
     pub position_m: DVec3,
-    /// Diameter of a disc of the hole's area, m.
+    /// Width of the hole, m, however long it is.
     pub size_m: f64,
 }
 
@@ -151,12 +151,10 @@ impl<'a> FaceSamples<'a> {
         let winding = WindingTree::new(self.mesh);
         let flooded = flooded(&outside_twice, &winding);
         let leak = flooded.first().filter(|_| self.share(flooded.len()) >= LEAKING).map(|point| {
-            let largest = report
-                .boundary_loops
-                .first()
-                .filter(|hole| hole.size_m > surface.grid.voxel_size_m);
-            match largest {
-                Some(hole) => Leak { position_m: hole.center_m, size_m: hole.size_m },
+            let widest =
+                report.widest_hole().filter(|hole| hole.width_m > surface.grid.voxel_size_m);
+            match widest {
+                Some(hole) => Leak { position_m: hole.center_m, size_m: hole.width_m },
                 None => Leak { position_m: *point, size_m: surface.grid.voxel_size_m },
             }
         });
