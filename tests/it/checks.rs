@@ -106,6 +106,11 @@ fn a_hand_that_may_be_meant_is_warned_of_and_one_in_millimetres_is_refused() {
             "{warnings:?}"
         );
     }
+    let lines = "1700000000000,0,0,0.015,0,0,0,1\n1700000000010,0,0,0.010,0,0,0,1\n";
+    let expected = "warning: tool: hand.csv:2: t_s = 1700000000000 s: the hand waits 53870 years at \
+        its first pose; the times are probably milliseconds: subtract the first one from all, and \
+        divide by 1000";
+    assert_eq!(said(with_hand(METRES, lines).path(), "warning: ", 0), [expected]);
     let lines = "0,0,0,15,0,0,0,1\n1,2,0,10,0,0,0,1\n";
     let errors = said(with_hand(METRES, lines).path(), "error: ", 3);
     let expected = "error: hand.csv:2: z = 15 m: the hand goes 14985 mm away from \
