@@ -10,9 +10,9 @@
 
 use std::path::Path;
 
-use super::load::scale;
+use super::load::{named_for_what_it_is, scale};
 pub use super::points::Cloud;
-use super::{Format, MeshError, TriangleMesh, obj, parse, ply, source, xyz};
+use super::{Foreign, Format, MeshError, TriangleMesh, obj, parse, ply, source, xyz};
 
 /// File name extensions that hold points only, lower case.
 pub const EXTENSIONS: &[&str] = &["xyz", "txt", "asc"];
@@ -45,16 +45,25 @@ pub fn load(path: &Path, metres_per_unit: f64) -> Result<Contents, MeshError> {
 /// # Errors
 /// [`MeshError`].
 pub fn read(bytes: &[u8], path: &Path, metres_per_unit: f64) -> Result<Contents, MeshError> {
-    let cloud = if is_text(path) {
-        Some(xyz::parse(bytes, path)?)
+    let (format, cloud) = if is_text(path) {
+        (None, xyz::parse(bytes, path).map(Some))
     } else {
-        match Format::of(path)? {
-            Format::Ply => ply::parse_cloud(bytes, path)?,
-            Format::Obj => obj::parse_cloud(bytes, path)?,
-            Format::Stl | Format::Gltf | Format::ThreeMf => None,
-        }
+        let format = Format::of(path)?;
+        let cloud = match format {
+            Format::Ply => ply::parse_cloud(bytes, path),
+            Format::Obj => obj::parse_cloud(bytes, path),
+            Format::Stl | Format::Gltf | Format::ThreeMf => Ok(None),
+        };
+        (Some(format), cloud)
     };
-    match cloud {
+    // Text of another kind has no vertex in the eyes of a reader of OBJ.
+    let cloud = match cloud {
+        Ok(Some(cloud)) if cloud.positions.is_empty() && Foreign::recognise(bytes).is_some() => {
+            Err(MeshError::Empty { path: path.to_owned() })
+        }
+        cloud => cloud,
+    };
+    match cloud.map_err(|error| named_for_what_it_is(error, bytes, format, path))? {
         Some(mut cloud) => {
             scale(&mut cloud.positions, metres_per_unit, path)?;
             Ok(Contents::Cloud(cloud))

@@ -3,7 +3,7 @@
 use std::io;
 use std::path::PathBuf;
 
-use super::Format;
+use super::{Foreign, Format};
 
 /// A mesh file that cannot be used. Messages read well after "failed to load the mesh: ";
 /// [`MeshError::hint`] says what to do.
@@ -63,6 +63,14 @@ pub enum MeshError {
         found: Format,
         /// What its extension says.
         named: Format,
+    },
+    /// The file is no mesh of any format.
+    #[error("{}: this is {}", path.display(), found.what())]
+    NotAMesh {
+        /// As given.
+        path: PathBuf,
+        /// What it is.
+        found: Foreign,
     },
     /// No triangle of the mesh has an area.
     #[error("{}: none of the {triangles} triangles has an area", path.display())]
@@ -199,6 +207,7 @@ impl MeshError {
                 Some("copy or export it again: the program that wrote it may have failed")
             }
             Self::OtherFormat { found, .. } => Some(found.rename_hint()),
+            Self::NotAMesh { found, .. } => Some(found.hint()),
             Self::NoArea { .. } => Some(
                 "export the part as a surface: points and lines written as triangles cannot be felt",
             ),

@@ -67,6 +67,7 @@ impl Format {
     /// What a file is by its first bytes; `None` where they do not say: binary STL begins with free
     /// text, OBJ with anything.
     pub(super) fn recognise(bytes: &[u8]) -> Option<Self> {
+        let bytes = without_mark(bytes);
         let head = &bytes[..bytes.len().min(1024)];
         let has = |word: &[u8]| head.windows(word.len()).any(|window| window == word);
         let text = head.trim_ascii_start();
@@ -74,7 +75,7 @@ impl Format {
             Some(Self::Ply)
         } else if head.starts_with(b"glTF") || text.starts_with(b"{") && has(b"\"asset\"") {
             Some(Self::Gltf)
-        } else if head.starts_with(b"PK\x03\x04") && has(b".model") {
+        } else if head.starts_with(b"PK\x03\x04") && (has(b".model") || lists_model(bytes)) {
             Some(Self::ThreeMf)
         } else if text.starts_with(b"solid") && has(b"facet") && !head.contains(&0) {
             Some(Self::Stl)
@@ -111,4 +112,16 @@ impl Format {
             Self::ThreeMf => "rename it so that it ends in .3mf",
         }
     }
+}
+
+/// The bytes behind a byte order mark of UTF-8, with which some programs begin a text.
+pub(super) fn without_mark(bytes: &[u8]) -> &[u8] {
+    bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes)
+}
+
+/// A zip archive lists what it has at its end: the model may be behind pictures of it.
+fn lists_model(bytes: &[u8]) -> bool {
+    const MOST_OF_LIST: usize = 1 << 16;
+    let list = &bytes[bytes.len().saturating_sub(MOST_OF_LIST)..];
+    list.windows(6).any(|window| window == b".model")
 }

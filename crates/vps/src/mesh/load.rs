@@ -8,7 +8,7 @@ use glam::DVec3;
 use super::gltf;
 #[cfg(feature = "threemf")]
 use super::threemf;
-use super::{Format, MeshError, TriangleMesh, obj, ply, source, stl};
+use super::{Foreign, Format, MeshError, TriangleMesh, obj, ply, source, stl};
 use crate::parallel;
 
 /// No part is this far from its origin; squares and fifth powers of what is nearer stay far inside
@@ -62,15 +62,28 @@ pub fn parse(
         Ok(mesh) if mesh.triangles.is_empty() => Err(MeshError::Empty { path: path.to_owned() }),
         read => read,
     };
-    let mut mesh = read.map_err(|error| match Format::recognise(bytes) {
-        // Only now: the free text at the head of a binary STL may say anything.
-        Some(found) if found != format => {
-            MeshError::OtherFormat { path: path.to_owned(), found, named: format }
-        }
-        _ => error,
-    })?;
+    // Only now: the free text at the head of a binary STL may say anything.
+    let mut mesh = read.map_err(|error| named_for_what_it_is(error, bytes, Some(format), path))?;
     scale(&mut mesh.vertices, metres_per_unit, path)?;
     Ok(mesh)
+}
+
+/// `error` of a file that no reader could read, unless it is something else than its name says.
+/// `named`: the format of a mesh.
+pub(super) fn named_for_what_it_is(
+    error: MeshError,
+    bytes: &[u8],
+    named: Option<Format>,
+    path: &Path,
+) -> MeshError {
+    let found = Format::recognise(bytes);
+    match (found, named, Foreign::recognise(bytes)) {
+        (Some(found), Some(named), _) if found != named => {
+            MeshError::OtherFormat { path: path.to_owned(), found, named }
+        }
+        (None, _, Some(found)) => MeshError::NotAMesh { path: path.to_owned(), found },
+        _ => error,
+    }
 }
 
 /// From the unit of the file to metres; refuses what is not finite, and what no part can be.

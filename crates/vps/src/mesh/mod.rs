@@ -48,6 +48,7 @@ pub mod cloud;
 mod copy_budget;
 mod edges;
 mod error;
+mod foreign;
 mod format;
 #[cfg(feature = "gltf")]
 mod gltf;
@@ -71,6 +72,7 @@ mod weld;
 mod xyz;
 
 pub use error::{MeshError, curved_surfaces};
+pub use foreign::Foreign;
 pub use format::{CAD_HINT, EXTENSIONS, Format, cad_format};
 pub(crate) use load::FARTHEST_M;
 pub use load::{companions, copy_only, load, parse};

@@ -88,6 +88,46 @@ fn a_wrong_extension_and_an_empty_file_are_named() {
     }
 }
 
+#[test]
+fn files_that_are_no_mesh_are_called_by_their_names_in_every_format() {
+    use std::io::Write as _;
+    let mut archive = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+    archive.start_file("part.stl", zip::write::SimpleFileOptions::default()).unwrap();
+    archive.write_all(&[7; 3000]).unwrap();
+    let archive = archive.finish().unwrap().into_inner();
+    let pointer = "version https://git-lfs.github.com/spec/v1\noid \
+        sha256:4d7a214614ab2935c943f9e0ff69d22eadbb8f32b1258daaa5e2ca24d17e2393\nsize 12345\n";
+    let utf16 = "\u{feff}solid part\nfacet normal 0 0 1\n".encode_utf16();
+    let files: [(Vec<u8>, &str, &str); 8] = [
+        (pointer.into(), "a git-lfs pointer, not the file", "git lfs pull"),
+        (b"\x1f\x8b\x08\0\0\0\0\0\0\x03K\xcb\xcfO\xe2\x02\0".to_vec(), "a gzip file", "gunzip"),
+        (archive.clone(), "a zip archive without a 3MF model", "unpack it"),
+        (b"\n<!DOCTYPE html>\n<html><body>Sign in".to_vec(), "an HTML page", "browser"),
+        (b"\xef\xbb\xbf<HTML lang=\"de\"><head>".to_vec(), "an HTML page", "browser"),
+        (utf16.flat_map(u16::to_le_bytes).collect(), "text in UTF-16", "UTF-8"),
+        (b"7z\xbc\xaf\x27\x1c\0\x04rest".to_vec(), "a compressed file", "unpack it"),
+        (b"ISO-10303-21;\nHEADER;\n".to_vec(), "a STEP file, which holds curved surfaces", "gmsh"),
+    ];
+    for extension in EXTENSIONS.iter().chain(cloud::EXTENSIONS) {
+        let name = format!("part.{extension}");
+        let path = Path::new(&name);
+        for (bytes, what, remedy) in &files {
+            let error = match Format::of(path) {
+                Ok(format) => parse(bytes, format, path, 1.0).unwrap_err(),
+                Err(_) => cloud::read(bytes, path, 1.0).unwrap_err(),
+            };
+            assert_eq!(error.to_string(), format!("{name}: this is {what}"));
+            assert!(error.hint().is_some_and(|hint| hint.contains(remedy)), "{error}");
+            let of_points = cloud::read(bytes, path, 1.0).unwrap_err().to_string();
+            assert_eq!(of_points, error.to_string());
+        }
+    }
+    // What may be a package that was cut is not called an archive of something else.
+    let cut = &archive[..archive.len() - 30];
+    let error = parse(cut, Format::ThreeMf, Path::new("part.3mf"), 1.0).unwrap_err();
+    assert!(matches!(error, MeshError::Parse { .. }), "{error}");
+}
+
 /// The corners of every triangle, in an order that the numbering of vertices does not change.
 fn corner_set(mesh: &TriangleMesh) -> Vec<[[u64; 3]; 3]> {
     let mut triangles: Vec<_> = (0..mesh.triangles.len())

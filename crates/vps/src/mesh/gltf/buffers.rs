@@ -9,7 +9,7 @@ use base64::Engine;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 
 use super::document::{Accessor, Document, refusal};
-use crate::mesh::{MeshError, source};
+use crate::mesh::{Foreign, MeshError, source};
 
 /// Some programs leave the `=` at the end out.
 const BASE64: GeneralPurpose = GeneralPurpose::new(
@@ -213,6 +213,13 @@ impl<'a> Buffers<'a> {
                 },
             };
             if (bytes.len() as u64) < buffer.byte_length {
+                // A pointer is shorter than what it stands for.
+                if let (BufferSource::File(bytes), Some(uri)) = (&bytes, &buffer.uri)
+                    && let Some(found) = Foreign::recognise(bytes)
+                {
+                    let path = beside(self.path, uri).map_err(refuse)?;
+                    return Err(MeshError::NotAMesh { path, found });
+                }
                 return Err(refuse(format!(
                     "cut, {} bytes announced, {} found",
                     buffer.byte_length,

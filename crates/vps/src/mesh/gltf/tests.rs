@@ -362,3 +362,19 @@ fn copies_beyond_all_measure_are_refused() {
     let error = read_value(&many).unwrap_err();
     assert!(matches!(error, MeshError::TooManyCopies { .. }) && error.hint().is_some(), "{error}");
 }
+
+#[test]
+fn a_buffer_that_is_a_git_lfs_pointer_is_called_by_its_name() {
+    let (mut document, buffer) = document(5123, 4, &FACES);
+    let dir = tempfile::tempdir().unwrap();
+    let pointer = "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n";
+    std::fs::write(dir.path().join("part.bin"), pointer).unwrap();
+    document["buffers"][0] = json!({"byteLength": buffer.len() + 1000, "uri": "part.bin"});
+    let path = dir.path().join("part.gltf");
+    let error = parse(document.to_string().as_bytes(), &path).unwrap_err();
+    assert!(
+        error.to_string().ends_with("part.bin: this is a git-lfs pointer, not the file"),
+        "{error}"
+    );
+    assert_eq!(error.hint(), Some("run `git lfs pull`"));
+}
