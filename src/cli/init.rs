@@ -15,7 +15,7 @@ use crate::config::draft::{self, Draft, DraftPart, DraftPath, DraftTool};
 use crate::error::Exit;
 use document::show;
 use vps::mesh::validate::inspect;
-use vps::mesh::{self, EXTENSIONS, Format, MeshError, TriangleMesh};
+use vps::mesh::{self, EXTENSIONS, FileMesh, Format, MeshError, TriangleMesh};
 use vps::storage::whole_file::write_bytes;
 
 /// Arguments of `hapticd init`.
@@ -51,6 +51,15 @@ struct InputMesh {
     own_unit: Option<draft::Unit>,
     /// In units of the file; in metres where it names its own.
     mesh: TriangleMesh,
+    /// What a user should know of the file.
+    notes: Vec<String>,
+}
+
+impl InputMesh {
+    fn new(path: PathBuf, own_unit: Option<draft::Unit>, file: FileMesh) -> Self {
+        let FileMesh { mesh, notes, .. } = file;
+        Self { path, own_unit, mesh, notes }
+    }
 }
 
 pub(crate) fn main(args: &Args, output: OutputOptions) -> Outcome {
@@ -105,13 +114,13 @@ fn init(args: &Args, output: OutputOptions) -> Result<(), CliError> {
     let (unit, why) = unit(args, &found, output);
     let folder = place.folder();
     let mut parts = Vec::new();
-    for InputMesh { path, own_unit, mut mesh } in found {
+    for InputMesh { path, own_unit, mut mesh, notes } in found {
         let file = relative(&path, folder)?;
         let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         if own_unit.is_none() {
             mesh.vertices.iter_mut().for_each(|vertex| *vertex *= unit.metres());
         }
-        for warning in inspect(&mesh).warnings() {
+        for warning in notes.into_iter().chain(inspect(&mesh).warnings()) {
             report::warning(&format!("{}: {warning}", path.display()), output);
         }
         parts.push(DraftPart::new(file, stem, own_unit.unwrap_or(unit), &mesh));
@@ -215,15 +224,17 @@ fn read(path: &Path) -> Result<InputMesh, MeshError> {
     let path = path.to_owned();
     match Format::of(&path)? {
         Format::Gltf => {
-            Ok(InputMesh { mesh: mesh::load(&path, 1.0)?, own_unit: Some(draft::Unit::M), path })
+            let file = mesh::load_with_notes(&path, 1.0)?;
+            Ok(InputMesh::new(path, Some(draft::Unit::M), file))
         }
         Format::ThreeMf => {
-            let tried =
-                draft::Unit::ALL.into_iter().map(|unit| (unit, mesh::load(&path, unit.metres())));
+            let tried = draft::Unit::ALL
+                .into_iter()
+                .map(|unit| (unit, mesh::load_with_notes(&path, unit.metres())));
             let mut first = None;
             for (unit, read) in tried {
                 match read {
-                    Ok(mesh) => return Ok(InputMesh { path, own_unit: Some(unit), mesh }),
+                    Ok(file) => return Ok(InputMesh::new(path, Some(unit), file)),
                     Err(error) => first = first.or(Some(error)),
                 }
             }
@@ -231,7 +242,8 @@ fn read(path: &Path) -> Result<InputMesh, MeshError> {
             Err(first.unwrap_or(MeshError::NoBytes { path }))
         }
         Format::Obj | Format::Stl | Format::Ply => {
-            Ok(InputMesh { mesh: mesh::load(&path, 1.0)?, own_unit: None, path })
+            let file = mesh::load_with_notes(&path, 1.0)?;
+            Ok(InputMesh::new(path, None, file))
         }
     }
 }

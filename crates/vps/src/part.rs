@@ -20,7 +20,7 @@ pub use crate::part_report::{
 use crate::mesh::mass::{MassProperties, mass_properties_of_inspected};
 use crate::mesh::primitives::Shape;
 use crate::mesh::validate::{MeshReport, inspect};
-use crate::mesh::{self, MeshError, TriangleMesh};
+use crate::mesh::{self, FileMesh, MeshError, TriangleMesh};
 use crate::pointshell::shell::Shell;
 use crate::pointshell::{self, Points, ShellReport};
 use crate::storage::memory::available_bytes;
@@ -88,18 +88,20 @@ pub struct Part {
     pub mesh: TriangleMesh,
     /// What is wrong with it.
     inspected: MeshReport,
+    /// What a user should know of its file.
+    notes: Vec<String>,
     load_s: f64,
 }
 
 impl Part {
     /// A part of triangles. Cost: one inspection of the mesh.
     pub fn new(name: &str, mesh: TriangleMesh) -> Self {
-        Self::since(Instant::now(), name, mesh)
+        Self::since(Instant::now(), name, mesh.into())
     }
 
     /// A shape, cut finely enough for voxels of this edge, m.
     pub fn of_shape(name: &str, shape: &Shape, voxel_size_m: f64) -> Self {
-        Self::since(Instant::now(), name, shape.tessellate(CHORD_SHARE * voxel_size_m))
+        Self::since(Instant::now(), name, shape.tessellate(CHORD_SHARE * voxel_size_m).into())
     }
 
     /// A mesh file whose numbers count `metres_per_unit`: 1e-3 for mm.
@@ -109,7 +111,8 @@ impl Part {
     pub fn load(name: &str, path: &Path, metres_per_unit: f64) -> Result<Self, PartError> {
         let failed = |source| PartError::Mesh { name: name.to_owned(), source };
         let since = Instant::now();
-        let part = Self::since(since, name, mesh::load(path, metres_per_unit).map_err(failed)?);
+        let file = mesh::load_with_notes(path, metres_per_unit).map_err(failed)?;
+        let part = Self::since(since, name, file);
         if !part.has_area() {
             return Err(failed(MeshError::NoArea {
                 path: path.to_owned(),
@@ -119,9 +122,11 @@ impl Part {
         Ok(part)
     }
 
-    fn since(since: Instant, name: &str, mesh: TriangleMesh) -> Self {
+    fn since(since: Instant, name: &str, file: FileMesh) -> Self {
+        let FileMesh { mesh, notes } = file;
         let inspected = inspect(&mesh);
-        Self { name: name.to_owned(), mesh, inspected, load_s: since.elapsed().as_secs_f64() }
+        let load_s = since.elapsed().as_secs_f64();
+        Self { name: name.to_owned(), mesh, inspected, notes, load_s }
     }
 
     /// Some triangle has an area.
@@ -134,10 +139,10 @@ impl Part {
         &self.name
     }
 
-    /// What a user should look at in its mesh, a sentence each; what its voxels show is in the
-    /// report of the bake.
+    /// What a user should look at in its mesh and its file, a sentence each; what its voxels show
+    /// is in the report of the bake.
     pub fn mesh_warnings(&self) -> Vec<String> {
-        self.inspected.warnings()
+        self.notes.iter().cloned().chain(self.inspected.warnings()).collect()
     }
 
     /// Bakes what other parts touch; `with_gradients` for
@@ -266,6 +271,14 @@ impl Part {
 
     /// The figures of what was built.
     pub fn report(&self, role: PartRole, map: &Volume, shell: &ShellReport) -> ObjectReport {
-        ObjectReport::new(&self.name, role, &self.inspected, map, shell, self.load_s)
+        ObjectReport::new(
+            &self.name,
+            role,
+            &self.inspected,
+            self.mesh_warnings(),
+            map,
+            shell,
+            self.load_s,
+        )
     }
 }

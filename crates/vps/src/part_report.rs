@@ -158,6 +158,7 @@ impl ObjectReport {
         name: &str,
         role: PartRole,
         mesh: &MeshReport,
+        mut warnings: Vec<String>,
         map: &Volume,
         shell: &ShellReport,
         load_s: f64,
@@ -165,7 +166,6 @@ impl ObjectReport {
         let grid = &map.surface.grid;
         let inside_voxels = map.sides.count_inside(&map.surface);
         let surface_voxels = map.surface.n_voxels as u64;
-        let mut warnings = mesh.warnings();
         if let Some(leak) = map.leak {
             let [x, y, z] = (leak.position_m * 1e3).to_array();
             let what = what_was_done(map);

@@ -8,7 +8,7 @@ use glam::DVec3;
 use super::gltf;
 #[cfg(feature = "threemf")]
 use super::threemf;
-use super::{Foreign, Format, MeshError, TriangleMesh, obj, ply, source, stl};
+use super::{FileMesh, Foreign, Format, MeshError, TriangleMesh, obj, ply, source, stl};
 use crate::parallel;
 
 /// No part is this far from its origin; squares and fifth powers of what is nearer stay far inside
@@ -25,9 +25,17 @@ const CHUNK_VERTICES: usize = 4096;
 /// # Errors
 /// [`MeshError`], naming the path and, where it is known, the line.
 pub fn load(path: &Path, metres_per_unit: f64) -> Result<TriangleMesh, MeshError> {
+    load_with_notes(path, metres_per_unit).map(|file| file.mesh)
+}
+
+/// The same, with what a user should know of the file.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_with_notes(path: &Path, metres_per_unit: f64) -> Result<FileMesh, MeshError> {
     let format = Format::of(path)?;
     let bytes = source::read(path)?;
-    bytes.confirm(parse(&bytes, format, path, metres_per_unit), path)
+    bytes.confirm(parse_with_notes(&bytes, format, path, metres_per_unit), path)
 }
 
 /// The same for a file whose bytes are at hand. `path` is for messages, and where files that this
@@ -44,28 +52,43 @@ pub fn parse(
     path: &Path,
     metres_per_unit: f64,
 ) -> Result<TriangleMesh, MeshError> {
+    parse_with_notes(bytes, format, path, metres_per_unit).map(|file| file.mesh)
+}
+
+/// The same, with what a user should know of the file.
+///
+/// # Errors
+/// As [`parse`].
+pub fn parse_with_notes(
+    bytes: &[u8],
+    format: Format,
+    path: &Path,
+    metres_per_unit: f64,
+) -> Result<FileMesh, MeshError> {
     if bytes.is_empty() {
         return Err(MeshError::NoBytes { path: path.to_owned() });
     }
     let read = match format {
-        Format::Obj => obj::parse(bytes, path),
-        Format::Stl => stl::parse(bytes, path),
-        Format::Ply => ply::parse(bytes, path),
+        Format::Obj => obj::parse(bytes, path).map(FileMesh::from),
+        Format::Stl => stl::parse(bytes, path).map(FileMesh::from),
+        Format::Ply => ply::parse(bytes, path).map(FileMesh::from),
         #[cfg(feature = "gltf")]
-        Format::Gltf => gltf::parse(bytes, path),
+        Format::Gltf => gltf::parse(bytes, path).map(FileMesh::from),
         #[cfg(feature = "threemf")]
         Format::ThreeMf => threemf::parse(bytes, path, metres_per_unit),
         #[cfg(not(all(feature = "gltf", feature = "threemf")))]
         other => Err(MeshError::NotBuilt { path: path.to_owned(), format: other }),
     };
     let read = match read {
-        Ok(mesh) if mesh.triangles.is_empty() => Err(MeshError::Empty { path: path.to_owned() }),
+        Ok(file) if file.mesh.triangles.is_empty() => {
+            Err(MeshError::Empty { path: path.to_owned() })
+        }
         read => read,
     };
     // Only now: the free text at the head of a binary STL may say anything.
-    let mut mesh = read.map_err(|error| named_for_what_it_is(error, bytes, Some(format), path))?;
-    scale(&mut mesh.vertices, metres_per_unit, path)?;
-    Ok(mesh)
+    let mut file = read.map_err(|error| named_for_what_it_is(error, bytes, Some(format), path))?;
+    scale(&mut file.mesh.vertices, metres_per_unit, path)?;
+    Ok(file)
 }
 
 /// `error` of a file that no reader could read, unless it is something else than its name says.

@@ -15,7 +15,7 @@
 //! | STL | text and binary; equal corners are joined | normals, attributes |
 //! | PLY | text and binary of both byte orders, numbers of any type, polygons, `tristrips` | attributes |
 //! | glTF, GLB | default scene with its transforms; triangles, strips, fans; embedded and external buffers; sparse, quantized | skins, morph targets, Draco and meshopt compression |
-//! | 3MF | what is built, with transforms; the production extension | beam lattices, slices, boolean operations, encryption |
+//! | 3MF | what is built, with transforms; the production extension | supports, what is not printed, modifiers and negative volumes of slicers; beam lattices, slices, boolean operations, encryption |
 //!
 //! Points without faces are read by [`cloud`], from PLY, OBJ and plain text.
 //!
@@ -48,6 +48,7 @@ pub mod cloud;
 mod copy_budget;
 mod edges;
 mod error;
+mod file_mesh;
 mod foreign;
 mod format;
 #[cfg(feature = "gltf")]
@@ -72,9 +73,10 @@ mod weld;
 mod xyz;
 
 pub use error::{MeshError, curved_surfaces};
+pub use file_mesh::FileMesh;
 pub use foreign::Foreign;
 pub use format::{CAD_HINT, EXTENSIONS, Format, cad_format};
 pub(crate) use load::FARTHEST_M;
-pub use load::{companions, copy_only, load, parse};
+pub use load::{companions, copy_only, load, load_with_notes, parse, parse_with_notes};
 use triangle_mesh::SUM_TRIANGLES;
 pub use triangle_mesh::TriangleMesh;

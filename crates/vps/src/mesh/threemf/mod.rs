@@ -6,6 +6,10 @@
 //! is refused. Invariants: what is unpacked is bounded by the size of the package, and copies of
 //! objects are counted ([`CopyBudget`]).
 //!
+//! What is no part of the thing that is printed is left out, and named: supports and objects of the
+//! type `other`, what `printable` says no to, and modifiers and negative volumes of slicers
+//! ([`slicer`]).
+//!
 //! # Units and frames
 //! The file names its own unit. It must be the one of `units`: a part that is 25.4 times too large
 //! is a danger, not a detail.
@@ -15,6 +19,7 @@
 //! Extension" 1.1.
 
 mod package;
+mod slicer;
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
@@ -26,7 +31,9 @@ use quick_xml::events::BytesStart;
 
 use self::package::{Element, Package, attribute, part_name, refusal};
 use super::copy_budget::CopyBudget;
-use super::{MeshError, TriangleMesh};
+use super::file_mesh::listed;
+use super::{FileMesh, MeshError, TriangleMesh};
+use crate::storage::printable::one_line;
 
 /// Objects within objects; real files have two or three levels.
 const MOST_LEVELS: usize = 32;
@@ -36,7 +43,7 @@ pub(super) fn parse(
     bytes: &[u8],
     path: &Path,
     metres_per_unit: f64,
-) -> Result<TriangleMesh, MeshError> {
+) -> Result<FileMesh, MeshError> {
     let mut package = Package::open(bytes, path)?;
     let root = package.model_name()?;
     let mut parts = HashMap::new();
@@ -57,16 +64,38 @@ pub(super) fn parse(
             metres_per_unit,
         });
     }
+    let mut notes = Vec::new();
+    if let Some(root) = parts.get_mut(&root) {
+        slicer::mark_volumes(&mut package, root, &mut notes);
+    }
     let mut build = Build {
         parts: &parts,
         path,
         budget: CopyBudget::of_file(bytes.len()),
         mesh: TriangleMesh::default(),
+        left_out: Vec::new(),
     };
     for item in &parts[&root].items {
         build.place(item, &root, DMat4::IDENTITY, 0)?;
     }
-    Ok(build.mesh)
+    let Build { mesh, left_out, .. } = build;
+    if !left_out.is_empty() {
+        let note = left_out_note(&left_out);
+        if mesh.triangles.is_empty() {
+            return Err(refusal(path, format!("nothing of it is printed: {note}")));
+        }
+        notes.push(note);
+    }
+    Ok(FileMesh { mesh, notes })
+}
+
+/// One sentence on what is not in the mesh.
+fn left_out_note(left_out: &[String]) -> String {
+    let n_objects = match left_out.len() {
+        1 => "1 object is".to_owned(),
+        n => format!("{n} objects are"),
+    };
+    format!("{n_objects} left out, as no part of what is printed: {}", listed(left_out))
 }
 
 /// One model part of a package.
@@ -80,8 +109,13 @@ struct Part {
 
 #[derive(Default)]
 struct Object {
+    name: Option<String>,
     mesh: TriangleMesh,
     components: Vec<Placement>,
+    /// Why it is no part of what is printed.
+    not_printed: Option<&'static str>,
+    /// Volumes that were taken out of its mesh, for the user.
+    left_out: Vec<String>,
 }
 
 /// An object at a place.
@@ -90,6 +124,10 @@ struct Placement {
     /// Name of the part that has the object; `None` for the same one.
     part: Option<String>,
     parent_from_object: DMat4,
+    /// Name that a slicer gave it.
+    name: Option<String>,
+    /// Why it is no part of what is printed.
+    not_printed: Option<&'static str>,
 }
 
 impl Part {
@@ -109,7 +147,12 @@ impl Part {
                             })?;
                         }
                     }
-                    ("object", None) => object = Some((number(&element, "id")?, Object::default())),
+                    ("object", None) => {
+                        let name = attribute(&element, "name")?;
+                        let not_printed = why_not_printed(&element)?;
+                        let begun = Object { name, not_printed, ..Object::default() };
+                        object = Some((number(&element, "id")?, begun));
+                    }
                     ("object", Some(_)) => return Err("an object inside another".to_owned()),
                     ("vertex", Some((_, object))) => {
                         let vertex = DVec3::new(
@@ -206,6 +249,31 @@ fn refuse_unknown_extensions(model: &BytesStart<'_>) -> Result<(), String> {
     Ok(())
 }
 
+/// Why an object or its place is no part of what is printed. `printable` is a word of slicers, which
+/// the standard lets them add.
+fn why_not_printed(element: &BytesStart<'_>) -> Result<Option<&'static str>, String> {
+    let kind = match attribute(element, "type")?.as_deref() {
+        Some("support") => Some("type support"),
+        Some("solidsupport") => Some("type solidsupport"),
+        Some("other") => Some("type other"),
+        _ => None,
+    };
+    let printable = attribute(element, "printable")?;
+    let is_off = printable.is_some_and(|word| matches!(word.as_str(), "0" | "false"));
+    Ok(kind.or(is_off.then_some("not printable")))
+}
+
+/// A thing of the file by its name.
+fn named(name: Option<&str>, id: u32, why: &str) -> String {
+    match name.filter(|name| !name.is_empty()) {
+        Some(name) => {
+            let name: String = one_line(name).chars().take(40).collect();
+            format!("`{name}` ({why})")
+        }
+        None => format!("object {id} ({why})"),
+    }
+}
+
 /// A number in an attribute that must be there.
 fn number<T: std::str::FromStr>(element: &BytesStart<'_>, name: &str) -> Result<T, String> {
     let text = attribute(element, name)?.ok_or_else(|| format!("`{name}` is missing"))?;
@@ -234,7 +302,9 @@ impl Placement {
             );
         }
         let part = attribute(element, "path")?.map(|name| part_name(&name));
-        Ok(Self { object: number(element, "objectid")?, part, parent_from_object })
+        let object = number(element, "objectid")?;
+        let not_printed = why_not_printed(element)?;
+        Ok(Self { object, part, parent_from_object, name: None, not_printed })
     }
 }
 
@@ -244,6 +314,8 @@ struct Build<'a> {
     path: &'a Path,
     budget: CopyBudget,
     mesh: TriangleMesh,
+    /// Names of what is no part of what is printed.
+    left_out: Vec<String>,
 }
 
 impl Build<'_> {
@@ -265,6 +337,12 @@ impl Build<'_> {
                 format!("{part:.80}: object {id} is {MOST_LEVELS} levels down, or in a loop"),
             ));
         }
+        if let Some(why) = placement.not_printed.or(object.not_printed) {
+            let name = placement.name.as_deref().or(object.name.as_deref());
+            self.left_out.push(named(name, id, why));
+            return Ok(());
+        }
+        self.left_out.extend(object.left_out.iter().cloned());
         let world_from_object = world_from_parent * placement.parent_from_object;
         let base = self.mesh.vertices.len() as u32;
         self.budget.add(object.mesh.vertices.len(), object.mesh.triangles.len(), self.path)?;

@@ -1,6 +1,7 @@
 //! The parts of a 3MF package: a ZIP archive, unpacked a piece at a time and never further than its
 //! size makes likely.
 
+use std::borrow::Cow;
 use std::cell::Cell;
 use std::io::{self, BufRead, BufReader, Cursor, Read};
 use std::path::Path;
@@ -52,6 +53,18 @@ impl<'a> Package<'a> {
             })?;
         }
         Ok(found.map_or(USUAL.to_owned(), |name| part_name(&name)))
+    }
+
+    /// Names of the parts in which slicers say what the volumes of an object are for.
+    pub(super) fn volume_lists(&self) -> Vec<String> {
+        let is_list = |name: &String| {
+            let file = name.strip_prefix("Metadata/").unwrap_or_default();
+            file == "model_settings.config" || file.ends_with("_model.config")
+        };
+        let names = self.archive.file_names().flatten().map(Cow::into_owned);
+        let mut lists: Vec<_> = names.filter(is_list).collect();
+        lists.sort_unstable();
+        lists
     }
 
     /// Shows every element of an XML part, and where it ends, to `visit`; its errors get their

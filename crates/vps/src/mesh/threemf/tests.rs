@@ -37,7 +37,7 @@ fn read_model(head: &str, resources: &str, build: &str) -> Result<TriangleMesh, 
 }
 
 fn read(bytes: &[u8]) -> Result<TriangleMesh, MeshError> {
-    parse(bytes, Path::new("part.3mf"), 1e-3)
+    parse(bytes, Path::new("part.3mf"), 1e-3).map(|file| file.mesh)
 }
 
 #[test]
@@ -112,7 +112,7 @@ fn units_must_agree() {
             "3D/3dmodel.model",
             &model(&format!("unit=\"{unit}\""), &resources, "<item objectid=\"1\"/>"),
         )]);
-        assert_eq!(parse(&bytes, Path::new("part.3mf"), metres).unwrap().triangles.len(), 4);
+        assert_eq!(parse(&bytes, Path::new("part.3mf"), metres).unwrap().mesh.triangles.len(), 4);
         let error = parse(&bytes, Path::new("part.3mf"), 0.5).unwrap_err();
         assert_eq!(
             error.to_string(),
@@ -191,4 +191,114 @@ fn bombs_do_not_go_off() {
     }
     let error = read_model("", &resources, "<item objectid=\"29\"/>").unwrap_err();
     assert!(matches!(error, MeshError::TooManyCopies { .. }), "{error}");
+}
+
+/// The sentence on what is left out of a model whose item 1 is whole.
+fn left_out(parts: &[(&str, &str)]) -> String {
+    let file = parse(&package(parts), Path::new("part.3mf"), 1e-3).unwrap();
+    assert_eq!(file.mesh.triangles, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]);
+    assert_eq!(file.notes.len(), 1, "{:?}", file.notes);
+    file.notes[0].clone()
+}
+
+#[test]
+fn supports_and_what_is_not_printed_are_left_out_and_named() {
+    let of_type =
+        |id: u32, more: &str| format!("<object id=\"{id}\" {more}>{TETRAHEDRON}</object>");
+    let resources = object(1, TETRAHEDRON)
+        + &of_type(2, "type=\"support\" name=\"tower\"")
+        + &of_type(3, "type=\"other\"")
+        + &of_type(4, "type=\"solidsupport\" name=\"a&#10;b\"")
+        + &of_type(5, "type=\"model\" printable=\"0\" name=\"spare\"")
+        // Within an object as well.
+        + &object(6, "<components><component objectid=\"2\"/></components>");
+    let build = "<item objectid=\"1\" printable=\"1\"/><item objectid=\"2\"/><item \
+        objectid=\"3\"/><item objectid=\"4\"/><item objectid=\"5\"/><item objectid=\"1\" \
+        printable=\"0\"/><item objectid=\"6\"/>";
+    let model = model("", &resources, build);
+    assert_eq!(
+        left_out(&[("3D/3dmodel.model", &model)]),
+        "6 objects are left out, as no part of what is printed: `tower` (type support), object 3 \
+            (type other), `a\\nb` (type solidsupport), `spare` (not printable), object 1 (not \
+            printable), `tower` (type support)"
+    );
+    let model = self::model("", &resources, "<item objectid=\"2\"/>");
+    assert_eq!(
+        read(&package(&[("3D/3dmodel.model", &model)])).unwrap_err().to_string(),
+        "part.3mf: nothing of it is printed: 1 object is left out, as no part of what is printed: \
+            `tower` (type support)"
+    );
+}
+
+#[test]
+fn modifiers_and_negative_volumes_of_slicers_are_left_out_and_named() {
+    // PrusaSlicer has all volumes of an object in one mesh.
+    let twice = TETRAHEDRON.replace(
+        "</triangles>",
+        "<triangle v1=\"0\" v2=\"2\" v3=\"1\"/><triangle v1=\"0\" v2=\"1\" v3=\"3\"/></triangles>",
+    );
+    let model = self::model("", &object(1, &twice), "<item objectid=\"1\"/>");
+    let volume = |first: u32, last: u32, name: &str, key: &str, value: &str| {
+        format!(
+            "<volume firstid=\"{first}\" lastid=\"{last}\"><metadata type=\"volume\" key=\"name\" \
+                value=\"{name}\"/><metadata type=\"volume\" key=\"{key}\" \
+                value=\"{value}\"/></volume>"
+        )
+    };
+    for (key, value, purpose) in [
+        ("volume_type", "ParameterModifier", "modifier"),
+        ("volume_type", "NegativeVolume", "negative volume, not subtracted"),
+        ("volume_type", "SupportBlocker", "support blocker"),
+        ("volume_type", "SupportEnforcer", "support enforcer"),
+        ("modifier", "1", "modifier"),
+    ] {
+        let list = format!(
+            "<config><object id=\"1\"><metadata type=\"object\" key=\"name\" value=\"all\"/>{}{}\
+                </object></config>",
+            volume(0, 3, "solid", "volume_type", "ModelPart"),
+            volume(4, 5, "slot", key, value)
+        );
+        let parts =
+            [("3D/3dmodel.model", &*model), ("Metadata/Slic3r_PE_model.config", list.as_str())];
+        let expected =
+            format!("1 object is left out, as no part of what is printed: `slot` ({purpose})");
+        assert_eq!(left_out(&parts), expected);
+    }
+    // Bambu Studio and OrcaSlicer have an object for each.
+    let resources = object(1, TETRAHEDRON)
+        + &object(2, TETRAHEDRON)
+        + &object(
+            9,
+            "<components><component objectid=\"1\"/><component objectid=\"2\"/></components>",
+        );
+    let model = self::model("", &resources, "<item objectid=\"9\"/>");
+    for (subtype, purpose) in [
+        ("modifier_part", "modifier"),
+        ("negative_part", "negative volume, not subtracted"),
+        ("support_blocker", "support blocker"),
+        ("support_enforcer", "support enforcer"),
+    ] {
+        let list = format!(
+            "<config><object id=\"9\"><metadata key=\"name\" value=\"all\"/><part id=\"1\" \
+                subtype=\"normal_part\"><metadata key=\"name\" value=\"solid\"/></part><part \
+                id=\"2\" subtype=\"{subtype}\"><metadata key=\"name\" value=\"slot\"/></part>\
+                </object></config>"
+        );
+        let parts =
+            [("3D/3dmodel.model", &*model), ("Metadata/model_settings.config", list.as_str())];
+        let expected =
+            format!("1 object is left out, as no part of what is printed: `slot` ({purpose})");
+        assert_eq!(left_out(&parts), expected);
+    }
+}
+
+#[test]
+fn a_list_of_volumes_that_cannot_be_read_does_not_hide_the_model() {
+    let model = self::model("", &object(1, TETRAHEDRON), "<item objectid=\"1\"/>");
+    let list = "<config><object id=\"1\"><volume firstid=\"x\"/></object></config>";
+    let note = left_out(&[("3D/3dmodel.model", &model), ("Metadata/Slic3r_PE_model.config", list)]);
+    assert!(
+        note.contains("may be in the mesh") && note.contains("`firstid` must be a number"),
+        "{note}"
+    );
 }
