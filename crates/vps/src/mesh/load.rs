@@ -70,7 +70,7 @@ pub fn parse_with_notes(
     }
     let read = match format {
         Format::Obj => obj::parse(bytes, path).map(FileMesh::from),
-        Format::Stl => stl::parse(bytes, path).map(FileMesh::from),
+        Format::Stl => stl::parse(bytes, path),
         Format::Ply => ply::parse(bytes, path).map(FileMesh::from),
         #[cfg(feature = "gltf")]
         Format::Gltf => gltf::parse(bytes, path).map(FileMesh::from),

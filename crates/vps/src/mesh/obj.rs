@@ -20,7 +20,7 @@ use super::{MeshError, TriangleMesh, polygon};
 
 /// Reads the text of an OBJ file; `path` is for messages only.
 pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError> {
-    let text = String::from_utf8_lossy(bytes);
+    let text = text_of(bytes);
     let mut lines = GeometryLines::new(&text);
     // Faces keep their corners here: the parser would cut hollow polygons into fans.
     let options = tobj::LoadOptions {
@@ -67,7 +67,7 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError
 /// those of the vertices when there are as many of them; colours are numbers four to six of a
 /// vertex, 0 to 1.
 pub(super) fn parse_cloud(bytes: &[u8], path: &Path) -> Result<Option<Cloud>, MeshError> {
-    let text = String::from_utf8_lossy(bytes);
+    let text = text_of(bytes);
     let mut cloud = Cloud::default();
     let mut normals = Vec::new();
     let mut colors = Vec::new();
@@ -109,6 +109,12 @@ pub(super) fn parse_cloud(bytes: &[u8], path: &Path) -> Result<Option<Cloud>, Me
     cloud.normals = (normals.len() == cloud.positions.len()).then_some(normals);
     cloud.colors = (colors.len() == cloud.positions.len()).then_some(colors);
     Ok(Some(cloud))
+}
+
+/// The text, in lines that end in LF: programs of old Macs end them in CR alone.
+fn text_of(bytes: &[u8]) -> Cow<'_, str> {
+    let text = String::from_utf8_lossy(bytes);
+    if text.contains('\r') && !text.contains('\n') { text.replace('\r', "\n").into() } else { text }
 }
 
 /// The first face that names a vertex which is not there. The parser only says that there is one.

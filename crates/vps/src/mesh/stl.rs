@@ -4,12 +4,15 @@
 //! joined (0 and -0 are equal). The normals and attributes of the file are not read.
 //!
 //! Which of the two a file is, is decided by its size first: many binary files begin with the word
-//! "solid". Cost: linear, binary files in parallel; text is read by one thread.
+//! "solid". A number of triangles that was never filled in is taken from the size, and said. Text
+//! may have any line ends, or all in one line. Cost: linear, binary files in parallel; text is read
+//! by one thread.
 
 use std::path::Path;
 
+use super::format::without_mark;
 use super::weld::weld_exact;
-use super::{MeshError, TriangleMesh};
+use super::{FileMesh, MeshError, TriangleMesh};
 
 /// Free text and number of triangles.
 const HEADER_BYTES: usize = 84;
@@ -17,13 +20,25 @@ const HEADER_BYTES: usize = 84;
 const TRIANGLE_BYTES: usize = 50;
 
 /// Reads an STL file; `path` is for messages only.
-pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError> {
-    let announced = announced_triangles(bytes);
+pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<FileMesh, MeshError> {
+    let mut announced = announced_triangles(bytes);
+    let mut notes = Vec::new();
     let expected_bytes = announced.map(size_of_triangles);
     let found_bytes = bytes.len() as u64;
     if expected_bytes != Some(found_bytes) && looks_like_text(bytes) {
-        return parse_text(bytes, path);
+        return parse_text(bytes, path).map(FileMesh::from);
     }
+    // Programs that write while they compute leave the number as it was at the beginning.
+    if let Some(number @ (0 | u32::MAX)) = announced
+        && let Some(n_triangles) = whole_triangles(found_bytes)
+    {
+        notes.push(format!(
+            "the number of triangles in the header is {number}, and was not filled in: all {n_triangles} \
+                that the file has room for were read"
+        ));
+        announced = Some(n_triangles);
+    }
+    let expected_bytes = announced.map(size_of_triangles);
     let expected_bytes = expected_bytes.unwrap_or(HEADER_BYTES as u64);
     let triangles = u64::from(announced.unwrap_or(0));
     if found_bytes < expected_bytes {
@@ -41,7 +56,8 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError
             format!("the header announces {triangles} triangles, the file has room for {room}");
         return Err(MeshError::Parse { path: path.to_owned(), line: None, what });
     }
-    parse_binary(&bytes[HEADER_BYTES..expected_bytes as usize], path)
+    let mesh = parse_binary(&bytes[HEADER_BYTES..expected_bytes as usize], path)?;
+    Ok(FileMesh { mesh, notes })
 }
 
 fn announced_triangles(bytes: &[u8]) -> Option<u32> {
@@ -52,9 +68,17 @@ fn size_of_triangles(n_triangles: u32) -> u64 {
     HEADER_BYTES as u64 + TRIANGLE_BYTES as u64 * u64::from(n_triangles)
 }
 
+/// The triangles of a file that has nothing else behind its header; `None` for none, and where bytes
+/// are left over.
+fn whole_triangles(file_bytes: u64) -> Option<u32> {
+    let n_bytes = file_bytes.checked_sub(HEADER_BYTES as u64)?;
+    let n_triangles = u32::try_from(n_bytes / TRIANGLE_BYTES as u64).ok()?;
+    (n_triangles > 0 && n_bytes.is_multiple_of(TRIANGLE_BYTES as u64)).then_some(n_triangles)
+}
+
 /// Begins with "solid", and what follows within the first kilobyte is text that goes on like one.
 fn looks_like_text(bytes: &[u8]) -> bool {
-    let head = bytes.trim_ascii_start();
+    let head = without_mark(bytes).trim_ascii_start();
     let head = &head[..head.len().min(1024)];
     let has =
         |word: &[u8]| head.windows(word.len()).any(|window| window.eq_ignore_ascii_case(word));
@@ -113,18 +137,20 @@ fn parse_text(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError> {
     let mut in_facet = false;
     let mut ended = false;
     let mut last_line = 0;
-    for (line_idx, line) in bytes.split(|byte| *byte == b'\n').enumerate() {
-        let line_number = line_idx + 1;
-        let mut words = line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
+    for (line_number, statement) in lines(without_mark(bytes))
+        .zip(1..)
+        .flat_map(|(line, line_number)| statements(line).map(move |words| (line_number, words)))
+    {
+        let mut words = words_of(statement);
         let Some(keyword) = words.next() else { continue };
         last_line = line_number;
-        let is = |word: &str| keyword.eq_ignore_ascii_case(word.as_bytes());
+        let is = |known: &str| is(keyword, known);
         if is("vertex") {
             let mut number = || std::str::from_utf8(words.next()?).ok()?.parse::<f64>().ok();
             let (Some(x), Some(y), Some(z)) = (number(), number(), number()) else {
                 return Err(refuse(
                     line_number,
-                    format!("a vertex needs three numbers, found `{}`", shown(line)),
+                    format!("a vertex needs three numbers, found `{}`", shown(statement)),
                 ));
             };
             if !in_facet || n_corners == 3 {
@@ -167,7 +193,7 @@ fn parse_text(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError> {
         } else if is("endsolid") {
             ended = true;
         } else if !(is("outer") || is("endloop")) {
-            return Err(refuse(line_number, format!("unknown keyword in `{}`", shown(line))));
+            return Err(refuse(line_number, format!("unknown keyword in `{}`", shown(statement))));
         }
     }
     // A file cut between two facets would be a part with a hole in it.
@@ -179,6 +205,79 @@ fn parse_text(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError> {
     }
     weld_exact(triangles.len(), |triangle_idx| triangles[triangle_idx])
         .ok_or_else(|| too_many(triangles.len(), path))
+}
+
+/// Lines that end in LF, CR LF or CR.
+fn lines(text: &[u8]) -> impl Iterator<Item = &[u8]> {
+    let mut rest = Some(text);
+    std::iter::from_fn(move || {
+        let text = rest?;
+        let Some(end) = text.iter().position(|byte| matches!(byte, b'\n' | b'\r')) else {
+            rest = None;
+            return Some(text);
+        };
+        let end_bytes = if text[end..].starts_with(b"\r\n") { 2 } else { 1 };
+        rest = Some(&text[end + end_bytes..]);
+        Some(&text[..end])
+    })
+}
+
+fn words_of(text: &[u8]) -> impl Iterator<Item = &[u8]> {
+    text.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty())
+}
+
+/// Keywords that begin a statement anywhere in a line.
+const STATEMENTS: [&str; 7] =
+    ["vertex", "outer", "endloop", "endfacet", "facet", "endsolid", "solid"];
+
+/// The statements of a line: all of a file may stand in one.
+fn statements(line: &[u8]) -> impl Iterator<Item = &[u8]> {
+    let mut rest = line.trim_ascii();
+    std::iter::from_fn(move || {
+        let keyword = words_of(rest).next()?;
+        let has_name = is(keyword, "solid") || is(keyword, "endsolid");
+        let mut end = keyword.len();
+        loop {
+            let more = rest[end..].trim_ascii_start();
+            let Some(word) = words_of(more).next() else {
+                return Some(std::mem::take(&mut rest));
+            };
+            let begin = rest.len() - more.len();
+            let begins = if has_name {
+                ends_name(keyword, more)
+            } else {
+                STATEMENTS.iter().any(|known| is(word, known))
+            };
+            if begins {
+                let statement = &rest[..begin];
+                rest = more;
+                return Some(statement);
+            }
+            end = begin + word.len();
+        }
+    })
+}
+
+/// The name behind `solid` or `endsolid`, which may be any words, ends where `more` begins: before
+/// the first facet or the end of the solid, or before a solid that has a facet.
+fn ends_name(keyword: &[u8], more: &[u8]) -> bool {
+    /// Of a name; what follows is looked at once for each word.
+    const MOST_WORDS: usize = 32;
+    let has_facet = |n_words: usize| {
+        let mut words = words_of(more).take(n_words).peekable();
+        std::iter::from_fn(|| Some((words.next()?, words.peek().copied().unwrap_or_default())))
+            .any(|(word, next)| is(word, "facet") && is(next, "normal"))
+    };
+    let first = words_of(more).next().unwrap_or_default();
+    if is(keyword, "solid") {
+        has_facet(2) || is(first, "endsolid")
+    } else {
+        is(first, "solid") && has_facet(MOST_WORDS)
+    }
+}
+
+fn is(word: &[u8], known: &str) -> bool {
+    word.eq_ignore_ascii_case(known.as_bytes())
 }
 
 /// The beginning of a line, for messages.
@@ -222,7 +321,7 @@ mod tests {
     }
 
     fn read(bytes: &[u8]) -> Result<TriangleMesh, MeshError> {
-        parse(bytes, Path::new("part.stl"))
+        parse(bytes, Path::new("part.stl")).map(|file| file.mesh)
     }
 
     #[test]
@@ -234,6 +333,65 @@ mod tests {
         assert_eq!(binary.triangles, text.triangles);
         let upper = read(self::text(&TETRAHEDRON).to_uppercase().as_bytes()).unwrap();
         assert_eq!(upper.triangles, text.triangles);
+    }
+
+    #[test]
+    fn any_line_ends_a_byte_order_mark_and_all_in_one_line_give_the_same_mesh() {
+        // The name of the solid has every keyword but the pair that begins a facet.
+        let text = text(&TETRAHEDRON)
+            .replace("solid part facet", "solid a solid facet vertex")
+            .replace("endsolid part", "endsolid a solid vertex");
+        let expected = read(text.as_bytes()).unwrap();
+        assert_eq!(expected.triangles.len(), 4);
+        let lf = text.replace("\r\n", "\n");
+        let one_line = lf.replace('\n', " ");
+        for variant in [
+            lf.replace('\n', "\r\n"),
+            lf.replace('\n', "\r"),
+            format!("\u{feff}{lf}"),
+            format!("\u{feff}{one_line}"),
+            one_line.to_uppercase(),
+            one_line.clone(),
+        ] {
+            let mesh = read(variant.as_bytes()).unwrap();
+            assert_eq!(mesh.triangles, expected.triangles, "{variant}");
+            assert_eq!(mesh.vertices, expected.vertices, "{variant}");
+        }
+        // Several solids, in one line and in lines that end in CR.
+        let twice = format!("{one_line}{one_line}");
+        assert_eq!(read(twice.as_bytes()).unwrap().triangles.len(), 8);
+        let with_empty = format!("solid nothing endsolid nothing\r{one_line}");
+        assert_eq!(read(with_empty.as_bytes()).unwrap().triangles.len(), 4);
+        // A line is what an editor counts.
+        let cr = lf.replace('\n', "\r").replacen("vertex 1e0", "vertex one", 1);
+        let error = read(cr.as_bytes()).unwrap_err().to_string();
+        assert!(error.starts_with("part.stl:6: a vertex needs three numbers"), "{error}");
+    }
+
+    #[test]
+    fn a_name_of_many_keywords_takes_no_long_time() {
+        let text = format!("solid a\nendsolid {}", "solid ".repeat(200_000));
+        assert!(read(text.as_bytes()).unwrap().triangles.is_empty());
+    }
+
+    #[test]
+    fn a_number_of_triangles_that_was_not_filled_in_is_taken_from_the_size_and_said() {
+        for number in [0_u32, u32::MAX] {
+            let mut bytes = binary("part", &TETRAHEDRON);
+            bytes[80..84].copy_from_slice(&number.to_le_bytes());
+            let file = parse(&bytes, Path::new("part.stl")).unwrap();
+            assert_eq!(file.mesh.triangles.len(), 4);
+            assert_eq!(
+                file.notes,
+                [format!(
+                    "the number of triangles in the header is {number}, and was not filled in: all \
+                        4 that the file has room for were read"
+                )]
+            );
+            bytes.push(0);
+            assert!(read(&bytes).is_err(), "no whole number of triangles");
+        }
+        assert!(read(&binary("part", &[])).unwrap().triangles.is_empty(), "0 may be the truth");
     }
 
     #[test]

@@ -128,6 +128,35 @@ fn files_that_are_no_mesh_are_called_by_their_names_in_every_format() {
     assert!(matches!(error, MeshError::Parse { .. }), "{error}");
 }
 
+#[test]
+fn a_byte_order_mark_and_old_line_ends_are_read_in_every_text() {
+    let obj = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+    let ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
+        property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n\
+        0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
+    let gltf = r#"{"asset": {"version": "2.0"}, "meshes": [{"primitives": [{"attributes":
+        {"POSITION": 0}}]}], "accessors": [{"bufferView": 0, "componentType": 5121, "count": 3,
+        "type": "VEC3"}], "bufferViews": [{"buffer": 0, "byteLength": 9}], "buffers":
+        [{"byteLength": 9, "uri": "data:;base64,AAAAAQAAAAEA"}]}"#;
+    for (text, format) in [(obj, Format::Obj), (ply, Format::Ply), (gltf, Format::Gltf)] {
+        let path = Path::new("part");
+        let read = |text: &str| parse(text.as_bytes(), format, path, 1.0).unwrap();
+        let mesh = read(text);
+        assert_eq!(mesh.triangles, [[0, 1, 2]]);
+        for variant in
+            [format!("\u{feff}{text}"), text.replace('\n', "\r"), text.replace('\n', "\r\n")]
+        {
+            let same = read(&variant);
+            assert_eq!(
+                (same.triangles, same.vertices),
+                (mesh.triangles.clone(), mesh.vertices.clone())
+            );
+        }
+    }
+    let points = cloud::read(b"v 0 0 0\rv 1 0 0\r", Path::new("part.obj"), 1.0).unwrap();
+    assert!(matches!(points, cloud::Contents::Cloud(cloud) if cloud.positions.len() == 2));
+}
+
 /// The corners of every triangle, in an order that the numbering of vertices does not change.
 fn corner_set(mesh: &TriangleMesh) -> Vec<[[u64; 3]; 3]> {
     let mut triangles: Vec<_> = (0..mesh.triangles.len())
@@ -279,10 +308,10 @@ proptest::proptest! {
     #[test]
     fn damaged_text_does_no_harm(text in "(v|f|l|solid|facet|vertex|endfacet|endsolid|[-0-9. \
         /#\\\\]|nan|1e999|\n){0,80}") {
-        for parse in [obj::parse, stl::parse] {
+        for format in [Format::Obj, Format::Stl] {
             for text in [text.clone(), format!("solid facet\n{text}"), format!("v 0 0 0\nv 1 0 \
                 0\nv 0 1 0\nv 1 1 1\n{text}")] {
-                if let Ok(mesh) = parse(text.as_bytes(), Path::new("damaged")) {
+                if let Ok(mesh) = parse(text.as_bytes(), format, Path::new("damaged"), 1.0) {
                     let report = validate::inspect(&mesh);
                     mass::mass_properties_of_inspected(&mesh, &report);
                     proptest::prop_assert!(mesh.triangles.iter().flatten().all(|vertex| (*vertex as usize) < mesh.vertices.len()));

@@ -26,6 +26,7 @@ use glam::{DMat3, DMat4, DQuat, DVec3};
 use self::buffers::{Buffers, is_index};
 use self::document::{Document, Mesh, Node, Primitive, refusal};
 use super::copy_budget::CopyBudget;
+use super::format::without_mark;
 use super::{MeshError, TriangleMesh, ply};
 
 /// Reads a glTF file of either kind; `path` is for messages, and where further files are looked
@@ -64,6 +65,7 @@ fn document_of<'a>(
     bytes: &'a [u8],
     path: &Path,
 ) -> Result<(Document, Option<&'a [u8]>), MeshError> {
+    let bytes = without_mark(bytes);
     let (json, binary) =
         if bytes.starts_with(b"glTF") { parts_of_glb(bytes, path)? } else { (bytes, None) };
     let document = serde_json::from_slice(json).map_err(|error| {

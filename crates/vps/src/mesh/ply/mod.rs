@@ -17,11 +17,13 @@ use std::path::Path;
 use glam::DVec3;
 
 use self::header::{Element, Encoding, Header, Scalar};
+use super::format::without_mark;
 use super::points::Cloud;
 use super::{MeshError, TriangleMesh, polygon};
 
 /// Reads a PLY file; `path` is for messages only.
 pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError> {
+    let bytes = without_mark(bytes);
     let header = Header::parse(bytes, |line, what| MeshError::Parse {
         path: path.to_owned(),
         line: Some(line),
@@ -46,6 +48,7 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError
 /// Reads the vertices of a PLY file as points, with normals and colours where the file has them;
 /// `None` when the file has faces.
 pub(super) fn parse_cloud(bytes: &[u8], path: &Path) -> Result<Option<Cloud>, MeshError> {
+    let bytes = without_mark(bytes);
     let header = Header::parse(bytes, |line, what| MeshError::Parse {
         path: path.to_owned(),
         line: Some(line),
