@@ -73,7 +73,7 @@ pub fn parse_with_notes(
         Format::Stl => stl::parse(bytes, path),
         Format::Ply => ply::parse(bytes, path).map(FileMesh::from),
         #[cfg(feature = "gltf")]
-        Format::Gltf => gltf::parse(bytes, path).map(FileMesh::from),
+        Format::Gltf => gltf::parse(bytes, path),
         #[cfg(feature = "threemf")]
         Format::ThreeMf => threemf::parse(bytes, path, metres_per_unit),
         #[cfg(not(all(feature = "gltf", feature = "threemf")))]

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use serde::Deserialize;
+use serde::de::IgnoredAny;
 
 use crate::mesh::MeshError;
 
@@ -42,6 +43,10 @@ pub(super) struct Scene {
 #[derive(Deserialize)]
 pub(super) struct Node {
     pub(super) mesh: Option<u32>,
+    pub(super) skin: Option<u32>,
+    /// Of morph targets, in place of those of the mesh.
+    pub(super) weights: Option<Box<[f64]>>,
+    pub(super) extensions: Option<NodeExtensions>,
     #[serde(default)]
     pub(super) children: Vec<u32>,
     /// Column after column.
@@ -53,8 +58,17 @@ pub(super) struct Node {
 }
 
 #[derive(Deserialize)]
+pub(super) struct NodeExtensions {
+    #[serde(rename = "EXT_mesh_gpu_instancing")]
+    pub(super) instances: Option<IgnoredAny>,
+}
+
+#[derive(Deserialize)]
 pub(super) struct Mesh {
     pub(super) primitives: Vec<Primitive>,
+    /// Of morph targets.
+    #[serde(default)]
+    pub(super) weights: Vec<f64>,
 }
 
 #[derive(Deserialize)]

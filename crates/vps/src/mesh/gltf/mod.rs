@@ -2,9 +2,9 @@
 //!
 //! Data in: bytes, and the buffers that they name beside the file. Data out: the triangles, strips
 //! and fans of all meshes of the default scene, with the transforms of their nodes. Sparse
-//! accessors and `KHR_mesh_quantization` are read; skins and morph targets are not, so a posed
-//! figure comes out in its rest pose. Coordinates keep the axes of the file (y points up by
-//! convention).
+//! accessors and `KHR_mesh_quantization` are read; skins, morph targets and instances
+//! (`EXT_mesh_gpu_instancing`) are not, so a posed figure comes out in its rest pose; a note says
+//! so. Coordinates keep the axes of the file (y points up by convention).
 //!
 //! Invariants: every number that a file announces is checked against the bytes at hand before
 //! memory is allocated for it; copies of a mesh by many nodes are counted ([`CopyBudget`]).
@@ -26,12 +26,13 @@ use glam::{DMat3, DMat4, DQuat, DVec3};
 use self::buffers::{Buffers, is_index};
 use self::document::{Document, Mesh, Node, Primitive, refusal};
 use super::copy_budget::CopyBudget;
+use super::file_mesh::listed;
 use super::format::without_mark;
-use super::{MeshError, TriangleMesh, ply};
+use super::{FileMesh, MeshError, TriangleMesh, ply};
 
 /// Reads a glTF file of either kind; `path` is for messages, and where further files are looked
 /// for.
-pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError> {
+pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<FileMesh, MeshError> {
     let (document, binary) = document_of(bytes, path)?;
     if document.asset.version.split('.').next() != Some("2") {
         return Err(refusal(
@@ -49,10 +50,23 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError
     }
     let buffers = Buffers::new(&document, binary, bytes.len(), path);
     let budget = CopyBudget::of_file(bytes.len());
-    let mut walk =
-        NodeTraversal { document: &document, buffers, path, budget, mesh: TriangleMesh::default() };
+    let mut walk = NodeTraversal {
+        document: &document,
+        buffers,
+        path,
+        budget,
+        mesh: TriangleMesh::default(),
+        not_applied: Vec::new(),
+    };
     walk.run()?;
-    Ok(walk.mesh)
+    let NodeTraversal { mesh, not_applied, .. } = walk;
+    let notes = match &not_applied[..] {
+        [] => Vec::new(),
+        names => {
+            vec![format!("not applied are {}: export the mesh with them applied", listed(names))]
+        }
+    };
+    Ok(FileMesh { mesh, notes })
 }
 
 /// The files beside this one that it names as buffers.
@@ -144,6 +158,8 @@ struct NodeTraversal<'a> {
     path: &'a Path,
     budget: CopyBudget,
     mesh: TriangleMesh,
+    /// What the file does to its triangles beyond what is read, for the user.
+    not_applied: Vec<String>,
 }
 
 impl NodeTraversal<'_> {
@@ -151,8 +167,12 @@ impl NodeTraversal<'_> {
         let document = self.document;
         if document.nodes.is_empty() {
             // A library of meshes without a scene.
-            return (0..document.meshes.len())
-                .try_for_each(|mesh_idx| self.add_mesh(mesh_idx as u32, DMat4::IDENTITY));
+            return (0..document.meshes.len()).try_for_each(|mesh_idx| {
+                if is_morphed(&document.meshes[mesh_idx].weights) {
+                    self.not_applied.push(format!("the morph weights of meshes[{mesh_idx}]"));
+                }
+                self.add_mesh(mesh_idx as u32, DMat4::IDENTITY)
+            });
         }
         let mut open: Vec<(u32, DMat4)> =
             self.roots()?.into_iter().rev().map(|node| (node, DMat4::IDENTITY)).collect();
@@ -168,11 +188,28 @@ impl NodeTraversal<'_> {
             }
             let world_from_node = world_from_parent * transform(node);
             if let Some(mesh_idx) = node.mesh {
+                self.note_what_is_not_applied(node, node_idx, mesh_idx);
                 self.add_mesh(mesh_idx, world_from_node)?;
             }
             open.extend(node.children.iter().rev().map(|child| (*child, world_from_node)));
         }
         Ok(())
+    }
+
+    fn note_what_is_not_applied(&mut self, node: &Node, node_idx: u32, mesh_idx: u32) {
+        let of_mesh = self.document.meshes.get(mesh_idx as usize).map(|mesh| &mesh.weights[..]);
+        let weights = node.weights.as_deref().or(of_mesh).unwrap_or_default();
+        let has_instances =
+            node.extensions.as_ref().is_some_and(|extensions| extensions.instances.is_some());
+        for (what, is_there) in [
+            ("morph weights", is_morphed(weights)),
+            ("instances (EXT_mesh_gpu_instancing)", has_instances),
+            ("skin", node.skin.is_some()),
+        ] {
+            if is_there {
+                self.not_applied.push(format!("the {what} of nodes[{node_idx}]"));
+            }
+        }
     }
 
     fn roots(&self) -> Result<Vec<u32>, MeshError> {
@@ -314,6 +351,11 @@ impl NodeTraversal<'_> {
         }
         Ok(())
     }
+}
+
+/// Some target of a mesh is to be mixed in.
+fn is_morphed(weights: &[f64]) -> bool {
+    weights.iter().any(|weight| *weight != 0.0)
 }
 
 /// Parent from node.

@@ -8,7 +8,7 @@ const VERTICES: [[f32; 3]; 4] =
 const FACES: [u32; 12] = [0, 2, 1, 0, 1, 3, 1, 2, 3, 2, 0, 3];
 
 fn read(bytes: &[u8]) -> Result<TriangleMesh, MeshError> {
-    parse(bytes, Path::new("folder/part.gltf"))
+    parse(bytes, Path::new("folder/part.gltf")).map(|file| file.mesh)
 }
 
 fn read_value(document: &Value) -> Result<TriangleMesh, MeshError> {
@@ -97,7 +97,7 @@ fn every_index_type_and_container_gives_the_same_mesh() {
         std::fs::write(dir.path().join("data/part 1.bin"), &buffer).unwrap();
         document["buffers"][0]["uri"] = json!("data/part%201.bin");
         let path = dir.path().join("part.gltf");
-        same_as_tetrahedron(&parse(document.to_string().as_bytes(), &path).unwrap());
+        same_as_tetrahedron(&parse(document.to_string().as_bytes(), &path).unwrap().mesh);
         std::fs::write(dir.path().join("data/part 1.bin"), &buffer[1..]).unwrap();
         let error = parse(document.to_string().as_bytes(), &path).unwrap_err().to_string();
         assert!(
@@ -377,4 +377,41 @@ fn a_buffer_that_is_a_git_lfs_pointer_is_called_by_its_name() {
         "{error}"
     );
     assert_eq!(error.hint(), Some("run `git lfs pull`"));
+}
+
+#[test]
+fn morph_weights_instances_and_skins_are_said_not_to_be_applied() {
+    let notes = |document: &Value| {
+        let file = parse(document.to_string().as_bytes(), Path::new("part.gltf")).unwrap();
+        same_as_tetrahedron(&file.mesh);
+        file.notes
+    };
+    let said = |what: &str| {
+        [format!("not applied are {what}: export the mesh with them applied")].to_vec()
+    };
+    let mut of_mesh = tetrahedron();
+    of_mesh["meshes"][0]["weights"] = json!([0, 0.25]);
+    assert_eq!(notes(&of_mesh), said("the morph weights of nodes[0]"));
+    // The node has the last word.
+    of_mesh["nodes"][0]["weights"] = json!([0, 0]);
+    assert!(notes(&of_mesh).is_empty());
+    of_mesh["nodes"] = json!([]);
+    of_mesh.as_object_mut().unwrap().remove("scene");
+    assert_eq!(notes(&of_mesh), said("the morph weights of meshes[0]"));
+
+    let mut of_node = tetrahedron();
+    of_node["nodes"][0]["weights"] = json!([-0.5]);
+    of_node["nodes"][0]["skin"] = json!(0);
+    of_node["nodes"][0]["extensions"] =
+        json!({"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 7}}, "other": {}});
+    assert_eq!(
+        notes(&of_node),
+        said(
+            "the morph weights of nodes[0], the instances (EXT_mesh_gpu_instancing) of nodes[0], \
+                the skin of nodes[0]"
+        )
+    );
+    // What is not in the scene is not missed.
+    of_node["nodes"] = json!([{"mesh": 0}, of_node["nodes"][0]]);
+    assert!(notes(&of_node).is_empty());
 }
