@@ -126,10 +126,12 @@ fn check_scene(file: &Path, warnings: &mut Vec<Finding>) -> Result<SceneConfig, 
                 .map(|text| Finding { key: Some(name.to_owned()), ..Finding::warning(text, file) }),
         );
     });
-    let looked_at = scene::look_at_parts(&config, &mut memory, |part, source| {
+    let looked_at = scene::look_at_parts(&config, &mut memory, |part, source, voxel_size_m| {
         let mesh = if let MeshSource::File { path, .. } = source { path } else { file };
-        let of_mesh =
-            part.mesh_warnings().into_iter().map(|text| format!("{}: {text}", part.name()));
+        let of_mesh = part
+            .mesh_warnings(Some(voxel_size_m))
+            .into_iter()
+            .map(|text| format!("{}: {text}", part.name()));
         of_parts.extend(of_mesh.map(|text| Finding {
             key: Some(part.name().to_owned()),
             ..Finding::warning(text, mesh)

@@ -119,20 +119,21 @@ pub fn build_all(
 }
 
 /// Looks at every part of a scene as [`build_all`] does before its work: reads it, judges its grid
-/// and memory, and bakes nothing. `see` gets each part with its source.
+/// and memory, and bakes nothing. `see` gets each part with its source and the edge of its voxels, m.
 ///
 /// # Errors
 /// Those of [`build_all`] that come before any work.
 pub fn look_at_parts(
     config: &SceneConfig,
     memory: &mut MemoryPlan<'_>,
-    mut see: impl FnMut(&Part, &MeshSource),
+    mut see: impl FnMut(&Part, &MeshSource, f64),
 ) -> Result<(), PartError> {
     for request in requests(config) {
         // The box of a shape hardly depends on how finely it is cut.
         let part = object::load(request.name, request.source, Spacing::LongestAxis(1))?;
-        see(&part, request.source);
-        memory.judge(&part, &request.options(&part), request.products())?;
+        let options = request.options(&part);
+        see(&part, request.source, options.voxel_size_m);
+        memory.judge(&part, &options, request.products())?;
     }
     Ok(())
 }

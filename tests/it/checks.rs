@@ -126,6 +126,34 @@ fn a_hand_that_may_be_meant_is_warned_of_and_one_in_millimetres_is_refused() {
 }
 
 #[test]
+fn what_a_reader_left_as_it_was_is_said_by_check_and_by_a_bake() {
+    let dir = tempfile::tempdir().unwrap();
+    // A tetrahedron of 30 mm, a kilometre away, whose number of triangles was not filled in.
+    let corners = [[0.0, 0.0, 0.0], [30.0, 0.0, 0.0], [0.0, 30.0, 0.0], [0.0, 0.0, 30.0_f32]];
+    let mut stl = vec![0; 84];
+    for triangle in [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]] {
+        stl.extend([0; 12]);
+        let numbers =
+            triangle.map(|k: usize| [corners[k][0] + 1_048_576.0, corners[k][1], corners[k][2]]);
+        stl.extend(numbers.as_flattened().iter().flat_map(|number| number.to_le_bytes()));
+        stl.extend([0; 2]);
+    }
+    fs::write(dir.path().join("far.stl"), stl).unwrap();
+    let part = "mesh = \"far.stl\"\nunits = \"mm\"\nvoxel_size_mm = 1.0";
+    fs::write(dir.path().join("scene.toml"), scene(part, "")).unwrap();
+    assert_eq!(
+        said(dir.path(), "warning: ", 0),
+        [
+            "warning: base: the number of triangles in the header is 0, and was not filled in: all \
+                4 that the file has room for were read",
+            "warning: base: its coordinates reach 1049 m from the origin of the file, where numbers \
+                of 32 bits are 125 µm apart, more than a tenth of a voxel of 1.00 mm: move the part \
+                to the origin before it is exported",
+        ]
+    );
+}
+
+#[test]
 fn open_meshes_and_wrong_units_are_reported_before_the_bake() {
     let dir = tempfile::tempdir().unwrap();
     // A tetrahedron without its largest face, 30 units long.

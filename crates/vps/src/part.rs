@@ -20,7 +20,7 @@ pub use crate::part_report::{
 use crate::mesh::mass::{MassProperties, mass_properties_of_inspected};
 use crate::mesh::primitives::Shape;
 use crate::mesh::validate::{MeshReport, inspect};
-use crate::mesh::{self, FileMesh, MeshError, TriangleMesh};
+use crate::mesh::{self, FileMesh, MeshError, Rounding, TriangleMesh};
 use crate::pointshell::shell::Shell;
 use crate::pointshell::{self, Points, ShellReport};
 use crate::storage::memory::available_bytes;
@@ -90,6 +90,7 @@ pub struct Part {
     inspected: MeshReport,
     /// What a user should know of its file.
     notes: Vec<String>,
+    rounding: Option<Rounding>,
     load_s: f64,
 }
 
@@ -123,10 +124,10 @@ impl Part {
     }
 
     fn since(since: Instant, name: &str, file: FileMesh) -> Self {
-        let FileMesh { mesh, notes } = file;
+        let FileMesh { mesh, notes, rounding } = file;
         let inspected = inspect(&mesh);
         let load_s = since.elapsed().as_secs_f64();
-        Self { name: name.to_owned(), mesh, inspected, notes, load_s }
+        Self { name: name.to_owned(), mesh, inspected, notes, rounding, load_s }
     }
 
     /// Some triangle has an area.
@@ -140,9 +141,12 @@ impl Part {
     }
 
     /// What a user should look at in its mesh and its file, a sentence each; what its voxels show
-    /// is in the report of the bake.
-    pub fn mesh_warnings(&self) -> Vec<String> {
-        self.notes.iter().cloned().chain(self.inspected.warnings()).collect()
+    /// is in the report of the bake. With the edge of its voxels, m, also whether its coordinates
+    /// are fine enough for them.
+    pub fn mesh_warnings(&self, voxel_size_m: Option<f64>) -> Vec<String> {
+        let coarse =
+            self.rounding.zip(voxel_size_m).and_then(|(rounding, size_m)| rounding.warning(size_m));
+        self.notes.iter().cloned().chain(self.inspected.warnings()).chain(coarse).collect()
     }
 
     /// Bakes what other parts touch; `with_gradients` for
@@ -275,7 +279,7 @@ impl Part {
             &self.name,
             role,
             &self.inspected,
-            self.mesh_warnings(),
+            self.mesh_warnings(Some(map.surface.grid.voxel_size_m)),
             map,
             shell,
             self.load_s,

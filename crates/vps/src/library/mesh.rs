@@ -127,7 +127,7 @@ impl Mesh {
 
     /// What a user should look at, a sentence each; empty of a sound mesh.
     pub fn warnings(&self) -> Vec<String> {
-        self.part.mesh_warnings().iter().map(|warning| in_own_words(warning)).collect()
+        self.part.mesh_warnings(None).iter().map(|warning| in_own_words(warning)).collect()
     }
 
     /// The part, where these options can be baked within the memory that the system has left.

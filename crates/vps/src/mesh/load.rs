@@ -71,7 +71,7 @@ pub fn parse_with_notes(
     let read = match format {
         Format::Obj => obj::parse(bytes, path).map(FileMesh::from),
         Format::Stl => stl::parse(bytes, path),
-        Format::Ply => ply::parse(bytes, path).map(FileMesh::from),
+        Format::Ply => ply::parse(bytes, path),
         #[cfg(feature = "gltf")]
         Format::Gltf => gltf::parse(bytes, path),
         #[cfg(feature = "threemf")]
@@ -88,6 +88,7 @@ pub fn parse_with_notes(
     // Only now: the free text at the head of a binary STL may say anything.
     let mut file = read.map_err(|error| named_for_what_it_is(error, bytes, Some(format), path))?;
     scale(&mut file.mesh.vertices, metres_per_unit, path)?;
+    file.rounding = file.rounding.map(|rounding| rounding.scaled(metres_per_unit));
     Ok(file)
 }
 

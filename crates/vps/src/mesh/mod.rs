@@ -14,7 +14,7 @@
 //! | OBJ | every group, polygons, negative indices | free-form surfaces |
 //! | STL | text and binary; equal corners are joined | normals, attributes |
 //! | PLY | text and binary of both byte orders, numbers of any type, polygons, `tristrips` | attributes |
-//! | glTF, GLB | default scene with its transforms; triangles, strips, fans; embedded and external buffers; sparse, quantized | skins, morph targets, Draco and meshopt compression |
+//! | glTF, GLB | default scene with its transforms; triangles, strips, fans; embedded and external buffers; sparse, quantized | skins, morph targets, instances, Draco and meshopt compression |
 //! | 3MF | what is built, with transforms; the production extension | supports, what is not printed, modifiers and negative volumes of slicers; beam lattices, slices, boolean operations, encryption |
 //!
 //! Points without faces are read by [`cloud`], from PLY, OBJ and plain text.
@@ -73,7 +73,7 @@ mod weld;
 mod xyz;
 
 pub use error::{MeshError, curved_surfaces};
-pub use file_mesh::FileMesh;
+pub use file_mesh::{FileMesh, Rounding};
 pub use foreign::Foreign;
 pub use format::{CAD_HINT, EXTENSIONS, Format, cad_format};
 pub(crate) use load::FARTHEST_M;

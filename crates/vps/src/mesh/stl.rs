@@ -12,7 +12,7 @@ use std::path::Path;
 
 use super::format::without_mark;
 use super::weld::weld_exact;
-use super::{FileMesh, MeshError, TriangleMesh};
+use super::{FileMesh, MeshError, Rounding, TriangleMesh};
 
 /// Free text and number of triangles.
 const HEADER_BYTES: usize = 84;
@@ -57,7 +57,8 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<FileMesh, MeshError> {
         return Err(MeshError::Parse { path: path.to_owned(), line: None, what });
     }
     let mesh = parse_binary(&bytes[HEADER_BYTES..expected_bytes as usize], path)?;
-    Ok(FileMesh { mesh, notes })
+    let rounding = Some(Rounding::of_f32_vertices(&mesh.vertices));
+    Ok(FileMesh { mesh, notes, rounding })
 }
 
 fn announced_triangles(bytes: &[u8]) -> Option<u32> {

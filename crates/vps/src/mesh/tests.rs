@@ -157,6 +157,59 @@ fn a_byte_order_mark_and_old_line_ends_are_read_in_every_text() {
     assert!(matches!(points, cloud::Contents::Cloud(cloud) if cloud.positions.len() == 2));
 }
 
+/// A tetrahedron with an edge of 30 mm, so far from the origin, in binary STL; mm.
+fn far_stl(away_mm: f32) -> Vec<u8> {
+    let corners = [[0.0, 0.0, 0.0], [30.0, 0.0, 0.0], [0.0, 30.0, 0.0], [0.0, 0.0, 30.0_f32]];
+    let mut bytes = [&[0_u8; 80][..], &4_u32.to_le_bytes()].concat();
+    for triangle in [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]] {
+        bytes.extend([0; 12]);
+        for [x, y, z] in triangle.map(|k: usize| corners[k]) {
+            bytes.extend([x, y - away_mm, z].iter().flat_map(|number| number.to_le_bytes()));
+        }
+        bytes.extend([0; 2]);
+    }
+    bytes
+}
+
+#[test]
+fn numbers_of_32_bits_far_from_the_origin_are_too_coarse_for_small_voxels() {
+    use crate::part::Part;
+    let dir = tempfile::tempdir().unwrap();
+    let warnings = |name: &str, bytes: &[u8], voxel_size_m: f64| {
+        let path = dir.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        Part::load("part", &path, 1e-3).unwrap().mesh_warnings(Some(voxel_size_m))
+    };
+    // From 2^20 mm on numbers are an eighth of a millimetre apart.
+    let step_m = 0.125e-3;
+    let bytes = far_stl(1_048_700.0);
+    let said = warnings("far.stl", &bytes, 9.9 * step_m);
+    assert_eq!(
+        said,
+        ["its coordinates reach 1049 m from the origin of the file, where numbers of 32 bits are \
+            125 µm apart, more than a tenth of a voxel of 1.24 mm: move the part to the origin \
+            before it is exported"]
+    );
+    assert!(warnings("far.stl", &bytes, 10.1 * step_m).is_empty());
+    assert!(warnings("near.stl", &far_stl(0.0), 0.1e-3).is_empty());
+    // Without voxels nothing is too coarse.
+    let path = dir.path().join("far.stl");
+    assert!(Part::load("part", &path, 1e-3).unwrap().mesh_warnings(None).is_empty());
+    // The type is that of the file, in text too; decimals and 64 bits are as fine as they are.
+    for (kind, n_warnings) in [("float", 1), ("double", 0)] {
+        let ply = format!(
+            "ply\nformat ascii 1.0\nelement vertex 4\nproperty {kind} x\nproperty {kind} y\n\
+                property {kind} z\nelement face 4\nproperty list uchar int vertex_indices\n\
+                end_header\n0 1048700 0\n30 1048700 0\n0 1048730 0\n0 1048700 30\n3 0 2 1\n\
+                3 0 1 3\n3 0 3 2\n3 1 2 3\n"
+        );
+        assert_eq!(warnings("far.ply", ply.as_bytes(), 1e-3).len(), n_warnings);
+    }
+    let obj = "v 0 1048700 0\nv 30 1048700 0\nv 0 1048730 0\nv 0 1048700 30\nf 1 3 2\nf 1 2 4\n\
+        f 1 4 3\nf 2 3 4\n";
+    assert!(warnings("far.obj", obj.as_bytes(), 1e-3).is_empty());
+}
+
 /// The corners of every triangle, in an order that the numbering of vertices does not change.
 fn corner_set(mesh: &TriangleMesh) -> Vec<[[u64; 3]; 3]> {
     let mut triangles: Vec<_> = (0..mesh.triangles.len())

@@ -345,3 +345,8 @@ pub(super) fn is_index(accessor: &Accessor) -> bool {
     ComponentKind::of(accessor.component_type).is_some_and(ComponentKind::is_index)
         && !accessor.normalized
 }
+
+/// True for coordinates of 32 bits; those of integers are exact.
+pub(super) fn is_f32(accessor: &Accessor) -> bool {
+    ComponentKind::of(accessor.component_type) == Some(ComponentKind::F32)
+}

@@ -23,12 +23,12 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DMat4, DQuat, DVec3};
 
-use self::buffers::{Buffers, is_index};
+use self::buffers::{Buffers, is_f32, is_index};
 use self::document::{Document, Mesh, Node, Primitive, refusal};
 use super::copy_budget::CopyBudget;
 use super::file_mesh::listed;
 use super::format::without_mark;
-use super::{FileMesh, MeshError, TriangleMesh, ply};
+use super::{FileMesh, MeshError, Rounding, TriangleMesh, ply};
 
 /// Reads a glTF file of either kind; `path` is for messages, and where further files are looked
 /// for.
@@ -57,16 +57,17 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<FileMesh, MeshError> {
         budget,
         mesh: TriangleMesh::default(),
         not_applied: Vec::new(),
+        rounding: None,
     };
     walk.run()?;
-    let NodeTraversal { mesh, not_applied, .. } = walk;
+    let NodeTraversal { mesh, not_applied, rounding, .. } = walk;
     let notes = match &not_applied[..] {
         [] => Vec::new(),
         names => {
             vec![format!("not applied are {}: export the mesh with them applied", listed(names))]
         }
     };
-    Ok(FileMesh { mesh, notes })
+    Ok(FileMesh { mesh, notes, rounding })
 }
 
 /// The files beside this one that it names as buffers.
@@ -160,6 +161,8 @@ struct NodeTraversal<'a> {
     mesh: TriangleMesh,
     /// What the file does to its triangles beyond what is read, for the user.
     not_applied: Vec<String>,
+    /// The coarsest of what was read.
+    rounding: Option<Rounding>,
 }
 
 impl NodeTraversal<'_> {
@@ -284,6 +287,13 @@ impl NodeTraversal<'_> {
         let numbers = self.buffers.numbers(accessor, 3)?;
         self.budget.grow(self.buffers.take_new_bytes());
         self.budget.add(numbers.len() / 3, 0, self.path)?;
+        if self.document.accessors.get(accessor as usize).is_some_and(is_f32) {
+            let axes = DMat3::from_mat4(world_from_mesh);
+            let scale = axes.x_axis.length().max(axes.y_axis.length()).max(axes.z_axis.length());
+            // What counts is where they are in the file: the transform is of 64 bits.
+            let rounding = Rounding::of_f32(&numbers).scaled(scale);
+            self.rounding = Rounding::coarser(self.rounding, rounding);
+        }
         let base = self.mesh.vertices.len();
         for (k, position) in numbers.chunks_exact(3).enumerate() {
             let position = world_from_mesh.transform_point3(DVec3::from_slice(position));

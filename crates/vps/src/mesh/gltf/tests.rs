@@ -415,3 +415,16 @@ fn morph_weights_instances_and_skins_are_said_not_to_be_applied() {
     of_node["nodes"] = json!([{"mesh": 0}, of_node["nodes"][0]]);
     assert!(notes(&of_node).is_empty());
 }
+
+#[test]
+fn coordinates_are_as_coarse_as_their_own_numbers_not_as_where_a_node_puts_them() {
+    let rounding = |document: &Value| {
+        parse(document.to_string().as_bytes(), Path::new("part.gltf")).unwrap().rounding
+    };
+    let mut document = tetrahedron();
+    document["nodes"][0]["translation"] = json!([1e7, 0, 0]);
+    document["nodes"][0]["scale"] = json!([1, 4, 1]);
+    // Numbers at 3 are 2^-22 apart.
+    let expected = Rounding { distance_m: 12.0, step_m: 4.0 * 2.0_f64.powi(-22) };
+    assert_eq!(rounding(&document), Some(expected));
+}

@@ -19,10 +19,10 @@ use glam::DVec3;
 use self::header::{Element, Encoding, Header, Scalar};
 use super::format::without_mark;
 use super::points::Cloud;
-use super::{MeshError, TriangleMesh, polygon};
+use super::{FileMesh, MeshError, Rounding, TriangleMesh, polygon};
 
 /// Reads a PLY file; `path` is for messages only.
-pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError> {
+pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<FileMesh, MeshError> {
     let bytes = without_mark(bytes);
     let header = Header::parse(bytes, |line, what| MeshError::Parse {
         path: path.to_owned(),
@@ -32,17 +32,26 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<TriangleMesh, MeshError
     let mut body =
         Body { bytes, at: header.body_at, line: header.body_line, encoding: header.encoding, path };
     let mut vertices = Vec::new();
+    let mut rounding = None;
     let mut faces = Faces::default();
     for element in &header.elements {
         body.check_room(element)?;
         match element.name.as_str() {
-            "vertex" => vertices = body.vertices(element)?,
+            "vertex" => {
+                vertices = body.vertices(element)?;
+                // Text as well: programs write the numbers that they have, and say so.
+                let is_f32 = element.places(["x", "y", "z"]).is_some_and(|places| {
+                    places.iter().any(|place| element.properties[*place].scalar == Scalar::F32)
+                });
+                rounding = is_f32.then(|| Rounding::of_f32_vertices(&vertices));
+            }
             "face" | "tristrips" => body.lists(element, &mut faces)?,
             _ if element.properties.is_empty() => {}
             _ => (0..element.count).try_for_each(|number| body.skip(element, number))?,
         }
     }
-    faces.into_mesh(vertices, path, header.encoding)
+    let mesh = faces.into_mesh(vertices, path, header.encoding)?;
+    Ok(FileMesh { mesh, notes: Vec::new(), rounding })
 }
 
 /// Reads the vertices of a PLY file as points, with normals and colours where the file has them;

@@ -5,7 +5,7 @@ const VERTICES: [[f64; 3]; 4] =
 const FACES: [[u8; 3]; 4] = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
 
 fn read(bytes: &[u8]) -> Result<TriangleMesh, MeshError> {
-    parse(bytes, Path::new("part.ply"))
+    parse(bytes, Path::new("part.ply")).map(|file| file.mesh)
 }
 
 fn message(text: &str) -> String {

@@ -86,7 +86,7 @@ pub(super) fn parse(
         }
         notes.push(note);
     }
-    Ok(FileMesh { mesh, notes })
+    Ok(FileMesh { mesh, notes, rounding: None })
 }
 
 /// One sentence on what is not in the mesh.
