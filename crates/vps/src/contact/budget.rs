@@ -173,6 +173,16 @@ mod tests {
     }
 
     #[test]
+    fn what_a_choice_takes_of_the_others_is_a_selection_of_them() {
+        // 4 of 10: three from the front, and one of the seven others.
+        for turn in 0..7 {
+            let choice = Choice::new(10, 4, turn);
+            let others = Selection::new(7, 1, turn);
+            assert!((0..7).all(|idx| choice.takes(3 + idx) == others.takes(idx)), "{turn}");
+        }
+    }
+
+    #[test]
     fn leaves_share_what_is_left_evenly() {
         assert_eq!(Budget::Unlimited.points_per_leaf(9), (8, 9));
         for (points, n_open, expected) in [
@@ -188,6 +198,17 @@ mod tests {
             assert_eq!((per_leaf, n_twice), expected, "{points}");
             assert!(per_leaf * (n_open + n_twice) <= points);
         }
+        // One of each is looked at even where there are not so many.
+        assert_eq!(Budget::Points(5).points_per_leaf(10), (1, 0));
+    }
+
+    #[test]
+    fn a_budget_is_divided_evenly_and_is_never_less_than_nothing() {
+        let budget = Budget::Points(100);
+        // 100 / 3, rounded down.
+        assert_eq!([0, 1, 3].map(|n| budget.share(n)), [100, 100, 33].map(Budget::Points));
+        assert_eq!([30, 130].map(|spent| budget.without(spent)), [70, 0].map(Budget::Points));
+        assert_eq!(Budget::Unlimited.share(3).without(30), Budget::Unlimited);
     }
 
     #[test]

@@ -228,3 +228,91 @@ impl<'a> Wall<'a> {
         (self.map_axes.transpose() * -gradient_map).try_normalize()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::{DQuat, DVec3};
+
+    use super::*;
+    use crate::contact::tests::{block, plate};
+    use crate::pointshell::{Points, build_with};
+
+    #[test]
+    fn contacts_are_the_points_of_the_lanes_with_their_depths_and_what_they_stand_for() {
+        let points: [(DVec3, DVec3); 40] =
+            core::array::from_fn(|n| (DVec3::X * (n as f64 * 1e-3), DVec3::Z));
+        let touched = ContactBlock {
+            block: 2,
+            lanes: 0b10_1000,
+            weight: 3.0,
+            depths_m: core::array::from_fn(|lane| 1e-4 * lane as f32),
+        };
+        let mut contacts = Vec::new();
+        touched.contacts(&plate().field, &Shell::new(&points, 1e-3), Pose::IDENTITY, |contact| {
+            contacts.push(*contact)
+        });
+        // Lanes 3 and 5 of block 2 are points 2 · 16 + 3 and 2 · 16 + 5, of one s² each.
+        let expected = [(3_u8, 35), (5, 37)].map(|(lane, point_idx)| Contact {
+            point_idx,
+            depth_m: 1e-4 * f32::from(lane),
+            weight: 3.0,
+            arm_body: (DVec3::X * (f64::from(point_idx) * 1e-3)).as_vec3(),
+            normal_body: Vec3::Z,
+        });
+        assert_eq!(contacts, expected);
+    }
+
+    #[test]
+    fn points_on_an_edge_bend_until_they_are_as_deep_as_its_depth_and_no_others_do() {
+        let (mesh, map) = block(DVec3::splat(0.02), 1e-3);
+        let shell = build_with(Points::Facets, &mesh, &map, DVec3::ZERO).0;
+        let field = plate().field;
+        // Lanes in turn: half as deep as an edge bends, just as deep, twice as deep.
+        const SHALLOW: u16 = 0b1001_0010_0100_1001;
+        const TOUCHING: u16 = 0b0101_1010_1111_0011;
+        let deep = [0.5, 1.0, 2.0].map(|share| share * shell.edge_depth_m());
+        let depths_m = core::array::from_fn(|lane| deep[lane % 3]);
+        let mut n_bent = 0;
+        for (block, edges) in (0..).zip(shell.edges()) {
+            let touched = ContactBlock { block, lanes: TOUCHING, weight: 1.0, depths_m };
+            let expected = TOUCHING & edges & SHALLOW;
+            assert_eq!(touched.bent(&field, &shell), expected, "block {block}");
+            assert_eq!(touched.bends(&field, &shell), expected != 0, "block {block}");
+            n_bent += u32::from(expected != 0);
+        }
+        assert!((1..shell.edges().len() as u32).contains(&n_bent), "{n_bent}");
+    }
+
+    #[test]
+    fn an_edge_pushes_out_of_the_wall_and_the_deeper_the_more_along_its_own_normal() {
+        let field = plate().field;
+        let turn = DQuat::from_scaled_axis(DVec3::new(0.4, -0.9, 0.6));
+        let wall = Wall::new(&field, Pose::new(turn, DVec3::ZERO));
+        // The way out is z of the tool.
+        let gradient_map = (turn * DVec3::NEG_Z * 2.0).as_vec3();
+        let outwards = Vec3::new(0.6, 0.0, 0.8);
+        let inwards = Vec3::new(0.6, 0.0, -0.8);
+        // With f = t² (3 − 2t) at depth t: along the way out what the normal has along it, where
+        // that is negative f of it; across f of what it has across. f(1/4) = (3 − 1/2) / 16 = 5/32.
+        let f = 5.0 / 32.0;
+        for (normal, depth, push) in [
+            (outwards, 0.0, Vec3::new(0.0, 0.0, 0.8)),
+            (outwards, 0.25, Vec3::new(0.6 * f, 0.0, 0.8)),
+            (outwards, 1.0, outwards),
+            (outwards, 7.0, outwards),
+            (inwards, 0.25, Vec3::new(0.6 * f, 0.0, -0.8 * f)),
+            (inwards, 1.0, inwards),
+        ] {
+            let (direction, share) = wall.push(gradient_map, normal, depth);
+            assert!(
+                (direction * share - push).length() < 1e-6
+                    && (direction.length() - 1.0).abs() < 1e-6,
+                "{normal} at {depth}: {direction} {share}"
+            );
+        }
+        // What would push further in has no share, and a direction nevertheless.
+        let (direction, share) = wall.push(gradient_map, inwards, 0.0);
+        assert!((direction - Vec3::Z).length() < 1e-6 && share == 0.0, "{direction} {share}");
+        assert_eq!(wall.push(Vec3::ZERO, inwards, 0.5), (inwards, 1.0));
+    }
+}

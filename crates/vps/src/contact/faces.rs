@@ -53,18 +53,21 @@ pub fn face_of(normals: &Lanes3) -> u8 {
 mod tests {
     use super::*;
 
+    /// The face of a block of so many points.
+    fn face_of_some(normals: &[Vec3]) -> u8 {
+        let mut lanes = Lanes3 {
+            x: crate::pointshell::shell::Lanes([f32::NAN; LANES]),
+            ..bytemuck::Zeroable::zeroed()
+        };
+        for (lane, normal) in normals.iter().enumerate() {
+            lanes.set(lane, *normal);
+        }
+        face_of(&lanes)
+    }
+
     #[test]
     fn blocks_that_look_the_same_way_are_of_one_face_and_walls_of_a_box_are_not() {
-        let block = |normal: Vec3| {
-            let mut lanes = Lanes3 {
-                x: crate::pointshell::shell::Lanes([f32::NAN; LANES]),
-                ..bytemuck::Zeroable::zeroed()
-            };
-            for lane in 0..5 {
-                lanes.set(lane, normal.normalize());
-            }
-            face_of(&lanes)
-        };
+        let block = |normal: Vec3| face_of_some(&[normal.normalize(); 5]);
         let mut seen = 0_u32;
         for axis in [Vec3::X, Vec3::Y, Vec3::Z] {
             for side in [axis, -axis] {
@@ -77,5 +80,27 @@ mod tests {
             }
         }
         assert!(usize::from(block(Vec3::new(1.0, 1.0, 1.0))) < FACES);
+    }
+
+    #[test]
+    fn faces_are_counted_from_low_to_high_along_x_then_y_then_z() {
+        let mut face = 0;
+        for x in [-1.0, 0.0, 1.0] {
+            for y in [-1.0, 0.0, 1.0] {
+                for z in [-1.0, 0.0, 1.0] {
+                    let direction = Vec3::new(x, y, z);
+                    if direction != Vec3::ZERO {
+                        assert_eq!(face_of_some(&[direction.normalize(); 5]), face, "{direction}");
+                        face += 1;
+                    }
+                }
+            }
+        }
+        assert_eq!(usize::from(face), FACES);
+    }
+
+    #[test]
+    fn a_block_that_looks_nowhere_is_of_the_first_face() {
+        assert_eq!(face_of_some(&[Vec3::X, Vec3::NEG_X]), 0);
     }
 }

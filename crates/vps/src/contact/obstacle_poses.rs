@@ -292,3 +292,136 @@ impl Far {
         Self { clear_until_m: f64::NEG_INFINITY, outside_m, voxel_size_m: pose.voxel_size_m as f32 }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::DQuat;
+
+    use super::*;
+    use crate::contact::tests::plate;
+
+    /// One point, ten millimetres aside.
+    fn shell() -> Shell {
+        Shell::new(&[(DVec3::X * 1e-2, DVec3::NEG_X)], 1e-3)
+    }
+
+    fn poses(obstacles: &[Obstacle]) -> ObstaclePoses {
+        let bounds: Vec<Option<BrickBounds>> =
+            obstacles.iter().map(|obstacle| BrickBounds::of(&obstacle.field)).collect();
+        ObstaclePoses::new(obstacles, bounds.iter().map(Option::as_ref))
+    }
+
+    fn at(z_m: f64) -> Pose {
+        Pose::from_translation(DVec3::Z * z_m)
+    }
+
+    #[test]
+    fn a_gap_is_measured_once_and_used_up_by_the_way_of_the_tool_and_of_the_obstacle() {
+        let plate = plate();
+        let shell = shell();
+        let mut poses = poses(core::slice::from_ref(&plate));
+        let far = poses.look_around(&shell, at(1.0), 2.0);
+        let gap_m = poses.poses[0].gap_m(DVec3::Z, shell.radius_m());
+        assert_eq!((poses.n_near(), poses.far[0].clear_until_m), (0, gap_m));
+        let outside_m = f64::from(plate.field.outside_m());
+        let voxel_size_m = f64::from(plate.field.voxel_size_m());
+        assert_eq!((far.max_value_m, far.voxel_size_m), (outside_m, voxel_size_m));
+        assert_eq!(far.step_limit_m, step_limit_m(outside_m, voxel_size_m, 2.0, 0.0));
+        // Half a metre away and as much back.
+        for (z_m, way_m, clear_until_m) in [(1.5, 0.5, gap_m), (1.0, 1.0, 1.0 + gap_m)] {
+            poses.look_around(&shell, at(z_m), 2.0);
+            assert_eq!((poses.n_near(), poses.way_m), (0, way_m));
+            // Used up by then, it is measured anew, from where the way is.
+            assert_eq!(poses.far[0].clear_until_m, clear_until_m);
+        }
+        poses.put(0, plate.world_from_map, PoseStep::default(), 0.25);
+        assert_eq!(poses.far[0].clear_until_m, 1.0 + gap_m - 0.25);
+        poses.look_around(&shell, at(1.125), 2.0);
+        assert_eq!((poses.way_m, poses.far[0].clear_until_m), (1.125, 1.0 + gap_m - 0.25));
+        poses.put(0, plate.world_from_map, PoseStep::default(), f64::NAN);
+        assert_eq!(poses.far[0].clear_until_m, f64::NEG_INFINITY);
+        poses.look_around(&shell, at(0.0), 2.0);
+        assert_eq!((poses.n_near(), poses.near(0), poses.near(1)), (1, Some(0), None));
+    }
+
+    #[test]
+    fn gaps_are_forgotten_after_a_long_way_and_where_the_way_is_not_known() {
+        let plate = plate();
+        let shell = shell();
+        let mut poses = poses(core::slice::from_ref(&plate));
+        poses.look_around(&shell, at(1.0), 2.0);
+        poses.look_around(&shell, at(1.0 + 2.0 * FORGET_M), 2.0);
+        let gap_m = poses.poses[0].gap_m(at(1.0 + 2.0 * FORGET_M).translation, shell.radius_m());
+        assert_eq!((poses.way_m, poses.far[0].clear_until_m), (0.0, gap_m));
+        poses.look_around(&shell, at(f64::NAN), 2.0);
+        assert_eq!((poses.way_m, poses.n_near()), (0.0, 1));
+        poses.look_around(&shell, at(1.0), 2.0);
+        assert_eq!((poses.way_m, poses.n_near()), (0.0, 0));
+    }
+
+    #[test]
+    fn only_obstacles_that_are_far_for_sure_are_passed_over() {
+        let plates = [Obstacle { world_from_map: at(-5.0), ..plate() }, plate()];
+        let shell = shell();
+        let mut poses = poses(&plates);
+        poses.look_around(&shell, at(0.0), 2.0);
+        assert_eq!((poses.n_near(), poses.near(0)), (1, Some(1)));
+        // Turned by what is not a number.
+        let turned = Pose::new(DQuat::from_xyzw(f64::NAN, 0.0, 0.0, 1.0), DVec3::Z);
+        poses.look_around(&shell, turned, 2.0);
+        assert_eq!(poses.n_near(), 2);
+        poses.look_around(&shell, at(1.0), 2.0);
+        assert_eq!(poses.n_near(), 0);
+        poses.set_culling(false);
+        poses.look_around(&shell, at(1.0), 2.0);
+        assert_eq!(poses.n_near(), 2);
+        let mut without_boxes = ObstaclePoses::new(&plates, [None, None].into_iter());
+        without_boxes.look_around(&shell, at(1.0), 2.0);
+        assert_eq!(without_boxes.n_near(), 2);
+    }
+
+    #[test]
+    fn the_gap_of_a_sphere_is_that_to_the_nearest_place_of_the_box() {
+        let plate = plate();
+        let pose = ObstaclePose {
+            world_from_map: Pose::from_translation(DVec3::Y * 5.0),
+            center_map: DVec3::X * 10.0,
+            half_m: DVec3::new(2.0, 1.0, 3.0),
+            ..ObstaclePose::new(&plate, None)
+        };
+        assert_eq!(pose.center_world(), DVec3::new(10.0, 5.0, 0.0));
+        // Past an edge by 3 m along x and 4 m along y: √(3² + 4²) less the radius.
+        assert_eq!(pose.gap_m(pose.center_world() + DVec3::new(5.0, -5.0, 2.0), 1.0), 4.0);
+        assert_eq!(pose.gap_m(pose.center_world(), 1.0), -1.0);
+    }
+
+    #[test]
+    fn the_material_of_an_obstacle_goes_by_its_step_and_by_its_turn_about_the_center() {
+        let step = PoseStep {
+            center: DVec3::new(2.0, 1.0, 0.0),
+            linear: DVec3::new(1.0, 2.0, 3.0),
+            angular: DVec3::Z * 2.0,
+        };
+        // (1, 2, 3) + (0, 0, 2) × (3, 0, 0).
+        assert_eq!(step.at(DVec3::new(5.0, 1.0, 0.0)), DVec3::new(1.0, 8.0, 3.0));
+        assert!(!step.is_none());
+        assert!(!PoseStep { linear: DVec3::ZERO, ..step }.is_none());
+        assert!(!PoseStep { angular: DVec3::ZERO, ..step }.is_none());
+        assert!(PoseStep { linear: DVec3::ZERO, angular: DVec3::ZERO, ..step }.is_none());
+    }
+
+    #[test]
+    fn a_tool_may_go_as_far_as_is_clear_less_what_the_obstacle_may_go() {
+        for (max_value_m, reserve_m, expected_m) in [
+            // Of 10 mm two voxels of a millimetre may be overstated, and 3 mm are the obstacle's.
+            (-10e-3, 3e-3, 5e-3),
+            // At most half of what is left.
+            (-10e-3, 6e-3, 4e-3),
+            // In contact, half a voxel.
+            (1e-3, 3e-3, 0.5e-3),
+        ] {
+            let limit_m = step_limit_m(max_value_m, 1e-3, 2.0, reserve_m);
+            assert!((limit_m - expected_m).abs() < 1e-12, "{limit_m} and not {expected_m}");
+        }
+    }
+}

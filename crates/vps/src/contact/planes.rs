@@ -126,4 +126,50 @@ mod tests {
             .map(|contact| contact.point_idx);
         assert!(forth.iter().any(|point_idx| Some(*point_idx) == global));
     }
+
+    #[test]
+    fn much_deeper_counts_for_more_than_farther_out() {
+        let mut deepest = DeepestContacts::default();
+        // 100 µm + 5 mm / 1000 = 105 µm, and 50 µm + 50 mm / 1000 = 100 µm.
+        let inner = contact(0, 1e-4, Vec3::X * 5e-3, Vec3::Z);
+        let outer = contact(1, 5e-5, Vec3::X * 5e-2, Vec3::Z);
+        deepest.add(3, &inner);
+        deepest.add(4, &outer);
+        assert!(deepest.iter().eq(&[(3, inner)]));
+    }
+
+    #[test]
+    fn of_contacts_alike_in_depth_and_lever_the_first_is_kept() {
+        let mut deepest = DeepestContacts::default();
+        for point_idx in 0..3 {
+            deepest.add(0, &contact(point_idx, 1e-4, Vec3::X, Vec3::Z));
+        }
+        assert!(deepest.iter().map(|(_, contact)| contact.point_idx).eq([0]));
+    }
+
+    #[test]
+    fn every_direction_and_octant_has_a_bin_of_its_own() {
+        // Directions back, none and forth along x, then y, then z; of each the octants likewise.
+        let mut expected = 0;
+        for direction in 0..27_u8 {
+            let normal = [direction / 9, direction / 3 % 3, direction % 3]
+                .map(|code| 0.9 * (f32::from(code) - 1.0));
+            for octant in 0..8_u8 {
+                let arm = [octant / 4, octant / 2 % 2, octant % 2]
+                    .map(|code| 2.0 * f32::from(code) - 1.0);
+                assert_eq!(bin(normal.into(), arm.into()), expected, "{normal:?} {arm:?}");
+                expected += 1;
+            }
+        }
+        assert_eq!(expected, N_BINS);
+    }
+
+    #[test]
+    fn the_bound_of_a_direction_is_none_yet_and_the_middle_of_the_tool_is_on_the_low_side() {
+        let none = bin(Vec3::ZERO, Vec3::NEG_ONE);
+        for normal in [Vec3::splat(COUNTS_FROM), Vec3::splat(-COUNTS_FROM)] {
+            assert_eq!(bin(normal, Vec3::NEG_ONE), none);
+        }
+        assert_eq!(bin(Vec3::ZERO, Vec3::ZERO), none);
+    }
 }

@@ -142,3 +142,70 @@ impl Proximity {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::{DVec3, Vec3};
+
+    use super::*;
+    use crate::contact::tests::plate;
+    use crate::contact::{Budget, ForceLaw, TraversalMode};
+
+    /// Millimetres above the plate, and a normal.
+    fn point(x: f64, z: f64, normal: DVec3) -> (DVec3, DVec3) {
+        (DVec3::new(x, 0.0, z) * 1e-3, normal)
+    }
+
+    /// A block far above the plate, and one with a point in it, one beside it that is upright, one
+    /// beside it that leans by 30°, and one above.
+    fn shell() -> Shell {
+        let mut points = [point(0.0, 3.0, DVec3::Z); LANES + 4];
+        points[LANES] = point(1.0, -0.5, DVec3::Z);
+        points[LANES + 1] = point(2.0, 0.5, DVec3::X);
+        points[LANES + 2] = point(3.0, 0.5, DVec3::new(0.5, 0.0, 0.75_f64.sqrt()));
+        Shell::new(&points, 1e-3)
+    }
+
+    /// What is near with a budget that leaves so many points.
+    fn near(obstacles: &[Obstacle], left: Option<u32>) -> Vec<Contact> {
+        let shell = shell();
+        let level = SimdLevel::best();
+        let mut traversal = Traversal::new(level, TraversalMode::Tree, obstacles, &shell);
+        let pose = Pose::IDENTITY;
+        let sum = ContactSum::of(&mut traversal, obstacles, &shell, pose, ForceLaw::PLAIN, None);
+        assert_eq!(sum.contacts, 1);
+        if let Some(left) = left {
+            traversal.set_budget(Budget::Points(sum.looked_at + left));
+        }
+        let mut search = Proximity::new(level, obstacles, &shell);
+        let mut found = Vec::new();
+        search.visit(&traversal, obstacles, &shell, pose, &sum, |contact| found.push(*contact));
+        found
+    }
+
+    /// Nothing but the leaning point, half a millimetre deep in a layer of one, which the plate
+    /// pushes upwards.
+    fn assert_leaning(found: &[Contact]) {
+        let [Contact { point_idx, depth_m, weight, arm_body, normal_body }] = *found else {
+            panic!("{found:?}");
+        };
+        assert_eq!((point_idx, weight), (LANES as u32 + 2, 1.0));
+        assert_eq!(arm_body, (DVec3::new(3.0, 0.0, 0.5) * 1e-3).as_vec3());
+        assert!(
+            (depth_m - 5e-4).abs() < 1e-6 && (normal_body - Vec3::Z).length() < 1e-3,
+            "{found:?}"
+        );
+    }
+
+    #[test]
+    fn near_is_what_is_turned_to_a_surface_within_a_voxel_and_does_not_touch_it() {
+        assert_leaning(&near(&[plate()], None));
+    }
+
+    #[test]
+    fn an_obstacle_far_away_leaves_the_budget_to_the_next() {
+        let far = Obstacle { world_from_map: Pose::from_translation(DVec3::Z * -1.0), ..plate() };
+        // Eight spheres of the one far away; eight, eight and sixteen points of the other.
+        assert_leaning(&near(&[far, plate()], Some(60)));
+    }
+}

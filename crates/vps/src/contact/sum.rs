@@ -263,3 +263,145 @@ impl Kernel for Add<'_> {
         );
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simd::SimdLevel;
+    use crate::spatial::testing::Random;
+
+    const VOXEL_SIZE_M: f64 = 1.0;
+    const BLOCKS: u32 = 40;
+
+    /// Touching blocks; whatever does not touch is not a number.
+    fn blocks() -> Vec<(ContactBlock, ContactDirections)> {
+        let mut chance = Random(11);
+        let unknown = Lanes([f32::NAN; LANES]);
+        let nowhere = Lanes3 { x: unknown, y: unknown, z: unknown };
+        let areas =
+            |chance: &mut Random| Lanes(core::array::from_fn(|_| 1.0 + chance.unit() as f32));
+        let mut blocks = Vec::new();
+        for block in 0..BLOCKS {
+            let weight = 1.0 + chance.unit() as f32;
+            let depths_m = [f32::NAN; LANES];
+            let mut touched = ContactBlock { block, lanes: 0, weight, depths_m };
+            let mut pushes = ContactDirections {
+                positions: nowhere,
+                normals: nowhere,
+                areas: areas(&mut chance),
+                weights: areas(&mut chance),
+            };
+            for lane in 0..LANES {
+                if chance.unit() < 0.5 {
+                    touched.lanes |= 1 << lane;
+                    touched.depths_m[lane] = (VOXEL_SIZE_M * chance.unit()) as f32;
+                    pushes.positions.set(lane, chance.in_box(-1.0, 1.0).as_vec3());
+                    pushes.normals.set(lane, chance.in_box(-1.0, 1.0).normalize().as_vec3());
+                }
+            }
+            blocks.push((touched, pushes));
+        }
+        blocks
+    }
+
+    const NOTHING: Total = Total {
+        depth_normal: DVec3::ZERO,
+        depth_moment: DVec3::ZERO,
+        stiffness: Mat6::ZERO,
+        depth: 0.0,
+        depth_arm: DVec3::ZERO,
+        effective: 0.0,
+    };
+
+    /// The same by the formula, point by point.
+    fn add_plainly(
+        total: &mut Total,
+        touched: &ContactBlock,
+        pushes: &ContactDirections,
+        (areas, count): (&Lanes, f64),
+        smooth_entry: bool,
+    ) {
+        for lane in touched.lanes() {
+            let depth = f64::from(touched.depths_m[lane]);
+            let stands_for = f64::from(pushes.weights.0[lane]) * count;
+            let area = f64::from(areas.0[lane]) * count;
+            let normal = pushes.normals.get(lane).as_dvec3();
+            let arm = pushes.positions.get(lane).as_dvec3();
+            let moment = arm.cross(normal);
+            // Stage S: d w(t), w = t² (3 − 2t), t = d / (s / 2) up to 1, has the slope
+            // w + d w' = w + 6 t² (1 − t).
+            let t = (depth / (0.5 * VOXEL_SIZE_M)).min(1.0);
+            let entry = t * t * (3.0 - 2.0 * t);
+            let (share, slope) =
+                if smooth_entry { (entry, entry + 6.0 * t * t * (1.0 - t)) } else { (1.0, 1.0) };
+            total.depth_normal += normal * (depth * stands_for * share);
+            total.depth_moment += moment * (depth * stands_for * share);
+            total.stiffness.add_outer(slope * stands_for, normal, moment);
+            total.depth += depth * stands_for;
+            total.depth_arm += arm * (depth * stands_for);
+            // Full from a quarter of a voxel on.
+            total.effective += (depth / (0.25 * VOXEL_SIZE_M)).min(1.0) * area;
+        }
+    }
+
+    fn assert_same(found: &Total, expected: &Total, what: &str) {
+        let numbers = |total: &Total| {
+            let mut numbers = total.stiffness.0.as_flattened().to_vec();
+            for vector in [total.depth_normal, total.depth_moment, total.depth_arm] {
+                numbers.extend(vector.to_array());
+            }
+            numbers.extend([total.depth, total.effective]);
+            numbers
+        };
+        // Some three hundred points of about one each, in `f32`.
+        for (found, expected) in numbers(found).into_iter().zip(numbers(expected)) {
+            assert!((found - expected).abs() < 1e-2, "{what}: {found} and not {expected}");
+        }
+    }
+
+    #[test]
+    fn blocks_add_up_to_the_sum_over_their_points_as_they_push() {
+        let blocks = blocks();
+        for (level, smooth_entry) in
+            SimdLevel::available().flat_map(|level| [(level, false), (level, true)])
+        {
+            let by = Weighting::new(VOXEL_SIZE_M as f32, smooth_entry);
+            let mut sums = Sums::ZERO;
+            let mut expected = NOTHING;
+            for (touched, pushes) in &blocks {
+                level.run(Add { sums: &mut sums, touched, pushes, by });
+                // Sixteen blocks are added up in `f32`, and then settled.
+                assert_eq!(sums.n_blocks_in_part, (touched.block + 1) % BLOCKS_PER_PART);
+                add_plainly(&mut expected, touched, pushes, (&pushes.areas, 1.0), smooth_entry);
+            }
+            let what = format!("{level:?}, smooth entry {smooth_entry}");
+            assert_same(&sums.total(), &expected, &what);
+        }
+    }
+
+    #[test]
+    fn blocks_whose_points_have_their_own_normals_count_by_their_weight() {
+        let blocks = blocks();
+        let touched: Vec<ContactBlock> = blocks.iter().map(|(touched, _)| *touched).collect();
+        let positions: Vec<Lanes3> = blocks.iter().map(|(_, pushes)| pushes.positions).collect();
+        let normals: Vec<Lanes3> = blocks.iter().map(|(_, pushes)| pushes.normals).collect();
+        let weights: Vec<Lanes> = blocks.iter().map(|(_, pushes)| pushes.weights).collect();
+        for level in SimdLevel::available() {
+            let mut sums = Sums::ZERO;
+            level.run(AddAll {
+                sums: &mut sums,
+                touched: &touched,
+                positions: &positions,
+                normals: &normals,
+                weights: &weights,
+                by: Weighting::new(VOXEL_SIZE_M as f32, true),
+            });
+            let mut expected = NOTHING;
+            for (touched, pushes) in &blocks {
+                let areas = (&pushes.weights, f64::from(touched.weight));
+                add_plainly(&mut expected, touched, pushes, areas, true);
+            }
+            assert_same(&sums.total(), &expected, &format!("{level:?}"));
+        }
+    }
+}

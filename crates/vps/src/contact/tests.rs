@@ -1,4 +1,4 @@
-//! How what touches carries the tool.
+//! How what touches carries the tool, and what is noted of it.
 #![expect(
     clippy::disallowed_macros,
     clippy::expect_used,
@@ -6,11 +6,12 @@
     reason = "test code"
 )]
 
-use glam::{DQuat, DVec3};
+use glam::{DQuat, DVec3, Vec3};
 
 use super::obstacle_poses::PoseStep;
 use super::{
-    ContactSum, FACES, ForceLaw, Obstacle, ObstacleMotion, SimdLevel, Traversal, TraversalMode,
+    Contact, ContactSum, FACES, ForceLaw, Obstacle, ObstacleMotion, SimdLevel, Traversal,
+    TraversalMode,
 };
 use crate::mesh::primitives::Shape;
 use crate::mesh::validate::inspect;
@@ -28,7 +29,7 @@ const MOVED: PoseStep = PoseStep {
     angular: DVec3::new(2e-4, 1e-4, -3e-4),
 };
 
-fn block(size_m: DVec3, voxel_size_m: f64) -> (crate::mesh::TriangleMesh, Volume) {
+pub(super) fn block(size_m: DVec3, voxel_size_m: f64) -> (crate::mesh::TriangleMesh, Volume) {
     let mesh = Shape::Box { size_m }.tessellate(1e-5);
     let options = Options { voxel_size_m, layers: 8, navigation: None, sides: InsideTest::Auto };
     let map = Volume::build(&mesh, &inspect(&mesh), &options, |_| ()).expect("a grid that fits");
@@ -41,7 +42,7 @@ fn cube(voxel_size_m: f64) -> Shell {
 }
 
 /// Its upper side is at z = 0.
-fn plate() -> Obstacle {
+pub(super) fn plate() -> Obstacle {
     let (mesh, mut map) = block(DVec3::new(0.06, 0.06, PLATE_M), 1e-3);
     Obstacle {
         field: map.field(&mesh, false),
@@ -162,5 +163,71 @@ fn clay_that_presses_as_hard_halves_what_the_tool_is_carried_by() {
         let faces = half.carried_faces().expect("what touches moves");
         half.patches()
             .for_each(|patch| assert_same(&faces[usize::from(patch.face)], &wanted, name));
+    }
+}
+
+#[test]
+fn what_goes_so_far_in_a_tick_has_the_velocity_of_its_way_over_the_period() {
+    let motion =
+        ObstacleMotion { linear: DVec3::new(1.0, -2.0, 3.0), angular: DVec3::new(4.0, 5.0, -6.0) };
+    // Δx / T and Δθ / T, T = ½ s.
+    let velocity = motion.over(0.5);
+    assert_eq!(velocity.linear, DVec3::new(2.0, -4.0, 6.0));
+    assert_eq!(velocity.angular, DVec3::new(8.0, 10.0, -12.0));
+}
+
+#[test]
+fn a_contact_leaves_a_plate_along_its_surface_s_normal_and_its_own_where_there_is_none() {
+    let plate = plate();
+    let world_from_map = Pose::new(DQuat::from_rotation_x(0.7), DVec3::new(0.1, -0.2, 0.3));
+    let world_from_body = Pose::new(DQuat::from_rotation_y(-0.4), DVec3::new(-0.3, 0.1, 0.2));
+    let way_out = |point_map: DVec3| {
+        let arm =
+            world_from_body.inverse().transform_point(world_from_map.transform_point(point_map));
+        let contact = Contact {
+            point_idx: 0,
+            depth_m: 5e-4,
+            weight: 1.0,
+            arm_body: arm.as_vec3(),
+            normal_body: Vec3::X,
+        };
+        plate.way_out_world(world_from_map, world_from_body, &contact)
+    };
+    let under_the_upper_side = way_out(DVec3::new(5e-3, -7e-3, 0.5 * PLATE_M - 5e-4));
+    let upwards = world_from_map.transform_vector(DVec3::Z);
+    assert!((under_the_upper_side - upwards).length() < 1e-3, "{under_the_upper_side}");
+    assert_eq!(way_out(DVec3::Z), world_from_body.transform_vector(DVec3::X));
+}
+
+#[test]
+fn depth_and_deepest_contact_are_noted_of_an_obstacle_under_way_and_of_none_that_stands() {
+    let shell = cube(1e-3);
+    let plates = [plate()];
+    // A corner of the cube points down.
+    let (_, turn) = turns()[2];
+    let lowest_m =
+        shell.points().map(|(point, _)| (turn * point.as_dvec3()).z).fold(f64::INFINITY, f64::min);
+    let depth_m = 1e-3;
+    for (reserve_m, height_m) in [(0.0, -depth_m), (1e-3, -depth_m), (0.0, 0.5), (1e-3, 0.5)] {
+        let level = SimdLevel::best();
+        let mut traversal = Traversal::new(level, TraversalMode::Tree, &plates, &shell);
+        traversal.obstacle_poses_mut().pose_mut(0).expect("a plate").reserve_m = reserve_m;
+        let body = Pose::new(turn, DVec3::Z * (height_m - lowest_m));
+        let sum = ContactSum::of(&mut traversal, &plates, &shell, body, ForceLaw::PLAIN, None);
+        assert_eq!(sum.carried_faces(), None, "nothing moved in this tick");
+        let noted = traversal.obstacle_poses().pose(0).expect("a plate");
+        if reserve_m == 0.0 {
+            assert_eq!((noted.max_value_m, noted.deepest_world), (f64::NEG_INFINITY, None));
+        } else if height_m > 0.0 {
+            let outside_m = f64::from(plates[0].field.outside_m());
+            assert_eq!((noted.max_value_m, noted.deepest_world), (outside_m, None));
+        } else {
+            assert_eq!(noted.max_value_m, sum.max_value_m);
+            let (point, way_out) = noted.deepest_world.expect("a corner that touches");
+            assert!(
+                (point.z + depth_m).abs() < 1e-6 && (way_out - DVec3::Z).length() < 1e-3,
+                "{point} {way_out}"
+            );
+        }
     }
 }
