@@ -167,7 +167,8 @@ pub(super) fn check(
 /// Times that begin far from 0 or last too long: where that stands, what is wrong, and what was
 /// probably meant.
 fn unlikely_times(poses: &[TimedPose]) -> Option<(&TimedPose, String, String)> {
-    let (first, last) = (poses.first()?, poses.last()?);
+    let first = poses.first()?;
+    let last = poses.last()?;
     let length_s = last.time_s - first.time_s;
     let unit = unit_of_times(first.time_s, length_s, poses.len());
     let (at, what) = if first.time_s > LATE_START_S {

@@ -434,7 +434,7 @@ mod tests {
             let soon = needed.map(|_| end + UNWATCHED);
             assert_eq!(look(end), soon);
             assert_eq!(off(&watchdog, &control), [OffReason::Silent(SHORTEST)]);
-            // Force flows again, and nobody has said anything.
+            // Force flows again, and no client has sent anything.
             assert_eq!(look(end), soon);
             let is_off = control.order() == Order::Disable;
             let reports = watchdog.take_reports();

@@ -499,7 +499,8 @@ mod tests {
     #[test]
     fn a_step_of_ten_nanometres_ends_at_the_plane_as_one_of_a_millimetre_does() {
         for needed_m in [1e-3, 1e-8] {
-            let (normal, moment) = (DVec3::Z, DVec3::ZERO);
+            let normal = DVec3::Z;
+            let moment = DVec3::ZERO;
             let planes = [Plane { normal, moment, needed_m, stiffness_n_per_m: 1.3e7 }];
             let programme = Programme {
                 free: (DVec3::ZERO, DVec3::ZERO),

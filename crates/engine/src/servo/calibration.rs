@@ -68,7 +68,7 @@ mod tests {
     use haptics::testing::empty_scene;
     use rt::clock::{RealClock, VirtualClock};
 
-    /// A machine on which each query takes what it is told.
+    /// A machine on which each query takes as long as it is set to.
     struct Machine {
         takes_ns: Vec<i64>,
         n_looks: Cell<usize>,

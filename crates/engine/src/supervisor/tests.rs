@@ -319,10 +319,10 @@ fn a_check_that_fails_is_told_and_refuses_nothing_where_none_is_enforced() {
 #[test]
 fn what_an_operator_can_mend_is_told_when_it_begins() {
     use OffCause::{Deadman, Software, Workspace};
-    let mut told = Vec::new();
+    let mut reported = Vec::new();
     let mut supervisor = Supervisor::new(|notice| match notice {
-        Notice::Waiting(cause) => told.push(Some(cause)),
-        Notice::Status(_) => told.push(None),
+        Notice::Waiting(cause) => reported.push(Some(cause)),
+        Notice::Status(_) => reported.push(None),
         _ => {}
     });
     for off_cause in [OffCause::None, Deadman, Deadman, Software, Workspace, Workspace, Deadman] {
@@ -330,9 +330,9 @@ fn what_an_operator_can_mend_is_told_when_it_begins() {
         supervisor.tell(&Watch::Snapshot(TickRecord { output, ..TickRecord::default() }));
     }
     let [deadman, workspace] = [Deadman, Workspace].map(Some);
-    // Nobody can do anything about software.
+    // An operator cannot mend what software ordered.
     assert_eq!(
-        told,
+        reported,
         [None, deadman, None, None, None, workspace, None, None, deadman, None],
         "each before the status that shows it"
     );
@@ -349,7 +349,7 @@ fn phases_have_the_names_that_people_read() {
     assert_eq!(phases.map(Phase::name), names);
 }
 
-/// An arm that stops the run in its first read, and does not come back when it is told to quit.
+/// An arm that stops the run in its first read, and does not come back when a quit is ordered.
 struct Stuck {
     control: Arc<Control>,
     /// When the run was stopped, when no quit had come yet, and when one had.

@@ -427,7 +427,8 @@ mod tests {
 
     #[test]
     fn a_crack_is_as_wide_as_its_sides_are_apart_however_long_it_is() {
-        let (length, apart) = (0.1, 0.2e-3);
+        let length = 0.1;
+        let apart = 0.2e-3;
         // Straight, with corners at every millimetre.
         let side = |y: f64| (0..=100).map(move |k| DVec2::new(1e-3 * f64::from(k), y));
         let straight: Vec<_> = side(0.0).chain(side(apart).rev()).collect();
@@ -483,7 +484,8 @@ mod tests {
         let base = mesh.vertices.len() as u32;
         mesh.vertices.extend([a + inward, b + inward]);
         let hole = 0.002_f64;
-        let (x, y) = ((b - a).normalize() * hole, (d - a).normalize() * hole);
+        let x = (b - a).normalize() * hole;
+        let y = (d - a).normalize() * hole;
         let middle = 0.25 * (a + b + c + d);
         mesh.vertices.extend([middle, middle + x, middle + x + y, middle + y]);
         let ring = [base, base + 1, 7, 6];

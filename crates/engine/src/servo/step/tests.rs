@@ -67,7 +67,7 @@ impl Clock for SharedClock {
     }
 }
 
-/// An arm of which some reads and writes fail, by number from 0; notes what it is told.
+/// An arm of which some reads and writes fail, by number from 0; notes which orders it gets.
 #[derive(Debug, Default)]
 struct ScriptedArm {
     bad_reads: Vec<(usize, DeviceError)>,
