@@ -231,3 +231,26 @@ fn depth_and_deepest_contact_are_noted_of_an_obstacle_under_way_and_of_none_that
         }
     }
 }
+
+#[test]
+fn at_an_overlapping_pose_a_point_lies_in_a_brick_of_the_surface() {
+    let plates = [plate()];
+    let shell = cube(1e-3);
+    let traversal = Traversal::new(SimdLevel::Portable, TraversalMode::Tree, &plates, &shell);
+    let voxel_size_m = f64::from(plates[0].field.voxel_size_m());
+    for turn in 0..20 {
+        let pose = traversal.overlapping_pose(&plates, &shell, turn).expect("surface and points");
+        let nearest_m = shell
+            .points()
+            .map(|(point, _)| {
+                // Of the plate, in its own frame.
+                let place = pose.transform_point(point.as_dvec3()) + DVec3::Z * (0.5 * PLATE_M);
+                let half = DVec3::new(0.03, 0.03, 0.5 * PLATE_M);
+                let beyond = (place.abs() - half).max(DVec3::ZERO).length();
+                beyond - (half - place.abs()).min_element().max(0.0)
+            })
+            .fold(f64::INFINITY, |nearest, distance_m| nearest.min(distance_m.abs()));
+        // Half the diagonal of a brick of 8³.
+        assert!(nearest_m <= 4.0 * 3.0_f64.sqrt() * voxel_size_m, "turn {turn}: {nearest_m}");
+    }
+}

@@ -121,8 +121,8 @@ impl Traversal {
         self.walks.iter_mut().flatten().for_each(TreeTraversal::forget);
     }
 
-    /// A pose of the shell at which one of its points lies at the surface of an obstacle, another
-    /// one each `turn`; `None` without a surface or a point. Cold.
+    /// A pose of the shell at which one of its points lies in the middle of a brick that holds
+    /// surface of an obstacle, another one each `turn`; `None` without a surface or a point. Cold.
     pub fn overlapping_pose(
         &self,
         obstacles: &[Obstacle],
