@@ -1,40 +1,31 @@
 //! Sixty-four cells that look for their nearest patches together.
 //!
-//! Cells side by side have few patches to choose from, and mostly the same: the list is kept once
-//! for a block of 4³, which takes the search for repetitions off the single cell, and a patch is
-//! measured against eight cells at a time. Where it is the nearest so far and the closest point
-//! lies on one of its edges, the patch across that edge is next.
+//! Cells side by side have few patches to choose from, and mostly the same: what may be the nearest
+//! of some is found once for a block of 4³ cells, and measured against eight of them at a time.
 
 use super::kernel::{Cube, NearestOfEight, WidePatch, offsets};
-use super::patches::{NONE, Patches};
+use super::patches::{NONE, Patch};
 use crate::simd::{F32x8, I32s, LANES};
+use crate::voxmap::surface::bits;
 
-/// Patches that a block looks at, at most. More are worth a search: the mesh is much finer than the
-/// voxels, or made of slivers. Half as many cut the walks beside the lids of the Stanford bunny
-/// short at 1,024 voxels, and the searches in their place took 7 % of the distances' time.
-const TRIED_MAX: usize = 128;
 /// Cubes of eight cells in a block.
 pub(super) const CUBES: usize = 8;
+/// From the middle of a block to the centres of its outermost cells along an axis, cells.
+pub(super) const HALF_SPAN_CELLS: f32 = 1.5;
+/// The squares of the ways along an axis from the middle of a block to its 64 cells, summed up.
+const SPREAD_CELLS_SQUARED: f32 = 80.0;
 
-/// A block of eight cubes and what their cells have found. One serves many blocks, as it is too
-/// large to be made anew for each.
+/// A block of eight cubes and what their cells have found.
+#[derive(Clone, Copy)]
 pub(super) struct Block<L: F32x8> {
     /// The first cell.
     base: [i32; 3],
     /// `[CUBES]`: nearest patches of the cells of [`Self::cube`].
     pub(super) nearest: [NearestOfEight<L>; CUBES],
-    /// `[CUBES]`: cells that lead on to other patches, one bit each.
+    /// `[CUBES]`: cells that count, one bit each.
     wanted: [u8; CUBES],
-    tried: [u32; TRIED_MAX],
-    n_tried: usize,
-    n_measured: usize,
-    /// `[n_measured][CUBES]`: squared distances to the patches, cells².
-    squared: [[L; CUBES]; TRIED_MAX],
-    /// `[n_measured][3][CUBES]`: cells whose closest point of the patch lies on an edge of it, one
-    /// bit each.
-    on_edge: [[[u8; CUBES]; 3]; TRIED_MAX],
-    /// Cubes for which a patch could not be looked at, one bit each.
-    cut_short: u8,
+    /// The patches that were on offer, [`NONE`] in place of repetitions.
+    offered: [u32; LANES],
 }
 
 impl<L: F32x8> Block<L> {
@@ -44,12 +35,7 @@ impl<L: F32x8> Block<L> {
             base: [0; 3],
             nearest: [NearestOfEight::none(); CUBES],
             wanted: [0; CUBES],
-            tried: [NONE; TRIED_MAX],
-            n_tried: 0,
-            n_measured: 0,
-            squared: [[L::splat(0.0); CUBES]; TRIED_MAX],
-            on_edge: [[[0; CUBES]; 3]; TRIED_MAX],
-            cut_short: 0,
+            offered: [NONE; LANES],
         }
     }
 
@@ -59,7 +45,13 @@ impl<L: F32x8> Block<L> {
     pub(super) fn restart(&mut self, base: [i32; 3], wanted: [u8; CUBES]) {
         (self.base, self.wanted) = (base, wanted);
         self.nearest = [NearestOfEight::none(); CUBES];
-        (self.n_tried, self.n_measured, self.cut_short) = (0, 0, 0);
+        self.offered = [NONE; LANES];
+    }
+
+    /// True when a cell counts.
+    #[inline(always)]
+    pub(super) fn is_wanted(&self) -> bool {
+        self.wanted != [0; CUBES]
     }
 
     /// Leaves the cells of a cube that do not count as they are, so that no search goes on for
@@ -73,105 +65,106 @@ impl<L: F32x8> Block<L> {
     /// Cube x·4 + y·2 + z of the block.
     #[inline(always)]
     pub(super) fn cube(&self, cube: usize) -> Cube {
-        let along = [cube >> 2, cube >> 1 & 1, cube & 1];
-        Cube {
-            base: core::array::from_fn(|axis| self.base[axis] + 2 * along[axis] as i32),
-            step: 1,
+        let [x, y, z] = self.base;
+        let along = along(cube).map(|along| 2 * along as i32);
+        Cube { base: [x + along[0], y + along[1], z + along[2]], step: 1 }
+    }
+
+    /// Measures these patches, in order; [`NONE`] and repetitions are let pass.
+    #[inline(always)]
+    pub(super) fn offer(&mut self, patches: &[Patch], offered: &[u32; LANES]) {
+        for (lane, patch_idx) in offered.iter().enumerate() {
+            if *patch_idx != NONE && !offered[..lane].contains(patch_idx) {
+                self.offered[lane] = *patch_idx;
+                let patch = WidePatch::<L>::new(&patches[*patch_idx as usize]);
+                self.measure(&patch, *patch_idx, u8::MAX);
+            }
         }
     }
 
-    /// Puts those patches on the list for which a bit is set, in order; [`NONE`] and known ones are
-    /// let pass.
+    /// True for what was on offer.
     #[inline(always)]
-    pub(super) fn consider(&mut self, patches: &[u32; LANES], which: u8) {
-        let all = L::Int::load(patches);
-        let mut left = which & !all.eq(L::Int::splat(NONE as i32)).byte();
-        for known in &self.tried[..self.n_tried] {
-            left &= !all.eq(L::Int::splat(*known as i32)).byte();
-        }
-        while left != 0 {
-            let patch_idx = patches[left.trailing_zeros() as usize % LANES];
-            left &= !all.eq(L::Int::splat(patch_idx as i32)).byte();
-            self.push(patch_idx, u8::MAX);
+    pub(super) fn knows(&self, patch_idx: u32) -> bool {
+        !L::Int::load(&self.offered).eq(L::Int::splat(patch_idx as i32)).is_zero()
+    }
+
+    /// Measures the cells of these cubes against a patch.
+    #[inline(always)]
+    pub(super) fn measure(&mut self, patch: &WidePatch<L>, patch_idx: u32, cubes: u8) {
+        let first = patch.place(self.base, offsets(1));
+        let steps = patch.steps(offsets(2));
+        for cube in bits(cubes.into()) {
+            let cube = cube as usize % CUBES;
+            let mut places = first;
+            for axis in 0..3 {
+                places[axis] = first[axis] + L::splat(steps[axis][cube]);
+            }
+            self.nearest[cube].measure(patch, patch_idx, places);
         }
     }
 
-    /// Puts an unknown patch on the list, for the sake of these cubes.
+    /// A bound on what the cells have found.
     #[inline(always)]
-    fn push(&mut self, patch_idx: u32, cubes: u8) {
-        match self.tried.get_mut(self.n_tried) {
-            Some(next) => {
-                *next = patch_idx;
-                self.n_tried += 1;
-            }
-            None => self.cut_short |= cubes,
+    pub(super) fn limit(&self) -> Limit {
+        let mut at_middle = [f32::NEG_INFINITY; CUBES];
+        if !self.is_wanted() {
+            return Limit { slope: [0.0; 3], at_middle, farthest: 0.0 };
         }
+        let [x, y, z] = offsets::<L::Int>(1);
+        let half = L::splat(HALF_SPAN_CELLS);
+        let first = [L::of_int(x) - half, L::of_int(y) - half, L::of_int(z) - half];
+        let mut distances = [L::splat(0.0); CUBES];
+        let mut moments = [L::splat(0.0); 3];
+        let mut farthest = L::splat(0.0);
+        for (cube, distance_of) in distances.iter_mut().enumerate() {
+            let distance = self.nearest[cube].squared.sqrt();
+            *distance_of = distance;
+            farthest = farthest.max(distance.only(L::Int::mask(self.wanted[cube].into())));
+            for axis in 0..3 {
+                let place = first[axis] + L::splat((2 * along(cube)[axis]) as f32);
+                moments[axis] = moments[axis] + distance * place;
+            }
+        }
+        // The slope of the plane of least squares; any other would be right, but not as tight.
+        let mut slope = [0.0; 3];
+        for axis in 0..3 {
+            let mut lanes = [0.0; LANES];
+            moments[axis].store(&mut lanes);
+            slope[axis] = lanes.iter().sum::<f32>() / SPREAD_CELLS_SQUARED;
+        }
+        for (cube, mut rest) in distances.into_iter().enumerate() {
+            for axis in 0..3 {
+                let place = first[axis] + L::splat((2 * along(cube)[axis]) as f32);
+                rest = rest - L::splat(slope[axis]) * place;
+            }
+            let wanted = L::Int::mask(self.wanted[cube].into());
+            at_middle[cube] = L::select(wanted, rest, L::splat(f32::NEG_INFINITY)).max_lane();
+        }
+        Limit { slope, at_middle, farthest: farthest.max_lane() }
     }
 
-    /// Measures the patches on the list, and those to which they lead. Returns the cubes of which a
-    /// way ended early, one bit each: at an edge with nothing known across, or because there were
-    /// too many patches.
+    /// Middle of the block, in centre coordinates.
     #[inline(always)]
-    pub(super) fn settle(&mut self, patches: &Patches) -> u8 {
-        let first_cube = offsets::<L::Int>(1);
-        let cubes = offsets::<L::Int>(2);
-        while self.n_measured < self.n_tried {
-            let round = self.n_measured..self.n_tried;
-            self.n_measured = self.n_tried;
-            for idx in round.clone() {
-                let patch_idx = self.tried[idx];
-                let patch = WidePatch::<L>::new(&patches.all[patch_idx as usize]);
-                let first = patch.place(self.base, first_cube);
-                let steps = patch.steps(cubes);
-                #[expect(
-                    clippy::needless_range_loop,
-                    reason = "four arrays are read or written at the same place"
-                )]
-                for cube in 0..CUBES {
-                    let mut places = first;
-                    for axis in 0..3 {
-                        places[axis] = first[axis] + L::splat(steps[axis][cube]);
-                    }
-                    let found = self.nearest[cube].measure(&patch, patch_idx, places);
-                    self.squared[idx][cube] = found.squared;
-                    for edge in 0..3 {
-                        self.on_edge[idx][edge][cube] = found.on_edge[edge].byte();
-                    }
-                }
-            }
-            let mut plateau = [L::splat(0.0); CUBES];
-            for (limit, nearest) in plateau.iter_mut().zip(&self.nearest) {
-                *limit = nearest.plateau();
-            }
-            for idx in round {
-                let mut near = [0; CUBES];
-                for cube in 0..CUBES {
-                    near[cube] =
-                        self.squared[idx][cube].le(plateau[cube]).byte() & self.wanted[cube];
-                }
-                let near = u64::from_ne_bytes(near);
-                if near == 0 {
-                    continue;
-                }
-                for edge in 0..3 {
-                    let leads_on = u64::from_ne_bytes(self.on_edge[idx][edge]) & near;
-                    let across = patches.across(self.tried[idx])[edge];
-                    if leads_on == 0 || self.tried[..self.n_tried].contains(&across) {
-                        continue;
-                    }
-                    let cubes = leads_on
-                        .to_ne_bytes()
-                        .iter()
-                        .rev()
-                        .fold(0, |cubes, cells| cubes << 1 | u8::from(*cells != 0));
-                    if across == NONE {
-                        self.cut_short |= cubes;
-                    } else {
-                        self.push(across, cubes);
-                    }
-                }
-            }
-        }
-        self.cut_short
+    pub(super) fn middle(&self) -> [f32; 3] {
+        let [x, y, z] = self.base;
+        [x as f32 + HALF_SPAN_CELLS, y as f32 + HALF_SPAN_CELLS, z as f32 + HALF_SPAN_CELLS]
     }
+}
+
+/// Where a cube is in its block: 0 or 1 along x, y, z.
+#[inline(always)]
+const fn along(cube: usize) -> [usize; 3] {
+    [cube >> 2, cube >> 1 & 1, cube & 1]
+}
+
+/// How far the cells of a block that count are from what they have found, at most: a cell of cube k
+/// at a way w from the middle of the block `at_middle[k]` + `slope`·w, none more than `farthest`.
+#[derive(Clone, Copy)]
+pub(super) struct Limit {
+    /// Cells per cell.
+    pub(super) slope: [f32; 3],
+    /// `[CUBES]`: cells; −∞ where no cell counts.
+    pub(super) at_middle: [f32; CUBES],
+    /// Cells.
+    pub(super) farthest: f32,
 }

@@ -11,20 +11,9 @@
 use super::patches::{NONE, Patch};
 use crate::simd::{F32x8, I32s, LANES};
 
-/// Share of a squared distance by which two edges may differ and still both hold the closest point
-/// (a corner).
-const CORNER_SHARE: f32 = 1.0 + 1e-5;
-/// The same next to the plane of the foot, cells².
-const CORNER_CELLS_SQUARED: f32 = 1e-9;
 /// A patch must be nearer by this share to replace another: rounding must not decide which of two
 /// that tie is found first.
 const NEARER: f32 = 1.0 - 1e-6;
-/// Patches that are further away by no more than this share are as near, for a corner is equally
-/// far on all patches around it.
-const PLATEAU: f32 = 1.0 + 1e-5;
-/// The same next to the surface, cells².
-const PLATEAU_CELLS_SQUARED: f32 = 1e-9;
-
 /// Eight cells at the corners of a cube: lane x·4 + y·2 + z is the cell `base + step·[x, y, z]`.
 #[derive(Clone, Copy)]
 pub(super) struct Cube {
@@ -64,21 +53,13 @@ impl<L: F32x8> NearestOfEight<L> {
     /// Measures cells at places in the frame of a patch, which replaces the nearest of those that
     /// it is nearer to.
     #[inline(always)]
-    pub(super) fn measure(
-        &mut self,
-        patch: &WidePatch<L>,
-        patch_idx: u32,
-        places: [L; 3],
-    ) -> Measured<L> {
-        let Nearest { squared, height: _, on_edge: [[a, a_limit], [b, b_limit], [c, c_limit]] } =
-            patch.nearest(places);
-        let found = Measured { squared, on_edge: [a.le(a_limit), b.le(b_limit), c.le(c_limit)] };
-        let is_nearer = found.squared.lt(self.squared * L::splat(NEARER));
+    pub(super) fn measure(&mut self, patch: &WidePatch<L>, patch_idx: u32, places: [L; 3]) {
+        let squared = patch.nearest(places).squared;
+        let is_nearer = squared.lt(self.squared * L::splat(NEARER));
         // A minimum, and no choice by the mask: that was compiled to a masked store, and waiting
         // for it took a quarter of the time of all blocks.
-        self.squared = found.squared.min(self.squared);
+        self.squared = squared.min(self.squared);
         self.patch_idx = L::Int::select(is_nearer, L::Int::splat(patch_idx as i32), self.patch_idx);
-        found
     }
 
     /// The same with the cells of a cube.
@@ -87,21 +68,6 @@ impl<L: F32x8> NearestOfEight<L> {
         let patch = WidePatch::new(patch);
         self.measure(&patch, patch_idx, patch.place(cube.base, offsets(cube.step)));
     }
-
-    /// Up to which squared distance a patch is as near as the nearest, cells².
-    #[inline(always)]
-    pub(super) fn plateau(&self) -> L {
-        self.squared * L::splat(PLATEAU) + L::splat(PLATEAU_CELLS_SQUARED)
-    }
-}
-
-/// A patch as seen by eight cells.
-#[derive(Clone, Copy)]
-pub(super) struct Measured<L: F32x8> {
-    /// Cells².
-    pub(super) squared: L,
-    /// A mask for each edge: the closest point lies on it.
-    pub(super) on_edge: [L::Int; 3],
 }
 
 /// A patch in every lane, read once for all cells that are measured against it.
@@ -126,6 +92,16 @@ struct Edge<L> {
     length: L,
 }
 
+/// A point as seen from an edge.
+struct FromEdge<L> {
+    /// Of the distance, cells².
+    squared: L,
+    /// How far along the line of the edge the point lies past the nearer end, cells; 0 beside it.
+    beyond: L,
+    /// How far to the right of the line, cells.
+    right: L,
+}
+
 impl<L: F32x8> Edge<L> {
     #[inline(always)]
     fn new([x, y]: [L; 2], inverse_length: L) -> Self {
@@ -133,14 +109,19 @@ impl<L: F32x8> Edge<L> {
         Self { x: x_unit, y: y * inverse_length, length: (x * x + y * y) * inverse_length }
     }
 
-    /// Squared distance of a point given from the edge's start on, and how far to the right of its
-    /// line the point lies.
+    /// Where a point given from the edge's start on lies.
     #[inline(always)]
-    fn from(&self, [x, y]: [L; 2]) -> [L; 2] {
+    fn from(&self, [x, y]: [L; 2]) -> FromEdge<L> {
         let along = x * self.x + y * self.y;
         let right = x * self.y - y * self.x;
         let beyond = along - along.max(L::splat(0.0)).min(self.length);
-        [beyond * beyond + right * right, right]
+        FromEdge { squared: beyond * beyond + right * right, beyond, right }
+    }
+
+    /// The way to such a point from the closest point of the edge.
+    #[inline(always)]
+    fn away(&self, from: &FromEdge<L>) -> [L; 2] {
+        [from.beyond * self.x + from.right * self.y, from.beyond * self.y - from.right * self.x]
     }
 }
 
@@ -237,28 +218,53 @@ impl<L: F32x8> WidePatch<L> {
         let zero = L::splat(0.0);
         let beyond = x - x.max(zero).min(self.length);
         let base = beyond * beyond + y * y;
-        let [second, right_of_second] = self.second.from([x - self.length, y]);
-        let [third, right_of_third] = self.third.from([x, y]);
-        let inside = zero.lt(y) & right_of_second.lt(zero) & zero.lt(right_of_third);
-        let in_plane = L::select(inside, zero, base.min(second).min(third));
-        let limit = in_plane * L::splat(CORNER_SHARE) + L::splat(CORNER_CELLS_SQUARED);
-        Nearest {
-            squared: height * height + in_plane,
-            height,
-            on_edge: [[base, limit], [second, limit], [third, limit]],
+        let second = self.second.from([x - self.length, y]);
+        let third = self.third.from([x, y]);
+        let inside = zero.lt(y) & second.right.lt(zero) & zero.lt(third.right);
+        let in_plane = L::select(inside, zero, base.min(second.squared).min(third.squared));
+        Nearest { squared: height * height + in_plane, height }
+    }
+
+    /// The ways from the closest points of the patch to points in centre coordinates, cells.
+    #[inline(always)]
+    pub(super) fn ways(&self, points: &[L; 3]) -> [L; 3] {
+        let zero = L::splat(0.0);
+        let mut way = [zero; 3];
+        for axis in 0..3 {
+            way[axis] = points[axis] - L::splat(self.anchor[axis] as f32) - self.first[axis];
         }
+        let [x, y, height] = self.turn(way);
+        let beyond = x - x.max(zero).min(self.length);
+        let base = beyond * beyond + y * y;
+        let second = self.second.from([x - self.length, y]);
+        let third = self.third.from([x, y]);
+        let of_second = self.second.away(&second);
+        let of_third = self.third.away(&third);
+        let inside = zero.lt(y) & second.right.lt(zero) & zero.lt(third.right);
+        let on_second = second.squared.lt(base);
+        let least = second.squared.min(base);
+        let on_third = third.squared.lt(least);
+        let mut in_plane = [beyond, y];
+        for k in 0..2 {
+            let on_edge = L::select(on_second, of_second[k], in_plane[k]);
+            let on_edge = L::select(on_third, of_third[k], on_edge);
+            in_plane[k] = L::select(inside, zero, on_edge);
+        }
+        let [x, y] = in_plane;
+        let mut away = [zero; 3];
+        for (axis, away) in away.iter_mut().enumerate() {
+            *away = self.right[axis] * x + self.up[axis] * y + self.normal[axis] * height;
+        }
+        away
     }
 }
 
-/// Where the closest point of a patch is, per lane.
+/// The closest point of a patch, per lane.
 struct Nearest<L> {
     /// Cells².
     squared: L,
     /// Along the winding normal, cells.
     height: L,
-    /// Squared distance in the plane to each edge, and the largest with which the closest point
-    /// counts as lying on it.
-    on_edge: [[L; 2]; 3],
 }
 
 #[inline(always)]

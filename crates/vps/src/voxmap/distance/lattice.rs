@@ -1,14 +1,10 @@
-//! Nearest patches on a coarse lattice, from which the cells between take their choice.
+//! Near patches on a coarse lattice, with which the cells between start.
 //!
-//! Every fourth cell per axis is searched exactly. A block of 4³ cells has lattice points on all
-//! sides of it, so both of two surfaces between which it lies are on offer: that is what growing
-//! outward from the surface cannot promise, for what is fewest steps away need not be nearest. All
-//! cells of a block measure what any of them comes to. With a lattice of every second cell between,
-//! from which each 2³ cells chose for themselves, the walk missed the nearest triangle of 1.7 % of
-//! the cells in the band of the Stanford bunny at 256 voxels, now of 0.9 %, half of them by more
-//! than a hundredth of a cell.
+//! Every fourth cell per axis is searched, nearly to the end. A block of 4³ cells measures what the
+//! lattice points at its corners have found, and has with that a bound on all its distances, which
+//! is what an exact search needs to be short: [`PatchTree::complete`].
 
-use super::block::Block;
+use super::block::{Block, CUBES};
 use super::kernel::{Cube, NearestOfEight};
 use super::patches::{NONE, Patches};
 use super::tree::PatchTree;
@@ -16,18 +12,20 @@ use crate::parallel;
 use crate::simd::{F32x8, I32s, Kernel, LANES, SimdLevel};
 use crate::voxmap::grid::{Grid, brick_origin};
 use crate::voxmap::layers::{DEEP_INSIDE, FAR_OUTSIDE, Layers};
-use crate::voxmap::surface::bits;
 
 /// From one lattice point to the next, cells.
 const QUARTER: i32 = 4;
 /// Bricks that are searched one after the other, so that what one finds does not depend on the
 /// number of threads.
 const SEARCHED_TOGETHER: usize = 32;
-/// Patches per surface voxel above which a search costs little more than a walk, and finds what a
-/// walk may miss: on the hollow side of a fine mesh many patches are all but equally far.
+/// Share of a squared distance below which a patch is worth looking for: what the lattice has is a
+/// start, and the last few per cent cost more to find than they save.
+const CLOSE_SHARE: f32 = 0.7;
+/// Patches per surface voxel above which each 2³ cells are searched by themselves: what may be
+/// nearest to one of 4³ cells are then too many.
 const PATCHES_PER_VOXEL: usize = 3;
 
-/// Nearest patch of every fourth cell per axis.
+/// A near patch of every fourth cell per axis.
 pub(super) struct DistanceLattice<'a> {
     tree: PatchTree<'a>,
     /// Every block is searched, none walks.
@@ -40,7 +38,7 @@ pub(super) struct DistanceLattice<'a> {
 }
 
 impl<'a> DistanceLattice<'a> {
-    /// Cost: one exact search of eight points per brick of the band.
+    /// Cost: one search of eight points per brick of the band.
     pub(super) fn new(
         patches: &'a Patches,
         layers: &Layers,
@@ -60,14 +58,18 @@ impl<'a> DistanceLattice<'a> {
         Self { tree, searches_all, points, after }
     }
 
-    /// Finds the nearest patches of a block that has considered those on offer: walks, and searches
-    /// where that is asked for or the walk did not get to its end.
+    /// Finds the nearest patches of all cells of a brick whose blocks have measured those on offer.
     #[inline(always)]
-    pub(super) fn settle<L: F32x8>(&self, block: &mut Block<L>, patches: &Patches) {
-        let cut_short = block.settle(patches);
-        for cube in bits(if self.searches_all { u64::from(u8::MAX) } else { cut_short.into() }) {
-            block.only_wanted(cube as usize);
-            self.tree.search(block.cube(cube as usize), &mut block.nearest[cube as usize]);
+    pub(super) fn complete<L: F32x8>(&self, blocks: &mut [Block<L>; LANES]) {
+        if !self.searches_all {
+            self.tree.complete(blocks);
+            return;
+        }
+        for block in blocks.iter_mut().filter(|block| block.is_wanted()) {
+            for cube in 0..CUBES {
+                block.only_wanted(cube);
+                self.tree.search(block.cube(cube), 1.0, &mut block.nearest[cube]);
+            }
         }
     }
 
@@ -109,7 +111,7 @@ impl Kernel for Search<'_> {
                     nearest.measure_cube(&self.patches.all[*patch_idx as usize], *patch_idx, cube);
                 }
             }
-            self.tree.search(cube, &mut nearest);
+            self.tree.search(cube, CLOSE_SHARE, &mut nearest);
             nearest.patch_idx.store(&mut before);
             found.push(before);
         }

@@ -1,15 +1,14 @@
-//! The surface voxels: every triangle that is near one is measured, so nothing is left to chance
-//! where it matters most. The cells next to them take their choices.
+//! The surface voxels: every triangle that is near one is measured, which also tells on which side
+//! of the surface the centre lies.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
-use super::block::Block;
 use super::kernel::WidePatch;
 use super::patches::{NONE, Patch, Patches};
 use crate::parallel;
 use crate::simd::{F32x8, Kernel, LANES, SimdLevel};
 use crate::voxmap::grid::{BRICK_CELLS, BRICK_EDGE, brick_origin};
-use crate::voxmap::surface::{FIRST_Z, Mask, Surface, bits};
+use crate::voxmap::surface::{Mask, Surface, bits};
 
 /// Below this distance a centre counts as lying on the surface, where an offset has no direction;
 /// cells.
@@ -150,72 +149,6 @@ impl Near {
             as usize;
         &self.bricks[surface_slot / MEASURED_TOGETHER]
             [first..first + n_cells(&surface.masks[surface_slot])]
-    }
-}
-
-/// The choices of the surface voxels in a brick and one cell around it.
-pub(super) struct Around {
-    /// `[10³]`, z fastest: their patches; [`NONE`] where there is no surface voxel, and behind the
-    /// last.
-    patches: [u32; AROUND_EDGE * AROUND_EDGE * AROUND_EDGE + LANES],
-}
-
-/// Cells on the edge of a brick and its surroundings.
-const AROUND_EDGE: usize = BRICK_EDGE + 2;
-
-impl Around {
-    pub(super) fn new() -> Self {
-        Self { patches: [NONE; AROUND_EDGE * AROUND_EDGE * AROUND_EDGE + LANES] }
-    }
-
-    /// Turns to another brick.
-    pub(super) fn gather(&mut self, near: &Near, surface: &Surface, brick: usize) {
-        self.patches.fill(NONE);
-        let coord = surface.grid.brick_coord(brick);
-        for offset in (0..27).map(|idx| [idx / 9 - 1, idx / 3 % 3 - 1, idx % 3 - 1]) {
-            let neighbour = surface.grid.brick_neighbour(coord, offset);
-            let Some(slot) = neighbour.and_then(|neighbour| surface.slot(neighbour)) else {
-                continue;
-            };
-            let mask = &surface.masks[slot];
-            let ranks = surface.ranks(slot);
-            let voxels = near.voxels(surface, slot);
-            let xs = match offset[0] {
-                -1 => BRICK_EDGE - 1..BRICK_EDGE,
-                0 => 0..BRICK_EDGE,
-                _ => 0..1,
-            };
-            let rows = [0xff << 56, u64::MAX, 0xff][(offset[1] + 1) as usize];
-            let columns = [FIRST_Z << 7, u64::MAX, FIRST_Z][(offset[2] + 1) as usize];
-            let place = |axis: usize, inside: usize| {
-                (inside as i32 + offset[axis] * BRICK_EDGE as i32 + 1) as usize
-            };
-            for x in xs {
-                for bit in bits(mask[x] & rows & columns) {
-                    let before = (mask[x] & ((1 << bit) - 1)).count_ones();
-                    let voxel = voxels[(ranks[x] - ranks[0] + before) as usize];
-                    let row = place(0, x) * AROUND_EDGE + place(1, (bit >> 3) as usize);
-                    self.patches[row * AROUND_EDGE + place(2, (bit & 7) as usize)] =
-                        voxel.patch_idx;
-                }
-            }
-        }
-    }
-
-    /// Offers a block of 4³ cells, which begins at cell `first` of the brick, what surface voxels
-    /// inside and next to it chose.
-    #[inline(always)]
-    pub(super) fn offer<L: F32x8>(&self, [x, y, z]: [usize; 3], block: &mut Block<L>) {
-        for x in x..x + 6 {
-            for y in y..y + 6 {
-                // Six count; a copy of them would have to wait for its own bytes.
-                if let Some(row) =
-                    self.patches[(x * AROUND_EDGE + y) * AROUND_EDGE + z..].first_chunk()
-                {
-                    block.consider(row, 0b11_1111);
-                }
-            }
-        }
     }
 }
 

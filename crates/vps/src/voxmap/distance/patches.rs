@@ -29,8 +29,7 @@ const FLAT_CELLS: f64 = 1e-9;
 ///
 /// | word | content |
 /// |---|---|
-/// | 0, 1 | anchor cell: x in the low, y in the high half of word 0; z in the low half of word 1 |
-/// | 1, high half | which edge of the triangle, or of the piece, is the longest |
+/// | 0, 1 | anchor cell: x in the low, y in the high half of word 0; z is word 1 |
 /// | 2–4 | first corner minus the anchor's centre |
 /// | 5–7 | `right`: unit vector along the longest edge |
 /// | 8–10 | `up`: unit vector to the apex, square to `right`; `right × up` is the winding normal |
@@ -74,7 +73,7 @@ impl Patch {
         let mut words = [0; 16];
         // A negative coordinate does not occur: the grid is padded.
         words[0] = anchor.x as u32 | (anchor.y as u32) << 16;
-        words[1] = anchor.z as u32 | (longest as u32) << 16;
+        words[1] = anchor.z as u32;
         let numbers = [offset.to_array(), right.to_array(), up.to_array(), [length, along, height]];
         for (word, number) in words[2..14].iter_mut().zip(numbers.as_flattened()) {
             *word = (*number as f32).to_bits();
@@ -82,11 +81,6 @@ impl Patch {
         words[14] = inverse_length(length).to_bits();
         words[15] = inverse_length(0.0).to_bits();
         Self { words }
-    }
-
-    /// Which edge of the corners is the longest.
-    fn longest(&self) -> usize {
-        (self.words[1] >> 16) as usize
     }
 
     #[inline(always)]
@@ -102,7 +96,7 @@ impl Patch {
 
     #[inline(always)]
     pub(super) fn anchor(&self) -> [i32; 3] {
-        [self.words[0] & 0xffff, self.words[0] >> 16, self.words[1] & 0xffff].map(|i| i as i32)
+        [self.words[0] & 0xffff, self.words[0] >> 16, self.words[1]].map(|i| i as i32)
     }
 
     /// Unit winding normal; arbitrary for a segment.
@@ -154,50 +148,24 @@ pub(super) struct Patches {
     pub(super) all: Vec<Patch>,
     /// `[n_patches]`: the triangle that a patch is or belongs to.
     triangles: Vec<u32>,
-    /// `[n_patches]`: patch across each edge, counted from the longest; [`NONE`] where there is
-    /// none.
-    across: Vec<[u32; 3]>,
 }
 
 impl Patches {
     /// Cost: O(triangles) and a parallel sort of them, plus the pieces of those that are longer
     /// than [`EDGE_MAX_CELLS`].
     pub(super) fn new(mesh: &TriangleMesh, grid: &Grid) -> Self {
-        let ((pieces, order), neighbours) = rayon::join(
-            || {
-                let pieces = Pieces::new(mesh, grid);
-                let mut keyed = parallel::map(pieces.all.len(), 1, |piece| {
-                    (curve(&pieces.all[piece]), piece as u32)
-                });
-                keyed.par_sort_unstable();
-                (pieces, keyed)
-            },
-            || neighbours(mesh),
-        );
-        let mut places = vec![NONE; pieces.all.len()];
-        for (place, (_, piece)) in order.iter().enumerate() {
-            places[*piece as usize] = place as u32;
-        }
+        let pieces = Pieces::new(mesh, grid);
+        let mut order =
+            parallel::map(pieces.all.len(), 1, |piece| (curve(&pieces.all[piece]), piece as u32));
+        order.par_sort_unstable();
         let all = parallel::map(order.len(), 1, |place| pieces.all[order[place].1 as usize]);
         let triangles = parallel::map(order.len(), 1, |place| pieces.triangle(order[place].1));
-        let across_pieces = pieces.across(mesh, grid, neighbours);
-        let place = |piece: u32| if piece == NONE { NONE } else { places[piece as usize] };
-        let across = parallel::map(order.len(), 1, |patch_idx| {
-            let across = &across_pieces[order[patch_idx].1 as usize];
-            core::array::from_fn(|edge| place(across[(all[patch_idx].longest() + edge) % 3]))
-        });
-        Self { all, triangles, across }
+        Self { all, triangles }
     }
 
     /// The triangle that a patch is or belongs to.
     pub(super) fn triangle(&self, patch_idx: u32) -> u32 {
         self.triangles[patch_idx as usize]
-    }
-
-    /// The patches across the edges of a patch, from its longest on; [`NONE`] where there is none.
-    #[inline]
-    pub(super) fn across(&self, patch_idx: u32) -> &[u32; 3] {
-        &self.across[patch_idx as usize]
     }
 }
 
@@ -207,15 +175,10 @@ struct Pieces {
     all: Vec<Patch>,
     /// The triangles of these further pieces.
     triangles: Vec<u32>,
-    /// Every piece of a cut triangle, and its corners in cells.
-    cut: Vec<(u32, [DVec3; 3])>,
 }
 
 impl Pieces {
     /// Cuts at the middle of the longest edge until none is longer than [`EDGE_MAX_CELLS`].
-    ///
-    /// Whether an edge is cut depends on its length alone, so pieces on both sides of one meet edge
-    /// to edge.
     fn new(mesh: &TriangleMesh, grid: &Grid) -> Self {
         let is_cut = |corners: &[DVec3; 3]| longest_edge(corners).1 > EDGE_MAX_CELLS;
         let mut all = parallel::map(mesh.triangles.len(), 1, |triangle_idx| {
@@ -227,7 +190,6 @@ impl Pieces {
             .zip(is_long)
             .filter_map(|(triangle_idx, is_long)| is_long.then_some(triangle_idx));
         let mut triangles = Vec::new();
-        let mut cut = Vec::new();
         for triangle_idx in long {
             let mut rest = vec![in_cells(mesh, grid, triangle_idx as usize)];
             let mut is_first = true;
@@ -239,66 +201,21 @@ impl Pieces {
                     rest.extend([[from, middle, apex], [middle, to, apex]]);
                     continue;
                 }
-                let piece =
-                    if core::mem::take(&mut is_first) { triangle_idx } else { all.len() as u32 };
-                if piece == triangle_idx {
+                if core::mem::take(&mut is_first) {
                     all[triangle_idx as usize] = Patch::new(&corners);
                 } else {
                     all.push(Patch::new(&corners));
                     triangles.push(triangle_idx);
                 }
-                cut.push((piece, corners));
             }
         }
-        Self { all, triangles, cut }
+        Self { all, triangles }
     }
 
     /// The triangle that a piece is or belongs to.
     fn triangle(&self, piece: u32) -> u32 {
         let n_triangles = self.all.len() - self.triangles.len();
         (piece as usize).checked_sub(n_triangles).map_or(piece, |more| self.triangles[more])
-    }
-
-    /// The pieces across the edges of each, from those across the edges of the triangles.
-    fn across(&self, mesh: &TriangleMesh, grid: &Grid, neighbours: Vec<[u32; 3]>) -> Vec<[u32; 3]> {
-        let mut across = neighbours;
-        let mut beside: Vec<u32> = Vec::new();
-        across.resize(self.all.len(), [NONE; 3]);
-        for (piece, _) in &self.cut {
-            beside.extend(across[*piece as usize].iter().filter(|neighbour| **neighbour != NONE));
-        }
-        self.cut.iter().for_each(|(piece, _)| across[*piece as usize] = [NONE; 3]);
-        beside.sort_unstable();
-        beside.dedup();
-        let mut is_cut: Vec<u32> = self.cut.iter().map(|(piece, _)| *piece).collect();
-        is_cut.sort_unstable();
-        beside.retain(|triangle_idx| is_cut.binary_search(triangle_idx).is_err());
-        let whole = beside
-            .iter()
-            .map(|triangle_idx| (*triangle_idx, in_cells(mesh, grid, *triangle_idx as usize)));
-        // Both ends of an edge, the smaller first; then whose edge it is, and which.
-        let mut edges: Vec<([[u64; 3]; 2], u32, u8)> =
-            Vec::with_capacity(3 * (self.cut.len() + beside.len()));
-        for (piece, corners) in self.cut.iter().copied().chain(whole) {
-            // Zeros have one sign here: coordinates in cells are not negative.
-            let ends = corners.map(|corner| corner.to_array().map(f64::to_bits));
-            for k in 0..3 {
-                let a = ends[k];
-                let b = ends[(k + 1) % 3];
-                edges.push(([a.min(b), a.max(b)], piece, k as u8));
-            }
-        }
-        edges.par_sort_unstable();
-        let mut rest = &*edges;
-        while let [a, b, ..] = rest {
-            let is_pair = a.0 == b.0;
-            if is_pair {
-                across[a.1 as usize][usize::from(a.2)] = b.1;
-                across[b.1 as usize][usize::from(b.2)] = a.1;
-            }
-            rest = &rest[if is_pair { 2 } else { 1 }..];
-        }
-        across
     }
 }
 
@@ -337,75 +254,26 @@ fn longest_edge(corners: &[DVec3; 3]) -> (usize, f64) {
         .fold((0, length(0)), |longest, edge| if edge.1 > longest.1 { edge } else { longest })
 }
 
-/// Matches the edges of a mesh: edges are put in buckets by their lower vertex and sorted there by
-/// the other. Where more than two triangles share an edge they pair up in order.
-fn neighbours(mesh: &TriangleMesh) -> Vec<[u32; 3]> {
-    let edges = || {
-        mesh.triangles.iter().enumerate().flat_map(|(triangle_idx, corners)| {
-            (0..3).map(move |k| {
-                let a = corners[k];
-                let b = corners[(k + 1) % 3];
-                (a.min(b), a.max(b), (triangle_idx * 3 + k) as u64)
-            })
-        })
-    };
-    let mut ends = vec![0_u32; mesh.vertices.len() + 1];
-    edges().for_each(|(low, _, _)| ends[low as usize + 1] += 1);
-    for vertex in 1..ends.len() {
-        ends[vertex] += ends[vertex - 1];
-    }
-    // The higher vertex above, three times the triangle plus the edge below; each bucket starts
-    // where the one before it ends.
-    let mut sorted = vec![(0_u32, 0_u64); mesh.triangles.len() * 3];
-    for (low, high, edge) in edges() {
-        let place = &mut ends[low as usize];
-        sorted[*place as usize] = (high, edge);
-        *place += 1;
-    }
-    let mut neighbours = vec![[NONE; 3]; mesh.triangles.len()];
-    let mut first = 0;
-    for end in ends {
-        let bucket = &mut sorted[first..end as usize];
-        bucket.sort_unstable();
-        let mut rest = &*bucket;
-        while let [a, b, ..] = rest {
-            let is_pair = a.0 == b.0;
-            if is_pair {
-                for (from, to) in [(a.1, b.1), (b.1, a.1)] {
-                    neighbours[(from / 3) as usize][(from % 3) as usize] = (to / 3) as u32;
-                }
-            }
-            rest = &rest[if is_pair { 2 } else { 1 }..];
-        }
-        first = end as usize;
-    }
-    neighbours
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::mesh::primitives::Shape;
 
     #[test]
-    fn pieces_of_cut_triangles_meet_edge_to_edge() {
+    fn pieces_of_a_cut_triangle_are_short_and_have_its_area() {
         let mesh = Shape::Box { size_m: DVec3::new(0.2, 0.1, 0.01) }.tessellate(1e-3);
         let (low, high) = mesh.bounds().expect("a box has triangles");
         let grid = Grid::around(low, high, 1e-3, 3).expect("a small grid");
         let patches = Patches::new(&mesh, &grid);
-        assert!(
-            patches.all.len() > 4 * mesh.triangles.len(),
-            "nothing was cut: {} patches",
-            patches.all.len()
-        );
-        for (patch_idx, across) in patches.across.iter().enumerate() {
-            for neighbour in across {
-                assert_ne!(*neighbour, NONE, "patch {patch_idx} of a closed mesh ends in nothing");
-                assert!(
-                    patches.across(*neighbour).contains(&(patch_idx as u32)),
-                    "{patch_idx} and {neighbour}"
-                );
-            }
+        let mut areas = vec![0.0; mesh.triangles.len()];
+        for (patch, triangle_idx) in patches.all.iter().zip(&patches.triangles) {
+            assert!(patch.number(11) <= EDGE_MAX_CELLS as f32, "{patch:?}");
+            areas[*triangle_idx as usize] += 0.5 * f64::from(patch.number(11) * patch.number(13));
+        }
+        for (triangle_idx, area) in areas.into_iter().enumerate() {
+            let [a, b, c] = in_cells(&mesh, &grid, triangle_idx);
+            let expected = 0.5 * (b - a).cross(c - a).length();
+            assert!((area - expected).abs() < 1e-3 * expected, "{area} of {expected} cells²");
         }
     }
 }
