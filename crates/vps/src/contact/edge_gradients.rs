@@ -109,7 +109,7 @@ impl<L: F32s<N>, const N: usize> Grid<'_, L, N> {
         let half = L::splat(0.5);
         let one = L::splat(1.0);
         let lattice = [cells[0] - half, cells[1] - half, cells[2] - half];
-        let base = [lattice[0].truncated(), lattice[1].truncated(), lattice[2].truncated()];
+        let base = [lattice[0].floored(), lattice[1].floored(), lattice[2].floored()];
         let t = fractions(lattice, base);
         let off = self.off(eighths(base));
         // SAFETY: lanes that are not on the grid read entry 0; by the invariant of the bounds there
@@ -167,7 +167,7 @@ impl<L: F32s<N>, const N: usize> Grid<'_, L, N> {
     fn value(&self, cells: [L; 3]) -> L {
         let half = L::splat(0.5);
         let lattice = [cells[0] - half, cells[1] - half, cells[2] - half];
-        let base = [lattice[0].truncated(), lattice[1].truncated(), lattice[2].truncated()];
+        let base = [lattice[0].floored(), lattice[1].floored(), lattice[2].floored()];
         self.scattered(lattice, base, L::splat(f32::NEG_INFINITY))
     }
 }

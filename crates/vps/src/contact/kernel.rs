@@ -138,12 +138,10 @@ impl Kernel for Above<'_> {
         // SAFETY: each is a brick of the grid, and by the invariant of the bounds there is one
         // entry for it.
         let around = unsafe { L::gather(bounds.max_depth_nearby_m(), grid.brick(eighths(base))) };
-        // One cell more: casts that round towards zero let the first cell reach out of the grid.
-        let far = extent + L::splat(1.0);
         let mut off = L::Int::splat(0);
         for axis in 0..3 {
             let away = (lattice[axis] - on_grid[axis]).max(on_grid[axis] - lattice[axis]);
-            off = off | far.lt(away);
+            off = off | extent.lt(away);
         }
         let below = L::select(off, grid.outside, around).le(L::splat(floor_m));
         !(below & (off | extent.lt(L::splat(AROUND_CELLS)))).byte()
@@ -364,7 +362,7 @@ impl<'a, L: F32s<LANES>> Grid<'a, L, LANES> {
     fn depths(&self, points: &Lanes3, floor_m: f32) -> Depths {
         let Lanes3 { x, y, z } = points;
         let lattice = self.lattice([L::load(&x.0), L::load(&y.0), L::load(&z.0)]);
-        let base = [lattice[0].truncated(), lattice[1].truncated(), lattice[2].truncated()];
+        let base = [lattice[0].floored(), lattice[1].floored(), lattice[2].floored()];
         // Points of a block are neighbours: often one brick holds them all, and one load is cheaper
         // than sixteen.
         let values = match only_brick::<L, LANES>(base) {

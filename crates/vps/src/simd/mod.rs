@@ -149,6 +149,16 @@ pub(crate) trait F32s<const N: usize>:
     /// Rounded towards zero. NaN becomes 0, what no `i32` holds becomes the largest or the least
     /// `i32`, whatever its sign.
     fn truncated(self) -> Self::Int;
+
+    /// Rounded down; else as [`Self::truncated`], but that what is too small for an `i32` may become
+    /// the largest.
+    #[inline(always)]
+    fn floored(self) -> Self::Int {
+        let truncated = self.truncated();
+        // The mask is −1 where it holds.
+        truncated + self.lt(Self::of_int(truncated))
+    }
+
     /// A mask: where this is less.
     fn lt(self, other: Self) -> Self::Int;
     /// A mask: where this is no more.

@@ -65,10 +65,12 @@ fn all<L: F32s<N>, const N: usize>(
         i.shifted::<3>(),
         small,
         a.only(fits).truncated(),
+        a.only(fits).floored(),
     ] {
         ints(lanes, found);
     }
     ints(L::splat(f32::NAN).truncated(), found);
+    ints(L::splat(f32::NAN).floored(), found);
     ints(L::Int::select(i.gt(j), i, j), found);
     found.push(L::select(L::splat(f32::NEG_INFINITY).lt(a), a, L::splat(0.0)).max_lane().to_bits());
     found.extend([

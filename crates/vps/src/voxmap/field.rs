@@ -400,15 +400,17 @@ fn fill_aprons(layers: &Layers, band_m: f32, distances_m: &mut [[f32; APRON_CELL
     }
 }
 
-/// Cell that a point lies in: a truncating cast, which is one instruction where `floor` is a
-/// function call.
+/// Cell that a point lies in: coordinates rounded down, by a cast and a comparison where `floor` is
+/// a function call.
 ///
-/// It differs from `floor` between −1 and 0 only, which lands in cell 0: padding, where everything
-/// is far outside. Casts saturate: far points become indices that the range check refuses, NaN
-/// becomes 0.
+/// Casts saturate: far points become indices that the range check refuses, NaN becomes 0.
 #[inline]
 fn whole(cells: Vec3) -> [i32; 3] {
-    [cells.x as i32, cells.y as i32, cells.z as i32]
+    let floor = |cell: f32| {
+        let truncated = cell as i32;
+        truncated.saturating_sub(i32::from(truncated as f32 > cell))
+    };
+    [floor(cells.x), floor(cells.y), floor(cells.z)]
 }
 
 #[inline]

@@ -3,11 +3,12 @@
 
 use std::path::Path;
 
-use glam::{DQuat, DVec3};
+use glam::{DQuat, DVec3, Vec3};
 use vps::mesh::closest_point::TriangleProjector;
 use vps::mesh::primitives::Shape;
 use vps::mesh::{self, TriangleMesh};
 use vps::spatial::testing::Random;
+use vps::voxmap::field::FieldKind;
 use vps::voxmap::grid::cell_of;
 
 use super::{build, models};
@@ -203,5 +204,85 @@ fn distances_hold_among_parts_that_do_not_hang_together() {
                 .extend(part.triangles.iter().map(|corners| corners.map(|corner| first + corner)));
         }
         check_some(&format!("parts {round}"), &parts, 70.0, 8);
+    }
+}
+
+/// Eight-corner interpolation.
+fn interpolated(corners: [f64; 8], t: DVec3) -> f64 {
+    let weight = |corner: usize, axis: usize| {
+        if corner >> (2 - axis) & 1 == 1 { t[axis] } else { 1.0 - t[axis] }
+    };
+    (0..8)
+        .map(|corner| corners[corner] * weight(corner, 0) * weight(corner, 1) * weight(corner, 2))
+        .sum()
+}
+
+/// Beside the border of the grid and elsewhere, inside of it and outside: what a look-up gives is
+/// interpolated between exact samples, up to the band, and the band beyond. A sample may be taken
+/// for half a voxel more than the layers where it is farther; interpolation between others is not
+/// exact either, but off by what a distance is curved.
+#[test]
+fn look_ups_are_interpolated_between_exact_distances_up_to_the_band_on_all_sides() {
+    let ball = Shape::Sphere { radius_m: 0.01 }.tessellate(1e-4);
+    let torus = Shape::Torus { major_m: 0.008, minor_m: 0.003 }.tessellate(1e-4);
+    let ball_holds = |at: DVec3| at.length() < 0.01;
+    let torus_holds = |at: DVec3| (at.truncate().length() - 0.008).hypot(at.z) < 0.003;
+    let parts: [(&TriangleMesh, &dyn Fn(DVec3) -> bool); 2] =
+        [(&ball, &ball_holds), (&torus, &torus_holds)];
+    let voxel_size_m = 5e-4;
+    let mut random = Random(11);
+    for ((mesh, holds), layers) in parts.into_iter().zip([4, 10]).chain([(parts[0], 60)]) {
+        let mut map = build(mesh, voxel_size_m, layers);
+        let grid = map.surface.grid;
+        let tree = Tree::new(mesh);
+        let field = map.field(mesh, false);
+        let band = f64::from(layers) - 0.5;
+        let ends = DVec3::from_array(field.brick_dims().map(|n| 8.0 * n as f64));
+        let mut n_inside = 0;
+        let mut n_off_grid = 0;
+        for round in 0..6000 {
+            let mut cells = random.in_box(0.0, 1.0) * ends;
+            // Every other one within two cells of a side, of each as often.
+            let axis = round / 2 % 3;
+            if round % 2 == 0 {
+                let side = if round / 6 % 2 == 0 { 0.5 } else { ends[axis] + 0.5 };
+                cells[axis] = side + 2.0 * random.signed();
+            }
+            let found_m = field.value(FieldKind::Trilinear, cells.as_vec3(), Vec3::ZERO);
+            let found = f64::from(found_m) / voxel_size_m;
+            // The field reads coordinates of 32 bits.
+            let lattice = cells.as_vec3().as_dvec3() - 0.5;
+            let base = lattice.floor();
+            if base.min_element() < 0.0 || (base - ends).max_element() >= 0.0 {
+                let exact = tree.distance(grid.origin_m + voxel_size_m * cells) / voxel_size_m;
+                assert!(exact >= band, "{cells}: {exact}");
+                assert!((found + band).abs() < WORST, "{cells}, {layers} layers: {found}");
+                n_off_grid += 1;
+                continue;
+            }
+            let corners: [DVec3; 8] = core::array::from_fn(|corner| {
+                base + DVec3::from_array([2, 1, 0].map(|shift| (corner >> shift & 1) as f64))
+            });
+            let signed = corners.map(|corner| {
+                let at = grid.origin_m + voxel_size_m * (corner + 0.5);
+                let distance = tree.distance(at) / voxel_size_m;
+                if holds(at) { distance } else { -distance }
+            });
+            // The sides of samples beside the surface are those of the facets.
+            if signed.iter().any(|distance| distance.abs() < 0.5) {
+                continue;
+            }
+            let saturated = signed.map(|distance| distance.clamp(-band - 1.0, band + 1.0));
+            let bounds = [signed, saturated]
+                .map(|corners| interpolated(corners, lattice - base).clamp(-band, band));
+            let low = bounds[0].min(bounds[1]) - WORST;
+            let high = bounds[0].max(bounds[1]) + WORST;
+            assert!(
+                (low..=high).contains(&found),
+                "{cells}, {layers} layers: {found}, {low} to {high}"
+            );
+            n_inside += 1;
+        }
+        assert!(n_inside > 3000 && n_off_grid > 500, "{n_inside} and {n_off_grid}");
     }
 }

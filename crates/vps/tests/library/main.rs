@@ -179,6 +179,29 @@ fn a_clearance_is_a_distance_also_where_nothing_can_touch() {
     }
 }
 
+/// On the border of the grid all sides are alike: what is farther than the band is at the band.
+#[test]
+fn a_clearance_beside_the_border_of_the_grid_is_that_of_the_band_on_all_sides() {
+    let options = Options { layers: 10, ..Options::new(0.5e-3) };
+    let voxmap = Voxmap::bake(&ball(), &options).unwrap();
+    let bead = Mesh::from_shape(&Shape::Sphere { radius_m: 0.5e-3 }, 1e-5).unwrap();
+    let bead = PointShell::bake(&bead, &Options::new(0.25e-3)).unwrap();
+    let query = ContactQuery::new(&voxmap, &bead, 1e3).unwrap();
+    // Eleven voxels and a half from the ball the grid ends, and distances are known up to 4.75 mm.
+    for pose in poses(400) {
+        for axis in 0..3 {
+            for side in [-15.8e-3, 15.8e-3] {
+                let mut at = pose.translation.clamp(DVec3::splat(-15e-3), DVec3::splat(15e-3));
+                at[axis] = side;
+                let clear = query.wrench(Pose::from_translation(at)).unwrap();
+                assert_eq!((clear.contacts, clear.clearance_m), (0, voxmap.band_m()), "at {at}");
+                let distance = voxmap.distance(at).unwrap();
+                assert_eq!(distance.distance_m, voxmap.band_m(), "at {at}");
+            }
+        }
+    }
+}
+
 #[test]
 fn a_batch_gives_the_same_bits_on_any_number_of_threads_and_in_any_order() {
     let query = ball_on_block();

@@ -89,7 +89,7 @@ impl BrickBounds {
         let looks: Vec<Look> =
             parallel::map_chunks(samples_m, 64, look_at).into_iter().flatten().collect();
         let margin_m = ROUNDING * (band_m + skin_m);
-        let mut max_depth_m: Vec<f32> = top
+        let max_depth_m: Vec<f32> = top
             .iter()
             .map(|slot| match *slot {
                 FAR_OUTSIDE => skin_m - band_m,
@@ -100,13 +100,6 @@ impl BrickBounds {
             })
             .collect();
         let clearance_cells = clearance_cells(&max_depth_m, *dims);
-        // Casts that round towards zero let the first cell reach one cell out of the grid, where it
-        // extrapolates.
-        for (brick, (ceiling_m, slot)) in max_depth_m.iter_mut().zip(top.iter()).enumerate() {
-            if *slot < DEEP_INSIDE && coord_of(brick, *dims).contains(&0) {
-                *ceiling_m = f32::INFINITY;
-            }
-        }
         let max_depth_nearby_m = max_nearby(&max_depth_m, *dims, skin_m - band_m);
         let most = |of: fn(&Look) -> f32| {
             looks.iter().map(|look| of(look) / voxel_size_m - 1.0).fold(0.0, f32::max)
@@ -415,7 +408,7 @@ mod tests {
     /// The brick that a place's samples are of, if it is on the grid.
     fn brick_at(bounds: &BrickBounds, cells: Vec3) -> Option<usize> {
         let lattice = cells - 0.5;
-        let coord = [lattice.x, lattice.y, lattice.z].map(|at| at as i32 >> 3);
+        let coord = [lattice.x, lattice.y, lattice.z].map(|at| at.floor() as i32 >> 3);
         let on_grid = coord.iter().zip(bounds.dims()).all(|(at, n)| (0..n).contains(at));
         on_grid.then(|| {
             ((coord[0] * bounds.dims()[1] + coord[1]) * bounds.dims()[2] + coord[2]) as usize
