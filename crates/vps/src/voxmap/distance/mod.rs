@@ -18,11 +18,13 @@
 //! 10⁻⁴ voxel at 896 of 1,806,294 cells of the bolt (0.2 mm, worst 1.20), at 33,229 of 3,730,074 of
 //! the bunny (256 voxels, worst 1.12), at 15,043 of 698,356 of a torus, worst 0.13.
 //!
-//! Cost: in CPU time 1.07 times that of the walk on the Stanford bunny at 1,024 voxels (169,469
-//! bricks; 4.3 s for 4.0 s on a busy machine, 1.95 s on an idle one with the walk), as much as it
-//! at 256. A patch against eight cells takes 7 ns. Tried and taken back: the same search for each
-//! block by itself, by the box around it (1.7 times the walk); walk and search (1.4 times); pages
-//! of 2 MiB for the samples (1.97 to 2.86 s in place of 2.23, slower in seven runs of eight).
+//! Cost: in CPU time 1.06 times that of the walk on the Stanford bunny at 1,024 voxels (169,469
+//! bricks; 3.54 s for 3.35 s on a busy machine, medians of three; 1.95 s on an idle one with the
+//! walk), as much as it at 256, 1.35 times on the bolt. A patch against eight cells takes 7 ns.
+//! Tried and taken back: a search for each block by itself, by the box around it (1.75 times the
+//! walk); the walk before the search (1.65 times, before patches were tested by themselves, and no
+//! faster than without it); pages of 2 MiB for the samples (1.97 to 2.86 s in place of 2.23, slower
+//! in seven runs of eight).
 
 mod block;
 mod kernel;

@@ -190,8 +190,7 @@ impl<'a> PatchTree<'a> {
     /// block has found: after this each of their cells has its nearest patch.
     ///
     /// Cost: a test of each box that is as near to the brick as its farthest cell is to the surface.
-    /// On the Stanford bunny at 256 voxels 330 boxes and 150 patches a brick, of which each block
-    /// measures sixty.
+    /// On the Stanford bunny at 256 voxels these are 330 boxes and 150 patches a brick.
     #[inline(always)]
     pub(super) fn complete<L: F32x8>(&self, blocks: &mut [Block<L>; LANES]) {
         let limits = Limits::new(blocks);
