@@ -30,8 +30,9 @@ fn by_vertex<T: Copy + Default + Send + Sync, I: Iterator<Item = T>>(
     )
 }
 
-/// Removes triangles whose corners, in any order, are those of an earlier one; returns how many.
-pub(super) fn drop_duplicates(triangles: &mut Vec<[u32; 3]>, n_vertices: usize) -> usize {
+/// Triangles whose corners, in any order, are those of an earlier one: pairs of a triangle and the
+/// next one with the same corners.
+pub(crate) fn repeats(triangles: &[[u32; 3]], n_vertices: usize) -> Vec<[u32; 2]> {
     let shards = by_vertex(
         triangles,
         n_vertices,
@@ -52,18 +53,92 @@ pub(super) fn drop_duplicates(triangles: &mut Vec<[u32; 3]>, n_vertices: usize) 
             bucket.sort_unstable();
             let pairs =
                 bucket.windows(2).filter(|pair| (pair[0].0, pair[0].1) == (pair[1].0, pair[1].1));
-            repeated.extend(pairs.map(|pair| pair[1].2));
+            repeated.extend(pairs.map(|pair| [pair[0].2, pair[1].2]));
         }
         repeated
     });
-    let repeated = repeated.concat();
+    repeated.concat()
+}
+
+/// Removes triangles whose corners, in any order, are those of an earlier one; returns how many.
+pub(super) fn drop_duplicates(triangles: &mut Vec<[u32; 3]>, n_vertices: usize) -> usize {
+    let repeated = repeats(triangles, n_vertices);
     if !repeated.is_empty() {
         let mut keep = vec![true; triangles.len()];
-        repeated.iter().for_each(|triangle_idx| keep[*triangle_idx as usize] = false);
+        repeated.iter().for_each(|[_, triangle_idx]| keep[*triangle_idx as usize] = false);
         let mut keep = keep.into_iter();
         triangles.retain(|_| keep.next().unwrap_or(true));
     }
     repeated.len()
+}
+
+/// An edge of two triangles.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct EdgePair {
+    /// Lower vertex first.
+    pub(crate) edge: [u32; 2],
+    pub(crate) triangles: [u32; 2],
+    /// Both triangles run along it in the same direction.
+    pub(crate) same_direction: bool,
+}
+
+/// An edge of one triangle, or of three and more.
+#[derive(Clone, Debug)]
+pub(crate) struct EdgeFan {
+    /// Lower vertex first.
+    pub(crate) edge: [u32; 2],
+    /// The triangles, in rising order, and whether each runs from the lower to the higher vertex.
+    pub(crate) triangles: Vec<(u32, bool)>,
+}
+
+/// Which triangles use which edges.
+#[derive(Debug, Default)]
+pub(crate) struct EdgeUses {
+    pub(crate) pairs: Vec<EdgePair>,
+    pub(crate) fans: Vec<EdgeFan>,
+}
+
+/// The triangles of every edge, in the order of the edges' vertices.
+pub(crate) fn edge_uses(triangles: &[[u32; 3]], n_vertices: usize) -> EdgeUses {
+    let shards = by_vertex(
+        triangles,
+        n_vertices,
+        |([from, to], _): &([u32; 2], u32)| *from.min(to),
+        |triangle_idx, [a, b, c]| {
+            [[a, b], [b, c], [c, a]].into_iter().map(move |edge| (edge, triangle_idx as u32))
+        },
+    );
+    let uses = parallel::map(shards.n_shards, 1, |shard| {
+        let first_vertex = shard * SHARD_VERTICES;
+        let items = shards.shard(shard).map(|([from, to], triangle_idx)| {
+            (from.min(to) as usize - first_vertex, (from.max(to), triangle_idx, from < to))
+        });
+        let mut uses = EdgeUses::default();
+        for (low, bucket) in (first_vertex as u32..)
+            .zip(Buckets::new(SHARD_VERTICES.min(n_vertices - first_vertex), items).iter_mut())
+        {
+            bucket.sort_unstable();
+            for of_edge in bucket.chunk_by(|one, other| one.0 == other.0) {
+                let edge = [low, of_edge[0].0];
+                if let [(_, one, forward), (_, other, other_forward)] = of_edge {
+                    uses.pairs.push(EdgePair {
+                        edge,
+                        triangles: [*one, *other],
+                        same_direction: forward == other_forward,
+                    });
+                } else {
+                    let triangles = of_edge.iter().map(|(_, idx, forward)| (*idx, *forward));
+                    uses.fans.push(EdgeFan { edge, triangles: triangles.collect() });
+                }
+            }
+        }
+        uses
+    });
+    uses.into_iter().fold(EdgeUses::default(), |mut sum, mut shard| {
+        sum.pairs.append(&mut shard.pairs);
+        sum.fans.append(&mut shard.fans);
+        sum
+    })
 }
 
 /// Edges that do not lie between two triangles of the same sense.

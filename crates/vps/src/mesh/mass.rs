@@ -68,19 +68,7 @@ pub fn mass_properties_of_inspected(mesh: &TriangleMesh, report: &MeshReport) ->
         && missing <= HOLE_SHARE * volume
         && volume > FLAT_SHARE * report.area_m2.powf(1.5);
 
-    let solid = usable.then(|| {
-        let moments = Moments::of(mesh, middle, |[a, b, c]| TriangleContribution {
-            amount: a.dot(b.cross(c)) / 6.0,
-            // A tetrahedron has its fourth corner at the origin.
-            center: (a + b + c) / 4.0,
-            mean_square: (outer(a) + outer(b) + outer(c) + outer(a + b + c)) * (1.0 / 20.0),
-        });
-        MassProperties {
-            volume_m3: moments.amount.abs(),
-            from_surface: false,
-            ..moments.finish(middle)
-        }
-    });
+    let solid = usable.then(|| of_closed(mesh, middle));
     // Patches that face inward without a shared edge can leave a volume whose second moments make
     // no body.
     solid.filter(is_a_body).unwrap_or_else(|| {
@@ -91,6 +79,22 @@ pub fn mass_properties_of_inspected(mesh: &TriangleMesh, report: &MeshReport) ->
         });
         moments.finish(middle)
     })
+}
+
+/// Mass properties of what closed, consistently wound triangles bound; `middle` is a point near
+/// them.
+pub(crate) fn of_closed(mesh: &TriangleMesh, middle: DVec3) -> MassProperties {
+    let moments = Moments::of(mesh, middle, |[a, b, c]| TriangleContribution {
+        amount: a.dot(b.cross(c)) / 6.0,
+        // A tetrahedron has its fourth corner at the origin.
+        center: (a + b + c) / 4.0,
+        mean_square: (outer(a) + outer(b) + outer(c) + outer(a + b + c)) * (1.0 / 20.0),
+    });
+    MassProperties {
+        volume_m3: moments.amount.abs(),
+        from_surface: false,
+        ..moments.finish(middle)
+    }
 }
 
 /// Any principal moment of a body is at most the sum of the other two; on the axes of the file this

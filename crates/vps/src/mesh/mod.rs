@@ -46,7 +46,7 @@ pub mod closest_point;
 pub mod cloud;
 #[cfg(any(feature = "gltf", feature = "threemf"))]
 mod copy_budget;
-mod edges;
+pub(crate) mod edges;
 mod error;
 mod file_mesh;
 mod foreign;
@@ -69,7 +69,7 @@ mod tests;
 mod threemf;
 mod triangle_mesh;
 pub mod validate;
-mod weld;
+pub(crate) mod weld;
 mod xyz;
 
 pub use error::{MeshError, curved_surfaces};

@@ -238,7 +238,7 @@ impl Cells {
 /// do not collapse into one. A tolerance of zero joins equal positions only. Positions without a
 /// neighbour stand for themselves and for no other, so the greedy walk, which is sequential, sees
 /// only the rest.
-pub(super) fn weld_within(positions: &[DVec3], tolerance: f64) -> Vec<u32> {
+pub(crate) fn weld_within(positions: &[DVec3], tolerance: f64) -> Vec<u32> {
     let cells = Cells::new(positions, tolerance);
     let mut representative: Vec<u32> = (0..positions.len() as u32).collect();
     let crowded = crowded(positions, cells);
