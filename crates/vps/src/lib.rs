@@ -61,6 +61,7 @@
 //! | [`contact`] | which points touch, and what wrench and stiffness that makes; the broad phase and moving obstacles |
 //! | [`density`] | rasters of clay that a query reads while another thread computes the next ones |
 //! | [`parallel`] | loops on the current rayon pool |
+//! | [`solid`] | what the triangles of a file mean: the union of their bodies, and skins beside it |
 //! | `simd` | what the processor can do, kernels over eight lanes |
 //! | `storage` | arrays that are owned or lie in a mapped file; opening files of other programs; memory that is left |
 //!
@@ -76,6 +77,7 @@ pub mod part;
 mod part_report;
 pub mod pointshell;
 mod simd;
+pub mod solid;
 pub mod spatial;
 /// Files and arrays of the bake cache: shared with the program, no part of the interface.
 #[doc(hidden)]

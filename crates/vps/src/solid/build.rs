@@ -1,0 +1,374 @@
+//! From the triangles of a file to the border of the solid that they bound.
+
+use glam::DVec3;
+
+use super::boxes::Boxes;
+use super::cut::{Cut, cut};
+use super::faces::Faces;
+use super::judge::judge;
+use super::nesting::{Nesting, nest};
+use super::pieces::{NO_PIECE, Pieces};
+use super::report::{Cavity, SolidReport};
+use crate::mesh::TriangleMesh;
+use crate::mesh::mass::{mass_properties, of_closed};
+use crate::mesh::validate::WELD_SHARE;
+use crate::parallel;
+
+/// Settings.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct SolidOptions {
+    /// What lies closer than this, m, lies on each other: vertices are one, faces cancel. `None`:
+    /// [`WELD_SHARE`] of the diagonal of the bounding box, which the six digits of a text file, or
+    /// an `f32`, keep.
+    pub tolerance_m: Option<f64>,
+}
+
+/// What the triangles of a file mean.
+#[derive(Clone, Debug)]
+pub struct Solid {
+    /// Border of the solid: closed, outward. Its vertices begin with those of the file; a triangle
+    /// that is kept whole is that of the file, and in its order.
+    pub border: TriangleMesh,
+    /// Triangles of pieces that are not closed, as far as they lie outside of the solid.
+    pub skins: TriangleMesh,
+    /// What was found.
+    pub report: SolidReport,
+}
+
+impl Solid {
+    /// Makes a solid of triangles. Vertices must be finite, and indices in range.
+    pub fn of(mesh: &TriangleMesh, options: &SolidOptions) -> Self {
+        let (low, high) = mesh.bounds().unwrap_or_default();
+        let tolerance_m = options
+            .tolerance_m
+            .unwrap_or(WELD_SHARE * low.distance(high))
+            // Far from the origin, neighbouring numbers are farther apart than that.
+            .max(4.0 * f64::EPSILON * low.abs().max(high.abs()).max_element());
+        let mut pieces = Pieces::of(mesh, tolerance_m);
+        let meets = Meets::of(&pieces, tolerance_m);
+        let (mut faces, lines) = Faces::of(mesh, &pieces, &meets.any, tolerance_m);
+        let nesting = nest(&pieces, &faces, 4.0 * tolerance_m);
+        if nesting.to_turn.contains(&true) {
+            pieces.turn_pieces(&nesting.to_turn);
+            faces.turn_pieces(&nesting.to_turn);
+        }
+        // Lids on open pieces would be made here: what they close is a body.
+
+        let mut picked = Picked { border: Picks::new(mesh), skins: Picks::new(mesh) };
+        let mut tangled = false;
+        let mut inside_area_m2 = 0.0;
+        let mut cut_triangles = 0;
+        if faces.faces.is_empty() {
+            picked.all(&pieces, |_| true);
+        } else {
+            match cut(&faces, lines, &mesh.vertices, tolerance_m) {
+                None => {
+                    tangled = true;
+                    picked.all(&pieces, |_| true);
+                }
+                Some(cut) => {
+                    let is_cavity = |piece: u32| nesting.is_cavity[piece as usize];
+                    let stays = judge(&faces, &cut, is_cavity, tolerance_m);
+                    let parts = FaceParts::of(&faces, &cut, &stays);
+                    inside_area_m2 = parts.left_out_m2;
+                    cut_triangles = parts.n_cut;
+                    picked.of_cut(&pieces, &meets.any, &faces, &cut, &stays, &parts);
+                }
+            }
+        }
+        let cavities = cavities(&pieces, &nesting);
+        let skin_pieces = pieces.pieces.iter().filter(|piece| !piece.closed).count();
+        let n_closed = pieces.pieces.len() - skin_pieces;
+        let border = picked.border.finish(mesh, &pieces, true);
+        let skins = picked.skins.finish(mesh, &pieces, false);
+        let mass = if border.triangles.is_empty() {
+            mass_properties(&skins)
+        } else {
+            of_closed(&border, 0.5 * (low + high))
+        };
+        let report = SolidReport {
+            triangles: mesh.triangles.len(),
+            pieces: pieces.pieces.len(),
+            bodies: n_closed - cavities.len(),
+            cavities,
+            skins: skin_pieces,
+            skin_area_m2: area(&skins),
+            degenerate_triangles: pieces.n_degenerate,
+            repeated_triangles: pieces.n_repeats,
+            inconsistent_triangles: pieces.n_inconsistent,
+            not_orientable: pieces.n_not_orientable,
+            inside_out: nesting.is_inside_out,
+            turned_pieces: if nesting.is_inside_out {
+                0
+            } else {
+                nesting.to_turn.iter().filter(|turned| **turned).count()
+            },
+            inside_area_m2,
+            cut_triangles,
+            tangled,
+            mass,
+        };
+        Self { border, skins, report }
+    }
+}
+
+fn area(mesh: &TriangleMesh) -> f64 {
+    (0..mesh.triangles.len()).map(|idx| area_of(mesh.corners(idx))).sum()
+}
+
+fn area_of([a, b, c]: [DVec3; 3]) -> f64 {
+    0.5 * (b - a).cross(c - a).length()
+}
+
+fn cavities(pieces: &Pieces, nesting: &Nesting) -> Vec<Cavity> {
+    let of_cavity = pieces.pieces.iter().zip(&nesting.is_cavity).filter(|(_, is)| **is);
+    of_cavity
+        .map(|(piece, _)| Cavity {
+            volume_m3: piece.volume_m3.abs(),
+            n_triangles: piece.n_triangles,
+        })
+        .collect()
+}
+
+/// Which pieces have to be looked at together.
+struct Meets {
+    /// `[n_pieces]`: the box meets that of another piece, one of them closed, or the piece meets
+    /// itself.
+    any: Vec<bool>,
+}
+
+impl Meets {
+    fn of(pieces: &Pieces, tolerance_m: f64) -> Self {
+        let pieces = &pieces.pieces;
+        let boxes = Boxes::new(pieces.len(), |idx| (pieces[idx].low, pieces[idx].high));
+        let any = parallel::map(pieces.len(), 16, |idx| {
+            let piece = &pieces[idx];
+            let mut meets = piece.closed && piece.meets_itself;
+            boxes.meeting(piece.low - 4.0 * tolerance_m, piece.high + 4.0 * tolerance_m, |other| {
+                meets |= other as usize != idx && (piece.closed || pieces[other as usize].closed);
+            });
+            meets
+        });
+        Self { any }
+    }
+}
+
+/// What becomes of each face.
+struct FaceParts {
+    /// `[n_faces + 1]`, into the fragments.
+    starts: Vec<u32>,
+    /// `[n_faces]`: it stays as it is.
+    is_whole: Vec<bool>,
+    n_cut: usize,
+    left_out_m2: f64,
+}
+
+impl FaceParts {
+    /// A face of which all fragments stay remains whole, unless a point on its edges is a corner
+    /// of something else that stays: the border would have a crack there.
+    fn of(faces: &Faces, cut: &Cut, stays: &[bool]) -> Self {
+        let mut starts = vec![0; faces.faces.len() + 1];
+        cut.fragments.iter().for_each(|fragment| starts[fragment.face as usize + 1] += 1);
+        for face in 0..faces.faces.len() {
+            starts[face + 1] += starts[face];
+        }
+        let range = |face: usize| starts[face] as usize..starts[face + 1] as usize;
+        let mut is_used = vec![false; cut.positions.len()];
+        let mut is_whole = vec![false; faces.faces.len()];
+        let mut undecided = Vec::new();
+        let mut n_cut = 0;
+        for (idx, face) in faces.faces.iter().enumerate() {
+            let n_stay = stays[range(idx)].iter().filter(|stays| **stays).count();
+            n_cut += usize::from(n_stay > 0 && n_stay < range(idx).len());
+            is_whole[idx] = n_stay == range(idx).len() && n_stay > 0;
+            if is_whole[idx] && n_stay > 1 {
+                undecided.push(idx);
+            } else if is_whole[idx] {
+                face.vertices.iter().for_each(|point| is_used[*point as usize] = true);
+            } else {
+                let fragments = range(idx).filter(|fragment| stays[*fragment]);
+                fragments
+                    .flat_map(|fragment| cut.fragments[fragment].points)
+                    .for_each(|point| is_used[point as usize] = true);
+            }
+        }
+        // Points on the edges are the ends of edges that have a fragment on one side only.
+        let rim_points = |idx: usize| {
+            let mut edges: Vec<[u32; 2]> = cut.fragments[range(idx)]
+                .iter()
+                .flat_map(|fragment| {
+                    let [a, b, c] = fragment.points;
+                    [[a, b], [b, c], [c, a]]
+                })
+                .collect();
+            edges.sort_unstable();
+            let is_rim = |[from, to]: &[u32; 2]| edges.binary_search(&[*to, *from]).is_err();
+            let mut points: Vec<u32> =
+                edges.iter().filter(|edge| is_rim(edge)).flatten().copied().collect();
+            points.retain(|point| !faces.faces[idx].vertices.contains(point));
+            points
+        };
+        let mut rims: Vec<(usize, Vec<u32>)> =
+            undecided.into_iter().map(|idx| (idx, rim_points(idx))).collect();
+        loop {
+            let n_before = rims.len();
+            rims.retain(|(idx, points)| {
+                let is_met = points.iter().any(|point| is_used[*point as usize]);
+                if is_met {
+                    is_whole[*idx] = false;
+                    cut.fragments[range(*idx)]
+                        .iter()
+                        .flat_map(|fragment| fragment.points)
+                        .for_each(|point| is_used[point as usize] = true);
+                }
+                !is_met
+            });
+            if rims.len() == n_before {
+                break;
+            }
+        }
+        let left_out = cut.fragments.iter().zip(stays).filter(|(_, stays)| !**stays);
+        let left_out_m2 = left_out
+            .map(|(fragment, _)| {
+                area_of(fragment.points.map(|point| cut.positions[point as usize]))
+            })
+            .sum();
+        Self { starts, is_whole, n_cut, left_out_m2 }
+    }
+}
+
+/// Triangles for the border and for the skins.
+struct Picked {
+    border: Picks,
+    skins: Picks,
+}
+
+impl Picked {
+    /// All triangles of pieces that `takes`.
+    fn all(&mut self, pieces: &Pieces, takes: impl Fn(u32) -> bool) {
+        for file_idx in 0..pieces.piece_of.len() {
+            let piece = pieces.piece_of[file_idx];
+            if piece != NO_PIECE && takes(piece) {
+                self.of(pieces, piece).whole.push(file_idx as u32);
+            }
+        }
+    }
+
+    fn of(&mut self, pieces: &Pieces, piece: u32) -> &mut Picks {
+        if pieces.pieces[piece as usize].closed { &mut self.border } else { &mut self.skins }
+    }
+
+    fn of_cut(
+        &mut self,
+        pieces: &Pieces,
+        takes_part: &[bool],
+        faces: &Faces,
+        cut: &Cut,
+        stays: &[bool],
+        parts: &FaceParts,
+    ) {
+        let mut next = 0;
+        for file_idx in 0..pieces.piece_of.len() as u32 {
+            let piece = pieces.piece_of[file_idx as usize];
+            if piece == NO_PIECE {
+                continue;
+            }
+            if !takes_part[piece as usize] {
+                self.of(pieces, piece).whole.push(file_idx);
+                continue;
+            }
+            // Triangles without area are no faces: the points on them are on their neighbours.
+            let Some(_) = faces.faces.get(next).filter(|face| face.file_idx == file_idx) else {
+                continue;
+            };
+            let picks = self.of(pieces, piece);
+            let range = parts.starts[next] as usize..parts.starts[next + 1] as usize;
+            if parts.is_whole[next] {
+                picks.whole.push(file_idx);
+            } else {
+                for fragment in range.filter(|fragment| stays[*fragment]) {
+                    picks.add_part(cut, cut.fragments[fragment].points);
+                }
+            }
+            next += 1;
+        }
+    }
+}
+
+/// Triangles of one mesh.
+struct Picks {
+    /// Numbers in the file; [`u32::MAX`] for the next part.
+    whole: Vec<u32>,
+    /// Triangles over the points of the file and the new ones.
+    parts: Vec<[u32; 3]>,
+    n_vertices: usize,
+    new_points: Vec<DVec3>,
+    /// New numbers of points by their numbers in the cut, from the count of vertices on.
+    numbers: Vec<u32>,
+}
+
+impl Picks {
+    fn new(mesh: &TriangleMesh) -> Self {
+        Self {
+            whole: Vec::new(),
+            parts: Vec::new(),
+            n_vertices: mesh.vertices.len(),
+            new_points: Vec::new(),
+            numbers: Vec::new(),
+        }
+    }
+
+    fn add_part(&mut self, cut: &Cut, points: [u32; 3]) {
+        self.whole.push(u32::MAX);
+        self.numbers.resize(cut.positions.len() - self.n_vertices, u32::MAX);
+        let points = points.map(|point| {
+            let Some(new) = (point as usize).checked_sub(self.n_vertices) else { return point };
+            if self.numbers[new] == u32::MAX {
+                self.numbers[new] = (self.n_vertices + self.new_points.len()) as u32;
+                self.new_points.push(cut.positions[point as usize]);
+            }
+            self.numbers[new]
+        });
+        self.parts.push(points);
+    }
+
+    /// The mesh; `with_all` keeps all vertices of the file, else only those in use.
+    fn finish(self, mesh: &TriangleMesh, pieces: &Pieces, with_all: bool) -> TriangleMesh {
+        if self.whole.is_empty() {
+            return TriangleMesh::default();
+        }
+        let mut parts = self.parts.into_iter();
+        let mut triangles: Vec<[u32; 3]> = Vec::with_capacity(self.whole.len());
+        for file_idx in self.whole {
+            if file_idx == u32::MAX {
+                triangles.extend(parts.next());
+                continue;
+            }
+            let mut corners = mesh.triangles[file_idx as usize];
+            if pieces.turned[file_idx as usize] {
+                corners.swap(1, 2);
+            }
+            triangles.push(corners);
+        }
+        let position = |point: u32| match (point as usize).checked_sub(self.n_vertices) {
+            None => mesh.vertices[point as usize],
+            Some(new) => self.new_points[new],
+        };
+        if with_all {
+            let mut vertices = mesh.vertices.clone();
+            vertices.extend(&self.new_points);
+            return TriangleMesh { vertices, triangles };
+        }
+        let mut numbers = vec![u32::MAX; self.n_vertices + self.new_points.len()];
+        let mut vertices = Vec::new();
+        for point in triangles.as_flattened_mut() {
+            let number = &mut numbers[*point as usize];
+            if *number == u32::MAX {
+                *number = vertices.len() as u32;
+                vertices.push(position(*point));
+            }
+            *point = *number;
+        }
+        TriangleMesh { vertices, triangles }
+    }
+}

@@ -1,0 +1,60 @@
+//! What the triangles of a file mean: one solid, and skins beside it.
+//!
+//! Data in: triangles as a file has them: pieces that touch, overlap or lie in each other, hollows,
+//! loose sheets, faces that stand twice or face inward. Data out: a [`Solid`]: the border of the
+//! union of all bodies without their cavities, the skins of pieces that are not closed, and a
+//! report. Metres, in the frame of the file.
+//!
+//! ```text
+//!  triangles ─► pieces ─► nesting ─► contacts ─► cut ─► judge ─► border, skins
+//!                weld,    bodies,    points and  frag-  which
+//!                winding  cavities   lines       ments  stay
+//! ```
+//!
+//! | module | owns |
+//! |---|---|
+//! | `pieces` | welding, repeats, connected pieces, their winding |
+//! | `nesting` | bodies, cavities, pieces that face the wrong way |
+//! | `faces`, `lines` | triangles that take part, their edges and what lies on them |
+//! | `contacts` | what two triangles have in common |
+//! | `cut`, `triangulate` | fragments |
+//! | `judge`, `columns` | winding numbers on both sides of fragments |
+//! | `build`, `report` | the result |
+//! | `boxes`, `sets` | a tree of boxes; disjoint sets |
+//!
+//! # The definition
+//! A closed piece is a body if it faces outward, a cavity if it faces inward inside of a body, and
+//! turned round if it faces inward elsewhere. Inside is where the winding number of all of them is 1
+//! or more; the border is where inside ends.
+//!
+//! # Invariants
+//! Cold. The same bits for any number of threads; no panic, whatever the triangles. A piece whose
+//! box meets no other is not looked into: of a file of one closed piece, the border is the file. A
+//! piece that passes through itself away from its own edges keeps its triangles there.
+//!
+//! # Cost
+//! Linear in the file, in parallel; for pieces whose boxes meet, n log n, and linear in what meets.
+//!
+//! # Source
+//! Ours. The winding number as the measure of inside, and patches between the curves where surfaces
+//! meet, are those of Zhou et al., *Mesh Arrangements for Solid Geometry* (2016); we work within a
+//! tolerance instead of exactly, as faces that were meant to lie on each other do so nearly.
+
+mod boxes;
+mod build;
+mod columns;
+mod contacts;
+mod cut;
+mod faces;
+mod judge;
+mod lines;
+mod nesting;
+mod pieces;
+mod report;
+mod sets;
+#[cfg(test)]
+mod tests;
+mod triangulate;
+
+pub use build::{Solid, SolidOptions};
+pub use report::{Cavity, SolidReport};

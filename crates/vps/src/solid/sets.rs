@@ -1,0 +1,26 @@
+//! Disjoint sets of numbers, each known by its lowest member.
+
+/// Sets of the numbers `0..n`, at first each by itself.
+pub(super) struct Sets(Vec<u32>);
+
+impl Sets {
+    pub(super) fn new(n: usize) -> Self {
+        Self((0..n as u32).collect())
+    }
+
+    /// The lowest member of the set of `member`.
+    pub(super) fn lowest(&mut self, mut member: u32) -> u32 {
+        let parents = &mut self.0;
+        while parents[member as usize] != member {
+            // Halving the path keeps the trees flat.
+            parents[member as usize] = parents[parents[member as usize] as usize];
+            member = parents[member as usize];
+        }
+        member
+    }
+
+    pub(super) fn join(&mut self, one: u32, other: u32) {
+        let (one, other) = (self.lowest(one), self.lowest(other));
+        self.0[one.max(other) as usize] = one.min(other);
+    }
+}
