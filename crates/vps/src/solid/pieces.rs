@@ -546,30 +546,42 @@ fn judge_repeats(triangles: &[[u32; 3]], n_vertices: usize, keep: &mut [Keep]) {
     let chosen: Vec<[u32; 3]> =
         which.iter().map(|triangle| triangles[*triangle as usize]).collect();
     let uses = edge_uses(&chosen, n_vertices);
-    let edges: Vec<Vec<u32>> = uses
-        .pairs
-        .iter()
-        .map(|pair| pair.triangles.to_vec())
-        .chain(uses.fans.iter().map(|fan| fan.triangles.iter().map(|(idx, _)| *idx).collect()))
-        .collect();
+    // The triangles of an edge, and +1 or −1 for their directions along it.
+    let mut edges: Vec<Vec<(u32, i32)>> = Vec::with_capacity(uses.pairs.len() + uses.fans.len());
+    for pair in &uses.pairs {
+        let [one, other] = pair.triangles;
+        edges.push(vec![(one, 1), (other, if pair.same_direction { 1 } else { -1 })]);
+    }
+    for fan in &uses.fans {
+        let ways = fan.triangles.iter().map(|(idx, forward)| (*idx, if *forward { 1 } else { -1 }));
+        edges.push(ways.collect());
+    }
     let mut sets = Sets::new(chosen.len());
     for edge in &edges {
-        edge.iter().for_each(|triangle| sets.join(edge[0], *triangle));
+        edge.iter().for_each(|(triangle, _)| sets.join(edge[0].0, *triangle));
     }
-    let is_repeat = |triangle: &&u32| keep[which[**triangle as usize] as usize] == Keep::Repeat;
-    let mut is_open_with = vec![false; chosen.len()];
-    let mut is_open_without = vec![false; chosen.len()];
+    let is_first = |triangle: &u32| keep[which[*triangle as usize] as usize] != Keep::Repeat;
+    // Closed, and as many triangles in each direction: with repeats, and without.
+    let mut is_open = vec![[false; 2]; chosen.len()];
+    let mut is_unbalanced = vec![[false; 2]; chosen.len()];
     for edge in &edges {
-        let n_repeats = edge.iter().filter(is_repeat).count();
-        let set = sets.lowest(edge[0]) as usize;
-        is_open_with[set] |= edge.len() % 2 == 1;
-        is_open_without[set] |= (edge.len() - n_repeats) % 2 == 1;
+        let set = sets.lowest(edge[0].0) as usize;
+        let firsts: Vec<i32> =
+            edge.iter().filter(|(triangle, _)| is_first(triangle)).map(|(_, way)| *way).collect();
+        is_open[set][0] |= edge.len() % 2 == 1;
+        is_open[set][1] |= firsts.len() % 2 == 1;
+        is_unbalanced[set][0] |= edge.iter().map(|(_, way)| way).sum::<i32>() != 0;
+        is_unbalanced[set][1] |= firsts.iter().sum::<i32>() != 0;
     }
+    let needs_repeats = |set: usize| {
+        let is_worse = |[with, without]: [bool; 2]| without && !with;
+        !is_open[set][0] && (is_open[set][1] || is_worse(is_unbalanced[set]))
+    };
     for (place, triangle) in (0_u32..).zip(&which) {
         let keep = &mut keep[*triangle as usize];
         if *keep == Keep::Repeat {
             let set = sets.lowest(place) as usize;
-            *keep = if is_open_without[set] && !is_open_with[set] { Keep::Yes } else { Keep::No };
+            *keep = if needs_repeats(set) { Keep::Yes } else { Keep::No };
         }
     }
 }

@@ -15,8 +15,7 @@ use crate::mesh::weld::weld_within;
 const MM: f64 = 1e-3;
 const MM3: f64 = 1e-9;
 
-/// A block between two corners, mm, in the frame of the tests: turned, so that no face is along an
-/// axis, and moved.
+/// A block between two corners, mm.
 fn block(low: [f64; 3], high: [f64; 3]) -> TriangleMesh {
     let (low, high) = (DVec3::from_array(low) * MM, DVec3::from_array(high) * MM);
     moved(Shape::Box { size_m: high - low }.tessellate(1e-4), 0.5 * (low + high))
@@ -117,11 +116,7 @@ fn assert_same(found: &TriangleMesh, expected: &TriangleMesh, seed: u64) {
     let (volume, right) = (volume(found), volume(expected));
     assert!((volume / right - 1.0).abs() < 1e-9, "{volume} instead of {right}");
     let mut state = seed;
-    let mut random = || {
-        state =
-            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 11) as f64 / (1_u64 << 53) as f64
-    };
+    let mut random = || random(&mut state);
     for _ in 0..60 {
         let share = DVec3::new(random(), random(), random()) * 1.4 - 0.2;
         let point = low + share * (high - low);
@@ -397,6 +392,57 @@ fn faces_as_far_apart_as_single_precision_rounds_still_touch() {
     assert!((found.report.inside_area_m2 * 1e6 - 2.0 * 8.0 * 7.0).abs() < 1e-2);
 }
 
+/// Numbers below 1.
+fn random(state: &mut u64) -> f64 {
+    *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+    (*state >> 11) as f64 / (1_u64 << 53) as f64
+}
+
+/// Boxes of a few millimetres in random attitudes, within a cube of 20 mm.
+fn many_boxes(n: usize) -> Vec<TriangleMesh> {
+    let mut state = 5;
+    let mut vector = || DVec3::new(random(&mut state), random(&mut state), random(&mut state));
+    (0..n)
+        .map(|_| {
+            let mesh = Shape::Box { size_m: (1.0 + 4.0 * vector()) * MM }.tessellate(1e-4);
+            let turn = DQuat::from_axis_angle((vector() - 0.5).normalize(), 6.0 * vector().x);
+            let at = 20.0 * MM * vector();
+            let vertices = mesh.vertices.iter().map(|vertex| turn * *vertex + at).collect();
+            TriangleMesh { vertices, ..mesh }
+        })
+        .collect()
+}
+
+#[test]
+fn inside_of_many_overlapping_boxes_is_inside_of_any_of_them() {
+    let boxes = many_boxes(300);
+    let found = exactly(&together(boxes.clone()));
+    assert_closed(&found.border);
+    let mut state = 11;
+    for _ in 0..300 {
+        let point = DVec3::new(random(&mut state), random(&mut state), random(&mut state));
+        let point = 20.0 * MM * point;
+        let is_inside = boxes.iter().any(|of| signed_distance(of, point) < 0.0);
+        assert_eq!(signed_distance(&found.border, point) < 0.0, is_inside, "{point}");
+    }
+}
+
+#[test]
+fn the_border_has_the_same_bits_for_any_number_of_threads() {
+    let mesh = together(many_boxes(150).into_iter().chain([ball(7.0, [10.0; 3])]));
+    let on_threads = |n_threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().unwrap();
+        pool.install(|| solid(&mesh))
+    };
+    let one = on_threads(1);
+    for n_threads in [2, 5] {
+        let other = on_threads(n_threads);
+        assert_eq!(other.border.triangles, one.border.triangles);
+        assert_eq!(other.border.vertices, one.border.vertices);
+        assert_eq!(other.report.mass, one.report.mass);
+    }
+}
+
 #[test]
 fn nothing_and_triangles_without_area_have_no_border() {
     assert!(solid(&TriangleMesh::default()).border.triangles.is_empty());
@@ -462,13 +508,20 @@ impl Convex {
         Some(Self(faces))
     }
 
-    fn mesh(&self) -> TriangleMesh {
+    /// Triangles of each face from its first corner, or from its middle. From a corner there are
+    /// triangles without area where corners lie on one line.
+    fn mesh(&self, from_middle: bool) -> TriangleMesh {
         let mut mesh = TriangleMesh::default();
         for face in &self.0 {
             let first = mesh.vertices.len() as u32;
             mesh.vertices.extend(face);
-            mesh.triangles
-                .extend((2..face.len() as u32).map(|k| [first, first + k - 1, first + k]));
+            let n = face.len() as u32;
+            if from_middle && n > 3 {
+                mesh.vertices.push(face.iter().sum::<DVec3>() / f64::from(n));
+                mesh.triangles.extend((0..n).map(|k| [first + n, first + k, first + (k + 1) % n]));
+            } else {
+                mesh.triangles.extend((2..n).map(|k| [first, first + k - 1, first + k]));
+            }
         }
         mesh
     }
@@ -548,7 +601,8 @@ fn in_parts(parts: &Parts) -> (TriangleMesh, TriangleMesh) {
     for repeat in &parts.repeats {
         pieces.push(pieces[repeat % n_parts].clone());
     }
-    let mut meshes: Vec<TriangleMesh> = pieces.iter().map(Convex::mesh).collect();
+    let flips = !parts.flips.is_empty();
+    let mut meshes: Vec<TriangleMesh> = pieces.iter().map(|piece| piece.mesh(flips)).collect();
     // A part that faces inward and lies in others is a cavity, rightly; beside others it is turned.
     if !overlaps && parts.extra.is_empty() && parts.repeats.is_empty() {
         for flip in &parts.flips {
