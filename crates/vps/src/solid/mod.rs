@@ -35,10 +35,15 @@
 //! # Cost
 //! Linear in the file, in parallel; for pieces whose boxes meet, n log n, and linear in what meets.
 //!
+//! # Limits
+//! What is thinner than a few tolerances, or two places nearer than that, may be on the wrong side
+//! of the border; the border can have cracks of that width there. Where triangles without area lie
+//! in an edge of two bodies that touch and face opposite ways, the two are not told apart.
+//!
 //! # Source
-//! Ours. The winding number as the measure of inside, and patches between the curves where surfaces
-//! meet, are those of Zhou et al., *Mesh Arrangements for Solid Geometry* (2016); we work within a
-//! tolerance instead of exactly, as faces that were meant to lie on each other do so nearly.
+//! Zhou2016, sections 3 and 4: the winding number as the measure of inside, asked once per patch
+//! between the curves where surfaces meet. We work within a tolerance instead of exactly, as faces
+//! that were meant to lie on each other do so nearly.
 
 mod boxes;
 mod build;
