@@ -76,7 +76,10 @@ fn check(file: &Path) -> Checked {
     }
     if strokes::is_script(file) {
         return match strokes::load(file, &ToolSettings::default()) {
-            Ok(script) => Checked::sound("strokes", script_summary(&script), Vec::new()),
+            Ok(script) => {
+                let notes = script.notes.iter().map(Finding::of_warning).collect();
+                Checked::sound("strokes", script_summary(&script), notes)
+            }
             Err(errors) => Checked::refused("strokes", Vec::new(), &PrepareError::Config(errors)),
         };
     }
@@ -116,7 +119,8 @@ fn check_scene(file: &Path, warnings: &mut Vec<Finding>) -> Result<SceneConfig, 
     let Inputs { warnings: of_hand, .. } = inputs(&config)?;
     warnings.extend(of_hand.into_iter().map(|problem| Finding::of_hand(false, &problem)));
     if let Some(SculptConfig { strokes: Some(file), tool, .. }) = &config.sculpt {
-        strokes::load(file, tool).map_err(PrepareError::Config)?;
+        let script = strokes::load(file, tool).map_err(PrepareError::Config)?;
+        warnings.extend(script.notes.iter().map(Finding::of_warning));
     }
     let mut of_parts = Vec::new();
     let mut of_memory = Vec::new();
@@ -126,10 +130,10 @@ fn check_scene(file: &Path, warnings: &mut Vec<Finding>) -> Result<SceneConfig, 
                 .map(|text| Finding { key: Some(name.to_owned()), ..Finding::warning(text, file) }),
         );
     });
-    let looked_at = scene::look_at_parts(&config, &mut memory, |part, source, voxel_size_m| {
+    let looked_at = scene::look_at_parts(&config, &mut memory, |part, source, options| {
         let mesh = if let MeshSource::File { path, .. } = source { path } else { file };
         let of_mesh = part
-            .mesh_warnings(Some(voxel_size_m))
+            .mesh_warnings(options.sides, Some(options.voxel_size_m))
             .into_iter()
             .map(|text| format!("{}: {text}", part.name()));
         of_parts.extend(of_mesh.map(|text| Finding {
@@ -140,6 +144,14 @@ fn check_scene(file: &Path, warnings: &mut Vec<Finding>) -> Result<SceneConfig, 
     drop(memory);
     warnings.extend(of_parts.into_iter().chain(of_memory));
     looked_at.map_err(|problem| PrepareError::of_scene(&config, problem.into()))?;
+    if let Some(sculpt) = &config.sculpt {
+        let of_clay = scene::look_at_clay(sculpt)
+            .map_err(|problem| PrepareError::of_scene(&config, problem.into()))?;
+        warnings.extend(of_clay.into_iter().map(|text| Finding {
+            key: Some("sculpt.mesh".to_owned()),
+            ..Finding::warning(format!("clay: {text}"), file)
+        }));
+    }
     Ok(config)
 }
 

@@ -14,6 +14,7 @@ use clay::emboss::GreyImage;
 use clay::engine::{ChosenSolid, SculptOrder, SculptTool, ToolChange};
 use engine::servo::Control;
 use engine::supervisor::Enable;
+use vps::storage::printable::one_line;
 
 /// What may be typed.
 const WORDS: &str = "enable, disable, stop, restart (the hand), reset (the scene); for clay: tool \
@@ -82,9 +83,11 @@ fn chosen_solid(rest: &str) -> Result<ChosenSolid, String> {
         rest.rsplit_once(' ').and_then(|(file, word)| Some((file.trim(), Unit::named(word)?)));
     let (file, unit) = split
         .ok_or_else(|| "give a mesh file and its unit, such as `solid wing.stl mm`".to_owned())?;
-    let mesh =
-        vps::mesh::load(Path::new(file), unit.metres()).map_err(|error| error.to_string())?;
-    ChosenSolid::centered(mesh).map_err(|error| format!("{file}: {error}"))
+    let read = vps::mesh::load_with_notes(Path::new(file), unit.metres())
+        .map_err(|error| error.to_string())?;
+    let solid = ChosenSolid::centered(read).map_err(|error| format!("{file}: {error}"))?;
+    output::message(format_args!("console: solid {file}: {}\n", one_line(&solid.name)));
+    Ok(solid)
 }
 
 /// Asks the clay.

@@ -78,7 +78,7 @@ pub(crate) fn bake_warnings_of(scene: &str, reports: &[ObjectReport], output: Ou
 /// Prints what a user should know of the clay of a scene.
 pub(crate) fn clay_warnings(clay: &ClayReport, output: OutputOptions) {
     for text in &clay.warnings {
-        warning(&format!("clay: {text}"), output);
+        warning(&one_line(&format!("clay: {text}")), output);
     }
 }
 

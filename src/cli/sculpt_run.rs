@@ -31,6 +31,7 @@ use picture::splats::{MassPoints, SampleForm};
 use rt::clock::ClockKind;
 use rt::control::Control;
 use vps::mesh::{self, cloud};
+use vps::storage::printable::one_line;
 
 /// Where `--help` lists it.
 const HEADING: &str = "Clay";
@@ -190,18 +191,17 @@ impl SculptRun {
         }))
     }
 
-    /// Holds the solids of the strokes against the clay: whether their units can be right.
+    /// Holds the solids of the strokes against the clay: whether their units can be right. Says what
+    /// a user should know of their files.
     pub(crate) fn fit(
         &self,
         model: &LoadedClay,
         output: OutputOptions,
     ) -> Result<(), ConfigErrors> {
-        let odd = self
-            .script
-            .as_ref()
-            .map(|script| script.fit(model.clay.surface().bounds()))
-            .transpose()?;
-        odd.into_iter().flatten().for_each(|problem| report::warning(&problem.to_string(), output));
+        let Some(script) = &self.script else { return Ok(()) };
+        let odd = script.fit(model.clay.surface().bounds())?;
+        let problems = script.notes.iter().chain(&odd);
+        problems.for_each(|problem| report::warning(&one_line(&problem.to_string()), output));
         Ok(())
     }
 

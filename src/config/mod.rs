@@ -31,7 +31,9 @@ pub mod scene;
 pub mod strokes;
 
 pub use plausibility::{plausibility_warnings, problem_at};
-pub(crate) use resolve::{FOXGLOVE_ACCEPTED, LISTEN_ACCEPTED, parse_foxglove, parse_listen};
+pub(crate) use resolve::{
+    FOXGLOVE_ACCEPTED, LISTEN_ACCEPTED, RASTER_AXIS, RASTER_NODES, parse_foxglove, parse_listen,
+};
 pub use resolve::{LoadOptions, load, load_with};
 pub use scene::SceneConfig;
 

@@ -15,10 +15,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
-use self::naming::in_words;
+use self::naming::{in_words, name_of};
 use self::size::Size;
 use super::resolve::Resolve;
 use super::schema::{Deed, Stroke, Strokes, holds_strokes};
+use clay::OpenedSolid;
 use clay::boolean::Boolean;
 use clay::engine::{SculptOrder, ToolSettings};
 use document::{Checks, ConfigErrors, Document, Interval, Problem, ProblemKind, any_of};
@@ -33,6 +34,8 @@ pub struct Script {
     pub orders: Vec<TimedOrder>,
     /// The files that it names to be read.
     pub reads: Vec<PathBuf>,
+    /// What a user should know of the meshes among them.
+    pub notes: Arc<[Problem]>,
 }
 
 /// An order of a file of strokes.
@@ -76,16 +79,19 @@ pub fn load(path: &Path, tool: &ToolSettings) -> Result<Script, ConfigErrors> {
         orders: Vec::new(),
         holds: Vec::new(),
         written: Vec::new(),
+        notes: Vec::new(),
     };
     for (index, stroke) in strokes.iter().enumerate() {
         reader.stroke(index, stroke);
     }
     reader.holds_are_apart();
-    let Reader { resolve, mut orders, .. } = reader;
+    let Reader { resolve, mut orders, notes, .. } = reader;
     let reads = resolve.checks.files().to_vec();
     resolve.checks.finish().map_err(|errors| in_words(&document, errors))?;
     orders.sort_by_key(|timed| timed.at);
-    Ok(Script { file: path.to_owned(), orders, reads })
+    let of_script = |note: Problem| Problem { file: path.to_owned(), ..note };
+    let notes = notes.into_iter().map(of_script).collect();
+    Ok(Script { file: path.to_owned(), orders, reads, notes })
 }
 
 /// A file of strokes, as far as it can be read without checking it.
@@ -115,6 +121,8 @@ struct Reader<'d> {
     holds: Vec<(usize, f64, f64)>,
     /// Files and the strokes that write them.
     written: Vec<(usize, PathBuf)>,
+    /// What a user should know of meshes.
+    notes: Vec<Problem>,
 }
 
 impl Reader<'_> {
@@ -221,13 +229,16 @@ impl Reader<'_> {
         if self.resolve.checks.count() > n_before {
             return None;
         }
-        match solid.open() {
-            Ok(body) => Some(SculptOrder::Combine {
-                boolean,
-                with: Arc::new(body),
-                map_from_body,
-                is_sharp: stroke.sharp.unwrap_or(self.tool.is_sharp),
-            }),
+        match solid.open().and_then(OpenedSolid::into_source) {
+            Ok((body, warnings)) => {
+                self.note(table, solid_key(stroke), warnings);
+                Some(SculptOrder::Combine {
+                    boolean,
+                    with: Arc::new(body),
+                    map_from_body,
+                    is_sharp: stroke.sharp.unwrap_or(self.tool.is_sharp),
+                })
+            }
             Err(problem) => {
                 self.resolve.checks.refuse(
                     &format!("{table}.{}", solid_key(stroke)),
@@ -239,6 +250,19 @@ impl Reader<'_> {
                 None
             }
         }
+    }
+
+    /// What was found in the file of a key.
+    fn note(&mut self, table: &str, key: &str, found: Vec<String>) {
+        let document = self.resolve.document;
+        let path = format!("{table}.{key}");
+        self.notes.extend(found.into_iter().map(|found| Problem {
+            file: PathBuf::new(),
+            line: document.line(&path),
+            key: Some(name_of(document, table, key)),
+            value: document.written(&path),
+            kind: ProblemKind::Disagrees { found },
+        }));
     }
 
     fn file(&mut self, index: usize, stroke: &Stroke, ending: Option<&str>) -> Option<PathBuf> {

@@ -11,7 +11,7 @@ use vps::contact::ContactSum;
 use vps::part::{ObjectReport, Part, PartError, PartRole};
 use vps::pointshell::Points;
 use vps::spatial::{Metres, Pose};
-use vps::voxmap::BakeStage;
+use vps::voxmap::{BakeStage, Options};
 
 /// Progress of a bake.
 #[derive(Clone, Copy, Debug)]
@@ -126,13 +126,13 @@ pub fn build_all(
 pub fn look_at_parts(
     config: &SceneConfig,
     memory: &mut MemoryPlan<'_>,
-    mut see: impl FnMut(&Part, &MeshSource, f64),
+    mut see: impl FnMut(&Part, &MeshSource, &Options),
 ) -> Result<(), PartError> {
     for request in requests(config) {
         // The box of a shape hardly depends on how finely it is cut.
         let part = object::load(request.name, request.source, Spacing::LongestAxis(1))?;
         let options = request.options(&part);
-        see(&part, request.source, options.voxel_size_m);
+        see(&part, request.source, &options);
         memory.judge(&part, &options, request.products())?;
     }
     Ok(())

@@ -11,8 +11,8 @@ use serde::Serialize;
 use thiserror::Error;
 
 use super::object::MemoryPlan;
-use crate::config::SceneConfig;
 use crate::config::scene::{ClaySource, MeshSource, SculptConfig};
+use crate::config::{RASTER_AXIS, RASTER_NODES, SceneConfig};
 use clay::clay_model::{ClayModelError, MemoryEstimate};
 use clay::session::SessionFileError;
 use clay::{ClayModel, LoadError, Neighbours, NormalSource, PointSet, PointSurface, Solid};
@@ -66,8 +66,35 @@ impl ClayError {
                     `sculpt.spacing_mm`, or {}",
                 limit.remedy()
             )),
+            Self::Model(ClayModelError::ThinWalls {
+                needed,
+                apart_m,
+                mass_points_m,
+                samples_m,
+                ..
+            }) => {
+                let raster = (mass_points_m > apart_m).then(|| raster_hint(*needed));
+                let spacing = (samples_m > apart_m)
+                    .then(|| format!("give a `sculpt.spacing_mm` of at most {}", Metres(*apart_m)));
+                Some(raster.into_iter().chain(spacing).collect::<Vec<_>>().join("; "))
+            }
             Self::Model(_) | Self::Frame(_) => None,
         }
+    }
+}
+
+/// What to do about mass points too far apart for walls: a raster, where there can be such a fine
+/// one.
+fn raster_hint(needed: [usize; 3]) -> String {
+    let most = RASTER_AXIS.end();
+    let numbers = needed.map(|n| n as f64);
+    if numbers.iter().all(|n| n <= most) && numbers.iter().product::<f64>() <= RASTER_NODES {
+        format!("give `sculpt.raster = {needed:?}`, or a smaller part in `sculpt.region_mm`")
+    } else {
+        format!(
+            "they would take {needed:?} mass points, and at most {most} along an axis and \
+                {RASTER_NODES} in all are possible: choose a smaller part in `sculpt.region_mm`"
+        )
     }
 }
 
@@ -132,15 +159,17 @@ impl LoadedClay {
         memory: &MemoryPlan<'_>,
     ) -> Result<Self, ClayError> {
         let since = Instant::now();
-        let (clay, normals, merged) = match &sculpt.source {
+        let (clay, normals, merged, of_file) = match &sculpt.source {
             ClaySource::Solid(solid) => {
+                let opened = solid.open()?;
                 if memory.is_limited() {
-                    let (n_samples, bounds) = solid.look()?;
+                    let (n_samples, bounds) = opened.size();
                     memory.judge_clay(MemoryEstimate::of(n_samples, bounds, &sculpt.settings)?)?;
                 }
-                let loaded = solid.load()?;
+                opened.check_walls(&sculpt.settings)?;
+                let loaded = opened.load()?;
                 let clay = ClayModel::new(loaded.points, sculpt.settings.clone())?;
-                (clay, name(loaded.normals), loaded.merged)
+                (clay, name(loaded.normals), loaded.merged, loaded.warnings)
             }
             ClaySource::Session(path) => {
                 let clay = ClayModel::load_session(path)?;
@@ -151,7 +180,7 @@ impl LoadedClay {
                     surface.bounds(),
                     settings,
                 )?)?;
-                (clay, "session", 0)
+                (clay, "session", 0, Vec::new())
             }
         };
         let surface = clay.surface();
@@ -168,7 +197,7 @@ impl LoadedClay {
             nodes: clay.base().lattice().n_nodes(),
             volume_m3: clay.volume_m3(),
             seconds: 0.0,
-            warnings: Vec::new(),
+            warnings: of_file,
         };
         let has_unit = matches!(sculpt.source, ClaySource::Solid(Solid::File { .. }));
         let across_m =
@@ -195,6 +224,18 @@ impl LoadedClay {
         let clay = Clay::new(sculpt.world_from_map, frame, update_period_s, &config.parameters);
         Ok(Clay { smoothing: sculpt.smoothing.unwrap_or(clay.smoothing), ..clay })
     }
+}
+
+/// Looks at clay as [`super::build_all`] does before its work: reads it, and judges its raster by its
+/// walls. Gives what a user should know of its file.
+///
+/// # Errors
+/// A source that cannot be read, or walls that the raster does not hold.
+pub fn look_at_clay(sculpt: &SculptConfig) -> Result<Vec<String>, ClayError> {
+    let ClaySource::Solid(solid) = &sculpt.source else { return Ok(Vec::new()) };
+    let opened = solid.open()?;
+    opened.check_walls(&sculpt.settings)?;
+    Ok(opened.warnings)
 }
 
 /// The samples of the tool, as dense as those of the clay where that is enough of them.

@@ -1079,8 +1079,8 @@ const BAKE_KEYS: [&str; 22] = [
 /// Documented, and absent until the tree and the cache are built.
 const BAKE_KEYS_LATER: [&str; 2] = ["tree_levels", "cache"];
 /// Beyond the contract.
-const BAKE_KEYS_EXTRA: [&str; 6] =
-    ["name", "role", "clear_winding_share", "lids", "field_bytes", "pointshell_bytes"];
+const BAKE_KEYS_EXTRA: [&str; 7] =
+    ["name", "role", "solid", "clear_winding_share", "lids", "field_bytes", "pointshell_bytes"];
 const TIMINGS: [&str; 9] =
     ["load", "init", "surface", "fill", "layers", "distance", "pointshell", "normals", "total"];
 

@@ -7,9 +7,12 @@ use vps::contact::{ContactSum, Obstacle};
 use vps::contact::{ForceLaw, Normalization};
 use vps::mesh::TriangleMesh;
 use vps::mesh::primitives::Shape;
+use vps::mesh::validate::inspect;
 use vps::pointshell::{self, shell::Shell};
 use vps::spatial::{Pose, Wrench};
 use vps::voxmap::field::FieldKind;
+use vps::voxmap::inside_test::InsideTest;
+use vps::voxmap::{Options, Volume};
 
 use super::rig;
 
@@ -318,12 +321,15 @@ fn a_thin_skin_pushes_out_on_the_side_that_it_was_entered_from() {
 }
 
 #[test]
-fn a_closed_plate_thinner_than_a_voxel_is_felt_as_a_skin() {
+fn a_closed_plate_thinner_than_a_voxel_is_a_skin_where_that_is_asked_for() {
     const S: f64 = 5e-4;
     let shell = Shell::new(&[(DVec3::ZERO, DVec3::Z)], S);
     for thickness_m in [1e-4, 3e-4, 5e-4] {
         let plate = Shape::Box { size_m: DVec3::new(0.02, 0.02, thickness_m) }.tessellate(1e-5);
-        let mut map = rig::volume(&plate, S, 4);
+        assert!(!rig::volume(&plate, S, 4).thin, "{thickness_m} m");
+        let options =
+            Options { voxel_size_m: S, layers: 4, navigation: None, sides: InsideTest::Thin };
+        let mut map = Volume::build(&plate, &inspect(&plate), &options, |_| ()).unwrap();
         assert!(map.thin && map.watertight && map.leak.is_none(), "{thickness_m} m");
         let obstacles =
             [Obstacle { field: map.field(&plate, false), world_from_map: Pose::IDENTITY }];
@@ -336,9 +342,6 @@ fn a_closed_plate_thinner_than_a_voxel_is_felt_as_a_skin() {
         );
         assert!(sum.wrench.force.angle_between(DVec3::Z).to_degrees() < 1.0);
     }
-    // Thick enough for cells inside: a solid as before.
-    let plate = Shape::Box { size_m: DVec3::new(0.02, 0.02, 2e-3) }.tessellate(1e-5);
-    assert!(!rig::volume(&plate, S, 4).thin);
 }
 
 /// A contact as the Jacobian of its wrench needs it, world axes, about the centre of mass.

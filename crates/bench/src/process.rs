@@ -110,7 +110,8 @@ pub(super) enum Resolution {
 pub(super) struct Bake<'a> {
     pub(super) mesh: &'a Path,
     pub(super) resolution: Resolution,
-    /// Name on the command line; `None` leaves the choice to the bake.
+    /// Name on the command line, for the paper's own way, which takes the triangles as they are and
+    /// fills; `None` bakes as a user does.
     pub(super) navigation: Option<&'static str>,
     pub(super) n_threads: usize,
 }
@@ -143,7 +144,8 @@ impl Bake<'_> {
             }
         }
         if let Some(navigation) = self.navigation {
-            flags.extend(["--navigation".into(), navigation.into()]);
+            let flood = ["--sides", "flood", "--navigation", navigation];
+            flags.extend(flood.map(OsString::from));
         }
         flags.extend(["--threads".into(), self.n_threads.to_string().into()]);
         run(hapticd(program).args(flags))

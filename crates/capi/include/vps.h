@@ -134,6 +134,22 @@ typedef struct vps_shell_info {
   size_t heap_bytes;
 } vps_shell_info;
 
+// What the triangles of a mesh were taken for.
+typedef struct vps_solid {
+  // Connected pieces.
+  size_t n_pieces;
+  // Closed pieces that are material inside; their union, without the cavities, is the solid.
+  size_t n_bodies;
+  // Closed pieces that face inward inside of bodies and are empty.
+  size_t n_cavities;
+  // What these enclose together, m³.
+  double cavities_m3;
+  // Pieces that are not closed.
+  size_t n_open_pieces;
+  // Area of these, m².
+  double open_area_m2;
+} vps_solid;
+
 // Where the shell's mesh frame is in the voxmap's mesh frame.
 typedef struct vps_pose {
   // m.
@@ -311,6 +327,9 @@ enum vps_status vps_mesh_bounds(const struct vps_mesh *mesh, double *low_m, doub
 
 // Volume, centre of mass and inertia.
 enum vps_status vps_mesh_mass(const struct vps_mesh *mesh, struct vps_mass *out);
+
+// What the triangles of a mesh were taken for.
+enum vps_status vps_mesh_solid(const struct vps_mesh *mesh, struct vps_solid *out);
 
 // What a user should look at, a line each; empty of a sound mesh. Lives as long as the mesh.
 const char *vps_mesh_warnings(const struct vps_mesh *mesh);

@@ -21,6 +21,7 @@ using Pose = vps_pose;
 using Wrench = vps_wrench;
 using Contact = vps_contact;
 using Mass = vps_mass;
+using Solid = vps_solid;
 using Options = vps_options;
 
 /// A call that failed; what() says what is wrong, where, and what to do.
@@ -130,6 +131,12 @@ class Mesh {
     Mass mass;
     detail::check(vps_mesh_mass(handle_.get(), &mass));
     return mass;
+  }
+  /// What the triangles were taken for.
+  Solid solid() const {
+    Solid solid;
+    detail::check(vps_mesh_solid(handle_.get(), &solid));
+    return solid;
   }
   /// Lowest and highest corner of the box around the triangles, m.
   std::pair<Vector, Vector> bounds() const {

@@ -229,6 +229,44 @@ pub extern "C" fn vps_mesh_mass(
     })
 }
 
+/// What the triangles of a mesh were taken for.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct vps_solid {
+    /// Connected pieces.
+    pub n_pieces: usize,
+    /// Closed pieces that are material inside; their union, without the cavities, is the solid.
+    pub n_bodies: usize,
+    /// Closed pieces that face inward inside of bodies and are empty.
+    pub n_cavities: usize,
+    /// What these enclose together, m³.
+    pub cavities_m3: f64,
+    /// Pieces that are not closed.
+    pub n_open_pieces: usize,
+    /// Area of these, m².
+    pub open_area_m2: f64,
+}
+
+/// What the triangles of a mesh were taken for.
+#[unsafe(no_mangle)]
+pub extern "C" fn vps_mesh_solid(
+    mesh: Option<&vps_mesh>,
+    out: Option<&mut MaybeUninit<vps_solid>>,
+) -> vps_status {
+    call(|| {
+        let solid = given("mesh", mesh)?.mesh.solid();
+        place("out", out)?.write(vps_solid {
+            n_pieces: solid.pieces,
+            n_bodies: solid.bodies,
+            n_cavities: solid.cavities.len(),
+            cavities_m3: solid.cavities.iter().map(|cavity| cavity.volume_m3).sum(),
+            n_open_pieces: solid.open_pieces,
+            open_area_m2: solid.open_area_m2,
+        });
+        Ok(())
+    })
+}
+
 /// What a user should look at, a line each; empty of a sound mesh. Lives as long as the mesh.
 #[unsafe(no_mangle)]
 pub extern "C" fn vps_mesh_warnings(mesh: Option<&vps_mesh>) -> *const c_char {

@@ -68,6 +68,8 @@ static void meshes(void) {
   double low_m[3], high_m[3];
   EXPECT(vps_mesh_bounds(mesh, low_m, high_m) == VPS_OK && low_m[2] == 0 && fabs(high_m[2] - 0.03) < 1e-8);
   REFUSED(vps_mesh_bounds(mesh, low_m, NULL), VPS_ERROR_ARGUMENT, "high_m is null");
+  vps_solid solid;
+  EXPECT(vps_mesh_solid(mesh, &solid) == VPS_OK && solid.n_pieces == 1 && solid.n_bodies == 1 && solid.n_cavities == 0 && solid.n_open_pieces == 0);
   EXPECT(vps_mesh_mass(mesh, &mass) == VPS_OK && fabs(mass.volume_m3 - 0.03 * 0.03 * 0.03 / 6) < 1e-10);
   EXPECT(vps_mesh_warnings(mesh)[0] == 0 && vps_mesh_warnings(NULL)[0] == 0);
   vps_mesh_free(mesh);

@@ -38,6 +38,7 @@
 //! | module | owns |
 //! |---|---|
 //! | `load`, `sample`, `normals`, `orient`, `solid` | samples from files, meshes and shapes, and what they lack made good |
+//! | `mesh_solid`, `walls` | the solid that a mesh bounds, and whether a raster holds its walls |
 //! | `point_set`, `neighbours`, `save` | the samples, which are near a point, and their file |
 //! | `local_fit`, `spline`, `least_squares` | the field around one sample |
 //! | `surface` | all fits together: distance, side, border, raster |
@@ -66,6 +67,7 @@ mod least_squares;
 mod load;
 mod local_fit;
 pub mod material_map;
+mod mesh_solid;
 mod neighbours;
 mod normals;
 mod orient;
@@ -81,6 +83,7 @@ mod solid;
 mod spline;
 mod surface;
 mod topology;
+mod walls;
 mod work_meter;
 
 pub use clay_model::ClayModel;
@@ -91,7 +94,7 @@ use point_set::Patch;
 pub use point_set::PointSet;
 pub use sample::sample;
 pub use save::{save, write};
-pub use solid::{Solid, SolidSource};
+pub use solid::{OpenedSolid, Solid, SolidSource};
 use surface::SampleMove;
 pub use surface::{Distance, PointSurface};
 pub use work_meter::{Cancel, WorkError, WorkMeter};

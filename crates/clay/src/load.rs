@@ -4,8 +4,9 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
+use super::mesh_solid::MeshSolid;
 use super::sample::{GREY, sample_within};
-use super::{Neighbour, Neighbours, PointSet, SurfaceError, WorkMeter, normals};
+use super::{Neighbour, Neighbours, PointSet, Solid, SurfaceError, WorkMeter, normals};
 use vps::mesh::cloud::{self, Cloud, Contents};
 use vps::mesh::{self, MeshError, TriangleMesh};
 
@@ -27,8 +28,8 @@ pub enum NormalSource {
     Faces,
 }
 
-/// Samples of a file, and what was done to them.
-#[derive(Clone, Debug, PartialEq)]
+/// Samples of a solid, and what was done to them.
+#[derive(Clone, Debug)]
 pub struct LoadedPoints {
     /// Ready for [`super::PointSurface::build`].
     pub points: PointSet,
@@ -36,6 +37,8 @@ pub struct LoadedPoints {
     pub merged: usize,
     /// Where the normals came from.
     pub normals: NormalSource,
+    /// What a user should know of the file of a mesh, a sentence each.
+    pub warnings: Vec<String>,
 }
 
 /// A file that gives no samples. Messages read well after "failed to load the points: ";
@@ -91,9 +94,9 @@ impl LoadError {
     }
 }
 
-/// Reads samples: points as they are, meshes sampled at `mesh_spacing_m` (`None`: about 20,000
-/// samples). Points at one place become one; normals that are missing are estimated, and turned
-/// round where they point inwards as a whole.
+/// Reads samples: points as they are, and those of the solid that a mesh bounds at `mesh_spacing_m`
+/// (`None`: about 20,000 samples). Points at one place become one; normals that are missing are
+/// estimated, and turned round where they point inwards as a whole.
 ///
 /// # Errors
 /// [`LoadError`], naming the file and what is wrong in it.
@@ -102,36 +105,20 @@ pub fn load(
     metres_per_unit: f64,
     mesh_spacing_m: Option<f64>,
 ) -> Result<LoadedPoints, LoadError> {
-    load_scaled(path, metres_per_unit, DVec3::ONE, mesh_spacing_m)
-}
-
-/// The same, stretched along x, y and z.
-pub(super) fn load_scaled(
-    path: &Path,
-    metres_per_unit: f64,
-    scale: DVec3,
-    mesh_spacing_m: Option<f64>,
-) -> Result<LoadedPoints, LoadError> {
-    match open(path, metres_per_unit, scale)? {
-        FileContents::Mesh(mesh) => {
-            let spacing_m = mesh_spacing_m.unwrap_or_else(|| spacing_of(&mesh, DEFAULT_SAMPLES));
-            let points = sample_of(&mesh, spacing_m, &WorkMeter::unlimited())
-                .map_err(|source| LoadError::Surface { path: path.to_owned(), source })?;
-            Ok(LoadedPoints { points, merged: 0, normals: NormalSource::Faces })
-        }
-        FileContents::Samples(loaded) => Ok(loaded),
-    }
+    let path = path.to_owned();
+    Solid::File { path, metres_per_unit, scale: DVec3::ONE, spacing_m: mesh_spacing_m }.load()
 }
 
 /// What a file holds.
 pub(super) enum FileContents {
     /// Samples.
     Samples(LoadedPoints),
-    /// A mesh, in metres, from which samples can be taken.
-    Mesh(TriangleMesh),
+    /// The solid of a mesh, from which samples can be taken.
+    Mesh(MeshSolid),
 }
 
-/// Reads a file of points, or a mesh as it is.
+/// Reads a file of points, or a mesh, and stretches it along x, y and z. Cost: a mesh is read
+/// twice, as only its own reader has notes; and that of its solid.
 pub(super) fn open(
     path: &Path,
     metres_per_unit: f64,
@@ -144,22 +131,21 @@ pub(super) fn open(
     if !mesh::EXTENSIONS.iter().chain(cloud::EXTENSIONS).any(|known| *known == extension) {
         return Err(LoadError::UnknownExtension { path: path.to_owned(), extension });
     }
-    match cloud::load(path, metres_per_unit)? {
-        Contents::Mesh(mesh) => Ok(FileContents::Mesh(scaled(mesh, scale))),
-        Contents::Cloud(cloud) => {
-            let found = cloud.positions.len();
-            if found > 1 && cloud.positions.iter().all(|at| *at == cloud.positions[0]) {
-                return Err(LoadError::OnePlace { path: path.to_owned(), found });
-            }
-            let refuse =
-                |source: SurfaceError| LoadError::Surface { path: path.to_owned(), source };
-            let loaded = complete(cloud).map_err(refuse)?;
-            Ok(FileContents::Samples(LoadedPoints {
-                points: loaded.points.scaled(scale),
-                ..loaded
-            }))
+    let cloud = match cloud::load(path, metres_per_unit)? {
+        Contents::Cloud(cloud) => cloud,
+        Contents::Mesh(_) => {
+            let mut file = mesh::load_with_notes(path, metres_per_unit)?;
+            file.mesh = scaled(file.mesh, scale);
+            return Ok(FileContents::Mesh(file.into()));
         }
+    };
+    let found = cloud.positions.len();
+    if found > 1 && cloud.positions.iter().all(|at| *at == cloud.positions[0]) {
+        return Err(LoadError::OnePlace { path: path.to_owned(), found });
     }
+    let refuse = |source: SurfaceError| LoadError::Surface { path: path.to_owned(), source };
+    let loaded = complete(cloud).map_err(refuse)?;
+    Ok(FileContents::Samples(LoadedPoints { points: loaded.points.scaled(scale), ..loaded }))
 }
 
 /// A mesh, stretched along x, y and z.
@@ -222,7 +208,7 @@ pub(super) fn complete(cloud: Cloud) -> Result<LoadedPoints, SurfaceError> {
     };
     let points = PointSet { positions_map, normals_map, colors, patches: Vec::new() };
     points.check()?;
-    Ok(LoadedPoints { points, merged, normals: source })
+    Ok(LoadedPoints { points, merged, normals: source, warnings: Vec::new() })
 }
 
 /// The first point of every place, in order.

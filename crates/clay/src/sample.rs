@@ -13,7 +13,7 @@ const CANDIDATES: f64 = 8.0;
 /// spacing² of the area.
 const LEAST_DISTANCE: f64 = 0.76;
 /// Samples above which a spacing is refused.
-const MOST_SAMPLES: f64 = 4e6;
+pub(super) const MOST_SAMPLES: f64 = 4e6;
 /// Colour of what has none.
 pub(super) const GREY: [u8; 3] = [190, 190, 190];
 

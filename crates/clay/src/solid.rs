@@ -1,12 +1,12 @@
 //! Solids that work a clay model or become one: read, and sampled as densely as they are needed.
 
+use std::borrow::Cow;
 use std::path::PathBuf;
 
 use glam::DVec3;
 
-use super::load::{
-    DEFAULT_SAMPLES, FileContents, area_m2, load_scaled, open, sample_of, scaled, spacing_of,
-};
+use super::load::{DEFAULT_SAMPLES, FileContents, area_m2, open, sample_of, scaled, spacing_of};
+use super::mesh_solid::MeshSolid;
 use super::{LoadError, LoadedPoints, NormalSource, PointSet, SurfaceError, WorkMeter};
 use vps::mesh::TriangleMesh;
 use vps::mesh::primitives::Shape;
@@ -48,80 +48,65 @@ pub enum Solid {
 pub enum SolidSource {
     /// As it is.
     Samples(PointSet),
-    /// A mesh, m.
+    /// The border of what a mesh bounds: closed and outward, m; open where the mesh is a skin.
     Mesh(TriangleMesh),
     /// A primitive shape, centred on the origin, and how much it is stretched along x, y and z.
     Shape(Shape, DVec3),
 }
 
+/// A solid that was read, and not sampled yet.
+#[derive(Clone, Debug)]
+pub struct OpenedSolid {
+    /// What its samples are taken from.
+    pub source: SolidSource,
+    /// What a user should know of the file of a mesh, a sentence each.
+    pub warnings: Vec<String>,
+    merged: usize,
+    normals: NormalSource,
+    /// The file, for messages; `None` of a shape.
+    path: Option<PathBuf>,
+    spacing_m: Option<f64>,
+}
+
 impl Solid {
+    /// Reads it. Cost: a file is read, and the solid of a mesh made.
+    ///
+    /// # Errors
+    /// [`LoadError`].
+    pub fn open(&self) -> Result<OpenedSolid, LoadError> {
+        let of_faces = |source, spacing_m| OpenedSolid {
+            source,
+            warnings: Vec::new(),
+            merged: 0,
+            normals: NormalSource::Faces,
+            path: None,
+            spacing_m,
+        };
+        match self {
+            Self::Shape { shape, scale, spacing_m } => {
+                Ok(of_faces(SolidSource::Shape(*shape, *scale), *spacing_m))
+            }
+            Self::File { path, metres_per_unit, scale, spacing_m } => {
+                let opened = match open(path, *metres_per_unit, *scale)? {
+                    FileContents::Mesh(MeshSolid { border, warnings }) => {
+                        OpenedSolid { warnings, ..of_faces(SolidSource::Mesh(border), *spacing_m) }
+                    }
+                    FileContents::Samples(LoadedPoints { points, merged, normals, warnings }) => {
+                        let source = SolidSource::Samples(points);
+                        OpenedSolid { warnings, merged, normals, ..of_faces(source, None) }
+                    }
+                };
+                Ok(OpenedSolid { path: Some(path.clone()), ..opened })
+            }
+        }
+    }
+
     /// Its samples.
     ///
     /// # Errors
     /// [`LoadError`].
     pub fn load(&self) -> Result<LoadedPoints, LoadError> {
-        match self {
-            Self::File { path, metres_per_unit, scale, spacing_m } => {
-                load_scaled(path, *metres_per_unit, *scale, *spacing_m)
-            }
-            Self::Shape { shape, scale, spacing_m } => {
-                let spacing_m =
-                    spacing_m.unwrap_or_else(|| spacing_of(&rough(shape, *scale), DEFAULT_SAMPLES));
-                let points = sampled(shape, *scale, spacing_m, &WorkMeter::unlimited())
-                    .map_err(LoadError::Shape)?;
-                Ok(LoadedPoints { points, merged: 0, normals: NormalSource::Faces })
-            }
-        }
-    }
-
-    /// About how many samples it has, and the box around it, m. Cost: the file is read, and not
-    /// sampled.
-    ///
-    /// # Errors
-    /// [`LoadError`].
-    pub fn look(&self) -> Result<(u64, (DVec3, DVec3)), LoadError> {
-        let body = self.source()?;
-        let spacing_m = self.spacing_m();
-        let n_of = |mesh: &TriangleMesh| {
-            spacing_m.map_or(DEFAULT_SAMPLES, |spacing_m| area_m2(mesh) / (spacing_m * spacing_m))
-        };
-        let n_samples = match &body {
-            SolidSource::Samples(points) => points.len() as u64,
-            SolidSource::Mesh(mesh) => n_of(mesh) as u64,
-            SolidSource::Shape(shape, scale) => n_of(&rough(shape, *scale)) as u64,
-        };
-        Ok((n_samples, body.bounds_map(&Pose::IDENTITY).unwrap_or_default()))
-    }
-
-    /// The same, not sampled yet where it names no spacing of its own: a clay model does
-    /// ([`SolidSource::beside`]).
-    ///
-    /// # Errors
-    /// [`LoadError`].
-    pub fn open(&self) -> Result<SolidSource, LoadError> {
-        if self.spacing_m().is_none() {
-            self.source()
-        } else {
-            Ok(SolidSource::Samples(self.load()?.points))
-        }
-    }
-
-    /// What its samples are taken from.
-    fn source(&self) -> Result<SolidSource, LoadError> {
-        Ok(match self {
-            Self::File { path, metres_per_unit, scale, .. } => {
-                match open(path, *metres_per_unit, *scale)? {
-                    FileContents::Samples(loaded) => SolidSource::Samples(loaded.points),
-                    FileContents::Mesh(mesh) => SolidSource::Mesh(mesh),
-                }
-            }
-            Self::Shape { shape, scale, .. } => SolidSource::Shape(*shape, *scale),
-        })
-    }
-
-    fn spacing_m(&self) -> Option<f64> {
-        let (Self::File { spacing_m, .. } | Self::Shape { spacing_m, .. }) = self;
-        *spacing_m
+        self.open()?.load()
     }
 
     /// Its samples, as far apart as those of a clay model ([`SolidSource::beside`]), whatever its
@@ -130,11 +115,78 @@ impl Solid {
     /// # Errors
     /// [`LoadError`].
     pub fn load_beside(&self, spacing_m: f64) -> Result<PointSet, LoadError> {
-        let points = self.source()?.beside(spacing_m, &WorkMeter::unlimited());
-        points.map_err(|source| match self {
-            Self::File { path, .. } => LoadError::Surface { path: path.clone(), source },
-            Self::Shape { .. } => LoadError::Shape(source),
-        })
+        let opened = self.open()?;
+        let points = opened.source.beside(spacing_m, &WorkMeter::unlimited());
+        points.map_err(|source| opened.refused(source))
+    }
+}
+
+impl OpenedSolid {
+    /// About how many samples it has, and the box around it, m.
+    pub fn size(&self) -> (u64, (DVec3, DVec3)) {
+        let n_of = |mesh: &TriangleMesh| {
+            let n_samples = |spacing_m: f64| area_m2(mesh) / (spacing_m * spacing_m);
+            self.spacing_m.map_or(DEFAULT_SAMPLES, n_samples) as u64
+        };
+        let n_samples = match &self.source {
+            SolidSource::Samples(points) => points.len() as u64,
+            SolidSource::Mesh(mesh) => n_of(mesh),
+            SolidSource::Shape(shape, scale) => n_of(&rough(shape, *scale)),
+        };
+        (n_samples, self.source.bounds_map(&Pose::IDENTITY).unwrap_or_default())
+    }
+
+    /// Its samples.
+    ///
+    /// # Errors
+    /// [`LoadError`].
+    pub fn load(self) -> Result<LoadedPoints, LoadError> {
+        let sampled = self.faces().map(|(mesh, spacing_m)| {
+            sample_of(&mesh, spacing_m, &WorkMeter::unlimited())
+                .map_err(|source| self.refused(source))
+        });
+        let sampled = sampled.transpose()?;
+        let Self { source, warnings, merged, normals, .. } = self;
+        let points = match source {
+            SolidSource::Samples(points) => points,
+            SolidSource::Mesh(_) | SolidSource::Shape(..) => sampled.unwrap_or_default(),
+        };
+        Ok(LoadedPoints { points, merged, normals, warnings })
+    }
+
+    /// What works a clay model, and the warnings: its samples where it names a spacing of its own;
+    /// else the model samples it ([`SolidSource::beside`]).
+    ///
+    /// # Errors
+    /// [`LoadError`].
+    pub fn into_source(self) -> Result<(SolidSource, Vec<String>), LoadError> {
+        if self.spacing_m.is_none() {
+            return Ok((self.source, self.warnings));
+        }
+        let LoadedPoints { points, warnings, .. } = self.load()?;
+        Ok((SolidSource::Samples(points), warnings))
+    }
+
+    /// The triangles that it is sampled from, and the spacing, m; `None` of points.
+    pub(super) fn faces(&self) -> Option<(Cow<'_, TriangleMesh>, f64)> {
+        let spacing_on = |mesh: &TriangleMesh| {
+            self.spacing_m.unwrap_or_else(|| spacing_of(mesh, DEFAULT_SAMPLES))
+        };
+        match &self.source {
+            SolidSource::Samples(_) => None,
+            SolidSource::Mesh(mesh) => Some((Cow::Borrowed(mesh), spacing_on(mesh))),
+            SolidSource::Shape(shape, scale) => {
+                let spacing_m = spacing_on(&rough(shape, *scale));
+                Some((Cow::Owned(cut_for(shape, *scale, spacing_m)), spacing_m))
+            }
+        }
+    }
+
+    fn refused(&self, source: SurfaceError) -> LoadError {
+        match &self.path {
+            Some(path) => LoadError::Surface { path: path.clone(), source },
+            None => LoadError::Shape(source),
+        }
     }
 }
 
@@ -150,7 +202,9 @@ impl SolidSource {
         match self {
             Self::Samples(points) => Ok(points.clone()),
             Self::Mesh(mesh) => sample_of(mesh, spacing_m, meter),
-            Self::Shape(shape, scale) => sampled(shape, *scale, spacing_m, meter),
+            Self::Shape(shape, scale) => {
+                sample_of(&cut_for(shape, *scale, spacing_m), spacing_m, meter)
+            }
         }
     }
 
@@ -174,17 +228,25 @@ impl SolidSource {
     /// Lowest and highest corner of the box around it where it stands, map frame, m; `None` for a
     /// body of nothing.
     pub fn bounds_map(&self, map_from_body: &Pose) -> Option<(DVec3, DVec3)> {
-        let around = |corners: &[DVec3]| {
-            let mut placed = corners.iter().map(|at| map_from_body.transform_point(*at));
-            let first = placed.next()?;
-            Some(placed.fold((first, first), |(low, high), at| (low.min(at), high.max(at))))
-        };
+        let placed = |at: DVec3| map_from_body.transform_point(at);
         match self {
-            Self::Samples(points) => around(&points.positions_map),
-            Self::Mesh(mesh) => around(&mesh.vertices),
-            Self::Shape(shape, scale) => around(&rough(shape, *scale).vertices),
+            Self::Samples(points) => around(points.positions_map.iter().copied().map(placed)),
+            // A border has vertices of what is not on it, too.
+            Self::Mesh(mesh) => {
+                let corners = mesh.triangles.as_flattened().iter();
+                around(corners.map(|corner| placed(mesh.vertices[*corner as usize])))
+            }
+            Self::Shape(shape, scale) => {
+                around(rough(shape, *scale).vertices.into_iter().map(placed))
+            }
         }
     }
+}
+
+/// Lowest and highest corner of the box around points.
+fn around(mut points: impl Iterator<Item = DVec3>) -> Option<(DVec3, DVec3)> {
+    let first = points.next()?;
+    Some(points.fold((first, first), |(low, high), at| (low.min(at), high.max(at))))
 }
 
 /// Area and size of a shape hardly depend on how finely it is cut.
@@ -192,17 +254,9 @@ fn rough(shape: &Shape, scale: DVec3) -> TriangleMesh {
     scaled(shape.tessellate(f64::INFINITY), scale)
 }
 
-fn sampled(
-    shape: &Shape,
-    scale: DVec3,
-    spacing_m: f64,
-    meter: &WorkMeter,
-) -> Result<PointSet, SurfaceError> {
-    sample_of(
-        &scaled(shape.tessellate(CHORD_SHARE * spacing_m / scale.max_element()), scale),
-        spacing_m,
-        meter,
-    )
+/// A shape, cut as finely as samples at this spacing show.
+fn cut_for(shape: &Shape, scale: DVec3, spacing_m: f64) -> TriangleMesh {
+    scaled(shape.tessellate(CHORD_SHARE * spacing_m / scale.max_element()), scale)
 }
 
 #[cfg(test)]
@@ -265,7 +319,7 @@ mod tests {
                     "{solid:?}: {normal} at {at}"
                 );
             }
-            let (n, (low, high)) = solid.look().unwrap();
+            let (n, (low, high)) = solid.open().unwrap().size();
             assert!(
                 (high - low).distance(2.0 * radius_m * scale) < 1e-4,
                 "{solid:?}: {low} {high}"

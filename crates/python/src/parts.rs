@@ -108,6 +108,30 @@ impl Mesh {
         vector(self.mesh.mass_properties().center_m, py)
     }
 
+    /// Connected pieces.
+    #[getter]
+    fn n_pieces(&self) -> usize {
+        self.mesh.solid().pieces
+    }
+
+    /// Closed pieces that are material inside; their union, without the cavities, is the solid.
+    #[getter]
+    fn n_bodies(&self) -> usize {
+        self.mesh.solid().bodies
+    }
+
+    /// Volumes of closed pieces that face inward inside of bodies and are empty, m³.
+    #[getter]
+    fn cavities_m3(&self) -> Vec<f64> {
+        self.mesh.solid().cavities.iter().map(|cavity| cavity.volume_m3).collect()
+    }
+
+    /// Pieces that are not closed.
+    #[getter]
+    fn n_open_pieces(&self) -> usize {
+        self.mesh.solid().open_pieces
+    }
+
     /// What a user should look at, a sentence each; empty of a sound mesh.
     #[getter]
     fn warnings(&self) -> Vec<String> {

@@ -48,6 +48,21 @@ def test_mesh_files_in_their_unit(tmp_path: Path) -> None:
         vps.Mesh.load(tmp_path / "b.obj", 1e-3)
 
 
+def test_a_mesh_tells_its_bodies_and_hollows() -> None:
+    shells = [box([0, 0, 0], [0.04, 0.04, 0.04]), box([0.005] * 3, [0.035] * 3), box([0.1, 0, 0], [0.11, 0.01, 0.01])]
+    vertices = np.concatenate([shell.vertices for shell in shells])
+    firsts = np.cumsum([0] + [len(shell.vertices) for shell in shells[:-1]])
+    faces = [shell.faces.astype(np.int64) + first for shell, first in zip(shells, firsts)]
+    faces[1] = faces[1][:, ::-1]
+    housing = vps.Mesh(vertices, np.concatenate(faces))
+    assert (housing.n_pieces, housing.n_bodies, housing.n_open_pieces) == (3, 2, 0)
+    assert housing.cavities_m3 == [pytest.approx(0.03**3)]
+    assert housing.volume_m3 == pytest.approx(0.04**3 - 0.03**3 + 0.01**3)
+    assert any("hollow" in warning for warning in housing.warnings)
+    sheet = vps.Mesh([[0, 0, 0], [0.01, 0, 0], [0, 0.01, 0]], [[0, 1, 2]])
+    assert (sheet.n_pieces, sheet.n_bodies, sheet.n_open_pieces) == (1, 0, 1)
+
+
 def test_progress_names_the_stages() -> None:
     mesh, told = box([0, 0, 0], [0.01, 0.01, 0.01]), list[str]()
     vps.Voxmap.bake(mesh, VOXEL_M, progress=told.append)

@@ -90,6 +90,7 @@ pub use library::{
 };
 pub use mesh::mass::MassProperties;
 pub use mesh::primitives::Shape;
+pub use solid::SolidReport;
 pub use spatial::{Pose, Wrench};
 pub use voxmap::inside_test::InsideTest;
 pub use voxmap::{BakeStage, Options};

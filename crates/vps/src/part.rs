@@ -8,25 +8,28 @@
 //! Invariant: cold; the same bits for any number of threads of the current rayon pool.
 
 use std::path::Path;
+use std::sync::OnceLock;
 use std::time::Instant;
 
 use glam::DVec3;
 use thiserror::Error;
 
 pub use crate::part_report::{
-    CacheUse, HoleCapsReport, LeakReport, ObjectReport, PartRole, Timings,
+    CacheUse, HoleCapsReport, LeakReport, ObjectReport, PartRole, SolidFigures, Timings,
 };
 
-use crate::mesh::mass::{MassProperties, mass_properties_of_inspected};
+use crate::mesh::mass::{MassProperties, mass_properties, mass_properties_of_inspected, of_all};
 use crate::mesh::primitives::Shape;
 use crate::mesh::validate::{MeshReport, inspect};
 use crate::mesh::{self, FileMesh, MeshError, Rounding, TriangleMesh};
 use crate::pointshell::shell::Shell;
 use crate::pointshell::{self, Points, ShellReport};
+use crate::solid::{Solid, SolidOptions, SolidReport};
 use crate::storage::memory::available_bytes;
 use crate::voxmap::estimate::{Estimate, MeshMeasures, Products, voxel_size_within};
 use crate::voxmap::field::Field;
 use crate::voxmap::grid::{Grid, GridError};
+use crate::voxmap::inside_test::InsideTest;
 use crate::voxmap::memory_limit::MemoryLimit;
 use crate::voxmap::{Answer, BakeStage, Options, Volume, announce};
 
@@ -88,10 +91,34 @@ pub struct Part {
     pub mesh: TriangleMesh,
     /// What is wrong with it.
     inspected: MeshReport,
+    /// What it means; on demand.
+    meaning: OnceLock<Meaning>,
     /// What a user should know of its file.
     notes: Vec<String>,
     rounding: Option<Rounding>,
     load_s: f64,
+}
+
+/// What the triangles of a part are together.
+#[derive(Debug)]
+struct Meaning {
+    solid: SolidReport,
+    mass: MassProperties,
+}
+
+impl Meaning {
+    fn of(mesh: &TriangleMesh, inspected: &MeshReport) -> Self {
+        let solid = Solid::of(mesh, &SolidOptions::default());
+        let mass = if solid.border.triangles.is_empty() {
+            mass_properties_of_inspected(mesh, inspected)
+        } else {
+            // Of what is not closed that counts whose holes can only hide little.
+            let open = solid.open_parts(0.0);
+            let open = open.iter().map(mass_properties).filter(|mass| !mass.from_surface);
+            of_all(std::iter::once(solid.report.mass).chain(open))
+        };
+        Self { solid: solid.report, mass }
+    }
 }
 
 impl Part {
@@ -127,7 +154,8 @@ impl Part {
         let FileMesh { mesh, notes, rounding } = file;
         let inspected = inspect(&mesh);
         let load_s = since.elapsed().as_secs_f64();
-        Self { name: name.to_owned(), mesh, inspected, notes, rounding, load_s }
+        let meaning = OnceLock::new();
+        Self { name: name.to_owned(), mesh, inspected, meaning, notes, rounding, load_s }
     }
 
     /// Some triangle has an area.
@@ -143,10 +171,28 @@ impl Part {
     /// What a user should look at in its mesh and its file, a sentence each; what its voxels show
     /// is in the report of the bake. With the edge of its voxels, m, also whether its coordinates
     /// are fine enough for them.
-    pub fn mesh_warnings(&self, voxel_size_m: Option<f64>) -> Vec<String> {
+    pub fn mesh_warnings(&self, sides: InsideTest, voxel_size_m: Option<f64>) -> Vec<String> {
         let coarse =
             self.rounding.zip(voxel_size_m).and_then(|(rounding, size_m)| rounding.warning(size_m));
-        self.notes.iter().cloned().chain(self.inspected.warnings()).chain(coarse).collect()
+        let notes = self.notes.iter().cloned();
+        let solid = match sides {
+            InsideTest::Auto | InsideTest::Winding => self.solid().warnings(),
+            InsideTest::Flood => self.solid().hollows_text().map_or_else(Vec::new, |hollows| {
+                vec![format!("{hollows}: solid, by `sides = \"flood\"`")]
+            }),
+            InsideTest::Thin => Vec::new(),
+        };
+        notes.chain(self.inspected.warnings()).chain(solid).chain(coarse).collect()
+    }
+
+    fn meaning(&self) -> &Meaning {
+        self.meaning.get_or_init(|| Meaning::of(&self.mesh, &self.inspected))
+    }
+
+    /// What its triangles were taken for: pieces, bodies, cavities, skins. Cost: of the first call
+    /// that of [`Solid::of`].
+    pub fn solid(&self) -> &SolidReport {
+        &self.meaning().solid
     }
 
     /// Bakes what other parts touch; `with_gradients` for
@@ -267,10 +313,11 @@ impl Part {
         PartError::Grid { name: self.name.clone(), source }
     }
 
-    /// Volume, centre and inertia; of the surface where the mesh is open. Frame and units of
+    /// Volume, centre and inertia of the solid, which counts once what lies in several bodies, and
+    /// hollows not at all; of the surface where the mesh is open. Frame and units of
     /// [`MassProperties`].
     pub fn mass_properties(&self) -> MassProperties {
-        mass_properties_of_inspected(&self.mesh, &self.inspected)
+        self.meaning().mass
     }
 
     /// The figures of what was built.
@@ -279,7 +326,7 @@ impl Part {
             &self.name,
             role,
             &self.inspected,
-            self.mesh_warnings(Some(map.surface.grid.voxel_size_m)),
+            self.mesh_warnings(map.sides_asked, Some(map.surface.grid.voxel_size_m)),
             map,
             shell,
             self.load_s,

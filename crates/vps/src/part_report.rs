@@ -4,6 +4,7 @@ use std::borrow::Cow;
 
 use crate::mesh::validate::{FACES_INWARD, MeshReport};
 use crate::pointshell::{LevelReport, ShellReport};
+use crate::solid::SolidReport;
 use crate::voxmap::MOSTLY_THIN;
 use crate::voxmap::Volume;
 use crate::voxmap::inside_test::InsideBasis;
@@ -63,6 +64,51 @@ pub struct HoleCapsReport {
     pub area_m2: f64,
 }
 
+/// What the triangles of an object were taken for.
+#[derive(Clone, Debug)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct SolidFigures {
+    /// Connected pieces.
+    pub pieces: usize,
+    /// Closed pieces that are material inside.
+    pub bodies: usize,
+    /// Volumes of closed pieces that are empty inside of bodies, m³.
+    pub cavities_m3: Vec<f64>,
+    /// Pieces that are not closed.
+    pub open_pieces: usize,
+    /// Parts made of these that enclose nothing and are two-sided skins.
+    pub skins: usize,
+    /// Area of the skins, m².
+    pub skin_area_m2: f64,
+    /// Area inside of the solid, left out, m².
+    pub inside_area_m2: f64,
+    /// Closed pieces that faced inward and were turned.
+    pub turned_pieces: usize,
+    /// Volume of the solid, m³; 0 without one.
+    pub volume_m3: f64,
+}
+
+impl SolidFigures {
+    fn new(solid: &SolidReport, map: &Volume) -> Self {
+        let skins = map.beside.iter().filter(|beside| beside.map.thin);
+        Self {
+            pieces: solid.pieces,
+            bodies: solid.bodies,
+            cavities_m3: solid.cavities.iter().map(|cavity| cavity.volume_m3).collect(),
+            open_pieces: solid.open_pieces,
+            skins: skins.clone().count() + usize::from(map.thin),
+            skin_area_m2: if map.thin {
+                solid.open_area_m2
+            } else {
+                skins.fold(0.0, |sum, beside| sum + beside.area_m2)
+            },
+            inside_area_m2: solid.inside_area_m2,
+            turned_pieces: solid.turned_pieces,
+            volume_m3: solid.mass.volume_m3,
+        }
+    }
+}
+
 /// Seconds per stage of this run; 0 for a stage that the role does not need, and for all but `load`
 /// when the cache had the object.
 #[derive(Clone, Copy, Debug, Default)]
@@ -70,7 +116,7 @@ pub struct HoleCapsReport {
 pub struct Timings {
     /// Reading or tessellating, and inspecting; or finding and reading the object in the cache.
     pub load: f64,
-    /// Grid set-up.
+    /// What the triangles mean, and grid set-up.
     pub init: f64,
     /// Navigation and SAT.
     pub surface: f64,
@@ -118,6 +164,8 @@ pub struct ObjectReport {
     pub layers: u32,
     /// The fill did not leak.
     pub watertight: bool,
+    /// What the triangles were taken for; `None` where they were taken as they are.
+    pub solid: Option<SolidFigures>,
     /// `flood`: a solid by the fill; `winding`: by the fill with lids on the holes; `thin`: a
     /// two-sided skin.
     pub sides: Cow<'static, str>,
@@ -175,7 +223,9 @@ impl ObjectReport {
                 leak.size_m * 1e3
             ));
         }
-        if map.basis != InsideBasis::Thin && inside_voxels == 0 {
+        let solid = map.solid.as_ref().map(|solid| SolidFigures::new(solid, map));
+        let is_border = map.solid.as_ref().is_some_and(|solid| solid.bodies > 0);
+        if map.basis != InsideBasis::Thin && inside_voxels == 0 && !is_border {
             warnings
                 .push("nothing is inside, so it will not be felt; a thin skin would be".to_owned());
         }
@@ -187,8 +237,8 @@ impl ObjectReport {
             );
         } else if map.leak.is_none() && map.thin_share > 0.02 {
             warnings.push(format!(
-                "{:.0} % of the surface is thinner than the voxels resolve and will not be felt \
-                    there; use smaller voxels",
+                "{:.0} % of the surface is of walls thinner than the voxels resolve, which are felt \
+                    too weakly or not at all; use smaller voxels, or `sides = \"thin\"`",
                 100.0 * map.thin_share
             ));
         }
@@ -198,6 +248,15 @@ impl ObjectReport {
             warnings.push(format!(
                 "{} triangles face inward; their side was taken from the fill",
                 map.orientation.n_inverted
+            ));
+        }
+        if let Some(SolidFigures { skins: n @ 1.., skin_area_m2, .. }) = &solid
+            && !map.thin
+        {
+            let skins = if *n == 1 { "1 skin".to_owned() } else { format!("{n} skins") };
+            let area_mm2 = skin_area_m2 * 1e6;
+            warnings.push(format!(
+                "{skins} beside the solid, {area_mm2:.1} mm²: felt as plates of two voxels"
             ));
         }
         let stages = map.timings;
@@ -240,6 +299,7 @@ impl ObjectReport {
             outside_voxels: grid.n_cells() - surface_voxels - inside_voxels,
             layers: map.layers.n_layers,
             watertight: map.watertight,
+            solid,
             sides: map.basis.name().into(),
             clear_winding_share: map.clear_share,
             lids: map

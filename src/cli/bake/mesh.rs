@@ -193,9 +193,14 @@ fn generate(
     memory.judge(&part, &options, request.products()).map_err(refused)?;
     let mut map = part.voxmap(&options, &tell).map_err(refused)?;
     tell(BakeStage::Distance);
-    if let Some(path) = &args.field_out {
-        let distances = map.distances(&part.mesh, false);
-        write(path, |path| npy::write_distances(path, &map.layers, &distances))?;
+    if args.field_out.is_some() || args.voxmap_out.is_some() {
+        let (layers, distances) = map.of_whole(&part.mesh);
+        if let Some(path) = &args.field_out {
+            write(path, |path| npy::write_distances(path, &layers, &distances))?;
+        }
+        if let Some(path) = &args.voxmap_out {
+            write(path, |path| npy::write_layers(path, &layers))?;
+        }
     }
     let field = map.field(&part.mesh, request.with_gradients);
     tell(BakeStage::Pointshell);
@@ -203,9 +208,6 @@ fn generate(
     let center_of_mass = request.center_of_mass.unwrap_or(mass.center_m);
     let (shell, shell_report) =
         pointshell::build_with(request.points, &part.mesh, &map, center_of_mass);
-    if let Some(path) = &args.voxmap_out {
-        write(path, |path| npy::write_layers(path, &map.layers))?;
-    }
     if let Some(path) = &args.pointshell_out {
         write(path, |path| ply::write(path, &shell, center_of_mass))?;
     }

@@ -12,6 +12,7 @@ use glam::DVec3;
 
 pub(super) use self::forces::DEFAULT_CONTACT_N_PER_MM;
 pub(crate) use self::monitor::{FOXGLOVE_ACCEPTED, LISTEN_ACCEPTED, parse_foxglove, parse_listen};
+pub(crate) use self::sculpt::{RASTER_AXIS, RASTER_NODES};
 use super::scene::{DeviceConfig, SceneConfig};
 use super::schema;
 use arms::attached::nodes::Selector;

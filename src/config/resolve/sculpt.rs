@@ -33,8 +33,8 @@ const LEAST_UPDATE_HZ: f64 = 10.0;
 /// Whole ticks between updates may be off the rate that was asked for by this share.
 const UPDATE_TOLERANCE: f64 = 0.05;
 /// Mass points along an axis, and in all: an update of so many takes a second.
-const RASTER_AXIS: RangeInclusive<f64> = 4.0..=256.0;
-const RASTER_NODES: f64 = 2_097_152.0;
+pub(crate) const RASTER_AXIS: RangeInclusive<f64> = 4.0..=256.0;
+pub(crate) const RASTER_NODES: f64 = 2_097_152.0;
 /// What the clay may be made of, at first and where it is painted.
 const MASS_KG: Interval =
     Interval::from(*Material::MASS_KG.start()).to(*Material::MASS_KG.end()).unit("kg");

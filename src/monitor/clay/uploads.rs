@@ -79,9 +79,9 @@ pub(in crate::monitor) fn solid_of(
     let hint = "a closed mesh as STL, OBJ or PLY of at most 16 MiB, with its `format` and `units` \
         (m, cm, mm, in) in the address";
     let refused = |error: &dyn core::fmt::Display| RequestError::bad(error.to_string(), hint);
-    let mesh = mesh::parse(bytes, format, Path::new(name), asked.units.metres())
+    let file = mesh::parse_with_notes(bytes, format, Path::new(name), asked.units.metres())
         .map_err(|error| refused(&error))?;
-    let solid = ChosenSolid::centered(mesh).map_err(|error| refused(&error))?;
+    let solid = ChosenSolid::centered(file).map_err(|error| refused(&error))?;
     Ok(SculptOrder::Adjust(ToolChange { solid: Some(Some(solid)), ..ToolChange::default() }))
 }
 
@@ -129,6 +129,21 @@ mod tests {
         let (low, high) = solid.source.bounds_map(&vps::spatial::Pose::IDENTITY).unwrap();
         assert!((low + high).length() < 1e-12 && (high.x - 5e-3).abs() < 1e-12, "{low} {high}");
         assert_eq!(&*solid.name, "4 triangles, 10.0 x 10.0 x 10.0 mm");
+    }
+
+    #[test]
+    fn what_was_found_in_a_solid_stands_in_its_name() {
+        let inward = CUBE
+            .replace("f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4", "f 1 2 3\nf 1 4 2\nf 1 3 4\nf 2 4 3");
+        let Ok(SculptOrder::Adjust(ToolChange { solid: Some(Some(solid)), .. })) =
+            solid_of(inward.as_bytes(), asked(SolidFormat::Obj))
+        else {
+            panic!("it is taken")
+        };
+        assert_eq!(
+            &*solid.name,
+            "4 triangles, 10.0 x 10.0 x 10.0 mm; every closed piece faced inward: all were turned"
+        );
     }
 
     #[test]

@@ -12,8 +12,16 @@ const AIR_SPACINGS: f64 = 4.0;
 /// spacings.
 const KEPT_SPACINGS: f64 = 0.75;
 
+/// Lowest and highest corner of what deforms, of clay in a box (map frame, m).
+pub(in super::super) fn region_box(
+    (low, high): (DVec3, DVec3),
+    settings: &Settings,
+) -> (DVec3, DVec3) {
+    settings.region_map.unwrap_or((low - settings.air_m, high + settings.air_m))
+}
+
 /// The lattice of the base, the first node of the region in it, and the lattice of the region.
-pub(super) fn lattices(
+pub(in super::super) fn lattices(
     (low, high): (DVec3, DVec3),
     settings: &Settings,
 ) -> Result<(Lattice, [usize; 3], Lattice), ClayModelError> {
@@ -21,9 +29,9 @@ pub(super) fn lattices(
     if dims.iter().any(|n| *n < 4) {
         return Err(ClayModelError::Raster(dims));
     }
+    let (region_low, region_high) = region_box((low, high), settings);
     let low = low - settings.air_m;
     let high = high + settings.air_m;
-    let (region_low, region_high) = settings.region_map.unwrap_or((low, high));
     if !(region_high.cmpgt(region_low).all() && region_low.is_finite() && region_high.is_finite()) {
         return Err(ClayModelError::Region(region_low, region_high));
     }

@@ -80,6 +80,30 @@ pub enum ClayModelError {
     /// Nothing of the clay is in it.
     #[error("no part of the surface is in the region from {} to {}", Place(*.0), Place(*.1))]
     Beside(DVec3, DVec3),
+    /// Mass points, or samples, too far apart for the walls of the clay.
+    #[error(
+        "walls of about {} may lose {:.0} % of its volume: mass points of `sculpt.raster` = {raster:?} \
+            are {} apart, samples {}; {} would hold them",
+        Metres(*wall_m), 100.0 * lost_share, Metres(*mass_points_m), Metres(*samples_m),
+        Metres(*apart_m)
+    )]
+    ThinWalls {
+        /// Half of what is lost lies in walls thinner than this, m.
+        wall_m: f64,
+        /// The part of the volume that is lost, by estimate.
+        lost_share: f64,
+        /// With mass points and samples so far apart walls lose a twentieth of the volume at most,
+        /// m.
+        apart_m: f64,
+        /// Mass points along x, y, z.
+        raster: [usize; 3],
+        /// How far apart they are, m.
+        mass_points_m: f64,
+        /// How far apart samples are, m.
+        samples_m: f64,
+        /// The coarsest raster that holds the walls.
+        needed: [usize; 3],
+    },
     /// A Boolean that leaves no solid.
     #[error("nothing would be left of the clay")]
     NothingLeft,

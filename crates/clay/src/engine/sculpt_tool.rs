@@ -7,8 +7,9 @@ use super::super::boolean::Boolean;
 use super::super::emboss::GreyImage;
 use super::super::falloff::Falloff;
 use super::super::material_map::Painted;
+use super::super::mesh_solid::MeshSolid;
 use super::super::{SolidSource, SurfaceError, WorkMeter};
-use vps::mesh::TriangleMesh;
+use vps::mesh::FileMesh;
 
 /// What the tool does to the clay. Whatever it does, the hand feels the surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -122,26 +123,26 @@ pub struct ToolSettings {
 pub struct ChosenSolid {
     /// The solid; sampled as densely as the clay is then.
     pub source: Arc<SolidSource>,
-    /// What to call it.
+    /// What to call it, and what a user should know of its file.
     pub name: Arc<str>,
 }
 
 impl ChosenSolid {
-    /// A mesh, with the middle of its box where the tool is, named by what it is.
+    /// The solid of a mesh, with the middle of its box where the tool is, named by what it is.
     ///
     /// # Errors
     /// [`SurfaceError`] for a mesh without area.
-    pub fn centered(mut mesh: TriangleMesh) -> Result<Self, SurfaceError> {
+    pub fn centered(file: FileMesh) -> Result<Self, SurfaceError> {
+        let n_triangles = file.mesh.triangles.len();
+        let MeshSolid { border: mut mesh, warnings } = file.into();
         let (low, high) = mesh.bounds().unwrap_or_default();
         mesh.vertices.iter_mut().for_each(|at| *at -= 0.5 * (low + high));
         let size_mm = (high - low) * 1e3;
-        let name = format!(
-            "{} triangles, {:.1} x {:.1} x {:.1} mm",
-            mesh.triangles.len(),
-            size_mm.x,
-            size_mm.y,
-            size_mm.z
+        let what = format!(
+            "{n_triangles} triangles, {:.1} x {:.1} x {:.1} mm",
+            size_mm.x, size_mm.y, size_mm.z
         );
+        let name = [vec![what], warnings].concat().join("; ");
         let source = Arc::new(SolidSource::Mesh(mesh));
         // As it will be sampled: what makes no surface is refused now, not by the hand.
         source.beside(0.05 * (high - low).max_element(), &WorkMeter::unlimited())?;

@@ -84,10 +84,13 @@ impl ContactBlock {
         if edges == 0 {
             return 0;
         }
+        let normals = shell.normals().get(self.block as usize);
         lanes_of(edges).fold(0, |bent, lane| {
             let is_shallow =
                 self.depths_m.get(lane).is_some_and(|depth_m| *depth_m < shell.edge_depth_m());
-            bent | u16::from(is_shallow) << lane
+            // A point of a skin has none.
+            let has_normal = normals.is_some_and(|normals| normals.get(lane) != Vec3::ZERO);
+            bent | u16::from(is_shallow || !has_normal) << lane
         })
     }
 
@@ -208,12 +211,12 @@ impl<'a> Wall<'a> {
         }
     }
 
-    /// Direction and share with which such a point pushes. A skin pushes along the way out. So does
-    /// an edge, with the share that its mean normal has along it: no more than the faces beside it.
+    /// Direction and share with which such a point pushes. A skin pushes, and is pushed, along the
+    /// way out. So is an edge, with the share that its mean normal has along it: no more than the faces beside it.
     /// Where there is no way out, the point's own normal.
     fn push(&self, gradient_map: Vec3, normal_body: Vec3, depth: f32) -> (Vec3, f32) {
         let Some(out) = self.against(gradient_map) else { return (normal_body, 1.0) };
-        if self.field.is_thin() {
+        if self.field.is_thin() || normal_body == Vec3::ZERO {
             return (out, 1.0);
         }
         let across = out.dot(normal_body);

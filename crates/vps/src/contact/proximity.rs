@@ -9,6 +9,8 @@
 
 #![expect(clippy::disallowed_types, reason = "sized when the scene is made ready, never resized")]
 
+use glam::Vec3;
+
 use super::contact_block::{Contact, ContactBlock, Wall};
 use super::kernel::Place;
 use super::tree_traversal::{Lists, TreeTraversal};
@@ -130,9 +132,10 @@ impl Proximity {
                         .weights(shell)
                         .and_then(|weights| weights.0.get(lane).copied())
                         .unwrap_or(0.0);
-                    let way_out = wall
-                        .way_out(arm_body)
-                        .filter(|out| out.dot(normals.get(lane)) > TURNED_COSINE);
+                    let normal = normals.get(lane);
+                    let is_turned =
+                        |out: &Vec3| normal == Vec3::ZERO || out.dot(normal) > TURNED_COSINE;
+                    let way_out = wall.way_out(arm_body).filter(is_turned);
                     if let Some(normal_body) = way_out {
                         let point_idx = block.block * LANES as u32 + lane as u32;
                         near(&Contact { point_idx, depth_m, weight, arm_body, normal_body });

@@ -10,8 +10,10 @@ use crate::mesh::mass::MassProperties;
 use crate::mesh::primitives::Shape;
 use crate::mesh::{FARTHEST_M, TriangleMesh};
 use crate::part::Part;
+use crate::solid::SolidReport;
 use crate::voxmap::Options;
 use crate::voxmap::estimate::Products;
+use crate::voxmap::inside_test::InsideTest;
 
 /// Triangles of a part, m, in a frame of their own: the *mesh frame*. They need not be closed; what
 /// is wrong with them is in [`warnings`](Self::warnings).
@@ -125,9 +127,19 @@ impl Mesh {
         self.part.mass_properties()
     }
 
+    /// What the triangles were taken for: pieces, bodies, cavities, skins. Cost: some inspections of
+    /// the mesh for the first call of this, [`Self::mass_properties`] or [`Self::warnings`].
+    pub fn solid(&self) -> &SolidReport {
+        self.part.solid()
+    }
+
     /// What a user should look at, a sentence each; empty of a sound mesh.
     pub fn warnings(&self) -> Vec<String> {
-        self.part.mesh_warnings(None).iter().map(|warning| in_own_words(warning)).collect()
+        self.part
+            .mesh_warnings(InsideTest::Auto, None)
+            .iter()
+            .map(|warning| in_own_words(warning))
+            .collect()
     }
 
     /// The part, where these options can be baked within the memory that the system has left.

@@ -97,6 +97,28 @@ pub(crate) fn of_closed(mesh: &TriangleMesh, middle: DVec3) -> MassProperties {
     }
 }
 
+/// Mass properties of bodies together, which do not overlap; each bounds a volume.
+pub(crate) fn of_all(bodies: impl Iterator<Item = MassProperties>) -> MassProperties {
+    let plus = |all: MassProperties, body: MassProperties| {
+        let volume_m3 = all.volume_m3 + body.volume_m3;
+        let [one, other] = [&all, &body].map(|part| part.volume_m3 / volume_m3);
+        let center_m = all.center_m * one + body.center_m * other;
+        let about = |part: &MassProperties| {
+            let away = part.center_m - center_m;
+            part.inertia_per_mass + DMat3::from_diagonal(DVec3::splat(away.length_squared()))
+                - outer(away)
+        };
+        let inertia_per_mass = about(&all) * one + about(&body) * other;
+        MassProperties { volume_m3, center_m, inertia_per_mass, from_surface: false }
+    };
+    bodies.reduce(plus).unwrap_or(MassProperties {
+        volume_m3: 0.0,
+        center_m: DVec3::ZERO,
+        inertia_per_mass: DMat3::ZERO,
+        from_surface: true,
+    })
+}
+
 /// Any principal moment of a body is at most the sum of the other two; on the axes of the file this
 /// is necessary.
 fn is_a_body(properties: &MassProperties) -> bool {

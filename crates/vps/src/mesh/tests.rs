@@ -3,6 +3,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::*;
+use crate::voxmap::inside_test::InsideTest;
 
 #[test]
 fn extension_decides_in_any_case_and_scales() {
@@ -178,7 +179,7 @@ fn numbers_of_32_bits_far_from_the_origin_are_too_coarse_for_small_voxels() {
     let warnings = |name: &str, bytes: &[u8], voxel_size_m: f64| {
         let path = dir.path().join(name);
         std::fs::write(&path, bytes).unwrap();
-        Part::load("part", &path, 1e-3).unwrap().mesh_warnings(Some(voxel_size_m))
+        Part::load("part", &path, 1e-3).unwrap().mesh_warnings(InsideTest::Auto, Some(voxel_size_m))
     };
     // From 2^20 mm on numbers are an eighth of a millimetre apart.
     let step_m = 0.125e-3;
@@ -194,7 +195,9 @@ fn numbers_of_32_bits_far_from_the_origin_are_too_coarse_for_small_voxels() {
     assert!(warnings("near.stl", &far_stl(0.0), 0.1e-3).is_empty());
     // Without voxels nothing is too coarse.
     let path = dir.path().join("far.stl");
-    assert!(Part::load("part", &path, 1e-3).unwrap().mesh_warnings(None).is_empty());
+    assert!(
+        Part::load("part", &path, 1e-3).unwrap().mesh_warnings(InsideTest::Auto, None).is_empty()
+    );
     // The type is that of the file, in text too; decimals and 64 bits are as fine as they are.
     for (kind, n_warnings) in [("float", 1), ("double", 0)] {
         let ply = format!(

@@ -84,17 +84,13 @@ pub fn build_with(
     map: &Volume,
     center_of_mass_tool: DVec3,
 ) -> (Shell, ShellReport) {
-    let mesh = map.mesh(mesh);
     let voxel_size_m = map.surface.grid.voxel_size_m;
     let mut since = Instant::now();
     let mut lap_s = || core::mem::replace(&mut since, Instant::now()).elapsed().as_secs_f64();
-    let bins = Bins::sort(mesh, &map.surface);
-    let sort_s = lap_s();
-    let mut placed = match kind {
-        Points::Facets if !map.thin => place_facets(mesh, map, &bins, center_of_mass_tool),
-        _ => place(mesh, map, &bins, center_of_mass_tool).weighted(kind),
-    };
-    drop(bins);
+    let mut placed = Placed::of(kind, mesh, map, center_of_mass_tool);
+    for beside in &map.beside {
+        placed.append(Placed::of(kind, mesh, &beside.map, center_of_mass_tool));
+    }
     let place_s = lap_s();
     arrange(&mut placed.sites);
     let arrange_s = lap_s();
@@ -113,7 +109,7 @@ pub fn build_with(
         phase1_points: sites.len() - tally.phase2_points,
         phase2_points: tally.phase2_points,
         tree_levels,
-        project_s: sort_s + (place_s - normals_s) + lay_out_s,
+        project_s: (place_s - normals_s) + lay_out_s,
         normals_s,
         tree_s: arrange_s + spheres_s,
     };
@@ -135,6 +131,34 @@ pub(super) struct Placed {
 }
 
 impl Placed {
+    /// The points of one map.
+    fn of(kind: Points, mesh: &TriangleMesh, map: &Volume, center_of_mass_tool: DVec3) -> Self {
+        let mesh = map.mesh(mesh);
+        let bins = Bins::sort(mesh, &map.surface);
+        if kind == Points::Facets && !map.thin {
+            return place_facets(mesh, map, &bins, center_of_mass_tool);
+        }
+        let mut placed = place(mesh, map, &bins, center_of_mass_tool).weighted(kind);
+        if map.thin {
+            // Neither side of a skin is out.
+            placed.normals.fill(Vec3::ZERO);
+            placed.on_edge.fill(true);
+        }
+        placed
+    }
+
+    /// Adds the points of another map; edges bend as deep as in either.
+    fn append(&mut self, other: Self) {
+        let Self { sites, normals, weights, on_edge, edge_depth_m, tally } = other;
+        let n_before = self.sites.len() as u32;
+        self.sites.extend(sites.iter().map(|site| site.later(n_before)));
+        self.normals.extend(normals);
+        self.weights.extend(weights);
+        self.on_edge.extend(on_edge);
+        self.edge_depth_m = self.edge_depth_m.min(edge_depth_m);
+        self.tally = self.tally.plus(tally);
+    }
+
     /// Points of voxels with what they stand for: all the same in the paper; else what a face has
     /// of area for each voxel that it touches.
     fn weighted(mut self, kind: Points) -> Self {

@@ -22,6 +22,11 @@ impl Site {
         Self { coded: position.to_array().map(ascending), idx }
     }
 
+    /// The same, numbered behind `n_before` others.
+    pub(super) fn later(self, n_before: u32) -> Self {
+        Self { idx: self.idx + n_before, ..self }
+    }
+
     /// About the centre of mass, m.
     pub(super) fn position(&self) -> Vec3 {
         Vec3::from_array(self.coded.map(float))

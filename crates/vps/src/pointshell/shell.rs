@@ -20,7 +20,8 @@ pub struct Shell {
     /// `[n_points / 16, rounded up]`, 64-byte aligned: positions, m. Unused lanes of the last block
     /// hold NaN, which is no contact.
     positions: SharedSlice<Lanes3>,
-    /// Same layout: unit normals, pointing **into** the tool.
+    /// Same layout: unit normals, pointing **into** the tool; zero for points of a skin, which has
+    /// no inside: these count as edges at any depth.
     normals: SharedSlice<Lanes3>,
     /// Same layout: surface that each point stands for, s².
     weights: SharedSlice<Lanes>,
@@ -113,7 +114,7 @@ impl Shell {
         &self.positions
     }
 
-    /// Inward unit normals, laid out like [`Self::positions`].
+    /// Inward unit normals, laid out like [`Self::positions`]; zero for points of a skin.
     pub fn normals(&self) -> &[Lanes3] {
         &self.normals
     }

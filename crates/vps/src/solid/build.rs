@@ -3,12 +3,15 @@
 use glam::DVec3;
 
 use super::boxes::Boxes;
-use super::cut::{Cut, cut};
+use super::cracks::join_cracks;
+use super::cut::{Cut, Limits, cut};
 use super::faces::Faces;
 use super::judge::judge;
+use super::lids::{Lids, lids};
 use super::nesting::{Nesting, nest};
 use super::pieces::{NO_PIECE, Pieces};
 use super::report::{Cavity, SolidReport};
+use super::self_meets::pass_through_themselves;
 use crate::mesh::TriangleMesh;
 use crate::mesh::mass::{mass_properties, of_closed};
 use crate::mesh::validate::WELD_SHARE;
@@ -21,13 +24,22 @@ pub struct SolidOptions {
     /// [`WELD_SHARE`] of the diagonal of the bounding box, which the six digits of a text file, or
     /// an `f32`, keep.
     pub tolerance_m: Option<f64>,
+    /// Open edges with no more than this between them, m, are joined: a tenth of a voxel is a
+    /// crack, not a hole. 0: none are.
+    pub crack_m: f64,
 }
+
+/// Lids wider than this many tolerances are counted as openings: what tolerances and rounding leave
+/// open is narrower.
+const LID_TOLERANCES: f64 = 32.0;
 
 /// What the triangles of a file mean.
 #[derive(Clone, Debug)]
 pub struct Solid {
     /// Border of the solid: closed, outward. Its vertices begin with those of the file; a triangle
-    /// that is kept whole is that of the file, and in its order.
+    /// that is kept whole is that of the file, and in its order, but for corners that lie within
+    /// the tolerance of others: of pieces that meet others, they are one. Triangles that close what
+    /// tolerances and rounding left open come last.
     pub border: TriangleMesh,
     /// Triangles of pieces that are not closed, as far as they lie outside of the solid.
     pub skins: TriangleMesh,
@@ -38,13 +50,29 @@ pub struct Solid {
 impl Solid {
     /// Makes a solid of triangles. Vertices must be finite, and indices in range.
     pub fn of(mesh: &TriangleMesh, options: &SolidOptions) -> Self {
-        let (low, high) = mesh.bounds().unwrap_or_default();
+        Self::within(mesh, options, Limits::default())
+    }
+
+    /// The same, with how much is cut at most.
+    pub(super) fn within(file: &TriangleMesh, options: &SolidOptions, limits: Limits) -> Self {
+        let (low, high) = file.bounds().unwrap_or_default();
         let tolerance_m = options
             .tolerance_m
             .unwrap_or(WELD_SHARE * low.distance(high))
             // Far from the origin, neighbouring numbers are farther apart than that.
             .max(4.0 * f64::EPSILON * low.abs().max(high.abs()).max_element());
-        let mut pieces = Pieces::of(mesh, tolerance_m);
+        let mut pieces = Pieces::of(file, tolerance_m);
+        let joined = (options.crack_m > 0.0 && pieces.n_open_edges > 0)
+            .then(|| join_cracks(file, tolerance_m, options.crack_m))
+            .flatten();
+        let mesh = joined.as_ref().map_or(file, |joined| &joined.mesh);
+        if joined.is_some() {
+            pieces = Pieces::of(mesh, tolerance_m);
+        }
+        let passes = pass_through_themselves(mesh, &pieces, tolerance_m);
+        for (piece, passes) in pieces.pieces.iter_mut().zip(passes) {
+            piece.meets_itself |= passes;
+        }
         let meets = Meets::of(&pieces, tolerance_m);
         let (mut faces, lines) = Faces::of(mesh, &pieces, &meets.any, tolerance_m);
         let nesting = nest(&pieces, &faces, 4.0 * tolerance_m);
@@ -58,27 +86,35 @@ impl Solid {
         let mut tangled = false;
         let mut inside_area_m2 = 0.0;
         let mut cut_triangles = 0;
+        let mut open_edges = 0;
+        let mut empty_m3 = None;
         if faces.faces.is_empty() {
             picked.all(&pieces, |_| true);
         } else {
-            match cut(&faces, lines, &mesh.vertices, tolerance_m) {
+            match cut(&faces, lines, &mesh.vertices, tolerance_m, limits) {
                 None => {
                     tangled = true;
                     picked.all(&pieces, |_| true);
                 }
                 Some(cut) => {
-                    let is_cavity = |piece: u32| nesting.is_cavity[piece as usize];
-                    let stays = judge(&faces, &cut, is_cavity, tolerance_m);
-                    let parts = FaceParts::of(&faces, &cut, &stays);
+                    let judged = judge(&faces, &cut, &nesting, tolerance_m);
+                    let parts = FaceParts::of(mesh, &faces, &cut, &judged.stays);
                     inside_area_m2 = parts.left_out_m2;
                     cut_triangles = parts.n_cut;
-                    picked.of_cut(&pieces, &meets.any, &faces, &cut, &stays, &parts);
+                    picked.of_cut(&pieces, &meets.any, &faces, &cut, &judged.stays, &parts);
+                    let border = parts.border(&faces, &cut, &judged.stays);
+                    let Lids { triangles, n_wide_edges } =
+                        lids(&border, &cut.positions, LID_TOLERANCES * tolerance_m);
+                    open_edges = n_wide_edges;
+                    triangles.into_iter().for_each(|lid| picked.border.add_part(&cut, lid));
+                    empty_m3 = Some(judged.empty_m3(&cut, &pieces.pieces));
                 }
             }
         }
-        let cavities = cavities(&pieces, &nesting);
+        let cavities = cavities(&pieces, &nesting, empty_m3.as_deref());
         let skin_pieces = pieces.pieces.iter().filter(|piece| !piece.closed).count();
         let n_closed = pieces.pieces.len() - skin_pieces;
+        let n_cavities = nesting.is_cavity.iter().filter(|is_cavity| **is_cavity).count();
         let border = picked.border.finish(mesh, &pieces, true);
         let skins = picked.skins.finish(mesh, &pieces, false);
         let mass = if border.triangles.is_empty() {
@@ -87,12 +123,12 @@ impl Solid {
             of_closed(&border, 0.5 * (low + high))
         };
         let report = SolidReport {
-            triangles: mesh.triangles.len(),
+            triangles: file.triangles.len(),
             pieces: pieces.pieces.len(),
-            bodies: n_closed - cavities.len(),
+            bodies: n_closed - n_cavities,
             cavities,
-            skins: skin_pieces,
-            skin_area_m2: area(&skins),
+            open_pieces: skin_pieces,
+            open_area_m2: area(&skins),
             degenerate_triangles: pieces.n_degenerate,
             repeated_triangles: pieces.n_repeats,
             inconsistent_triangles: pieces.n_inconsistent,
@@ -103,8 +139,10 @@ impl Solid {
             } else {
                 nesting.to_turn.iter().filter(|turned| **turned).count()
             },
+            joined_cracks: joined.as_ref().map_or(0, |joined| joined.n_edges),
             inside_area_m2,
             cut_triangles,
+            open_edges,
             tangled,
             mass,
         };
@@ -113,19 +151,30 @@ impl Solid {
 }
 
 fn area(mesh: &TriangleMesh) -> f64 {
-    (0..mesh.triangles.len()).map(|idx| area_of(mesh.corners(idx))).sum()
+    // The sum of nothing would be -0.
+    (0..mesh.triangles.len())
+        .map(|idx| area_of(mesh.corners(idx)))
+        .fold(0.0, |sum, area| sum + area)
 }
 
 fn area_of([a, b, c]: [DVec3; 3]) -> f64 {
     0.5 * (b - a).cross(c - a).length()
 }
 
-fn cavities(pieces: &Pieces, nesting: &Nesting) -> Vec<Cavity> {
-    let of_cavity = pieces.pieces.iter().zip(&nesting.is_cavity).filter(|(_, is)| **is);
-    of_cavity
-        .map(|(piece, _)| Cavity {
-            volume_m3: piece.volume_m3.abs(),
-            n_triangles: piece.n_triangles,
+/// A cavity smaller than this part of its shell is full: bodies that fill it do so within the
+/// tolerance.
+const FULL_SHARE: f64 = 1e-6;
+
+/// Cavities that are not full; `empty_m3` is what is empty of each piece, if it is known.
+fn cavities(pieces: &Pieces, nesting: &Nesting, empty_m3: Option<&[f64]>) -> Vec<Cavity> {
+    let numbers = (0..pieces.pieces.len()).filter(|piece| nesting.is_cavity[*piece]);
+    numbers
+        .filter_map(|number| {
+            let piece = &pieces.pieces[number];
+            let shell_m3 = piece.volume_m3.abs();
+            let volume_m3 = empty_m3.map_or(shell_m3, |empty_m3| empty_m3[number]);
+            (volume_m3 > FULL_SHARE * shell_m3)
+                .then_some(Cavity { volume_m3, n_triangles: piece.n_triangles })
         })
         .collect()
 }
@@ -159,6 +208,9 @@ struct FaceParts {
     starts: Vec<u32>,
     /// `[n_faces]`: it stays as it is.
     is_whole: Vec<bool>,
+    /// `[n_faces]`: its corners lie where those of the file do. Others were near corners of another
+    /// triangle, and are taken from there: the border would have a crack otherwise.
+    keeps_corners: Vec<bool>,
     n_cut: usize,
     left_out_m2: f64,
 }
@@ -166,7 +218,7 @@ struct FaceParts {
 impl FaceParts {
     /// A face of which all fragments stay remains whole, unless a point on its edges is a corner
     /// of something else that stays: the border would have a crack there.
-    fn of(faces: &Faces, cut: &Cut, stays: &[bool]) -> Self {
+    fn of(mesh: &TriangleMesh, faces: &Faces, cut: &Cut, stays: &[bool]) -> Self {
         let mut starts = vec![0; faces.faces.len() + 1];
         cut.fragments.iter().for_each(|fragment| starts[fragment.face as usize + 1] += 1);
         for face in 0..faces.faces.len() {
@@ -232,8 +284,28 @@ impl FaceParts {
             .map(|(fragment, _)| {
                 area_of(fragment.points.map(|point| cut.positions[point as usize]))
             })
-            .sum();
-        Self { starts, is_whole, n_cut, left_out_m2 }
+            .fold(0.0, |sum, area| sum + area);
+        let keeps_corners = parallel::map(faces.faces.len(), 256, |idx| {
+            let face = &faces.faces[idx];
+            let of_file = mesh.corners(face.file_idx as usize);
+            face.corners.iter().all(|corner| of_file.contains(corner))
+        });
+        Self { starts, is_whole, keeps_corners, n_cut, left_out_m2 }
+    }
+
+    /// What stays of closed pieces, over the points of the cut.
+    fn border(&self, faces: &Faces, cut: &Cut, stays: &[bool]) -> Vec<[u32; 3]> {
+        let mut border = Vec::new();
+        for (idx, face) in faces.faces.iter().enumerate().filter(|(_, face)| face.closed) {
+            if self.is_whole[idx] {
+                border.push(face.vertices);
+                continue;
+            }
+            let range = self.starts[idx] as usize..self.starts[idx + 1] as usize;
+            let staying = range.filter(|fragment| stays[*fragment]);
+            border.extend(staying.map(|fragment| cut.fragments[fragment].points));
+        }
+        border
     }
 }
 
@@ -278,13 +350,15 @@ impl Picked {
                 continue;
             }
             // Triangles without area are no faces: the points on them are on their neighbours.
-            let Some(_) = faces.faces.get(next).filter(|face| face.file_idx == file_idx) else {
+            let Some(face) = faces.faces.get(next).filter(|face| face.file_idx == file_idx) else {
                 continue;
             };
             let picks = self.of(pieces, piece);
             let range = parts.starts[next] as usize..parts.starts[next + 1] as usize;
-            if parts.is_whole[next] {
+            if parts.is_whole[next] && parts.keeps_corners[next] {
                 picks.whole.push(file_idx);
+            } else if parts.is_whole[next] {
+                picks.add_part(cut, face.vertices);
             } else {
                 for fragment in range.filter(|fragment| stays[*fragment]) {
                     picks.add_part(cut, cut.fragments[fragment].points);

@@ -40,7 +40,7 @@ pub(super) struct Contacts {
 
 /// A point that both faces have in common; bit `k` of a mask is set when it lies on edge `k`.
 #[derive(Clone, Copy)]
-struct Common {
+pub(super) struct Common {
     key: Key,
     at: DVec3,
     edges: [u8; 2],
@@ -104,8 +104,8 @@ impl Pair<'_> {
         (p.distance_squared(q) <= tolerance * tolerance).then(|| 0.5 * (p + q))
     }
 
-    /// Adds what the pair has in common.
-    pub(super) fn find(&self, found: &mut Contacts) {
+    /// Adds what the pair has in common; `common` is memory that is used again.
+    pub(super) fn find(&self, common: &mut Vec<Common>, found: &mut Contacts) {
         let tolerance = self.tolerance_m;
         let shares = |side: usize, k: usize| {
             self.faces[1 - side].vertices.contains(&self.faces[side].vertices[k])
@@ -127,7 +127,7 @@ impl Pair<'_> {
             return;
         }
 
-        let mut common: Vec<Common> = Vec::new();
+        common.clear();
         // Corners that lie on the other: on its edges (a mask), or within it.
         let mut on_edges = [[0_u8; 3]; 2];
         let mut is_on = [[false; 3]; 2];
@@ -229,7 +229,7 @@ impl Pair<'_> {
         // Neighbours have their edge in common, and are not cut there.
         let n_shared = (0..3).filter(|k| shares(0, *k)).count();
         if common.len() >= 2 && common.len() > n_shared {
-            self.draw(&common, &heights, found);
+            self.draw(common, &heights, found);
         }
     }
 

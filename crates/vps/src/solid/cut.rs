@@ -17,16 +17,28 @@ use glam::{DVec2, DVec3};
 use robust::{Coord, orient2d};
 
 use super::contacts::{Contacts, Key, Pair, position};
-use super::faces::{Face, Faces};
+use super::faces::{Face, Faces, PieceFaces};
 use super::lines::Lines;
 use super::triangulate::{Scratch, triangulate};
 use crate::mesh::weld::weld_within;
 use crate::parallel;
 
-/// More lines across faces than this are not cut: they would take minutes, and no part has them.
-const MAX_ACROSS: usize = 30_000_000;
-/// Crossings of lines, in all faces.
-const MAX_CROSSINGS: usize = 10_000_000;
+/// How much is cut at most: more would take minutes, and no part has it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Limits {
+    /// Pairs of faces whose boxes meet.
+    pub(super) pairs: usize,
+    /// Lines across faces.
+    pub(super) lines: usize,
+    /// Crossings of lines, in all faces.
+    pub(super) crossings: usize,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self { pairs: 1_000_000_000, lines: 30_000_000, crossings: 10_000_000 }
+    }
+}
 
 /// Splitting moves points by up to the tolerance, which can bring new ones near; that ends soon.
 const ROUNDS: usize = 4;
@@ -59,24 +71,23 @@ pub(super) fn cut(
     mut lines: Lines,
     vertices: &[DVec3],
     tolerance_m: f64,
+    limits: Limits,
 ) -> Option<Cut> {
-    let Contacts { on_edges, across } = contacts(faces, &lines, vertices, tolerance_m)?;
+    let Contacts { on_edges, across } = contacts(faces, &lines, vertices, tolerance_m, limits)?;
 
-    let mut keys: Vec<Key> = on_edges
-        .iter()
-        .map(|(_, key)| *key)
-        .chain(across.iter().flat_map(|(_, ends)| *ends))
-        .filter(|key| key[0] != 0)
-        .collect();
-    rayon::slice::ParallelSliceMut::par_sort_unstable(&mut keys[..]);
-    keys.dedup();
-    let made = parallel::map(keys.len(), 64, |k| position(keys[k], &faces.faces, &lines, vertices));
+    let keys = Keys::of(
+        on_edges.iter().map(|(_, key)| *key).chain(across.iter().flat_map(|(_, ends)| *ends)),
+        lines.len(),
+    );
+    let made = parallel::map(keys.sorted.len(), 64, |k| {
+        position(keys.sorted[k], &faces.faces, &lines, vertices)
+    });
     let mut points = Points::new(faces, vertices, tolerance_m);
     points.add(made);
     let n_vertices = vertices.len() as u32;
     let number_of = |key: Key| match key {
         [0, vertex, _] => vertex,
-        _ => n_vertices + keys.binary_search(&key).map_or(0, |place| place as u32),
+        _ => n_vertices + keys.place_of(key),
     };
 
     // From now on by number.
@@ -95,7 +106,7 @@ pub(super) fn cut(
     lines.sort_points(&points.positions, |point| points.stands_for(point));
     let across = Across::new(faces.faces.len(), &across, &lines);
 
-    split_lines(faces, &mut lines, &across, &mut points)?;
+    split_lines(faces, &mut lines, &across, &mut points, limits)?;
 
     let fragments = parallel::map_with(faces.faces.len(), 16, Scratch::default, |scratch, idx| {
         let face = &faces.faces[idx];
@@ -120,52 +131,107 @@ enum Parts {
     Many(Vec<Fragment>),
 }
 
+/// Faces of one piece that are looked at by one task.
+const TASK_FACES: usize = 256;
+
+/// Some faces of one piece.
+struct Task<'a> {
+    place: u32,
+    one: &'a PieceFaces,
+    faces: &'a [u32],
+}
+
+impl<'a> Task<'a> {
+    fn all(faces: &'a Faces) -> Vec<Self> {
+        let pieces = (0..).zip(&faces.by_piece);
+        pieces
+            .flat_map(|(place, one)| {
+                one.faces.chunks(TASK_FACES).map(move |faces| Self { place, one, faces })
+            })
+            .collect()
+    }
+
+    /// The task compares its faces with those of this piece: of two pieces, the one with fewer
+    /// faces is compared with the other.
+    fn is_compared(&self, place: u32, other: &PieceFaces, all: &Faces) -> bool {
+        if place == self.place {
+            return other.closed && all.faces[self.faces[0] as usize].meets_itself;
+        }
+        let rank = |place: u32, of: &PieceFaces| (of.faces.len(), place);
+        (self.one.closed || other.closed) && rank(self.place, self.one) < rank(place, other)
+    }
+}
+
 /// What all pairs of faces have in common.
 fn contacts(
     faces: &Faces,
     lines: &Lines,
     vertices: &[DVec3],
     tolerance_m: f64,
+    limits: Limits,
 ) -> Option<Contacts> {
+    let n_pairs = AtomicUsize::new(0);
     let n_across = AtomicUsize::new(0);
-    let found =
-        parallel::map_with(faces.faces.len(), 16, Vec::new, |others: &mut Vec<u32>, one| {
-            let mut found = Contacts::default();
-            if n_across.load(Ordering::Relaxed) > MAX_ACROSS {
-                return found;
+    // Both only rise: whether they end beyond the limits does not depend on the threads.
+    let is_tangled = || {
+        n_pairs.load(Ordering::Relaxed) > limits.pairs
+            || n_across.load(Ordering::Relaxed) > limits.lines
+    };
+    let tasks = Task::all(faces);
+    let scratch = || (Vec::new(), Vec::new());
+    let found = parallel::map_with(tasks.len(), 4, scratch, |(others, common), number| {
+        let others: &mut Vec<u32> = others;
+        let mut found = Contacts::default();
+        let task = &tasks[number];
+        let low_of = |face: u32| faces.faces[face as usize].low() - tolerance_m;
+        let high_of = |face: u32| faces.faces[face as usize].high() + tolerance_m;
+        let low = task.faces.iter().map(|face| low_of(*face)).fold(DVec3::INFINITY, DVec3::min);
+        let high =
+            task.faces.iter().map(|face| high_of(*face)).fold(DVec3::NEG_INFINITY, DVec3::max);
+        faces.piece_boxes.meeting(low, high, |place| {
+            let other = &faces.by_piece[place as usize];
+            if is_tangled() || !task.is_compared(place, other, faces) {
+                return;
             }
-            let face = &faces.faces[one];
-            if !face.meets_itself && !faces.is_near_others(face, tolerance_m) {
-                return found;
-            }
-            others.clear();
-            faces.boxes.meeting(face.low() - tolerance_m, face.high() + tolerance_m, |other| {
-                let with = &faces.faces[other as usize];
-                let meets = if face.piece == with.piece {
-                    face.meets_itself && face.closed
-                } else {
-                    face.closed || with.closed
-                };
-                if other as usize > one && meets {
-                    others.push(other);
+            let mut n_lines = found.across.len();
+            n_pairs.fetch_add(1, Ordering::Relaxed);
+            for number in task.faces {
+                let [low, high] = [low_of(*number), high_of(*number)];
+                if !(low.cmple(other.high).all() && other.low.cmple(high).all()) {
+                    continue;
                 }
-            });
-            for other in others.iter() {
-                let with = &faces.faces[*other as usize];
-                let pair = Pair {
-                    faces: [face, with],
-                    numbers: [one as u32, *other],
-                    lines,
-                    positions: vertices,
-                    tolerance_m,
-                    is_cut: [with.closed, face.closed],
-                };
-                pair.find(&mut found);
+                others.clear();
+                faces.meeting_in(other, low, high, |with| {
+                    // Pairs of one piece are met twice.
+                    if place != task.place || with > *number {
+                        others.push(with);
+                    }
+                });
+                n_pairs.fetch_add(others.len(), Ordering::Relaxed);
+                for with in others.iter() {
+                    // What is found does not depend on which piece has fewer faces.
+                    let numbers = [*number.min(with), *number.max(with)];
+                    let pair = numbers.map(|number| &faces.faces[number as usize]);
+                    let pair = Pair {
+                        faces: pair,
+                        numbers,
+                        lines,
+                        positions: vertices,
+                        tolerance_m,
+                        is_cut: [pair[1].closed, pair[0].closed],
+                    };
+                    pair.find(common, &mut found);
+                }
+                n_across.fetch_add(found.across.len() - n_lines, Ordering::Relaxed);
+                n_lines = found.across.len();
+                if is_tangled() {
+                    return;
+                }
             }
-            n_across.fetch_add(found.across.len(), Ordering::Relaxed);
-            found
         });
-    if n_across.into_inner() > MAX_ACROSS {
+        found
+    });
+    if is_tangled() {
         return None;
     }
     let mut all = Contacts::default();
@@ -174,6 +240,42 @@ fn contacts(
         all.across.append(&mut found.across);
     }
     Some(all)
+}
+
+/// Points by what makes them, in rising order, without vertices.
+struct Keys {
+    sorted: Vec<Key>,
+    /// `[2 n_lines + 1]`: where those begin that an edge makes with faces, and with edges: few each.
+    starts: Vec<u32>,
+    n_lines: usize,
+}
+
+impl Keys {
+    fn of(keys: impl Iterator<Item = Key>, n_lines: usize) -> Self {
+        let mut sorted: Vec<Key> = keys.filter(|key| key[0] != 0).collect();
+        rayon::slice::ParallelSliceMut::par_sort_unstable(&mut sorted[..]);
+        sorted.dedup();
+        let mut keys = Self { sorted, starts: vec![0; 2 * n_lines + 1], n_lines };
+        for place in 0..keys.sorted.len() {
+            let slot = keys.slot(keys.sorted[place]);
+            keys.starts[slot + 1] += 1;
+        }
+        for slot in 0..2 * n_lines {
+            keys.starts[slot + 1] += keys.starts[slot];
+        }
+        keys
+    }
+
+    fn slot(&self, [kind, edge, _]: Key) -> usize {
+        (kind as usize - 1) * self.n_lines + edge as usize
+    }
+
+    fn place_of(&self, key: Key) -> u32 {
+        let slot = self.slot(key);
+        let first = self.starts[slot];
+        let of_edge = &self.sorted[first as usize..self.starts[slot + 1] as usize];
+        first + of_edge.binary_search(&key).map_or(0, |place| place as u32)
+    }
 }
 
 /// Points by number; near ones are represented by the first of them.
@@ -259,6 +361,7 @@ fn split_lines(
     lines: &mut Lines,
     across: &Across,
     points: &mut Points,
+    limits: Limits,
 ) -> Option<()> {
     let mut is_changed: Option<Vec<bool>> = None;
     let mut n_crossings = 0;
@@ -277,7 +380,7 @@ fn split_lines(
             sweep.splits(face, lines, across, points)
         });
         n_crossings += splits.iter().map(|splits| splits.crossings.len()).sum::<usize>();
-        if n_crossings > MAX_CROSSINGS {
+        if n_crossings > limits.crossings {
             return None;
         }
         let mut changed = vec![false; lines.len()];
@@ -357,6 +460,7 @@ struct Part {
 struct Sweep {
     parts: Vec<Part>,
     points: Vec<u32>,
+    all_points: Vec<u32>,
 }
 
 impl Sweep {
@@ -366,14 +470,14 @@ impl Sweep {
         let at = |point: u32| positions[point as usize];
         let axes = Axes::of(face);
         self.parts.clear();
-        let mut all_points = Vec::new();
+        self.all_points.clear();
         for (place, line) in face.edges.iter().chain(across).enumerate() {
             let is_edge = place < 3;
             if !is_edge && face.edges.contains(line) {
                 continue;
             }
             lines.points(*line, &mut self.points);
-            all_points.extend_from_slice(&self.points);
+            self.all_points.extend_from_slice(&self.points);
             for ends in self.points.windows(2) {
                 let ends = [ends[0], ends[1]];
                 let [from, to] = ends.map(|end| axes.flat(at(end)));
@@ -381,11 +485,11 @@ impl Sweep {
                 self.parts.push(Part { low, high, line: *line, ends, is_edge });
             }
         }
-        all_points.sort_unstable();
-        all_points.dedup();
-        for point in all_points {
-            let flat = axes.flat(at(point));
-            let ends = [point; 2];
+        self.all_points.sort_unstable();
+        self.all_points.dedup();
+        for point in &self.all_points {
+            let flat = axes.flat(at(*point));
+            let ends = [*point; 2];
             self.parts.push(Part { low: flat, high: flat, line: u32::MAX, ends, is_edge: true });
         }
         self.parts.sort_unstable_by(|one, other| {

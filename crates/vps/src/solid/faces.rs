@@ -60,21 +60,20 @@ pub(super) struct Faces {
     /// In the order of the file. A triangle without area is none: its middle corner lies on the
     /// line between the other two, and that says all.
     pub(super) faces: Vec<Face>,
-    /// Of all faces.
-    pub(super) boxes: Boxes,
-    by_piece: Vec<PieceFaces>,
+    pub(super) by_piece: Vec<PieceFaces>,
     /// Of `by_piece`.
-    piece_boxes: Boxes,
+    pub(super) piece_boxes: Boxes,
 }
 
 /// The faces of one piece.
 #[derive(Debug)]
-struct PieceFaces {
-    piece: u32,
-    closed: bool,
-    faces: Vec<u32>,
-    low: DVec3,
-    high: DVec3,
+pub(super) struct PieceFaces {
+    pub(super) piece: u32,
+    pub(super) closed: bool,
+    /// In rising order.
+    pub(super) faces: Vec<u32>,
+    pub(super) low: DVec3,
+    pub(super) high: DVec3,
     /// Of `faces`; none for a few faces, which are looked at one by one.
     boxes: Option<Boxes>,
 }
@@ -137,19 +136,39 @@ impl Faces {
                 .fold(0, |best, k| if length(k) > length(best) { k } else { best });
             lines.put_on(face.edges[longest], face.vertices[(longest + 2) % 3]);
         }
-        let boxes = Boxes::new(faces.len(), |k| (faces[k].low(), faces[k].high()));
         let by_piece = faces_by_piece(&faces, pieces.pieces.len());
         let piece_boxes = Boxes::new(by_piece.len(), |k| (by_piece[k].low, by_piece[k].high));
-        (Self { faces, boxes, by_piece, piece_boxes }, lines)
+        (Self { faces, by_piece, piece_boxes }, lines)
     }
 
-    /// The box of this face meets that of another piece.
-    pub(super) fn is_near_others(&self, face: &Face, tolerance_m: f64) -> bool {
-        let mut is_near = false;
-        self.piece_boxes.meeting(face.low() - tolerance_m, face.high() + tolerance_m, |other| {
-            is_near |= self.by_piece[other as usize].piece != face.piece;
+    /// Calls `found` with the faces whose boxes meet the box from `low` to `high`.
+    pub(super) fn meeting(&self, low: DVec3, high: DVec3, mut found: impl FnMut(u32)) {
+        self.piece_boxes.meeting(low, high, |number| {
+            self.meeting_in(&self.by_piece[number as usize], low, high, &mut found);
         });
-        is_near
+    }
+
+    /// The same with the faces of one piece.
+    pub(super) fn meeting_in(
+        &self,
+        of_piece: &PieceFaces,
+        low: DVec3,
+        high: DVec3,
+        mut found: impl FnMut(u32),
+    ) {
+        match &of_piece.boxes {
+            Some(boxes) => {
+                boxes.meeting(low, high, |place| found(of_piece.faces[place as usize]));
+            }
+            None => {
+                for number in &of_piece.faces {
+                    let face = &self.faces[*number as usize];
+                    if face.low().cmple(high).all() && low.cmple(face.high()).all() {
+                        found(*number);
+                    }
+                }
+            }
+        }
     }
 
     /// Turns the faces of whole pieces round.
@@ -165,26 +184,38 @@ impl Faces {
     /// Sums the winding numbers of closed pieces around a point, each times its weight.
     pub(super) fn winding(&self, point: DVec3, weight: impl Fn(u32) -> i32) -> i32 {
         let mut sum = 0;
-        self.piece_boxes.meeting(point, point, |number| {
-            let of_piece = &self.by_piece[number as usize];
-            let weight = if of_piece.closed { weight(of_piece.piece) } else { 0 };
-            if weight == 0 {
-                return;
+        self.windings(point, |piece, winding| {
+            let weight = weight(piece);
+            if weight != 0 {
+                sum += weight * winding();
             }
-            let corners_of =
-                |place: u32| self.faces[of_piece.faces[place as usize] as usize].corners;
-            let mut winding = 0;
-            match &of_piece.boxes {
-                None => {
-                    for place in 0..of_piece.faces.len() as u32 {
-                        winding += columns::crossing(&corners_of(place), point);
-                    }
-                }
-                Some(boxes) => columns::above(boxes, corners_of, point, |way| winding += way),
-            }
-            sum += weight * winding;
         });
         sum
+    }
+
+    /// Calls `found` with each closed piece whose box holds the point, and with what computes its
+    /// winding number there.
+    pub(super) fn windings(&self, point: DVec3, mut found: impl FnMut(u32, &dyn Fn() -> i32)) {
+        self.piece_boxes.meeting(point, point, |number| {
+            let of_piece = &self.by_piece[number as usize];
+            if of_piece.closed {
+                found(of_piece.piece, &|| self.winding_of(of_piece, point));
+            }
+        });
+    }
+
+    fn winding_of(&self, of_piece: &PieceFaces, point: DVec3) -> i32 {
+        let corners_of = |place: u32| self.faces[of_piece.faces[place as usize] as usize].corners;
+        let mut winding = 0;
+        match &of_piece.boxes {
+            None => {
+                for place in 0..of_piece.faces.len() as u32 {
+                    winding += columns::crossing(&corners_of(place), point);
+                }
+            }
+            Some(boxes) => columns::above(boxes, corners_of, point, |way| winding += way),
+        }
+        winding
     }
 }
 

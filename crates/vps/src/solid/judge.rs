@@ -7,12 +7,14 @@
 //! A little above and below the fragment the winding numbers of the other pieces are counted; the
 //! piece itself is inside below and outside above, or, of a cavity, nothing below and −1 above. A
 //! fragment stays where below is inside and above is not, and where no earlier face lies on it that
-//! faces the same way.
+//! faces the same way. Of a hollow, it is noted which fragments face what is empty of it.
 
 use glam::DVec3;
 
 use super::cut::{Cut, Fragment};
 use super::faces::Faces;
+use super::nesting::Nesting;
+use super::pieces::Piece;
 use super::sets::Sets;
 use crate::mesh::edges::edge_uses;
 use crate::parallel;
@@ -24,14 +26,41 @@ const OFFSET_TOLERANCES: f64 = 4.0;
 /// Cosine of the angle at which faces face the same way.
 const SAME_WAY: f64 = 0.5;
 
-/// For each fragment, whether it belongs to the border; of open pieces, whether it lies outside of
-/// the solid.
-pub(super) fn judge(
-    faces: &Faces,
-    cut: &Cut,
-    is_cavity: impl Fn(u32) -> bool + Sync,
-    tolerance_m: f64,
-) -> Vec<bool> {
+/// No cavity.
+const NONE: u32 = u32::MAX;
+
+/// What was found of the fragments.
+#[derive(Debug)]
+pub(super) struct Judged {
+    /// `[n_fragments]`: it belongs to the border; of open pieces, it lies outside of the solid.
+    pub(super) stays: Vec<bool>,
+    /// `[n_fragments]`: the cavity whose empty part lies above; [`u32::MAX`] for none. Empty when
+    /// there are no cavities.
+    cavities: Vec<u32>,
+}
+
+impl Judged {
+    /// What is empty of each cavity, `[n_pieces]`, m³; 0 for other pieces.
+    pub(super) fn empty_m3(&self, cut: &Cut, pieces: &[Piece]) -> Vec<f64> {
+        let mut volumes = vec![0.0; pieces.len()];
+        for (fragment, cavity) in cut.fragments.iter().zip(&self.cavities) {
+            if *cavity != NONE {
+                // From a point beside it: far from it the sum would lose digits.
+                let origin = pieces[*cavity as usize].low;
+                let [a, b, c] = fragment.points.map(|point| cut.positions[point as usize] - origin);
+                volumes[*cavity as usize] -= a.dot(b.cross(c)) / 6.0;
+            }
+        }
+        volumes
+    }
+}
+
+/// Judges all fragments.
+pub(super) fn judge(faces: &Faces, cut: &Cut, nesting: &Nesting, tolerance_m: f64) -> Judged {
+    let has_cavities = nesting.is_cavity.contains(&true);
+    // Without cavities no winding number is negative, and the first body that holds a point says
+    // that it is inside.
+    let is_sum = !has_cavities && !faces.faces.iter().any(|face| face.meets_itself);
     let fragments = &cut.fragments;
     let triangles = parallel::map(fragments.len(), 256, |k| fragments[k].points);
     let uses = edge_uses(&triangles, cut.positions.len());
@@ -68,9 +97,9 @@ pub(super) fn judge(
             *best = fragment;
         }
     }
-    let stays = parallel::map(fragments.len(), 16, |k| {
+    let verdicts = parallel::map(fragments.len(), 16, |k| {
         if patches[k] != k as u32 {
-            return false;
+            return Verdict::default();
         }
         let widest = widest[k] as usize;
         let face_idx = fragments[widest].face;
@@ -79,10 +108,20 @@ pub(super) fn judge(
             face_idx,
             at: inner_center(corners_of(widest)),
             offset_m: OFFSET_TOLERANCES * tolerance_m,
+            nesting,
+            is_sum,
+            has_cavities,
         }
-        .stays(&is_cavity)
+        .verdict()
     });
-    patches.iter().map(|patch| stays[*patch as usize]).collect()
+    Judged {
+        stays: patches.iter().map(|patch| verdicts[*patch as usize].stays).collect(),
+        cavities: if has_cavities {
+            patches.iter().map(|patch| verdicts[*patch as usize].cavity).collect()
+        } else {
+            Vec::new()
+        },
+    }
 }
 
 /// The centre of the circle that fits into a triangle.
@@ -92,40 +131,92 @@ fn inner_center([a, b, c]: [DVec3; 3]) -> DVec3 {
     if sum > 0.0 { (a * to_a + b * to_b + c * to_c) / sum } else { a }
 }
 
+/// What is true of a patch.
+#[derive(Clone, Copy)]
+struct Verdict {
+    stays: bool,
+    cavity: u32,
+}
+
+impl Default for Verdict {
+    fn default() -> Self {
+        Self { stays: false, cavity: NONE }
+    }
+}
+
 /// A place on a face.
 struct Question<'a> {
     faces: &'a Faces,
     face_idx: u32,
     at: DVec3,
     offset_m: f64,
+    nesting: &'a Nesting,
+    /// Winding numbers only add up: none is negative.
+    is_sum: bool,
+    has_cavities: bool,
 }
 
 impl Question<'_> {
-    fn stays(&self, is_cavity: &impl Fn(u32) -> bool) -> bool {
+    fn verdict(&self) -> Verdict {
         let face = &self.faces.faces[self.face_idx as usize];
         let offset = self.offset_m * face.normal;
         let [below, above] = [self.at - offset, self.at + offset];
         if !face.closed {
-            return [below, above].iter().all(|point| self.faces.winding(*point, |_| 1) < 1);
+            let stays = [below, above].iter().all(|point| !self.is_inside(*point, None));
+            return Verdict { stays, ..Verdict::default() };
         }
+        let is_cavity = self.nesting.is_cavity[face.piece as usize];
         // A piece that meets itself is cut there, and counts as the others do.
-        let winding = |point: DVec3, own: i32| {
-            if face.meets_itself {
-                self.faces.winding(point, |_| 1)
-            } else {
-                own + self.faces.winding(point, |other| i32::from(other != face.piece))
-            }
-        };
-        let (own_below, own_above) = if is_cavity(face.piece) { (0, -1) } else { (1, 0) };
+        let own = |side: i32| (!face.meets_itself).then_some(side - i32::from(is_cavity));
         // Most of what does not stay has inside above.
-        winding(above, own_above) < 1 && winding(below, own_below) >= 1 && !self.is_repeated()
+        if self.is_inside(above, own(0)) {
+            return Verdict::default();
+        }
+        let is_border = self.is_inside(below, own(1));
+        if !(is_border || is_cavity) || self.is_repeated() {
+            return Verdict::default();
+        }
+        let cavity = match (is_cavity, self.has_cavities) {
+            (true, _) => face.piece,
+            (false, true) => self.cavity_at(above),
+            (false, false) => NONE,
+        };
+        Verdict { stays: is_border, cavity }
+    }
+
+    /// The point is inside of the solid; `own` is the winding number of the piece of the face, if
+    /// it is known.
+    fn is_inside(&self, point: DVec3, own: Option<i32>) -> bool {
+        let piece = self.faces.faces[self.face_idx as usize].piece;
+        let mut sum = own.unwrap_or(0);
+        if self.is_sum && sum >= 1 {
+            return true;
+        }
+        self.faces.windings(point, |other, winding| {
+            let is_known = own.is_some() && other == piece;
+            if !(is_known || self.is_sum && sum >= 1) {
+                sum += winding();
+            }
+        });
+        sum >= 1
+    }
+
+    /// A cavity that holds the point.
+    fn cavity_at(&self, point: DVec3) -> u32 {
+        let mut cavity = NONE;
+        self.faces.windings(point, |piece, winding| {
+            if self.nesting.is_cavity[piece as usize] && winding() != 0 {
+                cavity = piece;
+            }
+        });
+        cavity
     }
 
     /// An earlier face of another piece lies here and faces the same way.
     fn is_repeated(&self) -> bool {
         let face = &self.faces.faces[self.face_idx as usize];
         let mut is_repeated = false;
-        self.faces.boxes.meeting(self.at - self.offset_m, self.at + self.offset_m, |other_idx| {
+        self.faces.meeting(self.at - self.offset_m, self.at + self.offset_m, |other_idx| {
             let other = &self.faces.faces[other_idx as usize];
             is_repeated |= other_idx < self.face_idx
                 && other.closed

@@ -16,7 +16,8 @@ const DEPTH: usize = 8;
 pub(super) struct Lines {
     /// Lower end first; in rising order up to `n_edges`, and from there.
     ends: Vec<[u32; 2]>,
-    n_edges: usize,
+    /// The edges, and the lines that were added, by their lower ends.
+    by_lower: [ByLower; 2],
     /// Line, point: in any order and repeated, until they are sorted.
     on: Vec<(u32, u32)>,
     /// `[n_lines + 1]`: where the points of each line begin in `on`, as sorted last.
@@ -29,8 +30,38 @@ fn lower_first([one, other]: [u32; 2]) -> [u32; 2] {
 
 fn sort_ends(ends: &mut Vec<[u32; 2]>) {
     ends.iter_mut().for_each(|ends| *ends = lower_first(*ends));
-    ends.par_sort_unstable();
+    ends.par_sort_unstable_by_key(|[low, high]| u64::from(*low) << 32 | u64::from(*high));
     ends.dedup();
+}
+
+/// Where the lines with the same lower end are among sorted ones: few share one, so that looking
+/// there takes a step or two instead of the logarithm of all lines.
+#[derive(Debug, Default)]
+struct ByLower {
+    first: usize,
+    /// By lower end, up to the highest, relative to `first`.
+    starts: Vec<u32>,
+}
+
+impl ByLower {
+    /// Of sorted lines, the first of which has the number `first`.
+    fn of(ends: &[[u32; 2]], first: usize) -> Self {
+        let n_points = ends.last().map_or(0, |[low, _]| *low as usize + 1);
+        let mut starts = vec![0; n_points + 1];
+        ends.iter().for_each(|[low, _]| starts[*low as usize + 1] += 1);
+        for point in 0..n_points {
+            starts[point + 1] += starts[point];
+        }
+        Self { first, starts }
+    }
+
+    fn number_of(&self, all: &[[u32; 2]], ends: [u32; 2]) -> Option<u32> {
+        let low = ends[0] as usize;
+        let start = self.first + *self.starts.get(low)? as usize;
+        let end = self.first + *self.starts.get(low + 1)? as usize;
+        let place = all[start..end].binary_search_by_key(&ends[1], |ends| ends[1]).ok()?;
+        Some((start + place) as u32)
+    }
 }
 
 impl Lines {
@@ -38,13 +69,15 @@ impl Lines {
     pub(super) fn of(mut edges: Vec<[u32; 2]>) -> Self {
         sort_ends(&mut edges);
         let starts = vec![0; edges.len() + 1];
-        Self { n_edges: edges.len(), ends: edges, on: Vec::new(), starts }
+        let by_lower = [ByLower::of(&edges, 0), ByLower::default()];
+        Self { by_lower, ends: edges, on: Vec::new(), starts }
     }
 
     /// Adds lines, once, which may be edges.
     pub(super) fn add(&mut self, mut ends: Vec<[u32; 2]>) {
         sort_ends(&mut ends);
         ends.retain(|ends| self.number_of(*ends).is_none());
+        self.by_lower[1] = ByLower::of(&ends, self.ends.len());
         self.ends.append(&mut ends);
     }
 
@@ -60,11 +93,8 @@ impl Lines {
     /// The line between two points.
     pub(super) fn number_of(&self, ends: [u32; 2]) -> Option<u32> {
         let ends = lower_first(ends);
-        let (edges, added) = self.ends.split_at(self.n_edges);
-        let edge = edges.binary_search(&ends);
-        edge.or_else(|_| added.binary_search(&ends).map(|place| self.n_edges + place))
-            .map(|place| place as u32)
-            .ok()
+        let [edges, added] = &self.by_lower;
+        edges.number_of(&self.ends, ends).or_else(|| added.number_of(&self.ends, ends))
     }
 
     /// Says that a point lies on a line.

@@ -6,7 +6,7 @@
 //! report. Metres, in the frame of the file.
 //!
 //! ```text
-//!  triangles ─► pieces ─► nesting ─► contacts ─► cut ─► judge ─► border, skins
+//!  triangles ─► pieces ─► nesting ─► contacts ─► cut ─► judge ─► lids ─► border, skins
 //!                weld,    bodies,    points and  frag-  which
 //!                winding  cavities   lines       ments  stay
 //! ```
@@ -16,9 +16,12 @@
 //! | `pieces` | welding, repeats, connected pieces, their winding |
 //! | `nesting` | bodies, cavities, pieces that face the wrong way |
 //! | `faces`, `lines` | triangles that take part, their edges and what lies on them |
+//! | `cracks` | open edges beside each other |
+//! | `self_meets` | pieces that pass through themselves |
 //! | `contacts` | what two triangles have in common |
 //! | `cut`, `triangulate` | fragments |
 //! | `judge`, `columns` | winding numbers on both sides of fragments |
+//! | `lids` | closing what is left open in the border |
 //! | `build`, `report` | the result |
 //! | `boxes`, `sets` | a tree of boxes; disjoint sets |
 //!
@@ -28,17 +31,22 @@
 //! or more; the border is where inside ends.
 //!
 //! # Invariants
-//! Cold. The same bits for any number of threads; no panic, whatever the triangles. A piece whose
-//! box meets no other is not looked into: of a file of one closed piece, the border is the file. A
-//! piece that passes through itself away from its own edges keeps its triangles there.
+//! Cold. The same bits for any number of threads; no panic, whatever the triangles. The border is
+//! closed: what judging leaves open is closed by lids, and said where these are wider than
+//! tolerances and rounding explain. A piece whose box meets no other and that does not pass through
+//! itself is not cut: of a file of one such piece, the border is the file.
 //!
 //! # Cost
-//! Linear in the file, in parallel; for pieces whose boxes meet, n log n, and linear in what meets.
+//! Linear in the file, in parallel, about that of two inspections; for pieces whose boxes meet,
+//! n log n, and linear in what meets. What is cut at most is bounded (`cut::Limits`).
 //!
 //! # Limits
 //! What is thinner than a few tolerances, or two places nearer than that, may be on the wrong side
-//! of the border; the border can have cracks of that width there. Where triangles without area lie
-//! in an edge of two bodies that touch and face opposite ways, the two are not told apart.
+//! of the border. Where triangles without area lie in an edge of two bodies that touch and face
+//! opposite ways, the two are not told apart. A body that faces inward and is walled in by others on
+//! all sides is a cavity: from its triangles alone it is one. Of a body that stands twice, once
+//! facing inward, and shares walls with others, triangle by triangle, those that stand three times
+//! count once.
 //!
 //! # Source
 //! Zhou2016, sections 3 and 4: the winding number as the measure of inside, asked once per patch
@@ -49,13 +57,17 @@ mod boxes;
 mod build;
 mod columns;
 mod contacts;
+mod cracks;
 mod cut;
 mod faces;
 mod judge;
+mod lids;
 mod lines;
 mod nesting;
+mod open_parts;
 mod pieces;
 mod report;
+mod self_meets;
 mod sets;
 #[cfg(test)]
 mod tests;

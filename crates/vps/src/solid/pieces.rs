@@ -56,6 +56,8 @@ pub(super) struct Pieces {
     pub(super) pieces: Vec<Piece>,
     pub(super) n_degenerate: usize,
     pub(super) n_repeats: usize,
+    /// Edges of one triangle.
+    pub(super) n_open_edges: usize,
     /// Triangles whose winding did not agree with their piece.
     pub(super) n_inconsistent: usize,
     /// Pieces with even edges that cannot be wound consistently.
@@ -67,8 +69,6 @@ impl Pieces {
     pub(super) fn of(mesh: &TriangleMesh, tolerance_m: f64) -> Self {
         let n_vertices = mesh.vertices.len();
         let welded = weld_within(&mesh.vertices, tolerance_m);
-        // Cracks between open edges would be joined here: by giving the vertices of both rims the
-        // same number.
         let corners: Vec<[u32; 3]> = parallel::map(mesh.triangles.len(), 64, |triangle_idx| {
             mesh.triangles[triangle_idx].map(|vertex| welded[vertex as usize])
         });
@@ -85,18 +85,16 @@ impl Pieces {
             kept.iter().map(|triangle_idx| corners[*triangle_idx as usize]).collect()
         };
         let repeated = repeats(&triangles, n_vertices);
-        let mut is_sheet = Vec::new();
+        let mut keep = Vec::new();
         let mut n_repeats = 0;
         if !repeated.is_empty() {
-            let keep = without_repeats(&triangles, &repeated, n_vertices);
+            keep = without_repeats(&triangles, &repeated, n_vertices);
             n_repeats = keep.iter().filter(|keep| **keep == Keep::No).count();
-            is_sheet.extend(
-                keep.iter().filter(|keep| **keep != Keep::No).map(|keep| *keep == Keep::AsSheet),
-            );
             let mut each = keep.iter();
             kept.retain(|_| each.next() != Some(&Keep::No));
             let mut each = keep.iter();
             triangles.retain(|_| each.next() != Some(&Keep::No));
+            keep.retain(|keep| *keep != Keep::No);
         }
         let mut pieces = Self {
             piece_of: vec![NO_PIECE; corners.len()],
@@ -106,7 +104,16 @@ impl Pieces {
             n_repeats,
             ..Self::default()
         };
-        pieces.connect(mesh, &kept, &triangles, &is_sheet);
+        let is_sheet = |triangle: u32| matches!(keep.get(triangle as usize), Some(Keep::AsSheet));
+        pieces.connect(mesh, &kept, &triangles, is_sheet);
+        if keep.contains(&Keep::AsBody) {
+            let mut inward = vec![false; pieces.pieces.len()];
+            for (file_idx, _) in kept.iter().zip(&keep).filter(|(_, keep)| **keep == Keep::AsBody) {
+                let piece = pieces.piece_of[*file_idx as usize] as usize;
+                inward[piece] = pieces.pieces[piece].closed && pieces.pieces[piece].volume_m3 < 0.0;
+            }
+            pieces.turn_pieces(&inward);
+        }
         pieces
     }
 
@@ -116,10 +123,10 @@ impl Pieces {
         mesh: &TriangleMesh,
         kept: &[u32],
         triangles: &[[u32; 3]],
-        is_sheet: &[bool],
+        is_sheet: impl Fn(u32) -> bool + Copy,
     ) {
-        let is_sheet = |triangle: u32| is_sheet.get(triangle as usize).copied().unwrap_or(false);
         let mut uses = edge_uses(triangles, mesh.vertices.len());
+        self.n_open_edges = uses.fans.iter().filter(|fan| fan.triangles.len() == 1).count();
         if (0..triangles.len() as u32).any(is_sheet) {
             separate_sheets(&mut uses, is_sheet);
         }
@@ -128,11 +135,16 @@ impl Pieces {
             sets.join(pair.triangles[0], pair.triangles[1]);
         }
         for fan in &uses.fans {
-            if let Some(walls) = walls_of_bodies(mesh, fan, triangles) {
+            // What is closed here by itself stays apart, whichever way it faces.
+            let open_sets = open_sets(&fan.triangles, &mut sets);
+            let mut open = fan.triangles.clone();
+            open.retain(|(triangle, _)| open_sets.contains(&sets.lowest(*triangle)));
+            let open = EdgeFan { edge: fan.edge, triangles: open };
+            if let Some(walls) = walls_of_bodies(mesh, &open, triangles) {
                 walls.into_iter().for_each(|[one, other]| sets.join(one, other));
                 continue;
             }
-            let mut open = open_sets(&fan.triangles, &mut sets).into_iter();
+            let mut open = open_sets.into_iter();
             if let Some(first) = open.next() {
                 open.for_each(|other| sets.join(first, other));
             }
@@ -452,6 +464,9 @@ enum Keep {
     No,
     /// By itself: what it stands on is closed without it.
     AsSheet,
+    /// Of a body that stands twice, once facing inward: outside of others that is one body, and
+    /// inside of them it is full.
+    AsBody,
 }
 
 /// Decides which of triangles with the same corners stay.
@@ -532,8 +547,10 @@ fn judge_walls(triangles: &[[u32; 3]], walls: &[u32], keep: &mut [Keep]) {
     }
     for (place, wall) in (0_u32..).zip(walls) {
         let patch = patches.lowest(place) as usize;
-        if closes[patch] || !has_rim[patch] {
+        if closes[patch] {
             keep[*wall as usize] = Keep::Yes;
+        } else if !has_rim[patch] {
+            keep[*wall as usize] = Keep::AsBody;
         }
     }
 }
@@ -541,7 +558,9 @@ fn judge_walls(triangles: &[[u32; 3]], walls: &[u32], keep: &mut [Keep]) {
 /// Keeps all repeats of what is closed with them and open without.
 fn judge_repeats(triangles: &[[u32; 3]], n_vertices: usize, keep: &mut [Keep]) {
     let which: Vec<u32> = (0..triangles.len() as u32)
-        .filter(|triangle| [Keep::Yes, Keep::Repeat].contains(&keep[*triangle as usize]))
+        .filter(|triangle| {
+            [Keep::Yes, Keep::AsBody, Keep::Repeat].contains(&keep[*triangle as usize])
+        })
         .collect();
     let chosen: Vec<[u32; 3]> =
         which.iter().map(|triangle| triangles[*triangle as usize]).collect();

@@ -5,7 +5,7 @@ use crate::mesh::mass::MassProperties;
 /// A hollow inside of a body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cavity {
-    /// What its shell encloses, m³.
+    /// What its shell encloses without the bodies in it, m³.
     pub volume_m3: f64,
     /// Triangles of its shell.
     pub n_triangles: usize,
@@ -20,12 +20,13 @@ pub struct SolidReport {
     pub pieces: usize,
     /// Closed pieces that are material inside.
     pub bodies: usize,
-    /// Closed pieces inside of bodies that face inward, and are empty; in the order of the file.
+    /// Closed pieces inside of bodies that face inward, and are not filled by others; in the order
+    /// of the file.
     pub cavities: Vec<Cavity>,
     /// Pieces that are not closed.
-    pub skins: usize,
-    /// Area of the skins that is left, m².
-    pub skin_area_m2: f64,
+    pub open_pieces: usize,
+    /// Area of these outside of the solid, m².
+    pub open_area_m2: f64,
     /// Triangles whose corners fall together; left out.
     pub degenerate_triangles: usize,
     /// Triangles with the same corners as an earlier one; left out.
@@ -38,10 +39,15 @@ pub struct SolidReport {
     pub inside_out: bool,
     /// Closed pieces that faced inward outside of every body; turned.
     pub turned_pieces: usize,
+    /// Edges that were open and were joined with others beside them.
+    pub joined_cracks: usize,
     /// Area of triangles that lie inside of the solid or on others, left out, m².
     pub inside_area_m2: f64,
     /// Triangles of which a part was left out.
     pub cut_triangles: usize,
+    /// Edges at which the border was open, and was closed by triangles of which the file says
+    /// nothing.
+    pub open_edges: usize,
     /// Pieces meet in too many places: what lies inside of the solid was not left out.
     pub tangled: bool,
     /// Volume, centre and inertia of the solid; of its skins if it has no inside.
@@ -49,7 +55,20 @@ pub struct SolidReport {
 }
 
 impl SolidReport {
-    /// One sentence per thing that a user should look at; empty for one closed piece.
+    /// How many hollows there are, and what they enclose; `None` without any.
+    pub(crate) fn hollows_text(&self) -> Option<String> {
+        let volume_m3 = self.cavities.iter().fold(0.0, |sum, cavity| sum + cavity.volume_m3);
+        let volume = volume_text(volume_m3);
+        match self.cavities.len() {
+            0 => None,
+            1 => Some(format!("a hollow of {volume}")),
+            n => Some(format!("{n} hollows of {volume}")),
+        }
+    }
+
+    /// One sentence per thing that a user should look at, beyond what
+    /// [`MeshReport::warnings`](crate::mesh::validate::MeshReport::warnings) says; empty for one
+    /// closed piece. What becomes of open pieces is decided by the voxels.
     pub fn warnings(&self) -> Vec<String> {
         let mut warnings = Vec::new();
         let mut count = |n: usize, one: &str, many: &str| match n {
@@ -57,16 +76,6 @@ impl SolidReport {
             1 => warnings.push(format!("1 {one}")),
             n => warnings.push(format!("{n} {many}")),
         };
-        count(
-            self.degenerate_triangles,
-            "triangle without area was left out",
-            "triangles without area were left out",
-        );
-        count(
-            self.repeated_triangles,
-            "triangle repeats another and was left out",
-            "triangles repeat others and were left out",
-        );
         count(
             self.inconsistent_triangles,
             "triangle faced another way than its neighbours and was turned",
@@ -82,20 +91,23 @@ impl SolidReport {
             "piece faced inward outside of every body and was turned",
             "pieces faced inward outside of every body and were turned",
         );
+        count(
+            self.joined_cracks,
+            "open edge lies along another and was joined with it",
+            "open edges lie along others and were joined with them",
+        );
+        count(
+            self.open_edges,
+            "edge of the border was open where pieces meet, and was closed by a guess",
+            "edges of the border were open where pieces meet, and were closed by a guess",
+        );
         if self.inside_out {
             warnings.push("every closed piece faced inward: all were turned".to_owned());
         }
-        for cavity in &self.cavities {
-            warnings.push(format!("a hollow of {} is empty", volume_text(cavity.volume_m3)));
-        }
+        warnings.extend(self.hollows_text().map(|hollows| format!("{hollows}: empty")));
         if self.inside_area_m2 > 0.0 {
             let area = area_text(self.inside_area_m2);
             warnings.push(format!("{area} of surface lie inside of the solid and were left out"));
-        }
-        if self.skins > 0 {
-            let pieces = if self.skins == 1 { "piece is" } else { "pieces are" };
-            let area = area_text(self.skin_area_m2);
-            warnings.push(format!("{} {pieces} not closed: a skin of {area}", self.skins));
         }
         if self.tangled {
             warnings.push(

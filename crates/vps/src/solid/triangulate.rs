@@ -1,6 +1,7 @@
 //! Triangulates a face with the lines across it as edges.
 
 use glam::DVec3;
+use spade::handles::FixedVertexHandle;
 use spade::{ConstrainedDelaunayTriangulation, HasPosition, Point2, Triangulation};
 
 use super::cut::{Axes, Fragment};
@@ -28,6 +29,8 @@ impl HasPosition for Corner {
 /// Memory that is used again for the next face.
 #[derive(Default)]
 pub(super) struct Scratch {
+    cdt: ConstrainedDelaunayTriangulation<Corner>,
+    handles: Vec<Option<FixedVertexHandle>>,
     points: Vec<u32>,
     rim: Vec<[u32; 2]>,
     inner: Vec<[u32; 2]>,
@@ -49,7 +52,7 @@ pub(super) fn triangulate(
     across: &[u32],
     positions: &[DVec3],
 ) -> Vec<Fragment> {
-    let Scratch { points, rim, inner, along, corners } = scratch;
+    let Scratch { cdt, handles, points, rim, inner, along, corners } = scratch;
     rim.clear();
     inner.clear();
     corners.clear();
@@ -74,8 +77,8 @@ pub(super) fn triangulate(
     corners.dedup();
 
     let axes = Axes::of(face);
-    let mut cdt = ConstrainedDelaunayTriangulation::<Corner>::new();
-    let mut handles = Vec::with_capacity(corners.len());
+    cdt.clear();
+    handles.clear();
     for point in corners.iter() {
         let flat = axes.flat(positions[*point as usize]);
         let [x, y] = [flat.x, flat.y].map(|x| if x.abs() < TINY { 0.0 } else { x });
@@ -90,7 +93,13 @@ pub(super) fn triangulate(
             if from == to {
                 continue;
             }
-            if cdt.can_add_constraint(from, to) {
+            let edge = cdt.get_edge_from_neighbors(from, to);
+            let exists = edge.is_some();
+            // What lies on the hull stays an edge without being told so.
+            if edge.is_some_and(|edge| edge.is_part_of_convex_hull()) {
+                continue;
+            }
+            if exists || cdt.can_add_constraint(from, to) {
                 cdt.add_constraint(from, to);
             } else if is_rim {
                 rim_is_whole = false;

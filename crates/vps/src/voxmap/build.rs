@@ -1,4 +1,8 @@
 //! Triangles in, voxmap out: the stages in order.
+//!
+//! A file is first taken for what it means, see [`solid`](crate::solid): the border of the solid
+//! has one map, and pieces that are not closed have one each, beside it. Under
+//! [`InsideTest::Flood`] and [`InsideTest::Thin`] the triangles are taken as they are.
 
 use core::ops::ControlFlow;
 use std::time::Instant;
@@ -13,8 +17,13 @@ use super::layers::Layers;
 use super::leak::Leak;
 use super::orient::Orientation;
 use super::surface::{Navigation, Surface};
+use super::union::{Member, union};
 use crate::mesh::TriangleMesh;
-use crate::mesh::validate::MeshReport;
+use crate::mesh::validate::{MeshReport, inspect};
+use crate::solid::{Solid, SolidOptions, SolidReport};
+
+/// Cracks narrower than this part of a voxel are joined.
+const CRACK_SHARE: f64 = 0.1;
 
 /// What to build.
 #[derive(Clone, Copy, Debug)]
@@ -91,7 +100,7 @@ pub(crate) fn announce<A: Answer>(
 /// Seconds per stage.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct StageTimes {
-    /// Grid set-up.
+    /// What the triangles mean, and grid set-up.
     pub init_s: f64,
     /// Navigation and SAT.
     pub surface_s: f64,
@@ -114,7 +123,9 @@ pub struct Volume {
     pub orientation: Orientation,
     /// Layer values of the cells near the surface.
     pub layers: Layers,
-    /// How outside and inside were distinguished.
+    /// How outside and inside were to be distinguished.
+    pub sides_asked: InsideTest,
+    /// How they were.
     pub basis: InsideBasis,
     /// The fill of the mesh as it is did not leak.
     pub watertight: bool,
@@ -129,12 +140,39 @@ pub struct Volume {
     pub clear_share: Option<f64>,
     /// The mesh with lids on its holes, where they were needed.
     pub capped: Option<CappedMesh>,
+    /// The triangles that the map is of, where they are not those of the file.
+    own: Option<TriangleMesh>,
+    /// What the triangles of the file were taken for; `None` where they were taken as they are.
+    pub solid: Option<SolidReport>,
+    /// Maps of pieces that are not closed, beside the solid.
+    pub beside: Vec<Beside>,
     /// Seconds per stage.
     pub timings: StageTimes,
 }
 
+/// What is known of triangles before they are voxelized.
+#[derive(Clone, Copy)]
+enum Meaning<'a> {
+    /// Nothing but what the inspection found.
+    Unknown(&'a MeshReport),
+    /// They are the border of a solid.
+    Border(&'a SolidReport),
+}
+
+/// The map of a piece beside the solid.
+#[derive(Debug)]
+pub struct Beside {
+    /// Its map, whose grid is made of bricks of the whole grid.
+    pub map: Volume,
+    /// Area of its triangles, m².
+    pub area_m2: f64,
+    /// Coordinate of its first brick in the whole grid.
+    first_brick: [u32; 3],
+}
+
 impl Volume {
-    /// Classifies the volume of a mesh: surface, fill, leak check, orientation, layers.
+    /// Classifies the volume of a mesh: solid and skins, surface, fill, leak check, orientation,
+    /// layers.
     ///
     /// # Errors
     /// A grid that cannot be built, more surface voxels than can be numbered, or `watch` ended it.
@@ -145,6 +183,82 @@ impl Volume {
         options: &Options,
         mut watch: impl FnMut(BakeStage) -> A,
     ) -> Result<Self, GridError> {
+        let since = Instant::now();
+        let (low, high) = mesh.bounds().unwrap_or_default();
+        let grid = Grid::around(low, high, options.voxel_size_m, options.layers)?;
+        if matches!(options.sides, InsideTest::Flood | InsideTest::Thin) {
+            let init_s = since.elapsed().as_secs_f64();
+            let meaning = Meaning::Unknown(report);
+            let mut map = Self::of_triangles(mesh, meaning, grid, options, &mut watch)?;
+            map.timings.init_s = init_s;
+            return Ok(map);
+        }
+        let crack_m = CRACK_SHARE * options.voxel_size_m;
+        let solid = Solid::of(mesh, &SolidOptions { crack_m, ..SolidOptions::default() });
+        let Solid { border, report: of_solid, .. } = &solid;
+        let init_s = since.elapsed().as_secs_f64();
+        let parts = || solid.open_parts(options.voxel_size_m);
+        let mut map = if border.triangles.is_empty() {
+            let map =
+                Self::of_triangles(mesh, Meaning::Unknown(report), grid, options, &mut watch)?;
+            // One loose sheet among them must not make a skin of a part that has an inside.
+            let parts = if map.thin { parts() } else { Vec::new() };
+            let mut beside = if parts.len() > 1 {
+                Self::beside_of(parts, &grid, options, &mut watch)?
+            } else {
+                Vec::new()
+            };
+            match beside.iter().position(|beside| !beside.map.thin) {
+                None => map,
+                Some(place) => {
+                    let own = beside.remove(place).map.own.unwrap_or_default();
+                    let report = inspect(&own);
+                    let meaning = Meaning::Unknown(&report);
+                    let mut map = Self::of_triangles(&own, meaning, grid, options, &mut watch)?;
+                    map.own = Some(own);
+                    map.beside = beside;
+                    map
+                }
+            }
+        } else {
+            let meaning = Meaning::Border(of_solid);
+            let mut map = Self::of_triangles(border, meaning, grid, options, &mut watch)?;
+            map.beside = Self::beside_of(parts(), &grid, options, &mut watch)?;
+            map.own = Some(solid.border);
+            map
+        };
+        map.timings.init_s = init_s;
+        map.solid = Some(solid.report);
+        Ok(map)
+    }
+
+    /// Maps of parts that are not closed, each by itself.
+    fn beside_of<A: Answer>(
+        parts: Vec<TriangleMesh>,
+        grid: &Grid,
+        options: &Options,
+        watch: &mut impl FnMut(BakeStage) -> A,
+    ) -> Result<Vec<Beside>, GridError> {
+        let beside = |own: TriangleMesh| {
+            let (low, high) = own.bounds().unwrap_or_default();
+            let (grid, first_brick) = grid.part_around(low, high, options.layers);
+            let report = inspect(&own);
+            let meaning = Meaning::Unknown(&report);
+            let mut map = Self::of_triangles(&own, meaning, grid, options, &mut *watch)?;
+            map.own = Some(own);
+            Ok(Beside { map, area_m2: report.area_m2, first_brick })
+        };
+        parts.into_iter().map(beside).collect()
+    }
+
+    /// Classifies the volume of triangles that all belong together.
+    fn of_triangles<A: Answer>(
+        mesh: &TriangleMesh,
+        meaning: Meaning<'_>,
+        grid: Grid,
+        options: &Options,
+        watch: &mut impl FnMut(BakeStage) -> A,
+    ) -> Result<Self, GridError> {
         let mut timings = StageTimes::default();
         let mut since = Instant::now();
         let mut lap = || {
@@ -152,11 +266,8 @@ impl Volume {
             since = Instant::now();
             lap_s
         };
-        let (low, high) = mesh.bounds().unwrap_or_default();
-        let grid = Grid::around(low, high, options.voxel_size_m, options.layers)?;
+        announce(watch, BakeStage::Surface)?;
         let navigation = options.navigation.unwrap_or(Navigation::AUTO);
-        timings.init_s = lap();
-        announce(&mut watch, BakeStage::Surface)?;
         let surface = Surface::mark(mesh, &grid, navigation);
         if surface.n_voxels as u64 > SURFACE_VOXELS_MAX {
             let n_voxels = surface.n_voxels as u64;
@@ -168,18 +279,22 @@ impl Volume {
             });
         }
         timings.surface_s = lap();
-        announce(&mut watch, BakeStage::Fill)?;
-        let verdict = Verdict::reach(mesh, report, surface, options.sides);
+        announce(watch, BakeStage::Fill)?;
+        let verdict = match meaning {
+            Meaning::Unknown(report) => Verdict::reach(mesh, report, surface, options.sides),
+            Meaning::Border(solid) => Verdict::of_border(mesh, solid, surface, options.sides),
+        };
         let Verdict { surface, sides, basis, leak, thin_share, clear_share, capped } = verdict;
         let thin = basis == InsideBasis::Thin;
-        let mesh = capped.as_ref().map_or(mesh, |capped| &capped.mesh);
-        let orientation = if thin {
-            Orientation::as_filed(mesh.triangles.len())
-        } else {
-            Orientation::judge(mesh, report, &surface, &sides)
+        let closed = capped.as_ref().map_or(mesh, |capped| &capped.mesh);
+        let orientation = match meaning {
+            Meaning::Unknown(report) if !thin => {
+                Orientation::judge(closed, report, &surface, &sides)
+            }
+            _ => Orientation::as_filed(closed.triangles.len()),
         };
         timings.fill_s = lap();
-        announce(&mut watch, BakeStage::Layers)?;
+        announce(watch, BakeStage::Layers)?;
         let layers = Layers::grow(&surface, &sides, options.layers);
         timings.layers_s = lap();
         Ok(Self {
@@ -187,6 +302,7 @@ impl Volume {
             sides,
             orientation,
             layers,
+            sides_asked: options.sides,
             basis,
             watertight: leak.is_none(),
             leak,
@@ -194,29 +310,62 @@ impl Volume {
             thin,
             clear_share,
             capped,
+            own: None,
+            solid: None,
+            beside: Vec::new(),
             timings,
         })
     }
 
-    /// The triangles that the surface voxels are of: `mesh`, which the map was built from, or the
-    /// one with lids instead.
+    /// The triangles that the map is of: those of the file, `mesh`, or what was made of them.
     pub fn mesh<'a>(&'a self, mesh: &'a TriangleMesh) -> &'a TriangleMesh {
-        self.capped.as_ref().map_or(mesh, |capped| &capped.mesh)
+        let own = self.own.as_ref().unwrap_or(mesh);
+        self.capped.as_ref().map_or(own, |capped| &capped.mesh)
     }
 
     /// Measures distances and assembles the look-up for the tick. `with_gradients` is needed for
     /// `field = "surface-point"`.
     pub fn field(&mut self, mesh: &TriangleMesh, with_gradients: bool) -> Field {
         let since = Instant::now();
-        let samples = self.samples(mesh, with_gradients);
-        let field = Field::new(&self.layers, samples, self.thin);
+        let field = if self.beside.is_empty() {
+            let samples = self.samples(mesh, with_gradients);
+            Field::new(&self.layers, samples, self.thin)
+        } else {
+            let (layers, samples) = self.union(mesh, with_gradients);
+            Field::new(&layers, samples, false)
+        };
         self.timings.distance_s = since.elapsed().as_secs_f64();
         field
     }
 
-    /// Signed distances at cell centres in the band.
+    /// Signed distances at cell centres in the band of [`Self::layers`]; of the map alone, without
+    /// those beside it.
     pub fn distances(&self, mesh: &TriangleMesh, with_gradients: bool) -> Distances {
         self.samples(mesh, with_gradients).into()
+    }
+
+    /// Layers and distances of the whole part, what is beside the solid among it.
+    pub fn of_whole(&self, mesh: &TriangleMesh) -> (Layers, Distances) {
+        if self.beside.is_empty() {
+            return (self.layers.clone(), self.distances(mesh, false));
+        }
+        let (layers, samples) = self.union(mesh, false);
+        (layers, samples.into())
+    }
+
+    fn union(&self, mesh: &TriangleMesh, with_gradients: bool) -> (Layers, Samples) {
+        let grid = self.layers.grid;
+        let beside = self.beside.iter().map(|beside| (&beside.map, beside.first_brick));
+        let members: Vec<Member<'_>> = std::iter::once((self, [0; 3]))
+            .chain(beside)
+            .map(|(map, first_brick)| Member {
+                layers: &map.layers,
+                samples: map.samples(mesh, with_gradients),
+                first_brick,
+                thin: map.thin,
+            })
+            .collect();
+        union(grid, &members)
     }
 
     fn samples(&self, mesh: &TriangleMesh, with_gradients: bool) -> Samples {

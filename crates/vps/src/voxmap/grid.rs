@@ -199,6 +199,23 @@ impl Grid {
         Ok(Self { origin_m, voxel_size_m, dims: dims.map(|n| n as u32) })
     }
 
+    /// The bricks of this grid around a box that lies in it, padded as [`Self::around`] pads, as a
+    /// grid of their own; and the coordinate of the first of them here.
+    pub(super) fn part_around(&self, low_m: DVec3, high_m: DVec3, layers: u32) -> (Self, [u32; 3]) {
+        let pad = f64::from(layers + 1);
+        let low = (self.to_cells(low_m) - pad).floor();
+        let high = (self.to_cells(high_m) + pad).floor();
+        let edge = BRICK_EDGE as u32;
+        // Casts saturate: the low side of the padding ends in cell 0.
+        let first = low.to_array().map(|cell| cell as u32 / edge);
+        let ends = high.to_array().map(|cell| (cell as u32 / edge + 1) * edge);
+        let dims =
+            core::array::from_fn(|axis| ends[axis].min(self.dims[axis]) - first[axis] * edge);
+        let [x, y, z] = brick_origin(first).map(f64::from);
+        let origin_m = self.origin_m + self.voxel_size_m * DVec3::new(x, y, z);
+        (Self { origin_m, voxel_size_m: self.voxel_size_m, dims }, first)
+    }
+
     /// Continuous cell coordinates of a point of the map frame: cell `[i, j, k]` covers `[i..i+1,
     /// j..j+1, k..k+1]`.
     pub fn to_cells(&self, point_map: DVec3) -> DVec3 {

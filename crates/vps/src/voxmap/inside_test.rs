@@ -1,9 +1,8 @@
 //! What distinguishes inside from outside: the fill where it holds, winding numbers where it leaks
 //! and they are clear, else nothing.
 //!
-//! What the fill does not reach is inside, also the hollow of a nested shell and the space between
-//! parts that touch: nothing can get there. So the fill alone makes one solid of parts that
-//! overlap, touch or repeat, whichever way their faces point.
+//! Of the border of a solid, what the fill does not reach is inside but for hollows. Of other
+//! triangles it is inside too, also the hollow of a nested shell: nothing can get there.
 
 use super::fill::Sides;
 use super::hole_cap::{self, CappedMesh};
@@ -12,17 +11,19 @@ use super::surface::Surface;
 use super::winding::WindingTree;
 use crate::mesh::TriangleMesh;
 use crate::mesh::validate::MeshReport;
+use crate::solid::SolidReport;
 
 /// How to distinguish inside and outside.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum InsideTest {
-    /// By the fill; where it leaks by winding numbers if they are clear, else a thin skin. A thin
-    /// skin too where most of the surface is thinner than its voxels.
+    /// Closed pieces are one solid, without hollows. What is not closed: by the fill; where it
+    /// leaks by winding numbers if they are clear, else a thin skin; a thin skin too where most of
+    /// its surface is thinner than its voxels.
     #[default]
     Auto,
-    /// Only what the fill leaves is inside, whatever is left.
+    /// All triangles as they are: only what the fill leaves is inside, whatever is left.
     Flood,
-    /// Holes get lids where the winding number is ½, whatever is made of it.
+    /// As `Auto`, but holes get lids where the winding number is ½, whatever is made of it.
     Winding,
     /// A thin two-sided skin, also of a closed part.
     Thin,
@@ -85,6 +86,38 @@ pub(super) struct Verdict {
 }
 
 impl Verdict {
+    /// Of the border of a solid: what the fill does not reach is inside, but for hollows, where
+    /// the border does not wind around. These are looked for where there can be any: in a cavity,
+    /// and between several bodies.
+    pub(super) fn of_border(
+        border: &TriangleMesh,
+        solid: &SolidReport,
+        surface: Surface,
+        rule: InsideTest,
+    ) -> Self {
+        let mut sides = Sides::flood(&surface);
+        if solid.bodies > 1 || !solid.cavities.is_empty() {
+            let winding = WindingTree::new(border);
+            let grid = surface.grid;
+            sides.empty_hollows(&surface, |cell| {
+                winding.at(&[grid.center_map(cell)]).iter().all(|winding| *winding < 0.5)
+            });
+        }
+        let thin_share = FaceSamples::draw(border).outside_share(&surface, &sides);
+        Self {
+            surface,
+            sides,
+            basis: match rule {
+                InsideTest::Winding => InsideBasis::Winding,
+                InsideTest::Auto | InsideTest::Flood | InsideTest::Thin => InsideBasis::Flood,
+            },
+            leak: None,
+            thin_share,
+            clear_share: None,
+            capped: None,
+        }
+    }
+
     /// Fills, looks for leaks and closes them. Winding numbers are asked only where the fill leaks,
     /// or on demand.
     pub(super) fn reach(

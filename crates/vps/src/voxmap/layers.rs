@@ -21,7 +21,7 @@ pub const FAR_OUTSIDE: u32 = u32::MAX;
 pub const DEEP_INSIDE: u32 = u32::MAX - 1;
 
 /// Layer values, sparse: only bricks that the band touches are stored.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Layers {
     /// The grid of the map.
     pub grid: Grid,

@@ -69,6 +69,7 @@ pub mod npy;
 mod orient;
 pub mod sat;
 pub mod surface;
+mod union;
 mod winding;
 
 pub(crate) use build::announce;

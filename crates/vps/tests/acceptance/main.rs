@@ -3,10 +3,12 @@
 #![expect(clippy::print_stderr, reason = "tests say what they skip and measure")]
 
 mod data_structures;
+mod decompositions;
 mod distance_error;
 mod force_law;
 mod inside_test;
 mod models;
+mod solids;
 mod traversal;
 mod tree;
 

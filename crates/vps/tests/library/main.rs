@@ -160,7 +160,7 @@ fn a_query_is_the_specification_bit_for_bit_and_its_contacts_add_up() {
     assert!((20..180).contains(&touching), "{touching} of 200 poses touch");
 }
 
-/// Found with random input: a part that is smaller than a voxel has no inside, nothing can touch
+/// Found with random input: a part that is smaller than a voxel has no cell inside, nothing touches
 /// it, and the walk down the tree calls that far.
 #[test]
 fn a_clearance_is_a_distance_also_where_nothing_can_touch() {
@@ -169,7 +169,7 @@ fn a_clearance_is_a_distance_also_where_nothing_can_touch() {
         Mesh::from_shape(&Shape::Cone { radius_m: 1e-3, height_m: 18.58e-3 }, 1e-4).unwrap();
     let voxmap = Voxmap::bake(&needle, &options).unwrap();
     let shell = PointShell::bake(&needle, &options).unwrap();
-    assert!(voxmap.warnings()[0].contains("nothing is inside"), "{:?}", voxmap.warnings());
+    assert!(voxmap.warnings()[0].contains("thinner than the voxels"), "{:?}", voxmap.warnings());
     let query = ContactQuery::new(&voxmap, &shell, 1e3).unwrap();
     let obstacles = [Obstacle { field: voxmap.field().clone(), world_from_map: Pose::IDENTITY }];
     for pose in [Pose::IDENTITY, Pose::from_translation(DVec3::X)].into_iter().chain(poses(20)) {

@@ -17,9 +17,9 @@ pub(super) const ON_SURFACE_CELLS: f32 = 1e-6;
 /// A triangle that touches a voxel comes at least this close to its centre (√3/2), and the nearest
 /// does; cells.
 const REACH_CELLS: f32 = 0.8661;
-/// Distances whose squares differ by less than this share, or this much, count as equal: the
-/// closest point lies on an edge or corner that the triangles have in common. Cells² the second.
-const TIE: (f32, f32) = (1.0 + 3e-5, 1e-8);
+/// Distances that differ by no more count as equal: the closest point lies on an edge or corner
+/// that the triangles have in common. Twice what each may be rounded by; cells.
+const TIE_CELLS: f32 = 2e-5;
 /// By so much more squarely must a centre face the plane of a triangle to prefer it to one that
 /// ties, cells.
 const FACING_CELLS: f32 = 1e-4;
@@ -182,6 +182,8 @@ struct Nearby {
     patch_idx: [u32; BRICK_CELLS],
     /// Cells².
     squared: [f32; BRICK_CELLS],
+    /// [`farthest_tied`] of it.
+    tied: [f32; BRICK_CELLS],
     /// Along the outward normal of the patch that the centre faces most squarely, cells. Where two
     /// faces lie on each other, inside of one is inside: parts that touch are one solid.
     height: [f32; BRICK_CELLS],
@@ -202,6 +204,7 @@ impl Nearby {
         let mut best = Self {
             patch_idx: [NONE; BRICK_CELLS],
             squared: [f32::INFINITY; BRICK_CELLS],
+            tied: [f32::INFINITY; BRICK_CELLS],
             height: [0.0; BRICK_CELLS],
         };
         let mut cells = [0; BRICK_CELLS];
@@ -220,10 +223,11 @@ impl Nearby {
                     let squared = all_squared[lane];
                     let height = heights[lane] * outward;
                     let so_far = best.squared[cell];
-                    if squared > so_far * TIE.0 + TIE.1 {
+                    if squared > best.tied[cell] {
                         continue;
                     }
-                    let is_tie = so_far <= squared * TIE.0 + TIE.1;
+                    let tied = farthest_tied(squared);
+                    let is_tie = so_far <= tied;
                     let facing = height.abs() - best.height[cell].abs();
                     if !is_tie
                         || facing > FACING_CELLS
@@ -231,7 +235,9 @@ impl Nearby {
                     {
                         (best.patch_idx[cell], best.height[cell]) = (patch_idx, height);
                     }
-                    best.squared[cell] = so_far.min(squared);
+                    if squared < so_far {
+                        (best.squared[cell], best.tied[cell]) = (squared, tied);
+                    }
                 }
             }
         }
@@ -246,6 +252,12 @@ impl Nearby {
         let sign = if distance > ON_SURFACE_CELLS { -self.height[inside].signum() } else { -1.0 };
         NearVoxel { patch_idx: self.patch_idx[inside], signed_cells: sign * distance }
     }
+}
+
+/// The square of the largest distance that ties with one of this square, cells².
+fn farthest_tied(squared: f32) -> f32 {
+    let distance = squared.sqrt() + TIE_CELLS;
+    distance * distance
 }
 
 fn n_cells(mask: &Mask) -> usize {
