@@ -59,7 +59,7 @@ def test_a_mesh_tells_its_bodies_and_hollows() -> None:
     assert housing.cavities_m3 == [pytest.approx(0.03**3)]
     assert housing.volume_m3 == pytest.approx(0.04**3 - 0.03**3 + 0.01**3)
     assert any("hollow" in warning for warning in housing.warnings)
-    sheet = vps.Mesh([[0, 0, 0], [0.01, 0, 0], [0, 0.01, 0]], [[0, 1, 2]])
+    sheet = vps.Mesh(np.array([[0, 0, 0], [0.01, 0, 0], [0, 0.01, 0]]), np.array([[0, 1, 2]]))
     assert (sheet.n_pieces, sheet.n_bodies, sheet.n_open_pieces) == (1, 0, 1)
 
 
