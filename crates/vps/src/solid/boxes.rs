@@ -75,7 +75,8 @@ impl Boxes {
             Node { low, high, first: range.start as u32, end: range.end as u32 }
         }));
         for node in (0..n_inner).rev() {
-            let (one, other) = (nodes[2 * node + 1], nodes[2 * node + 2]);
+            let one = nodes[2 * node + 1];
+            let other = nodes[2 * node + 2];
             nodes[node] = Node {
                 low: one.low.min(other.low),
                 high: one.high.max(other.high),
@@ -128,7 +129,8 @@ fn halve(items: &mut [Item]) {
     let middle = items.len() / 2;
     if middle < items.len() {
         items.select_nth_unstable_by(middle, |one, other| {
-            let (a, b) = (one.low[axis] + one.high[axis], other.low[axis] + other.high[axis]);
+            let a = one.low[axis] + one.high[axis];
+            let b = other.low[axis] + other.high[axis];
             a.total_cmp(&b).then(one.number.cmp(&other.number))
         });
     }

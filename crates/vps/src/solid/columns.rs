@@ -16,7 +16,8 @@ pub(super) fn crossing(corners: &[DVec3; 3], point: DVec3) -> i32 {
     let flat = |p: DVec3| Coord { x: p.x, y: p.y };
     let mut turns = 0;
     for k in 0..3 {
-        let (from, to) = (corners[k], corners[(k + 1) % 3]);
+        let from = corners[k];
+        let to = corners[(k + 1) % 3];
         // Half-open in y: a corner belongs to one of its edges.
         let rises = from.y <= point.y && point.y < to.y;
         let falls = to.y <= point.y && point.y < from.y;

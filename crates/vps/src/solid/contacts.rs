@@ -62,13 +62,18 @@ fn is_on_segment(point: DVec3, [from, to]: [DVec3; 2], tolerance_m: f64) -> bool
 
 /// Where two segments come closest, as shares of both; `None` for parallel ones.
 fn closest([a, b]: [DVec3; 2], [c, d]: [DVec3; 2]) -> Option<(f64, f64)> {
-    let (u, v, w) = (b - a, d - c, a - c);
-    let (uu, uv, vv) = (u.length_squared(), u.dot(v), v.length_squared());
+    let u = b - a;
+    let v = d - c;
+    let w = a - c;
+    let uu = u.length_squared();
+    let uv = u.dot(v);
+    let vv = v.length_squared();
     let det = uu * vv - uv * uv;
     if det <= 1e-14 * uu * vv {
         return None;
     }
-    let (uw, vw) = (u.dot(w), v.dot(w));
+    let uw = u.dot(w);
+    let vw = v.dot(w);
     Some(((uv * vw - vv * uw) / det, (uu * vw - uv * uw) / det))
 }
 
@@ -94,12 +99,14 @@ impl Pair<'_> {
     /// Where two edges come within the tolerance of each other, between their ends.
     fn meet(&self, one: u32, other: u32) -> Option<DVec3> {
         let (one, other) = (one.min(other), one.max(other));
-        let (first, second) = (self.segment(one), self.segment(other));
+        let first = self.segment(one);
+        let second = self.segment(other);
         let (s, t) = closest(first, second)?;
         if !(s > 0.0 && s < 1.0 && t > 0.0 && t < 1.0) {
             return None;
         }
-        let (p, q) = (first[0].lerp(first[1], s), second[0].lerp(second[1], t));
+        let p = first[0].lerp(first[1], s);
+        let q = second[0].lerp(second[1], t);
         let tolerance = self.tolerance_m;
         (p.distance_squared(q) <= tolerance * tolerance).then(|| 0.5 * (p + q))
     }
@@ -132,9 +139,11 @@ impl Pair<'_> {
         let mut on_edges = [[0_u8; 3]; 2];
         let mut is_on = [[false; 3]; 2];
         for side in [0, 1] {
-            let (face, other) = (self.faces[side], self.faces[1 - side]);
+            let face = self.faces[side];
+            let other = self.faces[1 - side];
             for k in 0..3 {
-                let (vertex, at) = (face.vertices[k], face.corners[k]);
+                let vertex = face.vertices[k];
+                let at = face.corners[k];
                 if let Some(shared) = other.vertices.iter().position(|other| *other == vertex) {
                     is_on[side][k] = true;
                     on_edges[side][k] = edges_at(shared);
@@ -195,7 +204,8 @@ impl Pair<'_> {
         }
 
         for side in [0, 1] {
-            let (face, other) = (self.faces[side], self.faces[1 - side]);
+            let face = self.faces[side];
+            let other = self.faces[1 - side];
             for k in 0..3 {
                 let ends = [k, (k + 1) % 3];
                 let [over, under] = ends.map(|end| heights[side][end]);
@@ -291,7 +301,8 @@ pub(super) fn position(key: Key, faces: &[Face], lines: &Lines, positions: &[DVe
             segment[0].lerp(segment[1], (from / (from - to)).clamp(0.0, 1.0))
         }
         [2, one, other] => {
-            let (first, second) = (segment(one), segment(other));
+            let first = segment(one);
+            let second = segment(other);
             let (s, t) = closest(first, second).unwrap_or((0.5, 0.5));
             0.5 * (first[0].lerp(first[1], s) + second[0].lerp(second[1], t))
         }

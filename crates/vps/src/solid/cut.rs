@@ -431,7 +431,8 @@ impl Axes {
     /// Those on which the face is seen largest.
     pub(super) fn of(face: &Face) -> Self {
         let longest = face.normal.abs().max_position();
-        let (u, v) = ((longest + 1) % 3, (longest + 2) % 3);
+        let u = (longest + 1) % 3;
+        let v = (longest + 2) % 3;
         Self(if face.normal[longest] > 0.0 { [u, v] } else { [v, u] })
     }
 
@@ -481,7 +482,8 @@ impl Sweep {
             for ends in self.points.windows(2) {
                 let ends = [ends[0], ends[1]];
                 let [from, to] = ends.map(|end| axes.flat(at(end)));
-                let (low, high) = (from.min(to) - tolerance, from.max(to) + tolerance);
+                let low = from.min(to) - tolerance;
+                let high = from.max(to) + tolerance;
                 self.parts.push(Part { low, high, line: *line, ends, is_edge });
             }
         }
@@ -532,8 +534,10 @@ impl Sweep {
                     (false, false) => {
                         let [a, b] = one.ends.map(|end| axes.flat(at(end)));
                         let [c, d] = other.ends.map(|end| axes.flat(at(end)));
-                        let (to_a, to_b) = (side(c, d, a), side(c, d, b));
-                        let (to_c, to_d) = (side(a, b, c), side(a, b, d));
+                        let to_a = side(c, d, a);
+                        let to_b = side(c, d, b);
+                        let to_c = side(a, b, c);
+                        let to_d = side(a, b, d);
                         if to_a * to_b >= 0.0 || to_c * to_d >= 0.0 {
                             continue;
                         }

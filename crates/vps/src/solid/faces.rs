@@ -44,7 +44,8 @@ impl Face {
     /// The foot of a point on the plane lies within the triangle.
     pub(super) fn is_over(&self, point: DVec3) -> bool {
         (0..3).all(|k| {
-            let (from, to) = (self.corners[k], self.corners[(k + 1) % 3]);
+            let from = self.corners[k];
+            let to = self.corners[(k + 1) % 3];
             (to - from).cross(point - from).dot(self.normal) >= 0.0
         })
     }

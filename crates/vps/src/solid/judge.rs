@@ -126,7 +126,9 @@ pub(super) fn judge(faces: &Faces, cut: &Cut, nesting: &Nesting, tolerance_m: f6
 
 /// The centre of the circle that fits into a triangle.
 fn inner_center([a, b, c]: [DVec3; 3]) -> DVec3 {
-    let (to_a, to_b, to_c) = (b.distance(c), c.distance(a), a.distance(b));
+    let to_a = b.distance(c);
+    let to_b = c.distance(a);
+    let to_c = a.distance(b);
     let sum = to_a + to_b + to_c;
     if sum > 0.0 { (a * to_a + b * to_b + c * to_c) / sum } else { a }
 }

@@ -316,7 +316,9 @@ impl Pieces {
             piece.n_triangles += 1;
             piece.low = piece.low.min(a).min(b).min(c);
             piece.high = piece.high.max(a).max(b).max(c);
-            let (a, b, c) = (a - *origin, b - *origin, c - *origin);
+            let a = a - *origin;
+            let b = b - *origin;
+            let c = c - *origin;
             piece.volume_m3 += a.dot(b.cross(c)) / 6.0;
             piece.area_m2 += 0.5 * (b - a).cross(c - a).length();
         }

@@ -20,7 +20,8 @@ impl Sets {
     }
 
     pub(super) fn join(&mut self, one: u32, other: u32) {
-        let (one, other) = (self.lowest(one), self.lowest(other));
+        let one = self.lowest(one);
+        let other = self.lowest(other);
         self.0[one.max(other) as usize] = one.min(other);
     }
 }

@@ -18,7 +18,8 @@ const MM3: f64 = 1e-9;
 
 /// A block between two corners, mm.
 fn block(low: [f64; 3], high: [f64; 3]) -> TriangleMesh {
-    let (low, high) = (DVec3::from_array(low) * MM, DVec3::from_array(high) * MM);
+    let low = DVec3::from_array(low) * MM;
+    let high = DVec3::from_array(high) * MM;
     moved(Shape::Box { size_m: high - low }.tessellate(1e-4), 0.5 * (low + high))
 }
 
@@ -89,7 +90,9 @@ fn signed_distance(mesh: &TriangleMesh, point: DVec3) -> f64 {
         let nearest = TriangleProjector::new(&corners).project(point).point;
         distance_squared = distance_squared.min(nearest.distance_squared(point));
         let [a, b, c] = corners.map(|corner| corner - point);
-        let (x, y, z) = (a.length(), b.length(), c.length());
+        let x = a.length();
+        let y = b.length();
+        let z = c.length();
         let below = x * y * z + a.dot(b) * z + b.dot(c) * x + c.dot(a) * y;
         angle += 2.0 * a.dot(b.cross(c)).atan2(below);
     }
@@ -121,7 +124,8 @@ fn assert_same(found: &TriangleMesh, expected: &TriangleMesh, seed: u64) {
     for _ in 0..60 {
         let share = DVec3::new(random(), random(), random()) * 1.4 - 0.2;
         let point = low + share * (high - low);
-        let (found, right) = (signed_distance(found, point), signed_distance(expected, point));
+        let found = signed_distance(found, point);
+        let right = signed_distance(expected, point);
         assert!((found - right).abs() < 1e-9, "{found} instead of {right} at {point}");
     }
 }
@@ -750,8 +754,10 @@ impl Convex {
         for face in &self.0 {
             let mut kept = Vec::new();
             for k in 0..face.len() {
-                let (from, to) = (face[k], face[(k + 1) % face.len()]);
-                let (h, g) = (height(from), height(to));
+                let from = face[k];
+                let to = face[(k + 1) % face.len()];
+                let h = height(from);
+                let g = height(to);
                 if h <= 0.0 {
                     kept.push(from);
                 }

@@ -95,7 +95,7 @@ pub(super) fn triangulate(
             }
             let edge = cdt.get_edge_from_neighbors(from, to);
             let exists = edge.is_some();
-            // What lies on the hull stays an edge without being told so.
+            // What lies on the hull stays an edge without a word of it.
             if edge.is_some_and(|edge| edge.is_part_of_convex_hull()) {
                 continue;
             }
