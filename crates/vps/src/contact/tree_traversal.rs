@@ -41,6 +41,9 @@ use crate::spatial::Pose;
 use crate::voxmap::field::Field;
 use crate::voxmap::field::brick_bounds::BrickBounds;
 
+#[cfg(test)]
+mod tests;
+
 /// What rounding may take from a clearance, cells: of the sums of motion up to [`FORGET_CELLS`], of
 /// a due value, of a position.
 const MARGIN_CELLS: f32 = 2e-3;
@@ -280,7 +283,7 @@ impl TreeTraversal {
     fn refine(&mut self, level: usize, budget: Budget, query: &mut Query<'_>, lists: &mut Lists) {
         lists.next.clear();
         query.spheres = query.shell.tree().spheres(level);
-        for round in 0..ROUNDS {
+        for _ in 0..ROUNDS {
             let n_open = lists.open.len() as u32;
             let n_refined =
                 budget.without(query.looked_at + lists.next.len() as u32).refinable(n_open);
@@ -291,9 +294,6 @@ impl TreeTraversal {
                 }
             }
             retain(&mut lists.open, choice);
-            if (round > 0 || n_refined < n_open) && n_refined > 0 {
-                lists.next.sort_unstable();
-            }
             if lists.open.is_empty() || n_refined == 0 {
                 break;
             }

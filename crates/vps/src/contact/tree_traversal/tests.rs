@@ -1,0 +1,248 @@
+//! What a walk keeps from one tick to the next: proofs, depths and marks.
+#![expect(clippy::expect_used, clippy::indexing_slicing, reason = "test code")]
+
+use glam::{DQuat, DVec3};
+
+use super::super::tests::{block, plate};
+use super::*;
+use crate::pointshell;
+use crate::spatial::testing::Random;
+
+/// The upper side of `plate()` in its own frame, m.
+const TOP_M: f64 = 2e-3;
+const VOXEL_M: f64 = 1e-3;
+
+struct Fixture {
+    field: Field,
+    shell: Shell,
+    walk: TreeTraversal,
+    lists: Lists,
+    touched: Vec<ContactBlock>,
+}
+
+impl Fixture {
+    fn new() -> Self {
+        Self::over(plate().field, 0.0)
+    }
+
+    fn over(field: Field, jump_cells: f32) -> Self {
+        // A fine shell: three levels below the root.
+        let (mesh, map) = block(DVec3::new(0.02, 0.014, 0.01), 4e-4);
+        let shell = pointshell::build(&mesh, &map, DVec3::ZERO).0;
+        let bounds = BrickBounds::of(&field).expect("bounds");
+        assert!(bounds.jump_cells() < 1e-3, "{}", bounds.jump_cells());
+        let walk = TreeTraversal::over(bounds.with_jump(jump_cells), &shell).expect("a tree");
+        assert!(walk.first_blocks.len() >= 4, "{}", walk.first_blocks.len());
+        let lists = Lists::new(&shell);
+        let touched = Vec::with_capacity(shell.positions().len());
+        Self { field, shell, walk, lists, touched }
+    }
+
+    fn find(&mut self, pose: Pose, budget: Budget) -> QueryResult {
+        self.touched.clear();
+        let place = Place::new(&self.field, pose);
+        self.walk.find(
+            SimdLevel::Portable,
+            &self.shell,
+            (&place, pose),
+            budget,
+            &mut self.lists,
+            &mut self.touched,
+        )
+    }
+
+    fn n_levels(&self) -> usize {
+        self.walk.first_blocks.len()
+    }
+
+    /// Where a node's entries lie: its block and its lane.
+    fn entry(&self, level: usize, node: usize) -> (usize, usize) {
+        let n_blocks_before: usize =
+            (0..level).map(|level| self.shell.tree().n_nodes(level).div_ceil(CHILDREN)).sum();
+        (n_blocks_before + node / CHILDREN, node % CHILDREN)
+    }
+
+    /// Where a node's centre is, and its radius, cells.
+    fn sphere(&self, level: usize, node: usize, pose: Pose) -> (DVec3, f64) {
+        let spheres = &self.shell.tree().spheres(level)[node / CHILDREN];
+        let lane = node % CHILDREN;
+        let [x, y, z] = [spheres.x, spheres.y, spheres.z].map(|of| f64::from(of[lane]));
+        let center = pose.transform_point(DVec3::new(x, y, z));
+        (center, f64::from(spheres.radius[lane]) / VOXEL_M)
+    }
+
+    /// How far the nearest point of a leaf is from the plate, cells.
+    fn nearest(&self, leaf: usize, pose: Pose) -> f64 {
+        let points = self.shell.points().skip(leaf * LANES).take(LANES);
+        let gaps = points.map(|(point, _)| gap(pose.transform_point(point.as_dvec3())));
+        gaps.fold(f64::INFINITY, f64::min)
+    }
+}
+
+/// From the plate, cells.
+fn gap(place: DVec3) -> f64 {
+    let beyond = place.abs() - DVec3::new(0.03, 0.03, TOP_M);
+    beyond.max(DVec3::ZERO).length() / VOXEL_M
+}
+
+/// Turned a little, so that no two nodes are as high.
+fn above(height_m: f64) -> Pose {
+    Pose::new(
+        DQuat::from_rotation_x(0.3) * DQuat::from_rotation_y(0.2),
+        DVec3::new(1e-3, -2e-3, TOP_M + height_m),
+    )
+}
+
+#[test]
+fn the_margin_grows_with_the_distance_from_the_grid_and_the_reach_of_the_tool() {
+    let Fixture { field, walk, .. } = Fixture::new();
+    let at = |cells: DVec3| {
+        let origin = field.origin_map().as_dvec3();
+        let pose = Pose::from_translation(origin + cells * VOXEL_M);
+        walk.margin_cells(&Place::new(&field, pose))
+    };
+    let near = at(DVec3::ZERO);
+    assert!((MARGIN_CELLS..MARGIN_CELLS + 1e-4).contains(&near), "{near}");
+    let far = at(DVec3::new(1e3, -2e3, 3e3));
+    assert!((far - near - 6e-3).abs() < 1e-5, "{far} {near}");
+}
+
+#[test]
+fn what_is_kept_of_a_node_is_how_far_its_centre_is_outside() {
+    let mut fixture = Fixture::new();
+    let pose = above(6e-3);
+    fixture.find(pose, Budget::Points(1_000_000));
+    let mut n_outside = 0;
+    for level in 0..fixture.n_levels() {
+        for node in 0..fixture.shell.tree().n_nodes(level) {
+            let (at, lane) = fixture.entry(level, node);
+            let kept = f64::from(fixture.walk.outside_cells[at][lane]);
+            let (center, radius) = fixture.sphere(level, node, pose);
+            let outside = gap(center);
+            // What was looked at, within the band.
+            if kept == f64::from(UNKNOWN) || outside > 6.0 {
+                continue;
+            }
+            assert!((kept - outside).abs() < 1.3, "{level} {node}: {kept} for {outside}");
+            n_outside += usize::from(radius > 2.0 && outside > 0.0);
+        }
+    }
+    assert!(n_outside > 10, "{n_outside}");
+}
+
+#[test]
+fn what_touched_comes_first_and_then_what_lies_deepest() {
+    let mut fixture = Fixture::new();
+    let budget = Budget::Points(1_000_000);
+    fixture.find(above(6e-3), budget);
+    let mut random = Random(5);
+    for level in 1..fixture.n_levels() {
+        let n_nodes = fixture.shell.tree().n_nodes(level);
+        let mut open: Vec<u32> = (0..n_nodes as u32).collect();
+        for from in (1..n_nodes).rev() {
+            open.swap(from, (random.unit() * (from + 1) as f64) as usize);
+        }
+        fixture.walk.sort_by_depth(Some(level), &mut open);
+        let keys: Vec<(bool, f32)> = open
+            .iter()
+            .map(|node| {
+                let (at, lane) = fixture.entry(level, *node as usize);
+                let is_touched = fixture.walk.touched_at[at][lane] == fixture.walk.now;
+                (!is_touched, fixture.walk.outside_cells[at][lane])
+            })
+            .collect();
+        assert!(keys.is_sorted(), "level {level}");
+        let n_touched = keys.iter().filter(|(is_not_touched, _)| !is_not_touched).count();
+        assert!(n_touched > 0 && n_touched < n_nodes, "{n_touched} of {n_nodes}");
+    }
+}
+
+#[test]
+fn a_contact_marks_its_leaf_and_what_is_above_it_and_nothing_else() {
+    let mut fixture = Fixture::new();
+    let last = fixture.n_levels() - 1;
+    let n_leaves = fixture.shell.tree().n_nodes(last);
+    for leaf in [0, 9, 70, n_leaves - 1] {
+        fixture.walk.now += 1;
+        fixture.walk.mark(leaf as u32);
+        for level in 0..=last {
+            let above = leaf / CHILDREN.pow((last - level) as u32);
+            for node in 0..fixture.shell.tree().n_nodes(level) {
+                assert_eq!(
+                    fixture.walk.is_touched(Some(level), node as u32),
+                    node == above,
+                    "leaf {leaf}, level {level}, node {node}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn what_was_deep_inside_is_looked_at_again_after_a_cell_of_motion() {
+    let mut fixture = Fixture::new();
+    let deep = fixture.find(above(0.0), Budget::Unlimited);
+    assert!(!fixture.touched.is_empty());
+    let far = fixture.find(above(0.05), Budget::Unlimited);
+    assert!(fixture.touched.is_empty());
+    // The root alone says that all of it is clear.
+    assert_eq!(far.looked_at, CHILDREN as u32, "{} when deep", deep.looked_at);
+}
+
+/// Of a sound field, and of one whose side changes somewhere, where a proof reaches less far.
+#[test]
+fn a_leaf_is_clear_as_far_as_its_lowest_point_is_and_little_less() {
+    for jump_cells in [0.0, 2.5] {
+        let mut fixture = Fixture::over(plate().field, jump_cells);
+        let jump = f64::from(jump_cells);
+        let pose = above(0.0);
+        fixture.find(pose, Budget::Unlimited);
+        let last = fixture.n_levels() - 1;
+        let mut n_by_points = 0;
+        for leaf in 0..fixture.shell.tree().n_nodes(last) {
+            let (at, lane) = fixture.entry(last, leaf);
+            let clear = f64::from(fixture.walk.clear_until_cells[at][lane]);
+            let nearest = fixture.nearest(leaf, pose);
+            let (center, radius) = fixture.sphere(last, leaf, pose);
+            if clear > 0.0 {
+                assert!(clear <= nearest + 1e-3, "{leaf}: {clear} of {nearest}");
+            }
+            // Its sphere proves nothing, so its points did.
+            if clear > 0.0 && gap(center) - radius - jump < 0.0 {
+                assert!(clear + jump <= nearest + 1e-3, "{leaf}: {clear} of {nearest}");
+                n_by_points += 1;
+            }
+            // Nothing was asked of it where a node above it is clear.
+            let is_proven = clear > 0.0 || clear == f64::from(UNKNOWN);
+            assert!(is_proven || nearest - jump < 1.3, "{leaf}: nothing proven of {nearest}");
+        }
+        assert!(n_by_points > 3, "{n_by_points}");
+    }
+}
+
+#[test]
+fn what_a_budget_leaves_out_is_stood_for_by_as_much_surface() {
+    let mut fixture = Fixture::new();
+    let whole: f32 = fixture.shell.weights().iter().flat_map(|Lanes(weights)| weights).sum();
+    let shares: Vec<f32> = fixture.shell.weights().iter().flat_map(|of| of.0).collect();
+    assert!(shares.iter().any(|share| (share - shares[0]).abs() > 0.1), "not all weigh the same");
+    // Everything is in the plate.
+    let (mesh, mut map) = block(DVec3::splat(0.06), VOXEL_M);
+    fixture = Fixture::over(map.field(&mesh, false), 0.0);
+    for n_points in [0, 1, 20, 100, 300, 1000] {
+        let found = fixture.find(Pose::IDENTITY, Budget::Points(n_points));
+        let felt: f32 = fixture
+            .touched
+            .iter()
+            .map(|touched| {
+                let of = fixture.shell.weights()[touched.block as usize];
+                touched.weight * touched.lanes().map(|lane| of.0[lane]).sum::<f32>()
+            })
+            .sum();
+        let missing = if fixture.touched.is_empty() { whole } else { 0.0 };
+        assert!(
+            (felt + missing - whole).abs() < 1e-3 * whole,
+            "{n_points}: {felt} of {whole}, {found:?}"
+        );
+    }
+}
