@@ -1,9 +1,11 @@
 //! The numbers of a glTF file: from the binary part, from base64 text, or from a file beside it,
 //! checked before they are read.
 
-use std::cell::{Cell, OnceCell};
+use std::cell::{Cell, OnceCell, RefCell};
+use std::collections::HashMap;
 use std::ops::Deref;
 use std::path::{Component, Path, PathBuf};
+use std::rc::Rc;
 
 use base64::Engine;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
@@ -20,7 +22,7 @@ const BASE64: GeneralPurpose = GeneralPurpose::new(
 enum BufferSource<'a> {
     Part(&'a [u8]),
     Inline(Vec<u8>),
-    File(source::Bytes),
+    File(Rc<source::Bytes>),
 }
 
 impl Deref for BufferSource<'_> {
@@ -44,6 +46,8 @@ pub(super) struct Buffers<'a> {
     /// Size of the file itself.
     file_bytes: usize,
     loaded: Vec<OnceCell<BufferSource<'a>>>,
+    /// Read once, however many buffers name them.
+    files: RefCell<HashMap<PathBuf, Rc<source::Bytes>>>,
     /// Bytes of other files that were read.
     read_bytes: Cell<usize>,
     new_bytes: Cell<usize>,
@@ -62,6 +66,7 @@ impl<'a> Buffers<'a> {
             binary,
             file_bytes,
             loaded: document.buffers.iter().map(|_| OnceCell::new()).collect(),
+            files: RefCell::default(),
             read_bytes: Cell::new(0),
             new_bytes: Cell::new(0),
         }
@@ -105,6 +110,11 @@ impl<'a> Buffers<'a> {
             None => return Err(refuse(format!("{} elements without a buffer", accessor.count))),
         };
         if let Some(sparse) = &accessor.sparse {
+            // Each element at most once; else a mesh of one vertex costs any number of them.
+            if sparse.count > accessor.count {
+                let most = accessor.count;
+                return Err(refuse(format!("{} sparse elements of {most}", sparse.count)));
+            }
             let index_kind = ComponentKind::of(sparse.indices.component_type)
                 .filter(|kind| kind.is_index())
                 .ok_or_else(|| refuse(unknown_kind(sparse.indices.component_type)))?;
@@ -207,9 +217,7 @@ impl<'a> Buffers<'a> {
                 None => return Err(refuse("has no uri".to_owned())),
                 Some(uri) => match uri.strip_prefix("data:") {
                     Some(data) => BufferSource::Inline(inline(data).map_err(refuse)?),
-                    None => {
-                        BufferSource::File(source::read(&beside(self.path, uri).map_err(refuse)?)?)
-                    }
+                    None => BufferSource::File(self.file(beside(self.path, uri).map_err(refuse)?)?),
                 },
             };
             if (bytes.len() as u64) < buffer.byte_length {
@@ -226,13 +234,20 @@ impl<'a> Buffers<'a> {
                     bytes.len()
                 )));
             }
-            if let BufferSource::File(bytes) = &bytes {
-                self.read_bytes.set(self.read_bytes.get().saturating_add(bytes.len()));
-                self.new_bytes.set(self.new_bytes.get().saturating_add(bytes.len()));
-            }
             _ = cell.set(bytes);
         }
         Ok(cell.get().map_or(&[], |bytes| &**bytes))
+    }
+
+    fn file(&self, path: PathBuf) -> Result<Rc<source::Bytes>, MeshError> {
+        if let Some(bytes) = self.files.borrow().get(&path) {
+            return Ok(Rc::clone(bytes));
+        }
+        let bytes = Rc::new(source::read(&path)?);
+        self.read_bytes.set(self.read_bytes.get().saturating_add(bytes.len()));
+        self.new_bytes.set(self.new_bytes.get().saturating_add(bytes.len()));
+        self.files.borrow_mut().insert(path, Rc::clone(&bytes));
+        Ok(bytes)
     }
 }
 

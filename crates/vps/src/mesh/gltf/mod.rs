@@ -48,10 +48,12 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<FileMesh, MeshError> {
         );
         return Err(refusal(path, what));
     }
+    let meshes: Vec<_> = document.meshes.iter().map(PlacedMesh::of).collect();
     let buffers = Buffers::new(&document, binary, bytes.len(), path);
     let budget = CopyBudget::of_file(bytes.len());
     let mut walk = NodeTraversal {
         document: &document,
+        meshes: &meshes,
         buffers,
         path,
         budget,
@@ -152,9 +154,31 @@ fn parts_of_glb<'a>(
     json.map(|json| (json, binary)).ok_or_else(|| refuse(HEADER_BYTES, "no JSON part".to_owned()))
 }
 
+/// What nodes that place a mesh ask of it, worked out once: a file of a few megabytes can place one
+/// a million times.
+struct PlacedMesh<'a> {
+    /// Primitives that have triangles, with their numbers and the accessors of their positions.
+    primitives: Vec<(usize, u32, &'a Primitive)>,
+    is_morphed: bool,
+}
+
+impl<'a> PlacedMesh<'a> {
+    fn of(mesh: &'a Mesh) -> Self {
+        let primitives = mesh.primitives.iter().enumerate();
+        let primitives = primitives.filter_map(|(primitive_idx, primitive)| {
+            let has_triangles = matches!(primitive.mode, None | Some(4..=6));
+            let position = primitive.attributes.position.filter(|_| has_triangles)?;
+            Some((primitive_idx, position, primitive))
+        });
+        Self { primitives: primitives.collect(), is_morphed: is_morphed(&mesh.weights) }
+    }
+}
+
 /// Collects the triangles of a scene.
 struct NodeTraversal<'a> {
     document: &'a Document,
+    /// In the order of those of the document.
+    meshes: &'a [PlacedMesh<'a>],
     buffers: Buffers<'a>,
     path: &'a Path,
     budget: CopyBudget,
@@ -170,8 +194,8 @@ impl NodeTraversal<'_> {
         let document = self.document;
         if document.nodes.is_empty() {
             // A library of meshes without a scene.
-            return (0..document.meshes.len()).try_for_each(|mesh_idx| {
-                if is_morphed(&document.meshes[mesh_idx].weights) {
+            return (0..self.meshes.len()).try_for_each(|mesh_idx| {
+                if self.meshes[mesh_idx].is_morphed {
                     self.not_applied.push(format!("the morph weights of meshes[{mesh_idx}]"));
                 }
                 self.add_mesh(mesh_idx as u32, DMat4::IDENTITY)
@@ -200,12 +224,12 @@ impl NodeTraversal<'_> {
     }
 
     fn note_what_is_not_applied(&mut self, node: &Node, node_idx: u32, mesh_idx: u32) {
-        let of_mesh = self.document.meshes.get(mesh_idx as usize).map(|mesh| &mesh.weights[..]);
-        let weights = node.weights.as_deref().or(of_mesh).unwrap_or_default();
+        let of_mesh = self.meshes.get(mesh_idx as usize).is_some_and(|mesh| mesh.is_morphed);
+        let has_weights = node.weights.as_deref().map_or(of_mesh, is_morphed);
         let has_instances =
             node.extensions.as_ref().is_some_and(|extensions| extensions.instances.is_some());
         for (what, is_there) in [
-            ("morph weights", is_morphed(weights)),
+            ("morph weights", has_weights),
             ("instances (EXT_mesh_gpu_instancing)", has_instances),
             ("skin", node.skin.is_some()),
         ] {
@@ -244,19 +268,13 @@ impl NodeTraversal<'_> {
     }
 
     fn add_mesh(&mut self, mesh_idx: u32, world_from_mesh: DMat4) -> Result<(), MeshError> {
-        let document = self.document;
-        let mesh: &Mesh = document
+        let mesh = self
             .meshes
             .get(mesh_idx as usize)
             .ok_or_else(|| self.refuse(format!("meshes[{mesh_idx}] is not there")))?;
         // Primitives of one mesh often share their vertices.
         let mut last: Option<(u32, u32, u32)> = None;
-        for (primitive_idx, primitive) in mesh.primitives.iter().enumerate() {
-            let (Some(position), 4..=6) =
-                (primitive.attributes.position, primitive.mode.unwrap_or(4))
-            else {
-                continue;
-            };
+        for &(primitive_idx, position, primitive) in &mesh.primitives {
             let (base, n_vertices) = match last {
                 Some((accessor, base, n_vertices)) if accessor == position => (base, n_vertices),
                 _ => self.add_vertices(position, world_from_mesh)?,

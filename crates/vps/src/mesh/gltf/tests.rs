@@ -185,6 +185,8 @@ fn sparse_and_quantized_positions_are_read() {
     );
     sparse["accessors"][0].as_object_mut().unwrap().remove("bufferView");
     assert_eq!(read_value(&sparse).unwrap().vertices[2], DVec3::ZERO);
+    sparse["accessors"][0]["sparse"]["count"] = json!(5);
+    assert_eq!(message(&sparse), "folder/part.gltf: accessors[0]: 5 sparse elements of 4");
 
     // Signed bytes, four apart, as parts of 127.
     let mut quantized = tetrahedron();
@@ -361,6 +363,54 @@ fn copies_beyond_all_measure_are_refused() {
     many["scenes"][0]["nodes"] = json!((0..60_000).collect::<Vec<_>>());
     let error = read_value(&many).unwrap_err();
     assert!(matches!(error, MeshError::TooManyCopies { .. }) && error.hint().is_some(), "{error}");
+}
+
+/// The tetrahedron, and so many nodes that place a second mesh.
+fn beside_many_nodes(mesh: Value, n_nodes: usize) -> Value {
+    let mut document = tetrahedron();
+    document["meshes"].as_array_mut().unwrap().push(mesh);
+    let mut nodes = vec![json!({"mesh": 1}); n_nodes];
+    nodes[0] = json!({"mesh": 0});
+    document["nodes"] = json!(nodes);
+    document["scenes"][0]["nodes"] = json!((0..n_nodes).collect::<Vec<_>>());
+    document
+}
+
+#[test]
+fn nodes_do_not_go_through_what_a_mesh_has_beside_triangles() {
+    // Each weight, or primitive, for each node would be 4·10⁹ steps.
+    const N: usize = 60_000;
+    let weights = json!({"primitives": [], "weights": vec![0; N]});
+    same_as_tetrahedron(&read_value(&beside_many_nodes(weights, N)).unwrap());
+    let mut primitives = vec![json!({"attributes": {}}); N];
+    primitives[1] = json!({"attributes": {"POSITION": 0}, "mode": 1});
+    let lines = json!({ "primitives": primitives });
+    same_as_tetrahedron(&read_value(&beside_many_nodes(lines, N)).unwrap());
+    // Those that are left keep their numbers.
+    let wrong = json!({"primitives": [
+        {"attributes": {}}, {"attributes": {"POSITION": 0}, "indices": 0},
+    ]});
+    assert!(message(&beside_many_nodes(wrong, 2)).contains("meshes[1].primitives[1]: "));
+}
+
+#[test]
+fn a_file_that_many_buffers_name_is_read_once() {
+    let (mut document, buffer) = document(5123, 4, &FACES);
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("part.bin"), &buffer).unwrap();
+    document["buffers"] = json!([
+        {"byteLength": buffer.len(), "uri": "part.bin"},
+        {"byteLength": buffer.len(), "uri": "./part.bin"},
+    ]);
+    document["bufferViews"][1]["buffer"] = json!(1);
+    let path = dir.path().join("part.gltf");
+    same_as_tetrahedron(&parse(document.to_string().as_bytes(), &path).unwrap().mesh);
+    let document = serde_json::from_value(document).unwrap();
+    let buffers = Buffers::new(&document, None, 0, &path);
+    for (accessor, n_components) in [(0, 3), (1, 1)] {
+        assert_eq!(buffers.numbers(accessor, n_components).unwrap().len(), 12);
+    }
+    assert_eq!(buffers.take_new_bytes(), buffer.len());
 }
 
 #[test]
