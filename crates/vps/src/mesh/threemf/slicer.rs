@@ -7,34 +7,43 @@
 
 use std::collections::HashMap;
 use std::ops::RangeInclusive;
+use std::rc::Rc;
 
-use super::package::{Element, Package, attribute};
+use super::package::{Element, Package};
 use super::{Part, named, number};
 
 /// One volume of an object.
 #[derive(Default)]
-struct Volume {
+pub(super) struct Volume {
     /// Numbers of its triangles in the object.
-    triangles: Option<RangeInclusive<usize>>,
+    pub(super) triangles: Option<RangeInclusive<usize>>,
     /// The component that it is.
-    component: Option<u32>,
-    name: Option<String>,
+    pub(super) component: Option<u32>,
+    /// Shared by all components that it is.
+    pub(super) name: Option<Rc<str>>,
     /// Why it is not printed.
-    purpose: Option<&'static str>,
+    pub(super) purpose: Option<&'static str>,
 }
 
 /// Marks what slicers say is not printed in the part where the model begins, and takes its
 /// triangles out. A list that cannot be read is said, and the model is read all the same.
 pub(super) fn mark_volumes(package: &mut Package<'_>, root: &mut Part, notes: &mut Vec<String>) {
+    let mut volumes: HashMap<u32, Vec<Volume>> = HashMap::new();
     for list in package.volume_lists() {
         match read(package, &list) {
-            Ok(volumes) => mark(volumes, root),
+            Ok(more) => {
+                for (object, more) in more {
+                    volumes.entry(object).or_default().extend(more);
+                }
+            }
             Err(why) => notes.push(format!(
                 "modifiers and negative volumes of a slicer may be in the mesh, as their list \
                     cannot be read ({why})"
             )),
         }
     }
+    // All lists at once: their numbers are those of the model, before triangles go.
+    mark(&volumes, root);
 }
 
 /// Volumes that are not printed, by the number of their object.
@@ -44,7 +53,7 @@ fn read(package: &mut Package<'_>, list: &str) -> Result<HashMap<u32, Vec<Volume
     let mut volume: Option<Volume> = None;
     let visited = package.read(list, |element| {
         match element {
-            Element::Begin(element) => match (element.local_name().as_ref(), &mut volume) {
+            Element::Begin(element) => match (element.name(), &mut volume) {
                 ("object", None) => object = Some(number(&element, "id")?),
                 ("volume", None) => {
                     let triangles = number(&element, "firstid")?..=number(&element, "lastid")?;
@@ -52,13 +61,13 @@ fn read(package: &mut Package<'_>, list: &str) -> Result<HashMap<u32, Vec<Volume
                 }
                 ("part", None) => {
                     let component = Some(number(&element, "id")?);
-                    let purpose = attribute(&element, "subtype")?.and_then(|word| purpose(&word));
+                    let purpose = element.attribute("subtype")?.and_then(|word| purpose(&word));
                     volume = Some(Volume { component, purpose, ..Volume::default() });
                 }
                 ("metadata", Some(volume)) => {
-                    let value = attribute(&element, "value")?.unwrap_or_default();
-                    match attribute(&element, "key")?.as_deref() {
-                        Some("name") => volume.name = Some(value),
+                    let value = element.attribute("value")?.unwrap_or_default();
+                    match element.attribute("key")?.as_deref() {
+                        Some("name") => volume.name = Some(value.into()),
                         Some("volume_type") => volume.purpose = purpose(&value),
                         // Files of 2018, before there were types.
                         Some("modifier") if value == "1" => volume.purpose = Some("modifier"),
@@ -74,7 +83,7 @@ fn read(package: &mut Package<'_>, list: &str) -> Result<HashMap<u32, Vec<Volume
                     volumes.entry(object).or_default().push(volume);
                 }
             }
-            Element::End(_) => {}
+            Element::End(_) | Element::Extension { .. } => {}
         }
         Ok(())
     });
@@ -96,27 +105,37 @@ fn purpose(word: &str) -> Option<&'static str> {
     })
 }
 
-fn mark(volumes: HashMap<u32, Vec<Volume>>, root: &mut Part) {
+/// Marks and takes out what is not printed. The lists are as long as their writer likes, and so are
+/// the lists of triangles and components: each is gone through once.
+pub(super) fn mark(volumes: &HashMap<u32, Vec<Volume>>, root: &mut Part) {
     for (id, volumes) in volumes {
-        let Some(object) = root.objects.get_mut(&id) else { continue };
-        for Volume { component, name, purpose, .. } in &volumes {
-            let of_volume = |placed: &&mut super::Placement| Some(placed.object) == *component;
-            for placed in object.components.iter_mut().filter(of_volume) {
-                placed.not_printed = *purpose;
-                placed.name.clone_from(name);
+        let Some(object) = root.objects.get_mut(id) else { continue };
+        let of_component: HashMap<u32, &Volume> =
+            volumes.iter().filter_map(|volume| Some((volume.component?, volume))).collect();
+        for placed in &mut object.components {
+            if let Some(volume) = of_component.get(&placed.object) {
+                placed.not_printed = volume.purpose;
+                placed.name.clone_from(&volume.name);
             }
         }
-        let in_mesh: Vec<_> =
-            volumes.iter().filter_map(|v| Some((v.triangles.as_ref()?, v))).collect();
         let n_triangles = object.mesh.triangles.len();
-        let mut triangle_idx = 0;
-        object.mesh.triangles.retain(|_| {
-            triangle_idx += 1;
-            !in_mesh.iter().any(|(triangles, _)| triangles.contains(&(triangle_idx - 1)))
-        });
+        let mut in_mesh: Vec<_> =
+            volumes.iter().filter_map(|v| Some((v.triangles.as_ref()?, v))).collect();
         let names = in_mesh.iter().filter(|(triangles, _)| *triangles.start() < n_triangles);
         object.left_out.extend(
-            names.map(|(_, v)| named(v.name.as_deref(), id, v.purpose.unwrap_or_default())),
+            names.map(|(_, v)| named(v.name.as_deref(), *id, v.purpose.unwrap_or_default())),
         );
+        in_mesh.sort_unstable_by_key(|(triangles, _)| *triangles.start());
+        let mut begins = in_mesh.into_iter().map(|(triangles, _)| triangles).peekable();
+        let mut triangle_idx = 0;
+        // Where the last of the volumes ends that have begun.
+        let mut end = 0;
+        object.mesh.triangles.retain(|_| {
+            while let Some(range) = begins.next_if(|range| *range.start() <= triangle_idx) {
+                end = end.max(range.end().saturating_add(1));
+            }
+            triangle_idx += 1;
+            triangle_idx > end
+        });
     }
 }

@@ -218,9 +218,9 @@ fn supports_and_what_is_not_printed_are_left_out_and_named() {
     let model = model("", &resources, build);
     assert_eq!(
         left_out(&[("3D/3dmodel.model", &model)]),
-        "6 objects are left out, as no part of what is printed: `tower` (type support), object 3 \
+        "5 objects are left out, as no part of what is printed: `tower` (type support), object 3 \
             (type other), `a\\nb` (type solidsupport), `spare` (not printable), object 1 (not \
-            printable), `tower` (type support)"
+            printable)"
     );
     let model = self::model("", &resources, "<item objectid=\"2\"/>");
     assert_eq!(
@@ -301,4 +301,194 @@ fn a_list_of_volumes_that_cannot_be_read_does_not_hide_the_model() {
         note.contains("may be in the mesh") && note.contains("`firstid` must be a number"),
         "{note}"
     );
+}
+
+#[test]
+fn what_is_left_out_counts_as_a_copy_and_is_named_once() {
+    let within = |id: u32, inside: u32, n_copies: usize| {
+        let components = format!("<component objectid=\"{inside}\"/>").repeat(n_copies);
+        object(id, &format!("<components>{components}</components>"))
+    };
+    let placed = |n_copies: usize| {
+        let resources = object(1, TETRAHEDRON)
+            + &format!("<object id=\"2\" type=\"support\" name=\"tower\">{TETRAHEDRON}</object>")
+            + &within(3, 2, n_copies)
+            + &within(4, 3, n_copies);
+        model("", &resources, "<item objectid=\"1\"/><item objectid=\"4\"/>")
+    };
+    let expected =
+        "1 object is left out, as no part of what is printed: `tower` (type support)".to_owned();
+    assert_eq!(left_out(&[("3D/3dmodel.model", &placed(100))]), expected);
+    // Four million of them.
+    let error = read(&package(&[("3D/3dmodel.model", &placed(2000))])).unwrap_err();
+    assert!(matches!(error, MeshError::TooManyCopies { .. }), "{error}");
+    // Volumes of an object as well.
+    let twice =
+        TETRAHEDRON.replace("</triangles>", "<triangle v1=\"0\" v2=\"2\" v3=\"1\"/></triangles>");
+    let items = "<item objectid=\"1\"/>".repeat(3);
+    let model = self::model("", &object(1, &twice), &items);
+    let list = "<config><object id=\"1\"><volume firstid=\"4\" lastid=\"4\"><metadata key=\"name\" \
+        value=\"slot\"/><metadata key=\"modifier\" value=\"1\"/></volume></object></config>";
+    let parts = [("3D/3dmodel.model", &*model), ("Metadata/Slic3r_PE_model.config", list)];
+    let file = parse(&package(&parts), Path::new("part.3mf"), 1e-3).unwrap();
+    assert_eq!(
+        file.notes,
+        ["1 object is left out, as no part of what is printed: `slot` (modifier)"]
+    );
+    assert_eq!(file.mesh.triangles.len(), 12);
+}
+
+/// A part with one object of so many triangles and components.
+fn part_of(n_triangles: usize, n_components: u32) -> Part {
+    let component = |id: u32| Placement {
+        object: id,
+        part: None,
+        parent_from_object: DMat4::IDENTITY,
+        name: None,
+        not_printed: None,
+    };
+    let object = Object {
+        mesh: TriangleMesh {
+            triangles: (0..n_triangles as u32).map(|k| [k; 3]).collect(),
+            ..TriangleMesh::default()
+        },
+        components: (0..n_components).map(component).collect(),
+        ..Object::default()
+    };
+    Part { unit: UNITS[0], objects: HashMap::from([(1, object)]), items: Vec::new() }
+}
+
+fn modifier(first: usize, last: usize) -> slicer::Volume {
+    slicer::Volume {
+        triangles: Some(first..=last),
+        purpose: Some("modifier"),
+        ..slicer::Volume::default()
+    }
+}
+
+#[test]
+fn volumes_take_out_their_triangles_in_any_order() {
+    // Overlapping, nested, the wrong way round, and beyond the end.
+    let ranges = [(7, 9), (2, 4), (3, 3), (4, 5), (6, 1), (15, 14), (18, 40), (19, usize::MAX)];
+    let mut part = part_of(20, 0);
+    let volumes = ranges.map(|(first, last)| modifier(first, last));
+    slicer::mark(&HashMap::from([(1, volumes.into())]), &mut part);
+    let expected: Vec<_> = (0..20_u32)
+        .filter(|k| !ranges.iter().any(|(first, last)| (*first..=*last).contains(&(*k as usize))))
+        .map(|k| [k; 3])
+        .collect();
+    assert_eq!(part.objects[&1].mesh.triangles, expected);
+}
+
+#[test]
+fn many_volumes_of_many_triangles_and_components_are_marked() {
+    // Each volume for each triangle, or component, would be 4·10¹⁰ steps.
+    const N: u32 = 200_000;
+    let mut part = part_of(N as usize, N);
+    let volumes = (0..N)
+        .map(|k| slicer::Volume {
+            component: Some(k),
+            ..modifier(N as usize - 1 - k as usize / 2, N as usize - 1)
+        })
+        .collect();
+    slicer::mark(&HashMap::from([(1, volumes)]), &mut part);
+    let object = &part.objects[&1];
+    assert_eq!(object.mesh.triangles.len(), N as usize / 2);
+    assert!(object.components.iter().all(|placed| placed.not_printed == Some("modifier")));
+}
+
+#[test]
+fn required_extensions_are_looked_up_not_searched_for() {
+    // Each prefix for each attribute would be 10¹⁰ steps.
+    const N: usize = 100_000;
+    let attributes: String = (0..N).map(|k| format!("a{k}=\"\" ")).collect();
+    let required = "p ".repeat(N);
+    let head = format!(
+        "{attributes} xmlns:p=\"http://schemas.microsoft.com/3dmanufacturing/production/2015/06\" \
+            requiredextensions=\"{required}\""
+    );
+    let model = model(&head, &object(1, TETRAHEDRON), "<item objectid=\"1\"/>");
+    let stored = SimpleFileOptions::default().compression_method(zip::CompressionMethod::Stored);
+    let mut archive = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+    archive.start_file("3D/3dmodel.model", stored).unwrap();
+    archive.write_all(model.as_bytes()).unwrap();
+    let bytes = archive.finish().unwrap().into_inner();
+    assert_eq!(read(&bytes).unwrap().triangles.len(), 4);
+    // Namespaces are searched, so there are few of them, and their names are short.
+    let namespaces: String = (0..200).map(|k| format!("xmlns:a{k}=\"b\" ")).collect();
+    let text = read_model(&namespaces, "", "").unwrap_err().to_string();
+    assert!(text.ends_with("more than 128 namespaces in one place; export plain meshes"), "{text}");
+    let long = format!("xmlns:q=\"{}\" requiredextensions=\"q\"", "n".repeat(300));
+    let text = read_model(&long, "", "").unwrap_err().to_string();
+    assert!(text.ends_with("is longer than 256 bytes; export plain meshes"), "{text}");
+}
+
+const LATTICE: &str = "http://schemas.microsoft.com/3dmanufacturing/beamlattice/2017/02";
+const DISPLACEMENT: &str = "http://schemas.3mf.io/3dmanufacturing/displacement/2023/10";
+
+#[test]
+fn extensions_that_are_not_required_are_left_out_and_named() {
+    let note = |prefix: &str, namespace: &str, resources: &str| {
+        let head = format!("xmlns:{prefix}=\"{namespace}\"");
+        left_out(&[("3D/3dmodel.model", &model(&head, resources, "<item objectid=\"1\"/>"))])
+    };
+    let said = |what: &str| {
+        format!("left out, as their extensions are not read: {what}; export plain meshes")
+    };
+    let beams = "<b:beamlattice radius=\"1\" minlength=\"0.1\"><b:beams><b:beam v1=\"0\" \
+        v2=\"1\"/></b:beams></b:beamlattice>";
+    let lattice = TETRAHEDRON.replace("</mesh>", &format!("{beams}</mesh>"));
+    assert_eq!(
+        note("b", LATTICE, &object(1, &lattice)),
+        said(&format!("`beamlattice` ({LATTICE})"))
+    );
+    // Its names are those of the standard, and what it holds may be of any namespace.
+    let displaced = "<d:displacementmesh><d:vertices><d:vertex x=\"9\" y=\"9\" \
+        z=\"9\"/></d:vertices><d:triangles><d:triangle v1=\"0\" v2=\"1\" \
+        v3=\"4\"/></d:triangles><vertex x=\"9\" y=\"9\" z=\"9\"/></d:displacementmesh>";
+    let displaced = object(1, &format!("{TETRAHEDRON}{displaced}")) + "<d:object id=\"1\"/>";
+    assert_eq!(
+        note("d", DISPLACEMENT, &displaced),
+        said(&format!("`displacementmesh` ({DISPLACEMENT})"))
+    );
+    // One that nobody knows, without a prefix, and one whose prefix is declared nowhere.
+    let others = object(1, TETRAHEDRON) + "<shape xmlns=\"a:&#10;b\"/><q:vertex/>";
+    assert_eq!(note("d", DISPLACEMENT, &others), said("`shape` (a:&#10;b), `vertex` (q)"));
+    // Nothing is left.
+    let head = format!("xmlns:b=\"{LATTICE}\"");
+    let text = read_model(&head, &object(1, beams), "<item objectid=\"1\"/>").unwrap_err();
+    assert_eq!(
+        text.to_string(),
+        format!(
+            "part.3mf: there is no plain mesh in it: {}",
+            said(&format!("`beamlattice` ({LATTICE})"))
+        )
+    );
+    // Colours are not missed.
+    let head = "xmlns:m=\"http://schemas.microsoft.com/3dmanufacturing/material/2015/02\"";
+    let coloured = "<m:colorgroup id=\"2\"><m:color color=\"#ff0000\"/></m:colorgroup>".to_owned()
+        + &object(1, TETRAHEDRON);
+    let coloured = model(head, &coloured, "<item objectid=\"1\"/>");
+    let bytes = package(&[("3D/3dmodel.model", &coloured)]);
+    assert!(parse(&bytes, Path::new("part.3mf"), 1e-3).unwrap().notes.is_empty());
+}
+
+#[test]
+fn names_count_with_their_namespace() {
+    // The standard's own with a prefix, and attributes of others beside those of its own.
+    let text = model("", &object(1, TETRAHEDRON), "<item objectid=\"1\"/>")
+        .replace("</", "</c:")
+        .replace('<', "<c:")
+        .replace("<c:/", "</")
+        .replace("<c:?", "<?")
+        .replace("xmlns=", "xmlns:q=\"urn:other\" xmlns:c=")
+        .replace("objectid=", "q:objectid=\"7\" q:path=\"/3D/none.model\" objectid=")
+        .replace(" x=", " q:x=\"8\" x=");
+    let mesh = read(&package(&[("3D/3dmodel.model", &text)])).unwrap();
+    assert_eq!(mesh.triangles.len(), 4);
+    assert_eq!(mesh.vertices, [DVec3::ZERO, DVec3::X, DVec3::Y * 2.0, DVec3::Z * 3.0]);
+    // Another part would be taken for this one.
+    let item = "<item p:path=\"/3D/other.model\" objectid=\"1\"/>";
+    let text = read_model("", &object(1, TETRAHEDRON), item).unwrap_err().to_string();
+    assert!(text.ends_with("the prefix of `p:path` is declared nowhere"), "{text}");
 }
