@@ -72,7 +72,8 @@ pub(crate) struct Args {
     /// only).
     #[arg(long, value_name = "F.ply")]
     pointshell_out: Option<PathBuf>,
-    /// Draw three cuts through the map with the shell on them (mesh only).
+    /// Draw three cuts through the map with the shell on them; surface that was left out, skins and
+    /// hollows are marked (mesh only).
     #[arg(long, value_name = "F.png")]
     picture: Option<PathBuf>,
     /// Draw polygons, voxmap and pointshell side by side, in three dimensions (mesh only).

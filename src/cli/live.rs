@@ -15,7 +15,7 @@ use crate::daemon::session::{PlannedScene, SessionHandle, objects};
 use crate::daemon::unlike;
 use crate::error::Exit;
 use crate::scene::cache::CachePolicy;
-use crate::scene::{self, SceneError};
+use crate::scene::{self, ObjectReport, SceneError};
 use arms::simulated::hand::HandPath;
 use document::poses::PoseFileError;
 use engine::servo::{ControlError, ObjectPaths};
@@ -178,14 +178,14 @@ fn bake(
     cache: &CacheArgs,
     memory: &MemoryArgs,
     output: OutputOptions,
-) -> Result<RenderScene, SceneError> {
+) -> Result<(RenderScene, Vec<ObjectReport>), SceneError> {
     let memory = MemoryRule::Left(memory);
     // Without progress: the screen belongs to the run.
     let (scene, reports) = cache.bake(CachePolicy::Copy, memory, output, |options, _| {
         scene::build_with(config, options, |_| ())
     })?;
     report::bake_warnings_of(&format!("{}: ", config.path.display()), &reports, output);
-    Ok(scene)
+    Ok((scene, reports))
 }
 
 /// Says which planned scenes could not be baked, if any; the exit code of the first.

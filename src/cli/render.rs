@@ -105,7 +105,7 @@ pub(crate) fn main(
         figures.replace(prepared.attached.as_ref().and_then(|attached| attached.link.clone()));
         tell_of_bake(&prepared, &reports, output);
         baked_s.set(since_start_s(monotonic_ns()));
-        Ok(prepared)
+        Ok((prepared, reports))
     };
     // Under the virtual clock a scene changes as it was planned, unless clients can ask for more.
     let is_open = clock == ClockKind::Real || bound.is_some() || opened.is_some() || own.live.watch;
@@ -272,7 +272,7 @@ fn run(
     beside: Beside<'_>,
     control: &Arc<Control>,
     end_by_signals: impl FnOnce(&Arc<Control>) -> Result<(), SignalError>,
-    bake: impl FnOnce() -> Result<Prepared, PrepareError>,
+    bake: impl FnOnce() -> Result<(Prepared, Vec<ObjectReport>), PrepareError>,
 ) -> Result<RunSummary, CliError> {
     let Beside {
         mut live,
@@ -298,7 +298,7 @@ fn run(
         service.report(&notice);
         screen.show(&notice);
     });
-    let prepared = supervisor.bake(bake)?;
+    let (prepared, reports) = supervisor.bake(bake)?;
     let scene = Arc::new(prepared.scene);
     if let (Some(sculpt_run), Some(model)) = (sculpt_run, prepared.model) {
         sculpt_run.fit(&model, output)?;
@@ -307,7 +307,7 @@ fn run(
             .map_err(|error| not_run(error.into(), output))?;
         services.sculpts(sculpt_run.handle(), sculpt_run.for_clients(&scene));
     }
-    live.commands = session.begin(&scene, prepared.attached.is_none()).with_paths(paths);
+    live.commands = session.begin(&scene, reports, prepared.attached.is_none()).with_paths(paths);
     let view = session.view();
     // What works clay said so before.
     if view.has_hand && view.config.device.hand.is_none() && view.config.sculpt.is_none() {

@@ -19,7 +19,7 @@ use super::prepare::hand_of;
 use super::recorded::scene_files;
 use super::scene_keys::{path_of, unlike};
 use crate::config::{self, LoadOptions, SceneConfig};
-use crate::scene::SceneError;
+use crate::scene::{ObjectReport, SceneError};
 use engine::servo::{CommandQueue, FileChange, LoadedScene, Objects, SceneControls};
 use haptics::RenderScene;
 use recording::file::{Recorder, SceneFiles};
@@ -35,8 +35,10 @@ const POLL: Duration = Duration::from_millis(2);
 /// The same while none is.
 const IDLE: Duration = Duration::from_millis(10);
 
-/// Bakes a scene in a way that the caller chooses: with its cache, its limits, its progress.
-pub type Baker = Box<dyn FnMut(&SceneConfig) -> Result<RenderScene, SceneError> + Send>;
+/// Bakes a scene in a way that the caller chooses, with its cache, its limits, its progress; gives
+/// what [`build_with`](crate::scene::build_with) gives.
+pub type Baker =
+    Box<dyn FnMut(&SceneConfig) -> Result<(RenderScene, Vec<ObjectReport>), SceneError> + Send>;
 
 /// Called again and again on the thread of scenes, between two bakes; whether no other scene is on
 /// its way.
@@ -55,6 +57,9 @@ pub struct SceneView {
     pub config: Arc<SceneConfig>,
     /// As rendered; `None` while the first one is baked.
     pub scene: Option<Arc<RenderScene>>,
+    /// What was baked: the fixed objects in the order of the scene, then the tool; empty while the
+    /// first scene is baked.
+    pub reports: Arc<[ObjectReport]>,
     /// Parameters.
     pub settings: Vec<ParameterSetting>,
     /// Movable objects.
@@ -100,12 +105,13 @@ struct Shared {
 struct SessionState {
     config: Arc<SceneConfig>,
     scene: Option<Arc<RenderScene>>,
+    reports: Arc<[ObjectReport]>,
     /// `None` while the first scene is baked.
     controls: Option<SceneControls>,
     /// A simulated arm: its hand can be moved.
     is_simulated: bool,
     /// A scene that was sent to the loop and is not rendered yet.
-    coming: Option<(Arc<SceneConfig>, Arc<RenderScene>)>,
+    coming: Option<BakedScene>,
     /// A client or a reload has asked for a scene that is not rendered yet ...
     is_switching: bool,
     /// ... and which.
@@ -139,10 +145,16 @@ impl Job {
     }
 }
 
-/// A scene on its way to the loop.
-struct Coming {
+/// A scene that can be rendered.
+struct BakedScene {
     config: Arc<SceneConfig>,
     scene: Arc<RenderScene>,
+    reports: Arc<[ObjectReport]>,
+}
+
+/// A scene on its way to the loop.
+struct Coming {
+    baked: BakedScene,
     /// What a recording brings along of it.
     files: Option<SceneFiles>,
     at_tick: u64,
@@ -155,8 +167,10 @@ impl SessionState {
     fn follow(&mut self) {
         while let Some(replaced) = self.controls.as_mut().and_then(SceneControls::take_replaced) {
             self.replaced.push(replaced);
-            if let Some((config, scene)) = self.coming.take() {
-                (self.config, self.scene) = (config, Some(scene));
+            if let Some(BakedScene { config, scene, reports }) = self.coming.take() {
+                self.config = config;
+                self.scene = Some(scene);
+                self.reports = reports;
             }
             if self.sent.last().is_some_and(|(_, planned)| planned.is_none()) {
                 (self.is_switching, self.switching_to) = (false, None);
@@ -197,6 +211,7 @@ impl SessionHandle {
         let state = SessionState {
             config: first.clone(),
             scene: None,
+            reports: Arc::default(),
             controls: None,
             is_simulated: false,
             coming: None,
@@ -251,11 +266,17 @@ impl SessionHandle {
 
     /// The first scene is baked: from now on it can be changed, and the hand of a simulated arm can
     /// be moved. Gives the loop's end.
-    pub fn begin(&self, scene: &Arc<RenderScene>, is_simulated: bool) -> CommandQueue {
+    pub fn begin(
+        &self,
+        scene: &Arc<RenderScene>,
+        reports: Vec<ObjectReport>,
+        is_simulated: bool,
+    ) -> CommandQueue {
         let mut state = self.state();
         state.is_simulated = is_simulated;
         let (controls, queue) = SceneControls::new(&scene.parameters, objects(&state.config));
         (state.controls, state.scene) = (Some(controls), Some(scene.clone()));
+        state.reports = reports.into();
         queue.with_promised(core::mem::take(&mut state.promised_ticks).into())
     }
 
@@ -268,6 +289,7 @@ impl SessionHandle {
             scene_idx: controls.map_or(0, SceneControls::scene_idx),
             config: state.config.clone(),
             scene: state.scene.clone(),
+            reports: state.reports.clone(),
             settings: controls.map_or(Vec::new(), |controls| controls.settings().to_vec()),
             movable: controls
                 .map_or(Vec::new(), |controls| controls.movable().map(str::to_owned).collect()),
@@ -502,7 +524,7 @@ impl SessionHandle {
                 self.answer(switched.unwrap_or(Err(SessionError::Over)), reply);
             }
             Job::Reset { reply } => {
-                let SceneView { scene_idx, config, scene, .. } = self.view();
+                let SceneView { scene_idx, config, scene, reports, .. } = self.view();
                 let result = match (scene, &config.sculpt) {
                     (_, Some(_)) => Err(SessionError::ClayStays),
                     (None, None) => Err(SessionError::Over),
@@ -515,8 +537,7 @@ impl SessionHandle {
                             .and_then(|recorder| recorder.scenes.get(scene_idx));
                         let files = files.map(|files| (*files).clone());
                         self.send(Coming {
-                            config,
-                            scene,
+                            baked: BakedScene { config, scene, reports },
                             files,
                             at_tick: 0,
                             planned_idx: None,
@@ -538,10 +559,13 @@ impl SessionHandle {
         let PlannedScene { config, at_tick } = planned;
         // Before it is baked: what is written meanwhile is not what is rendered.
         let files = self.0.recorder.as_ref().map(|_| scene_files(&config, &self.0.options));
-        let scene = Arc::new(baker(&config)?);
+        let (scene, reports) = baker(&config)?;
         self.send(Coming {
-            config: Arc::new(config),
-            scene,
+            baked: BakedScene {
+                config: Arc::new(config),
+                scene: Arc::new(scene),
+                reports: reports.into(),
+            },
             files,
             at_tick,
             planned_idx,
@@ -551,8 +575,9 @@ impl SessionHandle {
 
     /// Sends a scene to the loop, which takes it from its tick on.
     fn send(&self, coming: Coming) -> Result<(), SessionError> {
-        let Coming { config, scene, files, at_tick, planned_idx, starts_anew } = coming;
-        let hand = hand_of(&config, scene.tool.center_of_mass_tool)
+        let Coming { baked, files, at_tick, planned_idx, starts_anew } = coming;
+        let BakedScene { config, scene, .. } = &baked;
+        let hand = hand_of(config, scene.tool.center_of_mass_tool)
             .map_err(|error| SessionError::Hand(error.to_string()))?;
         let loaded =
             LoadedScene::new(scene.clone()).with_time_budget(config.time_budget_s, self.0.clock);
@@ -564,10 +589,10 @@ impl SessionHandle {
         }
         state
             .controls()?
-            .offer(Box::new(loaded), objects(&config))
+            .offer(Box::new(loaded), objects(config))
             .map_err(|_| SessionError::Over)?;
         state.sent.push((config.clone(), planned_idx));
-        state.coming = Some((config, scene));
+        state.coming = Some(baked);
         Ok(())
     }
 

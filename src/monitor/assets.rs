@@ -44,6 +44,7 @@ pub(super) const FILES: &[(&str, &str, &[u8])] = &[
     ("objects.js", SCRIPT, include_bytes!("web/objects.js")),
     ("pace.js", SCRIPT, include_bytes!("web/pace.js")),
     ("parameters.js", SCRIPT, include_bytes!("web/parameters.js")),
+    ("parts.js", SCRIPT, include_bytes!("web/parts.js")),
     ("path-plot.js", SCRIPT, include_bytes!("web/path-plot.js")),
     ("path.js", SCRIPT, include_bytes!("web/path.js")),
     ("pick.js", SCRIPT, include_bytes!("web/pick.js")),

@@ -320,6 +320,7 @@ async fn scene(State(state): State<Arc<AppState>>) -> Result<Json<Value>, Reques
             "movable": movable,
             "pose": WirePose::from(pose),
             "voxel_size_m": voxel_size_m,
+            "report": view.reports.get(idx),
             "triangles": visual.map(|visual| visual.triangles),
             "shown_triangles": visual.map(|visual| visual.shown_triangles),
             "mesh": visual.map(|_| format!("/api/v1/scene/{}/mesh/{idx}", view.scene_idx)),

@@ -16,6 +16,8 @@ CLAY_SCREENS = SCREENS | {
     "phone-on-its-side": {"width": 844, "height": 390, "touch": True},
 }
 
+SMALL = {"width": 1100, "height": 700}
+
 LONGEST_STANDSTILL_MS = """new Promise((done) => {
     let [last, longest] = [performance.now(), 0];
     const watch = setInterval(() => {
@@ -168,6 +170,38 @@ class PageTest(PageCase):
         page.wait("document.querySelector('#scene-name').textContent === 'press scene'")
         page.wait(VIEW_IS_READY)
         page.wait(f"{WORD} === 'Enabled'")
+
+    def test_what_parts_were_taken_for(self):
+        """The panel follows the scene; a part that is as it should be has one line."""
+        rest = (self.folder / "rest.toml").read_text()
+        mesh = REPOSITORY / "docs" / "pictures" / "solid-pieces.obj"
+        pieces = rest.replace("shape = { plane_mm = [60.0, 60.0] }", f'mesh = "{mesh}"\nunits = "mm"\nposition_mm = [0.0, 0.0, -30.0]').replace('"lift"', '"<i>pieces"')
+        (self.folder / "pieces.toml").write_text(pieces)
+        run = self.run_scene("rest")
+        page = self.open(run, **SMALL)
+        lines = "[...document.querySelectorAll('#parts > li')].map((part) => [...part.children].map((line) => line.textContent))"
+        tool = ["tool", "1 body of 8\u202f000 mm³, 12 triangles, voxels of 1.5 mm"]
+        self.assertEqual(page.run(lines), [["lift", "1 body of 68\u202f400 mm³, 12 triangles, voxels of 0.5 mm"], tool])
+        page.run("document.querySelector('#scene-choice').value = 'pieces'")
+        page.click("#scene-form button")
+        page.wait("document.querySelector('#parts strong').textContent === '<i>pieces'")
+        found = [
+            "<i>pieces",
+            "4 pieces, 1 not closed: 2 bodies, 1 hollow of 1\u202f000 mm³ (empty), 1 skin of 400 mm²",
+            "the skin is felt as a plate of two voxels",
+            "448 mm² inside were left out",
+            "volume 11\u202f896 mm³, 38 triangles, voxels of 0.5 mm",
+            "4 edges are open, the widest hole is 20.0 mm wide",
+        ]
+        self.assertEqual(page.run(lines), [found, tool])
+        self.assertEqual(page.run("document.querySelector('#parts-verdict').textContent"), "1 warning")
+        for name, screen in {"parts": SMALL, "parts-phone": SCREENS["phone"]}.items():
+            page.on_screen(**screen)
+            page.wait(DRAWN)
+            page.run("document.querySelector('#parts-box').scrollIntoView({ block: 'center' })")
+            page.screenshot(SHOTS / f"{name}.png")
+            self.assertLessEqual(page.run("document.documentElement.scrollWidth"), screen["width"], "nothing is cut off at the side")
+            self.assertEqual(page.poor_contrasts(), [], "text can be read")
 
     def test_fault(self):
         run = self.run_scene("fault")

@@ -36,15 +36,15 @@ struct Run {
 impl Run {
     fn begin(scene: &str) -> Self {
         let config = rig::load(&rig::shipped(scene));
-        let (prepared, _) = prepare(&config, |_| ()).expect("a scene");
+        let (prepared, reports) = prepare(&config, |_| ()).expect("a scene");
         let session =
             SessionHandle::new(config.clone(), LoadOptions::default(), ClockKind::Virtual, None);
         let baker = |config: &SceneConfig| {
-            Ok(build_with(config, &mut BakeOptions::from(&mut Cache::off()), |_| ())?.0)
+            build_with(config, &mut BakeOptions::from(&mut Cache::off()), |_| ())
         };
         session.begin_baking(Box::new(baker), Vec::new()).expect("a thread");
         let scene = Arc::new(prepared.scene);
-        let queue = session.begin(&scene, true);
+        let queue = session.begin(&scene, reports, true);
         let (producer, records) = rtrb::RingBuffer::new(4);
         let control = Arc::new(Control::enabled());
         let servo = ServoLoop::new(
@@ -280,7 +280,7 @@ fn only_the_hand_of_a_simulated_arm_is_moved_and_only_to_poses() {
     let real =
         SessionHandle::new(run.config.clone(), LoadOptions::default(), ClockKind::Virtual, None);
     let (prepared, _) = prepare(&run.config, |_| ()).expect("a scene");
-    let _queue = real.begin(&Arc::new(prepared.scene), false);
+    let _queue = real.begin(&Arc::new(prepared.scene), Vec::new(), false);
     let refused = real.hand(HandOrder::Restart).expect_err("a person holds it").to_string();
     assert_eq!(refused, "only the hand of a simulated arm can be moved: a person holds this one");
     assert!(!real.view().has_hand);

@@ -77,6 +77,37 @@ fn a_picture_is_a_png_with_the_surface_on_it() {
     assert!(first == again, "the same bake draws the same bytes");
 }
 
+/// Of surface that was left out, of skins, and of the hatching of hollows.
+const MARKS: [[u8; 3]; 3] = [[196, 30, 96], [0, 130, 90], [84, 52, 128]];
+
+#[test]
+fn a_picture_marks_what_was_left_out_skins_and_hollows_and_nothing_in_a_clean_block() {
+    let folder = tempfile::tempdir().unwrap();
+    let pieces = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/pictures/solid-pieces.obj");
+    let all = std::fs::read_to_string(pieces).unwrap();
+    // The block comes first, its eight corners and six faces.
+    let block: String = all.split_inclusive('\n').take(1 + 1 + 8 + 6).collect();
+    std::fs::write(folder.path().join("pieces.obj"), &all).unwrap();
+    std::fs::write(folder.path().join("block.obj"), block).unwrap();
+    let n_marked = |mesh: &str, more: &[&str]| {
+        let line = ["bake", mesh, "--units", "mm", "--voxel-size-mm", "1", "--picture", "cuts.png"];
+        let ended = hapticd(folder.path(), &[&line, more].concat());
+        assert_eq!(ended.status.code(), Some(0), "{mesh}: {}", text(&ended.stderr));
+        let pixels = tiny_skia::Pixmap::load_png(folder.path().join("cuts.png")).unwrap();
+        let is = |color: [u8; 3]| {
+            let all = pixels.pixels().iter();
+            all.filter(|pixel| [pixel.red(), pixel.green(), pixel.blue()] == color).count()
+        };
+        MARKS.map(is)
+    };
+    let [left_out, skin, hollow] = n_marked("pieces.obj", &[]);
+    // More than the samples of the legend.
+    assert!(left_out > 2000 && skin > 1500 && hollow > 1000, "{left_out} {skin} {hollow}");
+    assert_eq!(n_marked("block.obj", &[]), [0; 3]);
+    // Triangles as they are: nothing is left out.
+    assert_eq!(n_marked("pieces.obj", &["--sides", "flood"]), [0; 3]);
+}
+
 #[test]
 fn a_picture_that_cannot_be_drawn_is_refused_before_the_work() {
     let folder = tempfile::tempdir().unwrap();

@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use super::canvas::{Align, Canvas};
+use super::marks::Mark;
 use super::palette::{self, FAINT, INK, PAPER};
 use super::subject::BakedObject;
 use recording::report::plots::{short, steps};
@@ -41,7 +42,9 @@ impl Panel {
     }
 
     fn draw_layers(&self, canvas: &mut Canvas, subject: &BakedObject<'_>) {
-        let ([width, height], n_cells) = (self.size, self.n_cells(subject));
+        let BakedObject { surface, layers, marks, .. } = *subject;
+        let [width, height] = self.size;
+        let n_cells = self.n_cells(subject);
         let cell_under = |pixel: i32, n_pixels: i32, n_cells: i32| {
             ((f64::from(pixel) + 0.5) / f64::from(n_pixels) * f64::from(n_cells)) as i32
         };
@@ -55,7 +58,10 @@ impl Panel {
             for column in 0..=width {
                 let color = (column < width).then(|| {
                     cell[self.axes[0]] = cell_under(column, width, n_cells[0]);
-                    palette::of_layer(subject.layers.value(cell), subject.layers.n_layers)
+                    if marks.is_hatched(surface, layers, cell, [column, row]) {
+                        return Mark::Hollow.color();
+                    }
+                    palette::of_layer(layers.value(cell), layers.n_layers)
                 });
                 if color != run_color {
                     if let Some(color) = run_color {
@@ -70,9 +76,14 @@ impl Panel {
             }
         }
         // Where a pixel covers several voxels the surface still shows.
-        for cell in subject.surface.cells().filter(|cell| cell[self.axes[2]] == self.cut) {
+        let plain = surface.cells().map(|cell| (cell, INK));
+        let marked = marks.voxels().map(|(cell, mark)| (cell, mark.color()));
+        for (cell, color) in plain.chain(marked).filter(|(cell, _)| cell[self.axes[2]] == self.cut)
+        {
+            // The first pixel whose middle lies in the cell: as above.
             let pixel = |index: i32, side: usize| {
-                (i64::from(index) * i64::from(self.size[side]) / i64::from(n_cells[side])) as i32
+                let n = i64::from(n_cells[side]);
+                ((2 * i64::from(index) * i64::from(self.size[side]) + n - 1) / (2 * n)) as i32
             };
             let [u, v] = [cell[self.axes[0]], cell[self.axes[1]]];
             let left = pixel(u, 0);
@@ -84,7 +95,7 @@ impl Panel {
             canvas.block(
                 [self.corner[0] + left, self.corner[1] + height - low - tall],
                 [wide, tall],
-                INK,
+                color,
             );
         }
     }

@@ -1,9 +1,11 @@
 //! Where everything goes.
 
+use core::cmp::Reverse;
 use std::io;
 use std::path::Path;
 
 use super::canvas::{Align, Canvas};
+use super::marks::{self, Mark, Present};
 use super::palette::{self, FAINT, INK};
 use super::panel::{Panel, draw_point};
 use super::subject::BakedObject;
@@ -21,6 +23,10 @@ const LEFT: f64 = 84.0;
 const RIGHT: f64 = 36.0;
 const HEADER: f64 = 112.0;
 const LEGEND: f64 = 92.0;
+/// A line of the legend for each kind of mark.
+const MARK_LINE: f64 = 24.0;
+/// Of its samples of colours, pixels.
+const SAMPLE: [i32; 2] = [44, 16];
 const COLUMN_GAP: f64 = 96.0;
 const ROW_GAP: f64 = 84.0;
 /// Longest edge over the second from which on a body is drawn along the sheet.
@@ -35,13 +41,20 @@ pub fn write(path: &Path, subject: &BakedObject<'_>) -> io::Result<()> {
 }
 
 fn png(subject: &BakedObject<'_>) -> io::Result<Vec<u8>> {
-    let panels = panels(subject);
+    let slices = subject.marks.by_slice(subject.surface, subject.layers);
+    let panels = panels(subject, cuts(subject, &slices));
     let far = |side: usize| {
         panels.iter().map(|panel| panel.corner[side] + panel.size[side]).max().unwrap_or(0)
     };
     let right = f64::from(far(0));
     let bottom = f64::from(far(1));
-    let [width, height] = [right + RIGHT, bottom + 44.0 + LEGEND].map(|edge| edge.ceil() as u32);
+    let is_there = |mark: &Mark| slices[0].iter().any(|present| present[*mark as usize]);
+    let is_cut = |mark: Mark| {
+        panels.iter().any(|panel| slices[panel.axes[2]][panel.cut as usize][mark as usize])
+    };
+    let marks: Vec<Mark> = Mark::ALL.into_iter().filter(is_there).collect();
+    let below = 44.0 + LEGEND + MARK_LINE * marks.len() as f64;
+    let [width, height] = [right + RIGHT, bottom + below].map(|edge| edge.ceil() as u32);
     // A legend and a title have a width, too.
     let width = width.max(900);
     let mut canvas = Canvas::new(width, height)
@@ -51,20 +64,23 @@ fn png(subject: &BakedObject<'_>) -> io::Result<Vec<u8>> {
         panel.draw(&mut canvas, subject);
     }
     legend(&mut canvas, subject, bottom + 44.0 + 30.0);
+    for (n, mark) in marks.into_iter().enumerate() {
+        let top = bottom + 44.0 + 30.0 + 48.0 + MARK_LINE * n as f64;
+        mark_line(&mut canvas, subject, top, mark, is_cut(mark));
+    }
     canvas.png()
 }
 
 /// Places three cuts on the sheet. Most bodies have them side by side; a long one has its longest
 /// edge to the right in the first, the second below and the third beside it, as in a drawing of
 /// three views.
-fn panels(subject: &BakedObject<'_>) -> [Panel; 3] {
+fn panels(subject: &BakedObject<'_>, cuts: [i32; 3]) -> [Panel; 3] {
     let dims = subject.surface.grid.dims;
     let extent = dims.map(f64::from);
     let mut by_length = [0, 1, 2];
-    by_length.sort_by_key(|axis| (core::cmp::Reverse(dims[*axis]), *axis));
+    by_length.sort_by_key(|axis| (Reverse(dims[*axis]), *axis));
     let [a, b, c] = by_length;
     let room = WIDTH - LEFT - RIGHT;
-    let cuts = cuts(subject);
     let is_long = extent[a] > LONG * extent[b];
     let (scale, axes) = if !is_long {
         let across = scale_to_fit(&[extent[0], extent[0], extent[1]], room - 2.0 * COLUMN_GAP);
@@ -111,8 +127,9 @@ fn scale_to_fit(extents: &[f64], n_pixels: f64) -> f64 {
     scale
 }
 
-/// Per axis the slice nearest to the middle of the grid that holds surface.
-fn cuts(subject: &BakedObject<'_>) -> [i32; 3] {
+/// Per axis the slice nearest to the middle of the grid among those that hold surface and the most
+/// kinds of marks.
+fn cuts(subject: &BakedObject<'_>, slices: &[Vec<Present>; 3]) -> [i32; 3] {
     let dims = subject.surface.grid.dims;
     let mut is_held = dims.map(|n| vec![false; n as usize]);
     for cell in subject.surface.cells() {
@@ -127,7 +144,10 @@ fn cuts(subject: &BakedObject<'_>) -> [i32; 3] {
             .enumerate()
             .filter(|(_, is_held)| **is_held)
             .map(|(index, _)| index as i32);
-        held.min_by_key(|index| (index - middle).abs()).unwrap_or(middle)
+        let n_marks =
+            |index: i32| slices[axis][index as usize].iter().filter(|is_there| **is_there).count();
+        held.min_by_key(|index| (Reverse(n_marks(*index)), (index - middle).abs()))
+            .unwrap_or(middle)
     })
 }
 
@@ -173,7 +193,7 @@ fn legend(canvas: &mut Canvas, subject: &BakedObject<'_>, top: f64) {
     let sample = [right + 100.0, top + 8.0];
     canvas.block(
         [sample[0] as i32 - 10, top as i32],
-        [44, 16],
+        SAMPLE,
         palette::of_layer(3, subject.layers.n_layers),
     );
     draw_point(canvas, sample, [1.0, 0.0], 18.0);
@@ -184,6 +204,25 @@ fn legend(canvas: &mut Canvas, subject: &BakedObject<'_>, top: f64) {
         INK,
         "point in the cut (thinned out) and its normal",
     );
+}
+
+/// What one kind of mark means.
+fn mark_line(canvas: &mut Canvas, subject: &BakedObject<'_>, top: f64, mark: Mark, is_cut: bool) {
+    let corner = [LEFT, top].map(|edge| edge as i32);
+    if mark == Mark::Hollow {
+        canvas.block(corner, SAMPLE, palette::of_layer(-2, subject.layers.n_layers));
+        for column in 0..SAMPLE[0] {
+            for row in (0..SAMPLE[1]).filter(|row| marks::is_hatch([column, *row])) {
+                canvas.block([corner[0] + column, corner[1] + row], [1, 1], mark.color());
+            }
+        }
+    } else {
+        canvas.block(corner, SAMPLE, mark.color());
+    }
+    let elsewhere = if is_cut { "" } else { " (in none of these cuts)" };
+    let words = format!("{}{elsewhere}", mark.words());
+    let left = LEFT + f64::from(SAMPLE[0]) + 10.0;
+    canvas.text([left, top + 13.0], 13.0, Align::Left, INK, &words);
 }
 
 /// Digits in groups of three.
@@ -216,7 +255,9 @@ mod tests {
 
     fn sheet(size_m: DVec3, voxel_size_m: f64) -> ([Panel; 3], tiny_skia::Pixmap) {
         with_baked_box(size_m, voxel_size_m, |_, subject| {
-            (panels(subject), tiny_skia::Pixmap::decode_png(&png(subject).unwrap()).unwrap())
+            let slices = subject.marks.by_slice(subject.surface, subject.layers);
+            let panels = panels(subject, cuts(subject, &slices));
+            (panels, tiny_skia::Pixmap::decode_png(&png(subject).unwrap()).unwrap())
         })
     }
 

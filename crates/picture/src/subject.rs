@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 
+use super::marks::Marks;
 use vps::pointshell::shell::Shell;
 use vps::voxmap::layers::Layers;
 use vps::voxmap::surface::Surface;
@@ -21,6 +22,8 @@ pub struct BakedObject<'a> {
     pub center_of_mass_tool: DVec3,
     /// A two-sided skin, not a solid.
     pub thin: bool,
+    /// What the cuts mark.
+    pub marks: &'a Marks,
 }
 
 #[cfg(test)]
@@ -51,6 +54,7 @@ pub(crate) mod tests {
             shell: &shell,
             center_of_mass_tool: DVec3::ZERO,
             thin: map.thin,
+            marks: &Marks::of(&mesh, &map),
         };
         look(&mesh, &subject)
     }

@@ -14,7 +14,7 @@ use super::{Args, NavigationChoice};
 use crate::config::scene::MeshSource;
 use crate::scene::cache::{Baked, CachePolicy, Lookup, Request, Spacing};
 use crate::scene::{self, BakeEvent, MemoryPlan, ObjectReport, PartRole};
-use picture::BakedObject;
+use picture::{BakedObject, Marks};
 use vps::mesh::MeshError;
 use vps::part::PartError;
 use vps::pointshell::{self, Points, ply};
@@ -211,13 +211,20 @@ fn generate(
     if let Some(path) = &args.pointshell_out {
         write(path, |path| ply::write(path, &shell, center_of_mass))?;
     }
+    // Cuts show what is felt of the part, with what is beside its solid.
+    let of_cuts = args.picture.as_ref().map(|_| {
+        let whole = (!map.beside.is_empty()).then(|| map.of_whole(&part.mesh).0);
+        (whole, Marks::of(&part.mesh, &map))
+    });
+    let (whole, marks) = of_cuts.unwrap_or_default();
     let subject = BakedObject {
         name: request.name,
         surface: &map.surface,
-        layers: &map.layers,
+        layers: whole.as_ref().unwrap_or(&map.layers),
         shell: &shell,
         center_of_mass_tool: center_of_mass,
         thin: map.thin,
+        marks: &marks,
     };
     if let Some(path) = &args.picture {
         write(path, |path| picture::write(path, &subject))?;

@@ -39,7 +39,7 @@ fn synthetic() -> Prepared {
 fn run(
     args: &LoopArgs,
     output: OutputOptions,
-    bake: impl FnOnce() -> Result<Prepared, PrepareError>,
+    bake: impl FnOnce() -> Result<(Prepared, Vec<ObjectReport>), PrepareError>,
 ) -> Result<RunSummary, CliError> {
     let session = testing::session(args.clock.kind());
     let beside = Beside {
@@ -79,7 +79,7 @@ fn the_command_line_is_read() {
 #[test]
 fn a_virtual_run_prints_one_json_object() {
     let args = args("s.toml --duration 2s --clock virtual --json").expect("valid");
-    let outcome = run(&args, QUIET, || Ok(synthetic())).expect("an outcome");
+    let outcome = run(&args, QUIET, || Ok((synthetic(), Vec::new()))).expect("an outcome");
     assert_eq!(outcome.exit(), Exit::Ok);
     let text = result_text(&outcome.totals, StartTimes::default(), true);
     assert_eq!(text.lines().count(), 1);
@@ -95,7 +95,7 @@ fn a_time_budget_is_a_fixed_count_under_the_virtual_clock() {
         [(None, serde_json::Value::Null), (Some(100e-6), 10_000.into())]
     {
         let prepared = Prepared { time_budget_s, ..synthetic() };
-        let outcome = run(&args, QUIET, || Ok(prepared)).expect("an outcome");
+        let outcome = run(&args, QUIET, || Ok((prepared, Vec::new()))).expect("an outcome");
         let text = result_text(&outcome.totals, StartTimes::default(), true);
         let json: serde_json::Value = serde_json::from_str(&text).expect("json");
         assert_eq!(json["contact_budget_points"], expected);
@@ -106,7 +106,7 @@ fn a_time_budget_is_a_fixed_count_under_the_virtual_clock() {
 #[test]
 fn the_human_summary_names_what_happened() {
     let args = args("s.toml --duration 100ms --clock virtual").expect("valid");
-    let outcome = run(&args, QUIET, || Ok(synthetic())).expect("an outcome");
+    let outcome = run(&args, QUIET, || Ok((synthetic(), Vec::new()))).expect("an outcome");
     let text = result_text(&outcome.totals, StartTimes::default(), false);
     for fragment in ["virtual clock", "missed deadlines", "p99.9", "faults", "none"] {
         assert!(text.contains(fragment), "{text}");

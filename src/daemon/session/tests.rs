@@ -17,7 +17,7 @@ struct Run {
 impl Run {
     fn begin(session: SessionHandle) -> Self {
         let first = empty_scene();
-        let commands = session.begin(&first, true);
+        let commands = session.begin(&first, Vec::new(), true);
         let (records, _) = rtrb::RingBuffer::new(1);
         let control = Arc::new(Control::enabled());
         let servo = ServoLoop::new(
@@ -41,8 +41,12 @@ impl Run {
     }
 }
 
-fn baked() -> RenderScene {
+fn empty() -> RenderScene {
     Arc::try_unwrap(empty_scene()).expect("not shared")
+}
+
+fn baked() -> (RenderScene, Vec<ObjectReport>) {
+    (empty(), Vec::new())
 }
 
 /// What becomes of a scene that is asked for by name.
@@ -251,8 +255,8 @@ fn only_parameters_that_can_be_set_are_taken_from_a_file() {
     let changes = |rendered: &str, set: &[(&str, f64)], file: &str| {
         let session =
             SessionHandle::new(scene(rendered), LoadOptions::default(), ClockKind::Real, None);
-        let first = RenderScene { parameters: scene(rendered).parameters, ..baked() };
-        let _queue = session.begin(&Arc::new(first), true);
+        let first = RenderScene { parameters: scene(rendered).parameters, ..empty() };
+        let _queue = session.begin(&Arc::new(first), Vec::new(), true);
         set.iter().for_each(|(name, value)| session.set(name, *value).expect("in range"));
         session.follow_file(0, &scene(file)).expect("rendered")
     };

@@ -23,6 +23,7 @@ import { Measure } from "./measure.js";
 import { MeshLoader } from "./mesh-loader.js";
 import { Objects } from "./objects.js";
 import { Parameters } from "./parameters.js";
+import { showParts } from "./parts.js";
 import { PathPlot } from "./path-plot.js";
 import { ToolPath } from "./path.js";
 import { Plots } from "./plots.js";
@@ -182,6 +183,7 @@ async function loadScene() {
     byId("scene-name").textContent = scene.name;
     document.title = `${scene.name} · hapticd`;
     objects.learn(scene);
+    showParts(scene);
     hand?.learn(scene);
     wrench.learn(scene);
     parameters.refresh().catch((error) => say(words(error)));

@@ -30,6 +30,15 @@ export function lengthText(metres) {
   return `${short(metres * 1e6)} µm`;
 }
 
+/** An area with the unit that fits it. @type {(m2: number) => string} */
+export const areaText = (m2) => (m2 >= 1 ? `${grouped(m2)} m²` : `${grouped(m2 * 1e6)} mm²`);
+
+/** A volume with the unit that fits it. @type {(m3: number) => string} */
+export const volumeText = (m3) => (m3 >= 1e-3 ? `${grouped(m3)} m³` : `${grouped(m3 * 1e9)} mm³`);
+
+/** About three significant figures, or all before the point. */
+const grouped = (value) => (value >= 999.5 ? count(Math.round(value)) : short(value));
+
 /** A count with thin spaces between thousands. @type {(n: number) => string} */
 export const count = (n) => String(n).replace(/\B(?=(\d{3})+$)/g, "\u202f");
 

@@ -67,11 +67,11 @@ impl Server {
         let (enables, asleep) = unbounded();
         let (done, stuck) = unbounded::<()>();
         let session = SessionHandle::new(loaded(&folder), LoadOptions::default(), clock, None);
-        let commands = session.begin(&SCENE, true);
+        let commands = session.begin(&SCENE, Vec::new(), true);
         let bakes = stuck.clone();
         let baker = move |config: &SceneConfig| {
             let _ = bakes.recv();
-            Ok(baked(config))
+            Ok((baked(config), Vec::new()))
         };
         session.begin_baking(Box::new(baker), Vec::new()).unwrap();
         let hub = Hub::new(HubParts {

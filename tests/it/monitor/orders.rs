@@ -216,6 +216,45 @@ fn another_scene_takes_over_and_is_reported() {
 }
 
 #[test]
+fn a_scene_says_what_its_files_were_taken_for_also_after_a_switch_and_a_reset() {
+    let folder = super::folder("");
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/pictures/solid-pieces.obj");
+    let pieces = super::SCENE
+        .replace(
+            "shape = { box_mm = [60.0, 60.0, 20.0] }",
+            &format!("mesh = \"{file}\"\nunits = \"mm\""),
+        )
+        .replace("[0, 0, -10]", "[0, 0, -30]");
+    std::fs::write(folder.path().join("pieces.toml"), pieces).unwrap();
+    let mut daemon = Daemon::of(folder, "", &[]);
+    daemon.wait_for("state: enabled");
+    let mut client = daemon.connect();
+    client.subscribe(100.0);
+    let reports = || {
+        let scene = daemon.get("/api/v1/scene");
+        [0, 1].map(|object| scene["objects"][object]["report"].clone())
+    };
+    let [plate, tool] = reports();
+    let found = |report: &Value, keys: [&str; 4]| keys.map(|key| report["solid"][key].clone());
+    let counts = ["pieces", "bodies", "open_pieces", "skins"];
+    assert_eq!(found(&plate, counts), [json!(1), json!(1), json!(0), json!(0)]);
+    assert_eq!((&plate["triangles"], &plate["warnings"]), (&json!(12), &json!([])));
+    assert_eq!((&tool["name"], &tool["role"]), (&json!("tool"), &json!("tool")));
+    client.does(json!({ "do": "switch", "scene": "pieces" }));
+    client.state_where(|state| state["scene_idx"] == 1);
+    let [pieces, _] = reports();
+    assert_eq!(found(&pieces, counts), [json!(4), json!(2), json!(1), json!(1)]);
+    let mm = |key: &str, factor: f64| pieces["solid"][key].as_f64().unwrap() * factor;
+    assert!((mm("volume_m3", 1e9) - 11_896.0).abs() < 0.1, "{pieces}");
+    assert!((mm("inside_area_m2", 1e6) - 448.0).abs() < 0.01, "{pieces}");
+    assert!((mm("skin_area_m2", 1e6) - 400.0).abs() < 0.01, "{pieces}");
+    assert_eq!(pieces["solid"]["cavities_m3"].as_array().map(Vec::len), Some(1));
+    client.does(json!({ "do": "reset" }));
+    client.state_where(|state| state["scene_idx"] == 2);
+    assert_eq!(reports()[0], pieces);
+}
+
+#[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_limit_that_a_client_lowered_stays_lowered_in_every_scene_until_a_client_raises_it() {
     let folder = super::folder("");

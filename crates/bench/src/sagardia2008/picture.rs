@@ -7,8 +7,8 @@
 use std::path::Path;
 
 use glam::DVec3;
-use picture::BakedObject;
 use picture::parts::write_structures;
+use picture::{BakedObject, Marks};
 
 use super::super::BenchError;
 use super::super::stand_ins::StandIn;
@@ -40,6 +40,7 @@ pub fn draw_models(folder: &Path, figures: &Figures) -> Result<(), BenchError> {
             shell: &shell,
             center_of_mass_tool: DVec3::ZERO,
             thin: map.thin,
+            marks: &Marks::default(),
         };
         let path = folder.join(format!("sagardia-2008-{name}.png"));
         write_structures(&path, &mesh, &subject)

@@ -10,7 +10,7 @@ use std::time::Instant;
 use super::distance::{Distances, Samples, Signs, sample_of};
 use super::field::Field;
 use super::fill::Sides;
-use super::grid::{Grid, GridError, SURFACE_VOXELS_MAX};
+use super::grid::{Grid, GridError, SURFACE_VOXELS_MAX, brick_origin};
 use super::hole_cap::CappedMesh;
 use super::inside_test::{InsideBasis, InsideTest, Verdict};
 use super::layers::Layers;
@@ -168,6 +168,17 @@ pub struct Beside {
     pub area_m2: f64,
     /// Coordinate of its first brick in the whole grid.
     first_brick: [u32; 3],
+}
+
+impl Beside {
+    /// Its surface voxels, by their cells in the whole grid.
+    pub fn surface_cells(&self) -> impl Iterator<Item = [i32; 3]> + '_ {
+        let first = brick_origin(self.first_brick);
+        self.map
+            .surface
+            .cells()
+            .map(move |cell| core::array::from_fn(|axis| first[axis] + cell[axis]))
+    }
 }
 
 impl Volume {
