@@ -217,6 +217,9 @@ fn check_operator(
 /// Says what there is to know of what was baked.
 fn tell_of_bake(prepared: &Prepared, reports: &[ObjectReport], output: OutputOptions) {
     report::bake_warnings(reports, output);
+    if let Some(text) = bake::overlap_text(reports) {
+        report::note(&text, output);
+    }
     let clay = prepared.model.as_ref().map(|model| &model.report);
     clay.inspect(|clay| report::clay_warnings(clay, output));
     if output.verbose > 0 {

@@ -6,7 +6,7 @@ use super::cache::{Baked, Cache, Lookup, Request, Spacing};
 use super::loaded_clay::ClayError;
 use crate::config::scene::MeshSource;
 use clay::clay_model::{ClayModelError, MemoryEstimate};
-use vps::part::{ExceededLimit, Part, PartError, PartRole};
+use vps::part::{ExceededLimit, ObjectReport, Part, PartError, PartRole};
 use vps::storage::memory::available_bytes;
 use vps::voxmap::estimate::{Estimate, Products};
 use vps::voxmap::memory_limit::MemoryLimit;
@@ -198,6 +198,15 @@ fn bake(
     let (shell, mass, report) =
         part.bake_shell(&options, request.points, request.center_of_mass, tell)?;
     Ok(Baked { field: None, shell: Some(shell), mass: Some(mass), report })
+}
+
+/// The least overlap of the tool with a part of the scene that is felt wherever it is, m: how deep
+/// the tool enters unseen, and how far off the surface of the worst part is felt. `None` where one
+/// of them was not measured.
+pub fn smallest_overlap_m(reports: &[ObjectReport]) -> Option<f64> {
+    let unseen_m = reports.iter().find_map(|object| object.accuracy.unseen_depth_m)?;
+    let errors_m = reports.iter().filter_map(|object| object.accuracy.surface_error_m);
+    Some(unseen_m + errors_m.max_by(f64::total_cmp)?)
 }
 
 /// Reads or tessellates an object and inspects it.

@@ -112,6 +112,20 @@ typedef struct vps_voxmap_info {
   size_t heap_bytes;
 } vps_voxmap_info;
 
+// What a bake measured; NaN: not measured of this kind of part.
+typedef struct vps_accuracy {
+  // Largest error of the stored distances that were measured again, m; of a voxmap.
+  double sample_error_m;
+  // How far off the surface is felt, m, largest at edges; of a voxmap.
+  double surface_error_m;
+  // How deep a flat face is entered before a point touches, m; of a shell.
+  double unseen_depth_m;
+  // Thinnest wall found, m.
+  double thinnest_wall_m;
+  // Smallest angle of material between two faces, degrees.
+  double sharpest_edge_deg;
+} vps_accuracy;
+
 // A part of even density, in the mesh frame.
 typedef struct vps_mass {
   // m³; 0 of a mesh that bounds no volume, whose mass lies on its surface.
@@ -232,6 +246,9 @@ enum vps_status vps_voxmap_distance(const struct vps_voxmap *voxmap, const doubl
 // What a voxmap is like.
 enum vps_status vps_voxmap_describe(const struct vps_voxmap *voxmap, struct vps_voxmap_info *out);
 
+// What the bake of a voxmap measured.
+enum vps_status vps_voxmap_accuracy(const struct vps_voxmap *voxmap, struct vps_accuracy *out);
+
 // What a user should know of the bake, a line each: holes, leaks, skins thinner than a voxel.
 // Lives as long as the voxmap.
 const char *vps_voxmap_warnings(const struct vps_voxmap *voxmap);
@@ -266,6 +283,9 @@ enum vps_status vps_shell_save(const struct vps_shell *shell, const char *file_n
 
 // What a shell is like.
 enum vps_status vps_shell_describe(const struct vps_shell *shell, struct vps_shell_info *out);
+
+// What the bake of a shell measured.
+enum vps_status vps_shell_accuracy(const struct vps_shell *shell, struct vps_accuracy *out);
 
 // As vps_voxmap_warnings.
 const char *vps_shell_warnings(const struct vps_shell *shell);

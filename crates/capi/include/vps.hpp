@@ -22,6 +22,7 @@ using Wrench = vps_wrench;
 using Contact = vps_contact;
 using Mass = vps_mass;
 using Solid = vps_solid;
+using Accuracy = vps_accuracy;
 using Options = vps_options;
 
 /// A call that failed; what() says what is wrong, where, and what to do.
@@ -191,6 +192,12 @@ class Voxmap {
     detail::check(vps_voxmap_describe(handle_.get(), &info));
     return info;
   }
+  /// What the bake measured.
+  Accuracy accuracy() const {
+    Accuracy accuracy;
+    detail::check(vps_voxmap_accuracy(handle_.get(), &accuracy));
+    return accuracy;
+  }
   std::string warnings() const { return vps_voxmap_warnings(handle_.get()); }
   const vps_voxmap* get() const noexcept { return handle_.get(); }
 
@@ -216,6 +223,12 @@ class PointShell {
     vps_shell_info info;
     detail::check(vps_shell_describe(handle_.get(), &info));
     return info;
+  }
+  /// What the bake measured.
+  Accuracy accuracy() const {
+    Accuracy accuracy;
+    detail::check(vps_shell_accuracy(handle_.get(), &accuracy));
+    return accuracy;
   }
   std::string warnings() const { return vps_shell_warnings(handle_.get()); }
   const vps_shell* get() const noexcept { return handle_.get(); }

@@ -4,7 +4,7 @@ use std::ffi::{CString, c_char, c_int, c_void};
 use std::mem::MaybeUninit;
 use std::ops::ControlFlow;
 
-use vps::{BakeStage, DVec3, InsideTest, Options, PointShell, Voxmap};
+use vps::{Accuracy, BakeStage, DVec3, InsideTest, Options, PointShell, Voxmap};
 
 use crate::border::{
     Failure, call, free, given, lines, make, path, place, places, text, triple, vps_status,
@@ -240,6 +240,44 @@ pub extern "C" fn vps_voxmap_describe(
     })
 }
 
+/// What a bake measured; NaN: not measured of this kind of part.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct vps_accuracy {
+    /// Largest error of the stored distances that were measured again, m; of a voxmap.
+    pub sample_error_m: f64,
+    /// How far off the surface is felt, m, largest at edges; of a voxmap.
+    pub surface_error_m: f64,
+    /// How deep a flat face is entered before a point touches, m; of a shell.
+    pub unseen_depth_m: f64,
+    /// Thinnest wall found, m.
+    pub thinnest_wall_m: f64,
+    /// Smallest angle of material between two faces, degrees.
+    pub sharpest_edge_deg: f64,
+}
+
+impl From<&Accuracy> for vps_accuracy {
+    fn from(accuracy: &Accuracy) -> Self {
+        let figures = accuracy.figures().map(|figure| figure.unwrap_or(f64::NAN));
+        let [sample_error_m, surface_error_m, unseen_depth_m, thinnest_wall_m, sharpest_edge_deg] =
+            figures;
+        Self { sample_error_m, surface_error_m, unseen_depth_m, thinnest_wall_m, sharpest_edge_deg }
+    }
+}
+
+/// What the bake of a voxmap measured.
+#[unsafe(no_mangle)]
+pub extern "C" fn vps_voxmap_accuracy(
+    voxmap: Option<&vps_voxmap>,
+    out: Option<&mut MaybeUninit<vps_accuracy>>,
+) -> vps_status {
+    call(|| {
+        let voxmap = &given("voxmap", voxmap)?.voxmap;
+        place("out", out)?.write(voxmap.accuracy().into());
+        Ok(())
+    })
+}
+
 /// What a user should know of the bake, a line each: holes, leaks, skins thinner than a voxel.
 /// Lives as long as the voxmap.
 #[unsafe(no_mangle)]
@@ -333,6 +371,19 @@ pub extern "C" fn vps_shell_describe(
             mass: shell.mass_properties().into(),
             heap_bytes: shell.heap_bytes(),
         });
+        Ok(())
+    })
+}
+
+/// What the bake of a shell measured.
+#[unsafe(no_mangle)]
+pub extern "C" fn vps_shell_accuracy(
+    shell: Option<&vps_shell>,
+    out: Option<&mut MaybeUninit<vps_accuracy>>,
+) -> vps_status {
+    call(|| {
+        let shell = &given("shell", shell)?.shell;
+        place("out", out)?.write(shell.accuracy().into());
         Ok(())
     })
 }

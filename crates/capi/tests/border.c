@@ -99,6 +99,10 @@ static void baked(const vps_mesh *block, vps_voxmap **voxmap, vps_shell **shell,
   EXPECT(vps_voxmap_bake(block, &options, until_layers, &last, voxmap) == VPS_OK && heard == 7);
   EXPECT(vps_shell_bake(ball, &options, NULL, NULL, shell) == VPS_OK);
   EXPECT(vps_voxmap_warnings(*voxmap)[0] == 0 && vps_shell_warnings(*shell)[0] == 0);
+  vps_accuracy accuracy;
+  EXPECT(vps_voxmap_accuracy(*voxmap, &accuracy) == VPS_OK && accuracy.sample_error_m < 5e-8 && fabs(accuracy.sharpest_edge_deg - 90) < 1e-3 && isnan(accuracy.unseen_depth_m));
+  EXPECT(vps_shell_accuracy(*shell, &accuracy) == VPS_OK && accuracy.unseen_depth_m < 0.5e-3 && isnan(accuracy.sample_error_m));
+  REFUSED(vps_shell_accuracy(*shell, NULL), VPS_ERROR_ARGUMENT, "out is null");
 
   vps_voxmap_info about;
   vps_shell_info points;

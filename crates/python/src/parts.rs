@@ -1,10 +1,12 @@
 //! Meshes and baked parts.
 
+use std::collections::HashMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 
 use glam::DVec3;
 use pyo3::prelude::*;
+use vps::Accuracy;
 use vps::parallel;
 use vps::pointshell::shell::{LANES, Lanes, Lanes3};
 use vps::voxmap::Options;
@@ -19,6 +21,10 @@ const POINTS_PER_TASK: usize = 1024;
 
 // Signatures and stubs show the number itself.
 const _: () = assert!(Options::DEFAULT_LAYERS == 8);
+
+fn by_name(accuracy: &Accuracy) -> HashMap<&'static str, Option<f64>> {
+    Accuracy::NAMES.into_iter().zip(accuracy.figures()).collect()
+}
 
 fn options(voxel_size_m: f64, layers: i64) -> PyResult<Options> {
     let layers = u32::try_from(layers).map_err(|_| {
@@ -280,6 +286,15 @@ impl Voxmap {
     #[classattr]
     const DEEP_INSIDE: u32 = vps::voxmap::field::DEEP_INSIDE;
 
+    /// What the bake measured, by name, m and degrees; None: not measured of this kind.
+    /// sample_error_m: largest error of the stored distances; surface_error_m: how far off the
+    /// surface is felt, largest at edges; unseen_depth_m: how deep a flat face is entered before a
+    /// point touches; thinnest_wall_m; sharpest_edge_deg: of the material.
+    #[getter]
+    fn accuracy(&self) -> HashMap<&'static str, Option<f64>> {
+        by_name(self.voxmap.accuracy())
+    }
+
     /// What a user should know of the bake, a sentence each: holes, leaks, skins thinner than a
     /// voxel.
     #[getter]
@@ -403,6 +418,12 @@ impl PointShell {
     #[getter]
     fn voxel_size_m(&self) -> f64 {
         self.shell.voxel_size_m()
+    }
+
+    /// As that of Voxmap.
+    #[getter]
+    fn accuracy(&self) -> HashMap<&'static str, Option<f64>> {
+        by_name(self.shell.accuracy())
     }
 
     /// What a user should know of the bake, a sentence each.

@@ -92,6 +92,7 @@ pub use mesh::mass::MassProperties;
 pub use mesh::primitives::Shape;
 pub use solid::SolidReport;
 pub use spatial::{Pose, Wrench};
+pub use voxmap::accuracy::Accuracy;
 pub use voxmap::inside_test::InsideTest;
 pub use voxmap::{BakeStage, Options};
 

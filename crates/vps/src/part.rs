@@ -18,7 +18,7 @@ pub use crate::part_report::{
     CacheUse, HoleCapsReport, LeakReport, ObjectReport, PartRole, SolidFigures, Timings,
 };
 
-use crate::mesh::mass::{MassProperties, mass_properties, mass_properties_of_inspected, of_all};
+use crate::mesh::mass::{MassProperties, mass_properties_of_inspected};
 use crate::mesh::primitives::Shape;
 use crate::mesh::validate::{MeshReport, inspect};
 use crate::mesh::{self, FileMesh, MeshError, Rounding, TriangleMesh};
@@ -26,6 +26,7 @@ use crate::pointshell::shell::Shell;
 use crate::pointshell::{self, Points, ShellReport};
 use crate::solid::{Solid, SolidOptions, SolidReport};
 use crate::storage::memory::available_bytes;
+use crate::voxmap::accuracy::Accuracy;
 use crate::voxmap::estimate::{Estimate, MeshMeasures, Products, voxel_size_within};
 use crate::voxmap::field::Field;
 use crate::voxmap::grid::{Grid, GridError};
@@ -35,7 +36,7 @@ use crate::voxmap::{Answer, BakeStage, Options, Volume, announce};
 
 /// Counts up whenever baking gives other bits than before for the same part. A test of the bake
 /// cache holds reference bakes against it.
-pub const GENERATION: u32 = 6;
+pub const GENERATION: u32 = 7;
 
 /// A tessellation's chord error as a share of the voxel edge, so that the voxel size limits
 /// accuracy.
@@ -109,14 +110,7 @@ struct Meaning {
 impl Meaning {
     fn of(mesh: &TriangleMesh, inspected: &MeshReport) -> Self {
         let solid = Solid::of(mesh, &SolidOptions::default());
-        let mass = if solid.border.triangles.is_empty() {
-            mass_properties_of_inspected(mesh, inspected)
-        } else {
-            // Of what is not closed that counts whose holes can only hide little.
-            let open = solid.open_parts(0.0);
-            let open = open.iter().map(mass_properties).filter(|mass| !mass.from_surface);
-            of_all(std::iter::once(solid.report.mass).chain(open))
-        };
+        let mass = solid.mass().unwrap_or_else(|| mass_properties_of_inspected(mesh, inspected));
         Self { solid: solid.report, mass }
     }
 }
@@ -172,12 +166,22 @@ impl Part {
     /// is in the report of the bake. With the edge of its voxels, m, also whether its coordinates
     /// are fine enough for them.
     pub fn mesh_warnings(&self, sides: InsideTest, voxel_size_m: Option<f64>) -> Vec<String> {
+        self.warnings(sides, voxel_size_m, || self.solid())
+    }
+
+    /// The same with what its triangles were taken for, which is asked only where it counts.
+    fn warnings<'a>(
+        &self,
+        sides: InsideTest,
+        voxel_size_m: Option<f64>,
+        solid: impl FnOnce() -> &'a SolidReport,
+    ) -> Vec<String> {
         let coarse =
             self.rounding.zip(voxel_size_m).and_then(|(rounding, size_m)| rounding.warning(size_m));
         let notes = self.notes.iter().cloned();
         let solid = match sides {
-            InsideTest::Auto | InsideTest::Winding => self.solid().warnings(),
-            InsideTest::Flood => self.solid().hollows_text().map_or_else(Vec::new, |hollows| {
+            InsideTest::Auto | InsideTest::Winding => solid().warnings(),
+            InsideTest::Flood => solid().hollows_text().map_or_else(Vec::new, |hollows| {
                 vec![format!("{hollows}: solid, by `sides = \"flood\"`")]
             }),
             InsideTest::Thin => Vec::new(),
@@ -210,7 +214,9 @@ impl Part {
         let mut map = self.voxmap(options, &mut watch)?;
         announce(&mut watch, BakeStage::Distance).map_err(|source| self.refused(source))?;
         let field = map.field(&self.mesh, with_gradients);
-        Ok((field, self.report(PartRole::Static, &map, &ShellReport::default())))
+        let mut report = self.report(PartRole::Static, &map, &ShellReport::default());
+        report.accuracy = Accuracy::of(&map, &self.mesh, Some(&field), None);
+        Ok((field, report))
     }
 
     /// Bakes what touches other parts: points of this kind about a centre of mass (mesh frame, m;
@@ -226,15 +232,13 @@ impl Part {
         mut watch: impl FnMut(BakeStage) -> A,
     ) -> Result<(Shell, MassProperties, ObjectReport), PartError> {
         let map = self.voxmap(options, &mut watch)?;
-        let mass = self.mass_properties();
+        let mass = self.mass_of(&map);
         announce(&mut watch, BakeStage::Pointshell).map_err(|source| self.refused(source))?;
-        let (shell, report) = pointshell::build_with(
-            points,
-            &self.mesh,
-            &map,
-            center_of_mass.unwrap_or(mass.center_m),
-        );
-        Ok((shell, mass, self.report(PartRole::Tool, &map, &report)))
+        let center_m = center_of_mass.unwrap_or(mass.center_m);
+        let (shell, of_shell) = pointshell::build_with(points, &self.mesh, &map, center_m);
+        let mut report = self.report(PartRole::Tool, &map, &of_shell);
+        report.accuracy = Accuracy::of(&map, &self.mesh, None, Some((&shell, center_m)));
+        Ok((shell, mass, report))
     }
 
     /// Area of its triangles, m².
@@ -320,13 +324,20 @@ impl Part {
         self.meaning().mass
     }
 
-    /// The figures of what was built.
+    /// The same, by a map of it, whose voxels say which cracks are joined.
+    pub fn mass_of(&self, map: &Volume) -> MassProperties {
+        map.mass.unwrap_or_else(|| self.mass_properties())
+    }
+
+    /// The figures of what was built; its accuracy is measured by itself ([`Accuracy::of`]).
     pub fn report(&self, role: PartRole, map: &Volume, shell: &ShellReport) -> ObjectReport {
         ObjectReport::new(
             &self.name,
             role,
             &self.inspected,
-            self.mesh_warnings(map.sides_asked, Some(map.surface.grid.voxel_size_m)),
+            self.warnings(map.sides_asked, Some(map.surface.grid.voxel_size_m), || {
+                map.solid.as_ref().unwrap_or_else(|| self.solid())
+            }),
             map,
             shell,
             self.load_s,

@@ -5,9 +5,9 @@ use std::borrow::Cow;
 use crate::mesh::validate::{FACES_INWARD, MeshReport};
 use crate::pointshell::{LevelReport, ShellReport};
 use crate::solid::SolidReport;
-use crate::voxmap::MOSTLY_THIN;
-use crate::voxmap::Volume;
+use crate::voxmap::accuracy::Accuracy;
 use crate::voxmap::inside_test::InsideBasis;
+use crate::voxmap::{MOSTLY_THIN, Volume};
 
 /// What the cache did for an object.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -197,6 +197,8 @@ pub struct ObjectReport {
     pub threads: usize,
     /// Seconds per stage.
     pub timings_s: Timings,
+    /// What it tells apart.
+    pub accuracy: Accuracy,
     /// What a user should know.
     pub warnings: Vec<String>,
 }
@@ -321,6 +323,7 @@ impl ObjectReport {
             cache: CacheUse::Off,
             threads: rayon::current_num_threads(),
             timings_s,
+            accuracy: Accuracy::default(),
             warnings,
         }
     }

@@ -4,8 +4,9 @@ use serde::Serialize;
 
 use super::super::output;
 use crate::scene::CacheUse;
-use crate::scene::{ClayReport, ObjectReport};
+use crate::scene::{self, ClayReport, ObjectReport};
 use document::show;
+use vps::voxmap::accuracy::Accuracy;
 
 /// One object, in one line of JSON with the keys in the order of the struct.
 pub(in crate::cli) fn print_json(report: &impl Serialize) {
@@ -51,6 +52,7 @@ pub(in crate::cli) fn report_text(object: &ObjectReport) -> String {
             levels.join(", ")
         ));
     }
+    lines.extend(accuracy_text(object).map(|text| format!("  accuracy    {text}")));
     if object.cache == CacheUse::Hit {
         lines.push(format!("  seconds     {:.3} from the bake cache", t.load));
         lines.push(String::new());
@@ -62,6 +64,36 @@ pub(in crate::cli) fn report_text(object: &ObjectReport) -> String {
     ));
     lines.push(String::new());
     lines.join("\n")
+}
+
+/// What a part tells apart.
+fn accuracy_text(object: &ObjectReport) -> Option<String> {
+    let Accuracy {
+        sample_error_m,
+        surface_error_m,
+        unseen_depth_m,
+        thinnest_wall_m,
+        sharpest_edge_deg,
+    } = object.accuracy;
+    let mm = |length_m: f64| format!("{} mm", show((length_m * 1e6).round() * 1e-3));
+    let texts = [
+        sample_error_m
+            .map(|error_m| format!("samples to {:.0e} voxels", error_m / object.voxel_size_m)),
+        surface_error_m.map(|error_m| format!("surface felt to {}", mm(error_m))),
+        unseen_depth_m.map(|depth_m| format!("enters a flat face {} unseen", mm(depth_m))),
+        thinnest_wall_m.map(|wall_m| format!("thinnest wall {}", mm(wall_m))),
+        sharpest_edge_deg.map(|angle_deg| format!("sharpest edge {angle_deg:.0}°")),
+    ];
+    let texts: Vec<String> = texts.into_iter().flatten().collect();
+    (!texts.is_empty()).then(|| texts.join(", "))
+}
+
+/// What a scene tells from a fit.
+pub(in crate::cli) fn overlap_text(objects: &[ObjectReport]) -> Option<String> {
+    let overlap_m = scene::smallest_overlap_m(objects)?;
+    // Rounded up.
+    let overlap_mm = show((overlap_m * 1e6).ceil() * 1e-3);
+    Some(format!("an overlap of less than {overlap_mm} mm may be felt as a fit"))
 }
 
 /// The clay of a scene, for people.

@@ -16,16 +16,22 @@ use crate::scene::cache::{Baked, CachePolicy, Lookup, Request, Spacing};
 use crate::scene::{self, BakeEvent, MemoryPlan, ObjectReport, PartRole};
 use picture::{BakedObject, Marks};
 use vps::mesh::MeshError;
-use vps::part::PartError;
+use vps::part::{Part, PartError};
 use vps::pointshell::{self, Points, ply};
 use vps::storage::whole_file;
+use vps::voxmap::accuracy::{Accuracy, FieldError};
+use vps::voxmap::field::Field;
 use vps::voxmap::grid::GridError;
 use vps::voxmap::inside_test::InsideTest;
 use vps::voxmap::surface::Navigation;
-use vps::voxmap::{BakeStage, Options, npy};
+use vps::voxmap::{BakeStage, Options, Volume, npy};
 
 /// Largest voxel edge: that of the scene file.
 const VOXEL_SIZE_MAX_MM: f64 = 1000.0;
+
+/// Samples that `--verify` measures again, and how far they may be off, voxels.
+const VERIFIED: usize = 100_000;
+const MOST_ERROR: f64 = 1e-4;
 
 /// A mesh of the command line: no scene that it could be relative to, and flags instead of keys.
 fn mesh_error(args: &Args, error: &PartError) -> CliError {
@@ -123,7 +129,8 @@ pub(super) fn bake_mesh(args: &Args, output: OutputOptions) -> Result<(), CliErr
         Some(NavigationChoice::TwoSided) => Some(Navigation::TwoSided),
         Some(NavigationChoice::Auto) | None => None,
     };
-    let needs_more = navigation.is_some() || outputs.iter().any(|output| output.is_some());
+    let has_outputs = outputs.iter().any(|output| output.is_some());
+    let needs_more = navigation.is_some() || args.verify || has_outputs;
     let off = CacheArgs::off();
     let cache = if needs_more { &off } else { &args.cache };
     if args.units.is_none() {
@@ -204,7 +211,7 @@ fn generate(
     }
     let field = map.field(&part.mesh, request.with_gradients);
     tell(BakeStage::Pointshell);
-    let mass = part.mass_properties();
+    let mass = part.mass_of(&map);
     let center_of_mass = request.center_of_mass.unwrap_or(mass.center_m);
     let (shell, shell_report) =
         pointshell::build_with(request.points, &part.mesh, &map, center_of_mass);
@@ -232,8 +239,36 @@ fn generate(
     if let Some(path) = &args.picture_3d {
         write(path, |path| picture::parts::write_structures(path, &part.mesh, &subject))?;
     }
-    let report = part.report(PartRole::Mesh, &map, &shell_report);
+    let mut report = part.report(PartRole::Mesh, &map, &shell_report);
+    let of_shell = Some((&shell, center_of_mass));
+    report.accuracy = Accuracy::of(&map, &part.mesh, Some(&field), of_shell);
+    if args.verify {
+        verify(&map, &part, &field)?;
+    }
     Ok(Baked { field: Some(field), shell: Some(shell), mass: Some(mass), report })
+}
+
+/// Says how far the field is from exact distances.
+fn verify(map: &Volume, part: &Part, field: &Field) -> Result<(), CliError> {
+    let FieldError { samples, error_m, position_m } = map.verify(&part.mesh, field, VERIFIED);
+    let [x, y, z] = (position_m * 1e3).to_array();
+    let voxel_size_m = f64::from(field.voxel_size_m());
+    let error = error_m / voxel_size_m;
+    let far_m =
+        part.mesh.bounds().map_or(0.0, |(low, high)| low.abs().max(high.abs()).max_element());
+    // Samples, and the origin of their grid, are `f32`.
+    let allowed = MOST_ERROR + 4.0 * f64::from(f32::EPSILON) * far_m / voxel_size_m;
+    let text = format!(
+        "the worst of {samples} samples is off by {error:.1e} voxels, at ({x:.3}, {y:.3}, {z:.3}) mm"
+    );
+    if error > allowed {
+        return Err(CliError::internal(format_args!(
+            "{}: {text}; {allowed:.1e} is what rounding explains",
+            part.name()
+        )));
+    }
+    output::message(format_args!("{}: {text}\n", part.name()));
+    Ok(())
 }
 
 fn write(path: &Path, export: impl FnOnce(&Path) -> std::io::Result<()>) -> Result<(), CliError> {

@@ -238,7 +238,10 @@ mod tests {
 
     use super::*;
     use crate::contact::tests::{block, plate};
+    use crate::mesh::validate::inspect;
     use crate::pointshell::{Points, build_with};
+    use crate::voxmap::inside_test::InsideTest;
+    use crate::voxmap::{Options, Volume};
 
     #[test]
     fn contacts_are_the_points_of_the_lanes_with_their_depths_and_what_they_stand_for() {
@@ -317,5 +320,23 @@ mod tests {
         let (direction, share) = wall.push(gradient_map, inwards, 0.0);
         assert!((direction - Vec3::Z).length() < 1e-6 && share == 0.0, "{direction} {share}");
         assert_eq!(wall.push(Vec3::ZERO, inwards, 0.5), (inwards, 1.0));
+    }
+
+    #[test]
+    fn a_point_at_a_skin_or_of_one_pushes_along_the_gradient_whatever_its_depth() {
+        let (mesh, _) = block(DVec3::splat(0.02), 1e-3);
+        let options = Options { sides: InsideTest::Thin, ..Options::new(1e-3) };
+        let mut map =
+            Volume::build(&mesh, &inspect(&mesh), &options, |_| ()).expect("a small grid");
+        let skin = map.field(&mesh, false);
+        let solid = plate().field;
+        let askew = Vec3::new(0.6, 0.0, 0.8);
+        for (field, normal) in [(&skin, askew), (&solid, Vec3::ZERO), (&skin, Vec3::ZERO)] {
+            let wall = Wall::new(field, Pose::IDENTITY);
+            for depth in [0.0, 0.3, 2.0] {
+                let (direction, share) = wall.push(Vec3::NEG_Z * 2.0, normal, depth);
+                assert!((direction - Vec3::Z).length() < 1e-6 && share == 1.0, "{normal} {depth}");
+            }
+        }
     }
 }

@@ -504,3 +504,154 @@ fn mixed<L: F32s<N>, const N: usize>([c00, c01, c10, c11]: [(L, L); 4], [tx, ty,
 fn mix<L: F32s<N>, const N: usize>(a: L, b: L, t: L) -> L {
     a + (b - a) * t
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::{DQuat, DVec3};
+
+    use super::*;
+    use crate::contact::tests::plate;
+    use crate::pointshell::shell::Lanes;
+    use crate::simd::SimdLevel;
+    use crate::spatial::testing::Random;
+    use crate::voxmap::field::FieldKind;
+
+    const VOXEL_M: f64 = 1e-3;
+
+    fn levels() -> [SimdLevel; 2] {
+        [SimdLevel::Portable, SimdLevel::best()]
+    }
+
+    /// Around the middle of some brick, so many cells to each side, or anywhere on the grid and
+    /// around it: places in cells.
+    fn places(random: &mut Random, field: &Field, spread: Option<f64>) -> Vec<Vec3> {
+        let dims = DVec3::from_array(field.brick_dims().map(|n| (8 * n) as f64));
+        let anywhere = |random: &mut Random| random.in_box(0.0, 1.0) * (dims + 24.0) - 12.0;
+        let middle = (anywhere(random) / 8.0).floor() * 8.0 + 4.5;
+        (0..LANES)
+            .map(|_| match spread {
+                Some(spread) => middle + random.in_box(-spread, spread),
+                None => anywhere(random),
+            })
+            .map(|cells| cells.as_vec3())
+            .collect()
+    }
+
+    /// The tool stands so that its axes are those of the grid and it is measured from its corner.
+    fn place(field: &Field) -> Place {
+        Place::new(field, Pose::from_translation(field.origin_map().as_dvec3()))
+    }
+
+    fn block_of(cells: &[Vec3]) -> Lanes3 {
+        let none = Lanes([0.0; LANES]);
+        let mut block = Lanes3 { x: none, y: none, z: none };
+        for (lane, at) in cells.iter().enumerate() {
+            block.set(lane, *at * VOXEL_M as f32);
+        }
+        block
+    }
+
+    #[test]
+    fn depths_are_those_of_the_field_in_one_brick_or_two_or_many_and_beside_the_grid() {
+        let field = plate().field;
+        let bounds = BrickBounds::of(&field).expect("bounds");
+        let place = place(&field);
+        let mut random = Random(11);
+        for n in 0..3000 {
+            let spread = [Some(3.4), Some(6.0), Some(9.0), None][n % 4];
+            let block = block_of(&places(&mut random, &field, spread));
+            let floor_m = [f32::NEG_INFINITY, -2e-3, 1e-3][n % 3];
+            for level in levels() {
+                let mut found = None;
+                let max_m = level.run(Blocks {
+                    bounds: &bounds,
+                    place: &place,
+                    positions: core::slice::from_ref(&block),
+                    which: core::iter::once(0),
+                    floor: |_| floor_m,
+                    found: |_, depths: &Depths| found = Some(*depths),
+                });
+                let found = found.expect("one block");
+                let mut most_m = f32::NEG_INFINITY;
+                for (lane, depth_m) in found.depths_m.0.into_iter().enumerate() {
+                    let cells = place.cells(block.get(lane));
+                    let value_m = field.value(FieldKind::Trilinear, cells, Vec3::ZERO);
+                    let is_read = (depth_m - value_m).abs() < 1e-9;
+                    // Or a bound of it that is of no interest.
+                    let is_bound =
+                        value_m <= depth_m + 1e-9 && depth_m <= floor_m.max(field.outside_m());
+                    assert!(is_read || is_bound, "{cells}: {depth_m} for {value_m}");
+                    assert_eq!(found.touching >> lane & 1 == 1, depth_m > 0.0);
+                    most_m = most_m.max(depth_m);
+                }
+                assert_eq!([found.max_m, max_m], [most_m; 2]);
+            }
+        }
+    }
+
+    #[test]
+    fn a_sphere_that_holds_a_point_above_the_floor_is_above_and_a_small_one_far_below_is_not() {
+        let field = plate().field;
+        let bounds = BrickBounds::of(&field).expect("bounds");
+        let mut random = Random(12);
+        let mut n_not_above = 0;
+        for n in 0..3000_usize {
+            let turn = DQuat::from_scaled_axis(random.in_box(-2.0, 2.0));
+            let pose = Pose::new(turn, random.in_box(-0.02, 0.02));
+            let place = Place::new(&field, pose);
+            let centers = places(&mut random, &field, Some(20.0));
+            let mut spheres = Spheres {
+                x: [0.0; CHILDREN],
+                y: [0.0; CHILDREN],
+                z: [0.0; CHILDREN],
+                radius: [0.0; CHILDREN],
+            };
+            for lane in 0..CHILDREN {
+                let map = field.origin_map() + centers[lane] * VOXEL_M as f32;
+                let body = turn.inverse() * (map.as_dvec3() - pose.translation);
+                spheres.x[lane] = body.x as f32;
+                spheres.y[lane] = body.y as f32;
+                spheres.z[lane] = body.z as f32;
+                spheres.radius[lane] = ([0.5, 3.0, 6.0, 20.0][n % 4] * VOXEL_M) as f32;
+            }
+            let floor_m = [-2e-3, 0.0, 1e-3][n % 3];
+            for level in levels() {
+                let margin_cells = 0.01;
+                let above = Above {
+                    bounds: &bounds,
+                    place: &place,
+                    spheres: &spheres,
+                    floor_m,
+                    margin_cells,
+                };
+                let above = level.run(above);
+                for (lane, center) in centers.iter().enumerate().take(CHILDREN) {
+                    let radius = spheres.radius[lane] / VOXEL_M as f32;
+                    let on_it = random.in_box(-1.0, 1.0).normalize_or(DVec3::X).as_vec3();
+                    let cells = *center + on_it * radius;
+                    let value_m = field.value(FieldKind::Trilinear, cells, Vec3::ZERO);
+                    let is_above = above >> lane & 1 == 1;
+                    assert!(is_above || value_m <= floor_m, "{cells}: {value_m} of {radius}");
+                    // Nothing is nearer than two bricks and a half.
+                    let half = Vec3::from_array(field.brick_dims().map(|n| 4.0 * n as f32));
+                    let gap = ((*center - half).abs() - Vec3::new(30.0, 30.0, 2.0)).max_element();
+                    if radius < 7.0 && gap > 20.0 + radius {
+                        assert!(!is_above, "{center}, {gap} cells away");
+                        n_not_above += 1;
+                    }
+                }
+            }
+        }
+        assert!(n_not_above > 1000, "{n_not_above}");
+    }
+
+    #[test]
+    fn a_place_is_finite_where_all_of_it_is() {
+        let field = plate().field;
+        assert!(place(&field).is_finite());
+        let nan = DVec3::new(0.0, f64::NAN, 0.0);
+        assert!(!Place::new(&field, Pose::from_translation(nan)).is_finite());
+        let turn = DQuat::from_xyzw(0.0, f64::INFINITY, 0.0, 1.0);
+        assert!(!Place::new(&field, Pose::new(turn, DVec3::ZERO)).is_finite());
+    }
+}

@@ -10,13 +10,14 @@ use glam::{DQuat, DVec3, Vec3};
 
 use super::obstacle_poses::PoseStep;
 use super::{
-    Contact, ContactSum, FACES, ForceLaw, Obstacle, ObstacleMotion, SimdLevel, Traversal,
-    TraversalMode,
+    Contact, ContactSum, FACES, ForceLaw, Normalization, Obstacle, ObstacleMotion, SimdLevel,
+    Traversal, TraversalMode,
 };
 use crate::mesh::primitives::Shape;
 use crate::mesh::validate::inspect;
 use crate::pointshell::{self, shell::Shell};
 use crate::spatial::Pose;
+use crate::voxmap::field::FieldKind;
 use crate::voxmap::inside_test::InsideTest;
 use crate::voxmap::{Options, Volume};
 
@@ -233,24 +234,129 @@ fn depth_and_deepest_contact_are_noted_of_an_obstacle_under_way_and_of_none_that
 }
 
 #[test]
-fn at_an_overlapping_pose_a_point_lies_in_a_brick_of_the_surface() {
+fn at_an_overlapping_pose_a_point_lies_in_the_middle_of_a_brick_of_the_surface() {
     let plates = [plate()];
     let shell = cube(1e-3);
     let traversal = Traversal::new(SimdLevel::Portable, TraversalMode::Tree, &plates, &shell);
-    let voxel_size_m = f64::from(plates[0].field.voxel_size_m());
+    let field = &plates[0].field;
+    let voxel_size_m = f64::from(field.voxel_size_m());
+    let mut points_met = Vec::new();
+    let mut bricks_met = Vec::new();
     for turn in 0..20 {
         let pose = traversal.overlapping_pose(&plates, &shell, turn).expect("surface and points");
-        let nearest_m = shell
-            .points()
-            .map(|(point, _)| {
-                // Of the plate, in its own frame.
-                let place = pose.transform_point(point.as_dvec3()) + DVec3::Z * (0.5 * PLATE_M);
-                let half = DVec3::new(0.03, 0.03, 0.5 * PLATE_M);
-                let beyond = (place.abs() - half).max(DVec3::ZERO).length();
-                beyond - (half - place.abs()).min_element().max(0.0)
-            })
-            .fold(f64::INFINITY, |nearest, distance_m| nearest.min(distance_m.abs()));
+        let map_from_body = plates[0].world_from_map.inverse() * pose;
+        let in_a_middle = shell.points().enumerate().find_map(|(idx, (point, _))| {
+            let place_m = map_from_body.transform_point(point.as_dvec3());
+            let cells = (place_m - field.origin_map().as_dvec3()) / voxel_size_m;
+            let brick = (cells / 8.0).floor();
+            let off = (cells - 8.0 * brick - 4.0).abs().max_element();
+            (off < 1e-3).then_some((idx, brick.as_ivec3(), place_m))
+        });
+        let (point, brick, place_m) = in_a_middle.expect("a point in a middle");
+        let half_m = DVec3::new(0.03, 0.03, 0.5 * PLATE_M);
+        let beyond_m = (place_m.abs() - half_m).max(DVec3::ZERO).length();
+        let depth_m = (half_m - place_m.abs()).min_element().max(0.0);
         // Half the diagonal of a brick of 8³.
-        assert!(nearest_m <= 4.0 * 3.0_f64.sqrt() * voxel_size_m, "turn {turn}: {nearest_m}");
+        assert!(beyond_m.max(depth_m) <= 4.0 * 3.0_f64.sqrt() * voxel_size_m, "turn {turn}");
+        points_met.push(point);
+        bricks_met.push(brick.to_array());
     }
+    points_met.sort_unstable();
+    points_met.dedup();
+    bricks_met.sort_unstable();
+    bricks_met.dedup();
+    // Another one each turn.
+    assert!(points_met.len() > 15 && bricks_met.len() > 15, "{points_met:?} {bricks_met:?}");
+}
+
+fn of(
+    shell: &Shell,
+    plates: &[Obstacle],
+    mode: TraversalMode,
+    body: Pose,
+    law: ForceLaw,
+) -> ContactSum {
+    let mut traversal = Traversal::new(SimdLevel::Portable, mode, plates, shell);
+    ContactSum::of(&mut traversal, plates, shell, body, law, None)
+}
+
+#[test]
+fn a_sum_says_where_it_presses_and_how_wide() {
+    let shell = cube(1e-3);
+    let plates = [plate()];
+    let half_m = 0.5 * TOOL_EDGE_M;
+    for mode in [TraversalMode::Flat, TraversalMode::Tree] {
+        // Its lower side lies on the plate as a whole, then with its half of less x: the border of
+        // the plate is at 30 mm.
+        for (x_m, arm_x_m, width_m) in [(0.0, 0.0, TOOL_EDGE_M), (0.03, -0.5 * half_m, half_m)] {
+            let body = Pose::from_translation(DVec3::new(x_m, 0.0, half_m - 1.5e-3));
+            let sum = of(&shell, &plates, mode, body, ForceLaw::PLAIN);
+            let arm = sum.arm_world;
+            let off = (arm - DVec3::new(arm_x_m, 0.0, -half_m)).length();
+            assert!(off < 0.04 * TOOL_EDGE_M, "{arm} for {arm_x_m}");
+            let strongest = sum.patches().max_by(|a, b| a.force_n.total_cmp(&b.force_n));
+            let patch = strongest.expect("a face that presses");
+            assert!((patch.arm_world - arm).length() < 0.1 * TOOL_EDGE_M, "{patch:?}");
+            // Of an even rectangle: the root of (a² + b²) / 12; faces beside it have the border.
+            let radius_m = ((TOOL_EDGE_M.powi(2) + width_m.powi(2)) / 12.0).sqrt();
+            let share = patch.radius_m / radius_m;
+            assert!((0.5..1.0).contains(&share), "{patch:?} for {radius_m}");
+        }
+    }
+}
+
+#[test]
+fn in_free_space_a_sum_knows_the_voxels_and_how_far_it_may_step() {
+    let shell = cube(1e-3);
+    let plates = [plate()];
+    let gap_m = 4e-3;
+    let body = Pose::from_translation(DVec3::Z * (0.5 * TOOL_EDGE_M + gap_m));
+    // By how much a clearance may be overstated, voxels of 1 mm.
+    for (field, overstated) in
+        [(FieldKind::Trilinear, 0.5 * 3.0_f64.sqrt()), (FieldKind::Layers, 2.0)]
+    {
+        let sum =
+            of(&shell, &plates, TraversalMode::Flat, body, ForceLaw { field, ..ForceLaw::PLAIN });
+        assert_eq!(sum.contacts, 0);
+        assert!((sum.voxel_size_m - 1e-3).abs() < 1e-9, "{}", sum.voxel_size_m);
+        let clearance_m = -sum.max_value_m;
+        assert!((clearance_m - gap_m).abs() < 1.1e-3, "{clearance_m}");
+        let step_m = clearance_m - overstated * 1e-3;
+        assert!((sum.step_limit_m - step_m).abs() < 1e-8, "{} for {step_m}", sum.step_limit_m);
+    }
+}
+
+#[test]
+fn an_average_over_more_than_ten_contacts_is_the_force_of_ten() {
+    let shell = cube(1e-3);
+    let plates = [plate()];
+    let at = |x_m: f64| {
+        let body = Pose::from_translation(DVec3::new(x_m, 0.0, 0.5 * TOOL_EDGE_M - 1.5e-3));
+        let law = |normalization| ForceLaw { normalization, ..ForceLaw::PLAIN };
+        let by = |normalization| of(&shell, &plates, TraversalMode::Flat, body, law(normalization));
+        let [whole, average] = [Normalization::None, Normalization::Average].map(by);
+        (whole.contacts, whole.wrench.force.z, average.wrench.force.z)
+    };
+    let (contacts, whole_n, average_n) = at(0.0);
+    // Each of one s², a quarter voxel deep or more.
+    let expected = 10.0 / f64::from(contacts);
+    assert!(contacts > 300 && (average_n / whole_n / expected - 1.0).abs() < 0.01, "{average_n}");
+    let far = at(0.1);
+    assert_eq!(far.0, 0);
+}
+
+#[test]
+fn a_traversal_changes_its_mode() {
+    let shell = cube(1e-3);
+    let plates = [plate()];
+    let body = Pose::from_translation(DVec3::Z * (TOOL_EDGE_M + 1e-3));
+    let mut traversal = Traversal::new(SimdLevel::Portable, TraversalMode::Tree, &plates, &shell)
+        .with_broad_phase(false);
+    let mut looked_at = |mode| {
+        traversal.set_mode(mode);
+        ContactSum::of(&mut traversal, &plates, &shell, body, ForceLaw::PLAIN, None).looked_at
+    };
+    // The flat traversal counts nothing.
+    assert!((1..shell.len() as u32 / 10).contains(&looked_at(TraversalMode::Tree)));
+    assert_eq!(looked_at(TraversalMode::Flat), 0);
 }

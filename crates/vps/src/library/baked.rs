@@ -16,18 +16,21 @@ use crate::pointshell::shell::Shell;
 use crate::storage::sections::{Reader, Refusal, Writer};
 use crate::storage::whole_file::{Access, write_whole};
 use crate::storage::{MappedFile, regular};
+use crate::voxmap::accuracy::Accuracy;
 use crate::voxmap::estimate::Products;
 use crate::voxmap::field::{Field, FieldKind};
 use crate::voxmap::{BakeStage, Options};
 
-/// Section of a file: sentences for the user, a line each.
+/// Sections of a file: sentences for the user, a line each, and the figures of the accuracy.
 const WARNINGS: &str = "warnings";
+const ACCURACY: &str = "accuracy";
 
 /// The part that is touched: signed distances on a sparse grid around its surface, mesh frame. A
 /// clone is another handle on the same memory.
 #[derive(Clone, Debug)]
 pub struct Voxmap {
     field: Field,
+    accuracy: Accuracy,
     warnings: Arc<[String]>,
 }
 
@@ -64,7 +67,7 @@ impl Voxmap {
         let part =
             mesh.part_to_bake(options, Products { field: true, gradients: false, shell: false })?;
         let (field, report) = part.bake_field(options, false, watch)?;
-        Ok(Self { field, warnings: report.warnings.into() })
+        Ok(Self { field, accuracy: report.accuracy, warnings: report.warnings.into() })
     }
 
     /// Distance and gradient at a point of the mesh frame, m, interpolated between eight samples.
@@ -102,6 +105,11 @@ impl Voxmap {
         &self.warnings
     }
 
+    /// What the bake measured: how far the field is from the surface, walls and edges.
+    pub fn accuracy(&self) -> &Accuracy {
+        &self.accuracy
+    }
+
     /// Size of the arrays, bytes.
     pub fn heap_bytes(&self) -> usize {
         self.field.heap_bytes()
@@ -120,7 +128,8 @@ impl Voxmap {
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), Error> {
         let head = self.field.head();
         let warnings = self.warnings.join("\n");
-        write(path.as_ref(), &warnings, |file| self.field.store(&head, file))
+        let figures = self.accuracy.figures().map(|figure| figure.unwrap_or(f64::NAN));
+        write(path.as_ref(), &warnings, &figures, |file| self.field.store(&head, file))
     }
 
     /// Reads a file of [`Self::save`], or of hapticd's bake cache. It is checked as a whole: no
@@ -142,7 +151,7 @@ impl Voxmap {
                         .to_owned(),
                 );
             }
-            Ok(Self { field, warnings: warnings(file) })
+            Ok(Self { field, accuracy: accuracy(file), warnings: warnings(file) })
         })
     }
 }
@@ -153,6 +162,7 @@ impl Voxmap {
 pub struct PointShell {
     shell: Shell,
     mass: MassProperties,
+    accuracy: Accuracy,
     warnings: Arc<[String]>,
 }
 
@@ -178,7 +188,7 @@ impl PointShell {
         let part =
             mesh.part_to_bake(options, Products { field: false, gradients: false, shell: true })?;
         let (shell, mass, report) = part.bake_shell(options, Points::default(), None, watch)?;
-        Ok(Self { shell, mass, warnings: report.warnings.into() })
+        Ok(Self { shell, mass, accuracy: report.accuracy, warnings: report.warnings.into() })
     }
 
     /// Number of points.
@@ -207,6 +217,11 @@ impl PointShell {
         &self.warnings
     }
 
+    /// What the bake measured: how deep a flat face is entered unseen, walls and edges.
+    pub fn accuracy(&self) -> &Accuracy {
+        &self.accuracy
+    }
+
     /// Size of the arrays, bytes.
     pub fn heap_bytes(&self) -> usize {
         self.shell.heap_bytes()
@@ -225,7 +240,8 @@ impl PointShell {
         let head = self.shell.head();
         let mass = self.mass.record();
         let warnings = self.warnings.join("\n");
-        write(path.as_ref(), &warnings, |file| {
+        let figures = self.accuracy.figures().map(|figure| figure.unwrap_or(f64::NAN));
+        write(path.as_ref(), &warnings, &figures, |file| {
             self.shell.store(&head, file);
             MassProperties::store(&mass, file);
         })
@@ -243,7 +259,7 @@ impl PointShell {
             let (shell, mass) = Shell::load(file)
                 .and_then(|shell| Ok((shell, MassProperties::load(file)?)))
                 .map_err(|refusal| remedy(&refusal))?;
-            Ok(Self { shell, mass, warnings: warnings(file) })
+            Ok(Self { shell, mass, accuracy: accuracy(file), warnings: warnings(file) })
         })
     }
 }
@@ -251,10 +267,12 @@ impl PointShell {
 fn write<'a>(
     path: &Path,
     warnings: &'a str,
+    figures: &'a [f64; 5],
     store: impl FnOnce(&mut Writer<'a>),
 ) -> Result<(), Error> {
     let mut file = Writer::default();
     file.array(WARNINGS, warnings.as_bytes());
+    file.array(ACCURACY, figures);
     store(&mut file);
     let failed =
         |error| Error::File { path: path.to_owned(), what: format!("cannot be written: {error}") };
@@ -277,6 +295,12 @@ fn remedy(refusal: &Refusal) -> String {
                 save it"
         ),
     }
+}
+
+fn accuracy(file: &Reader) -> Accuracy {
+    let figures = file.array::<f64>(ACCURACY).ok();
+    let figures = figures.and_then(|figures| figures.first_chunk().copied());
+    figures.map_or_else(Accuracy::default, Accuracy::of_figures)
 }
 
 fn warnings(file: &Reader) -> Arc<[String]> {

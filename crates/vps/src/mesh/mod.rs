@@ -42,6 +42,7 @@
 //! # Ok::<(), vps::mesh::MeshError>(())
 //! ```
 
+pub(crate) mod boxes;
 pub mod closest_point;
 pub mod cloud;
 #[cfg(any(feature = "gltf", feature = "threemf"))]

@@ -2,7 +2,6 @@
 
 use glam::DVec3;
 
-use super::boxes::Boxes;
 use super::cracks::join_cracks;
 use super::cut::{Cut, Limits, cut};
 use super::faces::Faces;
@@ -13,7 +12,8 @@ use super::pieces::{NO_PIECE, Pieces};
 use super::report::{Cavity, SolidReport};
 use super::self_meets::pass_through_themselves;
 use crate::mesh::TriangleMesh;
-use crate::mesh::mass::{mass_properties, of_closed};
+use crate::mesh::boxes::Boxes;
+use crate::mesh::mass::{MassProperties, mass_properties, of_all, of_closed};
 use crate::mesh::validate::WELD_SHARE;
 use crate::parallel;
 
@@ -51,6 +51,15 @@ impl Solid {
     /// Makes a solid of triangles. Vertices must be finite, and indices in range.
     pub fn of(mesh: &TriangleMesh, options: &SolidOptions) -> Self {
         Self::within(mesh, options, Limits::default())
+    }
+
+    /// Volume, centre and inertia of the solid, and of open pieces beside it whose holes can only
+    /// hide little; `None` without a solid. Frame and units of [`MassProperties`].
+    pub fn mass(&self) -> Option<MassProperties> {
+        let open = self.open_parts(0.0);
+        let open = open.iter().map(mass_properties).filter(|mass| !mass.from_surface);
+        let is_solid = !self.border.triangles.is_empty();
+        is_solid.then(|| of_all(std::iter::once(self.report.mass).chain(open)))
     }
 
     /// The same, with how much is cut at most.

@@ -8,7 +8,7 @@
 use glam::DVec3;
 use robust::{Coord, Coord3D, orient2d, orient3d};
 
-use super::boxes::Boxes;
+use crate::mesh::boxes::Boxes;
 
 /// +1 when the ray from `point` along +z leaves through the triangle, −1 when it enters, 0 when it
 /// does not cross it.

@@ -1,22 +1,22 @@
 //! Joins cracks: open edges that lie beside each other.
 //!
 //! Data in: triangles, and how wide a crack may be. Data out: the triangles with the corners of one
-//! side moved to those of the other, and triangles without width where a corner of one side lies
-//! beside an edge of the other. Only open edges and their ends take part.
+//! side moved to those of the other, and cut where a corner of one side lies beside an edge of the
+//! other. Only open edges and their ends take part.
 //!
 //! Corners first: of two that are nearest to each other, the later becomes the earlier, round by
-//! round, as three and more can meet. Then each open edge is split where corners of others lie
-//! beside it: a triangle of the edge and the corner closes the edge, and opens its two halves, which
-//! the other side closes.
+//! round, as three and more can meet. Then each open edge is led through the corners of others that
+//! lie beside it: its triangle becomes a fan, whose edges the other side closes. Triangles in the
+//! slit would close it too, but look any way, and what lies nearest to them would not know its side.
 //!
 //! Cost: that of finding the edges, once per round; n log n in the open ones.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 
 use glam::DVec3;
 
-use super::boxes::Boxes;
 use crate::mesh::TriangleMesh;
+use crate::mesh::boxes::Boxes;
 use crate::mesh::edges::edge_uses;
 use crate::mesh::weld::weld_within;
 use crate::parallel;
@@ -27,7 +27,7 @@ const ROUNDS: usize = 8;
 /// A mesh without the cracks.
 #[derive(Debug)]
 pub(super) struct Joined {
-    /// The vertices of the file; its triangles in their order, then those that close cracks.
+    /// The vertices of the file; its triangles in their order, those along a crack in parts.
     pub(super) mesh: TriangleMesh,
     /// Edges that were open and are no longer.
     pub(super) n_edges: usize,
@@ -51,7 +51,11 @@ pub(super) fn join_cracks(mesh: &TriangleMesh, tolerance_m: f64, crack_m: f64) -
         }
         rims = Rims::of(&mut triangles, &stands_for);
     }
-    triangles.extend(rims.splits(vertices, crack_m));
+    let splits = rims.splits(vertices, crack_m);
+    if !splits.is_empty() {
+        let whole = core::mem::take(&mut triangles);
+        whole.into_iter().for_each(|corners| cut(corners, 0, &splits, &mut triangles));
+    }
     let n_left = Rims::of(&mut triangles, &[]).edges.len();
     (n_left < n_open).then(|| Joined {
         mesh: TriangleMesh { vertices: vertices.clone(), triangles },
@@ -139,8 +143,9 @@ impl Rims {
         pairs.map(|(place, other)| [place, *other].map(|place| self.corners[place])).collect()
     }
 
-    /// Triangles that split open edges at the corners of others beside them.
-    fn splits(&self, vertices: &[DVec3], crack_m: f64) -> Vec<[u32; 3]> {
+    /// Of open edges, in the direction of their triangle, the corners of others beside them, from
+    /// their starts on.
+    fn splits(&self, vertices: &[DVec3], crack_m: f64) -> HashMap<[u32; 2], Vec<u32>> {
         let at = |vertex: u32| vertices[vertex as usize];
         let boxes = Boxes::new(self.corners.len(), |place| {
             let at = at(self.corners[place]);
@@ -163,14 +168,33 @@ impl Rims {
                 }
             });
             beside.sort_by(|one, other| one.0.total_cmp(&other.0).then(one.1.cmp(&other.1)));
-            let mut last = from;
-            let split = |(_, corner): (f64, u32)| {
-                let triangle = [to, last, corner];
-                last = corner;
-                triangle
-            };
-            beside.into_iter().map(split).collect::<Vec<_>>()
+            beside.into_iter().map(|(_, corner)| corner).collect::<Vec<u32>>()
         });
-        splits.concat()
+        let edges = self.edges.iter().copied().zip(splits);
+        edges.filter(|(_, beside)| !beside.is_empty()).collect()
     }
+}
+
+/// Appends a triangle, in parts where one of its edges from the `first` on is split.
+fn cut(
+    corners: [u32; 3],
+    first: usize,
+    splits: &HashMap<[u32; 2], Vec<u32>>,
+    parts: &mut Vec<[u32; 3]>,
+) {
+    for edge in first..3 {
+        let [from, to, opposite] = [0, 1, 2].map(|k| corners[(edge + k) % 3]);
+        let Some(beside) = splits.get(&[from, to]).filter(|beside| !beside.contains(&opposite))
+        else {
+            continue;
+        };
+        let mut last = from;
+        for corner in beside.iter().copied().chain([to]) {
+            // Its first edge is a part of this one.
+            cut([last, corner, opposite], 1, splits, parts);
+            last = corner;
+        }
+        return;
+    }
+    parts.push(corners);
 }

@@ -2,11 +2,11 @@
 
 use glam::DVec3;
 
-use super::boxes::Boxes;
 use super::columns;
 use super::lines::Lines;
 use super::pieces::{NO_PIECE, Pieces};
 use crate::mesh::TriangleMesh;
+use crate::mesh::boxes::Boxes;
 use crate::parallel;
 
 /// A triangle.

@@ -23,7 +23,7 @@
 //! | `judge`, `columns` | winding numbers on both sides of fragments |
 //! | `lids` | closing what is left open in the border |
 //! | `build`, `report` | the result |
-//! | `boxes`, `sets` | a tree of boxes; disjoint sets |
+//! | `sets` | disjoint sets |
 //!
 //! # The definition
 //! A closed piece is a body if it faces outward, a cavity if it faces inward inside of a body, and
@@ -53,7 +53,6 @@
 //! between the curves where surfaces meet. We work within a tolerance instead of exactly, as faces
 //! that were meant to lie on each other do so nearly.
 
-mod boxes;
 mod build;
 mod columns;
 mod contacts;

@@ -1,9 +1,9 @@
 //! Which open pieces belong together.
 
 use super::Solid;
-use super::boxes::Boxes;
 use super::sets::Sets;
 use crate::mesh::TriangleMesh;
+use crate::mesh::boxes::Boxes;
 use crate::mesh::validate::WELD_SHARE;
 use crate::mesh::weld::weld_within;
 

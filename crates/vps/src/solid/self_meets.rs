@@ -13,9 +13,9 @@ use core::sync::atomic::{AtomicBool, Ordering};
 
 use glam::DVec3;
 
-use super::boxes::Boxes;
 use super::pieces::{NO_PIECE, Pieces};
 use crate::mesh::TriangleMesh;
+use crate::mesh::boxes::Boxes;
 use crate::parallel;
 
 /// Triangles that are looked at together.

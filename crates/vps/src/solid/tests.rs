@@ -692,7 +692,11 @@ fn corners_on_edges_of_the_same_plane_are_joined_and_holes_are_not() {
     let found = Solid::of(&mesh, &SolidOptions { tolerance_m, ..options });
     assert_eq!((found.report.bodies, found.report.joined_cracks), (1, 3), "{:?}", found.report);
     assert_closed(&found.border);
-    assert!((volume(&found.border) / right - 1.0).abs() < 1e-12);
+    // The edge of the other face is led through the corner, which takes a third of the slit, 10 mm
+    // long and 2 µm wide in its middle, times 10 mm off that face.
+    let taken = 0.5 * 10.0 * 2e-3 * 10.0 / 3.0 / 1000.0;
+    let found_share = volume(&found.border) / right;
+    assert!((1.0 - found_share).abs() < 1.01 * taken, "{found_share}");
     // Without a triangle there is a hole, whose corners are not near each other.
     mesh.triangles.pop();
     let found = Solid::of(&mesh, &SolidOptions { tolerance_m, ..options });

@@ -19,6 +19,7 @@ use super::orient::Orientation;
 use super::surface::{Navigation, Surface};
 use super::union::{Member, union};
 use crate::mesh::TriangleMesh;
+use crate::mesh::mass::MassProperties;
 use crate::mesh::validate::{MeshReport, inspect};
 use crate::solid::{Solid, SolidOptions, SolidReport};
 
@@ -144,6 +145,8 @@ pub struct Volume {
     own: Option<TriangleMesh>,
     /// What the triangles of the file were taken for; `None` where they were taken as they are.
     pub solid: Option<SolidReport>,
+    /// Volume, centre and inertia of the solid; `None` without one, or where it was not asked.
+    pub mass: Option<MassProperties>,
     /// Maps of pieces that are not closed, beside the solid.
     pub beside: Vec<Beside>,
     /// Seconds per stage.
@@ -207,6 +210,7 @@ impl Volume {
         let crack_m = CRACK_SHARE * options.voxel_size_m;
         let solid = Solid::of(mesh, &SolidOptions { crack_m, ..SolidOptions::default() });
         let Solid { border, report: of_solid, .. } = &solid;
+        let mass = solid.mass();
         let init_s = since.elapsed().as_secs_f64();
         let parts = || solid.open_parts(options.voxel_size_m);
         let mut map = if border.triangles.is_empty() {
@@ -240,6 +244,7 @@ impl Volume {
         };
         map.timings.init_s = init_s;
         map.solid = Some(solid.report);
+        map.mass = mass;
         Ok(map)
     }
 
@@ -323,6 +328,7 @@ impl Volume {
             capped,
             own: None,
             solid: None,
+            mass: None,
             beside: Vec::new(),
             timings,
         })

@@ -116,6 +116,16 @@ impl Field {
         -self.band_m + self.skin_m
     }
 
+    /// What is added to every sample, m.
+    pub(crate) fn skin_m(&self) -> f32 {
+        self.skin_m
+    }
+
+    /// Least and largest value, m.
+    pub(crate) fn range_m(&self) -> [f32; 2] {
+        [-self.band_m, self.band_m].map(|value_m| value_m + self.skin_m)
+    }
+
     /// How far outside the object distances are known, m.
     pub fn known_outside_m(&self) -> f32 {
         self.band_m - self.skin_m
@@ -136,6 +146,12 @@ impl Field {
     /// the ninth samples are those of the next bricks.
     pub fn bricks(&self) -> &[[f32; APRON_CELLS]] {
         &self.distances_m
+    }
+
+    /// The same with other samples.
+    #[cfg(test)]
+    pub(crate) fn with_samples(self, samples: Vec<[f32; APRON_CELLS]>) -> Self {
+        Self { distances_m: samples.into(), ..self }
     }
 
     /// Size of the arrays, bytes.

@@ -20,6 +20,7 @@
 //! | distance | `distance` | how many metres? |
 //! | field | [`field`] | what the tick reads |
 //! | | [`npy`] | layers and distances as files |
+//! | | [`accuracy`] | how far the field is from the triangles, and what a part tells apart |
 //!
 //! Storage is sparse on two levels: a top grid with one entry per brick of 8³ cells, and bricks
 //! only where the band passes; a brick without band cells only knows whether it is far outside or
@@ -50,6 +51,7 @@
 //! # Ok::<(), vps::voxmap::grid::GridError>(())
 //! ```
 
+pub mod accuracy;
 mod bricks;
 mod build;
 mod columns;

@@ -1,4 +1,4 @@
-//! A tree of boxes: which of them meet a given box.
+//! A tree of boxes: which of them meet a given box, or a ray, or are nearest to a point.
 //!
 //! Data in: the boxes. Data out: their numbers. The tree halves the boxes at the median of their
 //! centres, level by level and in parallel; ties go by number, so it is the same for any number of
@@ -15,7 +15,7 @@ const LEAF: usize = 4;
 
 /// Boxes, sorted.
 #[derive(Debug, Default)]
-pub(super) struct Boxes {
+pub(crate) struct Boxes {
     /// Of a complete binary tree: the halves of node `k` are `2 k + 1` and `2 k + 2`.
     nodes: Vec<Node>,
     /// By leaf.
@@ -40,7 +40,7 @@ struct Item {
 
 impl Boxes {
     /// Boxes `0..n`, from their lowest to their highest corners.
-    pub(super) fn new(n: usize, box_of: impl Fn(usize) -> (DVec3, DVec3) + Sync) -> Self {
+    pub(crate) fn new(n: usize, box_of: impl Fn(usize) -> (DVec3, DVec3) + Sync) -> Self {
         let mut items: Vec<Item> = parallel::map(n, 64, |number| {
             let (low, high) = box_of(number);
             Item { low, high, number: number as u32 }
@@ -88,10 +88,16 @@ impl Boxes {
     }
 
     /// Calls `found` with the number of every box that meets the box from `low` to `high`.
-    pub(super) fn meeting(&self, low: DVec3, high: DVec3, mut found: impl FnMut(u32)) {
-        let meets = |box_low: DVec3, box_high: DVec3| {
-            box_low.cmple(high).all() && low.cmple(box_high).all()
-        };
+    pub(crate) fn meeting(&self, low: DVec3, high: DVec3, found: impl FnMut(u32)) {
+        self.visit(
+            |box_low, box_high| box_low.cmple(high).all() && low.cmple(box_high).all(),
+            found,
+        );
+    }
+
+    /// Calls `found` with the number of every box that is of interest: one whose corners, lowest
+    /// and highest, `enters` accepts, which accepts every box around it too.
+    pub(crate) fn visit(&self, enters: impl Fn(DVec3, DVec3) -> bool, mut found: impl FnMut(u32)) {
         // One waits at every level; there are fewer levels than bits.
         let mut waiting = [0_u32; 64];
         let mut n_waiting = 1;
@@ -99,7 +105,7 @@ impl Boxes {
             n_waiting -= 1;
             let number = waiting[n_waiting] as usize;
             let node = &self.nodes[number];
-            if !meets(node.low, node.high) {
+            if !enters(node.low, node.high) {
                 continue;
             }
             if number < self.n_inner {
@@ -108,7 +114,7 @@ impl Boxes {
                 n_waiting += 2;
             } else {
                 for item in &self.items[node.first as usize..node.end as usize] {
-                    if meets(item.low, item.high) {
+                    if enters(item.low, item.high) {
                         found(item.number);
                     }
                 }
