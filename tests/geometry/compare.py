@@ -329,11 +329,15 @@ class Pair:
                 found.append((pose, apart_m))
         return np.array([pose for pose, _ in found]), np.array([apart_m for _, apart_m in found])
 
-    def nearest_point_m(self, shell, pose, clearance_m):
-        """Exact distance of the nearest point of a shell: interpolation is off by less than the voxel that is looked at beyond the clearance."""
-        points = shell_points(shell) @ pose[:3, :3].T + pose[:3, 3]
-        near = points[self.voxmap.distance(points)[0] <= clearance_m + self.size_m]
-        return exact_m(self.obstacle, near).min()
+    def nearest_points_m(self, shell, poses, clearances_m):
+        """Exact distance of the nearest point of a shell at each pose: interpolation is off by less than the voxel that is looked at beyond the clearance."""
+        of_shell = shell_points(shell)
+        near = []
+        for pose, clearance_m in zip(poses, clearances_m):
+            points = of_shell @ pose[:3, :3].T + pose[:3, 3]
+            near.append(points[self.voxmap.distance(points)[0] <= clearance_m + self.size_m])
+        firsts = np.cumsum([0] + [len(points) for points in near[:-1]])
+        return np.minimum.reduceat(exact_m(self.obstacle, np.concatenate(near)), firsts)
 
 
 def spread(values):
@@ -365,7 +369,7 @@ def clearances(checks, options):
                 more = f"{len(shell)} points, {within.sum()} of {len(poses)} poses within the band, {time.perf_counter() - began:.0f} s"
                 checks.tell(f"clearance {name}", np.abs(off).max(), CLEARANCE_VOXELS, more)
             some = np.flatnonzero(within)[:: max(1, within.sum() // N_NEAREST)]
-            nearest_m = np.array([pair.nearest_point_m(shell, poses[i], found_m[i]) for i in some])
+            nearest_m = pair.nearest_points_m(shell, poses[some], found_m[some])
             by_points = spread((nearest_m - apart_m[some]) / pair.size_m)
             by_field = spread((found_m[some] - nearest_m) / pair.size_m)
             print(f"        points {1 / finer:g} voxel apart: {spread(off)}; of {len(some)}, by points: {by_points}; by field: {by_field}", flush=True)
