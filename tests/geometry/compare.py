@@ -42,7 +42,7 @@ LAYERS = 8
 # Voxels on the longest side of a mesh.
 FINE = 64
 COARSE = 32
-# Nearer to the surface than this, voxels, a winding number is no judge of the side; nor is one so far from a whole number, as beside holes.
+# Nearer to the surface than this, voxels, a winding number is no judge of the side; nor is any of a part where one is so far from a whole number.
 ON_SURFACE_VOXELS = 1e-3
 CLEAR = 0.1
 # Samples of which a winding number is asked: of long thin triangles it takes a third of a millisecond.
@@ -169,11 +169,17 @@ def distances(checks, options):
             found_at, found_m = without_lids(options.hapticd, path, size_m, options.folder)
             error = np.abs(found_m - exact_m(mesh, found_at)) / size_m
             checks.tell(f"distances without lids {path.name}", error.max(), allowed, f"{len(found_at)} samples")
-        some = random.choice(np.flatnonzero(exact > ON_SURFACE_VOXELS * size_m), N_SIGNS, replace=False)
+        # Half of them beside the surface, where the nearest triangle decides and not the fill.
+        apart = exact > ON_SURFACE_VOXELS * size_m
+        is_near = exact < 0.7 * size_m
+        some = np.concatenate([random.choice(np.flatnonzero(apart & which), N_SIGNS // 2, replace=False) for which in (is_near, ~is_near)])
         n_turns = windings(mesh, points[some])
-        is_clear = np.abs(n_turns - np.round(n_turns)) < CLEAR
-        is_wrong = is_clear & ((n_turns > 0.5) != (depths_m[some] > 0))
-        checks.tell(f"signs {path.name}", np.count_nonzero(is_wrong), 0, f"{np.count_nonzero(is_clear)} samples with a clear winding number of {N_SIGNS}")
+        if np.abs(n_turns - np.round(n_turns)).max() > CLEAR:
+            # What is inside of a part with holes is a matter of definition.
+            print(f"        signs {path.name}: left out, it has holes", flush=True)
+            continue
+        n_wrong = np.count_nonzero((n_turns > 0.5) != (depths_m[some] > 0))
+        checks.tell(f"signs {path.name}", n_wrong, 0, f"{N_SIGNS} samples")
 
 
 def around_sides(mesh, voxmap, layers, n, random):
@@ -269,14 +275,20 @@ class Pair:
         self.tool = vps.Mesh.load(options.models / tool[0], tool[1])
         self.size_m = longest_m(self.obstacle) / FINE
         self.are_joined = are_joined
+        # Of the poses that were asked for last.
+        self.n_beside = 0
         self.of_obstacle = coal_tree(self.obstacle)
         self.of_tool = coal_tree(self.tool)
         self.voxmap = vps.Voxmap.bake(self.obstacle, self.size_m, layers=LAYERS)
 
     def distance_m(self, pose):
-        result = coal.DistanceResult()
+        """By Coal; 0 where triangles meet, which it finds sooner when it is asked for that alone."""
+        here = coal.Transform3s.Identity()
         there = coal.Transform3s(pose[:3, :3], pose[:3, 3])
-        coal.distance(self.of_obstacle, coal.Transform3s.Identity(), self.of_tool, there, coal.DistanceRequest(), result)
+        if coal.collide(self.of_obstacle, here, self.of_tool, there, coal.CollisionRequest(), coal.CollisionResult()):
+            return 0.0
+        result = coal.DistanceResult()
+        coal.distance(self.of_obstacle, here, self.of_tool, there, coal.DistanceRequest(), result)
         return result.min_distance
 
     def approached(self, random):
@@ -307,13 +319,15 @@ class Pair:
         turn *= np.sign(np.diag(turn))
         middle = self.tool.vertices.mean(axis=0)
         aside = share * random.uniform(-self.ASIDE_VOXELS, self.ASIDE_VOXELS, 3) * self.size_m
+        # All are put together along z, and stand on each other.
+        aside[2] = abs(aside[2]) + 0.05 * self.size_m
         pose = poses_of([turn], [middle - turn @ middle + aside])[0]
         return pose, self.distance_m(pose)
 
     def poses(self, n, random):
         """So many poses at which the parts do not touch, half of them near the joined one where there is one, and their distances by Coal, m."""
         found = []
-        for _ in range(5 * n if self.are_joined else 0):
+        for _ in range(2 * n if self.are_joined else 0):
             pose, apart_m = self.beside(random)
             if apart_m > 0:
                 found.append((pose, apart_m))
@@ -323,6 +337,7 @@ class Pair:
             # Whole in the material is no touch for triangles.
             corners = np.array([pose[:3, :3] @ self.tool.vertices[0] + pose[:3, 3] for pose, _ in found])
             found = [item for item, n_turns in zip(found, windings(self.obstacle, corners)) if n_turns < 0.5]
+        self.n_beside = len(found)
         while len(found) < n:
             pose, apart_m = self.approached(random)
             if apart_m > 0:
@@ -351,11 +366,10 @@ def clearances(checks, options):
         "round peg, hole": (("factory_round_hole_8mm_subdiv_3x.obj", 1.0), ("factory_round_peg_8mm_loose.obj", 1.0), True),
         "rectangular peg, hole": (("factory_rectangular_hole_8mm_subdiv_3x.obj", 1.0), ("factory_rectangular_peg_8mm_tight_subdiv_3x.obj", 1.0), True),
         "nut, bolt": (("factory_bolt_m16_tight.obj", 1.0), ("factory_nut_m16_tight_subdiv_3x.obj", 1.0), True),
-        "gear, gear base": (("factory_gear_base_tight_space_5e-4_subdiv_4x.obj", 1.0), ("factory_gear_medium_space_5e-4.obj", 1.0), True),
+        "gear, gear base": (("factory_gear_base_tight_space_5e-4_subdiv_4x.obj", 1.0), ("factory_gear_medium_space_5e-4.obj", 1.0), False),
         "bunny, rocker arm": (("rocker-arm.obj", 0.15), ("stanford-bunny.obj", 1.0), False),
     }
     for name, (obstacle, tool, are_joined) in pairs.items():
-        began = time.perf_counter()
         random = np.random.default_rng(3)
         pair = Pair(options, obstacle, tool, are_joined)
         poses, apart_m = pair.poses(options.poses, random)
@@ -366,7 +380,7 @@ def clearances(checks, options):
             found_m = vps.ContactQuery(pair.voxmap, shell).wrench(poses)["clearance_m"]
             off = (found_m - known_m) / pair.size_m
             if finer == 1:
-                more = f"{len(shell)} points, {within.sum()} of {len(poses)} poses within the band, {time.perf_counter() - began:.0f} s"
+                more = f"{len(shell)} points, {within.sum()} of {len(poses)} poses within the band, {pair.n_beside} put together"
                 checks.tell(f"clearance {name}", np.abs(off).max(), CLEARANCE_VOXELS, more)
             some = np.flatnonzero(within)[:: max(1, within.sum() // N_NEAREST)]
             nearest_m = pair.nearest_points_m(shell, poses[some], found_m[some])
