@@ -1079,8 +1079,16 @@ const BAKE_KEYS: [&str; 22] = [
 /// Documented, and absent until the tree and the cache are built.
 const BAKE_KEYS_LATER: [&str; 2] = ["tree_levels", "cache"];
 /// Beyond the contract.
-const BAKE_KEYS_EXTRA: [&str; 7] =
-    ["name", "role", "solid", "clear_winding_share", "lids", "field_bytes", "pointshell_bytes"];
+const BAKE_KEYS_EXTRA: [&str; 8] = [
+    "name",
+    "role",
+    "solid",
+    "accuracy",
+    "clear_winding_share",
+    "lids",
+    "field_bytes",
+    "pointshell_bytes",
+];
 const TIMINGS: [&str; 9] =
     ["load", "init", "surface", "fill", "layers", "distance", "pointshell", "normals", "total"];
 
@@ -1250,12 +1258,34 @@ fn the_number_of_threads_changes_no_byte() {
 }
 
 #[test]
+fn a_bake_measures_its_field_again_where_it_is_asked_to() {
+    let dir = folder();
+    let line = "bake peg.obj --units mm --voxel-size-mm 0.5 --verify";
+    let ended = hapticd(dir.path(), line);
+    assert_eq!(ended.code, Some(0), "{}", ended.stderr);
+    let said = "peg: the worst of 100000 samples is off by ";
+    let error =
+        ended.stderr.split_once(said).and_then(|(_, rest)| rest.split_once(" voxels, at ("));
+    let error: f64 = error.expect("a sentence with the error").0.parse().unwrap();
+    assert!(error < 1e-4, "{error}");
+    assert!(ended.stdout.contains("  accuracy    samples to "), "{}", ended.stdout);
+    let ended = hapticd(dir.path(), "bake ok.toml --verify");
+    assert_eq!(ended.code, Some(2), "{}", ended.stderr);
+}
+
+#[test]
 fn a_scene_is_baked_into_a_list_of_objects() {
     let dir = folder();
     let ended = hapticd(dir.path(), "bake ok.toml --json");
     assert_eq!((ended.code, ended.stderr.as_str()), (Some(0), ""));
     let json = ended.json();
-    assert_eq!(keys(&json), set(&["objects", "timings_s", "peak_rss_bytes"]));
+    assert_eq!(keys(&json), set(&["objects", "smallest_overlap_m", "timings_s", "peak_rss_bytes"]));
+    // What the points of the tool leave unseen, and how far off the surface of the part is felt.
+    let accuracy = |idx: usize, key: &str| json["objects"][idx]["accuracy"][key].as_f64();
+    let overlap_m =
+        accuracy(1, "unseen_depth_m").unwrap() + accuracy(0, "surface_error_m").unwrap();
+    assert_eq!(json["smallest_overlap_m"].as_f64(), Some(overlap_m));
+    assert_eq!(accuracy(1, "sample_error_m"), None);
     assert!(json["timings_s"]["total"].as_f64() > Some(0.0));
     assert!(json["peak_rss_bytes"].as_u64() > Some(1 << 20));
     let objects = json["objects"].as_array().unwrap();

@@ -606,8 +606,8 @@ mod tests {
                 z: [0.0; CHILDREN],
                 radius: [0.0; CHILDREN],
             };
-            for lane in 0..CHILDREN {
-                let map = field.origin_map() + centers[lane] * VOXEL_M as f32;
+            for (lane, center) in centers.iter().enumerate().take(CHILDREN) {
+                let map = field.origin_map() + *center * VOXEL_M as f32;
                 let body = turn.inverse() * (map.as_dvec3() - pose.translation);
                 spheres.x[lane] = body.x as f32;
                 spheres.y[lane] = body.y as f32;
