@@ -124,6 +124,8 @@ fn a_scene_that_wants_a_heartbeat_has_no_force_without() {
 fn an_enable_from_elsewhere_does_not_last_without_a_heartbeat() {
     use std::io::Write as _;
     use std::process::Stdio;
+    use std::sync::mpsc::{RecvError, RecvTimeoutError};
+    use std::time::Duration;
     let folder = folder("[safety]\nheartbeat_ms = 300\n");
     let line = "press.toml --json --realtime best-effort --monitor 127.0.0.1:0 --console";
     let mut child = command(folder.path(), line)
@@ -135,16 +137,33 @@ fn an_enable_from_elsewhere_does_not_last_without_a_heartbeat() {
     let mut stdin = child.stdin.take().unwrap();
     let lines = std::io::BufReader::new(child.stderr.take().unwrap());
     let mut states = Vec::new();
+    let (orders, to_write) = std::sync::mpsc::channel::<&[u8]>();
+    // A lapse takes back an enable that was asked for just before it, so it is asked for again
+    // until it was seen.
+    let writer = std::thread::spawn(move || {
+        let mut order = to_write.recv();
+        while let Ok(text) = order {
+            if stdin.write_all(text).is_err() {
+                return;
+            }
+            order = match to_write.recv_timeout(Duration::from_secs(1)) {
+                Err(RecvTimeoutError::Timeout) => Ok(text),
+                other => other.map_err(|_| RecvError),
+            };
+        }
+    });
     for line in std::io::BufRead::lines(lines).map_while(Result::ok) {
         if let Some(state) = line.strip_prefix("state: ") {
             states.push(state.to_owned());
             match (state, states.len()) {
-                ("disabled", 2) => stdin.write_all(b"enable\n").unwrap(),
-                ("disabled", n) if n > 2 => stdin.write_all(b"stop\n").unwrap(),
+                ("disabled", 2) => orders.send(b"enable\n").unwrap(),
+                ("disabled", n) if n > 2 => orders.send(b"stop\n").unwrap(),
                 _ => {}
             }
         }
     }
+    drop(orders);
+    writer.join().unwrap();
     assert_eq!(child.wait().unwrap().code(), Some(0));
     assert!(
         states.contains(&"enabling".to_owned()) && !states.contains(&"enabled".to_owned()),
