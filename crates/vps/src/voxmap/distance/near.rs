@@ -20,13 +20,9 @@ const REACH_CELLS: f32 = 0.8661;
 /// Distances that differ by no more count as equal: the closest point lies on an edge or corner
 /// that the triangles have in common. Twice what each may be rounded by; cells.
 const TIE_CELLS: f32 = 2e-5;
-/// A triangle this thin has no normal but rounding, cells.
-const NO_HEIGHT_CELLS: f32 = 1e-3;
-/// One that is thinner than this, cells, and than this share of its length, may be what closes a
-/// slit between faces whose corners do not meet: then it looks any way, and the faces beside it,
-/// which are no farther than it is thin, know the side.
-const SLIVER_CELLS: f32 = 0.1;
-const SLIVER_SHARE: f32 = 0.05;
+/// A triangle this thin has no normal but rounding: the faces beside it, which are no farther than
+/// it is thin, know the side; cells.
+const NO_NORMAL_CELLS: f32 = 1e-3;
 /// By so much more squarely must a centre face the plane of a triangle to prefer it to one that
 /// ties, cells.
 const FACING_CELLS: f32 = 1e-4;
@@ -191,8 +187,8 @@ struct Nearby {
     squared: [f32; BRICK_CELLS],
     /// [`farthest_tied`] of it.
     tied: [f32; BRICK_CELLS],
-    /// What the patch knows of the side.
-    knows: [Knows; BRICK_CELLS],
+    /// The patch has a normal.
+    has_normal: [bool; BRICK_CELLS],
     /// Along the outward normal of the patch that the centre faces most squarely, cells. Where two
     /// faces lie on each other, inside of one is inside: parts that touch are one solid.
     height: [f32; BRICK_CELLS],
@@ -214,14 +210,15 @@ impl Nearby {
             patch_idx: [NONE; BRICK_CELLS],
             squared: [f32::INFINITY; BRICK_CELLS],
             tied: [f32::INFINITY; BRICK_CELLS],
-            knows: [Knows::Nothing; BRICK_CELLS],
+            has_normal: [false; BRICK_CELLS],
             height: [0.0; BRICK_CELLS],
         };
         let mut cells = [0; BRICK_CELLS];
         for patch_idx in bins.sorted(surface_slot) {
             let patch = &patches.all[patch_idx as usize];
-            let (knows, thin_cells) = Knows::of(patch);
-            let outward = if knows == Knows::Nothing { 0.0 } else { outward(patch_idx) };
+            let has_normal = patch.height() >= NO_NORMAL_CELLS;
+            let outward = if has_normal { outward(patch_idx) } else { 0.0 };
+            let tie_cells = TIE_CELLS + if has_normal { 0.0 } else { patch.height() };
             let n_cells = gather(patch, mask, origin, &mut cells);
             let patch = WidePatch::<L>::new(patch);
             for batch in
@@ -237,16 +234,17 @@ impl Nearby {
                     if squared > best.tied[cell] {
                         continue;
                     }
-                    let tied = farthest_tied(squared, thin_cells);
+                    let tied = farthest_tied(squared, tie_cells);
                     let is_tie = so_far <= tied;
                     let facing = height.abs() - best.height[cell].abs();
                     let is_square = facing > FACING_CELLS
                         || (facing >= -FACING_CELLS && height < best.height[cell]);
-                    let so_far_knows = best.knows[cell];
-                    if !is_tie || knows > so_far_knows || (knows == so_far_knows && is_square) {
+                    let so_far_has = best.has_normal[cell];
+                    if !is_tie || has_normal > so_far_has || (has_normal == so_far_has && is_square)
+                    {
                         best.patch_idx[cell] = patch_idx;
                         best.height[cell] = height;
-                        best.knows[cell] = knows;
+                        best.has_normal[cell] = has_normal;
                     }
                     if squared < so_far {
                         (best.squared[cell], best.tied[cell]) = (squared, tied);
@@ -268,34 +266,9 @@ impl Nearby {
     }
 }
 
-/// What a patch knows of the side that a centre lies on.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum Knows {
-    /// It has no normal.
-    Nothing,
-    /// Less than the faces beside it: it may close a slit.
-    Little,
-    Side,
-}
-
-impl Knows {
-    /// With how thin the patch is, cells, where that counts.
-    fn of(patch: &Patch) -> (Self, f32) {
-        let height = patch.height();
-        match height {
-            height if height < NO_HEIGHT_CELLS => (Self::Nothing, height),
-            height if height < SLIVER_CELLS.min(SLIVER_SHARE * patch.length()) => {
-                (Self::Little, height)
-            }
-            _ => (Self::Side, 0.0),
-        }
-    }
-}
-
-/// The square of the largest distance that ties with one of this square to a patch that is so thin,
-/// cells².
-fn farthest_tied(squared: f32, thin_cells: f32) -> f32 {
-    let distance = squared.sqrt() + TIE_CELLS + thin_cells;
+/// The square of the largest distance that ties with one of this square, cells².
+fn farthest_tied(squared: f32, tie_cells: f32) -> f32 {
+    let distance = squared.sqrt() + tie_cells;
     distance * distance
 }
 

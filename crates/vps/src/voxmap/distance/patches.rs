@@ -99,11 +99,6 @@ impl Patch {
         [self.words[0] & 0xffff, self.words[0] >> 16, self.words[1]].map(|i| i as i32)
     }
 
-    /// Of its longest edge, cells.
-    pub(super) fn length(&self) -> f32 {
-        self.number(11)
-    }
-
     /// Over its longest edge, cells.
     pub(super) fn height(&self) -> f32 {
         self.number(13)
