@@ -240,8 +240,8 @@ impl Nearby {
                     let is_square = facing > FACING_CELLS
                         || (facing >= -FACING_CELLS && height < best.height[cell]);
                     let so_far_has = best.has_normal[cell];
-                    if !is_tie || has_normal > so_far_has || (has_normal == so_far_has && is_square)
-                    {
+                    let is_better = if has_normal == so_far_has { is_square } else { has_normal };
+                    if !is_tie || is_better {
                         best.patch_idx[cell] = patch_idx;
                         best.height[cell] = height;
                         best.has_normal[cell] = has_normal;
