@@ -63,6 +63,20 @@ def test_a_mesh_tells_its_bodies_and_hollows() -> None:
     assert (sheet.n_pieces, sheet.n_bodies, sheet.n_open_pieces) == (1, 0, 1)
 
 
+def test_a_bake_says_what_it_tells_apart() -> None:
+    mesh = box([0, 0, 0], [0.02, 0.014, 0.006])
+    voxmap = vps.Voxmap.bake(mesh, 0.5e-3)
+    shell = vps.PointShell.bake(mesh, 0.5e-3)
+    of_voxmap = voxmap.accuracy
+    assert of_voxmap["thinnest_wall_m"] == pytest.approx(0.006)
+    assert of_voxmap["sharpest_edge_deg"] == pytest.approx(90)
+    error_m = of_voxmap["sample_error_m"]
+    assert error_m is not None and error_m < 1e-4 * 0.5e-3
+    assert of_voxmap["unseen_depth_m"] is None
+    unseen_m = shell.accuracy["unseen_depth_m"]
+    assert unseen_m is not None and 0 <= unseen_m < 0.5e-3
+
+
 def test_progress_names_the_stages() -> None:
     mesh, told = box([0, 0, 0], [0.01, 0.01, 0.01]), list[str]()
     vps.Voxmap.bake(mesh, VOXEL_M, progress=told.append)
