@@ -128,10 +128,10 @@ def without_lids(program, path, voxel_size_m, folder):
     out = folder / "distances.npy"
     command = [program, "bake", path, "--voxel-size-mm", f"{1e3 * voxel_size_m:.17g}", "--units", "m", "--layers", str(LAYERS)]
     command += ["--sides", "thin", "--cache", "off", "--field-out", out, "--json"]
-    told = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE).stdout)
+    printed = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE).stdout)
     distances_m = np.load(out)
     places = np.argwhere(np.isfinite(distances_m))
-    found = told["objects"][0] if "objects" in told else told
+    found = printed["objects"][0] if "objects" in printed else printed
     return np.array(found["origin_m"]) + voxel_size_m * (places + 0.5), np.abs(distances_m[tuple(places.T)]).astype(np.float64)
 
 

@@ -212,7 +212,8 @@ impl<'a> Wall<'a> {
     }
 
     /// Direction and share with which such a point pushes. A skin pushes, and is pushed, along the
-    /// way out. So is an edge, with the share that its mean normal has along it: no more than the faces beside it.
+    /// way out. So is an edge, with the share that its mean normal has along it: no more than the
+    /// faces beside it.
     /// Where there is no way out, the point's own normal.
     fn push(&self, gradient_map: Vec3, normal_body: Vec3, depth: f32) -> (Vec3, f32) {
         let Some(out) = self.against(gradient_map) else { return (normal_body, 1.0) };

@@ -98,9 +98,8 @@ impl Pair<'_> {
 
     /// Where two edges come within the tolerance of each other, between their ends.
     fn meet(&self, one: u32, other: u32) -> Option<DVec3> {
-        let (one, other) = (one.min(other), one.max(other));
-        let first = self.segment(one);
-        let second = self.segment(other);
+        let first = self.segment(one.min(other));
+        let second = self.segment(one.max(other));
         let (s, t) = closest(first, second)?;
         if !(s > 0.0 && s < 1.0 && t > 0.0 && t < 1.0) {
             return None;

@@ -7,7 +7,8 @@
 //! Corners first: of two that are nearest to each other, the later becomes the earlier, round by
 //! round, as three and more can meet. Then each open edge is led through the corners of others that
 //! lie beside it: its triangle becomes a fan, whose edges the other side closes. Triangles in the
-//! slit would close it too, but look any way, and what lies nearest to them would not know its side.
+//! slit would close it too, but look any way, and what lies nearest to them would not know its
+//! side.
 //!
 //! Cost: that of finding the edges, once per round; n log n in the open ones.
 

@@ -300,8 +300,11 @@ impl Pieces {
     /// Boxes, volumes and areas.
     fn measure(&mut self, mesh: &TriangleMesh) {
         for piece in &mut self.pieces {
-            (piece.low, piece.high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-            (piece.volume_m3, piece.area_m2, piece.n_triangles) = (0.0, 0.0, 0);
+            piece.low = DVec3::INFINITY;
+            piece.high = DVec3::NEG_INFINITY;
+            piece.volume_m3 = 0.0;
+            piece.area_m2 = 0.0;
+            piece.n_triangles = 0;
         }
         // Volumes are taken from the first corner of the piece: far from it the sum would lose
         // digits.

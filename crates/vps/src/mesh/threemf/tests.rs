@@ -451,7 +451,7 @@ fn extensions_that_are_not_required_are_left_out_and_named() {
         note("d", DISPLACEMENT, &displaced),
         said(&format!("`displacementmesh` ({DISPLACEMENT})"))
     );
-    // One that nobody knows, without a prefix, and one whose prefix is declared nowhere.
+    // An unknown one, without a prefix, and one whose prefix is declared nowhere.
     let others = object(1, TETRAHEDRON) + "<shape xmlns=\"a:&#10;b\"/><q:vertex/>";
     assert_eq!(note("d", DISPLACEMENT, &others), said("`shape` (a:&#10;b), `vertex` (q)"));
     // Nothing is left.
