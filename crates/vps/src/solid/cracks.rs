@@ -55,7 +55,7 @@ pub(super) fn join_cracks(mesh: &TriangleMesh, tolerance_m: f64, crack_m: f64) -
     let splits = rims.splits(vertices, crack_m);
     if !splits.is_empty() {
         let whole = core::mem::take(&mut triangles);
-        whole.into_iter().for_each(|corners| cut(corners, 0, &splits, &mut triangles));
+        whole.into_iter().for_each(|corners| cut(corners, [true; 3], &splits, &mut triangles));
     }
     let n_left = Rims::of(&mut triangles, &[]).edges.len();
     (n_left < n_open).then(|| Joined {
@@ -176,23 +176,28 @@ impl Rims {
     }
 }
 
-/// Appends a triangle, in parts where one of its edges from the `first` on is split.
+/// Appends a triangle, in parts where one of those edges is split that may be.
+///
+/// Only the edges of the triangle itself may, never those between its parts: an edge between parts
+/// can run as an open edge of another triangle does, and cutting along that would have no end.
 fn cut(
     corners: [u32; 3],
-    first: usize,
+    may_split: [bool; 3],
     splits: &HashMap<[u32; 2], Vec<u32>>,
     parts: &mut Vec<[u32; 3]>,
 ) {
-    for edge in first..3 {
+    for edge in (0..3).filter(|edge| may_split[*edge]) {
         let [from, to, opposite] = [0, 1, 2].map(|k| corners[(edge + k) % 3]);
         let Some(beside) = splits.get(&[from, to]).filter(|beside| !beside.contains(&opposite))
         else {
             continue;
         };
+        let [after, before] = [1, 2].map(|k| may_split[(edge + k) % 3]);
         let mut last = from;
         for corner in beside.iter().copied().chain([to]) {
-            // Its first edge is a part of this one.
-            cut([last, corner, opposite], 1, splits, parts);
+            // The first part has the edge before this one, the last part the one after it.
+            let may_split = [false, after && corner == to, before && last == from];
+            cut([last, corner, opposite], may_split, splits, parts);
             last = corner;
         }
         return;

@@ -938,6 +938,7 @@ proptest! {
         ),
         triangles in proptest::collection::vec((any::<u16>(), any::<u16>(), any::<u16>()), 0..80),
         n_boxes in 0..5_usize,
+        crack_m in prop_oneof![Just(0.0), Just(2e-5), 0.05..3.0_f64],
     ) {
         let near = [0.0, 1e-9, -3e-7, 1e-5];
         let vertices: Vec<DVec3> = vertices
@@ -957,7 +958,7 @@ proptest! {
             moved(Shape::Box { size_m: DVec3::new(2.0, 3.0, 1.0 + k as f64) }.tessellate(1.0), at)
         });
         let mesh = together([soup].into_iter().chain(boxes));
-        let found = solid(&mesh);
+        let found = Solid::of(&mesh, &SolidOptions { crack_m, ..SolidOptions::default() });
         let n = found.border.vertices.len() as u32;
         prop_assert!(found.border.triangles.as_flattened().iter().all(|vertex| *vertex < n));
     }
