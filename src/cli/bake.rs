@@ -9,7 +9,7 @@ use std::time::Instant;
 use clap::ValueEnum;
 use serde::Serialize;
 
-pub(super) use self::figures::{clay_text, overlap_text, print_json, report_text};
+pub(super) use self::figures::{accuracy_text, clay_text, overlap_text, print_json, report_text};
 
 use self::figures::peak_rss_bytes;
 use self::mesh::bake_mesh;

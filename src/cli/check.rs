@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
+use super::bake::accuracy_text;
 use super::memory::scarce_text;
 use super::{OutputOptions, output, report};
 use crate::config::scene::{ClaySource, MeshSource, SculptConfig};
@@ -18,6 +19,7 @@ use clay::engine::{SculptOrder, ToolSettings};
 use document::show;
 use engine::arm_rules::StiffnessBound;
 use haptics::CouplingMode;
+use vps::Accuracy;
 use vps::spatial::Axes;
 use vps::storage::printable::{one_line, shown};
 
@@ -37,8 +39,17 @@ struct Checked {
     kind: &'static str,
     /// One line on what it is, where it is sound.
     summary: Option<String>,
+    /// What the triangles of each part show, of a scene that is sound.
+    parts: Vec<PartFigures>,
     findings: Vec<Finding>,
     exit: Exit,
+}
+
+/// What the triangles of a part show without a bake.
+struct PartFigures {
+    name: String,
+    voxel_size_m: f64,
+    accuracy: Accuracy,
 }
 
 /// One thing that is wrong, or likely to be.
@@ -84,8 +95,9 @@ fn check(file: &Path) -> Checked {
         };
     }
     let mut warnings = Vec::new();
-    match check_scene(file, &mut warnings) {
-        Ok(config) => Checked::sound("scene", summary(&config), warnings),
+    let mut parts = Vec::new();
+    match check_scene(file, &mut warnings, &mut parts) {
+        Ok(config) => Checked { parts, ..Checked::sound("scene", summary(&config), warnings) },
         Err(error) => Checked::refused("scene", warnings, &error),
     }
 }
@@ -113,7 +125,11 @@ fn check_profile(file: &Path, name: Option<&str>) -> Checked {
 }
 
 /// What `run` would say before it bakes.
-fn check_scene(file: &Path, warnings: &mut Vec<Finding>) -> Result<SceneConfig, PrepareError> {
+fn check_scene(
+    file: &Path,
+    warnings: &mut Vec<Finding>,
+    parts: &mut Vec<PartFigures>,
+) -> Result<SceneConfig, PrepareError> {
     let config = config::load(file).map_err(PrepareError::Config)?;
     warnings.extend(config::plausibility_warnings(&config).iter().map(Finding::of_warning));
     let Inputs { warnings: of_hand, .. } = inputs(&config)?;
@@ -132,6 +148,11 @@ fn check_scene(file: &Path, warnings: &mut Vec<Finding>) -> Result<SceneConfig, 
     });
     let looked_at = scene::look_at_parts(&config, &mut memory, |part, source, options| {
         let mesh = if let MeshSource::File { path, .. } = source { path } else { file };
+        parts.push(PartFigures {
+            name: part.name().to_owned(),
+            voxel_size_m: options.voxel_size_m,
+            accuracy: part.walls_and_edges(),
+        });
         let of_mesh = part
             .mesh_warnings(options.sides, Some(options.voxel_size_m))
             .into_iter()
@@ -157,7 +178,7 @@ fn check_scene(file: &Path, warnings: &mut Vec<Finding>) -> Result<SceneConfig, 
 
 impl Checked {
     fn sound(kind: &'static str, summary: String, findings: Vec<Finding>) -> Self {
-        Self { kind, summary: Some(summary), findings, exit: Exit::Ok }
+        Self { kind, summary: Some(summary), parts: Vec::new(), findings, exit: Exit::Ok }
     }
 
     fn refused(kind: &'static str, mut findings: Vec<Finding>, error: &PrepareError) -> Self {
@@ -173,7 +194,7 @@ impl Checked {
                 ..Finding::default()
             }),
         }
-        Self { kind, summary: None, findings, exit: report::prepare_exit(error) }
+        Self { kind, summary: None, parts: Vec::new(), findings, exit: report::prepare_exit(error) }
     }
 
     fn print(&self, output: OutputOptions) {
@@ -186,6 +207,11 @@ impl Checked {
         }
         if let Some(summary) = self.summary.as_ref().filter(|_| !output.quiet) {
             output::result(format_args!("ok {summary}\n"));
+            for part in &self.parts {
+                if let Some(text) = accuracy_text(&part.accuracy, part.voxel_size_m) {
+                    output::result(format_args!("  {}: {text}\n", one_line(&part.name)));
+                }
+            }
         }
     }
 
@@ -196,6 +222,7 @@ impl Checked {
             "ok": self.exit == Exit::Ok,
             "exit_code": self.exit as u8,
             "summary": self.summary,
+            "parts": self.parts.iter().map(PartFigures::json).collect::<Vec<_>>(),
             "problems": self.findings.iter().map(Finding::json).collect::<Vec<_>>(),
         })
     }
@@ -252,6 +279,18 @@ impl Finding {
             "line": line,
             "key": key,
             "value": value,
+        })
+    }
+}
+
+impl PartFigures {
+    fn json(&self) -> Value {
+        let Accuracy { thinnest_wall_m, sharpest_edge_deg, .. } = self.accuracy;
+        json!({
+            "name": self.name,
+            "voxel_size_m": self.voxel_size_m,
+            "thinnest_wall_m": thinnest_wall_m,
+            "sharpest_edge_deg": sharpest_edge_deg,
         })
     }
 }

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::ValueEnum;
+use glam::DVec3;
 
 use super::error::{CliError, Outcome};
 use super::memory::MemoryRule;
@@ -15,6 +16,7 @@ use crate::config::{self, SceneConfig};
 use crate::daemon::PrepareError;
 use crate::error::Exit;
 use crate::scene;
+use crate::scene::Borders;
 use crate::scene::cache::CachePolicy;
 use document::poses::{self, TimedPose};
 use haptics::RenderScene;
@@ -107,7 +109,8 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Outcome {
 
     let mut law = scene.parameters.contact.force_law(false);
     law.normalization = Normalization::None;
-    write_to(&args.out, |file| write_wrenches(file, &scene, law, &poses))?;
+    let borders = Borders::new(&config);
+    write_to(&args.out, |file| write_wrenches(file, &scene, borders, law, &poses))?;
     if let Some(path) = &args.contacts_out {
         write_to(path, |file| write_contacts(file, &config, &scene, &poses))?;
     }
@@ -154,6 +157,7 @@ fn body(scene: &RenderScene, world_from_tool: Pose) -> Pose {
 fn write_wrenches(
     file: &mut dyn Write,
     scene: &RenderScene,
+    mut borders: Borders<'_>,
     law: ForceLaw,
     poses: &[TimedPose],
 ) -> io::Result<()> {
@@ -168,26 +172,55 @@ fn write_wrenches(
     // A part of the poses at a time: a reader of a pipe gets lines early, and what is held does not
     // grow with the poses.
     for poses in poses.chunks(POSES_AT_A_TIME) {
-        let lines = parallel::map_with(
+        let found = parallel::map_with(
             poses.len(),
             POSES_PER_TASK,
             || ready.clone(),
-            |traversal, idx| poses.get(idx).map(|timed| line(traversal, scene, law, timed)),
+            |traversal, idx| ask(traversal, scene, law, &poses[idx]),
         );
-        for line in lines.into_iter().flatten() {
-            writeln!(file, "{line}")?;
+        let deep = parallel::map(poses.len(), POSES_PER_TASK, |idx| {
+            if found[idx].0.depth_is_bound { deep_points(scene, &poses[idx]) } else { Vec::new() }
+        });
+        for (object_idx, _) in deep.iter().flatten() {
+            borders.make(*object_idx).map_err(io::Error::other)?;
+        }
+        let deepest_m = parallel::map(poses.len(), POSES_PER_TASK, |idx| {
+            let depths_m = deep[idx].iter().filter_map(|(object_idx, place_m)| {
+                Some(borders.of(*object_idx)?.distance_m(*place_m, f64::INFINITY))
+            });
+            depths_m.fold(found[idx].0.max_value_m, f64::max)
+        });
+        for ((timed, (sum, query_ns)), deepest_m) in poses.iter().zip(&found).zip(deepest_m) {
+            writeln!(file, "{}", line(scene, timed, sum, deepest_m, *query_ns))?;
         }
     }
     Ok(())
 }
 
-/// What the contact does at one pose, as a line of CSV.
-fn line(
+/// Points that are as deep as the field of an object knows depths: the number of the object, and
+/// where they are in its mesh, m.
+fn deep_points(scene: &RenderScene, timed: &TimedPose) -> Vec<(usize, DVec3)> {
+    let mut points = Vec::new();
+    for (object_idx, obstacle) in scene.obstacles.iter().enumerate() {
+        let map_from_body = obstacle.world_from_map.inverse() * body(scene, timed.pose);
+        let kind = scene.parameters.contact.field;
+        contact::visit(&obstacle.field, kind, &scene.tool.shell, map_from_body, |touching| {
+            if touching.depth_m >= obstacle.field.deepest_m() {
+                let place_m = map_from_body.transform_point(touching.arm_body.as_dvec3());
+                points.push((object_idx, place_m));
+            }
+        });
+    }
+    points
+}
+
+/// What the contact does at one pose, and how long it took to find it, ns.
+fn ask(
     traversal: &mut Traversal,
     scene: &RenderScene,
     law: ForceLaw,
     timed: &TimedPose,
-) -> String {
+) -> (ContactSum, u128) {
     let world_from_body = body(scene, timed.pose);
     let since = Instant::now();
     let mut ask = |mode| {
@@ -200,12 +233,23 @@ fn line(
     if sum.contacts == 0 {
         sum = ask(TraversalMode::Flat);
     }
-    let query_ns = since.elapsed().as_nanos();
+    (sum, since.elapsed().as_nanos())
+}
+
+/// The same as a line of CSV, with the depth of the deepest point, m; negative outside.
+fn line(
+    scene: &RenderScene,
+    timed: &TimedPose,
+    sum: &ContactSum,
+    deepest_m: f64,
+    query_ns: u128,
+) -> String {
+    let world_from_body = body(scene, timed.pose);
     let wrench = sum.wrench.moved(world_from_body.translation, timed.pose.translation);
     let [fx, fy, fz] = wrench.force.to_array();
     let [tx, ty, tz] = wrench.torque.to_array();
-    let depth_m = sum.max_value_m.max(0.0);
-    let clearance_m = -sum.max_value_m;
+    let depth_m = deepest_m.max(0.0);
+    let clearance_m = -deepest_m;
     format!(
         "{},{fx},{fy},{fz},{tx},{ty},{tz},{},{depth_m},{clearance_m},{query_ns}",
         timed.time_s, sum.contacts

@@ -175,10 +175,7 @@ pub(super) fn result_text(
             format_args!("{points} points a tick, at most {} left out", totals.points_left_out),
         );
     }
-    row(
-        "contact",
-        format_args!("{} ticks, deepest {:.4} mm", totals.contact_ticks, totals.max_depth_m * 1e3),
-    );
+    row("contact", format_args!("{} ticks, {}", totals.contact_ticks, totals.deepest()));
     row(
         "passivity",
         format_args!(

@@ -267,18 +267,19 @@ pub(super) fn error_text(error: u16, protocol: Option<&Protocol>) -> String {
 fn status_text(record: &TickRecord) -> String {
     let output = &record.output;
     format!(
-        "tick {:>8}  force {:6.2} N  torque {:6.3} N·m  depth {:6.3} mm  contacts {:>5}  late \
+        "tick {:>8}  force {:6.2} N  torque {:6.3} N·m  depth {}{:6.3} mm  contacts {:>5}  late \
             {:>6.1} µs",
         record.tick,
         output.command_device.force.length(),
         output.command_device.torque.length(),
+        if output.depth_is_bound { '≥' } else { ' ' },
         output.max_depth_m * 1e3,
         output.contacts,
         record.wakeup_ns as f64 * 1e-3,
     )
 }
 
-fn status_fields(record: &TickRecord) -> [(&'static str, Value); 7] {
+fn status_fields(record: &TickRecord) -> [(&'static str, Value); 8] {
     let output = &record.output;
     let [tick, time] = at(record);
     [
@@ -287,6 +288,7 @@ fn status_fields(record: &TickRecord) -> [(&'static str, Value); 7] {
         ("force_n", json!(output.command_device.force.length())),
         ("torque_nm", json!(output.command_device.torque.length())),
         ("depth_m", json!(output.max_depth_m)),
+        ("depth_is_bound", output.depth_is_bound.into()),
         ("contacts", output.contacts.into()),
         ("wakeup_us", json!(record.wakeup_ns as f64 / 1e3)),
     ]

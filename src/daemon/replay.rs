@@ -271,6 +271,8 @@ impl Values {
             world_from_tool,
             contacts,
             max_depth_m,
+            // It follows from the depth, and recordings of 0.1.0 do not have it.
+            depth_is_bound: _,
             clearance_m,
             points_left_out,
             energy_j,

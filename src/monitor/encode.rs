@@ -186,6 +186,7 @@ struct State<'a> {
     contact_cf: WireWrench,
     contacts: u32,
     max_depth_m: f64,
+    depth_is_bound: bool,
     clearance_m: f64,
     energy_j: f64,
     grip_rad: f64,
@@ -243,6 +244,7 @@ pub(super) fn text(moment: &StateInput<'_>, extras: Extras<'_>) -> String {
         contact_cf: output.contact_world.into(),
         contacts: output.contacts,
         max_depth_m: output.max_depth_m,
+        depth_is_bound: output.depth_is_bound,
         clearance_m: output.clearance_m,
         energy_j: output.energy_j,
         grip_rad: sample.grip_rad,
@@ -286,6 +288,7 @@ pub(super) fn binary(moment: &StateInput<'_>) -> Vec<u8> {
         .position(|name| *name == output.drive.crtk_name());
     let flags = state.unwrap_or(0) as u32
         | u32::from(output.drive.is_busy()) << 3
+        | u32::from(output.depth_is_bound) << 4
         | (output.off_cause as u32) << 8;
     bytes.extend(flags.to_le_bytes());
     bytes.extend(output.faults.bits().to_le_bytes());

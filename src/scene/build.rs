@@ -11,6 +11,7 @@ use vps::contact::ContactSum;
 use vps::part::{ObjectReport, Part, PartError, PartRole};
 use vps::pointshell::Points;
 use vps::spatial::{Metres, Pose};
+use vps::voxmap::border::Border;
 use vps::voxmap::{BakeStage, Options};
 
 /// Progress of a bake.
@@ -138,6 +139,41 @@ pub fn look_at_parts(
     Ok(())
 }
 
+/// Surfaces of the static objects of a scene, each made when it is asked for: a part is read and
+/// cut into voxels anew for it.
+#[derive(Debug)]
+pub struct Borders<'a> {
+    config: &'a SceneConfig,
+    borders: Vec<Option<Border<'static>>>,
+}
+
+impl<'a> Borders<'a> {
+    /// None is made yet.
+    pub fn new(config: &'a SceneConfig) -> Self {
+        Self { config, borders: config.statics.iter().map(|_| None).collect() }
+    }
+
+    /// Makes that of an object.
+    ///
+    /// # Errors
+    /// A part that cannot be used any more.
+    pub fn make(&mut self, object_idx: usize) -> Result<(), PartError> {
+        let object = self.config.statics.get(object_idx);
+        let border = self.borders.get_mut(object_idx).filter(|border| border.is_none());
+        if let (Some(object), Some(border)) = (object, border) {
+            let request = static_request(object, false);
+            let part = object::load(request.name, request.source, request.spacing)?;
+            border.replace(part.border(&request.options(&part))?);
+        }
+        Ok(())
+    }
+
+    /// That of an object; `None`: it was not made.
+    pub fn of(&self, object_idx: usize) -> Option<&Border<'static>> {
+        self.borders.get(object_idx)?.as_ref()
+    }
+}
+
 /// What is baked of each object: the fixed ones in the order of the scene, then the tool.
 pub(crate) fn requests(config: &SceneConfig) -> impl Iterator<Item = Request<'_>> {
     let needs_gradients = SceneBuilder::new(config.parameters).needs_gradients();
@@ -182,7 +218,8 @@ fn inside_at_start(scene: &RenderScene) -> Option<String> {
     // A tenth of a voxel is a tool that was put down, not one that was put inside.
     (sum.contacts > 0 && sum.max_value_m > 0.1 * sum.voxel_size_m).then(|| {
         format!(
-            "it starts inside a part, {:.3} mm deep with {} points: move `tool.start_position_mm`",
+            "it starts inside a part, {}{:.3} mm deep with {} points: move `tool.start_position_mm`",
+            if sum.depth_is_bound { "at least " } else { "" },
             sum.max_value_m * 1e3,
             sum.contacts
         )

@@ -15,7 +15,7 @@ mod object;
 mod unit;
 
 pub(crate) use build::requests;
-pub use build::{BakeEvent, Built, build, build_all, build_with, look_at_parts};
+pub use build::{BakeEvent, Borders, Built, build, build_all, build_with, look_at_parts};
 pub use loaded_clay::{BorderReport, ClayError, ClayReport, LoadedClay, look_at_clay};
 pub use object::{BakeOptions, MemoryPlan, SceneError, load, smallest_overlap_m};
 pub use unit::doubted_unit;

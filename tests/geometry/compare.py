@@ -281,6 +281,7 @@ class Pair:
         self.of_obstacle = coal_tree(self.obstacle)
         self.of_tool = coal_tree(self.tool)
         self.voxmap = vps.Voxmap.bake(self.obstacle, self.size_m, layers=LAYERS)
+        self.voxmap_of_tool = vps.Voxmap.bake(self.tool, self.size_m, layers=LAYERS)
 
     def distance_m(self, pose):
         """By Coal; 0 where triangles meet, which it finds sooner when it is asked for that alone."""
@@ -390,6 +391,11 @@ def clearances(checks, options):
             nearest_m = pair.nearest_points_m(shell, poses[some], found_m[some])
             by_points = spread((nearest_m - apart_m[some]) / pair.size_m)
             by_field = spread((found_m[some] - nearest_m) / pair.size_m)
+            # The points of the obstacle in the field of the tool see what lies between those of the tool.
+            back = vps.PointShell.bake(pair.obstacle, pair.size_m / finer, layers=2)
+            there_m = vps.ContactQuery(pair.voxmap_of_tool, back).wrench(np.linalg.inv(poses))["clearance_m"]
+            both = spread((np.minimum(found_m, there_m) - known_m) / pair.size_m)
+            print(f"        points {1 / finer:g} voxel apart, both ways: {both}", flush=True)
             print(f"        points {1 / finer:g} voxel apart: {spread(off)}; of {len(some)}, by points: {by_points}; by field: {by_field}", flush=True)
 
 

@@ -297,6 +297,14 @@ fn check_prints_its_problems_as_json() {
             && first["summary"].as_str().unwrap().contains("sim-sigma7"),
         "{first}"
     );
+    let tool = &first["parts"][1];
+    assert!(
+        first["parts"].as_array().unwrap().len() == 2
+            && tool["name"] == "tool"
+            && (tool["thinnest_wall_m"].as_f64().unwrap() - 0.01).abs() < 1e-3
+            && tool["sharpest_edge_deg"].as_f64().unwrap() > 150.0,
+        "{first}"
+    );
     let warning = &first["problems"][0];
     for (key, value) in
         [("severity", "warning"), ("file", "hand.csv"), ("key", "x"), ("value", "0.02 m")]
@@ -424,6 +432,26 @@ fn wrenches_go_to_stdout_and_to_a_file_alike() {
         "{}",
         refused.stderr
     );
+}
+
+#[test]
+fn a_depth_beyond_the_layers_is_measured_on_the_triangles() {
+    let dir = with_hand(METRES, "0,0,0,0.021,0,0,0,1\n1,0,0,0.010,0,0,0,1\n2,0.02,0,0,0,0,0,1\n");
+    // Four layers of 1 mm know depths up to 3.5 mm.
+    let block = "shape = { box_mm = [60.0, 60.0, 40.0] }\nvoxel_size_mm = 1.0";
+    let scene = scene(block, "").replace("[0, 0, 15]", "[0, 0, 40]");
+    fs::write(dir.path().join("scene.toml"), scene).unwrap();
+    let ended = hapticd(dir.path(), "eval scene.toml --poses hand.csv --cache off --out -");
+    assert_eq!((ended.code, ended.stderr.as_str()), (Some(0), ""));
+    let rows = ended.stdout.lines().skip(1).map(|line| line.split(',').collect::<Vec<_>>());
+    // The point of the ball that is farthest from the nearest side: its lowest one, and at last
+    // that which is farthest from the side that it is near.
+    for (row, right_mm) in rows.zip([4.0, 15.0, 15.0]) {
+        let [depth_m, clearance_m] =
+            [8, 9].map(|column: usize| row[column].parse::<f64>().unwrap());
+        assert!((depth_m * 1e3 - right_mm).abs() < 0.1, "{depth_m} m for {right_mm} mm");
+        assert!(clearance_m.to_bits() == (-depth_m).to_bits(), "{clearance_m}");
+    }
 }
 
 #[test]

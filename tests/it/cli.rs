@@ -686,7 +686,7 @@ fn help_is_a_result() {
     assert_eq!(ended.stdout, format!("hapticd {}\n", env!("CARGO_PKG_VERSION")));
 }
 
-const RUN_KEYS: [&str; 14] = [
+const RUN_KEYS: [&str; 15] = [
     "ticks",
     "duration_s",
     "rate_hz",
@@ -697,6 +697,7 @@ const RUN_KEYS: [&str; 14] = [
     "max_force_n",
     "max_torque_nm",
     "max_depth_m",
+    "depth_is_bound",
     "contact_ticks",
     "faults",
     "realtime",

@@ -91,6 +91,8 @@ pub struct TickOutput {
     pub contacts: u32,
     /// Deepest penetration, m; 0 without contact.
     pub max_depth_m: f64,
+    /// It may be deeper: the field of an obstacle ends there.
+    pub depth_is_bound: bool,
     /// How far the tool is proven to be from contact, clipped at the band, m; negative: how deep it
     /// is. The query looks no closer than it must, so the tool may be much farther away than this.
     pub clearance_m: f64,
@@ -400,6 +402,7 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
         contact_world: contact.wrench + felt.friction_world,
         contacts: contact.contacts,
         max_depth_m: contact.max_value_m.max(0.0),
+        depth_is_bound: contact.depth_is_bound,
         clearance_m: -contact.max_value_m,
         points_left_out: contact.left_out,
         ..TickOutput::default()

@@ -14,6 +14,14 @@ const LONGEST_NS: u64 = 10_000_000_000;
 /// Significant digits of a latency.
 const LATENCY_DIGITS: u8 = 3;
 
+impl Totals {
+    /// The deepest contact, in words.
+    pub fn deepest(&self) -> String {
+        let at_least = if self.depth_is_bound { "at least " } else { "" };
+        format!("deepest {at_least}{:.4} mm", self.max_depth_m * 1e3)
+    }
+}
+
 /// Statistics of a run while it goes on.
 #[derive(Clone, Debug)]
 pub struct Summary {
@@ -26,6 +34,7 @@ pub struct Summary {
     max_force_n: f64,
     max_torque_nm: f64,
     max_depth_m: f64,
+    depth_is_bound: bool,
     contact_ticks: u64,
     points_left_out: u32,
     lowest_energy_j: f64,
@@ -56,6 +65,7 @@ impl Summary {
             max_force_n: 0.0,
             max_torque_nm: 0.0,
             max_depth_m: 0.0,
+            depth_is_bound: false,
             contact_ticks: 0,
             points_left_out: 0,
             lowest_energy_j: 0.0,
@@ -87,6 +97,7 @@ impl Summary {
         self.max_force_n = self.max_force_n.max(output.command_device.force.length());
         self.max_torque_nm = self.max_torque_nm.max(output.command_device.torque.length());
         self.max_depth_m = self.max_depth_m.max(output.max_depth_m);
+        self.depth_is_bound |= output.depth_is_bound;
         self.contact_ticks += u64::from(output.contacts > 0);
         self.points_left_out = self.points_left_out.max(output.points_left_out);
         self.lowest_energy_j = self.lowest_energy_j.min(output.energy_j);
@@ -145,6 +156,7 @@ impl Summary {
             max_torque_nm: self.max_torque_nm,
             rendered: self.rendered,
             max_depth_m: self.max_depth_m,
+            depth_is_bound: self.depth_is_bound,
             contact_ticks: self.contact_ticks,
             contact_budget_points: counted.contact_budget_points,
             points_left_out: self.points_left_out,
@@ -384,6 +396,8 @@ pub struct Totals {
     pub rendered: Rendered,
     /// Deepest penetration, m; 0 without contact.
     pub max_depth_m: f64,
+    /// It was so deep at least: the field of an object ends there.
+    pub depth_is_bound: bool,
     /// Ticks with at least one contact.
     pub contact_ticks: u64,
     /// Points that a contact query might look at in one tick, of `contact.time_budget_us`; `None`:

@@ -27,6 +27,7 @@ use crate::pointshell::{self, Points, ShellReport};
 use crate::solid::{Solid, SolidOptions, SolidReport};
 use crate::storage::memory::available_bytes;
 use crate::voxmap::accuracy::Accuracy;
+use crate::voxmap::border::Border;
 use crate::voxmap::estimate::{Estimate, MeshMeasures, Products, voxel_size_within};
 use crate::voxmap::field::Field;
 use crate::voxmap::grid::{Grid, GridError};
@@ -105,13 +106,14 @@ pub struct Part {
 struct Meaning {
     solid: SolidReport,
     mass: MassProperties,
+    shape: Accuracy,
 }
 
 impl Meaning {
     fn of(mesh: &TriangleMesh, inspected: &MeshReport) -> Self {
         let solid = Solid::of(mesh, &SolidOptions::default());
         let mass = solid.mass().unwrap_or_else(|| mass_properties_of_inspected(mesh, inspected));
-        Self { solid: solid.report, mass }
+        Self { solid: solid.report, mass, shape: Accuracy::of_border(&solid.border) }
     }
 }
 
@@ -199,6 +201,12 @@ impl Part {
         &self.meaning().solid
     }
 
+    /// Thinnest wall and sharpest edge of the solid that its triangles make, without a bake. Cost:
+    /// of the first call that of [`Solid::of`].
+    pub fn walls_and_edges(&self) -> Accuracy {
+        self.meaning().shape
+    }
+
     /// Bakes what other parts touch; `with_gradients` for
     /// [`FieldKind::SurfacePoint`](crate::voxmap::field::FieldKind::SurfacePoint) alone. Cost: that
     /// of the voxels near the surface.
@@ -239,6 +247,15 @@ impl Part {
         let mut report = self.report(PartRole::Tool, &map, &of_shell);
         report.accuracy = Accuracy::of(&map, &self.mesh, None, Some((&shell, center_m)));
         Ok((shell, mass, report))
+    }
+
+    /// Its surface, for distances beyond the layers of a map. Cost: that of [`Self::voxmap`].
+    ///
+    /// # Errors
+    /// A grid that is too large.
+    pub fn border(&self, options: &Options) -> Result<Border<'static>, PartError> {
+        let map = self.voxmap(options, |_| ())?;
+        Ok(Border::of(&map, &self.mesh).into_owned())
     }
 
     /// Area of its triangles, m².

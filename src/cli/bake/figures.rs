@@ -52,7 +52,10 @@ pub(in crate::cli) fn report_text(object: &ObjectReport) -> String {
             levels.join(", ")
         ));
     }
-    lines.extend(accuracy_text(object).map(|text| format!("  accuracy    {text}")));
+    lines.extend(
+        accuracy_text(&object.accuracy, object.voxel_size_m)
+            .map(|text| format!("  accuracy    {text}")),
+    );
     if object.cache == CacheUse::Hit {
         lines.push(format!("  seconds     {:.3} from the bake cache", t.load));
         lines.push(String::new());
@@ -66,19 +69,18 @@ pub(in crate::cli) fn report_text(object: &ObjectReport) -> String {
     lines.join("\n")
 }
 
-/// What a part tells apart.
-fn accuracy_text(object: &ObjectReport) -> Option<String> {
-    let Accuracy {
+/// What a part tells apart, in words.
+pub(in crate::cli) fn accuracy_text(accuracy: &Accuracy, voxel_size_m: f64) -> Option<String> {
+    let &Accuracy {
         sample_error_m,
         surface_error_m,
         unseen_depth_m,
         thinnest_wall_m,
         sharpest_edge_deg,
-    } = object.accuracy;
+    } = accuracy;
     let mm = |length_m: f64| format!("{} mm", show((length_m * 1e6).round() * 1e-3));
     let texts = [
-        sample_error_m
-            .map(|error_m| format!("samples to {:.0e} voxels", error_m / object.voxel_size_m)),
+        sample_error_m.map(|error_m| format!("samples to {:.0e} voxels", error_m / voxel_size_m)),
         surface_error_m.map(|error_m| format!("surface felt to {}", mm(error_m))),
         unseen_depth_m.map(|depth_m| format!("enters a flat face {} unseen", mm(depth_m))),
         thinnest_wall_m.map(|wall_m| format!("thinnest wall {}", mm(wall_m))),

@@ -30,7 +30,7 @@ export class Readouts {
     write("read-torque", fixed(size(command.t) * 1e3, 1));
     write("made-torque", `arm ${fixed(size(made.t) * 1e3, 1)}`);
     write("limit-torque", limit(this.limits.torque_nm, 1e3));
-    write("read-depth", fixed(state.max_depth_m * 1e3, 3));
+    write("read-depth", `${state.depth_is_bound ? "≥ " : ""}${fixed(state.max_depth_m * 1e3, 3)}`);
     write("read-clearance", state.clearance_m === null ? NONE : fixed(Math.max(0, state.clearance_m) * 1e3, 2));
     write("read-contacts", String(state.contacts ?? NONE));
     write("read-speed", fixed(size(motion.v) * 1e3, 1));

@@ -81,6 +81,7 @@ fn odd_record(tick: u64) -> TickRecord {
             world_from_tool: pose(61),
             contacts: 7,
             max_depth_m: number(71),
+            depth_is_bound: tick.is_multiple_of(3),
             clearance_m: number(72),
             points_left_out: 8,
             energy_j: number(73),

@@ -275,6 +275,7 @@ messages! { "hapticd"
         required double clearance_m: f64 = 5 => clearance_m,
         required uint32 points_left_out: u32 = 6 => points_left_out,
         required uint32 objects_moving: u32 = 7 => objects_moving,
+        required bool depth_is_bound: bool = 8 => depth_is_bound,
     }
     CommandWrench for TickOutput {
         required message force: Vector3 = 1 => command_device.force,

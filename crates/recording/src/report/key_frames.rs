@@ -53,6 +53,8 @@ pub struct KeyFrame {
     pub moved: BTreeMap<u32, Pose>,
     /// How deep the tool was, m; 0: it touched nothing.
     pub depth_m: f64,
+    /// It was so deep at least: the field of an object ends there.
+    pub depth_is_bound: bool,
 }
 
 /// A pose on the path of the tool.
@@ -81,8 +83,8 @@ pub(super) struct KeyFrames {
     /// How far the tool's origin went, m.
     pub(super) arc_m: f64,
     moved: BTreeMap<u32, Pose>,
-    /// Time, s, pose of the tool and depth, m, of the last tick whose pose is one.
-    last: Option<(f64, Pose, f64)>,
+    /// The last tick whose pose is one.
+    last: Option<KeyFrame>,
     scene_idx: u32,
     anchor: Option<DVec3>,
     paths: BTreeMap<u32, Path>,
@@ -111,20 +113,20 @@ impl KeyFrames {
         if !output.world_from_tool.is_finite() {
             return;
         }
-        self.last = Some((time_s, output.world_from_tool, output.max_depth_m.max(0.0)));
+        // What moved is copied where the moment is kept.
+        let moment = KeyFrame {
+            scene_idx: self.scene_idx,
+            time_s,
+            world_from_tool: output.world_from_tool,
+            moved: BTreeMap::new(),
+            depth_m: output.max_depth_m.max(0.0),
+            depth_is_bound: output.depth_is_bound,
+        };
         // Without contact the last moment is shown.
         if self.depth.take(output.max_depth_m, record) || self.depth.value == 0.0 {
-            let Self { moved, scene_idx, .. } = self;
-            let world_from_tool = output.world_from_tool;
-            let depth_m = output.max_depth_m.max(0.0);
-            self.shown = Some(KeyFrame {
-                scene_idx: *scene_idx,
-                time_s,
-                world_from_tool,
-                moved: moved.clone(),
-                depth_m,
-            });
+            self.shown = Some(KeyFrame { moved: self.moved.clone(), ..moment.clone() });
         }
+        self.last = Some(moment);
         let place_world = output.world_from_tool.translation;
         let step_m = self.anchor.map_or(0.0, |anchor| anchor.distance(place_world));
         if self.anchor.is_none() || step_m >= STEP_M {
@@ -140,27 +142,17 @@ impl KeyFrames {
     /// The last moment, where the tool or an object was not as in the one that is shown.
     pub(super) fn end(&self) -> Option<KeyFrame> {
         let shown = self.shown.as_ref()?;
-        let Self { scene_idx, moved, .. } = self;
-        let (time_s, world_from_tool, depth_m) = self.last?;
+        let last = KeyFrame { moved: self.moved.clone(), ..self.last.clone()? };
         let is_near = |a: &Pose, b: &Pose| {
             a.translation.distance(b.translation) < LIKE_M
                 && a.rotation.angle_between(b.rotation) < LIKE_RAD
         };
-        let are_near = moved.len() == shown.moved.len()
-            && moved.values().zip(shown.moved.values()).all(|(a, b)| is_near(a, b));
-        if *scene_idx == shown.scene_idx
+        let are_near = last.moved.len() == shown.moved.len()
+            && last.moved.values().zip(shown.moved.values()).all(|(a, b)| is_near(a, b));
+        let is_shown = last.scene_idx == shown.scene_idx
             && are_near
-            && is_near(&world_from_tool, &shown.world_from_tool)
-        {
-            return None;
-        }
-        Some(KeyFrame {
-            scene_idx: *scene_idx,
-            time_s,
-            world_from_tool,
-            moved: moved.clone(),
-            depth_m,
-        })
+            && is_near(&last.world_from_tool, &shown.world_from_tool);
+        (!is_shown).then_some(last)
     }
 
     /// The path of the tool through a scene.

@@ -400,6 +400,7 @@ mod tests {
                 world_from_tool: Pose::from_translation(DVec3::X * (n as f64 * 1e-3)),
                 contacts: u32::from(n > 0),
                 max_depth_m: [0.0, 3e-5, 1e-5][n as usize],
+                depth_is_bound: n == 1,
                 ..TickOutput::default()
             };
             report.take(&Entry::Tick {
@@ -422,7 +423,7 @@ mod tests {
         report.put_end_picture(vec![2]);
         let page = report.page();
         for fragment in [
-            "The tool at its deepest contact (0.03 mm), 0.001 s, and the path",
+            "The tool at its deepest contact (at least 0.03 mm), 0.001 s, and the path",
             "The tool at the end, 0.002 s, 0.01 mm deep.",
         ] {
             assert!(page.contains(fragment), "{fragment}\n{page}");

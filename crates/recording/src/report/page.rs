@@ -112,11 +112,12 @@ fn table<'t>(body: &mut String, rows: impl Iterator<Item = (&'t str, String)>) {
 }
 
 fn picture(report: &LabReport, body: &mut String) {
-    let Some(KeyFrame { time_s, depth_m, .. }) = report.moment() else { return };
+    let Some(KeyFrame { time_s, depth_m, depth_is_bound, .. }) = report.moment() else { return };
     match &report.picture {
         Some(Ok(png)) => {
             let when = if *depth_m > 0.0 {
-                format!("at its deepest contact ({} mm)", figures(depth_m * 1e3))
+                let at_least = at_least(*depth_is_bound);
+                format!("at its deepest contact ({at_least}{} mm)", figures(depth_m * 1e3))
             } else {
                 "at the end".to_owned()
             };
@@ -124,11 +125,12 @@ fn picture(report: &LabReport, body: &mut String) {
                 class=\"key touches\">in contact</span>; pale where a part is in front of it.";
             body.push_str("<div class=\"scenes\">");
             scene_figure(png, &when, &format!("{time_s:.3} s, {path}"), body);
-            if let (Some(png), Some(KeyFrame { time_s, depth_m, .. })) =
+            if let (Some(png), Some(KeyFrame { time_s, depth_m, depth_is_bound, .. })) =
                 (&report.end_picture, report.end())
             {
                 let depth = if depth_m > 0.0 {
-                    format!("{} mm deep", figures(depth_m * 1e3))
+                    let at_least = at_least(depth_is_bound);
+                    format!("{at_least}{} mm deep", figures(depth_m * 1e3))
                 } else {
                     "without contact".to_owned()
                 };
@@ -157,6 +159,11 @@ fn scene_figure(png: &[u8], when: &str, caption: &str, body: &mut String) {
     );
 }
 
+/// Before a depth where a field ends.
+fn at_least(depth_is_bound: bool) -> &'static str {
+    if depth_is_bound { "at least " } else { "" }
+}
+
 /// What happened, in sentences and in one table.
 fn verdict(report: &LabReport, body: &mut String) {
     let totals = report.totals();
@@ -165,10 +172,12 @@ fn verdict(report: &LabReport, body: &mut String) {
     match moments.first_contact_s {
         Some(first_s) => words.push(format!(
             "<strong>The tool touched something</strong>, first at {first_s:.3} s, and for {} of \
-                {} ticks; at most {} mm deep.",
+                {} ticks; {} {} mm deep{}.",
             totals.contact_ticks,
             totals.ticks,
-            figures(moments.depth.value * 1e3)
+            if totals.depth_is_bound { "at least" } else { "at most" },
+            figures(moments.depth.value * 1e3),
+            if totals.depth_is_bound { ", where the distances of a part end" } else { "" },
         )),
         None => words
             .push(format!("<strong>The tool touched nothing</strong> in {} ticks.", totals.ticks)),
@@ -277,10 +286,7 @@ fn counts(report: &LabReport, body: &mut String) {
             "largest command",
             format!("{:.3} N, {:.1} mN·m", totals.max_force_n, totals.max_torque_nm * 1e3),
         ),
-        (
-            "contact",
-            format!("{} ticks, deepest {:.4} mm", totals.contact_ticks, totals.max_depth_m * 1e3),
-        ),
+        ("contact", format!("{} ticks, {}", totals.contact_ticks, totals.deepest())),
         (
             "passivity",
             format!(

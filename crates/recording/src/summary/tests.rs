@@ -27,6 +27,7 @@ fn extremes_counts_and_the_last_pose_are_kept() {
                 command_device: Wrench::new(DVec3::new(3.0, 4.0, 0.0) * f64::from(2 - n), DVec3::Z),
                 contacts: n,
                 max_depth_m: 1e-4 * f64::from(n),
+                depth_is_bound: n == 1,
                 world_from_tool: Pose::new(DQuat::IDENTITY, DVec3::splat(f64::from(n))),
                 faults: if n == 1 { Faults::STALE } else { Faults::NONE },
                 ..TickOutput::default()
@@ -36,6 +37,7 @@ fn extremes_counts_and_the_last_pose_are_kept() {
     }
     let totals = summary.totals(counted());
     assert_eq!((totals.max_force_n, totals.max_torque_nm, totals.max_depth_m), (10.0, 1.0, 2e-4));
+    assert_eq!(totals.deepest(), "deepest at least 0.2000 mm");
     assert_eq!((totals.contact_ticks, totals.stale_samples), (2, 3));
     assert_eq!(totals.final_pose.z_m, 2.0);
     assert_eq!(totals.faults, ["stale", "panic"]);
@@ -58,6 +60,7 @@ fn the_json_object_has_the_keys_of_the_contract() {
         "max_force_n",
         "max_torque_nm",
         "max_depth_m",
+        "depth_is_bound",
         "contact_ticks",
         "faults",
         "realtime",

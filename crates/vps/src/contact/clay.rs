@@ -379,6 +379,7 @@ mod tests {
         let mut sum = ContactSum {
             contacts: 0,
             max_value_m: -1e-3,
+            depth_is_bound: false,
             wrench: Wrench::ZERO,
             stiffness: Mat6::ZERO,
             arm_world: DVec3::ZERO,

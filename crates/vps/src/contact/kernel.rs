@@ -522,6 +522,12 @@ mod tests {
         [SimdLevel::Portable, SimdLevel::best()]
     }
 
+    /// The same place of several bricks, cells.
+    fn bricks_apart(random: &mut Random) -> Vec<Vec3> {
+        let in_brick = 8.0 * random.in_box(0.1, 0.9) + 0.5;
+        (0..LANES).map(|_| (in_brick + 8.0 * random.in_box(0.0, 3.0).floor()).as_vec3()).collect()
+    }
+
     /// Around the middle of some brick, so many cells to each side, or anywhere on the grid and
     /// around it: places in cells.
     fn places(random: &mut Random, field: &Field, spread: Option<f64>) -> Vec<Vec3> {
@@ -558,8 +564,13 @@ mod tests {
         let place = place(&field);
         let mut random = Random(11);
         for n in 0..3000 {
-            let spread = [Some(3.4), Some(6.0), Some(9.0), None][n % 4];
-            let block = block_of(&places(&mut random, &field, spread));
+            let block = block_of(&match n % 5 {
+                0 => places(&mut random, &field, Some(3.4)),
+                1 => places(&mut random, &field, Some(6.0)),
+                2 => places(&mut random, &field, Some(9.0)),
+                3 => places(&mut random, &field, None),
+                _ => bricks_apart(&mut random),
+            });
             let floor_m = [f32::NEG_INFINITY, -2e-3, 1e-3][n % 3];
             for level in levels() {
                 let mut found = None;
@@ -612,9 +623,10 @@ mod tests {
                 spheres.x[lane] = body.x as f32;
                 spheres.y[lane] = body.y as f32;
                 spheres.z[lane] = body.z as f32;
-                spheres.radius[lane] = ([0.5, 3.0, 6.0, 20.0][n % 4] * VOXEL_M) as f32;
+                spheres.radius[lane] = ([0.5, 3.0, 6.0, 20.0][n % 5 % 4] * VOXEL_M) as f32;
             }
-            let floor_m = [-2e-3, 0.0, 1e-3][n % 3];
+            // The last is more than the plate is deep anywhere.
+            let floor_m = [-2e-3, 0.0, 1e-3, 3e-3][n % 4];
             for level in levels() {
                 let margin_cells = 0.01;
                 let above = Above {
@@ -635,7 +647,8 @@ mod tests {
                     // Nothing is nearer than two bricks and a half.
                     let half = Vec3::from_array(field.brick_dims().map(|n| 4.0 * n as f32));
                     let gap = ((*center - half).abs() - Vec3::new(30.0, 30.0, 2.0)).max_element();
-                    if radius < 7.0 && gap > 20.0 + radius {
+                    let is_far = gap > 20.0 + radius;
+                    if radius < 7.0 && (is_far || floor_m > 2e-3) {
                         assert!(!is_above, "{center}, {gap} cells away");
                         n_not_above += 1;
                     }

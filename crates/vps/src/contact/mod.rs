@@ -149,6 +149,8 @@ pub struct ContactSum {
     /// Largest V over all points and obstacles, m; −band when everything is far. See [`Self::of`]
     /// for what a walk gives.
     pub max_value_m: f64,
+    /// Some point is as deep as the field of an obstacle knows depths: it may be deeper.
+    pub depth_is_bound: bool,
     /// Contact wrench on the tool: stiffness times depths, stage S and normalisation applied where
     /// they are on.
     pub wrench: Wrench,

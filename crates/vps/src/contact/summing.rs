@@ -45,6 +45,7 @@ pub(super) struct Summing<'a> {
     touching: u32,
     contacts: u32,
     max_value_m: f64,
+    depth_is_bound: bool,
     voxel_size_m: f64,
     touched_voxel_m: f64,
     step_limit_m: f64,
@@ -63,6 +64,7 @@ impl<'a> Summing<'a> {
             touching: 0,
             contacts: 0,
             max_value_m: f64::NEG_INFINITY,
+            depth_is_bound: false,
             voxel_size_m: f64::INFINITY,
             touched_voxel_m: f64::INFINITY,
             step_limit_m: f64::INFINITY,
@@ -117,6 +119,7 @@ impl<'a> Summing<'a> {
         max_value_m: f32,
         reserve_m: f64,
     ) {
+        self.depth_is_bound |= max_value_m >= obstacle.field.deepest_m();
         let max_value_m = f64::from(max_value_m);
         let voxel_size_m = f64::from(obstacle.field.voxel_size_m());
         let limit_m = obstacle_poses::step_limit_m(
@@ -161,6 +164,7 @@ impl<'a> Summing<'a> {
         let mut sum = ContactSum {
             contacts: self.contacts,
             max_value_m: self.max_value_m,
+            depth_is_bound: self.depth_is_bound,
             wrench: Wrench::ZERO,
             stiffness: Mat6::ZERO,
             arm_world: DVec3::ZERO,

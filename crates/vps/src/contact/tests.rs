@@ -360,3 +360,25 @@ fn a_traversal_changes_its_mode() {
     assert!((1..shell.len() as u32 / 10).contains(&looked_at(TraversalMode::Tree)));
     assert_eq!(looked_at(TraversalMode::Flat), 0);
 }
+
+#[test]
+fn a_depth_is_a_bound_where_the_field_ends() {
+    let shell = cube(1e-3);
+    let (mesh, _) = block(DVec3::splat(0.06), 1e-3);
+    let options =
+        Options { voxel_size_m: 1e-3, layers: 3, navigation: None, sides: InsideTest::Auto };
+    let mut map = Volume::build(&mesh, &inspect(&mesh), &options, |_| ()).expect("a grid");
+    let obstacle = Obstacle { field: map.field(&mesh, false), world_from_map: Pose::IDENTITY };
+    for (depth_m, is_bound) in [(-0.01, false), (1e-3, false), (2.4e-3, false), (2.6e-3, true)] {
+        let body = Pose::from_translation(DVec3::Z * (0.03 + 0.5 * TOOL_EDGE_M - depth_m));
+        for mode in [TraversalMode::Tree, TraversalMode::Flat] {
+            for level in [SimdLevel::Portable, SimdLevel::best()] {
+                let obstacles = core::slice::from_ref(&obstacle);
+                let mut traversal = Traversal::new(level, mode, obstacles, &shell);
+                let sum =
+                    ContactSum::of(&mut traversal, obstacles, &shell, body, ForceLaw::PLAIN, None);
+                assert_eq!(sum.depth_is_bound, is_bound, "{depth_m}, {mode:?}: {sum:?}");
+            }
+        }
+    }
+}

@@ -188,6 +188,9 @@ type WordMap<K> = HashMap<K, u32, BuildHasherDefault<WordHasher>>;
 /// Cells of the search grid are this many tolerances wide: two cells looked at per position on
 /// average, few vertices in each.
 const CELL_TOLERANCES: f64 = 8.0;
+/// And no more of them lie along an axis, however small the tolerance is: what is not equal is
+/// hardly ever nearer.
+const MOST_CELLS: f64 = (1_u64 << 40) as f64;
 
 /// The grid in which near positions are looked for.
 #[derive(Clone, Copy)]
@@ -199,20 +202,20 @@ struct Cells {
 
 impl Cells {
     fn new(positions: &[DVec3], tolerance: f64) -> Self {
-        let origin = parallel::map_chunks(positions, 1 << 16, |chunk| {
-            chunk.iter().copied().reduce(DVec3::min)
-        })
-        .into_iter()
-        .flatten()
-        .reduce(DVec3::min)
-        .unwrap_or_default();
-        let per_m = (CELL_TOLERANCES * tolerance).recip();
-        // Of zero, and of what is so small that its inverse overflows.
-        if per_m.is_finite() {
-            Self { origin, per_m, tolerance }
-        } else {
-            Self { origin, per_m: 1.0, tolerance: 0.0 }
-        }
+        let boxes = parallel::map_chunks(positions, 1 << 16, |chunk| {
+            chunk.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), position| {
+                (low.min(*position), high.max(*position))
+            })
+        });
+        let around = |(low, high): (DVec3, DVec3), (other_low, other_high): (DVec3, DVec3)| {
+            (low.min(other_low), high.max(other_high))
+        };
+        let (origin, end) = boxes.into_iter().reduce(around).unwrap_or_default();
+        let per_m =
+            (CELL_TOLERANCES * tolerance).recip().min(MOST_CELLS / (end - origin).max_element());
+        // Of one place.
+        let per_m = if per_m.is_finite() { per_m } else { 1.0 };
+        Self { origin, per_m, tolerance }
     }
 
     fn of(self, position: DVec3) -> [i64; 3] {
@@ -332,6 +335,7 @@ fn crowded(positions: &[DVec3], cells: Cells) -> Vec<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::spatial::testing::Random;
 
     /// The corners, each with its own copy of a position, as a triangle soup of three per triangle.
     fn welded<B: Bits>(corners: &[B]) -> TriangleMesh {
@@ -393,6 +397,21 @@ mod tests {
         let representative = weld_within(&positions, tolerance);
         for k in 0..1000 {
             assert_eq!(representative[2 * k..2 * k + 2], [2 * k as u32, 2 * k as u32]);
+        }
+    }
+
+    #[test]
+    fn few_positions_share_a_cell_whatever_the_tolerance_is() {
+        for size_m in [1e-9, 0.03, 1e9] {
+            for tolerance in [0.0, 1e-320, 1e-30, 1e-12 * size_m] {
+                let mut random = Random(7);
+                let positions: Vec<DVec3> =
+                    (0..5000).map(|_| random.in_box(-1.0, 1.0) * size_m).collect();
+                let cells = Cells::new(&positions, tolerance);
+                let taken: std::collections::HashSet<_> =
+                    positions.iter().map(|position| cells.of(*position)).collect();
+                assert!(taken.len() > 4990, "{size_m} {tolerance}: {}", taken.len());
+            }
         }
     }
 

@@ -13,13 +13,12 @@ use std::cell::Cell;
 use glam::{DVec3, Vec3};
 
 use super::Volume;
+use super::border::Border;
 use super::distance::sample_of;
 use super::field::{APRON_CELLS, DEEP_INSIDE, Field, FieldKind};
 use super::grid::BRICK_EDGE;
 use super::winding::WindingTree;
 use crate::mesh::TriangleMesh;
-use crate::mesh::boxes::Boxes;
-use crate::mesh::closest_point::TriangleProjector;
 use crate::mesh::edges::edge_uses;
 use crate::mesh::weld::weld_within;
 use crate::parallel;
@@ -92,13 +91,23 @@ impl Accuracy {
             sample_error_m: field.map(|field| truth.worst(field, PLACES).error_m),
             surface_error_m: field.map(on_surface),
             unseen_depth_m: shell.and_then(|(shell, center)| unseen_m(surface, shell, center)),
-            thinnest_wall_m: if map.thin { None } else { truth.thinnest_wall_m(&places) },
+            thinnest_wall_m: truth.thinnest_wall_m(&places),
             sharpest_edge_deg: if map.thin { None } else { sharpest_edge_deg(surface) },
         }
     }
 }
 
 impl Accuracy {
+    /// What the border of a solid shows without a bake: its thinnest wall and its sharpest edge.
+    pub(crate) fn of_border(mesh: &TriangleMesh) -> Self {
+        let border = Border::of_triangles(mesh);
+        Self {
+            thinnest_wall_m: thinnest_wall_m(&border, &places_on(mesh, PLACES)),
+            sharpest_edge_deg: sharpest_edge_deg(mesh),
+            ..Self::default()
+        }
+    }
+
     /// Names of [`Self::figures`].
     pub const NAMES: [&'static str; 5] = [
         "sample_error_m",
@@ -147,8 +156,7 @@ struct Truth<'a> {
 
 /// Triangles that are one solid or one skin.
 struct Member<'a> {
-    mesh: &'a TriangleMesh,
-    boxes: Boxes,
+    border: Border<'a>,
     /// A two-sided skin, which is felt so much earlier, m.
     skin_m: Option<f64>,
 }
@@ -156,18 +164,9 @@ struct Member<'a> {
 impl<'a> Truth<'a> {
     fn new(map: &'a Volume, mesh: &'a TriangleMesh, with_sides: bool) -> Self {
         let maps = std::iter::once(map).chain(map.beside.iter().map(|beside| &beside.map));
-        let members = maps.map(|map| {
-            let mesh = map.mesh(mesh);
-            let box_of = |triangle| {
-                let [a, b, c] = mesh.corners(triangle);
-                (a.min(b).min(c), a.max(b).max(c))
-            };
-            let voxel_size_m = map.surface.grid.voxel_size_m;
-            Member {
-                mesh,
-                boxes: Boxes::new(mesh.triangles.len(), box_of),
-                skin_m: map.thin.then_some(voxel_size_m),
-            }
+        let members = maps.map(|map| Member {
+            border: Border::of(map, mesh),
+            skin_m: map.thin.then_some(map.surface.grid.voxel_size_m),
         });
         let members: Vec<Member<'_>> = members.collect();
         // Beside a lid the side is a guess, and of triangles that are taken as they are the fill
@@ -188,7 +187,7 @@ impl<'a> Truth<'a> {
         // Of what lies beside the solid none is.
         let sides = std::iter::once(inside).chain(std::iter::repeat(None));
         for (member, inside) in self.members.iter().zip(sides) {
-            let distance_m = member.distance_m(place_m, farthest_m);
+            let distance_m = member.border.distance_m(place_m, farthest_m);
             let own = match (member.skin_m, inside) {
                 (Some(skin_m), _) => vec![skin_m - distance_m],
                 (None, Some(true)) => vec![distance_m],
@@ -245,68 +244,54 @@ impl<'a> Truth<'a> {
         FieldError { samples: n_samples, error_m, position_m }
     }
 
-    /// The shortest way through the solid, from some places of its surface against their normals to
-    /// where it ends at a face that looks the other way.
+    /// That of the solid; `None` of a skin.
     fn thinnest_wall_m(&self, places: &[(DVec3, DVec3)]) -> Option<f64> {
-        let solid = self.members.first()?;
-        let walls_m =
-            parallel::map(places.len(), 16, |idx| solid.wall_m(places[idx].0, -places[idx].1));
-        walls_m.into_iter().flatten().min_by(f64::total_cmp)
+        let solid = self.members.first().filter(|member| member.skin_m.is_none())?;
+        thinnest_wall_m(&solid.border, places)
     }
 }
 
-impl Member<'_> {
-    /// From a place to the nearest triangle, m; exact up to `most_m` at least.
-    fn distance_m(&self, place_m: DVec3, most_m: f64) -> f64 {
-        let nearest = Cell::new(most_m * most_m);
-        let squared = |low: DVec3, high: DVec3| {
-            (low - place_m).max(place_m - high).max(DVec3::ZERO).length_squared()
-        };
-        self.boxes.visit(
-            |low, high| squared(low, high) < nearest.get(),
-            |triangle| {
-                let corners = self.mesh.corners(triangle as usize);
-                let found = TriangleProjector::new(&corners).project(place_m).distance_squared;
-                nearest.set(nearest.get().min(found));
-            },
-        );
-        nearest.get().sqrt()
-    }
+/// The shortest way through a solid, from some places of its surface against their normals to where
+/// it ends at a face that looks the other way, m.
+fn thinnest_wall_m(border: &Border<'_>, places: &[(DVec3, DVec3)]) -> Option<f64> {
+    let walls_m =
+        parallel::map(places.len(), 16, |idx| wall_m(border, places[idx].0, -places[idx].1));
+    walls_m.into_iter().flatten().min_by(f64::total_cmp)
+}
 
-    /// How far it is from a place of the surface, this way, to where the solid ends, m; `None`
-    /// where the face there is not opposite.
-    fn wall_m(&self, from: DVec3, way: DVec3) -> Option<f64> {
-        let end_m = Cell::new(f64::INFINITY);
-        let mut cosine = 0.0;
-        let inverse = way.recip();
-        let enters = |low: DVec3, high: DVec3| {
-            let one = (low - from) * inverse;
-            let other = (high - from) * inverse;
-            // Along an axis in which the ray stands still a product may be no number, which
-            // `min` and `max` of the other drop.
-            let begin_m = one.min(other).max_element().max(0.0);
-            begin_m <= one.max(other).min_element().min(end_m.get())
-        };
-        self.boxes.visit(enters, |triangle| {
-            let [a, b, c] = self.mesh.corners(triangle as usize);
-            let normal = (b - a).cross(c - a);
-            let along = normal.dot(way);
-            // The face that it starts on looks back.
-            if along <= 0.0 {
-                return;
-            }
-            let at_m = normal.dot(a - from) / along;
-            let place = from + at_m * way;
-            let is_within = [(a, b), (b, c), (c, a)]
-                .into_iter()
-                .all(|(from, to)| (to - from).cross(place - from).dot(normal) >= 0.0);
-            if is_within && at_m > 0.0 && at_m < end_m.get() {
-                end_m.set(at_m);
-                cosine = along / normal.length();
-            }
-        });
-        (cosine > OPPOSITE_COSINE).then_some(end_m.get())
-    }
+/// How far it is from a place of the surface, this way, to where the solid ends, m; `None`
+/// where the face there is not opposite.
+fn wall_m(border: &Border<'_>, from: DVec3, way: DVec3) -> Option<f64> {
+    let end_m = Cell::new(f64::INFINITY);
+    let mut cosine = 0.0;
+    let inverse = way.recip();
+    let enters = |low: DVec3, high: DVec3| {
+        let one = (low - from) * inverse;
+        let other = (high - from) * inverse;
+        // Along an axis in which the ray stands still a product may be no number, which
+        // `min` and `max` of the other drop.
+        let begin_m = one.min(other).max_element().max(0.0);
+        begin_m <= one.max(other).min_element().min(end_m.get())
+    };
+    border.boxes.visit(enters, |triangle| {
+        let [a, b, c] = border.mesh.corners(triangle as usize);
+        let normal = (b - a).cross(c - a);
+        let along = normal.dot(way);
+        // The face that it starts on looks back.
+        if along <= 0.0 {
+            return;
+        }
+        let at_m = normal.dot(a - from) / along;
+        let place = from + at_m * way;
+        let is_within = [(a, b), (b, c), (c, a)]
+            .into_iter()
+            .all(|(from, to)| (to - from).cross(place - from).dot(normal) >= 0.0);
+        if is_within && at_m > 0.0 && at_m < end_m.get() {
+            end_m.set(at_m);
+            cosine = along / normal.length();
+        }
+    });
+    (cosine > OPPOSITE_COSINE).then_some(end_m.get())
 }
 
 /// Places of the surface and its normals there, evenly spread by area.

@@ -126,6 +126,11 @@ impl Field {
         [-self.band_m, self.band_m].map(|value_m| value_m + self.skin_m)
     }
 
+    /// The depth from which on a look-up says no more, m; interpolation rounds.
+    pub fn deepest_m(&self) -> f32 {
+        (1.0 - 1e-6) * self.range_m()[1]
+    }
+
     /// How far outside the object distances are known, m.
     pub fn known_outside_m(&self) -> f32 {
         self.band_m - self.skin_m

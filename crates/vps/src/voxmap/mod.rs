@@ -52,6 +52,7 @@
 //! ```
 
 pub mod accuracy;
+pub mod border;
 mod bricks;
 mod build;
 mod columns;

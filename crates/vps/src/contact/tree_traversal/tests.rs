@@ -246,3 +246,39 @@ fn what_a_budget_leaves_out_is_stood_for_by_as_much_surface() {
         );
     }
 }
+
+#[test]
+fn a_way_is_what_was_gone_and_two_more_such_ticks() {
+    let motion = Motion { last: None, along_cells: 3.0, about_rad: 0.5, step: (2.0, 0.25) };
+    assert_eq!(motion.ways(), [(3.0, 0.5), (7.0, 1.0)]);
+}
+
+#[test]
+fn no_point_reaches_farther_than_its_node() {
+    let Fixture { shell, walk, .. } = Fixture::new();
+    let blocks = (0..walk.first_blocks.len()).flat_map(|level| shell.tree().spheres(level));
+    let mut n_nodes = 0;
+    for (spheres, reaches) in blocks.zip(walk.reaches_cells.iter()) {
+        for (lane, reach) in reaches.iter().enumerate() {
+            let [x, y, z] = [spheres.x, spheres.y, spheres.z].map(|of| f64::from(of[lane]));
+            let far_m = DVec3::new(x, y, z).length() + f64::from(spheres.radius[lane]);
+            assert!(f64::from(*reach) >= far_m.max(0.0) / VOXEL_M, "{reach} for {far_m} m");
+            n_nodes += 1;
+        }
+    }
+    assert!(n_nodes > 100, "{n_nodes}");
+}
+
+#[test]
+fn a_tool_that_turns_where_it_is_forgets_its_proofs_too() {
+    let mut fixture = Fixture::new();
+    let reach = f64::from(fixture.walk.reach_cells);
+    let most_rad = FORGET_CELLS / reach;
+    for turn in 0..(1.5 * most_rad) as usize {
+        let pose = above(0.05) * Pose::new(DQuat::from_rotation_z(turn as f64), DVec3::ZERO);
+        fixture.find(pose, Budget::Unlimited);
+        let turned_rad = fixture.walk.motion.about_rad;
+        assert!(turned_rad * reach <= FORGET_CELLS, "{turned_rad} rad of {most_rad}");
+    }
+    assert!(most_rad > 10.0);
+}
