@@ -637,11 +637,16 @@ mod tests {
                     margin_cells,
                 };
                 let above = level.run(above);
+                let rooms = [0.0, 0.5].map(|margin_cells| {
+                    let spheres = &spheres;
+                    level.run(Clearance { bounds: &bounds, place: &place, spheres, margin_cells })
+                });
                 for (lane, center) in centers.iter().enumerate().take(CHILDREN) {
                     let radius = spheres.radius[lane] / VOXEL_M as f32;
                     let on_it = random.in_box(-1.0, 1.0).normalize_or(DVec3::X).as_vec3();
                     let cells = *center + on_it * radius;
                     let value_m = field.value(FieldKind::Trilinear, cells, Vec3::ZERO);
+                    assert!((rooms[0][lane] - rooms[1][lane] - 0.5).abs() < 1e-4, "{rooms:?}");
                     let is_above = above >> lane & 1 == 1;
                     assert!(is_above || value_m <= floor_m, "{cells}: {value_m} of {radius}");
                     // Nothing is nearer than two bricks and a half.

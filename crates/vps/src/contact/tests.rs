@@ -290,7 +290,11 @@ fn a_sum_says_where_it_presses_and_how_wide() {
         // the plate is at 30 mm.
         for (x_m, arm_x_m, width_m) in [(0.0, 0.0, TOOL_EDGE_M), (0.03, -0.5 * half_m, half_m)] {
             let body = Pose::from_translation(DVec3::new(x_m, 0.0, half_m - 1.5e-3));
-            let sum = of(&shell, &plates, mode, body, ForceLaw::PLAIN);
+            let law = ForceLaw { stiffness_n_per_m: 700.0, ..ForceLaw::PLAIN };
+            let sum = of(&shell, &plates, mode, body, law);
+            let pressed_n: DVec3 =
+                sum.patches().map(|patch| patch.normal_world * patch.force_n).sum();
+            assert!((pressed_n - sum.wrench.force).length() < 1e-9 * pressed_n.length());
             let arm = sum.arm_world;
             let off = (arm - DVec3::new(arm_x_m, 0.0, -half_m)).length();
             assert!(off < 0.04 * TOOL_EDGE_M, "{arm} for {arm_x_m}");

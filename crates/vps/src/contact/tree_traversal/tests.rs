@@ -29,10 +29,15 @@ impl Fixture {
         // A fine shell: three levels below the root.
         let (mesh, map) = block(DVec3::new(0.02, 0.014, 0.01), 4e-4);
         let shell = pointshell::build(&mesh, &map, DVec3::ZERO).0;
+        let fixture = Self::of(field, jump_cells, shell);
+        assert!(fixture.n_levels() >= 4, "{}", fixture.n_levels());
+        fixture
+    }
+
+    fn of(field: Field, jump_cells: f32, shell: Shell) -> Self {
         let bounds = BrickBounds::of(&field).expect("bounds");
         assert!(bounds.jump_cells() < 1e-3, "{}", bounds.jump_cells());
         let walk = TreeTraversal::over(bounds.with_jump(jump_cells), &shell).expect("a tree");
-        assert!(walk.first_blocks.len() >= 4, "{}", walk.first_blocks.len());
         let lists = Lists::new(&shell);
         let touched = Vec::with_capacity(shell.positions().len());
         Self { field, shell, walk, lists, touched }
@@ -248,6 +253,33 @@ fn what_a_budget_leaves_out_is_stood_for_by_as_much_surface() {
 }
 
 #[test]
+fn a_block_that_is_not_full_is_stood_for_by_one_of_its_points() {
+    let (mesh, mut map) = block(DVec3::splat(0.06), VOXEL_M);
+    let field = map.field(&mesh, false);
+    let of_size = |k: u32| {
+        let (mesh, map) = block(DVec3::new(0.02, 0.014, 0.01), 8e-4 + 1e-5 * f64::from(k));
+        pointshell::build(&mesh, &map, DVec3::ZERO).0
+    };
+    let shell = (0..100).map(of_size).find(|shell| (1..4).contains(&(shell.len() % LANES)));
+    let shell = shell.expect("a shell whose last block has few points");
+    let whole: f32 = shell.weights().iter().flat_map(|Lanes(weights)| weights).sum();
+    let mut fixture = Fixture::of(field, 0.0, shell);
+    let n_points = fixture.shell.len() as u32 / 4;
+    let mut n_left_out = 0;
+    // Which of the points of a block are looked at changes from tick to tick.
+    for _ in 0..40 {
+        n_left_out += fixture.find(Pose::IDENTITY, Budget::Points(n_points)).left_out;
+        let felt = fixture.touched.iter().map(|touched| {
+            let of = fixture.shell.weights()[touched.block as usize];
+            touched.weight * touched.lanes().map(|lane| of.0[lane]).sum::<f32>()
+        });
+        let felt: f32 = felt.sum();
+        assert!((felt - whole).abs() < 1e-3 * whole, "{felt} of {whole}");
+    }
+    assert!(n_left_out > 0);
+}
+
+#[test]
 fn a_way_is_what_was_gone_and_two_more_such_ticks() {
     let motion = Motion { last: None, along_cells: 3.0, about_rad: 0.5, step: (2.0, 0.25) };
     assert_eq!(motion.ways(), [(3.0, 0.5), (7.0, 1.0)]);
@@ -281,4 +313,12 @@ fn a_tool_that_turns_where_it_is_forgets_its_proofs_too() {
         assert!(turned_rad * reach <= FORGET_CELLS, "{turned_rad} rad of {most_rad}");
     }
     assert!(most_rad > 10.0);
+}
+
+#[test]
+fn what_was_proven_is_not_looked_at_again_where_nothing_moves() {
+    let mut fixture = Fixture::new();
+    let first = fixture.find(above(6e-3), Budget::Unlimited);
+    let second = fixture.find(above(6e-3), Budget::Unlimited);
+    assert!(4 * second.looked_at < 3 * first.looked_at, "{second:?} after {first:?}");
 }
