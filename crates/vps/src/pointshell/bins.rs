@@ -1,6 +1,7 @@
 //! Which triangles may touch a brick? A counting sort of triangles by the surface bricks that they
 //! pass through.
 
+use core::ops::Range;
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use glam::DVec3;
@@ -72,15 +73,30 @@ fn for_each_brick(corners: &[DVec3; 3], brick_dims: [u32; 3], mut visit: impl Fn
         let (low, high) = cell_range(corners, axis);
         (low.max(0) / edge) as u32..(high / edge + 1).clamp(0, brick_dims[axis] as i32) as u32
     });
-    let is_large = [&x, &y, &z].iter().any(|range| range.len() > 2);
-    let separators = is_large.then(|| Separators::new(corners));
+    if [&x, &y, &z].iter().any(|range| range.len() > 2) {
+        return for_each_brick_of_large(corners, [x, y, z], visit);
+    }
     for x in x {
         for y in y.clone() {
-            let z = separators
-                .as_ref()
-                .map_or(z.clone(), |separators| separators.column(x, y, z.clone()));
-            for z in z {
-                if separators.as_ref().is_none_or(|separators| !separators.separates([x, y, z])) {
+            z.clone().for_each(|z| visit([x, y, z]));
+        }
+    }
+}
+
+/// By itself: where it stood in the loops above, the compiler multiplied slabs that were not there
+/// by what memory held, which takes hundreds of cycles where it is no normal number (bunny, 200
+/// voxels: 86 ms of a bake).
+#[inline(never)]
+fn for_each_brick_of_large(
+    corners: &[DVec3; 3],
+    [x, y, z]: [Range<u32>; 3],
+    mut visit: impl FnMut([u32; 3]),
+) {
+    let separators = Separators::new(corners);
+    for x in x {
+        for y in y.clone() {
+            for z in separators.column(x, y, z.clone()) {
+                if !separators.separates([x, y, z]) {
                     visit([x, y, z]);
                 }
             }

@@ -324,16 +324,40 @@ fn unseen_m(mesh: &TriangleMesh, shell: &Shell, center_m: DVec3) -> Option<f64> 
     if points.is_empty() {
         return None;
     }
-    let unseen_m = parallel::map(DIRECTIONS, 4, |idx| {
+    let ways: [DVec3; DIRECTIONS] = core::array::from_fn(|idx| {
         let up = 1.0 - 2.0 * (idx as f64 + 0.5) / DIRECTIONS as f64;
         let (sin, cos) = (core::f64::consts::TAU * GOLDEN * idx as f64).sin_cos();
         let level = (1.0 - up * up).sqrt();
-        let way = DVec3::new(level * cos, level * sin, up);
-        let reach_m =
-            |of: &[DVec3]| of.iter().map(|place| way.dot(*place)).fold(f64::NEG_INFINITY, f64::max);
-        reach_m(&mesh.vertices) - reach_m(&points)
+        DVec3::new(level * cos, level * sin, up)
     });
-    unseen_m.into_iter().max_by(f64::total_cmp).map(|unseen_m| unseen_m.max(0.0))
+    let of_mesh_m = reaches_m(&mesh.vertices, &ways);
+    let of_points_m = reaches_m(&points, &ways);
+    let unseen_m = of_mesh_m.iter().zip(&of_points_m).map(|(of_mesh, of_point)| of_mesh - of_point);
+    unseen_m.max_by(f64::total_cmp).map(|unseen_m| unseen_m.max(0.0))
+}
+
+/// How far places reach in each direction, m.
+fn reaches_m(places: &[DVec3], ways: &[DVec3; DIRECTIONS]) -> [f64; DIRECTIONS] {
+    const NONE: [f64; DIRECTIONS] = [f64::NEG_INFINITY; DIRECTIONS];
+    let [x, y, z] = [0, 1, 2].map(|axis| ways.map(|way| way[axis]));
+    let farther = |mut reaches: [f64; DIRECTIONS], others: &[f64; DIRECTIONS]| {
+        for (reach, other) in reaches.iter_mut().zip(others) {
+            *reach = if *other > *reach { *other } else { *reach };
+        }
+        reaches
+    };
+    // Directions in the inner loop: it has no chain of maxima, and takes less than half the time.
+    let of_chunks = parallel::map_chunks(places, 4096, |places| {
+        let mut reaches = NONE;
+        for place in places {
+            for (((reach, x), y), z) in reaches.iter_mut().zip(&x).zip(&y).zip(&z) {
+                let along = x * place.x + y * place.y + z * place.z;
+                *reach = if along > *reach { along } else { *reach };
+            }
+        }
+        reaches
+    });
+    of_chunks.iter().fold(NONE, farther)
 }
 
 /// The smallest angle of material at an edge that stands out, degrees.
