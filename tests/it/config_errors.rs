@@ -681,8 +681,10 @@ fn check_prints_results_on_stdout_and_problems_on_stderr() {
     let dir = tempfile::tempdir().unwrap();
     write_into(dir.path(), SCENE);
     fs::write(dir.path().join("wrong.toml"), with("layers = 8", "layers = 0")).unwrap();
+    // The base is a skin, and a ball has no edge.
     let ok = "ok scene.toml: \"scene\", 2 static + tool, sim-sigma7 at 1000 Hz, implicit, 4000 N/m \
-        (declared bound 4000), 1 N·m/rad (declared bound 1)\n";
+        (declared bound 4000), 1 N·m/rad (declared bound 1)\n  floor: thinnest wall 38 mm, \
+        sharpest edge 90°\n  tool: thinnest wall 10 mm\n";
 
     let output = hapticd(dir.path(), &["check", "scene.toml"]);
     assert_eq!(output.status.code(), Some(0));
