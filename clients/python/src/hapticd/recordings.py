@@ -139,6 +139,8 @@ class ContactWrenches:
     """How far the tool is from contact, m, as far as the distance field reaches."""
     points_left_out: Ints
     """Points that the time budget left out."""
+    depth_is_bound: Bools
+    """Where it may be deeper: the layers of an object end there; false in recordings of 0.1.0."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -334,6 +336,7 @@ def _recording(path: Path, read: Records) -> Recording:
             clearance_m=contact.float(7),
             contacts=contact.ints(8),
             points_left_out=contact.ints(9),
+            depth_is_bound=contact.bools(10),
         ),
         command=CommandWrenches(
             force_n=command.floats(0, 3),

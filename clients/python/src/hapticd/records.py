@@ -78,7 +78,7 @@ def _of_object(m: Any) -> Row:
 
 
 def _of_contact(m: Any) -> Row:
-    return (*_vector(m.force), *_vector(m.torque), m.max_depth_m, m.clearance_m, m.contacts, m.points_left_out)
+    return (*_vector(m.force), *_vector(m.torque), m.max_depth_m, m.clearance_m, m.contacts, m.points_left_out, getattr(m, "depth_is_bound", False))
 
 
 def _of_command(m: Any) -> Row:
@@ -103,7 +103,7 @@ ROWS: dict[str, tuple[Callable[[Any], Row], int, int]] = {
     DEVICE: (_of_device, 16, 2),
     TOOL: (_of_tool, 7, 0),
     OBJECTS: (_of_object, 8, 0),
-    CONTACT: (_of_contact, 10, 0),
+    CONTACT: (_of_contact, 11, 0),
     COMMAND: (_of_command, 15, 2),
     RENDERED: (_of_rendered, 6, 0),
     FAULTS: (_of_fault, 0, 1),

@@ -119,6 +119,8 @@ class State:
     """Points in contact."""
     max_depth_m: float
     """Depth of the deepest point, m; 0 without contact."""
+    depth_is_bound: bool
+    """It may be deeper: the layers of an object end there."""
     clearance_m: float
     """How far the tool is from contact, m, as far as the distance field reaches."""
     energy_j: float
@@ -176,6 +178,8 @@ class State:
             contact_cf=_wrench(said["contact_cf"]),
             contacts=said["contacts"],
             max_depth_m=number(said["max_depth_m"]),
+            # Servers of 0.1.0 do not say it.
+            depth_is_bound=said.get("depth_is_bound", False),
             clearance_m=number(said["clearance_m"]),
             energy_j=number(said["energy_j"]),
             grip_rad=number(said["grip_rad"]),
@@ -225,7 +229,7 @@ STATE_DTYPE: np.dtype[np.void] = np.dtype(
 """Layout of a binary state, version 1: units and frames as in `State`. `rows["servo_cf"]["f"]` is an array of forces, one row per state."""
 
 STATES = ("DISABLED", "ENABLED", "PAUSED", "FAULT")
-"""Bits 0 and 1 of `flags`."""
+"""Bits 0 and 1 of `flags`; bit 3 is `is_busy`, bit 4 `depth_is_bound`."""
 
 OFF_CAUSES = (
     "none", "button", "velocity", "watchdog", "software", "disconnected", "deadman", "stale", "non-finite", "power", "thermal", "not-homed",
