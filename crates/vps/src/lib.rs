@@ -70,6 +70,7 @@
 //! module names its sections.
 pub mod contact;
 pub mod density;
+mod halving;
 mod library;
 pub mod mesh;
 pub mod parallel;

@@ -8,6 +8,7 @@ use core::ops::Range;
 
 use glam::DVec3;
 
+use crate::halving::{Site, halve};
 use crate::parallel;
 
 /// Boxes of a leaf, at most.
@@ -41,37 +42,39 @@ struct Item {
 impl Boxes {
     /// Boxes `0..n`, from their lowest to their highest corners.
     pub(crate) fn new(n: usize, box_of: impl Fn(usize) -> (DVec3, DVec3) + Sync) -> Self {
-        let mut items: Vec<Item> = parallel::map(n, 64, |number| {
-            let (low, high) = box_of(number);
-            Item { low, high, number: number as u32 }
+        let boxes: Vec<(DVec3, DVec3)> = parallel::map(n, 64, box_of);
+        let around = |boxes: &mut dyn Iterator<Item = (DVec3, DVec3)>| {
+            boxes.fold(EMPTY, |(low, high), one| (one.0.min(low), one.1.max(high)))
+        };
+        let (low, high) = around(&mut boxes.iter().copied());
+        let mut sites = parallel::map(n, 64, |number| {
+            let (one, other) = boxes[number];
+            // About the middle: single precision is enough to sort by.
+            Site::new(((one - low) - (high - other)).as_vec3(), number as u32)
         });
         let mut depth = 0;
-        let mut ranges: Vec<Range<usize>> = std::iter::once(0..n).collect();
         while n > LEAF << depth {
-            let mut rest = &mut items[..];
-            let mut parts = Vec::with_capacity(ranges.len());
-            for range in &ranges {
-                let (part, later) = std::mem::take(&mut rest).split_at_mut(range.len());
-                parts.push(part);
-                rest = later;
-            }
-            parallel::map_mut(&mut parts, 1, |_, part| halve(part));
-            ranges = ranges
-                .into_iter()
-                .flat_map(|range| {
-                    let middle = range.start + range.len() / 2;
-                    [range.start..middle, middle..range.end]
-                })
-                .collect();
             depth += 1;
+        }
+        halve(&mut sites, &|n, level| (level < depth).then_some(n / 2));
+        let items: Vec<Item> = parallel::map(n, 64, |place| {
+            let number = sites[place].idx;
+            let (low, high) = boxes[number as usize];
+            Item { low, high, number }
+        });
+        let mut ranges: Vec<Range<usize>> = std::iter::once(0..n).collect();
+        for _ in 0..depth {
+            let halves = ranges.into_iter().flat_map(|range| {
+                let middle = range.start + range.len() / 2;
+                [range.start..middle, middle..range.end]
+            });
+            ranges = halves.collect();
         }
         let n_inner = (1 << depth) - 1;
         let mut nodes = vec![Node::default(); n_inner];
         nodes.extend(parallel::map(ranges.len(), 16, |leaf| {
             let range = ranges[leaf].clone();
-            let around = items[range.clone()].iter();
-            let (low, high) =
-                around.fold(EMPTY, |(low, high), item| (item.low.min(low), item.high.max(high)));
+            let (low, high) = around(&mut items[range.clone()].iter().map(|at| (at.low, at.high)));
             Node { low, high, first: range.start as u32, end: range.end as u32 }
         }));
         for node in (0..n_inner).rev() {
@@ -124,23 +127,6 @@ impl Boxes {
 }
 
 const EMPTY: (DVec3, DVec3) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-
-/// Sorts the lower half of the boxes, along the axis on which they spread most, before the upper.
-fn halve(items: &mut [Item]) {
-    let (low, high) = items.iter().fold(EMPTY, |(low, high), item| {
-        let center = item.low + item.high;
-        (center.min(low), center.max(high))
-    });
-    let axis = (high - low).max_position();
-    let middle = items.len() / 2;
-    if middle < items.len() {
-        items.select_nth_unstable_by(middle, |one, other| {
-            let a = one.low[axis] + one.high[axis];
-            let b = other.low[axis] + other.high[axis];
-            a.total_cmp(&b).then(one.number.cmp(&other.number))
-        });
-    }
-}
 
 #[cfg(test)]
 mod tests {

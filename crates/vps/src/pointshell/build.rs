@@ -6,12 +6,13 @@ use std::time::{Duration, Instant};
 use glam::{DVec3, Vec3};
 
 use super::bins::Bins;
-use super::cluster::{Site, arrange};
+use super::cluster::arrange;
 use super::facets::{self, EDGE_DEPTH_VOXELS, FacetPoint};
 use super::levels::{LevelReport, levels};
 use super::normals::{BrickSums, normal};
 use super::project::Scratch;
 use super::shell::Shell;
+use crate::halving::Site;
 use crate::mesh::TriangleMesh;
 use crate::parallel;
 use crate::voxmap::Volume;

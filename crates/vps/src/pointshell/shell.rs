@@ -5,9 +5,9 @@ mod file;
 use glam::{DVec3, Vec3};
 
 use super::build::Placed;
-use super::cluster::Site;
 pub use super::lanes::{LANES, Lanes, Lanes3};
 use super::tree::Tree;
+use crate::halving::Site;
 use crate::parallel;
 use crate::storage::SharedSlice;
 

@@ -30,6 +30,7 @@ use core::f64::consts::PI;
 
 use glam::{DVec3, Vec3};
 
+use crate::halving::{Site, halve};
 use crate::mesh::TriangleMesh;
 use crate::parallel;
 use crate::simd::{F32s, F32x8, I32s as _, Kernel, SimdLevel, WIDE};
@@ -77,13 +78,6 @@ enum Below {
     Leaf { first: u32, n: u32 },
 }
 
-/// A triangle as it is sorted.
-#[derive(Clone, Copy)]
-struct Item {
-    middle: Vec3,
-    triangle_idx: u32,
-}
-
 impl WindingTree {
     /// Builds the tree. Runs on the current rayon pool, with the same result whatever its size.
     /// Cost: O(n log n) for n triangles.
@@ -98,13 +92,13 @@ impl WindingTree {
         let mut items = parallel::map(mesh.triangles.len(), 1, |triangle_idx| {
             let triangle_idx = triangle_idx as u32;
             let [a, b, c] = local(triangle_idx);
-            Item { middle: ((a + b + c) / 3.0).as_vec3(), triangle_idx }
+            Site::new(((a + b + c) / 3.0).as_vec3(), triangle_idx)
         });
         let mut levels = 1;
         while LEAF_TRIANGLES << (2 * levels) < items.len() {
             levels += 1;
         }
-        sort(&mut items, 2 * levels);
+        halve(&mut items, &|n, level| (level < 2 * levels).then(|| n_lower(n)));
         let n_forks = ((1 << (2 * levels)) - 1) / 3;
         let mut forks = vec![[const { Node::EMPTY }; WIDTH]; n_forks];
         let mut triangles = vec![Triangle::EMPTY; items.len()];
@@ -241,39 +235,13 @@ fn n_lower(n: usize) -> usize {
     n.div_ceil(2).next_multiple_of(WIDTH).min(n)
 }
 
-/// Halves the triangles at the median of their longest axis, again and again.
-fn sort(items: &mut [Item], halvings: u32) {
-    let n_lower = n_lower(items.len());
-    if halvings == 0 || n_lower == items.len() {
-        return;
-    }
-    let (low, high) =
-        items.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), item| {
-            (low.min(item.middle), high.max(item.middle))
-        });
-    let axis = (high - low).max_position();
-    // A total order, so that which triangles are below does not depend on chance.
-    items.select_nth_unstable_by(n_lower, |one, other| {
-        one.middle[axis]
-            .total_cmp(&other.middle[axis])
-            .then(one.triangle_idx.cmp(&other.triangle_idx))
-    });
-    let (lower, upper) = items.split_at_mut(n_lower);
-    if lower.len() > SERIAL_TRIANGLES {
-        parallel::join(&mut || sort(lower, halvings - 1), &mut || sort(upper, halvings - 1));
-    } else {
-        sort(lower, halvings - 1);
-        sort(upper, halvings - 1);
-    }
-}
-
 /// A part of the tree that is to be filled, and its triangles.
 struct Subtree<'a> {
     forks: &'a mut [[Node; WIDTH]],
     first_fork: u32,
     triangles: &'a mut [Triangle],
     first: u32,
-    items: &'a [Item],
+    items: &'a [Site],
 }
 
 impl<'a> Subtree<'a> {
@@ -281,11 +249,10 @@ impl<'a> Subtree<'a> {
         let Self { forks, first_fork, triangles, first, items } = self;
         let Some((fork, forks)) = forks.split_first_mut() else {
             // A leaf, whose triangles wait for its centre.
-            let summary =
-                SubtreeSummary::of_triangles(items.iter().map(|item| local(item.triangle_idx)));
+            let summary = SubtreeSummary::of_triangles(items.iter().map(|item| local(item.idx)));
             let center = summary.center.as_vec3().as_dvec3();
             for (triangle, item) in triangles.iter_mut().zip(items) {
-                *triangle = Triangle::new(local(item.triangle_idx).map(|corner| corner - center));
+                *triangle = Triangle::new(local(item.idx).map(|corner| corner - center));
             }
             return summary;
         };
