@@ -18,7 +18,7 @@ pub use crate::part_report::{
     CacheUse, HoleCapsReport, LeakReport, ObjectReport, PartRole, SolidFigures, Timings,
 };
 
-use crate::mesh::mass::{MassProperties, mass_properties_of_inspected};
+use crate::mesh::mass::MassProperties;
 use crate::mesh::primitives::Shape;
 use crate::mesh::validate::{MeshReport, inspect};
 use crate::mesh::{self, FileMesh, MeshError, Rounding, TriangleMesh};
@@ -112,7 +112,7 @@ struct Meaning {
 impl Meaning {
     fn of(mesh: &TriangleMesh, inspected: &MeshReport) -> Self {
         let solid = Solid::of(mesh, &SolidOptions::default());
-        let mass = solid.mass().unwrap_or_else(|| mass_properties_of_inspected(mesh, inspected));
+        let mass = solid.mass(mesh, inspected);
         Self { solid: solid.report, mass, shape: Accuracy::of_border(&solid.border) }
     }
 }

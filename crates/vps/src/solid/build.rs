@@ -13,8 +13,10 @@ use super::report::{Cavity, SolidReport};
 use super::self_meets::pass_through_themselves;
 use crate::mesh::TriangleMesh;
 use crate::mesh::boxes::Boxes;
-use crate::mesh::mass::{MassProperties, mass_properties, of_all, of_closed};
-use crate::mesh::validate::WELD_SHARE;
+use crate::mesh::mass::{
+    MassProperties, mass_properties, mass_properties_of_inspected, of_all, of_closed,
+};
+use crate::mesh::validate::{MeshReport, WELD_SHARE};
 use crate::parallel;
 
 /// Settings.
@@ -54,15 +56,18 @@ impl Solid {
     }
 
     /// Volume, centre and inertia of the solid, and of open pieces beside it whose holes can only
-    /// hide little; `None` without a solid. Frame and units of [`MassProperties`].
-    pub fn mass(&self) -> Option<MassProperties> {
+    /// hide little; of the file, with what its inspection found, where nothing is a solid. Frame
+    /// and units of [`MassProperties`].
+    pub fn mass(&self, file: &TriangleMesh, inspected: &MeshReport) -> MassProperties {
+        if self.border.triangles.is_empty() {
+            return mass_properties_of_inspected(file, inspected);
+        }
         let open = self.open_parts(0.0);
         let open = open.iter().map(mass_properties).filter(|mass| !mass.from_surface);
-        let is_solid = !self.border.triangles.is_empty();
-        is_solid.then(|| of_all(std::iter::once(self.report.mass).chain(open)))
+        of_all(std::iter::once(self.report.mass).chain(open))
     }
 
-    /// The same, with how much is cut at most.
+    /// [`Self::of`], with how much is cut at most.
     pub(super) fn within(file: &TriangleMesh, options: &SolidOptions, limits: Limits) -> Self {
         let (low, high) = file.bounds().unwrap_or_default();
         let tolerance_m = options

@@ -365,20 +365,19 @@ fn sharpest_edge_deg(mesh: &TriangleMesh) -> Option<f64> {
     let same = weld_within(&mesh.vertices, 0.0);
     let triangles: Vec<[u32; 3]> =
         mesh.triangles.iter().map(|corners| corners.map(|corner| same[corner as usize])).collect();
-    let normal = |triangle: u32| {
-        let [a, b, c] = mesh.corners(triangle as usize);
+    let normals: Vec<DVec3> = parallel::map(triangles.len(), 1024, |triangle| {
+        let [a, b, c] = mesh.corners(triangle);
         (b - a).cross(c - a).normalize_or_zero()
-    };
-    let angles = edge_uses(&triangles, mesh.vertices.len()).pairs.into_iter().filter_map(|pair| {
-        let [one, other] = pair.triangles;
-        let [n, m] = [normal(one), normal(other)];
-        let on_edge = mesh.vertices[pair.edge[0] as usize];
-        let middle = mesh.corners(other as usize).iter().sum::<DVec3>() / 3.0;
-        let stands_out = n.dot(middle - on_edge) < 0.0;
-        let is_edge = !pair.same_direction && n != DVec3::ZERO && m != DVec3::ZERO;
-        (is_edge && stands_out).then(|| 180.0 - n.angle_between(m).to_degrees())
     });
-    angles.min_by(f64::total_cmp)
+    let sharp = edge_uses(&triangles, mesh.vertices.len()).pairs.into_iter().filter_map(|pair| {
+        let [n, m] = pair.triangles.map(|triangle| normals[triangle as usize]);
+        let on_edge = mesh.vertices[pair.edge[0] as usize];
+        let [a, b, c] = mesh.corners(pair.triangles[1] as usize);
+        let stands_out = n.dot(a + b + c - 3.0 * on_edge) < 0.0;
+        let is_edge = !pair.same_direction && n != DVec3::ZERO && m != DVec3::ZERO;
+        (is_edge && stands_out).then(|| n.dot(m))
+    });
+    sharp.min_by(f64::total_cmp).map(|cosine| 180.0 - cosine.clamp(-1.0, 1.0).acos().to_degrees())
 }
 
 #[cfg(test)]

@@ -145,7 +145,8 @@ pub struct Volume {
     own: Option<TriangleMesh>,
     /// What the triangles of the file were taken for; `None` where they were taken as they are.
     pub solid: Option<SolidReport>,
-    /// Volume, centre and inertia of the solid; `None` without one, or where it was not asked.
+    /// Volume, centre and inertia ([`Solid::mass`]); `None` where it was not asked what the
+    /// triangles mean.
     pub mass: Option<MassProperties>,
     /// Maps of pieces that are not closed, beside the solid.
     pub beside: Vec<Beside>,
@@ -210,7 +211,7 @@ impl Volume {
         let crack_m = CRACK_SHARE * options.voxel_size_m;
         let solid = Solid::of(mesh, &SolidOptions { crack_m, ..SolidOptions::default() });
         let Solid { border, report: of_solid, .. } = &solid;
-        let mass = solid.mass();
+        let mass = Some(solid.mass(mesh, report));
         let init_s = since.elapsed().as_secs_f64();
         let parts = || solid.open_parts(options.voxel_size_m);
         let mut map = if border.triangles.is_empty() {
