@@ -7,6 +7,7 @@ use crate::config::SceneConfig;
 use crate::config::scene::{MeshSource, StaticConfig, ToolConfig};
 use haptics::clay::{Clay, PUT_DOWN_SPACINGS};
 use haptics::{RenderScene, SceneBuilder, ToolOptions};
+use recording::at_least;
 use vps::contact::ContactSum;
 use vps::part::{ObjectReport, Part, PartError, PartRole};
 use vps::pointshell::Points;
@@ -219,7 +220,7 @@ fn inside_at_start(scene: &RenderScene) -> Option<String> {
     (sum.contacts > 0 && sum.max_value_m > 0.1 * sum.voxel_size_m).then(|| {
         format!(
             "it starts inside a part, {}{:.3} mm deep with {} points: move `tool.start_position_mm`",
-            if sum.depth_is_bound { "at least " } else { "" },
+            at_least(sum.depth_is_bound),
             sum.max_value_m * 1e3,
             sum.contacts
         )

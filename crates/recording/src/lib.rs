@@ -47,5 +47,5 @@ mod summary;
 pub use engine::record::{FlightRecorder, RecordSubscribers, Subscriber, TickRecord, Watch, drain};
 pub use summary::{
     Histograms, LatencySummary, LoopCounts, RealtimeSummary, Rendered, SharedSummary, Summary,
-    SwapSummary, Totals, summary_subscriber,
+    SwapSummary, Totals, at_least, summary_subscriber,
 };

@@ -17,9 +17,13 @@ const LATENCY_DIGITS: u8 = 3;
 impl Totals {
     /// The deepest contact, in words.
     pub fn deepest(&self) -> String {
-        let at_least = if self.depth_is_bound { "at least " } else { "" };
-        format!("deepest {at_least}{:.4} mm", self.max_depth_m * 1e3)
+        format!("deepest {}{:.4} mm", at_least(self.depth_is_bound), self.max_depth_m * 1e3)
     }
+}
+
+/// Before a depth: where the distances of a part end it is known as a bound only.
+pub fn at_least(depth_is_bound: bool) -> &'static str {
+    if depth_is_bound { "at least " } else { "" }
 }
 
 /// Statistics of a run while it goes on.

@@ -13,7 +13,7 @@ use super::trace::{
     CLEARANCE, COMMAND_FORCE, COMMAND_TORQUE, COMPUTE, CONTACT_FORCE, CONTACT_TORQUE, DEPTH, WAKEUP,
 };
 use super::{FaultSpan, LabReport, SceneFacts};
-use crate::LatencySummary;
+use crate::{LatencySummary, at_least};
 use haptics::Faults;
 use rt::utc::timestamp;
 
@@ -157,11 +157,6 @@ fn scene_figure(png: &[u8], when: &str, caption: &str, body: &mut String) {
             src=\"data:image/png;base64,{data}\"><figcaption>The tool {when}, \
             {caption}</figcaption></figure>"
     );
-}
-
-/// Before a depth where a field ends.
-fn at_least(depth_is_bound: bool) -> &'static str {
-    if depth_is_bound { "at least " } else { "" }
 }
 
 /// What happened, in sentences and in one table.
