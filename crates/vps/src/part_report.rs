@@ -84,7 +84,7 @@ pub struct SolidFigures {
     pub inside_area_m2: f64,
     /// Closed pieces that faced inward and were turned.
     pub turned_pieces: usize,
-    /// Volume of the solid, m³; 0 without one.
+    /// Volume of the solid, with lids on holes where it has them, m³; 0 where nothing has an inside.
     pub volume_m3: f64,
 }
 
@@ -104,7 +104,7 @@ impl SolidFigures {
             },
             inside_area_m2: solid.inside_area_m2,
             turned_pieces: solid.turned_pieces,
-            volume_m3: solid.mass.volume_m3,
+            volume_m3: map.mass.map_or(0.0, |mass| mass.volume_m3),
         }
     }
 }

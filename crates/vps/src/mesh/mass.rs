@@ -68,10 +68,8 @@ pub fn mass_properties_of_inspected(mesh: &TriangleMesh, report: &MeshReport) ->
         && missing <= HOLE_SHARE * volume
         && volume > FLAT_SHARE * report.area_m2.powf(1.5);
 
-    let solid = usable.then(|| of_closed(mesh, middle));
-    // Patches that face inward without a shared edge can leave a volume whose second moments make
-    // no body.
-    solid.filter(is_a_body).unwrap_or_else(|| {
+    let solid = if usable { of_body(mesh, middle) } else { None };
+    solid.unwrap_or_else(|| {
         let moments = Moments::of(mesh, middle, |[a, b, c]| TriangleContribution {
             amount: 0.5 * (b - a).cross(c - a).length(),
             center: (a + b + c) / 3.0,
@@ -95,6 +93,12 @@ pub(crate) fn of_closed(mesh: &TriangleMesh, middle: DVec3) -> MassProperties {
         from_surface: false,
         ..moments.finish(middle)
     }
+}
+
+/// The same of triangles that nearly do; `None` where no body has these moments: patches that face
+/// inward without a shared edge can leave such ones.
+pub(crate) fn of_body(mesh: &TriangleMesh, middle: DVec3) -> Option<MassProperties> {
+    Some(of_closed(mesh, middle)).filter(is_a_body)
 }
 
 /// Mass properties of bodies together, which do not overlap; each bounds a volume.

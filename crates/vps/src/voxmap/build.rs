@@ -19,7 +19,7 @@ use super::orient::Orientation;
 use super::surface::{Navigation, Surface};
 use super::union::{Member, union};
 use crate::mesh::TriangleMesh;
-use crate::mesh::mass::MassProperties;
+use crate::mesh::mass::{MassProperties, of_body};
 use crate::mesh::validate::{MeshReport, inspect};
 use crate::solid::{Solid, SolidOptions, SolidReport};
 
@@ -145,8 +145,8 @@ pub struct Volume {
     own: Option<TriangleMesh>,
     /// What the triangles of the file were taken for; `None` where they were taken as they are.
     pub solid: Option<SolidReport>,
-    /// Volume, centre and inertia ([`Solid::mass`]); `None` where it was not asked what the
-    /// triangles mean.
+    /// Volume, centre and inertia: of what lids close, or else [`Solid::mass`]. `None` where it was
+    /// not asked what the triangles mean.
     pub mass: Option<MassProperties>,
     /// Maps of pieces that are not closed, beside the solid.
     pub beside: Vec<Beside>,
@@ -211,7 +211,7 @@ impl Volume {
         let crack_m = CRACK_SHARE * options.voxel_size_m;
         let solid = Solid::of(mesh, &SolidOptions { crack_m, ..SolidOptions::default() });
         let Solid { border, report: of_solid, .. } = &solid;
-        let mass = Some(solid.mass(mesh, report));
+        let mass = solid.mass(mesh, report);
         let init_s = since.elapsed().as_secs_f64();
         let parts = || solid.open_parts(options.voxel_size_m);
         let mut map = if border.triangles.is_empty() {
@@ -245,8 +245,20 @@ impl Volume {
         };
         map.timings.init_s = init_s;
         map.solid = Some(solid.report);
-        map.mass = mass;
+        map.mass = Some(map.mass_with_lids().unwrap_or(mass));
         Ok(map)
+    }
+
+    /// Volume, centre and inertia of what lids close; `None` without lids.
+    fn mass_with_lids(&self) -> Option<MassProperties> {
+        let mut outward = self.capped.as_ref()?.mesh.clone();
+        for (triangle, corners) in (0..).zip(&mut outward.triangles) {
+            if self.orientation.sign(triangle) < 0.0 {
+                corners.swap(1, 2);
+            }
+        }
+        let (low, high) = outward.bounds()?;
+        of_body(&outward, 0.5 * (low + high))
     }
 
     /// Maps of parts that are not closed, each by itself.

@@ -3,7 +3,7 @@
 
 use glam::{DQuat, DVec3};
 use vps::mesh::primitives::Shape;
-use vps::mesh::{TriangleMesh, validate};
+use vps::mesh::{TriangleMesh, mass, validate};
 use vps::pointshell;
 use vps::voxmap::fill::Side;
 use vps::voxmap::grid::cell_of;
@@ -388,6 +388,32 @@ fn a_scan_that_is_open_at_the_bottom_is_a_solid() {
             map.basis, map.clear_share, map.leak
         );
         assert!(!name.contains("bunny") || map.basis != InsideBasis::Thin, "{name}");
+    }
+}
+
+/// What lids close has the mass of the whole, whichever way its triangles face, and however large
+/// the hole is.
+#[test]
+fn a_ball_with_a_hole_has_the_mass_of_a_ball() {
+    let radius = 12.0;
+    let whole = mass::mass_properties(&turned(sphere(radius)));
+    for hole in [3.0, 8.0, 12.0] {
+        // The lid is flat: what is above it is missing.
+        let height = hole * hole / (2.0 * radius);
+        let cut_m3 = core::f64::consts::PI * height * height * (radius - height / 3.0) * S.powi(3);
+        for mesh in [holed_sphere(radius, hole), inverted(holed_sphere(radius, hole))] {
+            let map = build_as(&mesh, InsideTest::Winding);
+            assert!(map.capped.is_some(), "{hole}");
+            let found = map.mass.expect("a mass");
+            assert!(!found.from_surface, "{hole}");
+            let right_m3 = whole.volume_m3 - cut_m3;
+            let share = found.volume_m3 / right_m3;
+            assert!((share - 1.0).abs() < 0.02, "{hole}: {share}");
+            // The middle of what is cut off, above that of the ball.
+            let above = 0.75 * (2.0 * radius - height).powi(2) / (3.0 * radius - height);
+            let center_m = -DVec3::Z * above * S * cut_m3 / right_m3;
+            assert!(found.center_m.distance(center_m) < 0.02 * radius * S, "{hole}: {found:?}");
+        }
     }
 }
 
