@@ -216,8 +216,10 @@ mod tests {
     use glam::{DQuat, DVec3};
 
     use super::*;
+    use crate::contact::tests::block;
     use crate::mesh::primitives::Shape;
     use crate::mesh::validate::inspect;
+    use crate::pointshell::{Points, build_with};
     use crate::spatial::Pose;
     use crate::spatial::testing::Random;
     use crate::voxmap::inside_test::InsideTest;
@@ -265,5 +267,39 @@ mod tests {
             }
         }
         assert!(n_inside > 1000, "{n_inside}");
+    }
+
+    #[test]
+    fn more_edge_points_than_there_is_room_for_are_looked_up_one_part_after_the_other() {
+        let (mesh, map) = block(DVec3::splat(0.02), 5e-4);
+        let shell = build_with(Points::Facets, &mesh, &map, DVec3::ZERO).0;
+        // Its sides are two voxels beyond those of the tool.
+        let (mesh, mut map) = block(DVec3::splat(0.024), 1e-3);
+        let field = map.field(&mesh, false);
+        let bounds = BrickBounds::of(&field).expect("a field that kernels read");
+        let wall = Wall::new(&field, Pose::IDENTITY);
+        // Not deep: all of its edges bend.
+        let depths_m = [0.0; LANES];
+        let touched: Vec<ContactBlock> = (0..shell.positions().len() as u32)
+            .map(|block| ContactBlock { block, lanes: u16::MAX, weight: 1.0, depths_m })
+            .collect();
+        let mut expected = Vec::new();
+        for (touched, positions) in touched.iter().zip(shell.positions()) {
+            let lanes = touched.bent_lanes(&field, &shell);
+            expected.extend(lanes.map(|lane| wall.gradient(positions.get(lane))));
+        }
+        assert!(expected.len() > 2 * GROUPS * LANES, "{}", expected.len());
+        for bounds in [None, Some(&bounds)] {
+            let mut edges = EdgeGradients::new();
+            let mut found = Vec::new();
+            let mut left = touched.as_slice();
+            while !left.is_empty() {
+                let n_blocks = edges.look_up(SimdLevel::best(), bounds, &wall, &shell, left);
+                assert!(n_blocks > 0, "nothing is looked up");
+                found.extend(edges.iter());
+                left = left.split_at(n_blocks).1;
+            }
+            assert!(found == expected, "{} of {}", found.len(), expected.len());
+        }
     }
 }

@@ -514,7 +514,7 @@ mod tests {
     use crate::pointshell::shell::Lanes;
     use crate::simd::SimdLevel;
     use crate::spatial::testing::Random;
-    use crate::voxmap::field::FieldKind;
+    use crate::voxmap::field::{DEEP_INSIDE, FieldKind};
 
     const VOXEL_M: f64 = 1e-3;
 
@@ -661,6 +661,127 @@ mod tests {
             }
         }
         assert!(n_not_above > 1000, "{n_not_above}");
+    }
+
+    #[test]
+    fn a_sphere_is_as_clear_as_its_brick_or_the_field_at_its_centre_says_less_its_radius() {
+        let field = plate().field;
+        let place = &place(&field);
+        let margin_cells = 0.25;
+        let mut random = Random(13);
+        let mut n_by_field = 0;
+        for jump in [0.0, 0.75] {
+            let bounds = &BrickBounds::of(&field).expect("bounds").with_jump(jump);
+            let band = bounds.band_m() / VOXEL_M as f32;
+            let [nx, ny, nz] = bounds.dims();
+            let end = Vec3::new(nx as f32, ny as f32, nz as f32) * 8.0 - 1e-3;
+            let with_samples: Vec<usize> = (0..bounds.top().len())
+                .filter(|brick| bounds.top()[*brick] < DEEP_INSIDE)
+                .collect();
+            for n in 0..2 * with_samples.len() {
+                // Anywhere, and in every brick that has samples.
+                let centers = if n % 2 == 0 {
+                    places(&mut random, &field, None)
+                } else {
+                    let brick = with_samples[n / 2] as i32;
+                    let first = Vec3::new(
+                        (brick / (ny * nz)) as f32,
+                        (brick / nz % ny) as f32,
+                        (brick % nz) as f32,
+                    );
+                    (0..LANES)
+                        .map(|_| first * 8.0 + 0.5 + random.in_box(0.0, 8.0).as_vec3())
+                        .collect()
+                };
+                let radius = (n % 3) as f32;
+                let along = |axis: usize| {
+                    core::array::from_fn(|lane| centers[lane].to_array()[axis] * VOXEL_M as f32)
+                };
+                let [x, y, z] = [0, 1, 2].map(along);
+                let spheres = &Spheres { x, y, z, radius: [radius * VOXEL_M as f32; CHILDREN] };
+                for level in levels() {
+                    let rooms = level.run(Clearance { bounds, place, spheres, margin_cells });
+                    for (center, room) in centers.iter().zip(rooms) {
+                        let lattice = *center - 0.5;
+                        let nearest = lattice.clamp(Vec3::ZERO, end);
+                        let value_m = field.value(FieldKind::Trilinear, nearest + 0.5, Vec3::ZERO);
+                        let outside = -value_m / VOXEL_M as f32;
+                        let [bx, by, bz] = (nearest / 8.0).as_ivec3().to_array();
+                        let brick = ((bx * ny + by) * nz + bz) as usize;
+                        // Samples beyond the band count as if at its end.
+                        if bounds.top()[brick] < DEEP_INSIDE && outside > band - 2.0 {
+                            continue;
+                        }
+                        let of_brick = bounds.clearance_cells()[brick];
+                        let by_field = free_cells(outside - jump);
+                        let free = of_brick.max(by_field);
+                        let expected =
+                            (lattice - nearest).length().hypot(free) - radius - margin_cells;
+                        assert!((room - expected).abs() < 1e-2, "{center}: {room} not {expected}");
+                        n_by_field += u32::from(by_field > of_brick);
+                    }
+                }
+            }
+        }
+        assert!(n_by_field > 500, "{n_by_field}");
+    }
+
+    #[test]
+    fn points_of_two_bricks_across_an_edge_are_neither_of_one_brick_nor_of_neighbours() {
+        let field = plate().field;
+        let bounds = &BrickBounds::of(&field).expect("bounds");
+        let place = &place(&field);
+        let mut random = Random(14);
+        // Across from the middle of the grid, one brick or two along either of two axes.
+        let pairs = [Vec3::new(1.0, 1.0, 0.0), Vec3::new(1.0, 0.0, 1.0), Vec3::new(0.0, 1.0, 1.0)];
+        for across in pairs.into_iter().flat_map(|across| [across * 8.0, across * 16.0]) {
+            let first = random.in_box(8.5, 16.5).as_vec3();
+            let cells: [Vec3; LANES] =
+                core::array::from_fn(|lane| first + across * (lane % 2) as f32);
+            let block = block_of(&cells);
+            for level in levels() {
+                level.run(Blocks {
+                    bounds,
+                    place,
+                    positions: core::slice::from_ref(&block),
+                    which: core::iter::once(0),
+                    floor: |_| f32::NEG_INFINITY,
+                    found: |_, depths: &Depths| {
+                        for (depth_m, cells) in depths.depths_m.0.iter().zip(cells) {
+                            let value_m = field.value(FieldKind::Trilinear, cells, Vec3::ZERO);
+                            assert!(
+                                (depth_m - value_m).abs() < 1e-7,
+                                "{cells}: {depth_m} {value_m}"
+                            );
+                        }
+                    },
+                });
+            }
+        }
+    }
+
+    #[test]
+    fn a_margin_counts_as_much_as_a_larger_radius() {
+        let field = plate().field;
+        let bounds = &BrickBounds::of(&field).expect("bounds");
+        let place = &place(&field);
+        let mut random = Random(15);
+        let mut n_by_margin = 0;
+        for _ in 0..500 {
+            let centers = places(&mut random, &field, None);
+            let along = |axis: usize| {
+                core::array::from_fn(|lane| centers[lane].to_array()[axis] * VOXEL_M as f32)
+            };
+            let [x, y, z] = [0, 1, 2].map(along);
+            // Cells; the sums are exact.
+            let above = |radius: f32, margin_cells: f32| {
+                let spheres = &Spheres { x, y, z, radius: [radius * VOXEL_M as f32; CHILDREN] };
+                SimdLevel::best().run(Above { bounds, place, spheres, floor_m: 0.0, margin_cells })
+            };
+            assert_eq!(above(1.0, 2.0), above(3.0, 0.0));
+            n_by_margin += u32::from(above(1.0, 2.0) != above(1.0, 0.0));
+        }
+        assert!(n_by_margin > 10, "{n_by_margin}");
     }
 
     #[test]

@@ -238,3 +238,48 @@ impl Patch {
         })
     }
 }
+
+#[cfg(test)]
+#[expect(clippy::expect_used, reason = "test code")]
+mod tests {
+    use glam::DMat3;
+
+    use super::*;
+
+    #[test]
+    fn a_patch_lies_in_the_middle_of_its_points_and_is_as_wide_and_as_stiff_as_they_are() {
+        let stiffness_n_per_m = 700.0;
+        let rotation = DMat3::from_rotation_x(0.7);
+        // Two points half a metre to both sides of the middle, each so deep, pushed along z.
+        let middle = DVec3::new(0.1, -0.2, 0.3);
+        let aside = DVec3::X * 0.5;
+        let depth = 0.25;
+        let slope = 3.0;
+        let mut stiffness = Mat6::ZERO;
+        for arm in [middle - aside, middle + aside] {
+            stiffness.add_outer(slope, DVec3::Z, arm.cross(DVec3::Z));
+        }
+        let total = Total {
+            depth_normal: DVec3::Z * (2.0 * depth),
+            depth_moment: middle.cross(DVec3::Z) * (2.0 * depth),
+            stiffness,
+            depth: 2.0 * depth,
+            depth_arm: middle * (2.0 * depth),
+            effective: 2.0,
+        };
+        let patch = Patch::of(4, &total, stiffness_n_per_m, rotation).expect("a face that presses");
+        let off_n = patch.force_n - stiffness_n_per_m * 2.0 * depth;
+        let off_n_per_m = patch.stiffness_n_per_m - stiffness_n_per_m * 2.0 * slope;
+        assert!(
+            patch.face == 4
+                && off_n.abs() < 1e-9
+                && off_n_per_m.abs() < 1e-9
+                && (patch.normal_world - rotation * DVec3::Z).length() < 1e-12
+                && (patch.arm_world - rotation * middle).length() < 1e-12
+                && (patch.radius_m - aside.length()).abs() < 1e-12,
+            "{patch:?}"
+        );
+        let nowhere = Total { depth_normal: DVec3::ZERO, ..total };
+        assert_eq!(Patch::of(4, &nowhere, stiffness_n_per_m, rotation), None);
+    }
+}

@@ -331,6 +331,61 @@ fn in_free_space_a_sum_knows_the_voxels_and_how_far_it_may_step() {
 }
 
 #[test]
+fn a_flat_traversal_finds_what_the_specification_finds_near_and_far() {
+    let shell = cube(2e-3);
+    let plates = [plate()];
+    let law = ForceLaw::PLAIN;
+    for level in [SimdLevel::Portable, SimdLevel::best()] {
+        let mut traversal = Traversal::new(level, TraversalMode::Flat, &plates, &shell);
+        for ((name, turn), share) in turns().into_iter().zip([1.0, 2.0_f64.sqrt(), 3.0_f64.sqrt()])
+        {
+            // From contact, in steps of half a voxel, to beyond the band of eight voxels.
+            for step in -3..20 {
+                let height_m = 0.5 * TOOL_EDGE_M * share + 5e-4 * f64::from(step);
+                let body = Pose::new(turn, DVec3::Z * height_m);
+                let found = ContactSum::of(&mut traversal, &plates, &shell, body, law, None);
+                let expected = ContactSum::flat(&plates, &shell, body, law);
+                let numbers = |sum: &ContactSum| (sum.contacts, sum.max_value_m, sum.wrench);
+                assert_eq!(numbers(&found), numbers(&expected), "{level:?}, {name}, step {step}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_voxels_of_a_sum_are_those_of_what_touches_and_the_smallest_where_nothing_does() {
+    let shell = cube(2e-3);
+    let gap_m = 4e-3;
+    let (mesh, mut map) = block(DVec3::new(0.06, 0.06, PLATE_M), 5e-4);
+    let height_m = TOOL_EDGE_M + gap_m + 0.5 * PLATE_M;
+    let world_from_map = Pose::from_translation(DVec3::Z * height_m);
+    let plates = [plate(), Obstacle { field: map.field(&mesh, false), world_from_map }];
+    // The tool touches the plate below it, of voxels of 1 mm, and then none of both.
+    for (height_m, voxel_m) in [(-1e-3, 1e-3), (0.5 * gap_m, 5e-4)] {
+        let body = Pose::from_translation(DVec3::Z * (0.5 * TOOL_EDGE_M + height_m));
+        for mode in [TraversalMode::Flat, TraversalMode::Tree] {
+            let sum = of(&shell, &plates, mode, body, ForceLaw::PLAIN);
+            assert_eq!(sum.contacts > 0, height_m < 0.0);
+            assert!((sum.voxel_size_m - voxel_m).abs() < 1e-9, "{} {mode:?}", sum.voxel_size_m);
+        }
+    }
+}
+
+#[test]
+fn what_presses_in_free_space_is_zero_without_a_sign() {
+    let shell = cube(2e-3);
+    let plates = [plate()];
+    // On its corner: z of the world has a negative share of each axis of the tool.
+    let (_, turn) = turns()[2];
+    let body = Pose::new(turn, DVec3::Z * (TOOL_EDGE_M + 1e-3));
+    let sum = of(&shell, &plates, TraversalMode::Tree, body, ForceLaw::PLAIN);
+    assert!(sum.contacts == 0 && sum.looked_at > 0);
+    for vector in [sum.wrench.force, sum.wrench.torque, sum.arm_world] {
+        assert_eq!(vector.to_array().map(f64::to_bits), [0; 3], "{sum:?}");
+    }
+}
+
+#[test]
 fn an_average_over_more_than_ten_contacts_is_the_force_of_ten() {
     let shell = cube(1e-3);
     let plates = [plate()];
@@ -363,6 +418,22 @@ fn a_traversal_changes_its_mode() {
     // The flat traversal counts nothing.
     assert!((1..shell.len() as u32 / 10).contains(&looked_at(TraversalMode::Tree)));
     assert_eq!(looked_at(TraversalMode::Flat), 0);
+}
+
+#[test]
+fn what_is_forgotten_is_looked_at_again() {
+    let shell = cube(1e-3);
+    let plates = [plate()];
+    let body = Pose::from_translation(DVec3::Z * (TOOL_EDGE_M + 1e-3));
+    let mut traversal = Traversal::new(SimdLevel::Portable, TraversalMode::Tree, &plates, &shell)
+        .with_broad_phase(false);
+    let looked_at = |traversal: &mut Traversal| {
+        ContactSum::of(traversal, &plates, &shell, body, ForceLaw::PLAIN, None).looked_at
+    };
+    let first = looked_at(&mut traversal);
+    assert!(looked_at(&mut traversal) < first);
+    traversal.forget();
+    assert_eq!(looked_at(&mut traversal), first);
 }
 
 #[test]

@@ -3,10 +3,15 @@
 
 use glam::{DQuat, DVec3};
 
+use super::super::flat;
 use super::super::tests::{block, plate};
 use super::*;
-use crate::pointshell;
+use crate::mesh::primitives::Shape;
+use crate::mesh::validate::inspect;
+use crate::pointshell::{self, Points};
 use crate::spatial::testing::Random;
+use crate::voxmap::field::FieldKind;
+use crate::voxmap::{Options, Volume};
 
 /// The upper side of `plate()` in its own frame, m.
 const TOP_M: f64 = 2e-3;
@@ -30,6 +35,18 @@ impl Fixture {
         let (mesh, map) = block(DVec3::new(0.02, 0.014, 0.01), 4e-4);
         let shell = pointshell::build(&mesh, &map, DVec3::ZERO).0;
         let fixture = Self::of(field, jump_cells, shell);
+        assert!(fixture.n_levels() >= 4, "{}", fixture.n_levels());
+        fixture
+    }
+
+    /// A ball, whose points stand for more or less of its surface, in a block: all of it touches.
+    fn in_a_block() -> Self {
+        let mesh = Shape::Sphere { radius_m: 8e-3 }.tessellate(1e-5);
+        let map = Volume::build(&mesh, &inspect(&mesh), &Options::new(5e-4), |_| ());
+        let map = map.expect("a grid that fits");
+        let shell = pointshell::build_with(Points::Facets, &mesh, &map, DVec3::ZERO).0;
+        let (mesh, mut map) = block(DVec3::splat(0.03), VOXEL_M);
+        let fixture = Self::of(map.field(&mesh, false), 0.0, shell);
         assert!(fixture.n_levels() >= 4, "{}", fixture.n_levels());
         fixture
     }
@@ -294,7 +311,9 @@ fn no_point_reaches_farther_than_its_node() {
         for (lane, reach) in reaches.iter().enumerate() {
             let [x, y, z] = [spheres.x, spheres.y, spheres.z].map(|of| f64::from(of[lane]));
             let far_m = DVec3::new(x, y, z).length() + f64::from(spheres.radius[lane]);
-            assert!(f64::from(*reach) >= far_m.max(0.0) / VOXEL_M, "{reach} for {far_m} m");
+            let far = far_m.max(0.0) / VOXEL_M;
+            // And little more: what rounding may take.
+            assert!((far..=far * 1.00001).contains(&f64::from(*reach)), "{reach} for {far_m} m");
             n_nodes += 1;
         }
     }
@@ -304,7 +323,7 @@ fn no_point_reaches_farther_than_its_node() {
 #[test]
 fn a_tool_that_turns_where_it_is_forgets_its_proofs_too() {
     let mut fixture = Fixture::new();
-    let reach = f64::from(fixture.walk.reach_cells);
+    let reach = fixture.shell.radius_m() / VOXEL_M;
     let most_rad = FORGET_CELLS / reach;
     for turn in 0..(1.5 * most_rad) as usize {
         let pose = above(0.05) * Pose::new(DQuat::from_rotation_z(turn as f64), DVec3::ZERO);
@@ -321,4 +340,197 @@ fn what_was_proven_is_not_looked_at_again_where_nothing_moves() {
     let first = fixture.find(above(6e-3), Budget::Unlimited);
     let second = fixture.find(above(6e-3), Budget::Unlimited);
     assert!(4 * second.looked_at < 3 * first.looked_at, "{second:?} after {first:?}");
+}
+
+#[test]
+fn eight_spheres_count_one_where_all_is_known_of_them() {
+    // All of it touches, or it is far away and nothing but its root is looked at.
+    for (mut fixture, pose, all_open) in
+        [(Fixture::in_a_block(), Pose::IDENTITY, true), (Fixture::new(), above(0.05), false)]
+    {
+        let n_blocks = if all_open { fixture.walk.clear_until_cells.len() } else { 1 };
+        let n_leaves = if all_open { fixture.shell.positions().len() } else { 0 };
+        for n_each in [CHILDREN, 1, 1] {
+            let found = fixture.find(pose, Budget::Unlimited);
+            assert_eq!(found.looked_at as usize, n_each * n_blocks + n_leaves * LANES);
+        }
+    }
+}
+
+#[test]
+fn a_walk_says_no_more_is_clear_than_is_clear_while_the_tool_comes_nearer() {
+    let mut fixture = Fixture::new();
+    let mut n_left_out = 0;
+    let start = above(0.02);
+    // A quarter of a voxel down in each tick, and turned by about as much at its ends.
+    for tick in (0..70).map(f64::from) {
+        let turn = DQuat::from_rotation_y(0.02 * tick);
+        let pose = Pose::new(turn * start.rotation, start.translation - DVec3::Z * 2.5e-4 * tick);
+        let found = fixture.find(pose, Budget::Unlimited);
+        let Fixture { field, shell, .. } = &fixture;
+        let highest_m = flat::blocks(field, FieldKind::Trilinear, shell, pose, |_| ());
+        if highest_m > 0.0 {
+            assert_eq!(found.max_value_m, highest_m, "tick {tick}");
+        } else {
+            assert!(found.max_value_m >= highest_m, "tick {tick}: {found:?} for {highest_m}");
+        }
+        n_left_out += u32::from(highest_m < 0.0 && found.looked_at < shell.len() as u32);
+    }
+    assert!((20..70).contains(&n_left_out), "{n_left_out}");
+}
+
+#[test]
+fn what_a_limited_walk_looks_at_and_what_it_leaves_out_are_all_points() {
+    let mut fixture = Fixture::in_a_block();
+    for n_points in [0, 1, 20, 100, 300, 1000, 3000] {
+        // All spheres are looked at anew.
+        fixture.walk.forget();
+        let found = fixture.find(Pose::IDENTITY, Budget::Points(n_points));
+        let n_touching: u32 =
+            fixture.touched.iter().map(|touched| touched.lanes.count_ones()).sum();
+        assert_eq!(n_touching + found.left_out, fixture.shell.len() as u32, "{n_points}");
+        let is_known = |block: &&[f32; CHILDREN]| **block != [UNKNOWN; CHILDREN];
+        let n_opened = fixture.walk.clear_until_cells.iter().filter(is_known).count();
+        assert_eq!(found.looked_at, (CHILDREN * n_opened) as u32 + n_touching, "{n_points}");
+        assert!(found.looked_at <= n_points, "{n_points}: {found:?}");
+    }
+}
+
+#[test]
+fn points_whose_own_surface_is_not_a_square_voxel_stand_for_all_below_them_too() {
+    let mut fixture = Fixture::in_a_block();
+    let weight_of =
+        |point: u32| fixture.shell.weights()[point as usize / LANES].0[point as usize % LANES];
+    // The few that stand for all have more and less than that.
+    let tops = fixture.shell.tree().representatives(2).as_flattened();
+    let is_other = |point: &&u32| (weight_of(**point) - 1.0).abs() > 0.1;
+    assert!(2 * tops.iter().filter(is_other).count() > tops.len());
+    let whole: f32 = fixture.shell.weights().iter().flat_map(|Lanes(weights)| weights).sum();
+    for n_points in [20, 100, 300, 1000] {
+        fixture.find(Pose::IDENTITY, Budget::Points(n_points));
+        let felt = fixture.touched.iter().map(|touched| {
+            let of = fixture.shell.weights()[touched.block as usize];
+            touched.weight * touched.lanes().map(|lane| of.0[lane]).sum::<f32>()
+        });
+        let felt: f32 = felt.sum();
+        assert!((felt - whole).abs() < 1e-3 * whole, "{n_points}: {felt} of {whole}");
+    }
+}
+
+#[test]
+fn a_budget_that_refining_did_not_use_up_refines_more() {
+    let mut fixture = Fixture::new();
+    let level = fixture.n_levels() - 1;
+    let pose = above(0.05);
+    let Fixture { field, shell, walk, lists, .. } = &mut fixture;
+    let n_open = shell.tree().n_nodes(level - 1) as u32;
+    lists.open.clear();
+    lists.open.extend(0..n_open);
+    let place = Place::new(field, pose);
+    let mut query = Query {
+        simd_level: SimdLevel::Portable,
+        shell,
+        place: &place,
+        spheres: &[],
+        ways: walk.motion.ways(),
+        margin_cells: walk.margin_cells(&place),
+        clear_cells: PROOF_CELLS,
+        max_m: f32::NEG_INFINITY,
+        looked_at: 0,
+        left_out: 0,
+        is_limited: true,
+        per_voxel: 1.0 / VOXEL_M as f32,
+    };
+    // In the worst case each node takes fifteen beyond its own, so at first (10 n - n) / 15 of them
+    // are refined. Far away all children are clear: each has taken eight, and opens none.
+    walk.refine(level, Budget::Points(10 * n_open), &mut query, lists);
+    assert_eq!((lists.open.len(), lists.next.len()), (0, 0));
+    assert_eq!(query.looked_at, CHILDREN as u32 * n_open);
+}
+
+#[test]
+fn of_leaves_that_do_not_touch_every_point_has_its_turn_within_sixteen_ticks() {
+    let mut fixture = Fixture::in_a_block();
+    // For all spheres, and for two or four points of each leaf.
+    let n_blocks = fixture.walk.clear_until_cells.len();
+    let n_leaves = fixture.shell.positions().len();
+    let budget = Budget::Points((2 * CHILDREN * n_blocks + 2 * n_leaves) as u32);
+    let mut seen: Vec<u16> = core::iter::repeat_n(0, n_leaves).collect();
+    for tick in 0..LANES {
+        // As if nothing had touched in the last tick.
+        fixture.walk.touched_at.fill([0; CHILDREN]);
+        let found = fixture.find(Pose::IDENTITY, budget);
+        assert!(found.left_out > 2 * fixture.shell.len() as u32 / 3, "tick {tick}: {found:?}");
+        fixture.touched.iter().for_each(|touched| seen[touched.block as usize] |= touched.lanes);
+    }
+    for (leaf, (lanes, positions)) in seen.iter().zip(fixture.shell.positions()).enumerate() {
+        let is_point = |lane: &usize| !positions.get(*lane).is_nan();
+        let points = (0..LANES).filter(is_point).fold(0, |points, lane| points | 1 << lane);
+        assert_eq!(*lanes, points, "leaf {leaf}");
+    }
+}
+
+#[test]
+fn lanes_that_stand_for_all_are_as_many_as_asked_and_around_the_middle_of_four_rows() {
+    assert_eq!(spread_lanes(1).len(), 1);
+    for (n, turn) in [2, 4, 8].into_iter().flat_map(|n| (0..LANES).map(move |turn| (n, turn))) {
+        let mut lanes: Vec<usize> = spread_lanes(n as u32).iter().map(|lane| lane ^ turn).collect();
+        // The middle of 0, 1, 2, 3 is one and a half.
+        assert_eq!(2 * lanes.iter().map(|lane| lane % 4).sum::<usize>(), 3 * n);
+        assert_eq!(2 * lanes.iter().map(|lane| lane / 4).sum::<usize>(), 3 * n);
+        lanes.sort_unstable();
+        lanes.dedup();
+        assert!(lanes.len() == n && lanes.iter().all(|lane| *lane < LANES), "{lanes:?}");
+    }
+}
+
+#[test]
+fn what_is_proven_holds_as_long_after_a_long_way_as_at_the_start() {
+    let way = Motion { along_cells: 300.0, about_rad: 20.0, ..Motion::default() };
+    let looked_at = |motion: Motion| {
+        let mut fixture = Fixture::new();
+        fixture.walk.motion = motion;
+        [(); 3].map(|()| fixture.find(above(2e-3), Budget::Unlimited).looked_at)
+    };
+    let at_start = looked_at(Motion::default());
+    assert_eq!(looked_at(way), at_start);
+    assert!(at_start[1] < at_start[0], "{at_start:?}");
+}
+
+#[test]
+fn a_budget_that_suffices_finds_what_a_walk_without_one_finds() {
+    let mut limited = Fixture::new();
+    let mut unlimited = Fixture::new();
+    // In the first tick nothing is known to touch.
+    for tick in 0..2 {
+        let found = limited.find(above(0.0), Budget::Points(1_000_000));
+        assert_eq!(found, unlimited.find(above(0.0), Budget::Unlimited), "tick {tick}");
+        limited.touched.sort_by_key(|touched| touched.block);
+        assert_eq!(limited.touched, unlimited.touched, "tick {tick}");
+    }
+}
+
+#[test]
+fn a_budget_is_kept_and_used_up_where_some_leaves_touch_and_others_do_not() {
+    for n_points in [1000, 1500, 2000, 3000] {
+        let mut fixture = Fixture::new();
+        for tick in 0..3 {
+            let found = fixture.find(above(0.0), Budget::Points(n_points));
+            assert!(found.left_out > 0 && !fixture.touched.is_empty(), "{found:?}");
+            // Twice as many points of one leaf more would take more than is left, or a leaf that is
+            // not full has taken less.
+            let left = n_points.checked_sub(found.looked_at).expect("no more than the budget");
+            assert!(left < 2 * LANES as u32, "{left} of {n_points} in tick {tick}: {found:?}");
+        }
+    }
+}
+
+#[test]
+fn far_away_a_walk_gives_what_the_field_has_outside() {
+    let mut fixture = Fixture::new();
+    for budget in [Budget::Unlimited, Budget::Unlimited, Budget::Points(100)] {
+        let found = fixture.find(above(0.05), budget);
+        assert_eq!(found.max_value_m, fixture.field.outside_m());
+        assert_eq!((fixture.touched.len(), found.left_out), (0, 0));
+    }
 }
