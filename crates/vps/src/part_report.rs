@@ -82,7 +82,7 @@ pub struct SolidFigures {
     pub skin_area_m2: f64,
     /// Area inside of the solid, left out, m².
     pub inside_area_m2: f64,
-    /// Closed pieces that faced inward and were turned.
+    /// Closed pieces that faced the wrong way and were turned.
     pub turned_pieces: usize,
     /// Volume of the solid, with lids on holes where it has them, m³; 0 where nothing has an inside.
     pub volume_m3: f64,

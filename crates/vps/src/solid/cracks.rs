@@ -41,11 +41,13 @@ pub(super) fn join_cracks(mesh: &TriangleMesh, tolerance_m: f64, crack_m: f64) -
     let mut triangles = mesh.triangles.clone();
     let mut rims = Rims::of(&mut triangles, &stands_for);
     let n_open = rims.edges.len();
-    for _ in 0..ROUNDS {
+    let mut n_rounds = 0;
+    while n_rounds < ROUNDS {
         let pairs = rims.nearest_corners(vertices, crack_m);
         if pairs.is_empty() {
             break;
         }
+        n_rounds += 1;
         stands_for = (0..vertices.len() as u32).collect();
         for [one, other] in pairs {
             stands_for[other as usize] = one;
@@ -53,6 +55,9 @@ pub(super) fn join_cracks(mesh: &TriangleMesh, tolerance_m: f64, crack_m: f64) -
         rims = Rims::of(&mut triangles, &stands_for);
     }
     let splits = rims.splits(vertices, crack_m);
+    if n_rounds == 0 && splits.is_empty() {
+        return None;
+    }
     if !splits.is_empty() {
         let whole = core::mem::take(&mut triangles);
         whole.into_iter().for_each(|corners| cut(corners, [true; 3], &splits, &mut triangles));
@@ -106,10 +111,11 @@ impl Rims {
         rims.corners.sort_unstable();
         rims.corners.dedup();
         if !rims.corners.is_empty() {
-            let is_rim = |v: &u32| rims.corners.binary_search(v).is_ok();
+            let mut is_rim = vec![false; n_vertices];
+            rims.corners.iter().for_each(|corner| is_rim[*corner as usize] = true);
             for [a, b, c] in &whole {
                 for [one, other] in [[a, b], [b, c], [c, a]] {
-                    if is_rim(one) && is_rim(other) {
+                    if is_rim[*one as usize] && is_rim[*other as usize] {
                         rims.neighbours.insert([*one.min(other), *one.max(other)]);
                     }
                 }

@@ -182,18 +182,6 @@ impl Faces {
         }
     }
 
-    /// Sums the winding numbers of closed pieces around a point, each times its weight.
-    pub(super) fn winding(&self, point: DVec3, weight: impl Fn(u32) -> i32) -> i32 {
-        let mut sum = 0;
-        self.windings(point, |piece, winding| {
-            let weight = weight(piece);
-            if weight != 0 {
-                sum += weight * winding();
-            }
-        });
-        sum
-    }
-
     /// Calls `found` with each closed piece whose box holds the point, and with what computes its
     /// winding number there.
     pub(super) fn windings(&self, point: DVec3, mut found: impl FnMut(u32, &dyn Fn() -> i32)) {

@@ -37,7 +37,8 @@ pub struct SolidReport {
     pub not_orientable: usize,
     /// Every closed piece faced inward; all were turned.
     pub inside_out: bool,
-    /// Closed pieces that faced inward outside of every body; turned.
+    /// Closed pieces that faced the wrong way: inward, but not inside of a body, or outward in such
+    /// a piece; turned.
     pub turned_pieces: usize,
     /// Edges that were open and were joined with others beside them.
     pub joined_cracks: usize,
@@ -88,8 +89,8 @@ impl SolidReport {
         );
         count(
             self.turned_pieces,
-            "piece faced inward outside of every body and was turned",
-            "pieces faced inward outside of every body and were turned",
+            "piece faced the wrong way for where it lies and was turned",
+            "pieces faced the wrong way for where they lie and were turned",
         );
         count(
             self.joined_cracks,

@@ -302,6 +302,38 @@ fn what_faces_inward_outside_of_every_body_is_turned() {
 }
 
 #[test]
+fn hollows_that_overlap_are_both_empty() {
+    let one = block([-5.0, -3.0, -3.0], [2.0, 3.0, 3.0]);
+    let other = block([-1.0, -4.0, -1.0], [6.0, 2.0, 5.0]);
+    let found = solid(&askew(together([cube(10.0), inside_out(one), inside_out(other)])));
+    assert_closed(&found.border);
+    // Both, less what they have in common.
+    let hollow = 7.0 * 36.0 + 7.0 * 36.0 - 3.0 * 5.0 * 4.0;
+    assert_volume(&found.border, 8000.0 - hollow);
+    assert_eq!((found.report.turned_pieces, found.report.cavities.len()), (0, 2));
+}
+
+#[test]
+fn a_hollow_part_that_was_written_inside_out_keeps_its_hollow() {
+    let hollow = || together([cube(10.0), inside_out(cube(6.0))]);
+    let screw = || ball(3.0, [0.5, 0.2, 0.0]);
+    let screw_mm3 = volume(&screw()) / MM3;
+    let beside = moved(hollow(), DVec3::X * 30.0 * MM);
+    for (mesh, right_mm3, turned) in [
+        (inside_out(hollow()), 8000.0 - 1728.0, 2),
+        // What lies in the hollow faces as it should, or not.
+        (together([inside_out(hollow()), screw()]), 8000.0 - 1728.0 + screw_mm3, 2),
+        (inside_out(together([hollow(), screw()])), 8000.0 - 1728.0 + screw_mm3, 3),
+        (together([beside, inside_out(hollow())]), 2.0 * (8000.0 - 1728.0), 2),
+    ] {
+        let found = solid(&askew(mesh));
+        assert_closed(&found.border);
+        assert_volume(&found.border, right_mm3);
+        assert_eq!(found.report.turned_pieces, turned, "{:?}", found.report);
+    }
+}
+
+#[test]
 fn inconsistent_winding_is_repaired_by_piece() {
     let mut mesh = askew(together([cube(20.0), inside_out(cube(15.0))]));
     for triangle in [3, 7, 15] {

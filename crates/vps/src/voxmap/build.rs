@@ -160,7 +160,7 @@ enum Meaning<'a> {
     /// Nothing but what the inspection found.
     Unknown(&'a MeshReport),
     /// They are the border of a solid.
-    Border(&'a SolidReport),
+    Border,
 }
 
 /// The map of a piece beside the solid.
@@ -210,7 +210,7 @@ impl Volume {
         }
         let crack_m = CRACK_SHARE * options.voxel_size_m;
         let solid = Solid::of(mesh, &SolidOptions { crack_m, ..SolidOptions::default() });
-        let Solid { border, report: of_solid, .. } = &solid;
+        let border = &solid.border;
         let mass = solid.mass(mesh, report);
         let init_s = since.elapsed().as_secs_f64();
         let parts = || solid.open_parts(options.voxel_size_m);
@@ -237,8 +237,7 @@ impl Volume {
                 }
             }
         } else {
-            let meaning = Meaning::Border(of_solid);
-            let mut map = Self::of_triangles(border, meaning, grid, options, &mut watch)?;
+            let mut map = Self::of_triangles(border, Meaning::Border, grid, options, &mut watch)?;
             map.beside = Self::beside_of(parts(), &grid, options, &mut watch)?;
             map.own = Some(solid.border);
             map
@@ -311,7 +310,7 @@ impl Volume {
         announce(watch, BakeStage::Fill)?;
         let verdict = match meaning {
             Meaning::Unknown(report) => Verdict::reach(mesh, report, surface, options.sides),
-            Meaning::Border(solid) => Verdict::of_border(mesh, solid, surface, options.sides),
+            Meaning::Border => Verdict::of_border(mesh, surface, options.sides),
         };
         let Verdict { surface, sides, basis, leak, thin_share, clear_share, capped } = verdict;
         let thin = basis == InsideBasis::Thin;

@@ -8,10 +8,9 @@ use super::fill::Sides;
 use super::hole_cap::{self, CappedMesh};
 use super::leak::{FaceProbe, FaceSamples, LEAKING, Leak, MOSTLY_THIN};
 use super::surface::Surface;
-use super::winding::WindingTree;
+use super::winding::{WindingTree, winding_number};
 use crate::mesh::TriangleMesh;
 use crate::mesh::validate::MeshReport;
-use crate::solid::SolidReport;
 
 /// How to distinguish inside and outside.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -70,6 +69,9 @@ impl InsideBasis {
 /// sphere 3 %.
 const CLEAR_SHARE: f64 = 0.95;
 
+/// Places whose winding numbers are summed over all triangles: for more of them a tree pays.
+const FEW: usize = 8;
+
 /// Inside and outside of one object, and how they were found.
 #[derive(Debug)]
 pub(super) struct Verdict {
@@ -87,22 +89,24 @@ pub(super) struct Verdict {
 
 impl Verdict {
     /// Of the border of a solid: what the fill does not reach is inside, but for hollows, where
-    /// the border does not wind around. These are looked for where there can be any: in a cavity,
-    /// and between several bodies.
-    pub(super) fn of_border(
-        border: &TriangleMesh,
-        solid: &SolidReport,
-        surface: Surface,
-        rule: InsideTest,
-    ) -> Self {
+    /// the border does not wind around: in cavities, between several bodies, and behind slits that
+    /// are too narrow for the fill.
+    pub(super) fn of_border(border: &TriangleMesh, surface: Surface, rule: InsideTest) -> Self {
         let mut sides = Sides::flood(&surface);
-        if solid.bodies > 1 || !solid.cavities.is_empty() {
-            let winding = WindingTree::new(border);
-            let grid = surface.grid;
-            sides.empty_hollows(&surface, |cell| {
-                winding.at(&[grid.center_map(cell)]).iter().all(|winding| *winding < 0.5)
-            });
-        }
+        let grid = surface.grid;
+        let mut n_asked = 0;
+        let mut tree = None;
+        sides.empty_hollows(&surface, |cell| {
+            let place = grid.center_map(cell);
+            n_asked += 1;
+            let winding = if n_asked <= FEW {
+                winding_number(border, place)
+            } else {
+                let tree = tree.get_or_insert_with(|| WindingTree::new(border));
+                tree.at(&[place]).into_iter().sum()
+            };
+            winding < 0.5
+        });
         let thin_share = FaceSamples::draw(border).outside_share(&surface, &sides);
         Self {
             surface,

@@ -1,6 +1,6 @@
 //! Files of several shells, sheets and hollows: what a user feels of them.
 
-use glam::{DQuat, DVec3};
+use glam::{DQuat, DVec3, Vec3};
 use vps::contact::{ContactSum, ForceLaw, Obstacle};
 use vps::mesh::TriangleMesh;
 use vps::mesh::primitives::Shape;
@@ -8,8 +8,10 @@ use vps::mesh::validate::inspect;
 use vps::part::Part;
 use vps::pointshell::shell::Shell;
 use vps::pointshell::{Points, build_with};
+use vps::solid::{Solid, SolidOptions};
 use vps::spatial::Pose;
 use vps::spatial::testing::Random;
+use vps::voxmap::field::FieldKind;
 use vps::voxmap::inside_test::InsideTest;
 use vps::voxmap::{Options, Volume};
 
@@ -173,6 +175,39 @@ fn six_plates_around_a_hollow_are_a_hollow_box() {
         let found = force_n(&obstacle(&joined(&plates)), &ball, at_mm);
         let expected = force_n(&obstacle(&whole), &ball, at_mm);
         assert!((found - expected).length() <= 1e-4 * expected.length(), "{found}, {expected}");
+    }
+}
+
+/// One piece, whose hollow the fill cannot enter.
+#[test]
+fn a_hollow_behind_a_slit_is_empty_however_narrow_the_slit_is() {
+    let ball = tool(&Shape::Sphere { radius_m: 8e-3 }.tessellate(1e-5), 2.0 * S);
+    for slit_voxels in [0.1, 0.4, 1.0, 2.5] {
+        let slit = slit_voxels * S;
+        let half = 20.0 - 0.5 * slit;
+        let beside = 0.5 * (half + slit);
+        let plates = [
+            ([half, 40.0, 5.0], [beside, 0.0, 17.5]),
+            ([half, 40.0, 5.0], [-beside, 0.0, 17.5]),
+            ([40.0, 40.0, 5.0], [0.0, 0.0, -17.5]),
+            ([40.0, 5.0, 30.0], [0.0, 17.5, 0.0]),
+            ([40.0, 5.0, 30.0], [0.0, -17.5, 0.0]),
+            ([5.0, 30.0, 30.0], [17.5, 0.0, 0.0]),
+            ([5.0, 30.0, 30.0], [-17.5, 0.0, 0.0]),
+        ];
+        let plates = joined(&plates.map(|(edges, center)| cuboid(edges, center)));
+        let housing = Solid::of(&plates, &SolidOptions::default()).border;
+        let found = Solid::of(&housing, &SolidOptions::default()).report;
+        assert_eq!((found.bodies, found.cavities.len()), (1, 0), "{slit_voxels}");
+        let housing = obstacle(&housing);
+        let depth_m = housing[0].field.value(
+            FieldKind::Trilinear,
+            ((DVec3::ZERO - housing[0].field.origin_map().as_dvec3()) / (S * 1e-3)).as_vec3(),
+            Vec3::ZERO,
+        );
+        assert!(depth_m < 0.0, "{slit_voxels}: {depth_m}");
+        let force = force_n(&housing, &ball, [1.0, 2.0, -3.0]);
+        assert_eq!(force, DVec3::ZERO, "{slit_voxels}");
     }
 }
 
