@@ -63,7 +63,7 @@ impl SolidReport {
         match self.cavities.len() {
             0 => None,
             1 => Some(format!("a hollow of {volume}")),
-            n => Some(format!("{n} hollows of {volume}")),
+            n => Some(format!("{n} hollows of {volume} together")),
         }
     }
 
