@@ -433,7 +433,9 @@ impl Picks {
                 continue;
             }
             let mut corners = mesh.triangles[file_idx as usize];
-            if pieces.turned[file_idx as usize] {
+            if pieces.is_welded {
+                corners = pieces.corners[file_idx as usize];
+            } else if pieces.turned[file_idx as usize] {
                 corners.swap(1, 2);
             }
             triangles.push(corners);

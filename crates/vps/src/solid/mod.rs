@@ -53,11 +53,15 @@
 //! between the curves where surfaces meet. We work within a tolerance instead of exactly, as faces
 //! that were meant to lie on each other do so nearly.
 
+mod around_edge;
 mod build;
+mod cells;
 mod columns;
 mod contacts;
 mod cracks;
 mod cut;
+#[cfg(test)]
+mod damage_tests;
 mod faces;
 mod judge;
 mod lids;

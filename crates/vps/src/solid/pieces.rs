@@ -12,6 +12,8 @@ use std::collections::HashMap;
 
 use glam::DVec3;
 
+use super::around_edge::{Wall, around};
+use super::cells::{Change, Claims, way_round};
 use super::sets::Sets;
 use crate::mesh::TriangleMesh;
 use crate::mesh::edges::{EdgeFan, EdgePair, EdgeUses, edge_uses, repeats};
@@ -58,6 +60,10 @@ pub(super) struct Pieces {
     pub(super) n_repeats: usize,
     /// Edges of one triangle.
     pub(super) n_open_edges: usize,
+    /// Some edge has three triangles or more.
+    has_fans: bool,
+    /// The border has the corners after welding, not those of the file.
+    pub(super) is_welded: bool,
     /// Triangles whose winding did not agree with their piece.
     pub(super) n_inconsistent: usize,
     /// Pieces with even edges that cannot be wound consistently.
@@ -67,29 +73,38 @@ pub(super) struct Pieces {
 impl Pieces {
     /// Vertices closer than `tolerance_m` are one.
     pub(super) fn of(mesh: &TriangleMesh, tolerance_m: f64) -> Self {
-        let n_vertices = mesh.vertices.len();
         let welded = weld_within(&mesh.vertices, tolerance_m);
         let corners: Vec<[u32; 3]> = parallel::map(mesh.triangles.len(), 64, |triangle_idx| {
             mesh.triangles[triangle_idx].map(|vertex| welded[vertex as usize])
         });
+        let pieces = Self::of_corners(mesh, corners, |_| false);
+        match pieces.mended(mesh) {
+            Some(mended) => mended,
+            None => pieces,
+        }
+    }
+
+    /// The pieces of triangles with these corners, but for those that are left out.
+    fn of_corners(
+        mesh: &TriangleMesh,
+        corners: Vec<[u32; 3]>,
+        is_left_out: impl Fn(usize) -> bool,
+    ) -> Self {
+        let n_vertices = mesh.vertices.len();
+        let n_degenerate = corners.iter().filter(|corners| is_degenerate(**corners)).count();
         let mut kept: Vec<u32> = (0..corners.len() as u32)
-            .filter(|triangle_idx| {
-                let [a, b, c] = corners[*triangle_idx as usize];
-                a != b && b != c && c != a
-            })
+            .filter(|idx| !is_degenerate(corners[*idx as usize]) && !is_left_out(*idx as usize))
             .collect();
-        let n_degenerate = corners.len() - kept.len();
-        let mut triangles: Vec<[u32; 3]> = if n_degenerate == 0 {
+        let mut triangles: Vec<[u32; 3]> = if kept.len() == corners.len() {
             corners.clone()
         } else {
             kept.iter().map(|triangle_idx| corners[*triangle_idx as usize]).collect()
         };
+        let n_kept = kept.len();
         let repeated = repeats(&triangles, n_vertices);
         let mut keep = Vec::new();
-        let mut n_repeats = 0;
         if !repeated.is_empty() {
             keep = without_repeats(&triangles, &repeated, n_vertices);
-            n_repeats = keep.iter().filter(|keep| **keep == Keep::No).count();
             let mut each = keep.iter();
             kept.retain(|_| each.next() != Some(&Keep::No));
             let mut each = keep.iter();
@@ -101,7 +116,7 @@ impl Pieces {
             turned: vec![false; corners.len()],
             corners,
             n_degenerate,
-            n_repeats,
+            n_repeats: n_kept - kept.len(),
             ..Self::default()
         };
         let is_sheet = |triangle: u32| matches!(keep.get(triangle as usize), Some(Keep::AsSheet));
@@ -117,6 +132,83 @@ impl Pieces {
         pieces
     }
 
+    /// The pieces without what single triangles claim against all others; `None` where less area is
+    /// in bodies then as the file has it, or where nothing was open.
+    fn mended(&self, mesh: &TriangleMesh) -> Option<Self> {
+        let damaged = self.damaged(mesh.vertices.len());
+        if damaged.is_empty() {
+            return None;
+        }
+        let mut corners = self.corners.clone();
+        for (corners, _) in corners.iter_mut().zip(&self.turned).filter(|(_, turned)| **turned) {
+            corners.swap(1, 2);
+        }
+        let claims = Claims::of(mesh, &corners, &damaged);
+        let mut is_left_out = vec![false; corners.len()];
+        let mut is_turned = vec![false; corners.len()];
+        for (file_idx, change) in claims.changes(mesh) {
+            match change {
+                Change::LeaveOut => is_left_out[file_idx as usize] = true,
+                Change::Turn => {
+                    is_turned[file_idx as usize] = true;
+                    corners[file_idx as usize].swap(1, 2);
+                }
+            }
+        }
+        let mut mended = Self::of_corners(mesh, corners, |file_idx| is_left_out[file_idx]);
+        for (turned, first) in mended.turned.iter_mut().zip(&is_turned) {
+            *turned ^= first;
+        }
+        mended.n_inconsistent += is_turned.iter().filter(|turned| **turned).count();
+        mended.n_repeats += is_left_out.iter().filter(|left_out| **left_out).count();
+        mended.is_welded = true;
+        let against_m2 = |pieces: &Self| claims.against_m2(|file_idx| pieces.use_of(file_idx));
+        (against_m2(&mended) < against_m2(self)).then_some(mended)
+    }
+
+    /// How a triangle of the file bounds a body: as it is (1), turned (−1), or not (0).
+    fn use_of(&self, file_idx: u32) -> i32 {
+        let piece = self.pieces.get(self.piece_of[file_idx as usize] as usize);
+        match piece {
+            Some(piece) if piece.closed && self.turned[file_idx as usize] => -1,
+            Some(piece) if piece.closed => 1,
+            _ => 0,
+        }
+    }
+
+    /// What hangs together with a piece that is not closed, if some of it shares an edge with two
+    /// others or more, which may be why: numbers in the file.
+    fn damaged(&self, n_vertices: usize) -> Vec<u32> {
+        if !(self.has_fans || self.n_repeats > 0) || self.pieces.iter().all(|piece| piece.closed) {
+            return Vec::new();
+        }
+        let mut all: Vec<u32> = (0..self.corners.len() as u32)
+            .filter(|file_idx| !is_degenerate(self.corners[*file_idx as usize]))
+            .collect();
+        let triangles: Vec<[u32; 3]> =
+            all.iter().map(|file_idx| self.corners[*file_idx as usize]).collect();
+        let uses = edge_uses(&triangles, n_vertices);
+        let mut sets = Sets::new(triangles.len());
+        for pair in &uses.pairs {
+            sets.join(pair.triangles[0], pair.triangles[1]);
+        }
+        for fan in &uses.fans {
+            fan.triangles.iter().for_each(|(other, _)| sets.join(fan.triangles[0].0, *other));
+        }
+        let mut is_open = vec![false; triangles.len()];
+        let mut has_fan = vec![false; triangles.len()];
+        for (triangle, file_idx) in (0..).zip(&all) {
+            let piece = self.pieces.get(self.piece_of[*file_idx as usize] as usize);
+            is_open[sets.lowest(triangle) as usize] |= piece.is_some_and(|piece| !piece.closed);
+        }
+        for fan in uses.fans.iter().filter(|fan| fan.triangles.len() > 2) {
+            has_fan[sets.lowest(fan.triangles[0].0) as usize] = true;
+        }
+        let mut sets = (0..triangles.len() as u32).map(|triangle| sets.lowest(triangle) as usize);
+        all.retain(|_| sets.next().is_some_and(|set| is_open[set] && has_fan[set]));
+        all
+    }
+
     /// Finds the pieces of `triangles`, whose numbers in the file are `kept`.
     fn connect(
         &mut self,
@@ -127,6 +219,7 @@ impl Pieces {
     ) {
         let mut uses = edge_uses(triangles, mesh.vertices.len());
         self.n_open_edges = uses.fans.iter().filter(|fan| fan.triangles.len() == 1).count();
+        self.has_fans = self.n_open_edges < uses.fans.len();
         if (0..triangles.len() as u32).any(is_sheet) {
             separate_sheets(&mut uses, is_sheet);
         }
@@ -328,6 +421,11 @@ impl Pieces {
     }
 }
 
+/// Two corners fall together.
+fn is_degenerate([a, b, c]: [u32; 3]) -> bool {
+    a == b || b == c || c == a
+}
+
 /// Takes sheets out of the edges of what they stand on: two triangles remain a pair where a sheet
 /// ends on them.
 fn separate_sheets(uses: &mut EdgeUses, is_sheet: impl Fn(u32) -> bool) {
@@ -363,9 +461,6 @@ fn separate_sheets(uses: &mut EdgeUses, is_sheet: impl Fn(u32) -> bool) {
     }
 }
 
-/// Half-planes closer than this, rad, are one: of bodies that touch in a face.
-const SAME_ANGLE: f64 = 1e-6;
-
 /// In an edge of several bodies: pairs of triangles with material between them. `None` unless as
 /// many run forward as back.
 ///
@@ -381,46 +476,24 @@ fn walls_of_bodies(
     if 2 * n_forward != fan.triangles.len() {
         return None;
     }
-    let [low, high] = fan.edge.map(|vertex| mesh.vertices[vertex as usize]);
-    let axis = (high - low).try_normalize()?;
-    let (u, v) = axis.any_orthonormal_pair();
-    let mut around: Vec<(f64, bool, u32)> = fan
-        .triangles
-        .iter()
-        .map(|(triangle, forward)| {
-            let corners = triangles[*triangle as usize];
-            let far = corners.into_iter().find(|corner| !fan.edge.contains(corner));
-            let way = far.map_or(DVec3::ZERO, |far| mesh.vertices[far as usize] - low);
-            (way.dot(v).atan2(way.dot(u)), *forward, *triangle)
-        })
-        .collect();
-    around.sort_unstable_by(|one, other| one.0.total_cmp(&other.0).then(one.2.cmp(&other.2)));
-    // Planes are numbered from the widest gap on, so that none is on both sides of the seam.
-    let n = around.len();
-    let gap = |k: usize| {
-        let turn = if k == 0 { std::f64::consts::TAU } else { 0.0 };
-        around[k].0 + turn - around[(k + n - 1) % n].0
+    let far = |triangle: u32| {
+        triangles[triangle as usize].into_iter().find(|corner| !fan.edge.contains(corner))
     };
-    let seam = (1..n).fold(0, |best, k| if gap(k) > gap(best) { k } else { best });
-    let mut plane = 0;
-    let mut walls: Vec<(u32, bool, u32)> = Vec::with_capacity(n);
-    for k in 0..n {
-        let k = (seam + k) % n;
-        plane += u32::from(gap(k) > SAME_ANGLE);
-        walls.push((plane, around[k].1, around[k].2));
-    }
+    let mut walls = around(mesh, fan.edge, &fan.triangles, far)?;
+    let n = walls.len();
     walls.sort_unstable_by(|one, other| {
-        let ends_first = other.1.cmp(&one.1);
+        let ends_first = other.ends.cmp(&one.ends);
         // The last to begin is the lowest, which ends at the lowest.
-        let lowest = if one.1 { one.2.cmp(&other.2) } else { other.2.cmp(&one.2) };
-        one.0.cmp(&other.0).then(ends_first).then(lowest)
+        let by_number = one.triangle.cmp(&other.triangle);
+        let lowest = if one.ends { by_number } else { by_number.reverse() };
+        one.plane.cmp(&other.plane).then(ends_first).then(lowest)
     });
     // A second round closes what began before the seam.
     let mut begun = Vec::new();
     let mut pairs = Vec::new();
     let mut is_paired = vec![false; n];
     for (round, k) in (0..2 * n).map(|k| (k / n, k % n)) {
-        let (_, ends, triangle) = walls[k];
+        let Wall { ends, triangle, .. } = walls[k];
         if !ends && round == 0 {
             begun.push(k);
         } else if ends
@@ -428,7 +501,7 @@ fn walls_of_bodies(
             && let Some(begin) = begun.pop()
         {
             is_paired[k] = true;
-            pairs.push([walls[begin].2, triangle]);
+            pairs.push([walls[begin].triangle, triangle]);
         }
     }
     Some(pairs)
@@ -608,11 +681,4 @@ fn judge_repeats(triangles: &[[u32; 3]], n_vertices: usize, keep: &mut [Keep]) {
             *keep = if needs_repeats(set) { Keep::Yes } else { Keep::No };
         }
     }
-}
-
-/// +1 when the corners rise in the order of the triangle, −1 when they fall.
-fn way_round([a, b, c]: [u32; 3]) -> i32 {
-    // Of the three steps, one falls when the corners rise and two when they fall.
-    let n_falls = [a > b, b > c, c > a].into_iter().filter(|falls| *falls).count();
-    if n_falls == 1 { 1 } else { -1 }
 }

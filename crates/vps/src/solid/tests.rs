@@ -17,7 +17,7 @@ const MM: f64 = 1e-3;
 const MM3: f64 = 1e-9;
 
 /// A block between two corners, mm.
-fn block(low: [f64; 3], high: [f64; 3]) -> TriangleMesh {
+pub(super) fn block(low: [f64; 3], high: [f64; 3]) -> TriangleMesh {
     let low = DVec3::from_array(low) * MM;
     let high = DVec3::from_array(high) * MM;
     moved(Shape::Box { size_m: high - low }.tessellate(1e-4), 0.5 * (low + high))
@@ -38,7 +38,7 @@ fn moved(mut mesh: TriangleMesh, by: DVec3) -> TriangleMesh {
 }
 
 /// Turned about a skew axis and moved, as parts of an assembly are.
-fn askew(mut mesh: TriangleMesh) -> TriangleMesh {
+pub(super) fn askew(mut mesh: TriangleMesh) -> TriangleMesh {
     let turn = DQuat::from_axis_angle(DVec3::new(1.0, 2.0, -0.7).normalize(), 0.83);
     let by = DVec3::new(0.013, -0.021, 0.007);
     mesh.vertices.iter_mut().for_each(|vertex| *vertex = turn * *vertex + by);
@@ -51,7 +51,7 @@ fn inside_out(mut mesh: TriangleMesh) -> TriangleMesh {
 }
 
 /// All of them in one file.
-fn together(meshes: impl IntoIterator<Item = TriangleMesh>) -> TriangleMesh {
+pub(super) fn together(meshes: impl IntoIterator<Item = TriangleMesh>) -> TriangleMesh {
     let mut all = TriangleMesh::default();
     for mesh in meshes {
         let first = all.vertices.len() as u32;
@@ -67,7 +67,7 @@ fn solid(mesh: &TriangleMesh) -> Solid {
 }
 
 /// With no more than rounding between what counts as touching.
-fn exactly(mesh: &TriangleMesh) -> Solid {
+pub(super) fn exactly(mesh: &TriangleMesh) -> Solid {
     Solid::of(mesh, &SolidOptions { tolerance_m: Some(1e-12), ..SolidOptions::default() })
 }
 
@@ -114,7 +114,7 @@ fn assert_closed(mesh: &TriangleMesh) {
 }
 
 /// The same volume and the same signed distance everywhere.
-fn assert_same(found: &TriangleMesh, expected: &TriangleMesh, seed: u64) {
+pub(super) fn assert_same(found: &TriangleMesh, expected: &TriangleMesh, seed: u64) {
     assert_closed(found);
     let (low, high) = expected.bounds().unwrap();
     let (volume, right) = (volume(found), volume(expected));
