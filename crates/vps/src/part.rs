@@ -7,6 +7,7 @@
 //!
 //! Invariant: cold; the same bits for any number of threads of the current rayon pool.
 
+use std::borrow::Cow;
 use std::path::Path;
 use std::sync::OnceLock;
 use std::time::Instant;
@@ -93,8 +94,10 @@ pub struct Part {
     pub mesh: TriangleMesh,
     /// What is wrong with it.
     inspected: MeshReport,
-    /// What it means; on demand.
+    /// What it means, however finely it is sampled; on demand.
     meaning: OnceLock<Meaning>,
+    /// What it means to voxels, and their edge, m: of the first ones that it was asked for.
+    meaning_to_voxels: OnceLock<(f64, Meaning)>,
     /// What a user should know of its file.
     notes: Vec<String>,
     rounding: Option<Rounding>,
@@ -102,7 +105,7 @@ pub struct Part {
 }
 
 /// What the triangles of a part are together.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Meaning {
     solid: SolidReport,
     mass: MassProperties,
@@ -110,8 +113,8 @@ struct Meaning {
 }
 
 impl Meaning {
-    fn of(mesh: &TriangleMesh, inspected: &MeshReport) -> Self {
-        let solid = Solid::of(mesh, &SolidOptions::default());
+    fn of(mesh: &TriangleMesh, inspected: &MeshReport, voxel_size_m: Option<f64>) -> Self {
+        let solid = Solid::of(mesh, &SolidOptions::resolved_by(voxel_size_m));
         let mass = solid.mass(mesh, inspected);
         Self { solid: solid.report, mass, shape: Accuracy::of_border(&solid.border) }
     }
@@ -150,8 +153,16 @@ impl Part {
         let FileMesh { mesh, notes, rounding } = file;
         let inspected = inspect(&mesh);
         let load_s = since.elapsed().as_secs_f64();
-        let meaning = OnceLock::new();
-        Self { name: name.to_owned(), mesh, inspected, meaning, notes, rounding, load_s }
+        Self {
+            name: name.to_owned(),
+            mesh,
+            inspected,
+            meaning: OnceLock::new(),
+            meaning_to_voxels: OnceLock::new(),
+            notes,
+            rounding,
+            load_s,
+        }
     }
 
     /// Some triangle has an area.
@@ -166,45 +177,63 @@ impl Part {
 
     /// What a user should look at in its mesh and its file, a sentence each; what its voxels show
     /// is in the report of the bake. With the edge of its voxels, m, also whether its coordinates
-    /// are fine enough for them.
+    /// are fine enough for them, and of its cracks those that a bake does not join.
     pub fn mesh_warnings(&self, sides: InsideTest, voxel_size_m: Option<f64>) -> Vec<String> {
-        self.warnings(sides, voxel_size_m, || self.solid())
+        match sides {
+            InsideTest::Thin => self.warnings(sides, voxel_size_m, None),
+            InsideTest::Auto | InsideTest::Flood | InsideTest::Winding => {
+                self.warnings(sides, voxel_size_m, Some(&self.meaning(voxel_size_m).solid))
+            }
+        }
     }
 
-    /// The same with what its triangles were taken for, which is asked only where it counts.
-    fn warnings<'a>(
+    /// The same with what its triangles were taken for, which a skin need not know.
+    fn warnings(
         &self,
         sides: InsideTest,
         voxel_size_m: Option<f64>,
-        solid: impl FnOnce() -> &'a SolidReport,
+        solid: Option<&SolidReport>,
     ) -> Vec<String> {
         let coarse =
             self.rounding.zip(voxel_size_m).and_then(|(rounding, size_m)| rounding.warning(size_m));
         let notes = self.notes.iter().cloned();
-        let solid = match sides {
-            InsideTest::Auto | InsideTest::Winding => solid().warnings(),
-            InsideTest::Flood => solid().hollows_text().map_or_else(Vec::new, |hollows| {
-                vec![format!("{hollows}: solid, by `sides = \"flood\"`")]
-            }),
+        let solid = solid.map_or_else(Vec::new, |solid| match sides {
+            InsideTest::Auto | InsideTest::Winding => solid.warnings(),
+            InsideTest::Flood => {
+                let hollows = solid.hollows_text().into_iter();
+                hollows.map(|text| format!("{text}: solid, by `sides = \"flood\"`")).collect()
+            }
             InsideTest::Thin => Vec::new(),
-        };
+        });
         notes.chain(self.inspected.warnings()).chain(solid).chain(coarse).collect()
     }
 
-    fn meaning(&self) -> &Meaning {
-        self.meaning.get_or_init(|| Meaning::of(&self.mesh, &self.inspected))
+    fn meaning_of_file(&self) -> &Meaning {
+        self.meaning.get_or_init(|| Meaning::of(&self.mesh, &self.inspected, None))
     }
 
-    /// What its triangles were taken for: pieces, bodies, cavities, skins. Cost: of the first call
-    /// that of [`Solid::of`].
+    /// What it means to voxels of this edge, m.
+    fn meaning(&self, voxel_size_m: Option<f64>) -> Cow<'_, Meaning> {
+        let of_file = self.meaning_of_file();
+        // Without an open edge there is no crack, and voxels of any size are told the same.
+        let Some(asked_m) = voxel_size_m.filter(|_| of_file.solid.open_pieces > 0) else {
+            return Cow::Borrowed(of_file);
+        };
+        let to_voxels = || Meaning::of(&self.mesh, &self.inspected, voxel_size_m);
+        let (first_m, first) = self.meaning_to_voxels.get_or_init(|| (asked_m, to_voxels()));
+        if *first_m == asked_m { Cow::Borrowed(first) } else { Cow::Owned(to_voxels()) }
+    }
+
+    /// What its triangles were taken for: pieces, bodies, cavities, skins; no cracks are joined, as
+    /// only voxels say which gaps are. Cost: of the first call that of [`Solid::of`].
     pub fn solid(&self) -> &SolidReport {
-        &self.meaning().solid
+        &self.meaning_of_file().solid
     }
 
-    /// Thinnest wall and sharpest edge of the solid that its triangles make, without a bake. Cost:
-    /// of the first call that of [`Solid::of`].
-    pub fn walls_and_edges(&self) -> Accuracy {
-        self.meaning().shape
+    /// Thinnest wall and sharpest edge of the solid that its triangles make to voxels of this edge,
+    /// m, without a bake. Cost: of the first call that of [`Solid::of`].
+    pub fn walls_and_edges(&self, voxel_size_m: f64) -> Accuracy {
+        self.meaning(Some(voxel_size_m)).shape
     }
 
     /// Bakes what other parts touch; `with_gradients` for
@@ -338,7 +367,7 @@ impl Part {
     /// hollows not at all; of the surface where the mesh is open. Frame and units of
     /// [`MassProperties`].
     pub fn mass_properties(&self) -> MassProperties {
-        self.meaning().mass
+        self.meaning_of_file().mass
     }
 
     /// The same, by a map of it, whose voxels say which cracks are joined.
@@ -348,16 +377,11 @@ impl Part {
 
     /// The figures of what was built; its accuracy is measured by itself ([`Accuracy::of`]).
     pub fn report(&self, role: PartRole, map: &Volume, shell: &ShellReport) -> ObjectReport {
-        ObjectReport::new(
-            &self.name,
-            role,
-            &self.inspected,
-            self.warnings(map.sides_asked, Some(map.surface.grid.voxel_size_m), || {
-                map.solid.as_ref().unwrap_or_else(|| self.solid())
-            }),
-            map,
-            shell,
-            self.load_s,
-        )
+        let voxel_size_m = Some(map.surface.grid.voxel_size_m);
+        let warnings = match &map.solid {
+            Some(solid) => self.warnings(map.sides_asked, voxel_size_m, Some(solid)),
+            None => self.mesh_warnings(map.sides_asked, voxel_size_m),
+        };
+        ObjectReport::new(&self.name, role, &self.inspected, warnings, map, shell, self.load_s)
     }
 }

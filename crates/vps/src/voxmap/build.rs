@@ -23,9 +23,6 @@ use crate::mesh::mass::{MassProperties, of_body};
 use crate::mesh::validate::{MeshReport, inspect};
 use crate::solid::{Solid, SolidOptions, SolidReport};
 
-/// Cracks narrower than this part of a voxel are joined.
-const CRACK_SHARE: f64 = 0.1;
-
 /// What to build.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
@@ -208,8 +205,7 @@ impl Volume {
             map.timings.init_s = init_s;
             return Ok(map);
         }
-        let crack_m = CRACK_SHARE * options.voxel_size_m;
-        let solid = Solid::of(mesh, &SolidOptions { crack_m, ..SolidOptions::default() });
+        let solid = Solid::of(mesh, &SolidOptions::resolved_by(Some(options.voxel_size_m)));
         let border = &solid.border;
         let mass = solid.mass(mesh, report);
         let init_s = since.elapsed().as_secs_f64();
