@@ -27,14 +27,14 @@ use crate::pointshell::shell::Shell;
 use crate::pointshell::{self, Points, ShellReport};
 use crate::solid::{Solid, SolidOptions, SolidReport};
 use crate::storage::memory::available_bytes;
-use crate::voxmap::accuracy::Accuracy;
+use crate::voxmap::accuracy::{Accuracy, Truth};
 use crate::voxmap::border::Border;
 use crate::voxmap::estimate::{Estimate, MeshMeasures, Products, voxel_size_within};
 use crate::voxmap::field::Field;
 use crate::voxmap::grid::{Grid, GridError};
 use crate::voxmap::inside_test::InsideTest;
 use crate::voxmap::memory_limit::MemoryLimit;
-use crate::voxmap::{Answer, BakeStage, Options, Volume, announce};
+use crate::voxmap::{Answer, BakeStage, Options, ThinPlace, Volume, announce};
 
 /// Counts up whenever baking gives other bits than before for the same part. A test of the bake
 /// cache holds reference bakes against it.
@@ -251,8 +251,8 @@ impl Part {
         let mut map = self.voxmap(options, &mut watch)?;
         announce(&mut watch, BakeStage::Distance).map_err(|source| self.refused(source))?;
         let field = map.field(&self.mesh, with_gradients);
-        let mut report = self.report(PartRole::Static, &map, &ShellReport::default());
-        report.accuracy = Accuracy::of(&map, &self.mesh, Some(&field), None);
+        let of_shell = ShellReport::default();
+        let report = self.report(PartRole::Static, &map, Some(&field), None, &of_shell);
         Ok((field, report))
     }
 
@@ -273,8 +273,8 @@ impl Part {
         announce(&mut watch, BakeStage::Pointshell).map_err(|source| self.refused(source))?;
         let center_m = center_of_mass.unwrap_or(mass.center_m);
         let (shell, of_shell) = pointshell::build_with(points, &self.mesh, &map, center_m);
-        let mut report = self.report(PartRole::Tool, &map, &of_shell);
-        report.accuracy = Accuracy::of(&map, &self.mesh, None, Some((&shell, center_m)));
+        let points = Some((&shell, center_m));
+        let report = self.report(PartRole::Tool, &map, None, points, &of_shell);
         Ok((shell, mass, report))
     }
 
@@ -375,13 +375,37 @@ impl Part {
         map.mass.unwrap_or_else(|| self.mass_properties())
     }
 
-    /// The figures of what was built; its accuracy is measured by itself ([`Accuracy::of`]).
-    pub fn report(&self, role: PartRole, map: &Volume, shell: &ShellReport) -> ObjectReport {
+    /// The figures of what was built, and what it tells apart: the field, and points about this
+    /// centre of mass, mesh frame, m.
+    pub fn report(
+        &self,
+        role: PartRole,
+        map: &Volume,
+        field: Option<&Field>,
+        shell: Option<(&Shell, DVec3)>,
+        of_shell: &ShellReport,
+    ) -> ObjectReport {
         let voxel_size_m = Some(map.surface.grid.voxel_size_m);
-        let warnings = match &map.solid {
+        let mut warnings = match &map.solid {
             Some(solid) => self.warnings(map.sides_asked, voxel_size_m, Some(solid)),
             None => self.mesh_warnings(map.sides_asked, voxel_size_m),
         };
-        ObjectReport::new(&self.name, role, &self.inspected, warnings, map, shell, self.load_s)
+        let truth = Truth::of(map, &self.mesh);
+        // Points of a tool lie on both faces of a wall, however thin it is.
+        if role != PartRole::Tool {
+            warnings.extend(ThinPlace::warning(&truth.thin_places()));
+        }
+        ObjectReport {
+            accuracy: Accuracy::of(&truth, field, shell),
+            ..ObjectReport::new(
+                &self.name,
+                role,
+                &self.inspected,
+                warnings,
+                map,
+                of_shell,
+                self.load_s,
+            )
+        }
     }
 }

@@ -23,7 +23,6 @@
 //! | `judge`, `columns` | winding numbers on both sides of fragments |
 //! | `lids` | closing what is left open in the border |
 //! | `build`, `report` | the result |
-//! | `sets` | disjoint sets |
 //!
 //! # The definition
 //! A closed piece is a body if it faces outward, a cavity if it faces inward inside of a body, and
@@ -67,7 +66,6 @@ mod open_parts;
 mod pieces;
 mod report;
 mod self_meets;
-mod sets;
 #[cfg(test)]
 mod tests;
 mod triangulate;

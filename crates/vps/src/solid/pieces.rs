@@ -12,11 +12,11 @@ use std::collections::HashMap;
 
 use glam::DVec3;
 
-use super::sets::Sets;
 use crate::mesh::TriangleMesh;
 use crate::mesh::edges::{EdgeFan, EdgePair, EdgeUses, edge_uses, repeats};
 use crate::mesh::weld::weld_within;
 use crate::parallel;
+use crate::sets::Sets;
 
 /// The piece of a triangle that was left out.
 pub(super) const NO_PIECE: u32 = u32::MAX;
