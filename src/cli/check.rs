@@ -151,7 +151,7 @@ fn check_scene(
         parts.push(PartFigures {
             name: part.name().to_owned(),
             voxel_size_m: options.voxel_size_m,
-            accuracy: part.walls_and_edges(),
+            accuracy: part.walls_and_edges(options.voxel_size_m),
         });
         let of_mesh = part
             .mesh_warnings(options.sides, Some(options.voxel_size_m))

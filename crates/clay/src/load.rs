@@ -117,12 +117,14 @@ pub(super) enum FileContents {
     Mesh(MeshSolid),
 }
 
-/// Reads a file of points, or a mesh, and stretches it along x, y and z. Cost: a mesh is read
+/// Reads a file of points, or a mesh, and stretches it along x, y and z; `spacing_m` is that of the
+/// samples that will be taken of a mesh, if it is known. Cost: a mesh is read
 /// twice, as only its own reader has notes; and that of its solid.
 pub(super) fn open(
     path: &Path,
     metres_per_unit: f64,
     scale: DVec3,
+    spacing_m: Option<f64>,
 ) -> Result<FileContents, LoadError> {
     let extension = path
         .extension()
@@ -136,7 +138,7 @@ pub(super) fn open(
         Contents::Mesh(_) => {
             let mut file = mesh::load_with_notes(path, metres_per_unit)?;
             file.mesh = scaled(file.mesh, scale);
-            return Ok(FileContents::Mesh(file.into()));
+            return Ok(FileContents::Mesh(MeshSolid::new(file, spacing_m)));
         }
     };
     let found = cloud.positions.len();

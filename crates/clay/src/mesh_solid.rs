@@ -1,6 +1,6 @@
 //! The solid that the triangles of a file bound, as far as clay is made of it.
 
-use super::load::area_m2;
+use super::load::{DEFAULT_SAMPLES, area_m2, spacing_of};
 use vps::mesh::{FileMesh, TriangleMesh};
 use vps::solid::{self, SolidOptions};
 
@@ -13,11 +13,13 @@ pub(super) struct MeshSolid {
     pub(super) warnings: Vec<String>,
 }
 
-impl From<FileMesh> for MeshSolid {
-    /// Cost: that of [`solid::Solid::of`].
-    fn from(file: FileMesh) -> Self {
+impl MeshSolid {
+    /// The solid of a file that is sampled so finely, m; `None`: by about as many samples as a file
+    /// that says nothing gets. Cost: that of [`solid::Solid::of`].
+    pub(super) fn new(file: FileMesh, spacing_m: Option<f64>) -> Self {
+        let spacing_m = spacing_m.unwrap_or_else(|| spacing_of(&file.mesh, DEFAULT_SAMPLES));
         let solid::Solid { mut border, skins, report } =
-            solid::Solid::of(&file.mesh, &SolidOptions::default());
+            solid::Solid::of(&file.mesh, &SolidOptions::resolved_by(Some(spacing_m)));
         let mut warnings = file.notes;
         warnings.extend(report.warnings());
         // A scan with a hole is a skin: closed crumbs that float beside it do not take its place.
@@ -68,7 +70,7 @@ mod tests {
             let triangles = mesh.triangles.into_iter();
             all.triangles.extend(triangles.map(|corners| corners.map(|corner| corner + first)));
         }
-        FileMesh::from(all).into()
+        MeshSolid::new(FileMesh::from(all), None)
     }
 
     fn clay(solid: &MeshSolid) -> ClayModel {
@@ -114,6 +116,34 @@ mod tests {
     }
 
     #[test]
+    fn cracks_are_joined_as_far_as_the_samples_do_not_show_them() {
+        // Each face ends 0.015 mm before its edges, so 0.021 mm are between two.
+        let whole = Shape::Box { size_m: DVec3::splat(20.0 * MM) }.tessellate(MM);
+        let faces = whole.triangles.iter().map(|triangle| {
+            let corners = triangle.map(|vertex| whole.vertices[vertex as usize]);
+            let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize();
+            let inner = DVec3::splat(9.985 * MM);
+            let ends = corners.map(|at| at.clamp(-inner, inner) + normal * (0.015 * MM));
+            TriangleMesh { vertices: ends.to_vec(), triangles: vec![[0, 1, 2]] }
+        });
+        let all = faces.fold(TriangleMesh::default(), |mut all, face| {
+            let first = all.vertices.len() as u32;
+            all.vertices.extend(face.vertices);
+            all.triangles.push([first, first + 1, first + 2]);
+            all
+        });
+        // Without a word, samples are some 0.35 mm apart.
+        for (spacing_mm, is_joined) in [(None, true), (Some(0.3), true), (Some(0.15), false)] {
+            let spacing_m = spacing_mm.map(|spacing_mm: f64| spacing_mm * MM);
+            let solid = MeshSolid::new(FileMesh::from(all.clone()), spacing_m);
+            let is_closed = inspect(&solid.border).open_edges == 0;
+            assert_eq!(is_closed, is_joined, "{spacing_mm:?}: {:?}", solid.warnings);
+            let is_said = solid.warnings.iter().any(|text| text.contains("were joined with them"));
+            assert_eq!(is_said, is_joined, "{spacing_mm:?}: {:?}", solid.warnings);
+        }
+    }
+
+    #[test]
     fn skins_beside_bodies_are_left_out_a_scan_with_holes_is_not_and_readers_are_heard() {
         let sheet = |edge_mm: f64| TriangleMesh {
             vertices: [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
@@ -140,7 +170,7 @@ mod tests {
             notes: vec!["a note".to_owned()],
             ..FileMesh::default()
         };
-        assert_eq!(MeshSolid::from(noted).warnings, ["a note"]);
+        assert_eq!(MeshSolid::new(noted, None).warnings, ["a note"]);
         let sheet_alone = together([sheet(6.0)]);
         assert_eq!(sheet_alone.border.triangles.len(), 2);
     }

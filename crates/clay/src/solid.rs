@@ -87,7 +87,7 @@ impl Solid {
                 Ok(of_faces(SolidSource::Shape(*shape, *scale), *spacing_m))
             }
             Self::File { path, metres_per_unit, scale, spacing_m } => {
-                let opened = match open(path, *metres_per_unit, *scale)? {
+                let opened = match open(path, *metres_per_unit, *scale, *spacing_m)? {
                     FileContents::Mesh(MeshSolid { border, warnings }) => {
                         OpenedSolid { warnings, ..of_faces(SolidSource::Mesh(border), *spacing_m) }
                     }

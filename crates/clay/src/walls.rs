@@ -370,7 +370,7 @@ mod tests {
                 let corners = part.triangles.iter().map(|corners| corners.map(|at| at + first));
                 all.triangles.extend(corners);
             }
-            let border = MeshSolid::from(FileMesh::from(all)).border;
+            let border = MeshSolid::new(FileMesh::from(all), None).border;
             Walls::new(&border, 2.1 * MM).unwrap().lost_share(MM)
         };
         assert_eq!(lost(0), 0.0);

@@ -77,6 +77,7 @@ pub mod parallel;
 pub mod part;
 mod part_report;
 pub mod pointshell;
+mod sets;
 mod simd;
 pub mod solid;
 pub mod spatial;

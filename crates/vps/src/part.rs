@@ -7,6 +7,7 @@
 //!
 //! Invariant: cold; the same bits for any number of threads of the current rayon pool.
 
+use std::borrow::Cow;
 use std::path::Path;
 use std::sync::OnceLock;
 use std::time::Instant;
@@ -26,14 +27,14 @@ use crate::pointshell::shell::Shell;
 use crate::pointshell::{self, Points, ShellReport};
 use crate::solid::{Solid, SolidOptions, SolidReport};
 use crate::storage::memory::available_bytes;
-use crate::voxmap::accuracy::Accuracy;
+use crate::voxmap::accuracy::{Accuracy, Truth};
 use crate::voxmap::border::Border;
 use crate::voxmap::estimate::{Estimate, MeshMeasures, Products, voxel_size_within};
 use crate::voxmap::field::Field;
 use crate::voxmap::grid::{Grid, GridError};
 use crate::voxmap::inside_test::InsideTest;
 use crate::voxmap::memory_limit::MemoryLimit;
-use crate::voxmap::{Answer, BakeStage, Options, Volume, announce};
+use crate::voxmap::{Answer, BakeStage, Options, ThinPlace, Volume, announce};
 
 /// Counts up whenever baking gives other bits than before for the same part. A test of the bake
 /// cache holds reference bakes against it.
@@ -93,8 +94,10 @@ pub struct Part {
     pub mesh: TriangleMesh,
     /// What is wrong with it.
     inspected: MeshReport,
-    /// What it means; on demand.
+    /// What it means, however finely it is sampled; on demand.
     meaning: OnceLock<Meaning>,
+    /// What it means to voxels, and their edge, m: of the first ones that it was asked for.
+    meaning_to_voxels: OnceLock<(f64, Meaning)>,
     /// What a user should know of its file.
     notes: Vec<String>,
     rounding: Option<Rounding>,
@@ -102,7 +105,7 @@ pub struct Part {
 }
 
 /// What the triangles of a part are together.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Meaning {
     solid: SolidReport,
     mass: MassProperties,
@@ -110,8 +113,8 @@ struct Meaning {
 }
 
 impl Meaning {
-    fn of(mesh: &TriangleMesh, inspected: &MeshReport) -> Self {
-        let solid = Solid::of(mesh, &SolidOptions::default());
+    fn of(mesh: &TriangleMesh, inspected: &MeshReport, voxel_size_m: Option<f64>) -> Self {
+        let solid = Solid::of(mesh, &SolidOptions::resolved_by(voxel_size_m));
         let mass = solid.mass(mesh, inspected);
         Self { solid: solid.report, mass, shape: Accuracy::of_border(&solid.border) }
     }
@@ -150,8 +153,16 @@ impl Part {
         let FileMesh { mesh, notes, rounding } = file;
         let inspected = inspect(&mesh);
         let load_s = since.elapsed().as_secs_f64();
-        let meaning = OnceLock::new();
-        Self { name: name.to_owned(), mesh, inspected, meaning, notes, rounding, load_s }
+        Self {
+            name: name.to_owned(),
+            mesh,
+            inspected,
+            meaning: OnceLock::new(),
+            meaning_to_voxels: OnceLock::new(),
+            notes,
+            rounding,
+            load_s,
+        }
     }
 
     /// Some triangle has an area.
@@ -166,45 +177,63 @@ impl Part {
 
     /// What a user should look at in its mesh and its file, a sentence each; what its voxels show
     /// is in the report of the bake. With the edge of its voxels, m, also whether its coordinates
-    /// are fine enough for them.
+    /// are fine enough for them, and of its cracks those that a bake does not join.
     pub fn mesh_warnings(&self, sides: InsideTest, voxel_size_m: Option<f64>) -> Vec<String> {
-        self.warnings(sides, voxel_size_m, || self.solid())
+        match sides {
+            InsideTest::Thin => self.warnings(sides, voxel_size_m, None),
+            InsideTest::Auto | InsideTest::Flood | InsideTest::Winding => {
+                self.warnings(sides, voxel_size_m, Some(&self.meaning(voxel_size_m).solid))
+            }
+        }
     }
 
-    /// The same with what its triangles were taken for, which is asked only where it counts.
-    fn warnings<'a>(
+    /// The same with what its triangles were taken for, which a skin need not know.
+    fn warnings(
         &self,
         sides: InsideTest,
         voxel_size_m: Option<f64>,
-        solid: impl FnOnce() -> &'a SolidReport,
+        solid: Option<&SolidReport>,
     ) -> Vec<String> {
         let coarse =
             self.rounding.zip(voxel_size_m).and_then(|(rounding, size_m)| rounding.warning(size_m));
         let notes = self.notes.iter().cloned();
-        let solid = match sides {
-            InsideTest::Auto | InsideTest::Winding => solid().warnings(),
-            InsideTest::Flood => solid().hollows_text().map_or_else(Vec::new, |hollows| {
-                vec![format!("{hollows}: solid, by `sides = \"flood\"`")]
-            }),
+        let solid = solid.map_or_else(Vec::new, |solid| match sides {
+            InsideTest::Auto | InsideTest::Winding => solid.warnings(),
+            InsideTest::Flood => {
+                let hollows = solid.hollows_text().into_iter();
+                hollows.map(|text| format!("{text}: solid, by `sides = \"flood\"`")).collect()
+            }
             InsideTest::Thin => Vec::new(),
-        };
+        });
         notes.chain(self.inspected.warnings()).chain(solid).chain(coarse).collect()
     }
 
-    fn meaning(&self) -> &Meaning {
-        self.meaning.get_or_init(|| Meaning::of(&self.mesh, &self.inspected))
+    fn meaning_of_file(&self) -> &Meaning {
+        self.meaning.get_or_init(|| Meaning::of(&self.mesh, &self.inspected, None))
     }
 
-    /// What its triangles were taken for: pieces, bodies, cavities, skins. Cost: of the first call
-    /// that of [`Solid::of`].
+    /// What it means to voxels of this edge, m.
+    fn meaning(&self, voxel_size_m: Option<f64>) -> Cow<'_, Meaning> {
+        let of_file = self.meaning_of_file();
+        // Without an open edge there is no crack, and voxels of any size are told the same.
+        let Some(asked_m) = voxel_size_m.filter(|_| of_file.solid.open_pieces > 0) else {
+            return Cow::Borrowed(of_file);
+        };
+        let to_voxels = || Meaning::of(&self.mesh, &self.inspected, voxel_size_m);
+        let (first_m, first) = self.meaning_to_voxels.get_or_init(|| (asked_m, to_voxels()));
+        if *first_m == asked_m { Cow::Borrowed(first) } else { Cow::Owned(to_voxels()) }
+    }
+
+    /// What its triangles were taken for: pieces, bodies, cavities, skins; no cracks are joined, as
+    /// only voxels say which gaps are. Cost: of the first call that of [`Solid::of`].
     pub fn solid(&self) -> &SolidReport {
-        &self.meaning().solid
+        &self.meaning_of_file().solid
     }
 
-    /// Thinnest wall and sharpest edge of the solid that its triangles make, without a bake. Cost:
-    /// of the first call that of [`Solid::of`].
-    pub fn walls_and_edges(&self) -> Accuracy {
-        self.meaning().shape
+    /// Thinnest wall and sharpest edge of the solid that its triangles make to voxels of this edge,
+    /// m, without a bake. Cost: of the first call that of [`Solid::of`].
+    pub fn walls_and_edges(&self, voxel_size_m: f64) -> Accuracy {
+        self.meaning(Some(voxel_size_m)).shape
     }
 
     /// Bakes what other parts touch; `with_gradients` for
@@ -222,8 +251,8 @@ impl Part {
         let mut map = self.voxmap(options, &mut watch)?;
         announce(&mut watch, BakeStage::Distance).map_err(|source| self.refused(source))?;
         let field = map.field(&self.mesh, with_gradients);
-        let mut report = self.report(PartRole::Static, &map, &ShellReport::default());
-        report.accuracy = Accuracy::of(&map, &self.mesh, Some(&field), None);
+        let of_shell = ShellReport::default();
+        let report = self.report(PartRole::Static, &map, Some(&field), None, &of_shell);
         Ok((field, report))
     }
 
@@ -244,8 +273,8 @@ impl Part {
         announce(&mut watch, BakeStage::Pointshell).map_err(|source| self.refused(source))?;
         let center_m = center_of_mass.unwrap_or(mass.center_m);
         let (shell, of_shell) = pointshell::build_with(points, &self.mesh, &map, center_m);
-        let mut report = self.report(PartRole::Tool, &map, &of_shell);
-        report.accuracy = Accuracy::of(&map, &self.mesh, None, Some((&shell, center_m)));
+        let points = Some((&shell, center_m));
+        let report = self.report(PartRole::Tool, &map, None, points, &of_shell);
         Ok((shell, mass, report))
     }
 
@@ -338,7 +367,7 @@ impl Part {
     /// hollows not at all; of the surface where the mesh is open. Frame and units of
     /// [`MassProperties`].
     pub fn mass_properties(&self) -> MassProperties {
-        self.meaning().mass
+        self.meaning_of_file().mass
     }
 
     /// The same, by a map of it, whose voxels say which cracks are joined.
@@ -346,18 +375,37 @@ impl Part {
         map.mass.unwrap_or_else(|| self.mass_properties())
     }
 
-    /// The figures of what was built; its accuracy is measured by itself ([`Accuracy::of`]).
-    pub fn report(&self, role: PartRole, map: &Volume, shell: &ShellReport) -> ObjectReport {
-        ObjectReport::new(
-            &self.name,
-            role,
-            &self.inspected,
-            self.warnings(map.sides_asked, Some(map.surface.grid.voxel_size_m), || {
-                map.solid.as_ref().unwrap_or_else(|| self.solid())
-            }),
-            map,
-            shell,
-            self.load_s,
-        )
+    /// The figures of what was built, and what it tells apart: the field, and points about this
+    /// centre of mass, mesh frame, m.
+    pub fn report(
+        &self,
+        role: PartRole,
+        map: &Volume,
+        field: Option<&Field>,
+        shell: Option<(&Shell, DVec3)>,
+        of_shell: &ShellReport,
+    ) -> ObjectReport {
+        let voxel_size_m = Some(map.surface.grid.voxel_size_m);
+        let mut warnings = match &map.solid {
+            Some(solid) => self.warnings(map.sides_asked, voxel_size_m, Some(solid)),
+            None => self.mesh_warnings(map.sides_asked, voxel_size_m),
+        };
+        let truth = Truth::of(map, &self.mesh);
+        // Points of a tool lie on both faces of a wall, however thin it is.
+        if role != PartRole::Tool {
+            warnings.extend(ThinPlace::warning(&truth.thin_places()));
+        }
+        ObjectReport {
+            accuracy: Accuracy::of(&truth, field, shell),
+            ..ObjectReport::new(
+                &self.name,
+                role,
+                &self.inspected,
+                warnings,
+                map,
+                of_shell,
+                self.load_s,
+            )
+        }
     }
 }

@@ -237,13 +237,6 @@ impl ObjectReport {
                     a solid needs voxels of less than half its thickness"
                     .to_owned(),
             );
-        } else if map.leak.is_none() && map.thin_share > 0.02 && role != PartRole::Tool {
-            // Points of a tool lie on both faces of a wall, however thin it is.
-            warnings.push(format!(
-                "{:.0} % of the surface is of walls thinner than the voxels resolve, which are felt \
-                    too weakly or not at all; use smaller voxels, or `sides = \"thin\"`",
-                100.0 * map.thin_share
-            ));
         }
         if map.orientation.n_inverted > 0 {
             // Says the same, and more.

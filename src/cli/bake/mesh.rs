@@ -19,7 +19,7 @@ use vps::mesh::MeshError;
 use vps::part::{Part, PartError};
 use vps::pointshell::{self, Points, ply};
 use vps::storage::whole_file;
-use vps::voxmap::accuracy::{Accuracy, FieldError};
+use vps::voxmap::accuracy::FieldError;
 use vps::voxmap::field::Field;
 use vps::voxmap::grid::GridError;
 use vps::voxmap::inside_test::InsideTest;
@@ -239,9 +239,8 @@ fn generate(
     if let Some(path) = &args.picture_3d {
         write(path, |path| picture::parts::write_structures(path, &part.mesh, &subject))?;
     }
-    let mut report = part.report(PartRole::Mesh, &map, &shell_report);
-    let of_shell = Some((&shell, center_of_mass));
-    report.accuracy = Accuracy::of(&map, &part.mesh, Some(&field), of_shell);
+    let points = Some((&shell, center_of_mass));
+    let report = part.report(PartRole::Mesh, &map, Some(&field), points, &shell_report);
     if args.verify {
         verify(&map, &part, &field)?;
     }

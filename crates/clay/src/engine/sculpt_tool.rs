@@ -134,7 +134,8 @@ impl ChosenSolid {
     /// [`SurfaceError`] for a mesh without area.
     pub fn centered(file: FileMesh) -> Result<Self, SurfaceError> {
         let n_triangles = file.mesh.triangles.len();
-        let MeshSolid { border: mut mesh, warnings } = file.into();
+        // As finely as the clay it will be sampled, which is not known yet.
+        let MeshSolid { border: mut mesh, warnings } = MeshSolid::new(file, None);
         let (low, high) = mesh.bounds().unwrap_or_default();
         mesh.vertices.iter_mut().for_each(|at| *at -= 0.5 * (low + high));
         let size_mm = (high - low) * 1e3;

@@ -19,17 +19,30 @@ use crate::mesh::mass::{
 use crate::mesh::validate::{MeshReport, WELD_SHARE};
 use crate::parallel;
 
-/// Settings.
-#[derive(Clone, Copy, Debug, Default)]
+/// Settings. All that makes a solid of triangles takes them from [`Self::resolved_by`], so that
+/// two of them never tell different things of one file.
+#[derive(Clone, Copy, Debug)]
 pub struct SolidOptions {
     /// What lies closer than this, m, lies on each other: vertices are one, faces cancel. `None`:
     /// [`WELD_SHARE`] of the diagonal of the bounding box, which the six digits of a text file, or
     /// an `f32`, keep.
-    pub tolerance_m: Option<f64>,
-    /// Open edges with no more than this between them, m, are joined: a tenth of a voxel is a
-    /// crack, not a hole. 0: none are.
-    pub crack_m: f64,
+    pub(super) tolerance_m: Option<f64>,
+    /// Open edges with no more than this between them, m, are joined. 0: none are.
+    pub(super) crack_m: f64,
 }
+
+impl SolidOptions {
+    /// For a part that is sampled so finely, m: by voxels of this edge, or points so far apart. A
+    /// gap up to a tenth of that is a crack, not a hole, and its edges are joined. `None`: it is
+    /// not known how finely, and no edges are.
+    pub fn resolved_by(spacing_m: Option<f64>) -> Self {
+        let crack_m = spacing_m.map_or(0.0, |spacing_m| CRACK_SHARE * spacing_m);
+        Self { tolerance_m: None, crack_m }
+    }
+}
+
+/// Cracks narrower than this part of a voxel are joined.
+const CRACK_SHARE: f64 = 0.1;
 
 /// Lids wider than this many tolerances are counted as openings: what tolerances and rounding leave
 /// open is narrower.

@@ -9,8 +9,8 @@
 //! contradict each other, the clearest claims hold. Then as many copies of each triangle are left as
 //! the winding numbers beside it ask for.
 //!
-//! Surfaces that pass through each other away from their edges make cells that are none. What is
-//! changed for them contradicts as much as before, by which the caller knows.
+//! Surfaces that pass through each other away from their edges make cells that are none, and changes
+//! that help nothing: [`Claims::against_m2`] tells whether they do.
 //!
 //! Cost: n log n in the triangles that are asked.
 //!
@@ -23,9 +23,9 @@ use std::ops::Range;
 use glam::DVec3;
 
 use super::around_edge::around;
-use super::sets::Sets;
 use crate::mesh::TriangleMesh;
 use crate::mesh::edges::edge_uses;
+use crate::sets::Sets;
 
 /// Largest difference of winding numbers between neighbours that is considered.
 const MOST: i32 = 3;

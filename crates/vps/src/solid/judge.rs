@@ -15,9 +15,10 @@ use super::cut::{Cut, Fragment};
 use super::faces::Faces;
 use super::nesting::Nesting;
 use super::pieces::Piece;
-use super::sets::Sets;
+
 use crate::mesh::edges::edge_uses;
 use crate::parallel;
+use crate::sets::Sets;
 
 /// Sides are looked at this many tolerances above and below, so that what lies on a fragment within
 /// the tolerance is on its other side.

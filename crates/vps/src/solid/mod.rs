@@ -14,6 +14,7 @@
 //! | module | owns |
 //! |---|---|
 //! | `pieces` | welding, repeats, connected pieces, their winding |
+//! | `cells`, `around_edge` | triangles that contradict all others around them |
 //! | `nesting` | bodies, cavities, pieces that face the wrong way |
 //! | `faces`, `lines` | triangles that take part, their edges and what lies on them |
 //! | `cracks` | open edges beside each other |
@@ -23,7 +24,6 @@
 //! | `judge`, `columns` | winding numbers on both sides of fragments |
 //! | `lids` | closing what is left open in the border |
 //! | `build`, `report` | the result |
-//! | `sets` | disjoint sets |
 //!
 //! # The definition
 //! A closed piece is a body if it faces outward, a cavity if it faces inward inside of a body, and
@@ -71,7 +71,6 @@ mod open_parts;
 mod pieces;
 mod report;
 mod self_meets;
-mod sets;
 #[cfg(test)]
 mod tests;
 mod triangulate;

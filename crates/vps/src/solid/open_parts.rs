@@ -1,11 +1,12 @@
 //! Which open pieces belong together.
 
 use super::Solid;
-use super::sets::Sets;
+
 use crate::mesh::TriangleMesh;
 use crate::mesh::boxes::Boxes;
 use crate::mesh::validate::WELD_SHARE;
 use crate::mesh::weld::weld_within;
+use crate::sets::Sets;
 
 impl Solid {
     /// The skins in groups: pieces whose boxes come within `gap_m` of each other may be faces of

@@ -14,11 +14,11 @@ use glam::DVec3;
 
 use super::around_edge::{Wall, around};
 use super::cells::{Change, Claims, way_round};
-use super::sets::Sets;
 use crate::mesh::TriangleMesh;
 use crate::mesh::edges::{EdgeFan, EdgePair, EdgeUses, edge_uses, repeats};
 use crate::mesh::weld::weld_within;
 use crate::parallel;
+use crate::sets::Sets;
 
 /// The piece of a triangle that was left out.
 pub(super) const NO_PIECE: u32 = u32::MAX;
@@ -78,10 +78,7 @@ impl Pieces {
             mesh.triangles[triangle_idx].map(|vertex| welded[vertex as usize])
         });
         let pieces = Self::of_corners(mesh, corners, |_| false);
-        match pieces.mended(mesh) {
-            Some(mended) => mended,
-            None => pieces,
-        }
+        pieces.mended(mesh).unwrap_or(pieces)
     }
 
     /// The pieces of triangles with these corners, but for those that are left out.
@@ -132,8 +129,8 @@ impl Pieces {
         pieces
     }
 
-    /// The pieces without what single triangles claim against all others; `None` where less area is
-    /// in bodies then as the file has it, or where nothing was open.
+    /// The pieces without what single triangles claim against all others; `None` where nothing is
+    /// open, or what is found so contradicts no less area of the file.
     fn mended(&self, mesh: &TriangleMesh) -> Option<Self> {
         let damaged = self.damaged(mesh.vertices.len());
         if damaged.is_empty() {
@@ -144,6 +141,11 @@ impl Pieces {
             corners.swap(1, 2);
         }
         let claims = Claims::of(mesh, &corners, &damaged);
+        let against_m2 = |pieces: &Self| claims.against_m2(|file_idx| pieces.use_of(file_idx));
+        let against_self_m2 = against_m2(self);
+        if against_self_m2 == 0.0 {
+            return None;
+        }
         let mut is_left_out = vec![false; corners.len()];
         let mut is_turned = vec![false; corners.len()];
         for (file_idx, change) in claims.changes(mesh) {
@@ -162,8 +164,7 @@ impl Pieces {
         mended.n_inconsistent += is_turned.iter().filter(|turned| **turned).count();
         mended.n_repeats += is_left_out.iter().filter(|left_out| **left_out).count();
         mended.is_welded = true;
-        let against_m2 = |pieces: &Self| claims.against_m2(|file_idx| pieces.use_of(file_idx));
-        (against_m2(&mended) < against_m2(self)).then_some(mended)
+        (against_m2(&mended) < against_self_m2).then_some(mended)
     }
 
     /// How a triangle of the file bounds a body: as it is (1), turned (−1), or not (0).

@@ -63,12 +63,12 @@ pub(super) fn together(meshes: impl IntoIterator<Item = TriangleMesh>) -> Triang
 }
 
 fn solid(mesh: &TriangleMesh) -> Solid {
-    Solid::of(mesh, &SolidOptions::default())
+    Solid::of(mesh, &SolidOptions::resolved_by(None))
 }
 
 /// With no more than rounding between what counts as touching.
 pub(super) fn exactly(mesh: &TriangleMesh) -> Solid {
-    Solid::of(mesh, &SolidOptions { tolerance_m: Some(1e-12), ..SolidOptions::default() })
+    Solid::of(mesh, &SolidOptions { tolerance_m: Some(1e-12), ..SolidOptions::resolved_by(None) })
 }
 
 fn volume(mesh: &TriangleMesh) -> f64 {
@@ -472,7 +472,8 @@ fn inside_of_many_overlapping_boxes_is_inside_of_any_of_them() {
 fn the_border_of_bodies_in_each_other_by_chance_is_closed_and_without_guesses() {
     for (tolerance_m, seed) in [(1e-12, 5), (1e-8, 6), (1e-7, 7), (1e-6, 8)] {
         let mesh = together(many_boxes_from(400, seed));
-        let options = SolidOptions { tolerance_m: Some(tolerance_m), ..SolidOptions::default() };
+        let options =
+            SolidOptions { tolerance_m: Some(tolerance_m), ..SolidOptions::resolved_by(None) };
         let found = Solid::of(&mesh, &options);
         assert_closed(&found.border);
         // Faces of 1 mm that cross at less than 7° are within four tolerances of each other farther
@@ -494,7 +495,7 @@ fn the_border_of_bodies_in_each_other_by_chance_is_closed_and_without_guesses() 
 #[test]
 fn more_meetings_than_the_limits_are_not_cut_and_said() {
     let mesh = together(many_boxes(40));
-    let options = SolidOptions::default();
+    let options = SolidOptions::resolved_by(None);
     let none = Limits { pairs: usize::MAX, lines: usize::MAX, crossings: usize::MAX };
     let whole = Solid::within(&mesh, &options, none);
     assert!(!whole.report.tangled && whole.report.cut_triangles > 100);
@@ -684,7 +685,7 @@ fn in_sheets(size_mm: [f64; 3], n_parts: [u32; 6], gap_mm: f64) -> TriangleMesh 
 fn cracks_between_sheets_are_joined_up_to_their_width() {
     let size = [20.0, 10.0, 8.0];
     let with = |mesh: &TriangleMesh, crack_mm: f64| {
-        Solid::of(mesh, &SolidOptions { crack_m: crack_mm * MM, ..SolidOptions::default() })
+        Solid::of(mesh, &SolidOptions { crack_m: crack_mm * MM, ..SolidOptions::resolved_by(None) })
     };
     // Alike; corners beside edges; corners of both sides beside edges of the other.
     for n_parts in [[1; 6], [1, 2, 4, 1, 3, 2], [2, 3, 5, 7, 2, 3]] {
@@ -719,7 +720,7 @@ fn corners_on_edges_of_the_same_plane_are_joined_and_holes_are_not() {
     let new = mesh.vertices.len() as u32;
     mesh.vertices.push(middle + off);
     mesh.triangles.splice(0..1, [[a, new, c], [new, b, c]]);
-    let options = SolidOptions { crack_m: 0.01 * MM, ..SolidOptions::default() };
+    let options = SolidOptions { crack_m: 0.01 * MM, ..SolidOptions::resolved_by(None) };
     let tolerance_m = Some(1e-9);
     let found = Solid::of(&mesh, &SolidOptions { tolerance_m, ..options });
     assert_eq!((found.report.bodies, found.report.joined_cracks), (1, 3), "{:?}", found.report);
@@ -739,7 +740,8 @@ fn corners_on_edges_of_the_same_plane_are_joined_and_holes_are_not() {
 fn a_closed_file_is_not_changed_by_joining_cracks() {
     // Parts nearer to each other than a crack is wide.
     let mesh = together([cube(5.0), moved(cube(5.0), DVec3::X * 10.01 * MM)]);
-    let found = Solid::of(&mesh, &SolidOptions { crack_m: 0.1 * MM, ..SolidOptions::default() });
+    let found =
+        Solid::of(&mesh, &SolidOptions { crack_m: 0.1 * MM, ..SolidOptions::resolved_by(None) });
     assert_eq!(found.border.triangles, mesh.triangles);
     assert_eq!(found.border.vertices, mesh.vertices);
     assert_eq!(found.report.joined_cracks, 0);
@@ -990,7 +992,7 @@ proptest! {
             moved(Shape::Box { size_m: DVec3::new(2.0, 3.0, 1.0 + k as f64) }.tessellate(1.0), at)
         });
         let mesh = together([soup].into_iter().chain(boxes));
-        let found = Solid::of(&mesh, &SolidOptions { crack_m, ..SolidOptions::default() });
+        let found = Solid::of(&mesh, &SolidOptions { crack_m, ..SolidOptions::resolved_by(None) });
         let n = found.border.vertices.len() as u32;
         prop_assert!(found.border.triangles.as_flattened().iter().all(|vertex| *vertex < n));
     }

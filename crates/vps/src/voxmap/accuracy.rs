@@ -8,16 +8,16 @@
 //! Invariant: cold; the same figures for any number of threads. Cost: O(n log n) for a tree over n
 //! triangles, O(log n) per place, and a pass over corners and points per direction.
 
-use std::cell::Cell;
+use std::borrow::Cow;
 
 use glam::{DVec3, Vec3};
 
-use super::Volume;
-use super::border::Border;
+use super::border::{Border, OPPOSITE_COSINE};
 use super::distance::sample_of;
 use super::field::{APRON_CELLS, DEEP_INSIDE, Field, FieldKind};
 use super::grid::BRICK_EDGE;
 use super::winding::WindingTree;
+use super::{ThinPlace, Volume};
 use crate::mesh::TriangleMesh;
 use crate::mesh::edges::edge_uses;
 use crate::mesh::weld::weld_within;
@@ -28,8 +28,6 @@ use crate::pointshell::shell::Shell;
 const PLACES: usize = 1000;
 /// Directions in which the part is held against a flat face.
 const DIRECTIONS: usize = 128;
-/// Two faces are those of a wall where their normals are opposite within this cosine: 25°.
-const OPPOSITE_COSINE: f64 = 0.9;
 /// The golden ratio less one, and its like for two dimensions (Roberts 2018): multiples of it
 /// spread evenly over 0 … 1.
 const GOLDEN: f64 = 0.618_033_988_749_895;
@@ -68,14 +66,13 @@ pub struct FieldError {
 
 impl Accuracy {
     /// Measures at some thousand places. `shell` has points about this centre of mass, mesh frame.
-    pub fn of(
-        map: &Volume,
-        mesh: &TriangleMesh,
+    pub(crate) fn of(
+        truth: &Truth<'_>,
         field: Option<&Field>,
         shell: Option<(&Shell, DVec3)>,
     ) -> Self {
-        let truth = Truth::new(map, mesh, false);
-        let surface = map.mesh(mesh);
+        let Member { map, border, .. } = &truth.first;
+        let surface = &border.mesh;
         let places = places_on(surface, PLACES);
         let on_surface = |field: &Field| {
             let errors = parallel::map(places.len(), 16, |idx| {
@@ -100,7 +97,7 @@ impl Accuracy {
 impl Accuracy {
     /// What the border of a solid shows without a bake: its thinnest wall and its sharpest edge.
     pub(crate) fn of_border(mesh: &TriangleMesh) -> Self {
-        let border = Border::of_triangles(mesh);
+        let border = Border::of_triangles(Cow::Borrowed(mesh));
         Self {
             thinnest_wall_m: thinnest_wall_m(&border, &places_on(mesh, PLACES)),
             sharpest_edge_deg: sharpest_edge_deg(mesh),
@@ -143,37 +140,55 @@ impl Volume {
     /// their sides where the file is a solid; all of them if there are no more. `mesh` is the one
     /// that the map was built of.
     pub fn verify(&self, mesh: &TriangleMesh, field: &Field, n_samples: usize) -> FieldError {
-        Truth::new(self, mesh, true).worst(field, n_samples)
+        Truth::with_sides(self, mesh).worst(field, n_samples)
     }
 }
 
 /// What a field should say.
-struct Truth<'a> {
-    members: Vec<Member<'a>>,
+pub(crate) struct Truth<'a> {
+    first: Member<'a>,
+    /// What is beside the solid.
+    beside: Vec<Member<'a>>,
     /// Winding numbers of the first member, which is the border of a solid.
     winding: Option<WindingTree>,
 }
 
 /// Triangles that are one solid or one skin.
 struct Member<'a> {
+    map: &'a Volume,
     border: Border<'a>,
     /// A two-sided skin, which is felt so much earlier, m.
     skin_m: Option<f64>,
 }
 
 impl<'a> Truth<'a> {
-    fn new(map: &'a Volume, mesh: &'a TriangleMesh, with_sides: bool) -> Self {
-        let maps = std::iter::once(map).chain(map.beside.iter().map(|beside| &beside.map));
-        let members = maps.map(|map| Member {
+    /// Of a map and the mesh that it was built of.
+    pub(crate) fn of(map: &'a Volume, mesh: &'a TriangleMesh) -> Self {
+        let member = |map: &'a Volume| Member {
+            map,
             border: Border::of(map, mesh),
             skin_m: map.thin.then_some(map.surface.grid.voxel_size_m),
-        });
-        let members: Vec<Member<'_>> = members.collect();
+        };
+        let beside = map.beside.iter().map(|beside| member(&beside.map)).collect();
+        Self { first: member(map), beside, winding: None }
+    }
+
+    /// The same with the sides that are known.
+    fn with_sides(map: &'a Volume, mesh: &'a TriangleMesh) -> Self {
         // Beside a lid the side is a guess, and of triangles that are taken as they are the fill
         // says it.
         let is_solid = map.solid.as_ref().is_some_and(|solid| solid.bodies > 0);
-        let winding = (with_sides && is_solid).then(|| WindingTree::new(map.mesh(mesh)));
-        Self { members, winding }
+        let winding = is_solid.then(|| WindingTree::new(map.mesh(mesh)));
+        Self { winding, ..Self::of(map, mesh) }
+    }
+
+    fn members(&self) -> impl Iterator<Item = &Member<'a>> {
+        std::iter::once(&self.first).chain(&self.beside)
+    }
+
+    /// What the voxels do not resolve.
+    pub(crate) fn thin_places(&self) -> Vec<ThinPlace> {
+        ThinPlace::of(self.members().map(|member| (member.map, &member.border)))
     }
 
     /// How far a value of the field at a place is from the true one, m; with the side of the first
@@ -186,7 +201,7 @@ impl<'a> Truth<'a> {
         let mut values_m = vec![f64::NEG_INFINITY];
         // Of what lies beside the solid none is.
         let sides = std::iter::once(inside).chain(std::iter::repeat(None));
-        for (member, inside) in self.members.iter().zip(sides) {
+        for (member, inside) in self.members().zip(sides) {
             let distance_m = member.border.distance_m(place_m, farthest_m);
             let own = match (member.skin_m, inside) {
                 (Some(skin_m), _) => vec![skin_m - distance_m],
@@ -246,52 +261,19 @@ impl<'a> Truth<'a> {
 
     /// That of the solid; `None` of a skin.
     fn thinnest_wall_m(&self, places: &[(DVec3, DVec3)]) -> Option<f64> {
-        let solid = self.members.first().filter(|member| member.skin_m.is_none())?;
-        thinnest_wall_m(&solid.border, places)
+        let Member { border, skin_m, .. } = &self.first;
+        skin_m.is_none().then(|| thinnest_wall_m(border, places)).flatten()
     }
 }
 
 /// The shortest way through a solid, from some places of its surface against their normals to where
 /// it ends at a face that looks the other way, m.
 fn thinnest_wall_m(border: &Border<'_>, places: &[(DVec3, DVec3)]) -> Option<f64> {
-    let walls_m =
-        parallel::map(places.len(), 16, |idx| wall_m(border, places[idx].0, -places[idx].1));
-    walls_m.into_iter().flatten().min_by(f64::total_cmp)
-}
-
-/// How far it is from a place of the surface, this way, to where the solid ends, m; `None`
-/// where the face there is not opposite.
-fn wall_m(border: &Border<'_>, from: DVec3, way: DVec3) -> Option<f64> {
-    let end_m = Cell::new(f64::INFINITY);
-    let mut cosine = 0.0;
-    let inverse = way.recip();
-    let enters = |low: DVec3, high: DVec3| {
-        let one = (low - from) * inverse;
-        let other = (high - from) * inverse;
-        // Along an axis in which the ray stands still a product may be no number, which
-        // `min` and `max` of the other drop.
-        let begin_m = one.min(other).max_element().max(0.0);
-        begin_m <= one.max(other).min_element().min(end_m.get())
-    };
-    border.boxes.visit(enters, |triangle| {
-        let [a, b, c] = border.mesh.corners(triangle as usize);
-        let normal = (b - a).cross(c - a);
-        let along = normal.dot(way);
-        // The face that it starts on looks back.
-        if along <= 0.0 {
-            return;
-        }
-        let at_m = normal.dot(a - from) / along;
-        let place = from + at_m * way;
-        let is_within = [(a, b), (b, c), (c, a)]
-            .into_iter()
-            .all(|(from, to)| (to - from).cross(place - from).dot(normal) >= 0.0);
-        if is_within && at_m > 0.0 && at_m < end_m.get() {
-            end_m.set(at_m);
-            cosine = along / normal.length();
-        }
+    let exits = parallel::map(places.len(), 16, |idx| {
+        border.exit(places[idx].0, -places[idx].1, f64::INFINITY)
     });
-    (cosine > OPPOSITE_COSINE).then_some(end_m.get())
+    let opposite = exits.into_iter().flatten().filter(|exit| exit.cosine > OPPOSITE_COSINE);
+    opposite.map(|exit| exit.at_m).min_by(f64::total_cmp)
 }
 
 /// Places of the surface and its normals there, evenly spread by area.
@@ -381,7 +363,7 @@ fn sharpest_edge_deg(mesh: &TriangleMesh) -> Option<f64> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::mesh::primitives::Shape;
     use crate::mesh::validate::inspect;
@@ -392,12 +374,12 @@ mod tests {
 
     const VOXEL_M: f64 = 5e-4;
 
-    fn block(size_mm: [f64; 3]) -> TriangleMesh {
+    pub(in crate::voxmap) fn block(size_mm: [f64; 3]) -> TriangleMesh {
         Shape::Box { size_m: DVec3::from_array(size_mm) * 1e-3 }.tessellate(1.0)
     }
 
     /// Both, the second one behind the first.
-    fn with(mut mesh: TriangleMesh, other: TriangleMesh) -> TriangleMesh {
+    pub(in crate::voxmap) fn with(mut mesh: TriangleMesh, other: TriangleMesh) -> TriangleMesh {
         let first = mesh.vertices.len() as u32;
         mesh.vertices.extend(other.vertices);
         mesh.triangles.extend(other.triangles.iter().map(|corners| corners.map(|at| at + first)));
@@ -415,7 +397,7 @@ mod tests {
         let (map, field) = baked(mesh);
         let center_m = DVec3::splat(1e-3);
         let shell = pointshell::build(mesh, &map, center_m).0;
-        Accuracy::of(&map, mesh, Some(&field), Some((&shell, center_m)))
+        Accuracy::of(&Truth::of(&map, mesh), Some(&field), Some((&shell, center_m)))
     }
 
     #[test]

@@ -5,6 +5,7 @@
 //! [`InsideTest::Flood`] and [`InsideTest::Thin`] the triangles are taken as they are.
 
 use core::ops::ControlFlow;
+use std::borrow::Cow;
 use std::time::Instant;
 
 use super::distance::{Distances, Samples, Signs, sample_of};
@@ -22,9 +23,6 @@ use crate::mesh::TriangleMesh;
 use crate::mesh::mass::{MassProperties, of_body};
 use crate::mesh::validate::{MeshReport, inspect};
 use crate::solid::{Solid, SolidOptions, SolidReport};
-
-/// Cracks narrower than this part of a voxel are joined.
-const CRACK_SHARE: f64 = 0.1;
 
 /// What to build.
 #[derive(Clone, Copy, Debug)]
@@ -132,7 +130,8 @@ pub struct Volume {
     pub watertight: bool,
     /// Where it leaked; `None`: it did not.
     pub leak: Option<Leak>,
-    /// Share of the surface that is thinner than the voxels resolve.
+    /// Share of the surface that has outside on both sides, though it does not leak: half of it makes
+    /// a skin. 0 of the border of a solid, which is none.
     pub thin_share: f64,
     /// Treated as a thin two-sided skin.
     pub thin: bool,
@@ -208,8 +207,7 @@ impl Volume {
             map.timings.init_s = init_s;
             return Ok(map);
         }
-        let crack_m = CRACK_SHARE * options.voxel_size_m;
-        let solid = Solid::of(mesh, &SolidOptions { crack_m, ..SolidOptions::default() });
+        let solid = Solid::of(mesh, &SolidOptions::resolved_by(Some(options.voxel_size_m)));
         let border = &solid.border;
         let mass = solid.mass(mesh, report);
         let init_s = since.elapsed().as_secs_f64();
@@ -250,12 +248,7 @@ impl Volume {
 
     /// Volume, centre and inertia of what lids close; `None` without lids.
     fn mass_with_lids(&self) -> Option<MassProperties> {
-        let mut outward = self.capped.as_ref()?.mesh.clone();
-        for (triangle, corners) in (0..).zip(&mut outward.triangles) {
-            if self.orientation.sign(triangle) < 0.0 {
-                corners.swap(1, 2);
-            }
-        }
+        let outward = self.outward_mesh(&self.capped.as_ref()?.mesh);
         let (low, high) = outward.bounds()?;
         of_body(&outward, 0.5 * (low + high))
     }
@@ -350,6 +343,17 @@ impl Volume {
     pub fn mesh<'a>(&'a self, mesh: &'a TriangleMesh) -> &'a TriangleMesh {
         let own = self.own.as_ref().unwrap_or(mesh);
         self.capped.as_ref().map_or(own, |capped| &capped.mesh)
+    }
+
+    /// The same with all of them facing outward, as far as that is known.
+    pub(super) fn outward_mesh<'a>(&'a self, mesh: &'a TriangleMesh) -> Cow<'a, TriangleMesh> {
+        let mut outward = Cow::Borrowed(self.mesh(mesh));
+        for triangle in 0..outward.triangles.len() {
+            if self.orientation.sign(triangle as u32) < 0.0 {
+                outward.to_mut().triangles[triangle].swap(1, 2);
+            }
+        }
+        outward
     }
 
     /// Measures distances and assembles the look-up for the tick. `with_gradients` is needed for

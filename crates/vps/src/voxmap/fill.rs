@@ -199,6 +199,15 @@ impl Sides {
         }
     }
 
+    /// Cells of any brick that are neither surface nor outside.
+    pub(super) fn inside_mask(&self, surface: &Surface, brick: usize) -> Mask {
+        let mut inside = self.outside_mask(surface, brick).map(|word| !word);
+        if let Some(slot) = surface.slot(brick) {
+            inside.iter_mut().zip(&surface.masks[slot]).for_each(|(word, on)| *word &= !on);
+        }
+        inside
+    }
+
     /// What a cell is; cells beyond the grid are outside.
     pub fn side(&self, surface: &Surface, cell: [i32; 3]) -> Side {
         let grid: &Grid = &surface.grid;

@@ -136,12 +136,22 @@ fn smallest_size(extent: DVec3, pad: f64) -> f64 {
 
 /// Three digits, never below the value, so that the advice works when it is copied.
 pub(crate) fn round_up(value: f64) -> String {
+    three_digits(value, f64::ceil)
+}
+
+/// The nearest three digits.
+pub(crate) fn round_near(value: f64) -> String {
+    // So that rounding of 0.1 does not give it a digit more.
+    three_digits(value * (1.0 + 1e-9), f64::round)
+}
+
+fn three_digits(value: f64, round: fn(f64) -> f64) -> String {
     if !(value > 0.0 && value.is_finite()) {
         return value.to_string();
     }
     let decimals = (2.0 - value.log10().floor()).clamp(0.0, 15.0) as usize;
     let unit = 10_f64.powi(decimals as i32);
-    format!("{:.decimals$}", (value * unit).ceil() / unit)
+    format!("{:.decimals$}", round(value * unit) / unit)
 }
 
 /// A voxel grid in the map frame.

@@ -107,7 +107,6 @@ impl Verdict {
             };
             winding < 0.5
         });
-        let thin_share = FaceSamples::draw(border).outside_share(&surface, &sides);
         Self {
             surface,
             sides,
@@ -116,7 +115,7 @@ impl Verdict {
                 InsideTest::Auto | InsideTest::Flood | InsideTest::Thin => InsideBasis::Flood,
             },
             leak: None,
-            thin_share,
+            thin_share: 0.0,
             clear_share: None,
             capped: None,
         }

@@ -135,11 +135,6 @@ impl<'a> FaceSamples<'a> {
         beside
     }
 
-    /// Share of the surface with outside on both of its sides.
-    pub(super) fn outside_share(&self, surface: &Surface, sides: &Sides) -> f64 {
-        self.share(self.outside_twice(surface, sides).len())
-    }
-
     /// Share of all draws.
     fn share(&self, count: usize) -> f64 {
         count as f64 / self.drawn.len().max(1) as f64

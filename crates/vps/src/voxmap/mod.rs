@@ -20,6 +20,7 @@
 //! | distance | `distance` | how many metres? |
 //! | field | [`field`] | what the tick reads |
 //! | | [`npy`] | layers and distances as files |
+//! | | `thin_walls` | what do the voxels not resolve? |
 //! | | [`accuracy`] | how far the field is from the triangles, and what a part tells apart |
 //!
 //! Storage is sparse on two levels: a top grid with one entry per brick of 8³ cells, and bricks
@@ -72,6 +73,7 @@ pub mod npy;
 mod orient;
 pub mod sat;
 pub mod surface;
+mod thin_walls;
 mod union;
 mod winding;
 
@@ -82,3 +84,4 @@ pub use hole_cap::CappedMesh;
 pub use leak::Leak;
 pub use leak::MOSTLY_THIN;
 pub use orient::Orientation;
+pub(crate) use thin_walls::ThinPlace;

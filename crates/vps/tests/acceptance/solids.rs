@@ -178,6 +178,42 @@ fn six_plates_around_a_hollow_are_a_hollow_box() {
     }
 }
 
+/// `check` knows the voxels and bakes nothing, so it has to join the same cracks.
+#[test]
+fn what_a_bake_says_of_the_pieces_of_a_file_is_said_without_a_bake_too() {
+    for (gap_mm, joins) in [(0.02, true), (0.2, false)] {
+        // Each face of the outer box ends that far before its edges.
+        let whole = cuboid([20.0; 3], [0.0; 3]);
+        let faces = whole.triangles.iter().map(|triangle| {
+            let mut corners = triangle.map(|vertex| whole.vertices[vertex as usize]);
+            let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize();
+            let inner_m = 10e-3 - gap_mm * 1e-3;
+            let clamped = |at: DVec3| at.clamp(DVec3::splat(-inner_m), DVec3::splat(inner_m));
+            corners = corners.map(|at| clamped(at) + normal * (10e-3 - inner_m));
+            TriangleMesh { vertices: corners.to_vec(), triangles: vec![[0, 1, 2]] }
+        });
+        let hollow = inverted(cuboid([10.0; 3], [0.0; 3]));
+        let part = Part::new("cracked", joined(&faces.chain([hollow]).collect::<Vec<_>>()));
+        for voxel_size_mm in [0.5, 0.4] {
+            for (_, sides) in InsideTest::NAMES {
+                let options = Options { sides, ..Options::new(voxel_size_mm * 1e-3) };
+                let before = part.mesh_warnings(sides, Some(options.voxel_size_m));
+                let (_, report) = part.bake_field(&options, false, |_| ()).expect("a small grid");
+                for said in &before {
+                    // A bake says how many, instead.
+                    let is_said = said.contains("face inward") || report.warnings.contains(said);
+                    assert!(is_said, "{sides:?} {voxel_size_mm} {gap_mm}: {said:?} {report:?}");
+                }
+                let of_hollow = before.iter().any(|said| said.contains("a hollow of 1000 mm³"));
+                let is_asked = sides != InsideTest::Thin;
+                assert_eq!(of_hollow, joins && is_asked, "{sides:?} {gap_mm}: {before:?}");
+            }
+            let wall_m = part.walls_and_edges(voxel_size_mm * 1e-3).thinnest_wall_m;
+            assert_eq!(wall_m.is_some_and(|wall_m| wall_m < 6e-3), joins, "{wall_m:?}");
+        }
+    }
+}
+
 /// One piece, whose hollow the fill cannot enter.
 #[test]
 fn a_hollow_behind_a_slit_is_empty_however_narrow_the_slit_is() {
@@ -196,8 +232,8 @@ fn a_hollow_behind_a_slit_is_empty_however_narrow_the_slit_is() {
             ([5.0, 30.0, 30.0], [-17.5, 0.0, 0.0]),
         ];
         let plates = joined(&plates.map(|(edges, center)| cuboid(edges, center)));
-        let housing = Solid::of(&plates, &SolidOptions::default()).border;
-        let found = Solid::of(&housing, &SolidOptions::default()).report;
+        let housing = Solid::of(&plates, &SolidOptions::resolved_by(None)).border;
+        let found = Solid::of(&housing, &SolidOptions::resolved_by(None)).report;
         assert_eq!((found.bodies, found.cavities.len()), (1, 0), "{slit_voxels}");
         let housing = obstacle(&housing);
         let depth_m = housing[0].field.value(
