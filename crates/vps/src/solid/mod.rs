@@ -22,6 +22,7 @@
 //! | `cut`, `triangulate` | fragments |
 //! | `judge`, `columns` | winding numbers on both sides of fragments |
 //! | `lids` | closing what is left open in the border |
+//! | `verify` | whether the border bounds what its pieces say |
 //! | `build`, `report` | the result |
 //! | `sets` | disjoint sets |
 //!
@@ -62,6 +63,8 @@ mod faces;
 mod judge;
 mod lids;
 mod lines;
+#[cfg(test)]
+mod near_faces;
 mod nesting;
 mod open_parts;
 mod pieces;
@@ -71,6 +74,7 @@ mod sets;
 #[cfg(test)]
 mod tests;
 mod triangulate;
+mod verify;
 
 pub use build::{Solid, SolidOptions};
 pub use report::{Cavity, SolidReport};
