@@ -88,7 +88,9 @@ impl Solid {
                 break;
             }
             let (other, of_other) = Self::attempt(file, options, limits, share);
-            if of_other < flaws {
+            // Within less, corners of one piece may fall apart, and what is open has no border.
+            let is_whole = other.report.open_pieces <= best.report.open_pieces;
+            if of_other < flaws && is_whole && !other.report.tangled {
                 (best, flaws) = (other, of_other);
             }
         }
@@ -155,7 +157,7 @@ impl Solid {
                         lids(&border, &cut.positions, LID_TOLERANCES * tolerance_m);
                     open_edges = n_wide_edges;
                     border.extend(&triangles);
-                    difference = verify::difference(&faces, &border, &cut.positions, tolerance_m);
+                    difference = verify::difference(&faces, &border, &cut.positions, asked_m);
                     triangles.into_iter().for_each(|lid| picked.border.add_part(&cut, lid));
                     empty_m3 = Some(judged.empty_m3(&cut, &pieces.pieces));
                 }

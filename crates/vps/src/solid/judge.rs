@@ -5,12 +5,11 @@
 //! enough: it is asked at the widest of its fragments. Where others are near, several are asked.
 //!
 //! On both sides of the fragment the winding numbers of the other pieces are counted; the piece
-//! itself is inside below and outside above, or, of a cavity, nothing below and −1 above. What lies
-//! on the fragment, and was cut with it, is asked a little above and a little below; all else on the
-//! fragment itself, however near it is: a probe beside the fragment would be on the far side of a
-//! face that is as near and was not cut. A fragment stays where below is inside and above is not,
-//! and where no earlier face lies on it that faces the same way. Of a hollow, it is noted which
-//! fragments face what is empty of it.
+//! itself is inside below and outside above, or, of a cavity, nothing below and −1 above. They are
+//! asked a little above and a little below. A piece with a face in between, which was not cut with
+//! the fragment, is asked on the fragment itself, as it is on the same side of both. A fragment
+//! stays where below is inside and above is not, and where no earlier face lies on it that faces the
+//! same way. Of a hollow, it is noted which fragments face what is empty of it.
 
 use glam::DVec3;
 
@@ -116,8 +115,8 @@ pub(super) fn judge(faces: &Faces, cut: &Cut, nesting: &Nesting, tolerance_m: f6
         let of = &fragments[fragment as usize];
         let at = inner_center(corners_of(fragment as usize));
         let offset_m = OFFSET_TOLERANCES * tolerance_m;
-        let lies_on = pieces_at.lies_on(of, faces, at, offset_m);
-        Question { faces, face_idx: of.face, at, offset_m, lies_on, nesting, is_sum, has_cavities }
+        let beside = pieces_at.beside(of, faces, at, tolerance_m);
+        Question { faces, face_idx: of.face, at, offset_m, beside, nesting, is_sum, has_cavities }
     };
     let verdicts = parallel::map(fragments.len(), 16, |k| {
         if patches[k] != k as u32 {
@@ -227,35 +226,38 @@ impl PiecesAt {
         &self.pieces[range.start as usize..range.end as usize]
     }
 
-    /// The pieces that have two corners of a fragment or all, and a face along it at a place on it:
-    /// others come near to it, but were not cut there.
-    fn lies_on(&self, fragment: &Fragment, faces: &Faces, at: DVec3, within_m: f64) -> Vec<u32> {
+    /// The closed pieces with a face along a fragment, as near to a place on it as sides are asked at,
+    /// but not cut with it: not within the tolerance, and without two of its corners.
+    fn beside(&self, fragment: &Fragment, faces: &Faces, at: DVec3, tolerance_m: f64) -> Vec<u32> {
         let face = &faces.faces[fragment.face as usize];
-        let [first, second, third] = fragment.points.map(|point| self.at(point));
-        let mut pieces = [first, second].concat();
-        pieces.sort_unstable();
-        pieces.dedup();
-        pieces.retain(|piece| {
-            let is_other = *piece != face.piece || face.meets_itself;
-            let corners = [first, second, third];
-            let n_corners = corners.iter().filter(|at| at.binary_search(piece).is_ok()).count();
-            is_other && n_corners >= 2
-        });
-        if pieces.is_empty() {
-            return pieces;
+        let mut beside = Vec::new();
+        if !face.closed {
+            // Closed pieces are not cut by it, and have none of its corners.
+            return beside;
         }
-        let mut is_along = vec![false; pieces.len()];
+        let corners = fragment.points.map(|point| self.at(point));
+        let has_two_corners = |piece: u32| {
+            corners.iter().filter(|pieces| pieces.binary_search(&piece).is_ok()).count() >= 2
+        };
+        let within_m = OFFSET_TOLERANCES * tolerance_m;
+        let mut on = Vec::new();
         faces.meeting(at - within_m, at + within_m, |other_idx| {
             let other = &faces.faces[other_idx as usize];
-            if let Ok(place) = pieces.binary_search(&other.piece) {
-                is_along[place] |= other.piece == face.piece
-                    || other.normal.dot(face.normal).abs() > SAME_WAY
-                        && is_near(other, at, within_m);
+            let is_along = other.closed
+                && other.piece != face.piece
+                && other.normal.dot(face.normal).abs() > SAME_WAY
+                && is_near(other, at, within_m);
+            if !is_along {
+                return;
+            }
+            if has_two_corners(other.piece) || is_near(other, at, tolerance_m) {
+                on.push(other.piece);
+            } else {
+                beside.push(other.piece);
             }
         });
-        let mut is_along = is_along.into_iter();
-        pieces.retain(|_| is_along.next() == Some(true));
-        pieces
+        beside.retain(|piece| !on.contains(piece));
+        beside
     }
 }
 
@@ -287,9 +289,9 @@ struct Question<'a> {
     face_idx: u32,
     at: DVec3,
     offset_m: f64,
-    /// Closed pieces that lie on the face here, in rising order. The piece of the face is one when it
-    /// meets itself.
-    lies_on: Vec<u32>,
+    /// Closed pieces with a face that is nearer than the sides are asked at, but was not cut with the
+    /// fragment.
+    beside: Vec<u32>,
     nesting: &'a Nesting,
     /// Winding numbers only add up: none is negative.
     is_sum: bool,
@@ -344,9 +346,7 @@ impl Question<'_> {
 
     /// The winding number of a piece on one side of the face.
     fn winding(&self, of: &PieceFaces, side: f64) -> i32 {
-        // What open pieces lie on has none of their points.
-        let lies_on = !self.face().closed || self.lies_on.binary_search(&of.piece).is_ok();
-        let offset_m = if lies_on { side * self.offset_m } else { 0.0 };
+        let offset_m = if self.beside.contains(&of.piece) { 0.0 } else { side * self.offset_m };
         self.faces.winding_of(of, self.at + offset_m * self.face().normal)
     }
 
@@ -385,7 +385,9 @@ impl Question<'_> {
         self.faces.meeting(self.at - self.offset_m, self.at + self.offset_m, |other_idx| {
             let other = &self.faces.faces[other_idx as usize];
             is_repeated |= other_idx < self.face_idx
-                && self.lies_on.binary_search(&other.piece).is_ok()
+                && other.closed
+                && (other.piece != face.piece || face.meets_itself)
+                && !self.beside.contains(&other.piece)
                 && other.normal.dot(face.normal) > SAME_WAY
                 && is_near(other, self.at, self.offset_m);
         });

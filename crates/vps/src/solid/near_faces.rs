@@ -223,9 +223,9 @@ fn wrong(seed: u64) -> Result<(), String> {
     let mut random = Random::of(seed);
     let (said, pieces) = pair(&mut random);
     let mesh = together(pieces.clone());
-    let found = Solid::of(&mesh, &SolidOptions::default());
     let (low, high) = mesh.bounds().unwrap();
     let tolerance_m = 1e-6 * low.distance(high);
+    let found = Solid::of(&mesh, &SolidOptions::default());
     let border = &found.border;
     let fails = |what: String| Err(format!("{seed}: {said}: {what}; {:?}", found.report));
     if std::panic::catch_unwind(|| assert_closed(border)).is_err() {
@@ -269,6 +269,9 @@ fn wrong(seed: u64) -> Result<(), String> {
     }
     if let Some(text) = found.report.hollows_text().filter(|text| text.contains(" 0.00 ")) {
         return fails(text);
+    }
+    if !found.skins.triangles.is_empty() || found.report.volume_of_pieces_m3.is_some() {
+        return fails("skins, or another volume".to_owned());
     }
     if found.report.open_edges > 0 {
         return fails("guesses".to_owned());
