@@ -227,6 +227,11 @@ impl ObjectReport {
         }
         let solid = map.solid.as_ref().map(|solid| SolidFigures::new(solid, map));
         let is_border = map.solid.as_ref().is_some_and(|solid| solid.bodies > 0);
+        if is_border && map.beside.is_empty() {
+            warnings.extend(map.mass.and_then(|mass| {
+                other_volume(mass.volume_m3, inside_voxels, surface_voxels, grid.voxel_size_m)
+            }));
+        }
         if map.basis != InsideBasis::Thin && inside_voxels == 0 && !is_border {
             warnings
                 .push("nothing is inside, so it will not be felt; a thin skin would be".to_owned());
@@ -322,6 +327,28 @@ impl ObjectReport {
     }
 }
 
+/// Of the volume, the triangles and the voxels may differ by this part.
+const VOLUME_SHARE: f64 = 0.02;
+
+/// What to say of a volume by triangles that is not between that of the voxels inside and that of
+/// these and of those at the surface: the first lie in the solid, and no others do. However thin a
+/// part is, its volume is between them.
+fn other_volume(volume_m3: f64, inside: u64, surface: u64, voxel_size_m: f64) -> Option<String> {
+    let voxels_mm3 = |n: u64| n as f64 * (1e3 * voxel_size_m).powi(3);
+    let least_mm3 = voxels_mm3(inside);
+    let most_mm3 = voxels_mm3(inside + surface);
+    let volume_mm3 = 1e9 * volume_m3;
+    let is_between = volume_mm3 >= (1.0 - VOLUME_SHARE) * least_mm3
+        && volume_mm3 <= (1.0 + VOLUME_SHARE) * most_mm3;
+    (!is_between).then(|| {
+        format!(
+            "its triangles bound {volume_mm3:.1} mm³, its voxels between {least_mm3:.1} and \
+                {most_mm3:.1} mm³: mass or forces are wrong; cut away what stands twice or passes \
+                through itself"
+        )
+    })
+}
+
 /// What became of an object whose fill leaks.
 fn what_was_done(map: &Volume) -> String {
     let clear = map
@@ -352,5 +379,23 @@ fn what_was_done(map: &Volume) -> String {
             )
         }
         (InsideBasis::Thin, _) => "it is treated as a thin two-sided skin".to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_volume_that_its_voxels_cannot_have_is_said() {
+        // 1000 voxels of 1 mm inside, 500 at the surface.
+        for (volume_mm3, is_said) in
+            [(970.0, true), (985.0, false), (1250.0, false), (1520.0, false), (1540.0, true)]
+        {
+            let said = other_volume(volume_mm3 * 1e-9, 1000, 500, 1e-3);
+            assert_eq!(said.is_some(), is_said, "{volume_mm3}");
+        }
+        // A sheet has nothing inside.
+        assert_eq!(other_volume(1e-12, 0, 500, 1e-3), None);
     }
 }

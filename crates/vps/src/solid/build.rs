@@ -11,6 +11,7 @@ use super::nesting::{Nesting, nest};
 use super::pieces::{NO_PIECE, Pieces};
 use super::report::{Cavity, SolidReport};
 use super::self_meets::pass_through_themselves;
+use super::verify::{self, Difference};
 use crate::mesh::TriangleMesh;
 use crate::mesh::boxes::Boxes;
 use crate::mesh::mass::{
@@ -48,6 +49,18 @@ const CRACK_SHARE: f64 = 0.1;
 /// open is narrower.
 const LID_TOLERANCES: f64 = 32.0;
 
+/// Where the border is wrong or was closed by a guess, the same is tried within these parts of the
+/// tolerance: what is confused by one is mostly clear within another. What is near is kept apart
+/// before it is joined.
+const OTHER_TOLERANCES: [f64; 4] = [0.1, 10.0, 0.01, 0.3];
+
+/// What is wrong with a border, in the order in which it counts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd)]
+struct Flaws {
+    off_m3: f64,
+    open_edges: usize,
+}
+
 /// What the triangles of a file mean.
 #[derive(Clone, Debug)]
 pub struct Solid {
@@ -82,15 +95,37 @@ impl Solid {
 
     /// [`Self::of`], with how much is cut at most.
     pub(super) fn within(file: &TriangleMesh, options: &SolidOptions, limits: Limits) -> Self {
+        let (mut best, mut flaws) = Self::attempt(file, options, limits, 1.0);
+        for share in OTHER_TOLERANCES {
+            if flaws == Flaws::default() {
+                break;
+            }
+            let (other, of_other) = Self::attempt(file, options, limits, share);
+            // Within less, corners of one piece may fall apart, and what is open has no border.
+            let is_whole = other.report.open_pieces <= best.report.open_pieces;
+            if of_other < flaws && is_whole && !other.report.tangled {
+                (best, flaws) = (other, of_other);
+            }
+        }
+        best
+    }
+
+    /// The solid within a part of the tolerance, and what is wrong with it.
+    fn attempt(
+        file: &TriangleMesh,
+        options: &SolidOptions,
+        limits: Limits,
+        share: f64,
+    ) -> (Self, Flaws) {
+        let crack_m = options.crack_m;
         let (low, high) = file.bounds().unwrap_or_default();
-        let tolerance_m = options
-            .tolerance_m
-            .unwrap_or(WELD_SHARE * low.distance(high))
-            // Far from the origin, neighbouring numbers are farther apart than that.
-            .max(4.0 * f64::EPSILON * low.abs().max(high.abs()).max_element());
+        // Far from the origin, neighbouring numbers are farther apart than that.
+        let least_m = 4.0 * f64::EPSILON * low.abs().max(high.abs()).max_element();
+        let asked_m = options.tolerance_m.unwrap_or(WELD_SHARE * low.distance(high)).max(least_m);
+        let tolerance_m = (share * asked_m).max(least_m);
         let mut pieces = Pieces::of(file, tolerance_m);
-        let joined = (options.crack_m > 0.0 && pieces.n_open_edges > 0)
-            .then(|| join_cracks(file, tolerance_m, options.crack_m))
+        let joined = (crack_m > 0.0 && pieces.n_open_edges > 0)
+            .then(|| join_cracks(file, tolerance_m, crack_m))
             .flatten();
         let mesh = joined.as_ref().map_or(file, |joined| &joined.mesh);
         if joined.is_some() {
@@ -115,6 +150,7 @@ impl Solid {
         let mut cut_triangles = 0;
         let mut open_edges = 0;
         let mut empty_m3 = None;
+        let mut difference = Difference::default();
         if faces.faces.is_empty() {
             picked.all(&pieces, |_| true);
         } else {
@@ -129,16 +165,19 @@ impl Solid {
                     inside_area_m2 = parts.left_out_m2;
                     cut_triangles = parts.n_cut;
                     picked.of_cut(&pieces, &meets.any, &faces, &cut, &judged.stays, &parts);
-                    let border = parts.border(&faces, &cut, &judged.stays);
+                    let mut border = parts.border(&faces, &cut, &judged.stays);
                     let Lids { triangles, n_wide_edges } =
                         lids(&border, &cut.positions, LID_TOLERANCES * tolerance_m);
                     open_edges = n_wide_edges;
+                    border.extend(&triangles);
+                    difference = verify::difference(&faces, &border, &cut.positions, asked_m);
                     triangles.into_iter().for_each(|lid| picked.border.add_part(&cut, lid));
                     empty_m3 = Some(judged.empty_m3(&cut, &pieces.pieces));
                 }
             }
         }
-        let cavities = cavities(&pieces, &nesting, empty_m3.as_deref());
+        let narrow_m = HOLLOW_TOLERANCES * asked_m;
+        let cavities = cavities(&pieces, &nesting, empty_m3.as_deref(), narrow_m);
         let skin_pieces = pieces.pieces.iter().filter(|piece| !piece.closed).count();
         let n_closed = pieces.pieces.len() - skin_pieces;
         let n_cavities = nesting.is_cavity.iter().filter(|is_cavity| **is_cavity).count();
@@ -171,9 +210,12 @@ impl Solid {
             cut_triangles,
             open_edges,
             tangled,
+            volume_of_pieces_m3: (difference.off_m3 > 0.0)
+                .then_some(mass.volume_m3 + difference.more_m3),
             mass,
         };
-        Self { border, skins, report }
+        let flaws = Flaws { off_m3: difference.off_m3, open_edges };
+        (Self { border, skins, report }, flaws)
     }
 }
 
@@ -192,15 +234,24 @@ fn area_of([a, b, c]: [DVec3; 3]) -> f64 {
 /// tolerance.
 const FULL_SHARE: f64 = 1e-6;
 
-/// Cavities that are not full; `empty_m3` is what is empty of each piece, if it is known.
-fn cavities(pieces: &Pieces, nesting: &Nesting, empty_m3: Option<&[f64]>) -> Vec<Cavity> {
+/// A cavity that is no more than this many tolerances thick, over all of its shell, is full too.
+const HOLLOW_TOLERANCES: f64 = 4.0;
+
+/// Cavities that are not full; `empty_m3` is what is empty of each piece, if it is known. What is
+/// narrower than `narrow_m`, over all of the shell, is full.
+fn cavities(
+    pieces: &Pieces,
+    nesting: &Nesting,
+    empty_m3: Option<&[f64]>,
+    narrow_m: f64,
+) -> Vec<Cavity> {
     let numbers = (0..pieces.pieces.len()).filter(|piece| nesting.is_cavity[*piece]);
     numbers
         .filter_map(|number| {
             let piece = &pieces.pieces[number];
             let shell_m3 = piece.volume_m3.abs();
             let volume_m3 = empty_m3.map_or(shell_m3, |empty_m3| empty_m3[number]);
-            (volume_m3 > FULL_SHARE * shell_m3)
+            (volume_m3 > (FULL_SHARE * shell_m3).max(narrow_m * piece.area_m2))
                 .then_some(Cavity { volume_m3, n_triangles: piece.n_triangles })
         })
         .collect()
@@ -244,7 +295,8 @@ struct FaceParts {
 
 impl FaceParts {
     /// A face of which all fragments stay remains whole, unless a point on its edges is a corner
-    /// of something else that stays: the border would have a crack there.
+    /// of something else that stays, or one of its corners is none of a fragment: the border would
+    /// have a crack there.
     fn of(mesh: &TriangleMesh, faces: &Faces, cut: &Cut, stays: &[bool]) -> Self {
         let mut starts = vec![0; faces.faces.len() + 1];
         cut.fragments.iter().for_each(|fragment| starts[fragment.face as usize + 1] += 1);
@@ -259,7 +311,13 @@ impl FaceParts {
         for (idx, face) in faces.faces.iter().enumerate() {
             let n_stay = stays[range(idx)].iter().filter(|stays| **stays).count();
             n_cut += usize::from(n_stay > 0 && n_stay < range(idx).len());
-            is_whole[idx] = n_stay == range(idx).len() && n_stay > 0;
+            // A corner that ends in a tip narrower than the tolerance is in no fragment.
+            let has_corners = || {
+                face.vertices.iter().all(|vertex| {
+                    cut.fragments[range(idx)].iter().any(|part| part.points.contains(vertex))
+                })
+            };
+            is_whole[idx] = n_stay == range(idx).len() && n_stay > 0 && has_corners();
             if is_whole[idx] && n_stay > 1 {
                 undecided.push(idx);
             } else if is_whole[idx] {

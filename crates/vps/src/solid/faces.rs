@@ -185,15 +185,28 @@ impl Faces {
     /// Calls `found` with each closed piece whose box holds the point, and with what computes its
     /// winding number there.
     pub(super) fn windings(&self, point: DVec3, mut found: impl FnMut(u32, &dyn Fn() -> i32)) {
-        self.piece_boxes.meeting(point, point, |number| {
+        self.closed_pieces_near(point, 0.0, |of_piece| {
+            found(of_piece.piece, &|| self.winding_of(of_piece, point));
+        });
+    }
+
+    /// Calls `found` with the closed pieces whose boxes come so near to a point.
+    pub(super) fn closed_pieces_near(
+        &self,
+        point: DVec3,
+        within_m: f64,
+        mut found: impl FnMut(&PieceFaces),
+    ) {
+        self.piece_boxes.meeting(point - within_m, point + within_m, |number| {
             let of_piece = &self.by_piece[number as usize];
             if of_piece.closed {
-                found(of_piece.piece, &|| self.winding_of(of_piece, point));
+                found(of_piece);
             }
         });
     }
 
-    fn winding_of(&self, of_piece: &PieceFaces, point: DVec3) -> i32 {
+    /// The winding number of a closed piece at a point.
+    pub(super) fn winding_of(&self, of_piece: &PieceFaces, point: DVec3) -> i32 {
         let corners_of = |place: u32| self.faces[of_piece.faces[place as usize] as usize].corners;
         let mut winding = 0;
         match &of_piece.boxes {

@@ -2,20 +2,22 @@
 //!
 //! Data in: fragments. Data out: for each, whether it stays. Fragments that are connected over
 //! edges where nothing else meets them have the same on both sides, so one question per patch is
-//! enough: it is asked at the widest of its fragments.
+//! enough: it is asked at the widest of its fragments. Where others are near, several are asked.
 //!
-//! A little above and below the fragment the winding numbers of the other pieces are counted; the
-//! piece itself is inside below and outside above, or, of a cavity, nothing below and −1 above. A
-//! fragment stays where below is inside and above is not, and where no earlier face lies on it that
-//! faces the same way. Of a hollow, it is noted which fragments face what is empty of it.
+//! On both sides of the fragment the winding numbers of the other pieces are counted; the piece
+//! itself is inside below and outside above, or, of a cavity, nothing below and −1 above. They are
+//! asked a little above and a little below. A piece with a face in between, which was not cut with
+//! the fragment, is asked on the fragment itself, as it is on the same side of both. A fragment
+//! stays where below is inside and above is not, and where no earlier face lies on it that faces the
+//! same way. Of a hollow, it is noted which fragments face what is empty of it.
 
 use glam::DVec3;
 
 use super::cut::{Cut, Fragment};
-use super::faces::Faces;
+use super::faces::{Face, Faces, PieceFaces};
 use super::nesting::Nesting;
 use super::pieces::Piece;
-
+use crate::mesh::closest_point::TriangleProjector;
 use crate::mesh::edges::edge_uses;
 use crate::parallel;
 use crate::sets::Sets;
@@ -24,8 +26,17 @@ use crate::sets::Sets;
 /// the tolerance is on its other side.
 const OFFSET_TOLERANCES: f64 = 4.0;
 
+/// Where another piece is as near as twice that, so many of the largest fragments of a patch vote by
+/// their areas: two patches along each other, that are nearer in one place than in another, then
+/// decide alike.
+const VOTERS: usize = 31;
+
 /// Cosine of the angle at which faces face the same way.
 const SAME_WAY: f64 = 0.5;
+
+/// Sides of a face: against its normal, and along it.
+const BELOW: f64 = -1.0;
+const ABOVE: f64 = 1.0;
 
 /// No cavity.
 const NONE: u32 = u32::MAX;
@@ -82,6 +93,7 @@ pub(super) fn judge(faces: &Faces, cut: &Cut, nesting: &Nesting, tolerance_m: f6
         }
     }
 
+    let pieces_at = PiecesAt::of(faces, cut);
     let corners_of = |k: usize| triangles[k].map(|point| cut.positions[point as usize]);
     let width = parallel::map(fragments.len(), 256, |k| {
         let [a, b, c] = corners_of(k);
@@ -98,22 +110,40 @@ pub(super) fn judge(faces: &Faces, cut: &Cut, nesting: &Nesting, tolerance_m: f6
             *best = fragment;
         }
     }
+    let members = Members::of(&patches);
+    let question = |fragment: u32| {
+        let of = &fragments[fragment as usize];
+        let at = inner_center(corners_of(fragment as usize));
+        let offset_m = OFFSET_TOLERANCES * tolerance_m;
+        let beside = pieces_at.beside(of, faces, at, tolerance_m);
+        Question { faces, face_idx: of.face, at, offset_m, beside, nesting, is_sum, has_cavities }
+    };
     let verdicts = parallel::map(fragments.len(), 16, |k| {
         if patches[k] != k as u32 {
             return Verdict::default();
         }
-        let widest = widest[k] as usize;
-        let face_idx = fragments[widest].face;
-        Question {
-            faces,
-            face_idx,
-            at: inner_center(corners_of(widest)),
-            offset_m: OFFSET_TOLERANCES * tolerance_m,
-            nesting,
-            is_sum,
-            has_cavities,
+        let of_widest = question(widest[k]);
+        let members = members.of_patch(k as u32);
+        if members.len() == 1 || !of_widest.is_near_another() {
+            return of_widest.verdict();
         }
-        .verdict()
+        let area = |fragment: u32| {
+            let [a, b, c] = corners_of(fragment as usize);
+            (b - a).cross(c - a).length()
+        };
+        let mut voters: Vec<(f64, u32)> =
+            members.iter().map(|fragment| (area(*fragment), *fragment)).collect();
+        voters.sort_unstable_by(|one, other| other.0.total_cmp(&one.0).then(one.1.cmp(&other.1)));
+        let mut votes: Vec<(Verdict, f64)> = Vec::new();
+        for (area, fragment) in voters.into_iter().take(VOTERS) {
+            let verdict = question(fragment).verdict();
+            match votes.iter_mut().find(|(of, _)| *of == verdict) {
+                Some((_, sum)) => *sum += area,
+                None => votes.push((verdict, area)),
+            }
+        }
+        let most = votes.into_iter().reduce(|most, of| if of.1 > most.1 { of } else { most });
+        most.map_or_else(Verdict::default, |(verdict, _)| verdict)
     });
     Judged {
         stays: patches.iter().map(|patch| verdicts[*patch as usize].stays).collect(),
@@ -122,6 +152,112 @@ pub(super) fn judge(faces: &Faces, cut: &Cut, nesting: &Nesting, tolerance_m: f6
         } else {
             Vec::new()
         },
+    }
+}
+
+/// The fragments of each patch.
+struct Members {
+    starts: Vec<u32>,
+    fragments: Vec<u32>,
+}
+
+impl Members {
+    /// Of the patch of each fragment.
+    fn of(patches: &[u32]) -> Self {
+        let mut starts = vec![0; patches.len() + 1];
+        patches.iter().for_each(|patch| starts[*patch as usize + 1] += 1);
+        for patch in 0..patches.len() {
+            starts[patch + 1] += starts[patch];
+        }
+        let mut next = starts.clone();
+        let mut fragments = vec![0; patches.len()];
+        for (fragment, patch) in (0..).zip(patches) {
+            let place = &mut next[*patch as usize];
+            fragments[*place as usize] = fragment;
+            *place += 1;
+        }
+        Self { starts, fragments }
+    }
+
+    fn of_patch(&self, patch: u32) -> &[u32] {
+        let range = self.starts[patch as usize]..self.starts[patch as usize + 1];
+        &self.fragments[range.start as usize..range.end as usize]
+    }
+}
+
+/// Closed pieces by the points of their fragments.
+struct PiecesAt {
+    /// `[n_points + 1]`.
+    starts: Vec<u32>,
+    /// Each in rising order, and repeated.
+    pieces: Vec<u32>,
+}
+
+impl PiecesAt {
+    fn of(faces: &Faces, cut: &Cut) -> Self {
+        let closed = || {
+            let fragments = cut.fragments.iter().map(|of| (of, &faces.faces[of.face as usize]));
+            fragments.filter(|(_, face)| face.closed)
+        };
+        let mut starts = vec![0; cut.positions.len() + 1];
+        for point in closed().flat_map(|(fragment, _)| fragment.points) {
+            starts[point as usize + 1] += 1;
+        }
+        for point in 0..cut.positions.len() {
+            starts[point + 1] += starts[point];
+        }
+        let mut pieces = vec![0; starts[cut.positions.len()] as usize];
+        let mut next = starts.clone();
+        for (fragment, face) in closed() {
+            for point in fragment.points {
+                let place = &mut next[point as usize];
+                pieces[*place as usize] = face.piece;
+                *place += 1;
+            }
+        }
+        for point in 0..cut.positions.len() {
+            pieces[starts[point] as usize..starts[point + 1] as usize].sort_unstable();
+        }
+        Self { starts, pieces }
+    }
+
+    fn at(&self, point: u32) -> &[u32] {
+        let range = self.starts[point as usize]..self.starts[point as usize + 1];
+        &self.pieces[range.start as usize..range.end as usize]
+    }
+
+    /// The closed pieces with a face along a fragment, as near to a place on it as sides are asked at,
+    /// but not cut with it: not within the tolerance, and without two of its corners.
+    fn beside(&self, fragment: &Fragment, faces: &Faces, at: DVec3, tolerance_m: f64) -> Vec<u32> {
+        let face = &faces.faces[fragment.face as usize];
+        let mut beside = Vec::new();
+        if !face.closed {
+            // Closed pieces are not cut by it, and have none of its corners.
+            return beside;
+        }
+        let corners = fragment.points.map(|point| self.at(point));
+        let has_two_corners = |piece: u32| {
+            corners.iter().filter(|pieces| pieces.binary_search(&piece).is_ok()).count() >= 2
+        };
+        let within_m = OFFSET_TOLERANCES * tolerance_m;
+        let mut on = Vec::new();
+        faces.meeting(at - within_m, at + within_m, |other_idx| {
+            let other = &faces.faces[other_idx as usize];
+            let is_along = other.closed
+                && other.piece != face.piece
+                && other.normal.dot(face.normal).abs() > SAME_WAY
+                && is_near(other, at, within_m);
+            if !is_along {
+                return;
+            }
+            if has_two_corners(other.piece) || is_near(other, at, tolerance_m) {
+                on.push(other.piece);
+            } else {
+                beside.push(other.piece);
+            }
+        });
+        beside.retain(|piece| !on.contains(piece));
+        beside
     }
 }
 
@@ -135,7 +271,7 @@ fn inner_center([a, b, c]: [DVec3; 3]) -> DVec3 {
 }
 
 /// What is true of a patch.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, PartialEq)]
 struct Verdict {
     stays: bool,
     cavity: u32,
@@ -153,6 +289,9 @@ struct Question<'a> {
     face_idx: u32,
     at: DVec3,
     offset_m: f64,
+    /// Closed pieces with a face that is nearer than the sides are asked at, but was not cut with the
+    /// fragment.
+    beside: Vec<u32>,
     nesting: &'a Nesting,
     /// Winding numbers only add up: none is negative.
     is_sum: bool,
@@ -161,73 +300,102 @@ struct Question<'a> {
 
 impl Question<'_> {
     fn verdict(&self) -> Verdict {
-        let face = &self.faces.faces[self.face_idx as usize];
-        let offset = self.offset_m * face.normal;
-        let [below, above] = [self.at - offset, self.at + offset];
+        let face = self.face();
         if !face.closed {
-            let stays = [below, above].iter().all(|point| !self.is_inside(*point, None));
+            let stays = [BELOW, ABOVE].iter().all(|side| !self.is_inside(*side, None));
             return Verdict { stays, ..Verdict::default() };
         }
         let is_cavity = self.nesting.is_cavity[face.piece as usize];
         // A piece that meets itself is cut there, and counts as the others do.
         let own = |side: i32| (!face.meets_itself).then_some(side - i32::from(is_cavity));
         // Most of what does not stay has inside above.
-        if self.is_inside(above, own(0)) {
+        if self.is_inside(ABOVE, own(0)) {
             return Verdict::default();
         }
-        let is_border = self.is_inside(below, own(1));
+        let is_border = self.is_inside(BELOW, own(1));
         if !(is_border || is_cavity) || self.is_repeated() {
             return Verdict::default();
         }
         let cavity = match (is_cavity, self.has_cavities) {
             (true, _) => face.piece,
-            (false, true) => self.cavity_at(above),
+            (false, true) => self.cavity_above(),
             (false, false) => NONE,
         };
         Verdict { stays: is_border, cavity }
     }
 
-    /// The point is inside of the solid; `own` is the winding number of the piece of the face, if
+    /// A face of another piece runs along this one, not much farther away than what counts as on it.
+    fn is_near_another(&self) -> bool {
+        let face = self.face();
+        let within_m = 2.0 * self.offset_m;
+        let mut is_near_another = false;
+        self.faces.meeting(self.at - within_m, self.at + within_m, |other_idx| {
+            let other = &self.faces.faces[other_idx as usize];
+            is_near_another |= other_idx != self.face_idx
+                && other.closed
+                && (other.piece != face.piece || face.meets_itself)
+                && other.normal.dot(face.normal).abs() > SAME_WAY
+                && is_near(other, self.at, within_m);
+        });
+        is_near_another
+    }
+
+    fn face(&self) -> &Face {
+        &self.faces.faces[self.face_idx as usize]
+    }
+
+    /// The winding number of a piece on one side of the face.
+    fn winding(&self, of: &PieceFaces, side: f64) -> i32 {
+        let offset_m = if self.beside.contains(&of.piece) { 0.0 } else { side * self.offset_m };
+        self.faces.winding_of(of, self.at + offset_m * self.face().normal)
+    }
+
+    /// Inside of the solid is on this side; `own` is the winding number of the piece of the face, if
     /// it is known.
-    fn is_inside(&self, point: DVec3, own: Option<i32>) -> bool {
-        let piece = self.faces.faces[self.face_idx as usize].piece;
+    fn is_inside(&self, side: f64, own: Option<i32>) -> bool {
+        let piece = self.face().piece;
         let mut sum = own.unwrap_or(0);
         if self.is_sum && sum >= 1 {
             return true;
         }
-        self.faces.windings(point, |other, winding| {
-            let is_known = own.is_some() && other == piece;
+        self.faces.closed_pieces_near(self.at, self.offset_m, |of| {
+            let is_known = own.is_some() && of.piece == piece;
             if !(is_known || self.is_sum && sum >= 1) {
-                sum += winding();
+                sum += self.winding(of, side);
             }
         });
         sum >= 1
     }
 
-    /// A cavity that holds the point.
-    fn cavity_at(&self, point: DVec3) -> u32 {
+    /// A cavity that is above.
+    fn cavity_above(&self) -> u32 {
         let mut cavity = NONE;
-        self.faces.windings(point, |piece, winding| {
-            if self.nesting.is_cavity[piece as usize] && winding() != 0 {
-                cavity = piece;
+        self.faces.closed_pieces_near(self.at, self.offset_m, |of| {
+            if self.nesting.is_cavity[of.piece as usize] && self.winding(of, ABOVE) != 0 {
+                cavity = of.piece;
             }
         });
         cavity
     }
 
-    /// An earlier face of another piece lies here and faces the same way.
+    /// An earlier face of a piece that lies here faces the same way.
     fn is_repeated(&self) -> bool {
-        let face = &self.faces.faces[self.face_idx as usize];
+        let face = self.face();
         let mut is_repeated = false;
         self.faces.meeting(self.at - self.offset_m, self.at + self.offset_m, |other_idx| {
             let other = &self.faces.faces[other_idx as usize];
             is_repeated |= other_idx < self.face_idx
                 && other.closed
                 && (other.piece != face.piece || face.meets_itself)
+                && !self.beside.contains(&other.piece)
                 && other.normal.dot(face.normal) > SAME_WAY
-                && other.height(self.at).abs() <= self.offset_m
-                && other.is_over(self.at);
+                && is_near(other, self.at, self.offset_m);
         });
         is_repeated
     }
+}
+
+fn is_near(face: &Face, point: DVec3, within_m: f64) -> bool {
+    let nearest = TriangleProjector::new(&face.corners).project(point).point;
+    nearest.distance_squared(point) <= within_m * within_m
 }

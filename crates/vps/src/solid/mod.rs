@@ -23,6 +23,7 @@
 //! | `cut`, `triangulate` | fragments |
 //! | `judge`, `columns` | winding numbers on both sides of fragments |
 //! | `lids` | closing what is left open in the border |
+//! | `verify` | whether the border bounds what its pieces say |
 //! | `build`, `report` | the result |
 //!
 //! # The definition
@@ -66,6 +67,8 @@ mod faces;
 mod judge;
 mod lids;
 mod lines;
+#[cfg(test)]
+mod near_faces;
 mod nesting;
 mod open_parts;
 mod pieces;
@@ -74,6 +77,7 @@ mod self_meets;
 #[cfg(test)]
 mod tests;
 mod triangulate;
+mod verify;
 
 pub use build::{Solid, SolidOptions};
 pub use report::{Cavity, SolidReport};

@@ -51,6 +51,9 @@ pub struct SolidReport {
     pub open_edges: usize,
     /// Pieces meet in too many places: what lies inside of the solid was not left out.
     pub tangled: bool,
+    /// The volume that the pieces enclose, m³, where the border has another one, by more than
+    /// tolerances explain.
+    pub volume_of_pieces_m3: Option<f64>,
     /// Volume, centre and inertia of the solid; of its skins if it has no inside.
     pub mass: MassProperties,
 }
@@ -109,6 +112,14 @@ impl SolidReport {
         if self.inside_area_m2 > 0.0 {
             let area = area_text(self.inside_area_m2);
             warnings.push(format!("{area} of surface lie inside of the solid and were left out"));
+        }
+        if let Some(right_m3) = self.volume_of_pieces_m3 {
+            warnings.push(format!(
+                "{} lie inside of the border and {right} inside of the pieces: where faces of two \
+                 pieces nearly lie on each other, the wrong ones were left out",
+                volume_text(self.mass.volume_m3),
+                right = volume_text(right_m3),
+            ));
         }
         if self.tangled {
             warnings.push(

@@ -23,7 +23,7 @@ pub(super) fn block(low: [f64; 3], high: [f64; 3]) -> TriangleMesh {
     moved(Shape::Box { size_m: high - low }.tessellate(1e-4), 0.5 * (low + high))
 }
 
-fn cube(half_mm: f64) -> TriangleMesh {
+pub(super) fn cube(half_mm: f64) -> TriangleMesh {
     block([-half_mm; 3], [half_mm; 3])
 }
 
@@ -32,7 +32,7 @@ fn ball(radius_mm: f64, center_mm: [f64; 3]) -> TriangleMesh {
     moved(mesh, DVec3::from_array(center_mm) * MM)
 }
 
-fn moved(mut mesh: TriangleMesh, by: DVec3) -> TriangleMesh {
+pub(super) fn moved(mut mesh: TriangleMesh, by: DVec3) -> TriangleMesh {
     mesh.vertices.iter_mut().for_each(|vertex| *vertex += by);
     mesh
 }
@@ -45,7 +45,7 @@ pub(super) fn askew(mut mesh: TriangleMesh) -> TriangleMesh {
     mesh
 }
 
-fn inside_out(mut mesh: TriangleMesh) -> TriangleMesh {
+pub(super) fn inside_out(mut mesh: TriangleMesh) -> TriangleMesh {
     mesh.triangles.iter_mut().for_each(|corners| corners.swap(0, 1));
     mesh
 }
@@ -71,7 +71,7 @@ pub(super) fn exactly(mesh: &TriangleMesh) -> Solid {
     Solid::of(mesh, &SolidOptions { tolerance_m: Some(1e-12), ..SolidOptions::resolved_by(None) })
 }
 
-fn volume(mesh: &TriangleMesh) -> f64 {
+pub(super) fn volume(mesh: &TriangleMesh) -> f64 {
     let origin = mesh.vertices.first().copied().unwrap_or_default();
     let six_fold = (0..mesh.triangles.len()).map(|idx| {
         let [a, b, c] = mesh.corners(idx).map(|corner| corner - origin);
@@ -82,7 +82,7 @@ fn volume(mesh: &TriangleMesh) -> f64 {
 
 /// Distance to the nearest triangle, less than 0 where the winding number is more than ½; both by
 /// loops over all triangles.
-fn signed_distance(mesh: &TriangleMesh, point: DVec3) -> f64 {
+pub(super) fn signed_distance(mesh: &TriangleMesh, point: DVec3) -> f64 {
     let mut distance_squared = f64::INFINITY;
     let mut angle = 0.0;
     for idx in 0..mesh.triangles.len() {
@@ -101,7 +101,7 @@ fn signed_distance(mesh: &TriangleMesh, point: DVec3) -> f64 {
 }
 
 /// Every edge of the border has as many triangles in one direction as in the other.
-fn assert_closed(mesh: &TriangleMesh) {
+pub(super) fn assert_closed(mesh: &TriangleMesh) {
     let welded = weld_within(&mesh.vertices, 0.0);
     let triangles: Vec<[u32; 3]> =
         mesh.triangles.iter().map(|corners| corners.map(|v| welded[v as usize])).collect();
@@ -430,7 +430,7 @@ fn faces_as_far_apart_as_single_precision_rounds_still_touch() {
 }
 
 /// Numbers below 1.
-fn random(state: &mut u64) -> f64 {
+pub(super) fn random(state: &mut u64) -> f64 {
     *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
     (*state >> 11) as f64 / (1_u64 << 53) as f64
 }
