@@ -492,18 +492,31 @@ fn of_leaves_that_do_not_touch_every_point_has_its_turn_within_sixteen_ticks() {
     }
 }
 
+/// Whatever the order of the leaves, of which the last is filled in part.
 #[test]
 fn a_leaf_of_which_some_points_touch_is_noted_once() {
-    let mut fixture = Fixture::in_a_block();
-    let n_blocks = fixture.walk.clear_until_cells.len();
-    let n_leaves = fixture.shell.positions().len();
-    // For all spheres, and for half of the points of each leaf.
-    let budget = Budget::Points((CHILDREN * n_blocks + LANES / 2 * n_leaves) as u32);
-    let found = fixture.find(Pose::IDENTITY, budget);
-    let mut blocks: Vec<u32> = fixture.touched.iter().map(|touched| touched.block).collect();
-    blocks.sort_unstable();
-    let leaves: Vec<u32> = (0..n_leaves as u32).collect();
-    assert_eq!(blocks, leaves, "{found:?}");
+    let (mesh, mut map) = block(DVec3::splat(0.06), VOXEL_M);
+    let field = map.field(&mesh, false);
+    for voxel_size_m in [8.1e-4, 8.2e-4, 8.5e-4] {
+        let (mesh, map) = block(DVec3::new(0.02, 0.014, 0.01), voxel_size_m);
+        let shell = pointshell::build(&mesh, &map, DVec3::ZERO).0;
+        assert!(!shell.len().is_multiple_of(LANES), "{}", shell.len());
+        let mut fixture = Fixture::of(field.clone(), 0.0, shell);
+        let n_blocks = fixture.walk.clear_until_cells.len();
+        let n_leaves = fixture.shell.positions().len();
+        // For all spheres, and for half of the points of each leaf.
+        let budget = Budget::Points((CHILDREN * n_blocks + LANES / 2 * n_leaves) as u32);
+        for tick in 0..LANES {
+            let pose = above(-4e-3 - 1e-4 * tick as f64);
+            let found = fixture.find(pose, budget);
+            assert!(found.left_out > 0, "{found:?}");
+            let mut leaves: Vec<u32> =
+                fixture.touched.iter().map(|touched| touched.block).collect();
+            leaves.sort_unstable();
+            // Each of them touches.
+            assert!(leaves.into_iter().eq(0..n_leaves as u32), "tick {tick}: {found:?}");
+        }
+    }
 }
 
 #[test]
