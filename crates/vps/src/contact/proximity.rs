@@ -206,6 +206,12 @@ mod tests {
     }
 
     #[test]
+    fn no_more_is_looked_at_than_the_budget_of_the_traversal_leaves() {
+        // Eight spheres are too many.
+        assert_eq!(near(&[plate()], Some(7)), []);
+    }
+
+    #[test]
     fn an_obstacle_far_away_leaves_the_budget_to_the_next() {
         let far = Obstacle { world_from_map: Pose::from_translation(DVec3::Z * -1.0), ..plate() };
         // Eight spheres of the one far away; eight, eight and sixteen points of the other.

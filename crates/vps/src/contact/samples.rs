@@ -43,8 +43,8 @@ impl Samples {
         self.n += 1;
     }
 
-    pub(super) fn is_full(&self) -> bool {
-        self.n == LANES
+    pub(super) fn has_room_for(&self, n: usize) -> bool {
+        self.n + n <= LANES
     }
 
     /// Reports those that touch, points of one block that follow each other as one, and starts

@@ -8,10 +8,11 @@
 
 use glam::{DQuat, DVec3, Vec3};
 
+use super::kernel::Place;
 use super::obstacle_poses::PoseStep;
 use super::{
     Contact, ContactSum, FACES, ForceLaw, Normalization, Obstacle, ObstacleMotion, SimdLevel,
-    Traversal, TraversalMode,
+    Traversal, TraversalMode, visit,
 };
 use crate::mesh::primitives::Shape;
 use crate::mesh::validate::inspect;
@@ -352,6 +353,59 @@ fn a_flat_traversal_finds_what_the_specification_finds_near_and_far() {
     }
 }
 
+/// A corner of the cube in the plate, and no axis of it along one of the plate's.
+fn askew() -> Pose {
+    let turn = DQuat::from_scaled_axis(DVec3::new(0.4, -0.7, 0.5));
+    let shell = cube(1e-3);
+    let heights = shell.points().map(|(point, _)| (turn * point.as_dvec3()).z);
+    let lowest_m = heights.fold(f64::INFINITY, f64::min);
+    Pose::new(turn, DVec3::new(2e-3, -3e-3, -lowest_m - 1.7e-3))
+}
+
+#[test]
+fn a_point_is_as_deep_as_the_field_says_of_its_place_and_of_its_normal_in_map_axes() {
+    let shell = cube(1e-3);
+    let plate = plate();
+    let map_from_body = plate.world_from_map.inverse() * askew();
+    let place = Place::new(&plate.field, map_from_body);
+    for kind in [FieldKind::Layers, FieldKind::Octant, FieldKind::Trilinear] {
+        let depths_m = shell.points().map(|(point, normal)| {
+            let normal_map = map_from_body.transform_vector(normal.as_dvec3());
+            plate.field.value(kind, place.cells(point), normal_map.as_vec3())
+        });
+        let depths_m: Vec<f32> = depths_m.collect();
+        let mut found = Vec::new();
+        let most_m = visit(&plate.field, kind, &shell, map_from_body, |contact| {
+            found.push((contact.point_idx as usize, contact.depth_m));
+        });
+        // A normal that is turned in `f32` is off by some of its last bits.
+        let off_m = |a: f32, b: f32| (a - b).abs();
+        for (point_idx, depth_m) in &found {
+            assert!(off_m(*depth_m, depths_m[*point_idx]) < 1e-8, "{kind:?}: {point_idx}");
+        }
+        let n_touching = depths_m.iter().filter(|depth_m| **depth_m > 0.0).count();
+        assert!(found.len() == n_touching && n_touching > 10, "{kind:?}: {n_touching}");
+        assert!(off_m(most_m, depths_m.into_iter().fold(f32::MIN, f32::max)) < 1e-8, "{kind:?}");
+    }
+}
+
+#[test]
+fn what_no_walk_interpolates_is_looked_up_as_the_specification_does() {
+    let shell = cube(1e-3);
+    let plates = [plate()];
+    let interpolated = ContactSum::flat(&plates, &shell, askew(), ForceLaw::PLAIN);
+    for field in [FieldKind::Layers, FieldKind::Octant] {
+        let law = ForceLaw { field, ..ForceLaw::PLAIN };
+        let expected = ContactSum::flat(&plates, &shell, askew(), law);
+        assert_ne!(expected.wrench, interpolated.wrench, "{field:?}");
+        for mode in [TraversalMode::Flat, TraversalMode::Tree] {
+            let found = of(&shell, &plates, mode, askew(), law);
+            let numbers = |sum: &ContactSum| (sum.contacts, sum.max_value_m, sum.wrench);
+            assert_eq!(numbers(&found), numbers(&expected), "{field:?}, {mode:?}");
+        }
+    }
+}
+
 #[test]
 fn the_voxels_of_a_sum_are_those_of_what_touches_and_the_smallest_where_nothing_does() {
     let shell = cube(2e-3);
@@ -402,6 +456,24 @@ fn an_average_over_more_than_ten_contacts_is_the_force_of_ten() {
     assert!(contacts > 300 && (average_n / whole_n / expected - 1.0).abs() < 0.01, "{average_n}");
     let far = at(0.1);
     assert_eq!(far.0, 0);
+}
+
+#[test]
+fn an_average_shortens_force_and_moment_by_the_same_share() {
+    let shell = cube(1e-3);
+    let plates = [plate()];
+    // Its lower side overlaps a corner of the plate, and does not lie on it flatly.
+    let turn = DQuat::from_scaled_axis(DVec3::new(0.02, -0.03, 0.4));
+    let body = Pose::new(turn, DVec3::new(0.027, 0.025, 0.5 * TOOL_EDGE_M - 1.5e-3));
+    let wrench = |normalization| {
+        let law = ForceLaw { normalization, stiffness_n_per_m: 700.0, ..ForceLaw::PLAIN };
+        of(&shell, &plates, TraversalMode::Flat, body, law).wrench
+    };
+    let [whole, average] = [Normalization::None, Normalization::Average].map(wrench);
+    let share = average.force.length() / whole.force.length();
+    assert!((0.01..0.5).contains(&share) && whole.torque.length() > 1e-3, "{share}: {whole:?}");
+    let off_nm = (average.torque - whole.torque * share).length();
+    assert!(off_nm < 1e-9 * average.torque.length(), "{average:?} and not {share} of {whole:?}");
 }
 
 #[test]

@@ -594,12 +594,13 @@ impl Query<'_> {
                 used.get(..1).unwrap_or(used)
             };
             let share = sum(used) / sum(lanes).max(f32::MIN_POSITIVE);
+            // A leaf is looked up as a whole: noted twice, it would take the room of another.
+            if !samples.has_room_for(lanes.len()) {
+                self.max_m =
+                    self.max_m.max(samples.look(self.simd_level, bounds, self.place, touched));
+            }
             for lane in lanes {
                 samples.push(self.shell, (leaf * LANES + lane) as u32, share);
-                if samples.is_full() {
-                    self.max_m =
-                        self.max_m.max(samples.look(self.simd_level, bounds, self.place, touched));
-                }
             }
             self.looked_at += lanes.len() as u32;
             self.left_out += (n_points - lanes.len()) as u32;
@@ -636,6 +637,14 @@ impl Query<'_> {
                 .unwrap_or(0.0);
             self.looked_at += 1;
             self.left_out += (end - start).saturating_sub(1) as u32;
+            if !lists.samples.has_room_for(1) {
+                self.max_m = self.max_m.max(lists.samples.look(
+                    self.simd_level,
+                    bounds,
+                    self.place,
+                    touched,
+                ));
+            }
             if let Some(point) = point {
                 // As a multiple of its own surface.
                 let block = *point as usize / LANES;
@@ -648,14 +657,6 @@ impl Query<'_> {
                     .copied()
                     .unwrap_or(1.0);
                 lists.samples.push(self.shell, *point, weight / own.max(f32::MIN_POSITIVE));
-            }
-            if lists.samples.is_full() {
-                self.max_m = self.max_m.max(lists.samples.look(
-                    self.simd_level,
-                    bounds,
-                    self.place,
-                    touched,
-                ));
             }
         }
         self.max_m =

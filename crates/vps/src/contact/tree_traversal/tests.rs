@@ -335,6 +335,28 @@ fn a_tool_that_turns_where_it_is_forgets_its_proofs_too() {
 }
 
 #[test]
+fn a_tool_that_turns_where_it_is_touches_as_soon_as_one_of_its_points_does() {
+    let mut fixture = Fixture::new();
+    let mut n_touching = Vec::new();
+    // Its lower side is 5 mm below its middle, and an edge of that side 11 mm away.
+    for tick in (0..40).map(f64::from) {
+        let turn = DQuat::from_scaled_axis(DVec3::new(0.004, 0.02, -0.003) * tick);
+        let pose = Pose::new(turn, DVec3::new(1e-3, -2e-3, TOP_M + 7e-3));
+        fixture.find(pose, Budget::Unlimited);
+        let lanes = |touched: &ContactBlock| (touched.block, touched.lanes);
+        let found: Vec<(u32, u16)> = fixture.touched.iter().map(lanes).collect();
+        let mut expected = Vec::new();
+        let Fixture { field, shell, .. } = &fixture;
+        flat::blocks(field, FieldKind::Trilinear, shell, pose, |touched| {
+            expected.push(lanes(touched));
+        });
+        assert_eq!(found, expected, "tick {tick}");
+        n_touching.push(found.len());
+    }
+    assert!(n_touching[0] == 0 && n_touching[39] > 3, "{n_touching:?}");
+}
+
+#[test]
 fn what_was_proven_is_not_looked_at_again_where_nothing_moves() {
     let mut fixture = Fixture::new();
     let first = fixture.find(above(6e-3), Budget::Unlimited);
@@ -467,6 +489,33 @@ fn of_leaves_that_do_not_touch_every_point_has_its_turn_within_sixteen_ticks() {
         let is_point = |lane: &usize| !positions.get(*lane).is_nan();
         let points = (0..LANES).filter(is_point).fold(0, |points, lane| points | 1 << lane);
         assert_eq!(*lanes, points, "leaf {leaf}");
+    }
+}
+
+/// Whatever the order of the leaves, of which the last is filled in part.
+#[test]
+fn a_leaf_of_which_some_points_touch_is_noted_once() {
+    let (mesh, mut map) = block(DVec3::splat(0.06), VOXEL_M);
+    let field = map.field(&mesh, false);
+    for voxel_size_m in [8.1e-4, 8.2e-4, 8.5e-4] {
+        let (mesh, map) = block(DVec3::new(0.02, 0.014, 0.01), voxel_size_m);
+        let shell = pointshell::build(&mesh, &map, DVec3::ZERO).0;
+        assert!(!shell.len().is_multiple_of(LANES), "{}", shell.len());
+        let mut fixture = Fixture::of(field.clone(), 0.0, shell);
+        let n_blocks = fixture.walk.clear_until_cells.len();
+        let n_leaves = fixture.shell.positions().len();
+        // For all spheres, and for half of the points of each leaf.
+        let budget = Budget::Points((CHILDREN * n_blocks + LANES / 2 * n_leaves) as u32);
+        for tick in 0..LANES {
+            let pose = above(-4e-3 - 1e-4 * tick as f64);
+            let found = fixture.find(pose, budget);
+            assert!(found.left_out > 0, "{found:?}");
+            let mut leaves: Vec<u32> =
+                fixture.touched.iter().map(|touched| touched.block).collect();
+            leaves.sort_unstable();
+            // Each of them touches.
+            assert!(leaves.into_iter().eq(0..n_leaves as u32), "tick {tick}: {found:?}");
+        }
     }
 }
 
