@@ -144,12 +144,13 @@ impl Lines {
     /// line that has points as a line of its own is split there too.
     pub(super) fn points(&self, line: u32, points: &mut Vec<u32>) {
         points.clear();
-        self.append(line, points, DEPTH);
+        self.append(&Within { line, outer: None, depth: 0 }, points);
         points.push(self.ends(line)[1]);
     }
 
     /// All points but the higher end.
-    fn append(&self, line: u32, points: &mut Vec<u32>, depth: usize) {
+    fn append(&self, within: &Within<'_>, points: &mut Vec<u32>) {
+        let &Within { line, depth, .. } = within;
         let [mut last, end] = self.ends(line);
         let between = self.between(line);
         if between.is_empty() {
@@ -157,12 +158,13 @@ impl Lines {
             return;
         }
         for next in between.iter().map(|(_, point)| *point).chain([end]) {
-            let part = if depth > 0 { self.number_of([last, next]) } else { None };
-            match part.filter(|part| self.is_split(*part)) {
+            let part = if depth < DEPTH { self.number_of([last, next]) } else { None };
+            match part.filter(|part| self.is_split(*part) && !within.holds(*part)) {
                 None => points.push(last),
                 Some(part) => {
                     let place = points.len();
-                    self.append(part, points, depth - 1);
+                    let inner = Within { line: part, outer: Some(within), depth: depth + 1 };
+                    self.append(&inner, points);
                     if last > next {
                         // It came from `next`, and without `last`.
                         points.remove(place);
@@ -173,5 +175,19 @@ impl Lines {
             }
             last = next;
         }
+    }
+}
+
+/// A line, and those that it is a part of. Ends within the tolerance of each other can make a line a
+/// part of its own part: looked into again and again, that would double its points every time.
+struct Within<'a> {
+    line: u32,
+    outer: Option<&'a Within<'a>>,
+    depth: usize,
+}
+
+impl Within<'_> {
+    fn holds(&self, line: u32) -> bool {
+        self.line == line || self.outer.is_some_and(|outer| outer.holds(line))
     }
 }

@@ -293,6 +293,12 @@ fn bodies_with_faces_that_nearly_lie_on_each_other_are_their_union() {
 }
 
 #[test]
+fn lines_that_are_parts_of_their_own_parts_are_looked_into_once() {
+    // It took hours.
+    assert_eq!(wrong(1584), Ok(()));
+}
+
+#[test]
 #[ignore = "takes minutes; for changes of the solid"]
 fn thousands_of_such_pairs_are_their_union() {
     let wrong = all_wrong(1000..6000);
