@@ -234,8 +234,9 @@ fn area_of([a, b, c]: [DVec3; 3]) -> f64 {
 /// tolerance.
 const FULL_SHARE: f64 = 1e-6;
 
-/// A cavity that is no more than this many tolerances thick, over all of its shell, is full too.
-const HOLLOW_TOLERANCES: f64 = 4.0;
+/// A cavity that is no more than this many tolerances thick, over all of its shell, is full too:
+/// rounded decimals leave that much open.
+const HOLLOW_TOLERANCES: f64 = 16.0;
 
 /// Cavities that are not full; `empty_m3` is what is empty of each piece, if it is known. What is
 /// narrower than `narrow_m`, over all of the shell, is full.

@@ -11,6 +11,8 @@
 //! stays where below is inside and above is not, and where no earlier face lies on it that faces the
 //! same way. Of a hollow, it is noted which fragments face what is empty of it.
 
+use std::sync::OnceLock;
+
 use glam::DVec3;
 
 use super::cut::{Cut, Fragment};
@@ -93,7 +95,9 @@ pub(super) fn judge(faces: &Faces, cut: &Cut, nesting: &Nesting, tolerance_m: f6
         }
     }
 
-    let pieces_at = PiecesAt::of(faces, cut);
+    // Few files need them.
+    let pieces_at = OnceLock::new();
+    let pieces_at = || pieces_at.get_or_init(|| PiecesAt::of(faces, cut));
     let corners_of = |k: usize| triangles[k].map(|point| cut.positions[point as usize]);
     let width = parallel::map(fragments.len(), 256, |k| {
         let [a, b, c] = corners_of(k);
@@ -110,12 +114,13 @@ pub(super) fn judge(faces: &Faces, cut: &Cut, nesting: &Nesting, tolerance_m: f6
             *best = fragment;
         }
     }
-    let members = Members::of(&patches);
+    let members = OnceLock::new();
+    let members = || members.get_or_init(|| Members::of(&patches));
     let question = |fragment: u32| {
         let of = &fragments[fragment as usize];
         let at = inner_center(corners_of(fragment as usize));
         let offset_m = OFFSET_TOLERANCES * tolerance_m;
-        let beside = pieces_at.beside(of, faces, at, tolerance_m);
+        let beside = beside(of, faces, at, tolerance_m, pieces_at);
         Question { faces, face_idx: of.face, at, offset_m, beside, nesting, is_sum, has_cavities }
     };
     let verdicts = parallel::map(fragments.len(), 16, |k| {
@@ -123,8 +128,11 @@ pub(super) fn judge(faces: &Faces, cut: &Cut, nesting: &Nesting, tolerance_m: f6
             return Verdict::default();
         }
         let of_widest = question(widest[k]);
-        let members = members.of_patch(k as u32);
-        if members.len() == 1 || !of_widest.is_near_another() {
+        if !of_widest.is_near_another() {
+            return of_widest.verdict();
+        }
+        let members = members().of_patch(k as u32);
+        if members.len() == 1 {
             return of_widest.verdict();
         }
         let area = |fragment: u32| {
@@ -225,40 +233,46 @@ impl PiecesAt {
         let range = self.starts[point as usize]..self.starts[point as usize + 1];
         &self.pieces[range.start as usize..range.end as usize]
     }
+}
 
-    /// The closed pieces with a face along a fragment, as near to a place on it as sides are asked at,
-    /// but not cut with it: not within the tolerance, and without two of its corners.
-    fn beside(&self, fragment: &Fragment, faces: &Faces, at: DVec3, tolerance_m: f64) -> Vec<u32> {
-        let face = &faces.faces[fragment.face as usize];
-        let mut beside = Vec::new();
-        if !face.closed {
-            // Closed pieces are not cut by it, and have none of its corners.
-            return beside;
-        }
-        let corners = fragment.points.map(|point| self.at(point));
-        let has_two_corners = |piece: u32| {
-            corners.iter().filter(|pieces| pieces.binary_search(&piece).is_ok()).count() >= 2
-        };
-        let within_m = OFFSET_TOLERANCES * tolerance_m;
-        let mut on = Vec::new();
-        faces.meeting(at - within_m, at + within_m, |other_idx| {
-            let other = &faces.faces[other_idx as usize];
-            let is_along = other.closed
-                && other.piece != face.piece
-                && other.normal.dot(face.normal).abs() > SAME_WAY
-                && is_near(other, at, within_m);
-            if !is_along {
-                return;
-            }
-            if has_two_corners(other.piece) || is_near(other, at, tolerance_m) {
-                on.push(other.piece);
-            } else {
-                beside.push(other.piece);
-            }
-        });
-        beside.retain(|piece| !on.contains(piece));
-        beside
+/// The closed pieces with a face along a fragment, as near to a place on it as sides are asked at,
+/// but not cut with it: not within the tolerance, and without two of its corners.
+fn beside<'a>(
+    fragment: &Fragment,
+    faces: &Faces,
+    at: DVec3,
+    tolerance_m: f64,
+    pieces_at: impl Fn() -> &'a PiecesAt,
+) -> Vec<u32> {
+    let face = &faces.faces[fragment.face as usize];
+    let mut beside = Vec::new();
+    if !face.closed {
+        // Closed pieces are not cut by it, and have none of its corners.
+        return beside;
     }
+    let has_two_corners = |piece: u32| {
+        let has = |point: &&u32| pieces_at().at(**point).binary_search(&piece).is_ok();
+        fragment.points.iter().filter(has).count() >= 2
+    };
+    let within_m = OFFSET_TOLERANCES * tolerance_m;
+    let mut on = Vec::new();
+    faces.meeting(at - within_m, at + within_m, |other_idx| {
+        let other = &faces.faces[other_idx as usize];
+        let is_along = other.closed
+            && other.piece != face.piece
+            && other.normal.dot(face.normal).abs() > SAME_WAY
+            && is_near(other, at, within_m);
+        if !is_along {
+            return;
+        }
+        if is_near(other, at, tolerance_m) || has_two_corners(other.piece) {
+            on.push(other.piece);
+        } else {
+            beside.push(other.piece);
+        }
+    });
+    beside.retain(|piece| !on.contains(piece));
+    beside
 }
 
 /// The centre of the circle that fits into a triangle.

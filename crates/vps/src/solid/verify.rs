@@ -20,7 +20,7 @@ use crate::parallel;
 const LINES_MIN: usize = 256;
 const LINES_MAX: usize = 4096;
 /// Faces of one line.
-const FACES: usize = 4;
+const FACES: usize = 16;
 
 /// So many tolerances a border may be off at each crossing.
 const OFF_TOLERANCES: f64 = 32.0;
