@@ -49,10 +49,14 @@ const CRACK_SHARE: f64 = 0.1;
 /// open is narrower.
 const LID_TOLERANCES: f64 = 32.0;
 
-/// Where the border is wrong or was closed by a guess, the same is tried within these parts of the
+/// Where the border is wrong, or was closed by a guess, the same is tried within these parts of the
 /// tolerance: what is confused by one is mostly clear within another. What is near is kept apart
 /// before it is joined.
 const OTHER_TOLERANCES: [f64; 4] = [0.1, 10.0, 0.01, 0.3];
+
+/// In larger files a border that is right but for narrow guesses stays: another attempt would take
+/// as long as the first, seconds.
+const GUESSES_TRIANGLES: usize = 100_000;
 
 /// What is wrong with a border, in the order in which it counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd)]
@@ -97,7 +101,8 @@ impl Solid {
     pub(super) fn within(file: &TriangleMesh, options: &SolidOptions, limits: Limits) -> Self {
         let (mut best, mut flaws) = Self::attempt(file, options, limits, 1.0);
         for share in OTHER_TOLERANCES {
-            if flaws == Flaws::default() {
+            let guesses = flaws.open_edges > 0 && file.triangles.len() <= GUESSES_TRIANGLES;
+            if flaws.off_m3 == 0.0 && !guesses {
                 break;
             }
             let (other, of_other) = Self::attempt(file, options, limits, share);
