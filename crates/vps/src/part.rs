@@ -215,7 +215,7 @@ impl Part {
     /// What it means to voxels of this edge, m.
     fn meaning(&self, voxel_size_m: Option<f64>) -> Cow<'_, Meaning> {
         let of_file = self.meaning_of_file();
-        // Without an open edge there is no crack, and voxels of any size are told the same.
+        // Without an open edge there is no crack, and voxels of any size make no difference.
         let Some(asked_m) = voxel_size_m.filter(|_| of_file.solid.open_pieces > 0) else {
             return Cow::Borrowed(of_file);
         };

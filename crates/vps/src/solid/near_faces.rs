@@ -178,7 +178,8 @@ fn crossings(meshes: &[&TriangleMesh], x: f64, y: f64) -> Vec<(f64, i32)> {
                 let [a, b, c] = corners;
                 let normal = (b - a).cross(c - a);
                 let z = a.z + (normal.x * (a.x - x) + normal.y * (a.y - y)) / normal.z;
-                let [low, high] = [a.z.min(b.z).min(c.z), a.z.max(b.z).max(c.z)];
+                let low = a.z.min(b.z).min(c.z);
+                let high = a.z.max(b.z).max(c.z);
                 found.push((z.clamp(low, high), -way));
             }
         }
@@ -299,7 +300,7 @@ fn lines_that_are_parts_of_their_own_parts_are_looked_into_once() {
 }
 
 #[test]
-#[ignore = "takes minutes; for changes of the solid"]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn thousands_of_such_pairs_are_their_union() {
     let wrong = all_wrong(1000..3000);
     assert!(wrong.is_empty(), "{} of 2000: {wrong:#?}", wrong.len());

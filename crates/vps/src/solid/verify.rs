@@ -151,7 +151,8 @@ impl<C: Fn(u32) -> [DVec3; 3] + Sync> Lines<'_, C> {
         let mut sums = [0; 2];
         let mut last_m = self.bottom_m;
         for (at_m, enters) in &events {
-            let [is_in, is_in_border] = [sums[0] >= 1, sums[1] >= 1];
+            let is_in = sums[0] >= 1;
+            let is_in_border = sums[1] >= 1;
             // Two borders around each other are no border.
             let is_plain = (0..=1).contains(&sums[1]);
             if is_in != is_in_border || !is_plain {

@@ -69,6 +69,7 @@ impl<'a> Border<'a> {
         );
         nearest.get().sqrt()
     }
+
     /// Where a ray from a place of the surface, this way, leaves the solid; `None` where that is
     /// farther than `most_m`.
     pub(super) fn exit(&self, from: DVec3, way: DVec3, most_m: f64) -> Option<Exit> {

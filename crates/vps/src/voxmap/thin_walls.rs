@@ -378,7 +378,8 @@ mod tests {
                     with(block([16.0, 14.0, from_to(6.0, 9.0)]), fin)
                 }
                 2 => {
-                    let (radius_m, height_m) = (from_to(2.0, 9.0) * MM, from_to(3.0, 12.0) * MM);
+                    let radius_m = from_to(2.0, 9.0) * MM;
+                    let height_m = from_to(3.0, 12.0) * MM;
                     Shape::Cylinder { radius_m, height_m }.tessellate(0.02 * MM)
                 }
                 3 => {
@@ -389,7 +390,8 @@ mod tests {
                     Shape::Cone { radius_m, height_m }.tessellate(0.02 * MM)
                 }
                 4 => {
-                    let (major, minor) = (from_to(6.0, 10.0), from_to(1.5, 4.0));
+                    let major = from_to(6.0, 10.0);
+                    let minor = from_to(1.5, 4.0);
                     Shape::Torus { major_m: major * MM, minor_m: minor * MM }.tessellate(0.02 * MM)
                 }
                 _ => {
