@@ -25,6 +25,19 @@ pub struct Inertia {
     pub least_kg_m2: f64,
 }
 
+impl Inertia {
+    /// The 6×6 mass matrix about the centre of mass of a tool whose axes lie so in the world; world
+    /// axes.
+    pub(super) fn in_world(&self, axes: DMat3) -> Mat6 {
+        Mat6::from_blocks(
+            DMat3::IDENTITY * self.mass_kg,
+            DMat3::ZERO,
+            DMat3::ZERO,
+            axes * self.body_kg_m2 * axes.transpose(),
+        )
+    }
+}
+
 /// The virtual tool: pose of its axes at the centre of mass, and velocity of that point, world.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Body {
@@ -110,11 +123,9 @@ pub(super) struct LinearContact {
     pub(super) wrench: Wrench,
     /// (1 − α) · stiffness: the share that acts within the tick.
     pub(super) stiffness: Mat6,
-    /// Contact damping per contact stiffness β, s.
-    pub(super) damping_s: f64,
-    /// Dampers beyond that: of the faces that touch, and of the brake; symmetric, positive
+    /// Dampers of the contact, of the faces that touch, and of the brake; symmetric, positive
     /// semi-definite, N·s/m, N·s, N·m·s/rad.
-    pub(super) damping: Option<Mat6>,
+    pub(super) damping: Mat6,
 }
 
 /// What pulls and how the step is taken.
@@ -164,32 +175,24 @@ impl Body {
         inertia: &Inertia,
     ) -> Option<Twist> {
         let h = pull.period_s;
-        let axes = self.pose.rotation_matrix();
         let identity = DMat3::IDENTITY;
-        let mass = Mat6::from_blocks(
-            identity * inertia.mass_kg,
-            DMat3::ZERO,
-            DMat3::ZERO,
-            axes * inertia.body_kg_m2 * axes.transpose(),
-        );
+        let mass = inertia.in_world(self.pose.rotation_matrix());
         let on_diagonal = |linear: f64, angular: f64| {
             Mat6::from_blocks(identity * linear, DMat3::ZERO, DMat3::ZERO, identity * angular)
         };
         let springs = on_diagonal(pull.spring.stiffness_n_per_m, pull.spring.stiffness_nm_per_rad);
         let dampers = on_diagonal(pull.damping.0, pull.damping.1);
-        let mut system = mass
+        let system = mass
             .plus_scaled(h, &dampers)
             .plus_scaled(h * h, &springs)
-            .plus_scaled(h * (h + contact.damping_s), &contact.stiffness);
+            .plus_scaled(h * h, &contact.stiffness)
+            .plus_scaled(h, &contact.damping);
         // What one more tick at the present velocity adds to spring and contact, and what contact
         // damping takes now.
-        let mut resisting = Mat6::ZERO
+        let resisting = Mat6::ZERO
             .plus_scaled(h, &springs)
-            .plus_scaled(h + contact.damping_s, &contact.stiffness);
-        if let Some(damping) = &contact.damping {
-            system = system.plus_scaled(h, damping);
-            resisting = resisting.plus_scaled(1.0, damping);
-        }
+            .plus_scaled(h, &contact.stiffness)
+            .plus_scaled(1.0, &contact.damping);
         let (force, torque) = resisting.mul(self.twist.linear, self.twist.angular);
         let wrench = (pull.wrench(self.twist) + contact.wrench - Wrench::new(force, torque)) * h;
         let (linear, angular) = system.solve_spd(wrench)?;
@@ -378,11 +381,10 @@ mod tests {
         stiffness.add_outer(7e3, about(), DVec3::new(-0.02, 0.01, 0.01));
         let mut dampers = Mat6::ZERO;
         dampers.add_outer(60.0, about(), DVec3::new(0.03, -0.01, 0.02));
-        for damping in [Some(dampers), None] {
+        for damping in [dampers, Mat6::ZERO] {
             let contact = LinearContact {
                 wrench: Wrench::new(DVec3::new(3.0, 2.0, 5.0), DVec3::new(0.05, -0.08, 0.03)),
                 stiffness,
-                damping_s: 4e-3,
                 damping,
             };
             let after = body.step_implicit(&pull, &contact, &inertia()).expect("finite");
@@ -401,11 +403,10 @@ mod tests {
                 slip.linear * 21.0 - after.linear * (PERIOD_S * spring.stiffness_n_per_m),
                 slip.angular * 4e-3 - after.angular * (PERIOD_S * spring.stiffness_nm_per_rad),
             );
-            let damped = damping.map_or(Wrench::ZERO, |matrix| product(&matrix, after));
             let forces =
                 spring.wrench + coupled + Wrench::new(pull.weight, DVec3::ZERO) + contact.wrench
-                    - product(&stiffness, after) * (PERIOD_S + 4e-3)
-                    - damped;
+                    - product(&stiffness, after) * PERIOD_S
+                    - product(&damping, after);
             assert!((forces - momentum).force.length() < 1e-9, "{forces:?} {momentum:?}");
             assert!((forces - momentum).torque.length() < 1e-11, "{forces:?} {momentum:?}");
         }

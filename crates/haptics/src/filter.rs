@@ -56,9 +56,9 @@ pub struct Slide {
     pub speed_m_per_s: f64,
     /// Edge of the voxels that it slides over, m.
     pub voxel_size_m: f64,
-    /// ρ = K h²/m, the contact's stiffness on the virtual tool in the units of one step; 0 where
-    /// the force goes to the arm.
-    pub step_stiffness: f64,
+    /// √(K/m), the frequency of the virtual tool on the contact, rad/s; 0 where the force goes to
+    /// the arm.
+    pub contact_rad_per_s: f64,
 }
 
 /// Stage D: y_k = α y_(k−1) + (1−α) W_k on a contact wrench whose frame and reduction point do not
@@ -68,10 +68,9 @@ pub struct Slide {
 /// - The first tick without contact gives exactly zero, so a release is not sticky.
 /// - Inside the loop of the virtual tool the filter must not be slower than the contact itself: a
 ///   stiff contact on two sides (a nut in its thread, a peg in its hole) is then still pushed by
-///   the wall that it has left, and never comes to rest. So α is divided by 1 + ρ, ρ = K h²/m the
-///   contact's stiffness in the units of one step: soft contacts get the whole filter, stiff ones,
-///   which the implicit step damps by itself, next to none. Ours; found on the nut that is pressed
-///   without being turned.
+///   the wall that it has left, and never comes to rest. So its time constant is no longer than
+///   √(m/K) of the tool on the contact, at any rate: soft contacts get the whole filter, stiff ones
+///   next to none. Ours; found on the nut that is pressed without being turned.
 /// - The lag of a slow force is T α/(1−α): it counts in the stability budget of the arm when the
 ///   contact wrench goes to the arm directly, see
 ///   [`filter_delay_s`](super::stability::filter_delay_s).
@@ -101,8 +100,8 @@ impl ShapingFilter {
             return Wrench::ZERO;
         }
         self.alpha = if self.in_contact {
-            low_pass_alpha(cutoff_hz(slide.speed_m_per_s, slide.voxel_size_m, params), period_s)
-                / (1.0 + slide.step_stiffness)
+            let cutoff_hz = cutoff_hz(slide.speed_m_per_s, slide.voxel_size_m, params);
+            low_pass_alpha(cutoff_hz.max(slide.contact_rad_per_s / TAU), period_s)
         } else {
             0.0
         };
@@ -156,7 +155,7 @@ mod tests {
     }
 
     fn slide(speed_m_per_s: f64) -> Slide {
-        Slide { speed_m_per_s, voxel_size_m: VOXEL_M, step_stiffness: 0.0 }
+        Slide { speed_m_per_s, voxel_size_m: VOXEL_M, contact_rad_per_s: 0.0 }
     }
 
     fn started(at_force_n: f64, params: &FilterParameters) -> ShapingFilter {
@@ -192,16 +191,19 @@ mod tests {
     #[test]
     fn a_contact_stiffer_than_the_step_is_hardly_filtered() {
         let params = fixed(50.0);
-        for (step_stiffness, alpha) in [(0.0, 0.7304), (1.0, 0.3652), (9.0, 0.0730), (1e9, 0.0)] {
+        // 2π · 50 rad/s are 314 of them.
+        for (contact_rad_per_s, alpha) in
+            [(0.0, 0.7304), (300.0, 0.7304), (1000.0, 0.3679), (3000.0, 0.0498), (1e6, 0.0)]
+        {
             let mut filter = started(0.0, &params);
             let output = filter.update(
                 push(1.0),
-                Slide { step_stiffness, ..slide(0.0) },
+                Slide { contact_rad_per_s, ..slide(0.0) },
                 true,
                 &params,
                 PERIOD_S,
             );
-            assert!((filter.alpha() - alpha).abs() < 5e-5, "{step_stiffness}");
+            assert!((filter.alpha() - alpha).abs() < 5e-5, "{contact_rad_per_s}");
             assert!((output.force.x - (1.0 - filter.alpha())).abs() < 1e-12);
         }
     }

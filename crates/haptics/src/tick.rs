@@ -36,7 +36,7 @@ use super::passivity_control::PassivityController;
 use super::power_window::PowerWindow;
 use super::sample::{SampleCheck, SampleMonitor};
 use super::stability::filter_delay_s;
-use super::virtual_tool::{Pull, Touch, VirtualTool, squared_share};
+use super::virtual_tool::{Pull, Query, Touch, VirtualTool, squared_share};
 use super::{Drive, DriveRequest, Faults, OffCause, Parameters, RenderScene};
 use vps::contact::{Budget, ContactSum, SimdLevel, Traversal, TraversalMode};
 use vps::density::DensityFrame;
@@ -360,20 +360,15 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
     if state.drive.renders() && p.coupling.mode == CouplingMode::Direct {
         state.tool.stand_at(target, scene);
     } else if state.drive.renders() {
-        state.tool.keep_tracking(target.0, scene, p);
+        state.tool.keep_tracking(target, scene, p);
     }
     let moving = state.moving_obstacles.n_under_way() > 0;
     if let (Some(clay), Some(FrameInUse { is_last: true, .. })) = (&mut state.clay, input.clay) {
         clay.let_go();
     }
-    let touch = state.tool.touch(
-        &mut state.traversal,
-        state.clay.as_mut(),
-        state.braking.as_mut(),
-        scene,
-        p,
-        moving,
-    );
+    let mut query = Query { traversal: &mut state.traversal, scene, p };
+    let clay = state.clay.as_mut();
+    let mut touch = state.tool.touch(&mut query, clay, state.braking.as_mut(), moving);
     let contact = &touch.contact;
     // A tool that only tries where it could stand touches nothing yet.
     let tries = state.resume.is_some();
@@ -390,7 +385,7 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
     };
     let result = match state.drive {
         Drive::Braking => brake(p, state, input, check),
-        drive if drive.renders() => render((scene, p), state, &touch, target, input, ramp_down),
+        drive if drive.renders() => render((scene, p), state, &mut touch, target, input, ramp_down),
         _ => Ok(Felt::default()),
     };
     let felt = result.unwrap_or_else(|faults| {
@@ -398,6 +393,7 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
         Felt::default()
     });
     state.passivity.hold(felt.command_device);
+    let contact = &touch.contact;
     let touching = TickOutput {
         contact_world: contact.wrench + felt.friction_world,
         contacts: contact.contacts,
@@ -443,7 +439,7 @@ struct Felt {
 fn render(
     (scene, p): (&RenderScene, &Parameters),
     state: &mut State,
-    touch: &Touch,
+    touch: &mut Touch,
     target: (Pose, Twist),
     input: &TickInput,
     ramp_down: OffCause,
@@ -464,16 +460,10 @@ fn render(
 
     let rubbing = state.tool.rub(touch, p);
     let is_paid = state.passivity.is_paid(arm);
+    let mut query = Query { traversal: &mut state.traversal, scene, p };
     let Pull { wrench: felt_world, stored_j } = state
         .tool
-        .follow(
-            (scene, p),
-            state.traversal.obstacle_poses(),
-            touch,
-            &rubbing,
-            (&coupling, is_paid),
-            target,
-        )
+        .follow(&mut query, touch, &rubbing, (&coupling, is_paid), target)
         .ok_or(Faults::SOLVER)?;
     if !state.tool.is_finite() {
         return Err(Faults::NON_FINITE);

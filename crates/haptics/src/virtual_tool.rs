@@ -15,9 +15,8 @@ use super::limits::Ramp;
 use super::moving_obstacles::ALWAYS_VOXELS;
 use super::params::{CouplingMode, CouplingParameters, FreeSpace, Parameters};
 use super::quasi_static::StaticBalance;
-use vps::contact::obstacle_poses::ObstaclePoses;
 use vps::contact::planes::DeepestContacts;
-use vps::contact::{Contact, ContactSum, ObstacleMotion, Traversal};
+use vps::contact::{Contact, ContactSum, ObstacleMotion, Patch, Traversal};
 use vps::spatial::{Mat6, Pose, Twist, Wrench};
 
 /// Time in which that part of the coupling wrench comes in that was there before contact, s
@@ -36,9 +35,38 @@ pub(super) struct Pull {
     pub(super) stored_j: [f64; 2],
 }
 
-/// What the contact query of a tick found.
+/// What a contact query asks, at whatever pose.
+pub(super) struct Query<'a> {
+    pub(super) traversal: &'a mut Traversal,
+    pub(super) scene: &'a RenderScene,
+    pub(super) p: &'a Parameters,
+}
+
+impl Query<'_> {
+    /// Rigid contact of the tool there; `deepest` gets all of it.
+    fn rigid(&mut self, body: Pose, deepest: Option<&mut DeepestContacts>) -> ContactSum {
+        let Self { traversal, scene, p } = self;
+        let law = p.force_law();
+        let shell = &scene.tool.shell;
+        match deepest {
+            Some(deepest) => {
+                let mut also =
+                    |obstacle_idx: usize, contact: &Contact| deepest.add(obstacle_idx, contact);
+                ContactSum::of(traversal, &scene.obstacles, shell, body, law, Some(&mut also))
+            }
+            None => ContactSum::of(traversal, &scene.obstacles, shell, body, law, None),
+        }
+    }
+}
+
+/// What the contact queries of a tick found.
 pub(super) struct Touch {
+    /// Of the last query.
     pub(super) contact: ContactSum,
+    /// How far the tool had gone from where it stood: zero for the first query.
+    way: ObstacleMotion,
+    /// What the clay adds to it where the first query was.
+    clay: Option<ContactSum>,
     /// For the constraint coupling only.
     deepest: Option<DeepestContacts>,
     brake: Option<Brake>,
@@ -102,7 +130,12 @@ impl VirtualTool {
     /// A tool that stood where the arm wanted it in free space does so again before contact is
     /// looked for, in steps that see every wall: so first contact has no delay of its own. With
     /// what the tick of before knew of the way.
-    pub(super) fn keep_tracking(&mut self, target: Pose, scene: &RenderScene, p: &Parameters) {
+    pub(super) fn keep_tracking(
+        &mut self,
+        target: (Pose, Twist),
+        scene: &RenderScene,
+        p: &Parameters,
+    ) {
         if self.tracks {
             let sag_m = sag_m(scene, p, &p.coupling);
             self.tracks = self.track(
@@ -118,36 +151,27 @@ impl VirtualTool {
     /// `moving`: obstacles are under way.
     pub(super) fn touch(
         &mut self,
-        traversal: &mut Traversal,
+        query: &mut Query<'_>,
         clay: Option<&mut Held>,
         braking: Option<&mut Braking>,
-        scene: &RenderScene,
-        p: &Parameters,
         moving: bool,
     ) -> Touch {
-        let obstacles = &scene.obstacles;
-        let shell = &scene.tool.shell;
         let body = self.body.pose;
-        let mut deepest =
-            (p.coupling.mode == CouplingMode::Constraint).then(DeepestContacts::default);
-        let contact = match deepest.as_mut() {
-            Some(deepest) => {
-                let mut also =
-                    |obstacle_idx: usize, contact: &Contact| deepest.add(obstacle_idx, contact);
-                ContactSum::of(traversal, obstacles, shell, body, p.force_law(), Some(&mut also))
-            }
-            None => ContactSum::of(traversal, obstacles, shell, body, p.force_law(), None),
+        let mode = query.p.coupling.mode;
+        let mut deepest = (mode == CouplingMode::Constraint).then(DeepestContacts::default);
+        let rigid = query.rigid(body, deepest.as_mut());
+        let Query { traversal, scene, p } = query;
+        let clay = match (clay, &scene.clay) {
+            (Some(held), Some(clay)) => Some(held.touch(clay, &scene.tool.shell, body, p)),
+            _ => None,
         };
-        let contact = match (clay, &scene.clay) {
-            (Some(held), Some(clay)) => contact.with_clay(&held.touch(clay, shell, body, p)),
-            _ => contact,
-        };
+        let contact = clay.map_or(rigid, |clay| rigid.with_clay(&clay));
         // A point that goes no further than this is seen inside of a wall of three voxels.
         let seen_voxels = if moving { SEEN_VOXELS - ALWAYS_VOXELS } else { SEEN_VOXELS };
         self.step_limit_m = contact.step_limit_m.max(seen_voxels * contact.voxel_size_m);
         let brake =
             braking.and_then(|braking| braking.brake(scene, traversal, &self.body, &contact));
-        Touch { contact, deepest, brake }
+        Touch { contact, way: ObstacleMotion::default(), clay, deepest, brake }
     }
 
     /// Friction of what touches.
@@ -163,14 +187,14 @@ impl VirtualTool {
     /// of what was unfelt comes in. `None` on non-finite input.
     pub(super) fn follow(
         &mut self,
-        (scene, p): (&RenderScene, &Parameters),
-        obstacle_poses: &ObstaclePoses,
-        touch: &Touch,
+        query: &mut Query<'_>,
+        touch: &mut Touch,
         rubbing: &FrictionWrench,
         (coupling, is_paid): (&CouplingParameters, bool),
         target: (Pose, Twist),
     ) -> Option<Pull> {
-        let Touch { contact, deepest, brake } = touch;
+        let Query { scene, p, .. } = *query;
+        let Touch { contact, way, clay, deepest, brake } = touch;
         if coupling.mode == CouplingMode::Direct {
             return Some(Pull {
                 wrench: self.direct(contact, rubbing, coupling, p),
@@ -181,8 +205,9 @@ impl VirtualTool {
         let (target_pose, target_twist) = target;
         let touching = contact.acts();
 
+        let voxel_size_m = contact.voxel_size_m;
         let spring = |body: Pose| {
-            Spring::between(body, target_pose, coupling, &p.limits, contact.voxel_size_m, radius_m)
+            Spring::between(body, target_pose, coupling, &p.limits, voxel_size_m, radius_m)
         };
         let stretched = spring(self.body.pose);
         let weight = p.gravity_m_per_s2 * scene.tool.inertia.mass_kg;
@@ -199,14 +224,14 @@ impl VirtualTool {
         if is_unfelt && !self.tracks {
             // Nothing is in the way: a tool that has sprung off a wall while the hand is inside of
             // it is further away than that.
-            self.tracks =
-                self.track(target_pose, sag_m, (radius_m, -contact.max_value_m), p.period_s);
+            self.tracks = self.track(target, sag_m, (radius_m, -contact.max_value_m), p.period_s);
             if self.tracks {
                 // The way that it lagged by is no velocity.
-                self.body.twist = over_a_tick((
+                let way = over_a_tick((
                     target_pose.translation - before.translation,
                     before.rotation_to(target_pose),
                 ));
+                self.body.twist = as_far_as(target_twist, way);
             }
         }
         self.tracks &= is_unfelt;
@@ -224,6 +249,7 @@ impl VirtualTool {
         } else {
             target_twist
         };
+        let step_limit_m = contact.step_limit_m;
         let twist = match (coupling.mode, deepest) {
             (CouplingMode::Static, _) => {
                 let stiffness = contact.stiffness.plus_scaled(1.0, &rubbing.stiffness);
@@ -239,6 +265,7 @@ impl VirtualTool {
                     target_pose.translation - body.translation + sag_m - linear,
                     body.rotation_to(target_pose) - angular,
                 );
+                let obstacle_poses = query.traversal.obstacle_poses();
                 let way_out = |idx: usize, contact: &Contact| match (
                     scene.obstacles.get(idx),
                     obstacle_poses.pose(idx),
@@ -263,14 +290,34 @@ impl VirtualTool {
                 let step = self.pace.take(step, coupling);
                 over_a_tick((step.0 + linear, step.1 + angular))
             }
-            _ => self.step_with_mass(
-                (scene, p),
-                (contact, rubbing, brake.as_ref()),
-                coupling,
-                (stretched, target_twist, weight),
-            )?,
+            _ => {
+                let pull = (stretched, target_twist, weight);
+                let filter = self.filter;
+                let brake = brake.as_ref();
+                let found = Found { contact, way };
+                let step =
+                    self.step_with_mass((scene, p), (found, rubbing, brake), coupling, pull)?;
+                let reached = self.body.moved(step, p.period_s, radius_m, step_limit_m);
+                *way = ObstacleMotion {
+                    linear: reached.twist.linear * p.period_s,
+                    angular: reached.twist.angular * p.period_s,
+                };
+                if way.linear.length() + way.angular.length() * radius_m < -contact.max_value_m {
+                    step
+                } else {
+                    // A contact that begins or ends in this tick is not known at its start.
+                    let rigid = query.rigid(reached.pose, None);
+                    *contact = clay.map_or(rigid, |mut clay| {
+                        clay.wrench = clay.wrench - pushed(&clay.stiffness, way);
+                        rigid.with_clay(&clay)
+                    });
+                    self.filter = filter;
+                    let found = Found { contact, way };
+                    self.step_with_mass((scene, p), (found, rubbing, brake), coupling, pull)?
+                }
+            }
         };
-        self.body = self.body.moved(twist, p.period_s, radius_m, contact.step_limit_m);
+        self.body = self.body.moved(twist, p.period_s, radius_m, step_limit_m);
 
         // The spring after the step: what the tool holds on to now is what the hand feels now.
         let damper = Wrench::new(
@@ -310,11 +357,12 @@ impl VirtualTool {
     /// half a window old, which makes 0.3 mm in a hand that falls onto a wall with 6 m/s². The hand
     /// would find the wall that much deeper, and be pushed out from where it is.
     ///
-    /// Its velocity is that of its way in this tick, as rough as the encoder and not late: one that
-    /// is half a window old throws it off the wall when the hand has just turned round.
+    /// Its velocity is that of the arm as far as its way in this tick agrees: one that is half a
+    /// window old alone throws it off the wall when the hand has just turned round, and a step of
+    /// the encoder in a tick alone throws it into the wall when the hand is slow.
     fn track(
         &mut self,
-        target: Pose,
+        (target, twist): (Pose, Twist),
         sag_m: DVec3,
         (radius_m, most_m): (f64, f64),
         period_s: f64,
@@ -324,10 +372,8 @@ impl VirtualTool {
         let turn = self.body.pose.rotation_to(target);
         let stands = way.length() + turn.length() * radius_m <= most_m;
         if stands {
-            self.body = Body {
-                pose: target,
-                twist: Twist { linear: way / period_s, angular: turn / period_s },
-            };
+            let way = Twist { linear: way / period_s, angular: turn / period_s };
+            self.body = Body { pose: target, twist: as_far_as(twist, way) };
         }
         stands
     }
@@ -336,19 +382,22 @@ impl VirtualTool {
     fn step_with_mass(
         &mut self,
         (scene, p): (&RenderScene, &Parameters),
-        (contact, rubbing, brake): (&ContactSum, &FrictionWrench, Option<&Brake>),
+        (Found { contact, way }, rubbing, brake): (Found<'_>, &FrictionWrench, Option<&Brake>),
         coupling: &CouplingParameters,
         (spring, target_twist, weight): (Spring, Twist, DVec3),
     ) -> Option<Twist> {
         let inertia = &scene.tool.inertia;
-        let damping = StepInput::critical_damping(coupling, inertia);
-        let (along, about) = contact.stiffness.bounds();
-        let step_stiffness =
-            p.period_s * p.period_s * (along / inertia.mass_kg).max(about / inertia.least_kg_m2);
-        let wrench = self.shaped(contact, 1.0, step_stiffness, p);
+        let coupled = StepInput::critical_damping(coupling, inertia);
+        // An implicit step over what has none would not be solvable for every stiffness.
+        let held =
+            contact.stiffness.positive_part(&inertia.in_world(self.body.pose.rotation_matrix()))?;
+        let (along, about) = held.bounds();
+        let contact_rad_per_s = (along / inertia.mass_kg).max(about / inertia.least_kg_m2).sqrt();
+        let met = contact.wrench + pushed(&held, way);
+        let wrench = self.shaped((contact, met), contact_rad_per_s, p);
         // Friction is smooth by itself: it goes past the filter.
         let stiffness = Mat6::ZERO
-            .plus_scaled(1.0 - self.filter.alpha(), &contact.stiffness)
+            .plus_scaled(1.0 - self.filter.alpha(), &held)
             .plus_scaled(1.0, &rubbing.stiffness);
         let damping_s = if along > 0.0 {
             2.0 * p.contact.damping_ratio * (inertia.mass_kg / along).sqrt()
@@ -356,39 +405,43 @@ impl VirtualTool {
             0.0
         };
 
-        let pull = StepInput { spring, target_twist, weight, damping, period_s: p.period_s };
+        // It acts at once, whatever the filter does to the force: at higher rates less and less of
+        // the stiffness acts within a tick.
+        let damping =
+            Mat6::ZERO.plus_scaled(damping_s, &held).plus_scaled(damping_s, &rubbing.stiffness);
+
+        let pull =
+            StepInput { spring, target_twist, weight, damping: coupled, period_s: p.period_s };
         // What moves towards the tool will push by so much more at the end of the tick, and damping
         // acts on the speed between both.
-        let obstacle_motion =
-            pushed(&stiffness, &contact.obstacle_motion) * (1.0 + damping_s / p.period_s);
-        let wrench = wrench + rubbing.wrench + obstacle_motion;
-        let braking = brake.map(|brake| brake.damping(inertia.mass_kg, p.period_s));
+        let wrench = wrench + rubbing.wrench + pushed(&stiffness, &contact.obstacle_motion);
         let ground = contact.obstacle_motion.over(p.period_s);
-        let solve = |faces: Option<&Mat6>| {
-            let mut damping = braking;
-            let mut wrench = wrench;
-            if let Some(faces) = faces {
-                damping = Some(damping.unwrap_or(Mat6::ZERO).plus_scaled(1.0, faces));
-                let (force, torque) = faces.mul(ground.linear, ground.angular);
-                wrench = wrench + Wrench::new(force, torque);
-            }
-            self.body.step_implicit(
-                &pull,
-                &LinearContact { wrench, stiffness, damping_s, damping },
-                inertia,
-            )
+        let braking = brake.map(|brake| brake.damping(inertia.mass_kg, p.period_s));
+        let solve = |faces: &Mat6| {
+            let damping = damping.plus_scaled(1.0, faces);
+            let (force, torque) = damping.mul(ground.linear, ground.angular);
+            let contact = LinearContact {
+                wrench: wrench + Wrench::new(force, torque),
+                stiffness,
+                damping: braking.map_or(damping, |braking| damping.plus_scaled(1.0, &braking)),
+            };
+            self.body.step_implicit(&pull, &contact, inertia)
         };
-        let undamped = solve(None)?;
+        let undamped = solve(&Mat6::ZERO)?;
         if contact.contacts == 0 || p.contact.damping_n_s_per_m <= 0.0 {
             return Some(undamped);
         }
         // As seen from what the faces touch, which may move.
         let seen = contact_damping::damped(
-            contact.patches().copied(),
+            contact.patches().map(|patch| {
+                // At the start of the step, as the velocity is that from there on.
+                let way = patch.normal_world.dot(way.linear + way.angular.cross(patch.arm_world));
+                Patch { force_n: patch.force_n + patch.stiffness_n_per_m * way, ..*patch }
+            }),
             p.contact.damping_n_s_per_m,
             p.period_s + damping_s,
             undamped - ground,
-            |dampers| solve(Some(dampers)).map(|twist| twist - ground),
+            |dampers| solve(dampers).map(|twist| twist - ground),
         )?;
         Some(seen + ground)
     }
@@ -404,25 +457,47 @@ impl VirtualTool {
     ) -> Wrench {
         let stiffness = contact.stiffness.plus_scaled(1.0, &rubbing.stiffness);
         let share = within(stiffness.bounds(), (coupling.bound_n_per_m, coupling.bound_nm_per_rad));
-        self.shaped(contact, share, 0.0, p) + rubbing.wrench * share
+        self.shaped((contact, contact.wrench * share), 0.0, p) + rubbing.wrench * share
     }
 
-    /// A share of the contact wrench through the dynamic shaping filter.
+    /// What is met of a contact through the dynamic shaping filter.
     fn shaped(
         &mut self,
-        contact: &ContactSum,
-        share: f64,
-        step_stiffness: f64,
+        (contact, met): (&ContactSum, Wrench),
+        contact_rad_per_s: f64,
         p: &Parameters,
     ) -> Wrench {
         let against = self.body.twist - contact.obstacle_motion.over(p.period_s);
         let slide = Slide {
             speed_m_per_s: slide_speed(contact, against),
             voxel_size_m: contact.voxel_size_m,
-            step_stiffness,
+            contact_rad_per_s,
         };
-        self.filter.update(contact.wrench * share, slide, contact.acts(), &p.filter, p.period_s)
+        self.filter.update(met, slide, contact.acts(), &p.filter, p.period_s)
     }
+}
+
+/// Of a velocity over a window of time what the velocity in the last tick agrees with.
+fn as_far_as(windowed: Twist, last: Twist) -> Twist {
+    let agreed = |windowed: DVec3, last: DVec3| {
+        let squared = windowed.length_squared();
+        if squared > 0.0 {
+            windowed * (last.dot(windowed) / squared).clamp(0.0, 1.0)
+        } else {
+            windowed
+        }
+    };
+    Twist {
+        linear: agreed(windowed.linear, last.linear),
+        angular: agreed(windowed.angular, last.angular),
+    }
+}
+
+/// A contact as it was found after a way of the tool from where it stood.
+#[derive(Clone, Copy)]
+struct Found<'a> {
+    contact: &'a ContactSum,
+    way: &'a ObstacleMotion,
 }
 
 /// How far the coupling lets the tool's weight sag, m.

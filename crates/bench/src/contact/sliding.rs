@@ -210,7 +210,7 @@ impl Track {
                     let slide = Slide {
                         speed_m_per_s,
                         voxel_size_m: sum.voxel_size_m,
-                        step_stiffness: 0.0,
+                        contact_rad_per_s: 0.0,
                     };
                     let wrench: Wrench =
                         filter.update(sum.wrench, slide, sum.contacts > 0, &p.filter, p.period_s);

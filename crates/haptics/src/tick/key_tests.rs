@@ -293,90 +293,106 @@ fn account(p: &Parameters) -> Wrench {
         if is_direct {
             (body, twist) = (target, target_twist);
         }
-        let contact = ContactSum::flat(&scene.obstacles, shell, body, p.force_law());
-        let (along, about) = contact.stiffness.bounds();
-        let normal = contact.wrench.force.normalize_or_zero();
-        let at = twist.linear + twist.angular.cross(contact.arm_world);
-        let speed = (at - normal * normal.dot(at)).length();
-        let cutoff_hz = (0.3 * speed / contact.voxel_size_m)
-            .max(p.filter.cutoff_hz[0])
-            .min(p.filter.cutoff_hz[1]);
-        let in_steps =
-            (along / inertia.mass_kg).max(about / inertia.least_kg_m2) * period_s.powi(2);
-        let in_steps = if is_direct { 0.0 } else { in_steps };
-        let alpha = match filtered {
-            Some(_) => (-core::f64::consts::TAU * cutoff_hz * period_s).exp() / (1.0 + in_steps),
-            None => 0.0,
+        let touch = |pose| ContactSum::flat(&scene.obstacles, shell, pose, p.force_law());
+        let first = touch(body);
+        let rubbing = rubs.tick(&first, body, &p.contact.friction);
+        let pole_rad_per_s = |contact: &ContactSum, own_rad_per_s: f64| {
+            let normal = contact.wrench.force.normalize_or_zero();
+            let at = twist.linear + twist.angular.cross(contact.arm_world);
+            let speed = (at - normal * normal.dot(at)).length();
+            let cutoff_hz = (0.3 * speed / contact.voxel_size_m)
+                .max(p.filter.cutoff_hz[0])
+                .min(p.filter.cutoff_hz[1]);
+            (core::f64::consts::TAU * cutoff_hz).max(own_rad_per_s)
         };
-        let rubbing = rubs.tick(&contact, body, &p.contact.friction);
         if is_direct {
-            let (along, about) = contact.stiffness.plus_scaled(1.0, &rubbing.1).bounds();
+            let alpha = filtered.map_or(0.0, |_| (-pole_rad_per_s(&first, 0.0) * period_s).exp());
+            let (along, about) = first.stiffness.plus_scaled(1.0, &rubbing.1).bounds();
             let share = (p.coupling.bound_n_per_m / along)
                 .min(p.coupling.bound_nm_per_rad / about)
                 .min(1.0);
-            let now = contact.wrench * share;
+            let now = first.wrench * share;
             let shaped = filtered.unwrap_or(now) * alpha + now * (1.0 - alpha);
             filtered = Some(shaped);
             felt = shaped + rubbing.0 * share;
             continue;
         }
-        let shaped = filtered.unwrap_or(contact.wrench) * alpha + contact.wrench * (1.0 - alpha);
-        filtered = (contact.contacts > 0).then_some(shaped);
-        let held =
-            Mat6::ZERO.plus_scaled(1.0 - alpha, &contact.stiffness).plus_scaled(1.0, &rubbing.1);
-        let damping_s = if along > 0.0 {
-            2.0 * p.contact.damping_ratio * (inertia.mass_kg / along).sqrt()
-        } else {
-            0.0
-        };
-        let spring = spring(p, shell.radius_m(), body, target);
-        let critical = |mass: f64, stiffness: f64| 2.0 * (mass * stiffness).sqrt();
-        let damper = Mat6::from_blocks(
-            DMat3::IDENTITY * critical(inertia.mass_kg, p.coupling.stiffness_n_per_m),
+        let before = filtered;
+        let turned_axes = body.rotation_matrix();
+        let inertia_world = Mat6::from_blocks(
+            DMat3::IDENTITY * inertia.mass_kg,
             DMat3::ZERO,
             DMat3::ZERO,
-            DMat3::IDENTITY * critical(inertia.least_kg_m2, p.coupling.stiffness_nm_per_rad),
+            turned_axes * inertia.body_kg_m2 * turned_axes.transpose(),
         );
-        let tool_axes = body.rotation_matrix();
-        let mass = Mat6::from_blocks(
-            DMat3::IDENTITY * (inertia.mass_kg / period_s),
-            DMat3::ZERO,
-            DMat3::ZERO,
-            tool_axes * inertia.body_kg_m2 * tool_axes.transpose() * (1.0 / period_s),
-        );
-        let weight = Wrench::new(p.gravity_m_per_s2 * inertia.mass_kg, DVec3::ZERO);
-        let pushes = product(&mass, twist)
-            + spring.0
-            + product(&damper, target_twist)
-            + weight
-            + shaped
-            + rubbing.0;
-        let solved = |faces: &Mat6| {
-            let (linear, angular) = mass
-                .plus_scaled(1.0, &damper)
-                .plus_scaled(period_s, &spring.1)
-                .plus_scaled(period_s + damping_s, &held)
-                .plus_scaled(1.0, faces)
-                .solve_spd(pushes)
-                .expect("positive definite");
-            Twist { linear, angular }
-        };
-        // A face that leaves is damped by no more than what it still presses with.
-        let undamped = solved(&Mat6::ZERO);
-        let mut faces = Mat6::ZERO;
-        for patch in contact.patches() {
-            let point = undamped.linear + undamped.angular.cross(patch.arm_world);
-            let leaves = point.dot(patch.normal_world);
-            let gives_way_n = (period_s + damping_s) * patch.stiffness_n_per_m * leaves;
-            let most = if leaves > 0.0 {
-                (patch.force_n - gives_way_n).max(0.0) / leaves
+        // The end of the tick by the contact at `way` from its start.
+        let mut end = |contact: &ContactSum, way: Twist| {
+            let stiffness = contact.stiffness.positive_part(&inertia_world).expect("finite");
+            let (along, about) = stiffness.bounds();
+            let own_rad_per_s = (along / inertia.mass_kg).max(about / inertia.least_kg_m2).sqrt();
+            let alpha =
+                before.map_or(0.0, |_| (-pole_rad_per_s(contact, own_rad_per_s) * period_s).exp());
+            let met = contact.wrench + product(&stiffness, way);
+            let shaped = before.unwrap_or(met) * alpha + met * (1.0 - alpha);
+            filtered = (contact.contacts > 0).then_some(shaped);
+            let held = Mat6::ZERO.plus_scaled(1.0 - alpha, &stiffness).plus_scaled(1.0, &rubbing.1);
+            let damped = stiffness.plus_scaled(1.0, &rubbing.1);
+            let damping_s = if along > 0.0 {
+                2.0 * p.contact.damping_ratio * (inertia.mass_kg / along).sqrt()
             } else {
-                f64::INFINITY
+                0.0
             };
-            let moment = patch.arm_world.cross(patch.normal_world);
-            faces.add_outer(p.contact.damping_n_s_per_m.min(most), patch.normal_world, moment);
-        }
-        twist = solved(&faces);
+            let spring = spring(p, shell.radius_m(), body, target);
+            let critical = |mass: f64, stiffness: f64| 2.0 * (mass * stiffness).sqrt();
+            let damper = Mat6::from_blocks(
+                DMat3::IDENTITY * critical(inertia.mass_kg, p.coupling.stiffness_n_per_m),
+                DMat3::ZERO,
+                DMat3::ZERO,
+                DMat3::IDENTITY * critical(inertia.least_kg_m2, p.coupling.stiffness_nm_per_rad),
+            );
+            let mass = Mat6::ZERO.plus_scaled(1.0 / period_s, &inertia_world);
+            let weight = Wrench::new(p.gravity_m_per_s2 * inertia.mass_kg, DVec3::ZERO);
+            let pushes = product(&mass, twist)
+                + spring.0
+                + product(&damper, target_twist)
+                + weight
+                + shaped
+                + rubbing.0;
+            let solved = |faces: &Mat6| {
+                let (linear, angular) = mass
+                    .plus_scaled(1.0, &damper)
+                    .plus_scaled(period_s, &spring.1)
+                    .plus_scaled(period_s, &held)
+                    .plus_scaled(damping_s, &damped)
+                    .plus_scaled(1.0, faces)
+                    .solve_spd(pushes)
+                    .expect("positive definite");
+                Twist { linear, angular }
+            };
+            // A face that leaves is damped by no more than what it still presses with.
+            let undamped = solved(&Mat6::ZERO);
+            let mut faces = Mat6::ZERO;
+            for patch in contact.patches() {
+                let point = undamped.linear + undamped.angular.cross(patch.arm_world);
+                let leaves = point.dot(patch.normal_world);
+                let gives_way_n = (period_s + damping_s) * patch.stiffness_n_per_m * leaves;
+                let point = way.linear + way.angular.cross(patch.arm_world);
+                let pressed_n =
+                    patch.force_n + patch.stiffness_n_per_m * point.dot(patch.normal_world);
+                let most = if leaves > 0.0 {
+                    (pressed_n - gives_way_n).max(0.0) / leaves
+                } else {
+                    f64::INFINITY
+                };
+                let moment = patch.arm_world.cross(patch.normal_world);
+                faces.add_outer(p.contact.damping_n_s_per_m.min(most), patch.normal_world, moment);
+            }
+            solved(&faces)
+        };
+        let there = end(&first, Twist::ZERO);
+        let way = Twist { linear: there.linear * period_s, angular: there.angular * period_s };
+        let contact = touch(body.stepped(way.linear, way.angular));
+        twist = end(&contact, way);
         let Twist { linear, angular } = twist;
         let reach_m = (linear.length() + angular.length() * shell.radius_m()) * period_s;
         assert!(reach_m < contact.step_limit_m);
@@ -670,17 +686,19 @@ fn a_tick_reports_what_it_found_and_what_it_gave() {
     assert_eq!(at.0, samples()[0].pose);
     assert!((at.1.translation - skew_start(0.0).translation).length() < 1e-15);
     assert_eq!((before.objects_moving, before.object), (0, None));
-    // Sliding: what is reported is the contact with its friction.
+    // Sliding: what is reported is the contact at the end of the tick, along the normal, with its
+    // friction across.
     let shell = &scene.tool.shell;
-    let stood = before.world_from_tool;
     let next = tick(&scene, &mut state, &input);
-    let found = ContactSum::flat(&scene.obstacles, shell, stood, p.force_law());
-    let friction = next.contact_world - found.wrench;
+    let stands = next.world_from_tool;
+    let found = ContactSum::flat(&scene.obstacles, shell, stands, p.force_law());
     let normal = found.wrench.force.normalize();
-    assert!(friction.force.length() > 0.01, "{friction:?}");
-    let slides = next.world_from_tool.translation - skew_start(0.0).translation;
-    assert!(friction.force.dot(slides) < 0.0, "{friction:?} {slides}");
-    assert!(friction.force.dot(normal).abs() < 1e-3 * friction.force.length(), "{friction:?}");
+    let pressed_n = next.contact_world.force.dot(normal);
+    assert!((pressed_n / found.wrench.force.length() - 1.0).abs() < 1e-3, "{pressed_n}");
+    let friction = next.contact_world.force - normal * pressed_n;
+    assert!(friction.length() > 0.01, "{friction}");
+    let slides = stands.translation - skew_start(0.0).translation;
+    assert!(friction.dot(slides) < 0.0, "{friction} {slides}");
     let center =
         crate::Tool { center_of_mass_tool: DVec3::new(1e-3, 2e-3, 3e-3), ..skew_scene(p).tool };
     let off_center = RenderScene { tool: center, ..skew_scene(p) };

@@ -7,6 +7,7 @@ use crate::testing::{parameters, skew_block, skew_scene, skew_start};
 use crate::{FilterParameters, LimitParameters};
 use vps::contact::obstacle_poses::PoseStep;
 use vps::contact::{SimdLevel, TraversalMode};
+use vps::pointshell::shell::Shell;
 
 const PERIOD_S: f64 = 1e-3;
 
@@ -35,7 +36,10 @@ struct Rig {
 
 impl Rig {
     fn new(p: Parameters, raised_m: f64) -> Self {
-        let scene = skew_scene(p);
+        Self::of(skew_scene(p), raised_m)
+    }
+
+    fn of(scene: RenderScene, raised_m: f64) -> Self {
         let traversal = Traversal::new(
             SimdLevel::best(),
             TraversalMode::Tree,
@@ -46,22 +50,33 @@ impl Rig {
     }
 
     fn touch(&mut self) -> Touch {
-        let p = self.scene.parameters;
-        self.tool.touch(&mut self.traversal, None, None, &self.scene, &p, false)
+        self.look(None, false)
+    }
+
+    fn look(&mut self, braking: Option<&mut Braking>, moving: bool) -> Touch {
+        let Self { scene, traversal, tool } = self;
+        let mut query = Query { traversal, scene, p: &scene.parameters };
+        tool.touch(&mut query, None, braking, moving)
+    }
+
+    /// The block goes by so much in each tick, as seen from the tool.
+    fn carry(&mut self, motion: ObstacleMotion) {
+        let ObstacleMotion { linear, angular } = motion;
+        let moved = PoseStep { center: self.tool.pose().translation, linear, angular };
+        self.traversal.obstacle_poses_mut().pose_mut(0).expect("one").moved = moved;
     }
 
     fn follow(
         &mut self,
-        touch: &Touch,
+        touch: &mut Touch,
         rubbing: &FrictionWrench,
         is_paid: bool,
         target: (Pose, Twist),
     ) -> Pull {
-        let p = &self.scene.parameters;
-        let poses = self.traversal.obstacle_poses();
-        self.tool
-            .follow((&self.scene, p), poses, touch, rubbing, (&p.coupling, is_paid), target)
-            .expect("finite")
+        let Self { scene, traversal, tool } = self;
+        let p = &scene.parameters;
+        let mut query = Query { traversal, scene, p };
+        tool.follow(&mut query, touch, rubbing, (&p.coupling, is_paid), target).expect("finite")
     }
 }
 
@@ -114,40 +129,44 @@ fn the_tool_s_momentum_changes_by_the_sum_of_all_that_acts_at_the_end_of_the_tic
         linear: DVec3::new(2e-5, -1e-5, 3e-5),
         angular: DVec3::new(1e-4, 2e-4, -1e-4),
     };
-    let ground = motion.over(PERIOD_S);
     rig.tool.body.twist = approach();
     let mut filtered = Wrench::ZERO;
     for tick_idx in 0..2 {
         let before = rig.tool.body;
+        rig.carry(motion);
         let mut touch = rig.touch();
-        touch.contact.obstacle_motion = motion;
-        let contact = &touch.contact;
-        assert_eq!(contact.contacts, 24);
+        assert_eq!(touch.contact.contacts, 24);
         let (target_pose, target_twist) = target();
         let spring = Spring::between(
             before.pose,
             target_pose,
             &p.coupling,
             &p.limits,
-            contact.voxel_size_m,
+            touch.contact.voxel_size_m,
             rig.scene.tool.shell.radius_m(),
         );
+        let pull = rig.follow(&mut touch, &rubbing(), true, target());
+        let Touch { contact, way, .. } = &touch;
+        let inertia = rig.scene.tool.inertia;
+        let mass = inertia.in_world(before.pose.rotation_matrix());
+        let stiffness = contact.stiffness.positive_part(&mass).expect("finite");
+        let ground = contact.obstacle_motion.over(PERIOD_S);
+        assert!((ground.linear - motion.linear / PERIOD_S).length() < 1e-3);
         // The filter follows the speed along the face, and less where the contact is stiff.
         let normal = contact.wrench.force.normalize();
         let against = before.twist - ground;
         let slides = against.linear + against.angular.cross(contact.arm_world);
         let speed = (slides - normal * normal.dot(slides)).length();
         let cutoff_hz = (0.3 * speed / contact.voxel_size_m).clamp(3.0, 220.0);
-        let (along, about) = contact.stiffness.bounds();
-        let in_steps = (along / 0.3).max(about / 2e-5) * PERIOD_S * PERIOD_S;
-        let alpha = (-core::f64::consts::TAU * cutoff_hz * PERIOD_S).exp() / (1.0 + in_steps);
+        let (along, about) = stiffness.bounds();
+        let pole_rad_per_s =
+            (core::f64::consts::TAU * cutoff_hz).max((along / 0.3).max(about / 2e-5).sqrt());
+        let alpha = (-pole_rad_per_s * PERIOD_S).exp();
         let alpha = if tick_idx == 0 { 0.0 } else { alpha };
-        filtered = filtered * alpha + contact.wrench * (1.0 - alpha);
-
-        let pull = rig.follow(&touch, &rubbing(), true, target());
-        let contact = &touch.contact;
+        // What was met at the end of a first step is that of its start as far as it is linear.
+        let met = contact.wrench + pushed(&stiffness, way);
+        filtered = filtered * alpha + met * (1.0 - alpha);
         let after = rig.tool.body.twist;
-        let inertia = rig.scene.tool.inertia;
         let changed = after - before.twist;
         let axes = before.pose.rotation_matrix();
         let momentum = Wrench::new(
@@ -164,10 +183,10 @@ fn the_tool_s_momentum_changes_by_the_sum_of_all_that_acts_at_the_end_of_the_tic
                 slip.angular * angular_damping - step.angular * spring.stiffness_nm_per_rad,
             );
         let weight = Wrench::new(p.gravity_m_per_s2 * 0.3, DVec3::ZERO);
-        // What gives way within the tick, and by how much longer contact damping makes it.
-        let held = Mat6::ZERO
-            .plus_scaled(1.0 - alpha, &contact.stiffness)
-            .plus_scaled(1.0, &rubbing().stiffness);
+        // What gives way within the tick, and what contact damping takes, filter or not.
+        let held =
+            Mat6::ZERO.plus_scaled(1.0 - alpha, &stiffness).plus_scaled(1.0, &rubbing().stiffness);
+        let damped = stiffness.plus_scaled(1.0, &rubbing().stiffness);
         let damping_s = 2.0 * 0.35 * (0.3 / along).sqrt();
         let relative = after - ground;
         let mut faces = Mat6::ZERO;
@@ -178,7 +197,8 @@ fn the_tool_s_momentum_changes_by_the_sum_of_all_that_acts_at_the_end_of_the_tic
             faces.add_outer(45.0, patch.normal_world, moment);
         }
         let forces = coupled + weight + filtered + rubbing().wrench
-            - product(&held, relative) * (PERIOD_S + damping_s)
+            - product(&held, relative) * PERIOD_S
+            - product(&damped, relative) * damping_s
             - product(&faces, relative);
         assert_near(forces, momentum, 1e-9);
 
@@ -227,9 +247,9 @@ fn what_was_not_felt_in_free_space_comes_in_over_five_ticks_once_it_is_paid() {
         (true, 0.2),
         (true, 0.0),
     ] {
-        let touch = rig.touch();
+        let mut touch = rig.touch();
         assert!(touch.contact.contacts > 0);
-        let pull = rig.follow(&touch, &FrictionWrench::ZERO, is_paid, target());
+        let pull = rig.follow(&mut touch, &FrictionWrench::ZERO, is_paid, target());
         let twist = rig.tool.body.twist - target_twist;
         let spring = Spring::between(
             rig.tool.body.pose,
@@ -254,10 +274,13 @@ fn in_free_space_the_tool_stands_where_the_arm_is_lower_by_its_weight_and_nothin
     let first =
         skew_start(4e-3).stepped(DVec3::new(1e-4, 2e-4, -1e-4), DVec3::new(2e-3, 0.0, 1e-3));
     let second = first.stepped(DVec3::new(2e-4, -1e-4, 3e-4), DVec3::new(-1e-3, 2e-3, 3e-3));
+    // The last way is half of it.
+    let windowed =
+        Twist { linear: DVec3::new(0.4, -0.2, 0.6), angular: DVec3::new(-2.0, 4.0, 6.0) };
     for (n, target) in [first, second].into_iter().enumerate() {
-        rig.tool.keep_tracking(target, &rig.scene, &p);
-        let touch = rig.touch();
-        let pull = rig.follow(&touch, &FrictionWrench::ZERO, true, (target, Twist::ZERO));
+        rig.tool.keep_tracking((target, windowed), &rig.scene, &p);
+        let mut touch = rig.touch();
+        let pull = rig.follow(&mut touch, &FrictionWrench::ZERO, true, (target, windowed));
         assert_eq!((pull.wrench, pull.stored_j), (Wrench::ZERO, [0.0; 2]));
         assert!(rig.tool.tracks);
         let body = rig.tool.body;
@@ -272,7 +295,7 @@ fn in_free_space_the_tool_stands_where_the_arm_is_lower_by_its_weight_and_nothin
     assert!((twist.angular - DVec3::new(-1.0, 2.0, 3.0)).length() < 1e-6, "{twist:?}");
     // One that is asked to leap comes by itself.
     let leap = second.stepped(DVec3::X * 0.1, DVec3::ZERO);
-    rig.tool.keep_tracking(leap, &rig.scene, &p);
+    rig.tool.keep_tracking((leap, windowed), &rig.scene, &p);
     assert!(!rig.tool.tracks && rig.tool.body.twist == twist);
 }
 
@@ -285,7 +308,8 @@ fn a_tool_tracks_no_further_than_it_may() {
     for (most_m, stands) in [(way_m + 0.3 * 0.02 + 1e-6, true), (way_m + 0.3 * 0.02 - 1e-6, false)]
     {
         let mut tool = VirtualTool::at(start);
-        assert_eq!(tool.track(target, sag, (0.02, most_m), PERIOD_S), stands);
+        let faster = Twist { linear: DVec3::new(6.0, 0.0, 6.0), angular: DVec3::Y * 500.0 };
+        assert_eq!(tool.track((target, faster), sag, (0.02, most_m), PERIOD_S), stands);
         let expected = if stands { target.translation + sag } else { start.translation };
         assert_eq!(tool.pose().translation, expected);
         let speed = if stands { DVec3::new(3.0, 0.0, 3.0) } else { DVec3::ZERO };
@@ -304,11 +328,11 @@ pub(crate) fn without_a_virtual_tool_the_arm_gets_the_contact_as_stiff_as_it_can
         p.coupling.bound_n_per_m = bound_n_per_m;
         p.coupling.bound_nm_per_rad = bound_nm_per_rad;
         let mut rig = Rig::new(p, 0.0);
-        let touch = rig.touch();
+        let mut touch = rig.touch();
         let (along, about) =
             touch.contact.stiffness.plus_scaled(1.0, &rubbing().stiffness).bounds();
         let share = (bound_n_per_m / along).min(bound_nm_per_rad / about).min(1.0);
-        let pull = rig.follow(&touch, &rubbing(), true, target());
+        let pull = rig.follow(&mut touch, &rubbing(), true, target());
         let expected = (touch.contact.wrench + rubbing().wrench) * share;
         assert_near(pull.wrench, expected, 1e-12);
         assert_eq!(pull.stored_j, [0.0; 2]);
@@ -329,7 +353,7 @@ fn the_static_coupling_steps_to_the_balance_of_spring_contact_and_weight() {
     };
     let mut touch = rig.touch();
     touch.contact.obstacle_motion = motion;
-    rig.follow(&touch, &rubbing(), true, (target, Twist::ZERO));
+    rig.follow(&mut touch, &rubbing(), true, (target, Twist::ZERO));
     let after = rig.tool.pose();
     let step = Twist {
         linear: after.translation - before.translation,
@@ -362,9 +386,9 @@ fn the_constraint_coupling_stands_a_tool_on_a_face_that_moves() {
     let mut rig = Rig::new(p, 4e-3);
     let target =
         rig.tool.pose().stepped(DVec3::new(1e-4, 2e-4, -1e-4), DVec3::new(2e-3, 0.0, 1e-3));
+    rig.carry(turning);
     let mut touch = rig.touch();
-    touch.contact.obstacle_motion = turning;
-    let pull = rig.follow(&touch, &FrictionWrench::ZERO, true, (target, Twist::ZERO));
+    let pull = rig.follow(&mut touch, &FrictionWrench::ZERO, true, (target, Twist::ZERO));
     assert!((rig.tool.pose().translation - target.translation - sag).length() < 1e-12);
     assert!(rig.tool.pose().rotation_to(target).length() < 1e-9);
     assert!(pull.stored_j[0] > 0.0, "of the spring alone");
@@ -373,10 +397,10 @@ fn the_constraint_coupling_stands_a_tool_on_a_face_that_moves() {
     let out = skew_block().transform_vector(DVec3::Z);
     let down = rig.tool.pose().stepped(out * -1e-3 - sag, DVec3::ZERO);
     let before = rig.tool.pose();
+    rig.carry(motion);
     let mut touch = rig.touch();
-    touch.contact.obstacle_motion = motion;
     let depth_m = touch.contact.max_value_m;
-    rig.follow(&touch, &FrictionWrench::ZERO, true, (down, Twist::ZERO));
+    rig.follow(&mut touch, &FrictionWrench::ZERO, true, (down, Twist::ZERO));
     let after = rig.tool.pose();
     let shell_arms = [(-6.0, -4.0), (6.0, -4.0), (-6.0, 4.0), (6.0, 4.0)]
         .map(|(x, y)| DVec3::new(x, y, -5.0) * 1e-3);
@@ -416,7 +440,7 @@ pub(crate) fn a_brake_acts_along_the_way_out_of_what_is_ahead() {
     let mut rig = Rig::new(p, 0.6e-3);
     let mut braking = Braking::of(&rig.scene).expect("asked for");
     rig.tool.body.twist = Twist { angular: DVec3::ZERO, ..approach() };
-    let touch = rig.tool.touch(&mut rig.traversal, None, Some(&mut braking), &rig.scene, &p, false);
+    let touch = rig.look(Some(&mut braking), false);
     assert_eq!(touch.contact.contacts, 0);
     let damping = touch.brake.expect("it approaches").damping(0.3, PERIOD_S);
     // Half of the speed towards the face goes in a tick: (m + T b) v' = m v.
@@ -424,17 +448,16 @@ pub(crate) fn a_brake_acts_along_the_way_out_of_what_is_ahead() {
     let (force, _) = damping.mul(out, DVec3::ZERO);
     assert!((force - out * (0.3 / PERIOD_S)).length() < 1e-3 * force.length(), "{force}");
     rig.tool.body.twist = Twist { linear: out * 0.05, angular: DVec3::ZERO };
-    let touch = rig.tool.touch(&mut rig.traversal, None, Some(&mut braking), &rig.scene, &p, false);
+    let touch = rig.look(Some(&mut braking), false);
     assert!(touch.brake.is_none(), "it recedes");
 }
 
 #[test]
 fn a_tick_is_bounded_by_what_the_contact_query_can_see() {
     let mut rig = Rig::new(generic(), 0.0);
-    let p = rig.scene.parameters;
     rig.touch();
     assert!((rig.tool.step_limit_m - 2.9e-3).abs() < 1e-9, "{}", rig.tool.step_limit_m);
-    rig.tool.touch(&mut rig.traversal, None, None, &rig.scene, &p, true);
+    rig.look(None, true);
     assert!((rig.tool.step_limit_m - 2.65e-3).abs() < 1e-9, "{}", rig.tool.step_limit_m);
     let far = skew_start(0.0).stepped(DVec3::Z * 0.1, DVec3::ZERO);
     let twist = Twist { linear: DVec3::X, angular: DVec3::Y };
@@ -486,8 +509,10 @@ fn hand_ahead(lag: DVec3) -> (Rig, Pose) {
 #[test]
 fn a_tool_that_catches_up_in_free_space_has_the_velocity_of_the_hand_s_way() {
     let (mut rig, target) = hand_ahead(DVec3::new(1e-4, 1e-4, 0.0));
-    let touch = rig.touch();
-    rig.follow(&touch, &FrictionWrench::ZERO, true, (target, Twist::ZERO));
+    let mut touch = rig.touch();
+    let windowed =
+        Twist { linear: DVec3::new(0.4, -0.2, 0.6), angular: DVec3::new(-2.0, 4.0, 6.0) };
+    rig.follow(&mut touch, &FrictionWrench::ZERO, true, (target, windowed));
     assert!(rig.tool.tracks);
     let Twist { linear, angular } = rig.tool.body.twist;
     assert!((linear - DVec3::new(0.2, -0.1, 0.3)).length() < 1e-9, "{linear}");
@@ -498,9 +523,9 @@ fn a_tool_that_catches_up_in_free_space_has_the_velocity_of_the_hand_s_way() {
 fn a_tool_that_lags_in_free_space_is_damped_by_the_hand_s_way_and_not_felt() {
     let (mut rig, target) = hand_ahead(DVec3::X * 0.1);
     let p = rig.scene.parameters;
-    let touch = rig.touch();
+    let mut touch = rig.touch();
     let late = Twist { linear: DVec3::splat(9.0), angular: DVec3::splat(9.0) };
-    let pull = rig.follow(&touch, &FrictionWrench::ZERO, true, (target, late));
+    let pull = rig.follow(&mut touch, &FrictionWrench::ZERO, true, (target, late));
     assert_eq!((pull.wrench, pull.stored_j), (Wrench::ZERO, [0.0; 2]));
     assert!(!rig.tool.tracks);
     let Twist { linear, angular } = rig.tool.body.twist;
@@ -511,6 +536,25 @@ fn a_tool_that_lags_in_free_space_is_damped_by_the_hand_s_way_and_not_felt() {
     let spring =
         Spring::between(rig.tool.body.pose, target, &p.coupling, &p.limits, 1e-3, 1e-2).wrench;
     assert_near(rig.tool.unfelt, damper - spring, 1e-5);
+}
+
+#[test]
+fn a_velocity_counts_as_far_as_the_last_tick_agrees() {
+    let windowed = Twist { linear: DVec3::new(0.3, 0.0, -0.4), angular: DVec3::X * 3.0 };
+    for (last, share) in [
+        (DVec3::new(0.3, 0.0, -0.4), 1.0),
+        // A step of the encoder: 7.5 · 0.3 is more than 0.25.
+        (DVec3::X * 7.5, 1.0),
+        // 0.06 + 0.04 of 0.25, and nothing that stands across counts.
+        (DVec3::new(0.2, 5.0, -0.1), 0.4),
+        (DVec3::ZERO, 0.0),
+        (DVec3::new(-0.3, 0.0, 0.4), 0.0),
+    ] {
+        let found = as_far_as(windowed, Twist { linear: last, angular: DVec3::X * 1.5 });
+        assert!((found.linear - windowed.linear * share).length() < 1e-12, "{last}: {found:?}");
+        assert!((found.angular - windowed.angular * 0.5).length() < 1e-12, "{found:?}");
+        assert_eq!(as_far_as(Twist::ZERO, Twist { linear: last, ..windowed }), Twist::ZERO);
+    }
 }
 
 #[test]
@@ -532,14 +576,24 @@ fn a_face_that_a_block_comes_towards_is_damped_by_the_speed_between_them() {
     let out = skew_block().transform_vector(DVec3::Z);
     let closes = |damping_n_s_per_m: f64| {
         let mut p = generic();
+        // As stiff wherever the tool ends.
+        p.filter.spatial = false;
         p.contact.damping_n_s_per_m = damping_n_s_per_m;
-        let mut rig = Rig::new(p, 0.0);
-        let mut touch = rig.touch();
+        let mut scene = skew_scene(p);
+        // So heavy to turn that it does not, and pushed straight out: all is linear.
+        scene.tool.inertia.body_kg_m2 *= 1e9;
+        scene.tool.inertia.least_kg_m2 *= 1e9;
+        let out_body = skew_start(-0.2e-3).rotation.conjugate() * out;
+        let points: Vec<_> =
+            scene.tool.shell.points().map(|(point, _)| (point.as_dvec3(), out_body)).collect();
+        scene.tool.shell = Shell::new(&points, 1e-3);
+        // So deep that no point leaves.
+        let mut rig = Rig::of(scene, -0.2e-3);
         // The tool is at rest, the block comes with 0.1 m/s.
-        let linear = out * 1e-4;
-        touch.contact.obstacle_motion = ObstacleMotion { linear, angular: DVec3::ZERO };
+        rig.carry(ObstacleMotion { linear: out * 1e-4, angular: DVec3::ZERO });
+        let mut touch = rig.touch();
         let target = (rig.tool.pose(), Twist::ZERO);
-        rig.follow(&touch, &FrictionWrench::ZERO, true, target);
+        rig.follow(&mut touch, &FrictionWrench::ZERO, true, target);
         assert_eq!(touch.contact.patches().count(), 1);
         let patch = touch.contact.patches().next().expect("it touches");
         let moment = patch.arm_world.cross(patch.normal_world);
@@ -549,5 +603,6 @@ fn a_face_that_a_block_comes_towards_is_damped_by_the_speed_between_them() {
     let [free, damped, twice] = [0.0, 300.0, 600.0].map(closes);
     assert!(free < 0.0 && damped / free < 0.7, "{free} {damped}");
     let grows = (1.0 / twice - 1.0 / damped) / (1.0 / damped - 1.0 / free);
-    assert!((grows - 1.0).abs() < 1e-6, "{free} {damped} {twice}");
+    // The depths at the end of the step are of single precision.
+    assert!((grows - 1.0).abs() < 1e-4, "{free} {damped} {twice}");
 }

@@ -62,6 +62,8 @@ impl ContactSum {
                     lanes: found.lanes,
                     weight: 1.0,
                     depths_m: found.depths_m,
+                    // Clay pushes along what it changes along.
+                    gradients: Lanes3::ZERO,
                 };
                 let pushes = ContactDirections {
                     positions: *positions,

@@ -39,6 +39,8 @@ pub struct ContactBlock {
     pub weight: f32,
     /// V, m, greater than 0 in these lanes.
     pub depths_m: [f32; LANES],
+    /// Gradient of V in these lanes, m/m, tool axes; zero where it is not known.
+    pub gradients: Lanes3,
 }
 
 impl ContactBlock {
@@ -253,6 +255,7 @@ mod tests {
             lanes: 0b10_1000,
             weight: 3.0,
             depths_m: core::array::from_fn(|lane| 1e-4 * lane as f32),
+            gradients: Lanes3::ZERO,
         };
         let mut contacts = Vec::new();
         touched.contacts(&plate().field, &Shell::new(&points, 1e-3), Pose::IDENTITY, |contact| {
@@ -281,7 +284,8 @@ mod tests {
         let depths_m = core::array::from_fn(|lane| deep[lane % 3]);
         let mut n_bent = 0;
         for (block, edges) in (0..).zip(shell.edges()) {
-            let touched = ContactBlock { block, lanes: TOUCHING, weight: 1.0, depths_m };
+            let gradients = Lanes3::ZERO;
+            let touched = ContactBlock { block, lanes: TOUCHING, weight: 1.0, depths_m, gradients };
             let expected = TOUCHING & edges & SHALLOW;
             assert_eq!(touched.bent(&field, &shell), expected, "block {block}");
             assert_eq!(touched.bends(&field, &shell), expected != 0, "block {block}");

@@ -281,7 +281,10 @@ mod tests {
         // Not deep: all of its edges bend.
         let depths_m = [0.0; LANES];
         let touched: Vec<ContactBlock> = (0..shell.positions().len() as u32)
-            .map(|block| ContactBlock { block, lanes: u16::MAX, weight: 1.0, depths_m })
+            .map(|block| {
+                let gradients = Lanes3::ZERO;
+                ContactBlock { block, lanes: u16::MAX, weight: 1.0, depths_m, gradients }
+            })
             .collect();
         let mut expected = Vec::new();
         for (touched, positions) in touched.iter().zip(shell.positions()) {

@@ -51,6 +51,7 @@ pub(super) fn blocks(
             lanes: 0,
             weight: 1.0,
             depths_m: [f32::NEG_INFINITY; LANES],
+            gradients: Lanes3::ZERO,
         };
         for (lane, (cells, depth)) in
             cells.into_iter().zip(&mut touched.depths_m).enumerate().take(n_left)
@@ -60,7 +61,12 @@ pub(super) fn blocks(
             let depth_m = field.value(kind, cells, normal_map);
             max_value = max_value.max(depth_m);
             *depth = depth_m;
-            touched.lanes |= u16::from(depth_m > 0.0) << lane;
+            if depth_m > 0.0 {
+                touched.lanes |= 1 << lane;
+                if kind == FieldKind::Trilinear {
+                    touched.gradients.set(lane, place.gradient(field.slopes(cells)));
+                }
+            }
         }
         if touched.lanes != 0 {
             touch(&touched);

@@ -58,6 +58,13 @@ impl Place {
         x_axis * position.x + y_axis * position.y + z_axis * position.z + self.origin
     }
 
+    /// Slopes per cell along the grid as a gradient in tool axes, per metre.
+    #[inline]
+    pub(super) fn gradient(&self, slopes: Vec3) -> Vec3 {
+        let Mat3 { x_axis, y_axis, z_axis } = self.axes;
+        Vec3::new(x_axis.dot(slopes), y_axis.dot(slopes), z_axis.dot(slopes))
+    }
+
     pub(super) fn is_finite(&self) -> bool {
         self.axes.is_finite() && self.origin.is_finite()
     }
@@ -69,6 +76,8 @@ pub(super) struct Depths {
     /// m; of a point that was not interpolated its brick's largest depth instead, which is no more
     /// than the floor asked for.
     pub(super) depths_m: Lanes,
+    /// Gradient of V where some lane touches, m/m, tool axes; zero where V is uniform.
+    pub(super) gradients: Lanes3,
     /// One bit per lane: V > 0.
     pub(super) touching: u16,
     /// Largest of them, m; lanes that are not a number do not count.
@@ -300,6 +309,12 @@ impl<'a, L: F32s<N>, const N: usize> Grid<'a, L, N> {
     /// V of points in any bricks.
     #[inline(always)]
     pub(super) fn scattered(&self, lattice: [L; 3], base: [L::Int; 3], floor_m: L) -> L {
+        self.interpolated(self.apart(base), lattice, base, floor_m).0
+    }
+
+    /// Those off the grid, slots and largest depths of the bricks of points anywhere.
+    #[inline(always)]
+    fn apart(&self, base: [L::Int; 3]) -> (L::Int, L::Int, L) {
         let bricks = eighths(base);
         let zero = L::Int::splat(0);
         let off = self.off(bricks);
@@ -310,30 +325,33 @@ impl<'a, L: F32s<N>, const N: usize> Grid<'a, L, N> {
             L::select(off, self.outside, unsafe { L::gather(self.bounds.max_depth_m(), brick) });
         // SAFETY: as above.
         let slots = unsafe { L::Int::gather(self.bounds.top(), brick) };
-        self.interpolated(off, slots, max_depths, lattice, base, floor_m)
+        (off, slots, max_depths)
     }
 
-    /// V of points whose bricks have these slots and largest depths.
+    /// V of points whose bricks have these slots and largest depths, and its gradient.
     #[inline(always)]
     fn interpolated(
         &self,
-        known: L::Int,
-        slots: L::Int,
-        max_depths: L,
+        (known, slots, max_depths): (L::Int, L::Int, L),
         lattice: [L; 3],
         base: [L::Int; 3],
         floor_m: L,
-    ) -> L {
+    ) -> (L, [L; 3]) {
+        let nothing = L::splat(0.0);
         let zero = L::Int::splat(0);
         let all = zero.eq(zero).bits();
         // The two marks are −1 and −2 as signed numbers; slots are not negative.
         let known = known | max_depths.le(floor_m) | zero.gt(slots);
         if known.bits() == all {
-            return max_depths;
+            return (max_depths, [nothing; 3]);
         }
         // SAFETY: a slot of `top`, or 0 where none is wanted; as one is wanted, there are samples.
         let corners = unsafe { self.corners(L::Int::select(known, zero, slots), base) };
-        L::select(known, max_depths, self.finished(corners, fractions(lattice, base)))
+        let (values, mut gradient) = self.finished(corners, fractions(lattice, base));
+        for along in &mut gradient {
+            *along = L::select(known, nothing, *along);
+        }
+        (L::select(known, max_depths, values), gradient)
     }
 
     /// Corners of interpolation cells of any bricks.
@@ -348,11 +366,20 @@ impl<'a, L: F32s<N>, const N: usize> Grid<'a, L, N> {
         unsafe { corners(self.bounds.samples_m().as_flattened(), first) }
     }
 
-    /// V from the corners and the place between them.
+    /// V from the corners and the place between them, and its gradient, m/m in tool axes, where
+    /// some lane touches.
     #[inline(always)]
-    fn finished(&self, corners: [(L, L); 4], t: [L; 3]) -> L {
+    fn finished(&self, corners: [(L, L); 4], t: [L; 3]) -> (L, [L; 3]) {
         // Limit first: what is not a number stays what it is.
-        self.high.min(self.low.max(mixed(corners, t))) + self.skin
+        let values = self.high.min(self.low.max(mixed(corners, t))) + self.skin;
+        let mut gradient = [L::splat(0.0); 3];
+        if L::splat(0.0).lt(values).bits() != 0 {
+            let [x, y, z] = slopes(corners, t);
+            for (along, axis) in gradient.iter_mut().zip(self.axes) {
+                *along = axis[0] * x + axis[1] * y + axis[2] * z;
+            }
+        }
+        (values, gradient)
     }
 }
 
@@ -365,15 +392,16 @@ impl<'a, L: F32s<LANES>> Grid<'a, L, LANES> {
         let base = [lattice[0].floored(), lattice[1].floored(), lattice[2].floored()];
         // Points of a block are neighbours: often one brick holds them all, and one load is cheaper
         // than sixteen.
-        let values = match only_brick::<L, LANES>(base) {
-            None => match self.near(base) {
-                Some((known, slots, max_depths)) => {
-                    self.interpolated(known, slots, max_depths, lattice, base, L::splat(floor_m))
-                }
-                None => self.scattered(lattice, base, L::splat(floor_m)),
-            },
+        let (values, gradient) = match only_brick::<L, LANES>(base) {
+            None => {
+                let bricks = match self.near(base) {
+                    Some(bricks) => bricks,
+                    None => self.apart(base),
+                };
+                self.interpolated(bricks, lattice, base, L::splat(floor_m))
+            }
             Some(brick) => match self.alone(brick, floor_m) {
-                Alone::Uniform(value_m) => L::splat(value_m),
+                Alone::Uniform(value_m) => (L::splat(value_m), [L::splat(0.0); 3]),
                 Alone::Samples(samples) => {
                     // SAFETY: one whole brick, and numbers of cells in it.
                     let corners = unsafe { corners(samples, inside::<L, LANES>(base)) };
@@ -383,9 +411,16 @@ impl<'a, L: F32s<LANES>> Grid<'a, L, LANES> {
         };
         let mut depths = Depths {
             depths_m: Lanes([0.0; LANES]),
+            gradients: Lanes3::ZERO,
             touching: L::splat(0.0).lt(values).bits() as u16,
             max_m: 0.0,
         };
+        if depths.touching != 0 {
+            let [x, y, z] = gradient;
+            x.store(&mut depths.gradients.x.0);
+            y.store(&mut depths.gradients.y.0);
+            z.store(&mut depths.gradients.z.0);
+        }
         depths.max_m = values.max(L::splat(f32::NEG_INFINITY)).max_lane();
         values.store(&mut depths.depths_m.0);
         depths
@@ -498,6 +533,21 @@ fn mixed<L: F32s<N>, const N: usize>([c00, c01, c10, c11]: [(L, L); 4], [tx, ty,
     let y0 = mix(mix(c00.0, c00.1, tz), mix(c01.0, c01.1, tz), ty);
     let y1 = mix(mix(c10.0, c10.1, tz), mix(c11.0, c11.1, tz), ty);
     mix(y0, y1, tx)
+}
+
+/// By how much [`mixed`] grows in a cell along each axis.
+#[inline(always)]
+fn slopes<L: F32s<N>, const N: usize>(
+    [c00, c01, c10, c11]: [(L, L); 4],
+    [tx, ty, tz]: [L; 3],
+) -> [L; 3] {
+    let z00 = mix(c00.0, c00.1, tz);
+    let z01 = mix(c01.0, c01.1, tz);
+    let z10 = mix(c10.0, c10.1, tz);
+    let z11 = mix(c11.0, c11.1, tz);
+    let near = mix(c00.1 - c00.0, c01.1 - c01.0, ty);
+    let far = mix(c10.1 - c10.0, c11.1 - c11.0, ty);
+    [mix(z10 - z00, z11 - z01, ty), mix(z01 - z00, z11 - z10, tx), mix(near, far, tx)]
 }
 
 #[inline(always)]

@@ -129,9 +129,9 @@ impl Obstacle {
 pub struct Patch {
     /// Number of the face.
     pub face: u8,
-    /// Force that presses it, normalisation included, N.
+    /// Force along the normal that presses it, normalisation included, N.
     pub force_n: f64,
-    /// Unit direction that pushes the tool out, world axes.
+    /// Unit normal of what it touches, out of that, world axes: the depth's gradient.
     pub normal_world: DVec3,
     /// Depth-weighted middle, relative to the centre of mass, world axes, m.
     pub arm_world: DVec3,
@@ -154,7 +154,8 @@ pub struct ContactSum {
     /// Contact wrench on the tool: stiffness times depths, stage S and normalisation applied where
     /// they are on.
     pub wrench: Wrench,
-    /// Symmetric positive semi-definite contact stiffness −dW/dx, N/m, N, N·m/rad.
+    /// Symmetric contact stiffness −dW/dx without the terms that the wrench itself makes, N/m, N,
+    /// N·m/rad. Not always positive: see [`Self::flat`].
     pub stiffness: Mat6,
     /// Depth-weighted mean contact point relative to the centre of mass, m.
     pub arm_world: DVec3,
@@ -224,10 +225,13 @@ impl ContactSum {
 
     /// Traverses the whole shell against every obstacle, each where it stood at the start.
     ///
-    /// `world_from_body`: tool axes at the centre of mass. Contact stiffness is the Gauss-Newton
-    /// form K Σ w wᵀ with w = (n, r × n): the depth's gradient is taken as −n, which keeps the
-    /// matrix positive semi-definite, so the implicit step can never gain energy from it. The exact
-    /// Jacobian K n gᵀ differs where the shell's normal and the field's gradient do.
+    /// `world_from_body`: tool axes at the centre of mass. With K the stiffness of a point, n its
+    /// normal, r its arm and g the gradient of its depth, the wrench changes with the pose by
+    /// G = K Σ J Dᵀ, J = (n, r × n), D = (g, r × g), and by terms with the force itself. The
+    /// stiffness is −G as the second derivative of an energy, which is symmetric: the symmetric
+    /// parts of the blocks of translations and of turns, and between both the block of moments by
+    /// translations. The sum over a cone on a plane has none along the plane, though each of its
+    /// points has. On bent surfaces it may have negative eigenvalues.
     ///
     /// Allocates; O(obstacles · points).
     pub fn flat(

@@ -76,12 +76,14 @@ impl Samples {
                     lanes: 0,
                     weight,
                     depths_m: [0.0; LANES],
+                    gradients: Lanes3::ZERO,
                 });
                 one.lanes |= 1 << lane_of_block;
                 if let (Some(depth_m), Some(of_lane)) =
                     (depths.depths_m.0.get(lane), one.depths_m.get_mut(lane_of_block))
                 {
                     *of_lane = *depth_m;
+                    one.gradients.set(lane_of_block, depths.gradients.get(lane));
                 }
             }
             touched.extend(last);

@@ -3,15 +3,16 @@
 //! A few blocks are added up in `f32`, sixteen lane sums per quantity, then these sums in `f64`,
 //! every fourth lane together.
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 use super::contact_block::{ContactBlock, ContactDirections};
 use crate::pointshell::shell::{LANES, Lanes, Lanes3};
 use crate::simd::{AHEAD, F32s, F32x8, I32s, Kernel};
 use crate::spatial::Mat6;
 
-/// Force, moment, the upper triangle of the stiffness, depth, depth × arm, effective count.
-const QUANTITIES: usize = 3 + 3 + 21 + 1 + 3 + 1;
+/// Force, moment, stiffness (of translations, between turns and translations, of turns), force ×
+/// gradient, depth, depth × arm, effective count.
+const QUANTITIES: usize = 3 + 3 + (6 + 9 + 6) + 3 + 1 + 3 + 1;
 /// Blocks that are added up in `f32`: sixteen numbers per lane, which takes no more from them than
 /// the rounding of positions does.
 const BLOCKS_PER_PART: u32 = 16;
@@ -41,10 +42,15 @@ impl Weighting {
     }
 }
 
-/// What the lanes of a block add: the columns of w = (n, r × n), and their factors.
+/// What the lanes of a block add.
 #[derive(Clone, Copy)]
 struct Addends<L> {
-    columns: [L; 6],
+    /// n and r × n.
+    normal: [L; 3],
+    moment: [L; 3],
+    /// g and r × g, g the gradient of the depth.
+    gradient: [L; 3],
+    gradient_moment: [L; 3],
     arm: [L; 3],
     depth: L,
     force: L,
@@ -76,9 +82,18 @@ impl<L: F32s<LANES>> Addends<L> {
             L::load(&positions.y.0).only(wanted),
             L::load(&positions.z.0).only(wanted),
         ];
-        let moment = [ry * nz - rz * ny, rz * nx - rx * nz, rx * ny - ry * nx];
-        // Lanes without contact have a depth of 0, and a normal and an arm of 0: whatever their
-        // factors are, they add nothing.
+        let [mut gx, mut gy, mut gz] = [
+            L::load(&touched.gradients.x.0).only(wanted),
+            L::load(&touched.gradients.y.0).only(wanted),
+            L::load(&touched.gradients.z.0).only(wanted),
+        ];
+        let zero = L::splat(0.0);
+        let is_known = zero.lt(gx * gx + gy * gy + gz * gz);
+        gx = L::select(is_known, gx, zero - nx);
+        gy = L::select(is_known, gy, zero - ny);
+        gz = L::select(is_known, gz, zero - nz);
+        // Lanes without contact have a depth of 0, and a normal, a gradient and an arm of 0:
+        // whatever their factors are, they add nothing.
         let (share, slope) = if by.spatial {
             // w = t²(3 − 2t), d·w' = 6t²(1 − t), with t = d/(s/2) up to 1: the entry weight of
             // stage S.
@@ -91,7 +106,10 @@ impl<L: F32s<LANES>> Addends<L> {
         };
         let depth_weighted = depth * stands_for;
         Self {
-            columns: [nx, ny, nz, moment[0], moment[1], moment[2]],
+            normal: [nx, ny, nz],
+            moment: [ry * nz - rz * ny, rz * nx - rx * nz, rx * ny - ry * nx],
+            gradient: [gx, gy, gz],
+            gradient_moment: [ry * gz - rz * gy, rz * gx - rx * gz, rx * gy - ry * gx],
             arm: [rx, ry, rz],
             depth: depth_weighted,
             force: depth_weighted * share,
@@ -119,19 +137,21 @@ impl Sums {
         (weights, count): ((&Lanes, &Lanes), f32),
         by: Weighting,
     ) {
-        let Addends { columns, arm, depth, force, stiffness, effective } =
-            Addends::<L>::of(touched, at, weights, count, by);
+        let addends = Addends::<L>::of(touched, at, weights, count, by);
+        let Addends { normal, moment, gradient, gradient_moment, .. } = addends;
+        let Addends { arm, depth, force, stiffness, effective, .. } = addends;
         let mut sums = self.part.iter_mut();
-        let [a, b, c, d, e, f] = columns;
-        put(&mut sums, force, columns);
-        // Row by row, as loops of a length that the compiler knows.
+        put(&mut sums, force, normal);
+        put(&mut sums, force, moment);
+        let [nx, ny, nz] = normal;
+        let [mx, my, mz] = moment;
+        put_symmetric(&mut sums, [stiffness * nx, stiffness * ny, stiffness * nz], gradient);
+        put(&mut sums, stiffness * mx, gradient);
+        put(&mut sums, stiffness * my, gradient);
+        put(&mut sums, stiffness * mz, gradient);
+        put_symmetric(&mut sums, [stiffness * mx, stiffness * my, stiffness * mz], gradient_moment);
+        put(&mut sums, force, gradient);
         let one = L::splat(1.0);
-        put(&mut sums, stiffness * a, [a, b, c, d, e, f]);
-        put(&mut sums, stiffness * b, [b, c, d, e, f]);
-        put(&mut sums, stiffness * c, [c, d, e, f]);
-        put(&mut sums, stiffness * d, [d, e, f]);
-        put(&mut sums, stiffness * e, [e, f]);
-        put(&mut sums, stiffness * f, [f]);
         put(&mut sums, one, [depth]);
         put(&mut sums, depth, arm);
         put(&mut sums, one, [effective]);
@@ -164,20 +184,16 @@ impl Sums {
         let mut vector = || DVec3::new(next(), next(), next());
         let depth_normal = vector();
         let depth_moment = vector();
-        let mut stiffness = Mat6::ZERO;
-        for row in 0..6 {
-            for column in row..6 {
-                let value = next();
-                for (i, j) in [(row, column), (column, row)] {
-                    if let Some(entry) = stiffness.0.get_mut(i).and_then(|row| row.get_mut(j)) {
-                        *entry = value;
-                    }
-                }
-            }
-        }
+        let translation = symmetric([vector(), vector()]);
+        // Its columns are the rows of what turns do to the moment of translations.
+        let between = DMat3::from_cols(vector(), vector(), vector());
+        let turn = symmetric([vector(), vector()]);
+        let stiffness = Mat6::from_blocks(-translation, -between, -between.transpose(), -turn);
+        let depth_gradient = vector();
         let depth = next();
         let depth_arm = DVec3::new(next(), next(), next());
-        Total { depth_normal, depth_moment, stiffness, depth, depth_arm, effective: next() }
+        let effective = next();
+        Total { depth_normal, depth_moment, stiffness, depth_gradient, depth, depth_arm, effective }
     }
 }
 
@@ -193,12 +209,34 @@ fn put<'a, L: F32s<LANES>, const N: usize>(
     }
 }
 
+/// Adds the symmetric part of one · otherᵀ to the next sums: three on the diagonal, and twice three
+/// beside it.
+#[inline(always)]
+fn put_symmetric<'a, L: F32s<LANES>>(
+    sums: &mut impl Iterator<Item = &'a mut [f32; LANES]>,
+    [ax, ay, az]: [L; 3],
+    [bx, by, bz]: [L; 3],
+) {
+    let one = L::splat(1.0);
+    put(sums, one, [ax * bx, ay * by, az * bz]);
+    put(sums, one, [ay * bz + az * by, az * bx + ax * bz, ax * by + ay * bx]);
+}
+
+/// The matrix of such sums.
+fn symmetric([diagonal, twice_beside]: [DVec3; 2]) -> DMat3 {
+    let [yz, zx, xy] = (0.5 * twice_beside).to_array();
+    DMat3::from_cols_array(&[diagonal.x, xy, zx, xy, diagonal.y, yz, zx, yz, diagonal.z])
+}
+
 /// Sums over all contacts of one face.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Total {
     pub(super) depth_normal: DVec3,
     pub(super) depth_moment: DVec3,
+    /// Minus the derivative of the two above, see [`ContactSum::flat`](super::ContactSum::flat).
     pub(super) stiffness: Mat6,
+    /// The gradient of the depth, as often as `depth_normal` counts the normal.
+    pub(super) depth_gradient: DVec3,
     pub(super) depth: f64,
     pub(super) depth_arm: DVec3,
     pub(super) effective: f64,
@@ -284,7 +322,8 @@ mod tests {
         for block in 0..BLOCKS {
             let weight = 1.0 + chance.unit() as f32;
             let depths_m = [f32::NAN; LANES];
-            let mut touched = ContactBlock { block, lanes: 0, weight, depths_m };
+            let mut touched =
+                ContactBlock { block, lanes: 0, weight, depths_m, gradients: nowhere };
             let mut pushes = ContactDirections {
                 positions: nowhere,
                 normals: nowhere,
@@ -295,6 +334,9 @@ mod tests {
                 if chance.unit() < 0.5 {
                     touched.lanes |= 1 << lane;
                     touched.depths_m[lane] = (VOXEL_SIZE_M * chance.unit()) as f32;
+                    // Of some it is not known.
+                    let is_known = if lane % 5 == 0 { 0.0 } else { 1.0 };
+                    touched.gradients.set(lane, (chance.in_box(-1.0, 1.0) * is_known).as_vec3());
                     pushes.positions.set(lane, chance.in_box(-1.0, 1.0).as_vec3());
                     pushes.normals.set(lane, chance.in_box(-1.0, 1.0).normalize().as_vec3());
                 }
@@ -308,6 +350,7 @@ mod tests {
         depth_normal: DVec3::ZERO,
         depth_moment: DVec3::ZERO,
         stiffness: Mat6::ZERO,
+        depth_gradient: DVec3::ZERO,
         depth: 0.0,
         depth_arm: DVec3::ZERO,
         effective: 0.0,
@@ -336,7 +379,26 @@ mod tests {
                 if smooth_entry { (entry, entry + 6.0 * t * t * (1.0 - t)) } else { (1.0, 1.0) };
             total.depth_normal += normal * (depth * stands_for * share);
             total.depth_moment += moment * (depth * stands_for * share);
-            total.stiffness.add_outer(slope * stands_for, normal, moment);
+            let gradient = match touched.gradients.get(lane).as_dvec3() {
+                DVec3::ZERO => -normal,
+                gradient => gradient,
+            };
+            let outer = |one: DVec3, other: DVec3| {
+                DMat3::from_cols(one * other.x, one * other.y, one * other.z)
+            };
+            let halved = |one, other| (outer(one, other) + outer(other, one)) * -0.5;
+            let between = outer(gradient, moment) * -1.0;
+            let turned = arm.cross(gradient);
+            total.stiffness = total.stiffness.plus_scaled(
+                slope * stands_for,
+                &Mat6::from_blocks(
+                    halved(normal, gradient),
+                    between,
+                    between.transpose(),
+                    halved(moment, turned),
+                ),
+            );
+            total.depth_gradient += gradient * (depth * stands_for * share);
             total.depth += depth * stands_for;
             total.depth_arm += arm * (depth * stands_for);
             // Full from a quarter of a voxel on.
@@ -347,7 +409,9 @@ mod tests {
     fn assert_same(found: &Total, expected: &Total, what: &str) {
         let numbers = |total: &Total| {
             let mut numbers = total.stiffness.0.as_flattened().to_vec();
-            for vector in [total.depth_normal, total.depth_moment, total.depth_arm] {
+            for vector in
+                [total.depth_normal, total.depth_moment, total.depth_gradient, total.depth_arm]
+            {
                 numbers.extend(vector.to_array());
             }
             numbers.extend([total.depth, total.effective]);

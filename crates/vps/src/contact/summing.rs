@@ -222,14 +222,15 @@ fn within_ten(effective: f64) -> f64 {
 impl Patch {
     /// From the sums of a face; `None` where it presses nothing.
     fn of(face: u8, total: &Total, stiffness_n_per_m: f64, rotation: glam::DMat3) -> Option<Self> {
-        let normal = total.depth_normal.try_normalize()?;
+        let normal = (-total.depth_gradient).try_normalize()?;
+        let force_n = stiffness_n_per_m * total.depth_normal.dot(normal);
         let arm = total.depth_arm / total.depth;
         let (along, about) = total.stiffness.traces();
         let squared =
             if along > 0.0 { about / along - arm.cross(normal).length_squared() } else { 0.0 };
-        arm.is_finite().then(|| Self {
+        (arm.is_finite() && force_n > 0.0).then(|| Self {
             face,
-            force_n: stiffness_n_per_m * total.depth_normal.length(),
+            force_n,
             normal_world: rotation * normal,
             arm_world: rotation * arm,
             radius_m: squared.max(0.0).sqrt(),
@@ -250,36 +251,45 @@ mod tests {
     fn a_patch_lies_in_the_middle_of_its_points_and_is_as_wide_and_as_stiff_as_they_are() {
         let stiffness_n_per_m = 700.0;
         let rotation = DMat3::from_rotation_x(0.7);
-        // Two points half a metre to both sides of the middle, each so deep, pushed along z.
+        // Two points half a metre to both sides of the middle, each so deep, pushed along z by a
+        // wall whose normal lies aside.
+        let normal = DVec3::new(-1.0, 0.0, 3.0) / 10_f64.sqrt();
         let middle = DVec3::new(0.1, -0.2, 0.3);
         let aside = DVec3::X * 0.5;
         let depth = 0.25;
         let slope = 3.0;
         let mut stiffness = Mat6::ZERO;
         for arm in [middle - aside, middle + aside] {
-            stiffness.add_outer(slope, DVec3::Z, arm.cross(DVec3::Z));
+            stiffness.add_outer(slope, normal, arm.cross(normal));
         }
         let total = Total {
             depth_normal: DVec3::Z * (2.0 * depth),
             depth_moment: middle.cross(DVec3::Z) * (2.0 * depth),
             stiffness,
+            // Steeper than a distance.
+            depth_gradient: normal * (-4.0 * depth),
             depth: 2.0 * depth,
             depth_arm: middle * (2.0 * depth),
             effective: 2.0,
         };
         let patch = Patch::of(4, &total, stiffness_n_per_m, rotation).expect("a face that presses");
-        let off_n = patch.force_n - stiffness_n_per_m * 2.0 * depth;
+        let off_n = patch.force_n - stiffness_n_per_m * 2.0 * depth * normal.z;
         let off_n_per_m = patch.stiffness_n_per_m - stiffness_n_per_m * 2.0 * slope;
         assert!(
             patch.face == 4
                 && off_n.abs() < 1e-9
                 && off_n_per_m.abs() < 1e-9
-                && (patch.normal_world - rotation * DVec3::Z).length() < 1e-12
+                && (patch.normal_world - rotation * normal).length() < 1e-12
                 && (patch.arm_world - rotation * middle).length() < 1e-12
-                && (patch.radius_m - aside.length()).abs() < 1e-12,
+                && (patch.radius_m - aside.cross(normal).length()).abs() < 1e-12,
             "{patch:?}"
         );
-        let nowhere = Total { depth_normal: DVec3::ZERO, ..total };
-        assert_eq!(Patch::of(4, &nowhere, stiffness_n_per_m, rotation), None);
+        for nowhere in [
+            Total { depth_normal: DVec3::ZERO, ..total },
+            Total { depth_normal: -total.depth_normal, ..total },
+            Total { depth_gradient: DVec3::ZERO, ..total },
+        ] {
+            assert_eq!(Patch::of(4, &nowhere, stiffness_n_per_m, rotation), None);
+        }
     }
 }

@@ -306,6 +306,7 @@ fn all(
                     lanes: depths.touching,
                     weight: 1.0,
                     depths_m: depths.depths_m.0,
+                    gradients: depths.gradients,
                 });
             }
         };

@@ -536,6 +536,7 @@ impl Query<'_> {
                     lanes: depths.touching,
                     weight: 1.0,
                     depths_m: depths.depths_m.0,
+                    gradients: depths.gradients,
                 });
                 return;
             }

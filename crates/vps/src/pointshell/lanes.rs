@@ -26,6 +26,11 @@ pub struct Lanes3 {
 }
 
 impl Lanes3 {
+    pub(crate) const ZERO: Self = {
+        let zero = Lanes([0.0; LANES]);
+        Self { x: zero, y: zero, z: zero }
+    };
+
     /// Begins to bring the block into the first cache.
     #[inline(always)]
     pub(crate) fn prefetch(&self) {

@@ -135,6 +135,127 @@ impl Mat6 {
         let [lx, ly, lz, ax, ay, az] = x;
         Some((DVec3::new(lx, ly, lz), DVec3::new(ax, ay, az)))
     }
+
+    /// The positive semi-definite part of a symmetric matrix in the metric of a mass: with
+    /// M = L Lᵀ and L⁻¹ A L⁻ᵀ = Σ λ u uᵀ it is L (Σ max(λ, 0) u uᵀ) Lᵀ. Eigenvalues above
+    /// −10⁻⁶ of their sum count as zero: then the matrix is its own part. `None` where `mass` is
+    /// not positive definite, or something not finite.
+    ///
+    /// RT: safe; some 150 multiply-adds where nothing is negative, about 5,000 elsewhere.
+    pub fn positive_part(&self, mass: &Self) -> Option<Self> {
+        let root = mass.root()?;
+        // Rows, then columns, of L⁻¹ A L⁻ᵀ.
+        let rows = root.forward_rows(&self.0);
+        let scaled = root.forward_rows(&transposed(&rows));
+        let trace: f64 = (0..6).map(|n| scaled[n][n]).sum();
+        let mut shifted = Self(scaled);
+        for n in 0..6 {
+            shifted.0[n][n] += NO_LESS * trace;
+        }
+        if trace == 0.0 || shifted.root().is_some() {
+            return trace.is_finite().then_some(*self);
+        }
+        let (values, vectors) = eigen(scaled)?;
+        let mut part = [[0.0; 6]; 6];
+        for (value, vector) in values.into_iter().zip(transposed(&vectors)) {
+            // L u.
+            let column: [f64; 6] =
+                core::array::from_fn(|i| (0..=i).map(|k| root.0[i][k] * vector[k]).sum());
+            for (row, along) in part.iter_mut().zip(column) {
+                for (entry, other) in row.iter_mut().zip(column) {
+                    *entry += value.max(0.0) * along * other;
+                }
+            }
+        }
+        Some(Self(part))
+    }
+
+    /// The lower triangle L of a positive definite matrix L Lᵀ.
+    fn root(&self) -> Option<Self> {
+        let mut root = [[0.0; 6]; 6];
+        for i in 0..6 {
+            for j in 0..=i {
+                let inner: f64 = (0..j).map(|k| root[i][k] * root[j][k]).sum();
+                let left = self.0[i][j] - inner;
+                root[i][j] = if i == j {
+                    if !(left > 0.0 && left.is_finite()) {
+                        return None;
+                    }
+                    left.sqrt()
+                } else {
+                    left / root[j][j]
+                };
+            }
+        }
+        Some(Self(root))
+    }
+
+    /// Of a lower triangle L: L⁻¹ times each column of a matrix.
+    fn forward_rows(&self, of: &[[f64; 6]; 6]) -> [[f64; 6]; 6] {
+        let mut solved = *of;
+        for i in 0..6 {
+            for k in 0..i {
+                for column in 0..6 {
+                    solved[i][column] -= self.0[i][k] * solved[k][column];
+                }
+            }
+            for column in 0..6 {
+                solved[i][column] /= self.0[i][i];
+            }
+        }
+        solved
+    }
+}
+
+/// The share of its trace below zero that an eigenvalue may have and count as none: sums in `f32`
+/// leave as much.
+const NO_LESS: f64 = 1e-6;
+
+/// Most sweeps over all entries of [`eigen`]; it takes five to seven.
+const SWEEPS: usize = 16;
+
+fn transposed(of: &[[f64; 6]; 6]) -> [[f64; 6]; 6] {
+    core::array::from_fn(|i| core::array::from_fn(|j| of[j][i]))
+}
+
+/// Eigenvalues of a symmetric matrix, and their vectors in columns, by Jacobi's rotations (Golub,
+/// Van Loan, "Matrix Computations", 8.5). `None` on what is not finite.
+fn eigen(mut a: [[f64; 6]; 6]) -> Option<([f64; 6], [[f64; 6]; 6])> {
+    let mut vectors = [[0.0; 6]; 6];
+    (0..6).for_each(|n| vectors[n][n] = 1.0);
+    let scale: f64 = a.as_flattened().iter().map(|entry| entry * entry).sum();
+    if !scale.is_finite() {
+        return None;
+    }
+    for _ in 0..SWEEPS {
+        let beside: f64 = (0..6)
+            .flat_map(|i| (0..i).map(move |j| (i, j)))
+            .fold(0.0, |sum, (i, j)| sum + a[i][j] * a[i][j]);
+        if beside <= 1e-28 * scale {
+            break;
+        }
+        for p in 0..5 {
+            for q in p + 1..6 {
+                if a[p][q] == 0.0 {
+                    continue;
+                }
+                let theta = (a[q][q] - a[p][p]) / (2.0 * a[p][q]);
+                let t = theta.signum() / (theta.abs() + theta.hypot(1.0));
+                let c = 1.0 / t.hypot(1.0);
+                let s = t * c;
+                for row in &mut a {
+                    (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
+                }
+                for n in 0..6 {
+                    (a[p][n], a[q][n]) = (c * a[p][n] - s * a[q][n], s * a[p][n] + c * a[q][n]);
+                }
+                for row in &mut vectors {
+                    (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
+                }
+            }
+        }
+    }
+    Some((core::array::from_fn(|n| a[n][n]), vectors))
 }
 
 #[cfg(test)]
@@ -174,6 +295,65 @@ mod tests {
             let (force, torque) = matrix.mul(x.0, x.1);
             let solved = matrix.solve_spd(Wrench { force, torque }).expect("positive definite");
             assert!((solved.0 - x.0).length() + (solved.1 - x.1).length() < 1e-10);
+        }
+    }
+
+    fn random_vector(chance: &mut Random) -> DVec3 {
+        chance.in_box(-1.0, 1.0)
+    }
+
+    #[test]
+    fn the_positive_part_is_what_is_positive_in_the_metric_of_the_mass() {
+        let mut chance = Random(3);
+        let mut n_split = 0;
+        for _ in 0..1000 {
+            let mut mass = Mat6::ZERO;
+            (0..6).for_each(|n| mass.0[n][n] = 0.05);
+            (0..6).for_each(|_| {
+                mass.add_outer(0.3, random_vector(&mut chance), random_vector(&mut chance));
+            });
+            let mut matrix = Mat6::ZERO;
+            let n_terms = 1 + (chance.unit() * 8.0) as usize;
+            let n_negative = (chance.unit() * (n_terms + 1) as f64) as usize;
+            for n in 0..n_terms {
+                let scale = 1e4 * chance.unit() * if n < n_negative { -1.0 } else { 1.0 };
+                matrix.add_outer(scale, random_vector(&mut chance), random_vector(&mut chance));
+            }
+            let part = matrix.positive_part(&mass).expect("finite");
+            let less = part.plus_scaled(-1.0, &matrix);
+            let quadratic = |of: &Mat6, (linear, angular): (DVec3, DVec3)| {
+                let (force, torque) = of.mul(linear, angular);
+                force.dot(linear) + torque.dot(angular)
+            };
+            // Neither it nor what it leaves out has negative values, and in the metric of the mass
+            // they have nothing in common: P M⁻¹ (P − A) = 0.
+            for _ in 0..20 {
+                let at = (random_vector(&mut chance), random_vector(&mut chance));
+                assert!(quadratic(&part, at) > -0.05 && quadratic(&less, at) > -0.05);
+                let (force, torque) = less.mul(at.0, at.1);
+                let moved = mass.solve_spd(Wrench { force, torque }).expect("positive definite");
+                let common = part.mul(moved.0, moved.1);
+                let largest = 1e4 * 1e4 / 0.05;
+                assert!(common.0.length() + common.1.length() < 1e-6 * largest, "{common:?}");
+            }
+            if n_negative == 0 {
+                assert_eq!(part, matrix, "nothing is negative");
+            }
+            n_split += usize::from(n_negative > 0 && n_negative < n_terms);
+        }
+        assert!(n_split > 300, "{n_split}");
+    }
+
+    #[test]
+    fn no_positive_part_is_found_of_what_is_not_finite_or_without_a_mass() {
+        let mut matrix = Mat6::ZERO;
+        assert_eq!(matrix.positive_part(&matrix), None);
+        let mut mass = Mat6::ZERO;
+        (0..6).for_each(|n| mass.0[n][n] = 1.0);
+        assert_eq!(matrix.positive_part(&mass), Some(Mat6::ZERO));
+        for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            matrix.0[2][2] = value;
+            assert_eq!(matrix.positive_part(&mass), None, "{value}");
         }
     }
 
