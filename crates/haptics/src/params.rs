@@ -29,6 +29,11 @@ impl CouplingMode {
     pub fn has_mass(self) -> bool {
         self == Self::Implicit
     }
+
+    /// How often a tick looks for contact at most: a tool with mass once more where its step ends.
+    pub fn queries_per_tick(self) -> u32 {
+        if self.has_mass() { 2 } else { 1 }
+    }
 }
 
 /// What the arm feels of the coupling while nothing touches.

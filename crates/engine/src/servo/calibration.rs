@@ -1,4 +1,5 @@
-//! From the time that a contact query may take to the count of points that fits into it.
+//! From the time that the contact queries of a tick may take to the count of points that fits into
+//! each.
 //!
 //! Runs before the first tick, in the thread of the loop and on its processor: queries of the real
 //! scene at poses where the tool overlaps what stands there, without the proofs of earlier ones.
@@ -20,7 +21,7 @@ const ROUNDS: usize = 2;
 /// Fewer points make no contact query.
 const POINTS_MIN: f64 = 64.0;
 
-/// The count of points for a time. Allocates; RT: start-up only. Cost: about 2 · 128 times the
+/// The count of points of each query for the time of a tick. Allocates; RT: start-up only. Cost: about 2 · 128 times the
 /// time.
 pub(super) fn budget<C: Clock>(
     scene: &RenderScene,
@@ -28,7 +29,8 @@ pub(super) fn budget<C: Clock>(
     clock: &C,
     time_budget_s: f64,
 ) -> Budget {
-    let time_ns = time_budget_s * 1e9;
+    let n_queries = scene.parameters.coupling.mode.queries_per_tick();
+    let time_ns = time_budget_s * 1e9 / f64::from(n_queries);
     let points_at =
         |ns_per_point: f64| Budget::Points((time_ns / ns_per_point).max(POINTS_MIN) as u32);
     let mut budget = points_at(NOMINAL_NS_PER_POINT);
@@ -126,7 +128,7 @@ mod tests {
         let state = State::new(&scene);
         assert_eq!(
             budget(&scene, &state, &VirtualClock::default(), 300e-6),
-            Budget::Points(30_000)
+            Budget::Points(15_000)
         );
         assert_eq!(budget(&scene, &state, &VirtualClock::default(), 1e-9), Budget::Points(64));
         // With nothing to query it still is a count.
@@ -143,7 +145,7 @@ mod tests {
             // What a query looks at depends on the count: the nominal one first, then what the
             // first round gives.
             let mut all_ns = Vec::new();
-            for (turns, points) in [(0..QUERIES, 100_000), (QUERIES..2 * QUERIES, 40_000)] {
+            for (turns, points) in [(0..QUERIES, 50_000), (QUERIES..2 * QUERIES, 20_000)] {
                 rehearsal.set_budget(Budget::Points(points));
                 let looked_at: Vec<u32> =
                     turns.map(|turn| rehearsal.rehearse(&scene, turn)).collect();
@@ -151,8 +153,8 @@ mod tests {
             }
             let machine =
                 Machine { takes_ns: all_ns, n_looks: Cell::new(0), now_ns: Cell::new(1_000_000) };
-            // 1 ms of 25 ns.
-            assert_eq!(budget(&scene, &state, &machine, 1e-3), Budget::Points(40_000));
+            // 1 ms of 25 ns, half of it for each of two queries.
+            assert_eq!(budget(&scene, &state, &machine, 1e-3), Budget::Points(20_000));
         }
     }
 }
