@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use crate::mesh::TriangleMesh;
+use crate::mesh::edges::EdgeFan;
 
 /// Half-planes closer than this, rad, are one: of bodies that touch in a face.
 const SAME_ANGLE: f64 = 1e-6;
@@ -19,21 +20,22 @@ pub(super) struct Wall {
 }
 
 /// The triangles of an edge as one meets them when turning about it, by the right-hand rule; in one
-/// half-plane by their numbers. `uses`: as in [`EdgeFan`](crate::mesh::edges::EdgeFan); `far`: the
-/// corner of a triangle that says where it lies. `None` when the edge has no length.
+/// half-plane by their numbers. `None` when the edge has no length.
 pub(super) fn around(
     mesh: &TriangleMesh,
-    edge: [u32; 2],
-    uses: &[(u32, bool)],
-    far: impl Fn(u32) -> Option<u32>,
+    fan: &EdgeFan,
+    triangles: &[[u32; 3]],
 ) -> Option<Vec<Wall>> {
-    let [low, high] = edge.map(|vertex| mesh.vertices[vertex as usize]);
+    let [low, high] = fan.edge.map(|vertex| mesh.vertices[vertex as usize]);
     let axis = (high - low).try_normalize()?;
     let (u, v) = axis.any_orthonormal_pair();
-    let mut around: Vec<(f64, bool, u32)> = uses
+    let mut around: Vec<(f64, bool, u32)> = fan
+        .triangles
         .iter()
         .map(|(triangle, forward)| {
-            let way = far(*triangle).map_or(DVec3::ZERO, |far| mesh.vertices[far as usize] - low);
+            let corners = triangles[*triangle as usize];
+            let far = corners.into_iter().find(|corner| !fan.edge.contains(corner));
+            let way = far.map_or(DVec3::ZERO, |far| mesh.vertices[far as usize] - low);
             (way.dot(v).atan2(way.dot(u)), *forward, *triangle)
         })
         .collect();

@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 
-use super::tests::{askew, assert_same, block, exactly, together};
+use super::tests::{Parts, askew, assert_same, block, exactly, in_parts, parts, together};
 use crate::mesh::TriangleMesh;
 
 /// What happens to a triangle of the file.
@@ -43,6 +43,31 @@ fn eight(sizes_mm: [[f64; 2]; 3], is_turned: bool) -> [TriangleMesh; 2] {
     [whole, together(parts)].map(|mesh| if is_turned { askew(mesh) } else { mesh })
 }
 
+/// Kinds of random files, each with what the one before has.
+#[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
+enum Kind {
+    TouchInPart,
+    Overlap,
+    BodiesInside,
+    InwardRepeats,
+}
+
+impl Kind {
+    fn of(self, mut parts: Parts) -> Parts {
+        if self < Self::Overlap {
+            parts.cuts.iter_mut().for_each(|(_, _, overlap)| *overlap = 0.0);
+        }
+        if self < Self::BodiesInside {
+            parts.extra.clear();
+            parts.repeats.clear();
+        }
+        if self < Self::InwardRepeats {
+            parts.inward_repeats.clear();
+        }
+        parts
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 300, ..ProptestConfig::default() })]
 
@@ -55,6 +80,24 @@ proptest! {
     ) {
         let [whole, parts] = eight(sizes_mm, is_turned);
         let found = exactly(&damaged(parts, &damages));
+        prop_assert!(found.skins.triangles.is_empty(), "{:?}", found.report);
+        assert_same(&found.border, &whole, seed);
+    }
+
+    #[test]
+    fn damaged_triangles_of_random_parts_change_nothing(
+        kind in prop_oneof![
+            Just(Kind::TouchInPart),
+            Just(Kind::Overlap),
+            Just(Kind::BodiesInside),
+            Just(Kind::InwardRepeats),
+        ],
+        parts in parts(),
+        damages in proptest::collection::vec(damage(), 1..6),
+        seed: u64,
+    ) {
+        let (whole, mesh) = in_parts(&kind.of(parts));
+        let found = exactly(&damaged(mesh, &damages));
         prop_assert!(found.skins.triangles.is_empty(), "{:?}", found.report);
         assert_same(&found.border, &whole, seed);
     }

@@ -14,7 +14,8 @@
 //! | module | owns |
 //! |---|---|
 //! | `pieces` | welding, repeats, connected pieces, their winding |
-//! | `cells`, `around_edge` | triangles that contradict all others around them |
+//! | `damage` | single triangles that stand once too often or face the wrong way |
+//! | `around_edge` | the order of triangles around an edge |
 //! | `nesting` | bodies, cavities, pieces that face the wrong way |
 //! | `faces`, `lines` | triangles that take part, their edges and what lies on them |
 //! | `cracks` | open edges beside each other |
@@ -56,11 +57,11 @@
 
 mod around_edge;
 mod build;
-mod cells;
 mod columns;
 mod contacts;
 mod cracks;
 mod cut;
+mod damage;
 #[cfg(test)]
 mod damage_tests;
 mod faces;

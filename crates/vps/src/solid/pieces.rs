@@ -13,7 +13,7 @@ use std::collections::HashMap;
 use glam::DVec3;
 
 use super::around_edge::{Wall, around};
-use super::cells::{Change, Claims, way_round};
+use super::damage::{self, Change, way_round};
 use crate::mesh::TriangleMesh;
 use crate::mesh::edges::{EdgeFan, EdgePair, EdgeUses, edge_uses, repeats};
 use crate::mesh::weld::weld_within;
@@ -60,8 +60,6 @@ pub(super) struct Pieces {
     pub(super) n_repeats: usize,
     /// Edges of one triangle.
     pub(super) n_open_edges: usize,
-    /// Some edge has three triangles or more.
-    has_fans: bool,
     /// The border has the corners after welding, not those of the file.
     pub(super) is_welded: bool,
     /// Triangles whose winding did not agree with their piece.
@@ -73,24 +71,13 @@ pub(super) struct Pieces {
 impl Pieces {
     /// Vertices closer than `tolerance_m` are one.
     pub(super) fn of(mesh: &TriangleMesh, tolerance_m: f64) -> Self {
+        let n_vertices = mesh.vertices.len();
         let welded = weld_within(&mesh.vertices, tolerance_m);
         let corners: Vec<[u32; 3]> = parallel::map(mesh.triangles.len(), 64, |triangle_idx| {
             mesh.triangles[triangle_idx].map(|vertex| welded[vertex as usize])
         });
-        let pieces = Self::of_corners(mesh, corners, |_| false);
-        pieces.mended(mesh).unwrap_or(pieces)
-    }
-
-    /// The pieces of triangles with these corners, but for those that are left out.
-    fn of_corners(
-        mesh: &TriangleMesh,
-        corners: Vec<[u32; 3]>,
-        is_left_out: impl Fn(usize) -> bool,
-    ) -> Self {
-        let n_vertices = mesh.vertices.len();
-        let n_degenerate = corners.iter().filter(|corners| is_degenerate(**corners)).count();
         let mut kept: Vec<u32> = (0..corners.len() as u32)
-            .filter(|idx| !is_degenerate(corners[*idx as usize]) && !is_left_out(*idx as usize))
+            .filter(|idx| !is_degenerate(corners[*idx as usize]))
             .collect();
         let mut triangles: Vec<[u32; 3]> = if kept.len() == corners.len() {
             corners.clone()
@@ -98,26 +85,38 @@ impl Pieces {
             kept.iter().map(|triangle_idx| corners[*triangle_idx as usize]).collect()
         };
         let n_kept = kept.len();
-        let repeated = repeats(&triangles, n_vertices);
-        let mut keep = Vec::new();
-        if !repeated.is_empty() {
-            keep = without_repeats(&triangles, &repeated, n_vertices);
-            let mut each = keep.iter();
-            kept.retain(|_| each.next() != Some(&Keep::No));
-            let mut each = keep.iter();
-            triangles.retain(|_| each.next() != Some(&Keep::No));
-            keep.retain(|keep| *keep != Keep::No);
-        }
         let mut pieces = Self {
             piece_of: vec![NO_PIECE; corners.len()],
             turned: vec![false; corners.len()],
+            n_degenerate: corners.len() - n_kept,
             corners,
-            n_degenerate,
-            n_repeats: n_kept - kept.len(),
             ..Self::default()
         };
+        let mut uses = edge_uses(&triangles, n_vertices);
+        let changes = damage::changes(mesh, &triangles, &uses);
+        let mut keep = vec![Keep::Yes; if changes.is_empty() { 0 } else { n_kept }];
+        for (triangle, change) in &changes {
+            if *change == Change::LeaveOut {
+                keep[*triangle as usize] = Keep::No;
+            } else {
+                triangles[*triangle as usize].swap(1, 2);
+                pieces.turn(kept[*triangle as usize] as usize);
+                pieces.n_inconsistent += 1;
+            }
+        }
+        retain(&mut kept, &mut triangles, &mut keep);
+        pieces.is_welded = !changes.is_empty();
+        let repeated = repeats(&triangles, n_vertices);
+        if !repeated.is_empty() {
+            keep = without_repeats(&triangles, &repeated, n_vertices);
+            retain(&mut kept, &mut triangles, &mut keep);
+        }
+        pieces.n_repeats = n_kept - kept.len();
+        if !changes.is_empty() || pieces.n_repeats > 0 {
+            uses = edge_uses(&triangles, n_vertices);
+        }
         let is_sheet = |triangle: u32| matches!(keep.get(triangle as usize), Some(Keep::AsSheet));
-        pieces.connect(mesh, &kept, &triangles, is_sheet);
+        pieces.connect(mesh, &kept, &triangles, uses, is_sheet);
         if keep.contains(&Keep::AsBody) {
             let mut inward = vec![false; pieces.pieces.len()];
             for (file_idx, _) in kept.iter().zip(&keep).filter(|(_, keep)| **keep == Keep::AsBody) {
@@ -129,98 +128,16 @@ impl Pieces {
         pieces
     }
 
-    /// The pieces without what single triangles claim against all others; `None` where nothing is
-    /// open, or what is found so contradicts no less area of the file.
-    fn mended(&self, mesh: &TriangleMesh) -> Option<Self> {
-        let damaged = self.damaged(mesh.vertices.len());
-        if damaged.is_empty() {
-            return None;
-        }
-        let mut corners = self.corners.clone();
-        for (corners, _) in corners.iter_mut().zip(&self.turned).filter(|(_, turned)| **turned) {
-            corners.swap(1, 2);
-        }
-        let claims = Claims::of(mesh, &corners, &damaged);
-        let against_m2 = |pieces: &Self| claims.against_m2(|file_idx| pieces.use_of(file_idx));
-        let against_self_m2 = against_m2(self);
-        if against_self_m2 == 0.0 {
-            return None;
-        }
-        let mut is_left_out = vec![false; corners.len()];
-        let mut is_turned = vec![false; corners.len()];
-        for (file_idx, change) in claims.changes(mesh) {
-            match change {
-                Change::LeaveOut => is_left_out[file_idx as usize] = true,
-                Change::Turn => {
-                    is_turned[file_idx as usize] = true;
-                    corners[file_idx as usize].swap(1, 2);
-                }
-            }
-        }
-        let mut mended = Self::of_corners(mesh, corners, |file_idx| is_left_out[file_idx]);
-        for (turned, first) in mended.turned.iter_mut().zip(&is_turned) {
-            *turned ^= first;
-        }
-        mended.n_inconsistent += is_turned.iter().filter(|turned| **turned).count();
-        mended.n_repeats += is_left_out.iter().filter(|left_out| **left_out).count();
-        mended.is_welded = true;
-        (against_m2(&mended) < against_self_m2).then_some(mended)
-    }
-
-    /// How a triangle of the file bounds a body: as it is (1), turned (−1), or not (0).
-    fn use_of(&self, file_idx: u32) -> i32 {
-        let piece = self.pieces.get(self.piece_of[file_idx as usize] as usize);
-        match piece {
-            Some(piece) if piece.closed && self.turned[file_idx as usize] => -1,
-            Some(piece) if piece.closed => 1,
-            _ => 0,
-        }
-    }
-
-    /// What hangs together with a piece that is not closed, if some of it shares an edge with two
-    /// others or more, which may be why: numbers in the file.
-    fn damaged(&self, n_vertices: usize) -> Vec<u32> {
-        if !(self.has_fans || self.n_repeats > 0) || self.pieces.iter().all(|piece| piece.closed) {
-            return Vec::new();
-        }
-        let mut all: Vec<u32> = (0..self.corners.len() as u32)
-            .filter(|file_idx| !is_degenerate(self.corners[*file_idx as usize]))
-            .collect();
-        let triangles: Vec<[u32; 3]> =
-            all.iter().map(|file_idx| self.corners[*file_idx as usize]).collect();
-        let uses = edge_uses(&triangles, n_vertices);
-        let mut sets = Sets::new(triangles.len());
-        for pair in &uses.pairs {
-            sets.join(pair.triangles[0], pair.triangles[1]);
-        }
-        for fan in &uses.fans {
-            fan.triangles.iter().for_each(|(other, _)| sets.join(fan.triangles[0].0, *other));
-        }
-        let mut is_open = vec![false; triangles.len()];
-        let mut has_fan = vec![false; triangles.len()];
-        for (triangle, file_idx) in (0..).zip(&all) {
-            let piece = self.pieces.get(self.piece_of[*file_idx as usize] as usize);
-            is_open[sets.lowest(triangle) as usize] |= piece.is_some_and(|piece| !piece.closed);
-        }
-        for fan in uses.fans.iter().filter(|fan| fan.triangles.len() > 2) {
-            has_fan[sets.lowest(fan.triangles[0].0) as usize] = true;
-        }
-        let mut sets = (0..triangles.len() as u32).map(|triangle| sets.lowest(triangle) as usize);
-        all.retain(|_| sets.next().is_some_and(|set| is_open[set] && has_fan[set]));
-        all
-    }
-
     /// Finds the pieces of `triangles`, whose numbers in the file are `kept`.
     fn connect(
         &mut self,
         mesh: &TriangleMesh,
         kept: &[u32],
         triangles: &[[u32; 3]],
+        mut uses: EdgeUses,
         is_sheet: impl Fn(u32) -> bool + Copy,
     ) {
-        let mut uses = edge_uses(triangles, mesh.vertices.len());
         self.n_open_edges = uses.fans.iter().filter(|fan| fan.triangles.len() == 1).count();
-        self.has_fans = self.n_open_edges < uses.fans.len();
         if (0..triangles.len() as u32).any(is_sheet) {
             separate_sheets(&mut uses, is_sheet);
         }
@@ -422,6 +339,15 @@ impl Pieces {
     }
 }
 
+/// Takes out what does not stay; all stays where `keep` is empty.
+fn retain(kept: &mut Vec<u32>, triangles: &mut Vec<[u32; 3]>, keep: &mut Vec<Keep>) {
+    let mut each = keep.iter();
+    kept.retain(|_| each.next() != Some(&Keep::No));
+    let mut each = keep.iter();
+    triangles.retain(|_| each.next() != Some(&Keep::No));
+    keep.retain(|keep| *keep != Keep::No);
+}
+
 /// Two corners fall together.
 fn is_degenerate([a, b, c]: [u32; 3]) -> bool {
     a == b || b == c || c == a
@@ -477,10 +403,7 @@ fn walls_of_bodies(
     if 2 * n_forward != fan.triangles.len() {
         return None;
     }
-    let far = |triangle: u32| {
-        triangles[triangle as usize].into_iter().find(|corner| !fan.edge.contains(corner))
-    };
-    let mut walls = around(mesh, fan.edge, &fan.triangles, far)?;
+    let mut walls = around(mesh, fan, triangles)?;
     let n = walls.len();
     walls.sort_unstable_by(|one, other| {
         let ends_first = other.ends.cmp(&one.ends);

@@ -859,18 +859,18 @@ fn plane() -> impl Strategy<Value = (DVec3, f64)> {
 }
 
 #[derive(Clone, Debug)]
-struct Parts {
-    whole: usize,
-    cuts: Vec<(DVec3, f64, f64)>,
-    extra: Vec<Vec<(DVec3, f64)>>,
-    repeats: Vec<usize>,
-    flips: Vec<usize>,
-    inward_repeats: Vec<usize>,
-    is_inward: bool,
-    is_turned: bool,
+pub(super) struct Parts {
+    pub(super) whole: usize,
+    pub(super) cuts: Vec<(DVec3, f64, f64)>,
+    pub(super) extra: Vec<Vec<(DVec3, f64)>>,
+    pub(super) repeats: Vec<usize>,
+    pub(super) flips: Vec<usize>,
+    pub(super) inward_repeats: Vec<usize>,
+    pub(super) is_inward: bool,
+    pub(super) is_turned: bool,
 }
 
-fn parts() -> impl Strategy<Value = Parts> {
+pub(super) fn parts() -> impl Strategy<Value = Parts> {
     let overlap = prop_oneof![Just(0.0), 0.0..0.003_f64];
     let cut = (plane(), overlap).prop_map(|((normal, offset), overlap)| (normal, offset, overlap));
     let extra = proptest::collection::vec(plane(), 0..4);
@@ -899,7 +899,7 @@ fn parts() -> impl Strategy<Value = Parts> {
 }
 
 /// The whole body and a file that has it in parts.
-fn in_parts(parts: &Parts) -> (TriangleMesh, TriangleMesh) {
+pub(super) fn in_parts(parts: &Parts) -> (TriangleMesh, TriangleMesh) {
     let whole = match parts.whole {
         0 => cube(10.0),
         1 => block([-12.0, -9.0, -4.0], [10.0, 7.0, 11.0]),
