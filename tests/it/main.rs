@@ -12,6 +12,7 @@ mod clay_scenes;
 mod cli;
 mod config_errors;
 mod contact;
+mod contact_law;
 mod coupling;
 mod couplings;
 mod determinism;

@@ -1,0 +1,132 @@
+//! What contact does through the whole loop, on simulated arms: no drag where there is no friction,
+//! no blow where a face lands flat, the same force at any rate.
+
+use std::fmt::Write as _;
+
+use glam::DVec3;
+
+use super::rig::{self, Run};
+
+/// Where the hand is, s and mm.
+type Way = [(f64, DVec3)];
+
+/// A scene whose hand goes so, from the tool's start on, and a second more.
+fn play(text: &str, way: &Way) -> Run {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let mut lines = "t_s,x_m,y_m,z_m,qx,qy,qz,qw\n".to_owned();
+    for (time_s, at_mm) in way {
+        let at_m = *at_mm * 1e-3;
+        writeln!(lines, "{time_s},{},{},{},0,0,0,1", at_m.x, at_m.y, at_m.z).expect("a string");
+    }
+    let path = folder.path().join("hand.csv");
+    std::fs::write(&path, lines).expect("written");
+    let text = text.replace("HAND", &path.display().to_string());
+    rig::run(&rig::written(&text))
+}
+
+/// Mean over records.
+fn mean(of: impl Iterator<Item = f64>) -> f64 {
+    let (sum, n) = of.fold((0.0, 0.0), |(sum, n), value| (sum + value, n + 1.0));
+    sum / n
+}
+
+#[test]
+fn no_tool_is_dragged_over_a_plane_without_friction() {
+    // Tip, rim and edge down, 8 mm above the middle.
+    let tools = [
+        ("cone", "cone_mm = [2.0, 20.0]", DVec3::X, core::f64::consts::PI, 10.0),
+        ("rod", "cylinder_mm = [3.0, 20.0]", DVec3::X, 0.5, 9.1),
+        ("box on its corner", "box_mm = [8.0, 8.0, 8.0]", DVec3::new(1.0, -1.0, 0.0), 0.8, 7.0),
+        ("ball", "sphere_mm = 5.0", DVec3::X, 0.0, 5.0),
+    ];
+    for (name, shape, axis, angle_rad, low_mm) in tools {
+        for speed_mm_per_s in [10.0, 50.0, 200.0, 500.0] {
+            let turn = glam::DQuat::from_axis_angle(axis.normalize(), angle_rad);
+            let text = format!(
+                "version = 1\n[[static]]\nname = \"floor\"\nshape = {{ plane_mm = [150.0, 30.0] \
+                    }}\nvoxel_size_mm = 0.5\n[tool]\nshape = {{ {shape} }}\nvoxel_size_mm = \
+                    0.5\nstart_position_mm = [-60.0, 0.0, {}]\nstart_orientation_xyzw = \
+                    [{:?}, {:?}, {:?}, {:?}]\n[device]\nprofile = \"sim-sigma7\"\nhand = \
+                    \"HAND\"\n[device.sim]\nhand_stiffness_n_per_m = \
+                    2000.0\nhand_damping_n_s_per_m = 20.0\n",
+                low_mm + 0.5,
+                turn.x,
+                turn.y,
+                turn.z,
+                turn.w
+            );
+            let slides_s = (100.0 / speed_mm_per_s).min(1.0);
+            let down = DVec3::new(0.0, 0.0, -2.5);
+            let along = down + DVec3::X * (speed_mm_per_s * slides_s);
+            let way = [(0.0, DVec3::ZERO), (0.5, down), (1.0, down), (1.0 + slides_s, along)];
+            let run = play(&text, &way);
+            // The second half of the way: the first has to set the hand in motion.
+            let first = (1000.0 * (1.0 + 0.5 * slides_s)) as usize;
+            let slides = &run.records[first..(1000.0 * (1.0 + slides_s)) as usize];
+            let across_n = mean(slides.iter().map(|record| record.output.contact_world.force.x));
+            let along_n = mean(slides.iter().map(|record| record.output.contact_world.force.z));
+            let felt_n = mean(slides.iter().map(|record| record.output.command_device.force.x));
+            let share = across_n / along_n;
+            eprintln!(
+                "{name} at {speed_mm_per_s} mm/s: contact {share:.4} of {along_n:.2} N, felt \
+                    {:.4}",
+                felt_n / along_n
+            );
+            assert!(along_n > 0.3 && share.abs() < 0.03, "{name} at {speed_mm_per_s} mm/s");
+        }
+    }
+}
+
+#[test]
+fn a_face_that_lands_flat_publishes_no_more_than_twice_what_the_hand_presses() {
+    // Its lower side is 1000 mm².
+    for stiffness_n_per_mm in [2.5, 25.0] {
+        let text = format!(
+            "version = 1\n[[static]]\nname = \"floor\"\nshape = {{ plane_mm = [60.0, 60.0] \
+                }}\nvoxel_size_mm = 0.5\n[tool]\nshape = {{ box_mm = [31.6, 31.6, 10.0] \
+                }}\nvoxel_size_mm = 0.5\nmass_g = 100\nstart_position_mm = [0.0, 0.0, \
+                15.0]\n[contact]\nstiffness_n_per_mm = {stiffness_n_per_mm}\n[device]\nprofile = \
+                \"sim-sigma7\"\nhand = \"HAND\"\n[device.sim]\nhand_stiffness_n_per_m = \
+                2000.0\nhand_damping_n_s_per_m = 20.0\n"
+        );
+        // 0.1 m/s, from 10 mm above to 2 mm below.
+        let way = [(0.0, DVec3::ZERO), (0.3, DVec3::ZERO), (0.42, DVec3::Z * -12.0)];
+        let run = play(&text, &way);
+        let peak = |of: fn(&recording::TickRecord) -> DVec3| {
+            run.records.iter().map(|record| of(record).length()).fold(0.0, f64::max)
+        };
+        let contact_n = peak(|record| record.output.contact_world.force);
+        let felt_n = peak(|record| record.output.command_device.force);
+        eprintln!("{stiffness_n_per_mm} N/mm: contact {contact_n:.2} N, felt {felt_n:.2} N");
+        assert!(felt_n > 1.0 && contact_n < 2.0 * felt_n, "{contact_n} N for {felt_n} N");
+    }
+}
+
+#[test]
+fn a_press_has_the_same_force_at_any_rate() {
+    let arms = ["sim-sigma7", "sim-lambda7", "sim-omega3", "sim-inverse3", "sim-desktop"];
+    for arm in arms {
+        let mut forces_n = Vec::new();
+        for rate_hz in [500, 1000, 2000, 4000] {
+            let text = format!(
+                "version = 1\n[rendering]\nrate_hz = {rate_hz}\n[[static]]\nname = \
+                    \"floor\"\nshape = {{ plane_mm = [40.0, 40.0] }}\nvoxel_size_mm = \
+                    0.5\n[tool]\nshape = {{ box_mm = [10.0, 10.0, 10.0] }}\nvoxel_size_mm = \
+                    0.5\nstart_position_mm = [0.0, 0.0, 6.0]\n[device]\nprofile = \
+                    \"{arm}\"\nhand = \"HAND\"\n"
+            );
+            let way = [(0.0, DVec3::ZERO), (0.5, DVec3::Z * -3.0), (1.0, DVec3::Z * -3.0)];
+            let run = play(&text, &way);
+            let ends = run.stop_at_tick;
+            let rests = &run.records[ends - rate_hz / 2..ends];
+            let force_n = mean(rests.iter().map(|record| record.output.contact_world.force.z));
+            let without = rests.iter().filter(|record| record.output.contacts == 0).count();
+            eprintln!("{arm} at {rate_hz} Hz: {force_n:.4} N, {without} ticks without contact");
+            assert_eq!(without, 0, "{arm} at {rate_hz} Hz");
+            forces_n.push(force_n);
+        }
+        let [least, most] = [f64::min as fn(f64, f64) -> f64, f64::max]
+            .map(|of| forces_n.iter().copied().reduce(of).expect("four rates"));
+        assert!(most / least < 1.03, "{arm}: {forces_n:?}");
+    }
+}
