@@ -512,8 +512,8 @@ fn acceptance_18_the_wrench_of_the_tick_has_that_jacobian_and_its_stiffness_the_
     // −K Σ (n, r × n)(g, r × g)ᵀ as the second derivative of an energy.
     let mut held = [[0.0; 6]; 6];
     for Pushed { arm, normal, gradient, .. } in &contacts {
-        let pushes = [*normal, arm.cross(*normal)].map(DVec3::to_array);
-        let deepens = [*gradient, arm.cross(*gradient)].map(DVec3::to_array);
+        let pushes = [*normal, arm.cross(*normal)].map(|vector| vector.to_array());
+        let deepens = [*gradient, arm.cross(*gradient)].map(|vector| vector.to_array());
         for (i, j) in (0..6).flat_map(|i| (0..6).map(move |j| (i, j))) {
             let of = |row: usize, column: usize| {
                 pushes.as_flattened()[row] * deepens.as_flattened()[column]

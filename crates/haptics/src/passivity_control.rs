@@ -44,6 +44,19 @@ const OWED_FREELY_J: f64 = 5e-4;
 /// What is left of the wrench however much is owed: a wall stays a wall.
 const LEAST_SHARE: f64 = 0.25;
 
+/// Time at rest after which what is owed beyond that begins to be forgiven, s, and the time
+/// constant in which it is: a hand that rests in contact would feel a part of it for ever.
+const REST_S: f64 = 0.2;
+const FORGIVEN_IN_S: f64 = 0.25;
+
+/// Displacement in a tick that is none, m and rad: 0.1 mm/s at 1 kHz.
+const STILL_M: f64 = 1e-7;
+const STILL_RAD: f64 = 1e-6;
+
+/// Nothing is forgiven to a port that has given more than this, J: trembling that rests in between
+/// would give without end. What then may still be given makes a millijoule in all.
+const FORGIVES_ABOVE_J: f64 = -6e-4;
+
 /// Observer and controller of one port. 24 KiB, no heap. Wrench, twist and pose are those of the
 /// grip in device axes.
 #[derive(Clone, Debug)]
@@ -59,6 +72,8 @@ pub(super) struct PassivityController {
     trail: [Twist; TRAIL_TICKS],
     newest_way: usize,
     quiet_s: f64,
+    /// Time since the port last moved, s.
+    still_s: f64,
     active: bool,
     /// What the spring held at the last [`damped`](PassivityController::damped), J.
     held_j: f64,
@@ -82,6 +97,7 @@ impl Default for PassivityController {
             trail: [Twist::ZERO; TRAIL_TICKS],
             newest_way: 0,
             quiet_s: 0.0,
+            still_s: 0.0,
             active: false,
             held_j: 0.0,
             carried_j: 0.0,
@@ -112,7 +128,22 @@ impl PassivityController {
         if self.quiet_s > FORGET_AFTER_S {
             self.budget_j = self.budget_j.min(0.0);
         }
+        let is_still = way.linear.length() <= STILL_M && way.angular.length() <= STILL_RAD;
+        self.still_s = if is_still { self.still_s + period_s } else { 0.0 };
+        if self.still_s > REST_S && energy_j > FORGIVES_ABOVE_J {
+            self.forgive(period_s);
+        }
         before_j - energy_j
+    }
+
+    /// Lets what is owed beyond what is free fade, from the most that weakens the wrench further.
+    fn forgive(&mut self, period_s: f64) {
+        let most_j = OWED_FREELY_J * (1.0 - LEAST_SHARE);
+        let owed_j = (-self.budget_j - OWED_FREELY_J).min(most_j);
+        if owed_j > 0.0 {
+            let left = (1.0 - period_s / FORGIVEN_IN_S).max(0.0);
+            self.budget_j = -OWED_FREELY_J - owed_j * left;
+        }
     }
 
     /// Takes note, after [`observe`](Self::observe), of how obstacles that move carry the port
@@ -675,6 +706,57 @@ mod tests {
         controller.reset();
         assert_eq!((controller.energy_j(), controller.is_active()), (0.0, false));
         assert_eq!(controller.trusted_share(&arm), 1.0);
+    }
+
+    /// A port that has taken so much and forgotten it, then given so much, J.
+    fn owing(taken_j: f64, given_j: f64) -> PassivityController {
+        let mut controller = PassivityController::default();
+        controller.observe(at(0.0), 0, PERIOD_S);
+        controller.hold(push(-1.0));
+        controller.observe(at(taken_j), 0, PERIOD_S);
+        controller.hold(Wrench::ZERO);
+        (0..20).for_each(|_| {
+            controller.observe(at(taken_j), 0, PERIOD_S);
+        });
+        controller.hold(push(1.0));
+        controller.observe(at(taken_j + given_j), 0, PERIOD_S);
+        controller
+    }
+
+    #[test]
+    fn a_debt_is_forgiven_at_rest_as_long_as_the_port_has_not_given_too_much() {
+        let arm = injecting(5.0);
+        // What goes on at so much a tick, and the share after two seconds.
+        for (taken_j, goes_m, forgiven) in
+            [(2e-3, 0.0, true), (3e-4, 0.0, true), (2e-3, 2e-7, false), (1e-4, 0.0, false)]
+        {
+            let mut controller = owing(taken_j, 8e-4);
+            assert!((controller.trusted_share(&arm) - 0.4).abs() < 1e-9);
+            let mut place_m = taken_j + 8e-4;
+            let mut shares = Vec::new();
+            for _ in 0..2000 {
+                place_m += goes_m;
+                // Nothing acts, so that nothing more is owed.
+                controller.hold(push(if goes_m == 0.0 { 1.0 } else { 0.0 }));
+                controller.observe(at(place_m), 0, PERIOD_S);
+                shares.push(controller.trusted_share(&arm));
+            }
+            let what = format!("{taken_j} J taken, {goes_m} m a tick");
+            assert!(shares.iter().take(199).all(|share| (share - 0.4).abs() < 1e-9), "{what}");
+            assert!(shares.is_sorted(), "{what}");
+            assert_eq!(shares.last().is_some_and(|share| *share > 0.99), forgiven, "{what}");
+        }
+    }
+
+    #[test]
+    fn however_much_is_owed_two_seconds_of_rest_are_enough() {
+        let mut controller = owing(50e-3, 40e-3);
+        let arm = injecting(5.0);
+        assert_eq!(controller.trusted_share(&arm), LEAST_SHARE);
+        (0..2000).for_each(|_| {
+            controller.observe(at(90e-3), 0, PERIOD_S);
+        });
+        assert!(controller.trusted_share(&arm) > 0.99);
     }
 
     #[test]

@@ -26,6 +26,9 @@ const CONTACT_RISE_S: f64 = 5e-3;
 /// How far the shell may follow the arm in one tick without a virtual tool, voxels.
 const SEEN_VOXELS: f64 = 2.9;
 
+/// Share of the squared frequency of turns that counts for the damping ratio.
+const TURNS_COUNT: f64 = 0.01;
+
 /// What the arm feels of the tool: world axes, about the grip point.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Pull {
@@ -61,9 +64,9 @@ impl Query<'_> {
 
 /// What the contact queries of a tick found.
 pub(super) struct Touch {
-    /// Of the last query.
+    /// Of the last query that found one.
     pub(super) contact: ContactSum,
-    /// How far the tool had gone from where it stood: zero for the first query.
+    /// How far the tool had gone at the last query from where it stood.
     way: ObstacleMotion,
     /// What the clay adds to it where the first query was.
     clay: Option<ContactSum>,
@@ -307,13 +310,19 @@ impl VirtualTool {
                 } else {
                     // A contact that begins or ends in this tick is not known at its start.
                     let rigid = query.rigid(reached.pose, None);
-                    *contact = clay.map_or(rigid, |mut clay| {
+                    let again = clay.map_or(rigid, |mut clay| {
                         clay.wrench = clay.wrench - pushed(&clay.stiffness, way);
                         rigid.with_clay(&clay)
                     });
                     self.filter = filter;
-                    let found = Found { contact, way };
-                    self.step_with_mass((scene, p), (found, rubbing, brake), coupling, pull)?
+                    let found = Found { contact: &again, way };
+                    let step =
+                        self.step_with_mass((scene, p), (found, rubbing, brake), coupling, pull)?;
+                    // One that ends in this tick is felt in it still.
+                    if again.acts() || !contact.acts() {
+                        *contact = again;
+                    }
+                    step
                 }
             }
         };
@@ -392,18 +401,18 @@ impl VirtualTool {
         let held =
             contact.stiffness.positive_part(&inertia.in_world(self.body.pose.rotation_matrix()))?;
         let (along, about) = held.bounds();
-        let contact_rad_per_s = (along / inertia.mass_kg).max(about / inertia.least_kg_m2).sqrt();
+        let contact_rad_per_s =
+            (along / inertia.mass_kg).max(about / inertia.least_kg_m2).max(0.0).sqrt();
         let met = contact.wrench + pushed(&held, way);
         let wrench = self.shaped((contact, met), contact_rad_per_s, p);
         // Friction is smooth by itself: it goes past the filter.
         let stiffness = Mat6::ZERO
             .plus_scaled(1.0 - self.filter.alpha(), &held)
             .plus_scaled(1.0, &rubbing.stiffness);
-        let damping_s = if along > 0.0 {
-            2.0 * p.contact.damping_ratio * (inertia.mass_kg / along).sqrt()
-        } else {
-            0.0
-        };
+        // Of what is stiff against turns alone, such as a tip that a dent holds, the turns count.
+        let squared = (along / inertia.mass_kg).max(TURNS_COUNT * (about / inertia.least_kg_m2));
+        let damping_s =
+            if squared > 0.0 { 2.0 * p.contact.damping_ratio / squared.sqrt() } else { 0.0 };
 
         // It acts at once, whatever the filter does to the force: at higher rates less and less of
         // the stiffness acts within a tick.
