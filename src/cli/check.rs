@@ -351,7 +351,6 @@ pub(super) fn summary(config: &SceneConfig) -> String {
     let coupling = &config.parameters.coupling;
     let mode = match coupling.mode {
         CouplingMode::Implicit => "implicit",
-        CouplingMode::Static => "static",
         CouplingMode::Constraint => "constraint",
         CouplingMode::Direct => "direct",
     };

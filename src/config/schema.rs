@@ -223,7 +223,7 @@ pub(super) struct Monitor {
 }
 
 words! {
-    CouplingWord for CouplingMode { Implicit = "implicit", Static = "static", Constraint = "constraint", Direct = "direct" }
+    CouplingWord for CouplingMode { Implicit = "implicit", Constraint = "constraint", Direct = "direct" }
     FieldWord for FieldKind { Layers = "layers", SurfacePoint = "surface-point", Octant = "octant", Trilinear = "trilinear" }
     UnitWord for Unit { M = "m", Mm = "mm", Cm = "cm", In = "in" }
     SidesWord for InsideTest { Auto = "auto", Flood = "flood", Winding = "winding", Thin = "thin" }

@@ -297,7 +297,7 @@ fn friction_holds_the_contact_point_up_to_the_cone() {
 #[test]
 fn a_rope_pulls_towards_its_anchor_and_is_no_contact() {
     let anchor = DVec3::new(2e-3, 1e-3, -5e-3);
-    for mode in [CouplingMode::Direct, CouplingMode::Implicit, CouplingMode::Static] {
+    for mode in [CouplingMode::Direct, CouplingMode::Implicit] {
         let mut scene = scene(
             DensityFrame { rope_map: Some(anchor), ..frame(|place| -0.015 - place.z) },
             point(),
@@ -365,12 +365,7 @@ fn a_surface_that_leaps_over_the_tool_pushes_it_out_slowly() {
 
 #[test]
 fn every_coupling_that_takes_clay_feels_it() {
-    for mode in [
-        CouplingMode::Implicit,
-        CouplingMode::Static,
-        CouplingMode::Direct,
-        CouplingMode::Constraint,
-    ] {
+    for mode in [CouplingMode::Implicit, CouplingMode::Direct, CouplingMode::Constraint] {
         let mut scene = scene(frame(|place| -place.z), point());
         scene.parameters.coupling.mode = mode;
         let mut hand = Hand::new(&scene);

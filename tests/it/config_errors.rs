@@ -218,8 +218,9 @@ error: scene.toml:25: device.profile = "sim-sigma": no device profile of this na
   hint: paths are relative to the file that names them"#;
     unknown_fault: SCENE.to_owned() + "[device.sim]\nfault = \"unplugged@2s\"\n" => r#"error: scene.toml:27: device.sim.fault = "unplugged@2s": must be "drop", "stall", "deaf", "nan", "garbage", "unplug", "slow", "stuck", "jump", "truncate", "lost-byte", "repeat", "reorder", "sign-flip", "saturate", "unhome", "skip", "no-velocity" or "press"; did you mean `unplug`?"#;
     hand_and_no_hand: with("profile =", "hand = \"base.obj\"\nprofile =") + "[device.sim]\nhand = \"none\"\n" => r#"error: scene.toml:28: device.sim.hand = "none": cannot stand beside device.hand; give exactly one of the two"#;
-    unknown_coupling: with("rate_hz = 1000", "coupling = \"implict\"") => r#"error: scene.toml:4: rendering.coupling = "implict": must be "implicit", "static", "constraint" or "direct"; did you mean `implicit`?"#;
-    coupling_of_0_1_0: with("rate_hz = 1000", "coupling = \"semi-implicit\"") => r#"error: scene.toml:4: rendering.coupling = "semi-implicit": must be "implicit", "static", "constraint" or "direct"; did you mean `implicit`?"#;
+    unknown_coupling: with("rate_hz = 1000", "coupling = \"implict\"") => r#"error: scene.toml:4: rendering.coupling = "implict": must be "implicit", "constraint" or "direct"; did you mean `implicit`?"#;
+    coupling_of_0_1_0: with("rate_hz = 1000", "coupling = \"semi-implicit\"") => r#"error: scene.toml:4: rendering.coupling = "semi-implicit": must be "implicit", "constraint" or "direct"; did you mean `implicit`?"#;
+    coupling_that_went: with("rate_hz = 1000", "coupling = \"static\"") => r#"error: scene.toml:4: rendering.coupling = "static": must be "implicit", "constraint" or "direct""#;
     bad_enum_value_of_another_type: SCENE.to_owned() + "[realtime]\nmode = true\n" => r#"error: scene.toml:27: realtime.mode = true: must be "best-effort" or "enforce""#;
     stiffness_above_the_bound: SCENE.to_owned() + "[coupling]\ntranslation_n_per_mm = \
         5\nrotation_nm_per_rad = 1.2\n" => r"error: scene.toml:27: coupling.translation_n_per_mm = 5: the arm would feel 5000 N/m, above its stability bound of 4000 N/m = min(0.8 b / (T/2 + delay), declared 4000) with b = 7.5, T = 1 ms, delay = 1 tick
@@ -387,7 +388,7 @@ fn brakes_and_dampers_are_for_couplings_with_mass() {
     let config = with(coupling).expect("valid");
     let contact = config.parameters.contact;
     assert!(contact.braking && contact.damping_n_s_per_m == 12.5 && !config.knows_edges);
-    for coupling in ["static", "constraint", "direct"] {
+    for coupling in ["constraint", "direct"] {
         let errors = with(coupling).unwrap_err();
         let keys: Vec<&str> =
             errors.problems().iter().filter_map(|problem| problem.key.as_deref()).collect();
@@ -755,7 +756,6 @@ fn colour_is_given_only_when_asked_for() {
 fn every_coupling_of_the_contract_is_read() {
     for (word, mode) in [
         ("implicit", CouplingMode::Implicit),
-        ("static", CouplingMode::Static),
         ("constraint", CouplingMode::Constraint),
         ("direct", CouplingMode::Direct),
     ] {

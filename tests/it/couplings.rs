@@ -29,7 +29,7 @@ const N_TICKS: usize = 1500;
 /// The ticks at the end in which everything has to be at rest.
 const N_REST: usize = 300;
 
-const MODES: [&str; 4] = ["implicit", "static", "constraint", "direct"];
+const MODES: [&str; 3] = ["implicit", "constraint", "direct"];
 
 /// Static objects and tool of a situation, and where the hand wants the tool to end.
 struct Situation {
@@ -339,12 +339,7 @@ fn shaken_m(
 fn acceptance_22_the_automatic_limit_keeps_a_delayed_loop_stable() {
     let situation = &SITUATIONS[1];
     let mut scene = situation.bake();
-    for mode in [
-        CouplingMode::Direct,
-        CouplingMode::Static,
-        CouplingMode::Constraint,
-        CouplingMode::Implicit,
-    ] {
+    for mode in [CouplingMode::Direct, CouplingMode::Constraint, CouplingMode::Implicit] {
         for cutoff_hz in [f64::INFINITY, 100.0] {
             // The filter lies in the arm's loop in `direct` only.
             if cutoff_hz.is_finite() && mode != CouplingMode::Direct {

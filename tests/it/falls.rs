@@ -15,7 +15,7 @@ use serde_json::Value;
 use vps::spatial::testing::Random;
 use vps::spatial::{DeviceSample, SampleStatus, Wrench};
 
-const MODES: [&str; 4] = ["implicit", "static", "constraint", "direct"];
+const MODES: [&str; 3] = ["implicit", "constraint", "direct"];
 const RATES_HZ: [u32; 3] = [250, 1000, 2000];
 /// The table of a scene, and its type in the schema.
 const TABLES: [(&str, &str); 4] =

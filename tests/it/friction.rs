@@ -3,8 +3,8 @@
 
 use glam::{DMat3, DQuat, DVec3};
 use haptics::{
-    ContactParameters, CouplingMode, Drive, DriveRequest, Faults, FreeSpace, FrictionParameters,
-    Inertia, RenderScene, State, TickInput, Tool, tick,
+    ContactParameters, Drive, DriveRequest, Faults, FreeSpace, FrictionParameters, Inertia,
+    RenderScene, State, TickInput, Tool, tick,
 };
 use vps::contact::Normalization;
 use vps::contact::{ContactSum, Obstacle};
@@ -168,56 +168,52 @@ fn by_face_the_stiffness_does_not_grow_with_the_area_that_touches() {
     }
 }
 
-/// With a virtual tool that has mass, and with one that has none.
 #[test]
 fn friction_of_a_hand_that_slides_stands_against_its_way() {
-    for mode in [CouplingMode::Implicit, CouplingMode::Static] {
-        for direction_rad in [0.0, 0.4, 1.1, 2.7] {
-            let mut scene = scene(0.25);
-            scene.obstacles = vec![slope(0.0)];
-            scene.parameters.coupling.mode = mode;
-            (
-                scene.parameters.coupling.stiffness_n_per_m,
-                scene.parameters.coupling.stiffness_nm_per_rad,
-            ) = (4000.0, 2.0);
-            scene.parameters.coupling.free_space = FreeSpace::Zero;
-            scene.parameters.gravity_m_per_s2 = DVec3::ZERO;
-            scene.parameters.mapping.start = Pose::from_translation(DVec3::Z * (HALF_M + 5e-4));
-            let way = DVec3::new(f64::cos(direction_rad), f64::sin(direction_rad), 0.0);
-            let mut state = State::new(&scene);
-            let mut last_m = DVec3::ZERO;
-            for sequence in 1..=1500_u64 {
-                // Down by 2 mm in 0.2 s, then along at 10 mm/s.
-                let down_s = (sequence as f64 * T).min(0.2);
-                let along_s = (sequence as f64 * T - 0.3).max(0.0);
-                let at_m = DVec3::Z * (-0.01 * down_s) + way * (0.01 * along_s);
-                let twist = Twist { linear: (at_m - last_m) / T, angular: DVec3::ZERO };
-                last_m = at_m;
-                let sample = DeviceSample {
-                    pose: Pose::from_translation(at_m),
-                    twist,
-                    sequence,
-                    status: SampleStatus::Fresh,
-                    ..DeviceSample::default()
-                };
-                let output = tick(
-                    &scene,
-                    &mut state,
-                    &TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() },
-                );
-                assert_eq!(output.faults, Faults::NONE, "{mode:?}, tick {sequence}");
-                if sequence < 700 {
-                    continue;
-                }
-                let force = output.command_device.force;
-                let along = -force.dot(way) / force.z;
-                let across = force.dot(DVec3::Z.cross(way)) / force.z;
-                assert!(
-                    force.z > 1.0 && (along - 0.25).abs() < 0.01 && across.abs() < 0.005,
-                    "{mode:?}, {direction_rad} rad, tick {sequence}: {along:.4} along and \
-                        {across:.4} across of {force}"
-                );
+    for direction_rad in [0.0, 0.4, 1.1, 2.7] {
+        let mut scene = scene(0.25);
+        scene.obstacles = vec![slope(0.0)];
+        (
+            scene.parameters.coupling.stiffness_n_per_m,
+            scene.parameters.coupling.stiffness_nm_per_rad,
+        ) = (4000.0, 2.0);
+        scene.parameters.coupling.free_space = FreeSpace::Zero;
+        scene.parameters.gravity_m_per_s2 = DVec3::ZERO;
+        scene.parameters.mapping.start = Pose::from_translation(DVec3::Z * (HALF_M + 5e-4));
+        let way = DVec3::new(f64::cos(direction_rad), f64::sin(direction_rad), 0.0);
+        let mut state = State::new(&scene);
+        let mut last_m = DVec3::ZERO;
+        for sequence in 1..=1500_u64 {
+            // Down by 2 mm in 0.2 s, then along at 10 mm/s.
+            let down_s = (sequence as f64 * T).min(0.2);
+            let along_s = (sequence as f64 * T - 0.3).max(0.0);
+            let at_m = DVec3::Z * (-0.01 * down_s) + way * (0.01 * along_s);
+            let twist = Twist { linear: (at_m - last_m) / T, angular: DVec3::ZERO };
+            last_m = at_m;
+            let sample = DeviceSample {
+                pose: Pose::from_translation(at_m),
+                twist,
+                sequence,
+                status: SampleStatus::Fresh,
+                ..DeviceSample::default()
+            };
+            let output = tick(
+                &scene,
+                &mut state,
+                &TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() },
+            );
+            assert_eq!(output.faults, Faults::NONE, "tick {sequence}");
+            if sequence < 700 {
+                continue;
             }
+            let force = output.command_device.force;
+            let along = -force.dot(way) / force.z;
+            let across = force.dot(DVec3::Z.cross(way)) / force.z;
+            assert!(
+                force.z > 1.0 && (along - 0.25).abs() < 0.01 && across.abs() < 0.005,
+                "{direction_rad} rad, tick {sequence}: {along:.4} along and \
+                    {across:.4} across of {force}"
+            );
         }
     }
 }

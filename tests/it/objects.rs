@@ -24,8 +24,8 @@ const T: f64 = 1e-3;
 /// s, m.
 const S: f64 = 1e-3;
 const BALL_M: f64 = 6e-3;
-const MODES: [CouplingMode; 4] =
-    [CouplingMode::Implicit, CouplingMode::Static, CouplingMode::Constraint, CouplingMode::Direct];
+const MODES: [CouplingMode; 3] =
+    [CouplingMode::Implicit, CouplingMode::Constraint, CouplingMode::Direct];
 
 fn obstacle(shape: Shape, world_from_map: Pose) -> Obstacle {
     let mesh = shape.tessellate(1e-5);
@@ -340,7 +340,7 @@ fn no_object_goes_through_the_tool_wherever_it_is_asked_to_go() {
 
 #[test]
 fn a_tool_that_is_jammed_makes_an_object_wait_and_letting_go_makes_it_come_back() {
-    for mode in [CouplingMode::Implicit, CouplingMode::Static, CouplingMode::Constraint] {
+    for mode in [CouplingMode::Implicit, CouplingMode::Constraint] {
         // The ball is 12 mm thick, and between roof and plate are 20 mm.
         let roof = plate(Pose::from_translation(DVec3::Z * (0.03 + 10e-3 + 1.5 * S)));
         let scene = scene(

@@ -10,6 +10,8 @@ use vps::spatial::Pose;
 use super::rig::{self, Run};
 
 const MM: f64 = 1e-3;
+/// What the edge of the peg's tip is cut off, along its axis.
+const CHAMFER_MM: f64 = 1.0;
 
 /// Angle between the tool's z axis and the world's, degrees.
 fn tilt_deg(pose: Pose) -> f64 {

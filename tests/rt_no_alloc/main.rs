@@ -248,7 +248,7 @@ fn nut_on_bolt_allocates_nothing() {
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn block_on_plane_allocates_nothing_in_any_coupling_and_field() {
-    for coupling in ["implicit", "static", "constraint", "direct"] {
+    for coupling in ["implicit", "constraint", "direct"] {
         for field in ["layers", "surface-point", "octant", "trilinear"] {
             // The whole length for the scene as it is shipped.
             let n_ticks =
@@ -433,7 +433,7 @@ fn knead(mut feed: DensityFeed) -> u64 {
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn frames_of_clay_that_come_and_go_allocate_nothing() {
-    for coupling in ["implicit", "static", "direct"] {
+    for coupling in ["implicit", "direct"] {
         let n_ticks = TICKS / 10;
         let mut config = scene(
             "block-on-plane",

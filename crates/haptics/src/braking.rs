@@ -243,7 +243,7 @@ mod tests {
         for (braking, mode, brakes) in [
             (true, CouplingMode::Implicit, true),
             (false, CouplingMode::Implicit, false),
-            (true, CouplingMode::Static, false),
+            (true, CouplingMode::Constraint, false),
         ] {
             let mut p = parameters();
             p.contact.braking = braking;

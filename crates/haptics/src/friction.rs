@@ -133,8 +133,8 @@ impl Element {
         self.stretch *= share;
         self.twist *= share;
         // Pulled in one tick from one end of its elastic way through to the other: what balances
-        // lies between both, where it is elastic. A tool without mass that knows of it only how it
-        // slides goes to and fro between the ends for ever.
+        // lies between both, where it is elastic. A step that knows of it only how it slides may go
+        // to and fro between the ends for ever.
         let has_turned_round =
             stiffness * before.stretch.dot(self.stretch) + about * before.twist * self.twist < 0.0;
         if self.slips && !has_turned_round {

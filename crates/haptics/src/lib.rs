@@ -45,7 +45,7 @@
 //! | `interlock`, `drive`, `off_cause`, [`Faults`] | whether force may flow, and why it does not |
 //! | `encoder_hold`, `indexing` | a pose that trembles by one encoder step; device coordinates ↔ world coordinates |
 //! | `virtual_tool` | what touches the tool, and how it follows the arm in each coupling |
-//! | `coupling`, `quasi_static`, `constraint` | the couplings: with mass, without mass, on the surface |
+//! | `coupling`, `constraint` | the couplings: with mass, on the surface |
 //! | `friction` | Coulomb friction, by face of the tool |
 //! | `contact_damping`, `braking` | damping in contact and just ahead of it |
 //! | [`filter`] | the shaping filter of the contact wrench |
@@ -82,7 +82,6 @@ mod packets;
 mod params;
 mod passivity_control;
 mod power_window;
-mod quasi_static;
 mod render_scene;
 mod sample;
 mod scene_builder;

@@ -548,7 +548,6 @@ mod tests {
         }
         for (mode, acting) in [
             (CouplingMode::Implicit, [true, true, true]),
-            (CouplingMode::Static, [false, true, true]),
             (CouplingMode::Constraint, [false, false, false]),
             (CouplingMode::Direct, [false, true, true]),
         ] {

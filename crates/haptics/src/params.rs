@@ -13,9 +13,6 @@ pub enum CouplingMode {
     /// every stiffness.
     #[default]
     Implicit,
-    /// Virtual tool without mass: each tick one Newton step towards the balance of coupling and
-    /// contact.
-    Static,
     /// Virtual tool without mass that stays on the surface: each tick the pose nearest to the arm's
     /// that the contact planes allow.
     Constraint,

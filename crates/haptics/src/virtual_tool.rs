@@ -14,7 +14,6 @@ use super::friction::{Friction, FrictionWrench};
 use super::limits::Ramp;
 use super::moving_obstacles::ALWAYS_VOXELS;
 use super::params::{CouplingMode, CouplingParameters, FreeSpace, Parameters};
-use super::quasi_static::StaticBalance;
 use vps::contact::planes::DeepestContacts;
 use vps::contact::{Contact, ContactSum, ObstacleMotion, Patch, Traversal};
 use vps::spatial::{Mat6, Pose, Twist, Wrench};
@@ -81,7 +80,6 @@ pub(super) struct VirtualTool {
     body: Body,
     filter: ShapingFilter,
     friction: Friction,
-    balance: StaticBalance,
     pace: Pace,
     /// What the coupling pulled with in the last tick of free space, which the arm did not feel. Of
     /// that alone a share is kept from the arm while `contact_gain` rises: what contact adds is
@@ -105,7 +103,6 @@ impl VirtualTool {
             body: Body { pose, twist: Twist::ZERO },
             filter: ShapingFilter::default(),
             friction: Friction::default(),
-            balance: StaticBalance::default(),
             pace: Pace::default(),
             unfelt: Wrench::ZERO,
             contact_gain: Ramp::default(),
@@ -254,12 +251,6 @@ impl VirtualTool {
         };
         let step_limit_m = contact.step_limit_m;
         let twist = match (coupling.mode, deepest) {
-            (CouplingMode::Static, _) => {
-                let stiffness = contact.stiffness.plus_scaled(1.0, &rubbing.stiffness);
-                let met =
-                    contact.wrench + rubbing.wrench + pushed(&stiffness, &contact.obstacle_motion);
-                over_a_tick(self.balance.step(&stretched, weight, met, &stiffness)?)
-            }
             (CouplingMode::Constraint, Some(deepest)) => {
                 let body = self.body.pose;
                 // As seen from what it touches, which may move.

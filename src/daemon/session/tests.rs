@@ -279,7 +279,7 @@ fn only_parameters_that_can_be_set_are_taken_from_a_file() {
         ("\"base\"", "\"floor\""),
         ("= 5.0", "= 500.0"),
         ("[contact]", "[limits]\nforce_n = 5.0\n[contact]"),
-        ("[contact]", "[rendering]\ncoupling = \"static\"\n[contact]"),
+        ("[contact]", "[rendering]\ncoupling = \"constraint\"\n[contact]"),
         ("= 5.0", "= 4.0\nbraking = true"),
     ] {
         assert!(SCENE.contains(from));

@@ -162,12 +162,12 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         for scene in &scenes {
             let edits = [
-                ("rendering.coupling", "static".into()),
+                ("rendering.coupling", "constraint".into()),
                 ("rendering.field", "layers".into()),
                 ("filter.spatial", false.into()),
             ];
             let config = load(scene, &edits, folder.path()).unwrap();
-            assert_eq!(config.parameters.coupling.mode, CouplingMode::Static);
+            assert_eq!(config.parameters.coupling.mode, CouplingMode::Constraint);
             assert_eq!(
                 (config.parameters.contact.field, config.parameters.filter.spatial),
                 (FieldKind::Layers, false)

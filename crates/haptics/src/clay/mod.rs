@@ -188,7 +188,7 @@ mod tests {
         assert_eq!(rope(&p).stiffness_n_per_m, 500.0);
         // Nine tenths of a step are felt after 40 ticks.
         assert!((clay().smoothing.powi(40) - 0.1).abs() < 1e-12);
-        for mode in [CouplingMode::Implicit, CouplingMode::Static, CouplingMode::Direct] {
+        for mode in [CouplingMode::Implicit, CouplingMode::Direct] {
             assert!(mode.feels_clay());
         }
         assert!(!CouplingMode::Constraint.feels_clay());

@@ -341,41 +341,6 @@ pub(crate) fn without_a_virtual_tool_the_arm_gets_the_contact_as_stiff_as_it_can
 }
 
 #[test]
-fn the_static_coupling_steps_to_the_balance_of_spring_contact_and_weight() {
-    let mut p = generic();
-    p.coupling.mode = CouplingMode::Static;
-    let mut rig = Rig::new(p, 0.25e-3);
-    let before = rig.tool.pose();
-    let target = before.stepped(DVec3::new(1e-5, -2e-5, -3e-5), DVec3::new(1e-3, -2e-3, 3e-3));
-    let motion = ObstacleMotion {
-        linear: DVec3::new(2e-5, -1e-5, 3e-5),
-        angular: DVec3::new(1e-4, 2e-4, -1e-4),
-    };
-    let mut touch = rig.touch();
-    touch.contact.obstacle_motion = motion;
-    rig.follow(&mut touch, &rubbing(), true, (target, Twist::ZERO));
-    let after = rig.tool.pose();
-    let step = Twist {
-        linear: after.translation - before.translation,
-        angular: before.rotation_to(after),
-    };
-    let met = touch.contact.stiffness.plus_scaled(1.0, &rubbing().stiffness);
-    let spring = Spring::between(before, target, &p.coupling, &p.limits, 1e-3, 1e-2);
-    let moved = Twist { linear: motion.linear, angular: motion.angular };
-    // What was met is remembered by half.
-    let held = Wrench::new(
-        step.linear * spring.stiffness_n_per_m,
-        step.angular * spring.stiffness_nm_per_rad,
-    ) + product(&met, step) * 1.5;
-    let pushes = spring.wrench
-        + touch.contact.wrench
-        + rubbing().wrench
-        + product(&met, moved)
-        + Wrench::new(p.gravity_m_per_s2 * 0.3, DVec3::ZERO);
-    assert_near(held, pushes, 1e-6);
-}
-
-#[test]
 fn the_constraint_coupling_stands_a_tool_on_a_face_that_moves() {
     let mut p = generic();
     p.coupling.mode = CouplingMode::Constraint;

@@ -24,7 +24,7 @@ use hapticd::scene::cache::Cache;
 use recording::TickRecord;
 
 /// The words of a scene file; one that this version lacks is a row that says so.
-const COUPLINGS: [&str; 3] = ["implicit", "static", "direct"];
+const COUPLINGS: [&str; 2] = ["implicit", "direct"];
 
 /// The force of 2008: the plane through the voxel, no entry weight, no filter.
 fn raw() -> Vec<Edit> {
