@@ -27,6 +27,11 @@ const LONGEST_IN_METRES: f64 = 2.0;
 const TOOL_VOXELS: f64 = 100.0;
 /// The same of a ball that touches a part: it has no features of its own.
 const BALL_VOXELS: f64 = 20.0;
+/// Stiffness of a point of the tool, N/mm. Tools of any size have about as many points, so that they
+/// are about as hard.
+const POINT_N_PER_MM: f64 = 5.0;
+/// N/mm³ that a scene may have without a warning.
+const MODULI_N_PER_MM3: [f64; 2] = [1.0, 400.0];
 /// Finest voxels, m: a hundredth of a millimetre is finer than any arm resolves.
 const FINEST_M: f64 = 1e-5;
 /// Coarsest, m: the most that a scene takes.
@@ -387,10 +392,8 @@ impl Draft {
             "\n# How hard things are. The coupling to the arm is derived from what the arm can \
                 take.\n[contact]"
         )?;
-        writeln!(
-            text,
-            "stiffness_n_per_mm = 5.0\n# friction = {{ static = 0.25, dynamic = 0.2 }}"
-        )?;
+        write_stiffness(text, self.tool_voxel_m)?;
+        writeln!(text, "# friction = {{ static = 0.25, dynamic = 0.2 }}")?;
         remarked(
             text,
             "# time_budget_us = 500",
@@ -505,6 +508,19 @@ fn write_head(
             source and /usr/share/hapticd of the package.\n"
     )?;
     writeln!(text, "version = 1\nname = {}\n", quoted(name))
+}
+
+/// The contact modulus for a tool of these voxels, to three digits.
+fn write_stiffness(text: &mut String, tool_voxel_m: f64) -> std::fmt::Result {
+    let voxel_mm = tool_voxel_m * 1e3;
+    let [least, most] = MODULI_N_PER_MM3;
+    let n_per_mm3 = (POINT_N_PER_MM / (voxel_mm * voxel_mm)).clamp(least, most);
+    let n_per_mm3: f64 = format!("{n_per_mm3:.2e}").parse().unwrap_or(n_per_mm3);
+    remarked(
+        text,
+        &format!("stiffness_n_per_mm3 = {n_per_mm3:?}"),
+        "pressure for each depth, of the pair of materials",
+    )
 }
 
 fn remarked(text: &mut String, line: &str, remark: &str) -> std::fmt::Result {

@@ -2,18 +2,23 @@
 
 use std::path::Path;
 
-use super::resolve::DEFAULT_CONTACT_N_PER_MM;
+use super::resolve::DEFAULT_CONTACT_N_PER_MM3;
+use super::scene::StiffnessKey;
 use super::{Problem, ProblemKind, SceneConfig};
 use document::{Document, show};
-use haptics::{ContactParameters, CouplingMode, CouplingParameters, LiveParameter, Parameters};
+use haptics::{CouplingMode, LiveParameter, Parameters};
 use vps::storage::regular;
 
 /// N/m in a N/mm.
 const N_PER_M: f64 = 1e3;
+const MM_PER_M: f64 = 1e3;
+/// What is so many times softer or stiffer than the default is likely in another unit, which is a
+/// thousand times off; the shipped tight fit has six times the default.
+const USUAL_FACTOR: f64 = 20.0;
 
 /// What is likely wrong with a scene that was read.
 pub fn plausibility_warnings(config: &SceneConfig) -> Vec<Problem> {
-    [contact_stiffness(config), late_force(config), slow_line(config)]
+    [old_stiffness_key(config), contact_stiffness(config), late_force(config), slow_line(config)]
         .into_iter()
         .flatten()
         .collect()
@@ -71,29 +76,44 @@ pub fn problem_at(path: &Path, key: &str, kind: ProblemKind) -> Problem {
     Problem { key: Some(key.to_owned()), ..Problem::of_file(path, kind) }
 }
 
-/// Clients set the stiffness of a scene to multiples of its own. What no client could set a scene
-/// of the default to is likely in another unit.
+/// Of version 0.1.0: the same scene felt different at another voxel size.
+fn old_stiffness_key(config: &SceneConfig) -> Option<Problem> {
+    let StiffnessKey::OfPoint { n_per_mm3 } = config.stiffness_key else { return None };
+    let why = "of each square of the tool's voxel edge, so that another voxel size feels different";
+    let hint = Some(format!("write stiffness_n_per_mm3 = {n_per_mm3:?}"));
+    let kind = ProblemKind::Refused { why: why.to_owned(), hint };
+    Some(problem_at(&config.path, "contact.stiffness_n_per_mm", kind))
+}
+
+/// A stiffness of contact that is likely in another unit.
 fn contact_stiffness(config: &SceneConfig) -> Option<Problem> {
-    let written = config.parameters;
+    let Parameters { contact, coupling, .. } = config.parameters;
     // `None`: it does nothing in this mode.
-    LiveParameter::ContactStiffness.range(&written)?;
-    let contact = ContactParameters {
-        stiffness_n_per_m: DEFAULT_CONTACT_N_PER_MM * N_PER_M,
-        ..written.contact
+    LiveParameter::ContactStiffness.range(&config.parameters)?;
+    // N/m of a point in a N/mm³.
+    let voxel_mm = config.tool.voxel_size_m * MM_PER_M;
+    let n_per_m = voxel_mm * voxel_mm * N_PER_M;
+    // In `direct` the arm feels each point, and the default is no more than it takes.
+    let most_of_arm = match coupling.mode {
+        CouplingMode::Direct => coupling.bound_n_per_m / n_per_m,
+        CouplingMode::Implicit | CouplingMode::Constraint => f64::INFINITY,
     };
-    // `direct` has no range above its own stiffness.
-    let coupling = CouplingParameters { mode: CouplingMode::Implicit, ..written.coupling };
-    let usual =
-        LiveParameter::ContactStiffness.range(&Parameters { contact, coupling, ..written })?;
-    if (usual.least..=usual.most).contains(&written.contact.stiffness_n_per_m) {
+    let default = DEFAULT_CONTACT_N_PER_MM3.min(most_of_arm);
+    let [least, most] =
+        [default / USUAL_FACTOR, (default * USUAL_FACTOR).min(most_of_arm)].map(show);
+    // As it is shown: a number at an end of the range is within.
+    let n_per_mm3 = show(contact.stiffness_n_per_m / n_per_m);
+    if (least..=most).contains(&n_per_mm3) {
         return None;
     }
-    let [least, most] = [usual.least, usual.most].map(|n_per_m| show(n_per_m / N_PER_M));
-    let why = format!(
-        "outside {least} to {most} N/mm, the range that the page gives a scene with the default of \
-            {} N/mm",
-        show(DEFAULT_CONTACT_N_PER_MM)
-    );
-    let hint = Some(format!("write {least} to {most}; is the unit right? 1 N/mm is 1000 N/m"));
-    Some(problem_at(&config.path, "contact.stiffness_n_per_mm", ProblemKind::Refused { why, hint }))
+    let (key, that_is) = match config.stiffness_key {
+        StiffnessKey::OfVolume => ("contact.stiffness_n_per_mm3", String::new()),
+        StiffnessKey::OfPoint { .. } => {
+            ("contact.stiffness_n_per_mm", format!("that is {n_per_mm3} N/mm³, "))
+        }
+    };
+    let why = format!("{that_is}far from the default of {} N/mm³", show(default));
+    let hint =
+        Some(format!("write {least} to {most} N/mm³; is the unit right? 1 N/mm³ is 1e9 N/m³"));
+    Some(problem_at(&config.path, key, ProblemKind::Refused { why, hint }))
 }

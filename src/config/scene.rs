@@ -33,6 +33,8 @@ pub struct SceneConfig {
     pub time_budget_s: Option<f64>,
     /// Points on edges of the tool push the way that the obstacle says.
     pub knows_edges: bool,
+    /// How the stiffness of contact was written.
+    pub stiffness_key: StiffnessKey,
     /// Objects that the tool can touch; each becomes one voxmap.
     pub statics: Vec<StaticConfig>,
     /// The moving object, which becomes the pointshell.
@@ -52,6 +54,18 @@ pub struct SceneConfig {
     /// Longest silence of the client that drives: without a client that beats no force flows.
     /// `None`: no client has to.
     pub heartbeat: Option<Duration>,
+}
+
+/// How the stiffness of contact was written.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum StiffnessKey {
+    /// For each volume that overlaps (`contact.stiffness_n_per_mm3`), or not at all.
+    OfVolume,
+    /// For each s² of the tool (`contact.stiffness_n_per_mm`), as version 0.1.0 had it.
+    OfPoint {
+        /// What `contact.stiffness_n_per_mm3` would have to be, N/mm³.
+        n_per_mm3: f64,
+    },
 }
 
 /// `[monitor]`: the page and its API.

@@ -109,6 +109,9 @@ pub(super) struct Shape {
 #[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, expecting = "a table, written [contact]")]
 pub(super) struct Contact {
+    pub(super) stiffness_n_per_mm3: Option<f64>,
+    // Of version 0.1.0: of one s² of the tool.
+    #[schemars(extend("deprecated" = true))]
     pub(super) stiffness_n_per_mm: Option<f64>,
     pub(super) damping_ratio: Option<f64>,
     pub(super) normalize: Option<NormalizeWord>,

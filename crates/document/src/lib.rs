@@ -48,5 +48,5 @@ mod values;
 pub use self::toml::{Document, GoneKey};
 pub use checks::{Checks, FINITE, Interval, NOT_NEGATIVE, POSITIVE};
 pub use problem::{ConfigErrors, Problem, ProblemKind};
-pub use problem::{PACKAGED, any_of, did_you_mean, nearest, show};
+pub use problem::{PACKAGED, any_of, did_you_mean, nearest, round_down, show};
 pub use values::Numbers;

@@ -474,7 +474,7 @@ pub fn show(number: f64) -> f64 {
 
 /// At most four significant digits and never above the number, so that what a hint proposes is
 /// accepted.
-fn round_down(number: f64) -> f64 {
+pub fn round_down(number: f64) -> f64 {
     if !number.is_normal() {
         return number;
     }

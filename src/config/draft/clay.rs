@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use glam::DVec3;
 
-use super::{Unit, arm_scale, quoted, remarked, shown, two_digits, write_head};
+use super::{Unit, arm_scale, quoted, remarked, shown, two_digits, write_head, write_stiffness};
 
 /// Radius of the ball in the hand, of the brush, and the air around the clay, as shares of its
 /// longest edge.
@@ -86,13 +86,12 @@ impl ClayDraft {
         )?;
         writeln!(text, "\n# The body in the hand.\n[tool]")?;
         remarked(text, &format!("shape = {{ sphere_mm = {} }}", mm(ball_m)), "radius")?;
-        remarked(
-            text,
-            &format!("voxel_size_mm = {}", mm(two_digits(ball_m / BALL_VOXELS))),
-            "spacing of its points",
-        )?;
+        let voxel_m = two_digits(ball_m / BALL_VOXELS);
+        remarked(text, &format!("voxel_size_mm = {}", mm(voxel_m)), "spacing of its points")?;
         let [x, y, z] = start_m.to_array().map(mm);
         remarked(text, &format!("start_position_mm = [{x}, {y}, {z}]"), "above the clay")?;
+        writeln!(text, "\n[contact]")?;
+        write_stiffness(text, voxel_m)?;
         writeln!(text, "\n[device]")?;
         remarked(
             text,

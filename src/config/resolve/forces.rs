@@ -16,7 +16,6 @@ use vps::contact::AVERAGED_CONTACTS;
 use vps::contact::Normalization;
 use vps::voxmap::field::FieldKind;
 
-pub(in crate::config) const DEFAULT_CONTACT_N_PER_MM: f64 = 5.0;
 const DEFAULT_DAMPING_RATIO: f64 = 0.7;
 const DEFAULT_CUTOFF_HZ: [f64; 2] = [50.0, 300.0];
 
@@ -111,7 +110,7 @@ impl Resolve<'_> {
     }
 
     /// Refuses a stiffness (SI, world) that the arm would feel above its bound.
-    fn bounded(
+    pub(super) fn bounded(
         &mut self,
         key: &str,
         stiffness: f64,
@@ -160,24 +159,8 @@ impl Resolve<'_> {
         written: &schema::Contact,
         field: FieldKind,
         mode: CouplingMode,
-        stability: &StabilityBounds,
-        scale: f64,
+        stiffness_n_per_m: f64,
     ) -> ContactParameters {
-        let key = "contact.stiffness_n_per_mm";
-        let is_bounded = mode == CouplingMode::Direct && !stability.allow_unstable;
-        let default = DEFAULT_CONTACT_N_PER_MM / MM;
-        let stiffness_n_per_m = match self.checks.optional(
-            key,
-            written.stiffness_n_per_mm,
-            POSITIVE.to(1e6).unit("N/mm"),
-        ) {
-            Some(n_per_mm) => n_per_mm / MM,
-            None if is_bounded => default.min(stability.translation.value() / scale),
-            None => default,
-        };
-        if is_bounded {
-            self.bounded(key, stiffness_n_per_m, &stability.translation, TRANSLATION_UNITS, scale);
-        }
         let range = Interval::from(0.0).to(1e4).unit("N·s/m");
         let damping_n_s_per_m =
             self.checks.number("contact.damping_n_s_per_m", written.damping_n_s_per_m, 0.0, range);
@@ -244,12 +227,13 @@ impl Resolve<'_> {
 
 /// Units of a stiffness: inside, and in its key.
 #[derive(Clone, Copy)]
-struct StiffnessUnits {
-    si: &'static str,
-    key: &'static str,
-    key_per_si: f64,
+pub(super) struct StiffnessUnits {
+    pub(super) si: &'static str,
+    pub(super) key: &'static str,
+    pub(super) key_per_si: f64,
 }
 
-const TRANSLATION_UNITS: StiffnessUnits = StiffnessUnits { si: "N/m", key: "N/mm", key_per_si: MM };
+pub(super) const TRANSLATION_UNITS: StiffnessUnits =
+    StiffnessUnits { si: "N/m", key: "N/mm", key_per_si: MM };
 const ROTATION_UNITS: StiffnessUnits =
     StiffnessUnits { si: "N·m/rad", key: "N·m/rad", key_per_si: 1.0 };

@@ -1,6 +1,7 @@
 //! Third pass: checks what is written, fills in what is not, and converts to SI.
 
 mod arm;
+mod contact_stiffness;
 mod forces;
 mod monitor;
 mod objects;
@@ -10,7 +11,7 @@ use std::path::Path;
 
 use glam::DVec3;
 
-pub(super) use self::forces::DEFAULT_CONTACT_N_PER_MM;
+pub(super) use self::contact_stiffness::DEFAULT_CONTACT_N_PER_MM3;
 pub(crate) use self::monitor::{FOXGLOVE_ACCEPTED, LISTEN_ACCEPTED, parse_foxglove, parse_listen};
 pub(crate) use self::sculpt::{RASTER_AXIS, RASTER_NODES};
 use super::scene::{DeviceConfig, SceneConfig};
@@ -249,7 +250,12 @@ impl Resolve<'_> {
                 "leave it out, or use another rendering.coupling",
             );
         }
-        let contact = self.contact(&scene.contact, field, mode, &stability, port_scale);
+        // In `direct` the arm feels each point of the tool.
+        let of_points =
+            Some(&stability).filter(|_| mode == CouplingMode::Direct && !allow_unstable);
+        let point_stiffness =
+            self.point_stiffness(&scene.contact, tool_written, of_points, port_scale);
+        let contact = self.contact(&scene.contact, field, mode, point_stiffness.n_per_m);
         let limits =
             self.limits(&scene.limits, &scene.safety, profile.as_ref(), rate_hz, realtime.enforce);
         let safety = self.safety(&scene.safety, profile.as_ref(), period_s);
@@ -290,6 +296,7 @@ impl Resolve<'_> {
             rate_hz,
             time_budget_s,
             knows_edges: scene.contact.geometric_awareness != Some(schema::AwarenessWord::Off),
+            stiffness_key: point_stiffness.key,
             statics,
             tool,
             sculpt,

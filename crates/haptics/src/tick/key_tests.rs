@@ -34,7 +34,7 @@ use Proof::{Directly, InContact, InFreeSpace, Nothing, Test};
 
 /// The keys of `[contact]`, `[coupling]` and `[filter]`, those of `world_from_device`, and the field.
 const PROOFS: [(&str, Proof); 26] = [
-    ("contact.stiffness_n_per_mm", InContact(|p| p.contact.stiffness_n_per_m *= 1.1)),
+    ("contact.stiffness_n_per_mm3", InContact(|p| p.contact.stiffness_n_per_m *= 1.1)),
     ("contact.damping_ratio", InContact(|p| p.contact.damping_ratio = 0.45)),
     ("contact.damping_n_s_per_m", InContact(|p| p.contact.damping_n_s_per_m = 60.0)),
     ("contact.damping_n_s_per_m", InContact(|p| p.contact.damping_n_s_per_m = 3e3)),
