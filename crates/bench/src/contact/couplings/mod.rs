@@ -106,16 +106,15 @@ impl Bench<'_> {
     /// In `direct` the arm feels each point: a scene for another coupling gets the stiffest point
     /// that the arm takes.
     fn as_stiff_as_allowed(&self, scene: &Path, mut edits: Vec<Edit>) -> Vec<Edit> {
-        const KEY: &str = "contact.stiffness_n_per_mm";
+        const KEY: &str = "contact.stiffness_n_per_mm3";
         if scenes::load(scene, &edits, self.folder).is_err() {
             let soft: Vec<Edit> =
                 edits.iter().cloned().chain([(KEY, Value::Float(1e-3))]).collect();
             if let Ok(config) = scenes::load(scene, &soft, self.folder) {
                 // Rounded down: the text holds fewer digits than the bound.
-                edits.push((
-                    KEY,
-                    Value::Float(config.parameters.coupling.bound_n_per_m.floor() * 1e-3),
-                ));
+                let n_per_mm = config.parameters.coupling.bound_n_per_m.floor() * 1e-3;
+                let voxel_mm = config.tool.voxel_size_m * 1e3;
+                edits.push((KEY, Value::Float(n_per_mm / (voxel_mm * voxel_mm))));
             }
         }
         edits

@@ -115,7 +115,7 @@ impl Bench<'_> {
         let text = format!(
             "version = 1\n[[static]]\nmesh = \"slope.stl\"\nunits = \"mm\"\nvoxel_size_mm = \
                 1.0\n[tool]\nshape = {{ sphere_mm = 20.0 }}\nvoxel_size_mm = \
-                1.0\nstart_position_mm = [{x:.6}, {y:.6}, {z:.6}]\n[contact]\nstiffness_n_per_mm = \
+                1.0\nstart_position_mm = [{x:.6}, {y:.6}, {z:.6}]\n[contact]\nstiffness_n_per_mm3 = \
                 0.02\n[device]\nprofile = \"sim-ideal\"\nhand = \
                 \"slope-hand.csv\"\n[device.sim]\nhand_stiffness_n_per_m = \
                 5000.0\nhand_damping_n_s_per_m = 50.0\n"

@@ -70,7 +70,7 @@ pub(super) fn ask_hapticd(
     out: &Path,
 ) -> Result<(), BenchError> {
     forget(out)?;
-    let stiffness_n_per_mm = PRESSURE_N_PER_M3 * VOXEL_MM * VOXEL_MM * 1e-9;
+    let stiffness_n_per_mm3 = PRESSURE_N_PER_M3 * 1e-9;
     let [tool_keys, tables] = setting.keys;
     // JSON and TOML quote alike.
     let [part, tool] = [PART, TOOL]
@@ -79,7 +79,7 @@ pub(super) fn ask_hapticd(
         "version = 1\n[[static]]\nmesh = {part}\nunits = \"m\"\nvoxel_size_mm = \
             {VOXEL_MM}\n[tool]\nmesh = {tool}\nunits = \"m\"\nvoxel_size_mm = \
             {VOXEL_MM}\n{tool_keys}[device]\nprofile = \
-            \"sim-sigma7\"\n[contact]\nstiffness_n_per_mm = {stiffness_n_per_mm}\n{tables}"
+            \"sim-sigma7\"\n[contact]\nstiffness_n_per_mm3 = {stiffness_n_per_mm3}\n{tables}"
     );
     let toml = out.with_extension("toml");
     files::write(toml.clone(), &text)?;
