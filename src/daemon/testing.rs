@@ -16,7 +16,7 @@ voxel_size_mm = 2.0
 shape = { box_mm = [20.0, 20.0, 20.0] }
 voxel_size_mm = 2.0
 [contact]
-stiffness_n_per_mm = 5.0
+stiffness_n_per_mm3 = 1.25
 [device]
 profile = "sim-sigma7"
 "#;

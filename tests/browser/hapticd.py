@@ -32,7 +32,7 @@ mass_g = 100.0
 start_position_mm = [0.0, 0.0, 15.0]
 
 [contact]
-stiffness_n_per_mm = 5.0
+stiffness_n_per_mm3 = 2.222222222222222
 
 [device]
 profile = "sim-sigma7"

@@ -28,6 +28,9 @@ voxel_size_mm = 1.0
 mass_g = 100.0
 start_position_mm = [0.0, 0.0, 25.0]
 
+[contact]
+stiffness_n_per_mm3 = 5.0
+
 [device]
 profile = "sim-sigma7"
 hand = "above.csv"

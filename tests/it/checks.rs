@@ -221,20 +221,19 @@ fn a_part_as_large_as_a_house_has_its_unit_doubted_first() {
 }
 
 #[test]
-fn a_stiffness_that_no_client_could_set_is_warned_of_and_accepted() {
+fn a_stiffness_that_is_likely_in_another_unit_is_warned_of_and_accepted() {
     let dir = tempfile::tempdir().unwrap();
     let write = |text: &str| fs::write(dir.path().join("scene.toml"), scene(PLANE, text)).unwrap();
     let warning = |value: &str| {
         format!(
-            "warning: scene.toml:14: contact.stiffness_n_per_mm = {value}: outside 0.25 to 20 \
-                N/mm, the range that the page gives a scene with the default of 5 N/mm; write 0.25 \
-                to 20; is the unit right? 1 N/mm is 1000 N/m"
+            "warning: scene.toml:14: contact.stiffness_n_per_mm3 = {value}: far from the default of \
+                20 N/mm³; write 1 to 400 N/mm³; is the unit right? 1 N/mm³ is 1e9 N/m³"
         )
     };
     for (value, is_reported) in
-        [("0.24", true), ("0.25", false), ("20", false), ("20.1", true), ("500000", true)]
+        [("0.99", true), ("1", false), ("400", false), ("401", true), ("500000", true)]
     {
-        write(&format!("[contact]\nstiffness_n_per_mm = {value}\n"));
+        write(&format!("[contact]\nstiffness_n_per_mm3 = {value}\n"));
         let expected = if is_reported { vec![warning(value)] } else { Vec::new() };
         assert_eq!(said(dir.path(), "warning: ", 0), expected);
     }
@@ -242,7 +241,7 @@ fn a_stiffness_that_no_client_could_set_is_warned_of_and_accepted() {
     let reported = &json["files"][0]["problems"][0];
     for (key, value) in [
         ("severity", "warning"),
-        ("key", "contact.stiffness_n_per_mm"),
+        ("key", "contact.stiffness_n_per_mm3"),
         ("value", "500000"),
         ("file", "scene.toml"),
     ] {
@@ -250,12 +249,45 @@ fn a_stiffness_that_no_client_could_set_is_warned_of_and_accepted() {
     }
     assert!(
         reported["line"] == 14
-            && reported["hint"].as_str().unwrap().starts_with("write 0.25 to 20"),
+            && reported["hint"].as_str().unwrap().starts_with("write 1 to 400 N/mm³"),
         "{reported}"
     );
     // There it does nothing.
-    write("[contact]\nstiffness_n_per_mm = 500000\n[rendering]\ncoupling = \"constraint\"\n");
+    write("[contact]\nstiffness_n_per_mm3 = 500000\n[rendering]\ncoupling = \"constraint\"\n");
     assert_eq!(said(dir.path(), "warning: ", 0), Vec::<String>::new());
+    // What the arm takes is the default there, and no reason to warn.
+    for voxel_mm in ["0.25", "1.0", "4.0"] {
+        let text = scene(PLANE, "[rendering]\ncoupling = \"direct\"\n")
+            .replace("_mm = 1.0", &format!("_mm = {voxel_mm}"));
+        fs::write(dir.path().join("scene.toml"), text).unwrap();
+        assert_eq!(said(dir.path(), "warning: ", 0), Vec::<String>::new());
+    }
+}
+
+#[test]
+fn the_stiffness_of_a_voxel_is_accepted_with_the_line_to_write() {
+    let dir = tempfile::tempdir().unwrap();
+    let write = |text: &str| fs::write(dir.path().join("scene.toml"), text).unwrap();
+    let old = "[contact]\nstiffness_n_per_mm = 5.0\n";
+    for (voxel_mm, line) in [
+        ("0.5", "stiffness_n_per_mm3 = 20.0"),
+        ("1.0", "stiffness_n_per_mm3 = 5.0"),
+        ("1.5", "stiffness_n_per_mm3 = 2.222222222222222"),
+    ] {
+        let text = scene(PLANE, old).replace("_mm = 1.0", &format!("_mm = {voxel_mm}"));
+        write(&text);
+        let warning = format!(
+            "warning: scene.toml:14: contact.stiffness_n_per_mm = 5.0: of each square of the tool's \
+                voxel edge, so that another voxel size feels different; write {line}"
+        );
+        assert_eq!(said(dir.path(), "warning: ", 0), [warning]);
+        write(&text.replace("stiffness_n_per_mm = 5.0", line));
+        assert_eq!(said(dir.path(), "warning: ", 0), Vec::<String>::new());
+    }
+    write(&scene(PLANE, "[contact]\nstiffness_n_per_mm = 500\n"));
+    let warnings = said(dir.path(), "warning: ", 0);
+    let outside = "contact.stiffness_n_per_mm = 500: that is 500 N/mm³, far from";
+    assert!(warnings.len() == 2 && warnings[1].contains(outside), "{warnings:?}");
 }
 
 #[test]

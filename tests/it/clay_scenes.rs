@@ -175,7 +175,7 @@ fn press(to_mm: f64) -> [(f64, [f64; 3]); 4] {
 const ONLY_HAND: SculptTool<'_> = SculptTool {
     sculpt: "",
     tool_mm: 3.0,
-    contact: "stiffness_n_per_mm = 1.0",
+    contact: "stiffness_n_per_mm3 = 4.0",
     hand: &[],
     strokes: "",
 };
@@ -439,7 +439,7 @@ fn booleans_by_script_leave_the_volume_of_the_lens_formula() {
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn booleans_by_hand_join_and_cut_the_ball_in_the_hand() {
     // Soft contact: the hand's ball is far in the clay when it is held.
-    let contact = "stiffness_n_per_mm = 0.005";
+    let contact = "stiffness_n_per_mm3 = 0.02";
     let hand = [
         (0.0, [0.0, 0.0, 27.0]),
         (0.5, [0.0, 0.0, 10.0]),

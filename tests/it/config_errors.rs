@@ -5,6 +5,7 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
+use hapticd::config::scene::StiffnessKey;
 use hapticd::config::{self, ConfigErrors, LoadOptions, ProblemKind, SceneConfig};
 use haptics::CouplingMode;
 use vps::mesh::primitives::Shape;
@@ -230,8 +231,15 @@ error: scene.toml:28: coupling.rotation_nm_per_rad = 1.2: the arm would feel 1.2
     stiffness_above_the_bound_of_a_scaled_and_delayed_arm: with("profile =", "world_from_device = \
         { scale = 2 }\nsim = { delay_ticks = 3 }\nprofile =") + "[coupling]\ntranslation_n_per_mm = 2\n" => r"error: scene.toml:29: coupling.translation_n_per_mm = 2: the arm would feel 4000 N/m, above its stability bound of 1714.29 N/m = min(0.8 b / (T/2 + delay), declared 4000) with b = 7.5, T = 1 ms, delay = 3 ticks
   hint: write at most 0.8571 N/mm, leave the key out to get the bound itself, or set rendering.allow_unstable = true";
-    contact_stiffness_above_the_bound_in_direct_mode: with("rate_hz = 1000", "coupling = \"direct\"") + "[contact]\nstiffness_n_per_mm = 2\n" => r"error: scene.toml:27: contact.stiffness_n_per_mm = 2: the arm would feel 2000 N/m, above its stability bound of 1425.44 N/m = min(0.8 b / (T/2 + delay), declared 4000) with b = 7.5, T = 1 ms, delay = 1 tick + 2.70924 ms of filter
+    contact_stiffness_above_the_bound_in_direct_mode: with("rate_hz = 1000", "coupling = \"direct\"") + "[contact]\nstiffness_n_per_mm3 = 8\n" => r"error: scene.toml:27: contact.stiffness_n_per_mm3 = 8: the arm would feel 2000 N/m, above its stability bound of 1425.44 N/m = min(0.8 b / (T/2 + delay), declared 4000) with b = 7.5, T = 1 ms, delay = 1 tick + 2.70924 ms of filter
+  hint: write at most 5.701 N/mm³, leave the key out to get the bound itself, or set rendering.allow_unstable = true";
+    old_contact_stiffness_above_the_bound_in_direct_mode: with("rate_hz = 1000", "coupling = \"direct\"") + "[contact]\nstiffness_n_per_mm = 2\n" => r"error: scene.toml:27: contact.stiffness_n_per_mm = 2: the arm would feel 2000 N/m, above its stability bound of 1425.44 N/m = min(0.8 b / (T/2 + delay), declared 4000) with b = 7.5, T = 1 ms, delay = 1 tick + 2.70924 ms of filter
   hint: write at most 1.425 N/mm, leave the key out to get the bound itself, or set rendering.allow_unstable = true";
+    both_stiffnesses_of_contact: SCENE.to_owned() + "[contact]\nstiffness_n_per_mm3 = 20\nstiffness_n_per_mm = 5\n" => "error: scene.toml:28: contact.stiffness_n_per_mm = 5: cannot stand beside contact.stiffness_n_per_mm3; give exactly one of the two";
+    contact_stiffer_than_any: SCENE.to_owned() + "[contact]\nstiffness_n_per_mm3 = 4000001\n" => "error: scene.toml:27: contact.stiffness_n_per_mm3 = 4000001: must be greater than 0 and at most 4000000 N/mm³: times the square of the tool's voxel_size_mm = 0.5 it is at most 1000000 N/mm";
+    old_contact_stiffer_than_any: SCENE.to_owned() + "[contact]\nstiffness_n_per_mm = 1000001\n" => "error: scene.toml:27: contact.stiffness_n_per_mm = 1000001: must be greater than 0 and at most 1000000 N/mm";
+    contact_without_stiffness: SCENE.to_owned() + "[contact]\nstiffness_n_per_mm3 = 0\n" => "error: scene.toml:27: contact.stiffness_n_per_mm3 = 0: must be finite and greater than 0 N/mm³";
+    contact_of_a_tool_without_a_voxel: with("sphere_mm = 5 }\nvoxel_size_mm = 0.5", "sphere_mm = 5 }\nvoxel_size_mm = 0") + "[contact]\nstiffness_n_per_mm3 = 20\n" => "error: scene.toml:21: tool.voxel_size_mm = 0: must be greater than 0 and at most 1000 mm";
     damping_above_the_profile: SCENE.to_owned() + "[coupling]\ndamping_n_s_per_m = 31\n" => "error: scene.toml:27: coupling.damping_n_s_per_m = 31: must be from 0 to 30 N·s/m: the arm's profile takes 30 at most, and it feels this times scale";
     cutoff_the_wrong_way_round: SCENE.to_owned() + "[filter]\ncutoff_hz = [300, 50]\n" => "error: scene.toml:27: filter.cutoff_hz = [300, 50]: must be [lowest, highest] in Hz, the lowest first";
     overrun_of_none: SCENE.to_owned() + "[safety]\noverrun = 0\n" => r#"error: scene.toml:27: safety.overrun = 0: must be a whole number of consecutive missed ticks from 1 to 1000, which is a second of them, or "off""#;
@@ -373,12 +381,33 @@ fn safety_keys_are_ranges_and_words() {
     assert!(errors.contains("the number of a button or \"off\""), "{errors}");
 }
 
+/// To the bit: scenes of version 0.1.0, also those in recordings, feel as they did.
+#[test]
+fn the_stiffness_of_a_voxel_is_taken_as_it_is() {
+    for n_per_mm in ["5.0", "0.3", "4.999999999999999", "1e-7", "123.456"] {
+        for voxel_mm in ["0.5", "0.3", "1.7"] {
+            let tool = format!("sphere_mm = 5 }}\nvoxel_size_mm = {voxel_mm}");
+            let scene = with("sphere_mm = 5 }\nvoxel_size_mm = 0.5", &tool);
+            let config = load(&format!("{scene}[contact]\nstiffness_n_per_mm = {n_per_mm}\n"))
+                .unwrap_or_else(|errors| panic!("{errors}"));
+            let expected = n_per_mm.parse::<f64>().unwrap() / 1e-3;
+            assert_eq!(config.parameters.contact.stiffness_n_per_m, expected);
+            let StiffnessKey::OfPoint { n_per_mm3 } = config.stiffness_key else { panic!() };
+            let now = load(&format!("{scene}[contact]\nstiffness_n_per_mm3 = {n_per_mm3:?}\n"))
+                .unwrap_or_else(|errors| panic!("{errors}"));
+            assert_eq!(now.stiffness_key, StiffnessKey::OfVolume);
+            let same = now.parameters.contact.stiffness_n_per_m / expected;
+            assert!((same - 1.0).abs() < 1e-15, "{n_per_mm} at {voxel_mm}: {same}");
+        }
+    }
+}
+
 /// What takes speed from the virtual tool needs one that has a speed of its own.
 #[test]
 fn brakes_and_dampers_are_for_couplings_with_mass() {
     let with = |coupling: &str| {
         let keys = "[contact]\nbraking = true\ndamping_n_s_per_m = 12.5\ngeometric_awareness = \
-            \"off\"\nstiffness_n_per_mm = 0.1\n";
+            \"off\"\nstiffness_n_per_mm3 = 0.4\n";
         load(
             &(SCENE.replace("[rendering]", &format!("[rendering]\ncoupling = \"{coupling}\""))
                 + keys),

@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 
 use glam::{DQuat, DVec3};
 
+use super::program::hapticd;
 use super::rig::{self, Run};
 
 /// Where the hand is, s and mm from the tool's start.
@@ -83,12 +84,12 @@ fn no_tool_is_dragged_over_a_plane_without_friction() {
 fn a_face_that_lands_flat_publishes_no_more_than_twice_what_the_hand_presses() {
     // Its lower side is 1000 mm².
     // At 10⁸ N/m a little more: see the known limits.
-    for (stiffness_n_per_mm, most) in [(2.5, 2.0), (25.0, 2.2)] {
+    for (stiffness_n_per_mm3, most) in [(10.0, 2.0), (100.0, 2.2)] {
         let text = format!(
             "version = 1\n[[static]]\nname = \"floor\"\nshape = {{ plane_mm = [60.0, 60.0] \
                 }}\nvoxel_size_mm = 0.5\n[tool]\nshape = {{ box_mm = [31.6, 31.6, 10.0] \
-                }}\nvoxel_size_mm = 0.5\nSTART\n[contact]\nstiffness_n_per_mm = \
-                {stiffness_n_per_mm}\n[filter]\nspatial = false\n[device]\nprofile = \
+                }}\nvoxel_size_mm = 0.5\nSTART\n[contact]\nstiffness_n_per_mm3 = \
+                {stiffness_n_per_mm3}\n[filter]\nspatial = false\n[device]\nprofile = \
                 \"sim-sigma7\"\nhand = \"HAND\"\n[device.sim]\nhand_stiffness_n_per_m = \
                 2000.0\nhand_damping_n_s_per_m = 20.0\n"
         );
@@ -100,8 +101,47 @@ fn a_face_that_lands_flat_publishes_no_more_than_twice_what_the_hand_presses() {
         };
         let contact_n = peak(|record| record.output.contact_world.force);
         let felt_n = peak(|record| record.output.command_device.force);
-        eprintln!("{stiffness_n_per_mm} N/mm: contact {contact_n:.2} N, felt {felt_n:.2} N");
+        eprintln!("{stiffness_n_per_mm3} N/mm³: contact {contact_n:.2} N, felt {felt_n:.2} N");
         assert!(felt_n > 1.0 && contact_n < most * felt_n, "{contact_n} N for {felt_n} N");
+    }
+}
+
+#[test]
+fn a_press_has_the_same_force_at_any_voxel_size() {
+    const AREA_MM2: f64 = 20.0 * 20.0;
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    let write = |name: &str, text: String| {
+        std::fs::write(dir.path().join(name), text).expect("written");
+    };
+    let depths_mm = [0.1, 0.3];
+    let poses = depths_mm.map(|depth_mm| format!("0,0,0,{},0,0,0,1\n", 5.0 - depth_mm)).concat();
+    write("poses.csv", format!("t_s,x_mm,y_mm,z_mm,qx,qy,qz,qw\n{poses}"));
+    for (n_per_mm3, contact) in [(20.0, ""), (3.0, "stiffness_n_per_mm3 = 3.0")] {
+        for voxel_mm in [0.25, 0.5, 1.0] {
+            write(
+                "scene.toml",
+                format!(
+                    "version = 1\n[[static]]\nshape = {{ plane_mm = [40, 40] }}\nvoxel_size_mm = \
+                        0.5\n[tool]\nshape = {{ box_mm = [20, 20, 10] }}\nvoxel_size_mm = \
+                        {voxel_mm}\n[contact]\n{contact}\n"
+                ),
+            );
+            let ended = hapticd(
+                dir.path(),
+                "eval scene.toml --poses poses.csv --out - --cache off --quiet",
+            );
+            assert_eq!(ended.code, Some(0), "{}", ended.stderr);
+            for (line, depth_mm) in ended.stdout.lines().skip(1).zip(depths_mm) {
+                let force_n: f64 =
+                    line.split(',').nth(3).and_then(|text| text.parse().ok()).expect("a force");
+                let expected_n = n_per_mm3 * AREA_MM2 * depth_mm;
+                assert!(
+                    (force_n / expected_n - 1.0).abs() < 0.01,
+                    "{n_per_mm3} N/mm³ at {voxel_mm} mm, {depth_mm} mm deep: {force_n} N, expected \
+                        {expected_n} N"
+                );
+            }
+        }
     }
 }
 

@@ -64,10 +64,17 @@ pub(crate) struct Ended {
     pub(crate) stderr: String,
 }
 
+/// The scene with more keys at its end. Its stiffness is that of its messages of version 0.1.0.
+fn text(more: &str) -> String {
+    let contact =
+        if more.contains("[contact]") { "" } else { "[contact]\nstiffness_n_per_mm3 = 1.25\n" };
+    format!("{SCENE}{contact}{more}")
+}
+
 /// A folder with the scene `press.toml`, with more keys at its end.
 pub(crate) fn folder(more: &str) -> TempDir {
     let folder = tempfile::tempdir().unwrap();
-    fs::write(folder.path().join("press.toml"), format!("{SCENE}{more}")).unwrap();
+    fs::write(folder.path().join("press.toml"), text(more)).unwrap();
     fs::write(folder.path().join("hand.csv"), HAND).unwrap();
     folder
 }
@@ -413,7 +420,7 @@ pub(crate) fn length(vector: &Value) -> f64 {
 
 pub(crate) fn scene_file(folder: &TempDir, name: &str, more: &str) -> PathBuf {
     let path = folder.path().join(name);
-    fs::write(&path, format!("{SCENE}{more}")).unwrap();
+    fs::write(&path, text(more)).unwrap();
     path
 }
 

@@ -455,7 +455,7 @@ voxel_size_mm = 1.0
 mass_g = 100.0
 start_position_mm = [0, 0, 6.0]
 [contact]
-stiffness_n_per_mm = 5.0
+stiffness_n_per_mm3 = 5.0
 [device]
 profile = "sim-sigma7"
 "#;

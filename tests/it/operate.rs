@@ -48,7 +48,7 @@ shape = { box_mm = [20.0, 20.0, 20.0] }
 voxel_size_mm = 2.0
 start_position_mm = [0, 0, 15]
 [contact]
-stiffness_n_per_mm = 5.0
+stiffness_n_per_mm3 = 1.25
 [device]
 profile = "sim-sigma7"
 "#;
@@ -622,7 +622,7 @@ fn a_hangup_reads_the_scene_again() {
     run.signal("HUP");
     run.wait_for("reload: nothing has changed");
 
-    write(dir.path(), "= 5.0", "= 4.0\nfriction = { static = 0.3, dynamic = 0.2 }");
+    write(dir.path(), "= 1.25", "= 1.0\nfriction = { static = 0.3, dynamic = 0.2 }");
     run.signal("HUP");
     let tuned = "reload: contact_stiffness_n_per_m 5000 -> 4000, friction_static 0 -> 0.3, \
         friction_dynamic 0 -> 0.2";
@@ -686,7 +686,7 @@ fn a_hangup_takes_parameters_of_a_scene_with_clay_and_leaves_the_clay() {
     let line = "sculpt a.toml --cache off --realtime best-effort --monitor off";
     let mut run = Running::start(program(dir.path()).args(line.split_whitespace()));
     run.wait_for("state: enabled");
-    write(&scene.replace("= 5.0", "= 4.0"));
+    write(&scene.replace("= 1.25", "= 1.0"));
     run.signal("HUP");
     run.wait_for("reload: contact_stiffness_n_per_m 5000 -> 4000");
     write(&scene.replace("raster = [12", "raster = [16"));
@@ -708,7 +708,7 @@ fn a_watched_scene_follows_its_files() {
         .replace("15]", "35]");
     fs::write(dir.path().join("a.toml"), &scene).unwrap();
     let mut run = running(dir.path(), "--watch");
-    fs::write(dir.path().join("a.toml"), scene.replace("= 5.0", "= 3.0")).unwrap();
+    fs::write(dir.path().join("a.toml"), scene.replace("= 1.25", "= 0.75")).unwrap();
     run.wait_for("reload: a file has changed");
     run.wait_for("reload: contact_stiffness_n_per_m 5000 -> 3000");
     // A mesh that an editor writes anew, under the same name.
@@ -749,7 +749,7 @@ fn a_service_manager_hears_of_a_reload() {
     let run = Running::start(command.env("NOTIFY_SOCKET", &manager.path));
     manager.hear_until("READY=1");
     manager.hear_until("STATUS=enabled");
-    write(dir.path(), "= 5.0", "= 4.0");
+    write(dir.path(), "= 1.25", "= 1.0");
     run.signal("HUP");
     let message = loop {
         let message = manager.hear();

@@ -38,10 +38,11 @@ impl Bench {
             "version = 1\nname = \"real meshes\"\n\n[[static]]\nname = \"fixed\"\nmesh = \
                 {:?}\nunits = \"m\"\nvoxel_size_mm = {fixed_voxel_mm:?}\nlayers = \
                 8\n\n[tool]\nmesh = {:?}\nunits = \"m\"\nvoxel_size_mm = {tool_voxel_mm:?}\nmass_g \
-                = 80.0\n\n[contact]\nstiffness_n_per_mm = 5.0\ndamping_ratio = \
+                = 80.0\n\n[contact]\nstiffness_n_per_mm3 = {:?}\ndamping_ratio = \
                 0.7\n\n[device]\nprofile = \"sim-sigma7\"\nhand = {:?}\n",
             models.join(fixed),
             models.join(tool),
+            5.0 / (tool_voxel_mm * tool_voxel_mm),
             hand,
         );
         std::fs::write(&hand, format!("{HEADER}\n0,0,0,0,0,0,0,1\n")).expect("written");

@@ -338,7 +338,7 @@ fn a_tool_that_starts_pressed_waits_for_a_small_force_and_the_hand_ends_it() {
     let replacements = [
         ("start_position_mm = [0.0, 0.0, 15.0]", "start_position_mm = [0.0, 0.0, 8.5]"),
         ("coupling = \"implicit\"", "coupling = \"direct\""),
-        ("stiffness_n_per_mm = 5.0", "stiffness_n_per_mm = 1.4"),
+        ("stiffness_n_per_mm3 = 2.222222222222222", "stiffness_n_per_mm3 = 0.622"),
     ];
     let (_folder, config) = with_hand(&hand, &replacements);
     let played = play(&config, 3000, |_| (), |_, _| ());

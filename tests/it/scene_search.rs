@@ -210,7 +210,7 @@ fn scenario(seed: u64) -> Scenario {
     let friction = if mode == "constraint" { 0.0 } else { friction };
     let hand = (dice.scaled(100.0, 2000.0), dice.scaled(1.0, 20.0), dice.scaled(50.0, 250.0));
     let contact =
-        if mode == "direct" { None } else { dice.pick(&[None, Some(0.5), Some(2.0), Some(20.0)]) };
+        if mode == "direct" { None } else { dice.pick(&[None, Some(2.0), Some(8.0), Some(80.0)]) };
     let delay = dice.pick(&[None, None, None, Some(0), Some(2), Some(4)]);
     let softer = dice.pick(&[None, None, Some(0.6), Some(0.3)]);
     let action = dice.pick(&["tap", "tap", "hold", "hold", "slide", "twist"]);
@@ -237,7 +237,7 @@ fn scenario(seed: u64) -> Scenario {
             );
         }
         if let Some(contact) = contact {
-            let _ = writeln!(text, "stiffness_n_per_mm = {contact}");
+            let _ = writeln!(text, "stiffness_n_per_mm3 = {contact}");
         }
         if let Some((n_per_m, nm_per_rad)) = stiffness {
             let _ = writeln!(

@@ -172,7 +172,7 @@ fn the_hand_goes_where_it_is_asked_to_and_a_run_with_a_reset_is_replayed() {
 #[test]
 fn another_scene_takes_over_and_is_reported() {
     let folder = super::folder("");
-    scene_file(&folder, "other.toml", "[contact]\nstiffness_n_per_mm = 2.0\n");
+    scene_file(&folder, "other.toml", "[contact]\nstiffness_n_per_mm3 = 0.5\n");
     scene_file(&folder, "faster.toml", "[rendering]\nrate_hz = 500\n");
     scene_file(&folder, "held.toml", "[safety]\ndeadman = 2\n");
     std::fs::write(folder.path().join("wrong.toml"), "version = 1\n").unwrap();
@@ -276,7 +276,7 @@ fn a_limit_that_a_client_lowered_stays_lowered_in_every_scene_until_a_client_rai
     scene_file(
         &folder,
         "other.toml",
-        "[contact]\nstiffness_n_per_mm = 2.0\n[limits]\nforce_n = 1.8\n",
+        "[contact]\nstiffness_n_per_mm3 = 0.5\n[limits]\nforce_n = 1.8\n",
     );
     let mut daemon = Daemon::of(folder, "--watch --record run.mcap", &[]);
     daemon.wait_for("state: enabled");
@@ -318,14 +318,14 @@ fn a_limit_that_a_client_lowered_stays_lowered_in_every_scene_until_a_client_rai
     scene_file(
         &daemon.folder,
         "other.toml",
-        "[contact]\nstiffness_n_per_mm = 3.0\n[limits]\nforce_n = 1.8\n",
+        "[contact]\nstiffness_n_per_mm3 = 0.75\n[limits]\nforce_n = 1.8\n",
     );
     daemon.wait_for("reload: contact_stiffness_n_per_m");
     stays("read again", 1);
     scene_file(
         &daemon.folder,
         "other.toml",
-        "[contact]\nstiffness_n_per_mm = 3.0\n[limits]\nforce_n = 2.5\n",
+        "[contact]\nstiffness_n_per_mm3 = 0.75\n[limits]\nforce_n = 2.5\n",
     );
     stays("baked again", 2);
     assert_eq!(
@@ -358,10 +358,10 @@ fn a_scene_that_is_refused_when_it_is_read_again_is_reported_with_the_reason() {
     let mut daemon = Daemon::start("", "--watch");
     daemon.wait_for("state: enabled");
     let mut client = daemon.connect();
-    scene_file(&daemon.folder, "press.toml", "[contact]\nstiffness_n_per_mm = -2.0\n");
+    scene_file(&daemon.folder, "press.toml", "[contact]\nstiffness_n_per_mm3 = -2.0\n");
     let event = client.event("scene", "refused");
     assert_eq!(event["names"], json!(["refused", "press"]));
-    assert!(event["text"].as_str().unwrap().contains("contact.stiffness_n_per_mm"), "{event}");
+    assert!(event["text"].as_str().unwrap().contains("contact.stiffness_n_per_mm3"), "{event}");
     assert!(event["tick"].as_u64() > Some(0), "{event}");
 }
 
