@@ -8,7 +8,7 @@ use super::braking::{Brake, Braking};
 use super::clay::Held;
 use super::constraint::{self, Pace, SLOP_VOXELS};
 use super::contact_damping;
-use super::coupling::{Body, LinearContact, Spring, StepInput};
+use super::coupling::{Body, Inertia, LinearContact, Spring, StepInput};
 use super::filter::{ShapingFilter, Slide};
 use super::friction::{Friction, FrictionWrench};
 use super::limits::Ramp;
@@ -196,10 +196,8 @@ impl VirtualTool {
         let Query { scene, p, .. } = *query;
         let Touch { contact, way, clay, deepest, brake } = touch;
         if coupling.mode == CouplingMode::Direct {
-            return Some(Pull {
-                wrench: self.direct(contact, rubbing, coupling, p),
-                ..Pull::default()
-            });
+            let wrench = self.direct((scene, p), contact, rubbing, coupling)?;
+            return Some(Pull { wrench, ..Pull::default() });
         }
         let radius_m = scene.tool.shell.radius_m();
         let (target_pose, target_twist) = target;
@@ -388,9 +386,7 @@ impl VirtualTool {
     ) -> Option<Twist> {
         let inertia = &scene.tool.inertia;
         let coupled = StepInput::critical_damping(coupling, inertia);
-        // An implicit step over what has none would not be solvable for every stiffness.
-        let held =
-            contact.stiffness.positive_part(&inertia.in_world(self.body.pose.rotation_matrix()))?;
+        let held = self.held(contact, inertia)?;
         let (along, about) = held.bounds();
         let contact_rad_per_s =
             (along / inertia.mass_kg).max(about / inertia.least_kg_m2).max(0.0).sqrt();
@@ -446,18 +442,26 @@ impl VirtualTool {
         Some(seen + ground)
     }
 
+    /// The part of a contact's stiffness that holds the tool: over another an implicit step would
+    /// not be solvable, and a sum of eigenvalues would say too little of the largest.
+    fn held(&self, contact: &ContactSum, inertia: &Inertia) -> Option<Mat6> {
+        contact.stiffness.positive_part(&inertia.in_world(self.body.pose.rotation_matrix()))
+    }
+
     /// No virtual tool: the shell stands where the arm is, the arm gets the filtered contact
-    /// wrench, its stiffness limited to what the arm can take.
+    /// wrench, its stiffness limited to what the arm can take. `None` on non-finite input.
     fn direct(
         &mut self,
+        (scene, p): (&RenderScene, &Parameters),
         contact: &ContactSum,
         rubbing: &FrictionWrench,
         coupling: &CouplingParameters,
-        p: &Parameters,
-    ) -> Wrench {
-        let stiffness = contact.stiffness.plus_scaled(1.0, &rubbing.stiffness);
+    ) -> Option<Wrench> {
+        let held = self.held(contact, &scene.tool.inertia)?;
+        let stiffness = held.plus_scaled(1.0, &rubbing.stiffness);
         let share = within(stiffness.bounds(), (coupling.bound_n_per_m, coupling.bound_nm_per_rad));
-        self.shaped((contact, contact.wrench * share), 0.0, p) + rubbing.wrench * share
+        let shaped = self.shaped((contact, contact.wrench * share), 0.0, p);
+        Some(shaped + rubbing.wrench * share)
     }
 
     /// What is met of a contact through the dynamic shaping filter.
