@@ -300,7 +300,12 @@ fn agreeing(velocity: DVec3, way: DVec3) -> DVec3 {
 }
 
 #[cfg(test)]
-#[expect(clippy::indexing_slicing, reason = "test code")]
+#[expect(
+    clippy::disallowed_types,
+    clippy::disallowed_macros,
+    clippy::indexing_slicing,
+    reason = "test code"
+)]
 mod tests {
     use super::*;
     use crate::testing::parameters;

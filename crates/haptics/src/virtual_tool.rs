@@ -25,6 +25,14 @@ const CONTACT_RISE_S: f64 = 5e-3;
 /// How far the shell may follow the arm in one tick without a virtual tool, voxels.
 const SEEN_VOXELS: f64 = 2.9;
 
+/// A contact in which no point goes by more than this share of the largest depth is known well
+/// enough from where the step begins.
+const STEADY_SHARE: f64 = 0.25;
+
+/// A query that looks at more, for each second of the period, takes too much of a tick to be made
+/// twice: some 100 µs of a millisecond.
+const MOST_POINTS_PER_S: f64 = 8.0e6;
+
 /// Share of the squared frequency of turns that counts for the damping ratio.
 const TURNS_COUNT: f64 = 0.01;
 
@@ -294,10 +302,14 @@ impl VirtualTool {
                     linear: reached.twist.linear * p.period_s,
                     angular: reached.twist.angular * p.period_s,
                 };
-                if way.linear.length() + way.angular.length() * radius_m < -contact.max_value_m {
+                let goes_m = way.linear.length() + way.angular.length() * radius_m;
+                let changes =
+                    goes_m >= (STEADY_SHARE * contact.max_value_m).max(-contact.max_value_m);
+                let most_points = MOST_POINTS_PER_S * p.period_s.min(1e-3);
+                if !changes || f64::from(contact.looked_at) > most_points {
                     step
                 } else {
-                    // A contact that begins or ends in this tick is not known at its start.
+                    // A contact that begins, ends or grows in this tick is not known at its start.
                     let rigid = query.rigid(reached.pose, None);
                     let again = clay.map_or(rigid, |mut clay| {
                         clay.wrench = clay.wrench - pushed(&clay.stiffness, way);
@@ -546,5 +558,5 @@ fn slide_speed(contact: &ContactSum, tool: Twist) -> f64 {
 }
 
 #[cfg(test)]
-#[expect(clippy::expect_used, reason = "test code")]
+#[expect(clippy::disallowed_types, clippy::expect_used, reason = "test code")]
 pub(crate) mod tests;
