@@ -25,13 +25,9 @@ const CONTACT_RISE_S: f64 = 5e-3;
 /// How far the shell may follow the arm in one tick without a virtual tool, voxels.
 const SEEN_VOXELS: f64 = 2.9;
 
-/// A contact in which no point goes by more than this share of the largest depth is known well
-/// enough from where the step begins.
-const STEADY_SHARE: f64 = 0.25;
-
 /// A query that looks at more, for each second of the period, takes too much of a tick to be made
-/// twice: some 100 µs of a millisecond.
-const MOST_POINTS_PER_S: f64 = 8.0e6;
+/// twice in each: some 40 µs of a millisecond.
+const MOST_POINTS_PER_S: f64 = 2.0e6;
 
 /// Share of the squared frequency of turns that counts for the damping ratio.
 const TURNS_COUNT: f64 = 0.01;
@@ -100,6 +96,8 @@ pub(super) struct VirtualTool {
     target: Option<Pose>,
     /// In free space: it stood where the arm wanted it in the last tick.
     tracks: bool,
+    /// Something touched it in the last tick.
+    touched: bool,
     /// How far a point of the tool may go in the next tick without a virtual tool, m.
     step_limit_m: f64,
 }
@@ -116,6 +114,7 @@ impl VirtualTool {
             contact_gain: Ramp::default(),
             target: None,
             tracks: false,
+            touched: false,
             step_limit_m: 0.0,
         }
     }
@@ -242,6 +241,7 @@ impl VirtualTool {
         }
         self.tracks &= is_unfelt;
         if self.tracks {
+            self.touched = false;
             self.contact_gain.reset();
             self.unfelt = spring(self.body.pose).wrench * -1.0;
             return Some(Pull::default());
@@ -303,13 +303,14 @@ impl VirtualTool {
                     angular: reached.twist.angular * p.period_s,
                 };
                 let goes_m = way.linear.length() + way.angular.length() * radius_m;
-                let changes =
-                    goes_m >= (STEADY_SHARE * contact.max_value_m).max(-contact.max_value_m);
+                let is_clear = goes_m < -contact.max_value_m;
+                // A landing is looked at again however much there is: it is one tick.
                 let most_points = MOST_POINTS_PER_S * p.period_s.min(1e-3);
-                if !changes || f64::from(contact.looked_at) > most_points {
+                let is_large = f64::from(contact.looked_at) > most_points;
+                if is_clear || (self.touched && is_large) {
                     step
                 } else {
-                    // A contact that begins, ends or grows in this tick is not known at its start.
+                    // A contact that begins or ends in this tick is not known at its start.
                     let rigid = query.rigid(reached.pose, None);
                     let again = clay.map_or(rigid, |mut clay| {
                         clay.wrench = clay.wrench - pushed(&clay.stiffness, way);
@@ -328,6 +329,7 @@ impl VirtualTool {
             }
         };
         self.body = self.body.moved(twist, p.period_s, radius_m, step_limit_m);
+        self.touched = contact.acts();
 
         // The spring after the step: what the tool holds on to now is what the hand feels now.
         let damper = Wrench::new(
