@@ -44,8 +44,8 @@ const OWED_FREELY_J: f64 = 5e-4;
 /// What is left of the wrench however much is owed: a wall stays a wall.
 const LEAST_SHARE: f64 = 0.25;
 
-/// Time at rest after which what is owed beyond that begins to be forgiven, s, and the time
-/// constant in which it is: a hand that rests in contact would feel a part of it for ever.
+/// Time at rest after which what is missing begins to be forgiven, s, and the time constant in which
+/// it is: a hand that rests in contact would feel a part of it for ever.
 const REST_S: f64 = 0.2;
 const FORGIVEN_IN_S: f64 = 0.25;
 
@@ -136,13 +136,15 @@ impl PassivityController {
         before_j - energy_j
     }
 
-    /// Lets what is owed beyond what is free fade, from the most that weakens the wrench further.
+    /// Lets what is missing fade, from the most that weakens the wrench further: of forgotten credit
+    /// as much comes back as the spring holds, else what is owed beyond what is free.
     fn forgive(&mut self, period_s: f64) {
-        let most_j = OWED_FREELY_J * (1.0 - LEAST_SHARE);
-        let owed_j = (-self.budget_j - OWED_FREELY_J).min(most_j);
-        if owed_j > 0.0 {
+        let rests_at_j = self.observer.energy_j().min(self.held_j).max(-OWED_FREELY_J);
+        let weakest_j = OWED_FREELY_J * (LEAST_SHARE - 2.0);
+        let missing_j = rests_at_j - self.budget_j.max(weakest_j);
+        if missing_j > 0.0 {
             let left = (1.0 - period_s / FORGIVEN_IN_S).max(0.0);
-            self.budget_j = -OWED_FREELY_J - owed_j * left;
+            self.budget_j = rests_at_j - missing_j * left;
         }
     }
 
@@ -300,7 +302,12 @@ fn agreeing(velocity: DVec3, way: DVec3) -> DVec3 {
 }
 
 #[cfg(test)]
-#[expect(clippy::indexing_slicing, reason = "test code")]
+#[expect(
+    clippy::disallowed_types,
+    clippy::disallowed_macros,
+    clippy::indexing_slicing,
+    reason = "test code"
+)]
 mod tests {
     use super::*;
     use crate::testing::parameters;
@@ -745,6 +752,20 @@ mod tests {
             assert!(shares.iter().take(199).all(|share| (share - 0.4).abs() < 1e-9), "{what}");
             assert!(shares.is_sorted(), "{what}");
             assert_eq!(shares.last().is_some_and(|share| *share > 0.99), forgiven, "{what}");
+        }
+    }
+
+    #[test]
+    fn at_rest_a_spring_is_paid_by_what_the_port_has_taken() {
+        let arm = injecting(5.0);
+        for (taken_j, is_paid) in [(3e-3, true), (1e-3, false)] {
+            let mut controller = owing(taken_j, 8e-4);
+            for _ in 0..2000 {
+                controller.damped((push(-1.0), 1.5e-3), along(0.0), &arm, &free(), PERIOD_S);
+                controller.observe(at(taken_j + 8e-4), 0, PERIOD_S);
+            }
+            // 1.5 mJ are held, and a quarter of a millijoule is lent.
+            assert_eq!(controller.is_paid(&arm), is_paid, "{taken_j}");
         }
     }
 

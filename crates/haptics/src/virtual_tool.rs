@@ -8,7 +8,7 @@ use super::braking::{Brake, Braking};
 use super::clay::Held;
 use super::constraint::{self, Pace, SLOP_VOXELS};
 use super::contact_damping;
-use super::coupling::{Body, LinearContact, Spring, StepInput};
+use super::coupling::{Body, Inertia, LinearContact, Spring, StepInput};
 use super::filter::{ShapingFilter, Slide};
 use super::friction::{Friction, FrictionWrench};
 use super::limits::Ramp;
@@ -24,6 +24,10 @@ const CONTACT_RISE_S: f64 = 5e-3;
 
 /// How far the shell may follow the arm in one tick without a virtual tool, voxels.
 const SEEN_VOXELS: f64 = 2.9;
+
+/// A query that looks at more, for each second of the period, takes too much of a tick to be made
+/// twice in each: some 40 µs of a millisecond.
+const MOST_POINTS_PER_S: f64 = 2.0e6;
 
 /// Share of the squared frequency of turns that counts for the damping ratio.
 const TURNS_COUNT: f64 = 0.01;
@@ -92,6 +96,8 @@ pub(super) struct VirtualTool {
     target: Option<Pose>,
     /// In free space: it stood where the arm wanted it in the last tick.
     tracks: bool,
+    /// Something touched it in the last tick.
+    touched: bool,
     /// How far a point of the tool may go in the next tick without a virtual tool, m.
     step_limit_m: f64,
 }
@@ -108,6 +114,7 @@ impl VirtualTool {
             contact_gain: Ramp::default(),
             target: None,
             tracks: false,
+            touched: false,
             step_limit_m: 0.0,
         }
     }
@@ -196,10 +203,8 @@ impl VirtualTool {
         let Query { scene, p, .. } = *query;
         let Touch { contact, way, clay, deepest, brake } = touch;
         if coupling.mode == CouplingMode::Direct {
-            return Some(Pull {
-                wrench: self.direct(contact, rubbing, coupling, p),
-                ..Pull::default()
-            });
+            let wrench = self.direct((scene, p), contact, rubbing, coupling)?;
+            return Some(Pull { wrench, ..Pull::default() });
         }
         let radius_m = scene.tool.shell.radius_m();
         let (target_pose, target_twist) = target;
@@ -236,6 +241,7 @@ impl VirtualTool {
         }
         self.tracks &= is_unfelt;
         if self.tracks {
+            self.touched = false;
             self.contact_gain.reset();
             self.unfelt = spring(self.body.pose).wrench * -1.0;
             return Some(Pull::default());
@@ -296,7 +302,12 @@ impl VirtualTool {
                     linear: reached.twist.linear * p.period_s,
                     angular: reached.twist.angular * p.period_s,
                 };
-                if way.linear.length() + way.angular.length() * radius_m < -contact.max_value_m {
+                let goes_m = way.linear.length() + way.angular.length() * radius_m;
+                let is_clear = goes_m < -contact.max_value_m;
+                // A landing is looked at again however much there is: it is one tick.
+                let most_points = MOST_POINTS_PER_S * p.period_s.min(1e-3);
+                let is_large = f64::from(contact.looked_at) > most_points;
+                if is_clear || (self.touched && is_large) {
                     step
                 } else {
                     // A contact that begins or ends in this tick is not known at its start.
@@ -318,6 +329,7 @@ impl VirtualTool {
             }
         };
         self.body = self.body.moved(twist, p.period_s, radius_m, step_limit_m);
+        self.touched = contact.acts();
 
         // The spring after the step: what the tool holds on to now is what the hand feels now.
         let damper = Wrench::new(
@@ -388,9 +400,7 @@ impl VirtualTool {
     ) -> Option<Twist> {
         let inertia = &scene.tool.inertia;
         let coupled = StepInput::critical_damping(coupling, inertia);
-        // An implicit step over what has none would not be solvable for every stiffness.
-        let held =
-            contact.stiffness.positive_part(&inertia.in_world(self.body.pose.rotation_matrix()))?;
+        let held = self.held(contact, inertia)?;
         let (along, about) = held.bounds();
         let contact_rad_per_s =
             (along / inertia.mass_kg).max(about / inertia.least_kg_m2).max(0.0).sqrt();
@@ -446,18 +456,26 @@ impl VirtualTool {
         Some(seen + ground)
     }
 
+    /// The part of a contact's stiffness that holds the tool: over another an implicit step would
+    /// not be solvable, and a sum of eigenvalues would say too little of the largest.
+    fn held(&self, contact: &ContactSum, inertia: &Inertia) -> Option<Mat6> {
+        contact.stiffness.positive_part(&inertia.in_world(self.body.pose.rotation_matrix()))
+    }
+
     /// No virtual tool: the shell stands where the arm is, the arm gets the filtered contact
-    /// wrench, its stiffness limited to what the arm can take.
+    /// wrench, its stiffness limited to what the arm can take. `None` on non-finite input.
     fn direct(
         &mut self,
+        (scene, p): (&RenderScene, &Parameters),
         contact: &ContactSum,
         rubbing: &FrictionWrench,
         coupling: &CouplingParameters,
-        p: &Parameters,
-    ) -> Wrench {
-        let stiffness = contact.stiffness.plus_scaled(1.0, &rubbing.stiffness);
+    ) -> Option<Wrench> {
+        let held = self.held(contact, &scene.tool.inertia)?;
+        let stiffness = held.plus_scaled(1.0, &rubbing.stiffness);
         let share = within(stiffness.bounds(), (coupling.bound_n_per_m, coupling.bound_nm_per_rad));
-        self.shaped((contact, contact.wrench * share), 0.0, p) + rubbing.wrench * share
+        let shaped = self.shaped((contact, contact.wrench * share), 0.0, p);
+        Some(shaped + rubbing.wrench * share)
     }
 
     /// What is met of a contact through the dynamic shaping filter.
@@ -542,5 +560,5 @@ fn slide_speed(contact: &ContactSum, tool: Twist) -> f64 {
 }
 
 #[cfg(test)]
-#[expect(clippy::expect_used, reason = "test code")]
+#[expect(clippy::disallowed_types, clippy::expect_used, reason = "test code")]
 pub(crate) mod tests;

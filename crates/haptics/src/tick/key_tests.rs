@@ -296,6 +296,13 @@ fn account(p: &Parameters) -> Wrench {
         let touch = |pose| ContactSum::flat(&scene.obstacles, shell, pose, p.force_law());
         let first = touch(body);
         let rubbing = rubs.tick(&first, body, &p.contact.friction);
+        let tool_axes = body.rotation_matrix();
+        let inertia_world = Mat6::from_blocks(
+            DMat3::IDENTITY * inertia.mass_kg,
+            DMat3::ZERO,
+            DMat3::ZERO,
+            tool_axes * inertia.body_kg_m2 * tool_axes.transpose(),
+        );
         let pole_rad_per_s = |contact: &ContactSum, own_rad_per_s: f64| {
             let normal = contact.wrench.force.normalize_or_zero();
             let at = twist.linear + twist.angular.cross(contact.arm_world);
@@ -307,7 +314,8 @@ fn account(p: &Parameters) -> Wrench {
         };
         if is_direct {
             let alpha = filtered.map_or(0.0, |_| (-pole_rad_per_s(&first, 0.0) * period_s).exp());
-            let (along, about) = first.stiffness.plus_scaled(1.0, &rubbing.1).bounds();
+            let held = first.stiffness.positive_part(&inertia_world).expect("finite");
+            let (along, about) = held.plus_scaled(1.0, &rubbing.1).bounds();
             let share = (p.coupling.bound_n_per_m / along)
                 .min(p.coupling.bound_nm_per_rad / about)
                 .min(1.0);
@@ -318,13 +326,6 @@ fn account(p: &Parameters) -> Wrench {
             continue;
         }
         let before = filtered;
-        let turned_axes = body.rotation_matrix();
-        let inertia_world = Mat6::from_blocks(
-            DMat3::IDENTITY * inertia.mass_kg,
-            DMat3::ZERO,
-            DMat3::ZERO,
-            turned_axes * inertia.body_kg_m2 * turned_axes.transpose(),
-        );
         // The end of the tick by the contact at `way` from its start.
         let mut end = |contact: &ContactSum, way: Twist| {
             let stiffness = contact.stiffness.positive_part(&inertia_world).expect("finite");
@@ -850,7 +851,8 @@ fn without_a_virtual_tool_the_lag_of_the_filter_counts_as_delay() {
         ContactSum::flat(&scene.obstacles, &scene.tool.shell, skew_start(0.0), p.force_law());
     let alpha = (-core::f64::consts::TAU * 60.0 * 1e-3).exp();
     let bound_n_per_m = 2.0 / (3.5e-3 + 1e-3 * alpha / (1.0 - alpha));
-    let (along, _) = found.stiffness.bounds();
+    let mass = scene.tool.inertia.in_world(skew_start(0.0).rotation_matrix());
+    let (along, _) = found.stiffness.positive_part(&mass).expect("finite").bounds();
     assert!(bound_n_per_m < 0.5 * along, "{bound_n_per_m} {along}");
     let share = output.command_device.force.length() / found.wrench.force.length();
     assert!((share / (bound_n_per_m / along) - 1.0).abs() < 1e-6, "{share}");

@@ -329,8 +329,8 @@ pub(crate) fn without_a_virtual_tool_the_arm_gets_the_contact_as_stiff_as_it_can
         p.coupling.bound_nm_per_rad = bound_nm_per_rad;
         let mut rig = Rig::new(p, 0.0);
         let mut touch = rig.touch();
-        let (along, about) =
-            touch.contact.stiffness.plus_scaled(1.0, &rubbing().stiffness).bounds();
+        let held = rig.tool.held(&touch.contact, &rig.scene.tool.inertia).expect("finite");
+        let (along, about) = held.plus_scaled(1.0, &rubbing().stiffness).bounds();
         let share = (bound_n_per_m / along).min(bound_nm_per_rad / about).min(1.0);
         let pull = rig.follow(&mut touch, &rubbing(), true, target());
         let expected = (touch.contact.wrench + rubbing().wrench) * share;

@@ -149,8 +149,8 @@ impl Mat6 {
         let scaled = root.forward_rows(&transposed(&rows));
         let trace: f64 = (0..6).map(|n| scaled[n][n]).sum();
         let mut shifted = Self(scaled);
-        for n in 0..6 {
-            shifted.0[n][n] += NO_LESS * trace;
+        for (n, row) in shifted.0.iter_mut().enumerate() {
+            row[n] += NO_LESS * trace;
         }
         if trace == 0.0 || shifted.root().is_some() {
             return trace.is_finite().then_some(*self);
@@ -194,14 +194,13 @@ impl Mat6 {
     fn forward_rows(&self, of: &[[f64; 6]; 6]) -> [[f64; 6]; 6] {
         let mut solved = *of;
         for i in 0..6 {
-            for k in 0..i {
-                for column in 0..6 {
-                    solved[i][column] -= self.0[i][k] * solved[k][column];
+            let mut row = solved[i];
+            for (above, factor) in solved[..i].iter().zip(self.0[i]) {
+                for (entry, known) in row.iter_mut().zip(above) {
+                    *entry -= factor * known;
                 }
             }
-            for column in 0..6 {
-                solved[i][column] /= self.0[i][i];
-            }
+            solved[i] = row.map(|entry| entry / self.0[i][i]);
         }
         solved
     }
@@ -246,8 +245,9 @@ fn eigen(mut a: [[f64; 6]; 6]) -> Option<([f64; 6], [[f64; 6]; 6])> {
                 for row in &mut a {
                     (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
                 }
-                for n in 0..6 {
-                    (a[p][n], a[q][n]) = (c * a[p][n] - s * a[q][n], s * a[p][n] + c * a[q][n]);
+                let (above, from_q) = a.split_at_mut(q);
+                for (one, other) in above[p].iter_mut().zip(&mut from_q[0]) {
+                    (*one, *other) = (c * *one - s * *other, s * *one + c * *other);
                 }
                 for row in &mut vectors {
                     (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
