@@ -171,7 +171,7 @@ impl<'t> Document<'t> {
             };
             // A field of a struct that gets a whole table, or more elements than the struct has
             // fields.
-            let is_table = ["invalid type: map", "invalid length"]
+            let is_table = ["invalid type: map", "invalid value", "invalid length"]
                 .iter()
                 .any(|start| error.message().starts_with(start));
             if let Some(place) = self.repeated_table(&rest, &place).filter(|_| is_table) {
