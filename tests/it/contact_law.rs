@@ -81,6 +81,19 @@ fn no_tool_is_dragged_over_a_plane_without_friction() {
 }
 
 #[test]
+fn a_block_that_slides_is_dragged_by_its_friction_and_by_nothing_else() {
+    let friction = "damping_ratio = 0.7\nfriction = { static = 0.3, dynamic = 0.25 }";
+    let config = rig::rewritten("block-on-plane", &[("damping_ratio = 0.7", friction)]);
+    let run = rig::run_ticks(&config, 3000);
+    let slides = &run.records[1500..3000];
+    let across_n = mean(slides.iter().map(|record| record.output.command_device.force.x));
+    let along_n = mean(slides.iter().map(|record| record.output.command_device.force.z));
+    let share = -across_n / along_n;
+    eprintln!("the block is dragged by {share:.4} of {along_n:.3} N");
+    assert!(along_n > 0.3 && (share / 0.25 - 1.0).abs() < 0.05, "{share}");
+}
+
+#[test]
 fn a_face_that_lands_flat_publishes_no_more_than_twice_what_the_hand_presses() {
     // Its lower side is 1000 mm².
     // At 10⁸ N/m a little more: see the known limits.

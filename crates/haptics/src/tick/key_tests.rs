@@ -164,7 +164,8 @@ fn the_account_starts_from_values_that_are_neither_0_nor_1_and_from_skew_rotatio
 fn every_key_of_the_default_file_has_a_row() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/default.toml");
     let text = std::fs::read_to_string(path).expect("the file of defaults");
-    let is_word = |key: &str| key.chars().all(|c| c == '_' || c.is_ascii_lowercase());
+    let is_word =
+        |key: &str| key.chars().all(|c| c == '_' || c.is_ascii_lowercase() || c.is_ascii_digit());
     let mut section = "";
     let mut found = BTreeSet::new();
     for line in text.lines() {
