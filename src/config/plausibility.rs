@@ -79,7 +79,8 @@ pub fn problem_at(path: &Path, key: &str, kind: ProblemKind) -> Problem {
 /// Of version 0.1.0: the same scene felt different at another voxel size.
 fn old_stiffness_key(config: &SceneConfig) -> Option<Problem> {
     let StiffnessKey::OfPoint { n_per_mm3 } = config.stiffness_key else { return None };
-    let why = "of each square of the tool's voxel edge, so that another voxel size feels different";
+    let why =
+        "holds for one square of the tool's voxel edge, so that another voxel size feels different";
     let hint = Some(format!("write stiffness_n_per_mm3 = {n_per_mm3:?}"));
     let kind = ProblemKind::Refused { why: why.to_owned(), hint };
     Some(problem_at(&config.path, "contact.stiffness_n_per_mm", kind))

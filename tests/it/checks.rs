@@ -277,7 +277,7 @@ fn the_stiffness_of_a_voxel_is_accepted_with_the_line_to_write() {
         let text = scene(PLANE, old).replace("_mm = 1.0", &format!("_mm = {voxel_mm}"));
         write(&text);
         let warning = format!(
-            "warning: scene.toml:14: contact.stiffness_n_per_mm = 5.0: of each square of the tool's \
+            "warning: scene.toml:14: contact.stiffness_n_per_mm = 5.0: holds for one square of the tool's \
                 voxel edge, so that another voxel size feels different; write {line}"
         );
         assert_eq!(said(dir.path(), "warning: ", 0), [warning]);

@@ -485,6 +485,40 @@ mod tests {
         assert_eq!(at("rendering.rate_hz"), (None, None));
     }
 
+    /// serde takes the table for the value of its only key, and says what is wrong with that.
+    #[test]
+    fn one_table_that_is_written_as_many_is_named_and_not_its_only_key() {
+        #[derive(Debug, serde::Deserialize)]
+        #[serde(untagged, expecting = "invalid value, expected a number or a word")]
+        #[expect(dead_code, reason = "only whether it can be read is asked")]
+        enum Cutoff {
+            Number(f64),
+            Word(String),
+        }
+        #[derive(Debug, serde::Deserialize)]
+        #[expect(dead_code, reason = "as above")]
+        struct Filter {
+            cutoff: Cutoff,
+        }
+        #[derive(Debug, serde::Deserialize)]
+        #[expect(dead_code, reason = "as above")]
+        struct Scene {
+            filter: Filter,
+        }
+        for (text, expected) in [
+            (
+                "version = 1\n[[filter]]\ncutoff = 3.0\n",
+                "filter: is one table: write [filter], once, in place of [[filter]]",
+            ),
+            ("version = 1\n[filter]\ncutoff = true\n", "filter.cutoff = true: "),
+        ] {
+            let document = Document::parse(Path::new("x.toml"), text).unwrap();
+            let (_, problems) = document.read_around::<Scene>();
+            let told = problems[0].to_string();
+            assert!(told.contains(expected), "{told}");
+        }
+    }
+
     #[test]
     fn names_that_speak_to_a_terminal_are_refused_and_shown_escaped() {
         let text = concat!(
