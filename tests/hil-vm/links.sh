@@ -3,11 +3,11 @@
 #
 # What is judged: poses, faults, refusals, that the motors stop. No times: an emulated machine wakes threads late by tens of milliseconds, and its USB
 # bus turns every 4 ms. Therefore the scene renders at 125 Hz here, and the arms of contact have a watchdog of half a second and so much viscosity that 125 Hz
-# can still push, a tick or two late as well. A host that a delay made say `stale`, or begin too late, or whose arm's watchdog bit, is run again, at most $TRIES
-# times; anything else that it says is judged at once.
+# can still push, a tick or two late as well. A host that a delay made say `stale` or `overrun`, or begin too late, or whose arm's watchdog bit, is run again,
+# at most $TRIES times; anything else that it says is judged at once.
 . ./gadget.sh
 export NO_COLOR=1
-TRIES=6
+TRIES=12
 # The host of an emulated machine takes up to two seconds from its first frame to its first tick, so the hand begins that much later: it presses from 3.7 s
 # to 5.5 s after that frame.
 awk -F, -v OFS=, 'NR > 1 { $1 += 1.5 } { print }' config/scenes/hands/block-on-plane.csv >config/scenes/hands/links.csv
@@ -63,11 +63,12 @@ host() {
   echo $? >"$OUT/$name.host.code"
 }
 
-# late NAME FAULTS: the host said `stale`, or its arm's watchdog bit, where FAULTS, as JSON, were expected; or the hand had begun before the host's first tick.
+# late NAME FAULTS: the host said `stale` or `overrun`, or its arm's watchdog bit, where FAULTS, as JSON, were expected; or the hand had begun before the host's
+# first tick.
 late() {
   gap_ms="$(sed -n 's/.*"longest_gap_ms": *\([0-9]*\).*/\1/p' "$OUT/$1.arm.json")"
   [ "${gap_ms:-0}" -gt 2400 ] && return 0
-  grep -qE '"faults": ?\[[^]]*"(stale|device-error)"' "$OUT/$1.host.json" && ! grep -qE "\"faults\": ?\[$2\]" "$OUT/$1.host.json"
+  grep -qE '"faults": ?\[[^]]*"(stale|overrun|device-error)"' "$OUT/$1.host.json" && ! grep -qE "\"faults\": ?\[$2\]" "$OUT/$1.host.json"
 }
 
 # exchange NAME PROFILE FAULTS LINK [ARM_ARGS] [HOST_ARGS]: an arm and its host, until FAULTS come out or it was not the machine's lateness.
