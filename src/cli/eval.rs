@@ -107,7 +107,7 @@ pub(crate) fn main(args: &Args, output: OutputOptions) -> Outcome {
     let (scene, reports) = baked.map_err(|error| PrepareError::of_scene(&config, error))?;
     report::bake_warnings(&reports, output);
 
-    let mut law = scene.parameters.contact.force_law(false);
+    let mut law = scene.parameters.contact.force_law();
     law.normalization = Normalization::None;
     let borders = Borders::new(&config);
     write_to(&args.out, |file| write_wrenches(file, &scene, borders, law, &poses))?;
@@ -223,16 +223,9 @@ fn ask(
 ) -> (ContactSum, u128) {
     let world_from_body = body(scene, timed.pose);
     let since = Instant::now();
-    let mut ask = |mode| {
-        traversal.set_mode(mode);
-        ContactSum::of(traversal, &scene.obstacles, &scene.tool.shell, world_from_body, law, None)
-    };
-    // What touches, the tree finds to the bit. Where nothing does, it has proven less than the
-    // clearance.
-    let mut sum = ask(TraversalMode::Tree);
-    if sum.contacts == 0 {
-        sum = ask(TraversalMode::Flat);
-    }
+    let RenderScene { obstacles, tool, .. } = scene;
+    let sum =
+        ContactSum::with_clearance(traversal, obstacles, &tool.shell, world_from_body, law, None);
     (sum, since.elapsed().as_nanos())
 }
 
@@ -278,16 +271,18 @@ fn write_contacts(
                 |touching| {
                     if lines.len() < MOST_CONTACTS {
                         let [x, y, z] = world_from_body
-                            .transform_point(touching.arm_body.as_dvec3())
+                            .transform_point(touching.pressed_body.as_dvec3())
                             .to_array();
                         let [nx, ny, nz] = world_from_body
                             .transform_vector(touching.normal_body.as_dvec3())
                             .to_array();
                         let point = touching.point_idx;
                         let depth_m = touching.depth_m;
+                        // Of a facet that is immersed in part less counts.
+                        let weight = touching.weight * (touching.mean_depth_m / depth_m);
                         lines.push(format!(
-                            "{},{name},{point},{x},{y},{z},{nx},{ny},{nz},{depth_m},{}",
-                            timed.time_s, touching.weight
+                            "{},{name},{point},{x},{y},{z},{nx},{ny},{nz},{depth_m},{weight}",
+                            timed.time_s
                         ));
                     }
                 },

@@ -31,8 +31,6 @@ pub struct SceneConfig {
     pub rate_hz: u32,
     /// What a contact query may take in one tick, s; `None`: as long as it takes.
     pub time_budget_s: Option<f64>,
-    /// Points on edges of the tool push the way that the obstacle says.
-    pub knows_edges: bool,
     /// How the stiffness of contact was written.
     pub stiffness_key: StiffnessKey,
     /// Objects that the tool can touch; each becomes one voxmap.

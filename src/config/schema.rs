@@ -118,7 +118,6 @@ pub(super) struct Contact {
     pub(super) friction: Option<Friction>,
     pub(super) braking: Option<bool>,
     pub(super) damping_n_s_per_m: Option<f64>,
-    pub(super) geometric_awareness: Option<AwarenessWord>,
     pub(super) time_budget_us: Option<f64>,
 }
 
@@ -149,7 +148,6 @@ pub(super) struct Coupling {
 #[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, expecting = "a table, written [filter]")]
 pub(super) struct Filter {
-    pub(super) spatial: Option<bool>,
     pub(super) cutoff_hz: Option<Cutoff>,
 }
 
@@ -231,8 +229,7 @@ words! {
     UnitWord for Unit { M = "m", Mm = "mm", Cm = "cm", In = "in" }
     SidesWord for InsideTest { Auto = "auto", Flood = "flood", Winding = "winding", Thin = "thin" }
     PointsWord for Points { Facets = "facets", Voxels = "voxels" }
-    AwarenessWord { Edges = "edges", Off = "off" }
-    NormalizeWord for Normalization { None = "none", Average = "average", Cluster = "cluster" }
+    NormalizeWord for Normalization { None = "none", Average = "average" }
     ClampWord for SpringClamp { Saturate = "saturate", HalfVoxel = "half-voxel" }
     FreeSpaceWord for FreeSpace { Zero = "zero", Drag = "drag" }
     HandWord { None = "none" }

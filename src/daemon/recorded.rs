@@ -145,7 +145,6 @@ pub fn resolved(config: &SceneConfig) -> Value {
         "name": config.name,
         "rate_hz": config.rate_hz,
         "time_budget_s": config.time_budget_s,
-        "knows_edges": config.knows_edges,
         "statics": config.statics.iter().map(static_object).collect::<Vec<_>>(),
         "tool": {
             "voxel_size_m": voxel_size_m,
@@ -214,7 +213,7 @@ fn parameters(p: &Parameters) -> Map<String, Value> {
             felt_damping_n_s_per_m, felt_damping_nm_s_per_rad, clamp = scene_word(clamp),
             free_space = scene_word(free_space), bound_n_per_m, bound_nm_per_rad
         },
-        filter = object! { FilterParameters(filter): spatial, cutoff_hz },
+        filter = object! { FilterParameters(filter): cutoff_hz },
         limits = object! { LimitParameters(limits):
             force_n, torque_nm, speed_m_per_s, slew_n_per_s, slew_nm_per_s, power_w, ramp_s,
             stale_ticks_max, stale_fault_ticks, overrun_fault_ticks, stall_s

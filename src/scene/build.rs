@@ -110,7 +110,6 @@ pub fn build_all(
         center_of_mass_m: *center_of_mass_m,
         inertia_kg_m2: *inertia_kg_m2,
         points: config.tool.points,
-        knows_edges: config.knows_edges,
     };
     let (scene, mut objects) = builder.finish_baked(shell, &mass, report, &options);
     let warnings = inside_at_start(&scene).or_else(|| inside_clay_at_start(&scene));

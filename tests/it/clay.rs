@@ -66,7 +66,7 @@ fn ball(radius_m: f64) -> Shell {
 fn scene(frame: DensityFrame, shell: Shell) -> RenderScene {
     let mut parameters = rig::unlimited();
     parameters.coupling.mode = CouplingMode::Direct;
-    parameters.filter = FilterParameters { spatial: false, cutoff_hz: [f64::INFINITY; 2] };
+    parameters.filter = FilterParameters { cutoff_hz: [f64::INFINITY; 2] };
     parameters.contact.stiffness_n_per_m = STIFFNESS_N_PER_M;
     parameters.limits.speed_m_per_s = 1e3;
     let rope = Rope { stiffness_n_per_m: 300.0, force_n: 2.0 };

@@ -278,9 +278,11 @@ fn an_object_is_movable_as_written() {
 /// is read and ignored.
 #[test]
 fn keys_that_this_version_lacks_say_what_holds_or_are_refused_by_name() {
-    let same = "[device.sim]\nhand_repeat = false\nseed = 0\n";
+    let same = "[device.sim]\nhand_repeat = false\nseed = 0\n[contact]\ngeometric_awareness = \
+        \"edges\"\n[filter]\nspatial = true\n";
     load(&format!("{SCENE}{same}")).unwrap_or_else(|errors| panic!("{errors}"));
-    let other = "[device.sim]\njitter_us = 20\nhand_repeat = true\nseed = 3\nhand_maas_g = 1\n";
+    let other = "[device.sim]\njitter_us = 20\nhand_repeat = true\nseed = 3\nhand_maas_g = 1\n\
+        [contact]\ngeometric_awareness = \"off\"\n[filter]\nspatial = false\n";
     let errors = load(&format!("{SCENE}{other}")).unwrap_err();
     let lines: Vec<String> = errors
         .problems()
@@ -296,6 +298,12 @@ fn keys_that_this_version_lacks_say_what_holds_or_are_refused_by_name() {
             "device.sim.seed: is no longer a key; leave it out: chance has the seed 0, so that \
                 every run of a scene is the same",
             "device.sim.hand_maas_g: unknown key; did you mean `hand_mass_g`?",
+            "contact.geometric_awareness: is no longer a key; leave it out: facets count by what \
+                of them is immersed, which edges push by; tool.points = \"voxels\" pushes along \
+                the normals of points",
+            "filter.spatial: is no longer a key; leave it out: what a facet presses begins \
+                smoothly, as less of it is immersed; tool.points = \"voxels\" has the sum over \
+                points",
         ]
     );
 }
@@ -406,8 +414,8 @@ fn the_stiffness_of_a_voxel_is_taken_as_it_is() {
 #[test]
 fn brakes_and_dampers_are_for_couplings_with_mass() {
     let with = |coupling: &str| {
-        let keys = "[contact]\nbraking = true\ndamping_n_s_per_m = 12.5\ngeometric_awareness = \
-            \"off\"\nstiffness_n_per_mm3 = 0.4\n";
+        let keys =
+            "[contact]\nbraking = true\ndamping_n_s_per_m = 12.5\nstiffness_n_per_mm3 = 0.4\n";
         load(
             &(SCENE.replace("[rendering]", &format!("[rendering]\ncoupling = \"{coupling}\""))
                 + keys),
@@ -416,7 +424,7 @@ fn brakes_and_dampers_are_for_couplings_with_mass() {
     let coupling = "implicit";
     let config = with(coupling).expect("valid");
     let contact = config.parameters.contact;
-    assert!(contact.braking && contact.damping_n_s_per_m == 12.5 && !config.knows_edges);
+    assert!(contact.braking && contact.damping_n_s_per_m == 12.5);
     for coupling in ["constraint", "direct"] {
         let errors = with(coupling).unwrap_err();
         let keys: Vec<&str> =
@@ -429,11 +437,7 @@ fn brakes_and_dampers_are_for_couplings_with_mass() {
         );
     }
     let plain = load(SCENE).expect("valid");
-    assert!(
-        !plain.parameters.contact.braking
-            && plain.parameters.contact.damping_n_s_per_m == 0.0
-            && plain.knows_edges
-    );
+    assert!(!plain.parameters.contact.braking && plain.parameters.contact.damping_n_s_per_m == 0.0);
 }
 
 #[test]

@@ -250,7 +250,7 @@ fn acceptance_15_continuous_fields_and_the_filter_smooth_a_slide() {
 
     // The filter on the raw force: each step at most (1 − α) of what is left, and a lag of α/(1 −
     // α) ticks on a slow ramp.
-    let params = FilterParameters { spatial: true, cutoff_hz: [50.0, 300.0] };
+    let params = FilterParameters { cutoff_hz: [50.0, 300.0] };
     let sliding = |speed_m_per_s| Slide { speed_m_per_s, voxel_size_m: S, contact_rad_per_s: 0.0 };
     let mut filter = ShapingFilter::default();
     let filtered: Vec<f64> = raw

@@ -80,6 +80,7 @@ fn no_tool_is_dragged_over_a_plane_without_friction() {
     }
 }
 
+/// Its upright sides stand in the plane by a fraction of a micrometre.
 #[test]
 fn a_block_that_slides_is_dragged_by_its_friction_and_by_nothing_else() {
     let friction = "damping_ratio = 0.7\nfriction = { static = 0.3, dynamic = 0.25 }";
@@ -102,7 +103,7 @@ fn a_face_that_lands_flat_publishes_no_more_than_twice_what_the_hand_presses() {
             "version = 1\n[[static]]\nname = \"floor\"\nshape = {{ plane_mm = [60.0, 60.0] \
                 }}\nvoxel_size_mm = 0.5\n[tool]\nshape = {{ box_mm = [31.6, 31.6, 10.0] \
                 }}\nvoxel_size_mm = 0.5\nSTART\n[contact]\nstiffness_n_per_mm3 = \
-                {stiffness_n_per_mm3}\n[filter]\nspatial = false\n[device]\nprofile = \
+                {stiffness_n_per_mm3}\n[device]\nprofile = \
                 \"sim-sigma7\"\nhand = \"HAND\"\n[device.sim]\nhand_stiffness_n_per_m = \
                 2000.0\nhand_damping_n_s_per_m = 20.0\n"
         );

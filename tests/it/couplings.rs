@@ -277,7 +277,7 @@ fn shaken_m(
     // contact is that of any scene.
     let direct = mode == CouplingMode::Direct;
     p.contact.stiffness_n_per_m = if direct { 1e5 } else { 5e3 };
-    p.filter = FilterParameters { spatial: !direct, cutoff_hz: [cutoff_hz; 2] };
+    p.filter = FilterParameters { cutoff_hz: [cutoff_hz; 2] };
     (p.limits.slew_n_per_s, p.limits.power_w) = (f64::INFINITY, f64::INFINITY);
     (p.mapping.sensed, p.mapping.actuated) = (Axes::TRANSLATION, Axes::TRANSLATION);
     p.arm = ArmParameters { stiffness_lag_n_s_per_m: 0.8 * B, ..ArmParameters::default() };

@@ -1,15 +1,13 @@
-//! Friction and normalisation by face: what stands on a slope stays, what slides gains the speed
-//! that Coulomb says.
+//! Friction: what stands on a slope stays, what slides gains the speed that Coulomb says.
 
 use glam::{DMat3, DQuat, DVec3};
 use haptics::{
     ContactParameters, Drive, DriveRequest, Faults, FreeSpace, FrictionParameters, Inertia,
     RenderScene, State, TickInput, Tool, tick,
 };
-use vps::contact::Normalization;
-use vps::contact::{ContactSum, Obstacle};
+use vps::contact::Obstacle;
 use vps::mesh::primitives::Shape;
-use vps::pointshell::{self, shell::Shell};
+use vps::pointshell::{self, Points, shell::Shell};
 use vps::spatial::{DeviceSample, Pose, SampleStatus, Twist};
 use vps::voxmap::field::FieldKind;
 
@@ -27,7 +25,7 @@ pub(super) const HALF_M: f64 = 5e-3;
 
 fn block(size_m: DVec3) -> Shell {
     let mesh = Shape::Box { size_m }.tessellate(1e-5);
-    pointshell::build(&mesh, &rig::volume(&mesh, 1e-3, 8), DVec3::ZERO).0
+    pointshell::build_with(Points::Facets, &mesh, &rig::volume(&mesh, 1e-3, 8), DVec3::ZERO).0
 }
 
 /// A slab whose top goes through the origin, turned about y.
@@ -37,12 +35,11 @@ fn slope(angle_rad: f64) -> Obstacle {
     Obstacle { field, world_from_map: Pose::new(DQuat::from_rotation_y(angle_rad), DVec3::ZERO) }
 }
 
-fn contact(normalization: Normalization, coefficient: f64) -> ContactParameters {
+fn contact(coefficient: f64) -> ContactParameters {
     ContactParameters {
         field: FieldKind::Trilinear,
         stiffness_n_per_m: STIFFNESS_N_PER_M,
         damping_ratio: 0.7,
-        normalization,
         friction: FrictionParameters {
             r#static: coefficient,
             dynamic: coefficient,
@@ -59,7 +56,7 @@ pub(super) fn scene(coefficient: f64) -> RenderScene {
     let inertia_kg_m2 = MASS_KG * (2.0 * half_m) * (2.0 * half_m) / 6.0;
     let mut parameters = rig::unlimited();
     parameters.gravity_m_per_s2 = DVec3::NEG_Z * G;
-    parameters.contact = contact(Normalization::Cluster, coefficient);
+    parameters.contact = contact(coefficient);
     // A hand that is not there.
     (parameters.coupling.stiffness_n_per_m, parameters.coupling.stiffness_nm_per_rad) =
         (1e-9, 1e-12);
@@ -124,48 +121,6 @@ fn a_block_that_slides_gains_the_speed_that_coulomb_says() {
     let measured = (speed(210) - speed(60)) / (150.0 * T);
     let expected = G * (SLOPE_RAD.sin() - coefficient * SLOPE_RAD.cos());
     assert!((measured / expected - 1.0).abs() < 0.03, "{measured} m/s², expected {expected}");
-}
-
-#[test]
-fn by_face_the_stiffness_does_not_grow_with_the_area_that_touches() {
-    let floor = [slope(0.0)];
-    let depth_m = 4e-4;
-    for normalization in [Normalization::None, Normalization::Cluster] {
-        let [small, large] = [0.01, 0.03].map(|edge_m| {
-            let at = Pose::from_translation(DVec3::Z * (0.5 * edge_m - depth_m));
-            ContactSum::flat(
-                &floor,
-                &block(DVec3::splat(edge_m)),
-                at,
-                contact(normalization, 0.0).force_law(true),
-            )
-        });
-        let growth = large.wrench.force.z / small.wrench.force.z;
-        match normalization {
-            Normalization::None => {
-                assert!(growth > 7.0, "nine times the area, {growth} times the force")
-            }
-            _ => {
-                let ten_points_n = 10.0 * STIFFNESS_N_PER_M * depth_m;
-                // The rims are faces of their own, and grow until they are ten points strong too.
-                assert!((0.95..1.3).contains(&growth), "{growth} times the force");
-                // The face, its four edges and its four corners.
-                let tens = large.wrench.force.z / ten_points_n;
-                assert!((0.9..9.0).contains(&tens), "{tens} times what ten points give");
-                let bottom = large
-                    .patches()
-                    .max_by(|a, b| a.force_n.total_cmp(&b.force_n))
-                    .expect("a face that touches");
-                assert!(
-                    bottom.normal_world.dot(DVec3::Z) > 0.999
-                        && bottom.arm_world.truncate().length() < 1e-3,
-                    "{bottom:?}"
-                );
-                // A square: edge/√6, less the rims, which are faces of their own.
-                assert!((bottom.radius_m / (0.03 / 6_f64.sqrt()) - 1.0).abs() < 0.15, "{bottom:?}");
-            }
-        }
-    }
 }
 
 #[test]

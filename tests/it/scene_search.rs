@@ -559,10 +559,10 @@ fn no_random_scene_gives_energy_trembles_or_bursts() {
 }
 
 /// The worst scenes that the search has found, each for what it did: energy in taps (36, 60, 193),
-/// tremble of the wrist (83), a burst (30).
+/// also of a tool that lagged in free space (108), tremble of the wrist (83), a burst (30).
 #[test]
 fn the_worst_scenes_that_were_found_stay_good() {
-    for seed in [30, 36, 60, 83, 193] {
+    for seed in [30, 36, 60, 83, 108, 193] {
         let verdict = judge(&scenario(seed));
         eprintln!("{verdict:?}");
         verdict.assert_good();

@@ -19,7 +19,7 @@ use vps::spatial::Pose;
 use vps::voxmap::inside_test::InsideTest;
 use vps::voxmap::{Options, Volume};
 
-const LAW: ForceLaw = ForceLaw { stiffness_n_per_m: 1000.0, smooth_entry: true, ..ForceLaw::PLAIN };
+const LAW: ForceLaw = ForceLaw { stiffness_n_per_m: 1000.0, ..ForceLaw::PLAIN };
 /// Radius of the tool, a ball, m.
 const RADIUS_M: f64 = 0.046;
 /// Voxel edge of the obstacles, m.

@@ -14,8 +14,8 @@ use vps::mesh::primitives::Shape;
 use vps::voxmap::field::FieldKind;
 
 /// Bounds: what was measured over whole paths (1,200 ticks), times two to five.
-const TRILINEAR: Depths = Depths::Of(FieldKind::Trilinear, false);
-const RAW: Depths = Depths::Of(FieldKind::Layers, false);
+const TRILINEAR: Depths = Depths::Of(FieldKind::Trilinear);
+const RAW: Depths = Depths::Of(FieldKind::Layers);
 
 fn tell(measured: &Measured) {
     let Measured {
@@ -57,11 +57,9 @@ fn acceptance_19_forces_beside_analytic_ones() {
         let exact = of(Depths::Exact);
         let raw = of(RAW);
         let ripple = |m: &Measured| m.ripple_percent.expect("long enough");
-        for depths in [
-            Depths::Of(FieldKind::SurfacePoint, false),
-            Depths::Of(FieldKind::Octant, false),
-            TRILINEAR,
-        ] {
+        for depths in
+            [Depths::Of(FieldKind::SurfacePoint), Depths::Of(FieldKind::Octant), TRILINEAR]
+        {
             let found = of(depths);
             let name = format!("{name}, {}", depths.name());
             match scenario.ideal {

@@ -188,11 +188,11 @@ typedef struct vps_wrench {
 
 // One point in contact; vectors in axes of the voxmap's mesh frame.
 typedef struct vps_contact {
-  // m, in the voxmap's mesh frame.
+  // Where its force acts, m, in the voxmap's mesh frame.
   double position_m[3];
   // Unit direction that pushes the shell out.
   double normal[3];
-  // Force of this contact on the shell, N.
+  // Force of this contact on the shell, N; 0 of probes on edges and corners.
   double force_n[3];
   // m, greater than 0.
   double depth_m;

@@ -58,11 +58,11 @@ impl From<ContactWrench> for vps_wrench {
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct vps_contact {
-    /// m, in the voxmap's mesh frame.
+    /// Where its force acts, m, in the voxmap's mesh frame.
     pub position_m: [f64; 3],
     /// Unit direction that pushes the shell out.
     pub normal: [f64; 3],
-    /// Force of this contact on the shell, N.
+    /// Force of this contact on the shell, N; 0 of probes on edges and corners.
     pub force_n: [f64; 3],
     /// m, greater than 0.
     pub depth_m: f64,

@@ -54,7 +54,7 @@ fn set_top(frame: &mut DensityFrame, top_m: f64) {
 fn scene(smoothing: f64) -> RenderScene {
     let mut parameters = Parameters::unlimited(1e-3);
     parameters.coupling.mode = CouplingMode::Direct;
-    parameters.filter = FilterParameters { spatial: false, cutoff_hz: [f64::INFINITY; 2] };
+    parameters.filter = FilterParameters { cutoff_hz: [f64::INFINITY; 2] };
     parameters.limits.speed_m_per_s = 1e3;
     let rope = Rope { stiffness_n_per_m: 300.0, force_n: 2.0 };
     let frame = half_space();

@@ -135,7 +135,7 @@ mod tests {
     fn point(normal: DVec3, arm: DVec3) -> Contact {
         let arm_body = arm.as_vec3();
         let normal_body = normal.normalize().as_vec3();
-        Contact { point_idx: 0, depth_m: 1e-4, weight: 1.0, arm_body, normal_body }
+        Contact::of_point(0, 1e-4, arm_body, normal_body)
     }
 
     fn brake(points: &[Contact], twist: Twist) -> Option<Brake> {

@@ -280,13 +280,12 @@ mod tests {
                     let normal_body = (body.rotation.conjugate() * *normal).as_vec3();
                     deepest.add(
                         0,
-                        &Contact {
+                        &Contact::of_point(
                             point_idx,
-                            depth_m: depth_m as f32,
-                            weight: 1.0,
-                            arm_body: arm_body.as_vec3(),
+                            depth_m as f32,
+                            arm_body.as_vec3(),
                             normal_body,
-                        },
+                        ),
                     );
                 }
             }
@@ -480,8 +479,7 @@ mod tests {
         let arm_body = DVec3::new(0.02, -0.01, 0.03).as_vec3();
         let mut contacts = DeepestContacts::default();
         let normal_body = DVec3::Z.as_vec3();
-        contacts
-            .add(0, &Contact { point_idx: 0, depth_m: 3e-4, weight: 1.0, arm_body, normal_body });
+        contacts.add(0, &Contact::of_point(0, 3e-4, arm_body, normal_body));
         let normal = DVec3::new(2.0, -1.0, 2.0) / 3.0;
         let free = (DVec3::new(-1e-3, 2e-3, -2e-3), DVec3::new(0.02, -0.03, 0.01));
         let taken = step(free, body, &coupling, &contacts, |_, _| normal, SLOP_M).expect("finite");
@@ -525,14 +523,9 @@ mod tests {
         let body = pose(DVec3::new(-0.2, 0.3, 0.7), DVec3::new(0.06, -0.01, 0.02));
         for away_map in [DVec3::new(2.0, -1.0, 2.0) / 3.0, DVec3::new(-1.0, 2.0, -2.0) / 3.0] {
             let point = stands.transform_point(away_map * 9.8e-3);
-            let contact = Contact {
-                point_idx: 0,
-                depth_m: 2e-4,
-                weight: 1.0,
-                arm_body: body.inverse().transform_point(point).as_vec3(),
-                // What counts where the obstacle says nothing.
-                normal_body: DVec3::ZERO.as_vec3(),
-            };
+            let arm_body = body.inverse().transform_point(point).as_vec3();
+            // Its own normal is what counts where the obstacle says nothing.
+            let contact = Contact::of_point(0, 2e-4, arm_body, DVec3::ZERO.as_vec3());
             let found = way_out(&obstacle, stands, body, &contact);
             let expected = stands.transform_vector(away_map);
             // The voxels of 1 mm turn it by a hundredth or so.

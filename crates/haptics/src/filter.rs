@@ -1,5 +1,4 @@
-//! Dynamic shaping filter: stage S (entry weight over depth) and stage D (low-pass on the net
-//! contact wrench).
+//! Dynamic shaping filter: a low-pass on the net contact wrench.
 //!
 //! Data in: the raw contact wrench of one tick. Data out: the wrench that goes on to the coupling.
 //! The raw wrench stays what is reported as contact wrench.
@@ -7,14 +6,14 @@
 //! # Source
 //! Our formulation, inspired by the one-line description of Renz et al. ("a dynamic shaping filter
 //! was implemented to soften the force discontinuities"); neither the equations nor the constants
-//! are theirs. Stage D has the form of the force smoothing in Guo2004, E_(i+1) = α E_i + (1−α) F_i.
+//! are theirs. It has the form of the force smoothing in Guo2004, E_(i+1) = α E_i + (1−α) F_i.
 
 use core::f64::consts::TAU;
 
 use super::FilterParameters;
 use vps::spatial::Wrench;
 
-/// Cut-off of stage D as a fraction of the voxel line |v|/s: a point that slides at v over voxels
+/// Cut-off as a fraction of the voxel line |v|/s: a point that slides at v over voxels
 /// of edge s excites the frequency v/s, so 0.3 of it removes the line and keeps what the hand does
 /// more slowly.
 const LINE_FRACTION: f64 = 0.3;
@@ -26,30 +25,7 @@ pub fn low_pass_alpha(cutoff_hz: f64, period_s: f64) -> f64 {
     (-TAU * cutoff_hz * period_s).exp()
 }
 
-/// Stage S: entry weight w(d) = smoothstep(0, s/2, d) and its slope dw/dd in 1/m.
-///
-/// Specification of what `contact::sum` does lane by lane, for tests.
-///
-/// The weighted point force K d w(d) n has a continuous slope where a point enters, and the
-/// stiffness K (w + d dw/dd) n. Both returned values are 0 at and above the surface; weight 1 and
-/// slope 0 from half a voxel on. RT: safe; a NaN gives NaN.
-///
-/// # Source
-/// Our formulation, inspired by the one-line description of Renz et al.
-#[cfg(test)]
-pub(super) fn entry_weight(depth_m: f64, voxel_size_m: f64) -> (f64, f64) {
-    let half_voxel_m = 0.5 * voxel_size_m;
-    if depth_m <= 0.0 {
-        return (0.0, 0.0);
-    }
-    if depth_m >= half_voxel_m {
-        return (1.0, 0.0);
-    }
-    let t = depth_m / half_voxel_m;
-    (t * t * (3.0 - 2.0 * t), 6.0 * t * (1.0 - t) / half_voxel_m)
-}
-
-/// What makes stage D dynamic.
+/// What makes the filter dynamic.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Slide {
     /// Tangential speed of the contact, m/s.
@@ -61,7 +37,7 @@ pub struct Slide {
     pub contact_rad_per_s: f64,
 }
 
-/// Stage D: y_k = α y_(k−1) + (1−α) W_k on a contact wrench whose frame and reduction point do not
+/// y_k = α y_(k−1) + (1−α) W_k on a contact wrench whose frame and reduction point do not
 /// change between ticks.
 ///
 /// - The first contact sample sets the state, so a contact does not start with a lag from zero.
@@ -147,7 +123,7 @@ mod tests {
     const VOXEL_M: f64 = 1e-3;
 
     fn fixed(cutoff_hz: f64) -> FilterParameters {
-        FilterParameters { spatial: false, cutoff_hz: [cutoff_hz, cutoff_hz] }
+        FilterParameters { cutoff_hz: [cutoff_hz, cutoff_hz] }
     }
 
     fn push(force_n: f64) -> Wrench {
@@ -273,7 +249,7 @@ mod tests {
 
     #[test]
     fn the_cut_off_follows_the_sliding_speed_between_its_bounds() {
-        let params = FilterParameters { spatial: false, cutoff_hz: [50.0, 300.0] };
+        let params = FilterParameters { cutoff_hz: [50.0, 300.0] };
         for (speed_m_per_s, expected_hz) in
             [(0.0, 50.0), (0.1, 50.0), (0.5, 150.0), (-0.5, 150.0), (2.0, 300.0), (f64::NAN, 50.0)]
         {
@@ -294,23 +270,6 @@ mod tests {
         assert!(!filter.update(push(1.0), slide(0.0), true, &params, PERIOD_S).is_finite());
         filter.reset();
         assert_eq!(filter.update(push(1.0), slide(0.0), true, &params, PERIOD_S), push(1.0));
-    }
-
-    #[test]
-    fn the_entry_weight_is_smooth_and_its_slope_is_the_derivative() {
-        assert_eq!(entry_weight(-1e-4, VOXEL_M), (0.0, 0.0));
-        assert_eq!(entry_weight(0.0, VOXEL_M), (0.0, 0.0));
-        assert_eq!(entry_weight(0.5e-3, VOXEL_M), (1.0, 0.0));
-        assert_eq!(entry_weight(1.0, VOXEL_M), (1.0, 0.0));
-        assert!((entry_weight(0.25e-3, VOXEL_M).0 - 0.5).abs() < 1e-15);
-        for step_idx in 1..100 {
-            let depth_m = 0.5e-3 * f64::from(step_idx) / 100.0;
-            let low = entry_weight(depth_m - 1e-9, VOXEL_M).0;
-            let high = entry_weight(depth_m + 1e-9, VOXEL_M).0;
-            let slope = entry_weight(depth_m, VOXEL_M).1;
-            assert!(high >= low);
-            assert!(((high - low) / 2e-9 - slope).abs() < 1e-3, "{slope}");
-        }
     }
 
     proptest! {

@@ -19,6 +19,9 @@ use super::params::FrictionParameters;
 use vps::contact::{FACES, ObstacleMotion, Patch};
 use vps::spatial::{Mat6, Pose, Wrench};
 
+/// A face holds no more than this many times as stiffly along the wall as it presses into it.
+const MOST_TIMES_AS_STIFF: f64 = 10.0;
+
 /// What friction does in a tick.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FrictionWrench {
@@ -121,7 +124,10 @@ impl Element {
         self.touches = true;
         self.stretch -= normal * self.stretch.dot(normal);
 
-        let stiffness = params.stiffness_n_per_m;
+        // An upright side, of which next to nothing presses, would stop the tool within the tick at
+        // the first touch.
+        let most = MOST_TIMES_AS_STIFF * patch.stiffness_n_per_m.max(0.0);
+        let stiffness = params.stiffness_n_per_m.min(most);
         let about = stiffness * patch.radius_m * patch.radius_m;
         let holds_n = patch.force_n * if self.slips { params.dynamic } else { params.r#static };
         // One cone for both: a face that slides along turns easily, as a rotating floor polisher
@@ -269,6 +275,17 @@ mod tests {
             );
         }
         assert!(here.stiffness.traces().0 > 1e3);
+    }
+
+    #[test]
+    fn a_side_that_hardly_presses_hardly_holds() {
+        for stiffness_n_per_m in [-1.0, 0.0, 30.0] {
+            let mut friction = Friction::default();
+            let patch = Patch { stiffness_n_per_m, ..floor(1e-6) };
+            let held = friction.update([&patch].into_iter(), at(0.0, 0.0), &PARAMS);
+            let (along, _) = held.stiffness.traces();
+            assert!((along - 20.0 * stiffness_n_per_m.max(0.0)).abs() < 1e-9, "{along}");
+        }
     }
 
     #[test]

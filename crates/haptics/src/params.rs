@@ -85,14 +85,12 @@ impl ContactParameters {
         braking: false,
     };
 
-    /// What of them a contact query reads; `smooth_entry` is stage S of the
-    /// [filter](FilterParameters::spatial).
-    pub fn force_law(&self, smooth_entry: bool) -> ForceLaw {
+    /// What of them a contact query reads.
+    pub fn force_law(&self) -> ForceLaw {
         ForceLaw {
             field: self.field,
             stiffness_n_per_m: self.stiffness_n_per_m,
             normalization: self.normalization,
-            smooth_entry,
         }
     }
 }
@@ -159,9 +157,7 @@ impl CouplingParameters {
 /// Dynamic shaping filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FilterParameters {
-    /// Stage S: smooth entry weight over the first half voxel of depth.
-    pub spatial: bool,
-    /// Stage D: cut-off range `[f_min, f_max]`, Hz; both infinite switches it off.
+    /// Cut-off range `[f_min, f_max]`, Hz; both infinite switches it off.
     pub cutoff_hz: [f64; 2],
 }
 
@@ -376,7 +372,7 @@ pub struct Parameters {
 impl Parameters {
     /// What a contact query reads.
     pub fn force_law(&self) -> ForceLaw {
-        self.contact.force_law(self.filter.spatial)
+        self.contact.force_law()
     }
 
     /// A virtual tool in an implicit coupling, and no limit: for figures, tests, and scenes that no
@@ -387,7 +383,7 @@ impl Parameters {
             gravity_m_per_s2: DVec3::ZERO,
             contact: ContactParameters { damping_ratio: 0.7, ..ContactParameters::PLAIN },
             coupling: CouplingParameters::PLAIN,
-            filter: FilterParameters { spatial: true, cutoff_hz: [50.0, 300.0] },
+            filter: FilterParameters { cutoff_hz: [50.0, 300.0] },
             limits: LimitParameters::NONE,
             safety: SafetyParameters::default(),
             mapping: DeviceMapping::PLAIN,

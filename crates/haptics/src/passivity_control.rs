@@ -37,7 +37,7 @@ const FORGET_AFTER_S: f64 = 0.01;
 const TRAIL_TICKS: usize = 6;
 
 /// What the spring may hold beyond the energy that the hand has put in before it is damped, J.
-const LENT_FREELY_J: f64 = 2.5e-4;
+pub(super) const LENT_FREELY_J: f64 = 2e-4;
 
 /// Energy that may be owed without consequences, J: contact that ends leaves so much behind.
 const OWED_FREELY_J: f64 = 5e-4;
@@ -786,9 +786,9 @@ mod tests {
         let mut controller = PassivityController::default();
         controller.observe(at(0.0), 0, PERIOD_S);
         controller.hold(push(-2.0));
-        // The hand puts 2 mJ in, and a quarter of a millijoule is lent.
+        // The hand puts 2 mJ in, and 0.2 mJ are lent.
         controller.observe(at(1e-3), 0, PERIOD_S);
-        for (held_j, is_paid) in [(2.2e-3, true), (2.3e-3, false)] {
+        for (held_j, is_paid) in [(2.15e-3, true), (2.25e-3, false)] {
             controller.damped((push(-2.0), held_j), along(0.0), &arm, &free(), PERIOD_S);
             assert_eq!(controller.is_paid(&arm), is_paid, "{held_j}");
             assert!(controller.is_paid(&injecting(0.0)), "an arm that is not watched");

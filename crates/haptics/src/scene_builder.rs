@@ -32,20 +32,12 @@ pub struct ToolOptions {
     pub inertia_kg_m2: Option<DMat3>,
     /// Which points it has, where the builder bakes it.
     pub points: Points,
-    /// Points beside edges of the tool push the way that the obstacle says while they are shallow.
-    pub knows_edges: bool,
 }
 
 impl ToolOptions {
     /// So heavy, with the centre of mass and the inertia of the mesh.
     pub fn new(mass_kg: f64) -> Self {
-        Self {
-            mass_kg,
-            center_of_mass_m: None,
-            inertia_kg_m2: None,
-            points: Points::default(),
-            knows_edges: true,
-        }
+        Self { mass_kg, center_of_mass_m: None, inertia_kg_m2: None, points: Points::default() }
     }
 }
 
@@ -125,7 +117,6 @@ impl SceneBuilder {
         options: &ToolOptions,
     ) -> (RenderScene, Vec<ObjectReport>) {
         let Self { parameters, obstacles, clay, mut reports } = self;
-        let shell = if options.knows_edges { shell } else { shell.without_edges() };
         let center_of_mass_tool = options.center_of_mass_m.unwrap_or(mass.center_m);
         let inertia = inertia(options, mass, shell.radius_m(), center_of_mass_tool);
         reports.push(report);

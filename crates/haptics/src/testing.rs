@@ -14,7 +14,7 @@ use crate::{
 pub fn parameters() -> Parameters {
     Parameters {
         coupling: CouplingParameters { stiffness_nm_per_rad: 0.3, ..CouplingParameters::PLAIN },
-        filter: FilterParameters { spatial: true, cutoff_hz: [f64::INFINITY, f64::INFINITY] },
+        filter: FilterParameters { cutoff_hz: [f64::INFINITY, f64::INFINITY] },
         limits: LimitParameters {
             force_n: 10.0,
             torque_nm: 0.2,

@@ -229,7 +229,7 @@ impl VirtualTool {
         if is_unfelt && !self.tracks {
             // Nothing is in the way: a tool that has sprung off a wall while the hand is inside of
             // it is further away than that.
-            self.tracks = self.track(target, sag_m, (radius_m, -contact.max_value_m), p.period_s);
+            self.tracks = self.track(target, sag_m, (radius_m, contact.free_way_m), p.period_s);
             if self.tracks {
                 // The way that it lagged by is no velocity.
                 let way = over_a_tick((
@@ -303,7 +303,7 @@ impl VirtualTool {
                     angular: reached.twist.angular * p.period_s,
                 };
                 let goes_m = way.linear.length() + way.angular.length() * radius_m;
-                let is_clear = goes_m < -contact.max_value_m;
+                let is_clear = goes_m < contact.free_way_m;
                 // A landing is looked at again however much there is: it is one tick.
                 let most_points = MOST_POINTS_PER_S * p.period_s.min(1e-3);
                 let is_large = f64::from(contact.looked_at) > most_points;

@@ -400,8 +400,18 @@ impl PointShell {
         self.vectors(|shell| shell.shell().normals(), py)
     }
 
-    /// (blocks, 16) float32: area that each point stands for, in squares of the voxel edge. A
-    /// read-only view.
+    /// (blocks, 2, 16, 3) float32, m: half axes of the rectangle that each facet counts as, zero of
+    /// points without extent; laid out as `positions_m`. A read-only view.
+    #[getter]
+    fn half_axes_m<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let memory: fn(&vps::PointShell) -> &[[Lanes3; 2]] = |shell| shell.shell().half_axes();
+        let shape = [memory(&self.shell).len(), 2, 3, LANES];
+        arrays::view(&self.shell, memory, &shape, "=f4", py)?
+            .call_method1("transpose", ((0, 1, 3, 2),))
+    }
+
+    /// (blocks, 16) float32: area that each point stands for, in squares of the voxel edge; 0 of
+    /// probes on edges and corners. A read-only view.
     #[getter]
     fn weights<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let memory: fn(&vps::PointShell) -> &[Lanes] = |shell| shell.shell().weights();

@@ -117,6 +117,7 @@ def test_views_are_the_memory_and_outlive_the_part() -> None:
         "brick_index": (voxmap.brick_index, voxmap.brick_index),
         "positions_m": (shell.positions_m, shell.positions_m),
         "normals": (shell.normals, shell.normals),
+        "half_axes_m": (shell.half_axes_m, shell.half_axes_m),
         "weights": (shell.weights, shell.weights),
     }
     for name, (view, again) in views.items():

@@ -36,7 +36,7 @@ impl Resolve<'_> {
                 range
             }
         };
-        FilterParameters { spatial: written.spatial.unwrap_or(true), cutoff_hz }
+        FilterParameters { cutoff_hz }
     }
 
     pub(super) fn coupling(

@@ -103,8 +103,9 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<SceneConfig, Conf
     }
 }
 
-/// Keys of version 0.1.0 that nothing varied, or that said what a flag says.
-const GONE: [GoneKey; 4] = [
+/// Keys of version 0.1.0 that nothing varied, that said what a flag says, or whose rule follows from
+/// the law.
+const GONE: [GoneKey; 6] = [
     GoneKey {
         key: "device.sim.hand_repeat",
         now: "false",
@@ -119,6 +120,18 @@ const GONE: [GoneKey; 4] = [
         key: "device.sim.jitter_us",
         now: "",
         instead: "leave it out: no version has read it",
+    },
+    GoneKey {
+        key: "contact.geometric_awareness",
+        now: "\"edges\"",
+        instead: "leave it out: facets count by what of them is immersed, which edges push by; \
+            tool.points = \"voxels\" pushes along the normals of points",
+    },
+    GoneKey {
+        key: "filter.spatial",
+        now: "true",
+        instead: "leave it out: what a facet presses begins smoothly, as less of it is immersed; \
+            tool.points = \"voxels\" has the sum over points",
     },
     GoneKey {
         key: "sculpt.integrator",
@@ -295,7 +308,6 @@ impl Resolve<'_> {
             name,
             rate_hz,
             time_budget_s,
-            knows_edges: scene.contact.geometric_awareness != Some(schema::AwarenessWord::Off),
             stiffness_key: point_stiffness.key,
             statics,
             tool,

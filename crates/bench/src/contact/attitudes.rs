@@ -1,7 +1,7 @@
 //! Tools at random in their grids: what a face presses with, when a corner is first felt, and how
 //! forces come to the law with the voxel.
 //!
-//! The law and its exact reference: `law`. Forces without entry weight, trilinear.
+//! The law and its exact reference: `law`. Forces are trilinear.
 
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;

@@ -242,7 +242,7 @@ fn scene(frame: &DensityFrame, shell: Shell) -> RenderScene {
                 mode: CouplingMode::Direct,
                 ..CouplingParameters::PLAIN
             },
-            filter: FilterParameters { spatial: false, cutoff_hz: [f64::INFINITY; 2] },
+            filter: FilterParameters { cutoff_hz: [f64::INFINITY; 2] },
             ..Parameters::unlimited(PERIOD_S)
         },
         obstacles: Vec::new(),

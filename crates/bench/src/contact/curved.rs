@@ -11,9 +11,8 @@
 //! part of what is measured. Forces are contact sums without the low-pass, which would add its
 //! delay to the error.
 //!
-//! *Error* is |force − law|, RMS over all paths, each in % of the mean of its law. The entry weight
-//! is not part of the law: what it takes is counted as error where it is on. *Lost* is where there
-//! is no force and the law has more than 1 % of its mean.
+//! *Error* is |force − law|, RMS over all paths, each in % of the mean of its law. *Lost* is where
+//! there is no force and the law has more than 1 % of its mean.
 
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
@@ -62,19 +61,17 @@ struct Setting {
     law: ForceLaw,
 }
 
-const WEIGHTED: ForceLaw = ForceLaw { smooth_entry: true, ..ForceLaw::PLAIN };
-/// What targets ask of: the first as it is felt, the second as it is right.
-const SETTINGS: [Setting; 4] = [
-    Setting { name: "facets, as shipped", points: Points::Facets, law: WEIGHTED },
-    Setting { name: "facets without entry weight", points: Points::Facets, law: ForceLaw::PLAIN },
-    Setting { name: "voxels, as 0.1.0 shipped", points: Points::Voxels, law: WEIGHTED },
+/// What is compared; targets ask of facets.
+const SETTINGS: [Setting; 3] = [
+    Setting { name: "facets", points: Points::Facets, law: ForceLaw::PLAIN },
+    Setting { name: "voxels, interpolated", points: Points::Voxels, law: ForceLaw::PLAIN },
     Setting {
         name: "raw of 2008",
         points: Points::Voxels,
         law: ForceLaw { field: FieldKind::Layers, ..ForceLaw::PLAIN },
     },
 ];
-const RAW: usize = 3;
+const RAW: usize = 2;
 
 /// Forces along one path, N; those of the law at every [`TICKS_PER_NODE`]th tick.
 struct Slid {
@@ -588,12 +585,11 @@ fn rows_of(group: &str, slid: &[&Slid]) -> Vec<Row> {
         let worst = figures.error_percent.iter().copied().reduce(f64::max);
         let p95 = Row::new(group, format!("{name}: angle to the law, p95"), figures.p95_deg(), "°");
         let is_judged = SETTINGS[idx].points == Points::Facets;
-        let is_plain = !SETTINGS[idx].law.smooth_entry;
         rows.push(if is_judged { ripple.at_least_times(10.0) } else { ripple });
         let own =
             Row::new(group, format!("{name}: ripple that the law does not have"), own(idx), "%");
         rows.push(if idx == RAW { own } else { own.beside_peer("raw", &raw_own) });
-        rows.push(if is_judged && is_plain { error.at_most(2.0) } else { error });
+        rows.push(if is_judged { error.at_most(2.0) } else { error });
         rows.push(Row::new(group, format!("{name}: error of the worst path"), worst, "%"));
         rows.push(Row::new(
             group,

@@ -15,20 +15,19 @@ use vps::voxmap::field::FieldKind;
 /// What gives the depth of a point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Depths {
-    /// A field, and whether the entry weight (`filter.spatial`) is on.
-    Of(FieldKind, bool),
+    /// A field.
+    Of(FieldKind),
     /// The exact distance: the error of the shell alone.
     Exact,
 }
 
 impl Depths {
     /// In the order of the tables.
-    pub const ALL: [Self; 6] = [
-        Self::Of(FieldKind::Layers, false),
-        Self::Of(FieldKind::SurfacePoint, false),
-        Self::Of(FieldKind::Octant, false),
-        Self::Of(FieldKind::Trilinear, false),
-        Self::Of(FieldKind::Trilinear, true),
+    pub const ALL: [Self; 5] = [
+        Self::Of(FieldKind::Layers),
+        Self::Of(FieldKind::SurfacePoint),
+        Self::Of(FieldKind::Octant),
+        Self::Of(FieldKind::Trilinear),
         Self::Exact,
     ];
 
@@ -36,8 +35,7 @@ impl Depths {
     pub fn name(self) -> &'static str {
         match self {
             Self::Exact => "exact distance",
-            Self::Of(FieldKind::Trilinear, true) => "trilinear, spatial",
-            Self::Of(kind, _) => FieldKind::NAMES
+            Self::Of(kind) => FieldKind::NAMES
                 .iter()
                 .find(|(_, named)| *named == kind)
                 .map_or("?", |(name, _)| name),
@@ -127,12 +125,12 @@ impl Run {
     fn of(scenario: &Scenario, depths: Depths) -> Self {
         let mut run = Self { wrenches: Vec::new(), contacts: Vec::new(), query_us: Vec::new() };
         for pose in &scenario.poses {
-            let Depths::Of(field, spatial) = depths else {
+            let Depths::Of(field) = depths else {
                 run.wrenches.push(scenario.exact(*pose).0);
                 run.contacts.push(0);
                 continue;
             };
-            let law = contact(field, spatial);
+            let law = contact(field);
             let since = Instant::now();
             let sum = ContactSum::flat(&scenario.obstacles, &scenario.shell, *pose, law);
             run.query_us.push(since.elapsed().as_secs_f64() * 1e6);
@@ -192,8 +190,8 @@ impl Run {
 }
 
 /// A plain contact with this field.
-pub(super) fn contact(field: FieldKind, smooth_entry: bool) -> ForceLaw {
-    ForceLaw { field, stiffness_n_per_m: STIFFNESS_N_PER_M, smooth_entry, ..ForceLaw::PLAIN }
+pub(super) fn contact(field: FieldKind) -> ForceLaw {
+    ForceLaw { field, stiffness_n_per_m: STIFFNESS_N_PER_M, ..ForceLaw::PLAIN }
 }
 
 impl Measured {

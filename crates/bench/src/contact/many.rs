@@ -92,7 +92,7 @@ fn scene(n_obstacles: usize) -> Result<Vec<Obstacle>, BenchError> {
 
 /// Times of the queries along the path, at 50 mm/s and one turn a second, half a voxel deep, µs.
 fn slide(traversal: &mut Traversal, obstacles: &[Obstacle], shell: &Shell) -> Vec<f64> {
-    let law = contact(FieldKind::Trilinear, true);
+    let law = contact(FieldKind::Trilinear);
     let pose = |n: usize| {
         let t = n as f64 * 1e-3;
         let place =

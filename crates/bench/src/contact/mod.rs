@@ -12,6 +12,7 @@
 //! | `attitudes` | faces, corners and convergence of tools at random in their grids |
 //! | `speed`, `nut` | time against points, contact share, triangles; the nut on its bolt beside other programs |
 //! | `many` | time against the number of objects |
+//! | `near_misses` | time of a query just before contact |
 //! | `insertions` | which voxel size an insertion needs |
 //! | `stress` | a million points in a violent hand, every tick judged |
 //! | [`wrench`] | contact wrenches of several programs, beside closed forms |
@@ -32,6 +33,7 @@ mod insertions;
 mod lattice;
 mod law;
 mod many;
+mod near_misses;
 mod nut;
 pub mod ripple;
 pub mod scenarios;
@@ -124,6 +126,7 @@ pub fn speed(options: &Options, mut tell: impl FnMut(&str)) -> Result<Vec<Row>, 
     let mut rows = speed::rows(options, &mut tell)?;
     rows.extend(nut::rows(options, &mut tell)?);
     rows.extend(many::rows(options, &mut tell)?);
+    rows.extend(near_misses::rows(options, &mut tell)?);
     Ok(rows)
 }
 

@@ -24,7 +24,7 @@ use super::fixture::{self, Tube};
 use vps::contact::Obstacle;
 use vps::mesh::TriangleMesh;
 use vps::mesh::primitives::Shape;
-use vps::pointshell::shell::{LANES, Shell};
+use vps::pointshell::shell::Shell;
 use vps::spatial::{Pose, Wrench};
 
 /// s, m.
@@ -57,14 +57,6 @@ impl Solid {
             Self::Bore { axis } => point.reject_from_normalized(axis).length() - BORE_M,
         }
     }
-
-    /// −grad V.
-    fn way_out(self, point: DVec3) -> DVec3 {
-        match self {
-            Self::HalfSpace { normal } => normal,
-            Self::Bore { axis } => -point.reject_from_normalized(axis).normalize_or_zero(),
-        }
-    }
 }
 
 /// What the force ought to be.
@@ -93,22 +85,13 @@ pub struct Scenario {
 }
 
 impl Scenario {
-    /// The same sum over points with the exact depth, and for points on edges the exact way out:
-    /// what is left of an error is the shell's. Also Σ |fᵢ|, N.
+    /// The same sum over points with the exact depth: what is left of an error is the shell's. Also
+    /// Σ |fᵢ|, N.
     pub(super) fn exact(&self, pose: Pose) -> (Wrench, f64) {
         let mut sum = (Wrench::ZERO, 0.0);
-        for (idx, (point, normal)) in self.shell.points().enumerate() {
+        for (point, normal) in self.shell.points() {
             let arm = pose.rotation * point.as_dvec3();
-            let mut normal = pose.rotation * normal.as_dvec3();
-            let on_edge = self
-                .shell
-                .edges()
-                .get(idx / LANES)
-                .is_some_and(|edges| edges >> (idx % LANES) & 1 == 1);
-            if on_edge {
-                let out = self.solid.way_out(pose.translation + arm);
-                normal = out * out.dot(normal).max(0.0);
-            }
+            let normal = pose.rotation * normal.as_dvec3();
             let force_n = self.solid.depth_m(pose.translation + arm).max(0.0) * STIFFNESS_N_PER_M;
             let force = normal * force_n;
             sum.0 = sum.0 + Wrench::new(force, arm.cross(force));

@@ -161,17 +161,11 @@ mod tests {
         assert!(scenes.len() >= 4);
         let folder = tempfile::tempdir().unwrap();
         for scene in &scenes {
-            let edits = [
-                ("rendering.coupling", "constraint".into()),
-                ("rendering.field", "layers".into()),
-                ("filter.spatial", false.into()),
-            ];
+            let edits =
+                [("rendering.coupling", "constraint".into()), ("rendering.field", "layers".into())];
             let config = load(scene, &edits, folder.path()).unwrap();
             assert_eq!(config.parameters.coupling.mode, CouplingMode::Constraint);
-            assert_eq!(
-                (config.parameters.contact.field, config.parameters.filter.spatial),
-                (FieldKind::Layers, false)
-            );
+            assert_eq!(config.parameters.contact.field, FieldKind::Layers);
         }
         let refused =
             load(&scenes[0], &[("rendering.coupling", "magic".into())], folder.path()).unwrap_err();

@@ -10,7 +10,7 @@
 //!
 //! *As shipped* is the contact sum of the scene behind its low-pass, as an arm without a virtual
 //! tool would get it: the whole delay of the filter. *Raw* is the voxel plane of 2008: a point for
-//! each voxel, `layers`, no entry weight, no low-pass, otherwise the same. Both are related to
+//! each voxel, `layers`, no low-pass, otherwise the same. Both are related to
 //! their own mean: a force that is only smaller is no smoother.
 
 use core::f64::consts::{PI, TAU};
@@ -114,7 +114,7 @@ pub struct SlideForces {
     pub depth_voxels: f64,
     /// Of 2008.
     pub raw: Vec<DVec3>,
-    /// The shipped field and entry weight, without the low-pass: no delay.
+    /// The shipped field, without the low-pass: no delay.
     pub unfiltered: Vec<DVec3>,
     /// As shipped.
     pub shipped: Vec<DVec3>,
@@ -184,7 +184,7 @@ impl Track {
             ContactSum::flat(&scene.obstacles, &scene.tool.shell, body, law)
         };
         let shipped_law = |pose: Pose| force_law(scene, p.force_law(), pose);
-        let raw_law = ForceLaw { field: FieldKind::Layers, ..p.contact.force_law(false) };
+        let raw_law = ForceLaw { field: FieldKind::Layers, ..p.contact.force_law() };
         let pressed = |pose: Pose, far_m: f64| {
             Pose::new(pose.rotation, pose.translation + self.press * far_m)
         };

@@ -190,7 +190,7 @@ impl<'a> Asking<'a> {
             self.obstacles,
             self.shell,
             pose,
-            contact(FieldKind::Trilinear, true),
+            contact(FieldKind::Trilinear),
             None,
         )
     }

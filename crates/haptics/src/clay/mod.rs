@@ -140,7 +140,6 @@ mod tests {
         p.contact.stiffness_n_per_m = 700.0;
         p.coupling.stiffness_n_per_m = 900.0;
         p.limits.force_n = 6.0;
-        p.filter.spatial = false;
         p
     }
 

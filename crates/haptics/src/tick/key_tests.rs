@@ -7,11 +7,12 @@ use std::collections::BTreeSet;
 use glam::{DMat3, DQuat, DVec3};
 
 use super::*;
+use crate::passivity_control::LENT_FREELY_J;
 use crate::testing::{parameters, skew_block, skew_scene, skew_start};
 use crate::virtual_tool::tests as virtual_tool;
 use crate::{
     ContactParameters, CouplingParameters, DeviceMapping, FilterParameters, FreeSpace,
-    FrictionParameters, SceneBuilder, SpringClamp, ToolOptions,
+    FrictionParameters, SpringClamp,
 };
 use vps::contact::Normalization;
 use vps::spatial::{Axes, Mat6, SampleStatus};
@@ -33,13 +34,12 @@ enum Proof {
 use Proof::{Directly, InContact, InFreeSpace, Nothing, Test};
 
 /// The keys of `[contact]`, `[coupling]` and `[filter]`, those of `world_from_device`, and the field.
-const PROOFS: [(&str, Proof); 26] = [
+const PROOFS: [(&str, Proof); 24] = [
     ("contact.stiffness_n_per_mm3", InContact(|p| p.contact.stiffness_n_per_m *= 1.1)),
     ("contact.damping_ratio", InContact(|p| p.contact.damping_ratio = 0.45)),
     ("contact.damping_n_s_per_m", InContact(|p| p.contact.damping_n_s_per_m = 60.0)),
     ("contact.damping_n_s_per_m", InContact(|p| p.contact.damping_n_s_per_m = 3e3)),
     ("contact.braking", Test(virtual_tool::a_brake_acts_along_the_way_out_of_what_is_ahead)),
-    ("contact.geometric_awareness", Test(a_tool_that_knows_no_edges_has_none)),
     ("contact.normalize", InContact(|p| p.contact.normalization = Normalization::Average)),
     ("contact.time_budget_us", Test(a_budget_bounds_what_a_tick_looks_at)),
     ("rendering.field", InContact(|p| p.contact.field = FieldKind::Layers)),
@@ -54,7 +54,6 @@ const PROOFS: [(&str, Proof); 26] = [
     ("coupling.damping_nm_s_per_rad", InContact(|p| p.coupling.felt_damping_nm_s_per_rad *= 1.5)),
     ("coupling.clamp", InContact(|p| p.coupling.clamp = SpringClamp::HalfVoxel)),
     ("coupling.free_space", InFreeSpace(|p| p.coupling.free_space = FreeSpace::Zero)),
-    ("filter.spatial", InContact(|p| p.filter.spatial = false)),
     ("filter.cutoff_hz", InContact(|p| p.filter.cutoff_hz[0] = 150.0)),
     ("filter.cutoff_hz", InContact(|p| p.filter.cutoff_hz = [20.0, 25.0])),
     ("world_from_device.position_mm", Nothing(|p| p.mapping.world_from_device.translation.y = 3.0)),
@@ -93,7 +92,7 @@ fn generic() -> Parameters {
         bound_n_per_m: 2e3,
         bound_nm_per_rad: 0.07,
     };
-    p.filter = FilterParameters { spatial: true, cutoff_hz: [60.0, 220.0] };
+    p.filter = FilterParameters { cutoff_hz: [60.0, 220.0] };
     p.mapping = DeviceMapping {
         world_from_device: Pose::new(turn(-0.5, 0.8, 0.3), DVec3::new(0.2, 0.3, -0.1)),
         scale: 2.5,
@@ -133,7 +132,7 @@ fn the_account_starts_from_values_that_are_neither_0_nor_1_and_from_skew_rotatio
         bound_n_per_m,
         bound_nm_per_rad,
     } = p.coupling;
-    let FilterParameters { spatial: _, cutoff_hz: [low, high] } = p.filter;
+    let FilterParameters { cutoff_hz: [low, high] } = p.filter;
     let DeviceMapping { world_from_device, scale, sensed: _, actuated: _, start } = p.mapping;
     for value in [
         contact,
@@ -499,19 +498,6 @@ impl Rubs {
     }
 }
 
-/// A key of the tool, which the scene's builder reads.
-fn a_tool_that_knows_no_edges_has_none() {
-    use vps::{mesh::primitives::Shape, part::Part, voxmap::Options};
-    let tool = Part::of_shape("tool", &Shape::Box { size_m: DVec3::splat(8e-3) }, 1e-3);
-    let built = |knows_edges| {
-        let options = ToolOptions { knows_edges, ..ToolOptions::new(0.1) };
-        let builder = SceneBuilder::new(parameters());
-        let (scene, _) = builder.finish(&tool, &Options::new(1e-3), &options).expect("small");
-        scene.tool.shell.edges().iter().any(|lanes| *lanes != 0)
-    };
-    assert!(built(true) && !built(false));
-}
-
 /// A key of the loop, which gives it to the state.
 fn a_budget_bounds_what_a_tick_looks_at() {
     let looked_at = |budget: Budget| {
@@ -599,7 +585,7 @@ fn pulls_and_pays(actuated: Axes) {
         + 0.5 * 0.45 * turned.length_squared() * share(turned * actuated.angular_mask(), turned);
     let damper = input.sample.twist.linear * -injected;
     let takes_j = 1e-3 * injected * input.sample.twist.linear.length_squared();
-    let share = (held_j - 2.5e-4) / takes_j;
+    let share = (held_j - LENT_FREELY_J) / takes_j;
     assert!(share > 0.01 && share < 1.0, "{share}");
     let expected = (pull + damper * share) * actuated.linear_mask();
     let differs = first.command_device.force - expected;
@@ -824,7 +810,7 @@ fn a_spring_is_paid_by_the_share_of_it_that_is_felt() {
     let stretch = way * 0.91;
     let held_j = 0.5 * 1300.0 * 2.5 * stretch.length_squared() * share * gain;
     let takes_j = 1e-3 * injected * velocity.length_squared();
-    let damps = (held_j - 2.5e-4 + owed_j) / takes_j;
+    let damps = (held_j - LENT_FREELY_J + owed_j) / takes_j;
     assert!(damps > 0.01 && damps < 1.0, "{damps}");
     let pull = stretch * (-1300.0 * 2.5 * share);
     let damper = velocity * -injected;

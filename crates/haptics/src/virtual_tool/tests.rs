@@ -23,7 +23,7 @@ fn generic() -> Parameters {
     p.coupling.felt_damping_n_s_per_m = 3.7;
     p.coupling.felt_damping_nm_s_per_rad = 0.013;
     p.coupling.free_space = FreeSpace::Drag;
-    p.filter = FilterParameters { spatial: true, cutoff_hz: [3.0, 220.0] };
+    p.filter = FilterParameters { cutoff_hz: [3.0, 220.0] };
     p.limits = LimitParameters { force_n: 9.0, torque_nm: 0.25, ..p.limits };
     p
 }
@@ -541,8 +541,6 @@ fn a_face_that_a_block_comes_towards_is_damped_by_the_speed_between_them() {
     let out = skew_block().transform_vector(DVec3::Z);
     let closes = |damping_n_s_per_m: f64| {
         let mut p = generic();
-        // As stiff wherever the tool ends.
-        p.filter.spatial = false;
         p.contact.damping_n_s_per_m = damping_n_s_per_m;
         let mut scene = skew_scene(p);
         // So heavy to turn that it does not, and pushed straight out: all is linear.

@@ -10,8 +10,8 @@
 
 use glam::Vec3;
 
-use super::contact_block::{ContactBlock, ContactDirections};
-use super::sum::{Add, Weighting};
+use super::contact_block::ContactBlock;
+use super::sum::{Add, Points, Weighting};
 use super::summing::Summing;
 use super::{ContactSum, FaceSums, ForceLaw, Patch, SimdLevel};
 use crate::density::Probe;
@@ -22,8 +22,7 @@ use crate::spatial::{Mat6, Pose, Wrench};
 impl ContactSum {
     /// The clay that a probe sees at this pose. `faces`: of each block of the shell. −`max_value_m`
     /// is the clearance that is proven while nothing touches, and no point may go further in a
-    /// tick; `contacts` with a direction of their own count with the whole of their weight, on an
-    /// edge of the tool as well.
+    /// tick; `contacts` with a direction of their own count with the whole of their weight.
     ///
     /// RT: safe; a look-up per block, and up to one per point where the block is near, up to twenty
     /// where the point touches.
@@ -36,7 +35,7 @@ impl ContactSum {
         law: ForceLaw,
     ) -> Self {
         let mut summing = Summing::new(law, world_from_body, sums);
-        let by = Weighting::new(probe.spacing_m(), law.smooth_entry);
+        let by = Weighting::new(probe.spacing_m(), false, false);
         let mut n_contacts = 0;
         let mut max_value_m = f32::NEG_INFINITY;
         let whole_clearance_m = probe.sphere_clearance_m(Vec3::ZERO, shell.radius_m() as f32);
@@ -60,20 +59,16 @@ impl ContactSum {
                 let touched = ContactBlock {
                     block,
                     lanes: found.lanes,
-                    weight: 1.0,
                     depths_m: found.depths_m,
                     // Clay pushes along what it changes along.
-                    gradients: Lanes3::ZERO,
+                    ..ContactBlock::NONE
                 };
-                let pushes = ContactDirections {
-                    positions: *positions,
-                    normals: found.directions,
-                    areas: *weights,
-                    weights: *weights,
-                };
+                // Each counts as a point in the middle of its surface.
+                let points =
+                    Points { positions, normals: &found.directions, weights, half_axes: None };
                 n_contacts += found.lanes.count_ones();
                 if let Some(sums) = summing.face(*face) {
-                    simd_level.run(Add { sums, touched: &touched, pushes: &pushes, by });
+                    simd_level.run(Add { sums, touched: &touched, points, by });
                 }
             }
         }
@@ -82,7 +77,7 @@ impl ContactSum {
         summing.note_found(
             spacing_m,
             n_contacts,
-            f64::from(max_value_m),
+            (f64::from(max_value_m), clearance_m.max(0.0)),
             clearance_m.max(0.5 * spacing_m),
         );
         summing.finish()
@@ -157,6 +152,7 @@ impl ContactSum {
             self.voxel_size_m = self.voxel_size_m.min(clay.voxel_size_m);
         }
         self.max_value_m = self.max_value_m.max(clay.max_value_m);
+        self.free_way_m = self.free_way_m.min(clay.free_way_m);
         self.step_limit_m = self.step_limit_m.min(clay.step_limit_m);
         self
     }
@@ -390,6 +386,8 @@ mod tests {
             looked_at: 0,
             left_out: 0,
             obstacle_motion: ObstacleMotion::default(),
+            free_way_m: 0.0,
+            clearance_is_bound: false,
             is_roped: false,
             patches: [None; FACES],
             carried_faces: None,

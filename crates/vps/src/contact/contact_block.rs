@@ -3,28 +3,49 @@
 //! A contact model reads them as they are, sixteen lanes at a time, or one [`Contact`] after the
 //! other; how they were found is not its concern.
 
-use glam::{Mat3, Vec3};
+use glam::Vec3;
 
-use super::kernel::Place;
+use super::immersion::FacetRange;
 use crate::pointshell::shell::{LANES, Lanes, Lanes3, Shell};
-use crate::spatial::Pose;
 use crate::voxmap::field::Field;
 
-/// One point in contact.
+/// One point or facet in contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contact {
     /// Number of the point in the shell.
     pub point_idx: u32,
-    /// V at the point, m, greater than 0.
+    /// V at the point, m, greater than 0; of a facet whose centroid is outside, that at its deepest
+    /// place.
     pub depth_m: f32,
-    /// Surface that it stands for, s²; with a budget that of others as well, on an edge of the tool
-    /// the share that pushes its way.
+    /// Mean over the facet of how deep it is immersed, m, which is what its force counts; of a
+    /// point and of a facet that is immersed as a whole `depth_m`.
+    pub mean_depth_m: f32,
+    /// Surface that it stands for, s²; with a budget that of others as well, of a probe on an edge
+    /// or a corner of the tool 0.
     pub weight: f32,
-    /// Point about the centre of mass, tool axes, m.
+    /// Where it is that deep, about the centre of mass, tool axes, m.
     pub arm_body: Vec3,
-    /// Unit direction that pushes the tool out, tool axes: the point's normal, or −grad V where the
-    /// point lies on an edge of the tool or the obstacle is a thin skin.
+    /// Where its force acts: there, or of a facet that is immersed in part the middle of what
+    /// presses, about the centre of mass, tool axes, m.
+    pub pressed_body: Vec3,
+    /// Unit direction that pushes the tool out, tool axes: the point's normal, or −grad V of a
+    /// probe, of a point without a normal, and where the obstacle is a thin skin.
     pub normal_body: Vec3,
+}
+
+impl Contact {
+    /// Of a point without extent that stands for one s².
+    pub fn of_point(point_idx: u32, depth_m: f32, arm_body: Vec3, normal_body: Vec3) -> Self {
+        Self {
+            point_idx,
+            depth_m,
+            mean_depth_m: depth_m,
+            weight: 1.0,
+            arm_body,
+            pressed_body: arm_body,
+            normal_body,
+        }
+    }
 }
 
 /// A block of the shell with points in contact.
@@ -37,139 +58,107 @@ pub struct ContactBlock {
     /// What of the surface each of them stands for counts; with a budget points stand for others as
     /// well.
     pub weight: f32,
-    /// V, m, greater than 0 in these lanes.
+    /// The depth ranges by no more than this over a facet to both sides of its centroid, m.
+    pub limit_m: f32,
+    /// V, m, in these lanes greater than 0, or of a facet greater than minus what the depth ranges
+    /// by over it.
     pub depths_m: [f32; LANES],
     /// Gradient of V in these lanes, m/m, tool axes; zero where it is not known.
     pub gradients: Lanes3,
+    /// By how much less deep the two ends of a facet are than its gradient says, m, at most 0: see
+    /// `immersion`.
+    pub shortfalls_m: [Lanes; 2],
 }
 
 impl ContactBlock {
+    /// Nothing of the first block touches.
+    pub(super) const NONE: Self = Self {
+        block: 0,
+        lanes: 0,
+        weight: 1.0,
+        limit_m: 0.0,
+        depths_m: [0.0; LANES],
+        gradients: Lanes3::ZERO,
+        shortfalls_m: [Lanes([0.0; LANES]); 2],
+    };
+
     /// Lanes in contact, rising.
     #[inline]
     pub fn lanes(&self) -> impl Iterator<Item = usize> + use<> {
         lanes_of(self.lanes)
     }
 
-    /// The sum of what the lanes in contact are deep, each by its weight, m.
     #[inline]
-    pub(super) fn depth_m(&self, weights: &Lanes) -> f64 {
-        let weighted =
-            |lane: usize| Some(f64::from(self.depths_m.get(lane)? * weights.0.get(lane)?));
-        self.lanes().filter_map(weighted).sum()
-    }
-
-    /// Surface that each lane stands for, s².
-    #[inline]
-    pub(super) fn weights(&self, shell: &Shell) -> Option<Lanes> {
-        Some(Lanes(shell.weights().get(self.block as usize)?.0.map(|weight| weight * self.weight)))
-    }
-
-    /// Lanes in contact whose own normal does not say which way is out, rising.
-    #[inline]
-    pub(super) fn bent_lanes(
-        &self,
-        field: &Field,
-        shell: &Shell,
-    ) -> impl Iterator<Item = usize> + use<> {
-        lanes_of(self.bent(field, shell))
-    }
-
-    /// The same, one bit per lane.
-    #[inline]
-    fn bent(&self, field: &Field, shell: &Shell) -> u16 {
-        // A thin skin pushes away from its middle; an edge has no normal of its own, and the mean
-        // of those beside it would push along the wall.
-        if field.is_thin() {
-            return self.lanes;
-        }
-        let edges = self.lanes & shell.edges().get(self.block as usize).copied().unwrap_or(0);
-        if edges == 0 {
-            return 0;
-        }
-        let normals = shell.normals().get(self.block as usize);
-        lanes_of(edges).fold(0, |bent, lane| {
-            let is_shallow =
-                self.depths_m.get(lane).is_some_and(|depth_m| *depth_m < shell.edge_depth_m());
-            // A point of a skin has none.
-            let has_normal = normals.is_some_and(|normals| normals.get(lane) != Vec3::ZERO);
-            bent | u16::from(is_shallow || !has_normal) << lane
-        })
-    }
-
-    /// True when some direction is not the point's own normal.
-    #[inline]
-    pub(super) fn bends(&self, field: &Field, shell: &Shell) -> bool {
-        self.bent(field, shell) != 0
-    }
-
-    /// How the lanes of the block push. `gradient` gives [`Wall::gradient`] at the next of
-    /// [`Self::bent_lanes`], where it is.
-    #[inline]
-    pub(super) fn pushes(
-        &self,
-        wall: &Wall<'_>,
-        shell: &Shell,
-        mut gradient: impl FnMut(Vec3) -> Option<Vec3>,
-    ) -> Option<ContactDirections> {
-        let block = self.block as usize;
-        let positions = *shell.positions().get(block)?;
-        let normals = *shell.normals().get(block)?;
-        let weights = self.weights(shell)?;
-        let mut pushes = ContactDirections { positions, normals, areas: weights, weights };
-        for lane in self.bent_lanes(wall.field, shell) {
-            let depth_m = self.depths_m.get(lane).copied().unwrap_or(0.0);
-            let gradient = gradient(positions.get(lane))?;
-            let (direction, share) =
-                wall.push(gradient, normals.get(lane), depth_m / shell.edge_depth_m());
-            pushes.normals.set(lane, direction);
-            if let Some(weight) = pushes.weights.0.get_mut(lane) {
-                *weight *= share;
+    pub(super) fn set_shortfalls(&mut self, lane: usize, shortfalls_m: [f32; 2]) {
+        for (of, shortfall_m) in self.shortfalls_m.iter_mut().zip(shortfalls_m) {
+            if let Some(of_lane) = of.0.get_mut(lane) {
+                *of_lane = shortfall_m;
             }
         }
-        Some(pushes)
     }
 
-    /// Reports each lane in contact.
+    /// V in a lane, m, and how it ranges over the facet.
     #[inline]
-    pub fn contacts(
-        &self,
-        field: &Field,
-        shell: &Shell,
-        map_from_body: Pose,
-        mut touch: impl FnMut(&Contact),
-    ) {
-        let wall = Wall::new(field, map_from_body);
-        let pushes = self.pushes(&wall, shell, |position| Some(wall.gradient(position)));
-        let Some(ContactDirections { positions, normals, weights, .. }) = pushes else { return };
+    fn depth_and_range(&self, shell: &Shell, lane: usize) -> (f32, FacetRange) {
+        let half_axes = shell.half_axes().get(self.block as usize);
+        let half_axes = half_axes.map(|[a, b]| [a.get(lane), b.get(lane)]);
+        let depth_m = self.depths_m.get(lane).copied().unwrap_or(0.0);
+        let shortfalls_m = self.shortfalls_m.map(|of| of.0.get(lane).copied().unwrap_or(0.0));
+        let range = FacetRange::of(half_axes, self.gradients.get(lane), self.limit_m);
+        (depth_m, range.with_shortfalls(shortfalls_m))
+    }
+
+    /// The sum of how deep the lanes in contact are immersed in the mean, each by its weight, m.
+    #[inline]
+    pub(super) fn depth_m(&self, shell: &Shell) -> f64 {
+        let weighted = |lane: usize| {
+            let (depth_m, range) = self.depth_and_range(shell, lane);
+            f64::from(range.mean_depth_m(depth_m) * self.weight_of(shell, lane))
+        };
+        self.lanes().map(weighted).sum()
+    }
+
+    /// Surface that a lane stands for, s².
+    #[inline]
+    pub(super) fn weight_of(&self, shell: &Shell, lane: usize) -> f32 {
+        let weights = shell.weights().get(self.block as usize);
+        self.weight * weights.and_then(|weights| weights.0.get(lane)).copied().unwrap_or(0.0)
+    }
+
+    /// Unit −grad V in a lane in contact, tool axes; `None` where it vanishes or is not known.
+    #[inline]
+    pub(super) fn way_out(&self, lane: usize) -> Option<Vec3> {
+        (-self.gradients.get(lane)).try_normalize()
+    }
+
+    /// Reports each lane in contact with this field.
+    #[inline]
+    pub fn contacts(&self, field: &Field, shell: &Shell, mut touch: impl FnMut(&Contact)) {
+        let block = self.block as usize;
+        let (Some(positions), Some(normals)) =
+            (shell.positions().get(block), shell.normals().get(block))
+        else {
+            return;
+        };
         for lane in self.lanes() {
+            let (depth_m, range) = self.depth_and_range(shell, lane);
+            let (deepest_m, there) = range.depth_there(depth_m);
+            let position = positions.get(lane);
+            let weight = self.weight_of(shell, lane);
+            let normal = normals.get(lane);
+            // Neither a skin nor an edge has a direction of its own.
+            let bends = field.is_thin() || weight == 0.0 || normal == Vec3::ZERO;
             touch(&Contact {
                 point_idx: self.block * LANES as u32 + lane as u32,
-                depth_m: self.depths_m.get(lane).copied().unwrap_or(0.0),
-                weight: weights.0.get(lane).copied().unwrap_or(0.0),
-                arm_body: positions.get(lane),
-                normal_body: normals.get(lane).normalize_or_zero(),
+                depth_m: deepest_m,
+                mean_depth_m: range.mean_depth_m(depth_m),
+                weight,
+                arm_body: position + there,
+                pressed_body: position + range.lever_m(depth_m),
+                normal_body: self.way_out(lane).filter(|_| bends).unwrap_or(normal),
             });
         }
     }
-}
-
-/// How the sixteen points of a block push.
-pub(super) struct ContactDirections {
-    /// Tool axes, m.
-    pub(super) positions: Lanes3,
-    /// Unit directions, tool axes.
-    pub(super) normals: Lanes3,
-    /// Surface that each stands for, s².
-    pub(super) areas: Lanes,
-    /// What of it pushes this way.
-    pub(super) weights: Lanes,
-}
-
-/// 0 to 1 with depth, without a kink at either end.
-#[inline]
-fn smooth(t: f32) -> f32 {
-    let t = t.min(1.0);
-    t * t * (3.0 - (t + t))
 }
 
 /// Numbers of the set bits, rising.
@@ -181,63 +170,9 @@ fn lanes_of(mut left: u16) -> impl Iterator<Item = usize> {
     })
 }
 
-/// Which way is out of an obstacle.
-pub(super) struct Wall<'a> {
-    pub(super) field: &'a Field,
-    map_axes: Mat3,
-    pub(super) place: Place,
-}
-
-impl<'a> Wall<'a> {
-    pub(super) fn new(field: &'a Field, map_from_body: Pose) -> Self {
-        Self {
-            field,
-            map_axes: map_from_body.rotation_matrix().as_mat3(),
-            place: Place::new(field, map_from_body),
-        }
-    }
-
-    /// Unit −grad V in tool axes; `None` where it vanishes, as in the middle of a skin.
-    pub(super) fn way_out(&self, position: Vec3) -> Option<Vec3> {
-        self.against(self.field.gradient(self.place.cells(position)))
-    }
-
-    /// What says which way a point without a normal of its own pushes, m/m, map axes: of a skin the
-    /// gradient, of a solid its mean over a cell, which does not turn in steps.
-    pub(super) fn gradient(&self, position: Vec3) -> Vec3 {
-        let cells = self.place.cells(position);
-        if self.field.is_thin() {
-            self.field.gradient(cells)
-        } else {
-            self.field.mean_gradient(cells)
-        }
-    }
-
-    /// Direction and share with which such a point pushes. A skin pushes, and is pushed, along the
-    /// way out. So is an edge, with the share that its mean normal has along it: no more than the
-    /// faces beside it.
-    /// Where there is no way out, the point's own normal.
-    fn push(&self, gradient_map: Vec3, normal_body: Vec3, depth: f32) -> (Vec3, f32) {
-        let Some(out) = self.against(gradient_map) else { return (normal_body, 1.0) };
-        if self.field.is_thin() || normal_body == Vec3::ZERO {
-            return (out, 1.0);
-        }
-        let across = out.dot(normal_body);
-        let fading = smooth(depth);
-        let push = out * (across * fading + across.max(0.0) * (1.0 - fading))
-            + (normal_body - out * across) * fading;
-        let share = push.length();
-        if share > 0.0 { (push / share, share) } else { (out, 0.0) }
-    }
-
-    fn against(&self, gradient_map: Vec3) -> Option<Vec3> {
-        (self.map_axes.transpose() * -gradient_map).try_normalize()
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use glam::{DQuat, DVec3};
+    use glam::DVec3;
 
     use super::*;
     use crate::contact::tests::{block, plate};
@@ -254,94 +189,103 @@ mod tests {
             block: 2,
             lanes: 0b10_1000,
             weight: 3.0,
+            limit_m: 1e-3,
             depths_m: core::array::from_fn(|lane| 1e-4 * lane as f32),
-            gradients: Lanes3::ZERO,
+            ..ContactBlock::NONE
         };
         let mut contacts = Vec::new();
-        touched.contacts(&plate().field, &Shell::new(&points, 1e-3), Pose::IDENTITY, |contact| {
+        touched.contacts(&plate().field, &Shell::new(&points, 1e-3), |contact| {
             contacts.push(*contact)
         });
         // Lanes 3 and 5 of block 2 are points 2 · 16 + 3 and 2 · 16 + 5, of one s² each.
-        let expected = [(3_u8, 35), (5, 37)].map(|(lane, point_idx)| Contact {
-            point_idx,
-            depth_m: 1e-4 * f32::from(lane),
-            weight: 3.0,
-            arm_body: (DVec3::X * (f64::from(point_idx) * 1e-3)).as_vec3(),
-            normal_body: Vec3::Z,
+        let expected = [(3_u8, 35), (5, 37)].map(|(lane, point_idx)| {
+            let arm_body = (DVec3::X * (f64::from(point_idx) * 1e-3)).as_vec3();
+            let contact = Contact::of_point(point_idx, 1e-4 * f32::from(lane), arm_body, Vec3::Z);
+            Contact { weight: 3.0, ..contact }
         });
         assert_eq!(contacts, expected);
     }
 
+    /// Upright facets of a cube, half of each in a wall below, and the probes on its edges.
     #[test]
-    fn points_on_an_edge_bend_until_they_are_as_deep_as_its_depth_and_no_others_do() {
+    fn a_facet_in_part_is_as_deep_as_its_deepest_place_and_presses_where_it_is_immersed() {
         let (mesh, map) = block(DVec3::splat(0.02), 1e-3);
         let shell = build_with(Points::Facets, &mesh, &map, DVec3::ZERO).0;
         let field = plate().field;
-        // Lanes in turn: half as deep as an edge bends, just as deep, twice as deep.
-        const SHALLOW: u16 = 0b1001_0010_0100_1001;
-        const TOUCHING: u16 = 0b0101_1010_1111_0011;
-        let deep = [0.5, 1.0, 2.0].map(|share| share * shell.edge_depth_m());
-        let depths_m = core::array::from_fn(|lane| deep[lane % 3]);
-        let mut n_bent = 0;
-        for (block, edges) in (0..).zip(shell.edges()) {
-            let gradients = Lanes3::ZERO;
-            let touched = ContactBlock { block, lanes: TOUCHING, weight: 1.0, depths_m, gradients };
-            let expected = TOUCHING & edges & SHALLOW;
-            assert_eq!(touched.bent(&field, &shell), expected, "block {block}");
-            assert_eq!(touched.bends(&field, &shell), expected != 0, "block {block}");
-            n_bent += u32::from(expected != 0);
+        let mut n_facets = 0;
+        let mut n_probes = 0;
+        for (block, positions) in (0..).zip(shell.positions()) {
+            let mut gradients = Lanes3::ZERO;
+            (0..LANES).for_each(|lane| gradients.set(lane, Vec3::NEG_Z));
+            let touched = ContactBlock {
+                block,
+                lanes: u16::MAX,
+                limit_m: 1e-3,
+                gradients,
+                ..ContactBlock::NONE
+            };
+            touched.contacts(&field, &shell, |contact| {
+                let lane = contact.point_idx as usize % LANES;
+                let normals = &shell.normals()[block as usize];
+                let place = positions.get(lane);
+                if place.is_nan() {
+                    return;
+                }
+                if contact.weight == 0.0 {
+                    assert_eq!((contact.depth_m, contact.arm_body), (0.0, place));
+                    assert!((contact.normal_body - Vec3::Z).length() < 1e-6, "{contact:?}");
+                    n_probes += 1;
+                    return;
+                }
+                assert_eq!(contact.normal_body, normals.get(lane));
+                if normals.get(lane).z.abs() < 0.01 {
+                    // Of a rectangle that is half immersed with a side along the surface: h deep
+                    // below its middle, a quarter of that in the mean, two thirds of h down.
+                    let half_m = contact.depth_m;
+                    assert!((contact.arm_body - place + Vec3::Z * half_m).length() < 1e-4 * half_m);
+                    assert!((contact.mean_depth_m - 0.25 * half_m).abs() < 1e-4 * half_m);
+                    let lever = contact.pressed_body - place;
+                    assert!(
+                        (lever + Vec3::Z * (half_m * 2.0 / 3.0)).length() < 1e-3 * half_m,
+                        "{lever} of {half_m}"
+                    );
+                    n_facets += 1;
+                }
+            });
         }
-        assert!((1..shell.edges().len() as u32).contains(&n_bent), "{n_bent}");
+        assert!(n_facets > 1000 && n_probes > 100, "{n_facets} {n_probes}");
     }
 
     #[test]
-    fn an_edge_pushes_out_of_the_wall_and_the_deeper_the_more_along_its_own_normal() {
-        let field = plate().field;
-        let turn = DQuat::from_scaled_axis(DVec3::new(0.4, -0.9, 0.6));
-        let wall = Wall::new(&field, Pose::new(turn, DVec3::ZERO));
-        // The way out is z of the tool.
-        let gradient_map = (turn * DVec3::NEG_Z * 2.0).as_vec3();
-        let outwards = Vec3::new(0.6, 0.0, 0.8);
-        let inwards = Vec3::new(0.6, 0.0, -0.8);
-        // With f = t² (3 − 2t) at depth t: along the way out what the normal has along it, where
-        // that is negative f of it; across f of what it has across. f(1/4) = (3 − 1/2) / 16 = 5/32.
-        let f = 5.0 / 32.0;
-        for (normal, depth, push) in [
-            (outwards, 0.0, Vec3::new(0.0, 0.0, 0.8)),
-            (outwards, 0.25, Vec3::new(0.6 * f, 0.0, 0.8)),
-            (outwards, 1.0, outwards),
-            (outwards, 7.0, outwards),
-            (inwards, 0.25, Vec3::new(0.6 * f, 0.0, -0.8 * f)),
-            (inwards, 1.0, inwards),
-        ] {
-            let (direction, share) = wall.push(gradient_map, normal, depth);
-            assert!(
-                (direction * share - push).length() < 1e-6
-                    && (direction.length() - 1.0).abs() < 1e-6,
-                "{normal} at {depth}: {direction} {share}"
-            );
-        }
-        // What would push further in has no share, and a direction nevertheless.
-        let (direction, share) = wall.push(gradient_map, inwards, 0.0);
-        assert!((direction - Vec3::Z).length() < 1e-6 && share == 0.0, "{direction} {share}");
-        assert_eq!(wall.push(Vec3::ZERO, inwards, 0.5), (inwards, 1.0));
-    }
-
-    #[test]
-    fn a_point_at_a_skin_or_of_one_pushes_along_the_gradient_whatever_its_depth() {
+    fn a_point_at_a_skin_or_of_one_pushes_along_the_gradient() {
         let (mesh, _) = block(DVec3::splat(0.02), 1e-3);
         let options = Options { sides: InsideTest::Thin, ..Options::new(1e-3) };
         let mut map =
             Volume::build(&mesh, &inspect(&mesh), &options, |_| ()).expect("a small grid");
         let skin = map.field(&mesh, false);
         let solid = plate().field;
-        let askew = Vec3::new(0.6, 0.0, 0.8);
-        for (field, normal) in [(&skin, askew), (&solid, Vec3::ZERO), (&skin, Vec3::ZERO)] {
-            let wall = Wall::new(field, Pose::IDENTITY);
-            for depth in [0.0, 0.3, 2.0] {
-                let (direction, share) = wall.push(Vec3::NEG_Z * 2.0, normal, depth);
-                assert!((direction - Vec3::Z).length() < 1e-6 && share == 1.0, "{normal} {depth}");
-            }
+        let askew = DVec3::new(0.6, 0.0, 0.8);
+        for (field, normal, expected) in [
+            (&skin, askew, Vec3::Z),
+            (&solid, DVec3::ZERO, Vec3::Z),
+            (&skin, DVec3::ZERO, Vec3::Z),
+            (&solid, askew, askew.as_vec3()),
+        ] {
+            let shell = Shell::new(&[(DVec3::ZERO, normal)], 1e-3);
+            let mut touched = ContactBlock {
+                lanes: 1,
+                limit_m: 1e-3,
+                depths_m: [1e-4; LANES],
+                ..ContactBlock::NONE
+            };
+            // Where no way out is known, along its own normal.
+            touched.contacts(field, &shell, |contact| {
+                assert_eq!(contact.normal_body, normal.as_vec3());
+            });
+            touched.gradients.set(0, Vec3::NEG_Z * 2.0);
+            touched.contacts(field, &shell, |contact| {
+                assert!((contact.normal_body - expected).length() < 1e-6, "{contact:?}");
+            });
         }
     }
 }

@@ -4,12 +4,14 @@
 use glam::{Mat3, Vec3};
 
 use super::contact_block::{Contact, ContactBlock};
+use super::immersion::{Extents, FacetRange, limit_m};
 use super::kernel::Place;
 use crate::pointshell::shell::{LANES, Lanes3, Shell};
 use crate::spatial::Pose;
 use crate::voxmap::field::{Field, FieldKind};
 
-/// Calls `touch` for every point with V > 0, in the order of the points; returns the largest V, m.
+/// Calls `touch` for every facet that is immersed, be it in part, and every point with V > 0, in the
+/// order of the points; returns the largest V, m.
 ///
 /// `map_from_body`: from tool axes about the centre of mass to the obstacle's map frame. A pose
 /// that is not finite touches nothing. RT: safe; O(points), one field look-up each.
@@ -21,9 +23,7 @@ pub fn visit(
     map_from_body: Pose,
     mut touch: impl FnMut(&Contact),
 ) -> f32 {
-    blocks(field, kind, shell, map_from_body, |touched| {
-        touched.contacts(field, shell, map_from_body, &mut touch)
-    })
+    blocks(field, kind, shell, map_from_body, |touched| touched.contacts(field, shell, &mut touch))
 }
 
 /// The same, block by block.
@@ -37,6 +37,7 @@ pub(super) fn blocks(
 ) -> f32 {
     let map_axes: Mat3 = map_from_body.rotation_matrix().as_mat3();
     let place = Place::new(field, map_from_body);
+    let extents = Extents::of(shell, limit_m(field, kind));
     let mut max_value = f32::NEG_INFINITY;
     let mut n_left = shell.len();
     for (block, (positions, normals)) in shell.blocks().enumerate() {
@@ -46,28 +47,43 @@ pub(super) fn blocks(
         for (((cells, x), y), z) in cells.iter_mut().zip(x.0).zip(y.0).zip(z.0) {
             *cells = place.cells(Vec3::new(x, y, z));
         }
-        let mut touched = ContactBlock {
-            block: block as u32,
-            lanes: 0,
-            weight: 1.0,
-            depths_m: [f32::NEG_INFINITY; LANES],
-            gradients: Lanes3::ZERO,
-        };
-        for (lane, (cells, depth)) in
-            cells.into_iter().zip(&mut touched.depths_m).enumerate().take(n_left)
+        let mut touched =
+            ContactBlock { block: block as u32, limit_m: extents.limit_m(), ..ContactBlock::NONE };
+        let mut depths_m = [f32::NEG_INFINITY; LANES];
+        let reach_m = extents.reach_m(block);
+        let half_axes = extents.half_axes(block);
+        for (lane, (cells, depth)) in cells.into_iter().zip(&mut depths_m).enumerate().take(n_left)
         {
-            let normal_map =
-                if kind == FieldKind::Layers { map_axes * normals.get(lane) } else { Vec3::ZERO };
+            let normal = normals.get(lane);
+            let normal_map = if kind == FieldKind::Layers { map_axes * normal } else { Vec3::ZERO };
             let depth_m = field.value(kind, cells, normal_map);
             max_value = max_value.max(depth_m);
             *depth = depth_m;
-            if depth_m > 0.0 {
-                touched.lanes |= 1 << lane;
-                if kind == FieldKind::Trilinear {
-                    touched.gradients.set(lane, place.gradient(field.slopes(cells)));
+            if depth_m > -reach_m {
+                // With other look-ups it says which way is out where no normal does, and no more.
+                let gradient =
+                    if kind == FieldKind::Trilinear || field.is_thin() || normal == Vec3::ZERO {
+                        place.gradient(field.slopes(cells))
+                    } else {
+                        Vec3::ZERO
+                    };
+                let half_axes = half_axes.map(|[a, b]| [a.get(lane), b.get(lane)]);
+                let range = FacetRange::of(half_axes, gradient, extents.limit_m());
+                let mut shortfalls_m = [0.0; 2];
+                if range.is_near(depth_m) {
+                    shortfalls_m = [-1.0, 1.0].map(|sign| {
+                        let end = place.cells(positions.get(lane) + range.way * sign);
+                        range.shortfall_m(depth_m, (sign, field.value(kind, end, normal_map)))
+                    });
+                }
+                if range.with_shortfalls(shortfalls_m).touches(depth_m) {
+                    touched.lanes |= 1 << lane;
+                    touched.gradients.set(lane, gradient);
+                    touched.set_shortfalls(lane, shortfalls_m);
                 }
             }
         }
+        touched.depths_m = depths_m;
         if touched.lanes != 0 {
             touch(&touched);
         }

@@ -12,6 +12,7 @@
 
 use glam::{Mat3, Vec3};
 
+use super::immersion::{Extents, Range};
 use crate::pointshell::shell::{LANES, Lanes, Lanes3};
 use crate::pointshell::tree::{CHILDREN, Spheres};
 use crate::simd::{AHEAD, F32s, F32x8, I32s, Kernel};
@@ -29,7 +30,7 @@ const SPREAD_CELLS_SQUARED: f32 = 1.5;
 const AROUND_CELLS: f32 = 8.0;
 /// 1/√3, a little less: an interpolation of values that grow by no more than their distance is at
 /// most √3 times as steep.
-const LEAST_SLOPE: f32 = 0.577;
+pub(super) const LEAST_SLOPE: f32 = 0.577;
 
 /// Where the tool stands on a field's grid: body axes about the centre of mass to cells.
 #[derive(Clone, Copy, Debug)]
@@ -78,19 +79,22 @@ pub(super) struct Depths {
     pub(super) depths_m: Lanes,
     /// Gradient of V where some lane touches, m/m, tool axes; zero where V is uniform.
     pub(super) gradients: Lanes3,
-    /// One bit per lane: V > 0.
+    /// By how much the ends of facets are less deep than the gradient says, m.
+    pub(super) shortfalls_m: [Lanes; 2],
+    /// One bit per lane: V > 0, or of a facet more than minus what it ranges by over the facet.
     pub(super) touching: u16,
     /// Largest of them, m; lanes that are not a number do not count.
     pub(super) max_m: f32,
 }
 
 /// Looks up blocks of points one after the other, and tells what it `found` of each. `floor` gives,
-/// from the largest V so far, the depth up to which a point's own V is of no interest. Gives the
-/// largest V. RT: safe; allocates nothing.
+/// from the largest V so far, the depth up to which a point's own V is of no interest; what the
+/// extents of facets reach is always. Gives the largest V. RT: safe; allocates nothing.
 pub(super) struct Blocks<'a, Which, Floor, Found> {
     pub(super) bounds: &'a BrickBounds,
     pub(super) place: &'a Place,
     pub(super) positions: &'a [Lanes3],
+    pub(super) extents: Extents<'a>,
     pub(super) which: Which,
     pub(super) floor: Floor,
     pub(super) found: Found,
@@ -106,7 +110,7 @@ where
 
     #[inline(always)]
     fn run<L: F32x8>(self) -> f32 {
-        let Self { bounds, place, positions, which, floor, mut found } = self;
+        let Self { bounds, place, positions, extents, which, floor, mut found } = self;
         let grid = Grid::<L::Wide, LANES>::new(bounds, place);
         let mut max_m = f32::NEG_INFINITY;
         let mut soon = which.clone().skip(AHEAD);
@@ -115,7 +119,7 @@ where
                 points.prefetch();
             }
             let Some(points) = positions.get(block as usize) else { continue };
-            let depths = grid.depths(points, floor(max_m));
+            let depths = grid.depths(block as usize, points, extents, floor(max_m));
             max_m = if depths.max_m > max_m { depths.max_m } else { max_m };
             found(block, &depths);
         }
@@ -157,8 +161,8 @@ impl Kernel for Above<'_> {
     }
 }
 
-/// For each of eight spheres, how far it may move in any way before one of its points can touch,
-/// cells; not above 0 when nothing is proven. RT: safe.
+/// For each of eight spheres, how far it may move in any way before one of its points can be within
+/// the bounds' reach of touching, cells; not above 0 when nothing is proven. RT: safe.
 pub(super) struct Clearance<'a> {
     pub(super) bounds: &'a BrickBounds,
     pub(super) place: &'a Place,
@@ -178,40 +182,72 @@ impl Kernel for Clearance<'_> {
         let (on_grid, base) = grid.nearest(lattice);
         let brick = grid.brick(eighths(base));
         // SAFETY: each is a brick of the grid, and by the invariant of the bounds there is one
-        // entry for it in each array.
-        let (clearance, mut values, slots) = unsafe {
-            (
-                L::gather(bounds.clearance_cells(), brick),
-                L::gather(bounds.max_depth_m(), brick),
-                L::Int::gather(bounds.top(), brick),
-            )
-        };
-        let is_slot = slots.gt(L::Int::splat(-1));
-        if is_slot.bits() != 0 {
-            // SAFETY: a slot of `top`, or 0 beside one.
-            let mut corners = unsafe { grid.corners(slots & is_slot, base) };
-            // Beyond the band samples are not distances any more, only no nearer than it.
-            for (first, second) in &mut corners {
-                (*first, *second) = (grid.low.max(*first), grid.low.max(*second));
-            }
-            values =
-                L::select(is_slot, mixed(corners, fractions(on_grid, base)) + grid.skin, values);
-        }
+        // entry for it.
+        let clearance = unsafe { L::gather(bounds.clearance_cells(), brick) };
+        let values = grid.no_more_than(on_grid, base, brick);
         let zero = L::splat(0.0);
         let size = bounds.voxel_size_m();
-        let outside = (values / L::splat(-size) - L::splat(bounds.jump_cells())).max(zero);
+        let touching = values + L::splat(bounds.reach_m());
+        let outside = (touching / L::splat(-size) - L::splat(bounds.jump_cells())).max(zero);
         let by_spread = (outside * outside - L::splat(SPREAD_CELLS_SQUARED)).max(zero).sqrt();
         let free = clearance.max(by_spread.max(outside * L::splat(LEAST_SLOPE)));
-        let mut squared = zero;
-        for axis in 0..3 {
-            let away = lattice[axis] - on_grid[axis];
-            squared = squared + away * away;
-        }
+        let squared = distance_squared(lattice, on_grid);
         let taken = L::load(radius) / L::splat(size) + L::splat(margin_cells);
         let mut cells = [0.0; CHILDREN];
         ((squared + free * free).sqrt() - taken).store(&mut cells);
         cells
     }
+}
+
+/// For each of eight spheres, what V of no point in it exceeds, m, if V of none is above 0; and how
+/// high the field at its centre lets it reach, which tells spheres apart of which the first says the
+/// same. RT: safe.
+pub(super) struct Ceilings<'a> {
+    pub(super) bounds: &'a BrickBounds,
+    pub(super) place: &'a Place,
+    pub(super) spheres: &'a Spheres,
+    /// What rounding may take.
+    pub(super) margin_cells: f32,
+}
+
+impl Kernel for Ceilings<'_> {
+    type Output = [[f32; CHILDREN]; 2];
+
+    #[inline(always)]
+    fn run<L: F32x8>(self) -> [[f32; CHILDREN]; 2] {
+        let Self { bounds, place, spheres: Spheres { x, y, z, radius }, margin_cells } = self;
+        let grid = Grid::<L, CHILDREN>::new(bounds, place);
+        let lattice = grid.lattice([L::load(x), L::load(y), L::load(z)]);
+        // What of the sphere lies on the grid is no farther from here than from its centre.
+        let (on_grid, base) = grid.nearest(lattice);
+        let brick = grid.brick(eighths(base));
+        let size = L::splat(bounds.voxel_size_m());
+        let extent = L::load(radius) / size + L::splat(margin_cells);
+        // SAFETY: each is a brick of the grid, and by the invariant of the bounds there is one
+        // entry for it.
+        let (around, clearance) = unsafe {
+            (
+                L::gather(bounds.max_depth_nearby_m(), brick),
+                L::gather(bounds.clearance_cells(), brick),
+            )
+        };
+        let by_spread = (extent * extent + L::splat(SPREAD_CELLS_SQUARED)).sqrt();
+        let rises = by_spread.min(extent / L::splat(LEAST_SLOPE)) + L::splat(bounds.jump_cells());
+        let by_field = grid.no_more_than(on_grid, base, brick) + rises * size;
+        let near = L::select(extent.lt(L::splat(AROUND_CELLS)), around.min(by_field), by_field);
+        let mut ceilings = [[0.0; CHILDREN]; 2];
+        let [highest, reached] = &mut ceilings;
+        grid.outside.max(near).store(highest);
+        let free = (distance_squared(lattice, on_grid) + clearance * clearance).sqrt();
+        by_field.min((extent - free) * size).store(reached);
+        ceilings
+    }
+}
+
+#[inline(always)]
+fn distance_squared<L: F32s<N>, const N: usize>(from: [L; 3], to: [L; 3]) -> L {
+    let [x, y, z] = [from[0] - to[0], from[1] - to[1], from[2] - to[2]];
+    x * x + y * y + z * z
 }
 
 /// How far a place with V = −`depth_cells` is from anything with V > 0, cells, by the field itself.
@@ -229,8 +265,8 @@ pub(super) fn free_cells(depth_cells: f32) -> f32 {
 }
 
 /// The bounds and the place in lanes.
-pub(super) struct Grid<'a, L: F32s<N>, const N: usize> {
-    pub(super) bounds: &'a BrickBounds,
+struct Grid<'a, L: F32s<N>, const N: usize> {
+    bounds: &'a BrickBounds,
     axes: [[L; 3]; 3],
     origin: [L; 3],
     dims: [L::Int; 3],
@@ -242,7 +278,7 @@ pub(super) struct Grid<'a, L: F32s<N>, const N: usize> {
 
 impl<'a, L: F32s<N>, const N: usize> Grid<'a, L, N> {
     #[inline(always)]
-    pub(super) fn new(bounds: &'a BrickBounds, place: &Place) -> Self {
+    fn new(bounds: &'a BrickBounds, place: &Place) -> Self {
         let [nx, ny, nz] = bounds.dims();
         let Mat3 { x_axis, y_axis, z_axis } = place.axes;
         Self {
@@ -259,7 +295,7 @@ impl<'a, L: F32s<N>, const N: usize> Grid<'a, L, N> {
 
     /// Where points of the tool are, cells.
     #[inline(always)]
-    pub(super) fn cells(&self, [x, y, z]: [L; 3]) -> [L; 3] {
+    fn cells(&self, [x, y, z]: [L; 3]) -> [L; 3] {
         let mut cells = self.origin;
         for (k, along) in cells.iter_mut().enumerate() {
             *along = self.axes[0][k] * x + self.axes[1][k] * y + self.axes[2][k] * z + *along;
@@ -276,7 +312,7 @@ impl<'a, L: F32s<N>, const N: usize> Grid<'a, L, N> {
 
     /// Number of a brick. The product of the sizes fits, by the invariant of the bounds.
     #[inline(always)]
-    pub(super) fn brick(&self, [bx, by, bz]: [L::Int; 3]) -> L::Int {
+    fn brick(&self, [bx, by, bz]: [L::Int; 3]) -> L::Int {
         (bx * self.dims[1] + by) * self.dims[2] + bz
     }
 
@@ -295,21 +331,36 @@ impl<'a, L: F32s<N>, const N: usize> Grid<'a, L, N> {
         (on_grid, base)
     }
 
+    /// V of places on the grid, in cells and bricks that are known, or more than that. Beyond the
+    /// band samples are not distances any more, only no nearer than it: those count as at its end.
+    #[inline(always)]
+    fn no_more_than(&self, on_grid: [L; 3], base: [L::Int; 3], brick: L::Int) -> L {
+        // SAFETY: each is a brick of the grid, and by the invariant of the bounds there is one
+        // entry for it in each array.
+        let (values, slots) = unsafe {
+            (L::gather(self.bounds.max_depth_m(), brick), L::Int::gather(self.bounds.top(), brick))
+        };
+        let is_slot = slots.gt(L::Int::splat(-1));
+        if is_slot.bits() == 0 {
+            return values;
+        }
+        // SAFETY: a slot of `top`, or 0 beside one.
+        let mut corners = unsafe { self.corners(slots & is_slot, base) };
+        for (first, second) in &mut corners {
+            (*first, *second) = (self.low.max(*first), self.low.max(*second));
+        }
+        L::select(is_slot, mixed(corners, fractions(on_grid, base)) + self.skin, values)
+    }
+
     /// A mask: bricks that are not on the grid.
     #[inline(always)]
-    pub(super) fn off(&self, bricks: [L::Int; 3]) -> L::Int {
+    fn off(&self, bricks: [L::Int; 3]) -> L::Int {
         let zero = L::Int::splat(0);
         let mut off = zero;
         for (brick, dim) in bricks.into_iter().zip(self.dims) {
             off = off | zero.gt(brick) | brick.gt(dim + L::Int::splat(-1));
         }
         off
-    }
-
-    /// V of points in any bricks.
-    #[inline(always)]
-    pub(super) fn scattered(&self, lattice: [L; 3], base: [L::Int; 3], floor_m: L) -> L {
-        self.interpolated(self.apart(base), lattice, base, floor_m).0
     }
 
     /// Those off the grid, slots and largest depths of the bricks of points anywhere.
@@ -328,14 +379,15 @@ impl<'a, L: F32s<N>, const N: usize> Grid<'a, L, N> {
         (off, slots, max_depths)
     }
 
-    /// V of points whose bricks have these slots and largest depths, and its gradient.
+    /// V of points whose bricks have these slots and largest depths, and its gradient where some of
+    /// them are deeper than minus the reach.
     #[inline(always)]
     fn interpolated(
         &self,
         (known, slots, max_depths): (L::Int, L::Int, L),
         lattice: [L; 3],
         base: [L::Int; 3],
-        floor_m: L,
+        (floor_m, reach_m): (L, L),
     ) -> (L, [L; 3]) {
         let nothing = L::splat(0.0);
         let zero = L::Int::splat(0);
@@ -347,7 +399,7 @@ impl<'a, L: F32s<N>, const N: usize> Grid<'a, L, N> {
         }
         // SAFETY: a slot of `top`, or 0 where none is wanted; as one is wanted, there are samples.
         let corners = unsafe { self.corners(L::Int::select(known, zero, slots), base) };
-        let (values, mut gradient) = self.finished(corners, fractions(lattice, base));
+        let (values, mut gradient) = self.finished(corners, fractions(lattice, base), reach_m);
         for along in &mut gradient {
             *along = L::select(known, nothing, *along);
         }
@@ -367,13 +419,13 @@ impl<'a, L: F32s<N>, const N: usize> Grid<'a, L, N> {
     }
 
     /// V from the corners and the place between them, and its gradient, m/m in tool axes, where
-    /// some lane touches.
+    /// some lane is deeper than minus the reach.
     #[inline(always)]
-    fn finished(&self, corners: [(L, L); 4], t: [L; 3]) -> (L, [L; 3]) {
+    fn finished(&self, corners: [(L, L); 4], t: [L; 3], reach_m: L) -> (L, [L; 3]) {
         // Limit first: what is not a number stays what it is.
         let values = self.high.min(self.low.max(mixed(corners, t))) + self.skin;
         let mut gradient = [L::splat(0.0); 3];
-        if L::splat(0.0).lt(values).bits() != 0 {
+        if (L::splat(0.0) - reach_m).lt(values).bits() != 0 {
             let [x, y, z] = slopes(corners, t);
             for (along, axis) in gradient.iter_mut().zip(self.axes) {
                 *along = axis[0] * x + axis[1] * y + axis[2] * z;
@@ -386,35 +438,40 @@ impl<'a, L: F32s<N>, const N: usize> Grid<'a, L, N> {
 impl<'a, L: F32s<LANES>> Grid<'a, L, LANES> {
     /// V of the points of a block.
     #[inline(always)]
-    fn depths(&self, points: &Lanes3, floor_m: f32) -> Depths {
+    fn depths(&self, block: usize, points: &Lanes3, extents: Extents<'_>, floor_m: f32) -> Depths {
+        let reach_m = extents.reach_m(block);
+        let reach = L::splat(reach_m);
         let Lanes3 { x, y, z } = points;
-        let lattice = self.lattice([L::load(&x.0), L::load(&y.0), L::load(&z.0)]);
-        let base = [lattice[0].floored(), lattice[1].floored(), lattice[2].floored()];
-        // Points of a block are neighbours: often one brick holds them all, and one load is cheaper
-        // than sixteen.
-        let (values, gradient) = match only_brick::<L, LANES>(base) {
-            None => {
-                let bricks = match self.near(base) {
-                    Some(bricks) => bricks,
-                    None => self.apart(base),
-                };
-                self.interpolated(bricks, lattice, base, L::splat(floor_m))
-            }
-            Some(brick) => match self.alone(brick, floor_m) {
-                Alone::Uniform(value_m) => (L::splat(value_m), [L::splat(0.0); 3]),
-                Alone::Samples(samples) => {
-                    // SAFETY: one whole brick, and numbers of cells in it.
-                    let corners = unsafe { corners(samples, inside::<L, LANES>(base)) };
-                    self.finished(corners, fractions(lattice, base))
-                }
-            },
-        };
+        let points = [L::load(&x.0), L::load(&y.0), L::load(&z.0)];
+        let (values, gradient) = self.look_up(points, (floor_m.min(-reach_m), reach));
         let mut depths = Depths {
             depths_m: Lanes([0.0; LANES]),
             gradients: Lanes3::ZERO,
-            touching: L::splat(0.0).lt(values).bits() as u16,
+            shortfalls_m: [Lanes([0.0; LANES]); 2],
+            touching: 0,
             max_m: 0.0,
         };
+        let none = L::splat(0.0);
+        if (none - reach).lt(values).bits() != 0 {
+            let deepest = match extents.half_axes(block) {
+                Some(half_axes) => {
+                    let range = Range::of(half_axes, gradient, L::splat(extents.limit_m()));
+                    let near = range.near(values);
+                    let mut far = none;
+                    if near.bits() != 0 {
+                        let [at_near, at_far] = &mut depths.shortfalls_m;
+                        let found = self.look_up_end(points, &range, near, -1.0);
+                        range.shortfall(near, values, (-1.0, found)).store(&mut at_near.0);
+                        let found = self.look_up_end(points, &range, near, 1.0);
+                        far = range.shortfall(near, values, (1.0, found));
+                        far.store(&mut at_far.0);
+                    }
+                    range.deepest(values, far)
+                }
+                None => values,
+            };
+            depths.touching = none.lt(deepest).bits() as u16;
+        }
         if depths.touching != 0 {
             let [x, y, z] = gradient;
             x.store(&mut depths.gradients.x.0);
@@ -424,6 +481,47 @@ impl<'a, L: F32s<LANES>> Grid<'a, L, LANES> {
         depths.max_m = values.max(L::splat(f32::NEG_INFINITY)).max_lane();
         values.store(&mut depths.depths_m.0);
         depths
+    }
+
+    /// V at one end of the facets of some lanes.
+    #[inline(always)]
+    fn look_up_end(&self, [x, y, z]: [L; 3], range: &Range<L>, lanes: L::Int, sign: f32) -> L {
+        let [along_x, along_y, along_z] = range.way;
+        let sign = L::splat(sign);
+        let end = [
+            x + along_x.only(lanes) * sign,
+            y + along_y.only(lanes) * sign,
+            z + along_z.only(lanes) * sign,
+        ];
+        // No gradient: nothing is deeper than minus this.
+        self.look_up(end, (f32::NEG_INFINITY, L::splat(f32::NEG_INFINITY))).0
+    }
+
+    /// V of the points of a block, of no interest up to the floor, and its gradient where some of
+    /// them are deeper than minus the reach.
+    #[inline(always)]
+    fn look_up(&self, points: [L; 3], (floor_m, reach): (f32, L)) -> (L, [L; 3]) {
+        let lattice = self.lattice(points);
+        let base = [lattice[0].floored(), lattice[1].floored(), lattice[2].floored()];
+        // Points of a block are neighbours: often one brick holds them all, and one load is cheaper
+        // than sixteen.
+        match only_brick::<L, LANES>(base) {
+            None => {
+                let bricks = match self.near(base) {
+                    Some(bricks) => bricks,
+                    None => self.apart(base),
+                };
+                self.interpolated(bricks, lattice, base, (L::splat(floor_m), reach))
+            }
+            Some(brick) => match self.alone(brick, floor_m) {
+                Alone::Uniform(value_m) => (L::splat(value_m), [L::splat(0.0); 3]),
+                Alone::Samples(samples) => {
+                    // SAFETY: one whole brick, and numbers of cells in it.
+                    let corners = unsafe { corners(samples, inside::<L, LANES>(base)) };
+                    self.finished(corners, fractions(lattice, base), reach)
+                }
+            },
+        }
     }
 
     /// Slots and largest depths of the bricks of points that lie in two bricks along each axis at
@@ -477,12 +575,12 @@ fn splat<L: F32s<N>, const N: usize>(v: Vec3) -> [L; 3] {
 
 /// Numbers of the bricks, per axis.
 #[inline(always)]
-pub(super) fn eighths<I: I32s<N>, const N: usize>([x, y, z]: [I; 3]) -> [I; 3] {
+fn eighths<I: I32s<N>, const N: usize>([x, y, z]: [I; 3]) -> [I; 3] {
     [x.shifted::<3>(), y.shifted::<3>(), z.shifted::<3>()]
 }
 
 #[inline(always)]
-pub(super) fn fractions<L: F32s<N>, const N: usize>(at: [L; 3], base: [L::Int; 3]) -> [L; 3] {
+fn fractions<L: F32s<N>, const N: usize>(at: [L; 3], base: [L::Int; 3]) -> [L; 3] {
     [at[0] - L::of_int(base[0]), at[1] - L::of_int(base[1]), at[2] - L::of_int(base[2])]
 }
 
@@ -628,6 +726,7 @@ mod tests {
                     bounds: &bounds,
                     place: &place,
                     positions: core::slice::from_ref(&block),
+                    extents: Extents::NONE,
                     which: core::iter::once(0),
                     floor: |_| floor_m,
                     found: |_, depths: &Depths| found = Some(*depths),
@@ -656,6 +755,7 @@ mod tests {
         let bounds = BrickBounds::of(&field).expect("bounds");
         let mut random = Random(12);
         let mut n_not_above = 0;
+        let mut n_tight = 0;
         for n in 0..3000_usize {
             let turn = DQuat::from_scaled_axis(random.in_box(-2.0, 2.0));
             let pose = Pose::new(turn, random.in_box(-0.02, 0.02));
@@ -687,6 +787,9 @@ mod tests {
                     margin_cells,
                 };
                 let above = level.run(above);
+                let ceilings =
+                    Ceilings { bounds: &bounds, place: &place, spheres: &spheres, margin_cells };
+                let [ceilings_m, _] = level.run(ceilings);
                 let rooms = [0.0, 0.5].map(|margin_cells| {
                     let spheres = &spheres;
                     level.run(Clearance { bounds: &bounds, place: &place, spheres, margin_cells })
@@ -699,9 +802,21 @@ mod tests {
                     assert!((rooms[0][lane] - rooms[1][lane] - 0.5).abs() < 1e-4, "{rooms:?}");
                     let is_above = above >> lane & 1 == 1;
                     assert!(is_above || value_m <= floor_m, "{cells}: {value_m} of {radius}");
+                    let ceiling_m = ceilings_m[lane];
+                    assert!(value_m <= ceiling_m.max(0.0), "{cells}: {value_m}, {ceiling_m}");
                     // Nothing is nearer than two bricks and a half.
                     let half = Vec3::from_array(field.brick_dims().map(|n| 4.0 * n as f32));
-                    let gap = ((*center - half).abs() - Vec3::new(30.0, 30.0, 2.0)).max_element();
+                    let off = (*center - half).abs();
+                    let value_m = field.value(FieldKind::Trilinear, *center, Vec3::ZERO);
+                    // All corners are within the band.
+                    let known_m = field.outside_m() + 2.0 * VOXEL_M as f32;
+                    if (half - off).min_element() > 1.0 && (known_m..0.0).contains(&value_m) {
+                        let rises = ((radius + 0.01).powi(2) + 1.5).sqrt() + bounds.jump_cells();
+                        let rises_m = rises * VOXEL_M as f32;
+                        assert!(ceiling_m <= value_m + rises_m + 1e-6, "{ceiling_m}, {value_m}");
+                        n_tight += 1;
+                    }
+                    let gap = (off - Vec3::new(30.0, 30.0, 2.0)).max_element();
                     let is_far = gap > 20.0 + radius;
                     if radius < 7.0 && (is_far || floor_m > 2e-3) {
                         assert!(!is_above, "{center}, {gap} cells away");
@@ -710,7 +825,7 @@ mod tests {
                 }
             }
         }
-        assert!(n_not_above > 1000, "{n_not_above}");
+        assert!(n_not_above > 1000 && n_tight > 1000, "{n_not_above}, {n_tight}");
     }
 
     #[test]
@@ -794,6 +909,7 @@ mod tests {
                     bounds,
                     place,
                     positions: core::slice::from_ref(&block),
+                    extents: Extents::NONE,
                     which: core::iter::once(0),
                     floor: |_| f32::NEG_INFINITY,
                     found: |_, depths: &Depths| {

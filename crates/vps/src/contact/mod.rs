@@ -19,10 +19,10 @@
 mod budget;
 mod clay;
 mod contact_block;
-mod edge_gradients;
 #[doc(hidden)]
 pub mod faces;
 mod flat;
+mod immersion;
 mod kernel;
 #[doc(hidden)]
 pub mod obstacle_poses;
@@ -48,11 +48,10 @@ pub use proximity::Proximity;
 pub use summing::{AVERAGED_CONTACTS, FaceSums};
 pub use traversal::{Traversal, TraversalMode};
 
-use self::contact_block::Wall;
-use self::edge_gradients::EdgeGradients;
 use self::faces::face_of;
-use self::sum::{Add, AddAll};
+use self::sum::AddAll;
 use self::summing::Summing;
+use self::tree_traversal::QueryResult;
 use crate::pointshell::shell::Shell;
 use crate::spatial::{Mat6, Pose, Twist, Wrench};
 use crate::voxmap::field::{Field, FieldKind};
@@ -65,9 +64,6 @@ pub enum Normalization {
     None,
     /// McNeely's averaging without its steps: F / max(1, N_eff/10).
     Average,
-    /// The same by face of the tool, so that each wall keeps the stiffness of ten points however
-    /// large the area that touches it.
-    Cluster,
 }
 
 /// How depths become forces.
@@ -79,8 +75,6 @@ pub struct ForceLaw {
     pub stiffness_n_per_m: f64,
     /// What many points that touch are worth together.
     pub normalization: Normalization,
-    /// Stage S of the shaping filter: a smooth entry weight over the first half voxel of depth.
-    pub smooth_entry: bool,
 }
 
 impl ForceLaw {
@@ -89,7 +83,6 @@ impl ForceLaw {
         field: FieldKind::Trilinear,
         stiffness_n_per_m: 1000.0,
         normalization: Normalization::None,
-        smooth_entry: false,
     };
 }
 
@@ -144,15 +137,14 @@ pub struct Patch {
 /// The sum over all contacts of all obstacles, world axes, about the tool's centre of mass.
 #[derive(Clone, Copy, Debug)]
 pub struct ContactSum {
-    /// Points with V > 0.
+    /// Facets that are immersed, be it in part, and points with V > 0.
     pub contacts: u32,
-    /// Largest V over all points and obstacles, m; −band when everything is far. See [`Self::of`]
-    /// for what a walk gives.
+    /// Largest V over all points and obstacles, m, and largest mean depth of a facet that is
+    /// immersed; −band when everything is far. See [`Self::of`] for what a walk gives.
     pub max_value_m: f64,
     /// Some point is as deep as the field of an obstacle knows depths: it may be deeper.
     pub depth_is_bound: bool,
-    /// Contact wrench on the tool: stiffness times depths, stage S and normalisation applied where
-    /// they are on.
+    /// Contact wrench on the tool: stiffness times mean depths, normalised where that is on.
     pub wrench: Wrench,
     /// Symmetric contact stiffness −dW/dx without the terms that the wrench itself makes, N/m, N,
     /// N·m/rad. Not always positive: see [`Self::flat`].
@@ -171,6 +163,10 @@ pub struct ContactSum {
     pub left_out: u32,
     /// How what touches moved in this tick, weighted by depth.
     pub obstacle_motion: ObstacleMotion,
+    /// How far the tool may move in any way before anything touches, m; 0 while something touches.
+    pub free_way_m: f64,
+    /// Nothing touches, and `max_value_m` may be more than the largest V.
+    clearance_is_bound: bool,
     /// A rope pulls as well.
     is_roped: bool,
     patches: [Option<Patch>; FACES],
@@ -230,7 +226,7 @@ impl ContactSum {
     /// G = K Σ J Dᵀ, J = (n, r × n), D = (g, r × g), and by terms with the force itself. The
     /// stiffness is −G as the second derivative of an energy, which is symmetric: the symmetric
     /// parts of the blocks of translations and of turns, and between both the block of moments by
-    /// translations. The sum over a cone on a plane has none along the plane, though each of its
+    /// translations. Of a facet that is immersed in part that part counts. The sum over a cone on a plane has none along the plane, though each of its
     /// points has. On bent surfaces it may have negative eigenvalues.
     ///
     /// Allocates; O(obstacles · points).
@@ -244,20 +240,18 @@ impl ContactSum {
         let mut summing = Summing::new(law, world_from_body, &mut sums);
         for obstacle in obstacles {
             let map_from_body = obstacle.world_from_map.inverse() * world_from_body;
-            let by = summing.weighting(obstacle);
-            let wall = Wall::new(&obstacle.field, map_from_body);
+            let by = summing.weighting(obstacle, shell);
             let mut n_contacts = 0;
             let max_value_m =
                 flat::blocks(&obstacle.field, law.field, shell, map_from_body, |touched| {
                     n_contacts += touched.lanes.count_ones();
                     let face = shell.normals().get(touched.block as usize).map_or(0, face_of);
-                    let pushes =
-                        touched.pushes(&wall, shell, |position| Some(wall.gradient(position)));
-                    if let (Some(pushes), Some(sums)) = (pushes, summing.face(face)) {
-                        SimdLevel::Portable.run(Add { sums, touched, pushes: &pushes, by });
+                    if let Some(sums) = summing.face(face) {
+                        let touched = core::slice::from_ref(touched);
+                        SimdLevel::Portable.run(AddAll { sums, touched, shell, by });
                     }
                 });
-            summing.note(obstacle, n_contacts, max_value_m, 0.0);
+            summing.note(obstacle, n_contacts, &QueryResult::of_all(max_value_m, shell), 0.0);
         }
         summing.finish()
     }
@@ -283,7 +277,6 @@ impl ContactSum {
         let mut sums = traversal.take_sums();
         let mut summing = Summing::new(law, world_from_body, &mut sums);
         summing.note_far(traversal.begin(shell, world_from_body, summing.overstated_voxels()));
-        let mut edges = None;
         for n in 0..traversal.n_near() {
             let Some(obstacle_idx) = traversal.obstacle_poses().near(n) else { break };
             let (Some(obstacle), Some(pose)) =
@@ -298,78 +291,70 @@ impl ContactSum {
                 linear: pose.moved.at(center),
                 angular: pose.moved.angular,
             });
-            let by = summing.weighting(obstacle);
+            let by = summing.weighting(obstacle, shell);
             let found =
                 traversal.find((n, obstacle_idx), obstacle, law.field, shell, map_from_body);
-            let wall = Wall::new(&obstacle.field, map_from_body);
-            let bounds = traversal.bounds(obstacle_idx).filter(|_| !obstacle.field.is_thin());
             let mut n_contacts = 0;
             // Blocks of one face come mostly one after the other.
-            let kind = |touched: &ContactBlock| {
-                (traversal.face(touched.block), touched.bends(&obstacle.field, shell))
-            };
-            for run in traversal.touched().chunk_by(|one, other| kind(one) == kind(other)) {
-                let Some((face, bends)) = run.first().map(kind) else { continue };
+            let face_of = |touched: &ContactBlock| traversal.face(touched.block);
+            for run in traversal.touched().chunk_by(|one, other| face_of(one) == face_of(other)) {
+                let Some(face) = run.first().map(face_of) else { continue };
                 let Some(sums) = summing.face(face) else { continue };
                 n_contacts += run.iter().map(|touched| touched.lanes.count_ones()).sum::<u32>();
-                let mut depth_m = 0.0;
-                if bends {
-                    let edges = edges.get_or_insert_with(EdgeGradients::new);
-                    let mut left = run;
-                    while !left.is_empty() {
-                        let (these, others) =
-                            left.split_at(edges.look_up(simd_level, bounds, &wall, shell, left));
-                        left = others;
-                        let mut gradients = edges.iter();
-                        for touched in these {
-                            if let Some(pushes) = touched.pushes(&wall, shell, |_| gradients.next())
-                            {
-                                simd_level.run(Add { sums, touched, pushes: &pushes, by });
-                                depth_m += if carried.is_some() {
-                                    touched.depth_m(&pushes.weights)
-                                } else {
-                                    0.0
-                                };
-                            }
-                        }
-                    }
-                } else {
-                    let positions = shell.positions();
-                    let normals = shell.normals();
-                    let weights = shell.weights();
-                    simd_level.run(AddAll { sums, touched: run, positions, normals, weights, by });
-                    if carried.is_some() {
-                        depth_m = run
-                            .iter()
-                            .filter_map(|touched| Some(touched.depth_m(&touched.weights(shell)?)))
-                            .sum();
-                    }
-                }
+                simd_level.run(AddAll { sums, touched: run, shell, by });
                 if let Some(carried) = carried {
+                    let depth_m = run.iter().map(|touched| touched.depth_m(shell)).sum();
                     summing.carry(face, carried, depth_m);
                 }
             }
             if let Some(also) = also.as_mut() {
                 for touched in traversal.touched() {
-                    touched.contacts(&obstacle.field, shell, map_from_body, |contact| {
-                        also(obstacle_idx, contact)
-                    });
+                    touched.contacts(&obstacle.field, shell, |contact| also(obstacle_idx, contact));
                 }
             }
-            summing.note(obstacle, n_contacts, found.max_value_m, reserve_m);
+            summing.note(obstacle, n_contacts, &found, reserve_m);
             if reserve_m > 0.0 {
                 traversal.note_pressed(
                     (obstacle_idx, obstacle),
                     shell,
-                    (world_from_body, map_from_body),
+                    world_from_body,
                     found.max_value_m,
                 );
             }
-            summing.left_out += found.left_out;
-            summing.looked_at += found.looked_at;
         }
         let sum = summing.finish();
         traversal.keep_sums(sums);
+        sum
+    }
+
+    /// The same, and while nothing touches `max_value_m` is to the bit that of [`Self::flat`]: minus
+    /// the distance of the nearest point. Costs about what contact costs. RT: safe.
+    pub fn with_clearance(
+        traversal: &mut Traversal,
+        obstacles: &[Obstacle],
+        shell: &Shell,
+        world_from_body: Pose,
+        law: ForceLaw,
+        also: Option<&mut Also<'_>>,
+    ) -> Self {
+        let mut sum = Self::of(traversal, obstacles, shell, world_from_body, law, also);
+        if !sum.clearance_is_bound {
+            return sum;
+        }
+        // Of obstacles far away `of` has noted what is outside of their boxes.
+        let far_m = traversal.begin(shell, world_from_body, 0.0).max_value_m;
+        sum.max_value_m = (0..traversal.n_near()).fold(far_m, |highest_m, n| {
+            let Some(obstacle_idx) = traversal.obstacle_poses().near(n) else { return highest_m };
+            let (Some(obstacle), Some(pose)) =
+                (obstacles.get(obstacle_idx), traversal.obstacle_poses().pose(obstacle_idx))
+            else {
+                return highest_m;
+            };
+            let map_from_body = pose.world_from_map.inverse() * world_from_body;
+            let found_m =
+                traversal.highest_m(obstacle_idx, obstacle, law.field, shell, map_from_body);
+            highest_m.max(found_m.into())
+        });
         sum
     }
 }

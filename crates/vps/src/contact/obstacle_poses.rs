@@ -203,6 +203,7 @@ impl ObstaclePoses {
             let outside_m = f64::from(far.outside_m);
             let voxel_size_m = f64::from(far.voxel_size_m);
             sum.max_value_m = sum.max_value_m.max(outside_m);
+            sum.free_way_m = sum.free_way_m.min(far.clear_until_m - self.way_m);
             sum.voxel_size_m = sum.voxel_size_m.min(voxel_size_m);
             sum.step_limit_m = sum.step_limit_m.min(step_limit_m(
                 outside_m,
@@ -234,6 +235,7 @@ pub(super) struct FarSum {
     pub(super) max_value_m: f64,
     pub(super) voxel_size_m: f64,
     pub(super) step_limit_m: f64,
+    pub(super) free_way_m: f64,
 }
 
 impl Default for FarSum {
@@ -242,6 +244,7 @@ impl Default for FarSum {
             max_value_m: f64::NEG_INFINITY,
             voxel_size_m: f64::INFINITY,
             step_limit_m: f64::INFINITY,
+            free_way_m: f64::INFINITY,
         }
     }
 }

@@ -76,7 +76,7 @@ mod tests {
     use super::*;
 
     fn contact(point_idx: u32, depth_m: f32, arm_body: Vec3, normal_body: Vec3) -> Contact {
-        Contact { point_idx, depth_m, weight: 1.0, arm_body, normal_body: normal_body.normalize() }
+        Contact::of_point(point_idx, depth_m, arm_body, normal_body.normalize())
     }
 
     #[test]

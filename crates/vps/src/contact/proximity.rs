@@ -11,7 +11,7 @@
 
 use glam::Vec3;
 
-use super::contact_block::{Contact, ContactBlock, Wall};
+use super::contact_block::{Contact, ContactBlock};
 use super::kernel::Place;
 use super::tree_traversal::{Lists, TreeTraversal};
 use super::{ContactSum, Obstacle, Traversal};
@@ -52,7 +52,7 @@ impl Layer {
             (LAYER_VOXELS * field.voxel_size_m()).min(KNOWN_SHARE * field.known_outside_m());
         let bounds =
             (thickness_m > 0.0).then(|| BrickBounds::thicker(field, thickness_m)).flatten()?;
-        Some(Self { walk: TreeTraversal::over(bounds, shell)?, thickness_m })
+        Some(Self { walk: TreeTraversal::over(bounds, shell, 0.0)?, thickness_m })
     }
 }
 
@@ -113,7 +113,6 @@ impl Proximity {
                 touched,
             );
             left = left.without(found.looked_at);
-            let wall = Wall::new(&obstacle.field, map_from_body);
             for block in touched.iter() {
                 let number = block.block as usize;
                 let (Some(positions), Some(normals)) =
@@ -128,17 +127,15 @@ impl Proximity {
                         continue;
                     }
                     let arm_body = positions.get(lane);
-                    let weight = block
-                        .weights(shell)
-                        .and_then(|weights| weights.0.get(lane).copied())
-                        .unwrap_or(0.0);
+                    let weight = block.weight_of(shell, lane);
                     let normal = normals.get(lane);
                     let is_turned =
                         |out: &Vec3| normal == Vec3::ZERO || out.dot(normal) > TURNED_COSINE;
-                    let way_out = wall.way_out(arm_body).filter(is_turned);
+                    let way_out = block.way_out(lane).filter(is_turned);
                     if let Some(normal_body) = way_out {
                         let point_idx = block.block * LANES as u32 + lane as u32;
-                        near(&Contact { point_idx, depth_m, weight, arm_body, normal_body });
+                        let contact = Contact::of_point(point_idx, depth_m, arm_body, normal_body);
+                        near(&Contact { weight, ..contact });
                     }
                 }
             }
@@ -189,7 +186,7 @@ mod tests {
     /// Nothing but the leaning point, half a millimetre deep in a layer of one, which the plate
     /// pushes upwards.
     fn assert_leaning(found: &[Contact]) {
-        let [Contact { point_idx, depth_m, weight, arm_body, normal_body }] = *found else {
+        let [Contact { point_idx, depth_m, weight, arm_body, normal_body, .. }] = *found else {
             panic!("{found:?}");
         };
         assert_eq!((point_idx, weight), (LANES as u32 + 2, 1.0));

@@ -6,6 +6,7 @@
 )]
 
 use super::contact_block::ContactBlock;
+use super::immersion::Extents;
 use super::kernel::{Blocks, Depths, Place};
 use crate::pointshell::shell::{LANES, Lanes, Lanes3, Shell};
 use crate::simd::SimdLevel;
@@ -15,6 +16,9 @@ use crate::voxmap::field::brick_bounds::BrickBounds;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Samples {
     positions: Lanes3,
+    half_axes: [Lanes3; 2],
+    /// The longest reach of the blocks that they are of, m.
+    reach_m: f32,
     /// Points and the surface that they stand for, as a multiple of their own; the same for all of
     /// a block.
     points: [(u32, f32); LANES],
@@ -24,7 +28,13 @@ pub(super) struct Samples {
 impl Default for Samples {
     fn default() -> Self {
         let none = Lanes([f32::NAN; LANES]);
-        Self { positions: Lanes3 { x: none, y: none, z: none }, points: [(0, 0.0); LANES], n: 0 }
+        Self {
+            positions: Lanes3 { x: none, y: none, z: none },
+            half_axes: [Lanes3::ZERO; 2],
+            reach_m: 0.0,
+            points: [(0, 0.0); LANES],
+            n: 0,
+        }
     }
 }
 
@@ -39,6 +49,14 @@ impl Samples {
             return;
         };
         self.positions.set(self.n, positions.get(lane));
+        if let (Some([a, b]), Some(reach_m)) =
+            (shell.half_axes().get(block), shell.reaches_m().get(block))
+        {
+            let [own_a, own_b] = &mut self.half_axes;
+            own_a.set(self.n, a.get(lane));
+            own_b.set(self.n, b.get(lane));
+            self.reach_m = self.reach_m.max(*reach_m);
+        }
         *place = (point, weight);
         self.n += 1;
     }
@@ -52,11 +70,11 @@ impl Samples {
     pub(super) fn look(
         &mut self,
         simd_level: SimdLevel,
-        bounds: &BrickBounds,
+        (bounds, limit_m): (&BrickBounds, f32),
         place: &Place,
         touched: &mut Vec<ContactBlock>,
     ) -> f32 {
-        let Self { positions, points, n } = core::mem::take(self);
+        let Self { positions, half_axes, reach_m, points, n } = core::mem::take(self);
         if n == 0 {
             return f32::NEG_INFINITY;
         }
@@ -73,10 +91,9 @@ impl Samples {
                 }
                 let one = last.get_or_insert(ContactBlock {
                     block,
-                    lanes: 0,
                     weight,
-                    depths_m: [0.0; LANES],
-                    gradients: Lanes3::ZERO,
+                    limit_m,
+                    ..ContactBlock::NONE
                 });
                 one.lanes |= 1 << lane_of_block;
                 if let (Some(depth_m), Some(of_lane)) =
@@ -84,16 +101,22 @@ impl Samples {
                 {
                     *of_lane = *depth_m;
                     one.gradients.set(lane_of_block, depths.gradients.get(lane));
+                    let shortfalls_m = depths.shortfalls_m.map(|of| of.0.get(lane).copied());
+                    one.set_shortfalls(lane_of_block, shortfalls_m.map(Option::unwrap_or_default));
                 }
             }
             touched.extend(last);
         };
         let positions = core::slice::from_ref(&positions);
+        let (half_axes, reaches_m) =
+            (core::slice::from_ref(&half_axes), core::slice::from_ref(&reach_m));
+        let extents = Extents::new(half_axes, reaches_m, limit_m);
         let floor = |_| f32::NEG_INFINITY;
         simd_level.run(Blocks {
             bounds,
             place,
             positions,
+            extents,
             which: core::iter::once(0),
             floor,
             found,

@@ -5,8 +5,9 @@
 
 use glam::{DMat3, DVec3};
 
-use super::contact_block::{ContactBlock, ContactDirections};
-use crate::pointshell::shell::{LANES, Lanes, Lanes3};
+use super::contact_block::ContactBlock;
+use super::immersion::{Immersed, Range};
+use crate::pointshell::shell::{LANES, Lanes, Lanes3, Shell};
 use crate::simd::{AHEAD, F32s, F32x8, I32s, Kernel};
 use crate::spatial::Mat6;
 
@@ -24,22 +25,40 @@ const BLOCKS_PER_PART: u32 = 16;
 pub(super) struct Sums {
     part: [[f32; LANES]; QUANTITIES],
     n_blocks_in_part: u32,
+    /// The most of the mean depths.
+    deepest: [f32; LANES],
     lanes: [[f64; LANES / 4]; QUANTITIES],
 }
 
-/// How a point's depth becomes force.
+/// How depth becomes force.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Weighting {
-    per_half_voxel: f32,
     per_quarter_voxel: f32,
-    spatial: bool,
+    /// Something pushes along the way out and not along its own normal: what touches a thin skin,
+    /// and points that have none.
+    is_thin: bool,
+    bends: bool,
 }
 
 impl Weighting {
-    /// `spatial`: stage S, smooth entry over the first half voxel.
-    pub(super) fn new(voxel_size_m: f32, spatial: bool) -> Self {
-        Self { per_half_voxel: 2.0 / voxel_size_m, per_quarter_voxel: 4.0 / voxel_size_m, spatial }
+    /// Of voxels of this edge. `is_thin`: they are those of a thin skin; `is_skin`: some points have
+    /// no normal.
+    pub(super) fn new(voxel_size_m: f32, is_thin: bool, is_skin: bool) -> Self {
+        Self { per_quarter_voxel: 4.0 / voxel_size_m, is_thin, bends: is_thin || is_skin }
     }
+}
+
+/// The points of a block.
+#[derive(Clone, Copy)]
+pub(super) struct Points<'a> {
+    /// About the centre of mass, m.
+    pub(super) positions: &'a Lanes3,
+    /// Unit directions in which they push.
+    pub(super) normals: &'a Lanes3,
+    /// Surface that each stands for, s².
+    pub(super) weights: &'a Lanes,
+    /// Half axes of those that are facets, m.
+    pub(super) half_axes: Option<&'a [Lanes3; 2]>,
 }
 
 /// What the lanes of a block add.
@@ -52,71 +71,83 @@ struct Addends<L> {
     gradient: [L; 3],
     gradient_moment: [L; 3],
     arm: [L; 3],
-    depth: L,
+    /// By how much more the moment counts, and the arm, of facets that are immersed in part.
+    turn: [L; 3],
+    lever: [L; 3],
+    /// How deep each is in the mean.
+    mean: L,
     force: L,
     stiffness: L,
     effective: L,
 }
 
+#[inline(always)]
+fn load<L: F32s<LANES>>(lanes: &Lanes3, wanted: L::Int) -> [L; 3] {
+    [
+        L::load(&lanes.x.0).only(wanted),
+        L::load(&lanes.y.0).only(wanted),
+        L::load(&lanes.z.0).only(wanted),
+    ]
+}
+
+#[inline(always)]
+fn cross<L: F32s<LANES>>([ax, ay, az]: [L; 3], [bx, by, bz]: [L; 3]) -> [L; 3] {
+    [ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx]
+}
+
 impl<L: F32s<LANES>> Addends<L> {
     #[inline(always)]
-    fn of(
-        touched: &ContactBlock,
-        (positions, normals): (&Lanes3, &Lanes3),
-        (areas, weights): (&Lanes, &Lanes),
-        count: f32,
-        by: Weighting,
-    ) -> Self {
+    fn of(touched: &ContactBlock, points: Points<'_>, by: Weighting) -> Self {
         let wanted = L::Int::mask(touched.lanes.into());
         let one = L::splat(1.0);
-        let stands_for = L::load(&weights.0).only(wanted) * L::splat(count);
-        let area = L::load(&areas.0).only(wanted) * L::splat(count);
-        let depth = L::load(&touched.depths_m).only(wanted);
-        let [nx, ny, nz] = [
-            L::load(&normals.x.0).only(wanted),
-            L::load(&normals.y.0).only(wanted),
-            L::load(&normals.z.0).only(wanted),
-        ];
-        let [rx, ry, rz] = [
-            L::load(&positions.x.0).only(wanted),
-            L::load(&positions.y.0).only(wanted),
-            L::load(&positions.z.0).only(wanted),
-        ];
-        let [mut gx, mut gy, mut gz] = [
-            L::load(&touched.gradients.x.0).only(wanted),
-            L::load(&touched.gradients.y.0).only(wanted),
-            L::load(&touched.gradients.z.0).only(wanted),
-        ];
         let zero = L::splat(0.0);
-        let is_known = zero.lt(gx * gx + gy * gy + gz * gz);
+        let area = L::load(&points.weights.0).only(wanted) * L::splat(touched.weight);
+        // Lanes without contact have a depth of 0, and a normal, a gradient and an arm of 0:
+        // whatever their factors are, they add nothing.
+        let depth = L::load(&touched.depths_m).only(wanted);
+        let [mut nx, mut ny, mut nz] = load::<L>(points.normals, wanted);
+        let arm = load::<L>(points.positions, wanted);
+        let [mut gx, mut gy, mut gz] = load::<L>(&touched.gradients, wanted);
+        let squared = gx * gx + gy * gy + gz * gz;
+        let is_known = zero.lt(squared);
+        if by.bends {
+            let length = squared.sqrt();
+            let has_none = (nx * nx + ny * ny + nz * nz).le(zero);
+            let all = L::Int::splat(if by.is_thin { -1 } else { 0 });
+            let bends = is_known & (has_none | all);
+            nx = L::select(bends, (zero - gx) / length, nx);
+            ny = L::select(bends, (zero - gy) / length, ny);
+            nz = L::select(bends, (zero - gz) / length, nz);
+        }
+        let normal = [nx, ny, nz];
+        let (mean, share, lever) = match points.half_axes {
+            Some(half_axes) => {
+                let range = Range::of(half_axes, [gx, gy, gz], L::splat(touched.limit_m));
+                let [near, far] = &touched.shortfalls_m;
+                let shortfalls = [L::load(&near.0).only(wanted), L::load(&far.0).only(wanted)];
+                let Immersed { mean, share, lever } = range.immersed(depth, shortfalls);
+                (mean, share, [lever[0] * area, lever[1] * area, lever[2] * area])
+            }
+            None => (depth, one, [zero; 3]),
+        };
         gx = L::select(is_known, gx, zero - nx);
         gy = L::select(is_known, gy, zero - ny);
         gz = L::select(is_known, gz, zero - nz);
-        // Lanes without contact have a depth of 0, and a normal, a gradient and an arm of 0:
-        // whatever their factors are, they add nothing.
-        let (share, slope) = if by.spatial {
-            // w = t²(3 − 2t), d·w' = 6t²(1 − t), with t = d/(s/2) up to 1: the entry weight of
-            // stage S.
-            let t = (depth * L::splat(by.per_half_voxel)).min(one);
-            let squared = t * t;
-            let smooth = squared * (L::splat(3.0) - (t + t));
-            (smooth, smooth + squared * L::splat(6.0) * (one - t))
-        } else {
-            (one, one)
-        };
-        let depth_weighted = depth * stands_for;
+        let gradient = [gx, gy, gz];
         Self {
-            normal: [nx, ny, nz],
-            moment: [ry * nz - rz * ny, rz * nx - rx * nz, rx * ny - ry * nx],
-            gradient: [gx, gy, gz],
-            gradient_moment: [ry * gz - rz * gy, rz * gx - rx * gz, rx * gy - ry * gx],
-            arm: [rx, ry, rz],
-            depth: depth_weighted,
-            force: depth_weighted * share,
-            stiffness: slope * stands_for,
+            normal,
+            moment: cross(arm, normal),
+            gradient,
+            gradient_moment: cross(arm, gradient),
+            arm,
+            turn: cross(lever, normal),
+            lever,
+            mean,
+            force: mean * area,
+            stiffness: share * area,
             // Our smooth count: what a contact stands for counts fully from a quarter voxel on, so
             // that normalisation has no steps.
-            effective: (depth * L::splat(by.per_quarter_voxel)).min(one) * area,
+            effective: (mean * L::splat(by.per_quarter_voxel)).min(one) * area,
         }
     }
 }
@@ -125,24 +156,24 @@ impl Sums {
     pub(super) const ZERO: Self = Self {
         part: [[0.0; LANES]; QUANTITIES],
         n_blocks_in_part: 0,
+        deepest: [0.0; LANES],
         lanes: [[0.0; LANES / 4]; QUANTITIES],
     };
 
-    /// Adds the lanes of a block that touch, each by its weight so often.
+    /// Adds the lanes of a block that touch.
     #[inline(always)]
     pub(super) fn add<L: F32s<LANES>>(
         &mut self,
         touched: &ContactBlock,
-        at: (&Lanes3, &Lanes3),
-        (weights, count): ((&Lanes, &Lanes), f32),
+        points: Points<'_>,
         by: Weighting,
     ) {
-        let addends = Addends::<L>::of(touched, at, weights, count, by);
+        let addends = Addends::<L>::of(touched, points, by);
         let Addends { normal, moment, gradient, gradient_moment, .. } = addends;
-        let Addends { arm, depth, force, stiffness, effective, .. } = addends;
+        let Addends { arm, turn, lever, mean, force, stiffness, effective, .. } = addends;
         let mut sums = self.part.iter_mut();
         put(&mut sums, force, normal);
-        put(&mut sums, force, moment);
+        put_more(&mut sums, force, moment, turn);
         let [nx, ny, nz] = normal;
         let [mx, my, mz] = moment;
         put_symmetric(&mut sums, [stiffness * nx, stiffness * ny, stiffness * nz], gradient);
@@ -152,9 +183,10 @@ impl Sums {
         put_symmetric(&mut sums, [stiffness * mx, stiffness * my, stiffness * mz], gradient_moment);
         put(&mut sums, force, gradient);
         let one = L::splat(1.0);
-        put(&mut sums, one, [depth]);
-        put(&mut sums, depth, arm);
+        put(&mut sums, one, [force]);
+        put_more(&mut sums, force, arm, lever);
         put(&mut sums, one, [effective]);
+        L::load(&self.deepest).max(mean).store(&mut self.deepest);
         self.n_blocks_in_part += 1;
         if self.n_blocks_in_part == BLOCKS_PER_PART {
             self.settle();
@@ -179,6 +211,7 @@ impl Sums {
     /// The totals.
     pub(super) fn total(mut self) -> Total {
         self.settle();
+        let deepest = self.deepest.into_iter().fold(0.0, f32::max).into();
         let mut totals = self.lanes.iter().map(|[a, b, c, d]| (a + b) + (c + d));
         let mut next = || totals.next().unwrap_or(0.0);
         let mut vector = || DVec3::new(next(), next(), next());
@@ -193,7 +226,16 @@ impl Sums {
         let depth = next();
         let depth_arm = DVec3::new(next(), next(), next());
         let effective = next();
-        Total { depth_normal, depth_moment, stiffness, depth_gradient, depth, depth_arm, effective }
+        Total {
+            depth_normal,
+            depth_moment,
+            stiffness,
+            depth_gradient,
+            depth,
+            depth_arm,
+            effective,
+            deepest,
+        }
     }
 }
 
@@ -206,6 +248,19 @@ fn put<'a, L: F32s<LANES>, const N: usize>(
 ) {
     for (column, sum) in columns.into_iter().zip(sums) {
         (L::load(sum) + factor * column).store(sum);
+    }
+}
+
+/// Adds factor · column and something more to the next sums.
+#[inline(always)]
+fn put_more<'a, L: F32s<LANES>, const N: usize>(
+    sums: &mut impl Iterator<Item = &'a mut [f32; LANES]>,
+    factor: L,
+    columns: [L; N],
+    more: [L; N],
+) {
+    for ((column, more), sum) in columns.into_iter().zip(more).zip(sums) {
+        (L::load(sum) + (factor * column + more)).store(sum);
     }
 }
 
@@ -240,15 +295,15 @@ pub(super) struct Total {
     pub(super) depth: f64,
     pub(super) depth_arm: DVec3,
     pub(super) effective: f64,
+    /// Of one facet, in the mean over it.
+    pub(super) deepest: f64,
 }
 
-/// Adds blocks to the sums, whose positions and normals are among these.
+/// Adds blocks of a shell to the sums.
 pub(super) struct AddAll<'a> {
     pub(super) sums: &'a mut Sums,
     pub(super) touched: &'a [ContactBlock],
-    pub(super) positions: &'a [Lanes3],
-    pub(super) normals: &'a [Lanes3],
-    pub(super) weights: &'a [Lanes],
+    pub(super) shell: &'a Shell,
     pub(super) by: Weighting,
 }
 
@@ -257,33 +312,43 @@ impl Kernel for AddAll<'_> {
 
     #[inline(always)]
     fn run<L: F32x8>(self) {
-        let geometry = |touched: &ContactBlock| {
+        let shell = self.shell;
+        let all_positions = shell.positions();
+        let all_normals = shell.normals();
+        let all_weights = shell.weights();
+        let all_half_axes = shell.half_axes();
+        let points = |touched: &ContactBlock| {
             let block = touched.block as usize;
-            Some(((self.positions.get(block)?, self.normals.get(block)?), self.weights.get(block)?))
+            Some(Points {
+                positions: all_positions.get(block)?,
+                normals: all_normals.get(block)?,
+                weights: all_weights.get(block)?,
+                half_axes: all_half_axes.get(block),
+            })
         };
         let mut soon = self.touched.iter().skip(AHEAD);
         for touched in self.touched {
-            if let Some(((positions, normals), _)) = soon.next().and_then(geometry) {
+            if let Some(Points { positions, normals, half_axes, .. }) = soon.next().and_then(points)
+            {
                 positions.prefetch();
                 normals.prefetch();
+                if let Some([a, b]) = half_axes {
+                    a.prefetch();
+                    b.prefetch();
+                }
             }
-            if let Some((at, weights)) = geometry(touched) {
-                self.sums.add::<L::Wide>(
-                    touched,
-                    at,
-                    ((weights, weights), touched.weight),
-                    self.by,
-                );
+            if let Some(points) = points(touched) {
+                self.sums.add::<L::Wide>(touched, points, self.by);
             }
         }
     }
 }
 
-/// Adds a block to the sums, its lanes as they push.
+/// Adds a block to the sums whose points push as is said here.
 pub(super) struct Add<'a> {
     pub(super) sums: &'a mut Sums,
     pub(super) touched: &'a ContactBlock,
-    pub(super) pushes: &'a ContactDirections,
+    pub(super) points: Points<'a>,
     pub(super) by: Weighting,
 }
 
@@ -292,13 +357,7 @@ impl Kernel for Add<'_> {
 
     #[inline(always)]
     fn run<L: F32x8>(self) {
-        let ContactDirections { positions, normals, areas, weights } = self.pushes;
-        self.sums.add::<L::Wide>(
-            self.touched,
-            (positions, normals),
-            ((areas, weights), 1.0),
-            self.by,
-        );
+        self.sums.add::<L::Wide>(self.touched, self.points, self.by);
     }
 }
 
@@ -310,38 +369,66 @@ mod tests {
 
     const VOXEL_SIZE_M: f64 = 1.0;
     const BLOCKS: u32 = 40;
+    const LIMIT_M: f32 = 0.8;
 
-    /// Touching blocks; whatever does not touch is not a number.
-    fn blocks() -> Vec<(ContactBlock, ContactDirections)> {
+    /// The points of a block.
+    struct Block {
+        positions: Lanes3,
+        normals: Lanes3,
+        weights: Lanes,
+        half_axes: [Lanes3; 2],
+    }
+
+    impl Block {
+        fn points(&self, with_extent: bool) -> Points<'_> {
+            let Self { positions, normals, weights, half_axes } = self;
+            Points { positions, normals, weights, half_axes: with_extent.then_some(half_axes) }
+        }
+    }
+
+    /// Touching blocks; whatever does not touch is not a number, but for half axes.
+    fn blocks() -> Vec<(ContactBlock, Block)> {
         let mut chance = Random(11);
         let unknown = Lanes([f32::NAN; LANES]);
         let nowhere = Lanes3 { x: unknown, y: unknown, z: unknown };
-        let areas =
-            |chance: &mut Random| Lanes(core::array::from_fn(|_| 1.0 + chance.unit() as f32));
         let mut blocks = Vec::new();
         for block in 0..BLOCKS {
-            let weight = 1.0 + chance.unit() as f32;
-            let depths_m = [f32::NAN; LANES];
-            let mut touched =
-                ContactBlock { block, lanes: 0, weight, depths_m, gradients: nowhere };
-            let mut pushes = ContactDirections {
+            let mut touched = ContactBlock {
+                block,
+                lanes: 0,
+                weight: 1.0 + chance.unit() as f32,
+                limit_m: LIMIT_M,
+                depths_m: [f32::NAN; LANES],
+                gradients: nowhere,
+                shortfalls_m: [unknown; 2],
+            };
+            let mut points = Block {
                 positions: nowhere,
                 normals: nowhere,
-                areas: areas(&mut chance),
-                weights: areas(&mut chance),
+                weights: Lanes(core::array::from_fn(|_| 1.0 + chance.unit() as f32)),
+                half_axes: [Lanes3::ZERO; 2],
             };
             for lane in 0..LANES {
+                for axis in &mut points.half_axes {
+                    axis.set(lane, chance.in_box(-0.5, 0.5).as_vec3());
+                }
                 if chance.unit() < 0.5 {
                     touched.lanes |= 1 << lane;
-                    touched.depths_m[lane] = (VOXEL_SIZE_M * chance.unit()) as f32;
+                    touched.depths_m[lane] = (VOXEL_SIZE_M * (chance.unit() - 0.2)) as f32;
+                    touched.set_shortfalls(
+                        lane,
+                        [(); 2].map(|()| (-0.3 * VOXEL_SIZE_M * chance.unit()) as f32),
+                    );
                     // Of some it is not known.
                     let is_known = if lane % 5 == 0 { 0.0 } else { 1.0 };
                     touched.gradients.set(lane, (chance.in_box(-1.0, 1.0) * is_known).as_vec3());
-                    pushes.positions.set(lane, chance.in_box(-1.0, 1.0).as_vec3());
-                    pushes.normals.set(lane, chance.in_box(-1.0, 1.0).normalize().as_vec3());
+                    points.positions.set(lane, chance.in_box(-1.0, 1.0).as_vec3());
+                    let has_normal = if lane % 7 == 3 { 0.0 } else { 1.0 };
+                    let normal = chance.in_box(-1.0, 1.0).normalize() * has_normal;
+                    points.normals.set(lane, normal.as_vec3());
                 }
             }
-            blocks.push((touched, pushes));
+            blocks.push((touched, points));
         }
         blocks
     }
@@ -354,35 +441,69 @@ mod tests {
         depth: 0.0,
         depth_arm: DVec3::ZERO,
         effective: 0.0,
+        deepest: 0.0,
     };
+
+    /// Mean, share and first moment of what is above zero on a line from p to q of length 1.
+    fn above(p: f64, q: f64) -> (f64, f64, f64) {
+        match (p > 0.0, q > 0.0) {
+            (true, true) => (0.5 * (p + q), 1.0, p / 6.0 + q / 3.0),
+            (false, false) => (0.0, 0.0, 0.0),
+            // A triangle that begins at the zero: its middle is two thirds on.
+            (false, true) => {
+                let zero = p / (p - q);
+                let area = 0.5 * q * (1.0 - zero);
+                (area, 1.0 - zero, area * (zero + (1.0 - zero) * 2.0 / 3.0))
+            }
+            (true, false) => {
+                let zero = p / (p - q);
+                let area = 0.5 * p * zero;
+                (area, zero, area * zero / 3.0)
+            }
+        }
+    }
 
     /// The same by the formula, point by point.
     fn add_plainly(
         total: &mut Total,
         touched: &ContactBlock,
-        pushes: &ContactDirections,
-        (areas, count): (&Lanes, f64),
-        smooth_entry: bool,
+        points: Points<'_>,
+        (is_thin, is_skin): (bool, bool),
     ) {
         for lane in touched.lanes() {
             let depth = f64::from(touched.depths_m[lane]);
-            let stands_for = f64::from(pushes.weights.0[lane]) * count;
-            let area = f64::from(areas.0[lane]) * count;
-            let normal = pushes.normals.get(lane).as_dvec3();
-            let arm = pushes.positions.get(lane).as_dvec3();
-            let moment = arm.cross(normal);
-            // Stage S: d w(t), w = t² (3 − 2t), t = d / (s / 2) up to 1, has the slope
-            // w + d w' = w + 6 t² (1 − t).
-            let t = (depth / (0.5 * VOXEL_SIZE_M)).min(1.0);
-            let entry = t * t * (3.0 - 2.0 * t);
-            let (share, slope) =
-                if smooth_entry { (entry, entry + 6.0 * t * t * (1.0 - t)) } else { (1.0, 1.0) };
-            total.depth_normal += normal * (depth * stands_for * share);
-            total.depth_moment += moment * (depth * stands_for * share);
-            let gradient = match touched.gradients.get(lane).as_dvec3() {
-                DVec3::ZERO => -normal,
-                gradient => gradient,
+            let area = f64::from(points.weights.0[lane] * touched.weight);
+            let known = touched.gradients.get(lane).as_dvec3();
+            let own = points.normals.get(lane).as_dvec3();
+            let bends = is_thin || is_skin && own == DVec3::ZERO;
+            let normal = if bends { (-known).try_normalize().unwrap_or(own) } else { own };
+            let arm = points.positions.get(lane).as_dvec3();
+            let [a, b] = points.half_axes.map_or([DVec3::ZERO; 2], |[a, b]| {
+                [a.get(lane).as_dvec3(), b.get(lane).as_dvec3()]
+            });
+            let alpha = a.dot(known);
+            let beta = b.dot(known);
+            let whole = alpha.hypot(beta);
+            let w = whole.min(LIMIT_M.into());
+            let [near, far] = touched.shortfalls_m.map(|of| f64::from(of.0[lane]));
+            let outward = above(depth, depth - w + near);
+            let inward = above(depth, depth + w + far);
+            let has_extent = points.half_axes.is_some();
+            let (mean, t) = if has_extent {
+                (0.5 * (outward.0 + inward.0), 0.5 * (outward.1 + inward.1))
+            } else {
+                (depth, 1.0)
             };
+            let way = if whole > 1e-9 {
+                (a * alpha + b * beta) * (w / whole / whole)
+            } else {
+                DVec3::ZERO
+            };
+            let lever = way * (0.5 * (inward.2 - outward.2));
+            total.depth_normal += normal * (mean * area);
+            total.depth_moment += (arm.cross(normal) * mean + lever.cross(normal)) * area;
+            let gradient = if known == DVec3::ZERO { -normal } else { known };
+            let moment = arm.cross(normal);
             let outer = |one: DVec3, other: DVec3| {
                 DMat3::from_cols(one * other.x, one * other.y, one * other.z)
             };
@@ -390,7 +511,7 @@ mod tests {
             let between = outer(gradient, moment) * -1.0;
             let turned = arm.cross(gradient);
             total.stiffness = total.stiffness.plus_scaled(
-                slope * stands_for,
+                t * area,
                 &Mat6::from_blocks(
                     halved(normal, gradient),
                     between,
@@ -398,11 +519,12 @@ mod tests {
                     halved(moment, turned),
                 ),
             );
-            total.depth_gradient += gradient * (depth * stands_for * share);
-            total.depth += depth * stands_for;
-            total.depth_arm += arm * (depth * stands_for);
+            total.depth_gradient += gradient * (mean * area);
+            total.depth += mean * area;
+            total.depth_arm += (arm * mean + lever) * area;
             // Full from a quarter of a voxel on.
-            total.effective += (depth / (0.25 * VOXEL_SIZE_M)).min(1.0) * area;
+            total.effective += (mean / (0.25 * VOXEL_SIZE_M)).min(1.0) * area;
+            total.deepest = total.deepest.max(mean);
         }
     }
 
@@ -414,7 +536,7 @@ mod tests {
             {
                 numbers.extend(vector.to_array());
             }
-            numbers.extend([total.depth, total.effective]);
+            numbers.extend([total.depth, total.effective, total.deepest]);
             numbers
         };
         // Some three hundred points of about one each, in `f32`.
@@ -424,48 +546,26 @@ mod tests {
     }
 
     #[test]
-    fn blocks_add_up_to_the_sum_over_their_points_as_they_push() {
+    fn blocks_add_up_to_the_sum_over_their_facets_by_the_formula() {
         let blocks = blocks();
-        for (level, smooth_entry) in
-            SimdLevel::available().flat_map(|level| [(level, false), (level, true)])
+        let ways = [(false, false), (false, true), (true, false)];
+        for (level, (is_thin, is_skin)) in
+            SimdLevel::available().flat_map(|level| ways.map(|way| (level, way)))
         {
-            let by = Weighting::new(VOXEL_SIZE_M as f32, smooth_entry);
-            let mut sums = Sums::ZERO;
-            let mut expected = NOTHING;
-            for (touched, pushes) in &blocks {
-                level.run(Add { sums: &mut sums, touched, pushes, by });
-                // Sixteen blocks are added up in `f32`, and then settled.
-                assert_eq!(sums.n_blocks_in_part, (touched.block + 1) % BLOCKS_PER_PART);
-                add_plainly(&mut expected, touched, pushes, (&pushes.areas, 1.0), smooth_entry);
+            for with_extent in [false, true] {
+                let by = Weighting::new(VOXEL_SIZE_M as f32, is_thin, is_skin);
+                let mut sums = Sums::ZERO;
+                let mut expected = NOTHING;
+                for (touched, block) in &blocks {
+                    let points = block.points(with_extent);
+                    level.run(Add { sums: &mut sums, touched, points, by });
+                    // Sixteen blocks are added up in `f32`, and then settled.
+                    assert_eq!(sums.n_blocks_in_part, (touched.block + 1) % BLOCKS_PER_PART);
+                    add_plainly(&mut expected, touched, points, (is_thin, is_skin));
+                }
+                let what = format!("{level:?}, {is_thin} {is_skin} {with_extent}");
+                assert_same(&sums.total(), &expected, &what);
             }
-            let what = format!("{level:?}, smooth entry {smooth_entry}");
-            assert_same(&sums.total(), &expected, &what);
-        }
-    }
-
-    #[test]
-    fn blocks_whose_points_have_their_own_normals_count_by_their_weight() {
-        let blocks = blocks();
-        let touched: Vec<ContactBlock> = blocks.iter().map(|(touched, _)| *touched).collect();
-        let positions: Vec<Lanes3> = blocks.iter().map(|(_, pushes)| pushes.positions).collect();
-        let normals: Vec<Lanes3> = blocks.iter().map(|(_, pushes)| pushes.normals).collect();
-        let weights: Vec<Lanes> = blocks.iter().map(|(_, pushes)| pushes.weights).collect();
-        for level in SimdLevel::available() {
-            let mut sums = Sums::ZERO;
-            level.run(AddAll {
-                sums: &mut sums,
-                touched: &touched,
-                positions: &positions,
-                normals: &normals,
-                weights: &weights,
-                by: Weighting::new(VOXEL_SIZE_M as f32, true),
-            });
-            let mut expected = NOTHING;
-            for (touched, pushes) in &blocks {
-                let areas = (&pushes.weights, f64::from(touched.weight));
-                add_plainly(&mut expected, touched, pushes, areas, true);
-            }
-            assert_same(&sums.total(), &expected, &format!("{level:?}"));
         }
     }
 }

@@ -5,7 +5,10 @@ use glam::DVec3;
 use super::faces::FACES;
 use super::obstacle_poses::{self, FarSum};
 use super::sum::{Sums, Total, Weighting};
+use super::tree_traversal::QueryResult;
 use super::{ContactSum, ForceLaw, Normalization, Obstacle, ObstacleMotion, Patch};
+
+use crate::pointshell::shell::Shell;
 use crate::spatial::{Mat6, Pose, Wrench};
 use crate::voxmap::field::FieldKind;
 
@@ -46,11 +49,13 @@ pub(super) struct Summing<'a> {
     contacts: u32,
     max_value_m: f64,
     depth_is_bound: bool,
+    clearance_is_bound: bool,
     voxel_size_m: f64,
     touched_voxel_m: f64,
     step_limit_m: f64,
-    pub(super) looked_at: u32,
-    pub(super) left_out: u32,
+    free_way_m: f64,
+    looked_at: u32,
+    left_out: u32,
     /// Σ depth · motion of what is touched by each face.
     obstacle_motion: Option<[ObstacleMotion; FACES]>,
 }
@@ -65,9 +70,11 @@ impl<'a> Summing<'a> {
             contacts: 0,
             max_value_m: f64::NEG_INFINITY,
             depth_is_bound: false,
+            clearance_is_bound: false,
             voxel_size_m: f64::INFINITY,
             touched_voxel_m: f64::INFINITY,
             step_limit_m: f64::INFINITY,
+            free_way_m: f64::INFINITY,
             looked_at: 0,
             left_out: 0,
             obstacle_motion: None,
@@ -83,8 +90,9 @@ impl<'a> Summing<'a> {
         }
     }
 
-    pub(super) fn weighting(&self, obstacle: &Obstacle) -> Weighting {
-        Weighting::new(obstacle.field.voxel_size_m(), self.law.smooth_entry)
+    pub(super) fn weighting(&self, obstacle: &Obstacle, shell: &Shell) -> Weighting {
+        let field = &obstacle.field;
+        Weighting::new(field.voxel_size_m(), field.is_thin(), shell.is_skin())
     }
 
     /// The sums of a face that touches.
@@ -109,6 +117,7 @@ impl<'a> Summing<'a> {
         self.max_value_m = self.max_value_m.max(far.max_value_m);
         self.voxel_size_m = self.voxel_size_m.min(far.voxel_size_m);
         self.step_limit_m = self.step_limit_m.min(far.step_limit_m);
+        self.free_way_m = self.free_way_m.min(far.free_way_m);
     }
 
     /// Notes what else was found at an obstacle.
@@ -116,11 +125,14 @@ impl<'a> Summing<'a> {
         &mut self,
         obstacle: &Obstacle,
         n_contacts: u32,
-        max_value_m: f32,
+        found: &QueryResult,
         reserve_m: f64,
     ) {
-        self.depth_is_bound |= max_value_m >= obstacle.field.deepest_m();
-        let max_value_m = f64::from(max_value_m);
+        self.depth_is_bound |= found.max_value_m >= obstacle.field.deepest_m();
+        self.clearance_is_bound |= found.is_bound;
+        self.left_out += found.left_out;
+        self.looked_at += found.looked_at;
+        let max_value_m = f64::from(found.max_value_m);
         let voxel_size_m = f64::from(obstacle.field.voxel_size_m());
         let limit_m = obstacle_poses::step_limit_m(
             max_value_m,
@@ -128,7 +140,8 @@ impl<'a> Summing<'a> {
             self.overstated_voxels(),
             reserve_m,
         );
-        self.note_found(voxel_size_m, n_contacts, max_value_m, limit_m);
+        let free_way_m = f64::from(found.free_way_m);
+        self.note_found(voxel_size_m, n_contacts, (max_value_m, free_way_m), limit_m);
     }
 
     /// Notes what was found of something whose voxels are so large, and how far a point of the tool
@@ -137,11 +150,12 @@ impl<'a> Summing<'a> {
         &mut self,
         voxel_size_m: f64,
         n_contacts: u32,
-        max_value_m: f64,
+        (max_value_m, free_way_m): (f64, f64),
         limit_m: f64,
     ) {
         self.contacts += n_contacts;
         self.max_value_m = self.max_value_m.max(max_value_m);
+        self.free_way_m = self.free_way_m.min(free_way_m);
         self.voxel_size_m = self.voxel_size_m.min(voxel_size_m);
         self.step_limit_m = self.step_limit_m.min(limit_m);
         if n_contacts > 0 {
@@ -151,19 +165,22 @@ impl<'a> Summing<'a> {
 
     pub(super) fn finish(&self) -> ContactSum {
         let rotation = self.world_from_body.rotation_matrix();
-        let stiffness_n_per_m = self.law.stiffness_n_per_m;
         // Turned zeros may get a sign; free space is exactly zero.
         let rotation = if self.contacts > 0 { rotation } else { glam::DMat3::IDENTITY };
         let mut totals = [None; FACES];
         let mut effective = 0.0;
+        // A facet that is immersed in part may have its centroid outside.
+        let mut deepest_m = self.max_value_m;
         for ((face, total), sums) in totals.iter_mut().enumerate().zip(self.faces.0.iter()) {
             if self.touching >> face & 1 == 1 {
-                effective += total.insert(sums.total()).effective;
+                let total = total.insert(sums.total());
+                effective += total.effective;
+                deepest_m = deepest_m.max(total.deepest);
             }
         }
         let mut sum = ContactSum {
             contacts: self.contacts,
-            max_value_m: self.max_value_m,
+            max_value_m: deepest_m,
             depth_is_bound: self.depth_is_bound,
             wrench: Wrench::ZERO,
             stiffness: Mat6::ZERO,
@@ -173,10 +190,17 @@ impl<'a> Summing<'a> {
             looked_at: self.looked_at,
             left_out: self.left_out,
             obstacle_motion: ObstacleMotion::default(),
+            free_way_m: if self.contacts > 0 { 0.0 } else { self.free_way_m },
+            clearance_is_bound: self.contacts == 0 && self.clearance_is_bound,
             is_roped: false,
             patches: [None; FACES],
             carried_faces: self.obstacle_motion,
         };
+        let stiffness_n_per_m = self.law.stiffness_n_per_m
+            * match self.law.normalization {
+                Normalization::None => 1.0,
+                Normalization::Average => within_ten(effective),
+            };
         let mut depth = 0.0;
         let mut depth_arm = DVec3::ZERO;
         let mut force = DVec3::ZERO;
@@ -184,17 +208,12 @@ impl<'a> Summing<'a> {
         let mut stiffness = Mat6::ZERO;
         for ((face, total), patch) in totals.iter().enumerate().zip(&mut sum.patches) {
             let Some(total) = total else { continue };
-            let share = match self.law.normalization {
-                Normalization::None => 1.0,
-                Normalization::Average => within_ten(effective),
-                Normalization::Cluster => within_ten(total.effective),
-            };
-            force += total.depth_normal * share;
-            moment += total.depth_moment * share;
-            stiffness = stiffness.plus_scaled(share, &total.stiffness);
+            force += total.depth_normal;
+            moment += total.depth_moment;
+            stiffness = stiffness.plus_scaled(1.0, &total.stiffness);
             depth += total.depth;
             depth_arm += total.depth_arm;
-            *patch = Patch::of(face as u8, total, share * stiffness_n_per_m, rotation);
+            *patch = Patch::of(face as u8, total, stiffness_n_per_m, rotation);
         }
         sum.wrench = Wrench::new(rotation * force, rotation * moment) * stiffness_n_per_m;
         sum.stiffness = Mat6::ZERO.plus_scaled(stiffness_n_per_m, &stiffness.rotated(rotation));
@@ -202,8 +221,7 @@ impl<'a> Summing<'a> {
             sum.arm_world = rotation * depth_arm / depth;
         }
         if let Some(faces) = sum.carried_faces.as_mut() {
-            // Points without a share in the sum, such as an edge that has gone past the middle of a
-            // wall, have no depth there either.
+            // Points without a share in the sum, such as probes, have no depth there either.
             let mean_over = |depth_m: f64| if depth_m > 0.0 { 1.0 / depth_m } else { 0.0 };
             for (carried, total) in faces.iter_mut().zip(&totals) {
                 sum.obstacle_motion.add(mean_over(depth), *carried);
@@ -271,6 +289,7 @@ mod tests {
             depth: 2.0 * depth,
             depth_arm: middle * (2.0 * depth),
             effective: 2.0,
+            deepest: depth,
         };
         let patch = Patch::of(4, &total, stiffness_n_per_m, rotation).expect("a face that presses");
         let off_n = patch.force_n - stiffness_n_per_m * 2.0 * depth * normal.z;

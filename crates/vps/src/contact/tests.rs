@@ -11,8 +11,8 @@ use glam::{DQuat, DVec3, Vec3};
 use super::kernel::Place;
 use super::obstacle_poses::PoseStep;
 use super::{
-    Contact, ContactSum, FACES, ForceLaw, Normalization, Obstacle, ObstacleMotion, SimdLevel,
-    Traversal, TraversalMode, visit,
+    Contact, ContactSum, ForceLaw, Normalization, Obstacle, ObstacleMotion, SimdLevel, Traversal,
+    TraversalMode, visit,
 };
 use crate::mesh::primitives::Shape;
 use crate::mesh::validate::inspect;
@@ -69,17 +69,7 @@ fn pressed(
     for (obstacle_idx, plate) in plates.iter().enumerate() {
         traversal.obstacle_poses_mut().put(obstacle_idx, plate.world_from_map, MOVED, 1e-3);
     }
-    (
-        ContactSum::of(
-            &mut traversal,
-            plates,
-            shell,
-            body,
-            ForceLaw { smooth_entry: true, ..ForceLaw::PLAIN },
-            None,
-        ),
-        body,
-    )
+    (ContactSum::of(&mut traversal, plates, shell, body, ForceLaw::PLAIN, None), body)
 }
 
 fn turns() -> [(&'static str, DQuat); 3] {
@@ -132,23 +122,6 @@ fn a_side_an_edge_and_a_corner_are_carried_as_far_as_the_plate_goes() {
     }
 }
 
-/// An edge or a corner that has gone past the middle of a plate would be pushed further through: it
-/// has no share in the sum.
-#[test]
-fn points_without_a_share_carry_nothing_and_divide_by_nothing() {
-    let shell = cube(5e-3);
-    let plates = [plate()];
-    for (name, turn) in turns().into_iter().skip(1) {
-        let (sum, _) =
-            pressed(&shell, &plates, SimdLevel::best(), TraversalMode::Tree, turn, 0.65 * PLATE_M);
-        assert!(sum.contacts > 0, "{name}: nothing touches");
-        assert_eq!(sum.patches().count(), 0, "{name}: some point has a share");
-        assert_eq!(sum.obstacle_motion, ObstacleMotion::default(), "{name}");
-        assert_eq!(sum.carried_faces(), Some(&[ObstacleMotion::default(); FACES]), "{name}");
-        assert!(sum.wrench.is_finite() && sum.arm_world.is_finite(), "{name}");
-    }
-}
-
 #[test]
 fn clay_that_presses_as_hard_halves_what_the_tool_is_carried_by() {
     let shell = cube(1e-3);
@@ -186,13 +159,7 @@ fn a_contact_leaves_a_plate_along_its_surface_s_normal_and_its_own_where_there_i
     let way_out = |point_map: DVec3| {
         let arm =
             world_from_body.inverse().transform_point(world_from_map.transform_point(point_map));
-        let contact = Contact {
-            point_idx: 0,
-            depth_m: 5e-4,
-            weight: 1.0,
-            arm_body: arm.as_vec3(),
-            normal_body: Vec3::X,
-        };
+        let contact = Contact::of_point(0, 5e-4, arm.as_vec3(), Vec3::X);
         plate.way_out_world(world_from_map, world_from_body, &contact)
     };
     let under_the_upper_side = way_out(DVec3::new(5e-3, -7e-3, 0.5 * PLATE_M - 5e-4));
@@ -478,22 +445,6 @@ fn an_average_shortens_force_and_moment_by_the_same_share() {
     assert!((0.01..0.5).contains(&share) && whole.torque.length() > 1e-3, "{share}: {whole:?}");
     let off_nm = (average.torque - whole.torque * share).length();
     assert!(off_nm < 1e-9 * average.torque.length(), "{average:?} and not {share} of {whole:?}");
-}
-
-#[test]
-fn a_traversal_changes_its_mode() {
-    let shell = cube(1e-3);
-    let plates = [plate()];
-    let body = Pose::from_translation(DVec3::Z * (TOOL_EDGE_M + 1e-3));
-    let mut traversal = Traversal::new(SimdLevel::Portable, TraversalMode::Tree, &plates, &shell)
-        .with_broad_phase(false);
-    let mut looked_at = |mode| {
-        traversal.set_mode(mode);
-        ContactSum::of(&mut traversal, &plates, &shell, body, ForceLaw::PLAIN, None).looked_at
-    };
-    // The flat traversal counts nothing.
-    assert!((1..shell.len() as u32 / 10).contains(&looked_at(TraversalMode::Tree)));
-    assert_eq!(looked_at(TraversalMode::Flat), 0);
 }
 
 #[test]

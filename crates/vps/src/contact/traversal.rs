@@ -7,6 +7,7 @@ use glam::{DQuat, DVec3};
 use super::budget::Budget;
 use super::contact_block::{Contact, ContactBlock};
 use super::faces::face_of;
+use super::immersion::Extents;
 use super::kernel::{Above, Blocks, Depths, Place};
 use super::obstacle_poses::{FarSum, ObstaclePoses};
 use super::summing::FaceSums;
@@ -17,7 +18,6 @@ use crate::pointshell::tree::CHILDREN;
 use crate::simd::SimdLevel;
 use crate::spatial::Pose;
 use crate::voxmap::field::FieldKind;
-use crate::voxmap::field::brick_bounds::BrickBounds;
 
 /// What a traversal looks at.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -81,11 +81,6 @@ impl Traversal {
     /// Limits what a tick may look at; `Flat` knows no limit.
     pub fn set_budget(&mut self, budget: Budget) {
         self.budget = budget;
-    }
-
-    /// Changes how the next query looks. RT: safe.
-    pub fn set_mode(&mut self, mode: TraversalMode) {
-        self.mode = mode;
     }
 
     /// What a tick may look at.
@@ -165,11 +160,6 @@ impl Traversal {
         self.faces.get(block as usize).copied().unwrap_or(0)
     }
 
-    /// What kernels read of an obstacle's field, where it is one that they can read.
-    pub(super) fn bounds(&self, obstacle_idx: usize) -> Option<&BrickBounds> {
-        Some(self.walks.get(obstacle_idx)?.as_ref()?.bounds())
-    }
-
     /// A new tick begins, with the tool at this pose. Returns what obstacles far away add.
     pub(super) fn begin(
         &mut self,
@@ -207,11 +197,10 @@ impl Traversal {
         touched.clear();
         let n_obstacles_left = obstacle_poses.n_near().saturating_sub(n);
         let place = Place::new(&obstacle.field, map_from_body);
-        let mut found = QueryResult { max_value_m: f32::NEG_INFINITY, looked_at: 0, left_out: 0 };
         match walks.get_mut(obstacle_idx).and_then(Option::as_mut) {
             Some(walk) if kind == FieldKind::Trilinear => {
                 if *mode == TraversalMode::Tree && place.is_finite() {
-                    found = walk.find(
+                    let found = walk.find(
                         *simd_level,
                         shell,
                         (&place, map_from_body),
@@ -220,16 +209,36 @@ impl Traversal {
                         touched,
                     );
                     *left = left.without(found.looked_at);
+                    found
                 } else {
-                    found.max_value_m = all(*simd_level, walk, shell, &place, touched);
+                    QueryResult::of_all(all(*simd_level, walk, shell, &place, touched), shell)
                 }
             }
             _ => {
+                let field = &obstacle.field;
                 let all = |block: &ContactBlock| touched.push(*block);
-                found.max_value_m = flat::blocks(&obstacle.field, kind, shell, map_from_body, all);
+                let max_value_m = flat::blocks(field, kind, shell, map_from_body, all);
+                QueryResult::of_all(max_value_m, shell)
             }
         }
-        found
+    }
+
+    /// Largest V of all points of the shell at an obstacle that none of them touches, m. RT: safe.
+    pub(super) fn highest_m(
+        &mut self,
+        obstacle_idx: usize,
+        obstacle: &Obstacle,
+        kind: FieldKind,
+        shell: &Shell,
+        map_from_body: Pose,
+    ) -> f32 {
+        let place = Place::new(&obstacle.field, map_from_body);
+        match self.walks.get(obstacle_idx).and_then(Option::as_ref) {
+            Some(walk) if kind == FieldKind::Trilinear && place.is_finite() => {
+                walk.highest_m(self.simd_level, shell, &place, &mut self.lists)
+            }
+            _ => flat::blocks(&obstacle.field, kind, shell, map_from_body, |_| ()),
+        }
     }
 
     /// Notes what was found of an obstacle that is under way, for its next step: its largest V and
@@ -238,7 +247,7 @@ impl Traversal {
         &mut self,
         (obstacle_idx, obstacle): (usize, &Obstacle),
         shell: &Shell,
-        (world_from_body, map_from_body): (Pose, Pose),
+        world_from_body: Pose,
         max_value_m: f32,
     ) {
         let mut deepest: Option<Contact> = None;
@@ -250,7 +259,7 @@ impl Traversal {
                     .fold(0.0, |a, b| b.max(a))
             };
             if deepest.is_none_or(|deepest| depth_m(touched) > deepest.depth_m) {
-                touched.contacts(&obstacle.field, shell, map_from_body, |contact| {
+                touched.contacts(&obstacle.field, shell, |contact| {
                     if deepest.is_none_or(|deepest| contact.depth_m > deepest.depth_m) {
                         deepest = Some(*contact);
                     }
@@ -273,7 +282,7 @@ impl Traversal {
 }
 
 /// Every block in turn, past those of which one look at their sphere says that they can neither
-/// touch nor hold the highest point so far.
+/// touch, be it with a corner of a facet, nor hold the highest point so far.
 fn all(
     simd_level: SimdLevel,
     walk: &TreeTraversal,
@@ -281,8 +290,10 @@ fn all(
     place: &Place,
     touched: &mut Vec<ContactBlock>,
 ) -> f32 {
-    let floor = |max_m: f32| if max_m < 0.0 { max_m } else { 0.0 };
     let bounds = walk.bounds();
+    let extents = Extents::of(shell, walk.limit_m());
+    let reach_m = walk.reach_m();
+    let floor = |max_m: f32| max_m.min(-reach_m);
     let margin_cells = walk.margin_cells(place);
     let tree = shell.tree();
     let leaves = tree.n_levels().checked_sub(1).map_or(&[][..], |last| tree.spheres(last));
@@ -305,8 +316,10 @@ fn all(
                     block,
                     lanes: depths.touching,
                     weight: 1.0,
+                    limit_m: extents.limit_m(),
                     depths_m: depths.depths_m.0,
                     gradients: depths.gradients,
+                    shortfalls_m: depths.shortfalls_m,
                 });
             }
         };
@@ -315,6 +328,7 @@ fn all(
             bounds,
             place,
             positions: shell.positions(),
+            extents,
             which,
             floor,
             found,

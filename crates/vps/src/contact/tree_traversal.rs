@@ -8,9 +8,9 @@
 //!     budget left?                        ──no───► its representative stands for it
 //!     else                                ───────► its children; of a leaf, its sixteen points, or some of them
 //! ```
-//! - **Clear** is proven, not guessed: a sphere is left out when its centre is farther from all
-//!   that can touch than its radius (see `BrickBounds` and `kernel`), and so are its points,
-//!   wherever in it they lie.
+//! - **Clear** is proven, not guessed: a sphere is left out when its centre is farther than its
+//!   radius from all that can be as deep as minus the reach of the shell's facets (see
+//!   `BrickBounds` and `kernel`), and so are its points, wherever in it they lie.
 //! - **For how long**: the proof holds until the tool has moved by what was to spare. The way that
 //!   a node's points have gone is at most Σ|Δx| + r·Σ|Δθ|, x the centre of mass and r the node's
 //!   reach about it, both seen from the obstacle. The sums are kept per obstacle, each node
@@ -32,14 +32,15 @@ use glam::DVec3;
 
 use super::budget::{Budget, Choice};
 use super::contact_block::ContactBlock;
-use super::kernel::{Blocks, Clearance, Depths, Place, free_cells};
+use super::immersion::{Extents, limit_m};
+use super::kernel::{Blocks, Ceilings, Clearance, Depths, LEAST_SLOPE, Place, free_cells};
 use super::samples::Samples;
 use crate::pointshell::shell::{LANES, Lanes, Shell};
 use crate::pointshell::tree::{CHILDREN, Spheres};
 use crate::simd::SimdLevel;
 use crate::spatial::Pose;
-use crate::voxmap::field::Field;
 use crate::voxmap::field::brick_bounds::BrickBounds;
+use crate::voxmap::field::{Field, FieldKind};
 
 #[cfg(test)]
 mod tests;
@@ -68,13 +69,35 @@ const FLOOR_VOXELS: f32 = 2.0;
 /// What a walk found.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct QueryResult {
-    /// Largest V, m; while nothing touches, what the tool may move in any way before anything does,
-    /// negative.
+    /// Largest V, m, or more than that.
     pub(super) max_value_m: f32,
+    /// It may be more.
+    pub(super) is_bound: bool,
+    /// While nothing touches: how far the tool may move in any way before anything does, m.
+    pub(super) free_way_m: f32,
     /// Points and spheres looked at.
     pub(super) looked_at: u32,
     /// Points that others stood for.
     pub(super) left_out: u32,
+}
+
+impl QueryResult {
+    /// Of a look at every point of a shell.
+    pub(super) fn of_all(max_value_m: f32, shell: &Shell) -> Self {
+        let free_way_m = (-max_value_m - shell.reach_m()).max(0.0);
+        Self { max_value_m, is_bound: false, free_way_m, looked_at: 0, left_out: 0 }
+    }
+}
+
+/// A node that may hold the highest point.
+#[derive(Clone, Copy, Debug)]
+struct Ceiling {
+    /// What no point below it exceeds, m.
+    highest_m: f32,
+    /// How high the field at its centre lets it reach, m.
+    reached_m: f32,
+    level: usize,
+    node: u32,
 }
 
 /// The lists that all walks share.
@@ -82,6 +105,7 @@ pub(super) struct QueryResult {
 pub(super) struct Lists {
     open: Vec<u32>,
     next: Vec<u32>,
+    ceilings: Vec<Ceiling>,
     samples: Samples,
 }
 
@@ -91,6 +115,7 @@ impl Lists {
         Self {
             open: Vec::with_capacity(n_leaves),
             next: Vec::with_capacity(n_leaves),
+            ceilings: Vec::with_capacity(CHILDREN * (shell.tree().n_levels() + 1)),
             samples: Samples::default(),
         }
     }
@@ -115,6 +140,8 @@ pub(super) struct TreeTraversal {
     touched_at: Vec<[u32; CHILDREN]>,
     now: u32,
     reach_cells: f32,
+    /// See [`limit_m`]; 0 where facets count as points.
+    limit_m: f32,
     motion: Motion,
     turn: u64,
 }
@@ -156,11 +183,13 @@ impl Motion {
 impl TreeTraversal {
     /// `None` when the field or the shell is not one that can be walked. Cold.
     pub(super) fn new(field: &Field, shell: &Shell) -> Option<Self> {
-        Self::over(BrickBounds::of(field)?, shell)
+        let limit_m = limit_m(field, FieldKind::Trilinear);
+        Self::over(BrickBounds::within(field, shell.reach_m().min(limit_m))?, shell, limit_m)
     }
 
-    /// The same over bounds that are not just the field's. Cold.
-    pub(super) fn over(bounds: BrickBounds, shell: &Shell) -> Option<Self> {
+    /// The same over bounds that are not just the field's; facets reach no further than `limit_m`,
+    /// and than the bounds know. Cold.
+    pub(super) fn over(bounds: BrickBounds, shell: &Shell, limit_m: f32) -> Option<Self> {
         let tree = shell.tree();
         let voxel_size_m = f64::from(bounds.voxel_size_m());
         let bounds = Arc::new(bounds);
@@ -190,6 +219,7 @@ impl TreeTraversal {
             reaches_cells: Arc::new(reaches_cells),
             first_blocks: Arc::new(first_blocks),
             reach_cells: (shell.radius_m() / voxel_size_m) as f32,
+            limit_m,
             motion: Motion::default(),
             turn: 0,
         })
@@ -198,6 +228,16 @@ impl TreeTraversal {
     /// The bounds that the kernels read.
     pub(super) fn bounds(&self) -> &BrickBounds {
         &self.bounds
+    }
+
+    /// The largest depth that a facet's corner has beyond its centroid and that counts, m.
+    pub(super) fn limit_m(&self) -> f32 {
+        self.limit_m
+    }
+
+    /// The longest reach of a facet that counts, m.
+    pub(super) fn reach_m(&self) -> f32 {
+        self.bounds.reach_m()
     }
 
     /// What rounding may take from a distance at this place, cells.
@@ -244,6 +284,7 @@ impl TreeTraversal {
             left_out: 0,
             is_limited: budget != Budget::Unlimited,
             per_voxel: 1.0 / self.bounds.voxel_size_m(),
+            limit_m: self.limit_m,
         };
         lists.open.clear();
         lists.open.push(0);
@@ -266,16 +307,90 @@ impl TreeTraversal {
         }
         let outside_m = self.bounds.skin_m() - self.bounds.band_m();
         let voxel_size_m = self.bounds.voxel_size_m();
-        let bound_m = if query.max_m > 0.0 {
+        let reach_m = self.bounds.reach_m();
+        // What was left out is no deeper than minus the reach.
+        let is_bound = !(query.max_m > -reach_m && query.left_out == 0);
+        let bound_m = if query.max_m > -reach_m {
             query.max_m
         } else {
-            query.max_m.max(-query.clear_cells.max(0.0) * voxel_size_m)
+            // Then it may go as far until it is as deep as minus the reach, and from there until it
+            // touches.
+            let beyond_m =
+                LEAST_SLOPE * (reach_m - self.bounds.jump_cells() * voxel_size_m).max(0.0);
+            query.max_m.max(-query.clear_cells.max(0.0) * voxel_size_m - beyond_m)
+        };
+        let max_value_m = bound_m.max(outside_m);
+        // Points that stand for others prove nothing of those.
+        let free_way_m = if query.is_limited {
+            -max_value_m - reach_m
+        } else {
+            query.clear_cells * voxel_size_m
         };
         QueryResult {
-            max_value_m: bound_m.max(outside_m),
+            max_value_m,
+            is_bound,
+            free_way_m: free_way_m.max(0.0),
             looked_at: query.looked_at,
             left_out: query.left_out,
         }
+    }
+
+    /// Largest V of all points of the shell, m, where V of none is above 0: branch and bound, what
+    /// may be highest first. To the bit what the flat traversal finds. RT: safe.
+    pub(super) fn highest_m(
+        &self,
+        simd_level: SimdLevel,
+        shell: &Shell,
+        place: &Place,
+        lists: &mut Lists,
+    ) -> f32 {
+        let tree = shell.tree();
+        let bounds = &self.bounds;
+        let margin_cells = self.margin_cells(place);
+        let mut highest_m = f32::NEG_INFINITY;
+        let open = &mut lists.ceilings;
+        open.clear();
+        open.push(Ceiling {
+            highest_m: f32::INFINITY,
+            reached_m: f32::INFINITY,
+            level: 0,
+            node: 0,
+        });
+        while let Some(Ceiling { highest_m: ceiling_m, level, node, .. }) = open.pop() {
+            if ceiling_m <= highest_m {
+                continue;
+            }
+            if level == tree.n_levels() {
+                let floor = |max_m: f32| max_m.max(highest_m);
+                let max_m = simd_level.run(Blocks {
+                    bounds,
+                    place,
+                    positions: shell.positions(),
+                    // Points without extent: only where their middles are is asked.
+                    extents: Extents::NONE,
+                    which: core::iter::once(node),
+                    floor,
+                    found: |_, _: &Depths| (),
+                });
+                highest_m = highest_m.max(max_m);
+                continue;
+            }
+            let Some(spheres) = tree.spheres(level).get(node as usize) else { continue };
+            let [ceilings_m, reached_m] =
+                simd_level.run(Ceilings { bounds, place, spheres, margin_cells });
+            let first = open.len();
+            let children = (node * CHILDREN as u32..).zip(ceilings_m).zip(reached_m);
+            for ((node, ceiling_m), reached_m) in children {
+                if ceiling_m > highest_m {
+                    let level = level + 1;
+                    open.push(Ceiling { highest_m: ceiling_m, reached_m, level, node });
+                }
+            }
+            if let Some(children) = open.get_mut(first..) {
+                children.sort_unstable_by(|a, b| a.reached_m.total_cmp(&b.reached_m));
+            }
+        }
+        highest_m
     }
 
     /// Replaces the open nodes by their children that are open, which go to `next`, as far as the
@@ -453,6 +568,7 @@ struct Query<'a> {
     /// What lies how deep is kept for the choice of what a budget suffices for.
     is_limited: bool,
     per_voxel: f32,
+    limit_m: f32,
 }
 
 impl Query<'_> {
@@ -520,13 +636,16 @@ impl Query<'_> {
         leaves: &[u32],
         touched: &mut Vec<ContactBlock>,
     ) {
+        let limit_m = self.limit_m;
+        let extents = Extents::of(self.shell, limit_m);
         let TreeTraversal { bounds, clear_until_cells, reaches_cells, first_blocks, .. } = walk;
         let first = first_blocks.last().map_or(0, |first| *first as usize);
         let per_voxel = 1.0 / bounds.voxel_size_m();
-        let floor_m = -FLOOR_VOXELS * bounds.voxel_size_m();
+        let floor_m = (-FLOOR_VOXELS * bounds.voxel_size_m()).min(-bounds.reach_m());
         let (along, about) = self.ways[0];
         let margin_cells = self.margin_cells + bounds.jump_cells();
         let mut n_looked_at = 0;
+        let mut clear_cells = self.clear_cells;
         let leaves = leaves.iter().copied();
         let found = |leaf: u32, depths: &Depths| {
             n_looked_at += LANES as u32;
@@ -535,14 +654,18 @@ impl Query<'_> {
                     block: leaf,
                     lanes: depths.touching,
                     weight: 1.0,
+                    limit_m,
                     depths_m: depths.depths_m.0,
                     gradients: depths.gradients,
+                    shortfalls_m: depths.shortfalls_m,
                 });
                 return;
             }
             let block = first + leaf as usize / CHILDREN;
             let lane = leaf as usize % CHILDREN;
-            let room = free_cells(-depths.max_m * per_voxel) - margin_cells;
+            let highest_m = depths.max_m + extents.reach_m(leaf as usize);
+            let room = free_cells(-highest_m * per_voxel) - margin_cells;
+            clear_cells = clear_cells.min(room);
             let clear_until =
                 clear_until_cells.get_mut(block).and_then(|clear_until| clear_until.get_mut(lane));
             let reach = reaches_cells.get(block).and_then(|reaches| reaches.get(lane));
@@ -555,9 +678,17 @@ impl Query<'_> {
         let place = self.place;
         let positions = self.shell.positions();
         let floor = |_| floor_m;
-        let max_m =
-            self.simd_level.run(Blocks { bounds, place, positions, which: leaves, floor, found });
+        let max_m = self.simd_level.run(Blocks {
+            bounds,
+            place,
+            positions,
+            extents,
+            which: leaves,
+            floor,
+            found,
+        });
         self.max_m = self.max_m.max(max_m);
+        self.clear_cells = clear_cells;
         self.looked_at += n_looked_at;
     }
 
@@ -594,11 +725,24 @@ impl Query<'_> {
             } else {
                 used.get(..1).unwrap_or(used)
             };
+            // Probes alone would stand for a surface that they do not have.
+            let first_facet = used
+                .iter()
+                .position(|lane| weights.get(*lane).is_some_and(|weight| *weight > 0.0))
+                .filter(|_| sum(lanes) == 0.0);
+            let lanes = match first_facet {
+                Some(lane) => used.get(lane..=lane).unwrap_or(lanes),
+                None => lanes,
+            };
             let share = sum(used) / sum(lanes).max(f32::MIN_POSITIVE);
             // A leaf is looked up as a whole: noted twice, it would take the room of another.
             if !samples.has_room_for(lanes.len()) {
-                self.max_m =
-                    self.max_m.max(samples.look(self.simd_level, bounds, self.place, touched));
+                self.max_m = self.max_m.max(samples.look(
+                    self.simd_level,
+                    (bounds, self.limit_m),
+                    self.place,
+                    touched,
+                ));
             }
             for lane in lanes {
                 samples.push(self.shell, (leaf * LANES + lane) as u32, share);
@@ -606,7 +750,12 @@ impl Query<'_> {
             self.looked_at += lanes.len() as u32;
             self.left_out += (n_points - lanes.len()) as u32;
         }
-        self.max_m = self.max_m.max(samples.look(self.simd_level, bounds, self.place, touched));
+        self.max_m = self.max_m.max(samples.look(
+            self.simd_level,
+            (bounds, self.limit_m),
+            self.place,
+            touched,
+        ));
     }
 
     /// Lets the representatives of the open nodes of a level stand for the points below them;
@@ -641,7 +790,7 @@ impl Query<'_> {
             if !lists.samples.has_room_for(1) {
                 self.max_m = self.max_m.max(lists.samples.look(
                     self.simd_level,
-                    bounds,
+                    (bounds, self.limit_m),
                     self.place,
                     touched,
                 ));
@@ -660,7 +809,11 @@ impl Query<'_> {
                 lists.samples.push(self.shell, *point, weight / own.max(f32::MIN_POSITIVE));
             }
         }
-        self.max_m =
-            self.max_m.max(lists.samples.look(self.simd_level, bounds, self.place, touched));
+        self.max_m = self.max_m.max(lists.samples.look(
+            self.simd_level,
+            (bounds, self.limit_m),
+            self.place,
+            touched,
+        ));
     }
 }

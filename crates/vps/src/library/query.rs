@@ -21,8 +21,9 @@ const UNIT_TOLERANCE: f64 = 1e-5;
 /// Asks what wrench the voxmap exerts on the shell.
 ///
 /// # Force
-/// Each point of the shell that is inside pushes with stiffness × depth × weight along its normal,
-/// where the weight is the surface that it stands for in squares of the shell's voxel edge s. So a
+/// Each facet of the shell pushes with stiffness × mean depth × weight along its normal, where the
+/// weight is its surface in squares of the shell's voxel edge s, and the mean over the facet counts
+/// what of it is outside as 0. So a
 /// face of area A at depth d pushes with about stiffness · d · A / s²: an elastic foundation of
 /// stiffness / s², N/m³. There is no friction, and nothing is remembered: the same pose gives the
 /// same bits, on every machine and thread.
@@ -45,9 +46,9 @@ pub struct ContactWrench {
     /// On the shell: force, N, in axes of the voxmap's mesh frame, and torque, N·m, about the
     /// origin of the shell's mesh frame.
     pub wrench: Wrench,
-    /// Points in contact.
+    /// Facets and points in contact.
     pub contacts: u32,
-    /// Depth of the deepest point, m; 0 without contact.
+    /// Depth of the deepest point, m; 0 without contact, and where corners of facets alone touch.
     pub penetration_m: f64,
     /// Distance of the nearest point, m; 0 in contact, and never more than [`Voxmap::band_m`].
     pub clearance_m: f64,
@@ -58,13 +59,16 @@ pub struct ContactWrench {
 pub struct ContactPoint {
     /// Number of the point in the shell.
     pub point: u32,
-    /// m, in the voxmap's mesh frame.
+    /// Where its force acts, m, in the voxmap's mesh frame: the point itself, or of a facet that is
+    /// immersed in part the middle of what presses.
     pub position_m: DVec3,
     /// Unit direction that pushes the shell out.
     pub normal: DVec3,
-    /// m, greater than 0.
+    /// m, greater than 0: of the point, or of the deepest place of a facet whose middle is outside.
     pub depth_m: f64,
-    /// Force of this contact on the shell, N. All of a pose add up to its force but for rounding.
+    /// Force of this contact on the shell, N; 0 of probes on edges and corners, which have no
+    /// surface. All of a pose add up to its force but for rounding, and their torques to its
+    /// torque.
     pub force_n: DVec3,
 }
 
@@ -108,14 +112,15 @@ impl ContactQuery {
         let voxmap_from_body = self.voxmap_from_body(voxmap_from_shell);
         let mut also = |_: usize, contact: &Contact| {
             let normal = voxmap_from_body.transform_vector(contact.normal_body.as_dvec3());
-            let depth_m = f64::from(contact.depth_m);
             each(&ContactPoint {
                 point: contact.point_idx,
-                position_m: voxmap_from_body.transform_point(contact.arm_body.as_dvec3()),
+                position_m: voxmap_from_body.transform_point(contact.pressed_body.as_dvec3()),
                 normal,
-                depth_m,
+                depth_m: contact.depth_m.into(),
                 force_n: normal
-                    * (self.law.stiffness_n_per_m * depth_m * f64::from(contact.weight)),
+                    * (self.law.stiffness_n_per_m
+                        * f64::from(contact.mean_depth_m)
+                        * f64::from(contact.weight)),
             });
         };
         Ok(self.with_traversal(|traversal| self.sum(traversal, voxmap_from_shell, Some(&mut also))))
@@ -150,23 +155,15 @@ impl ContactQuery {
         also: Option<&mut Also<'_>>,
     ) -> ContactWrench {
         let body = self.voxmap_from_body(pose);
-        let ask = |traversal: &mut Traversal, also| {
-            ContactSum::of(traversal, &self.obstacle, self.shell.shell(), body, self.law, also)
-        };
+        let shell = self.shell.shell();
         let band_m: f64 = self.obstacle[0].field.known_outside_m().into();
-        traversal.set_mode(TraversalMode::Tree);
-        let mut sum = ask(traversal, also);
-        // What touches is found to the bit. Of what does not, the tree knows only how far it may go
-        // before it touches, which is more than its distance from a surface that nothing can touch.
-        if sum.contacts == 0 && traversal.n_near() > 0 {
-            traversal.set_mode(TraversalMode::Flat);
-            sum = ask(traversal, None);
-        }
+        let sum =
+            ContactSum::with_clearance(traversal, &self.obstacle, shell, body, self.law, also);
         ContactWrench {
             wrench: sum.wrench.moved(body.translation, pose.translation),
             contacts: sum.contacts,
             penetration_m: sum.max_value_m.max(0.0),
-            clearance_m: (-sum.max_value_m).clamp(0.0, band_m),
+            clearance_m: if sum.contacts > 0 { 0.0 } else { (-sum.max_value_m).clamp(0.0, band_m) },
         }
     }
 

@@ -7,7 +7,7 @@ use glam::{DVec3, Vec3};
 
 use super::bins::Bins;
 use super::cluster::arrange;
-use super::facets::{self, EDGE_DEPTH_VOXELS, FacetPoint};
+use super::facets::{self, FacetPoint};
 use super::levels::{LevelReport, levels};
 use super::normals::{BrickSums, normal};
 use super::project::Scratch;
@@ -21,8 +21,8 @@ use crate::voxmap::Volume;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Points {
     /// One for each facet, which is what one face of the mesh leaves in a voxel, with the facet's
-    /// area and direction; edges and corners have points of their own. Force does not depend on how
-    /// the part lies in its grid.
+    /// area, direction and extent; edges and corners have probes, which are points without area.
+    /// Force does not depend on how the part lies in its grid.
     #[default]
     Facets,
     /// One for each surface voxel, all alike, with normals from the layers around it: the way of
@@ -124,10 +124,8 @@ pub(super) struct Placed {
     pub(super) normals: Vec<Vec3>,
     /// Surface that each stands for, s².
     pub(super) weights: Vec<f32>,
-    /// The point lies on an edge or a corner, or beside one.
-    pub(super) on_edge: Vec<bool>,
-    /// See [`Shell::edge_depth_m`].
-    pub(super) edge_depth_m: f64,
+    /// Half axes of each, m, tool axes; of points without extent none or zero.
+    pub(super) half_axes: Vec<[Vec3; 2]>,
     pub(super) tally: Tally,
 }
 
@@ -143,20 +141,22 @@ impl Placed {
         if map.thin {
             // Neither side of a skin is out.
             placed.normals.fill(Vec3::ZERO);
-            placed.on_edge.fill(true);
         }
         placed
     }
 
-    /// Adds the points of another map; edges bend as deep as in either.
+    /// Adds the points of another map.
     fn append(&mut self, other: Self) {
-        let Self { sites, normals, weights, on_edge, edge_depth_m, tally } = other;
-        let n_before = self.sites.len() as u32;
-        self.sites.extend(sites.iter().map(|site| site.later(n_before)));
+        let Self { sites, normals, weights, half_axes, tally } = other;
+        let n_before = self.sites.len();
+        if !half_axes.is_empty() || !self.half_axes.is_empty() {
+            self.half_axes.resize(n_before, [Vec3::ZERO; 2]);
+            self.half_axes.extend(half_axes);
+            self.half_axes.resize(n_before + sites.len(), [Vec3::ZERO; 2]);
+        }
+        self.sites.extend(sites.iter().map(|site| site.later(n_before as u32)));
         self.normals.extend(normals);
         self.weights.extend(weights);
-        self.on_edge.extend(on_edge);
-        self.edge_depth_m = self.edge_depth_m.min(edge_depth_m);
         self.tally = self.tally.plus(tally);
     }
 
@@ -170,12 +170,6 @@ impl Placed {
         self
     }
 }
-
-/// Least cosine between the normal of a point's surroundings and that of its triangle: further
-/// apart, the surroundings are bent, by an edge or by detail finer than the voxels. Five degrees:
-/// flat faces along the grid have none, and what is taken for an edge without being one costs a
-/// look at the obstacle's gradient.
-const EDGE_COSINE: f64 = 0.9962;
 
 /// What every task adds up; no sum depends on its order.
 #[derive(Clone, Copy, Default)]
@@ -202,7 +196,6 @@ struct Task<'a> {
     slots: Range<usize>,
     sites: &'a mut [Site],
     normals: &'a mut [Vec3],
-    on_edge: &'a mut [bool],
     first_idx: u32,
 }
 
@@ -212,11 +205,9 @@ fn place(mesh: &TriangleMesh, map: &Volume, bins: &Bins, center_of_mass_tool: DV
     let grid = &map.surface.grid;
     let mut sites = parallel::map(surface.n_voxels, 1, |_| Site::default());
     let mut normals = parallel::map(surface.n_voxels, 1, |_| Vec3::ZERO);
-    let mut on_edge = vec![false; surface.n_voxels];
     let mut tasks = Vec::with_capacity(surface.bricks.len() / BRICKS_PER_TASK + 1);
     let mut sites_left = &mut sites[..];
     let mut normals_left = &mut normals[..];
-    let mut edges_left = &mut on_edge[..];
     let mut first_idx = 0;
     for first in (0..surface.bricks.len()).step_by(BRICKS_PER_TASK) {
         let slots = first..(first + BRICKS_PER_TASK).min(surface.bricks.len());
@@ -225,21 +216,15 @@ fn place(mesh: &TriangleMesh, map: &Volume, bins: &Bins, center_of_mass_tool: DV
             .flatten()
             .map(|word| word.count_ones() as usize)
             .sum();
-        let (sites, normals, on_edge);
+        let (sites, normals);
         (sites, sites_left) = sites_left.split_at_mut(n_points);
         (normals, normals_left) = normals_left.split_at_mut(n_points);
-        (on_edge, edges_left) = edges_left.split_at_mut(n_points);
-        tasks.push(Task { slots, sites, normals, on_edge, first_idx });
+        tasks.push(Task { slots, sites, normals, first_idx });
         first_idx += n_points as u32;
     }
     let run = |(scratch, sums): &mut (Scratch, BrickSums), _, task: &mut Task<'_>| {
         let mut tally = Tally::default();
-        let mut places = task
-            .sites
-            .iter_mut()
-            .zip(&mut *task.normals)
-            .zip(&mut *task.on_edge)
-            .zip(task.first_idx..);
+        let mut places = task.sites.iter_mut().zip(&mut *task.normals).zip(task.first_idx..);
         for slot in task.slots.clone() {
             let start = Instant::now();
             let points = scratch.project(mesh, surface, bins, slot);
@@ -248,13 +233,10 @@ fn place(mesh: &TriangleMesh, map: &Volume, bins: &Bins, center_of_mass_tool: DV
             if !map.thin && n_points >= POINTS_WORTH_SUMS {
                 sums.form(&map.layers, surface.bricks[slot] as usize);
             }
-            for (point, (((site, to), on_edge), idx)) in points.zip(&mut places) {
+            for (point, ((site, to), idx)) in points.zip(&mut places) {
                 let arm = grid.origin_m + point.cells * grid.voxel_size_m - center_of_mass_tool;
                 *site = Site::new(arm.as_vec3(), idx);
-                let inward = normal(mesh, map, sums, &point);
-                *to = inward.as_vec3();
-                let [a, b, c] = mesh.corners(point.triangle_idx as usize);
-                *on_edge = (b - a).cross(c - a).normalize_or_zero().dot(inward).abs() < EDGE_COSINE;
+                *to = normal(mesh, map, sums, &point).as_vec3();
                 tally.radius_m = tally.radius_m.max(arm.length());
                 tally.phase2_points += usize::from(point.on_boundary);
             }
@@ -265,7 +247,7 @@ fn place(mesh: &TriangleMesh, map: &Volume, bins: &Bins, center_of_mass_tool: DV
     };
     let tallies = parallel::map_mut_with(&mut tasks, 1, Default::default, run);
     let tally = tallies.into_iter().fold(Tally::default(), Tally::plus);
-    Placed { sites, normals, weights: Vec::new(), on_edge, edge_depth_m: f64::INFINITY, tally }
+    Placed { sites, normals, weights: Vec::new(), half_axes: Vec::new(), tally }
 }
 
 /// Finds the facets of each brick.
@@ -307,8 +289,10 @@ fn place_facets(
             .collect(),
         normals: points.iter().map(|point| point.inward.as_vec3()).collect(),
         weights: points.iter().map(|point| point.weight as f32).collect(),
-        on_edge: points.iter().map(|point| point.on_edge).collect(),
-        edge_depth_m: EDGE_DEPTH_VOXELS * grid.voxel_size_m,
+        half_axes: points
+            .iter()
+            .map(|point| point.half_axes.map(|axis| (axis * grid.voxel_size_m).as_vec3()))
+            .collect(),
         tally,
     }
 }

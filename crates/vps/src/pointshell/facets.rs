@@ -1,4 +1,4 @@
-//! A point for each facet: what one face of the mesh leaves in a voxel, with its area.
+//! A point for each facet: what one face of the mesh leaves in a voxel, with its area and extent.
 //!
 //! The force of a pointshell, Σ d·n, is an integral over the immersed surface when each point
 //! counts with the surface that it stands for: ∫ d n dA, which the divergence theorem makes that
@@ -6,26 +6,25 @@
 //! up to √3 times as many of them as one along the grid.
 //!
 //! ```text
-//!   triangle ∩ voxel ─► polygons ─► grouped by direction: facets (area vector, centroid)
-//!   convex edges, corners ─► a point there, which takes a small share of the facets around it
+//!   triangle ∩ voxel ─► polygons ─► grouped by direction: facets (area vector, centroid, half axes)
+//!   convex edges, corners ─► a probe there, without area
 //! ```
 //! - **Exact in the plane**: area vectors of a closed mesh add up to nothing, and a face that is
 //!   immersed as a whole presses with its area, at its centroid, however it lies in the grid.
-//! - **Edges and corners have points** of their own, as the deepest place of a convex body on a
-//!   wall is one of them. Their share is small, and the facets' points move by as much, so that the
-//!   first moment of the surface stays what it is.
-//! - **Voxels with an edge are cut into eight**, as contact begins at edges, with less than a voxel
-//!   immersed. Until half a voxel deep, their points push along the obstacle's gradient rather than
-//!   their own normals, see [`EDGE_DEPTH_VOXELS`].
-//! - Detail finer than the voxels is several faces in one voxel: at most [`GROUPS`] of them, each
-//!   of no more area than a plane can have there.
+//! - **Half axes** are those of the rectangle with the facet's second moment of area: they say how
+//!   much of it is immersed where its centroid is not, or not all of it.
+//! - **Edges and corners have probes**, as the deepest place of a convex body on a wall is one of
+//!   them: they say how deep, and press nothing.
+//! - **Voxels with a sharp edge are cut** into eight, and those of the parts that hold the edge once
+//!   more: contact begins there, with less than a voxel immersed.
+//! - Detail finer than the voxels is several faces in one voxel: at most [`GROUPS`] of them.
 //!
 //! # Source
 //! Ours. The divergence theorem; polygons are clipped by Sutherland and Hodgman's method.
 
 use core::ops::Range;
 
-use glam::DVec3;
+use glam::{DMat2, DMat3, DVec2, DVec3};
 
 use super::bins::{Bins, cell_range};
 use crate::mesh::TriangleMesh;
@@ -40,8 +39,10 @@ pub(super) struct FacetPoint {
     pub(super) cells: DVec3,
     /// Unit, into the object, map axes.
     pub(super) inward: DVec3,
-    /// Surface that it stands for, s².
+    /// Surface that it stands for, s²; 0 of a probe.
     pub(super) weight: f64,
+    /// Half axes of the rectangle with this second moment of area, s, map axes; the longer first.
+    pub(super) half_axes: [DVec3; 2],
     /// Its voxel holds an edge or a corner.
     pub(super) on_edge: bool,
 }
@@ -52,43 +53,35 @@ const GROUPS: usize = 4;
 const GROUP_COSINE: f64 = 0.866;
 /// Volume that the normals about a corner span at least; those about an edge lie in a plane.
 const CORNER_VOLUME: f64 = 0.2;
-/// What points on edges and corners take of the facets in their voxel: little, but what enters
-/// first is felt at once.
-const EDGE_SHARE: f64 = 1.0 / 16.0;
 /// A facet of no more area joins one beside it, s².
 const SLIVER: f64 = 0.4;
 /// If both lie within 10°, and are together no larger than a facet can be.
 const JOINED_COSINE: f64 = 0.985;
 /// The largest plane section of a voxel is √2 s².
-const WEIGHT_MAX: f64 = core::f64::consts::SQRT_2;
+const AREA_MAX: f64 = core::f64::consts::SQRT_2;
 /// Area below which rounding decides what is in a voxel, s².
 const AREA_MIN: f64 = 1e-9;
-/// A voxel with a sharp edge is cut into so many parts along each axis: contact begins at edges,
-/// and there less than a voxel is immersed.
+/// A voxel with a sharp edge is cut into so many parts along each axis …
 const PARTS: usize = 2;
-/// Depth from which points beside edges push along their own normals, voxels. Shallower, too little
-/// of the surface is immersed for its normals to add up to the way out; deeper, they do, and
-/// another direction of some would unbalance their sum.
-///
-/// Measured on a cube and a rod in 40 random attitudes each, 0.1 to 3.2 voxels deep in a plane,
-/// worst 95 % of the angles to the law: 38° without, 7.3° with half a voxel, 7.3° with one, 8.3°
-/// with one and a half.
-pub(super) const EDGE_DEPTH_VOXELS: f64 = 0.5;
+/// … and each of these that holds the edge, so often in all: contact begins at edges, and there
+/// less than a voxel is immersed.
+const CUTS: usize = 2;
 /// Corners of one voxel that get a point of their own.
 const CORNERS: usize = 4;
 
 /// What the faces of one direction leave in a voxel.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy)]
 struct Group {
     /// Outward area vector, s².
     area: DVec3,
-    /// Area, and area times centroid.
+    /// Area, area times centroid, and the second moment of area about the origin of the cells.
     size: f64,
     moment: DVec3,
+    second: DMat3,
 }
 
 /// What a voxel holds.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy)]
 struct Cell {
     groups: [Group; GROUPS],
     n_groups: usize,
@@ -112,7 +105,8 @@ struct Face {
 #[derive(Default)]
 pub(super) struct Scratch {
     whole: Level,
-    fine: Level,
+    /// One per cut.
+    fine: [Level; CUTS],
     triangles: Vec<u32>,
 }
 
@@ -126,7 +120,7 @@ struct Level {
 
 impl Default for Level {
     fn default() -> Self {
-        Self { cells: vec![Cell::default(); BRICK_CELLS], faces: Vec::new(), shared: Vec::new() }
+        Self { cells: vec![Cell::EMPTY; BRICK_CELLS], faces: Vec::new(), shared: Vec::new() }
     }
 }
 
@@ -159,25 +153,7 @@ impl Scratch {
         }));
         whole.fill(&brick);
         whole.join_slivers(&brick);
-        for (x, word) in brick.mask.iter().enumerate() {
-            for bit in bits(*word) {
-                let cell = &whole.cells[x << 6 | bit as usize];
-                if !cell.is_sharp() {
-                    cell.points(false, points);
-                    continue;
-                }
-                let origin =
-                    brick.origin + DVec3::new(x as f64, (bit >> 3) as f64, (bit & 7) as f64);
-                let parts = Block::parts(origin);
-                fine.faces.clear();
-                fine.faces.extend(whole.faces.iter().filter(|face| face.reaches(origin)));
-                fine.fill(&parts);
-                for (x, word) in parts.mask.iter().enumerate() {
-                    bits(*word)
-                        .for_each(|bit| fine.cells[x << 6 | bit as usize].points(true, points));
-                }
-            }
-        }
+        whole.points(&brick, fine, false, points);
     }
 }
 
@@ -194,6 +170,37 @@ impl Level {
         if self.faces.iter().any(|face| face.outward.dot(first) < GROUP_COSINE) {
             self.add_edges(block);
             self.add_corners(block);
+        }
+    }
+
+    /// Adds the points of a block that was filled, in the order of its cells; cells with a sharp edge
+    /// are cut once for each of the `finer` levels, and parts of the first cut have probes.
+    /// `on_edge`: the block is part of such a voxel.
+    fn points(
+        &self,
+        block: &Block,
+        finer: &mut [Self],
+        on_edge: bool,
+        points: &mut Vec<FacetPoint>,
+    ) {
+        for (x, word) in block.mask.iter().enumerate() {
+            for bit in bits(*word) {
+                let cell = &self.cells[x << 6 | bit as usize];
+                if finer.len() + 1 == CUTS {
+                    cell.probes(points);
+                }
+                let Some((fine, finer)) = finer.split_first_mut().filter(|_| cell.is_sharp())
+                else {
+                    cell.facets(on_edge, points);
+                    continue;
+                };
+                let place = [x, (bit >> 3) as usize, (bit & 7) as usize];
+                let parts = block.parts(place);
+                fine.faces.clear();
+                fine.faces.extend(self.faces.iter().filter(|face| face.reaches(block, place)));
+                fine.fill(&parts);
+                fine.points(&parts, finer, true, points);
+            }
         }
     }
 
@@ -220,6 +227,7 @@ impl Level {
                     group.area += sliver.area;
                     group.size += sliver.size;
                     group.moment += sliver.moment;
+                    group.second += sliver.second;
                     self.cells[inside].n_groups = 0;
                 }
             }
@@ -247,7 +255,7 @@ impl Level {
                         && !cell.is_sharp()
                         && group.area.dot(direction) > JOINED_COSINE * group.size
                 };
-                (is_surface && is_alike() && group.size + of.size <= WEIGHT_MAX)
+                (is_surface && is_alike() && group.size + of.size <= AREA_MAX)
                     .then_some((at, group.size))
             })
         })
@@ -321,10 +329,11 @@ impl Level {
 }
 
 impl Face {
-    /// True when the triangle's box touches a voxel.
-    fn reaches(&self, origin: DVec3) -> bool {
+    /// True when the triangle's box touches a cell of a block.
+    fn reaches(&self, block: &Block, cell: [usize; 3]) -> bool {
         let [a, b, c] = self.corners;
-        a.min(b).min(c).cmple(origin + 1.0).all() && a.max(b).max(c).cmpge(origin).all()
+        let origin = block.corner(cell);
+        a.min(b).min(c).cmple(origin + block.edge).all() && a.max(b).max(c).cmpge(origin).all()
     }
 
     fn place_of(&self, vertex: u32) -> Option<DVec3> {
@@ -347,14 +356,23 @@ fn farthest(normals: impl Iterator<Item = DVec3>, by: impl Fn(DVec3) -> f64) -> 
 }
 
 impl Cell {
+    const EMPTY: Self = Self {
+        groups: [Group::NOTHING; GROUPS],
+        n_groups: 0,
+        edge_length: 0.0,
+        edge_moment: DVec3::ZERO,
+        corners: [DVec3::ZERO; CORNERS],
+        n_corners: 0,
+    };
+
     /// Groups are cleared when they are opened: a brick of them is large.
     fn clear(&mut self) {
         let Self { groups: _, n_groups, edge_length, edge_moment, corners: _, n_corners } = self;
         (*n_groups, *edge_length, *edge_moment, *n_corners) = (0, 0.0, DVec3::ZERO, 0);
     }
 
-    fn add(&mut self, area: DVec3, size: f64, moment: DVec3) {
-        let direction = area / size;
+    fn add(&mut self, outward: DVec3, Moments { size, first, second }: Moments) {
+        let direction = outward;
         let nearness =
             |group: &Group| group.area.dot(direction) / group.area.length().max(AREA_MIN);
         let used = &mut self.groups[..self.n_groups];
@@ -366,51 +384,115 @@ impl Cell {
             _ => {
                 self.n_groups += 1;
                 let group = &mut self.groups[self.n_groups - 1];
-                *group = Group::default();
+                *group = Group::NOTHING;
                 group
             }
         };
-        group.area += area;
+        group.area += outward * size;
         group.size += size;
-        group.moment += moment;
+        group.moment += first;
+        group.second += second;
     }
 
     fn is_sharp(&self) -> bool {
         self.edge_length > 0.0 || self.n_corners > 0
     }
 
-    fn points(&self, on_edge: bool, points: &mut Vec<FacetPoint>) {
-        let groups =
-            || self.groups[..self.n_groups].iter().filter(|group| group.area.length() > AREA_MIN);
-        let middle = (self.edge_length > 0.0).then(|| self.edge_moment / self.edge_length);
-        let corners = &self.corners[..self.n_corners];
-        let on_edges = if corners.is_empty() { middle.as_slice() } else { corners };
-        let n_on_edges = on_edges.len() as f64;
-        let taken = if on_edges.is_empty() { 0.0 } else { EDGE_SHARE };
-        let mut whole = DVec3::ZERO;
-        for group in groups() {
-            let size = group.area.length();
-            let centroid = group.moment / group.size;
-            // What the points on edges take of the first moment, the rest gives back.
-            let pull =
-                on_edges.iter().map(|place| *place - centroid).sum::<DVec3>() / n_on_edges.max(1.0);
-            points.push(FacetPoint {
-                cells: centroid - pull * (taken / (1.0 - taken)),
-                inward: -group.area / size,
-                weight: size.min(WEIGHT_MAX) * (1.0 - taken),
-                on_edge,
-            });
-            whole += group.area * (size.min(WEIGHT_MAX) / size);
-        }
-        if let Some(inward) = (-whole).try_normalize() {
-            let weight = whole.length() * taken / n_on_edges.max(1.0);
-            points.extend(on_edges.iter().map(|cells| FacetPoint {
-                cells: *cells,
+    fn groups(&self) -> impl Iterator<Item = &Group> {
+        self.groups[..self.n_groups].iter().filter(|group| group.area.length() > AREA_MIN)
+    }
+
+    /// A point for each face.
+    fn facets(&self, on_edge: bool, points: &mut Vec<FacetPoint>) {
+        points.extend(self.groups().map(|group| {
+            let weight = group.area.length();
+            let inward = -group.area / weight;
+            FacetPoint {
+                cells: group.moment / group.size,
                 inward,
                 weight,
+                half_axes: group.half_axes(inward),
                 on_edge,
+            }
+        }));
+    }
+
+    /// A probe in each corner, or in the middle of the edge where there is none.
+    fn probes(&self, points: &mut Vec<FacetPoint>) {
+        let middle = (self.edge_length > 0.0).then(|| self.edge_moment / self.edge_length);
+        let corners = &self.corners[..self.n_corners];
+        let places = if corners.is_empty() { middle.as_slice() } else { corners };
+        let outward: DVec3 = self.groups().map(|group| group.area).sum();
+        if let Some(inward) = (-outward).try_normalize() {
+            points.extend(places.iter().map(|cells| FacetPoint {
+                cells: *cells,
+                inward,
+                weight: 0.0,
+                half_axes: [DVec3::ZERO; 2],
+                on_edge: true,
             }));
         }
+    }
+}
+
+/// Area of a polygon, times its centroid, and its second moment about the origin.
+#[derive(Clone, Copy)]
+struct Moments {
+    size: f64,
+    first: DVec3,
+    second: DMat3,
+}
+
+impl Moments {
+    const NOTHING: Self = Self { size: 0.0, first: DVec3::ZERO, second: DMat3::ZERO };
+
+    fn add_triangle(&mut self, [a, b, c]: [DVec3; 3], size: f64) {
+        let sum = a + b + c;
+        self.size += size;
+        self.first += sum * (size / 3.0);
+        let squares = outer(a) + outer(b) + outer(c) + outer(sum);
+        self.second += squares * (size / 12.0);
+    }
+}
+
+/// v vᵀ.
+fn outer(v: DVec3) -> DMat3 {
+    DMat3::from_cols(v * v.x, v * v.y, v * v.z)
+}
+
+impl Group {
+    const NOTHING: Self =
+        Self { area: DVec3::ZERO, size: 0.0, moment: DVec3::ZERO, second: DMat3::ZERO };
+
+    /// Half axes of the rectangle with the same second moment of area in the plane across `inward`.
+    fn half_axes(&self, inward: DVec3) -> [DVec3; 2] {
+        let centroid = self.moment / self.size;
+        let second = self.second * (1.0 / self.size) - outer(centroid);
+        let [u, v] = <[DVec3; 2]>::from(inward.any_orthonormal_pair());
+        let plane = DMat2::from_cols(
+            DVec2::new(u.dot(second * u), u.dot(second * v)),
+            DVec2::new(u.dot(second * v), v.dot(second * v)),
+        );
+        let half_sum = 0.5 * (plane.x_axis.x + plane.y_axis.y);
+        let half_difference = 0.5 * (plane.x_axis.x - plane.y_axis.y);
+        let beside = plane.x_axis.y;
+        let spread = (half_difference * half_difference + beside * beside).sqrt();
+        // Half the angle of (half_difference, beside), by square roots: they round alike on every
+        // machine.
+        let larger = (0.5 * (1.0 + half_difference.abs() / spread)).sqrt();
+        let smaller = 0.5 * beside / (spread * larger);
+        let (cos, sin) = if spread <= 0.0 {
+            (1.0, 0.0)
+        } else if half_difference >= 0.0 {
+            (larger, smaller)
+        } else {
+            (smaller.abs(), larger.copysign(beside))
+        };
+        let length = |moment: f64| (3.0 * moment.max(0.0)).sqrt();
+        [
+            (u * cos + v * sin) * length(half_sum + spread),
+            (v * cos - u * sin) * length(half_sum - spread),
+        ]
     }
 }
 
@@ -424,13 +506,18 @@ struct Block {
 }
 
 impl Block {
-    /// The parts of the voxel at a place.
-    fn parts(origin: DVec3) -> Self {
+    /// The lowest corner of a cell.
+    fn corner(&self, [x, y, z]: [usize; 3]) -> DVec3 {
+        self.origin + DVec3::new(x as f64, y as f64, z as f64) * self.edge
+    }
+
+    /// The parts of a cell.
+    fn parts(&self, cell: [usize; 3]) -> Self {
         let row = (1_u64 << PARTS) - 1;
         let plane = (0..PARTS).fold(0, |plane, y| plane | row << (8 * y));
         Self {
-            origin,
-            edge: 1.0 / PARTS as f64,
+            origin: self.corner(cell),
+            edge: self.edge / PARTS as f64,
             mask: core::array::from_fn(|x| if x < PARTS { plane } else { 0 }),
         }
     }
@@ -556,15 +643,13 @@ fn add_polygon(cell: &mut Cell, polygon: &Polygon, outward: DVec3, block: &Block
         .iter()
         .product::<f64>();
     let first = polygon.corners[0];
-    let mut size = 0.0;
-    let mut moment = DVec3::ZERO;
+    let mut moments = Moments::NOTHING;
     for pair in polygon.corners()[1..].windows(2) {
         let twice = (pair[0] - first).cross(pair[1] - first).dot(outward).abs();
-        size += 0.5 * share * twice;
-        moment += (first + pair[0] + pair[1]) * (share * twice / 6.0);
+        moments.add_triangle([first, pair[0], pair[1]], 0.5 * share * twice);
     }
-    if size > AREA_MIN {
-        cell.add(outward * size, size, moment);
+    if moments.size > AREA_MIN {
+        cell.add(outward, moments);
     }
 }
 

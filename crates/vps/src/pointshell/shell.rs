@@ -21,22 +21,33 @@ pub struct Shell {
     /// hold NaN, which is no contact.
     positions: SharedSlice<Lanes3>,
     /// Same layout: unit normals, pointing **into** the tool; zero for points of a skin, which has
-    /// no inside: these count as edges at any depth.
+    /// no inside.
     normals: SharedSlice<Lanes3>,
-    /// Same layout: surface that each point stands for, s².
+    /// Same layout: surface that each point stands for, s²; 0 of probes.
     weights: SharedSlice<Lanes>,
-    /// `[n_blocks]`, one bit per lane: points on edges and corners.
-    edges: SharedSlice<u16>,
+    /// Same layout: half axes of facets, m; zero of points without extent and in unused lanes.
+    /// Empty where no point has any.
+    half_axes: SharedSlice<[Lanes3; 2]>,
+    /// `[n_blocks]`, or empty likewise, m: see [`Self::reaches_m`].
+    reaches_m: SharedSlice<f32>,
     tree: Tree,
     n_points: usize,
     radius_m: f64,
     voxel_size_m: f64,
-    edge_depth_m: f32,
+    /// Some points have no normal.
+    is_skin: bool,
+    /// The longest of the reaches, m.
+    reach_m: f32,
 }
+
+/// An interpolated distance grows by no more than this with the way.
+const STEEPEST: f32 = 1.732_051;
+/// What rounding may take from a reach.
+const REACH_MARGIN: f32 = 1.0 + 1e-5;
 
 impl Shell {
     /// Lays out points (about the centre of mass, m) and inward unit normals in the order given,
-    /// which is also that of the tree's leaves; each stands for one s², none lies on an edge. Cold.
+    /// which is also that of the tree's leaves; each stands for one s² and has no extent. Cold.
     pub fn new(points: &[(DVec3, DVec3)], voxel_size_m: f64) -> Self {
         let blocks = |of: fn(&(DVec3, DVec3)) -> DVec3| {
             points
@@ -50,26 +61,38 @@ impl Shell {
         let tree = Tree::over(&positions, &weights, points.len());
         let radius_m = points.iter().map(|point| point.0.length()).fold(0.0, f64::max);
         Self {
-            edges: vec![0; positions.len()].into(),
             positions: positions.into(),
             normals: normals.into(),
             weights: weights.into(),
+            half_axes: Vec::new().into(),
+            reaches_m: Vec::new().into(),
             tree,
             n_points: points.len(),
             radius_m,
             voxel_size_m,
-            edge_depth_m: f32::INFINITY,
+            is_skin: points.iter().any(|point| point.1 == DVec3::ZERO),
+            reach_m: 0.0,
         }
     }
 
     /// Lays out arranged sites, and what their numbers name; the tree is still to come. Cold.
     pub(super) fn lay_out(placed: &Placed, voxel_size_m: f64) -> Self {
-        let Placed { sites, normals, weights, on_edge, edge_depth_m, tally } = placed;
-        let edges = |chunk: &[Site]| {
-            (0..).zip(chunk).fold(0, |edges, (lane, site)| {
-                edges | u16::from(on_edge[site.idx as usize]) << lane
+        let Placed { sites, normals, weights, half_axes, tally } = placed;
+        let axes = |chunk: &[Site]| {
+            [0, 1].map(|which| {
+                let mut lanes = Lanes3::ZERO;
+                for (lane, site) in chunk.iter().enumerate() {
+                    lanes.set(lane, half_axes[site.idx as usize][which]);
+                }
+                lanes
             })
         };
+        let half_axes: Vec<[Lanes3; 2]> = if half_axes.is_empty() {
+            Vec::new()
+        } else {
+            parallel::map_chunks(sites, LANES, axes)
+        };
+        let reaches_m: Vec<f32> = half_axes.iter().map(reach_m).collect();
         Self {
             positions: parallel::map_chunks(sites, LANES, |chunk| block(chunk, Site::position))
                 .into(),
@@ -83,12 +106,14 @@ impl Shell {
                 }))
             })
             .into(),
-            edges: parallel::map_chunks(sites, LANES, edges).into(),
+            reach_m: longest_m(&reaches_m),
+            half_axes: half_axes.into(),
+            reaches_m: reaches_m.into(),
             tree: Tree::default(),
             n_points: sites.len(),
             radius_m: tally.radius_m,
             voxel_size_m,
-            edge_depth_m: *edge_depth_m as f32,
+            is_skin: normals.contains(&Vec3::ZERO),
         }
     }
 
@@ -96,12 +121,6 @@ impl Shell {
     pub(super) fn with_tree(mut self) -> Self {
         self.tree = Tree::over(&self.positions, &self.weights, self.n_points);
         self
-    }
-
-    /// The same shell, none of its points on an edge. Cold.
-    #[must_use]
-    pub fn without_edges(self) -> Self {
-        Self { edges: vec![0; self.positions.len()].into(), ..self }
     }
 
     /// The tree: spheres around runs of points.
@@ -120,22 +139,32 @@ impl Shell {
     }
 
     /// Surface that each point stands for, s², laid out like [`Self::positions`]; 1 of each in the
-    /// way of the paper.
+    /// way of the paper, 0 of probes, which lie on edges and corners and press nothing.
     pub fn weights(&self) -> &[Lanes] {
         &self.weights
     }
 
-    /// Depth from which a point on an edge pushes along its own normal, m. Shallower, too little of
-    /// the surface around an edge is immersed to say which way is out; deeper, all that is immersed
-    /// pushes the tool along the way that its normals have together.
-    pub fn edge_depth_m(&self) -> f32 {
-        self.edge_depth_m
+    /// Half axes of the rectangle that a facet counts as, m, 16 in a block, laid out like
+    /// [`Self::positions`]; zero of points without extent. Empty where no point has any.
+    pub fn half_axes(&self) -> &[[Lanes3; 2]] {
+        &self.half_axes
     }
 
-    /// Points on edges and corners, where no normal says which way is out: one bit per lane of each
-    /// block.
-    pub fn edges(&self) -> &[u16] {
-        &self.edges
+    /// Of each block the depth, m, that a corner of one of its facets may have beyond that of its
+    /// centroid in any field, at most: √3 times the longest half diagonal. Empty where no point has
+    /// an extent.
+    pub fn reaches_m(&self) -> &[f32] {
+        &self.reaches_m
+    }
+
+    /// The longest of [`Self::reaches_m`], m; 0 where no point has an extent.
+    pub fn reach_m(&self) -> f32 {
+        self.reach_m
+    }
+
+    /// True when some points have no normal: those of a thin skin.
+    pub fn is_skin(&self) -> bool {
+        self.is_skin
     }
 
     /// Blocks of positions and of normals, side by side.
@@ -178,17 +207,20 @@ impl Shell {
             positions,
             normals,
             weights,
-            edges,
+            half_axes,
+            reaches_m,
             tree,
             n_points: _,
             radius_m: _,
             voxel_size_m: _,
-            edge_depth_m: _,
+            is_skin: _,
+            reach_m: _,
         } = self;
         size_of_val(&**positions)
             + size_of_val(&**normals)
             + size_of_val(&**weights)
-            + size_of_val(&**edges)
+            + size_of_val(&**half_axes)
+            + size_of_val(&**reaches_m)
             + tree.heap_bytes()
     }
 }
@@ -203,4 +235,15 @@ fn block<T>(chunk: &[T], of: impl Fn(&T) -> Vec3) -> Lanes3 {
     }
     let [x, y, z] = lanes.map(Lanes);
     Lanes3 { x, y, z }
+}
+
+/// See [`Shell::reaches_m`].
+fn reach_m([a, b]: &[Lanes3; 2]) -> f32 {
+    let squares =
+        (0..LANES).map(|lane| a.get(lane).length_squared() + b.get(lane).length_squared());
+    STEEPEST * REACH_MARGIN * squares.fold(0.0, f32::max).sqrt()
+}
+
+fn longest_m(reaches_m: &[f32]) -> f32 {
+    reaches_m.iter().copied().fold(0.0, f32::max)
 }

@@ -258,10 +258,13 @@ impl<'a> Builder<'a> {
             farthest_of(points, from, &mut best);
             best
         });
+        // A probe has no surface of which it could stand for a multiple.
+        let weights = &self.weights[block].0;
+        let has_surface = weights.iter().any(|weight| *weight > 0.0);
         let mut nearest = (f64::INFINITY, 0);
-        for (point, lane) in lanes(points).zip(0..) {
+        for ((point, weight), lane) in lanes(points).zip(weights).zip(0..) {
             let distance_squared = (point - ball.center).length_squared();
-            if distance_squared < nearest.0 {
+            if distance_squared < nearest.0 && (*weight > 0.0 || !has_surface) {
                 nearest = (distance_squared, lane);
             }
         }
@@ -287,11 +290,12 @@ impl<'a> Builder<'a> {
             self.farthest(level, node, from, &mut best);
             best
         });
+        let has_surface = children.iter().any(|child| child.weight > 0.0);
         let mut nearest = (f64::INFINITY, 0);
         for child in children {
             let distance_squared =
                 (self.point(child.representative) - ball.center).length_squared();
-            if distance_squared < nearest.0 {
+            if distance_squared < nearest.0 && (child.weight > 0.0 || !has_surface) {
                 nearest = (distance_squared, child.representative);
             }
         }

@@ -122,11 +122,11 @@ fn a_face_presses_with_its_area_however_it_lies_in_its_grid() {
         );
     }
     eprintln!("a face in 150 attitudes: {least:.4} to {most:.4} of the law");
-    assert!(least > 0.98 && most < 1.02, "{least} to {most}");
+    assert!(least > 0.9999 && most < 1.0001, "{least} to {most}");
 }
 
 #[test]
-fn a_corner_is_felt_at_a_fiftieth_of_a_voxel() {
+fn a_corner_is_noted_at_a_fiftieth_of_a_voxel_and_felt_at_a_tenth() {
     const S: f64 = 5e-4;
     let obstacles = plane();
     let mut random = Random(25);
@@ -137,9 +137,15 @@ fn a_corner_is_felt_at_a_fiftieth_of_a_voxel() {
         let shell = shell_of(&mesh, S, Points::Facets);
         for corner in &mesh.vertices {
             let down = DQuat::from_rotation_arc(corner.normalize(), -DVec3::Z);
-            let pose = Pose::new(down, DVec3::Z * (corner.length() - 0.02 * S));
-            let sum = ContactSum::flat(&obstacles, &shell, pose, ForceLaw::PLAIN);
-            assert!(sum.contacts > 0 && sum.wrench.force.z > 0.0, "{turn}, {corner}: {sum:?}");
+            let at_depth = |depth_m: f64| {
+                let pose = Pose::new(down, DVec3::Z * (corner.length() - depth_m));
+                ContactSum::flat(&obstacles, &shell, pose, ForceLaw::PLAIN)
+            };
+            let noted = at_depth(0.02 * S);
+            let off_m = noted.max_value_m - 0.02 * S;
+            assert!(noted.contacts > 0 && off_m.abs() < 1e-8, "{turn}, {corner}: {noted:?}");
+            let felt = at_depth(0.1 * S);
+            assert!(felt.wrench.force.z > 0.0, "{turn}, {corner}: {felt:?}");
         }
     }
 }
@@ -173,23 +179,133 @@ fn the_force_on_edges_and_corners_points_out_of_the_wall_and_comes_to_the_law() 
     let cube = Shape::Box { size_m: DVec3::splat(0.01) }.tessellate(0.0);
     let rod = Shape::Cylinder { radius_m: 0.004, height_m: 0.012 }.tessellate(1e-6);
     for (name, mesh) in [("cube", &cube), ("rod", &rod)] {
-        for (voxel_size_m, angle_max_deg, ratio_least) in
-            [(1e-3, 11.0, 0.7), (5e-4, 6.0, 0.8), (1.25e-4, 1.0, 0.97)]
+        for (voxel_size_m, angle_max_deg, off_most) in
+            [(1e-3, 3.0, 0.03), (5e-4, 1.0, 0.01), (1.25e-4, 0.1, 0.002)]
         {
             let Errors { angle_deg, ratio } = errors(mesh, voxel_size_m, 4e-4, Points::Facets, 4);
-            let middle = at(&ratio, 0.5);
+            let least = at(&ratio, 0.0);
             let most = at(&ratio, 1.0);
             eprintln!(
-                "{name}, voxels of {:.3} mm, 0.4 mm deep: at most {:.2}°, {middle:.3} of the law",
+                "{name}, voxels of {:.3} mm, 0.4 mm deep: at most {:.2}°, {least:.3} to {most:.3} \
+                    of the law",
                 1e3 * voxel_size_m,
                 at(&angle_deg, 1.0)
             );
             assert!(
-                at(&angle_deg, 1.0) < angle_max_deg && middle > ratio_least && most < 1.01,
+                at(&angle_deg, 1.0) < angle_max_deg
+                    && (least - 1.0).abs() < off_most
+                    && (most - 1.0).abs() < off_most,
                 "{name}: {angle_deg:?} {ratio:?}"
             );
         }
     }
+}
+
+/// The corner of a cube in 150 attitudes, a voxel deep, a half and a quarter.
+#[test]
+fn a_corner_presses_by_the_law_down_to_a_quarter_of_a_voxel() {
+    const S: f64 = 5e-4;
+    let cube = Shape::Box { size_m: DVec3::splat(0.01) }.tessellate(0.0);
+    for share in [1.0, 0.5, 0.25] {
+        let Errors { angle_deg, ratio } = errors(&cube, S, share * S, Points::Facets, 30);
+        let p95 = at(&angle_deg, 0.95);
+        let least = at(&ratio, 0.05);
+        let most = at(&ratio, 0.95);
+        eprintln!(
+            "a corner {share} voxels deep: p95 {p95:.2}°, {least:.3} to {most:.3} of the law"
+        );
+        assert!(p95 < 2.0 && least > 0.95 && most < 1.05, "{share}: {angle_deg:?} {ratio:?}");
+    }
+}
+
+/// A facet of the tool that reaches over the rim of an obstacle lies beside it in part: by the
+/// gradient at its centroid it would be in it.
+#[test]
+fn a_face_on_a_smaller_one_presses_with_the_smaller_area_and_not_before_it_touches() {
+    const S: f64 = 5e-4;
+    const EDGE_M: f64 = 0.01;
+    let size_m = DVec3::new(EDGE_M, EDGE_M, 0.006);
+    let mut random = Random(41);
+    let tool = Shape::Box { size_m: DVec3::new(0.022, 0.02, 0.004) }.tessellate(0.0);
+    let shell = shell_of(&tool, S, Points::Facets);
+    for _ in 0..12 {
+        // As it happens to lie in its grid.
+        let mut block = Shape::Box { size_m }.tessellate(0.0);
+        let aside = DVec3::from_array([(); 3].map(|()| S * random.signed()));
+        block.vertices.iter_mut().for_each(|vertex| *vertex += aside);
+        let field = build(&block, S, 4).field(&block, false);
+        let world_from_map = Pose::from_translation(DVec3::Z * (-0.5 * size_m.z) - aside);
+        let obstacles = [Obstacle { field, world_from_map }];
+        let turn = DQuat::from_rotation_z(random.signed());
+        let aside = DVec3::new(2e-3 * random.signed(), 2e-3 * random.signed(), 0.0);
+        let at = |depth_m: f64| {
+            let pose = Pose::new(turn, aside + DVec3::Z * (0.002 - depth_m));
+            ContactSum::flat(&obstacles, &shell, pose, ForceLaw::PLAIN)
+        };
+        for voxels in [0.01, 0.05, 0.1, 0.3, 0.8] {
+            let sum = at(-voxels * S);
+            assert!(sum.contacts == 0, "{voxels} voxels above: {sum:?}");
+        }
+        for (voxels, least) in [(0.25, 0.91), (0.5, 0.94), (1.0, 0.99)] {
+            let depth_m = voxels * S;
+            let sum = at(depth_m).wrench.force;
+            // The depth is no more than the way to a side: a block without its slopes.
+            let law = (EDGE_M - 2.0 * depth_m).mul_add(EDGE_M, 4.0 / 3.0 * depth_m * depth_m)
+                * depth_m
+                * K
+                / (S * S);
+            let ratio = sum.z / law;
+            let angle_deg = sum.angle_between(DVec3::Z).to_degrees();
+            eprintln!(
+                "a face on a smaller one, {voxels} deep: {ratio:.4} of the law, {angle_deg:.2}°"
+            );
+            // The interpolated field rounds the rim of the block off.
+            assert!(
+                (least..1.01).contains(&ratio) && angle_deg < 0.5,
+                "{voxels}: {ratio} {angle_deg}"
+            );
+        }
+    }
+}
+
+/// The law is the gradient of an energy: what a closed path of a box on its corners and edges takes,
+/// it gives back.
+#[test]
+fn a_closed_path_over_a_plane_does_no_work() {
+    const S: f64 = 5e-4;
+    const TICKS: u32 = 2000;
+    let obstacles = plane();
+    let tool = Shape::Box { size_m: DVec3::new(0.006, 0.005, 0.004) }.tessellate(0.0);
+    let shell = shell_of(&tool, S, Points::Facets);
+    let pose = |tick: u32| {
+        let phase = core::f64::consts::TAU * f64::from(tick) / f64::from(TICKS);
+        let turn = DQuat::from_scaled_axis(DVec3::new(
+            0.6 + 0.4 * phase.cos(),
+            0.5 + 0.5 * (2.0 * phase).sin(),
+            0.7 * phase.sin(),
+        ));
+        let lowest_m = deepest_m(&tool, turn);
+        let depth_m = S * (0.6 + 0.5 * phase.sin());
+        let aside = DVec3::new(2e-3 * phase.cos(), 1e-3 * (2.0 * phase).cos(), 0.0);
+        Pose::new(turn, aside + DVec3::Z * (lowest_m - depth_m))
+    };
+    let wrench = |pose| ContactSum::flat(&obstacles, &shell, pose, ForceLaw::PLAIN).wrench;
+    let mut whole_j = 0.0;
+    let mut amounts_j = 0.0;
+    let mut last = (pose(0), wrench(pose(0)));
+    for tick in 1..=TICKS {
+        let next = (pose(tick), wrench(pose(tick)));
+        let turned = (next.0.rotation * last.0.rotation.inverse()).to_scaled_axis();
+        let work_j = 0.5
+            * ((last.1.force + next.1.force).dot(next.0.translation - last.0.translation)
+                + (last.1.torque + next.1.torque).dot(turned));
+        whole_j += work_j;
+        amounts_j += work_j.abs();
+        last = next;
+    }
+    let share = whole_j.abs() / amounts_j;
+    eprintln!("a closed path: {:.3} % of {:.2} µJ", 100.0 * share, 1e6 * amounts_j);
+    assert!(share < 0.01 && amounts_j > 1e-7, "{share} of {amounts_j}");
 }
 
 /// Nothing of the surface is lost or counted twice, also where faces lie on the boundaries of
@@ -213,7 +329,7 @@ fn areas_add_up_to_the_surface_and_area_vectors_to_nothing() {
         let mut sum = DVec3::ZERO;
         for ((_, normal), weight) in shell.points().zip(weights) {
             assert!(
-                (normal.length() - 1.0).abs() < 1e-5 && weight > 0.0,
+                (normal.length() - 1.0).abs() < 1e-5 && weight >= 0.0,
                 "mesh {idx}: {normal} {weight}"
             );
             area += f64::from(weight);
@@ -225,7 +341,7 @@ fn areas_add_up_to_the_surface_and_area_vectors_to_nothing() {
                 0.5 * (b - a).cross(c - a).length() / (voxel_size_m * voxel_size_m)
             })
             .sum();
-        // Bent facets and the points on edges have a little less area than their polygons.
+        // Bent facets have a little less area than their polygons.
         assert!(
             area < truth * (1.0 + 1e-6) && area > truth * 0.98,
             "mesh {idx}: {area} of {truth}"

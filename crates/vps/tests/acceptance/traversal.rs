@@ -19,7 +19,6 @@ use super::{build_as, models};
 const LAW: ForceLaw = ForceLaw {
     stiffness_n_per_m: 1000.0,
     normalization: Normalization::Average,
-    smooth_entry: true,
     ..ForceLaw::PLAIN
 };
 
@@ -108,18 +107,13 @@ impl Pair {
     }
 
     /// The same of what a traversal found last.
-    fn found(&self, traversal: &Traversal, pose: Pose) -> Vec<(u32, u32)> {
+    fn found(&self, traversal: &Traversal) -> Vec<(u32, u32)> {
         let mut contacts = Vec::new();
         let obstacle = &self.obstacles[0];
         for touched in traversal.touched() {
-            touched.contacts(
-                &obstacle.field,
-                &self.shell,
-                obstacle.world_from_map.inverse() * pose,
-                |contact| {
-                    contacts.push((contact.point_idx, contact.depth_m.to_bits()));
-                },
-            );
+            touched.contacts(&obstacle.field, &self.shell, |contact| {
+                contacts.push((contact.point_idx, contact.depth_m.to_bits()));
+            });
         }
         contacts
     }
@@ -223,7 +217,7 @@ fn every_kernel_gives_the_bits_of_the_scalar_traversal() {
             for traversal in &mut traversals {
                 let sum = pair.by(traversal, pose);
                 let what = format!("{}, {traversal:?}, {pose:?}", pair.name);
-                assert!(pair.found(traversal, pose) == contacts, "{}", pair.name);
+                assert!(pair.found(traversal) == contacts, "{}", pair.name);
                 assert_eq!(
                     sum.max_value_m.to_bits(),
                     expected.max_value_m.to_bits(),
@@ -242,7 +236,7 @@ fn every_kernel_gives_the_bits_of_the_scalar_traversal() {
 fn assert_same(pair: &Pair, traversal: &Traversal, sum: &ContactSum, pose: Pose, when: &str) {
     let expected = pair.flat(pose);
     let contacts = pair.contacts(pose);
-    assert!(pair.found(traversal, pose) == contacts, "{}, {when}: another contact set", pair.name);
+    assert!(pair.found(traversal) == contacts, "{}, {when}: another contact set", pair.name);
     assert_eq!(sum_bits(sum), sum_bits(&expected), "{}, {when}", pair.name);
     if sum.contacts > 0 {
         assert_eq!(
@@ -431,5 +425,81 @@ fn what_is_skipped_never_touches(n_steps: usize) {
         );
         assert!(n_touching > n_steps / 50 && n_touching < n_steps, "{}: {n_touching}", pair.name);
         assert!(share < 0.8, "{}: {share}", pair.name);
+    }
+}
+
+/// A tool goes about an obstacle at random, so that proofs of earlier places count as well.
+#[test]
+fn no_tool_touches_within_the_way_that_is_free_and_in_open_space_much_is_free() {
+    let mut n_free = 0;
+    for pair in primitives() {
+        for mode in [TraversalMode::Tree, TraversalMode::Flat] {
+            let mut traversal = pair.traversal(SimdLevel::best(), mode);
+            let mut random = Poses::new(41);
+            for _ in 0..400 {
+                let pose = pair.pose(&mut random);
+                let sum = pair.by(&mut traversal, pose);
+                if sum.contacts > 0 {
+                    assert_eq!(sum.free_way_m, 0.0);
+                    continue;
+                }
+                n_free += 1;
+                let share = 0.5 * (1.0 + random.number());
+                let way = random.vector().normalize() * (share * sum.free_way_m * (1.0 - 1e-6));
+                let turn = random.vector().normalize()
+                    * ((1.0 - share) * sum.free_way_m / pair.shell.radius_m() * (1.0 - 1e-6));
+                let gone = Pose::new(
+                    (DQuat::from_scaled_axis(turn) * pose.rotation).normalize(),
+                    pose.translation + way,
+                );
+                let met = pair.flat(gone);
+                assert_eq!(met.contacts, 0, "{}: {} of {pose:?}", pair.name, sum.free_way_m);
+            }
+        }
+        let mut random = Poses::new(43);
+        for _ in 0..30 {
+            // What was proven at another place may be used up but for a little.
+            let mut walk = pair.traversal(SimdLevel::best(), TraversalMode::Tree);
+            let gap_m = 0.005 + 0.025 * random.number().abs();
+            let apart_m = gap_m + pair.size_m * 3_f64.sqrt() + pair.shell.radius_m();
+            let place = pair.middle + random.vector().normalize() * apart_m;
+            let free_m = pair.by(&mut walk, Pose::new(random.rotation(), place)).free_way_m;
+            assert!(free_m > 0.4 * gap_m, "{}: {free_m} of {gap_m}", pair.name);
+        }
+    }
+    assert!(n_free > 800, "{n_free}");
+}
+
+#[test]
+fn the_clearance_is_to_the_bit_that_of_every_point() {
+    let mut pairs = primitives();
+    pairs.extend(real());
+    for pair in pairs {
+        let mut walks = [SimdLevel::Portable, SimdLevel::best()]
+            .map(|level| pair.traversal(level, TraversalMode::Tree));
+        let mut random = Poses::new(42);
+        let mut n_apart = 0;
+        for n in 0..200 {
+            let mut pose = pair.pose(&mut random);
+            if n % 2 == 0 {
+                // Just before it touches: out along a way, by what is free.
+                pose.translation = pair.middle + random.vector().normalize() * 4.0 * pair.size_m;
+                let walk = &mut pair.traversal(SimdLevel::best(), TraversalMode::Tree);
+                for _ in 0..40 {
+                    let free_m = pair.by(walk, pose).free_way_m;
+                    pose.translation += (pair.middle - pose.translation).normalize() * free_m;
+                }
+            }
+            let flat = pair.flat(pose);
+            for walk in &mut walks {
+                let shell = &pair.shell;
+                let sum = ContactSum::with_clearance(walk, &pair.obstacles, shell, pose, LAW, None);
+                assert_eq!(sum.contacts, flat.contacts, "{}: {pose:?}", pair.name);
+                let both_m = [sum.max_value_m, flat.max_value_m];
+                assert_eq!(both_m[0].to_bits(), both_m[1].to_bits(), "{}: {both_m:?}", pair.name);
+            }
+            n_apart += u32::from(flat.contacts == 0);
+        }
+        assert!(n_apart > 80, "{}: {n_apart}", pair.name);
     }
 }

@@ -144,7 +144,8 @@ fn a_query_is_the_specification_bit_for_bit_and_its_contacts_add_up() {
         assert_eq!(felt, query.wrench(pose).unwrap());
         assert_eq!(felt.wrench, sum.wrench.moved(body.translation, pose.translation));
         assert_eq!((felt.contacts, felt.penetration_m), (sum.contacts, sum.max_value_m.max(0.0)));
-        assert_eq!(felt.clearance_m, (-sum.max_value_m).max(0.0), "{felt:?}");
+        let clearance_m = if sum.contacts > 0 { 0.0 } else { -sum.max_value_m };
+        assert_eq!(felt.clearance_m, clearance_m, "{felt:?}");
         assert_eq!(n, felt.contacts);
         let size_n = felt.wrench.force.length();
         assert!(

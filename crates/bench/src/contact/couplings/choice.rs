@@ -43,7 +43,7 @@ pub(super) fn choice(
     }
     text.push_str(
         "\nQ1 up a slope of 10° on the ideal arm; the peg on the simulated sigma.7-class \
-        arm (spatial on).\n\n",
+        arm.\n\n",
     );
     text.push_str(
         "| coupling | ripple, trilinear % | raw % | delay, trilinear ms | low-pass off \
@@ -59,7 +59,7 @@ pub(super) fn choice(
         let delay = |figures: &SlideFigures| figures.delay_s.map(|delay_s| delay_s * 1e3);
         let peg = insertions
             .iter()
-            .find(|peg| peg.coupling == coupling && peg.spatial)
+            .find(|peg| peg.coupling == coupling)
             .and_then(|peg| peg.figures.as_ref().ok());
         let _ = writeln!(
             text,

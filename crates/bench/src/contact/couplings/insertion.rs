@@ -1,7 +1,5 @@
 //! The shipped peg, inserted with every coupling.
 
-use toml::Value;
-
 use super::super::super::{BenchError, Row};
 use super::super::scenarios::RATE_HZ;
 use super::super::scenes::{self, Played};
@@ -11,7 +9,6 @@ use recording::TickRecord;
 /// The shipped peg with one coupling.
 pub(super) struct InsertionResult {
     pub(super) coupling: &'static str,
-    pub(super) spatial: bool,
     pub(super) figures: Tried<InsertionFigures>,
 }
 
@@ -57,8 +54,7 @@ impl InsertionFigures {
 impl InsertionResult {
     pub(super) fn rows(&self) -> Vec<Row> {
         const GROUP: &str = "peg in hole, simulated sigma.7-class arm";
-        let name =
-            format!("{}, spatial {}", self.coupling, if self.spatial { "on" } else { "off" });
+        let name = self.coupling;
         match &self.figures {
             Err(why) => vec![Row::new(GROUP, format!("{name}: skipped: {why}"), None, "")],
             Ok(figures) => {
@@ -102,38 +98,18 @@ impl Bench<'_> {
             .into_iter()
             .find(|path| scenes::name(path) == "peg-in-hole")
         else {
-            return Ok(vec![InsertionResult {
-                coupling: "-",
-                spatial: true,
-                figures: Err(self.no_scenes()),
-            }]);
+            return Ok(vec![InsertionResult { coupling: "-", figures: Err(self.no_scenes()) }]);
         };
         if self.options.quick {
-            return Ok(vec![InsertionResult {
-                coupling: "-",
-                spatial: true,
-                figures: Err("--quick".to_owned()),
-            }]);
+            return Ok(vec![InsertionResult { coupling: "-", figures: Err("--quick".to_owned()) }]);
         }
         let mut insertions = Vec::new();
         for coupling in COUPLINGS {
-            for spatial in [true, false] {
-                self.tell(&format!("peg in hole, {coupling}, spatial {spatial}"));
-                let edits = self.as_stiff_as_allowed(
-                    &scene,
-                    vec![coupled(coupling), ("filter.spatial", Value::Boolean(spatial))],
-                );
-                let played = self.played(&scene, &edits)?;
-                let lacking = played.is_err();
-                insertions.push(InsertionResult {
-                    coupling,
-                    spatial,
-                    figures: played.map(|played| InsertionFigures::of(&played)),
-                });
-                if lacking {
-                    break;
-                }
-            }
+            self.tell(&format!("peg in hole, {coupling}"));
+            let edits = self.as_stiff_as_allowed(&scene, vec![coupled(coupling)]);
+            let played = self.played(&scene, &edits)?;
+            let figures = played.map(|played| InsertionFigures::of(&played));
+            insertions.push(InsertionResult { coupling, figures });
         }
         Ok(insertions)
     }

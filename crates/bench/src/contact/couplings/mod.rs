@@ -26,13 +26,9 @@ use recording::TickRecord;
 /// The words of a scene file; one that this version lacks is a row that says so.
 const COUPLINGS: [&str; 2] = ["implicit", "direct"];
 
-/// The force of 2008: the plane through the voxel, no entry weight, no filter.
+/// The force of 2008: the plane through the voxel, no filter.
 fn raw() -> Vec<Edit> {
-    vec![
-        ("rendering.field", "layers".into()),
-        ("filter.spatial", false.into()),
-        ("filter.cutoff_hz", "off".into()),
-    ]
+    vec![("rendering.field", "layers".into()), ("filter.cutoff_hz", "off".into())]
 }
 
 fn coupled(coupling: &str) -> Edit {

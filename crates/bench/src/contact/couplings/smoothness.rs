@@ -83,7 +83,7 @@ impl SmoothFigures {
         let law = ForceLaw {
             field: FieldKind::Layers,
             normalization: Normalization::None,
-            ..parameters.contact.force_law(false)
+            ..parameters.contact.force_law()
         };
         let tool = &default.scene.tool;
         let at_poses: Vec<DVec3> = records

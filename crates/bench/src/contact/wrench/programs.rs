@@ -25,10 +25,7 @@ pub(super) const SETTINGS: [Setting; 2] = [
     Setting { name: "hapticd", keys: ["", ""], about: "facets, trilinear" },
     Setting {
         name: "raw VPS of 2008",
-        keys: [
-            "points = \"voxels\"\n",
-            "geometric_awareness = \"off\"\n[rendering]\nfield = \"layers\"\n",
-        ],
+        keys: ["points = \"voxels\"\n", "[rendering]\nfield = \"layers\"\n"],
         about: "a point for each voxel, layers of voxels, all points along their own normals",
     },
 ];

@@ -10,7 +10,6 @@ use crate::mesh::primitives::Shape;
 use crate::mesh::validate::inspect;
 use crate::pointshell::{self, Points};
 use crate::spatial::testing::Random;
-use crate::voxmap::field::FieldKind;
 use crate::voxmap::{Options, Volume};
 
 /// The upper side of `plate()` in its own frame, m.
@@ -52,9 +51,12 @@ impl Fixture {
     }
 
     fn of(field: Field, jump_cells: f32, shell: Shell) -> Self {
-        let bounds = BrickBounds::of(&field).expect("bounds");
+        let limit_m = limit_m(&field, FieldKind::Trilinear);
+        let reach_m = shell.reach_m().min(limit_m);
+        let bounds = BrickBounds::within(&field, reach_m).expect("bounds");
         assert!(bounds.jump_cells() < 1e-3, "{}", bounds.jump_cells());
-        let walk = TreeTraversal::over(bounds.with_jump(jump_cells), &shell).expect("a tree");
+        let walk =
+            TreeTraversal::over(bounds.with_jump(jump_cells), &shell, limit_m).expect("a tree");
         let lists = Lists::new(&shell);
         let touched = Vec::with_capacity(shell.positions().len());
         Self { field, shell, walk, lists, touched }
@@ -462,6 +464,7 @@ fn a_budget_that_refining_did_not_use_up_refines_more() {
         left_out: 0,
         is_limited: true,
         per_voxel: 1.0 / VOXEL_M as f32,
+        limit_m: walk.limit_m,
     };
     // In the worst case each node takes fifteen beyond its own, so at first (10 n - n) / 15 of them
     // are refined. Far away all children are clear: each has taken eight, and opens none.

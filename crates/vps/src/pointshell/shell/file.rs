@@ -2,8 +2,9 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::{LANES, Shell};
+use super::{LANES, Shell, longest_m};
 use crate::pointshell::tree::Tree;
+use crate::storage::SharedSlice;
 use crate::storage::sections::{Reader, Refusal, Writer};
 
 /// Everything of a shell but its arrays.
@@ -13,8 +14,8 @@ pub struct ShellHead {
     n_points: u64,
     radius_m: f64,
     voxel_size_m: f64,
-    /// An `f32`, which may be infinite.
-    edge_depth_m: f64,
+    /// 1 when some points have no normal, else 0.
+    is_skin: u64,
 }
 
 impl Shell {
@@ -24,7 +25,7 @@ impl Shell {
             n_points: self.n_points as u64,
             radius_m: self.radius_m,
             voxel_size_m: self.voxel_size_m,
-            edge_depth_m: self.edge_depth_m.into(),
+            is_skin: self.is_skin.into(),
         }
     }
 
@@ -34,18 +35,21 @@ impl Shell {
             positions,
             normals,
             weights,
-            edges,
+            half_axes,
+            reaches_m,
             tree,
             n_points: _,
             radius_m: _,
             voxel_size_m: _,
-            edge_depth_m: _,
+            is_skin: _,
+            reach_m: _,
         } = self;
         to.record("shell", head);
         to.array("shell positions", positions);
         to.array("shell normals", normals);
         to.array("shell weights", weights);
-        to.array("shell edges", edges);
+        to.array("shell half axes", half_axes);
+        to.array("shell reaches", reaches_m);
         tree.store(to);
     }
 
@@ -59,19 +63,22 @@ impl Shell {
     /// # Errors
     /// A section that is missing or damaged, or arrays that do not belong together.
     pub fn load(from: &Reader) -> Result<Self, Refusal> {
-        let ShellHead { n_points, radius_m, voxel_size_m, edge_depth_m } = from.record("shell")?;
+        let ShellHead { n_points, radius_m, voxel_size_m, is_skin } = from.record("shell")?;
         // Point numbers have 32 bits.
         let n_points = u32::try_from(n_points).map_err(|_| Refusal::Damaged("shell"))? as usize;
+        let reaches_m: SharedSlice<f32> = from.array("shell reaches")?;
         let shell = Self {
             positions: from.array("shell positions")?,
             normals: from.array("shell normals")?,
             weights: from.array("shell weights")?,
-            edges: from.array("shell edges")?,
+            half_axes: from.array("shell half axes")?,
+            reach_m: longest_m(&reaches_m),
+            reaches_m,
             tree: Tree::load(from, n_points)?,
             n_points,
             radius_m,
             voxel_size_m,
-            edge_depth_m: edge_depth_m as f32,
+            is_skin: is_skin != 0,
         };
         if shell.is_consistent() { Ok(shell) } else { Err(Refusal::Damaged("shell")) }
     }
@@ -81,12 +88,14 @@ impl Shell {
             positions,
             normals,
             weights,
-            edges,
+            half_axes,
+            reaches_m,
             tree: _,
             n_points,
             radius_m,
             voxel_size_m,
-            edge_depth_m,
+            is_skin: _,
+            reach_m: _,
         } = self;
         let unused = (n_points % LANES..LANES).filter(|_| n_points % LANES > 0);
         positions.len() == n_points.div_ceil(LANES)
@@ -96,7 +105,9 @@ impl Shell {
                 .iter()
                 .flat_map(|weights| weights.0)
                 .all(|weight| weight >= 0.0 && weight.is_finite())
-            && edges.len() == positions.len()
+            && (half_axes.is_empty() || half_axes.len() == positions.len())
+            && reaches_m.len() == half_axes.len()
+            && reaches_m.iter().all(|reach| *reach >= 0.0 && reach.is_finite())
             && positions
                 .last()
                 .is_none_or(|last| unused.into_iter().all(|lane| last.get(lane).is_nan()))
@@ -104,6 +115,5 @@ impl Shell {
             && radius_m.is_finite()
             && *voxel_size_m > 0.0
             && voxel_size_m.is_finite()
-            && *edge_depth_m > 0.0
     }
 }

@@ -4,8 +4,8 @@
 //! - **Ceiling**: no interpolated value of the brick is above it. Points whose brick cannot touch
 //!   are answered without a sample.
 //! - **Ceiling around**: the same of the brick and its 26 neighbours, for whole blocks of points.
-//! - **Clearance**: how far every place of the brick is from all that can touch, at least. It
-//!   reaches where the band does not.
+//! - **Clearance**: how far every place of the brick is from all that can touch, be it with a facet
+//!   that reaches so far, at least. It reaches where the band does not.
 //!
 //! Built once per field when a scene is made ready, from the samples alone. Cost: one pass over
 //! them, and O(16) per brick of the grid. Reading is RT: safe.
@@ -49,18 +49,30 @@ pub(crate) struct BrickBounds {
     skin_m: f32,
     voxel_size_m: f32,
     jump_cells: f32,
+    reach_m: f32,
 }
 
 impl BrickBounds {
     /// Looks a field over; `None` for one that is too large for the kernels' 32-bit indices, or
     /// whose outside is inside (a thin skin that is thicker than its band). Cold.
+    #[cfg(test)]
     pub(crate) fn of(field: &Field) -> Option<Self> {
         Self::thicker(field, 0.0)
+    }
+
+    /// The same for facets that touch with their corners where V > −`reach_m`, no further than the
+    /// field is known. Cold.
+    pub(crate) fn within(field: &Field, reach_m: f32) -> Option<Self> {
+        Self::build(field, 0.0, reach_m)
     }
 
     /// The same with every value higher by `by_m`: what is that far from the object touches it.
     /// Cold.
     pub(crate) fn thicker(field: &Field, by_m: f32) -> Option<Self> {
+        Self::build(field, by_m, 0.0)
+    }
+
+    fn build(field: &Field, by_m: f32, reach_m: f32) -> Option<Self> {
         let Field { brick_dims: dims, top, distances_m: samples_m, band_m, voxel_size_m, .. } =
             field;
         let skin_m = &(field.skin_m + by_m);
@@ -96,7 +108,7 @@ impl BrickBounds {
                     .map_or(f32::INFINITY, |look| look.highest_m + skin_m + margin_m),
             })
             .collect();
-        let clearance_cells = clearance_cells(&max_depth_m, *dims);
+        let clearance_cells = clearance_cells(&max_depth_m, -reach_m, *dims);
         let max_depth_nearby_m = max_nearby(&max_depth_m, *dims, skin_m - band_m);
         let jump_cells =
             looks.iter().map(|look| look.steepest_m / voxel_size_m - 1.0).fold(0.0, f32::max);
@@ -113,6 +125,7 @@ impl BrickBounds {
             voxel_size_m: *voxel_size_m,
             // A side that changes at a distance h shows as a step of at least 2h less two cells.
             jump_cells: jump_cells + if jump_cells > JUMP_CELLS { 2.0 } else { 0.0 },
+            reach_m,
         })
     }
 
@@ -164,7 +177,7 @@ impl BrickBounds {
         &self.max_depth_nearby_m
     }
 
-    /// `[n_bricks]`, cells: from any place in the brick to anything with V > 0, at least.
+    /// `[n_bricks]`, cells: from any place in the brick to anything with V > −reach, at least.
     #[inline]
     pub(crate) fn clearance_cells(&self) -> &[f32] {
         &self.clearance_cells
@@ -200,6 +213,12 @@ impl BrickBounds {
     #[inline]
     pub(crate) fn skin_m(&self) -> f32 {
         self.skin_m
+    }
+
+    /// Facets may touch where V is greater than minus this, m.
+    #[inline]
+    pub(crate) fn reach_m(&self) -> f32 {
+        self.reach_m
     }
 
     /// Voxel edge, m.
@@ -301,14 +320,14 @@ fn max_nearby(max_depth_m: &[f32], dims: [i32; 3], outside_m: f32) -> Vec<f32> {
     max_depth_nearby_m
 }
 
-/// Gaps between the cube of each brick and those that can touch, cells. As the gap along an axis is
+/// Gaps between the cube of each brick and those that can touch, which reach above a depth, cells. As the gap along an axis is
 /// one brick less than the difference of the numbers, it is measured to the bricks that can touch
 /// and their 26 neighbours.
-fn clearance_cells(max_depth_m: &[f32], dims: [i32; 3]) -> Vec<f32> {
+fn clearance_cells(max_depth_m: &[f32], touching_m: f32, dims: [i32; 3]) -> Vec<f32> {
     const FAR: u32 = ROOM_BRICKS * ROOM_BRICKS;
     let axes = axes(dims);
     let mut squares: Vec<u32> =
-        max_depth_m.iter().map(|ceiling| if *ceiling > 0.0 { 0 } else { FAR }).collect();
+        max_depth_m.iter().map(|ceiling| if *ceiling > touching_m { 0 } else { FAR }).collect();
     for (n, stride) in axes {
         along(&mut squares, n, stride, |line, k| {
             let beside = |k: usize| line.get(k).copied().unwrap_or(FAR);
