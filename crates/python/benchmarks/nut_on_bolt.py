@@ -69,15 +69,26 @@ def coal_contacts() -> Iterator[tuple[str, int, Ask]]:
         return model
 
     bolt, nut = tree(BOLT), tree(NUT)
-    request = coal.CollisionRequest(coal.CollisionRequestFlag.CONTACT, 1_000_000)
     fixed = coal.Transform3s.Identity()
 
-    def ask(pose: Array) -> int:
-        result = coal.CollisionResult()
-        coal.collide(bolt, fixed, nut, coal.Transform3s(rotation(pose), pose[:3]), request, result)
-        return int(result.numContacts())
+    def collides(most: int) -> Ask:
+        request = coal.CollisionRequest(coal.CollisionRequestFlag.CONTACT, most)
 
-    yield f"Coal {version('coal')}: OBB-RSS trees, all contacts of the triangles", 100, ask
+        def ask(pose: Array) -> int:
+            result = coal.CollisionResult()
+            coal.collide(bolt, fixed, nut, coal.Transform3s(rotation(pose), pose[:3]), request, result)
+            return int(result.numContacts())
+
+        return ask
+
+    def is_at_none(pose: Array) -> int:
+        result = coal.DistanceResult()
+        away_m = coal.distance(bolt, fixed, nut, coal.Transform3s(rotation(pose), pose[:3]), coal.DistanceRequest(), result)
+        return int(away_m <= 0)
+
+    yield f"Coal {version('coal')}: OBB-RSS trees, all contacts of the triangles", 100, collides(1_000_000)
+    yield f"Coal {version('coal')}: the first contact, which says that they touch", 1000, collides(1)
+    yield f"Coal {version('coal')}: distance", 100, is_at_none
 
 
 def mujoco_sdf() -> Iterator[tuple[str, int, Ask]]:

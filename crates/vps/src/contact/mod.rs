@@ -328,7 +328,7 @@ impl ContactSum {
     }
 
     /// The same, and while nothing touches `max_value_m` is to the bit that of [`Self::flat`]: minus
-    /// the distance of the nearest point. Costs about what contact costs. RT: safe.
+    /// the distance of the nearest point. Costs up to about twice what contact costs. RT: safe.
     pub fn with_clearance(
         traversal: &mut Traversal,
         obstacles: &[Obstacle],
