@@ -226,8 +226,9 @@ impl ContactSum {
     /// G = K Σ J Dᵀ, J = (n, r × n), D = (g, r × g), and by terms with the force itself. The
     /// stiffness is −G as the second derivative of an energy, which is symmetric: the symmetric
     /// parts of the blocks of translations and of turns, and between both the block of moments by
-    /// translations. Of a facet that is immersed in part that part counts. The sum over a cone on a plane has none along the plane, though each of its
-    /// points has. On bent surfaces it may have negative eigenvalues.
+    /// translations. Of a facet that is immersed in part that part counts. The sum over a cone on a
+    /// plane has none along the plane, though each of its points has. On bent surfaces it may have
+    /// negative eigenvalues.
     ///
     /// Allocates; O(obstacles · points).
     pub fn flat(
