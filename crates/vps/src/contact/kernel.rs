@@ -30,7 +30,7 @@ const SPREAD_CELLS_SQUARED: f32 = 1.5;
 const AROUND_CELLS: f32 = 8.0;
 /// 1/√3, a little less: an interpolation of values that grow by no more than their distance is at
 /// most √3 times as steep.
-pub(super) const LEAST_SLOPE: f32 = 0.577;
+const LEAST_SLOPE: f32 = 0.577;
 
 /// Where the tool stands on a field's grid: body axes about the centre of mass to cells.
 #[derive(Clone, Copy, Debug)]

@@ -33,7 +33,7 @@ use glam::DVec3;
 use super::budget::{Budget, Choice};
 use super::contact_block::ContactBlock;
 use super::immersion::{Extents, limit_m};
-use super::kernel::{Blocks, Ceilings, Clearance, Depths, LEAST_SLOPE, Place, free_cells};
+use super::kernel::{Blocks, Ceilings, Clearance, Depths, Place, free_cells};
 use super::samples::Samples;
 use crate::pointshell::shell::{LANES, Lanes, Shell};
 use crate::pointshell::tree::{CHILDREN, Spheres};
@@ -131,6 +131,9 @@ pub(super) struct TreeTraversal {
     /// `[n_blocks of the tree]`, cells: motion up to which a node is clear; or, negative, up to
     /// which it is opened without another look.
     clear_until_cells: Vec<[f32; CHILDREN]>,
+    /// `[n_blocks of the last level]`, a bit for each leaf: what is known of it comes from its points,
+    /// of which none touches, not from its sphere.
+    by_points: Vec<u8>,
     /// First block of each level.
     first_blocks: Arc<Vec<u32>>,
     /// `[n_blocks of the tree]`, cells: how far each node's centre was outside of what can touch
@@ -215,6 +218,7 @@ impl TreeTraversal {
             clear_until_cells: vec_of(UNKNOWN, reaches_cells.len()),
             outside_cells: vec_of(UNKNOWN, reaches_cells.len()),
             touched_at: vec_of(0, reaches_cells.len()),
+            by_points: core::iter::repeat_n(0, reaches_cells.len()).collect(),
             now: 1,
             reaches_cells: Arc::new(reaches_cells),
             first_blocks: Arc::new(first_blocks),
@@ -282,6 +286,7 @@ impl TreeTraversal {
             max_m: f32::NEG_INFINITY,
             looked_at: 0,
             left_out: 0,
+            passes_points: false,
             is_limited: budget != Budget::Unlimited,
             per_voxel: 1.0 / self.bounds.voxel_size_m(),
             limit_m: self.limit_m,
@@ -308,16 +313,13 @@ impl TreeTraversal {
         let outside_m = self.bounds.skin_m() - self.bounds.band_m();
         let voxel_size_m = self.bounds.voxel_size_m();
         let reach_m = self.bounds.reach_m();
-        // What was left out is no deeper than minus the reach.
-        let is_bound = !(query.max_m > -reach_m && query.left_out == 0);
-        let bound_m = if query.max_m > -reach_m {
-            query.max_m
+        // Spheres that were left out are no deeper than minus the reach; of a leaf whose points were
+        // looked at in an earlier tick it is only known that none of them touches.
+        let is_bound = !(query.max_m > -reach_m) || query.passes_points || query.left_out > 0;
+        let bound_m = if is_bound {
+            query.max_m.max(-query.clear_cells.max(0.0) * voxel_size_m)
         } else {
-            // Then it may go as far until it is as deep as minus the reach, and from there until it
-            // touches.
-            let beyond_m =
-                LEAST_SLOPE * (reach_m - self.bounds.jump_cells() * voxel_size_m).max(0.0);
-            query.max_m.max(-query.clear_cells.max(0.0) * voxel_size_m - beyond_m)
+            query.max_m
         };
         let max_value_m = bound_m.max(outside_m);
         // Points that stand for others prove nothing of those.
@@ -565,6 +567,8 @@ struct Query<'a> {
     max_m: f32,
     looked_at: u32,
     left_out: u32,
+    /// A leaf was left out as its points did not touch in an earlier tick.
+    passes_points: bool,
     /// What lies how deep is kept for the choice of what a budget suffices for.
     is_limited: bool,
     per_voxel: f32,
@@ -587,6 +591,7 @@ impl Query<'_> {
         else {
             return;
         };
+        let is_last = level + 1 == walk.first_blocks.len();
         let [now, soon] =
             self.ways.map(|(along, about)| reaches.map(|reach| along + about * reach));
         let mut n_unclear = 0;
@@ -608,10 +613,12 @@ impl Query<'_> {
                     *outside = room + radius * self.per_voxel;
                 }
             }
-            for (((clear_until, room), now), soon) in
-                clear_until.iter_mut().zip(rooms).zip(now).zip(soon)
+            let mut by_spheres = 0_u8;
+            for (lane, (((clear_until, room), now), soon)) in
+                clear_until.iter_mut().zip(rooms).zip(now).zip(soon).enumerate()
             {
                 if *clear_until <= soon {
+                    by_spheres |= 1 << lane;
                     *clear_until = if room > 0.0 {
                         now + room.min(PROOF_CELLS)
                     } else {
@@ -619,10 +626,18 @@ impl Query<'_> {
                     };
                 }
             }
+            if is_last && let Some(by_points) = walk.by_points.get_mut(node as usize) {
+                *by_points &= !by_spheres;
+            }
         }
+        let by_points = match walk.by_points.get(node as usize) {
+            Some(by_points) if is_last => *by_points,
+            _ => 0,
+        };
         for ((lane, clear_until), now) in (0..).zip(clear_until).zip(now) {
             if *clear_until > now {
                 self.clear_cells = self.clear_cells.min(*clear_until - now);
+                self.passes_points |= by_points >> lane & 1 == 1;
             } else {
                 open.push(node * CHILDREN as u32 + lane);
             }
@@ -638,7 +653,9 @@ impl Query<'_> {
     ) {
         let limit_m = self.limit_m;
         let extents = Extents::of(self.shell, limit_m);
-        let TreeTraversal { bounds, clear_until_cells, reaches_cells, first_blocks, .. } = walk;
+        let TreeTraversal {
+            bounds, clear_until_cells, reaches_cells, by_points, first_blocks, ..
+        } = walk;
         let first = first_blocks.last().map_or(0, |first| *first as usize);
         let per_voxel = 1.0 / bounds.voxel_size_m();
         let floor_m = (-FLOOR_VOXELS * bounds.voxel_size_m()).min(-bounds.reach_m());
@@ -673,6 +690,9 @@ impl Query<'_> {
                 && room > 0.0
             {
                 *clear_until = along + about * reach + room.min(PROOF_CELLS);
+                if let Some(by_points) = by_points.get_mut(leaf as usize / CHILDREN) {
+                    *by_points |= 1 << lane;
+                }
             }
         };
         let place = self.place;

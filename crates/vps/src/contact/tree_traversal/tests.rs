@@ -462,6 +462,7 @@ fn a_budget_that_refining_did_not_use_up_refines_more() {
         max_m: f32::NEG_INFINITY,
         looked_at: 0,
         left_out: 0,
+        passes_points: false,
         is_limited: true,
         per_voxel: 1.0 / VOXEL_M as f32,
         limit_m: walk.limit_m,
