@@ -315,11 +315,11 @@ impl TreeTraversal {
         let reach_m = self.bounds.reach_m();
         // Spheres that were left out are no deeper than minus the reach; of a leaf whose points were
         // looked at in an earlier tick it is only known that none of them touches.
-        let is_bound = !(query.max_m > -reach_m) || query.passes_points || query.left_out > 0;
-        let bound_m = if is_bound {
-            query.max_m.max(-query.clear_cells.max(0.0) * voxel_size_m)
-        } else {
+        let is_known = query.max_m > -reach_m && !query.passes_points && query.left_out == 0;
+        let bound_m = if is_known {
             query.max_m
+        } else {
+            query.max_m.max(-query.clear_cells.max(0.0) * voxel_size_m)
         };
         let max_value_m = bound_m.max(outside_m);
         // Points that stand for others prove nothing of those.
@@ -330,7 +330,7 @@ impl TreeTraversal {
         };
         QueryResult {
             max_value_m,
-            is_bound,
+            is_bound: !is_known,
             free_way_m: free_way_m.max(0.0),
             looked_at: query.looked_at,
             left_out: query.left_out,
