@@ -514,8 +514,8 @@ mod tests {
         ] {
             let document = Document::parse(Path::new("x.toml"), text).unwrap();
             let (_, problems) = document.read_around::<Scene>();
-            let told = problems[0].to_string();
-            assert!(told.contains(expected), "{told}");
+            let said = problems[0].to_string();
+            assert!(said.contains(expected), "{said}");
         }
     }
 
