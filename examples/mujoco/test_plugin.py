@@ -24,7 +24,8 @@ def test_the_example_of_the_readme_weighs_the_peg(monkeypatch: pytest.MonkeyPatc
     monkeypatch.chdir(FOLDER.parents[1])
     names: dict[str, Any] = {}
     exec(found[1].replace("./libhapticd_mujoco.so", os.environ["HAPTICD_MUJOCO_PLUGIN"]), names)
-    assert names["data"].sensor("wrench").data[:3] == pytest.approx([0, 0, WEIGHT_N], abs=2e-3 * WEIGHT_N)
+    # Without friction it goes on swaying in its play: walls push to the side when it meets them.
+    assert names["data"].sensor("wrench").data[2] == pytest.approx(WEIGHT_N, rel=2e-3)
 
 
 def load(**changes: str) -> tuple[Any, Any]:
@@ -56,7 +57,7 @@ def test_the_peg_falls_into_the_hole_and_its_weight_is_carried() -> None:
         mujoco.mj_step(model, data)
         if step >= 2600:
             forces.append(data.sensor("wrench").data[:3].copy())
-    # On its shoulder, 20 mm above the tip, and within the play of 0.05 mm.
+    # On the floor of the hole, 20 mm deep, and within the play of 0.05 mm.
     assert data.qpos[2] == pytest.approx(-20e-3, abs=2e-4)
     assert np.hypot(*data.qpos[:2]) < 7e-5
     assert np.mean(forces, axis=0) == pytest.approx([0, 0, WEIGHT_N], abs=2e-3 * WEIGHT_N)
@@ -123,7 +124,7 @@ def test_dissipation_is_that_of_hunt_and_crossley() -> None:
         mujoco.mj_forward(model, data)
         return float(data.sensor("wrench").data[2])
 
-    # The shoulder alone touches: all but the normals of its edges are along z.
+    # The tip alone touches, and the floor of the hole has its gradient along z. The tip's bevel, too, goes as deep as the peg.
     at_rest = lift_n(0)
     assert at_rest > 0.1
     assert lift_n(-0.1) == pytest.approx(1.5 * at_rest, rel=1e-3)

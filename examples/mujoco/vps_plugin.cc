@@ -205,7 +205,7 @@ vps_wrench ask(const mjModel* m, const mjData* d, Instance* it) {
     if (vps_query_wrench(it->pair->query.get(), &pose, &found) != VPS_OK) return {};
   } else {
     if (vps_query_contacts(it->pair->query.get(), &pose, it->contacts.data(), it->contacts.size(), &found) != VPS_OK) return {};
-    // Hunt and Crossley: a contact that goes deeper pushes harder, one that leaves less, and none pulls.
+    // Hunt and Crossley: a contact that goes deeper pushes harder, one that leaves less, and none pulls. It goes deeper against the gradient of the distance.
     mjtNum of_map[6], of_part[6];
     mj_objectVelocity(m, d, mjOBJ_GEOM, it->touched, of_map, 0);
     mj_objectVelocity(m, d, mjOBJ_GEOM, it->touching, of_part, 0);
@@ -225,7 +225,7 @@ vps_wrench ask(const mjModel* m, const mjData* d, Instance* it) {
       mju_sub3(arm, contact.position_m, position);
       mju_cross(velocity, turned_spin, arm);
       mju_addTo3(velocity, turned_linear);
-      const mjtNum deeper = -mju_dot3(velocity, contact.normal);
+      const mjtNum deeper = -mju_dot3(velocity, contact.gradient);
       mju_scl3(force, contact.force_n, std::max(0.0, 1.0 + it->dissipation_s_per_m * deeper));
       mju_cross(torque, arm, force);
       mju_addTo3(found.force_n, force);

@@ -189,7 +189,10 @@ class ViewTest(PageCase):
 
     def test_contacts_that_are_cut_away(self):
         """Dots are points of the tool, and go with it."""
-        run = self.run_scene("press")
+        # So few that all are shown.
+        coarse = (self.folder / "press.toml").read_text().replace("voxel_size_mm = 1.5", "voxel_size_mm = 2")
+        (self.folder / "coarse.toml").write_text(coarse)
+        run = self.run_scene("coarse")
         page = self.open(run)
         page.wait(IN_CONTACT)
         legend = "document.querySelector('#legend-contacts').textContent"

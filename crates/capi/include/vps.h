@@ -190,8 +190,11 @@ typedef struct vps_wrench {
 typedef struct vps_contact {
   // Where its force acts, m, in the voxmap's mesh frame.
   double position_m[3];
-  // Unit direction that pushes the shell out.
+  // Unit direction that pushes the shell out: its own surface's normal, inward.
   double normal[3];
+  // Unit gradient of the voxmap's distance there, the quickest way out: a motion of the contact
+  // by v changes its depth by -v . gradient. Beyond the band it may be zero.
+  double gradient[3];
   // Force of this contact on the shell, N; 0 of probes on edges and corners.
   double force_n[3];
   // m, greater than 0.

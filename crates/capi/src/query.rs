@@ -60,8 +60,11 @@ impl From<ContactWrench> for vps_wrench {
 pub struct vps_contact {
     /// Where its force acts, m, in the voxmap's mesh frame.
     pub position_m: [f64; 3],
-    /// Unit direction that pushes the shell out.
+    /// Unit direction that pushes the shell out: its own surface's normal, inward.
     pub normal: [f64; 3],
+    /// Unit gradient of the voxmap's distance there, the quickest way out: a motion of the contact
+    /// by v changes its depth by -v . gradient. Beyond the band it may be zero.
+    pub gradient: [f64; 3],
     /// Force of this contact on the shell, N; 0 of probes on edges and corners.
     pub force_n: [f64; 3],
     /// m, greater than 0.
@@ -75,6 +78,7 @@ impl From<&ContactPoint> for vps_contact {
         Self {
             position_m: contact.position_m.to_array(),
             normal: contact.normal.to_array(),
+            gradient: contact.gradient.to_array(),
             force_n: contact.force_n.to_array(),
             depth_m: contact.depth_m,
             point: contact.point as usize,

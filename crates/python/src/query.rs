@@ -30,6 +30,7 @@ struct WrenchRecord {
 struct ContactRecord {
     position_m: [f64; 3],
     normal: [f64; 3],
+    gradient: [f64; 3],
     force_n: [f64; 3],
     depth_m: f64,
     point: i64,
@@ -43,9 +44,10 @@ const WRENCH: [Column; 5] = [
     ("clearance_m", "=f8", 1),
     ("contacts", "=i8", 1),
 ];
-const CONTACT: [Column; 5] = [
+const CONTACT: [Column; 6] = [
     ("position_m", "=f8", 3),
     ("normal", "=f8", 3),
+    ("gradient", "=f8", 3),
     ("force_n", "=f8", 3),
     ("depth_m", "=f8", 1),
     ("point", "=i8", 1),
@@ -92,6 +94,7 @@ impl From<&ContactPoint> for ContactRecord {
         Self {
             position_m: contact.position_m.to_array(),
             normal: contact.normal.to_array(),
+            gradient: contact.gradient.to_array(),
             force_n: contact.force_n.to_array(),
             depth_m: contact.depth_m,
             point: contact.point.into(),
@@ -171,9 +174,10 @@ impl ContactQuery {
     /// All contacts at one pose, (7,) or (4, 4) as of `wrench`: an array of `CONTACT_DTYPE`, in the
     /// order of the points of the shell.
     ///
-    /// `position_m` (3,), m, and `normal` (3,), unit, which pushes the shell out, in the voxmap's
-    /// mesh frame; `force_n` (3,), N, of this contact on the shell; `depth_m`; `point`, the number
-    /// of the point. Raises InvalidInput.
+    /// `position_m` (3,), m, and `normal` (3,), unit, the shell's surface normal, inward, which
+    /// pushes it out, in the voxmap's mesh frame; `gradient` (3,), unit, of the voxmap's distance,
+    /// the quickest way out, beyond the band it may be zero; `force_n` (3,), N, of this contact on
+    /// the shell; `depth_m`; `point`, the number of the point. Raises InvalidInput.
     fn contacts<'py>(
         &self,
         py: Python<'py>,

@@ -76,7 +76,7 @@ def test_a_matrix_is_the_pose_of_its_quaternion(query: vps.ContactQuery) -> None
     assert single["force_n"] == pytest.approx(by_matrix["force_n"], rel=1e-2, abs=0.1)
 
 
-def test_contacts_add_up_to_the_wrench(query: vps.ContactQuery) -> None:
+def test_contacts_add_up_to_the_wrench(block: vps.Voxmap, query: vps.ContactQuery) -> None:
     touching = 0
     for pose in poses_near_contact(50):
         found, contacts = query.wrench(pose), query.contacts(pose)
@@ -90,6 +90,8 @@ def test_contacts_add_up_to_the_wrench(query: vps.ContactQuery) -> None:
             touching += 1
             assert contacts["depth_m"].max() == pytest.approx(found["penetration_m"], rel=1e-6)
             assert np.linalg.norm(contacts["normal"], axis=1) == pytest.approx(1)
+            within_band = contacts["depth_m"] < 0.99 * block.band_m
+            assert np.linalg.norm(contacts["gradient"][within_band], axis=1) == pytest.approx(1)
     assert touching > 10
 
 

@@ -14,7 +14,7 @@ __all__ = ["ContactQuery", "FileError", "InvalidInput", "Mesh", "PointShell", "V
 __version__: str
 
 CONTACT_DTYPE: np.dtype[np.void]
-"""`position_m` (3,), `normal` (3,), `force_n` (3,), `depth_m`, `point`."""
+"""`position_m` (3,), `normal` (3,), `gradient` (3,), `force_n` (3,), `depth_m`, `point`."""
 WRENCH_DTYPE: np.dtype[np.void]
 """`force_n` (3,), `torque_nm` (3,), `penetration_m`, `clearance_m`, `contacts`."""
 

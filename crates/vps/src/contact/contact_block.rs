@@ -31,6 +31,8 @@ pub struct Contact {
     /// Unit direction that pushes the tool out, tool axes: the point's normal, or −grad V of a
     /// probe, of a point without a normal, and where the obstacle is a thin skin.
     pub normal_body: Vec3,
+    /// Unit −grad V there, tool axes: the obstacle's own way out; zero where it is not known.
+    pub way_out_body: Vec3,
 }
 
 impl Contact {
@@ -44,6 +46,7 @@ impl Contact {
             arm_body,
             pressed_body: arm_body,
             normal_body,
+            way_out_body: normal_body,
         }
     }
 }
@@ -146,6 +149,7 @@ impl ContactBlock {
             let position = positions.get(lane);
             let weight = self.weight_of(shell, lane);
             let normal = normals.get(lane);
+            let way_out = self.way_out(lane);
             // Neither a skin nor an edge has a direction of its own.
             let bends = field.is_thin() || weight == 0.0 || normal == Vec3::ZERO;
             touch(&Contact {
@@ -155,7 +159,8 @@ impl ContactBlock {
                 weight,
                 arm_body: position + there,
                 pressed_body: position + range.lever_m(depth_m),
-                normal_body: self.way_out(lane).filter(|_| bends).unwrap_or(normal),
+                normal_body: way_out.filter(|_| bends).unwrap_or(normal),
+                way_out_body: way_out.unwrap_or(Vec3::ZERO),
             });
         }
     }

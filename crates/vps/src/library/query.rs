@@ -62,8 +62,11 @@ pub struct ContactPoint {
     /// Where its force acts, m, in the voxmap's mesh frame: the point itself, or of a facet that is
     /// immersed in part the middle of what presses.
     pub position_m: DVec3,
-    /// Unit direction that pushes the shell out.
+    /// Unit direction that pushes the shell out: its own surface's normal, inward.
     pub normal: DVec3,
+    /// Unit gradient of the voxmap's distance there, the quickest way out: a motion of the contact
+    /// by v changes its depth by −v · gradient. Beyond the band it may be zero.
+    pub gradient: DVec3,
     /// m, greater than 0: of the point, or of the deepest place of a facet whose middle is outside.
     pub depth_m: f64,
     /// Force of this contact on the shell, N; 0 of probes on edges and corners, which have no
@@ -116,6 +119,7 @@ impl ContactQuery {
                 point: contact.point_idx,
                 position_m: voxmap_from_body.transform_point(contact.pressed_body.as_dvec3()),
                 normal,
+                gradient: voxmap_from_body.transform_vector(contact.way_out_body.as_dvec3()),
                 depth_m: contact.depth_m.into(),
                 force_n: normal
                     * (self.law.stiffness_n_per_m
