@@ -3,7 +3,7 @@
 use glam::{DMat3, DQuat, DVec3};
 use haptics::{
     ContactParameters, Drive, DriveRequest, Faults, FreeSpace, FrictionParameters, Inertia,
-    RenderScene, State, TickInput, Tool, tick,
+    RenderScene, State, TickInput, TickOutput, Tool, tick,
 };
 use vps::contact::Obstacle;
 use vps::mesh::primitives::Shape;
@@ -94,6 +94,41 @@ pub(super) fn slide(scene: &RenderScene, n_ticks: u64) -> impl Iterator<Item = P
     })
 }
 
+/// Each tick of a hand that goes down at `down_m_per_s` until `down_s`, waits for
+/// half as long, and goes along `way`.
+fn pulled(
+    scene: &RenderScene,
+    down_m_per_s: f64,
+    down_s: f64,
+    way: DVec3,
+    along_m_per_s: f64,
+    n_ticks: u64,
+) -> Vec<TickOutput> {
+    let mut state = State::new(scene);
+    let mut last_m = DVec3::ZERO;
+    (1..=n_ticks)
+        .map(|sequence| {
+            let time_s = sequence as f64 * T;
+            let along_s = (time_s - 1.5 * down_s).max(0.0);
+            let at_m = DVec3::NEG_Z * (down_m_per_s * time_s.min(down_s))
+                + way * (along_m_per_s * along_s);
+            let twist = Twist { linear: (at_m - last_m) / T, angular: DVec3::ZERO };
+            last_m = at_m;
+            let sample = DeviceSample {
+                pose: Pose::from_translation(at_m),
+                twist,
+                sequence,
+                status: SampleStatus::Fresh,
+                ..DeviceSample::default()
+            };
+            let input = TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() };
+            let output = tick(scene, &mut state, &input);
+            assert_eq!(output.faults, Faults::NONE, "tick {sequence}");
+            output
+        })
+        .collect()
+}
+
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_block_on_a_slope_holds_for_ten_minutes() {
@@ -124,6 +159,50 @@ fn a_block_that_slides_gains_the_speed_that_coulomb_says() {
 }
 
 #[test]
+fn it_breaks_away_at_the_static_coefficient_and_goes_on_at_the_dynamic_one() {
+    let tool = |shape: &Shape| {
+        let mesh = shape.tessellate(1e-5);
+        pointshell::build_with(Points::Facets, &mesh, &rig::volume(&mesh, 1e-3, 8), DVec3::ZERO).0
+    };
+    let shapes = [
+        (Shape::Box { size_m: DVec3::splat(0.01) }, 5e-3),
+        (Shape::Box { size_m: DVec3::new(0.02, 5e-3, 5e-3) }, 2.5e-3),
+        (Shape::Sphere { radius_m: 5e-3 }, 5e-3),
+    ];
+    for (shape, half_m) in shapes {
+        for sticks in [0.1, 0.3, 0.9] {
+            let mut scene = scene(sticks);
+            scene.tool.shell = tool(&shape);
+            scene.obstacles = vec![slope(0.0)];
+            // 20 N/mm³, as of scenes that say nothing else.
+            scene.parameters.contact.stiffness_n_per_m = 2e4;
+            scene.parameters.contact.friction.stiffness_n_per_m = 2e5;
+            scene.parameters.contact.friction.dynamic = 0.8 * sticks;
+            (
+                scene.parameters.coupling.stiffness_n_per_m,
+                scene.parameters.coupling.stiffness_nm_per_rad,
+            ) = (4000.0, 2.0);
+            scene.parameters.coupling.free_space = FreeSpace::Zero;
+            scene.parameters.gravity_m_per_s2 = DVec3::ZERO;
+            scene.parameters.mapping.start = Pose::from_translation(DVec3::Z * (half_m + 5e-4));
+            // Down by 2 mm in 0.4 s, at rest until 0.6 s, then along at 1 mm/s.
+            let ticks = pulled(&scene, 5e-3, 0.4, DVec3::X, 1e-3, 3000);
+            let shares: Vec<f64> = ticks
+                .iter()
+                .skip(600)
+                .map(|tick| -tick.contact_world.force.x / tick.contact_world.force.z)
+                .collect();
+            let most = shares.iter().copied().fold(0.0, f64::max);
+            let after = shares[2000..].iter().sum::<f64>() / 400.0;
+            assert!(
+                (most / sticks - 1.0).abs() < 0.05 && (after / (0.8 * sticks) - 1.0).abs() < 0.05,
+                "{shape:?}, {sticks}: {most} at most, then {after}"
+            );
+        }
+    }
+}
+
+#[test]
 fn friction_of_a_hand_that_slides_stands_against_its_way() {
     for direction_rad in [0.0, 0.4, 1.1, 2.7] {
         let mut scene = scene(0.25);
@@ -136,37 +215,15 @@ fn friction_of_a_hand_that_slides_stands_against_its_way() {
         scene.parameters.gravity_m_per_s2 = DVec3::ZERO;
         scene.parameters.mapping.start = Pose::from_translation(DVec3::Z * (HALF_M + 5e-4));
         let way = DVec3::new(f64::cos(direction_rad), f64::sin(direction_rad), 0.0);
-        let mut state = State::new(&scene);
-        let mut last_m = DVec3::ZERO;
-        for sequence in 1..=1500_u64 {
-            // Down by 2 mm in 0.2 s, then along at 10 mm/s.
-            let down_s = (sequence as f64 * T).min(0.2);
-            let along_s = (sequence as f64 * T - 0.3).max(0.0);
-            let at_m = DVec3::Z * (-0.01 * down_s) + way * (0.01 * along_s);
-            let twist = Twist { linear: (at_m - last_m) / T, angular: DVec3::ZERO };
-            last_m = at_m;
-            let sample = DeviceSample {
-                pose: Pose::from_translation(at_m),
-                twist,
-                sequence,
-                status: SampleStatus::Fresh,
-                ..DeviceSample::default()
-            };
-            let output = tick(
-                &scene,
-                &mut state,
-                &TickInput { sample, request: DriveRequest::Enable, ..TickInput::default() },
-            );
-            assert_eq!(output.faults, Faults::NONE, "tick {sequence}");
-            if sequence < 700 {
-                continue;
-            }
-            let force = output.command_device.force;
+        // Down by 2 mm in 0.2 s, then along at 10 mm/s.
+        let ticks = pulled(&scene, 10e-3, 0.2, way, 0.01, 1500);
+        for (n, tick) in ticks.iter().enumerate().skip(700) {
+            let force = tick.command_device.force;
             let along = -force.dot(way) / force.z;
             let across = force.dot(DVec3::Z.cross(way)) / force.z;
             assert!(
                 force.z > 1.0 && (along - 0.25).abs() < 0.01 && across.abs() < 0.005,
-                "{direction_rad} rad, tick {sequence}: {along:.4} along and \
+                "{direction_rad} rad, tick {n}: {along:.4} along and \
                     {across:.4} across of {force}"
             );
         }

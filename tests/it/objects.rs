@@ -384,6 +384,52 @@ fn a_tool_that_is_jammed_makes_an_object_wait_and_letting_go_makes_it_come_back(
 }
 
 #[test]
+fn a_table_turns_and_slides_under_what_presses_deep_into_it() {
+    let mut random = Random(0x7461_626c);
+    for mode in MODES {
+        for _ in 0..3 {
+            // Its grid lies askew to the table, and the table to the world.
+            let [up, askew] = [0, 1].map(|_| DQuat::from_scaled_axis(random.in_box(-2.0, 2.0)));
+            let mut mesh = Shape::Box { size_m: DVec3::new(0.08, 0.08, 0.02) }.tessellate(1e-5);
+            for vertex in &mut mesh.vertices {
+                *vertex = askew * *vertex;
+            }
+            let field = rig::volume(&mesh, S, 8).field(&mesh, false);
+            let stands = |turn: f64, aside_m: f64| {
+                let turned = up * DQuat::from_rotation_z(turn) * askew.inverse();
+                Pose::new(turned, up * DVec3::new(aside_m, 0.0, -0.01))
+            };
+            let table = Obstacle { field, world_from_map: stands(0.0, 0.0) };
+            let mut scene = scene(mode, vec![table], ball());
+            // So soft that it goes in deeper than where a table waits.
+            scene.parameters.contact.stiffness_n_per_m = 20.0;
+            scene.parameters.mapping.start = Pose::new(up, up * DVec3::Z * (BALL_M + S));
+            let mut play = Play::new(&scene);
+            for _ in 0..400 {
+                play.hand.translation += up * DVec3::NEG_Z * (4e-3 / 400.0);
+                play.tick(None);
+            }
+            // The third hardly sinks in.
+            let is_deep = play.last.max_depth_m > 0.5 * S;
+            assert!(is_deep || mode == CouplingMode::Constraint, "{mode:?}: {:?}", play.last);
+            for (turn, aside_m) in [(1.0, 0.0), (1.0, 5e-3)] {
+                let target = stands(turn, aside_m);
+                for n in 0..1500 {
+                    play.tick(wish(0, target).filter(|_| n == 0));
+                }
+                let place = play.place(0);
+                assert!(
+                    same(place, target),
+                    "{mode:?}: it stands {} m and {} rad off",
+                    place.translation.distance(target.translation),
+                    place.rotation_to(target).length()
+                );
+            }
+        }
+    }
+}
+
+#[test]
 fn what_lies_on_a_plate_goes_with_it_by_friction() {
     let friction = FrictionParameters { r#static: 0.5, dynamic: 0.4, stiffness_n_per_m: 2e4 };
     for (friction, goes) in [(friction, true), (FrictionParameters::NONE, false)] {

@@ -1,6 +1,6 @@
 // From two meshes to a wrench.
 //
-//   g++ -std=c++20 query.cpp $(pkg-config --cflags --libs vps) -o query && ./query
+//   g++ -std=c++17 query.cpp $(pkg-config --cflags --libs vps) -o query && ./query
 #include <cstdio>
 
 #include <vps.hpp>

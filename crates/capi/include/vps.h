@@ -203,6 +203,14 @@ typedef struct vps_contact {
   size_t point;
 } vps_contact;
 
+// How stiff a contact is: the second derivative of its energy by x, translations (m) and a
+// rotation vector (rad) about the origin of the shell's mesh frame, axes of the voxmap's.
+typedef struct vps_stiffness {
+  // Symmetric: -d force/dx, N/m and N, and -d torque/dx, N and N m, whose part by turns is taken
+  // symmetric.
+  double rows[6][6];
+} vps_stiffness;
+
 #ifdef __cplusplus
 extern "C" {
 #endif // __cplusplus
@@ -385,6 +393,10 @@ enum vps_status vps_query_contacts(const struct vps_query *query,
                                    struct vps_contact *contacts,
                                    size_t capacity,
                                    struct vps_wrench *out);
+
+// Stiffness at a pose; not always positive: convex contact pivots away. Allocates as
+// vps_query_wrench.
+enum vps_status vps_query_stiffness(const struct vps_query *query, const struct vps_pose *pose, struct vps_stiffness *out);
 
 // The wrenches of n poses, on all processors: the same bits as one by one. Where a pose is none,
 // nothing is written.

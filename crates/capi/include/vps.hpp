@@ -1,4 +1,4 @@
-// vps.h for C++20: handles that free themselves, arrays as std::span, errors as exceptions with their text.
+// vps.h for C++17: handles that free themselves, arrays as views, errors as exceptions with their text.
 #ifndef VPS_HPP
 #define VPS_HPP
 
@@ -6,9 +6,9 @@
 #include <exception>
 #include <functional>
 #include <memory>
-#include <span>
 #include <stdexcept>
 #include <string>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -24,6 +24,25 @@ using Mass = vps_mass;
 using Solid = vps_solid;
 using Accuracy = vps_accuracy;
 using Options = vps_options;
+using Stiffness = vps_stiffness;
+
+/// Elements that the caller owns, of a vector, an array or a std::span; they are only read where T is const.
+template <typename T>
+class View {
+ public:
+  View(T* data, std::size_t size) noexcept : data_(data), size_(size) {}
+  template <std::size_t N>
+  View(T (&elements)[N]) noexcept : View(elements, N) {}
+  template <typename Elements, typename Pointer = decltype(std::declval<Elements&>().data()),
+            typename = std::enable_if_t<std::is_convertible_v<std::remove_pointer_t<Pointer> (*)[], T (*)[]>>>
+  View(Elements&& elements) noexcept : View(elements.data(), elements.size()) {}
+  T* data() const noexcept { return data_; }
+  std::size_t size() const noexcept { return size_; }
+
+ private:
+  T* data_;
+  std::size_t size_;
+};
 
 /// A call that failed; what() says what is wrong, where, and what to do.
 class Error : public std::runtime_error {
@@ -97,7 +116,7 @@ T* bake(const Progress& progress, Bake call) {
 
 /// Number of triples in an array of x, y, z.
 template <typename T>
-std::size_t triples(std::span<T> values, const char* name) {
+std::size_t triples(View<T> values, const char* name) {
   if (values.size() % 3 != 0) {
     throw Error(VPS_ERROR_ARGUMENT, (std::string(name) + " has " + std::to_string(values.size()) + " elements: give three of each").c_str());
   }
@@ -117,10 +136,10 @@ class Mesh {
     return Mesh(detail::make<vps_mesh>([&](vps_mesh** out) { return vps_mesh_load(path.c_str(), metres_per_unit, out); }));
   }
   /// Vertices [n][3], m, and triangles [m][3], numbers of vertices from 0.
-  static Mesh from_arrays(std::span<const double> vertices_m, std::span<const std::uint32_t> triangles) {
+  static Mesh from_arrays(View<const double> vertices_m, View<const std::uint32_t> triangles) {
     return from(vertices_m, triangles, vps_mesh_from_f64);
   }
-  static Mesh from_arrays(std::span<const float> vertices_m, std::span<const std::uint32_t> triangles) {
+  static Mesh from_arrays(View<const float> vertices_m, View<const std::uint32_t> triangles) {
     return from(vertices_m, triangles, vps_mesh_from_f32);
   }
   /// A shape around the origin; sizes as vps_shape says.
@@ -153,7 +172,7 @@ class Mesh {
   explicit Mesh(vps_mesh* handle) : handle_(handle) {}
 
   template <typename T, typename From>
-  static Mesh from(std::span<const T> vertices_m, std::span<const std::uint32_t> triangles, From call) {
+  static Mesh from(View<const T> vertices_m, View<const std::uint32_t> triangles, From call) {
     const std::size_t n_vertices = detail::triples(vertices_m, "vertices_m"), n_triangles = detail::triples(triangles, "triangles");
     return Mesh(detail::make<vps_mesh>(
         [&](vps_mesh** out) { return call(vertices_m.data(), n_vertices, triangles.data(), n_triangles, out); }));
@@ -251,7 +270,7 @@ class ContactQuery {
     return felt;
   }
   /// Fills as many contacts as there is room for; n_contacts of the answer says how many there are.
-  Wrench contacts(const Pose& pose, std::span<Contact> contacts) const {
+  Wrench contacts(const Pose& pose, View<Contact> contacts) const {
     Wrench felt;
     detail::check(vps_query_contacts(handle_.get(), &pose, contacts.data(), contacts.size(), &felt));
     return felt;
@@ -259,11 +278,17 @@ class ContactQuery {
   /// All contacts. Allocates.
   std::vector<Contact> contacts(const Pose& pose) const {
     std::vector<Contact> all(wrench(pose).n_contacts);
-    contacts(pose, std::span(all));
+    contacts(pose, View<Contact>(all));
     return all;
   }
+  /// Second derivative of the contact's energy, as vps_query_stiffness says.
+  Stiffness stiffness(const Pose& pose) const {
+    Stiffness found;
+    detail::check(vps_query_stiffness(handle_.get(), &pose, &found));
+    return found;
+  }
   /// As many wrenches as poses, on all processors.
-  void wrenches(std::span<const Pose> poses, std::span<Wrench> out) const {
+  void wrenches(View<const Pose> poses, View<Wrench> out) const {
     if (out.size() < poses.size()) throw Error(VPS_ERROR_ARGUMENT, "out has fewer elements than poses: give as many");
     detail::check(vps_query_wrenches(handle_.get(), poses.data(), poses.size(), out.data()));
   }

@@ -144,6 +144,31 @@ pub unsafe extern "C" fn vps_query_contacts(
     })
 }
 
+/// How stiff a contact is: the second derivative of its energy by x, translations (m) and a
+/// rotation vector (rad) about the origin of the shell's mesh frame, axes of the voxmap's.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct vps_stiffness {
+    /// Symmetric: -d force/dx, N/m and N, and -d torque/dx, N and N m, whose part by turns is taken
+    /// symmetric.
+    pub rows: [[f64; 6]; 6],
+}
+
+/// Stiffness at a pose; not always positive: convex contact pivots away. Allocates as
+/// vps_query_wrench.
+#[unsafe(no_mangle)]
+pub extern "C" fn vps_query_stiffness(
+    query: Option<&vps_query>,
+    pose: Option<&vps_pose>,
+    out: Option<&mut MaybeUninit<vps_stiffness>>,
+) -> vps_status {
+    call(|| {
+        let rows = given("query", query)?.0.stiffness(given("pose", pose)?.into())?;
+        place("out", out)?.write(vps_stiffness { rows });
+        Ok(())
+    })
+}
+
 /// The wrenches of n poses, on all processors: the same bits as one by one. Where a pose is none,
 /// nothing is written.
 ///

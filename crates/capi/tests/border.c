@@ -160,6 +160,16 @@ static void queries(vps_query *query) {
   EXPECT(vps_query_contacts(query, &poses[deep], NULL, 0, &felt) == VPS_OK);
   free(contacts);
 
+  // Deeper by a micrometre pushes harder by the stiffness times that.
+  vps_stiffness stiffness;
+  EXPECT(vps_query_stiffness(query, &poses[deep], &stiffness) == VPS_OK);
+  vps_pose deeper = poses[deep];
+  deeper.position_m[2] -= 1e-6;
+  vps_wrench harder;
+  EXPECT(vps_query_wrench(query, &deeper, &harder) == VPS_OK);
+  const double more_n = harder.force_n[2] - felt.force_n[2];
+  EXPECT(more_n > 0 && fabs(more_n - 1e-6 * stiffness.rows[2][2]) < 0.02 * more_n);
+
   static vps_wrench batch[POSES];
   EXPECT(vps_query_wrenches(query, poses, POSES, batch) == VPS_OK && memcmp(batch, alone, sizeof batch) == 0);
   EXPECT(vps_query_wrenches(query, NULL, 0, NULL) == VPS_OK);
@@ -172,6 +182,8 @@ static void queries(vps_query *query) {
   REFUSED(vps_query_wrenches(query, wrong, 2, NULL), VPS_ERROR_ARGUMENT, "out is null: give 2");
   wrong[0].position_m[1] = NAN;
   REFUSED(vps_query_wrench(query, &wrong[0], &felt), VPS_ERROR_ARGUMENT, "pose 0: translation");
+  REFUSED(vps_query_stiffness(query, &wrong[0], &stiffness), VPS_ERROR_ARGUMENT, "pose 0: translation");
+  REFUSED(vps_query_stiffness(query, &poses[0], NULL), VPS_ERROR_ARGUMENT, "out is null");
   REFUSED(vps_query_wrench(query, NULL, &felt), VPS_ERROR_ARGUMENT, "pose is null");
   REFUSED(vps_query_wrench(NULL, &poses[0], &felt), VPS_ERROR_ARGUMENT, "query is null");
   REFUSED(vps_query_wrench(query, &poses[0], NULL), VPS_ERROR_ARGUMENT, "out is null");

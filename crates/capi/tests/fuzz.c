@@ -220,6 +220,11 @@ static void ask(const vps_voxmap *voxmap, const vps_shell *shell) {
       if (!ok(vps_query_wrench(query, &poses[n], &felt[n]))) wrong("the pose of no motion");
     }
     expect_sound(&felt[n]);
+    vps_stiffness stiffness;
+    if (!ok(vps_query_stiffness(query, &poses[n], &stiffness))) wrong("a stiffness");
+    for (int k = 0; k < 36; ++k) {
+      if (!isfinite(stiffness.rows[k / 6][k % 6])) wrong("a stiffness that cannot be");
+    }
     const size_t capacity = below(50);
     vps_contact *contacts = malloc(capacity * sizeof *contacts + 1);
     if (!ok(vps_query_contacts(query, &poses[n], contacts, capacity, &one)) || memcmp(&one, &felt[n], sizeof one) != 0) wrong("contacts");

@@ -63,7 +63,9 @@ int main(int argc, char** argv) {
   query.wrenches(poses, felt);
   EXPECT(felt[0].n_contacts > 0 && felt[0].force_n[2] < 0 && felt[1].n_contacts == 0);
   EXPECT(query.contacts(poses[0]).size() == felt[0].n_contacts && query.wrench(poses[0]).force_n[2] == felt[0].force_n[2]);
-  EXPECT(refused(VPS_ERROR_ARGUMENT, [&] { query.wrenches(poses, std::span(felt).first(1)); }).find("fewer") != std::string::npos);
+  EXPECT(refused(VPS_ERROR_ARGUMENT, [&] { query.wrenches(poses, vps::View<vps::Wrench>(felt.data(), 1)); }).find("fewer") != std::string::npos);
+  const vps::Stiffness stiff = query.stiffness(poses[0]);
+  EXPECT(stiff.rows[2][2] > 0 && stiff.rows[0][4] == stiff.rows[4][0] && query.stiffness(poses[1]).rows[2][2] == 0);
   EXPECT(refused(VPS_ERROR_ARGUMENT, [&] { query.wrench({{0, 0, 0}, {1, 1, 0, 0}}); }).find("pose 0: rotation") == 0);
   std::puts("wrapper: ok");
 }

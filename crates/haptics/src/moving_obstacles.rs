@@ -9,9 +9,9 @@
 //!   than half of what lies between it and the tool; a quarter of a voxel is always allowed. What
 //!   it may go was taken off the tool's step limit the tick before, so that what the two do
 //!   together still cannot be missed;
-//! - while force flows it goes no deeper into the tool than `WAIT_VOXELS`: a tool that is jammed,
+//! - while force flows it presses no deeper into the tool than `WAIT_VOXELS`: a tool that is jammed,
 //!   or an arm that will not give way, makes it wait, slowing down smoothly. Nothing is passed
-//!   through, and it goes on when its way is free.
+//!   through, and it goes on when its way is free. Along its own face it goes on.
 //!
 //! # Source
 //! Ours.
@@ -34,6 +34,9 @@ const ARRIVED_VOXELS: f64 = 1e-4;
 pub(super) const ALWAYS_VOXELS: f64 = 0.25;
 /// Depth at which an obstacle that presses into the tool waits, voxels.
 const WAIT_VOXELS: f64 = 0.5;
+/// What presses deeper by no more than this share of its way moves along its face: the gradient is
+/// rounded.
+const ALONG_SHARE: f64 = 1e-3;
 /// By how much a clearance may be overstated by the worst look-up, voxels.
 const OVERSTATED_VOXELS: f64 = 2.0;
 /// A pose further from the world's origin is a mistake, m.
@@ -155,9 +158,10 @@ fn step(
     // Cut together, and what is cut is not stored.
     let mut share = (allowed_m / step_m(linear, angular)).min(1.0);
     if let Some((point, way_out)) = pose.deepest_world.filter(|_| with_force) {
-        let deeper_m = share * PoseStep { center, linear, angular }.at(point).dot(way_out);
+        let way_there = PoseStep { center, linear, angular }.at(point) * share;
+        let deeper_m = way_there.dot(way_out);
         let room_m = (WAIT_VOXELS * pose.voxel_size_m - pose.max_value_m).max(0.0);
-        if deeper_m > room_m {
+        if deeper_m > room_m.max(ALONG_SHARE * way_there.length()) {
             share *= room_m / deeper_m;
         }
     }

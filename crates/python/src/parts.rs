@@ -5,7 +5,9 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use glam::DVec3;
+use pyo3::PyTypeInfo;
 use pyo3::prelude::*;
+use pyo3::types::PyBytes;
 use vps::Accuracy;
 use vps::parallel;
 use vps::pointshell::shell::{LANES, Lanes, Lanes3};
@@ -13,7 +15,7 @@ use vps::voxmap::Options;
 use vps::voxmap::field::APRON_EDGE;
 
 use crate::arrays;
-use crate::errors::{InvalidInput, raise};
+use crate::errors::{InvalidInput, raise, warn};
 use crate::pool;
 
 /// Points that one task looks up.
@@ -33,6 +35,12 @@ fn options(voxel_size_m: f64, layers: i64) -> PyResult<Options> {
         ))
     })?;
     Ok(Options { layers, ..Options::new(voxel_size_m) })
+}
+
+/// What `__reduce__` gives of a baked part.
+fn unpickled<'py, Part: PyTypeInfo>(py: Python<'py>, bytes: &[u8]) -> PyResult<Bound<'py, PyAny>> {
+    let from_bytes = Part::type_object(py).getattr("_from_bytes")?;
+    Ok((from_bytes, (PyBytes::new(py, bytes),)).into_pyobject(py)?.into_any())
 }
 
 fn vector<'py>(vector: DVec3, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
@@ -144,6 +152,13 @@ impl Mesh {
         self.mesh.warnings()
     }
 
+    /// Pickles by its arrays: the parts that are baked of it are the same to the bit.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let copied = |view: Bound<'py, PyAny>| view.call_method0("copy");
+        let arrays = (copied(self.vertices(py)?)?, copied(self.faces(py)?)?);
+        Ok((Self::type_object(py), arrays).into_pyobject(py)?.into_any())
+    }
+
     fn __repr__(&self) -> String {
         format!(
             "<Mesh of {} vertices, {} faces>",
@@ -166,9 +181,9 @@ impl Voxmap {
     /// surface (2 to 126).
     ///
     /// progress: called with the name of each stage ("surface", "fill", "layers", "distance")
-    /// before it begins. An exception that it raises, or Ctrl-C, ends the bake when the current
-    /// stage is over, and is raised. Raises InvalidInput: an option out of range, more voxels than
-    /// memory holds. Cost: time and memory follow layers x area / voxel size²; all processors; the
+    /// before it begins. An exception that it raises, or Ctrl-C, is raised at once; threads go on
+    /// until the current stage is over. Warns with each sentence of `warnings`. Raises
+    /// InvalidInput: an option out of range, more voxels than memory holds. Cost: time and memory follow layers x area / voxel size²; all processors; the
     /// same bits for any number of threads.
     #[staticmethod]
     #[pyo3(signature = (mesh, voxel_size_m, *, layers = 8, progress = None))]
@@ -180,8 +195,10 @@ impl Voxmap {
         progress: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let options = options(voxel_size_m, layers)?;
+        let mesh = Arc::clone(&mesh.mesh);
         let voxmap =
-            pool::bake(py, progress, |watch| vps::Voxmap::bake_with(&mesh.mesh, &options, watch))?;
+            pool::bake(py, progress, move |watch| vps::Voxmap::bake_with(&mesh, &options, watch))?;
+        warn(py, voxmap.warnings())?;
         Ok(Self { voxmap: Arc::new(voxmap) })
     }
 
@@ -199,6 +216,18 @@ impl Voxmap {
         py.detach(|| self.voxmap.save(path)).map_err(raise)
     }
 
+    /// Pickles by the bytes of a file of `save`.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        unpickled::<Self>(py, &py.detach(|| self.voxmap.to_bytes()))
+    }
+
+    /// What `pickle` calls.
+    #[staticmethod]
+    fn _from_bytes(py: Python<'_>, bytes: &[u8]) -> PyResult<Self> {
+        let voxmap = py.detach(|| vps::Voxmap::from_bytes(bytes)).map_err(raise)?;
+        Ok(Self { voxmap: Arc::new(voxmap) })
+    }
+
     /// Distances and gradients at points (n, 3) or (3,), m, mesh frame: two arrays, (n,) and (n,
     /// 3); a float and (3,) of one point.
     ///
@@ -212,15 +241,19 @@ impl Voxmap {
         points: &Bound<'py, PyAny>,
     ) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
         let (points, is_single) = arrays::points(points, "points")?;
-        let pool = pool::pool(py)?;
         let look_up = |index: usize| match points.get(index) {
             Some(point) => {
                 self.voxmap.distance(DVec3::from_array(*point)).map_err(|error| (index, error))
             }
             None => Ok(vps::Distance { distance_m: 0.0, gradient: DVec3::ZERO }),
         };
-        let found =
-            py.detach(|| pool.install(|| parallel::map(points.len(), POINTS_PER_TASK, look_up)));
+        let n = points.len();
+        let found = if n <= POINTS_PER_TASK {
+            py.detach(|| (0..n).map(look_up).collect())
+        } else {
+            let pool = pool::pool(py)?;
+            py.detach(|| pool.install(|| parallel::map(n, POINTS_PER_TASK, look_up)))
+        };
         let found: Vec<vps::Distance> = found
             .into_iter()
             .collect::<Result<_, _>>()
@@ -235,7 +268,6 @@ impl Voxmap {
                 arrays::numbers(&gradients, &[3], py)?,
             ));
         }
-        let n = points.len();
         Ok((arrays::numbers(&distances, &[n], py)?, arrays::numbers(&gradients, &[n, 3], py)?))
     }
 
@@ -361,9 +393,11 @@ impl PointShell {
         progress: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let options = options(voxel_size_m, layers)?;
-        let shell = pool::bake(py, progress, |watch| {
-            vps::PointShell::bake_with(&mesh.mesh, &options, watch)
+        let mesh = Arc::clone(&mesh.mesh);
+        let shell = pool::bake(py, progress, move |watch| {
+            vps::PointShell::bake_with(&mesh, &options, watch)
         })?;
+        warn(py, shell.warnings())?;
         Ok(Self { shell: Arc::new(shell) })
     }
 
@@ -379,6 +413,18 @@ impl PointShell {
     /// FileError.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         py.detach(|| self.shell.save(path)).map_err(raise)
+    }
+
+    /// Pickles by the bytes of a file of `save`.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        unpickled::<Self>(py, &py.detach(|| self.shell.to_bytes()))
+    }
+
+    /// What `pickle` calls.
+    #[staticmethod]
+    fn _from_bytes(py: Python<'_>, bytes: &[u8]) -> PyResult<Self> {
+        let shell = py.detach(|| vps::PointShell::from_bytes(bytes)).map_err(raise)?;
+        Ok(Self { shell: Arc::new(shell) })
     }
 
     fn __len__(&self) -> usize {

@@ -6,6 +6,7 @@
 
 use core::ops::ControlFlow;
 use core::time::Duration;
+use std::panic::{self, AssertUnwindSafe};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -17,7 +18,7 @@ use vps::voxmap::BakeStage;
 use crate::errors::raise;
 
 /// How long Ctrl-C waits to be noticed.
-const SIGNALS_EVERY: Duration = Duration::from_millis(50);
+pub(crate) const SIGNALS_EVERY: Duration = Duration::from_millis(50);
 
 /// The pool of this process: as many threads as processors, or as `RAYON_NUM_THREADS` says.
 pub(crate) fn pool(_py: Python<'_>) -> PyResult<Arc<ThreadPool>> {
@@ -46,50 +47,47 @@ pub(crate) type Watch<'a> = dyn FnMut(BakeStage) -> ControlFlow<()> + 'a;
 
 /// Runs `work` in the pool without the interpreter's lock. This thread calls `progress` with the
 /// name of each stage before it begins, and looks for signals. An exception of `progress`, or a
-/// signal's, ends the bake when its current stage is over, and is raised.
-pub(crate) fn bake<T: Send>(
+/// signal's, is raised at once; the bake ends by itself when its current stage is over.
+pub(crate) fn bake<T: Send + 'static>(
     py: Python<'_>,
     progress: Option<&Bound<'_, PyAny>>,
-    work: impl FnOnce(&mut Watch<'_>) -> Result<T, vps::Error> + Send,
+    work: impl FnOnce(&mut Watch<'_>) -> Result<T, vps::Error> + Send + 'static,
 ) -> PyResult<T> {
     let pool = pool(py)?;
     let progress = progress.map(|progress| progress.clone().unbind());
     let (tell, stages) = channel();
     let (answer, answers) = channel();
-    let (raised, baked) = py.detach(move || {
-        let mut raised = None;
-        let mut baked = None;
-        pool.in_place_scope(|scope| {
-            let baked = &mut baked;
-            scope.spawn(move |_| {
-                let mut watch =
-                    move |stage| match tell.send(stage).ok().and_then(|()| answers.recv().ok()) {
-                        Some(true) => ControlFlow::Continue(()),
-                        _ => ControlFlow::Break(()),
-                    };
-                *baked = Some(work(&mut watch));
-            });
-            loop {
-                let stage = match stages.recv_timeout(SIGNALS_EVERY) {
-                    Ok(stage) => Some(stage),
-                    Err(RecvTimeoutError::Timeout) => None,
-                    Err(RecvTimeoutError::Disconnected) => break,
-                };
-                if raised.is_none() {
-                    raised = Python::attach(|py| heard(py, progress.as_ref(), stage)).err();
-                }
-                // The bake waits for an answer to each stage, and for nothing else.
-                if stage.is_some() && answer.send(raised.is_none()).is_err() {
-                    break;
-                }
-            }
-        });
-        (raised, baked)
+    let (finish, finished) = channel();
+    pool.spawn(move || {
+        let mut watch = move |stage| match tell.send(stage).ok().and_then(|()| answers.recv().ok())
+        {
+            Some(()) => ControlFlow::Continue(()),
+            None => ControlFlow::Break(()),
+        };
+        // A panic is raised where the result is awaited; here it would end the process.
+        let baked = panic::catch_unwind(AssertUnwindSafe(|| work(&mut watch)));
+        // No one waits for a bake that was given up.
+        let _ = finish.send(baked);
     });
-    match (raised, baked) {
-        (Some(raised), _) => Err(raised),
-        (None, Some(baked)) => baked.map_err(raise),
-        (None, None) => Err(PyRuntimeError::new_err("the bake ended without a result")),
+    let baked = py.detach(move || {
+        loop {
+            let stage = match stages.recv_timeout(SIGNALS_EVERY) {
+                Ok(stage) => Some(stage),
+                Err(RecvTimeoutError::Timeout) => None,
+                Err(RecvTimeoutError::Disconnected) => break,
+            };
+            Python::attach(|py| heard(py, progress.as_ref(), stage))?;
+            // The bake waits for an answer to each stage, and for nothing else.
+            if stage.is_some() && answer.send(()).is_err() {
+                break;
+            }
+        }
+        Ok::<_, PyErr>(finished.recv())
+    })?;
+    match baked {
+        Ok(Ok(baked)) => baked.map_err(raise),
+        Ok(Err(panic)) => panic::resume_unwind(panic),
+        Err(_) => Err(PyRuntimeError::new_err("the bake ended without a result")),
     }
 }
 

@@ -1,6 +1,9 @@
 //! Wrenches and contacts as structured arrays.
 
+use std::time::Instant;
+
 use bytemuck::{Pod, Zeroable};
+use pyo3::PyTypeInfo;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use vps::{ContactPoint, ContactWrench};
@@ -8,10 +11,7 @@ use vps::{ContactPoint, ContactWrench};
 use crate::arrays;
 use crate::errors::{InvalidInput, raise};
 use crate::parts::{PointShell, Voxmap};
-use crate::pool;
-
-/// Poses between two looks for Ctrl-C.
-const POSES_AT_A_TIME: usize = 4096;
+use crate::pool::{self, SIGNALS_EVERY};
 
 /// An item of `WRENCH_DTYPE`.
 #[derive(Clone, Copy, Pod, Zeroable)]
@@ -113,6 +113,8 @@ impl From<&ContactPoint> for ContactRecord {
 #[pyclass(frozen, module = "hapticd_vps")]
 pub(crate) struct ContactQuery {
     query: vps::ContactQuery,
+    /// What it was made of, which is how it is pickled.
+    made_of: (Py<Voxmap>, Py<PointShell>, f64),
 }
 
 #[pymethods]
@@ -121,14 +123,20 @@ impl ContactQuery {
     #[pyo3(signature = (voxmap, shell, stiffness_n_per_m = 1000.0))]
     fn new(
         py: Python<'_>,
-        voxmap: &Voxmap,
-        shell: &PointShell,
+        voxmap: Py<Voxmap>,
+        shell: Py<PointShell>,
         stiffness_n_per_m: f64,
     ) -> PyResult<Self> {
-        let query = py
-            .detach(|| vps::ContactQuery::new(&voxmap.voxmap, &shell.shell, stiffness_n_per_m))
-            .map_err(raise)?;
-        Ok(Self { query })
+        let (map, points) = (&voxmap.get().voxmap, &shell.get().shell);
+        let query =
+            py.detach(|| vps::ContactQuery::new(map, points, stiffness_n_per_m)).map_err(raise)?;
+        Ok(Self { query, made_of: (voxmap, shell, stiffness_n_per_m) })
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let (voxmap, shell, stiffness_n_per_m) = &self.made_of;
+        let made_of = (voxmap.clone_ref(py), shell.clone_ref(py), *stiffness_n_per_m);
+        Ok((Self::type_object(py), made_of).into_pyobject(py)?.into_any())
     }
 
     /// Wrenches at poses of the shell's mesh frame in the voxmap's: (7,) or (n, 7) of x, y, z (m),
@@ -154,19 +162,27 @@ impl ContactQuery {
         }
         let pool = pool::pool(py)?;
         let mut records = Vec::with_capacity(poses.len());
-        for (n, part) in poses.chunks(POSES_AT_A_TIME).enumerate() {
-            let found =
-                py.detach(|| pool.install(|| self.query.wrenches(part))).map_err(|error| {
-                    match error {
-                        vps::Error::Pose { index, what } => InvalidInput::new_err(
-                            vps::Error::Pose { index: n * POSES_AT_A_TIME + index, what }
-                                .to_string(),
-                        ),
-                        error => raise(error),
-                    }
-                })?;
+        let mut left = &poses[..];
+        let mut n_at_a_time = 1;
+        while !left.is_empty() {
+            let (part, rest) = left.split_at(left.len().min(n_at_a_time));
+            let began = Instant::now();
+            let found = py.detach(|| pool.install(|| self.query.wrenches(part)));
+            let found = found.map_err(|error| match error {
+                vps::Error::Pose { index, what } => {
+                    let index = records.len() + index;
+                    InvalidInput::new_err(vps::Error::Pose { index, what }.to_string())
+                }
+                error => raise(error),
+            })?;
             records.extend(found.into_iter().map(WrenchRecord::from));
             py.check_signals()?;
+            n_at_a_time = match began.elapsed() {
+                took if took < SIGNALS_EVERY / 2 => 2 * n_at_a_time,
+                took if took > 2 * SIGNALS_EVERY => n_at_a_time.div_ceil(2),
+                _ => n_at_a_time,
+            };
+            left = rest;
         }
         arrays::array(&records, &[records.len()], wrench_dtype(py)?)
     }
@@ -183,18 +199,39 @@ impl ContactQuery {
         py: Python<'py>,
         pose: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let (poses, is_single) = arrays::poses(pose)?;
-        let (true, [pose]) = (is_single, &poses[..]) else {
-            return Err(InvalidInput::new_err(format!(
-                "{} poses: give one, of shape (7,) or (4, 4)",
-                poses.len()
-            )));
-        };
+        let pose = one_pose(pose)?;
         let mut records = Vec::new();
         py.detach(|| {
-            self.query.contacts(*pose, |contact| records.push(ContactRecord::from(contact)))
+            self.query.contacts(pose, |contact| records.push(ContactRecord::from(contact)))
         })
         .map_err(raise)?;
         arrays::array(&records, &[records.len()], contact_dtype(py)?)
+    }
+
+    /// How stiff the contact is at one pose, (7,) or (4, 4) as of `wrench`: (6, 6) float64.
+    ///
+    /// The second derivative of the contact's energy by x: translation, m, and rotation vector,
+    /// rad, about the origin of the shell's mesh frame, axes of the voxmap's. Symmetric: rows are
+    /// -d force_n / dx and -d torque_nm / dx, whose part by turns is taken symmetric. Not always
+    /// positive: convex contact pivots away. Raises InvalidInput. Cost: as `wrench`.
+    fn stiffness<'py>(
+        &self,
+        py: Python<'py>,
+        pose: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let pose = one_pose(pose)?;
+        let rows = py.detach(|| self.query.stiffness(pose)).map_err(raise)?;
+        arrays::numbers(rows.as_flattened(), &[6, 6], py)
+    }
+}
+
+fn one_pose(pose: &Bound<'_, PyAny>) -> PyResult<vps::Pose> {
+    let (poses, is_single) = arrays::poses(pose)?;
+    match poses[..] {
+        [pose] if is_single => Ok(pose),
+        _ => Err(InvalidInput::new_err(format!(
+            "{} poses: give one, of shape (7,) or (4, 4)",
+            poses.len()
+        ))),
     }
 }

@@ -95,6 +95,28 @@ def test_contacts_add_up_to_the_wrench(block: vps.Voxmap, query: vps.ContactQuer
     assert touching > 10
 
 
+def test_stiffness_is_how_the_wrench_changes(query: vps.ContactQuery) -> None:
+    pose = np.array([0.001, 0.002, 0.0098, *IDENTITY])
+    found = query.stiffness(pose)
+    assert found.shape == (6, 6) and (found == found.T).all()
+    for axis in range(3):
+        step = 1e-6 * np.eye(7)[axis]
+        more, less = query.wrench(pose + step), query.wrench(pose - step)
+        change = np.hstack([more["force_n"] - less["force_n"], more["torque_nm"] - less["torque_nm"]]) / -2e-6
+        # Stiffness times 441 points that stand for the face.
+        assert found[axis] == pytest.approx(change, abs=1e-3 * 2000 * 441)
+    assert (query.stiffness([0, 0, 1, *IDENTITY]) == 0).all()
+    with pytest.raises(vps.InvalidInput, match="2 poses: give one"):
+        query.stiffness([pose, pose])
+
+
+def test_few_points_give_the_bits_of_many(block: vps.Voxmap) -> None:
+    points = np.random.default_rng(5).uniform(-0.03, 0.03, (5000, 3))
+    distances, gradients = block.distance(points)
+    few, slopes = block.distance(points[:100])
+    assert (few == distances[:100]).all() and (slopes == gradients[:100]).all()
+
+
 def test_distances_to_a_box(block: vps.Voxmap) -> None:
     random = np.random.default_rng(1)
     # Over the upper face, away from its edges.

@@ -199,6 +199,7 @@ def test_random_files_raise_what_is_announced(seed: int, tmp_path: Path, block: 
     assert refused > 250
 
 
+@pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.parametrize("seed", ROUNDS)
 def test_any_triangles_can_be_baked_and_asked(seed: int) -> None:
     random = np.random.default_rng(seed)

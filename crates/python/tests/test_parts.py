@@ -1,7 +1,13 @@
 """Baking, files and views."""
 
+import errno
 import gc
+import multiprocessing
+import os
+import pickle
 import signal
+import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -21,17 +27,45 @@ def test_saved_parts_give_the_same_bits(tmp_path: Path, block: vps.Voxmap, cube:
     assert again.wrench(POSE).tobytes() == query.wrench(POSE).tobytes()
 
 
+def test_pickled_parts_give_the_same_bits(cube: vps.PointShell, query: vps.ContactQuery) -> None:
+    again = pickle.loads(pickle.dumps(query))
+    assert again.wrench(POSE).tobytes() == query.wrench(POSE).tobytes() and query.wrench(POSE)["contacts"] > 0
+    assert (pickle.loads(pickle.dumps(cube)).positions_m == cube.positions_m)[:-1].all()
+    mesh = box([0, 0, 0], [0.01, 0.01, 0.01])
+    twin = pickle.loads(pickle.dumps(mesh))
+    assert (twin.vertices == mesh.vertices).all() and (twin.faces == mesh.faces).all()
+    made = pickle.dumps(vps.Voxmap.bake(mesh, VOXEL_M))
+    assert pickle.dumps(vps.Voxmap.bake(twin, VOXEL_M)) == made
+    # In another process, which has no memory of this one.
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        assert pool.apply(vps.ContactQuery.wrench, (query, [POSE])).tobytes() == query.wrench([POSE]).tobytes()
+    for pickled in (made[:-200] + made[-100:], made.replace(b"warnings", b"warmings")):
+        with pytest.raises((ValueError, pickle.UnpicklingError, EOFError)):
+            pickle.loads(pickled)
+
+
+def test_what_a_bake_warns_of_is_a_warning() -> None:
+    sheet = vps.Mesh(np.array([[0, 0, 0], [0.01, 0, 0], [0, 0.01, 0]]), np.array([[0, 1, 2]]))
+    with pytest.warns(UserWarning) as told:
+        voxmap = vps.Voxmap.bake(sheet, VOXEL_M)
+    assert [str(warning.message) for warning in told] == voxmap.warnings and len(told) > 0
+    assert told[0].filename == __file__
+
+
 def test_files_that_are_none(tmp_path: Path, block: vps.Voxmap) -> None:
     with pytest.raises(vps.FileError, match="none: ") as raised:
         vps.Voxmap.load(tmp_path / "none")
-    assert isinstance(raised.value, OSError)
-    with pytest.raises(vps.FileError, match="no such file"):
+    assert isinstance(raised.value, OSError) and raised.value.errno == errno.ENOENT
+    with pytest.raises(vps.FileError, match="no such file") as raised:
         vps.Mesh.load(tmp_path / "none.obj", 1e-3)
-    with pytest.raises(vps.FileError, match="cannot be written"):
+    assert raised.value.errno == errno.ENOENT and str(tmp_path) in str(raised.value.strerror)
+    with pytest.raises(vps.FileError, match="cannot be written") as raised:
         block.save(tmp_path / "no-folder" / "block")
+    assert raised.value.errno == errno.ENOENT
     block.save(tmp_path / "block")
-    with pytest.raises(vps.FileError, match="holds no pointshell"):
+    with pytest.raises(vps.FileError, match="holds no pointshell") as raised:
         vps.PointShell.load(tmp_path / "block")
+    assert raised.value.errno is None
     whole = (tmp_path / "block").read_bytes()
     for name, damaged in {"cut": whole[: len(whole) // 2], "other": b"solid x" * 100, "empty": b""}.items():
         (tmp_path / name).write_bytes(damaged)
@@ -105,6 +139,37 @@ def test_progress_and_signals_end_a_bake() -> None:
     with pytest.raises(KeyboardInterrupt):
         vps.PointShell.bake(mesh, VOXEL_M, progress=interrupted)
     assert told == ["surface"]
+
+
+def test_ctrl_c_is_raised_within_a_stage() -> None:
+    """Half a million triangles, whose distances take seconds: it need not wait for them."""
+    n = 500
+    i, j = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
+    turn, tilt = 2 * np.pi * i / n, 2 * np.pi * j / n
+    ring = 0.1 + (0.04 + 1e-3 * np.sin(40 * turn)) * np.cos(tilt)
+    vertices = np.stack([ring * np.cos(turn), ring * np.sin(turn), 0.04 * np.sin(tilt)], axis=-1).reshape(-1, 3)
+
+    a, b, c, d = (((i + x) % n * n + (j + y) % n).ravel() for x, y in ((0, 0), (1, 0), (1, 1), (0, 1)))
+    mesh = vps.Mesh(vertices, np.concatenate([np.stack([a, b, c], -1), np.stack([a, c, d], -1)]))
+    stages = list[str]()
+
+    def interrupt() -> None:
+        while "distance" not in stages:
+            time.sleep(0.001)
+        time.sleep(0.02)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    thread = threading.Thread(target=interrupt)
+    thread.start()
+    with pytest.raises(KeyboardInterrupt):
+        vps.Voxmap.bake(mesh, 2.5e-4, layers=30, progress=stages.append)
+    # Threads are at work on the stage still.
+    busy_s, until_s = time.process_time() + 0.1, time.monotonic() + 10
+    while time.process_time() < busy_s and time.monotonic() < until_s:
+        time.sleep(0.02)
+    assert time.process_time() >= busy_s
+    thread.join()
+    assert stages[-1] == "distance"
 
 
 def test_views_are_the_memory_and_outlive_the_part() -> None:

@@ -31,8 +31,11 @@ pub(crate) fn main() -> Result<(), Error> {
         .nth(1)
         .filter(|name| name.ends_with(".svg"))
         .map_or_else(|| std::env::temp_dir().join("slide.svg"), Into::into);
-    std::fs::write(&path, plot(&x_m, &felt))
-        .map_err(|error| Error::File { path: path.clone(), what: error.to_string() })?;
+    std::fs::write(&path, plot(&x_m, &felt)).map_err(|error| Error::File {
+        path: path.clone(),
+        what: error.to_string(),
+        source: Some(error),
+    })?;
     println!(
         "{}: {} poses, {:.2} N over the block",
         path.display(),

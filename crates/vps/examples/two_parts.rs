@@ -13,8 +13,11 @@ use vps::{
 pub(crate) fn main() -> Result<(), Error> {
     let options = Options::new(0.4e-3);
     let folder = std::env::temp_dir().join(format!("vps-two-parts-{}", std::process::id()));
-    std::fs::create_dir_all(&folder)
-        .map_err(|error| Error::File { path: folder.clone(), what: error.to_string() })?;
+    std::fs::create_dir_all(&folder).map_err(|error| Error::File {
+        path: folder.clone(),
+        what: error.to_string(),
+        source: Some(error),
+    })?;
 
     // Progress: each stage says that it begins, and `Break` would end the bake.
     let ring = Mesh::from_shape(&Shape::Torus { major_m: 14e-3, minor_m: 4e-3 }, 2e-5)?;

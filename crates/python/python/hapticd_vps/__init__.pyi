@@ -106,3 +106,5 @@ class ContactQuery:
         """One record of `WRENCH_DTYPE` for one pose, else an array (n,) of it."""
     def contacts(self, pose: ArrayLike) -> NDArray[np.void]:
         """An array of `CONTACT_DTYPE`."""
+    def stiffness(self, pose: ArrayLike) -> NDArray[np.float64]:
+        """(6, 6): the second derivative of the contact's energy."""

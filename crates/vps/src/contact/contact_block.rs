@@ -190,12 +190,15 @@ mod tests {
     fn contacts_are_the_points_of_the_lanes_with_their_depths_and_what_they_stand_for() {
         let points: [(DVec3, DVec3); 40] =
             core::array::from_fn(|n| (DVec3::X * (n as f64 * 1e-3), DVec3::Z));
+        let mut gradients = Lanes3::ZERO;
+        gradients.set(3, Vec3::NEG_Y * 0.75);
         let touched = ContactBlock {
             block: 2,
             lanes: 0b10_1000,
             weight: 3.0,
             limit_m: 1e-3,
             depths_m: core::array::from_fn(|lane| 1e-4 * lane as f32),
+            gradients,
             ..ContactBlock::NONE
         };
         let mut contacts = Vec::new();
@@ -203,10 +206,11 @@ mod tests {
             contacts.push(*contact)
         });
         // Lanes 3 and 5 of block 2 are points 2 · 16 + 3 and 2 · 16 + 5, of one s² each.
-        let expected = [(3_u8, 35), (5, 37)].map(|(lane, point_idx)| {
+        let ways = [(3_u8, 35, Vec3::Y), (5, 37, Vec3::ZERO)];
+        let expected = ways.map(|(lane, point_idx, way_out_body)| {
             let arm_body = (DVec3::X * (f64::from(point_idx) * 1e-3)).as_vec3();
             let contact = Contact::of_point(point_idx, 1e-4 * f32::from(lane), arm_body, Vec3::Z);
-            Contact { weight: 3.0, ..contact }
+            Contact { weight: 3.0, way_out_body, ..contact }
         });
         assert_eq!(contacts, expected);
     }

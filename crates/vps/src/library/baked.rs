@@ -126,10 +126,12 @@ impl Voxmap {
     /// # Errors
     /// [`Error::File`].
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), Error> {
-        let head = self.field.head();
-        let warnings = self.warnings.join("\n");
-        let figures = self.accuracy.figures().map(|figure| figure.unwrap_or(f64::NAN));
-        write(path.as_ref(), &warnings, &figures, |file| self.field.store(&head, file))
+        self.with_file(|file| write(path.as_ref(), file))
+    }
+
+    /// The bytes of a file of [`Self::save`].
+    pub fn to_bytes(&self) -> Vec<u8> {
+        self.with_file(bytes)
     }
 
     /// Reads a file of [`Self::save`], or of hapticd's bake cache. It is checked as a whole: no
@@ -139,20 +141,38 @@ impl Voxmap {
     /// [`Error::File`]: no such file, one that is damaged or holds something else, or one of
     /// another format.
     pub fn load(path: impl AsRef<Path>) -> Result<Self, Error> {
-        read(path.as_ref(), |file| {
-            if !Field::is_in(file) {
-                return Err("holds no voxmap: give the file that one was saved to".to_owned());
-            }
-            let field = Field::load(file).map_err(|refusal| remedy(&refusal))?;
-            if field.known_outside_m() <= 0.0 {
-                return Err(
-                    "holds a thin skin with one layer of voxels: bake the part again with \
-                    two or more"
-                        .to_owned(),
-                );
-            }
-            Ok(Self { field, accuracy: accuracy(file), warnings: warnings(file) })
-        })
+        read(path.as_ref(), Self::of_file)
+    }
+
+    /// The same of [`Self::to_bytes`], which are copied.
+    ///
+    /// # Errors
+    /// [`Error::Bytes`].
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, Error> {
+        read_bytes(bytes, Self::of_file)
+    }
+
+    fn with_file<T>(&self, take: impl FnOnce(&Writer<'_>) -> T) -> T {
+        let head = self.field.head();
+        let about = About::of(&self.warnings, &self.accuracy);
+        let mut file = about.file();
+        self.field.store(&head, &mut file);
+        take(&file)
+    }
+
+    fn of_file(file: &Reader) -> Result<Self, String> {
+        if !Field::is_in(file) {
+            return Err("holds no voxmap: give what one was saved to".to_owned());
+        }
+        let field = Field::load(file).map_err(|refusal| remedy(&refusal))?;
+        if field.known_outside_m() <= 0.0 {
+            return Err(
+                "holds a thin skin with one layer of voxels: bake the part again with two \
+                or more"
+                    .to_owned(),
+            );
+        }
+        Ok(Self { field, accuracy: accuracy(file), warnings: warnings(file) })
     }
 }
 
@@ -237,14 +257,12 @@ impl PointShell {
     /// # Errors
     /// [`Error::File`].
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), Error> {
-        let head = self.shell.head();
-        let mass = self.mass.record();
-        let warnings = self.warnings.join("\n");
-        let figures = self.accuracy.figures().map(|figure| figure.unwrap_or(f64::NAN));
-        write(path.as_ref(), &warnings, &figures, |file| {
-            self.shell.store(&head, file);
-            MassProperties::store(&mass, file);
-        })
+        self.with_file(|file| write(path.as_ref(), file))
+    }
+
+    /// As [`Voxmap::to_bytes`].
+    pub fn to_bytes(&self) -> Vec<u8> {
+        self.with_file(bytes)
     }
 
     /// As [`Voxmap::load`].
@@ -252,39 +270,97 @@ impl PointShell {
     /// # Errors
     /// As [`Voxmap::load`].
     pub fn load(path: impl AsRef<Path>) -> Result<Self, Error> {
-        read(path.as_ref(), |file| {
-            if !(Shell::is_in(file) && MassProperties::is_in(file)) {
-                return Err("holds no pointshell: give the file that one was saved to".to_owned());
-            }
-            let (shell, mass) = Shell::load(file)
-                .and_then(|shell| Ok((shell, MassProperties::load(file)?)))
-                .map_err(|refusal| remedy(&refusal))?;
-            Ok(Self { shell, mass, accuracy: accuracy(file), warnings: warnings(file) })
-        })
+        read(path.as_ref(), Self::of_file)
+    }
+
+    /// As [`Voxmap::from_bytes`].
+    ///
+    /// # Errors
+    /// [`Error::Bytes`].
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, Error> {
+        read_bytes(bytes, Self::of_file)
+    }
+
+    fn with_file<T>(&self, take: impl FnOnce(&Writer<'_>) -> T) -> T {
+        let (head, mass) = (self.shell.head(), self.mass.record());
+        let about = About::of(&self.warnings, &self.accuracy);
+        let mut file = about.file();
+        self.shell.store(&head, &mut file);
+        MassProperties::store(&mass, &mut file);
+        take(&file)
+    }
+
+    fn of_file(file: &Reader) -> Result<Self, String> {
+        if !(Shell::is_in(file) && MassProperties::is_in(file)) {
+            return Err("holds no pointshell: give what one was saved to".to_owned());
+        }
+        let (shell, mass) = Shell::load(file)
+            .and_then(|shell| Ok((shell, MassProperties::load(file)?)))
+            .map_err(|refusal| remedy(&refusal))?;
+        Ok(Self { shell, mass, accuracy: accuracy(file), warnings: warnings(file) })
     }
 }
 
-fn write<'a>(
-    path: &Path,
-    warnings: &'a str,
-    figures: &'a [f64; 5],
-    store: impl FnOnce(&mut Writer<'a>),
-) -> Result<(), Error> {
-    let mut file = Writer::default();
-    file.array(WARNINGS, warnings.as_bytes());
-    file.array(ACCURACY, figures);
-    store(&mut file);
-    let failed =
-        |error| Error::File { path: path.to_owned(), what: format!("cannot be written: {error}") };
-    write_whole(path, Access::Shared, |out| file.write_to([0; 16], GENERATION, out)).map_err(failed)
+/// What a file says beside the part itself.
+struct About {
+    warnings: String,
+    figures: [f64; 5],
+}
+
+impl About {
+    fn of(warnings: &[String], accuracy: &Accuracy) -> Self {
+        let figures = accuracy.figures().map(|figure| figure.unwrap_or(f64::NAN));
+        Self { warnings: warnings.join("\n"), figures }
+    }
+
+    fn file(&self) -> Writer<'_> {
+        let mut file = Writer::default();
+        file.array(WARNINGS, self.warnings.as_bytes());
+        file.array(ACCURACY, &self.figures);
+        file
+    }
+}
+
+fn write(path: &Path, file: &Writer<'_>) -> Result<(), Error> {
+    write_whole(path, Access::Shared, |out| file.write_to([0; 16], GENERATION, out)).map_err(
+        |error| Error::File {
+            path: path.to_owned(),
+            what: format!("cannot be written: {error}"),
+            source: Some(error),
+        },
+    )
+}
+
+/// What [`write`] writes.
+fn bytes(file: &Writer<'_>) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    // Memory refuses nothing.
+    let _ = file.write_to([0; 16], GENERATION, &mut bytes);
+    bytes
 }
 
 fn read<T>(path: &Path, take: impl FnOnce(&Reader) -> Result<T, String>) -> Result<T, Error> {
+    let failed = |what, source| Error::File { path: path.to_owned(), what, source };
     let open = || Reader::new(MappedFile::read(&regular::open(path)?)?, None, None);
+    let file = open().map_err(|refusal| {
+        let what = remedy(&refusal);
+        match refusal {
+            Refusal::Io(error) => failed(what, Some(error)),
+            _ => failed(what, None),
+        }
+    })?;
+    take(&file).map_err(|what| failed(what, None))
+}
+
+fn read_bytes<T>(
+    bytes: &[u8],
+    take: impl FnOnce(&Reader) -> Result<T, String>,
+) -> Result<T, Error> {
+    let open = || Reader::new(MappedFile::copy(bytes)?, None, None);
     open()
         .map_err(|refusal| remedy(&refusal))
         .and_then(|file| take(&file))
-        .map_err(|what| Error::File { path: path.to_owned(), what })
+        .map_err(|what| Error::Bytes { what })
 }
 
 fn remedy(refusal: &Refusal) -> String {

@@ -1,5 +1,6 @@
 //! The one error of the library.
 
+use std::io;
 use std::path::PathBuf;
 
 use thiserror::Error;
@@ -58,10 +59,29 @@ pub enum Error {
         path: PathBuf,
         /// What is wrong, and what to do.
         what: String,
+        /// What the operating system said, where it refused.
+        source: Option<io::Error>,
+    },
+    /// Bytes that hold no baked part.
+    #[error("baked part from bytes: {what}")]
+    Bytes {
+        /// What is wrong, and what to do.
+        what: String,
     },
     /// The callback for progress ended the bake.
     #[error("the bake was cancelled by its callback for progress")]
     Cancelled,
+}
+
+impl Error {
+    /// What the operating system said, where it refused a file.
+    pub fn os_error(&self) -> Option<&io::Error> {
+        match self {
+            Self::File { source, .. } => source.as_ref(),
+            Self::Mesh { source: MeshError::Unreadable { source, .. } } => Some(source),
+            _ => None,
+        }
+    }
 }
 
 impl From<PartError> for Error {

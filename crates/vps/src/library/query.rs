@@ -148,6 +148,24 @@ impl ContactQuery {
         .concat())
     }
 
+    /// How stiff the contact is at a pose, as the law of the tick takes it: `[6][6]`, the second
+    /// derivative of the contact's energy by x = (translation, m, rotation vector, rad, about the
+    /// origin of the shell's mesh frame), axes of the voxmap's mesh frame. Symmetric; its rows are
+    /// −∂force/∂x, N/m and N, and −∂torque/∂x, N and N·m, where the part that turns give the torque
+    /// is taken symmetric. Convex contact has directions of negative stiffness: it pivots away. Cost:
+    /// as [`Self::wrench`].
+    ///
+    /// # Errors
+    /// [`Error::Pose`].
+    pub fn stiffness(&self, voxmap_from_shell: Pose) -> Result<[[f64; 6]; 6], Error> {
+        check_pose(0, voxmap_from_shell)?;
+        let body = self.voxmap_from_body(voxmap_from_shell);
+        let sum = self.with_traversal(|traversal| {
+            ContactSum::of(traversal, &self.obstacle, self.shell.shell(), body, self.law, None)
+        });
+        Ok(sum.stiffness.moved(sum.wrench, body.translation, voxmap_from_shell.translation).0)
+    }
+
     fn voxmap_from_body(&self, voxmap_from_shell: Pose) -> Pose {
         voxmap_from_shell * Pose::from_translation(self.shell.mass_properties().center_m)
     }

@@ -5,9 +5,10 @@
 //!
 //! So it is in closed pieces, however they touch, overlap or repeat each other. A triangle that was
 //! repeated or turned afterwards leaves a rest in its three edges, and no other triangle leaves it
-//! there. From each edge with a rest, the fewest changes are searched that leave none in the edges
-//! of what they change, and of these the ones with the least area. What has a rest that few changes
-//! do not take away, as the rim of a hole, stays. In a file where no more than two triangles share
+//! there. For edges with a rest that share vertices, the fewest changes are searched that leave none
+//! in any of them, and of these the ones with the least area; where that takes too many, those that
+//! take away the rest of one edge and leave none in the edges of what they change. What has a rest
+//! that few changes do not take away, as the rim of a hole, stays. In a file where no more than two triangles share
 //! an edge, their areas tell which are turned, and nothing is changed here.
 //!
 //! Cost: linear in the edges with a rest; [`MOST_STEPS`] bounds the search.
@@ -16,15 +17,18 @@
 //! Chains and their boundaries, as in Munkres1984, section 5: a file is a chain with whole numbers,
 //! and the changes are a small one with the same boundary.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 use crate::mesh::TriangleMesh;
 use crate::mesh::edges::EdgeUses;
+use crate::sets::Sets;
 
 /// So many triangles that share edges are changed together at most.
 const MOST_CHANGES: usize = 8;
 
-/// So many steps are tried from an edge for each number of changes.
+/// So many steps are tried for edges that share vertices, and from one edge, for each number of
+/// changes.
+const STEPS_PER_GROUP: usize = 20_000;
 const STEPS_PER_EDGE: usize = 1000;
 
 /// So many steps are tried in a file: a second or two.
@@ -102,24 +106,47 @@ pub(super) fn changes(
         facet.edges().iter().for_each(|(edge, _)| at.entry(*edge).or_default().push(number));
     }
     let mut search =
-        Search { facets, at, rests, start: [0; 2], steps: Vec::new(), n_left: 0, best: None };
+        Search { facets, at, rests, wanted: Vec::new(), steps: Vec::new(), n_left: 0, best: None };
     let mut n_left = MOST_STEPS;
-    // What takes few changes is the most certain, and comes first.
     let mut changes = Vec::new();
-    for n_changes in 1..=MOST_CHANGES {
-        for start in &starts {
-            search.n_left = n_left.min(STEPS_PER_EDGE);
-            n_left -= search.n_left;
-            let steps = search.fewest(*start, n_changes);
-            n_left += search.n_left;
-            changes.extend(steps.iter().map(|step| (step.triangle, step.change)));
-            if n_left == 0 {
-                return changes;
+    let alone: Vec<_> = starts.iter().map(|start| vec![*start]).collect();
+    for (groups, n_steps) in [(groups(&starts), STEPS_PER_GROUP), (alone, STEPS_PER_EDGE)] {
+        let mut groups = groups;
+        // What takes few changes is the most certain, and comes first.
+        for n_changes in 1..=MOST_CHANGES {
+            for group in &groups {
+                search.n_left = n_left.min(n_steps);
+                n_left -= search.n_left;
+                let steps = search.fewest(group, n_changes);
+                n_left += search.n_left;
+                changes.extend(steps.iter().map(|step| (step.triangle, step.change)));
+                if n_left == 0 {
+                    return changes;
+                }
             }
+            groups.retain(|group| group.iter().any(|edge| search.rests[edge] != 0));
         }
-        starts.retain(|start| search.rests[start] != 0);
     }
     changes
+}
+
+/// Edges that share vertices, directly or by others, and are few enough that as many changes as are
+/// tried can take away all their rests.
+fn groups(edges: &[[u32; 2]]) -> Vec<Vec<[u32; 2]>> {
+    let mut number_of = HashMap::new();
+    for edge in edges {
+        for vertex in edge {
+            let next = number_of.len() as u32;
+            number_of.entry(*vertex).or_insert(next);
+        }
+    }
+    let mut sets = Sets::new(number_of.len());
+    edges.iter().for_each(|[a, b]| sets.join(number_of[a], number_of[b]));
+    let mut by_set: BTreeMap<u32, Vec<[u32; 2]>> = BTreeMap::new();
+    for edge in edges {
+        by_set.entry(sets.lowest(number_of[&edge[0]])).or_default().push(*edge);
+    }
+    by_set.into_values().filter(|group| group.len() <= 3 * MOST_CHANGES).collect()
 }
 
 fn facets_of(mesh: &TriangleMesh, triangles: &[[u32; 3]], mut asked: Vec<u32>) -> Vec<Facet> {
@@ -150,7 +177,8 @@ struct Search {
     at: HashMap<[u32; 2], Vec<u32>>,
     /// How many more triangles run along an edge than back.
     rests: HashMap<[u32; 2], i32>,
-    start: [u32; 2],
+    /// Edges that have to end without one.
+    wanted: Vec<[u32; 2]>,
     steps: Vec<Step>,
     /// Steps that may still be tried.
     n_left: usize,
@@ -168,11 +196,11 @@ struct Step {
 }
 
 impl Search {
-    /// Makes so many changes that take the rest of an edge away and leave none elsewhere, if there
-    /// are such.
-    fn fewest(&mut self, start: [u32; 2], n_changes: usize) -> Vec<Step> {
-        self.start = start;
-        if self.rests[&start] != 0 {
+    /// Makes so many changes that take the rests of these edges away and leave none elsewhere, if
+    /// there are such.
+    fn fewest(&mut self, wanted: &[[u32; 2]], n_changes: usize) -> Vec<Step> {
+        self.wanted = wanted.to_vec();
+        if wanted.iter().any(|edge| self.rests[edge] != 0) {
             self.search(n_changes);
         }
         let steps = self.best.take().map(|(_, steps)| steps).unwrap_or_default();
@@ -182,7 +210,7 @@ impl Search {
 
     fn search(&mut self, n_changes: usize) {
         let of_steps = self.steps.iter().flat_map(|step| self.facets[step.facet as usize].edges());
-        let edges = of_steps.map(|(edge, _)| edge).chain([self.start]);
+        let edges = of_steps.map(|(edge, _)| edge).chain(self.wanted.iter().copied());
         let mut open: Vec<([u32; 2], i32)> = edges
             .map(|edge| (edge, self.rests.get(&edge).copied().unwrap_or_default()))
             .filter(|(_, rest)| *rest != 0)

@@ -63,6 +63,28 @@ impl Mat6 {
         Self::from_blocks(turned(0, 0), turned(0, 3), turned(3, 0), turned(3, 3))
     }
 
+    /// The second derivative of an energy by translations and rotation vectors about `from_point`,
+    /// where minus its first one is `wrench`, as that by turns about another point: `to_point` goes
+    /// along with the body, and a turn about it moves `from_point` to second order as well.
+    #[must_use]
+    pub fn moved(&self, wrench: Wrench, from_point: DVec3, to_point: DVec3) -> Self {
+        let arm = from_point - to_point;
+        // θ × arm = carried θ.
+        let carried =
+            DMat3::from_cols(arm.cross(DVec3::X), arm.cross(DVec3::Y), arm.cross(DVec3::Z)) * -1.0;
+        let [ll, la, al, aa] =
+            [(0, 0), (0, 3), (3, 0), (3, 3)].map(|(row, column)| self.block(row, column));
+        let pull = outer(wrench.force, arm);
+        let second = DMat3::from_diagonal(DVec3::splat(wrench.force.dot(arm)))
+            - (pull + pull.transpose()) * 0.5;
+        Self::from_blocks(
+            ll,
+            ll * carried + la,
+            carried.transpose() * ll + al,
+            carried.transpose() * (ll * carried + la) + al * carried + aa + second,
+        )
+    }
+
     /// Upper bounds of the largest eigenvalues of the linear and of the angular block of a positive
     /// semi-definite matrix: trace or largest absolute row sum, whichever is less. Exact for one
     /// direction along an axis or for any single direction, at most √3 of it for all three alike.
@@ -256,6 +278,11 @@ fn eigen(mut a: [[f64; 6]; 6]) -> Option<([f64; 6], [[f64; 6]; 6])> {
         }
     }
     Some((core::array::from_fn(|n| a[n][n]), vectors))
+}
+
+/// a bᵀ.
+fn outer(a: DVec3, b: DVec3) -> DMat3 {
+    DMat3::from_cols(a * b.x, a * b.y, a * b.z)
 }
 
 #[cfg(test)]

@@ -194,6 +194,109 @@ fn depths_change_against_the_gradient_of_the_distance_whatever_the_normal() {
     assert!(n > 1000 && 10 * n_aside > n && 20 * n_other < n, "{n_other}, {n_aside} of {n}");
 }
 
+/// Wrenches by which a small motion to either side of a pose differs, for each of six motions:
+/// translations, and turns about the origin of the shell's mesh frame; minus, and by the motion.
+fn differences(query: &ContactQuery, pose: Pose) -> [[f64; 6]; 6] {
+    let (way_m, turn) = (1e-6, 1e-4);
+    let differs = |step: f64, moved: &dyn Fn(f64) -> Pose| {
+        let [after, before] = [1.0, -1.0].map(|sign| query.wrench(moved(sign)).unwrap().wrench);
+        let force = (before.force - after.force) / (2.0 * step);
+        let torque = (before.torque - after.torque) / (2.0 * step);
+        [force.x, force.y, force.z, torque.x, torque.y, torque.z]
+    };
+    let [a, b, c] = DVec3::AXES.map(|axis| {
+        let moved =
+            |sign: f64| Pose { translation: pose.translation + axis * (sign * way_m), ..pose };
+        differs(way_m, &moved)
+    });
+    let [d, e, f] = DVec3::AXES.map(|axis| {
+        let moved = |sign: f64| Pose {
+            rotation: DQuat::from_axis_angle(axis, sign * turn) * pose.rotation,
+            ..pose
+        };
+        differs(turn, &moved)
+    });
+    [a, b, c, d, e, f]
+}
+
+/// A cube with a hollow in it.
+fn socket(radius_m: f64) -> Mesh {
+    let cube = Shape::Box { size_m: DVec3::splat(4.0 * radius_m) };
+    let (cube, hollow) = (
+        Mesh::from_shape(&cube, 1e-5).unwrap(),
+        Mesh::from_shape(&Shape::Sphere { radius_m }, 5e-6).unwrap(),
+    );
+    let vertices = |mesh: &Mesh| mesh.vertices().iter().map(|v| v.to_array()).collect::<Vec<_>>();
+    let first = cube.vertices().len() as u32;
+    let inward = hollow.triangles().iter().map(|[a, b, c]| [a + first, c + first, b + first]);
+    let triangles: Vec<_> = cube.triangles().iter().copied().chain(inward).collect();
+    Mesh::from_arrays(&[vertices(&cube), vertices(&hollow)].concat(), &triangles).unwrap()
+}
+
+/// What a facet counts changes with the gradient too, and by what is found at its ends, which the
+/// stiffness leaves out: that is seen where two convex parts meet, within a few facets.
+#[test]
+fn stiffness_is_the_derivative_of_the_wrench() {
+    let shape = |shape: Shape| Mesh::from_shape(&shape, 5e-6).unwrap();
+    let sphere = |radius_m| shape(Shape::Sphere { radius_m });
+    let cylinder = |radius_m| shape(Shape::Cylinder { radius_m, height_m: 0.01 });
+    let cube = || shape(Shape::Box { size_m: DVec3::splat(0.01) });
+    let slab = || shape(Shape::Plane { x_m: 0.06, y_m: 0.06, thickness_m: 0.02 });
+    let away = |z_m| DVec3::Z * z_m;
+    let pairs = [
+        ("cube on plane", slab(), cube(), away(4.9e-3), 0.03, (1e-3, 1e-3)),
+        ("ball on plane", slab(), sphere(5e-3), away(4.8e-3), 3.0, (1e-3, 1.5e-3)),
+        ("ball on ball", sphere(8e-3), sphere(5e-3), away(12.8e-3), 3.0, (4e-3, 1e-2)),
+        ("ball in socket", socket(6e-3), sphere(5.9e-3), away(-0.3e-3), 3.0, (1e-3, 2e-3)),
+        ("cylinders crossed", cylinder(4e-3), cylinder(3e-3), DVec3::Y * 6.8e-3, 0.5, (4e-3, 0.08)),
+    ];
+    for (name, obstacle, tool, from, tilt, (median, most_of)) in pairs {
+        let options = Options::new(0.25e-3);
+        let query = ContactQuery::new(
+            &Voxmap::bake(&obstacle, &options).unwrap(),
+            &PointShell::bake(&tool, &options).unwrap(),
+            1000.0,
+        )
+        .unwrap();
+        let mut offs = Vec::new();
+        for k in 0..40_u32 {
+            let t = f64::from(k);
+            let direction = DVec3::new((1.3 * t).sin(), (2.1 * t).cos(), (0.7 * t).sin());
+            let pose =
+                Pose::new(DQuat::from_scaled_axis(direction * tilt), from + direction * 5e-5);
+            let (rows, felt) = (query.stiffness(pose).unwrap(), query.wrench(pose).unwrap());
+            if felt.contacts == 0 {
+                assert_eq!(rows, [[0.0; 6]; 6]);
+                continue;
+            }
+            let found = differences(&query, pose);
+            // By the tool's length, so that all entries count alike.
+            let scale = |k: usize| if k < 3 { 1.0 } else { 1.0 / 5e-3 };
+            let (mut size, mut off) = (0.0_f64, 0.0_f64);
+            for (row, (own, columns)) in rows.iter().zip(&found).enumerate() {
+                for (column, (own, other)) in own.iter().zip(columns).enumerate() {
+                    let transposed = found.get(column).and_then(|columns| columns.get(row));
+                    let both = (other + transposed.unwrap()) / 2.0;
+                    let expected = if row >= 3 && column >= 3 { both } else { *other };
+                    let by = scale(row) * scale(column);
+                    size = size.max(expected.abs() * by);
+                    off = off.max((own - expected).abs() * by);
+                }
+            }
+            offs.push(off / size);
+        }
+        offs.sort_by(f64::total_cmp);
+        let at = |share: usize| offs[(offs.len() - 1) * share / 10];
+        assert!(
+            offs.len() > 30 && at(5) < median && at(9) < most_of,
+            "{name}: off by {:.2e} in the median, {:.2e} at the 90th percentile of {}",
+            at(5),
+            at(9),
+            offs.len()
+        );
+    }
+}
+
 /// Found with random input: a part that is smaller than a voxel has no cell inside, nothing touches
 /// it, and the walk down the tree calls that far.
 #[test]
