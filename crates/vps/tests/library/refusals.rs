@@ -160,12 +160,11 @@ fn files_that_hold_no_part() {
     Voxmap::bake(&mesh, &options).unwrap().save(path("voxmap")).unwrap();
     PointShell::bake(&mesh, &options).unwrap().save(path("shell")).unwrap();
     assert!(
-        said(Voxmap::load(path("shell")))
-            .ends_with("holds no voxmap: give the file that one was saved to")
+        said(Voxmap::load(path("shell"))).ends_with("holds no voxmap: give what one was saved to")
     );
     assert!(
         said(PointShell::load(path("voxmap")))
-            .ends_with("holds no pointshell: give the file that one was saved to")
+            .ends_with("holds no pointshell: give what one was saved to")
     );
     assert!(said(Voxmap::load(path("none"))).contains("none: cannot be read"));
     assert!(said(Voxmap::load(folder.path())).contains("cannot be read"));
@@ -190,12 +189,19 @@ fn files_that_hold_no_part() {
     // Every bit of a file that is read is covered by a checksum: a changed or shorter file is
     // refused, but for the zeros between sections.
     let bytes = std::fs::read(path("voxmap")).unwrap();
+    assert_eq!(Voxmap::load(path("voxmap")).unwrap().to_bytes(), bytes);
+    assert_eq!(Voxmap::from_bytes(&bytes).unwrap().to_bytes(), bytes);
+    assert!(
+        said(PointShell::from_bytes(&bytes)).starts_with("baked part from bytes: holds no points")
+    );
     let mut refused = 0;
     for at in (0..bytes.len()).step_by(bytes.len() / 200) {
         let mut changed = bytes.clone();
         changed[at] ^= 0x40;
         std::fs::write(path("changed"), &changed).unwrap();
-        refused += u32::from(Voxmap::load(path("changed")).is_err());
+        let is_refused = Voxmap::load(path("changed")).is_err();
+        assert_eq!(Voxmap::from_bytes(&changed).is_err(), is_refused);
+        refused += u32::from(is_refused);
         std::fs::write(path("changed"), &bytes[..at]).unwrap();
         assert!(said(Voxmap::load(path("changed"))).contains("bake the part again"), "{at} bytes");
     }
