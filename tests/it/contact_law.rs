@@ -87,7 +87,8 @@ fn a_block_that_slides_is_dragged_by_its_friction_and_by_nothing_else() {
     let friction = "damping_ratio = 0.7\nfriction = { static = 0.3, dynamic = 0.25 }";
     let config = rig::rewritten("block-on-plane", &[("damping_ratio = 0.7", friction)]);
     let run = rig::run_ticks(&config, 3000);
-    let slides = &run.records[1500..3000];
+    // Until the hand slows down: then it holds with less.
+    let slides = &run.records[1500..2250];
     let across_n = mean(slides.iter().map(|record| record.output.command_device.force.x));
     let along_n = mean(slides.iter().map(|record| record.output.command_device.force.z));
     let share = -across_n / along_n;

@@ -5,19 +5,25 @@
 //! cone is reached (`static`), then gives way at the `dynamic` coefficient and is dragged along. A
 //! stretch that is not passed on is not forgotten either, so what stands on a slope does not creep.
 //!
+//! The step of the tool is implicit, and the cone holds at its end: which faces slide, and how hard
+//! each is pressed there, is found together with the step ([`Friction::over`]). A face that held
+//! within the step would hold any force.
+//!
 //! # Units and frames
 //! World axes, SI, wrenches about the centre of mass.
 //!
 //! # Source
 //! The tangential element that is stretched by increments and cut at the cone is that of discrete
 //! element methods (Cundall, Strack, "A discrete numerical model for granular assemblies", 1979);
-//! turning about the normal, the radius of a face and the common cone of both are ours.
+//! turning about the normal, the radius of a face and the common cone of both are ours. To cut at
+//! the end of an implicit step is the return mapping of plasticity (Simo, Hughes, "Computational
+//! inelasticity", 1998).
 
 use glam::{DMat3, DVec3};
 
 use super::params::FrictionParameters;
 use vps::contact::{FACES, ObstacleMotion, Patch};
-use vps::spatial::{Mat6, Pose, Wrench};
+use vps::spatial::{Mat6, Pose, Twist, Wrench};
 
 /// A face holds no more than this many times as stiffly along the wall as it presses into it.
 const MOST_TIMES_AS_STIFF: f64 = 10.0;
@@ -34,6 +40,32 @@ pub(super) struct FrictionWrench {
 impl FrictionWrench {
     /// Nothing rubs.
     pub(super) const ZERO: Self = Self { wrench: Wrench::ZERO, stiffness: Mat6::ZERO };
+
+    /// A step by one is a step by the other.
+    pub(super) fn is_near(&self, other: &Self) -> bool {
+        let is_near =
+            |one: f64, other: f64| (one - other).abs() <= NEAR * (one.abs() + other.abs());
+        let (one, two) = (self.stiffness.traces(), other.stiffness.traces());
+        let apart = self.wrench - other.wrench;
+        apart.force.length() <= NEAR * self.wrench.force.length()
+            && apart.torque.length() <= NEAR * self.wrench.torque.length()
+            && is_near(one.0, two.0)
+            && is_near(one.1, two.1)
+    }
+}
+
+/// Pulls that differ by less are the same.
+const NEAR: f64 = 1e-3;
+
+/// How a contact presses in a step.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Presses {
+    /// What the filter lets through of its force.
+    pub(super) shaped: f64,
+    /// By how much its stiffness counts against the velocity with which it leaves, s.
+    pub(super) held_s: f64,
+    /// Damping beyond that, of each face.
+    pub(super) damping_n_s_per_m: f64,
 }
 
 /// The element of one face.
@@ -47,6 +79,10 @@ struct Element {
     twist: f64,
     /// What it touches moved by in this tick.
     obstacle_motion: ObstacleMotion,
+    /// What presses it at the end of the step, N; `None` before the first one.
+    pressed_n: Option<f64>,
+    /// As it was found in this tick.
+    face: Option<Face>,
 }
 
 /// The elements of all faces, and where the tool was.
@@ -63,6 +99,46 @@ impl Friction {
         for (element, carried) in self.elements.iter_mut().zip(faces) {
             element.obstacle_motion = *carried;
         }
+    }
+
+    /// Notes what pressed each face in a step: what its depth pushed with at the end of the step,
+    /// `way` from where the contact was found, and its damping, at the velocity `leaves` against
+    /// what it touches. A tool that rocks on an edge is pushed by its depth, and held back by damping as it leaves:
+    /// friction that knew of the depth alone would be several times what the hand presses. RT:
+    /// safe, O(faces).
+    pub(super) fn press<'a>(
+        &mut self,
+        patches: impl Iterator<Item = &'a Patch>,
+        way: &ObstacleMotion,
+        leaves: Twist,
+        presses: &Presses,
+    ) {
+        self.elements.iter_mut().for_each(|element| element.pressed_n = Some(0.0));
+        for patch in patches {
+            let Some(element) = self.elements.get_mut(usize::from(patch.face)) else { continue };
+            let (normal, arm) = (patch.normal_world, patch.arm_world);
+            let way_m = normal.dot(way.linear + way.angular.cross(arm));
+            let speed = normal.dot(leaves.linear + leaves.angular.cross(arm));
+            let met_n = presses.shaped * (patch.force_n + patch.stiffness_n_per_m * way_m);
+            let held = patch.stiffness_n_per_m * presses.held_s + presses.damping_n_s_per_m;
+            element.pressed_n = Some((met_n - held * speed).max(0.0));
+        }
+    }
+
+    /// What the faces of this tick pull with over a step of this velocity against what they touch:
+    /// those that it stretches beyond their cone slide, with the cone of what presses them at its
+    /// end ([`Self::press`]). An implicit step that knew only that they hold would be held by any
+    /// force. RT: safe, O(faces).
+    pub(super) fn over(
+        &self,
+        leaves: Twist,
+        period_s: f64,
+        params: &FrictionParameters,
+    ) -> FrictionWrench {
+        let mut sum = FrictionWrench::ZERO;
+        let step = (leaves.linear * period_s, leaves.angular * period_s);
+        self.elements.iter().for_each(|element| element.over(step, params, &mut sum));
+        sum
     }
 
     /// One tick with the tool at `world_from_body`. `patches`: what touches now, one per face. RT:
@@ -124,34 +200,97 @@ impl Element {
         self.touches = true;
         self.stretch -= normal * self.stretch.dot(normal);
 
-        // An upright side, of which next to nothing presses, would stop the tool within the tick at
-        // the first touch.
-        let most = MOST_TIMES_AS_STIFF * patch.stiffness_n_per_m.max(0.0);
-        let stiffness = params.stiffness_n_per_m.min(most);
-        let about = stiffness * patch.radius_m * patch.radius_m;
-        let holds_n = patch.force_n * if self.slips { params.dynamic } else { params.r#static };
-        // One cone for both: a face that slides along turns easily, as a rotating floor polisher
-        // shows.
-        let load =
-            (stiffness * self.stretch).length().hypot(stiffness * patch.radius_m * self.twist);
-        self.slips = load > holds_n;
-        let share = if self.slips { patch.force_n * params.dynamic / load } else { 1.0 };
+        let pressed_n = core::mem::take(&mut self.pressed_n).unwrap_or(patch.force_n);
+        let face = Face::of(patch, params);
+        let share = face.share((self.stretch, self.twist), pressed_n, self.slips, params);
+        self.slips = share < 1.0;
         self.stretch *= share;
         self.twist *= share;
         // Pulled in one tick from one end of its elastic way through to the other: what balances
         // lies between both, where it is elastic. A step that knows of it only how it slides may go
         // to and fro between the ends for ever.
-        let has_turned_round =
-            stiffness * before.stretch.dot(self.stretch) + about * before.twist * self.twist < 0.0;
-        if self.slips && !has_turned_round {
+        let has_turned_round = face.stiffness_n_per_m * before.stretch.dot(self.stretch)
+            + face.about_nm_per_rad() * before.twist * self.twist
+            < 0.0;
+        let holds = if self.slips && !has_turned_round { share } else { 1.0 };
+        face.pull((self.stretch, self.twist), holds, sum);
+        self.face = Some(face);
+    }
+
+    /// Adds what the element pulls with in a step, so that at its end it pulls no harder than its
+    /// cone: see [`Friction::over`].
+    fn over(&self, step: (DVec3, DVec3), params: &FrictionParameters, sum: &mut FrictionWrench) {
+        let Some(face) = &self.face else { return };
+        let Patch { normal_world: normal, arm_world: arm, .. } = face.patch;
+        let (linear, angular) = step;
+        let way = linear + angular.cross(arm);
+        let stretch = self.stretch + way - normal * way.dot(normal);
+        let twist = self.twist + angular.dot(normal);
+        let pressed_n = self.pressed_n.unwrap_or(face.patch.force_n);
+        let share = face.share((stretch, twist), pressed_n, self.slips, params);
+        if share < 1.0 {
+            let mut slides = FrictionWrench::ZERO;
+            face.pull((stretch * share, twist * share), share, &mut slides);
+            let (force, torque) = slides.stiffness.mul(linear, angular);
+            // At the start of the step, so that it is this at the end.
+            sum.wrench = sum.wrench + slides.wrench + Wrench::new(force, torque);
+            sum.stiffness = sum.stiffness.plus_scaled(1.0, &slides.stiffness);
+        } else {
+            face.pull((self.stretch, self.twist), 1.0, sum);
+        }
+    }
+}
+
+/// A face that touches, and how stiffly it holds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Face {
+    patch: Patch,
+    stiffness_n_per_m: f64,
+}
+
+impl Face {
+    fn of(patch: &Patch, params: &FrictionParameters) -> Self {
+        // An upright side, of which next to nothing presses, would stop the tool within the tick at
+        // the first touch.
+        let most = MOST_TIMES_AS_STIFF * patch.stiffness_n_per_m.max(0.0);
+        Self { patch: *patch, stiffness_n_per_m: params.stiffness_n_per_m.min(most) }
+    }
+
+    fn about_nm_per_rad(&self) -> f64 {
+        self.stiffness_n_per_m * self.patch.radius_m * self.patch.radius_m
+    }
+
+    /// The part of a stretch that the cone leaves; 1 of what holds.
+    fn share(
+        &self,
+        (stretch, twist): (DVec3, f64),
+        pressed_n: f64,
+        slips: bool,
+        params: &FrictionParameters,
+    ) -> f64 {
+        let holds_n = pressed_n * if slips { params.dynamic } else { params.r#static };
+        // One cone for both: a face that slides along turns easily, as a rotating floor polisher
+        // shows.
+        let load = (self.stiffness_n_per_m * stretch)
+            .length()
+            .hypot(self.stiffness_n_per_m * self.patch.radius_m * twist);
+        if load > holds_n { pressed_n * params.dynamic / load } else { 1.0 }
+    }
+
+    /// Adds the pull of a stretch, and its stiffness: of one that slides, of which the cone left
+    /// `holds` of less than 1, that across its way.
+    fn pull(&self, (stretch, twist): (DVec3, f64), holds: f64, sum: &mut FrictionWrench) {
+        let stiffness = self.stiffness_n_per_m;
+        let Patch { normal_world: normal, arm_world: arm, radius_m, .. } = self.patch;
+        if holds < 1.0 {
             // A force that slides turns with the motion: across it resists like one that holds,
             // along it not at all. Without that a step that is made of forces and stiffnesses
             // throws the tool from one side of its way to the other.
-            for (way, turn) in across(self.stretch, self.twist * patch.radius_m, normal) {
+            for (way, turn) in across(stretch, twist * radius_m, normal) {
                 sum.stiffness.add_outer(
-                    stiffness * share,
+                    stiffness * holds,
                     way,
-                    arm.cross(way) + normal * (turn * patch.radius_m),
+                    arm.cross(way) + normal * (turn * radius_m),
                 );
             }
         } else {
@@ -161,10 +300,10 @@ impl Element {
                 // t tᵀ over the three columns of a projection is the projection.
                 sum.stiffness.add_outer(stiffness, column, arm.cross(column));
             }
-            sum.stiffness.add_outer(about, DVec3::ZERO, normal);
+            sum.stiffness.add_outer(self.about_nm_per_rad(), DVec3::ZERO, normal);
         }
-        let force = self.stretch * -stiffness;
-        let torque = arm.cross(force) - normal * (about * self.twist);
+        let force = stretch * -stiffness;
+        let torque = arm.cross(force) - normal * (self.about_nm_per_rad() * twist);
         sum.wrench = sum.wrench + Wrench::new(force, torque);
     }
 }

@@ -10,7 +10,7 @@ use super::constraint::{self, Pace, SLOP_VOXELS};
 use super::contact_damping;
 use super::coupling::{Body, Inertia, LinearContact, Spring, StepInput};
 use super::filter::{ShapingFilter, Slide};
-use super::friction::{Friction, FrictionWrench};
+use super::friction::{Friction, FrictionWrench, Presses};
 use super::limits::Ramp;
 use super::moving_obstacles::ALWAYS_VOXELS;
 use super::params::{CouplingMode, CouplingParameters, FreeSpace, Parameters};
@@ -31,6 +31,8 @@ const MOST_POINTS_PER_S: f64 = 2.0e6;
 
 /// Share of the squared frequency of turns that counts for the damping ratio.
 const TURNS_COUNT: f64 = 0.01;
+/// So often at most a step is taken again for faces that slide.
+const MOST_RUBS: usize = 8;
 
 /// What the arm feels of the tool: world axes, about the grip point.
 #[derive(Clone, Copy, Debug, Default)]
@@ -406,54 +408,78 @@ impl VirtualTool {
             (along / inertia.mass_kg).max(about / inertia.least_kg_m2).max(0.0).sqrt();
         let met = contact.wrench + pushed(&held, way);
         let wrench = self.shaped((contact, met), contact_rad_per_s, p);
-        // Friction is smooth by itself: it goes past the filter.
-        let stiffness = Mat6::ZERO
-            .plus_scaled(1.0 - self.filter.alpha(), &held)
-            .plus_scaled(1.0, &rubbing.stiffness);
         // Of what is stiff against turns alone, such as a tip that a dent holds, the turns count.
         let squared = (along / inertia.mass_kg).max(TURNS_COUNT * (about / inertia.least_kg_m2));
         let damping_s =
             if squared > 0.0 { 2.0 * p.contact.damping_ratio / squared.sqrt() } else { 0.0 };
-
-        // It acts at once, whatever the filter does to the force: at higher rates less and less of
-        // the stiffness acts within a tick.
-        let damping =
-            Mat6::ZERO.plus_scaled(damping_s, &held).plus_scaled(damping_s, &rubbing.stiffness);
-
         let pull =
             StepInput { spring, target_twist, weight, damping: coupled, period_s: p.period_s };
-        // What moves towards the tool will push by so much more at the end of the tick, and damping
-        // acts on the speed between both.
-        let wrench = wrench + rubbing.wrench + pushed(&stiffness, &contact.obstacle_motion);
         let ground = contact.obstacle_motion.over(p.period_s);
         let braking = brake.map(|brake| brake.damping(inertia.mass_kg, p.period_s));
-        let solve = |faces: &Mat6| {
-            let damping = damping.plus_scaled(1.0, faces);
-            let (force, torque) = damping.mul(ground.linear, ground.angular);
-            let contact = LinearContact {
-                wrench: wrench + Wrench::new(force, torque),
-                stiffness,
-                damping: braking.map_or(damping, |braking| damping.plus_scaled(1.0, &braking)),
+        let damping_n_s_per_m = p.contact.damping_n_s_per_m;
+        let step = |tool: &Self, rubbing: &FrictionWrench| {
+            // Friction is smooth by itself: it goes past the filter.
+            let stiffness = Mat6::ZERO
+                .plus_scaled(1.0 - tool.filter.alpha(), &held)
+                .plus_scaled(1.0, &rubbing.stiffness);
+            // It acts at once, whatever the filter does to the force: at higher rates less and less
+            // of the stiffness acts within a tick.
+            let damping =
+                Mat6::ZERO.plus_scaled(damping_s, &held).plus_scaled(damping_s, &rubbing.stiffness);
+            // What moves towards the tool will push by so much more at the end of the tick, and
+            // damping acts on the speed between both.
+            let wrench = wrench + rubbing.wrench + pushed(&stiffness, &contact.obstacle_motion);
+            let solve = |faces: &Mat6| {
+                let damping = damping.plus_scaled(1.0, faces);
+                let (force, torque) = damping.mul(ground.linear, ground.angular);
+                let contact = LinearContact {
+                    wrench: wrench + Wrench::new(force, torque),
+                    stiffness,
+                    damping: braking.map_or(damping, |braking| damping.plus_scaled(1.0, &braking)),
+                };
+                tool.body.step_implicit(&pull, &contact, inertia)
             };
-            self.body.step_implicit(&pull, &contact, inertia)
+            let undamped = solve(&Mat6::ZERO)?;
+            if contact.contacts == 0 || damping_n_s_per_m <= 0.0 {
+                return Some(undamped);
+            }
+            // As seen from what the faces touch, which may move.
+            let seen = contact_damping::damped(
+                contact.patches().map(|patch| {
+                    // At the start of the step, as the velocity is that from there on.
+                    let way =
+                        patch.normal_world.dot(way.linear + way.angular.cross(patch.arm_world));
+                    Patch { force_n: patch.force_n + patch.stiffness_n_per_m * way, ..*patch }
+                }),
+                damping_n_s_per_m,
+                p.period_s + damping_s,
+                undamped - ground,
+                |dampers| solve(dampers).map(|twist| twist - ground),
+            )?;
+            Some(seen + ground)
         };
-        let undamped = solve(&Mat6::ZERO)?;
-        if contact.contacts == 0 || p.contact.damping_n_s_per_m <= 0.0 {
-            return Some(undamped);
+        let squared_n2 = met.force.length_squared();
+        let presses = Presses {
+            shaped: if squared_n2 > 0.0 { wrench.force.dot(met.force) / squared_n2 } else { 0.0 },
+            held_s: (1.0 - self.filter.alpha()) * p.period_s + damping_s,
+            damping_n_s_per_m,
+        };
+        let mut rubbing = *rubbing;
+        let mut twist = step(self, &rubbing)?;
+        if !p.contact.friction.acts() {
+            return Some(twist);
         }
-        // As seen from what the faces touch, which may move.
-        let seen = contact_damping::damped(
-            contact.patches().map(|patch| {
-                // At the start of the step, as the velocity is that from there on.
-                let way = patch.normal_world.dot(way.linear + way.angular.cross(patch.arm_world));
-                Patch { force_n: patch.force_n + patch.stiffness_n_per_m * way, ..*patch }
-            }),
-            p.contact.damping_n_s_per_m,
-            p.period_s + damping_s,
-            undamped - ground,
-            |dampers| solve(dampers).map(|twist| twist - ground),
-        )?;
-        Some(seen + ground)
+        for _ in 0..MOST_RUBS {
+            let leaves = twist - ground;
+            self.friction.press(contact.patches(), way, leaves, &presses);
+            let over = self.friction.over(leaves, p.period_s, &p.contact.friction);
+            if over.is_near(&rubbing) {
+                break;
+            }
+            rubbing = over;
+            twist = step(self, &rubbing)?;
+        }
+        Some(twist)
     }
 
     /// The part of a contact's stiffness that holds the tool: over another an implicit step would

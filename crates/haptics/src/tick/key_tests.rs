@@ -336,8 +336,6 @@ fn account(p: &Parameters) -> Wrench {
             let met = contact.wrench + product(&stiffness, way);
             let shaped = before.unwrap_or(met) * alpha + met * (1.0 - alpha);
             filtered = (contact.contacts > 0).then_some(shaped);
-            let held = Mat6::ZERO.plus_scaled(1.0 - alpha, &stiffness).plus_scaled(1.0, &rubbing.1);
-            let damped = stiffness.plus_scaled(1.0, &rubbing.1);
             let damping_s = if along > 0.0 {
                 2.0 * p.contact.damping_ratio * (inertia.mass_kg / along).sqrt()
             } else {
@@ -353,42 +351,69 @@ fn account(p: &Parameters) -> Wrench {
             );
             let mass = Mat6::ZERO.plus_scaled(1.0 / period_s, &inertia_world);
             let weight = Wrench::new(p.gravity_m_per_s2 * inertia.mass_kg, DVec3::ZERO);
-            let pushes = product(&mass, twist)
-                + spring.0
-                + product(&damper, target_twist)
-                + weight
-                + shaped
-                + rubbing.0;
-            let solved = |faces: &Mat6| {
-                let (linear, angular) = mass
-                    .plus_scaled(1.0, &damper)
-                    .plus_scaled(period_s, &spring.1)
-                    .plus_scaled(period_s, &held)
-                    .plus_scaled(damping_s, &damped)
-                    .plus_scaled(1.0, faces)
-                    .solve_spd(pushes)
-                    .expect("positive definite");
-                Twist { linear, angular }
-            };
-            // A face that leaves is damped by no more than what it still presses with.
-            let undamped = solved(&Mat6::ZERO);
-            let mut faces = Mat6::ZERO;
-            for patch in contact.patches() {
-                let point = undamped.linear + undamped.angular.cross(patch.arm_world);
-                let leaves = point.dot(patch.normal_world);
-                let gives_way_n = (period_s + damping_s) * patch.stiffness_n_per_m * leaves;
-                let point = way.linear + way.angular.cross(patch.arm_world);
-                let pressed_n =
-                    patch.force_n + patch.stiffness_n_per_m * point.dot(patch.normal_world);
-                let most = if leaves > 0.0 {
-                    (pressed_n - gives_way_n).max(0.0) / leaves
-                } else {
-                    f64::INFINITY
+            let step = |rubbing: &(Wrench, Mat6)| {
+                let held =
+                    Mat6::ZERO.plus_scaled(1.0 - alpha, &stiffness).plus_scaled(1.0, &rubbing.1);
+                let damped = stiffness.plus_scaled(1.0, &rubbing.1);
+                let pushes = product(&mass, twist)
+                    + spring.0
+                    + product(&damper, target_twist)
+                    + weight
+                    + shaped
+                    + rubbing.0;
+                let solved = |faces: &Mat6| {
+                    let (linear, angular) = mass
+                        .plus_scaled(1.0, &damper)
+                        .plus_scaled(period_s, &spring.1)
+                        .plus_scaled(period_s, &held)
+                        .plus_scaled(damping_s, &damped)
+                        .plus_scaled(1.0, faces)
+                        .solve_spd(pushes)
+                        .expect("positive definite");
+                    Twist { linear, angular }
                 };
-                let moment = patch.arm_world.cross(patch.normal_world);
-                faces.add_outer(p.contact.damping_n_s_per_m.min(most), patch.normal_world, moment);
+                // A face that leaves is damped by no more than what it still presses with.
+                let undamped = solved(&Mat6::ZERO);
+                let mut faces = Mat6::ZERO;
+                for patch in contact.patches() {
+                    let point = undamped.linear + undamped.angular.cross(patch.arm_world);
+                    let leaves = point.dot(patch.normal_world);
+                    let gives_way_n = (period_s + damping_s) * patch.stiffness_n_per_m * leaves;
+                    let point = way.linear + way.angular.cross(patch.arm_world);
+                    let pressed_n =
+                        patch.force_n + patch.stiffness_n_per_m * point.dot(patch.normal_world);
+                    let most = if leaves > 0.0 {
+                        (pressed_n - gives_way_n).max(0.0) / leaves
+                    } else {
+                        f64::INFINITY
+                    };
+                    let moment = patch.arm_world.cross(patch.normal_world);
+                    faces.add_outer(
+                        p.contact.damping_n_s_per_m.min(most),
+                        patch.normal_world,
+                        moment,
+                    );
+                }
+                solved(&faces)
+            };
+            let mut rubbing = rubbing;
+            let mut twist = step(&rubbing);
+            let passes = if met.force.length() > 0.0 {
+                shaped.force.dot(met.force) / met.force.length_squared()
+            } else {
+                0.0
+            };
+            for _ in 0..8 {
+                let held_s = (1.0 - alpha) * period_s + damping_s;
+                rubs.press(contact, (way, twist), (passes, held_s, p.contact.damping_n_s_per_m));
+                let over = rubs.over(twist, period_s, &p.contact.friction);
+                if is_near(&over, &rubbing) {
+                    break;
+                }
+                rubbing = over;
+                twist = step(&rubbing);
             }
-            solved(&faces)
+            twist
         };
         let there = end(&first, Twist::ZERO);
         let way = Twist { linear: there.linear * period_s, angular: there.angular * period_s };
@@ -448,9 +473,79 @@ struct Rubs {
     stretch: DVec3,
     turned: f64,
     slips: bool,
+    /// Normal, arm, radius and force of the face.
+    face: Option<(DVec3, DVec3, f64, f64)>,
+    /// What presses it at the end of the step.
+    pressed_n: Option<f64>,
+}
+
+/// The same to a thousandth.
+fn is_near(one: &(Wrench, Mat6), other: &(Wrench, Mat6)) -> bool {
+    let apart = one.0 - other.0;
+    let differ = |a: f64, b: f64| (a - b).abs() > 1e-3 * (a.abs() + b.abs());
+    let ((along, about), (other_along, other_about)) = (one.1.traces(), other.1.traces());
+    apart.force.length() <= 1e-3 * one.0.force.length()
+        && apart.torque.length() <= 1e-3 * one.0.torque.length()
+        && !differ(along, other_along)
+        && !differ(about, other_about)
 }
 
 impl Rubs {
+    fn press(
+        &mut self,
+        contact: &ContactSum,
+        (way, twist): (Twist, Twist),
+        (passes, held_s, damping): (f64, f64, f64),
+    ) {
+        let along = |patch: &vps::contact::Patch, of: Twist| {
+            patch.normal_world.dot(of.linear + of.angular.cross(patch.arm_world))
+        };
+        self.pressed_n = Some(contact.patches().next().map_or(0.0, |patch| {
+            let k = patch.stiffness_n_per_m;
+            let met_n = passes * (patch.force_n + k * along(patch, way));
+            (met_n - (k * held_s + damping) * along(patch, twist)).max(0.0)
+        }));
+    }
+
+    /// Over a step: what the end of it is stretched by is cut by the cone.
+    fn over(&self, twist: Twist, period_s: f64, friction: &FrictionParameters) -> (Wrench, Mat6) {
+        let mut stiffness = Mat6::ZERO;
+        let Some((normal, arm, radius_m, force_n)) = self.face else {
+            return (Wrench::ZERO, stiffness);
+        };
+        let point = (twist.linear + twist.angular.cross(arm)) * period_s;
+        let ends = (
+            self.stretch + point - normal * normal.dot(point),
+            radius_m * (self.turned + period_s * twist.angular.dot(normal)),
+        );
+        let k = friction.stiffness_n_per_m;
+        let length = ends.0.length().hypot(ends.1);
+        let pressed_n = self.pressed_n.unwrap_or(force_n);
+        let most = if self.slips { friction.dynamic } else { friction.r#static };
+        let slides = k * length > most * pressed_n;
+        let share = if slides { friction.dynamic * pressed_n / (k * length) } else { 1.0 };
+        let one = normal.any_orthonormal_vector();
+        for along in [one, normal.cross(one)] {
+            stiffness.add_outer(k * share, along, arm.cross(along));
+        }
+        stiffness.add_outer(k * share, DVec3::ZERO, normal * radius_m);
+        let (stretch, turned_m) = if slides {
+            let along = ends.0 / length;
+            let moment = arm.cross(along) + normal * (ends.1 / length * radius_m);
+            stiffness.add_outer(-k * share, along, moment);
+            (ends.0 * share, ends.1 * share)
+        } else {
+            (self.stretch, self.turned * radius_m)
+        };
+        let force = stretch * -k;
+        let mut wrench = Wrench::new(force, arm.cross(force) - normal * (k * radius_m * turned_m));
+        if slides {
+            let way = Twist { linear: twist.linear * period_s, angular: twist.angular * period_s };
+            wrench = wrench + product(&stiffness, way);
+        }
+        (wrench, stiffness)
+    }
+
     fn tick(
         &mut self,
         contact: &ContactSum,
@@ -459,7 +554,10 @@ impl Rubs {
     ) -> (Wrench, Mat6) {
         let before = self.before.replace(body);
         let mut stiffness = Mat6::ZERO;
-        let Some(patch) = contact.patches().next() else { return (Wrench::ZERO, stiffness) };
+        let Some(patch) = contact.patches().next() else {
+            *self = Self { before: self.before, ..Self::default() };
+            return (Wrench::ZERO, stiffness);
+        };
         assert_eq!(contact.patches().count(), 1);
         let (normal, arm, radius_m) = (patch.normal_world, patch.arm_world, patch.radius_m);
         let old = (self.stretch, self.turned * radius_m);
@@ -472,8 +570,10 @@ impl Rubs {
         let k = friction.stiffness_n_per_m;
         let load_n = k * self.stretch.length().hypot(radius_m * self.turned);
         let most = if self.slips { friction.dynamic } else { friction.r#static };
-        self.slips = load_n > most * patch.force_n;
-        let share = if self.slips { friction.dynamic * patch.force_n / load_n } else { 1.0 };
+        let pressed_n = self.pressed_n.take().unwrap_or(patch.force_n);
+        self.face = Some((normal, arm, radius_m, patch.force_n));
+        self.slips = load_n > most * pressed_n;
+        let share = if self.slips { friction.dynamic * pressed_n / load_n } else { 1.0 };
         self.stretch *= share;
         self.turned *= share;
         // Two ways along the wall and the turn about its normal, as a length; sliding takes the
@@ -485,7 +585,7 @@ impl Rubs {
         stiffness.add_outer(k * share, DVec3::ZERO, normal * radius_m);
         let turns_m = self.turned * radius_m;
         let goes_on = old.0.dot(self.stretch) + old.1 * turns_m >= 0.0;
-        if self.slips {
+        if self.slips && share > 0.0 {
             assert!(goes_on, "it slides on");
             let length = self.stretch.length().hypot(turns_m);
             let along = self.stretch / length;
