@@ -103,9 +103,9 @@ impl Friction {
 
     /// Notes what pressed each face in a step: what its depth pushed with at the end of the step,
     /// `way` from where the contact was found, and its damping, at the velocity `leaves` against
-    /// what it touches. A tool that rocks on an edge is pushed by its depth, and held back by damping as it leaves:
-    /// friction that knew of the depth alone would be several times what the hand presses. RT:
-    /// safe, O(faces).
+    /// what it touches. A tool that rocks on an edge is pushed by its depth, and held back by
+    /// damping as it leaves: friction that knew of the depth alone would be several times what the
+    /// hand presses. RT: safe, O(faces).
     pub(super) fn press<'a>(
         &mut self,
         patches: impl Iterator<Item = &'a Patch>,

@@ -5,11 +5,11 @@
 //!
 //! So it is in closed pieces, however they touch, overlap or repeat each other. A triangle that was
 //! repeated or turned afterwards leaves a rest in its three edges, and no other triangle leaves it
-//! there. For edges with a rest that share vertices, the fewest changes are searched that leave none
-//! in any of them, and of these the ones with the least area; where that takes too many, those that
-//! take away the rest of one edge and leave none in the edges of what they change. What has a rest
-//! that few changes do not take away, as the rim of a hole, stays. In a file where no more than two triangles share
-//! an edge, their areas tell which are turned, and nothing is changed here.
+//! there. For edges with a rest that share vertices, the fewest changes are searched that leave
+//! none in any of them, and of these the ones with the least area; where that takes too many, those
+//! that take away the rest of one edge and leave none in the edges of what they change. What has a
+//! rest that few changes do not take away, as the rim of a hole, stays. In a file where no more than
+//! two triangles share an edge, their areas tell which are turned, and nothing is changed here.
 //!
 //! Cost: linear in the edges with a rest; [`MOST_STEPS`] bounds the search.
 //!
