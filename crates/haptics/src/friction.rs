@@ -68,15 +68,27 @@ pub(super) struct Presses {
     pub(super) damping_n_s_per_m: f64,
 }
 
+/// How far an element is stretched.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Stretch {
+    /// How far the material has gone along the wall, m.
+    along: DVec3,
+    /// How far it has turned about the normal, rad.
+    about: f64,
+}
+
+impl Stretch {
+    fn scaled(self, share: f64) -> Self {
+        Self { along: self.along * share, about: self.about * share }
+    }
+}
+
 /// The element of one face.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Element {
     touches: bool,
     slips: bool,
-    /// How far the material has gone along the wall, m.
-    stretch: DVec3,
-    /// How far it has turned about the normal, rad.
-    twist: f64,
+    stretch: Stretch,
     /// What it touches moved by in this tick.
     obstacle_motion: ObstacleMotion,
     /// What presses it at the end of the step, N; `None` before the first one.
@@ -136,7 +148,7 @@ impl Friction {
         params: &FrictionParameters,
     ) -> FrictionWrench {
         let mut sum = FrictionWrench::ZERO;
-        let step = (leaves.linear * period_s, leaves.angular * period_s);
+        let step = Twist { linear: leaves.linear * period_s, angular: leaves.angular * period_s };
         self.elements.iter().for_each(|element| element.over(step, params, &mut sum));
         sum
     }
@@ -192,52 +204,63 @@ impl Element {
         if self.touches {
             // Small steps: the tool moves less than a voxel and a degree in a tick.
             let turned = turned - carried.angular;
-            self.stretch += moved_center - carried.linear
+            self.stretch.along += moved_center - carried.linear
                 + turned.cross(arm)
-                + carried.angular.cross(self.stretch);
-            self.twist += turned.dot(normal);
+                + carried.angular.cross(self.stretch.along);
+            self.stretch.about += turned.dot(normal);
         }
         self.touches = true;
-        self.stretch -= normal * self.stretch.dot(normal);
+        self.stretch.along -= normal * self.stretch.along.dot(normal);
 
         let pressed_n = core::mem::take(&mut self.pressed_n).unwrap_or(patch.force_n);
         let face = Face::of(patch, params);
-        let share = face.share((self.stretch, self.twist), pressed_n, self.slips, params);
+        let share = face.share(
+            self.stretch,
+            self.coefficient(params) * pressed_n,
+            params.dynamic * pressed_n,
+        );
         self.slips = share < 1.0;
-        self.stretch *= share;
-        self.twist *= share;
+        self.stretch = self.stretch.scaled(share);
         // Pulled in one tick from one end of its elastic way through to the other: what balances
         // lies between both, where it is elastic. A step that knows of it only how it slides may go
         // to and fro between the ends for ever.
-        let has_turned_round = face.stiffness_n_per_m * before.stretch.dot(self.stretch)
-            + face.about_nm_per_rad() * before.twist * self.twist
+        let has_turned_round = face.stiffness_n_per_m
+            * before.stretch.along.dot(self.stretch.along)
+            + face.about_nm_per_rad() * before.stretch.about * self.stretch.about
             < 0.0;
         let holds = if self.slips && !has_turned_round { share } else { 1.0 };
-        face.pull((self.stretch, self.twist), holds, sum);
+        face.pull(self.stretch, holds, sum);
         self.face = Some(face);
     }
 
     /// Adds what the element pulls with in a step, so that at its end it pulls no harder than its
     /// cone: see [`Friction::over`].
-    fn over(&self, step: (DVec3, DVec3), params: &FrictionParameters, sum: &mut FrictionWrench) {
+    fn over(&self, step: Twist, params: &FrictionParameters, sum: &mut FrictionWrench) {
         let Some(face) = &self.face else { return };
         let Patch { normal_world: normal, arm_world: arm, .. } = face.patch;
-        let (linear, angular) = step;
-        let way = linear + angular.cross(arm);
-        let stretch = self.stretch + way - normal * way.dot(normal);
-        let twist = self.twist + angular.dot(normal);
+        let way = step.linear + step.angular.cross(arm);
+        let ends = Stretch {
+            along: self.stretch.along + way - normal * way.dot(normal),
+            about: self.stretch.about + step.angular.dot(normal),
+        };
         let pressed_n = self.pressed_n.unwrap_or(face.patch.force_n);
-        let share = face.share((stretch, twist), pressed_n, self.slips, params);
+        let share =
+            face.share(ends, self.coefficient(params) * pressed_n, params.dynamic * pressed_n);
         if share < 1.0 {
             let mut slides = FrictionWrench::ZERO;
-            face.pull((stretch * share, twist * share), share, &mut slides);
-            let (force, torque) = slides.stiffness.mul(linear, angular);
+            face.pull(ends.scaled(share), share, &mut slides);
+            let (force, torque) = slides.stiffness.mul(step.linear, step.angular);
             // At the start of the step, so that it is this at the end.
             sum.wrench = sum.wrench + slides.wrench + Wrench::new(force, torque);
             sum.stiffness = sum.stiffness.plus_scaled(1.0, &slides.stiffness);
         } else {
-            face.pull((self.stretch, self.twist), 1.0, sum);
+            face.pull(self.stretch, 1.0, sum);
         }
+    }
+
+    /// That up to which it holds: once it slides, the one at which it slides.
+    fn coefficient(&self, params: &FrictionParameters) -> f64 {
+        if self.slips { params.dynamic } else { params.r#static }
     }
 }
 
@@ -260,33 +283,27 @@ impl Face {
         self.stiffness_n_per_m * self.patch.radius_m * self.patch.radius_m
     }
 
-    /// The part of a stretch that the cone leaves; 1 of what holds.
-    fn share(
-        &self,
-        (stretch, twist): (DVec3, f64),
-        pressed_n: f64,
-        slips: bool,
-        params: &FrictionParameters,
-    ) -> f64 {
-        let holds_n = pressed_n * if slips { params.dynamic } else { params.r#static };
+    /// The part of a stretch that is left where it pulls harder than `holds_n`: that which pulls
+    /// with `slides_n`; 1 of what holds.
+    fn share(&self, stretch: Stretch, holds_n: f64, slides_n: f64) -> f64 {
         // One cone for both: a face that slides along turns easily, as a rotating floor polisher
         // shows.
-        let load = (self.stiffness_n_per_m * stretch)
+        let load = (self.stiffness_n_per_m * stretch.along)
             .length()
-            .hypot(self.stiffness_n_per_m * self.patch.radius_m * twist);
-        if load > holds_n { pressed_n * params.dynamic / load } else { 1.0 }
+            .hypot(self.stiffness_n_per_m * self.patch.radius_m * stretch.about);
+        if load > holds_n { slides_n / load } else { 1.0 }
     }
 
     /// Adds the pull of a stretch, and its stiffness: of one that slides, of which the cone left
     /// `holds` of less than 1, that across its way.
-    fn pull(&self, (stretch, twist): (DVec3, f64), holds: f64, sum: &mut FrictionWrench) {
+    fn pull(&self, stretch: Stretch, holds: f64, sum: &mut FrictionWrench) {
         let stiffness = self.stiffness_n_per_m;
         let Patch { normal_world: normal, arm_world: arm, radius_m, .. } = self.patch;
         if holds < 1.0 {
             // A force that slides turns with the motion: across it resists like one that holds,
             // along it not at all. Without that a step that is made of forces and stiffnesses
             // throws the tool from one side of its way to the other.
-            for (way, turn) in across(stretch, twist * radius_m, normal) {
+            for (way, turn) in across(stretch.along, stretch.about * radius_m, normal) {
                 sum.stiffness.add_outer(
                     stiffness * holds,
                     way,
@@ -302,8 +319,8 @@ impl Face {
             }
             sum.stiffness.add_outer(self.about_nm_per_rad(), DVec3::ZERO, normal);
         }
-        let force = stretch * -stiffness;
-        let torque = arm.cross(force) - normal * (self.about_nm_per_rad() * twist);
+        let force = stretch.along * -stiffness;
+        let torque = arm.cross(force) - normal * (self.about_nm_per_rad() * stretch.about);
         sum.wrench = sum.wrench + Wrench::new(force, torque);
     }
 }

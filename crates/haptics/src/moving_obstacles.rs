@@ -9,8 +9,8 @@
 //!   than half of what lies between it and the tool; a quarter of a voxel is always allowed. What
 //!   it may go was taken off the tool's step limit the tick before, so that what the two do
 //!   together still cannot be missed;
-//! - while force flows it presses no deeper into the tool than `WAIT_VOXELS`: a tool that is jammed,
-//!   or an arm that will not give way, makes it wait, slowing down smoothly. Nothing is passed
+//! - while force flows it presses no deeper into the tool than `WAIT_VOXELS`: a tool that is
+//!   jammed, or an arm that will not give way, makes it wait, slowing down smoothly. Nothing is passed
 //!   through, and it goes on when its way is free. Along its own face it goes on.
 //!
 //! # Source

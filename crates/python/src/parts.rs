@@ -183,8 +183,8 @@ impl Voxmap {
     /// progress: called with the name of each stage ("surface", "fill", "layers", "distance")
     /// before it begins. An exception that it raises, or Ctrl-C, is raised at once; threads go on
     /// until the current stage is over. Warns with each sentence of `warnings`. Raises
-    /// InvalidInput: an option out of range, more voxels than memory holds. Cost: time and memory follow layers x area / voxel size²; all processors; the
-    /// same bits for any number of threads.
+    /// InvalidInput: an option out of range, more voxels than memory holds. Cost: time and memory
+    /// follow layers x area / voxel size²; all processors; the same bits for any number of threads.
     #[staticmethod]
     #[pyo3(signature = (mesh, voxel_size_m, *, layers = 8, progress = None))]
     fn bake(

@@ -152,8 +152,8 @@ impl ContactQuery {
     /// derivative of the contact's energy by x = (translation, m, rotation vector, rad, about the
     /// origin of the shell's mesh frame), axes of the voxmap's mesh frame. Symmetric; its rows are
     /// −∂force/∂x, N/m and N, and −∂torque/∂x, N and N·m, where the part that turns give the torque
-    /// is taken symmetric. Convex contact has directions of negative stiffness: it pivots away. Cost:
-    /// as [`Self::wrench`].
+    /// is taken symmetric. Convex contact has directions of negative stiffness: it pivots away.
+    /// Cost: as [`Self::wrench`].
     ///
     /// # Errors
     /// [`Error::Pose`].

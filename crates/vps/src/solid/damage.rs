@@ -8,8 +8,8 @@
 //! there. For edges with a rest that share vertices, the fewest changes are searched that leave
 //! none in any of them, and of these the ones with the least area; where that takes too many, those
 //! that take away the rest of one edge and leave none in the edges of what they change. What has a
-//! rest that few changes do not take away, as the rim of a hole, stays. In a file where no more than
-//! two triangles share an edge, their areas tell which are turned, and nothing is changed here.
+//! rest that few changes do not take away, as the rim of a hole, stays. In a file where no more
+//! than two triangles share an edge, their areas tell which are turned, and nothing is changed here.
 //!
 //! Cost: linear in the edges with a rest; [`MOST_STEPS`] bounds the search.
 //!
