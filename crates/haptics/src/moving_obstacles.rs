@@ -10,8 +10,8 @@
 //!   it may go was taken off the tool's step limit the tick before, so that what the two do
 //!   together still cannot be missed;
 //! - while force flows it presses no deeper into the tool than `WAIT_VOXELS`: a tool that is
-//!   jammed, or an arm that will not give way, makes it wait, slowing down smoothly. Nothing is passed
-//!   through, and it goes on when its way is free. Along its own face it goes on.
+//!   jammed, or an arm that will not give way, makes it wait, slowing down smoothly. Nothing is
+//!   passed through, and it goes on when its way is free. Along its own face it goes on.
 //!
 //! # Source
 //! Ours.
