@@ -154,14 +154,21 @@ class Page:
             raise RuntimeError(f"{script}: {answer['exceptionDetails']}")
         return answer["result"].get("value")
 
-    def wait(self, script, timeout_s=90):
-        """Waits until an expression is true, and returns its value."""
+    def becomes(self, script, timeout_s):
+        """The value of an expression once it is true; None if it does not become so."""
         end = time.monotonic() + timeout_s
         while time.monotonic() < end:
             if value := self.run(script):
                 return value
             time.sleep(0.05)
-        raise AssertionError(f"waited {timeout_s} s for: {script}")
+        return None
+
+    def wait(self, script, timeout_s=90):
+        """Waits until an expression is true, and returns its value."""
+        value = self.becomes(script, timeout_s)
+        if value is None:
+            raise AssertionError(f"waited {timeout_s} s for: {script}\nthe page says: {self.run(SAID)}")
+        return value
 
     def press(self, key, shift=False):
         """One key, as a keyboard sends it."""
@@ -183,13 +190,14 @@ class Page:
             self.call("Input.dispatchKeyEvent", type=kind, key="z", code="KeyZ", modifiers=modifiers, windowsVirtualKeyCode=90)
 
     def click(self, selector):
-        """A real click in the middle of an element."""
-        x, y = self.run(
-            f"(() => {{ const e = document.querySelector({json.dumps(selector)}); e.scrollIntoView({{block: 'nearest'}});"
-            " const r = e.getBoundingClientRect(); return [r.x + r.width / 2, r.y + r.height / 2]; })()"
-        )
-        for kind in ("mousePressed", "mouseReleased"):
-            self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+        """A real click in the middle of an element, once that stands still; again where it has moved away between the press and the release."""
+        for _ in range(5):
+            x, y = self.run(AT_REST % json.dumps(selector))
+            for kind in ("mousePressed", "mouseReleased"):
+                self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+            if self.run("window.wasClicked?.() ?? true"):
+                return
+        raise AssertionError(f"{selector} moved away from five clicks")
 
     def drag(self, start, end):
         """The mouse from one point to another with its button down."""
@@ -315,6 +323,26 @@ class Page:
 
 
 KEYS = {"Tab": 9, "Enter": 13, "Escape": 27, " ": 32, "ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40, "Home": 36, "End": 35}
+
+# Where the middle of an element is once it has been there for two frames; `wasClicked()` says whether it had a click since, and is gone with the page.
+AT_REST = """new Promise((done) => {
+  const e = document.querySelector(%s);
+  e.scrollIntoView({ block: "nearest" });
+  const middle = () => { const r = e.getBoundingClientRect(); return [r.x + r.width / 2, r.y + r.height / 2]; };
+  const look = (before) => requestAnimationFrame(() => {
+    const now = middle();
+    if (now.join() !== before.join()) return look(now);
+    let clicked = false;
+    document.addEventListener("click", ({ target }) => { clicked ||= e.contains(target); }, { capture: true, once: true });
+    window.wasClicked = () => clicked;
+    done(now);
+  });
+  look(middle());
+})"""
+
+# For whoever reads why a test failed.
+SAID = """["state-word", "state-note", "toasts", "events", "clay-idle", "clay-off", "clay-busy"]
+  .map((id) => `${id}: ${document.getElementById(id)?.textContent.trim() ?? ""}`).join("; ")"""
 
 # The arrow is lit like all else: what stays is the order and the ratio of its channels.
 DIFFERENCE = """(async () => {

@@ -6,6 +6,7 @@ import pathlib
 import shutil
 import tempfile
 import threading
+import time
 import unittest
 
 from chromium import Chromium
@@ -98,3 +99,20 @@ class PageCase(unittest.TestCase):
         page.wait(VIEW_IS_READY)
         page.wait(f"{WORD} === 'Enabled'")
         return page
+
+    def hold(self, run, page, begin, end):
+        """Holds the clay, and again where that has ended by itself: a page that a busy machine keeps waiting is let go, as it should be."""
+        for _ in range(6):
+            page.wait("!document.querySelector('#clay-hold').matches(':disabled')")
+            begin()
+            until = time.monotonic() + 10
+            while time.monotonic() < until:
+                if run.get("clay")["is_held"]:
+                    return
+                time.sleep(0.05)
+            end()
+        self.fail("the clay is not held")
+
+    def hold_by_key(self, run, page):
+        page.run("document.querySelector('#clay-hold').focus()")
+        self.hold(run, page, lambda: page.hold_key(" ", True), lambda: page.hold_key(" ", False))

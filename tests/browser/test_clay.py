@@ -356,10 +356,7 @@ class ClayTest(PageCase):
         version = run.get("clay")["version"]
         page.click("#clay-crafts button[value=emboss]")
         page.wait("document.querySelector('#clay-crafts button[value=emboss]').getAttribute('aria-pressed') === 'true'")
-        page.run("document.querySelector('#clay-hold').focus()")
-        page.hold_key(" ", True)
-        page.wait("document.querySelector('#clay-hold').getAttribute('aria-pressed') === 'true'")
-        page.wait("fetch('/api/v1/clay').then((r) => r.json()).then(({ is_held }) => is_held)")
+        self.hold_by_key(run, page)
         page.hold_key(" ", False)
         page.wait("document.querySelector('#clay-undo').textContent === 'Undo (1)'")
         page.wait("window.sentWords > 0")

@@ -30,6 +30,8 @@ LONGEST_STANDSTILL_MS = """new Promise((done) => {
 })"""
 
 
+IS_FREE = "fetch('/api/v1/clay').then((r) => r.json()).then(({ is_held }) => !is_held)"
+
 # Rounded corners of the buttons over a picture are blended anew for each, and not always to the last bit of 255.
 ROUNDING = 2
 
@@ -330,15 +332,8 @@ class PageTest(PageCase):
         return run, page
 
     def choose(self, run, page, craft):
-        # Lines of the panel come and go with the facts: on a slow machine a press and its release may meet two places.
-        for timeout_s in (15, 15, 60):
-            page.click(f"#clay-crafts button[value={craft}]")
-            try:
-                page.wait(f"document.querySelector('#clay-crafts button[value={craft}]').getAttribute('aria-pressed') === 'true'", timeout_s)
-                break
-            except AssertionError:
-                if timeout_s == 60:
-                    raise
+        page.click(f"#clay-crafts button[value={craft}]")
+        page.wait(f"document.querySelector('#clay-crafts button[value={craft}]').getAttribute('aria-pressed') === 'true'")
         self.assertEqual(run.get("clay")["craft"], craft)
 
     def test_clay_is_drawn(self):
@@ -403,10 +398,7 @@ class PageTest(PageCase):
         self.assertTrue(page.run("document.querySelector('#clay-hold').matches(':disabled')"), "there is nothing to hold")
         self.choose(run, page, "emboss")
         before = run.get("clay")
-        page.run("document.querySelector('#clay-hold').focus()")
-        page.hold_key(" ", True)
-        page.wait("document.querySelector('#clay-hold').getAttribute('aria-pressed') === 'true'")
-        page.wait("fetch('/api/v1/clay').then((r) => r.json()).then(({ is_held }) => is_held)")
+        self.hold_by_key(run, page)
         page.hold_key(" ", False)
         page.wait("document.querySelector('#clay-undo').textContent === 'Undo (1)'")
         after = run.get("clay")
@@ -423,13 +415,11 @@ class PageTest(PageCase):
         # Force off lets go, and so does a page that hangs; neither holds again by itself.
         for silence in (lambda: page.press("Escape"), lambda: page.run("(() => { const until = performance.now() + 2500; while (performance.now() < until); })()")):
             self.choose(run, page, "pull")
-            page.run("document.querySelector('#clay-hold').focus()")
-            page.hold_key(" ", True)
-            page.wait("fetch('/api/v1/clay').then((r) => r.json()).then(({ is_held }) => is_held)")
+            self.hold_by_key(run, page)
             silence()
             page.wait("document.querySelector('#clay-hold').getAttribute('aria-pressed') === 'false'")
             # The page says so at once, and the server when it has heard of it.
-            page.wait("fetch('/api/v1/clay').then((r) => r.json()).then(({ is_held }) => !is_held)")
+            page.wait(IS_FREE)
             page.hold_key(" ", False)
             if page.run(WORD) != "Enabled":
                 page.click("#enable")
@@ -438,17 +428,17 @@ class PageTest(PageCase):
         # Gone in the middle of it.
         gone = self.browser.open(run.url)
         gone.wait("!document.querySelector('#clay-hold').disabled && document.querySelector('#clay-facts').textContent !== ''")
-        gone.run("document.querySelector('#clay-hold').focus()")
-        gone.hold_key(" ", True)
-        page.wait("fetch('/api/v1/clay').then((r) => r.json()).then(({ is_held }) => is_held)")
+        self.hold_by_key(run, gone)
         gone.close()
-        page.wait("fetch('/api/v1/clay').then((r) => r.json()).then(({ is_held }) => !is_held)")
+        page.wait(IS_FREE)
 
     def test_clay_is_saved(self):
         run, page = self.sculpt()
         folder = self.folder / "state" / "hapticd" / "clay"
+        # Files of its own, however often it is played in this folder.
+        played = time.monotonic_ns()
         for kind, ending, begins in (("points", "ply", b"ply"), ("session", "session", b""), ("export", "ply", b"ply")):
-            name = f"ball-{kind}"
+            name = f"ball-{played}-{kind}"
             page.run(f"document.querySelector('#clay-file').value = '{name}'")
             page.click(f"#clay-save button[value={kind}]")
             page.wait(f"document.querySelector('#clay-saved').textContent.includes('{name}.{ending}')")
@@ -522,36 +512,31 @@ class PageTest(PageCase):
         page.wait(f"{WORD} === 'Enabled'")
 
         self.choose(run, page, "pull")
-        held = "fetch('/api/v1/clay').then((r) => r.json()).then(({ is_held }) => is_held)"
-        page.wait("!document.querySelector('#clay-hold').matches(':disabled')")
         at = page.middle_of("#clay-hold")
+        finger = lambda: page.touch("Start", at), lambda: page.touch("End")
         fell_silent = "document.querySelector('#events').textContent.split('fell silent').length - 1"
-        # A page that a busy machine keeps waiting for half a second may let go by itself, and the server lets go what it hears nothing of for a second, as they
-        # should: then, and only then, the finger tries again.
         for _ in range(6):
             times = page.run(fell_silent)
-            page.touch("Start", at)
-            page.wait(held)
+            self.hold(run, page, *finger)
             # Longer than a menu takes to come up, and off the button: a finger that slips still holds.
             page.touch("Move", (at[0] + 30, at[1] - 60))
             stood_still_ms = page.run(LONGEST_STANDSTILL_MS)
-            is_held = page.run(held)
+            is_held = run.get("clay")["is_held"]
+            # A page that stood still, or a server that did, may have let go.
             if is_held or (stood_still_ms < 500 and page.run(fell_silent) == times):
                 break
             page.touch("End")
-            page.wait(f"{held}.then((is) => !is)")
+            page.wait(IS_FREE)
         self.assertTrue(is_held, f"the page stood still for {stood_still_ms} ms")
         page.touch("End")
-        page.wait(f"{held}.then((is) => !is)")
-        page.pen("mousePressed", at)
-        page.wait(held)
+        page.wait(IS_FREE)
+        self.hold(run, page, lambda: page.pen("mousePressed", at), lambda: page.pen("mouseReleased", at))
         page.pen("mouseReleased", at)
-        page.wait(f"{held}.then((is) => !is)")
+        page.wait(IS_FREE)
         # The system takes the finger away.
-        page.touch("Start", at)
-        page.wait(held)
+        self.hold(run, page, *finger)
         page.touch("Cancel")
-        page.wait(f"{held}.then((is) => !is)")
+        page.wait(IS_FREE)
 
     def test_clay_says_why_nothing_can_be_done(self):
         run, page = self.sculpt()

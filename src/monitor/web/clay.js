@@ -65,8 +65,10 @@ export class Clay {
     this.keptIn = "";
     /** @type {?number} timer of the signs of life */
     this.beating = null;
-    /** When the last hold of this page ended, ms of this page. */
-    this.heldUntil = -Infinity;
+    /** The last question whose answer may still be about a hold of this page; endless until the server has heard of its end. */
+    this.heldUntil = 0;
+    /** Counts holds: what the server says of the end of an earlier one is not about the next. */
+    this.holds = 0;
     this.rows = { brush: this.#row("brush"), depth: this.#row("depth") };
     byId("clay-settings").replaceChildren(this.rows.brush.root, this.rows.depth.root);
     this.material = new Material((painted) => this.#take({ painted }));
@@ -237,8 +239,7 @@ export class Clay {
   get #idle() {
     if (!CRAFTS[this.facts.craft]?.isHeld) return "This tool works without Hold.";
     if (!FORCE.includes(this.standing.phase)) return "Hold does nothing while no force flows: Enable first.";
-    // Facts may still be about a hold of this page.
-    const isOurs = this.isHolding || performance.now() - this.heldUntil < 2 * FACTS_EVERY_MS;
+    const isOurs = this.isHolding || this.answered <= this.heldUntil;
     return this.facts.is_held && !isOurs ? "Another client holds the clay." : "";
   }
 
@@ -344,6 +345,7 @@ export class Clay {
   /** As if the arm's first button were held. */
   async hold() {
     if (this.isHolding || byId("clay-hold").matches(":disabled")) return;
+    this.holds += 1;
     byId("clay-hold").setAttribute("aria-pressed", "true");
     this.beating = setInterval(() => this.link.send("ping").catch(() => {}), BEAT_MS);
     try {
@@ -360,10 +362,16 @@ export class Clay {
     if (!this.isHolding) return;
     clearInterval(this.beating);
     this.beating = null;
-    this.heldUntil = performance.now();
     byId("clay-hold").setAttribute("aria-pressed", "false");
+    const { holds } = this;
+    const isHeard = () => {
+      if (holds === this.holds) this.heldUntil = this.asked;
+      this.#allow();
+    };
+    if (!isTold) return isHeard();
+    this.heldUntil = Infinity;
     this.#allow();
-    if (isTold) this.link.send("clay_hold", { held: false }).catch((error) => say(words(error)));
+    this.link.send("clay_hold", { held: false }).catch((error) => say(words(error))).finally(isHeard);
   }
 }
 
