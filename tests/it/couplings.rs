@@ -190,6 +190,13 @@ impl Outcome {
             is_loose || self.last.energy_j > 0.0,
             "{what}: a hand that leans on a spring has put energy into it: {self}"
         );
+        // What is published of the contact is what the hand feels of it; `direct` makes it softer.
+        let (published, felt) = (self.last.contact_world, self.last.commanded_device);
+        assert!(
+            coupling.mode == CouplingMode::Direct
+                || (published.force - felt.force).length() < 0.02 + 0.02 * felt.force.length(),
+            "{what}: contact {published:?}, felt {felt:?}"
+        );
         let voxel_m = 5e-4;
         match coupling.mode {
             // Never sinks in, however hard it is pressed: a tenth of a voxel, and a voxel's half

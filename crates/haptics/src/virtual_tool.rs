@@ -339,6 +339,10 @@ impl VirtualTool {
             (self.body.twist.angular - target_twist.angular) * coupling.felt_damping_nm_s_per_rad,
         );
         let pulling = spring(self.body.pose);
+        if coupling.mode == CouplingMode::Constraint && contact.contacts > 0 {
+            // Planes hold a tool without mass with what pulls it.
+            contact.wrench = (pulling.wrench + Wrench::new(weight, DVec3::ZERO)) * -1.0;
+        }
         let felt = damper - pulling.wrench;
         let felt = match coupling.free_space {
             FreeSpace::Drag => felt,
