@@ -9,7 +9,9 @@ use std::time::Instant;
 use clap::ValueEnum;
 use serde::Serialize;
 
-pub(super) use self::figures::{accuracy_text, clay_text, overlap_text, print_json, report_text};
+pub(super) use self::figures::{
+    accuracy_text, clay_text, overlap_text, press_fit_text, print_json, report_text,
+};
 
 use self::figures::peak_rss_bytes;
 use self::mesh::bake_mesh;
@@ -191,7 +193,7 @@ fn bake_scene(args: &Args, output: OutputOptions) -> Result<(), CliError> {
         if let Some(clay) = &clay {
             output::result(format_args!("{}", clay_text(clay)));
         }
-        if let Some(text) = overlap_text(&reports) {
+        if let Some(text) = overlap_text(&reports, &config) {
             output::result(format_args!("{text}\n"));
         }
         output::result(format_args!(

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use super::bake::accuracy_text;
+use super::bake::{accuracy_text, press_fit_text};
 use super::memory::scarce_text;
 use super::{OutputOptions, output, report};
 use crate::config::scene::{ClaySource, MeshSource, SculptConfig};
@@ -41,6 +41,8 @@ struct Checked {
     summary: Option<String>,
     /// What the triangles of each part show, of a scene that is sound.
     parts: Vec<PartFigures>,
+    /// What goes in though it is too large, of a scene that is sound.
+    press_fit: Option<String>,
     findings: Vec<Finding>,
     exit: Exit,
 }
@@ -97,7 +99,11 @@ fn check(file: &Path) -> Checked {
     let mut warnings = Vec::new();
     let mut parts = Vec::new();
     match check_scene(file, &mut warnings, &mut parts) {
-        Ok(config) => Checked { parts, ..Checked::sound("scene", summary(&config), warnings) },
+        Ok(config) => Checked {
+            parts,
+            press_fit: press_fit_text(&config),
+            ..Checked::sound("scene", summary(&config), warnings)
+        },
         Err(error) => Checked::refused("scene", warnings, &error),
     }
 }
@@ -178,7 +184,8 @@ fn check_scene(
 
 impl Checked {
     fn sound(kind: &'static str, summary: String, findings: Vec<Finding>) -> Self {
-        Self { kind, summary: Some(summary), parts: Vec::new(), findings, exit: Exit::Ok }
+        let (parts, press_fit) = (Vec::new(), None);
+        Self { kind, summary: Some(summary), parts, press_fit, findings, exit: Exit::Ok }
     }
 
     fn refused(kind: &'static str, mut findings: Vec<Finding>, error: &PrepareError) -> Self {
@@ -194,7 +201,8 @@ impl Checked {
                 ..Finding::default()
             }),
         }
-        Self { kind, summary: None, parts: Vec::new(), findings, exit: report::prepare_exit(error) }
+        let (parts, press_fit) = (Vec::new(), None);
+        Self { kind, summary: None, parts, press_fit, findings, exit: report::prepare_exit(error) }
     }
 
     fn print(&self, output: OutputOptions) {
@@ -212,6 +220,9 @@ impl Checked {
                     output::result(format_args!("  {}: {text}\n", one_line(&part.name)));
                 }
             }
+            if let Some(press_fit) = &self.press_fit {
+                output::result(format_args!("  {press_fit}\n"));
+            }
         }
     }
 
@@ -223,6 +234,7 @@ impl Checked {
             "exit_code": self.exit as u8,
             "summary": self.summary,
             "parts": self.parts.iter().map(PartFigures::json).collect::<Vec<_>>(),
+            "press_fit": self.press_fit,
             "problems": self.findings.iter().map(Finding::json).collect::<Vec<_>>(),
         })
     }

@@ -103,7 +103,7 @@ pub(crate) fn main(
         });
         let (prepared, reports) = prepared?;
         figures.replace(prepared.attached.as_ref().and_then(|attached| attached.link.clone()));
-        tell_of_bake(&prepared, &reports, output);
+        tell_of_bake(&prepared, &reports, &config, output);
         baked_s.set(since_start_s(monotonic_ns()));
         Ok((prepared, reports))
     };
@@ -215,9 +215,14 @@ fn check_operator(
 }
 
 /// Says what there is to know of what was baked.
-fn tell_of_bake(prepared: &Prepared, reports: &[ObjectReport], output: OutputOptions) {
+fn tell_of_bake(
+    prepared: &Prepared,
+    reports: &[ObjectReport],
+    config: &SceneConfig,
+    output: OutputOptions,
+) {
     report::bake_warnings(reports, output);
-    if let Some(text) = bake::overlap_text(reports) {
+    if let Some(text) = bake::overlap_text(reports, config) {
         report::note(&text, output);
     }
     let clay = prepared.model.as_ref().map(|model| &model.report);

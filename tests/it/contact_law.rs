@@ -122,6 +122,67 @@ fn a_face_that_lands_flat_publishes_no_more_than_twice_what_the_hand_presses() {
     }
 }
 
+/// A square peg, larger than its hole by as much on each side, over voxels of up to 80 times that.
+#[test]
+fn a_peg_that_is_too_large_goes_in_under_the_force_of_the_law_and_no_other() {
+    const HALF_MM: f64 = 5.0;
+    // Overlap on each side, contact modulus, voxel.
+    let cases = [
+        (0.005, 20.0, 0.4),
+        (0.005, 1000.0, 0.4),
+        (0.02, 125.0, 0.4),
+        (0.02, 125.0, 0.2),
+        (0.05, 20.0, 0.4),
+        (0.02, 1000.0, 0.4),
+        (0.1, 125.0, 0.4),
+    ];
+    cases.par_iter().for_each(|&(overlap_mm, n_per_mm3, voxel_mm)| {
+        let mut text = String::from("version = 1\n");
+        for (name, x, y) in
+            [("+x", 1.0, 0.0), ("-x", -1.0, 0.0), ("+y", 0.0, 1.0), ("-y", 0.0, -1.0)]
+        {
+            let (wide, deep) = if x == 0.0 { (22.0, 6.0) } else { (6.0, 22.0) };
+            writeln!(
+                text,
+                "[[static]]\nname = \"{name}\"\nshape = {{ box_mm = [{wide:?}, {deep:?}, 12.0] \
+                    }}\nvoxel_size_mm = {voxel_mm}\nposition_mm = [{:?}, {:?}, -6.0]",
+                x * (HALF_MM + 3.0),
+                y * (HALF_MM + 3.0)
+            )
+            .expect("a string");
+        }
+        let wide_mm = 2.0 * (HALF_MM + overlap_mm);
+        write!(
+            text,
+            "[tool]\nshape = {{ box_mm = [{wide_mm}, {wide_mm}, 20.0] }}\nvoxel_size_mm = \
+                {}\nSTART\n[contact]\nstiffness_n_per_mm3 = {n_per_mm3}\n[device]\nprofile = \
+                \"sim-sigma7\"\nhand = \"HAND\"\n[device.sim]\nhand_stiffness_n_per_m = 500.0\n",
+            2.0 * voxel_mm
+        )
+        .expect("a string");
+        // 8 mm deep, if it goes in.
+        let way = [(0.0, DVec3::ZERO), (4.0, DVec3::Z * -9.0)];
+        let run = play(&text, (DVec3::Z * 11.0, DQuat::IDENTITY), &way);
+        let law_n = 0.5 * n_per_mm3 * overlap_mm * overlap_mm * 4.0 * wide_mm;
+        let reached_m = run.records[4000].output.world_from_tool.translation.z;
+        let way_in = &run.records[2000..3500];
+        let contact_n = mean(way_in.iter().map(|record| record.output.contact_world.force.z));
+        eprintln!(
+            "{overlap_mm} mm, {n_per_mm3} N/mm³, voxels of {voxel_mm} mm: {contact_n:.4} N, by \
+                the law {law_n:.4} N; at the end {:.2} mm",
+            reached_m * 1e3
+        );
+        let what = format!("{overlap_mm} mm, {n_per_mm3} N/mm³, voxels of {voxel_mm} mm");
+        // 500 N/m and 9 mm are 4.5 N.
+        if law_n < 3.0 {
+            assert!((contact_n / law_n - 1.0).abs() < 0.01, "{what}: {contact_n} N of {law_n} N");
+            assert!(reached_m < 6e-3, "{what} stays out");
+        } else {
+            assert!(reached_m > 9e-3, "{what} goes in, to {reached_m} m");
+        }
+    });
+}
+
 #[test]
 fn a_press_has_the_same_force_at_any_voxel_size() {
     const AREA_MM2: f64 = 20.0 * 20.0;

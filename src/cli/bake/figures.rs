@@ -3,10 +3,15 @@
 use serde::Serialize;
 
 use super::super::output;
+use crate::config::SceneConfig;
 use crate::scene::CacheUse;
 use crate::scene::{self, ClayReport, ObjectReport};
 use document::show;
+use haptics::CouplingMode;
+use vps::contact::Normalization;
+use vps::pointshell::Points;
 use vps::voxmap::accuracy::Accuracy;
+use vps::voxmap::field::FieldKind;
 
 /// One object, in one line of JSON with the keys in the order of the struct.
 pub(in crate::cli) fn print_json(report: &impl Serialize) {
@@ -97,11 +102,43 @@ pub(in crate::cli) fn accuracy_text(accuracy: &Accuracy, voxel_size_m: f64) -> O
 }
 
 /// What a scene tells from a fit.
-pub(in crate::cli) fn overlap_text(objects: &[ObjectReport]) -> Option<String> {
+pub(in crate::cli) fn overlap_text(
+    objects: &[ObjectReport],
+    config: &SceneConfig,
+) -> Option<String> {
     let overlap_m = scene::smallest_overlap_m(objects)?;
     // Rounded up.
     let overlap_mm = show((overlap_m * 1e6).ceil() * 1e-3);
-    Some(format!("an overlap of less than {overlap_mm} mm may be felt as a fit"))
+    let seen = format!("an overlap of less than {overlap_mm} mm may be felt as a fit");
+    Some(match press_fit_text(config) {
+        Some(press_fit) => format!("{seen}; {press_fit}"),
+        None => seen,
+    })
+}
+
+/// Force on a mm of rim under which [`press_fit_text`] says how much too large a part may be, N.
+const ON_A_MM_N: f64 = 1.0;
+
+/// What goes in though it is too large: the law gives the foundation's energy for each length of
+/// the rim, ½ κ overlap², as the force that does it. `None` where force follows another law.
+pub(in crate::cli) fn press_fit_text(config: &SceneConfig) -> Option<String> {
+    let contact = &config.parameters.contact;
+    if config.sculpt.is_some()
+        || config.parameters.coupling.mode == CouplingMode::Constraint
+        || config.tool.points != Points::Facets
+        || contact.field != FieldKind::Trilinear
+        || contact.normalization != Normalization::None
+    {
+        return None;
+    }
+    let voxel_mm = config.tool.voxel_size_m * 1e3;
+    let n_per_mm3 = contact.stiffness_n_per_m * 1e-3 / (voxel_mm * voxel_mm);
+    let overlap_mm = (2.0 * ON_A_MM_N / n_per_mm3).sqrt();
+    Some(format!(
+        "a part {overlap_mm:.2} mm too large all around goes in under {ON_A_MM_N} N for each mm of \
+            its rim, one half as much under {}",
+        0.25 * ON_A_MM_N
+    ))
 }
 
 /// The clay of a scene, for people.
