@@ -65,8 +65,8 @@ host() {
   echo $? >"$OUT/$name.host.code"
 }
 
-# late NAME FAULTS: the host said `stale` or `overrun`, or had too long a row of samples overwritten before it read them, or its arm's watchdog bit, where FAULTS, as JSON, were expected; or the hand had begun before the host's
-# first tick.
+# late NAME FAULTS: the host said `stale` or `overrun`, or had too long a row of samples overwritten before it read them, or its arm's watchdog bit, where
+# FAULTS, as JSON, were expected; or the hand had begun before the host's first tick.
 late() {
   gap_ms="$(sed -n 's/.*"longest_gap_ms": *\([0-9]*\).*/\1/p' "$OUT/$1.arm.json")"
   [ "${gap_ms:-0}" -gt 2400 ] && return 0
