@@ -136,7 +136,7 @@ pub(in crate::cli) fn press_fit_text(config: &SceneConfig) -> Option<String> {
     let overlap_mm = (2.0 * ON_A_MM_N / n_per_mm3).sqrt();
     Some(format!(
         "a part {overlap_mm:.2} mm too large all around goes in under {ON_A_MM_N} N for each mm of \
-            its rim, one half as much under {}",
+            its rim, one half as much too large under {} N",
         0.25 * ON_A_MM_N
     ))
 }
