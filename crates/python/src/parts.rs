@@ -7,7 +7,7 @@ use std::sync::Arc;
 use glam::DVec3;
 use pyo3::PyTypeInfo;
 use pyo3::prelude::*;
-use pyo3::types::PyBytes;
+use pyo3::types::{PyBytes, PyString};
 use vps::Accuracy;
 use vps::parallel;
 use vps::pointshell::shell::{LANES, Lanes, Lanes3};
@@ -303,11 +303,14 @@ impl Voxmap {
     }
 
     /// (n, 9, 9, 9) float32: depth at the centres of voxels, m, greater than 0 **inside**; the
-    /// ninth of each axis is the first of the next brick. A read-only view.
+    /// ninth of each axis is the first of the next brick. A new array each time.
     #[getter]
     fn bricks<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let shape = [self.voxmap.field().bricks().len(), APRON_EDGE, APRON_EDGE, APRON_EDGE];
-        arrays::view(&self.voxmap, |voxmap| voxmap.field().bricks(), &shape, "=f4", py)
+        let field = self.voxmap.field();
+        let shape = [field.n_bricks(), APRON_EDGE, APRON_EDGE, APRON_EDGE];
+        let bricks: Vec<_> =
+            (0..field.n_bricks()).filter_map(|slot| field.distances_m(slot)).collect();
+        arrays::array(&bricks, &shape, PyString::new(py, "=f4").as_any())
     }
 
     /// Mark in `brick_index`: all voxels of this place are outside, farther than the band.

@@ -178,7 +178,6 @@ def test_views_are_the_memory_and_outlive_the_part() -> None:
     views: dict[str, tuple[NDArray[Any], NDArray[Any]]] = {
         "vertices": (mesh.vertices, mesh.vertices),
         "faces": (mesh.faces, mesh.faces),
-        "bricks": (voxmap.bricks, voxmap.bricks),
         "brick_index": (voxmap.brick_index, voxmap.brick_index),
         "positions_m": (shell.positions_m, shell.positions_m),
         "normals": (shell.normals, shell.normals),

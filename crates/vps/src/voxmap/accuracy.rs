@@ -13,8 +13,7 @@ use std::borrow::Cow;
 use glam::{DVec3, Vec3};
 
 use super::border::{Border, OPPOSITE_COSINE};
-use super::distance::sample_of;
-use super::field::{APRON_CELLS, DEEP_INSIDE, Field, FieldKind};
+use super::field::{DEEP_INSIDE, Field, FieldKind};
 use super::grid::BRICK_EDGE;
 use super::winding::WindingTree;
 use super::{ThinPlace, Volume};
@@ -240,8 +239,7 @@ impl<'a> Truth<'a> {
             let cells: [f64; 3] =
                 core::array::from_fn(|axis| (BRICK_EDGE * coord[axis] + own[axis]) as f64 + 0.5);
             let place_m = field.origin_map().as_dvec3() + voxel_size_m * DVec3::from_array(cells);
-            let samples: &[f32; APRON_CELLS] = &field.bricks()[slot as usize];
-            (place_m, f64::from(samples[sample_of(inside)] + field.skin_m()))
+            (place_m, f64::from(field.sample(slot as usize, inside) + field.skin_m()))
         };
         let samples: Vec<(DVec3, f64)> = parallel::map(n_samples, 256, sample);
         let sides = self.winding.as_ref().map(|winding| {
@@ -370,6 +368,7 @@ pub(super) mod tests {
     use crate::pointshell;
     use crate::spatial::testing::Random;
     use crate::voxmap::Options;
+    use crate::voxmap::distance::sample_of;
     use glam::DQuat;
 
     const VOXEL_M: f64 = 5e-4;
@@ -425,13 +424,13 @@ pub(super) mod tests {
     fn a_wrong_sample_is_found_with_its_place_and_so_is_a_wrong_side() {
         let mesh = block([14.0, 10.0, 6.0]);
         let (map, field) = baked(&mesh);
-        let n_samples = field.bricks().len() * BRICK_EDGE.pow(3);
+        let n_samples = field.n_bricks() * BRICK_EDGE.pow(3);
         let sound = map.verify(&mesh, &field, usize::MAX);
         assert_eq!(sound.samples, n_samples);
         assert!(sound.error_m < 1e-4 * VOXEL_M, "{sound:?}");
         let near = |value_m: f32| (f64::from(value_m) / VOXEL_M + 2.5).abs() < 0.4;
         for change in [|value_m: f32| value_m - 4e-4, |value_m: f32| -value_m] {
-            let mut samples = field.bricks().to_vec();
+            let mut samples = field.samples_m().to_vec();
             let slot = samples.len() / 2;
             let inside = (0..BRICK_EDGE.pow(3))
                 .find(|inside| near(samples[slot][sample_of(*inside)]))

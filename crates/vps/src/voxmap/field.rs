@@ -12,6 +12,7 @@
 pub(crate) mod brick_bounds;
 mod file;
 mod gradient;
+mod moved;
 
 use std::sync::Arc;
 
@@ -24,6 +25,7 @@ use super::layers::Layers;
 pub use super::layers::{DEEP_INSIDE, FAR_OUTSIDE};
 use crate::parallel;
 use crate::storage::SharedSlice;
+pub(crate) use moved::MOST_MOVED_CELLS;
 
 /// Which formula turns the map into a depth at a point.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -60,9 +62,12 @@ pub struct Field {
     brick_dims: [i32; 3],
     /// `[n_bricks]`, z fastest: slot, or [`FAR_OUTSIDE`], or [`DEEP_INSIDE`].
     top: SharedSlice<u32>,
-    /// `[n_slots][9³]`, z fastest, m: signed distance at cell centres, with the next bricks' first
-    /// samples.
-    distances_m: SharedSlice<[f32; APRON_CELLS]>,
+    /// `[n_slots][9³]`, z fastest, m: signed distance at cell centres, moved by what interpolation
+    /// errs in the mean, with the next bricks' first samples.
+    samples_m: SharedSlice<[f32; APRON_CELLS]>,
+    /// The same layout: by how many steps of [`moved::STEP_CELLS`] of a cell a sample is less than
+    /// the distance; empty where none was moved.
+    moves: SharedSlice<[i8; APRON_CELLS]>,
     /// `[n_slots][8³]`, z fastest; of a new field the map's own.
     layers: SharedSlice<[i8; BRICK_CELLS]>,
     /// `[n_slots][8³]`, unit; empty unless `surface-point` is used.
@@ -81,14 +86,16 @@ impl Field {
         // Cells on the outermost layer are at least this far away, and so is everything beyond:
         // saturating here makes a brick without band cells and the cells beside it agree.
         let band_m = (layers.n_layers as f32 - 0.5) * voxel_size_m;
-        let Samples { values_m: mut distances_m, gradients } = samples;
-        fill_aprons(layers, band_m, &mut distances_m);
+        let Samples { values_m: mut samples_m, gradients } = samples;
+        let moves = moved::move_samples(layers, band_m, &mut samples_m);
+        fill_aprons(layers, [-band_m, band_m], &mut samples_m);
         Self {
             origin: grid.origin_m.as_vec3(),
             voxel_size_m,
             brick_dims: grid.brick_dims().map(|n| n as i32),
             top: layers.top.clone().into(),
-            distances_m: distances_m.into(),
+            samples_m: samples_m.into(),
+            moves: moves.into(),
             layers: Arc::clone(&layers.values).into(),
             gradients: gradients.into(),
             band_m,
@@ -147,16 +154,47 @@ impl Field {
         &self.top
     }
 
-    /// `[n_bricks][9³]`, z fastest, m: V at cell centres before the skin is added, positive inside;
-    /// the ninth samples are those of the next bricks.
-    pub fn bricks(&self) -> &[[f32; APRON_CELLS]] {
-        &self.distances_m
+    /// `[9³]`, z fastest, m: the distance at the centres of the cells of brick `slot` of
+    /// [`Self::top`], before the skin is added, positive inside; the ninth samples are those of the
+    /// next bricks. `None` beyond the last.
+    pub fn distances_m(&self, slot: usize) -> Option<[f32; APRON_CELLS]> {
+        let mut brick = *self.samples_m.get(slot)?;
+        if let Some(moves) = self.moves.get(slot) {
+            for (sample_m, steps) in brick.iter_mut().zip(moves) {
+                *sample_m += self.move_m(*steps);
+            }
+        }
+        Some(brick)
+    }
+
+    /// Bricks that hold samples.
+    pub fn n_bricks(&self) -> usize {
+        self.samples_m.len()
+    }
+
+    /// The farthest that a sample was moved, m.
+    pub(crate) fn most_moved_m(&self) -> f32 {
+        let steps = self.moves.iter().flatten().map(|steps| steps.unsigned_abs()).max();
+        self.step_m() * f32::from(steps.unwrap_or(0))
+    }
+
+    fn move_m(&self, steps: i8) -> f32 {
+        self.step_m() * f32::from(steps)
+    }
+
+    fn step_m(&self) -> f32 {
+        self.voxel_size_m * moved::STEP_CELLS
+    }
+
+    #[cfg(test)]
+    pub(crate) fn samples_m(&self) -> &[[f32; APRON_CELLS]] {
+        &self.samples_m
     }
 
     /// The same with other samples.
     #[cfg(test)]
     pub(crate) fn with_samples(self, samples: Vec<[f32; APRON_CELLS]>) -> Self {
-        Self { distances_m: samples.into(), ..self }
+        Self { samples_m: samples.into(), ..self }
     }
 
     /// Size of the arrays, bytes.
@@ -166,14 +204,16 @@ impl Field {
             voxel_size_m: _,
             brick_dims: _,
             top,
-            distances_m,
+            samples_m,
+            moves,
             layers,
             gradients,
             band_m: _,
             skin_m: _,
         } = self;
         size_of_val(&**top)
-            + size_of_val(&**distances_m)
+            + size_of_val(&**samples_m)
+            + size_of_val(&**moves)
             + size_of_val(&**layers)
             + size_of_val(&**gradients)
     }
@@ -185,20 +225,28 @@ impl Field {
     #[inline]
     pub fn value(&self, kind: FieldKind, cells: Vec3, normal: Vec3) -> f32 {
         match kind {
-            FieldKind::Trilinear => self.trilinear(cells),
+            FieldKind::Trilinear => self.trilinear::<true>(cells),
             FieldKind::Layers => self.by_layer(cells, normal),
             FieldKind::SurfacePoint => self.by_surface_point(cells),
             FieldKind::Octant => self.by_octant(cells),
         }
     }
 
-    /// Eight-corner interpolation of the distance at cell centres, m. RT: safe.
+    /// Distance at a point, m, positive inside, and its gradient, m/m, map axes: interpolated between
+    /// exact distances at the centres of cells, where [`FieldKind::Trilinear`] reads samples that
+    /// are moved so that a curved surface is felt where it is. Saturates like it. RT: safe.
+    pub fn distance(&self, cells: Vec3) -> (f32, Vec3) {
+        (self.trilinear::<false>(cells), self.slopes_of::<false>(cells) / self.voxel_size_m)
+    }
+
+    /// Eight-corner interpolation of the samples at cell centres, `MOVED` or as they were measured,
+    /// m. RT: safe.
     #[inline]
-    fn trilinear(&self, cells: Vec3) -> f32 {
+    fn trilinear<const MOVED: bool>(&self, cells: Vec3) -> f32 {
         let lattice = cells - 0.5;
         let base = whole(lattice);
         let t = lattice - to_vec3(base);
-        match self.corners(base) {
+        match self.corners::<MOVED>(base) {
             Corners::Samples(c) => {
                 let z00 = c[0] + (c[1] - c[0]) * t.z;
                 let z01 = c[2] + (c[3] - c[2]) * t.z;
@@ -221,10 +269,15 @@ impl Field {
     /// The same per cell in place of per metre. RT: safe.
     #[inline]
     pub(crate) fn slopes(&self, cells: Vec3) -> Vec3 {
+        self.slopes_of::<true>(cells)
+    }
+
+    #[inline]
+    fn slopes_of<const MOVED: bool>(&self, cells: Vec3) -> Vec3 {
         let lattice = cells - 0.5;
         let base = whole(lattice);
         let t = lattice - to_vec3(base);
-        let Corners::Samples(c) = self.corners(base) else { return Vec3::ZERO };
+        let Corners::Samples(c) = self.corners::<MOVED>(base) else { return Vec3::ZERO };
         let mix = |a: f32, b: f32, t: f32| a + (b - a) * t;
         let z00 = mix(c[0], c[1], t.z);
         let z01 = mix(c[2], c[3], t.z);
@@ -300,17 +353,17 @@ impl Field {
         value.clamp(-self.band_m, self.band_m) + self.skin_m
     }
 
-    fn sample(&self, slot: usize, inside: usize) -> f32 {
-        self.distances_m
-            .get(slot)
-            .and_then(|brick| brick.get(sample_of(inside)))
-            .copied()
-            .unwrap_or(-self.band_m)
+    /// The distance at the centre of a cell, m, before the skin is added.
+    pub(crate) fn sample(&self, slot: usize, inside: usize) -> f32 {
+        let place = sample_of(inside);
+        let sample_m = self.samples_m.get(slot).and_then(|brick| brick.get(place));
+        let steps = self.moves.get(slot).and_then(|brick| brick.get(place));
+        sample_m.map_or(-self.band_m, |sample_m| sample_m + self.move_m(steps.map_or(0, |n| *n)))
     }
 
     /// The eight samples around a lattice cell whose lowest corner is the centre of cell `base`.
     #[inline]
-    fn corners(&self, base: [i32; 3]) -> Corners {
+    fn corners<const MOVED: bool>(&self, base: [i32; 3]) -> Corners {
         let (slot, inside) = match self.locate(base) {
             Located::Cell(slot, inside) => (slot, inside),
             Located::Uniform(value) => return Corners::Uniform(value),
@@ -318,12 +371,12 @@ impl Field {
         const ROW: usize = APRON_EDGE;
         const PLANE: usize = APRON_EDGE * APRON_EDGE;
         let first = (inside >> 6) * PLANE + (inside >> 3 & 7) * ROW + (inside & 7);
-        let brick = self.distances_m.get(slot).and_then(|brick| brick.get(first..));
+        let brick = self.samples_m.get(slot).and_then(|brick| brick.get(first..));
         let Some(samples) = brick.and_then(|samples| samples.first_chunk::<{ PLANE + ROW + 2 }>())
         else {
             return Corners::Uniform(-self.band_m);
         };
-        Corners::Samples([
+        let mut corners = [
             samples[0],
             samples[1],
             samples[ROW],
@@ -332,7 +385,14 @@ impl Field {
             samples[PLANE + 1],
             samples[PLANE + ROW],
             samples[PLANE + ROW + 1],
-        ])
+        ];
+        if let (false, Some(moves)) = (MOVED, self.moves.get(slot)) {
+            let places = [0, 1, ROW, ROW + 1, PLANE, PLANE + 1, PLANE + ROW, PLANE + ROW + 1];
+            for (corner, place) in corners.iter_mut().zip(places) {
+                *corner += moves.get(first + place).map_or(0.0, |steps| self.move_m(*steps));
+            }
+        }
+        Corners::Samples(corners)
     }
 
     /// Slot and cell number of a cell.
@@ -376,19 +436,25 @@ fn each_apron_row(mut visit: impl FnMut(usize, usize, usize)) {
     }
 }
 
-/// Copies the first samples of the next bricks into each brick. Cold.
+/// Copies the first samples of the next bricks into each brick; far outside and deep inside all are
+/// the same. Cold.
 #[expect(
     clippy::indexing_slicing,
     reason = "start-up: slots of one map index the arrays of the other"
 )]
-fn fill_aprons(layers: &Layers, band_m: f32, distances_m: &mut [[f32; APRON_CELLS]]) {
-    let outside = [-band_m; APRON_CELLS];
-    let inside = [band_m; APRON_CELLS];
-    for first in (0..distances_m.len()).step_by(APRON_CHUNK) {
+fn fill_aprons<T: Copy + Send + Sync>(
+    layers: &Layers,
+    [outside, inside]: [T; 2],
+    samples: &mut [[T; APRON_CELLS]],
+) {
+    let nothing = outside;
+    let outside = [outside; APRON_CELLS];
+    let inside = [inside; APRON_CELLS];
+    for first in (0..samples.len()).step_by(APRON_CHUNK) {
         let bricks = &layers.bricks[first..layers.bricks.len().min(first + APRON_CHUNK)];
         let borrowed = parallel::map(bricks.len(), 16, |place| {
             let coord = layers.grid.brick_coord(bricks[place] as usize);
-            let owners: [&[f32; APRON_CELLS]; 8] = core::array::from_fn(|owner| {
+            let owners: [&[T; APRON_CELLS]; 8] = core::array::from_fn(|owner| {
                 let offset = [owner >> 2 & 1, owner >> 1 & 1, owner & 1].map(|i| i as i32);
                 match layers
                     .grid
@@ -397,10 +463,10 @@ fn fill_aprons(layers: &Layers, band_m: f32, distances_m: &mut [[f32; APRON_CELL
                 {
                     FAR_OUTSIDE => &outside,
                     DEEP_INSIDE => &inside,
-                    slot => &distances_m[slot as usize],
+                    slot => &samples[slot as usize],
                 }
             });
-            let mut borrowed = [0.0; BORROWED];
+            let mut borrowed = [nothing; BORROWED];
             let mut n = 0;
             each_apron_row(|_, owner, there| {
                 if owner != 0 {
@@ -413,7 +479,7 @@ fn fill_aprons(layers: &Layers, band_m: f32, distances_m: &mut [[f32; APRON_CELL
             });
             borrowed
         });
-        parallel::map_mut(&mut distances_m[first..][..bricks.len()], 16, |place, samples| {
+        parallel::map_mut(&mut samples[first..][..bricks.len()], 16, |place, samples| {
             let borrowed = &borrowed[place];
             let mut n = 0;
             each_apron_row(|first, owner, _| {

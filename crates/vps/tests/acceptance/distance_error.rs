@@ -3,12 +3,11 @@
 
 use std::path::Path;
 
-use glam::{DQuat, DVec3, Vec3};
+use glam::{DQuat, DVec3};
 use vps::mesh::closest_point::TriangleProjector;
 use vps::mesh::primitives::Shape;
 use vps::mesh::{self, TriangleMesh};
 use vps::spatial::testing::Random;
-use vps::voxmap::field::FieldKind;
 use vps::voxmap::grid::cell_of;
 
 use super::{build, models};
@@ -248,7 +247,7 @@ fn look_ups_are_interpolated_between_exact_distances_up_to_the_band_on_all_sides
                 let side = if round / 6 % 2 == 0 { 0.5 } else { ends[axis] + 0.5 };
                 cells[axis] = side + 2.0 * random.signed();
             }
-            let found_m = field.value(FieldKind::Trilinear, cells.as_vec3(), Vec3::ZERO);
+            let (found_m, _) = field.distance(cells.as_vec3());
             let found = f64::from(found_m) / voxel_size_m;
             // The field reads coordinates of 32 bits.
             let lattice = cells.as_vec3().as_dvec3() - 0.5;

@@ -233,6 +233,51 @@ fn socket(radius_m: f64) -> Mesh {
     Mesh::from_arrays(&[vertices(&cube), vertices(&hollow)].concat(), &triangles).unwrap()
 }
 
+/// Force of a foundation of 1 N/m³ over the ball of radius `tool_m` whose centre is `apart_m` from
+/// that of a ball of radius `obstacle_m`, along the line between them, by quadrature.
+fn foundation_of_balls_n(tool_m: f64, obstacle_m: f64, apart_m: f64) -> f64 {
+    const STEPS: usize = 100_000;
+    let step = core::f64::consts::FRAC_PI_2 / STEPS as f64;
+    (0..STEPS)
+        .map(|k| {
+            let (sin, cos) = ((k as f64 + 0.5) * step).sin_cos();
+            let depth_m = obstacle_m - (apart_m - tool_m * cos).hypot(tool_m * sin);
+            depth_m.max(0.0) * cos * sin * core::f64::consts::TAU * tool_m * tool_m * step
+        })
+        .sum()
+}
+
+/// Interpolation between exact samples feels a convex part smaller than it is.
+#[test]
+fn a_curved_part_pushes_with_the_force_of_the_law_however_shallow() {
+    const VOXEL_M: f64 = 1e-3;
+    for (tool_voxels, obstacle_voxels, most_of) in
+        [(10.0, 20.0, [0.002, 0.003, 0.005]), (10.0, 8.0, [0.005, 0.01, 0.02])]
+    {
+        let sphere = |voxels: f64| {
+            Mesh::from_shape(&Shape::Sphere { radius_m: voxels * VOXEL_M }, 1e-6).unwrap()
+        };
+        let obstacle = Voxmap::bake(&sphere(obstacle_voxels), &Options::new(VOXEL_M)).unwrap();
+        let tool = PointShell::bake(&sphere(tool_voxels), &Options::new(0.5 * VOXEL_M)).unwrap();
+        let query = ContactQuery::new(&obstacle, &tool, 1000.0).unwrap();
+        for (depth_voxels, most) in [1.0, 0.5, 0.25].into_iter().zip(most_of) {
+            let apart_m = (tool_voxels + obstacle_voxels - depth_voxels) * VOXEL_M;
+            let law_n = 1000.0 / (0.5 * VOXEL_M).powi(2)
+                * foundation_of_balls_n(tool_voxels * VOXEL_M, obstacle_voxels * VOXEL_M, apart_m);
+            let ratios: Vec<f64> = poses(60)
+                .into_iter()
+                .map(|pose| {
+                    let pose = Pose::new(pose.rotation, pose.translation.normalize() * apart_m);
+                    query.wrench(pose).unwrap().wrench.force.length() / law_n
+                })
+                .collect();
+            let squares: f64 = ratios.iter().map(|ratio| (ratio - 1.0).powi(2)).sum();
+            let off = (squares / ratios.len() as f64).sqrt();
+            assert!(off < most, "{tool_voxels} on {obstacle_voxels}, {depth_voxels} deep: {off}");
+        }
+    }
+}
+
 /// What a facet counts changes with the gradient too, and by what is found at its ends, which the
 /// stiffness leaves out: that is seen where two convex parts meet, within a few facets.
 #[test]

@@ -73,8 +73,7 @@ impl BrickBounds {
     }
 
     fn build(field: &Field, by_m: f32, reach_m: f32) -> Option<Self> {
-        let Field { brick_dims: dims, top, distances_m: samples_m, band_m, voxel_size_m, .. } =
-            field;
+        let Field { brick_dims: dims, top, samples_m, band_m, voxel_size_m, .. } = field;
         let skin_m = &(field.skin_m + by_m);
         let n_bricks = dims.iter().try_fold(1_usize, |n, dim| {
             n.checked_mul(usize::try_from(*dim).ok().filter(|dim| *dim > 0)?)
@@ -89,15 +88,13 @@ impl BrickBounds {
         if !fits || skin_m - band_m > 0.0 {
             return None;
         }
-        let look_at = |bricks: &[_]| {
-            bricks
-                .iter()
-                .map(|brick| Look::at(brick, *band_m, *voxel_size_m))
-                .collect::<Vec<Look>>()
-        };
-        let looks: Vec<Look> =
-            parallel::map_chunks(samples_m, 64, look_at).into_iter().flatten().collect();
-        let margin_m = ROUNDING * (band_m + skin_m);
+        let looks: Vec<Look> = parallel::map(n_slots, 64, |slot| {
+            // True invariant: a slot of the field.
+            let brick = field.distances_m(slot).unwrap_or([*band_m; APRON_CELLS]);
+            Look::at(&brick, *band_m, *voxel_size_m)
+        });
+        let moved_m = field.most_moved_m();
+        let margin_m = ROUNDING * (band_m + skin_m) + moved_m;
         let max_depth_m: Vec<f32> = top
             .iter()
             .map(|slot| match *slot {
@@ -123,8 +120,11 @@ impl BrickBounds {
             band_m: *band_m,
             skin_m: *skin_m,
             voxel_size_m: *voxel_size_m,
-            // A side that changes at a distance h shows as a step of at least 2h less two cells.
-            jump_cells: jump_cells + if jump_cells > JUMP_CELLS { 2.0 } else { 0.0 },
+            // A side that changes at a distance h shows as a step of at least 2h less two cells. Of
+            // two samples one may be moved up and one down.
+            jump_cells: jump_cells
+                + if jump_cells > JUMP_CELLS { 2.0 } else { 0.0 }
+                + 2.0 * moved_m / voxel_size_m,
             reach_m,
         })
     }
@@ -423,13 +423,13 @@ mod tests {
             let places = places(&field, 20_000);
             let mut n_inside = 0;
             for (place, step) in places.iter().zip(places.iter().rev()) {
-                let value_m = field.trilinear(*place);
+                let value_m = field.trilinear::<true>(*place);
                 n_inside += usize::from(value_m > 0.0);
                 let Some(brick) = brick_at(&bounds, *place) else { continue };
                 assert!(value_m <= bounds.max_depth_m()[brick]);
                 // Less than eight cells away along every axis, on the grid or not.
                 let beside = *place + (*step * 0.37).fract_gl() * 15.9 - 7.95;
-                assert!(field.trilinear(beside) <= bounds.max_depth_nearby_m()[brick]);
+                assert!(field.trilinear::<true>(beside) <= bounds.max_depth_nearby_m()[brick]);
                 assert!(bounds.max_depth_nearby_m()[brick] >= bounds.max_depth_m()[brick]);
             }
             assert!(n_inside > 100, "{n_inside}");
@@ -441,8 +441,11 @@ mod tests {
         for field in fields() {
             let bounds = BrickBounds::of(&field).expect("bounds");
             let places = places(&field, 6000);
-            let touching: Vec<Vec3> =
-                places.iter().copied().filter(|place| field.trilinear(*place) > 0.0).collect();
+            let touching: Vec<Vec3> = places
+                .iter()
+                .copied()
+                .filter(|place| field.trilinear::<true>(*place) > 0.0)
+                .collect();
             let mut largest = 0.0_f32;
             for place in places {
                 let Some(brick) = brick_at(&bounds, place) else { continue };
@@ -476,7 +479,7 @@ mod tests {
             for from_brick in [0, 1, n_bricks / 2, n_bricks - 1, n_bricks, usize::MAX / 2] {
                 let place = bounds.surface_place(from_brick).expect("a surface");
                 assert!(brick_at(&bounds, place).is_some());
-                assert!(field.trilinear(place).abs() < 8.0 * bounds.voxel_size_m());
+                assert!(field.trilinear::<true>(place).abs() < 8.0 * bounds.voxel_size_m());
             }
         }
     }
@@ -485,7 +488,7 @@ mod tests {
     fn a_side_that_changes_without_a_surface_costs_its_step_and_two_cells() {
         let field = fields().swap_remove(0);
         let jump_with = |change: fn(f32) -> f32| {
-            let mut samples = field.bricks().to_vec();
+            let mut samples = field.samples_m.to_vec();
             // One and a half cells outside, where neighbours are outside as well, and within the
             // band with a cell more.
             let far = |sample: &f32| (*sample / field.voxel_size_m + 1.5).abs() < 0.1;
@@ -496,7 +499,7 @@ mod tests {
                 .expect("a sample there");
             samples[brick][cell] =
                 change(samples[brick][cell] / field.voxel_size_m) * field.voxel_size_m;
-            BrickBounds::of(&Field { distances_m: samples.into(), ..field.clone() })
+            BrickBounds::of(&Field { samples_m: samples.into(), ..field.clone() })
                 .expect("bounds")
                 .jump_cells()
         };

@@ -33,13 +33,15 @@ impl Field {
             band_m: _,
             skin_m: _,
             top,
-            distances_m,
+            samples_m,
+            moves,
             layers,
             gradients,
         } = self;
         to.record("field", head);
         to.array("field top", top);
-        to.array("field distances", distances_m);
+        to.array("field samples", samples_m);
+        to.array("field moves", moves);
         to.array("field layers", layers);
         to.array("field gradients", gradients);
     }
@@ -49,7 +51,7 @@ impl Field {
         from.has("field")
     }
 
-    /// Takes the field from a file. Every index in it is checked; distances, layers and gradients
+    /// Takes the field from a file. Every index in it is checked; samples, moves, layers and gradients
     /// may be any numbers.
     ///
     /// # Errors
@@ -62,7 +64,8 @@ impl Field {
             voxel_size_m,
             brick_dims,
             top: from.array("field top")?,
-            distances_m: from.array("field distances")?,
+            samples_m: from.array("field samples")?,
+            moves: from.array("field moves")?,
             layers: from.array("field layers")?,
             gradients: from.array("field gradients")?,
             band_m,
@@ -77,7 +80,8 @@ impl Field {
             voxel_size_m,
             brick_dims,
             top,
-            distances_m,
+            samples_m,
+            moves,
             layers,
             gradients,
             band_m,
@@ -86,7 +90,7 @@ impl Field {
         let n_bricks = brick_dims.iter().try_fold(1_usize, |n, dim| {
             n.checked_mul(usize::try_from(*dim).ok().filter(|dim| *dim > 0)?)
         });
-        let n_slots = distances_m.len();
+        let n_slots = samples_m.len();
         let positive = |length_m: f32| length_m > 0.0 && length_m.is_finite();
         origin.is_finite()
             && positive(*voxel_size_m)
@@ -94,6 +98,7 @@ impl Field {
             && (*skin_m == 0.0 || positive(*skin_m))
             && n_bricks == Some(top.len())
             && layers.len() == n_slots
+            && (moves.is_empty() || moves.len() == n_slots)
             && (gradients.is_empty() || gradients.len() == n_slots)
             && top.iter().all(|slot| {
                 matches!(*slot, FAR_OUTSIDE | DEEP_INSIDE) || (*slot as usize) < n_slots

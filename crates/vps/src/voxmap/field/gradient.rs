@@ -21,7 +21,7 @@ impl Field {
         let t = (lattice - to_vec3(base)).to_array();
         let near = match self.locate(base) {
             Located::Cell(slot, inside) => self
-                .distances_m
+                .samples_m
                 .get(slot)
                 .map(|samples| (&samples[..], [inside >> 6, inside >> 3 & 7, inside & 7])),
             Located::Uniform(_) => None,
@@ -31,7 +31,7 @@ impl Field {
             let in_brick = near.and_then(|(samples, local)| along(samples, local, t, axis));
             *difference = in_brick.unwrap_or_else(|| {
                 let half = Vec3::AXES[axis] * 0.5;
-                self.trilinear(cells + half) - self.trilinear(cells - half)
+                self.trilinear::<true>(cells + half) - self.trilinear::<true>(cells - half)
             });
         }
         Vec3::from_array(differences) / self.voxel_size_m
@@ -86,8 +86,8 @@ mod tests {
                 / field.voxel_size_m();
             let mean = field.mean_gradient(cells);
             for (axis, along) in Vec3::AXES.into_iter().zip(mean.to_array()) {
-                let difference =
-                    field.trilinear(cells + 0.5 * axis) - field.trilinear(cells - 0.5 * axis);
+                let difference = field.trilinear::<true>(cells + 0.5 * axis)
+                    - field.trilinear::<true>(cells - 0.5 * axis);
                 assert!(
                     (along - difference / field.voxel_size_m()).abs() < 1e-4,
                     "{cells}: {along}"
