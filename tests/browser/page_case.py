@@ -114,5 +114,8 @@ class PageCase(unittest.TestCase):
         self.fail("the clay is not held")
 
     def hold_by_key(self, run, page):
-        page.run("document.querySelector('#clay-hold').focus()")
-        self.hold(run, page, lambda: page.hold_key(" ", True), lambda: page.hold_key(" ", False))
+        def begin():
+            page.run("document.querySelector('#clay-hold').focus()")
+            page.hold_key(" ", True)
+
+        self.hold(run, page, begin, lambda: page.hold_key(" ", False))

@@ -598,9 +598,36 @@ fn a_mesh_that_changes_while_it_is_baked_is_not_kept() {
 /// cache mixes both, and [`refresh`] the numbers.
 const REFERENCE: &str = include_str!("bake_reference.txt");
 
+/// A prism of twenty sides in whole numbers, so that its bits are those of every machine: curved
+/// enough to be felt as one patch.
+fn round_prism() -> String {
+    let quarter = [(20, 0), (19, 6), (16, 12), (12, 16), (6, 19)];
+    let turned = (0..4).flat_map(|turns| {
+        quarter.map(|corner| (0..turns).fold(corner, |(x, y): (i32, i32), _| (-y, x)))
+    });
+    let corners: Vec<(i32, i32)> = turned.collect();
+    let n = corners.len();
+    let vertices = [-10, 10]
+        .map(|z| corners.iter().map(|(x, y)| format!("v {x} {y} {z}\n")).collect::<String>());
+    let sides = (0..n).map(|k| {
+        let (a, b) = (k + 1, (k + 1) % n + 1);
+        format!("f {a} {b} {}\nf {a} {} {}\n", b + n, b + n, a + n)
+    });
+    let ends = (2..n).map(|k| format!("f 1 {} {k}\nf {} {} {}\n", k + 1, n + 1, n + k, n + k + 1));
+    vertices.concat() + &sides.collect::<String>() + &ends.collect::<String>()
+}
+
 fn reference() -> String {
     let dir = tempfile::tempdir().unwrap();
     let mut config = small_scene(dir.path(), "");
+    let path = dir.path().join("round.obj");
+    fs::write(&path, round_prism()).unwrap();
+    let mut round = config.statics[0].clone();
+    round.name = "round".to_owned();
+    round.source = MeshSource::File { path, metres_per_unit: 1e-4 };
+    round.voxel_size_m = 2e-4;
+    round.layers = 8;
+    config.statics.push(round);
     config.parameters.contact.field = FieldKind::SurfacePoint;
     bake(&config, &dir.path().join("cache"), CachePolicy::Copy);
     let mut sums: Vec<String> = files(&dir.path().join("cache"))

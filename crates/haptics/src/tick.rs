@@ -82,8 +82,8 @@ pub struct TickOutput {
     /// The same before axes that the arm cannot actuate were dropped (`commanded`).
     pub commanded_device: Wrench,
     /// Raw contact wrench on the tool, friction, and the pull of a rope, included, world axes,
-    /// about the centre of mass, before filter and coupling. The part of clay goes on smoothly from
-    /// update to update.
+    /// about the centre of mass, before filter and coupling; in `constraint` what holds the tool back
+    /// from where the coupling pulls it. The part of clay goes on smoothly from update to update.
     pub contact_world: Wrench,
     /// Pose of the tool (mesh file frame) in the world.
     pub world_from_tool: Pose,

@@ -340,7 +340,8 @@ impl VirtualTool {
         );
         let pulling = spring(self.body.pose);
         if coupling.mode == CouplingMode::Constraint && contact.contacts > 0 {
-            // Planes hold a tool without mass with what pulls it.
+            // What holds back a tool without mass is what pulls it: at rest the planes' force, under
+            // way also the rest of a step that is taken in parts.
             contact.wrench = (pulling.wrench + Wrench::new(weight, DVec3::ZERO)) * -1.0;
         }
         let felt = damper - pulling.wrench;

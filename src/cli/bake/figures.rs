@@ -128,15 +128,19 @@ pub(in crate::cli) fn press_fit_text(config: &SceneConfig) -> Option<String> {
         || config.tool.points != Points::Facets
         || contact.field != FieldKind::Trilinear
         || contact.normalization != Normalization::None
+        || contact.friction.r#static > 0.0
     {
         return None;
     }
     let voxel_mm = config.tool.voxel_size_m * 1e3;
     let n_per_mm3 = contact.stiffness_n_per_m * 1e-3 / (voxel_mm * voxel_mm);
     let overlap_mm = (2.0 * ON_A_MM_N / n_per_mm3).sqrt();
+    let to_a_micron = |length_mm: f64| show((length_mm * 1e3).round() * 1e-3);
     Some(format!(
-        "a part {overlap_mm:.2} mm too large all around goes in under {ON_A_MM_N} N for each mm of \
-            its rim, one half as much too large under {} N",
+        "a part {} mm too large on each side is pressed in by {ON_A_MM_N} N for each mm of its rim, \
+            one {} mm too large by {} N",
+        to_a_micron(overlap_mm),
+        to_a_micron(0.5 * overlap_mm),
         0.25 * ON_A_MM_N
     ))
 }

@@ -65,8 +65,8 @@ export class Clay {
     this.keptIn = "";
     /** @type {?number} timer of the signs of life */
     this.beating = null;
-    /** The last question whose answer may still be about a hold of this page; endless until the server has heard of its end. */
-    this.heldUntil = 0;
+    /** The last question whose answer may still be about a hold of this page; endless until the server has answered to its end. */
+    this.heldUntil = -1;
     /** Counts holds: what the server says of the end of an earlier one is not about the next. */
     this.holds = 0;
     this.rows = { brush: this.#row("brush"), depth: this.#row("depth") };
@@ -345,14 +345,14 @@ export class Clay {
   /** As if the arm's first button were held. */
   async hold() {
     if (this.isHolding || byId("clay-hold").matches(":disabled")) return;
-    this.holds += 1;
+    const holds = ++this.holds;
     byId("clay-hold").setAttribute("aria-pressed", "true");
     this.beating = setInterval(() => this.link.send("ping").catch(() => {}), BEAT_MS);
     try {
       await this.link.send("clay_hold", { held: true });
     } catch (error) {
       // A hold whose answer is missing may have been heard.
-      this.letGo(this.link.isOpen);
+      if (holds === this.holds) this.letGo(this.link.isOpen);
       say(words(error));
     }
   }

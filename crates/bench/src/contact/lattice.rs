@@ -2,8 +2,8 @@
 //!
 //! | way | of what degree | samples it reads |
 //! |---|---|---:|
-//! | [`Interpolation::Linear`] | trilinear through the samples, as in the tick | 8 |
-//! | [`Interpolation::Fitted`] | trilinear through samples that are moved by a twelfth of their second differences | 8 |
+//! | [`Interpolation::Linear`] | trilinear through exact samples | 8 |
+//! | [`Interpolation::Fitted`] | trilinear through samples that are moved by a twelfth of their second differences, as in the tick | 8 |
 //! | [`Interpolation::Cubic`] | cubic through the samples, without kinks | 64 |
 //!
 //! Linear interpolation through samples of a function f errs by h²/2 · Σ t (1 − t) f'', always to
@@ -49,9 +49,7 @@ impl Lattice {
             (0..nx).flat_map(move |x| (0..ny).flat_map(move |y| (0..nz).map(move |z| [x, y, z])))
         };
         let center = |cell: [i32; 3]| Vec3::from_array(cell.map(|n| n as f32 + 0.5));
-        let samples = cells()
-            .map(|cell| field.value(FieldKind::Trilinear, center(cell), Vec3::ZERO))
-            .collect();
+        let samples = cells().map(|cell| field.distance(center(cell)).0).collect();
         let lattice = Self {
             dims,
             origin: field.origin_map().as_dvec3(),

@@ -253,7 +253,8 @@ fn distance_squared<L: F32s<N>, const N: usize>(from: [L; 3], to: [L; 3]) -> L {
 /// How far a place with V = −`depth_cells` is from anything with V > 0, cells, by the field itself.
 ///
 /// # Source
-/// Ours. Samples are distances, so they differ by no more than they are apart. V at two places are
+/// Ours. Samples are distances, so they differ by no more than they are apart, and by
+/// [`BrickBounds::jump_cells`] more where they are moved. V at two places are
 /// means of such samples, hence V(b) − V(a) ≤ E|X − Y| ≤ √(E|X − Y|²) = √(|b − a|² + Var X + Var
 /// Y), X and Y the corners with their weights; also V(b) − V(a) ≤ √3·|b − a|, as no partial
 /// derivative exceeds 1. The better of the two counts.

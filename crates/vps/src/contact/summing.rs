@@ -10,7 +10,7 @@ use super::{ContactSum, ForceLaw, Normalization, Obstacle, ObstacleMotion, Patch
 
 use crate::pointshell::shell::Shell;
 use crate::spatial::{Mat6, Pose, Wrench};
-use crate::voxmap::field::FieldKind;
+use crate::voxmap::field::{FieldKind, MOST_MOVED_CELLS};
 
 /// Contacts from which an averaged sum stops growing (McNeely1999: F_tot below ten contacts,
 /// F_tot/(N/10) from ten on).
@@ -106,10 +106,11 @@ impl<'a> Summing<'a> {
         Some(sums)
     }
 
-    /// By how much a clearance may be overstated: interpolation by half the diagonal of a cell, the
-    /// other look-ups by up to two voxels.
+    /// By how much a clearance may be overstated: interpolation by half the diagonal of a cell and
+    /// by what samples are moved, the other look-ups by up to two voxels.
     pub(super) fn overstated_voxels(&self) -> f64 {
-        if self.law.field == FieldKind::Trilinear { 0.5 * 3_f64.sqrt() } else { 2.0 }
+        let moved = f64::from(MOST_MOVED_CELLS);
+        if self.law.field == FieldKind::Trilinear { 0.5 * 3_f64.sqrt() + moved } else { 2.0 }
     }
 
     /// Notes the obstacles that need not be asked.

@@ -660,7 +660,7 @@ impl Query<'_> {
         let per_voxel = 1.0 / bounds.voxel_size_m();
         let floor_m = (-FLOOR_VOXELS * bounds.voxel_size_m()).min(-bounds.reach_m());
         let (along, about) = self.ways[0];
-        let margin_cells = self.margin_cells + bounds.jump_cells();
+        let (margin_cells, jump_cells) = (self.margin_cells, bounds.jump_cells());
         let mut n_looked_at = 0;
         let mut clear_cells = self.clear_cells;
         let leaves = leaves.iter().copied();
@@ -681,7 +681,7 @@ impl Query<'_> {
             let block = first + leaf as usize / CHILDREN;
             let lane = leaf as usize % CHILDREN;
             let highest_m = depths.max_m + extents.reach_m(leaf as usize);
-            let room = free_cells(-highest_m * per_voxel) - margin_cells;
+            let room = free_cells(-highest_m * per_voxel - jump_cells) - margin_cells;
             clear_cells = clear_cells.min(room);
             let clear_until =
                 clear_until_cells.get_mut(block).and_then(|clear_until| clear_until.get_mut(lane));

@@ -152,7 +152,7 @@ impl Shell {
     }
 
     /// Of each block the depth, m, that a corner of one of its facets may have beyond that of its
-    /// centroid in any field, at most: √3 times the longest half diagonal. Empty where no point has
+    /// centroid in any field, at most: 1.1·√3 times the longest half diagonal. Empty where no point has
     /// an extent.
     pub fn reaches_m(&self) -> &[f32] {
         &self.reaches_m

@@ -107,10 +107,12 @@ const MEASURING: f64 = ((64 + 8 + 8) * size_of::<u32>()) as f64;
 const PATCH: f64 = (64 + 4 * size_of::<u32>() + 30) as f64;
 /// Per brick of the band: gradients.
 const GRADIENTS: f64 = (BRICK_CELLS * size_of::<Vec3>()) as f64;
-/// Per brick of the band: what the field keeps, distances with the neighbours' first samples and
-/// layers.
-const FIELD: f64 = ((BRICK_EDGE + 1) * (BRICK_EDGE + 1) * (BRICK_EDGE + 1) * size_of::<f32>()
+/// Per brick of the band: what the field keeps, samples with the neighbours' first ones, by how much
+/// they were moved, and layers.
+const FIELD: f64 = ((BRICK_EDGE + 1) * (BRICK_EDGE + 1) * (BRICK_EDGE + 1) * (size_of::<f32>() + 1)
     + BRICK_CELLS) as f64;
+/// Per brick of the band while samples are moved: what the samples around each say.
+const MOVING: f64 = (2 * BRICK_CELLS) as f64;
 /// Per point of the shell while it is built: position, place in the order, normal.
 const POINT: f64 = (size_of::<Vec3>() * 2 + size_of::<u32>()) as f64;
 /// Per point of the shell: position, normal and its share of the tree.
@@ -145,9 +147,8 @@ impl Estimate {
         let shared = if products.field { BRICK_CELLS as f64 * band_bricks } else { 0.0 };
         if products.field {
             field = (FIELD + gradients) * band_bricks + size_of::<u32>() as f64 * n_bricks;
-            peak = mesh + map + field - shared
-                + MEASURING * band_bricks
-                + PATCH * measures.n_triangles as f64;
+            let measuring = MEASURING * band_bricks + PATCH * measures.n_triangles as f64;
+            peak = mesh + map + field - shared + measuring.max(MOVING * band_bricks);
         }
         if products.shell {
             shell = POINT_KEPT * surface_voxels;

@@ -87,7 +87,11 @@ impl Field {
         // saturating here makes a brick without band cells and the cells beside it agree.
         let band_m = (layers.n_layers as f32 - 0.5) * voxel_size_m;
         let Samples { values_m: mut samples_m, gradients } = samples;
-        let moves = moved::move_samples(layers, band_m, &mut samples_m);
+        // The two sides of a skin are nowhere one patch.
+        let moves = match thin {
+            true => Vec::new(),
+            false => moved::move_samples(layers, band_m, &mut samples_m),
+        };
         fill_aprons(layers, [-band_m, band_m], &mut samples_m);
         Self {
             origin: grid.origin_m.as_vec3(),
@@ -148,7 +152,7 @@ impl Field {
         self.brick_dims.map(|n| n as usize)
     }
 
-    /// `[brick_dims]`, z fastest: number of the brick in [`Self::bricks`], [`FAR_OUTSIDE`] or
+    /// `[brick_dims]`, z fastest: number of the brick of [`Self::distances_m`], [`FAR_OUTSIDE`] or
     /// [`DEEP_INSIDE`].
     pub fn top(&self) -> &[u32] {
         &self.top

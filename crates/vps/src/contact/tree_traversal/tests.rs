@@ -216,7 +216,7 @@ fn what_was_deep_inside_is_looked_at_again_after_a_cell_of_motion() {
 /// Of a sound field, and of one whose side changes somewhere, where a proof reaches less far.
 #[test]
 fn a_leaf_is_clear_as_far_as_its_lowest_point_is_and_little_less() {
-    for jump_cells in [0.0, 2.5] {
+    for jump_cells in [0.0, 0.02, 0.1, 2.5] {
         let mut fixture = Fixture::over(plate().field, jump_cells);
         let jump = f64::from(jump_cells);
         let pose = above(0.0);

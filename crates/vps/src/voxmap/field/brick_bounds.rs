@@ -227,8 +227,9 @@ impl BrickBounds {
         self.voxel_size_m
     }
 
-    /// By how much two values may differ beyond their distance, cells: next to nothing for a sound
-    /// mesh, more where the side changes without a surface between.
+    /// By how much two values may differ beyond their distance, cells: up to a tenth for a sound
+    /// mesh, whose samples are moved where it is curved, more where the side changes without a
+    /// surface between.
     #[inline]
     pub(crate) fn jump_cells(&self) -> f32 {
         self.jump_cells

@@ -12,7 +12,13 @@
 //! patch: at creases, between walls, where the band ends and farther outside it stays. What is flat
 //! keeps its bits.
 //!
-//! Invariant: no sample is moved by more than [`MOST_MOVED_CELLS`]. Cost: one pass over the band.
+//! Second differences reach two cells: with fewer than five layers samples a voxel deep stay.
+//!
+//! Invariant: no sample is moved by more than [`MOST_MOVED_CELLS`]. Cost: two passes over the band.
+//!
+//! # Source
+//! CondatBlu2005: the quasi-interpolation of second order for linear B-splines, without its filter's
+//! second pass; where it stops at creases is ours.
 
 use super::{APRON_CELLS, BRICK_CELLS, fill_aprons};
 use crate::parallel;
@@ -20,7 +26,7 @@ use crate::voxmap::distance::sample_of;
 use crate::voxmap::grid::BRICK_EDGE;
 use crate::voxmap::layers::Layers;
 
-/// What a sample is moved by at most, cells: that of a ball of 3.3 voxels.
+/// What a sample is moved by at most, cells: as where the distance is that from a ball of 3.3 voxels.
 pub(crate) const MOST_MOVED_CELLS: f32 = 0.05;
 /// Moves are whole multiples of this, cells.
 pub(super) const STEP_CELLS: f32 = 1.0 / 2048.0;
@@ -28,8 +34,7 @@ pub(super) const STEP_CELLS: f32 = 1.0 / 2048.0;
 /// second on, per cell: a ball of 3.3 voxels, or an edge of 17°; a ball of 2.5, or an edge of 23°.
 const ONE_PATCH: f32 = 0.3;
 const NO_PATCH: f32 = 0.4;
-/// Samples farther outside stay, cells: no facet is in contact there, and beside an edge distances
-/// are round where the part is not.
+/// Samples farther outside stay, cells: beside an edge distances are round where the part is not.
 const OUTSIDE_CELLS: f32 = 1.0;
 
 /// `[n_slots][9³]`: by how many steps each sample was moved; empty if none was.
@@ -74,7 +79,7 @@ pub(super) fn move_samples(
 struct Bend {
     /// By how much it is too large for an interpolation if all around it is one patch.
     steps: i8,
-    /// How far it is, 0 to 255.
+    /// How far all is one patch: 255 where it is smooth, 0 at a crease.
     share: u8,
 }
 
