@@ -17,7 +17,7 @@
 
 use glam::{DVec3, Vec3};
 
-use vps::voxmap::field::{Field, FieldKind};
+use vps::voxmap::field::Field;
 use vps::voxmap::grid::BRICK_EDGE;
 
 /// How a value comes from the samples.
