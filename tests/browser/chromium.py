@@ -340,7 +340,7 @@ AT_REST = """new Promise((done) => {
   look(middle());
 })"""
 
-# For whoever reads why a test failed.
+# What the page says, for the message of a test that fails.
 SAID = """["state-word", "state-note", "toasts", "events", "clay-idle", "clay-off", "clay-busy"]
   .map((id) => `${id}: ${document.getElementById(id)?.textContent.trim() ?? ""}`).join("; ")"""
 
