@@ -184,8 +184,14 @@ fn check_scene(
 
 impl Checked {
     fn sound(kind: &'static str, summary: String, findings: Vec<Finding>) -> Self {
-        let (parts, press_fit) = (Vec::new(), None);
-        Self { kind, summary: Some(summary), parts, press_fit, findings, exit: Exit::Ok }
+        Self {
+            kind,
+            summary: Some(summary),
+            parts: Vec::new(),
+            press_fit: None,
+            findings,
+            exit: Exit::Ok,
+        }
     }
 
     fn refused(kind: &'static str, mut findings: Vec<Finding>, error: &PrepareError) -> Self {
@@ -201,8 +207,11 @@ impl Checked {
                 ..Finding::default()
             }),
         }
-        let (parts, press_fit) = (Vec::new(), None);
-        Self { kind, summary: None, parts, press_fit, findings, exit: report::prepare_exit(error) }
+        Self {
+            summary: None,
+            exit: report::prepare_exit(error),
+            ..Self::sound(kind, String::new(), findings)
+        }
     }
 
     fn print(&self, output: OutputOptions) {

@@ -610,7 +610,8 @@ fn round_prism() -> String {
     let vertices = [-10, 10]
         .map(|z| corners.iter().map(|(x, y)| format!("v {x} {y} {z}\n")).collect::<String>());
     let sides = (0..n).map(|k| {
-        let (a, b) = (k + 1, (k + 1) % n + 1);
+        let a = k + 1;
+        let b = (k + 1) % n + 1;
         format!("f {a} {b} {}\nf {a} {} {}\n", b + n, b + n, a + n)
     });
     let ends = (2..n).map(|k| format!("f 1 {} {k}\nf {} {} {}\n", k + 1, n + 1, n + k, n + k + 1));

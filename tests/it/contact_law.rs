@@ -141,7 +141,8 @@ fn a_peg_that_is_too_large_goes_in_under_the_force_of_the_law_and_no_other() {
         for (name, x, y) in
             [("+x", 1.0, 0.0), ("-x", -1.0, 0.0), ("+y", 0.0, 1.0), ("-y", 0.0, -1.0)]
         {
-            let (wide, deep) = if x == 0.0 { (22.0, 6.0) } else { (6.0, 22.0) };
+            let wide = if x == 0.0 { 22.0 } else { 6.0 };
+            let deep = 28.0 - wide;
             writeln!(
                 text,
                 "[[static]]\nname = \"{name}\"\nshape = {{ box_mm = [{wide:?}, {deep:?}, 12.0] \

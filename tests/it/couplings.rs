@@ -191,7 +191,8 @@ impl Outcome {
             "{what}: a hand that leans on a spring has put energy into it: {self}"
         );
         // What is published of the contact is what the hand feels of it; `direct` makes it softer.
-        let (published, felt) = (self.last.contact_world, self.last.commanded_device);
+        let published = self.last.contact_world;
+        let felt = self.last.commanded_device;
         assert!(
             coupling.mode == CouplingMode::Direct
                 || (published.force - felt.force).length() < 0.02 + 0.02 * felt.force.length(),

@@ -660,7 +660,8 @@ impl Query<'_> {
         let per_voxel = 1.0 / bounds.voxel_size_m();
         let floor_m = (-FLOOR_VOXELS * bounds.voxel_size_m()).min(-bounds.reach_m());
         let (along, about) = self.ways[0];
-        let (margin_cells, jump_cells) = (self.margin_cells, bounds.jump_cells());
+        let margin_cells = self.margin_cells;
+        let jump_cells = bounds.jump_cells();
         let mut n_looked_at = 0;
         let mut clear_cells = self.clear_cells;
         let leaves = leaves.iter().copied();

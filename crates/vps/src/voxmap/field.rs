@@ -390,7 +390,7 @@ impl Field {
             samples[PLANE + ROW],
             samples[PLANE + ROW + 1],
         ];
-        if let (false, Some(moves)) = (MOVED, self.moves.get(slot)) {
+        if !MOVED && let Some(moves) = self.moves.get(slot) {
             let places = [0, 1, ROW, ROW + 1, PLANE, PLANE + 1, PLANE + ROW, PLANE + ROW + 1];
             for (corner, place) in corners.iter_mut().zip(places) {
                 *corner += moves.get(first + place).map_or(0.0, |steps| self.move_m(*steps));

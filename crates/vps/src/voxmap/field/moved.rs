@@ -6,7 +6,7 @@
 //! Between exact samples of a curved surface trilinear interpolation errs to one side: by
 //! Σ h² u (1 − u)/2 · ∂²d/∂x², u the place between two samples in cells, h their distance, which is
 //! h²/12 · Δd in the mean. A ball of eight voxels pushed one of ten with 8 % less force half a voxel
-//! deep, and with 15 % less a quarter deep; now 0.5 and 1 %.
+//! deep, and with 15 % less a quarter deep; now 0.5 and 1 % off, with points of half a voxel.
 //!
 //! Each sample is moved by as much the other way where the samples around it are those of one smooth
 //! patch: at creases, between walls, where the band ends and farther outside it stays. What is flat
