@@ -130,8 +130,7 @@ pub fn look_at_parts(
     mut see: impl FnMut(&Part, &MeshSource, &Options),
 ) -> Result<(), PartError> {
     for request in requests(config) {
-        // The box of a shape hardly depends on how finely it is cut.
-        let part = object::load(request.name, request.source, Spacing::LongestAxis(1))?;
+        let part = object::load(request.name, request.source, request.spacing)?;
         let options = request.options(&part);
         see(&part, request.source, &options);
         memory.judge(&part, &options, request.products())?;

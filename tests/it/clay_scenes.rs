@@ -618,6 +618,7 @@ fn the_letter_of_figure_2b_stands_out_along_its_curve_and_nowhere_else() {
 }
 
 #[test]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_character_stands_on_each_of_the_five_blocks() {
     let (json, points) = shipped_with("logo", "2s");
     // Five Booleans and the pull.

@@ -718,7 +718,7 @@ fn check_prints_results_on_stdout_and_problems_on_stderr() {
     // The base is a skin, and a ball has no edge.
     let ok = "ok scene.toml: \"scene\", 2 static + tool, sim-sigma7 at 1000 Hz, implicit, 4000 N/m \
         (declared bound 4000), 1 N·m/rad (declared bound 1)\n  floor: thinnest wall 38 mm, \
-        sharpest edge 90°\n  tool: thinnest wall 10 mm\n  a part 0.316 mm too large on each side is \
+        sharpest edge 90°\n  tool: thinnest wall 9.981 mm\n  a part 0.316 mm too large on each side is \
         pressed in by 1 N for each mm of its rim, one 0.158 mm too large by 0.25 N\n";
 
     let output = hapticd(dir.path(), &["check", "scene.toml"]);

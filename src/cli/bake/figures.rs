@@ -74,8 +74,8 @@ pub(in crate::cli) fn report_text(object: &ObjectReport) -> String {
     lines.join("\n")
 }
 
-/// An edge of so much material rounds to none, degrees.
-const FLAT_DEG: f64 = 179.5;
+/// Facets that turn less from each other are those of a round face, degrees of material.
+const FLAT_DEG: f64 = 170.0;
 
 /// What a part tells apart, in words.
 pub(in crate::cli) fn accuracy_text(accuracy: &Accuracy, voxel_size_m: f64) -> Option<String> {
@@ -92,7 +92,6 @@ pub(in crate::cli) fn accuracy_text(accuracy: &Accuracy, voxel_size_m: f64) -> O
         surface_error_m.map(|error_m| format!("surface felt to {}", mm(error_m))),
         unseen_depth_m.map(|depth_m| format!("enters a flat face {} unseen", mm(depth_m))),
         thinnest_wall_m.map(|wall_m| format!("thinnest wall {}", mm(wall_m))),
-        // Facets of a round face meet in edges that are none.
         sharpest_edge_deg
             .filter(|angle_deg| *angle_deg < FLAT_DEG)
             .map(|angle_deg| format!("sharpest edge {angle_deg:.0}°")),
