@@ -315,6 +315,35 @@ fn a_spring_whose_late_force_the_arm_cannot_damp_is_warned_of_and_accepted() {
 }
 
 #[test]
+fn check_says_of_each_shape_what_its_bake_says() {
+    for shape in [
+        "box_mm = [5.0, 7.0, 9.0]",
+        "sphere_mm = 5.0",
+        "sphere_mm = 0.4",
+        "ellipsoid_mm = [5.0, 8.0, 3.0]",
+        "cylinder_mm = [4.0, 12.0]",
+        "cone_mm = [4.0, 12.0]",
+        "capsule_mm = [4.0, 12.0]",
+        "torus_mm = [20.0, 5.0]",
+    ] {
+        let dir = tempfile::tempdir().unwrap();
+        let text = scene(PLANE, "").replace("sphere_mm = 5.0", shape);
+        fs::write(dir.path().join("scene.toml"), text).unwrap();
+        let checked = hapticd(dir.path(), "check scene.toml --json").json();
+        let baked = hapticd(dir.path(), "bake scene.toml --cache off --json").json();
+        for part in [0, 1] {
+            let of_check = &checked["files"][0]["parts"][part];
+            let of_bake = &baked["objects"][part];
+            for figure in ["thinnest_wall_m", "sharpest_edge_deg"] {
+                let found = &of_check[figure];
+                assert_eq!(found, &of_bake["accuracy"][figure], "{shape}: {figure} of {of_check}");
+            }
+            assert!(of_check["sharpest_edge_deg"].is_number(), "{shape}: {of_check}");
+        }
+    }
+}
+
+#[test]
 fn check_prints_its_problems_as_json() {
     let dir = with_hand(METRES, "0,0.02,0,0.015,0,0,0,1\n");
     fs::write(dir.path().join("wrong.toml"), scene(PLANE, "profil = \"sim-sigma7\"")).unwrap();
