@@ -1,10 +1,9 @@
 //! A mesh whose numbers are likely in another unit than its scene says.
 
-use super::cache::Spacing;
-use super::object::{self, SceneError};
+use super::object::SceneError;
 use crate::config::scene::MeshSource;
 use crate::config::{Problem, ProblemKind, SceneConfig, problem_at};
-use vps::part::PartError;
+use vps::part::{Part, PartError};
 use vps::spatial::Metres;
 
 /// No part that a hand feels its way around is as large, m.
@@ -21,8 +20,8 @@ pub fn doubted_unit(config: &SceneConfig, error: &SceneError) -> Option<Problem>
         Some(idx) => (format!("static[{idx}]"), &config.statics[idx].source),
         None => ("tool".to_owned(), &config.tool.source),
     };
-    let MeshSource::File { metres_per_unit, .. } = source else { return None };
-    let (low, high) = object::load(name, source, Spacing::LongestAxis(1)).ok()?.mesh.bounds()?;
+    let MeshSource::File { path, metres_per_unit } = source else { return None };
+    let (low, high) = Part::load(name, path, *metres_per_unit).ok()?.mesh.bounds()?;
     let size_m = (high - low).max_element();
     if size_m < IMPLAUSIBLE_M {
         return None;

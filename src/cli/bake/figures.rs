@@ -74,7 +74,7 @@ pub(in crate::cli) fn report_text(object: &ObjectReport) -> String {
     lines.join("\n")
 }
 
-/// Facets that turn less from each other are those of a round face, degrees of material.
+/// Facets with more material between them than this are those of a round face, degrees.
 const FLAT_DEG: f64 = 170.0;
 
 /// What a part tells apart, in words.
