@@ -506,6 +506,13 @@ fn forged_files_with_sound_checksums_are_refused_or_harmless() {
         ("field samples", 400, &f32::NAN.to_le_bytes(), true),
         ("field samples", 404, &f32::MAX.to_le_bytes(), true),
         ("field layers", 17, &[0x80], true),
+        ("crease bricks", 0, &1_000_000_u32.to_le_bytes(), false),
+        ("crease cells", 0, &[0xff; 4], false),
+        ("crease planes", 0, &f64::NAN.to_le_bytes(), false),
+        ("crease planes", 8, &2_f64.to_le_bytes(), false),
+        ("crease planes", 24, &f64::NEG_INFINITY.to_le_bytes(), false),
+        ("crease planes", 24, &f64::INFINITY.to_le_bytes(), false),
+        ("crease planes", 24, &1e30_f64.to_le_bytes(), false),
         ("shell positions", 4, &f32::INFINITY.to_le_bytes(), true),
         ("shell normals", 4, &f32::NAN.to_le_bytes(), true),
     ] {

@@ -3,10 +3,13 @@
 //! A contact model reads them as they are, sixteen lanes at a time, or one [`Contact`] after the
 //! other; how they were found is not its concern.
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
+use super::clip::{CreasesAt, OverPlanes, Pressed};
 use super::immersion::FacetRange;
+use super::kernel::Place;
 use crate::pointshell::shell::{LANES, Lanes, Lanes3, Shell};
+use crate::spatial::Pose;
 use crate::voxmap::field::Field;
 
 /// One point or facet in contact.
@@ -58,6 +61,9 @@ pub struct ContactBlock {
     pub block: u32,
     /// One bit per lane in contact; never 0.
     pub lanes: u16,
+    /// Those of them whose facets lie over an edge of the obstacle: its planes say how deep they are,
+    /// not what stands here of them.
+    pub clipped: u16,
     /// What of the surface each of them stands for counts; with a budget points stand for others as
     /// well.
     pub weight: f32,
@@ -78,6 +84,7 @@ impl ContactBlock {
     pub(super) const NONE: Self = Self {
         block: 0,
         lanes: 0,
+        clipped: 0,
         weight: 1.0,
         limit_m: 0.0,
         depths_m: [0.0; LANES],
@@ -111,12 +118,37 @@ impl ContactBlock {
         (depth_m, range.with_shortfalls(shortfalls_m))
     }
 
+    /// What the planes of an obstacle's edges press on a lane, and its half axes; `None` where it
+    /// does not lie over an edge.
+    #[inline]
+    fn pressed(
+        &self,
+        shell: &Shell,
+        at: &CreasesAt<'_>,
+        lane: usize,
+    ) -> Option<(Pressed, [Vec3; 2])> {
+        if self.clipped >> lane & 1 == 0 {
+            return None;
+        }
+        let block = self.block as usize;
+        let middle = shell.positions().get(block)?.get(lane);
+        let half_axes = shell.half_axes().get(block)?.each_ref().map(|axis| axis.get(lane));
+        let mut over = OverPlanes::NONE;
+        at.over(middle, half_axes, &mut over).then(|| (over.pressed(), half_axes))
+    }
+
     /// The sum of how deep the lanes in contact are immersed in the mean, each by its weight, m.
     #[inline]
-    pub(super) fn depth_m(&self, shell: &Shell) -> f64 {
+    pub(super) fn depth_m(&self, shell: &Shell, at: &CreasesAt<'_>) -> f64 {
         let weighted = |lane: usize| {
-            let (depth_m, range) = self.depth_and_range(shell, lane);
-            f64::from(range.mean_depth_m(depth_m) * self.weight_of(shell, lane))
+            let mean_depth_m = match self.pressed(shell, at, lane) {
+                Some((pressed, _)) => pressed.mean_depth_m,
+                None => {
+                    let (depth_m, range) = self.depth_and_range(shell, lane);
+                    range.mean_depth_m(depth_m)
+                }
+            };
+            f64::from(mean_depth_m * self.weight_of(shell, lane))
         };
         self.lanes().map(weighted).sum()
     }
@@ -134,9 +166,17 @@ impl ContactBlock {
         (-self.gradients.get(lane)).try_normalize()
     }
 
-    /// Reports each lane in contact with this field.
+    /// Reports each lane in contact with this field, found with the tool at this pose.
     #[inline]
-    pub fn contacts(&self, field: &Field, shell: &Shell, mut touch: impl FnMut(&Contact)) {
+    pub fn contacts(
+        &self,
+        field: &Field,
+        shell: &Shell,
+        map_from_body: Pose,
+        mut touch: impl FnMut(&Contact),
+    ) {
+        let place = (self.clipped != 0).then(|| Place::new(field, map_from_body));
+        let creases = place.as_ref().map(|place| CreasesAt::new(field, place));
         let block = self.block as usize;
         let (Some(positions), Some(normals)) =
             (shell.positions().get(block), shell.normals().get(block))
@@ -152,7 +192,7 @@ impl ContactBlock {
             let way_out = self.way_out(lane);
             // Neither a skin nor an edge has a direction of its own.
             let bends = field.is_thin() || weight == 0.0 || normal == Vec3::ZERO;
-            touch(&Contact {
+            let mut contact = Contact {
                 point_idx: self.block * LANES as u32 + lane as u32,
                 depth_m: deepest_m,
                 mean_depth_m: range.mean_depth_m(depth_m),
@@ -161,7 +201,22 @@ impl ContactBlock {
                 pressed_body: position + range.lever_m(depth_m),
                 normal_body: way_out.filter(|_| bends).unwrap_or(normal),
                 way_out_body: way_out.unwrap_or(Vec3::ZERO),
-            });
+            };
+            let pressed = creases.as_ref().and_then(|creases| self.pressed(shell, creases, lane));
+            if let Some((pressed, [a, b])) = pressed {
+                let on_facet = |at: Vec2| position + a * at.x + b * at.y;
+                if depth_m <= 0.0 {
+                    contact.depth_m = pressed.deepest_m;
+                    contact.arm_body = on_facet(pressed.deepest_at);
+                } else {
+                    contact.depth_m = depth_m;
+                    contact.arm_body = position;
+                }
+                contact.mean_depth_m = pressed.mean_depth_m;
+                contact.pressed_body = on_facet(pressed.at);
+                contact.way_out_body = (-pressed.gradient).normalize_or_zero();
+            }
+            touch(&contact);
         }
     }
 }
@@ -202,7 +257,7 @@ mod tests {
             ..ContactBlock::NONE
         };
         let mut contacts = Vec::new();
-        touched.contacts(&plate().field, &Shell::new(&points, 1e-3), |contact| {
+        touched.contacts(&plate().field, &Shell::new(&points, 1e-3), Pose::IDENTITY, |contact| {
             contacts.push(*contact)
         });
         // Lanes 3 and 5 of block 2 are points 2 · 16 + 3 and 2 · 16 + 5, of one s² each.
@@ -233,7 +288,7 @@ mod tests {
                 gradients,
                 ..ContactBlock::NONE
             };
-            touched.contacts(&field, &shell, |contact| {
+            touched.contacts(&field, &shell, Pose::IDENTITY, |contact| {
                 let lane = contact.point_idx as usize % LANES;
                 let normals = &shell.normals()[block as usize];
                 let place = positions.get(lane);
@@ -288,11 +343,11 @@ mod tests {
                 ..ContactBlock::NONE
             };
             // Where no way out is known, along its own normal.
-            touched.contacts(field, &shell, |contact| {
+            touched.contacts(field, &shell, Pose::IDENTITY, |contact| {
                 assert_eq!(contact.normal_body, normal.as_vec3());
             });
             touched.gradients.set(0, Vec3::NEG_Z * 2.0);
-            touched.contacts(field, &shell, |contact| {
+            touched.contacts(field, &shell, Pose::IDENTITY, |contact| {
                 assert!((contact.normal_body - expected).length() < 1e-6, "{contact:?}");
             });
         }

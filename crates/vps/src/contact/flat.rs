@@ -3,8 +3,9 @@
 
 use glam::{Mat3, Vec3};
 
+use super::clip::{CreasesAt, OverPlanes};
 use super::contact_block::{Contact, ContactBlock};
-use super::immersion::{Extents, FacetRange, limit_m};
+use super::immersion::{Extents, FacetRange, limit_m, slack_m};
 use super::kernel::Place;
 use crate::pointshell::shell::{LANES, Lanes3, Shell};
 use crate::spatial::Pose;
@@ -23,7 +24,9 @@ pub fn visit(
     map_from_body: Pose,
     mut touch: impl FnMut(&Contact),
 ) -> f32 {
-    blocks(field, kind, shell, map_from_body, |touched| touched.contacts(field, shell, &mut touch))
+    blocks(field, kind, shell, map_from_body, |touched| {
+        touched.contacts(field, shell, map_from_body, &mut touch);
+    })
 }
 
 /// The same, block by block.
@@ -37,7 +40,9 @@ pub(super) fn blocks(
 ) -> f32 {
     let map_axes: Mat3 = map_from_body.rotation_matrix().as_mat3();
     let place = Place::new(field, map_from_body);
-    let extents = Extents::of(shell, limit_m(field, kind));
+    let extents = Extents::of(shell, limit_m(field, kind), slack_m(field, kind));
+    let mut over = OverPlanes::NONE;
+    let creases = (kind == FieldKind::Trilinear).then(|| CreasesAt::new(field, &place));
     let mut max_value = f32::NEG_INFINITY;
     let mut n_left = shell.len();
     for (block, (positions, normals)) in shell.blocks().enumerate() {
@@ -51,14 +56,30 @@ pub(super) fn blocks(
             ContactBlock { block: block as u32, limit_m: extents.limit_m(), ..ContactBlock::NONE };
         let mut depths_m = [f32::NEG_INFINITY; LANES];
         let reach_m = extents.reach_m(block);
+        let whole_reach_m = extents.whole_reach_m(block);
         let half_axes = extents.half_axes(block);
         for (lane, (cells, depth)) in cells.into_iter().zip(&mut depths_m).enumerate().take(n_left)
         {
             let normal = normals.get(lane);
             let normal_map = if kind == FieldKind::Layers { map_axes * normal } else { Vec3::ZERO };
             let depth_m = field.value(kind, cells, normal_map);
-            max_value = max_value.max(depth_m);
             *depth = depth_m;
+            let half_axes = half_axes.map(|[a, b]| [a.get(lane), b.get(lane)]);
+            let met = creases
+                .filter(|_| depth_m > -whole_reach_m && extents.meets_planes(block))
+                .zip(half_axes)
+                .and_then(|(creases, half_axes)| {
+                    creases.meet(positions.get(lane), half_axes, extents.limit_m(), &mut over)
+                });
+            if let Some(met) = met {
+                *depth = if met.touches { met.depth_m } else { depth_m.min(0.0) };
+                if met.touches {
+                    touched.lanes |= 1 << lane;
+                    touched.clipped |= u16::from(met.is_clipped) << lane;
+                    touched.gradients.set(lane, met.gradient);
+                }
+                continue;
+            }
             if depth_m > -reach_m {
                 // With other look-ups it says which way is out where no normal does, and no more.
                 let gradient =
@@ -67,7 +88,6 @@ pub(super) fn blocks(
                     } else {
                         Vec3::ZERO
                     };
-                let half_axes = half_axes.map(|[a, b]| [a.get(lane), b.get(lane)]);
                 let range = FacetRange::of(half_axes, gradient, extents.limit_m());
                 let mut shortfalls_m = [0.0; 2];
                 if range.is_near(depth_m) {
@@ -83,6 +103,7 @@ pub(super) fn blocks(
                 }
             }
         }
+        max_value = depths_m.into_iter().fold(max_value, f32::max);
         touched.depths_m = depths_m;
         if touched.lanes != 0 {
             touch(&touched);

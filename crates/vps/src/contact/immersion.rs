@@ -24,7 +24,7 @@
 
 use glam::Vec3;
 
-use crate::pointshell::shell::{LANES, Lanes3, Shell};
+use crate::pointshell::shell::{LANES, Lanes3, STEEPEST, Shell};
 use crate::simd::F32s;
 use crate::voxmap::field::{Field, FieldKind};
 
@@ -42,36 +42,82 @@ pub(super) fn limit_m(field: &Field, kind: FieldKind) -> f32 {
     }
 }
 
+/// By how much less interpolation may say than the planes of an obstacle's creases do, m; 0 where
+/// facets count as points do.
+pub(super) fn slack_m(field: &Field, kind: FieldKind) -> f32 {
+    match kind {
+        FieldKind::Trilinear => field.creases().slack_cells() * field.voxel_size_m(),
+        _ => 0.0,
+    }
+}
+
+/// Depth below which no facet of such a reach touches is minus this, m.
+#[inline(always)]
+pub(super) fn with_slack_m(reach_m: f32, slack_m: f32, limit_m: f32) -> f32 {
+    let slack_m = if meets_planes(reach_m, slack_m) { slack_m } else { 0.0 };
+    reach_m.max(reach_m / STEEPEST + slack_m).min(limit_m)
+}
+
+/// Planes are known about a cell as far as this many slacks: see `LISTED_CELLS` of the creases.
+const KNOWN_SLACKS: f32 = 4.0;
+
+/// True of facets that reach no farther than the planes of a cell are known about it.
+#[inline(always)]
+fn meets_planes(reach_m: f32, slack_m: f32) -> bool {
+    reach_m > 0.0 && reach_m / STEEPEST < KNOWN_SLACKS * slack_m
+}
+
 /// The extents of the facets of a shell, as a look-up in a field needs them.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Extents<'a> {
     half_axes: &'a [[Lanes3; 2]],
     reaches_m: &'a [f32],
     limit_m: f32,
+    slack_m: f32,
 }
 
 impl<'a> Extents<'a> {
     /// Of points without extent.
-    pub(super) const NONE: Self = Self { half_axes: &[], reaches_m: &[], limit_m: 0.0 };
+    pub(super) const NONE: Self =
+        Self { half_axes: &[], reaches_m: &[], limit_m: 0.0, slack_m: 0.0 };
 
-    /// Of a shell, with the limit of [`limit_m`].
-    pub(super) fn of(shell: &'a Shell, limit_m: f32) -> Self {
-        Self { half_axes: shell.half_axes(), reaches_m: shell.reaches_m(), limit_m }
+    /// Of a shell, with the limit of [`limit_m`] and the slack of [`slack_m`].
+    pub(super) fn of(shell: &'a Shell, limit_m: f32, slack_m: f32) -> Self {
+        Self::new(shell.half_axes(), shell.reaches_m(), limit_m, slack_m)
     }
 
     /// Of blocks given one by one.
-    pub(super) fn new(half_axes: &'a [[Lanes3; 2]], reaches_m: &'a [f32], limit_m: f32) -> Self {
-        Self { half_axes, reaches_m, limit_m }
+    pub(super) fn new(
+        half_axes: &'a [[Lanes3; 2]],
+        reaches_m: &'a [f32],
+        limit_m: f32,
+        slack_m: f32,
+    ) -> Self {
+        Self { half_axes, reaches_m, limit_m, slack_m }
     }
 
     pub(super) fn limit_m(&self) -> f32 {
         self.limit_m
     }
 
-    /// Depth below which no facet of a block touches is minus this, m.
+    /// Depth below which no facet of a block touches by interpolation is minus this, m.
     #[inline(always)]
     pub(super) fn reach_m(&self, block: usize) -> f32 {
         self.reaches_m.get(block).copied().unwrap_or(0.0).min(self.limit_m)
+    }
+
+    /// The same by interpolation or by planes.
+    #[inline(always)]
+    pub(super) fn whole_reach_m(&self, block: usize) -> f32 {
+        let reach_m = self.reaches_m.get(block);
+        reach_m.map_or(0.0, |reach_m| with_slack_m(*reach_m, self.slack_m, self.limit_m))
+    }
+
+    /// True of a block whose facets count by the planes of the obstacle's convex edges where it has
+    /// some.
+    #[inline(always)]
+    pub(super) fn meets_planes(&self, block: usize) -> bool {
+        self.reaches_m.get(block).is_some_and(|reach_m| meets_planes(*reach_m, self.slack_m))
     }
 
     #[inline(always)]

@@ -12,6 +12,7 @@
 
 use glam::{Mat3, Vec3};
 
+use super::clip::CreasesAt;
 use super::immersion::{Extents, Range};
 use crate::pointshell::shell::{LANES, Lanes, Lanes3};
 use crate::pointshell::tree::{CHILDREN, Spheres};
@@ -83,6 +84,8 @@ pub(super) struct Depths {
     pub(super) shortfalls_m: [Lanes; 2],
     /// One bit per lane: V > 0, or of a facet more than minus what it ranges by over the facet.
     pub(super) touching: u16,
+    /// Those of them over which more than one plane of the obstacle counts.
+    pub(super) clipped: u16,
     /// Largest of them, m; lanes that are not a number do not count.
     pub(super) max_m: f32,
 }
@@ -268,6 +271,7 @@ pub(super) fn free_cells(depth_cells: f32) -> f32 {
 /// The bounds and the place in lanes.
 struct Grid<'a, L: F32s<N>, const N: usize> {
     bounds: &'a BrickBounds,
+    place: &'a Place,
     axes: [[L; 3]; 3],
     origin: [L; 3],
     dims: [L::Int; 3],
@@ -279,11 +283,12 @@ struct Grid<'a, L: F32s<N>, const N: usize> {
 
 impl<'a, L: F32s<N>, const N: usize> Grid<'a, L, N> {
     #[inline(always)]
-    fn new(bounds: &'a BrickBounds, place: &Place) -> Self {
+    fn new(bounds: &'a BrickBounds, place: &'a Place) -> Self {
         let [nx, ny, nz] = bounds.dims();
         let Mat3 { x_axis, y_axis, z_axis } = place.axes;
         Self {
             bounds,
+            place,
             axes: [splat(x_axis), splat(y_axis), splat(z_axis)],
             origin: splat(place.origin),
             dims: [L::Int::splat(nx), L::Int::splat(ny), L::Int::splat(nz)],
@@ -439,17 +444,25 @@ impl<'a, L: F32s<N>, const N: usize> Grid<'a, L, N> {
 impl<'a, L: F32s<LANES>> Grid<'a, L, LANES> {
     /// V of the points of a block.
     #[inline(always)]
-    fn depths(&self, block: usize, points: &Lanes3, extents: Extents<'_>, floor_m: f32) -> Depths {
+    fn depths(
+        &self,
+        block: usize,
+        positions: &Lanes3,
+        extents: Extents<'_>,
+        floor_m: f32,
+    ) -> Depths {
         let reach_m = extents.reach_m(block);
         let reach = L::splat(reach_m);
-        let Lanes3 { x, y, z } = points;
+        let Lanes3 { x, y, z } = positions;
         let points = [L::load(&x.0), L::load(&y.0), L::load(&z.0)];
-        let (values, gradient) = self.look_up(points, (floor_m.min(-reach_m), reach));
+        let whole_reach_m = extents.whole_reach_m(block);
+        let (values, gradient) = self.look_up(points, (floor_m.min(-whole_reach_m), reach));
         let mut depths = Depths {
             depths_m: Lanes([0.0; LANES]),
             gradients: Lanes3::ZERO,
             shortfalls_m: [Lanes([0.0; LANES]); 2],
             touching: 0,
+            clipped: 0,
             max_m: 0.0,
         };
         let none = L::splat(0.0);
@@ -481,7 +494,49 @@ impl<'a, L: F32s<LANES>> Grid<'a, L, LANES> {
         }
         depths.max_m = values.max(L::splat(f32::NEG_INFINITY)).max_lane();
         values.store(&mut depths.depths_m.0);
+        let near = L::splat(-whole_reach_m).lt(values);
+        if near.bits() != 0
+            && extents.meets_planes(block)
+            && let Some(half_axes) = extents.half_axes(block)
+        {
+            let creased = near & self.creased(points);
+            if creased.bits() != 0 {
+                let at = CreasesAt::of(self.bounds, self.place);
+                let limit_m = extents.limit_m();
+                at.meet_all(creased.bits() as u16, positions, half_axes, limit_m, &mut depths);
+            }
+        }
         depths
+    }
+
+    /// A mask: points in cells that have planes.
+    #[inline(always)]
+    fn creased(&self, points: [L; 3]) -> L::Int {
+        let creases = self.bounds.creases();
+        let lattice = self.lattice(points);
+        let base = [lattice[0].floored(), lattice[1].floored(), lattice[2].floored()];
+        let bricks = eighths(base);
+        let off = self.off(bricks);
+        let zero = L::Int::splat(0);
+        let brick = L::Int::select(off, zero, self.brick(bricks));
+        // SAFETY: lanes that are not on the grid read entry 0; by the invariant of the bounds there
+        // is one entry per brick, as there are creases.
+        let entries = unsafe { L::Int::gather(creases.of_brick(), brick) };
+        let has_entry = L::Int::select(off, zero, entries.gt(L::Int::splat(-1)));
+        if has_entry.is_zero() {
+            return zero;
+        }
+        let seven = L::Int::splat(7);
+        let [x, y, z] = [base[0] & seven, base[1] & seven, base[2] & seven];
+        let eight = L::Int::splat(8);
+        let half = L::Int::splat(4);
+        let pair = ((entries & has_entry) * eight + x) * eight + y;
+        let pair = pair * half + z.shifted::<1>();
+        // SAFETY: an entry of the creases, or their first, and a pair of cells in it.
+        let sets = unsafe { L::Int::gather(creases.cells().as_flattened(), pair) };
+        let is_second = (z & L::Int::splat(1)).gt(zero);
+        let own = sets & L::Int::select(is_second, L::Int::splat(!0xffff), L::Int::splat(0xffff));
+        L::Int::select(own.eq(zero), zero, has_entry)
     }
 
     /// V at one end of the facets of some lanes.

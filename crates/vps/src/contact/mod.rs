@@ -18,6 +18,7 @@
 
 mod budget;
 mod clay;
+mod clip;
 mod contact_block;
 #[doc(hidden)]
 pub mod faces;
@@ -48,7 +49,10 @@ pub use proximity::Proximity;
 pub use summing::{AVERAGED_CONTACTS, FaceSums};
 pub use traversal::{Traversal, TraversalMode};
 
+use self::clip::CreasesAt;
 use self::faces::face_of;
+use self::immersion::slack_m;
+use self::kernel::Place;
 use self::sum::AddAll;
 use self::summing::Summing;
 use self::tree_traversal::QueryResult;
@@ -242,6 +246,8 @@ impl ContactSum {
         for obstacle in obstacles {
             let map_from_body = obstacle.world_from_map.inverse() * world_from_body;
             let by = summing.weighting(obstacle, shell);
+            let place = Place::new(&obstacle.field, map_from_body);
+            let at = CreasesAt::new(&obstacle.field, &place);
             let mut n_contacts = 0;
             let max_value_m =
                 flat::blocks(&obstacle.field, law.field, shell, map_from_body, |touched| {
@@ -249,10 +255,11 @@ impl ContactSum {
                     let face = shell.normals().get(touched.block as usize).map_or(0, face_of);
                     if let Some(sums) = summing.face(face) {
                         let touched = core::slice::from_ref(touched);
-                        SimdLevel::Portable.run(AddAll { sums, touched, shell, by });
+                        SimdLevel::Portable.run(AddAll { sums, touched, shell, by, at });
                     }
                 });
-            summing.note(obstacle, n_contacts, &QueryResult::of_all(max_value_m, shell), 0.0);
+            let reach_m = shell.reach_m() + slack_m(&obstacle.field, law.field);
+            summing.note(obstacle, n_contacts, &QueryResult::of_all(max_value_m, reach_m), 0.0);
         }
         summing.finish()
     }
@@ -293,6 +300,8 @@ impl ContactSum {
                 angular: pose.moved.angular,
             });
             let by = summing.weighting(obstacle, shell);
+            let place = Place::new(&obstacle.field, map_from_body);
+            let at = CreasesAt::new(&obstacle.field, &place);
             let found =
                 traversal.find((n, obstacle_idx), obstacle, law.field, shell, map_from_body);
             let mut n_contacts = 0;
@@ -302,15 +311,17 @@ impl ContactSum {
                 let Some(face) = run.first().map(face_of) else { continue };
                 let Some(sums) = summing.face(face) else { continue };
                 n_contacts += run.iter().map(|touched| touched.lanes.count_ones()).sum::<u32>();
-                simd_level.run(AddAll { sums, touched: run, shell, by });
+                simd_level.run(AddAll { sums, touched: run, shell, by, at });
                 if let Some(carried) = carried {
-                    let depth_m = run.iter().map(|touched| touched.depth_m(shell)).sum();
+                    let depth_m = run.iter().map(|touched| touched.depth_m(shell, &at)).sum();
                     summing.carry(face, carried, depth_m);
                 }
             }
             if let Some(also) = also.as_mut() {
                 for touched in traversal.touched() {
-                    touched.contacts(&obstacle.field, shell, |contact| also(obstacle_idx, contact));
+                    touched.contacts(&obstacle.field, shell, map_from_body, |contact| {
+                        also(obstacle_idx, contact);
+                    });
                 }
             }
             summing.note(obstacle, n_contacts, &found, reserve_m);

@@ -70,7 +70,7 @@ impl Samples {
     pub(super) fn look(
         &mut self,
         simd_level: SimdLevel,
-        (bounds, limit_m): (&BrickBounds, f32),
+        (bounds, limit_m, slack_m): (&BrickBounds, f32, f32),
         place: &Place,
         touched: &mut Vec<ContactBlock>,
     ) -> f32 {
@@ -96,6 +96,7 @@ impl Samples {
                     ..ContactBlock::NONE
                 });
                 one.lanes |= 1 << lane_of_block;
+                one.clipped |= (depths.clipped >> lane & 1) << lane_of_block;
                 if let (Some(depth_m), Some(of_lane)) =
                     (depths.depths_m.0.get(lane), one.depths_m.get_mut(lane_of_block))
                 {
@@ -110,7 +111,7 @@ impl Samples {
         let positions = core::slice::from_ref(&positions);
         let (half_axes, reaches_m) =
             (core::slice::from_ref(&half_axes), core::slice::from_ref(&reach_m));
-        let extents = Extents::new(half_axes, reaches_m, limit_m);
+        let extents = Extents::new(half_axes, reaches_m, limit_m, slack_m);
         let floor = |_| f32::NEG_INFINITY;
         simd_level.run(Blocks {
             bounds,

@@ -3,8 +3,9 @@
 //! A few blocks are added up in `f32`, sixteen lane sums per quantity, then these sums in `f64`,
 //! every fourth lane together.
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec3, Vec3};
 
+use super::clip::{CreasesAt, OverPlanes, midpoints, share_of_point};
 use super::contact_block::ContactBlock;
 use super::immersion::{Immersed, Range};
 use crate::pointshell::shell::{LANES, Lanes, Lanes3, Shell};
@@ -25,7 +26,7 @@ const BLOCKS_PER_PART: u32 = 16;
 pub(super) struct Sums {
     part: [[f32; LANES]; QUANTITIES],
     n_blocks_in_part: u32,
-    /// The most of the mean depths.
+    /// The most of the mean depths; of a facet that is cut, of its points.
     deepest: [f32; LANES],
     lanes: [[f64; LANES / 4]; QUANTITIES],
 }
@@ -98,7 +99,7 @@ fn cross<L: F32s<LANES>>([ax, ay, az]: [L; 3], [bx, by, bz]: [L; 3]) -> [L; 3] {
 impl<L: F32s<LANES>> Addends<L> {
     #[inline(always)]
     fn of(touched: &ContactBlock, points: Points<'_>, by: Weighting) -> Self {
-        let wanted = L::Int::mask(touched.lanes.into());
+        let wanted = L::Int::mask((touched.lanes & !touched.clipped).into());
         let one = L::splat(1.0);
         let zero = L::splat(0.0);
         let area = L::load(&points.weights.0).only(wanted) * L::splat(touched.weight);
@@ -193,6 +194,49 @@ impl Sums {
         }
     }
 
+    /// Adds the facets of a block that lie over an edge of the obstacle, by points that press as they
+    /// do.
+    #[inline(always)]
+    fn add_clipped<L: F32s<LANES>>(
+        &mut self,
+        touched: &ContactBlock,
+        facets: Points<'_>,
+        by: Weighting,
+        at: &CreasesAt<'_>,
+    ) {
+        let Some([a, b]) = facets.half_axes else { return };
+        let mut pressing = Pressing::new(touched);
+        let mut over = OverPlanes::NONE;
+        for lane in (0..LANES).filter(|lane| touched.clipped >> lane & 1 == 1) {
+            let middle = facets.positions.get(lane);
+            let half_axes = [a.get(lane), b.get(lane)];
+            if !at.over(middle, half_axes, &mut over) {
+                continue;
+            }
+            let normal = facets.normals.get(lane);
+            let weight = facets.weights.0.get(lane).copied().unwrap_or(0.0);
+            for k in 0..over.n {
+                let piece = over.piece(k);
+                for triangle in piece.triangles() {
+                    let share = share_of_point(triangle) * weight;
+                    for on_facet in midpoints(triangle) {
+                        let (depth_m, gradient) = over.depth_and_gradient(k, on_facet);
+                        let position =
+                            middle + half_axes[0] * on_facet.x + half_axes[1] * on_facet.y;
+                        pressing.push(position, normal, share, depth_m, gradient);
+                        if pressing.is_full() {
+                            self.add::<L>(&pressing.touched, pressing.points(), by);
+                            pressing.clear();
+                        }
+                    }
+                }
+            }
+        }
+        if pressing.touched.lanes != 0 {
+            self.add::<L>(&pressing.touched, pressing.points(), by);
+        }
+    }
+
     /// Adds the part to the sums.
     #[inline(always)]
     fn settle(&mut self) {
@@ -236,6 +280,60 @@ impl Sums {
             effective,
             deepest,
         }
+    }
+}
+
+/// Points that press, until there are as many as a block has.
+struct Pressing {
+    positions: Lanes3,
+    normals: Lanes3,
+    weights: Lanes,
+    touched: ContactBlock,
+    n: usize,
+}
+
+impl Pressing {
+    #[inline(always)]
+    fn new(of: &ContactBlock) -> Self {
+        Self {
+            positions: Lanes3::ZERO,
+            normals: Lanes3::ZERO,
+            weights: Lanes([0.0; LANES]),
+            touched: ContactBlock { block: of.block, weight: of.weight, ..ContactBlock::NONE },
+            n: 0,
+        }
+    }
+
+    #[inline(always)]
+    fn push(&mut self, position: Vec3, normal: Vec3, weight: f32, depth_m: f32, gradient: Vec3) {
+        if let (Some(own_weight), Some(own_depth_m)) =
+            (self.weights.0.get_mut(self.n), self.touched.depths_m.get_mut(self.n))
+        {
+            *own_weight = weight;
+            *own_depth_m = depth_m;
+            self.positions.set(self.n, position);
+            self.normals.set(self.n, normal);
+            self.touched.gradients.set(self.n, gradient);
+            self.touched.lanes |= 1 << self.n;
+            self.n += 1;
+        }
+    }
+
+    #[inline(always)]
+    fn is_full(&self) -> bool {
+        self.n == LANES
+    }
+
+    #[inline(always)]
+    fn clear(&mut self) {
+        self.touched.lanes = 0;
+        self.n = 0;
+    }
+
+    #[inline(always)]
+    fn points(&self) -> Points<'_> {
+        let Self { positions, normals, weights, .. } = self;
+        Points { positions, normals, weights, half_axes: None }
     }
 }
 
@@ -295,7 +393,7 @@ pub(super) struct Total {
     pub(super) depth: f64,
     pub(super) depth_arm: DVec3,
     pub(super) effective: f64,
-    /// Of one facet, in the mean over it.
+    /// Of one facet, in the mean over it; of one that is cut, at one of its points.
     pub(super) deepest: f64,
 }
 
@@ -305,6 +403,7 @@ pub(super) struct AddAll<'a> {
     pub(super) touched: &'a [ContactBlock],
     pub(super) shell: &'a Shell,
     pub(super) by: Weighting,
+    pub(super) at: CreasesAt<'a>,
 }
 
 impl Kernel for AddAll<'_> {
@@ -338,7 +437,12 @@ impl Kernel for AddAll<'_> {
                 }
             }
             if let Some(points) = points(touched) {
-                self.sums.add::<L::Wide>(touched, points, self.by);
+                if touched.lanes != touched.clipped {
+                    self.sums.add::<L::Wide>(touched, points, self.by);
+                }
+                if touched.clipped != 0 {
+                    self.sums.add_clipped::<L::Wide>(touched, points, self.by, &self.at);
+                }
             }
         }
     }
@@ -396,6 +500,7 @@ mod tests {
             let mut touched = ContactBlock {
                 block,
                 lanes: 0,
+                clipped: 0,
                 weight: 1.0 + chance.unit() as f32,
                 limit_m: LIMIT_M,
                 depths_m: [f32::NAN; LANES],

@@ -7,7 +7,7 @@ use glam::{DQuat, DVec3};
 use super::budget::Budget;
 use super::contact_block::{Contact, ContactBlock};
 use super::faces::face_of;
-use super::immersion::Extents;
+use super::immersion::{Extents, slack_m};
 use super::kernel::{Above, Blocks, Depths, Place};
 use super::obstacle_poses::{FarSum, ObstaclePoses};
 use super::summing::FaceSums;
@@ -211,14 +211,15 @@ impl Traversal {
                     *left = left.without(found.looked_at);
                     found
                 } else {
-                    QueryResult::of_all(all(*simd_level, walk, shell, &place, touched), shell)
+                    let max_value_m = all(*simd_level, walk, shell, &place, touched);
+                    QueryResult::of_all(max_value_m, shell.reach_m() + walk.slack_m())
                 }
             }
             _ => {
                 let field = &obstacle.field;
                 let all = |block: &ContactBlock| touched.push(*block);
                 let max_value_m = flat::blocks(field, kind, shell, map_from_body, all);
-                QueryResult::of_all(max_value_m, shell)
+                QueryResult::of_all(max_value_m, shell.reach_m() + slack_m(field, kind))
             }
         }
     }
@@ -250,6 +251,8 @@ impl Traversal {
         world_from_body: Pose,
         max_value_m: f32,
     ) {
+        let Some(pose) = self.obstacle_poses.pose(obstacle_idx) else { return };
+        let map_from_body = pose.world_from_map.inverse() * world_from_body;
         let mut deepest: Option<Contact> = None;
         for touched in &self.touched {
             let depth_m = |touched: &ContactBlock| {
@@ -259,7 +262,7 @@ impl Traversal {
                     .fold(0.0, |a, b| b.max(a))
             };
             if deepest.is_none_or(|deepest| depth_m(touched) > deepest.depth_m) {
-                touched.contacts(&obstacle.field, shell, |contact| {
+                touched.contacts(&obstacle.field, shell, map_from_body, |contact| {
                     if deepest.is_none_or(|deepest| contact.depth_m > deepest.depth_m) {
                         deepest = Some(*contact);
                     }
@@ -291,7 +294,7 @@ fn all(
     touched: &mut Vec<ContactBlock>,
 ) -> f32 {
     let bounds = walk.bounds();
-    let extents = Extents::of(shell, walk.limit_m());
+    let extents = Extents::of(shell, walk.limit_m(), walk.slack_m());
     let reach_m = walk.reach_m();
     let floor = |max_m: f32| max_m.min(-reach_m);
     let margin_cells = walk.margin_cells(place);
@@ -315,6 +318,7 @@ fn all(
                 touched.push(ContactBlock {
                     block,
                     lanes: depths.touching,
+                    clipped: depths.clipped,
                     weight: 1.0,
                     limit_m: extents.limit_m(),
                     depths_m: depths.depths_m.0,

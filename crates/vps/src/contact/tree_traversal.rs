@@ -32,7 +32,7 @@ use glam::DVec3;
 
 use super::budget::{Budget, Choice};
 use super::contact_block::ContactBlock;
-use super::immersion::{Extents, limit_m};
+use super::immersion::{Extents, limit_m, slack_m, with_slack_m};
 use super::kernel::{Blocks, Ceilings, Clearance, Depths, Place, free_cells};
 use super::samples::Samples;
 use crate::pointshell::shell::{LANES, Lanes, Shell};
@@ -82,9 +82,9 @@ pub(super) struct QueryResult {
 }
 
 impl QueryResult {
-    /// Of a look at every point of a shell.
-    pub(super) fn of_all(max_value_m: f32, shell: &Shell) -> Self {
-        let free_way_m = (-max_value_m - shell.reach_m()).max(0.0);
+    /// Of a look at every point of a shell whose facets reach so far.
+    pub(super) fn of_all(max_value_m: f32, reach_m: f32) -> Self {
+        let free_way_m = (-max_value_m - reach_m).max(0.0);
         Self { max_value_m, is_bound: false, free_way_m, looked_at: 0, left_out: 0 }
     }
 }
@@ -145,6 +145,8 @@ pub(super) struct TreeTraversal {
     reach_cells: f32,
     /// See [`limit_m`]; 0 where facets count as points.
     limit_m: f32,
+    /// See [`slack_m`].
+    slack_m: f32,
     motion: Motion,
     turn: u64,
 }
@@ -187,7 +189,11 @@ impl TreeTraversal {
     /// `None` when the field or the shell is not one that can be walked. Cold.
     pub(super) fn new(field: &Field, shell: &Shell) -> Option<Self> {
         let limit_m = limit_m(field, FieldKind::Trilinear);
-        Self::over(BrickBounds::within(field, shell.reach_m().min(limit_m))?, shell, limit_m)
+        let slack_m = slack_m(field, FieldKind::Trilinear);
+        let reaches_m = shell.reaches_m().iter();
+        let reach_m = reaches_m.map(|reach_m| with_slack_m(*reach_m, slack_m, limit_m));
+        let reach_m = reach_m.fold(0.0, f32::max);
+        Some(Self { slack_m, ..Self::over(BrickBounds::within(field, reach_m)?, shell, limit_m)? })
     }
 
     /// The same over bounds that are not just the field's; facets reach no further than `limit_m`,
@@ -224,6 +230,7 @@ impl TreeTraversal {
             first_blocks: Arc::new(first_blocks),
             reach_cells: (shell.radius_m() / voxel_size_m) as f32,
             limit_m,
+            slack_m: 0.0,
             motion: Motion::default(),
             turn: 0,
         })
@@ -237,6 +244,11 @@ impl TreeTraversal {
     /// The largest depth that a facet's corner has beyond its centroid and that counts, m.
     pub(super) fn limit_m(&self) -> f32 {
         self.limit_m
+    }
+
+    /// See [`slack_m`].
+    pub(super) fn slack_m(&self) -> f32 {
+        self.slack_m
     }
 
     /// The longest reach of a facet that counts, m.
@@ -290,6 +302,7 @@ impl TreeTraversal {
             is_limited: budget != Budget::Unlimited,
             per_voxel: 1.0 / self.bounds.voxel_size_m(),
             limit_m: self.limit_m,
+            slack_m: self.slack_m,
         };
         lists.open.clear();
         lists.open.push(0);
@@ -573,6 +586,7 @@ struct Query<'a> {
     is_limited: bool,
     per_voxel: f32,
     limit_m: f32,
+    slack_m: f32,
 }
 
 impl Query<'_> {
@@ -652,7 +666,7 @@ impl Query<'_> {
         touched: &mut Vec<ContactBlock>,
     ) {
         let limit_m = self.limit_m;
-        let extents = Extents::of(self.shell, limit_m);
+        let extents = Extents::of(self.shell, limit_m, self.slack_m);
         let TreeTraversal {
             bounds, clear_until_cells, reaches_cells, by_points, first_blocks, ..
         } = walk;
@@ -671,6 +685,7 @@ impl Query<'_> {
                 touched.push(ContactBlock {
                     block: leaf,
                     lanes: depths.touching,
+                    clipped: depths.clipped,
                     weight: 1.0,
                     limit_m,
                     depths_m: depths.depths_m.0,
@@ -681,7 +696,7 @@ impl Query<'_> {
             }
             let block = first + leaf as usize / CHILDREN;
             let lane = leaf as usize % CHILDREN;
-            let highest_m = depths.max_m + extents.reach_m(leaf as usize);
+            let highest_m = depths.max_m + extents.whole_reach_m(leaf as usize);
             let room = free_cells(-highest_m * per_voxel - jump_cells) - margin_cells;
             clear_cells = clear_cells.min(room);
             let clear_until =
@@ -760,7 +775,7 @@ impl Query<'_> {
             if !samples.has_room_for(lanes.len()) {
                 self.max_m = self.max_m.max(samples.look(
                     self.simd_level,
-                    (bounds, self.limit_m),
+                    (bounds, self.limit_m, self.slack_m),
                     self.place,
                     touched,
                 ));
@@ -773,7 +788,7 @@ impl Query<'_> {
         }
         self.max_m = self.max_m.max(samples.look(
             self.simd_level,
-            (bounds, self.limit_m),
+            (bounds, self.limit_m, self.slack_m),
             self.place,
             touched,
         ));
@@ -811,7 +826,7 @@ impl Query<'_> {
             if !lists.samples.has_room_for(1) {
                 self.max_m = self.max_m.max(lists.samples.look(
                     self.simd_level,
-                    (bounds, self.limit_m),
+                    (bounds, self.limit_m, self.slack_m),
                     self.place,
                     touched,
                 ));
@@ -832,7 +847,7 @@ impl Query<'_> {
         }
         self.max_m = self.max_m.max(lists.samples.look(
             self.simd_level,
-            (bounds, self.limit_m),
+            (bounds, self.limit_m, self.slack_m),
             self.place,
             touched,
         ));

@@ -42,7 +42,7 @@ pub struct Shell {
 
 /// An interpolated distance grows by no more than this with the way: √3 between exact samples, and
 /// by a tenth of that more where these are moved.
-const STEEPEST: f32 = 1.732_051 * (1.0 + 2.0 * crate::voxmap::field::MOST_MOVED_CELLS);
+pub(crate) const STEEPEST: f32 = 1.732_051 * (1.0 + 2.0 * crate::voxmap::field::MOST_MOVED_CELLS);
 /// What rounding may take from a reach.
 const REACH_MARGIN: f32 = 1.0 + 1e-5;
 

@@ -362,10 +362,11 @@ impl Volume {
         let since = Instant::now();
         let field = if self.beside.is_empty() {
             let samples = self.samples(mesh, with_gradients);
-            Field::new(&self.layers, samples, self.thin)
+            let outward = (!self.thin).then(|| self.outward_mesh(mesh));
+            Field::new(&self.layers, samples, outward.as_deref())
         } else {
             let (layers, samples) = self.union(mesh, with_gradients);
-            Field::new(&layers, samples, false)
+            Field::new(&layers, samples, Some(&self.outward_mesh(mesh)))
         };
         self.timings.distance_s = since.elapsed().as_secs_f64();
         field

@@ -10,6 +10,7 @@
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing)]
 
 pub(crate) mod brick_bounds;
+pub(crate) mod creases;
 mod file;
 mod gradient;
 mod moved;
@@ -18,11 +19,13 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
+use self::creases::Creases;
 pub use super::distance::{APRON_CELLS, APRON_EDGE};
 use super::distance::{Samples, sample_of};
 use super::grid::{BRICK_CELLS, BRICK_EDGE, Grid};
 use super::layers::Layers;
 pub use super::layers::{DEEP_INSIDE, FAR_OUTSIDE};
+use crate::mesh::TriangleMesh;
 use crate::parallel;
 use crate::storage::SharedSlice;
 pub(crate) use moved::MOST_MOVED_CELLS;
@@ -72,6 +75,8 @@ pub struct Field {
     layers: SharedSlice<[i8; BRICK_CELLS]>,
     /// `[n_slots][8³]`, unit; empty unless `surface-point` is used.
     gradients: SharedSlice<[Vec3; BRICK_CELLS]>,
+    /// Planes of its sharp convex edges.
+    creases: Creases,
     /// Depth at which the field saturates on both sides, m.
     band_m: f32,
     /// Added to every value, m: 0 for a solid, one voxel for a thin skin.
@@ -79,8 +84,9 @@ pub struct Field {
 }
 
 impl Field {
-    /// Assembles the look-up from a baked map. Cold.
-    pub(crate) fn new(layers: &Layers, samples: Samples, thin: bool) -> Self {
+    /// Assembles the look-up from a baked map. `outward`: the triangles of a solid, all of which
+    /// face outwards; `None` of a thin skin. Cold.
+    pub(crate) fn new(layers: &Layers, samples: Samples, outward: Option<&TriangleMesh>) -> Self {
         let grid: &Grid = &layers.grid;
         let voxel_size_m = grid.voxel_size_m as f32;
         // Cells on the outermost layer are at least this far away, and so is everything beyond:
@@ -88,12 +94,12 @@ impl Field {
         let band_m = (layers.n_layers as f32 - 0.5) * voxel_size_m;
         let Samples { values_m: mut samples_m, gradients } = samples;
         // The two sides of a skin are nowhere one patch.
-        let moves = match thin {
-            true => Vec::new(),
-            false => moved::move_samples(layers, band_m, &mut samples_m),
+        let moves = match outward {
+            None => Vec::new(),
+            Some(_) => moved::move_samples(layers, band_m, &mut samples_m),
         };
         fill_aprons(layers, [-band_m, band_m], &mut samples_m);
-        Self {
+        let field = Self {
             origin: grid.origin_m.as_vec3(),
             voxel_size_m,
             brick_dims: grid.brick_dims().map(|n| n as i32),
@@ -102,8 +108,13 @@ impl Field {
             moves: moves.into(),
             layers: Arc::clone(&layers.values).into(),
             gradients: gradients.into(),
+            creases: Creases::default(),
             band_m,
-            skin_m: if thin { voxel_size_m } else { 0.0 },
+            skin_m: if outward.is_none() { voxel_size_m } else { 0.0 },
+        };
+        match outward {
+            Some(mesh) => Self { creases: Creases::of(mesh, &field), ..field },
+            None => field,
         }
     }
 
@@ -212,6 +223,7 @@ impl Field {
             moves,
             layers,
             gradients,
+            creases,
             band_m: _,
             skin_m: _,
         } = self;
@@ -220,6 +232,12 @@ impl Field {
             + size_of_val(&**moves)
             + size_of_val(&**layers)
             + size_of_val(&**gradients)
+            + creases.heap_bytes()
+    }
+
+    /// The planes of its sharp convex edges.
+    pub(crate) fn creases(&self) -> &Creases {
+        &self.creases
     }
 
     /// V at a point, m. `cells`: the point in cell coordinates; `normal`: the pointshell's inward

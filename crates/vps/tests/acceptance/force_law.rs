@@ -246,7 +246,7 @@ fn a_face_on_a_smaller_one_presses_with_the_smaller_area_and_not_before_it_touch
             let sum = at(-voxels * S);
             assert!(sum.contacts == 0, "{voxels} voxels above: {sum:?}");
         }
-        for (voxels, least) in [(0.25, 0.91), (0.5, 0.94), (1.0, 0.99)] {
+        for (voxels, least) in [(0.25, 0.999), (0.5, 0.999), (1.0, 0.999)] {
             let depth_m = voxels * S;
             let sum = at(depth_m).wrench.force;
             // The depth is no more than the way to a side: a block without its slopes.

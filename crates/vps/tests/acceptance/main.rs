@@ -2,6 +2,7 @@
 //! where `HAPTICD_MODELS` names their folder.
 #![expect(clippy::print_stderr, reason = "tests say what they skip and measure")]
 
+mod creases;
 mod data_structures;
 mod decompositions;
 mod distance_error;

@@ -16,6 +16,7 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::ops::ControlFlow;
 
+use glam::DMat3;
 use vps::contact::{ContactSum, ForceLaw, Obstacle};
 use vps::{
     BakeStage, ContactQuery, DQuat, DVec3, Error, Mesh, Options, PointShell, Pose, Shape, Voxmap,
@@ -118,13 +119,19 @@ fn a_ball_in_a_block_is_pushed_out_as_an_elastic_foundation_says() {
 fn a_query_is_the_specification_bit_for_bit_and_its_contacts_add_up() {
     let options = Options::new(0.5e-3);
     let block = Voxmap::bake(&block(), &options).unwrap();
-    let ball = PointShell::bake(&ball(), &options).unwrap();
-    let query = ContactQuery::new(&block, &ball, 1000.0).unwrap();
+    let cube = Mesh::from_shape(&Shape::Box { size_m: DVec3::splat(15e-3) }, 1e-5).unwrap();
+    for tool in [&ball(), &cube] {
+        its_contacts_add_up(&block, &PointShell::bake(tool, &options).unwrap());
+    }
+}
+
+fn its_contacts_add_up(block: &Voxmap, tool: &PointShell) {
+    let query = ContactQuery::new(block, tool, 1000.0).unwrap();
     let obstacles = [Obstacle { field: block.field().clone(), world_from_map: Pose::IDENTITY }];
     let mut touching = 0;
     for pose in poses(200) {
-        let body = pose * Pose::from_translation(ball.mass_properties().center_m);
-        let sum = ContactSum::flat(&obstacles, ball.shell(), body, ForceLaw::PLAIN);
+        let body = pose * Pose::from_translation(tool.mass_properties().center_m);
+        let sum = ContactSum::flat(&obstacles, tool.shell(), body, ForceLaw::PLAIN);
         let mut force_n = DVec3::ZERO;
         let mut torque_nm = DVec3::ZERO;
         let mut n = 0;
@@ -279,7 +286,8 @@ fn a_curved_part_pushes_with_the_force_of_the_law_however_shallow() {
 }
 
 /// What a facet counts changes with the gradient too, and by what is found at its ends, which the
-/// stiffness leaves out: that is seen where two convex parts meet, within a few facets.
+/// stiffness leaves out: that is seen where two convex parts meet, within a few facets. Of crossed edges
+/// a few facets are all that is immersed, and rectangles stand for what the tool's edge cuts off them.
 #[test]
 fn stiffness_is_the_derivative_of_the_wrench() {
     let shape = |shape: Shape| Mesh::from_shape(&shape, 5e-6).unwrap();
@@ -288,11 +296,19 @@ fn stiffness_is_the_derivative_of_the_wrench() {
     let cube = || shape(Shape::Box { size_m: DVec3::splat(0.01) });
     let slab = || shape(Shape::Plane { x_m: 0.06, y_m: 0.06, thickness_m: 0.02 });
     let away = |z_m| DVec3::Z * z_m;
+    // Across an edge of the slab, one of its own edges first.
+    let out = DVec3::new(1.0, 0.0, 1.0).normalize();
+    let across = DVec3::new(1.0, 0.0, -1.0).normalize();
+    let side = (out + DVec3::Y).normalize();
+    let turn = DQuat::from_mat3(&DMat3::from_cols(across, side, across.cross(side)));
+    let corners = cube().vertices().iter().map(|at| (turn * *at).to_array()).collect::<Vec<_>>();
+    let upright = Mesh::from_arrays(&corners, cube().triangles()).unwrap();
     let pairs = [
         ("cube on plane", slab(), cube(), away(4.9e-3), 0.03, (1e-3, 1e-3)),
         ("ball on plane", slab(), sphere(5e-3), away(4.8e-3), 3.0, (1e-3, 1.5e-3)),
         ("ball on ball", sphere(8e-3), sphere(5e-3), away(12.8e-3), 3.0, (4e-3, 1e-2)),
         ("ball in socket", socket(6e-3), sphere(5.9e-3), away(-0.3e-3), 3.0, (1e-3, 2e-3)),
+        ("edges crossed", slab(), upright, DVec3::X * 0.03 + out * 6.9e-3, 0.3, (0.06, 0.15)),
         ("cylinders crossed", cylinder(4e-3), cylinder(3e-3), DVec3::Y * 6.8e-3, 0.5, (4e-3, 0.08)),
     ];
     for (name, obstacle, tool, from, tilt, (median, most_of)) in pairs {

@@ -466,6 +466,7 @@ fn a_budget_that_refining_did_not_use_up_refines_more() {
         is_limited: true,
         per_voxel: 1.0 / VOXEL_M as f32,
         limit_m: walk.limit_m,
+        slack_m: walk.slack_m,
     };
     // In the worst case each node takes fifteen beyond its own, so at first (10 n - n) / 15 of them
     // are refined. Far away all children are clear: each has taken eight, and opens none.

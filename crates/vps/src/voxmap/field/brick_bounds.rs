@@ -19,6 +19,7 @@
 
 use glam::Vec3;
 
+use super::creases::Creases;
 use super::{APRON_CELLS, APRON_EDGE, DEEP_INSIDE, FAR_OUTSIDE, Field};
 use crate::parallel;
 use crate::simd::Pair;
@@ -34,7 +35,7 @@ const ROUNDING: f32 = 1e-6;
 const JUMP_CELLS: f32 = 0.05;
 
 /// See the module page. Invariant: `dims` are positive, `top`, `max_depth_m`, `max_depth_nearby_m`
-/// and `clearance_cells` have one entry per brick, every slot of `top` is one of `samples_m`, and
+/// and `clearance_cells` have one entry per brick, the creases are consistent, every slot of `top` is one of `samples_m`, and
 /// all samples can be counted by an `i32`.
 #[derive(Debug)]
 pub(crate) struct BrickBounds {
@@ -50,6 +51,8 @@ pub(crate) struct BrickBounds {
     voxel_size_m: f32,
     jump_cells: f32,
     reach_m: f32,
+    /// Of facets that reach so far; else none.
+    creases: Creases,
 }
 
 impl BrickBounds {
@@ -83,6 +86,7 @@ impl BrickBounds {
             |slot: u32| matches!(slot, FAR_OUTSIDE | DEEP_INSIDE) || (slot as usize) < n_slots;
         let fits = n_bricks == Some(top.len())
             && i32::try_from(top.len()).is_ok()
+            && field.creases.is_consistent(*dims)
             && n_slots.checked_mul(APRON_CELLS).is_some_and(|n| i32::try_from(n).is_ok())
             && top.iter().all(|slot| known(*slot));
         if !fits || skin_m - band_m > 0.0 {
@@ -126,7 +130,14 @@ impl BrickBounds {
                 + if jump_cells > JUMP_CELLS { 2.0 } else { 0.0 }
                 + 2.0 * moved_m / voxel_size_m,
             reach_m,
+            creases: if reach_m > 0.0 { field.creases.clone() } else { Creases::default() },
         })
+    }
+
+    /// The planes of the object's convex edges, which facets meet.
+    #[inline]
+    pub(crate) fn creases(&self) -> &Creases {
+        &self.creases
     }
 
     /// Bricks per axis.

@@ -3,6 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
+use super::creases::Creases;
 use super::{DEEP_INSIDE, FAR_OUTSIDE, Field};
 use crate::storage::sections::{Reader, Refusal, Writer};
 
@@ -37,6 +38,7 @@ impl Field {
             moves,
             layers,
             gradients,
+            creases: Creases { of_brick, cells, sets },
         } = self;
         to.record("field", head);
         to.array("field top", top);
@@ -44,6 +46,9 @@ impl Field {
         to.array("field moves", moves);
         to.array("field layers", layers);
         to.array("field gradients", gradients);
+        to.array("crease bricks", of_brick);
+        to.array("crease cells", cells);
+        to.array("crease planes", sets);
     }
 
     /// True when a file holds a field.
@@ -51,8 +56,8 @@ impl Field {
         from.has("field")
     }
 
-    /// Takes the field from a file. Every index in it is checked; samples, moves, layers and gradients
-    /// may be any numbers.
+    /// Takes the field from a file. Every index in it is checked, and every plane; samples, moves, layers
+    /// and gradients may be any numbers.
     ///
     /// # Errors
     /// A section that is missing or damaged, or arrays that do not belong together.
@@ -68,6 +73,11 @@ impl Field {
             moves: from.array("field moves")?,
             layers: from.array("field layers")?,
             gradients: from.array("field gradients")?,
+            creases: Creases {
+                of_brick: from.array("crease bricks")?,
+                cells: from.array("crease cells")?,
+                sets: from.array("crease planes")?,
+            },
             band_m,
             skin_m,
         };
@@ -84,6 +94,7 @@ impl Field {
             moves,
             layers,
             gradients,
+            creases,
             band_m,
             skin_m,
         } = self;
@@ -100,6 +111,7 @@ impl Field {
             && layers.len() == n_slots
             && (moves.is_empty() || moves.len() == n_slots)
             && (gradients.is_empty() || gradients.len() == n_slots)
+            && creases.is_consistent(*brick_dims)
             && top.iter().all(|slot| {
                 matches!(*slot, FAR_OUTSIDE | DEEP_INSIDE) || (*slot as usize) < n_slots
             })
