@@ -5,16 +5,16 @@
 //! says how deep a place is.
 //!
 //! ```text
-//!   convex edges ─► cells between their two faces, as deep as the band ─► planes of each cell
-//!                                           exact samples around it ─► kept where they agree
+//!   convex edges ─► cells between their two faces, down the band ─► planes of each cell
+//!                                      exact samples around it ─► kept where they agree
 //! ```
 //! A cell has planes only where the exact distances of all samples within a cell of it are those to
-//! the nearest of the planes. Where a face curves, where another face is near and at concave edges it
-//! has none, and interpolation counts, as everywhere else.
+//! what the planes bound. Where a face curves, where one is near that is not listed, and at concave
+//! edges it has none, and interpolation counts, as everywhere else.
 //!
-//! Cost, of a bake at 256 voxels on one processor: 1.0 to 1.03 times what it was on the Stanford bunny,
-//! a rocker arm, a bolt and a gear, 1.35 times on a block with a hole, 1.6 on a test part of NIST, 1.7 on
-//! a nut. Memory: 1 KiB for a brick with such cells, 0.2 to 6 % of a field.
+//! Cost, of a bake at 256 voxels on one processor: 1.0 to 1.04 times what it was on the Stanford
+//! bunny, a rocker arm, a bolt and a gear, 1.35 times on a block with a hole, 1.6 on a test part of
+//! NIST, 1.7 on a nut. Memory: 1 KiB for a brick with such cells, 0.2 to 6 % of a field.
 //!
 //! # Source
 //! Ours.
@@ -44,21 +44,21 @@ const AGREEING_CELLS: f64 = 0.01;
 /// Planes are the same where they turn by less than a tenth of a degree, and are as near, cells.
 const SAME_COSINE: f64 = 0.999_998_5;
 const SAME_CELLS: f64 = 1e-3;
-/// Faces smaller than this square and shorter edges are passed over: what is round in small facets has
-/// many, and hardly a cell that agrees with them.
+/// Faces smaller than this square and shorter edges are passed over: what is round in small facets
+/// has many, and hardly a cell that agrees with them.
 const LEAST_CELLS: f64 = 2.0;
 /// Faces that meet sharper than this are followed down no further, bands.
 const DEEPEST_BANDS: f64 = 4.0;
-/// Half the diagonal of a cell, and as much for what a facet of a voxel reaches from its middle: none
-/// with its middle in a cell farther from an edge lies over it, cells.
+/// Half the diagonal of a cell, and as much for what a facet of a voxel reaches from its middle: no
+/// such facet with its middle in a cell farther from an edge lies over it, cells.
 const NEAR_CELLS: f64 = 1.7321;
-/// Outside as far as this distances are compared, cells, and edges within [`LISTED_CELLS`] of the middle
-/// of a cell have the faces that are nearest to what is compared. The facets of a tool whose points are
-/// three times as far apart as these voxels reach no farther.
+/// Outside as far as this distances are compared, cells, and edges within [`LISTED_CELLS`] of the
+/// middle of a cell have the faces that are nearest to what is compared. The facets of a tool whose
+/// points are three times as far apart as these voxels reach no farther.
 const COMPARED_CELLS: f64 = 1.75;
 const LISTED_CELLS: f64 = COMPARED_CELLS + 2.6;
-/// By how much farther outside interpolation may say that a place is: half the diagonal of a cell, and
-/// what samples are moved by, cells.
+/// By how much farther outside interpolation may say that a place is: half the diagonal of a cell,
+/// and what samples are moved by, cells.
 const OVERSTATED_CELLS: f32 = 0.866_03 + MOST_MOVED_CELLS;
 /// Distances outside are known as far as this: what a facet of a voxel reaches, and
 /// [`OVERSTATED_CELLS`].
@@ -111,11 +111,12 @@ impl PlaneSet {
         self.planes().map(|(normal, offset)| offset - normal.dot(at)).fold(f64::INFINITY, f64::min)
     }
 
-    /// Those of them that are least deep anywhere about the middle of a cell, as far as faces are listed.
+    /// Those of them that are least deep anywhere about the middle of a cell, as far as faces are
+    /// listed.
     fn around(&self, middle: DVec3) -> Self {
-        let corners = (0..8).map(|n| {
-            middle
-                + 1.5 * DVec3::new([-1.0, 1.0][n >> 2], [-1.0, 1.0][n >> 1 & 1], [-1.0, 1.0][n & 1])
+        let corners = (0..8_i32).map(|n| {
+            let [x, y, z] = [n >> 2, n >> 1, n].map(|bits| f64::from(2 * (bits & 1) - 1));
+            middle + LISTED_CELLS * DVec3::new(x, y, z)
         });
         let is_hidden = |own: usize| {
             self.planes().enumerate().any(|(n, (other, other_offset))| {
@@ -241,8 +242,8 @@ impl Creases {
         size_of_val(&**of_brick) + size_of_val(&**cells) + size_of_val(&**sets)
     }
 
-    /// True where the arrays belong to a grid of so many bricks, and kernels can count the cells by an
-    /// `i32`.
+    /// True where the arrays belong to a grid of so many bricks, and kernels can count the cells by
+    /// an `i32`.
     pub(super) fn is_consistent(&self, brick_dims: [i32; 3]) -> bool {
         let Self { of_brick, cells, sets } = self;
         let n_bricks: usize = brick_dims.iter().map(|n| *n as usize).product();
