@@ -185,12 +185,7 @@ impl State {
             resume: None,
             has_room: false,
             tool: VirtualTool::at(scene.start()),
-            traversal: Traversal::new(
-                SimdLevel::best(),
-                TraversalMode::Tree,
-                &scene.obstacles,
-                &scene.tool.shell,
-            ),
+            traversal: traversal(scene),
             moving_obstacles: MovingObstacles::new(scene.obstacles.len()),
             parameter_ramps: ParameterRamps::default(),
             clay: scene.clay.as_ref().map(|clay| Held::new(clay, &scene.tool.shell)),
@@ -557,6 +552,18 @@ fn observe(p: &Parameters, state: &mut State, sample: &DeviceSample) -> Result<u
         return Err(Faults::POWER);
     }
     Ok(delay_ticks)
+}
+
+/// Finds what the tool of a scene touches. `constraint` has edges as interpolation has them: between
+/// planes, whose directions change at once, a square peg that jammed at the mouth of its hole
+/// trembled.
+fn traversal(scene: &RenderScene) -> Traversal {
+    let RenderScene { parameters, obstacles, tool, .. } = scene;
+    let traversal = Traversal::new(SimdLevel::best(), TraversalMode::Tree, obstacles, &tool.shell);
+    match parameters.coupling.mode {
+        CouplingMode::Constraint => traversal.without_planes(),
+        CouplingMode::Implicit | CouplingMode::Direct => traversal,
+    }
 }
 
 #[cfg(test)]

@@ -232,15 +232,15 @@ impl OverPlanes {
             let piece = self.piece(k);
             for triangle in piece.triangles() {
                 for at in midpoints(triangle) {
-                    let (depth_m, gradient) = self.depth_and_gradient(k, at);
+                    let (depth_m, _) = self.depth_and_gradient(k, at);
                     let share = share_of_point(triangle) * depth_m;
                     pressed.mean_depth_m += share;
                     pressed.at += at * share;
-                    pressed.gradient += gradient * share;
                 }
                 for corner in triangle {
-                    let (depth_m, _) = self.depth_and_gradient(k, corner);
+                    let (depth_m, gradient) = self.depth_and_gradient(k, corner);
                     if depth_m > pressed.deepest_m {
+                        pressed.gradient = gradient;
                         pressed.deepest_m = depth_m;
                         pressed.deepest_at = corner;
                     }
@@ -260,7 +260,7 @@ pub(super) struct Pressed {
     pub(super) at: Vec2,
     pub(super) deepest_m: f32,
     pub(super) deepest_at: Vec2,
-    /// Sum of gradients, each by how deep it is there.
+    /// How depth grows there, m/m, tool axes.
     pub(super) gradient: Vec3,
 }
 
@@ -339,4 +339,70 @@ pub(super) fn midpoints([a, b, c]: [Vec2; 3]) -> [Vec2; 3] {
 /// Share of the facet that each of them stands for: a third of the triangle's, of four.
 pub(super) fn share_of_point([a, b, c]: [Vec2; 3]) -> f32 {
     (b - a).perp_dot(c - a).abs() * (1.0 / 24.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::spatial::testing::Random;
+
+    /// A facet with these depths at its middle, and by how much they grow along its half axes.
+    fn over(planes: &[(f32, Vec2)]) -> OverPlanes {
+        let mut over = OverPlanes::NONE;
+        for (side, (depth_m, along)) in over.sides.iter_mut().zip(planes) {
+            *side = Side { depth_m: *depth_m, along: *along, gradient: along.extend(1.0) };
+            over.n += 1;
+        }
+        over
+    }
+
+    fn share_of(piece: &Polygon) -> f32 {
+        3.0 * piece.triangles().map(share_of_point).sum::<f32>()
+    }
+
+    #[test]
+    fn pieces_have_the_area_and_the_depth_of_what_is_immersed_once() {
+        const N: u16 = 200;
+        let mut random = Random(31);
+        for n in 0..200 {
+            let planes: Vec<(f32, Vec2)> = (0..1 + n % PLANES)
+                .map(|_| {
+                    (random.signed() as f32 + 0.5, random.in_box(-1.0, 1.0).as_vec3().truncate())
+                })
+                .collect();
+            let over = over(&planes);
+            let [mut area, mut depth, mut moment] = [0.0, 0.0, 0.0];
+            for (x, y) in (0..N).flat_map(|x| (0..N).map(move |y| (x, y))) {
+                let at = (Vec2::new(x.into(), y.into()) + 0.5) * (2.0 / f32::from(N)) - 1.0;
+                let least = planes.iter().map(|(depth_m, along)| depth_m + along.dot(at));
+                let least = f64::from(least.fold(f32::INFINITY, f32::min).max(0.0));
+                area += if least > 0.0 { 1.0 } else { 0.0 };
+                depth += least;
+                moment += least * f64::from(at.x);
+            }
+            let found = (0..over.n).map(|k| share_of(&over.piece(k))).sum::<f32>();
+            let pressed = over.pressed();
+            let cells = f64::from(N) * f64::from(N);
+            let off = [
+                f64::from(found) - area / cells,
+                f64::from(pressed.mean_depth_m) - depth / cells,
+                f64::from(pressed.mean_depth_m * pressed.at.x) - moment / cells,
+            ];
+            // The area is counted by squares of a hundredth of a half axis.
+            assert!(
+                off[0].abs() < 2e-2 && off[1].abs() < 1e-4 && off[2].abs() < 1e-4,
+                "{off:?} of {planes:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_facet_midway_between_two_planes_counts_once() {
+        let along = Vec2::new(0.25, -0.5);
+        // A third one takes over at one side.
+        let over = over(&[(0.5, along), (0.5, along), (0.75, Vec2::new(-0.5, 0.0))]);
+        let shares = [0, 1, 2].map(|k| share_of(&over.piece(k)));
+        assert!(shares[0] > 0.1 && shares[1] == 0.0 && shares[2] > 0.1, "{shares:?}");
+        assert!(shares.iter().sum::<f32>() < 1.0 + 1e-6, "{shares:?}");
+    }
 }

@@ -208,13 +208,13 @@ impl ContactBlock {
                 if depth_m <= 0.0 {
                     contact.depth_m = pressed.deepest_m;
                     contact.arm_body = on_facet(pressed.deepest_at);
+                    contact.way_out_body = (-pressed.gradient).normalize_or_zero();
                 } else {
                     contact.depth_m = depth_m;
                     contact.arm_body = position;
                 }
                 contact.mean_depth_m = pressed.mean_depth_m;
                 contact.pressed_body = on_facet(pressed.at);
-                contact.way_out_body = (-pressed.gradient).normalize_or_zero();
             }
             touch(&contact);
         }

@@ -78,6 +78,13 @@ impl Traversal {
         }
     }
 
+    /// The same with convex edges of the obstacles as interpolation has them.
+    #[must_use]
+    pub fn without_planes(mut self) -> Self {
+        self.walks.iter_mut().flatten().for_each(TreeTraversal::leave_planes_out);
+        self
+    }
+
     /// Limits what a tick may look at; `Flat` knows no limit.
     pub fn set_budget(&mut self, budget: Budget) {
         self.budget = budget;

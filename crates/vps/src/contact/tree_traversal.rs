@@ -246,6 +246,11 @@ impl TreeTraversal {
         self.limit_m
     }
 
+    /// No facet counts by planes from now on.
+    pub(super) fn leave_planes_out(&mut self) {
+        self.slack_m = 0.0;
+    }
+
     /// See [`slack_m`].
     pub(super) fn slack_m(&self) -> f32 {
         self.slack_m
