@@ -322,7 +322,7 @@ impl Growing {
         }
     }
 
-    /// 1 + the number of a set; 0 for more than can be told apart: there edges count as
+    /// 1 + the number of a set; 0 for more than a number holds: there edges count as
     /// interpolation has them.
     fn number(&mut self, set: &PlaneSet) -> u16 {
         let bits = set.planes.map(|plane| plane.map(f64::to_bits));
