@@ -26,7 +26,7 @@ const BLOCKS_PER_PART: u32 = 16;
 pub(super) struct Sums {
     part: [[f32; LANES]; QUANTITIES],
     n_blocks_in_part: u32,
-    /// The most of the mean depths; of a facet that is cut, of its points.
+    /// The most at the deepest places of facets whose centroid is outside.
     deepest: [f32; LANES],
     lanes: [[f64; LANES / 4]; QUANTITIES],
 }
@@ -75,8 +75,8 @@ struct Addends<L> {
     /// By how much more the moment counts, and the arm, of facets that are immersed in part.
     turn: [L; 3],
     lever: [L; 3],
-    /// How deep each is in the mean.
-    mean: L,
+    /// At the deepest place of a facet whose centroid is outside, else 0.
+    deepest: L,
     force: L,
     stiffness: L,
     effective: L,
@@ -121,15 +121,16 @@ impl<L: F32s<LANES>> Addends<L> {
             nz = L::select(bends, (zero - gz) / length, nz);
         }
         let normal = [nx, ny, nz];
-        let (mean, share, lever) = match points.half_axes {
+        let (mean, share, lever, deepest) = match points.half_axes {
             Some(half_axes) => {
                 let range = Range::of(half_axes, [gx, gy, gz], L::splat(touched.limit_m));
                 let [near, far] = &touched.shortfalls_m;
                 let shortfalls = [L::load(&near.0).only(wanted), L::load(&far.0).only(wanted)];
                 let Immersed { mean, share, lever } = range.immersed(depth, shortfalls);
-                (mean, share, [lever[0] * area, lever[1] * area, lever[2] * area])
+                let deepest = range.deepest(depth, shortfalls[1]).only(depth.le(zero));
+                (mean, share, [lever[0] * area, lever[1] * area, lever[2] * area], deepest)
             }
-            None => (depth, one, [zero; 3]),
+            None => (depth, one, [zero; 3], zero),
         };
         gx = L::select(is_known, gx, zero - nx);
         gy = L::select(is_known, gy, zero - ny);
@@ -143,7 +144,7 @@ impl<L: F32s<LANES>> Addends<L> {
             arm,
             turn: cross(lever, normal),
             lever,
-            mean,
+            deepest,
             force: mean * area,
             stiffness: share * area,
             // Our smooth count: what a contact stands for counts fully from a quarter voxel on, so
@@ -171,7 +172,7 @@ impl Sums {
     ) {
         let addends = Addends::<L>::of(touched, points, by);
         let Addends { normal, moment, gradient, gradient_moment, .. } = addends;
-        let Addends { arm, turn, lever, mean, force, stiffness, effective, .. } = addends;
+        let Addends { arm, turn, lever, deepest, force, stiffness, effective, .. } = addends;
         let mut sums = self.part.iter_mut();
         put(&mut sums, force, normal);
         put_more(&mut sums, force, moment, turn);
@@ -187,7 +188,7 @@ impl Sums {
         put(&mut sums, one, [force]);
         put_more(&mut sums, force, arm, lever);
         put(&mut sums, one, [effective]);
-        L::load(&self.deepest).max(mean).store(&mut self.deepest);
+        L::load(&self.deepest).max(deepest).store(&mut self.deepest);
         self.n_blocks_in_part += 1;
         if self.n_blocks_in_part == BLOCKS_PER_PART {
             self.settle();
@@ -207,7 +208,9 @@ impl Sums {
         let Some([a, b]) = facets.half_axes else { return };
         let mut pressing = Pressing::new(touched);
         let mut over = OverPlanes::NONE;
+        let mut deepest_m = 0.0_f32;
         for lane in (0..LANES).filter(|lane| touched.clipped >> lane & 1 == 1) {
+            let is_outside = touched.depths_m.get(lane).is_some_and(|depth_m| *depth_m <= 0.0);
             let middle = facets.positions.get(lane);
             let half_axes = [a.get(lane), b.get(lane)];
             if !at.over(middle, half_axes, &mut over) {
@@ -217,6 +220,9 @@ impl Sums {
             let weight = facets.weights.0.get(lane).copied().unwrap_or(0.0);
             for k in 0..over.n {
                 let piece = over.piece(k);
+                if is_outside {
+                    deepest_m = deepest_m.max(over.deepest_of(k, &piece));
+                }
                 for triangle in piece.triangles() {
                     let share = share_of_point(triangle) * weight;
                     for on_facet in midpoints(triangle) {
@@ -234,6 +240,9 @@ impl Sums {
         }
         if pressing.touched.lanes != 0 {
             self.add::<L>(&pressing.touched, pressing.points(), by);
+        }
+        if let [first, ..] = &mut self.deepest {
+            *first = first.max(deepest_m);
         }
     }
 
@@ -393,7 +402,7 @@ pub(super) struct Total {
     pub(super) depth: f64,
     pub(super) depth_arm: DVec3,
     pub(super) effective: f64,
-    /// Of one facet, in the mean over it; of one that is cut, at one of its points.
+    /// Of the facets whose centroid is outside.
     pub(super) deepest: f64,
 }
 
@@ -629,7 +638,9 @@ mod tests {
             total.depth_arm += (arm * mean + lever) * area;
             // Full from a quarter of a voxel on.
             total.effective += (mean / (0.25 * VOXEL_SIZE_M)).min(1.0) * area;
-            total.deepest = total.deepest.max(mean);
+            if has_extent && depth <= 0.0 {
+                total.deepest = total.deepest.max(depth + w + far);
+            }
         }
     }
 
