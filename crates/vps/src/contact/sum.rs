@@ -241,9 +241,8 @@ impl Sums {
         if pressing.touched.lanes != 0 {
             self.add::<L>(&pressing.touched, pressing.points(), by);
         }
-        if let [first, ..] = &mut self.deepest {
-            *first = first.max(deepest_m);
-        }
+        let [first, ..] = &mut self.deepest;
+        *first = first.max(deepest_m);
     }
 
     /// Adds the part to the sums.
