@@ -10,9 +10,16 @@ import hapticd_vps as vps
 import mujoco
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 FOLDER = Path(__file__).parent
-MODEL = (FOLDER / "peg_in_hole.xml").read_text().replace("../../config/models", str(FOLDER.parents[1] / "config/models"))
+
+
+def text_of(name: str) -> str:
+    return (FOLDER / name).read_text().replace("../../config/models", str(FOLDER.parents[1] / "config/models"))
+
+
+MODEL, NUT = text_of("peg_in_hole.xml"), text_of("nut_on_bolt.xml")
 WEIGHT_N = 0.08 * 9.81
 
 mujoco.mj_loadPluginLibrary(os.environ["HAPTICD_MUJOCO_PLUGIN"])
@@ -28,8 +35,7 @@ def test_the_example_of_the_readme_weighs_the_peg(monkeypatch: pytest.MonkeyPatc
     assert names["data"].sensor("wrench").data[2] == pytest.approx(WEIGHT_N, rel=2e-3)
 
 
-def load(**changes: str) -> tuple[Any, Any]:
-    text = MODEL
+def load(text: str = MODEL, **changes: str) -> tuple[Any, Any]:
     for key, value in changes.items():
         old = f'key="{key}" value="'
         assert text.count(old) == 1
@@ -146,6 +152,80 @@ def test_a_copy_of_the_data_goes_the_same_way() -> None:
     mujoco.mj_step(model, data)
 
 
+def spin_of_the_nut(steps: int, **changes: str) -> tuple[Any, NDArray[np.float64]]:
+    """The model, and how fast the nut turns about the bolt after each step, rad/s."""
+    model, data = load(NUT, **changes)
+    spin = np.zeros(steps)
+    for step in range(steps):
+        mujoco.mj_step(model, data)
+        spin[step] = -data.qvel[5]
+    # The thread leads it: it falls by a pitch of 1 mm a turn, within the play.
+    assert data.qpos[2] - 0.013 == pytest.approx(-1e-3 * spin.sum() * model.opt.timestep / (2 * np.pi), abs=6e-5)
+    return model, spin
+
+
+def acceleration(model: Any, spin: NDArray[np.float64]) -> float:
+    """How fast the spin of the nut grows in the mean of the last two thirds, by what the textbook says without friction."""
+    times = model.opt.timestep * np.arange(len(spin))
+    rest = len(spin) // 3
+    of_turn = np.polyfit(times[rest:], spin[rest:], 1)[0]
+    nut, per_turn = model.body("nut"), 2 * np.pi / 1e-3
+    return float(of_turn * (1 + nut.inertia.max() / nut.mass[0] * per_turn**2) / (9.81 * per_turn))
+
+
+def test_a_nut_without_friction_falls_as_the_textbook_says() -> None:
+    model, spin = spin_of_the_nut(1500)
+    assert spin[-1] > 15 and acceleration(model, spin) == pytest.approx(1, abs=0.01)
+
+
+def test_a_nut_locks_above_the_friction_that_its_helix_asks_for_and_runs_below() -> None:
+    # Pitch over circumference at the pitch diameter; the flanks lean by 30°.
+    locks_at = np.cos(np.pi / 6) / (np.pi * (8 - 0.75 * np.sqrt(0.75)))
+    assert locks_at == pytest.approx(0.0375, abs=1e-4)
+    model, runs = spin_of_the_nut(1500, friction=f"{locks_at - 0.003}")
+    assert runs[-1] > 1.0 and acceleration(model, runs) > 0.03
+    _, locked = spin_of_the_nut(1500, friction=f"{locks_at + 0.003}")
+    # What its fall through the play gave it is gone; below the slip speed friction is viscous: it creeps on, by a turn in two minutes.
+    assert (locked[1000:] < 0.06).all()
+
+
+def test_friction_is_that_of_coulomb_against_what_slides() -> None:
+    model, data = load(friction="0.3", dissipation="0")
+
+    def force_n(speed_m_per_s: float) -> NDArray[np.float64]:
+        # The tip of the peg alone touches, on the floor of the hole.
+        data.qpos[:3], data.qvel[0] = [0, 0, -0.0201], speed_m_per_s
+        mujoco.mj_forward(model, data)
+        return np.array(data.sensor("wrench").data[:3])
+
+    still, fast, slow = force_n(0), force_n(0.1), force_n(-1e-4)
+    assert abs(still[0]) < 1e-4 * still[2]
+    # The bevel of the tip pushes aside as well: its sides cancel, their friction does not.
+    assert fast == pytest.approx([-0.3 * still[2], 0, still[2]], abs=1e-2 * still[2])
+    # Below the slip speed in proportion: a step takes half of the speed away.
+    assert slow[0] == pytest.approx(0.08 * 1e-4 / (2 * model.opt.timestep), rel=2e-2)
+
+
+def test_a_time_step_that_is_too_long_is_said_once() -> None:
+    said: list[str] = []
+    mujoco.set_mju_user_warning(said.append)
+    try:
+        model, data = load(NUT)
+        for _ in range(400):
+            mujoco.mj_step(model, data)
+        assert said == []
+        model, data = load(NUT, stiffness="400")
+        while not said and data.time < 0.1:
+            mujoco.mj_step(model, data)
+        # Stiffest at the bottom of its first fall through the play.
+        data.qpos[2], data.qvel[:] = 0.01293, 0
+        mujoco.mj_forward(model, data)
+        assert len(said) == 1
+    finally:
+        mujoco.set_mju_user_warning(None)
+    assert re.search(r"time step of 0.0002 s is too long for a contact of .* N/m: take one below 0.0001", said[0])
+
+
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
@@ -154,6 +234,7 @@ def test_a_copy_of_the_data_goes_the_same_way() -> None:
         ({"voxel_size": "0"}, "voxel_size_m is 0"),
         ({"point_spacing": "-1"}, 'point_spacing = "-1": give a number'),
         ({"stiffness": "1e20"}, "stiffness"),
+        ({"friction": "-0.1"}, 'friction = "-0.1": give a number'),
     ],
 )
 def test_what_is_wrong_is_said(changes: dict[str, str], text: str) -> None:

@@ -6,6 +6,7 @@
 // Both meshes are baked when an mjData is made; instances of the same meshes and settings share what was baked. A step allocates nothing.
 
 #include <algorithm>
+#include <cmath>
 #include <cstdlib>
 #include <cstring>
 #include <deque>
@@ -20,7 +21,7 @@
 
 namespace {
 
-constexpr const char* kAttributes[] = {"touched", "touching", "voxel_size", "point_spacing", "stiffness", "dissipation"};
+constexpr const char* kAttributes[] = {"touched", "touching", "voxel_size", "point_spacing", "stiffness", "dissipation", "friction"};
 // Baked pairs that stay in memory while no mjData uses them: compiling a model makes one mjData and frees it before the user makes theirs.
 constexpr std::size_t kKept = 4;
 constexpr int kSensorData = 8;
@@ -45,14 +46,15 @@ struct Pair {
 struct Instance {
   std::shared_ptr<const Pair> pair;
   int touched = 0, touching = 0;  // geoms
-  double dissipation_s_per_m = 0;
-  bool has_force = false;
+  double dissipation_s_per_m = 0, friction = 0;
+  bool has_force = false, has_warned = false;
+  std::size_t n_contacts_checked = 0;
   std::vector<vps_contact> contacts;  // room for all points
 };
 
 struct Settings {
   int touched = 0, touching = 0;
-  double voxel_size_m = 0, point_spacing_m = 0, stiffness_n_per_m = 0, dissipation_s_per_m = 0;
+  double voxel_size_m = 0, point_spacing_m = 0, stiffness_n_per_m = 0, dissipation_s_per_m = 0, friction = 0;
 };
 
 bool fail(const std::string& what) {
@@ -86,7 +88,7 @@ bool settings(const mjModel* m, int instance, Settings* out) {
          number(m, instance, "voxel_size", 0, &out->voxel_size_m) &&
          number(m, instance, "point_spacing", 2 * out->voxel_size_m, &out->point_spacing_m) &&
          number(m, instance, "stiffness", 1000, &out->stiffness_n_per_m) &&
-         number(m, instance, "dissipation", 0, &out->dissipation_s_per_m);
+         number(m, instance, "dissipation", 0, &out->dissipation_s_per_m) && number(m, instance, "friction", 0, &out->friction);
 }
 
 // Vertices and faces of a geom's mesh, in the frame of the geom.
@@ -167,8 +169,9 @@ int init(const mjModel* m, mjData* d, int instance) {
   made->touched = asked.touched;
   made->touching = asked.touching;
   made->dissipation_s_per_m = asked.dissipation_s_per_m;
+  made->friction = asked.friction;
   made->has_force = std::find(m->body_plugin, m->body_plugin + m->nbody, instance) != m->body_plugin + m->nbody;
-  made->contacts.resize(asked.dissipation_s_per_m > 0 ? baked->n_points : 0);
+  made->contacts.resize(asked.dissipation_s_per_m > 0 || asked.friction > 0 ? baked->n_points : 0);
   made->pair = std::move(baked);
   d->plugin_data[instance] = reinterpret_cast<uintptr_t>(made.release());
   return 0;
@@ -186,20 +189,34 @@ void copy(mjData* dest, const mjModel*, const mjData* src, int instance) {
   }
 }
 
-// The wrench on the touching geom about its own frame's origin, world axes; all 0 where the pose is none.
-vps_wrench ask(const mjModel* m, const mjData* d, Instance* it) {
-  const mjtNum *at_touched = d->geom_xpos + 3 * it->touched, *at_touching = d->geom_xpos + 3 * it->touching;
-  const mjtNum* axes = d->geom_xmat + 9 * it->touched;
+// How much faster a force moves the parts apart or along each other, 1/kg; 0 of two that stand.
+double per_mass(const mjModel* m, const Instance& it) {
+  double sum = 0;
+  for (const int geom : {it.touched, it.touching}) {
+    const int body = m->body_weldid[m->geom_bodyid[geom]];
+    if (m->body_dofnum[body] && m->body_subtreemass[body] > 0) sum += 1 / m->body_subtreemass[body];
+  }
+  return sum;
+}
+
+// Where the touching geom is in the frame of the touched one.
+vps_pose pose_of(const mjData* d, const Instance& it) {
+  const mjtNum* axes = d->geom_xmat + 9 * it.touched;
   mjtNum offset[3], position[3], to_map[4], of_shell[4], rotation[4];
-  mju_sub3(offset, at_touching, at_touched);
+  mju_sub3(offset, d->geom_xpos + 3 * it.touching, d->geom_xpos + 3 * it.touched);
   mju_mulMatTVec3(position, axes, offset);
   mju_mat2Quat(to_map, axes);
   mju_negQuat(to_map, to_map);
-  mju_mat2Quat(of_shell, d->geom_xmat + 9 * it->touching);
+  mju_mat2Quat(of_shell, d->geom_xmat + 9 * it.touching);
   mju_mulQuat(rotation, to_map, of_shell);
   mju_normalize4(rotation);
-  const vps_pose pose = {{position[0], position[1], position[2]}, {rotation[1], rotation[2], rotation[3], rotation[0]}};
+  return {{position[0], position[1], position[2]}, {rotation[1], rotation[2], rotation[3], rotation[0]}};
+}
 
+// The wrench on the touching geom about its own frame's origin, world axes; all 0 where the pose is none.
+vps_wrench ask(const mjModel* m, const mjData* d, Instance* it) {
+  const mjtNum* axes = d->geom_xmat + 9 * it->touched;
+  const vps_pose pose = pose_of(d, *it);
   vps_wrench found{};
   if (it->contacts.empty()) {
     if (vps_query_wrench(it->pair->query.get(), &pose, &found) != VPS_OK) return {};
@@ -210,7 +227,8 @@ vps_wrench ask(const mjModel* m, const mjData* d, Instance* it) {
     mj_objectVelocity(m, d, mjOBJ_GEOM, it->touched, of_map, 0);
     mj_objectVelocity(m, d, mjOBJ_GEOM, it->touching, of_part, 0);
     // Motion of the touching part as the touched one sees it, in axes of the latter, at the origin of the former.
-    mjtNum spin[3], linear[3], carried[3], turned_spin[3], turned_linear[3];
+    mjtNum offset[3], spin[3], linear[3], carried[3], turned_spin[3], turned_linear[3];
+    mju_sub3(offset, d->geom_xpos + 3 * it->touching, d->geom_xpos + 3 * it->touched);
     mju_sub3(spin, of_part, of_map);
     mju_cross(carried, of_map, offset);
     for (int k = 0; k < 3; k++) linear[k] = of_part[3 + k] - of_map[3 + k] - carried[k];
@@ -219,14 +237,21 @@ vps_wrench ask(const mjModel* m, const mjData* d, Instance* it) {
     mju_zero3(found.force_n);
     mju_zero3(found.torque_nm);
     const std::size_t n = std::min(found.n_contacts, it->contacts.size());
+    // Friction is Coulomb's above this speed and in proportion to speed below it: a step then stops what slides, and never turns it round.
+    double pressing_n = 0;
+    for (std::size_t i = 0; it->friction > 0 && i < n; i++) pressing_n += mju_norm3(it->contacts[i].force_n);
+    const double slip_speed_m_per_s = 2 * it->friction * pressing_n * m->opt.timestep * per_mass(m, *it);
     for (std::size_t i = 0; i < n; i++) {
       const vps_contact& contact = it->contacts[i];
       mjtNum arm[3], velocity[3], force[3], torque[3];
-      mju_sub3(arm, contact.position_m, position);
+      mju_sub3(arm, contact.position_m, pose.position_m);
       mju_cross(velocity, turned_spin, arm);
       mju_addTo3(velocity, turned_linear);
       const mjtNum deeper = -mju_dot3(velocity, contact.gradient);
       mju_scl3(force, contact.force_n, std::max(0.0, 1.0 + it->dissipation_s_per_m * deeper));
+      mjtNum sliding[3];
+      mju_addScl3(sliding, velocity, contact.normal, -mju_dot3(velocity, contact.normal));
+      mju_addToScl3(force, sliding, -it->friction * mju_norm3(force) / std::max({mju_norm3(sliding), slip_speed_m_per_s, mjMINVAL}));
       mju_cross(torque, arm, force);
       mju_addTo3(found.force_n, force);
       mju_addTo3(found.torque_nm, torque);
@@ -238,6 +263,22 @@ vps_wrench ask(const mjModel* m, const mjData* d, Instance* it) {
   mju_mulMatVec3(turned, axes, found.torque_nm);
   mju_copy3(found.torque_nm, turned);
   return found;
+}
+
+// Says once where the force, which is explicit in time, has a step that is too long for it: what then moves apart looks like a fault of the contact.
+void warn_of_long_step(const mjModel* m, const mjData* d, Instance* it, std::size_t n_contacts) {
+  // Seldom: more points than ever before make it stiffer.
+  if (it->has_warned || n_contacts <= it->n_contacts_checked) return;
+  it->n_contacts_checked = n_contacts + n_contacts / 4;
+  const vps_pose pose = pose_of(d, *it);
+  vps_stiffness found{};
+  if (vps_query_stiffness(it->pair->query.get(), &pose, &found) != VPS_OK) return;
+  const double stiffness_n_per_m = found.rows[0][0] + found.rows[1][1] + found.rows[2][2];
+  const double longest_s = 2 / std::sqrt(stiffness_n_per_m * per_mass(m, *it));
+  if (!(m->opt.timestep > longest_s)) return;
+  it->has_warned = true;
+  mju_warning("hapticd.vps: a time step of %g s is too long for a contact of %.3g N/m: take one below %.2g s, or a smaller stiffness", m->opt.timestep,
+              stiffness_n_per_m, longest_s);
 }
 
 void compute(const mjModel* m, mjData* d, int instance, int capability) {
@@ -254,6 +295,7 @@ void compute(const mjModel* m, mjData* d, int instance, int capability) {
     }
   } else if (it->has_force) {
     const vps_wrench found = ask(m, d, it);
+    warn_of_long_step(m, d, it, found.n_contacts);
     const mjtNum* point = d->geom_xpos + 3 * it->touching;
     mjtNum force[3], torque[3];
     mj_applyFT(m, d, found.force_n, found.torque_nm, point, m->geom_bodyid[it->touching], d->qfrc_passive);
