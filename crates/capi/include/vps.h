@@ -7,6 +7,7 @@
 #ifndef VPS_H
 #define VPS_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -79,7 +80,7 @@ typedef enum vps_inside_test {
 // Triangles of a part, ready to be baked.
 typedef struct vps_mesh vps_mesh;
 
-// Asks what wrench a voxmap exerts on a shell. Any number of threads may ask one query at a time.
+// Asks what wrench voxmaps exert on a shell. Any number of threads may ask one query at a time.
 typedef struct vps_query vps_query;
 
 // The part that touches: points on its surface.
@@ -164,7 +165,8 @@ typedef struct vps_solid {
   double open_area_m2;
 } vps_solid;
 
-// Where the shell's mesh frame is in the voxmap's mesh frame.
+// Where a mesh frame is in another: the shell's in the *world*, which is the voxmap's mesh frame, or
+// of a query of several parts the frame in which these stand.
 typedef struct vps_pose {
   // m.
   double position_m[3];
@@ -172,23 +174,24 @@ typedef struct vps_pose {
   double rotation_xyzw[4];
 } vps_pose;
 
-// What a shell feels at one pose; vectors in axes of the voxmap's mesh frame.
+// What a shell feels at one pose; vectors in axes of the world.
 typedef struct vps_wrench {
   // Force on the shell, N.
   double force_n[3];
   // Torque about the origin of the shell's mesh frame, N m.
   double torque_nm[3];
-  // Depth of the deepest point, m; 0 without contact.
+  // Depth of the deepest contact, m; 0 without one.
   double penetration_m;
-  // Distance of the nearest point, m; 0 in contact, and never more than the band of the voxmap.
+  // Distance of the nearest point, m; 0 in contact, and never more than the least band of the
+  // voxmaps.
   double clearance_m;
   // Number of points in contact.
   size_t n_contacts;
 } vps_wrench;
 
-// One point in contact; vectors in axes of the voxmap's mesh frame.
+// One point in contact; vectors in axes of the world.
 typedef struct vps_contact {
-  // Where its force acts, m, in the voxmap's mesh frame.
+  // Where its force acts, m.
   double position_m[3];
   // Unit direction that pushes the shell out: its own surface's normal, inward.
   double normal[3];
@@ -199,17 +202,65 @@ typedef struct vps_contact {
   double force_n[3];
   // m, greater than 0.
   double depth_m;
+  // Surface that it stands for, m²; 0 of probes.
+  double area_m2;
+  // Number of the voxmap.
+  size_t part;
   // Number of the point in the shell.
   size_t point;
 } vps_contact;
 
 // How stiff a contact is: the second derivative of its energy by x, translations (m) and a
-// rotation vector (rad) about the origin of the shell's mesh frame, axes of the voxmap's.
+// rotation vector (rad) about the origin of the shell's mesh frame, world axes.
 typedef struct vps_stiffness {
   // Symmetric: -d force/dx, N/m and N, and -d torque/dx, N and N m, whose part by turns is taken
   // symmetric.
   double rows[6][6];
 } vps_stiffness;
+
+// The point of a shell that is nearest to a part while nothing touches; world frame.
+typedef struct vps_nearest {
+  // False where something touches, and beyond the band less a voxel: all else is then 0.
+  bool is_known;
+  // Number of the voxmap.
+  size_t part;
+  // Number of the point in the shell.
+  size_t point;
+  // The point, m.
+  double on_shell_m[3];
+  // The place on the surface of the part that is nearest to it, m: by interpolated distances.
+  double on_part_m[3];
+  // The clearance, m.
+  double distance_m;
+} vps_nearest;
+
+// Contacts with one part whose gradients are within 20°; world frame.
+typedef struct vps_patch {
+  // Mean unit gradient of the distance, by force: the quickest way out.
+  double normal[3];
+  // Force on the shell, N.
+  double force_n[3];
+  // Mean place of the forces, by their size, m.
+  double position_m[3];
+  // Surface of the facets that touch, be it in part, m².
+  double area_m2;
+  // Of the deepest, m.
+  double depth_m;
+  // Number of the voxmap.
+  size_t part;
+  // How many.
+  size_t n_contacts;
+} vps_patch;
+
+// Where a motion first touches.
+typedef struct vps_impact {
+  // False where it does not.
+  bool touches;
+  // Share of the motion, 0 to 1; 1 where it does not touch.
+  double share;
+  // Pose there: it touches, and a motion by the tolerance before it did not.
+  struct vps_pose pose;
+} vps_impact;
 
 #ifdef __cplusplus
 extern "C" {
@@ -379,11 +430,23 @@ enum vps_status vps_query_new(const struct vps_voxmap *voxmap,
                               double stiffness_n_per_m,
                               struct vps_query **out);
 
+// The same of `n` voxmaps that stand in one world, each with the pose of its mesh frame there. Poses
+// of the shell are then those in the world.
+//
+// # Safety
+// There are `n` voxmaps and poses.
+enum vps_status vps_query_new_of_parts(const struct vps_voxmap *const *voxmaps,
+                                       const struct vps_pose *poses,
+                                       size_t n,
+                                       const struct vps_shell *shell,
+                                       double stiffness_n_per_m,
+                                       struct vps_query **out);
+
 // Wrench, penetration and clearance at a pose: the same bits on every thread. Allocates only where
 // more threads ask at a time than ever before.
 enum vps_status vps_query_wrench(const struct vps_query *query, const struct vps_pose *pose, struct vps_wrench *out);
 
-// The same, and the contacts in the order of the points: at most `capacity` of them;
+// The same, and the contacts part by part in the order of the points: at most `capacity` of them;
 // out->n_contacts says how many there are. Allocates as vps_query_wrench.
 //
 // # Safety
@@ -397,6 +460,29 @@ enum vps_status vps_query_contacts(const struct vps_query *query,
 // Stiffness at a pose; not always positive: convex contact pivots away. Allocates as
 // vps_query_wrench.
 enum vps_status vps_query_stiffness(const struct vps_query *query, const struct vps_pose *pose, struct vps_stiffness *out);
+
+// The nearest point at a pose. Allocates as vps_query_wrench.
+enum vps_status vps_query_nearest(const struct vps_query *query, const struct vps_pose *pose, struct vps_nearest *out);
+
+// Patches at a pose, the hardest first: at most `capacity` of them; *n says how many there are.
+// Allocates.
+//
+// # Safety
+// There is room for `capacity` patches.
+enum vps_status vps_query_patches(const struct vps_query *query,
+                                  const struct vps_pose *pose,
+                                  struct vps_patch *patches,
+                                  size_t capacity,
+                                  size_t *n);
+
+// Where a motion first touches on which the shell's centre of mass goes straight and its rotation
+// turns about one axis, both evenly. Parts may be thin: only contact that ends again within a way of
+// tolerance_m may be missed. Allocates as vps_query_wrench.
+enum vps_status vps_query_first_contact(const struct vps_query *query,
+                                        const struct vps_pose *from,
+                                        const struct vps_pose *to,
+                                        double tolerance_m,
+                                        struct vps_impact *out);
 
 // The wrenches of n poses, on all processors: the same bits as one by one. Where a pose is none,
 // nothing is written.

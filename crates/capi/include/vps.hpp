@@ -25,6 +25,9 @@ using Solid = vps_solid;
 using Accuracy = vps_accuracy;
 using Options = vps_options;
 using Stiffness = vps_stiffness;
+using Nearest = vps_nearest;
+using Patch = vps_patch;
+using Impact = vps_impact;
 
 /// Elements that the caller owns, of a vector, an array or a std::span; they are only read where T is const.
 template <typename T>
@@ -264,6 +267,18 @@ class ContactQuery {
       : handle_(detail::make<vps_query>(
             [&](vps_query** out) { return vps_query_new(voxmap.get(), shell.get(), stiffness_n_per_m, out); })) {}
 
+  /// Several voxmaps, each with its pose in one world.
+  ContactQuery(View<const std::pair<const Voxmap*, Pose>> parts, const PointShell& shell, double stiffness_n_per_m)
+      : handle_(detail::make<vps_query>([&](vps_query** out) {
+          std::vector<const vps_voxmap*> voxmaps;
+          std::vector<Pose> poses;
+          for (std::size_t n = 0; n < parts.size(); n++) {
+            voxmaps.push_back(parts.data()[n].first->get());
+            poses.push_back(parts.data()[n].second);
+          }
+          return vps_query_new_of_parts(voxmaps.data(), poses.data(), voxmaps.size(), shell.get(), stiffness_n_per_m, out);
+        })) {}
+
   Wrench wrench(const Pose& pose) const {
     Wrench felt;
     detail::check(vps_query_wrench(handle_.get(), &pose, &felt));
@@ -285,6 +300,30 @@ class ContactQuery {
   Stiffness stiffness(const Pose& pose) const {
     Stiffness found;
     detail::check(vps_query_stiffness(handle_.get(), &pose, &found));
+    return found;
+  }
+  /// The point of the shell that is nearest to a part; is_known is false in contact and beyond the band.
+  Nearest nearest(const Pose& pose) const {
+    Nearest found;
+    detail::check(vps_query_nearest(handle_.get(), &pose, &found));
+    return found;
+  }
+  /// What touches, in few words, the hardest first. Allocates.
+  std::vector<Patch> patches(const Pose& pose) const {
+    std::vector<Patch> found(64);
+    std::size_t n = 0;
+    detail::check(vps_query_patches(handle_.get(), &pose, found.data(), found.size(), &n));
+    if (n > found.size()) {
+      found.resize(n);
+      detail::check(vps_query_patches(handle_.get(), &pose, found.data(), found.size(), &n));
+    }
+    found.resize(n);
+    return found;
+  }
+  /// Where a motion first touches, as vps_query_first_contact says.
+  Impact first_contact(const Pose& from, const Pose& to, double tolerance_m) const {
+    Impact found;
+    detail::check(vps_query_first_contact(handle_.get(), &from, &to, tolerance_m, &found));
     return found;
   }
   /// As many wrenches as poses, on all processors.

@@ -2,15 +2,19 @@
 
 use std::mem::MaybeUninit;
 
-use vps::{ContactPoint, ContactQuery, ContactWrench, DQuat, DVec3, Pose};
+use vps::{
+    ContactPatch, ContactPoint, ContactQuery, ContactWrench, DQuat, DVec3, Impact, NearestPoint,
+    Pose,
+};
 
 use crate::baked::{vps_shell, vps_voxmap};
 use crate::border::{call, free, given, make, place, places, slice, vps_status};
 
-/// Asks what wrench a voxmap exerts on a shell. Any number of threads may ask one query at a time.
+/// Asks what wrench voxmaps exert on a shell. Any number of threads may ask one query at a time.
 pub struct vps_query(ContactQuery);
 
-/// Where the shell's mesh frame is in the voxmap's mesh frame.
+/// Where a mesh frame is in another: the shell's in the *world*, which is the voxmap's mesh frame, or
+/// of a query of several parts the frame in which these stand.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct vps_pose {
@@ -20,13 +24,19 @@ pub struct vps_pose {
     pub rotation_xyzw: [f64; 4],
 }
 
+impl From<Pose> for vps_pose {
+    fn from(pose: Pose) -> Self {
+        Self { position_m: pose.translation.to_array(), rotation_xyzw: pose.rotation.to_array() }
+    }
+}
+
 impl From<&vps_pose> for Pose {
     fn from(pose: &vps_pose) -> Self {
         Self::new(DQuat::from_array(pose.rotation_xyzw), DVec3::from_array(pose.position_m))
     }
 }
 
-/// What a shell feels at one pose; vectors in axes of the voxmap's mesh frame.
+/// What a shell feels at one pose; vectors in axes of the world.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct vps_wrench {
@@ -34,9 +44,10 @@ pub struct vps_wrench {
     pub force_n: [f64; 3],
     /// Torque about the origin of the shell's mesh frame, N m.
     pub torque_nm: [f64; 3],
-    /// Depth of the deepest point, m; 0 without contact.
+    /// Depth of the deepest contact, m; 0 without one.
     pub penetration_m: f64,
-    /// Distance of the nearest point, m; 0 in contact, and never more than the band of the voxmap.
+    /// Distance of the nearest point, m; 0 in contact, and never more than the least band of the
+    /// voxmaps.
     pub clearance_m: f64,
     /// Number of points in contact.
     pub n_contacts: usize,
@@ -54,11 +65,11 @@ impl From<ContactWrench> for vps_wrench {
     }
 }
 
-/// One point in contact; vectors in axes of the voxmap's mesh frame.
+/// One point in contact; vectors in axes of the world.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct vps_contact {
-    /// Where its force acts, m, in the voxmap's mesh frame.
+    /// Where its force acts, m.
     pub position_m: [f64; 3],
     /// Unit direction that pushes the shell out: its own surface's normal, inward.
     pub normal: [f64; 3],
@@ -69,6 +80,10 @@ pub struct vps_contact {
     pub force_n: [f64; 3],
     /// m, greater than 0.
     pub depth_m: f64,
+    /// Surface that it stands for, m²; 0 of probes.
+    pub area_m2: f64,
+    /// Number of the voxmap.
+    pub part: usize,
     /// Number of the point in the shell.
     pub point: usize,
 }
@@ -81,6 +96,8 @@ impl From<&ContactPoint> for vps_contact {
             gradient: contact.gradient.to_array(),
             force_n: contact.force_n.to_array(),
             depth_m: contact.depth_m,
+            area_m2: contact.area_m2,
+            part: contact.part as usize,
             point: contact.point as usize,
         }
     }
@@ -103,6 +120,33 @@ pub extern "C" fn vps_query_new(
     })
 }
 
+/// The same of `n` voxmaps that stand in one world, each with the pose of its mesh frame there. Poses
+/// of the shell are then those in the world.
+///
+/// # Safety
+/// There are `n` voxmaps and poses.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn vps_query_new_of_parts(
+    voxmaps: *const Option<&vps_voxmap>,
+    poses: *const vps_pose,
+    n: usize,
+    shell: Option<&vps_shell>,
+    stiffness_n_per_m: f64,
+    out: Option<&mut MaybeUninit<*mut vps_query>>,
+) -> vps_status {
+    make(out, || {
+        // SAFETY: as the caller promises.
+        let (voxmaps, poses) =
+            unsafe { (slice("voxmaps", voxmaps, n)?, slice("poses", poses, n)?) };
+        let mut parts = Vec::with_capacity(n);
+        for (voxmap, pose) in voxmaps.iter().zip(poses) {
+            parts.push((&given("voxmaps", *voxmap)?.voxmap, pose.into()));
+        }
+        let shell = &given("shell", shell)?.shell;
+        Ok(vps_query(ContactQuery::of_parts(&parts, shell, stiffness_n_per_m)?))
+    })
+}
+
 /// Wrench, penetration and clearance at a pose: the same bits on every thread. Allocates only where
 /// more threads ask at a time than ever before.
 #[unsafe(no_mangle)]
@@ -118,7 +162,7 @@ pub extern "C" fn vps_query_wrench(
     })
 }
 
-/// The same, and the contacts in the order of the points: at most `capacity` of them;
+/// The same, and the contacts part by part in the order of the points: at most `capacity` of them;
 /// out->n_contacts says how many there are. Allocates as vps_query_wrench.
 ///
 /// # Safety
@@ -145,7 +189,7 @@ pub unsafe extern "C" fn vps_query_contacts(
 }
 
 /// How stiff a contact is: the second derivative of its energy by x, translations (m) and a
-/// rotation vector (rad) about the origin of the shell's mesh frame, axes of the voxmap's.
+/// rotation vector (rad) about the origin of the shell's mesh frame, world axes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct vps_stiffness {
@@ -165,6 +209,138 @@ pub extern "C" fn vps_query_stiffness(
     call(|| {
         let rows = given("query", query)?.0.stiffness(given("pose", pose)?.into())?;
         place("out", out)?.write(vps_stiffness { rows });
+        Ok(())
+    })
+}
+
+/// The point of a shell that is nearest to a part while nothing touches; world frame.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct vps_nearest {
+    /// False where something touches, and beyond the band less a voxel: all else is then 0.
+    pub is_known: bool,
+    /// Number of the voxmap.
+    pub part: usize,
+    /// Number of the point in the shell.
+    pub point: usize,
+    /// The point, m.
+    pub on_shell_m: [f64; 3],
+    /// The place on the surface of the part that is nearest to it, m: by interpolated distances.
+    pub on_part_m: [f64; 3],
+    /// The clearance, m.
+    pub distance_m: f64,
+}
+
+/// The nearest point at a pose. Allocates as vps_query_wrench.
+#[unsafe(no_mangle)]
+pub extern "C" fn vps_query_nearest(
+    query: Option<&vps_query>,
+    pose: Option<&vps_pose>,
+    out: Option<&mut MaybeUninit<vps_nearest>>,
+) -> vps_status {
+    call(|| {
+        let found = given("query", query)?.0.nearest(given("pose", pose)?.into())?;
+        let NearestPoint { part, point, on_shell_m, on_part_m, distance_m } =
+            found.unwrap_or_default();
+        place("out", out)?.write(vps_nearest {
+            is_known: found.is_some(),
+            part: part as usize,
+            point: point as usize,
+            on_shell_m: on_shell_m.to_array(),
+            on_part_m: on_part_m.to_array(),
+            distance_m,
+        });
+        Ok(())
+    })
+}
+
+/// Contacts with one part whose gradients are within 20°; world frame.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct vps_patch {
+    /// Mean unit gradient of the distance, by force: the quickest way out.
+    pub normal: [f64; 3],
+    /// Force on the shell, N.
+    pub force_n: [f64; 3],
+    /// Mean place of the forces, by their size, m.
+    pub position_m: [f64; 3],
+    /// Surface of the facets that touch, be it in part, m².
+    pub area_m2: f64,
+    /// Of the deepest, m.
+    pub depth_m: f64,
+    /// Number of the voxmap.
+    pub part: usize,
+    /// How many.
+    pub n_contacts: usize,
+}
+
+impl From<ContactPatch> for vps_patch {
+    fn from(patch: ContactPatch) -> Self {
+        Self {
+            normal: patch.normal.to_array(),
+            force_n: patch.force_n.to_array(),
+            position_m: patch.position_m.to_array(),
+            area_m2: patch.area_m2,
+            depth_m: patch.depth_m,
+            part: patch.part as usize,
+            n_contacts: patch.contacts as usize,
+        }
+    }
+}
+
+/// Patches at a pose, the hardest first: at most `capacity` of them; *n says how many there are.
+/// Allocates.
+///
+/// # Safety
+/// There is room for `capacity` patches.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn vps_query_patches(
+    query: Option<&vps_query>,
+    pose: Option<&vps_pose>,
+    patches: *mut vps_patch,
+    capacity: usize,
+    n: Option<&mut MaybeUninit<usize>>,
+) -> vps_status {
+    call(|| {
+        // SAFETY: as the caller promises.
+        let room = unsafe { places("patches", patches, capacity) }?;
+        let found = given("query", query)?.0.patches(given("pose", pose)?.into())?;
+        place("n", n)?.write(found.len());
+        for (place, patch) in room.iter_mut().zip(found) {
+            place.write(patch.into());
+        }
+        Ok(())
+    })
+}
+
+/// Where a motion first touches.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct vps_impact {
+    /// False where it does not.
+    pub touches: bool,
+    /// Share of the motion, 0 to 1; 1 where it does not touch.
+    pub share: f64,
+    /// Pose there: it touches, and a motion by the tolerance before it did not.
+    pub pose: vps_pose,
+}
+
+/// Where a motion first touches on which the shell's centre of mass goes straight and its rotation
+/// turns about one axis, both evenly. Parts may be thin: only contact that ends again within a way of
+/// tolerance_m may be missed. Allocates as vps_query_wrench.
+#[unsafe(no_mangle)]
+pub extern "C" fn vps_query_first_contact(
+    query: Option<&vps_query>,
+    from: Option<&vps_pose>,
+    to: Option<&vps_pose>,
+    tolerance_m: f64,
+    out: Option<&mut MaybeUninit<vps_impact>>,
+) -> vps_status {
+    call(|| {
+        let (from, to): (Pose, Pose) = (given("from", from)?.into(), given("to", to)?.into());
+        let found = given("query", query)?.0.first_contact(from, to, tolerance_m)?;
+        let Impact { share, pose } = found.unwrap_or(Impact { share: 1.0, pose: to });
+        place("out", out)?.write(vps_impact { touches: found.is_some(), share, pose: pose.into() });
         Ok(())
     })
 }

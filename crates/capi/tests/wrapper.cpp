@@ -67,5 +67,22 @@ int main(int argc, char** argv) {
   const vps::Stiffness stiff = query.stiffness(poses[0]);
   EXPECT(stiff.rows[2][2] > 0 && stiff.rows[0][4] == stiff.rows[4][0] && query.stiffness(poses[1]).rows[2][2] == 0);
   EXPECT(refused(VPS_ERROR_ARGUMENT, [&] { query.wrench({{0, 0, 0}, {1, 1, 0, 0}}); }).find("pose 0: rotation") == 0);
+
+  const auto patches = query.patches(poses[0]);
+  double force_n = 0;
+  for (const auto& patch : patches) force_n += patch.force_n[2];
+  EXPECT(!patches.empty() && std::abs(force_n - felt[0].force_n[2]) < 1e-4 * std::abs(force_n) && query.patches(poses[1]).empty());
+  const vps::Pose above{{0, 0, -0.032}, {0, 0, 0, 1}};
+  const vps::Nearest nearest = query.nearest(above);
+  EXPECT(nearest.is_known && nearest.distance_m == query.wrench(above).clearance_m && std::abs(nearest.distance_m - 0.002) < 1e-4);
+  EXPECT(std::abs(nearest.on_shell_m[2] - nearest.on_part_m[2]) < 0.0021 && !query.nearest(poses[0]).is_known);
+  const vps::Impact impact = query.first_contact(above, poses[0], 1e-6);
+  // A corner comes down on a corner, which interpolation has a little lower.
+  EXPECT(impact.touches && impact.share > 0.8 && impact.share < 0.84 && query.wrench(impact.pose).n_contacts > 0);
+  EXPECT(!query.first_contact(above, above, 1e-6).touches);
+  // The part twice at one place presses twice as hard.
+  const std::vector<std::pair<const vps::Voxmap*, vps::Pose>> parts{{&moved, {{0, 0, 0}, {0, 0, 0, 1}}}, {&moved, {{0, 0, 0}, {0, 0, 0, 1}}}};
+  const vps::ContactQuery twice(parts, vps::PointShell::bake(part, options), 100.0);
+  EXPECT(std::abs(twice.wrench(poses[0]).force_n[2] - 2 * felt[0].force_n[2]) < 1e-6 && twice.contacts(poses[0]).back().part == 1);
   std::puts("wrapper: ok");
 }

@@ -45,8 +45,11 @@ mod hapticd_vps {
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
-        module.add("CONTACT_DTYPE", crate::query::contact_dtype(module.py())?)?;
-        module.add("WRENCH_DTYPE", crate::query::wrench_dtype(module.py())?)?;
+        let py = module.py();
+        module.add("CONTACT_DTYPE", crate::query::CONTACT.dtype(py)?)?;
+        module.add("NEAREST_DTYPE", crate::query::NEAREST.dtype(py)?)?;
+        module.add("PATCH_DTYPE", crate::query::PATCH.dtype(py)?)?;
+        module.add("WRENCH_DTYPE", crate::query::WRENCH.dtype(py)?)?;
         module.add("__version__", env!("CARGO_PKG_VERSION"))
     }
 }

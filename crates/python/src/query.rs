@@ -3,10 +3,11 @@
 use std::time::Instant;
 
 use bytemuck::{Pod, Zeroable};
+use glam::{DQuat, DVec3};
 use pyo3::PyTypeInfo;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
-use vps::{ContactPoint, ContactWrench};
+use vps::{ContactPatch, ContactPoint, ContactWrench, NearestPoint};
 
 use crate::arrays;
 use crate::errors::{InvalidInput, raise};
@@ -33,49 +34,101 @@ struct ContactRecord {
     gradient: [f64; 3],
     force_n: [f64; 3],
     depth_m: f64,
+    area_m2: f64,
+    part: i64,
+    point: i64,
+}
+
+/// An item of `PATCH_DTYPE`.
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct PatchRecord {
+    normal: [f64; 3],
+    force_n: [f64; 3],
+    position_m: [f64; 3],
+    area_m2: f64,
+    depth_m: f64,
+    part: i64,
+    contacts: i64,
+}
+
+/// The item of `NEAREST_DTYPE`.
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct NearestRecord {
+    on_shell_m: [f64; 3],
+    on_part_m: [f64; 3],
+    distance_m: f64,
+    part: i64,
     point: i64,
 }
 
 type Column = (&'static str, &'static str, usize);
-const WRENCH: [Column; 5] = [
+
+/// Columns of a structured array: names, NumPy's kinds, and how many of each.
+pub(crate) struct Columns<const N: usize> {
+    columns: [Column; N],
+    dtype: PyOnceLock<Py<PyAny>>,
+}
+
+impl<const N: usize> Columns<N> {
+    const fn new(columns: [Column; N]) -> Self {
+        Self { columns, dtype: PyOnceLock::new() }
+    }
+
+    pub(crate) fn dtype<'py>(&self, py: Python<'py>) -> PyResult<&Bound<'py, PyAny>> {
+        let make = || -> PyResult<Py<PyAny>> {
+            let column = |(name, kind, n): &Column| -> PyResult<Bound<'py, PyAny>> {
+                Ok(if *n == 1 {
+                    (*name, *kind).into_pyobject(py)?.into_any()
+                } else {
+                    (*name, *kind, *n).into_pyobject(py)?.into_any()
+                })
+            };
+            let columns: Vec<_> = self.columns.iter().map(column).collect::<PyResult<_>>()?;
+            Ok(PyModule::import(py, "numpy")?.getattr("dtype")?.call1((columns,))?.unbind())
+        };
+        Ok(self.dtype.get_or_try_init(py, make)?.bind(py))
+    }
+}
+
+/// Of what `ContactQuery.wrench` returns.
+pub(crate) static WRENCH: Columns<5> = Columns::new([
     ("force_n", "=f8", 3),
     ("torque_nm", "=f8", 3),
     ("penetration_m", "=f8", 1),
     ("clearance_m", "=f8", 1),
     ("contacts", "=i8", 1),
-];
-const CONTACT: [Column; 6] = [
+]);
+/// Of what `ContactQuery.contacts` returns.
+pub(crate) static CONTACT: Columns<8> = Columns::new([
     ("position_m", "=f8", 3),
     ("normal", "=f8", 3),
     ("gradient", "=f8", 3),
     ("force_n", "=f8", 3),
     ("depth_m", "=f8", 1),
+    ("area_m2", "=f8", 1),
+    ("part", "=i8", 1),
     ("point", "=i8", 1),
-];
-
-fn dtype<'py>(columns: &[Column], py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-    let column = |(name, kind, n): &Column| -> PyResult<Bound<'py, PyAny>> {
-        Ok(if *n == 1 {
-            (*name, *kind).into_pyobject(py)?.into_any()
-        } else {
-            (*name, *kind, *n).into_pyobject(py)?.into_any()
-        })
-    };
-    let columns: Vec<_> = columns.iter().map(column).collect::<PyResult<_>>()?;
-    PyModule::import(py, "numpy")?.getattr("dtype")?.call1((columns,))
-}
-
-/// Columns of what `ContactQuery.wrench` returns.
-pub(crate) fn wrench_dtype(py: Python<'_>) -> PyResult<&Bound<'_, PyAny>> {
-    static DTYPE: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
-    Ok(DTYPE.get_or_try_init(py, || dtype(&WRENCH, py).map(Bound::unbind))?.bind(py))
-}
-
-/// Columns of what `ContactQuery.contacts` returns.
-pub(crate) fn contact_dtype(py: Python<'_>) -> PyResult<&Bound<'_, PyAny>> {
-    static DTYPE: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
-    Ok(DTYPE.get_or_try_init(py, || dtype(&CONTACT, py).map(Bound::unbind))?.bind(py))
-}
+]);
+/// Of what `ContactQuery.patches` returns.
+pub(crate) static PATCH: Columns<7> = Columns::new([
+    ("normal", "=f8", 3),
+    ("force_n", "=f8", 3),
+    ("position_m", "=f8", 3),
+    ("area_m2", "=f8", 1),
+    ("depth_m", "=f8", 1),
+    ("part", "=i8", 1),
+    ("contacts", "=i8", 1),
+]);
+/// Of what `ContactQuery.nearest` returns.
+pub(crate) static NEAREST: Columns<5> = Columns::new([
+    ("on_shell_m", "=f8", 3),
+    ("on_part_m", "=f8", 3),
+    ("distance_m", "=f8", 1),
+    ("part", "=i8", 1),
+    ("point", "=i8", 1),
+]);
 
 impl From<ContactWrench> for WrenchRecord {
     fn from(found: ContactWrench) -> Self {
@@ -97,24 +150,54 @@ impl From<&ContactPoint> for ContactRecord {
             gradient: contact.gradient.to_array(),
             force_n: contact.force_n.to_array(),
             depth_m: contact.depth_m,
+            area_m2: contact.area_m2,
+            part: contact.part.into(),
             point: contact.point.into(),
         }
     }
 }
 
-/// Asks what wrench a voxmap exerts on a shell.
+impl From<&ContactPatch> for PatchRecord {
+    fn from(patch: &ContactPatch) -> Self {
+        Self {
+            normal: patch.normal.to_array(),
+            force_n: patch.force_n.to_array(),
+            position_m: patch.position_m.to_array(),
+            area_m2: patch.area_m2,
+            depth_m: patch.depth_m,
+            part: patch.part.into(),
+            contacts: patch.contacts.into(),
+        }
+    }
+}
+
+impl From<NearestPoint> for NearestRecord {
+    fn from(nearest: NearestPoint) -> Self {
+        Self {
+            on_shell_m: nearest.on_shell_m.to_array(),
+            on_part_m: nearest.on_part_m.to_array(),
+            distance_m: nearest.distance_m,
+            part: nearest.part.into(),
+            point: nearest.point.into(),
+        }
+    }
+}
+
+/// Asks what wrench voxmaps exert on a shell.
 ///
 /// ContactQuery(voxmap, shell, stiffness_n_per_m=1000.0): each point inside pushes with stiffness x
 /// depth x weight along its normal; the weight is the area that it stands for in squares of the
 /// shell's voxel edge. A face of area A at depth d pushes with about stiffness x d x A / voxel
 /// edge². There is no friction, and nothing is remembered: the same pose gives the same bits.
-/// Threads may share a query. Raises InvalidInput: the stiffness is not between 0 and 1e12 N/m.
-/// Cost: milliseconds; memory is shared with both parts.
+/// `voxmap` may be a sequence of (voxmap, pose): parts that stand in one world; poses of the shell
+/// are then those in the world, which else is the voxmap's mesh frame.
+/// Threads may share a query. Raises InvalidInput: the stiffness is not between 0 and 1e12 N/m, or
+/// there is no voxmap. Cost: milliseconds; memory is shared with all parts.
 #[pyclass(frozen, module = "hapticd_vps")]
 pub(crate) struct ContactQuery {
     query: vps::ContactQuery,
     /// What it was made of, which is how it is pickled.
-    made_of: (Py<Voxmap>, Py<PointShell>, f64),
+    made_of: (Vec<(Py<Voxmap>, vps::Pose)>, Py<PointShell>, f64),
 }
 
 #[pymethods]
@@ -123,29 +206,44 @@ impl ContactQuery {
     #[pyo3(signature = (voxmap, shell, stiffness_n_per_m = 1000.0))]
     fn new(
         py: Python<'_>,
-        voxmap: Py<Voxmap>,
+        voxmap: &Bound<'_, PyAny>,
         shell: Py<PointShell>,
         stiffness_n_per_m: f64,
     ) -> PyResult<Self> {
-        let (map, points) = (&voxmap.get().voxmap, &shell.get().shell);
-        let query =
-            py.detach(|| vps::ContactQuery::new(map, points, stiffness_n_per_m)).map_err(raise)?;
-        Ok(Self { query, made_of: (voxmap, shell, stiffness_n_per_m) })
+        let parts = match voxmap.cast::<Voxmap>() {
+            Ok(voxmap) => vec![(voxmap.clone().unbind(), vps::Pose::IDENTITY)],
+            Err(_) => voxmap
+                .try_iter()?
+                .map(|part| {
+                    let (voxmap, pose): (Py<Voxmap>, Bound<'_, PyAny>) = part?.extract()?;
+                    Ok((voxmap, one_pose(&pose)?))
+                })
+                .collect::<PyResult<_>>()?,
+        };
+        let points = &shell.get().shell;
+        let placed: Vec<_> =
+            parts.iter().map(|(voxmap, pose)| (&*voxmap.get().voxmap, *pose)).collect();
+        let query = py
+            .detach(|| vps::ContactQuery::of_parts(&placed, points, stiffness_n_per_m))
+            .map_err(raise)?;
+        Ok(Self { query, made_of: (parts, shell, stiffness_n_per_m) })
     }
 
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let (voxmap, shell, stiffness_n_per_m) = &self.made_of;
-        let made_of = (voxmap.clone_ref(py), shell.clone_ref(py), *stiffness_n_per_m);
+        let (parts, shell, stiffness_n_per_m) = &self.made_of;
+        let parts: Vec<_> =
+            parts.iter().map(|(voxmap, pose)| (voxmap.clone_ref(py), seven(*pose))).collect();
+        let made_of = (parts, shell.clone_ref(py), *stiffness_n_per_m);
         Ok((Self::type_object(py), made_of).into_pyobject(py)?.into_any())
     }
 
-    /// Wrenches at poses of the shell's mesh frame in the voxmap's: (7,) or (n, 7) of x, y, z (m),
+    /// Wrenches at poses of the shell's mesh frame in the world: (7,) or (n, 7) of x, y, z (m),
     /// qx, qy, qz, qw (unit), or (4, 4) or (n, 4, 4).
     ///
     /// Returns an array (n,) of `WRENCH_DTYPE`, or one such record of a single pose. On the shell:
-    /// `force_n` (3,), N, axes of the voxmap's mesh frame; `torque_nm` (3,), N m, the same axes,
+    /// `force_n` (3,), N, world axes; `torque_nm` (3,), N m, the same axes,
     /// about the origin of the shell's mesh frame; `penetration_m` of the deepest point, 0 without
-    /// contact; `clearance_m` of the nearest one, 0 in contact, at most the voxmap's `band_m`;
+    /// contact; `clearance_m` of the nearest one, 0 in contact, at most the least `band_m`;
     /// `contacts`, the number of points in contact. Raises InvalidInput, naming the first pose that
     /// is none. Cost: about linear in the points of the shell, never in triangles; many poses use
     /// all processors, with the same bits as one by one.
@@ -157,7 +255,7 @@ impl ContactQuery {
         let (poses, is_single) = arrays::poses(poses)?;
         if let (true, [pose]) = (is_single, &poses[..]) {
             let found = py.detach(|| self.query.wrench(*pose)).map_err(raise)?;
-            return arrays::array(&[WrenchRecord::from(found)], &[], wrench_dtype(py)?)?
+            return arrays::array(&[WrenchRecord::from(found)], &[], WRENCH.dtype(py)?)?
                 .get_item(());
         }
         let pool = pool::pool(py)?;
@@ -184,16 +282,17 @@ impl ContactQuery {
             };
             left = rest;
         }
-        arrays::array(&records, &[records.len()], wrench_dtype(py)?)
+        arrays::array(&records, &[records.len()], WRENCH.dtype(py)?)
     }
 
-    /// All contacts at one pose, (7,) or (4, 4) as of `wrench`: an array of `CONTACT_DTYPE`, in the
-    /// order of the points of the shell.
+    /// All contacts at one pose, (7,) or (4, 4) as of `wrench`: an array of `CONTACT_DTYPE`, part
+    /// by part in the order of the points of the shell.
     ///
     /// `position_m` (3,), m, and `normal` (3,), unit, the shell's surface normal, inward, which
-    /// pushes it out, in the voxmap's mesh frame; `gradient` (3,), unit, of the voxmap's distance,
+    /// pushes it out, in the world; `gradient` (3,), unit, of the voxmap's distance,
     /// the quickest way out, beyond the band it may be zero; `force_n` (3,), N, of this contact on
-    /// the shell; `depth_m`; `point`, the number of the point. Raises InvalidInput.
+    /// the shell; `depth_m`; `area_m2` that it stands for, 0 of probes; `part`, the number of the
+    /// voxmap; `point`, the number of the point. Raises InvalidInput.
     fn contacts<'py>(
         &self,
         py: Python<'py>,
@@ -205,13 +304,13 @@ impl ContactQuery {
             self.query.contacts(pose, |contact| records.push(ContactRecord::from(contact)))
         })
         .map_err(raise)?;
-        arrays::array(&records, &[records.len()], contact_dtype(py)?)
+        arrays::array(&records, &[records.len()], CONTACT.dtype(py)?)
     }
 
     /// How stiff the contact is at one pose, (7,) or (4, 4) as of `wrench`: (6, 6) float64.
     ///
     /// The second derivative of the contact's energy by x: translation, m, and rotation vector,
-    /// rad, about the origin of the shell's mesh frame, axes of the voxmap's. Symmetric: rows are
+    /// rad, about the origin of the shell's mesh frame, world axes. Symmetric: rows are
     /// -d force_n / dx and -d torque_nm / dx, whose part by turns is taken symmetric. Not always
     /// positive: convex contact pivots away. Raises InvalidInput. Cost: as `wrench`.
     fn stiffness<'py>(
@@ -223,6 +322,70 @@ impl ContactQuery {
         let rows = py.detach(|| self.query.stiffness(pose)).map_err(raise)?;
         arrays::numbers(rows.as_flattened(), &[6, 6], py)
     }
+    /// What touches at one pose, in few words: an array of `PATCH_DTYPE`, the hardest first.
+    ///
+    /// Contacts with one part whose gradients are within 20 degrees are one patch: `normal` (3,),
+    /// their mean gradient by force; `force_n` (3,), N, on the shell, which add up to that of the
+    /// pose; `position_m` (3,), their mean place by force; `area_m2` of the facets that touch, be it
+    /// in part; `depth_m` of the deepest; `part`; `contacts`, how many. Raises InvalidInput.
+    fn patches<'py>(
+        &self,
+        py: Python<'py>,
+        pose: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let pose = one_pose(pose)?;
+        let found = py.detach(|| self.query.patches(pose)).map_err(raise)?;
+        let records: Vec<_> = found.iter().map(PatchRecord::from).collect();
+        arrays::array(&records, &[records.len()], PATCH.dtype(py)?)
+    }
+
+    /// The point of the shell that is nearest to a part at one pose: a record of `NEAREST_DTYPE`.
+    ///
+    /// `on_shell_m` (3,), the point, and `on_part_m` (3,), the place on the surface of the part, m,
+    /// world; `distance_m`, the clearance; `part`; `point`. None where something touches, and beyond
+    /// the band less a voxel. Raises InvalidInput. Cost: as `wrench`.
+    fn nearest<'py>(
+        &self,
+        py: Python<'py>,
+        pose: &Bound<'py, PyAny>,
+    ) -> PyResult<Option<Bound<'py, PyAny>>> {
+        let pose = one_pose(pose)?;
+        let found = py.detach(|| self.query.nearest(pose)).map_err(raise)?;
+        found
+            .map(|found| {
+                arrays::array(&[NearestRecord::from(found)], &[], NEAREST.dtype(py)?)?.get_item(())
+            })
+            .transpose()
+    }
+
+    /// Where a motion from one pose to another first touches: its share of the motion, 0 to 1, and
+    /// the pose (7,) there; None where it does not.
+    ///
+    /// The shell's centre of mass goes straight and its rotation turns about one axis, both evenly.
+    /// At the pose it touches, a motion by `tolerance_m` before it did not. Parts may be thin: only
+    /// contact that ends again within a way of the tolerance may be missed. Raises InvalidInput.
+    /// Cost: few queries in the open, and close along a part the way over the tolerance.
+    #[pyo3(signature = (from_pose, to_pose, tolerance_m = 1e-5))]
+    fn first_contact<'py>(
+        &self,
+        py: Python<'py>,
+        from_pose: &Bound<'py, PyAny>,
+        to_pose: &Bound<'py, PyAny>,
+        tolerance_m: f64,
+    ) -> PyResult<Option<(f64, Bound<'py, PyAny>)>> {
+        let (from, to) = (one_pose(from_pose)?, one_pose(to_pose)?);
+        let found = py.detach(|| self.query.first_contact(from, to, tolerance_m)).map_err(raise)?;
+        found
+            .map(|found| Ok((found.share, arrays::numbers(&seven(found.pose), &[7], py)?)))
+            .transpose()
+    }
+}
+
+/// x, y, z, qx, qy, qz, qw.
+fn seven(pose: vps::Pose) -> [f64; 7] {
+    let (DVec3 { x, y, z }, DQuat { x: qx, y: qy, z: qz, w: qw }) =
+        (pose.translation, pose.rotation);
+    [x, y, z, qx, qy, qz, qw]
 }
 
 fn one_pose(pose: &Bound<'_, PyAny>) -> PyResult<vps::Pose> {

@@ -1,6 +1,7 @@
 """Wrenches, contacts and distances against closed forms."""
 
 import multiprocessing
+import pickle
 from concurrent.futures import ThreadPoolExecutor
 
 import hapticd_vps as vps
@@ -93,6 +94,50 @@ def test_contacts_add_up_to_the_wrench(block: vps.Voxmap, query: vps.ContactQuer
             within_band = contacts["depth_m"] < 0.99 * block.band_m
             assert np.linalg.norm(contacts["gradient"][within_band], axis=1) == pytest.approx(1)
     assert touching > 10
+
+
+def test_parts_of_one_world_press_as_each_of_them_does(block: vps.Voxmap, cube: vps.PointShell) -> None:
+    turned = [0.03, 0.0, 0.005, 0.0, np.sin(0.4), 0.0, np.cos(0.4)]
+    parts = [(block, [0, 0, 0, *IDENTITY]), (block, turned)]
+    both = vps.ContactQuery(parts, cube, 2000.0)
+    alone = vps.ContactQuery(block, cube, 2000.0)
+    moved = np.linalg.inv(matrices(np.array([turned]))[0])
+    together = 0
+    for pose in poses_near_contact(50):
+        found = both.wrench(pose)
+        one, other = alone.wrench(pose), alone.wrench(moved @ matrices(pose[None])[0])
+        force_n = one["force_n"] + matrices(np.array([turned]))[0, :3, :3] @ other["force_n"]
+        assert found["force_n"] == pytest.approx(force_n, abs=1e-3 * np.linalg.norm(force_n) + 1e-9)
+        assert found["contacts"] == one["contacts"] + other["contacts"]
+        assert (both.contacts(pose)["part"] == 1).sum() == other["contacts"]
+        together += other["contacts"] > 0
+    assert together > 3
+    again = pickle.loads(pickle.dumps(both))
+    assert again.wrench(pose).tobytes() == both.wrench(pose).tobytes()
+    for nonsense in ([], [(block,)], 7):
+        with pytest.raises((vps.InvalidInput, TypeError, ValueError)):
+            vps.ContactQuery(nonsense, cube)  # type: ignore[arg-type]
+
+
+def test_patches_nearest_point_and_first_contact(block: vps.Voxmap, query: vps.ContactQuery) -> None:
+    above, inside = [0.001, 0.002, 0.012, *IDENTITY], [0.001, 0.002, 0.0098, *IDENTITY]
+    nearest = query.nearest(above)
+    assert nearest.dtype == vps.NEAREST_DTYPE and nearest["part"] == 0
+    assert nearest["distance_m"] == query.wrench(above)["clearance_m"] == pytest.approx(0.002, abs=2e-5)
+    assert nearest["on_part_m"] == pytest.approx(nearest["on_shell_m"] - [0, 0, 0.002], abs=2e-5)
+    assert query.nearest(inside) is None and query.nearest([0, 0, 1, *IDENTITY]) is None
+    patches = query.patches(inside)
+    assert patches.dtype == vps.PATCH_DTYPE and len(patches) == 1 and len(query.patches(above)) == 0
+    assert patches["force_n"][0] == pytest.approx(query.wrench(inside)["force_n"], rel=1e-4, abs=1e-6)
+    assert patches["position_m"][0] == pytest.approx([0.006, 0.007, 0.0098], abs=1e-4)
+    assert patches["area_m2"][0] == pytest.approx(1e-4, rel=0.1)
+    touched = query.first_contact(above, inside, 1e-6)
+    assert touched is not None
+    share, pose = touched
+    assert share == pytest.approx(2.0 / 2.2, abs=1e-3) and query.wrench(pose)["contacts"] > 0
+    assert query.first_contact(above, [0.001, 0.002, 0.1, *IDENTITY]) is None
+    with pytest.raises(vps.InvalidInput, match="tolerance_m is 0"):
+        query.first_contact(above, inside, 0)
 
 
 def test_stiffness_is_how_the_wrench_changes(query: vps.ContactQuery) -> None:

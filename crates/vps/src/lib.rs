@@ -88,7 +88,8 @@ pub mod voxmap;
 
 pub use glam::{DQuat, DVec3};
 pub use library::{
-    ContactPoint, ContactQuery, ContactWrench, Distance, Error, Mesh, PointShell, Voxmap,
+    ContactPatch, ContactPoint, ContactQuery, ContactWrench, Distance, Error, Impact, Mesh,
+    NearestPoint, PointShell, Voxmap,
 };
 pub use mesh::mass::MassProperties;
 pub use mesh::primitives::Shape;

@@ -3,18 +3,22 @@
 SI units; a pose is that of the shell's mesh frame in the voxmap's mesh frame. `help(hapticd_vps)` has shapes, frames, errors and cost of each call.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from os import PathLike
 from typing import Any, Final, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["ContactQuery", "FileError", "InvalidInput", "Mesh", "PointShell", "Voxmap", "CONTACT_DTYPE", "WRENCH_DTYPE", "__version__"]
+__all__ = ["ContactQuery", "FileError", "InvalidInput", "Mesh", "PointShell", "Voxmap", "CONTACT_DTYPE", "NEAREST_DTYPE", "PATCH_DTYPE", "WRENCH_DTYPE", "__version__"]
 __version__: str
 
 CONTACT_DTYPE: np.dtype[np.void]
-"""`position_m` (3,), `normal` (3,), `gradient` (3,), `force_n` (3,), `depth_m`, `point`."""
+"""`position_m` (3,), `normal` (3,), `gradient` (3,), `force_n` (3,), `depth_m`, `area_m2`, `part`, `point`."""
+NEAREST_DTYPE: np.dtype[np.void]
+"""`on_shell_m` (3,), `on_part_m` (3,), `distance_m`, `part`, `point`."""
+PATCH_DTYPE: np.dtype[np.void]
+"""`normal` (3,), `force_n` (3,), `position_m` (3,), `area_m2`, `depth_m`, `part`, `contacts`."""
 WRENCH_DTYPE: np.dtype[np.void]
 """`force_n` (3,), `torque_nm` (3,), `penetration_m`, `clearance_m`, `contacts`."""
 
@@ -101,10 +105,18 @@ class PointShell:
 
 @final
 class ContactQuery:
-    def __new__(cls, voxmap: Voxmap, shell: PointShell, stiffness_n_per_m: float = 1000.0) -> ContactQuery: ...
+    def __new__(
+        cls, voxmap: Voxmap | Iterable[tuple[Voxmap, ArrayLike]], shell: PointShell, stiffness_n_per_m: float = 1000.0
+    ) -> ContactQuery: ...
     def wrench(self, poses: ArrayLike) -> Any:
         """One record of `WRENCH_DTYPE` for one pose, else an array (n,) of it."""
     def contacts(self, pose: ArrayLike) -> NDArray[np.void]:
         """An array of `CONTACT_DTYPE`."""
     def stiffness(self, pose: ArrayLike) -> NDArray[np.float64]:
         """(6, 6): the second derivative of the contact's energy."""
+    def patches(self, pose: ArrayLike) -> NDArray[np.void]:
+        """An array of `PATCH_DTYPE`, the hardest first."""
+    def nearest(self, pose: ArrayLike) -> Any:
+        """A record of `NEAREST_DTYPE`, or None."""
+    def first_contact(self, from_pose: ArrayLike, to_pose: ArrayLike, tolerance_m: float = 1e-5) -> tuple[float, NDArray[np.float64]] | None:
+        """The share of the motion that ends where it first touches, and the pose (7,) there."""

@@ -23,6 +23,7 @@ mod contact_block;
 #[doc(hidden)]
 pub mod faces;
 mod flat;
+mod highest;
 mod immersion;
 mod kernel;
 #[doc(hidden)]
@@ -45,6 +46,7 @@ pub use budget::Budget;
 pub use contact_block::{Contact, ContactBlock};
 pub use faces::FACES;
 pub use flat::visit;
+pub(crate) use highest::Highest;
 pub use proximity::Proximity;
 pub use summing::{AVERAGED_CONTACTS, FaceSums};
 pub use traversal::{Traversal, TraversalMode};
@@ -354,20 +356,10 @@ impl ContactSum {
         if !sum.clearance_is_bound {
             return sum;
         }
-        // Of obstacles far away `of` has noted what is outside of their boxes.
-        let far_m = traversal.begin(shell, world_from_body, 0.0).max_value_m;
-        sum.max_value_m = (0..traversal.n_near()).fold(far_m, |highest_m, n| {
-            let Some(obstacle_idx) = traversal.obstacle_poses().near(n) else { return highest_m };
-            let (Some(obstacle), Some(pose)) =
-                (obstacles.get(obstacle_idx), traversal.obstacle_poses().pose(obstacle_idx))
-            else {
-                return highest_m;
-            };
-            let map_from_body = pose.world_from_map.inverse() * world_from_body;
-            let found_m =
-                traversal.highest_m(obstacle_idx, obstacle, law.field, shell, map_from_body);
-            highest_m.max(found_m.into())
-        });
+        sum.max_value_m = Highest::of(traversal, obstacles, shell, world_from_body, law).value_m;
+        let slack_m = |obstacle: &Obstacle| slack_m(&obstacle.field, law.field);
+        let reach_m = shell.reach_m() + obstacles.iter().map(slack_m).fold(0.0, f32::max);
+        sum.free_way_m = sum.free_way_m.max(-sum.max_value_m - f64::from(reach_m));
         sum
     }
 }

@@ -231,7 +231,8 @@ impl Traversal {
         }
     }
 
-    /// Largest V of all points of the shell at an obstacle that none of them touches, m. RT: safe.
+    /// Largest V of all points of the shell at an obstacle that none of them touches, m, and the
+    /// block of that point where a walk finds it. RT: safe.
     pub(super) fn highest_m(
         &mut self,
         obstacle_idx: usize,
@@ -239,13 +240,13 @@ impl Traversal {
         kind: FieldKind,
         shell: &Shell,
         map_from_body: Pose,
-    ) -> f32 {
+    ) -> (f32, Option<u32>) {
         let place = Place::new(&obstacle.field, map_from_body);
         match self.walks.get(obstacle_idx).and_then(Option::as_ref) {
             Some(walk) if kind == FieldKind::Trilinear && place.is_finite() => {
                 walk.highest_m(self.simd_level, shell, &place, &mut self.lists)
             }
-            _ => flat::blocks(&obstacle.field, kind, shell, map_from_body, |_| ()),
+            _ => (flat::blocks(&obstacle.field, kind, shell, map_from_body, |_| ()), None),
         }
     }
 

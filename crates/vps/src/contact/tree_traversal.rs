@@ -355,19 +355,21 @@ impl TreeTraversal {
         }
     }
 
-    /// Largest V of all points of the shell, m, where V of none is above 0: branch and bound, what
-    /// may be highest first. To the bit what the flat traversal finds. RT: safe.
+    /// Largest V of all points of the shell, m, where V of none is above 0, and the block of that
+    /// point: branch and bound, what may be highest first. To the bit what the flat traversal finds.
+    /// RT: safe.
     pub(super) fn highest_m(
         &self,
         simd_level: SimdLevel,
         shell: &Shell,
         place: &Place,
         lists: &mut Lists,
-    ) -> f32 {
+    ) -> (f32, Option<u32>) {
         let tree = shell.tree();
         let bounds = &self.bounds;
         let margin_cells = self.margin_cells(place);
         let mut highest_m = f32::NEG_INFINITY;
+        let mut block = None;
         let open = &mut lists.ceilings;
         open.clear();
         open.push(Ceiling {
@@ -392,7 +394,10 @@ impl TreeTraversal {
                     floor,
                     found: |_, _: &Depths| (),
                 });
-                highest_m = highest_m.max(max_m);
+                if max_m > highest_m {
+                    highest_m = max_m;
+                    block = Some(node);
+                }
                 continue;
             }
             let Some(spheres) = tree.spheres(level).get(node as usize) else { continue };
@@ -410,7 +415,7 @@ impl TreeTraversal {
                 children.sort_unstable_by(|a, b| a.reached_m.total_cmp(&b.reached_m));
             }
         }
-        highest_m
+        (highest_m, block)
     }
 
     /// Replaces the open nodes by their children that are open, which go to `next`, as far as the

@@ -17,4 +17,4 @@ mod query;
 pub use baked::{Distance, PointShell, Voxmap};
 pub use error::Error;
 pub use mesh::Mesh;
-pub use query::{ContactPoint, ContactQuery, ContactWrench};
+pub use query::{ContactPatch, ContactPoint, ContactQuery, ContactWrench, Impact, NearestPoint};

@@ -171,6 +171,182 @@ fn its_contacts_add_up(block: &Voxmap, tool: &PointShell) {
     assert!((60..540).contains(&touching), "{touching} of 600 poses touch");
 }
 
+/// A block, a plate of two voxels beside it, and a ball, each somewhere in the world.
+fn three_parts() -> Vec<(Voxmap, Pose)> {
+    let plate = Mesh::from_shape(&Shape::Box { size_m: DVec3::new(40e-3, 40e-3, 1e-3) }, 1e-5);
+    let meshes = [block(), plate.unwrap(), ball()];
+    let places = [
+        Pose::IDENTITY,
+        Pose::new(DQuat::from_rotation_y(0.8), DVec3::new(35e-3, 2e-3, 5e-3)),
+        Pose::new(DQuat::from_rotation_x(2.0), DVec3::new(-5e-3, 3e-3, 32e-3)),
+    ];
+    let bake = |(mesh, pose)| (Voxmap::bake(&mesh, &Options::new(0.5e-3)).unwrap(), pose);
+    meshes.into_iter().zip(places).map(bake).collect()
+}
+
+fn cube() -> PointShell {
+    let cube = Mesh::from_shape(&Shape::Box { size_m: DVec3::splat(15e-3) }, 1e-5).unwrap();
+    PointShell::bake(&cube, &Options::new(0.5e-3)).unwrap()
+}
+
+#[test]
+fn several_parts_press_as_each_of_them_does() {
+    let (parts, cube) = (three_parts(), cube());
+    let all: Vec<(&Voxmap, Pose)> = parts.iter().map(|(map, pose)| (map, *pose)).collect();
+    let query = ContactQuery::of_parts(&all, &cube, 1000.0).unwrap();
+    let alone: Vec<ContactQuery> =
+        parts.iter().map(|(map, _)| ContactQuery::new(map, &cube, 1000.0).unwrap()).collect();
+    let mut touched = [0; 3];
+    for pose in poses(300) {
+        let (mut force, mut torque) = (DVec3::ZERO, DVec3::ZERO);
+        let (mut contacts, mut penetration_m, mut clearance_m) = (0, 0.0_f64, f64::INFINITY);
+        for ((query, (_, world_from_map)), n) in alone.iter().zip(&parts).zip(&mut touched) {
+            let felt = query.wrench(world_from_map.inverse() * pose).unwrap();
+            force += world_from_map.transform_vector(felt.wrench.force);
+            torque += world_from_map.transform_vector(felt.wrench.torque);
+            contacts += felt.contacts;
+            *n += u32::from(felt.contacts > 0);
+            penetration_m = penetration_m.max(felt.penetration_m);
+            clearance_m = clearance_m.min(felt.clearance_m);
+        }
+        let felt = query.wrench(pose).unwrap();
+        let size_n = force.length() + 1e-3;
+        assert!(
+            felt.contacts == contacts
+                && (felt.wrench.force - force).length() < 1e-4 * size_n
+                && (felt.wrench.torque - torque).length() < 1e-5 * size_n
+                && (felt.penetration_m - penetration_m).abs() < 1e-7
+                && (felt.clearance_m - clearance_m).abs() < 1e-7,
+            "{felt:?} and {force}, {torque}, {contacts}, {penetration_m}, {clearance_m}"
+        );
+        let mut of_parts = [0_u32; 3];
+        query.contacts(pose, |contact| of_parts[contact.part as usize] += 1).unwrap();
+        assert_eq!(of_parts.iter().sum::<u32>(), contacts);
+    }
+    assert!(touched.iter().all(|n| *n > 10), "{touched:?}");
+    let nothing = ContactQuery::of_parts(&[], &cube, 1000.0).unwrap_err().to_string();
+    assert_eq!(nothing, "the number of voxmaps is 0: give one or more");
+}
+
+#[test]
+fn the_nearest_point_is_as_far_as_the_clearance_says_and_lies_over_the_surface() {
+    let (parts, cube) = (three_parts(), cube());
+    let all: Vec<(&Voxmap, Pose)> = parts.iter().map(|(map, pose)| (map, *pose)).collect();
+    let query = ContactQuery::of_parts(&all, &cube, 1000.0).unwrap();
+    let mut found = [0; 3];
+    for pose in poses(1500) {
+        let felt = query.wrench(pose).unwrap();
+        let Some(nearest) = query.nearest(pose).unwrap() else {
+            assert!(
+                felt.contacts > 0 || felt.clearance_m > parts[0].0.band_m() - 0.5e-3,
+                "{felt:?}"
+            );
+            continue;
+        };
+        assert_eq!((felt.contacts, felt.clearance_m), (0, nearest.distance_m));
+        let positions = cube.shell().positions();
+        let point = positions[nearest.point as usize / 16].get(nearest.point as usize % 16);
+        let body = pose * Pose::from_translation(cube.mass_properties().center_m);
+        assert_eq!(body.transform_point(point.as_dvec3()), nearest.on_shell_m);
+        let way_m = nearest.on_shell_m.distance(nearest.on_part_m);
+        // Interpolation bends directions near edges.
+        assert!((way_m - nearest.distance_m).abs() < 0.1 * 0.5e-3, "{nearest:?}");
+        let (map, world_from_map) = &parts[nearest.part as usize];
+        let on_map = world_from_map.inverse().transform_point(nearest.on_part_m);
+        let off_m = map.distance(on_map).unwrap().distance_m;
+        assert!(off_m.abs() < 1e-5, "{off_m} m: {nearest:?}");
+        found[nearest.part as usize] += 1;
+    }
+    assert!(found.iter().all(|n| *n > 5), "{found:?}");
+}
+
+#[test]
+fn patches_say_where_and_how_hard_what_presses_and_add_up() {
+    let block = Voxmap::bake(&block(), &Options::new(0.5e-3)).unwrap();
+    let query = ContactQuery::new(&block, &cube(), 1000.0).unwrap();
+    let depth_m = 0.2e-3;
+    let middle = DVec3::new(1e-3, -2e-3, 20e-3 - depth_m);
+    let patches = query.patches(Pose::from_translation(middle + DVec3::Z * 7.5e-3)).unwrap();
+    let [patch] = patches[..] else { panic!("{patches:?}") };
+    let force_n = 1000.0 * (15.0 / 0.5_f64).powi(2) * depth_m;
+    assert!(
+        (patch.normal - DVec3::Z).length() < 1e-3
+            && (patch.force_n - DVec3::Z * force_n).length() < 1e-2 * force_n
+            && (patch.position_m - middle).length() < 0.05e-3
+            // Facets of the sides are immersed in part.
+            && (1.0..1.1).contains(&(patch.area_m2 / 15e-3_f64.powi(2)))
+            && (patch.depth_m - depth_m).abs() < 1e-6,
+        "{patch:?}"
+    );
+    let parts = three_parts();
+    let all: Vec<(&Voxmap, Pose)> = parts.iter().map(|(map, pose)| (map, *pose)).collect();
+    let query = ContactQuery::of_parts(&all, &cube(), 1000.0).unwrap();
+    let mut touching = 0;
+    for pose in poses(200) {
+        let felt = query.wrench(pose).unwrap();
+        let patches = query.patches(pose).unwrap();
+        let sum: DVec3 = patches.iter().map(|patch| patch.force_n).sum();
+        let size_n = felt.wrench.force.length();
+        assert!((sum - felt.wrench.force).length() <= 1e-4 * size_n + 1e-9, "{sum} and {felt:?}");
+        let (mut n, mut n_probes) = (0, 0);
+        query
+            .contacts(pose, |contact| {
+                n += u32::from(contact.area_m2 > 0.0);
+                n_probes += u32::from(contact.area_m2 == 0.0);
+            })
+            .unwrap();
+        assert_eq!(patches.iter().map(|patch| patch.contacts).sum::<u32>(), n);
+        assert_eq!(n + n_probes, felt.contacts);
+        assert!(patches.iter().all(|patch| (patch.normal.length() - 1.0).abs() < 1e-9));
+        touching += u32::from(patches.len() > 1);
+    }
+    assert!(touching > 20, "{touching}");
+}
+
+#[test]
+fn a_motion_is_stopped_where_it_first_touches_however_thin_the_part() {
+    let (parts, cube) = (three_parts(), cube());
+    let all: Vec<(&Voxmap, Pose)> = parts.iter().map(|(map, pose)| (map, *pose)).collect();
+    let query = ContactQuery::of_parts(&all, &cube, 1000.0).unwrap();
+    let tolerance_m = 1e-5;
+    let (mut hits, mut misses) = (0, 0);
+    let ends = poses(120);
+    for (from, to) in ends.iter().zip(ends.iter().skip(1)) {
+        // From outside, and often through and out again.
+        let from = Pose { translation: from.translation * 2.0, ..*from };
+        let to = Pose { translation: to.translation * -1.5, ..*to };
+        let found = query.first_contact(from, to, tolerance_m).unwrap();
+        let [begin, end] =
+            [from, to].map(|pose| pose * Pose::from_translation(cube.mass_properties().center_m));
+        let at = |share: f64| {
+            let body = Pose::new(
+                begin.rotation.slerp(end.rotation, share),
+                begin.translation.lerp(end.translation, share),
+            );
+            body * Pose::from_translation(-cube.mass_properties().center_m)
+        };
+        let touches = |share: f64| query.wrench(at(share)).unwrap().contacts > 0;
+        let until = found.map_or(1.0, |impact| impact.share);
+        if let Some(impact) = found {
+            hits += 1;
+            assert!(query.wrench(impact.pose).unwrap().contacts > 0, "{impact:?}");
+            let off = (at(impact.share).translation - impact.pose.translation).length();
+            assert!(off < 1e-12, "{off}");
+        } else {
+            misses += 1;
+        }
+        // Points go no farther than this in the whole motion.
+        let way_m = begin.translation.distance(end.translation)
+            + begin.rotation.angle_between(end.rotation) * 14e-3;
+        let before = until - tolerance_m / way_m;
+        let first = (0..1000).map(|k| before * f64::from(k) / 1000.0).find(|share| touches(*share));
+        assert!(before <= 0.0 || first.is_none(), "{first:?} and {found:?}");
+    }
+    assert!(hits > 50 && misses > 0, "{hits} and {misses}");
+    let wrong = query.first_contact(ends[0], ends[1], 0.0).unwrap_err().to_string();
+    assert_eq!(wrong, "tolerance_m is 0: give metres, greater than 1e-12");
+}
+
 #[test]
 fn depths_change_against_the_gradient_of_the_distance_whatever_the_normal() {
     let options = Options::new(0.5e-3);
