@@ -12,6 +12,7 @@ use super::error::{CliError, Outcome};
 use super::units::UnitArg;
 use super::{OutputOptions, report};
 use crate::config::draft::{self, Draft, DraftPart, DraftPath, DraftTool};
+use crate::config::setting_names::KEYS;
 use crate::error::Exit;
 use document::show;
 use vps::mesh::validate::inspect;
@@ -76,7 +77,7 @@ fn init(args: &Args, output: OutputOptions) -> Result<(), CliError> {
     })?;
     if files.is_empty() {
         let hint = if has_cad(&args.folder) {
-            mesh::CAD_HINT.to_owned()
+            mesh::cad_hint(&KEYS)
         } else {
             format!("files that end in {} are read", EXTENSIONS.join(", "))
         };
@@ -120,7 +121,7 @@ fn init(args: &Args, output: OutputOptions) -> Result<(), CliError> {
         if own_unit.is_none() {
             mesh.vertices.iter_mut().for_each(|vertex| *vertex *= unit.metres());
         }
-        for warning in notes.into_iter().chain(inspect(&mesh).warnings()) {
+        for warning in notes.into_iter().chain(inspect(&mesh).warnings(&KEYS)) {
             report::warning(&format!("{}: {warning}", path.display()), output);
         }
         parts.push(DraftPart::new(file, stem, own_unit.unwrap_or(unit), &mesh));

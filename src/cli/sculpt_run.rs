@@ -16,6 +16,7 @@ use self::summary::SavedFile;
 use super::error::CliError;
 use super::{OutputOptions, destination, output, recording, report};
 use crate::config::scene::SculptConfig;
+use crate::config::setting_names::KEYS;
 use crate::config::strokes::{self, Script, TimedOrder};
 use crate::config::{ConfigErrors, SceneConfig};
 use crate::daemon::sculpting::{
@@ -223,7 +224,8 @@ impl SculptRun {
             shape: Some(tool_shape),
             center_of_mass_tool: scene.tool.center_of_mass_tool,
         };
-        let engine = SculptEngine::new(clay, self.sculpt.tool.clone(), body);
+        let engine =
+            SculptEngine::new(clay, self.sculpt.tool.clone(), body).with_setting_names(KEYS);
         let due = |TimedOrder { at, order, line, .. }: TimedOrder| ScriptedOrder {
             tick: (at.as_secs_f64() / self.plan.tick_s).round() as u64,
             order,
@@ -288,7 +290,7 @@ impl SculptRun {
             match carry_out(&mut engine, order) {
                 Some(Ok(())) => summary.saved.push(SavedFile { kind, file }),
                 Some(Err(error)) => {
-                    report::error(&error.to_string(), Some(hint(&error)), output);
+                    report::error(&error.to_string(), Some(&hint(&error)), output);
                     summary.unsaved.push(SavedFile { kind, file });
                 }
                 None => {

@@ -28,6 +28,7 @@ pub mod json_schema;
 mod plausibility;
 mod resolve;
 pub mod scene;
+pub mod setting_names;
 pub mod strokes;
 
 pub use plausibility::{plausibility_warnings, problem_at};

@@ -19,6 +19,7 @@ use self::naming::{in_words, name_of};
 use self::size::Size;
 use super::resolve::Resolve;
 use super::schema::{Deed, Stroke, Strokes, holds_strokes};
+use super::setting_names::KEYS;
 use clay::OpenedSolid;
 use clay::boolean::Boolean;
 use clay::engine::{SculptOrder, ToolSettings};
@@ -242,10 +243,7 @@ impl Reader<'_> {
             Err(problem) => {
                 self.resolve.checks.refuse(
                     &format!("{table}.{}", solid_key(stroke)),
-                    ProblemKind::Refused {
-                        why: problem.to_string(),
-                        hint: problem.hint().map(str::to_owned),
-                    },
+                    ProblemKind::Refused { why: problem.to_string(), hint: problem.hint(&KEYS) },
                 );
                 None
             }

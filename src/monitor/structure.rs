@@ -9,6 +9,7 @@ use glam::{DVec3, IVec3, Vec3};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use super::problem::RequestError;
+use crate::config::setting_names::KEYS;
 use crate::daemon::session::SceneView;
 use crate::scene;
 use rt::schedule::enter_background;
@@ -71,7 +72,7 @@ pub(super) fn file(
         ));
     }
     let refused = |error: PartError| {
-        RequestError::unavailable(error.to_string(), error.hint().unwrap_or_default())
+        RequestError::unavailable(error.to_string(), error.hint(&KEYS).unwrap_or_default())
     };
     let part = scene::load(request.name, request.source, request.spacing).map_err(refused)?;
     let own = request.options(&part);

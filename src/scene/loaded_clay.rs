@@ -12,6 +12,7 @@ use thiserror::Error;
 
 use super::object::MemoryPlan;
 use crate::config::scene::{ClaySource, MeshSource, SculptConfig};
+use crate::config::setting_names::KEYS;
 use crate::config::{RASTER_AXIS, RASTER_NODES, SceneConfig};
 use clay::clay_model::{ClayModelError, MemoryEstimate};
 use clay::session::SessionFileError;
@@ -49,8 +50,8 @@ impl ClayError {
     /// What to do about it.
     pub fn hint(&self) -> Option<String> {
         match self {
-            Self::Load(problem) => problem.hint().map(str::to_owned),
-            Self::Model(ClayModelError::Surface(problem)) => Some(problem.hint().to_owned()),
+            Self::Load(problem) => problem.hint(&KEYS),
+            Self::Model(ClayModelError::Surface(problem)) => Some(problem.hint(&KEYS)),
             Self::Session(_) => Some(
                 "give a file of `hapticd sculpt --session`, or another source \
                 of clay"
@@ -64,8 +65,12 @@ impl ClayError {
             Self::Model(ClayModelError::Memory { limit, .. }) => Some(format!(
                 "take fewer mass points in `sculpt.raster`, a larger \
                     `sculpt.spacing_mm`, or {}",
-                limit.remedy()
+                limit.remedy(&KEYS)
             )),
+            Self::Model(ClayModelError::TooFine { .. }) => Some(
+                "take fewer mass points in `sculpt.raster`, or a larger `sculpt.region_mm`"
+                    .to_owned(),
+            ),
             Self::Model(ClayModelError::ThinWalls {
                 needed,
                 apart_m,

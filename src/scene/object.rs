@@ -5,7 +5,10 @@ use thiserror::Error;
 use super::cache::{Baked, Cache, Lookup, Request, Spacing};
 use super::loaded_clay::ClayError;
 use crate::config::scene::MeshSource;
+use crate::config::setting_names::KEYS;
+use clay::LoadError;
 use clay::clay_model::{ClayModelError, MemoryEstimate};
+use vps::mesh::MeshError;
 use vps::part::{ExceededLimit, ObjectReport, Part, PartError, PartRole};
 use vps::storage::memory::available_bytes;
 use vps::voxmap::estimate::{Estimate, Products};
@@ -27,7 +30,11 @@ impl SceneError {
     /// What to do about it.
     pub fn hint(&self) -> Option<String> {
         match self {
-            Self::Part(problem) => problem.hint(),
+            Self::Part(PartError::Mesh { source: MeshError::Missing { .. }, .. })
+            | Self::Clay(ClayError::Load(LoadError::File(MeshError::Missing { .. }))) => {
+                Some("paths in a scene are relative to the scene file".to_owned())
+            }
+            Self::Part(problem) => problem.hint(&KEYS),
             Self::Clay(problem) => problem.hint(),
         }
     }
@@ -214,13 +221,16 @@ pub fn smallest_overlap_m(reports: &[ObjectReport]) -> Option<f64> {
 /// # Errors
 /// A mesh that cannot be used.
 pub fn load(name: &str, source: &MeshSource, spacing: Spacing) -> Result<Part, PartError> {
-    match (source, spacing) {
-        (MeshSource::File { path, metres_per_unit }, _) => Part::load(name, path, *metres_per_unit),
+    let part = match (source, spacing) {
+        (MeshSource::File { path, metres_per_unit }, _) => {
+            Part::load(name, path, *metres_per_unit)?
+        }
         (MeshSource::Shape(shape), Spacing::Size(voxel_size_m)) => {
-            Ok(Part::of_shape(name, shape, voxel_size_m))
+            Part::of_shape(name, shape, voxel_size_m)
         }
         // The box of a shape hardly depends on how finely it is cut; only a size of voxels can be
         // too fine for a coarse cut.
-        (MeshSource::Shape(shape), Spacing::LongestAxis(_)) => Ok(Part::of_shape(name, shape, 0.0)),
-    }
+        (MeshSource::Shape(shape), Spacing::LongestAxis(_)) => Part::of_shape(name, shape, 0.0),
+    };
+    Ok(part.with_setting_names(KEYS))
 }

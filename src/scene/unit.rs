@@ -2,6 +2,7 @@
 
 use super::object::SceneError;
 use crate::config::scene::MeshSource;
+use crate::config::setting_names::KEYS;
 use crate::config::{Problem, ProblemKind, SceneConfig, problem_at};
 use vps::part::{Part, PartError};
 use vps::spatial::Metres;
@@ -34,10 +35,7 @@ pub fn doubted_unit(config: &SceneConfig, error: &SceneError) -> Option<Problem>
     };
     let kind = ProblemKind::Refused {
         why: format!("{name} is {} long: {grid}", Metres(size_m)),
-        hint: Some(format!(
-            "{advice}; if the part is so large, {}",
-            grid.hint().trim_end_matches(", or check `units`")
-        )),
+        hint: Some(format!("{advice}; if the part is so large, {}", grid.hint_at_this_size(&KEYS))),
     };
     Some(problem_at(&config.path, &format!("{table}.units"), kind))
 }

@@ -589,7 +589,7 @@ fn a_gear_of_twelve_metres_is_asked_about() {
     let ended = hapticd(dir.path(), "bake gear12.obj --units m --voxel-size-mm 500");
     assert_eq!(ended.code, Some(0));
     assert!(
-        ended.stderr.contains("warning: gear12: the box is 12.0 m long: is `units` right?"),
+        ended.stderr.contains("warning: gear12: the box is 12.0 m long: is --units right?"),
         "{}",
         ended.stderr
     );

@@ -176,7 +176,7 @@ error: scene.toml:25: device.profile = "sim-sigma": no device profile of this na
     missing_mesh_file: with("base.obj", "bse.obj") => r#"error: scene.toml:8: static[0].mesh = "bse.obj": no such file: bse.obj
   hint: did you mean `base.obj`? paths are relative to the file that names them"#;
     mesh_of_another_format: with("base.obj", "base.step") => r#"error: scene.toml:8: static[0].mesh = "base.step": STEP files hold curved surfaces, and a mesh of triangles is needed
-  hint: convert it: `gmsh PART.step -2 -clmax 1 -o PART.stl` (edges of at most 1 mm), or FreeCAD with File, Export; then name the .stl with units "mm""#;
+  hint: convert it: `gmsh PART.step -2 -clmax 1 -o PART.stl` (edges of at most 1 mm), or FreeCAD with File, Export; then name the .stl, and mm as `units`"#;
     mesh_of_an_unknown_format: with("base.obj", "base.dae") => r#"error: scene.toml:8: static[0].mesh = "base.dae": must be a mesh file whose name ends in .obj, .stl, .ply, .gltf, .glb or .3mf"#;
     missing_mesh_file_of_another_format: with("base.obj", "base.GLB") => r#"error: scene.toml:8: static[0].mesh = "base.GLB": no such file: base.GLB
   hint: paths are relative to the file that names them"#;

@@ -314,6 +314,62 @@ fn every_dependency_has_a_row_with_its_reason() {
     assert!(named.len() > 40 && missing.is_empty(), "{missing:?} of {}", named.len());
 }
 
+/// Users of the libraries have neither a scene nor a command line: a caller gives texts the names of
+/// its own settings (`vps::setting_names`).
+#[test]
+fn no_text_of_a_library_names_a_key_or_a_flag() {
+    fn keys(schema: &serde_json::Value, found: &mut BTreeSet<String>) {
+        if let Some(properties) = schema.get("properties").and_then(|found| found.as_object()) {
+            found.extend(properties.keys().cloned());
+        }
+        let inside = schema.as_object().into_iter().flat_map(|table| table.values());
+        inside.for_each(|value| keys(value, found));
+    }
+    fn walk(folder: &Path, found: &mut Vec<PathBuf>) {
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            let is_test = path.file_stem().is_some_and(|stem| stem == "tests");
+            if path.is_dir() {
+                walk(&path, found);
+            } else if !is_test && path.extension().is_some_and(|extension| extension == "rs") {
+                found.push(path);
+            }
+        }
+    }
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let schema = fs::read_to_string(root.join("config/scene.schema.json")).unwrap();
+    let mut known = BTreeSet::new();
+    keys(&serde_json::from_str(&schema).unwrap(), &mut known);
+    assert!(known.len() > 80 && known.contains("units"), "{known:?}");
+    let is_key = |quoted: &str| {
+        let is_part = |c: char| c.is_alphanumeric() || c == '_';
+        !quoted.starts_with('{') && quoted.split(|c| !is_part(c)).any(|word| known.contains(word))
+    };
+    let is_flag = |word: &str| {
+        let word = word.trim_start_matches(['"', '`', '(']);
+        word.strip_prefix("--").is_some_and(|name| name.starts_with(char::is_alphabetic))
+    };
+    let mut paths = Vec::new();
+    for library in ["capi", "clay", "python", "vps"] {
+        walk(&root.join("crates").join(library).join("src"), &mut paths);
+    }
+    let mut n_quoted = 0;
+    for path in paths {
+        let text = fs::read_to_string(&path).unwrap();
+        let code = text.split("#[cfg(test)]\nmod tests {").next().unwrap_or_default();
+        for line in code.lines().map(str::trim_start) {
+            if line.starts_with("//") || line.starts_with("#[ignore") {
+                continue;
+            }
+            let quoted: Vec<&str> = line.split('`').skip(1).step_by(2).collect();
+            n_quoted += quoted.len();
+            let is_named = quoted.into_iter().any(is_key) || line.split(' ').any(is_flag);
+            assert!(!is_named, "{}: {line}", path.display());
+        }
+    }
+    assert!(n_quoted > 40, "{n_quoted}");
+}
+
 /// Words of a command line, up to where the shell takes over.
 fn words(line: &str) -> Vec<String> {
     let mut words = Vec::new();

@@ -551,7 +551,7 @@ fn a_raster_that_loses_walls_is_refused_with_one_that_holds_them() {
     fs::write(dir.path().join("sheet.toml"), sheet("raster = [20, 20, 20]\n")).unwrap();
     let fragments = [
         "clay: walls of about 1 mm may lose ",
-        "% of its volume: mass points of `sculpt.raster` = [20, 20, 20] are ",
+        "% of its volume: mass points of its raster [20, 20, 20] are ",
         "hint: give `sculpt.raster = [",
     ];
     for line in ["check sheet.toml", "sculpt sheet.toml --clock virtual --duration 20ms"] {

@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use super::WorkError;
+use vps::setting_names::SettingNames;
 use vps::spatial::{Metres, Place};
 
 /// Samples that no surface can be made of. Messages read well after "failed to build the surface:
@@ -103,13 +104,15 @@ pub enum SurfaceError {
 
 impl SurfaceError {
     /// What to do about it.
-    pub fn hint(&self) -> &'static str {
-        match self {
+    pub fn hint(&self, names: &SettingNames) -> String {
+        let hint = match self {
             Self::Work(error) => error.hint(),
             Self::TooFew { .. } => {
                 "scan or sample the surface more densely; a sphere takes some hundreds of points"
             }
-            Self::TooCoarse { .. } => "is `units` right? else choose a smaller spacing",
+            Self::TooCoarse { .. } => {
+                return format!("is {} right? else choose a smaller spacing", names.unit);
+            }
             Self::UnequalArrays { .. } => "give every point a normal and a colour",
             Self::NonFinite { .. } => "remove the point",
             Self::BadNormal { .. } => "leave all normals out, then they are estimated",
@@ -118,8 +121,11 @@ impl SurfaceError {
                 "scan or sample the surface evenly: lines of points that are far apart make no \
                     surface"
             }
-            Self::Spacing { .. } => "is `units` right? else choose a larger spacing",
-            Self::Neighbours { .. } => "leave `neighbours` out: 24 suit most surfaces",
-        }
+            Self::Spacing { .. } => {
+                return format!("is {} right? else choose a larger spacing", names.unit);
+            }
+            Self::Neighbours { .. } => "take 24, which suit most surfaces",
+        };
+        hint.to_owned()
     }
 }

@@ -40,7 +40,7 @@ pub enum ExportError {
     )]
     Open,
     /// Too many nodes for the numbers of corners.
-    #[error("a raster of {0} nodes has more than a mesh can number; take fewer in `sculpt.raster`")]
+    #[error("a raster of {0} nodes has more than a mesh can number")]
     TooLarge(usize),
 }
 

@@ -9,6 +9,7 @@ use super::sample::{GREY, sample_within};
 use super::{Neighbour, Neighbours, PointSet, Solid, SurfaceError, WorkMeter, normals};
 use vps::mesh::cloud::{self, Cloud, Contents};
 use vps::mesh::{self, MeshError, TriangleMesh};
+use vps::setting_names::SettingNames;
 
 /// Samples of a mesh for which no spacing is asked.
 pub(super) const DEFAULT_SAMPLES: f64 = 20_000.0;
@@ -80,17 +81,18 @@ pub enum LoadError {
 
 impl LoadError {
     /// What to do about it, where there is something to say.
-    pub fn hint(&self) -> Option<&'static str> {
-        match self {
-            Self::File(error) => error.hint(),
+    pub fn hint(&self, names: &SettingNames) -> Option<String> {
+        let hint = match self {
+            Self::File(error) => return error.hint(names),
             Self::UnknownExtension { .. } => {
-                Some("export the scan as PLY, or as text with one point in each line (.xyz)")
+                "export the scan as PLY, or as text with one point in each line (.xyz)"
             }
             Self::OnePlace { .. } => {
-                Some("check the columns of the file and its unit, or export the scan again")
+                "check the columns of the file and its unit, or export the scan again"
             }
-            Self::Surface { source, .. } | Self::Shape(source) => Some(source.hint()),
-        }
+            Self::Surface { source, .. } | Self::Shape(source) => return Some(source.hint(names)),
+        };
+        Some(hint.to_owned())
     }
 }
 
@@ -339,7 +341,7 @@ mod tests {
             three.to_string().ends_with("three.xyz: 3 points, at least 32 are needed"),
             "{three}"
         );
-        assert!(three.hint().is_some_and(|hint| hint.contains("densely")));
+        assert!(three.hint(&SettingNames::PLAIN).is_some_and(|hint| hint.contains("densely")));
         let same = refusal("same.xyz", &"1 2 3\n".repeat(100));
         assert!(same.to_string().ends_with("same.xyz: all 100 points are at one place"), "{same}");
         let few = refusal("few.xyz", &"1 2 3\n4 5 6\n".repeat(100));

@@ -62,6 +62,7 @@
 //! | [`density`] | rasters of clay that a query reads while another thread computes the next ones |
 //! | [`parallel`] | loops on the current rayon pool |
 //! | [`solid`] | what the triangles of a file mean: the union of their bodies, and skins beside it |
+//! | [`setting_names`] | what texts call the settings of a program |
 //! | `simd` | what the processor can do, kernels over eight lanes |
 //! | `storage` | arrays that are owned or lie in a mapped file; opening files of other programs; memory that is left |
 //!
@@ -78,6 +79,7 @@ pub mod part;
 mod part_report;
 pub mod pointshell;
 mod sets;
+pub mod setting_names;
 mod simd;
 pub mod solid;
 pub mod spatial;

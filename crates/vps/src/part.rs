@@ -25,6 +25,7 @@ use crate::mesh::validate::{MeshReport, inspect};
 use crate::mesh::{self, FileMesh, MeshError, Rounding, TriangleMesh};
 use crate::pointshell::shell::Shell;
 use crate::pointshell::{self, Points, ShellReport};
+use crate::setting_names::SettingNames;
 use crate::solid::{Solid, SolidOptions, SolidReport};
 use crate::storage::memory::available_bytes;
 use crate::voxmap::accuracy::{Accuracy, Truth};
@@ -67,10 +68,10 @@ pub enum PartError {
 
 impl PartError {
     /// What to do about it.
-    pub fn hint(&self) -> Option<String> {
+    pub fn hint(&self, names: &SettingNames) -> Option<String> {
         match self {
-            Self::Mesh { source, .. } => source.hint().map(str::to_owned),
-            Self::Grid { source, .. } => Some(source.hint()),
+            Self::Mesh { source, .. } => source.hint(names),
+            Self::Grid { source, .. } => Some(source.hint(names)),
         }
     }
 }
@@ -102,6 +103,7 @@ pub struct Part {
     notes: Vec<String>,
     rounding: Option<Rounding>,
     load_s: f64,
+    setting_names: SettingNames,
 }
 
 /// What the triangles of a part are together.
@@ -162,7 +164,14 @@ impl Part {
             notes,
             rounding,
             load_s,
+            setting_names: SettingNames::PLAIN,
         }
+    }
+
+    /// The same part, whose warnings call settings by these names.
+    #[must_use]
+    pub fn with_setting_names(self, setting_names: SettingNames) -> Self {
+        Self { setting_names, ..self }
     }
 
     /// Some triangle has an area.
@@ -200,12 +209,17 @@ impl Part {
         let solid = solid.map_or_else(Vec::new, |solid| match sides {
             InsideTest::Auto | InsideTest::Winding => solid.warnings(),
             InsideTest::Flood => {
+                let by = self.setting_names.flood;
                 let hollows = solid.hollows_text().into_iter();
-                hollows.map(|text| format!("{text}: solid, by `sides = \"flood\"`")).collect()
+                hollows.map(|text| format!("{text}: solid, by {by}")).collect()
             }
             InsideTest::Thin => Vec::new(),
         });
-        notes.chain(self.inspected.warnings()).chain(solid).chain(coarse).collect()
+        notes
+            .chain(self.inspected.warnings(&self.setting_names))
+            .chain(solid)
+            .chain(coarse)
+            .collect()
     }
 
     fn meaning_of_file(&self) -> &Meaning {
@@ -393,7 +407,7 @@ impl Part {
         let truth = Truth::of(map, &self.mesh);
         // Points of a tool lie on both faces of a wall, however thin it is.
         if role != PartRole::Tool {
-            warnings.extend(ThinPlace::warning(&truth.thin_places()));
+            warnings.extend(ThinPlace::warning(&truth.thin_places(), &self.setting_names));
         }
         ObjectReport {
             accuracy: Accuracy::of(&truth, field, shell),

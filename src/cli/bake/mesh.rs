@@ -12,10 +12,10 @@ use super::super::{OutputOptions, output, report};
 use super::figures::{peak_rss_bytes, print_json, report_text};
 use super::{Args, NavigationChoice};
 use crate::config::scene::MeshSource;
+use crate::config::setting_names::FLAGS;
 use crate::scene::cache::{Baked, CachePolicy, Lookup, Request, Spacing};
 use crate::scene::{self, BakeEvent, MemoryPlan, ObjectReport, PartRole};
 use picture::{BakedObject, Marks};
-use vps::mesh::MeshError;
 use vps::part::{Part, PartError};
 use vps::pointshell::{self, Points, ply};
 use vps::storage::whole_file;
@@ -38,8 +38,7 @@ fn mesh_error(args: &Args, error: &PartError) -> CliError {
     let (input, n) = (args.input.display(), args.longest_axis_voxels);
     match error {
         PartError::Mesh { source, .. } => {
-            let is_missing = matches!(source, MeshError::Missing { .. });
-            CliError::asset(source).hint(if is_missing { None } else { source.hint() })
+            CliError::asset(source).hint(source.hint(&FLAGS).as_deref())
         }
         PartError::Grid { source, .. } => {
             let hint = match (source, n) {
@@ -50,10 +49,10 @@ fn mesh_error(args: &Args, error: &PartError) -> CliError {
                     let n_fits = (f64::from(n) * asked_m / fits_m).floor();
                     format!(
                         "use at most --longest-axis-voxels {n_fits}, fewer --layers, or {}",
-                        limit.remedy()
+                        limit.remedy(&FLAGS)
                     )
                 }
-                _ => source.hint().replace("`units`", "--units"),
+                _ => source.hint(&FLAGS),
             };
             CliError::configuration(format_args!("{input}: {source}")).hint(&*hint)
         }
@@ -196,6 +195,7 @@ fn generate(
 ) -> Result<Baked, CliError> {
     let refused = |error: PartError| mesh_error(args, &error);
     let part = scene::load(request.name, request.source, request.spacing).map_err(refused)?;
+    let part = part.with_setting_names(FLAGS);
     let options = Options { navigation, ..request.options(&part) };
     memory.judge(&part, &options, request.products()).map_err(refused)?;
     let mut map = part.voxmap(&options, &tell).map_err(refused)?;

@@ -11,6 +11,7 @@ use super::super::units::UnitArg;
 use super::place::SceneDestination;
 use super::{Args, guessed, read, relative};
 use crate::config::draft::{ClayDraft, Unit};
+use crate::config::setting_names::FLAGS;
 use vps::mesh::cloud::{self, Contents};
 use vps::mesh::{Format, MeshError};
 use vps::spatial::Metres;
@@ -40,7 +41,7 @@ pub(super) fn init(args: &Args, output: OutputOptions) -> Result<(), CliError> {
     }
     place.check_free(args)?;
     let InputMesh { is_mesh, bounds, own_unit } =
-        look(file).map_err(|error| CliError::asset(&error).hint(error.hint()))?;
+        look(file).map_err(|error| CliError::asset(&error).hint(error.hint(&FLAGS).as_deref()))?;
     let Some((low, high)) = bounds.filter(|(low, high)| (*high - *low).max_element() > 0.0) else {
         return Err(CliError::asset(format_args!("{shown}: nothing in it has a size")));
     };

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::time::{Duration, SystemTime};
 
 use super::super::{OutputOptions, destination, recording, report};
+use crate::config::setting_names::KEYS;
 use crate::daemon::sculpting::{SculptOutcome, SculptThread};
 use clay::engine::{EngineError, SculptEngine, SculptOrder};
 use rt::signals::interrupts;
@@ -87,9 +88,10 @@ pub(super) fn rescue(
     None
 }
 
-pub(super) fn hint(error: &EngineError) -> &'static str {
-    match error {
-        EngineError::Write { source, .. } => destination::hint(source).unwrap_or(error.hint()),
-        _ => error.hint(),
-    }
+pub(super) fn hint(error: &EngineError) -> String {
+    let of_file = match error {
+        EngineError::Write { source, .. } => destination::hint(source).map(str::to_owned),
+        _ => None,
+    };
+    of_file.unwrap_or_else(|| error.hint(&KEYS))
 }

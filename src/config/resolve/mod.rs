@@ -16,6 +16,7 @@ pub(crate) use self::monitor::{FOXGLOVE_ACCEPTED, LISTEN_ACCEPTED, parse_foxglov
 pub(crate) use self::sculpt::{RASTER_AXIS, RASTER_NODES};
 use super::scene::{DeviceConfig, SceneConfig};
 use super::schema;
+use super::setting_names::KEYS;
 use arms::attached::nodes::Selector;
 use arms::profile::{SlowLink, is_profile};
 use clay::session::is_session;
@@ -60,7 +61,7 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<SceneConfig, Conf
         return Err(of_file(ProblemKind::IsMesh));
     }
     if let Some(format) = mesh::cad_format(path) {
-        let hint = Some(mesh::CAD_HINT.to_owned());
+        let hint = Some(mesh::cad_hint(&KEYS));
         return Err(of_file(ProblemKind::Refused { why: mesh::curved_surfaces(format), hint }));
     }
     if is_session(path) {

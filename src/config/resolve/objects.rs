@@ -7,6 +7,7 @@ use glam::{DMat3, DVec3};
 use super::super::draft::Unit;
 use super::super::scene::{MeshSource, StaticConfig, ToolConfig};
 use super::super::schema;
+use super::super::setting_names::KEYS;
 use super::{MM, Resolve, SIZE_MM};
 use document::{FINITE, Numbers, POSITIVE, ProblemKind};
 use vps::mesh::primitives::Shape;
@@ -204,7 +205,7 @@ impl Resolve<'_> {
                 key,
                 ProblemKind::Refused {
                     why: mesh::curved_surfaces(format),
-                    hint: Some(mesh::CAD_HINT.to_owned()),
+                    hint: Some(mesh::cad_hint(&KEYS)),
                 },
             );
             return None;

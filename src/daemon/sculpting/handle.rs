@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crossbeam::channel::{Receiver, Sender, TrySendError, bounded};
 
+use crate::config::setting_names::KEYS;
 use clay::engine::{ClayView, EngineError, SculptOrder};
 
 /// Orders that may wait.
@@ -31,11 +32,11 @@ pub enum OrderError {
 
 impl OrderError {
     /// What to do about it.
-    pub fn hint(&self) -> &'static str {
+    pub fn hint(&self) -> String {
         match self {
-            Self::Engine(error) => error.hint(),
-            Self::Busy => "wait until the ones before are answered",
-            Self::Over => "begin the scene again",
+            Self::Engine(error) => error.hint(&KEYS),
+            Self::Busy => "wait until the ones before are answered".to_owned(),
+            Self::Over => "begin the scene again".to_owned(),
         }
     }
 }

@@ -13,6 +13,7 @@ use crossbeam::channel::Receiver;
 
 use super::handle::{HandleEnd, ViewCell, WaitingOrder};
 use super::{DutyCycle, FailedOrder, ScriptedOrder, SculptOutcome, SculptPlan, SculptReport};
+use crate::config::setting_names::KEYS;
 use clay::Cancel;
 use clay::boolean::Boolean;
 use clay::engine::{EngineError, HoldOutcome, SculptEngine, SculptOrder, ToolMotion};
@@ -320,7 +321,7 @@ impl Worker<'_> {
         let result = self.engine.order(order);
         match &result {
             Ok(()) => self.note_file(writes),
-            Err(error) => self.note_failure(asker, what, format!("{error}; {}", error.hint())),
+            Err(error) => self.note_failure(asker, what, format!("{error}; {}", error.hint(&KEYS))),
         }
         result
     }

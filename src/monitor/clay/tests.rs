@@ -8,6 +8,7 @@ use super::super::answer::{Completion, Reply};
 use super::super::hub::{Hub, HubParts};
 use super::super::worker::Worker;
 use super::*;
+use crate::config::setting_names::KEYS;
 use crate::daemon::sculpting::OrderError;
 use crate::daemon::testing;
 use clay::PointSet;
@@ -239,7 +240,7 @@ fn settings_are_asked_for_as_a_change_and_reported_as_the_view_has_them() {
         .expect_err("refused");
     assert_eq!(
         (refused.status, refused.said.hint),
-        (StatusCode::CONFLICT, EngineError::NoShape.hint().to_owned())
+        (StatusCode::CONFLICT, EngineError::NoShape.hint(&KEYS))
     );
     *bench.view.lock().unwrap() = None;
     assert!(bench.hub.clay().unwrap().view().is_err());

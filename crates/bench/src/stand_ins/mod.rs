@@ -69,6 +69,7 @@ mod tests {
 
     use super::*;
     use vps::mesh::validate::inspect;
+    use vps::setting_names::SettingNames;
     use vps::voxmap::grid::Grid;
     use vps::voxmap::surface::{Navigation, Surface};
 
@@ -94,7 +95,12 @@ mod tests {
                 stand_in.name()
             );
             let report = inspect(&mesh);
-            assert!(report.closed, "{}: {:?}", stand_in.name(), report.warnings());
+            assert!(
+                report.closed,
+                "{}: {:?}",
+                stand_in.name(),
+                report.warnings(&SettingNames::PLAIN)
+            );
             let flaws = (
                 report.degenerate_triangles,
                 report.duplicate_triangles,

@@ -82,8 +82,8 @@ pub enum ClayModelError {
     Beside(DVec3, DVec3),
     /// Mass points, or samples, too far apart for the walls of the clay.
     #[error(
-        "walls of about {} may lose {:.0} % of its volume: mass points of `sculpt.raster` = {raster:?} \
-            are {} apart, samples {}; {} would hold them",
+        "walls of about {} may lose {:.0} % of its volume: mass points of its raster {raster:?} are {} apart, \
+            samples {}; {} would hold them",
         Metres(*wall_m), 100.0 * lost_share, Metres(*mass_points_m), Metres(*samples_m),
         Metres(*apart_m)
     )]
@@ -128,8 +128,7 @@ pub enum ClayModelError {
     },
     /// The base would be too large.
     #[error(
-        "mass points {} apart make {n_nodes} of them over the whole model, more than {NODES_MAX}; \
-         take fewer in `sculpt.raster`, or a larger `sculpt.region_mm`",
+        "mass points {} apart make {n_nodes} of them over the whole model, more than {NODES_MAX}",
         Metres(*spacing_m)
     )]
     TooFine {

@@ -9,6 +9,7 @@ use super::super::export::ExportError;
 use super::super::material_map::Painted;
 use super::super::session::SessionFileError;
 use glam::DVec3;
+use vps::setting_names::SettingNames;
 use vps::spatial::{Metres, Place};
 
 /// Why the engine did not do what it was asked for. The clay is as it was; [`EngineError::hint`]
@@ -109,17 +110,26 @@ impl EngineError {
     }
 
     /// What to do about it.
-    pub fn hint(&self) -> &'static str {
-        match self {
-            Self::Surface(error) | Self::Model(ClayModelError::Surface(error)) => error.hint(),
+    pub fn hint(&self, names: &SettingNames) -> String {
+        let SettingNames { raster, region, .. } = names;
+        let hint = match self {
+            Self::Surface(error) | Self::Model(ClayModelError::Surface(error)) => {
+                return error.hint(names);
+            }
             Self::Model(ClayModelError::NothingLeft) => {
                 "move or shrink the other solid, and check its unit"
             }
             Self::Model(ClayModelError::TooMuchWork { .. }) => {
-                "take a smaller or a coarser solid, a lower relief, or fewer mass points in \
-                    `sculpt.raster`"
+                return format!(
+                    "take a smaller or a coarser solid, a lower relief, or fewer mass points in \
+                        {raster}"
+                );
             }
-            Self::Model(ClayModelError::Memory { limit, .. }) => limit.remedy(),
+            Self::Model(ClayModelError::Memory { limit, .. }) => return limit.remedy(names),
+            Self::Model(ClayModelError::TooFine { .. })
+            | Self::Export(ExportError::TooLarge(_)) => {
+                return format!("take fewer mass points in {raster}, or enlarge {region}");
+            }
             Self::Model(_) => "choose another region or another raster",
             Self::Export(_) => "undo the last stroke, or load the clay with more air around it",
             Self::Session(_) | Self::Write { .. } => {
@@ -129,13 +139,10 @@ impl EngineError {
             Self::NothingToRedo => {
                 "only what was taken back can be done again, until the next stroke"
             }
-            Self::NoShape => {
-                "give the scene's tool a mesh or a shape, or combine with another solid"
-            }
+            Self::NoShape => "give the tool a mesh or a shape, or combine with another solid",
             Self::OutOfReach => "bring the tool nearer to the surface, or take a larger brush",
             Self::OutsideRegion => {
-                "work inside the region (the thin box on the page), or put it elsewhere: \
-                    `region_mm` in the scene, or the stroke `region`"
+                return format!("work inside {region}, or choose another");
             }
             Self::CurveOutOfReach(_) => {
                 "lay the curve nearer to the surface, take a larger brush, or let the curve be \
@@ -159,6 +166,7 @@ impl EngineError {
             Self::Beside => "move it, and check its unit",
             Self::Property { .. } => Painted::KNOWN_GOOD,
             Self::Length { .. } => "give a finite length, above 0 for a brush",
-        }
+        };
+        hint.to_owned()
     }
 }

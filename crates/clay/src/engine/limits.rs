@@ -6,6 +6,7 @@ use core::sync::atomic::{AtomicU64, Ordering};
 
 use glam::{DQuat, DVec3};
 use vps::mesh::primitives::Shape;
+use vps::setting_names::SettingNames;
 use vps::spatial::Pose;
 
 use super::*;
@@ -96,7 +97,10 @@ fn what_would_take_minutes_is_refused_with_numbers_before_it_begins() {
         let error = engine.order(order).unwrap_err();
         assert!(matches!(error, EngineError::Model(ClayModelError::TooMuchWork { .. })), "{error}");
         let said = error.to_string();
-        assert!(said.contains(expected) && error.hint().contains("smaller"), "{said}");
+        assert!(
+            said.contains(expected) && error.hint(&SettingNames::PLAIN).contains("smaller"),
+            "{said}"
+        );
         assert_eq!(state(&engine), before);
     }
 }

@@ -30,6 +30,7 @@ use self::curves::Curves;
 use self::work::{Activity, MotionSummary};
 use super::{Cancel, ClayModel, PointSet};
 use vps::density::DensityFrame;
+use vps::setting_names::SettingNames;
 use vps::spatial::Metres;
 
 /// Strokes that were made, and how many can be taken back and done again.
@@ -66,6 +67,7 @@ pub struct SculptEngine {
     /// The surface may have gone elsewhere at once since it was shown.
     has_leapt: bool,
     trouble: Arc<str>,
+    setting_names: SettingNames,
 }
 
 impl SculptEngine {
@@ -88,7 +90,14 @@ impl SculptEngine {
             has_changed: true,
             has_leapt: false,
             trouble: Arc::from(""),
+            setting_names: SettingNames::PLAIN,
         }
+    }
+
+    /// The same engine, whose [`Self::trouble`] calls settings by these names.
+    #[must_use]
+    pub fn with_setting_names(self, setting_names: SettingNames) -> Self {
+        Self { setting_names, ..self }
     }
 
     /// [`ClayModel::cancel_when`].
@@ -328,7 +337,7 @@ impl SculptEngine {
     }
 
     fn complain(&mut self, error: &EngineError) {
-        let trouble = format!("{error}; {}", error.hint());
+        let trouble = format!("{error}; {}", error.hint(&self.setting_names));
         if *self.trouble != *trouble {
             self.show_again();
             self.trouble = trouble.into();

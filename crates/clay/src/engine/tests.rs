@@ -316,7 +316,7 @@ fn curves_that_make_no_sense_are_refused_in_words() {
     ] {
         let error = engine.order(order).unwrap_err();
         assert!(
-            error.to_string().contains(expected) && !error.hint().is_empty(),
+            error.to_string().contains(expected) && !error.hint(&SettingNames::PLAIN).is_empty(),
             "{error}, not {expected}"
         );
         assert_eq!(engine.model().history(), (0, 0));
@@ -431,7 +431,7 @@ fn material_that_makes_no_sense_or_reaches_nothing_is_refused() {
     ] {
         let error = engine.order(order).unwrap_err();
         assert!(
-            error.to_string().contains(expected) && !error.hint().is_empty(),
+            error.to_string().contains(expected) && !error.hint(&SettingNames::PLAIN).is_empty(),
             "{error}, not {expected}"
         );
         assert_eq!(engine.model().history(), (0, 0));

@@ -7,6 +7,7 @@ use thiserror::Error;
 
 use crate::mesh::MeshError;
 use crate::part::PartError;
+use crate::setting_names::SettingNames;
 use crate::voxmap::grid::{GridError, round_up};
 
 /// Why a call failed. The text says what is wrong, where, and what to do.
@@ -94,10 +95,9 @@ impl From<PartError> for Error {
     }
 }
 
-/// What to do, after a semicolon. The hint for a missing file speaks of scenes.
+/// What to do, after a semicolon.
 fn mesh_hint(error: &MeshError) -> String {
-    let hint = error.hint().filter(|_| !matches!(error, MeshError::Missing { .. }));
-    hint.map(|hint| format!("; {}", in_own_words(hint))).unwrap_or_default()
+    error.hint(&SettingNames::PLAIN).map(|hint| format!("; {hint}")).unwrap_or_default()
 }
 
 /// What to do, with the voxel size that fits in the unit of `voxel_size_m` too.
@@ -105,12 +105,7 @@ fn grid_hint(error: &GridError) -> String {
     let fits = error
         .fitting_voxel_size_m()
         .map(|voxel_size_m| format!(" (voxel_size_m = {})", round_up(voxel_size_m)));
-    in_own_words(&error.hint()) + &fits.unwrap_or_default()
-}
-
-/// `units` is a key of scenes; here an argument says it.
-pub(super) fn in_own_words(text: &str) -> String {
-    text.replace("`units`", "`metres_per_unit`")
+    error.hint(&SettingNames::PLAIN) + &fits.unwrap_or_default()
 }
 
 /// Refuses a number that is not within a range, or is not a number.

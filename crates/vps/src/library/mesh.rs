@@ -5,7 +5,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::Error;
-use super::error::{check, in_own_words};
+use super::error::check;
 use crate::mesh::mass::MassProperties;
 use crate::mesh::primitives::Shape;
 use crate::mesh::{FARTHEST_M, TriangleMesh};
@@ -135,11 +135,7 @@ impl Mesh {
 
     /// What a user should look at, a sentence each; empty of a sound mesh.
     pub fn warnings(&self) -> Vec<String> {
-        self.part
-            .mesh_warnings(InsideTest::Auto, None)
-            .iter()
-            .map(|warning| in_own_words(warning))
-            .collect()
+        self.part.mesh_warnings(InsideTest::Auto, None)
     }
 
     /// The part, where these options can be baked within the memory that the system has left.

@@ -4,6 +4,7 @@ use std::io;
 use std::path::PathBuf;
 
 use super::{Foreign, Format};
+use crate::setting_names::SettingNames;
 
 /// A mesh file that cannot be used. Messages read well after "failed to load the mesh: ";
 /// [`MeshError::hint`] says what to do.
@@ -151,8 +152,8 @@ pub enum MeshError {
         /// Size of the file.
         found_bytes: u64,
     },
-    /// The file names its own unit, and the scene or the command line another.
-    #[error("{}: the file says {unit} ({file_metres_per_unit} m), `units` says {metres_per_unit} m", path.display())]
+    /// The file names its own unit, and the caller another.
+    #[error("{}: the file says {unit} ({file_metres_per_unit} m), not {metres_per_unit} m", path.display())]
     UnitConflict {
         /// As given.
         path: PathBuf,
@@ -191,13 +192,14 @@ pub enum MeshError {
 
 impl MeshError {
     /// What to do about it, where there is something to say.
-    pub fn hint(&self) -> Option<&'static str> {
-        match self {
-            Self::Missing { .. } => Some("paths in a scene are relative to the scene file"),
+    pub fn hint(&self, names: &SettingNames) -> Option<String> {
+        let unit = names.unit;
+        let hint = match self {
+            Self::Missing { .. } => None,
             Self::Unreadable { .. } => {
                 Some("check that it is a file and that this user may read it")
             }
-            Self::CurvedSurfaces { .. } => Some(super::CAD_HINT),
+            Self::CurvedSurfaces { .. } => return Some(super::cad_hint(names)),
             Self::UnknownExtension { .. } => Some("export the part as STL or OBJ"),
             Self::NotBuilt { .. } => Some(
                 "build `vps` with its features `gltf` and `threemf`, or export the part as STL or \
@@ -207,7 +209,7 @@ impl MeshError {
                 Some("copy or export it again: the program that wrote it may have failed")
             }
             Self::OtherFormat { found, .. } => Some(found.rename_hint()),
-            Self::NotAMesh { found, .. } => Some(found.hint()),
+            Self::NotAMesh { found, .. } => return Some(found.hint(names)),
             Self::NoArea { .. } => Some(
                 "export the part as a surface: points and lines written as triangles cannot be felt",
             ),
@@ -215,7 +217,7 @@ impl MeshError {
                 Some("export the mesh again, or open and save it in a mesh editor")
             }
             Self::NonFiniteVertex { .. } | Self::FarVertex { .. } => {
-                Some("remove the vertex in a mesh editor, and check `units`")
+                return Some(format!("remove the vertex in a mesh editor, and check {unit}"));
             }
             Self::Empty { .. } => {
                 Some("export a surface mesh: points, lines and curves are not rendered")
@@ -223,7 +225,9 @@ impl MeshError {
             Self::IndexOutOfRange { .. } => Some("the file is damaged or was cut: export it again"),
             Self::Truncated { .. } => Some("the file was cut: copy or export it again"),
             Self::UnitConflict { .. } => {
-                Some("set `units` to the unit of the file; export micron and foot as millimetres")
+                return Some(format!(
+                    "set {unit} to that of the file; export micron and foot as millimetres"
+                ));
             }
             Self::TooManyCopies { .. } => {
                 Some("export only the part that is to be felt, or a coarser mesh")
@@ -232,7 +236,8 @@ impl MeshError {
                 Some("reduce the mesh: triangles smaller than a voxel add nothing that can be felt")
             }
             Self::Changed { .. } => Some("wait until the program that writes the file is done"),
-        }
+        };
+        hint.map(str::to_owned)
     }
 }
 

@@ -1,6 +1,7 @@
 //! Files that are no mesh whatever their name says, known by how they begin.
 
 use super::format::without_mark;
+use crate::setting_names::SettingNames;
 
 /// A file in the place of a mesh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -68,8 +69,8 @@ impl Foreign {
         }
     }
 
-    pub(super) fn hint(self) -> &'static str {
-        match self {
+    pub(super) fn hint(self, names: &SettingNames) -> String {
+        let hint = match self {
             Self::GitLfsPointer => "run `git lfs pull`",
             Self::Gzip => "unpack it with `gunzip`, and name the file that comes out",
             Self::Compressed | Self::Zip => "unpack it, and name the mesh that was in it",
@@ -79,8 +80,9 @@ impl Foreign {
             }
             Self::Utf16 => "save it as UTF-8 or ASCII",
             Self::Pdf => "name the file of the mesh itself",
-            Self::Step => super::CAD_HINT,
-        }
+            Self::Step => return super::cad_hint(names),
+        };
+        hint.to_owned()
     }
 }
 

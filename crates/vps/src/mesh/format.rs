@@ -3,14 +3,20 @@
 use std::path::Path;
 
 use super::MeshError;
+use crate::setting_names::SettingNames;
 
 /// File name extensions that [`load`](super::load) reads, lower case.
 pub const EXTENSIONS: &[&str] = &["obj", "stl", "ply", "gltf", "glb", "3mf"];
 
 /// What to do with a file of curved surfaces. The length of `-clmax` is in the unit of what gmsh
 /// reads: mm.
-pub const CAD_HINT: &str = "convert it: `gmsh PART.step -2 -clmax 1 -o PART.stl` (edges of at most \
-    1 mm), or FreeCAD with File, Export; then name the .stl with units \"mm\"";
+pub fn cad_hint(names: &SettingNames) -> String {
+    format!(
+        "convert it: `gmsh PART.step -2 -clmax 1 -o PART.stl` (edges of at most 1 mm), or FreeCAD \
+            with File, Export; then name the .stl, and mm as {}",
+        names.unit
+    )
+}
 
 /// The name of the format of a file of curved surfaces, by its extension; `None`: it is none.
 pub fn cad_format(path: &Path) -> Option<&'static str> {

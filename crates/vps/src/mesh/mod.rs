@@ -76,7 +76,7 @@ mod xyz;
 pub use error::{MeshError, curved_surfaces};
 pub use file_mesh::{FileMesh, Rounding};
 pub use foreign::Foreign;
-pub use format::{CAD_HINT, EXTENSIONS, Format, cad_format};
+pub use format::{EXTENSIONS, Format, cad_format, cad_hint};
 pub(crate) use load::FARTHEST_M;
 pub use load::{companions, copy_only, load, load_with_notes, parse, parse_with_notes};
 use triangle_mesh::SUM_TRIANGLES;

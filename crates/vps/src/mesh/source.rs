@@ -131,6 +131,7 @@ fn open(path: &Path, map_from_bytes: u64, free_bytes: Option<u64>) -> Result<Byt
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::setting_names::SettingNames;
 
     #[test]
     fn mapped_and_read_bytes_are_the_same() {
@@ -160,7 +161,11 @@ mod tests {
         let found = open(&path, 0, None).ok().unwrap();
         std::fs::OpenOptions::new().append(true).open(&path).unwrap().set_len(6000).unwrap();
         let error = found.confirm(Ok(()), &path).unwrap_err();
-        assert!(matches!(error, MeshError::Changed { .. }) && error.hint().is_some(), "{error}");
+        assert!(
+            matches!(error, MeshError::Changed { .. })
+                && error.hint(&SettingNames::PLAIN).is_some(),
+            "{error}"
+        );
     }
 
     #[test]

@@ -3,6 +3,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::*;
+use crate::setting_names::SettingNames;
 use crate::voxmap::inside_test::InsideTest;
 
 #[test]
@@ -40,7 +41,9 @@ fn files_that_cannot_be_used_say_why() {
         );
         assert!(
             error.to_string().ends_with(&expected)
-                && error.hint().is_some_and(|hint| hint.contains("gmsh PART.step")),
+                && error
+                    .hint(&SettingNames::PLAIN)
+                    .is_some_and(|hint| hint.contains("gmsh PART.step")),
             "{error}"
         );
     }
@@ -52,7 +55,10 @@ fn files_that_cannot_be_used_say_why() {
     ));
     std::fs::create_dir(dir.path().join("folder.obj")).unwrap();
     let error = load(&dir.path().join("folder.obj"), 1.0).unwrap_err();
-    assert!(matches!(error, MeshError::Unreadable { .. }) && error.hint().is_some(), "{error}");
+    assert!(
+        matches!(error, MeshError::Unreadable { .. }) && error.hint(&SettingNames::PLAIN).is_some(),
+        "{error}"
+    );
     let path = dir.path().join("huge.obj");
     std::fs::write(&path, "v 0 0 0\nv 1e308 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
     assert!(matches!(load(&path, 1e3), Err(MeshError::NonFiniteVertex { vertex: 2, .. })));
@@ -63,7 +69,7 @@ fn a_wrong_extension_and_an_empty_file_are_named() {
     let refusal = |bytes: &[u8], name: &str| {
         let error =
             parse(bytes, Format::of(Path::new(name)).unwrap(), Path::new(name), 1.0).unwrap_err();
-        (error.to_string(), error.hint().unwrap())
+        (error.to_string(), error.hint(&SettingNames::PLAIN).unwrap())
     };
     let files: [(&[u8], &str, &str); 6] = [
         (b"ply\nformat ascii 1.0\nelement vertex 0\nend_header\n", "PLY", ".ply"),
@@ -80,7 +86,7 @@ fn a_wrong_extension_and_an_empty_file_are_named() {
             format!("{name}: this is a file of the format {format}, and its name says {says}");
         assert_eq!(
             refusal(bytes, name),
-            (expected, &*format!("rename it so that it ends in {ending}"))
+            (expected, format!("rename it so that it ends in {ending}"))
         );
     }
     for extension in EXTENSIONS {
@@ -118,7 +124,10 @@ fn files_that_are_no_mesh_are_called_by_their_names_in_every_format() {
                 Err(_) => cloud::read(bytes, path, 1.0).unwrap_err(),
             };
             assert_eq!(error.to_string(), format!("{name}: this is {what}"));
-            assert!(error.hint().is_some_and(|hint| hint.contains(remedy)), "{error}");
+            assert!(
+                error.hint(&SettingNames::PLAIN).is_some_and(|hint| hint.contains(remedy)),
+                "{error}"
+            );
             let of_points = cloud::read(bytes, path, 1.0).unwrap_err().to_string();
             assert_eq!(of_points, error.to_string());
         }
@@ -426,7 +435,11 @@ fn millions_of_triangles_go_through() {
         (mesh.vertices.len(), mesh.triangles.len()),
         (torus.vertices.len(), torus.triangles.len())
     );
-    assert!(report.closed && report.inconsistent_edges == 0, "{:?}", report.warnings());
+    assert!(
+        report.closed && report.inconsistent_edges == 0,
+        "{:?}",
+        report.warnings(&SettingNames::PLAIN)
+    );
 }
 
 /// Triangle counts and closedness of real files, which are not part of the project. Closed means:
@@ -471,7 +484,7 @@ fn real_meshes_load() {
             "{name}: {} vertices, {report:?}, load {loaded:.1?}, inspect {inspected:.1?}, \
                 {mass:?}, {:?}",
             mesh.vertices.len(),
-            report.warnings()
+            report.warnings(&SettingNames::PLAIN)
         );
         assert_eq!(mesh.triangles.len(), triangles, "{name}");
         assert_eq!(report.closed, closed, "{name}");

@@ -11,6 +11,7 @@ use super::edges::{OddEdges, drop_duplicates, odd_edges};
 use super::weld::weld_within;
 use super::{SUM_TRIANGLES, TriangleMesh};
 use crate::parallel;
+use crate::setting_names::SettingNames;
 
 /// Vertices closer than this part of the diagonal of the bounding box are one.
 pub const WELD_SHARE: f64 = 1e-6;
@@ -83,14 +84,15 @@ impl MeshReport {
     }
 
     /// One sentence per thing that a user should look at; empty for a sound part of usual size.
-    pub fn warnings(&self) -> Vec<String> {
+    pub fn warnings(&self, names: &SettingNames) -> Vec<String> {
         let mut warnings = Vec::new();
         let Some((low, high)) = self.bounds_m else {
             return vec!["the mesh has no triangles".to_owned()];
         };
         let length_m = (high - low).max_element();
         if !(SHORT_M..=LONG_M).contains(&length_m) {
-            warnings.push(format!("the box is {} long: is `units` right?", length_text(length_m)));
+            let length = length_text(length_m);
+            warnings.push(format!("the box is {length} long: is {} right?", names.unit));
         }
         let mut count = |n: usize, one: &str, many: &str| match n {
             0 => {}
@@ -381,7 +383,7 @@ mod tests {
     #[test]
     fn sound_cube_has_nothing_to_say() {
         let report = inspect(&cube());
-        assert!(report.closed && report.warnings().is_empty(), "{report:?}");
+        assert!(report.closed && report.warnings(&SettingNames::PLAIN).is_empty(), "{report:?}");
         assert!(
             (report.signed_volume_m3 - 1e-3).abs() < 1e-15 && (report.area_m2 - 0.06).abs() < 1e-15
         );
@@ -411,7 +413,10 @@ mod tests {
         assert!(hole.center_m.distance(DVec3::new(0.0, 0.0, 0.05)) < 1e-15);
         assert!((hole.size_m - (4.0 * 0.01 / std::f64::consts::PI).sqrt()).abs() < 1e-15);
         assert!((hole.width_m - 0.1).abs() < 1e-9);
-        assert_eq!(report.warnings(), ["4 edges are open, the widest hole is 100 mm wide"]);
+        assert_eq!(
+            report.warnings(&SettingNames::PLAIN),
+            ["4 edges are open, the widest hole is 100 mm wide"]
+        );
     }
 
     /// A hole with these corners, m.
@@ -498,7 +503,10 @@ mod tests {
         let report = inspect(&mesh);
         assert_eq!(report.boundary_loops.len(), 2, "{:?}", report.boundary_loops);
         assert!(report.boundary_loops[0].size_m > 5e-3, "the crack has more area");
-        assert_eq!(report.warnings(), ["10 edges are open, the widest hole is 2.00 mm wide"]);
+        assert_eq!(
+            report.warnings(&SettingNames::PLAIN),
+            ["10 edges are open, the widest hole is 2.00 mm wide"]
+        );
     }
 
     #[test]
@@ -555,7 +563,10 @@ mod tests {
         assert_eq!((report.open_edges, report.boundary_loops.len()), (12, 4), "{report:?}");
         assert!(report.boundary_loops[0].size_m < 1e-9, "{report:?}");
         assert_eq!(report.inconsistent_edges, 0);
-        assert_eq!(report.warnings(), ["12 edges are open, all along slits without width"]);
+        assert_eq!(
+            report.warnings(&SettingNames::PLAIN),
+            ["12 edges are open, all along slits without width"]
+        );
     }
 
     #[test]
@@ -571,7 +582,7 @@ mod tests {
         );
         assert!(report.closed);
         assert_eq!(
-            report.warnings(),
+            report.warnings(&SettingNames::PLAIN),
             [
                 "1 triangle has no area",
                 "1 triangle repeats another",
@@ -589,16 +600,19 @@ mod tests {
     fn inverted_and_odd_sized_parts_are_said() {
         let mut mesh = cube();
         mesh.triangles.iter_mut().for_each(|corners| corners.swap(0, 1));
-        assert_eq!(inspect(&mesh).warnings(), ["the triangles face inward"]);
+        assert_eq!(inspect(&mesh).warnings(&SettingNames::PLAIN), ["the triangles face inward"]);
         let scaled = |scale: f64| {
             let mut mesh = cube();
             mesh.vertices.iter_mut().for_each(|vertex| *vertex *= scale);
-            inspect(&mesh).warnings()
+            inspect(&mesh).warnings(&SettingNames::PLAIN)
         };
-        assert_eq!(scaled(123.0), ["the box is 12.3 m long: is `units` right?"]);
-        assert_eq!(scaled(1e-3), ["the box is 100 µm long: is `units` right?"]);
+        assert_eq!(scaled(123.0), ["the box is 12.3 m long: is the unit right?"]);
+        assert_eq!(scaled(1e-3), ["the box is 100 µm long: is the unit right?"]);
         assert!(scaled(1.0).is_empty());
-        assert_eq!(inspect(&TriangleMesh::default()).warnings(), ["the mesh has no triangles"]);
+        assert_eq!(
+            inspect(&TriangleMesh::default()).warnings(&SettingNames::PLAIN),
+            ["the mesh has no triangles"]
+        );
     }
 
     #[test]

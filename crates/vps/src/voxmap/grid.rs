@@ -7,6 +7,7 @@ use glam::DVec3;
 use thiserror::Error;
 
 use super::memory_limit::{MemoryLimit, show_bytes};
+use crate::setting_names::SettingNames;
 
 /// Cells on a brick's edge.
 pub const BRICK_EDGE: usize = 8;
@@ -76,33 +77,32 @@ impl GridError {
     }
 
     /// What to do about it.
-    pub fn hint(&self) -> String {
+    pub fn hint(&self, names: &SettingNames) -> String {
+        let hint = self.hint_at_this_size(names);
         match self {
-            Self::TooLarge { voxel_size_m, .. } => {
-                format!(
-                    "use a voxel size of at least {} mm, or check `units`",
-                    round_up(voxel_size_m * 1e3)
-                )
-            }
-            Self::Surface { voxel_size_m, .. } => {
+            Self::TooLarge { .. } => format!("{hint}, or check {}", names.unit),
+            _ => hint,
+        }
+    }
+
+    /// The same of a part that is as large as its mesh says.
+    pub fn hint_at_this_size(&self, names: &SettingNames) -> String {
+        match self {
+            Self::TooLarge { voxel_size_m, .. } | Self::Surface { voxel_size_m, .. } => {
                 format!("use a voxel size of at least {} mm", round_up(voxel_size_m * 1e3))
             }
             Self::Memory { voxel_size_m: Some(voxel_size_m), limit, .. } => {
                 format!(
                     "use a voxel size of at least {} mm, fewer layers, or {}",
                     round_up(voxel_size_m * 1e3),
-                    limit.remedy()
+                    limit.remedy(names)
                 )
             }
-            Self::Memory { voxel_size_m: None, limit: MemoryLimit::Given(_), .. } => {
-                "coarser voxels alone do not help: use a larger --max-memory".to_owned()
+            Self::Memory { voxel_size_m: None, limit, .. } => {
+                let verb = if let MemoryLimit::Given(_) = limit { "use " } else { "" };
+                format!("coarser voxels alone do not help: {verb}{}", limit.remedy(names))
             }
-            Self::Memory { voxel_size_m: None, limit: MemoryLimit::Left(_), .. } => {
-                "coarser voxels alone do not help: end programs that hold memory".to_owned()
-            }
-            Self::VoxelSize(_) => {
-                "give the edge of a voxel in millimetres, for example 0.5".to_owned()
-            }
+            Self::VoxelSize(_) => "give the edge of a voxel, such as 0.5 mm".to_owned(),
             Self::Cancelled => "bake it again".to_owned(),
         }
     }
@@ -372,7 +372,7 @@ mod tests {
         {
             let error =
                 Grid::around(DVec3::ZERO, extent, size, 8).expect_err("10^7 voxels wide at least");
-            let hint = error.hint();
+            let hint = error.hint(&SettingNames::PLAIN);
             let millimetres = hint
                 .strip_prefix("use a voxel size of at least ")
                 .and_then(|hint| hint.split(' ').next());

@@ -1,5 +1,7 @@
 //! How much memory a bake may take, and where the limit comes from.
 
+use crate::setting_names::SettingNames;
+
 /// Of what the system has left, bytes that stay free for everything else that runs on it.
 pub const FREE_BYTES: u64 = 128 << 20;
 
@@ -46,10 +48,10 @@ impl MemoryLimit {
     }
 
     /// What would make it larger.
-    pub fn remedy(self) -> &'static str {
+    pub fn remedy(self, names: &SettingNames) -> String {
         match self {
-            Self::Given(_) => "a larger --max-memory",
-            Self::Left(_) => "end programs that hold memory",
+            Self::Given(_) => format!("a larger {}", names.memory_limit),
+            Self::Left(_) => "end programs that hold memory".to_owned(),
         }
     }
 }

@@ -25,6 +25,7 @@ use super::surface::{Mask, Surface, bits};
 use crate::mesh::closest_point::TriangleProjector;
 use crate::parallel;
 use crate::sets::Sets;
+use crate::setting_names::SettingNames;
 
 /// Cells of the surface are looked at that are farther than this from all cells inside, by faces,
 /// edges and corners. Beside a flat face the next cell inside is at most two away.
@@ -78,7 +79,7 @@ impl ThinPlace {
     }
 
     /// What a user should know of them; `None` where there are none.
-    pub(crate) fn warning(places: &[Self]) -> Option<String> {
+    pub(crate) fn warning(places: &[Self], names: &SettingNames) -> Option<String> {
         let largest = places.first()?;
         let Self { thickness_m, position_m, length_m, n_cells: _ } = *largest;
         let [x, y, z] = (position_m * 1e3).to_array();
@@ -99,8 +100,9 @@ impl ThinPlace {
         Some(format!(
             "{what} {are} thinner than the voxels resolve and felt too weakly or not at all, \
                 {which}{thickness} near ({x:.2}, {y:.2}, {z:.2}) mm and about {} mm long; use \
-                {finer}`sides = \"thin\"`",
-            round_near(length_m * 1e3)
+                {finer}{}",
+            round_near(length_m * 1e3),
+            names.thin_skin
         ))
     }
 
@@ -299,27 +301,25 @@ mod tests {
         assert!(off.cmple(DVec3::new(0.06, 1.0, 1.5)).all(), "{place:?}");
         // Its edges, where the way goes along it, do not count.
         assert!((4.0..6.4).contains(&(place.length_m / MM)), "{place:?}");
-        let warning = ThinPlace::warning(&places).expect("a place");
+        let warning = ThinPlace::warning(&places, &SettingNames::PLAIN).expect("a place");
         let (what, rest) = warning.split_once(" near (").expect("a place");
         assert_eq!(
             what,
             "1 place is thinner than the voxels resolve and felt too weakly or not at all, 0.100 \
                 mm thick"
         );
-        assert!(
-            rest.ends_with(" mm long; use voxels of 0.0500 mm, or `sides = \"thin\"`"),
-            "{rest}"
-        );
+        assert!(rest.ends_with(" mm long; use voxels of 0.0500 mm, or a thin skin"), "{rest}");
         // Two of them; what would do for the thinner one does for both.
         let other = moved(block([3.0, 0.08, 4.0]), DVec3::new(-9.0, 2.0, 11.0));
-        let warning = ThinPlace::warning(&found(&with(mesh, other), 0.5)).expect("two places");
+        let warning = ThinPlace::warning(&found(&with(mesh, other), 0.5), &SettingNames::PLAIN)
+            .expect("two places");
         assert!(
             warning.starts_with("2 places are thinner")
                 && warning.contains(", the largest 0.100 mm thick near (5.")
                 && warning.contains("; use voxels of 0.0400 mm, or"),
             "{warning}"
         );
-        assert_eq!(ThinPlace::warning(&[]), None);
+        assert_eq!(ThinPlace::warning(&[], &SettingNames::PLAIN), None);
     }
 
     #[test]

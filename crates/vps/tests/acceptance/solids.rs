@@ -154,7 +154,7 @@ fn a_hollow_is_empty_unless_the_fill_is_asked_for() {
     let sum = ContactSum::flat(&filled, &ball, Pose::IDENTITY, ForceLaw::PLAIN);
     assert!(sum.contacts > 500, "{}", sum.contacts);
     let said = part.mesh_warnings(InsideTest::Flood, None).join("\n");
-    assert!(said.contains("a hollow of 27000 mm³: solid, by"), "{said}");
+    assert!(said.contains("a hollow of 27000 mm³: solid, by the flood fill"), "{said}");
 }
 
 #[test]

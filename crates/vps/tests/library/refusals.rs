@@ -1,6 +1,10 @@
 //! What the library refuses, and with which words.
 
-use vps::{ContactQuery, DQuat, DVec3, Error, Mesh, Options, PointShell, Pose, Shape, Voxmap};
+use vps::mesh::MeshError;
+use vps::spatial::testing::Random;
+use vps::{
+    ContactQuery, DQuat, DVec3, Error, InsideTest, Mesh, Options, PointShell, Pose, Shape, Voxmap,
+};
 
 /// The text of an error that has to come.
 fn said<T>(result: Result<T, Error>) -> String {
@@ -90,7 +94,7 @@ fn voxels_that_cannot_be() {
             && fine.contains("use a voxel size of at least"),
         "{fine}"
     );
-    assert!(fine.contains("voxel_size_m = ") && !fine.contains("`units`"), "{fine}");
+    assert!(fine.contains("voxel_size_m = ") && fine.contains("or check the unit"), "{fine}");
     // Larger than the part is coarse, not wrong.
     Voxmap::bake(&mesh, &Options::new(1.0)).unwrap();
     PointShell::bake(&mesh, &Options::new(1e6)).unwrap();
@@ -206,4 +210,163 @@ fn files_that_hold_no_part() {
         assert!(said(Voxmap::load(path("changed"))).contains("bake the part again"), "{at} bytes");
     }
     assert!(refused > 150, "{refused} of 200 changes are seen");
+}
+
+/// What texts put into backticks: features of the crate, commands of a shell, and words that a format
+/// wants in its files.
+const QUOTED: [&str; 11] = [
+    "vps",
+    "gltf",
+    "threemf",
+    "git lfs pull",
+    "gunzip",
+    "gmsh PART.step -2 -clmax 1 -o PART.stl",
+    "ply",
+    "format",
+    "vertex",
+    "end_header",
+    "endsolid",
+];
+
+/// A text names nothing that only another program has, such as keys or flags; it may quote the file
+/// that it is about.
+fn check_words(text: &str, file: &str) {
+    for quoted in text.split('`').skip(1).step_by(2) {
+        let is_of_file = || quoted.split_whitespace().all(|word| file.contains(word));
+        assert!(QUOTED.contains(&quoted) || is_of_file(), "{text}");
+    }
+    for word in ["--", "scene", "toml", " = \"", "hapticd"] {
+        assert!(!text.contains(word) || file.contains(word), "{text}");
+    }
+}
+
+#[test]
+fn texts_are_in_the_words_of_the_library() {
+    const TESTS: [InsideTest; 4] =
+        [InsideTest::Auto, InsideTest::Flood, InsideTest::Winding, InsideTest::Thin];
+    let mut random = Random(7);
+    let mut pick = |n: usize| (random.unit() * n as f64) as usize;
+    let mut texts = Vec::new();
+    for case in 0..400 {
+        // Soups of triangles of any size and shape, of which some are in order; a box in a box has
+        // a hollow.
+        let scale = 10_f64.powi(pick(12) as i32 - 7);
+        let mut corners: Vec<[f64; 3]> = (0..3 + pick(12))
+            .map(|_| [0; 3].map(|_| scale * (pick(9) as f64 - 4.0)))
+            .chain(CORNERS.map(|corner| corner.map(|x| x * 100.0 * scale)))
+            .collect();
+        if case % 17 == 0 {
+            corners[0][1] = [f64::NAN, 1e300][pick(2)];
+        }
+        let n_corners = corners.len() as u32;
+        let mut faces: Vec<[u32; 3]> = (0..pick(9))
+            .map(|_| [0; 3].map(|_| pick(corners.len() + usize::from(case % 13 == 0)) as u32))
+            .collect();
+        if case % 2 == 0 {
+            faces.extend(FACES.map(|face| face.map(|corner| n_corners - 4 + corner)));
+        }
+        if case % 4 == 0 {
+            faces = FACES.map(|face| face.map(|corner| n_corners - 4 + corner)).to_vec();
+            let inner = CORNERS.map(|corner| corner.map(|x| (0.2 + 40.0 * x) * scale));
+            faces.extend(FACES.map(|[a, b, c]| [a, c, b].map(|corner| n_corners + corner)));
+            corners.extend(inner);
+        }
+        let mesh = match Mesh::from_arrays(&corners, &faces) {
+            Ok(mesh) => mesh,
+            Err(error) => {
+                texts.push(error.to_string());
+                continue;
+            }
+        };
+        let (low, high) = mesh.bounds();
+        let voxel_size_m = (high - low).max_element() / [1e9, 3.0, 8.0, 20.0, 0.0][pick(5)];
+        let options = Options {
+            sides: TESTS[pick(4)],
+            layers: 1 + pick(6) as u32,
+            ..Options::new(voxel_size_m)
+        };
+        texts.extend(mesh.warnings());
+        match Voxmap::bake(&mesh, &options) {
+            Ok(voxmap) => texts.extend_from_slice(voxmap.warnings()),
+            Err(error) => texts.push(error.to_string()),
+        }
+        match PointShell::bake(&mesh, &options) {
+            Ok(shell) => texts.extend_from_slice(shell.warnings()),
+            Err(error) => texts.push(error.to_string()),
+        }
+    }
+    let path = std::path::PathBuf::from("part.3mf");
+    let conflict = MeshError::UnitConflict {
+        path: path.clone(),
+        unit: "inch",
+        file_metres_per_unit: 0.0254,
+        metres_per_unit: 1.0,
+    };
+    let far = MeshError::FarVertex { path, vertex: 1, distance_m: 1e12 };
+    texts.extend([conflict, far].map(|source| Error::Mesh { source }.to_string()));
+    texts.iter().for_each(|text| check_words(text, ""));
+    // What a setting could have helped is among them.
+    for said in [
+        "is the unit right?",
+        "or check the unit",
+        "and check the unit",
+        "set the unit to that of the file",
+        "solid, by the flood fill",
+        ", or a thin skin",
+    ] {
+        assert!(texts.iter().any(|text| text.contains(said)), "{said}");
+    }
+}
+
+#[test]
+fn texts_about_files_are_in_the_words_of_the_library() {
+    let folder = tempfile::tempdir().unwrap();
+    let corpus = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fuzz/corpus");
+    let mut seeds: Vec<Vec<u8>> = ["obj", "stl", "ply", "gltf"]
+        .iter()
+        .flat_map(|format| std::fs::read_dir(corpus.join(format)).unwrap())
+        .map(|entry| std::fs::read(entry.unwrap().path()).unwrap())
+        .collect();
+    seeds.extend(
+        [
+            &b""[..],
+            b"ISO-10303-21;\n",
+            b"%PDF-",
+            b"\x1f\x8b",
+            b"version https://git-lfs.github.com/",
+            b"<html>",
+        ]
+        .map(<[u8]>::to_vec),
+    );
+    let mut random = Random(11);
+    let mut pick = |n: usize| (random.unit() * n as f64) as usize;
+    let mut refused = 0;
+    let mut is_cad = false;
+    for _ in 0..2000 {
+        let mut bytes = seeds[pick(seeds.len())].clone();
+        for _ in 0..pick(6) {
+            if let Some(byte) = bytes.len().checked_sub(1).map(|_| pick(bytes.len())) {
+                bytes[byte] = b"x7-. \n{"[pick(7)];
+            }
+        }
+        if pick(4) == 0 {
+            bytes.truncate(pick(bytes.len() + 1));
+        }
+        let ending = ["obj", "stl", "ply", "gltf", "glb", "3mf", "step", "las"][pick(8)];
+        let path = folder.path().join(format!("part.{ending}"));
+        std::fs::write(&path, &bytes).unwrap();
+        match Mesh::load(&path, [1e-3, 1.0, 1e6][pick(3)]) {
+            Ok(mesh) => mesh.warnings().iter().for_each(|text| check_words(text, "")),
+            Err(error) => {
+                let text = error.to_string();
+                // The name of the file is quoted where its ending is not known.
+                let file = String::from_utf8_lossy(&bytes) + ending;
+                // What is wrong with JSON is said by its reader.
+                check_words(text.split("not a glTF document").next().unwrap_or_default(), &file);
+                refused += 1;
+                is_cad |= text.contains("mm as the unit");
+            }
+        }
+    }
+    assert!(refused > 1000 && is_cad, "{refused}");
 }

@@ -2,6 +2,7 @@ use serde_json::{Value, json};
 
 use super::*;
 use crate::mesh::primitives::Shape;
+use crate::setting_names::SettingNames;
 
 const VERTICES: [[f32; 3]; 4] =
     [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 3.0]];
@@ -362,7 +363,11 @@ fn copies_beyond_all_measure_are_refused() {
     many["nodes"] = json!(vec![json!({"mesh": 0}); 60_000]);
     many["scenes"][0]["nodes"] = json!((0..60_000).collect::<Vec<_>>());
     let error = read_value(&many).unwrap_err();
-    assert!(matches!(error, MeshError::TooManyCopies { .. }) && error.hint().is_some(), "{error}");
+    assert!(
+        matches!(error, MeshError::TooManyCopies { .. })
+            && error.hint(&SettingNames::PLAIN).is_some(),
+        "{error}"
+    );
 }
 
 /// The tetrahedron, and so many nodes that place a second mesh.
@@ -426,7 +431,7 @@ fn a_buffer_that_is_a_git_lfs_pointer_is_called_by_its_name() {
         error.to_string().ends_with("part.bin: this is a git-lfs pointer, not the file"),
         "{error}"
     );
-    assert_eq!(error.hint(), Some("run `git lfs pull`"));
+    assert_eq!(error.hint(&SettingNames::PLAIN), Some("run `git lfs pull`".to_owned()));
 }
 
 #[test]

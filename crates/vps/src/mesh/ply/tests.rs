@@ -1,4 +1,5 @@
 use super::*;
+use crate::setting_names::SettingNames;
 
 const VERTICES: [[f64; 3]; 4] =
     [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 3.0]];
@@ -139,7 +140,7 @@ fn every_cut_is_an_error() {
                 matches!(error, MeshError::Parse { .. } | MeshError::Binary { .. }),
                 "{length}: {error}"
             );
-            assert!(error.hint().is_some());
+            assert!(error.hint(&SettingNames::PLAIN).is_some());
         }
     }
 }

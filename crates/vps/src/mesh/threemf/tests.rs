@@ -3,6 +3,7 @@ use std::io::Write;
 use zip::write::SimpleFileOptions;
 
 use super::*;
+use crate::setting_names::SettingNames;
 
 const TETRAHEDRON: &str = "<mesh><vertices><vertex x=\"0\" y=\"0\" z=\"0\"/><vertex x=\"1\" \
     y=\"0\" z=\"0\"/><vertex x=\"0\" y=\"2\" z=\"0\"/><vertex x=\"0\" y=\"0\" \
@@ -116,9 +117,10 @@ fn units_must_agree() {
         let error = parse(&bytes, Path::new("part.3mf"), 0.5).unwrap_err();
         assert_eq!(
             error.to_string(),
-            format!("part.3mf: the file says {unit} ({metres} m), `units` says 0.5 m")
+            format!("part.3mf: the file says {unit} ({metres} m), not 0.5 m")
         );
-        assert!(error.hint().is_some());
+        let names = SettingNames { unit: "--units", ..SettingNames::PLAIN };
+        assert!(error.hint(&names).is_some_and(|hint| hint.starts_with("set --units to ")));
     }
 }
 
