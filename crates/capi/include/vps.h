@@ -196,11 +196,12 @@ typedef struct vps_contact {
   // Unit direction that pushes the shell out: its own surface's normal, inward.
   double normal[3];
   // Unit gradient of the voxmap's distance there, the quickest way out: a motion of the contact
-  // by v changes its depth by -v . gradient. Beyond the band it may be zero.
+  // by v changes its depth by -v . gradient, that of a facet whose middle is outside by less.
+  // Beyond the band it may be zero.
   double gradient[3];
   // Force of this contact on the shell, N; 0 of probes on edges and corners.
   double force_n[3];
-  // m, greater than 0.
+  // m, greater than 0: of the point, or in the mean over a facet whose middle is outside.
   double depth_m;
   // Surface that it stands for, m²; 0 of probes.
   double area_m2;

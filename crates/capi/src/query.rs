@@ -74,11 +74,12 @@ pub struct vps_contact {
     /// Unit direction that pushes the shell out: its own surface's normal, inward.
     pub normal: [f64; 3],
     /// Unit gradient of the voxmap's distance there, the quickest way out: a motion of the contact
-    /// by v changes its depth by -v . gradient. Beyond the band it may be zero.
+    /// by v changes its depth by -v . gradient, that of a facet whose middle is outside by less.
+    /// Beyond the band it may be zero.
     pub gradient: [f64; 3],
     /// Force of this contact on the shell, N; 0 of probes on edges and corners.
     pub force_n: [f64; 3],
-    /// m, greater than 0.
+    /// m, greater than 0: of the point, or in the mean over a facet whose middle is outside.
     pub depth_m: f64,
     /// Surface that it stands for, m²; 0 of probes.
     pub area_m2: f64,

@@ -225,12 +225,6 @@ impl OverPlanes {
             .map_or((0.0, Vec3::ZERO), |side| (side.depth_at_m(at).max(0.0), side.gradient))
     }
 
-    /// The depth at the deepest corner of the k-th piece, m; 0 where it is empty.
-    pub(super) fn deepest_of(&self, k: usize, piece: &Polygon) -> f32 {
-        let depths_m = piece.triangles().flatten().map(|at| self.depth_and_gradient(k, at).0);
-        depths_m.fold(0.0, f32::max)
-    }
-
     /// What presses on the facet as a whole.
     pub(super) fn pressed(&self) -> Pressed {
         let mut pressed = Pressed::default();

@@ -23,6 +23,8 @@ pub struct Contact {
     /// Mean over the facet of how deep it is immersed, m, which is what its force counts; of a
     /// point and of a facet that is immersed as a whole `depth_m`.
     pub mean_depth_m: f32,
+    /// It is a facet whose centroid is outside.
+    pub is_in_part: bool,
     /// Surface that it stands for, s²; with a budget that of others as well, of a probe on an edge
     /// or a corner of the tool 0.
     pub weight: f32,
@@ -39,12 +41,20 @@ pub struct Contact {
 }
 
 impl Contact {
+    /// How deep the point is, m, or in the mean the facet whose centroid is outside: what
+    /// `ContactSum::max_value_m` is the most of. The deepest place of such a facet may lie beyond
+    /// the surface that it stands for, whose edges and corners probes note.
+    pub fn noted_depth_m(&self) -> f32 {
+        if self.is_in_part { self.mean_depth_m } else { self.depth_m }
+    }
+
     /// Of a point without extent that stands for one s².
     pub fn of_point(point_idx: u32, depth_m: f32, arm_body: Vec3, normal_body: Vec3) -> Self {
         Self {
             point_idx,
             depth_m,
             mean_depth_m: depth_m,
+            is_in_part: false,
             weight: 1.0,
             arm_body,
             pressed_body: arm_body,
@@ -196,6 +206,7 @@ impl ContactBlock {
                 point_idx: self.block * LANES as u32 + lane as u32,
                 depth_m: deepest_m,
                 mean_depth_m: range.mean_depth_m(depth_m),
+                is_in_part: depth_m <= 0.0,
                 weight,
                 arm_body: position + there,
                 pressed_body: position + range.lever_m(depth_m),

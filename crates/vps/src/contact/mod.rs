@@ -145,9 +145,8 @@ pub struct Patch {
 pub struct ContactSum {
     /// Facets that are immersed, be it in part, and points with V > 0.
     pub contacts: u32,
-    /// Largest V over all points and obstacles, m, and at the deepest places of facets that are
-    /// immersed and whose centroid is not; −band when everything is far. See [`Self::of`] for what a
-    /// walk gives.
+    /// Largest V over all points and obstacles, m, and largest mean depth of a facet whose centroid
+    /// is outside; −band when everything is far. See [`Self::of`] for what a walk gives.
     pub max_value_m: f64,
     /// Some point is as deep as the field of an obstacle knows depths: it may be deeper.
     pub depth_is_bound: bool,

@@ -26,7 +26,7 @@ const BLOCKS_PER_PART: u32 = 16;
 pub(super) struct Sums {
     part: [[f32; LANES]; QUANTITIES],
     n_blocks_in_part: u32,
-    /// The most at the deepest places of facets whose centroid is outside.
+    /// The most of the mean depths of facets whose centroid is outside.
     deepest: [f32; LANES],
     lanes: [[f64; LANES / 4]; QUANTITIES],
 }
@@ -75,7 +75,7 @@ struct Addends<L> {
     /// By how much more the moment counts, and the arm, of facets that are immersed in part.
     turn: [L; 3],
     lever: [L; 3],
-    /// At the deepest place of a facet whose centroid is outside, else 0.
+    /// In the mean over a facet whose centroid is outside, else 0.
     deepest: L,
     force: L,
     stiffness: L,
@@ -127,8 +127,8 @@ impl<L: F32s<LANES>> Addends<L> {
                 let [near, far] = &touched.shortfalls_m;
                 let shortfalls = [L::load(&near.0).only(wanted), L::load(&far.0).only(wanted)];
                 let Immersed { mean, share, lever } = range.immersed(depth, shortfalls);
-                let deepest = range.deepest(depth, shortfalls[1]).only(depth.le(zero));
-                (mean, share, [lever[0] * area, lever[1] * area, lever[2] * area], deepest)
+                let lever = [lever[0] * area, lever[1] * area, lever[2] * area];
+                (mean, share, lever, mean.only(depth.le(zero)))
             }
             None => (depth, one, [zero; 3], zero),
         };
@@ -218,15 +218,14 @@ impl Sums {
             }
             let normal = facets.normals.get(lane);
             let weight = facets.weights.0.get(lane).copied().unwrap_or(0.0);
+            let mut mean_depth_m = 0.0;
             for k in 0..over.n {
                 let piece = over.piece(k);
-                if is_outside {
-                    deepest_m = deepest_m.max(over.deepest_of(k, &piece));
-                }
                 for triangle in piece.triangles() {
                     let share = share_of_point(triangle) * weight;
                     for on_facet in midpoints(triangle) {
                         let (depth_m, gradient) = over.depth_and_gradient(k, on_facet);
+                        mean_depth_m += share_of_point(triangle) * depth_m;
                         let position =
                             middle + half_axes[0] * on_facet.x + half_axes[1] * on_facet.y;
                         pressing.push(position, normal, share, depth_m, gradient);
@@ -236,6 +235,9 @@ impl Sums {
                         }
                     }
                 }
+            }
+            if is_outside {
+                deepest_m = deepest_m.max(mean_depth_m);
             }
         }
         if pressing.touched.lanes != 0 {
@@ -401,7 +403,7 @@ pub(super) struct Total {
     pub(super) depth: f64,
     pub(super) depth_arm: DVec3,
     pub(super) effective: f64,
-    /// Of the facets whose centroid is outside.
+    /// In the mean over one of the facets whose centroid is outside.
     pub(super) deepest: f64,
 }
 
@@ -638,7 +640,7 @@ mod tests {
             // Full from a quarter of a voxel on.
             total.effective += (mean / (0.25 * VOXEL_SIZE_M)).min(1.0) * area;
             if has_extent && depth <= 0.0 {
-                total.deepest = total.deepest.max(depth + w + far);
+                total.deepest = total.deepest.max(mean);
             }
         }
     }

@@ -72,9 +72,10 @@ pub struct ContactPoint {
     /// Unit direction that pushes the shell out: its own surface's normal, inward.
     pub normal: DVec3,
     /// Unit gradient of the voxmap's distance there, the quickest way out: a motion of the contact
-    /// by v changes its depth by −v · gradient. Beyond the band it may be zero.
+    /// by v changes its depth by −v · gradient, that of a facet whose middle is outside by less.
+    /// Beyond the band it may be zero.
     pub gradient: DVec3,
-    /// m, greater than 0: of the point, or of the deepest place of a facet whose middle is outside.
+    /// m, greater than 0: of the point, or in the mean over a facet whose middle is outside.
     pub depth_m: f64,
     /// Surface that it stands for, m².
     pub area_m2: f64,
@@ -219,7 +220,7 @@ impl ContactQuery {
                 position_m: world_from_body.transform_point(contact.pressed_body.as_dvec3()),
                 normal,
                 gradient: world_from_body.transform_vector(contact.way_out_body.as_dvec3()),
-                depth_m: contact.depth_m.into(),
+                depth_m: contact.noted_depth_m().into(),
                 area_m2: f64::from(contact.weight) * self.shell.voxel_size_m().powi(2),
                 force_n: normal
                     * (self.law.stiffness_n_per_m
