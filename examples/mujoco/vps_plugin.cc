@@ -79,7 +79,7 @@ bool number(const mjModel* m, int instance, const char* key, double fallback, do
   }
   char* end = nullptr;
   *out = std::strtod(text, &end);
-  if (*end || !(*out >= 0)) return fail(std::string(key) + " = \"" + text + "\": give a number, 0 or greater");
+  if (*end || !std::isfinite(*out) || *out < 0) return fail(std::string(key) + " = \"" + text + "\": give a number, 0 or greater");
   return true;
 }
 
@@ -237,19 +237,26 @@ vps_wrench ask(const mjModel* m, const mjData* d, Instance* it) {
     mju_zero3(found.force_n);
     mju_zero3(found.torque_nm);
     const std::size_t n = std::min(found.n_contacts, it->contacts.size());
-    // Friction is Coulomb's above this speed and in proportion to speed below it: a step then stops what slides, and never turns it round.
-    double pressing_n = 0;
-    for (std::size_t i = 0; it->friction > 0 && i < n; i++) pressing_n += mju_norm3(it->contacts[i].force_n);
-    const double slip_speed_m_per_s = 2 * it->friction * pressing_n * m->opt.timestep * per_mass(m, *it);
-    for (std::size_t i = 0; i < n; i++) {
-      const vps_contact& contact = it->contacts[i];
-      mjtNum arm[3], velocity[3], force[3], torque[3];
+    const auto velocity_of = [&](const vps_contact& contact, mjtNum* arm, mjtNum* velocity) {
       mju_sub3(arm, contact.position_m, pose.position_m);
       mju_cross(velocity, turned_spin, arm);
       mju_addTo3(velocity, turned_linear);
+    };
+    mjtNum arm[3], velocity[3], sliding[3], torque[3];
+    double pressing_n = 0;
+    for (std::size_t i = 0; i < n; i++) {
+      vps_contact& contact = it->contacts[i];
+      velocity_of(contact, arm, velocity);
       const mjtNum deeper = -mju_dot3(velocity, contact.gradient);
-      mju_scl3(force, contact.force_n, std::max(0.0, 1.0 + it->dissipation_s_per_m * deeper));
-      mjtNum sliding[3];
+      mju_scl3(contact.force_n, contact.force_n, std::max(0.0, 1.0 + it->dissipation_s_per_m * deeper));
+      pressing_n += mju_norm3(contact.force_n);
+    }
+    // Friction is Coulomb's above this speed and in proportion to speed below it: a step then takes half of the speed from parts that do not turn.
+    const double slip_speed_m_per_s = 2 * it->friction * pressing_n * m->opt.timestep * per_mass(m, *it);
+    for (std::size_t i = 0; i < n; i++) {
+      mjtNum* force = it->contacts[i].force_n;
+      const vps_contact& contact = it->contacts[i];
+      velocity_of(contact, arm, velocity);
       mju_addScl3(sliding, velocity, contact.normal, -mju_dot3(velocity, contact.normal));
       mju_addToScl3(force, sliding, -it->friction * mju_norm3(force) / std::max({mju_norm3(sliding), slip_speed_m_per_s, mjMINVAL}));
       mju_cross(torque, arm, force);
@@ -273,7 +280,9 @@ void warn_of_long_step(const mjModel* m, const mjData* d, Instance* it, std::siz
   const vps_pose pose = pose_of(d, *it);
   vps_stiffness found{};
   if (vps_query_stiffness(it->pair->query.get(), &pose, &found) != VPS_OK) return;
-  const double stiffness_n_per_m = found.rows[0][0] + found.rows[1][1] + found.rows[2][2];
+  // No less than in any direction.
+  double stiffness_n_per_m = 0;
+  for (int k = 0; k < 3; k++) stiffness_n_per_m = std::max(stiffness_n_per_m, std::abs(found.rows[k][0]) + std::abs(found.rows[k][1]) + std::abs(found.rows[k][2]));
   const double longest_s = 2 / std::sqrt(stiffness_n_per_m * per_mass(m, *it));
   if (!(m->opt.timestep > longest_s)) return;
   it->has_warned = true;

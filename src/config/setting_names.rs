@@ -12,6 +12,9 @@ pub const KEYS: SettingNames = SettingNames {
     region: "the region (the thin box on the page; `region_mm` in the scene, or the stroke `region`)",
 };
 
+/// What to do about a file of a scene that is not there.
+pub const MISSING: &str = "paths in a scene are relative to the scene file";
+
 /// Flags of commands that take a mesh.
 pub const FLAGS: SettingNames =
     SettingNames { unit: "--units", flood: "--sides flood", thin_skin: "--sides thin", ..KEYS };

@@ -19,11 +19,12 @@ use self::naming::{in_words, name_of};
 use self::size::Size;
 use super::resolve::Resolve;
 use super::schema::{Deed, Stroke, Strokes, holds_strokes};
-use super::setting_names::KEYS;
-use clay::OpenedSolid;
+use super::setting_names::{KEYS, MISSING};
 use clay::boolean::Boolean;
 use clay::engine::{SculptOrder, ToolSettings};
+use clay::{LoadError, OpenedSolid};
 use document::{Checks, ConfigErrors, Document, Interval, Problem, ProblemKind, any_of};
+use vps::mesh::MeshError;
 use vps::storage::regular;
 
 /// A file of strokes.
@@ -241,9 +242,11 @@ impl Reader<'_> {
                 })
             }
             Err(problem) => {
+                let is_missing = matches!(problem, LoadError::File(MeshError::Missing { .. }));
+                let hint = if is_missing { Some(MISSING.to_owned()) } else { problem.hint(&KEYS) };
                 self.resolve.checks.refuse(
                     &format!("{table}.{}", solid_key(stroke)),
-                    ProblemKind::Refused { why: problem.to_string(), hint: problem.hint(&KEYS) },
+                    ProblemKind::Refused { why: problem.to_string(), hint },
                 );
                 None
             }

@@ -5,7 +5,7 @@ use thiserror::Error;
 use super::cache::{Baked, Cache, Lookup, Request, Spacing};
 use super::loaded_clay::ClayError;
 use crate::config::scene::MeshSource;
-use crate::config::setting_names::KEYS;
+use crate::config::setting_names::{KEYS, MISSING};
 use clay::LoadError;
 use clay::clay_model::{ClayModelError, MemoryEstimate};
 use vps::mesh::MeshError;
@@ -32,7 +32,7 @@ impl SceneError {
         match self {
             Self::Part(PartError::Mesh { source: MeshError::Missing { .. }, .. })
             | Self::Clay(ClayError::Load(LoadError::File(MeshError::Missing { .. }))) => {
-                Some("paths in a scene are relative to the scene file".to_owned())
+                Some(MISSING.to_owned())
             }
             Self::Part(problem) => problem.hint(&KEYS),
             Self::Clay(problem) => problem.hint(),

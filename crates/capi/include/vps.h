@@ -221,7 +221,7 @@ typedef struct vps_stiffness {
 
 // The point of a shell that is nearest to a part while nothing touches; world frame.
 typedef struct vps_nearest {
-  // False where something touches, and beyond the band less a voxel: all else is then 0.
+  // False where something touches, and beyond the least band less a voxel: all else is then 0.
   bool is_known;
   // Number of the voxmap.
   size_t part;
@@ -259,7 +259,8 @@ typedef struct vps_impact {
   bool touches;
   // Share of the motion, 0 to 1; 1 where it does not touch.
   double share;
-  // Pose there: it touches, and a motion by the tolerance before it did not.
+  // Pose there: it touches, and a motion by the tolerance before it did not, where it does not
+  // begin in contact. The end of a motion that does not touch.
   struct vps_pose pose;
 } vps_impact;
 

@@ -260,7 +260,7 @@ class PointShell {
   detail::Handle<vps_shell, vps_shell_free> handle_;
 };
 
-/// Asks what wrench a voxmap exerts on a shell. Any number of threads may ask one query at a time.
+/// Asks what wrench voxmaps exert on a shell. Any number of threads may ask one query at a time.
 class ContactQuery {
  public:
   ContactQuery(const Voxmap& voxmap, const PointShell& shell, double stiffness_n_per_m)
@@ -273,7 +273,8 @@ class ContactQuery {
           std::vector<const vps_voxmap*> voxmaps;
           std::vector<Pose> poses;
           for (std::size_t n = 0; n < parts.size(); n++) {
-            voxmaps.push_back(parts.data()[n].first->get());
+            const Voxmap* voxmap = parts.data()[n].first;
+            voxmaps.push_back(voxmap ? voxmap->get() : nullptr);
             poses.push_back(parts.data()[n].second);
           }
           return vps_query_new_of_parts(voxmaps.data(), poses.data(), voxmaps.size(), shell.get(), stiffness_n_per_m, out);

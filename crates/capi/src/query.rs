@@ -141,7 +141,7 @@ pub unsafe extern "C" fn vps_query_new_of_parts(
             unsafe { (slice("voxmaps", voxmaps, n)?, slice("poses", poses, n)?) };
         let mut parts = Vec::with_capacity(n);
         for (voxmap, pose) in voxmaps.iter().zip(poses) {
-            parts.push((&given("voxmaps", *voxmap)?.voxmap, pose.into()));
+            parts.push((&given("an element of voxmaps", *voxmap)?.voxmap, pose.into()));
         }
         let shell = &given("shell", shell)?.shell;
         Ok(vps_query(ContactQuery::of_parts(&parts, shell, stiffness_n_per_m)?))
@@ -218,7 +218,7 @@ pub extern "C" fn vps_query_stiffness(
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct vps_nearest {
-    /// False where something touches, and beyond the band less a voxel: all else is then 0.
+    /// False where something touches, and beyond the least band less a voxel: all else is then 0.
     pub is_known: bool,
     /// Number of the voxmap.
     pub part: usize,
@@ -322,7 +322,8 @@ pub struct vps_impact {
     pub touches: bool,
     /// Share of the motion, 0 to 1; 1 where it does not touch.
     pub share: f64,
-    /// Pose there: it touches, and a motion by the tolerance before it did not.
+    /// Pose there: it touches, and a motion by the tolerance before it did not, where it does not
+    /// begin in contact. The end of a motion that does not touch.
     pub pose: vps_pose,
 }
 

@@ -82,14 +82,15 @@ pub(crate) fn faces(value: &Bound<'_, PyAny>) -> PyResult<Vec<[u32; 3]>> {
     Ok(numbers.as_chunks().0.to_vec())
 }
 
-/// Poses (n, 7) or (n, 4, 4); or one, (7,) or (4, 4): then the second is true.
-pub(crate) fn poses(value: &Bound<'_, PyAny>) -> PyResult<(Vec<Pose>, bool)> {
+/// Poses (n, 7) or (n, 4, 4); or one, (7,) or (4, 4): then the second is true. `first`: the number of
+/// the first of them.
+pub(crate) fn poses(value: &Bound<'_, PyAny>, first: usize) -> PyResult<(Vec<Pose>, bool)> {
     let (numbers, shape) = floats(value, "the pose")?;
     let is_single = shape.len() + 1 == if shape.ends_with(&[4, 4]) { 3 } else { 2 };
     let poses = match shape[..] {
         [7] | [_, 7] => numbers.as_chunks().0.iter().map(of_seven).collect(),
         [4, 4] | [_, 4, 4] => {
-            numbers.as_chunks().0.iter().enumerate().map(of_matrix).collect::<PyResult<_>>()?
+            (first..).zip(numbers.as_chunks().0).map(of_matrix).collect::<PyResult<_>>()?
         }
         _ => {
             return Err(shape_error(

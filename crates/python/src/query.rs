@@ -1,10 +1,12 @@
 //! Wrenches and contacts as structured arrays.
 
+use core::ops::ControlFlow;
 use std::time::Instant;
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DQuat, DVec3};
 use pyo3::PyTypeInfo;
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use vps::{ContactPatch, ContactPoint, ContactWrench, NearestPoint};
@@ -212,19 +214,13 @@ impl ContactQuery {
     ) -> PyResult<Self> {
         let parts = match voxmap.cast::<Voxmap>() {
             Ok(voxmap) => vec![(voxmap.clone().unbind(), vps::Pose::IDENTITY)],
-            Err(_) => voxmap
-                .try_iter()?
-                .map(|part| {
-                    let (voxmap, pose): (Py<Voxmap>, Bound<'_, PyAny>) = part?.extract()?;
-                    Ok((voxmap, one_pose(&pose)?))
-                })
-                .collect::<PyResult<_>>()?,
+            Err(_) => placed(voxmap)?,
         };
         let points = &shell.get().shell;
-        let placed: Vec<_> =
+        let parts_at: Vec<_> =
             parts.iter().map(|(voxmap, pose)| (&*voxmap.get().voxmap, *pose)).collect();
         let query = py
-            .detach(|| vps::ContactQuery::of_parts(&placed, points, stiffness_n_per_m))
+            .detach(|| vps::ContactQuery::of_parts(&parts_at, points, stiffness_n_per_m))
             .map_err(raise)?;
         Ok(Self { query, made_of: (parts, shell, stiffness_n_per_m) })
     }
@@ -242,7 +238,7 @@ impl ContactQuery {
     ///
     /// Returns an array (n,) of `WRENCH_DTYPE`, or one such record of a single pose. On the shell:
     /// `force_n` (3,), N, world axes; `torque_nm` (3,), N m, the same axes,
-    /// about the origin of the shell's mesh frame; `penetration_m` of the deepest point, 0 without
+    /// about the origin of the shell's mesh frame; `penetration_m` of the deepest contact, 0 without
     /// contact; `clearance_m` of the nearest one, 0 in contact, at most the least `band_m`;
     /// `contacts`, the number of points in contact. Raises InvalidInput, naming the first pose that
     /// is none. Cost: about linear in the points of the shell, never in triangles; many poses use
@@ -252,7 +248,7 @@ impl ContactQuery {
         py: Python<'py>,
         poses: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let (poses, is_single) = arrays::poses(poses)?;
+        let (poses, is_single) = arrays::poses(poses, 0)?;
         if let (true, [pose]) = (is_single, &poses[..]) {
             let found = py.detach(|| self.query.wrench(*pose)).map_err(raise)?;
             return arrays::array(&[WrenchRecord::from(found)], &[], WRENCH.dtype(py)?)?
@@ -298,7 +294,7 @@ impl ContactQuery {
         py: Python<'py>,
         pose: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let pose = one_pose(pose)?;
+        let pose = one_pose(pose, 0)?;
         let mut records = Vec::new();
         py.detach(|| {
             self.query.contacts(pose, |contact| records.push(ContactRecord::from(contact)))
@@ -318,7 +314,7 @@ impl ContactQuery {
         py: Python<'py>,
         pose: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let pose = one_pose(pose)?;
+        let pose = one_pose(pose, 0)?;
         let rows = py.detach(|| self.query.stiffness(pose)).map_err(raise)?;
         arrays::numbers(rows.as_flattened(), &[6, 6], py)
     }
@@ -333,7 +329,7 @@ impl ContactQuery {
         py: Python<'py>,
         pose: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let pose = one_pose(pose)?;
+        let pose = one_pose(pose, 0)?;
         let found = py.detach(|| self.query.patches(pose)).map_err(raise)?;
         let records: Vec<_> = found.iter().map(PatchRecord::from).collect();
         arrays::array(&records, &[records.len()], PATCH.dtype(py)?)
@@ -343,13 +339,13 @@ impl ContactQuery {
     ///
     /// `on_shell_m` (3,), the point, and `on_part_m` (3,), the place on the surface of the part, m,
     /// world; `distance_m`, the clearance; `part`; `point`. None where something touches, and beyond
-    /// the band less a voxel. Raises InvalidInput. Cost: as `wrench`.
+    /// the least band less a voxel. Raises InvalidInput. Cost: as `wrench`.
     fn nearest<'py>(
         &self,
         py: Python<'py>,
         pose: &Bound<'py, PyAny>,
     ) -> PyResult<Option<Bound<'py, PyAny>>> {
-        let pose = one_pose(pose)?;
+        let pose = one_pose(pose, 0)?;
         let found = py.detach(|| self.query.nearest(pose)).map_err(raise)?;
         found
             .map(|found| {
@@ -373,12 +369,36 @@ impl ContactQuery {
         to_pose: &Bound<'py, PyAny>,
         tolerance_m: f64,
     ) -> PyResult<Option<(f64, Bound<'py, PyAny>)>> {
-        let (from, to) = (one_pose(from_pose)?, one_pose(to_pose)?);
-        let found = py.detach(|| self.query.first_contact(from, to, tolerance_m)).map_err(raise)?;
+        let (from, to) = (one_pose(from_pose, 0)?, one_pose(to_pose, 1)?);
+        let mut interrupted = Ok(());
+        let mut looked = Instant::now();
+        let found = py.detach(|| {
+            self.query.first_contact_with(from, to, tolerance_m, |_| {
+                if looked.elapsed() > SIGNALS_EVERY {
+                    looked = Instant::now();
+                    interrupted = Python::attach(|py| py.check_signals());
+                }
+                if interrupted.is_ok() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+            })
+        });
+        interrupted?;
         found
+            .map_err(raise)?
             .map(|found| Ok((found.share, arrays::numbers(&seven(found.pose), &[7], py)?)))
             .transpose()
     }
+}
+
+/// Voxmaps with their poses.
+fn placed(parts: &Bound<'_, PyAny>) -> PyResult<Vec<(Py<Voxmap>, vps::Pose)>> {
+    let wrong = |_: PyErr| PyTypeError::new_err("give a Voxmap, or a list of (Voxmap, pose)");
+    let mut all = Vec::new();
+    for part in parts.try_iter().map_err(wrong)? {
+        let (voxmap, pose): (Py<Voxmap>, Bound<'_, PyAny>) = part?.extract().map_err(wrong)?;
+        let number = all.len();
+        all.push((voxmap, one_pose(&pose, number)?));
+    }
+    Ok(all)
 }
 
 /// x, y, z, qx, qy, qz, qw.
@@ -388,8 +408,8 @@ fn seven(pose: vps::Pose) -> [f64; 7] {
     [x, y, z, qx, qy, qz, qw]
 }
 
-fn one_pose(pose: &Bound<'_, PyAny>) -> PyResult<vps::Pose> {
-    let (poses, is_single) = arrays::poses(pose)?;
+fn one_pose(pose: &Bound<'_, PyAny>, number: usize) -> PyResult<vps::Pose> {
+    let (poses, is_single) = arrays::poses(pose, number)?;
     match poses[..] {
         [pose] if is_single => Ok(pose),
         _ => Err(InvalidInput::new_err(format!(

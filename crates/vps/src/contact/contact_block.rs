@@ -41,11 +41,12 @@ pub struct Contact {
 }
 
 impl Contact {
-    /// How deep the point is, m, or in the mean the facet whose centroid is outside: what
-    /// `ContactSum::max_value_m` is the most of. The deepest place of such a facet may lie beyond
-    /// the surface that it stands for, whose edges and corners probes note.
+    /// How deep the point is, m, or the facet in the mean where that is more or its centroid is
+    /// outside: what `ContactSum::max_value_m` is the most of. The deepest place of a facet may lie
+    /// beyond the surface that it stands for, whose edges and corners probes note.
     pub fn noted_depth_m(&self) -> f32 {
-        if self.is_in_part { self.mean_depth_m } else { self.depth_m }
+        let point_m = if self.is_in_part { 0.0 } else { self.depth_m };
+        point_m.max(self.mean_depth_m)
     }
 
     /// Of a point without extent that stands for one s².

@@ -1,5 +1,7 @@
 //! Which point of a tool is nearest to what it does not touch.
 
+use core::ops::Range;
+
 use glam::Vec3;
 
 use super::kernel::Place;
@@ -40,11 +42,16 @@ impl Highest {
             let map_from_body = pose.world_from_map.inverse() * world_from_body;
             let (value_m, block) =
                 traversal.highest_m(obstacle_idx, obstacle, law.field, shell, map_from_body);
+            // Planes may have said that a point does not touch which interpolation has inside.
+            let value_m = value_m.min(0.0);
             if f64::from(value_m) > highest.value_m {
-                let point = block.and_then(|block| {
-                    let place = Place::new(&obstacle.field, map_from_body);
-                    highest_of_block(&obstacle.field, &place, shell, block)
+                let place = Place::new(&obstacle.field, map_from_body);
+                let n_points = shell.len() as u32;
+                let points = block.map_or(0..n_points, |block| {
+                    let first = block * LANES as u32;
+                    first..(first + LANES as u32).min(n_points)
                 });
+                let point = highest_of(&obstacle.field, &place, shell, points);
                 highest = Self {
                     value_m: value_m.into(),
                     at: point.map(|point_idx| (obstacle_idx, point_idx)),
@@ -55,14 +62,12 @@ impl Highest {
     }
 }
 
-/// Number of the point of a block at which V is largest.
-fn highest_of_block(field: &Field, place: &Place, shell: &Shell, block: u32) -> Option<u32> {
-    let positions = shell.positions().get(block as usize)?;
-    let first = block * LANES as u32;
-    let value_m = |lane: &u32| {
-        let cells = place.cells(positions.get(*lane as usize));
-        field.value(FieldKind::Trilinear, cells, Vec3::ZERO)
+/// That of these points at which V is largest.
+fn highest_of(field: &Field, place: &Place, shell: &Shell, points: Range<u32>) -> Option<u32> {
+    let value_m = |point: &u32| {
+        let (block, lane) = (*point as usize / LANES, *point as usize % LANES);
+        let block = shell.positions().get(block)?;
+        Some(field.value(FieldKind::Trilinear, place.cells(block.get(lane)), Vec3::ZERO))
     };
-    let lanes = (0..LANES as u32).filter(|lane| ((first + lane) as usize) < shell.len());
-    lanes.max_by(|a, b| value_m(a).total_cmp(&value_m(b))).map(|lane| first + lane)
+    points.max_by(|a, b| value_m(a).unwrap_or(f32::MIN).total_cmp(&value_m(b).unwrap_or(f32::MIN)))
 }

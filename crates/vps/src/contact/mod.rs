@@ -145,8 +145,8 @@ pub struct Patch {
 pub struct ContactSum {
     /// Facets that are immersed, be it in part, and points with V > 0.
     pub contacts: u32,
-    /// Largest V over all points and obstacles, m, and largest mean depth of a facet whose centroid
-    /// is outside; −band when everything is far. See [`Self::of`] for what a walk gives.
+    /// Largest V over all points and obstacles, m, and largest mean depth of a facet that is
+    /// immersed; −band when everything is far. See [`Self::of`] for what a walk gives.
     pub max_value_m: f64,
     /// Some point is as deep as the field of an obstacle knows depths: it may be deeper.
     pub depth_is_bound: bool,
@@ -356,9 +356,6 @@ impl ContactSum {
             return sum;
         }
         sum.max_value_m = Highest::of(traversal, obstacles, shell, world_from_body, law).value_m;
-        let slack_m = |obstacle: &Obstacle| slack_m(&obstacle.field, law.field);
-        let reach_m = shell.reach_m() + obstacles.iter().map(slack_m).fold(0.0, f32::max);
-        sum.free_way_m = sum.free_way_m.max(-sum.max_value_m - f64::from(reach_m));
         sum
     }
 }

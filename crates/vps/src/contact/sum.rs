@@ -26,7 +26,7 @@ const BLOCKS_PER_PART: u32 = 16;
 pub(super) struct Sums {
     part: [[f32; LANES]; QUANTITIES],
     n_blocks_in_part: u32,
-    /// The most of the mean depths of facets whose centroid is outside.
+    /// The most of the mean depths of facets.
     deepest: [f32; LANES],
     lanes: [[f64; LANES / 4]; QUANTITIES],
 }
@@ -75,7 +75,7 @@ struct Addends<L> {
     /// By how much more the moment counts, and the arm, of facets that are immersed in part.
     turn: [L; 3],
     lever: [L; 3],
-    /// In the mean over a facet whose centroid is outside, else 0.
+    /// How deep each facet is in the mean; 0 of a point.
     deepest: L,
     force: L,
     stiffness: L,
@@ -127,8 +127,7 @@ impl<L: F32s<LANES>> Addends<L> {
                 let [near, far] = &touched.shortfalls_m;
                 let shortfalls = [L::load(&near.0).only(wanted), L::load(&far.0).only(wanted)];
                 let Immersed { mean, share, lever } = range.immersed(depth, shortfalls);
-                let lever = [lever[0] * area, lever[1] * area, lever[2] * area];
-                (mean, share, lever, mean.only(depth.le(zero)))
+                (mean, share, [lever[0] * area, lever[1] * area, lever[2] * area], mean)
             }
             None => (depth, one, [zero; 3], zero),
         };
@@ -210,7 +209,6 @@ impl Sums {
         let mut over = OverPlanes::NONE;
         let mut deepest_m = 0.0_f32;
         for lane in (0..LANES).filter(|lane| touched.clipped >> lane & 1 == 1) {
-            let is_outside = touched.depths_m.get(lane).is_some_and(|depth_m| *depth_m <= 0.0);
             let middle = facets.positions.get(lane);
             let half_axes = [a.get(lane), b.get(lane)];
             if !at.over(middle, half_axes, &mut over) {
@@ -236,9 +234,7 @@ impl Sums {
                     }
                 }
             }
-            if is_outside {
-                deepest_m = deepest_m.max(mean_depth_m);
-            }
+            deepest_m = deepest_m.max(mean_depth_m);
         }
         if pressing.touched.lanes != 0 {
             self.add::<L>(&pressing.touched, pressing.points(), by);
@@ -403,7 +399,7 @@ pub(super) struct Total {
     pub(super) depth: f64,
     pub(super) depth_arm: DVec3,
     pub(super) effective: f64,
-    /// In the mean over one of the facets whose centroid is outside.
+    /// Of one facet, in the mean over it.
     pub(super) deepest: f64,
 }
 
@@ -639,7 +635,7 @@ mod tests {
             total.depth_arm += (arm * mean + lever) * area;
             // Full from a quarter of a voxel on.
             total.effective += (mean / (0.25 * VOXEL_SIZE_M)).min(1.0) * area;
-            if has_extent && depth <= 0.0 {
+            if has_extent {
                 total.deepest = total.deepest.max(mean);
             }
         }

@@ -69,8 +69,8 @@ pub enum Error {
         /// What is wrong, and what to do.
         what: String,
     },
-    /// The callback for progress ended the bake.
-    #[error("the bake was cancelled by its callback for progress")]
+    /// A callback ended a bake or a search.
+    #[error("cancelled by its callback")]
     Cancelled,
 }
 

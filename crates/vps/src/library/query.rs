@@ -1,5 +1,6 @@
 //! Wrench and contacts of a pose.
 
+use std::ops::ControlFlow;
 use std::sync::{Mutex, PoisonError};
 
 use glam::{DVec3, Vec3};
@@ -141,7 +142,8 @@ impl ContactPatch {
 pub struct Impact {
     /// Share of the motion, 0 to 1.
     pub share: f64,
-    /// Pose there: it touches, and a motion by the tolerance before it did not.
+    /// Pose there: it touches, and a motion by the tolerance before it did not, where it does not
+    /// begin in contact.
     pub pose: Pose,
 }
 
@@ -175,7 +177,7 @@ impl ContactQuery {
         stiffness_n_per_m: f64,
     ) -> Result<Self, Error> {
         check("stiffness_n_per_m", stiffness_n_per_m, 0.0..=1e12, "newtons per metre, 0 to 1e12")?;
-        check("the number of voxmaps", world_from_voxmap.len() as f64, 1.0..=1e6, "one or more")?;
+        check("the number of voxmaps", world_from_voxmap.len() as f64, 1.0..=1e6, "1 to 1e6")?;
         for (index, (_, pose)) in world_from_voxmap.iter().enumerate() {
             check_pose(index, *pose)?;
         }
@@ -268,7 +270,7 @@ impl ContactQuery {
     }
 
     /// The point of the shell that is nearest to a part, and the place there; `None` where something
-    /// touches (then [`Self::contacts`] says where), and beyond the band less a voxel. Allocates nothing; costs
+    /// touches (then [`Self::contacts`] says where), and beyond the least band less a voxel. Allocates nothing; costs
     /// as [`Self::wrench`].
     ///
     /// # Errors
@@ -357,34 +359,53 @@ impl ContactQuery {
         to: Pose,
         tolerance_m: f64,
     ) -> Result<Option<Impact>, Error> {
+        self.first_contact_with(from, to, tolerance_m, |_| ControlFlow::Continue(()))
+    }
+
+    /// The same; `watch` gets the share of the motion that is clear before each step, and can end the
+    /// search.
+    ///
+    /// # Errors
+    /// Those of [`Self::first_contact`], and [`Error::Cancelled`].
+    pub fn first_contact_with(
+        &self,
+        from: Pose,
+        to: Pose,
+        tolerance_m: f64,
+        mut watch: impl FnMut(f64) -> ControlFlow<()>,
+    ) -> Result<Option<Impact>, Error> {
         check_pose(0, from)?;
         check_pose(1, to)?;
         check("tolerance_m", tolerance_m, 1e-12..=FARTHEST_M, "metres, greater than 1e-12")?;
-        let [begin, end] = [from, to].map(|pose| self.world_from_body(pose));
+        let [begin, end] = [from, to].map(|pose| {
+            let body = self.world_from_body(pose);
+            Pose { rotation: body.rotation.normalize(), ..body }
+        });
         let body_from_shell = begin.inverse() * from;
         let shell = self.shell.shell();
         let way_m = begin.translation.distance(end.translation)
-            + begin.rotation.angle_between(end.rotation)
-                * (shell.radius_m() + f64::from(shell.reach_m()));
-        let least = tolerance_m / way_m.max(f64::MIN_POSITIVE);
-        Ok(self.with_traversal(|traversal| {
+            + begin.rotation_to(end).length() * (shell.radius_m() + f64::from(shell.reach_m()));
+        let least = (tolerance_m / way_m.max(f64::MIN_POSITIVE)).max(f64::EPSILON);
+        self.with_traversal(|traversal| {
             let mut share = 0.0;
             loop {
                 let body = Pose::new(
                     begin.rotation.slerp(end.rotation, share),
                     begin.translation.lerp(end.translation, share),
                 );
-                let sum =
-                    ContactSum::with_clearance(traversal, &self.parts, shell, body, self.law, None);
+                let sum = ContactSum::of(traversal, &self.parts, shell, body, self.law, None);
                 if sum.contacts > 0 {
-                    return Some(Impact { share, pose: body * body_from_shell });
+                    return Ok(Some(Impact { share, pose: body * body_from_shell }));
                 }
                 if share >= 1.0 {
-                    return None;
+                    return Ok(None);
+                }
+                if watch(share).is_break() {
+                    return Err(Error::Cancelled);
                 }
                 share = (share + (sum.free_way_m / way_m).max(least)).min(1.0);
             }
-        }))
+        })
     }
 
     fn world_from_body(&self, world_from_shell: Pose) -> Pose {

@@ -188,8 +188,12 @@ fn three_parts() -> Vec<(Voxmap, Pose)> {
 }
 
 fn cube() -> PointShell {
+    cube_of(0.5e-3)
+}
+
+fn cube_of(voxel_size_m: f64) -> PointShell {
     let cube = Mesh::from_shape(&Shape::Box { size_m: DVec3::splat(15e-3) }, 1e-5).unwrap();
-    PointShell::bake(&cube, &Options::new(0.5e-3)).unwrap()
+    PointShell::bake(&cube, &Options::new(voxel_size_m)).unwrap()
 }
 
 #[test]
@@ -228,7 +232,7 @@ fn several_parts_press_as_each_of_them_does() {
     }
     assert!(touched.iter().all(|n| *n > 10), "{touched:?}");
     let nothing = ContactQuery::of_parts(&[], &cube, 1000.0).unwrap_err().to_string();
-    assert_eq!(nothing, "the number of voxmaps is 0: give one or more");
+    assert_eq!(nothing, "the number of voxmaps is 0: give 1 to 1e6");
 }
 
 #[test]
@@ -308,9 +312,16 @@ fn patches_say_where_and_how_hard_what_presses_and_add_up() {
 
 #[test]
 fn a_motion_is_stopped_where_it_first_touches_however_thin_the_part() {
-    let (parts, cube) = (three_parts(), cube());
+    // Facets as wide as the voxels of the parts, and much finer ones.
+    for voxel_size_m in [0.5e-3, 0.15e-3] {
+        motions_are_stopped(&cube_of(voxel_size_m));
+    }
+}
+
+fn motions_are_stopped(cube: &PointShell) {
+    let parts = three_parts();
     let all: Vec<(&Voxmap, Pose)> = parts.iter().map(|(map, pose)| (map, *pose)).collect();
-    let query = ContactQuery::of_parts(&all, &cube, 1000.0).unwrap();
+    let query = ContactQuery::of_parts(&all, cube, 1000.0).unwrap();
     let tolerance_m = 1e-5;
     let (mut hits, mut misses) = (0, 0);
     let ends = poses(120);
