@@ -211,6 +211,14 @@ impl VirtualTool {
         let radius_m = scene.tool.shell.radius_m();
         let (target_pose, target_twist) = target;
         let touching = contact.acts();
+        if self.tracks && touching && clay.is_none() {
+            // It was set to where the arm is now, in one step of what is measured and without a
+            // force on the way: so deep in a wall that the contact would throw it out again. It
+            // stands where it touched.
+            let out = contact.wrench.force.normalize_or_zero() * contact.max_value_m.max(0.0);
+            self.body.pose.translation += out;
+            way.linear -= out;
+        }
 
         let voxel_size_m = contact.voxel_size_m;
         let spring = |body: Pose| {
