@@ -512,7 +512,11 @@ impl VirtualTool {
     ) -> Option<Wrench> {
         let held = self.held(contact, &scene.tool.inertia)?;
         let stiffness = held.plus_scaled(1.0, &rubbing.stiffness);
-        let share = within(stiffness.bounds(), (coupling.bound_n_per_m, coupling.bound_nm_per_rad));
+        // What is deeper than the field goes pushes on and has no gradient.
+        let secant = contact.wrench.force.length() / contact.max_value_m.max(f64::MIN_POSITIVE);
+        let (along, about) = stiffness.bounds();
+        let share =
+            within((along.max(secant), about), (coupling.bound_n_per_m, coupling.bound_nm_per_rad));
         let shaped = self.shaped((contact, contact.wrench * share), 0.0, p);
         Some(shaped + rubbing.wrench * share)
     }
