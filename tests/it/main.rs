@@ -24,6 +24,7 @@ mod foxglove;
 mod friction;
 mod fuzz_corpus;
 mod hand;
+mod holds_and_landings;
 mod json_schemas;
 mod live_parameters;
 mod meddled;

@@ -211,6 +211,14 @@ impl VirtualTool {
         let radius_m = scene.tool.shell.radius_m();
         let (target_pose, target_twist) = target;
         let touching = contact.acts();
+        if self.tracks && touching && clay.is_none() {
+            // It was set to where the arm is now, in one step of what is measured and without a
+            // force on the way: so deep in a wall that the contact would throw it out again. It
+            // stands where it touched.
+            let out = contact.wrench.force.normalize_or_zero() * contact.max_value_m.max(0.0);
+            self.body.pose.translation += out;
+            way.linear -= out;
+        }
 
         let voxel_size_m = contact.voxel_size_m;
         let spring = |body: Pose| {
@@ -504,7 +512,11 @@ impl VirtualTool {
     ) -> Option<Wrench> {
         let held = self.held(contact, &scene.tool.inertia)?;
         let stiffness = held.plus_scaled(1.0, &rubbing.stiffness);
-        let share = within(stiffness.bounds(), (coupling.bound_n_per_m, coupling.bound_nm_per_rad));
+        // What is deeper than the field goes pushes on and has no gradient.
+        let secant = contact.wrench.force.length() / contact.max_value_m.max(f64::MIN_POSITIVE);
+        let (along, about) = stiffness.bounds();
+        let share =
+            within((along.max(secant), about), (coupling.bound_n_per_m, coupling.bound_nm_per_rad));
         let shaped = self.shaped((contact, contact.wrench * share), 0.0, p);
         Some(shaped + rubbing.wrench * share)
     }
