@@ -65,6 +65,8 @@ struct NearestRecord {
     point: i64,
 }
 
+/// A voxmap and the pose of its mesh frame in the world.
+type Part = (Py<Voxmap>, vps::Pose);
 type Column = (&'static str, &'static str, usize);
 
 /// Columns of a structured array: names, NumPy's kinds, and how many of each.
@@ -199,7 +201,7 @@ impl From<NearestPoint> for NearestRecord {
 pub(crate) struct ContactQuery {
     query: vps::ContactQuery,
     /// What it was made of, which is how it is pickled.
-    made_of: (Vec<(Py<Voxmap>, vps::Pose)>, Py<PointShell>, f64),
+    made_of: (Vec<Part>, Py<PointShell>, f64),
 }
 
 #[pymethods]
@@ -390,7 +392,7 @@ impl ContactQuery {
 }
 
 /// Voxmaps with their poses.
-fn placed(parts: &Bound<'_, PyAny>) -> PyResult<Vec<(Py<Voxmap>, vps::Pose)>> {
+fn placed(parts: &Bound<'_, PyAny>) -> PyResult<Vec<Part>> {
     let wrong = |_: PyErr| PyTypeError::new_err("give a Voxmap, or a list of (Voxmap, pose)");
     let mut all = Vec::new();
     for part in parts.try_iter().map_err(wrong)? {
