@@ -1,6 +1,6 @@
 """Voxmap-pointshell contact: two triangle meshes in, the contact wrench of a pose out.
 
-SI units; a pose is that of the shell's mesh frame in the voxmap's mesh frame. `help(hapticd_vps)` has shapes, frames, errors and cost of each call.
+SI units; a pose is that of the shell's mesh frame in the world: the voxmap's mesh frame, or that of several parts. `help(hapticd_vps)` has shapes, frames, errors and cost of each call.
 """
 
 from collections.abc import Callable, Iterable
