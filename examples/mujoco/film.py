@@ -12,6 +12,8 @@ from PIL import Image
 FRAMES_PER_S, SLOWER, SIZE = 20, 3, (240, 300)
 END_M = 0.0055  # the nut's lower face; the head of the bolt ends at 0.005
 
+if len(sys.argv) != 3:
+    sys.exit(__doc__)
 plugin, film = sys.argv[1:]
 mujoco.mj_loadPluginLibrary(plugin)
 model = mujoco.MjModel.from_xml_path(str(Path(__file__).parent / "nut_on_bolt.xml"))

@@ -430,7 +430,7 @@ fn judge(scenario: &Scenario) -> Verdict {
     judge_watched(scenario, |_, _, _| ())
 }
 
-/// `watch` is told of every tick: its number, what was measured, what came of it.
+/// `watch` gets every tick: its number, what was measured, what came of it.
 pub(crate) fn judge_watched(
     scenario: &Scenario,
     mut watch: impl FnMut(usize, Pose, &TickOutput),

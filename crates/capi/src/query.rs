@@ -339,7 +339,8 @@ pub extern "C" fn vps_query_first_contact(
     out: Option<&mut MaybeUninit<vps_impact>>,
 ) -> vps_status {
     call(|| {
-        let (from, to): (Pose, Pose) = (given("from", from)?.into(), given("to", to)?.into());
+        let from: Pose = given("from", from)?.into();
+        let to: Pose = given("to", to)?.into();
         let found = given("query", query)?.0.first_contact(from, to, tolerance_m)?;
         let Impact { share, pose } = found.unwrap_or(Impact { share: 1.0, pose: to });
         place("out", out)?.write(vps_impact { touches: found.is_some(), share, pose: pose.into() });

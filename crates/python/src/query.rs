@@ -371,7 +371,8 @@ impl ContactQuery {
         to_pose: &Bound<'py, PyAny>,
         tolerance_m: f64,
     ) -> PyResult<Option<(f64, Bound<'py, PyAny>)>> {
-        let (from, to) = (one_pose(from_pose, 0)?, one_pose(to_pose, 1)?);
+        let from = one_pose(from_pose, 0)?;
+        let to = one_pose(to_pose, 1)?;
         let mut interrupted = Ok(());
         let mut looked = Instant::now();
         let found = py.detach(|| {

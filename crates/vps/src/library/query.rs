@@ -28,10 +28,9 @@ const ONE_DIRECTION: f64 = 0.939_692_620_785_908_4;
 /// # Force
 /// Each facet of the shell pushes with stiffness × mean depth × weight along its normal, where the
 /// weight is its surface in squares of the shell's voxel edge s, and the mean over the facet counts
-/// what of it is outside as 0. So a
-/// face of area A at depth d pushes with about stiffness · d · A / s²: an elastic foundation of
-/// stiffness / s², N/m³. Several voxmaps add up. There is no friction, and nothing is remembered: the same pose gives the
-/// same bits, on every machine and thread.
+/// what of it is outside as 0. So a face of area A at depth d pushes with about stiffness · d · A / s²:
+/// an elastic foundation of stiffness / s², N/m³. Several voxmaps add up. There is no friction, and
+/// nothing is remembered: the same pose gives the same bits, on every machine and thread.
 ///
 /// # Threads
 /// Any number of threads may ask one query at a time. Each takes the memory of its traversal from a
@@ -269,9 +268,9 @@ impl ContactQuery {
         Ok(sum.stiffness.moved(sum.wrench, body.translation, world_from_shell.translation).0)
     }
 
-    /// The point of the shell that is nearest to a part, and the place there; `None` where something
-    /// touches (then [`Self::contacts`] says where), and beyond the least band less a voxel. Allocates nothing; costs
-    /// as [`Self::wrench`].
+    /// The point of the shell that is nearest to a part, and the place there. `None` where something
+    /// touches, of which [`Self::contacts`] says where, and beyond the least band less a voxel.
+    /// Allocates nothing; costs as [`Self::wrench`].
     ///
     /// # Errors
     /// [`Error::Pose`].
@@ -283,18 +282,20 @@ impl ContactQuery {
             let sum = ContactSum::of(traversal, &self.parts, shell, body, self.law, None);
             (sum.contacts == 0).then(|| Highest::of(traversal, &self.parts, shell, body, self.law))
         });
-        Ok(highest.and_then(|Highest { value_m, at }| {
-            let (part, point) = at?;
+        Ok(highest.and_then(|highest| {
+            let part = highest.obstacle_idx?;
             let Obstacle { field, world_from_map } = self.parts.get(part)?;
-            let distance_m = -value_m;
-            let lanes = shell.positions().get(point as usize / LANES)?;
-            let on_shell_m = body.transform_point(lanes.get(point as usize % LANES).as_dvec3());
+            let distance_m = -highest.value_m;
             let voxel_size_m = f64::from(field.voxel_size_m());
             // Directions take distances half a cell farther out.
             if distance_m > f64::from(field.known_outside_m()) - voxel_size_m {
                 return None;
             }
-            let mut on_map = world_from_map.inverse().transform_point(on_shell_m);
+            let map_from_body = world_from_map.inverse() * body;
+            let point = highest.point(field, shell, map_from_body)?;
+            let block = shell.positions().get(point as usize / LANES)?;
+            let arm = block.get(point as usize % LANES).as_dvec3();
+            let mut on_map = map_from_body.transform_point(arm);
             // Once the whole way, and what is off there. Within a cell interpolated gradients are off
             // by up to half a cell over the distance; differences over a cell are not.
             for _ in 0..3 {
@@ -307,7 +308,7 @@ impl ContactQuery {
             Some(NearestPoint {
                 part: part as u32,
                 point,
-                on_shell_m,
+                on_shell_m: body.transform_point(arm),
                 on_part_m: world_from_map.transform_point(on_map),
                 distance_m,
             })
