@@ -81,8 +81,8 @@ pub struct TickOutput {
     pub command_device: Wrench,
     /// The same before axes that the arm cannot actuate were dropped (`commanded`).
     pub commanded_device: Wrench,
-    /// Raw contact wrench on the tool, friction, and the pull of a rope, included, world axes,
-    /// about the centre of mass, before filter and coupling; in `constraint` what holds the tool back
+    /// Raw contact wrench on the tool where its step ended, friction, and the pull of a rope,
+    /// included, world axes, about the centre of mass, before filter and coupling; in `constraint` what holds the tool back
     /// from where the coupling pulls it. The part of clay goes on smoothly from update to update.
     pub contact_world: Wrench,
     /// Pose of the tool (mesh file frame) in the world.
@@ -388,9 +388,9 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
         Felt::default()
     });
     state.passivity.hold(felt.command_device);
-    let contact = &touch.contact;
+    let contact = &touch.ended;
     let touching = TickOutput {
-        contact_world: contact.wrench + felt.friction_world,
+        contact_world: contact.wrench,
         contacts: contact.contacts,
         max_depth_m: contact.max_value_m.max(0.0),
         depth_is_bound: contact.depth_is_bound,
@@ -426,7 +426,6 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
 struct Felt {
     command_device: Wrench,
     commanded_device: Wrench,
-    friction_world: Wrench,
 }
 
 /// From contact to command: friction, coupling, passivity, limits. An error is a fault that leaves
@@ -509,7 +508,6 @@ fn render(
     Ok(Felt {
         command_device: limited.wrench,
         commanded_device: limited.wrench + (wanted - actuated) * gain,
-        friction_world: rubbing.wrench,
     })
 }
 
@@ -536,11 +534,7 @@ fn brake(
     if !limited.finite {
         return Err(Faults::NON_FINITE);
     }
-    Ok(Felt {
-        command_device: limited.wrench,
-        commanded_device: limited.wrench,
-        friction_world: Wrench::ZERO,
-    })
+    Ok(Felt { command_device: limited.wrench, commanded_device: limited.wrench })
 }
 
 /// Counts the energy of the tick that ends with this sample. Returns the delay of the command that

@@ -71,10 +71,15 @@ impl Query<'_> {
 pub(super) struct Touch {
     /// Of the last query that found one.
     pub(super) contact: ContactSum,
+    /// Where the step ended, friction included: what is published, and what holds energy. A query
+    /// may be at a pose that the tool was only tried at, ten times as deep.
+    pub(super) ended: ContactSum,
     /// How far the tool had gone at the last query from where it stood.
     way: ObstacleMotion,
     /// What the clay adds to it where the first query was.
     clay: Option<ContactSum>,
+    /// What the rope in the clay pulls with, N.
+    rope: DVec3,
     /// For the constraint coupling only.
     deepest: Option<DeepestContacts>,
     brake: Option<Brake>,
@@ -170,17 +175,20 @@ impl VirtualTool {
         let mut deepest = (mode == CouplingMode::Constraint).then(DeepestContacts::default);
         let rigid = query.rigid(body, deepest.as_mut());
         let Query { traversal, scene, p } = query;
-        let clay = match (clay, &scene.clay) {
-            (Some(held), Some(clay)) => Some(held.touch(clay, &scene.tool.shell, body, p)),
-            _ => None,
-        };
+        let mut rope = DVec3::ZERO;
+        let clay = clay.zip(scene.clay.as_ref()).map(|(held, clay)| {
+            let sum = held.touch(clay, &scene.tool.shell, body, p);
+            rope = held.forces().rope_world;
+            sum
+        });
         let contact = clay.map_or(rigid, |clay| rigid.with_clay(&clay));
         // A point that goes no further than this is seen inside of a wall of three voxels.
         let seen_voxels = if moving { SEEN_VOXELS - ALWAYS_VOXELS } else { SEEN_VOXELS };
         self.step_limit_m = contact.step_limit_m.max(seen_voxels * contact.voxel_size_m);
         let brake =
             braking.and_then(|braking| braking.brake(scene, traversal, &self.body, &contact));
-        Touch { contact, way: ObstacleMotion::default(), clay, deepest, brake }
+        let way = ObstacleMotion::default();
+        Touch { contact, ended: contact, way, clay, rope, deepest, brake }
     }
 
     /// Friction of what touches.
@@ -203,8 +211,9 @@ impl VirtualTool {
         target: (Pose, Twist),
     ) -> Option<Pull> {
         let Query { scene, p, .. } = *query;
-        let Touch { contact, way, clay, deepest, brake } = touch;
+        let Touch { contact, ended, way, clay, rope, deepest, brake } = touch;
         if coupling.mode == CouplingMode::Direct {
+            ended.wrench = ended.wrench + rubbing.wrench;
             let wrench = self.direct((scene, p), contact, rubbing, coupling)?;
             return Some(Pull { wrench, ..Pull::default() });
         }
@@ -266,6 +275,7 @@ impl VirtualTool {
             target_twist
         };
         let step_limit_m = contact.step_limit_m;
+        let mut rubs = *rubbing;
         let twist = match (coupling.mode, deepest) {
             (CouplingMode::Constraint, Some(deepest)) => {
                 let body = self.body.pose;
@@ -305,41 +315,55 @@ impl VirtualTool {
                 let filter = self.filter;
                 let brake = brake.as_ref();
                 let found = Found { contact, way };
-                let step =
+                let mut twist;
+                (twist, rubs) =
                     self.step_with_mass((scene, p), (found, rubbing, brake), coupling, pull)?;
-                let reached = self.body.moved(step, p.period_s, radius_m, step_limit_m);
-                *way = ObstacleMotion {
-                    linear: reached.twist.linear * p.period_s,
-                    angular: reached.twist.angular * p.period_s,
-                };
-                let goes_m = way.linear.length() + way.angular.length() * radius_m;
+                let reached = self.body.moved(twist, p.period_s, radius_m, step_limit_m);
+                let tried = way_of(reached.twist, p.period_s);
+                let goes_m = tried.linear.length() + tried.angular.length() * radius_m;
                 let is_clear = goes_m < contact.free_way_m;
                 // A landing is looked at again however much there is: it is one tick.
                 let most_points = MOST_POINTS_PER_S * p.period_s.min(1e-3);
                 let is_large = f64::from(contact.looked_at) > most_points;
-                if is_clear || (self.touched && is_large) {
-                    step
-                } else {
+                if !(is_clear || (self.touched && is_large)) {
                     // A contact that begins or ends in this tick is not known at its start.
                     let rigid = query.rigid(reached.pose, None);
                     let again = clay.map_or(rigid, |mut clay| {
-                        clay.wrench = clay.wrench - pushed(&clay.stiffness, way);
+                        clay.wrench = clay.wrench - pushed(&clay.stiffness, &tried);
                         rigid.with_clay(&clay)
                     });
                     self.filter = filter;
-                    let found = Found { contact: &again, way };
-                    let step =
+                    let found = Found { contact: &again, way: &tried };
+                    (twist, rubs) =
                         self.step_with_mass((scene, p), (found, rubbing, brake), coupling, pull)?;
                     // One that ends in this tick is felt in it still.
                     if again.acts() || !contact.acts() {
                         *contact = again;
+                        *way = tried;
                     }
-                    step
                 }
+                twist
             }
         };
         self.body = self.body.moved(twist, p.period_s, radius_m, step_limit_m);
         self.touched = contact.acts();
+        let mut pressed_j = 0.0;
+        if coupling.mode.has_mass() {
+            let ground = contact.obstacle_motion;
+            let goes = way_of(self.body.twist, p.period_s);
+            let nears = ObstacleMotion {
+                linear: ground.linear - goes.linear,
+                angular: ground.angular - goes.angular,
+            };
+            let since_found = ObstacleMotion {
+                linear: way.linear + nears.linear,
+                angular: way.angular + nears.angular,
+            };
+            *ended = moved_on(contact, &since_found, *rope);
+            // What the contact itself gives back; a constraint stands at its surface whatever pulls.
+            pressed_j = pressed(ended);
+            ended.wrench = ended.wrench + rubs.wrench + pushed(&rubs.stiffness, &nears);
+        }
 
         // The spring after the step: what the tool holds on to now is what the hand feels now.
         let damper = Wrench::new(
@@ -350,7 +374,7 @@ impl VirtualTool {
         if coupling.mode == CouplingMode::Constraint && contact.contacts > 0 {
             // What holds back a tool without mass is what pulls it: at rest the planes' force, under
             // way also the rest of a step that is taken in parts.
-            contact.wrench = (pulling.wrench + Wrench::new(weight, DVec3::ZERO)) * -1.0;
+            ended.wrench = (pulling.wrench + Wrench::new(weight, DVec3::ZERO)) * -1.0;
         }
         let felt = damper - pulling.wrench;
         let felt = match coupling.free_space {
@@ -367,9 +391,6 @@ impl VirtualTool {
             }
         };
         let [along, about] = pulling.stored_j;
-        // What the contact itself gives back; a constraint stands at its surface whatever pulls.
-        let pressed_j =
-            if coupling.mode == CouplingMode::Constraint { 0.0 } else { pressed(contact) };
         let stored_j = [
             pressed_j + along * squared_share(felt.force, pulling.wrench.force),
             about * squared_share(felt.torque, pulling.wrench.torque),
@@ -405,14 +426,15 @@ impl VirtualTool {
         stands
     }
 
-    /// Velocity of a virtual tool with mass after one step. `None` on non-finite input.
+    /// Velocity of a virtual tool with mass after one step, and the friction with which that was
+    /// found. `None` on non-finite input.
     fn step_with_mass(
         &mut self,
         (scene, p): (&RenderScene, &Parameters),
         (Found { contact, way }, rubbing, brake): (Found<'_>, &FrictionWrench, Option<&Brake>),
         coupling: &CouplingParameters,
         (spring, target_twist, weight): (Spring, Twist, DVec3),
-    ) -> Option<Twist> {
+    ) -> Option<(Twist, FrictionWrench)> {
         let inertia = &scene.tool.inertia;
         let coupled = StepInput::critical_damping(coupling, inertia);
         let held = self.held(contact, inertia)?;
@@ -458,11 +480,10 @@ impl VirtualTool {
             }
             // As seen from what the faces touch, which may move.
             let seen = contact_damping::damped(
+                // At the start of the step, as the velocity is that from there on.
                 contact.patches().map(|patch| {
-                    // At the start of the step, as the velocity is that from there on.
-                    let way =
-                        patch.normal_world.dot(way.linear + way.angular.cross(patch.arm_world));
-                    Patch { force_n: patch.force_n + patch.stiffness_n_per_m * way, ..*patch }
+                    let more_n = patch.stiffness_n_per_m * nears_m(patch, way);
+                    Patch { force_n: patch.force_n + more_n, ..*patch }
                 }),
                 damping_n_s_per_m,
                 p.period_s + damping_s,
@@ -480,7 +501,7 @@ impl VirtualTool {
         let mut rubbing = *rubbing;
         let mut twist = step(self, &rubbing)?;
         if !p.contact.friction.acts() {
-            return Some(twist);
+            return Some((twist, rubbing));
         }
         for _ in 0..MOST_RUBS {
             let leaves = twist - ground;
@@ -492,7 +513,7 @@ impl VirtualTool {
             rubbing = over;
             twist = step(self, &rubbing)?;
         }
-        Some(twist)
+        Some((twist, rubbing))
     }
 
     /// The part of a contact's stiffness that holds the tool: over another an implicit step would
@@ -575,10 +596,48 @@ pub(super) fn squared_share(part: DVec3, whole: DVec3) -> f64 {
     }
 }
 
+/// How much nearer a face comes to what it touches when that goes by so much, m.
+fn nears_m(patch: &Patch, way: &ObstacleMotion) -> f64 {
+    patch.normal_world.dot(way.linear + way.angular.cross(patch.arm_world))
+}
+
+/// A contact when what touches has gone by so much since it was found. Each face presses as its
+/// stiffness says, where it pressed, and never pulls: the whole stiffness would leave a couple of
+/// what presses at one end and pulls at the other. What the faces do not say of the wrench goes with
+/// what they press with together; a rope pulls as before.
+fn moved_on(contact: &ContactSum, way: &ObstacleMotion, rope: DVec3) -> ContactSum {
+    let mut found_n = 0.0;
+    let mut left_n = 0.0;
+    let mut deeper_nm = 0.0;
+    let mut found = Wrench::new(rope, DVec3::ZERO);
+    let mut left = found;
+    for patch in contact.patches() {
+        let nears_m = nears_m(patch, way);
+        let presses_n = (patch.force_n + patch.stiffness_n_per_m * nears_m).max(0.0);
+        let along = Wrench::new(patch.normal_world, patch.arm_world.cross(patch.normal_world));
+        found = found + along * patch.force_n;
+        left = left + along * presses_n;
+        found_n += patch.force_n;
+        left_n += presses_n;
+        deeper_nm += patch.force_n * nears_m;
+    }
+    let mut moved = *contact;
+    if found_n > 0.0 {
+        moved.wrench = left + (contact.wrench - found) * (left_n / found_n).min(1.0);
+        moved.max_value_m = (contact.max_value_m + deeper_nm / found_n).max(0.0);
+    }
+    moved
+}
+
 /// Energy of a contact, J: that of a spring with its force and its depth. A curved one holds two
 /// thirds of it.
 fn pressed(contact: &ContactSum) -> f64 {
     0.5 * contact.wrench.force.length() * contact.max_value_m.max(0.0)
+}
+
+/// How far a velocity goes in a tick.
+fn way_of(twist: Twist, period_s: f64) -> ObstacleMotion {
+    ObstacleMotion { linear: twist.linear * period_s, angular: twist.angular * period_s }
 }
 
 /// What a contact stiffness adds to its wrench when what touches moves by so much.

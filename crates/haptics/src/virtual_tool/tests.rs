@@ -218,7 +218,17 @@ fn the_tool_s_momentum_changes_by_the_sum_of_all_that_acts_at_the_end_of_the_tic
         assert_near(pull.wrench, felt, 1e-12);
         let share = |one: DVec3, whole: DVec3| (one.length() / whole.length()).powi(2).min(1.0);
         let [linear_j, angular_j] = stretched.stored_j;
-        let pressed_j = 0.5 * contact.wrench.force.length() * contact.max_value_m;
+        // What is published is the contact at that end, and its friction; it holds energy too.
+        let nears = times(ground - after, PERIOD_S);
+        let nears = ObstacleMotion { linear: nears.linear, angular: nears.angular };
+        let since = ObstacleMotion {
+            linear: way.linear + nears.linear,
+            angular: way.angular + nears.angular,
+        };
+        let ended = moved_on(contact, &since, DVec3::ZERO);
+        let rubs = rubbing().wrench + pushed(&rubbing().stiffness, &nears);
+        assert_near(touch.ended.wrench, ended.wrench + rubs, 1e-12);
+        let pressed_j = 0.5 * ended.wrench.force.length() * ended.max_value_m;
         let expected_j = [
             pressed_j + linear_j * share(felt.force, stretched.wrench.force),
             angular_j * share(felt.torque, stretched.wrench.torque),
@@ -458,6 +468,36 @@ fn shares_energies_and_speeds_are_those_of_their_formulas() {
     assert!((slide_speed(&contact, twist) - expected).abs() < 1e-12);
     contact.wrench.force = DVec3::ZERO;
     assert_eq!(slide_speed(&contact, twist), 0.0);
+}
+
+/// A block that was found deep in a face, as a step tries it, and went back.
+#[test]
+fn what_is_published_is_what_presses_where_the_step_ended() {
+    let mut rig = Rig::new(generic(), -0.5e-3);
+    let deep = rig.touch().contact;
+    let out = skew_block().transform_vector(DVec3::Z);
+    let way = |raised_m: f64| ObstacleMotion { linear: out * -raised_m, angular: DVec3::ZERO };
+    for raised_m in [0.0, 1e-5, 1e-4, 3e-4] {
+        rig.tool = VirtualTool::at(skew_start(raised_m - 0.5e-3));
+        let there = rig.touch().contact;
+        let moved = moved_on(&deep, &way(raised_m), DVec3::ZERO);
+        let differs = moved.wrench - there.wrench;
+        let force_n = there.wrench.force.length();
+        assert!(differs.force.length() < 1e-2 * force_n, "{raised_m}: {differs:?}");
+        // A face that lies askew presses farther down as it rises.
+        let lever_m = differs.torque.length() / force_n;
+        assert!(lever_m < 2.0 * raised_m + 1e-6, "{raised_m}: {differs:?}");
+        assert!((moved.max_value_m - there.max_value_m).abs() < 1e-7, "{raised_m}");
+    }
+    // It left: nothing pulls, but for a rope.
+    let rope = DVec3::new(0.1, -0.2, 0.3);
+    let mut roped = deep;
+    roped.add_rope(Wrench::new(rope, DVec3::ZERO), &Mat6::ZERO);
+    let left = moved_on(&roped, &way(5e-3), rope);
+    assert_near(left.wrench, Wrench::new(rope, DVec3::ZERO), 1e-12);
+    assert_eq!(left.max_value_m, 0.0);
+    let pressed = moved_on(&roped, &way(1e-4), rope).wrench - Wrench::new(rope, DVec3::ZERO);
+    assert_near(pressed, moved_on(&deep, &way(1e-4), DVec3::ZERO).wrench, 1e-12);
 }
 
 /// In free space, a hand that was so far from the tool in the tick before, and where it is now: some
