@@ -99,8 +99,7 @@ fn a_block_that_slides_is_dragged_by_its_friction_and_by_nothing_else() {
 #[test]
 fn a_face_that_lands_flat_publishes_no_more_than_twice_what_the_hand_presses() {
     // Its lower side is 1000 mm².
-    // At 10⁸ N/m a little more: see the known limits.
-    for (stiffness_n_per_mm3, most) in [(10.0, 2.0), (100.0, 2.2)] {
+    for stiffness_n_per_mm3 in [10.0, 100.0] {
         let text = format!(
             "version = 1\n[[static]]\nname = \"floor\"\nshape = {{ plane_mm = [60.0, 60.0] \
                 }}\nvoxel_size_mm = 0.5\n[tool]\nshape = {{ box_mm = [31.6, 31.6, 10.0] \
@@ -118,7 +117,7 @@ fn a_face_that_lands_flat_publishes_no_more_than_twice_what_the_hand_presses() {
         let contact_n = peak(|record| record.output.contact_world.force);
         let felt_n = peak(|record| record.output.command_device.force);
         eprintln!("{stiffness_n_per_mm3} N/mm³: contact {contact_n:.2} N, felt {felt_n:.2} N");
-        assert!(felt_n > 1.0 && contact_n < most * felt_n, "{contact_n} N for {felt_n} N");
+        assert!(felt_n > 1.0 && contact_n < 2.0 * felt_n, "{contact_n} N for {felt_n} N");
     }
 }
 

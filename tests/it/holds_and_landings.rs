@@ -239,11 +239,11 @@ fn random_tools_land_on_faces_without_pull_or_bounce() {
         verdict.assert_good();
         touchdown.assert_soft(verdict);
     }
-    // A flat face that lands in a loose hand on a stiff obstacle: what stops the tool within a tick
-    // is more than the hand presses with (9 of 185).
+    // Where a step is taken again with what touches at its end, that may be the rim of a face which
+    // then goes deeper (1 of 185).
     let (_, is_blow) = HARD[1];
     let n_blows = runs.iter().filter(|run| is_blow(run)).count();
-    assert!(n_blows * 16 <= runs.len(), "{n_blows} of {}", runs.len());
+    assert!(n_blows * 100 <= runs.len(), "{n_blows} of {}", runs.len());
 }
 
 /// A step of the encoder had set it into the face, which threw it out again and published ten

@@ -500,6 +500,34 @@ fn what_is_published_is_what_presses_where_the_step_ended() {
     assert_near(pressed, moved_on(&deep, &way(1e-4), DVec3::ZERO).wrench, 1e-12);
 }
 
+#[test]
+fn a_tool_that_lands_keeps_what_does_not_go_into_the_surface() {
+    let mut rig = Rig::new(generic(), 0.0);
+    let motion = ObstacleMotion { linear: DVec3::new(2e-5, -1e-5, 3e-5), angular: DVec3::ZERO };
+    rig.carry(motion);
+    let contact = rig.touch().contact;
+    let inertia = rig.scene.tool.inertia;
+    let normal = contact.wrench.force.normalize();
+    let leaves = |twist: Twist| {
+        let seen = twist - contact.obstacle_motion.over(PERIOD_S);
+        normal.dot(seen.linear + seen.angular.cross(contact.arm_world))
+    };
+    assert!(leaves(approach()) < -0.01);
+    rig.tool.body.twist = approach();
+    rig.tool.end_approach(&contact, &inertia, PERIOD_S).expect("finite");
+    let after = rig.tool.body.twist;
+    assert!(leaves(after).abs() < 1e-12);
+    // The blow goes through the contact, along its force.
+    let blow = product(&inertia.in_world(rig.tool.pose().rotation_matrix()), after - approach());
+    let along = blow.force.dot(normal);
+    assert!(along > 0.0 && (blow.force - normal * along).length() < 1e-12, "{blow:?}");
+    assert!((blow.torque - contact.arm_world.cross(blow.force)).length() < 1e-12, "{blow:?}");
+    let away = times(approach(), -1.0);
+    rig.tool.body.twist = away;
+    rig.tool.end_approach(&contact, &inertia, PERIOD_S).expect("finite");
+    assert!(leaves(away) > 0.0 && rig.tool.body.twist == away);
+}
+
 /// In free space, a hand that was so far from the tool in the tick before, and where it is now: some
 /// 0.4 mm and 4 mrad on.
 fn hand_ahead(lag: DVec3) -> (Rig, Pose) {
