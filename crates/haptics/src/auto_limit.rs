@@ -22,7 +22,8 @@ const SETTLE_S_PER_TICK: f64 = 0.01;
 /// The delay that the gains allow for.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct LoopDelay {
-    worst_ticks: u32,
+    /// Longest delay since enable, ticks.
+    pub(super) worst_ticks: u32,
     allowed_ticks: f64,
 }
 
@@ -38,11 +39,6 @@ impl LoopDelay {
         self.worst_ticks = self.worst_ticks.max(measured_ticks);
         self.allowed_ticks =
             (self.allowed_ticks + period_s / SETTLE_S_PER_TICK).min(f64::from(self.worst_ticks));
-    }
-
-    /// Longest delay since enable, ticks.
-    pub(super) fn worst_ticks(&self) -> u32 {
-        self.worst_ticks
     }
 
     /// The gains and bounds at that delay; `filter_lag_s` counts where the shaping filter lies in
@@ -206,7 +202,7 @@ mod tests {
             before = now;
         }
         assert!((before - 1.2 / 6.5e-3).abs() < 1e-9);
-        assert_eq!(delay.worst_ticks(), 6);
+        assert_eq!(delay.worst_ticks, 6);
     }
 
     #[test]

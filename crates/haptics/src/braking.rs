@@ -187,14 +187,8 @@ mod tests {
     /// nothing.
     #[test]
     fn energy_only_falls_and_no_component_changes_its_sign() {
-        let mut seed = 3_u64;
-        let mut random = || {
-            seed = seed
-                .wrapping_mul(6_364_136_223_846_793_005)
-                .wrapping_add(1_442_695_040_888_963_407);
-            (seed >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
-        };
-        let mut vector = |length: f64| DVec3::new(random(), random(), random()) * length;
+        let mut random = vps::spatial::testing::Random(3);
+        let mut vector = |length: f64| random.in_box(-length, length);
         let mass_kg = 0.1;
         let period_s = 1e-3;
         let mut n_braked = 0;

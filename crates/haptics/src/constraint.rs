@@ -266,6 +266,20 @@ mod tests {
 
     const SLOP_M: f64 = 5e-5;
 
+    fn coupling() -> CouplingParameters {
+        CouplingParameters {
+            stiffness_n_per_m: 1300.0,
+            stiffness_nm_per_rad: 0.45,
+            ..CouplingParameters::PLAIN
+        }
+    }
+
+    /// Of that coupling.
+    fn programme(free: (DVec3, DVec3), planes: &[Plane]) -> Programme<'_> {
+        let CouplingParameters { stiffness_n_per_m, stiffness_nm_per_rad, .. } = coupling();
+        Programme { free, stiffness_n_per_m, stiffness_nm_per_rad, planes }
+    }
+
     /// Points of a block against half-spaces n · p ≥ offset.
     fn contacts(walls: &[(DVec3, f64)], body: Pose) -> DeepestContacts {
         let mut deepest = DeepestContacts::default();
@@ -401,12 +415,7 @@ mod tests {
                 })
                 .collect();
             let free = (vector(2e-3), vector(0.1));
-            let programme = Programme {
-                free,
-                stiffness_n_per_m: 1300.0,
-                stiffness_nm_per_rad: 0.45,
-                planes: &planes,
-            };
+            let programme = programme(free, &planes);
             let energy = |(linear, angular): (DVec3, DVec3)| {
                 let springs = 1300.0 * (linear - free.0).length_squared()
                     + 0.45 * (angular - free.1).length_squared();
@@ -445,11 +454,7 @@ mod tests {
 
     #[test]
     fn a_turn_round_counts_in_energies_of_the_coupling() {
-        let coupling = CouplingParameters {
-            stiffness_n_per_m: 1300.0,
-            stiffness_nm_per_rad: 0.45,
-            ..CouplingParameters::PLAIN
-        };
+        let coupling = coupling();
         let way = DVec3::new(1e-3, 2e-3, -1e-3);
         let turn = DVec3::new(0.1, -0.2, 0.3);
         let taken = |second: (DVec3, DVec3)| {
@@ -470,11 +475,7 @@ mod tests {
 
     #[test]
     fn one_plane_takes_the_step_back_along_what_the_coupling_gives() {
-        let coupling = CouplingParameters {
-            stiffness_n_per_m: 1300.0,
-            stiffness_nm_per_rad: 0.45,
-            ..CouplingParameters::PLAIN
-        };
+        let coupling = coupling();
         let body = Pose::new(DQuat::from_scaled_axis(DVec3::new(0.3, 0.9, -0.4)), DVec3::ONE);
         let arm_body = DVec3::new(0.02, -0.01, 0.03).as_vec3();
         let mut contacts = DeepestContacts::default();
@@ -500,13 +501,8 @@ mod tests {
             let normal = DVec3::Z;
             let moment = DVec3::ZERO;
             let planes = [Plane { normal, moment, needed_m, stiffness_n_per_m: 1.3e7 }];
-            let programme = Programme {
-                free: (DVec3::ZERO, DVec3::ZERO),
-                stiffness_n_per_m: 1300.0,
-                stiffness_nm_per_rad: 0.45,
-                planes: &planes,
-            };
-            let (linear, _) = programme.solve().expect("finite");
+            let (linear, _) =
+                programme((DVec3::ZERO, DVec3::ZERO), &planes).solve().expect("finite");
             // K x = k (needed − x) with k = 10⁴ K.
             let expected_m = needed_m * 1e4 / (1e4 + 1.0);
             assert!((linear.z / expected_m - 1.0).abs() < 1e-9, "{needed_m}: {linear}");

@@ -122,7 +122,7 @@ mod tests {
 
     impl Draw for Random {
         fn vector(&mut self, length: f64) -> DVec3 {
-            DVec3::new(self.signed(), self.signed(), self.signed()) * length
+            self.in_box(-length, length)
         }
 
         fn patch(&mut self, face: u8) -> Patch {
@@ -237,16 +237,18 @@ mod tests {
         if speed > 0.0 { (patch.force_n / speed).min(50.0) } else { 50.0 }
     }
 
+    const FLOOR: Patch = Patch {
+        face: 0,
+        force_n: 0.5,
+        normal_world: DVec3::Z,
+        arm_world: DVec3::ZERO,
+        radius_m: 0.0,
+        stiffness_n_per_m: 0.0,
+    };
+
     #[test]
     fn a_face_that_leaves_is_let_go_and_one_that_comes_is_held_up() {
-        let floor = Patch {
-            face: 0,
-            force_n: 0.5,
-            normal_world: DVec3::Z,
-            arm_world: DVec3::ZERO,
-            radius_m: 0.0,
-            stiffness_n_per_m: 1e4,
-        };
+        let floor = Patch { stiffness_n_per_m: 1e4, ..FLOOR };
         let with = |speed: f64| {
             let before = Twist { linear: DVec3::Z * speed, angular: DVec3::ZERO };
             let undamped = step(&[floor], before, &Mat6::ZERO).expect("positive definite");
@@ -269,12 +271,10 @@ mod tests {
     #[test]
     fn a_face_is_damped_by_what_it_still_presses_with_as_it_recedes() {
         let patch = Patch {
-            face: 0,
-            force_n: 0.5,
             normal_world: DVec3::new(2.0, -1.0, 2.0) / 3.0,
             arm_world: DVec3::new(0.02, 0.03, -0.01),
-            radius_m: 0.0,
             stiffness_n_per_m: 1e3,
+            ..FLOOR
         };
         let moment = patch.arm_world.cross(patch.normal_world);
         let twist =
@@ -305,18 +305,10 @@ mod tests {
 
     #[test]
     fn dampers_that_pull_are_halved_until_none_does() {
-        let patch = Patch {
-            face: 0,
-            force_n: 0.5,
-            normal_world: DVec3::Z,
-            arm_world: DVec3::ZERO,
-            radius_m: 0.0,
-            stiffness_n_per_m: 0.0,
-        };
         let at = |speed: f64| Twist { linear: DVec3::Z * speed, angular: DVec3::ZERO };
         let with = |speed: f64| {
             let mut coefficients = Vec::new();
-            let after = damped([patch].into_iter(), 100.0, 0.0, at(-0.1), |damping| {
+            let after = damped([FLOOR].into_iter(), 100.0, 0.0, at(-0.1), |damping| {
                 coefficients.push(damping.0[2][2]);
                 Some(at(speed))
             });

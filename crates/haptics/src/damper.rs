@@ -40,8 +40,8 @@ pub(super) fn strongest(twist: Twist, arm: &ArmParameters, share: f64) -> Wrench
     )
 }
 
-/// False for an arm that takes no damping: it cannot be braked, only let go.
-pub(super) fn can_brake(arm: &ArmParameters) -> bool {
+/// False for an arm that takes no damping: it cannot be braked, only let go, and is not watched.
+pub(super) fn can_damp(arm: &ArmParameters) -> bool {
     arm.injected_n_s_per_m > 0.0 || arm.injected_nm_s_per_rad > 0.0
 }
 
@@ -71,7 +71,7 @@ mod tests {
         );
         assert!((brake(twist, &arm(4.0)).force - DVec3::new(-2.0, 4.0, 0.0)).length() < 1e-12);
         assert!(wrench.power(twist) < 0.0);
-        assert!(!can_brake(&ArmParameters::default()) && can_brake(&arm(0.0)));
+        assert!(!can_damp(&ArmParameters::default()) && can_damp(&arm(0.0)));
         assert!(brake(Twist { linear: DVec3::NAN, ..twist }, &arm(1.0)).force.is_nan());
     }
 
@@ -92,8 +92,8 @@ mod tests {
         assert!((wrench.force - force).length() < 1e-12, "{wrench:?}");
         assert!((wrench.torque - torque).length() < 1e-12, "{wrench:?}");
         let turns = ArmParameters { injected_n_s_per_m: 0.0, ..arm };
-        assert!(can_brake(&turns) && can_brake(&arm));
+        assert!(can_damp(&turns) && can_damp(&arm));
         let slides = ArmParameters { injected_nm_s_per_rad: 0.0, ..arm };
-        assert!(can_brake(&slides));
+        assert!(can_damp(&slides));
     }
 }

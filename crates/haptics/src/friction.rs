@@ -86,14 +86,13 @@ impl Stretch {
 /// The element of one face.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Element {
-    touches: bool,
     slips: bool,
     stretch: Stretch,
     /// What it touches moved by in this tick.
     obstacle_motion: ObstacleMotion,
     /// What presses it at the end of the step, N; `None` before the first one.
     pressed_n: Option<f64>,
-    /// As it was found in this tick.
+    /// As it was found in this tick; `None`: it does not touch.
     face: Option<Face>,
 }
 
@@ -201,7 +200,7 @@ impl Element {
         let arm = patch.arm_world;
         let carried = core::mem::take(&mut self.obstacle_motion);
         let before = *self;
-        if self.touches {
+        if self.face.is_some() {
             // Small steps: the tool moves less than a voxel and a degree in a tick.
             let turned = turned - carried.angular;
             self.stretch.along += moved_center - carried.linear
@@ -209,7 +208,6 @@ impl Element {
                 + carried.angular.cross(self.stretch.along);
             self.stretch.about += turned.dot(normal);
         }
-        self.touches = true;
         self.stretch.along -= normal * self.stretch.along.dot(normal);
 
         let pressed_n = core::mem::take(&mut self.pressed_n).unwrap_or(patch.force_n);

@@ -10,8 +10,9 @@ use vps::spatial::{DeviceSample, SampleStatus, Wrench};
 pub(super) struct Interlock {
     /// The deadman in the newest sample that came.
     is_pressed: bool,
-    /// After a fault the deadman counts only once it was seen open.
-    must_release: bool,
+    /// There was a fault since the deadman was last seen open: it does not count until it is. That
+    /// goes on in a scene that takes the place of another.
+    pub(super) must_release: bool,
     /// Fault that the drive enters once it is slow, or at zero.
     pub(super) pending: Faults,
     /// Ticks of braking since it was too fast.
@@ -22,9 +23,11 @@ pub(super) struct Interlock {
     pub(super) holds_place: bool,
     /// Ticks in a row with a small wrench.
     quiet_ticks: u32,
-    is_engaged: bool,
-    /// The tool was put where the scene has it start, and the hand has held it in clay ever since.
-    must_clear: bool,
+    /// Since enable the ramp was let rise.
+    pub(super) is_engaged: bool,
+    /// The tool was put where the scene has it start, and the hand has held it in clay ever since:
+    /// nothing is felt.
+    pub(super) must_clear: bool,
 }
 
 impl Interlock {
@@ -112,22 +115,6 @@ impl Interlock {
             (cause, pending, holds_place, 0);
     }
 
-    /// There was a fault since the deadman was last let go.
-    pub(super) fn must_release(&self) -> bool {
-        self.must_release
-    }
-
-    /// As the interlock of another scene had it: a fault is acknowledged by an act, not by a change
-    /// of scenes.
-    pub(super) fn take_over(&mut self, must_release: bool) {
-        self.must_release = must_release;
-    }
-
-    /// Nothing is felt before the hand was out of the clay.
-    pub(super) fn must_clear(&self) -> bool {
-        self.must_clear
-    }
-
     /// All that decides on what the drive does next, with ticks counted up to so many only.
     #[cfg(test)]
     pub(super) fn decides(&self, most_quiet_ticks: u32) -> (u32, [u32; 2], [bool; 5]) {
@@ -144,11 +131,6 @@ impl Interlock {
         } = *self;
         let ticks = [brake_ticks, quiet_ticks.min(most_quiet_ticks)];
         (pending.bits(), ticks, [is_pressed, must_release, holds_place, is_engaged, must_clear])
-    }
-
-    /// Since enable the ramp was let rise.
-    pub(super) fn is_engaged(&self) -> bool {
-        self.is_engaged
     }
 
     /// The ramp after enable may rise: the wrench was small for long enough, now or before, and the
@@ -193,9 +175,9 @@ mod tests {
             interlock.engages(Wrench::ZERO, is_in_clay, &limits, &safety)
         };
         interlock.start_anew();
-        assert!((0..1000).all(|_| !engages(&mut interlock, true)) && !interlock.is_engaged());
+        assert!((0..1000).all(|_| !engages(&mut interlock, true)) && !interlock.is_engaged);
         engages(&mut interlock, false);
-        assert!((0..1000).any(|_| engages(&mut interlock, true)) && interlock.is_engaged());
+        assert!((0..1000).any(|_| engages(&mut interlock, true)) && interlock.is_engaged);
         // Where it stood before it may stand in it.
         interlock.start();
         assert!((0..1000).any(|_| engages(&mut interlock, true)));
@@ -219,11 +201,8 @@ mod tests {
             assert_eq!(engaged, [false, false, is_small, is_small], "{wanted:?}");
         }
         let mut interlock = Interlock::default();
-        assert!(!interlock.must_release());
-        interlock.take_over(true);
-        assert!(interlock.must_release());
         interlock.fail(Faults::SPEED);
-        assert_eq!((interlock.must_release(), interlock.cause), (true, OffCause::Velocity));
+        assert_eq!((interlock.must_release, interlock.cause), (true, OffCause::Velocity));
     }
 
     #[test]
@@ -239,8 +218,8 @@ mod tests {
         interlock.leave(OffCause::Thermal, Faults::THERMAL, true);
         interlock.start();
         assert!(interlock.is_held() && interlock.pending.is_empty() && !interlock.holds_place);
-        assert_eq!((interlock.cause, interlock.must_clear()), (OffCause::None, false));
+        assert_eq!((interlock.cause, interlock.must_clear), (OffCause::None, false));
         interlock.start_anew();
-        assert!(interlock.must_clear() && interlock.is_held());
+        assert!(interlock.must_clear && interlock.is_held());
     }
 }

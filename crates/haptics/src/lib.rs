@@ -50,8 +50,7 @@
 //! | `contact_damping`, `braking` | damping in contact and just ahead of it |
 //! | [`filter`] | the shaping filter of the contact wrench |
 //! | [`clay`] | contact with material that deforms, and the rope |
-//! | `energy_observer` | counts the energy that the loop makes at the grip |
-//! | `passivity_control`, `damper` | guarantees passivity: damping that takes out what the observer counts; damping against the arm's own tremble |
+//! | `passivity_control`, `damper` | guarantees passivity: counts the energy at the grip, and takes it out by damping; damping against the arm's own tremble |
 //! | [`stability`], `auto_limit` | how stiff an arm may be made to feel |
 //! | `limits`, `power_window` | the output stage: what bounds force, torque, slew and power |
 //! | `moving_obstacles`, `live_parameters` | obstacles that move; parameters that change while the loop runs |
@@ -68,7 +67,6 @@ mod coupling;
 mod damper;
 mod drive;
 mod encoder_hold;
-mod energy_observer;
 mod faults;
 pub mod filter;
 mod friction;

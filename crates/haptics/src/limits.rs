@@ -30,7 +30,8 @@ pub(super) struct Limited {
 /// Power, slew and magnitude limits with the last output as state.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Limiter {
-    last: Wrench,
+    /// The last output.
+    pub(super) last: Wrench,
 }
 
 impl Limiter {
@@ -83,12 +84,6 @@ impl Limiter {
         Limited { wrench: self.last, finite }
     }
 
-    /// The last output.
-    #[cfg(test)]
-    pub(super) fn last(&self) -> Wrench {
-        self.last
-    }
-
     /// Zero from now on, without slew: for a fault, and when the drive is disabled.
     pub(super) fn reset(&mut self) {
         *self = Self::default();
@@ -99,7 +94,7 @@ impl Limiter {
 /// and while samples are stale.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Ramp {
-    gain: f64,
+    pub(super) gain: f64,
 }
 
 impl Ramp {
@@ -119,12 +114,6 @@ impl Ramp {
         } else {
             0.0
         };
-        self.gain
-    }
-
-    /// The gain now.
-    #[cfg(test)]
-    pub(super) fn gain(&self) -> f64 {
         self.gain
     }
 
@@ -179,23 +168,14 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::testing::parameters;
 
     const PERIOD_S: f64 = 1e-3;
     const RATES_HZ: &[f64] = &[100.0, 1000.0, 10_000.0];
 
-    fn free() -> LimitParameters {
-        LimitParameters { speed_m_per_s: 1.0, overrun_fault_ticks: 10, ..LimitParameters::NONE }
-    }
-
+    /// 10 N and 0.2 N·m, a hundred times as much a second, 5 W.
     fn typical() -> LimitParameters {
-        LimitParameters {
-            force_n: 10.0,
-            torque_nm: 0.2,
-            slew_n_per_s: 1000.0,
-            slew_nm_per_s: 20.0,
-            power_w: 5.0,
-            ..free()
-        }
+        parameters().limits
     }
 
     fn bits(wrench: Wrench) -> [u64; 6] {
@@ -260,7 +240,7 @@ mod tests {
 
         #[test]
         fn the_magnitude_limit_keeps_direction_and_force_and_torque_apart(wanted in wrench(50.0)) {
-            let limits = LimitParameters { force_n: 3.0, torque_nm: 0.1, ..free() };
+            let limits = LimitParameters { force_n: 3.0, torque_nm: 0.1, ..LimitParameters::NONE };
             let limited = Limiter::default().apply(wanted, Twist::ZERO, &limits, PERIOD_S).wrench;
             for (now, raw, limit) in [(limited.force, wanted.force, 3.0), (limited.torque, wanted.torque, 0.1)] {
                 if raw.length() <= limit {
@@ -274,7 +254,7 @@ mod tests {
 
         #[test]
         fn the_power_limit_scales_the_whole_wrench_and_leaves_resisting_wrenches_alone(wanted in wrench(50.0), twist in twist(), power_w in 0.0_f64..10.0) {
-            let limits = LimitParameters { power_w, ..free() };
+            let limits = LimitParameters { power_w, ..LimitParameters::NONE };
             let limited = Limiter::default().apply(wanted, twist, &limits, PERIOD_S).wrench;
             let wanted_w = wanted.power(twist);
             if wanted_w <= power_w {
@@ -378,7 +358,7 @@ mod tests {
             wanted in prop::collection::vec(wrench(100.0), 1..40),
         ) {
             let slew_n_per_s = force_n / 0.01;
-            let limits = LimitParameters { force_n, slew_n_per_s, ..free() };
+            let limits = LimitParameters { force_n, slew_n_per_s, ..LimitParameters::NONE };
             let mut limiter = Limiter::default();
             let mut straight = DVec3::ZERO;
             for wanted in wanted {
@@ -432,7 +412,7 @@ mod tests {
         let mut limiter = Limiter { last: Wrench::new(DVec3::X * 10.0, DVec3::ZERO) };
         let limits = LimitParameters { force_n: 0.5, ..typical() };
         assert!(
-            (limiter.apply(limiter.last(), Twist::ZERO, &limits, PERIOD_S).wrench.force.x - 0.5)
+            (limiter.apply(limiter.last, Twist::ZERO, &limits, PERIOD_S).wrench.force.x - 0.5)
                 .abs()
                 < 1e-15
         );
@@ -445,19 +425,19 @@ mod tests {
             let gain = ramp.advance(true, 0.1, PERIOD_S);
             assert!((gain - f64::from(tick_idx) / 100.0).abs() < 1e-9);
         }
-        assert_eq!(ramp.gain(), 1.0);
+        assert_eq!(ramp.gain, 1.0);
         assert_eq!(ramp.advance(true, 0.1, PERIOD_S), 1.0);
         for _ in 0..50 {
             ramp.advance(false, 0.1, PERIOD_S);
         }
-        assert!((ramp.gain() - 0.5).abs() < 1e-9);
+        assert!((ramp.gain - 0.5).abs() < 1e-9);
         for _ in 0..50 {
             ramp.advance(false, 0.1, PERIOD_S);
         }
-        assert_eq!(ramp.gain().to_bits(), 0);
+        assert_eq!(ramp.gain.to_bits(), 0);
         assert_eq!(ramp.advance(true, 0.0, PERIOD_S), 1.0);
         assert_eq!(ramp.advance(false, f64::NAN, PERIOD_S), 0.0);
         ramp.advance(true, 0.1, f64::NAN);
-        assert_eq!(ramp.gain(), 0.0);
+        assert_eq!(ramp.gain, 0.0);
     }
 }

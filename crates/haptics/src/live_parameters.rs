@@ -129,85 +129,77 @@ impl LiveParameter {
             ParameterRange { least: scene / LEAST_DIVISOR, most, scene }
         };
         let up_to = |most: f64| ParameterRange { least: 0.0, most: most.max(scene), scene };
-        let acts = match self {
-            // What acts on the virtual tool's velocity needs one.
-            Self::ContactDampingRatio => mode.has_mass(),
-            Self::FrictionStatic | Self::FrictionDynamic => {
-                p.contact.friction.stiffness_n_per_m > 0.0 && mode != CouplingMode::Constraint
-            }
-            Self::CutoffLow | Self::CutoffHigh => {
-                scene.is_finite() && p.filter.cutoff_hz[0].is_finite()
-            }
-            Self::CouplingTranslation | Self::CouplingRotation => mode != CouplingMode::Direct,
-            Self::ContactStiffness => mode != CouplingMode::Constraint,
-            Self::ForceLimit | Self::TorqueLimit => scene > 0.0,
+        let down_to = |least: f64| ParameterRange {
+            least: least.min(scene / LEAST_DIVISOR),
+            most: scene,
+            scene,
         };
-        acts.then(|| match self {
-            // Without a virtual tool the arm feels it.
-            Self::ContactStiffness if mode == CouplingMode::Direct => stiffness(scene),
-            Self::ContactStiffness => stiffness(f64::INFINITY),
-            Self::ContactDampingRatio => up_to(MOST_DAMPING_RATIO),
-            Self::FrictionStatic | Self::FrictionDynamic => up_to(MOST_FRICTION),
-            Self::CutoffLow | Self::CutoffHigh => ParameterRange {
-                least: LEAST_CUTOFF_HZ.min(scene),
-                most: (MOST_CUTOFF / p.period_s).max(scene),
-                scene,
+        let rubs = p.contact.friction.stiffness_n_per_m > 0.0 && mode != CouplingMode::Constraint;
+        Some(match self {
+            Self::ContactStiffness => match mode {
+                CouplingMode::Implicit => stiffness(f64::INFINITY),
+                CouplingMode::Constraint => return None,
+                // Without a virtual tool the arm feels it.
+                CouplingMode::Direct => stiffness(scene),
             },
-            Self::CouplingTranslation => stiffness(p.coupling.bound_n_per_m),
-            Self::CouplingRotation => stiffness(p.coupling.bound_nm_per_rad),
-            Self::ForceLimit => ParameterRange {
-                least: LEAST_FORCE_N.min(scene / LEAST_DIVISOR),
-                most: scene,
-                scene,
-            },
-            Self::TorqueLimit => ParameterRange {
-                least: LEAST_TORQUE_NM.min(scene / LEAST_DIVISOR),
-                most: scene,
-                scene,
-            },
+            // What acts on the virtual tool's velocity needs one.
+            Self::ContactDampingRatio if mode.has_mass() => up_to(MOST_DAMPING_RATIO),
+            Self::FrictionStatic | Self::FrictionDynamic if rubs => up_to(MOST_FRICTION),
+            Self::CutoffLow | Self::CutoffHigh
+                if scene.is_finite() && p.filter.cutoff_hz[0].is_finite() =>
+            {
+                ParameterRange {
+                    least: LEAST_CUTOFF_HZ.min(scene),
+                    most: (MOST_CUTOFF / p.period_s).max(scene),
+                    scene,
+                }
+            }
+            Self::CouplingTranslation if mode != CouplingMode::Direct => {
+                stiffness(p.coupling.bound_n_per_m)
+            }
+            Self::CouplingRotation if mode != CouplingMode::Direct => {
+                stiffness(p.coupling.bound_nm_per_rad)
+            }
+            Self::ForceLimit if scene > 0.0 => down_to(LEAST_FORCE_N),
+            Self::TorqueLimit if scene > 0.0 => down_to(LEAST_TORQUE_NM),
+            _ => return None,
         })
     }
 
     /// The value that a set of parameters has.
     pub fn read(self, p: &Parameters) -> f64 {
-        match self {
-            Self::ContactStiffness => p.contact.stiffness_n_per_m,
-            Self::ContactDampingRatio => p.contact.damping_ratio,
-            Self::FrictionStatic => p.contact.friction.r#static,
-            Self::FrictionDynamic => p.contact.friction.dynamic,
-            Self::CutoffLow => p.filter.cutoff_hz[0],
-            Self::CutoffHigh => p.filter.cutoff_hz[1],
-            Self::CouplingTranslation => p.coupling.stiffness_n_per_m,
-            Self::CouplingRotation => p.coupling.stiffness_nm_per_rad,
-            Self::ForceLimit => p.limits.force_n,
-            Self::TorqueLimit => p.limits.torque_nm,
-        }
+        let mut copy = *p;
+        *self.slot(&mut copy)
     }
 
     /// Gives `to` the value that `from` has, to the bit, and with it what follows from that value.
     pub fn copy(self, from: &Parameters, to: &mut Parameters) {
-        self.write(to, self.read(from));
+        *self.slot(to) = self.read(from);
         if self == Self::ContactStiffness {
             to.contact.friction.stiffness_n_per_m = from.contact.friction.stiffness_n_per_m;
         }
     }
 
     fn write(self, p: &mut Parameters, value: f64) {
+        if self == Self::ContactStiffness {
+            // A face that holds stays as much stiffer than one of its points as the scene says.
+            p.contact.friction.stiffness_n_per_m *= value / p.contact.stiffness_n_per_m;
+        }
+        *self.slot(p) = value;
+    }
+
+    fn slot(self, p: &mut Parameters) -> &mut f64 {
         match self {
-            Self::ContactStiffness => {
-                // A face that holds stays as much stiffer than one of its points as the scene says.
-                p.contact.friction.stiffness_n_per_m *= value / p.contact.stiffness_n_per_m;
-                p.contact.stiffness_n_per_m = value;
-            }
-            Self::ContactDampingRatio => p.contact.damping_ratio = value,
-            Self::FrictionStatic => p.contact.friction.r#static = value,
-            Self::FrictionDynamic => p.contact.friction.dynamic = value,
-            Self::CutoffLow => p.filter.cutoff_hz[0] = value,
-            Self::CutoffHigh => p.filter.cutoff_hz[1] = value,
-            Self::CouplingTranslation => p.coupling.stiffness_n_per_m = value,
-            Self::CouplingRotation => p.coupling.stiffness_nm_per_rad = value,
-            Self::ForceLimit => p.limits.force_n = value,
-            Self::TorqueLimit => p.limits.torque_nm = value,
+            Self::ContactStiffness => &mut p.contact.stiffness_n_per_m,
+            Self::ContactDampingRatio => &mut p.contact.damping_ratio,
+            Self::FrictionStatic => &mut p.contact.friction.r#static,
+            Self::FrictionDynamic => &mut p.contact.friction.dynamic,
+            Self::CutoffLow => &mut p.filter.cutoff_hz[0],
+            Self::CutoffHigh => &mut p.filter.cutoff_hz[1],
+            Self::CouplingTranslation => &mut p.coupling.stiffness_n_per_m,
+            Self::CouplingRotation => &mut p.coupling.stiffness_nm_per_rad,
+            Self::ForceLimit => &mut p.limits.force_n,
+            Self::TorqueLimit => &mut p.limits.torque_nm,
         }
     }
 }

@@ -72,7 +72,8 @@ pub(super) struct MovingObstacles {
     /// Numbers and targets; capacity for every obstacle.
     under_way: Vec<Placement>,
     turn: usize,
-    reported: Option<Placement>,
+    /// Where one of them stands after this tick, turn by turn: enough for a viewer.
+    pub(super) reported: Option<Placement>,
 }
 
 impl MovingObstacles {
@@ -84,11 +85,6 @@ impl MovingObstacles {
     /// How many are under way.
     pub(super) fn n_under_way(&self) -> u32 {
         self.under_way.len() as u32
-    }
-
-    /// Where one of those under way stands after this tick, turn by turn: enough for a viewer.
-    pub(super) fn reported(&self) -> Option<Placement> {
-        self.reported
     }
 
     /// One tick: moves the obstacles under way, then takes a new command, which is followed from

@@ -33,8 +33,6 @@ pub(super) struct SampleCheck {
     pub(super) faults: Faults,
     /// `Stale` or `Protocol`: the output ramps down until samples are good again. `None`: they are.
     pub(super) ramp_down: OffCause,
-    /// Ticks since the last sample that is worth something; 0 with a fresh one.
-    stale_ticks: u32,
 }
 
 /// Watches the samples of one arm.
@@ -84,7 +82,7 @@ impl SampleMonitor {
                 SampleStatus::LinkLost => (Faults::LINK, OffCause::Link),
                 _ => (Faults::DEVICE_LOST, OffCause::Disconnected),
             };
-            return SampleCheck { faults, ramp_down, stale_ticks: self.stale_ticks };
+            return SampleCheck { faults, ramp_down };
         }
         let mut faults = Faults::NONE;
         let sound = is_sound(sample);
@@ -143,7 +141,7 @@ impl SampleMonitor {
         } else {
             OffCause::Protocol
         };
-        SampleCheck { faults, ramp_down, stale_ticks: worthless_ticks }
+        SampleCheck { faults, ramp_down }
     }
 }
 
@@ -180,22 +178,13 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::testing::parameters;
     use vps::spatial::Twist;
 
     const PERIOD_S: f64 = 1e-3;
 
     fn limits() -> LimitParameters {
-        LimitParameters {
-            force_n: 10.0,
-            torque_nm: 0.2,
-            speed_m_per_s: 1.0,
-            slew_n_per_s: 1000.0,
-            slew_nm_per_s: 20.0,
-            power_w: 5.0,
-            overrun_fault_ticks: 10,
-            stall_s: 0.05,
-            ..LimitParameters::NONE
-        }
+        parameters().limits
     }
 
     fn fresh(x_m: f64) -> DeviceSample {
@@ -299,7 +288,6 @@ mod tests {
         let stale = DeviceSample { status: SampleStatus::Stale, ..fresh(0.0) };
         for tick_idx in 1..=25 {
             let check = check(&mut monitor, &stale);
-            assert_eq!(check.stale_ticks, tick_idx);
             assert_eq!(
                 check.ramp_down,
                 if tick_idx > 3 { OffCause::Stale } else { OffCause::None }
@@ -330,8 +318,8 @@ mod tests {
             (SampleStatus::LinkLost, 3),
             (SampleStatus::Stale, 4),
         ] {
-            let found = check(&mut monitor, &DeviceSample { status, ..fresh(0.0) });
-            assert_eq!(found.stale_ticks, stale_ticks);
+            check(&mut monitor, &DeviceSample { status, ..fresh(0.0) });
+            assert_eq!(monitor.stale_ticks, stale_ticks);
         }
     }
 
@@ -349,14 +337,11 @@ mod tests {
             // Over a gap of n samples an arm may go n + 1 times as far.
             let x_m = 4.9e-3 * (f64::from(lost_packets) + 1.0);
             let found = check(&mut monitor, &DeviceSample { lost_packets, ..fresh(x_m) });
-            assert_eq!(
-                found,
-                SampleCheck { faults, ramp_down, stale_ticks: u32::from(lost_packets) }
-            );
+            assert_eq!(found, SampleCheck { faults, ramp_down });
             assert_eq!(check(&mut monitor, &fresh(x_m)), SampleCheck::default());
             // A late sample repeats what was said before.
             let late = DeviceSample { lost_packets, status: SampleStatus::Stale, ..fresh(x_m) };
-            assert_eq!(check(&mut monitor, &late).stale_ticks, 1);
+            assert_eq!(check(&mut monitor, &late), SampleCheck::default());
         }
     }
 
@@ -394,7 +379,6 @@ mod tests {
         }
         for repeat in 1..=30 {
             let found = check(&mut monitor, &fresh(1e-3));
-            assert_eq!(found.stale_ticks, if repeat < 5 { 0 } else { repeat });
             assert_eq!(found.ramp_down, if repeat < 5 { OffCause::None } else { OffCause::Stale });
             assert_eq!(found.faults, if repeat > 20 { Faults::STUCK } else { Faults::NONE });
         }

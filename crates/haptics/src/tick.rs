@@ -219,7 +219,7 @@ impl State {
         world_from_tool: Option<Pose>,
         before: Handover,
     ) {
-        self.interlock.take_over(before.must_release);
+        self.interlock.must_release = before.must_release;
         let Some(world_from_tool) = world_from_tool else { return };
         let body = world_from_tool * Pose::from_translation(scene.tool.center_of_mass_tool);
         self.resume = Some(Resume { body, has_room: None });
@@ -234,7 +234,7 @@ impl State {
 
     /// For the state of a scene that takes the place of this one. RT: safe.
     pub fn handover(&self) -> Handover {
-        Handover { must_release: self.interlock.must_release() }
+        Handover { must_release: self.interlock.must_release }
     }
 
     /// Takes a newer frame of the clay, and gives back one that is not needed any more; without
@@ -263,7 +263,7 @@ impl State {
 
     /// What the tool does in the clay is felt: force flows, and no ramp waits before it.
     pub fn feels_clay(&self) -> bool {
-        self.drive.has_force() && self.interlock.is_engaged()
+        self.drive.has_force() && self.interlock.is_engaged
     }
 
     /// Where an obstacle stands now.
@@ -403,12 +403,12 @@ pub fn tick(scene: &RenderScene, state: &mut State, input: &TickInput) -> TickOu
         command_device: felt.command_device,
         commanded_device: felt.commanded_device,
         world_from_tool: state.tool.pose() * body_from_tool,
-        energy_j: state.passivity.energy_j(),
-        object_work_j: state.passivity.carried_j(),
+        energy_j: state.passivity.energy_j,
+        object_work_j: state.passivity.carried_j,
         objects_moving: state.moving_obstacles.n_under_way(),
-        object: state.moving_obstacles.reported(),
-        passivity_active: state.drive.renders() && state.passivity.is_active(),
-        delay_ticks: state.delay.worst_ticks(),
+        object: state.moving_obstacles.reported,
+        passivity_active: state.drive.renders() && state.passivity.is_active,
+        delay_ticks: state.delay.worst_ticks,
         drive: state.drive,
         faults: state.faults,
         off_cause: match state.drive {
@@ -468,7 +468,7 @@ fn render(
     let actuated = p.mapping.actuated_part(wanted);
     // The tool is pushed out of the clay by itself while nothing is felt; what counts is where the
     // hand is.
-    let is_in_clay = state.interlock.must_clear() && {
+    let is_in_clay = state.interlock.must_clear && {
         let clay = state.clay.as_mut().zip(scene.clay.as_ref());
         clay.is_some_and(|(held, clay)| held.is_inside(clay, &scene.tool.shell, target.0, p))
     };

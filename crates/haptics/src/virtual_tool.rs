@@ -241,6 +241,11 @@ impl VirtualTool {
             angular: turn / p.period_s,
         };
         let before = self.target.replace(target_pose).unwrap_or(target_pose);
+        // How the hand went in the last tick.
+        let went = over_a_tick((
+            target_pose.translation - before.translation,
+            before.rotation_to(target_pose),
+        ));
         let is_unfelt = coupling.mode.has_mass()
             && coupling.free_space == FreeSpace::Zero
             && !touching
@@ -252,11 +257,7 @@ impl VirtualTool {
             self.tracks = self.track(target, sag_m, (radius_m, contact.free_way_m), p.period_s);
             if self.tracks {
                 // The way that it lagged by is no velocity.
-                let way = over_a_tick((
-                    target_pose.translation - before.translation,
-                    before.rotation_to(target_pose),
-                ));
-                self.body.twist = as_far_as(target_twist, way);
+                self.body.twist = as_far_as(target_twist, went);
             }
         }
         self.tracks &= is_unfelt;
@@ -267,14 +268,7 @@ impl VirtualTool {
             return Some(Pull::default());
         }
         // What is not felt may be as rough as the encoder, but not late.
-        let target_twist = if is_unfelt {
-            over_a_tick((
-                target_pose.translation - before.translation,
-                before.rotation_to(target_pose),
-            ))
-        } else {
-            target_twist
-        };
+        let target_twist = if is_unfelt { went } else { target_twist };
         let step_limit_m = contact.step_limit_m;
         let mut rubs = *rubbing;
         let twist = match (coupling.mode, deepest) {

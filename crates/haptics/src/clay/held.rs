@@ -109,17 +109,23 @@ impl Held {
         world_from_body: Pose,
         p: &Parameters,
     ) -> bool {
-        let probe = Probe::new(&self.newest, clay.world_from_map.inverse() * world_from_body);
+        let sum = self.ask(true, (clay, shell), world_from_body, p);
+        sum.contacts > 0 && sum.max_value_m > PUT_DOWN_SPACINGS * sum.voxel_size_m
+    }
+
+    /// What a frame, the newest or the one before, does to the tool at this pose.
+    fn ask(
+        &mut self,
+        is_newest: bool,
+        (clay, shell): (&Clay, &Shell),
+        world_from_body: Pose,
+        p: &Parameters,
+    ) -> ContactSum {
+        let frame = if is_newest { &self.newest } else { &self.before };
+        let probe = Probe::new(frame, clay.world_from_map.inverse() * world_from_body);
         let sums = (&self.faces[..], &mut self.sums);
-        let sum = ContactSum::of_clay(
-            &probe,
-            shell,
-            sums,
-            self.simd_level,
-            world_from_body,
-            p.force_law(),
-        );
-        sum.contacts > 0 && sum.max_value_m > PUT_DOWN_SPACINGS * f64::from(probe.spacing_m())
+        let law = p.force_law();
+        ContactSum::of_clay(&probe, shell, sums, self.simd_level, world_from_body, law)
     }
 
     /// What the clay does to the tool at this pose. RT: safe; twice as much work in the first tick
@@ -131,21 +137,9 @@ impl Held {
         world_from_body: Pose,
         p: &Parameters,
     ) -> ContactSum {
-        let map_from_body = clay.world_from_map.inverse() * world_from_body;
-        let Self { newest, before, is_new, faces, sums, simd_level, .. } = self;
-        let mut ask = |frame: &DensityFrame| {
-            let probe = Probe::new(frame, map_from_body);
-            ContactSum::of_clay(
-                &probe,
-                shell,
-                (&faces[..], &mut *sums),
-                *simd_level,
-                world_from_body,
-                p.force_law(),
-            )
-        };
-        let mut sum = ask(newest);
-        let before = core::mem::take(is_new).then(|| ask(before).wrench);
+        let mut sum = self.ask(true, (clay, shell), world_from_body, p);
+        let before = core::mem::take(&mut self.is_new)
+            .then(|| self.ask(false, (clay, shell), world_from_body, p).wrench);
         if before.is_some() && self.newest.is_leap {
             self.residual.leap(Clay::smoothing_between(LEAP_S, p.period_s));
         }

@@ -82,14 +82,14 @@ fn an_obstacle_follows_its_target_as_a_critically_damped_spring_about_its_middle
         assert!((pose.center_world() - center).length() < 1e-12);
         let differs = Pose::new(rotation, center).rotation_to(pose.world_from_map);
         assert!(differs.length() < 1e-8, "{differs}");
-        let reported = rig.moving.reported().expect("it is under way");
+        let reported = rig.moving.reported.expect("it is under way");
         assert_eq!(reported.world_from_map, pose.world_from_map);
     }
     for _ in 0..400 {
         rig.advance(None, true);
     }
     let pose = rig.pose();
-    assert_eq!((rig.moving.n_under_way(), rig.moving.reported()), (0, None));
+    assert_eq!((rig.moving.n_under_way(), rig.moving.reported), (0, None));
     let arrived = Pose::new(to.rotation.normalize(), to.translation);
     assert_eq!((pose.world_from_map, pose.reserve_m), (arrived, 0.0));
     assert!(pose.moved.is_none());
@@ -193,7 +193,7 @@ fn obstacles_under_way_are_reported_turn_by_turn_and_each_has_one_target() {
         (None, 2, Some(0)),
     ] {
         moving.advance(traversal.obstacle_poses_mut(), command, false, p);
-        let found = moving.reported().map(|placement| placement.obstacle_idx);
+        let found = moving.reported.map(|placement| placement.obstacle_idx);
         assert_eq!((moving.n_under_way(), found), (n_under_way, reported));
     }
 }

@@ -80,7 +80,7 @@ fn fault_with_force(
         }
         return !goes_on;
     }
-    if faults == Faults::SPEED && damper::can_brake(&p.arm) && p.safety.brake_s >= p.period_s {
+    if faults == Faults::SPEED && damper::can_damp(&p.arm) && p.safety.brake_s >= p.period_s {
         // The spring may be what drives the arm: it is gone in this tick, and the damper rises by
         // the slew limit.
         state.at_rest(state.tool.pose());

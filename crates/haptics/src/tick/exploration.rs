@@ -241,8 +241,8 @@ impl Node {
         StateKey {
             drive: state.drive as u8,
             interlock: state.interlock.decides(ENGAGE_TICKS + 1),
-            gain_steps: (state.enable_gain.gain() * f64::from(GAIN_STEPS)).round() as u8,
-            force_steps: (state.limiter.last().force.length() / SLEW_N).ceil() as u8,
+            gain_steps: (state.enable_gain.gain * f64::from(GAIN_STEPS)).round() as u8,
+            force_steps: (state.limiter.last.force.length() / SLEW_N).ceil() as u8,
             resume: state.resume.map(|resume| resume.has_room),
             history: *history,
         }
@@ -583,28 +583,27 @@ fn nor_does_any_with_an_arm_that_takes_no_damping() {
 #[test]
 #[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn a_tick_that_breaks_a_rule_is_found_out() {
+    /// Holds the last command where it has to be zero.
+    fn hold(
+        (scene, state): (&RenderScene, &mut State),
+        input: &TickInput,
+        holds: fn(&TickInput, &TickOutput) -> bool,
+    ) -> TickOutput {
+        let last = state.limiter.last;
+        let output = tick(scene, state, input);
+        let command_device = if holds(input, &output) { last } else { output.command_device };
+        TickOutput { command_device, ..output }
+    }
     let broken: [(TickFunction, Broken); 9] = [
         (
             |scene, state, input| {
-                let last = state.limiter.last();
-                let output = tick(scene, state, input);
-                if input.request == DriveRequest::Disable {
-                    TickOutput { command_device: last, ..output }
-                } else {
-                    output
-                }
+                hold((scene, state), input, |input, _| input.request == DriveRequest::Disable)
             },
             "force in a state without",
         ),
         (
             |scene, state, input| {
-                let last = state.limiter.last();
-                let output = tick(scene, state, input);
-                if output.drive == Drive::Fault {
-                    TickOutput { command_device: last, ..output }
-                } else {
-                    output
-                }
+                hold((scene, state), input, |_, output| output.drive == Drive::Fault)
             },
             "force in a state without",
         ),

@@ -106,7 +106,7 @@ impl Rig {
     }
 
     fn force_n(&self) -> f64 {
-        self.state.limiter.last().force.length()
+        self.state.limiter.last.force.length()
     }
 }
 
