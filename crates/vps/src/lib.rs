@@ -95,9 +95,11 @@ pub use library::{
 };
 pub use mesh::mass::MassProperties;
 pub use mesh::primitives::Shape;
+pub use pointshell::Points;
 pub use solid::SolidReport;
 pub use spatial::{Pose, Wrench};
 pub use voxmap::accuracy::Accuracy;
+pub use voxmap::field::FieldKind;
 pub use voxmap::inside_test::InsideTest;
 pub use voxmap::{BakeStage, Options};
 

@@ -18,7 +18,7 @@ use crate::storage::whole_file::{Access, write_whole};
 use crate::storage::{MappedFile, regular};
 use crate::voxmap::accuracy::Accuracy;
 use crate::voxmap::estimate::Products;
-use crate::voxmap::field::Field;
+use crate::voxmap::field::{Field, FieldKind};
 use crate::voxmap::{BakeStage, Options};
 
 /// Sections of a file: sentences for the user, a line each, and the figures of the accuracy.
@@ -64,9 +64,23 @@ impl Voxmap {
         options: &Options,
         watch: impl FnMut(BakeStage) -> ControlFlow<()>,
     ) -> Result<Self, Error> {
-        let part =
-            mesh.part_to_bake(options, Products { field: true, gradients: false, shell: false })?;
-        let (field, report) = part.bake_field(options, false, watch)?;
+        Self::bake_for(mesh, options, FieldKind::Trilinear, watch)
+    }
+
+    /// The same for queries [with this field](super::ContactQuery::with_field): for
+    /// [`FieldKind::SurfacePoint`] with a gradient beside each distance, four times the memory.
+    ///
+    /// # Errors
+    /// Those of [`Self::bake_with`].
+    pub fn bake_for(
+        mesh: &Mesh,
+        options: &Options,
+        field: FieldKind,
+        watch: impl FnMut(BakeStage) -> ControlFlow<()>,
+    ) -> Result<Self, Error> {
+        let gradients = field == FieldKind::SurfacePoint;
+        let part = mesh.part_to_bake(options, Products { field: true, gradients, shell: false })?;
+        let (field, report) = part.bake_field(options, gradients, watch)?;
         Ok(Self { field, accuracy: report.accuracy, warnings: report.warnings.into() })
     }
 
@@ -204,9 +218,22 @@ impl PointShell {
         options: &Options,
         watch: impl FnMut(BakeStage) -> ControlFlow<()>,
     ) -> Result<Self, Error> {
+        Self::bake_of(mesh, options, Points::default(), watch)
+    }
+
+    /// The same with points of this kind, as `tool.points` of a scene.
+    ///
+    /// # Errors
+    /// Those of [`Self::bake_with`].
+    pub fn bake_of(
+        mesh: &Mesh,
+        options: &Options,
+        points: Points,
+        watch: impl FnMut(BakeStage) -> ControlFlow<()>,
+    ) -> Result<Self, Error> {
         let part =
             mesh.part_to_bake(options, Products { field: false, gradients: false, shell: true })?;
-        let (shell, mass, report) = part.bake_shell(options, Points::default(), None, watch)?;
+        let (shell, mass, report) = part.bake_shell(options, points, None, watch)?;
         Ok(Self { shell, mass, accuracy: report.accuracy, warnings: report.warnings.into() })
     }
 

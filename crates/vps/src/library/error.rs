@@ -69,6 +69,11 @@ pub enum Error {
         /// What is wrong, and what to do.
         what: String,
     },
+    /// A voxmap without the gradients that a query is to read.
+    #[error(
+        "the field surface-point needs voxmaps that are baked for it: bake them for this field"
+    )]
+    Field,
     /// A callback ended a bake or a search.
     #[error("cancelled by its callback")]
     Cancelled,

@@ -13,6 +13,7 @@ mod baked;
 mod error;
 mod mesh;
 mod query;
+mod way;
 
 pub use baked::{Distance, PointShell, Voxmap};
 pub use error::Error;

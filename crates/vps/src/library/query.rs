@@ -3,17 +3,16 @@
 use std::ops::ControlFlow;
 use std::sync::{Mutex, PoisonError};
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 
 use super::error::check;
+use super::way::Way;
 use super::{Error, PointShell, Voxmap};
-use crate::contact::{
-    Also, Contact, ContactSum, ForceLaw, Highest, Obstacle, SimdLevel, Traversal, TraversalMode,
-};
+use crate::contact::{ForceLaw, Highest, Obstacle, Traversal};
 use crate::mesh::FARTHEST_M;
 use crate::parallel;
-use crate::pointshell::shell::LANES;
-use crate::spatial::{Pose, Wrench};
+use crate::spatial::{Mat6, Pose, Wrench};
+use crate::voxmap::field::FieldKind;
 
 /// Poses of a batch that one task looks at: enough that its memory is soon paid for.
 const POSES_PER_TASK: usize = 16;
@@ -37,11 +36,10 @@ const ONE_DIRECTION: f64 = 0.939_692_620_785_908_4;
 /// pool; a call allocates only where more threads ask at a time than ever before.
 #[derive(Debug)]
 pub struct ContactQuery {
-    parts: Vec<Obstacle>,
-    shell: PointShell,
-    law: ForceLaw,
-    /// Traversals that no thread uses.
-    spare: Mutex<Vec<Traversal>>,
+    /// The shell in the voxmaps; then, of both ways, the other part's shell in the shell's voxmap.
+    ways: Vec<Way>,
+    /// Traversals that no thread uses, one for each way.
+    spare: Mutex<Vec<Vec<Traversal>>>,
 }
 
 /// What a shell feels at one pose; vectors in axes of the *world*, the frame in which poses are
@@ -57,6 +55,20 @@ pub struct ContactWrench {
     /// Distance of the nearest point, m; 0 in contact, and never more than [`Voxmap::band_m`], of
     /// several the least.
     pub clearance_m: f64,
+}
+
+impl ContactWrench {
+    /// Of both ways.
+    fn and(self, other: Self) -> Self {
+        let contacts = self.contacts + other.contacts;
+        let clearance_m = self.clearance_m.min(other.clearance_m);
+        Self {
+            wrench: self.wrench + other.wrench,
+            contacts,
+            penetration_m: self.penetration_m.max(other.penetration_m),
+            clearance_m: if contacts > 0 { 0.0 } else { clearance_m },
+        }
+    }
 }
 
 /// One point in contact; world axes as of [`ContactWrench`].
@@ -186,10 +198,59 @@ impl ContactQuery {
         };
         let parts = world_from_voxmap.iter().map(part).collect();
         let law = ForceLaw { stiffness_n_per_m, ..ForceLaw::PLAIN };
-        let query =
-            Self { parts, shell: shell.clone(), law, spare: Mutex::new(Vec::with_capacity(64)) };
-        query.with_traversal(|_| ());
-        Ok(query)
+        let shell = shell.clone();
+        Ok(Self::of_ways(vec![Way { parts, shell, law, is_back: false, first_part: 0 }]))
+    }
+
+    /// The same of two parts that each have both, the one that stands still and the one that moves:
+    /// wrench, stiffness and contacts are those of half the energy of the points of the one in the
+    /// other and half of the reverse, so that neither is preferred, and a needle or blade that
+    /// slips between the points of the other part presses with its own.
+    ///
+    /// The stiffness counts for a square of the moving shell's voxel edge, and for other edges of
+    /// the other shell by their area. The number 1 of a voxmap is that of the moving part, in which
+    /// points of the other shell are. Penetration and clearance are the greater and the lesser of
+    /// both. Costs as both queries.
+    ///
+    /// # Errors
+    /// Those of [`Self::new`].
+    pub fn both_ways(
+        (voxmap, own_shell): (&Voxmap, &PointShell),
+        (own_voxmap, shell): (&Voxmap, &PointShell),
+        stiffness_n_per_m: f64,
+    ) -> Result<Self, Error> {
+        let there = Self::new(voxmap, shell, stiffness_n_per_m)?;
+        let back = Self::new(own_voxmap, own_shell, stiffness_n_per_m)?;
+        let squares = (own_shell.voxel_size_m() / shell.voxel_size_m()).powi(2);
+        let back = back.ways.into_iter().map(|way| Way { is_back: true, first_part: 1, ..way });
+        let mut ways: Vec<Way> = there.ways.into_iter().chain(back).collect();
+        for way in &mut ways {
+            way.law.stiffness_n_per_m *= if way.is_back { 0.5 * squares } else { 0.5 };
+        }
+        Ok(Self::of_ways(ways))
+    }
+
+    /// The same query, whose depths are found by another look-up than interpolation, as
+    /// `contact.field` of a scene: with [`PointShell::bake_of`] the force of that scene. Every point
+    /// is then looked at, and contacts may be without a gradient.
+    ///
+    /// # Errors
+    /// [`Error::Field`]: a voxmap lacks what this look-up reads.
+    pub fn with_field(mut self, field: FieldKind) -> Result<Self, Error> {
+        for way in &mut self.ways {
+            let lacks = |part: &Obstacle| !part.field.has_gradients();
+            if field == FieldKind::SurfacePoint && way.parts.iter().any(lacks) {
+                return Err(Error::Field);
+            }
+            way.law.field = field;
+        }
+        Ok(self)
+    }
+
+    fn of_ways(ways: Vec<Way>) -> Self {
+        let query = Self { ways, spare: Mutex::new(Vec::with_capacity(64)) };
+        query.with_traversals(|_| ());
+        query
     }
 
     /// Wrench, penetration and clearance at a pose of the shell's mesh frame in the world, which is
@@ -199,7 +260,7 @@ impl ContactQuery {
     /// [`Error::Pose`].
     pub fn wrench(&self, world_from_shell: Pose) -> Result<ContactWrench, Error> {
         check_pose(0, world_from_shell)?;
-        Ok(self.with_traversal(|traversal| self.sum(traversal, world_from_shell, None)))
+        Ok(self.with_traversals(|traversals| self.felt(traversals, world_from_shell)))
     }
 
     /// The same; `each` gets every contact, part after part in the order of the points.
@@ -212,24 +273,12 @@ impl ContactQuery {
         mut each: impl FnMut(&ContactPoint),
     ) -> Result<ContactWrench, Error> {
         check_pose(0, world_from_shell)?;
-        let world_from_body = self.world_from_body(world_from_shell);
-        let mut also = |part: usize, contact: &Contact| {
-            let normal = world_from_body.transform_vector(contact.normal_body.as_dvec3());
-            each(&ContactPoint {
-                part: part as u32,
-                point: contact.point_idx,
-                position_m: world_from_body.transform_point(contact.pressed_body.as_dvec3()),
-                normal,
-                gradient: world_from_body.transform_vector(contact.way_out_body.as_dvec3()),
-                depth_m: contact.noted_depth_m().into(),
-                area_m2: f64::from(contact.weight) * self.shell.voxel_size_m().powi(2),
-                force_n: normal
-                    * (self.law.stiffness_n_per_m
-                        * f64::from(contact.mean_depth_m)
-                        * f64::from(contact.weight)),
-            });
-        };
-        Ok(self.with_traversal(|traversal| self.sum(traversal, world_from_shell, Some(&mut also))))
+        Ok(self.with_traversals(|traversals| {
+            let found = self
+                .each(traversals)
+                .map(|(way, traversal)| way.contacts(traversal, world_from_shell, &mut each));
+            found.reduce(ContactWrench::and).unwrap_or_default()
+        }))
     }
 
     /// `[n]`: [`Self::wrench`] of each pose, on the current rayon pool; the same bits as one by
@@ -243,8 +292,8 @@ impl ContactQuery {
             .enumerate()
             .try_for_each(|(index, pose)| check_pose(index, *pose))?;
         Ok(parallel::map_chunks(world_from_shell, POSES_PER_TASK, |poses| {
-            self.with_traversal(|traversal| {
-                poses.iter().map(|pose| self.sum(traversal, *pose, None)).collect::<Vec<_>>()
+            self.with_traversals(|traversals| {
+                poses.iter().map(|pose| self.felt(traversals, *pose)).collect::<Vec<_>>()
             })
         })
         .concat())
@@ -261,11 +310,12 @@ impl ContactQuery {
     /// [`Error::Pose`].
     pub fn stiffness(&self, world_from_shell: Pose) -> Result<[[f64; 6]; 6], Error> {
         check_pose(0, world_from_shell)?;
-        let body = self.world_from_body(world_from_shell);
-        let sum = self.with_traversal(|traversal| {
-            ContactSum::of(traversal, &self.parts, self.shell.shell(), body, self.law, None)
-        });
-        Ok(sum.stiffness.moved(sum.wrench, body.translation, world_from_shell.translation).0)
+        Ok(self.with_traversals(|traversals| {
+            let found = self
+                .each(traversals)
+                .map(|(way, traversal)| way.stiffness(traversal, world_from_shell));
+            found.reduce(|one, other| one.plus_scaled(1.0, &other)).unwrap_or(Mat6::ZERO).0
+        }))
     }
 
     /// The point of the shell that is nearest to a part, and the place there. `None` where something
@@ -276,42 +326,18 @@ impl ContactQuery {
     /// [`Error::Pose`].
     pub fn nearest(&self, world_from_shell: Pose) -> Result<Option<NearestPoint>, Error> {
         check_pose(0, world_from_shell)?;
-        let body = self.world_from_body(world_from_shell);
-        let shell = self.shell.shell();
-        let highest = self.with_traversal(|traversal| {
-            let sum = ContactSum::of(traversal, &self.parts, shell, body, self.law, None);
-            (sum.contacts == 0).then(|| Highest::of(traversal, &self.parts, shell, body, self.law))
-        });
-        Ok(highest.and_then(|highest| {
-            let part = highest.obstacle_idx?;
-            let Obstacle { field, world_from_map } = self.parts.get(part)?;
-            let distance_m = -highest.value_m;
-            let voxel_size_m = f64::from(field.voxel_size_m());
-            // Directions take distances half a cell farther out.
-            if distance_m > f64::from(field.known_outside_m()) - voxel_size_m {
-                return None;
+        Ok(self.with_traversals(|traversals| {
+            let mut nearest = None;
+            for (way, traversal) in self.each(traversals) {
+                let highest = way.highest(traversal, world_from_shell)?;
+                if nearest
+                    .is_none_or(|(_, nearest): (_, Highest)| highest.value_m > nearest.value_m)
+                {
+                    nearest = Some((way, highest));
+                }
             }
-            let map_from_body = world_from_map.inverse() * body;
-            let point = highest.point(field, shell, map_from_body)?;
-            let block = shell.positions().get(point as usize / LANES)?;
-            let arm = block.get(point as usize % LANES).as_dvec3();
-            let mut on_map = map_from_body.transform_point(arm);
-            // Once the whole way, and what is off there. Within a cell interpolated gradients are off
-            // by up to half a cell over the distance; differences over a cell are not.
-            for _ in 0..3 {
-                let cells = ((on_map - field.origin_map().as_dvec3()) / voxel_size_m).as_vec3();
-                let depth_m = |cells: Vec3| field.distance(cells).0;
-                let grows = |axis: Vec3| depth_m(cells + 0.5 * axis) - depth_m(cells - 0.5 * axis);
-                let inward = Vec3::from_array(Vec3::AXES.map(grows)).as_dvec3();
-                on_map -= inward.normalize_or_zero() * f64::from(depth_m(cells));
-            }
-            Some(NearestPoint {
-                part: part as u32,
-                point,
-                on_shell_m: body.transform_point(arm),
-                on_part_m: world_from_map.transform_point(on_map),
-                distance_m,
-            })
+            let (way, highest) = nearest?;
+            way.nearest(highest, world_from_shell)
         }))
     }
 
@@ -378,25 +404,31 @@ impl ContactQuery {
         check_pose(0, from)?;
         check_pose(1, to)?;
         check("tolerance_m", tolerance_m, 1e-12..=FARTHEST_M, "metres, greater than 1e-12")?;
+        let Some(Way { shell, .. }) = self.ways.first() else { return Ok(None) };
+        let shell_from_body = Pose::from_translation(shell.mass_properties().center_m);
         let [begin, end] = [from, to].map(|pose| {
-            let body = self.world_from_body(pose);
+            let body = pose * shell_from_body;
             Pose { rotation: body.rotation.normalize(), ..body }
         });
         let body_from_shell = begin.inverse() * from;
-        let shell = self.shell.shell();
-        let way_m = begin.translation.distance(end.translation)
-            + begin.rotation_to(end).length() * (shell.radius_m() + f64::from(shell.reach_m()));
-        let least = (tolerance_m / way_m.max(f64::MIN_POSITIVE)).max(f64::EPSILON);
-        self.with_traversal(|traversal| {
+        let centers = [begin.translation, end.translation];
+        let turn = begin.rotation_to(end).length();
+        self.with_traversals(|traversals| {
             let mut share = 0.0;
             loop {
                 let body = Pose::new(
                     begin.rotation.slerp(end.rotation, share),
                     begin.translation.lerp(end.translation, share),
                 );
-                let sum = ContactSum::of(traversal, &self.parts, shell, body, self.law, None);
-                if sum.contacts > 0 {
-                    return Ok(Some(Impact { share, pose: body * body_from_shell }));
+                let pose = body * body_from_shell;
+                let mut step = 1.0_f64;
+                for (way, traversal) in self.each(traversals) {
+                    let Some(free_way_m) = way.free_way_m(traversal, pose) else {
+                        return Ok(Some(Impact { share, pose }));
+                    };
+                    let way_m = way.farthest_m(centers, turn);
+                    let least = (tolerance_m / way_m.max(f64::MIN_POSITIVE)).max(f64::EPSILON);
+                    step = step.min((free_way_m / way_m).max(least));
                 }
                 if share >= 1.0 {
                     return Ok(None);
@@ -404,42 +436,30 @@ impl ContactQuery {
                 if watch(share).is_break() {
                     return Err(Error::Cancelled);
                 }
-                share = (share + (sum.free_way_m / way_m).max(least)).min(1.0);
+                share = (share + step).min(1.0);
             }
         })
     }
 
-    fn world_from_body(&self, world_from_shell: Pose) -> Pose {
-        world_from_shell * Pose::from_translation(self.shell.mass_properties().center_m)
+    fn each<'a>(
+        &'a self,
+        traversals: &'a mut [Traversal],
+    ) -> impl Iterator<Item = (&'a Way, &'a mut Traversal)> {
+        self.ways.iter().zip(traversals)
     }
 
-    fn sum(
-        &self,
-        traversal: &mut Traversal,
-        pose: Pose,
-        also: Option<&mut Also<'_>>,
-    ) -> ContactWrench {
-        let body = self.world_from_body(pose);
-        let shell = self.shell.shell();
-        let bands_m = self.parts.iter().map(|part| part.field.known_outside_m());
-        let band_m = bands_m.fold(f32::INFINITY, f32::min).into();
-        let sum = ContactSum::with_clearance(traversal, &self.parts, shell, body, self.law, also);
-        ContactWrench {
-            wrench: sum.wrench.moved(body.translation, pose.translation),
-            contacts: sum.contacts,
-            penetration_m: sum.max_value_m.max(0.0),
-            clearance_m: if sum.contacts > 0 { 0.0 } else { (-sum.max_value_m).clamp(0.0, band_m) },
-        }
+    fn felt(&self, traversals: &mut [Traversal], pose: Pose) -> ContactWrench {
+        let found = self.each(traversals).map(|(way, traversal)| way.felt(traversal, pose, None));
+        found.reduce(ContactWrench::and).unwrap_or_default()
     }
 
-    fn with_traversal<T>(&self, ask: impl FnOnce(&mut Traversal) -> T) -> T {
+    fn with_traversals<T>(&self, ask: impl FnOnce(&mut [Traversal]) -> T) -> T {
         let spare = || self.spare.lock().unwrap_or_else(PoisonError::into_inner);
         let taken = spare().pop();
-        let mut traversal = taken.unwrap_or_else(|| {
-            Traversal::new(SimdLevel::best(), TraversalMode::Tree, &self.parts, self.shell.shell())
-        });
-        let answer = ask(&mut traversal);
-        spare().push(traversal);
+        let mut traversals =
+            taken.unwrap_or_else(|| self.ways.iter().map(Way::traversal).collect());
+        let answer = ask(&mut traversals);
+        spare().push(traversals);
         answer
     }
 }

@@ -133,6 +133,11 @@ impl Field {
         self.skin_m > 0.0
     }
 
+    /// It can be looked up by [`FieldKind::SurfacePoint`].
+    pub(crate) fn has_gradients(&self) -> bool {
+        self.gradients.len() == self.samples_m.len()
+    }
+
     /// V of everything outside the grid, m: what every look-up gives there.
     pub fn outside_m(&self) -> f32 {
         -self.band_m + self.skin_m

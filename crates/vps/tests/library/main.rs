@@ -12,6 +12,8 @@ mod two_parts;
 #[path = "../../examples/voxmap.rs"]
 mod voxmap;
 
+mod both_ways;
+mod laws;
 mod refusals;
 
 use std::alloc::{GlobalAlloc, Layout, System};
