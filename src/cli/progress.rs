@@ -28,7 +28,9 @@ impl BakeProgress {
             BakeStage::Fill => "fill",
             BakeStage::Layers => "layers",
             BakeStage::Distance => "distances",
+            BakeStage::Field => "sharp edges",
             BakeStage::Pointshell => "pointshell",
+            BakeStage::Report => "report",
         };
         let BakeEvent { name, object_idx, n_objects, .. } = event;
         self.show(format!(

@@ -47,6 +47,10 @@ typedef enum vps_stage {
   VPS_STAGE_DISTANCE = 4,
   // Placing points on the surface.
   VPS_STAGE_POINTS = 5,
+  // Preparing distances for queries.
+  VPS_STAGE_FIELD = 6,
+  // Measuring what was baked.
+  VPS_STAGE_REPORT = 7,
 } vps_stage;
 
 // A shape around the origin, its axis z, and what its sizes_m are.
@@ -77,6 +81,26 @@ typedef enum vps_inside_test {
   VPS_INSIDE_THIN = 3,
 } vps_inside_test;
 
+// How the depth of a point is found, as contact.field of a scene.
+typedef enum vps_field {
+  // By interpolation of distances.
+  VPS_FIELD_TRILINEAR = 0,
+  // By the layer of the voxel and the plane of the point.
+  VPS_FIELD_LAYERS = 1,
+  // By the plane at the nearest point of the surface; wants four times the memory.
+  VPS_FIELD_SURFACE_POINT = 2,
+  // By the distances around an octant of the voxel.
+  VPS_FIELD_OCTANT = 3,
+} vps_field;
+
+// Which points a shell has, as tool.points of a scene.
+typedef enum vps_points {
+  // One for each facet of the surface in a voxel.
+  VPS_POINTS_FACETS = 0,
+  // One for each voxel of the surface, all alike.
+  VPS_POINTS_VOXELS = 1,
+} vps_points;
+
 // Triangles of a part, ready to be baked.
 typedef struct vps_mesh vps_mesh;
 
@@ -97,6 +121,10 @@ typedef struct vps_options {
   uint32_t layers;
   // A vps_inside_test.
   uint32_t inside_test;
+  // A vps_field: of the queries that a voxmap is baked for.
+  uint32_t field;
+  // A vps_points: which points a shell has.
+  uint32_t points;
 } vps_options;
 
 // Hears of each stage before it begins, on the thread that bakes; anything but 0 ends the bake
@@ -275,6 +303,9 @@ uint32_t vps_abi_version(void);
 // Voxels of this edge, m, and for the rest what suits most parts.
 struct vps_options vps_options_default(double voxel_size_m);
 
+// Share of a bake that is over when a stage begins, 0 to 1: the mean of some parts.
+double vps_stage_share(uint32_t stage);
+
 // Bakes the part that is touched, on all processors (RAYON_NUM_THREADS in the environment: on so
 // many threads), to the same bits for any number of threads. progress may be null.
 //
@@ -443,6 +474,22 @@ enum vps_status vps_query_new_of_parts(const struct vps_voxmap *const *voxmaps,
                                        const struct vps_shell *shell,
                                        double stiffness_n_per_m,
                                        struct vps_query **out);
+
+// The same of two parts that each have both, the one that stands still and the one that moves: half
+// of the energy of the moving shell's points in the voxmap, and half of that of own_shell's points
+// in own_voxmap. voxmap and own_shell are of the part that stands still, own_voxmap and shell of the
+// one that moves. stiffness_n_per_m counts for a square of the moving shell's voxel edge, and by
+// area for the other one. Contacts of own_shell's points have the part 1.
+enum vps_status vps_query_new_both_ways(const struct vps_voxmap *voxmap,
+                                        const struct vps_shell *own_shell,
+                                        const struct vps_voxmap *own_voxmap,
+                                        const struct vps_shell *shell,
+                                        double stiffness_n_per_m,
+                                        struct vps_query **out);
+
+// Has a query find depths by a vps_field, before threads share it; voxmaps have to be baked for
+// VPS_FIELD_SURFACE_POINT. With shells of the same vps_points the force is that of a scene.
+enum vps_status vps_query_set_field(struct vps_query *query, uint32_t field);
 
 // Wrench, penetration and clearance at a pose: the same bits on every thread. Allocates only where
 // more threads ask at a time than ever before.

@@ -280,6 +280,16 @@ class ContactQuery {
           return vps_query_new_of_parts(voxmaps.data(), poses.data(), voxmaps.size(), shell.get(), stiffness_n_per_m, out);
         })) {}
 
+  /// Half of the energy of each part's points in the other one, as vps_query_new_both_ways says: the part that stands still, and the one that moves.
+  static ContactQuery both_ways(const Voxmap& voxmap, const PointShell& own_shell, const Voxmap& own_voxmap, const PointShell& shell,
+                                double stiffness_n_per_m) {
+    return ContactQuery(detail::make<vps_query>([&](vps_query** out) {
+      return vps_query_new_both_ways(voxmap.get(), own_shell.get(), own_voxmap.get(), shell.get(), stiffness_n_per_m, out);
+    }));
+  }
+  /// Before threads share it.
+  void set_field(vps_field field) { detail::check(vps_query_set_field(handle_.get(), field)); }
+
   Wrench wrench(const Pose& pose) const {
     Wrench felt;
     detail::check(vps_query_wrench(handle_.get(), &pose, &felt));
@@ -335,6 +345,7 @@ class ContactQuery {
   const vps_query* get() const noexcept { return handle_.get(); }
 
  private:
+  explicit ContactQuery(vps_query* handle) : handle_(handle) {}
   detail::Handle<vps_query, vps_query_free> handle_;
 };
 

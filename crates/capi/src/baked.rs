@@ -4,7 +4,7 @@ use std::ffi::{CString, c_char, c_int, c_void};
 use std::mem::MaybeUninit;
 use std::ops::ControlFlow;
 
-use vps::{Accuracy, BakeStage, DVec3, InsideTest, Options, PointShell, Voxmap};
+use vps::{Accuracy, BakeStage, DVec3, FieldKind, InsideTest, Options, PointShell, Points, Voxmap};
 
 use crate::border::{
     Failure, call, free, given, lines, make, path, place, places, text, triple, vps_status,
@@ -59,6 +59,41 @@ pub struct vps_options {
     pub layers: u32,
     /// A vps_inside_test.
     pub inside_test: u32,
+    /// A vps_field: of the queries that a voxmap is baked for.
+    pub field: u32,
+    /// A vps_points: which points a shell has.
+    pub points: u32,
+}
+
+/// How the depth of a point is found, as contact.field of a scene.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum vps_field {
+    /// By interpolation of distances.
+    VPS_FIELD_TRILINEAR = 0,
+    /// By the layer of the voxel and the plane of the point.
+    VPS_FIELD_LAYERS = 1,
+    /// By the plane at the nearest point of the surface; wants four times the memory.
+    VPS_FIELD_SURFACE_POINT = 2,
+    /// By the distances around an octant of the voxel.
+    VPS_FIELD_OCTANT = 3,
+}
+
+/// The field of this number.
+pub(crate) fn field(name: &str, number: u32) -> Result<FieldKind, Failure> {
+    use FieldKind::*;
+    let found = [Trilinear, Layers, SurfacePoint, Octant].get(number as usize).copied();
+    found.ok_or_else(|| Failure::argument(format!("{name} is {number}: give a vps_field, 0 to 3")))
+}
+
+/// Which points a shell has, as tool.points of a scene.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum vps_points {
+    /// One for each facet of the surface in a voxel.
+    VPS_POINTS_FACETS = 0,
+    /// One for each voxel of the surface, all alike.
+    VPS_POINTS_VOXELS = 1,
 }
 
 impl vps_options {
@@ -72,6 +107,15 @@ impl vps_options {
         })?;
         Ok(Options { layers: self.layers, sides, ..Options::new(self.voxel_size_m) })
     }
+
+    fn read_points(&self) -> Result<Points, Failure> {
+        [Points::Facets, Points::Voxels].get(self.points as usize).copied().ok_or_else(|| {
+            Failure::argument(format!(
+                "options->points is {}: give a vps_points, 0 or 1",
+                self.points
+            ))
+        })
+    }
 }
 
 /// Voxels of this edge, m, and for the rest what suits most parts.
@@ -81,6 +125,8 @@ pub extern "C" fn vps_options_default(voxel_size_m: f64) -> vps_options {
         voxel_size_m,
         layers: Options::DEFAULT_LAYERS,
         inside_test: vps_inside_test::VPS_INSIDE_AUTO as u32,
+        field: vps_field::VPS_FIELD_TRILINEAR as u32,
+        points: vps_points::VPS_POINTS_FACETS as u32,
     }
 }
 
@@ -100,6 +146,26 @@ pub enum vps_stage {
     VPS_STAGE_DISTANCE = 4,
     /// Placing points on the surface.
     VPS_STAGE_POINTS = 5,
+    /// Preparing distances for queries.
+    VPS_STAGE_FIELD = 6,
+    /// Measuring what was baked.
+    VPS_STAGE_REPORT = 7,
+}
+
+/// Share of a bake that is over when a stage begins, 0 to 1: the mean of some parts.
+#[unsafe(no_mangle)]
+pub extern "C" fn vps_stage_share(stage: u32) -> f64 {
+    const STAGES: [BakeStage; 8] = [
+        BakeStage::Load,
+        BakeStage::Surface,
+        BakeStage::Fill,
+        BakeStage::Layers,
+        BakeStage::Distance,
+        BakeStage::Pointshell,
+        BakeStage::Field,
+        BakeStage::Report,
+    ];
+    STAGES.get(stage as usize).map_or(0.0, |stage| stage.share())
 }
 
 /// Hears of each stage before it begins, on the thread that bakes; anything but 0 ends the bake
@@ -121,6 +187,8 @@ unsafe fn watch(
             BakeStage::Layers => VPS_STAGE_LAYERS,
             BakeStage::Distance => VPS_STAGE_DISTANCE,
             BakeStage::Pointshell => VPS_STAGE_POINTS,
+            BakeStage::Field => VPS_STAGE_FIELD,
+            BakeStage::Report => VPS_STAGE_REPORT,
         };
         // SAFETY: as the caller promises.
         match progress.map_or(0, |progress| unsafe { progress(stage, user) }) {
@@ -144,12 +212,12 @@ pub unsafe extern "C" fn vps_voxmap_bake(
     out: Option<&mut MaybeUninit<*mut vps_voxmap>>,
 ) -> vps_status {
     make(out, || {
-        let options = given("options", options)?.read()?;
+        let given_options = given("options", options)?;
+        let options = given_options.read()?;
+        let field = field("options->field", given_options.field)?;
         // SAFETY: as the caller promises.
-        Ok(Voxmap::bake_with(&given("mesh", mesh)?.mesh, &options, unsafe {
-            watch(progress, user)
-        })?
-        .into())
+        let watch = unsafe { watch(progress, user) };
+        Ok(Voxmap::bake_for(&given("mesh", mesh)?.mesh, &options, field, watch)?.into())
     })
 }
 
@@ -308,12 +376,12 @@ pub unsafe extern "C" fn vps_shell_bake(
     out: Option<&mut MaybeUninit<*mut vps_shell>>,
 ) -> vps_status {
     make(out, || {
-        let options = given("options", options)?.read()?;
+        let given_options = given("options", options)?;
+        let options = given_options.read()?;
+        let points = given_options.read_points()?;
         // SAFETY: as the caller promises.
-        Ok(PointShell::bake_with(&given("mesh", mesh)?.mesh, &options, unsafe {
-            watch(progress, user)
-        })?
-        .into())
+        let watch = unsafe { watch(progress, user) };
+        Ok(PointShell::bake_of(&given("mesh", mesh)?.mesh, &options, points, watch)?.into())
     })
 }
 

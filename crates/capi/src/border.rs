@@ -97,6 +97,14 @@ pub(crate) fn given<'a, T>(name: &str, pointer: Option<&'a T>) -> Result<&'a T, 
     pointer.ok_or_else(|| refused(name, "is null"))
 }
 
+/// What an argument points at, to be changed.
+pub(crate) fn given_mut<'a, T>(
+    name: &str,
+    pointer: Option<&'a mut T>,
+) -> Result<&'a mut T, Failure> {
+    pointer.ok_or_else(|| refused(name, "is null"))
+}
+
 /// The place that an argument names for a result.
 pub(crate) fn place<'a, T>(
     name: &str,

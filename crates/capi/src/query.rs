@@ -8,7 +8,7 @@ use vps::{
 };
 
 use crate::baked::{vps_shell, vps_voxmap};
-use crate::border::{call, free, given, make, place, places, slice, vps_status};
+use crate::border::{call, free, given, given_mut, make, place, places, slice, vps_status};
 
 /// Asks what wrench voxmaps exert on a shell. Any number of threads may ask one query at a time.
 pub struct vps_query(ContactQuery);
@@ -145,6 +145,37 @@ pub unsafe extern "C" fn vps_query_new_of_parts(
         }
         let shell = &given("shell", shell)?.shell;
         Ok(vps_query(ContactQuery::of_parts(&parts, shell, stiffness_n_per_m)?))
+    })
+}
+
+/// The same of two parts that each have both, the one that stands still and the one that moves: half
+/// of the energy of the moving shell's points in the voxmap, and half of that of own_shell's points
+/// in own_voxmap. voxmap and own_shell are of the part that stands still, own_voxmap and shell of the
+/// one that moves. stiffness_n_per_m counts for a square of the moving shell's voxel edge, and by
+/// area for the other one. Contacts of own_shell's points have the part 1.
+#[unsafe(no_mangle)]
+pub extern "C" fn vps_query_new_both_ways(
+    voxmap: Option<&vps_voxmap>,
+    own_shell: Option<&vps_shell>,
+    own_voxmap: Option<&vps_voxmap>,
+    shell: Option<&vps_shell>,
+    stiffness_n_per_m: f64,
+    out: Option<&mut MaybeUninit<*mut vps_query>>,
+) -> vps_status {
+    make(out, || {
+        let fixed = (&given("voxmap", voxmap)?.voxmap, &given("own_shell", own_shell)?.shell);
+        let moving = (&given("own_voxmap", own_voxmap)?.voxmap, &given("shell", shell)?.shell);
+        Ok(vps_query(ContactQuery::both_ways(fixed, moving, stiffness_n_per_m)?))
+    })
+}
+
+/// Has a query find depths by a vps_field, before threads share it; voxmaps have to be baked for
+/// VPS_FIELD_SURFACE_POINT. With shells of the same vps_points the force is that of a scene.
+#[unsafe(no_mangle)]
+pub extern "C" fn vps_query_set_field(query: Option<&mut vps_query>, field: u32) -> vps_status {
+    call(|| {
+        let field = crate::baked::field("field", field)?;
+        Ok(given_mut("query", query)?.0.set_field(field)?)
     })
 }
 

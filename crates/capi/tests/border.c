@@ -29,6 +29,9 @@ static vps_wrench alone[POSES];
 static int heard;
 
 static int until_layers(vps_stage stage, void *user) {
+  static double share = 2;
+  EXPECT(vps_stage_share(stage) < 1 && (stage == VPS_STAGE_SURFACE || vps_stage_share(stage) > share));
+  share = vps_stage_share(stage);
   ++heard;
   return stage == *(const vps_stage *)user;
 }
@@ -90,13 +93,19 @@ static void baked(const vps_mesh *block, vps_voxmap **voxmap, vps_shell **shell,
   options.inside_test = 9;
   REFUSED(vps_shell_bake(ball, &options, NULL, NULL, shell), VPS_ERROR_ARGUMENT, "inside_test is 9");
   options.inside_test = VPS_INSIDE_AUTO;
+  options.points = 2;
+  REFUSED(vps_shell_bake(ball, &options, NULL, NULL, shell), VPS_ERROR_ARGUMENT, "points is 2");
+  options.points = VPS_POINTS_FACETS;
+  options.field = 4;
+  REFUSED(vps_voxmap_bake(block, &options, NULL, NULL, voxmap), VPS_ERROR_ARGUMENT, "options->field is 4");
+  options.field = VPS_FIELD_TRILINEAR;
   REFUSED(vps_voxmap_bake(NULL, &options, NULL, NULL, voxmap), VPS_ERROR_ARGUMENT, "mesh is null");
   REFUSED(vps_voxmap_bake(block, NULL, NULL, NULL, voxmap), VPS_ERROR_ARGUMENT, "options is null");
   vps_stage last = VPS_STAGE_LAYERS;
   REFUSED(vps_voxmap_bake(block, &options, until_layers, &last, voxmap), VPS_ERROR_CANCELLED, "cancelled");
   EXPECT(heard == 3 && *voxmap == NULL);
   last = VPS_STAGE_LOAD;
-  EXPECT(vps_voxmap_bake(block, &options, until_layers, &last, voxmap) == VPS_OK && heard == 7);
+  EXPECT(vps_voxmap_bake(block, &options, until_layers, &last, voxmap) == VPS_OK && heard == 9);
   EXPECT(vps_shell_bake(ball, &options, NULL, NULL, shell) == VPS_OK);
   EXPECT(vps_voxmap_warnings(*voxmap)[0] == 0 && vps_shell_warnings(*shell)[0] == 0);
   vps_accuracy accuracy;
@@ -189,6 +198,57 @@ static void queries(vps_query *query) {
   REFUSED(vps_query_wrench(query, &poses[0], NULL), VPS_ERROR_ARGUMENT, "out is null");
 }
 
+// Parts that change places feel the opposite, and both ways are half of each.
+static void both_ways(const vps_mesh *block, const vps_mesh *ball) {
+  vps_options coarse = vps_options_default(1e-3), fine = vps_options_default(0.8e-3);
+  coarse.field = VPS_FIELD_SURFACE_POINT;
+  vps_voxmap *fixed, *moving;
+  vps_shell *fixed_points, *moving_points;
+  EXPECT(vps_voxmap_bake(block, &coarse, NULL, NULL, &fixed) == VPS_OK && vps_voxmap_bake(ball, &fine, NULL, NULL, &moving) == VPS_OK);
+  EXPECT(vps_shell_bake(block, &coarse, NULL, NULL, &fixed_points) == VPS_OK && vps_shell_bake(ball, &fine, NULL, NULL, &moving_points) == VPS_OK);
+  vps_query *both, *there, *back;
+  EXPECT(vps_query_new_both_ways(fixed, fixed_points, moving, moving_points, 1000.0, &both) == VPS_OK);
+  EXPECT(vps_query_new(fixed, moving_points, 1000.0, &there) == VPS_OK);
+  EXPECT(vps_query_new(moving, fixed_points, 1000.0 * 1.0 / 0.64, &back) == VPS_OK);
+  int touching = 0;
+  for (int n = 0; n < 200; ++n) {
+    const vps_pose at = {{0.02 * cos(n), 0.02 * sin(n), 29e-3 + 1e-3 * sin(0.3 * n)}, {0, 0, 0, 1}};
+    const vps_pose inverse = {{-at.position_m[0], -at.position_m[1], -at.position_m[2]}, {0, 0, 0, 1}};
+    vps_wrench felt, one, other;
+    EXPECT(vps_query_wrench(both, &at, &felt) == VPS_OK && vps_query_wrench(there, &at, &one) == VPS_OK);
+    EXPECT(vps_query_wrench(back, &inverse, &other) == VPS_OK && felt.n_contacts == one.n_contacts + other.n_contacts);
+    const double force_n = fabs(one.force_n[2]) + fabs(other.force_n[2]);
+    for (int k = 0; k < 3; ++k) {
+      const int i = (k + 1) % 3, j = (k + 2) % 3;
+      EXPECT(fabs(felt.force_n[k] - 0.5 * (one.force_n[k] - other.force_n[k])) <= 1e-5 * force_n);
+      // About the origin of the block there, of the ball here.
+      const double moved_nm = other.torque_nm[k] - (at.position_m[i] * other.force_n[j] - at.position_m[j] * other.force_n[i]);
+      EXPECT(fabs(felt.torque_nm[k] - 0.5 * (one.torque_nm[k] - moved_nm)) <= 1e-6 * force_n);
+    }
+    touching += felt.n_contacts > 0;
+  }
+  EXPECT(touching > 50 && touching < 200);
+  vps_query_free(back);
+  REFUSED(vps_query_new_both_ways(fixed, fixed_points, NULL, moving_points, 1.0, &back), VPS_ERROR_ARGUMENT, "own_voxmap is null");
+  REFUSED(vps_query_set_field(both, 4), VPS_ERROR_ARGUMENT, "field is 4");
+  REFUSED(vps_query_set_field(NULL, VPS_FIELD_LAYERS), VPS_ERROR_ARGUMENT, "query is null");
+  // The ball is not baked for it.
+  REFUSED(vps_query_set_field(both, VPS_FIELD_SURFACE_POINT), VPS_ERROR_ARGUMENT, "bake them for this field");
+  vps_wrench felt, other;
+  const vps_pose deep = {{0, 0, 28e-3}, {0, 0, 0, 1}};
+  EXPECT(vps_query_wrench(there, &deep, &felt) == VPS_OK);
+  for (uint32_t field = VPS_FIELD_LAYERS; field <= VPS_FIELD_OCTANT; ++field) {
+    EXPECT(vps_query_set_field(there, field) == VPS_OK && vps_query_wrench(there, &deep, &other) == VPS_OK);
+    EXPECT(other.force_n[2] != felt.force_n[2] && fabs(other.force_n[2] / felt.force_n[2] - 1) < 0.5);
+  }
+  vps_query_free(both);
+  vps_query_free(there);
+  vps_voxmap_free(fixed);
+  vps_voxmap_free(moving);
+  vps_shell_free(fixed_points);
+  vps_shell_free(moving_points);
+}
+
 int main(int argc, char **argv) {
   if (argc != 2) return 2;
   EXPECT(vps_abi_version() == VPS_ABI_VERSION);
@@ -200,6 +260,7 @@ int main(int argc, char **argv) {
   EXPECT(vps_mesh_shape(VPS_BOX, (double[]){40e-3, 40e-3, 40e-3}, 1e-5, &block) == VPS_OK);
   EXPECT(vps_mesh_shape(VPS_SPHERE, (double[]){10e-3, NAN, NAN}, 1e-5, &ball) == VPS_OK);
   baked(block, &voxmap, &shell, ball, argv[1]);
+  both_ways(block, ball);
   REFUSED(vps_query_new(voxmap, shell, -1.0, &query), VPS_ERROR_ARGUMENT, "stiffness_n_per_m is -1");
   REFUSED(vps_query_new(voxmap, NULL, 1.0, &query), VPS_ERROR_ARGUMENT, "shell is null");
   EXPECT(vps_query_new(voxmap, shell, 1000.0, &query) == VPS_OK);

@@ -172,6 +172,8 @@ static vps_options options_for(const vps_mesh *mesh) {
   if (one_in(20)) options.voxel_size_m = longest_m * 1e-6;
   options.layers = one_in(20) ? (uint32_t)next() : 2 + (uint32_t)below(one_in(10) ? 125 : 10);
   options.inside_test = one_in(20) ? (uint32_t)next() : (uint32_t)below(4);
+  options.field = one_in(20) ? (uint32_t)next() : (uint32_t)below(4);
+  options.points = one_in(20) ? (uint32_t)next() : (uint32_t)below(2);
   return options;
 }
 
@@ -209,7 +211,12 @@ static void expect_sound(const vps_wrench *felt) {
 
 static void ask(const vps_voxmap *voxmap, const vps_shell *shell) {
   vps_query *query = NULL;
-  if (!ok(vps_query_new(voxmap, shell, one_in(8) ? number() : 1000.0, &query))) return;
+  const double stiffness_n_per_m = one_in(8) ? number() : 1000.0;
+  if (!ok(one_in(3) ? vps_query_new_both_ways(voxmap, shell, voxmap, shell, stiffness_n_per_m, &query)
+                    : vps_query_new(voxmap, shell, stiffness_n_per_m, &query))) {
+    return;
+  }
+  if (one_in(4)) ok(vps_query_set_field(query, (uint32_t)below(5)));
   enum { N = 20 };
   vps_pose *poses = malloc(N * sizeof *poses);
   vps_wrench *felt = malloc(N * sizeof *felt), one;
@@ -250,7 +257,7 @@ static void run(char **seeds, int n_seeds) {
   if (!ok(vps_mesh_mass(mesh, &mass)) || !ok(vps_mesh_counts(mesh, &n_vertices, &n_triangles))) wrong("a mesh that was made");
   if (strlen(vps_mesh_warnings(mesh)) > 100000) wrong("warnings");
   const vps_options options = options_for(mesh);
-  int stop_at = one_in(10) ? (int)below(6) : -1;
+  int stop_at = one_in(10) ? (int)below(8) : -1;
   vps_voxmap *voxmap = NULL;
   vps_shell *shell = NULL;
   ok(vps_voxmap_bake(mesh, &options, maybe_stop, &stop_at, &voxmap));

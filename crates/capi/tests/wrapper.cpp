@@ -41,7 +41,7 @@ int main(int argc, char** argv) {
   const auto options = vps::options(1e-3);
   int stages = 0;
   auto voxmap = vps::Voxmap::bake(part, options, [&](vps_stage) { return ++stages > 0; });
-  EXPECT(stages == 4);
+  EXPECT(stages == 6);
   refused(VPS_ERROR_CANCELLED, [&] { vps::PointShell::bake(part, options, [](vps_stage stage) { return stage != VPS_STAGE_FILL; }); });
   try {
     vps::Voxmap::bake(part, options, [](vps_stage) -> bool { throw std::string("thrown by the callback"); });
@@ -84,5 +84,11 @@ int main(int argc, char** argv) {
   const std::vector<std::pair<const vps::Voxmap*, vps::Pose>> parts{{&moved, {{0, 0, 0}, {0, 0, 0, 1}}}, {&moved, {{0, 0, 0}, {0, 0, 0, 1}}}};
   const vps::ContactQuery twice(parts, vps::PointShell::bake(part, options), 100.0);
   EXPECT(std::abs(twice.wrench(poses[0]).force_n[2] - 2 * felt[0].force_n[2]) < 1e-6 && twice.contacts(poses[0]).back().part == 1);
+  // A part in its own like: half of each way is what one way has, where both are alike.
+  const auto points = vps::PointShell::bake(part, options);
+  auto both = vps::ContactQuery::both_ways(moved, points, moved, points, 100.0);
+  EXPECT(both.wrench(poses[0]).n_contacts > felt[0].n_contacts && both.wrench(poses[0]).force_n[2] < 0);
+  both.set_field(VPS_FIELD_LAYERS);
+  EXPECT(refused(VPS_ERROR_ARGUMENT, [&] { both.set_field(VPS_FIELD_SURFACE_POINT); }).find("bake them for this field") != std::string::npos);
   std::puts("wrapper: ok");
 }

@@ -8,11 +8,11 @@ use glam::DVec3;
 use pyo3::PyTypeInfo;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyString};
-use vps::Accuracy;
 use vps::parallel;
 use vps::pointshell::shell::{LANES, Lanes, Lanes3};
 use vps::voxmap::Options;
 use vps::voxmap::field::APRON_EDGE;
+use vps::{Accuracy, FieldKind, Points};
 
 use crate::arrays;
 use crate::errors::{InvalidInput, raise, warn};
@@ -35,6 +35,19 @@ fn options(voxel_size_m: f64, layers: i64) -> PyResult<Options> {
         ))
     })?;
     Ok(Options { layers, ..Options::new(voxel_size_m) })
+}
+
+/// What a scene calls by this name.
+pub(crate) fn named<T: Copy>(
+    argument: &str,
+    names: &[(&'static str, T)],
+    name: &str,
+) -> PyResult<T> {
+    let found = names.iter().find(|(known, _)| *known == name);
+    found.map(|(_, value)| *value).ok_or_else(|| {
+        let known: Vec<_> = names.iter().map(|(known, _)| format!("{known:?}")).collect();
+        InvalidInput::new_err(format!("{argument} is {name:?}: give {}", known.join(" or ")))
+    })
 }
 
 /// What `__reduce__` gives of a baked part.
@@ -180,24 +193,29 @@ impl Voxmap {
     /// Bakes a mesh with voxels of this edge, m, and so many layers of them on each side of the
     /// surface (2 to 126).
     ///
-    /// progress: called with the name of each stage ("surface", "fill", "layers", "distance")
-    /// before it begins. An exception that it raises, or Ctrl-C, is raised at once; threads go on
-    /// until the current stage is over. Warns with each sentence of `warnings`. Raises
+    /// progress: called with the name of each stage ("surface", "fill", "layers", "distance", "field",
+    /// "report") before it begins and the share of the bake that is over, which grows from 0, by what
+    /// stages take of other parts; at last with "done" and 1. An exception that it raises, or Ctrl-C,
+    /// is raised at once; threads go on until the current stage is over. field: of the queries that
+    /// the voxmap is for; "surface-point" takes four times the memory. Warns with each sentence of `warnings`. Raises
     /// InvalidInput: an option out of range, more voxels than memory holds. Cost: time and memory
     /// follow layers x area / voxel size²; all processors; the same bits for any number of threads.
     #[staticmethod]
-    #[pyo3(signature = (mesh, voxel_size_m, *, layers = 8, progress = None))]
+    #[pyo3(signature = (mesh, voxel_size_m, *, layers = 8, field = "trilinear", progress = None))]
     fn bake(
         py: Python<'_>,
         mesh: &Mesh,
         voxel_size_m: f64,
         layers: i64,
+        field: &str,
         progress: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let options = options(voxel_size_m, layers)?;
+        let field = named("field", &FieldKind::NAMES, field)?;
         let mesh = Arc::clone(&mesh.mesh);
-        let voxmap =
-            pool::bake(py, progress, move |watch| vps::Voxmap::bake_with(&mesh, &options, watch))?;
+        let voxmap = pool::bake(py, progress, move |watch| {
+            vps::Voxmap::bake_for(&mesh, &options, field, watch)
+        })?;
         warn(py, voxmap.warnings())?;
         Ok(Self { voxmap: Arc::new(voxmap) })
     }
@@ -384,21 +402,23 @@ impl PointShell {
 impl PointShell {
     /// Bakes a mesh: a point for each facet of the surface in each voxel of this edge, m.
     ///
-    /// Arguments, errors and cost as of `Voxmap.bake`; the stages are "surface", "fill", "layers"
-    /// and "pointshell".
+    /// Arguments, errors and cost as of `Voxmap.bake`; the stages are "surface", "fill", "layers",
+    /// "pointshell" and "report". points: "facets", or "voxels" of the surface, all alike.
     #[staticmethod]
-    #[pyo3(signature = (mesh, voxel_size_m, *, layers = 8, progress = None))]
+    #[pyo3(signature = (mesh, voxel_size_m, *, layers = 8, points = "facets", progress = None))]
     fn bake(
         py: Python<'_>,
         mesh: &Mesh,
         voxel_size_m: f64,
         layers: i64,
+        points: &str,
         progress: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let options = options(voxel_size_m, layers)?;
+        let points = named("points", &Points::NAMES, points)?;
         let mesh = Arc::clone(&mesh.mesh);
         let shell = pool::bake(py, progress, move |watch| {
-            vps::PointShell::bake_with(&mesh, &options, watch)
+            vps::PointShell::bake_of(&mesh, &options, points, watch)
         })?;
         warn(py, shell.warnings())?;
         Ok(Self { shell: Arc::new(shell) })

@@ -46,15 +46,16 @@ pub(crate) fn pool(_py: Python<'_>) -> PyResult<Arc<ThreadPool>> {
 pub(crate) type Watch<'a> = dyn FnMut(BakeStage) -> ControlFlow<()> + 'a;
 
 /// Runs `work` in the pool without the interpreter's lock. This thread calls `progress` with the
-/// name of each stage before it begins, and looks for signals. An exception of `progress`, or a
-/// signal's, is raised at once; the bake ends by itself when its current stage is over.
+/// name of each stage before it begins and the share that is over, at last with "done" and 1, and
+/// looks for signals. An exception of `progress`, or a signal's, is raised at once; the bake ends by
+/// itself when its current stage is over.
 pub(crate) fn bake<T: Send + 'static>(
     py: Python<'_>,
     progress: Option<&Bound<'_, PyAny>>,
     work: impl FnOnce(&mut Watch<'_>) -> Result<T, vps::Error> + Send + 'static,
 ) -> PyResult<T> {
     let pool = pool(py)?;
-    let progress = progress.map(|progress| progress.clone().unbind());
+    let told = progress.map(|progress| progress.clone().unbind());
     let (tell, stages) = channel();
     let (answer, answers) = channel();
     let (finish, finished) = channel();
@@ -76,7 +77,7 @@ pub(crate) fn bake<T: Send + 'static>(
                 Err(RecvTimeoutError::Timeout) => None,
                 Err(RecvTimeoutError::Disconnected) => break,
             };
-            Python::attach(|py| heard(py, progress.as_ref(), stage))?;
+            Python::attach(|py| heard(py, told.as_ref(), stage))?;
             // The bake waits for an answer to each stage, and for nothing else.
             if stage.is_some() && answer.send(()).is_err() {
                 break;
@@ -85,7 +86,11 @@ pub(crate) fn bake<T: Send + 'static>(
         Ok::<_, PyErr>(finished.recv())
     })?;
     match baked {
-        Ok(Ok(baked)) => baked.map_err(raise),
+        Ok(Ok(baked)) => {
+            let baked = baked.map_err(raise)?;
+            progress.map(|progress| progress.call1(("done", 1.0))).transpose()?;
+            Ok(baked)
+        }
         Ok(Err(panic)) => panic::resume_unwind(panic),
         Err(_) => Err(PyRuntimeError::new_err("the bake ended without a result")),
     }
@@ -94,7 +99,7 @@ pub(crate) fn bake<T: Send + 'static>(
 fn heard(py: Python<'_>, progress: Option<&Py<PyAny>>, stage: Option<BakeStage>) -> PyResult<()> {
     py.check_signals()?;
     if let (Some(progress), Some(stage)) = (progress, stage) {
-        progress.call1(py, (name(stage),))?;
+        progress.call1(py, (name(stage), stage.share()))?;
     }
     Ok(())
 }
@@ -106,6 +111,8 @@ fn name(stage: BakeStage) -> &'static str {
         BakeStage::Fill => "fill",
         BakeStage::Layers => "layers",
         BakeStage::Distance => "distance",
+        BakeStage::Field => "field",
         BakeStage::Pointshell => "pointshell",
+        BakeStage::Report => "report",
     }
 }

@@ -9,11 +9,11 @@ use pyo3::PyTypeInfo;
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
-use vps::{ContactPatch, ContactPoint, ContactWrench, NearestPoint};
+use vps::{ContactPatch, ContactPoint, ContactWrench, FieldKind, NearestPoint};
 
 use crate::arrays;
 use crate::errors::{InvalidInput, raise};
-use crate::parts::{PointShell, Voxmap};
+use crate::parts::{PointShell, Voxmap, named};
 use crate::pool::{self, SIGNALS_EVERY};
 
 /// An item of `WRENCH_DTYPE`.
@@ -195,24 +195,36 @@ impl From<NearestPoint> for NearestRecord {
 /// edge². There is no friction, and nothing is remembered: the same pose gives the same bits.
 /// `voxmap` may be a sequence of (voxmap, pose): parts that stand in one world; poses of the shell
 /// are then those in the world, which else is the voxmap's mesh frame.
-/// Threads may share a query. Raises InvalidInput: the stiffness is not between 0 and 1e12 N/m, or
-/// there is no voxmap. Cost: milliseconds; memory is shared with all parts.
+/// field: how depths are found, "trilinear", "layers", "octant" or, of voxmaps that are baked for
+/// it, "surface-point"; with a shell of the same points the force is that of a scene with these keys.
+/// Threads may share a query. Raises InvalidInput: the stiffness is not between 0 and 1e12 N/m, there
+/// is no voxmap, or one is not baked for this field. Cost: milliseconds; memory is shared with all
+/// parts.
 #[pyclass(frozen, module = "hapticd_vps")]
 pub(crate) struct ContactQuery {
     query: vps::ContactQuery,
-    /// What it was made of, which is how it is pickled.
-    made_of: (Vec<Part>, Py<PointShell>, f64),
+    /// Which is how it is pickled.
+    made_of: MadeOf,
+    stiffness_n_per_m: f64,
+    field: String,
+}
+
+/// What a query was made of.
+enum MadeOf {
+    Parts(Vec<Part>, Py<PointShell>),
+    BothWays([(Py<Voxmap>, Py<PointShell>); 2]),
 }
 
 #[pymethods]
 impl ContactQuery {
     #[new]
-    #[pyo3(signature = (voxmap, shell, stiffness_n_per_m = 1000.0))]
+    #[pyo3(signature = (voxmap, shell, stiffness_n_per_m = 1000.0, field = "trilinear"))]
     fn new(
         py: Python<'_>,
         voxmap: &Bound<'_, PyAny>,
         shell: Py<PointShell>,
         stiffness_n_per_m: f64,
+        field: &str,
     ) -> PyResult<Self> {
         let parts = match voxmap.cast::<Voxmap>() {
             Ok(voxmap) => vec![(voxmap.clone().unbind(), vps::Pose::IDENTITY)],
@@ -224,15 +236,55 @@ impl ContactQuery {
         let query = py
             .detach(|| vps::ContactQuery::of_parts(&parts_at, points, stiffness_n_per_m))
             .map_err(raise)?;
-        Ok(Self { query, made_of: (parts, shell, stiffness_n_per_m) })
+        Self::with_field(query, MadeOf::Parts(parts, shell), stiffness_n_per_m, field)
+    }
+
+    /// A query of two parts that each have both, the one that stands still and the one that moves:
+    /// two pairs (voxmap, shell).
+    ///
+    /// Wrench, stiffness and contacts are those of half the energy of the points of the one in the
+    /// other and half of the reverse: neither is preferred, and a needle that slips between the points
+    /// of the other part presses with its own. The stiffness counts for a square of the moving
+    /// shell's voxel edge, and by area for the other one. Contacts of the points of the part that
+    /// stands still have the `part` 1. Raises InvalidInput. Cost: as both queries.
+    #[staticmethod]
+    #[pyo3(signature = (fixed, moving, stiffness_n_per_m = 1000.0, field = "trilinear"))]
+    fn both_ways(
+        py: Python<'_>,
+        fixed: (Py<Voxmap>, Py<PointShell>),
+        moving: (Py<Voxmap>, Py<PointShell>),
+        stiffness_n_per_m: f64,
+        field: &str,
+    ) -> PyResult<Self> {
+        let pairs = [fixed, moving];
+        let [fixed, moving] =
+            pairs.each_ref().map(|(voxmap, shell)| (&*voxmap.get().voxmap, &*shell.get().shell));
+        let query = py
+            .detach(|| vps::ContactQuery::both_ways(fixed, moving, stiffness_n_per_m))
+            .map_err(raise)?;
+        Self::with_field(query, MadeOf::BothWays(pairs), stiffness_n_per_m, field)
     }
 
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let (parts, shell, stiffness_n_per_m) = &self.made_of;
-        let parts: Vec<_> =
-            parts.iter().map(|(voxmap, pose)| (voxmap.clone_ref(py), seven(*pose))).collect();
-        let made_of = (parts, shell.clone_ref(py), *stiffness_n_per_m);
-        Ok((Self::type_object(py), made_of).into_pyobject(py)?.into_any())
+        let own = Self::type_object(py);
+        let Self { made_of, stiffness_n_per_m, field, .. } = self;
+        match made_of {
+            MadeOf::Parts(parts, shell) => {
+                let parts: Vec<_> = parts
+                    .iter()
+                    .map(|(voxmap, pose)| (voxmap.clone_ref(py), seven(*pose)))
+                    .collect();
+                let made_of = (parts, shell.clone_ref(py), *stiffness_n_per_m, field);
+                Ok((own, made_of).into_pyobject(py)?.into_any())
+            }
+            MadeOf::BothWays(pairs) => {
+                let [fixed, moving] = pairs
+                    .each_ref()
+                    .map(|(voxmap, shell)| (voxmap.clone_ref(py), shell.clone_ref(py)));
+                let made_of = (fixed, moving, *stiffness_n_per_m, field);
+                Ok((own.getattr("both_ways")?, made_of).into_pyobject(py)?.into_any())
+            }
+        }
     }
 
     /// Wrenches at poses of the shell's mesh frame in the world: (7,) or (n, 7) of x, y, z (m),
@@ -389,6 +441,18 @@ impl ContactQuery {
             .map_err(raise)?
             .map(|found| Ok((found.share, arrays::numbers(&seven(found.pose), &[7], py)?)))
             .transpose()
+    }
+}
+
+impl ContactQuery {
+    fn with_field(
+        mut query: vps::ContactQuery,
+        made_of: MadeOf,
+        stiffness_n_per_m: f64,
+        field: &str,
+    ) -> PyResult<Self> {
+        query.set_field(named("field", &FieldKind::NAMES, field)?).map_err(raise)?;
+        Ok(Self { query, made_of, stiffness_n_per_m, field: field.to_owned() })
     }
 }
 

@@ -119,6 +119,58 @@ def test_parts_of_one_world_press_as_each_of_them_does(block: vps.Voxmap, cube: 
             vps.ContactQuery(nonsense, cube)  # type: ignore[arg-type]
 
 
+def test_both_ways_are_half_of_each(block: vps.Voxmap, cube: vps.PointShell) -> None:
+    corners = [-0.02, -0.02, -0.01], [0.02, 0.02, 0.01]
+    points = vps.PointShell.bake(box(*corners), 7e-4)
+    own = vps.Voxmap.bake(box([0, 0, 0], [0.01, 0.01, 0.01]), 4e-4)
+    both = vps.ContactQuery.both_ways((block, points), (own, cube), 2000.0)
+    there = vps.ContactQuery(block, cube, 2000.0)
+    # The same stiffness of an area.
+    back = vps.ContactQuery(own, points, 2000.0 * (points.voxel_size_m / cube.voxel_size_m) ** 2)
+    touching = 0
+    for pose in poses_near_contact(60):
+        matrix = matrices(pose[None])[0]
+        felt, one, other = both.wrench(pose), there.wrench(pose), back.wrench(np.linalg.inv(matrix))
+        turned = {name: matrix[:3, :3] @ other[name] for name in ("force_n", "torque_nm")}
+        size = float(np.linalg.norm(one["force_n"]) + np.linalg.norm(other["force_n"])) + 1e-9
+        assert felt["force_n"] == pytest.approx((one["force_n"] - turned["force_n"]) / 2, abs=1e-4 * size)
+        moment = turned["torque_nm"] - np.cross(pose[:3], turned["force_n"])
+        assert felt["torque_nm"] == pytest.approx((one["torque_nm"] - moment) / 2, abs=1e-5 * size)
+        assert felt["penetration_m"] == pytest.approx(max(one["penetration_m"], other["penetration_m"]), abs=1e-8)
+        contacts = both.contacts(pose)
+        assert (contacts["part"] == 1).sum() == other["contacts"]
+        assert contacts["force_n"].sum(axis=0) == pytest.approx(felt["force_n"], abs=1e-4 * size)
+        touching += size > 1
+        again = pickle.loads(pickle.dumps(both))
+    assert touching > 20 and again.wrench(pose).tobytes() == both.wrench(pose).tobytes()
+
+
+def test_a_query_takes_the_fields_and_points_of_scenes(block: vps.Voxmap) -> None:
+    mesh, pose = box([0, 0, 0], [0.01, 0.01, 0.01]), poses_near_contact(300)
+    shells = {points: vps.PointShell.bake(mesh, VOXEL_M, points=points) for points in ("facets", "voxels")}
+    for_gradients = vps.Voxmap.bake(box([-0.02, -0.02, -0.01], [0.02, 0.02, 0.01]), VOXEL_M, field="surface-point")
+    assert for_gradients.nbytes > 3 * block.nbytes
+    seen = set()
+    for points, shell in shells.items():
+        for field in ("trilinear", "layers", "octant", "surface-point"):
+            query = vps.ContactQuery(for_gradients, shell, 2000.0, field)
+            found = query.wrench(pose)
+            again = pickle.loads(pickle.dumps(query))
+            assert again.wrench(pose).tobytes() == found.tobytes(), (points, field)
+            # Each looks up in its own way, and none is far from the others.
+            seen.add(found.tobytes())
+            plain = vps.ContactQuery(block, shell, 2000.0).wrench(pose)
+            deep = plain["penetration_m"] > 2 * VOXEL_M
+            assert np.abs(found["penetration_m"] - plain["penetration_m"])[deep].max() < VOXEL_M
+    assert len(seen) == 8
+    with pytest.raises(vps.InvalidInput, match="bake them for this field"):
+        vps.ContactQuery(block, shells["facets"], field="surface-point")
+    with pytest.raises(vps.InvalidInput, match='field is "nonsense": give "layers" or'):
+        vps.ContactQuery(block, shells["facets"], field="nonsense")
+    with pytest.raises(vps.InvalidInput, match='points is "": give "facets" or "voxels"'):
+        vps.PointShell.bake(mesh, VOXEL_M, points="")
+
+
 def test_patches_nearest_point_and_first_contact(block: vps.Voxmap, query: vps.ContactQuery) -> None:
     above, inside = [0.001, 0.002, 0.012, *IDENTITY], [0.001, 0.002, 0.0098, *IDENTITY]
     nearest = query.nearest(above)

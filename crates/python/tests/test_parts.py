@@ -112,23 +112,24 @@ def test_a_bake_says_what_it_tells_apart() -> None:
 
 
 def test_progress_names_the_stages() -> None:
-    mesh, told = box([0, 0, 0], [0.01, 0.01, 0.01]), list[str]()
-    vps.Voxmap.bake(mesh, VOXEL_M, progress=told.append)
-    assert told == ["surface", "fill", "layers", "distance"]
-    told.clear()
-    vps.PointShell.bake(mesh, VOXEL_M, progress=told.append)
-    assert told == ["surface", "fill", "layers", "pointshell"]
+    mesh, told = box([0, 0, 0], [0.01, 0.01, 0.01]), dict[str, float]()
+    for bake, last in ((vps.Voxmap.bake, ["distance", "field"]), (vps.PointShell.bake, ["pointshell"])):
+        told.clear()
+        bake(mesh, VOXEL_M, progress=told.__setitem__)
+        assert list(told) == ["surface", "fill", "layers", *last, "report", "done"]
+        shares = list(told.values())
+        assert shares[0] == 0 and shares[-1] == 1 and shares == sorted(set(shares))
 
 
 def test_progress_and_signals_end_a_bake() -> None:
     mesh, told = box([0, 0, 0], [0.01, 0.01, 0.01]), list[str]()
 
-    def enough(stage: str) -> None:
+    def enough(stage: str, _: float) -> None:
         told.append(stage)
         if stage == "fill":
             raise LookupError("enough")
 
-    def interrupted(stage: str) -> None:
+    def interrupted(stage: str, _: float) -> None:
         told.append(stage)
         signal.raise_signal(signal.SIGINT)
 
@@ -162,7 +163,7 @@ def test_ctrl_c_is_raised_within_a_stage() -> None:
     thread = threading.Thread(target=interrupt)
     thread.start()
     with pytest.raises(KeyboardInterrupt):
-        vps.Voxmap.bake(mesh, 2.5e-4, layers=30, progress=stages.append)
+        vps.Voxmap.bake(mesh, 2.5e-4, layers=30, progress=lambda stage, _: stages.append(stage))
     # Threads are at work on the stage still.
     busy_s, until_s = time.process_time() + 0.1, time.monotonic() + 10
     while time.process_time() < busy_s and time.monotonic() < until_s:

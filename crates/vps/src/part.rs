@@ -263,8 +263,10 @@ impl Part {
         mut watch: impl FnMut(BakeStage) -> A,
     ) -> Result<(Field, ObjectReport), PartError> {
         let mut map = self.voxmap(options, &mut watch)?;
-        announce(&mut watch, BakeStage::Distance).map_err(|source| self.refused(source))?;
-        let field = map.field(&self.mesh, with_gradients);
+        let mut begin = |stage| announce(&mut watch, stage).map_err(|source| self.refused(source));
+        begin(BakeStage::Distance)?;
+        let field = map.field_with(&self.mesh, with_gradients, || begin(BakeStage::Field))?;
+        begin(BakeStage::Report)?;
         let of_shell = ShellReport::default();
         let report = self.report(PartRole::Static, &map, Some(&field), None, &of_shell);
         Ok((field, report))
@@ -287,6 +289,7 @@ impl Part {
         announce(&mut watch, BakeStage::Pointshell).map_err(|source| self.refused(source))?;
         let center_m = center_of_mass.unwrap_or(mass.center_m);
         let (shell, of_shell) = pointshell::build_with(points, &self.mesh, &map, center_m);
+        announce(&mut watch, BakeStage::Report).map_err(|source| self.refused(source))?;
         let points = Some((&shell, center_m));
         let report = self.report(PartRole::Tool, &map, None, points, &of_shell);
         Ok((shell, mass, report))

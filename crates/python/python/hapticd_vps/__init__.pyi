@@ -54,7 +54,9 @@ class Voxmap:
     FAR_OUTSIDE: Final[int]
     DEEP_INSIDE: Final[int]
     @staticmethod
-    def bake(mesh: Mesh, voxel_size_m: float, *, layers: int = 8, progress: Callable[[str], object] | None = None) -> Voxmap: ...
+    def bake(
+        mesh: Mesh, voxel_size_m: float, *, layers: int = 8, field: str = "trilinear", progress: Callable[[str, float], object] | None = None
+    ) -> Voxmap: ...
     @staticmethod
     def load(path: str | PathLike[str]) -> Voxmap: ...
     def save(self, path: str | PathLike[str]) -> None: ...
@@ -79,7 +81,9 @@ class Voxmap:
 @final
 class PointShell:
     @staticmethod
-    def bake(mesh: Mesh, voxel_size_m: float, *, layers: int = 8, progress: Callable[[str], object] | None = None) -> PointShell: ...
+    def bake(
+        mesh: Mesh, voxel_size_m: float, *, layers: int = 8, points: str = "facets", progress: Callable[[str, float], object] | None = None
+    ) -> PointShell: ...
     @staticmethod
     def load(path: str | PathLike[str]) -> PointShell: ...
     def save(self, path: str | PathLike[str]) -> None: ...
@@ -106,8 +110,13 @@ class PointShell:
 @final
 class ContactQuery:
     def __new__(
-        cls, voxmap: Voxmap | Iterable[tuple[Voxmap, ArrayLike]], shell: PointShell, stiffness_n_per_m: float = 1000.0
+        cls, voxmap: Voxmap | Iterable[tuple[Voxmap, ArrayLike]], shell: PointShell, stiffness_n_per_m: float = 1000.0, field: str = "trilinear"
     ) -> ContactQuery: ...
+    @staticmethod
+    def both_ways(
+        fixed: tuple[Voxmap, PointShell], moving: tuple[Voxmap, PointShell], stiffness_n_per_m: float = 1000.0, field: str = "trilinear"
+    ) -> ContactQuery:
+        """Half of the energy of each part's points in the other one."""
     def wrench(self, poses: ArrayLike) -> Any:
         """One record of `WRENCH_DTYPE` for one pose, else an array (n,) of it."""
     def contacts(self, pose: ArrayLike) -> NDArray[np.void]:

@@ -67,7 +67,7 @@ impl Voxmap {
         Self::bake_for(mesh, options, FieldKind::Trilinear, watch)
     }
 
-    /// The same for queries [with this field](super::ContactQuery::with_field): for
+    /// The same for queries [with this field](super::ContactQuery::set_field): for
     /// [`FieldKind::SurfacePoint`] with a gradient beside each distance, four times the memory.
     ///
     /// # Errors

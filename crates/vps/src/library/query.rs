@@ -230,21 +230,20 @@ impl ContactQuery {
         Ok(Self::of_ways(ways))
     }
 
-    /// The same query, whose depths are found by another look-up than interpolation, as
-    /// `contact.field` of a scene: with [`PointShell::bake_of`] the force of that scene. Every point
-    /// is then looked at, and contacts may be without a gradient.
+    /// Finds depths by another look-up than interpolation, as `contact.field` of a scene; with
+    /// [`PointShell::bake_of`] the force is that of the scene. Every point is then looked at, and
+    /// contacts may be without a gradient.
     ///
     /// # Errors
     /// [`Error::Field`]: a voxmap lacks what this look-up reads.
-    pub fn with_field(mut self, field: FieldKind) -> Result<Self, Error> {
-        for way in &mut self.ways {
-            let lacks = |part: &Obstacle| !part.field.has_gradients();
-            if field == FieldKind::SurfacePoint && way.parts.iter().any(lacks) {
-                return Err(Error::Field);
-            }
-            way.law.field = field;
+    pub fn set_field(&mut self, field: FieldKind) -> Result<(), Error> {
+        let lacks = |part: &Obstacle| !part.field.has_gradients();
+        let mut parts = self.ways.iter().flat_map(|way| &way.parts);
+        if field == FieldKind::SurfacePoint && parts.any(lacks) {
+            return Err(Error::Field);
         }
-        Ok(self)
+        self.ways.iter_mut().for_each(|way| way.law.field = field);
+        Ok(())
     }
 
     fn of_ways(ways: Vec<Way>) -> Self {

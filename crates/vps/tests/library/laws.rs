@@ -40,12 +40,9 @@ fn a_query_with_the_keys_of_a_scene_has_its_force() {
             let with_gradients = field == FieldKind::SurfacePoint;
             let obstacles = [scene(&block(), &options, with_gradients)];
             let voxmap = Voxmap::bake_for(&block(), &options, field, GO_ON).unwrap();
-            let query = ContactQuery::new(&voxmap, &shell, stiffness_n_per_m).unwrap();
-            let plain = query.with_field(FieldKind::Trilinear).unwrap();
-            let query = ContactQuery::new(&voxmap, &shell, stiffness_n_per_m)
-                .unwrap()
-                .with_field(field)
-                .unwrap();
+            let plain = ContactQuery::new(&voxmap, &shell, stiffness_n_per_m).unwrap();
+            let mut query = ContactQuery::new(&voxmap, &shell, stiffness_n_per_m).unwrap();
+            query.set_field(field).unwrap();
             for pose in poses(40) {
                 let body = pose * Pose::from_translation(mass.center_m);
                 let law = ForceLaw { field, stiffness_n_per_m, ..ForceLaw::PLAIN };
@@ -66,7 +63,7 @@ fn a_query_with_the_keys_of_a_scene_has_its_force() {
     // All but those that are trilinear themselves.
     assert!(touching > 100 && 2 * differ > touching, "{differ} differ of {touching}");
     let voxmap = Voxmap::bake(&block(), &options).unwrap();
-    let query = ContactQuery::new(&voxmap, &cube(), 1000.0).unwrap();
-    let refused = query.with_field(FieldKind::SurfacePoint).unwrap_err();
+    let mut query = ContactQuery::new(&voxmap, &cube(), 1000.0).unwrap();
+    let refused = query.set_field(FieldKind::SurfacePoint).unwrap_err();
     assert!(matches!(refused, Error::Field) && refused.to_string().contains("bake them for"));
 }

@@ -13,6 +13,7 @@ mod two_parts;
 mod voxmap;
 
 mod both_ways;
+mod errors;
 mod laws;
 mod refusals;
 
@@ -699,17 +700,28 @@ fn a_bake_ends_where_its_callback_says_so() {
             if stage == last { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
         let cancelled = match last {
-            BakeStage::Pointshell => PointShell::bake_with(&mesh, &options, watch)
-                .is_err_and(|e| matches!(e, Error::Cancelled)),
+            BakeStage::Pointshell | BakeStage::Report => {
+                PointShell::bake_with(&mesh, &options, watch)
+                    .is_err_and(|e| matches!(e, Error::Cancelled))
+            }
             _ => Voxmap::bake_with(&mesh, &options, watch)
                 .is_err_and(|e| matches!(e, Error::Cancelled)),
         };
         (cancelled, heard)
     };
-    use BakeStage::{Distance, Fill, Layers, Pointshell, Surface};
+    use BakeStage::{Distance, Field, Fill, Layers, Pointshell, Report, Surface};
     assert_eq!(ends_at(Surface), (true, vec![Surface]));
     assert_eq!(ends_at(Fill), (true, vec![Surface, Fill]));
     assert_eq!(ends_at(Layers), (true, vec![Surface, Fill, Layers]));
     assert_eq!(ends_at(Distance), (true, vec![Surface, Fill, Layers, Distance]));
+    assert_eq!(ends_at(Field), (true, vec![Surface, Fill, Layers, Distance, Field]));
     assert_eq!(ends_at(Pointshell), (true, vec![Surface, Fill, Layers, Pointshell]));
+    assert_eq!(ends_at(Report), (true, vec![Surface, Fill, Layers, Pointshell, Report]));
+    for stages in [
+        [Surface, Fill, Layers, Distance, Field, Report].as_slice(),
+        &[Surface, Fill, Layers, Pointshell, Report],
+    ] {
+        assert!(stages.is_sorted_by(|a, b| a.share() < b.share()));
+        assert!(stages.iter().all(|stage| (0.0..1.0).contains(&stage.share())));
+    }
 }
