@@ -287,6 +287,12 @@ class ContactQuery {
       return vps_query_new_both_ways(voxmap.get(), own_shell.get(), own_voxmap.get(), shell.get(), stiffness_n_per_m, out);
     }));
   }
+  /// How far answers may be off, m, as vps_query_error_m says; NaN where that is not known.
+  double error_m() const {
+    double error_m;
+    detail::check(vps_query_error_m(handle_.get(), &error_m));
+    return error_m;
+  }
   /// Before threads share it.
   void set_field(vps_field field) { detail::check(vps_query_set_field(handle_.get(), field)); }
 

@@ -73,7 +73,7 @@ pub enum vps_field {
     VPS_FIELD_TRILINEAR = 0,
     /// By the layer of the voxel and the plane of the point.
     VPS_FIELD_LAYERS = 1,
-    /// By the plane at the nearest point of the surface; wants four times the memory.
+    /// By the plane at the nearest point of the surface; takes two and a half times the memory.
     VPS_FIELD_SURFACE_POINT = 2,
     /// By the distances around an octant of the voxel.
     VPS_FIELD_OCTANT = 3,

@@ -179,6 +179,22 @@ pub extern "C" fn vps_query_set_field(query: Option<&mut vps_query>, field: u32)
     })
 }
 
+/// How far answers may be off, m: in at least 95 of 100 poses the penetration by no more than this,
+/// and the force by no more than this over the penetration as a share of it, at most all. NaN where
+/// that is not known: of skins, other fields than VPS_FIELD_TRILINEAR, other points than
+/// VPS_POINTS_FACETS.
+#[unsafe(no_mangle)]
+pub extern "C" fn vps_query_error_m(
+    query: Option<&vps_query>,
+    out: Option<&mut MaybeUninit<f64>>,
+) -> vps_status {
+    call(|| {
+        let error_m = given("query", query)?.0.error_m();
+        place("out", out)?.write(error_m.unwrap_or(f64::NAN));
+        Ok(())
+    })
+}
+
 /// Wrench, penetration and clearance at a pose: the same bits on every thread. Allocates only where
 /// more threads ask at a time than ever before.
 #[unsafe(no_mangle)]

@@ -237,8 +237,14 @@ static void both_ways(const vps_mesh *block, const vps_mesh *ball) {
   vps_wrench felt, other;
   const vps_pose deep = {{0, 0, 28e-3}, {0, 0, 0, 1}};
   EXPECT(vps_query_wrench(there, &deep, &felt) == VPS_OK);
+  double error_m, both_m;
+  EXPECT(vps_query_error_m(there, &error_m) == VPS_OK && vps_query_error_m(both, &both_m) == VPS_OK);
+  // The block rounds its edges off by up to half a voxel, and the ball leaves little out.
+  EXPECT(error_m > 0.08e-3 && error_m < 1e-3 && both_m >= error_m);
+  REFUSED(vps_query_error_m(there, NULL), VPS_ERROR_ARGUMENT, "out is null");
   for (uint32_t field = VPS_FIELD_LAYERS; field <= VPS_FIELD_OCTANT; ++field) {
     EXPECT(vps_query_set_field(there, field) == VPS_OK && vps_query_wrench(there, &deep, &other) == VPS_OK);
+    EXPECT(vps_query_error_m(there, &error_m) == VPS_OK && isnan(error_m));
     EXPECT(other.force_n[2] != felt.force_n[2] && fabs(other.force_n[2] / felt.force_n[2] - 1) < 0.5);
   }
   vps_query_free(both);

@@ -88,6 +88,7 @@ int main(int argc, char** argv) {
   const auto points = vps::PointShell::bake(part, options);
   auto both = vps::ContactQuery::both_ways(moved, points, moved, points, 100.0);
   EXPECT(both.wrench(poses[0]).n_contacts > felt[0].n_contacts && both.wrench(poses[0]).force_n[2] < 0);
+  EXPECT(both.error_m() > 0.1e-3 && both.error_m() == query.error_m());
   both.set_field(VPS_FIELD_LAYERS);
   EXPECT(refused(VPS_ERROR_ARGUMENT, [&] { both.set_field(VPS_FIELD_SURFACE_POINT); }).find("bake them for this field") != std::string::npos);
   std::puts("wrapper: ok");

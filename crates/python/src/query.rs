@@ -265,6 +265,15 @@ impl ContactQuery {
         Self::with_field(query, MadeOf::BothWays(pairs), stiffness_n_per_m, field)
     }
 
+    /// How far answers may be off, m: in at least 95 of 100 poses `penetration_m` by no more than this,
+    /// and the force by no more than this over `penetration_m` as a share of it, at most all. It adds
+    /// `surface_error_m` of the voxmap, `unseen_depth_m` of the shell and a tenth of its voxel edge.
+    /// None of skins, fields other than "trilinear" and points other than "facets".
+    #[getter]
+    fn error_m(&self) -> Option<f64> {
+        self.query.error_m()
+    }
+
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let own = Self::type_object(py);
         let Self { made_of, stiffness_n_per_m, field, .. } = self;

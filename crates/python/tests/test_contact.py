@@ -149,7 +149,7 @@ def test_a_query_takes_the_fields_and_points_of_scenes(block: vps.Voxmap) -> Non
     mesh, pose = box([0, 0, 0], [0.01, 0.01, 0.01]), poses_near_contact(300)
     shells = {points: vps.PointShell.bake(mesh, VOXEL_M, points=points) for points in ("facets", "voxels")}
     for_gradients = vps.Voxmap.bake(box([-0.02, -0.02, -0.01], [0.02, 0.02, 0.01]), VOXEL_M, field="surface-point")
-    assert for_gradients.nbytes > 3 * block.nbytes
+    assert 2 * block.nbytes < for_gradients.nbytes < 3 * block.nbytes
     seen = set()
     for points, shell in shells.items():
         for field in ("trilinear", "layers", "octant", "surface-point"):
@@ -169,6 +169,22 @@ def test_a_query_takes_the_fields_and_points_of_scenes(block: vps.Voxmap) -> Non
         vps.ContactQuery(block, shells["facets"], field="nonsense")
     with pytest.raises(vps.InvalidInput, match='points is "": give "facets" or "voxels"'):
         vps.PointShell.bake(mesh, VOXEL_M, points="")
+
+
+def test_an_error_is_said_and_kept(block: vps.Voxmap, cube: vps.PointShell, query: vps.ContactQuery) -> None:
+    edge_m, unseen_m = block.accuracy["surface_error_m"], cube.accuracy["unseen_depth_m"]
+    assert edge_m is not None and unseen_m is not None
+    assert query.error_m == pytest.approx(edge_m + unseen_m + 0.1 * VOXEL_M, rel=1e-6)
+    # Upright on its corner the cube presses with the volume that is immersed.
+    half_turn = np.arccos(1 / np.sqrt(3)) / 2
+    turned = [np.sin(half_turn) / np.sqrt(2), -np.sin(half_turn) / np.sqrt(2), 0, np.cos(half_turn)]
+    for depth_m in (2e-4, 5e-4, 8e-4):
+        found = query.wrench([0, 0, 0.01 - depth_m, *turned])
+        force_n = 2000 / VOXEL_M**2 * depth_m**3 * np.sqrt(3) / 2
+        assert abs(found["penetration_m"] - depth_m) < query.error_m
+        assert abs(found["force_n"][2] / force_n - 1) < query.error_m / depth_m
+        assert found["force_n"][2] == pytest.approx(force_n, rel=0.1)
+    assert vps.ContactQuery(block, cube, field="layers").error_m is None
 
 
 def test_patches_nearest_point_and_first_contact(block: vps.Voxmap, query: vps.ContactQuery) -> None:

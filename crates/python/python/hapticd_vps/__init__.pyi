@@ -117,6 +117,8 @@ class ContactQuery:
         fixed: tuple[Voxmap, PointShell], moving: tuple[Voxmap, PointShell], stiffness_n_per_m: float = 1000.0, field: str = "trilinear"
     ) -> ContactQuery:
         """Half of the energy of each part's points in the other one."""
+    @property
+    def error_m(self) -> float | None: ...
     def wrench(self, poses: ArrayLike) -> Any:
         """One record of `WRENCH_DTYPE` for one pose, else an array (n,) of it."""
     def contacts(self, pose: ArrayLike) -> NDArray[np.void]:

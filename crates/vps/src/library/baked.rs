@@ -68,7 +68,7 @@ impl Voxmap {
     }
 
     /// The same for queries [with this field](super::ContactQuery::set_field): for
-    /// [`FieldKind::SurfacePoint`] with a gradient beside each distance, four times the memory.
+    /// [`FieldKind::SurfacePoint`] with a gradient beside each distance, 2.5 times the memory.
     ///
     /// # Errors
     /// Those of [`Self::bake_with`].

@@ -2,8 +2,8 @@
 
 use glam::{DMat3, DVec3, Vec3};
 
-use super::PointShell;
 use super::query::{ContactPoint, ContactWrench, NearestPoint};
+use super::{PointShell, Voxmap};
 use crate::contact::{
     Also, Contact, ContactSum, ForceLaw, Highest, Obstacle, SimdLevel, Traversal, TraversalMode,
 };
@@ -21,6 +21,28 @@ pub(super) struct Way {
     pub(super) is_back: bool,
     /// Number of the first voxmap among those of the query.
     pub(super) first_part: u32,
+    /// As [`ContactQuery::error_m`](super::ContactQuery::error_m), m.
+    pub(super) error_m: Option<f64>,
+}
+
+/// By how much facets are off beside what the voxmap adds, in voxel edges of the shell: a bound that
+/// was found by experiment, and holds with half of it for most parts.
+const FACET_ERROR_VOXELS: f64 = 0.1;
+
+/// What a shell may be off by in some voxmaps, m.
+pub(super) fn error_m<'a>(
+    voxmaps: impl IntoIterator<Item = &'a Voxmap>,
+    shell: &PointShell,
+) -> Option<f64> {
+    let is_of_facets = !shell.shell().is_skin() && !shell.shell().half_axes().is_empty();
+    let of_shell_m = shell.accuracy().unseen_depth_m.filter(|_| is_of_facets)?;
+    let of_facets_m = FACET_ERROR_VOXELS * shell.voxel_size_m();
+    let mut most_m = 0.0_f64;
+    for voxmap in voxmaps {
+        let of_field_m = voxmap.accuracy().surface_error_m.filter(|_| !voxmap.field().is_thin())?;
+        most_m = most_m.max(of_field_m);
+    }
+    Some(most_m + of_shell_m + of_facets_m)
 }
 
 impl Way {
