@@ -475,11 +475,11 @@ enum vps_status vps_query_new_of_parts(const struct vps_voxmap *const *voxmaps,
                                        double stiffness_n_per_m,
                                        struct vps_query **out);
 
-// The same of two parts that each have both, the one that stands still and the one that moves: half
-// of the energy of the moving shell's points in the voxmap, and half of that of own_shell's points
-// in own_voxmap. voxmap and own_shell are of the part that stands still, own_voxmap and shell of the
-// one that moves. stiffness_n_per_m counts for a square of the moving shell's voxel edge, and by
-// area for the other one. Contacts of own_shell's points have the part 1.
+// The same of two parts that each have both, the one that stands still and the one that moves:
+// half of the energy of the moving shell's points in the voxmap, and half of that of own_shell's
+// points in own_voxmap. voxmap and own_shell are of the part that stands still, own_voxmap and
+// shell of the one that moves. stiffness_n_per_m counts for a square of the moving shell's voxel
+// edge, and by area for the other one. Contacts of own_shell's points have the part 1.
 enum vps_status vps_query_new_both_ways(const struct vps_voxmap *voxmap,
                                         const struct vps_shell *own_shell,
                                         const struct vps_voxmap *own_voxmap,

@@ -148,11 +148,11 @@ pub unsafe extern "C" fn vps_query_new_of_parts(
     })
 }
 
-/// The same of two parts that each have both, the one that stands still and the one that moves: half
-/// of the energy of the moving shell's points in the voxmap, and half of that of own_shell's points
-/// in own_voxmap. voxmap and own_shell are of the part that stands still, own_voxmap and shell of the
-/// one that moves. stiffness_n_per_m counts for a square of the moving shell's voxel edge, and by
-/// area for the other one. Contacts of own_shell's points have the part 1.
+/// The same of two parts that each have both, the one that stands still and the one that moves:
+/// half of the energy of the moving shell's points in the voxmap, and half of that of own_shell's
+/// points in own_voxmap. voxmap and own_shell are of the part that stands still, own_voxmap and
+/// shell of the one that moves. stiffness_n_per_m counts for a square of the moving shell's voxel
+/// edge, and by area for the other one. Contacts of own_shell's points have the part 1.
 #[unsafe(no_mangle)]
 pub extern "C" fn vps_query_new_both_ways(
     voxmap: Option<&vps_voxmap>,

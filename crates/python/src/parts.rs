@@ -193,13 +193,14 @@ impl Voxmap {
     /// Bakes a mesh with voxels of this edge, m, and so many layers of them on each side of the
     /// surface (2 to 126).
     ///
-    /// progress: called with the name of each stage ("surface", "fill", "layers", "distance", "field",
-    /// "report") before it begins and the share of the bake that is over, which grows from 0, by what
-    /// stages take of other parts; at last with "done" and 1. An exception that it raises, or Ctrl-C,
-    /// is raised at once; threads go on until the current stage is over. field: of the queries that
-    /// the voxmap is for; "surface-point" takes 2.5 times the memory. Warns with each sentence of `warnings`. Raises
-    /// InvalidInput: an option out of range, more voxels than memory holds. Cost: time and memory
-    /// follow layers x area / voxel size²; all processors; the same bits for any number of threads.
+    /// progress: called with the name of each stage ("surface", "fill", "layers", "distance",
+    /// "field", "report") before it begins and the share of the bake that is over, which grows from
+    /// 0, by what stages take of other parts; at last with "done" and 1. An exception that it
+    /// raises, or Ctrl-C, is raised at once; threads go on until the current stage is over. field:
+    /// of the queries that the voxmap is for; "surface-point" takes 2.5 times the memory. Warns
+    /// with each sentence of `warnings`. Raises InvalidInput: an option out of range, more voxels
+    /// than memory holds. Cost: time and memory follow layers x area / voxel size²; all processors;
+    /// the same bits for any number of threads.
     #[staticmethod]
     #[pyo3(signature = (mesh, voxel_size_m, *, layers = 8, field = "trilinear", progress = None))]
     fn bake(

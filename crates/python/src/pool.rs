@@ -47,8 +47,8 @@ pub(crate) type Watch<'a> = dyn FnMut(BakeStage) -> ControlFlow<()> + 'a;
 
 /// Runs `work` in the pool without the interpreter's lock. This thread calls `progress` with the
 /// name of each stage before it begins and the share that is over, at last with "done" and 1, and
-/// looks for signals. An exception of `progress`, or a signal's, is raised at once; the bake ends by
-/// itself when its current stage is over.
+/// looks for signals. An exception of `progress`, or a signal's, is raised at once; the bake ends
+/// by itself when its current stage is over.
 pub(crate) fn bake<T: Send + 'static>(
     py: Python<'_>,
     progress: Option<&Bound<'_, PyAny>>,

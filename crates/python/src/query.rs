@@ -196,10 +196,10 @@ impl From<NearestPoint> for NearestRecord {
 /// `voxmap` may be a sequence of (voxmap, pose): parts that stand in one world; poses of the shell
 /// are then those in the world, which else is the voxmap's mesh frame.
 /// field: how depths are found, "trilinear", "layers", "octant" or, of voxmaps that are baked for
-/// it, "surface-point"; with a shell of the same points the force is that of a scene with these keys.
-/// Threads may share a query. Raises InvalidInput: the stiffness is not between 0 and 1e12 N/m, there
-/// is no voxmap, or one is not baked for this field. Cost: milliseconds; memory is shared with all
-/// parts.
+/// it, "surface-point"; with a shell of the same points the force is that of a scene with these
+/// keys. Threads may share a query. Raises InvalidInput: the stiffness is not between 0 and 1e12
+/// N/m, there is no voxmap, or one is not baked for this field. Cost: milliseconds; memory is
+/// shared with all parts.
 #[pyclass(frozen, module = "hapticd_vps")]
 pub(crate) struct ContactQuery {
     query: vps::ContactQuery,
@@ -243,10 +243,10 @@ impl ContactQuery {
     /// two pairs (voxmap, shell).
     ///
     /// Wrench, stiffness and contacts are those of half the energy of the points of the one in the
-    /// other and half of the reverse: neither is preferred, and a needle that slips between the points
-    /// of the other part presses with its own. The stiffness counts for a square of the moving
-    /// shell's voxel edge, and by area for the other one. Contacts of the points of the part that
-    /// stands still have the `part` 1. Raises InvalidInput. Cost: as both queries.
+    /// other and half of the reverse: neither is preferred, and a needle that slips between the
+    /// points of the other part presses with its own. The stiffness counts for a square of the
+    /// moving shell's voxel edge, and by area for the other one. Contacts of the points of the part
+    /// that stands still have the `part` 1. Raises InvalidInput. Cost: as both queries.
     #[staticmethod]
     #[pyo3(signature = (fixed, moving, stiffness_n_per_m = 1000.0, field = "trilinear"))]
     fn both_ways(
@@ -265,10 +265,10 @@ impl ContactQuery {
         Self::with_field(query, MadeOf::BothWays(pairs), stiffness_n_per_m, field)
     }
 
-    /// How far answers may be off, m: in at least 95 of 100 poses `penetration_m` by no more than this,
-    /// and the force by no more than this over `penetration_m` as a share of it, at most all. It adds
-    /// `surface_error_m` of the voxmap, `unseen_depth_m` of the shell and a tenth of its voxel edge.
-    /// None of skins, fields other than "trilinear" and points other than "facets".
+    /// How far answers may be off, m: in at least 95 of 100 poses `penetration_m` by no more than
+    /// this, and the force by no more than this over `penetration_m` as a share of it, at most all.
+    /// It adds `surface_error_m` of the voxmap, `unseen_depth_m` of the shell and a tenth of its
+    /// voxel edge. None of skins, fields other than "trilinear" and points other than "facets".
     #[getter]
     fn error_m(&self) -> Option<f64> {
         self.query.error_m()

@@ -74,8 +74,8 @@ impl ContactWrench {
 /// One point in contact; world axes as of [`ContactWrench`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ContactPoint {
-    /// Number of the voxmap, from 0. Of both ways 1: the point is one of the part that stands still,
-    /// and the normal is that surface's, outward.
+    /// Number of the voxmap, from 0. Of both ways 1: the point is one of the part that stands
+    /// still, and the normal is that surface's, outward.
     pub part: u32,
     /// Number of the point in the shell.
     pub point: u32,
@@ -250,15 +250,16 @@ impl ContactQuery {
         Ok(())
     }
 
-    /// How far the answer may be off, m: in at least 95 of 100 poses the penetration by no more than
-    /// this, and the force by no more than this over the penetration as a share of it, at most all.
+    /// How far the answer may be off, m: in at least 95 of 100 poses the penetration by no more
+    /// than this, and the force by no more than this over the penetration as a share of it, at most
+    /// all.
     ///
     /// It is [`surface_error_m`](crate::Accuracy::surface_error_m) of the voxmap,
     /// [`unseen_depth_m`](crate::Accuracy::unseen_depth_m) of the shell and a tenth of the shell's
-    /// voxel edge, of several voxmaps or both ways the most; a test holds it against exact integrals
-    /// over blocks, balls, rods and cones, up to two voxels deep. Flat faces and straight edges are
-    /// some ten times better. `None` of skins, other fields than trilinear, points that are not
-    /// facets, and voxmaps of files that do not say it.
+    /// voxel edge, of several voxmaps or both ways the most; a test holds it against exact
+    /// integrals over blocks, balls, rods and cones, up to two voxels deep. Flat faces and straight
+    /// edges are some ten times better. `None` of skins, other fields than trilinear, points that
+    /// are not facets, and voxmaps of files that do not say it.
     pub fn error_m(&self) -> Option<f64> {
         let known = |way: &Way| way.error_m.filter(|_| way.law.field == FieldKind::Trilinear);
         self.ways.iter().map(known).reduce(|one, other| Some(one?.max(other?)))?

@@ -25,8 +25,8 @@ pub(super) struct Way {
     pub(super) error_m: Option<f64>,
 }
 
-/// By how much facets are off beside what the voxmap adds, in voxel edges of the shell: a bound that
-/// was found by experiment, and holds with half of it for most parts.
+/// By how much facets are off beside what the voxmap adds, in voxel edges of the shell: a bound
+/// that was found by experiment, and holds with half of it for most parts.
 const FACET_ERROR_VOXELS: f64 = 0.1;
 
 /// What a shell may be off by in some voxmaps, m.

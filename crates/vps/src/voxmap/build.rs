@@ -76,8 +76,8 @@ pub enum BakeStage {
 
 impl BakeStage {
     /// Share of a bake of a voxmap or pointshell that is over when the stage begins, by the mean of
-    /// what stages take of block, nut and gear of the shipped models with a million to twenty million
-    /// cells.
+    /// what stages take of block, nut and gear of the shipped models with a million to twenty
+    /// million cells.
     pub fn share(self) -> f64 {
         match self {
             Self::Load | Self::Surface => 0.0,

@@ -111,11 +111,7 @@ fn two_blocks_press_with_half_of_the_law_of_each_in_the_other() {
         [("angle", angles_deg, 1.0), ("size", sizes, 0.05), ("torque", turns, 0.02)]
     {
         errors.sort_by(f64::total_cmp);
-        let [median, p95] = [50, 95].map(|percent| errors[errors.len() * percent / 100]);
-        eprintln!(
-            "{name}: {median:.4} in the median, {p95:.4} at the 95th percentile of {}",
-            errors.len()
-        );
+        let p95 = errors[errors.len() * 95 / 100];
         assert!(
             errors.len() > 50 && p95 < most,
             "{name}: {p95} at the 95th percentile of {errors:?}"
@@ -240,8 +236,8 @@ fn a_needle_is_seen_that_slips_between_the_points_of_the_other_part() {
         let is_unseen = one_way.wrench(pose).unwrap().contacts == 0;
         unseen += u32::from(is_unseen);
         let felt = query.wrench(pose).unwrap();
-        // Half of the law of the tip in a plane, which is the volume that is immersed, and what the few
-        // facets that see the needle make of the reverse.
+        // Half of the law of the tip in a plane, which is the volume that is immersed, and what the
+        // few facets that see the needle make of the reverse.
         let volume = core::f64::consts::PI / 3.0 * depth_m * (depth_m / 5.0).powi(2);
         let of_tip_n = 0.5 * STIFFNESS_N_PER_M / 1e-3_f64.powi(2) * volume;
         let share = felt.wrench.force.z / of_tip_n;
@@ -295,7 +291,6 @@ fn stiffness_of_both_ways_is_the_derivative_of_the_wrench() {
             })
             .collect();
         offs.sort_by(f64::total_cmp);
-        eprintln!("{name}: off by {:.1e}, at most {:.1e}", offs[15], offs[27]);
         assert!(offs[27] < most, "{name}: {offs:?}");
     }
 }

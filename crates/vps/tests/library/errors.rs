@@ -60,6 +60,7 @@ fn askew(shape: &Shape, turn: DQuat) -> Mesh {
 }
 
 #[test]
+#[ignore = "takes long: `cargo test -- --include-ignored`"]
 fn of_a_hundred_poses_at_most_five_are_off_by_more_than_a_query_says() {
     const VOXEL_M: f64 = 0.4e-3;
     let cube = Shape::Box { size_m: DVec3::new(6e-3, 7e-3, 8e-3) };
@@ -129,8 +130,7 @@ fn of_a_hundred_poses_at_most_five_are_off_by_more_than_a_query_says() {
         for (what, which) in [("depth", 0), ("force", 1)] {
             let mut shares: Vec<f64> = shares.iter().map(|shares| shares[which]).collect();
             shares.sort_by(f64::total_cmp);
-            let [median, p95] = [50, 95].map(|percent| shares[shares.len() * percent / 100]);
-            eprintln!("{name}: {what} off by {median:.3} of the bound in the median, p95 {p95:.3}");
+            let p95 = shares[shares.len() * 95 / 100];
             // A bound, and not one of another size.
             assert!(p95 < 1.0 + 1e-9 && p95 > 0.01, "{name}: {what}: {shares:?}");
         }
