@@ -81,7 +81,7 @@ typedef enum vps_inside_test {
   VPS_INSIDE_THIN = 3,
 } vps_inside_test;
 
-// How the depth of a point is found, as contact.field of a scene.
+// How the depth of a point is found, as rendering.field of a scene.
 typedef enum vps_field {
   // By interpolation of distances.
   VPS_FIELD_TRILINEAR = 0,

@@ -65,7 +65,7 @@ pub struct vps_options {
     pub points: u32,
 }
 
-/// How the depth of a point is found, as contact.field of a scene.
+/// How the depth of a point is found, as rendering.field of a scene.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum vps_field {

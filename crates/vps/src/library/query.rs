@@ -234,7 +234,7 @@ impl ContactQuery {
         Ok(Self::of_ways(ways))
     }
 
-    /// Finds depths by another look-up than interpolation, as `contact.field` of a scene; with
+    /// Finds depths by another look-up than interpolation, as `rendering.field` of a scene; with
     /// [`PointShell::bake_of`] the force is that of the scene. Every point is then looked at, and
     /// contacts may be without a gradient.
     ///
