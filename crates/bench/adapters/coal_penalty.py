@@ -3,7 +3,7 @@
 from importlib.metadata import version
 
 import coal
-import eigenpy
+import coal_models
 import numpy as np
 import wrench_csv
 
@@ -27,33 +27,18 @@ def refined(vertices, triangles):
     return np.concatenate(done)
 
 
-def bounding_tree(corners):
-    tree = coal.BVHModelOBBRSS()
-    tree.beginModel(len(corners), 3 * len(corners))
-    for a, b, c in corners:
-        tree.addTriangle(a, b, c)
-    tree.endModel()
-    return tree
-
-
 def prepare(folder):
     corners = refined(*wrench_csv.mesh(f"{folder}/part.obj"))
     areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    part = bounding_tree(corners)
-    vertices, triangles = wrench_csv.mesh(f"{folder}/tool.obj")
-    tool = bounding_tree(vertices[triangles])
-    is_convex = wrench_csv.is_convex(vertices, triangles)
-    if is_convex:
-        tool.buildConvexHull(True, "Qt")
-        tool = tool.convex
+    part = coal_models.bounding_tree(corners)
+    tool, kind = coal_models.tool(folder)
     request = coal.CollisionRequest(coal.CollisionRequestFlag.CONTACT, 1_000_000)
     request.gjk_initial_guess = coal.GJKInitialGuess.CachedGuess
     result, fixed = coal.CollisionResult(), coal.Transform3s.Identity()
 
     def ask(position, quaternion):
         result.clear()
-        x, y, z, w = quaternion
-        coal.collide(part, fixed, tool, coal.Transform3s(eigenpy.Quaternion(w, x, y, z).toRotationMatrix(), position), request, result)
+        coal.collide(part, fixed, tool, coal_models.transform(position, quaternion), request, result)
 
     def read(position):
         contacts = result.getContacts()
@@ -66,7 +51,6 @@ def prepare(folder):
         arms = np.array([contact.pos for contact in contacts]) - position
         return pushes.sum(axis=0), np.cross(arms, pushes).sum(axis=0)
 
-    kind = "convex hull" if is_convex else "mesh"
     settings = (
         f"Coal {version('coal')}: {kind} of the tool against a tree of OBB-RSS over the part, cut to edges of at most {1e3 * LONGEST:g} mm; "
         "every contact pushes with depth × area of its triangle"

@@ -1,6 +1,7 @@
 """What every adapter does: reads meshes and poses, times its queries, writes wrenches as CSV and a line of JSON."""
 
 import json
+import resource
 import sys
 import time
 
@@ -44,15 +45,18 @@ def main(prepare):
 
     prepare(folder) gives settings in words, ask and read. ask(position (3,), quaternion x y z w (4,)) is one query,
     and all that is timed, in processor time;
-    read(position) then gives force (3,) and torque (3,) on the tool about its origin, world axes, in any one unit of force.
+    read(position) then gives force (3,) and torque (3,) on the tool about its origin, world axes, in any one unit of force; it is None where an
+    answer is less than a wrench.
     """
     folder, poses, out = sys.argv[1:]
+    imported_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     began = time.process_time()
     settings, ask, read = prepare(folder)
     bake_s = time.process_time() - began
+    parts_mb = 1.024e-3 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - imported_kb)
     n_poses, total_ns = 0, 0
     with open(out, "w") as file:
-        file.write("t_s,fx_n,fy_n,fz_n,tx_nm,ty_nm,tz_nm,query_ns\n")
+        file.write("t_s,fx_n,fy_n,fz_n,tx_nm,ty_nm,tz_nm,query_ns\n" if read else "t_s,query_ns\n")
         for t, *pose in np.loadtxt(poses, delimiter=",", skiprows=1):
             position, quaternion = np.array(pose[:3]), np.array(pose[3:]) / np.linalg.norm(pose[3:])
             began = time.process_time_ns()
@@ -61,6 +65,6 @@ def main(prepare):
             n_poses, total_ns = n_poses + 1, total_ns + took
             if total_ns > 1e9 * LONGEST_S:
                 raise SystemExit(f"stopped after {n_poses} poses, {1e-6 * total_ns / n_poses:.0f} ms each: the scene has {LONGEST_S:.0f} s")
-            force, torque = read(position)
-            file.write(",".join(f"{value:.9g}" for value in (t, *force, *torque, took)) + "\n")
-    print(json.dumps({"bake_s": bake_s, "settings": settings}))
+            wrench = np.concatenate(read(position)) if read else ()
+            file.write(",".join(f"{value:.9g}" for value in (t, *wrench, took)) + "\n")
+    print(json.dumps({"bake_s": bake_s, "parts_mb": parts_mb, "settings": settings}))

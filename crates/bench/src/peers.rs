@@ -6,7 +6,7 @@
 //! |---|---|
 //! | `openvdb_level_set` | program: `MESH VOXELS_ON_LONGEST_AXIS BAND RUNS`, prints a line of JSON with `best_s` |
 //! | `voxel_grids.py` | script: `MESH VOXELS_ON_LONGEST_AXIS open3d`, the same |
-//! | `coal_contacts.py` | script: `A.obj B.obj DX DY DZ` (B moved, m), prints a line of JSON with `median_ms` |
+//! | `coal_contacts.py` | script: `A.obj B.obj DX DY DZ [MOST_CONTACTS]` (B moved, m), prints a line of JSON with `median_ms` |
 //! | `parry_contacts` | program: the same |
 //! | `embree_distance.py` | script: `STATIC.obj TOOL.obj DX DY DZ POINTS`, the same |
 //! | `venv/bin/python` | Python with the scripts' packages; `python3` of the path where it is missing |
@@ -37,6 +37,8 @@ pub(super) enum Peer {
     Open3d,
     /// Coal's bounding volumes: all contacts of two meshes.
     Coal,
+    /// The same, until the first contact is found.
+    CoalFirst,
     /// parry3d: contact manifolds of two meshes.
     Parry,
     /// Open3D on Embree: exact signed distances of as many points as our shell has.
@@ -49,6 +51,7 @@ impl Peer {
             Self::OpenVdb { band } => format!("OpenVDB, band {band}"),
             Self::Open3d => "Open3D, surface only".to_owned(),
             Self::Coal => "Coal, all contacts".to_owned(),
+            Self::CoalFirst => "Coal, first contact".to_owned(),
             Self::Parry => "parry3d, manifolds".to_owned(),
             Self::Embree => "Embree, distances of as many points".to_owned(),
         }
@@ -88,7 +91,7 @@ impl Peers {
                     command.arg(&script).arg(mesh).args([voxels, "open3d".to_owned()])
                 })
             }
-            Peer::Coal | Peer::Parry | Peer::Embree => {
+            Peer::Coal | Peer::CoalFirst | Peer::Parry | Peer::Embree => {
                 Err(format!("{} makes no volume", peer.name()))
             }
         }
@@ -106,15 +109,15 @@ impl Peers {
     ) -> Result<f64, String> {
         let place = ["0".to_owned(), "0".to_owned(), lift_m.to_string()];
         let ended = match peer {
-            Peer::Coal | Peer::Embree => {
-                let script = self.file(if peer == Peer::Coal {
-                    "coal_contacts.py"
-                } else {
-                    "embree_distance.py"
-                })?;
-                let points = (peer == Peer::Embree).then(|| n_points.to_string());
+            Peer::Coal | Peer::CoalFirst | Peer::Embree => {
+                let [script, most] = match peer {
+                    Peer::Embree => ["embree_distance.py", &n_points.to_string()],
+                    Peer::CoalFirst => ["coal_contacts.py", "1"],
+                    _ => ["coal_contacts.py", "1000000"],
+                };
+                let script = self.file(script)?;
                 self.ended(&self.python(), |command| {
-                    command.arg(&script).args([fixed, tool]).args(place).args(points)
+                    command.arg(&script).args([fixed, tool]).args(place).arg(most)
                 })
             }
             Peer::Parry => {

@@ -32,6 +32,8 @@ pub(super) struct About {
     pub(super) bake_s: Option<f64>,
     /// Peak of the whole process, MB.
     pub(super) peak_mb: Option<f64>,
+    /// By what the process grew while it prepared a scene, MB.
+    pub(super) parts_mb: Option<f64>,
     /// Why there are no wrenches.
     pub(super) not_measured: Option<String>,
 }
@@ -39,6 +41,7 @@ pub(super) struct About {
 /// What a program found at the poses of a scene: nothing where it has not answered.
 #[derive(Debug, Default)]
 pub(super) struct Answer {
+    /// Empty where the program answers less than a wrench.
     pub(super) wrenches: Vec<Wrench>,
     /// Empty where the program does not say.
     pub(super) query_ns: Vec<f64>,
@@ -65,6 +68,13 @@ fn obj(mesh: &TriangleMesh) -> String {
         let _ = writeln!(text, "f {a} {b} {c}");
     }
     text
+}
+
+impl Answer {
+    /// Whether the scene was answered, be it by times alone.
+    pub(super) fn is_there(&self) -> bool {
+        !self.wrenches.is_empty() || !self.query_ns.is_empty()
+    }
 }
 
 /// Writes meshes, poses and closed forms of a scene, and adds them to a hash.
@@ -124,13 +134,14 @@ pub(super) fn read_answer(path: &Path, n_poses: usize) -> Result<Answer, BenchEr
     let mut lines = text.lines();
     let header: Vec<&str> = lines.next().unwrap_or_default().split(',').map(str::trim).collect();
     let column = |name: &str| header.iter().position(|column| *column == name);
+    let query = column("query_ns");
+    let has_times_alone = query.is_some() && COLUMNS.iter().all(|name| column(name).is_none());
     let mut places = [0; 6];
-    for (place, name) in places.iter_mut().zip(COLUMNS) {
+    for (place, name) in places.iter_mut().zip(COLUMNS).filter(|_| !has_times_alone) {
         *place = column(name).ok_or_else(|| {
             refused(format!("no column {name} in the first line; wanted: {}", COLUMNS.join(",")))
         })?;
     }
-    let query = column("query_ns");
     for (idx, line) in lines.enumerate() {
         let fields: Vec<&str> = line.split(',').collect();
         let number = |place: usize| {
@@ -144,18 +155,21 @@ pub(super) fn read_answer(path: &Path, n_poses: usize) -> Result<Answer, BenchEr
                 ))
             })
         };
+        answer.query_ns.extend(query.map(number).transpose()?);
+        if has_times_alone {
+            continue;
+        }
         let mut values = [0.0; 6];
         for (value, place) in values.iter_mut().zip(places) {
             *value = number(place)?;
         }
         let [fx, fy, fz, tx, ty, tz] = values;
         answer.wrenches.push(Wrench::new(DVec3::new(fx, fy, fz), DVec3::new(tx, ty, tz)));
-        answer.query_ns.extend(query.map(number).transpose()?);
     }
-    if answer.wrenches.len() != n_poses {
+    let n_lines = answer.wrenches.len().max(answer.query_ns.len());
+    if n_lines != n_poses {
         return Err(refused(format!(
-            "{} lines of wrenches for {n_poses} poses; write one line for each pose",
-            answer.wrenches.len()
+            "{n_lines} lines for {n_poses} poses; write one line for each pose"
         )));
     }
     Ok(answer)
@@ -180,12 +194,16 @@ mod tests {
             [Wrench::new(DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.0))]
         );
         assert!(found.query_ns.is_empty() && found.about.bake_s.is_none());
+        let times = read("t_s,query_ns\n0,7\n", 1).unwrap();
+        assert!(times.wrenches.is_empty() && times.query_ns == [7.0] && times.is_there());
         let header = "t_s,fx_n,fy_n,fz_n,tx_nm,ty_nm,tz_nm\n";
         for (text, n, why) in [
             ("t_s,fx_n\n", 0, "no column fy_n"),
             (&format!("{header}0,1,2,3,4,5,NaN\n"), 1, "line 2: `NaN` in column tz_nm"),
             (&format!("{header}0,1,2\n"), 1, "column fz_n"),
-            (&format!("{header}0,1,2,3,4,5,6\n"), 2, "1 lines of wrenches for 2 poses"),
+            (&format!("{header}0,1,2,3,4,5,6\n"), 2, "1 lines for 2 poses"),
+            ("query_ns\n7\n", 2, "1 lines for 2 poses"),
+            ("query_ns,fx_n\n7,1\n", 1, "no column fy_n"),
         ] {
             let said = read(text, n).unwrap_err();
             assert!(said.contains(why) && said.contains("scene.csv"), "{said}");

@@ -84,6 +84,40 @@ pub(super) fn edge(depth: f64, angle: f64) -> (f64, f64) {
     (0.5 * depth * (left + right), (right - left) / 3.0)
 }
 
+/// The tip of a cone in a plane whose normal is tilted against the cone's axis by `tilt`; exact: the
+/// volume, m³, and where its centroid is from the tip, m: along the cone's axis, and across it, on
+/// the side to which the plane's normal leans.
+pub(super) fn tip(half_angle: f64, depth: f64, tilt: f64) -> (f64, [f64; 2]) {
+    let depth = depth.max(0.0);
+    let tan2 = half_angle.tan().powi(2);
+    let (sin, cos) = tilt.sin_cos();
+    let shape = cos * cos - tan2 * sin * sin;
+    // Three quarters of the way to the middle of the ellipse that the plane cuts.
+    let centroid = [cos, -tan2 * sin].map(|part| 0.75 * depth * part / shape);
+    (PI / 3.0 * depth.powi(3) * tan2 / shape.powf(1.5), centroid)
+}
+
+/// The corner of a box in a plane, m³; exact: a tetrahedron. `cosines`: of the angles between its
+/// three edges and the plane's normal.
+pub(super) fn corner(depth: f64, cosines: [f64; 3]) -> f64 {
+    depth.max(0.0).powi(3) / (6.0 * cosines.iter().product::<f64>())
+}
+
+/// Two right angles whose edges cross at right angles, each symmetric about the line through both;
+/// exact: the volume of a tetrahedron, of which each face of the part pushes half at 45°.
+pub(super) fn crossed_edges(overlap: f64) -> f64 {
+    let volume = 2.0 / 3.0 * overlap.max(0.0).powi(3);
+    volume * core::f64::consts::FRAC_1_SQRT_2
+}
+
+/// A wedge in a groove of the same half angle, `lowered` from where they fit, for each metre of the
+/// groove, m²; exact: both flanks' parts along the middle. What the faces at the ends of the flanks
+/// have in the walls cancels.
+pub(super) fn wedge_in_groove(height: f64, half_angle: f64, lowered: f64) -> f64 {
+    let flank = height / half_angle.cos();
+    2.0 * flank * lowered.max(0.0) * half_angle.sin() * half_angle.sin()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -103,7 +137,18 @@ mod tests {
         // A face at 45°: half of a square.
         let (area, aside) = edge(0.3, 0.25 * PI);
         assert!((area - 0.09).abs() < 1e-12 && aside.abs() < 1e-12);
+        // Upright: the volume of a cone and its centroid.
+        let (volume, [along, across]) = tip(0.5, 0.3, 0.0);
+        assert!((volume - PI / 3.0 * 0.027 * 0.5_f64.tan().powi(2)).abs() < 1e-12);
+        assert!((along - 0.225).abs() < 1e-12 && across == 0.0);
+        // Three edges at the same angle to the normal.
+        let cosine = (1.0_f64 / 3.0).sqrt();
+        assert!((corner(0.3, [cosine; 3]) - 0.027 * 3.0_f64.sqrt() / 2.0).abs() < 1e-12);
         for apart in [
+            tip(0.5, -0.1, 0.2).0,
+            corner(-0.1, [0.5; 3]),
+            crossed_edges(-0.1),
+            wedge_in_groove(1.0, 0.5, -0.1),
             ball_in_ball(5.0, 9.0, 0.0),
             crescent(4.0, 4.2, 0.15),
             ball_in_groove(4.0, 5.0, 1.0),

@@ -15,13 +15,14 @@ const BUZZ_HZ: f64 = 50.0;
 const LEAST_SHARE: f64 = 0.05;
 
 /// Names and units of [`Samples::figures`].
-pub(super) const FIGURES: [(&str, &str); 15] = [
+pub(super) const FIGURES: [(&str, &str); 17] = [
     ("angle to the closed form, median", "°"),
     ("angle, p95", "°"),
     ("line of action off, median", "mm"),
     ("line of action off, p95", "mm"),
     ("size off, p95", "%"),
     ("no force", "%"),
+    ("force in a near miss", "%"),
     ("ripple above 10 Hz", "%"),
     ("ripple above 50 Hz", "%"),
     ("largest step", "%"),
@@ -30,6 +31,7 @@ pub(super) const FIGURES: [(&str, &str); 15] = [
     ("query, p50", "ms"),
     ("query, p99.9", "ms"),
     ("memory", "MB"),
+    ("memory for the parts", "MB"),
     ("bake", "s"),
 ];
 
@@ -41,6 +43,8 @@ pub(super) struct Samples {
     size_percent: Vec<f64>,
     n_lost: usize,
     n_judged: usize,
+    n_missed: usize,
+    n_false: usize,
     /// RMS of each trajectory above each frequency.
     ripple_percent: [Vec<f64>; 2],
     step_percent: Vec<f64>,
@@ -48,6 +52,7 @@ pub(super) struct Samples {
     load_percent: Vec<f64>,
     query_ms: Vec<f64>,
     pub(super) peak_mb: Vec<f64>,
+    pub(super) parts_mb: Vec<f64>,
     pub(super) bake_s: Vec<f64>,
 }
 
@@ -76,7 +81,8 @@ pub(super) fn beside(law: Option<Law>, wrench: &Wrench, scale: f64) -> Option<[f
 }
 
 impl Samples {
-    /// Adds one trajectory. `query_ns`: empty where it is not known.
+    /// Adds one trajectory. `query_ns`: empty where it is not known; `wrenches`: where there are
+    /// times alone.
     pub(super) fn add(
         &mut self,
         trajectory: &Trajectory,
@@ -85,6 +91,9 @@ impl Samples {
         scale: f64,
     ) {
         self.query_ms.extend(query_ns.iter().map(|ns| ns * 1e-6));
+        if wrenches.is_empty() {
+            return;
+        }
         let law_n = |law: Option<Law>| law.map_or(0.0, |law| law.force.length());
         let most_n = trajectory.ticks.iter().map(|tick| law_n(tick.law)).fold(0.0, f64::max);
         for (tick, wrench) in trajectory.ticks.iter().zip(wrenches) {
@@ -106,6 +115,11 @@ impl Samples {
             Kind::Steady => self.smoothness(trajectory, wrenches, scale),
             Kind::Press => {
                 self.load_percent.extend(load_percent(trajectory, wrenches, scale, 0.5 * most_n))
+            }
+            Kind::NearMiss => {
+                self.n_missed += wrenches.len();
+                self.n_false +=
+                    wrenches.iter().filter(|wrench| wrench.force != DVec3::ZERO).count();
             }
             Kind::Loop => self.work_percent.extend(work_percent(trajectory, wrenches)),
         }
@@ -140,6 +154,7 @@ impl Samples {
             sorted.sort_by(f64::total_cmp);
             quantile(&sorted, share)
         };
+        let percent = |n: usize, of: usize| (of > 0).then(|| 100.0 * n as f64 / of as f64);
         let most = |values: &[f64]| values.iter().copied().reduce(f64::max);
         let rms = |values: &[f64]| {
             (!values.is_empty()).then(|| {
@@ -152,7 +167,8 @@ impl Samples {
             median(&self.off_mm),
             share(&self.off_mm, 0.95),
             share(&self.size_percent, 0.95),
-            (self.n_judged > 0).then(|| 100.0 * self.n_lost as f64 / self.n_judged as f64),
+            percent(self.n_lost, self.n_judged),
+            percent(self.n_false, self.n_missed),
             rms(&self.ripple_percent[0]),
             rms(&self.ripple_percent[1]),
             most(&self.step_percent),
@@ -161,6 +177,7 @@ impl Samples {
             median(&self.query_ms),
             share(&self.query_ms, 0.999),
             most(&self.peak_mb),
+            most(&self.parts_mb),
             median(&self.bake_s),
         ]
     }
@@ -264,6 +281,9 @@ mod tests {
             (value(pushed, "line of action off, median") - 1.0).abs() < 1e-6
                 && value(pushed, "angle, p95") < 1e-5
         );
+        let pushed = Wrench::new(DVec3::X, DVec3::ZERO);
+        let false_force = judged(|n, wrench| if n < TICKS / 4 { pushed } else { wrench });
+        assert!((value(false_force, "force in a near miss") - 25.0).abs() < 1.0);
         let lost = judged(|n, wrench| if n.is_multiple_of(4) { Wrench::ZERO } else { wrench });
         assert!((value(lost, "no force") - 25.0).abs() < 1.0 && value(lost, "largest step") > 99.0);
         let buzz = |every: usize| {

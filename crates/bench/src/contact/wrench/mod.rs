@@ -104,6 +104,10 @@ pub fn run(options: &Options, mut tell: impl FnMut(&str)) -> Result<Figures, Ben
         files::write_scene(&scene_folder(scene), scene, &mut hash)?;
     }
     let hash = std::hash::Hasher::finish(&hash);
+    for scene in scenes::without_closed_form() {
+        files::write_scene(&scene_folder(&scene), &scene, &mut XxHash3_64::new())?;
+        scenes.push(scene);
+    }
     match &options.models {
         _ if options.quick => skipped.push("real parts: --quick".to_owned()),
         None => skipped.push("real parts: HAPTICD_MODELS not set".to_owned()),
@@ -174,7 +178,7 @@ pub fn run(options: &Options, mut tell: impl FnMut(&str)) -> Result<Figures, Ben
                     .map(|why| format!("{name}, {}: {why}", scene.name)),
             );
         }
-        if answers.iter().all(|answer| answer.wrenches.is_empty()) {
+        if !answers.iter().any(Answer::is_there) {
             skipped.push(format!(
                 "{name}: no answers; its adapter needs HAPTICD_PEERS, and no --quick"
             ));
@@ -226,12 +230,13 @@ fn pieces<'a>(
     scenes: &'a [Scene],
     answers: &'a [Answer],
 ) -> impl Iterator<Item = AnsweredTrajectory<'a>> {
-    let answered = scenes.iter().zip(answers).filter(|(_, answer)| !answer.wrenches.is_empty());
+    let answered = scenes.iter().zip(answers).filter(|(_, answer)| answer.is_there());
     answered.flat_map(|(scene, Answer { wrenches, query_ns, about })| {
         scene.trajectories.iter().enumerate().map(move |(n, trajectory)| {
             let ticks = n * TICKS..(n + 1) * TICKS;
             let query_ns = query_ns.get(ticks.clone()).unwrap_or_default();
-            AnsweredTrajectory { scene, trajectory, wrenches: &wrenches[ticks], query_ns, about }
+            let wrenches = wrenches.get(ticks).unwrap_or_default();
+            AnsweredTrajectory { scene, trajectory, wrenches, query_ns, about }
         })
     })
 }
@@ -257,6 +262,7 @@ impl Figures {
                 program.scale.unwrap_or(1.0),
             );
             samples.peak_mb.extend(piece.about.peak_mb);
+            samples.parts_mb.extend(piece.about.parts_mb);
             samples.bake_s.extend(piece.about.bake_s);
         }
         is_answered.then(|| samples.figures())
@@ -268,7 +274,7 @@ impl Figures {
         let is_held = |of: &Trajectory| of.kind == Kind::Steady && of.ticks[0].law.is_some();
         let mut found: Vec<(String, Vec<[f64; 2]>)> = Vec::new();
         for AnsweredTrajectory { scene, trajectory, wrenches, .. } in
-            pieces(&self.scenes, &program.answers)
+            pieces(&self.scenes, &program.answers).filter(|piece| !piece.wrenches.is_empty())
         {
             if scene
                 .trajectories
@@ -291,28 +297,40 @@ impl Figures {
     pub fn rows(&self) -> Vec<Row> {
         let mut rows = Vec::new();
         for program in &self.programs {
-            let group = format!("wrench: {}, scenes with closed forms", program.name);
-            for (value, (name, unit)) in
-                self.of(program, Scene::has_law).into_iter().flatten().zip(FIGURES)
-            {
-                let row = Row::new(&group, name, value, unit);
-                rows.push(if program.name == SETTINGS[0].name { asked(name, row) } else { row });
+            let group = |title: &str| format!("wrench: {}, {}", program.name, title.to_lowercase());
+            for (title, is_sharp) in page::KINDS {
+                let wanted = |scene: &Scene, trajectory: &Trajectory| {
+                    scene.has_law(trajectory) && scene.is_sharp() == is_sharp
+                };
+                for (value, (name, unit)) in
+                    self.of(program, wanted).into_iter().flatten().zip(FIGURES)
+                {
+                    let row = Row::new(&group(title), name, value, unit);
+                    let is_asked = program.name == SETTINGS[0].name;
+                    rows.push(if is_asked { asked(name, is_sharp, row) } else { row });
+                }
             }
-            rows.push(Row::new(&group, "scale", program.scale, ""));
+            rows.push(Row::new(&group(page::KINDS[0].0), "scale", program.scale, ""));
         }
         rows
     }
 }
 
-/// What is asked of hapticd: what was measured, with room for another processor's rounding and for
-/// other scenes.
-fn asked(name: &str, row: Row) -> Row {
+/// What is asked of hapticd: of tips, edges and wedges what any scene of this kind should have;
+/// of others what was measured, with room for another processor's rounding and for other scenes.
+fn asked(name: &str, is_sharp: bool, row: Row) -> Row {
     let most = match name {
+        "angle, p95" if is_sharp => 2.0,
+        "size off, p95" if is_sharp => 10.0,
+        "work of a loop" if is_sharp => 1.0,
+        "line of action off, p95" | "ripple above 10 Hz" | "largest step" if is_sharp => {
+            return row;
+        }
         "angle, p95" => 1.0,
         "line of action off, p95" => 0.02,
         // Of which 2 % may be the meshes'.
         "size off, p95" => 5.0,
-        "no force" => 0.0,
+        "no force" | "force in a near miss" => 0.0,
         "ripple above 10 Hz" | "work of a loop" => 0.2,
         "largest step" => 1.0,
         _ => return row,

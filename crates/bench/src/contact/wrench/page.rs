@@ -8,14 +8,19 @@ use super::metrics::FIGURES;
 use super::scenes::{Scene, Trajectory};
 use crate::report::figure;
 
+/// Tables over several scenes, and whether something sharp touches in them.
+pub(super) const KINDS: [(&str, bool); 2] =
+    [("Scenes with closed forms", false), ("Tips, edges and wedges with closed forms", true)];
 /// Figures of the tables of single scenes.
-const OF_A_SCENE: [&str; 3] = ["angle, p95", "size off, p95", "ripple above 10 Hz"];
-const WITHOUT_LAW: [&str; 6] = [
+const OF_A_SCENE: [&str; 5] =
+    ["angle, p95", "size off, p95", "ripple above 10 Hz", "work of a loop", "query, p50"];
+const WITHOUT_LAW: [&str; 7] = [
     "ripple above 10 Hz",
     "ripple above 50 Hz",
     "largest step",
     "work of a loop",
     "query, p50",
+    "memory for the parts",
     "bake",
 ];
 
@@ -44,8 +49,12 @@ pub fn page(figures: &Figures, machine: &str) -> String {
         "Hash of the scenes with closed forms (XXH3 of their files): `{:016x}`.",
         figures.hash
     );
-    text.push_str("\n## All scenes with closed forms\n\n");
-    table(&mut text, figures, &FIGURES.map(|(name, _)| name), Scene::has_law);
+    for (title, is_sharp) in KINDS {
+        let _ = write!(text, "\n## {title}\n\n");
+        table(&mut text, figures, &FIGURES.map(|(name, _)| name), |scene, trajectory| {
+            scene.has_law(trajectory) && scene.is_sharp() == is_sharp
+        });
+    }
     text.push_str(
         "\n## Settings\n\nForces are multiplied by the scale, one number for each program, before \
             sizes are compared.\n\n",
@@ -115,11 +124,11 @@ fn table(
 ) {
     let columns: Vec<usize> =
         (0..FIGURES.len()).filter(|idx| wanted.contains(&FIGURES[*idx].0)).collect();
-    text.push_str("| program |");
+    text.push_str("| program | scenes |");
     columns
         .iter()
         .for_each(|idx| text.push_str(&format!(" {}, {} |", FIGURES[*idx].0, FIGURES[*idx].1)));
-    let _ = write!(text, "\n|---|{}\n", "---:|".repeat(columns.len()));
+    let _ = write!(text, "\n|---|{}\n", "---:|".repeat(1 + columns.len()));
     for program in &figures.programs {
         let Some(values) = figures.of(program, &trajectories) else { continue };
         let wanted = figures
@@ -127,14 +136,9 @@ fn table(
             .iter()
             .zip(&program.answers)
             .filter(|(scene, _)| scene.trajectories.iter().any(|of| trajectories(scene, of)));
-        let there: Vec<bool> = wanted.map(|(_, answer)| !answer.wrenches.is_empty()).collect();
+        let there: Vec<bool> = wanted.map(|(_, answer)| answer.is_there()).collect();
         let n_there = there.iter().filter(|is_there| **is_there).count();
-        let note = if n_there < there.len() {
-            format!(" ({n_there} of {} scenes)", there.len())
-        } else {
-            String::new()
-        };
-        let _ = write!(text, "| {}{note} |", program.name);
+        let _ = write!(text, "| {} | {n_there} of {} |", program.name, there.len());
         columns.iter().for_each(|idx| text.push_str(&format!(" {} |", number(values[*idx]))));
         text.push('\n');
     }

@@ -32,8 +32,13 @@ pub(super) const SETTINGS: [Setting; 2] = [
 
 /// Peers, and their scripts in the folder `adapters`: each is called with a scene's folder, its
 /// poses and where to write the wrenches, and prints a line of JSON.
-pub(super) const PEERS: [(&str, &str); 3] =
-    [("Drake", "drake_hydroelastic.py"), ("MuJoCo", "mujoco_sdf.py"), ("Coal", "coal_penalty.py")];
+pub(super) const PEERS: [(&str, &str); 5] = [
+    ("Drake", "drake_hydroelastic.py"),
+    ("MuJoCo", "mujoco_sdf.py"),
+    ("Coal", "coal_penalty.py"),
+    ("Coal, first contact", "coal_first_contact.py"),
+    ("Coal, distance", "coal_distance.py"),
+];
 const ADAPTERS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/adapters");
 
 fn megabytes(bytes: Option<u64>) -> Option<f64> {
@@ -103,6 +108,8 @@ pub(super) fn ask_hapticd(
             settings,
             bake_s: baked.json["timings_s"]["total"].as_f64(),
             peak_mb,
+            // All of it: this errs in favour of the peers.
+            parts_mb: peak_mb,
             not_measured: None,
         },
     )
