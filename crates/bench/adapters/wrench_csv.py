@@ -53,7 +53,7 @@ def main(prepare):
     began = time.process_time()
     settings, ask, read = prepare(folder)
     bake_s = time.process_time() - began
-    parts_mb = 1.024e-3 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - imported_kb)
+    memory_mb = 1.024e-3 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - imported_kb)
     n_poses, total_ns = 0, 0
     with open(out, "w") as file:
         file.write("t_s,fx_n,fy_n,fz_n,tx_nm,ty_nm,tz_nm,query_ns\n" if read else "t_s,query_ns\n")
@@ -67,4 +67,4 @@ def main(prepare):
                 raise SystemExit(f"stopped after {n_poses} poses, {1e-6 * total_ns / n_poses:.0f} ms each: the scene has {LONGEST_S:.0f} s")
             wrench = np.concatenate(read(position)) if read else ()
             file.write(",".join(f"{value:.9g}" for value in (t, *wrench, took)) + "\n")
-    print(json.dumps({"bake_s": bake_s, "parts_mb": parts_mb, "settings": settings}))
+    print(json.dumps({"bake_s": bake_s, "memory_mb": memory_mb, "settings": settings}))

@@ -30,10 +30,8 @@ pub(super) struct About {
     pub(super) settings: String,
     /// Before the first query, s.
     pub(super) bake_s: Option<f64>,
-    /// Peak of the whole process, MB.
-    pub(super) peak_mb: Option<f64>,
     /// By what the process grew while it prepared a scene, MB.
-    pub(super) parts_mb: Option<f64>,
+    pub(super) memory_mb: Option<f64>,
     /// Why there are no wrenches.
     pub(super) not_measured: Option<String>,
 }

@@ -15,7 +15,7 @@ const BUZZ_HZ: f64 = 50.0;
 const LEAST_SHARE: f64 = 0.05;
 
 /// Names and units of [`Samples::figures`].
-pub(super) const FIGURES: [(&str, &str); 17] = [
+pub(super) const FIGURES: [(&str, &str); 16] = [
     ("angle to the closed form, median", "°"),
     ("angle, p95", "°"),
     ("line of action off, median", "mm"),
@@ -31,7 +31,6 @@ pub(super) const FIGURES: [(&str, &str); 17] = [
     ("query, p50", "ms"),
     ("query, p99.9", "ms"),
     ("memory", "MB"),
-    ("memory for the parts", "MB"),
     ("bake", "s"),
 ];
 
@@ -51,8 +50,7 @@ pub(super) struct Samples {
     work_percent: Vec<f64>,
     load_percent: Vec<f64>,
     query_ms: Vec<f64>,
-    pub(super) peak_mb: Vec<f64>,
-    pub(super) parts_mb: Vec<f64>,
+    pub(super) memory_mb: Vec<f64>,
     pub(super) bake_s: Vec<f64>,
 }
 
@@ -176,8 +174,7 @@ impl Samples {
             most(&self.load_percent),
             median(&self.query_ms),
             share(&self.query_ms, 0.999),
-            most(&self.peak_mb),
-            most(&self.parts_mb),
+            most(&self.memory_mb),
             median(&self.bake_s),
         ]
     }

@@ -261,8 +261,7 @@ impl Figures {
                 piece.query_ns,
                 program.scale.unwrap_or(1.0),
             );
-            samples.peak_mb.extend(piece.about.peak_mb);
-            samples.parts_mb.extend(piece.about.parts_mb);
+            samples.memory_mb.extend(piece.about.memory_mb);
             samples.bake_s.extend(piece.about.bake_s);
         }
         is_answered.then(|| samples.figures())

@@ -20,7 +20,7 @@ const WITHOUT_LAW: [&str; 7] = [
     "largest step",
     "work of a loop",
     "query, p50",
-    "memory for the parts",
+    "memory",
     "bake",
 ];
 

@@ -101,15 +101,14 @@ pub(super) fn ask_hapticd(
     let (_, ended) = process::run_to_end(eval.arg(scene.join(POSES)).arg("--out").arg(out))?;
     let settings =
         format!("{}; voxels of {VOXEL_MM} mm, stiffness {PRESSURE_N_PER_M3:e} N/m³", setting.about);
-    let peak_mb = megabytes(ended.peak_rss_bytes.max(baked.peak_rss_bytes));
+    let peak = ended.peak_rss_bytes.max(baked.json["peak_rss_bytes"].as_u64());
     write_about(
         out,
         &About {
             settings,
             bake_s: baked.json["timings_s"]["total"].as_f64(),
-            peak_mb,
-            // All of it: this errs in favour of the peers.
-            parts_mb: peak_mb,
+            // All of the process: this errs in favour of the peers.
+            memory_mb: megabytes(peak),
             not_measured: None,
         },
     )
@@ -125,11 +124,9 @@ pub(super) fn ask_peer(
     forget(out)?;
     let ended = Peers::new(folder, 1)
         .script(&Path::new(ADAPTERS).join(script), &[scene, &scene.join(POSES), out]);
-    let about = ended.and_then(|ended| {
-        let about: About = serde_json::from_value(ended.json).map_err(|error| error.to_string())?;
-        Ok(About { peak_mb: megabytes(ended.peak_rss_bytes), ..about })
-    });
-    let about = about.or_else(|why| {
+    let about = ended
+        .and_then(|ended| serde_json::from_value(ended.json).map_err(|error| error.to_string()));
+    let about = about.or_else(|why: String| {
         // Without the command line, which names folders of this machine.
         let not_measured =
             Some(why.rsplit_once(" failed: ").map_or(why.clone(), |(_, why)| why.to_owned()));
