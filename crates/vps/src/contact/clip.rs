@@ -53,17 +53,17 @@ impl<'a> CreasesAt<'a> {
     pub(super) fn over(&self, middle: Vec3, [a, b]: [Vec3; 2], over: &mut OverPlanes) -> bool {
         over.n = 0;
         let cells = self.place.cells(middle);
-        let Some(set) = self.creases.at(self.brick_dims, cells) else { return false };
-        for (side, (normal, offset)) in over.sides.iter_mut().zip(set.planes()) {
-            let depth_cells = offset - normal.dot(cells.as_dvec3());
+        let Some(crease) = self.creases.at(self.brick_dims, cells) else { return false };
+        over.is_inner = crease.is_inner();
+        for (side, (depth_cells, gradient)) in over.sides.iter_mut().zip(crease.sides()) {
             // A place has cells per metre.
-            let gradient = self.place.gradient(-normal.as_vec3()) * self.voxel_size_m;
-            side.depth_m = depth_cells as f32 * self.voxel_size_m;
+            let gradient = self.place.gradient(gradient) * self.voxel_size_m;
+            side.depth_m = depth_cells * self.voxel_size_m;
             side.along = Vec2::new(gradient.dot(a), gradient.dot(b));
             side.gradient = gradient;
             over.n += 1;
             // Nothing of it is immersed: the others do not count.
-            if side.most_m() <= 0.0 {
+            if side.most_m() <= 0.0 && !over.is_inner {
                 break;
             }
         }
@@ -83,10 +83,12 @@ impl<'a> CreasesAt<'a> {
             return None;
         }
         // The facet as a whole is said to be where its middle is.
-        let own = over.least_deep();
+        let own = over.at_middle();
         let Side { depth_m, gradient, .. } = own;
-        let is_clipped = !over.is_least_deep(&own);
-        let touches = match over.sides().all(|side| side.most_m() > 0.0) {
+        let is_clipped = !over.counts_all_over(&own);
+        let mut reaches = over.sides().map(|side| side.most_m() > 0.0);
+        let reaches = if over.is_inner { reaches.any(|it| it) } else { reaches.all(|it| it) };
+        let touches = match reaches {
             false => false,
             true if is_clipped => depth_m > 0.0 || (0..over.n).any(|k| !over.piece(k).is_empty()),
             true => FacetRange::of(Some(half_axes), gradient, limit_m).touches(depth_m),
@@ -176,44 +178,53 @@ impl Side {
 pub(super) struct OverPlanes {
     sides: [Side; PLANES],
     pub(super) n: usize,
+    /// The greatest of their depths counts, and not the least.
+    is_inner: bool,
 }
 
 const CORNERS: [Vec2; 4] =
     [Vec2::new(-1.0, -1.0), Vec2::new(1.0, -1.0), Vec2::new(1.0, 1.0), Vec2::new(-1.0, 1.0)];
 
 impl OverPlanes {
-    pub(super) const NONE: Self = Self { sides: [Side::NONE; PLANES], n: 0 };
+    pub(super) const NONE: Self = Self { sides: [Side::NONE; PLANES], n: 0, is_inner: false };
 
     fn sides(&self) -> impl Iterator<Item = &Side> {
         self.sides.iter().take(self.n)
     }
 
-    /// The plane that is least deep at its middle.
-    fn least_deep(&self) -> Side {
-        let deeper = |a: Side, b: &Side| if b.depth_m < a.depth_m { *b } else { a };
-        self.sides().fold(Side::NONE, deeper)
+    /// By how much a plane is deeper than another one where it is to count, m, at the middle and along
+    /// the half axes: below zero, it does not.
+    fn spare(&self, own: &Side, other: &Side) -> (f32, Vec2) {
+        let spare = (other.depth_m - own.depth_m, other.along - own.along);
+        if self.is_inner { (-spare.0, -spare.1) } else { spare }
     }
 
-    /// True of a plane that is least deep on all of the facet: at its corners, as depths are linear.
-    fn is_least_deep(&self, own: &Side) -> bool {
+    /// The plane that counts at its middle.
+    fn at_middle(&self) -> Side {
+        let counting = |a: &Side, b: &Side| self.spare(a, b).0 >= 0.0;
+        let first = self.sides().next().copied().unwrap_or(Side::NONE);
+        self.sides().fold(first, |a, b| if counting(&a, b) { a } else { *b })
+    }
+
+    /// True of a plane that counts on all of the facet: at its corners, as depths are linear.
+    fn counts_all_over(&self, own: &Side) -> bool {
         self.sides().all(|other| {
-            let along = (other.along - own.along).abs();
-            other.depth_m - own.depth_m >= along.x + along.y
+            let (spare_m, along) = self.spare(own, other);
+            spare_m >= along.x.abs() + along.y.abs()
         })
     }
 
-    /// What of the facet is immersed and least deep below the k-th plane.
+    /// What of the facet is immersed and where the k-th plane counts.
     pub(super) fn piece(&self, k: usize) -> Polygon {
         let mut polygon = Polygon::WHOLE;
         let Some(own) = self.sides.get(k) else { return Polygon::EMPTY };
         for (n, other) in self.sides().enumerate().filter(|(n, _)| *n != k) {
-            let deeper_m = other.depth_m - own.depth_m;
-            let along = other.along - own.along;
+            let (spare_m, along) = self.spare(own, other);
             // A facet midway between two planes belongs to the first.
-            if n < k && deeper_m == 0.0 && along == Vec2::ZERO {
+            if n < k && spare_m == 0.0 && along == Vec2::ZERO {
                 return Polygon::EMPTY;
             }
-            polygon = polygon.clipped(deeper_m, along);
+            polygon = polygon.clipped(spare_m, along);
         }
         polygon.clipped(own.depth_m, own.along)
     }

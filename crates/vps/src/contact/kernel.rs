@@ -529,13 +529,9 @@ impl<'a, L: F32s<LANES>> Grid<'a, L, LANES> {
         let seven = L::Int::splat(7);
         let [x, y, z] = [base[0] & seven, base[1] & seven, base[2] & seven];
         let eight = L::Int::splat(8);
-        let half = L::Int::splat(4);
-        let pair = ((entries & has_entry) * eight + x) * eight + y;
-        let pair = pair * half + z.shifted::<1>();
-        // SAFETY: an entry of the creases, or their first, and a pair of cells in it.
-        let sets = unsafe { L::Int::gather(creases.cells().as_flattened(), pair) };
-        let is_second = (z & L::Int::splat(1)).gt(zero);
-        let own = sets & L::Int::select(is_second, L::Int::splat(!0xffff), L::Int::splat(0xffff));
+        let cell = (((entries & has_entry) * eight + x) * eight + y) * eight + z;
+        // SAFETY: an entry of the creases, or their first, and a cell in it.
+        let own = unsafe { L::Int::gather(creases.cells().as_flattened(), cell) };
         L::Int::select(own.eq(zero), zero, has_entry)
     }
 

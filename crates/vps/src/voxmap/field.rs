@@ -14,6 +14,7 @@ pub(crate) mod creases;
 mod file;
 mod gradient;
 mod moved;
+mod rims;
 
 use std::sync::Arc;
 

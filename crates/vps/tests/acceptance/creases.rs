@@ -143,7 +143,7 @@ impl Part {
     }
 }
 
-fn rotation(random: &mut Random) -> DQuat {
+pub(super) fn rotation(random: &mut Random) -> DQuat {
     DQuat::from_xyzw(random.signed(), random.signed(), random.signed(), random.signed()).normalize()
 }
 
@@ -164,7 +164,7 @@ fn clipped(polygon: &[DVec3], value: impl Fn(DVec3) -> f64) -> Vec<DVec3> {
 }
 
 /// Every bit is that of the specification, whatever instructions there are, all over and down the tree.
-fn assert_walked_alike(obstacles: &[Obstacle], shell: &Shell, pose: Pose) {
+pub(super) fn assert_walked_alike(obstacles: &[Obstacle], shell: &Shell, pose: Pose) {
     let flat = ContactSum::flat(obstacles, shell, pose, ForceLaw::PLAIN);
     for level in SimdLevel::available() {
         for mode in [TraversalMode::Flat, TraversalMode::Tree] {
@@ -179,7 +179,7 @@ fn assert_walked_alike(obstacles: &[Obstacle], shell: &Shell, pose: Pose) {
     }
 }
 
-fn percentile(of: &mut [f64], share: f64) -> f64 {
+pub(super) fn percentile(of: &mut [f64], share: f64) -> f64 {
     of.sort_by(f64::total_cmp);
     of[((of.len() - 1) as f64 * share) as usize]
 }

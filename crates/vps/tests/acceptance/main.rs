@@ -3,6 +3,7 @@
 #![expect(clippy::print_stderr, reason = "tests say what they skip and measure")]
 
 mod creases;
+mod curved_edges;
 mod data_structures;
 mod decompositions;
 mod distance_error;

@@ -10,23 +10,26 @@
 //! ```
 //! A cell has planes only where the exact distances of all samples within a cell of it are those to
 //! what the planes bound. Along edges that end where one of their faces goes on as a curve, beside faces
-//! that are not listed, and at concave edges it has none: interpolation counts, as everywhere else.
+//! that are not listed, and at inner edges it has none: there [`rims`] has depths below patches, or
+//! interpolation counts, as everywhere else.
 //!
-//! Cost, of a bake at 256 voxels on one processor: 1.0 to 1.04 times what it was on the Stanford
-//! bunny, a rocker arm, a bolt and a gear, 1.35 times on a block with a hole, 1.6 on a test part of
-//! NIST, 1.7 on a nut. Memory: 1 KiB for a brick with such cells, 0.2 to 6 % of a field.
+//! Cost, of a bake at 256 voxels on one processor, with the patches: 1.5 times what it was on the
+//! Stanford bunny and a block with a hole, 5 on a nut, 6 on a gear. Memory: 2 KiB for a brick with such
+//! cells, 32 bytes for a cell and a patch.
 //!
 //! # Source
 //! Ours.
 
 #![expect(clippy::indexing_slicing, reason = "start-up: numbers of one array's items index others")]
 
+use core::ops::Range;
 use core::ptr;
 use std::collections::{HashMap, HashSet};
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DVec3, Vec3};
 
+use super::rims::{self, PatchDepths, PatchesOfCell, Rim, Rims};
 use super::{
     BRICK_CELLS, BRICK_EDGE, DEEP_INSIDE, Field, Located, MOST_MOVED_CELLS, to_vec3, whole,
 };
@@ -38,9 +41,9 @@ use crate::storage::SharedSlice;
 /// Planes that meet in a cell, at most.
 pub(crate) const PLANES: usize = 6;
 /// An edge is sharp where its two faces turn by more than 20°: with less they are one that curves.
-const SMOOTH_COSINE: f64 = 0.9397;
+pub(super) const SMOOTH_COSINE: f64 = 0.9397;
 /// Samples agree with planes up to this, cells.
-const AGREEING_CELLS: f64 = 0.01;
+pub(super) const AGREEING_CELLS: f64 = 0.01;
 /// Planes are the same where they turn by less than a tenth of a degree, and are as near, cells.
 const SAME_COSINE: f64 = 0.999_998_5;
 const SAME_CELLS: f64 = 1e-3;
@@ -51,12 +54,12 @@ const LEAST_CELLS: f64 = 2.0;
 const DEEPEST_BANDS: f64 = 4.0;
 /// Half the diagonal of a cell, and as much for what a facet of a voxel reaches from its middle: no
 /// such facet with its middle in a cell farther from an edge lies over it, cells.
-const NEAR_CELLS: f64 = 1.7321;
+pub(super) const NEAR_CELLS: f64 = 1.7321;
 /// Outside as far as this distances are compared, cells, and edges within [`LISTED_CELLS`] of the
 /// middle of a cell have the faces that are nearest to what is compared. The facets of a tool whose
 /// points are three times as far apart as these voxels reach no farther.
 const COMPARED_CELLS: f64 = 1.75;
-const LISTED_CELLS: f64 = COMPARED_CELLS + 2.6;
+pub(super) const LISTED_CELLS: f64 = COMPARED_CELLS + 2.6;
 /// By how much farther outside interpolation may say that a place is: half the diagonal of a cell,
 /// and what samples are moved by, cells.
 const OVERSTATED_CELLS: f32 = 0.866_03 + MOST_MOVED_CELLS;
@@ -65,10 +68,20 @@ const OVERSTATED_CELLS: f32 = 0.866_03 + MOST_MOVED_CELLS;
 const LEAST_BAND_CELLS: f32 = 1.9;
 /// From the middle of a brick to those of its cells at its corners, at most, cells.
 const BRICK_RADIUS: f64 = 6.1;
-/// Pairs of cells of a brick.
-pub(crate) const PAIRS: usize = BRICK_CELLS / 2;
 /// A brick without planes.
 const NONE: u32 = u32::MAX;
+/// What a cell has are depths below patches, and not planes; of an inner edge; how many less one, and
+/// the number of the first.
+const PATCHES_BIT: u32 = 1 << 31;
+const INNER_BIT: u32 = 1 << 30;
+const MANY_SHIFT: u32 = 28;
+const FIRST_MASK: u32 = (1 << MANY_SHIFT) - 1;
+
+/// Which depths the number of a cell stands for.
+fn patches_of(number: u32) -> Range<usize> {
+    let first = (number & FIRST_MASK) as usize;
+    first..first + 1 + (number >> MANY_SHIFT & 3) as usize
+}
 
 /// Planes, of which the one that is least deep counts. A plane (n, c), n unit and out of the object,
 /// is c − n·p deep at a place p, both in cells; c is infinite where there is none.
@@ -88,10 +101,21 @@ impl PlaneSet {
             .take_while(|(_, offset)| offset.is_finite())
     }
 
+    const NONE: Self = Self { planes: [[0.0, 0.0, 0.0, f64::INFINITY]; PLANES] };
+
+    /// These planes; `None` where they are too many.
+    pub(super) fn of_planes(planes: impl Iterator<Item = (DVec3, f64)>) -> Option<Self> {
+        let mut set = Self::NONE;
+        for (n, (normal, offset)) in planes.enumerate() {
+            *set.planes.get_mut(n)? = [normal.x, normal.y, normal.z, offset];
+        }
+        Some(set)
+    }
+
     /// The planes of the faces of some edges, each once; `None` where they are too many. `about`:
     /// where planes are compared, cells.
     fn of_edges(edges: &[&Edge], about: DVec3) -> Option<Self> {
-        let mut set = Self { planes: [[0.0, 0.0, 0.0, f64::INFINITY]; PLANES] };
+        let mut set = Self::NONE;
         let mut n = 0;
         for (normal, offset) in edges.iter().flat_map(|edge| edge.faces) {
             let is_known = set.planes().any(|(known, known_offset)| {
@@ -130,7 +154,7 @@ impl PlaneSet {
                     })
             })
         };
-        let mut kept = Self { planes: [[0.0, 0.0, 0.0, f64::INFINITY]; PLANES] };
+        let mut kept = Self::NONE;
         let visible = (0..self.planes().count()).filter(|own| !is_hidden(*own));
         for (to, own) in kept.planes.iter_mut().zip(visible) {
             *to = self.planes[own];
@@ -189,10 +213,38 @@ impl PlaneSet {
 pub(crate) struct Creases {
     /// `[n_bricks]`: entry of `cells`, or `u32::MAX`; empty without such cells.
     pub(super) of_brick: SharedSlice<u32>,
-    /// `[…][8³ / 2]`, z fastest: of two interpolation cells, the first in the lower half, 1 + number
-    /// of the set, or 0.
-    pub(super) cells: SharedSlice<[u32; PAIRS]>,
+    /// `[…][8³]`, z fastest: of an interpolation cell 1 + number of the set, or which patches, with
+    /// [`PATCHES_BIT`], or 0.
+    pub(super) cells: SharedSlice<[u32; BRICK_CELLS]>,
     pub(super) sets: SharedSlice<PlaneSet>,
+    pub(super) patches: SharedSlice<PatchDepths>,
+}
+
+/// What a place has at a crease.
+pub(crate) struct Crease<'a> {
+    planes: Option<&'a PlaneSet>,
+    patches: &'a [PatchDepths],
+    is_inner: bool,
+    cells: Vec3,
+    /// Between the samples, from 0 to 1.
+    inside: Vec3,
+}
+
+impl Crease<'_> {
+    /// The greatest depth counts, and not the least.
+    #[inline]
+    pub(crate) fn is_inner(&self) -> bool {
+        self.is_inner
+    }
+
+    /// Depth below each side, cells, and its gradient. RT: safe.
+    #[inline]
+    pub(crate) fn sides(&self) -> impl Iterator<Item = (f32, Vec3)> + '_ {
+        let at = self.cells.as_dvec3();
+        let planes = self.planes.into_iter().flat_map(PlaneSet::planes);
+        let planes = planes.map(move |(n, offset)| ((offset - n.dot(at)) as f32, -n.as_vec3()));
+        planes.chain(self.patches.iter().map(|patch| rims::side(patch, self.inside)))
+    }
 }
 
 impl Creases {
@@ -215,13 +267,13 @@ impl Creases {
 
     /// See the field of this name.
     #[inline]
-    pub(crate) fn cells(&self) -> &[[u32; PAIRS]] {
+    pub(crate) fn cells(&self) -> &[[u32; BRICK_CELLS]] {
         &self.cells
     }
 
-    /// The planes of the interpolation cell that a place lies in, cells. RT: safe.
+    /// What the interpolation cell has that a place lies in, cells. RT: safe.
     #[inline]
-    pub(crate) fn at(&self, brick_dims: [i32; 3], cells: Vec3) -> Option<&PlaneSet> {
+    pub(crate) fn at(&self, brick_dims: [i32; 3], cells: Vec3) -> Option<Crease<'_>> {
         let [x, y, z] = whole(cells - 0.5);
         let [nx, ny, nz] = brick_dims;
         let bx = x >> 3;
@@ -233,29 +285,42 @@ impl Creases {
         let brick = (bx as usize * ny as usize + by as usize) * nz as usize + bz as usize;
         let of_cells = self.cells.get(*self.of_brick.get(brick)? as usize)?;
         let inside = ((x & 7) << 6 | (y & 7) << 3 | (z & 7)) as usize;
-        self.sets.get((set_of(*of_cells.get(inside / 2)?, inside) as usize).checked_sub(1)?)
+        let number = *of_cells.get(inside)?;
+        let inside = cells - 0.5 - to_vec3([x, y, z]);
+        if number & PATCHES_BIT != 0 {
+            let patches = self.patches.get(patches_of(number))?;
+            let is_inner = number & INNER_BIT != 0;
+            return Some(Crease { planes: None, patches, is_inner, cells, inside });
+        }
+        let planes = Some(self.sets.get((number as usize).checked_sub(1)?)?);
+        Some(Crease { planes, patches: &[], is_inner: false, cells, inside })
     }
 
     /// Size of the arrays, bytes.
     pub(super) fn heap_bytes(&self) -> usize {
-        let Self { of_brick, cells, sets } = self;
-        size_of_val(&**of_brick) + size_of_val(&**cells) + size_of_val(&**sets)
+        let Self { of_brick, cells, sets, patches } = self;
+        size_of_val(&**of_brick)
+            + size_of_val(&**cells)
+            + size_of_val(&**sets)
+            + size_of_val(&**patches)
     }
 
     /// True where the arrays belong to a grid of so many bricks, and kernels can count the cells by
     /// an `i32`.
     pub(super) fn is_consistent(&self, brick_dims: [i32; 3]) -> bool {
-        let Self { of_brick, cells, sets } = self;
+        let Self { of_brick, cells, sets, patches } = self;
         let n_bricks: usize = brick_dims.iter().map(|n| *n as usize).product();
         let n_entries = cells.len();
         let most_cells = 8.0 * brick_dims.iter().map(|n| f64::from(*n)).sum::<f64>();
         (of_brick.is_empty() || of_brick.len() == n_bricks && !cells.is_empty())
-            && n_entries.checked_mul(PAIRS).is_some_and(|n| i32::try_from(n).is_ok())
+            && n_entries.checked_mul(BRICK_CELLS).is_some_and(|n| i32::try_from(n).is_ok())
             && of_brick.iter().all(|entry| *entry == NONE || (*entry as usize) < n_entries)
-            && cells.iter().flatten().all(|pair| {
-                [0, 1].iter().all(|inside| set_of(*pair, *inside) as usize <= sets.len())
+            && cells.iter().flatten().all(|number| match number & PATCHES_BIT {
+                0 => *number as usize <= sets.len(),
+                _ => patches_of(*number).end <= patches.len(),
             })
             && sets.iter().all(|set| set.is_sound(most_cells))
+            && patches.iter().all(rims::is_sound)
     }
 
     /// Those of an object whose triangles face outwards, with its field's exact distances. Cold.
@@ -264,9 +329,12 @@ impl Creases {
         if field.band_m < LEAST_BAND_CELLS * field.voxel_size_m {
             return Self::default();
         }
-        let edges = Edge::all(mesh, field);
+        let pairs = edge_uses(&mesh.triangles, mesh.vertices.len()).pairs;
+        let rims = Rims::new(mesh, field, &pairs);
+        let edges = Edge::all(mesh, field, pairs);
         let mut near: Vec<(u32, u32)> = Vec::new();
-        for (number, edge) in (0..).zip(&edges) {
+        let of_rims = rims.edges.iter().map(|rim| &rim.edge);
+        for (number, edge) in (0..).zip(edges.iter().chain(of_rims)) {
             let first = near.len();
             edge.each_brick(field, |brick| near.push((brick, number)));
             let own = near.split_off(first);
@@ -276,85 +344,92 @@ impl Creases {
         let bricks: Vec<&[(u32, u32)]> = near.chunk_by(|one, other| one.0 == other.0).collect();
         let found = parallel::map(bricks.len(), 4, |brick| {
             let near = bricks.get(brick).copied().unwrap_or_default();
-            let edges = near.iter().filter_map(|(_, number)| edges.get(*number as usize));
-            Some((near.first()?.0, OfBrick::new(field, near.first()?.0, edges)?))
+            let brick = near.first()?.0;
+            let numbers = near.iter().map(|(_, number)| *number as usize);
+            let own = numbers.clone().filter_map(|number| edges.get(number));
+            let of_rims =
+                numbers.filter_map(|number| rims.edges.get(number.checked_sub(edges.len())?));
+            Some((brick, OfBrick::new(mesh, field, brick, own, (&rims, of_rims))?))
         });
         let mut creases = Growing::default();
         for (brick, of_brick) in found.into_iter().flatten() {
             creases.add(brick as usize, field.top.len(), &of_brick);
         }
-        let Growing { of_brick, cells, sets, .. } = creases;
-        Self { of_brick: of_brick.into(), cells: cells.into(), sets: sets.into() }
+        let Growing { of_brick, cells, sets, patches, .. } = creases;
+        Self {
+            of_brick: of_brick.into(),
+            cells: cells.into(),
+            sets: sets.into(),
+            patches: patches.into(),
+        }
     }
-}
-
-/// The number of one cell of a pair.
-#[inline]
-fn set_of(pair: u32, inside: usize) -> u32 {
-    pair >> (16 * (inside & 1)) & 0xffff
 }
 
 /// [`Creases`] while bricks are added.
 #[derive(Default)]
 struct Growing {
     of_brick: Vec<u32>,
-    cells: Vec<[u32; PAIRS]>,
+    cells: Vec<[u32; BRICK_CELLS]>,
     sets: Vec<PlaneSet>,
+    patches: Vec<PatchDepths>,
     /// Where each set is.
-    numbers: HashMap<[[u64; 4]; PLANES], u16>,
+    numbers: HashMap<[[u64; 4]; PLANES], u32>,
 }
 
 impl Growing {
     fn add(&mut self, brick: usize, n_bricks: usize, found: &OfBrick) {
-        let numbers: Vec<u16> = found.sets.iter().map(|set| self.number(set)).collect();
-        let of_cell = |number: u16| {
-            let place = usize::from(number).checked_sub(1);
-            place.and_then(|place| numbers.get(place)).copied().unwrap_or(0)
-        };
+        let numbers: Vec<u32> = found.sets.iter().map(|set| self.number(set)).collect();
+        let first_patches = u32::try_from(self.patches.len()).unwrap_or(u32::MAX);
+        self.patches.extend(&found.patches);
         self.of_brick.resize(n_bricks, NONE);
         if let Some(entry) = self.of_brick.get_mut(brick) {
             *entry = self.cells.len() as u32;
-            let mut cells = [0; PAIRS];
-            for (pair, own) in cells.iter_mut().zip(found.cells.as_chunks::<2>().0) {
-                *pair = u32::from(of_cell(own[0])) | u32::from(of_cell(own[1])) << 16;
-            }
-            self.cells.push(cells);
+            self.cells.push(found.cells.map(|own| match own {
+                0 => 0,
+                own if own & PATCHES_BIT == 0 => {
+                    numbers.get(own as usize - 1).copied().unwrap_or(0)
+                }
+                // More than numbers hold count as interpolation has them.
+                own => match (own & FIRST_MASK).checked_add(first_patches) {
+                    Some(first) if first < FIRST_MASK - 3 => own & !FIRST_MASK | first,
+                    _ => 0,
+                },
+            }));
         }
     }
 
-    /// 1 + the number of a set; 0 for more than a number holds: there edges count as
-    /// interpolation has them.
-    fn number(&mut self, set: &PlaneSet) -> u16 {
+    /// 1 + the number of a set.
+    fn number(&mut self, set: &PlaneSet) -> u32 {
         let bits = set.planes.map(|plane| plane.map(f64::to_bits));
-        if let Some(known) = self.numbers.get(&bits) {
-            return *known;
-        }
-        let Ok(number) = u16::try_from(self.sets.len() + 1) else { return 0 };
-        self.sets.push(*set);
-        self.numbers.insert(bits, number);
-        number
+        *self.numbers.entry(bits).or_insert_with(|| {
+            self.sets.push(*set);
+            self.sets.len() as u32
+        })
     }
 }
 
 /// What the cells of one brick have.
-struct OfBrick {
-    /// 1 + number of the set, or 0.
-    cells: [u16; BRICK_CELLS],
+pub(super) struct OfBrick {
+    /// As those of [`Creases`].
+    pub(super) cells: [u32; BRICK_CELLS],
     sets: Vec<PlaneSet>,
+    patches: Vec<PatchDepths>,
 }
 
 impl OfBrick {
     /// `None` where no cell has any.
     fn new<'a>(
+        mesh: &TriangleMesh,
         field: &Field,
         brick: u32,
         edges: impl Iterator<Item = &'a Edge> + Clone,
+        (rims, of_rims): (&Rims, impl Iterator<Item = &'a Rim> + Clone),
     ) -> Option<Self> {
         field.top.get(brick as usize).filter(|slot| **slot < DEEP_INSIDE)?;
         let [_, ny, nz] = field.brick_dims.map(|n| n as u32);
         let first = [brick / (ny * nz), brick / nz % ny, brick % nz].map(|n| 8 * n as i32);
         let samples = AroundBrick::new(field, first);
-        let mut found = Self { cells: [0; BRICK_CELLS], sets: Vec::new() };
+        let mut found = Self { cells: [0; BRICK_CELLS], sets: Vec::new(), patches: Vec::new() };
         // Cells beside each other have mostly the same edges.
         let mut candidates: Vec<(Vec<&Edge>, Option<Candidate>)> = Vec::new();
         let mut own: Vec<&Edge> = Vec::new();
@@ -386,24 +461,36 @@ impl OfBrick {
                 found.sets.push(set);
                 found.sets.len() - 1
             });
-            *number = set_place as u16 + 1;
+            *number = set_place as u32 + 1;
         }
-        (!found.sets.is_empty()).then_some(found)
+        rims.add(mesh, field, first, of_rims, &mut found);
+        (!found.sets.is_empty() || !found.patches.is_empty()).then_some(found)
+    }
+
+    pub(super) fn set_patches(&mut self, cell: usize, own: PatchesOfCell) {
+        let many = own.patches.len().saturating_sub(1) as u32;
+        let inner = if own.is_inner { INNER_BIT } else { 0 };
+        let first = self.patches.len() as u32;
+        self.cells[cell] = PATCHES_BIT | inner | many << MANY_SHIFT | first;
+        self.patches.extend(own.patches);
     }
 }
 
 /// Samples on the edge of what is around a brick: its own, one before, and two behind.
 const AROUND_EDGE: usize = BRICK_EDGE + 3;
+pub(super) const AROUND_BRICK: usize = AROUND_EDGE * AROUND_EDGE * AROUND_EDGE;
+/// Samples within a cell of an interpolation cell.
+pub(super) const AROUND_CELL: usize = 64;
 
 /// Places of the samples within a cell of an interpolation cell of a brick: its own eight, and those
 /// beside them.
-fn around([x, y, z]: [usize; 3]) -> impl Iterator<Item = usize> {
-    (0..64)
+pub(super) fn around([x, y, z]: [usize; 3]) -> impl Iterator<Item = usize> {
+    (0..AROUND_CELL)
         .map(move |n| ((x + (n >> 4)) * AROUND_EDGE + y + (n >> 2 & 3)) * AROUND_EDGE + z + (n & 3))
 }
 
 /// Exact distances in a brick and around it.
-struct AroundBrick {
+pub(super) struct AroundBrick {
     /// Centre of the first cell, cells.
     first: DVec3,
     /// `[11³]`, z fastest, cells.
@@ -413,7 +500,7 @@ struct AroundBrick {
 }
 
 impl AroundBrick {
-    fn new(field: &Field, [x, y, z]: [i32; 3]) -> Self {
+    pub(super) fn new(field: &Field, [x, y, z]: [i32; 3]) -> Self {
         let per_voxel = 1.0 / f64::from(field.voxel_size_m);
         let edge = AROUND_EDGE as i32;
         let cells = (0..edge * edge * edge)
@@ -429,19 +516,38 @@ impl AroundBrick {
         }
     }
 
-    /// True of a sample that is as deep as these planes say, or as far outside of what they bound.
-    fn agrees(&self, set: &PlaneSet, place: usize) -> bool {
+    /// The same of what is deep by the most of these planes: an inner edge, seen from outside.
+    pub(super) fn agrees_inside(&self, set: &PlaneSet, place: usize, up_to: f64) -> bool {
         let exact = self.distances[place];
+        let flipped = PlaneSet::of_planes(set.planes().map(|(normal, offset)| (-normal, -offset)));
+        let depth = flipped.map_or(f64::NAN, |flipped| flipped.outside(self.at(place)));
+        exact.abs() < self.band && (depth - exact).abs() <= up_to
+    }
+
+    /// Where a sample is, cells.
+    pub(super) fn at(&self, place: usize) -> DVec3 {
         let row = place / AROUND_EDGE;
         let at = [row / AROUND_EDGE, row % AROUND_EDGE, place % AROUND_EDGE];
-        let at = self.first + DVec3::from_array(at.map(|k| k as f64));
-        if exact >= self.band {
+        self.first + DVec3::from_array(at.map(|k| k as f64))
+    }
+
+    /// True of a sample that is no deeper than distances are known.
+    pub(super) fn is_in_band(&self, place: usize) -> bool {
+        self.distances[place] < self.band
+    }
+
+    /// True of a sample that is as deep as these planes say, or as far outside of what they bound,
+    /// up to so many cells.
+    pub(super) fn agrees(&self, set: &PlaneSet, place: usize, up_to: f64) -> bool {
+        let exact = self.distances[place];
+        let at = self.at(place);
+        if !self.is_in_band(place) {
             // Depths grow no more here, as planes do.
             false
         } else if exact > -COMPARED_CELLS {
-            (set.outside(at) + exact).abs() <= AGREEING_CELLS
+            (set.outside(at) + exact).abs() <= up_to
         } else {
-            set.depth(at) <= AGREEING_CELLS
+            set.depth(at) <= up_to
         }
     }
 }
@@ -454,16 +560,16 @@ struct Candidate {
 
 impl Candidate {
     fn new(set: PlaneSet) -> Self {
-        Self { set, known: vec![None; AROUND_EDGE * AROUND_EDGE * AROUND_EDGE] }
+        Self { set, known: vec![None; AROUND_BRICK] }
     }
 
     fn agrees(&mut self, samples: &AroundBrick, place: usize) -> bool {
-        *self.known[place].get_or_insert_with(|| samples.agrees(&self.set, place))
+        *self.known[place].get_or_insert_with(|| samples.agrees(&self.set, place, AGREEING_CELLS))
     }
 }
 
 /// A sharp convex edge, cells.
-struct Edge {
+pub(super) struct Edge {
     start: DVec3,
     /// Unit.
     along: DVec3,
@@ -479,11 +585,11 @@ struct Edge {
 
 impl Edge {
     /// Those of a mesh, each from one end to the other, however it is cut into triangles.
-    fn all(mesh: &TriangleMesh, field: &Field) -> Vec<Self> {
+    fn all(mesh: &TriangleMesh, field: &Field, pairs: Vec<EdgePair>) -> Vec<Self> {
         let per_metre = 1.0 / f64::from(field.voxel_size_m);
         let to_cells = |at: DVec3| (at - field.origin.as_dvec3()) * per_metre;
         let band = f64::from(field.band_m) * per_metre;
-        let faces = Faces::new(mesh, per_metre * per_metre);
+        let faces = Faces::new(mesh, pairs, per_metre * per_metre);
         // Where a face is one of a surface that curves: vertices, and the face.
         let mut curved: HashSet<(u32, u32)> = HashSet::new();
         for EdgePair { edge, triangles, .. } in &faces.pairs {
@@ -537,7 +643,11 @@ impl Edge {
     }
 
     /// The part of the line that two planes meet in.
-    fn between(faces: [(DVec3, f64); 2], [from, to]: [f64; 2], band: f64) -> Option<Self> {
+    pub(super) fn between(
+        faces: [(DVec3, f64); 2],
+        [from, to]: [f64; 2],
+        band: f64,
+    ) -> Option<Self> {
         let [(one, one_offset), (other, other_offset)] = faces;
         let along = one.cross(other).try_normalize()?;
         // The place on both planes that is nearest to the origin.
@@ -557,8 +667,13 @@ impl Edge {
         })
     }
 
+    /// The edge without what is below it.
+    pub(super) fn only(self) -> Self {
+        Self { deepest: 0.0, ..self }
+    }
+
     /// True within so far of what lies between the faces, from the edge down.
-    fn is_near(&self, at: DVec3, by: f64) -> bool {
+    pub(super) fn is_near(&self, at: DVec3, by: f64) -> bool {
         let from = at - self.start;
         from.dot(self.across).abs() <= by
             && (-by..=self.length + by).contains(&from.dot(self.along))
@@ -599,48 +714,19 @@ struct Face {
     area: f64,
 }
 
-/// The plane faces of a mesh: triangles that lie in one plane and are joined by edges.
-struct Faces {
-    pairs: Vec<EdgePair>,
-    /// Of each triangle another one of its face, at last the first.
+/// Triangles that belong together.
+pub(super) struct Groups {
+    /// Of each triangle another one of its group, at last the first.
     next: Vec<u32>,
-    /// Of each triangle; what is known of a face stands at its first.
-    faces: Vec<Face>,
 }
 
-impl Faces {
-    fn new(mesh: &TriangleMesh, per_square_metre: f64) -> Self {
-        let of_triangle = |triangle: usize| {
-            let [a, b, c] = mesh.corners(triangle);
-            let doubled = (b - a).cross(c - a);
-            let area = 0.5 * doubled.length() * per_square_metre;
-            Face { normal: doubled.normalize_or_zero(), on_it: a, area }
-        };
-        let pairs = edge_uses(&mesh.triangles, mesh.vertices.len()).pairs;
-        let n_triangles = mesh.triangles.len();
-        let mut found = Self {
-            pairs: Vec::new(),
-            next: (0..n_triangles as u32).collect(),
-            faces: (0..n_triangles).map(of_triangle).collect(),
-        };
-        for pair in pairs.iter().filter(|pair| !pair.same_direction) {
-            let [one, other] = pair.triangles.map(|triangle| found.first(triangle));
-            let [first, second] = [one.min(other), one.max(other)];
-            let [kept, joined] = [first, second].map(|face| found.faces[face as usize]);
-            if first != second && kept.normal.dot(joined.normal) > SAME_COSINE {
-                // The larger one knows the plane best.
-                let larger = if joined.area > kept.area { joined } else { kept };
-                found.faces[first as usize] = Face { area: kept.area + joined.area, ..larger };
-                found.next[second as usize] = first;
-            }
-        }
-        for triangle in 0..n_triangles as u32 {
-            found.next[triangle as usize] = found.first(triangle);
-        }
-        Self { pairs, ..found }
+impl Groups {
+    pub(super) fn new(n_triangles: usize) -> Self {
+        Self { next: (0..n_triangles as u32).collect() }
     }
 
-    fn first(&mut self, mut triangle: u32) -> u32 {
+    /// The lowest triangle of a group.
+    pub(super) fn first(&mut self, mut triangle: u32) -> u32 {
         while self.next[triangle as usize] != triangle {
             // Halving the way keeps it short.
             let next = self.next[self.next[triangle as usize] as usize];
@@ -650,9 +736,51 @@ impl Faces {
         triangle
     }
 
+    pub(super) fn join(&mut self, one: u32, other: u32) {
+        let firsts = [self.first(one), self.first(other)];
+        self.next[firsts[0].max(firsts[1]) as usize] = firsts[0].min(firsts[1]);
+    }
+}
+
+/// The plane faces of a mesh: triangles that lie in one plane and are joined by edges.
+struct Faces {
+    pairs: Vec<EdgePair>,
+    groups: Groups,
+    /// Of each triangle; what is known of a face stands at its first.
+    faces: Vec<Face>,
+}
+
+impl Faces {
+    fn new(mesh: &TriangleMesh, pairs: Vec<EdgePair>, per_square_metre: f64) -> Self {
+        let of_triangle = |triangle: usize| {
+            let [a, b, c] = mesh.corners(triangle);
+            let doubled = (b - a).cross(c - a);
+            let area = 0.5 * doubled.length() * per_square_metre;
+            Face { normal: doubled.normalize_or_zero(), on_it: a, area }
+        };
+        let n_triangles = mesh.triangles.len();
+        let mut groups = Groups::new(n_triangles);
+        let mut faces: Vec<Face> = (0..n_triangles).map(of_triangle).collect();
+        for pair in pairs.iter().filter(|pair| !pair.same_direction) {
+            let [one, other] = pair.triangles.map(|triangle| groups.first(triangle));
+            let [first, second] = [one.min(other), one.max(other)];
+            let [kept, joined] = [first, second].map(|face| faces[face as usize]);
+            if first != second && kept.normal.dot(joined.normal) > SAME_COSINE {
+                // The larger one knows the plane best.
+                let larger = if joined.area > kept.area { joined } else { kept };
+                faces[first as usize] = Face { area: kept.area + joined.area, ..larger };
+                groups.join(first, second);
+            }
+        }
+        for triangle in 0..n_triangles as u32 {
+            groups.next[triangle as usize] = groups.first(triangle);
+        }
+        Self { pairs, groups, faces }
+    }
+
     /// The number of a triangle's face, and the face.
     fn of_triangle(&self, triangle: u32) -> (u32, &Face) {
-        let first = self.next[triangle as usize];
+        let first = self.groups.next[triangle as usize];
         (first, &self.faces[first as usize])
     }
 }
@@ -746,7 +874,11 @@ mod tests {
                 n_at_edges += 1;
                 let Some(set) = set else { continue };
                 n_with_planes += 1;
-                let depth = set.depth(cells);
+                let depths = set.sides().map(|(depth, _)| f64::from(depth));
+                let depth = match set.is_inner() {
+                    true => depths.fold(f64::NEG_INFINITY, f64::max),
+                    false => depths.fold(f64::INFINITY, f64::min),
+                };
                 let is_right = if truth > 0.0 {
                     (depth - truth).abs() < 2.0 * AGREEING_CELLS
                 } else {

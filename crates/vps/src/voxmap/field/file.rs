@@ -38,7 +38,7 @@ impl Field {
             moves,
             layers,
             gradients,
-            creases: Creases { of_brick, cells, sets },
+            creases: Creases { of_brick, cells, sets, patches },
         } = self;
         to.record("field", head);
         to.array("field top", top);
@@ -49,6 +49,7 @@ impl Field {
         to.array("crease bricks", of_brick);
         to.array("crease cells", cells);
         to.array("crease planes", sets);
+        to.array("crease patches", patches);
     }
 
     /// True when a file holds a field.
@@ -77,6 +78,7 @@ impl Field {
                 of_brick: from.array("crease bricks")?,
                 cells: from.array("crease cells")?,
                 sets: from.array("crease planes")?,
+                patches: from.array("crease patches")?,
             },
             band_m,
             skin_m,

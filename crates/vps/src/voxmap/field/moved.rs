@@ -32,7 +32,7 @@ pub(crate) const MOST_MOVED_CELLS: f32 = 0.05;
 pub(super) const STEP_CELLS: f32 = 1.0 / 2048.0;
 /// Second differences along the axes are those of one smooth patch up to the first, of none from the
 /// second on, per cell: a ball of 3.3 voxels, or an edge of 17°; a ball of 2.5, or an edge of 23°.
-const ONE_PATCH: f32 = 0.3;
+pub(super) const ONE_PATCH: f32 = 0.3;
 const NO_PATCH: f32 = 0.4;
 /// Samples farther outside stay, cells: beside an edge distances are round where the part is not.
 const OUTSIDE_CELLS: f32 = 1.0;
