@@ -1,7 +1,7 @@
 //! The virtual tool: what touches it, how it follows the arm in each coupling, and what the arm
 //! feels of it.
 
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 
 use super::RenderScene;
 use super::braking::{Brake, Braking};
@@ -322,19 +322,26 @@ impl VirtualTool {
                 let is_large = f64::from(contact.looked_at) > most_points;
                 if !(is_clear || (self.touched && is_large)) {
                     // A contact that begins or ends in this tick is not known at its start.
-                    let rigid = query.rigid(reached.pose, None);
+                    // As seen from what it touches, which may move: its poses are those of the start.
+                    let carried = contact.obstacle_motion;
+                    let seen = Pose::new(
+                        DQuat::from_scaled_axis(-carried.angular) * reached.pose.rotation,
+                        reached.pose.translation - carried.linear,
+                    );
+                    let goes = way_of(reached.twist - carried.over(p.period_s), p.period_s);
+                    let rigid = query.rigid(seen, None);
                     let again = clay.map_or(rigid, |mut clay| {
-                        clay.wrench = clay.wrench - pushed(&clay.stiffness, &tried);
+                        clay.wrench = clay.wrench - pushed(&clay.stiffness, &goes);
                         rigid.with_clay(&clay)
                     });
                     self.filter = filter;
-                    let found = Found { contact: &again, way: &tried };
+                    let found = Found { contact: &again, way: &goes };
                     (twist, rubs) =
                         self.step_with_mass((scene, p), (found, rubbing, brake), coupling, pull)?;
                     // One that ends in this tick is felt in it still.
                     if again.acts() || !contact.acts() {
                         *contact = again;
-                        *way = tried;
+                        *way = goes;
                     }
                 }
                 twist
@@ -349,8 +356,11 @@ impl VirtualTool {
             *ended = moved_on(contact, &since_found, *rope);
             // What the contact itself gives back; a constraint stands at its surface whatever pulls.
             pressed_j = pressed(ended);
-            let rubbed = pushed(&rubs.stiffness, &way_of(nears, p.period_s));
-            ended.wrench = ended.wrench + rubs.wrench + rubbed;
+            // What presses nothing rubs on nothing.
+            if ended.max_value_m > 0.0 {
+                let rubbed = pushed(&rubs.stiffness, &way_of(nears, p.period_s));
+                ended.wrench = ended.wrench + rubs.wrench + rubbed;
+            }
         }
 
         // The spring after the step: what the tool holds on to now is what the hand feels now.
@@ -619,7 +629,6 @@ fn nears_m(patch: &Patch, way: &ObstacleMotion) -> f64 {
 fn moved_on(contact: &ContactSum, way: &ObstacleMotion, rope: DVec3) -> ContactSum {
     let mut found_n = 0.0;
     let mut left_n = 0.0;
-    let mut deeper_nm = 0.0;
     let mut found = Wrench::new(rope, DVec3::ZERO);
     let mut left = found;
     for patch in contact.patches() {
@@ -630,12 +639,11 @@ fn moved_on(contact: &ContactSum, way: &ObstacleMotion, rope: DVec3) -> ContactS
         left = left + along * presses_n;
         found_n += patch.force_n;
         left_n += presses_n;
-        deeper_nm += patch.force_n * nears_m;
     }
     let mut moved = *contact;
     if found_n > 0.0 {
         moved.wrench = left + (contact.wrench - found) * (left_n / found_n).min(1.0);
-        moved.max_value_m = (contact.max_value_m + deeper_nm / found_n).max(0.0);
+        moved.max_value_m = contact.max_value_m.max(0.0) * (left_n / found_n);
     }
     moved
 }
