@@ -105,6 +105,12 @@ fn lift_with_block_goes_up_and_down_with_it_and_lifts_off() {
         [&still, &lifted].map(|run| run.records[2300].output.world_from_tool.translation.z / MM);
     assert_within("block", "height on the lift at rest", heights[0], 9.9, 10.0);
     assert_within("block", "height on the lift when it is up", heights[1], 13.8, 14.0);
+    // While the part moves, contact is what the hand feels, but for a tick.
+    let most_n =
+        |force: fn(&TickRecord) -> f64| lifted.records.iter().map(force).fold(0.0, f64::max);
+    let felt_n = most_n(|record| record.output.commanded_device.force.length());
+    let contact_n = most_n(|record| record.output.contact_world.force.length());
+    assert!(contact_n < 1.5 * felt_n, "contact {contact_n} N beside {felt_n} N on the hand");
     for run in [&still, &lifted] {
         let end = run.final_pose();
         assert!(
