@@ -74,7 +74,7 @@ pub(super) struct Touch {
     /// Where the step ended, friction included: what is published, and what holds energy. A query
     /// may be at a pose that the tool was only tried at, ten times as deep.
     pub(super) ended: ContactSum,
-    /// How far the tool had gone at the last query from where it stood.
+    /// How far the tool had gone at the last query from where it stood, seen from what it touches.
     way: ObstacleMotion,
     /// What the clay adds to it where the first query was.
     clay: Option<ContactSum>,
@@ -629,6 +629,7 @@ fn nears_m(patch: &Patch, way: &ObstacleMotion) -> f64 {
 fn moved_on(contact: &ContactSum, way: &ObstacleMotion, rope: DVec3) -> ContactSum {
     let mut found_n = 0.0;
     let mut left_n = 0.0;
+    let mut most_m = 0.0_f64;
     let mut found = Wrench::new(rope, DVec3::ZERO);
     let mut left = found;
     for patch in contact.patches() {
@@ -639,11 +640,14 @@ fn moved_on(contact: &ContactSum, way: &ObstacleMotion, rope: DVec3) -> ContactS
         left = left + along * presses_n;
         found_n += patch.force_n;
         left_n += presses_n;
+        most_m = most_m.max(nears_m);
     }
     let mut moved = *contact;
     if found_n > 0.0 {
         moved.wrench = left + (contact.wrench - found) * (left_n / found_n).min(1.0);
-        moved.max_value_m = contact.max_value_m.max(0.0) * (left_n / found_n);
+        // No deeper than the face that nears most.
+        let depth_m = contact.max_value_m.max(0.0);
+        moved.max_value_m = (depth_m * (left_n / found_n)).min(depth_m + most_m);
     }
     moved
 }

@@ -1,8 +1,8 @@
-//! Facets over the creases of their obstacle, cut where one of its planes takes over from another.
+//! Facets over the creases of their obstacle, cut where one of its faces takes over from another.
 //!
-//! On a facet, c + u·a + v·b with u, v from −1 to 1, the depth below a plane is linear in (u, v). Of
-//! several planes the one that is least deep counts: what belongs to each is a convex polygon, and
-//! so is what of it is immersed. A polygon is a fan of triangles, and three points in the middle of
+//! On a facet, c + u·a + v·b with u, v from −1 to 1, the depth below a plane is linear in (u, v); a patch
+//! that curves is taken as its plane at the facet's middle. Of several the least depth counts, at inner
+//! edges the greatest: what belongs to each is a convex polygon, and so is what of it is immersed. A polygon is a fan of triangles, and three points in the middle of
 //! their sides, a third of the area each, have the integrals of depth, of depth times place and of
 //! place of a triangle: those points press in place of the facet, exactly as it does.
 //!

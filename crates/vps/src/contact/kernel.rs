@@ -509,7 +509,7 @@ impl<'a, L: F32s<LANES>> Grid<'a, L, LANES> {
         depths
     }
 
-    /// A mask: points in cells that have planes.
+    /// A mask: points in cells that have planes or patches.
     #[inline(always)]
     fn creased(&self, points: [L; 3]) -> L::Int {
         let creases = self.bounds.creases();

@@ -257,9 +257,9 @@ impl ContactQuery {
     /// It is [`surface_error_m`](crate::Accuracy::surface_error_m) of the voxmap,
     /// [`unseen_depth_m`](crate::Accuracy::unseen_depth_m) of the shell and a tenth of the shell's
     /// voxel edge, of several voxmaps or both ways the most; a test holds it against exact
-    /// integrals over blocks, balls, rods and cones, up to two voxels deep. Flat faces and straight
-    /// edges are some ten times better. `None` of skins, other fields than trilinear, points that
-    /// are not facets, and voxmaps of files that do not say it.
+    /// integrals over blocks, balls and rods, with cones as tools too, up to two voxels deep. Flat
+    /// faces and straight edges are some ten times better. `None` of skins, other fields than
+    /// trilinear, points that are not facets, and voxmaps of files that do not say it.
     pub fn error_m(&self) -> Option<f64> {
         let known = |way: &Way| way.error_m.filter(|_| way.law.field == FieldKind::Trilinear);
         self.ways.iter().map(known).reduce(|one, other| Some(one?.max(other?)))?

@@ -120,7 +120,7 @@ impl<'a> Exact<'a> {
     }
 }
 
-/// Poses one, a half and a quarter of a voxel deep; direction within 2° and 4° of the law for 95 %, size
+/// Poses one, a half and a quarter of a voxel deep; direction within 2°, 3° and 4° of the law for 95 %, size
 /// within 10 % for 90 %, and a tenth of a voxel before it touches less than a twentieth of the force.
 fn assert_by_the_law(
     name: &str,

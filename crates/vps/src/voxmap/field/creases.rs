@@ -64,11 +64,11 @@ pub(super) const LISTED_CELLS: f64 = COMPARED_CELLS + 2.6;
 /// and what samples are moved by, cells.
 const OVERSTATED_CELLS: f32 = 0.866_03 + MOST_MOVED_CELLS;
 /// Distances outside are known as far as this: what a facet of a voxel reaches, and
-/// [`OVERSTATED_CELLS`].
-const LEAST_BAND_CELLS: f32 = 1.9;
+/// [`OVERSTATED_CELLS`] of planes and patches.
+const LEAST_BAND_CELLS: f32 = 2.0;
 /// From the middle of a brick to those of its cells at its corners, at most, cells.
 const BRICK_RADIUS: f64 = 6.1;
-/// A brick without planes.
+/// A brick without planes and patches.
 const NONE: u32 = u32::MAX;
 /// What a cell has are depths below patches, and not planes; of an inner edge; how many less one, and
 /// the number of the first.
@@ -256,10 +256,14 @@ impl Creases {
     /// What is to be added to the reach of a facet so that none is missed that touches by these
     /// planes, cells.
     pub(crate) fn slack_cells(&self) -> f32 {
-        if self.is_empty() { 0.0 } else { OVERSTATED_CELLS }
+        match (self.is_empty(), self.patches.is_empty()) {
+            (true, _) => 0.0,
+            (false, true) => OVERSTATED_CELLS,
+            (false, false) => OVERSTATED_CELLS + rims::OVERSTATED_CELLS,
+        }
     }
 
-    /// `[n_bricks]`: `u32::MAX` of bricks without planes; empty if there are none at all.
+    /// `[n_bricks]`: `u32::MAX` of bricks without planes and patches; empty if there are none at all.
     #[inline]
     pub(crate) fn of_brick(&self) -> &[u32] {
         &self.of_brick
@@ -336,7 +340,11 @@ impl Creases {
         let of_rims = rims.edges.iter().map(|rim| &rim.edge);
         for (number, edge) in (0..).zip(edges.iter().chain(of_rims)) {
             let first = near.len();
-            edge.each_brick(field, |brick| near.push((brick, number)));
+            edge.each_brick(field, |brick| {
+                if field.top.get(brick as usize).is_some_and(|slot| *slot < DEEP_INSIDE) {
+                    near.push((brick, number));
+                }
+            });
             let own = near.split_off(first);
             near.extend(sorted(own));
         }
@@ -345,10 +353,11 @@ impl Creases {
         let found = parallel::map(bricks.len(), 4, |brick| {
             let near = bricks.get(brick).copied().unwrap_or_default();
             let brick = near.first()?.0;
-            let numbers = near.iter().map(|(_, number)| *number as usize);
-            let own = numbers.clone().filter_map(|number| edges.get(number));
+            let is_plane = |near: &(u32, u32)| (near.1 as usize) < edges.len();
+            let (own, of_rims) = near.split_at(near.partition_point(is_plane));
+            let own = own.iter().map(|(_, number)| &edges[*number as usize]);
             let of_rims =
-                numbers.filter_map(|number| rims.edges.get(number.checked_sub(edges.len())?));
+                of_rims.iter().map(|(_, number)| &rims.edges[*number as usize - edges.len()]);
             Some((brick, OfBrick::new(mesh, field, brick, own, (&rims, of_rims))?))
         });
         let mut creases = Growing::default();
@@ -425,7 +434,6 @@ impl OfBrick {
         edges: impl Iterator<Item = &'a Edge> + Clone,
         (rims, of_rims): (&Rims, impl Iterator<Item = &'a Rim> + Clone),
     ) -> Option<Self> {
-        field.top.get(brick as usize).filter(|slot| **slot < DEEP_INSIDE)?;
         let [_, ny, nz] = field.brick_dims.map(|n| n as u32);
         let first = [brick / (ny * nz), brick / nz % ny, brick % nz].map(|n| 8 * n as i32);
         let samples = AroundBrick::new(field, first);
@@ -463,7 +471,7 @@ impl OfBrick {
             });
             *number = set_place as u32 + 1;
         }
-        rims.add(mesh, field, first, of_rims, &mut found);
+        rims.add((mesh, field), (first, &samples), of_rims, &mut found);
         (!found.sets.is_empty() || !found.patches.is_empty()).then_some(found)
     }
 

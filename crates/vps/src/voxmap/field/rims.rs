@@ -37,11 +37,16 @@ use crate::mesh::edges::EdgePair;
 pub(crate) const PATCHES: usize = 4;
 /// Samples agree with patches up to this, cells: about a facet that turns by 10° distances are round.
 const AGREEING_PATCH_CELLS: f64 = 3.0 * AGREEING_CELLS;
-/// A patch that is nowhere about a cell within this of the least deep one does not count there, cells.
+/// How much more patches may say than interpolation, besides what planes do: what they agree up to, and
+/// what they are moved by, cells.
+pub(super) const OVERSTATED_CELLS: f32 = 0.03 + MOST_MOVED_CELLS;
+/// A patch that is nowhere about a cell within this of the one that counts is left out there, cells.
 const HIDDEN_CELLS: f64 = 0.5;
+/// Smaller patches are passed over: a rough scan has one for each triangle, cells².
+const LEAST_PATCH: f64 = 4.0;
 /// Longer triangles are looked for in pieces, cells.
 const MOST_PIECE: f64 = 2.0 * BRICK_EDGE as f64;
-/// No patch is deeper where planes of it count, cells.
+/// Deeper cells are interpolated, cells.
 const MOST_DEPTH_CELLS: f32 = 64.0;
 /// The triangles of a patch are looked for by cubes of this edge, cells.
 const CUBE_CELLS: f64 = 3.0;
@@ -115,6 +120,11 @@ impl Rims {
                 groups.join(*one, *other);
             }
         }
+        let mut areas = vec![0.0; planes.len()];
+        for triangle in 0..planes.len() {
+            let [a, b, c] = of_cells.corners(triangle);
+            areas[groups.first(triangle as u32) as usize] += 0.5 * (b - a).cross(c - a).length();
+        }
         let mut edges = Vec::new();
         let mut is_bounded = vec![false; planes.len()];
         for EdgePair { edge, triangles, same_direction } in pairs {
@@ -122,7 +132,9 @@ impl Rims {
             let [one, other] = triangles.map(|triangle| planes[triangle as usize]);
             let turn = one.0.dot(other.0);
             let has_normals = one.0 != DVec3::ZERO && other.0 != DVec3::ZERO;
-            if *same_direction || patches[0] == patches[1] || !has_normals || turn > SMOOTH_COSINE {
+            let are_large = patches.iter().all(|patch| areas[*patch as usize] >= LEAST_PATCH);
+            let is_rim = patches[0] != patches[1] && turn <= SMOOTH_COSINE;
+            if *same_direction || !has_normals || !are_large || !is_rim {
                 continue;
             }
             let [start, end] = edge.map(|vertex| of_cells.at(mesh.vertices[vertex as usize]));
@@ -171,9 +183,8 @@ impl Rims {
     /// Adds what the cells of one brick have that have no planes.
     pub(super) fn add<'a>(
         &self,
-        mesh: &TriangleMesh,
-        field: &Field,
-        first: [i32; 3],
+        (mesh, field): (&TriangleMesh, &Field),
+        (first, samples): ([i32; 3], &AroundBrick),
         edges: impl Iterator<Item = &'a Rim> + Clone,
         found: &mut OfBrick,
     ) {
@@ -204,14 +215,21 @@ impl Rims {
                         continue;
                     }
                     let listed = own().filter(|rim| rim.edge.is_near(middle, LISTED_CELLS));
-                    let mut patches: Vec<u32> = listed.flat_map(|rim| rim.patches).collect();
+                    let mut patches: Vec<u32> = Vec::new();
+                    for patch in listed.flat_map(|rim| rim.patches) {
+                        if !patches.contains(&patch) {
+                            patches.push(patch);
+                        }
+                        if patches.len() > PLANES {
+                            break;
+                        }
+                    }
                     patches.sort_unstable();
-                    patches.dedup();
                     let brick = brick.get_or_insert_with(|| AboutBrick {
                         rims: self,
                         of_cells: OfCells::new(mesh, field),
                         first,
-                        samples: AroundBrick::new(field, first),
+                        samples,
                         patches: Vec::new(),
                         known: HashMap::new(),
                     });
@@ -261,7 +279,7 @@ struct AboutBrick<'a> {
     rims: &'a Rims,
     of_cells: OfCells<'a>,
     first: [i32; 3],
-    samples: AroundBrick,
+    samples: &'a AroundBrick,
     patches: Vec<Patch>,
     /// Which samples agree with which patches, as those of an inner edge or of an outer one.
     known: HashMap<(bool, Vec<u32>), Vec<Option<bool>>>,
@@ -335,8 +353,8 @@ impl AboutBrick<'_> {
             (false, [_, _, ..]) if counting.len() <= PATCHES => {
                 counting.iter().map(|own| moved(&depths[*own])).collect()
             }
-            // Beside the two faces planes through the edge, of what is nearest to the edge itself: they
-            // say 1 in 29 less than it is deep at most where the faces meet at a right angle.
+            // Beside the two faces planes through the edge, of what is nearest to the edge itself. They
+            // say less than it is deep by a share of up to 1 - cos(turn / 6): 3 % at a right angle.
             (true, [one, other]) => {
                 let mut fan = [[0.0; AROUND_CELL]; PATCHES];
                 let mut last = (f64::NAN, [[0.0; 2]; PATCHES]);
