@@ -629,7 +629,7 @@ fn nears_m(patch: &Patch, way: &ObstacleMotion) -> f64 {
 fn moved_on(contact: &ContactSum, way: &ObstacleMotion, rope: DVec3) -> ContactSum {
     let mut found_n = 0.0;
     let mut left_n = 0.0;
-    let mut most_m = 0.0_f64;
+    let mut deeper_nm = 0.0;
     let mut found = Wrench::new(rope, DVec3::ZERO);
     let mut left = found;
     for patch in contact.patches() {
@@ -640,14 +640,16 @@ fn moved_on(contact: &ContactSum, way: &ObstacleMotion, rope: DVec3) -> ContactS
         left = left + along * presses_n;
         found_n += patch.force_n;
         left_n += presses_n;
-        most_m = most_m.max(nears_m);
+        deeper_nm += presses_n * nears_m;
     }
     let mut moved = *contact;
     if found_n > 0.0 {
         moved.wrench = left + (contact.wrench - found) * (left_n / found_n).min(1.0);
-        // No deeper than the face that nears most.
+        // By as much deeper as the faces near that press; of a graze, as the force has it.
         let depth_m = contact.max_value_m.max(0.0);
-        moved.max_value_m = (depth_m * (left_n / found_n)).min(depth_m + most_m);
+        let deeper_m = depth_m + deeper_nm / left_n.max(f64::MIN_POSITIVE);
+        let by_force_m = depth_m * (left_n / found_n).min(1.0);
+        moved.max_value_m = if left_n > 0.0 && deeper_m > 0.0 { deeper_m } else { by_force_m };
     }
     moved
 }
