@@ -10,10 +10,9 @@
 //! steps of the encoder, an arm that has given too much is weakened instead.
 //!
 //! # Source
-//! HannafordRyu2002, observer and controller of one port in impedance form:
-//! E_k = E_(k−1) + T (F_k v_k + a_(k−1) v_(k−1)²), a_k = −E_k/(T v_k²). Counting over displacements,
-//! one scalar energy for six axes, the delay line, the forgotten credit and the weakened wrench are
-//! ours.
+//! HannafordRyu2002, observer and controller of one port in impedance form: E_k = E_(k−1) + T (F_k
+//! v_k + a_(k−1) v_(k−1)²), a_k = −E_k/(T v_k²). Counting over displacements, one scalar energy for
+//! six axes, the delay line, the forgotten credit and the weakened wrench are ours.
 
 use glam::DVec3;
 
@@ -44,8 +43,8 @@ const OWED_FREELY_J: f64 = 5e-4;
 /// What is left of the wrench however much is owed: a wall stays a wall.
 const LEAST_SHARE: f64 = 0.25;
 
-/// Time at rest after which what is missing begins to be forgiven, s, and the time constant in which
-/// it is: a hand that rests in contact would feel a part of it for ever.
+/// Time at rest after which what is missing begins to be forgiven, s, and the time constant in
+/// which it is: a hand that rests in contact would feel a part of it for ever.
 const REST_S: f64 = 0.2;
 const FORGIVEN_IN_S: f64 = 0.25;
 
@@ -145,8 +144,8 @@ impl PassivityController {
         before_j - self.energy_j
     }
 
-    /// Lets what is missing fade, from the most that weakens the wrench further: of forgotten credit
-    /// as much comes back as the spring holds, else what is owed beyond what is free.
+    /// Lets what is missing fade, from the most that weakens the wrench further: of forgotten
+    /// credit as much comes back as the spring holds, else what is owed beyond what is free.
     fn forgive(&mut self, period_s: f64) {
         let rests_at_j = self.energy_j.min(self.held_j).max(-OWED_FREELY_J);
         let weakest_j = OWED_FREELY_J * (LEAST_SHARE - 2.0);

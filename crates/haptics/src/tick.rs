@@ -82,8 +82,9 @@ pub struct TickOutput {
     /// The same before axes that the arm cannot actuate were dropped (`commanded`).
     pub commanded_device: Wrench,
     /// Raw contact wrench on the tool where its step ended, friction, and the pull of a rope,
-    /// included, world axes, about the centre of mass, before filter and coupling; in `constraint` what holds the tool back
-    /// from where the coupling pulls it. The part of clay goes on smoothly from update to update.
+    /// included, world axes, about the centre of mass, before filter and coupling; in `constraint`
+    /// what holds the tool back from where the coupling pulls it. The part of clay goes on smoothly
+    /// from update to update.
     pub contact_world: Wrench,
     /// Pose of the tool (mesh file frame) in the world.
     pub world_from_tool: Pose,
@@ -511,7 +512,8 @@ fn render(
     })
 }
 
-/// What the coupling spring holds at the force limit, J, as the arm gets it back: it feels scale · K.
+/// What the coupling spring holds at the force limit, J, as the arm gets it back: it feels scale ·
+/// K.
 fn spring_at_limit_j(p: &Parameters) -> f64 {
     0.5 * p.limits.force_n * p.limits.force_n / (p.coupling.stiffness_n_per_m * p.mapping.scale)
 }
@@ -548,9 +550,9 @@ fn observe(p: &Parameters, state: &mut State, sample: &DeviceSample) -> Result<u
     Ok(delay_ticks)
 }
 
-/// Finds what the tool of a scene touches. `constraint` has edges as interpolation has them: between
-/// planes, whose directions change at once, a square peg that jammed at the mouth of its hole
-/// trembled.
+/// Finds what the tool of a scene touches. `constraint` has edges as interpolation has them:
+/// between planes, whose directions change at once, a square peg that jammed at the mouth of its
+/// hole trembled.
 fn traversal(scene: &RenderScene) -> Traversal {
     let RenderScene { parameters, obstacles, tool, .. } = scene;
     let traversal = Traversal::new(SimdLevel::best(), TraversalMode::Tree, obstacles, &tool.shell);

@@ -321,8 +321,8 @@ impl VirtualTool {
                 let most_points = MOST_POINTS_PER_S * p.period_s.min(1e-3);
                 let is_large = f64::from(contact.looked_at) > most_points;
                 if !(is_clear || (self.touched && is_large)) {
-                    // A contact that begins or ends in this tick is not known at its start.
-                    // As seen from what it touches, which may move: its poses are those of the start.
+                    // A contact that begins or ends in this tick is not known at its start. As seen
+                    // from what it touches, which may move: its poses are those of the start.
                     let carried = contact.obstacle_motion;
                     let seen = Pose::new(
                         DQuat::from_scaled_axis(-carried.angular) * reached.pose.rotation,
@@ -354,7 +354,8 @@ impl VirtualTool {
             let nears = contact.obstacle_motion.over(p.period_s) - self.body.twist;
             let since_found = way_of(way.over(p.period_s) + nears, p.period_s);
             *ended = moved_on(contact, &since_found, *rope);
-            // What the contact itself gives back; a constraint stands at its surface whatever pulls.
+            // What the contact itself gives back; a constraint stands at its surface whatever
+            // pulls.
             pressed_j = pressed(ended);
             // What presses nothing rubs on nothing.
             if ended.max_value_m > 0.0 {
@@ -370,8 +371,8 @@ impl VirtualTool {
         );
         let pulling = spring(self.body.pose);
         if coupling.mode == CouplingMode::Constraint && contact.contacts > 0 {
-            // What holds back a tool without mass is what pulls it: at rest the planes' force, under
-            // way also the rest of a step that is taken in parts.
+            // What holds back a tool without mass is what pulls it: at rest the planes' force,
+            // under way also the rest of a step that is taken in parts.
             ended.wrench = (pulling.wrench + Wrench::new(weight, DVec3::ZERO)) * -1.0;
         }
         let felt = damper - pulling.wrench;
@@ -396,9 +397,9 @@ impl VirtualTool {
         Some(Pull { wrench: felt, stored_j })
     }
 
-    /// Ends the tool's velocity into what it touches, by a blow along the contact force. Its mass is
-    /// not felt in free space, so it does not strike either: 100 g that stop within 0.25 ms would
-    /// press ten times as hard as the hand. `None` on non-finite input.
+    /// Ends the tool's velocity into what it touches, by a blow along the contact force. Its mass
+    /// is not felt in free space, so it does not strike either: 100 g that stop within 0.25 ms
+    /// would press ten times as hard as the hand. `None` on non-finite input.
     fn end_approach(
         &mut self,
         contact: &ContactSum,
@@ -411,10 +412,11 @@ impl VirtualTool {
         let speed = leaves(self.body.twist - contact.obstacle_motion.over(period_s));
         if speed < 0.0 {
             let mass = inertia.in_world(self.body.pose.rotation_matrix());
-            let (linear, angular) = mass.solve_spd(Wrench::new(normal, moment))?;
-            let blow = -speed / leaves(Twist { linear, angular });
-            self.body.twist.linear += linear * blow;
-            self.body.twist.angular += angular * blow;
+            let unit = mass.solve_spd(Wrench::new(normal, moment))?;
+            let unit = Twist { linear: unit.0, angular: unit.1 };
+            let blow = -speed / leaves(unit);
+            self.body.twist.linear += unit.linear * blow;
+            self.body.twist.angular += unit.angular * blow;
         }
         Some(())
     }
@@ -624,8 +626,8 @@ fn nears_m(patch: &Patch, way: &ObstacleMotion) -> f64 {
 
 /// A contact when what touches has gone by so much since it was found. Each face presses as its
 /// stiffness says, where it pressed, and never pulls: the whole stiffness would leave a couple of
-/// what presses at one end and pulls at the other. What the faces do not say of the wrench goes with
-/// what they press with together; a rope pulls as before.
+/// what presses at one end and pulls at the other. What the faces do not say of the wrench goes
+/// with what they press with together; a rope pulls as before.
 fn moved_on(contact: &ContactSum, way: &ObstacleMotion, rope: DVec3) -> ContactSum {
     let mut found_n = 0.0;
     let mut left_n = 0.0;

@@ -55,7 +55,7 @@ pub(crate) fn bake<T: Send + 'static>(
     work: impl FnOnce(&mut Watch<'_>) -> Result<T, vps::Error> + Send + 'static,
 ) -> PyResult<T> {
     let pool = pool(py)?;
-    let told = progress.map(|progress| progress.clone().unbind());
+    let listener = progress.map(|progress| progress.clone().unbind());
     let (tell, stages) = channel();
     let (answer, answers) = channel();
     let (finish, finished) = channel();
@@ -77,7 +77,7 @@ pub(crate) fn bake<T: Send + 'static>(
                 Err(RecvTimeoutError::Timeout) => None,
                 Err(RecvTimeoutError::Disconnected) => break,
             };
-            Python::attach(|py| heard(py, told.as_ref(), stage))?;
+            Python::attach(|py| heard(py, listener.as_ref(), stage))?;
             // The bake waits for an answer to each stage, and for nothing else.
             if stage.is_some() && answer.send(()).is_err() {
                 break;

@@ -46,10 +46,10 @@ def test_pickled_parts_give_the_same_bits(cube: vps.PointShell, query: vps.Conta
 
 def test_what_a_bake_warns_of_is_a_warning() -> None:
     sheet = vps.Mesh(np.array([[0, 0, 0], [0.01, 0, 0], [0, 0.01, 0]]), np.array([[0, 1, 2]]))
-    with pytest.warns(UserWarning) as told:
+    with pytest.warns(UserWarning) as heard:
         voxmap = vps.Voxmap.bake(sheet, VOXEL_M)
-    assert [str(warning.message) for warning in told] == voxmap.warnings and len(told) > 0
-    assert told[0].filename == __file__
+    assert [str(warning.message) for warning in heard] == voxmap.warnings and len(heard) > 0
+    assert heard[0].filename == __file__
 
 
 def test_files_that_are_none(tmp_path: Path, block: vps.Voxmap) -> None:
@@ -112,34 +112,34 @@ def test_a_bake_says_what_it_tells_apart() -> None:
 
 
 def test_progress_names_the_stages() -> None:
-    mesh, told = box([0, 0, 0], [0.01, 0.01, 0.01]), dict[str, float]()
+    mesh, heard = box([0, 0, 0], [0.01, 0.01, 0.01]), dict[str, float]()
     for bake, last in ((vps.Voxmap.bake, ["distance", "field"]), (vps.PointShell.bake, ["pointshell"])):
-        told.clear()
-        bake(mesh, VOXEL_M, progress=told.__setitem__)
-        assert list(told) == ["surface", "fill", "layers", *last, "report", "done"]
-        shares = list(told.values())
+        heard.clear()
+        bake(mesh, VOXEL_M, progress=heard.__setitem__)
+        assert list(heard) == ["surface", "fill", "layers", *last, "report", "done"]
+        shares = list(heard.values())
         assert shares[0] == 0 and shares[-1] == 1 and shares == sorted(set(shares))
 
 
 def test_progress_and_signals_end_a_bake() -> None:
-    mesh, told = box([0, 0, 0], [0.01, 0.01, 0.01]), list[str]()
+    mesh, heard = box([0, 0, 0], [0.01, 0.01, 0.01]), list[str]()
 
     def enough(stage: str, _: float) -> None:
-        told.append(stage)
+        heard.append(stage)
         if stage == "fill":
             raise LookupError("enough")
 
     def interrupted(stage: str, _: float) -> None:
-        told.append(stage)
+        heard.append(stage)
         signal.raise_signal(signal.SIGINT)
 
     with pytest.raises(LookupError, match="enough"):
         vps.Voxmap.bake(mesh, VOXEL_M, progress=enough)
-    assert told == ["surface", "fill"]
-    told.clear()
+    assert heard == ["surface", "fill"]
+    heard.clear()
     with pytest.raises(KeyboardInterrupt):
         vps.PointShell.bake(mesh, VOXEL_M, progress=interrupted)
-    assert told == ["surface"]
+    assert heard == ["surface"]
 
 
 def test_ctrl_c_is_raised_within_a_stage() -> None:

@@ -1,10 +1,11 @@
 //! Facets over the creases of their obstacle, cut where one of its faces takes over from another.
 //!
-//! On a facet, c + u·a + v·b with u, v from −1 to 1, the depth below a plane is linear in (u, v); a patch
-//! that curves is taken as its plane at the facet's middle. Of several the least depth counts, at inner
-//! edges the greatest: what belongs to each is a convex polygon, and so is what of it is immersed. A polygon is a fan of triangles, and three points in the middle of
-//! their sides, a third of the area each, have the integrals of depth, of depth times place and of
-//! place of a triangle: those points press in place of the facet, exactly as it does.
+//! On a facet, c + u·a + v·b with u, v from −1 to 1, the depth below a plane is linear in (u, v); a
+//! patch that curves is taken as its plane at the facet's middle. Of several the least depth
+//! counts, at inner edges the greatest: what belongs to each is a convex polygon, and so is what of
+//! it is immersed. A polygon is a fan of triangles, and three points in the middle of their sides,
+//! a third of the area each, have the integrals of depth, of depth times place and of place of a
+//! triangle: those points press in place of the facet, exactly as it does.
 //!
 //! # Source
 //! Ours. Sutherland and Hodgman's clipping; the midpoints are Strang's and Fix's rule of degree 2.
@@ -47,8 +48,8 @@ impl<'a> CreasesAt<'a> {
         }
     }
 
-    /// Puts what the planes about the middle of a facet say of it into `over`; false where there are
-    /// none. RT: safe.
+    /// Puts what the planes about the middle of a facet say of it into `over`; false where there
+    /// are none. RT: safe.
     #[inline]
     pub(super) fn over(&self, middle: Vec3, [a, b]: [Vec3; 2], over: &mut OverPlanes) -> bool {
         over.n = 0;
@@ -192,8 +193,8 @@ impl OverPlanes {
         self.sides.iter().take(self.n)
     }
 
-    /// By how much a plane is deeper than another one where it is to count, m, at the middle and along
-    /// the half axes: below zero, it does not.
+    /// By how much a plane is deeper than another one where it is to count, m, at the middle and
+    /// along the half axes: below zero, it does not.
     fn spare(&self, own: &Side, other: &Side) -> (f32, Vec2) {
         let spare = (other.depth_m - own.depth_m, other.along - own.along);
         if self.is_inner { (-spare.0, -spare.1) } else { spare }

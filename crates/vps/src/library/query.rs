@@ -27,9 +27,9 @@ const ONE_DIRECTION: f64 = 0.939_692_620_785_908_4;
 /// # Force
 /// Each facet of the shell pushes with stiffness × mean depth × weight along its normal, where the
 /// weight is its surface in squares of the shell's voxel edge s, and the mean over the facet counts
-/// what of it is outside as 0. So a face of area A at depth d pushes with about stiffness · d · A / s²:
-/// an elastic foundation of stiffness / s², N/m³. Several voxmaps add up. There is no friction, and
-/// nothing is remembered: the same pose gives the same bits, on every machine and thread.
+/// what of it is outside as 0. So a face of area A at depth d pushes with about stiffness · d · A /
+/// s²: an elastic foundation of stiffness / s², N/m³. Several voxmaps add up. There is no friction,
+/// and nothing is remembered: the same pose gives the same bits, on every machine and thread.
 ///
 /// # Threads
 /// Any number of threads may ask one query at a time. Each takes the memory of its traversal from a
@@ -336,9 +336,9 @@ impl ContactQuery {
         }))
     }
 
-    /// The point of the shell that is nearest to a part, and the place there. `None` where something
-    /// touches, of which [`Self::contacts`] says where, and beyond the least band less a voxel.
-    /// Allocates nothing; costs as [`Self::wrench`].
+    /// The point of the shell that is nearest to a part, and the place there. `None` where
+    /// something touches, of which [`Self::contacts`] says where, and beyond the least band less a
+    /// voxel. Allocates nothing; costs as [`Self::wrench`].
     ///
     /// # Errors
     /// [`Error::Pose`].
@@ -390,10 +390,10 @@ impl ContactQuery {
     /// Where a motion from one pose to another first touches; `None` where it does not. The shell's
     /// centre of mass goes straight and its rotation turns about one axis, both evenly.
     ///
-    /// Conservative advancement: it goes as far as nothing can touch, at least by the tolerance, and
-    /// asks again. Parts may be thin: only contact that ends again within a way of the tolerance
-    /// may be missed. Cost: a query for each step; few in the open, and close along a part no more
-    /// than the way over the tolerance. Allocates nothing.
+    /// Conservative advancement: it goes as far as nothing can touch, at least by the tolerance,
+    /// and asks again. Parts may be thin: only contact that ends again within a way of the
+    /// tolerance may be missed. Cost: a query for each step; few in the open, and close along a
+    /// part no more than the way over the tolerance. Allocates nothing.
     ///
     /// # Errors
     /// [`Error::Pose`], with the number 0 or 1 of the pose that is none; [`Error::Value`]: the
@@ -407,8 +407,8 @@ impl ContactQuery {
         self.first_contact_with(from, to, tolerance_m, |_| ControlFlow::Continue(()))
     }
 
-    /// The same; `watch` gets the share of the motion that is clear before each step, and can end the
-    /// search.
+    /// The same; `watch` gets the share of the motion that is clear before each step, and can end
+    /// the search.
     ///
     /// # Errors
     /// Those of [`Self::first_contact`], and [`Error::Cancelled`].

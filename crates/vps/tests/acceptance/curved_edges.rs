@@ -120,8 +120,9 @@ impl<'a> Exact<'a> {
     }
 }
 
-/// Poses one, a half and a quarter of a voxel deep; direction within 2°, 3° and 4° of the law for 95 %, size
-/// within 10 % for 90 %, and a tenth of a voxel before it touches less than a twentieth of the force.
+/// Poses one, a half and a quarter of a voxel deep; direction within 2°, 3° and 4° of the law for
+/// 95 %, size within 10 % for 90 %, and a tenth of a voxel before it touches less than a twentieth
+/// of the force.
 fn assert_by_the_law(
     name: &str,
     obstacle: &TriangleMesh,
@@ -159,8 +160,8 @@ fn assert_by_the_law(
         let [least, most] = [0.05, 0.95].map(|share| percentile(&mut sizes, share));
         let early = percentile(&mut early, 0.95);
         eprintln!(
-            "{name}, points {apart} voxels apart, {depth_voxels} voxels deep: p95 {p95_deg:.2}°, {least:.3} to {most:.3} of the law, \
-                {early:.3} of it before it touches"
+            "{name}, points {apart} voxels apart, {depth_voxels} voxels deep: p95 {p95_deg:.2}°, \
+                {least:.3} to {most:.3} of the law, {early:.3} of it before it touches"
         );
         assert!(p95_deg < most_deg && least > 0.9 && most < 1.1 && early < 0.05, "{name}");
     }

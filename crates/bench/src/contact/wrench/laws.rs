@@ -84,9 +84,9 @@ pub(super) fn edge(depth: f64, angle: f64) -> (f64, f64) {
     (0.5 * depth * (left + right), (right - left) / 3.0)
 }
 
-/// The tip of a cone in a plane whose normal is tilted against the cone's axis by `tilt`; exact: the
-/// volume, m³, and where its centroid is from the tip, m: along the cone's axis, and across it, on
-/// the side to which the plane's normal leans.
+/// The tip of a cone in a plane whose normal is tilted against the cone's axis by `tilt`; exact:
+/// the volume, m³, and where its centroid is from the tip, m: along the cone's axis, and across it,
+/// on the side to which the plane's normal leans.
 pub(super) fn tip(half_angle: f64, depth: f64, tilt: f64) -> (f64, [f64; 2]) {
     let depth = depth.max(0.0);
     let tan2 = half_angle.tan().powi(2);

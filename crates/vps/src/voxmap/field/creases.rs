@@ -9,13 +9,13 @@
 //!                                      exact samples around it ─► kept where they agree
 //! ```
 //! A cell has planes only where the exact distances of all samples within a cell of it are those to
-//! what the planes bound. Along edges that end where one of their faces goes on as a curve, beside faces
-//! that are not listed, and at inner edges it has none: there [`rims`] has depths below patches, or
-//! interpolation counts, as everywhere else.
+//! what the planes bound. Along edges that end where one of their faces goes on as a curve, beside
+//! faces that are not listed, and at inner edges it has none: there [`rims`] has depths below
+//! patches, or interpolation counts, as everywhere else.
 //!
 //! Cost, of a bake at 256 voxels on one processor, with the patches: 1.5 times what it was on the
-//! Stanford bunny and a block with a hole, 5 on a nut, 6 on a gear. Memory: 2 KiB for a brick with such
-//! cells, 32 bytes for a cell and a patch.
+//! Stanford bunny and a block with a hole, 5 on a nut, 6 on a gear. Memory: 2 KiB for a brick with
+//! such cells, 32 bytes for a cell and a patch.
 //!
 //! # Source
 //! Ours.
@@ -70,8 +70,8 @@ const LEAST_BAND_CELLS: f32 = 2.0;
 const BRICK_RADIUS: f64 = 6.1;
 /// A brick without planes and patches.
 const NONE: u32 = u32::MAX;
-/// What a cell has are depths below patches, and not planes; of an inner edge; how many less one, and
-/// the number of the first.
+/// What a cell has are depths below patches, and not planes; of an inner edge; how many less one,
+/// and the number of the first.
 const PATCHES_BIT: u32 = 1 << 31;
 const INNER_BIT: u32 = 1 << 30;
 const MANY_SHIFT: u32 = 28;
@@ -83,8 +83,8 @@ fn patches_of(number: u32) -> Range<usize> {
     first..first + 1 + (number >> MANY_SHIFT & 3) as usize
 }
 
-/// Planes, of which the one that is least deep counts. A plane (n, c), n unit and out of the object,
-/// is c − n·p deep at a place p, both in cells; c is infinite where there is none.
+/// Planes, of which the one that is least deep counts. A plane (n, c), n unit and out of the
+/// object, is c − n·p deep at a place p, both in cells; c is infinite where there is none.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct PlaneSet {
@@ -162,8 +162,8 @@ impl PlaneSet {
         kept
     }
 
-    /// How far outside of what the planes bound a place is, cells: from the nearest point of it on a
-    /// plane, on a line of two or in a corner of three; negative inside.
+    /// How far outside of what the planes bound a place is, cells: from the nearest point of it on
+    /// a plane, on a line of two or in a corner of three; negative inside.
     fn outside(&self, at: DVec3) -> f64 {
         let inside = self.depth(at);
         if inside >= 0.0 {
@@ -263,7 +263,8 @@ impl Creases {
         }
     }
 
-    /// `[n_bricks]`: `u32::MAX` of bricks without planes and patches; empty if there are none at all.
+    /// `[n_bricks]`: `u32::MAX` of bricks without planes and patches; empty if there are none at
+    /// all.
     #[inline]
     pub(crate) fn of_brick(&self) -> &[u32] {
         &self.of_brick
@@ -490,8 +491,8 @@ pub(super) const AROUND_BRICK: usize = AROUND_EDGE * AROUND_EDGE * AROUND_EDGE;
 /// Samples within a cell of an interpolation cell.
 pub(super) const AROUND_CELL: usize = 64;
 
-/// Places of the samples within a cell of an interpolation cell of a brick: its own eight, and those
-/// beside them.
+/// Places of the samples within a cell of an interpolation cell of a brick: its own eight, and
+/// those beside them.
 pub(super) fn around([x, y, z]: [usize; 3]) -> impl Iterator<Item = usize> {
     (0..AROUND_CELL)
         .map(move |n| ((x + (n >> 4)) * AROUND_EDGE + y + (n >> 2 & 3)) * AROUND_EDGE + z + (n & 3))

@@ -3,13 +3,14 @@
 //! Data in: triangles and exact distances at the centres of cells. Data out: for the cells about
 //! such an edge that have no planes, the depths below each patch at the eight samples about them.
 //!
-//! A patch is the triangles that are joined by turns of less than 20°. How deep a place is below it is
-//! said by the plane of its triangle that is nearest: beyond its end a patch goes on as it was there.
-//! Below two patches the lesser depth counts, each interpolated by itself, so that the edge between
-//! them stays sharp. As in [`moved`](super::moved), depths are moved by what interpolation errs.
+//! A patch is the triangles that are joined by turns of less than 20°. How deep a place is below it
+//! is said by the plane of its triangle that is nearest: beyond its end a patch goes on as it was
+//! there. Below two patches the lesser depth counts, each interpolated by itself, so that the edge
+//! between them stays sharp. As in [`moved`](super::moved), depths are moved by what interpolation
+//! errs.
 //!
-//! At an inner edge, between faces that meet in a groove, the greatest depth counts; beside the edge
-//! itself, which is nearer than both, that of planes through it between the two.
+//! At an inner edge, between faces that meet in a groove, the greatest depth counts; beside the
+//! edge itself, which is nearer than both, that of planes through it between the two.
 //!
 //! Cost: 32 bytes for a cell and a patch. Bakes: see [`creases`](super::creases).
 //!
@@ -35,12 +36,14 @@ use crate::mesh::edges::EdgePair;
 
 /// Patches that meet in a cell, at most.
 pub(crate) const PATCHES: usize = 4;
-/// Samples agree with patches up to this, cells: about a facet that turns by 10° distances are round.
+/// Samples agree with patches up to this, cells: about a facet that turns by 10° distances are
+/// round.
 const AGREEING_PATCH_CELLS: f64 = 3.0 * AGREEING_CELLS;
-/// How much more patches may say than interpolation, besides what planes do: what they agree up to, and
-/// what they are moved by, cells.
+/// How much more patches may say than interpolation, besides what planes do: what they agree up to,
+/// and what they are moved by, cells.
 pub(super) const OVERSTATED_CELLS: f32 = 0.03 + MOST_MOVED_CELLS;
-/// A patch that is nowhere about a cell within this of the one that counts is left out there, cells.
+/// A patch that is nowhere about a cell within this of the one that counts is left out there,
+/// cells.
 const HIDDEN_CELLS: f64 = 0.5;
 /// Smaller patches are passed over: a rough scan has one for each triangle, cells².
 const LEAST_PATCH: f64 = 4.0;
@@ -56,7 +59,8 @@ const LEAST_AREA: f64 = 1e-6;
 /// Depths below a patch at the samples about a cell, x slowest, cells.
 pub(crate) type PatchDepths = [f32; 8];
 
-/// Depth below a patch, cells, and its gradient, at a place between the samples, from 0 to 1. RT: safe.
+/// Depth below a patch, cells, and its gradient, at a place between the samples, from 0 to 1. RT:
+/// safe.
 #[inline]
 pub(super) fn side([a, b, c, d, e, f, g, h]: &PatchDepths, at: Vec3) -> (f32, Vec3) {
     let mix = |from: f32, to: f32, share: f32| from + share * (to - from);
@@ -289,8 +293,8 @@ struct AboutBrick<'a> {
 type Planes = [(DVec3, f64); AROUND_CELL];
 type Depths = [f64; AROUND_CELL];
 
-/// Of planes that turn from one face of an inner edge to the other, the shares of both faces' depths,
-/// by the cosine between their normals.
+/// Of planes that turn from one face of an inner edge to the other, the shares of both faces'
+/// depths, by the cosine between their normals.
 fn shares(cosine: f64) -> [[f64; 2]; PATCHES] {
     let turn = cosine.clamp(-1.0, 1.0).acos();
     core::array::from_fn(|k| {
@@ -353,8 +357,9 @@ impl AboutBrick<'_> {
             (false, [_, _, ..]) if counting.len() <= PATCHES => {
                 counting.iter().map(|own| moved(&depths[*own])).collect()
             }
-            // Beside the two faces planes through the edge, of what is nearest to the edge itself. They
-            // say less than it is deep by a share of up to 1 - cos(turn / 6): 3 % at a right angle.
+            // Beside the two faces planes through the edge, of what is nearest to the edge itself.
+            // They say less than it is deep by a share of up to 1 - cos(turn / 6): 3 % at a right
+            // angle.
             (true, [one, other]) => {
                 let mut fan = [[0.0; AROUND_CELL]; PATCHES];
                 let mut last = (f64::NAN, [[0.0; 2]; PATCHES]);
