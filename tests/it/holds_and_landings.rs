@@ -110,7 +110,6 @@ fn scenario(action: Action, seed: u64) -> Scenario {
         ),
     };
     let friction = dice.pick(&[0.0, 0.0, 0.1, 0.3, 0.6]);
-    let friction = if mode == "constraint" { 0.0 } else { friction };
     let contact = dice.pick(&[None, Some(2.0), Some(8.0), Some(80.0)]);
     let contact = if mode == "direct" { None } else { contact };
     let delay = dice.pick(&[None, None, None, Some(0), Some(2), Some(4)]);

@@ -7,7 +7,8 @@
 //! minimise ½ (x − x_free)ᵀ K (x − x_free)   subject to   w_j · x ≥ β (V_j − δ),   w = (n, r × n),   K = diag(k_T, k_R)
 //! ```
 //!
-//! The multipliers are contact forces in newtons, and the spring that the hand feels is their sum.
+//! The multipliers are contact forces in newtons: they press the faces on which friction acts, and
+//! with it they are what the spring pulls against.
 //! δ ([`SLOP_VOXELS`]) is the depth at which the tool comes to rest, so that the contacts which
 //! hold it stay known; β ([`SHARE_PER_TICK`]) is the share of an error that one tick takes away,
 //! less than all of it as normal and gradient differ at edges.
@@ -16,8 +17,9 @@
 //! feasible, gets the balance of penalties instead of forces without bound. That also makes the
 //! programme smooth: ½ |x − x_free|²_K + Σ ½ k_j max(0, violation_j)² is convex, its gradient
 //! piecewise linear, and Newton's method on it, each step cut to the minimum along its line, ends
-//! in a few 6×6 solves at the exact solution. No plane has to be chosen, and of the tick before
-//! only its step is known ([`Pace`]).
+//! in a few 6×6 solves at the exact solution. No plane has to be chosen, and of the ticks before only
+//! which points were the deepest is known: one that was and still touches keeps its plane, or the
+//! tool would go to and fro between two points that each ask for the other.
 //!
 //! # Source
 //! ZillesSalisbury1995 and Ortega2007 (god-object, three and six axes), Sagardia2016 (constraint
@@ -25,9 +27,10 @@
 
 use glam::{DMat3, DVec3};
 
+use super::friction::FrictionWrench;
 use super::params::CouplingParameters;
-use vps::contact::planes::{DeepestContacts, N_BINS};
-use vps::contact::{Contact, Obstacle};
+use vps::contact::planes::{DeepestContacts, MOST_PLANES};
+use vps::contact::{Contact, FACES, Obstacle, Patch};
 use vps::spatial::{Mat6, Pose, Wrench};
 
 /// Depth at which the tool rests, in voxels of the object that it touches.
@@ -50,6 +53,10 @@ const BISECTIONS: usize = 20;
 /// Share of the first gradient that counts as zero.
 const CONVERGED: f64 = 1e-12;
 
+/// Power of the cosine between a plane's normal and a face's with which they count as one wall's: a
+/// half at 23°, next to nothing at 60°.
+const SAME_WAY: i32 = 8;
+
 /// One plane that holds the tool.
 #[derive(Clone, Copy, Debug)]
 struct Plane {
@@ -66,13 +73,19 @@ impl Plane {
     fn violation_m(&self, (linear, angular): (DVec3, DVec3)) -> f64 {
         self.needed_m - self.normal.dot(linear) - self.moment.dot(angular)
     }
+
+    /// What it presses with at the end of the step, N.
+    fn force_n(&self, step: (DVec3, DVec3)) -> f64 {
+        self.stiffness_n_per_m * self.violation_m(step).max(0.0)
+    }
 }
 
-/// What is minimised: spring and planes.
+/// What is minimised: spring, friction and planes.
 struct Programme<'a> {
     free: (DVec3, DVec3),
     stiffness_n_per_m: f64,
     stiffness_nm_per_rad: f64,
+    rubbing: &'a FrictionWrench,
     planes: &'a [Plane],
 }
 
@@ -83,8 +96,10 @@ impl Programme<'_> {
             (self.free.0 - step.0) * self.stiffness_n_per_m,
             (self.free.1 - step.1) * self.stiffness_nm_per_rad,
         );
+        let (force, torque) = self.rubbing.stiffness.mul(step.0, step.1);
+        pull = pull + self.rubbing.wrench - Wrench::new(force, torque);
         for plane in self.planes {
-            let force_n = plane.stiffness_n_per_m * plane.violation_m(step).max(0.0);
+            let force_n = plane.force_n(step);
             pull = pull + Wrench::new(plane.normal * force_n, plane.moment * force_n);
         }
         pull
@@ -98,7 +113,8 @@ impl Programme<'_> {
             DMat3::ZERO,
             DMat3::ZERO,
             identity * self.stiffness_nm_per_rad,
-        );
+        )
+        .plus_scaled(1.0, &self.rubbing.stiffness);
         for plane in self.planes.iter().filter(|plane| plane.violation_m(step) > 0.0) {
             stiffness.add_outer(plane.stiffness_n_per_m, plane.normal, plane.moment);
         }
@@ -143,53 +159,6 @@ impl Programme<'_> {
     }
 }
 
-/// Smallest share of its step that a tool takes which goes to and fro.
-const LEAST_SHARE: f64 = 1e-5;
-
-/// By how much that share falls when the tool turns round, and grows when it goes on: two ticks
-/// onward do not make up for a turn.
-const FALL: f64 = 0.5;
-const GROWTH: f64 = 1.4;
-
-/// How much of its step the tool takes.
-///
-/// Planes come from the deepest point of each direction, and which that is may change with every
-/// step: then the tool goes to and fro for ever between two places that each ask for the other. One
-/// that turns round takes a smaller share of its step than before, until it stands where both are
-/// equal; one that goes on takes a larger one, so a hand that sets out has all of it within 35
-/// ticks.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Pace {
-    share: f64,
-    last: (DVec3, DVec3),
-}
-
-impl Default for Pace {
-    fn default() -> Self {
-        Self { share: 1.0, last: (DVec3::ZERO, DVec3::ZERO) }
-    }
-}
-
-impl Pace {
-    /// The part of a step that is taken. RT: safe, O(1).
-    pub(super) fn take(
-        &mut self,
-        step: (DVec3, DVec3),
-        coupling: &CouplingParameters,
-    ) -> (DVec3, DVec3) {
-        // In energies of the coupling, so that ways and turns compare.
-        let along = coupling.stiffness_n_per_m * step.0.dot(self.last.0)
-            + coupling.stiffness_nm_per_rad * step.1.dot(self.last.1);
-        self.share = if along < 0.0 {
-            (FALL * self.share).max(LEAST_SHARE)
-        } else {
-            (GROWTH * self.share).min(1.0)
-        };
-        self.last = (step.0 * self.share, step.1 * self.share);
-        self.last
-    }
-}
-
 /// Unit direction in world axes out of an obstacle at a contact; the contact's own where there is
 /// none. The poses are those at which the contact was found.
 ///
@@ -213,41 +182,95 @@ pub(super) fn way_out(
     }
 }
 
-/// The step (m, rad; world) that `contacts` leave of the free step. `body`: tool axes at the centre
-/// of mass; `way_out`: unit normal of the obstacle's surface at a contact, world axes (the point's
-/// own normal would hold a tool by its rounded edges); `slop_m`: depth at which the tool rests.
-/// `None` only on non-finite input.
-///
-/// RT: safe; O([`NEWTON_STEPS`] · contacts), at most [`N_BINS`] of them. Deterministic.
-pub(super) fn step(
-    free: (DVec3, DVec3),
-    body: Pose,
-    coupling: &CouplingParameters,
-    contacts: &DeepestContacts,
-    way_out: impl Fn(usize, &Contact) -> DVec3,
-    slop_m: f64,
-) -> Option<(DVec3, DVec3)> {
-    let axes = body.rotation_matrix();
-    let mut planes =
-        [Plane { normal: DVec3::ZERO, moment: DVec3::ZERO, needed_m: 0.0, stiffness_n_per_m: 0.0 };
-            N_BINS];
-    let mut n_planes = 0;
-    for ((obstacle_idx, contact), slot) in contacts.iter().zip(&mut planes) {
-        let normal = way_out(*obstacle_idx, contact);
-        let moment = (axes * contact.arm_body.as_dvec3()).cross(normal);
-        let needed_m = SHARE_PER_TICK * (f64::from(contact.depth_m) - slop_m);
-        let give = 1.0 / coupling.stiffness_n_per_m
-            + moment.length_squared() / coupling.stiffness_nm_per_rad;
-        *slot = Plane { normal, moment, needed_m, stiffness_n_per_m: 1.0 / (SOFTNESS * give) };
-        n_planes += 1;
+/// The planes of a tick.
+#[derive(Clone, Debug)]
+pub(super) struct Planes {
+    slots: [Plane; MOST_PLANES],
+    n_planes: usize,
+}
+
+impl Planes {
+    /// Those of the deepest contacts. `body`: tool axes at the centre of mass; `way_out`: unit
+    /// normal of the obstacle's surface at a contact, world axes (the point's own normal would hold
+    /// a tool by its rounded edges); `slop_m`: depth at which the tool rests.
+    ///
+    /// RT: safe; O(contacts), at most [`MOST_PLANES`] of them.
+    pub(super) fn of(
+        body: Pose,
+        coupling: &CouplingParameters,
+        contacts: &DeepestContacts,
+        way_out: impl Fn(usize, &Contact) -> DVec3,
+        slop_m: f64,
+    ) -> Self {
+        let axes = body.rotation_matrix();
+        let mut slots = [Plane {
+            normal: DVec3::ZERO,
+            moment: DVec3::ZERO,
+            needed_m: 0.0,
+            stiffness_n_per_m: 0.0,
+        }; MOST_PLANES];
+        let mut n_planes = 0;
+        for ((obstacle_idx, contact), slot) in contacts.iter().zip(&mut slots) {
+            let normal = way_out(*obstacle_idx, contact);
+            let moment = (axes * contact.arm_body.as_dvec3()).cross(normal);
+            let give = 1.0 / coupling.stiffness_n_per_m
+                + moment.length_squared() / coupling.stiffness_nm_per_rad;
+            *slot = Plane {
+                normal,
+                moment,
+                needed_m: SHARE_PER_TICK * (f64::from(contact.depth_m) - slop_m),
+                stiffness_n_per_m: 1.0 / (SOFTNESS * give),
+            };
+            n_planes += 1;
+        }
+        Self { slots, n_planes }
     }
-    Programme {
-        free,
-        stiffness_n_per_m: coupling.stiffness_n_per_m,
-        stiffness_nm_per_rad: coupling.stiffness_nm_per_rad,
-        planes: planes.get(..n_planes).unwrap_or_default(),
+
+    fn planes(&self) -> &[Plane] {
+        self.slots.get(..self.n_planes).unwrap_or_default()
     }
-    .solve()
+
+    /// The step (m, rad; world) that they and `rubbing` leave of the free step. `None` only on
+    /// non-finite input. RT: safe; O([`NEWTON_STEPS`] · planes). Deterministic.
+    pub(super) fn step(
+        &self,
+        free: (DVec3, DVec3),
+        coupling: &CouplingParameters,
+        rubbing: &FrictionWrench,
+    ) -> Option<(DVec3, DVec3)> {
+        Programme {
+            free,
+            stiffness_n_per_m: coupling.stiffness_n_per_m,
+            stiffness_nm_per_rad: coupling.stiffness_nm_per_rad,
+            rubbing,
+            planes: self.planes(),
+        }
+        .solve()
+    }
+
+    /// What presses each face of the tool at the end of a step, N: each plane's force, shared by the
+    /// faces that touch its way as their contact has it. A plane stands for points at the rim of
+    /// what touches, where a face may be next to nothing. RT: safe, O([`FACES`] · planes).
+    pub(super) fn pressed_n<'a>(
+        &self,
+        step: (DVec3, DVec3),
+        patches: impl Iterator<Item = &'a Patch> + Clone,
+    ) -> [f64; FACES] {
+        let mut faces = [0.0; FACES];
+        for plane in self.planes() {
+            let share = |patch: &Patch| {
+                patch.force_n * plane.normal.dot(patch.normal_world).max(0.0).powi(SAME_WAY)
+            };
+            let all = patches.clone().map(share).sum::<f64>().max(f64::MIN_POSITIVE);
+            let force_n = plane.force_n(step);
+            for patch in patches.clone() {
+                if let Some(pressed_n) = faces.get_mut(usize::from(patch.face)) {
+                    *pressed_n += force_n * (share(patch) / all);
+                }
+            }
+        }
+        faces
+    }
 }
 
 #[cfg(test)]
@@ -277,7 +300,23 @@ mod tests {
     /// Of that coupling.
     fn programme(free: (DVec3, DVec3), planes: &[Plane]) -> Programme<'_> {
         let CouplingParameters { stiffness_n_per_m, stiffness_nm_per_rad, .. } = coupling();
-        Programme { free, stiffness_n_per_m, stiffness_nm_per_rad, planes }
+        let rubbing = &FrictionWrench::ZERO;
+        Programme { free, stiffness_n_per_m, stiffness_nm_per_rad, rubbing, planes }
+    }
+
+    /// Without friction.
+    fn step(
+        free: (DVec3, DVec3),
+        body: Pose,
+        coupling: &CouplingParameters,
+        contacts: &DeepestContacts,
+        way_out: impl Fn(usize, &Contact) -> DVec3,
+    ) -> Option<(DVec3, DVec3)> {
+        Planes::of(body, coupling, contacts, way_out, SLOP_M).step(
+            free,
+            coupling,
+            &FrictionWrench::ZERO,
+        )
     }
 
     /// Points of a block against half-spaces n · p ≥ offset.
@@ -320,8 +359,7 @@ mod tests {
             let way_out = |_, contact: &Contact| body.rotation * contact.normal_body.as_dvec3();
             let contacts = contacts(walls, body);
             let (linear, angular) =
-                step(free, body, &parameters().coupling, &contacts, way_out, SLOP_M)
-                    .expect("finite");
+                step(free, body, &parameters().coupling, &contacts, way_out).expect("finite");
             let step_m = linear.length() + angular.length() * 9e-3;
             let share = (0.25e-3 / step_m).min(1.0);
             body = body.stepped(linear * share, angular * share);
@@ -372,32 +410,10 @@ mod tests {
     }
 
     #[test]
-    fn a_tool_that_goes_to_and_fro_comes_to_stand_and_one_that_sets_out_is_not_held() {
-        let coupling = parameters().coupling;
-        let mut pace = Pace::default();
-        let mut at_m = 0.0;
-        // Beyond 0.3 mm another plane holds it, which sends it back by as much.
-        for _ in 0..200 {
-            let wanted = if at_m < 0.3e-3 { DVec3::X } else { DVec3::NEG_X } * 1e-4;
-            at_m += pace.take((wanted, DVec3::ZERO), &coupling).0.x;
-        }
-        let before_m = at_m;
-        at_m += pace.take((DVec3::X * 1e-4, DVec3::ZERO), &coupling).0.x;
-        assert!(
-            (at_m - 0.3e-3).abs() < 1e-7 && (at_m - before_m).abs() < 1e-7,
-            "{at_m} after {before_m}"
-        );
-        let way = DVec3::Y * 1e-5;
-        let n = (0..100).take_while(|_| pace.take((way, DVec3::ZERO), &coupling).0 != way).count();
-        assert!(n <= 35, "all of its step after {n} ticks");
-    }
-
-    #[test]
     fn without_contact_the_step_is_the_free_one() {
         let free = (DVec3::new(1e-3, -2e-3, 3e-3), DVec3::new(0.1, 0.2, -0.3));
         let none = DeepestContacts::default();
-        let taken =
-            step(free, Pose::IDENTITY, &parameters().coupling, &none, |_, _| DVec3::Z, SLOP_M);
+        let taken = step(free, Pose::IDENTITY, &parameters().coupling, &none, |_, _| DVec3::Z);
         assert_eq!(taken, Some(free));
     }
 
@@ -453,27 +469,6 @@ mod tests {
     }
 
     #[test]
-    fn a_turn_round_counts_in_energies_of_the_coupling() {
-        let coupling = coupling();
-        let way = DVec3::new(1e-3, 2e-3, -1e-3);
-        let turn = DVec3::new(0.1, -0.2, 0.3);
-        let taken = |second: (DVec3, DVec3)| {
-            let mut pace = Pace::default();
-            assert_eq!(pace.take((way, turn), &coupling), (way, turn));
-            pace.take(second, &coupling)
-        };
-        // 7.8 mJ of the way against 63 mJ of the turn.
-        assert_eq!(taken((-way, turn)), (-way, turn));
-        assert_eq!(taken((way, -turn)), (way * 0.5, turn * -0.5));
-        assert_eq!(taken((-way * 9.0, turn)), (way * -4.5, turn * 0.5));
-        let mut pace = Pace::default();
-        pace.take((way, turn), &coupling);
-        pace.take((-way, -turn), &coupling);
-        let (linear, _) = pace.take((-way, -turn), &coupling);
-        assert!((linear + way * 0.7).length() < 1e-12, "{linear}");
-    }
-
-    #[test]
     fn one_plane_takes_the_step_back_along_what_the_coupling_gives() {
         let coupling = coupling();
         let body = Pose::new(DQuat::from_scaled_axis(DVec3::new(0.3, 0.9, -0.4)), DVec3::ONE);
@@ -483,7 +478,7 @@ mod tests {
         contacts.add(0, &Contact::of_point(0, 3e-4, arm_body, normal_body));
         let normal = DVec3::new(2.0, -1.0, 2.0) / 3.0;
         let free = (DVec3::new(-1e-3, 2e-3, -2e-3), DVec3::new(0.02, -0.03, 0.01));
-        let taken = step(free, body, &coupling, &contacts, |_, _| normal, SLOP_M).expect("finite");
+        let taken = step(free, body, &coupling, &contacts, |_, _| normal).expect("finite");
         let moment = (body.rotation * arm_body.as_dvec3()).cross(normal);
         let needed_m = 0.5 * (f64::from(3e-4_f32) - SLOP_M);
         let gives = 1.0 / 1300.0 + moment.length_squared() / 0.45;
@@ -493,6 +488,43 @@ mod tests {
         assert!(force_n > 0.1, "{force_n}");
         assert!((taken.0 - free.0 - normal * (force_n / 1300.0)).length() < 1e-11);
         assert!((taken.1 - free.1 - moment * (force_n / 0.45)).length() < 1e-9);
+    }
+
+    #[test]
+    fn planes_press_the_faces_that_touch_their_way() {
+        let coupling = coupling();
+        let mut deepest = DeepestContacts::default();
+        for (point_idx, x) in (0..).zip([-0.01, 0.01]) {
+            let arm_body = DVec3::new(x, 0.0, -0.01).as_vec3();
+            let normal_body = DVec3::new(x.signum() * 0.3, 0.0, 1.0).normalize().as_vec3();
+            deepest.add(0, &Contact::of_point(point_idx, 3e-4, arm_body, normal_body));
+        }
+        let planes = Planes::of(Pose::IDENTITY, &coupling, &deepest, |_, _| DVec3::Z, SLOP_M);
+        let step = planes
+            .step((DVec3::NEG_Z * 1e-3, DVec3::ZERO), &coupling, &FrictionWrench::ZERO)
+            .expect("finite");
+        let patch = |face, normal_world, force_n| Patch {
+            face,
+            force_n,
+            normal_world,
+            arm_world: DVec3::ZERO,
+            radius_m: 0.01,
+            stiffness_n_per_m: 1e4,
+        };
+        let walls = [
+            patch(2, DVec3::Z, 3.0),
+            patch(7, DVec3::X, 50.0),
+            patch(9, DVec3::Z, 1.0),
+            patch(11, DVec3::new(0.0, 0.6, 0.8), 0.0),
+        ];
+        let pressed = planes.pressed_n(step, walls.iter());
+        let all = 1300.0 * (1e-3 + step.0.z);
+        assert!(all > 1.0 && (pressed.iter().sum::<f64>() / all - 1.0).abs() < 1e-6, "{pressed:?}");
+        assert!((pressed[2] / all - 0.75).abs() < 1e-6 && (pressed[9] / all - 0.25).abs() < 1e-6);
+        // Nothing touches that way: nothing rubs.
+        assert!(
+            planes.pressed_n(step, walls[1..2].iter()).iter().all(|pressed_n| *pressed_n == 0.0)
+        );
     }
 
     #[test]

@@ -6,7 +6,7 @@
 //! stretch that is not passed on is not forgotten either, so what stands on a slope does not creep.
 //!
 //! The step of the tool is implicit, and the cone holds at its end: which faces slide, and how hard
-//! each is pressed there, is found together with the step ([`Friction::over`]). A face that held
+//! each is pressed there, is found together with the step ([`Friction::settle`]). A face that held
 //! within the step would hold any force.
 //!
 //! # Units and frames
@@ -42,7 +42,7 @@ impl FrictionWrench {
     pub(super) const ZERO: Self = Self { wrench: Wrench::ZERO, stiffness: Mat6::ZERO };
 
     /// A step by one is a step by the other.
-    pub(super) fn is_near(&self, other: &Self) -> bool {
+    fn is_near(&self, other: &Self) -> bool {
         let is_near =
             |one: f64, other: f64| (one - other).abs() <= NEAR * (one.abs() + other.abs());
         let (one, two) = (self.stiffness.traces(), other.stiffness.traces());
@@ -54,10 +54,13 @@ impl FrictionWrench {
     }
 }
 
+/// So often at most a step is taken again for faces that slide.
+const MOST_RUBS: usize = 8;
+
 /// Pulls that differ by less are the same.
 const NEAR: f64 = 1e-3;
 
-/// How a contact presses in a step.
+/// How a contact presses a tool with mass in a step.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Presses {
     /// What the filter lets through of its force.
@@ -66,6 +69,32 @@ pub(super) struct Presses {
     pub(super) held_s: f64,
     /// Damping beyond that, of each face.
     pub(super) damping_n_s_per_m: f64,
+}
+
+impl Presses {
+    /// What presses each face, N: what its depth pushes with at the end of the step, `way` from
+    /// where the contact was found, and its damping, at the velocity `leaves` against what it
+    /// touches. A tool that rocks on an edge is pushed by its depth, and held back by damping as it
+    /// leaves: friction that knew of the depth alone would be several times what the hand presses.
+    /// RT: safe, O(faces).
+    pub(super) fn pressed_n<'a>(
+        &self,
+        patches: impl Iterator<Item = &'a Patch>,
+        way: &ObstacleMotion,
+        leaves: Twist,
+    ) -> [f64; FACES] {
+        let mut faces = [0.0; FACES];
+        for patch in patches {
+            let Some(pressed_n) = faces.get_mut(usize::from(patch.face)) else { continue };
+            let (normal, arm) = (patch.normal_world, patch.arm_world);
+            let way_m = normal.dot(way.linear + way.angular.cross(arm));
+            let speed = normal.dot(leaves.linear + leaves.angular.cross(arm));
+            let met_n = self.shaped * (patch.force_n + patch.stiffness_n_per_m * way_m);
+            let held = patch.stiffness_n_per_m * self.held_s + self.damping_n_s_per_m;
+            *pressed_n = (met_n - held * speed).max(0.0);
+        }
+        faces
+    }
 }
 
 /// How far an element is stretched.
@@ -112,40 +141,40 @@ impl Friction {
         }
     }
 
-    /// Notes what pressed each face in a step: what its depth pushed with at the end of the step,
-    /// `way` from where the contact was found, and its damping, at the velocity `leaves` against
-    /// what it touches. A tool that rocks on an edge is pushed by its depth, and held back by
-    /// damping as it leaves: friction that knew of the depth alone would be several times what the
-    /// hand presses. RT: safe, O(faces).
-    pub(super) fn press<'a>(
+    /// Takes a step, and takes it again while faces slide in it that held before, or otherwise than
+    /// they did: that step, and what friction it is made with. `step`: makes one with that friction,
+    /// and says with which velocity it goes against what the tool touches, and what presses each
+    /// face at its end, N. RT: safe, at most [`MOST_RUBS`] steps more.
+    pub(super) fn settle<S>(
         &mut self,
-        patches: impl Iterator<Item = &'a Patch>,
-        way: &ObstacleMotion,
-        leaves: Twist,
-        presses: &Presses,
-    ) {
-        self.elements.iter_mut().for_each(|element| element.pressed_n = Some(0.0));
-        for patch in patches {
-            let Some(element) = self.elements.get_mut(usize::from(patch.face)) else { continue };
-            let (normal, arm) = (patch.normal_world, patch.arm_world);
-            let way_m = normal.dot(way.linear + way.angular.cross(arm));
-            let speed = normal.dot(leaves.linear + leaves.angular.cross(arm));
-            let met_n = presses.shaped * (patch.force_n + patch.stiffness_n_per_m * way_m);
-            let held = patch.stiffness_n_per_m * presses.held_s + presses.damping_n_s_per_m;
-            element.pressed_n = Some((met_n - held * speed).max(0.0));
+        mut rubbing: FrictionWrench,
+        period_s: f64,
+        params: &FrictionParameters,
+        step: impl Fn(&FrictionWrench) -> Option<(S, Twist, [f64; FACES])>,
+    ) -> Option<(S, FrictionWrench)> {
+        let (mut taken, mut leaves, mut pressed_n) = step(&rubbing)?;
+        if !params.acts() {
+            return Some((taken, rubbing));
         }
+        for _ in 0..MOST_RUBS {
+            for (element, pressed_n) in self.elements.iter_mut().zip(pressed_n) {
+                element.pressed_n = Some(pressed_n);
+            }
+            let over = self.over(leaves, period_s, params);
+            if over.is_near(&rubbing) {
+                break;
+            }
+            rubbing = over;
+            (taken, leaves, pressed_n) = step(&rubbing)?;
+        }
+        Some((taken, rubbing))
     }
 
     /// What the faces of this tick pull with over a step of this velocity against what they touch:
     /// those that it stretches beyond their cone slide, with the cone of what presses them at its
-    /// end ([`Self::press`]). An implicit step that knew only that they hold would be held by any
-    /// force. RT: safe, O(faces).
-    pub(super) fn over(
-        &self,
-        leaves: Twist,
-        period_s: f64,
-        params: &FrictionParameters,
-    ) -> FrictionWrench {
+    /// end. An implicit step that knew only that they hold would be held by any force. RT: safe,
+    /// O(faces).
+    fn over(&self, leaves: Twist, period_s: f64, params: &FrictionParameters) -> FrictionWrench {
         let mut sum = FrictionWrench::ZERO;
         let step = Twist { linear: leaves.linear * period_s, angular: leaves.angular * period_s };
         self.elements.iter().for_each(|element| element.over(step, params, &mut sum));

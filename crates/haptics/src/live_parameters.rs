@@ -134,7 +134,7 @@ impl LiveParameter {
             most: scene,
             scene,
         };
-        let rubs = p.contact.friction.stiffness_n_per_m > 0.0 && mode != CouplingMode::Constraint;
+        let rubs = p.contact.friction.stiffness_n_per_m > 0.0;
         Some(match self {
             Self::ContactStiffness => match mode {
                 CouplingMode::Implicit => stiffness(f64::INFINITY),
@@ -540,7 +540,7 @@ mod tests {
         }
         for (mode, acting) in [
             (CouplingMode::Implicit, [true, true, true]),
-            (CouplingMode::Constraint, [false, false, false]),
+            (CouplingMode::Constraint, [false, true, false]),
             (CouplingMode::Direct, [false, true, true]),
         ] {
             p.coupling.mode = mode;

@@ -6,7 +6,7 @@ use glam::{DQuat, DVec3};
 use super::RenderScene;
 use super::braking::{Brake, Braking};
 use super::clay::Held;
-use super::constraint::{self, Pace, SLOP_VOXELS};
+use super::constraint::{self, Planes, SLOP_VOXELS};
 use super::contact_damping;
 use super::coupling::{Body, Inertia, LinearContact, Spring, StepInput};
 use super::filter::{ShapingFilter, Slide};
@@ -14,7 +14,7 @@ use super::friction::{Friction, FrictionWrench, Presses};
 use super::limits::Ramp;
 use super::moving_obstacles::ALWAYS_VOXELS;
 use super::params::{CouplingMode, CouplingParameters, FreeSpace, Parameters};
-use vps::contact::planes::DeepestContacts;
+use vps::contact::planes::{DeepestBefore, DeepestContacts};
 use vps::contact::{Contact, ContactSum, ObstacleMotion, Patch, Traversal};
 use vps::spatial::{Mat6, Pose, Twist, Wrench};
 
@@ -31,8 +31,6 @@ const MOST_POINTS_PER_S: f64 = 2.0e6;
 
 /// Share of the squared frequency of turns that counts for the damping ratio.
 const TURNS_COUNT: f64 = 0.01;
-/// So often at most a step is taken again for faces that slide.
-const MOST_RUBS: usize = 8;
 
 /// What the arm feels of the tool: world axes, about the grip point.
 #[derive(Clone, Copy, Debug, Default)]
@@ -91,7 +89,8 @@ pub(super) struct VirtualTool {
     body: Body,
     filter: ShapingFilter,
     friction: Friction,
-    pace: Pace,
+    /// For the constraint coupling only.
+    deepest_before: DeepestBefore,
     /// What the coupling pulled with in the last tick of free space, which the arm did not feel. Of
     /// that alone a share is kept from the arm while `contact_gain` rises: what contact adds is
     /// felt at once. A gain on the whole wrench would take force away on the way in and give all of
@@ -116,7 +115,7 @@ impl VirtualTool {
             body: Body { pose, twist: Twist::ZERO },
             filter: ShapingFilter::default(),
             friction: Friction::default(),
-            pace: Pace::default(),
+            deepest_before: DeepestBefore::default(),
             unfelt: Wrench::ZERO,
             contact_gain: Ramp::default(),
             target: None,
@@ -172,8 +171,12 @@ impl VirtualTool {
     ) -> Touch {
         let body = self.body.pose;
         let mode = query.p.coupling.mode;
-        let mut deepest = (mode == CouplingMode::Constraint).then(DeepestContacts::default);
+        let mut deepest = (mode == CouplingMode::Constraint)
+            .then(|| DeepestContacts::after(&self.deepest_before));
         let rigid = query.rigid(body, deepest.as_mut());
+        if let Some(deepest) = &deepest {
+            self.deepest_before = deepest.remember();
+        }
         let Query { traversal, scene, p } = query;
         let mut rope = DVec3::ZERO;
         let clay = clay.zip(scene.clay.as_ref()).map(|(held, clay)| {
@@ -290,19 +293,14 @@ impl VirtualTool {
                     }
                     _ => body.transform_vector(contact.normal_body.as_dvec3()),
                 };
-                let step = constraint::step(
-                    free,
-                    body,
-                    coupling,
-                    deepest,
-                    way_out,
-                    SLOP_VOXELS * contact.voxel_size_m,
-                )?;
-                // In free space there is nothing to go to and fro between.
-                if contact.contacts == 0 {
-                    self.pace = Pace::default();
-                }
-                let step = self.pace.take(step, coupling);
+                let slop_m = SLOP_VOXELS * contact.voxel_size_m;
+                let planes = Planes::of(body, coupling, deepest, way_out, slop_m);
+                let rub = |rubbing: &FrictionWrench| {
+                    let step = planes.step(free, coupling, rubbing)?;
+                    Some((step, over_a_tick(step), planes.pressed_n(step, contact.patches())))
+                };
+                let params = &p.contact.friction;
+                let (step, _) = self.friction.settle(*rubbing, p.period_s, params, rub)?;
                 over_a_tick((step.0 + linear, step.1 + angular))
             }
             _ => {
@@ -371,8 +369,7 @@ impl VirtualTool {
         );
         let pulling = spring(self.body.pose);
         if coupling.mode == CouplingMode::Constraint && contact.contacts > 0 {
-            // What holds back a tool without mass is what pulls it: at rest the planes' force,
-            // under way also the rest of a step that is taken in parts.
+            // What holds back a tool without mass is what pulls it.
             ended.wrench = (pulling.wrench + Wrench::new(weight, DVec3::ZERO)) * -1.0;
         }
         let felt = damper - pulling.wrench;
@@ -475,11 +472,18 @@ impl VirtualTool {
         let ground = contact.obstacle_motion.over(p.period_s);
         let braking = brake.map(|brake| brake.damping(inertia.mass_kg, p.period_s));
         let damping_n_s_per_m = p.contact.damping_n_s_per_m;
-        let step = |tool: &Self, rubbing: &FrictionWrench| {
+        let squared_n2 = met.force.length_squared();
+        let alpha = self.filter.alpha();
+        let presses = Presses {
+            shaped: if squared_n2 > 0.0 { wrench.force.dot(met.force) / squared_n2 } else { 0.0 },
+            held_s: (1.0 - alpha) * p.period_s + damping_s,
+            damping_n_s_per_m,
+        };
+        let body = self.body;
+        let step = |rubbing: &FrictionWrench| {
             // Friction is smooth by itself: it goes past the filter.
-            let stiffness = Mat6::ZERO
-                .plus_scaled(1.0 - tool.filter.alpha(), &held)
-                .plus_scaled(1.0, &rubbing.stiffness);
+            let stiffness =
+                Mat6::ZERO.plus_scaled(1.0 - alpha, &held).plus_scaled(1.0, &rubbing.stiffness);
             // It acts at once, whatever the filter does to the force: at higher rates less and less
             // of the stiffness acts within a tick.
             let damping =
@@ -495,7 +499,7 @@ impl VirtualTool {
                     stiffness,
                     damping: braking.map_or(damping, |braking| damping.plus_scaled(1.0, &braking)),
                 };
-                tool.body.step_implicit(&pull, &contact, inertia)
+                body.step_implicit(&pull, &contact, inertia)
             };
             let undamped = solve(&Mat6::ZERO)?;
             if contact.contacts == 0 || damping_n_s_per_m <= 0.0 {
@@ -515,28 +519,11 @@ impl VirtualTool {
             )?;
             Some(seen + ground)
         };
-        let squared_n2 = met.force.length_squared();
-        let presses = Presses {
-            shaped: if squared_n2 > 0.0 { wrench.force.dot(met.force) / squared_n2 } else { 0.0 },
-            held_s: (1.0 - self.filter.alpha()) * p.period_s + damping_s,
-            damping_n_s_per_m,
-        };
-        let mut rubbing = *rubbing;
-        let mut twist = step(self, &rubbing)?;
-        if !p.contact.friction.acts() {
-            return Some((twist, rubbing));
-        }
-        for _ in 0..MOST_RUBS {
+        self.friction.settle(*rubbing, p.period_s, &p.contact.friction, |rubbing| {
+            let twist = step(rubbing)?;
             let leaves = twist - ground;
-            self.friction.press(contact.patches(), way, leaves, &presses);
-            let over = self.friction.over(leaves, p.period_s, &p.contact.friction);
-            if over.is_near(&rubbing) {
-                break;
-            }
-            rubbing = over;
-            twist = step(self, &rubbing)?;
-        }
-        Some((twist, rubbing))
+            Some((twist, leaves, presses.pressed_n(contact.patches(), way, leaves)))
+        })
     }
 
     /// The part of a contact's stiffness that holds the tool: over another an implicit step would

@@ -258,12 +258,6 @@ impl Resolve<'_> {
         let coupling =
             self.coupling(&scene.coupling, mode, &stability, port_scale, profile.as_ref());
         let field = scene.rendering.field.map_or(FieldKind::Trilinear, Into::into);
-        if mode == CouplingMode::Constraint && scene.contact.friction.is_some() {
-            self.checks.not_available(
-                "contact.friction",
-                "leave it out, or use another rendering.coupling",
-            );
-        }
         // In `direct` the arm feels each point of the tool.
         let of_points =
             Some(&stability).filter(|_| mode == CouplingMode::Direct && !allow_unstable);

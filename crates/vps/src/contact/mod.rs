@@ -211,7 +211,7 @@ pub(crate) type Also<'a> = dyn FnMut(usize, &Contact) + 'a;
 
 impl ContactSum {
     /// What touches, face by face.
-    pub fn patches(&self) -> impl Iterator<Item = &Patch> {
+    pub fn patches(&self) -> impl Iterator<Item = &Patch> + Clone {
         self.patches.iter().flatten()
     }
 

@@ -1,10 +1,12 @@
 //! Few contacts that stand for many: the deepest point of each direction and place.
 //!
-//! Data in: contact records, in any number. Data out: at most [`N_BINS`] of them. A record falls
-//! into a bin by the direction that it pushes (26 directions: per axis back, none, forth) and by
-//! the octant of the tool in which it lies; each bin keeps its deepest point. So a face that rests
-//! flat is stood for by its outermost points, an edge by its two sides, and the cost does not
-//! depend on what is chosen: O(1) per record, no allocation.
+//! Data in: contact records, in any number. Data out: at most [`MOST_PLANES`] of them. A record
+//! falls into a bin by the direction that it pushes (26 directions: per axis back, none, forth) and
+//! by the octant of the tool in which it lies; each bin keeps its deepest point, and those that
+//! were its deepest in the ticks before, as long as they touch: which of two points is deeper may
+//! change with every step, and a tool that knew of one alone would go to and fro between them. So a
+//! face that rests flat is stood for by its outermost points, an edge by its two sides, and the
+//! cost does not depend on what is chosen: O(1) per record, no allocation.
 //!
 //! # Source
 //! Sagardia2014 (few contacts per manifold, deepest first, then far apart) as the idea; the bins
@@ -17,6 +19,12 @@ use super::Contact;
 /// 3³ directions times 8 octants.
 pub const N_BINS: usize = 27 * 8;
 
+/// Points of a bin that are known from the ticks before.
+const REMEMBERED: usize = 2;
+
+/// As many contacts stand for all at most.
+pub const MOST_PLANES: usize = N_BINS * (1 + REMEMBERED);
+
 /// A component of a unit normal counts as a direction of its own from tan 22.5° on, less than 1/√3:
 /// no normal is without any.
 const COUNTS_FROM: f32 = 0.41;
@@ -25,35 +33,82 @@ const COUNTS_FROM: f32 = 0.41;
 /// lever more.
 const OUTWARD_PER_M: f32 = 1e-3;
 
+/// Which points were the deepest of their bin in the ticks before, the last one first: the number
+/// of the obstacle, and that of the point.
+#[derive(Clone, Debug)]
+pub struct DeepestBefore([[Option<(usize, u32)>; REMEMBERED]; N_BINS]);
+
+impl Default for DeepestBefore {
+    fn default() -> Self {
+        Self([[None; REMEMBERED]; N_BINS])
+    }
+}
+
 /// The deepest contact of every bin.
 #[derive(Clone, Debug)]
 pub struct DeepestContacts {
-    /// Number of the obstacle, and the contact with it.
-    bins: [Option<(usize, Contact)>; N_BINS],
+    /// Number of the obstacle, and the contact with it: the deepest, and those that were.
+    bins: [[Option<(usize, Contact)>; 1 + REMEMBERED]; N_BINS],
+    before: DeepestBefore,
 }
 
 impl Default for DeepestContacts {
     fn default() -> Self {
-        Self { bins: [None; N_BINS] }
+        Self::after(&DeepestBefore::default())
     }
 }
 
 impl DeepestContacts {
+    /// None yet in this tick.
+    pub fn after(before: &DeepestBefore) -> Self {
+        Self { bins: [[None; 1 + REMEMBERED]; N_BINS], before: before.clone() }
+    }
+
+    /// What the next tick knows of this one. RT: safe, O([`N_BINS`]).
+    pub fn remember(&self) -> DeepestBefore {
+        let mut after = self.before.clone();
+        for ([deepest, ..], known) in self.bins.iter().zip(&mut after.0) {
+            let Some((obstacle_idx, contact)) = deepest else { continue };
+            let deepest = Some((*obstacle_idx, contact.point_idx));
+            if known[0] != deepest {
+                *known = [deepest, known[0]];
+            }
+        }
+        after
+    }
+
     /// Takes one record. The result depends on the set of records, and on their order only between
     /// points that are equal in depth and lever to the last bit. RT: safe, O(1).
     #[inline]
     pub fn add(&mut self, obstacle_idx: usize, contact: &Contact) {
-        let Some(slot) = self.bins.get_mut(bin(contact.normal_body, contact.arm_body)) else {
+        let bin = bin(contact.normal_body, contact.arm_body);
+        let (Some([deepest, known @ ..]), Some(before)) =
+            (self.bins.get_mut(bin), self.before.0.get(bin))
+        else {
             return;
         };
-        if slot.is_none_or(|(_, kept)| score(contact) > score(&kept)) {
-            *slot = Some((obstacle_idx, *contact));
+        let this = Some((obstacle_idx, contact.point_idx));
+        for (slot, before) in known.iter_mut().zip(before) {
+            if *before == this {
+                *slot = Some((obstacle_idx, *contact));
+            }
+        }
+        if deepest.is_none_or(|(_, kept)| score(contact) > score(&kept)) {
+            *deepest = Some((obstacle_idx, *contact));
         }
     }
 
-    /// The contacts that were kept and their obstacles, in the order of the bins.
+    /// The contacts that were kept and their obstacles, in the order of the bins; one that is and
+    /// was the deepest comes once.
     pub fn iter(&self) -> impl Iterator<Item = &(usize, Contact)> {
-        self.bins.iter().flatten()
+        self.bins.iter().flat_map(|[deepest, known @ ..]| {
+            let is_other = move |other: &&(usize, Contact)| {
+                deepest.is_none_or(|deepest| {
+                    (deepest.0, deepest.1.point_idx) != (other.0, other.1.point_idx)
+                })
+            };
+            deepest.iter().chain(known.iter().flatten().filter(is_other))
+        })
     }
 }
 
