@@ -129,6 +129,7 @@ impl Voxmap {
     }
 
     /// The arrays themselves, for readers of their layout.
+    #[doc(hidden)]
     pub fn field(&self) -> &Field {
         &self.field
     }
@@ -274,6 +275,7 @@ impl PointShell {
     }
 
     /// The arrays themselves, for readers of their layout: points about the centre of mass.
+    #[doc(hidden)]
     pub fn shell(&self) -> &Shell {
         &self.shell
     }

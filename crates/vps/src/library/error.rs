@@ -14,10 +14,11 @@ use crate::voxmap::grid::{GridError, round_up};
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// A mesh file that cannot be used.
+    /// A mesh file that cannot be used. The text names the file and, where it is known, the line.
     #[error("{source}{}", mesh_hint(source))]
     Mesh {
         /// Cause, with the file.
+        #[doc(hidden)]
         source: MeshError,
     },
     /// Arrays that are no mesh.
@@ -33,6 +34,7 @@ pub enum Error {
         /// Name of the mesh: its file, or what it was made from.
         mesh: String,
         /// Cause.
+        #[doc(hidden)]
         source: GridError,
     },
     /// A number outside of what its name allows.

@@ -22,7 +22,7 @@ pub const EXTENSIONS: &[&str] = &["xyz", "txt", "asc"];
 pub enum Contents {
     /// Points without faces.
     Cloud(Cloud),
-    /// A mesh, in any format that [`super::load`] reads.
+    /// A mesh, in any format that [`super::load()`] reads.
     Mesh(TriangleMesh),
 }
 

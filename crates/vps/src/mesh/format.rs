@@ -5,7 +5,7 @@ use std::path::Path;
 use super::MeshError;
 use crate::setting_names::SettingNames;
 
-/// File name extensions that [`load`](super::load) reads, lower case.
+/// File name extensions that [`load`](super::load()) reads, lower case.
 pub const EXTENSIONS: &[&str] = &["obj", "stl", "ply", "gltf", "glb", "3mf"];
 
 /// What to do with a file of curved surfaces. The length of `-clmax` is in the unit of what gmsh

@@ -95,6 +95,7 @@ impl Shape {
     /// that limit.
     ///
     /// Callers pass a small part of the voxel edge, such as a twentieth.
+    #[doc(hidden)]
     pub fn tessellate(&self, tolerance_m: f64) -> TriangleMesh {
         let shape = *self;
         match shape {

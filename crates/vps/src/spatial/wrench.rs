@@ -61,6 +61,7 @@ impl Wrench {
     /// What an arm with motors on `axes` gives of it: the other components are zero, force (N) and
     /// torque (N·m) each shortened to its limit with the direction kept. RT: safe; what is not
     /// finite stays so.
+    #[doc(hidden)]
     pub fn limited_to(self, axes: Axes, force_limit_n: f64, torque_limit_nm: f64) -> Self {
         let limited = |vector: DVec3, limit: f64| {
             let length = vector.length();
@@ -78,6 +79,7 @@ impl Wrench {
     }
 
     /// Power of this wrench on a twist of the same frame and reduction point, W.
+    #[doc(hidden)]
     pub fn power(self, twist: Twist) -> f64 {
         self.force.dot(twist.linear) + self.torque.dot(twist.angular)
     }

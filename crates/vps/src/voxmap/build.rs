@@ -25,14 +25,16 @@ use crate::mesh::mass::{MassProperties, of_body};
 use crate::mesh::validate::{MeshReport, inspect};
 use crate::solid::{Solid, SolidOptions, SolidReport};
 
-/// What to build.
+/// Size and number of the voxels of a bake.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
     /// Voxel edge s, m.
     pub voxel_size_m: f64,
-    /// Layers on each side, 1 to 126.
+    /// Layers on each side of the surface, 2 to 126 for the types at the root; a
+    /// distance is known up to (`layers` − ½) voxels.
     pub layers: u32,
     /// How candidates are walked: `None` takes [`Navigation::AUTO`]. The result is the same.
+    #[doc(hidden)]
     pub navigation: Option<Navigation>,
     /// How to distinguish inside and outside.
     pub sides: InsideTest,

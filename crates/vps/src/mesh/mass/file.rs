@@ -16,6 +16,7 @@ pub struct MassRecord {
     from_surface: u64,
 }
 
+#[doc(hidden)]
 impl MassProperties {
     /// What [`Self::store`] writes.
     pub fn record(&self) -> MassRecord {
