@@ -11,6 +11,17 @@ use crate::setting_names::SettingNames;
 use crate::voxmap::grid::{GridError, round_up};
 
 /// Why a call failed. The text says what is wrong, where, and what to do.
+///
+/// # Examples
+/// ```
+/// # use vps::{Error, Mesh, Shape};
+/// let error = Mesh::from_shape(&Shape::Sphere { radius_m: 0.0 }, 1e-5).unwrap_err();
+/// assert!(matches!(error, Error::Value { found: 0.0, .. }));
+/// assert_eq!(
+///     error.to_string(),
+///     "a size of the shape is 0: give metres, from 1 nm to 1000 km"
+/// );
+/// ```
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -83,6 +94,13 @@ pub enum Error {
 
 impl Error {
     /// What the operating system said, where it refused a file.
+    ///
+    /// # Examples
+    /// ```
+    /// # let folder = tempfile::tempdir().unwrap();
+    /// let error = vps::Voxmap::load(folder.path().join("missing")).unwrap_err();
+    /// assert_eq!(error.os_error().and_then(std::io::Error::raw_os_error), Some(2)); // ENOENT
+    /// ```
     pub fn os_error(&self) -> Option<&io::Error> {
         match self {
             Self::File { source, .. } => source.as_ref(),

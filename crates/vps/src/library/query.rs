@@ -34,6 +34,24 @@ const ONE_DIRECTION: f64 = 0.939_692_620_785_908_4;
 /// # Threads
 /// Any number of threads may ask one query at a time. Each takes the memory of its traversal from a
 /// pool; a call allocates only where more threads ask at a time than ever before.
+///
+/// # Examples
+/// Examples of the calls have these parts and poses; where they say `query`, it is of both parts and
+/// 1000 N/m.
+/// ```
+/// # use vps::{ContactQuery, DVec3, Mesh, Options, PointShell, Pose, Shape, Voxmap};
+/// let options = Options::new(1e-3);
+/// let cube = |edge_m| Mesh::from_shape(&Shape::Box { size_m: DVec3::splat(edge_m) }, 1e-5);
+/// let block = Voxmap::bake(&cube(40e-3)?, &options)?;
+/// let peg = PointShell::bake(&cube(10e-3)?, &options)?;
+/// // The peg's lower face is half a millimetre deep in the top of the block.
+/// let deep = Pose::from_translation(DVec3::Z * 24.5e-3);
+/// let felt = ContactQuery::new(&block, &peg, 1000.0)?.wrench(deep)?;
+/// // Stiffness · area · depth / s², straight up.
+/// let force_n = 1000.0 * (10e-3 * 10e-3) * 0.5e-3 / (1e-3 * 1e-3);
+/// assert!((felt.wrench.force - DVec3::Z * force_n).length() < 1e-3 * force_n);
+/// # Ok::<(), vps::Error>(())
+/// ```
 #[derive(Debug)]
 pub struct ContactQuery {
     /// The shell in the voxmaps; then, of both ways, the other part's shell in the shell's voxmap.
@@ -44,6 +62,22 @@ pub struct ContactQuery {
 
 /// What a shell feels at one pose; vectors in axes of the *world*, the frame in which poses are
 /// given: the voxmap's mesh frame, or of several the frame in which these stand.
+///
+/// # Examples
+/// ```
+/// # use vps::{ContactQuery, DVec3, Mesh, Options, PointShell, Pose, Shape, Voxmap};
+/// # let options = Options::new(1e-3);
+/// # let cube = |edge_m| Mesh::from_shape(&Shape::Box { size_m: DVec3::splat(edge_m) }, 1e-5);
+/// # let block = Voxmap::bake(&cube(40e-3)?, &options)?;
+/// # let peg = PointShell::bake(&cube(10e-3)?, &options)?;
+/// # let query = ContactQuery::new(&block, &peg, 1000.0)?;
+/// let high = query.wrench(Pose::from_translation(DVec3::Z * 26e-3))?; // 1 mm above the block
+/// assert_eq!((high.contacts, high.penetration_m), (0, 0.0));
+/// assert!((high.clearance_m - 1e-3).abs() < 0.001e-3);
+/// let deep = query.wrench(Pose::from_translation(DVec3::Z * 24e-3))?; // 1 mm inside
+/// assert!((deep.penetration_m - 1e-3).abs() < 0.001e-3 && deep.clearance_m == 0.0);
+/// # Ok::<(), vps::Error>(())
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ContactWrench {
     /// On the shell: force, N, and torque, N·m, about the origin of the shell's mesh frame.
@@ -172,6 +206,22 @@ impl ContactQuery {
     /// shell's voxel edge. Shares the memory of both parts. Cost: milliseconds, and about ten bytes
     /// per point for each thread that asks.
     ///
+    /// # Examples
+    /// ```
+    /// # use vps::{ContactQuery, DVec3, Mesh, Options, PointShell, Pose, Shape, Voxmap};
+    /// # let options = Options::new(1e-3);
+    /// # let cube = |edge_m| Mesh::from_shape(&Shape::Box { size_m: DVec3::splat(edge_m) }, 1e-5);
+    /// # let block = Voxmap::bake(&cube(40e-3)?, &options)?;
+    /// # let peg = PointShell::bake(&cube(10e-3)?, &options)?;
+    /// # let deep = Pose::from_translation(DVec3::Z * 24.5e-3);
+    /// let soft = ContactQuery::new(&block, &peg, 1000.0)?.wrench(deep)?;
+    /// let hard = ContactQuery::new(&block, &peg, 3000.0)?.wrench(deep)?;
+    /// let ratio = hard.wrench.force.z / soft.wrench.force.z;
+    /// assert!((ratio - 3.0).abs() < 1e-6, "force is proportional to the stiffness");
+    /// assert!(ContactQuery::new(&block, &peg, -1.0).is_err());
+    /// # Ok::<(), vps::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// [`Error::Value`]: the stiffness is not between 0 and 10¹² N/m.
     pub fn new(voxmap: &Voxmap, shell: &PointShell, stiffness_n_per_m: f64) -> Result<Self, Error> {
@@ -181,6 +231,22 @@ impl ContactQuery {
     /// The same of several voxmaps that stand in one world, each with the pose of its mesh frame
     /// there; poses of the shell are then those in the world. A face that is immersed in two counts
     /// twice.
+    ///
+    /// # Examples
+    /// ```
+    /// # use vps::{ContactQuery, DVec3, Mesh, Options, PointShell, Pose, Shape, Voxmap};
+    /// # let options = Options::new(1e-3);
+    /// # let cube = |edge_m| Mesh::from_shape(&Shape::Box { size_m: DVec3::splat(edge_m) }, 1e-5);
+    /// # let block = Voxmap::bake(&cube(40e-3)?, &options)?;
+    /// # let peg = PointShell::bake(&cube(10e-3)?, &options)?;
+    /// // The peg's lower and left face are half a millimetre deep in a floor and a wall.
+    /// let wall = Pose::from_translation(DVec3::new(-24.5e-3, 0.0, 24.5e-3));
+    /// let parts = [(&block, Pose::IDENTITY), (&block, wall)];
+    /// let query = ContactQuery::of_parts(&parts, &peg, 1000.0)?;
+    /// let force = query.wrench(Pose::from_translation(DVec3::Z * 24.5e-3))?.wrench.force;
+    /// assert!((force - DVec3::new(50.0, 0.0, 50.0)).length() < 0.1);
+    /// # Ok::<(), vps::Error>(())
+    /// ```
     ///
     /// # Errors
     /// Those of [`Self::new`]; [`Error::Value`]: no voxmap; [`Error::Pose`].
@@ -216,6 +282,23 @@ impl ContactQuery {
     /// points of the other shell are. Penetration and clearance are the greater and the lesser of
     /// both. Costs as both queries.
     ///
+    /// # Examples
+    /// ```
+    /// # use vps::{ContactQuery, DVec3, Mesh, Options, PointShell, Pose, Shape, Voxmap};
+    /// # let options = Options::new(1e-3);
+    /// # let cube = |edge_m| Mesh::from_shape(&Shape::Box { size_m: DVec3::splat(edge_m) }, 1e-5);
+    /// let bake = |mesh: &Mesh| -> Result<_, vps::Error> {
+    ///     Ok((Voxmap::bake(mesh, &options)?, PointShell::bake(mesh, &options)?))
+    /// };
+    /// let (block, peg) = (bake(&cube(40e-3)?)?, bake(&cube(10e-3)?)?);
+    /// let query = ContactQuery::both_ways((&block.0, &block.1), (&peg.0, &peg.1), 1000.0)?;
+    /// let force = query.wrench(Pose::from_translation(DVec3::Z * 24.5e-3))?.wrench.force;
+    /// // The peg's points press with 50 N. The block's points are less deep where a side of the peg
+    /// // is nearer than its lower face: 45.17 N.
+    /// assert!((force - DVec3::Z * (50.0 + 45.17) / 2.0).length() < 0.1);
+    /// # Ok::<(), vps::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// Those of [`Self::new`].
     pub fn both_ways(
@@ -237,6 +320,22 @@ impl ContactQuery {
     /// Finds depths by another look-up than interpolation, as `rendering.field` of a scene; with
     /// [`PointShell::bake_of`] the force is that of the scene. Every point is then looked at, and
     /// contacts may be without a gradient.
+    ///
+    /// # Examples
+    /// ```
+    /// # use vps::{ContactQuery, DVec3, Error, FieldKind, Mesh, Options, PointShell, Pose};
+    /// # use vps::{Shape, Voxmap};
+    /// # let options = Options::new(1e-3);
+    /// # let cube = |edge_m| Mesh::from_shape(&Shape::Box { size_m: DVec3::splat(edge_m) }, 1e-5);
+    /// # let block = Voxmap::bake(&cube(40e-3)?, &options)?;
+    /// # let peg = PointShell::bake(&cube(10e-3)?, &options)?;
+    /// # let deep = Pose::from_translation(DVec3::Z * 24.5e-3);
+    /// let mut query = ContactQuery::new(&block, &peg, 1000.0)?;
+    /// query.set_field(FieldKind::Octant)?;
+    /// assert!((query.wrench(deep)?.wrench.force.z - 50.0).abs() < 0.1);
+    /// assert!(matches!(query.set_field(FieldKind::SurfacePoint), Err(Error::Field)));
+    /// # Ok::<(), vps::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`Error::Field`]: a voxmap lacks what this look-up reads.
@@ -260,6 +359,21 @@ impl ContactQuery {
     /// integrals over blocks, balls and rods, with cones as tools too, up to two voxels deep. Flat
     /// faces and straight edges are some ten times better. `None` of skins, other fields than
     /// trilinear, points that are not facets, and voxmaps of files that do not say it.
+    ///
+    /// # Examples
+    /// ```
+    /// # use vps::{ContactQuery, DVec3, Mesh, Options, PointShell, Pose, Shape, Voxmap};
+    /// # let options = Options::new(1e-3);
+    /// # let cube = |edge_m| Mesh::from_shape(&Shape::Box { size_m: DVec3::splat(edge_m) }, 1e-5);
+    /// # let block = Voxmap::bake(&cube(40e-3)?, &options)?;
+    /// # let peg = PointShell::bake(&cube(10e-3)?, &options)?;
+    /// # let query = ContactQuery::new(&block, &peg, 1000.0)?;
+    /// # let deep = Pose::from_translation(DVec3::Z * 24.5e-3);
+    /// let error_m = query.error_m().unwrap();
+    /// assert!(error_m < 0.5e-3, "less than half a voxel");
+    /// assert!((query.wrench(deep)?.penetration_m - 0.5e-3).abs() < error_m);
+    /// # Ok::<(), vps::Error>(())
+    /// ```
     pub fn error_m(&self) -> Option<f64> {
         let known = |way: &Way| way.error_m.filter(|_| way.law.field == FieldKind::Trilinear);
         self.ways.iter().map(known).reduce(|one, other| Some(one?.max(other?)))?
@@ -274,6 +388,21 @@ impl ContactQuery {
     /// Wrench, penetration and clearance at a pose of the shell's mesh frame in the world, which is
     /// the voxmap's mesh frame where there is one. Allocates nothing; see [threads](#threads).
     ///
+    /// # Examples
+    /// ```
+    /// # use vps::{ContactQuery, DVec3, Mesh, Options, PointShell, Pose, Shape, Voxmap};
+    /// # let options = Options::new(1e-3);
+    /// # let cube = |edge_m| Mesh::from_shape(&Shape::Box { size_m: DVec3::splat(edge_m) }, 1e-5);
+    /// # let block = Voxmap::bake(&cube(40e-3)?, &options)?;
+    /// # let peg = PointShell::bake(&cube(10e-3)?, &options)?;
+    /// # let query = ContactQuery::new(&block, &peg, 1000.0)?;
+    /// // The peg stands 10 mm beside the block's origin. The torque is about the peg's origin: none.
+    /// let felt = query.wrench(Pose::from_translation(DVec3::new(10e-3, 0.0, 24.5e-3)))?.wrench;
+    /// assert!((felt.force.z - 50.0).abs() < 0.1 && felt.torque.length() < 1e-6);
+    /// assert!(query.wrench(Pose::from_translation(DVec3::NAN)).is_err());
+    /// # Ok::<(), vps::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// [`Error::Pose`].
     pub fn wrench(&self, world_from_shell: Pose) -> Result<ContactWrench, Error> {
@@ -282,6 +411,24 @@ impl ContactQuery {
     }
 
     /// The same; `each` gets every contact, part after part in the order of the points.
+    ///
+    /// # Examples
+    /// ```
+    /// # use vps::{ContactQuery, DVec3, Mesh, Options, PointShell, Pose, Shape, Voxmap};
+    /// # let options = Options::new(1e-3);
+    /// # let cube = |edge_m| Mesh::from_shape(&Shape::Box { size_m: DVec3::splat(edge_m) }, 1e-5);
+    /// # let block = Voxmap::bake(&cube(40e-3)?, &options)?;
+    /// # let peg = PointShell::bake(&cube(10e-3)?, &options)?;
+    /// # let query = ContactQuery::new(&block, &peg, 1000.0)?;
+    /// # let deep = Pose::from_translation(DVec3::Z * 24.5e-3);
+    /// let mut force = DVec3::ZERO;
+    /// let felt = query.contacts(deep, |point| {
+    ///     assert!(point.position_m.z < 20.001e-3 && point.gradient.z > 0.99);
+    ///     force += point.force_n;
+    /// })?;
+    /// assert!((force - felt.wrench.force).length() < 1e-3);
+    /// # Ok::<(), vps::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`Error::Pose`].
@@ -301,6 +448,21 @@ impl ContactQuery {
 
     /// `[n]`: [`Self::wrench`] of each pose, on the current rayon pool; the same bits as one by
     /// one, for any number of threads.
+    ///
+    /// # Examples
+    /// ```
+    /// # use vps::{ContactQuery, DVec3, Mesh, Options, PointShell, Pose, Shape, Voxmap};
+    /// # let options = Options::new(1e-3);
+    /// # let cube = |edge_m| Mesh::from_shape(&Shape::Box { size_m: DVec3::splat(edge_m) }, 1e-5);
+    /// # let block = Voxmap::bake(&cube(40e-3)?, &options)?;
+    /// # let peg = PointShell::bake(&cube(10e-3)?, &options)?;
+    /// # let query = ContactQuery::new(&block, &peg, 1000.0)?;
+    /// let poses = [26e-3, 25e-3, 24.5e-3].map(|z| Pose::from_translation(DVec3::Z * z));
+    /// let felt = query.wrenches(&poses)?;
+    /// assert_eq!(felt[0].contacts, 0);
+    /// assert_eq!(felt[2], query.wrench(poses[2])?, "the same bits");
+    /// # Ok::<(), vps::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`Error::Pose`] of the first pose that is none.
@@ -324,6 +486,22 @@ impl ContactQuery {
     /// is taken symmetric. Convex contact has directions of negative stiffness: it pivots away.
     /// Cost: as [`Self::wrench`].
     ///
+    /// # Examples
+    /// ```
+    /// # use vps::{ContactQuery, DVec3, Mesh, Options, PointShell, Pose, Shape, Voxmap};
+    /// # let options = Options::new(1e-3);
+    /// # let cube = |edge_m| Mesh::from_shape(&Shape::Box { size_m: DVec3::splat(edge_m) }, 1e-5);
+    /// # let block = Voxmap::bake(&cube(40e-3)?, &options)?;
+    /// # let peg = PointShell::bake(&cube(10e-3)?, &options)?;
+    /// # let query = ContactQuery::new(&block, &peg, 1000.0)?;
+    /// # let deep = Pose::from_translation(DVec3::Z * 24.5e-3);
+    /// let stiffness = query.stiffness(deep)?;
+    /// // The force of the face grows by 1000 N/m for each of its 100 squares of a millimetre.
+    /// assert!((stiffness[2][2] - 100e3).abs() < 1.0);
+    /// assert!(stiffness[0][0].abs() < 1.0, "it slides freely");
+    /// # Ok::<(), vps::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// [`Error::Pose`].
     pub fn stiffness(&self, world_from_shell: Pose) -> Result<[[f64; 6]; 6], Error> {
@@ -339,6 +517,22 @@ impl ContactQuery {
     /// The point of the shell that is nearest to a part, and the place there. `None` where
     /// something touches, of which [`Self::contacts`] says where, and beyond the least band less a
     /// voxel. Allocates nothing; costs as [`Self::wrench`].
+    ///
+    /// # Examples
+    /// ```
+    /// # use vps::{ContactQuery, DVec3, Mesh, Options, PointShell, Pose, Shape, Voxmap};
+    /// # let options = Options::new(1e-3);
+    /// # let cube = |edge_m| Mesh::from_shape(&Shape::Box { size_m: DVec3::splat(edge_m) }, 1e-5);
+    /// # let block = Voxmap::bake(&cube(40e-3)?, &options)?;
+    /// # let peg = PointShell::bake(&cube(10e-3)?, &options)?;
+    /// # let query = ContactQuery::new(&block, &peg, 1000.0)?;
+    /// let above = query.nearest(Pose::from_translation(DVec3::Z * 27e-3))?.unwrap();
+    /// assert!((above.distance_m - 2e-3).abs() < 0.001e-3);
+    /// assert!((above.on_shell_m.z - 22e-3).abs() < 0.001e-3);
+    /// assert!((above.on_part_m.z - 20e-3).abs() < 0.001e-3);
+    /// assert_eq!(query.nearest(Pose::from_translation(DVec3::Z))?, None, "beyond the band");
+    /// # Ok::<(), vps::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`Error::Pose`].
@@ -362,6 +556,26 @@ impl ContactQuery {
     /// What touches, in few words: contacts with one part whose gradients are within 20° are one
     /// patch, the hardest first. Their forces add up to that of the pose but for rounding. Probes,
     /// which have no surface, are in no patch. Allocates; costs as [`Self::contacts`].
+    ///
+    /// # Examples
+    /// ```
+    /// # use vps::{ContactQuery, DVec3, Mesh, Options, PointShell, Pose, Shape, Voxmap};
+    /// # let options = Options::new(1e-3);
+    /// # let cube = |edge_m| Mesh::from_shape(&Shape::Box { size_m: DVec3::splat(edge_m) }, 1e-5);
+    /// # let block = Voxmap::bake(&cube(40e-3)?, &options)?;
+    /// # let peg = PointShell::bake(&cube(10e-3)?, &options)?;
+    /// # // The peg's lower and left face are half a millimetre deep in a floor and a wall.
+    /// # let wall = Pose::from_translation(DVec3::new(-24.5e-3, 0.0, 24.5e-3));
+    /// # let parts = [(&block, Pose::IDENTITY), (&block, wall)];
+    /// // A floor, part 0, and a wall, part 1: the peg is half a millimetre deep in both.
+    /// let query = ContactQuery::of_parts(&parts, &peg, 1000.0)?;
+    /// let mut patches = query.patches(Pose::from_translation(DVec3::Z * 24.5e-3))?;
+    /// patches.sort_by_key(|patch| patch.part);
+    /// assert_eq!(patches.len(), 2);
+    /// assert!(patches[0].normal.z > 0.99 && patches[1].normal.x > 0.99);
+    /// assert!((patches[0].depth_m - 0.5e-3).abs() < 0.001e-3);
+    /// # Ok::<(), vps::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`Error::Pose`].
@@ -395,6 +609,24 @@ impl ContactQuery {
     /// tolerance may be missed. Cost: a query for each step; few in the open, and close along a
     /// part no more than the way over the tolerance. Allocates nothing.
     ///
+    /// # Examples
+    /// ```
+    /// # use vps::{ContactQuery, DVec3, Mesh, Options, PointShell, Pose, Shape, Voxmap};
+    /// # let options = Options::new(1e-3);
+    /// # let cube = |edge_m| Mesh::from_shape(&Shape::Box { size_m: DVec3::splat(edge_m) }, 1e-5);
+    /// # let block = Voxmap::bake(&cube(40e-3)?, &options)?;
+    /// # let peg = PointShell::bake(&cube(10e-3)?, &options)?;
+    /// # let ball = Mesh::from_shape(&Shape::Sphere { radius_m: 5e-3 }, 1e-5)?;
+    /// # let query = ContactQuery::new(&block, &PointShell::bake(&ball, &options)?, 1000.0)?;
+    /// // A ball of radius 5 mm falls onto the top of the block, which is at 20 mm.
+    /// let [from, to] = [40e-3, 20e-3].map(|z| Pose::from_translation(DVec3::Z * z));
+    /// let impact = query.first_contact(from, to, 1e-6)?.unwrap();
+    /// assert!((impact.share - 0.75).abs() < 0.002);
+    /// assert!((impact.pose.translation.z - 25e-3).abs() < 0.05e-3);
+    /// assert_eq!(query.first_contact(from, from, 1e-6)?, None);
+    /// # Ok::<(), vps::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// [`Error::Pose`], with the number 0 or 1 of the pose that is none; [`Error::Value`]: the
     /// tolerance is not greater than 0.
@@ -409,6 +641,28 @@ impl ContactQuery {
 
     /// The same; `watch` gets the share of the motion that is clear before each step, and can end
     /// the search.
+    ///
+    /// # Examples
+    /// ```
+    /// # use std::ops::ControlFlow;
+    /// # use vps::{ContactQuery, DVec3, Error, Mesh, Options, PointShell, Pose, Shape, Voxmap};
+    /// # let options = Options::new(1e-3);
+    /// # let cube = |edge_m| Mesh::from_shape(&Shape::Box { size_m: DVec3::splat(edge_m) }, 1e-5);
+    /// # let block = Voxmap::bake(&cube(40e-3)?, &options)?;
+    /// # let peg = PointShell::bake(&cube(10e-3)?, &options)?;
+    /// # let query = ContactQuery::new(&block, &peg, 1000.0)?;
+    /// # let [from, to] = [40e-3, 20e-3].map(|z| Pose::from_translation(DVec3::Z * z));
+    /// let mut clear = Vec::new();
+    /// query.first_contact_with(from, to, 1e-6, |share| {
+    ///     clear.push(share);
+    ///     ControlFlow::Continue(())
+    /// })?;
+    /// // It touches at 25 mm.
+    /// assert!(clear.is_sorted() && clear.iter().all(|share| *share <= 0.75));
+    /// let ended = query.first_contact_with(from, to, 1e-6, |_| ControlFlow::Break(()));
+    /// assert!(matches!(ended, Err(Error::Cancelled)));
+    /// # Ok::<(), vps::Error>(())
+    /// ```
     ///
     /// # Errors
     /// Those of [`Self::first_contact`], and [`Error::Cancelled`].

@@ -24,6 +24,17 @@ const HOLE_SHARE: f64 = 0.1;
 const FLAT_SHARE: f64 = 1e-9;
 
 /// Volume, centre and inertia of a part of even density.
+///
+/// # Examples
+/// ```
+/// # use vps::{Mesh, Shape};
+/// let cone = Mesh::from_shape(&Shape::Cone { radius_m: 10e-3, height_m: 40e-3 }, 1e-6)?;
+/// let mass = cone.mass_properties();
+/// // A quarter of the height above the base, which is 20 mm below the origin.
+/// assert!((mass.center_m.z + 10e-3).abs() < 1e-9);
+/// assert!(!mass.from_surface);
+/// # Ok::<(), vps::Error>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MassProperties {
     /// Volume, m³, positive also when the triangles face inward; 0 when `from_surface`.

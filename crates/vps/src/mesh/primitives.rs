@@ -12,6 +12,15 @@ use glam::{DVec2, DVec3};
 use super::TriangleMesh;
 
 /// A primitive shape, metres; centre at the origin, axis z.
+///
+/// # Examples
+/// ```
+/// # use vps::{Mesh, Shape};
+/// let pin = Mesh::from_shape(&Shape::Capsule { radius_m: 5e-3, height_m: 20e-3 }, 1e-5)?;
+/// let (low, high) = pin.bounds();
+/// assert_eq!((low.z, high.x), (-15e-3, 5e-3));
+/// # Ok::<(), vps::Error>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Shape {
     /// Full edges.

@@ -33,6 +33,13 @@ pub enum Points {
 
 impl Points {
     /// The names of the scene file.
+    ///
+    /// # Examples
+    /// ```
+    /// # use vps::Points;
+    /// let of_text = Points::NAMES.into_iter().find(|(name, _)| *name == "facets");
+    /// assert_eq!(of_text, Some(("facets", Points::default())));
+    /// ```
     pub const NAMES: [(&'static str, Self); 2] =
         [("facets", Self::Facets), ("voxels", Self::Voxels)];
 }

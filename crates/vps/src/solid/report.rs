@@ -3,6 +3,25 @@
 use crate::mesh::mass::MassProperties;
 
 /// A hollow inside of a body.
+///
+/// # Examples
+/// ```
+/// # use vps::{DVec3, Mesh, Shape};
+/// # let [outer, inner] = [20e-3, 10e-3].map(|edge_m| {
+/// #     Mesh::from_shape(&Shape::Box { size_m: DVec3::splat(edge_m) }, 1e-5)
+/// # });
+/// # let (outer, inner) = (outer?, inner?);
+/// # let corners = outer.vertices().iter().chain(inner.vertices());
+/// # let corners: Vec<_> = corners.map(|at| at.to_array()).collect();
+/// # let inward = inner.triangles().iter().map(|[a, b, c]| [a + 8, c + 8, b + 8]);
+/// # let triangles: Vec<_> = outer.triangles().iter().copied().chain(inward).collect();
+/// // A cube of 20 mm around a hollow cube of 10 mm.
+/// let hollow = Mesh::from_arrays(&corners, &triangles)?;
+/// let cavity = hollow.solid().cavities[0];
+/// assert!((cavity.volume_m3 - 1e-6).abs() < 1e-12);
+/// assert!((hollow.mass_properties().volume_m3 - 7e-6).abs() < 1e-12);
+/// # Ok::<(), vps::Error>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cavity {
     /// What its shell encloses without the bodies in it, m³.

@@ -6,6 +6,16 @@ use glam::{DMat3, DQuat, DVec3};
 
 /// A rigid transform, named `to_from_from`: maps coordinates of the right-hand frame to the
 /// left-hand one.
+///
+/// # Examples
+/// ```
+/// # use vps::{DQuat, DVec3, Pose};
+/// // The grip is 30 mm along the x axis of a tool that is turned by a quarter about z.
+/// let quarter = DQuat::from_rotation_z(core::f64::consts::FRAC_PI_2);
+/// let world_from_tool = Pose::new(quarter, DVec3::X * 0.1);
+/// let world_from_grip = world_from_tool * Pose::from_translation(DVec3::X * 0.03);
+/// assert!(world_from_grip.translation.abs_diff_eq(DVec3::new(0.1, 0.03, 0.0), 1e-12));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
     /// Turns components along the `from` axes into components along the `to` axes; a unit
@@ -30,17 +40,40 @@ impl Pose {
     }
 
     /// The inverse transform: `a_from_b.inverse()` is `b_from_a`.
+    ///
+    /// # Examples
+    /// ```
+    /// # use vps::{DQuat, DVec3, Pose};
+    /// # let a_from_b = Pose::new(DQuat::from_rotation_x(0.3), DVec3::new(0.1, 0.2, 0.3));
+    /// let point_b = DVec3::new(1.0, 2.0, 3.0);
+    /// let point_a = a_from_b.transform_point(point_b);
+    /// assert!(a_from_b.inverse().transform_point(point_a).abs_diff_eq(point_b, 1e-12));
+    /// ```
     pub fn inverse(self) -> Self {
         let rotation = self.rotation.conjugate();
         Self { rotation, translation: -(rotation * self.translation) }
     }
 
     /// Coordinates of a point, changed from the `from` to the `to` frame.
+    ///
+    /// # Examples
+    /// ```
+    /// # use vps::{DVec3, Pose};
+    /// let pose = Pose::from_translation(DVec3::Z);
+    /// assert_eq!(pose.transform_point(DVec3::X), DVec3::new(1.0, 0.0, 1.0));
+    /// ```
     pub fn transform_point(self, point: DVec3) -> DVec3 {
         self.rotation * point + self.translation
     }
 
     /// Components of a free vector, changed from the `from` to the `to` frame.
+    ///
+    /// # Examples
+    /// ```
+    /// # use vps::{DVec3, Pose};
+    /// let pose = Pose::from_translation(DVec3::Z);
+    /// assert_eq!(pose.transform_vector(DVec3::X), DVec3::X, "a direction has no place");
+    /// ```
     pub fn transform_vector(self, vector: DVec3) -> DVec3 {
         self.rotation * vector
     }
@@ -53,6 +86,14 @@ impl Pose {
     /// Moves the frame by a small step given in the `to` frame: translation `linear` (m), rotation
     /// vector `angular` (rad) about the frame's own origin. The quaternion is normalised, so drift
     /// does not build up.
+    ///
+    /// # Examples
+    /// ```
+    /// # use vps::{DQuat, DVec3, Pose};
+    /// let step = Pose::IDENTITY.stepped(DVec3::X * 1e-3, DVec3::Z * 0.1);
+    /// assert_eq!(step.translation, DVec3::X * 1e-3);
+    /// assert!(step.rotation.abs_diff_eq(DQuat::from_rotation_z(0.1), 1e-12));
+    /// ```
     pub fn stepped(self, linear: DVec3, angular: DVec3) -> Self {
         Self {
             rotation: (DQuat::from_scaled_axis(angular) * self.rotation).normalize(),
@@ -61,6 +102,13 @@ impl Pose {
     }
 
     /// Rotation vector (rad, `to` frame) that turns `self` into `target`, of length at most π.
+    ///
+    /// # Examples
+    /// ```
+    /// # use vps::{DQuat, DVec3, Pose};
+    /// let turned = Pose::new(DQuat::from_rotation_y(0.5), DVec3::ZERO);
+    /// assert!(Pose::IDENTITY.rotation_to(turned).abs_diff_eq(DVec3::Y * 0.5, 1e-12));
+    /// ```
     pub fn rotation_to(self, target: Self) -> DVec3 {
         let mut turn = target.rotation * self.rotation.conjugate();
         if turn.w < 0.0 {

@@ -41,6 +41,15 @@ impl Sub for Twist {
 }
 
 /// Force and torque; the frame and the reduction point are named where it is declared.
+///
+/// # Examples
+/// ```
+/// # use vps::{DVec3, Wrench};
+/// let push = Wrench::new(DVec3::X * 3.0, DVec3::ZERO);
+/// let pull = Wrench::new(DVec3::X * -1.0, DVec3::Z * 0.5);
+/// assert_eq!(push + pull, Wrench::new(DVec3::X * 2.0, DVec3::Z * 0.5));
+/// assert_eq!(pull * 2.0, Wrench::new(DVec3::X * -2.0, DVec3::Z));
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Wrench {
     /// Force, N.
@@ -74,6 +83,15 @@ impl Wrench {
     }
 
     /// The same wrench reduced at another point: τ_b = τ_a + (p_a − p_b) × F.
+    ///
+    /// # Examples
+    /// ```
+    /// # use vps::{DVec3, Wrench};
+    /// // 2 N upward at x = 30 mm turn about the y axis of the origin.
+    /// let at_grip = Wrench::new(DVec3::Z * 2.0, DVec3::ZERO);
+    /// let at_origin = at_grip.moved(DVec3::X * 0.03, DVec3::ZERO);
+    /// assert!(at_origin.torque.abs_diff_eq(DVec3::Y * -0.06, 1e-12));
+    /// ```
     pub fn moved(self, from_point: DVec3, to_point: DVec3) -> Self {
         Self { force: self.force, torque: self.torque + (from_point - to_point).cross(self.force) }
     }

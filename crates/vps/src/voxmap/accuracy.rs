@@ -33,6 +33,18 @@ const GOLDEN: f64 = 0.618_033_988_749_895;
 const PLASTIC: [f64; 2] = [0.754_877_666_246_693, 0.569_840_290_998_053];
 
 /// What a baked part tells apart. See the module page.
+///
+/// # Examples
+/// ```
+/// # use vps::{Mesh, Options, Shape, Voxmap};
+/// # let plane = Shape::Plane { x_m: 20e-3, y_m: 20e-3, thickness_m: 4e-3 };
+/// # let plate = Mesh::from_shape(&plane, 1e-5)?;
+/// let accuracy = *Voxmap::bake(&plate, &Options::new(1e-3))?.accuracy(); // a plate of 4 mm
+/// assert!((accuracy.thinnest_wall_m.unwrap() - 4e-3).abs() < 0.1e-3);
+/// assert!((accuracy.sharpest_edge_deg.unwrap() - 90.0).abs() < 0.1);
+/// assert_eq!(accuracy.unseen_depth_m, None, "a voxmap has no points");
+/// # Ok::<(), vps::Error>(())
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Accuracy {
@@ -114,6 +126,14 @@ impl Accuracy {
     ];
 
     /// All figures, in the order of the struct.
+    ///
+    /// # Examples
+    /// ```
+    /// # use vps::Accuracy;
+    /// let accuracy = Accuracy { surface_error_m: Some(1e-5), ..Accuracy::default() };
+    /// let mut figures = Accuracy::NAMES.into_iter().zip(accuracy.figures());
+    /// assert_eq!(figures.nth(1), Some(("surface_error_m", Some(1e-5))));
+    /// ```
     pub fn figures(&self) -> [Option<f64>; 5] {
         let Self {
             sample_error_m,

@@ -26,6 +26,16 @@ use crate::mesh::validate::{MeshReport, inspect};
 use crate::solid::{Solid, SolidOptions, SolidReport};
 
 /// Size and number of the voxels of a bake.
+///
+/// # Examples
+/// ```
+/// # use vps::{DVec3, InsideTest, Mesh, Options, Shape, Voxmap};
+/// let options = Options { layers: 4, sides: InsideTest::Thin, ..Options::new(1e-3) };
+/// # let ball = Mesh::from_shape(&Shape::Sphere { radius_m: 10e-3 }, 1e-5)?;
+/// let skin = Voxmap::bake(&ball, &options)?; // of a ball of 10 mm
+/// assert!(skin.distance(DVec3::X * 7e-3)?.distance_m > 0.0, "a thin skin has no inside");
+/// # Ok::<(), vps::Error>(())
+/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
     /// Voxel edge s, m.
@@ -45,6 +55,13 @@ impl Options {
     pub const DEFAULT_LAYERS: u32 = 8;
 
     /// Voxels of this edge, m, and for the rest what a scene file has where it says nothing.
+    ///
+    /// # Examples
+    /// ```
+    /// # use vps::Options;
+    /// let options = Options::new(0.5e-3);
+    /// assert_eq!((options.voxel_size_m, options.layers), (0.5e-3, Options::DEFAULT_LAYERS));
+    /// ```
     pub fn new(voxel_size_m: f64) -> Self {
         Self {
             voxel_size_m,
@@ -80,6 +97,13 @@ impl BakeStage {
     /// Share of a bake of a voxmap or pointshell that is over when the stage begins, by the mean of
     /// what stages take of block, nut and gear of the shipped models with a million to twenty
     /// million cells.
+    ///
+    /// # Examples
+    /// ```
+    /// # use vps::BakeStage;
+    /// assert_eq!(BakeStage::Load.share(), 0.0);
+    /// assert!(BakeStage::Distance.share() < BakeStage::Report.share());
+    /// ```
     pub fn share(self) -> f64 {
         match self {
             Self::Load | Self::Surface => 0.0,

@@ -48,6 +48,13 @@ pub enum FieldKind {
 
 impl FieldKind {
     /// The names of the scene file.
+    ///
+    /// # Examples
+    /// ```
+    /// # use vps::FieldKind;
+    /// let of_text = FieldKind::NAMES.into_iter().find(|(name, _)| *name == "trilinear");
+    /// assert_eq!(of_text, Some(("trilinear", FieldKind::default())));
+    /// ```
     pub const NAMES: [(&'static str, Self); 4] = [
         ("layers", Self::Layers),
         ("surface-point", Self::SurfacePoint),

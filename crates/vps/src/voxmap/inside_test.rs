@@ -30,6 +30,13 @@ pub enum InsideTest {
 
 impl InsideTest {
     /// The names of the scene file and of the command line.
+    ///
+    /// # Examples
+    /// ```
+    /// # use vps::InsideTest;
+    /// let of_text = InsideTest::NAMES.into_iter().find(|(name, _)| *name == "thin");
+    /// assert_eq!(of_text, Some(("thin", InsideTest::Thin)));
+    /// ```
     pub const NAMES: [(&'static str, Self); 4] = [
         ("auto", Self::Auto),
         ("flood", Self::Flood),

@@ -14,6 +14,7 @@ mod voxmap;
 
 mod both_ways;
 mod errors;
+mod interface;
 mod laws;
 mod refusals;
 
