@@ -32,6 +32,11 @@ mod query;
 ///
 /// Values that cannot be used raise `InvalidInput`, a `ValueError`; files that cannot be read or
 /// written raise `FileError`, an `OSError`.
+///
+/// Examples of the calls have a `block` (Voxmap) of 40 x 40 x 20 mm around its origin, a `cube`
+/// (PointShell) of 10 mm with a corner at its origin, their meshes `block_mesh` and `cube_mesh`,
+/// voxels of 0.5 mm, `query`, which is ContactQuery(block, cube, 2000), the pose `deep`, half a
+/// millimetre deep in the top of the block, [-0.005, -0.005, 0.0095, 0, 0, 0, 1], and a `folder`.
 #[pyo3::pymodule]
 mod hapticd_vps {
     use pyo3::prelude::*;

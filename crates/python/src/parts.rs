@@ -67,6 +67,13 @@ fn vector<'py>(vector: DVec3, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
 /// counter-clockwise seen from outside. Both are copied. Raises InvalidInput: a wrong shape or
 /// dtype, an index out of range, a coordinate that is not finite or farther than 1e9 m from the
 /// origin, no triangle with an area. Cost: linear.
+///
+///     >>> corners = [[0, 0, 0], [0.03, 0, 0], [0, 0.03, 0], [0, 0, 0.03]]
+///     >>> wedge = Mesh(corners, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+///     >>> round(wedge.volume_m3 * 1e6, 6)  # cm³: a sixth of the cube over its edges
+///     4.5
+///     >>> wedge.warnings
+///     []
 #[pyclass(frozen, module = "hapticd_vps")]
 pub(crate) struct Mesh {
     mesh: Arc<vps::Mesh>,
@@ -91,6 +98,10 @@ impl Mesh {
     ///
     /// Raises FileError where the file cannot be read, InvalidInput where its content is no mesh.
     /// Cost: linear in the file.
+    ///
+    ///     >>> size = (folder / "one.obj").write_text("v 0 0 0\nv 30 0 0\nv 0 30 0\nf 1 2 3\n")
+    ///     >>> Mesh.load(folder / "one.obj", 1e-3).vertices.max()
+    ///     0.03
     #[staticmethod]
     #[pyo3(signature = (path, metres_per_unit))]
     fn load(py: Python<'_>, path: PathBuf, metres_per_unit: f64) -> PyResult<Self> {
@@ -183,6 +194,9 @@ impl Mesh {
 
 /// The part that is touched: signed distances on a sparse grid around its surface, mesh frame. It
 /// never changes; threads may share it.
+///
+///     >>> round(block.distance([0, 0, 0.012])[0], 6)  # 2 mm above the block
+///     0.002
 #[pyclass(frozen, module = "hapticd_vps")]
 pub(crate) struct Voxmap {
     pub(crate) voxmap: Arc<vps::Voxmap>,
@@ -201,6 +215,13 @@ impl Voxmap {
     /// with each sentence of `warnings`. Raises InvalidInput: an option out of range, more voxels
     /// than memory holds. Cost: time and memory follow layers x area / voxel size²; all processors;
     /// the same bits for any number of threads.
+    ///
+    ///     >>> round(Voxmap.bake(cube_mesh, 1e-3, layers=4).band_m, 6)  # 3.5 voxels
+    ///     0.0035
+    ///     >>> stages = []
+    ///     >>> shell = Voxmap.bake(cube_mesh, 1e-3, progress=lambda *stage: stages.append(stage))
+    ///     >>> stages[-1]
+    ///     ('done', 1.0)
     #[staticmethod]
     #[pyo3(signature = (mesh, voxel_size_m, *, layers = 8, field = "trilinear", progress = None))]
     fn bake(
@@ -223,6 +244,10 @@ impl Voxmap {
 
     /// Reads a file of `save`. Raises FileError: no such file, or one that is damaged or holds
     /// something else.
+    ///
+    ///     >>> Voxmap.load(folder / "missing")
+    ///     Traceback (most recent call last):
+    ///     FileError: ...
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         let voxmap = py.detach(|| vps::Voxmap::load(path)).map_err(raise)?;
@@ -231,6 +256,10 @@ impl Voxmap {
 
     /// Writes a file that appears whole or not at all; `load` gives the same bits. Raises
     /// FileError.
+    ///
+    ///     >>> block.save(folder / "block.voxmap")
+    ///     >>> Voxmap.load(folder / "block.voxmap").bricks.tobytes() == block.bricks.tobytes()
+    ///     True
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         py.detach(|| self.voxmap.save(path)).map_err(raise)
     }
@@ -254,6 +283,12 @@ impl Voxmap {
     /// point away from the surface outside and to it inside, about 1 long, 0 beyond the band.
     /// Raises InvalidInput: a coordinate that is not finite. Cost: some tens of nanoseconds for
     /// each point on each processor.
+    ///
+    ///     >>> distances, gradients = block.distance([[0, 0, 0.012], [0, 0, 0.009]])
+    ///     >>> distances.round(6).tolist()
+    ///     [0.002, -0.001]
+    ///     >>> gradients.round(3)[:, 2].tolist()  # to the surface inside, away from it outside
+    ///     [1.0, 1.0]
     fn distance<'py>(
         &self,
         py: Python<'py>,
@@ -373,6 +408,9 @@ impl Voxmap {
 
 /// The part that touches: points on its surface with inward normals. It never changes; threads may
 /// share it. `len` is the number of points.
+///
+///     >>> cube.center_of_mass_m.round(6).tolist()  # of 10 mm, in a frame at its corner
+///     [0.005, 0.005, 0.005]
 #[pyclass(frozen, module = "hapticd_vps")]
 pub(crate) struct PointShell {
     pub(crate) shell: Arc<vps::PointShell>,
@@ -405,6 +443,9 @@ impl PointShell {
     ///
     /// Arguments, errors and cost as of `Voxmap.bake`; the stages are "surface", "fill", "layers",
     /// "pointshell" and "report". points: "facets", or "voxels" of the surface, all alike.
+    ///
+    ///     >>> len(PointShell.bake(cube_mesh, 1e-3, points="voxels"))  # 11³ voxels without the 9³ inside
+    ///     602
     #[staticmethod]
     #[pyo3(signature = (mesh, voxel_size_m, *, layers = 8, points = "facets", progress = None))]
     fn bake(
@@ -427,6 +468,11 @@ impl PointShell {
 
     /// Reads a file of `save`. Raises FileError: no such file, or one that is damaged or holds
     /// something else.
+    ///
+    ///     >>> block.save(folder / "block.voxmap")
+    ///     >>> PointShell.load(folder / "block.voxmap")  # a voxmap is another file
+    ///     Traceback (most recent call last):
+    ///     FileError: ...
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         let shell = py.detach(|| vps::PointShell::load(path)).map_err(raise)?;
@@ -435,6 +481,10 @@ impl PointShell {
 
     /// Writes a file that appears whole or not at all; `load` gives the same bits. Raises
     /// FileError.
+    ///
+    ///     >>> cube.save(folder / "cube.shell")
+    ///     >>> len(PointShell.load(folder / "cube.shell")) == len(cube)
+    ///     True
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         py.detach(|| self.shell.save(path)).map_err(raise)
     }

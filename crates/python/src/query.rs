@@ -200,6 +200,10 @@ impl From<NearestPoint> for NearestRecord {
 /// keys. Threads may share a query. Raises InvalidInput: the stiffness is not between 0 and 1e12
 /// N/m, there is no voxmap, or one is not baked for this field. Cost: milliseconds; memory is
 /// shared with all parts.
+///
+///     >>> force = 2000 * 0.01**2 * 0.0005 / 0.0005**2  # stiffness x area x depth / voxel edge²
+///     >>> bool(abs(ContactQuery(block, cube, 2000).wrench(deep)["force_n"][2] - force) < 0.1)
+///     True
 #[pyclass(frozen, module = "hapticd_vps")]
 pub(crate) struct ContactQuery {
     query: vps::ContactQuery,
@@ -247,6 +251,12 @@ impl ContactQuery {
     /// points of the other part presses with its own. The stiffness counts for a square of the
     /// moving shell's voxel edge, and by area for the other one. Contacts of the points of the part
     /// that stands still have the `part` 1. Raises InvalidInput. Cost: as both queries.
+    ///
+    ///     >>> block_shell, cube_map = PointShell.bake(block_mesh, 1e-3), Voxmap.bake(cube_mesh, 1e-3)
+    ///     >>> both = ContactQuery.both_ways((block, block_shell), (cube_map, cube), 2000)
+    ///     >>> force = both.wrench(deep)["force_n"]  # 400 N of the cube's points, less of the block's
+    ///     >>> bool(370 < force[2] < 400)
+    ///     True
     #[staticmethod]
     #[pyo3(signature = (fixed, moving, stiffness_n_per_m = 1000.0, field = "trilinear"))]
     fn both_ways(
@@ -269,6 +279,9 @@ impl ContactQuery {
     /// this, and the force by no more than this over `penetration_m` as a share of it, at most all.
     /// It adds `surface_error_m` of the voxmap, `unseen_depth_m` of the shell and a tenth of its
     /// voxel edge. None of skins, fields other than "trilinear" and points other than "facets".
+    ///
+    ///     >>> query.error_m < 2.5e-4  # half a voxel
+    ///     True
     #[getter]
     fn error_m(&self) -> Option<f64> {
         self.query.error_m()
@@ -306,6 +319,12 @@ impl ContactQuery {
     /// `contacts`, the number of points in contact. Raises InvalidInput, naming the first pose that
     /// is none. Cost: about linear in the points of the shell, never in triangles; many poses use
     /// all processors, with the same bits as one by one.
+    ///
+    ///     >>> felt = query.wrench(deep)
+    ///     >>> felt["force_n"].round(1)[2], felt["penetration_m"].round(6)
+    ///     (400.0, 0.0005)
+    ///     >>> query.wrench([deep, [0, 0, 0.05, 0, 0, 0, 1]])["contacts"][1]
+    ///     0
     fn wrench<'py>(
         &self,
         py: Python<'py>,
@@ -352,6 +371,12 @@ impl ContactQuery {
     /// the quickest way out, beyond the band it may be zero; `force_n` (3,), N, of this contact on
     /// the shell; `depth_m`; `area_m2` that it stands for, 0 of probes; `part`, the number of the
     /// voxmap; `point`, the number of the point. Raises InvalidInput.
+    ///
+    ///     >>> contacts = query.contacts(deep)
+    ///     >>> contacts["force_n"].sum(axis=0).round(1)[2]
+    ///     400.0
+    ///     >>> contacts["depth_m"].max().round(6)
+    ///     0.0005
     fn contacts<'py>(
         &self,
         py: Python<'py>,
@@ -372,6 +397,9 @@ impl ContactQuery {
     /// rad, about the origin of the shell's mesh frame, world axes. Symmetric: rows are
     /// -d force_n / dx and -d torque_nm / dx, whose part by turns is taken symmetric. Not always
     /// positive: convex contact pivots away. Raises InvalidInput. Cost: as `wrench`.
+    ///
+    ///     >>> query.stiffness(deep)[2, 2].round()  # N/m: 2000 for each of 400 squares of a voxel
+    ///     800000.0
     fn stiffness<'py>(
         &self,
         py: Python<'py>,
@@ -387,6 +415,10 @@ impl ContactQuery {
     /// their mean gradient by force; `force_n` (3,), N, on the shell, which add up to that of the
     /// pose; `position_m` (3,), their mean place by force; `area_m2` of the facets that touch, be it
     /// in part; `depth_m` of the deepest; `part`; `contacts`, how many. Raises InvalidInput.
+    ///
+    ///     >>> [patch] = query.patches(deep)
+    ///     >>> patch["normal"].round(3).tolist(), patch["force_n"].round(1)[2]
+    ///     ([0.0, 0.0, 1.0], 400.0)
     fn patches<'py>(
         &self,
         py: Python<'py>,
@@ -403,6 +435,10 @@ impl ContactQuery {
     /// `on_shell_m` (3,), the point, and `on_part_m` (3,), the place on the surface of the part, m,
     /// world; `distance_m`, the clearance; `part`; `point`. None where something touches, and beyond
     /// the least band less a voxel. Raises InvalidInput. Cost: as `wrench`.
+    ///
+    ///     >>> nearest = query.nearest([-0.005, -0.005, 0.012, 0, 0, 0, 1])  # 2 mm above the block
+    ///     >>> nearest["distance_m"].round(6), nearest["on_part_m"].round(6)[2]
+    ///     (0.002, 0.01)
     fn nearest<'py>(
         &self,
         py: Python<'py>,
@@ -424,6 +460,11 @@ impl ContactQuery {
     /// At the pose it touches, a motion by `tolerance_m` before it did not. Parts may be thin: only
     /// contact that ends again within a way of the tolerance may be missed. Raises InvalidInput.
     /// Cost: few queries in the open, and close along a part the way over the tolerance.
+    ///
+    ///     >>> high, low = [-0.005, -0.005, 0.02, 0, 0, 0, 1], [-0.005, -0.005, 0, 0, 0, 0, 1]
+    ///     >>> share, pose = query.first_contact(high, low)
+    ///     >>> round(share, 2), pose.round(3)[2]
+    ///     (0.5, 0.01)
     #[pyo3(signature = (from_pose, to_pose, tolerance_m = 1e-5))]
     fn first_contact<'py>(
         &self,

@@ -18,14 +18,18 @@ def box(low: list[float], high: list[float]) -> vps.Mesh:
     return vps.Mesh(vertices, faces)
 
 
+BLOCK = box([-0.02, -0.02, -0.01], [0.02, 0.02, 0.01])
+CUBE = box([0, 0, 0], [0.01, 0.01, 0.01])
+
+
 @pytest.fixture(scope="session")
 def block() -> vps.Voxmap:
-    return vps.Voxmap.bake(box([-0.02, -0.02, -0.01], [0.02, 0.02, 0.01]), VOXEL_M)
+    return vps.Voxmap.bake(BLOCK, VOXEL_M)
 
 
 @pytest.fixture(scope="session")
 def cube() -> vps.PointShell:
-    return vps.PointShell.bake(box([0, 0, 0], [0.01, 0.01, 0.01]), VOXEL_M)
+    return vps.PointShell.bake(CUBE, VOXEL_M)
 
 
 @pytest.fixture(scope="session")
