@@ -228,20 +228,23 @@ impl Kernel for Ceilings<'_> {
         let extent = L::load(radius) / size + L::splat(margin_cells);
         // SAFETY: each is a brick of the grid, and by the invariant of the bounds there is one
         // entry for it.
-        let (around, clearance) = unsafe {
+        let (around, clearance, far) = unsafe {
             (
                 L::gather(bounds.max_depth_nearby_m(), brick),
                 L::gather(bounds.clearance_cells(), brick),
+                L::gather(bounds.far_cells(), brick),
             )
         };
         let by_spread = (extent * extent + L::splat(SPREAD_CELLS_SQUARED)).sqrt();
         let rises = by_spread.min(extent / L::splat(LEAST_SLOPE)) + L::splat(bounds.jump_cells());
         let by_field = grid.no_more_than(on_grid, base, brick) + rises * size;
         let near = L::select(extent.lt(L::splat(AROUND_CELLS)), around.min(by_field), by_field);
+        let off_grid = distance_squared(lattice, on_grid);
+        let is_far = extent.lt((off_grid + far * far).sqrt());
         let mut ceilings = [[0.0; CHILDREN]; 2];
         let [highest, reached] = &mut ceilings;
-        grid.outside.max(near).store(highest);
-        let free = (distance_squared(lattice, on_grid) + clearance * clearance).sqrt();
+        L::select(is_far, grid.outside, grid.outside.max(near)).store(highest);
+        let free = (off_grid + clearance * clearance).sqrt();
         by_field.min((extent - free) * size).store(reached);
         ceilings
     }

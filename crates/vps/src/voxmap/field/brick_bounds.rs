@@ -34,9 +34,9 @@ const ROUNDING: f32 = 1e-6;
 /// them: distances are exact, so the side changes there by itself, cells.
 const JUMP_CELLS: f32 = 0.05;
 
-/// See the module page. Invariant: `dims` are positive, `top`, `max_depth_m`, `max_depth_nearby_m`
-/// and `clearance_cells` have one entry per brick, the creases are consistent, every slot of `top` is one of `samples_m`, and
-/// all samples can be counted by an `i32`.
+/// See the module page. Invariant: `dims` are positive, `top`, `max_depth_m`, `max_depth_nearby_m`,
+/// `clearance_cells` and `far_cells` have one entry per brick, the creases are consistent, every slot
+/// of `top` is one of `samples_m`, and all samples can be counted by an `i32`.
 #[derive(Debug)]
 pub(crate) struct BrickBounds {
     dims: [i32; 3],
@@ -46,6 +46,7 @@ pub(crate) struct BrickBounds {
     padded: SharedSlice<Pair>,
     max_depth_nearby_m: SharedSlice<f32>,
     clearance_cells: SharedSlice<f32>,
+    far_cells: SharedSlice<f32>,
     band_m: f32,
     skin_m: f32,
     voxel_size_m: f32,
@@ -109,7 +110,8 @@ impl BrickBounds {
                     .map_or(f32::INFINITY, |look| look.highest_m + skin_m + margin_m),
             })
             .collect();
-        let clearance_cells = clearance_cells(&max_depth_m, -reach_m, *dims);
+        let clearance_cells = gaps_cells(&max_depth_m, -reach_m, *dims);
+        let far_cells = gaps_cells(&max_depth_m, skin_m - band_m, *dims);
         let max_depth_nearby_m = max_nearby(&max_depth_m, *dims, skin_m - band_m);
         let jump_cells =
             looks.iter().map(|look| look.steepest_m / voxel_size_m - 1.0).fold(0.0, f32::max);
@@ -118,6 +120,7 @@ impl BrickBounds {
             top: top.clone(),
             samples_m: samples_m.clone(),
             clearance_cells: clearance_cells.into(),
+            far_cells: far_cells.into(),
             padded: padded(top, &max_depth_m, *dims, skin_m - band_m).into(),
             max_depth_m: max_depth_m.into(),
             max_depth_nearby_m: max_depth_nearby_m.into(),
@@ -192,6 +195,13 @@ impl BrickBounds {
     #[inline]
     pub(crate) fn clearance_cells(&self) -> &[f32] {
         &self.clearance_cells
+    }
+
+    /// `[n_bricks]`, cells: from any place in the brick to anything higher than where everything is
+    /// far, at least.
+    #[inline]
+    pub(crate) fn far_cells(&self) -> &[f32] {
+        &self.far_cells
     }
 
     /// The middle of the first brick from this one on that the surface may run through, cells;
@@ -332,14 +342,14 @@ fn max_nearby(max_depth_m: &[f32], dims: [i32; 3], outside_m: f32) -> Vec<f32> {
     max_depth_nearby_m
 }
 
-/// Gaps between the cube of each brick and those that can touch, which reach above a depth, cells. As the gap along an axis is
-/// one brick less than the difference of the numbers, it is measured to the bricks that can touch
+/// Gaps between the cube of each brick and those that reach above a depth, cells. As the gap along an
+/// axis is one brick less than the difference of the numbers, it is measured to the bricks that do
 /// and their 26 neighbours.
-fn clearance_cells(max_depth_m: &[f32], touching_m: f32, dims: [i32; 3]) -> Vec<f32> {
+fn gaps_cells(max_depth_m: &[f32], above_m: f32, dims: [i32; 3]) -> Vec<f32> {
     const FAR: u32 = ROOM_BRICKS * ROOM_BRICKS;
     let axes = axes(dims);
     let mut squares: Vec<u32> =
-        max_depth_m.iter().map(|ceiling| if *ceiling > touching_m { 0 } else { FAR }).collect();
+        max_depth_m.iter().map(|ceiling| if *ceiling > above_m { 0 } else { FAR }).collect();
     for (n, stride) in axes {
         along(&mut squares, n, stride, |line, k| {
             let beside = |k: usize| line.get(k).copied().unwrap_or(FAR);
@@ -449,27 +459,30 @@ mod tests {
     }
 
     #[test]
-    fn no_room_exceeds_the_distance_to_anything_that_touches() {
+    fn no_room_exceeds_the_distance_to_anything_that_touches_or_is_not_far() {
         for field in fields() {
             let bounds = BrickBounds::of(&field).expect("bounds");
             let places = places(&field, 6000);
-            let touching: Vec<Vec3> = places
-                .iter()
-                .copied()
-                .filter(|place| field.trilinear::<true>(*place) > 0.0)
-                .collect();
-            let mut largest = 0.0_f32;
-            for place in places {
-                let Some(brick) = brick_at(&bounds, place) else { continue };
-                let clearance = bounds.clearance_cells()[brick];
-                largest = largest.max(clearance);
-                let nearest = touching
+            let far_m = bounds.skin_m() - bounds.band_m();
+            for (above_m, cells) in [(0.0, bounds.clearance_cells()), (far_m, bounds.far_cells())] {
+                let higher: Vec<Vec3> = places
                     .iter()
-                    .map(|other| place.distance(*other))
-                    .fold(f32::INFINITY, f32::min);
-                assert!(clearance <= nearest, "{place}: {clearance} to {nearest}");
+                    .copied()
+                    .filter(|place| field.trilinear::<true>(*place) > above_m)
+                    .collect();
+                let mut largest = 0.0_f32;
+                for place in &places {
+                    let Some(brick) = brick_at(&bounds, *place) else { continue };
+                    let clearance = cells[brick];
+                    largest = largest.max(clearance);
+                    let nearest = higher
+                        .iter()
+                        .map(|other| place.distance(*other))
+                        .fold(f32::INFINITY, f32::min);
+                    assert!(clearance <= nearest, "{place}: {clearance} to {nearest}");
+                }
+                assert!(above_m < 0.0 || largest >= 8.0, "some brick is clear: {largest}");
             }
-            assert!(largest >= 8.0, "some brick is clear: {largest}");
         }
     }
 
@@ -483,9 +496,10 @@ mod tests {
                     bounds.top().len(),
                     bounds.max_depth_m().len(),
                     bounds.max_depth_nearby_m().len(),
-                    bounds.clearance_cells().len()
+                    bounds.clearance_cells().len(),
+                    bounds.far_cells().len()
                 ],
-                [n_bricks; 4]
+                [n_bricks; 5]
             );
             assert!(bounds.top().iter().all(|slot| *slot >= DEEP_INSIDE || (*slot as usize) < bounds.samples_m().len()));
             for from_brick in [0, 1, n_bricks / 2, n_bricks - 1, n_bricks, usize::MAX / 2] {
