@@ -12,8 +12,9 @@
 
 use glam::{Vec2, Vec3};
 
+use super::contact_block::ContactBlock;
 use super::immersion::FacetRange;
-use super::kernel::{Depths, Place};
+use super::kernel::Place;
 use crate::pointshell::shell::{LANES, Lanes3};
 use crate::voxmap::field::Field;
 use crate::voxmap::field::brick_bounds::BrickBounds;
@@ -50,7 +51,7 @@ impl<'a> CreasesAt<'a> {
 
     /// Puts what the planes about the middle of a facet say of it into `over`; false where there
     /// are none. RT: safe.
-    #[inline]
+    #[inline(always)]
     pub(super) fn over(&self, middle: Vec3, [a, b]: [Vec3; 2], over: &mut OverPlanes) -> bool {
         over.n = 0;
         let cells = self.place.cells(middle);
@@ -72,7 +73,7 @@ impl<'a> CreasesAt<'a> {
     }
 
     /// How a facet meets the planes about its middle; `None` where there are none. RT: safe.
-    #[inline]
+    #[inline(always)]
     pub(super) fn meet(
         &self,
         middle: Vec3,
@@ -100,41 +101,36 @@ impl<'a> CreasesAt<'a> {
 
 impl CreasesAt<'_> {
     /// The same of those lanes of a block that are `near`: what the planes say replaces what
-    /// interpolation has found. RT: safe.
-    #[inline(never)]
+    /// interpolation has found. The largest depth, m. RT: safe.
+    #[inline(always)]
     pub(super) fn meet_all(
         &self,
         near: u16,
         positions: &Lanes3,
         [a, b]: &[Lanes3; 2],
-        limit_m: f32,
-        depths: &mut Depths,
-    ) {
+        touched: &mut ContactBlock,
+    ) -> f32 {
         let mut over = OverPlanes::NONE;
         for lane in (0..LANES).filter(|lane| near >> lane & 1 == 1) {
             let half_axes = [a.get(lane), b.get(lane)];
-            let met = self.meet(positions.get(lane), half_axes, limit_m, &mut over);
-            let Some(met) = met else { continue };
+            let met = self.meet(positions.get(lane), half_axes, touched.limit_m, &mut over);
+            let (Some(met), Some(depth_m)) = (met, touched.depths_m.get_mut(lane)) else {
+                continue;
+            };
             let bit = 1 << lane;
-            let own_depth_m = depths.depths_m.0.get_mut(lane);
-            let own_depth_m = own_depth_m.unwrap_or(&mut depths.max_m);
             if !met.touches {
-                depths.touching &= !bit;
-                *own_depth_m = own_depth_m.min(0.0);
+                touched.lanes &= !bit;
+                *depth_m = depth_m.min(0.0);
                 continue;
             }
-            *own_depth_m = met.depth_m;
-            depths.touching |= bit;
-            depths.clipped |= if met.is_clipped { bit } else { 0 };
-            depths.gradients.set(lane, met.gradient);
-            for shortfalls_m in &mut depths.shortfalls_m {
-                if let Some(shortfall_m) = shortfalls_m.0.get_mut(lane) {
-                    *shortfall_m = 0.0;
-                }
-            }
+            *depth_m = met.depth_m;
+            touched.lanes |= bit;
+            touched.clipped |= if met.is_clipped { bit } else { 0 };
+            touched.gradients.set(lane, met.gradient);
+            touched.set_shortfalls(lane, [0.0; 2]);
         }
         // What is not a number does not count.
-        depths.max_m = depths.depths_m.0.into_iter().fold(f32::NEG_INFINITY, f32::max);
+        touched.depths_m.into_iter().fold(f32::NEG_INFINITY, f32::max)
     }
 }
 

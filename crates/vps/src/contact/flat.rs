@@ -91,10 +91,13 @@ pub(super) fn blocks(
                 let range = FacetRange::of(half_axes, gradient, extents.limit_m());
                 let mut shortfalls_m = [0.0; 2];
                 if range.is_near(depth_m) {
-                    shortfalls_m = [-1.0, 1.0].map(|sign| {
+                    let shortfall_m = |sign: f32| {
                         let end = place.cells(positions.get(lane) + range.way * sign);
                         range.shortfall_m(depth_m, (sign, field.value(kind, end, normal_map)))
-                    });
+                    };
+                    // The outer half of a facet whose centroid is outside does not count.
+                    let outer_m = if depth_m > 0.0 { shortfall_m(-1.0) } else { 0.0 };
+                    shortfalls_m = [outer_m, shortfall_m(1.0)];
                 }
                 if range.with_shortfalls(shortfalls_m).touches(depth_m) {
                     touched.lanes |= 1 << lane;

@@ -13,8 +13,9 @@
 use glam::{Mat3, Vec3};
 
 use super::clip::CreasesAt;
+use super::contact_block::ContactBlock;
 use super::immersion::{Extents, Range};
-use crate::pointshell::shell::{LANES, Lanes, Lanes3};
+use crate::pointshell::shell::{LANES, Lanes3};
 use crate::pointshell::tree::{CHILDREN, Spheres};
 use crate::simd::{AHEAD, F32s, F32x8, I32s, Kernel};
 use crate::spatial::Pose;
@@ -75,18 +76,11 @@ impl Place {
 /// V of the points of a block.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Depths {
-    /// m; of a point that was not interpolated its brick's largest depth instead, which is no more
-    /// than the floor asked for.
-    pub(super) depths_m: Lanes,
-    /// Gradient of V where some lane touches, m/m, tool axes; zero where V is uniform.
-    pub(super) gradients: Lanes3,
-    /// By how much the ends of facets are less deep than the gradient says, m.
-    pub(super) shortfalls_m: [Lanes; 2],
-    /// One bit per lane: V > 0, or of a facet more than minus what it ranges by over the facet.
-    pub(super) touching: u16,
-    /// Those of them over which more than one plane of the obstacle counts.
-    pub(super) clipped: u16,
-    /// Largest of them, m; lanes that are not a number do not count.
+    /// The block as it touches, if any of its lanes does. V of a point that was not interpolated is
+    /// its brick's largest depth, which is no more than the floor asked for; gradients are there
+    /// where some lane touches.
+    pub(super) touched: ContactBlock,
+    /// Largest of the depths, m; lanes that are not a number do not count.
     pub(super) max_m: f32,
 }
 
@@ -122,7 +116,7 @@ where
                 points.prefetch();
             }
             let Some(points) = positions.get(block as usize) else { continue };
-            let depths = grid.depths(block as usize, points, extents, floor(max_m));
+            let depths = grid.depths(block, points, extents, floor(max_m));
             max_m = if depths.max_m > max_m { depths.max_m } else { max_m };
             found(block, &depths);
         }
@@ -449,25 +443,20 @@ impl<'a, L: F32s<LANES>> Grid<'a, L, LANES> {
     #[inline(always)]
     fn depths(
         &self,
-        block: usize,
+        number: u32,
         positions: &Lanes3,
         extents: Extents<'_>,
         floor_m: f32,
     ) -> Depths {
+        let block = number as usize;
         let reach_m = extents.reach_m(block);
         let reach = L::splat(reach_m);
         let Lanes3 { x, y, z } = positions;
         let points = [L::load(&x.0), L::load(&y.0), L::load(&z.0)];
         let whole_reach_m = extents.whole_reach_m(block);
         let (values, gradient) = self.look_up(points, (floor_m.min(-whole_reach_m), reach));
-        let mut depths = Depths {
-            depths_m: Lanes([0.0; LANES]),
-            gradients: Lanes3::ZERO,
-            shortfalls_m: [Lanes([0.0; LANES]); 2],
-            touching: 0,
-            clipped: 0,
-            max_m: 0.0,
-        };
+        let limit_m = extents.limit_m();
+        let mut touched = ContactBlock { block: number, limit_m, ..ContactBlock::NONE };
         let none = L::splat(0.0);
         if (none - reach).lt(values).bits() != 0 {
             let deepest = match extents.half_axes(block) {
@@ -476,27 +465,28 @@ impl<'a, L: F32s<LANES>> Grid<'a, L, LANES> {
                     let near = range.near(values);
                     let mut far = none;
                     if near.bits() != 0 {
-                        let [at_near, at_far] = &mut depths.shortfalls_m;
-                        let found = self.look_up_end(points, &range, near, -1.0);
-                        range.shortfall(near, values, (-1.0, found)).store(&mut at_near.0);
-                        let found = self.look_up_end(points, &range, near, 1.0);
-                        far = range.shortfall(near, values, (1.0, found));
+                        let [at_near, at_far] = &mut touched.shortfalls_m;
+                        // The outer half of a facet whose centroid is outside does not count.
+                        let inside = near & none.lt(values);
+                        let ends = self.look_up_ends(positions, points, &range, [inside, near]);
+                        range.shortfall(inside, values, (-1.0, ends[0])).store(&mut at_near.0);
+                        far = range.shortfall(near, values, (1.0, ends[1]));
                         far.store(&mut at_far.0);
                     }
                     range.deepest(values, far)
                 }
                 None => values,
             };
-            depths.touching = none.lt(deepest).bits() as u16;
+            touched.lanes = none.lt(deepest).bits() as u16;
         }
-        if depths.touching != 0 {
+        if touched.lanes != 0 {
             let [x, y, z] = gradient;
-            x.store(&mut depths.gradients.x.0);
-            y.store(&mut depths.gradients.y.0);
-            z.store(&mut depths.gradients.z.0);
+            x.store(&mut touched.gradients.x.0);
+            y.store(&mut touched.gradients.y.0);
+            z.store(&mut touched.gradients.z.0);
         }
-        depths.max_m = values.max(L::splat(f32::NEG_INFINITY)).max_lane();
-        values.store(&mut depths.depths_m.0);
+        let mut max_m = values.max(L::splat(f32::NEG_INFINITY)).max_lane();
+        values.store(&mut touched.depths_m);
         let near = L::splat(-whole_reach_m).lt(values);
         if near.bits() != 0
             && extents.meets_planes(block)
@@ -505,11 +495,10 @@ impl<'a, L: F32s<LANES>> Grid<'a, L, LANES> {
             let creased = near & self.creased(points);
             if creased.bits() != 0 {
                 let at = CreasesAt::of(self.bounds, self.place);
-                let limit_m = extents.limit_m();
-                at.meet_all(creased.bits() as u16, positions, half_axes, limit_m, &mut depths);
+                max_m = at.meet_all(creased.bits() as u16, positions, half_axes, &mut touched);
             }
         }
-        depths
+        Depths { touched, max_m }
     }
 
     /// A mask: points in cells that have planes or patches.
@@ -518,14 +507,23 @@ impl<'a, L: F32s<LANES>> Grid<'a, L, LANES> {
         let creases = self.bounds.creases();
         let lattice = self.lattice(points);
         let base = [lattice[0].floored(), lattice[1].floored(), lattice[2].floored()];
-        let bricks = eighths(base);
-        let off = self.off(bricks);
         let zero = L::Int::splat(0);
-        let brick = L::Int::select(off, zero, self.brick(bricks));
-        // SAFETY: lanes that are not on the grid read entry 0; by the invariant of the bounds there
-        // is one entry per brick, as there are creases.
-        let entries = unsafe { L::Int::gather(creases.of_brick(), brick) };
-        let has_entry = L::Int::select(off, zero, entries.gt(L::Int::splat(-1)));
+        let (entries, has_entry) = match only_brick::<L, LANES>(base) {
+            Some(brick) => {
+                let entry = self.number(brick).and_then(|brick| creases.of_brick().get(brick));
+                let entries = L::Int::splat(entry.map_or(-1, |entry| *entry as i32));
+                (entries, entries.gt(L::Int::splat(-1)))
+            }
+            None => {
+                let bricks = eighths(base);
+                let off = self.off(bricks);
+                let brick = L::Int::select(off, zero, self.brick(bricks));
+                // SAFETY: lanes that are not on the grid read entry 0; by the invariant of the
+                // bounds there is one entry per brick, as there are creases.
+                let entries = unsafe { L::Int::gather(creases.of_brick(), brick) };
+                (entries, L::Int::select(off, zero, entries.gt(L::Int::splat(-1))))
+            }
+        };
         if has_entry.is_zero() {
             return zero;
         }
@@ -538,6 +536,36 @@ impl<'a, L: F32s<LANES>> Grid<'a, L, LANES> {
         L::Int::select(own.eq(zero), zero, has_entry)
     }
 
+    /// V at the outer and at the inner ends of the facets of some lanes; of few at once.
+    #[inline(always)]
+    fn look_up_ends(
+        &self,
+        positions: &Lanes3,
+        points: [L; 3],
+        range: &Range<L>,
+        [outer, inner]: [L::Int; 2],
+    ) -> [L; 2] {
+        let [outer_lanes, inner_lanes] = [outer.bits(), inner.bits()];
+        let n_inner = inner_lanes.count_ones();
+        if !L::PACKS || outer_lanes.count_ones() + n_inner > LANES as u32 {
+            let found_inner = self.look_up_end(points, range, inner, 1.0);
+            if outer_lanes == 0 {
+                return [L::splat(0.0), found_inner];
+            }
+            return [self.look_up_end(points, range, outer, -1.0), found_inner];
+        }
+        let behind = u32::from(u16::MAX) & u32::from(u16::MAX) << n_inner;
+        // Lanes that are left over look where one of the others does.
+        let mut ends = splat(positions.get(inner_lanes.trailing_zeros() as usize));
+        for ((end, point), along) in ends.iter_mut().zip(points).zip(range.way) {
+            let inner_ends = (point + along).packed(inner_lanes, *end);
+            let outer_ends = (point - along).packed(outer_lanes, *end).unpacked(behind);
+            *end = L::select(L::Int::mask(behind), outer_ends, inner_ends);
+        }
+        let found = self.look_up(ends, no_floor()).0;
+        [found.packed(behind, found).unpacked(outer_lanes), found.unpacked(inner_lanes)]
+    }
+
     /// V at one end of the facets of some lanes.
     #[inline(always)]
     fn look_up_end(&self, [x, y, z]: [L; 3], range: &Range<L>, lanes: L::Int, sign: f32) -> L {
@@ -548,8 +576,7 @@ impl<'a, L: F32s<LANES>> Grid<'a, L, LANES> {
             y + along_y.only(lanes) * sign,
             z + along_z.only(lanes) * sign,
         ];
-        // No gradient: nothing is deeper than minus this.
-        self.look_up(end, (f32::NEG_INFINITY, L::splat(f32::NEG_INFINITY))).0
+        self.look_up(end, no_floor()).0
     }
 
     /// V of the points of a block, of no interest up to the floor, and its gradient where some of
@@ -601,14 +628,21 @@ impl<'a, L: F32s<LANES>> Grid<'a, L, LANES> {
         Some((zero, slots, max_depths))
     }
 
+    /// Number of a brick of the grid.
+    #[inline(always)]
+    fn number(&self, [bx, by, bz]: [i32; 3]) -> Option<usize> {
+        let [nx, ny, nz] = self.bounds.dims();
+        let is_off = bx as u32 >= nx as u32 || by as u32 >= ny as u32 || bz as u32 >= nz as u32;
+        (!is_off).then_some(((bx * ny + by) * nz + bz) as usize)
+    }
+
     /// What a brick says of points in it, of interest only above the floor.
     #[inline(always)]
-    fn alone(&self, [bx, by, bz]: [i32; 3], floor_m: f32) -> Alone<'a> {
-        let (bounds, [nx, ny, nz]) = (self.bounds, self.bounds.dims());
-        if bx as u32 >= nx as u32 || by as u32 >= ny as u32 || bz as u32 >= nz as u32 {
+    fn alone(&self, brick: [i32; 3], floor_m: f32) -> Alone<'a> {
+        let bounds = self.bounds;
+        let Some(brick) = self.number(brick) else {
             return Alone::Uniform(bounds.skin_m() - bounds.band_m());
-        }
-        let brick = ((bx * ny + by) * nz + bz) as usize;
+        };
         let max_depth_m = bounds.max_depth_m().get(brick).copied().unwrap_or(f32::INFINITY);
         let samples = || bounds.samples_m().get(bounds.top().get(brick).copied()? as usize);
         if max_depth_m <= floor_m { None } else { samples() }
@@ -621,6 +655,12 @@ impl<'a, L: F32s<LANES>> Grid<'a, L, LANES> {
 enum Alone<'a> {
     Uniform(f32),
     Samples(&'a [f32; APRON_CELLS]),
+}
+
+/// Every V is of interest, and no gradient: nothing is deeper than minus this.
+#[inline(always)]
+fn no_floor<L: F32s<N>, const N: usize>() -> (f32, L) {
+    (f32::NEG_INFINITY, L::splat(f32::NEG_INFINITY))
 }
 
 #[inline(always)]
@@ -788,7 +828,7 @@ mod tests {
                 });
                 let found = found.expect("one block");
                 let mut most_m = f32::NEG_INFINITY;
-                for (lane, depth_m) in found.depths_m.0.into_iter().enumerate() {
+                for (lane, depth_m) in found.touched.depths_m.into_iter().enumerate() {
                     let cells = place.cells(block.get(lane));
                     let value_m = field.value(FieldKind::Trilinear, cells, Vec3::ZERO);
                     let is_read = (depth_m - value_m).abs() < 1e-9;
@@ -796,7 +836,7 @@ mod tests {
                     let is_bound =
                         value_m <= depth_m + 1e-9 && depth_m <= floor_m.max(field.outside_m());
                     assert!(is_read || is_bound, "{cells}: {depth_m} for {value_m}");
-                    assert_eq!(found.touching >> lane & 1 == 1, depth_m > 0.0);
+                    assert_eq!(found.touched.lanes >> lane & 1 == 1, depth_m > 0.0);
                     most_m = most_m.max(depth_m);
                 }
                 assert_eq!([found.max_m, max_m], [most_m; 2]);
@@ -968,7 +1008,7 @@ mod tests {
                     which: core::iter::once(0),
                     floor: |_| f32::NEG_INFINITY,
                     found: |_, depths: &Depths| {
-                        for (depth_m, cells) in depths.depths_m.0.iter().zip(cells) {
+                        for (depth_m, cells) in depths.touched.depths_m.iter().zip(cells) {
                             let value_m = field.value(FieldKind::Trilinear, cells, Vec3::ZERO);
                             assert!(
                                 (depth_m - value_m).abs() < 1e-7,

@@ -78,10 +78,10 @@ impl Samples {
         if n == 0 {
             return f32::NEG_INFINITY;
         }
-        let found = |_, depths: &Depths| {
+        let found = |_, Depths { touched: found, .. }: &Depths| {
             let mut last: Option<ContactBlock> = None;
             for (lane, (point, weight)) in points.into_iter().enumerate().take(n) {
-                if depths.touching >> lane & 1 == 0 {
+                if found.lanes >> lane & 1 == 0 {
                     continue;
                 }
                 let block = point / LANES as u32;
@@ -96,13 +96,13 @@ impl Samples {
                     ..ContactBlock::NONE
                 });
                 one.lanes |= 1 << lane_of_block;
-                one.clipped |= (depths.clipped >> lane & 1) << lane_of_block;
+                one.clipped |= (found.clipped >> lane & 1) << lane_of_block;
                 if let (Some(depth_m), Some(of_lane)) =
-                    (depths.depths_m.0.get(lane), one.depths_m.get_mut(lane_of_block))
+                    (found.depths_m.get(lane), one.depths_m.get_mut(lane_of_block))
                 {
                     *of_lane = *depth_m;
-                    one.gradients.set(lane_of_block, depths.gradients.get(lane));
-                    let shortfalls_m = depths.shortfalls_m.map(|of| of.0.get(lane).copied());
+                    one.gradients.set(lane_of_block, found.gradients.get(lane));
+                    let shortfalls_m = found.shortfalls_m.map(|of| of.0.get(lane).copied());
                     one.set_shortfalls(lane_of_block, shortfalls_m.map(Option::unwrap_or_default));
                 }
             }

@@ -321,18 +321,9 @@ fn all(
             continue;
         }
         let which = (first..).take(CHILDREN).filter(|block| above >> (block - first) & 1 == 1);
-        let found = |block, depths: &Depths| {
-            if depths.touching != 0 {
-                touched.push(ContactBlock {
-                    block,
-                    lanes: depths.touching,
-                    clipped: depths.clipped,
-                    weight: 1.0,
-                    limit_m: extents.limit_m(),
-                    depths_m: depths.depths_m.0,
-                    gradients: depths.gradients,
-                    shortfalls_m: depths.shortfalls_m,
-                });
+        let found = |_, depths: &Depths| {
+            if depths.touched.lanes != 0 {
+                touched.push(depths.touched);
             }
         };
         let floor = |max_m: f32| floor(max_m.max(highest_m));

@@ -691,17 +691,8 @@ impl Query<'_> {
         let leaves = leaves.iter().copied();
         let found = |leaf: u32, depths: &Depths| {
             n_looked_at += LANES as u32;
-            if depths.touching != 0 {
-                touched.push(ContactBlock {
-                    block: leaf,
-                    lanes: depths.touching,
-                    clipped: depths.clipped,
-                    weight: 1.0,
-                    limit_m,
-                    depths_m: depths.depths_m.0,
-                    gradients: depths.gradients,
-                    shortfalls_m: depths.shortfalls_m,
-                });
+            if depths.touched.lanes != 0 {
+                touched.push(depths.touched);
                 return;
             }
             let block = first + leaf as usize / CHILDREN;

@@ -167,6 +167,40 @@ pub(crate) trait F32s<const N: usize>:
     fn only(self, mask: Self::Int) -> Self;
     /// `yes` where the mask holds, `no` elsewhere.
     fn select(mask: Self::Int, yes: Self, no: Self) -> Self;
+    /// [`Self::packed`] and [`Self::unpacked`] take one instruction.
+    const PACKS: bool = false;
+
+    /// These lanes first, in their order, and `rest` in the others.
+    #[inline(always)]
+    fn packed(self, lanes: u32, rest: Self) -> Self {
+        let [mut from, mut packed] = [[0.0; N]; 2];
+        self.store(&mut from);
+        rest.store(&mut packed);
+        let mut to = packed.iter_mut();
+        for (lane, number) in from.iter().enumerate() {
+            if lanes >> lane & 1 == 1
+                && let Some(to) = to.next()
+            {
+                *to = *number;
+            }
+        }
+        Self::load(&packed)
+    }
+    /// The first lanes where these are, in their order, and 0 in the others.
+    #[inline(always)]
+    fn unpacked(self, lanes: u32) -> Self {
+        let [mut packed, mut unpacked] = [[0.0; N]; 2];
+        self.store(&mut packed);
+        let mut from = packed.iter();
+        for (lane, number) in unpacked.iter_mut().enumerate() {
+            if lanes >> lane & 1 == 1
+                && let Some(from) = from.next()
+            {
+                *number = *from;
+            }
+        }
+        Self::load(&unpacked)
+    }
     /// One of eight pairs per lane, by the lowest three bits of `at`: the words, and the numbers.
     fn pick(pairs: [&[Pair; 2]; 4], at: Self::Int) -> (Self::Int, Self);
     /// One number of the table per lane.

@@ -48,6 +48,8 @@ fn all<L: F32s<N>, const N: usize>(
     let le = a.le(b);
     floats(a.only(lt), found);
     floats(L::select(le, a, b), found);
+    floats(a.packed(bits, b), found);
+    floats(a.unpacked(bits), found);
     // What no `i32` holds may become either end.
     let fits = L::splat(-2e9).lt(a) & a.lt(L::splat(2e9));
     let small = L::Int::mask(bits);
@@ -151,6 +153,37 @@ fn every_operation_gives_the_same_bits_on_every_level() {
         };
         for level in SimdLevel::available() {
             assert_eq!(everything(SimdLevel::Portable), everything(level), "{level:?}, {shift}");
+        }
+    }
+}
+
+#[test]
+fn packed_lanes_come_first_in_their_order_and_unpacked_ones_go_back() {
+    struct Packed(u32);
+    impl Kernel for Packed {
+        type Output = [[f32; WIDE]; 2];
+
+        #[inline(always)]
+        fn run<L: F32x8>(self) -> Self::Output {
+            let lanes = L::Wide::load(&core::array::from_fn(|lane| lane as f32));
+            let mut found = [[0.0; WIDE]; 2];
+            let packed = lanes.packed(self.0, L::Wide::splat(-1.0));
+            packed.store(&mut found[0]);
+            packed.unpacked(self.0).store(&mut found[1]);
+            found
+        }
+    }
+    for bits in [0, 1, 0b1000_0000_0010_0110, 0b0101_1011_0110_1101, 0xffff] {
+        let mut of_packed: Vec<f32> =
+            (0_u8..16).filter(|lane| bits >> lane & 1 == 1).map(f32::from).collect();
+        let back: Vec<f32> = (0_u8..16)
+            .map(|lane| if bits >> lane & 1 == 1 { f32::from(lane) } else { 0.0 })
+            .collect();
+        of_packed.resize(WIDE, -1.0);
+        for level in SimdLevel::available() {
+            let [packed, unpacked] = level.run(Packed(bits));
+            assert_eq!(packed.as_slice(), of_packed, "{level:?}, {bits:b}");
+            assert_eq!(unpacked.as_slice(), back, "{level:?}, {bits:b}");
         }
     }
 }

@@ -238,7 +238,7 @@ impl Crease<'_> {
     }
 
     /// Depth below each side, cells, and its gradient. RT: safe.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn sides(&self) -> impl Iterator<Item = (f32, Vec3)> + '_ {
         let at = self.cells.as_dvec3();
         let planes = self.planes.into_iter().flat_map(PlaneSet::planes);
@@ -277,7 +277,7 @@ impl Creases {
     }
 
     /// What the interpolation cell has that a place lies in, cells. RT: safe.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn at(&self, brick_dims: [i32; 3], cells: Vec3) -> Option<Crease<'_>> {
         let [x, y, z] = whole(cells - 0.5);
         let [nx, ny, nz] = brick_dims;

@@ -61,7 +61,7 @@ pub(crate) type PatchDepths = [f32; 8];
 
 /// Depth below a patch, cells, and its gradient, at a place between the samples, from 0 to 1. RT:
 /// safe.
-#[inline]
+#[inline(always)]
 pub(super) fn side([a, b, c, d, e, f, g, h]: &PatchDepths, at: Vec3) -> (f32, Vec3) {
     let mix = |from: f32, to: f32, share: f32| from + share * (to - from);
     // Along z, then y.
