@@ -39,7 +39,7 @@ use crate::voxmap::{Answer, BakeStage, Options, ThinPlace, Volume, announce};
 
 /// Counts up whenever baking gives other bits than before for the same part. A test of the bake
 /// cache holds reference bakes against it.
-pub const GENERATION: u32 = 14;
+pub const GENERATION: u32 = 15;
 
 /// A tessellation's chord error as a share of the voxel edge, so that the voxel size limits
 /// accuracy.

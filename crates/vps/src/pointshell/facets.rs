@@ -16,7 +16,8 @@
 //! - **Edges and corners have probes**, as the deepest place of a convex body on a wall is one of
 //!   them: they say how deep, and press nothing.
 //! - **Voxels with a sharp edge are cut** into eight, and those of the parts that hold the edge once
-//!   more: contact begins there, with less than a voxel immersed.
+//!   more: contact begins there, with less than a voxel immersed. **Tips** are cut down to a
+//!   sixteenth: the ends of pins, and what curves about the apex of a cone, which has no sharp edge.
 //! - Detail finer than the voxels is several faces in one voxel: at most [`GROUPS`] of them.
 //!
 //! # Source
@@ -43,16 +44,23 @@ pub(super) struct FacetPoint {
     pub(super) weight: f64,
     /// Half axes of the rectangle with this second moment of area, s, map axes; the longer first.
     pub(super) half_axes: [DVec3; 2],
-    /// Its voxel holds an edge or a corner.
+    /// Its voxel holds an edge, a corner or a tip.
     pub(super) on_edge: bool,
 }
 
 /// Faces of one voxel that are distinguished; others join the one they are nearest to in direction.
-const GROUPS: usize = 4;
-/// Directions within 30° are one face; an edge between faces further apart is sharp.
-const GROUP_COSINE: f64 = 0.866;
+const GROUPS: usize = 8;
+/// Directions within 30° are one face of a voxel; an edge between faces further apart is sharp.
+const SHARP_COSINE: f64 = 0.866;
+/// About a tip, directions within 15° are one face.
+const ALIKE_COSINE: f64 = 0.966;
 /// Volume that the normals about a corner span at least; those about an edge lie in a plane.
 const CORNER_VOLUME: f64 = 0.2;
+/// The area vector of what turns by no more than 15° is no less than this of its area.
+const FLAT: f64 = 0.985;
+/// Second invariant of the spread of directions in a voxel that is cut as a tip: some 20° along
+/// each of two axes, or a radius of about a voxel.
+const ROUND: f64 = 0.002;
 /// A facet of no more area joins one beside it, s².
 const SLIVER: f64 = 0.4;
 /// If both lie within 10°, and are together no larger than a facet can be.
@@ -63,9 +71,15 @@ const AREA_MAX: f64 = core::f64::consts::SQRT_2;
 const AREA_MIN: f64 = 1e-9;
 /// A voxel with a sharp edge is cut into so many parts along each axis …
 const PARTS: usize = 2;
-/// … and each of these that holds the edge, so often in all: contact begins at edges, and there
-/// less than a voxel is immersed.
-const CUTS: usize = 2;
+/// … and each of these that holds the edge once more: contact begins at edges, and there less than
+/// a voxel is immersed.
+const EDGE_CUTS: usize = 2;
+/// About a tip so often, wherever it curves.
+const TIP_CUTS: usize = 4;
+/// A tip is a corner whose faces look at least so many ways …
+const TIP_WAYS: usize = 6;
+/// … and what is about it lies within so many voxels.
+const TIP_VOXELS: f64 = 2.5;
 /// Corners of one voxel that get a point of their own.
 const CORNERS: usize = 4;
 
@@ -85,6 +99,8 @@ struct Group {
 struct Cell {
     groups: [Group; GROUPS],
     n_groups: usize,
+    /// n nᵀ over all area, s².
+    directions: DMat3,
     /// Length of the sharp edges, and length times middle.
     edge_length: f64,
     edge_moment: DVec3,
@@ -106,7 +122,7 @@ struct Face {
 pub(super) struct Scratch {
     whole: Level,
     /// One per cut.
-    fine: [Level; CUTS],
+    fine: [Level; TIP_CUTS],
     triangles: Vec<u32>,
 }
 
@@ -116,11 +132,14 @@ struct Level {
     faces: Vec<Face>,
     /// Vertices or edges and the face that they belong to, sorted.
     shared: Vec<(u64, u32)>,
+    /// Where the faces meet in a tip, in the block and about it.
+    tips: Vec<DVec3>,
 }
 
 impl Default for Level {
     fn default() -> Self {
-        Self { cells: vec![Cell::EMPTY; BRICK_CELLS], faces: Vec::new(), shared: Vec::new() }
+        let cells = vec![Cell::EMPTY; BRICK_CELLS];
+        Self { cells, faces: Vec::new(), shared: Vec::new(), tips: Vec::new() }
     }
 }
 
@@ -137,7 +156,12 @@ impl Scratch {
         let grid = &map.surface.grid;
         let [x, y, z] =
             brick_origin(grid.brick_coord(map.surface.bricks[slot] as usize)).map(f64::from);
-        let brick = Block { origin: DVec3::new(x, y, z), edge: 1.0, mask: map.surface.masks[slot] };
+        let brick = Block {
+            origin: DVec3::new(x, y, z),
+            edge: 1.0,
+            mask: map.surface.masks[slot],
+            alike: SHARP_COSINE,
+        };
         // The bins have no order, and sums have one.
         self.triangles.clear();
         self.triangles.extend(bins.triangles(slot));
@@ -163,11 +187,12 @@ impl Level {
         for (x, word) in block.mask.iter().enumerate() {
             bits(*word).for_each(|bit| self.cells[x << 6 | bit as usize].clear());
         }
+        self.tips.clear();
         for face in &self.faces {
             add_face(&mut self.cells, face, block);
         }
         let first = self.faces.first().map_or(DVec3::ZERO, |face| face.outward);
-        if self.faces.iter().any(|face| face.outward.dot(first) < GROUP_COSINE) {
+        if self.faces.iter().any(|face| face.outward.dot(first) < SHARP_COSINE) {
             self.add_edges(block);
             self.add_corners(block);
         }
@@ -186,22 +211,32 @@ impl Level {
         for (x, word) in block.mask.iter().enumerate() {
             for bit in bits(*word) {
                 let cell = &self.cells[x << 6 | bit as usize];
-                if finer.len() + 1 == CUTS {
+                if finer.len() + 1 == TIP_CUTS {
                     cell.probes(points);
                 }
-                let Some((fine, finer)) = finer.split_first_mut().filter(|_| cell.is_sharp())
-                else {
+                let place = [x, (bit >> 3) as usize, (bit & 7) as usize];
+                let is_tip = self.is_tip(cell, block, place);
+                let is_cut = is_tip || finer.len() + EDGE_CUTS > TIP_CUTS && cell.is_sharp();
+                let Some((fine, finer)) = finer.split_first_mut().filter(|_| is_cut) else {
                     cell.facets(on_edge, points);
                     continue;
                 };
-                let place = [x, (bit >> 3) as usize, (bit & 7) as usize];
-                let parts = block.parts(place);
+                let alike = if is_tip { ALIKE_COSINE } else { block.alike };
+                let parts = block.parts(place, alike);
                 fine.faces.clear();
                 fine.faces.extend(self.faces.iter().filter(|face| face.reaches(block, place)));
                 fine.fill(&parts);
                 fine.points(&parts, finer, true, points);
             }
         }
+    }
+
+    /// A cell curves about two axes, as the end of a pin, or by much beside a tip.
+    fn is_tip(&self, cell: &Cell, block: &Block, place: [usize; 3]) -> bool {
+        let middle = block.corner(place) + 0.5 * block.edge;
+        let mut tips = self.tips.iter();
+        !cell.is_sharp() && cell.is_round()
+            || tips.any(|tip| tip.distance(middle) < TIP_VOXELS) && cell.curves()
     }
 
     /// Gives what is left of a face in the corner of a voxel to the facet of the same face beside
@@ -263,7 +298,7 @@ impl Level {
 
     /// Convex edges between two faces.
     fn add_edges(&mut self, block: &Block) {
-        let Self { cells, faces, shared } = self;
+        let Self { cells, faces, shared, tips: _ } = self;
         shared.clear();
         for (idx, face) in (0..).zip(faces.iter()) {
             let [a, b, c] = face.vertices;
@@ -278,7 +313,7 @@ impl Level {
             let &[(ends, one), (_, other)] = edge else { continue };
             let one = &faces[one as usize];
             let other = &faces[other as usize];
-            if one.outward.dot(other.outward) >= GROUP_COSINE || !is_below(other, one) {
+            if one.outward.dot(other.outward) >= SHARP_COSINE || !is_below(other, one) {
                 continue;
             }
             if let (Some(from), Some(to)) =
@@ -291,7 +326,7 @@ impl Level {
 
     /// Convex corners: vertices whose faces look three ways.
     fn add_corners(&mut self, block: &Block) {
-        let Self { cells, faces, shared } = self;
+        let Self { cells, faces, shared, tips } = self;
         shared.clear();
         for (idx, face) in (0..).zip(faces.iter()) {
             shared.extend(face.vertices.map(|vertex| (u64::from(vertex), idx)));
@@ -307,17 +342,22 @@ impl Level {
             let pair = first.cross(second);
             let third = farthest(normals(), |normal| pair.dot(normal).abs());
             let mean = normals().sum::<DVec3>();
-            // A corner on the boundary of a cell belongs to the one that holds its faces.
-            let own = block.inside(place).filter(|inside| cells[*inside].n_groups > 0);
-            let beside = || block.inside(place - mean.normalize_or_zero() * (1e-3 * block.edge));
-            let Some(inside) = own.or_else(beside) else { continue };
             let is_convex = || {
                 around
                     .iter()
                     .flat_map(|item| of(item).corners)
                     .all(|corner| (corner - place).dot(mean) <= 0.0)
             };
-            if pair.dot(third).abs() >= CORNER_VOLUME && is_convex() {
+            if pair.dot(third).abs() < CORNER_VOLUME || !is_convex() {
+                continue;
+            }
+            if ways(normals()) >= TIP_WAYS {
+                tips.push(place);
+            }
+            // A corner on the boundary of a cell belongs to the one that holds its faces.
+            let own = block.inside(place).filter(|inside| cells[*inside].n_groups > 0);
+            let beside = || block.inside(place - mean.normalize_or_zero() * (1e-3 * block.edge));
+            if let Some(inside) = own.or_else(beside) {
                 let cell = &mut cells[inside];
                 if cell.n_corners < CORNERS {
                     cell.corners[cell.n_corners] = place;
@@ -348,6 +388,19 @@ fn is_below(face: &Face, of: &Face) -> bool {
     beyond.map(|(corner, _)| (*corner - of.corners[0]).dot(of.outward)).all(|height| height < 0.0)
 }
 
+/// How many ways normals look, each more than 15° from all others, up to [`TIP_WAYS`].
+fn ways(normals: impl Iterator<Item = DVec3>) -> usize {
+    let mut known = [DVec3::ZERO; TIP_WAYS];
+    let mut n_known = 0;
+    for normal in normals {
+        if n_known < TIP_WAYS && known[..n_known].iter().all(|it| it.dot(normal) < ALIKE_COSINE) {
+            known[n_known] = normal;
+            n_known += 1;
+        }
+    }
+    n_known
+}
+
 fn farthest(normals: impl Iterator<Item = DVec3>, by: impl Fn(DVec3) -> f64) -> DVec3 {
     normals
         .map(|normal| (by(normal), normal))
@@ -359,6 +412,7 @@ impl Cell {
     const EMPTY: Self = Self {
         groups: [Group::NOTHING; GROUPS],
         n_groups: 0,
+        directions: DMat3::ZERO,
         edge_length: 0.0,
         edge_moment: DVec3::ZERO,
         corners: [DVec3::ZERO; CORNERS],
@@ -367,11 +421,20 @@ impl Cell {
 
     /// Groups are cleared when they are opened: a brick of them is large.
     fn clear(&mut self) {
-        let Self { groups: _, n_groups, edge_length, edge_moment, corners: _, n_corners } = self;
+        let Self {
+            groups: _,
+            n_groups,
+            directions,
+            edge_length,
+            edge_moment,
+            corners: _,
+            n_corners,
+        } = self;
         (*n_groups, *edge_length, *edge_moment, *n_corners) = (0, 0.0, DVec3::ZERO, 0);
+        *directions = DMat3::ZERO;
     }
 
-    fn add(&mut self, outward: DVec3, Moments { size, first, second }: Moments) {
+    fn add(&mut self, outward: DVec3, alike: f64, Moments { size, first, second }: Moments) {
         let direction = outward;
         let nearness =
             |group: &Group| group.area.dot(direction) / group.area.length().max(AREA_MIN);
@@ -380,7 +443,7 @@ impl Cell {
             used.iter_mut().max_by(|one, other| nearness(one).total_cmp(&nearness(other)));
         let is_full = self.n_groups == GROUPS;
         let group = match nearest {
-            Some(group) if is_full || nearness(group) >= GROUP_COSINE => group,
+            Some(group) if is_full || nearness(group) >= alike => group,
             _ => {
                 self.n_groups += 1;
                 let group = &mut self.groups[self.n_groups - 1];
@@ -388,6 +451,7 @@ impl Cell {
                 group
             }
         };
+        self.directions += outer(outward) * size;
         group.area += outward * size;
         group.size += size;
         group.moment += first;
@@ -396,6 +460,30 @@ impl Cell {
 
     fn is_sharp(&self) -> bool {
         self.edge_length > 0.0 || self.n_corners > 0
+    }
+
+    /// Its faces turn about two axes: see [`ROUND`].
+    fn is_round(&self) -> bool {
+        let (mut size, mut area) = (0.0, DVec3::ZERO);
+        for group in self.groups() {
+            size += group.size;
+            area += group.area;
+        }
+        let spread = self.directions * (1.0 / size) - outer(area / size);
+        let trace = spread.x_axis.x + spread.y_axis.y + spread.z_axis.z;
+        let squares = spread.x_axis.length_squared()
+            + spread.y_axis.length_squared()
+            + spread.z_axis.length_squared();
+        0.5 * (trace * trace - squares) > ROUND
+    }
+
+    /// Its faces turn by more than 15°, and look one way in the whole.
+    fn curves(&self) -> bool {
+        let turns = |(n, one): (usize, &Group)| {
+            self.groups().take(n).any(|other| one.area.dot(other.area) > 0.0)
+        };
+        self.groups().any(|group| group.area.length() < FLAT * group.size)
+            || self.groups().enumerate().any(turns)
     }
 
     fn groups(&self) -> impl Iterator<Item = &Group> {
@@ -503,6 +591,8 @@ struct Block {
     /// Edge of its cells, s.
     edge: f64,
     mask: Mask,
+    /// Cosine of what two directions turn by at most that are one face.
+    alike: f64,
 }
 
 impl Block {
@@ -512,13 +602,14 @@ impl Block {
     }
 
     /// The parts of a cell.
-    fn parts(&self, cell: [usize; 3]) -> Self {
+    fn parts(&self, cell: [usize; 3], alike: f64) -> Self {
         let row = (1_u64 << PARTS) - 1;
         let plane = (0..PARTS).fold(0, |plane, y| plane | row << (8 * y));
         Self {
             origin: self.corner(cell),
             edge: self.edge / PARTS as f64,
             mask: core::array::from_fn(|x| if x < PARTS { plane } else { 0 }),
+            alike,
         }
     }
 
@@ -649,7 +740,7 @@ fn add_polygon(cell: &mut Cell, polygon: &Polygon, outward: DVec3, block: &Block
         moments.add_triangle([first, pair[0], pair[1]], 0.5 * share * twice);
     }
     if moments.size > AREA_MIN {
-        cell.add(outward, moments);
+        cell.add(outward, block.alike, moments);
     }
 }
 
