@@ -4,11 +4,12 @@
 //! nearest step, in the metric of the coupling spring, that moves no contact deeper:
 //!
 //! ```text
-//! minimise ½ (x − x_free)ᵀ K (x − x_free)   subject to   w_j · x ≥ β (V_j − δ),   w = (n, r × n),   K = diag(k_T, k_R)
+//! minimise ½ (x − x_free)ᵀ K (x − x_free) − f·x + ½ xᵀ F x   subject to   w_j · x ≥ β (V_j − δ),
+//!     w = (n, r × n),   K = diag(k_T, k_R),   friction (f, F)
 //! ```
 //!
-//! The multipliers are contact forces in newtons: they press the faces on which friction acts, and
-//! with it they are what the spring pulls against.
+//! The multipliers are contact forces in newtons; friction follows from them
+//! ([`friction`](super::friction)).
 //! δ ([`SLOP_VOXELS`]) is the depth at which the tool comes to rest, so that the contacts which
 //! hold it stay known; β ([`SHARE_PER_TICK`]) is the share of an error that one tick takes away,
 //! less than all of it as normal and gradient differ at edges.
@@ -17,9 +18,9 @@
 //! feasible, gets the balance of penalties instead of forces without bound. That also makes the
 //! programme smooth: ½ |x − x_free|²_K + Σ ½ k_j max(0, violation_j)² is convex, its gradient
 //! piecewise linear, and Newton's method on it, each step cut to the minimum along its line, ends
-//! in a few 6×6 solves at the exact solution. No plane has to be chosen, and of the ticks before only
-//! which points were the deepest is known: one that was and still touches keeps its plane, or the
-//! tool would go to and fro between two points that each ask for the other.
+//! in a few 6×6 solves at the exact solution. No plane has to be chosen. Of the ticks before only the
+//! deepest points are known: one that still touches keeps its plane, or steps would alternate between
+//! two points.
 //!
 //! # Source
 //! ZillesSalisbury1995 and Ortega2007 (god-object, three and six axes), Sagardia2016 (constraint
@@ -231,7 +232,8 @@ impl Planes {
     }
 
     /// The step (m, rad; world) that they and `rubbing` leave of the free step. `None` only on
-    /// non-finite input. RT: safe; O([`NEWTON_STEPS`] · planes). Deterministic.
+    /// non-finite input. RT: safe; O(planes) for each of [`NEWTON_STEPS`], and of [`BISECTIONS`]
+    /// where one ends past its minimum. Deterministic.
     pub(super) fn step(
         &self,
         free: (DVec3, DVec3),
@@ -258,15 +260,20 @@ impl Planes {
     ) -> [f64; FACES] {
         let mut faces = [0.0; FACES];
         for plane in self.planes() {
-            let share = |patch: &Patch| {
-                patch.force_n * plane.normal.dot(patch.normal_world).max(0.0).powi(SAME_WAY)
-            };
-            let all = patches.clone().map(share).sum::<f64>().max(f64::MIN_POSITIVE);
             let force_n = plane.force_n(step);
+            if force_n == 0.0 {
+                continue;
+            }
+            let mut shares = [0.0; FACES];
             for patch in patches.clone() {
-                if let Some(pressed_n) = faces.get_mut(usize::from(patch.face)) {
-                    *pressed_n += force_n * (share(patch) / all);
+                if let Some(share) = shares.get_mut(usize::from(patch.face)) {
+                    let cosine = plane.normal.dot(patch.normal_world).max(0.0);
+                    *share = patch.force_n * cosine.powi(SAME_WAY);
                 }
+            }
+            let all = shares.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+            for (pressed_n, share) in faces.iter_mut().zip(shares) {
+                *pressed_n += force_n * (share / all);
             }
         }
         faces

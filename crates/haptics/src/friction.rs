@@ -54,8 +54,8 @@ impl FrictionWrench {
     }
 }
 
-/// So often at most a step is taken again for faces that slide.
-const MOST_RUBS: usize = 8;
+/// Most repeats of a step for faces that slide.
+const MOST_REPEATS: usize = 8;
 
 /// Pulls that differ by less are the same.
 const NEAR: f64 = 1e-3;
@@ -141,33 +141,35 @@ impl Friction {
         }
     }
 
-    /// Takes a step, and takes it again while faces slide in it that held before, or otherwise than
-    /// they did: that step, and what friction it is made with. `step`: makes one with that friction,
-    /// and says with which velocity it goes against what the tool touches, and what presses each
-    /// face at its end, N. RT: safe, at most [`MOST_RUBS`] steps more.
+    /// Takes a step, and takes it again with the friction of the step before until it no longer
+    /// differs: that step, and its friction. `step`: makes one with that friction; `presses`: with
+    /// which velocity a step goes against what the tool touches, and what presses each face at its
+    /// end, N. RT: safe, at most [`MOST_REPEATS`] steps more.
     pub(super) fn settle<S>(
         &mut self,
-        mut rubbing: FrictionWrench,
+        mut friction: FrictionWrench,
         period_s: f64,
         params: &FrictionParameters,
-        step: impl Fn(&FrictionWrench) -> Option<(S, Twist, [f64; FACES])>,
+        step: impl Fn(&FrictionWrench) -> Option<S>,
+        presses: impl Fn(&S) -> (Twist, [f64; FACES]),
     ) -> Option<(S, FrictionWrench)> {
-        let (mut taken, mut leaves, mut pressed_n) = step(&rubbing)?;
+        let mut taken = step(&friction)?;
         if !params.acts() {
-            return Some((taken, rubbing));
+            return Some((taken, friction));
         }
-        for _ in 0..MOST_RUBS {
+        for repeat in 0..=MOST_REPEATS {
+            let (leaves, pressed_n) = presses(&taken);
             for (element, pressed_n) in self.elements.iter_mut().zip(pressed_n) {
                 element.pressed_n = Some(pressed_n);
             }
             let over = self.over(leaves, period_s, params);
-            if over.is_near(&rubbing) {
+            if repeat == MOST_REPEATS || over.is_near(&friction) {
                 break;
             }
-            rubbing = over;
-            (taken, leaves, pressed_n) = step(&rubbing)?;
+            friction = over;
+            taken = step(&friction)?;
         }
-        Some((taken, rubbing))
+        Some((taken, friction))
     }
 
     /// What the faces of this tick pull with over a step of this velocity against what they touch:
@@ -191,6 +193,8 @@ impl Friction {
     ) -> FrictionWrench {
         let before = self.before.replace(world_from_body).unwrap_or(world_from_body);
         if !params.acts() {
+            // Coefficients are set while it runs: what was stretched before is not felt after.
+            self.elements = [Element::default(); FACES];
             return FrictionWrench::ZERO;
         }
         let mut touching = [false; FACES];
@@ -484,6 +488,18 @@ mod tests {
             "{back:?}"
         );
         assert!(pull(-2e-3).stiffness.0[0][0].abs() < 1e-9, "it slides back");
+    }
+
+    #[test]
+    fn friction_that_comes_back_knows_nothing_of_what_was_stretched_before() {
+        let mut friction = Friction::default();
+        let patch = floor(10.0);
+        let none = FrictionParameters { r#static: 0.0, dynamic: 0.0, ..PARAMS };
+        let mut pull = |x_m, params| friction.update([&patch].into_iter(), at(x_m, 0.0), params);
+        pull(0.0, &PARAMS);
+        assert!(pull(1e-4, &PARAMS).wrench.force.x < -0.9);
+        pull(1e-4, &none);
+        assert_eq!(pull(1e-4, &PARAMS).wrench, Wrench::ZERO);
     }
 
     #[test]

@@ -14,7 +14,7 @@ use super::friction::{Friction, FrictionWrench, Presses};
 use super::limits::Ramp;
 use super::moving_obstacles::ALWAYS_VOXELS;
 use super::params::{CouplingMode, CouplingParameters, FreeSpace, Parameters};
-use vps::contact::planes::{DeepestBefore, DeepestContacts};
+use vps::contact::planes::DeepestContacts;
 use vps::contact::{Contact, ContactSum, ObstacleMotion, Patch, Traversal};
 use vps::spatial::{Mat6, Pose, Twist, Wrench};
 
@@ -78,8 +78,6 @@ pub(super) struct Touch {
     clay: Option<ContactSum>,
     /// What the rope in the clay pulls with, N.
     rope: DVec3,
-    /// For the constraint coupling only.
-    deepest: Option<DeepestContacts>,
     brake: Option<Brake>,
 }
 
@@ -90,7 +88,7 @@ pub(super) struct VirtualTool {
     filter: ShapingFilter,
     friction: Friction,
     /// For the constraint coupling only.
-    deepest_before: DeepestBefore,
+    deepest: DeepestContacts,
     /// What the coupling pulled with in the last tick of free space, which the arm did not feel. Of
     /// that alone a share is kept from the arm while `contact_gain` rises: what contact adds is
     /// felt at once. A gain on the whole wrench would take force away on the way in and give all of
@@ -115,7 +113,7 @@ impl VirtualTool {
             body: Body { pose, twist: Twist::ZERO },
             filter: ShapingFilter::default(),
             friction: Friction::default(),
-            deepest_before: DeepestBefore::default(),
+            deepest: DeepestContacts::default(),
             unfelt: Wrench::ZERO,
             contact_gain: Ramp::default(),
             target: None,
@@ -171,12 +169,9 @@ impl VirtualTool {
     ) -> Touch {
         let body = self.body.pose;
         let mode = query.p.coupling.mode;
-        let mut deepest = (mode == CouplingMode::Constraint)
-            .then(|| DeepestContacts::after(&self.deepest_before));
-        let rigid = query.rigid(body, deepest.as_mut());
-        if let Some(deepest) = &deepest {
-            self.deepest_before = deepest.remember();
-        }
+        self.deepest.begin_tick();
+        let deepest = (mode == CouplingMode::Constraint).then_some(&mut self.deepest);
+        let rigid = query.rigid(body, deepest);
         let Query { traversal, scene, p } = query;
         let mut rope = DVec3::ZERO;
         let clay = clay.zip(scene.clay.as_ref()).map(|(held, clay)| {
@@ -191,7 +186,7 @@ impl VirtualTool {
         let brake =
             braking.and_then(|braking| braking.brake(scene, traversal, &self.body, &contact));
         let way = ObstacleMotion::default();
-        Touch { contact, ended: contact, way, clay, rope, deepest, brake }
+        Touch { contact, ended: contact, way, clay, rope, brake }
     }
 
     /// Friction of what touches.
@@ -214,7 +209,7 @@ impl VirtualTool {
         target: (Pose, Twist),
     ) -> Option<Pull> {
         let Query { scene, p, .. } = *query;
-        let Touch { contact, ended, way, clay, rope, deepest, brake } = touch;
+        let Touch { contact, ended, way, clay, rope, brake } = touch;
         if coupling.mode == CouplingMode::Direct {
             ended.wrench = ended.wrench + rubbing.wrench;
             let wrench = self.direct((scene, p), contact, rubbing, coupling)?;
@@ -273,9 +268,9 @@ impl VirtualTool {
         // What is not felt may be as rough as the encoder, but not late.
         let target_twist = if is_unfelt { went } else { target_twist };
         let step_limit_m = contact.step_limit_m;
-        let mut rubs = *rubbing;
-        let twist = match (coupling.mode, deepest) {
-            (CouplingMode::Constraint, Some(deepest)) => {
+        let mut rubs;
+        let twist = match coupling.mode {
+            CouplingMode::Constraint => {
                 let body = self.body.pose;
                 // As seen from what it touches, which may move.
                 let ObstacleMotion { linear, angular } = contact.obstacle_motion;
@@ -294,13 +289,15 @@ impl VirtualTool {
                     _ => body.transform_vector(contact.normal_body.as_dvec3()),
                 };
                 let slop_m = SLOP_VOXELS * contact.voxel_size_m;
-                let planes = Planes::of(body, coupling, deepest, way_out, slop_m);
-                let rub = |rubbing: &FrictionWrench| {
-                    let step = planes.step(free, coupling, rubbing)?;
-                    Some((step, over_a_tick(step), planes.pressed_n(step, contact.patches())))
+                let planes = Planes::of(body, coupling, &self.deepest, way_out, slop_m);
+                let solve = |rubbing: &FrictionWrench| planes.step(free, coupling, rubbing);
+                let presses = |step: &(DVec3, DVec3)| {
+                    (over_a_tick(*step), planes.pressed_n(*step, contact.patches()))
                 };
                 let params = &p.contact.friction;
-                let (step, _) = self.friction.settle(*rubbing, p.period_s, params, rub)?;
+                let step;
+                (step, rubs) =
+                    self.friction.settle(*rubbing, p.period_s, params, solve, presses)?;
                 over_a_tick((step.0 + linear, step.1 + angular))
             }
             _ => {
@@ -519,10 +516,9 @@ impl VirtualTool {
             )?;
             Some(seen + ground)
         };
-        self.friction.settle(*rubbing, p.period_s, &p.contact.friction, |rubbing| {
-            let twist = step(rubbing)?;
-            let leaves = twist - ground;
-            Some((twist, leaves, presses.pressed_n(contact.patches(), way, leaves)))
+        self.friction.settle(*rubbing, p.period_s, &p.contact.friction, step, |twist| {
+            let leaves = *twist - ground;
+            (leaves, presses.pressed_n(contact.patches(), way, leaves))
         })
     }
 

@@ -444,7 +444,8 @@ impl PointShell {
     /// Arguments, errors and cost as of `Voxmap.bake`; the stages are "surface", "fill", "layers",
     /// "pointshell" and "report". points: "facets", or "voxels" of the surface, all alike.
     ///
-    ///     >>> len(PointShell.bake(cube_mesh, 1e-3, points="voxels"))  # 11³ voxels without the 9³ inside
+    ///     >>> # 11³ voxels without the 9³ inside
+    ///     >>> len(PointShell.bake(cube_mesh, 1e-3, points="voxels"))
     ///     602
     #[staticmethod]
     #[pyo3(signature = (mesh, voxel_size_m, *, layers = 8, points = "facets", progress = None))]

@@ -4,7 +4,7 @@
 //! falls into a bin by the direction that it pushes (26 directions: per axis back, none, forth) and
 //! by the octant of the tool in which it lies; each bin keeps its deepest point, and those that
 //! were its deepest in the ticks before, as long as they touch: which of two points is deeper may
-//! change with every step, and a tool that knew of one alone would go to and fro between them. So a
+//! change with every step, and with the plane of one alone steps would alternate between both. So a
 //! face that rests flat is stood for by its outermost points, an edge by its two sides, and the
 //! cost does not depend on what is chosen: O(1) per record, no allocation.
 //!
@@ -22,7 +22,7 @@ pub const N_BINS: usize = 27 * 8;
 /// Points of a bin that are known from the ticks before.
 const REMEMBERED: usize = 2;
 
-/// As many contacts stand for all at most.
+/// Most contacts that are kept.
 pub const MOST_PLANES: usize = N_BINS * (1 + REMEMBERED);
 
 /// A component of a unit normal counts as a direction of its own from tan 22.5° on, less than 1/√3:
@@ -33,48 +33,36 @@ const COUNTS_FROM: f32 = 0.41;
 /// lever more.
 const OUTWARD_PER_M: f32 = 1e-3;
 
-/// Which points were the deepest of their bin in the ticks before, the last one first: the number
-/// of the obstacle, and that of the point.
-#[derive(Clone, Debug)]
-pub struct DeepestBefore([[Option<(usize, u32)>; REMEMBERED]; N_BINS]);
-
-impl Default for DeepestBefore {
-    fn default() -> Self {
-        Self([[None; REMEMBERED]; N_BINS])
-    }
-}
+/// Number of an obstacle, and of a point.
+type Point = (usize, u32);
 
 /// The deepest contact of every bin.
 #[derive(Clone, Debug)]
 pub struct DeepestContacts {
-    /// Number of the obstacle, and the contact with it: the deepest, and those that were.
+    /// Number of the obstacle, and the contact with it: the deepest, and those of `known` that
+    /// touch.
     bins: [[Option<(usize, Contact)>; 1 + REMEMBERED]; N_BINS],
-    before: DeepestBefore,
+    /// The deepest of the ticks before, the last one first.
+    known: [[Option<Point>; REMEMBERED]; N_BINS],
 }
 
 impl Default for DeepestContacts {
     fn default() -> Self {
-        Self::after(&DeepestBefore::default())
+        Self { bins: [[None; 1 + REMEMBERED]; N_BINS], known: [[None; REMEMBERED]; N_BINS] }
     }
 }
 
 impl DeepestContacts {
-    /// None yet in this tick.
-    pub fn after(before: &DeepestBefore) -> Self {
-        Self { bins: [[None; 1 + REMEMBERED]; N_BINS], before: before.clone() }
-    }
-
-    /// What the next tick knows of this one. RT: safe, O([`N_BINS`]).
-    pub fn remember(&self) -> DeepestBefore {
-        let mut after = self.before.clone();
-        for ([deepest, ..], known) in self.bins.iter().zip(&mut after.0) {
-            let Some((obstacle_idx, contact)) = deepest else { continue };
-            let deepest = Some((*obstacle_idx, contact.point_idx));
-            if known[0] != deepest {
-                *known = [deepest, known[0]];
-            }
+    /// A new tick: no contact yet, and of the tick before the points are known that were kept. RT:
+    /// safe, O([`N_BINS`]).
+    pub fn begin_tick(&mut self) {
+        for (bin, known) in self.bins.iter_mut().zip(&mut self.known) {
+            let kept = core::mem::take(bin);
+            let mut points = kept.iter().flatten().map(point);
+            let first = points.next();
+            let second = points.find(|point| Some(*point) != first);
+            *known = [first, second];
         }
-        after
     }
 
     /// Takes one record. The result depends on the set of records, and on their order only between
@@ -82,14 +70,13 @@ impl DeepestContacts {
     #[inline]
     pub fn add(&mut self, obstacle_idx: usize, contact: &Contact) {
         let bin = bin(contact.normal_body, contact.arm_body);
-        let (Some([deepest, known @ ..]), Some(before)) =
-            (self.bins.get_mut(bin), self.before.0.get(bin))
+        let (Some([deepest, kept @ ..]), Some(known)) =
+            (self.bins.get_mut(bin), self.known.get(bin))
         else {
             return;
         };
-        let this = Some((obstacle_idx, contact.point_idx));
-        for (slot, before) in known.iter_mut().zip(before) {
-            if *before == this {
+        for (slot, known) in kept.iter_mut().zip(known) {
+            if *known == Some((obstacle_idx, contact.point_idx)) {
                 *slot = Some((obstacle_idx, *contact));
             }
         }
@@ -101,15 +88,17 @@ impl DeepestContacts {
     /// The contacts that were kept and their obstacles, in the order of the bins; one that is and
     /// was the deepest comes once.
     pub fn iter(&self) -> impl Iterator<Item = &(usize, Contact)> {
-        self.bins.iter().flat_map(|[deepest, known @ ..]| {
-            let is_other = move |other: &&(usize, Contact)| {
-                deepest.is_none_or(|deepest| {
-                    (deepest.0, deepest.1.point_idx) != (other.0, other.1.point_idx)
-                })
-            };
-            deepest.iter().chain(known.iter().flatten().filter(is_other))
+        self.bins.iter().flat_map(|[deepest, kept @ ..]| {
+            let deepest = deepest.as_ref();
+            let is_other =
+                move |other: &&(usize, Contact)| deepest.map(point) != Some(point(other));
+            deepest.into_iter().chain(kept.iter().flatten().filter(is_other))
         })
     }
+}
+
+fn point((obstacle_idx, contact): &(usize, Contact)) -> Point {
+    (*obstacle_idx, contact.point_idx)
 }
 
 fn score(contact: &Contact) -> f32 {
@@ -180,6 +169,31 @@ mod tests {
             .max_by(|a, b| score(a).total_cmp(&score(b)))
             .map(|contact| contact.point_idx);
         assert!(forth.iter().any(|point_idx| Some(*point_idx) == global));
+    }
+
+    #[test]
+    fn a_point_that_was_the_deepest_is_kept_as_long_as_it_touches() {
+        let at = |point_idx: u32, depth_m| contact(point_idx, depth_m, Vec3::X * 1e-3, Vec3::Z);
+        let mut deepest = DeepestContacts::default();
+        let mut tick = |found: &[(usize, Contact)]| {
+            deepest.begin_tick();
+            found.iter().for_each(|(obstacle_idx, contact)| deepest.add(*obstacle_idx, contact));
+            deepest.iter().map(|(idx, contact)| (*idx, contact.point_idx)).collect::<Vec<_>>()
+        };
+        assert_eq!(tick(&[(0, at(1, 2e-4)), (0, at(2, 1e-4))]), [(0, 1)]);
+        assert_eq!(tick(&[(0, at(1, 1e-4)), (0, at(2, 2e-4))]), [(0, 2), (0, 1)]);
+        // From now on both, each once, whichever is deeper.
+        assert_eq!(tick(&[(0, at(1, 2e-4)), (0, at(2, 1e-4))]), [(0, 1), (0, 2)]);
+        assert_eq!(tick(&[(0, at(1, 2e-4)), (0, at(2, 1e-4))]), [(0, 1), (0, 2)]);
+        // Another obstacle's point of that number is another one; the oldest goes.
+        let three = [(0, at(1, 2e-4)), (0, at(2, 1e-4)), (1, at(2, 3e-4))];
+        assert_eq!(tick(&three), [(1, 2), (0, 1), (0, 2)]);
+        assert_eq!(tick(&three), [(1, 2), (0, 1)]);
+        // What no longer touches is gone, and is not known when it touches again.
+        assert_eq!(tick(&[(0, at(1, 2e-4))]), [(0, 1)]);
+        assert_eq!(tick(&three), [(1, 2), (0, 1)]);
+        assert_eq!(tick(&[]), []);
+        assert_eq!(tick(&[(0, at(1, 1e-4)), (0, at(2, 2e-4))]), [(0, 2)]);
     }
 
     #[test]

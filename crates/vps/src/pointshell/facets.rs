@@ -74,8 +74,10 @@ const PARTS: usize = 2;
 /// … and each of these that holds the edge once more: contact begins at edges, and there less than
 /// a voxel is immersed.
 const EDGE_CUTS: usize = 2;
-/// About a tip so often, wherever it curves.
+/// Cuts of a voxel that curves about a tip.
 const TIP_CUTS: usize = 4;
+/// A brick that holds more of these is rough and has no tips.
+const TIPS_OF_BRICK: usize = 48;
 /// A tip is a corner whose faces look at least so many ways …
 const TIP_WAYS: usize = 6;
 /// … and what is about it lies within so many voxels.
@@ -208,30 +210,35 @@ impl Level {
         on_edge: bool,
         points: &mut Vec<FacetPoint>,
     ) {
-        for (x, word) in block.mask.iter().enumerate() {
-            for bit in bits(*word) {
-                let cell = &self.cells[x << 6 | bit as usize];
-                if finer.len() + 1 == TIP_CUTS {
-                    cell.probes(points);
-                }
-                let place = [x, (bit >> 3) as usize, (bit & 7) as usize];
-                let is_tip = self.is_tip(cell, block, place);
-                let is_cut = is_tip || finer.len() + EDGE_CUTS > TIP_CUTS && cell.is_sharp();
-                let Some((fine, finer)) = finer.split_first_mut().filter(|_| is_cut) else {
-                    cell.facets(on_edge, points);
-                    continue;
-                };
-                let alike = if is_tip { ALIKE_COSINE } else { block.alike };
-                let parts = block.parts(place, alike);
-                fine.faces.clear();
-                fine.faces.extend(self.faces.iter().filter(|face| face.reaches(block, place)));
-                fine.fill(&parts);
-                fine.points(&parts, finer, true, points);
+        let places = || {
+            block.mask.iter().enumerate().flat_map(|(x, word)| {
+                bits(*word).map(move |bit| [x, (bit >> 3) as usize, (bit & 7) as usize])
+            })
+        };
+        let at = |[x, y, z]: [usize; 3]| &self.cells[x << 6 | y << 3 | z];
+        let is_tip = |place: &[usize; 3]| self.is_tip(at(*place), block, *place);
+        let has_tips = places().filter(is_tip).count() <= TIPS_OF_BRICK;
+        for place in places() {
+            let cell = at(place);
+            if finer.len() + 1 == TIP_CUTS {
+                cell.probes(points);
             }
+            let is_tip = has_tips && self.is_tip(cell, block, place);
+            let is_cut = is_tip || finer.len() + EDGE_CUTS > TIP_CUTS && cell.is_sharp();
+            let Some((fine, finer)) = finer.split_first_mut().filter(|_| is_cut) else {
+                cell.facets(on_edge, points);
+                continue;
+            };
+            let alike = if is_tip { ALIKE_COSINE } else { block.alike };
+            let parts = block.parts(place, alike);
+            fine.faces.clear();
+            fine.faces.extend(self.faces.iter().filter(|face| face.reaches(block, place)));
+            fine.fill(&parts);
+            fine.points(&parts, finer, true, points);
         }
     }
 
-    /// A cell curves about two axes, as the end of a pin, or by much beside a tip.
+    /// True of a cell that curves about two axes, as the end of a pin, or beside a tip.
     fn is_tip(&self, cell: &Cell, block: &Block, place: [usize; 3]) -> bool {
         let middle = block.corner(place) + 0.5 * block.edge;
         let mut tips = self.tips.iter();
@@ -477,7 +484,7 @@ impl Cell {
         0.5 * (trace * trace - squares) > ROUND
     }
 
-    /// Its faces turn by more than 15°, and look one way in the whole.
+    /// Two of its faces turn by less than a right angle, or one is not flat.
     fn curves(&self) -> bool {
         let turns = |(n, one): (usize, &Group)| {
             self.groups().take(n).any(|other| one.area.dot(other.area) > 0.0)

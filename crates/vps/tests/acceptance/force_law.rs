@@ -271,6 +271,24 @@ fn a_tip_presses_by_the_law_down_to_a_quarter_of_a_voxel() {
     }
 }
 
+/// A rough surface is no field of tips: most of what it has more are edges, as before.
+#[test]
+fn a_rough_ball_has_few_points_more_than_a_smooth_one() {
+    const S: f64 = 5e-4;
+    let ball = Shape::Sphere { radius_m: 0.008 }.tessellate(2e-6);
+    let n_smooth = shell_of(&ball, S, Points::Facets).len();
+    for roughness_m in [5e-6, 1e-5, 2e-5, 4e-5] {
+        let mut random = Random(3);
+        let mut mesh = ball.clone();
+        let rough = |vertex: &DVec3| vertex.normalize() * (roughness_m * random.signed());
+        let by: Vec<DVec3> = ball.vertices.iter().map(rough).collect();
+        mesh.vertices.iter_mut().zip(by).for_each(|(vertex, by)| *vertex += by);
+        let n_points = shell_of(&mesh, S, Points::Facets).len();
+        eprintln!("rough by {roughness_m} m: {n_points} points for {n_smooth}");
+        assert!(n_points < 16 * n_smooth, "{roughness_m}: {n_points} for {n_smooth}");
+    }
+}
+
 /// A facet of the tool that reaches over the rim of an obstacle lies beside it in part: by the
 /// gradient at its centroid it would be in it.
 #[test]
