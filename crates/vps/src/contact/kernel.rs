@@ -633,7 +633,7 @@ impl<'a, L: F32s<LANES>> Grid<'a, L, LANES> {
     fn number(&self, [bx, by, bz]: [i32; 3]) -> Option<usize> {
         let [nx, ny, nz] = self.bounds.dims();
         let is_off = bx as u32 >= nx as u32 || by as u32 >= ny as u32 || bz as u32 >= nz as u32;
-        (!is_off).then_some(((bx * ny + by) * nz + bz) as usize)
+        (!is_off).then(|| ((bx * ny + by) * nz + bz) as usize)
     }
 
     /// What a brick says of points in it, of interest only above the floor.
