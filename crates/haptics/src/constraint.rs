@@ -18,9 +18,9 @@
 //! feasible, gets the balance of penalties instead of forces without bound. That also makes the
 //! programme smooth: ½ |x − x_free|²_K + Σ ½ k_j max(0, violation_j)² is convex, its gradient
 //! piecewise linear, and Newton's method on it, each step cut to the minimum along its line, ends
-//! in a few 6×6 solves at the exact solution. No plane has to be chosen. Of the ticks before only the
-//! deepest points are known: one that still touches keeps its plane, or steps would alternate between
-//! two points.
+//! in a few 6×6 solves at the exact solution. No plane has to be chosen. Of the ticks before
+//! only the deepest points are known: one that still touches keeps its plane, or steps would
+//! alternate between two points.
 //!
 //! # Source
 //! ZillesSalisbury1995 and Ortega2007 (god-object, three and six axes), Sagardia2016 (constraint
@@ -250,8 +250,8 @@ impl Planes {
         .solve()
     }
 
-    /// What presses each face of the tool at the end of a step, N: each plane's force, shared by the
-    /// faces that touch its way as their contact has it. A plane stands for points at the rim of
+    /// What presses each face of the tool at the end of a step, N: each plane's force, shared by
+    /// the faces that touch its way as their contact has it. A plane stands for points at the rim of
     /// what touches, where a face may be next to nothing. RT: safe, O([`FACES`] · planes).
     pub(super) fn pressed_n<'a>(
         &self,

@@ -86,7 +86,8 @@ impl Presses {
         let mut faces = [0.0; FACES];
         for patch in patches {
             let Some(pressed_n) = faces.get_mut(usize::from(patch.face)) else { continue };
-            let (normal, arm) = (patch.normal_world, patch.arm_world);
+            let normal = patch.normal_world;
+            let arm = patch.arm_world;
             let way_m = normal.dot(way.linear + way.angular.cross(arm));
             let speed = normal.dot(leaves.linear + leaves.angular.cross(arm));
             let met_n = self.shaped * (patch.force_n + patch.stiffness_n_per_m * way_m);

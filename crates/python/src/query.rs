@@ -252,9 +252,11 @@ impl ContactQuery {
     /// moving shell's voxel edge, and by area for the other one. Contacts of the points of the part
     /// that stands still have the `part` 1. Raises InvalidInput. Cost: as both queries.
     ///
-    ///     >>> block_shell, cube_map = PointShell.bake(block_mesh, 1e-3), Voxmap.bake(cube_mesh, 1e-3)
+    ///     >>> block_shell = PointShell.bake(block_mesh, 1e-3)
+    ///     >>> cube_map = Voxmap.bake(cube_mesh, 1e-3)
     ///     >>> both = ContactQuery.both_ways((block, block_shell), (cube_map, cube), 2000)
-    ///     >>> force = both.wrench(deep)["force_n"]  # 400 N of the cube's points, less of the block's
+    ///     >>> # 400 N of the cube's points, less of the block's
+    ///     >>> force = both.wrench(deep)["force_n"]
     ///     >>> bool(370 < force[2] < 400)
     ///     True
     #[staticmethod]

@@ -200,7 +200,8 @@ impl Mesh {
     /// # use vps::{DVec3, Mesh, Shape};
     /// // A ball of 10 mm beside a ball of 5 mm.
     /// # let ball = |radius_m| Mesh::from_shape(&Shape::Sphere { radius_m }, 1e-4);
-    /// # let (large, small) = (ball(10e-3)?, ball(5e-3)?);
+    /// # let large = ball(10e-3)?;
+    /// # let small = ball(5e-3)?;
     /// # let moved = small.vertices().iter().map(|at| *at + DVec3::X * 20e-3);
     /// # let vertices = large.vertices().iter().copied().chain(moved);
     /// # let vertices: Vec<_> = vertices.map(Into::into).collect();

@@ -290,7 +290,8 @@ impl ContactQuery {
     /// let bake = |mesh: &Mesh| -> Result<_, vps::Error> {
     ///     Ok((Voxmap::bake(mesh, &options)?, PointShell::bake(mesh, &options)?))
     /// };
-    /// let (block, peg) = (bake(&cube(40e-3)?)?, bake(&cube(10e-3)?)?);
+    /// let block = bake(&cube(40e-3)?)?;
+    /// let peg = bake(&cube(10e-3)?)?;
     /// let query = ContactQuery::both_ways((&block.0, &block.1), (&peg.0, &peg.1), 1000.0)?;
     /// let force = query.wrench(Pose::from_translation(DVec3::Z * 24.5e-3))?.wrench.force;
     /// // The peg's points press with 50 N. The block's points are less deep where a side of the peg
@@ -396,7 +397,7 @@ impl ContactQuery {
     /// # let block = Voxmap::bake(&cube(40e-3)?, &options)?;
     /// # let peg = PointShell::bake(&cube(10e-3)?, &options)?;
     /// # let query = ContactQuery::new(&block, &peg, 1000.0)?;
-    /// // The peg stands 10 mm beside the block's origin. The torque is about the peg's origin: none.
+    /// // The peg stands 10 mm beside the block's origin. The torque is about the peg's: none.
     /// let felt = query.wrench(Pose::from_translation(DVec3::new(10e-3, 0.0, 24.5e-3)))?.wrench;
     /// assert!((felt.force.z - 50.0).abs() < 0.1 && felt.torque.length() < 1e-6);
     /// assert!(query.wrench(Pose::from_translation(DVec3::NAN)).is_err());

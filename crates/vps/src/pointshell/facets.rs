@@ -17,7 +17,8 @@
 //!   them: they say how deep, and press nothing.
 //! - **Voxels with a sharp edge are cut** into eight, and those of the parts that hold the edge once
 //!   more: contact begins there, with less than a voxel immersed. **Tips** are cut down to a
-//!   sixteenth: the ends of pins, and what curves about the apex of a cone, which has no sharp edge.
+//!   sixteenth: the ends of pins, and what curves about the apex of a cone, which has no sharp
+//!   edge.
 //! - Detail finer than the voxels is several faces in one voxel: at most [`GROUPS`] of them.
 //!
 //! # Source
@@ -471,7 +472,8 @@ impl Cell {
 
     /// Its faces turn about two axes: see [`ROUND`].
     fn is_round(&self) -> bool {
-        let (mut size, mut area) = (0.0, DVec3::ZERO);
+        let mut size = 0.0;
+        let mut area = DVec3::ZERO;
         for group in self.groups() {
             size += group.size;
             area += group.area;

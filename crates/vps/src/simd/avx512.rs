@@ -57,7 +57,8 @@ impl F32s<WIDE> for Floats {
         }
         fn floored(self) -> Ints {
             let is_number = _mm512_cmp_ps_mask::<_CMP_ORD_Q>(self.0, self.0);
-            Ints(_mm512_maskz_cvt_roundps_epi32::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(is_number, self.0))
+            const DOWN: i32 = _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC;
+            Ints(_mm512_maskz_cvt_roundps_epi32::<DOWN>(is_number, self.0))
         }
         fn lt(self, other: Self) -> Ints { Ints(_mm512_movm_epi32(_mm512_cmp_ps_mask::<_CMP_LT_OQ>(self.0, other.0))) }
         fn le(self, other: Self) -> Ints { Ints(_mm512_movm_epi32(_mm512_cmp_ps_mask::<_CMP_LE_OQ>(self.0, other.0))) }
@@ -68,7 +69,9 @@ impl F32s<WIDE> for Floats {
             let words = _mm512_permutexvar_epi32(at, _mm512_castps_si512(_mm512_castps256_ps512(words)));
             (Ints(words), Self(_mm512_permutexvar_ps(at, _mm512_castps256_ps512(numbers))))
         }
-        fn packed(self, lanes: u32, rest: Self) -> Self { Self(_mm512_mask_compress_ps(rest.0, lanes as u16, self.0)) }
+        fn packed(self, lanes: u32, rest: Self) -> Self {
+            Self(_mm512_mask_compress_ps(rest.0, lanes as u16, self.0))
+        }
         fn unpacked(self, lanes: u32) -> Self { Self(_mm512_maskz_expand_ps(lanes as u16, self.0)) }
         fn select(mask: Ints, yes: Self, no: Self) -> Self { Self(_mm512_mask_blend_ps(_mm512_movepi32_mask(mask.0), no.0, yes.0)) }
     }

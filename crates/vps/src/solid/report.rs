@@ -10,7 +10,8 @@ use crate::mesh::mass::MassProperties;
 /// # let [outer, inner] = [20e-3, 10e-3].map(|edge_m| {
 /// #     Mesh::from_shape(&Shape::Box { size_m: DVec3::splat(edge_m) }, 1e-5)
 /// # });
-/// # let (outer, inner) = (outer?, inner?);
+/// # let outer = outer?;
+/// # let inner = inner?;
 /// # let corners = outer.vertices().iter().chain(inner.vertices());
 /// # let corners: Vec<_> = corners.map(|at| at.to_array()).collect();
 /// # let inward = inner.triangles().iter().map(|[a, b, c]| [a + 8, c + 8, b + 8]);

@@ -9,7 +9,7 @@ use vps::pointshell::{Points, build_with, shell::Shell};
 use vps::spatial::testing::Random;
 use vps::spatial::{Pose, Wrench};
 
-use super::build;
+use super::{Work, build, work_of_closed_path};
 
 const S: f64 = 5e-4;
 
@@ -258,21 +258,7 @@ fn a_closed_path_over_the_edges_of_a_block_does_no_work() {
                 DQuat::from_scaled_axis(aside * (0.1 * phase.cos()) + way * 0.2 * phase.sin());
             Pose::new(turn * start.rotation, start.translation + by)
         };
-        let wrench = |pose| ContactSum::flat(&obstacles, &shell, pose, ForceLaw::PLAIN).wrench;
-        let mut whole_j = 0.0;
-        let mut amounts_j = 0.0;
-        let mut last = (pose(0), wrench(pose(0)));
-        for tick in 1..=TICKS {
-            let next = (pose(tick), wrench(pose(tick)));
-            let turned = (next.0.rotation * last.0.rotation.inverse()).to_scaled_axis();
-            let work_j = 0.5
-                * ((last.1.force + next.1.force).dot(next.0.translation - last.0.translation)
-                    + (last.1.torque + next.1.torque).dot(turned));
-            whole_j += work_j;
-            amounts_j += work_j.abs();
-            last = next;
-        }
-        let share = whole_j.abs() / amounts_j;
+        let Work { share, amounts_j } = work_of_closed_path(&obstacles, &shell, TICKS, pose);
         eprintln!("a closed path over edges: {:.3} % of {:.2} µJ", 100.0 * share, 1e6 * amounts_j);
         assert!(share < 0.01 && amounts_j > 1e-9, "{share} of {amounts_j}");
     }

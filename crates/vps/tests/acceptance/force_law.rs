@@ -10,7 +10,7 @@ use vps::pointshell::{Points, build_with, shell::Shell};
 use vps::spatial::Pose;
 use vps::spatial::testing::Random;
 
-use super::build;
+use super::{Work, build, work_of_closed_path};
 
 const K: f64 = ForceLaw::PLAIN.stiffness_n_per_m;
 
@@ -262,8 +262,8 @@ fn a_tip_presses_by_the_law_down_to_a_quarter_of_a_voxel() {
             let p95 = at(&found.angle_deg, 0.95);
             let [least, most] = [0.05, 0.95].map(|part| at(&found.ratio, part));
             eprintln!(
-                "{shape:?}, {share} voxels deep: p95 {p95:.2}°, {least:.3} to {most:.3} of the law, \
-                    RMS {rms:.3}"
+                "{shape:?}, {share} voxels deep: p95 {p95:.2}°, {least:.3} to {most:.3} of the \
+                    law, RMS {rms:.3}"
             );
             let is_met = if is_cone(&shape) { least > 0.95 && most < 1.05 } else { rms < 0.05 };
             assert!(p95 < 2.0 && is_met, "{shape:?}, {share} voxels deep");
@@ -367,21 +367,7 @@ fn a_closed_path_over_a_plane_does_no_work() {
             let aside = DVec3::new(2e-3 * phase.cos(), 1e-3 * (2.0 * phase).cos(), 0.0);
             Pose::new(turn, aside + DVec3::Z * (lowest_m - depth_m))
         };
-        let wrench = |pose| ContactSum::flat(&obstacles, &shell, pose, ForceLaw::PLAIN).wrench;
-        let mut whole_j = 0.0;
-        let mut amounts_j = 0.0;
-        let mut last = (pose(0), wrench(pose(0)));
-        for tick in 1..=TICKS {
-            let next = (pose(tick), wrench(pose(tick)));
-            let turned = (next.0.rotation * last.0.rotation.inverse()).to_scaled_axis();
-            let work_j = 0.5
-                * ((last.1.force + next.1.force).dot(next.0.translation - last.0.translation)
-                    + (last.1.torque + next.1.torque).dot(turned));
-            whole_j += work_j;
-            amounts_j += work_j.abs();
-            last = next;
-        }
-        let share = whole_j.abs() / amounts_j;
+        let Work { share, amounts_j } = work_of_closed_path(&obstacles, &shell, TICKS, pose);
         let amounts_uj = 1e6 * amounts_j;
         eprintln!("{shape:?}: a closed path leaves {:.3} % of {amounts_uj:.3} µJ", 100.0 * share);
         assert!(share < 0.01 && amounts_j > 1e-7, "{shape:?}: {share} of {amounts_uj} µJ");

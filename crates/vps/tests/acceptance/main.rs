@@ -14,7 +14,10 @@ mod solids;
 mod traversal;
 mod tree;
 
+use vps::contact::{ContactSum, ForceLaw, Obstacle};
 use vps::mesh::{TriangleMesh, validate};
+use vps::pointshell::shell::Shell;
+use vps::spatial::Pose;
 use vps::voxmap::inside_test::InsideTest;
 use vps::voxmap::{Options, Volume};
 
@@ -26,4 +29,35 @@ fn build_as(mesh: &TriangleMesh, voxel_size_m: f64, layers: u32, sides: InsideTe
 
 fn build(mesh: &TriangleMesh, voxel_size_m: f64, layers: u32) -> Volume {
     build_as(mesh, voxel_size_m, layers, InsideTest::Auto)
+}
+
+/// Work of the contact around a path that ends where it begins.
+struct Work {
+    /// Of all of it, what is left.
+    share: f64,
+    /// Sum of what each tick takes or gives, J.
+    amounts_j: f64,
+}
+
+fn work_of_closed_path(
+    obstacles: &[Obstacle],
+    shell: &Shell,
+    n_ticks: u32,
+    pose: impl Fn(u32) -> Pose,
+) -> Work {
+    let wrench = |pose| ContactSum::flat(obstacles, shell, pose, ForceLaw::PLAIN).wrench;
+    let mut whole_j = 0.0;
+    let mut amounts_j = 0.0;
+    let mut last = (pose(0), wrench(pose(0)));
+    for tick in 1..=n_ticks {
+        let next = (pose(tick), wrench(pose(tick)));
+        let turned = (next.0.rotation * last.0.rotation.inverse()).to_scaled_axis();
+        let work_j = 0.5
+            * ((last.1.force + next.1.force).dot(next.0.translation - last.0.translation)
+                + (last.1.torque + next.1.torque).dot(turned));
+        whole_j += work_j;
+        amounts_j += work_j.abs();
+        last = next;
+    }
+    Work { share: whole_j.abs() / amounts_j, amounts_j }
 }
