@@ -26,8 +26,9 @@
 //! ZillesSalisbury1995 and Ortega2007 (god-object, three and six axes), Sagardia2016 (constraint
 //! and penalty together); planes, slop and the solver are ours.
 
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 
+use super::coupling::on_diagonal;
 use super::friction::FrictionWrench;
 use super::params::CouplingParameters;
 use vps::contact::planes::{DeepestContacts, MOST_PLANES};
@@ -108,14 +109,8 @@ impl Programme<'_> {
 
     /// The second derivative at a step.
     fn stiffness(&self, step: (DVec3, DVec3)) -> Mat6 {
-        let identity = DMat3::IDENTITY;
-        let mut stiffness = Mat6::from_blocks(
-            identity * self.stiffness_n_per_m,
-            DMat3::ZERO,
-            DMat3::ZERO,
-            identity * self.stiffness_nm_per_rad,
-        )
-        .plus_scaled(1.0, &self.rubbing.stiffness);
+        let mut stiffness = on_diagonal(self.stiffness_n_per_m, self.stiffness_nm_per_rad)
+            .plus_scaled(1.0, &self.rubbing.stiffness);
         for plane in self.planes.iter().filter(|plane| plane.violation_m(step) > 0.0) {
             stiffness.add_outer(plane.stiffness_n_per_m, plane.normal, plane.moment);
         }

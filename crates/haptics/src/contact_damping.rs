@@ -105,9 +105,9 @@ pub(super) fn damped(
     reason = "test code"
 )]
 mod tests {
-    use glam::DMat3;
-
     use super::*;
+    use crate::coupling::on_diagonal;
+    use crate::testing::product;
     use vps::spatial::Wrench;
     use vps::spatial::testing::Random;
 
@@ -115,41 +115,28 @@ mod tests {
     const MASS_KG: f64 = 0.1;
     const INERTIA_KG_M2: f64 = 1e-5;
 
-    trait Draw {
-        fn vector(&mut self, length: f64) -> DVec3;
-        fn patch(&mut self, face: u8) -> Patch;
+    fn vector(random: &mut Random, length: f64) -> DVec3 {
+        random.in_box(-length, length)
     }
 
-    impl Draw for Random {
-        fn vector(&mut self, length: f64) -> DVec3 {
-            self.in_box(-length, length)
-        }
-
-        fn patch(&mut self, face: u8) -> Patch {
-            Patch {
-                face,
-                force_n: 5.0 * self.signed().abs(),
-                normal_world: self.vector(1.0).normalize(),
-                arm_world: self.vector(0.03),
-                radius_m: 0.01,
-                stiffness_n_per_m: 1e4 * self.signed().abs(),
-            }
+    fn patch(random: &mut Random, face: u8) -> Patch {
+        Patch {
+            face,
+            force_n: 5.0 * random.signed().abs(),
+            normal_world: vector(random, 1.0).normalize(),
+            arm_world: vector(random, 0.03),
+            radius_m: 0.01,
+            stiffness_n_per_m: 1e4 * random.signed().abs(),
         }
     }
 
     fn mass() -> Mat6 {
-        Mat6::from_blocks(
-            DMat3::IDENTITY * MASS_KG,
-            DMat3::ZERO,
-            DMat3::ZERO,
-            DMat3::IDENTITY * INERTIA_KG_M2,
-        )
+        on_diagonal(MASS_KG, INERTIA_KG_M2)
     }
 
     /// The faces push as they are: v' = (M + h D)⁻¹ (M v + h F).
     fn step(patches: &[Patch], twist: Twist, damping: &Mat6) -> Option<Twist> {
-        let (force, torque) = mass().mul(twist.linear, twist.angular);
-        let mut impulse = Wrench::new(force, torque);
+        let mut impulse = product(&mass(), twist);
         for patch in patches {
             let force = patch.normal_world * (patch.force_n * PERIOD_S);
             impulse = impulse + Wrench::new(force, patch.arm_world.cross(force));
@@ -171,8 +158,9 @@ mod tests {
         let mut n_without = 0;
         for _ in 0..4000 {
             let n_patches = 1 + (random.signed().abs() * 4.0) as u8;
-            let patches: Vec<Patch> = (0..n_patches).map(|face| random.patch(face)).collect();
-            let before = Twist { linear: random.vector(0.2), angular: random.vector(5.0) };
+            let patches: Vec<Patch> = (0..n_patches).map(|face| patch(&mut random, face)).collect();
+            let linear = vector(&mut random, 0.2);
+            let before = Twist { linear, angular: vector(&mut random, 5.0) };
             let undamped = step(&patches, before, &Mat6::ZERO).expect("positive definite");
             let mut used = Mat6::ZERO;
             let after = damped(patches.iter().copied(), 50.0, 0.0, undamped, |damping| {
@@ -187,8 +175,8 @@ mod tests {
                 }
             }
             for _ in 0..10 {
-                let linear = random.vector(1.0);
-                let angular = random.vector(30.0);
+                let linear = vector(&mut random, 1.0);
+                let angular = vector(&mut random, 30.0);
                 let (force, torque) = used.mul(linear, angular);
                 assert!(force.dot(linear) + torque.dot(angular) >= -1e-12);
             }

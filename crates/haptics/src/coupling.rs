@@ -38,6 +38,12 @@ impl Inertia {
     }
 }
 
+/// Isotropic against ways and against turns, with nothing between the two.
+pub(super) fn on_diagonal(linear: f64, angular: f64) -> Mat6 {
+    let identity = DMat3::IDENTITY;
+    Mat6::from_blocks(identity * linear, DMat3::ZERO, DMat3::ZERO, identity * angular)
+}
+
 /// The virtual tool: pose of its axes at the centre of mass, and velocity of that point, world.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Body {
@@ -175,11 +181,7 @@ impl Body {
         inertia: &Inertia,
     ) -> Option<Twist> {
         let h = pull.period_s;
-        let identity = DMat3::IDENTITY;
         let mass = inertia.in_world(self.pose.rotation_matrix());
-        let on_diagonal = |linear: f64, angular: f64| {
-            Mat6::from_blocks(identity * linear, DMat3::ZERO, DMat3::ZERO, identity * angular)
-        };
         let springs = on_diagonal(pull.spring.stiffness_n_per_m, pull.spring.stiffness_nm_per_rad);
         let dampers = on_diagonal(pull.damping.0, pull.damping.1);
         let system = mass
@@ -243,6 +245,7 @@ mod tests {
     use glam::DQuat;
 
     use super::*;
+    use crate::testing::product;
 
     const K: f64 = 1300.0;
     const K_TURN: f64 = 0.45;
@@ -394,10 +397,6 @@ mod tests {
                 changed.linear * (0.3 / PERIOD_S),
                 axes * inertia().body_kg_m2 * axes.transpose() * changed.angular / PERIOD_S,
             );
-            let product = |matrix: &Mat6, twist: Twist| {
-                let (force, torque) = matrix.mul(twist.linear, twist.angular);
-                Wrench::new(force, torque)
-            };
             let slip = pull.target_twist - after;
             let coupled = Wrench::new(
                 slip.linear * 21.0 - after.linear * (PERIOD_S * spring.stiffness_n_per_m),

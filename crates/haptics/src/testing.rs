@@ -36,6 +36,16 @@ pub fn empty_scene() -> Arc<RenderScene> {
     Arc::new(RenderScene { parameters: parameters(), obstacles: Vec::new(), clay: None, tool })
 }
 
+/// The wrench that a stiffness or a damping makes of a motion.
+#[cfg(test)]
+pub(crate) fn product(
+    matrix: &vps::spatial::Mat6,
+    twist: vps::spatial::Twist,
+) -> vps::spatial::Wrench {
+    let (force, torque) = matrix.mul(twist.linear, twist.angular);
+    vps::spatial::Wrench::new(force, torque)
+}
+
 /// Where the obstacle of [`skew_scene`] stands.
 #[cfg(test)]
 pub(crate) fn skew_block() -> vps::spatial::Pose {

@@ -4,9 +4,9 @@
 //! Guo2004 (point rope, curve rope: the force acts at a picked place); the bounded spring is that
 //! of the coupling.
 
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 
-use super::super::coupling::saturated;
+use super::super::coupling::{on_diagonal, saturated};
 use vps::spatial::{Mat6, Wrench};
 
 /// How a rope pulls.
@@ -23,8 +23,6 @@ impl Rope {
     /// `stretch` away. RT: safe.
     pub(super) fn pull(&self, stretch: DVec3) -> (Wrench, Mat6) {
         let (force, stiffness_n_per_m) = saturated(self.stiffness_n_per_m, stretch, self.force_n);
-        let none = DMat3::ZERO;
-        let along = DMat3::IDENTITY * stiffness_n_per_m;
-        (Wrench::new(force, DVec3::ZERO), Mat6::from_blocks(along, none, none, none))
+        (Wrench::new(force, DVec3::ZERO), on_diagonal(stiffness_n_per_m, 0.0))
     }
 }

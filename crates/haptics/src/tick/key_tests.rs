@@ -7,14 +7,15 @@ use std::collections::BTreeSet;
 use glam::{DMat3, DQuat, DVec3};
 
 use super::*;
+use crate::coupling::on_diagonal;
 use crate::passivity_control::LENT_FREELY_J;
-use crate::testing::{parameters, skew_block, skew_scene, skew_start};
+use crate::testing::{parameters, product, skew_block, skew_scene, skew_start};
 use crate::virtual_tool::tests as virtual_tool;
 use crate::{
     ContactParameters, CouplingParameters, DeviceMapping, FilterParameters, FreeSpace,
     FrictionParameters, SpringClamp,
 };
-use vps::contact::Normalization;
+use vps::contact::{Normalization, Patch};
 use vps::spatial::{Axes, Mat6, SampleStatus};
 use vps::voxmap::field::FieldKind;
 
@@ -251,17 +252,45 @@ fn samples() -> [DeviceSample; 4] {
     })
 }
 
-/// What the tick commands for the last of the samples.
-fn commanded(p: &Parameters) -> Wrench {
-    let scene = skew_scene(*p);
-    let mut state = State::new(&scene);
+/// A scene that is asked to render, sample by sample.
+struct Rig {
+    scene: RenderScene,
+    state: State,
+}
+
+impl Rig {
+    fn new(p: Parameters) -> Self {
+        Self::of(skew_scene(p))
+    }
+
+    fn of(scene: RenderScene) -> Self {
+        Self { state: State::new(&scene), scene }
+    }
+
+    fn tick(&mut self, sample: DeviceSample) -> TickOutput {
+        self.tick_placing(sample, None)
+    }
+
+    fn tick_placing(&mut self, sample: DeviceSample, place: Option<Placement>) -> TickOutput {
+        let request = DriveRequest::Enable;
+        let input = TickInput { sample, request, place, ..TickInput::default() };
+        tick(&self.scene, &mut self.state, &input)
+    }
+}
+
+/// What the tick gives for the last of the samples.
+fn rendered(p: &Parameters) -> TickOutput {
+    let mut rig = Rig::new(*p);
     let mut output = TickOutput::default();
     for sample in samples() {
-        let request = DriveRequest::Enable;
-        output = tick(&scene, &mut state, &TickInput { sample, request, ..TickInput::default() });
+        output = rig.tick(sample);
         assert!(output.faults.is_empty() && output.drive == Drive::Enabled, "{output:?}");
     }
-    output.command_device
+    output
+}
+
+fn commanded(p: &Parameters) -> Wrench {
+    rendered(p).command_device
 }
 
 /// The same by another account: the state at the end of a tick is solved for, contact is summed
@@ -343,11 +372,9 @@ fn account(p: &Parameters) -> Wrench {
             };
             let spring = spring(p, shell.radius_m(), body, target);
             let critical = |mass: f64, stiffness: f64| 2.0 * (mass * stiffness).sqrt();
-            let damper = Mat6::from_blocks(
-                DMat3::IDENTITY * critical(inertia.mass_kg, p.coupling.stiffness_n_per_m),
-                DMat3::ZERO,
-                DMat3::ZERO,
-                DMat3::IDENTITY * critical(inertia.least_kg_m2, p.coupling.stiffness_nm_per_rad),
+            let damper = on_diagonal(
+                critical(inertia.mass_kg, p.coupling.stiffness_n_per_m),
+                critical(inertia.least_kg_m2, p.coupling.stiffness_nm_per_rad),
             );
             let mass = Mat6::ZERO.plus_scaled(1.0 / period_s, &inertia_world);
             let weight = Wrench::new(p.gravity_m_per_s2 * inertia.mass_kg, DVec3::ZERO);
@@ -376,12 +403,9 @@ fn account(p: &Parameters) -> Wrench {
                 let undamped = solved(&Mat6::ZERO);
                 let mut faces = Mat6::ZERO;
                 for patch in contact.patches() {
-                    let point = undamped.linear + undamped.angular.cross(patch.arm_world);
-                    let leaves = point.dot(patch.normal_world);
+                    let leaves = goes_out(patch, undamped);
                     let gives_way_n = (period_s + damping_s) * patch.stiffness_n_per_m * leaves;
-                    let point = way.linear + way.angular.cross(patch.arm_world);
-                    let pressed_n =
-                        patch.force_n + patch.stiffness_n_per_m * point.dot(patch.normal_world);
+                    let pressed_n = patch.force_n + patch.stiffness_n_per_m * goes_out(patch, way);
                     let most = if leaves > 0.0 {
                         (pressed_n - gives_way_n).max(0.0) / leaves
                     } else {
@@ -435,9 +459,9 @@ fn account(p: &Parameters) -> Wrench {
     Wrench::new(axes.transpose() * felt.force, axes.transpose() * felt.torque)
 }
 
-fn product(matrix: &Mat6, twist: Twist) -> Wrench {
-    let (force, torque) = matrix.mul(twist.linear, twist.angular);
-    Wrench::new(force, torque)
+/// How fast, or how far, the middle of a face goes out of what it touches.
+fn goes_out(patch: &Patch, way: Twist) -> f64 {
+    patch.normal_world.dot(way.linear + way.angular.cross(patch.arm_world))
 }
 
 /// The spring on the tool and its secant stiffness.
@@ -457,13 +481,7 @@ fn spring(p: &Parameters, radius_m: f64, body: Pose, target: Pose) -> (Wrench, M
     let turn = (target.rotation * body.rotation.conjugate()).to_scaled_axis();
     let linear = saturated(p.coupling.stiffness_n_per_m, way, bounds[0]);
     let angular = saturated(p.coupling.stiffness_nm_per_rad, turn, bounds[1]);
-    let stiffness = Mat6::from_blocks(
-        DMat3::IDENTITY * linear,
-        DMat3::ZERO,
-        DMat3::ZERO,
-        DMat3::IDENTITY * angular,
-    );
-    (Wrench::new(way * linear, turn * angular), stiffness)
+    (Wrench::new(way * linear, turn * angular), on_diagonal(linear, angular))
 }
 
 /// Friction of the one face of the tool.
@@ -497,13 +515,10 @@ impl Rubs {
         (way, twist): (Twist, Twist),
         (passes, held_s, damping): (f64, f64, f64),
     ) {
-        let along = |patch: &vps::contact::Patch, of: Twist| {
-            patch.normal_world.dot(of.linear + of.angular.cross(patch.arm_world))
-        };
         self.pressed_n = Some(contact.patches().next().map_or(0.0, |patch| {
             let k = patch.stiffness_n_per_m;
-            let met_n = passes * (patch.force_n + k * along(patch, way));
-            (met_n - (k * held_s + damping) * along(patch, twist)).max(0.0)
+            let met_n = passes * (patch.force_n + k * goes_out(patch, way));
+            (met_n - (k * held_s + damping) * goes_out(patch, twist)).max(0.0)
         }));
     }
 
@@ -619,13 +634,7 @@ fn what_the_arm_cannot_actuate_is_dropped_and_reported() {
     let mut p = generic();
     let whole = commanded(&p);
     p.mapping.actuated = Axes::TRANSLATION;
-    let scene = skew_scene(p);
-    let mut state = State::new(&scene);
-    let mut output = TickOutput::default();
-    for sample in samples() {
-        let request = DriveRequest::Enable;
-        output = tick(&scene, &mut state, &TickInput { sample, request, ..TickInput::default() });
-    }
+    let output = rendered(&p);
     assert_eq!(output.command_device, Wrench::new(whole.force, DVec3::ZERO));
     let differs = output.commanded_device - whole;
     assert!(differs.torque.length() < 1e-12 && differs.force.length() < 1e-12);
@@ -661,19 +670,16 @@ fn a_scaled_arm_is_pulled_pays_and_counts_by_its_own_way() {
 
 fn pulls_and_pays(actuated: Axes) {
     let injected = 30.0;
-    let scene = anchored(injected, actuated);
-    let mut state = State::new(&scene);
-    let [sample, ..] = samples();
-    let request = DriveRequest::Enable;
-    let mut input = TickInput { sample, request, ..TickInput::default() };
-    tick(&scene, &mut state, &input);
+    let mut rig = Rig::of(anchored(injected, actuated));
+    let [mut sample, ..] = samples();
+    rig.tick(sample);
     // One leap of the grip: its spring holds energy that no hand has put in.
     let way = DVec3::new(1e-3, -2e-3, 0.5e-3);
-    input.sample.pose.translation += way;
-    input.sample.twist = Twist { linear: way / 1e-3, angular: DVec3::ZERO };
+    sample.pose.translation += way;
+    sample.twist = Twist { linear: way / 1e-3, angular: DVec3::ZERO };
     let turned = DVec3::new(0.05, -0.02, 0.04);
-    input.sample.pose.rotation = DQuat::from_scaled_axis(turned) * input.sample.pose.rotation;
-    let first = tick(&scene, &mut state, &input);
+    sample.pose.rotation = DQuat::from_scaled_axis(turned) * sample.pose.rotation;
+    let first = rig.tick(sample);
     let pull = way * (-1300.0 * 2.5);
     // Of both energies the share that the motors give back.
     let share = |masked: DVec3, whole: DVec3| masked.length_squared() / whole.length_squared();
@@ -683,8 +689,8 @@ fn pulls_and_pays(actuated: Axes) {
         * way.length_squared()
         * share(way * actuated.linear_mask(), way)
         + 0.5 * 0.45 * turned.length_squared() * share(turned * actuated.angular_mask(), turned);
-    let damper = input.sample.twist.linear * -injected;
-    let takes_j = 1e-3 * injected * input.sample.twist.linear.length_squared();
+    let damper = sample.twist.linear * -injected;
+    let takes_j = 1e-3 * injected * sample.twist.linear.length_squared();
     let share = (held_j - LENT_FREELY_J) / takes_j;
     assert!(share > 0.01 && share < 1.0, "{share}");
     let expected = (pull + damper * share) * actuated.linear_mask();
@@ -692,8 +698,8 @@ fn pulls_and_pays(actuated: Axes) {
     assert!(first.passivity_active && differs.length() < 1e-4, "{first:?} {expected}");
     // The command acts over the next way of the grip.
     let next = DVec3::new(-0.3e-3, 0.2e-3, 0.4e-3);
-    input.sample.pose.translation += next;
-    let second = tick(&scene, &mut state, &input);
+    sample.pose.translation += next;
+    let second = rig.tick(sample);
     let energy_j = -first.command_device.force.dot(next);
     assert!((second.energy_j - energy_j).abs() < 1e-15, "{} {energy_j}", second.energy_j);
 }
@@ -713,23 +719,19 @@ fn an_obstacle_under_way_works_on_a_scaled_arm_by_its_way_over_the_scale() {
     let mut p = generic();
     p.coupling.mode = CouplingMode::Direct;
     p.limits.speed_m_per_s = 2.0;
-    let scene = skew_scene(p);
-    let mut state = State::new(&scene);
+    let mut rig = Rig::new(p);
     let [sample, ..] = samples();
     let block = skew_block();
     let to =
         block.stepped(block.transform_vector(DVec3::new(1e-3, 2e-3, -0.2e-3)), DVec3::splat(0.02));
     let place = Some(Placement { obstacle_idx: 0, world_from_map: to });
-    let request = DriveRequest::Enable;
-    let mut input = TickInput { sample, request, place, ..TickInput::default() };
-    let mut before = tick(&scene, &mut state, &input);
+    let mut before = rig.tick_placing(sample, place);
     assert!(before.command_device.force.length() > 0.1, "{before:?}");
-    input.place = None;
     let back = p.mapping.world_from_device.rotation.conjugate();
     let mut work_j = 0.0;
     for _ in 0..5 {
-        let output = tick(&scene, &mut state, &input);
-        let pose = state.traversal.obstacle_poses().pose(0).expect("one");
+        let output = rig.tick(sample);
+        let pose = rig.state.traversal.obstacle_poses().pose(0).expect("one");
         let center = skew_start(0.0).translation;
         let linear = back * pose.moved.at(center) / 2.5;
         let angular = back * pose.moved.angular;
@@ -747,13 +749,13 @@ fn an_obstacle_under_way_works_on_a_scaled_arm_by_its_way_over_the_scale() {
 #[test]
 fn a_tick_reports_what_it_found_and_what_it_gave() {
     let p = generic();
+    let mut rig = Rig::new(p);
     let scene = skew_scene(p);
-    let mut state = State::new(&scene);
     let [sample, ..] = samples();
-    let mut input = TickInput { sample, ..TickInput::default() };
     let found =
         ContactSum::flat(&scene.obstacles, &scene.tool.shell, skew_start(0.0), p.force_law());
-    let disabled = tick(&scene, &mut state, &input);
+    let input = TickInput { sample, ..TickInput::default() };
+    let disabled = tick(&scene, &mut rig.state, &input);
     assert_eq!((disabled.contacts, disabled.points_left_out), (24, 0));
     assert_eq!(disabled.contact_world, found.wrench);
     assert_eq!(
@@ -762,22 +764,21 @@ fn a_tick_reports_what_it_found_and_what_it_gave() {
     );
     assert_eq!(disabled.world_from_tool.translation, skew_start(0.0).translation);
     assert_eq!(disabled.commanded_device, Wrench::ZERO);
-    input.request = DriveRequest::Enable;
-    input.sample.delay_ticks = 3;
+    let late = samples().map(|sample| DeviceSample { delay_ticks: 3, ..sample });
     let mut before = TickOutput::default();
-    for sample in samples() {
-        input.sample = DeviceSample { delay_ticks: 3, ..sample };
-        before = tick(&scene, &mut state, &input);
+    for sample in late {
+        before = rig.tick(sample);
         assert_eq!((before.delay_ticks, before.off_cause), (3, OffCause::None));
     }
-    let at = state.indexed(&scene);
+    let at = rig.state.indexed(&scene);
     assert_eq!(at.0, samples()[0].pose);
     assert!((at.1.translation - skew_start(0.0).translation).length() < 1e-15);
     assert_eq!((before.objects_moving, before.object), (0, None));
     // Sliding: what is reported is the contact at the end of the tick, along the normal, with its
     // friction across.
     let shell = &scene.tool.shell;
-    let next = tick(&scene, &mut state, &input);
+    let [.., sample] = late;
+    let next = rig.tick(sample);
     let stands = next.world_from_tool;
     let found = ContactSum::flat(&scene.obstacles, shell, stands, p.force_law());
     let normal = found.wrench.force.normalize();
@@ -806,8 +807,7 @@ fn a_tool_stays_where_the_deadman_left_it_unless_it_stands_in_an_obstacle() {
         p.coupling.mode = CouplingMode::Direct;
         p.safety.deadman = Some(2);
         p.mapping.scale = 1.5;
-        let scene = skew_scene(p);
-        let mut state = State::new(&scene);
+        let mut rig = Rig::new(p);
         let [mut sample, ..] = samples();
         let back = p.mapping.world_from_device.rotation.conjugate();
         let mut run = |buttons: u32, moved: DVec3, n_ticks: u32| {
@@ -816,9 +816,7 @@ fn a_tool_stays_where_the_deadman_left_it_unless_it_stands_in_an_obstacle() {
                 sample.buttons = buttons;
                 sample.sequence += 1;
                 sample.pose.translation += back * moved / (1.5 * f64::from(n_ticks));
-                let request = DriveRequest::Enable;
-                let input = TickInput { sample, request, ..TickInput::default() };
-                output = tick(&scene, &mut state, &input);
+                output = rig.tick(sample);
             }
             output
         };
@@ -839,20 +837,17 @@ fn a_tool_stays_where_the_deadman_left_it_unless_it_stands_in_an_obstacle() {
 #[test]
 fn a_tool_resumes_where_it_stood_unless_an_obstacle_of_the_new_scene_is_there() {
     for (raised_m, resumes) in [(2e-3, true), (-0.5e-3, false)] {
-        let scene = skew_scene(generic());
-        let mut state = State::new(&scene);
-        assert_eq!(state.world_from_map(0), Some(skew_block()));
-        assert_eq!(state.world_from_map(1), None);
+        let mut rig = Rig::new(generic());
+        assert_eq!(rig.state.world_from_map(0), Some(skew_block()));
+        assert_eq!(rig.state.world_from_map(1), None);
         let stood = skew_start(raised_m);
-        state.resume_at(&scene, Some(stood), Handover { must_release: false });
-        let request = DriveRequest::Enable;
+        rig.state.resume_at(&rig.scene, Some(stood), Handover { must_release: false });
         let [sample, ..] = samples();
-        let input = TickInput { sample, request, ..TickInput::default() };
-        let tries = tick(&scene, &mut state, &input);
+        let tries = rig.tick(sample);
         assert_eq!((tries.drive, tries.contacts), (Drive::Disabled, 0));
-        let output = tick(&scene, &mut state, &input);
+        let output = rig.tick(sample);
         assert!(output.drive.renders(), "{output:?}");
-        let (_, started) = state.indexed(&scene);
+        let (_, started) = rig.state.indexed(&rig.scene);
         let expected = if resumes { stood } else { skew_start(0.0) };
         assert!((started.translation - expected.translation).length() < 1e-12, "{raised_m}");
     }
@@ -866,15 +861,13 @@ fn a_hand_at_rest_feels_no_damper_from_the_noise_of_its_velocity() {
     p.gravity_m_per_s2 = DVec3::ZERO;
     p.arm.encoder_step_m = 4e-5;
     p.arm.encoder_step_rad = 1e-3;
-    let scene = skew_scene(p);
-    let mut state = State::new(&scene);
+    let mut rig = Rig::new(p);
     let [mut sample, ..] = samples();
     sample.twist = Twist { linear: DVec3::new(0.1, -0.2, 0.1), angular: DVec3::ONE };
     let mut output = TickOutput::default();
     for n in 0..600 {
         sample.sequence = 1 + n;
-        let request = DriveRequest::Enable;
-        output = tick(&scene, &mut state, &TickInput { sample, request, ..TickInput::default() });
+        output = rig.tick(sample);
         assert!(n != 50 || output.command_device.force.length() > 0.5, "{output:?}");
     }
     assert!(output.command_device.force.length() < 1e-6, "{output:?}");
@@ -887,20 +880,18 @@ fn a_spring_is_paid_by_the_share_of_it_that_is_felt() {
     let injected = 30.0;
     let mut scene = anchored(injected, Axes::SIX);
     scene.parameters.limits.ramp_s = 4e-3;
-    let mut state = State::new(&scene);
-    let [sample, ..] = samples();
-    let request = DriveRequest::Enable;
-    let mut input = TickInput { sample, request, ..TickInput::default() };
-    tick(&scene, &mut state, &input);
+    let mut rig = Rig::of(scene);
+    let [mut sample, ..] = samples();
+    rig.tick(sample);
     let way = DVec3::new(1e-3, -2e-3, 0.5e-3);
-    input.sample.pose.translation += way;
-    let pulls = tick(&scene, &mut state, &input).command_device.force;
+    sample.pose.translation += way;
+    let pulls = rig.tick(sample).command_device.force;
     // The spring draws the hand back by so much: that energy is owed.
     let back = way * -0.09;
-    input.sample.pose.translation += back;
+    sample.pose.translation += back;
     let velocity = way * 500.0;
-    input.sample.twist.linear = velocity;
-    let output = tick(&scene, &mut state, &input);
+    sample.twist.linear = velocity;
+    let output = rig.tick(sample);
     // All of the wrench up to half a millijoule, none of it at twice as much; the third of the
     // ramp's four ticks.
     let owed_j = pulls.dot(back);
@@ -928,12 +919,10 @@ fn without_a_virtual_tool_the_lag_of_the_filter_counts_as_delay() {
     p.coupling.bound_nm_per_rad = f64::INFINITY;
     p.contact.friction = FrictionParameters::NONE;
     p.arm.stiffness_lag_n_s_per_m = 2.0;
-    let scene = skew_scene(p);
+    let mut rig = Rig::new(p);
     let [sample, ..] = samples();
-    let sample = DeviceSample { delay_ticks: 3, ..sample };
-    let request = DriveRequest::Enable;
-    let input = TickInput { sample, request, ..TickInput::default() };
-    let output = tick(&scene, &mut State::new(&scene), &input);
+    let output = rig.tick(DeviceSample { delay_ticks: 3, ..sample });
+    let scene = &rig.scene;
     let found =
         ContactSum::flat(&scene.obstacles, &scene.tool.shell, skew_start(0.0), p.force_law());
     let alpha = (-core::f64::consts::TAU * 60.0 * 1e-3).exp();
@@ -952,17 +941,14 @@ fn a_tool_does_not_go_back_and_forth_with_one_step_of_the_encoder() {
     p.mapping.start = skew_start(0.1);
     p.coupling.mode = CouplingMode::Direct;
     p.arm.encoder_step_m = 4e-5;
-    let scene = skew_scene(p);
-    let mut state = State::new(&scene);
+    let mut rig = Rig::new(p);
     let [mut sample, ..] = samples();
     let mut stood = DVec3::ZERO;
     let mut went_m = 0.0;
     for n in 0..300 {
         sample.sequence = 1 + n;
         sample.pose.translation.x += if n % 2 == 0 { 4e-5 } else { -4e-5 };
-        let request = DriveRequest::Enable;
-        let output =
-            tick(&scene, &mut state, &TickInput { sample, request, ..TickInput::default() });
+        let output = rig.tick(sample);
         assert!(output.drive.renders(), "{output:?}");
         let stands = output.world_from_tool.translation;
         went_m = (stands - stood).length();
@@ -981,17 +967,13 @@ fn a_tool_without_mass_goes_less_far_in_a_tick_while_an_obstacle_is_under_way() 
     for (place, most_m) in [(None, 2.9e-3), (under_way, 2.65e-3)] {
         let mut p = generic();
         p.coupling.mode = CouplingMode::Direct;
-        let scene = skew_scene(p);
-        let mut state = State::new(&scene);
-        let [sample, ..] = samples();
-        let request = DriveRequest::Enable;
-        let mut input = TickInput { sample, request, place, ..TickInput::default() };
-        tick(&scene, &mut state, &input);
-        input.place = None;
+        let mut rig = Rig::new(p);
+        let [mut sample, ..] = samples();
+        rig.tick_placing(sample, place);
         // Away from the face, by 50 mm in the world.
         let back = p.mapping.world_from_device.rotation.conjugate();
-        input.sample.pose.translation += back * out * 20e-3;
-        let output = tick(&scene, &mut state, &input);
+        sample.pose.translation += back * out * 20e-3;
+        let output = rig.tick(sample);
         assert!(output.drive.renders(), "{output:?}");
         let went_m = (output.world_from_tool.translation - skew_start(0.0).translation).length();
         assert!((went_m - most_m).abs() < 1e-9, "{went_m} m");
