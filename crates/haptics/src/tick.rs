@@ -553,7 +553,7 @@ fn observe(p: &Parameters, state: &mut State, sample: &DeviceSample) -> Result<u
 /// Finds what the tool of a scene touches. `constraint` has edges as interpolation has them:
 /// between planes, whose directions change at once, a square peg that jammed at the mouth of its
 /// hole trembled.
-fn traversal(scene: &RenderScene) -> Traversal {
+pub(super) fn traversal(scene: &RenderScene) -> Traversal {
     let RenderScene { parameters, obstacles, tool, .. } = scene;
     let traversal = Traversal::new(SimdLevel::best(), TraversalMode::Tree, obstacles, &tool.shell);
     match parameters.coupling.mode {

@@ -102,7 +102,7 @@ mod tests {
     use glam::{DQuat, DVec3};
 
     use super::*;
-    use crate::testing::parameters;
+    use crate::testing::{parameters, skew_block, skew_scene};
     use vps::density::{Lattice, Raster};
     use vps::pointshell::shell::Shell;
     use vps::spatial::Wrench;
@@ -130,11 +130,6 @@ mod tests {
         frame
     }
 
-    fn world_from_map() -> Pose {
-        let rotation = DQuat::from_scaled_axis(DVec3::new(0.4, -0.9, 0.6));
-        Pose::new(rotation, DVec3::new(0.05, -0.02, 0.03))
-    }
-
     fn scene_parameters() -> Parameters {
         let mut p = parameters();
         p.contact.stiffness_n_per_m = 700.0;
@@ -144,7 +139,7 @@ mod tests {
     }
 
     fn clay() -> Clay {
-        Clay::new(world_from_map(), frame(1, 0.0), 0.04, &scene_parameters())
+        Clay::new(skew_block(), frame(1, 0.0), 0.04, &scene_parameters())
     }
 
     /// One point, off the tool's middle.
@@ -154,16 +149,15 @@ mod tests {
 
     /// The tool askew, with its point so deep in clay of top 0.
     fn body(depth_m: f64) -> Pose {
-        let rotation =
-            world_from_map().rotation * DQuat::from_scaled_axis(DVec3::new(0.1, 0.2, 0.3));
+        let rotation = skew_block().rotation * DQuat::from_scaled_axis(DVec3::new(0.1, 0.2, 0.3));
         let arm = rotation * DVec3::new(2e-3, 1e-3, -4e-3);
-        let point = world_from_map().transform_point(DVec3::new(1e-3, -3e-3, -depth_m));
+        let point = skew_block().transform_point(DVec3::new(1e-3, -3e-3, -depth_m));
         Pose::new(rotation, point - arm)
     }
 
     /// The wrench of one point so deep.
     fn pushed(depth_m: f64) -> Wrench {
-        let force = world_from_map().rotation * DVec3::Z * (700.0 * depth_m);
+        let force = skew_block().rotation * DVec3::Z * (700.0 * depth_m);
         let arm = body(depth_m).rotation * DVec3::new(2e-3, 1e-3, -4e-3);
         Wrench::new(force, arm.cross(force))
     }
@@ -179,7 +173,7 @@ mod tests {
     #[test]
     fn a_rope_is_softer_than_the_coupling_and_leaves_half_of_the_force() {
         let mut p = scene_parameters();
-        let rope = |p: &Parameters| Clay::new(world_from_map(), frame(1, 0.0), 0.04, p).rope;
+        let rope = |p: &Parameters| Clay::new(skew_block(), frame(1, 0.0), 0.04, p).rope;
         assert_eq!(rope(&p), Rope { stiffness_n_per_m: 225.0, force_n: 3.0 });
         p.coupling.bound_n_per_m = 500.0;
         assert_eq!(rope(&p).stiffness_n_per_m, 125.0);
@@ -269,7 +263,7 @@ mod tests {
             |sequence, anchor| DensityFrame { rope_map: Some(anchor), ..frame(sequence, 0.0) };
         let away = body(-8e-3);
         let pull = |anchor: DVec3| {
-            let stretch = world_from_map().transform_point(anchor) - away.translation;
+            let stretch = skew_block().transform_point(anchor) - away.translation;
             stretch.normalize() * (3.0 * (225.0 * stretch.length() / 3.0).tanh())
         };
         held.exchange(Box::new(roped(2, one)));
@@ -278,7 +272,7 @@ mod tests {
             assert!((held.forces().rope_world - pull(one)).length() < 1e-12);
             assert!((sum.wrench.force - pull(one)).length() < 1e-12 && sum.acts());
             assert_eq!((sum.wrench.torque, sum.contacts), (DVec3::ZERO, 0));
-            let stretch = world_from_map().transform_point(one) - away.translation;
+            let stretch = skew_block().transform_point(one) - away.translation;
             let secant = pull(one).length() / stretch.length();
             let (force, torque) = sum.stiffness.mul(DVec3::new(1.0, -2.0, 3.0), DVec3::ONE);
             assert!((force - DVec3::new(1.0, -2.0, 3.0) * secant).length() < 1e-9);
@@ -303,7 +297,7 @@ mod tests {
     fn a_state_tells_of_its_clay_and_of_whether_it_is_felt() {
         let mut p = scene_parameters();
         p.mapping.start = body(0.3e-3);
-        let mut scene = crate::testing::skew_scene(p);
+        let mut scene = skew_scene(p);
         scene.obstacles.clear();
         scene.tool.shell = shell();
         assert_eq!(crate::State::new(&scene).frame_sequence(), None);

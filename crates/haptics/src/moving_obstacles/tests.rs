@@ -5,7 +5,8 @@ use glam::DQuat;
 use super::*;
 use crate::RenderScene;
 use crate::testing::{parameters, skew_block, skew_scene};
-use vps::contact::{Obstacle, SimdLevel, Traversal, TraversalMode};
+use crate::tick::traversal;
+use vps::contact::{Obstacle, Traversal};
 
 /// 2 m/s at 1 kHz: what an obstacle may go in a tick, m.
 const RESERVE_M: f64 = 2e-3;
@@ -22,13 +23,7 @@ impl Rig {
         let mut p = parameters();
         p.limits.speed_m_per_s = 2.0;
         let scene = skew_scene(p);
-        let traversal = Traversal::new(
-            SimdLevel::best(),
-            TraversalMode::Tree,
-            &scene.obstacles,
-            &scene.tool.shell,
-        );
-        let mut rig = Self { moving: MovingObstacles::new(1), traversal, scene };
+        let mut rig = Self { moving: MovingObstacles::new(1), traversal: traversal(&scene), scene };
         // Half a metre from the tool, and its middle not at its origin.
         let pose = rig.traversal.obstacle_poses_mut().pose_mut(0).expect("one");
         pose.max_value_m = -0.5;
@@ -176,9 +171,7 @@ fn obstacles_under_way_are_reported_turn_by_turn_and_each_has_one_target() {
     let mut scene = skew_scene(parameters());
     let field = scene.obstacles.first().expect("one").field.clone();
     scene.obstacles.push(Obstacle { field, world_from_map: Pose::from_translation(DVec3::X) });
-    let RenderScene { obstacles, tool, parameters: p, .. } = &scene;
-    let mut traversal =
-        Traversal::new(SimdLevel::best(), TraversalMode::Tree, obstacles, &tool.shell);
+    let mut traversal = traversal(&scene);
     let mut moving = MovingObstacles::new(2);
     let to = |obstacle_idx: u32, z_m: f64| {
         Some(Placement { obstacle_idx, world_from_map: Pose::from_translation(DVec3::Z * z_m) })
@@ -192,7 +185,7 @@ fn obstacles_under_way_are_reported_turn_by_turn_and_each_has_one_target() {
         (None, 2, Some(1)),
         (None, 2, Some(0)),
     ] {
-        moving.advance(traversal.obstacle_poses_mut(), command, false, p);
+        moving.advance(traversal.obstacle_poses_mut(), command, false, &scene.parameters);
         let found = moving.reported.map(|placement| placement.obstacle_idx);
         assert_eq!((moving.n_under_way(), found), (n_under_way, reported));
     }

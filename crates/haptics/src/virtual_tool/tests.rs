@@ -3,10 +3,9 @@
 use glam::{DMat3, DQuat};
 
 use super::*;
-use crate::testing::{parameters, skew_block, skew_scene, skew_start};
+use crate::testing::{parameters, product, skew_block, skew_scene, skew_start};
 use crate::{FilterParameters, LimitParameters};
 use vps::contact::obstacle_poses::PoseStep;
-use vps::contact::{SimdLevel, TraversalMode};
 use vps::pointshell::shell::Shell;
 
 const PERIOD_S: f64 = 1e-3;
@@ -40,12 +39,7 @@ impl Rig {
     }
 
     fn of(scene: RenderScene, raised_m: f64) -> Self {
-        let traversal = Traversal::new(
-            SimdLevel::best(),
-            TraversalMode::Tree,
-            &scene.obstacles,
-            &scene.tool.shell,
-        );
+        let traversal = crate::tick::traversal(&scene);
         Self { traversal, tool: VirtualTool::at(skew_start(raised_m)), scene }
     }
 
@@ -57,6 +51,13 @@ impl Rig {
         let Self { scene, traversal, tool } = self;
         let mut query = Query { traversal, scene, p: &scene.parameters };
         tool.touch(&mut query, None, braking, moving)
+    }
+
+    /// The spring that pulls the tool to `target`.
+    fn spring(&self, target: Pose) -> Spring {
+        let p = &self.scene.parameters;
+        let radius_m = self.scene.tool.shell.radius_m();
+        Spring::between(self.tool.body.pose, target, &p.coupling, &p.limits, 1e-3, radius_m)
     }
 
     /// The block goes by so much in each tick, as seen from the tool.
@@ -101,9 +102,9 @@ fn approach() -> Twist {
     Twist { linear: out * -0.05 + DVec3::new(0.01, 0.02, 0.0), angular: DVec3::new(0.2, 0.1, 0.3) }
 }
 
-fn product(matrix: &Mat6, twist: Twist) -> Wrench {
-    let (force, torque) = matrix.mul(twist.linear, twist.angular);
-    Wrench::new(force, torque)
+/// What the arm feels of the damper between it and a tool that goes so much faster.
+fn felt_damping(faster: Twist) -> Wrench {
+    Wrench::new(faster.linear * 3.7, faster.angular * 0.013)
 }
 
 fn times(twist: Twist, factor: f64) -> Twist {
@@ -137,14 +138,7 @@ fn the_tool_s_momentum_changes_by_the_sum_of_all_that_acts_at_the_end_of_the_tic
         let mut touch = rig.touch();
         assert_eq!(touch.contact.contacts, 24);
         let (target_pose, target_twist) = target();
-        let spring = Spring::between(
-            before.pose,
-            target_pose,
-            &p.coupling,
-            &p.limits,
-            touch.contact.voxel_size_m,
-            rig.scene.tool.shell.radius_m(),
-        );
+        let spring = rig.spring(target_pose);
         let pull = rig.follow(&mut touch, &rubbing(), true, target());
         let Touch { contact, way, .. } = &touch;
         let inertia = rig.scene.tool.inertia;
@@ -203,18 +197,8 @@ fn the_tool_s_momentum_changes_by_the_sum_of_all_that_acts_at_the_end_of_the_tic
         assert_near(forces, momentum, 1e-9);
 
         // The arm feels the spring after the step, and a damper of its own.
-        let stretched = Spring::between(
-            rig.tool.body.pose,
-            target_pose,
-            &p.coupling,
-            &p.limits,
-            contact.voxel_size_m,
-            rig.scene.tool.shell.radius_m(),
-        );
-        let felt = Wrench::new(
-            (after.linear - target_twist.linear) * 3.7,
-            (after.angular - target_twist.angular) * 0.013,
-        ) - stretched.wrench;
+        let stretched = rig.spring(target_pose);
+        let felt = felt_damping(after - target_twist) - stretched.wrench;
         assert_near(pull.wrench, felt, 1e-12);
         let share = |one: DVec3, whole: DVec3| (one.length() / whole.length()).powi(2).min(1.0);
         let [linear_j, angular_j] = stretched.stored_j;
@@ -261,16 +245,7 @@ fn what_was_not_felt_in_free_space_comes_in_over_five_ticks_once_it_is_paid() {
         assert!(touch.contact.contacts > 0);
         let pull = rig.follow(&mut touch, &FrictionWrench::ZERO, is_paid, target());
         let twist = rig.tool.body.twist - target_twist;
-        let spring = Spring::between(
-            rig.tool.body.pose,
-            target_pose,
-            &p.coupling,
-            &p.limits,
-            1e-3,
-            rig.scene.tool.shell.radius_m(),
-        );
-        let felt =
-            Wrench::new(twist.linear * 3.7, twist.angular * 0.013) - spring.wrench - unfelt * kept;
+        let felt = felt_damping(twist) - rig.spring(target_pose).wrench - unfelt * kept;
         assert_near(pull.wrench, felt, 1e-9);
     }
 }
@@ -297,8 +272,7 @@ fn in_free_space_the_tool_stands_where_the_arm_is_lower_by_its_weight_and_nothin
         assert!((body.pose.translation - target.translation - sag).length() < 1e-15, "{n}");
         assert!(body.pose.rotation_to(target).length() < 1e-12, "{n}");
         // The sag is what will be missing when contact comes: the spring that it stretches.
-        let spring = Spring::between(body.pose, target, &p.coupling, &p.limits, 1e-3, 1e-2);
-        assert_near(rig.tool.unfelt, spring.wrench * -1.0, 1e-9);
+        assert_near(rig.tool.unfelt, rig.spring(target).wrench * -1.0, 1e-9);
     }
     let twist = rig.tool.body.twist;
     assert!((twist.linear - DVec3::new(0.2, -0.1, 0.3)).length() < 1e-9, "{twist:?}");
@@ -555,20 +529,14 @@ fn a_tool_that_catches_up_in_free_space_has_the_velocity_of_the_hand_s_way() {
 #[test]
 fn a_tool_that_lags_in_free_space_is_damped_by_the_hand_s_way_and_not_felt() {
     let (mut rig, target) = hand_ahead(DVec3::X * 0.1);
-    let p = rig.scene.parameters;
     let mut touch = rig.touch();
     let late = Twist { linear: DVec3::splat(9.0), angular: DVec3::splat(9.0) };
     let pull = rig.follow(&mut touch, &FrictionWrench::ZERO, true, (target, late));
     assert_eq!((pull.wrench, pull.stored_j), (Wrench::ZERO, [0.0; 2]));
     assert!(!rig.tool.tracks);
-    let Twist { linear, angular } = rig.tool.body.twist;
-    let damper = Wrench::new(
-        (linear - DVec3::new(0.2, -0.1, 0.3)) * 3.7,
-        (angular - DVec3::new(-1.0, 2.0, 3.0)) * 0.013,
-    );
-    let spring =
-        Spring::between(rig.tool.body.pose, target, &p.coupling, &p.limits, 1e-3, 1e-2).wrench;
-    assert_near(rig.tool.unfelt, damper - spring, 1e-5);
+    let hand = Twist { linear: DVec3::new(0.2, -0.1, 0.3), angular: DVec3::new(-1.0, 2.0, 3.0) };
+    let damper = felt_damping(rig.tool.body.twist - hand);
+    assert_near(rig.tool.unfelt, damper - rig.spring(target).wrench, 1e-5);
 }
 
 #[test]
