@@ -303,6 +303,10 @@ mod tests {
         p
     }
 
+    fn change(parameter: LiveParameter, value: f64) -> Option<ParameterChange> {
+        Some(ParameterChange { parameter, value })
+    }
+
     #[test]
     fn numbers_and_names_are_those_of_their_place() {
         for (idx, parameter) in LiveParameter::ALL.into_iter().enumerate() {
@@ -320,11 +324,7 @@ mod tests {
         let mut ramps = ParameterRamps::default();
         assert_eq!(ramps.next(&p, None, true), p);
         for value in [f64::NAN, f64::INFINITY] {
-            ramps.next(
-                &p,
-                Some(ParameterChange { parameter: LiveParameter::ContactStiffness, value }),
-                true,
-            );
+            ramps.next(&p, change(LiveParameter::ContactStiffness, value), true);
             assert_eq!(ramps.next(&p, None, true), p);
         }
     }
@@ -342,11 +342,7 @@ mod tests {
             for (asked, reached) in
                 [(-1e9, range.least), (1e9, range.most), (range.scene, range.scene)]
             {
-                let mut before = parameter.read(&ramps.next(
-                    &p,
-                    Some(ParameterChange { parameter, value: asked }),
-                    true,
-                ));
+                let mut before = parameter.read(&ramps.next(&p, change(parameter, asked), true));
                 for _ in 0..501 {
                     let now = parameter.read(&ramps.next(&p, None, true));
                     assert!(
@@ -370,7 +366,7 @@ mod tests {
     }
 
     #[test]
-    fn a_knob_that_is_copied_is_the_other_s_and_all_of_them_are_what_can_be_turned() {
+    fn a_copy_takes_its_parameter_and_with_that_of_contact_the_stiffness_of_friction() {
         let p = rubbing();
         for parameter in LiveParameter::ALL {
             let mut other = p;
@@ -378,14 +374,6 @@ mod tests {
             assert_ne!(other, p, "{parameter:?}");
             parameter.copy(&p, &mut other);
             assert_eq!(other, p, "{parameter:?}");
-        }
-    }
-
-    #[test]
-    fn a_copy_takes_the_stiffness_of_friction_along_with_that_of_contact_alone() {
-        let p = rubbing();
-        for parameter in LiveParameter::ALL {
-            let mut other = p;
             other.contact.friction.stiffness_n_per_m = 7e3;
             parameter.copy(&p, &mut other);
             let expected = if parameter == LiveParameter::ContactStiffness { 1e4 } else { 7e3 };
@@ -397,40 +385,21 @@ mod tests {
     fn pairs_hold_each_other_and_friction_stiffness_follows() {
         let p = rubbing();
         let mut ramps = ParameterRamps::default();
-        ramps.next(
-            &p,
-            Some(ParameterChange { parameter: LiveParameter::FrictionStatic, value: 0.1 }),
-            true,
-        );
-        ramps.next(
-            &p,
-            Some(ParameterChange {
-                parameter: LiveParameter::ContactStiffness,
-                value: 0.5 * p.contact.stiffness_n_per_m,
-            }),
-            true,
-        );
+        let half_n_per_m = 0.5 * p.contact.stiffness_n_per_m;
+        ramps.next(&p, change(LiveParameter::FrictionStatic, 0.1), true);
+        ramps.next(&p, change(LiveParameter::ContactStiffness, half_n_per_m), true);
         let settled = (0..600).map(|_| ramps.next(&p, None, true)).last().expect("ticks");
-        assert_eq!(
-            (settled.contact.friction.r#static, settled.contact.friction.dynamic),
-            (0.1, 0.1)
-        );
-        assert_eq!(settled.contact.stiffness_n_per_m, 0.5 * p.contact.stiffness_n_per_m);
-        assert_eq!(
-            settled.contact.friction.stiffness_n_per_m,
-            0.5 * p.contact.friction.stiffness_n_per_m
-        );
+        let expected =
+            FrictionParameters { r#static: 0.1, dynamic: 0.1, stiffness_n_per_m: 0.5 * 1e4 };
+        assert_eq!(settled.contact.friction, expected);
+        assert_eq!(settled.contact.stiffness_n_per_m, half_n_per_m);
     }
 
     #[test]
     fn a_low_cut_off_that_passes_the_high_one_takes_it_along() {
         let p = rubbing();
         let mut ramps = ParameterRamps::default();
-        ramps.next(
-            &p,
-            Some(ParameterChange { parameter: LiveParameter::CutoffLow, value: 400.0 }),
-            true,
-        );
+        ramps.next(&p, change(LiveParameter::CutoffLow, 400.0), true);
         let cutoffs: [[f64; 2]; 600] =
             core::array::from_fn(|_| ramps.next(&p, None, true).filter.cutoff_hz);
         assert!(cutoffs.iter().all(|[low, high]| *high == low.max(300.0)));
@@ -445,32 +414,14 @@ mod tests {
         let p = rubbing();
         for parameter in LiveParameter::ALL {
             let range = parameter.range(&p).expect("acts");
-            let low = parameter.read(&ParameterRamps::default().next(
-                &p,
-                Some(ParameterChange { parameter, value: range.least }),
-                false,
-            ));
-            assert_eq!(
-                low,
-                if parameter.is_limit() { range.least } else { range.scene },
-                "{parameter:?}"
-            );
+            let expected = if parameter.is_limit() { range.least } else { range.scene };
+            let low = ParameterRamps::default().next(&p, change(parameter, range.least), false);
+            assert_eq!(parameter.read(&low), expected, "{parameter:?}");
         }
         let mut ramps = ParameterRamps::default();
-        ramps.next(
-            &p,
-            Some(ParameterChange { parameter: LiveParameter::ForceLimit, value: 0.05 }),
-            false,
-        );
+        ramps.next(&p, change(LiveParameter::ForceLimit, 0.05), false);
         assert_eq!(ramps.next(&p, None, true).limits.force_n, 0.05);
-        assert_eq!(
-            ramps.next(
-                &p,
-                Some(ParameterChange { parameter: LiveParameter::ForceLimit, value: f64::MAX }),
-                false
-            ),
-            p
-        );
+        assert_eq!(ramps.next(&p, change(LiveParameter::ForceLimit, f64::MAX), false), p);
         assert!(
             LiveParameter::LIMITS
                 .into_iter()
