@@ -29,11 +29,29 @@ pub fn parameters() -> Parameters {
     }
 }
 
-/// A scene without objects. The one place to extend when `RenderScene` grows.
+/// A scene without objects.
 pub fn empty_scene() -> Arc<RenderScene> {
     let inertia = Inertia { mass_kg: 0.1, body_kg_m2: DMat3::IDENTITY * 1e-5, least_kg_m2: 1e-5 };
+    Arc::new(untouched_scene(parameters(), inertia))
+}
+
+/// A scene without objects, with a tool of this inertia that has no points. The one place to extend
+/// when `RenderScene` grows.
+fn untouched_scene(parameters: Parameters, inertia: Inertia) -> RenderScene {
     let tool = Tool { shell: Shell::new(&[], 1e-3), inertia, center_of_mass_tool: DVec3::ZERO };
-    Arc::new(RenderScene { parameters: parameters(), obstacles: Vec::new(), clay: None, tool })
+    RenderScene { parameters, obstacles: Vec::new(), clay: None, tool }
+}
+
+/// A scene in which an arm that takes damping is on a spring of this stiffness to a tool that
+/// nothing moves.
+#[cfg(test)]
+pub(crate) fn spring_scene(stiffness_n_per_m: f64) -> RenderScene {
+    let mut p = parameters();
+    p.coupling.free_space = crate::FreeSpace::Drag;
+    p.coupling.stiffness_n_per_m = stiffness_n_per_m;
+    p.arm.injected_n_s_per_m = 20.0;
+    p.arm.injected_nm_s_per_rad = 0.01;
+    untouched_scene(p, Inertia { mass_kg: 1e7, body_kg_m2: DMat3::IDENTITY, least_kg_m2: 1.0 })
 }
 
 /// The wrench that a stiffness or a damping makes of a motion.

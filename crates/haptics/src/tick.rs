@@ -563,7 +563,7 @@ pub(super) fn traversal(scene: &RenderScene) -> Traversal {
 }
 
 #[cfg(test)]
-#[expect(clippy::disallowed_types, clippy::expect_used, reason = "test code")]
+#[expect(clippy::expect_used, reason = "test code")]
 mod tests;
 
 #[cfg(test)]

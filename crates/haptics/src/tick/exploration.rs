@@ -14,12 +14,9 @@
 
 use std::collections::HashMap;
 
-use glam::{DMat3, DVec3};
-
 use super::*;
-use crate::testing::parameters;
-use crate::{ArmParameters, FreeSpace, Inertia, LimitParameters, SafetyParameters, Tool};
-use vps::pointshell::shell::Shell;
+use crate::testing::spring_scene;
+use crate::{ArmParameters, LimitParameters, SafetyParameters};
 use vps::spatial::SampleStatus;
 
 const PERIOD_S: f64 = 0.05;
@@ -165,10 +162,14 @@ const START: History = History {
     enabling: 0,
 };
 
+/// Ticks in a row in which something is so, as far as they are counted.
+fn count(is_so: bool, ticks: u8, most: u8) -> u8 {
+    if is_so { (ticks + 1).min(most) } else { 0 }
+}
+
 impl History {
     /// The same after the arm has shown this.
     fn after(mut self, arm: Arm, request: DriveRequest, has_deadman: bool) -> Self {
-        let count = |held: bool, ticks: u8, most: u8| if held { (ticks + 1).min(most) } else { 0 };
         if let Arm::At(place) = arm {
             self.place = place;
         }
@@ -270,11 +271,9 @@ type Broken = &'static str;
 
 impl World {
     fn new(change: impl FnOnce(&mut Parameters)) -> Self {
-        let mut p = parameters();
+        let mut scene = spring_scene(K_N_PER_M);
+        let p = &mut scene.parameters;
         p.period_s = PERIOD_S;
-        p.coupling.free_space = FreeSpace::Drag;
-        p.coupling.stiffness_n_per_m = K_N_PER_M;
-        p.arm = ArmParameters { injected_n_s_per_m: 20.0, injected_nm_s_per_rad: 0.01, ..p.arm };
         p.limits = LimitParameters {
             slew_n_per_s: SLEW_N / PERIOD_S,
             ramp_s: f64::from(RAMP_TICKS) * PERIOD_S,
@@ -291,10 +290,7 @@ impl World {
             engage_ticks: ENGAGE_TICKS,
             ..p.safety
         };
-        change(&mut p);
-        let inertia = Inertia { mass_kg: 1e7, body_kg_m2: DMat3::IDENTITY, least_kg_m2: 1.0 };
-        let tool = Tool { shell: Shell::new(&[], 1e-3), inertia, center_of_mass_tool: DVec3::ZERO };
-        let scene = RenderScene { parameters: p, obstacles: Vec::new(), clay: None, tool };
+        change(p);
         Self { scene, tick, may_swap: is_at_zero, hand_over: |state, _| state.handover() }
     }
 
@@ -326,7 +322,6 @@ impl World {
         next.last = output;
         self.judge(node, &next.history, (request, arm), &output)?;
 
-        let count = |held: bool, ticks: u8, most: u8| if held { (ticks + 1).min(most) } else { 0 };
         next.history.enabling =
             count(output.drive == Drive::Enabling, node.history.enabling, RAMP_TICKS);
         next.history.stopping =

@@ -1,12 +1,9 @@
 //! The safety table, row by row: samples in, drive and wrench out, ticks counted.
 //! `docs/reference/safety.md` names these tests.
 
-use glam::{DMat3, DVec3};
-
 use super::*;
-use crate::testing::parameters;
-use crate::{ArmParameters, FreeSpace, Inertia, Tool};
-use vps::pointshell::shell::Shell;
+use crate::testing::spring_scene;
+use crate::{ArmParameters, FreeSpace};
 use vps::spatial::SampleStatus;
 
 /// K of the spring between the arm and a tool that does not move.
@@ -28,14 +25,8 @@ struct Rig {
 
 impl Rig {
     fn new(change: impl FnOnce(&mut Parameters)) -> Self {
-        let mut p = parameters();
-        p.coupling.free_space = FreeSpace::Drag;
-        p.coupling.stiffness_n_per_m = K;
-        p.arm = ArmParameters { injected_n_s_per_m: 20.0, injected_nm_s_per_rad: 0.01, ..p.arm };
-        change(&mut p);
-        let inertia = Inertia { mass_kg: 1e7, body_kg_m2: DMat3::IDENTITY, least_kg_m2: 1.0 };
-        let tool = Tool { shell: Shell::new(&[], 1e-3), inertia, center_of_mass_tool: DVec3::ZERO };
-        let scene = RenderScene { parameters: p, obstacles: Vec::new(), clay: None, tool };
+        let mut scene = spring_scene(K);
+        change(&mut scene.parameters);
         let state = State::new(&scene);
         let sample = DeviceSample { status: SampleStatus::Fresh, ..DeviceSample::default() };
         Self { scene, state, sample, request: DriveRequest::Enable }
@@ -45,16 +36,25 @@ impl Rig {
         Self::new(|p| p.safety.deadman = Some(2))
     }
 
+    fn input(&self) -> TickInput {
+        TickInput { sample: self.sample, request: self.request, ..TickInput::default() }
+    }
+
     fn tick(&mut self) -> TickOutput {
         self.sample.sequence += u64::from(self.sample.status == SampleStatus::Fresh);
-        let input =
-            TickInput { sample: self.sample, request: self.request, ..TickInput::default() };
+        let input = self.input();
         let output = tick(&self.scene, &mut self.state, &input);
         assert!(output.command_device.is_finite());
         // Only a drive with force commands any, or is damped.
         assert!(output.drive.renders() || !output.passivity_active, "{output:?}");
         assert!(output.drive.has_force() || is_zero(&output), "{output:?}");
         output
+    }
+
+    /// A tick with another order, which stays.
+    fn order(&mut self, request: DriveRequest) -> TickOutput {
+        self.request = request;
+        self.tick()
     }
 
     fn ticks(&mut self, n_ticks: usize) -> TickOutput {
@@ -114,8 +114,14 @@ fn is_zero(output: &TickOutput) -> bool {
     output.command_device == Wrench::ZERO
 }
 
+#[track_caller]
+fn assert_drive(output: &TickOutput, drive: Drive, faults: Faults, cause: OffCause) {
+    assert_eq!((output.drive, output.faults, output.off_cause), (drive, faults, cause));
+}
+
+#[track_caller]
 fn assert_fault_at_once(output: &TickOutput, faults: Faults, cause: OffCause) {
-    assert_eq!((output.drive, output.faults, output.off_cause), (Drive::Fault, faults, cause));
+    assert_drive(output, Drive::Fault, faults, cause);
     assert!(is_zero(output));
 }
 
@@ -133,10 +139,7 @@ fn deadman_no_force_until_it_is_held_and_a_ramp_down_when_it_is_let_go() {
 
     rig.sample.buttons = 0;
     let off = rig.assert_ramp_to_zero(held_n);
-    assert_eq!(
-        (off.drive, off.off_cause, off.faults),
-        (Drive::Disabled, OffCause::Deadman, Faults::NONE)
-    );
+    assert_drive(&off, Drive::Disabled, Faults::NONE, OffCause::Deadman);
 
     // Wherever the arm goes meanwhile: held again it starts from zero there, and the tool stands
     // where it stood.
@@ -172,8 +175,7 @@ fn a_rise_of_ten_seconds_does_not_delay_a_fall() {
 fn a_stop_of_a_drive_without_force_becomes_the_cause_of_there_being_none() {
     let mut rig = Rig::with_deadman();
     assert_eq!(rig.ticks(5).off_cause, OffCause::Deadman);
-    rig.request = DriveRequest::Stop;
-    let stopped = rig.tick();
+    let stopped = rig.order(DriveRequest::Stop);
     assert_eq!((stopped.drive, stopped.off_cause), (Drive::Disabled, OffCause::Software));
 }
 
@@ -199,8 +201,7 @@ fn deadman_let_go_and_pressed_acknowledges_a_fault_whose_cause_is_gone() {
     // Held all the time: neither the end of the cause nor a new order is an act of the operator.
     rig.sample.device_error = 0;
     assert_eq!(rig.ticks(100).drive, Drive::Fault);
-    rig.request = DriveRequest::Disable;
-    assert_eq!(rig.tick().faults, Faults::NONE);
+    assert_eq!(rig.order(DriveRequest::Disable).faults, Faults::NONE);
     rig.request = DriveRequest::Enable;
     let waiting = rig.ticks(100);
     assert_eq!((waiting.drive, waiting.off_cause), (Drive::Disabled, OffCause::Deadman));
@@ -218,10 +219,7 @@ fn deadman_let_go_and_pressed_acknowledges_a_fault_whose_cause_is_gone() {
     assert_eq!(rig.ticks(10).drive, Drive::Fault);
     rig.sample.device_error = 0;
     let again = rig.tick();
-    assert_eq!(
-        (again.drive, again.faults, again.off_cause),
-        (Drive::Enabling, Faults::NONE, OffCause::None)
-    );
+    assert_drive(&again, Drive::Enabling, Faults::NONE, OffCause::None);
 }
 
 #[test]
@@ -234,14 +232,12 @@ fn without_a_deadman_a_fault_takes_a_disable_then_an_enable() {
         rig.request = request;
         assert_eq!(rig.ticks(20).drive, Drive::Fault);
     }
-    rig.request = DriveRequest::Disable;
-    let off = rig.tick();
+    let off = rig.order(DriveRequest::Disable);
     assert_eq!(
         (off.drive, off.faults, off.off_cause),
         (Drive::Disabled, Faults::NONE, OffCause::Software)
     );
-    rig.request = DriveRequest::Enable;
-    assert_eq!(rig.tick().drive, Drive::Enabling);
+    assert_eq!(rig.order(DriveRequest::Enable).drive, Drive::Enabling);
 }
 
 #[test]
@@ -251,10 +247,7 @@ fn homing_no_force_before_it_and_a_fault_when_it_is_lost() {
     // Before homing the values may be anything.
     rig.sample.pose.translation.x = f64::NAN;
     let waiting = rig.ticks(50);
-    assert_eq!(
-        (waiting.drive, waiting.off_cause, waiting.faults),
-        (Drive::Disabled, OffCause::NotHomed, Faults::NONE)
-    );
+    assert_drive(&waiting, Drive::Disabled, Faults::NONE, OffCause::NotHomed);
     rig.sample.pose.translation.x = 0.0;
     rig.sample.homed = true;
     let homed = rig.tick();
@@ -286,8 +279,7 @@ fn engage_the_ramp_waits_for_four_ticks_of_small_force_and_as_long_as_it_takes()
     rig.ticks(2);
     rig.sample.pose.translation.x = X_M;
     rig.ticks(50);
-    rig.request = DriveRequest::Stop;
-    assert_eq!(rig.tick().drive, Drive::Disabled);
+    assert_eq!(rig.order(DriveRequest::Stop).drive, Drive::Disabled);
 }
 
 #[test]
@@ -297,8 +289,7 @@ fn clay_is_felt_from_when_the_force_may_rise_until_it_is_gone() {
     assert!(!rig.state.feels_clay());
     rig.tick();
     assert!(rig.state.feels_clay());
-    rig.request = DriveRequest::Stop;
-    assert_eq!(rig.tick().drive, Drive::Disabled);
+    assert_eq!(rig.order(DriveRequest::Stop).drive, Drive::Disabled);
     assert!(!rig.state.feels_clay());
 }
 
@@ -349,10 +340,7 @@ fn stale_ramps_down_after_three_ticks_faults_after_twenty_and_ramps_up_again_bef
 fn speed_brakes_with_a_damper_alone_for_a_tenth_of_a_second_then_faults() {
     let mut rig = Rig::new(|_| ()).pulling();
     let first = rig.move_by(1.2e-3, 1.2);
-    assert_eq!(
-        (first.drive, first.off_cause, first.faults),
-        (Drive::Braking, OffCause::Velocity, Faults::NONE)
-    );
+    assert_drive(&first, Drive::Braking, Faults::NONE, OffCause::Velocity);
     assert_eq!(first.drive.crtk_name(), "PAUSED");
     // The spring of 4.5 N is gone; the damper has begun to rise.
     assert!((first.command_device.force.x + SLEW_N).abs() < 1e-9, "{:?}", first.command_device);
@@ -399,10 +387,7 @@ fn speed_a_disable_ends_braking_in_its_tick() {
     assert_eq!(rig.move_by(1.2e-3, 1.2).drive, Drive::Braking);
     rig.request = DriveRequest::Disable;
     let off = rig.move_by(0.8e-3, 0.8);
-    assert_eq!(
-        (off.drive, off.off_cause, off.faults),
-        (Drive::Disabled, OffCause::Software, Faults::NONE)
-    );
+    assert_drive(&off, Drive::Disabled, Faults::NONE, OffCause::Software);
     assert!(is_zero(&off));
 }
 
@@ -455,8 +440,7 @@ fn stuck_samples_ramp_down_from_the_fifth_repeat_and_fault_after_twenty() {
     assert!((rig.force_n() - 0.84 * held_n).abs() < 0.05, "{} of {held_n}", rig.force_n());
     assert_fault_at_once(&rig.tick(), Faults::STUCK, OffCause::Stale);
     // Not enabled before the encoder moves.
-    rig.request = DriveRequest::Disable;
-    rig.tick();
+    rig.order(DriveRequest::Disable);
     rig.request = DriveRequest::Enable;
     let waiting = rig.ticks(50);
     assert_eq!((waiting.drive, waiting.off_cause), (Drive::Disabled, OffCause::Stale));
@@ -512,8 +496,7 @@ fn overheated_ramps_down_then_faults_and_is_a_gate() {
     rig.sample.overheated = true;
     let last = rig.assert_ramp_to_zero(held_n);
     assert_fault_at_once(&last, Faults::THERMAL, OffCause::Thermal);
-    rig.request = DriveRequest::Disable;
-    rig.tick();
+    rig.order(DriveRequest::Disable);
     rig.request = DriveRequest::Enable;
     let waiting = rig.ticks(50);
     assert_eq!((waiting.drive, waiting.off_cause), (Drive::Disabled, OffCause::Thermal));
@@ -527,10 +510,7 @@ fn workspace_force_starts_inside_of_it_fades_outside_and_comes_back() {
     // A parked arm is outside: that is no fault, and no force either.
     rig.sample.pose.translation.z = 0.207;
     let waiting = rig.ticks(50);
-    assert_eq!(
-        (waiting.drive, waiting.off_cause, waiting.faults),
-        (Drive::Disabled, OffCause::Workspace, Faults::NONE)
-    );
+    assert_drive(&waiting, Drive::Disabled, Faults::NONE, OffCause::Workspace);
     while rig.sample.pose.translation.z > 1e-3 {
         rig.sample.pose.translation.z -= 1e-3;
         rig.tick();
@@ -556,10 +536,7 @@ fn an_arm_that_sends_no_numbers_is_not_enabled_then_or_later() {
     let mut rig = Rig::new(|p| p.safety.workspace_radius_m = 4e-3);
     rig.sample.pose.translation.y = f64::NAN;
     let refused = rig.tick();
-    assert_eq!(
-        (refused.drive, refused.off_cause, refused.faults),
-        (Drive::Fault, OffCause::NonFinite, Faults::NON_FINITE)
-    );
+    assert_drive(&refused, Drive::Fault, Faults::NON_FINITE, OffCause::NonFinite);
     rig.sample.pose.translation.y = 0.0;
     assert_eq!(rig.ticks(200).drive, Drive::Fault);
 }
@@ -580,12 +557,7 @@ fn lost_non_finite_overrun_and_jump_fault_at_once() {
 
     let mut rig = Rig::new(|p| p.limits.overrun_fault_ticks = 3).pulling();
     let late = |rig: &mut Rig| {
-        let input = TickInput {
-            sample: rig.sample,
-            request: rig.request,
-            overrun: true,
-            ..TickInput::default()
-        };
+        let input = TickInput { overrun: true, ..rig.input() };
         tick(&rig.scene, &mut rig.state, &input)
     };
     assert!((0..2).all(|_| late(&mut rig).drive == Drive::Enabled));
@@ -593,17 +565,9 @@ fn lost_non_finite_overrun_and_jump_fault_at_once() {
 
     // A loop that stood still while the motors made something.
     let mut rig = Rig::new(|_| ()).pulling();
-    let input = TickInput {
-        sample: rig.sample,
-        request: rig.request,
-        stalled: true,
-        ..TickInput::default()
-    };
-    assert_fault_at_once(
-        &tick(&rig.scene, &mut rig.state, &input),
-        Faults::OVERRUN,
-        OffCause::Overrun,
-    );
+    let input = TickInput { stalled: true, ..rig.input() };
+    let output = tick(&rig.scene, &mut rig.state, &input);
+    assert_fault_at_once(&output, Faults::OVERRUN, OffCause::Overrun);
 }
 
 #[test]
