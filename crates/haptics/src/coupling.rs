@@ -45,7 +45,7 @@ pub(super) fn on_diagonal(linear: f64, angular: f64) -> Mat6 {
 }
 
 /// The virtual tool: pose of its axes at the centre of mass, and velocity of that point, world.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Body {
     pub(super) pose: Pose,
     pub(super) twist: Twist,

@@ -66,15 +66,7 @@ struct Component {
 
 impl Component {
     fn at(measured: f64) -> Self {
-        Self {
-            held: measured,
-            last: measured,
-            low: measured,
-            high: measured,
-            within_s: 0.0,
-            changes: 0,
-            unchanged_s: 0.0,
-        }
+        Self { held: measured, last: measured, low: measured, high: measured, ..Self::default() }
     }
 
     fn rests(&self) -> bool {

@@ -82,7 +82,7 @@ pub(super) struct Touch {
 }
 
 /// Pose, velocity and all memory of force.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct VirtualTool {
     body: Body,
     filter: ShapingFilter,
@@ -109,18 +109,7 @@ pub(super) struct VirtualTool {
 impl VirtualTool {
     /// At rest, with nothing remembered.
     pub(super) fn at(pose: Pose) -> Self {
-        Self {
-            body: Body { pose, twist: Twist::ZERO },
-            filter: ShapingFilter::default(),
-            friction: Friction::default(),
-            deepest: DeepestContacts::default(),
-            unfelt: Wrench::ZERO,
-            contact_gain: Ramp::default(),
-            target: None,
-            tracks: false,
-            touched: false,
-            step_limit_m: 0.0,
-        }
+        Self { body: Body { pose, twist: Twist::ZERO }, ..Self::default() }
     }
 
     /// Pose of the axes at the centre of mass, world.
