@@ -323,10 +323,16 @@ mod tests {
         Wrench::new(DVec3::X * force_n, DVec3::ZERO)
     }
 
-    /// A port that such a force has driven by so much.
-    fn driven(force_n: f64, way_m: f64) -> PassivityController {
+    /// A port that stands at zero.
+    fn started() -> PassivityController {
         let mut controller = PassivityController::default();
         controller.observe(at(0.0), 0, PERIOD_S);
+        controller
+    }
+
+    /// A port that such a force has driven by so much.
+    fn driven(force_n: f64, way_m: f64) -> PassivityController {
+        let mut controller = started();
         controller.hold(push(force_n));
         controller.observe(at(way_m), 0, PERIOD_S);
         controller
@@ -335,7 +341,18 @@ mod tests {
     impl PassivityController {
         /// The wrench along x that such a wanted force becomes at a speed, without limits.
         fn damps(&mut self, wanted_n: f64, speed_m_per_s: f64, arm: &ArmParameters) -> Wrench {
-            self.damped((push(wanted_n), 0.0), along(speed_m_per_s), arm, &free(), PERIOD_S)
+            self.damps_spring(wanted_n, 0.0, speed_m_per_s, arm)
+        }
+
+        /// The same of the force of a spring that holds so much.
+        fn damps_spring(
+            &mut self,
+            wanted_n: f64,
+            held_j: f64,
+            speed_m_per_s: f64,
+            arm: &ArmParameters,
+        ) -> Wrench {
+            self.damped((push(wanted_n), held_j), along(speed_m_per_s), arm, &free(), PERIOD_S)
         }
     }
 
@@ -389,22 +406,16 @@ mod tests {
     #[test]
     fn a_passive_port_keeps_its_bits() {
         let mut controller = PassivityController::default();
-        let mut wanted = Wrench::ZERO;
+        let mut wanted_n = 0.0;
         for n in 0..1000 {
             // A damped spring, pressed and let go, ever slower.
             let x_m = 1e-3 * (1.0 - (0.02 * f64::from(n)).cos());
             let speed = 0.02e-3 * (0.02 * f64::from(n)).sin() / PERIOD_S;
             controller.observe(at(x_m), 0, PERIOD_S);
-            let damped = controller.damped(
-                (wanted, 0.0),
-                along(speed),
-                &injecting(100.0),
-                &free(),
-                PERIOD_S,
-            );
-            assert!(damped == wanted && !controller.is_active, "tick {n}");
+            let damped = controller.damps(wanted_n, speed, &injecting(100.0));
+            assert!(damped == push(wanted_n) && !controller.is_active, "tick {n}");
             controller.hold(damped);
-            wanted = push(-1000.0 * x_m - 5.0 * speed);
+            wanted_n = -1000.0 * x_m - 5.0 * speed;
         }
         assert!(controller.energy_j > 0.0);
     }
@@ -414,10 +425,8 @@ mod tests {
         // 2 N drove the hand by 1 mm: 2 mJ are owed.
         let mut controller = driven(2.0, 1e-3);
         assert!((controller.energy_j + 2e-3).abs() < 1e-15);
-        let wanted = push(1.0);
         let speed = 1.0;
-        let damped =
-            controller.damped((wanted, 0.0), along(speed), &injecting(1e6), &free(), PERIOD_S);
+        let damped = controller.damps(1.0, speed, &injecting(1e6));
         assert!(controller.is_active);
         controller.hold(damped);
         controller.observe(at(1e-3 + speed * PERIOD_S), 0, PERIOD_S);
@@ -426,8 +435,7 @@ mod tests {
 
     #[test]
     fn an_arm_that_gave_too_much_is_weakened_until_it_is_repaid() {
-        let mut controller = PassivityController::default();
-        controller.observe(at(0.0), 0, PERIOD_S);
+        let mut controller = started();
         controller.hold(push(1.0));
         for (owed_mj, expected) in
             [(0.1, 1.0), (0.5, 1.0), (0.6, 0.8), (0.75, 0.5), (1.0, 0.25), (5.0, 0.25), (0.2, 1.0)]
@@ -449,15 +457,11 @@ mod tests {
         let damped = controller.damped((push(1.0), 0.0), twist, &injecting(5.0), &limits, PERIOD_S);
         assert!((damped.force.x - 0.7).abs() < 1e-12 && damped.torque == DVec3::ZERO, "{damped:?}");
         // At rest there is nothing to damp, and free space stays free.
-        assert_eq!(
-            controller.damped((push(1.0), 0.0), Twist::ZERO, &injecting(5.0), &limits, PERIOD_S),
-            push(1.0)
-        );
-        assert_eq!(
-            controller.damped((Wrench::ZERO, 0.0), twist, &injecting(5.0), &limits, PERIOD_S),
-            Wrench::ZERO
-        );
-        assert!(!controller.is_active);
+        for (wanted, twist) in [(push(1.0), Twist::ZERO), (Wrench::ZERO, twist)] {
+            let damped =
+                controller.damped((wanted, 0.0), twist, &injecting(5.0), &limits, PERIOD_S);
+            assert!(damped == wanted && !controller.is_active, "{damped:?}");
+        }
     }
 
     #[test]
@@ -471,20 +475,14 @@ mod tests {
         for twist in
             [along(0.1), along(-0.1), Twist { linear: DVec3::ZERO, angular: DVec3::Y * 2.0 }]
         {
-            assert_eq!(
-                controller.damped((push(1.0), 0.0), twist, &stepping, &free(), PERIOD_S),
-                push(1.0)
-            );
-            assert!(!controller.is_active);
+            let damped = controller.damped((push(1.0), 0.0), twist, &stepping, &free(), PERIOD_S);
+            assert!(damped == push(1.0) && !controller.is_active, "{damped:?}");
         }
         for speed in [0.3_f64, -0.3] {
             let mut controller = driven(10.0 * speed.signum(), 0.1 * speed.signum());
             let damped = controller.damps(1.0, speed, &stepping);
-            assert!(
-                controller.is_active
-                    && (damped.force.x - (1.0 - 5.0 * (speed - speed.signum() * 0.1))).abs()
-                        < 1e-12
-            );
+            let force_n = 1.0 - 5.0 * (speed - speed.signum() * 0.1);
+            assert!(controller.is_active && (damped.force.x - force_n).abs() < 1e-12);
         }
     }
 
@@ -500,13 +498,7 @@ mod tests {
                 let x_m = -2e-4 * f64::from(n);
                 controller.observe(at(x_m), 3, PERIOD_S);
                 held_j = 0.5 * 1000.0 * x_m * x_m;
-                let damped = controller.damped(
-                    (push(-1000.0 * x_m), held_j),
-                    along(-0.2),
-                    arm,
-                    &free(),
-                    PERIOD_S,
-                );
+                let damped = controller.damps_spring(-1000.0 * x_m, held_j, -0.2, arm);
                 controller.hold(damped);
                 was_active |= controller.is_active;
             }
@@ -524,26 +516,19 @@ mod tests {
         // Out since two ticks, while the velocity of the window still goes in.
         let mut controller = driven(1.0, 1e-3);
         controller.observe(at(2e-3), 0, PERIOD_S);
-        let wanted = (push(1.0), 10e-3);
-        assert_eq!(
-            controller.damped(wanted, along(-0.2), &injecting(5.0), &free(), PERIOD_S),
-            push(1.0)
-        );
+        assert_eq!(controller.damps_spring(1.0, 10e-3, -0.2, &injecting(5.0)), push(1.0));
         assert!(!controller.is_active);
-        assert!(
-            controller.damped(wanted, along(0.2), &injecting(5.0), &free(), PERIOD_S).force.x < 1.0
-        );
+        assert!(controller.damps_spring(1.0, 10e-3, 0.2, &injecting(5.0)).force.x < 1.0);
     }
 
     #[test]
     fn the_way_of_the_last_six_ticks_says_where_the_hand_goes() {
-        let mut controller = PassivityController::default();
-        controller.observe(at(0.0), 0, PERIOD_S);
+        let mut controller = started();
         controller.observe(at(10e-3), 0, PERIOD_S);
         // Back by 1 mm a tick: 10 − n mm out over six ticks, and −6 mm once the 10 mm are older.
         for n in 1..=6 {
             controller.observe(at(1e-3 * f64::from(10 - n)), 0, PERIOD_S);
-            controller.damped((push(1.0), 10e-3), along(0.2), &injecting(5.0), &free(), PERIOD_S);
+            controller.damps_spring(1.0, 10e-3, 0.2, &injecting(5.0));
             assert_eq!(controller.is_active, n <= 5, "{n}");
         }
     }
@@ -588,9 +573,8 @@ mod tests {
     /// A spring of 1 kN/m that is pressed by a wall that goes to `wall_m`, while the hand is at
     /// `hand_m`; gives the controller after that.
     fn pushed(steps: impl Iterator<Item = (f64, f64)>) -> PassivityController {
-        let mut controller = PassivityController::default();
+        let mut controller = started();
         let mut last_m = 0.0;
-        controller.observe(at(0.0), 0, PERIOD_S);
         for (wall_m, hand_m) in steps {
             controller.observe(at(hand_m), 0, PERIOD_S);
             controller.carry(DVec3::X * (wall_m - last_m), DVec3::ZERO, 0, SPRING_J);
@@ -644,8 +628,7 @@ mod tests {
 
     #[test]
     fn what_is_not_finite_passes_through_and_leaves_no_trace() {
-        let mut controller = PassivityController::default();
-        controller.observe(at(0.0), 0, PERIOD_S);
+        let mut controller = started();
         let poisoned = controller.damps(f64::NAN, 0.1, &injecting(5.0));
         assert!(!poisoned.is_finite() && !controller.is_active);
         assert_eq!(controller.damps(1.0, f64::NAN, &injecting(5.0)), push(1.0));
@@ -657,8 +640,7 @@ mod tests {
     fn a_turn_that_gave_energy_is_damped_against_its_direction() {
         let about = DVec3::new(1.0, -2.0, 2.0) / 3.0;
         let turned = |rad: f64| Pose::new(glam::DQuat::from_scaled_axis(about * rad), DVec3::ZERO);
-        let mut controller = PassivityController::default();
-        controller.observe(turned(0.0), 0, PERIOD_S);
+        let mut controller = started();
         controller.hold(Wrench::new(DVec3::ZERO, about * 0.05));
         // 0.05 N·m drove it by 0.02 rad: 1 mJ is owed.
         let given_j = controller.observe(turned(0.02), 0, PERIOD_S);
@@ -720,7 +702,7 @@ mod tests {
         for (taken_j, is_paid) in [(3e-3, true), (1e-3, false)] {
             let mut controller = owing(taken_j, 8e-4);
             for _ in 0..2000 {
-                controller.damped((push(-1.0), 1.5e-3), along(0.0), &arm, &free(), PERIOD_S);
+                controller.damps_spring(-1.0, 1.5e-3, 0.0, &arm);
                 controller.observe(at(taken_j + 8e-4), 0, PERIOD_S);
             }
             // 1.5 mJ are held, and a quarter of a millijoule is lent.
@@ -745,14 +727,14 @@ mod tests {
         // The hand puts 2 mJ in, and 0.2 mJ are lent.
         let mut controller = driven(-2.0, 1e-3);
         for (held_j, is_paid) in [(2.15e-3, true), (2.25e-3, false)] {
-            controller.damped((push(-2.0), held_j), along(0.0), &arm, &free(), PERIOD_S);
+            controller.damps_spring(-2.0, held_j, 0.0, &arm);
             assert_eq!(controller.is_paid(&arm), is_paid, "{held_j}");
             assert!(controller.is_paid(&injecting(0.0)), "an arm that is not watched");
             let turns = ArmParameters { injected_n_s_per_m: 0.0, ..arm };
             assert_eq!(controller.is_paid(&turns), is_paid, "{held_j}");
         }
         let mut owes = driven(2.0, 1e-3);
-        owes.damped((push(-2.0), 2e-4), along(0.0), &arm, &free(), PERIOD_S);
+        owes.damps_spring(-2.0, 2e-4, 0.0, &arm);
         assert!(owes.is_paid(&arm), "so little is lent whatever is owed");
     }
 
@@ -775,6 +757,7 @@ mod tests {
 
     /// A sampled wall on a damped mass. The port lies between mass and hand, the mass's own energy
     /// is known exactly.
+    #[derive(Default)]
     struct PassivePort {
         stiffness: f64,
         wall_damping: f64,
@@ -793,21 +776,8 @@ mod tests {
 
     impl PassivePort {
         fn new(stiffness: f64, wall_damping: f64, device_damping: f64) -> Self {
-            let mut controller = PassivityController::default();
-            controller.observe(at(0.0), 0, PERIOD_S);
-            Self {
-                stiffness,
-                wall_damping,
-                device_damping,
-                x: 0.0,
-                v: 0.0,
-                x_before: 0.0,
-                wall_force: 0.0,
-                hand: 0.0,
-                controller,
-                lowest_j: 0.0,
-                lowest_without_mass_j: 0.0,
-            }
+            let controller = started();
+            Self { stiffness, wall_damping, device_damping, controller, ..Self::default() }
         }
 
         /// The wall samples the position and holds its force from now on.
@@ -955,8 +925,7 @@ mod tests {
 
     #[test]
     fn a_damper_absorbs_in_all_six_axes() {
-        let mut controller = PassivityController::default();
-        controller.observe(Pose::IDENTITY, 0, PERIOD_S);
+        let mut controller = started();
         let linear = DVec3::new(0.1, -0.2, 0.3) * PERIOD_S;
         let angular = DVec3::new(1.0, 2.0, -3.0) * PERIOD_S;
         controller.hold(Wrench::new(linear * -2e3, angular * -500.0));
