@@ -114,14 +114,28 @@ mod tests {
         }
     }
 
+    /// The plant so many ticks away, with a wall that is filtered by this pole.
+    fn wall(delay_ticks: u32, filter_alpha: f64) -> SampledWall {
+        SampledWall {
+            mass_kg: 0.3,
+            damping_n_s_per_m: 1.5,
+            wall_damping_n_s_per_m: 0.0,
+            period_s: PERIOD_S,
+            delay_ticks,
+            filter_alpha,
+        }
+    }
+
+    fn near(one: f64, other: f64) -> bool {
+        (one / other - 1.0).abs() < 1e-12
+    }
+
     #[test]
     fn a_delay_that_was_expected_changes_no_bit() {
         let coupling = parameters().coupling;
         for ticks in [0, 1] {
-            assert_eq!(
-                LoopDelay::starting_at(ticks).limited(&coupling, &arm(), 0.0, PERIOD_S),
-                coupling
-            );
+            let limited = LoopDelay::starting_at(ticks).limited(&coupling, &arm(), 0.0, PERIOD_S);
+            assert_eq!(limited, coupling);
         }
     }
 
@@ -130,28 +144,12 @@ mod tests {
         let coupling = CouplingParameters { stiffness_n_per_m: 1e6, ..parameters().coupling };
         for delay_ticks in [2, 5, 20] {
             for filter_alpha in [0.0, 0.5] {
-                let wall = SampledWall {
-                    mass_kg: 0.1,
-                    damping_n_s_per_m: 1.5,
-                    wall_damping_n_s_per_m: 0.0,
-                    period_s: PERIOD_S,
-                    delay_ticks,
-                    filter_alpha,
-                };
-                let limited = LoopDelay::starting_at(delay_ticks).limited(
-                    &coupling,
-                    &arm(),
-                    wall.filter_lag_s(),
-                    PERIOD_S,
-                );
-                assert!(
-                    (limited.stiffness_n_per_m / wall.stiffness_bound() - 1.0).abs() < 1e-12,
-                    "{delay_ticks} ticks"
-                );
-                assert!(
-                    (limited.bound_n_per_m / wall.stiffness_bound() - 1.0).abs() < 1e-12,
-                    "{delay_ticks} ticks"
-                );
+                let wall = wall(delay_ticks, filter_alpha);
+                let delay = LoopDelay::starting_at(delay_ticks);
+                let limited = delay.limited(&coupling, &arm(), wall.filter_lag_s(), PERIOD_S);
+                let bound_n_per_m = wall.stiffness_bound();
+                assert!(near(limited.stiffness_n_per_m, bound_n_per_m), "{delay_ticks} ticks");
+                assert!(near(limited.bound_n_per_m, bound_n_per_m), "{delay_ticks} ticks");
                 assert!(
                     limited.stiffness_nm_per_rad.to_bits()
                         == coupling.stiffness_nm_per_rad.to_bits(),
@@ -163,30 +161,19 @@ mod tests {
 
     #[test]
     fn damping_shrinks_to_what_a_velocity_so_old_can_damp() {
-        let wall = |delay_ticks| SampledWall {
-            mass_kg: 0.3,
-            damping_n_s_per_m: 1.5,
-            wall_damping_n_s_per_m: 0.0,
-            period_s: PERIOD_S,
-            delay_ticks,
-            filter_alpha: 0.0,
-        };
         let window_s = 15e-3;
         let arm = ArmParameters {
             delay_ticks: 1,
             injected_n_s_per_m: 20.0,
-            stable_damping_n_s_per_m: wall(1).injectable_damping(window_s),
-            velocity_age_ticks: [wall(1).velocity_age_ticks(window_s), 0],
+            stable_damping_n_s_per_m: wall(1, 0.0).injectable_damping(window_s),
+            velocity_age_ticks: [wall(1, 0.0).velocity_age_ticks(window_s), 0],
             ..arm()
         };
         assert_eq!(LoopDelay::starting_at(1).damped(&arm), arm);
         for delay_ticks in [5, 20, 100, 200] {
             let damped = LoopDelay::starting_at(delay_ticks).damped(&arm);
-            let expected = wall(delay_ticks).injectable_damping(window_s);
-            assert!(
-                (damped.injected_n_s_per_m / expected.min(20.0) - 1.0).abs() < 1e-12,
-                "{delay_ticks} ticks"
-            );
+            let expected = wall(delay_ticks, 0.0).injectable_damping(window_s);
+            assert!(near(damped.injected_n_s_per_m, expected.min(20.0)), "{delay_ticks} ticks");
         }
     }
 
@@ -231,7 +218,6 @@ mod tests {
         let reach = |ticks: f64| (core::f64::consts::PI / (4.0 * ticks + 2.0)).sin();
         let linear = 20.0 * reach(13.0) / reach(8.0);
         let angular = 0.05 * reach(10.0) / reach(5.0);
-        let near = |one: f64, other: f64| (one / other - 1.0).abs() < 1e-12;
         let delay = LoopDelay::starting_at(6);
         let damped = delay.damped(&arm);
         assert!(near(damped.stable_damping_n_s_per_m, linear), "{damped:?}");

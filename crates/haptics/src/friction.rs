@@ -392,17 +392,21 @@ mod tests {
         Pose::new(DQuat::from_rotation_z(turn_rad), DVec3::new(x_m, 0.0, 0.0))
     }
 
+    /// The pull of a face that touches, tick by tick where the tool stands and how it is turned.
+    fn pull_of(patch: Patch) -> impl FnMut(f64, f64) -> FrictionWrench {
+        let mut friction = Friction::default();
+        move |x_m, turn_rad| friction.update([&patch].into_iter(), at(x_m, turn_rad), &PARAMS)
+    }
+
     #[test]
     fn it_holds_up_to_the_static_cone_and_drags_at_the_dynamic_one() {
-        let mut friction = Friction::default();
-        let patch = floor(10.0);
-        let mut pull = |x_m| friction.update([&patch].into_iter(), at(x_m, 0.0), &PARAMS);
-        assert_eq!(pull(0.0).wrench, Wrench::ZERO);
-        let held = pull(4.9e-4);
+        let mut pull = pull_of(floor(10.0));
+        assert_eq!(pull(0.0, 0.0).wrench, Wrench::ZERO);
+        let held = pull(4.9e-4, 0.0);
         assert!((held.wrench.force - DVec3::new(-4.9, 0.0, 0.0)).length() < 1e-9, "{held:?}");
         assert!((held.wrench.torque - DVec3::new(0.0, 0.049, 0.0)).length() < 1e-9, "{held:?}");
         assert!((held.stiffness.0[0][0] - 1e4).abs() < 1e-6 && held.stiffness.0[2][2].abs() < 1e-9);
-        let slipping = pull(5.1e-4);
+        let slipping = pull(5.1e-4, 0.0);
         assert!((slipping.wrench.force.x + 4.0).abs() < 1e-9);
         // It slides on along x as it is; across, and in turning, it resists by what its turn of
         // direction takes.
@@ -414,10 +418,10 @@ mod tests {
         );
         let (_, turning) = slipping.stiffness.mul(DVec3::ZERO, DVec3::Z);
         assert!((turning.z - 1e4 * 4.0 / 5.1 * 4e-4).abs() < 1e-6, "{turning}");
-        assert!((pull(2e-3).wrench.force.x + 4.0).abs() < 1e-9);
+        assert!((pull(2e-3, 0.0).wrench.force.x + 4.0).abs() < 1e-9);
         // Back by a little: it lets go elastically, then drags the other way.
-        assert!((pull(2e-3 - 1e-4).wrench.force.x + 3.0).abs() < 1e-9);
-        assert!((pull(2e-3 - 2e-3).wrench.force.x - 4.0).abs() < 1e-9);
+        assert!((pull(2e-3 - 1e-4, 0.0).wrench.force.x + 3.0).abs() < 1e-9);
+        assert!((pull(2e-3 - 2e-3, 0.0).wrench.force.x - 4.0).abs() < 1e-9);
     }
 
     #[test]
@@ -468,9 +472,7 @@ mod tests {
     #[test]
     fn a_side_that_hardly_presses_hardly_holds() {
         for stiffness_n_per_m in [-1.0, 0.0, 30.0] {
-            let mut friction = Friction::default();
-            let patch = Patch { stiffness_n_per_m, ..floor(1e-6) };
-            let held = friction.update([&patch].into_iter(), at(0.0, 0.0), &PARAMS);
+            let held = pull_of(Patch { stiffness_n_per_m, ..floor(1e-6) })(0.0, 0.0);
             let (along, _) = held.stiffness.traces();
             assert!((along - 20.0 * stiffness_n_per_m.max(0.0)).abs() < 1e-9, "{along}");
         }
@@ -478,17 +480,15 @@ mod tests {
 
     #[test]
     fn a_face_that_is_thrown_from_end_to_end_is_as_stiff_as_one_that_holds() {
-        let mut friction = Friction::default();
-        let patch = floor(10.0);
-        let mut pull = |x_m| friction.update([&patch].into_iter(), at(x_m, 0.0), &PARAMS);
-        pull(0.0);
-        assert!(pull(1e-3).stiffness.0[0][0].abs() < 1e-9, "it slides on");
-        let back = pull(-1e-3);
+        let mut pull = pull_of(floor(10.0));
+        pull(0.0, 0.0);
+        assert!(pull(1e-3, 0.0).stiffness.0[0][0].abs() < 1e-9, "it slides on");
+        let back = pull(-1e-3, 0.0);
         assert!(
             (back.wrench.force.x - 4.0).abs() < 1e-9 && (back.stiffness.0[0][0] - 1e4).abs() < 1e-6,
             "{back:?}"
         );
-        assert!(pull(-2e-3).stiffness.0[0][0].abs() < 1e-9, "it slides back");
+        assert!(pull(-2e-3, 0.0).stiffness.0[0][0].abs() < 1e-9, "it slides back");
     }
 
     #[test]
@@ -599,13 +599,12 @@ mod tests {
 
     #[test]
     fn sliding_and_turning_share_one_cone() {
-        let patch = Patch { arm_world: DVec3::ZERO, ..floor(10.0) };
-        let mut friction = Friction::default();
-        friction.update([&patch].into_iter(), at(0.0, 0.0), &PARAMS);
+        let mut pull = pull_of(Patch { arm_world: DVec3::ZERO, ..floor(10.0) });
+        pull(0.0, 0.0);
         // 3 N of stretch and 4 N of turn at the radius are the cone's 5 N; just above it slides.
-        let held = friction.update([&patch].into_iter(), at(2.99e-4, 0.0199), &PARAMS).wrench;
+        let held = pull(2.99e-4, 0.0199).wrench;
         assert!((held.force.x + 2.99).abs() < 1e-9 && (held.torque.z + 0.0796).abs() < 1e-9);
-        let slides = friction.update([&patch].into_iter(), at(3.01e-4, 0.0201), &PARAMS).wrench;
+        let slides = pull(3.01e-4, 0.0201).wrench;
         let load = 3.01_f64.hypot(4.02);
         assert!((slides.force.x + 3.01 * 4.0 / load).abs() < 1e-9, "{slides:?}");
         assert!((slides.torque.z + 4.02 * 0.02 * 4.0 / load).abs() < 1e-9, "{slides:?}");
@@ -613,14 +612,12 @@ mod tests {
 
     #[test]
     fn a_face_that_is_thrown_from_end_to_end_of_its_turn_is_as_stiff_as_one_that_holds() {
-        let mut friction = Friction::default();
-        let patch = Patch { arm_world: DVec3::ZERO, ..floor(10.0) };
-        let mut turn = |rad| friction.update([&patch].into_iter(), at(0.0, rad), &PARAMS);
-        turn(0.0);
+        let mut pull = pull_of(Patch { arm_world: DVec3::ZERO, ..floor(10.0) });
+        pull(0.0, 0.0);
         let about = |held: FrictionWrench| held.stiffness.mul(DVec3::ZERO, DVec3::Z).1.z;
-        assert!(about(turn(0.5)).abs() < 1e-9, "it turns on");
-        assert!((about(turn(-0.5)) - 1e4 * 4e-4).abs() < 1e-9);
-        assert!(about(turn(-0.9)).abs() < 1e-9, "it turns back");
+        assert!(about(pull(0.0, 0.5)).abs() < 1e-9, "it turns on");
+        assert!((about(pull(0.0, -0.5)) - 1e4 * 4e-4).abs() < 1e-9);
+        assert!(about(pull(0.0, -0.9)).abs() < 1e-9, "it turns back");
     }
 
     #[test]
