@@ -172,13 +172,8 @@ mod tests {
             [(0.0, 0.7304), (300.0, 0.7304), (1000.0, 0.3679), (3000.0, 0.0498), (1e6, 0.0)]
         {
             let mut filter = started(0.0, &params);
-            let output = filter.update(
-                push(1.0),
-                Slide { contact_rad_per_s, ..slide(0.0) },
-                true,
-                &params,
-                PERIOD_S,
-            );
+            let stiff = Slide { contact_rad_per_s, ..slide(0.0) };
+            let output = filter.update(push(1.0), stiff, true, &params, PERIOD_S);
             assert!((filter.alpha() - alpha).abs() < 5e-5, "{contact_rad_per_s}");
             assert!((output.force.x - (1.0 - filter.alpha())).abs() < 1e-12);
         }
@@ -214,10 +209,8 @@ mod tests {
                 lagging = filter.update(push(force_n), slide(0.0), true, &params, PERIOD_S);
             }
             let lag_s = (force_n - lagging.force.x) / rate_n_per_s;
-            assert!(
-                (lag_s - PERIOD_S * alpha / (1.0 - alpha)).abs() < 1e-9,
-                "{cutoff_hz} Hz: {lag_s}"
-            );
+            let stated_s = PERIOD_S * alpha / (1.0 - alpha);
+            assert!((lag_s - stated_s).abs() < 1e-9, "{cutoff_hz} Hz: {lag_s}");
         }
     }
 
@@ -240,10 +233,8 @@ mod tests {
         let params = fixed(f64::INFINITY);
         let mut filter = started(1.0, &params);
         for force_n in [0.3, -0.7, 1e-300, f64::INFINITY, 2.5] {
-            assert_eq!(
-                filter.update(push(force_n), slide(0.1), true, &params, PERIOD_S),
-                push(force_n)
-            );
+            let output = filter.update(push(force_n), slide(0.1), true, &params, PERIOD_S);
+            assert_eq!(output, push(force_n));
         }
     }
 
@@ -255,10 +246,8 @@ mod tests {
         {
             let mut filter = started(0.0, &params);
             filter.update(push(1.0), slide(speed_m_per_s), true, &params, PERIOD_S);
-            assert!(
-                (filter.alpha() - low_pass_alpha(expected_hz, PERIOD_S)).abs() < 1e-15,
-                "{speed_m_per_s} m/s"
-            );
+            let alpha = low_pass_alpha(expected_hz, PERIOD_S);
+            assert!((filter.alpha() - alpha).abs() < 1e-15, "{speed_m_per_s} m/s");
         }
     }
 

@@ -143,12 +143,10 @@ mod tests {
         }
         assert_eq!(OffCause::of(Faults::NONE), OffCause::None);
         assert_eq!(OffCause::of(Faults::SPEED | Faults::DEVICE_LOST), OffCause::Disconnected);
-        let names: std::collections::BTreeSet<_> =
-            (0..=OffCause::Workspace as u8).map(|n| named(n).name()).collect();
-        assert_eq!(names.len(), OffCause::Workspace as usize + 1);
-    }
-
-    fn named(n: u8) -> OffCause {
-        OffCause::ALL.into_iter().find(|cause| *cause as u8 == n).unwrap_or_default()
+        for (n, cause) in OffCause::ALL.into_iter().enumerate() {
+            assert_eq!(cause as usize, n, "{}", cause.name());
+        }
+        let names = std::collections::BTreeSet::from(OffCause::ALL.map(OffCause::name));
+        assert_eq!(names.len(), OffCause::ALL.len());
     }
 }

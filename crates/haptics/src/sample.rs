@@ -361,14 +361,10 @@ mod tests {
 
     #[test]
     fn an_error_of_the_arm_is_a_fault_as_long_as_it_lasts() {
-        assert_eq!(
-            faults_of(&DeviceSample { device_error: 3, ..fresh(0.0) }),
-            Faults::DEVICE_ERROR
-        );
-        assert_eq!(
-            faults_of(&DeviceSample { device_error: 3, status: SampleStatus::Stale, ..fresh(0.0) }),
-            Faults::DEVICE_ERROR
-        );
+        for status in [SampleStatus::Fresh, SampleStatus::Stale] {
+            let sample = DeviceSample { device_error: 3, status, ..fresh(0.0) };
+            assert_eq!(faults_of(&sample), Faults::DEVICE_ERROR, "{status:?}");
+        }
     }
 
     #[test]
@@ -412,8 +408,8 @@ mod tests {
 
     #[test]
     fn a_jump_is_further_than_five_times_the_speed_or_half_a_radian_per_tick() {
-        let turned = |rad: f64| Pose::new(glam::DQuat::from_rotation_y(rad), glam::DVec3::ZERO);
-        let moved = |m: f64| Pose::from_translation(glam::DVec3::Z * m);
+        let turned = |rad: f64| Pose::new(DQuat::from_rotation_y(rad), DVec3::ZERO);
+        let moved = |m: f64| Pose::from_translation(DVec3::Z * m);
         let fast = LimitParameters { speed_m_per_s: 3.0, ..limits() };
         let slow = LimitParameters { speed_m_per_s: 0.2, ..limits() };
         for (limits, allowed_m) in [(fast, 15e-3), (slow, 5e-3)] {
@@ -424,21 +420,16 @@ mod tests {
                 assert!(!jumps(turned(n_ticks * 0.499)) && jumps(turned(n_ticks * 0.501)));
             }
             // Half a turn is never more than a turn can be.
-            assert!(!is_jump(
-                Pose::IDENTITY,
-                turned(0.999 * core::f64::consts::PI),
-                9.0,
-                &limits,
-                1e-3
-            ));
+            let half_turn = turned(0.999 * core::f64::consts::PI);
+            assert!(!is_jump(Pose::IDENTITY, half_turn, 9.0, &limits, 1e-3));
         }
     }
 
     #[test]
     fn a_turn_is_judged_whatever_the_length_of_the_quaternions() {
         let turned = |rad: f64| {
-            let rotation = glam::DQuat::from_rotation_y(rad) * 1.0004;
-            Pose::new(rotation, glam::DVec3::ZERO)
+            let rotation = DQuat::from_rotation_y(rad) * 1.0004;
+            Pose::new(rotation, DVec3::ZERO)
         };
         let jumps = |rad: f64| is_jump(turned(0.0), turned(rad), 1.0, &limits(), 1e-3);
         assert!(!jumps(0.4999) && jumps(0.5001));
@@ -448,7 +439,7 @@ mod tests {
     fn a_turn_of_more_than_half_a_radian_per_tick_is_too_fast() {
         for (rad_per_s, faults) in [(499.0, Faults::NONE), (501.0, Faults::SPEED)] {
             let mut sample = fresh(0.0);
-            sample.twist.angular = glam::DVec3::new(0.6, 0.0, -0.8) * rad_per_s;
+            sample.twist.angular = DVec3::new(0.6, 0.0, -0.8) * rad_per_s;
             assert_eq!(faults_of(&sample), faults, "{rad_per_s}");
         }
     }
