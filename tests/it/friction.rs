@@ -197,7 +197,7 @@ fn it_breaks_away_at_the_static_coefficient_and_goes_on_at_the_dynamic_one() {
             let most = shares.iter().copied().fold(0.0, f64::max);
             let after = shares[2000..].iter().sum::<f64>() / 400.0;
             assert!(
-                (most / sticks - 1.0).abs() < 0.05 && (after / (0.8 * sticks) - 1.0).abs() < 0.05,
+                (most / sticks - 1.0).abs() < 0.01 && (after / (0.8 * sticks) - 1.0).abs() < 0.01,
                 "{shape:?}, {mode:?}, {sticks}: {most} at most, then {after}"
             );
         }

@@ -94,7 +94,7 @@ mod virtual_tool;
 /// Number of the force law: it counts up with every change after which a tick gives other bits for
 /// the same scene, state and input. Recordings bear it, as one of another law cannot be compared
 /// bit for bit. Version 0.1.0 wrote no number: its law is the first.
-pub const FORCE_LAW: u32 = 7;
+pub const FORCE_LAW: u32 = 8;
 
 pub use coupling::Inertia;
 pub use drive::{Drive, DriveRequest};

@@ -103,6 +103,12 @@ impl ContactBlock {
         shortfalls_m: [Lanes([0.0; LANES]); 2],
     };
 
+    /// What touches in these lanes.
+    #[inline]
+    pub(super) fn within(&self, lanes: u16) -> Self {
+        Self { lanes: self.lanes & lanes, clipped: self.clipped & lanes, ..*self }
+    }
+
     /// Lanes in contact, rising.
     #[inline]
     pub fn lanes(&self) -> impl Iterator<Item = usize> + use<> {
@@ -234,7 +240,7 @@ impl ContactBlock {
 }
 
 /// Numbers of the set bits, rising.
-fn lanes_of(mut left: u16) -> impl Iterator<Item = usize> {
+pub(super) fn lanes_of(mut left: u16) -> impl Iterator<Item = usize> {
     core::iter::from_fn(move || {
         let lane = left.trailing_zeros() as usize;
         left &= left.wrapping_sub(1);

@@ -2,9 +2,10 @@
 //!
 //! Contacts are summed by face, so that what presses against one wall can be distinguished from
 //! what presses against another: its stiffness need not grow with the area that touches, and it has
-//! a friction of its own. A block of sixteen points that lie side by side belongs to one face for
-//! good, because normals are constants in tool axes; so nothing jumps from one sum to another while
-//! the tool moves.
+//! a friction of its own. A point belongs to one face for good, because normals are constants in tool
+//! axes; so nothing jumps from one sum to another while the tool moves. Facets have exact normals, and
+//! each belongs to the face that it looks like: a wall is one face up to its edges. Normals of
+//! voxels are noisy, and a block of sixteen of them belongs to one face.
 //!
 //! # Source
 //! The idea of clusters on the Gauss map is that of XuBarbic2016, known to us by its abstract;
@@ -12,10 +13,61 @@
 
 use glam::Vec3;
 
-use crate::pointshell::shell::{LANES, Lanes3};
+use super::contact_block::{ContactBlock, lanes_of};
+use crate::pointshell::shell::{LANES, Lanes3, Shell};
+
+/// Of the length of a normal: less does not decide which direction is nearer.
+const ALIKE: f32 = 1e-4;
 
 /// Directions that are distinguished: to the faces, edges and corners of a cube.
 pub const FACES: usize = 26;
+
+/// The faces of the points of a block.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct BlockFaces {
+    of_lanes: [u8; LANES],
+}
+
+impl BlockFaces {
+    /// Of each block of a shell. Cold.
+    pub(super) fn of(shell: &Shell, block: usize) -> Self {
+        let Some(normals) = shell.normals().get(block) else {
+            return Self { of_lanes: [0; LANES] };
+        };
+        if shell.half_axes().is_empty() {
+            return Self { of_lanes: [face_of(normals); LANES] };
+        }
+        let of_lanes = core::array::from_fn(|lane| {
+            let normal = normals.get(lane);
+            // Lanes beyond the last point hold NaN.
+            nearest_face(if normal.is_nan() { Vec3::ZERO } else { normal })
+        });
+        Self { of_lanes }
+    }
+
+    /// The face that all of these lanes belong to; `None` of several. RT: safe.
+    #[inline]
+    pub(super) fn only(&self, lanes: u16) -> Option<u8> {
+        let mut faces = lanes_of(lanes).filter_map(|lane| self.of_lanes.get(lane).copied());
+        let first = faces.next()?;
+        faces.all(|face| face == first).then_some(first)
+    }
+
+    /// What touches of a block, by face. RT: safe.
+    #[inline]
+    pub(super) fn split(&self, touched: &ContactBlock) -> impl Iterator<Item = (u8, ContactBlock)> {
+        let of_lanes = self.of_lanes;
+        let touched = *touched;
+        let mut left = touched.lanes;
+        core::iter::from_fn(move || {
+            let face = *of_lanes.get(left.trailing_zeros() as usize)?;
+            let own = (0..LANES).zip(of_lanes).filter(|(_, of_lane)| *of_lane == face);
+            let own = own.fold(0_u16, |own, (lane, _)| own | 1 << lane);
+            left &= !own;
+            Some((face, touched.within(own)))
+        })
+    }
+}
 
 /// Number of the face that a block of normals belongs to: the direction nearest to their mean. RT:
 /// safe; 26 products.
@@ -28,6 +80,12 @@ pub fn face_of(normals: &Lanes3) -> u8 {
             mean += normal;
         }
     }
+    nearest_face(mean)
+}
+
+/// Of directions that are as near, but for rounding, the first: a flat wall is one face.
+fn nearest_face(mean: Vec3) -> u8 {
+    let least = ALIKE * mean.length();
     let mut nearest = 0;
     let mut best = f32::NEG_INFINITY;
     let mut face = 0;
@@ -41,7 +99,7 @@ pub fn face_of(normals: &Lanes3) -> u8 {
             continue;
         }
         let along = mean.dot(direction) / direction.length();
-        if along > best {
+        if along > best + least {
             (nearest, best) = (face, along);
         }
         face += 1;

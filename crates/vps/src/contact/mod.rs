@@ -52,7 +52,7 @@ pub use summing::{AVERAGED_CONTACTS, FaceSums};
 pub use traversal::{Traversal, TraversalMode};
 
 use self::clip::CreasesAt;
-use self::faces::face_of;
+use self::faces::BlockFaces;
 use self::immersion::slack_m;
 use self::kernel::Place;
 use self::sum::AddAll;
@@ -254,9 +254,10 @@ impl ContactSum {
             let max_value_m =
                 flat::blocks(&obstacle.field, law.field, shell, map_from_body, |touched| {
                     n_contacts += touched.lanes.count_ones();
-                    let face = shell.normals().get(touched.block as usize).map_or(0, face_of);
-                    if let Some(sums) = summing.face(face) {
-                        let touched = core::slice::from_ref(touched);
+                    let faces = BlockFaces::of(shell, touched.block as usize);
+                    for (face, touched) in faces.split(touched) {
+                        let Some(sums) = summing.face(face) else { continue };
+                        let touched = core::slice::from_ref(&touched);
                         SimdLevel::Portable.run(AddAll { sums, touched, shell, by, at });
                     }
                 });
@@ -308,15 +309,23 @@ impl ContactSum {
                 traversal.find((n, obstacle_idx), obstacle, law.field, shell, map_from_body);
             let mut n_contacts = 0;
             // Blocks of one face come mostly one after the other.
-            let face_of = |touched: &ContactBlock| traversal.face(touched.block);
-            for run in traversal.touched().chunk_by(|one, other| face_of(one) == face_of(other)) {
-                let Some(face) = run.first().map(face_of) else { continue };
-                let Some(sums) = summing.face(face) else { continue };
-                n_contacts += run.iter().map(|touched| touched.lanes.count_ones()).sum::<u32>();
-                simd_level.run(AddAll { sums, touched: run, shell, by, at });
+            let face_of = |touched: &ContactBlock| traversal.face(touched);
+            let mut add = |face, touched: &[ContactBlock]| {
+                let Some(sums) = summing.face(face) else { return };
+                n_contacts += touched.iter().map(|touched| touched.lanes.count_ones()).sum::<u32>();
+                simd_level.run(AddAll { sums, touched, shell, by, at });
                 if let Some(carried) = carried {
-                    let depth_m = run.iter().map(|touched| touched.depth_m(shell, &at)).sum();
+                    let depth_m = touched.iter().map(|touched| touched.depth_m(shell, &at)).sum();
                     summing.carry(face, carried, depth_m);
+                }
+            };
+            for run in traversal.touched().chunk_by(|one, other| face_of(one) == face_of(other)) {
+                match run.first().map(face_of) {
+                    Some(Some(face)) => add(face, run),
+                    _ => run
+                        .iter()
+                        .flat_map(|touched| traversal.split(touched))
+                        .for_each(|(face, touched)| add(face, core::slice::from_ref(&touched))),
                 }
             }
             if let Some(also) = also.as_mut() {

@@ -6,7 +6,7 @@ use glam::{DQuat, DVec3};
 
 use super::budget::Budget;
 use super::contact_block::{Contact, ContactBlock};
-use super::faces::face_of;
+use super::faces::BlockFaces;
 use super::immersion::{Extents, slack_m};
 use super::kernel::{Above, Blocks, Depths, Place};
 use super::obstacle_poses::{FarSum, ObstaclePoses};
@@ -45,8 +45,8 @@ pub struct Traversal {
     obstacle_poses: ObstaclePoses,
     lists: Lists,
     touched: Vec<ContactBlock>,
-    /// `[n_blocks]`: the face of each block of the shell.
-    faces: Vec<u8>,
+    /// `[n_blocks]`: the faces of each block of the shell.
+    faces: Vec<BlockFaces>,
     /// `None` while a query has it.
     sums: Option<FaceSums>,
 }
@@ -73,7 +73,7 @@ impl Traversal {
             walks,
             lists: Lists::new(shell),
             touched: Vec::with_capacity(shell.positions().len()),
-            faces: shell.normals().iter().map(face_of).collect(),
+            faces: (0..shell.normals().len()).map(|block| BlockFaces::of(shell, block)).collect(),
             sums: Some(FaceSums::new()),
         }
     }
@@ -161,10 +161,16 @@ impl Traversal {
         self.sums = Some(sums);
     }
 
-    /// The face of a block.
+    /// The face that all that touches of a block belongs to; `None` of several.
     #[inline]
-    pub(super) fn face(&self, block: u32) -> u8 {
-        self.faces.get(block as usize).copied().unwrap_or(0)
+    pub(super) fn face(&self, touched: &ContactBlock) -> Option<u8> {
+        self.faces.get(touched.block as usize)?.only(touched.lanes)
+    }
+
+    /// What touches of a block, by face.
+    #[inline]
+    pub(super) fn split(&self, touched: &ContactBlock) -> impl Iterator<Item = (u8, ContactBlock)> {
+        self.faces.get(touched.block as usize).into_iter().flat_map(|faces| faces.split(touched))
     }
 
     /// A new tick begins, with the tool at this pose. Returns what obstacles far away add.
