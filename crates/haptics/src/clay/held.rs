@@ -11,7 +11,7 @@ use glam::DVec3;
 use super::residual::Residual;
 use super::{Clay, PUT_DOWN_SPACINGS};
 use crate::Parameters;
-use vps::contact::faces::face_of;
+use vps::contact::faces::BlockFaces;
 use vps::contact::{ContactSum, FaceSums, SimdLevel};
 use vps::density::{DensityFrame, Probe};
 use vps::pointshell::shell::Shell;
@@ -44,8 +44,8 @@ pub(crate) struct Held {
     anchor_map: Option<DVec3>,
     forces: ClayForces,
     simd_level: SimdLevel,
-    /// `[n_blocks]`: the face of each block of the shell.
-    faces: Box<[u8]>,
+    /// Of the blocks of the shell.
+    faces: Box<[BlockFaces]>,
     sums: FaceSums,
 }
 
@@ -61,7 +61,7 @@ impl Held {
             anchor_map: None,
             forces: ClayForces::default(),
             simd_level: SimdLevel::best(),
-            faces: shell.normals().iter().map(face_of).collect(),
+            faces: BlockFaces::all_of(shell),
             sums: FaceSums::new(),
         }
     }

@@ -11,6 +11,7 @@
 use glam::Vec3;
 
 use super::contact_block::ContactBlock;
+use super::faces::BlockFaces;
 use super::sum::{Add, Points, Weighting};
 use super::summing::Summing;
 use super::{ContactSum, FaceSums, ForceLaw, Patch, SimdLevel};
@@ -20,7 +21,7 @@ use crate::pointshell::tree::{CHILDREN, Spheres};
 use crate::spatial::{Mat6, Pose, Wrench};
 
 impl ContactSum {
-    /// The clay that a probe sees at this pose. `faces`: of each block of the shell. −`max_value_m`
+    /// The clay that a probe sees at this pose. `faces`: of the blocks of the shell. −`max_value_m`
     /// is the clearance that is proven while nothing touches, and no point may go further in a
     /// tick; `contacts` with a direction of their own count with the whole of their weight.
     ///
@@ -29,7 +30,7 @@ impl ContactSum {
     pub fn of_clay(
         probe: &Probe<'_>,
         shell: &Shell,
-        (faces, sums): (&[u8], &mut FaceSums),
+        (faces, sums): (&[BlockFaces], &mut FaceSums),
         simd_level: SimdLevel,
         world_from_body: Pose,
         law: ForceLaw,
@@ -43,7 +44,7 @@ impl ContactSum {
             max_value_m = -whole_clearance_m;
         } else {
             let blocks = leaves(shell).zip(shell.blocks()).zip(shell.weights()).zip(faces);
-            for (block, ((((center, radius_m), (positions, normals)), weights), face)) in
+            for (block, ((((center, radius_m), (positions, normals)), weights), faces)) in
                 (0..).zip(blocks)
             {
                 let clearance_m = probe.sphere_clearance_m(center, radius_m);
@@ -67,7 +68,8 @@ impl ContactSum {
                 let points =
                     Points { positions, normals: &found.directions, weights, half_axes: None };
                 n_contacts += found.lanes.count_ones();
-                if let Some(sums) = summing.face(*face) {
+                for (face, touched) in faces.split(&touched) {
+                    let Some(sums) = summing.face(face) else { continue };
                     simd_level.run(Add { sums, touched: &touched, points, by });
                 }
             }
@@ -282,7 +284,7 @@ mod tests {
         let pose = Pose::from_translation(DVec3::Z * (height * SPACING_M));
         let probe = Probe::new(&frame, pose);
         let mut sums = FaceSums::new();
-        let faces = [7, 3];
+        let faces = [7, 3].map(BlockFaces::one);
         ContactSum::of_clay(
             &probe,
             shell,

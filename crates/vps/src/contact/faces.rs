@@ -9,7 +9,7 @@
 //!
 //! # Source
 //! The idea of clusters on the Gauss map is that of XuBarbic2016, known to us by its abstract;
-//! directions fixed in the tool and sums by block are ours.
+//! directions fixed in the tool and sums by facet are ours.
 
 use glam::Vec3;
 
@@ -24,30 +24,44 @@ pub const FACES: usize = 26;
 
 /// The faces of the points of a block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct BlockFaces {
+pub struct BlockFaces {
     of_lanes: [u8; LANES],
+    /// All are of one.
+    is_one: bool,
 }
 
 impl BlockFaces {
     /// Of each block of a shell. Cold.
-    pub(super) fn of(shell: &Shell, block: usize) -> Self {
-        let Some(normals) = shell.normals().get(block) else {
-            return Self { of_lanes: [0; LANES] };
-        };
+    pub fn all_of(shell: &Shell) -> Box<[Self]> {
+        shell.normals().iter().map(|normals| Self::of(shell, normals)).collect()
+    }
+
+    /// Of a block of these normals.
+    pub(super) fn of(shell: &Shell, normals: &Lanes3) -> Self {
         if shell.half_axes().is_empty() {
-            return Self { of_lanes: [face_of(normals); LANES] };
+            return Self::one(face_of(normals));
         }
+        let first = nearest_face(normals.get(0));
         let of_lanes = core::array::from_fn(|lane| {
             let normal = normals.get(lane);
             // Lanes beyond the last point hold NaN.
-            nearest_face(if normal.is_nan() { Vec3::ZERO } else { normal })
+            if normal.is_nan() { first } else { nearest_face(normal) }
         });
-        Self { of_lanes }
+        Self { of_lanes, is_one: of_lanes == [first; LANES] }
+    }
+
+    /// All of one face.
+    pub(super) const fn one(face: u8) -> Self {
+        Self { of_lanes: [face; LANES], is_one: true }
     }
 
     /// The face that all of these lanes belong to; `None` of several. RT: safe.
     #[inline]
     pub(super) fn only(&self, lanes: u16) -> Option<u8> {
+        let [first, ..] = self.of_lanes;
+        if self.is_one {
+            return Some(first);
+        }
         let mut faces = lanes_of(lanes).filter_map(|lane| self.of_lanes.get(lane).copied());
         let first = faces.next()?;
         faces.all(|face| face == first).then_some(first)
@@ -69,9 +83,8 @@ impl BlockFaces {
     }
 }
 
-/// Number of the face that a block of normals belongs to: the direction nearest to their mean. RT:
-/// safe; 26 products.
-pub fn face_of(normals: &Lanes3) -> u8 {
+/// Number of the face that a block of normals belongs to: the direction nearest to their mean.
+fn face_of(normals: &Lanes3) -> u8 {
     let mut mean = Vec3::ZERO;
     for lane in 0..LANES {
         let normal = normals.get(lane);
@@ -109,7 +122,14 @@ fn nearest_face(mean: Vec3) -> u8 {
 
 #[cfg(test)]
 mod tests {
+    use glam::{DQuat, DVec3};
+
     use super::*;
+    use crate::mesh::primitives::Shape;
+    use crate::mesh::validate::inspect;
+    use crate::pointshell::{Points, build_with};
+    use crate::spatial::testing::Random;
+    use crate::voxmap::{Options, Volume};
 
     /// The face of a block of so many points.
     fn face_of_some(normals: &[Vec3]) -> u8 {
@@ -121,6 +141,48 @@ mod tests {
             lanes.set(lane, *normal);
         }
         face_of(&lanes)
+    }
+
+    /// As many facets look each way as a wall has, also where a block holds an edge; each lane is of one
+    /// face.
+    #[test]
+    fn a_wall_is_one_face_up_to_its_edges_however_it_lies() {
+        let mut random = Random(61);
+        for _ in 0..20 {
+            let turn = DQuat::from_scaled_axis(random.in_box(-3.0, 3.0));
+            let mut mesh = Shape::Box { size_m: DVec3::new(0.012, 0.01, 0.009) }.tessellate(0.0);
+            mesh.vertices.iter_mut().for_each(|vertex| *vertex = turn * *vertex);
+            let options = Options { layers: 3, ..Options::new(1e-3) };
+            let map =
+                Volume::build(&mesh, &inspect(&mesh), &options, |_| ()).expect("a small grid");
+            let shell = build_with(Points::Facets, &mesh, &map, DVec3::ZERO).0;
+            let faces = BlockFaces::all_of(&shell);
+            for side in [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y, DVec3::Z, DVec3::NEG_Z] {
+                let inward = (turn * side).as_vec3();
+                let mut found = None;
+                let mut n_facets = 0;
+                for ((block, normals), weights) in (0..).zip(shell.normals()).zip(shell.weights()) {
+                    let all = ContactBlock { block, lanes: u16::MAX, ..ContactBlock::NONE };
+                    let mut lanes = 0;
+                    for (face, own) in faces[block as usize].split(&all) {
+                        assert!(
+                            own.lanes & lanes == 0
+                                && faces[block as usize].only(own.lanes) == Some(face)
+                        );
+                        lanes |= own.lanes;
+                        for lane in own.lanes() {
+                            let looks = normals.get(lane).dot(inward) > 0.999;
+                            if looks && weights.0[lane] > 0.0 {
+                                assert_eq!(*found.get_or_insert(face), face, "{turn}");
+                                n_facets += 1;
+                            }
+                        }
+                    }
+                    assert_eq!(lanes, u16::MAX);
+                }
+                assert!(n_facets > 80, "{n_facets}");
+            }
+        }
     }
 
     #[test]

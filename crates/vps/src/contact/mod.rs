@@ -254,8 +254,9 @@ impl ContactSum {
             let max_value_m =
                 flat::blocks(&obstacle.field, law.field, shell, map_from_body, |touched| {
                     n_contacts += touched.lanes.count_ones();
-                    let faces = BlockFaces::of(shell, touched.block as usize);
-                    for (face, touched) in faces.split(touched) {
+                    let normals = shell.normals().get(touched.block as usize);
+                    let faces = normals.map(|normals| BlockFaces::of(shell, normals));
+                    for (face, touched) in faces.iter().flat_map(|faces| faces.split(touched)) {
                         let Some(sums) = summing.face(face) else { continue };
                         let touched = core::slice::from_ref(&touched);
                         SimdLevel::Portable.run(AddAll { sums, touched, shell, by, at });

@@ -46,7 +46,7 @@ pub struct Traversal {
     lists: Lists,
     touched: Vec<ContactBlock>,
     /// `[n_blocks]`: the faces of each block of the shell.
-    faces: Vec<BlockFaces>,
+    faces: Box<[BlockFaces]>,
     /// `None` while a query has it.
     sums: Option<FaceSums>,
 }
@@ -73,7 +73,7 @@ impl Traversal {
             walks,
             lists: Lists::new(shell),
             touched: Vec::with_capacity(shell.positions().len()),
-            faces: (0..shell.normals().len()).map(|block| BlockFaces::of(shell, block)).collect(),
+            faces: BlockFaces::all_of(shell),
             sums: Some(FaceSums::new()),
         }
     }
